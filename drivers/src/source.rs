@@ -1,0 +1,86 @@
+//! What every driver is: a source of inertial samples and a source of stereo frames.
+//!
+//! The same two traits serve live hardware and replay: a source blocks until its next sample (replay
+//! returns at once), hands it out with its measurement time and a sequence number that counts what the
+//! sensor produced (a jump is a gap), and says when the stream has ended. What a source could repair or
+//! skip it counts in [`Faults`]; what it cannot go on from is a [`DriverError`].
+
+use crate::DriverError;
+use plumbline_config::{GrayImage, ImageView, ImuSample, Timestamp};
+
+/// An inertial sample with its place in the sensor's stream.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImuReading {
+    /// Counts samples of the sensor from 0; a jump says how many were lost.
+    pub sequence: u64,
+    /// The sample.
+    pub sample: ImuSample,
+}
+
+/// A stereo pair in buffers that are allocated once and written again and again.
+#[derive(Clone, Debug)]
+pub struct StereoFrame {
+    /// Counts frames of the sensor from 0; a jump says how many were lost.
+    pub sequence: u64,
+    /// Measurement time by the camera's clock (of the left image where both are there).
+    pub stamp: Timestamp,
+    /// Left and right image; what they hold counts only where `valid` says so.
+    pub images: [GrayImage; 2],
+    /// Which of the images arrived.
+    pub valid: [bool; 2],
+}
+
+impl StereoFrame {
+    /// Buffers for a rig of up to two cameras, sizes in pixels (0x0 for a camera that is not there).
+    #[must_use]
+    pub fn new(sizes_px: [(usize, usize); 2]) -> Self {
+        let images = sizes_px.map(|(width, height)| GrayImage::new(width, height));
+        Self { sequence: 0, stamp: Timestamp::default(), images, valid: [false; 2] }
+    }
+
+    /// The image of camera `index`, if it arrived.
+    #[must_use]
+    pub fn image(&self, index: usize) -> Option<ImageView<'_>> {
+        self.valid[index].then(|| self.images[index].view())
+    }
+}
+
+/// What a source survived, counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Faults {
+    /// Samples or frames missing by the sequence numbers, the files or the stamps.
+    pub missing: u64,
+    /// Samples or images that could not be decoded or held impossible values.
+    pub corrupt: u64,
+    /// Samples out of order, put right or refused.
+    pub disordered: u64,
+    /// Images without a partner of the same time.
+    pub unpaired: u64,
+}
+
+/// A stream of inertial samples in order of measurement time.
+pub trait ImuSource: Send {
+    /// The next sample, or `None` at the end of the stream.
+    ///
+    /// # Errors
+    /// When the stream cannot go on.
+    fn next_reading(&mut self) -> Result<Option<ImuReading>, DriverError>;
+
+    /// What has been survived so far.
+    fn faults(&self) -> Faults;
+}
+
+/// A stream of stereo (or monocular) frames in order of measurement time.
+pub trait StereoSource: Send {
+    /// Writes the next frame into `frame`; `false` at the end of the stream.
+    ///
+    /// # Errors
+    /// When the stream cannot go on.
+    fn next_frame(&mut self, frame: &mut StereoFrame) -> Result<bool, DriverError>;
+
+    /// Frames the stream will hold in all, where that is known (for progress bars).
+    fn expected_frames(&self) -> Option<u64>;
+
+    /// What has been survived so far.
+    fn faults(&self) -> Faults;
+}

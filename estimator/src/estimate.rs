@@ -1,0 +1,217 @@
+//! What the estimator says: one [`Estimate`] a frame, one [`Odometry`] an inertial sample.
+
+use nalgebra::{Isometry3, SMatrix, Vector3};
+use plumbline_config::{ImageView, Timestamp};
+
+/// One stereo frame as handed to the estimator; an image that did not arrive is `None`.
+#[derive(Clone, Copy, Debug)]
+pub struct FrameInput<'a> {
+    /// Counts frames from the sensor.
+    pub sequence: u64,
+    /// Measurement time by the camera's clock.
+    pub stamp: Timestamp,
+    /// Left and right image.
+    pub images: [Option<ImageView<'a>>; 2],
+}
+
+/// How far the estimator is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum TrackingState {
+    /// Gathering data; there is no pose yet.
+    #[default]
+    Initialising,
+    /// Estimating from images and IMU.
+    Tracking,
+    /// Estimating from the IMU alone: no landmark is in view.
+    Blind,
+    /// The estimate was given up; a new start is under way.
+    Failed,
+}
+
+/// Error and warning bits of an estimate.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct HealthBits(pub u32);
+
+impl HealthBits {
+    /// The covariance or the normal equations were not positive definite.
+    pub const NOT_POSITIVE_DEFINITE: Self = Self(1);
+    /// The IMU was at the end of its range.
+    pub const IMU_SATURATED: Self = Self(1 << 1);
+    /// No point feature at all in this frame.
+    pub const NO_FEATURES: Self = Self(1 << 2);
+    /// Fewer point features than a sound estimate needs.
+    pub const LOW_FEATURES: Self = Self(1 << 3);
+    /// The velocity is more uncertain than the configuration allows.
+    pub const VELOCITY_UNCERTAIN: Self = Self(1 << 4);
+    /// Inertial samples are missing since the last frame.
+    pub const IMU_GAP: Self = Self(1 << 5);
+    /// Frames are missing since the last frame.
+    pub const FRAME_GAP: Self = Self(1 << 6);
+    /// The left image is missing.
+    pub const LEFT_MISSING: Self = Self(1 << 7);
+    /// The right image of a stereo rig is missing.
+    pub const RIGHT_MISSING: Self = Self(1 << 8);
+    /// A stamp was not later than the one before.
+    pub const BAD_STAMP: Self = Self(1 << 9);
+    /// An image has not the size that the configuration says.
+    pub const BAD_IMAGE_SIZE: Self = Self(1 << 10);
+    /// The vehicle stands still (not an error).
+    pub const STATIONARY: Self = Self(1 << 11);
+
+    /// Every bit with its name, for people.
+    pub const NAMES: [(Self, &'static str); 12] = [
+        (Self::NOT_POSITIVE_DEFINITE, "not positive definite"),
+        (Self::IMU_SATURATED, "IMU saturated"),
+        (Self::NO_FEATURES, "no features"),
+        (Self::LOW_FEATURES, "few features"),
+        (Self::VELOCITY_UNCERTAIN, "velocity uncertain"),
+        (Self::IMU_GAP, "IMU gap"),
+        (Self::FRAME_GAP, "frame gap"),
+        (Self::LEFT_MISSING, "left image missing"),
+        (Self::RIGHT_MISSING, "right image missing"),
+        (Self::BAD_STAMP, "bad stamp"),
+        (Self::BAD_IMAGE_SIZE, "bad image size"),
+        (Self::STATIONARY, "stationary"),
+    ];
+
+    /// Sets the bits of `other`.
+    pub fn insert(&mut self, other: Self) {
+        self.0 |= other.0;
+    }
+
+    /// Whether all bits of `other` are set.
+    #[must_use]
+    pub fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+}
+
+/// Covariance of position (0..3), attitude (3..6, right perturbation `R Exp(dtheta)`, rad) and
+/// velocity (6..9) in the odometry frame, against the first pose.
+pub type NavCovariance = SMatrix<f64, 9, 9>;
+
+/// The estimate after one frame. Frames: `O` odometry (z up, origin at the first pose), `B` body.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Estimate {
+    /// Sequence number of the frame.
+    pub frame_sequence: u64,
+    /// Time of the state on the IMU's time axis (image stamp plus time offset).
+    pub stamp: Timestamp,
+    /// How far the estimator is; while `Initialising` or `Failed` the state below is meaningless.
+    pub state: TrackingState,
+    /// Pose of the body in the odometry frame.
+    pub pose_o_b: Isometry3<f64>,
+    /// Velocity of the body in the odometry frame, m/s.
+    pub v_o_b: Vector3<f64>,
+    /// Gyroscope bias, rad/s.
+    pub bias_gyro: Vector3<f64>,
+    /// Accelerometer bias, m/s².
+    pub bias_accel: Vector3<f64>,
+    /// Covariance of pose and velocity.
+    pub covariance: NavCovariance,
+    /// `t_imu - t_camera`, s, with its standard deviation.
+    pub time_offset_s: f64,
+    /// Standard deviation of [`Self::time_offset_s`], s.
+    pub time_offset_sigma_s: f64,
+    /// Pose of the left camera in the body, as refined online.
+    pub pose_b_c0: Isometry3<f64>,
+    /// -1 failed, else 0..=100.
+    pub quality: i8,
+    /// Errors and warnings.
+    pub health: HealthBits,
+    /// Counts resets; a jump of the pose is always announced by it.
+    pub reset_counter: u32,
+    /// Figures of this frame.
+    pub figures: FrameFigures,
+}
+
+impl Estimate {
+    /// Whether the state is one to use.
+    #[must_use]
+    pub fn has_pose(&self) -> bool {
+        matches!(self.state, TrackingState::Tracking | TrackingState::Blind)
+    }
+}
+
+/// Work and outcome figures of one frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FrameFigures {
+    /// Points tracked in this frame.
+    pub points_tracked: u32,
+    /// Of these, seen by both cameras.
+    pub points_stereo: u32,
+    /// Landmarks in the window after this frame.
+    pub points_in_window: u32,
+    /// Keyframes in the window.
+    pub keyframes: u32,
+    /// Solver iterations.
+    pub iterations: u32,
+    /// Whether this frame became a keyframe.
+    pub is_keyframe: bool,
+}
+
+/// The newest state carried forward to an inertial sample (200 Hz).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Odometry {
+    /// Counts odometry outputs.
+    pub sequence: u64,
+    /// Time of the inertial sample.
+    pub stamp: Timestamp,
+    /// Pose of the body in the odometry frame.
+    pub pose_o_b: Isometry3<f64>,
+    /// Velocity of the body in the odometry frame, m/s.
+    pub v_o_b: Vector3<f64>,
+    /// Angular rate of the body, bias removed, in `B`, rad/s.
+    pub angular_rate_b: Vector3<f64>,
+    /// Covariance, grown since the last frame by the IMU's noise.
+    pub covariance: NavCovariance,
+    /// As of the estimate it rests on.
+    pub state: TrackingState,
+    /// As of the estimate it rests on.
+    pub quality: i8,
+    /// As of the estimate it rests on.
+    pub reset_counter: u32,
+}
+
+/// Stages of a frame's computation, named as in the report.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Stage {
+    /// Pyramids, corners, tracking, stereo matching, outlier rejection.
+    Points,
+    /// Landmarks, keyframe choice and the window's optimisation.
+    Window,
+    /// Marginalization.
+    Marginalize,
+    /// Propagation of the newest state at IMU rate.
+    Propagate,
+}
+
+impl Stage {
+    /// All stages in order of the data flow.
+    pub const ALL: [Self; 4] = [Self::Points, Self::Window, Self::Marginalize, Self::Propagate];
+
+    /// The name used in reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Points => "points",
+            Self::Window => "window",
+            Self::Marginalize => "marginalize",
+            Self::Propagate => "propagate",
+        }
+    }
+}
+
+/// Told when a stage begins and ends. The estimator has no clock: who wants times brings one.
+pub trait StageProbe {
+    /// `stage` begins.
+    fn begin(&mut self, stage: Stage);
+    /// `stage` ends.
+    fn end(&mut self, stage: Stage);
+}
+
+/// Ignores the stages.
+impl StageProbe for () {
+    fn begin(&mut self, _stage: Stage) {}
+    fn end(&mut self, _stage: Stage) {}
+}

@@ -1,0 +1,1 @@
+//! Image pyramids, gradients and interpolation.

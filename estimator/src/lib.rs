@@ -1,0 +1,14 @@
+//! Visual-inertial estimation as a pure function of configuration and ordered inputs.
+//!
+//! No I/O, no clock, no threads of its own accord: samples and images in, estimates out. A reader starts
+//! at [`facade`]; the modules follow the flow of the data.
+
+pub mod estimate;
+pub mod facade;
+pub mod image;
+pub mod points;
+
+pub use estimate::{
+    Estimate, FrameFigures, FrameInput, HealthBits, NavCovariance, Odometry, Stage, StageProbe, TrackingState,
+};
+pub use facade::{Estimator, ImuAdmission, Propagator, ResetKind};
