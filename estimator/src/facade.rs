@@ -1,7 +1,9 @@
-//! The estimator as its user meets it: [`Estimator`] for frames, [`Propagator`] for IMU-rate odometry.
+//! The estimator as its user meets it. IMU-rate odometry is beside it, in [`crate::propagator`].
 
-use crate::estimate::{Estimate, FrameInput, Odometry, StageProbe};
-use plumbline_config::{Config, ImuSample, Timestamp};
+use crate::estimate::{Estimate, FrameInput, HealthBits, Stage, StageProbe};
+use crate::odometry::Odometer;
+use crate::points::{PointTracker, TrackerInput};
+use plumbline_config::{Config, ImageView, ImuSample, Timestamp};
 
 /// What became of an inertial sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,59 +29,91 @@ pub enum ResetKind {
 ///
 /// Order of calls: every inertial sample by [`Self::add_imu`] in order of time; a frame by
 /// [`Self::add_frame`] once the samples reach [`Self::imu_needed_until`] of its stamp (or will never).
-pub struct Estimator {}
+pub struct Estimator {
+    tracker: PointTracker,
+    odometer: Odometer,
+    cameras: usize,
+    sizes_px: [(usize, usize); 2],
+}
 
 impl Estimator {
-    /// Allocates everything the configuration asks for.
+    /// Allocates everything the configuration asks for. The configuration has passed validation.
     #[must_use]
     pub fn new(config: &Config) -> Self {
-        let _ = config;
-        Self {}
+        let models: Vec<_> = config.camera.iter().map(|c| c.model()).collect();
+        let size = |k: usize| config.camera.get(k).map_or((0, 0), |c| (c.width_px, c.height_px));
+        let mut estimator = Self {
+            tracker: PointTracker::new(&config.estimator.points, &models),
+            odometer: Odometer::new(config),
+            cameras: models.len(),
+            sizes_px: [size(0), size(1)],
+        };
+        estimator.hand_extrinsics();
+        estimator
     }
 
     /// Takes an inertial sample.
     pub fn add_imu(&mut self, sample: &ImuSample) -> ImuAdmission {
-        let _ = sample;
-        ImuAdmission::Accepted
+        if !sample.is_finite() {
+            ImuAdmission::NotFinite
+        } else if self.odometer.imu.push(sample) {
+            ImuAdmission::Accepted
+        } else {
+            ImuAdmission::NotLater
+        }
     }
 
     /// Samples up to this time must have been added before the frame of `image_stamp` is.
     #[must_use]
     pub fn imu_needed_until(&self, image_stamp: Timestamp) -> Timestamp {
-        image_stamp
+        self.odometer.imu_stamp(image_stamp)
     }
 
-    /// Takes a frame, and returns the estimate after it.
+    /// Takes a frame, and returns the estimate after it. An image of the wrong size counts as missing.
     pub fn add_frame(&mut self, frame: &FrameInput<'_>, probe: &mut impl StageProbe) -> Estimate {
-        let _ = (frame, probe);
-        unimplemented!("written next")
+        let stamp = self.odometer.imu_stamp(frame.stamp);
+        let mut health = HealthBits::default();
+        let images = self.usable_images(frame, &mut health);
+        probe.begin(Stage::Points);
+        let rot_prev_cur = self.odometer.predicted_rotation(stamp);
+        let observations = self.tracker.track(&TrackerInput { images, rot_prev_cur });
+        probe.end(Stage::Points);
+        let resets = self.odometer.reset_counter();
+        let mut estimate = self.odometer.process(frame.sequence, stamp, observations, probe);
+        estimate.health.insert(health);
+        if estimate.reset_counter != resets {
+            self.tracker.reset();
+        }
+        for &track_id in self.odometer.outliers() {
+            self.tracker.drop_track(track_id);
+        }
+        self.hand_extrinsics();
+        estimate
     }
 
     /// Starts anew before the next frame.
     pub fn reset(&mut self, kind: ResetKind) {
-        let _ = kind;
-    }
-}
-
-/// Carries the newest estimate forward at IMU rate. Belongs to the tick thread; allocates nothing.
-pub struct Propagator {}
-
-impl Propagator {
-    /// A propagator without a state.
-    #[must_use]
-    pub fn new(config: &Config) -> Self {
-        let _ = config;
-        Self {}
+        self.odometer.reset(kind);
+        self.tracker.reset();
     }
 
-    /// Takes the estimate of a frame: the state is propagated anew from its time to the newest sample.
-    pub fn correct(&mut self, estimate: &Estimate) {
-        let _ = estimate;
+    fn usable_images<'a>(&self, frame: &FrameInput<'a>, health: &mut HealthBits) -> [Option<ImageView<'a>>; 2] {
+        let mut images = [None, None];
+        let missing = [HealthBits::LEFT_MISSING, HealthBits::RIGHT_MISSING];
+        for camera in 0..self.cameras {
+            match frame.images[camera] {
+                Some(image) if (image.width(), image.height()) == self.sizes_px[camera] => images[camera] = Some(image),
+                Some(_) => health.insert(HealthBits::BAD_IMAGE_SIZE),
+                None => health.insert(missing[camera]),
+            }
+        }
+        images
     }
 
-    /// Takes an inertial sample; the odometry at its time, once there has been an estimate with a pose.
-    pub fn tick(&mut self, sample: &ImuSample) -> Option<Odometry> {
-        let _ = sample;
-        None
+    /// The tracker matches left to right by the rig as refined so far.
+    fn hand_extrinsics(&mut self) {
+        let rig = &self.odometer.window.rig;
+        let poses = [rig.pose_b_c(0), rig.pose_b_c(1)];
+        self.tracker.set_extrinsics(&poses[..self.cameras]);
     }
 }

@@ -5,10 +5,17 @@
 
 pub mod estimate;
 pub mod facade;
+pub mod geometry;
 pub mod image;
+pub mod inertial;
+pub mod initial;
+pub mod odometry;
 pub mod points;
+pub mod propagator;
+pub mod window;
 
 pub use estimate::{
     Estimate, FrameFigures, FrameInput, HealthBits, NavCovariance, Odometry, Stage, StageProbe, TrackingState,
 };
-pub use facade::{Estimator, ImuAdmission, Propagator, ResetKind};
+pub use facade::{Estimator, ImuAdmission, ResetKind};
+pub use propagator::Propagator;

@@ -1,0 +1,231 @@
+//! The newest inertial samples, in order, in fixed memory.
+
+use nalgebra::Vector3;
+use plumbline_config::{ImuSample, Timestamp};
+use std::collections::VecDeque;
+
+use super::preintegration::{ImuNoise, Preintegration};
+
+/// Two samples further apart than this many nominal periods have lost samples between them.
+const GAP_PERIODS: f64 = 2.5;
+/// Noise densities grow by this factor across a gap: the motion inside it was not measured.
+const GAP_NOISE_FACTOR: f64 = 50.0;
+
+/// What an integration met on its way.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Coverage {
+    /// The interval was not covered by samples throughout.
+    pub has_gap: bool,
+    /// A sample was at the end of the sensor's range.
+    pub is_saturated: bool,
+}
+
+/// A ring of the newest samples. Full, it forgets the oldest.
+#[derive(Clone, Debug)]
+pub struct ImuBuffer {
+    samples: VecDeque<ImuSample>,
+    capacity: usize,
+    period_s: f64,
+    gyro_limit: f64,
+    accel_limit: f64,
+}
+
+impl ImuBuffer {
+    /// Room for `seconds` of samples at `rate_hz`; samples at 99 % of a range count as saturated.
+    #[must_use]
+    pub fn new(seconds: f64, rate_hz: f64, gyro_range_rad_s: f64, accel_range_m_s2: f64) -> Self {
+        let capacity = (seconds * rate_hz).ceil() as usize + 2;
+        Self {
+            samples: VecDeque::with_capacity(capacity),
+            capacity,
+            period_s: 1.0 / rate_hz,
+            gyro_limit: 0.99 * gyro_range_rad_s,
+            accel_limit: 0.99 * accel_range_m_s2,
+        }
+    }
+
+    /// Appends a sample; `false` (and nothing done) when it is not later than the newest.
+    pub fn push(&mut self, sample: &ImuSample) -> bool {
+        if self.samples.back().is_some_and(|last| sample.stamp <= last.stamp) {
+            return false;
+        }
+        if self.samples.len() == self.capacity {
+            self.samples.pop_front();
+        }
+        self.samples.push_back(*sample);
+        true
+    }
+
+    /// Time of the newest sample.
+    #[must_use]
+    pub fn newest_stamp(&self) -> Option<Timestamp> {
+        self.samples.back().map(|s| s.stamp)
+    }
+
+    /// The samples, oldest first.
+    pub fn iter(&self) -> impl Iterator<Item = &ImuSample> {
+        self.samples.iter()
+    }
+
+    /// Forgets everything.
+    pub fn clear(&mut self) {
+        self.samples.clear();
+    }
+
+    /// Mean angular rate and specific force over `[from, to]`; `None` without samples there.
+    #[must_use]
+    pub fn mean(&self, from: Timestamp, to: Timestamp) -> Option<(Vector3<f64>, Vector3<f64>)> {
+        let mut sum = (Vector3::zeros(), Vector3::zeros());
+        let mut count = 0.0;
+        for s in self.samples.iter().filter(|s| s.stamp >= from && s.stamp <= to) {
+            sum.0 += s.gyro;
+            sum.1 += s.accel;
+            count += 1.0;
+        }
+        (count > 0.0).then(|| (sum.0 / count, sum.1 / count))
+    }
+
+    /// Largest standard deviations of one axis of rate and specific force over `[from, to]`.
+    #[must_use]
+    pub fn spread(&self, from: Timestamp, to: Timestamp) -> Option<(f64, f64)> {
+        let (gyro_mean, accel_mean) = self.mean(from, to)?;
+        let mut sum = (Vector3::<f64>::zeros(), Vector3::<f64>::zeros());
+        let mut count = 0.0;
+        for s in self.samples.iter().filter(|s| s.stamp >= from && s.stamp <= to) {
+            sum.0 += (s.gyro - gyro_mean).map(|x| x * x);
+            sum.1 += (s.accel - accel_mean).map(|x| x * x);
+            count += 1.0;
+        }
+        Some(((sum.0.max() / count).sqrt(), (sum.1.max() / count).sqrt()))
+    }
+
+    /// Preintegrates `[from, to]` with the given biases. Samples at the ends are interpolated; where
+    /// samples are missing the nearest ones stand in, with larger noise, and the coverage says so.
+    #[must_use]
+    pub fn preintegrate(
+        &self,
+        from: Timestamp,
+        to: Timestamp,
+        bias_gyro: &Vector3<f64>,
+        bias_accel: &Vector3<f64>,
+        noise: &ImuNoise,
+    ) -> (Preintegration, Coverage) {
+        let mut result = Preintegration::new(bias_gyro, bias_accel);
+        let mut coverage = Coverage::default();
+        let mut previous = self.at(from);
+        let first = self.samples.partition_point(|s| s.stamp <= from);
+        for sample in self.samples.range(first..).take_while(|s| s.stamp < to) {
+            self.step(&mut result, &mut coverage, &mut previous, *sample, noise);
+        }
+        if let Some(last) = self.at(to) {
+            self.step(&mut result, &mut coverage, &mut previous, last, noise);
+        }
+        (result, coverage)
+    }
+
+    fn step(
+        &self,
+        result: &mut Preintegration,
+        coverage: &mut Coverage,
+        previous: &mut Option<ImuSample>,
+        sample: ImuSample,
+        noise: &ImuNoise,
+    ) {
+        if let Some(last) = *previous {
+            let dt = sample.stamp.seconds_since(last.stamp);
+            let uncovered = self.distance_to_samples(last.stamp) + self.distance_to_samples(sample.stamp);
+            let is_gap = dt > GAP_PERIODS * self.period_s || uncovered > GAP_PERIODS * self.period_s;
+            coverage.has_gap |= is_gap;
+            coverage.is_saturated |=
+                sample.gyro.amax() > self.gyro_limit || sample.accel.amax() > self.accel_limit;
+            let factor = if is_gap { GAP_NOISE_FACTOR } else { 1.0 };
+            let gyro = (last.gyro + sample.gyro) * 0.5;
+            let accel_last = last.accel;
+            if dt > 0.0 {
+                result.integrate(dt, &gyro, &accel_last, &sample.accel, &noise.scaled(factor));
+            }
+        }
+        *previous = Some(sample);
+    }
+
+    /// How far outside the buffered time a stamp lies, s.
+    fn distance_to_samples(&self, stamp: Timestamp) -> f64 {
+        match (self.samples.front(), self.samples.back()) {
+            (Some(first), Some(last)) => {
+                first.stamp.seconds_since(stamp).max(stamp.seconds_since(last.stamp)).max(0.0)
+            }
+            _ => f64::INFINITY,
+        }
+    }
+
+    /// The sample at `stamp`: interpolated inside, the nearest one outside.
+    fn at(&self, stamp: Timestamp) -> Option<ImuSample> {
+        let next = self.samples.partition_point(|s| s.stamp < stamp);
+        let after = self.samples.get(next);
+        let before = if next > 0 { self.samples.get(next - 1) } else { None };
+        let (gyro, accel) = match (before, after) {
+            (Some(a), Some(b)) => {
+                let share = stamp.seconds_since(a.stamp) / b.stamp.seconds_since(a.stamp);
+                (a.gyro.lerp(&b.gyro, share), a.accel.lerp(&b.accel, share))
+            }
+            (Some(s), None) | (None, Some(s)) => (s.gyro, s.accel),
+            (None, None) => return None,
+        };
+        Some(ImuSample { stamp, gyro, accel })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample(nanos: i64, rate: f64) -> ImuSample {
+        ImuSample {
+            stamp: Timestamp::from_nanos(nanos),
+            gyro: Vector3::new(0.0, 0.0, rate),
+            accel: Vector3::new(0.0, 0.0, 9.81),
+        }
+    }
+
+    fn buffer() -> ImuBuffer {
+        let mut buffer = ImuBuffer::new(1.0, 200.0, 10.0, 100.0);
+        for k in 0..100 {
+            assert!(buffer.push(&sample(k * 5_000_000, k as f64 * 0.01)));
+        }
+        buffer
+    }
+
+    #[test]
+    fn samples_that_are_not_later_are_refused() {
+        let mut buffer = buffer();
+        assert!(!buffer.push(&sample(0, 0.0)));
+        assert!(!buffer.push(&sample(99 * 5_000_000, 0.0)));
+    }
+
+    #[test]
+    fn the_ends_of_an_interval_are_interpolated() {
+        let (from, to) = (Timestamp::from_nanos(12_345_678), Timestamp::from_nanos(203_456_789));
+        let noise = ImuNoise { gyro_density: 1e-3, accel_density: 1e-2, gyro_walk: 0.0, accel_walk: 0.0 };
+        let (pre, coverage) = buffer().preintegrate(from, to, &Vector3::zeros(), &Vector3::zeros(), &noise);
+        assert_eq!(coverage, Coverage::default());
+        assert!((pre.dt_s - to.seconds_since(from)).abs() < 1e-12);
+        // The rate is 2 t: its integral is t².
+        let angle = (203_456_789e-9f64).powi(2) - (12_345_678e-9f64).powi(2);
+        assert!((pre.delta_rot.angle() - angle).abs() < 1e-9);
+    }
+
+    #[test]
+    fn missing_samples_are_told_and_cost_certainty() {
+        let mut holed = ImuBuffer::new(1.0, 200.0, 10.0, 100.0);
+        for k in (0..20).chain(30..60) {
+            holed.push(&sample(k * 5_000_000, 0.0));
+        }
+        let noise = ImuNoise { gyro_density: 1e-3, accel_density: 1e-2, gyro_walk: 0.0, accel_walk: 0.0 };
+        let (from, to) = (Timestamp::from_nanos(0), Timestamp::from_nanos(250_000_000));
+        let zero = Vector3::zeros();
+        let (whole, _) = buffer().preintegrate(from, to, &zero, &zero, &noise);
+        let (pre, coverage) = holed.preintegrate(from, to, &zero, &zero, &noise);
+        assert!(coverage.has_gap);
+        assert!(pre.covariance[(0, 0)] > 10.0 * whole.covariance[(0, 0)]);
+    }
+}

@@ -1,0 +1,202 @@
+//! Preintegration of inertial samples between two times, on the manifold.
+//!
+//! Source: Forster et al., "On-Manifold Preintegration for Real-Time Visual-Inertial Odometry" (2017),
+//! equations 33-44, with the specific force taken at the middle of each step. For two states `i`, `j`
+//!
+//! ```text
+//! p_j = p_i + v_i dt + g dt²/2 + R_i dp      R_j = R_i dR      v_j = v_i + g dt + R_i dv
+//! ```
+//!
+//! `dp`, `dR`, `dv` depend on the biases; they are kept to first order around the biases of integration.
+//! Errors are ordered position (0..3), attitude (3..6, right perturbation), velocity (6..9).
+
+use crate::geometry::{exp_so3, right_jacobian, skew};
+use nalgebra::{Matrix3, SMatrix, UnitQuaternion, Vector3};
+use plumbline_config::options::ImuConfig;
+
+/// White noise and bias random walk of an inertial sensor, as densities.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImuNoise {
+    /// rad/s/sqrt(Hz)
+    pub gyro_density: f64,
+    /// m/s²/sqrt(Hz)
+    pub accel_density: f64,
+    /// rad/s²/sqrt(Hz)
+    pub gyro_walk: f64,
+    /// m/s³/sqrt(Hz)
+    pub accel_walk: f64,
+}
+
+impl ImuNoise {
+    /// The noise model that a configuration describes.
+    #[must_use]
+    pub fn of(config: &ImuConfig) -> Self {
+        Self {
+            gyro_density: config.gyro_noise_density,
+            accel_density: config.accel_noise_density,
+            gyro_walk: config.gyro_bias_walk,
+            accel_walk: config.accel_bias_walk,
+        }
+    }
+
+    /// White noise larger by `factor`.
+    #[must_use]
+    pub fn scaled(&self, factor: f64) -> Self {
+        Self { gyro_density: self.gyro_density * factor, accel_density: self.accel_density * factor, ..*self }
+    }
+}
+
+/// The motion between two times as the IMU measured it, independent of the state at either.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Preintegration {
+    /// Length of the interval, s.
+    pub dt_s: f64,
+    /// `dp`, m, in the body frame of the start.
+    pub delta_p: Vector3<f64>,
+    /// `dR`.
+    pub delta_rot: UnitQuaternion<f64>,
+    /// `dv`, m/s, in the body frame of the start.
+    pub delta_v: Vector3<f64>,
+    /// Covariance of the errors of `dp`, `dR`, `dv`.
+    pub covariance: SMatrix<f64, 9, 9>,
+    /// Derivative of (`dp`, `dR`, `dv`) by the biases of gyroscope (0..3) and accelerometer (3..6).
+    pub by_bias: SMatrix<f64, 9, 6>,
+    /// Gyroscope bias of integration, rad/s.
+    pub bias_gyro: Vector3<f64>,
+    /// Accelerometer bias of integration, m/s².
+    pub bias_accel: Vector3<f64>,
+}
+
+/// `dp`, `dR`, `dv` at other biases than those of integration.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CorrectedDelta {
+    /// `dp`, m.
+    pub p: Vector3<f64>,
+    /// `dR`.
+    pub rot: UnitQuaternion<f64>,
+    /// `dv`, m/s.
+    pub v: Vector3<f64>,
+}
+
+impl Preintegration {
+    /// The empty interval.
+    #[must_use]
+    pub fn new(bias_gyro: &Vector3<f64>, bias_accel: &Vector3<f64>) -> Self {
+        Self {
+            dt_s: 0.0,
+            delta_p: Vector3::zeros(),
+            delta_rot: UnitQuaternion::identity(),
+            delta_v: Vector3::zeros(),
+            covariance: SMatrix::zeros(),
+            by_bias: SMatrix::zeros(),
+            bias_gyro: *bias_gyro,
+            bias_accel: *bias_accel,
+        }
+    }
+
+    /// Appends a step of `dt` with the mean angular rate `gyro` and the specific force `accel_start` at
+    /// its start and `accel_end` at its end.
+    pub fn integrate(
+        &mut self,
+        dt: f64,
+        gyro: &Vector3<f64>,
+        accel_start: &Vector3<f64>,
+        accel_end: &Vector3<f64>,
+        noise: &ImuNoise,
+    ) {
+        let phi = (gyro - self.bias_gyro) * dt;
+        let step_rot = exp_so3(&phi);
+        let end_in_start = step_rot * (accel_end - self.bias_accel);
+        let accel = (accel_start - self.bias_accel + end_in_start) * 0.5;
+
+        let rot = self.delta_rot.to_rotation_matrix().into_inner();
+        let rot_accel = rot * skew(&accel);
+        // The force at the end turns with the step: half of it sees the gyroscope bias of this step.
+        let jr_dt = right_jacobian(&phi) * dt;
+        let rot_half_end = rot * skew(&end_in_start) * (0.5 * dt);
+        self.propagate_errors(dt, &step_rot, &rot, &rot_accel, &jr_dt, &rot_half_end, noise);
+
+        let accel_in_first = self.delta_rot * accel;
+        self.delta_p += self.delta_v * dt + accel_in_first * (0.5 * dt * dt);
+        self.delta_v += accel_in_first * dt;
+        self.delta_rot = UnitQuaternion::new_normalize((self.delta_rot * step_rot).into_inner());
+        self.dt_s += dt;
+    }
+
+    /// First-order propagation of covariance and bias Jacobians over one step.
+    #[allow(clippy::too_many_arguments)]
+    fn propagate_errors(
+        &mut self,
+        dt: f64,
+        step_rot: &UnitQuaternion<f64>,
+        rot: &Matrix3<f64>,
+        rot_accel: &Matrix3<f64>,
+        jr_dt: &Matrix3<f64>,
+        rot_half_end: &Matrix3<f64>,
+        noise: &ImuNoise,
+    ) {
+        let identity = Matrix3::identity();
+        let mut a = SMatrix::<f64, 9, 9>::identity();
+        a.fixed_view_mut::<3, 3>(0, 3).copy_from(&(rot_accel * (-0.5 * dt * dt)));
+        a.fixed_view_mut::<3, 3>(0, 6).copy_from(&(identity * dt));
+        a.fixed_view_mut::<3, 3>(3, 3).copy_from(&step_rot.inverse().to_rotation_matrix().into_inner());
+        a.fixed_view_mut::<3, 3>(6, 3).copy_from(&(rot_accel * -dt));
+
+        // By the bias of this step; noise acts through the same matrix.
+        let mut b = SMatrix::<f64, 9, 6>::zeros();
+        b.fixed_view_mut::<3, 3>(0, 0).copy_from(&(rot_half_end * (0.5 * dt * dt)));
+        b.fixed_view_mut::<3, 3>(3, 0).copy_from(&-jr_dt);
+        b.fixed_view_mut::<3, 3>(6, 0).copy_from(&(rot_half_end * dt));
+        let mean_rot = (rot + rot * step_rot.to_rotation_matrix().into_inner()) * 0.5;
+        b.fixed_view_mut::<3, 3>(0, 3).copy_from(&(mean_rot * (-0.5 * dt * dt)));
+        b.fixed_view_mut::<3, 3>(6, 3).copy_from(&(mean_rot * -dt));
+
+        let gyro_var = noise.gyro_density * noise.gyro_density / dt;
+        let accel_var = noise.accel_density * noise.accel_density / dt;
+        let mut weighted = b;
+        weighted.fixed_columns_mut::<3>(0).scale_mut(gyro_var);
+        weighted.fixed_columns_mut::<3>(3).scale_mut(accel_var);
+        self.covariance = a * self.covariance * a.transpose() + weighted * b.transpose();
+        self.by_bias = a * self.by_bias + b;
+    }
+
+    /// The increments at the biases given, to first order.
+    #[must_use]
+    pub fn corrected(&self, bias_gyro: &Vector3<f64>, bias_accel: &Vector3<f64>) -> CorrectedDelta {
+        let d_gyro = bias_gyro - self.bias_gyro;
+        let d_accel = bias_accel - self.bias_accel;
+        let part = |row: usize| {
+            self.by_bias.fixed_view::<3, 3>(row, 0) * d_gyro + self.by_bias.fixed_view::<3, 3>(row, 3) * d_accel
+        };
+        CorrectedDelta { p: self.delta_p + part(0), rot: self.delta_rot * exp_so3(&part(3)), v: self.delta_v + part(6) }
+    }
+
+    /// This interval followed by `next`, at the biases of this one.
+    #[must_use]
+    pub fn followed_by(&self, next: &Self) -> Self {
+        let delta = next.corrected(&self.bias_gyro, &self.bias_accel);
+        let rot = self.delta_rot.to_rotation_matrix().into_inner();
+        let dt = next.dt_s;
+        let mut a = SMatrix::<f64, 9, 9>::identity();
+        a.fixed_view_mut::<3, 3>(0, 3).copy_from(&(-rot * skew(&delta.p)));
+        a.fixed_view_mut::<3, 3>(0, 6).copy_from(&(Matrix3::identity() * dt));
+        a.fixed_view_mut::<3, 3>(3, 3).copy_from(&delta.rot.inverse().to_rotation_matrix().into_inner());
+        a.fixed_view_mut::<3, 3>(6, 3).copy_from(&(-rot * skew(&delta.v)));
+        let mut b = SMatrix::<f64, 9, 9>::zeros();
+        b.fixed_view_mut::<3, 3>(0, 0).copy_from(&rot);
+        b.fixed_view_mut::<3, 3>(3, 3).copy_from(&Matrix3::identity());
+        b.fixed_view_mut::<3, 3>(6, 6).copy_from(&rot);
+        Self {
+            dt_s: self.dt_s + dt,
+            delta_p: self.delta_p + self.delta_v * dt + rot * delta.p,
+            delta_rot: UnitQuaternion::new_normalize((self.delta_rot * delta.rot).into_inner()),
+            delta_v: self.delta_v + rot * delta.v,
+            covariance: a * self.covariance * a.transpose() + b * next.covariance * b.transpose(),
+            by_bias: a * self.by_bias + b * next.by_bias,
+            ..*self
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

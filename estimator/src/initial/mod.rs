@@ -1,0 +1,95 @@
+//! The first estimate: frames are gathered until position, velocity and gravity can be told.
+//!
+//! With two cameras scale comes from the baseline: a few frames are enough, whether the vehicle stands or
+//! moves ([`stereo`]). With one camera structure, motion, gravity and scale are found together from a
+//! longer window, after the gyroscope's bias ([`gyro_bias`], [`mono`]). Either way the window's solver
+//! has the last word.
+
+pub mod gyro_bias;
+pub mod mono;
+pub mod stereo;
+
+use crate::window::TrackMeasurement;
+use crate::inertial::Preintegration;
+use plumbline_config::Timestamp;
+
+/// A frame that waits for the first estimate.
+#[derive(Clone, Debug)]
+pub struct GatheredFrame {
+    /// Time on the IMU's axis.
+    pub stamp: Timestamp,
+    /// What was seen, in order of track.
+    pub tracks: Vec<TrackMeasurement>,
+    /// Motion since the frame before, integrated without biases; `None` for the first.
+    pub motion: Option<Preintegration>,
+}
+
+/// The newest frames before the first estimate, in fixed memory.
+#[derive(Clone, Debug)]
+pub struct Gathering {
+    frames: Vec<GatheredFrame>,
+    spare: Vec<Vec<TrackMeasurement>>,
+}
+
+impl Gathering {
+    /// Room for `frames` of `points`.
+    #[must_use]
+    pub fn new(frames: usize, points: usize) -> Self {
+        Self {
+            frames: Vec::with_capacity(frames),
+            spare: (0..frames).map(|_| Vec::with_capacity(points)).collect(),
+        }
+    }
+
+    /// Appends a frame; full, the oldest goes.
+    pub fn push(&mut self, stamp: Timestamp, tracks: &[TrackMeasurement], motion: Option<Preintegration>) {
+        if self.spare.is_empty() {
+            self.drop_oldest();
+        }
+        if let Some(mut buffer) = self.spare.pop() {
+            buffer.clear();
+            buffer.extend_from_slice(tracks);
+            buffer.sort_unstable_by_key(|t| t.track_id);
+            let motion = if self.frames.is_empty() { None } else { motion };
+            self.frames.push(GatheredFrame { stamp, tracks: buffer, motion });
+        }
+    }
+
+    /// Forgets the oldest frame.
+    pub fn drop_oldest(&mut self) {
+        if !self.frames.is_empty() {
+            self.spare.push(self.frames.remove(0).tracks);
+            if let Some(first) = self.frames.first_mut() {
+                first.motion = None;
+            }
+        }
+    }
+
+    /// Forgets everything.
+    pub fn clear(&mut self) {
+        while !self.frames.is_empty() {
+            self.drop_oldest();
+        }
+    }
+
+    /// The frames in order of time.
+    #[must_use]
+    pub fn frames(&self) -> &[GatheredFrame] {
+        &self.frames
+    }
+
+    /// Time from the first to the newest frame, s.
+    #[must_use]
+    pub fn span_s(&self) -> f64 {
+        match (self.frames.first(), self.frames.last()) {
+            (Some(first), Some(last)) => last.stamp.seconds_since(first.stamp),
+            _ => 0.0,
+        }
+    }
+}
+
+/// The measurement of a track in a frame.
+#[must_use]
+pub fn find_track(frame: &GatheredFrame, track_id: u32) -> Option<&TrackMeasurement> {
+    frame.tracks.binary_search_by_key(&track_id, |t| t.track_id).ok().map(|k| &frame.tracks[k])
+}

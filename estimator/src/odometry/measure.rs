@@ -1,0 +1,140 @@
+//! From tracked points to measurements: weights in pixels, rates of change, and how still the image is.
+
+use crate::points::PointObservation;
+use crate::window::TrackMeasurement;
+use crate::window::reprojection::PointMeasurement;
+use nalgebra::{Matrix2, Vector2, Vector3};
+use plumbline_config::CameraModel;
+
+/// Fewest points by which the stillness of the image is judged.
+const MIN_FLOW_POINTS: usize = 12;
+
+/// Turns the points of one frame into measurements, remembering those of the frame before.
+#[derive(Clone, Debug)]
+pub struct Measurer {
+    cameras: Vec<CameraModel>,
+    sigma_px: f64,
+    previous: Vec<PointObservation>,
+    measurements: Vec<TrackMeasurement>,
+    flow: [Vec<f64>; 2],
+}
+
+/// Median displacement of the points since the frame before, px.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MedianFlow {
+    /// Medians of the two components: the common motion.
+    pub px: Vector2<f64>,
+    /// Points they were taken over.
+    pub count: usize,
+}
+
+impl Measurer {
+    /// For these cameras, with points known to `sigma_px`; at most `capacity` points a frame.
+    #[must_use]
+    pub fn new(cameras: Vec<CameraModel>, sigma_px: f64, capacity: usize) -> Self {
+        Self {
+            cameras,
+            sigma_px,
+            previous: Vec::with_capacity(capacity),
+            measurements: Vec::with_capacity(capacity),
+            flow: [Vec::with_capacity(2 * capacity), Vec::with_capacity(2 * capacity)],
+        }
+    }
+
+    /// Forgets the frame before.
+    pub fn clear(&mut self) {
+        self.previous.clear();
+        self.measurements.clear();
+    }
+
+    /// The measurements of the newest frame.
+    #[must_use]
+    pub fn measurements(&self) -> &[TrackMeasurement] {
+        &self.measurements
+    }
+
+    /// Takes the points of a frame; `rate_c` are the angular rates of the cameras in their own frames,
+    /// rad/s. The image rates are those of far points, until the window knows better.
+    pub fn take(&mut self, observations: &[PointObservation], rate_c: &[Vector3<f64>; 2]) {
+        self.measurements.clear();
+        for observation in observations {
+            let mut measured = [None, None];
+            for camera in 0..self.cameras.len() {
+                let Some(xy) = observation.xy[camera] else { continue };
+                let xy_rate = rotational_rate(&xy, &rate_c[camera]);
+                let weight = self.weight(camera, &xy);
+                measured[camera] = Some(PointMeasurement { xy, xy_rate, weight });
+            }
+            if measured.iter().any(Option::is_some) && self.measurements.len() < self.measurements.capacity() {
+                self.measurements.push(TrackMeasurement { track_id: observation.track_id, measured });
+            }
+        }
+    }
+
+    /// The common motion of the image since the frame before; call before [`Self::remember`].
+    #[must_use]
+    pub fn median_flow(&mut self, observations: &[PointObservation]) -> Option<MedianFlow> {
+        for component in &mut self.flow {
+            component.clear();
+        }
+        for observation in observations {
+            let Some(before) = find(&self.previous, observation.track_id) else { continue };
+            for camera in 0..2 {
+                if let (Some(now), Some(then)) = (observation.px[camera], before.px[camera]) {
+                    self.flow[0].push(now.x - then.x);
+                    self.flow[1].push(now.y - then.y);
+                }
+            }
+        }
+        let count = self.flow[0].len();
+        if count < MIN_FLOW_POINTS {
+            return None;
+        }
+        let mut median = |k: usize| {
+            let values = &mut self.flow[k];
+            *values.select_nth_unstable_by(count / 2, f64::total_cmp).1
+        };
+        Some(MedianFlow { px: Vector2::new(median(0), median(1)), count })
+    }
+
+    /// Keeps the points for the next frame.
+    pub fn remember(&mut self, observations: &[PointObservation]) {
+        self.previous.clear();
+        let room = self.previous.capacity().min(observations.len());
+        self.previous.extend_from_slice(&observations[..room]);
+        self.previous.sort_unstable_by_key(|o| o.track_id);
+    }
+
+    /// Square root of the information of a point: pixels per unit over the standard deviation.
+    fn weight(&self, camera: usize, xy: &Vector2<f64>) -> Matrix2<f64> {
+        self.cameras[camera].project_normalized(xy).1 / self.sigma_px
+    }
+}
+
+fn find(sorted: &[PointObservation], track_id: u32) -> Option<&PointObservation> {
+    sorted.binary_search_by_key(&track_id, |o| o.track_id).ok().map(|k| &sorted[k])
+}
+
+/// Rate of the normalized coordinates of a far point seen from a turning camera: `q' = -w x q`.
+fn rotational_rate(xy: &Vector2<f64>, rate_c: &Vector3<f64>) -> Vector2<f64> {
+    let q = Vector3::new(xy.x, xy.y, 1.0);
+    let d = -rate_c.cross(&q);
+    Vector2::new(d.x - xy.x * d.z, d.y - xy.y * d.z)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::exp_so3;
+
+    #[test]
+    fn the_rotational_rate_is_that_of_a_turning_camera() {
+        let (xy, rate) = (Vector2::new(0.3, -0.2), Vector3::new(0.5, -0.7, 1.1));
+        let at = |dt: f64| {
+            let q = exp_so3(&(rate * dt)).inverse() * Vector3::new(xy.x, xy.y, 1.0);
+            Vector2::new(q.x / q.z, q.y / q.z)
+        };
+        let numeric = (at(1e-6) - at(-1e-6)) / 2e-6;
+        assert!((numeric - rotational_rate(&xy, &rate)).norm() < 1e-8);
+    }
+}

@@ -1,0 +1,180 @@
+//! From gathered frames to the first state of the window.
+
+use super::Odometer;
+use crate::geometry::yaw_of;
+use crate::initial::gyro_bias::{self, joined_motion};
+use crate::initial::{mono, stereo};
+use crate::window::MAX_FRAMES;
+use crate::window::prior::AnchorSigmas;
+use crate::window::state::NavState;
+use nalgebra::Vector3;
+
+/// Solver steps of a start: far from the solution, and only once.
+const START_ITERATIONS: usize = 12;
+/// Mean robust cost of an observation (in squared standard deviations) that a good start stays below:
+/// noise alone gives about one.
+const MAX_MEAN_COST: f64 = 5.0;
+/// Fewest tracks seen by both cameras, or by one, that a start rests on.
+const MIN_STEREO_TRACKS: usize = 12;
+const MIN_MONO_TRACKS: usize = 25;
+/// Linear residuals of a monocular start above this are no start, in standard deviations.
+const MAX_LINEAR_RMS_SIGMAS: f64 = 6.0;
+/// Frames between attempts of a monocular start.
+const MONO_RETRY_FRAMES: usize = 4;
+
+impl Odometer {
+    /// Tries to start from the frames gathered so far; whether there is a first state now.
+    pub(super) fn try_start(&mut self) -> bool {
+        let frames = self.gathering.frames();
+        let Some(newest) = frames.last() else { return false };
+        let stereo_tracks = newest.tracks.iter().filter(|t| t.measured.iter().all(Option::is_some)).count();
+        let is_stereo = stereo_tracks >= MIN_STEREO_TRACKS;
+        let started = if is_stereo && frames.len() >= self.options.stereo_frames {
+            self.start_stereo()
+        } else if !is_stereo && self.is_mono_ready() {
+            self.start_mono()
+        } else {
+            return false;
+        };
+        if !started {
+            self.window.clear();
+        }
+        started
+    }
+
+    /// Enough time and parallax since the oldest gathered frame, and not tried just before.
+    fn is_mono_ready(&mut self) -> bool {
+        self.mono_wait = self.mono_wait.saturating_sub(1);
+        let frames = self.gathering.frames();
+        let (Some(first), Some(newest)) = (frames.first(), frames.last()) else { return false };
+        if self.mono_wait > 0
+            || self.gathering.span_s() < self.options.mono_window_s
+            || newest.tracks.len() < MIN_MONO_TRACKS
+        {
+            return false;
+        }
+        let middle = &frames[frames.len() / 2];
+        self.mono_wait = MONO_RETRY_FRAMES;
+        self.parallax_px(middle, newest).max(self.parallax_px(first, newest)) >= self.options.mono_min_parallax_px
+    }
+
+    /// Mean displacement of common points in units of pixels, rotation taken out by the gyroscope.
+    fn parallax_px(&self, from: &crate::initial::GatheredFrame, to: &crate::initial::GatheredFrame) -> f64 {
+        let zero = Vector3::zeros();
+        let (motion, _) = self.imu.preintegrate(from.stamp, to.stamp, &zero, &zero, &self.noise);
+        let rot_b_c = self.window.rig.pose_b_c(0).rotation;
+        let rot_from_to = rot_b_c.inverse() * motion.delta_rot * rot_b_c;
+        let (mut sum, mut count) = (0.0, 0.0);
+        for track in &to.tracks {
+            let Some(before) = crate::initial::find_track(from, track.track_id) else { continue };
+            if let (Some(a), Some(b)) = (before.measured[0], track.measured[0]) {
+                let q = rot_from_to * Vector3::new(b.xy.x, b.xy.y, 1.0);
+                sum += (q.xy() / q.z - a.xy).norm();
+                count += 1.0;
+            }
+        }
+        if count < MIN_MONO_TRACKS as f64 { 0.0 } else { sum / count * self.focal_px }
+    }
+
+    fn start_stereo(&mut self) -> bool {
+        let count = self.options.stereo_frames.min(MAX_FRAMES - 1);
+        while self.gathering.frames().len() > count {
+            self.gathering.drop_oldest();
+        }
+        let (first, newest) = (self.gathering.frames()[0].stamp, self.gathering.frames()[count - 1].stamp);
+        let Some((gyro, accel)) = self.imu.mean(first.plus_seconds(-0.1), newest) else { return false };
+        let bias_gyro = if self.stillness.is_still() { gyro } else { self.bias_memory.0 };
+        let rot_o_b = stereo::attitude_from_gravity(&accel);
+        let mut nav = NavState { rot_o_b, bias_gyro, bias_accel: self.bias_memory.1, ..NavState::default() };
+        self.window.clear();
+        for k in 0..count {
+            let frame = &self.gathering.frames()[k];
+            if let Some(motion) = &frame.motion {
+                nav = nav.after(motion, &self.window.options.gravity_o);
+            }
+            self.window.push_frame(frame.stamp, nav.clone(), frame.motion.clone(), false);
+            self.window.observe(&frame.tracks);
+            if k == 0 || k + 1 == count {
+                self.window.make_keyframe(&frame.tracks);
+            }
+            if k == 0 {
+                // By the baseline alone: the poses of the other frames are only guessed as yet.
+                self.window.triangulate(true);
+            }
+        }
+        self.settle()
+    }
+
+    fn start_mono(&mut self) -> bool {
+        let rig = &self.window.rig;
+        let poses = [rig.pose_b_c(0), rig.pose_b_c(1)];
+        let rotations = poses.map(|p| p.rotation.to_rotation_matrix().into_inner());
+        let frames = self.gathering.frames();
+        let sigma_bearing = self.options.sigma_px / self.focal_px;
+        let Some(bias_gyro) = gyro_bias::estimate(frames, &rotations, self.options.bias_gyro_sigma, sigma_bearing)
+        else {
+            return false;
+        };
+        let gravity_m_s2 = self.window.options.gravity_o.norm();
+        let Some(alignment) = mono::align(frames, &poses, &bias_gyro, gravity_m_s2) else { return false };
+        if alignment.rms_sigmas > MAX_LINEAR_RMS_SIGMAS {
+            return false;
+        }
+        let rot_o_b0 = stereo::attitude_from_gravity(&-alignment.gravity_b0);
+        let first = NavState { rot_o_b: rot_o_b0, v_o_b: rot_o_b0 * alignment.v_b0, bias_gyro, ..NavState::default() };
+
+        // Keyframes evenly over the whole span, the newest among them.
+        let count = (self.window.options.keyframes + self.window.options.recent_frames).min(frames.len());
+        let last = frames.len() - 1;
+        let chosen = move |k: usize| k * last / (count - 1);
+        self.window.clear();
+        for k in 0..count {
+            let index = chosen(k);
+            let frame = &self.gathering.frames()[index];
+            let nav = first.after(&alignment.motions[index], &self.window.options.gravity_o);
+            let motion = if k == 0 { None } else { joined_motion(self.gathering.frames(), chosen(k - 1), index) };
+            self.window.push_frame(frame.stamp, nav, motion, false);
+            self.window.observe(&frame.tracks);
+            if k % 2 == 0 || k + 1 == count {
+                self.window.make_keyframe(&frame.tracks);
+            }
+        }
+        // Every chosen frame carries the parallax of the start: none is dropped as merely recent.
+        for frame in &mut self.window.frames {
+            frame.is_keyframe = true;
+        }
+        self.settle()
+    }
+
+    /// Solves the window from scratch, puts the odometry frame at the newest frame, and judges.
+    fn settle(&mut self) -> bool {
+        // While the tilt still moves by degrees, a tight yaw would resist it through the curvature of
+        // rotations; it is made tight about the solution.
+        let loose = AnchorSigmas {
+            position_m: 0.02,
+            yaw_rad: 0.02,
+            tilt_rad: 0.5,
+            velocity_m_s: 20.0,
+            bias_gyro_rad_s: self.options.bias_gyro_sigma,
+            bias_accel_m_s2: self.options.bias_accel_sigma,
+        };
+        let tight = AnchorSigmas { position_m: 1e-3, yaw_rad: 1e-3, ..loose };
+        let (p_o_b, yaw) = self.origin.as_ref().map_or((Vector3::zeros(), 0.0), |o| (o.p_o_b, yaw_of(&o.rot_o_b)));
+        for _ in 0..2 {
+            self.window.move_newest_to(&p_o_b, yaw);
+            self.window.anchor_newest(&self.bias_memory, &loose);
+            self.window.triangulate(true);
+            let _ = self.window.optimize(START_ITERATIONS);
+            self.window.remove_outliers();
+        }
+        self.window.move_newest_to(&p_o_b, yaw);
+        self.window.anchor_newest(&self.bias_memory, &tight);
+        let outcome = self.window.optimize(START_ITERATIONS);
+        let observations: usize =
+            self.window.landmarks.all().iter().filter(|l| l.is_triangulated).map(|l| l.observations.len()).sum();
+        !outcome.is_not_positive_definite
+            && self.window.triangulated() >= MIN_STEREO_TRACKS
+            && outcome.cost < MAX_MEAN_COST * observations as f64
+            && self.is_plausible()
+    }
+}

@@ -1,0 +1,164 @@
+//! A world of points for tests: a smooth flight, exact or noisy IMU, and points as a perfect front-end
+//! would track them.
+
+use crate::geometry::{exp_so3, log_so3};
+use crate::points::PointObservation;
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector2, Vector3};
+use plumbline_config::camera::Distortion;
+use plumbline_config::options::{CameraConfig, ImuConfig};
+use plumbline_config::{CameraModel, Config, ImuSample, Timestamp};
+
+/// Repeatable normal noise.
+pub struct Normal(pub u64);
+
+impl Normal {
+    fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    pub fn next(&mut self) -> f64 {
+        (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
+    }
+
+    pub fn vector(&mut self, sigma: f64) -> Vector3<f64> {
+        Vector3::new(self.next(), self.next(), self.next()) * sigma
+    }
+}
+
+/// A rig like that of EuRoC, without distortion.
+pub fn config(cameras: usize) -> Config {
+    let camera = |y: f64| CameraConfig {
+        width_px: 752,
+        height_px: 480,
+        rate_hz: 20.0,
+        focal_px: [458.0, 457.0],
+        centre_px: [367.0, 248.0],
+        distortion: Distortion::RadialTangential { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0 },
+        // Looks along the body's x axis: camera z is body x, camera x is body -y, camera y is body -z.
+        pose_b_c: [[0.0, 0.0, 1.0, 0.05], [-1.0, 0.0, 0.0, y], [0.0, -1.0, 0.0, 0.01], [0.0, 0.0, 0.0, 1.0]],
+    };
+    Config {
+        camera: [0.055, -0.055][..cameras].iter().map(|y| camera(*y)).collect(),
+        imu: ImuConfig {
+            rate_hz: 200.0,
+            gyro_noise_density: 1.7e-4,
+            gyro_bias_walk: 2e-5,
+            accel_noise_density: 2e-3,
+            accel_bias_walk: 3e-3,
+            gyro_range_rad_s: 17.0,
+            accel_range_m_s2: 150.0,
+            gyro_bias_sigma_rad_s: 0.1,
+            accel_bias_sigma_m_s2: 0.1,
+            gravity_m_s2: 9.81,
+        },
+        rig: Default::default(),
+        estimator: Default::default(),
+        driver: Default::default(),
+        network: Default::default(),
+    }
+}
+
+/// A flight through a box of points.
+pub struct World {
+    pub config: Config,
+    pub points_o: Vec<Vector3<f64>>,
+    pub bias_gyro: Vector3<f64>,
+    pub bias_accel: Vector3<f64>,
+    pub sigma_px: f64,
+    pub is_at_rest: bool,
+    /// True time offset, `t_imu - t_camera`, s.
+    pub time_offset_s: f64,
+    /// True poses of the cameras in the body.
+    pub pose_b_c: Vec<Isometry3<f64>>,
+    pub normal: Normal,
+    cameras: Vec<CameraModel>,
+}
+
+impl World {
+    pub fn new(config: &Config, seed: u64, points: usize) -> Self {
+        let mut normal = Normal(seed);
+        let mut points_o = Vec::new();
+        while points_o.len() < points {
+            let p = Vector3::new(normal.uniform() * 16.0 - 8.0, normal.uniform() * 16.0 - 8.0, normal.uniform() * 8.0 - 4.0);
+            // A shell of points around the flight, nothing closer than the near side of a room.
+            if p.x.abs() > 4.5 || p.y.abs() > 4.5 {
+                points_o.push(p);
+            }
+        }
+        Self {
+            points_o,
+            bias_gyro: normal.vector(0.03),
+            bias_accel: normal.vector(0.05),
+            sigma_px: 0.3,
+            is_at_rest: false,
+            time_offset_s: 0.0,
+            pose_b_c: config.camera.iter().map(CameraConfig::pose_b_c).collect(),
+            cameras: config.camera.iter().map(CameraConfig::model).collect(),
+            config: config.clone(),
+            normal,
+        }
+    }
+
+    /// True pose of the body.
+    pub fn pose_o_b(&self, t: f64) -> Isometry3<f64> {
+        let t = if self.is_at_rest { 0.0 } else { t };
+        let p = Vector3::new(1.5 * (0.9 * t).sin(), 1.5 * (0.7 * t).cos() - 1.5, 0.5 * (1.3 * t).sin());
+        let yaw = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.8 * (0.4 * t).sin() + 0.2 * t);
+        let tilt = exp_so3(&Vector3::new(0.15 * (1.1 * t).sin(), 0.12 * (1.7 * t).cos(), 0.0));
+        Isometry3::from_parts(Translation3::from(p), yaw * tilt)
+    }
+
+    pub fn velocity(&self, t: f64) -> Vector3<f64> {
+        let h = 1e-5;
+        (self.pose_o_b(t + h).translation.vector - self.pose_o_b(t - h).translation.vector) / (2.0 * h)
+    }
+
+    /// The inertial sample at `t`, with biases and noise.
+    pub fn imu(&mut self, t: f64, with_noise: bool) -> ImuSample {
+        let h = 1e-4;
+        let (before, now, after) = (self.pose_o_b(t - h), self.pose_o_b(t), self.pose_o_b(t + h));
+        let acceleration =
+            (after.translation.vector - now.translation.vector * 2.0 + before.translation.vector) / (h * h);
+        let rate = log_so3(&(before.rotation.inverse() * after.rotation)) / (2.0 * h);
+        let imu = &self.config.imu;
+        let root_rate = imu.rate_hz.sqrt() * if with_noise { 1.0 } else { 0.0 };
+        let (gyro_sigma, accel_sigma) = (imu.gyro_noise_density * root_rate, imu.accel_noise_density * root_rate);
+        ImuSample {
+            stamp: stamp(t),
+            gyro: rate + self.bias_gyro + self.normal.vector(gyro_sigma),
+            accel: now.rotation.inverse() * (acceleration + Vector3::z() * 9.81)
+                + self.bias_accel
+                + self.normal.vector(accel_sigma),
+        }
+    }
+
+    /// The points seen by the cameras in the frame stamped `t` by the camera's clock.
+    pub fn observe(&mut self, t: f64, cameras_alive: [bool; 2]) -> Vec<PointObservation> {
+        let pose_o_b = self.pose_o_b(t + self.time_offset_s);
+        let limit = self.config.estimator.points.max_points;
+        let mut seen = Vec::new();
+        for id in 0..self.points_o.len() {
+            let mut o = PointObservation { track_id: id as u32, age: 1, px: [None; 2], xy: [None; 2] };
+            for c in 0..self.cameras.len() {
+                let p_c = (pose_o_b * self.pose_b_c[c]).inverse() * nalgebra::Point3::from(self.points_o[id]);
+                let Some(px) = self.cameras[c].project(&p_c.coords) else { continue };
+                let noise = Vector2::new(self.normal.next(), self.normal.next()) * self.sigma_px;
+                let px = px + noise;
+                if self.cameras[c].contains(&px, 5.0) && cameras_alive[c] {
+                    o.px[c] = Some(px);
+                    o.xy[c] = self.cameras[c].unproject(&px);
+                }
+            }
+            if o.px.iter().any(Option::is_some) && seen.len() < limit {
+                seen.push(o);
+            }
+        }
+        seen
+    }
+}
+
+/// A stamp `t` seconds after an arbitrary origin.
+pub fn stamp(t: f64) -> Timestamp {
+    Timestamp::from_nanos(1_000_000_000_000).plus_seconds(t)
+}

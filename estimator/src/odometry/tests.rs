@@ -1,0 +1,169 @@
+use super::synthetic::{World, config, stamp};
+use super::*;
+use nalgebra::SVector;
+
+/// What a simulated flight came to.
+#[derive(Debug, Default)]
+struct Flight {
+    first_pose_s: Option<f64>,
+    resets: u32,
+    distance_m: f64,
+    final_error_m: f64,
+    rms_error_m: f64,
+    yaw_error_rad: f64,
+    mean_nees: f64,
+    scale: f64,
+    last: Option<Estimate>,
+}
+
+impl Flight {
+    fn summary(&self) -> String {
+        format!(
+            "first {:?} resets {} distance {:.2} final {:.4} rms {:.4} ({:.3} %) yaw {:.4} nees {:.2} scale {:.4} td {:.5}",
+            self.first_pose_s, self.resets, self.distance_m, self.final_error_m, self.rms_error_m,
+            100.0 * self.rms_error_m / self.distance_m, self.yaw_error_rad, self.mean_nees, self.scale,
+            self.last.as_ref().map_or(0.0, |l| l.time_offset_s),
+        )
+    }
+}
+
+/// Which cameras see at time `t`.
+type Alive = fn(f64) -> [bool; 2];
+
+fn fly(world: &mut World, duration_s: f64, alive: Alive) -> Flight {
+    let mut odometer = Odometer::new(&world.config.clone());
+    let mut flight = Flight::default();
+    let mut next_imu = 0u32;
+    let mut anchor: Option<nalgebra::Isometry3<f64>> = None;
+    let (mut squared, mut nees, mut count) = (0.0, 0.0, 0.0);
+    let (mut est_path, mut true_path) = (0.0, 0.0);
+    let mut last_pair: Option<(Vector3<f64>, Vector3<f64>)> = None;
+    let offset_s = world.time_offset_s;
+    for k in 0..(duration_s * 20.0) as u32 {
+        let t = 0.2 + f64::from(k) * 0.05;
+        let needed = odometer.imu_stamp(stamp(t));
+        while stamp(f64::from(next_imu) * 0.005) <= needed.plus_nanos(5_000_000) {
+            let sample = world.imu(f64::from(next_imu) * 0.005, true);
+            odometer.imu.push(&sample);
+            next_imu += 1;
+        }
+        let observations = world.observe(t, alive(t));
+        let estimate = odometer.process(u64::from(k), needed, &observations, &mut ());
+        if estimate.has_pose() {
+            let t_state = t + estimate.time_offset_s.max(-1.0);
+            let truth = world.pose_o_b(t_state);
+            let _ = offset_s;
+            flight.first_pose_s.get_or_insert(t - 0.2);
+            let from_anchor = anchor.get_or_insert_with(|| {
+                let yaw = crate::geometry::yaw_of(&truth.rotation);
+                let yaw_est = crate::geometry::yaw_of(&estimate.pose_o_b.rotation);
+                let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw_est - yaw);
+                let p = estimate.pose_o_b.translation.vector - turn * truth.translation.vector;
+                nalgebra::Isometry3::from_parts(p.into(), turn)
+            });
+            let expected = *from_anchor * truth;
+            let p_error = estimate.pose_o_b.translation.vector - expected.translation.vector;
+            let rot_error = crate::geometry::log_so3(&(expected.rotation.inverse() * estimate.pose_o_b.rotation));
+            let mut error = SVector::<f64, 6>::zeros();
+            error.fixed_rows_mut::<3>(0).copy_from(&p_error);
+            error.fixed_rows_mut::<3>(3).copy_from(&rot_error);
+            let covariance = estimate.covariance.fixed_view::<6, 6>(0, 0) + nalgebra::Matrix6::identity() * 1e-10;
+            nees += (error.transpose() * covariance.try_inverse().unwrap() * error)[0] / 6.0;
+            if std::env::var_os("TRACE").is_some() {
+                println!("first {t:.2} p {:.4} rot {:.5} v {:.4} sp {:.4} pts {} win {} kf {} it {} {:?} bg {:.4} ba {:.4}", p_error.norm(), rot_error.norm(), (estimate.v_o_b - from_anchor.rotation * world.velocity(t_state)).norm(), estimate.covariance[(0,0)].sqrt(), estimate.figures.points_tracked, estimate.figures.points_in_window, estimate.figures.is_keyframe, estimate.figures.iterations, estimate.state, (estimate.bias_gyro - world.bias_gyro).norm(), (estimate.bias_accel - world.bias_accel).norm());
+            }
+            squared += p_error.norm_squared();
+            count += 1.0;
+            if let Some((est, tru)) = last_pair {
+                est_path += (estimate.pose_o_b.translation.vector - est).norm();
+                true_path += (expected.translation.vector - tru).norm();
+            }
+            last_pair = Some((estimate.pose_o_b.translation.vector, expected.translation.vector));
+            flight.final_error_m = p_error.norm();
+            flight.yaw_error_rad = crate::geometry::yaw_of(&estimate.pose_o_b.rotation) - crate::geometry::yaw_of(&expected.rotation);
+        }
+        flight.resets = estimate.reset_counter;
+        flight.last = Some(estimate);
+    }
+    flight.rms_error_m = (squared / count as f64).sqrt();
+    flight.mean_nees = nees / count;
+    flight.distance_m = true_path;
+    flight.scale = est_path / true_path;
+    flight
+}
+
+fn both(_: f64) -> [bool; 2] {
+    [true; 2]
+}
+
+#[test]
+fn stereo_flight_drifts_little_and_knows_how_little() {
+    let mut world = World::new(&config(2), 1, 500);
+    let flight = fly(&mut world, 20.0, both);
+    println!("{}", flight.summary());
+    assert_eq!(flight.resets, 0);
+    assert!(flight.first_pose_s.unwrap() < 0.3);
+    assert!(flight.rms_error_m < 0.002 * flight.distance_m);
+    assert!((0.2..3.0).contains(&flight.mean_nees));
+}
+
+#[test]
+fn monocular_flight_finds_its_scale() {
+    let mut world = World::new(&config(1), 2, 500);
+    let flight = fly(&mut world, 20.0, both);
+    println!("{}", flight.summary());
+    assert_eq!(flight.resets, 0);
+    assert!(flight.first_pose_s.unwrap() < 2.5);
+    assert!((flight.scale - 1.0).abs() < 0.02);
+    assert!(flight.rms_error_m < 0.01 * flight.distance_m);
+}
+
+#[test]
+fn at_rest_nothing_moves() {
+    let mut world = World::new(&config(2), 3, 500);
+    world.is_at_rest = true;
+    world.sigma_px = 0.1;
+    let flight = fly(&mut world, 10.0, both);
+    println!("{}", flight.summary());
+    assert_eq!(flight.resets, 0);
+    assert!(flight.final_error_m < 0.005);
+    assert!(flight.last.unwrap().health.contains(HealthBits::STATIONARY));
+}
+
+#[test]
+fn a_blackout_is_bridged_by_the_imu_and_told_by_the_covariance() {
+    let mut world = World::new(&config(2), 4, 500);
+    let flight = fly(&mut world, 15.0, |t| [!(6.0..7.5).contains(&t); 2]);
+    println!("{}", flight.summary());
+    assert_eq!(flight.resets, 0);
+    assert!(flight.mean_nees < 3.0);
+    assert!(flight.final_error_m < 0.2);
+}
+
+#[test]
+fn either_camera_may_be_lost_for_a_while() {
+    for alive in [|t: f64| [!(5.0..10.0).contains(&t), true], |t: f64| [true, !(5.0..10.0).contains(&t)]] as [Alive; 2] {
+        let mut world = World::new(&config(2), 5, 500);
+        let flight = fly(&mut world, 15.0, alive);
+        println!("{}", flight.summary());
+        assert_eq!(flight.resets, 0);
+        assert!(flight.rms_error_m < 0.005 * flight.distance_m);
+    }
+}
+
+#[test]
+fn time_offset_and_extrinsics_are_found() {
+    let mut world = World::new(&config(2), 6, 500);
+    world.time_offset_s = 0.008;
+    let turn = crate::geometry::exp_so3(&Vector3::new(0.01, -0.01, 0.01));
+    for pose in &mut world.pose_b_c {
+        pose.rotation = turn * pose.rotation;
+        pose.translation.vector = turn * pose.translation.vector;
+    }
+    let flight = fly(&mut world, 20.0, both);
+    println!("{}", flight.summary());
+    assert_eq!(flight.resets, 0);
+    let last = flight.last.unwrap();
+    assert!((last.time_offset_s - 0.008).abs() < 0.001);
+    assert!(last.pose_b_c0.rotation.angle_to(&world.pose_b_c[0].rotation) < 0.003);
+}

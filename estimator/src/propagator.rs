@@ -1,0 +1,144 @@
+//! Odometry at IMU rate: the newest estimate carried forward by every inertial sample.
+//!
+//! Between two samples the mean angular rate and the specific force of both ends hold, as in
+//! [`crate::inertial::preintegration`]. The covariance of position, attitude and velocity grows by the
+//! IMU's white noise; that of the biases enters through the estimate it starts from.
+
+use crate::estimate::{Estimate, NavCovariance, Odometry, TrackingState};
+use crate::geometry::skew;
+use crate::inertial::{ImuNoise, Preintegration};
+use crate::window::state::NavState;
+use nalgebra::{Matrix3, Vector3};
+use plumbline_config::{Config, ImuSample, Timestamp};
+use std::collections::VecDeque;
+
+/// Samples are kept this long, s: an estimate must arrive within it.
+const MEMORY_S: f64 = 1.0;
+
+/// Carries the newest estimate forward at IMU rate. Belongs to the tick thread; allocates nothing.
+#[derive(Clone, Debug)]
+pub struct Propagator {
+    noise: ImuNoise,
+    gravity_o: Vector3<f64>,
+    samples: VecDeque<ImuSample>,
+    capacity: usize,
+    nav: Option<NavState>,
+    covariance: NavCovariance,
+    stamp: Timestamp,
+    newest: Option<ImuSample>,
+    state: TrackingState,
+    quality: i8,
+    reset_counter: u32,
+    sequence: u64,
+}
+
+impl Propagator {
+    /// A propagator without a state.
+    #[must_use]
+    pub fn new(config: &Config) -> Self {
+        let capacity = (MEMORY_S * config.imu.rate_hz).ceil() as usize + 2;
+        Self {
+            noise: ImuNoise::of(&config.imu),
+            gravity_o: Vector3::new(0.0, 0.0, -config.imu.gravity_m_s2),
+            samples: VecDeque::with_capacity(capacity),
+            capacity,
+            nav: None,
+            covariance: NavCovariance::zeros(),
+            stamp: Timestamp::default(),
+            newest: None,
+            state: TrackingState::Initialising,
+            quality: -1,
+            reset_counter: 0,
+            sequence: 0,
+        }
+    }
+
+    /// Takes the estimate of a frame: the state is propagated anew from its time to the newest sample.
+    /// An estimate without a pose ends the odometry until there is one again.
+    pub fn correct(&mut self, estimate: &Estimate) {
+        self.state = estimate.state;
+        self.quality = estimate.quality;
+        self.reset_counter = estimate.reset_counter;
+        if !estimate.has_pose() {
+            self.nav = None;
+            return;
+        }
+        self.nav = Some(NavState {
+            p_o_b: estimate.pose_o_b.translation.vector,
+            rot_o_b: estimate.pose_o_b.rotation,
+            v_o_b: estimate.v_o_b,
+            bias_gyro: estimate.bias_gyro,
+            bias_accel: estimate.bias_accel,
+        });
+        self.covariance = estimate.covariance;
+        self.stamp = estimate.stamp;
+        let first = self.samples.partition_point(|s| s.stamp <= estimate.stamp);
+        self.newest = first.checked_sub(1).map(|k| self.samples[k]);
+        for k in first..self.samples.len() {
+            let sample = self.samples[k];
+            self.advance(&sample);
+        }
+    }
+
+    /// Takes an inertial sample; the odometry at its time, once there has been an estimate with a pose.
+    /// A sample that is not later than the last, or not finite, is passed over.
+    pub fn tick(&mut self, sample: &ImuSample) -> Option<Odometry> {
+        if !sample.is_finite() || self.samples.back().is_some_and(|last| sample.stamp <= last.stamp) {
+            return None;
+        }
+        if self.samples.len() == self.capacity {
+            self.samples.pop_front();
+        }
+        self.samples.push_back(*sample);
+        self.advance(sample);
+        let nav = self.nav.as_ref()?;
+        if sample.stamp < self.stamp {
+            return None;
+        }
+        let odometry = Odometry {
+            sequence: self.sequence,
+            stamp: sample.stamp,
+            pose_o_b: nav.pose_o_b(),
+            v_o_b: nav.v_o_b,
+            angular_rate_b: sample.gyro - nav.bias_gyro,
+            covariance: self.covariance,
+            state: self.state,
+            quality: self.quality,
+            reset_counter: self.reset_counter,
+        };
+        self.sequence += 1;
+        Some(odometry)
+    }
+
+    /// Integrates from the present time to that of `sample`.
+    fn advance(&mut self, sample: &ImuSample) {
+        let dt = sample.stamp.seconds_since(self.stamp);
+        let last = self.newest.unwrap_or(*sample);
+        if dt > 0.0
+            && let Some(nav) = &mut self.nav
+        {
+            let mut step = Preintegration::new(&nav.bias_gyro, &nav.bias_accel);
+            step.integrate(dt, &((last.gyro + sample.gyro) * 0.5), &last.accel, &sample.accel, &self.noise);
+            self.covariance = grown(&self.covariance, nav, &step);
+            *nav = nav.after(&step, &self.gravity_o);
+            self.stamp = sample.stamp;
+        }
+        self.newest = Some(*sample);
+    }
+}
+
+/// Covariance after the motion `step` from `nav`: `F P F' + G Q G'`.
+fn grown(covariance: &NavCovariance, nav: &NavState, step: &Preintegration) -> NavCovariance {
+    let rot = nav.rot_o_b.to_rotation_matrix().into_inner();
+    let identity = Matrix3::identity();
+    let mut f = NavCovariance::identity();
+    f.fixed_view_mut::<3, 3>(0, 3).copy_from(&-(rot * skew(&step.delta_p)));
+    f.fixed_view_mut::<3, 3>(0, 6).copy_from(&(identity * step.dt_s));
+    f.fixed_view_mut::<3, 3>(3, 3).copy_from(&step.delta_rot.inverse().to_rotation_matrix().into_inner());
+    f.fixed_view_mut::<3, 3>(6, 3).copy_from(&-(rot * skew(&step.delta_v)));
+    let mut g = NavCovariance::zeros();
+    g.fixed_view_mut::<3, 3>(0, 0).copy_from(&rot);
+    g.fixed_view_mut::<3, 3>(3, 3).copy_from(&identity);
+    g.fixed_view_mut::<3, 3>(6, 6).copy_from(&rot);
+    f * covariance * f.transpose() + g * step.covariance * g.transpose()
+}

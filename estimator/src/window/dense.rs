@@ -1,0 +1,331 @@
+//! Dense symmetric systems in fixed memory: accumulate, factor, solve, eliminate.
+//!
+//! The matrix is square, row-major, with a fixed stride; only its upper triangle is read or written.
+//! Rows are contiguous, so that the inner loops run over neighbouring memory.
+
+/// `H d = -b` with `H` symmetric: the normal equations of a step `d`.
+#[derive(Clone, Debug)]
+pub struct NormalEquations {
+    dim: usize,
+    stride: usize,
+    h: Vec<f64>,
+    b: Vec<f64>,
+}
+
+impl NormalEquations {
+    /// Room for `capacity` unknowns; all of them free and without information.
+    #[must_use]
+    pub fn new(capacity: usize) -> Self {
+        Self { dim: 0, stride: capacity, h: vec![0.0; capacity * capacity], b: vec![0.0; capacity] }
+    }
+
+    /// Number of unknowns in use.
+    #[must_use]
+    pub fn dim(&self) -> usize {
+        self.dim
+    }
+
+    /// Uses `dim` unknowns (at most the capacity), all zero.
+    pub fn reset(&mut self, dim: usize) {
+        assert!(dim <= self.stride, "{dim} unknowns exceed the capacity {}", self.stride);
+        self.dim = dim;
+        for row in self.h.chunks_exact_mut(self.stride).take(dim) {
+            row[..dim].fill(0.0);
+        }
+        self.b[..dim].fill(0.0);
+    }
+
+    /// Appends unknowns without information, up to `dim`.
+    pub fn grow(&mut self, dim: usize) {
+        assert!(dim <= self.stride, "{dim} unknowns exceed the capacity {}", self.stride);
+        let old = self.dim;
+        for (i, row) in self.h.chunks_exact_mut(self.stride).take(dim).enumerate() {
+            let from = if i < old { old } else { 0 };
+            row[from..dim].fill(0.0);
+        }
+        self.b[old..dim].fill(0.0);
+        self.dim = dim;
+    }
+
+    /// Makes this a copy of `other` (of the same capacity) without allocating.
+    pub fn copy_from(&mut self, other: &Self) {
+        assert_eq!(self.stride, other.stride);
+        let dim = other.dim;
+        self.dim = dim;
+        for (to, from) in self.h.chunks_exact_mut(self.stride).zip(other.h.chunks_exact(self.stride)).take(dim) {
+            to[..dim].copy_from_slice(&from[..dim]);
+        }
+        self.b[..dim].copy_from_slice(&other.b[..dim]);
+    }
+
+    /// Row `i` from the diagonal to the end.
+    #[must_use]
+    pub fn row(&self, i: usize) -> &[f64] {
+        &self.h[i * self.stride + i..i * self.stride + self.dim]
+    }
+
+    /// Row `i` from the diagonal to the end, to be written.
+    pub fn row_mut(&mut self, i: usize) -> &mut [f64] {
+        &mut self.h[i * self.stride + i..i * self.stride + self.dim]
+    }
+
+    /// `H[i][j]`, either triangle.
+    #[must_use]
+    pub fn get(&self, i: usize, j: usize) -> f64 {
+        let (i, j) = if i <= j { (i, j) } else { (j, i) };
+        self.h[i * self.stride + j]
+    }
+
+    /// Adds to `H[i][j]` (and so to `H[j][i]`).
+    pub fn add(&mut self, i: usize, j: usize, value: f64) {
+        let (i, j) = if i <= j { (i, j) } else { (j, i) };
+        self.h[i * self.stride + j] += value;
+    }
+
+    /// The gradient `b`.
+    #[must_use]
+    pub fn gradient(&self) -> &[f64] {
+        &self.b[..self.dim]
+    }
+
+    /// The gradient `b`, to be written.
+    pub fn gradient_mut(&mut self) -> &mut [f64] {
+        &mut self.b[..self.dim]
+    }
+
+    /// Adds a dense block at `(row, column)`; on the diagonal only its upper triangle counts.
+    pub fn add_block<const R: usize, const C: usize>(
+        &mut self,
+        row: usize,
+        column: usize,
+        block: &nalgebra::SMatrix<f64, R, C>,
+    ) {
+        if row == column {
+            for i in 0..R {
+                for j in i..C {
+                    self.h[(row + i) * self.stride + column + j] += block[(i, j)];
+                }
+            }
+        } else if row < column {
+            for i in 0..R {
+                for j in 0..C {
+                    self.h[(row + i) * self.stride + column + j] += block[(i, j)];
+                }
+            }
+        } else {
+            for j in 0..C {
+                for i in 0..R {
+                    self.h[(column + j) * self.stride + row + i] += block[(i, j)];
+                }
+            }
+        }
+    }
+
+    /// `H x` for a full vector, into `out`.
+    pub fn multiply(&self, x: &[f64], out: &mut [f64]) {
+        out[..self.dim].fill(0.0);
+        for i in 0..self.dim {
+            let row = self.row(i);
+            let xi = x[i];
+            let mut sum = row[0] * xi;
+            for (k, &h) in row.iter().enumerate().skip(1) {
+                sum += h * x[i + k];
+                out[i + k] += h * xi;
+            }
+            out[i] += sum;
+        }
+    }
+
+    /// Eliminates the unknowns `range` (Schur complement) and closes the gap they leave. An unknown
+    /// without information of its own (pivot at most `floor`) is dropped without effect.
+    pub fn eliminate(&mut self, range: std::ops::Range<usize>, floor: f64) {
+        let mut column = [0.0; MAX_UNKNOWNS];
+        for k in range.clone() {
+            let pivot = self.get(k, k);
+            for (j, c) in column.iter_mut().enumerate().take(self.dim) {
+                *c = if range.contains(&j) && j <= k { 0.0 } else { self.get(k, j) };
+            }
+            if pivot > floor {
+                self.subtract_outer(&column, 1.0 / pivot, self.b[k]);
+            }
+        }
+        self.close(range);
+    }
+
+    fn subtract_outer(&mut self, column: &[f64; MAX_UNKNOWNS], inverse_pivot: f64, gradient: f64) {
+        for i in 0..self.dim {
+            let ci = column[i] * inverse_pivot;
+            if ci == 0.0 {
+                continue;
+            }
+            let row = &mut self.h[i * self.stride + i..i * self.stride + self.dim];
+            for (h, c) in row.iter_mut().zip(&column[i..self.dim]) {
+                *h -= ci * c;
+            }
+            self.b[i] -= ci * gradient;
+        }
+    }
+
+    /// Removes the unknowns `range` without any effect on the others.
+    fn close(&mut self, range: std::ops::Range<usize>) {
+        let gap = range.len();
+        let (stride, dim) = (self.stride, self.dim);
+        for i in 0..dim - gap {
+            let from_row = if i < range.start { i } else { i + gap };
+            for j in i..dim - gap {
+                let from_column = if j < range.start { j } else { j + gap };
+                self.h[i * stride + j] = self.h[from_row * stride + from_column];
+            }
+            self.b[i] = self.b[from_row];
+        }
+        self.dim = dim - gap;
+    }
+}
+
+/// Largest number of unknowns of any system here: the rig and [`super::MAX_FRAMES`] frames.
+pub const MAX_UNKNOWNS: usize = super::state::RIG_DIM + super::MAX_FRAMES * super::state::FRAME_DIM;
+
+/// `H = U'U` of a damped copy of the normal equations, in fixed memory.
+#[derive(Clone, Debug)]
+pub struct Factor {
+    dim: usize,
+    stride: usize,
+    u: Vec<f64>,
+}
+
+impl Factor {
+    /// Room for `capacity` unknowns.
+    #[must_use]
+    pub fn new(capacity: usize) -> Self {
+        Self { dim: 0, stride: capacity, u: vec![0.0; capacity * capacity] }
+    }
+
+    /// Factors `H + damping diag(H)`; unknowns without any information are held at zero. `false` when the
+    /// matrix is not positive definite.
+    #[must_use]
+    pub fn compute(&mut self, equations: &NormalEquations, damping: f64) -> bool {
+        let dim = equations.dim;
+        self.dim = dim;
+        for i in 0..dim {
+            let row = &mut self.u[i * self.stride + i..i * self.stride + dim];
+            row.copy_from_slice(equations.row(i));
+            if row[0] == 0.0 {
+                row[0] = 1.0;
+            }
+            row[0] += damping * row[0];
+        }
+        for k in 0..dim {
+            let (head, tail) = self.u.split_at_mut((k + 1) * self.stride);
+            let pivot_row = &mut head[k * self.stride..k * self.stride + dim];
+            let pivot = pivot_row[k];
+            // A NaN pivot must fail as well.
+            if !(pivot > 0.0 && pivot.is_finite()) {
+                return false;
+            }
+            let scale = 1.0 / pivot.sqrt();
+            for u in &mut pivot_row[k..] {
+                *u *= scale;
+            }
+            for (offset, row) in tail.chunks_mut(self.stride).take(dim - k - 1).enumerate() {
+                let i = k + 1 + offset;
+                let factor = pivot_row[i];
+                if factor != 0.0 {
+                    for (h, u) in row[i..dim].iter_mut().zip(&pivot_row[i..]) {
+                        *h -= factor * u;
+                    }
+                }
+            }
+        }
+        true
+    }
+
+    /// Solves `H x = rhs` in place.
+    pub fn solve(&self, x: &mut [f64]) {
+        let (dim, stride) = (self.dim, self.stride);
+        for i in 0..dim {
+            let row = &self.u[i * stride..i * stride + dim];
+            x[i] /= row[i];
+            let xi = x[i];
+            if xi != 0.0 {
+                for j in i + 1..dim {
+                    x[j] -= row[j] * xi;
+                }
+            }
+        }
+        for i in (0..dim).rev() {
+            let row = &self.u[i * stride..i * stride + dim];
+            let mut sum = x[i];
+            for j in i + 1..dim {
+                sum -= row[j] * x[j];
+            }
+            x[i] = sum / row[i];
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A well-conditioned symmetric system of `n` unknowns.
+    fn system(n: usize) -> NormalEquations {
+        let mut eq = NormalEquations::new(n + 3);
+        eq.reset(n);
+        for i in 0..n {
+            for j in i..n {
+                eq.add(i, j, 1.0 / (1.0 + (j - i) as f64).powi(2));
+            }
+            eq.add(i, i, 1.0);
+            eq.gradient_mut()[i] = (i as f64).sin();
+        }
+        eq
+    }
+
+    fn solution(eq: &NormalEquations) -> Vec<f64> {
+        let mut factor = Factor::new(eq.stride);
+        assert!(factor.compute(eq, 0.0));
+        let mut x: Vec<f64> = eq.gradient().iter().map(|b| -b).collect();
+        factor.solve(&mut x);
+        x
+    }
+
+    #[test]
+    fn the_solution_satisfies_the_equations() {
+        let eq = system(20);
+        let x = solution(&eq);
+        let mut hx = vec![0.0; 20];
+        eq.multiply(&x, &mut hx);
+        for (hx, b) in hx.iter().zip(eq.gradient()) {
+            assert!((hx + b).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn elimination_leaves_the_solution_of_the_others_as_it_was() {
+        let mut eq = system(12);
+        let whole = solution(&eq);
+        eq.eliminate(4..7, 1e-12);
+        let rest = solution(&eq);
+        assert_eq!(eq.dim(), 9);
+        for (k, x) in rest.iter().enumerate() {
+            assert!((x - whole[if k < 4 { k } else { k + 3 }]).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn an_indefinite_matrix_is_a_value_not_a_panic() {
+        let mut eq = system(5);
+        eq.add(2, 2, -10.0);
+        assert!(!Factor::new(8).compute(&eq, 0.0));
+        eq.add(2, 2, f64::NAN);
+        assert!(!Factor::new(8).compute(&eq, 0.0));
+    }
+
+    #[test]
+    fn unknowns_without_information_stay_at_zero() {
+        let mut eq = system(5);
+        eq.grow(8);
+        let x = solution(&eq);
+        assert_eq!(&x[5..], &[0.0; 3]);
+    }
+}

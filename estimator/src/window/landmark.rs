@@ -1,0 +1,102 @@
+//! Point landmarks and the fixed store that holds them.
+
+use super::MAX_FRAMES;
+use super::reprojection::{InversePoint, PointMeasurement};
+
+/// Most observations of one landmark: both cameras in every frame.
+pub const MAX_OBSERVATIONS: usize = 2 * MAX_FRAMES;
+
+/// One measured place of a landmark.
+#[derive(Clone, Copy, Debug)]
+pub struct Observation {
+    /// Index of the frame in the window.
+    pub frame: u8,
+    /// Camera 0 or 1.
+    pub camera: u8,
+    /// The measurement.
+    pub measured: PointMeasurement,
+}
+
+/// A point that the window estimates, or waits to triangulate.
+#[derive(Clone, Debug)]
+pub struct Landmark {
+    /// The track that observes it.
+    pub track_id: u32,
+    /// Index of the host frame in the window.
+    pub host: u8,
+    /// The host's camera.
+    pub host_camera: u8,
+    /// Whether `point` has been triangulated.
+    pub is_triangulated: bool,
+    /// Bearing and inverse depth in the host camera.
+    pub point: InversePoint,
+    /// Measurements, in order of frame and camera.
+    pub observations: heapless::Vec<Observation, MAX_OBSERVATIONS>,
+}
+
+/// The landmarks of the window, at most as many as configured.
+#[derive(Clone, Debug)]
+pub struct LandmarkStore {
+    landmarks: Vec<Landmark>,
+    capacity: usize,
+    by_track: Vec<(u32, u16)>,
+    /// Landmarks that found no room.
+    pub refused: u64,
+}
+
+impl LandmarkStore {
+    /// Room for `capacity` landmarks.
+    #[must_use]
+    pub fn new(capacity: usize) -> Self {
+        Self {
+            landmarks: Vec::with_capacity(capacity),
+            capacity,
+            by_track: Vec::with_capacity(capacity),
+            refused: 0,
+        }
+    }
+
+    /// All landmarks.
+    #[must_use]
+    pub fn all(&self) -> &[Landmark] {
+        &self.landmarks
+    }
+
+    /// All landmarks, to be changed. Tracks must not be renamed.
+    pub fn all_mut(&mut self) -> &mut [Landmark] {
+        &mut self.landmarks
+    }
+
+    /// Forgets everything.
+    pub fn clear(&mut self) {
+        self.landmarks.clear();
+        self.by_track.clear();
+    }
+
+    /// The landmark of a track.
+    #[must_use]
+    pub fn of_track(&self, track_id: u32) -> Option<usize> {
+        let at = self.by_track.binary_search_by_key(&track_id, |entry| entry.0).ok()?;
+        Some(usize::from(self.by_track[at].1))
+    }
+
+    /// Adds a landmark of a track that has none; refused and counted when there is no room.
+    pub fn insert(&mut self, landmark: Landmark) {
+        if self.landmarks.len() == self.capacity {
+            self.refused += 1;
+            return;
+        }
+        if let Err(at) = self.by_track.binary_search_by_key(&landmark.track_id, |entry| entry.0) {
+            self.by_track.insert(at, (landmark.track_id, self.landmarks.len() as u16));
+            self.landmarks.push(landmark);
+        }
+    }
+
+    /// Keeps the landmarks for which `keep` holds.
+    pub fn retain(&mut self, keep: impl FnMut(&mut Landmark) -> bool) {
+        self.landmarks.retain_mut(keep);
+        self.by_track.clear();
+        self.by_track.extend(self.landmarks.iter().enumerate().map(|(k, l)| (l.track_id, k as u16)));
+        self.by_track.sort_unstable();
+    }
+}

@@ -1,0 +1,386 @@
+//! Linearization: factors at the present states become normal equations, landmarks eliminated.
+//!
+//! Each landmark's 3x3 block is eliminated as soon as its observations are summed (Schur complement),
+//! and kept for the back-substitution of its step. Jacobians of frames in the prior are taken at their
+//! first estimates, residuals always at the present state.
+
+use super::dense::NormalEquations;
+use super::inertial_factor;
+use super::landmark::Landmark;
+use super::reprojection::{BodyPose, InversePoint, View};
+use super::state::{FRAME_DIM, Frame, Mount, POSE_DIM, RIG_DIM, Rig};
+use super::{MAX_FRAMES, Options};
+use nalgebra::{Matrix3, SMatrix, Vector2, Vector3};
+
+/// Most unknowns that one landmark touches: the rig and every pose.
+const MAX_VISUAL: usize = RIG_DIM + POSE_DIM * MAX_FRAMES;
+/// Information that keeps the bearing of a landmark regular, in squared standard deviations of a pixel.
+const LANDMARK_REGULARIZATION: f64 = 1e-6;
+
+/// What the elimination of a landmark leaves for its back-substitution.
+#[derive(Clone, Debug)]
+pub struct Eliminated {
+    inverse: Matrix3<f64>,
+    gradient: Vector3<f64>,
+    by_visual: [[f64; MAX_VISUAL]; 3],
+    /// Whether the landmark took part.
+    pub is_used: bool,
+}
+
+impl Eliminated {
+    const EMPTY: Self = Self {
+        inverse: Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        gradient: Vector3::new(0.0, 0.0, 0.0),
+        by_visual: [[0.0; MAX_VISUAL]; 3],
+        is_used: false,
+    };
+
+    /// The landmark's step, given that of rig and poses (in visual order).
+    #[must_use]
+    pub fn step(&self, visual: &[f64]) -> Vector3<f64> {
+        let mut rhs = self.gradient;
+        for (k, row) in self.by_visual.iter().enumerate() {
+            rhs[k] += row.iter().zip(visual).map(|(w, d)| w * d).sum::<f64>();
+        }
+        -(self.inverse * rhs)
+    }
+}
+
+/// Poses and mountings as matrices, at the present states and at those of the Jacobians.
+#[derive(Clone, Debug)]
+struct Poses {
+    now: Vec<BodyPose>,
+    first: Vec<BodyPose>,
+    mounts: [Mount; 2],
+}
+
+/// Normal equations of a window with all the memory that making them needs.
+#[derive(Clone, Debug)]
+pub struct Linearizer {
+    /// The normal equations of rig and frames.
+    pub equations: NormalEquations,
+    visual: NormalEquations,
+    /// One entry for each landmark, in the order of the store.
+    pub eliminated: Vec<Eliminated>,
+    poses: Poses,
+}
+
+/// What a linearization works on.
+#[derive(Clone, Copy, Debug)]
+pub struct Problem<'a> {
+    /// Calibration.
+    pub rig: &'a Rig,
+    /// Frames in order of time.
+    pub frames: &'a [Frame],
+    /// Landmarks.
+    pub landmarks: &'a [Landmark],
+    /// Options of the window.
+    pub options: &'a Options,
+}
+
+/// Cauchy's kernel: cost and weight of a squared residual (in squared standard deviations).
+#[must_use]
+pub fn cauchy(squared: f64, scale: f64) -> (f64, f64) {
+    let c2 = scale * scale;
+    let ratio = squared / c2;
+    (0.5 * c2 * ratio.ln_1p(), 1.0 / (1.0 + ratio))
+}
+
+impl Linearizer {
+    /// Room for `unknowns` and `landmarks`.
+    #[must_use]
+    pub fn new(unknowns: usize, landmarks: usize, rig: &Rig) -> Self {
+        let body = BodyPose { rot_o_b: Matrix3::identity(), p_o_b: Vector3::zeros() };
+        Self {
+            equations: NormalEquations::new(unknowns),
+            visual: NormalEquations::new(MAX_VISUAL),
+            eliminated: vec![Eliminated::EMPTY; landmarks],
+            poses: Poses {
+                now: vec![body.clone(); MAX_FRAMES],
+                first: vec![body; MAX_FRAMES],
+                mounts: [Mount::of(rig, 0), Mount::of(rig, 1)],
+            },
+        }
+    }
+
+    /// Starts anew with no information about the rig and the frames of `problem`.
+    pub fn begin(&mut self, problem: &Problem<'_>) {
+        let frames = problem.frames.len();
+        self.equations.reset(RIG_DIM + FRAME_DIM * frames);
+        self.visual.reset(RIG_DIM + POSE_DIM * frames);
+        self.refresh_bodies(problem.rig, problem.frames);
+    }
+
+    fn refresh_bodies(&mut self, rig: &Rig, frames: &[Frame]) {
+        self.poses.mounts = [Mount::of(rig, 0), Mount::of(rig, 1)];
+        for (k, frame) in frames.iter().enumerate() {
+            let body = |nav: &super::state::NavState| BodyPose {
+                rot_o_b: nav.rot_o_b.to_rotation_matrix().into_inner(),
+                p_o_b: nav.p_o_b,
+            };
+            self.poses.now[k] = body(&frame.nav);
+            self.poses.first[k] = body(frame.jacobian_state());
+        }
+    }
+
+    /// Adds landmark `index` of the problem and eliminates it, its own block damped; returns its robust
+    /// cost.
+    pub fn add_landmark(&mut self, problem: &Problem<'_>, index: usize, damping: f64) -> f64 {
+        let landmark = &problem.landmarks[index];
+        let entry = &mut self.eliminated[index];
+        entry.is_used = false;
+        if !landmark.is_triangulated {
+            return 0.0;
+        }
+        let dim = RIG_DIM + POSE_DIM * problem.frames.len();
+        for row in &mut entry.by_visual {
+            row[..dim].fill(0.0);
+        }
+        let mut h_ll = Matrix3::identity() * LANDMARK_REGULARIZATION;
+        entry.gradient = Vector3::zeros();
+        let mut cost = 0.0;
+        let mut span = (usize::from(landmark.host), usize::from(landmark.host));
+        for observation in &landmark.observations {
+            let frame = usize::from(observation.frame);
+            let view = self.poses.view(&self.poses.now, landmark, frame, observation.camera);
+            let step_s = problem.rig.time_offset_s - problem.frames[frame].time_offset_s;
+            let Some(r) = view.residual(&landmark.point, &observation.measured, step_s) else { continue };
+            let first = self.poses.view(&self.poses.first, landmark, frame, observation.camera);
+            let Some(j) = first.jacobians(&landmark.point, &observation.measured) else { continue };
+            let (c, weight) = cauchy(r.norm_squared(), problem.options.cauchy_scale);
+            cost += c;
+            span = (span.0.min(frame), span.1.max(frame));
+            let host = usize::from(landmark.host);
+            accumulate(&mut self.visual, entry, &mut h_ll, &j, &r, weight, (host, frame), problem.options);
+        }
+        for k in 0..3 {
+            h_ll[(k, k)] *= 1.0 + damping;
+        }
+        let Some(cholesky) = h_ll.cholesky() else { return cost };
+        entry.inverse = cholesky.inverse();
+        entry.is_used = true;
+        eliminate(&mut self.visual, entry, &cholesky.l(), span);
+        cost
+    }
+
+    /// Adds the inertial factor that leads to frame `index`; returns its cost.
+    pub fn add_motion(&mut self, problem: &Problem<'_>, index: usize) -> f64 {
+        let (from, to) = (&problem.frames[index - 1], &problem.frames[index]);
+        let Some(motion) = &to.motion else { return 0.0 };
+        let Some(information) = inertial_factor::information(motion, &problem.options.imu_noise) else { return 0.0 };
+        let gravity = &problem.options.gravity_o;
+        let r = inertial_factor::residual(motion, &from.nav, &to.nav, gravity);
+        let (by_from, by_to) =
+            inertial_factor::jacobians(motion, from.jacobian_state(), to.jacobian_state(), gravity);
+        let (row, column) = (RIG_DIM + (index - 1) * FRAME_DIM, RIG_DIM + index * FRAME_DIM);
+        let weighted_from = by_from.tr_mul(&information);
+        let weighted_to = by_to.tr_mul(&information);
+        self.equations.add_block(row, row, &(weighted_from * by_from));
+        self.equations.add_block(row, column, &(weighted_from * by_to));
+        self.equations.add_block(column, column, &(weighted_to * by_to));
+        let gradient = self.equations.gradient_mut();
+        let (g_from, g_to) = (weighted_from * r, weighted_to * r);
+        for k in 0..FRAME_DIM {
+            gradient[row + k] += g_from[k];
+            gradient[column + k] += g_to[k];
+        }
+        0.5 * (r.transpose() * information * r)[0]
+    }
+
+    /// Adds the knowledge that the vehicle stands still in frame `index`; returns its cost.
+    pub fn add_standstill(&mut self, problem: &Problem<'_>, index: usize) -> f64 {
+        let frame = &problem.frames[index];
+        if !frame.is_still {
+            return 0.0;
+        }
+        let information = 1.0 / (problem.options.still_sigma_m_s * problem.options.still_sigma_m_s);
+        let at = RIG_DIM + index * FRAME_DIM + 6;
+        for k in 0..3 {
+            self.equations.add(at + k, at + k, information);
+            self.equations.gradient_mut()[at + k] += information * frame.nav.v_o_b[k];
+        }
+        0.5 * information * frame.nav.v_o_b.norm_squared()
+    }
+
+    /// Moves what the landmarks said of rig and poses into the normal equations.
+    pub fn finish(&mut self) {
+        for i in 0..self.visual.dim() {
+            let to = unknown_of_visual(i);
+            for (k, value) in self.visual.row(i).iter().enumerate() {
+                self.equations.add(to, unknown_of_visual(i + k), *value);
+            }
+            self.equations.gradient_mut()[to] += self.visual.gradient()[i];
+        }
+    }
+
+    /// The robust cost of all factors but the prior, without linearizing.
+    #[must_use]
+    pub fn cost(&mut self, problem: &Problem<'_>) -> f64 {
+        self.refresh_bodies(problem.rig, problem.frames);
+        let mut cost = 0.0;
+        for landmark in problem.landmarks.iter().filter(|l| l.is_triangulated) {
+            for observation in &landmark.observations {
+                let r = self.residual(problem, landmark, &landmark.point, observation);
+                if let Some(r) = r {
+                    cost += cauchy(r.norm_squared(), problem.options.cauchy_scale).0;
+                }
+            }
+        }
+        for (index, frame) in problem.frames.iter().enumerate() {
+            if let (Some(motion), true) = (&frame.motion, index > 0) {
+                let from = &problem.frames[index - 1].nav;
+                let r = inertial_factor::residual(motion, from, &frame.nav, &problem.options.gravity_o);
+                if let Some(information) = inertial_factor::information(motion, &problem.options.imu_noise) {
+                    cost += 0.5 * (r.transpose() * information * r)[0];
+                }
+            }
+            if frame.is_still {
+                cost += 0.5 * frame.nav.v_o_b.norm_squared() / problem.options.still_sigma_m_s.powi(2);
+            }
+        }
+        cost
+    }
+
+    /// Sets the image rates of the newest frame's observations from the predicted motion (`rate_b` in
+    /// rad/s): rates differenced from images would carry their noise into the time offset.
+    pub fn predict_rates(&mut self, rig: &Rig, frames: &[Frame], landmarks: &mut [Landmark], rate_b: &Vector3<f64>) {
+        let Some(newest) = frames.len().checked_sub(1) else { return };
+        self.refresh_bodies(rig, frames);
+        let v_b = frames[newest].nav.rot_o_b.inverse() * frames[newest].nav.v_o_b;
+        for landmark in landmarks.iter_mut().filter(|l| l.is_triangulated) {
+            for k in (0..landmark.observations.len()).rev() {
+                let observation = landmark.observations[k];
+                if usize::from(observation.frame) != newest {
+                    break;
+                }
+                let view = self.poses.view(&self.poses.now, landmark, newest, observation.camera);
+                if let Some(rate) = view.image_rate(&landmark.point, rate_b, &v_b) {
+                    landmark.observations[k].measured.xy_rate = rate;
+                }
+            }
+        }
+    }
+
+    /// The residual of one observation at the poses last refreshed, in standard deviations.
+    #[must_use]
+    pub fn residual(
+        &self,
+        problem: &Problem<'_>,
+        landmark: &Landmark,
+        point: &InversePoint,
+        observation: &super::landmark::Observation,
+    ) -> Option<Vector2<f64>> {
+        let frame = usize::from(observation.frame);
+        let step_s = problem.rig.time_offset_s - problem.frames[frame].time_offset_s;
+        let view = self.poses.view(&self.poses.now, landmark, frame, observation.camera);
+        view.residual(point, &observation.measured, step_s)
+    }
+}
+
+impl Poses {
+    fn view<'a>(&'a self, bodies: &'a [BodyPose], landmark: &Landmark, frame: usize, camera: u8) -> View<'a> {
+        View {
+            host: &bodies[usize::from(landmark.host)],
+            host_mount: &self.mounts[usize::from(landmark.host_camera)],
+            target: &bodies[frame],
+            target_mount: &self.mounts[usize::from(camera)],
+        }
+    }
+}
+
+/// Place of a visual unknown (rig, then six of each pose) among all unknowns.
+#[must_use]
+pub fn unknown_of_visual(visual: usize) -> usize {
+    if visual < RIG_DIM {
+        visual
+    } else {
+        let k = visual - RIG_DIM;
+        RIG_DIM + (k / POSE_DIM) * FRAME_DIM + k % POSE_DIM
+    }
+}
+
+/// Sums one observation into the landmark's blocks and the visual equations.
+#[allow(clippy::too_many_arguments)]
+fn accumulate(
+    visual: &mut NormalEquations,
+    entry: &mut Eliminated,
+    h_ll: &mut Matrix3<f64>,
+    j: &super::reprojection::ReprojectionJacobians,
+    r: &Vector2<f64>,
+    weight: f64,
+    (host, target): (usize, usize),
+    options: &Options,
+) {
+    let wr = r * weight;
+    let jl = j.landmark * weight;
+    *h_ll += jl.tr_mul(&j.landmark);
+    entry.gradient += j.landmark.tr_mul(&wr);
+    let rig = j.rig.component_mul(&options.rig_mask);
+    let h_l_rig = jl.tr_mul(&rig);
+    for k in 0..3 {
+        for c in 0..RIG_DIM {
+            entry.by_visual[k][c] += h_l_rig[(k, c)];
+        }
+    }
+    visual.add_block(0, 0, &(rig * weight).tr_mul(&rig));
+    add_gradient(visual, 0, &rig.tr_mul(&wr));
+    // Seen from its host frame, a landmark says nothing about that frame's pose.
+    if host == target {
+        return;
+    }
+    for (frame, jacobian) in [(host, &j.host), (target, &j.target)] {
+        let at = RIG_DIM + POSE_DIM * frame;
+        let h_l = jl.tr_mul(jacobian);
+        for k in 0..3 {
+            for c in 0..POSE_DIM {
+                entry.by_visual[k][at + c] += h_l[(k, c)];
+            }
+        }
+        let weighted = jacobian * weight;
+        visual.add_block(at, at, &weighted.tr_mul(jacobian));
+        visual.add_block(0, at, &rig.tr_mul(&weighted));
+        add_gradient(visual, at, &jacobian.tr_mul(&wr));
+    }
+    let (at_host, at_target) = (RIG_DIM + POSE_DIM * host, RIG_DIM + POSE_DIM * target);
+    visual.add_block(at_host, at_target, &(j.host * weight).tr_mul(&j.target));
+}
+
+fn add_gradient<const N: usize>(visual: &mut NormalEquations, at: usize, g: &SMatrix<f64, N, 1>) {
+    for (to, from) in visual.gradient_mut()[at..].iter_mut().zip(g.iter()) {
+        *to += from;
+    }
+}
+
+/// Schur complement of one landmark: `V -= Y'Y` with `Y = L^-1 W`, over the frames it spans.
+fn eliminate(visual: &mut NormalEquations, entry: &Eliminated, l: &Matrix3<f64>, span: (usize, usize)) {
+    let (start, end) = (RIG_DIM + POSE_DIM * span.0, RIG_DIM + POSE_DIM * (span.1 + 1));
+    let mut y = [[0.0; MAX_VISUAL]; 3];
+    let w = &entry.by_visual;
+    let (i0, i1, i2) = (1.0 / l[(0, 0)], 1.0 / l[(1, 1)], 1.0 / l[(2, 2)]);
+    for range in [0..RIG_DIM, start..end] {
+        for k in range {
+            let y0 = w[0][k] * i0;
+            let y1 = (w[1][k] - l[(1, 0)] * y0) * i1;
+            let y2 = (w[2][k] - l[(2, 0)] * y0 - l[(2, 1)] * y1) * i2;
+            (y[0][k], y[1][k], y[2][k]) = (y0, y1, y2);
+        }
+    }
+    let g = &entry.gradient;
+    let z0 = g[0] * i0;
+    let z1 = (g[1] - l[(1, 0)] * z0) * i1;
+    let z2 = (g[2] - l[(2, 0)] * z0 - l[(2, 1)] * z1) * i2;
+    for i in (0..RIG_DIM).chain(start..end) {
+        let (a, b, c) = (y[0][i], y[1][i], y[2][i]);
+        let row = visual.row_mut(i);
+        for range in [i..RIG_DIM, start.max(i)..end] {
+            if range.start < range.end {
+                let to = &mut row[range.start - i..range.end - i];
+                let (y0, y1, y2) = (&y[0][range.clone()], &y[1][range.clone()], &y[2][range]);
+                for (((h, y0), y1), y2) in to.iter_mut().zip(y0).zip(y1).zip(y2) {
+                    *h -= a * y0 + b * y1 + c * y2;
+                }
+            }
+        }
+        visual.gradient_mut()[i] -= a * z0 + b * z1 + c * z2;
+    }
+}

@@ -1,0 +1,140 @@
+//! What leaves the window becomes part of the prior.
+//!
+//! The landmarks hosted by a frame that leaves are linearized with their observations in keyframes, with
+//! the frame's inertial factor if it is the oldest, and everything that leaves is eliminated (Schur
+//! complement). The frames this touches get their linearization points fixed: first-estimates Jacobians
+//! (Huang et al. 2009; as in basalt and OKVIS), so that yaw and position of the whole stay unobservable.
+//! Observations are used once: those that enter the prior leave the window, and a track that goes on gets
+//! a new landmark in the newest keyframe from observations that the prior has not seen.
+
+use super::Window;
+use super::linearize::Problem;
+use super::state::{FRAME_DIM, RIG_DIM};
+
+/// An unknown with less information than this is dropped instead of eliminated.
+const PIVOT_FLOOR: f64 = 1e-9;
+
+impl Window {
+    /// Removes frame `index` (not the newest), keeping what it says about the others.
+    pub fn remove_frame(&mut self, index: usize) {
+        let newest_keyframe = self.newest_keyframe();
+        let hosts = self.landmarks.all().iter().any(|l| usize::from(l.host) == index && l.is_triangulated);
+        if index == 0 || hosts {
+            self.rehost_and_marginalize(index, newest_keyframe);
+        } else if index < self.prior.frames() {
+            let at = RIG_DIM + index * FRAME_DIM;
+            self.prior.equations.eliminate(at..at + FRAME_DIM, PIVOT_FLOOR);
+        }
+        self.close_gap(index);
+    }
+
+    fn newest_keyframe(&self) -> Option<usize> {
+        self.frames.iter().rposition(|f| f.is_keyframe)
+    }
+
+    /// Linearizes what frame `index` hosts, eliminates the frame, and makes the rest the prior.
+    fn rehost_and_marginalize(&mut self, index: usize, newest_keyframe: Option<usize>) {
+        self.refresh_anchor();
+        self.anchor = None;
+        self.split_observations(index, newest_keyframe);
+        let covered = self.frames_touched(index);
+        let Self { rig, frames, landmarks, prior, linearizer, options, .. } = self;
+        let problem = Problem { rig, frames, landmarks: landmarks.all(), options };
+        linearizer.begin(&problem);
+        let _ = prior.evaluate(rig, frames, Some(&mut linearizer.equations));
+        if index == 0 && frames.len() > 1 {
+            let _ = linearizer.add_motion(&problem, 1);
+            let _ = linearizer.add_standstill(&problem, 0);
+        }
+        for k in 0..problem.landmarks.len() {
+            if usize::from(problem.landmarks[k].host) == index {
+                let _ = linearizer.add_landmark(&problem, k, 0.0);
+            }
+        }
+        linearizer.finish();
+        for frame in &mut frames[..covered] {
+            if !frame.in_prior {
+                frame.in_prior = true;
+                frame.linearization = frame.nav.clone();
+            }
+        }
+        let equations = &mut linearizer.equations;
+        let unused = RIG_DIM + covered * FRAME_DIM..equations.dim();
+        equations.eliminate(unused, f64::INFINITY);
+        prior.replace(equations, rig, frames);
+        let at = RIG_DIM + index * FRAME_DIM;
+        prior.equations.eliminate(at..at + FRAME_DIM, PIVOT_FLOOR);
+    }
+
+    /// Takes from the landmarks of frame `index` the observations that the prior must not see: those
+    /// outside keyframes, and those in the newest keyframe, where a living track is hosted anew.
+    fn split_observations(&mut self, index: usize, newest_keyframe: Option<usize>) {
+        self.rehosted.clear();
+        let frames = &self.frames;
+        for landmark in self.landmarks.all_mut() {
+            if usize::from(landmark.host) != index {
+                continue;
+            }
+            let heir = newest_keyframe.filter(|&k| k > index && landmark.is_triangulated);
+            if let Some(heir) = heir
+                && let Some(moved) = super::triangulate::moved_to(landmark, heir)
+            {
+                self.rehosted.push(moved);
+            }
+            landmark.observations.retain(|o| {
+                let frame = usize::from(o.frame);
+                frames[frame].is_keyframe && Some(frame) != heir
+            });
+        }
+    }
+
+    /// Number of leading frames that the new prior speaks of.
+    fn frames_touched(&self, index: usize) -> usize {
+        let observed = self.landmarks.all().iter().filter(|l| usize::from(l.host) == index && l.is_triangulated);
+        let last = observed.flat_map(|l| l.observations.iter().map(|o| usize::from(o.frame) + 1)).max().unwrap_or(0);
+        let by_motion = if index == 0 { 2 } else { index + 1 };
+        last.max(by_motion).max(self.prior.frames()).min(self.frames.len())
+    }
+
+    /// Takes frame `index` out: joins the motions around it, renumbers, hosts surviving tracks anew.
+    fn close_gap(&mut self, index: usize) {
+        let removed = self.frames.remove(index);
+        if let Some(anchor) = &mut self.anchor
+            && anchor.frame > index
+        {
+            anchor.frame -= 1;
+        }
+        if let Some(next) = self.frames.get_mut(index) {
+            next.motion = match (removed.motion, next.motion.take()) {
+                (Some(a), Some(b)) => Some(a.followed_by(&b)),
+                _ => None,
+            };
+        }
+        let gone = index as u8;
+        self.landmarks.retain(|l| l.host != gone);
+        for landmark in self.landmarks.all_mut() {
+            landmark.observations.retain(|o| o.frame != gone);
+            renumber(landmark, gone);
+        }
+        while let Some(mut landmark) = self.rehosted.pop() {
+            renumber(&mut landmark, gone);
+            self.landmarks.insert(landmark);
+        }
+        if index == 0
+            && let Some(first) = self.frames.first_mut()
+        {
+            first.motion = None;
+        }
+    }
+}
+
+fn renumber(landmark: &mut super::landmark::Landmark, gone: u8) {
+    if landmark.host > gone {
+        landmark.host -= 1;
+    }
+    for observation in &mut landmark.observations {
+        if observation.frame > gone {
+            observation.frame -= 1;
+        }
+    }
+}

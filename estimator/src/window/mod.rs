@@ -1,0 +1,337 @@
+//! The sliding window: keyframes and recent frames, landmarks, and the prior of what has left.
+//!
+//! States are a full navigation state for every frame (position, attitude, velocity, biases), the rig's
+//! calibration and time offset, and point landmarks as bearing and inverse depth in a host keyframe. The
+//! cost is that of the paper's equation 13: prior, preintegrated IMU between consecutive frames, and
+//! robust reprojection terms.
+//!
+//! - [`state`], [`landmark`]: what is estimated
+//! - [`reprojection`], [`inertial_factor`], [`prior`]: the terms
+//! - [`linearize`], [`dense`], [`solve`]: normal equations and their solution
+//! - [`triangulate`], [`keyframes`], [`marginalize`]: what enters and what leaves
+
+pub mod dense;
+pub mod inertial_factor;
+pub mod keyframes;
+pub mod landmark;
+pub mod linearize;
+pub mod marginalize;
+pub mod prior;
+pub mod reprojection;
+pub mod solve;
+pub mod state;
+pub mod triangulate;
+
+use crate::inertial::{ImuNoise, Preintegration};
+use landmark::{Landmark, LandmarkStore, Observation};
+use linearize::{Linearizer, Problem};
+use crate::geometry::yaw_of;
+use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
+use plumbline_config::{Config, Timestamp};
+use prior::{AnchorSigmas, Prior};
+use reprojection::{InversePoint, PointMeasurement};
+use state::{FRAME_DIM, Frame, NavState, RIG_DIM, Rig};
+
+/// Most frames in the window, whatever the configuration says.
+pub const MAX_FRAMES: usize = 16;
+
+/// An observation this far from its landmark is an outlier, in standard deviations.
+const OUTLIER_SIGMAS: f64 = 6.0;
+
+/// The window's options in the units of its computations.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Keyframes held.
+    pub keyframes: usize,
+    /// Newest frames held beside the keyframes.
+    pub recent_frames: usize,
+    /// Solver steps a frame.
+    pub max_iterations: usize,
+    /// Smallest share of tracks linked to the window without a new keyframe.
+    pub min_connected_ratio: f64,
+    /// Longest time without a new keyframe, s.
+    pub max_keyframe_interval_s: f64,
+    /// Scale of the Cauchy kernel, in standard deviations.
+    pub cauchy_scale: f64,
+    /// Range of inverse depth for new landmarks, 1/m.
+    pub min_rho: f64,
+    /// See `min_rho`.
+    pub max_rho: f64,
+    /// A landmark is triangulated when its parallax exceeds this many standard deviations ...
+    pub min_parallax_sigmas: f64,
+    /// ... or its inverse depth is known this well, 1/m.
+    pub max_sigma_rho: f64,
+    /// Gravity in the odometry frame, m/s².
+    pub gravity_o: Vector3<f64>,
+    /// Noise of the IMU.
+    pub imu_noise: ImuNoise,
+    /// Standard deviation of the velocity while standing still, m/s.
+    pub still_sigma_m_s: f64,
+    /// Prior standard deviations of the rig.
+    pub rig_sigmas: SVector<f64, RIG_DIM>,
+    /// 1 for the rig's parameters that are refined, 0 for those held fixed.
+    pub rig_mask: SMatrix<f64, 2, RIG_DIM>,
+}
+
+impl Options {
+    /// The options that a configuration asks for.
+    #[must_use]
+    pub fn of(config: &Config) -> Self {
+        let window = &config.estimator.window;
+        let rig_sigmas = Rig::sigmas(&config.rig, config.camera.len());
+        Self {
+            keyframes: window.keyframes,
+            recent_frames: window.recent_frames,
+            max_iterations: window.max_iterations,
+            min_connected_ratio: window.min_connected_ratio,
+            max_keyframe_interval_s: window.max_keyframe_interval_s,
+            cauchy_scale: window.cauchy_scale,
+            min_rho: 1.0 / window.max_depth_m,
+            max_rho: 1.0 / window.min_depth_m,
+            min_parallax_sigmas: 6.0,
+            max_sigma_rho: 0.02,
+            gravity_o: Vector3::new(0.0, 0.0, -config.imu.gravity_m_s2),
+            imu_noise: ImuNoise::of(&config.imu),
+            still_sigma_m_s: 0.01,
+            rig_sigmas,
+            rig_mask: SMatrix::from_fn(|_, k| if rig_sigmas[k] > 0.0 { 1.0 } else { 0.0 }),
+        }
+    }
+}
+
+/// The sliding window and all the memory it ever needs.
+#[derive(Clone, Debug)]
+pub struct Window {
+    /// Calibration.
+    pub rig: Rig,
+    /// Frames in order of time.
+    pub frames: Vec<Frame>,
+    /// Landmarks.
+    pub landmarks: LandmarkStore,
+    /// What has left the window.
+    pub prior: Prior,
+    /// Options.
+    pub options: Options,
+    anchor: Option<Anchor>,
+    linearizer: Linearizer,
+    factor: dense::Factor,
+    backup: solve::Backup,
+    solution: Vec<f64>,
+    visual_step: Vec<f64>,
+    rehosted: Vec<Landmark>,
+    outliers: Vec<u32>,
+}
+
+/// The frame that defines the odometry frame.
+#[derive(Clone, Debug)]
+struct Anchor {
+    frame: usize,
+    biases: (Vector3<f64>, Vector3<f64>),
+    sigmas: AnchorSigmas,
+}
+
+/// A track seen in the newest frame, ready for the window.
+#[derive(Clone, Copy, Debug)]
+pub struct TrackMeasurement {
+    /// The track.
+    pub track_id: u32,
+    /// What each camera saw.
+    pub measured: [Option<PointMeasurement>; 2],
+}
+
+impl Window {
+    /// An empty window with everything allocated.
+    #[must_use]
+    pub fn new(config: &Config) -> Self {
+        let options = Options::of(config);
+        let rig = Rig::of(config);
+        let unknowns = RIG_DIM + FRAME_DIM * MAX_FRAMES;
+        let landmarks = config.estimator.window.max_landmarks;
+        Self {
+            frames: Vec::with_capacity(MAX_FRAMES),
+            landmarks: LandmarkStore::new(landmarks),
+            prior: Prior::new(unknowns, &rig),
+            anchor: None,
+            linearizer: Linearizer::new(unknowns, landmarks, &rig),
+            factor: dense::Factor::new(unknowns),
+            backup: solve::Backup::new(landmarks, &rig),
+            solution: vec![0.0; unknowns],
+            visual_step: vec![0.0; unknowns],
+            rehosted: Vec::with_capacity(landmarks),
+            outliers: Vec::with_capacity(landmarks),
+            options,
+            rig,
+        }
+    }
+
+    /// Forgets frames, landmarks and prior; the rig's refined calibration stays, as uncertain as it was
+    /// configured.
+    pub fn clear(&mut self) {
+        self.frames.clear();
+        self.landmarks.clear();
+        self.anchor = None;
+        self.prior.start(&self.rig, &self.options.rig_sigmas);
+    }
+
+    /// Makes the newest frame the origin of what is known: the prior is that of the rig, and that this
+    /// frame is where it is now. Until something is marginalized the origin is linearized anew for every
+    /// solution, so that errors of the start leave no trace.
+    pub fn anchor_newest(&mut self, biases: &(Vector3<f64>, Vector3<f64>), sigmas: &AnchorSigmas) {
+        self.anchor = Some(Anchor { frame: self.frames.len() - 1, biases: *biases, sigmas: *sigmas });
+        self.refresh_anchor();
+    }
+
+    /// Linearizes the origin anew, as long as it is all that the prior holds.
+    fn refresh_anchor(&mut self) {
+        let Some(anchor) = &self.anchor else { return };
+        let configured = self.prior.rig.clone();
+        self.prior.start(&configured, &self.options.rig_sigmas);
+        self.prior.anchor(anchor.frame, &self.frames[anchor.frame].nav, &anchor.biases, &anchor.sigmas);
+        for frame in &mut self.frames[..=anchor.frame] {
+            frame.linearization = frame.nav.clone();
+        }
+    }
+
+    /// Turns and moves everything so that the newest frame comes to `p_o_b` and heading `yaw_rad`.
+    pub fn move_newest_to(&mut self, p_o_b: &Vector3<f64>, yaw_rad: f64) {
+        let Some(newest) = self.frames.last() else { return };
+        let turn_rad = yaw_rad - yaw_of(&newest.nav.rot_o_b);
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), turn_rad);
+        let pivot = newest.nav.p_o_b;
+        for frame in &mut self.frames {
+            frame.nav.p_o_b = turn * (frame.nav.p_o_b - pivot) + p_o_b;
+            frame.nav.rot_o_b = turn * frame.nav.rot_o_b;
+            frame.nav.v_o_b = turn * frame.nav.v_o_b;
+        }
+    }
+
+    /// Appends a frame.
+    pub fn push_frame(&mut self, stamp: Timestamp, nav: NavState, motion: Option<Preintegration>, is_still: bool) {
+        debug_assert!(self.frames.len() < MAX_FRAMES);
+        self.frames.push(Frame {
+            stamp,
+            time_offset_s: self.rig.time_offset_s,
+            linearization: nav.clone(),
+            nav,
+            in_prior: false,
+            is_keyframe: false,
+            is_still,
+            motion,
+        });
+    }
+
+    /// Hands the newest frame its measurements; returns how many belong to landmarks.
+    pub fn observe(&mut self, tracks: &[TrackMeasurement]) -> usize {
+        let newest = (self.frames.len() - 1) as u8;
+        let mut connected = 0;
+        for track in tracks {
+            if let Some(index) = self.landmarks.of_track(track.track_id) {
+                connected += 1;
+                add_observations(&mut self.landmarks.all_mut()[index], newest, track);
+            }
+        }
+        connected
+    }
+
+    /// Makes the newest frame a keyframe: it hosts every track that no landmark stands for.
+    pub fn make_keyframe(&mut self, tracks: &[TrackMeasurement]) {
+        let newest = self.frames.len() - 1;
+        self.frames[newest].is_keyframe = true;
+        self.host_tracks(newest, tracks);
+    }
+
+    /// New landmarks, hosted by `frame`, for those of its `tracks` that have none.
+    pub fn host_tracks(&mut self, frame: usize, tracks: &[TrackMeasurement]) {
+        for track in tracks {
+            let Some(host_camera) = (0..2u8).find(|&c| track.measured[usize::from(c)].is_some()) else { continue };
+            if self.landmarks.of_track(track.track_id).is_some() {
+                continue;
+            }
+            let Some(seen) = track.measured[usize::from(host_camera)] else { continue };
+            let mut landmark = Landmark {
+                track_id: track.track_id,
+                host: frame as u8,
+                host_camera,
+                is_triangulated: false,
+                point: InversePoint { xy: seen.xy, rho: self.options.min_rho },
+                observations: heapless::Vec::new(),
+            };
+            add_observations(&mut landmark, frame as u8, track);
+            self.landmarks.insert(landmark);
+        }
+    }
+
+    /// Sets the image rates of the newest frame's observations from its predicted motion.
+    pub fn predict_rates(&mut self, rate_b: &Vector3<f64>) {
+        let Self { rig, frames, landmarks, linearizer, .. } = self;
+        linearizer.predict_rates(rig, frames, landmarks.all_mut(), rate_b);
+    }
+
+    /// Triangulates the landmarks that wait for it; forgets those that contradict themselves, unless the
+    /// poses are only guessed (`is_start`).
+    pub fn triangulate(&mut self, is_start: bool) {
+        let Self { landmarks, frames, rig, options, outliers, .. } = self;
+        landmarks.retain(|landmark| {
+            if landmark.is_triangulated {
+                return true;
+            }
+            let result = triangulate::triangulate(landmark, frames, rig, options, is_start);
+            if result == triangulate::Triangulation::Contradiction {
+                outliers.push(landmark.track_id);
+            }
+            result != triangulate::Triangulation::Contradiction
+        });
+    }
+
+    /// Removes observations that do not fit, and landmarks that are left with less than two views.
+    pub fn remove_outliers(&mut self) {
+        let Self { rig, frames, landmarks, linearizer, options, outliers, .. } = self;
+        let newest = frames.len().saturating_sub(1) as u8;
+        let limit = OUTLIER_SIGMAS * OUTLIER_SIGMAS;
+        landmarks.retain(|landmark| {
+            if !landmark.is_triangulated {
+                return true;
+            }
+            let problem = Problem { rig, frames, landmarks: &[], options };
+            let mut kept = heapless::Vec::new();
+            let mut host_fits = true;
+            for o in &landmark.observations {
+                let r = linearizer.residual(&problem, landmark, &landmark.point, o);
+                if r.is_some_and(|r| r.norm_squared() < limit) {
+                    let _ = kept.push(*o);
+                } else if o.frame == landmark.host && o.camera == landmark.host_camera {
+                    host_fits = false;
+                } else if o.frame == newest {
+                    outliers.push(landmark.track_id);
+                }
+            }
+            landmark.observations = kept;
+            host_fits && landmark.observations.len() >= 2
+        });
+    }
+
+    /// Tracks whose newest observation did not fit, since [`Self::clear_outliers`].
+    #[must_use]
+    pub fn outliers(&self) -> &[u32] {
+        &self.outliers
+    }
+
+    /// Forgets which tracks were outliers.
+    pub fn clear_outliers(&mut self) {
+        self.outliers.clear();
+    }
+
+    /// Landmarks that have a depth.
+    #[must_use]
+    pub fn triangulated(&self) -> usize {
+        self.landmarks.all().iter().filter(|l| l.is_triangulated).count()
+    }
+}
+
+fn add_observations(landmark: &mut Landmark, frame: u8, track: &TrackMeasurement) {
+    for camera in 0..2u8 {
+        if let Some(measured) = track.measured[usize::from(camera)] {
+            let _ = landmark.observations.push(Observation { frame, camera, measured });
+        }
+    }
+}

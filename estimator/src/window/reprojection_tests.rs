@@ -1,0 +1,115 @@
+use super::super::state::{NavState, Rig};
+use super::*;
+use crate::geometry::exp_so3;
+use nalgebra::{Isometry3, SVector, Translation3};
+use proptest::prelude::*;
+
+fn vector(scale: f64) -> impl Strategy<Value = Vector3<f64>> {
+    prop::array::uniform3(-1.0..1.0f64).prop_map(move |v| Vector3::from(v) * scale)
+}
+
+fn isometry(p_scale: f64, angle: f64) -> impl Strategy<Value = Isometry3<f64>> {
+    (vector(p_scale), vector(angle))
+        .prop_map(|(p, phi)| Isometry3::from_parts(Translation3::from(p), exp_so3(&phi)))
+}
+
+#[derive(Clone, Debug)]
+struct Scene {
+    rig: Rig,
+    host: NavState,
+    target: NavState,
+    cameras: (usize, usize),
+    point: InversePoint,
+    measured: PointMeasurement,
+    offset: f64,
+}
+
+impl Scene {
+    fn residual(&self) -> Vector2<f64> {
+        let body = |nav: &NavState| BodyPose {
+            rot_o_b: nav.rot_o_b.to_rotation_matrix().into_inner(),
+            p_o_b: nav.p_o_b,
+        };
+        let mounts = [Mount::of(&self.rig, self.cameras.0), Mount::of(&self.rig, self.cameras.1)];
+        let (host, target) = (body(&self.host), body(&self.target));
+        let view = View { host: &host, host_mount: &mounts[0], target: &target, target_mount: &mounts[1] };
+        view.residual(&self.point, &self.measured, self.rig.time_offset_s - self.offset).unwrap()
+    }
+
+    fn jacobians(&self) -> ReprojectionJacobians {
+        let body = |nav: &NavState| BodyPose {
+            rot_o_b: nav.rot_o_b.to_rotation_matrix().into_inner(),
+            p_o_b: nav.p_o_b,
+        };
+        let mounts = [Mount::of(&self.rig, self.cameras.0), Mount::of(&self.rig, self.cameras.1)];
+        let (host, target) = (body(&self.host), body(&self.target));
+        let view = View { host: &host, host_mount: &mounts[0], target: &target, target_mount: &mounts[1] };
+        view.jacobians(&self.point, &self.measured).unwrap()
+    }
+}
+
+prop_compose! {
+    fn scene()(
+        pose_b_c0 in isometry(0.1, 2.0),
+        pose_c0_c1 in isometry(0.15, 0.1),
+        host in isometry(3.0, 2.0),
+        step in isometry(0.5, 0.2),
+        cameras in (0usize..2, 0usize..2),
+        xy in prop::array::uniform2(-0.6..0.6f64),
+        rho in 0.0..0.8f64,
+        rate in prop::array::uniform2(-1.0..1.0f64),
+        offset in -0.01..0.01f64,
+    ) -> Scene {
+        let nav = |pose: Isometry3<f64>| NavState { p_o_b: pose.translation.vector, rot_o_b: pose.rotation, ..NavState::default() };
+        Scene {
+            rig: Rig { pose_b_c0, pose_c0_c1, time_offset_s: 0.003 },
+            host: nav(host),
+            target: nav(host * step),
+            cameras,
+            point: InversePoint { xy: Vector2::from(xy), rho },
+            measured: PointMeasurement {
+                xy: Vector2::new(0.1, -0.1),
+                xy_rate: Vector2::from(rate),
+                weight: Matrix2::new(900.0, 20.0, 30.0, 1000.0),
+            },
+            offset,
+        }
+    }
+}
+
+/// Central difference of the residual under the perturbation that `perturb` applies.
+fn numeric(scene: &Scene, perturb: impl Fn(&mut Scene, f64)) -> Vector2<f64> {
+    let h = 1e-6;
+    let (mut plus, mut minus) = (scene.clone(), scene.clone());
+    perturb(&mut plus, h);
+    perturb(&mut minus, -h);
+    (plus.residual() - minus.residual()) / (2.0 * h)
+}
+
+proptest! {
+    #[test]
+    fn jacobians_agree_with_numeric_differentiation(scene in scene()) {
+        let j = scene.jacobians();
+        let tolerance = 1e-2;
+        for k in 0..6 {
+            let mut d = SVector::<f64, 15>::zeros();
+            d[k] = 1.0;
+            let by_host = numeric(&scene, |s, h| s.host = s.host.plus(&(d * h)));
+            let by_target = numeric(&scene, |s, h| s.target = s.target.plus(&(d * h)));
+            prop_assert!((by_host - j.host.column(k)).norm() < tolerance, "host {k}");
+            prop_assert!((by_target - j.target.column(k)).norm() < tolerance, "target {k}");
+        }
+        for k in 0..13 {
+            let mut d = SVector::<f64, 13>::zeros();
+            d[k] = 1.0;
+            let by_rig = numeric(&scene, |s, h| s.rig = s.rig.plus(&(d * h)));
+            prop_assert!((by_rig - j.rig.column(k)).norm() < tolerance, "rig {k}");
+        }
+        let by_x = numeric(&scene, |s, h| s.point.xy.x += h);
+        let by_y = numeric(&scene, |s, h| s.point.xy.y += h);
+        let by_rho = numeric(&scene, |s, h| s.point.rho += h);
+        prop_assert!((by_x - j.landmark.column(0)).norm() < tolerance);
+        prop_assert!((by_y - j.landmark.column(1)).norm() < tolerance);
+        prop_assert!((by_rho - j.landmark.column(2)).norm() < tolerance);
+    }
+}

@@ -1,0 +1,189 @@
+//! The solver: damped Gauss-Newton over rig, frames and landmarks, a bounded number of steps.
+
+use super::linearize::{Eliminated, Problem, unknown_of_visual};
+use super::state::{FRAME_DIM, NavState, POSE_DIM, RIG_DIM, Rig};
+use super::{MAX_FRAMES, Window};
+use crate::estimate::NavCovariance;
+use nalgebra::SVector;
+
+/// A step that lowers the cost by less than this (in squared standard deviations) ends the iteration: it
+/// is far below what noise adds to the cost of a single observation.
+const SMALL_DECREASE: f64 = 0.02;
+/// Damping after a rejected step, its growth by further ones and its decay by accepted ones.
+const FIRST_DAMPING: f64 = 1e-3;
+const DAMPING_GROWTH: f64 = 30.0;
+const DAMPING_DECAY: f64 = 0.1;
+/// Landmarks stay within this inverse depth, 1/m.
+const MAX_INVERSE_DEPTH: f64 = 10.0;
+/// A little behind infinity is noise of a far point.
+const MIN_INVERSE_DEPTH: f64 = -0.02;
+
+/// How a solution went.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Outcome {
+    /// Steps taken.
+    pub iterations: u32,
+    /// Robust cost at the end, in squared standard deviations.
+    pub cost: f64,
+    /// The normal equations could not be factored.
+    pub is_not_positive_definite: bool,
+}
+
+/// States to return to when a step is rejected.
+#[derive(Clone, Debug)]
+pub struct Backup {
+    rig: Rig,
+    frames: Vec<NavState>,
+    points: Vec<super::reprojection::InversePoint>,
+}
+
+impl Backup {
+    /// Room for `landmarks`.
+    #[must_use]
+    pub fn new(landmarks: usize, rig: &Rig) -> Self {
+        Self { rig: rig.clone(), frames: Vec::with_capacity(MAX_FRAMES), points: Vec::with_capacity(landmarks) }
+    }
+}
+
+impl Window {
+    /// Improves all states by at most `max_iterations` steps.
+    pub fn optimize(&mut self, max_iterations: usize) -> Outcome {
+        self.refresh_anchor();
+        let mut outcome = Outcome::default();
+        let mut damping = 0.0;
+        let mut best_cost = f64::INFINITY;
+        for _ in 0..max_iterations {
+            let cost = self.linearize(damping);
+            if cost > best_cost || !cost.is_finite() {
+                self.restore();
+                damping = if damping == 0.0 { FIRST_DAMPING } else { damping * DAMPING_GROWTH };
+                let _ = self.linearize(damping);
+            } else {
+                best_cost = cost;
+                damping *= DAMPING_DECAY;
+                self.save();
+            }
+            outcome.iterations += 1;
+            let Some(decrease) = self.step(damping) else {
+                outcome.is_not_positive_definite = true;
+                damping = if damping == 0.0 { FIRST_DAMPING } else { damping * DAMPING_GROWTH };
+                continue;
+            };
+            if decrease < SMALL_DECREASE {
+                break;
+            }
+        }
+        let last = self.cost();
+        if last <= best_cost {
+            outcome.cost = last;
+        } else {
+            self.restore();
+            outcome.cost = self.cost();
+        }
+        if damping > 0.0 {
+            // The covariance is that of the undamped equations.
+            let _ = self.linearize(0.0);
+            outcome.is_not_positive_definite |= !self.factor.compute(&self.linearizer.equations, 0.0);
+        }
+        outcome
+    }
+
+    /// Normal equations at the present states, landmarks damped; returns the cost.
+    fn linearize(&mut self, damping: f64) -> f64 {
+        let Self { rig, frames, landmarks, prior, linearizer, options, .. } = self;
+        let problem = Problem { rig, frames, landmarks: landmarks.all(), options };
+        linearizer.begin(&problem);
+        let mut cost = prior.evaluate(rig, frames, Some(&mut linearizer.equations));
+        for index in 0..frames.len() {
+            if index > 0 {
+                cost += linearizer.add_motion(&problem, index);
+            }
+            cost += linearizer.add_standstill(&problem, index);
+        }
+        for index in 0..problem.landmarks.len() {
+            cost += linearizer.add_landmark(&problem, index, damping);
+        }
+        linearizer.finish();
+        cost
+    }
+
+    /// The cost at the present states.
+    fn cost(&mut self) -> f64 {
+        let Self { rig, frames, landmarks, prior, linearizer, options, .. } = self;
+        let problem = Problem { rig, frames, landmarks: landmarks.all(), options };
+        prior.evaluate(rig, frames, None) + linearizer.cost(&problem)
+    }
+
+    /// Solves and applies one step; the decrease of the cost that it predicts, or `None` when the
+    /// equations cannot be solved.
+    fn step(&mut self, damping: f64) -> Option<f64> {
+        if !self.factor.compute(&self.linearizer.equations, damping) {
+            return None;
+        }
+        let gradient = self.linearizer.equations.gradient();
+        let dim = gradient.len();
+        for (x, g) in self.solution.iter_mut().zip(gradient) {
+            *x = -g;
+        }
+        self.factor.solve(&mut self.solution[..dim]);
+        let decrease = -0.5 * gradient.iter().zip(&self.solution).map(|(g, x)| g * x).sum::<f64>();
+
+        self.rig = self.rig.plus(&SVector::from_column_slice(&self.solution[..RIG_DIM]));
+        for (k, frame) in self.frames.iter_mut().enumerate() {
+            let at = RIG_DIM + k * FRAME_DIM;
+            frame.nav = frame.nav.plus(&SVector::from_column_slice(&self.solution[at..at + FRAME_DIM]));
+        }
+        let visual = RIG_DIM + POSE_DIM * self.frames.len();
+        for k in 0..visual {
+            self.visual_step[k] = self.solution[unknown_of_visual(k)];
+        }
+        let steps = self.linearizer.eliminated.iter().map(|e: &Eliminated| (e.is_used, e));
+        for (landmark, (is_used, eliminated)) in self.landmarks.all_mut().iter_mut().zip(steps) {
+            if is_used {
+                let d = eliminated.step(&self.visual_step[..visual]);
+                landmark.point.xy += d.xy();
+                landmark.point.rho = (landmark.point.rho + d.z).clamp(MIN_INVERSE_DEPTH, MAX_INVERSE_DEPTH);
+            }
+        }
+        Some(decrease)
+    }
+
+    fn save(&mut self) {
+        self.backup.rig.clone_from(&self.rig);
+        self.backup.frames.clear();
+        self.backup.frames.extend(self.frames.iter().map(|f| f.nav.clone()));
+        self.backup.points.clear();
+        self.backup.points.extend(self.landmarks.all().iter().map(|l| l.point));
+    }
+
+    fn restore(&mut self) {
+        self.rig.clone_from(&self.backup.rig);
+        for (frame, nav) in self.frames.iter_mut().zip(&self.backup.frames) {
+            frame.nav.clone_from(nav);
+        }
+        for (landmark, point) in self.landmarks.all_mut().iter_mut().zip(&self.backup.points) {
+            landmark.point = *point;
+        }
+    }
+
+    /// Covariance of position, attitude and velocity of the newest frame, and variance of the time
+    /// offset, by the last factorization; `None` before the first.
+    #[must_use]
+    pub fn newest_covariance(&mut self) -> Option<(NavCovariance, f64)> {
+        let newest = self.frames.len().checked_sub(1)?;
+        let base = RIG_DIM + newest * FRAME_DIM;
+        let dim = base + FRAME_DIM;
+        let mut covariance = NavCovariance::zeros();
+        for column in 0..9 {
+            self.solution[..dim].fill(0.0);
+            self.solution[base + column] = 1.0;
+            self.factor.solve(&mut self.solution[..dim]);
+            covariance.set_column(column, &SVector::<f64, 9>::from_column_slice(&self.solution[base..base + 9]));
+        }
+        self.solution[..dim].fill(0.0);
+        self.solution[RIG_DIM - 1] = 1.0;
+        self.factor.solve(&mut self.solution[..dim]);
+        let symmetric = (covariance + covariance.transpose()) * 0.5;
+        symmetric.iter().all(|x| x.is_finite()).then_some((symmetric, self.solution[RIG_DIM - 1]))
+    }
+}

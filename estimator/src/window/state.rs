@@ -1,0 +1,220 @@
+//! What the window estimates: the navigation state of each frame, and the calibration of the rig.
+//!
+//! Order of the error state of a frame: position (0..3), attitude (3..6, `R Exp(dtheta)`), velocity
+//! (6..9), gyroscope bias (9..12), accelerometer bias (12..15).
+
+use crate::geometry::{exp_so3, log_so3};
+use crate::inertial::Preintegration;
+use nalgebra::{Isometry3, Matrix3, SVector, Translation3, UnitQuaternion, Vector3};
+use plumbline_config::Timestamp;
+use plumbline_config::options::{Config, RigConfig};
+
+/// Dimension of a frame's error state.
+pub const FRAME_DIM: usize = 15;
+/// Dimension of the pose within it.
+pub const POSE_DIM: usize = 6;
+/// Dimension of the rig's error state: left camera against body (position, attitude), right camera
+/// against left (position, attitude), time offset.
+pub const RIG_DIM: usize = 13;
+
+/// Position, attitude, velocity and biases of the body at one time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NavState {
+    /// Position of `B` in `O`, m.
+    pub p_o_b: Vector3<f64>,
+    /// Attitude: takes coordinates from `B` to `O`.
+    pub rot_o_b: UnitQuaternion<f64>,
+    /// Velocity of `B` in `O`, m/s.
+    pub v_o_b: Vector3<f64>,
+    /// Gyroscope bias, rad/s.
+    pub bias_gyro: Vector3<f64>,
+    /// Accelerometer bias, m/s².
+    pub bias_accel: Vector3<f64>,
+}
+
+impl Default for NavState {
+    fn default() -> Self {
+        let zero = Vector3::zeros();
+        Self { p_o_b: zero, rot_o_b: UnitQuaternion::identity(), v_o_b: zero, bias_gyro: zero, bias_accel: zero }
+    }
+}
+
+impl NavState {
+    /// The state with the error-state step `d` applied.
+    #[must_use]
+    pub fn plus(&self, d: &SVector<f64, FRAME_DIM>) -> Self {
+        let part = |k: usize| Vector3::new(d[k], d[k + 1], d[k + 2]);
+        Self {
+            p_o_b: self.p_o_b + part(0),
+            rot_o_b: UnitQuaternion::new_normalize((self.rot_o_b * exp_so3(&part(3))).into_inner()),
+            v_o_b: self.v_o_b + part(6),
+            bias_gyro: self.bias_gyro + part(9),
+            bias_accel: self.bias_accel + part(12),
+        }
+    }
+
+    /// The step that leads from `origin` to this state.
+    #[must_use]
+    pub fn minus(&self, origin: &Self) -> SVector<f64, FRAME_DIM> {
+        let mut d = SVector::<f64, FRAME_DIM>::zeros();
+        d.fixed_rows_mut::<3>(0).copy_from(&(self.p_o_b - origin.p_o_b));
+        d.fixed_rows_mut::<3>(3).copy_from(&log_so3(&(origin.rot_o_b.inverse() * self.rot_o_b)));
+        d.fixed_rows_mut::<3>(6).copy_from(&(self.v_o_b - origin.v_o_b));
+        d.fixed_rows_mut::<3>(9).copy_from(&(self.bias_gyro - origin.bias_gyro));
+        d.fixed_rows_mut::<3>(12).copy_from(&(self.bias_accel - origin.bias_accel));
+        d
+    }
+
+    /// The state after the motion `pre`, at this state's biases.
+    #[must_use]
+    pub fn after(&self, pre: &Preintegration, gravity_o: &Vector3<f64>) -> Self {
+        let delta = pre.corrected(&self.bias_gyro, &self.bias_accel);
+        let dt = pre.dt_s;
+        Self {
+            p_o_b: self.p_o_b + self.v_o_b * dt + gravity_o * (0.5 * dt * dt) + self.rot_o_b * delta.p,
+            rot_o_b: UnitQuaternion::new_normalize((self.rot_o_b * delta.rot).into_inner()),
+            v_o_b: self.v_o_b + gravity_o * dt + self.rot_o_b * delta.v,
+            ..self.clone()
+        }
+    }
+
+    /// The pose.
+    #[must_use]
+    pub fn pose_o_b(&self) -> Isometry3<f64> {
+        Isometry3::from_parts(Translation3::from(self.p_o_b), self.rot_o_b)
+    }
+}
+
+/// One frame of the window.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// Time of the state on the IMU's axis.
+    pub stamp: Timestamp,
+    /// The time offset by which `stamp` was made from the image's stamp, s.
+    pub time_offset_s: f64,
+    /// Best estimate.
+    pub nav: NavState,
+    /// Where Jacobians are evaluated once the frame is in the prior (first estimates).
+    pub linearization: NavState,
+    /// Whether the prior speaks of this frame.
+    pub in_prior: bool,
+    /// Whether the frame is kept for its view.
+    pub is_keyframe: bool,
+    /// The vehicle stood still here.
+    pub is_still: bool,
+    /// Motion since the frame before it in the window; `None` for the first.
+    pub motion: Option<Preintegration>,
+}
+
+impl Frame {
+    /// The state at which Jacobians are evaluated.
+    #[must_use]
+    pub fn jacobian_state(&self) -> &NavState {
+        if self.in_prior { &self.linearization } else { &self.nav }
+    }
+}
+
+/// The rig's calibration, refined online within its priors.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rig {
+    /// Pose of the left camera in the body, `T_BC0`.
+    pub pose_b_c0: Isometry3<f64>,
+    /// Pose of the right camera in the left, `T_C0C1`; identity for a single camera.
+    pub pose_c0_c1: Isometry3<f64>,
+    /// `t_imu - t_camera`, s.
+    pub time_offset_s: f64,
+}
+
+impl Rig {
+    /// The rig as configured.
+    #[must_use]
+    pub fn of(config: &Config) -> Self {
+        let pose_b_c0 = config.camera[0].pose_b_c();
+        let pose_c0_c1 =
+            config.camera.get(1).map_or_else(Isometry3::identity, |c| pose_b_c0.inverse() * c.pose_b_c());
+        Self { pose_b_c0, pose_c0_c1, time_offset_s: config.rig.time_offset_s }
+    }
+
+    /// Pose of camera 0 or 1 in the body.
+    #[must_use]
+    pub fn pose_b_c(&self, camera: usize) -> Isometry3<f64> {
+        if camera == 0 { self.pose_b_c0 } else { self.pose_b_c0 * self.pose_c0_c1 }
+    }
+
+    /// The rig with the error-state step `d` applied.
+    #[must_use]
+    pub fn plus(&self, d: &SVector<f64, RIG_DIM>) -> Self {
+        let moved = |pose: &Isometry3<f64>, k: usize| {
+            let p = pose.translation.vector + Vector3::new(d[k], d[k + 1], d[k + 2]);
+            let rot = pose.rotation * exp_so3(&Vector3::new(d[k + 3], d[k + 4], d[k + 5]));
+            Isometry3::from_parts(Translation3::from(p), UnitQuaternion::new_normalize(rot.into_inner()))
+        };
+        Self {
+            pose_b_c0: moved(&self.pose_b_c0, 0),
+            pose_c0_c1: moved(&self.pose_c0_c1, 6),
+            time_offset_s: self.time_offset_s + d[12],
+        }
+    }
+
+    /// The step that leads from `origin` to this rig.
+    #[must_use]
+    pub fn minus(&self, origin: &Self) -> SVector<f64, RIG_DIM> {
+        let mut d = SVector::<f64, RIG_DIM>::zeros();
+        for (k, to, from) in
+            [(0, &self.pose_b_c0, &origin.pose_b_c0), (6, &self.pose_c0_c1, &origin.pose_c0_c1)]
+        {
+            d.fixed_rows_mut::<3>(k).copy_from(&(to.translation.vector - from.translation.vector));
+            d.fixed_rows_mut::<3>(k + 3).copy_from(&log_so3(&(from.rotation.inverse() * to.rotation)));
+        }
+        d[12] = self.time_offset_s - origin.time_offset_s;
+        d
+    }
+
+    /// Standard deviations of the configured calibration, in the order of the error state; 0 is fixed.
+    #[must_use]
+    pub fn sigmas(rig: &RigConfig, cameras: usize) -> SVector<f64, RIG_DIM> {
+        let mut sigmas = SVector::<f64, RIG_DIM>::zeros();
+        sigmas.fixed_rows_mut::<3>(0).fill(rig.camera_imu_translation_sigma_m);
+        sigmas.fixed_rows_mut::<3>(3).fill(rig.camera_imu_rotation_sigma_rad);
+        if cameras > 1 {
+            sigmas.fixed_rows_mut::<3>(6).fill(rig.camera_camera_translation_sigma_m);
+            sigmas.fixed_rows_mut::<3>(9).fill(rig.camera_camera_rotation_sigma_rad);
+        }
+        sigmas[12] = rig.time_offset_sigma_s;
+        sigmas
+    }
+}
+
+/// A camera's mounting with the matrices that factors need.
+#[derive(Clone, Debug)]
+pub struct Mount {
+    /// Rotation from the camera to the body.
+    pub rot_b_c: Matrix3<f64>,
+    /// Position of the camera in the body, m.
+    pub p_b_c: Vector3<f64>,
+    /// Derivative of the mounting (position, attitude) by the rig's error state without time offset.
+    pub by_rig: nalgebra::SMatrix<f64, 6, 12>,
+}
+
+impl Mount {
+    /// The mounting of `camera` in a rig.
+    #[must_use]
+    pub fn of(rig: &Rig, camera: usize) -> Self {
+        let pose = rig.pose_b_c(camera);
+        let identity = Matrix3::identity();
+        let mut by_rig = nalgebra::SMatrix::<f64, 6, 12>::zeros();
+        by_rig.fixed_view_mut::<3, 3>(0, 0).copy_from(&identity);
+        if camera == 0 {
+            by_rig.fixed_view_mut::<3, 3>(3, 3).copy_from(&identity);
+        } else {
+            let rot_b_c0 = rig.pose_b_c0.rotation.to_rotation_matrix().into_inner();
+            let lever = rot_b_c0 * crate::geometry::skew(&rig.pose_c0_c1.translation.vector);
+            let rot_c1_c0 = rig.pose_c0_c1.rotation.inverse().to_rotation_matrix().into_inner();
+            by_rig.fixed_view_mut::<3, 3>(0, 3).copy_from(&-lever);
+            by_rig.fixed_view_mut::<3, 3>(0, 6).copy_from(&rot_b_c0);
+            by_rig.fixed_view_mut::<3, 3>(3, 3).copy_from(&rot_c1_c0);
+            by_rig.fixed_view_mut::<3, 3>(3, 9).copy_from(&identity);
+        }
+        Self { rot_b_c: pose.rotation.to_rotation_matrix().into_inner(), p_b_c: pose.translation.vector, by_rig }
+    }
+}

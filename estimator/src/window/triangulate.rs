@@ -1,0 +1,123 @@
+//! Inverse depth of a landmark from two or more views, and the change of its host.
+
+use super::Options;
+use super::landmark::Landmark;
+use super::reprojection::{BodyPose, InversePoint, View};
+use super::state::{Frame, Mount, Rig};
+use nalgebra::{Matrix3, Vector3};
+
+/// Where a triangulated landmark must be found again in its observations, in standard deviations.
+const MAX_RESIDUAL_SIGMAS: f64 = 8.0;
+
+/// Why a landmark has no depth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Triangulation {
+    /// It has one now.
+    Done,
+    /// The views are too close together; more may come.
+    Waiting,
+    /// Its views contradict each other: it is no point of the scene.
+    Contradiction,
+}
+
+/// Pose of a camera in the odometry frame as a matrix and a vector.
+fn camera_pose(frame: &Frame, mount: &Mount) -> (Matrix3<f64>, Vector3<f64>) {
+    let rot = frame.nav.rot_o_b.to_rotation_matrix().into_inner();
+    (rot * mount.rot_b_c, rot * mount.p_b_c + frame.nav.p_o_b)
+}
+
+/// Finds the inverse depth along the host's bearing by linear least squares over all other views: in
+/// view `k` the landmark lies along `R_k b + rho t_k`, and both components across the measured bearing
+/// vanish. Needs a parallax of `options.min_parallax_sigmas` standard deviations. While poses are only
+/// guessed (`is_start`), views may contradict.
+pub fn triangulate(
+    landmark: &mut Landmark,
+    frames: &[Frame],
+    rig: &Rig,
+    options: &Options,
+    is_start: bool,
+) -> Triangulation {
+    let mounts = [Mount::of(rig, 0), Mount::of(rig, 1)];
+    let host = usize::from(landmark.host);
+    let host_camera = usize::from(landmark.host_camera);
+    let Some(at_host) = landmark.observations.iter().find(|o| o.frame == landmark.host && o.camera == landmark.host_camera)
+    else {
+        return Triangulation::Contradiction;
+    };
+    let xy = at_host.measured.xy;
+    let bearing = Vector3::new(xy.x, xy.y, 1.0);
+    let (rot_host, p_host) = camera_pose(&frames[host], &mounts[host_camera]);
+    let (mut num, mut den) = (0.0, 0.0);
+    for o in &landmark.observations {
+        if o.frame == landmark.host && o.camera == landmark.host_camera {
+            continue;
+        }
+        let (rot, p) = camera_pose(&frames[usize::from(o.frame)], &mounts[usize::from(o.camera)]);
+        let a = rot.tr_mul(&(rot_host * bearing));
+        let t = rot.tr_mul(&(p_host - p));
+        if a.z < 0.1 {
+            continue;
+        }
+        let z = o.measured.xy;
+        let constant = o.measured.weight * (a.xy() - z * a.z) / a.z;
+        let slope = o.measured.weight * (t.xy() - z * t.z) / a.z;
+        num -= constant.dot(&slope);
+        den += slope.norm_squared();
+    }
+    if den <= 0.0 {
+        return Triangulation::Waiting;
+    }
+    let sigma_rho = den.sqrt().recip();
+    let rho = num / den;
+    let is_wide = sigma_rho * options.min_parallax_sigmas < rho || sigma_rho < options.max_sigma_rho;
+    if !is_wide {
+        return Triangulation::Waiting;
+    }
+    if !is_start && (rho > options.max_rho || rho < -3.0 * sigma_rho) {
+        return Triangulation::Contradiction;
+    }
+    landmark.point = InversePoint { xy, rho: rho.clamp(options.min_rho, options.max_rho) };
+    let fits = is_start || consistent(landmark, frames, &mounts, rig.time_offset_s);
+    landmark.is_triangulated = fits;
+    if fits { Triangulation::Done } else { Triangulation::Contradiction }
+}
+
+/// Whether every observation of the landmark agrees with its present point.
+fn consistent(landmark: &Landmark, frames: &[Frame], mounts: &[Mount; 2], time_offset_s: f64) -> bool {
+    let body = |k: u8| {
+        let nav = &frames[usize::from(k)].nav;
+        BodyPose { rot_o_b: nav.rot_o_b.to_rotation_matrix().into_inner(), p_o_b: nav.p_o_b }
+    };
+    let host = body(landmark.host);
+    landmark.observations.iter().all(|o| {
+        let target = body(o.frame);
+        let view = View {
+            host: &host,
+            host_mount: &mounts[usize::from(landmark.host_camera)],
+            target: &target,
+            target_mount: &mounts[usize::from(o.camera)],
+        };
+        let step_s = time_offset_s - frames[usize::from(o.frame)].time_offset_s;
+        view.residual(&landmark.point, &o.measured, step_s).is_some_and(|r| r.norm() < MAX_RESIDUAL_SIGMAS)
+    })
+}
+
+/// The same track hosted by frame `heir`, with its observations from there on; to be triangulated anew.
+/// `None` when the heir has not seen it, or nothing has since.
+#[must_use]
+pub fn moved_to(landmark: &Landmark, heir: usize) -> Option<Landmark> {
+    let heir = u8::try_from(heir).ok()?;
+    let seen = landmark.observations.iter().find(|o| o.frame == heir)?;
+    let mut moved = Landmark {
+        track_id: landmark.track_id,
+        host: heir,
+        host_camera: seen.camera,
+        is_triangulated: false,
+        point: InversePoint { xy: seen.measured.xy, rho: landmark.point.rho },
+        observations: heapless::Vec::new(),
+    };
+    for observation in landmark.observations.iter().filter(|o| o.frame >= heir) {
+        moved.observations.push(*observation).ok()?;
+    }
+    Some(moved)
+}
