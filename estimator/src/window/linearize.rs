@@ -108,10 +108,10 @@ impl Linearizer {
         let frames = problem.frames.len();
         self.equations.reset(RIG_DIM + FRAME_DIM * frames);
         self.visual.reset(RIG_DIM + POSE_DIM * frames);
-        self.refresh_bodies(problem.rig, problem.frames);
+        self.refresh_bodies(problem.rig, problem.frames, problem.options.first_estimates);
     }
 
-    fn refresh_bodies(&mut self, rig: &Rig, frames: &[Frame]) {
+    fn refresh_bodies(&mut self, rig: &Rig, frames: &[Frame], first_estimates: bool) {
         self.poses.mounts = [Mount::of(rig, 0), Mount::of(rig, 1)];
         for (k, frame) in frames.iter().enumerate() {
             let body = |nav: &super::state::NavState| BodyPose {
@@ -119,7 +119,7 @@ impl Linearizer {
                 p_o_b: nav.p_o_b,
             };
             self.poses.now[k] = body(&frame.nav);
-            self.poses.first[k] = body(frame.jacobian_state());
+            self.poses.first[k] = body(frame.jacobian_state(first_estimates));
         }
     }
 
@@ -170,8 +170,9 @@ impl Linearizer {
         let Some(information) = inertial_factor::information(motion, &problem.options.imu_noise) else { return 0.0 };
         let gravity = &problem.options.gravity_o;
         let r = inertial_factor::residual(motion, &from.nav, &to.nav, gravity);
+        let first = problem.options.first_estimates;
         let (by_from, by_to) =
-            inertial_factor::jacobians(motion, from.jacobian_state(), to.jacobian_state(), gravity);
+            inertial_factor::jacobians(motion, from.jacobian_state(first), to.jacobian_state(first), gravity);
         let (row, column) = (RIG_DIM + (index - 1) * FRAME_DIM, RIG_DIM + index * FRAME_DIM);
         let weighted_from = by_from.tr_mul(&information);
         let weighted_to = by_to.tr_mul(&information);
@@ -216,7 +217,7 @@ impl Linearizer {
     /// The robust cost of all factors but the prior, without linearizing.
     #[must_use]
     pub fn cost(&mut self, problem: &Problem<'_>) -> f64 {
-        self.refresh_bodies(problem.rig, problem.frames);
+        self.refresh_bodies(problem.rig, problem.frames, problem.options.first_estimates);
         let mut cost = 0.0;
         for landmark in problem.landmarks.iter().filter(|l| l.is_triangulated) {
             for observation in &landmark.observations {
@@ -245,7 +246,7 @@ impl Linearizer {
     /// rad/s): rates differenced from images would carry their noise into the time offset.
     pub fn predict_rates(&mut self, rig: &Rig, frames: &[Frame], landmarks: &mut [Landmark], rate_b: &Vector3<f64>) {
         let Some(newest) = frames.len().checked_sub(1) else { return };
-        self.refresh_bodies(rig, frames);
+        self.refresh_bodies(rig, frames, false);
         let v_b = frames[newest].nav.rot_o_b.inverse() * frames[newest].nav.v_o_b;
         for landmark in landmarks.iter_mut().filter(|l| l.is_triangulated) {
             for k in (0..landmark.observations.len()).rev() {
@@ -258,6 +259,32 @@ impl Linearizer {
                     landmark.observations[k].measured.xy_rate = rate;
                 }
             }
+        }
+    }
+
+    /// Gives the landmarks of frame `from` that the newest frame still sees their earliest other keyframe as host;
+    /// what frame `from` saw of them is forgotten. A landmark without another view keeps its host.
+    pub fn rehost(
+        &mut self,
+        rig: &Rig,
+        frames: &[Frame],
+        landmarks: &mut [Landmark],
+        from: usize,
+    ) {
+        let newest = frames.len().saturating_sub(1);
+        self.refresh_bodies(rig, frames, false);
+        for landmark in landmarks.iter_mut().filter(|l| usize::from(l.host) == from && l.is_triangulated) {
+            let mut views = landmark.observations.iter().filter(|o| usize::from(o.frame) != from);
+            if !views.clone().any(|o| usize::from(o.frame) == newest) {
+                continue;
+            }
+            let Some(heir) = views.find(|o| frames[usize::from(o.frame)].is_keyframe).copied() else { continue };
+            let view = self.poses.view(&self.poses.now, landmark, usize::from(heir.frame), heir.camera);
+            let Some(point) = view.seen_from_target(&landmark.point) else { continue };
+            landmark.point = point;
+            landmark.host = heir.frame;
+            landmark.host_camera = heir.camera;
+            landmark.observations.retain(|o| usize::from(o.frame) != from);
         }
     }
 

@@ -1,11 +1,15 @@
 //! What leaves the window becomes part of the prior.
 //!
-//! The landmarks hosted by a frame that leaves are linearized with their observations in keyframes, with
-//! the frame's inertial factor if it is the oldest, and everything that leaves is eliminated (Schur
-//! complement). The frames this touches get their linearization points fixed: first-estimates Jacobians
+//! A landmark that is still seen stays: another keyframe hosts it from now on. The others of a frame that
+//! leaves are linearized with their observations in keyframes, with the frame's inertial factor if it is
+//! the oldest, and everything that leaves is eliminated (Schur complement). Observations are used once:
+//! those that enter the prior leave the window.
+//!
+//! With two cameras the frames this touches keep their linearization points: first-estimates Jacobians
 //! (Huang et al. 2009; as in basalt and OKVIS), so that yaw and position of the whole stay unobservable.
-//! Observations are used once: those that enter the prior leave the window, and a track that goes on gets
-//! a new landmark in the newest keyframe from observations that the prior has not seen.
+//! With one camera the scale of the first estimates is still off by percents, and Jacobians there make
+//! the solver stall (measured on the flight clip: ATE 0.11 to 0.57 m with, 0.09 to 0.15 m without, over
+//! ten noise settings); they are taken at the present states.
 
 use super::Window;
 use super::linearize::Problem;
@@ -18,6 +22,7 @@ impl Window {
     /// Removes frame `index` (not the newest), keeping what it says about the others.
     pub fn remove_frame(&mut self, index: usize) {
         let newest_keyframe = self.newest_keyframe();
+        self.pass_on_living(index);
         let hosts = self.landmarks.all().iter().any(|l| usize::from(l.host) == index && l.is_triangulated);
         if index == 0 || hosts {
             self.rehost_and_marginalize(index, newest_keyframe);
@@ -26,6 +31,12 @@ impl Window {
             self.prior.equations.eliminate(at..at + FRAME_DIM, PIVOT_FLOOR);
         }
         self.close_gap(index);
+    }
+
+    /// Landmarks of frame `index` that are still seen get another host among the frames that remain.
+    fn pass_on_living(&mut self, index: usize) {
+        let Self { rig, frames, landmarks, linearizer, .. } = self;
+        linearizer.rehost(rig, frames, landmarks.all_mut(), index);
     }
 
     fn newest_keyframe(&self) -> Option<usize> {

@@ -101,6 +101,13 @@ impl View<'_> {
         (q.z > MIN_FORWARD).then(|| Vector2::new(q.x / q.z, q.y / q.z))
     }
 
+    /// The landmark as the observer would host it; `None` behind it.
+    #[must_use]
+    pub fn seen_from_target(&self, point: &InversePoint) -> Option<InversePoint> {
+        let q = self.path(point).q_ct;
+        (q.z > MIN_FORWARD).then(|| InversePoint { xy: Vector2::new(q.x / q.z, q.y / q.z), rho: point.rho / q.z })
+    }
+
     /// Rate of the normalized coordinates, 1/s, in an observer with angular rate `rate_b` (rad/s) and
     /// velocity `v_b` (m/s), both in its body frame: `q_ct' = R_bc_t' (-w x q_bt - rho v)`.
     #[must_use]

@@ -107,10 +107,10 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// The state at which Jacobians are evaluated.
+    /// The state at which Jacobians are evaluated, with or without first estimates.
     #[must_use]
-    pub fn jacobian_state(&self) -> &NavState {
-        if self.in_prior { &self.linearization } else { &self.nav }
+    pub fn jacobian_state(&self, first_estimates: bool) -> &NavState {
+        if self.in_prior && first_estimates { &self.linearization } else { &self.nav }
     }
 }
 
