@@ -74,11 +74,13 @@ pub fn rotation_between(from: &Vector3<f64>, to: &Vector3<f64>) -> UnitQuaternio
         .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI))
 }
 
-/// The yaw (rotation about z) of an attitude, rad: the heading of its x axis.
+/// The yaw of an attitude, rad: the twist about z in its split into a swing and a twist. It adds up under
+/// rotations about z from the left, and is singular only upside down, whichever axis of `B` points ahead.
 #[must_use]
 pub fn yaw_of(rot_o_b: &UnitQuaternion<f64>) -> f64 {
-    let x_o = rot_o_b * Vector3::x();
-    x_o.y.atan2(x_o.x)
+    let q = rot_o_b.quaternion();
+    let half = if q.w < 0.0 { (-q.k).atan2(-q.w) } else { q.k.atan2(q.w) };
+    2.0 * half
 }
 
 #[cfg(test)]

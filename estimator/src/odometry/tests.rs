@@ -55,9 +55,8 @@ fn fly(world: &mut World, duration_s: f64, alive: Alive) -> Flight {
             let _ = offset_s;
             flight.first_pose_s.get_or_insert(t - 0.2);
             let from_anchor = anchor.get_or_insert_with(|| {
-                let yaw = crate::geometry::yaw_of(&truth.rotation);
-                let yaw_est = crate::geometry::yaw_of(&estimate.pose_o_b.rotation);
-                let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw_est - yaw);
+                let yaw = crate::geometry::yaw_of(&(estimate.pose_o_b.rotation * truth.rotation.inverse()));
+                let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw);
                 let p = estimate.pose_o_b.translation.vector - turn * truth.translation.vector;
                 nalgebra::Isometry3::from_parts(p.into(), turn)
             });
@@ -80,7 +79,7 @@ fn fly(world: &mut World, duration_s: f64, alive: Alive) -> Flight {
             }
             last_pair = Some((estimate.pose_o_b.translation.vector, expected.translation.vector));
             flight.final_error_m = p_error.norm();
-            flight.yaw_error_rad = crate::geometry::yaw_of(&estimate.pose_o_b.rotation) - crate::geometry::yaw_of(&expected.rotation);
+            flight.yaw_error_rad = crate::geometry::yaw_of(&(estimate.pose_o_b.rotation * expected.rotation.inverse()));
         }
         flight.resets = estimate.reset_counter;
         flight.last = Some(estimate);

@@ -26,7 +26,7 @@ use crate::inertial::{ImuNoise, Preintegration};
 use landmark::{Landmark, LandmarkStore, Observation};
 use linearize::{Linearizer, Problem};
 use crate::geometry::yaw_of;
-use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
+use nalgebra::{SVector, UnitQuaternion, Vector3};
 use plumbline_config::{Config, Timestamp};
 use prior::{AnchorSigmas, Prior};
 use reprojection::{InversePoint, PointMeasurement};
@@ -72,7 +72,7 @@ pub struct Options {
     /// Prior standard deviations of the rig.
     pub rig_sigmas: SVector<f64, RIG_DIM>,
     /// 1 for the rig's parameters that are refined, 0 for those held fixed.
-    pub rig_mask: SMatrix<f64, 2, RIG_DIM>,
+    pub rig_mask: SVector<f64, RIG_DIM>,
 }
 
 impl Options {
@@ -97,7 +97,7 @@ impl Options {
             imu_noise: ImuNoise::of(&config.imu),
             still_sigma_m_s: 0.01,
             rig_sigmas,
-            rig_mask: SMatrix::from_fn(|_, k| if rig_sigmas[k] > 0.0 { 1.0 } else { 0.0 }),
+            rig_mask: rig_sigmas.map(|sigma| if sigma > 0.0 { 1.0 } else { 0.0 }),
         }
     }
 }
