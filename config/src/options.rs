@@ -1,7 +1,8 @@
 //! The configuration as plain typed data: what one TOML file says.
 //!
 //! Units stand in the names; every field is required unless it has a default written here. Loading,
-//! validation and importers are in their own modules; a value of [`Config`] handed to the estimator has
+//! validation and importers are in their own modules. The presets document the same fields for users;
+//! tests hold both together. A value of [`Config`] handed to the estimator has
 //! passed validation.
 
 use crate::CameraModel;
@@ -29,6 +30,21 @@ pub struct Config {
     /// What is published, and to whom.
     #[serde(default)]
     pub network: NetworkConfig,
+}
+
+impl Config {
+    /// These sensors, and the defaults for all else.
+    #[must_use]
+    pub fn with_defaults(camera: Vec<CameraConfig>, imu: ImuConfig) -> Self {
+        Self {
+            camera,
+            imu,
+            rig: RigConfig::default(),
+            estimator: EstimatorConfig::default(),
+            driver: DriverConfig::default(),
+            network: NetworkConfig::default(),
+        }
+    }
 }
 
 /// One camera: calibration and mounting.
@@ -80,6 +96,13 @@ pub fn isometry_from_rows(rows: &[[f64; 4]; 4]) -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::new(rows[0][3], rows[1][3], rows[2][3]), rotation)
 }
 
+/// The row-major 4x4 matrix of a rigid transform: the inverse of [`isometry_from_rows`].
+#[must_use]
+pub fn rows_from_isometry(pose: &Isometry3<f64>) -> [[f64; 4]; 4] {
+    let matrix = pose.to_homogeneous();
+    std::array::from_fn(|i| std::array::from_fn(|j| matrix[(i, j)]))
+}
+
 /// Noise model and limits of the inertial sensor (the IMU frame is the body frame `B`).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -109,6 +132,25 @@ pub struct ImuConfig {
     /// Magnitude of gravity, m/s².
     #[serde(default = "default_gravity")]
     pub gravity_m_s2: f64,
+}
+
+impl ImuConfig {
+    /// A sensor of `(density, bias walk)` of the gyroscope and of the accelerometer, and the default limits.
+    #[must_use]
+    pub fn with_noise(rate_hz: f64, gyro: (f64, f64), accel: (f64, f64)) -> Self {
+        Self {
+            rate_hz,
+            gyro_noise_density: gyro.0,
+            gyro_bias_walk: gyro.1,
+            accel_noise_density: accel.0,
+            accel_bias_walk: accel.1,
+            gyro_range_rad_s: default_gyro_range(),
+            accel_range_m_s2: default_accel_range(),
+            gyro_bias_sigma_rad_s: default_gyro_bias_sigma(),
+            accel_bias_sigma_m_s2: default_accel_bias_sigma(),
+            gravity_m_s2: default_gravity(),
+        }
+    }
 }
 
 fn default_gyro_range() -> f64 {
@@ -201,15 +243,15 @@ pub struct PointsConfig {
 impl Default for PointsConfig {
     fn default() -> Self {
         Self {
-            max_points: 200,
-            cell_px: 42,
+            max_points: 120,
+            cell_px: 52,
             min_corner_score: 12.0,
             pyramid_levels: 4,
             max_iterations: 8,
             max_forward_backward_px: 0.4,
             max_epipolar_px: 2.5,
             border_px: 8,
-            sigma_px: 0.5,
+            sigma_px: 0.4,
         }
     }
 }

@@ -1,8 +1,11 @@
 //! What leaves the window becomes part of the prior.
 //!
-//! A landmark that is still seen stays: another keyframe hosts it from now on. The others of a frame that
-//! leaves are linearized with their observations in keyframes, with the frame's inertial factor if it is
-//! the oldest, and everything that leaves is eliminated (Schur complement). Observations are used once:
+//! The landmarks of a frame that leaves are linearized with their observations in keyframes and with the
+//! frame's inertial factors, and everything that leaves is eliminated (Schur complement). A track that goes
+//! on gets a new landmark in the newest keyframe, from observations that the prior has not seen; the
+//! baseline gives it a depth at once. With one camera it would have to wait for parallax: there a landmark
+//! that is still seen stays, hosted by another keyframe. A frame that neither hosts a landmark nor is in
+//! the prior goes without a trace, and the inertial factors around it are joined. Observations are used once:
 //! those that enter the prior leave the window.
 //!
 //! With two cameras the frames this touches keep their linearization points: first-estimates Jacobians
@@ -22,13 +25,12 @@ impl Window {
     /// Removes frame `index` (not the newest), keeping what it says about the others.
     pub fn remove_frame(&mut self, index: usize) {
         let newest_keyframe = self.newest_keyframe();
-        self.pass_on_living(index);
+        if self.options.cameras == 1 {
+            self.pass_on_living(index);
+        }
         let hosts = self.landmarks.all().iter().any(|l| usize::from(l.host) == index && l.is_triangulated);
-        if index == 0 || hosts {
+        if index < self.prior.frames() || hosts {
             self.rehost_and_marginalize(index, newest_keyframe);
-        } else if index < self.prior.frames() {
-            let at = RIG_DIM + index * FRAME_DIM;
-            self.prior.equations.eliminate(at..at + FRAME_DIM, PIVOT_FLOOR);
         }
         self.close_gap(index);
     }
@@ -53,9 +55,10 @@ impl Window {
         let problem = Problem { rig, frames, landmarks: landmarks.all(), options };
         linearizer.begin(&problem);
         let _ = prior.evaluate(rig, frames, Some(&mut linearizer.equations));
-        if index == 0 && frames.len() > 1 {
-            let _ = linearizer.add_motion(&problem, 1);
-            let _ = linearizer.add_standstill(&problem, 0);
+        // Without its inertial factors, what the prior knows of this frame would be lost to the others.
+        let _ = linearizer.add_standstill(&problem, index);
+        for k in index.max(1)..(index + 2).min(frames.len()) {
+            let _ = linearizer.add_motion(&problem, k);
         }
         for k in 0..problem.landmarks.len() {
             if usize::from(problem.landmarks[k].host) == index {
@@ -75,6 +78,10 @@ impl Window {
         prior.replace(equations, rig, frames);
         let at = RIG_DIM + index * FRAME_DIM;
         prior.equations.eliminate(at..at + FRAME_DIM, PIVOT_FLOOR);
+        frames[index].motion = None;
+        if let Some(next) = frames.get_mut(index + 1) {
+            next.motion = None;
+        }
     }
 
     /// Takes from the landmarks of frame `index` the observations that the prior must not see: those
@@ -103,8 +110,7 @@ impl Window {
     fn frames_touched(&self, index: usize) -> usize {
         let observed = self.landmarks.all().iter().filter(|l| usize::from(l.host) == index && l.is_triangulated);
         let last = observed.flat_map(|l| l.observations.iter().map(|o| usize::from(o.frame) + 1)).max().unwrap_or(0);
-        let by_motion = if index == 0 { 2 } else { index + 1 };
-        last.max(by_motion).max(self.prior.frames()).min(self.frames.len())
+        last.max(index + 2).max(self.prior.frames()).min(self.frames.len())
     }
 
     /// Takes frame `index` out: joins the motions around it, renumbers, hosts surviving tracks anew.
@@ -130,11 +136,6 @@ impl Window {
         while let Some(mut landmark) = self.rehosted.pop() {
             renumber(&mut landmark, gone);
             self.landmarks.insert(landmark);
-        }
-        if index == 0
-            && let Some(first) = self.frames.first_mut()
-        {
-            first.motion = None;
         }
     }
 }

@@ -61,6 +61,8 @@ pub struct Options {
     pub min_parallax_sigmas: f64,
     /// ... or its inverse depth is known this well, 1/m.
     pub max_sigma_rho: f64,
+    /// Cameras of the rig.
+    pub cameras: usize,
     /// Jacobians of frames in the prior stay at their first estimates.
     pub first_estimates: bool,
     /// Gravity in the odometry frame, m/s².
@@ -92,6 +94,7 @@ impl Options {
             max_rho: 1.0 / window.min_depth_m,
             min_parallax_sigmas: 6.0,
             max_sigma_rho: 0.02,
+            cameras: config.camera.len(),
             first_estimates: config.camera.len() > 1,
             gravity_o: Vector3::new(0.0, 0.0, -config.imu.gravity_m_s2),
             imu_noise: ImuNoise::of(&config.imu),
