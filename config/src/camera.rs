@@ -13,10 +13,20 @@ use serde::{Deserialize, Serialize};
 
 /// Closest depth that is still projected, in metres.
 const MIN_DEPTH_M: f64 = 1e-6;
+/// Square of the largest distance from the optical axis in normalized coordinates, 89.9 degrees: beyond, no
+/// lens has an image and the powers of the radius overflow.
+const MAX_RADIUS_SQUARED: f64 = 1e6;
 /// Newton steps of the inverse distortion; five reach machine precision within a EuRoC image.
 const UNDISTORT_STEPS: usize = 20;
 /// Distorted-coordinate residual at which the inverse distortion counts as found (about 1e-8 px).
 const UNDISTORT_TOLERANCE: f64 = 1e-11;
+/// Halvings of a Newton step that would leave the regular part of the lens or increase the error.
+const UNDISTORT_HALVINGS: usize = 8;
+/// Largest angle from the optical axis that a fisheye pixel is unprojected to, rad (89.4 degrees): beyond,
+/// normalized coordinates lose their meaning.
+const MAX_THETA_RAD: f64 = 1.56;
+/// Points between the axis and an angle at which the equidistant polynomial is watched for a fold.
+const FOLD_SAMPLES: usize = 8;
 
 /// How a lens bends the ideal pinhole image.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -55,6 +65,51 @@ impl Distortion {
             Self::Equidistant { k1, k2, k3, k4 } => distort_equidistant(xy, [k1, k2, k3, k4]),
         }
     }
+
+    /// Whether ideal coordinates lie where the distorted radius still grows with the ideal one, that is on
+    /// the branch of the model that holds the image. A polynomial fitted to a lens folds back somewhere
+    /// beyond the image; what lies there would be projected into the image falsely.
+    #[must_use]
+    pub fn is_regular(&self, xy: &Vector2<f64>) -> bool {
+        let r2 = xy.norm_squared();
+        match *self {
+            Self::RadialTangential { k1, k2, .. } => r2 < fold_radius_squared(k1, k2).min(MAX_RADIUS_SQUARED),
+            Self::Equidistant { k1, k2, k3, k4 } => {
+                r2 < MAX_RADIUS_SQUARED && is_growing(r2.sqrt().atan(), [k1, k2, k3, k4])
+            }
+        }
+    }
+}
+
+/// Square of the smallest radius at which `d/dr (r + k1 r³ + k2 r⁵) = 1 + 3 k1 r² + 5 k2 r⁴` is zero;
+/// infinite when it never is.
+fn fold_radius_squared(k1: f64, k2: f64) -> f64 {
+    let (a, b) = (5.0 * k2, 3.0 * k1);
+    let discriminant = b * b - 4.0 * a;
+    if discriminant < 0.0 {
+        return f64::INFINITY;
+    }
+    // Of 1 + b u + a u² = 0 the smallest positive root, in the form that neither cancels nor needs a != 0:
+    // its reciprocal v = 1/u is the largest root of v² + b v + a = 0.
+    let v = 0.5 * (discriminant.sqrt() - b);
+    if v > 0.0 { 1.0 / v } else { f64::INFINITY }
+}
+
+/// Whether the equidistant radius grows with the angle from the axis to `theta`.
+fn is_growing(theta: f64, k: [f64; 4]) -> bool {
+    (1..=FOLD_SAMPLES).all(|i| d_theta_d(theta * i as f64 / FOLD_SAMPLES as f64, k) > 0.0)
+}
+
+/// Distorted angle `theta_d` over `theta`.
+fn theta_scale(theta: f64, k: [f64; 4]) -> f64 {
+    let t2 = theta * theta;
+    1.0 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3])))
+}
+
+/// Derivative of the distorted angle by `theta`.
+fn d_theta_d(theta: f64, k: [f64; 4]) -> f64 {
+    let t2 = theta * theta;
+    1.0 + t2 * (3.0 * k[0] + t2 * (5.0 * k[1] + t2 * (7.0 * k[2] + t2 * 9.0 * k[3])))
 }
 
 fn distort_radtan(xy: &Vector2<f64>, k1: f64, k2: f64, p1: f64, p2: f64) -> (Vector2<f64>, Matrix2<f64>) {
@@ -82,14 +137,75 @@ fn distort_equidistant(xy: &Vector2<f64>, k: [f64; 4]) -> (Vector2<f64>, Matrix2
         return (*xy, Matrix2::identity());
     }
     let theta = r.atan();
-    let t2 = theta * theta;
-    let poly = 1.0 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3])));
-    let d_poly = 1.0 + t2 * (3.0 * k[0] + t2 * (5.0 * k[1] + t2 * (7.0 * k[2] + t2 * 9.0 * k[3])));
-    let scale = theta * poly / r;
-    let d_theta_d_by_r = d_poly / (1.0 + r * r);
+    let scale = theta * theta_scale(theta, k) / r;
+    let d_theta_d_by_r = d_theta_d(theta, k) / (1.0 + r * r);
     let d_scale_by_r = (d_theta_d_by_r - scale) / r;
     let unit = xy / r;
     (xy * scale, Matrix2::identity() * scale + xy * unit.transpose() * d_scale_by_r)
+}
+
+impl Distortion {
+    /// Newton's method from the distorted coordinates; a step is halved while it leaves the regular part
+    /// or increases the error, so that the solution is on the branch of the centre or there is none.
+    fn undistort_newton(&self, target: &Vector2<f64>) -> Option<Vector2<f64>> {
+        if !target.iter().all(|x| x.is_finite()) {
+            return None;
+        }
+        let mut xy = if self.is_regular(target) { *target } else { Vector2::zeros() };
+        let (distorted, mut jacobian) = self.distort(&xy);
+        let mut error = distorted - target;
+        for _ in 0..UNDISTORT_STEPS {
+            if error.norm() < UNDISTORT_TOLERANCE {
+                return (jacobian.determinant() > 0.0).then_some(xy);
+            }
+            let mut step = jacobian.try_inverse()? * error;
+            let mut halvings = 0;
+            (xy, error, jacobian) = loop {
+                let candidate = xy - step;
+                let (distorted, jacobian) = self.distort(&candidate);
+                let remaining = distorted - target;
+                if self.is_regular(&candidate) && remaining.norm() < error.norm() {
+                    break (candidate, remaining, jacobian);
+                }
+                if halvings == UNDISTORT_HALVINGS {
+                    return None;
+                }
+                halvings += 1;
+                step *= 0.5;
+            };
+        }
+        None
+    }
+}
+
+/// The angle `theta` of a distorted one, by Newton's method in one dimension, and its direction.
+fn undistort_equidistant(target: &Vector2<f64>, k: [f64; 4]) -> Option<Vector2<f64>> {
+    let theta_d = target.norm();
+    if theta_d < 1e-8 {
+        return Some(*target);
+    }
+    let theta = newton_theta(theta_d, k)?;
+    is_growing(theta, k).then(|| target * (theta.tan() / theta_d))
+}
+
+/// Solves `theta * theta_scale(theta) = theta_d` within a bracket that Newton's method may not leave.
+fn newton_theta(theta_d: f64, k: [f64; 4]) -> Option<f64> {
+    let (mut low, mut high) = (0.0, MAX_THETA_RAD);
+    let mut theta = theta_d.min(MAX_THETA_RAD);
+    for _ in 0..UNDISTORT_STEPS {
+        let error = theta * theta_scale(theta, k) - theta_d;
+        if error.abs() < UNDISTORT_TOLERANCE {
+            return Some(theta);
+        }
+        if error > 0.0 {
+            high = theta
+        } else {
+            low = theta
+        }
+        let next = theta - error / d_theta_d(theta, k);
+        theta = if (low..=high).contains(&next) { next } else { 0.5 * (low + high) };
+    }
+    None
 }
 
 /// A calibrated camera: image size, intrinsics and distortion.
@@ -108,8 +224,8 @@ pub struct CameraModel {
 }
 
 impl CameraModel {
-    /// Pixel of a point in the camera frame; `None` behind or on the camera's plane.
-    /// The pixel may lie outside the image: see [`Self::contains`].
+    /// Pixel of a point in the camera frame; `None` behind or on the camera's plane, and further from the
+    /// optical axis than the lens model reaches (see [`Distortion::is_regular`]). The pixel may lie outside the image: see [`Self::contains`].
     #[must_use]
     pub fn project(&self, p_c: &Vector3<f64>) -> Option<Vector2<f64>> {
         self.project_with_jacobian(p_c).map(|(px, _)| px)
@@ -118,17 +234,21 @@ impl CameraModel {
     /// As [`Self::project`], with the derivative of the pixel by the point (px/m).
     #[must_use]
     pub fn project_with_jacobian(&self, p_c: &Vector3<f64>) -> Option<(Vector2<f64>, Matrix2x3<f64>)> {
-        if p_c.z < MIN_DEPTH_M {
+        if p_c.z.is_nan() || p_c.z < MIN_DEPTH_M {
             return None;
         }
         let inv_z = 1.0 / p_c.z;
         let xy = Vector2::new(p_c.x * inv_z, p_c.y * inv_z);
+        if !self.distortion.is_regular(&xy) {
+            return None;
+        }
         let (px, px_by_xy) = self.project_normalized(&xy);
         let xy_by_p = Matrix2x3::new(inv_z, 0.0, -xy.x * inv_z, 0.0, inv_z, -xy.y * inv_z);
         Some((px, px_by_xy * xy_by_p))
     }
 
-    /// Pixel of ideal normalized coordinates, with its derivative (px per unit).
+    /// Pixel of ideal normalized coordinates, with its derivative (px per unit); as the formula says, also
+    /// beyond the reach of the lens model.
     #[must_use]
     pub fn project_normalized(&self, xy: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
         let (distorted, jacobian) = self.distortion.distort(xy);
@@ -136,28 +256,15 @@ impl CameraModel {
         (px, Matrix2::from_diagonal(&self.focal_px) * jacobian)
     }
 
-    /// Ideal normalized coordinates of a pixel, by Newton's method; `None` where the model has no inverse.
+    /// Ideal normalized coordinates of a pixel; `None` where the model has no inverse on the branch that
+    /// holds the image (see [`Distortion::is_regular`]), and of a pixel that is not a number.
     #[must_use]
     pub fn unproject(&self, px: &Vector2<f64>) -> Option<Vector2<f64>> {
         let target = (px - self.centre_px).component_div(&self.focal_px);
-        let mut xy = match self.distortion {
-            Distortion::RadialTangential { .. } => target,
-            Distortion::Equidistant { .. } => {
-                // Undo the undistorted fisheye first: r_d = theta, r = tan(theta).
-                let r = target.norm();
-                if r < 1e-8 { target } else { target * (r.min(1.5).tan() / r) }
-            }
-        };
-        for _ in 0..UNDISTORT_STEPS {
-            let (distorted, jacobian) = self.distortion.distort(&xy);
-            let error = distorted - target;
-            if error.norm() < UNDISTORT_TOLERANCE {
-                return Some(xy);
-            }
-            xy -= jacobian.try_inverse()? * error;
+        match self.distortion {
+            Distortion::RadialTangential { .. } => self.distortion.undistort_newton(&target),
+            Distortion::Equidistant { k1, k2, k3, k4 } => undistort_equidistant(&target, [k1, k2, k3, k4]),
         }
-        let (distorted, _) = self.distortion.distort(&xy);
-        ((distorted - target).norm() < 1e-9).then_some(xy)
     }
 
     /// Whether a pixel lies inside the image, at least `border_px` from its edge.

@@ -88,11 +88,17 @@ impl CameraConfig {
 }
 
 /// A rigid transform from a row-major 4x4 matrix whose rotation block is orthonormal up to rounding.
+///
+/// The nearest rotation is found by the iteration `R <- R (3 - RᵀR) / 2` (Higham 1986), which squares the
+/// error in each step: from the 1e-3 that validation admits, three reach machine precision.
 #[must_use]
 pub fn isometry_from_rows(rows: &[[f64; 4]; 4]) -> Isometry3<f64> {
     use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion};
-    let r = Matrix3::from_fn(|i, j| rows[i][j]);
-    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_eps(&r, 1e-12, 100, Rotation3::identity()));
+    let mut r = Matrix3::from_fn(|i, j| rows[i][j]);
+    for _ in 0..4 {
+        r = r * (Matrix3::identity() * 3.0 - r.transpose() * r) * 0.5;
+    }
+    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(r));
     Isometry3::from_parts(Translation3::new(rows[0][3], rows[1][3], rows[2][3]), rotation)
 }
 

@@ -23,4 +23,30 @@ pub enum DriverError {
         /// What is wrong, and what to do.
         message: String,
     },
+    /// A file or directory is left alone on purpose; `message` says why and what to do.
+    #[error("{}: {message}", path.display())]
+    Refused {
+        /// The file or directory.
+        path: PathBuf,
+        /// Why it is left alone, and what to do.
+        message: String,
+    },
+    /// A simulated flight asks for what cannot be; the message says what to change.
+    #[error("simulated flight: {0}")]
+    Scenario(String),
+    /// The system would not start a thread.
+    #[error("cannot start a worker thread: {0} (too many threads or too little memory on this host)")]
+    Thread(std::io::Error),
+}
+
+impl DriverError {
+    /// [`Self::Io`] at `path`.
+    pub(crate) fn io(path: impl Into<PathBuf>, source: std::io::Error) -> Self {
+        Self::Io { path: path.into(), source }
+    }
+
+    /// [`Self::Malformed`] at `path`.
+    pub(crate) fn malformed(path: impl Into<PathBuf>, message: impl Into<String>) -> Self {
+        Self::Malformed { path: path.into(), message: message.into() }
+    }
 }

@@ -4,7 +4,17 @@
 //! what went missing counted.
 
 pub mod error;
+pub mod euroc;
+mod lines;
+pub mod prefetch;
+pub mod simulator;
 pub mod source;
+pub mod truth;
+pub mod tum;
 
 pub use error::DriverError;
+pub use euroc::{EurocDataset, EurocImu, EurocOptions, EurocStereo};
+pub use prefetch::Prefetch;
 pub use source::{Faults, ImuReading, ImuSource, StereoFrame, StereoSource};
+pub use truth::TruthState;
+pub use tum::StampedPose;

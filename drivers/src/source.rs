@@ -84,3 +84,17 @@ pub trait StereoSource: Send {
     /// What has been survived so far.
     fn faults(&self) -> Faults;
 }
+
+impl<S: StereoSource + ?Sized> StereoSource for Box<S> {
+    fn next_frame(&mut self, frame: &mut StereoFrame) -> Result<bool, DriverError> {
+        (**self).next_frame(frame)
+    }
+
+    fn expected_frames(&self) -> Option<u64> {
+        (**self).expected_frames()
+    }
+
+    fn faults(&self) -> Faults {
+        (**self).faults()
+    }
+}

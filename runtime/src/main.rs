@@ -1,2 +1,11 @@
 //! The `plumbline` command.
-fn main() {}
+
+use plumbline::alloc::CountingAllocator;
+use std::process::ExitCode;
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+fn main() -> ExitCode {
+    plumbline::cli::main()
+}

@@ -1,1 +1,8 @@
-//! Image pyramids, gradients and interpolation.
+//! Images as the trackers want them: 8-bit pyramids and interpolated patches.
+
+pub mod patch;
+pub mod pyramid;
+#[cfg(test)]
+pub(crate) mod synthetic;
+
+pub use pyramid::{Plane, Pyramid};

@@ -1,4 +1,30 @@
 //! Point features: corners, tracking, stereo matching, outlier rejection.
+//!
+//! A reader starts at [`PointTracker`]. What a frame goes through:
+//!
+//! 1. [`flow`]: from the previous image by pyramidal flow, guess and warp from the gyroscope's rotation;
+//! 2. [`template`]: refined against the patch of the track's first sight, so that errors do not add up;
+//! 3. [`outliers`]: what no motion of the camera explains goes;
+//! 4. [`pairing`] and [`stereo`]: the same point in the other camera, against the same first patch;
+//! 5. [`corners`]: new points where the image has none.
+
+mod affine_sums;
+pub mod align;
+pub mod corners;
+pub mod flow;
+pub mod outliers;
+mod pairing;
+pub mod rig;
+pub mod stereo;
+pub mod template;
+mod temporal;
+mod track;
+pub mod tracker;
+
+#[cfg(test)]
+mod tests;
+
+pub use tracker::{PointTracker, TrackerFigures, TrackerInput};
 
 use nalgebra::Vector2;
 

@@ -1,0 +1,106 @@
+//! EuRoC data sets: one `sensor.yaml` a sensor, in the ASL format.
+//!
+//! `T_BS` takes coordinates from the sensor to the data set's body. Plumbline's body is the IMU: where the
+//! IMU's own `T_BS` is not the identity, the cameras are moved by its inverse.
+
+use super::yaml::{Document, Node};
+use super::{Calibration, distortion, is_identity, pinhole, rigid, size_px};
+use crate::Config;
+use crate::error::ConfigError;
+use crate::options::{CameraConfig, rows_from_isometry};
+use nalgebra::Isometry3;
+use std::path::{Path, PathBuf};
+
+/// Where the file of a sensor may lie, seen from the directory; `{}` is the sensor.
+const LAYOUTS: [&str; 3] = ["mav0/{}/sensor.yaml", "{}/sensor.yaml", "{}.yaml"];
+const EXPECTED: &str = "mav0/cam0/sensor.yaml, cam0/sensor.yaml or cam0.yaml in it";
+
+/// Calibration of a data set: a directory with `mav0` in it, the `mav0` itself, or one with `cam0.yaml`,
+/// `imu0.yaml`. Noise densities are those of the file: see the [module](super) on their inflation.
+///
+/// # Errors
+/// When a file is missing, malformed, or its values are refused.
+pub fn euroc(directory: impl AsRef<Path>) -> Result<Config, ConfigError> {
+    let directory = directory.as_ref();
+    read(directory)?.into_config().validated(&directory.display().to_string())
+}
+
+/// `base` with the calibration of a data set: cameras and rates are replaced, the noise model and all
+/// else are kept.
+///
+/// # Errors
+/// As [`euroc`].
+pub fn euroc_into(base: Config, directory: impl AsRef<Path>) -> Result<Config, ConfigError> {
+    let directory = directory.as_ref();
+    read(directory)?.put_into(base).validated(&directory.display().to_string())
+}
+
+fn read(directory: &Path) -> Result<Calibration, ConfigError> {
+    let layout = LAYOUTS.into_iter().find(|layout| file(directory, layout, "cam0").is_file());
+    let Some(layout) = layout else {
+        return Err(ConfigError::NoCalibration { directory: directory.to_owned(), expected: EXPECTED });
+    };
+    let imu = Document::read(&file(directory, layout, "imu0"))?;
+    let pose_b_imu = pose(&imu.root())?;
+    let mut cameras = Vec::new();
+    for sensor in ["cam0", "cam1"] {
+        let path = file(directory, layout, sensor);
+        // The second camera may be missing; one that is there but cannot be read is an error.
+        if sensor == "cam1" && !path.exists() {
+            continue;
+        }
+        cameras.push(camera(&Document::read(&path)?.root(), &pose_b_imu)?);
+    }
+    let (imu_rate_hz, noise) = inertial(&imu.root())?;
+    Ok(Calibration { cameras, imu_rate_hz, noise, time_offset_s: None })
+}
+
+fn file(directory: &Path, layout: &str, sensor: &str) -> PathBuf {
+    directory.join(layout.replace("{}", sensor))
+}
+
+fn pose(sensor: &Node<'_>) -> Result<Isometry3<f64>, ConfigError> {
+    let node = sensor.get("T_BS")?;
+    rigid(&node, node.matrix()?)
+}
+
+fn camera(sensor: &Node<'_>, pose_b_imu: &Isometry3<f64>) -> Result<CameraConfig, ConfigError> {
+    let pose_b_c = pose(sensor)?;
+    // The file's own digits are kept where nothing has to be computed.
+    let rows = if is_identity(pose_b_imu) {
+        sensor.get("T_BS")?.matrix()?
+    } else {
+        rows_from_isometry(&(pose_b_imu.inverse() * pose_b_c))
+    };
+    let [width_px, height_px] = size_px(sensor)?;
+    let (focal_px, centre_px) = pinhole(sensor)?;
+    Ok(CameraConfig {
+        width_px,
+        height_px,
+        rate_hz: sensor.get("rate_hz")?.number()?,
+        focal_px,
+        centre_px,
+        distortion: distortion(sensor, "distortion_coefficients")?,
+        pose_b_c: rows,
+    })
+}
+
+fn inertial(sensor: &Node<'_>) -> Result<(f64, [f64; 4]), ConfigError> {
+    let number = |key| sensor.get(key)?.number();
+    let noise = [
+        number("gyroscope_noise_density")?,
+        number("gyroscope_random_walk")?,
+        number("accelerometer_noise_density")?,
+        number("accelerometer_random_walk")?,
+    ];
+    Ok((number("rate_hz")?, noise))
+}
+
+/// Reads the texts as the files of a data set; for tests that never touch the disk.
+#[cfg(test)]
+pub(crate) fn from_texts(cam0: &str, imu0: &str) -> Result<Config, ConfigError> {
+    let imu = Document::parse(imu0, "imu0")?;
+    let cameras = vec![camera(&Document::parse(cam0, "cam0")?.root(), &pose(&imu.root())?)?];
+    let (imu_rate_hz, noise) = inertial(&imu.root())?;
+    Calibration { cameras, imu_rate_hz, noise, time_offset_s: None }.into_config().validated("texts")
+}

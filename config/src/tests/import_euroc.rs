@@ -1,0 +1,138 @@
+use super::{euroc, with};
+use crate::ConfigError;
+use crate::import::{self, euroc_texts};
+use crate::options::isometry_from_rows;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+pub(super) const CAM0: &str = "%YAML:1.0
+# General sensor definitions.
+sensor_type: camera
+comment: VI-Sensor cam0 (MT9M034)
+T_BS:
+  cols: 4
+  rows: 4
+  data: [0.0148655429818, -0.999880929698, 0.00414029679422, -0.0216401454975,
+         0.999557249008, 0.0149672133247, 0.025715529948, -0.064676986768,
+        -0.0257744366974, 0.00375618835797, 0.999660727178, 0.00981073058949,
+         0.0, 0.0, 0.0, 1.0]
+rate_hz: 20
+resolution: [752, 480]
+camera_model: pinhole
+intrinsics: [458.654, 457.296, 367.215, 248.375] #fu, fv, cu, cv
+distortion_model: radial-tangential
+distortion_coefficients: [-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05]
+";
+pub(super) const IMU0: &str = "#Default imu sensor yaml file
+sensor_type: imu
+T_BS:
+  cols: 4
+  rows: 4
+  data: [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+rate_hz: 200
+gyroscope_noise_density: 1.6968e-04     # [ rad / s / sqrt(Hz) ]
+gyroscope_random_walk: 1.9393e-05
+accelerometer_noise_density: 2.0000e-3
+accelerometer_random_walk: 3.0000e-3
+";
+
+/// The folder of real recordings, where there is one.
+fn shared() -> Option<PathBuf> {
+    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared");
+    let folder = std::env::var_os("PLUMBLINE_SHARED").map_or_else(beside, PathBuf::from);
+    let calibration = folder.join("euroc/calibration");
+    if calibration.is_dir() {
+        return Some(calibration);
+    }
+    eprintln!("SKIPPED: no real EuRoC calibration at {}; set PLUMBLINE_SHARED", calibration.display());
+    None
+}
+
+fn write(folder: &Path, name: &str, text: &str) {
+    let path = folder.join(name);
+    fs::create_dir_all(path.parent().expect("has a folder")).expect("created");
+    fs::write(path, text).expect("written");
+}
+
+#[test]
+fn the_real_calibration_is_that_of_the_presets() {
+    let Some(calibration) = shared() else { return };
+    let imported = import::euroc(&calibration).expect("is good");
+    assert_eq!(imported.camera, euroc().camera);
+    assert_eq!(imported.imu, crate::Config::preset("sim").expect("is good").imu);
+    assert_eq!(import::euroc_into(euroc(), &calibration).expect("is good"), euroc());
+}
+
+#[test]
+fn every_layout_is_found_and_the_second_camera_is_optional() {
+    for layout in ["mav0/{}/sensor.yaml", "{}/sensor.yaml", "{}.yaml"] {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        write(folder.path(), &layout.replace("{}", "cam0"), CAM0);
+        write(folder.path(), &layout.replace("{}", "imu0"), IMU0);
+        let config = import::euroc(folder.path()).expect("is good");
+        assert_eq!(config.camera, euroc().camera[..1]);
+        assert_eq!(config.imu.gyro_noise_density, 1.6968e-4);
+        let onto = import::euroc_into(euroc(), folder.path()).expect("is good");
+        assert_eq!(onto.imu, euroc().imu, "the inflated noise is kept");
+        write(folder.path(), &layout.replace("{}", "cam1"), "broken: [");
+        let message = import::euroc(folder.path()).expect_err("cam1 is there, and broken").to_string();
+        assert!(message.contains("cam1"), "{message}");
+    }
+}
+
+#[test]
+fn a_missing_file_is_named() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let error = import::euroc(folder.path()).expect_err("empty");
+    assert!(matches!(error, ConfigError::NoCalibration { .. }), "{error}");
+    write(folder.path(), "cam0.yaml", CAM0);
+    let message = import::euroc(folder.path()).expect_err("no IMU").to_string();
+    assert!(message.contains("imu0.yaml: cannot be read"), "{message}");
+}
+
+#[test]
+fn headers_of_opencv_and_of_yaml_and_none_are_read() {
+    let good = euroc_texts(CAM0, IMU0).expect("is good");
+    let bare = CAM0.trim_start_matches("%YAML:1.0\n");
+    for header in
+        ["", "---\n", "%YAML:1.0\n---\n", "%YAML 1.0\n---\n", "%YAML:1.0\r\n", "\u{feff}%YAML:1.0\n"]
+    {
+        assert_eq!(euroc_texts(&format!("{header}{bare}"), IMU0).expect("is good"), good, "{header:?}");
+    }
+    let tagged = with(CAM0, "T_BS:", "T_BS: !!opencv-matrix");
+    assert_eq!(euroc_texts(&tagged, IMU0).expect("is good"), good);
+}
+
+#[test]
+fn an_imu_off_the_body_moves_the_cameras() {
+    let off = with(IMU0, "[1.0, 0.0, 0.0, 0.0, 0.0,", "[1.0, 0.0, 0.0, 0.25, 0.0,");
+    let config = euroc_texts(CAM0, &off).expect("is good");
+    let (moved, original) = (isometry_from_rows(&config.camera[0].pose_b_c), euroc().camera[0].pose_b_c());
+    let difference = original.translation.vector - moved.translation.vector;
+    assert!((difference - nalgebra::Vector3::new(0.25, 0.0, 0.0)).norm() < 1e-12);
+    assert!(moved.rotation.angle_to(&original.rotation) < 1e-7);
+}
+
+#[test]
+fn what_is_wrong_is_named_by_file_and_key() {
+    for (from, to, says) in [
+        ("resolution: [752, 480]", "resolution: [752]", "cam0: `resolution`: has 1 numbers; give exactly 2"),
+        ("resolution: [752, 480]", "resolution: [752.5, 480]", "`resolution`: is no image size"),
+        ("intrinsics: [458.654", "intrinsics: [abc", "`intrinsics[0]`: is a text where a finite number"),
+        ("intrinsics: [458.654", "intrinsics: [.nan", "cam0: line 15, column 14: non-finite float"),
+        ("rate_hz: 20", "", "cam0: `rate_hz`: missing"),
+        ("radial-tangential", "fov", "`distortion_model`: is no known model"),
+        ("pinhole", "omni", "`camera_model`: is no pinhole"),
+        ("[0.0148655429818,", "[0.5,", "`T_BS`: the upper-left 3x3 block is no rotation"),
+        ("[0.0148655429818,", "[", "`T_BS.data`: has 15 numbers; give exactly 16"),
+        ("-0.0216401454975", "-21.6401454975", "`T_BS`: the camera is 21.640 m from the IMU"),
+        ("intrinsics: [458.654", "intrinsics: [-458.654", "`camera[0].focal_px[0]`: -458.654 is outside"),
+        ("resolution: [752, 480]", "resolution: [752, 480", "cam0: line 14"),
+    ] {
+        let message = euroc_texts(&with(CAM0, from, to), IMU0).expect_err("is refused").to_string();
+        assert!(message.contains(says), "{to}: {message}");
+    }
+    for text in ["", "7", "[1, 2]", "a: b"] {
+        euroc_texts(text, IMU0).expect_err("is refused");
+    }
+}

@@ -1,0 +1,164 @@
+use super::{euroc, with};
+use crate::camera::Distortion;
+use crate::import::{self, kalibr_texts};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+
+/// `camchain-imucam.yaml` as Kalibr writes it; the second camera hangs on the first.
+pub(super) const RADTAN: &str = "cam0:
+  T_cam_imu:
+  - [0.0, -1.0, 0.0, 0.02]
+  - [0.0, 0.0, -1.0, 0.01]
+  - [1.0, 0.0, 0.0, -0.05]
+  - [0.0, 0.0, 0.0, 1.0]
+  cam_overlaps: [1]
+  camera_model: pinhole
+  distortion_coeffs: [-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05]
+  distortion_model: radtan
+  intrinsics: [458.654, 457.296, 367.215, 248.375]
+  resolution: [752, 480]
+  rostopic: /cam0/image_raw
+  timeshift_cam_imu: -0.0025
+cam1:
+  T_cn_cnm1:
+  - [1.0, 0.0, 0.0, -0.11]
+  - [0.0, 1.0, 0.0, 0.0]
+  - [0.0, 0.0, 1.0, 0.0]
+  - [0.0, 0.0, 0.0, 1.0]
+  cam_overlaps: [0]
+  camera_model: pinhole
+  distortion_coeffs: [-0.28368365, 0.07451284, -0.00010473, -3.559e-05]
+  distortion_model: radtan
+  intrinsics: [457.587, 456.134, 379.999, 255.238]
+  resolution: [752, 480]
+  rostopic: /cam1/image_raw
+  timeshift_cam_imu: -0.0026
+";
+/// One fisheye camera.
+pub(super) const EQUIDISTANT: &str = "cam0:
+  T_cam_imu:
+  - [-0.99952504, 0.00750192, -0.02989013, 0.04557484]
+  - [0.02961534, -0.03439736, -0.99896935, -0.07116180]
+  - [-0.00852233, -0.99938008, 0.03415885, -0.04468125]
+  - [0.0, 0.0, 0.0, 1.0]
+  camera_model: pinhole
+  distortion_coeffs: [0.0034823894022493434, 0.0007150348452162257, -0.0020532361418706202, 0.00020293673591811182]
+  distortion_model: equidistant
+  intrinsics: [190.97847715128717, 190.9733070521226, 254.93170605935475, 256.8974428996504]
+  resolution: [512, 512]
+  rostopic: /cam0/image_raw
+";
+/// The input file.
+pub(super) const IMU: &str = "rostopic: /imu0
+update_rate: 200.0
+accelerometer_noise_density: 0.0028
+accelerometer_random_walk: 0.00086
+gyroscope_noise_density: 0.00016
+gyroscope_random_walk: 0.000022
+";
+/// The same as Kalibr writes it among its results.
+const IMU_RESULT: &str = "imu0:
+  T_i_b:
+  - [1.0, 0.0, 0.0, 0.0]
+  - [0.0, 1.0, 0.0, 0.0]
+  - [0.0, 0.0, 1.0, 0.0]
+  - [0.0, 0.0, 0.0, 1.0]
+  accelerometer_noise_density: 0.0028
+  accelerometer_random_walk: 0.00086
+  gyroscope_noise_density: 0.00016
+  gyroscope_random_walk: 0.000022
+  model: calibrated
+  rostopic: /imu0
+  time_offset: 0.0
+  update_rate: 200.0
+";
+
+/// The camera looks along body x, its x axis is body -y, its y axis body -z.
+fn forward(position: [f64; 3]) -> Isometry3<f64> {
+    let rotation = UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(0.5, -0.5, 0.5, -0.5));
+    Isometry3::from_parts(Translation3::from(position), rotation)
+}
+
+#[test]
+fn a_stereo_chain_is_inverted_and_linked() {
+    let config = kalibr_texts(RADTAN, IMU).expect("is good");
+    // p_C = R p_B + t is zero at p_B = -Rᵀ t; the second camera is 0.11 m to the right, at smaller body y.
+    for (camera, expected) in config.camera.iter().zip([[0.05, 0.02, 0.01], [0.05, 0.02 - 0.11, 0.01]]) {
+        let difference = camera.pose_b_c().inverse() * forward(expected);
+        assert!(difference.translation.vector.norm() < 1e-12, "{difference}");
+        assert!(difference.rotation.angle() < 1e-7);
+    }
+    let ahead = config.camera[0].pose_b_c() * Vector3::z();
+    assert!((ahead - Vector3::x()).norm() < 1e-12);
+    assert_eq!(config.rig.time_offset_s, -0.0025);
+    assert_eq!(config.camera[0].distortion, euroc().camera[0].distortion);
+    assert_eq!(config.camera[0].rate_hz, import::DEFAULT_CAMERA_RATE_HZ);
+    assert_eq!((config.imu.gyro_noise_density, config.imu.accel_bias_walk), (0.00016, 0.00086));
+}
+
+#[test]
+fn a_fisheye_is_read() {
+    let config = kalibr_texts(EQUIDISTANT, IMU).expect("is good");
+    assert!(
+        matches!(config.camera[0].distortion, Distortion::Equidistant { k2, .. } if k2 == 0.0007150348452162257)
+    );
+    assert_eq!(config.camera.len(), 1);
+    let camera_in_body = config.camera[0].pose_b_c();
+    let back = camera_in_body.inverse().translation.vector;
+    assert!((back - Vector3::new(0.04557484, -0.07116180, -0.04468125)).norm() < 1e-9);
+}
+
+#[test]
+fn input_and_result_of_the_imu_say_the_same() {
+    assert_eq!(kalibr_texts(RADTAN, IMU).expect("good"), kalibr_texts(RADTAN, IMU_RESULT).expect("good"));
+    for (from, to, says) in [
+        ("model: calibrated", "model: scale-misalignment", "`imu0.model`: is another model"),
+        ("[1.0, 0.0, 0.0, 0.0]", "[1.0, 0.0, 0.0, 0.1]", "`imu0.T_i_b`: is not the identity"),
+        ("  update_rate: 200.0\n", "", "imu.yaml: `imu0.update_rate`: missing"),
+    ] {
+        let message = kalibr_texts(RADTAN, &with(IMU_RESULT, from, to)).expect_err("is refused").to_string();
+        assert!(message.contains(says), "{message}");
+    }
+}
+
+#[test]
+fn files_are_read_onto_a_base() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let (chain, imu) = (folder.path().join("camchain.yaml"), folder.path().join("imu.yaml"));
+    std::fs::write(&chain, RADTAN).expect("written");
+    std::fs::write(&imu, IMU).expect("written");
+    let plain = import::kalibr(&chain, &imu).expect("is good");
+    assert_eq!(plain, kalibr_texts(RADTAN, IMU).expect("is good"));
+    let mut base = euroc();
+    base.camera.iter_mut().for_each(|c| c.rate_hz = 30.0);
+    let onto = import::kalibr_into(base, &chain, &imu).expect("is good");
+    assert_eq!((onto.imu.clone(), onto.camera[1].rate_hz), (euroc().imu, 30.0));
+    assert_eq!(onto.camera[1].pose_b_c, plain.camera[1].pose_b_c);
+    let message = import::kalibr(&chain, folder.path().join("none.yaml")).expect_err("missing").to_string();
+    assert!(message.contains("none.yaml: cannot be read"), "{message}");
+}
+
+#[test]
+fn what_is_wrong_is_named_by_file_and_key() {
+    let own = "  T_cam_imu:\n  - [0.0, -1.0, 0.0, 0.5]\n  - [0.0, 0.0, -1.0, 0.01]\n  - [1.0, 0.0, 0.0, -0.05]\n  \
+               - [0.0, 0.0, 0.0, 1.0]\n  T_cn_cnm1:";
+    for (from, to, says) in [
+        ("T_cam_imu", "T_imu_cam", "camchain.yaml: `cam0.T_cam_imu`: missing"),
+        ("  T_cn_cnm1:", own, "`cam1.T_cam_imu`: contradicts T_cn_cnm1"),
+        ("[0.0, -1.0, 0.0, 0.02]", "[0.0, -1.0, 0.0]", "`cam0.T_cam_imu[0]`: has 3 numbers"),
+        (
+            "[0.0, -1.0, 0.0, 0.02]",
+            "[0.0, 1.0, 0.0, 0.02]",
+            "`cam0.T_cam_imu`: the upper-left 3x3 block is a refl",
+        ),
+        ("T_cn_cnm1", "T_other", "`cam1.T_cam_imu`: missing"),
+        ("radtan", "fov", "`cam0.distortion_model`: is no known model"),
+        ("timeshift_cam_imu: -0.0026", "timeshift_cam_imu: 0.1", "`cam1.timeshift_cam_imu`: differs"),
+        ("timeshift_cam_imu: -0.0025", "timeshift_cam_imu: x", "`cam0.timeshift_cam_imu`: is a text"),
+        ("cam1:", "cam2:", "`cam2`: is a third camera"),
+        ("cam0:", "cam:", "`cam0`: missing"),
+        ("pinhole", "ds", "`cam0.camera_model`: is no pinhole"),
+    ] {
+        let message = kalibr_texts(&with(RADTAN, from, to), IMU).expect_err("is refused").to_string();
+        assert!(message.contains(says), "{to}: {message}");
+    }
+}

@@ -1,0 +1,141 @@
+use super::{euroc, with};
+use crate::{Config, ConfigError, preset_text};
+use std::io::Write;
+
+fn refused(text: &str) -> ConfigError {
+    Config::from_toml_str(text, "drone.toml").expect_err("is refused")
+}
+
+fn preset() -> &'static str {
+    preset_text("euroc").expect("exists")
+}
+
+#[test]
+fn a_file_loads_as_its_text_does() {
+    let mut file = tempfile::NamedTempFile::new().expect("temporary file");
+    file.write_all(preset().as_bytes()).expect("written");
+    assert_eq!(Config::load(file.path()).expect("good"), euroc());
+}
+
+#[test]
+fn a_missing_file_is_named() {
+    let message = Config::load("/nowhere/drone.toml").expect_err("missing").to_string();
+    assert!(message.starts_with("/nowhere/drone.toml: cannot be read"), "{message}");
+    assert!(matches!(Config::load("/"), Err(ConfigError::Read { .. })));
+}
+
+#[test]
+fn a_huge_file_is_not_read() {
+    let file = tempfile::NamedTempFile::new().expect("temporary file");
+    file.as_file().set_len(1 << 40).expect("sparse file");
+    assert!(matches!(Config::load(file.path()), Err(ConfigError::TooLong { .. })));
+}
+
+#[test]
+fn bytes_that_are_no_text_are_located() {
+    let mut file = tempfile::NamedTempFile::new().expect("temporary file");
+    file.write_all(b"a = 1\nb = \xff\n").expect("written");
+    let message = Config::load(file.path()).expect_err("refused").to_string();
+    assert!(message.contains("line 2, column 5: not UTF-8"), "{message}");
+}
+
+#[test]
+fn a_syntax_error_has_line_and_column() {
+    let error = refused("[imu]\nrate_hz = = 3\n");
+    assert!(matches!(error, ConfigError::Syntax { line: 2, column: 11, .. }), "{error}");
+}
+
+#[test]
+fn an_unknown_key_suggests_the_nearest() {
+    let error = refused(&with(preset(), "keyframes = 7", "keyframe = 7"));
+    let line = 1 + preset().lines().position(|l| l == "keyframes = 7").expect("is there");
+    assert_eq!(
+        error.to_string(),
+        format!(
+            "drone.toml: `estimator.window.keyframe` (line {line}): unknown key; did you mean `keyframes`?"
+        )
+    );
+    let error = refused(&with(preset(), "keyframes = 7", "colour = 7"));
+    assert!(error.to_string().contains("remove it; known here: cauchy_scale"), "{error}");
+}
+
+#[test]
+fn all_violations_are_collected() {
+    let text = with(preset(), "gravity_m_s2 = 9.81", "gravity_ms2 = 9.81");
+    let text = with(&text, "scouting = false", "scouting = \"no\"");
+    let text = with(&text, "border_px = 8", "border_px = -120");
+    let text = with(&text, "k1 = -0.28368365", "");
+    let error = refused(&text);
+    let keys: Vec<&str> = error.violations().iter().map(|v| v.key.as_str()).collect();
+    assert_eq!(
+        keys,
+        ["camera[1].distortion.k1", "imu.gravity_ms2", "estimator.points.border_px", "network.scouting"]
+    );
+    assert!(error.violations().iter().all(|v| v.line.is_some() && !v.cure.is_empty()));
+}
+
+#[test]
+fn a_wrong_type_or_size_is_refused_by_its_key() {
+    for (from, to, key, says) in [
+        ("width_px = 752", "width_px = 752.5", "camera[0].width_px", "a float where a whole number"),
+        ("rate_hz = 20.0", "rate_hz = \"20\"", "camera[0].rate_hz", "a string where a number"),
+        ("focal_px = [458.654, 457.296]", "focal_px = 458.0", "camera[0].focal_px", "a list of 2 numbers"),
+        (
+            "focal_px = [458.654, 457.296]",
+            "focal_px = [1.0]",
+            "camera[0].focal_px",
+            "1 elements instead of 2",
+        ),
+        ("[0.0, 0.0, 0.0, 1.0]", "[0.0, 0.0, 0.0]", "camera[0].pose_b_c[3]", "3 elements instead of 4"),
+        ("listen = []", "listen = [7447]", "network.listen[0]", "an integer where a string"),
+        (
+            "\"radial-tangential\"\n# Radial",
+            "\"fisheye\"\n# Radial",
+            "camera[0].distortion.model",
+            "no model",
+        ),
+        ("k1 = -0.28340811", "k3 = -0.28340811", "camera[0].distortion.k1", "missing"),
+        ("border_px = 8", "border_px = 99999999999", "estimator.points.border_px", "whole number from 0"),
+    ] {
+        let error = refused(&with(preset(), from, to));
+        let found = error.violations().iter().find(|v| v.key == key);
+        assert!(found.is_some_and(|v| v.reason.contains(says)), "{to}: {error}");
+    }
+}
+
+#[test]
+fn a_missing_part_is_named_and_defaults_may_be_missing() {
+    let error = refused("[imu]\nrate_hz = 200.0\n");
+    let keys: Vec<&str> = error.violations().iter().map(|v| v.key.as_str()).collect();
+    let noise = ["accel_bias_walk", "accel_noise_density", "gyro_bias_walk", "gyro_noise_density"];
+    let mut expected: Vec<String> = noise.iter().map(|k| format!("imu.{k}")).collect();
+    expected.insert(0, "camera".into());
+    assert!(keys.len() == expected.len() && expected.iter().all(|k| keys.contains(&k.as_str())), "{error}");
+    let bare: &str = preset().split("[rig]").next().expect("has a head");
+    let config = Config::from_toml_str(bare, "bare").expect("all else has defaults");
+    assert_eq!(config.estimator, Config::with_defaults(Vec::new(), config.imu.clone()).estimator);
+}
+
+#[test]
+fn values_are_refused_with_their_line() {
+    let error = refused(&with(preset(), "gravity_m_s2 = 9.81", "gravity_m_s2 = -9.81"));
+    let line = 1 + preset().lines().position(|l| l == "gravity_m_s2 = 9.81").expect("is there");
+    assert_eq!(
+        error.to_string(),
+        format!(
+            "drone.toml: `imu.gravity_m_s2` (line {line}): -9.81 is outside 9.7 to 9.9; \
+             write the positive magnitude on Earth in m/s², about 9.81"
+        )
+    );
+}
+
+/// A megabyte of nonsense is refused in no time, by a message that can be read.
+#[test]
+fn a_long_list_of_violations_is_cut() {
+    let text: String = (0..70_000).map(|i| format!("unknown{i} = 1\n")).collect();
+    let error = refused(&text);
+    assert!(error.violations().len() >= 70_000);
+    let message = error.to_string();
+    assert!(message.lines().count() == 42 && message.ends_with("more"), "{message}");
+    assert_eq!(error.violations()[69_999].line, Some(69_998));
+}

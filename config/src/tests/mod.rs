@@ -1,0 +1,22 @@
+//! Tests by behaviour: what is accepted, what is refused and how it is said, and that nothing panics.
+
+mod camera;
+mod import_euroc;
+mod import_kalibr;
+mod loading;
+mod presets;
+mod robustness;
+mod validation;
+
+use crate::Config;
+
+/// The preset `euroc`.
+fn euroc() -> Config {
+    Config::preset("euroc").expect("the preset is good")
+}
+
+/// `text` with one occurrence of `from` replaced, which must be there.
+fn with(text: &str, from: &str, to: &str) -> String {
+    assert!(text.contains(from), "{from} is in the text");
+    text.replacen(from, to, 1)
+}

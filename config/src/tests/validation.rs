@@ -1,0 +1,173 @@
+use super::euroc;
+use crate::camera::Distortion;
+use crate::shape::sample_for_tests;
+use crate::{Config, Violation};
+use serde::Deserialize;
+use toml::Value;
+
+fn refused(change: impl Fn(&mut Config)) -> Vec<Violation> {
+    let mut config = euroc();
+    change(&mut config);
+    config.violations()
+}
+
+/// A change is refused by this key, with a reason or cure that says this.
+fn check(key: &str, says: &str, change: impl Fn(&mut Config)) {
+    let found = refused(change);
+    let hit = found.iter().any(|v| v.key == key && format!("{} {}", v.reason, v.cure).contains(says));
+    assert!(hit, "{key}: {says}: {found:#?}");
+}
+
+#[test]
+fn good_rigs_pass() {
+    assert_eq!(refused(|_| {}), []);
+    assert_eq!(refused(|c| c.camera.truncate(1)), []);
+    let flat = Distortion::RadialTangential { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0 };
+    assert_eq!(refused(|c| c.camera[0].distortion = flat), []);
+}
+
+#[test]
+fn the_number_of_cameras_is_one_or_two() {
+    check("camera", "0 cameras", |c| c.camera.clear());
+    check("camera", "3 cameras", |c| c.camera.push(c.camera[0].clone()));
+}
+
+#[test]
+fn impossible_mountings_are_refused() {
+    let key = "camera[1].pose_b_c";
+    check(key, "NaN", |c| c.camera[1].pose_b_c[0][0] = f64::NAN);
+    check(key, "no rotation", |c| c.camera[1].pose_b_c[0][0] += 0.1);
+    check(key, "no rotation", |c| c.camera[1].pose_b_c[0] = [1e200, 1e200, 1e200, 0.0]);
+    check(key, "reflection", |c| c.camera[1].pose_b_c[0][..3].iter_mut().for_each(|x| *x = -*x));
+    check(key, "transpose", |c| {
+        let rows = c.camera[1].pose_b_c;
+        c.camera[1].pose_b_c = std::array::from_fn(|i| std::array::from_fn(|j| rows[j][i]));
+    });
+    check(key, "is this in mm?", |c| c.camera[1].pose_b_c[1][3] *= 1000.0);
+    check(key, "baseline", |c| c.camera[1].pose_b_c = c.camera[0].pose_b_c);
+    check(key, "must overlap", |c| {
+        // Turned by half about the vertical of the camera: looks backwards.
+        for row in &mut c.camera[1].pose_b_c[..3] {
+            (row[0], row[2]) = (-row[0], -row[2]);
+        }
+    });
+}
+
+#[test]
+fn impossible_lenses_are_refused() {
+    check("camera[0].centre_px[0]", "outside the image", |c| c.camera[0].centre_px[0] = 752.0);
+    check("camera[0].centre_px[1]", "outside the image", |c| c.camera[0].centre_px[1] = f64::NAN);
+    check("camera[0].focal_px[1]", "in mm", |c| c.camera[0].focal_px[1] = 0.0);
+    check("camera[0].focal_px[1]", "in mm", |c| c.camera[0].focal_px[1] = 6.0);
+    let folding = Distortion::RadialTangential { k1: -0.9, k2: 0.0, p1: 0.0, p2: 0.0 };
+    check("camera[0].distortion", "folds back", |c| c.camera[0].distortion = folding);
+    let broken = Distortion::Equidistant { k1: 0.0, k2: 0.0, k3: f64::NAN, k4: 0.0 };
+    check("camera[1].distortion.k3", "NaN", |c| c.camera[1].distortion = broken);
+}
+
+#[test]
+fn unit_mistakes_get_a_hint() {
+    check("imu.gyro_noise_density", "in radians", |c| c.imu.gyro_noise_density = 0.1);
+    check("imu.gyro_noise_density", "in radians", |c| c.imu.gyro_noise_density = -1e-4);
+    check("rig.time_offset_s", "in ms?", |c| c.rig.time_offset_s = 3.5);
+    check("imu.rate_hz", "period", |c| c.imu.rate_hz = 0.005);
+    check("imu.gyro_range_rad_s", "1000 deg/s", |c| c.imu.gyro_range_rad_s = 1000.0);
+    check("estimator.health.max_blind_s", "in ms?", |c| c.estimator.health.max_blind_s = 5000.0);
+}
+
+#[test]
+fn values_are_checked_against_each_other() {
+    check("estimator.window.min_depth_m", "max_depth_m", |c| c.estimator.window.min_depth_m = 60.0);
+    check("imu.gyro_bias_sigma_rad_s", "max_gyro_bias", |c| c.imu.gyro_bias_sigma_rad_s = 0.6);
+    check("estimator.points.max_points", "max_landmarks", |c| c.estimator.points.max_points = 601);
+    check("estimator.window.keyframes", "more than 15", |c| c.estimator.window.keyframes = 13);
+    check("imu.rate_hz", "twice", |c| c.imu.rate_hz = 0.0);
+    check("camera[1].rate_hz", "differs", |c| c.camera[1].rate_hz = 10.0);
+    check("driver.pair_tolerance_s", "half a frame", |c| c.driver.pair_tolerance_s = 0.05);
+    check("estimator.points.pyramid_levels", "fewer levels", |c| c.estimator.points.pyramid_levels = 7);
+    check("estimator.points.border_px", "too little", |c| c.estimator.points.border_px = 121);
+}
+
+#[test]
+fn names_must_fit_into_keys() {
+    for name in ["", "a/b", "a*", "a#", "a?", "a$b", "a b", "größe", "a\n"] {
+        check("network.vehicle", "drone-1", |c| c.network.vehicle = name.into());
+    }
+    check("network.vehicle", "65 bytes", |c| c.network.vehicle = "x".repeat(65));
+    assert_eq!(refused(|c| c.network.vehicle = "Drone_1-b".into()), []);
+}
+
+#[test]
+fn endpoints_name_protocol_host_and_port() {
+    for bad in ["127.0.0.1:7447", "tcp/127.0.0.1", "tcp/:7447", "tcp/h:99999", "ftp/h:1", "tcp/h h:1", ""] {
+        check("network.listen[0]", "tcp/127.0.0.1:7447", |c| c.network.listen = vec![bad.into()]);
+    }
+    for good in ["tcp/127.0.0.1:7447", "udp/[::1]:7447", "tls/ground.local:7447#iface=eth0"] {
+        assert_eq!(refused(|c| c.network.connect = vec![good.into()]), []);
+    }
+    check("network.connect", "17 endpoints", |c| c.network.connect = vec!["tcp/h:1".into(); 17]);
+}
+
+/// Replaces the numbers of a tree one at a time and calls `with_key` on each changed tree.
+fn each_number(root: &Value, poison: fn(&Value) -> Option<Value>, with_key: &mut dyn FnMut(&str, Value)) {
+    fn walk(
+        value: &Value,
+        key: &str,
+        visit: &mut dyn FnMut(&str, &Value, &[String]),
+        path: &mut Vec<String>,
+    ) {
+        let children: Vec<(String, String, &Value)> = match value {
+            Value::Table(t) => t.iter().map(|(k, v)| (k.clone(), format!("{key}.{k}"), v)).collect(),
+            Value::Array(a) => {
+                a.iter().enumerate().map(|(i, v)| (i.to_string(), format!("{key}[{i}]"), v)).collect()
+            }
+            _ => return visit(key.trim_start_matches('.'), value, path),
+        };
+        for (step, child_key, child) in children {
+            path.push(step);
+            walk(child, &child_key, visit, path);
+            path.pop();
+        }
+    }
+    let mut visit = |key: &str, value: &Value, path: &[String]| {
+        let Some(bad) = poison(value) else { return };
+        let mut changed = root.clone();
+        let place = path.iter().fold(&mut changed, |v, step| match v {
+            Value::Table(t) => &mut t[step.as_str()],
+            Value::Array(a) => &mut a[step.parse::<usize>().expect("an index")],
+            _ => unreachable!("leaves have no children"),
+        });
+        *place = bad;
+        with_key(key, changed);
+    };
+    walk(root, "", &mut visit, &mut Vec::new());
+}
+
+/// No option can be added without a range: whatever is a number is refused when it is NaN, infinite, huge
+/// or hugely negative, by its own key.
+#[test]
+fn every_number_has_a_range() {
+    let mut sample = sample_for_tests();
+    sample.remove("network");
+    let sample = Value::Table(sample);
+    let poisons: [fn(&Value) -> Option<Value>; 5] = [
+        |v| v.is_float().then_some(Value::Float(f64::NAN)),
+        |v| v.is_float().then_some(Value::Float(f64::INFINITY)),
+        |v| v.is_float().then_some(Value::Float(1e30)),
+        |v| v.is_float().then_some(Value::Float(-1e30)),
+        |v| v.is_integer().then_some(Value::Integer(i64::from(u32::MAX))),
+    ];
+    let mut tried = 0;
+    for poison in poisons {
+        each_number(&sample, poison, &mut |key, changed| {
+            tried += 1;
+            let config = Config::deserialize(changed).expect("the shape is right");
+            // A matrix is refused as a whole.
+            let expected = key.split("pose_b_c").next().filter(|_| key.contains("pose_b_c"));
+            let hit =
+                config.violations().iter().any(|v| expected.map_or(v.key == key, |p| v.key.starts_with(p)));
+            assert!(hit, "{key} has no range: {:?}", config.violations());
+        });
+    }
+    assert!(tried > 300, "{tried}");
+}

@@ -1,0 +1,50 @@
+//! Reading small text files with a bound, and finding lines in a text.
+
+use crate::ConfigError;
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+/// Most bytes of a configuration or calibration file; real ones have a few thousand.
+pub(crate) const MAX_FILE_BYTES: u64 = 1 << 20;
+
+/// The text of a file of at most [`MAX_FILE_BYTES`].
+pub(crate) fn read_bounded(path: &Path) -> Result<String, ConfigError> {
+    let failed = |source| ConfigError::Read { file: path.to_owned(), source };
+    let file = File::open(path).map_err(failed)?;
+    let mut bytes = Vec::new();
+    // The bound holds for pipes and growing files too: what the metadata say is not trusted.
+    file.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes).map_err(failed)?;
+    if bytes.len() as u64 > MAX_FILE_BYTES {
+        return Err(ConfigError::TooLong { file: path.to_owned(), limit_bytes: MAX_FILE_BYTES });
+    }
+    String::from_utf8(bytes).map_err(|error| {
+        let valid = error.utf8_error().valid_up_to();
+        let before = String::from_utf8_lossy(&error.as_bytes()[..valid]).into_owned();
+        let (line, column) = line_and_column(&before, before.len());
+        let message = "not UTF-8 text".to_owned();
+        ConfigError::Syntax { origin: path.display().to_string(), line, column, message }
+    })
+}
+
+/// Line and column (in characters), both from 1, of a byte offset; an offset outside is taken to the end.
+pub(crate) fn line_and_column(text: &str, offset: usize) -> (usize, usize) {
+    let before = &text.as_bytes()[..offset.min(text.len())];
+    let line = before.iter().filter(|b| **b == b'\n').count() + 1;
+    let start = before.iter().rposition(|b| *b == b'\n').map_or(0, |i| i + 1);
+    (line, String::from_utf8_lossy(&before[start..]).chars().count() + 1)
+}
+
+/// Where the lines of a text begin, to find those of many offsets.
+pub(crate) struct Lines(Vec<usize>);
+
+impl Lines {
+    pub fn of(text: &str) -> Self {
+        Self(std::iter::once(0).chain(text.match_indices('\n').map(|(i, _)| i + 1)).collect())
+    }
+
+    /// The line, from 1, of a byte offset.
+    pub fn at(&self, offset: usize) -> usize {
+        self.0.partition_point(|start| *start <= offset)
+    }
+}

@@ -1,0 +1,172 @@
+//! Validation: which values are refused. Ranges of single numbers are a table in [`ranges`]; here is what
+//! concerns several values at a time, and [`mounting`] and [`network`].
+
+mod mounting;
+mod network;
+mod ranges;
+
+pub(crate) use mounting::pose_problem;
+
+use crate::Config;
+use crate::camera::Distortion;
+use crate::error::Violation;
+use crate::options::CameraConfig;
+use nalgebra::Vector2;
+
+/// Frames that the window holds at most, keyframes and recent ones: its matrices are sized for these and
+/// one more while a frame is exchanged.
+pub const MAX_WINDOW_FRAMES: usize = 15;
+/// Side of the smallest pyramid level, px: below it a patch covers the whole image.
+const MIN_LEVEL_PX: usize = 16;
+
+impl Config {
+    /// Everything that is wrong with the values, ordered by part; empty when the configuration is good.
+    #[must_use]
+    pub fn violations(&self) -> Vec<Violation> {
+        let mut found = Vec::new();
+        if !(1..=2).contains(&self.camera.len()) {
+            let reason = format!("there are {} cameras", self.camera.len());
+            found.push(Violation::new("camera", reason, "give one `[[camera]]` or two, left and right"));
+        }
+        ranges::check(self, &mut found);
+        for (i, camera) in self.camera.iter().enumerate() {
+            check_camera(camera, &format!("camera[{i}]"), &mut found);
+        }
+        mounting::check_pair(&self.camera, &mut found);
+        check_rates(self, &mut found);
+        check_orders(self, &mut found);
+        check_image_fits(self, &mut found);
+        network::check(&self.network, &mut found);
+        found
+    }
+}
+
+fn check_camera(camera: &CameraConfig, key: &str, found: &mut Vec<Violation>) {
+    let size = [camera.width_px as f64, camera.height_px as f64];
+    for (i, (centre, size)) in camera.centre_px.iter().zip(size).enumerate() {
+        if !(0.0..size).contains(centre) {
+            let reason = format!("{centre} is outside the image (0 to {size})");
+            let cure = "give [cx, cy] in pixels, of the same resolution as width_px and height_px";
+            found.push(Violation::new(format!("{key}.centre_px[{i}]"), reason, cure));
+        }
+    }
+    if let Some((reason, cure)) = pose_problem(&camera.pose_b_c) {
+        found.push(Violation::new(format!("{key}.pose_b_c"), reason, cure));
+    }
+    check_distortion(camera, key, found);
+}
+
+fn check_distortion(camera: &CameraConfig, key: &str, found: &mut Vec<Violation>) {
+    let coefficients = match camera.distortion {
+        Distortion::RadialTangential { k1, k2, p1, p2 } => [("k1", k1), ("k2", k2), ("p1", p1), ("p2", p2)],
+        Distortion::Equidistant { k1, k2, k3, k4 } => [("k1", k1), ("k2", k2), ("k3", k3), ("k4", k4)],
+    };
+    for (name, value) in coefficients {
+        if !(-100.0..=100.0).contains(&value) {
+            let reason = format!("{value} is outside -100 to 100");
+            found.push(Violation::new(
+                format!("{key}.distortion.{name}"),
+                reason,
+                "calibrate the camera again",
+            ));
+        }
+    }
+    if found.iter().any(|violation| violation.key.starts_with(key)) {
+        return;
+    }
+    // The middles of the four edges, not the corners: a good radial-tangential fit may miss those.
+    let model = camera.model();
+    let (right, bottom) = (camera.width_px as f64 - 1.0, camera.height_px as f64 - 1.0);
+    let [cx, cy] = camera.centre_px;
+    let edges = [(0.0, cy), (right, cy), (cx, 0.0), (cx, bottom)];
+    if edges.iter().any(|(x, y)| model.unproject(&Vector2::new(*x, *y)).is_none()) {
+        let reason = "the lens model folds back within the image, so pixels there have no direction";
+        let cure =
+            "check the model (radial-tangential or equidistant) and the signs and order of the coefficients";
+        found.push(Violation::new(format!("{key}.distortion"), reason, cure));
+    }
+}
+
+fn check_rates(config: &Config, found: &mut Vec<Violation>) {
+    let Some(first) = config.camera.first() else { return };
+    if config.imu.rate_hz < 2.0 * first.rate_hz {
+        let reason =
+            format!("{} Hz is less than twice the {} Hz of the camera", config.imu.rate_hz, first.rate_hz);
+        found.push(Violation::new("imu.rate_hz", reason, "use a faster IMU or a slower camera"));
+    }
+    if let Some(second) = config.camera.get(1).filter(|second| second.rate_hz != first.rate_hz) {
+        let reason = format!("{} Hz differs from the {} Hz of camera[0]", second.rate_hz, first.rate_hz);
+        found.push(Violation::new("camera[1].rate_hz", reason, "trigger both cameras together"));
+    }
+    if config.driver.pair_tolerance_s * first.rate_hz >= 0.5 {
+        let reason = format!("{} s is half a frame interval or more", config.driver.pair_tolerance_s);
+        let cure = "choose less than half of 1 / camera.rate_hz, else frames pair with their neighbours";
+        found.push(Violation::new("driver.pair_tolerance_s", reason, cure));
+    }
+}
+
+/// Pairs of values of which the first must be less than the second (or equal to it).
+fn check_orders(config: &Config, found: &mut Vec<Violation>) {
+    let (imu, estimator) = (&config.imu, &config.estimator);
+    let (window, health) = (&estimator.window, &estimator.health);
+    let strict = |key, low: f64, than, high: f64| (key, low, than, high, low >= high);
+    let loose = |key, low: f64, than, high: f64| (key, low, than, high, low > high);
+    let pairs = [
+        strict(
+            "estimator.window.min_depth_m",
+            window.min_depth_m,
+            "estimator.window.max_depth_m",
+            window.max_depth_m,
+        ),
+        strict("imu.gravity_m_s2", imu.gravity_m_s2, "imu.accel_range_m_s2", imu.accel_range_m_s2),
+        loose(
+            "imu.gyro_bias_sigma_rad_s",
+            imu.gyro_bias_sigma_rad_s,
+            "estimator.health.max_gyro_bias_rad_s",
+            health.max_gyro_bias_rad_s,
+        ),
+        loose(
+            "imu.accel_bias_sigma_m_s2",
+            imu.accel_bias_sigma_m_s2,
+            "estimator.health.max_accel_bias_m_s2",
+            health.max_accel_bias_m_s2,
+        ),
+        loose(
+            "estimator.points.max_points",
+            estimator.points.max_points as f64,
+            "estimator.window.max_landmarks",
+            window.max_landmarks as f64,
+        ),
+    ];
+    for (key, low, than, high, _) in pairs.into_iter().filter(|(.., refused)| *refused) {
+        let reason = format!("{low} is too large for `{than}` = {high}");
+        found.push(Violation::new(key, reason, format!("lower it or raise `{than}`")));
+    }
+    let frames = window.keyframes.saturating_add(window.recent_frames);
+    if frames > MAX_WINDOW_FRAMES {
+        let reason =
+            format!("with recent_frames the window has {frames} frames, more than {MAX_WINDOW_FRAMES}");
+        found.push(Violation::new("estimator.window.keyframes", reason, "lower keyframes or recent_frames"));
+    }
+}
+
+/// Whether cells, border and pyramid fit the images.
+fn check_image_fits(config: &Config, found: &mut Vec<Violation>) {
+    let points = &config.estimator.points;
+    let Some(side) = config.camera.iter().map(|c| c.width_px.min(c.height_px)).min() else { return };
+    let mut refuse = |key: &str, reason: String, cure: &str| {
+        found.push(Violation::new(format!("estimator.points.{key}"), reason, cure));
+    };
+    if points.border_px.saturating_mul(4) > side {
+        refuse("border_px", format!("{} px leave too little of {side} px", points.border_px), "lower it");
+    }
+    if points.cell_px > side {
+        refuse("cell_px", format!("{} px are more than the image's {side} px", points.cell_px), "lower it");
+    }
+    let shift = u32::try_from(points.pyramid_levels.saturating_sub(1)).unwrap_or(u32::MAX);
+    if side.checked_shr(shift).unwrap_or(0) < MIN_LEVEL_PX {
+        let reason =
+            format!("{} levels shrink {side} px to less than {MIN_LEVEL_PX} px", points.pyramid_levels);
+        refuse("pyramid_levels", reason, "use fewer levels");
+    }
+}

@@ -1,0 +1,63 @@
+//! Validation of names and addresses on the network.
+
+use crate::error::Violation;
+use crate::options::NetworkConfig;
+
+/// Longest vehicle name: it is part of every key on the wire.
+const MAX_VEHICLE_BYTES: usize = 64;
+/// Most endpoints of a kind, and the longest of them.
+const MAX_ENDPOINTS: usize = 16;
+const MAX_ENDPOINT_BYTES: usize = 256;
+/// Protocols that the runtime is built with.
+const PROTOCOLS: [&str; 3] = ["tcp", "udp", "tls"];
+
+pub(super) fn check(network: &NetworkConfig, found: &mut Vec<Violation>) {
+    if let Some(reason) = vehicle_problem(&network.vehicle) {
+        let cure = format!("use 1 to {MAX_VEHICLE_BYTES} of a-z, A-Z, 0-9, `-`, `_`, such as \"drone-1\"");
+        found.push(Violation::new("network.vehicle", reason, cure));
+    }
+    for (name, endpoints) in [("listen", &network.listen), ("connect", &network.connect)] {
+        if endpoints.len() > MAX_ENDPOINTS {
+            let reason = format!("there are {} endpoints", endpoints.len());
+            let cure = format!("give at most {MAX_ENDPOINTS}");
+            found.push(Violation::new(format!("network.{name}"), reason, cure));
+        }
+        for (i, endpoint) in endpoints.iter().enumerate().filter(|(_, e)| !is_endpoint(e)) {
+            let reason = format!("{} is no endpoint", shortened(endpoint));
+            let cure = "write protocol/host:port with tcp, udp or tls, such as \"tcp/127.0.0.1:7447\"";
+            found.push(Violation::new(format!("network.{name}[{i}]"), reason, cure));
+        }
+    }
+}
+
+/// The name is one chunk of a Zenoh key: `/` would split it, `*`, `$`, `#` and `?` have meanings there.
+fn vehicle_problem(name: &str) -> Option<String> {
+    if name.is_empty() {
+        return Some("is empty".into());
+    }
+    if name.len() > MAX_VEHICLE_BYTES {
+        return Some(format!("is {} bytes long", name.len()));
+    }
+    let bad = name.chars().find(|c| !(c.is_ascii_alphanumeric() || matches!(c, '-' | '_')));
+    bad.map(|c| format!("contains {c:?}, which a key on the wire must not"))
+}
+
+fn is_endpoint(text: &str) -> bool {
+    let Some((protocol, address)) = text.split_once('/') else { return false };
+    // `?metadata` and `#configuration` may follow the address.
+    let address = address.split(['?', '#']).next().unwrap_or_default();
+    let Some((host, port)) = address.rsplit_once(':') else { return false };
+    text.len() <= MAX_ENDPOINT_BYTES
+        && text.chars().all(|c| c.is_ascii_graphic())
+        && PROTOCOLS.contains(&protocol)
+        && !host.is_empty()
+        && port.parse::<u16>().is_ok()
+}
+
+fn shortened(text: &str) -> String {
+    let mut short: String = text.chars().take(80).collect();
+    if short.len() < text.len() {
+        short.push('…');
+    }
+    format!("{short:?}")
+}

@@ -1,0 +1,97 @@
+//! The inertial stream of a data set.
+
+use super::grid::{median_period_ns, steps};
+use super::table::{Stamped, Table, fields, number_fields, stamp_field};
+use crate::{DriverError, Faults, ImuReading, ImuSource};
+use nalgebra::Vector3;
+use plumbline_config::{ImuSample, Timestamp};
+use std::sync::Arc;
+
+/// Ten times what any gyroscope of a drone reports, rad/s; beyond are flipped bits.
+const MAX_GYRO_RAD_S: f64 = 350.0;
+/// Ten times what any accelerometer of a drone reports, m/s².
+const MAX_ACCEL_M_S2: f64 = 3500.0;
+
+impl Stamped for ImuSample {
+    fn stamp(&self) -> Timestamp {
+        self.stamp
+    }
+}
+
+/// `timestamp [ns], gyro x y z [rad/s], accel x y z [m/s²]`; further columns are ignored.
+pub(super) fn parse_imu_row(row: &str) -> Option<ImuSample> {
+    let mut fields = fields(row);
+    let stamp = stamp_field(&mut fields)?;
+    let gyro = Vector3::from(number_fields::<3>(&mut fields)?);
+    let accel = Vector3::from(number_fields::<3>(&mut fields)?);
+    let possible = gyro.amax() <= MAX_GYRO_RAD_S && accel.amax() <= MAX_ACCEL_M_S2;
+    possible.then_some(ImuSample { stamp, gyro, accel })
+}
+
+/// All samples of a data set with their sequence numbers, shared by the sources made of it.
+#[derive(Debug)]
+pub(super) struct ImuRecord {
+    readings: Vec<ImuReading>,
+    faults: Faults,
+}
+
+impl ImuRecord {
+    pub(super) fn new(table: Table<ImuSample>) -> Self {
+        let period = median_period_ns(table.rows.iter().map(|row| row.stamp));
+        let mut readings: Vec<ImuReading> = Vec::with_capacity(table.rows.len());
+        for sample in table.rows {
+            let sequence = readings
+                .last()
+                .map_or(0, |last| last.sequence + steps(sample.stamp.nanos_since(last.sample.stamp), period));
+            readings.push(ImuReading { sequence, sample });
+        }
+        let faults = Faults { corrupt: table.corrupt, disordered: table.disordered, ..Faults::default() };
+        Self { readings, faults }
+    }
+
+    /// First and last stamp.
+    pub(super) fn span(&self) -> Option<(Timestamp, Timestamp)> {
+        Some((self.readings.first()?.sample.stamp, self.readings.last()?.sample.stamp))
+    }
+
+    /// Indices of the samples with stamps in `from..=to`.
+    pub(super) fn range(&self, from: Timestamp, to: Timestamp) -> std::ops::Range<usize> {
+        let start = self.readings.partition_point(|r| r.sample.stamp < from);
+        start..self.readings.partition_point(|r| r.sample.stamp <= to).max(start)
+    }
+}
+
+/// Hands out the inertial samples of an [`EurocDataset`](super::EurocDataset) around its frames.
+///
+/// Sequence numbers count from the first sample of the file; a sample skipped as corrupt shows as a gap
+/// like one that was never recorded. Corrupt and disordered rows are those of the whole file.
+#[derive(Debug)]
+pub struct EurocImu {
+    record: Arc<ImuRecord>,
+    rest: std::ops::Range<usize>,
+    last_sequence: Option<u64>,
+    faults: Faults,
+}
+
+impl EurocImu {
+    pub(super) fn new(record: Arc<ImuRecord>, rest: std::ops::Range<usize>) -> Self {
+        let faults = record.faults;
+        Self { record, rest, last_sequence: None, faults }
+    }
+}
+
+impl ImuSource for EurocImu {
+    fn next_reading(&mut self) -> Result<Option<ImuReading>, DriverError> {
+        let Some(reading) = self.rest.next().and_then(|i| self.record.readings.get(i)).copied() else {
+            return Ok(None);
+        };
+        if let Some(last) = self.last_sequence.replace(reading.sequence) {
+            self.faults.missing += reading.sequence - last - 1;
+        }
+        Ok(Some(reading))
+    }
+
+    fn faults(&self) -> Faults {
+        self.faults
+    }
+}

@@ -1,0 +1,311 @@
+//! Data sets in the ASL format of the EuRoC MAV data set (Burri et al., 2016): read and written.
+//!
+//! ```text
+//! DATASET/mav0/cam0/data.csv, data/*.png           left camera
+//!              cam1/data.csv, data/*.png           right camera, may be absent (monocular)
+//!              imu0/data.csv                       inertial samples
+//!              state_groundtruth_estimate0/data.csv   truth, may be absent
+//! ```
+//!
+//! [`EurocDataset::open`] reads the tables, pairs the images by time and refuses, in one line, what is no
+//! data set; [`EurocDataset::stereo`] and [`EurocDataset::imu`] are the sources. What can be survived is
+//! counted in [`Faults`](crate::Faults): rows that are torn or out of order, images that are missing, cut
+//! off, of the wrong size or without a partner. [`write`] makes such a data set of any sources.
+
+mod grid;
+mod image;
+mod imu;
+mod pairing;
+mod stereo;
+mod table;
+mod truth;
+mod writer;
+
+#[cfg(test)]
+pub(crate) mod fixture;
+#[cfg(test)]
+mod tests;
+
+pub use imu::EurocImu;
+pub use stereo::EurocStereo;
+pub use truth::read_ground_truth;
+pub use writer::{Progress, WriteInputs, WriteOptions, Written, write};
+
+use crate::{DriverError, Faults, StereoFrame, TruthState};
+use image::png_size;
+use imu::{ImuRecord, parse_imu_row};
+use pairing::{FrameEntry, ImageRow, Pairing, parse_image_row};
+use plumbline_config::{Config, Timestamp};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use table::{Table, read_table};
+
+/// Inertial samples are handed out from this long before the first frame, s: enough to level the IMU by.
+const IMU_BEFORE_S: f64 = 1.0;
+/// Inertial samples are handed out until this long after the last frame, s: well above any time offset
+/// between camera and IMU.
+const IMU_AFTER_S: f64 = 0.1;
+
+/// What of a data set is handed out, and what is expected of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EurocOptions {
+    /// Frames to hand out, counted from 0 over the paired frames; `None` for all. Clipped at the end.
+    pub frames: Option<Range<usize>>,
+    /// Largest difference of stamps within a stereo pair, s.
+    pub pair_tolerance_s: f64,
+    /// Expected image sizes in pixels, left and right, one a camera that is used: with one entry `cam1`
+    /// is left alone. Empty: as many cameras as there are, of the size of their first image.
+    pub sizes_px: Vec<(usize, usize)>,
+}
+
+impl Default for EurocOptions {
+    fn default() -> Self {
+        Self { frames: None, pair_tolerance_s: 0.002, sizes_px: Vec::new() }
+    }
+}
+
+impl EurocOptions {
+    /// All frames, for the cameras of a configuration.
+    #[must_use]
+    pub fn for_config(config: &Config) -> Self {
+        Self {
+            frames: None,
+            pair_tolerance_s: config.driver.pair_tolerance_s,
+            sizes_px: config.camera.iter().map(|c| (c.width_px, c.height_px)).collect(),
+        }
+    }
+}
+
+/// An opened data set: tables in memory, images on disk.
+#[derive(Debug)]
+pub struct EurocDataset {
+    root: PathBuf,
+    sizes_px: Vec<(usize, usize)>,
+    frames: Arc<[FrameEntry]>,
+    handed_out: Range<usize>,
+    image_faults: Faults,
+    imu: Arc<ImuRecord>,
+    imu_range: Range<usize>,
+}
+
+impl EurocDataset {
+    /// Opens the data set at `path`: the directory that holds `mav0`, or `mav0` itself.
+    ///
+    /// # Errors
+    /// When it is no such directory, a table is missing or of no use, no image can be read, the images
+    /// are not of the expected size, or the IMU was off while the images were taken.
+    pub fn open(path: &Path, options: &EurocOptions) -> Result<Self, DriverError> {
+        let root = find_root(path)?;
+        let cameras = count_cameras(&root, options);
+        let mut image_faults = Faults::default();
+        let mut sizes_px = Vec::new();
+        let mut rows = [Vec::new(), Vec::new()];
+        for (camera, rows) in rows.iter_mut().enumerate().take(cameras) {
+            let table = read_images(&camera_folder(&root, camera))?;
+            image_faults.corrupt += table.corrupt;
+            image_faults.disordered += table.disordered;
+            sizes_px.push(check_size(&root, camera, &table.rows, options)?);
+            *rows = table.rows;
+        }
+        let Pairing { frames, outside } = pair(&root, rows, cameras, options)?;
+        image_faults.unpaired += outside;
+        let handed_out = clip_range(&root, options.frames.as_ref(), frames.len())?;
+        let imu = read_imu(&root)?;
+        let imu_range = imu_range(&root, &imu, &frames[handed_out.clone()])?;
+        Ok(Self {
+            root,
+            sizes_px,
+            frames: frames.into(),
+            handed_out,
+            image_faults,
+            imu: Arc::new(imu),
+            imu_range,
+        })
+    }
+
+    /// The directory of the tables (`mav0`).
+    #[must_use]
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// Cameras in use: 1 or 2.
+    #[must_use]
+    pub fn cameras(&self) -> usize {
+        self.sizes_px.len()
+    }
+
+    /// Image sizes in pixels; 0x0 for a camera that is not in use.
+    #[must_use]
+    pub fn sizes_px(&self) -> [(usize, usize); 2] {
+        [0, 1].map(|camera| self.sizes_px.get(camera).copied().unwrap_or_default())
+    }
+
+    /// A frame with buffers of the right size.
+    #[must_use]
+    pub fn new_frame(&self) -> StereoFrame {
+        StereoFrame::new(self.sizes_px())
+    }
+
+    /// Frames that will be handed out.
+    #[must_use]
+    pub fn frame_count(&self) -> usize {
+        self.handed_out.len()
+    }
+
+    /// Stamps of the first and the last frame that will be handed out.
+    #[must_use]
+    pub fn span(&self) -> (Timestamp, Timestamp) {
+        frames_span(&self.frames[self.handed_out.clone()])
+    }
+
+    /// The image stream, from its beginning.
+    #[must_use]
+    pub fn stereo(&self) -> EurocStereo {
+        let folders = [0, 1].map(|camera| camera_folder(&self.root, camera).join("data"));
+        let frames = Arc::clone(&self.frames);
+        EurocStereo::new(frames, self.handed_out.clone(), folders, self.cameras() == 2, self.image_faults)
+    }
+
+    /// The inertial stream, from 1 s before the first frame to 0.1 s after the last.
+    #[must_use]
+    pub fn imu(&self) -> EurocImu {
+        EurocImu::new(Arc::clone(&self.imu), self.imu_range.clone())
+    }
+
+    /// The ground truth of the whole data set in order of time, where there is one.
+    ///
+    /// # Errors
+    /// When there is one and it cannot be read.
+    pub fn ground_truth(&self) -> Result<Option<Vec<TruthState>>, DriverError> {
+        let path = self.root.join("state_groundtruth_estimate0/data.csv");
+        if path.exists() { read_ground_truth(&path).map(Some) } else { Ok(None) }
+    }
+}
+
+fn camera_folder(root: &Path, camera: usize) -> PathBuf {
+    root.join(format!("cam{camera}"))
+}
+
+fn find_root(path: &Path) -> Result<PathBuf, DriverError> {
+    let nested = path.join("mav0");
+    if nested.is_dir() {
+        return Ok(nested);
+    }
+    if path.join("cam0").is_dir() || path.join("imu0").is_dir() {
+        return Ok(path.into());
+    }
+    let message = if path.is_dir() {
+        "holds no mav0/cam0; give the directory of a EuRoC data set"
+    } else if path.exists() {
+        "is not a directory; give the directory of a EuRoC data set (unpack it first)"
+    } else {
+        "does not exist; give the directory of a EuRoC data set"
+    };
+    Err(DriverError::malformed(path, message))
+}
+
+fn count_cameras(root: &Path, options: &EurocOptions) -> usize {
+    let wanted = if options.sizes_px.is_empty() { 2 } else { options.sizes_px.len() };
+    if wanted > 1 && camera_folder(root, 1).is_dir() { 2 } else { 1 }
+}
+
+fn require_table(path: &Path, what: &str) -> Result<(), DriverError> {
+    if path.is_file() {
+        return Ok(());
+    }
+    Err(DriverError::malformed(path, format!("is missing, so there are no {what}; copy the data set again")))
+}
+
+fn read_images(folder: &Path) -> Result<Table<ImageRow>, DriverError> {
+    let path = folder.join("data.csv");
+    require_table(&path, "images")?;
+    read_table(&path, parse_image_row)
+}
+
+fn read_imu(root: &Path) -> Result<ImuRecord, DriverError> {
+    let path = root.join("imu0/data.csv");
+    require_table(&path, "inertial samples")?;
+    read_table(&path, parse_imu_row).map(ImuRecord::new)
+}
+
+/// The size of the camera's images by the first one that can be read, checked against the expected.
+fn check_size(
+    root: &Path,
+    camera: usize,
+    rows: &[ImageRow],
+    options: &EurocOptions,
+) -> Result<(usize, usize), DriverError> {
+    let folder = camera_folder(root, camera).join("data");
+    let Some(found) = rows.iter().find_map(|row| png_size(&folder.join(&row.file))) else {
+        let message =
+            format!("none of the {} images of data.csv is there as a PNG; copy them here", rows.len());
+        return Err(DriverError::malformed(folder, message));
+    };
+    match options.sizes_px.get(camera) {
+        Some(&expected) if expected != found => {
+            let message = format!(
+                "images are {}x{}, but the configuration says {}x{} for camera {camera}; \
+                 use the calibration of this data set",
+                found.0, found.1, expected.0, expected.1
+            );
+            Err(DriverError::malformed(folder, message))
+        }
+        _ => Ok(found),
+    }
+}
+
+fn pair(
+    root: &Path,
+    [left, right]: [Vec<ImageRow>; 2],
+    cameras: usize,
+    options: &EurocOptions,
+) -> Result<Pairing, DriverError> {
+    if cameras == 1 {
+        return Ok(pairing::monocular(left));
+    }
+    let tolerance_ns = (options.pair_tolerance_s * 1e9).round() as i64;
+    let pairing = pairing::stereo(left, right, tolerance_ns.max(0));
+    if pairing.frames.iter().any(|frame| frame.files.iter().all(Option::is_some)) {
+        return Ok(pairing);
+    }
+    let message = format!(
+        "no image of cam0 has a partner in cam1 within {} s; are the clocks synchronous? \
+         (driver.pair_tolerance_s, or take cam1 away to fly on one camera)",
+        options.pair_tolerance_s
+    );
+    Err(DriverError::malformed(root, message))
+}
+
+fn clip_range(root: &Path, wanted: Option<&Range<usize>>, count: usize) -> Result<Range<usize>, DriverError> {
+    let Some(wanted) = wanted else { return Ok(0..count) };
+    let clipped = wanted.start..wanted.end.min(count);
+    if clipped.is_empty() {
+        let message = format!(
+            "has frames 0..{count}, of which {}..{} holds none; choose others",
+            wanted.start, wanted.end
+        );
+        return Err(DriverError::malformed(root, message));
+    }
+    Ok(clipped)
+}
+
+fn frames_span(frames: &[FrameEntry]) -> (Timestamp, Timestamp) {
+    let stamp = |frame: Option<&FrameEntry>| frame.map_or(Timestamp::default(), |f| f.stamp);
+    (stamp(frames.first()), stamp(frames.last()))
+}
+
+/// The part of the inertial stream that belongs to `frames`.
+fn imu_range(root: &Path, imu: &ImuRecord, frames: &[FrameEntry]) -> Result<Range<usize>, DriverError> {
+    let (first, last) = frames_span(frames);
+    if !imu.range(first, last).is_empty() {
+        return Ok(imu.range(first.plus_seconds(-IMU_BEFORE_S), last.plus_seconds(IMU_AFTER_S)));
+    }
+    let (imu_first, imu_last) = imu.span().unwrap_or_default();
+    let message = format!(
+        "the IMU was recorded from {imu_first} to {imu_last} s, the images from {first} to {last} s: no \
+         sample among them; do the files belong together?"
+    );
+    Err(DriverError::malformed(root.join("imu0/data.csv"), message))
+}

@@ -1,0 +1,184 @@
+//! Which image belongs to which: left and right by time, not by row.
+
+use super::grid::{median_period_ns, steps};
+use super::table::{Stamped, fields, stamp_field};
+use plumbline_config::Timestamp;
+use std::path::{Component, Path};
+
+/// One row of a camera's `data.csv`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct ImageRow {
+    pub(super) stamp: Timestamp,
+    /// Name of the file within the camera's `data` folder.
+    pub(super) file: String,
+}
+
+impl Stamped for ImageRow {
+    fn stamp(&self) -> Timestamp {
+        self.stamp
+    }
+}
+
+/// `timestamp [ns], filename`; where the name is left out it is `<timestamp>.png`.
+pub(super) fn parse_image_row(row: &str) -> Option<ImageRow> {
+    let mut fields = fields(row);
+    let stamp = stamp_field(&mut fields)?;
+    let file = match fields.next() {
+        None | Some("") => format!("{}.png", stamp.as_nanos()),
+        Some(name) => is_plain_name(name).then(|| name.to_owned())?,
+    };
+    Some(ImageRow { stamp, file })
+}
+
+/// Whether a name stays within its folder.
+fn is_plain_name(name: &str) -> bool {
+    let mut parts = Path::new(name).components();
+    matches!((parts.next(), parts.next()), (Some(Component::Normal(_)), None)) && !name.contains('\0')
+}
+
+/// One frame to hand out: what is to be read for it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct FrameEntry {
+    /// Counts from the first frame of the data set, gaps included.
+    pub(super) sequence: u64,
+    /// Time of the left image where there is one.
+    pub(super) stamp: Timestamp,
+    /// File names of left and right image.
+    pub(super) files: [Option<String>; 2],
+}
+
+/// Frames of the whole data set.
+#[derive(Debug)]
+pub(super) struct Pairing {
+    pub(super) frames: Vec<FrameEntry>,
+    /// Right images before the first or after the last left one: not handed out.
+    pub(super) outside: u64,
+}
+
+/// Frames of a single camera.
+pub(super) fn monocular(left: Vec<ImageRow>) -> Pairing {
+    let frames = left.into_iter().map(|row| entry(row.stamp, [Some(row.file), None])).collect();
+    numbered(frames, 0)
+}
+
+/// Frames of two cameras: nearest stamps within `tolerance_ns`, each image used once. An image without a
+/// partner is a frame of its own; both lists are in order.
+pub(super) fn stereo(left: Vec<ImageRow>, right: Vec<ImageRow>, tolerance_ns: i64) -> Pairing {
+    let ends = left.first().zip(left.last()).map(|(first, last)| (first.stamp, last.stamp));
+    let mut frames = Vec::with_capacity(left.len());
+    let (mut left, mut right) = (left.into_iter().peekable(), right.into_iter().peekable());
+    loop {
+        let apart = match (left.peek(), right.peek()) {
+            (None, None) => break,
+            (Some(_), None) => i64::MAX,
+            (None, Some(_)) => i64::MIN,
+            (Some(l), Some(r)) => r.stamp.nanos_since(l.stamp),
+        };
+        let l = if apart >= -tolerance_ns { left.next() } else { None };
+        let r = if apart <= tolerance_ns { right.next() } else { None };
+        match (l, r) {
+            (Some(l), Some(r)) => pair_closest(l, r, &mut left, &mut right, &mut frames),
+            (l, r) => frames.extend(l.map(left_only).or(r.map(right_only))),
+        }
+    }
+    frames.sort_by_key(|frame| frame.stamp);
+    let all = frames.len();
+    frames.retain(|frame| {
+        frame.files[0].is_some()
+            || ends.is_some_and(|(first, last)| first <= frame.stamp && frame.stamp <= last)
+    });
+    let outside = (all - frames.len()) as u64;
+    numbered(frames, outside)
+}
+
+type Rows = std::iter::Peekable<std::vec::IntoIter<ImageRow>>;
+
+/// Pairs `l` with `r`, unless the next row of either side is closer to the other: then the passed-over
+/// image stands alone and the closer two are looked at.
+fn pair_closest(
+    mut l: ImageRow,
+    mut r: ImageRow,
+    left: &mut Rows,
+    right: &mut Rows,
+    frames: &mut Vec<FrameEntry>,
+) {
+    let apart = |l: &ImageRow, r: &ImageRow| l.stamp.nanos_since(r.stamp).saturating_abs();
+    loop {
+        let now = apart(&l, &r);
+        if let Some(closer) = right.next_if(|next| apart(&l, next) < now) {
+            frames.push(right_only(std::mem::replace(&mut r, closer)));
+        } else if let Some(closer) = left.next_if(|next| apart(next, &r) < now) {
+            frames.push(left_only(std::mem::replace(&mut l, closer)));
+        } else {
+            frames.push(entry(l.stamp, [Some(l.file), Some(r.file)]));
+            return;
+        }
+    }
+}
+
+fn left_only(row: ImageRow) -> FrameEntry {
+    entry(row.stamp, [Some(row.file), None])
+}
+
+fn right_only(row: ImageRow) -> FrameEntry {
+    entry(row.stamp, [None, Some(row.file)])
+}
+
+fn entry(stamp: Timestamp, files: [Option<String>; 2]) -> FrameEntry {
+    FrameEntry { sequence: 0, stamp, files }
+}
+
+fn numbered(mut frames: Vec<FrameEntry>, outside: u64) -> Pairing {
+    let period = median_period_ns(frames.iter().filter(|f| f.files[0].is_some()).map(|f| f.stamp));
+    for i in 1..frames.len() {
+        let gap = frames[i].stamp.nanos_since(frames[i - 1].stamp);
+        frames[i].sequence = frames[i - 1].sequence + steps(gap, period);
+    }
+    Pairing { frames, outside }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rows(stamps: &[i64]) -> Vec<ImageRow> {
+        stamps.iter().map(|&t| parse_image_row(&t.to_string()).unwrap()).collect()
+    }
+
+    fn summary(pairing: &Pairing) -> Vec<(u64, i64, bool, bool)> {
+        let one =
+            |f: &FrameEntry| (f.sequence, f.stamp.as_nanos(), f.files[0].is_some(), f.files[1].is_some());
+        pairing.frames.iter().map(one).collect()
+    }
+
+    #[test]
+    fn rows_are_paired_by_time_and_gaps_are_numbered() {
+        let pairing = stereo(rows(&[100, 150, 200, 400]), rows(&[52, 101, 199, 248, 402, 450]), 3);
+        let expected = [
+            (0, 100, true, true),
+            (1, 150, true, false),
+            (2, 200, true, true),
+            (3, 248, false, true),
+            (6, 400, true, true),
+        ];
+        assert_eq!(summary(&pairing), expected);
+        assert_eq!(pairing.outside, 2);
+    }
+
+    #[test]
+    fn the_closer_partner_wins() {
+        let pairing = stereo(rows(&[100, 103]), rows(&[97, 101]), 5);
+        assert_eq!(summary(&pairing), [(0, 100, true, true), (1, 103, true, false)]);
+        let pairing = stereo(rows(&[100, 104, 200]), rows(&[105, 200]), 6);
+        assert_eq!(summary(&pairing)[..2], [(0, 100, true, false), (1, 104, true, true)]);
+    }
+
+    #[test]
+    fn names_must_stay_in_their_folder() {
+        assert_eq!(parse_image_row("5, a.png ").unwrap().file, "a.png");
+        assert_eq!(parse_image_row("5,").unwrap().file, "5.png");
+        for row in ["5,../a.png", "5,/etc/passwd", "5,a/b.png", "5,..", "x,a.png", "", "5.5,a.png"] {
+            assert_eq!(parse_image_row(row), None, "{row}");
+        }
+    }
+}

@@ -1,0 +1,79 @@
+//! The image stream of a data set.
+
+use super::image::{ImageReader, NoImage};
+use super::pairing::FrameEntry;
+use crate::{DriverError, Faults, StereoFrame, StereoSource};
+use std::ops::Range;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Hands out the frames of an [`EurocDataset`](super::EurocDataset), decoding as it goes; a
+/// [`Prefetch`](crate::Prefetch) around it decodes ahead of need.
+///
+/// A camera whose buffer in the frame is 0x0 is not read. An image that is missing or corrupt is
+/// counted, and its frame handed out without it, if need be without any: a gap is news too.
+#[derive(Debug)]
+pub struct EurocStereo {
+    frames: Arc<[FrameEntry]>,
+    rest: Range<usize>,
+    expected: u64,
+    folders: [PathBuf; 2],
+    stereo: bool,
+    reader: ImageReader,
+    last_sequence: Option<u64>,
+    faults: Faults,
+}
+
+impl EurocStereo {
+    /// Frames `range` of `frames`, with images in `folders`; `stereo` when there are two cameras.
+    pub(super) fn new(
+        frames: Arc<[FrameEntry]>,
+        range: Range<usize>,
+        folders: [PathBuf; 2],
+        stereo: bool,
+        faults: Faults,
+    ) -> Self {
+        let (reader, expected) = (ImageReader::default(), range.len() as u64);
+        Self { frames, rest: range, expected, folders, stereo, reader, last_sequence: None, faults }
+    }
+
+    fn read_image(&mut self, entry: &FrameEntry, camera: usize, frame: &mut StereoFrame) {
+        frame.valid[camera] = false;
+        let image = &mut frame.images[camera];
+        let Some(file) = &entry.files[camera] else { return };
+        if image.pixels().is_empty() {
+            return;
+        }
+        match self.reader.read(&self.folders[camera].join(file), image) {
+            Ok(()) => frame.valid[camera] = true,
+            Err(NoImage::Missing) => self.faults.missing += 1,
+            Err(NoImage::Corrupt) => self.faults.corrupt += 1,
+        }
+    }
+}
+
+impl StereoSource for EurocStereo {
+    fn next_frame(&mut self, frame: &mut StereoFrame) -> Result<bool, DriverError> {
+        let frames = Arc::clone(&self.frames);
+        let Some(entry) = self.rest.next().and_then(|i| frames.get(i)) else { return Ok(false) };
+        if let Some(last) = self.last_sequence.replace(entry.sequence) {
+            self.faults.missing += entry.sequence - last - 1;
+        }
+        frame.sequence = entry.sequence;
+        frame.stamp = entry.stamp;
+        self.read_image(entry, 0, frame);
+        self.read_image(entry, 1, frame);
+        if self.stereo && entry.files.iter().any(Option::is_none) {
+            self.faults.unpaired += 1;
+        }
+        Ok(true)
+    }
+
+    fn expected_frames(&self) -> Option<u64> {
+        Some(self.expected)
+    }
+
+    fn faults(&self) -> Faults {
+        self.faults
+    }
+}

@@ -1,0 +1,80 @@
+//! Tests of whole data sets: sound, damaged, hopeless, real, and written by ourselves.
+
+mod damaged;
+mod real;
+mod refused;
+mod written;
+
+use super::fixture::*;
+use super::*;
+use crate::{ImuSource, StereoSource};
+
+#[test]
+fn a_sound_data_set_is_read_completely() {
+    let sample = Sample::new();
+    let dataset = sample.open().unwrap();
+    assert_eq!((dataset.cameras(), dataset.frame_count()), (2, FRAMES as usize));
+    assert_eq!(dataset.sizes_px(), [SIZE, SIZE]);
+    let mut stereo = dataset.stereo();
+    assert_eq!(stereo.expected_frames(), Some(FRAMES as u64));
+    for (i, frame) in all_frames(&mut stereo, dataset.sizes_px()).iter().enumerate() {
+        assert_eq!((frame.sequence, frame.stamp.as_nanos()), (i as u64, frame_ns(i as i64)));
+        assert_eq!(frame.valid, [true, true]);
+        assert_eq!(frame.images.each_ref().map(|image| image.pixels()[7]), [i as u8, 100 + i as u8]);
+    }
+    assert_eq!(stereo.faults(), Faults::default());
+    let mut imu = dataset.imu();
+    let readings = all_readings(&mut imu);
+    assert_eq!(readings.len(), FRAMES as usize * 10);
+    assert_eq!(readings[25].sequence, 25);
+    assert_eq!(readings[25].sample.gyro.x, 0.025);
+    assert_eq!(readings[25].sample.accel.z, -3.69);
+    assert_eq!(imu.faults(), Faults::default());
+    assert_eq!(dataset.ground_truth().unwrap(), None);
+}
+
+#[test]
+fn mav0_itself_may_be_named() {
+    let sample = Sample::new();
+    assert!(EurocDataset::open(&sample.path(""), &EurocOptions::default()).is_ok());
+}
+
+#[test]
+fn a_range_of_frames_takes_its_inertial_samples_along() {
+    let sample = Sample::new();
+    let options = EurocOptions { frames: Some(3..5), ..EurocOptions::default() };
+    let dataset = EurocDataset::open(sample.dir.path(), &options).unwrap();
+    let frames = all_frames(&mut dataset.stereo(), dataset.sizes_px());
+    assert_eq!(frames.iter().map(|f| f.sequence).collect::<Vec<_>>(), [3, 4]);
+    assert_eq!(dataset.span().0.as_nanos(), frame_ns(3));
+    let last = all_readings(&mut dataset.imu()).last().unwrap().sample.stamp;
+    assert_eq!(last.as_nanos(), frame_ns(4) + 100_000_000);
+    let beyond = EurocOptions { frames: Some(10..99), ..EurocOptions::default() };
+    assert_eq!(EurocDataset::open(sample.dir.path(), &beyond).unwrap().frame_count(), 2);
+    #[expect(clippy::reversed_empty_ranges)]
+    for nothing in [5..5, 7..3, 12..20] {
+        let options = EurocOptions { frames: Some(nothing), ..EurocOptions::default() };
+        let message = EurocDataset::open(sample.dir.path(), &options).unwrap_err().to_string();
+        assert!(message.contains("has frames 0..12"), "{message}");
+    }
+}
+
+#[test]
+fn the_right_camera_is_left_alone_where_one_is_configured() {
+    let sample = Sample::new();
+    let options = EurocOptions { sizes_px: vec![SIZE], ..EurocOptions::default() };
+    let dataset = EurocDataset::open(sample.dir.path(), &options).unwrap();
+    assert_eq!(dataset.sizes_px(), [SIZE, (0, 0)]);
+    let mut stereo = dataset.stereo();
+    assert!(all_frames(&mut stereo, dataset.sizes_px()).iter().all(|f| f.valid == [true, false]));
+    assert_eq!(stereo.faults(), Faults::default());
+}
+
+#[test]
+fn a_data_set_without_right_camera_is_monocular() {
+    let sample = Sample::new();
+    std::fs::remove_dir_all(sample.path("cam1")).unwrap();
+    let dataset = sample.open().unwrap();
+    assert_eq!((dataset.cameras(), dataset.sizes_px()[1]), (1, (0, 0)));
+    assert_eq!(all_frames(&mut dataset.stereo(), dataset.sizes_px()).len(), FRAMES as usize);
+}

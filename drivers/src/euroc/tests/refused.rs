@@ -1,0 +1,93 @@
+//! What is no data set, and what the one line about it says.
+
+use super::*;
+use std::fs::{create_dir_all, remove_dir_all, remove_file};
+
+#[test]
+fn a_path_that_is_no_data_set() {
+    let dir = tempfile::tempdir().unwrap();
+    let open = |path: &Path| EurocDataset::open(path, &EurocOptions::default()).unwrap_err().to_string();
+    assert!(open(&dir.path().join("nowhere")).contains("does not exist"));
+    assert!(open(dir.path()).contains("holds no mav0/cam0"));
+    let file = dir.path().join("file.zip");
+    std::fs::write(&file, "PK").unwrap();
+    assert!(open(&file).contains("is not a directory"));
+    create_dir_all(dir.path().join("mav0")).unwrap();
+    assert!(open(dir.path()).contains("cam0/data.csv: is missing"));
+}
+
+#[test]
+fn tables_missing_empty_or_of_headers_only() {
+    for table in ["cam0/data.csv", "cam1/data.csv", "imu0/data.csv"] {
+        let sample = Sample::new();
+        for empty in ["", "#timestamp [ns],filename\n", "\r\n\r\n", "timestamp,filename"] {
+            sample.put(table, empty);
+            let message = sample.refusal();
+            assert!(message.contains(table) && message.contains("has no rows"), "{message}");
+        }
+        sample.put(table, "a,b\nc,d\n");
+        assert!(sample.refusal().contains("none of"), "{}", sample.refusal());
+        remove_file(sample.path(table)).unwrap();
+        let message = sample.refusal();
+        assert!(message.contains(table) && message.contains("is missing"), "{message}");
+    }
+}
+
+#[test]
+fn too_many_corrupt_rows() {
+    let sample = Sample::new();
+    sample.edit("imu0/data.csv", |lines| lines.iter_mut().step_by(8).for_each(|line| line.truncate(25)));
+    let message = sample.refusal();
+    assert!(message.contains("15 of 120 rows are corrupt"), "{message}");
+}
+
+#[test]
+fn no_images_at_all() {
+    let sample = Sample::new();
+    remove_dir_all(sample.path("cam0/data")).unwrap();
+    assert!(sample.refusal().contains("none of the 12 images"));
+    let sample = Sample::new();
+    for i in 0..FRAMES {
+        std::fs::write(sample.image(1, i), b"\xff\xd8\xff\xe0 JFIF").unwrap();
+    }
+    let message = sample.refusal();
+    assert!(message.contains("cam1/data: none of the 12 images of data.csv is there as a PNG"), "{message}");
+}
+
+#[test]
+fn images_of_another_camera() {
+    let sample = Sample::new();
+    let options = EurocOptions { sizes_px: vec![SIZE, (752, 480)], ..EurocOptions::default() };
+    let message = EurocDataset::open(sample.dir.path(), &options).unwrap_err().to_string();
+    assert!(
+        message.contains("images are 16x12, but the configuration says 752x480 for camera 1"),
+        "{message}"
+    );
+}
+
+#[test]
+fn cameras_that_never_meet() {
+    let sample = Sample::new();
+    sample.edit("cam1/data.csv", |lines| {
+        for (i, line) in lines.iter_mut().skip(1).enumerate() {
+            *line = format!("{},{}.png", frame_ns(i as i64) + 20_000_000, frame_ns(i as i64));
+        }
+    });
+    assert!(sample.refusal().contains("no image of cam0 has a partner in cam1 within 0.002 s"));
+}
+
+#[test]
+fn an_imu_of_another_day() {
+    let sample = Sample::new();
+    sample.edit("imu0/data.csv", |lines| lines.iter_mut().for_each(|line| line.replace_range(0..5, "15037")));
+    assert!(sample.refusal().contains("do the files belong together?"));
+}
+
+#[test]
+fn ground_truth_that_is_garbage_is_said_when_asked_for() {
+    let sample = Sample::new();
+    create_dir_all(sample.path("state_groundtruth_estimate0")).unwrap();
+    sample.put("state_groundtruth_estimate0/data.csv", [0xff_u8; 300]);
+    let dataset = sample.open().unwrap();
+    assert!(dataset.ground_truth().unwrap_err().to_string().contains("none of 1 rows"));
+}

@@ -1,0 +1,66 @@
+//! Ground truth of a data set: `state_groundtruth_estimate0/data.csv`.
+
+use super::table::{Stamped, fields, number_fields, read_table, stamp_field};
+use crate::tum::unit_quaternion;
+use crate::{DriverError, TruthState};
+use nalgebra::{Isometry3, Translation3, Vector3};
+use plumbline_config::Timestamp;
+use std::path::Path;
+
+impl Stamped for TruthState {
+    fn stamp(&self) -> Timestamp {
+        self.stamp
+    }
+}
+
+/// Reads a ground truth table in order of time; rows that cannot be read are left out.
+///
+/// # Errors
+/// When the file cannot be read, or too much of it is corrupt.
+pub fn read_ground_truth(path: &Path) -> Result<Vec<TruthState>, DriverError> {
+    read_table(path, parse_truth_row).map(|table| table.rows)
+}
+
+/// `timestamp [ns], p x y z, q w x y z, v x y z, gyro bias x y z, accel bias x y z` (17 columns). Velocity
+/// and biases may be left out: zero then.
+fn parse_truth_row(row: &str) -> Option<TruthState> {
+    let mut fields = fields(row).filter(|field| !field.is_empty()).peekable();
+    let stamp = stamp_field(&mut fields)?;
+    let [x, y, z] = number_fields(&mut fields)?;
+    let [qw, qx, qy, qz] = number_fields(&mut fields)?;
+    let mut vector_or_zero = || match fields.peek() {
+        Some(_) => number_fields::<3>(&mut fields).map(Vector3::from),
+        None => Some(Vector3::zeros()),
+    };
+    let rotation = unit_quaternion(qw, qx, qy, qz)?;
+    Some(TruthState {
+        stamp,
+        pose_w_b: Isometry3::from_parts(Translation3::new(x, y, z), rotation),
+        v_w_b: vector_or_zero()?,
+        bias_gyro: vector_or_zero()?,
+        bias_accel: vector_or_zero()?,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_are_scalar_first() {
+        let state = parse_truth_row("7, 1,2,3, 0,0,0,1, 4,5,6, 7,8,9, 10,11,12").unwrap();
+        assert_eq!(state.stamp.as_nanos(), 7);
+        assert_eq!(state.pose_w_b.rotation.coords.z, 1.0);
+        assert_eq!(state.v_w_b, Vector3::new(4.0, 5.0, 6.0));
+        assert_eq!(state.bias_gyro.x, 7.0);
+        assert_eq!(state.bias_accel.z, 12.0);
+    }
+
+    #[test]
+    fn a_pose_alone_will_do_and_half_a_vector_will_not() {
+        assert_eq!(parse_truth_row("7,1,2,3,1,0,0,0").unwrap().v_w_b, Vector3::zeros());
+        for row in ["7,1,2,3,1,0,0", "7,1,2,3,1,0,0,0,1,2", "7,1,nan,3,1,0,0,0", "7,1,2,3,0,0,0,0"] {
+            assert_eq!(parse_truth_row(row), None, "{row}");
+        }
+    }
+}

@@ -1,0 +1,309 @@
+//! Writes what any sources deliver as a data set in the ASL format.
+//!
+//! Everything goes to `mav0.partial` first, which becomes `mav0` when it is complete: a directory with
+//! `mav0` in it is whole. Numbers are printed with the digits that bring back the same bits.
+
+use crate::{DriverError, ImuSource, StereoFrame, StereoSource, TruthState};
+use plumbline_config::camera::Distortion;
+use plumbline_config::options::{CameraConfig, ImuConfig};
+use plumbline_config::{Config, ImageView};
+use png::{BitDepth, ColorType, Compression, Encoder};
+use std::fmt::Write as _;
+use std::fs::{self, File};
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+const IMAGE_HEADER: &str = "#timestamp [ns],filename";
+const IMU_HEADER: &str = "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],\
+    a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]";
+const TRUTH_HEADER: &str = "#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], \
+    q_RS_y [], q_RS_z [], v_RS_R_x [m s^-1], v_RS_R_y [m s^-1], v_RS_R_z [m s^-1], b_w_RS_S_x [rad s^-1], \
+    b_w_RS_S_y [rad s^-1], b_w_RS_S_z [rad s^-1], b_a_RS_S_x [m s^-2], b_a_RS_S_y [m s^-2], \
+    b_a_RS_S_z [m s^-2]";
+const PARTIAL: &str = "mav0.partial";
+
+/// What is written.
+pub struct WriteInputs<'a> {
+    /// Calibration of the sensors, for `sensor.yaml`; one folder a camera.
+    pub config: &'a Config,
+    /// Images, read to their end.
+    pub stereo: &'a mut dyn StereoSource,
+    /// Inertial samples, read to their end.
+    pub imu: &'a mut dyn ImuSource,
+    /// True states in order of time; none writes no ground truth.
+    pub truth: &'a mut dyn Iterator<Item = TruthState>,
+}
+
+/// How it is written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct WriteOptions {
+    /// Replace the `mav0` of a directory that is not empty. Other files in it are left alone.
+    pub overwrite: bool,
+}
+
+/// How far the writing is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Progress {
+    /// Frames written.
+    pub frames: u64,
+    /// Frames there will be, where that is known.
+    pub expected_frames: Option<u64>,
+}
+
+/// What was written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Written {
+    /// Frames read from the source.
+    pub frames: u64,
+    /// Image files of both cameras.
+    pub images: u64,
+    /// Inertial samples.
+    pub imu_samples: u64,
+    /// Rows of ground truth.
+    pub truth_rows: u64,
+}
+
+/// Writes the inputs to `out/mav0`, calling `progress` after each frame. On failure nothing of it is left.
+///
+/// # Errors
+/// When `out` is not empty and not to be overwritten, a source fails, or the disk does.
+pub fn write(
+    out: &Path,
+    inputs: WriteInputs<'_>,
+    options: WriteOptions,
+    progress: &mut dyn FnMut(Progress),
+) -> Result<Written, DriverError> {
+    let partial = Partial::begin(out, options)?;
+    let mut written = Written::default();
+    let cameras = &inputs.config.camera;
+    write_images(&partial.folder, cameras, inputs.stereo, &mut written, progress)?;
+    written.imu_samples = write_imu(&partial.folder, &inputs.config.imu, inputs.imu)?;
+    written.truth_rows = write_truth(&partial.folder, inputs.truth)?;
+    partial.complete()?;
+    Ok(written)
+}
+
+/// The unfinished data set; dropped before it is complete it takes its files along.
+struct Partial {
+    out: PathBuf,
+    folder: PathBuf,
+    created_out: bool,
+    done: bool,
+}
+
+impl Partial {
+    fn begin(out: &Path, options: WriteOptions) -> Result<Self, DriverError> {
+        let created_out = !out.exists();
+        if !created_out && !options.overwrite && holds_anything(out)? {
+            let message = "exists and is not empty; choose another directory or allow overwriting";
+            return Err(DriverError::Refused { path: out.into(), message: message.into() });
+        }
+        let folder = out.join(PARTIAL);
+        remove_if_there(&folder)?;
+        create_dir(&folder)?;
+        Ok(Self { out: out.into(), folder, created_out, done: false })
+    }
+
+    fn complete(mut self) -> Result<(), DriverError> {
+        let target = self.out.join("mav0");
+        remove_if_there(&target)?;
+        fs::rename(&self.folder, &target).map_err(|e| DriverError::io(&target, e))?;
+        self.done = true;
+        Ok(())
+    }
+}
+
+impl Drop for Partial {
+    fn drop(&mut self) {
+        if self.done {
+            return;
+        }
+        // Already on the way out with an error; what stays behind is marked by its name.
+        let _ = fs::remove_dir_all(&self.folder);
+        if self.created_out {
+            let _ = fs::remove_dir(&self.out);
+        }
+    }
+}
+
+/// Whether a directory holds more than the remains of a run that was killed.
+fn holds_anything(dir: &Path) -> Result<bool, DriverError> {
+    let entries = fs::read_dir(dir).map_err(|e| DriverError::io(dir, e))?;
+    Ok(entries.flatten().any(|entry| entry.file_name() != PARTIAL))
+}
+
+fn remove_if_there(dir: &Path) -> Result<(), DriverError> {
+    match fs::remove_dir_all(dir) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(DriverError::io(dir, e)),
+        _ => Ok(()),
+    }
+}
+
+fn create_dir(dir: &Path) -> Result<(), DriverError> {
+    fs::create_dir_all(dir).map_err(|e| DriverError::io(dir, e))
+}
+
+/// A file with its path, so that errors name it.
+struct Out {
+    path: PathBuf,
+    file: BufWriter<File>,
+}
+
+impl Out {
+    fn create(path: PathBuf) -> Result<Self, DriverError> {
+        let file = File::create(&path).map_err(|e| DriverError::io(&path, e))?;
+        Ok(Self { path, file: BufWriter::new(file) })
+    }
+
+    fn line(&mut self, line: std::fmt::Arguments<'_>) -> Result<(), DriverError> {
+        writeln!(self.file, "{line}").map_err(|e| DriverError::io(&self.path, e))
+    }
+
+    fn finish(mut self) -> Result<(), DriverError> {
+        self.file.flush().map_err(|e| DriverError::io(&self.path, e))
+    }
+}
+
+fn write_images(
+    root: &Path,
+    cameras: &[CameraConfig],
+    source: &mut dyn StereoSource,
+    written: &mut Written,
+    progress: &mut dyn FnMut(Progress),
+) -> Result<(), DriverError> {
+    let mut tables = Vec::new();
+    let mut sizes_px = [(0, 0); 2];
+    for (camera, (calibration, size)) in cameras.iter().zip(&mut sizes_px).enumerate() {
+        let folder = root.join(format!("cam{camera}"));
+        create_dir(&folder.join("data"))?;
+        write_text(&folder.join("sensor.yaml"), &camera_yaml(camera, calibration))?;
+        let mut table = Out::create(folder.join("data.csv"))?;
+        table.line(format_args!("{IMAGE_HEADER}"))?;
+        tables.push((folder.join("data"), table));
+        *size = (calibration.width_px, calibration.height_px);
+    }
+    let expected_frames = source.expected_frames();
+    let mut frame = StereoFrame::new(sizes_px);
+    while source.next_frame(&mut frame)? {
+        for (camera, (folder, table)) in tables.iter_mut().enumerate() {
+            let Some(image) = frame.image(camera) else { continue };
+            let name = format!("{}.png", frame.stamp.as_nanos());
+            write_png(&folder.join(&name), image)?;
+            table.line(format_args!("{},{name}", frame.stamp.as_nanos()))?;
+            written.images += 1;
+        }
+        written.frames += 1;
+        progress(Progress { frames: written.frames, expected_frames });
+    }
+    tables.into_iter().try_for_each(|(_, table)| table.finish())
+}
+
+/// 8-bit grey, with the compression that costs least time for its size.
+fn write_png(path: &Path, image: ImageView<'_>) -> Result<(), DriverError> {
+    let fail = |e: png::EncodingError| DriverError::io(path, std::io::Error::other(e));
+    let file = File::create(path).map_err(|e| DriverError::io(path, e))?;
+    let mut encoder = Encoder::new(BufWriter::new(file), image.width() as u32, image.height() as u32);
+    encoder.set_color(ColorType::Grayscale);
+    encoder.set_depth(BitDepth::Eight);
+    encoder.set_compression(Compression::Fast);
+    let mut writer = encoder.write_header().map_err(fail)?;
+    writer.write_image_data(image.pixels()).map_err(fail)?;
+    writer.finish().map_err(fail)
+}
+
+fn write_imu(root: &Path, config: &ImuConfig, source: &mut dyn ImuSource) -> Result<u64, DriverError> {
+    let folder = root.join("imu0");
+    create_dir(&folder)?;
+    write_text(&folder.join("sensor.yaml"), &imu_yaml(config))?;
+    let mut table = Out::create(folder.join("data.csv"))?;
+    table.line(format_args!("{IMU_HEADER}"))?;
+    let mut rows = 0;
+    while let Some(reading) = source.next_reading()? {
+        let (w, a) = (reading.sample.gyro, reading.sample.accel);
+        let stamp = reading.sample.stamp.as_nanos();
+        table.line(format_args!("{stamp},{},{},{},{},{},{}", w.x, w.y, w.z, a.x, a.y, a.z))?;
+        rows += 1;
+    }
+    table.finish()?;
+    Ok(rows)
+}
+
+fn write_truth(root: &Path, truth: &mut dyn Iterator<Item = TruthState>) -> Result<u64, DriverError> {
+    let mut truth = truth.peekable();
+    if truth.peek().is_none() {
+        return Ok(0);
+    }
+    let folder = root.join("state_groundtruth_estimate0");
+    create_dir(&folder)?;
+    let mut table = Out::create(folder.join("data.csv"))?;
+    table.line(format_args!("{TRUTH_HEADER}"))?;
+    let mut rows = 0;
+    for state in truth {
+        table.line(format_args!("{}", truth_row(&state)))?;
+        rows += 1;
+    }
+    table.finish()?;
+    Ok(rows)
+}
+
+fn truth_row(state: &TruthState) -> String {
+    let (p, q) = (state.pose_w_b.translation.vector, state.pose_w_b.rotation.coords);
+    let mut row =
+        format!("{},{},{},{},{},{},{},{}", state.stamp.as_nanos(), p.x, p.y, p.z, q.w, q.x, q.y, q.z);
+    for v in [state.v_w_b, state.bias_gyro, state.bias_accel] {
+        // Writing to a string cannot fail.
+        let _ = write!(row, ",{},{},{}", v.x, v.y, v.z);
+    }
+    row
+}
+
+fn write_text(path: &Path, text: &str) -> Result<(), DriverError> {
+    fs::write(path, text).map_err(|e| DriverError::io(path, e))
+}
+
+fn camera_yaml(index: usize, camera: &CameraConfig) -> String {
+    let (model, k) = match camera.distortion {
+        Distortion::RadialTangential { k1, k2, p1, p2 } => ("radial-tangential", [k1, k2, p1, p2]),
+        Distortion::Equidistant { k1, k2, k3, k4 } => ("equidistant", [k1, k2, k3, k4]),
+    };
+    let ([fu, fv], [cu, cv]) = (camera.focal_px, camera.centre_px);
+    format!(
+        "# General sensor definitions.\nsensor_type: camera\ncomment: cam{index}\n\n\
+         # Sensor extrinsics wrt. the body-frame.\n{}\n\
+         # Camera specific definitions.\nrate_hz: {}\nresolution: [{}, {}]\ncamera_model: pinhole\n\
+         intrinsics: [{fu}, {fv}, {cu}, {cv}] #fu, fv, cu, cv\ndistortion_model: {model}\n\
+         distortion_coefficients: [{}, {}, {}, {}]\n",
+        extrinsics_yaml(&camera.pose_b_c),
+        camera.rate_hz,
+        camera.width_px,
+        camera.height_px,
+        k[0],
+        k[1],
+        k[2],
+        k[3],
+    )
+}
+
+fn imu_yaml(imu: &ImuConfig) -> String {
+    let identity = std::array::from_fn(|i| std::array::from_fn(|j| f64::from(u8::from(i == j))));
+    format!(
+        "# General sensor definitions.\nsensor_type: imu\ncomment: imu0\n\n\
+         # Sensor extrinsics wrt. the body-frame.\n{}\n\
+         # Inertial sensor noise model parameters.\nrate_hz: {}\n\
+         gyroscope_noise_density: {} # [ rad / s / sqrt(Hz) ]\n\
+         gyroscope_random_walk: {} # [ rad / s^2 / sqrt(Hz) ]\n\
+         accelerometer_noise_density: {} # [ m / s^2 / sqrt(Hz) ]\n\
+         accelerometer_random_walk: {} # [ m / s^3 / sqrt(Hz) ]\n",
+        extrinsics_yaml(&identity),
+        imu.rate_hz,
+        imu.gyro_noise_density,
+        imu.gyro_bias_walk,
+        imu.accel_noise_density,
+        imu.accel_bias_walk,
+    )
+}
+
+fn extrinsics_yaml(rows: &[[f64; 4]; 4]) -> String {
+    let rows = rows.map(|row| row.map(|x| format!("{x:?}")).join(", ")).join(",\n         ");
+    format!("T_BS:\n  cols: 4\n  rows: 4\n  data: [{rows}]\n")
+}

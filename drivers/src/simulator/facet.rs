@@ -1,0 +1,159 @@
+//! A rectangle as one image sees it.
+//!
+//! A rectangle `o + s u + t v` in camera coordinates meets the ray `d = (x, y, 1)` at depth `z` where
+//! `(s, t, 1) / z = [u v o]^-1 d`: the inverse depth `w = 1/z` and the products `s w`, `t w` are linear in
+//! the bearing `(x, y)` (Olano and Greer 1997). Coverage, depth test and texture coordinates of a pixel
+//! are therefore three linear functions, without clipping, set up in double precision relative to the
+//! camera and evaluated in single precision.
+
+use super::lens::{Span, TILE};
+use super::texture::Footprints;
+use super::world::{Surface, World};
+use nalgebra::{Isometry3, Matrix3};
+
+/// Pixels shaded at a time.
+pub(super) const RUN: usize = 8;
+
+/// A surface as one image sees it: linear functions `[by x, by y, constant]` of the bearing.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Facet {
+    s: [f32; 3],
+    t: [f32; 3],
+    pub(super) w: [f32; 3],
+    pub(super) surface: u32,
+}
+
+#[inline]
+fn linear(f: &[f32; 3], x: f32, y: f32) -> f32 {
+    f[0] * x + f[1] * y + f[2]
+}
+
+impl Facet {
+    /// `None` when the surface shows its back.
+    pub(super) fn new(index: usize, surface: &Surface, pose_w_c: &Isometry3<f64>) -> Option<Self> {
+        let origin_w = surface.origin - pose_w_c.translation.vector;
+        if surface.normal.dot(&origin_w) > -1e-6 {
+            return None;
+        }
+        let to_camera = |v| pose_w_c.rotation.inverse_transform_vector(v);
+        let columns = [to_camera(&surface.edge_u), to_camera(&surface.edge_v), to_camera(&origin_w)];
+        let inverse = Matrix3::from_columns(&columns).try_inverse()?;
+        let row = |i: usize| [0, 1, 2].map(|j| inverse[(i, j)] as f32);
+        Some(Self { s: row(0), t: row(1), w: row(2), surface: index as u32 })
+    }
+
+    /// Greatest inverse depth within `span`, `None` when nothing of the facet is there (a few facets just
+    /// outside pass as well).
+    #[inline]
+    pub(super) fn nearest_within(&self, span: &Span) -> Option<f32> {
+        let nearest = span.range(&self.w)[1];
+        let may_be_in = |f: &[f32; 3]| {
+            let rest = [self.w[0] - f[0], self.w[1] - f[1], self.w[2] - f[2]];
+            span.range(f)[1] >= 0.0 && span.range(&rest)[1] >= 0.0
+        };
+        (nearest > 0.0 && may_be_in(&self.s) && may_be_in(&self.t)).then_some(nearest)
+    }
+
+    /// Least inverse depth within `span` when the facet covers all of it.
+    #[inline]
+    pub(super) fn covers(&self, span: &Span) -> Option<f32> {
+        let inside = |f: &[f32; 3]| {
+            let rest = [self.w[0] - f[0], self.w[1] - f[1], self.w[2] - f[2]];
+            span.range(f)[0] >= 0.0 && span.range(&rest)[0] >= 0.0
+        };
+        let furthest = span.range(&self.w)[0];
+        (furthest > 0.0 && inside(&self.s) && inside(&self.t)).then_some(furthest)
+    }
+
+    /// Inverse depth at a bearing, if the facet is there.
+    #[inline]
+    pub(super) fn depth_at(&self, x: f32, y: f32) -> Option<f32> {
+        let (s, t, w) = (linear(&self.s, x, y), linear(&self.t, x, y), linear(&self.w, x, y));
+        (w > 0.0 && s >= 0.0 && t >= 0.0 && s <= w && t <= w).then_some(w)
+    }
+
+    /// Puts the facet, as number `index`, into a row of a tile wherever it is the nearest so far.
+    #[inline]
+    pub(super) fn cover_row(
+        &self,
+        index: u32,
+        x: &[f32; TILE],
+        y: &[f32; TILE],
+        depth: &mut [f32; TILE],
+        id: &mut [u32; TILE],
+    ) {
+        for i in 0..TILE {
+            let s = linear(&self.s, x[i], y[i]);
+            let t = linear(&self.t, x[i], y[i]);
+            let w = linear(&self.w, x[i], y[i]);
+            let seen = (s >= 0.0) & (t >= 0.0) & (s <= w) & (t <= w) & (w > depth[i]);
+            depth[i] = if seen { w } else { depth[i] };
+            id[i] = if seen { index } else { id[i] };
+        }
+    }
+
+    /// Brightness of a run of pixels of bearings `(x, y)` and of `step` (see [`Lens::steps`]).
+    #[inline]
+    pub(super) fn shade(&self, world: &World, x: &[f32; RUN], y: &[f32; RUN], step: &[f32; 4]) -> [f32; RUN] {
+        let (mut values, s, t) = self.albedo(world, x, y, step);
+        // Light is smooth: its ends will do for the few pixels of a run.
+        let light = &world.surfaces[self.surface as usize].light;
+        let (first, last) = (light.at(s[0], t[0]), light.at(s[RUN - 1], t[RUN - 1]));
+        let slope = (last - first) / (RUN - 1) as f32;
+        for (i, value) in values.iter_mut().enumerate() {
+            *value *= first + slope * i as f32;
+        }
+        values
+    }
+
+    /// As [`Self::shade`], for pixels anywhere.
+    pub(super) fn shade_exactly<const N: usize>(
+        &self,
+        world: &World,
+        x: &[f32; N],
+        y: &[f32; N],
+        step: &[f32; 4],
+    ) -> [f32; N] {
+        let (mut values, s, t) = self.albedo(world, x, y, step);
+        let light = &world.surfaces[self.surface as usize].light;
+        for (value, (s, t)) in values.iter_mut().zip(s.iter().zip(&t)) {
+            *value *= light.at(*s, *t);
+        }
+        values
+    }
+
+    /// Albedo of pixels, and where on the surface they lie (`s`, `t`).
+    #[inline]
+    fn albedo<const N: usize>(
+        &self,
+        world: &World,
+        x: &[f32; N],
+        y: &[f32; N],
+        step: &[f32; 4],
+    ) -> ([f32; N], [f32; N], [f32; N]) {
+        let surface = &world.surfaces[self.surface as usize];
+        let [columns, rows] = surface.texels;
+        let (mut s, mut t) = ([0.0; N], [0.0; N]);
+        let zero = [0.0; N];
+        let mut f = Footprints { u: zero, v: zero, u_right: zero, v_right: zero, u_down: zero, v_down: zero };
+        for i in 0..N {
+            let z = 1.0 / linear(&self.w, x[i], y[i]);
+            s[i] = linear(&self.s, x[i], y[i]) * z;
+            t[i] = linear(&self.t, x[i], y[i]) * z;
+            f.u[i] = surface.texel_origin[0] + s[i] * columns;
+            f.v[i] = surface.texel_origin[1] + t[i] * rows;
+            let (scale_u, scale_v) = (z * columns, z * rows);
+            let (ux, uy) = (self.s[0] - s[i] * self.w[0], self.s[1] - s[i] * self.w[1]);
+            let (vx, vy) = (self.t[0] - t[i] * self.w[0], self.t[1] - t[i] * self.w[1]);
+            f.u_right[i] = (ux * step[0] + uy * step[1]) * scale_u;
+            f.u_down[i] = (ux * step[2] + uy * step[3]) * scale_u;
+            f.v_right[i] = (vx * step[0] + vy * step[1]) * scale_v;
+            f.v_down[i] = (vx * step[2] + vy * step[3]) * scale_v;
+        }
+        let finish = &surface.finish;
+        let mut values = world.materials.texture(finish.material).sample(&f);
+        let contrast = (finish.bright - finish.dark) / 255.0;
+        values.iter_mut().for_each(|value| *value = finish.dark + contrast * *value);
+        (values, s, t)
+    }
+}

@@ -1,0 +1,138 @@
+//! A camera as a table: the bearing of every pixel, and bounds of bearings for tiles of pixels.
+//!
+//! A bearing is `(x, y)` with the ray `(x, y, 1)` in the camera frame: distortion is undone once, so that
+//! any camera model is rendered at the same cost and as exactly as it can be inverted. A pixel without
+//! inverse has the bearing NaN, which no surface covers.
+
+use nalgebra::{Isometry3, Vector2, Vector3};
+use plumbline_config::CameraModel;
+
+/// Side of a tile, px.
+pub(super) const TILE: usize = 16;
+/// Side of a block, tiles.
+pub(super) const BLOCK: usize = 6;
+
+/// Bounds of the bearings of some pixels, half a pixel beyond their centres included.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Span {
+    pub(super) x: [f32; 2],
+    pub(super) y: [f32; 2],
+}
+
+impl Span {
+    const EMPTY: Self = Self { x: [f32::MAX, f32::MIN], y: [f32::MAX, f32::MIN] };
+
+    fn joined(self, other: &Self) -> Self {
+        Self {
+            x: [self.x[0].min(other.x[0]), self.x[1].max(other.x[1])],
+            y: [self.y[0].min(other.y[0]), self.y[1].max(other.y[1])],
+        }
+    }
+
+    /// Least and greatest value of `a x + b y + c` over the span.
+    #[inline]
+    pub(super) fn range(&self, f: &[f32; 3]) -> [f32; 2] {
+        let (ax, bx) = (f[0] * self.x[0], f[0] * self.x[1]);
+        let (ay, by) = (f[1] * self.y[0], f[1] * self.y[1]);
+        [f[2] + ax.min(bx) + ay.min(by), f[2] + ax.max(bx) + ay.max(by)]
+    }
+}
+
+/// One camera of the rig, tabulated.
+#[derive(Clone, Debug)]
+pub(super) struct Lens {
+    pub(super) model: CameraModel,
+    /// Takes coordinates from the camera to the body.
+    pub(super) pose_b_c: Isometry3<f64>,
+    /// Bearings, row-major in runs of a tile's width; NaN beyond the image.
+    x: Vec<[f32; TILE]>,
+    y: Vec<[f32; TILE]>,
+    /// Tiles in a row of tiles.
+    pub(super) columns: usize,
+    /// Rows of tiles.
+    pub(super) rows: usize,
+    /// Bounds per tile, row-major.
+    pub(super) tiles: Vec<Span>,
+    /// Step of the bearing per pixel right and down, `[x_right, y_right, x_down, y_down]`, per tile.
+    pub(super) steps: Vec<[f32; 4]>,
+    /// Bounds of the whole image.
+    pub(super) all: Span,
+}
+
+impl Lens {
+    /// Tabulates `model`.
+    pub(super) fn new(model: CameraModel, pose_b_c: Isometry3<f64>) -> Self {
+        let (width, height) = (model.width_px, model.height_px);
+        let bearing =
+            |u: f64, v: f64| model.unproject(&Vector2::new(u, v)).unwrap_or(Vector2::new(f64::NAN, f64::NAN));
+        let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
+        let mut x = vec![[f32::NAN; TILE]; columns * height];
+        let mut y = x.clone();
+        for v in 0..height {
+            for u in 0..width {
+                let b = bearing(u as f64, v as f64);
+                x[v * columns + u / TILE][u % TILE] = b.x as f32;
+                y[v * columns + u / TILE][u % TILE] = b.y as f32;
+            }
+        }
+        let (mut tiles, mut steps) = (Vec::new(), Vec::new());
+        for tile in 0..columns * rows {
+            let (u0, v0) = (tile % columns * TILE, tile / columns * TILE);
+            let (u1, v1) = ((u0 + TILE).min(width), (v0 + TILE).min(height));
+            tiles.push(border(&bearing, [u0, u1], [v0, v1]));
+            let (u, v) = (0.5 * (u0 + u1 - 1) as f64, 0.5 * (v0 + v1 - 1) as f64);
+            let right = bearing(u + 0.5, v) - bearing(u - 0.5, v);
+            let down = bearing(u, v + 0.5) - bearing(u, v - 0.5);
+            steps.push([right.x, right.y, down.x, down.y].map(|s| s as f32));
+        }
+        let all = tiles.iter().fold(Span::EMPTY, |a, b| a.joined(b));
+        Self { model, pose_b_c, x, y, columns, rows, tiles, steps, all }
+    }
+
+    /// Bearings of row `v`.
+    #[inline]
+    pub(super) fn row(&self, v: usize) -> (&[[f32; TILE]], &[[f32; TILE]]) {
+        let range = v * self.columns..(v + 1) * self.columns;
+        (&self.x[range.clone()], &self.y[range])
+    }
+
+    /// Bounds of a block of tiles.
+    pub(super) fn block(&self, columns: std::ops::Range<usize>, rows: std::ops::Range<usize>) -> Span {
+        let mut span = Span::EMPTY;
+        for row in rows {
+            for tile in &self.tiles[row * self.columns + columns.start..row * self.columns + columns.end] {
+                span = span.joined(tile);
+            }
+        }
+        span
+    }
+
+    /// Ray of a pixel in the camera frame, `z = 1`; `None` where the camera model has no inverse.
+    pub(super) fn ray(&self, px: &Vector2<f64>) -> Option<Vector3<f64>> {
+        self.model.unproject(px).map(|b| Vector3::new(b.x, b.y, 1.0))
+    }
+}
+
+/// Bounds over the outline of a tile: bearings rise along rows and columns, so extremes are there.
+fn border(bearing: &impl Fn(f64, f64) -> Vector2<f64>, u: [usize; 2], v: [usize; 2]) -> Span {
+    let (u0, u1) = (u[0] as f64 - 0.5, u[1] as f64 - 0.5);
+    let (v0, v1) = (v[0] as f64 - 0.5, v[1] as f64 - 0.5);
+    let mut span = Span::EMPTY;
+    let mut take = |b: Vector2<f64>| {
+        if b.x.is_finite() && b.y.is_finite() {
+            let (x, y) = (b.x as f32, b.y as f32);
+            span = span.joined(&Span { x: [x, x], y: [y, y] });
+        }
+    };
+    for i in 0..=8 {
+        let part = f64::from(i) / 8.0;
+        let (u, v) = (u0 + (u1 - u0) * part, v0 + (v1 - v0) * part);
+        [bearing(u, v0), bearing(u, v1), bearing(u0, v), bearing(u1, v)].into_iter().for_each(&mut take);
+    }
+    // The outline is sampled: an extreme between samples is missed by less than this share.
+    let grow = |r: [f32; 2]| {
+        let extra = 0.01 * (r[1] - r[0]).max(0.0);
+        [r[0] - extra, r[1] + extra]
+    };
+    Span { x: grow(span.x), y: grow(span.y) }
+}

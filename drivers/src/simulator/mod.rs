@@ -1,0 +1,332 @@
+//! A simulated flight: a stereo camera and an inertial sensor in an indoor world, with the exact truth.
+//!
+//! A smooth [`Trajectory`] (built in, or any TUM file) flies through one of three [`Scene`]s built around
+//! it. Images are rendered through the configured camera models; inertial samples are the derivatives of
+//! the same curve. Everything is a pure function of the configuration and of the [`Scenario`]: no clock,
+//! no threads, no order of calls has a say, so frames may be rendered ahead and out of order.
+//!
+//! Frames: `W` world (z up), `B` body (the inertial sensor's own), `C0` and `C1` cameras. Times are those
+//! of the trajectory's file; images begin [`LEAD_S`] after it, so that inertial samples surround them.
+
+mod builder;
+mod canvas;
+mod effects;
+mod facet;
+mod imu;
+mod lens;
+mod light;
+mod path;
+mod pattern;
+mod random;
+mod render;
+mod scenario;
+mod scenes;
+mod spline;
+mod stereo;
+mod texture;
+mod trajectory;
+mod world;
+
+#[cfg(test)]
+mod fixture;
+#[cfg(test)]
+mod tests;
+
+pub use effects::Effects;
+pub use imu::ImuEffects;
+pub use scenario::{FlightPath, Scenario, scaled_config};
+pub use scenes::Scene;
+pub use stereo::SimulatedStereo;
+pub use trajectory::{Motion, Trajectory};
+pub use world::Hit;
+
+use crate::{DriverError, Faults, ImuReading, ImuSource, StereoFrame, TruthState};
+use effects::Sensor;
+use imu::ImuModel;
+use lens::Lens;
+use nalgebra::{Isometry3, Vector2};
+use plumbline_config::{Config, GrayImage, Timestamp};
+use render::Renderer;
+use std::sync::Arc;
+use world::World;
+
+/// Inertial samples begin this long before the first image and end this long after the last.
+pub const LEAD_S: f64 = 0.1;
+/// Interval at which the flight path is kept clear of furniture: 15 cm at 3 m/s.
+const PATH_STEP_S: f64 = 0.05;
+
+/// A simulated flight; clones share it.
+#[derive(Clone, Debug)]
+pub struct Simulator {
+    inner: Arc<Inner>,
+}
+
+#[derive(Debug)]
+struct Inner {
+    config: Config,
+    scenario: Scenario,
+    flight: Trajectory,
+    world: World,
+    cameras: Vec<(Lens, Sensor)>,
+    imu: ImuModel,
+    first_frame: Timestamp,
+    frames: u64,
+}
+
+/// Working memory of one rendering thread.
+#[derive(Clone, Debug)]
+pub struct RenderScratch {
+    renderer: Renderer,
+    light: Vec<f32>,
+    exposure: Vec<f32>,
+    rows: Vec<f32>,
+}
+
+impl Simulator {
+    /// Prepares the flight of `scenario` for the rig of `config` (at full resolution; see
+    /// [`Self::config`] for the rig that is simulated). Takes a few hundred milliseconds.
+    ///
+    /// # Errors
+    /// When the trajectory cannot be read, or the scenario asks for what it does not hold.
+    pub fn new(config: &Config, scenario: &Scenario) -> Result<Self, DriverError> {
+        scenario.check(config)?;
+        let config = scaled_config(config, scenario.resolution_scale);
+        let flight = scenario.flight(&config)?;
+        let (first_frame, duration_s) = scenario.window(&flight)?;
+        let path: Vec<_> = flight.positions(PATH_STEP_S).collect();
+        let world = scenes::build(scenario.scene, scenario.seed, &path);
+        let cameras = config.camera.iter().map(|camera| {
+            let model = camera.model();
+            let sensor = Sensor::new(&scenario.effects, &model, scenario.seed);
+            (Lens::new(model, camera.pose_b_c()), sensor)
+        });
+        let cameras = cameras.collect();
+        let imu = ImuModel::new(
+            &config.imu,
+            scenario.imu,
+            scenario.seed,
+            first_frame.plus_seconds(-LEAD_S),
+            first_frame.plus_seconds(duration_s + LEAD_S),
+        );
+        let frames = (duration_s * config.camera[0].rate_hz - 1e-6).ceil().max(1.0) as u64;
+        let scenario = scenario.clone();
+        let inner = Inner { config, scenario, flight, world, cameras, imu, first_frame, frames };
+        Ok(Self { inner: Arc::new(inner) })
+    }
+
+    /// The rig as simulated: the given one with the scenario's resolution.
+    #[must_use]
+    pub fn config(&self) -> &Config {
+        &self.inner.config
+    }
+
+    /// What is simulated.
+    #[must_use]
+    pub fn scenario(&self) -> &Scenario {
+        &self.inner.scenario
+    }
+
+    /// The flight.
+    #[must_use]
+    pub fn trajectory(&self) -> &Trajectory {
+        &self.inner.flight
+    }
+
+    /// A stream of the inertial samples.
+    #[must_use]
+    pub fn imu(&self) -> SimulatedImu {
+        SimulatedImu { simulator: self.clone(), next: 0 }
+    }
+
+    /// A stream of the frames, with working memory of its own.
+    #[must_use]
+    pub fn stereo(&self) -> SimulatedStereo {
+        SimulatedStereo::new(self.clone())
+    }
+
+    /// Frames of the flight, lost ones included.
+    #[must_use]
+    pub fn frame_count(&self) -> u64 {
+        self.inner.frames
+    }
+
+    /// Cameras of the rig.
+    #[must_use]
+    pub fn camera_count(&self) -> usize {
+        self.inner.cameras.len()
+    }
+
+    /// Sizes of the images, px; 0x0 for a camera that is not there.
+    #[must_use]
+    pub fn image_sizes(&self) -> [(usize, usize); 2] {
+        let size = |camera: &(Lens, Sensor)| (camera.0.model.width_px, camera.0.model.height_px);
+        [0, 1].map(|k| self.inner.cameras.get(k).map_or((0, 0), size))
+    }
+
+    /// When frame `index` is taken, on the inertial sensor's time axis (the middle of the exposure).
+    #[must_use]
+    pub fn frame_time(&self, index: u64) -> Timestamp {
+        self.inner.first_frame.plus_seconds(index as f64 / self.inner.config.camera[0].rate_hz)
+    }
+
+    /// What the camera stamps on frame `index`.
+    #[must_use]
+    pub fn frame_stamp(&self, index: u64) -> Timestamp {
+        self.frame_time(index).plus_seconds(-self.inner.scenario.effects.time_offset_s)
+    }
+
+    /// Working memory for one thread that renders.
+    #[must_use]
+    pub fn scratch(&self) -> RenderScratch {
+        let sizes = self.image_sizes();
+        let width = sizes[0].0.max(sizes[1].0);
+        let height = sizes[0].1.max(sizes[1].1);
+        RenderScratch {
+            renderer: Renderer::new(self.inner.world.surfaces.len(), (width, height)),
+            light: vec![0.0; width * height],
+            exposure: vec![0.0; width * height],
+            rows: vec![0.0; 2 * width],
+        }
+    }
+
+    /// Renders frame `index` (in any order) into `frame`; `false` when the scenario loses that frame.
+    pub fn render_frame(&self, index: u64, scratch: &mut RenderScratch, frame: &mut StereoFrame) -> bool {
+        frame.sequence = index;
+        frame.stamp = self.frame_stamp(index);
+        frame.valid = [false; 2];
+        if self.inner.scenario.effects.drops(self.inner.scenario.seed, index) {
+            return false;
+        }
+        for camera in 0..self.camera_count() {
+            frame.valid[camera] = self.render_camera(index, camera, scratch, &mut frame.images[camera]);
+        }
+        true
+    }
+
+    /// Renders the image of one camera at frame `index`, whatever becomes of the frame; `false` when that
+    /// camera delivers nothing then. `image` is given the right size if it has another.
+    pub fn render_camera(
+        &self,
+        index: u64,
+        camera: usize,
+        scratch: &mut RenderScratch,
+        image: &mut GrayImage,
+    ) -> bool {
+        let (inner, effects) = (&*self.inner, &self.inner.scenario.effects);
+        let time = self.frame_time(index);
+        let elapsed_s = time.seconds_since(inner.first_frame);
+        if !effects.delivers(camera, elapsed_s) {
+            return false;
+        }
+        let (lens, sensor) = &inner.cameras[camera];
+        let size = (lens.model.width_px, lens.model.height_px);
+        if (image.width(), image.height()) != size {
+            *image = GrayImage::new(size.0, size.1);
+        }
+        let gain = effects.gain_at(inner.scenario.seed, index, elapsed_s);
+        let pixels = size.0 * size.1;
+        if gain > 0.0 {
+            self.expose(time, lens, scratch);
+        } else {
+            scratch.light[..pixels].fill(0.0);
+        }
+        let (light, rows) = (&mut scratch.light[..pixels], &mut scratch.rows[..2 * size.0]);
+        sensor.develop(light, rows, gain, 2 * index + camera as u64, image.pixels_mut());
+        true
+    }
+
+    /// Light of one image into `scratch.light`.
+    fn expose(&self, time: Timestamp, lens: &Lens, scratch: &mut RenderScratch) {
+        let effects = &self.inner.scenario.effects;
+        let world = &self.inner.world;
+        let pixels = lens.model.width_px * lens.model.height_px;
+        let count = if effects.exposure_s > 0.0 { effects.sub_exposures.max(1) } else { 1 };
+        if count == 1 {
+            let pose_w_c = self.pose_w_c(time, lens);
+            scratch.renderer.render(world, lens, &pose_w_c, &mut scratch.light[..pixels]);
+            return;
+        }
+        scratch.light[..pixels].fill(0.0);
+        for k in 0..count {
+            let at = effects.exposure_s * ((k as f64 + 0.5) / count as f64 - 0.5);
+            let pose_w_c = self.pose_w_c(time.plus_seconds(at), lens);
+            scratch.renderer.render(world, lens, &pose_w_c, &mut scratch.exposure[..pixels]);
+            let share = 1.0 / count as f32;
+            for (sum, light) in scratch.light[..pixels].iter_mut().zip(&scratch.exposure) {
+                *sum += share * light;
+            }
+        }
+    }
+
+    fn pose_w_c(&self, time: Timestamp, lens: &Lens) -> Isometry3<f64> {
+        self.inner.flight.motion(time).pose_w_b * lens.pose_b_c
+    }
+
+    /// True state at `time` (of the inertial sensor's axis).
+    #[must_use]
+    pub fn ground_truth(&self, time: Timestamp) -> TruthState {
+        let motion = self.inner.flight.motion(time);
+        let biases = self.inner.imu.biases(time);
+        TruthState {
+            stamp: time,
+            pose_w_b: motion.pose_w_b,
+            v_w_b: motion.v_w_b,
+            bias_gyro: biases.gyro,
+            bias_accel: biases.accel,
+        }
+    }
+
+    /// True states at the times of the inertial samples.
+    pub fn truth(&self) -> impl Iterator<Item = TruthState> + '_ {
+        (0..self.inner.imu.len()).map(|k| self.ground_truth(self.inner.imu.stamp(k)))
+    }
+
+    /// The point of the world that pixel `px` of `camera` sees at `time` (of the inertial sensor's axis).
+    #[must_use]
+    pub fn first_hit(&self, time: Timestamp, camera: usize, px: &Vector2<f64>) -> Option<Hit> {
+        let lens = &self.inner.cameras.get(camera)?.0;
+        let pose_w_c = self.pose_w_c(time, lens);
+        let direction = pose_w_c.rotation * lens.ray(px)?;
+        self.inner.world.first_hit(&pose_w_c.translation.vector, &direction)
+    }
+
+    /// Pixel of `camera` at which a point of the world is at `time`, if it is in view and not hidden.
+    #[must_use]
+    pub fn sees(&self, time: Timestamp, camera: usize, p_w: &nalgebra::Vector3<f64>) -> Option<Vector2<f64>> {
+        let lens = &self.inner.cameras.get(camera)?.0;
+        let p_c = self.pose_w_c(time, lens).inverse_transform_point(&(*p_w).into());
+        let px = lens.model.project(&p_c.coords).filter(|px| lens.model.contains(px, 0.0))?;
+        let hit = self.first_hit(time, camera, &px)?;
+        ((hit.p_w - p_w).norm() < 1e-4 * (1.0 + p_c.z)).then_some(px)
+    }
+}
+
+/// Inertial samples of a simulated flight, in order.
+#[derive(Clone, Debug)]
+pub struct SimulatedImu {
+    simulator: Simulator,
+    next: u64,
+}
+
+impl SimulatedImu {
+    /// Samples of the whole flight.
+    #[must_use]
+    pub fn expected_readings(&self) -> u64 {
+        self.simulator.inner.imu.len()
+    }
+}
+
+impl ImuSource for SimulatedImu {
+    fn next_reading(&mut self) -> Result<Option<ImuReading>, DriverError> {
+        let (sequence, inner) = (self.next, &self.simulator.inner);
+        if sequence >= inner.imu.len() {
+            return Ok(None);
+        }
+        self.next += 1;
+        Ok(Some(ImuReading { sequence, sample: inner.imu.sample(sequence, &inner.flight) }))
+    }
+
+    fn faults(&self) -> Faults {
+        Faults::default()
+    }
+}

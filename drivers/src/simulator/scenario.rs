@@ -1,0 +1,130 @@
+//! What is to be simulated.
+
+use super::{Effects, ImuEffects, LEAD_S, Scene, Trajectory, path};
+use crate::DriverError;
+use crate::tum::read_tum;
+use plumbline_config::{Config, Timestamp};
+use std::path::PathBuf;
+
+/// Longest built-in flight, s: its curve is held in memory.
+const MAX_DEMO_S: f64 = 7200.0;
+
+/// Where the vehicle flies.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum FlightPath {
+    /// Take-off and figures of eight, for as long as is asked for.
+    Demo,
+    /// Along the poses of a TUM file (plain or gzip), smoothed.
+    Tum(PathBuf),
+}
+
+/// A simulated flight. Times are seconds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scenario {
+    /// What surrounds the flight.
+    pub scene: Scene,
+    /// Where it goes.
+    pub path: FlightPath,
+    /// First image, after the beginning of the path (and [`LEAD_S`]).
+    pub start_s: f64,
+    /// Length of the flight; a file that ends earlier ends it.
+    pub duration_s: f64,
+    /// Of all that is random.
+    pub seed: u64,
+    /// Size of the images against the configured size, with the intrinsics to match.
+    pub resolution_scale: f64,
+    /// What happens to the images.
+    pub effects: Effects,
+    /// What happens to the inertial samples.
+    pub imu: ImuEffects,
+}
+
+impl Default for Scenario {
+    fn default() -> Self {
+        Self {
+            scene: Scene::Room,
+            path: FlightPath::Demo,
+            start_s: 0.0,
+            duration_s: 60.0,
+            seed: 1,
+            resolution_scale: 1.0,
+            effects: Effects::default(),
+            imu: ImuEffects::default(),
+        }
+    }
+}
+
+impl Scenario {
+    /// Whether the scenario makes sense for the rig.
+    pub(super) fn check(&self, config: &Config) -> Result<(), DriverError> {
+        let e = &self.effects;
+        let checks = [
+            (matches!(config.camera.len(), 1 | 2), "the rig must have one or two cameras"),
+            (
+                config.camera.iter().all(|c| c.rate_hz > 0.0) && config.imu.rate_hz > 0.0,
+                "rates must be positive",
+            ),
+            (self.start_s >= 0.0 && self.start_s.is_finite(), "the start must be a number of seconds from 0"),
+            (self.duration_s > 0.0, "the duration must be positive"),
+            (
+                self.path != FlightPath::Demo || self.start_s + self.duration_s <= MAX_DEMO_S,
+                "the built-in flight lasts two hours at most; choose a shorter duration",
+            ),
+            ((0.1..=4.0).contains(&self.resolution_scale), "the resolution scale must be within 0.1 to 4"),
+            (e.time_offset_s.abs() <= 0.9 * LEAD_S, "the time offset must be below 0.09 s"),
+            ((0.0..=LEAD_S).contains(&e.exposure_s), "the exposure must be within 0 to 0.1 s"),
+            ((0.0..1.0).contains(&e.drop_probability), "the drop probability must be within 0 to 1"),
+            (
+                e.read_noise >= 0.0 && e.shot_noise >= 0.0 && e.gain > 0.0,
+                "noise and gain must not be negative",
+            ),
+        ];
+        match checks.iter().find(|(holds, _)| !holds) {
+            Some((_, message)) => Err(DriverError::Scenario((*message).into())),
+            None => Ok(()),
+        }
+    }
+
+    /// The whole path.
+    pub(super) fn flight(&self, config: &Config) -> Result<Trajectory, DriverError> {
+        match &self.path {
+            FlightPath::Demo => {
+                let length = self.start_s + self.duration_s + 2.0 * LEAD_S;
+                path::demo(length.max(1.0), &config.camera[0].pose_b_c())
+                    .ok_or_else(|| DriverError::Scenario("the built-in flight is too short".into()))
+            }
+            FlightPath::Tum(file) => Trajectory::from_poses(&read_tum(file)?).ok_or_else(|| {
+                DriverError::malformed(file, "needs at least eight poses in order of time to fly along")
+            }),
+        }
+    }
+
+    /// First image and duration (s).
+    pub(super) fn window(&self, flight: &Trajectory) -> Result<(Timestamp, f64), DriverError> {
+        let first = flight.begin().plus_seconds(LEAD_S + self.start_s);
+        let rest_s = flight.end().seconds_since(first) - LEAD_S;
+        if rest_s <= 0.0 {
+            return Err(DriverError::Scenario(format!(
+                "the path ends before the flight starts at {} s; start earlier",
+                self.start_s
+            )));
+        }
+        Ok((first, self.duration_s.min(rest_s)))
+    }
+}
+
+/// `config` with images `scale` times as large, intrinsics to match (pixel centres at whole numbers).
+#[must_use]
+pub fn scaled_config(config: &Config, scale: f64) -> Config {
+    let mut scaled = config.clone();
+    if scale == 1.0 {
+        return scaled;
+    }
+    for camera in &mut scaled.camera {
+        camera.width_px = (camera.width_px as f64 * scale).round() as usize;
+        camera.height_px = (camera.height_px as f64 * scale).round() as usize;
+        camera.focal_px = camera.focal_px.map(|f| f * scale);
+        camera.centre_px = camera.centre_px.map(|c| (c + 0.5) * scale - 0.5);
+    }
+    scaled
+}

@@ -1,0 +1,314 @@
+//! The three scenes: a room full of texture, a large hall, and a room of plain painted walls.
+
+use super::builder::{Bounds, Builder, Solid, Wall};
+use super::light::{Lamp, Lighting, bake};
+use super::pattern::{Material, Materials};
+use super::world::{Finish, World};
+use nalgebra::Vector3;
+
+/// Height of the lowest pose above the floor, m: a drone on its legs.
+const GROUND_M: f64 = 0.13;
+
+/// What the vehicle flies in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Scene {
+    /// A furnished room, walls 1 to 2 m beyond the flight, texture everywhere.
+    Room,
+    /// A large hall with pillars, machines and crates, walls up to 10 m beyond the flight.
+    Hall,
+    /// A room of plain painted walls: edges everywhere, points scarce.
+    LowTexture,
+}
+
+const fn finish(material: Material) -> Finish {
+    Finish::of(material)
+}
+
+/// Builds `scene` around the flight through `path` (positions in the world, m).
+pub(super) fn build(scene: Scene, seed: u64, path: &[Vector3<f64>]) -> World {
+    let mut builder = Builder::new(seed, path);
+    let flight = Bounds::around(path);
+    let lighting = match scene {
+        Scene::Room => room(&mut builder, &flight),
+        Scene::Hall => hall(&mut builder, &flight),
+        Scene::LowTexture => plain_room(&mut builder, &flight),
+    };
+    bake(&mut builder.surfaces, &builder.casters, &lighting);
+    World { surfaces: builder.surfaces, materials: Materials::shared() }
+}
+
+fn grown(flight: &Bounds, sides_m: [f64; 2], above_m: f64) -> Bounds {
+    let low = flight.low - Vector3::new(sides_m[0], sides_m[1], GROUND_M);
+    Bounds { low, high: flight.high + Vector3::new(sides_m[1], sides_m[0], above_m) }
+}
+
+/// Ceiling panels that shine, in a grid of about `pitch_m`, and their lamps.
+fn ceiling_lights(b: &mut Builder<'_>, bounds: &Bounds, pitch_m: f64, lamp: (f64, f64)) -> Vec<Lamp> {
+    let size = bounds.high - bounds.low;
+    let count = [0, 1].map(|k| (size[k] / pitch_m).round().max(1.0));
+    let mut lamps = Vec::new();
+    for i in 0..count[0] as usize {
+        for j in 0..count[1] as usize {
+            let x = bounds.low.x + (i as f64 + 0.5) * size.x / count[0];
+            let y = bounds.low.y + (j as f64 + 0.5) * size.y / count[1];
+            let at = Vector3::new(x, y, bounds.high.z - 0.06);
+            let glow = finish(Material::Paint).glowing(b.draws.range(285.0, 330.0) as f32);
+            b.hang(&Solid::standing(at, [1.2, 0.35, 0.06], 0.0), glow);
+            let p_w = at - Vector3::new(0.0, 0.0, 0.15);
+            lamps.push(Lamp { p_w, strength: lamp.0 * b.draws.range(0.85, 1.15), reach_m: lamp.1 });
+        }
+    }
+    lamps
+}
+
+/// Pictures in a grid over a wall, at most `size_m` wide.
+fn pictures(b: &mut Builder<'_>, wall: &Wall, size_m: f64, chance: f64) {
+    let cell = 1.35 * size_m;
+    let columns = (wall.length / cell).floor().max(1.0);
+    let rows = ((wall.height - 0.3) / cell).floor().max(1.0);
+    for i in 0..columns as usize {
+        for j in 0..rows as usize {
+            if b.draws.unit() > chance {
+                continue;
+            }
+            let size = [(); 2].map(|()| size_m * b.draws.range(0.55, 1.0));
+            let pitch = [wall.length / columns, (wall.height - 0.3) / rows];
+            let at = (i as f64 + 0.5) * pitch[0] - 0.5 * size[0] + b.draws.range(-0.1, 0.1) * size_m;
+            let z = 0.2 + (j as f64 + 0.5) * pitch[1] - 0.5 * size[1];
+            let kind = [Material::Posters, Material::Labels, Material::Stones][b.draws.index(3)];
+            let look = finish(kind).zoomed(b.draws.range(0.5, 1.3));
+            let (dark, bright) = (b.draws.range(0.0, 0.15), b.draws.range(0.75, 1.05));
+            b.attach(&wall.panel(at, z.max(0.05), size, 0.03), look.toned(dark as f32, bright as f32));
+        }
+    }
+}
+
+/// A random place on the floor, at least `inset_m` from the walls.
+fn floor_place(b: &mut Builder<'_>, bounds: &Bounds, inset_m: f64) -> Vector3<f64> {
+    let x = b.draws.range(bounds.low.x + inset_m, bounds.high.x - inset_m);
+    let y = b.draws.range(bounds.low.y + inset_m, bounds.high.y - inset_m);
+    Vector3::new(x, y, bounds.low.z)
+}
+
+/// A place before a wall, `depth_m` from it to the centre.
+fn wall_place(b: &mut Builder<'_>, wall: &Wall, width_m: f64, depth_m: f64) -> Vector3<f64> {
+    let at = b.draws.range(0.5 * width_m + 0.1, (wall.length - 0.5 * width_m - 0.1).max(0.5 * width_m + 0.2));
+    wall.origin + wall.along * at + wall.inward() * depth_m
+}
+
+fn crate_finishes() -> [Finish; 5] {
+    [
+        finish(Material::Labels),
+        finish(Material::Wood).zoomed(0.7),
+        finish(Material::Posters).zoomed(0.6),
+        finish(Material::Stones).zoomed(0.7),
+        finish(Material::Metal).zoomed(0.8),
+    ]
+}
+
+fn room(b: &mut Builder<'_>, flight: &Bounds) -> Lighting {
+    let bounds = grown(flight, [1.6, 1.4], 1.1);
+    let walls = [
+        finish(Material::Bricks),
+        finish(Material::Plaster),
+        finish(Material::Concrete),
+        finish(Material::Bricks).toned(0.2, 1.05).zoomed(1.2),
+    ];
+    let floor = finish(Material::Wood).zoomed(1.1);
+    let walls = b.shell(&bounds, floor, finish(Material::Concrete).toned(0.1, 1.0), walls);
+    let lamps = ceiling_lights(b, &bounds, 2.6, (135.0, 2.6));
+    for wall in &walls {
+        pictures(b, wall, 0.85, 0.75);
+        skirting(b, wall, finish(Material::Wood).toned(0.0, 0.5));
+    }
+    carpets(b, &bounds, 2);
+    let fill = crate_finishes();
+    for wall in &walls {
+        let foot = wall_place(b, wall, 1.2, 0.22);
+        b.shelf(foot, [1.2, 0.36, 1.9], wall.yaw(), &fill[..3]);
+        let foot = wall_place(b, wall, 1.4, 0.42);
+        b.table(foot, [1.4, 0.7, 0.75], wall.yaw(), finish(Material::Wood).zoomed(0.6));
+        for _ in 0..4 {
+            let foot = wall_place(b, wall, 0.6, 0.45);
+            let side = b.draws.range(0.35, 0.62);
+            b.stack(foot, side, &fill);
+        }
+    }
+    for _ in 0..12 {
+        let foot = floor_place(b, &bounds, 0.5);
+        let side = b.draws.range(0.3, 0.55);
+        b.stack(foot, side, &fill);
+    }
+    Lighting { ambient: 105.0, step_m: 0.3, lamps }
+}
+
+fn skirting(b: &mut Builder<'_>, wall: &Wall, look: Finish) {
+    b.attach(&wall.panel(0.0, 0.0, [wall.length, 0.1], 0.025), look);
+}
+
+/// Carpets, a few millimetres thick.
+fn carpets(b: &mut Builder<'_>, bounds: &Bounds, count: usize) {
+    for i in 0..count {
+        let foot = floor_place(b, bounds, 1.3);
+        let size = [b.draws.range(1.4, 2.2), b.draws.range(1.0, 1.7), 0.006 + 0.003 * i as f64];
+        let yaw = b.draws.range(-0.6, 0.6);
+        let kind = [Material::Posters, Material::Stones, Material::Tiles][i % 3];
+        b.lay(&Solid::standing(foot, size, yaw), finish(kind).toned(0.05, 0.9));
+    }
+}
+
+fn hall(b: &mut Builder<'_>, flight: &Bounds) -> Lighting {
+    let mut bounds = grown(flight, [7.0, 4.5], 3.5);
+    bounds.high.z = bounds.high.z.max(bounds.low.z + 7.0);
+    let walls = [
+        finish(Material::Bricks).zoomed(2.0),
+        finish(Material::Concrete).zoomed(2.5),
+        finish(Material::Metal).zoomed(3.0),
+        finish(Material::Bricks).zoomed(1.6).toned(0.15, 1.1),
+    ];
+    let floor = finish(Material::Concrete).zoomed(1.1);
+    let walls = b.shell(&bounds, floor, finish(Material::Metal).zoomed(4.0).toned(0.05, 0.9), walls);
+    let lamps = ceiling_lights(b, &bounds, 7.5, (170.0, 7.0));
+    for wall in &walls {
+        pictures(b, wall, 2.2, 0.55);
+        pilasters(b, wall);
+    }
+    beams(b, &bounds);
+    carpets(b, &bounds, 6);
+    let fill = crate_finishes();
+    for wall in &walls {
+        for _ in 0..(wall.length / 6.0) as usize {
+            let foot = wall_place(b, wall, 2.0, 0.75);
+            b.shelf(foot, [1.8, 0.6, 2.4], wall.yaw(), &fill[..3]);
+        }
+    }
+    for i in 0..200 {
+        let foot = floor_place(b, &bounds, 1.6);
+        match i % 3 {
+            0 => machine(b, foot),
+            1 => pillar(b, foot, bounds.high.z - bounds.low.z),
+            _ => {
+                let side = b.draws.range(0.6, 1.2);
+                b.stack(foot, side, &fill);
+            }
+        }
+    }
+    Lighting { ambient: 95.0, step_m: 0.7, lamps }
+}
+
+fn pilasters(b: &mut Builder<'_>, wall: &Wall) {
+    let count = (wall.length / 5.0).floor().max(1.0);
+    for i in 0..count as usize {
+        let at = (i as f64 + 0.5) * wall.length / count - 0.3;
+        b.attach(&wall.panel(at, 0.0, [0.6, wall.height], 0.35), finish(Material::Tiles).zoomed(1.3));
+    }
+}
+
+fn beams(b: &mut Builder<'_>, bounds: &Bounds) {
+    let size = bounds.high - bounds.low;
+    let count = (size.x / 4.0).floor().max(1.0);
+    for i in 0..count as usize {
+        let x = bounds.low.x + (i as f64 + 0.5) * size.x / count;
+        let foot = Vector3::new(x, bounds.low.y + 0.5 * size.y, bounds.high.z - 0.5);
+        let beam = Solid::standing(foot, [0.35, size.y, 0.4], 0.0);
+        if b.is_clear(&beam.bounds()) {
+            b.solid(&beam, finish(Material::Metal).zoomed(1.5).toned(0.0, 0.7));
+        }
+    }
+}
+
+fn pillar(b: &mut Builder<'_>, foot: Vector3<f64>, height: f64) {
+    let side = b.draws.range(0.45, 0.8);
+    let solid = Solid::standing(foot, [side, side, height], b.draws.range(0.0, 1.5));
+    if b.reserve(&solid.bounds()) {
+        let kind = [Material::Bricks, Material::Tiles, Material::Posters][b.draws.index(3)];
+        b.stand(&solid, finish(kind));
+    }
+}
+
+/// A block with smaller blocks on it.
+fn machine(b: &mut Builder<'_>, foot: Vector3<f64>) {
+    let size = [b.draws.range(1.4, 2.6), b.draws.range(0.9, 1.6), b.draws.range(0.8, 1.5)];
+    let yaw = b.draws.range(-0.8, 0.8);
+    let base = Solid::standing(foot, size, yaw);
+    let tall = Solid::standing(foot, [size[0], size[1], size[2] + 0.9], yaw);
+    let whole = if b.is_clear(&tall.bounds()) { tall } else { base };
+    if !b.reserve(&whole.bounds()) {
+        return;
+    }
+    b.stand(&base, finish(Material::Metal).zoomed(1.2));
+    if whole.half.z > base.half.z {
+        let [a, _] = base.axes();
+        for side in [-0.28, 0.25] {
+            let at = foot + a * (side * size[0]) + Vector3::z() * size[2];
+            let part = [0.4 * size[0], 0.7 * size[1], b.draws.range(0.3, 0.88)];
+            let kind = [Material::Labels, Material::Metal, Material::Stones][b.draws.index(3)];
+            b.stand(&Solid::standing(at, part, yaw), finish(kind));
+        }
+    }
+}
+
+fn plain_room(b: &mut Builder<'_>, flight: &Bounds) -> Lighting {
+    let bounds = grown(flight, [1.6, 1.4], 1.1);
+    let wall = finish(Material::Paint);
+    let tones = [0.86, 0.78, 0.92, 0.82].map(|bright| wall.toned(0.0, bright));
+    let floor = finish(Material::Panels).toned(0.05, 0.85).zoomed(1.3);
+    let ceiling = finish(Material::Panels).zoomed(1.4);
+    let walls = b.shell(&bounds, floor, ceiling, tones);
+    let lamps = ceiling_lights(b, &bounds, 2.4, (130.0, 2.6));
+    for (k, wall) in walls.iter().enumerate() {
+        plain_wall(b, wall, k);
+    }
+    for wall in &walls {
+        let top = finish(Material::Paint).toned(0.0, 0.7);
+        let foot = wall_place(b, wall, 1.4, 0.45);
+        b.table(foot, [1.4, 0.7, 0.75], wall.yaw(), top);
+        for _ in 0..3 {
+            let foot = wall_place(b, wall, 0.6, 0.45);
+            let side = b.draws.range(0.35, 0.55);
+            let looks = [0.45, 0.8, 1.15].map(|bright| finish(Material::Paint).toned(0.0, bright));
+            b.stack(foot, side, &looks);
+        }
+    }
+    Lighting { ambient: 105.0, step_m: 0.3, lamps }
+}
+
+/// Skirting, rail, panels, a door or windows, sockets: edges without texture.
+fn plain_wall(b: &mut Builder<'_>, wall: &Wall, number: usize) {
+    let trim = finish(Material::Paint).toned(0.0, 1.08);
+    let dark = finish(Material::Paint).toned(0.0, 0.5);
+    skirting(b, wall, finish(Material::Paint).toned(0.0, 0.62));
+    b.attach(&wall.panel(0.0, 1.05, [wall.length, 0.07], 0.03), trim);
+    let count = (wall.length / 0.95).floor().max(2.0);
+    let pitch = wall.length / count;
+    for i in 0..count as usize {
+        let at = (i as f64) * pitch;
+        frame(b, wall, [at + 0.12, 0.2], [pitch - 0.24, 0.72], 0.035, trim);
+        if i % 3 == 1 {
+            b.attach(&wall.panel(at + 0.45 * pitch, 0.28, [0.085, 0.085], 0.015), dark);
+        }
+        if (i + number).is_multiple_of(4) && wall.height > 2.0 {
+            let pane = finish(Material::Paint).toned(0.0, 0.3 + 0.12 * (i % 3) as f32);
+            let (w, h) = (pitch - 0.2, (wall.height - 1.55).min(1.1));
+            b.attach(&wall.panel(at + 0.1, 1.3, [w, h], 0.01), pane);
+            frame(b, wall, [at + 0.1, 1.3], [w, h], 0.06, trim);
+            b.attach(&wall.panel(at + 0.1 + 0.5 * w - 0.02, 1.3, [0.04, h], 0.03), trim);
+            b.attach(&wall.panel(at + 0.1, 1.3 + 0.6 * h, [w, 0.035], 0.028), trim);
+        } else if (i + number) % 4 == 2 {
+            let (w, h) = (pitch - 0.2, (wall.height - 1.5).min(1.1));
+            frame(b, wall, [at + 0.1, 1.3], [w, h], 0.03, dark);
+            let field = finish(Material::Paint).toned(0.0, 0.6);
+            b.attach(&wall.panel(at + 0.1 + 0.3 * w, 1.3 + 0.3 * h, [0.4 * w, 0.4 * h], 0.012), field);
+        }
+    }
+    b.attach(&wall.panel(0.0, wall.height - 0.12, [wall.length, 0.1], 0.06), trim);
+}
+
+/// Four bars around a rectangle on a wall.
+fn frame(b: &mut Builder<'_>, wall: &Wall, at: [f64; 2], size: [f64; 2], bar: f64, look: Finish) {
+    let depth = 0.025;
+    b.attach(&wall.panel(at[0], at[1], [size[0], bar], depth), look);
+    b.attach(&wall.panel(at[0], at[1] + size[1] - bar, [size[0], bar], depth), look);
+    b.attach(&wall.panel(at[0], at[1] + bar, [bar, size[1] - 2.0 * bar], depth), look);
+    b.attach(&wall.panel(at[0] + size[0] - bar, at[1] + bar, [bar, size[1] - 2.0 * bar], depth), look);
+}

@@ -1,0 +1,45 @@
+//! The simulated stereo camera: frames on demand, in order or in any order.
+
+use super::{RenderScratch, Simulator};
+use crate::{DriverError, Faults, StereoFrame, StereoSource};
+
+/// Frames of a simulated flight, in order. After it is made nothing is allocated.
+#[derive(Clone, Debug)]
+pub struct SimulatedStereo {
+    simulator: Simulator,
+    scratch: RenderScratch,
+    next: u64,
+    faults: Faults,
+}
+
+impl SimulatedStereo {
+    pub(super) fn new(simulator: Simulator) -> Self {
+        let scratch = simulator.scratch();
+        Self { simulator, scratch, next: 0, faults: Faults::default() }
+    }
+}
+
+impl StereoSource for SimulatedStereo {
+    fn next_frame(&mut self, frame: &mut StereoFrame) -> Result<bool, DriverError> {
+        while self.next < self.simulator.frame_count() {
+            let index = self.next;
+            self.next += 1;
+            if self.simulator.render_frame(index, &mut self.scratch, frame) {
+                let cameras = self.simulator.camera_count();
+                let arrived = frame.valid.iter().filter(|v| **v).count();
+                self.faults.unpaired += u64::from(cameras == 2 && arrived == 1);
+                return Ok(true);
+            }
+            self.faults.missing += 1;
+        }
+        Ok(false)
+    }
+
+    fn expected_frames(&self) -> Option<u64> {
+        Some(self.simulator.frame_count())
+    }
+
+    fn faults(&self) -> Faults {
+        self.faults
+    }
+}

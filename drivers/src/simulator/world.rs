@@ -1,0 +1,114 @@
+//! The simulated world: textured rectangles with baked light.
+//!
+//! Frame `W`: z up, metres. A surface is seen from the side its normal points to.
+
+use super::light::LightMap;
+use super::pattern::{Material, Materials};
+use nalgebra::Vector3;
+use std::sync::Arc;
+
+/// How a surface looks: albedo goes from `dark` to `bright` along the values of the pattern.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Finish {
+    pub(super) material: Material,
+    /// Size of the pattern against its usual size.
+    pub(super) zoom: f64,
+    pub(super) dark: f32,
+    pub(super) bright: f32,
+    /// Brightness of a surface that shines by itself; 0 for one that is lit.
+    pub(super) glow: f32,
+}
+
+impl Finish {
+    /// `material` with its full contrast.
+    pub(super) const fn of(material: Material) -> Self {
+        Self { material, zoom: 1.0, dark: 0.0, bright: 1.0, glow: 0.0 }
+    }
+
+    /// The same with albedo between `dark` and `bright`.
+    pub(super) const fn toned(self, dark: f32, bright: f32) -> Self {
+        Self { dark, bright, ..self }
+    }
+
+    /// The same with the pattern `zoom` times as large.
+    pub(super) const fn zoomed(self, zoom: f64) -> Self {
+        Self { zoom, ..self }
+    }
+
+    /// The same, shining by itself.
+    pub(super) const fn glowing(self, glow: f32) -> Self {
+        Self { glow, ..self }
+    }
+}
+
+/// A rectangle: `origin + s edge_u + t edge_v`, `s` and `t` from 0 to 1.
+#[derive(Clone, Debug)]
+pub(super) struct Surface {
+    /// Corner in the world, m.
+    pub(super) origin: Vector3<f64>,
+    /// First edge, m; along the columns of the pattern.
+    pub(super) edge_u: Vector3<f64>,
+    /// Second edge, m.
+    pub(super) edge_v: Vector3<f64>,
+    /// Unit normal, `edge_u x edge_v`.
+    pub(super) normal: Vector3<f64>,
+    /// Appearance.
+    pub(super) finish: Finish,
+    /// Texel at the corner.
+    pub(super) texel_origin: [f32; 2],
+    /// Texels along both edges.
+    pub(super) texels: [f32; 2],
+    /// Baked light.
+    pub(super) light: LightMap,
+}
+
+impl Surface {
+    /// Distance along `direction` (in its lengths) at which a ray meets the front of the surface, and
+    /// where on it (`s`, `t`).
+    pub(super) fn hit(&self, origin: &Vector3<f64>, direction: &Vector3<f64>) -> Option<(f64, f64, f64)> {
+        let slope = self.normal.dot(direction);
+        let height = self.normal.dot(&(origin - self.origin));
+        if slope >= 0.0 || height <= 0.0 {
+            return None;
+        }
+        let distance = -height / slope;
+        let local = origin + direction * distance - self.origin;
+        let s = local.dot(&self.edge_u) / self.edge_u.norm_squared();
+        let t = local.dot(&self.edge_v) / self.edge_v.norm_squared();
+        let inside = (0.0..=1.0).contains(&s) && (0.0..=1.0).contains(&t);
+        inside.then_some((distance, s, t))
+    }
+}
+
+/// A point of the world seen along a ray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// The point, in the world, m.
+    pub p_w: Vector3<f64>,
+    /// Number of the surface it lies on.
+    pub surface: usize,
+    /// Distance from the ray's origin, in lengths of its direction.
+    pub distance: f64,
+}
+
+/// All surfaces, and what they are made of.
+#[derive(Debug)]
+pub(super) struct World {
+    pub(super) surfaces: Vec<Surface>,
+    pub(super) materials: Arc<Materials>,
+}
+
+impl World {
+    /// The first surface that the ray from `origin` along `direction` (both in the world) meets.
+    pub(super) fn first_hit(&self, origin: &Vector3<f64>, direction: &Vector3<f64>) -> Option<Hit> {
+        let mut best: Option<Hit> = None;
+        for (surface, s) in self.surfaces.iter().enumerate() {
+            if let Some((distance, ..)) = s.hit(origin, direction)
+                && best.is_none_or(|b| distance < b.distance)
+            {
+                best = Some(Hit { p_w: origin + direction * distance, surface, distance });
+            }
+        }
+        best
+    }
+}

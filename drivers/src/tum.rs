@@ -1,0 +1,194 @@
+//! Trajectories in the TUM format: one pose a line, `t[s] x y z qx qy qz qw`.
+//!
+//! Times are decimal seconds in the file and integer nanoseconds here; the digits are taken as they
+//! stand, never by way of a floating-point number (which has steps of 240 ns at today's Unix time).
+//! Quaternions are Hamilton, scalar last.
+
+use crate::DriverError;
+use crate::lines::{Line, Lines};
+use flate2::read::MultiGzDecoder;
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
+use plumbline_config::Timestamp;
+use std::fs::File;
+use std::io::{BufRead, BufReader, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+/// First bytes of a gzip file.
+const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
+/// Digits of a time that are looked at; nine before and nine after the point are in use today.
+const MAX_TIME_DIGITS: usize = 30;
+/// A quaternion printed with three decimals is still normal to this.
+const QUATERNION_NORM_TOLERANCE: f64 = 0.01;
+
+/// A pose at a time: body `B` in `O`, `M` or `W`, as its holder says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StampedPose {
+    /// Measurement time.
+    pub stamp: Timestamp,
+    /// The pose; position in metres.
+    pub pose: Isometry3<f64>,
+}
+
+/// Reads a trajectory, plain or gzip; `#` begins a comment line.
+///
+/// # Errors
+/// When the file cannot be read, holds no pose, or has a line that is not one; the line is named.
+pub fn read_tum(path: &Path) -> Result<Vec<StampedPose>, DriverError> {
+    let file = File::open(path).map_err(|e| DriverError::io(path, e))?;
+    let mut reader = BufReader::new(file);
+    let start = reader.fill_buf().map_err(|e| DriverError::io(path, e))?;
+    if start.starts_with(&GZIP_MAGIC) {
+        read_poses(path, BufReader::new(MultiGzDecoder::new(reader)))
+    } else {
+        read_poses(path, reader)
+    }
+}
+
+fn read_poses(path: &Path, reader: impl BufRead) -> Result<Vec<StampedPose>, DriverError> {
+    let mut lines = Lines::new(reader);
+    let mut poses = Vec::new();
+    let mut number = 0_usize;
+    while let Some(line) = lines.next_line().map_err(|e| DriverError::io(path, e))? {
+        number += 1;
+        let pose = match line {
+            Line::Text(text) if text.is_empty() || text.starts_with('#') => continue,
+            Line::Text(text) => parse_pose(text),
+            Line::Unreadable => Err("not text"),
+        };
+        poses.push(pose.map_err(|why| {
+            DriverError::malformed(path, format!("line {number}: {why}; expected `t x y z qx qy qz qw`"))
+        })?);
+    }
+    if poses.is_empty() {
+        return Err(DriverError::malformed(path, "holds no pose; was the run that wrote it complete?"));
+    }
+    Ok(poses)
+}
+
+fn parse_pose(text: &str) -> Result<StampedPose, &'static str> {
+    let mut fields = text.split(|c: char| c.is_whitespace() || c == ',').filter(|f| !f.is_empty());
+    let stamp = fields.next().and_then(parse_seconds).ok_or("the time is not a number of seconds")?;
+    let mut values = [0.0_f64; 7];
+    for value in &mut values {
+        let field = fields.next().ok_or("fewer than 8 columns")?;
+        *value = field.parse().map_err(|_| "a column is not a number")?;
+        if !value.is_finite() {
+            return Err("a column is not finite");
+        }
+    }
+    if fields.next().is_some() {
+        return Err("more than 8 columns");
+    }
+    let [x, y, z, qx, qy, qz, qw] = values;
+    let rotation = unit_quaternion(qw, qx, qy, qz).ok_or("the quaternion is not of length 1")?;
+    Ok(StampedPose { stamp, pose: Isometry3::from_parts(Translation3::new(x, y, z), rotation) })
+}
+
+/// The rotation of a quaternion that is of length 1 up to the decimals of a file.
+pub(crate) fn unit_quaternion(w: f64, x: f64, y: f64, z: f64) -> Option<UnitQuaternion<f64>> {
+    let q = Quaternion::new(w, x, y, z);
+    ((q.norm() - 1.0).abs() < QUATERNION_NORM_TOLERANCE).then(|| UnitQuaternion::new_normalize(q))
+}
+
+/// Decimal seconds as nanoseconds, exactly; further decimals are rounded half away from zero.
+/// Understands `1403638538.577829376`, fewer decimals, and `1.403638538577829e+09`.
+#[must_use]
+pub fn parse_seconds(text: &str) -> Option<Timestamp> {
+    let (mantissa, exponent) = match text.find(['e', 'E']) {
+        Some(at) => (&text[..at], text[at + 1..].parse::<i32>().ok()?),
+        None => (text, 0),
+    };
+    let (negative, digits) = match mantissa.strip_prefix('-') {
+        Some(rest) => (true, rest),
+        None => (false, mantissa.strip_prefix('+').unwrap_or(mantissa)),
+    };
+    let (whole, fraction) = digits.split_once('.').unwrap_or((digits, ""));
+    let count = whole.len() + fraction.len();
+    if count == 0 || count > MAX_TIME_DIGITS {
+        return None;
+    }
+    let mut value: i128 = 0;
+    for byte in whole.bytes().chain(fraction.bytes()) {
+        value = value * 10 + i128::from(byte.is_ascii_digit().then_some(byte - b'0')?);
+    }
+    let power = exponent.checked_add(9)?.checked_sub(i32::try_from(fraction.len()).ok()?)?;
+    let nanos = scale_by_power_of_ten(value, power)?;
+    let nanos = i64::try_from(if negative { -nanos } else { nanos }).ok()?;
+    Some(Timestamp::from_nanos(nanos))
+}
+
+/// `value * 10^power` for `value >= 0`, rounded half up.
+fn scale_by_power_of_ten(value: i128, power: i32) -> Option<i128> {
+    if value == 0 {
+        return Some(0);
+    }
+    if power >= 0 {
+        return value.checked_mul(10_i128.checked_pow(power.unsigned_abs())?);
+    }
+    match 10_i128.checked_pow(power.unsigned_abs()) {
+        Some(divisor) => Some((value + divisor / 2) / divisor),
+        None => Some(0),
+    }
+}
+
+/// Writes a trajectory line by line.
+pub struct TumWriter {
+    path: PathBuf,
+    file: BufWriter<File>,
+}
+
+impl TumWriter {
+    /// Creates the file, replacing one of that name.
+    ///
+    /// # Errors
+    /// When the file cannot be created.
+    pub fn create(path: &Path) -> Result<Self, DriverError> {
+        let file = File::create(path).map_err(|e| DriverError::io(path, e))?;
+        Ok(Self { path: path.into(), file: BufWriter::new(file) })
+    }
+
+    /// Appends one pose.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn write(&mut self, pose: &StampedPose) -> Result<(), DriverError> {
+        write_pose(&mut self.file, pose).map_err(|e| DriverError::io(&self.path, e))
+    }
+
+    /// Brings everything to the file.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn finish(mut self) -> Result<(), DriverError> {
+        self.file.flush().map_err(|e| DriverError::io(&self.path, e))
+    }
+}
+
+fn write_pose(out: &mut impl Write, item: &StampedPose) -> std::io::Result<()> {
+    let p = item.pose.translation.vector;
+    let q = item.pose.rotation.coords;
+    writeln!(
+        out,
+        "{} {:.9} {:.9} {:.9} {:.9} {:.9} {:.9} {:.9}",
+        item.stamp, p.x, p.y, p.z, q.x, q.y, q.z, q.w
+    )
+}
+
+/// Writes a whole trajectory, replacing a file of that name.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_tum<'a>(
+    path: &Path,
+    poses: impl IntoIterator<Item = &'a StampedPose>,
+) -> Result<(), DriverError> {
+    let mut writer = TumWriter::create(path)?;
+    for pose in poses {
+        writer.write(pose)?;
+    }
+    writer.finish()
+}
+
+#[cfg(test)]
+#[path = "tum_tests.rs"]
+mod tests;

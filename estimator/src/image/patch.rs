@@ -1,0 +1,272 @@
+//! Square patches sampled by bilinear interpolation, and sums over them.
+//!
+//! A patch has [`SIDE`] x [`SIDE`] samples one pixel apart, symmetric about its centre (which lies between
+//! the middle samples). Sums run in 16 independent lanes that are added up in one fixed order, so the
+//! compiler may use vector registers of any width and the bits stay the same.
+
+use super::Plane;
+use nalgebra::{Matrix2, Vector2};
+
+/// Samples along a side of a patch: wide enough for an affine fit, small enough to lie on one surface;
+/// `SIDE * SIDE` is a multiple of [`LANES`].
+pub const SIDE: usize = 12;
+/// Samples of a patch.
+pub const AREA: usize = SIDE * SIDE;
+/// Side of a patch with a rim of one sample, from which central differences are taken.
+pub const FRAMED: usize = SIDE + 2;
+/// Distance of the outermost samples from the centre, px.
+pub const HALF: f32 = (SIDE as f32 - 1.0) / 2.0;
+/// Independent lanes of a sum: two AVX2 registers, so that additions overlap.
+pub const LANES: usize = 16;
+
+/// Samples of a patch, row by row.
+#[derive(Clone, Copy, Debug)]
+#[repr(align(32))]
+pub struct Patch(pub [f32; AREA]);
+
+impl Patch {
+    /// All samples zero.
+    pub const ZERO: Self = Self([0.0; AREA]);
+
+    /// `sum_i self_i * other_i`.
+    #[must_use]
+    pub fn dot(&self, other: &Self) -> f32 {
+        let mut lanes = [0.0f32; LANES];
+        for (a, b) in self.0.as_chunks::<LANES>().0.iter().zip(other.0.as_chunks::<LANES>().0) {
+            for k in 0..LANES {
+                lanes[k] += a[k] * b[k];
+            }
+        }
+        sum_lanes(lanes)
+    }
+
+    /// `sum_i self_i`.
+    #[must_use]
+    pub fn sum(&self) -> f32 {
+        let mut lanes = [0.0f32; LANES];
+        for a in self.0.as_chunks::<LANES>().0 {
+            for k in 0..LANES {
+                lanes[k] += a[k];
+            }
+        }
+        sum_lanes(lanes)
+    }
+
+    /// Takes the mean out, and returns it.
+    pub fn centre(&mut self) -> f32 {
+        let mean = self.sum() * (1.0 / AREA as f32);
+        self.0.iter_mut().for_each(|x| *x -= mean);
+        mean
+    }
+
+    /// `sum_i self_i * others_ki` for all `k`, reading `self` once.
+    #[must_use]
+    pub fn dots<const K: usize>(&self, others: [&Self; K]) -> [f32; K] {
+        let mut lanes = [[0.0f32; LANES]; K];
+        let others = others.map(|o| o.0.as_chunks::<LANES>().0);
+        for (i, a) in self.0.as_chunks::<LANES>().0.iter().enumerate() {
+            for (lane, other) in lanes.iter_mut().zip(&others) {
+                for k in 0..LANES {
+                    lane[k] += a[k] * other[i][k];
+                }
+            }
+        }
+        lanes.map(sum_lanes)
+    }
+}
+
+/// Adds the lanes up pairwise: one fixed order.
+#[must_use]
+pub fn sum_lanes(lanes: [f32; LANES]) -> f32 {
+    let mut eight = [0.0f32; LANES / 2];
+    for k in 0..LANES / 2 {
+        eight[k] = lanes[k] + lanes[k + LANES / 2];
+    }
+    let four = [eight[0] + eight[4], eight[1] + eight[5], eight[2] + eight[6], eight[3] + eight[7]];
+    (four[0] + four[2]) + (four[1] + four[3])
+}
+
+/// Values of a row that are worked out together, needed or not: two AVX2 registers.
+const WIDE: usize = 16;
+
+/// Samples an upright `N` x `N` grid of pixel distance, `N <= 16`, centred at `centre` (image coordinates of
+/// the plane); `false` when it leaves the plane.
+pub fn sample_upright<const N: usize>(
+    plane: &Plane<'_>,
+    centre: &Vector2<f32>,
+    out: &mut [[f32; N]; N],
+) -> bool {
+    const { assert!(N <= WIDE) };
+    let shift = plane.origin as f32 - (N as f32 - 1.0) / 2.0;
+    let (x, y) = (centre.x + shift, centre.y + shift);
+    // Written so that a NaN fails.
+    let inside = x >= 0.0
+        && y >= 0.0
+        && x + WIDE as f32 + 1.0 < plane.columns as f32
+        && y + (N as f32) < plane.rows as f32;
+    if !inside {
+        return false;
+    }
+    let (column, row) = (x as usize, y as usize);
+    let (fx, fy) = (x - column as f32, y - row as f32);
+    let mut rows = plane.pixels[row * plane.columns..].chunks_exact(plane.columns);
+    let mut next = || {
+        let pixels = rows.next().and_then(|r| r[column..].first_chunk::<{ WIDE + 1 }>());
+        pixels.map_or([0.0; WIDE], |p| interpolate_row(p, fx))
+    };
+    let mut above = next();
+    for out_row in out.iter_mut() {
+        let below = next();
+        let mut wide = [0.0; WIDE];
+        for i in 0..WIDE {
+            wide[i] = above[i] + fy * (below[i] - above[i]);
+        }
+        out_row.copy_from_slice(&wide[..N]);
+        above = below;
+    }
+    true
+}
+
+/// Values between neighbours.
+#[inline(always)]
+fn interpolate_row(row: &[u8; WIDE + 1], fx: f32) -> [f32; WIDE] {
+    let mut out = [0.0; WIDE];
+    for i in 0..WIDE {
+        let a = f32::from(row[i]);
+        out[i] = a + fx * (f32::from(row[i + 1]) - a);
+    }
+    out
+}
+
+/// As [`sample_upright`], with the grid's offsets `d` from the centre taken to the offsets `warp * d`.
+pub fn sample_warped<const N: usize>(
+    plane: &Plane<'_>,
+    centre: &Vector2<f32>,
+    warp: &Matrix2<f32>,
+    out: &mut [[f32; N]; N],
+) -> bool {
+    const { assert!(N <= WIDE) };
+    let half = (N as f32 - 1.0) / 2.0;
+    let (x, y) = (centre.x + plane.origin as f32, centre.y + plane.origin as f32);
+    let reach_x = half * (warp[(0, 0)].abs() + warp[(0, 1)].abs());
+    let reach_y = half * (warp[(1, 0)].abs() + warp[(1, 1)].abs());
+    // One pixel for the interpolation and a hair for its rounding.
+    let inside = x >= reach_x
+        && y >= reach_y
+        && x + reach_x + 1.01 < plane.columns as f32
+        && y + reach_y + 1.01 < plane.rows as f32;
+    if !inside {
+        return false;
+    }
+    for (r, out_row) in out.iter_mut().enumerate() {
+        let dy = r as f32 - half;
+        let middle = [x + warp[(0, 1)] * dy, y + warp[(1, 1)] * dy];
+        *out_row = sample_line(plane, middle, [warp[(0, 0)], warp[(1, 0)]]);
+    }
+    true
+}
+
+/// `N` samples along a line through `middle` (plane coordinates) in steps of `step`.
+#[inline(always)]
+fn sample_line<const N: usize>(plane: &Plane<'_>, middle: [f32; 2], step: [f32; 2]) -> [f32; N] {
+    let half = (N as f32 - 1.0) / 2.0;
+    let (mut fx, mut fy, mut start) = ([0.0f32; WIDE], [0.0f32; WIDE], [0i32; WIDE]);
+    for i in 0..WIDE {
+        let d = i as f32 - half;
+        let (x, y) = ((middle[0] + step[0] * d).max(0.0), (middle[1] + step[1] * d).max(0.0));
+        let (column, row) = (x as i32, y as i32);
+        (fx[i], fy[i]) = (x - column as f32, y - row as f32);
+        start[i] = row * plane.columns as i32 + column;
+    }
+    // Two neighbours in one load each, the left one in the low byte.
+    let (mut above, mut below) = ([0u16; WIDE], [0u16; WIDE]);
+    for i in 0..N {
+        let from = start[i] as usize;
+        let square = &plane.pixels[from..from + plane.columns + 2];
+        above[i] = u16::from_le_bytes([square[0], square[1]]);
+        below[i] = u16::from_le_bytes([square[plane.columns], square[plane.columns + 1]]);
+    }
+    let mut out = [0.0; WIDE];
+    for i in 0..WIDE {
+        let between = |pair: u16| {
+            let left = (pair & 0xFF) as f32;
+            left + fx[i] * ((pair >> 8) as f32 - left)
+        };
+        let (top, bottom) = (between(above[i]), between(below[i]));
+        out[i] = top + fy[i] * (bottom - top);
+    }
+    *out.first_chunk::<N>().expect("N <= WIDE")
+}
+
+/// Samples a patch upright; `false` when it leaves the plane.
+pub fn sample_patch(plane: &Plane<'_>, centre: &Vector2<f32>, out: &mut Patch) -> bool {
+    let mut rows = [[0.0; SIDE]; SIDE];
+    let inside = sample_upright(plane, centre, &mut rows);
+    out.0.copy_from_slice(rows.as_flattened());
+    inside
+}
+
+/// The inner patch of a framed one, and its gradient by central differences (grey levels per px).
+#[must_use]
+pub fn split_framed(framed: &[[f32; FRAMED]; FRAMED]) -> [Patch; 3] {
+    let mut out = [Patch::ZERO; 3];
+    let [intensity, gx, gy] = &mut out;
+    for r in 0..SIDE {
+        let (above, row, below) = (&framed[r], &framed[r + 1], &framed[r + 2]);
+        for c in 0..SIDE {
+            let i = r * SIDE + c;
+            intensity.0[i] = row[c + 1];
+            gx.0[i] = 0.5 * (row[c + 2] - row[c]);
+            gy.0[i] = 0.5 * (below[c + 1] - above[c + 1]);
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::{Pyramid, synthetic::Texture};
+
+    #[test]
+    fn both_samplers_agree_and_meet_the_texture() {
+        let texture = Texture::new(3);
+        let mut pyramid = Pyramid::new(120, 90, 1);
+        assert!(pyramid.build(&texture.render(120, 90).view()));
+        let plane = pyramid.plane(0);
+        let centre = Vector2::new(50.3, 41.8);
+        let (mut upright, mut warped) = ([[0.0; SIDE]; SIDE], [[0.0; SIDE]; SIDE]);
+        assert!(sample_upright(&plane, &centre, &mut upright));
+        assert!(sample_warped(&plane, &centre, &Matrix2::identity(), &mut warped));
+        for (r, (a, b)) in upright.iter().zip(&warped).enumerate() {
+            for c in 0..SIDE {
+                let truth =
+                    texture.at(f64::from(centre.x + c as f32 - HALF), f64::from(centre.y + r as f32 - HALF));
+                assert!((a[c] - b[c]).abs() < 1e-2, "{} {}", a[c], b[c]);
+                // Rounding to 8 bits and the curvature of the texture.
+                assert!((f64::from(a[c]) - truth).abs() < 3.0, "{} {truth}", a[c]);
+            }
+        }
+    }
+
+    #[test]
+    fn leaving_the_plane_is_reported() {
+        let mut pyramid = Pyramid::new(64, 64, 1);
+        assert!(pyramid.build(&Texture::new(3).render(64, 64).view()));
+        let plane = pyramid.plane(0);
+        let mut patch = Patch::ZERO;
+        for bad in [f32::NAN, f32::INFINITY, -20.0, 90.0, 1e30, f32::NEG_INFINITY] {
+            assert!(!sample_patch(&plane, &Vector2::new(bad, 30.0), &mut patch));
+            assert!(!sample_patch(&plane, &Vector2::new(30.0, bad), &mut patch));
+            let mut rows = [[0.0; SIDE]; SIDE];
+            assert!(!sample_warped(&plane, &Vector2::new(30.0, bad), &Matrix2::identity(), &mut rows));
+            assert!(!sample_warped(
+                &plane,
+                &Vector2::new(30.0, 30.0),
+                &Matrix2::from_element(bad),
+                &mut rows
+            ));
+        }
+        assert!(sample_patch(&plane, &Vector2::new(-9.0, 72.0), &mut patch));
+    }
+}

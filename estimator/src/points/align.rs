@@ -1,0 +1,183 @@
+//! Alignment of a patch by inverse composition (Baker and Matthews 2004), translation only.
+//!
+//! The residual is taken between zero-mean patches of equal norm, so a gain and an offset of the intensity
+//! (exposure) do not matter. With the template `T` (zero mean, `|T|^2 = E`), its gradient `J` and the
+//! current patch `I`, gain and offset are eliminated by projecting `J` onto the complement of `1` and `T`:
+//!
+//! `J' = J - mean(J) - T (T . J) / E`,  `r = I sqrt(E) / |I - mean(I)| - T`,  `delta = (J'^T J')^-1 J'^T r`.
+//!
+//! Since `J'` is orthogonal to both, `J'^T r` is `J'^T I` up to the gain. Neither `J'` nor `r` is ever written
+//! down: with `s = J^T 1`, `c = J^T T` and `N` pixels,
+//! `J'^T J' = J^T J - s s^T / N - c c^T / E` and `J'^T I = J^T I - s mean(I) - c (T . I) / E`,
+//! which one pass over the sampled patch gives.
+
+use crate::image::Plane;
+use crate::image::patch::{AREA, FRAMED, LANES, Patch, sample_patch, split_framed, sum_lanes};
+use nalgebra::{Matrix2, Vector2};
+
+/// Least standard deviation of a patch that can be aligned, grey levels: below it there is only rounding.
+const MIN_CONTRAST: f32 = 0.7;
+/// Least lesser eigenvalue of `J'^T J' / AREA`, squared grey levels per px².
+const MIN_STIFFNESS: f32 = 0.15;
+
+/// How well two patches agree, and where.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Alignment {
+    /// Centre of the patch in the current image, px of its level.
+    pub px: Vector2<f32>,
+    /// Zero-mean normalized cross-correlation, -1 to 1.
+    pub zncc: f32,
+    /// Root mean square of the residual in grey levels of the template.
+    pub rms: f32,
+    /// Length of the last step, px.
+    pub last_step_px: f32,
+}
+
+/// When to stop.
+#[derive(Clone, Copy, Debug)]
+pub struct AlignLimits {
+    /// Gauss-Newton steps at most.
+    pub max_iterations: usize,
+    /// A step below this ends the alignment, px.
+    pub tolerance_px: f32,
+    /// Distance from the start at which the alignment counts as lost, px.
+    pub max_move_px: f32,
+}
+
+/// Sums over a sampled patch that the normalisation needs.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Moments {
+    /// `sqrt(E) / |I - mean(I)|`: the gain from the current patch to the template.
+    pub gain: f32,
+    /// Zero-mean normalized cross-correlation with the template.
+    pub zncc: f32,
+}
+
+impl Moments {
+    /// From `sum(I)`, `sum(I^2)` and `T . I`; `None` for a patch without contrast.
+    pub(super) fn new(sum: f32, square: f32, correlation: f32, energy: f32) -> Option<Self> {
+        let variation = square - sum * sum * (1.0 / AREA as f32);
+        // Written so that a NaN fails.
+        let textured = variation > MIN_CONTRAST * MIN_CONTRAST * AREA as f32;
+        textured.then(|| {
+            let gain = (energy / variation).sqrt();
+            Self { gain, zncc: correlation * gain / energy }
+        })
+    }
+}
+
+/// A patch prepared for alignment by translation.
+#[derive(Clone, Copy, Debug)]
+pub struct TranslationTemplate {
+    intensity: Patch,
+    gradient_x: Patch,
+    gradient_y: Patch,
+    /// `J^T 1`.
+    column_sums: Vector2<f32>,
+    /// `J^T T`.
+    correlations: Vector2<f32>,
+    mean: f32,
+    energy: f32,
+    inverse_hessian: Matrix2<f32>,
+}
+
+impl TranslationTemplate {
+    /// Prepares a patch given with its rim; `None` without texture in both directions.
+    #[must_use]
+    pub fn new(framed: &[[f32; FRAMED]; FRAMED]) -> Option<Self> {
+        let [mut intensity, gradient_x, gradient_y] = split_framed(framed);
+        let mean = intensity.centre();
+        let energy = intensity.dot(&intensity);
+        if energy < MIN_CONTRAST * MIN_CONTRAST * AREA as f32 {
+            return None;
+        }
+        let column_sums = Vector2::new(gradient_x.sum(), gradient_y.sum());
+        let correlations = Vector2::from(intensity.dots([&gradient_x, &gradient_y]));
+        let [raw_xx, raw_xy] = gradient_x.dots([&gradient_x, &gradient_y]);
+        let raw = Matrix2::new(raw_xx, raw_xy, raw_xy, gradient_y.dot(&gradient_y));
+        let hessian = raw
+            - column_sums * column_sums.transpose() / AREA as f32
+            - correlations * correlations.transpose() / energy;
+        let (xx, xy, yy) = (hessian[(0, 0)], hessian[(0, 1)], hessian[(1, 1)]);
+        let lesser = 0.5 * ((xx + yy) - ((xx - yy) * (xx - yy) + 4.0 * xy * xy).sqrt());
+        if lesser < MIN_STIFFNESS * AREA as f32 {
+            return None;
+        }
+        let determinant = xx * yy - xy * xy;
+        let inverse_hessian = Matrix2::new(yy, -xy, -xy, xx) / determinant;
+        Some(Self {
+            intensity,
+            gradient_x,
+            gradient_y,
+            column_sums,
+            correlations,
+            mean,
+            energy,
+            inverse_hessian,
+        })
+    }
+
+    /// Finds the patch in `plane`, starting at `start`; `None` when it leaves the plane, runs away or meets
+    /// a patch without contrast.
+    #[must_use]
+    pub fn align(&self, plane: &Plane<'_>, start: &Vector2<f32>, limits: &AlignLimits) -> Option<Alignment> {
+        let mut out = Alignment { px: *start, zncc: -1.0, rms: f32::MAX, last_step_px: f32::MAX };
+        let mut current = Patch::ZERO;
+        for _ in 0..limits.max_iterations {
+            if !sample_patch(plane, &out.px, &mut current) {
+                return None;
+            }
+            let (moments, projection) = self.compare(&current)?;
+            let step = self.inverse_hessian * projection * moments.gain;
+            out.px -= step;
+            out.zncc = moments.zncc;
+            if (out.px - start).norm_squared() > limits.max_move_px * limits.max_move_px {
+                return None;
+            }
+            out.last_step_px = step.norm();
+            if out.last_step_px < limits.tolerance_px {
+                break;
+            }
+        }
+        out.rms = self.rms(out.zncc);
+        Some(out)
+    }
+
+    /// Agreement with the patch at `px` as it is.
+    #[must_use]
+    pub fn zncc_at(&self, plane: &Plane<'_>, px: &Vector2<f32>) -> Option<f32> {
+        let mut current = Patch::ZERO;
+        sample_patch(plane, px, &mut current).then_some(())?;
+        self.compare(&current).map(|(moments, _)| moments.zncc)
+    }
+
+    /// Root mean square residual that belongs to a correlation: `|r|^2 = 2 E (1 - zncc)`.
+    fn rms(&self, zncc: f32) -> f32 {
+        (2.0 * self.energy * (1.0 - zncc).max(0.0) / AREA as f32).sqrt()
+    }
+
+    /// One pass over the current patch: its moments and `J'^T I`.
+    fn compare(&self, current: &Patch) -> Option<(Moments, Vector2<f32>)> {
+        let mut lanes = [[0.0f32; LANES]; 5];
+        let chunks = |p: &'_ Patch, i: usize| -> [f32; LANES] { p.0.as_chunks::<LANES>().0[i] };
+        for i in 0..AREA / LANES {
+            let values = chunks(current, i);
+            let (gx, gy) = (chunks(&self.gradient_x, i), chunks(&self.gradient_y, i));
+            let template = chunks(&self.intensity, i);
+            for k in 0..LANES {
+                // Taking the template's mean out keeps the sums small and so exact.
+                let v = values[k] - self.mean;
+                lanes[0][k] += v;
+                lanes[1][k] += v * v;
+                lanes[2][k] += v * gx[k];
+                lanes[3][k] += v * gy[k];
+                lanes[4][k] += v * template[k];
+            }
+        }
+        let [sum, square, x, y, correlation] = lanes.map(sum_lanes);
+        let projection = Vector2::new(x, y)
+            - self.column_sums * (sum / AREA as f32)
+            - self.correlations * (correlation / self.energy);
+        Moments::new(sum, square, correlation, self.energy).map(|m| (m, projection))
+    }
+}

@@ -1,0 +1,113 @@
+//! The position of a track in the other camera of the rig.
+
+use super::stereo::{MAX_DIVERGENCE_PX, NEAREST_M, StereoPair};
+use super::template::{ReferencePatch, RefineLimits};
+use super::temporal::is_recognised;
+use super::track::{StereoMemory, Track};
+use nalgebra::{Matrix2, Vector2};
+
+/// Largest distance between the predicted and the found pixel of a known point, px.
+const MAX_KNOWN_MOVE_PX: f32 = 4.0;
+/// Largest correction of a new match by the reference, px.
+const MAX_NEW_MOVE_PX: f32 = 1.5;
+/// Largest difference of an entry of the warp from the last one, and of a new match from that of a plane
+/// facing the camera: surfaces are seen at a slant.
+const MAX_WARP_CHANGE: (f32, f32) = (0.2, 0.35);
+/// Nearest depth that a match may have, as a share of the nearest searched.
+const NEAREST_SHARE: f64 = 0.7;
+
+/// Pairs tracks of one camera with the other.
+#[derive(Clone, Copy)]
+pub(super) struct Pairing<'a> {
+    /// Index of the camera in which the track was found, and of the other.
+    pub from: usize,
+    pub to: usize,
+    pub pair: StereoPair<'a>,
+    pub max_epipolar_px: f64,
+    pub border_px: f64,
+    /// Whether positions are refined against the reference.
+    pub use_reference: bool,
+}
+
+impl Pairing<'_> {
+    /// Finds a track near where its depth predicts it. `true` when found.
+    pub fn continue_match(&self, track: &mut Track, reference: &ReferencePatch) -> bool {
+        self.try_continue(track, reference).is_some()
+    }
+
+    /// Finds a track anywhere along its epipolar line. `true` when found.
+    pub fn search(&self, track: &mut Track, reference: &ReferencePatch) -> bool {
+        self.try_search(track, reference).is_some()
+    }
+
+    fn try_continue(&self, track: &mut Track, reference: &ReferencePatch) -> Option<()> {
+        let (xy, memory) = (track.xy[self.from]?, track.stereo?);
+        let inverse_depth = memory.inverse_depth + memory.change;
+        let guess = self.pair.transfer(&xy, inverse_depth)? + memory.offset_px;
+        let warp = self.pair.warp_at(&xy, inverse_depth)? * track.warp[self.from];
+        let near = (MAX_KNOWN_MOVE_PX, MAX_WARP_CHANGE.0);
+        let refined = self.refine(reference, &guess.cast(), &track.warp[self.to], near);
+        let (px, warp) = refined.or_else(|| {
+            // Its last warp may have been wrong: once more from that of the first camera.
+            self.refine(reference, &guess.cast(), &warp, (MAX_KNOWN_MOVE_PX, MAX_WARP_CHANGE.1))
+        })?;
+        self.accept(track, &xy, px, warp)
+    }
+
+    fn try_search(&self, track: &mut Track, reference: &ReferencePatch) -> Option<()> {
+        let (px, xy) = (track.px[self.from]?, track.xy[self.from]?);
+        let found = self.pair.find(&px.cast(), &xy)?;
+        let warp = found.warp * track.warp[self.from];
+        let (px, warp) = self
+            .refine(reference, &found.px, &warp, (MAX_NEW_MOVE_PX, MAX_WARP_CHANGE.1))
+            .unwrap_or((found.px, warp));
+        track.stereo = None;
+        self.accept(track, &xy, px, warp)
+    }
+
+    fn refine(
+        &self,
+        reference: &ReferencePatch,
+        start: &Vector2<f32>,
+        warp: &Matrix2<f32>,
+        (max_move_px, max_warp_change): (f32, f32),
+    ) -> Option<(Vector2<f32>, Matrix2<f32>)> {
+        self.use_reference.then_some(())?;
+        let limits = RefineLimits {
+            max_iterations: self.pair.max_iterations,
+            max_linearizations: 3,
+            max_move_px,
+            max_warp_change,
+        };
+        let refined = reference.refine(self.pair.to.1, start, warp, &limits)?;
+        is_recognised(refined.zncc, refined.rms, refined.last_step_px).then_some((refined.px, refined.warp))
+    }
+
+    /// Takes a match when it lies on its epipolar line, before the cameras, and well within the image.
+    fn accept(
+        &self,
+        track: &mut Track,
+        xy: &Vector2<f64>,
+        px: Vector2<f32>,
+        warp: Matrix2<f32>,
+    ) -> Option<()> {
+        let camera = self.pair.to.0;
+        let px = px.cast::<f64>();
+        camera.model.contains(&px, self.border_px).then_some(())?;
+        let xy_to = camera.model.unproject(&px)?;
+        let geometry = self.pair.baseline.triangulate(xy, &xy_to, camera.focal_px())?;
+        let disparity_per_depth = self.pair.baseline.translation.norm() * camera.focal_px();
+        let plausible = geometry.epipolar_px <= self.max_epipolar_px
+            && geometry.inverse_depth * disparity_per_depth >= -MAX_DIVERGENCE_PX
+            && geometry.inverse_depth <= 1.0 / (NEAREST_SHARE * NEAREST_M);
+        plausible.then_some(())?;
+        let predicted = self.pair.transfer(xy, geometry.inverse_depth)?;
+        let change = track.stereo.map_or(0.0, |s| geometry.inverse_depth - s.inverse_depth);
+        track.stereo =
+            Some(StereoMemory { inverse_depth: geometry.inverse_depth, change, offset_px: px - predicted });
+        track.px[self.to] = Some(px);
+        track.xy[self.to] = Some(xy_to);
+        track.warp[self.to] = warp;
+        Some(())
+    }
+}

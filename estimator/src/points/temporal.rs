@@ -1,0 +1,153 @@
+//! A track followed from one image of a camera to its next.
+
+use super::flow::{FlowOptions, track_patch};
+use super::rig::{Prediction, RigCamera, predict};
+use super::template::{ReferencePatch, RefineLimits};
+use super::track::Track;
+use crate::image::Pyramid;
+use nalgebra::{Matrix2, Rotation3, Vector2, Vector3};
+
+/// Least correlation with the patch of the previous frame.
+const MIN_FLOW_ZNCC: f32 = 0.7;
+/// A last step longer than this at full resolution means no convergence, px.
+const MAX_LAST_STEP_PX: f32 = 0.1;
+/// The reference corrects the flow by no more than this, px: further away lies another feature.
+const MAX_CORRECTION_PX: f32 = 1.5;
+/// Largest change of an entry of the warp between two frames, 0.7 px at the edge of the patch: a patch that is
+/// bent by more is not one surface.
+const MAX_WARP_CHANGE: f32 = 0.13;
+/// After this many frames in a row in which the reference was not recognised the track ends. A new reference
+/// in its place would keep it longer, but what is no longer recognised is most often the edge of something
+/// nearer that slides over the background: of the tracks of ten frames and more on a real flight, 30 % then
+/// contradict a rigid scene by more than 1 px, against 11 % if they end.
+const STRANGE_FRAMES: u32 = 2;
+/// Levels of the way back: the return starts close to where it should end.
+const RETURN_TOP_LEVEL: usize = 1;
+
+/// Whether a patch is the reference seen again: correlated, or differing by no more than noise.
+pub(super) fn is_recognised(zncc: f32, rms: f32, last_step_px: f32) -> bool {
+    /// Correlation of a patch with clear texture.
+    const MIN_ZNCC: f32 = 0.85;
+    /// Correlation of a faint patch, and its residual in grey levels.
+    const FAINT: (f32, f32) = (0.7, 2.0);
+    last_step_px < MAX_LAST_STEP_PX && (zncc >= MIN_ZNCC || (zncc >= FAINT.0 && rms <= FAINT.1))
+}
+
+/// Two images of one camera.
+#[derive(Clone, Copy)]
+pub(super) struct Transition<'a> {
+    /// Index of the camera.
+    pub index: usize,
+    pub camera: &'a RigCamera,
+    pub previous: &'a Pyramid,
+    pub current: &'a Pyramid,
+    /// Takes previous to current coordinates of the camera.
+    pub rot_cur_prev: Rotation3<f64>,
+    /// Frames between the two images: 1 when none was missed.
+    pub frames: u32,
+    pub max_iterations: usize,
+    pub max_return_px: f32,
+    pub border_px: f64,
+    /// Whether positions are refined against the reference.
+    pub use_reference: bool,
+}
+
+/// What became of a track.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Followed {
+    /// Found, and the reference agrees.
+    Refined,
+    /// Found by flow alone.
+    FlowOnly,
+    /// Found by flow alone, but no longer the point it was.
+    Changed,
+    /// Not found.
+    Lost,
+}
+
+impl Transition<'_> {
+    /// Moves the track to the current image, or marks it unseen there.
+    pub fn follow(&self, track: &mut Track, reference: &ReferencePatch) -> Followed {
+        let outcome = self.try_follow(track, reference);
+        if outcome.is_none() {
+            track.unsee(self.index);
+        }
+        outcome.unwrap_or(Followed::Lost)
+    }
+
+    fn try_follow(&self, track: &mut Track, reference: &ReferencePatch) -> Option<Followed> {
+        let c = self.index;
+        let (px, xy) = (track.px[c]?, track.xy[c]?);
+        let turned = predict(self.camera, self.camera, &xy, &self.rot_cur_prev, &Vector3::zeros())?;
+        let guess = turned.px + track.flow_px[c] * f64::from(self.frames);
+        let flowed = self.flow(&px.cast(), &guess.cast(), &turned.warp).or_else(|| {
+            // The point may have stopped: once more without its own velocity.
+            let moved = track.flow_px[c].norm() > 1.0;
+            moved.then(|| self.flow(&px.cast(), &turned.px.cast(), &turned.warp)).flatten()
+        })?;
+        let outcome = self.settle(track, reference, &px, &flowed, &turned)?;
+        let now = track.px[c]?;
+        self.camera.model.contains(&now, self.border_px).then_some(())?;
+        track.xy[c] = Some(self.camera.model.unproject(&now)?);
+        track.flow_px[c] = (now - turned.px) / f64::from(self.frames);
+        track.came_by = Some((c, xy));
+        Some(outcome)
+    }
+
+    fn flow(&self, px: &Vector2<f32>, guess: &Vector2<f32>, warp: &Matrix2<f32>) -> Option<Vector2<f32>> {
+        let options =
+            FlowOptions { top_level: self.previous.level_count() - 1, max_iterations: self.max_iterations };
+        let found = track_patch((self.previous, px), (self.current, guess), warp, &options)?;
+        (found.zncc >= MIN_FLOW_ZNCC && found.last_step_px < MAX_LAST_STEP_PX).then_some(found.px)
+    }
+
+    /// Decides between the reference and the flow. The reference is the stronger test, so the way back is
+    /// walked only without it.
+    fn settle(
+        &self,
+        track: &mut Track,
+        reference: &ReferencePatch,
+        px: &Vector2<f64>,
+        flowed: &Vector2<f32>,
+        turned: &Prediction,
+    ) -> Option<Followed> {
+        let c = self.index;
+        let predicted_warp = turned.warp * track.warp[c];
+        // The other camera turns with this one.
+        track.warp[1 - c] = turned.warp * track.warp[1 - c];
+        let limits = RefineLimits {
+            max_iterations: self.max_iterations,
+            max_linearizations: 2,
+            max_move_px: MAX_CORRECTION_PX,
+            max_warp_change: MAX_WARP_CHANGE,
+        };
+        let refined = self
+            .use_reference
+            .then(|| reference.refine(self.current, flowed, &predicted_warp, &limits))
+            .flatten()
+            .filter(|r| is_recognised(r.zncc, r.rms, r.last_step_px));
+        if let Some(refined) = refined {
+            track.px[c] = Some(refined.px.cast());
+            track.warp[c] = refined.warp;
+            track.strange = 0;
+            return Some(Followed::Refined);
+        }
+        self.returns(&px.cast(), flowed, &turned.warp).then_some(())?;
+        track.px[c] = Some(flowed.cast());
+        track.warp[c] = predicted_warp;
+        track.strange += 1;
+        Some(if self.use_reference && track.strange >= STRANGE_FRAMES {
+            Followed::Changed
+        } else {
+            Followed::FlowOnly
+        })
+    }
+
+    /// Whether the flow from `found` back to the previous image ends at `px`.
+    fn returns(&self, px: &Vector2<f32>, found: &Vector2<f32>, warp: &Matrix2<f32>) -> bool {
+        let Some(back) = warp.try_inverse() else { return false };
+        let options = FlowOptions { top_level: RETURN_TOP_LEVEL, max_iterations: self.max_iterations };
+        track_patch((self.current, found), (self.previous, px), &back, &options)
+            .is_some_and(|r| (r.px - px).norm() <= self.max_return_px)
+    }
+}

@@ -1,0 +1,130 @@
+//! What the tracker knows of one point.
+
+use super::template::ReferencePatch;
+use crate::image::Pyramid;
+use nalgebra::{Matrix2, Vector2};
+
+/// All tracks, in the order of their names, and their reference patches, which stay where they are while
+/// tracks come and go. Preallocated.
+#[derive(Clone, Debug)]
+pub(super) struct TrackStore {
+    pub tracks: Vec<Track>,
+    pub references: Vec<ReferencePatch>,
+    free: Vec<usize>,
+    next_id: u32,
+}
+
+impl TrackStore {
+    /// Room for `capacity` tracks.
+    pub fn new(capacity: usize) -> Self {
+        Self {
+            tracks: Vec::with_capacity(capacity),
+            references: vec![ReferencePatch::empty(); capacity],
+            free: (0..capacity).rev().collect(),
+            next_id: 0,
+        }
+    }
+
+    /// Begins a track with the surroundings of `px` as its reference; `None` when there is no room, or no
+    /// image at `px`.
+    pub fn begin(&mut self, pyramid: &Pyramid, px: &Vector2<f32>) -> Option<&mut Track> {
+        let slot = *self.free.last()?;
+        self.references[slot].store(pyramid, px).then_some(())?;
+        self.free.pop();
+        self.tracks.push(Track::new(self.next_id, slot));
+        self.next_id = self.next_id.wrapping_add(1);
+        self.tracks.last_mut()
+    }
+
+    /// Removes the tracks that are marked lost.
+    pub fn sweep(&mut self) {
+        let free = &mut self.free;
+        self.tracks.retain(|t| {
+            if t.lost {
+                free.push(t.slot);
+            }
+            !t.lost
+        });
+    }
+
+    /// Removes all tracks; their names are not used again.
+    pub fn clear(&mut self) {
+        self.tracks.iter_mut().for_each(|t| t.lost = true);
+        self.sweep();
+    }
+
+    /// Every track with its reference patch.
+    pub fn iter_mut(&mut self) -> impl Iterator<Item = (&mut Track, &ReferencePatch)> {
+        let references = &self.references;
+        self.tracks.iter_mut().map(|t| {
+            let slot = t.slot;
+            (t, &references[slot])
+        })
+    }
+}
+
+/// One point, followed from frame to frame.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Track {
+    /// Unique name.
+    pub id: u32,
+    /// Frames in which it was seen.
+    pub age: u32,
+    /// Pixel in the newest image of each camera, where seen.
+    pub px: [Option<Vector2<f64>>; 2],
+    /// The same in normalized coordinates.
+    pub xy: [Option<Vector2<f64>>; 2],
+    /// Takes offsets in the reference patch to offsets in each camera's newest image.
+    pub warp: [Matrix2<f32>; 2],
+    /// Flow that the rotation did not explain, px per frame, in each camera.
+    pub flow_px: [Vector2<f64>; 2],
+    /// Place of its reference patch in the store.
+    pub slot: usize,
+    /// Frames in a row in which the reference was not recognised.
+    pub strange: u32,
+    /// Depth and remaining offset of the last stereo match.
+    pub stereo: Option<StereoMemory>,
+    /// Frames in a row without the left camera, though it delivered.
+    pub without_left: u32,
+    /// Camera by which it was followed into this frame, with where it was before (normalized).
+    pub came_by: Option<(usize, Vector2<f64>)>,
+    /// Not to be kept beyond this frame.
+    pub lost: bool,
+}
+
+/// What a stereo match leaves for the next frame.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct StereoMemory {
+    /// Inverse depth, 1/m.
+    pub inverse_depth: f64,
+    /// Change of the inverse depth over the last frame, 1/m.
+    pub change: f64,
+    /// Matched pixel minus the pixel that the inverse depth predicts: the rig's error at this place.
+    pub offset_px: Vector2<f64>,
+}
+
+impl Track {
+    /// A track just begun, not yet seen anywhere.
+    fn new(id: u32, slot: usize) -> Self {
+        Self {
+            id,
+            age: 1,
+            px: [None; 2],
+            xy: [None; 2],
+            warp: [Matrix2::identity(); 2],
+            flow_px: [Vector2::zeros(); 2],
+            slot,
+            strange: 0,
+            stereo: None,
+            without_left: 0,
+            came_by: None,
+            lost: false,
+        }
+    }
+
+    /// Forgets where a camera saw the point.
+    pub fn unsee(&mut self, camera: usize) {
+        self.px[camera] = None;
+        self.xy[camera] = None;
+    }
+}

@@ -1,0 +1,373 @@
+//! The point front-end: images in, tracked points out.
+//!
+//! Everything is allocated at construction; a frame costs a bounded amount of work, counted in points and
+//! never in time. The left camera leads while it delivers; when its image is missing the tracks go on in the
+//! right one, and find back to the left when it returns.
+
+use super::PointObservation;
+use super::corners::{CornerDetector, Demand};
+use super::outliers::OutlierFilter;
+use super::pairing::Pairing;
+use super::rig::{Baseline, RigCamera};
+use super::stereo::StereoPair;
+use super::temporal::{Followed, Transition};
+use super::track::{Track, TrackStore};
+use crate::image::Pyramid;
+use nalgebra::{Isometry3, UnitQuaternion, Vector2};
+use plumbline_config::options::PointsConfig;
+use plumbline_config::{CameraModel, ImageView};
+
+/// New points a frame beside a full set of tracks; bounds the worst frame.
+const MAX_NEW_BESIDE_TRACKS: usize = 60;
+/// Every track without a stereo match looks for one in one of this many frames.
+const SEARCH_PERIOD: u64 = 4;
+/// Searches of old tracks a frame at most; bounds the worst frame.
+const MAX_SEARCHES: usize = 30;
+/// A track that the left camera does not see, though it delivers, is given up after this many frames.
+const MAX_WITHOUT_LEFT: u32 = 3;
+/// Two tracks closer than this follow the same corner, px: the younger one goes.
+const MIN_SEPARATION_PX: f64 = 4.0;
+
+/// One frame for the tracker.
+#[derive(Clone, Copy, Debug)]
+pub struct TrackerInput<'a> {
+    /// Left and right image; `None` when missing. An image of the wrong size counts as missing.
+    pub images: [Option<ImageView<'a>>; 2],
+    /// Predicted rotation since the last call: takes coordinates of the current body frame to the previous.
+    pub rot_prev_cur: UnitQuaternion<f64>,
+}
+
+/// What happened in a frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TrackerFigures {
+    /// Tracks followed and agreeing with their reference patch.
+    pub refined: u32,
+    /// Tracks followed by flow alone.
+    pub flow_only: u32,
+    /// Tracks ended because they no longer agree with their reference patch.
+    pub changed: u32,
+    /// Tracks not found again.
+    pub lost: u32,
+    /// Tracks that contradicted the motion of the camera.
+    pub outliers: u32,
+    /// Tracks seen by both cameras.
+    pub stereo: u32,
+    /// Tracks begun.
+    pub new: u32,
+}
+
+/// The images of one camera.
+#[derive(Clone, Debug)]
+struct View {
+    current: Pyramid,
+    previous: Pyramid,
+    /// Whether `previous` holds an image.
+    has_previous: bool,
+    /// Whether `current` holds an image of this frame.
+    is_new: bool,
+    /// Frames since the previous image.
+    frames: u32,
+    /// Takes current body coordinates to those of the previous image.
+    rot_prev_cur_b: UnitQuaternion<f64>,
+}
+
+impl View {
+    fn new(camera: &CameraModel, levels: usize) -> Self {
+        let pyramid = Pyramid::new(camera.width_px, camera.height_px, levels);
+        Self {
+            current: pyramid.clone(),
+            previous: pyramid,
+            has_previous: false,
+            is_new: false,
+            frames: 0,
+            rot_prev_cur_b: UnitQuaternion::identity(),
+        }
+    }
+
+    fn take(&mut self, image: Option<&ImageView<'_>>, rot_prev_cur_b: &UnitQuaternion<f64>) {
+        self.rot_prev_cur_b *= rot_prev_cur_b;
+        self.frames += 1;
+        self.is_new = image.is_some_and(|i| self.current.build(i));
+    }
+
+    fn finish(&mut self) {
+        if self.is_new {
+            std::mem::swap(&mut self.current, &mut self.previous);
+            self.has_previous = true;
+            self.is_new = false;
+            self.frames = 0;
+            self.rot_prev_cur_b = UnitQuaternion::identity();
+        }
+    }
+
+    fn can_follow(&self) -> bool {
+        self.is_new && self.has_previous
+    }
+}
+
+/// Tracks points through the images of one or two cameras.
+#[derive(Clone, Debug)]
+pub struct PointTracker {
+    options: PointsConfig,
+    use_reference: bool,
+    rig: Vec<RigCamera>,
+    views: Vec<View>,
+    detectors: Vec<CornerDetector>,
+    filter: OutlierFilter,
+    store: TrackStore,
+    taken: Vec<Vector2<f32>>,
+    observations: Vec<PointObservation>,
+    figures: TrackerFigures,
+    frame: u64,
+}
+
+impl PointTracker {
+    /// A tracker for one or two cameras (left first), allocated for its lifetime.
+    #[must_use]
+    pub fn new(options: &PointsConfig, cameras: &[CameraModel]) -> Self {
+        let cameras = &cameras[..cameras.len().min(2)];
+        let detector = |c: &CameraModel| {
+            let (cell, border) = (options.cell_px, options.border_px + 2);
+            CornerDetector::new(c.width_px, c.height_px, cell, border, options.min_corner_score)
+        };
+        Self {
+            options: options.clone(),
+            use_reference: true,
+            rig: cameras.iter().map(|&c| RigCamera::new(c)).collect(),
+            views: cameras.iter().map(|c| View::new(c, options.pyramid_levels)).collect(),
+            detectors: cameras.iter().map(detector).collect(),
+            filter: OutlierFilter::new(options.max_points),
+            store: TrackStore::new(options.max_points),
+            taken: Vec::with_capacity(options.max_points),
+            observations: Vec::with_capacity(options.max_points),
+            figures: TrackerFigures::default(),
+            frame: 0,
+        }
+    }
+
+    /// Where the cameras are mounted: `T_BC`, takes camera to body coordinates. May be refined at any time.
+    pub fn set_extrinsics(&mut self, pose_b_c: &[Isometry3<f64>]) {
+        for (camera, pose) in self.rig.iter_mut().zip(pose_b_c) {
+            camera.pose_b_c = *pose;
+        }
+    }
+
+    /// Switches the refinement against the reference patch off, to measure what it is good for.
+    pub fn set_use_reference(&mut self, use_reference: bool) {
+        self.use_reference = use_reference;
+    }
+
+    /// Forgets all tracks and images. Track names go on: none is used twice.
+    pub fn reset(&mut self) {
+        self.store.clear();
+        self.observations.clear();
+        for view in &mut self.views {
+            view.has_previous = false;
+        }
+    }
+
+    /// Ends a track that proved wrong elsewhere.
+    pub fn drop_track(&mut self, track_id: u32) {
+        self.store.tracks.iter_mut().for_each(|t| t.lost = t.id == track_id);
+        self.store.sweep();
+    }
+
+    /// What happened in the last frame.
+    #[must_use]
+    pub fn figures(&self) -> TrackerFigures {
+        self.figures
+    }
+
+    /// Takes a frame, and returns the points seen in it, in the order of their names.
+    pub fn track(&mut self, input: &TrackerInput<'_>) -> &[PointObservation] {
+        self.frame += 1;
+        self.figures = TrackerFigures::default();
+        self.observations.clear();
+        for (view, image) in self.views.iter_mut().zip(&input.images) {
+            view.take(image.as_ref(), &input.rot_prev_cur);
+        }
+        if self.views.iter().any(|v| v.is_new) {
+            self.follow();
+            self.reject_outliers();
+            self.pair_tracks();
+            self.prune();
+            self.detect();
+            self.observe();
+            self.views.iter_mut().for_each(View::finish);
+        }
+        &self.observations
+    }
+
+    /// Moves every track into this frame, by the camera whose previous image is the newest.
+    fn follow(&mut self) {
+        let transitions: [Option<Transition<'_>>; 2] = std::array::from_fn(|c| {
+            self.views.get(c).filter(|v| v.can_follow()).map(|view| Transition {
+                index: c,
+                camera: &self.rig[c],
+                previous: &view.previous,
+                current: &view.current,
+                rot_cur_prev: self.rig[c].rotation_of(&view.rot_prev_cur_b).inverse().to_rotation_matrix(),
+                frames: view.frames,
+                max_iterations: self.options.max_iterations,
+                max_return_px: self.options.max_forward_backward_px,
+                border_px: self.options.border_px as f64,
+                use_reference: self.use_reference,
+            })
+        });
+        for (track, reference) in self.store.iter_mut() {
+            track.came_by = None;
+            let usable = transitions.iter().flatten().filter(|t| track.px[t.index].is_some());
+            let outcome =
+                usable.min_by_key(|t| t.frames).map_or(Followed::Lost, |t| t.follow(track, reference));
+            let counter = match outcome {
+                Followed::Refined => &mut self.figures.refined,
+                Followed::FlowOnly => &mut self.figures.flow_only,
+                Followed::Changed => &mut self.figures.changed,
+                Followed::Lost => &mut self.figures.lost,
+            };
+            *counter += 1;
+            track.lost = matches!(outcome, Followed::Lost | Followed::Changed);
+        }
+        self.store.sweep();
+    }
+
+    /// Drops what contradicts the motion of the camera.
+    fn reject_outliers(&mut self) {
+        for (c, view) in self.views.iter().enumerate().filter(|(_, v)| v.can_follow()) {
+            let camera = &self.rig[c];
+            self.filter.clear();
+            for track in &self.store.tracks {
+                if let (Some((by, before)), Some(now)) = (track.came_by, track.xy[c])
+                    && by == c
+                {
+                    self.filter.add(&before, &now);
+                }
+            }
+            let rotation = camera.rotation_of(&view.rot_prev_cur_b);
+            let mut keep = self.filter.filter(&rotation, camera.focal_px(), self.frame).iter();
+            for track in self.store.tracks.iter_mut().filter(|t| t.came_by.is_some_and(|(by, _)| by == c)) {
+                track.lost = !keep.next().is_none_or(|&k| k);
+                self.figures.outliers += u32::from(track.lost);
+            }
+        }
+        self.store.sweep();
+    }
+
+    /// Finds the followed tracks in the other camera.
+    fn pair_tracks(&mut self) {
+        let mut searches = 0;
+        for (from, to) in [(0, 1), (1, 0)] {
+            let Some(pairing) = pairing(&self.rig, &self.views, &self.options, self.use_reference, from, to)
+            else {
+                continue;
+            };
+            for (track, reference) in self.store.iter_mut() {
+                if track.came_by.is_none_or(|(by, _)| by != from) || pairing.continue_match(track, reference)
+                {
+                    continue;
+                }
+                let was_seen = track.px[to].is_some();
+                track.unsee(to);
+                let turn = (self.frame + u64::from(track.id)).is_multiple_of(SEARCH_PERIOD);
+                if (was_seen || turn || to == 0) && searches < MAX_SEARCHES {
+                    searches += 1;
+                    pairing.search(track, reference);
+                }
+            }
+        }
+    }
+
+    /// Ends tracks that the leading camera has lost, and all but the oldest of those that have met.
+    fn prune(&mut self) {
+        if self.views[0].is_new {
+            for track in &mut self.store.tracks {
+                track.without_left = if track.px[0].is_some() { 0 } else { track.without_left + 1 };
+                track.lost = track.without_left > MAX_WITHOUT_LEFT;
+            }
+        }
+        let leading = self.leading();
+        for i in 1..self.store.tracks.len() {
+            let (older, rest) = self.store.tracks.split_at_mut(i);
+            let Some(px) = rest[0].px[leading] else { continue };
+            let close = |t: &Track| {
+                t.px[leading].is_some_and(|q| (q - px).norm_squared() < MIN_SEPARATION_PX.powi(2))
+            };
+            rest[0].lost |= older.iter().any(|t| !t.lost && close(t));
+        }
+        self.store.sweep();
+        self.store.tracks.iter_mut().for_each(|t| t.age += 1);
+    }
+
+    /// The camera in which new points are found.
+    fn leading(&self) -> usize {
+        usize::from(!self.views[0].is_new)
+    }
+
+    /// Begins tracks in empty cells of the leading camera, and pairs them.
+    fn detect(&mut self) {
+        let c = self.leading();
+        self.taken.clear();
+        self.taken.extend(self.store.tracks.iter().filter_map(|t| t.px[c]).map(|px| px.cast::<f32>()));
+        let free = self.options.max_points - self.store.tracks.len().min(self.options.max_points);
+        // Following costs as much as beginning: an empty tracker may begin them all.
+        let max_new = (MAX_NEW_BESIDE_TRACKS + free / 2).min(free);
+        let demand = Demand { wanted: self.taken.len() + free, max_new };
+        let view = &self.views[c];
+        let pairing = pairing(&self.rig, &self.views, &self.options, self.use_reference, c, 1 - c);
+        for corner in self.detectors[c].detect(&view.current.plane(0), &self.taken, &demand) {
+            let px = corner.px.cast::<f64>();
+            let Some(xy) = self.rig[c].model.unproject(&px) else { continue };
+            let Some(track) = self.store.begin(&view.current, &corner.px) else { continue };
+            (track.px[c], track.xy[c]) = (Some(px), Some(xy));
+            self.figures.new += 1;
+        }
+        if let Some(pairing) = pairing {
+            let begun = self.store.tracks.len() - self.figures.new as usize;
+            self.store.iter_mut().skip(begun).for_each(|(track, reference)| {
+                pairing.search(track, reference);
+            });
+        }
+    }
+
+    /// Writes down what this frame's images show.
+    fn observe(&mut self) {
+        let is_new: [bool; 2] = std::array::from_fn(|c| self.views.get(c).is_some_and(|v| v.is_new));
+        for track in &self.store.tracks {
+            let mut seen =
+                PointObservation { track_id: track.id, age: track.age, px: [None; 2], xy: [None; 2] };
+            for c in (0..2).filter(|&c| is_new[c]) {
+                (seen.px[c], seen.xy[c]) = (track.px[c], track.xy[c]);
+            }
+            if seen.px[0].is_some() || seen.px[1].is_some() {
+                self.figures.stereo += u32::from(seen.px[0].is_some() && seen.px[1].is_some());
+                self.observations.push(seen);
+            }
+        }
+    }
+}
+
+/// The pairing from one camera to the other, when both have an image.
+fn pairing<'a>(
+    rig: &'a [RigCamera],
+    views: &'a [View],
+    options: &PointsConfig,
+    use_reference: bool,
+    from: usize,
+    to: usize,
+) -> Option<Pairing<'a>> {
+    let (a, b) = (views.get(from)?, views.get(to)?);
+    (a.is_new && b.is_new).then(|| Pairing {
+        from,
+        to,
+        pair: StereoPair {
+            from: (&rig[from], &a.current),
+            to: (&rig[to], &b.current),
+            baseline: Baseline::between(&rig[from], &rig[to]),
+            max_iterations: options.max_iterations,
+            max_return_px: options.max_forward_backward_px,
+        },
+        max_epipolar_px: f64::from(options.max_epipolar_px),
+        border_px: options.border_px as f64,
+        use_reference,
+    })
+}

@@ -1,0 +1,106 @@
+//! Rendered frames on disk, raw: rendering takes far longer than estimating.
+//!
+//! A file holds, for each frame in order, one byte for each of (delivered, left valid, right valid) and the
+//! pixels of all cameras. Its name is a hash of everything the images depend on.
+
+use anyhow::{Context, Result, ensure};
+use plumbline_config::GrayImage;
+use plumbline_drivers::simulator::{Scenario, Simulator};
+use plumbline_drivers::{DriverError, Faults, StereoFrame, StereoSource};
+use sha2::{Digest as _, Sha256};
+use std::fs::File;
+use std::io::{BufReader, BufWriter, Read, Write};
+use std::path::{Path, PathBuf};
+
+/// Changes when the renderer draws differently.
+const RENDERER_VERSION: u32 = 1;
+
+/// The frames of `simulator` from the cache, rendered first if they are not there.
+///
+/// # Errors
+/// When the cache cannot be written or read.
+pub fn frames(folder: &Path, simulator: &Simulator, scenario: &Scenario) -> Result<Box<dyn StereoSource>> {
+    let path = folder.join(format!("{}.raw", key(simulator, scenario)));
+    if !path.exists() {
+        std::fs::create_dir_all(folder).with_context(|| format!("{}", folder.display()))?;
+        render(&path, simulator).with_context(|| format!("{}", path.display()))?;
+    }
+    let file = File::open(&path).with_context(|| format!("{}", path.display()))?;
+    let length = file.metadata()?.len();
+    let pixels: u64 = simulator.image_sizes().iter().map(|(w, h)| (w * h) as u64).sum();
+    ensure!(
+        length == simulator.frame_count() * (3 + pixels),
+        "{}: not a complete file of frames; delete it",
+        path.display()
+    );
+    let source = CachedFrames { simulator: simulator.clone(), file: BufReader::new(file), path, next: 0 };
+    Ok(Box::new(source))
+}
+
+fn key(simulator: &Simulator, scenario: &Scenario) -> String {
+    let cameras = &simulator.config().camera;
+    let text = format!("{RENDERER_VERSION} {scenario:?} {cameras:?}");
+    Sha256::digest(text.as_bytes()).iter().take(12).map(|b| format!("{b:02x}")).collect()
+}
+
+fn render(path: &Path, simulator: &Simulator) -> std::io::Result<()> {
+    let partial = path.with_extension("partial");
+    let mut out = BufWriter::new(File::create(&partial)?);
+    let mut scratch = simulator.scratch();
+    let mut frame = StereoFrame::new(simulator.image_sizes());
+    for index in 0..simulator.frame_count() {
+        let delivered = simulator.render_frame(index, &mut scratch, &mut frame);
+        out.write_all(&[delivered, frame.valid[0], frame.valid[1]].map(u8::from))?;
+        for image in &frame.images {
+            out.write_all(image.pixels())?;
+        }
+    }
+    out.into_inner()?.sync_all()?;
+    std::fs::rename(partial, path)
+}
+
+/// Frames read back from a file.
+struct CachedFrames {
+    simulator: Simulator,
+    file: BufReader<File>,
+    path: PathBuf,
+    next: u64,
+}
+
+impl CachedFrames {
+    fn read(&mut self, frame: &mut StereoFrame) -> std::io::Result<bool> {
+        let mut flags = [0u8; 3];
+        self.file.read_exact(&mut flags)?;
+        for (image, (width, height)) in frame.images.iter_mut().zip(self.simulator.image_sizes()) {
+            if (image.width(), image.height()) != (width, height) {
+                *image = GrayImage::new(width, height);
+            }
+            self.file.read_exact(image.pixels_mut())?;
+        }
+        frame.sequence = self.next;
+        frame.stamp = self.simulator.frame_stamp(self.next);
+        frame.valid = [flags[1] != 0, flags[2] != 0];
+        self.next += 1;
+        Ok(flags[0] != 0)
+    }
+}
+
+impl StereoSource for CachedFrames {
+    fn next_frame(&mut self, frame: &mut StereoFrame) -> Result<bool, DriverError> {
+        while self.next < self.simulator.frame_count() {
+            let delivered = self.read(frame).map_err(|source| DriverError::Io { path: self.path.clone(), source })?;
+            if delivered {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    fn expected_frames(&self) -> Option<u64> {
+        Some(self.simulator.frame_count())
+    }
+
+    fn faults(&self) -> Faults {
+        Faults::default()
+    }
+}

@@ -1,0 +1,198 @@
+//! The command line: arguments in, exit status out.
+//!
+//! 0 success, 1 the run failed, 2 wrong usage or configuration; a failure is one line on stderr that names
+//! the file, the key or the device, and what to do.
+
+pub mod campaign;
+pub mod evaluate;
+pub mod replay;
+pub mod scenario;
+pub mod simulate;
+
+use clap::{CommandFactory, Parser, Subcommand};
+use plumbline_config::{Config, ConfigError};
+use std::path::Path;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Deterministic real-time stereo visual-inertial odometry.
+#[derive(Debug, Parser)]
+#[command(name = "plumbline", version, about, after_help = EXAMPLES)]
+struct Cli {
+    /// More log messages (-v, -vv); the environment variable RUST_LOG overrides it.
+    #[arg(short, long, action = clap::ArgAction::Count, global = true)]
+    verbose: u8,
+    #[command(subcommand)]
+    command: Command,
+}
+
+const EXAMPLES: &str = "Examples:
+  plumbline demo                                    a simulated flight, live
+  plumbline replay V1_01_easy --trajectory out.tum  a EuRoC data set as fast as it goes
+  plumbline replay sim:hall --duration 20           a simulated flight, not written to disk
+  plumbline evaluate out.tum V1_01_easy             its errors, as evo_ape and evo_rpe give them
+  plumbline ground --connect tcp/127.0.0.1:7447     watch the vehicles on a network
+
+Exit status: 0 success, 1 the run failed, 2 wrong usage or configuration.";
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Fly a simulated vehicle at 1x, and publish it on the loopback interface.
+    Demo(crate::demo::DemoArgs),
+    /// Run the estimator over a recorded or simulated flight.
+    Replay(replay::ReplayArgs),
+    /// Write a simulated flight as a EuRoC data set.
+    Simulate(simulate::SimulateArgs),
+    /// Compare a trajectory with its ground truth.
+    Evaluate(evaluate::EvaluateArgs),
+    /// Watch vehicles over the network, in the terminal.
+    Ground(crate::ground::GroundArgs),
+    /// Fly the built-in set of simulated flights and tabulate the errors.
+    Campaign(campaign::CampaignArgs),
+    /// Check a configuration file, or print a preset.
+    Config(ConfigArgs),
+    /// Print the completions for a shell.
+    Completions {
+        /// The shell.
+        shell: clap_complete::Shell,
+    },
+}
+
+#[derive(Debug, clap::Args)]
+struct ConfigArgs {
+    /// A configuration file to check, or the name of a preset (euroc, sim) to print.
+    file: String,
+}
+
+/// Runs the command line of this process.
+#[must_use]
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    init_logs(cli.verbose);
+    match run(cli.command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("plumbline: {}", one_line(&error));
+            ExitCode::from(exit_status(&error))
+        }
+    }
+}
+
+fn run(command: Command) -> anyhow::Result<()> {
+    match command {
+        Command::Demo(args) => crate::demo::run(&args),
+        Command::Replay(args) => replay::run(&args),
+        Command::Simulate(args) => simulate::run(&args),
+        Command::Evaluate(args) => evaluate::run(&args),
+        Command::Ground(args) => crate::ground::run(&args),
+        Command::Campaign(args) => campaign::run(&args),
+        Command::Config(args) => check_config(&args),
+        Command::Completions { shell } => {
+            clap_complete::generate(shell, &mut Cli::command(), "plumbline", &mut std::io::stdout());
+            Ok(())
+        }
+    }
+}
+
+fn check_config(args: &ConfigArgs) -> anyhow::Result<()> {
+    if plumbline_config::PRESETS.contains(&args.file.as_str()) {
+        print!("{}", plumbline_config::preset_text(&args.file)?);
+        return Ok(());
+    }
+    let config = Config::load(&args.file)?;
+    println!("{}: valid, {} camera(s), hash {}", args.file, config.camera.len(), crate::report::config_hash(&config));
+    Ok(())
+}
+
+/// A failure of usage: exit status 2.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct Usage(pub String);
+
+/// Wrong usage or configuration is 2, everything else 1.
+fn exit_status(error: &anyhow::Error) -> u8 {
+    let is_usage = error.chain().any(|cause| cause.is::<Usage>() || cause.is::<ConfigError>());
+    if is_usage { 2 } else { 1 }
+}
+
+/// The error and its causes on one line.
+fn one_line(error: &anyhow::Error) -> String {
+    let mut line = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        // A cause that its context already quotes says nothing new.
+        if !line.contains(&cause) {
+            if !line.is_empty() {
+                line.push_str(": ");
+            }
+            line.push_str(&cause);
+        }
+    }
+    line.split('\n').map(str::trim).filter(|part| !part.is_empty()).collect::<Vec<_>>().join("; ")
+}
+
+fn init_logs(verbose: u8) {
+    let default = ["warn", "info,zenoh=warn", "debug"][usize::from(verbose.min(2))];
+    let filter = tracing_subscriber::EnvFilter::try_from_default_env()
+        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new(default));
+    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).without_time().init();
+}
+
+/// A configuration file or preset, if one is named.
+///
+/// # Errors
+/// When it cannot be used.
+pub fn load_config(file: Option<&Path>) -> Result<Option<Config>, ConfigError> {
+    let Some(file) = file else { return Ok(None) };
+    match file.to_str() {
+        Some(name) if plumbline_config::PRESETS.contains(&name) => Config::preset(name).map(Some),
+        _ => Config::load(file).map(Some),
+    }
+}
+
+/// Set by the first Ctrl-C or termination signal; a second one ends the process at once.
+///
+/// # Errors
+/// When no handler can be installed.
+pub fn stop_on_signal() -> anyhow::Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    ctrlc::set_handler(move || {
+        if flag.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+    })?;
+    Ok(stop)
+}
+
+/// `A..B`, both optional, as a pair.
+///
+/// # Errors
+/// When it is not a range.
+pub fn parse_range<T: std::str::FromStr + PartialOrd + Copy>(text: &str) -> Result<(Option<T>, Option<T>), String> {
+    let bad = || format!("'{text}' is no range: write A..B, such as 5..10");
+    let (from, to) = text.split_once("..").ok_or_else(bad)?;
+    let part = |s: &str| if s.is_empty() { Ok(None) } else { s.parse().map(Some).map_err(|_| bad()) };
+    let (from, to) = (part(from)?, part(to)?);
+    match (from, to) {
+        (Some(a), Some(b)) if a >= b => Err(format!("'{text}' is an empty range")),
+        range => Ok(range),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn ranges_are_half_open_and_checked() {
+        assert_eq!(parse_range::<f64>("5..7.5"), Ok((Some(5.0), Some(7.5))));
+        assert_eq!(parse_range::<usize>("3.."), Ok((Some(3), None)));
+        assert!(parse_range::<usize>("7..3").is_err() && parse_range::<usize>("x").is_err());
+    }
+}

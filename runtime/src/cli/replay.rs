@@ -1,0 +1,181 @@
+//! `plumbline replay`: the estimator over a recorded or simulated flight.
+
+use super::scenario::{ScenarioArgs, parse_scene};
+use super::{Usage, load_config, parse_range, stop_on_signal};
+use crate::flight::{Flight, open_dataset, open_simulation};
+use crate::net::{Endpoints, Publisher};
+use crate::pipeline::{Outcome, Pipeline, RunOptions, Sink};
+use crate::record::{CausalPose, Recorder};
+use crate::report::Report;
+use crate::report::accuracy::Accuracy;
+use anyhow::{Context, Result};
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+use plumbline_drivers::tum::write_tum;
+use plumbline_estimator::{Estimate, Odometry};
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+
+/// Arguments of `plumbline replay`.
+#[derive(Debug, Args)]
+pub struct ReplayArgs {
+    /// A EuRoC data set, or a simulated flight: sim:room, sim:hall, sim:low-texture.
+    pub dataset: String,
+    /// Configuration file or preset. Without one: the preset `euroc` with the data set's calibration, or
+    /// the preset `sim`.
+    #[arg(long)]
+    pub config: Option<PathBuf>,
+    /// Multiple of real time; as fast as it goes without.
+    #[arg(long)]
+    pub speed: Option<f64>,
+    /// 1 decodes between frames, 2 ahead of need on another thread. The answer is the same.
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=8))]
+    pub threads: u8,
+    /// Write the causal trajectory (TUM format): each pose as it was known when its frame came.
+    #[arg(long, value_name = "OUT.tum")]
+    pub trajectory: Option<PathBuf>,
+    /// Write the odometry at IMU rate (TUM format).
+    #[arg(long, value_name = "OUT.tum")]
+    pub odometry: Option<PathBuf>,
+    /// Write the 6x6 covariance of every pose (CSV).
+    #[arg(long, value_name = "OUT.csv")]
+    pub covariance: Option<PathBuf>,
+    /// Write the report (JSON).
+    #[arg(long, value_name = "OUT.json")]
+    pub report: Option<PathBuf>,
+    /// Only these frames of a data set.
+    #[arg(long, value_name = "A..B")]
+    pub frames: Option<String>,
+    /// The left camera alone.
+    #[arg(long)]
+    pub mono: bool,
+    /// Publish over Zenoh while flying, as the configuration's [network] and --listen say.
+    #[arg(long)]
+    pub publish: bool,
+    /// With --publish: listen here, such as tcp/127.0.0.1:7447.
+    #[arg(long, value_name = "ENDPOINT")]
+    pub listen: Vec<String>,
+    /// Print the report as JSON instead of the summary.
+    #[arg(long)]
+    pub json: bool,
+    #[command(flatten)]
+    pub scenario: ScenarioArgs,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the flight cannot be opened, run or written.
+pub fn run(args: &ReplayArgs) -> Result<()> {
+    if args.speed.is_some_and(|s| !(s.is_finite() && s > 0.0)) {
+        return Err(Usage("--speed: give a positive number".into()).into());
+    }
+    let flight = open(args)?;
+    let mut publisher = None;
+    if args.publish {
+        let endpoints = Endpoints::of(&flight.config.network).and_listen(&args.listen);
+        publisher = Some(Publisher::start(&endpoints)?);
+    }
+    let stop = stop_on_signal()?;
+    let mut progress = Progress::new(flight.stereo.expected_frames());
+    let mut recorder = Recorder { keep_odometry: args.odometry.is_some(), ..Recorder::default() };
+    recorder.listeners.push(&mut progress);
+    if let Some(publisher) = &mut publisher {
+        recorder.listeners.push(publisher);
+    }
+    let options = RunOptions { speed: args.speed, threads: usize::from(args.threads) };
+    let (report, poses, odometry) = fly(flight, recorder, &options, &stop)?;
+    progress.0.finish_and_clear();
+    if let Some(publisher) = publisher {
+        publisher.stop();
+    }
+    if let Some(path) = &args.trajectory {
+        let poses: Vec<_> =
+            poses.iter().map(|p| plumbline_drivers::StampedPose { stamp: p.stamp, pose: p.pose_o_b }).collect();
+        write_tum(path, &poses)?;
+    }
+    if let Some(path) = &args.odometry {
+        write_tum(path, &odometry)?;
+    }
+    if let Some(path) = &args.covariance {
+        write_covariances(path, &poses)?;
+    }
+    let json = serde_json::to_string_pretty(&report)?;
+    if let Some(path) = &args.report {
+        std::fs::write(path, &json).with_context(|| format!("{}", path.display()))?;
+    }
+    println!("{}", if args.json { json } else { report.summary() });
+    anyhow::ensure!(report.completion > 0.0, "{}: no pose was found in {} frames", args.dataset, report.frames);
+    Ok(())
+}
+
+fn open(args: &ReplayArgs) -> Result<Flight> {
+    let config = load_config(args.config.as_deref())?;
+    if let Some(scene) = args.dataset.strip_prefix("sim:") {
+        let scenario = args.scenario.scenario(parse_scene(scene)?)?;
+        return open_simulation(config, &scenario, args.mono, args.scenario.extrinsics_error_deg);
+    }
+    let frames = match &args.frames {
+        None => None,
+        Some(text) => {
+            let (from, to) = parse_range::<usize>(text).map_err(|e| Usage(format!("--frames: {e}")))?;
+            Some(from.unwrap_or(0)..to.unwrap_or(usize::MAX))
+        }
+    };
+    open_dataset(Path::new(&args.dataset), config, frames, args.mono)
+}
+
+/// Runs a flight to its end and reports it.
+///
+/// # Errors
+/// When a driver cannot go on.
+pub fn fly(
+    flight: Flight,
+    mut recorder: Recorder<'_>,
+    options: &RunOptions,
+    stop: &AtomicBool,
+) -> Result<(Report, Vec<CausalPose>, Vec<plumbline_drivers::StampedPose>)> {
+    let Flight { config, imu, stereo, truth, name } = flight;
+    let pipeline = Pipeline::new(&config, options.speed);
+    let outcome: Outcome = pipeline.run(&config, imu, stereo, options, stop, &mut recorder)?;
+    let accuracy = Accuracy::of(&recorder.poses, &truth);
+    let report = Report::new(&name, &outcome, accuracy, &config, options.threads);
+    Ok((report, recorder.poses, recorder.odometry))
+}
+
+fn write_covariances(path: &Path, poses: &[CausalPose]) -> Result<()> {
+    let mut text = String::from("#timestamp [ns], 6x6 covariance of position [m] and attitude [rad] by rows\n");
+    for pose in poses {
+        let _ = write!(text, "{}", pose.stamp.as_nanos());
+        for value in pose.covariance.transpose().iter() {
+            let _ = write!(text, ",{value:.9e}");
+        }
+        text.push('\n');
+    }
+    std::fs::write(path, text).with_context(|| format!("{}", path.display()))
+}
+
+/// A progress bar on terminals.
+struct Progress(ProgressBar);
+
+impl Progress {
+    fn new(expected: Option<u64>) -> Self {
+        let bar = expected.map_or_else(ProgressBar::new_spinner, ProgressBar::new);
+        let template = "{bar:32} {pos}/{len} frames  {msg}  {elapsed} (eta {eta})";
+        bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
+        Self(bar)
+    }
+}
+
+impl Sink for Progress {
+    fn estimate(&mut self, estimate: &Estimate, frame_ms: f64) {
+        self.0.inc(1);
+        if self.0.position().is_multiple_of(10) {
+            let p = estimate.pose_o_b.translation.vector;
+            self.0.set_message(format!("({:.2} {:.2} {:.2}) m, {frame_ms:.1} ms", p.x, p.y, p.z));
+        }
+    }
+
+    fn odometry(&mut self, _odometry: &Odometry) {}
+}

@@ -1,0 +1,119 @@
+//! The arguments that describe a simulated flight.
+
+use super::{Usage, parse_range};
+use clap::Args;
+use plumbline_drivers::simulator::{Effects, FlightPath, Scenario, Scene};
+use std::path::Path;
+
+/// Exposure with `--motion-blur`, s.
+const BLUR_EXPOSURE_S: f64 = 0.008;
+/// Relative standard deviation of the gain with `--flicker`.
+const FLICKER: f64 = 0.15;
+
+/// A simulated flight.
+#[derive(Clone, Debug, Args)]
+#[command(next_help_heading = "Simulated flight")]
+pub struct ScenarioArgs {
+    /// Where it goes: `demo` (take-off and figures of eight), or a TUM file (plain or .gz).
+    #[arg(long, default_value = "demo")]
+    pub path: String,
+    /// Start, seconds into the path.
+    #[arg(long, default_value_t = 0.0)]
+    pub start: f64,
+    /// Length of the flight, seconds.
+    #[arg(long, default_value_t = 20.0)]
+    pub duration: f64,
+    /// Seed of everything random: world, noise, biases.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Size of the images against the configured size.
+    #[arg(long, default_value_t = 1.0)]
+    pub scale: f64,
+    /// Both images black from A to B, seconds.
+    #[arg(long, value_name = "A..B")]
+    pub blackout: Option<String>,
+    /// A camera that is silent for a time: left:A..B or right:A..B, seconds.
+    #[arg(long, value_name = "SIDE:A..B")]
+    pub lost_camera: Option<String>,
+    /// Probability that a frame is lost.
+    #[arg(long, default_value_t = 0.0)]
+    pub drop_rate: f64,
+    /// Exposure that jumps from frame to frame.
+    #[arg(long)]
+    pub flicker: bool,
+    /// Motion blur of an exposure of 8 ms.
+    #[arg(long)]
+    pub motion_blur: bool,
+    /// Stamps of images early by this much, ms.
+    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
+    pub time_offset_ms: f64,
+    /// The estimator believes the cameras turned by this angle against the truth, degrees.
+    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
+    pub extrinsics_error_deg: f64,
+}
+
+/// The scene of that name.
+///
+/// # Errors
+/// When there is none.
+pub fn parse_scene(name: &str) -> Result<Scene, Usage> {
+    match name {
+        "room" => Ok(Scene::Room),
+        "hall" => Ok(Scene::Hall),
+        "low-texture" | "low" => Ok(Scene::LowTexture),
+        other => Err(Usage(format!("no scene '{other}': choose room, hall or low-texture"))),
+    }
+}
+
+impl ScenarioArgs {
+    /// The scenario in `scene`.
+    ///
+    /// # Errors
+    /// When an argument makes no sense.
+    pub fn scenario(&self, scene: Scene) -> Result<Scenario, Usage> {
+        let path = if self.path == "demo" { FlightPath::Demo } else { FlightPath::Tum(Path::new(&self.path).into()) };
+        let mut effects = Effects { drop_probability: self.drop_rate, ..Effects::default() };
+        effects.time_offset_s = self.time_offset_ms * 1e-3;
+        if self.flicker {
+            effects.flicker = FLICKER;
+        }
+        if self.motion_blur {
+            effects.exposure_s = BLUR_EXPOSURE_S;
+        }
+        if let Some(text) = &self.blackout {
+            effects.blackout = Some(span("--blackout", text)?);
+        }
+        if let Some(text) = &self.lost_camera {
+            effects.lost_camera = Some(lost_camera(text)?);
+        }
+        Ok(Scenario {
+            scene,
+            path,
+            start_s: self.start,
+            duration_s: self.duration,
+            seed: self.seed,
+            resolution_scale: self.scale,
+            effects,
+            ..Scenario::default()
+        })
+    }
+}
+
+fn span(flag: &str, text: &str) -> Result<(f64, f64), Usage> {
+    match parse_range::<f64>(text).map_err(|e| Usage(format!("{flag}: {e}")))? {
+        (Some(from), Some(to)) => Ok((from, to)),
+        _ => Err(Usage(format!("{flag}: '{text}' needs both ends, such as 5..6.5"))),
+    }
+}
+
+fn lost_camera(text: &str) -> Result<(usize, f64, f64), Usage> {
+    let bad = || Usage(format!("--lost-camera: '{text}' is not of the form left:5..10"));
+    let (side, range) = text.split_once(':').ok_or_else(bad)?;
+    let camera = match side {
+        "left" => 0,
+        "right" => 1,
+        _ => return Err(bad()),
+    };
+    let (from, to) = span("--lost-camera", range)?;
+    Ok((camera, from, to))
+}

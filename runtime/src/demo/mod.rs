@@ -1,0 +1,165 @@
+//! `plumbline demo`: a simulated flight at real time, estimated live and published on the loopback
+//! interface.
+
+use crate::cli::replay::fly;
+use crate::cli::scenario::parse_scene;
+use crate::cli::{Usage, stop_on_signal};
+use crate::flight::{Flight, Truth, open_simulation};
+use crate::net::{Endpoints, Publisher};
+use crate::pipeline::{RunOptions, Sink};
+use crate::record::Recorder;
+use anyhow::Result;
+use clap::Args;
+use nalgebra::Isometry3;
+use plumbline_drivers::StereoFrame;
+use plumbline_drivers::simulator::{Scenario, Simulator};
+use plumbline_estimator::{Estimate, Odometry};
+use std::io::{IsTerminal, Write};
+use std::net::TcpListener;
+use std::time::{Duration, Instant};
+
+/// First port that is tried.
+const FIRST_PORT: u16 = 7447;
+/// Ports that are tried.
+const PORTS: u16 = 20;
+/// Rendering a stereo frame may take this long beside an estimator on the other core.
+const RENDER_BUDGET: Duration = Duration::from_millis(45);
+/// Frames rendered to find out.
+const TRIAL_FRAMES: u64 = 4;
+
+/// Arguments of `plumbline demo`.
+#[derive(Debug, Args)]
+pub struct DemoArgs {
+    /// Length of the flight, seconds.
+    #[arg(long, default_value_t = 60.0)]
+    pub duration: f64,
+    /// What surrounds the flight: room, hall or low-texture.
+    #[arg(long, default_value = "room")]
+    pub scene: String,
+    /// Seed of everything random.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Size of the images against 752x480; chosen by what this machine can render in time without.
+    #[arg(long)]
+    pub resolution: Option<f64>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the flight cannot be simulated or no port is free.
+pub fn run(args: &DemoArgs) -> Result<()> {
+    let mut scenario = Scenario {
+        scene: parse_scene(&args.scene)?,
+        duration_s: args.duration,
+        seed: args.seed,
+        ..Scenario::default()
+    };
+    scenario.resolution_scale = match args.resolution {
+        Some(scale) => scale,
+        None => affordable_resolution(&scenario)?,
+    };
+    let flight: Flight = open_simulation(None, &scenario, false, 0.0)?;
+    let size = &flight.config.camera[0];
+    let endpoint = free_endpoint()?;
+    let mut endpoints = Endpoints::of(&flight.config.network);
+    endpoints.listen = vec![endpoint.clone()];
+    let mut publisher = Publisher::start(&endpoints)?;
+    println!(
+        "Flying for {:.0} s in the {} with {}x{} stereo images. Watch it from another terminal:",
+        args.duration, args.scene, size.width_px, size.height_px
+    );
+    println!("    plumbline ground --connect {endpoint}");
+    let stop = stop_on_signal()?;
+    let mut status = Status::new(&flight.truth);
+    let mut recorder = Recorder::default();
+    recorder.listeners.push(&mut publisher);
+    recorder.listeners.push(&mut status);
+    let options = RunOptions { speed: Some(1.0), threads: 2 };
+    let (report, _, _) = fly(flight, recorder, &options, &stop)?;
+    publisher.stop();
+    println!("\n{}", report.summary());
+    Ok(())
+}
+
+/// Full resolution if this machine renders it in time, else half.
+fn affordable_resolution(scenario: &Scenario) -> Result<f64> {
+    let config = crate::flight::scenario_config(None, false)?;
+    let simulator = Simulator::new(&config, scenario)?;
+    let (mut scratch, mut frame) = (simulator.scratch(), StereoFrame::new(simulator.image_sizes()));
+    let start = Instant::now();
+    for index in 0..TRIAL_FRAMES {
+        simulator.render_frame(index, &mut scratch, &mut frame);
+    }
+    let each = start.elapsed() / TRIAL_FRAMES as u32;
+    if each <= RENDER_BUDGET {
+        return Ok(1.0);
+    }
+    println!(
+        "This machine renders a stereo frame in {:.0} ms; the camera takes one every 50 ms: half resolution.",
+        each.as_secs_f64() * 1e3
+    );
+    Ok(0.5)
+}
+
+/// An endpoint on the loopback interface that nobody uses.
+fn free_endpoint() -> Result<String, Usage> {
+    (FIRST_PORT..FIRST_PORT + PORTS)
+        .find(|port| TcpListener::bind(("127.0.0.1", *port)).is_ok())
+        .map(|port| format!("tcp/127.0.0.1:{port}"))
+        .ok_or_else(|| Usage(format!("no free port from {FIRST_PORT} to {}", FIRST_PORT + PORTS - 1)))
+}
+
+/// A line a second: where the estimate is and how far from the truth.
+struct Status {
+    truth: Option<Simulator>,
+    origin: Option<Isometry3<f64>>,
+    next: Instant,
+    rewrites: bool,
+}
+
+impl Status {
+    fn new(truth: &Truth) -> Self {
+        let truth = match truth {
+            Truth::Simulated(simulator) => Some(simulator.clone()),
+            _ => None,
+        };
+        Self { truth, origin: None, next: Instant::now(), rewrites: std::io::stdout().is_terminal() }
+    }
+
+    /// Distance from the truth, brought to the first pose, m.
+    fn error_m(&mut self, estimate: &Estimate) -> Option<f64> {
+        let truth = self.truth.as_ref()?.ground_truth(estimate.stamp).pose_w_b;
+        let origin = *self.origin.get_or_insert(estimate.pose_o_b * truth.inverse());
+        Some(((origin * truth).translation.vector - estimate.pose_o_b.translation.vector).norm())
+    }
+}
+
+impl Sink for Status {
+    fn estimate(&mut self, estimate: &Estimate, frame_ms: f64) {
+        if !estimate.has_pose() {
+            return;
+        }
+        let error_m = self.error_m(estimate).unwrap_or(f64::NAN);
+        if Instant::now() < self.next {
+            return;
+        }
+        self.next = Instant::now() + Duration::from_secs(1);
+        let p = estimate.pose_o_b.translation.vector;
+        let line = format!(
+            "{:>7.1} {:>7.1} {:>7.1} m  speed {:.2} m/s  error {:.3} m  points {}  quality {}  frame {frame_ms:.1} ms",
+            p.x,
+            p.y,
+            p.z,
+            estimate.v_o_b.norm(),
+            error_m,
+            estimate.figures.points_tracked,
+            estimate.quality
+        );
+        let mut out = std::io::stdout().lock();
+        let _ = if self.rewrites { write!(out, "\r{line}\x1b[K") } else { writeln!(out, "{line}") };
+        let _ = out.flush();
+    }
+
+    fn odometry(&mut self, _odometry: &Odometry) {}
+}

@@ -1,0 +1,118 @@
+//! Does the estimator know how wrong it is? Normalized estimation error squared, `eᵀ P⁻¹ e`: chi-squared
+//! with as many degrees of freedom as `e` has components, if `P` is the covariance of `e` (Bar-Shalom, Li
+//! and Kirubarajan 2001, section 5.4.2).
+
+use nalgebra::{Isometry3, SMatrix, SVector, Vector6};
+use serde::Serialize;
+
+/// Normal quantile of 95 %, one-sided, and of 97.5 %.
+const Z_95: f64 = 1.644_853_626_951_472_7;
+const Z_975: f64 = 1.959_963_984_540_054;
+
+/// Error of a pose: position (m) in the outer frame, then attitude (rad) as right perturbation,
+/// `true = (p + e_p, R Exp(e_r))`: the order of the estimator's covariances.
+#[must_use]
+pub fn pose_error(estimate: &Isometry3<f64>, truth: &Isometry3<f64>) -> Vector6<f64> {
+    let position = truth.translation.vector - estimate.translation.vector;
+    let rotation = (estimate.rotation.inverse() * truth.rotation).scaled_axis();
+    Vector6::new(position.x, position.y, position.z, rotation.x, rotation.y, rotation.z)
+}
+
+/// `eᵀ P⁻¹ e`; `None` where the covariance is not positive definite.
+#[must_use]
+pub fn nees<const N: usize>(error: &SVector<f64, N>, covariance: &SMatrix<f64, N, N>) -> Option<f64> {
+    let half = covariance.cholesky()?.l().solve_lower_triangular(error)?;
+    Some(half.norm_squared()).filter(|value| value.is_finite())
+}
+
+/// How a run's errors fit its covariances.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Consistency {
+    /// Mean NEES over its expectation: 1 is honest, above is overconfident, below is timid.
+    pub mean_ratio: f64,
+    /// Share of the errors within their 95 % ellipsoid.
+    pub within_95: f64,
+    /// How many errors.
+    pub count: usize,
+}
+
+/// Sums up NEES values of `degrees` of freedom; `None` of an empty list.
+#[must_use]
+pub fn consistency(values: &[f64], degrees: usize) -> Option<Consistency> {
+    if values.is_empty() || degrees == 0 {
+        return None;
+    }
+    let count = values.len();
+    let limit = chi_squared_quantile(degrees as f64, Z_95);
+    let within = values.iter().filter(|&&v| v <= limit).count();
+    let mean_ratio = values.iter().sum::<f64>() / (count * degrees) as f64;
+    Some(Consistency { mean_ratio, within_95: within as f64 / count as f64, count })
+}
+
+/// Bounds of 95 % of [`Consistency::mean_ratio`] for `count` independent errors of `degrees` of freedom.
+/// Errors of one run hang together in time: count what is independent of it, such as runs.
+#[must_use]
+pub fn mean_ratio_bounds(degrees: usize, count: usize) -> (f64, f64) {
+    let freedom = (degrees * count).max(1) as f64;
+    (chi_squared_quantile(freedom, -Z_975) / freedom, chi_squared_quantile(freedom, Z_975) / freedom)
+}
+
+/// Quantile of chi-squared by Wilson and Hilferty (1931), `z` that of the normal distribution. Better than
+/// 1 % on the upper side from three degrees of freedom on, on the lower side from twelve on.
+fn chi_squared_quantile(degrees: f64, z: f64) -> f64 {
+    let c = 2.0 / (9.0 * degrees);
+    degrees * (1.0 - c + z * c.sqrt()).powi(3)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evaluate::noise::Noise;
+    use nalgebra::{Matrix6, Vector3};
+
+    #[test]
+    fn quantiles_as_in_tables() {
+        assert!((chi_squared_quantile(6.0, Z_95) - 12.592).abs() < 0.03);
+        assert!((chi_squared_quantile(9.0, Z_95) - 16.919).abs() < 0.03);
+        assert!((chi_squared_quantile(3.0, Z_95) / 7.815 - 1.0).abs() < 0.01);
+        assert!((chi_squared_quantile(12.0, -Z_975) / 4.404 - 1.0).abs() < 0.01);
+        assert!((chi_squared_quantile(60.0, -Z_975) / 40.482 - 1.0).abs() < 0.001);
+    }
+
+    #[test]
+    fn errors_drawn_from_the_covariance_are_consistent() {
+        let mut noise = Noise::new(7);
+        let l = Matrix6::from_fn(|i, j| {
+            if i == j {
+                1.0 + i as f64
+            } else if i > j {
+                0.3 * noise.normal()
+            } else {
+                0.0
+            }
+        });
+        let covariance = l * l.transpose();
+        let draw =
+            |noise: &mut Noise| nees(&(l * Vector6::from_fn(|_, _| noise.normal())), &covariance).unwrap();
+        let values: Vec<f64> = (0..2000).map(|_| draw(&mut noise)).collect();
+        let result = consistency(&values, 6).unwrap();
+        let (low, high) = mean_ratio_bounds(6, 2000);
+        assert!(low < result.mean_ratio && result.mean_ratio < high, "{result:?}");
+        assert!((result.within_95 - 0.95).abs() < 0.015, "{result:?}");
+        assert_eq!(nees(&Vector6::zeros(), &-covariance), None);
+        assert_eq!(consistency(&[], 6), None);
+    }
+
+    #[test]
+    fn the_error_brings_the_estimate_to_the_truth() {
+        let estimate = Isometry3::new(Vector3::new(1.0, 2.0, 3.0), Vector3::new(0.3, -0.2, 0.9));
+        let truth = Isometry3::new(Vector3::new(1.1, 2.0, 2.8), Vector3::new(0.31, -0.25, 0.8));
+        let e = pose_error(&estimate, &truth);
+        let rotation =
+            estimate.rotation * nalgebra::UnitQuaternion::from_scaled_axis(e.fixed_rows::<3>(3).into_owned());
+        assert!(rotation.angle_to(&truth.rotation) < 1e-12);
+        assert!(
+            (estimate.translation.vector + e.fixed_rows::<3>(0) - truth.translation.vector).norm() < 1e-12
+        );
+    }
+}

@@ -1,0 +1,75 @@
+//! Why two trajectories cannot be compared.
+
+use plumbline_drivers::DriverError;
+use thiserror::Error;
+
+/// Which of the two trajectories.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// The one that is judged.
+    Estimate,
+    /// The one it is held against.
+    Reference,
+}
+
+impl std::fmt::Display for Side {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Estimate => "estimate",
+            Self::Reference => "reference",
+        })
+    }
+}
+
+/// Why two trajectories cannot be compared.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum EvaluateError {
+    /// A file could not be read.
+    #[error(transparent)]
+    Read(#[from] DriverError),
+    /// A trajectory has no poses.
+    #[error("the {0} holds no pose")]
+    Empty(Side),
+    /// A pose has a component that is not a finite number.
+    #[error("pose {index} of the {side} is not finite")]
+    NotFinite {
+        /// Which trajectory.
+        side: Side,
+        /// Index of the pose, from 0.
+        index: usize,
+    },
+    /// The trajectories have no time in common.
+    #[error(
+        "no stamps within {max_difference_s} s of each other: the estimate runs from {} to {} s, the reference \
+         from {} to {} s; are they of the same sequence and clock?",
+        estimate.0, estimate.1, reference.0, reference.1
+    )]
+    NoCommonStamps {
+        /// First and last stamp of the estimate.
+        estimate: (plumbline_config::Timestamp, plumbline_config::Timestamp),
+        /// First and last stamp of the reference.
+        reference: (plumbline_config::Timestamp, plumbline_config::Timestamp),
+        /// Largest difference of stamps that was allowed, s.
+        max_difference_s: f64,
+    },
+    /// Fewer pairs than the figure needs.
+    #[error("only {found} common stamps, at least {needed} are needed; is the estimate complete?")]
+    TooFew {
+        /// Pairs there are.
+        found: usize,
+        /// Pairs there must be.
+        needed: usize,
+    },
+    /// The positions lie in one point or on one line: no rotation can be told.
+    #[error(
+        "the positions lie in a point or on a line, so no alignment is defined; align by the origin instead"
+    )]
+    Degenerate,
+    /// No two poses are that far apart.
+    #[error("no two poses are {0} apart; choose a smaller delta")]
+    NoPairs(super::Delta),
+    /// The distance of relative errors is not a positive number.
+    #[error("a delta of {0} makes no sense; it must be above zero")]
+    BadDelta(super::Delta),
+}

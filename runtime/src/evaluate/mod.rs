@@ -1,0 +1,160 @@
+//! How good is a trajectory? The figures of `plumbline evaluate`, the same as `evo_ape` and `evo_rpe`
+//! (PyPI `evo`) give for the same files; a test compares them.
+//!
+//! The way of the data: [`load_trajectory`], [`associate`] by time, [`align`], then absolute errors
+//! ([`Statistics`] of position and rotation), [`relative_errors`], [`drift`], and whether the covariances
+//! are honest ([`nees`]). [`evaluate`] goes all the way at once.
+
+mod align;
+mod associate;
+mod consistency;
+mod drift;
+mod error;
+mod relative;
+mod stats;
+
+#[cfg(test)]
+mod evo;
+#[cfg(test)]
+mod noise;
+
+pub use align::{AlignmentMode, Similarity, align, aligned};
+pub use associate::{Pairs, associate};
+pub use consistency::{Consistency, consistency, mean_ratio_bounds, nees, pose_error};
+pub use drift::{Drift, completion, coverage, drift, path_length_m, yaw_drift_deg_per_min};
+pub use error::{EvaluateError, Side};
+pub use relative::{Delta, RelativeErrors, relative_errors};
+pub use stats::Statistics;
+
+use plumbline_drivers::euroc::read_ground_truth;
+use plumbline_drivers::tum::read_tum;
+use plumbline_drivers::{DriverError, StampedPose};
+use serde::Serialize;
+use std::path::Path;
+
+/// How trajectories are compared.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EvaluateOptions {
+    /// Largest difference of stamps of a pair, s.
+    pub max_difference_s: f64,
+    /// Freedom of the alignment.
+    pub alignment: AlignmentMode,
+    /// Distance of relative errors.
+    pub delta: Delta,
+    /// Whether relative errors begin at each pose.
+    pub all_pairs: bool,
+}
+
+impl Default for EvaluateOptions {
+    /// The defaults of evo, with `evo_ape --align`.
+    fn default() -> Self {
+        let (alignment, delta) = (AlignmentMode::Se3, Delta::Frames(1));
+        Self { max_difference_s: 0.01, alignment, delta, all_pairs: false }
+    }
+}
+
+/// All figures of one estimate against its reference.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Evaluation {
+    /// Poses of the estimate.
+    pub estimate_poses: usize,
+    /// Poses of the reference.
+    pub reference_poses: usize,
+    /// Pairs by time.
+    pub associated: usize,
+    /// Share of the reference's time during which there is an estimate.
+    pub completion: f64,
+    /// Path of the reference over the pairs, m.
+    pub path_length_m: f64,
+    /// Freedom of the alignment.
+    pub alignment: AlignmentMode,
+    /// Absolute errors of position after alignment, m.
+    pub ate_m: Statistics,
+    /// Absolute errors of rotation after alignment, degrees.
+    pub ate_rotation_deg: Statistics,
+    /// Relative errors (after alignment, which changes them by its scale only); none where no poses are
+    /// that far apart.
+    pub rpe: Option<RelativeErrors>,
+    /// Drift per distance, where the reference moves.
+    pub drift: Option<Drift>,
+    /// Drift of the heading, degrees per minute.
+    pub yaw_drift_deg_per_min: Option<f64>,
+    /// How much too long the estimate is, percent; none where the motion does not tell.
+    pub scale_error_percent: Option<f64>,
+}
+
+/// Compares an estimate with its reference.
+///
+/// # Errors
+/// When they have too little in common, or the alignment is not determined.
+pub fn evaluate(
+    estimate: &[StampedPose],
+    reference: &[StampedPose],
+    options: &EvaluateOptions,
+) -> Result<Evaluation, EvaluateError> {
+    let pairs = associate(estimate, reference, options.max_difference_s)?;
+    let aligned_pairs = aligned(&pairs, &align(&pairs, options.alignment)?);
+    let (ate_m, ate_rotation_deg) = absolute_errors(&aligned_pairs)?;
+    let rpe = match relative_errors(&aligned_pairs, options.delta, options.all_pairs) {
+        Err(EvaluateError::NoPairs(_)) => None,
+        other => Some(other?),
+    };
+    let scale = align(&pairs, AlignmentMode::Sim3).ok().map(|similarity| similarity.scale);
+    Ok(Evaluation {
+        estimate_poses: estimate.len(),
+        reference_poses: reference.len(),
+        associated: pairs.len(),
+        completion: coverage(estimate, reference),
+        path_length_m: path_length_m(&pairs.reference),
+        alignment: options.alignment,
+        ate_m,
+        ate_rotation_deg,
+        rpe,
+        drift: drift(&pairs),
+        yaw_drift_deg_per_min: yaw_drift_deg_per_min(&pairs),
+        scale_error_percent: scale.map(|s| 100.0 * (1.0 / s - 1.0)).filter(|e| e.is_finite()),
+    })
+}
+
+/// Absolute errors of pairs that are in one frame: distances in metres, rotation angles in degrees.
+///
+/// # Errors
+/// When there are no pairs.
+pub fn absolute_errors(pairs: &Pairs) -> Result<(Statistics, Statistics), EvaluateError> {
+    let both = || pairs.estimate.iter().map(|p| p.pose).zip(pairs.reference.iter().map(|p| p.pose));
+    let distances: Vec<f64> =
+        both().map(|(x, y)| (x.translation.vector - y.translation.vector).norm()).collect();
+    let angles: Vec<f64> = both().map(|(x, y)| x.rotation.angle_to(&y.rotation).to_degrees()).collect();
+    let statistics = Statistics::of(&distances).zip(Statistics::of(&angles));
+    statistics.ok_or(EvaluateError::TooFew { found: 0, needed: 1 })
+}
+
+/// Reads a trajectory: a TUM file (plain or gzip), a EuRoC ground truth table (`.csv`), or a EuRoC data
+/// set, of which the ground truth is taken.
+///
+/// # Errors
+/// When it cannot be read, or the data set has no ground truth.
+pub fn load_trajectory(path: &Path) -> Result<Vec<StampedPose>, EvaluateError> {
+    if path.is_dir() {
+        let table = "state_groundtruth_estimate0/data.csv";
+        let candidates = [path.join("mav0").join(table), path.join(table)];
+        let Some(found) = candidates.iter().find(|candidate| candidate.is_file()) else {
+            let message =
+                format!("holds no mav0/{table}; give a trajectory file or a data set with ground truth");
+            return Err(DriverError::Malformed { path: path.into(), message }.into());
+        };
+        return truth_poses(found);
+    }
+    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv")) {
+        return truth_poses(path);
+    }
+    Ok(read_tum(path)?)
+}
+
+fn truth_poses(path: &Path) -> Result<Vec<StampedPose>, EvaluateError> {
+    let states = read_ground_truth(path)?;
+    Ok(states.iter().map(|s| StampedPose { stamp: s.stamp, pose: s.pose_w_b }).collect())
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,134 @@
+//! What is flown: a recorded data set or a simulated scenario, opened and ready to run.
+
+use anyhow::{Context, Result, bail};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use plumbline_config::{Config, Timestamp, import};
+use plumbline_drivers::simulator::{Scenario, Simulator, scaled_config};
+use plumbline_drivers::{EurocDataset, EurocOptions, ImuSource, StereoSource, TruthState};
+use std::ops::Range;
+use std::path::Path;
+
+/// Ground truth further from a stamp than this is none, ns.
+const TRUTH_TOLERANCE_NS: i64 = 5_000_000;
+
+/// Streams, configuration and truth of one flight.
+pub struct Flight {
+    /// What the estimator believes of the rig.
+    pub config: Config,
+    /// Inertial samples.
+    pub imu: Box<dyn ImuSource>,
+    /// Frames.
+    pub stereo: Box<dyn StereoSource>,
+    /// Ground truth, where there is one.
+    pub truth: Truth,
+    /// What is flown, in a few words.
+    pub name: String,
+}
+
+/// Where the vehicle really was.
+pub enum Truth {
+    /// Nobody knows.
+    None,
+    /// Measured.
+    Recorded(Vec<TruthState>),
+    /// Simulated: known at any time.
+    Simulated(Simulator),
+}
+
+impl Truth {
+    /// The true pose at `stamp`, if known.
+    #[must_use]
+    pub fn pose_at(&self, stamp: Timestamp) -> Option<Isometry3<f64>> {
+        match self {
+            Self::None => None,
+            Self::Simulated(simulator) => Some(simulator.ground_truth(stamp).pose_w_b),
+            Self::Recorded(states) => {
+                let after = states.partition_point(|s| s.stamp < stamp);
+                let near = [after.checked_sub(1), Some(after)].into_iter().flatten().filter_map(|k| states.get(k));
+                near.min_by_key(|s| s.stamp.nanos_since(stamp).abs())
+                    .filter(|s| s.stamp.nanos_since(stamp).abs() <= TRUTH_TOLERANCE_NS)
+                    .map(|s| s.pose_w_b)
+            }
+        }
+    }
+}
+
+/// Opens a EuRoC data set. Without a configuration the calibration of the data set replaces that of the
+/// preset `euroc`.
+///
+/// # Errors
+/// When the data set or its calibration cannot be used.
+pub fn open_dataset(path: &Path, config: Option<Config>, frames: Option<Range<usize>>, mono: bool) -> Result<Flight> {
+    let mut config = match config {
+        Some(config) => config,
+        None => import::euroc_into(Config::preset("euroc")?, path)?,
+    };
+    if mono {
+        config.camera.truncate(1);
+    }
+    let options = EurocOptions { frames, ..EurocOptions::for_config(&config) };
+    let dataset = EurocDataset::open(path, &options)?;
+    if dataset.cameras() < config.camera.len() {
+        config.camera.truncate(dataset.cameras());
+    }
+    let truth = dataset.ground_truth()?.map_or(Truth::None, Truth::Recorded);
+    Ok(Flight {
+        imu: Box::new(dataset.imu()),
+        stereo: Box::new(dataset.stereo()),
+        truth,
+        name: path.display().to_string(),
+        config,
+    })
+}
+
+/// Prepares a simulated flight. The estimator's cameras are turned against the true ones by
+/// `extrinsics_error_deg`.
+///
+/// # Errors
+/// When the scenario is impossible or its trajectory cannot be read.
+pub fn open_simulation(
+    config: Option<Config>,
+    scenario: &Scenario,
+    mono: bool,
+    extrinsics_error_deg: f64,
+) -> Result<Flight> {
+    let config = scenario_config(config, mono)?;
+    let simulator = Simulator::new(&config, scenario).context("the flight cannot be simulated")?;
+    let mut config = scaled_config(&config, scenario.resolution_scale);
+    if !extrinsics_error_deg.is_finite() || extrinsics_error_deg.abs() > 30.0 {
+        bail!("--extrinsics-error-deg {extrinsics_error_deg}: give an angle of at most 30 degrees");
+    }
+    turn_cameras(&mut config, extrinsics_error_deg.to_radians());
+    Ok(Flight {
+        imu: Box::new(simulator.imu()),
+        stereo: Box::new(simulator.stereo()),
+        name: format!("simulated flight, {:?}, seed {}", scenario.scene, scenario.seed),
+        truth: Truth::Simulated(simulator),
+        config,
+    })
+}
+
+/// The rig to simulate: the given one, or the preset `sim`; with `mono` its left camera alone.
+///
+/// # Errors
+/// Never, as long as the preset is valid.
+pub fn scenario_config(config: Option<Config>, mono: bool) -> Result<Config> {
+    let mut config = match config {
+        Some(config) => config,
+        None => Config::preset("sim")?,
+    };
+    if mono {
+        config.camera.truncate(1);
+    }
+    Ok(config)
+}
+
+/// Turns both cameras, as one rig, about an oblique axis through the body's origin.
+fn turn_cameras(config: &mut Config, angle_rad: f64) {
+    let axis = Vector3::new(0.6, -0.5, 0.62).normalize();
+    let turn = UnitQuaternion::from_scaled_axis(axis * angle_rad);
+    for camera in &mut config.camera {
+        let matrix = (turn * camera.pose_b_c()).to_homogeneous();
+        camera.pose_b_c = std::array::from_fn(|i| std::array::from_fn(|j| matrix[(i, j)]));
+    }
+}

@@ -1,0 +1,17 @@
+//! The Plumbline runtime as a library; the binary `plumbline` is its command line.
+//!
+//! The data flow one way: a [`flight`] opens the streams, the [`pipeline`] takes them to estimates, sinks
+//! take what it produces ([`record`], [`net`]), a [`report`] sums it up, [`evaluate`] compares trajectories, and a
+//! [`campaign`] does all of it over many flights.
+
+pub mod alloc;
+pub mod campaign;
+pub mod cli;
+pub mod demo;
+pub mod evaluate;
+pub mod flight;
+pub mod ground;
+pub mod net;
+pub mod pipeline;
+pub mod record;
+pub mod report;

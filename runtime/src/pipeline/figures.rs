@@ -1,0 +1,223 @@
+//! What a run counts and times.
+
+use super::clock::Stopwatch;
+use hdrhistogram::Histogram;
+use plumbline_config::Timestamp;
+use plumbline_estimator::{Estimate, Stage, StageProbe};
+use serde::Serialize;
+
+/// Times are recorded in microseconds up to ten seconds, to three digits; longer ones count as ten.
+const MAX_US: u64 = 10_000_000;
+/// Hand-out times are recorded in nanoseconds up to a tenth of a second.
+const MAX_NS: u64 = 100_000_000;
+
+/// Percentiles of a time, ms.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Percentiles {
+    /// Median.
+    pub p50: f64,
+    /// 95th percentile.
+    pub p95: f64,
+    /// 99th percentile.
+    pub p99: f64,
+    /// Largest.
+    pub max: f64,
+    /// Mean.
+    pub mean: f64,
+}
+
+/// A histogram of times in fixed memory.
+#[derive(Clone, Debug)]
+pub struct Times {
+    histogram: Histogram<u64>,
+    per_unit: f64,
+    max: u64,
+}
+
+impl Times {
+    fn new(max: u64, per_unit: f64) -> Self {
+        let histogram = Histogram::new_with_max(max, 3).unwrap_or_else(|_| unreachable!("three digits are allowed"));
+        Self { histogram, per_unit, max }
+    }
+
+    /// Of milliseconds.
+    #[must_use]
+    pub fn of_ms() -> Self {
+        Self::new(MAX_US, 1e3)
+    }
+
+    /// Of microseconds.
+    #[must_use]
+    pub fn of_us() -> Self {
+        Self::new(MAX_NS, 1e3)
+    }
+
+    /// Adds one time.
+    pub fn record(&mut self, time: f64) {
+        let ticks = (time * self.per_unit).round().clamp(1.0, self.max as f64) as u64;
+        self.histogram.saturating_record(ticks);
+    }
+
+    /// The percentiles, in the unit of the times.
+    #[must_use]
+    pub fn percentiles(&self) -> Percentiles {
+        let h = &self.histogram;
+        if h.is_empty() {
+            return Percentiles::default();
+        }
+        let at = |q: f64| h.value_at_quantile(q) as f64 / self.per_unit;
+        let (max, mean) = (h.max() as f64 / self.per_unit, h.mean() / self.per_unit);
+        Percentiles { p50: at(0.5), p95: at(0.95), p99: at(0.99), max, mean }
+    }
+}
+
+/// The time of each stage.
+#[derive(Clone, Debug)]
+pub struct StageTimes {
+    running: [Option<Stopwatch>; Stage::ALL.len()],
+    times: [Times; Stage::ALL.len()],
+}
+
+impl Default for StageTimes {
+    fn default() -> Self {
+        Self { running: [None; Stage::ALL.len()], times: std::array::from_fn(|_| Times::of_ms()) }
+    }
+}
+
+impl StageTimes {
+    /// Every stage with its percentiles, ms.
+    pub fn all(&self) -> impl Iterator<Item = (Stage, Percentiles)> + '_ {
+        Stage::ALL.into_iter().map(|stage| (stage, self.times[stage as usize].percentiles()))
+    }
+
+    /// Adds a time of `stage`, ms.
+    pub fn record(&mut self, stage: Stage, ms: f64) {
+        self.times[stage as usize].record(ms);
+    }
+}
+
+impl StageProbe for StageTimes {
+    fn begin(&mut self, stage: Stage) {
+        self.running[stage as usize] = Some(Stopwatch::start());
+    }
+
+    fn end(&mut self, stage: Stage) {
+        if let Some(watch) = self.running[stage as usize].take() {
+            self.record(stage, watch.elapsed_ms());
+        }
+    }
+}
+
+/// Everything a run counts and times.
+#[derive(Clone, Debug)]
+pub struct Figures {
+    /// Frames taken.
+    pub frames: u64,
+    /// Frames whose stamp was not later than the one before.
+    pub frames_refused: u64,
+    /// Frames with a pose.
+    pub poses: u64,
+    /// Inertial samples refused.
+    pub imu_refused: u64,
+    /// Resets.
+    pub resets: u32,
+    /// Allocations and frees while estimating, after the warm-up.
+    pub hot_path_allocations: u64,
+    /// Data time from the first image to the first pose, s.
+    pub first_pose_s: Option<f64>,
+    /// Data time of all frames, s.
+    pub span_s: f64,
+    /// Wall time of the run, s.
+    pub wall_s: f64,
+    /// Wall time of each frame's computation.
+    pub frame_ms: Times,
+    /// Processor time of each frame's computation.
+    pub frame_cpu_ms: Times,
+    /// Time from an inertial sample to its odometry.
+    pub handout_us: Times,
+    /// Stages of a frame.
+    pub stages: StageTimes,
+    /// Sums over frames of points tracked and landmarks in the window.
+    pub points: (u64, u64),
+    /// Time offset at the end, s.
+    pub time_offset_s: f64,
+    first_frame: Option<Timestamp>,
+    started: Stopwatch,
+}
+
+impl Default for Figures {
+    fn default() -> Self {
+        Self {
+            frames: 0,
+            frames_refused: 0,
+            poses: 0,
+            imu_refused: 0,
+            resets: 0,
+            hot_path_allocations: 0,
+            first_pose_s: None,
+            span_s: 0.0,
+            wall_s: 0.0,
+            frame_ms: Times::of_ms(),
+            frame_cpu_ms: Times::of_ms(),
+            handout_us: Times::of_us(),
+            stages: StageTimes::default(),
+            points: (0, 0),
+            time_offset_s: 0.0,
+            first_frame: None,
+            started: Stopwatch::start(),
+        }
+    }
+}
+
+impl Figures {
+    /// The run begins.
+    pub fn start(&mut self) {
+        self.started = Stopwatch::start();
+    }
+
+    /// The run is over.
+    pub fn finish(&mut self) {
+        self.wall_s = self.started.elapsed_ms() * 1e-3;
+    }
+
+    /// One frame was estimated.
+    pub fn frame(&mut self, stamp: Timestamp, estimate: &Estimate, frame_ms: f64, cpu_ms: f64) {
+        let first = *self.first_frame.get_or_insert(stamp);
+        self.frames += 1;
+        self.span_s = stamp.seconds_since(first);
+        self.frame_ms.record(frame_ms);
+        self.frame_cpu_ms.record(cpu_ms);
+        self.resets = estimate.reset_counter;
+        self.time_offset_s = estimate.time_offset_s;
+        if estimate.health.contains(plumbline_estimator::HealthBits::BAD_STAMP) {
+            self.frames_refused += 1;
+        }
+        self.points.0 += u64::from(estimate.figures.points_tracked);
+        self.points.1 += u64::from(estimate.figures.points_in_window);
+        if estimate.has_pose() {
+            self.poses += 1;
+            self.first_pose_s.get_or_insert(stamp.seconds_since(first));
+        }
+    }
+
+    /// Odometry was handed out `us` microseconds after its sample.
+    pub fn handed_out(&mut self, us: f64) {
+        self.handout_us.record(us);
+        self.stages.record(Stage::Propagate, us * 1e-3);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn percentiles_are_those_of_the_times() {
+        let mut times = Times::of_ms();
+        (1..=100).for_each(|k| times.record(f64::from(k)));
+        let p = times.percentiles();
+        assert!((p.p50 - 50.0).abs() < 0.1 && (p.p99 - 99.0).abs() < 0.1 && (p.max - 100.0).abs() < 0.1);
+        times.record(1e9);
+        assert!((times.percentiles().max - 10_000.0).abs() < 10.0);
+    }
+}

@@ -1,0 +1,115 @@
+//! Errors of a causal trajectory against the truth at the same times.
+
+use crate::evaluate::{AlignmentMode, Pairs, align, aligned, nees, path_length_m, pose_error, yaw_drift_deg_per_min};
+use crate::flight::Truth;
+use crate::record::CausalPose;
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use plumbline_drivers::StampedPose;
+use serde::Serialize;
+
+/// Fewest poses with a truth that say anything.
+const MIN_POSES: usize = 10;
+
+/// Errors of one flight.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Accuracy {
+    /// Length of the true path, m.
+    pub distance_m: f64,
+    /// Root mean square position error after SE(3) alignment, m.
+    pub ate_rmse_m: f64,
+    /// The same over the distance, percent.
+    pub ate_percent: f64,
+    /// Largest position error after alignment, m.
+    pub max_error_m: f64,
+    /// Scale of the similarity that fits best, against 1, percent.
+    pub scale_error_percent: f64,
+    /// Growth of the yaw error.
+    pub yaw_drift_deg_per_min: Option<f64>,
+    /// Mean normalized squared error of the pose over its expectation; the truth is brought to the first
+    /// pose by position and yaw.
+    pub nees_ratio: Option<f64>,
+    /// Position error at the end with that alignment, m.
+    pub final_error_m: f64,
+    /// Its standard deviation by the covariance, m.
+    pub final_sigma_m: f64,
+    /// Largest position error over its standard deviation.
+    pub max_error_sigmas: f64,
+}
+
+impl Accuracy {
+    /// Compares poses with the truth; `None` where it is known for too few.
+    #[must_use]
+    pub fn of(poses: &[CausalPose], truth: &Truth) -> Option<Self> {
+        let known: Vec<(&CausalPose, Isometry3<f64>)> =
+            poses.iter().filter_map(|p| Some((p, truth.pose_at(p.stamp)?))).collect();
+        if known.len() < MIN_POSES {
+            return None;
+        }
+        let pairs = Pairs {
+            estimate: known.iter().map(|(p, _)| StampedPose { stamp: p.stamp, pose: p.pose_o_b }).collect(),
+            reference: known.iter().map(|(p, t)| StampedPose { stamp: p.stamp, pose: *t }).collect(),
+        };
+        let fitted = aligned(&pairs, &align(&pairs, AlignmentMode::Se3).ok()?);
+        let errors: Vec<f64> = fitted
+            .estimate
+            .iter()
+            .zip(&fitted.reference)
+            .map(|(e, r)| (e.pose.translation.vector - r.pose.translation.vector).norm())
+            .collect();
+        let ate_rmse_m = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt();
+        let distance_m = path_length_m(&pairs.reference);
+        let scale = align(&pairs, AlignmentMode::Sim3).map_or(1.0, |s| s.scale);
+        let consistency = Consistency::of(&known);
+        Some(Self {
+            distance_m,
+            ate_rmse_m,
+            ate_percent: 100.0 * ate_rmse_m / distance_m.max(1e-9),
+            max_error_m: errors.iter().copied().fold(0.0, f64::max),
+            scale_error_percent: 100.0 * (1.0 / scale - 1.0),
+            yaw_drift_deg_per_min: yaw_drift_deg_per_min(&pairs),
+            nees_ratio: consistency.nees_ratio,
+            final_error_m: consistency.final_error_m,
+            final_sigma_m: consistency.final_sigma_m,
+            max_error_sigmas: consistency.max_error_sigmas,
+        })
+    }
+}
+
+/// How the errors fit the covariances, the truth brought to the first pose by position and yaw.
+struct Consistency {
+    nees_ratio: Option<f64>,
+    final_error_m: f64,
+    final_sigma_m: f64,
+    max_error_sigmas: f64,
+}
+
+impl Consistency {
+    fn of(known: &[(&CausalPose, Isometry3<f64>)]) -> Self {
+        let (first, truth) = &known[0];
+        let turn = yaw_between(&first.pose_o_b.rotation, &truth.rotation);
+        let offset = first.pose_o_b.translation.vector - turn * truth.translation.vector;
+        let origin = Isometry3::from_parts(Translation3::from(offset), turn);
+        let mut result = Self { nees_ratio: None, final_error_m: 0.0, final_sigma_m: 0.0, max_error_sigmas: 0.0 };
+        let (mut sum, mut count) = (0.0, 0.0);
+        for (pose, truth) in known {
+            let error = pose_error(&pose.pose_o_b, &(origin * truth));
+            let sigma_m = pose.covariance.fixed_view::<3, 3>(0, 0).trace().max(0.0).sqrt();
+            result.final_error_m = error.fixed_rows::<3>(0).norm();
+            result.final_sigma_m = sigma_m;
+            result.max_error_sigmas = result.max_error_sigmas.max(result.final_error_m / sigma_m.max(1e-9));
+            if let Some(value) = nees(&error, &pose.covariance) {
+                sum += value / 6.0;
+                count += 1.0;
+            }
+        }
+        result.nees_ratio = (count > 0.0).then(|| sum / count);
+        result
+    }
+}
+
+/// The rotation about z that brings `from` nearest to `to`.
+fn yaw_between(to: &UnitQuaternion<f64>, from: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
+    let relative = to * from.inverse();
+    let angle = 2.0 * relative.k.atan2(relative.w);
+    UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle)
+}

@@ -1,0 +1,175 @@
+//! The report of a run: one JSON object, and the same for people.
+
+pub mod accuracy;
+
+use crate::pipeline::Outcome;
+use crate::pipeline::figures::Percentiles;
+use accuracy::Accuracy;
+use plumbline_config::Config;
+use plumbline_drivers::Faults;
+use serde::Serialize;
+use sha2::{Digest as _, Sha256};
+use std::collections::BTreeMap;
+
+/// Everything a run tells.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    /// What was flown.
+    pub name: String,
+    /// Frames taken.
+    pub frames: u64,
+    /// Frames whose stamp was not later than the one before.
+    pub frames_refused: u64,
+    /// Data time from the first image to the first pose, s.
+    pub first_pose_s: Option<f64>,
+    /// Poses over frames.
+    pub completion: f64,
+    /// Data time over wall time.
+    pub realtime_factor: f64,
+    /// Largest resident memory of the process, MB.
+    pub peak_rss_mb: f64,
+    /// Resets of the estimate.
+    pub resets: u32,
+    /// Allocations and frees while estimating, after two seconds of data.
+    pub hot_path_allocations: u64,
+    /// Root mean square position error of the causal trajectory after SE(3) alignment, m.
+    pub ate_rmse_m: Option<f64>,
+    /// SHA-256 over the bits of all estimates.
+    pub estimate_digest: String,
+    /// SHA-256 over the bits of all odometry.
+    pub odometry_digest: String,
+    /// Computation of a frame, ms of wall time.
+    pub frame_ms: Percentiles,
+    /// Computation of a frame, ms of processor time.
+    pub frame_cpu_ms: Percentiles,
+    /// Stages of the computation, ms.
+    pub stage_ms: BTreeMap<&'static str, Percentiles>,
+    /// From an inertial sample to its odometry, microseconds.
+    pub odometry_handout_us: Percentiles,
+    /// Points, means per frame.
+    pub points: Points,
+    /// Errors against the truth, where it is known.
+    pub accuracy: Option<Accuracy>,
+    /// `t_imu - t_camera` at the end, s.
+    pub time_offset_s: f64,
+    /// What the drivers survived.
+    pub faults: BTreeMap<&'static str, DriverFaults>,
+    /// Inertial samples that the estimator refused.
+    pub imu_refused: u64,
+    /// Threads of the run.
+    pub threads: usize,
+    /// SHA-256 of the configuration.
+    pub config_hash: String,
+}
+
+/// Points, means per frame.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Points {
+    /// Tracked in a frame.
+    pub tracked: f64,
+    /// Landmarks in the window.
+    pub in_window: f64,
+}
+
+/// What one driver survived.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct DriverFaults {
+    missing: u64,
+    corrupt: u64,
+    disordered: u64,
+    unpaired: u64,
+}
+
+impl From<Faults> for DriverFaults {
+    fn from(f: Faults) -> Self {
+        Self { missing: f.missing, corrupt: f.corrupt, disordered: f.disordered, unpaired: f.unpaired }
+    }
+}
+
+impl Report {
+    /// Puts the report of a run together.
+    #[must_use]
+    pub fn new(name: &str, outcome: &Outcome, accuracy: Option<Accuracy>, config: &Config, threads: usize) -> Self {
+        let f = &outcome.figures;
+        let per_frame = |sum: u64| sum as f64 / f.frames.max(1) as f64;
+        Self {
+            name: name.to_owned(),
+            frames: f.frames,
+            frames_refused: f.frames_refused,
+            first_pose_s: f.first_pose_s,
+            completion: per_frame(f.poses),
+            realtime_factor: if f.wall_s > 0.0 { f.span_s / f.wall_s } else { 0.0 },
+            peak_rss_mb: peak_rss_mb().unwrap_or(0.0),
+            resets: f.resets,
+            hot_path_allocations: f.hot_path_allocations,
+            ate_rmse_m: accuracy.as_ref().map(|a| a.ate_rmse_m),
+            estimate_digest: outcome.estimate_digest.clone(),
+            odometry_digest: outcome.odometry_digest.clone(),
+            frame_ms: f.frame_ms.percentiles(),
+            frame_cpu_ms: f.frame_cpu_ms.percentiles(),
+            stage_ms: f.stages.all().map(|(stage, p)| (stage.name(), p)).collect(),
+            odometry_handout_us: f.handout_us.percentiles(),
+            points: Points { tracked: per_frame(f.points.0), in_window: per_frame(f.points.1) },
+            accuracy,
+            time_offset_s: f.time_offset_s,
+            faults: [("imu", outcome.faults.0.into()), ("cameras", outcome.faults.1.into())].into(),
+            imu_refused: f.imu_refused,
+            threads,
+            config_hash: config_hash(config),
+        }
+    }
+
+    /// The report for people: a few aligned lines.
+    #[must_use]
+    pub fn summary(&self) -> String {
+        let mut lines = vec![
+            format!("{:<18}{}", "flight", self.name),
+            format!(
+                "{:<18}{} frames, {:.1} % with a pose, first after {}, {} resets",
+                "completion",
+                self.frames,
+                100.0 * self.completion,
+                self.first_pose_s.map_or_else(|| "never".into(), |s| format!("{s:.2} s")),
+                self.resets
+            ),
+        ];
+        if let Some(a) = &self.accuracy {
+            lines.push(format!(
+                "{:<18}ATE {:.4} m over {:.1} m ({:.3} %), largest {:.3} m, scale error {:+.2} %",
+                "accuracy", a.ate_rmse_m, a.distance_m, a.ate_percent, a.max_error_m, a.scale_error_percent
+            ));
+            lines.push(format!(
+                "{:<18}yaw drift {:+.2} deg/min, NEES {:.2} of its expectation",
+                "", a.yaw_drift_deg_per_min.unwrap_or(f64::NAN), a.nees_ratio.unwrap_or(f64::NAN)
+            ));
+        }
+        let p = &self.frame_ms;
+        lines.push(format!(
+            "{:<18}median {:.1} ms, p99 {:.1}, largest {:.1}; {:.1} times real time",
+            "frame", p.p50, p.p99, p.max, self.realtime_factor
+        ));
+        let h = &self.odometry_handout_us;
+        lines.push(format!("{:<18}median {:.0} us, p99 {:.0}, largest {:.0}", "odometry", h.p50, h.p99, h.max));
+        lines.push(format!(
+            "{:<18}{:.0} MB at most, {} allocations in the hot path",
+            "memory", self.peak_rss_mb, self.hot_path_allocations
+        ));
+        lines.push(format!("{:<18}{}", "estimate digest", &self.estimate_digest[..16]));
+        lines.join("\n")
+    }
+}
+
+/// SHA-256 of the configuration as TOML.
+#[must_use]
+pub fn config_hash(config: &Config) -> String {
+    let text = config.to_toml().unwrap_or_default();
+    Sha256::digest(text.as_bytes()).iter().map(|b| format!("{b:02x}")).collect()
+}
+
+/// `VmHWM` of this process.
+fn peak_rss_mb() -> Option<f64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|l| l.starts_with("VmHWM:"))?;
+    let kilobytes: f64 = line.split_whitespace().nth(1)?.parse().ok()?;
+    Some(kilobytes / 1024.0)
+}
