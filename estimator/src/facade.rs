@@ -97,12 +97,18 @@ impl Estimator {
         self.tracker.reset();
     }
 
-    fn usable_images<'a>(&self, frame: &FrameInput<'a>, health: &mut HealthBits) -> [Option<ImageView<'a>>; 2] {
+    fn usable_images<'a>(
+        &self,
+        frame: &FrameInput<'a>,
+        health: &mut HealthBits,
+    ) -> [Option<ImageView<'a>>; 2] {
         let mut images = [None, None];
         let missing = [HealthBits::LEFT_MISSING, HealthBits::RIGHT_MISSING];
         for camera in 0..self.cameras {
             match frame.images[camera] {
-                Some(image) if (image.width(), image.height()) == self.sizes_px[camera] => images[camera] = Some(image),
+                Some(image) if (image.width(), image.height()) == self.sizes_px[camera] => {
+                    images[camera] = Some(image)
+                }
                 Some(_) => health.insert(HealthBits::BAD_IMAGE_SIZE),
                 None => health.insert(missing[camera]),
             }

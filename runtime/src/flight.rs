@@ -1,10 +1,11 @@
 //! What is flown: a recorded data set or a simulated scenario, opened and ready to run.
 
-use anyhow::{Context, Result, bail};
+use crate::cli::Usage;
+use anyhow::{Context, Result};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use plumbline_config::{Config, Timestamp, import};
 use plumbline_drivers::simulator::{Scenario, Simulator, scaled_config};
-use plumbline_drivers::{EurocDataset, EurocOptions, ImuSource, StereoSource, TruthState};
+use plumbline_drivers::{EurocDataset, EurocOptions, ImuSource, StampedPose, StereoSource};
 use std::ops::Range;
 use std::path::Path;
 
@@ -30,7 +31,7 @@ pub enum Truth {
     /// Nobody knows.
     None,
     /// Measured.
-    Recorded(Vec<TruthState>),
+    Recorded(Vec<StampedPose>),
     /// Simulated: known at any time.
     Simulated(Simulator),
 }
@@ -44,10 +45,11 @@ impl Truth {
             Self::Simulated(simulator) => Some(simulator.ground_truth(stamp).pose_w_b),
             Self::Recorded(states) => {
                 let after = states.partition_point(|s| s.stamp < stamp);
-                let near = [after.checked_sub(1), Some(after)].into_iter().flatten().filter_map(|k| states.get(k));
+                let near =
+                    [after.checked_sub(1), Some(after)].into_iter().flatten().filter_map(|k| states.get(k));
                 near.min_by_key(|s| s.stamp.nanos_since(stamp).abs())
                     .filter(|s| s.stamp.nanos_since(stamp).abs() <= TRUTH_TOLERANCE_NS)
-                    .map(|s| s.pose_w_b)
+                    .map(|s| s.pose)
             }
         }
     }
@@ -58,7 +60,13 @@ impl Truth {
 ///
 /// # Errors
 /// When the data set or its calibration cannot be used.
-pub fn open_dataset(path: &Path, config: Option<Config>, frames: Option<Range<usize>>, mono: bool) -> Result<Flight> {
+pub fn open_dataset(
+    path: &Path,
+    config: Option<Config>,
+    frames: Option<Range<usize>>,
+    mono: bool,
+) -> Result<Flight> {
+    check_dataset(path)?;
     let mut config = match config {
         Some(config) => config,
         None => import::euroc_into(Config::preset("euroc")?, path)?,
@@ -71,7 +79,9 @@ pub fn open_dataset(path: &Path, config: Option<Config>, frames: Option<Range<us
     if dataset.cameras() < config.camera.len() {
         config.camera.truncate(dataset.cameras());
     }
-    let truth = dataset.ground_truth()?.map_or(Truth::None, Truth::Recorded);
+    let truth = dataset.ground_truth()?.map_or(Truth::None, |states| {
+        Truth::Recorded(states.iter().map(|s| StampedPose { stamp: s.stamp, pose: s.pose_w_b }).collect())
+    });
     Ok(Flight {
         imu: Box::new(dataset.imu()),
         stereo: Box::new(dataset.stereo()),
@@ -79,6 +89,20 @@ pub fn open_dataset(path: &Path, config: Option<Config>, frames: Option<Range<us
         name: path.display().to_string(),
         config,
     })
+}
+
+/// Whether there can be a data set at `path` at all.
+fn check_dataset(path: &Path) -> Result<(), Usage> {
+    let message = if !path.exists() {
+        "does not exist; give the directory of a EuRoC data set, or sim:room, sim:hall, sim:low-texture"
+    } else if !path.is_dir() {
+        "is not a directory; give the directory of a EuRoC data set (unpack it first)"
+    } else if !["mav0", "cam0", "imu0"].iter().any(|name| path.join(name).is_dir()) {
+        "holds no mav0; give the directory of a EuRoC data set"
+    } else {
+        return Ok(());
+    };
+    Err(Usage(format!("{}: {message}", path.display())))
 }
 
 /// Prepares a simulated flight. The estimator's cameras are turned against the true ones by
@@ -96,7 +120,9 @@ pub fn open_simulation(
     let simulator = Simulator::new(&config, scenario).context("the flight cannot be simulated")?;
     let mut config = scaled_config(&config, scenario.resolution_scale);
     if !extrinsics_error_deg.is_finite() || extrinsics_error_deg.abs() > 30.0 {
-        bail!("--extrinsics-error-deg {extrinsics_error_deg}: give an angle of at most 30 degrees");
+        let message =
+            format!("--extrinsics-error-deg {extrinsics_error_deg}: give an angle of at most 30 degrees");
+        return Err(Usage(message).into());
     }
     turn_cameras(&mut config, extrinsics_error_deg.to_radians());
     Ok(Flight {

@@ -1,1 +1,7 @@
-//! System tests, one module a behaviour.
+//! System tests that need the libraries, one module a behaviour.
+
+mod accuracy;
+mod clips;
+mod determinism;
+mod faults;
+mod oracle;

@@ -166,9 +166,14 @@ impl Preintegration {
         let d_gyro = bias_gyro - self.bias_gyro;
         let d_accel = bias_accel - self.bias_accel;
         let part = |row: usize| {
-            self.by_bias.fixed_view::<3, 3>(row, 0) * d_gyro + self.by_bias.fixed_view::<3, 3>(row, 3) * d_accel
+            self.by_bias.fixed_view::<3, 3>(row, 0) * d_gyro
+                + self.by_bias.fixed_view::<3, 3>(row, 3) * d_accel
         };
-        CorrectedDelta { p: self.delta_p + part(0), rot: self.delta_rot * exp_so3(&part(3)), v: self.delta_v + part(6) }
+        CorrectedDelta {
+            p: self.delta_p + part(0),
+            rot: self.delta_rot * exp_so3(&part(3)),
+            v: self.delta_v + part(6),
+        }
     }
 
     /// This interval followed by `next`, at the biases of this one.

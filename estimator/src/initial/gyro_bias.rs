@@ -82,7 +82,8 @@ impl Pair {
             let n = f_i.cross(&(rot * f_j));
             let e = t.dot(&n) / sigma_bearing;
             let weight = 1.0 / (1.0 + e * e / (ROBUST_SIGMAS * ROBUST_SIGMAS));
-            let by_b = -(t.transpose() * skew(f_i) * rot * skew(f_j) * rot_by_bias).transpose() / sigma_bearing;
+            let by_b =
+                -(t.transpose() * skew(f_i) * rot * skew(f_j) * rot_by_bias).transpose() / sigma_bearing;
             let by_t = Vector2::new(across[0].dot(&n), across[1].dot(&n)) / sigma_bearing;
             h_bb += by_b * by_b.transpose() * weight;
             h_bt += by_b * by_t.transpose() * weight;
@@ -100,7 +101,8 @@ impl Pair {
 fn pairs(frames: &[GatheredFrame], rot_b_c: &[Matrix3<f64>; 2]) -> Vec<Pair> {
     let mut pairs = Vec::new();
     for (i, first) in frames.iter().enumerate() {
-        let Some(j) = (i + 1..frames.len()).find(|&j| frames[j].stamp.seconds_since(first.stamp) >= PAIR_SPAN_S)
+        let Some(j) =
+            (i + 1..frames.len()).find(|&j| frames[j].stamp.seconds_since(first.stamp) >= PAIR_SPAN_S)
         else {
             continue;
         };
@@ -130,7 +132,11 @@ fn pairs(frames: &[GatheredFrame], rot_b_c: &[Matrix3<f64>; 2]) -> Vec<Pair> {
 
 /// The motion from frame `from` to frame `to`.
 #[must_use]
-pub fn joined_motion(frames: &[GatheredFrame], from: usize, to: usize) -> Option<crate::inertial::Preintegration> {
+pub fn joined_motion(
+    frames: &[GatheredFrame],
+    from: usize,
+    to: usize,
+) -> Option<crate::inertial::Preintegration> {
     let mut joined = frames.get(from + 1)?.motion.clone()?;
     for frame in &frames[from + 2..=to] {
         joined = joined.followed_by(frame.motion.as_ref()?);

@@ -9,8 +9,8 @@ pub mod gyro_bias;
 pub mod mono;
 pub mod stereo;
 
-use crate::window::TrackMeasurement;
 use crate::inertial::Preintegration;
+use crate::window::TrackMeasurement;
 use plumbline_config::Timestamp;
 
 /// A frame that waits for the first estimate.

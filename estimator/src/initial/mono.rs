@@ -218,7 +218,8 @@ fn update(
 ) -> (f64, usize) {
     let (mut sum, mut count) = (0.0, 0);
     for (t, ((_, views), block)) in tracks.iter().zip(blocks).enumerate() {
-        let Some(point) = block.as_ref().and_then(|b| Some(-(b.h_xx.try_inverse()? * (b.g_x + b.h_xs * s)))) else {
+        let Some(point) = block.as_ref().and_then(|b| Some(-(b.h_xx.try_inverse()? * (b.g_x + b.h_xs * s))))
+        else {
             weights[t].fill(0.0);
             continue;
         };
@@ -231,7 +232,8 @@ fn update(
             let (by_x, by_s, constant) = equations(at, &measured.xy);
             let r = measured.weight * (by_x * point + by_s * s + constant) / depths[t][v];
             let squared = r.norm_squared();
-            weights[t][v] = if depth > 0.0 { 1.0 / (1.0 + squared / (ROBUST_SIGMAS * ROBUST_SIGMAS)) } else { 0.01 };
+            weights[t][v] =
+                if depth > 0.0 { 1.0 / (1.0 + squared / (ROBUST_SIGMAS * ROBUST_SIGMAS)) } else { 0.01 };
             sum += squared.min(100.0);
             count += 1;
         }

@@ -65,7 +65,8 @@ impl Measurer {
                 let weight = self.weight(camera, &xy);
                 measured[camera] = Some(PointMeasurement { xy, xy_rate, weight });
             }
-            if measured.iter().any(Option::is_some) && self.measurements.len() < self.measurements.capacity() {
+            if measured.iter().any(Option::is_some) && self.measurements.len() < self.measurements.capacity()
+            {
                 self.measurements.push(TrackMeasurement { track_id: observation.track_id, measured });
             }
         }

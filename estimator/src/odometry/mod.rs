@@ -17,8 +17,8 @@ use crate::facade::ResetKind;
 use crate::inertial::{ImuBuffer, ImuNoise};
 use crate::initial::Gathering;
 use crate::points::PointObservation;
-use crate::window::state::NavState;
 use crate::window::Window;
+use crate::window::state::NavState;
 use measure::Measurer;
 use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::options::HealthConfig;
@@ -141,7 +141,9 @@ impl Odometer {
     /// Rotation of the body from the frame before to `stamp` by the gyroscope, `R_prev_cur`.
     #[must_use]
     pub fn predicted_rotation(&self, stamp: Timestamp) -> UnitQuaternion<f64> {
-        let Some(last) = self.last_stamp.filter(|last| stamp > *last) else { return UnitQuaternion::identity() };
+        let Some(last) = self.last_stamp.filter(|last| stamp > *last) else {
+            return UnitQuaternion::identity();
+        };
         let (gyro, accel) = self.biases();
         self.imu.preintegrate(last, stamp, &gyro, &accel, &self.noise).0.delta_rot
     }
@@ -180,7 +182,8 @@ impl Odometer {
         }
         probe.end(Stage::Marginalize);
         figures.points_tracked = observations.len() as u32;
-        figures.points_stereo = observations.iter().filter(|o| o.px.iter().all(Option::is_some)).count() as u32;
+        figures.points_stereo =
+            observations.iter().filter(|o| o.px.iter().all(Option::is_some)).count() as u32;
         figures.points_in_window = self.window.triangulated() as u32;
         figures.keyframes = self.window.frames.iter().filter(|f| f.is_keyframe).count() as u32;
         self.last_stamp = Some(stamp);
@@ -337,7 +340,9 @@ impl Odometer {
     pub fn reset(&mut self, kind: ResetKind) {
         let newest = self.window.frames.last().map(|f| f.nav.clone());
         self.origin = match kind {
-            ResetKind::Soft => newest.or_else(|| self.origin.take()).filter(|n| n.p_o_b.iter().all(|x| x.is_finite())),
+            ResetKind::Soft => {
+                newest.or_else(|| self.origin.take()).filter(|n| n.p_o_b.iter().all(|x| x.is_finite()))
+            }
             ResetKind::Hard => None,
         };
         self.phase = Phase::Gathering;
@@ -348,7 +353,13 @@ impl Odometer {
         self.reset_counter += 1;
     }
 
-    fn estimate(&self, sequence: u64, stamp: Timestamp, health: HealthBits, figures: FrameFigures) -> Estimate {
+    fn estimate(
+        &self,
+        sequence: u64,
+        stamp: Timestamp,
+        health: HealthBits,
+        figures: FrameFigures,
+    ) -> Estimate {
         let running = self.phase == Phase::Running;
         let nav = self.window.frames.last().map(|f| f.nav.clone()).unwrap_or_default();
         let in_view = self.landmarks_in_view();

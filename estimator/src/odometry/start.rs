@@ -55,7 +55,8 @@ impl Odometer {
         }
         let middle = &frames[frames.len() / 2];
         self.mono_wait = MONO_RETRY_FRAMES;
-        self.parallax_px(middle, newest).max(self.parallax_px(first, newest)) >= self.options.mono_min_parallax_px
+        self.parallax_px(middle, newest).max(self.parallax_px(first, newest))
+            >= self.options.mono_min_parallax_px
     }
 
     /// Mean displacement of common points in units of pixels, rotation taken out by the gyroscope.
@@ -111,7 +112,8 @@ impl Odometer {
         let rotations = poses.map(|p| p.rotation.to_rotation_matrix().into_inner());
         let frames = self.gathering.frames();
         let sigma_bearing = self.options.sigma_px / self.focal_px;
-        let Some(bias_gyro) = gyro_bias::estimate(frames, &rotations, self.options.bias_gyro_sigma, sigma_bearing)
+        let Some(bias_gyro) =
+            gyro_bias::estimate(frames, &rotations, self.options.bias_gyro_sigma, sigma_bearing)
         else {
             return false;
         };
@@ -121,7 +123,12 @@ impl Odometer {
             return false;
         }
         let rot_o_b0 = stereo::attitude_from_gravity(&-alignment.gravity_b0);
-        let first = NavState { rot_o_b: rot_o_b0, v_o_b: rot_o_b0 * alignment.v_b0, bias_gyro, ..NavState::default() };
+        let first = NavState {
+            rot_o_b: rot_o_b0,
+            v_o_b: rot_o_b0 * alignment.v_b0,
+            bias_gyro,
+            ..NavState::default()
+        };
 
         // Keyframes evenly over the whole span, the newest among them.
         let count = (self.window.options.keyframes + self.window.options.recent_frames).min(frames.len());
@@ -132,7 +139,8 @@ impl Odometer {
             let index = chosen(k);
             let frame = &self.gathering.frames()[index];
             let nav = first.after(&alignment.motions[index], &self.window.options.gravity_o);
-            let motion = if k == 0 { None } else { joined_motion(self.gathering.frames(), chosen(k - 1), index) };
+            let motion =
+                if k == 0 { None } else { joined_motion(self.gathering.frames(), chosen(k - 1), index) };
             self.window.push_frame(frame.stamp, nav, motion, false);
             self.window.observe(&frame.tracks);
             if k % 2 == 0 || k + 1 == count {
@@ -159,7 +167,8 @@ impl Odometer {
             bias_accel_m_s2: self.options.bias_accel_sigma,
         };
         let tight = AnchorSigmas { position_m: 1e-3, yaw_rad: 1e-3, ..loose };
-        let (p_o_b, yaw) = self.origin.as_ref().map_or((Vector3::zeros(), 0.0), |o| (o.p_o_b, yaw_of(&o.rot_o_b)));
+        let (p_o_b, yaw) =
+            self.origin.as_ref().map_or((Vector3::zeros(), 0.0), |o| (o.p_o_b, yaw_of(&o.rot_o_b)));
         for _ in 0..2 {
             self.window.move_newest_to(&p_o_b, yaw);
             self.window.anchor_newest(&self.bias_memory, &loose);
@@ -170,8 +179,14 @@ impl Odometer {
         self.window.move_newest_to(&p_o_b, yaw);
         self.window.anchor_newest(&self.bias_memory, &tight);
         let outcome = self.window.optimize(START_ITERATIONS);
-        let observations: usize =
-            self.window.landmarks.all().iter().filter(|l| l.is_triangulated).map(|l| l.observations.len()).sum();
+        let observations: usize = self
+            .window
+            .landmarks
+            .all()
+            .iter()
+            .filter(|l| l.is_triangulated)
+            .map(|l| l.observations.len())
+            .sum();
         !outcome.is_not_positive_definite
             && self.window.triangulated() >= MIN_STEREO_TRACKS
             && outcome.cost < MAX_MEAN_COST * observations as f64

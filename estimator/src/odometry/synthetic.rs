@@ -80,7 +80,11 @@ impl World {
         let mut normal = Normal(seed);
         let mut points_o = Vec::new();
         while points_o.len() < points {
-            let p = Vector3::new(normal.uniform() * 16.0 - 8.0, normal.uniform() * 16.0 - 8.0, normal.uniform() * 8.0 - 4.0);
+            let p = Vector3::new(
+                normal.uniform() * 16.0 - 8.0,
+                normal.uniform() * 16.0 - 8.0,
+                normal.uniform() * 8.0 - 4.0,
+            );
             // A shell of points around the flight, nothing closer than the near side of a room.
             if p.x.abs() > 4.5 || p.y.abs() > 4.5 {
                 points_o.push(p);
@@ -109,11 +113,6 @@ impl World {
         Isometry3::from_parts(Translation3::from(p), yaw * tilt)
     }
 
-    pub fn velocity(&self, t: f64) -> Vector3<f64> {
-        let h = 1e-5;
-        (self.pose_o_b(t + h).translation.vector - self.pose_o_b(t - h).translation.vector) / (2.0 * h)
-    }
-
     /// The inertial sample at `t`, with biases and noise.
     pub fn imu(&mut self, t: f64, with_noise: bool) -> ImuSample {
         let h = 1e-4;
@@ -123,7 +122,8 @@ impl World {
         let rate = log_so3(&(before.rotation.inverse() * after.rotation)) / (2.0 * h);
         let imu = &self.config.imu;
         let root_rate = imu.rate_hz.sqrt() * if with_noise { 1.0 } else { 0.0 };
-        let (gyro_sigma, accel_sigma) = (imu.gyro_noise_density * root_rate, imu.accel_noise_density * root_rate);
+        let (gyro_sigma, accel_sigma) =
+            (imu.gyro_noise_density * root_rate, imu.accel_noise_density * root_rate);
         ImuSample {
             stamp: stamp(t),
             gyro: rate + self.bias_gyro + self.normal.vector(gyro_sigma),
@@ -140,12 +140,12 @@ impl World {
         let mut seen = Vec::new();
         for id in 0..self.points_o.len() {
             let mut o = PointObservation { track_id: id as u32, age: 1, px: [None; 2], xy: [None; 2] };
-            for c in 0..self.cameras.len() {
+            for (c, alive) in cameras_alive.into_iter().enumerate().take(self.cameras.len()) {
                 let p_c = (pose_o_b * self.pose_b_c[c]).inverse() * nalgebra::Point3::from(self.points_o[id]);
                 let Some(px) = self.cameras[c].project(&p_c.coords) else { continue };
                 let noise = Vector2::new(self.normal.next(), self.normal.next()) * self.sigma_px;
                 let px = px + noise;
-                if self.cameras[c].contains(&px, 5.0) && cameras_alive[c] {
+                if self.cameras[c].contains(&px, 5.0) && alive {
                     o.px[c] = Some(px);
                     o.xy[c] = self.cameras[c].unproject(&px);
                 }

@@ -20,8 +20,15 @@ impl Flight {
     fn summary(&self) -> String {
         format!(
             "first {:?} resets {} distance {:.2} final {:.4} rms {:.4} ({:.3} %) yaw {:.4} nees {:.2} scale {:.4} td {:.5}",
-            self.first_pose_s, self.resets, self.distance_m, self.final_error_m, self.rms_error_m,
-            100.0 * self.rms_error_m / self.distance_m, self.yaw_error_rad, self.mean_nees, self.scale,
+            self.first_pose_s,
+            self.resets,
+            self.distance_m,
+            self.final_error_m,
+            self.rms_error_m,
+            100.0 * self.rms_error_m / self.distance_m,
+            self.yaw_error_rad,
+            self.mean_nees,
+            self.scale,
             self.last.as_ref().map_or(0.0, |l| l.time_offset_s),
         )
     }
@@ -38,7 +45,6 @@ fn fly(world: &mut World, duration_s: f64, alive: Alive) -> Flight {
     let (mut squared, mut nees, mut count) = (0.0, 0.0, 0.0);
     let (mut est_path, mut true_path) = (0.0, 0.0);
     let mut last_pair: Option<(Vector3<f64>, Vector3<f64>)> = None;
-    let offset_s = world.time_offset_s;
     for k in 0..(duration_s * 20.0) as u32 {
         let t = 0.2 + f64::from(k) * 0.05;
         let needed = odometer.imu_stamp(stamp(t));
@@ -50,9 +56,8 @@ fn fly(world: &mut World, duration_s: f64, alive: Alive) -> Flight {
         let observations = world.observe(t, alive(t));
         let estimate = odometer.process(u64::from(k), needed, &observations, &mut ());
         if estimate.has_pose() {
-            let t_state = t + estimate.time_offset_s.max(-1.0);
+            let t_state = t + estimate.time_offset_s;
             let truth = world.pose_o_b(t_state);
-            let _ = offset_s;
             flight.first_pose_s.get_or_insert(t - 0.2);
             let from_anchor = anchor.get_or_insert_with(|| {
                 let yaw = crate::geometry::yaw_of(&(estimate.pose_o_b.rotation * truth.rotation.inverse()));
@@ -62,15 +67,14 @@ fn fly(world: &mut World, duration_s: f64, alive: Alive) -> Flight {
             });
             let expected = *from_anchor * truth;
             let p_error = estimate.pose_o_b.translation.vector - expected.translation.vector;
-            let rot_error = crate::geometry::log_so3(&(expected.rotation.inverse() * estimate.pose_o_b.rotation));
+            let rot_error =
+                crate::geometry::log_so3(&(expected.rotation.inverse() * estimate.pose_o_b.rotation));
             let mut error = SVector::<f64, 6>::zeros();
             error.fixed_rows_mut::<3>(0).copy_from(&p_error);
             error.fixed_rows_mut::<3>(3).copy_from(&rot_error);
-            let covariance = estimate.covariance.fixed_view::<6, 6>(0, 0) + nalgebra::Matrix6::identity() * 1e-10;
+            let covariance =
+                estimate.covariance.fixed_view::<6, 6>(0, 0) + nalgebra::Matrix6::identity() * 1e-10;
             nees += (error.transpose() * covariance.try_inverse().unwrap() * error)[0] / 6.0;
-            if std::env::var_os("TRACE").is_some() {
-                println!("first {t:.2} p {:.4} rot {:.5} v {:.4} sp {:.4} pts {} win {} kf {} it {} {:?} bg {:.4} ba {:.4}", p_error.norm(), rot_error.norm(), (estimate.v_o_b - from_anchor.rotation * world.velocity(t_state)).norm(), estimate.covariance[(0,0)].sqrt(), estimate.figures.points_tracked, estimate.figures.points_in_window, estimate.figures.is_keyframe, estimate.figures.iterations, estimate.state, (estimate.bias_gyro - world.bias_gyro).norm(), (estimate.bias_accel - world.bias_accel).norm());
-            }
             squared += p_error.norm_squared();
             count += 1.0;
             if let Some((est, tru)) = last_pair {
@@ -79,12 +83,13 @@ fn fly(world: &mut World, duration_s: f64, alive: Alive) -> Flight {
             }
             last_pair = Some((estimate.pose_o_b.translation.vector, expected.translation.vector));
             flight.final_error_m = p_error.norm();
-            flight.yaw_error_rad = crate::geometry::yaw_of(&(estimate.pose_o_b.rotation * expected.rotation.inverse()));
+            flight.yaw_error_rad =
+                crate::geometry::yaw_of(&(estimate.pose_o_b.rotation * expected.rotation.inverse()));
         }
         flight.resets = estimate.reset_counter;
         flight.last = Some(estimate);
     }
-    flight.rms_error_m = (squared / count as f64).sqrt();
+    flight.rms_error_m = (squared / count).sqrt();
     flight.mean_nees = nees / count;
     flight.distance_m = true_path;
     flight.scale = est_path / true_path;
@@ -141,7 +146,9 @@ fn a_blackout_is_bridged_by_the_imu_and_told_by_the_covariance() {
 
 #[test]
 fn either_camera_may_be_lost_for_a_while() {
-    for alive in [|t: f64| [!(5.0..10.0).contains(&t), true], |t: f64| [true, !(5.0..10.0).contains(&t)]] as [Alive; 2] {
+    for alive in
+        [|t: f64| [!(5.0..10.0).contains(&t), true], |t: f64| [true, !(5.0..10.0).contains(&t)]] as [Alive; 2]
+    {
         let mut world = World::new(&config(2), 5, 500);
         let flight = fly(&mut world, 15.0, alive);
         println!("{}", flight.summary());

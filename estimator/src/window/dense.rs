@@ -52,7 +52,9 @@ impl NormalEquations {
         assert_eq!(self.stride, other.stride);
         let dim = other.dim;
         self.dim = dim;
-        for (to, from) in self.h.chunks_exact_mut(self.stride).zip(other.h.chunks_exact(self.stride)).take(dim) {
+        for (to, from) in
+            self.h.chunks_exact_mut(self.stride).zip(other.h.chunks_exact(self.stride)).take(dim)
+        {
             to[..dim].copy_from_slice(&from[..dim]);
         }
         self.b[..dim].copy_from_slice(&other.b[..dim]);

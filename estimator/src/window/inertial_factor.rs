@@ -21,7 +21,12 @@ pub type FrameVector = SVector<f64, FRAME_DIM>;
 
 /// The residual of `motion` between the states `from` and `to`.
 #[must_use]
-pub fn residual(motion: &Preintegration, from: &NavState, to: &NavState, gravity_o: &Vector3<f64>) -> FrameVector {
+pub fn residual(
+    motion: &Preintegration,
+    from: &NavState,
+    to: &NavState,
+    gravity_o: &Vector3<f64>,
+) -> FrameVector {
     let dt = motion.dt_s;
     let delta = motion.corrected(&from.bias_gyro, &from.bias_accel);
     let inv = from.rot_o_b.inverse();
@@ -57,7 +62,9 @@ pub fn jacobians(
     by_from.fixed_view_mut::<3, 3>(0, 0).copy_from(&-inv_m);
     by_from.fixed_view_mut::<3, 3>(0, 3).copy_from(&skew(&(inv * travelled)));
     by_from.fixed_view_mut::<3, 3>(0, 6).copy_from(&(inv_m * -dt));
-    by_from.fixed_view_mut::<3, 3>(3, 3).copy_from(&-(jr_inv * rot_i_j.inverse().to_rotation_matrix().into_inner()));
+    by_from
+        .fixed_view_mut::<3, 3>(3, 3)
+        .copy_from(&-(jr_inv * rot_i_j.inverse().to_rotation_matrix().into_inner()));
     let gained = to.v_o_b - from.v_o_b - gravity_o * dt;
     by_from.fixed_view_mut::<3, 3>(6, 3).copy_from(&skew(&(inv * gained)));
     by_from.fixed_view_mut::<3, 3>(6, 6).copy_from(&-inv_m);

@@ -173,7 +173,9 @@ impl Linearizer {
     pub fn add_motion(&mut self, problem: &Problem<'_>, index: usize) -> f64 {
         let (from, to) = (&problem.frames[index - 1], &problem.frames[index]);
         let Some(motion) = &to.motion else { return 0.0 };
-        let Some(information) = inertial_factor::information(motion, &problem.options.imu_noise) else { return 0.0 };
+        let Some(information) = inertial_factor::information(motion, &problem.options.imu_noise) else {
+            return 0.0;
+        };
         let gravity = &problem.options.gravity_o;
         let r = inertial_factor::residual(motion, &from.nav, &to.nav, gravity);
         let first = problem.options.first_estimates;
@@ -250,7 +252,13 @@ impl Linearizer {
 
     /// Sets the image rates of the newest frame's observations from the predicted motion (`rate_b` in
     /// rad/s): rates differenced from images would carry their noise into the time offset.
-    pub fn predict_rates(&mut self, rig: &Rig, frames: &[Frame], landmarks: &mut [Landmark], rate_b: &Vector3<f64>) {
+    pub fn predict_rates(
+        &mut self,
+        rig: &Rig,
+        frames: &[Frame],
+        landmarks: &mut [Landmark],
+        rate_b: &Vector3<f64>,
+    ) {
         let Some(newest) = frames.len().checked_sub(1) else { return };
         self.refresh_bodies(rig, frames, false);
         let v_b = frames[newest].nav.rot_o_b.inverse() * frames[newest].nav.v_o_b;
@@ -270,13 +278,7 @@ impl Linearizer {
 
     /// Gives the landmarks of frame `from` that the newest frame still sees their earliest other keyframe as host;
     /// what frame `from` saw of them is forgotten. A landmark without another view keeps its host.
-    pub fn rehost(
-        &mut self,
-        rig: &Rig,
-        frames: &[Frame],
-        landmarks: &mut [Landmark],
-        from: usize,
-    ) {
+    pub fn rehost(&mut self, rig: &Rig, frames: &[Frame], landmarks: &mut [Landmark], from: usize) {
         let newest = frames.len().saturating_sub(1);
         self.refresh_bodies(rig, frames, false);
         for landmark in landmarks.iter_mut().filter(|l| usize::from(l.host) == from && l.is_triangulated) {
@@ -284,7 +286,9 @@ impl Linearizer {
             if !views.clone().any(|o| usize::from(o.frame) == newest) {
                 continue;
             }
-            let Some(heir) = views.find(|o| frames[usize::from(o.frame)].is_keyframe).copied() else { continue };
+            let Some(heir) = views.find(|o| frames[usize::from(o.frame)].is_keyframe).copied() else {
+                continue;
+            };
             let view = self.poses.view(&self.poses.now, landmark, usize::from(heir.frame), heir.camera);
             let Some(point) = view.seen_from_target(&landmark.point) else { continue };
             landmark.point = point;
@@ -397,8 +401,8 @@ fn common_rows(
 ) -> [[f64; COMMON]; 2] {
     let mut rows = [[0.0; COMMON]; 2];
     for (d, row) in rows.iter_mut().enumerate() {
-        for k in 0..RIG_DIM {
-            row[k] = j.rig[(d, k)] * options.rig_mask[k] * scale;
+        for (k, (to, mask)) in row.iter_mut().zip(options.rig_mask.iter()).enumerate() {
+            *to = j.rig[(d, k)] * mask * scale;
         }
         // Seen from its host frame, a landmark says nothing about that frame's pose.
         if is_host_free {

@@ -108,8 +108,10 @@ impl Window {
 
     /// Number of leading frames that the new prior speaks of.
     fn frames_touched(&self, index: usize) -> usize {
-        let observed = self.landmarks.all().iter().filter(|l| usize::from(l.host) == index && l.is_triangulated);
-        let last = observed.flat_map(|l| l.observations.iter().map(|o| usize::from(o.frame) + 1)).max().unwrap_or(0);
+        let observed =
+            self.landmarks.all().iter().filter(|l| usize::from(l.host) == index && l.is_triangulated);
+        let last =
+            observed.flat_map(|l| l.observations.iter().map(|o| usize::from(o.frame) + 1)).max().unwrap_or(0);
         last.max(index + 2).max(self.prior.frames()).min(self.frames.len())
     }
 

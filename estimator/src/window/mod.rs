@@ -22,10 +22,10 @@ pub mod solve;
 pub mod state;
 pub mod triangulate;
 
+use crate::geometry::yaw_of;
 use crate::inertial::{ImuNoise, Preintegration};
 use landmark::{Landmark, LandmarkStore, Observation};
 use linearize::{Linearizer, Problem};
-use crate::geometry::yaw_of;
 use nalgebra::{SVector, UnitQuaternion, Vector3};
 use plumbline_config::{Config, Timestamp};
 use prior::{AnchorSigmas, Prior};
@@ -212,7 +212,13 @@ impl Window {
     }
 
     /// Appends a frame.
-    pub fn push_frame(&mut self, stamp: Timestamp, nav: NavState, motion: Option<Preintegration>, is_still: bool) {
+    pub fn push_frame(
+        &mut self,
+        stamp: Timestamp,
+        nav: NavState,
+        motion: Option<Preintegration>,
+        is_still: bool,
+    ) {
         debug_assert!(self.frames.len() < MAX_FRAMES);
         self.frames.push(Frame {
             stamp,
@@ -249,7 +255,9 @@ impl Window {
     /// New landmarks, hosted by `frame`, for those of its `tracks` that have none.
     pub fn host_tracks(&mut self, frame: usize, tracks: &[TrackMeasurement]) {
         for track in tracks {
-            let Some(host_camera) = (0..2u8).find(|&c| track.measured[usize::from(c)].is_some()) else { continue };
+            let Some(host_camera) = (0..2u8).find(|&c| track.measured[usize::from(c)].is_some()) else {
+                continue;
+            };
             if self.landmarks.of_track(track.track_id).is_some() {
                 continue;
             }

@@ -105,13 +105,19 @@ impl View<'_> {
     #[must_use]
     pub fn seen_from_target(&self, point: &InversePoint) -> Option<InversePoint> {
         let q = self.path(point).q_ct;
-        (q.z > MIN_FORWARD).then(|| InversePoint { xy: Vector2::new(q.x / q.z, q.y / q.z), rho: point.rho / q.z })
+        (q.z > MIN_FORWARD)
+            .then(|| InversePoint { xy: Vector2::new(q.x / q.z, q.y / q.z), rho: point.rho / q.z })
     }
 
     /// Rate of the normalized coordinates, 1/s, in an observer with angular rate `rate_b` (rad/s) and
     /// velocity `v_b` (m/s), both in its body frame: `q_ct' = R_bc_t' (-w x q_bt - rho v)`.
     #[must_use]
-    pub fn image_rate(&self, point: &InversePoint, rate_b: &Vector3<f64>, v_b: &Vector3<f64>) -> Option<Vector2<f64>> {
+    pub fn image_rate(
+        &self,
+        point: &InversePoint,
+        rate_b: &Vector3<f64>,
+        v_b: &Vector3<f64>,
+    ) -> Option<Vector2<f64>> {
         let Path { q_bt, q_ct, .. } = self.path(point);
         if q_ct.z <= MIN_FORWARD {
             return None;
@@ -134,7 +140,11 @@ impl View<'_> {
 
     /// Derivatives of [`Self::residual`]; `None` behind the observer.
     #[must_use]
-    pub fn jacobians(&self, point: &InversePoint, measured: &PointMeasurement) -> Option<ReprojectionJacobians> {
+    pub fn jacobians(
+        &self,
+        point: &InversePoint,
+        measured: &PointMeasurement,
+    ) -> Option<ReprojectionJacobians> {
         let Path { q_bh, q_bt, q_ct } = self.path(point);
         if q_ct.z <= MIN_FORWARD {
             return None;
@@ -167,7 +177,8 @@ impl View<'_> {
         rig.set_column(12, &(measured.weight * measured.xy_rate));
 
         let p_ho = self.host.rot_o_b * self.host_mount.p_b_c + self.host.p_o_b - self.target.p_o_b;
-        let p_ct = self.target_mount.rot_b_c.tr_mul(&(self.target.rot_o_b.tr_mul(&p_ho) - self.target_mount.p_b_c));
+        let p_ct =
+            self.target_mount.rot_b_c.tr_mul(&(self.target.rot_o_b.tr_mul(&p_ho) - self.target_mount.p_b_c));
         let mut landmark = Matrix2x3::zeros();
         landmark.fixed_columns_mut::<2>(0).copy_from(&by_b.fixed_columns::<2>(0));
         landmark.set_column(2, &(by_ct * p_ct));

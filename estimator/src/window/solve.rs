@@ -41,7 +41,11 @@ impl Backup {
     /// Room for `landmarks`.
     #[must_use]
     pub fn new(landmarks: usize, rig: &Rig) -> Self {
-        Self { rig: rig.clone(), frames: Vec::with_capacity(MAX_FRAMES), points: Vec::with_capacity(landmarks) }
+        Self {
+            rig: rig.clone(),
+            frames: Vec::with_capacity(MAX_FRAMES),
+            points: Vec::with_capacity(landmarks),
+        }
     }
 }
 
@@ -178,7 +182,8 @@ impl Window {
             self.solution[..dim].fill(0.0);
             self.solution[base + column] = 1.0;
             self.factor.solve(&mut self.solution[..dim]);
-            covariance.set_column(column, &SVector::<f64, 9>::from_column_slice(&self.solution[base..base + 9]));
+            covariance
+                .set_column(column, &SVector::<f64, 9>::from_column_slice(&self.solution[base..base + 9]));
         }
         self.solution[..dim].fill(0.0);
         self.solution[RIG_DIM - 1] = 1.0;

@@ -35,7 +35,13 @@ pub struct NavState {
 impl Default for NavState {
     fn default() -> Self {
         let zero = Vector3::zeros();
-        Self { p_o_b: zero, rot_o_b: UnitQuaternion::identity(), v_o_b: zero, bias_gyro: zero, bias_accel: zero }
+        Self {
+            p_o_b: zero,
+            rot_o_b: UnitQuaternion::identity(),
+            v_o_b: zero,
+            bias_gyro: zero,
+            bias_accel: zero,
+        }
     }
 }
 
@@ -215,6 +221,10 @@ impl Mount {
             by_rig.fixed_view_mut::<3, 3>(3, 3).copy_from(&rot_c1_c0);
             by_rig.fixed_view_mut::<3, 3>(3, 9).copy_from(&identity);
         }
-        Self { rot_b_c: pose.rotation.to_rotation_matrix().into_inner(), p_b_c: pose.translation.vector, by_rig }
+        Self {
+            rot_b_c: pose.rotation.to_rotation_matrix().into_inner(),
+            p_b_c: pose.translation.vector,
+            by_rig,
+        }
     }
 }

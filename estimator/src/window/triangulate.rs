@@ -40,7 +40,8 @@ pub fn triangulate(
     let mounts = [Mount::of(rig, 0), Mount::of(rig, 1)];
     let host = usize::from(landmark.host);
     let host_camera = usize::from(landmark.host_camera);
-    let Some(at_host) = landmark.observations.iter().find(|o| o.frame == landmark.host && o.camera == landmark.host_camera)
+    let Some(at_host) =
+        landmark.observations.iter().find(|o| o.frame == landmark.host && o.camera == landmark.host_camera)
     else {
         return Triangulation::Contradiction;
     };

@@ -11,6 +11,7 @@ use sha2::{Digest as _, Sha256};
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Changes when the renderer draws differently.
 const RENDERER_VERSION: u32 = 1;
@@ -44,7 +45,10 @@ fn key(simulator: &Simulator, scenario: &Scenario) -> String {
 }
 
 fn render(path: &Path, simulator: &Simulator) -> std::io::Result<()> {
-    let partial = path.with_extension("partial");
+    // Others may be rendering the same flight: each into a file of its own.
+    static RENDERINGS: AtomicU64 = AtomicU64::new(0);
+    let number = RENDERINGS.fetch_add(1, Ordering::Relaxed);
+    let partial = path.with_extension(format!("partial-{}-{number}", std::process::id()));
     let mut out = BufWriter::new(File::create(&partial)?);
     let mut scratch = simulator.scratch();
     let mut frame = StereoFrame::new(simulator.image_sizes());
@@ -88,7 +92,8 @@ impl CachedFrames {
 impl StereoSource for CachedFrames {
     fn next_frame(&mut self, frame: &mut StereoFrame) -> Result<bool, DriverError> {
         while self.next < self.simulator.frame_count() {
-            let delivered = self.read(frame).map_err(|source| DriverError::Io { path: self.path.clone(), source })?;
+            let delivered =
+                self.read(frame).map_err(|source| DriverError::Io { path: self.path.clone(), source })?;
             if delivered {
                 return Ok(true);
             }

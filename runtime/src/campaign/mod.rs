@@ -5,7 +5,9 @@
 //! measured in a fraction of the time.
 
 pub mod cache;
+pub mod table;
 
+use crate::cli::overrides::with_overrides;
 use crate::cli::replay::fly;
 use crate::flight::{Flight, Truth, open_simulation};
 use crate::pipeline::RunOptions;
@@ -74,6 +76,21 @@ impl Fault {
     }
 }
 
+/// How flights are flown.
+#[derive(Clone, Debug)]
+pub struct Setup {
+    /// The rig that is simulated and believed; the preset `sim` without one.
+    pub config: Option<Config>,
+    /// Changes of what the estimator is told, `key=value`; the simulated rig stays as it is.
+    pub overrides: Vec<String>,
+    /// The left camera alone.
+    pub mono: bool,
+    /// Folder of rendered frames.
+    pub cache: Option<PathBuf>,
+    /// 1 renders between frames, more do so ahead on another thread.
+    pub threads: usize,
+}
+
 /// One flight of the campaign.
 #[derive(Clone, Debug)]
 pub struct Entry {
@@ -113,49 +130,46 @@ impl Entry {
         Self { path: path.to_owned(), scene: scene_name, fault, scenario }
     }
 
-    /// Flies it.
+    /// Flies it with `config` (else the preset `sim`).
     ///
     /// # Errors
     /// When it cannot be simulated, or the cache cannot be used.
-    pub fn fly(&self, config: Option<&Config>, mono: bool, cache: Option<&PathBuf>, threads: usize) -> Result<Report> {
+    pub fn fly(
+        &self,
+        config: Option<&Config>,
+        mono: bool,
+        cache: Option<&PathBuf>,
+        threads: usize,
+    ) -> Result<Report> {
+        self.fly_as(&Setup {
+            config: config.cloned(),
+            overrides: Vec::new(),
+            mono,
+            cache: cache.cloned(),
+            threads,
+        })
+    }
+
+    /// Flies it as `setup` says.
+    ///
+    /// # Errors
+    /// When it cannot be simulated, the cache cannot be used, or a change of the configuration is refused.
+    pub fn fly_as(&self, setup: &Setup) -> Result<Report> {
         let error_deg = self.fault.extrinsics_error_deg();
-        let mut flight: Flight = open_simulation(config.cloned(), &self.scenario, mono, error_deg)?;
-        if let (Some(folder), Truth::Simulated(simulator)) = (cache, &flight.truth) {
+        let mut flight: Flight =
+            open_simulation(setup.config.clone(), &self.scenario, setup.mono, error_deg)?;
+        flight.config = with_overrides(&flight.config, &setup.overrides)?;
+        if let (Some(folder), Truth::Simulated(simulator)) = (&setup.cache, &flight.truth) {
             flight.stereo = cache::frames(folder, simulator, &self.scenario)?;
         }
-        let options = RunOptions { speed: None, threads };
+        let options = RunOptions { speed: None, threads: setup.threads };
         let (report, _, _) = fly(flight, Recorder::default(), &options, &AtomicBool::new(false))?;
         Ok(report)
     }
 
-    /// A row of the table.
+    /// Its row of the table.
     #[must_use]
     pub fn row(&self, report: &Report) -> String {
-        let accuracy = report.accuracy.as_ref();
-        let number = |value: Option<f64>, digits: usize| {
-            value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"))
-        };
-        format!(
-            "| {} | {} | {:?} | {} | {:.1} | {} | {} | {} | {} | {} | {} | {} | {:.1} / {:.1} / {:.1} |",
-            self.path,
-            self.scene,
-            self.fault,
-            self.scenario.seed,
-            100.0 * report.completion,
-            number(report.first_pose_s, 2),
-            number(accuracy.map(|a| a.distance_m), 1),
-            number(accuracy.map(|a| a.ate_rmse_m), 4),
-            number(accuracy.map(|a| a.ate_percent), 3),
-            number(accuracy.and_then(|a| a.yaw_drift_deg_per_min), 2),
-            number(accuracy.and_then(|a| a.nees_ratio), 2),
-            report.resets,
-            report.frame_cpu_ms.p50,
-            report.frame_cpu_ms.p99,
-            report.frame_cpu_ms.max
-        )
+        table::row(self, report)
     }
 }
-
-/// The head of the table.
-pub const TABLE_HEAD: &str = "| path | scene | fault | seed | completion % | first pose s | distance m | ATE m | ATE % | yaw deg/min | NEES | resets | frame cpu ms p50 / p99 / max |
-|---|---|---|---|---|---|---|---|---|---|---|---|---|";

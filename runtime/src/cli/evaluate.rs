@@ -1,6 +1,8 @@
 //! `plumbline evaluate`: a trajectory against its ground truth.
 
-use crate::evaluate::{AlignmentMode, Delta, EvaluateOptions, Evaluation, Statistics, evaluate, load_trajectory};
+use crate::evaluate::{
+    AlignmentMode, Delta, EvaluateOptions, Evaluation, Statistics, evaluate, load_trajectory,
+};
 use anyhow::Result;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
@@ -83,7 +85,10 @@ pub fn run(args: &EvaluateArgs) -> Result<()> {
 fn print(e: &Evaluation) {
     println!("{:<14}{:>12}{:>12}{:>12}{:>12}{:>12}", "", "rmse", "mean", "median", "std", "max");
     let row = |name: &str, s: &Statistics| {
-        println!("{name:<14}{:>12.6}{:>12.6}{:>12.6}{:>12.6}{:>12.6}", s.rmse, s.mean, s.median, s.std, s.max);
+        println!(
+            "{name:<14}{:>12.6}{:>12.6}{:>12.6}{:>12.6}{:>12.6}",
+            s.rmse, s.mean, s.median, s.std, s.max
+        );
     };
     row("ATE [m]", &e.ate_m);
     row("ATE [deg]", &e.ate_rotation_deg);
@@ -98,7 +103,8 @@ fn print(e: &Evaluation) {
         100.0 * e.completion
     );
     let percent = 100.0 * e.ate_m.rmse / e.path_length_m.max(1e-9);
-    let optional = |x: Option<f64>, unit: &str| x.map_or_else(|| "unknown".into(), |x| format!("{x:+.3} {unit}"));
+    let optional =
+        |x: Option<f64>, unit: &str| x.map_or_else(|| "unknown".into(), |x| format!("{x:+.3} {unit}"));
     println!(
         "ATE {percent:.3} % of the path; scale error {}; yaw drift {}",
         optional(e.scale_error_percent, "%"),

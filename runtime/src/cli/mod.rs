@@ -5,13 +5,15 @@
 
 pub mod campaign;
 pub mod evaluate;
+pub mod overrides;
 pub mod replay;
 pub mod scenario;
 pub mod simulate;
 
 use clap::{CommandFactory, Parser, Subcommand};
 use plumbline_config::{Config, ConfigError};
-use std::path::Path;
+use plumbline_drivers::DriverError;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -101,7 +103,12 @@ fn check_config(args: &ConfigArgs) -> anyhow::Result<()> {
         return Ok(());
     }
     let config = Config::load(&args.file)?;
-    println!("{}: valid, {} camera(s), hash {}", args.file, config.camera.len(), crate::report::config_hash(&config));
+    println!(
+        "{}: valid, {} camera(s), hash {}",
+        args.file,
+        config.camera.len(),
+        crate::report::config_hash(&config)
+    );
     Ok(())
 }
 
@@ -112,7 +119,11 @@ pub struct Usage(pub String);
 
 /// Wrong usage or configuration is 2, everything else 1.
 fn exit_status(error: &anyhow::Error) -> u8 {
-    let is_usage = error.chain().any(|cause| cause.is::<Usage>() || cause.is::<ConfigError>());
+    let is_usage = error.chain().any(|cause| {
+        cause.is::<Usage>()
+            || cause.is::<ConfigError>()
+            || matches!(cause.downcast_ref(), Some(DriverError::Scenario(_)))
+    });
     if is_usage { 2 } else { 1 }
 }
 
@@ -150,6 +161,23 @@ pub fn load_config(file: Option<&Path>) -> Result<Option<Config>, ConfigError> {
     }
 }
 
+/// Refuses output files that could not be written, before the run rather than after it.
+///
+/// # Errors
+/// When the directory of one is not there, or its path is that of a directory.
+pub fn check_outputs<'a>(files: impl IntoIterator<Item = &'a PathBuf>) -> Result<(), Usage> {
+    for file in files {
+        let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
+        if folder.is_some_and(|folder| !folder.is_dir()) {
+            return Err(Usage(format!("{}: its directory does not exist; create it first", file.display())));
+        }
+        if file.is_dir() {
+            return Err(Usage(format!("{}: is a directory; name a file to write", file.display())));
+        }
+    }
+    Ok(())
+}
+
 /// Set by the first Ctrl-C or termination signal; a second one ends the process at once.
 ///
 /// # Errors
@@ -169,7 +197,9 @@ pub fn stop_on_signal() -> anyhow::Result<Arc<AtomicBool>> {
 ///
 /// # Errors
 /// When it is not a range.
-pub fn parse_range<T: std::str::FromStr + PartialOrd + Copy>(text: &str) -> Result<(Option<T>, Option<T>), String> {
+pub fn parse_range<T: std::str::FromStr + PartialOrd + Copy>(
+    text: &str,
+) -> Result<(Option<T>, Option<T>), String> {
     let bad = || format!("'{text}' is no range: write A..B, such as 5..10");
     let (from, to) = text.split_once("..").ok_or_else(bad)?;
     let part = |s: &str| if s.is_empty() { Ok(None) } else { s.parse().map(Some).map_err(|_| bad()) };

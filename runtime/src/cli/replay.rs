@@ -1,8 +1,10 @@
 //! `plumbline replay`: the estimator over a recorded or simulated flight.
 
+use super::overrides::with_overrides;
 use super::scenario::{ScenarioArgs, parse_scene};
-use super::{Usage, load_config, parse_range, stop_on_signal};
-use crate::flight::{Flight, open_dataset, open_simulation};
+use super::{Usage, check_outputs, load_config, parse_range, stop_on_signal};
+use crate::evaluate::load_trajectory;
+use crate::flight::{Flight, Truth, open_dataset, open_simulation};
 use crate::net::{Endpoints, Publisher};
 use crate::pipeline::{Outcome, Pipeline, RunOptions, Sink};
 use crate::record::{CausalPose, Recorder};
@@ -26,6 +28,10 @@ pub struct ReplayArgs {
     /// the preset `sim`.
     #[arg(long)]
     pub config: Option<PathBuf>,
+    /// Change a key of the estimator's configuration, such as estimator.points.sigma_px=0.3; may be
+    /// repeated. What is simulated stays the same.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub overrides: Vec<String>,
     /// Multiple of real time; as fast as it goes without.
     #[arg(long)]
     pub speed: Option<f64>,
@@ -44,6 +50,9 @@ pub struct ReplayArgs {
     /// Write the report (JSON).
     #[arg(long, value_name = "OUT.json")]
     pub report: Option<PathBuf>,
+    /// Ground truth of a data set that brings none: TUM (plain or .gz) or a EuRoC table.
+    #[arg(long, value_name = "FILE")]
+    pub truth: Option<PathBuf>,
     /// Only these frames of a data set.
     #[arg(long, value_name = "A..B")]
     pub frames: Option<String>,
@@ -59,6 +68,7 @@ pub struct ReplayArgs {
     /// Print the report as JSON instead of the summary.
     #[arg(long)]
     pub json: bool,
+    /// What is simulated.
     #[command(flatten)]
     pub scenario: ScenarioArgs,
 }
@@ -71,7 +81,12 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     if args.speed.is_some_and(|s| !(s.is_finite() && s > 0.0)) {
         return Err(Usage("--speed: give a positive number".into()).into());
     }
-    let flight = open(args)?;
+    check_outputs([&args.trajectory, &args.odometry, &args.covariance, &args.report].into_iter().flatten())?;
+    let mut flight = open(args)?;
+    flight.config = with_overrides(&flight.config, &args.overrides)?;
+    if let Some(file) = &args.truth {
+        flight.truth = Truth::Recorded(load_trajectory(file)?);
+    }
     let mut publisher = None;
     if args.publish {
         let endpoints = Endpoints::of(&flight.config.network).and_listen(&args.listen);
@@ -91,8 +106,10 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
         publisher.stop();
     }
     if let Some(path) = &args.trajectory {
-        let poses: Vec<_> =
-            poses.iter().map(|p| plumbline_drivers::StampedPose { stamp: p.stamp, pose: p.pose_o_b }).collect();
+        let poses: Vec<_> = poses
+            .iter()
+            .map(|p| plumbline_drivers::StampedPose { stamp: p.stamp, pose: p.pose_o_b })
+            .collect();
         write_tum(path, &poses)?;
     }
     if let Some(path) = &args.odometry {
@@ -106,7 +123,12 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
         std::fs::write(path, &json).with_context(|| format!("{}", path.display()))?;
     }
     println!("{}", if args.json { json } else { report.summary() });
-    anyhow::ensure!(report.completion > 0.0, "{}: no pose was found in {} frames", args.dataset, report.frames);
+    anyhow::ensure!(
+        report.completion > 0.0,
+        "{}: no pose was found in {} frames",
+        args.dataset,
+        report.frames
+    );
     Ok(())
 }
 
@@ -145,7 +167,8 @@ pub fn fly(
 }
 
 fn write_covariances(path: &Path, poses: &[CausalPose]) -> Result<()> {
-    let mut text = String::from("#timestamp [ns], 6x6 covariance of position [m] and attitude [rad] by rows\n");
+    let mut text =
+        String::from("#timestamp [ns], 6x6 covariance of position [m] and attitude [rad] by rows\n");
     for pose in poses {
         let _ = write!(text, "{}", pose.stamp.as_nanos());
         for value in pose.covariance.transpose().iter() {
@@ -163,7 +186,9 @@ impl Progress {
     fn new(expected: Option<u64>) -> Self {
         let bar = expected.map_or_else(ProgressBar::new_spinner, ProgressBar::new);
         let template = "{bar:32} {pos}/{len} frames  {msg}  {elapsed} (eta {eta})";
-        bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
+        bar.set_style(
+            ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()),
+        );
         Self(bar)
     }
 }

@@ -71,7 +71,11 @@ impl ScenarioArgs {
     /// # Errors
     /// When an argument makes no sense.
     pub fn scenario(&self, scene: Scene) -> Result<Scenario, Usage> {
-        let path = if self.path == "demo" { FlightPath::Demo } else { FlightPath::Tum(Path::new(&self.path).into()) };
+        let path = if self.path == "demo" {
+            FlightPath::Demo
+        } else {
+            FlightPath::Tum(Path::new(&self.path).into())
+        };
         let mut effects = Effects { drop_probability: self.drop_rate, ..Effects::default() };
         effects.time_offset_s = self.time_offset_ms * 1e-3;
         if self.flicker {

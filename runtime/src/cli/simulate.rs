@@ -1,7 +1,7 @@
 //! `plumbline simulate`: a simulated flight as a EuRoC data set.
 
-use super::scenario::{ScenarioArgs, parse_scene};
 use super::load_config;
+use super::scenario::{ScenarioArgs, parse_scene};
 use crate::flight::scenario_config;
 use anyhow::{Context, Result};
 use clap::Args;
@@ -27,6 +27,7 @@ pub struct SimulateArgs {
     /// Replace what is there.
     #[arg(long)]
     pub overwrite: bool,
+    /// What is simulated.
     #[command(flatten)]
     pub scenario: ScenarioArgs,
 }

@@ -20,7 +20,11 @@ impl Listener {
     ///
     /// # Errors
     /// When the session cannot be opened.
-    pub fn start(endpoints: &Endpoints, fleet: Arc<Mutex<Fleet>>, print_states: bool) -> Result<Self, NetError> {
+    pub fn start(
+        endpoints: &Endpoints,
+        fleet: Arc<Mutex<Fleet>>,
+        print_states: bool,
+    ) -> Result<Self, NetError> {
         let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
         let session = runtime.block_on(async {
             let session = endpoints.open().await?;

@@ -29,7 +29,8 @@ pub fn show(fleet: &Mutex<Fleet>, is_over: &impl Fn() -> bool, stop: &AtomicBool
             if event::poll(REDRAW)?
                 && let Event::Key(key) = event::read()?
             {
-                let interrupt = key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL);
+                let interrupt =
+                    key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL);
                 if interrupt || matches!(key.code, KeyCode::Char('q') | KeyCode::Esc) {
                     quit(stop);
                 }
@@ -75,7 +76,8 @@ fn panel(name: &str, vehicle: &Vehicle, now: Instant) -> Paragraph<'static> {
     );
     let v = vehicle.v_o_b;
     let health = if vehicle.health.is_empty() { "healthy".to_owned() } else { vehicle.health.join(", ") };
-    let label = |text: &'static str| Span::styled(format!("{text:<10}"), Style::new().add_modifier(Modifier::DIM));
+    let label =
+        |text: &'static str| Span::styled(format!("{text:<10}"), Style::new().add_modifier(Modifier::DIM));
     let lines = vec![
         Line::from(vec![label("position"), Span::raw(position)]),
         Line::from(vec![label("attitude"), Span::raw(attitude)]),
@@ -116,7 +118,11 @@ mod tests {
         let mut terminal = Terminal::new(TestBackend::new(90, 18)).unwrap();
         terminal.draw(|frame| draw(frame, fleet, now)).unwrap();
         let buffer = terminal.backend().buffer();
-        buffer.content().chunks(90).map(|row| row.iter().map(|c| c.symbol()).collect::<String>() + "\n").collect()
+        buffer
+            .content()
+            .chunks(90)
+            .map(|row| row.iter().map(|c| c.symbol()).collect::<String>() + "\n")
+            .collect()
     }
 
     #[test]
@@ -135,7 +141,12 @@ mod tests {
             ..proto::Odom::default()
         };
         fleet.odom("drone", &message, now, 0);
-        let health = proto::Health { header: message.header, state: message.state, bits: 1 << 3, ..proto::Health::default() };
+        let health = proto::Health {
+            header: message.header,
+            state: message.state,
+            bits: 1 << 3,
+            ..proto::Health::default()
+        };
         fleet.health("drone", &health);
         let shown = text(&fleet, now);
         for part in ["drone", "tracking", "quality 87", "+1.250", "-2.500", "few features"] {

@@ -159,7 +159,8 @@ impl Outlets {
     async fn declare(endpoints: &Endpoints) -> Result<Self, NetError> {
         let session = endpoints.open().await?;
         let key = |name: &str| format!("{ROOT}/{}/{name}", endpoints.vehicle);
-        let failed = |key: String| move |error: zenoh::Error| NetError::Declare { key, message: error.to_string() };
+        let failed =
+            |key: String| move |error: zenoh::Error| NetError::Declare { key, message: error.to_string() };
         let odom = session
             .declare_publisher(key("odom"))
             .encoding(Encoding::APPLICATION_PROTOBUF.with_schema("plumbline.v1.Odom"))
@@ -188,8 +189,13 @@ impl Outlets {
 
     /// Empties the rings until told to stop, then once more.
     async fn run(self, rings: &Rings) {
-        let mut feed =
-            HealthFeed { last: None, sent: Instant::now(), sequence: 0, frame_rate_hz: 0.0, last_stamp_ns: 0 };
+        let mut feed = HealthFeed {
+            last: None,
+            sent: Instant::now(),
+            sequence: 0,
+            frame_rate_hz: 0.0,
+            last_stamp_ns: 0,
+        };
         let mut sequence = 0;
         while !rings.stop.load(Ordering::Relaxed) {
             let _ = tokio::time::timeout(HEALTH_PERIOD, rings.wake.notified()).await;
@@ -254,7 +260,6 @@ impl HealthFeed {
 fn now_ns() -> i64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_nanos() as i64)
 }
-
 
 #[cfg(test)]
 mod tests {

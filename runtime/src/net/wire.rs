@@ -152,7 +152,8 @@ pub fn isometry(pose: &proto::Pose) -> Option<Isometry3<f64>> {
     let (p, q) = (pose.position_o_b.as_ref()?, pose.rotation_o_b.as_ref()?);
     let q = nalgebra::Quaternion::new(q.w, q.x, q.y, q.z);
     let is_unit = (q.norm() - 1.0).abs() < 1e-3;
-    is_unit.then(|| Isometry3::from_parts(Vector3::new(p.x, p.y, p.z).into(), UnitQuaternion::new_unchecked(q)))
+    is_unit
+        .then(|| Isometry3::from_parts(Vector3::new(p.x, p.y, p.z).into(), UnitQuaternion::new_unchecked(q)))
 }
 
 #[cfg(test)]

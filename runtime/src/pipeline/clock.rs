@@ -18,15 +18,17 @@ impl Pace {
         Self { speed, origin: None }
     }
 
-    /// Returns when data of `stamp` are due. The first call sets the origin.
-    pub fn wait_for(&mut self, stamp: Timestamp) {
-        let Some(speed) = self.speed else { return };
+    /// Returns when data of `stamp` are due, or at once, with the milliseconds by which that is late. `None`
+    /// without a pace. The first call sets the origin.
+    pub fn wait_for(&mut self, stamp: Timestamp) -> Option<f64> {
+        let speed = self.speed?;
         let (start, first) = *self.origin.get_or_insert_with(|| (Instant::now(), stamp));
         let due = start + Duration::from_secs_f64((stamp.seconds_since(first) / speed).max(0.0));
         let now = Instant::now();
         if due > now {
             std::thread::sleep(due - now);
         }
+        Some(due.elapsed().as_secs_f64() * 1e3)
     }
 }
 

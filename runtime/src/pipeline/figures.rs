@@ -36,7 +36,8 @@ pub struct Times {
 
 impl Times {
     fn new(max: u64, per_unit: f64) -> Self {
-        let histogram = Histogram::new_with_max(max, 3).unwrap_or_else(|_| unreachable!("three digits are allowed"));
+        let histogram =
+            Histogram::new_with_max(max, 3).unwrap_or_else(|_| unreachable!("three digits are allowed"));
         Self { histogram, per_unit, max }
     }
 
@@ -50,6 +51,12 @@ impl Times {
     #[must_use]
     pub fn of_us() -> Self {
         Self::new(MAX_NS, 1e3)
+    }
+
+    /// Whether none was recorded.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.histogram.is_empty()
     }
 
     /// Adds one time.
@@ -135,6 +142,8 @@ pub struct Figures {
     pub frame_cpu_ms: Times,
     /// Time from an inertial sample to its odometry.
     pub handout_us: Times,
+    /// How late inertial samples were taken against their pace; empty without one.
+    pub lag_ms: Times,
     /// Stages of a frame.
     pub stages: StageTimes,
     /// Sums over frames of points tracked and landmarks in the window.
@@ -160,6 +169,7 @@ impl Default for Figures {
             frame_ms: Times::of_ms(),
             frame_cpu_ms: Times::of_ms(),
             handout_us: Times::of_us(),
+            lag_ms: Times::of_ms(),
             stages: StageTimes::default(),
             points: (0, 0),
             time_offset_s: 0.0,

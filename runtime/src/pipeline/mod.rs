@@ -139,7 +139,9 @@ impl Pipeline {
             let Some(reading) = self.next_reading.take() else { break };
             self.newest_imu = self.newest_imu.max(reading.sample.stamp);
             self.first_stamp.get_or_insert(reading.sample.stamp);
-            self.pace.wait_for(reading.sample.stamp);
+            if let Some(late_ms) = self.pace.wait_for(reading.sample.stamp) {
+                self.figures.lag_ms.record(late_ms);
+            }
             self.tick(&reading, sink);
             self.next_reading = imu.next_reading()?;
         }
@@ -171,8 +173,11 @@ impl Pipeline {
 
     /// One frame: the estimate after it, to take effect on the odometry a little later.
     fn take_frame(&mut self, frame: &StereoFrame, sink: &mut dyn Sink) {
-        let input =
-            FrameInput { sequence: frame.sequence, stamp: frame.stamp, images: [frame.image(0), frame.image(1)] };
+        let input = FrameInput {
+            sequence: frame.sequence,
+            stamp: frame.stamp,
+            images: [frame.image(0), frame.image(1)],
+        };
         let counting = self.is_warm(frame.stamp).then(alloc::Count::begin);
         let watch = clock::Stopwatch::start();
         let cpu = clock::CpuStopwatch::start();

@@ -1,6 +1,8 @@
 //! Errors of a causal trajectory against the truth at the same times.
 
-use crate::evaluate::{AlignmentMode, Pairs, align, aligned, nees, path_length_m, pose_error, yaw_drift_deg_per_min};
+use crate::evaluate::{
+    AlignmentMode, Pairs, align, aligned, nees, path_length_m, pose_error, yaw_drift_deg_per_min,
+};
 use crate::flight::Truth;
 use crate::record::CausalPose;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -89,7 +91,8 @@ impl Consistency {
         let turn = yaw_between(&first.pose_o_b.rotation, &truth.rotation);
         let offset = first.pose_o_b.translation.vector - turn * truth.translation.vector;
         let origin = Isometry3::from_parts(Translation3::from(offset), turn);
-        let mut result = Self { nees_ratio: None, final_error_m: 0.0, final_sigma_m: 0.0, max_error_sigmas: 0.0 };
+        let mut result =
+            Self { nees_ratio: None, final_error_m: 0.0, final_sigma_m: 0.0, max_error_sigmas: 0.0 };
         let (mut sum, mut count) = (0.0, 0.0);
         for (pose, truth) in known {
             let error = pose_error(&pose.pose_o_b, &(origin * truth));

@@ -46,6 +46,9 @@ pub struct Report {
     pub stage_ms: BTreeMap<&'static str, Percentiles>,
     /// From an inertial sample to its odometry, microseconds.
     pub odometry_handout_us: Percentiles,
+    /// How late samples were taken against their pace, ms; only with a pace.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lag_ms: Option<Percentiles>,
     /// Points, means per frame.
     pub points: Points,
     /// Errors against the truth, where it is known.
@@ -89,7 +92,13 @@ impl From<Faults> for DriverFaults {
 impl Report {
     /// Puts the report of a run together.
     #[must_use]
-    pub fn new(name: &str, outcome: &Outcome, accuracy: Option<Accuracy>, config: &Config, threads: usize) -> Self {
+    pub fn new(
+        name: &str,
+        outcome: &Outcome,
+        accuracy: Option<Accuracy>,
+        config: &Config,
+        threads: usize,
+    ) -> Self {
         let f = &outcome.figures;
         let per_frame = |sum: u64| sum as f64 / f.frames.max(1) as f64;
         Self {
@@ -109,6 +118,7 @@ impl Report {
             frame_cpu_ms: f.frame_cpu_ms.percentiles(),
             stage_ms: f.stages.all().map(|(stage, p)| (stage.name(), p)).collect(),
             odometry_handout_us: f.handout_us.percentiles(),
+            lag_ms: (!f.lag_ms.is_empty()).then(|| f.lag_ms.percentiles()),
             points: Points { tracked: per_frame(f.points.0), in_window: per_frame(f.points.1) },
             accuracy,
             time_offset_s: f.time_offset_s,
@@ -140,7 +150,9 @@ impl Report {
             ));
             lines.push(format!(
                 "{:<18}yaw drift {:+.2} deg/min, NEES {:.2} of its expectation",
-                "", a.yaw_drift_deg_per_min.unwrap_or(f64::NAN), a.nees_ratio.unwrap_or(f64::NAN)
+                "",
+                a.yaw_drift_deg_per_min.unwrap_or(f64::NAN),
+                a.nees_ratio.unwrap_or(f64::NAN)
             ));
         }
         let p = &self.frame_ms;
@@ -149,7 +161,16 @@ impl Report {
             "frame", p.p50, p.p99, p.max, self.realtime_factor
         ));
         let h = &self.odometry_handout_us;
-        lines.push(format!("{:<18}median {:.0} us, p99 {:.0}, largest {:.0}", "odometry", h.p50, h.p99, h.max));
+        lines.push(format!(
+            "{:<18}median {:.0} us, p99 {:.0}, largest {:.0}",
+            "odometry", h.p50, h.p99, h.max
+        ));
+        if let Some(lag) = &self.lag_ms {
+            lines.push(format!(
+                "{:<18}behind the clock by {:.1} ms at the median, p99 {:.1}, largest {:.1}",
+                "pace", lag.p50, lag.p99, lag.max
+            ));
+        }
         lines.push(format!(
             "{:<18}{:.0} MB at most, {} allocations in the hot path",
             "memory", self.peak_rss_mb, self.hot_path_allocations

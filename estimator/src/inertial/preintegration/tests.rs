@@ -1,7 +1,8 @@
 use super::*;
 use crate::geometry::log_so3;
 
-const NOISE: ImuNoise = ImuNoise { gyro_density: 1.7e-3, accel_density: 2e-2, gyro_walk: 0.0, accel_walk: 0.0 };
+const NOISE: ImuNoise =
+    ImuNoise { gyro_density: 1.7e-3, accel_density: 2e-2, gyro_walk: 0.0, accel_walk: 0.0 };
 
 fn rate(t: f64) -> Vector3<f64> {
     Vector3::new(0.8 * (3.0 * t).sin(), -0.5 + 0.3 * t, 1.2 * (2.0 * t).cos())
@@ -11,7 +12,12 @@ fn force(t: f64) -> Vector3<f64> {
     Vector3::new(2.0 * (5.0 * t).cos(), 1.0 - t, 9.81 + (4.0 * t).sin())
 }
 
-fn integrate(duration: f64, steps: usize, bias_gyro: &Vector3<f64>, bias_accel: &Vector3<f64>) -> Preintegration {
+fn integrate(
+    duration: f64,
+    steps: usize,
+    bias_gyro: &Vector3<f64>,
+    bias_accel: &Vector3<f64>,
+) -> Preintegration {
     let mut pre = Preintegration::new(bias_gyro, bias_accel);
     let dt = duration / steps as f64;
     for k in 0..steps {

@@ -1,0 +1,82 @@
+//! The results of a campaign as Markdown: a row a flight, then the means of each scene.
+
+use super::{Entry, Fault, SCENES};
+use crate::report::Report;
+use crate::report::accuracy::Accuracy;
+
+/// The head of the table.
+pub const TABLE_HEAD: &str = "\
+| path | scene | fault | seed | frames | completion % | first pose s | distance m | ATE m | ATE % | yaw deg/min | NEES | resets | frame cpu ms p50 / p99 / max |
+|---|---|---|---|---|---|---|---|---|---|---|---|---|---|";
+
+/// The row of a flight.
+#[must_use]
+pub fn row(entry: &Entry, report: &Report) -> String {
+    let accuracy = report.accuracy.as_ref();
+    let cells = [
+        entry.path.clone(),
+        entry.scene.to_owned(),
+        format!("{:?}", entry.fault),
+        entry.scenario.seed.to_string(),
+        report.frames.to_string(),
+        format!("{:.1}", 100.0 * report.completion),
+        number(report.first_pose_s, 2),
+        number(accuracy.map(|a| a.distance_m), 1),
+        number(accuracy.map(|a| a.ate_rmse_m), 4),
+        number(accuracy.map(|a| a.ate_percent), 3),
+        number(accuracy.and_then(|a| a.yaw_drift_deg_per_min), 2),
+        number(accuracy.and_then(|a| a.nees_ratio), 2),
+        report.resets.to_string(),
+        format!(
+            "{:.1} / {:.1} / {:.1}",
+            report.frame_cpu_ms.p50, report.frame_cpu_ms.p99, report.frame_cpu_ms.max
+        ),
+    ];
+    format!("| {} |", cells.join(" | "))
+}
+
+/// The means of each scene over its flights without a fault, and over all of these: a table of its own.
+#[must_use]
+pub fn means<'a>(flights: impl IntoIterator<Item = (&'a Entry, &'a Report)>) -> String {
+    let sound: Vec<_> = flights.into_iter().filter(|(entry, _)| entry.fault == Fault::None).collect();
+    let mut lines = vec![
+        "| scene | flights | with poses | mean ATE % | worst ATE % | mean yaw deg/min | mean NEES | resets | mean frame cpu ms p50 |"
+            .to_owned(),
+        "|---|---|---|---|---|---|---|---|---|".to_owned(),
+    ];
+    for (name, _) in SCENES {
+        lines.extend(mean_row(name, sound.iter().filter(|(e, _)| e.scene == name).map(|(_, r)| *r)));
+    }
+    lines.extend(mean_row("all", sound.iter().map(|(_, r)| *r)));
+    lines.join("\n")
+}
+
+fn mean_row<'a>(name: &str, reports: impl Iterator<Item = &'a Report>) -> Option<String> {
+    let reports: Vec<&Report> = reports.collect();
+    if reports.is_empty() {
+        return None;
+    }
+    let accuracies: Vec<&Accuracy> = reports.iter().filter_map(|r| r.accuracy.as_ref()).collect();
+    let mean_of = |of: &dyn Fn(&Accuracy) -> Option<f64>| mean(accuracies.iter().filter_map(|a| of(a)));
+    let cells = [
+        name.to_owned(),
+        reports.len().to_string(),
+        accuracies.len().to_string(),
+        number(mean_of(&|a| Some(a.ate_percent)), 4),
+        number(accuracies.iter().map(|a| a.ate_percent).reduce(f64::max), 4),
+        number(mean_of(&|a| a.yaw_drift_deg_per_min.map(f64::abs)), 2),
+        number(mean_of(&|a| a.nees_ratio), 2),
+        reports.iter().map(|r| r.resets).sum::<u32>().to_string(),
+        number(mean(reports.iter().map(|r| r.frame_cpu_ms.p50)), 1),
+    ];
+    Some(format!("| {} |", cells.join(" | ")))
+}
+
+fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let (sum, count) = values.fold((0.0, 0.0), |(sum, count), value| (sum + value, count + 1.0));
+    (count > 0.0).then(|| sum / count)
+}
+
+fn number(value: Option<f64>, digits: usize) -> String {
+    value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"))
+}

@@ -1,0 +1,74 @@
+//! `--set KEY=VALUE`: single keys of a configuration changed from the command line.
+
+use super::Usage;
+use anyhow::Result;
+use plumbline_config::Config;
+use toml::{Table, Value};
+
+/// `config` with every `key=value` of `changes` in place, validated. Keys are dotted paths of the TOML
+/// file, values are TOML; what is no TOML value is taken for a string.
+///
+/// # Errors
+/// When a change is not of that form, or the changed configuration is refused.
+pub fn with_overrides(config: &Config, changes: &[String]) -> Result<Config> {
+    if changes.is_empty() {
+        return Ok(config.clone());
+    }
+    let mut table: Table = toml::from_str(&config.to_toml()?)?;
+    for change in changes {
+        set(&mut table, change)?;
+    }
+    Ok(Config::from_toml_str(&toml::to_string(&table)?, "--set")?)
+}
+
+fn set(table: &mut Table, change: &str) -> Result<(), Usage> {
+    let (path, value) = change
+        .split_once('=')
+        .ok_or_else(|| Usage(format!("--set: '{change}' is not of the form section.key=value")))?;
+    let (sections, key) = path.trim().rsplit_once('.').unwrap_or(("", path.trim()));
+    let mut section = table;
+    for name in sections.split('.').filter(|name| !name.is_empty()) {
+        section = section.get_mut(name).and_then(Value::as_table_mut).ok_or_else(|| {
+            Usage(format!("--set: '{change}': no section '{name}'; `plumbline config sim` prints all keys"))
+        })?;
+    }
+    section.insert(key.to_owned(), parsed(value.trim()));
+    Ok(())
+}
+
+fn parsed(value: &str) -> Value {
+    toml::from_str::<Table>(&format!("value = {value}"))
+        .ok()
+        .and_then(|mut table| table.remove("value"))
+        .unwrap_or_else(|| Value::String(value.to_owned()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn changed(change: &str) -> Result<Config> {
+        with_overrides(&Config::preset("sim").unwrap(), &[change.to_owned()])
+    }
+
+    #[test]
+    fn a_key_is_changed_and_nothing_else() {
+        let mut expected = Config::preset("sim").unwrap();
+        expected.estimator.points.sigma_px = 0.3;
+        assert_eq!(changed("estimator.points.sigma_px=0.3").unwrap(), expected);
+        assert_eq!(changed("network.vehicle=hawk").unwrap().network.vehicle, "hawk");
+    }
+
+    #[test]
+    fn what_is_no_key_or_value_is_refused_by_name() {
+        for (change, named) in [
+            ("estimator.points.sigma_px", "section.key=value"),
+            ("estimator.pints.sigma_px=1", "'pints'"),
+            ("estimator.points.sigma=1", "sigma"),
+            ("estimator.points.sigma_px=-1", "sigma_px"),
+        ] {
+            let error = changed(change).unwrap_err().to_string();
+            assert!(error.contains(named), "{change}: {error}");
+        }
+    }
+}
