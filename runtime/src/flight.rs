@@ -12,6 +12,9 @@ use std::path::Path;
 /// Ground truth further from a stamp than this is none, ns.
 const TRUTH_TOLERANCE_NS: i64 = 5_000_000;
 
+/// Detection cells shrink with the images, down to this, px: two patches must fit.
+const SMALLEST_CELL_PX: usize = 28;
+
 /// Streams, configuration and truth of one flight.
 pub struct Flight {
     /// What the estimator believes of the rig.
@@ -69,7 +72,8 @@ pub fn open_dataset(
     check_dataset(path)?;
     let mut config = match config {
         Some(config) => config,
-        None => import::euroc_into(Config::preset("euroc")?, path)?,
+        None => import::euroc_into(Config::preset("euroc")?, path)
+            .context("calibration of the data set (camera[0] is cam0, camera[1] is cam1)")?,
     };
     if mono {
         config.camera.truncate(1);
@@ -119,6 +123,8 @@ pub fn open_simulation(
     let config = scenario_config(config, mono)?;
     let simulator = Simulator::new(&config, scenario).context("the flight cannot be simulated")?;
     let mut config = scaled_config(&config, scenario.resolution_scale);
+    let cell_px = config.estimator.points.cell_px as f64 * scenario.resolution_scale;
+    config.estimator.points.cell_px = (cell_px.round() as usize).max(SMALLEST_CELL_PX);
     if !extrinsics_error_deg.is_finite() || extrinsics_error_deg.abs() > 30.0 {
         let message =
             format!("--extrinsics-error-deg {extrinsics_error_deg}: give an angle of at most 30 degrees");

@@ -70,7 +70,7 @@ fn a_wrong_calibration() {
     let sensor = format!("{path}/mav0/cam0/sensor.yaml");
     let text = fs::read_to_string(&sensor).unwrap().replace("intrinsics: [", "intrinsics: [-");
     fs::write(&sensor, text).unwrap();
-    fails(&["replay", &path], 2, &["cam0"]);
+    fails(&["replay", &path], 2, &["camera[0].focal_px"]);
 }
 
 #[test]

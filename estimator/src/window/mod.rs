@@ -7,7 +7,7 @@
 //!
 //! - [`state`], [`landmark`]: what is estimated
 //! - [`reprojection`], [`inertial_factor`], [`prior`]: the terms
-//! - [`linearize`], [`dense`], [`solve`]: normal equations and their solution
+//! - [`linearize`] with `sums`, [`dense`], [`solve`]: normal equations and their solution
 //! - [`triangulate`], [`keyframes`], [`marginalize`]: what enters and what leaves
 
 pub mod dense;
@@ -20,6 +20,7 @@ pub mod prior;
 pub mod reprojection;
 pub mod solve;
 pub mod state;
+mod sums;
 pub mod triangulate;
 
 use crate::geometry::yaw_of;

@@ -1,7 +1,7 @@
 //! `plumbline campaign`: the built-in set of simulated flights, tabulated.
 
 use super::overrides::with_overrides;
-use super::{Usage, check_outputs, load_config};
+use super::{Usage, check_outputs, load_config, say};
 use crate::campaign::table::{TABLE_HEAD, means};
 use crate::campaign::{Entry, Fault, PATHS, SCENES, Setup};
 use crate::report::Report;
@@ -89,10 +89,10 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
         cache: args.cache.clone(),
         threads: usize::from(args.threads),
     };
-    println!("{TABLE_HEAD}");
+    say(TABLE_HEAD);
     let flown = fly_all(&entries, &setup, usize::from(args.jobs));
     let reports = || entries.iter().zip(&flown).filter_map(|(e, r)| Some((e, r.as_ref()?)));
-    println!("\n{}", means(reports()));
+    say(format_args!("\n{}", means(reports())));
     if let Some(file) = &args.json {
         let rows: Vec<Row<'_>> = reports().map(json_row).collect();
         std::fs::write(file, serde_json::to_string_pretty(&rows)?).context(file.display().to_string())?;
@@ -120,7 +120,7 @@ fn fly_all(entries: &[Entry], setup: &Setup, jobs: usize) -> Vec<Option<Report>>
         for (index, entry) in std::iter::from_fn(take) {
             match entry.fly_as(setup) {
                 Ok(report) => {
-                    println!("{}", entry.row(&report));
+                    say(entry.row(&report));
                     flown.push((index, report));
                 }
                 Err(error) => eprintln!("plumbline: {} in {}: {error:#}", entry.path, entry.scene),

@@ -1,5 +1,6 @@
 //! `plumbline evaluate`: a trajectory against its ground truth.
 
+use super::say;
 use crate::evaluate::{
     AlignmentMode, Delta, EvaluateOptions, Evaluation, Statistics, evaluate, load_trajectory,
 };
@@ -75,7 +76,7 @@ pub fn run(args: &EvaluateArgs) -> Result<()> {
     };
     let result = evaluate(&load_trajectory(&args.estimate)?, &load_trajectory(&args.truth)?, &options)?;
     if args.json {
-        println!("{}", serde_json::to_string_pretty(&result)?);
+        say(format_args!("{}", serde_json::to_string_pretty(&result)?));
     } else {
         print(&result);
     }
@@ -83,12 +84,12 @@ pub fn run(args: &EvaluateArgs) -> Result<()> {
 }
 
 fn print(e: &Evaluation) {
-    println!("{:<14}{:>12}{:>12}{:>12}{:>12}{:>12}", "", "rmse", "mean", "median", "std", "max");
+    say(format_args!("{:<14}{:>12}{:>12}{:>12}{:>12}{:>12}", "", "rmse", "mean", "median", "std", "max"));
     let row = |name: &str, s: &Statistics| {
-        println!(
+        say(format_args!(
             "{name:<14}{:>12.6}{:>12.6}{:>12.6}{:>12.6}{:>12.6}",
             s.rmse, s.mean, s.median, s.std, s.max
-        );
+        ));
     };
     row("ATE [m]", &e.ate_m);
     row("ATE [deg]", &e.ate_rotation_deg);
@@ -96,18 +97,18 @@ fn print(e: &Evaluation) {
         row("RPE [m]", &rpe.translation_m);
         row("RPE [deg]", &rpe.rotation_deg);
     }
-    println!(
+    say(format_args!(
         "{} pairs over {:.2} m; {:.1} % of the reference's time has an estimate",
         e.associated,
         e.path_length_m,
         100.0 * e.completion
-    );
+    ));
     let percent = 100.0 * e.ate_m.rmse / e.path_length_m.max(1e-9);
     let optional =
         |x: Option<f64>, unit: &str| x.map_or_else(|| "unknown".into(), |x| format!("{x:+.3} {unit}"));
-    println!(
+    say(format_args!(
         "ATE {percent:.3} % of the path; scale error {}; yaw drift {}",
         optional(e.scale_error_percent, "%"),
         optional(e.yaw_drift_deg_per_min, "deg/min")
-    );
+    ));
 }

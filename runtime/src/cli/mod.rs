@@ -13,6 +13,8 @@ pub mod simulate;
 use clap::{CommandFactory, Parser, Subcommand};
 use plumbline_config::{Config, ConfigError};
 use plumbline_drivers::DriverError;
+use std::fmt::Display;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -91,7 +93,9 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Campaign(args) => campaign::run(&args),
         Command::Config(args) => check_config(&args),
         Command::Completions { shell } => {
-            clap_complete::generate(shell, &mut Cli::command(), "plumbline", &mut std::io::stdout());
+            let mut script = Vec::new();
+            clap_complete::generate(shell, &mut Cli::command(), "plumbline", &mut script);
+            say(String::from_utf8_lossy(&script).trim_end());
             Ok(())
         }
     }
@@ -99,17 +103,24 @@ fn run(command: Command) -> anyhow::Result<()> {
 
 fn check_config(args: &ConfigArgs) -> anyhow::Result<()> {
     if plumbline_config::PRESETS.contains(&args.file.as_str()) {
-        print!("{}", plumbline_config::preset_text(&args.file)?);
+        say(plumbline_config::preset_text(&args.file)?.trim_end());
         return Ok(());
     }
     let config = Config::load(&args.file)?;
-    println!(
+    say(format_args!(
         "{}: valid, {} camera(s), hash {}",
         args.file,
         config.camera.len(),
         crate::report::config_hash(&config)
-    );
+    ));
     Ok(())
+}
+
+/// Writes a line to stdout. A reader that has gone, as `head` does, ends the process: nobody listens.
+pub fn say(line: impl Display) {
+    if writeln!(std::io::stdout(), "{line}").is_err() {
+        std::process::exit(1);
+    }
 }
 
 /// A failure of usage: exit status 2.

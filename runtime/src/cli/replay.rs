@@ -2,7 +2,7 @@
 
 use super::overrides::with_overrides;
 use super::scenario::{ScenarioArgs, parse_scene};
-use super::{Usage, check_outputs, load_config, parse_range, stop_on_signal};
+use super::{Usage, check_outputs, load_config, parse_range, say, stop_on_signal};
 use crate::evaluate::load_trajectory;
 use crate::flight::{Flight, Truth, open_dataset, open_simulation};
 use crate::net::{Endpoints, Publisher};
@@ -122,7 +122,7 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     if let Some(path) = &args.report {
         std::fs::write(path, &json).with_context(|| format!("{}", path.display()))?;
     }
-    println!("{}", if args.json { json } else { report.summary() });
+    say(if args.json { json } else { report.summary() });
     anyhow::ensure!(
         report.completion > 0.0,
         "{}: no pose was found in {} frames",

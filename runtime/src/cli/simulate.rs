@@ -1,7 +1,7 @@
 //! `plumbline simulate`: a simulated flight as a EuRoC data set.
 
-use super::load_config;
 use super::scenario::{ScenarioArgs, parse_scene};
+use super::{load_config, say};
 use crate::flight::scenario_config;
 use anyhow::{Context, Result};
 use clap::Args;
@@ -48,13 +48,13 @@ pub fn run(args: &SimulateArgs) -> Result<()> {
     let options = WriteOptions { overwrite: args.overwrite };
     let written = write(&args.out_dir, inputs, options, &mut |p| bar.set_position(p.frames))?;
     bar.finish_and_clear();
-    println!(
+    say(format_args!(
         "{}: {} frames, {} images, {} inertial samples, {} true states",
         args.out_dir.display(),
         written.frames,
         written.images,
         written.imu_samples,
         written.truth_rows
-    );
+    ));
     Ok(())
 }
