@@ -11,6 +11,8 @@ use nalgebra::Vector3;
 
 /// Solver steps of a start: far from the solution, and only once.
 const START_ITERATIONS: usize = 12;
+/// Rounds of a start: image rates and outliers depend on the solution.
+const START_ROUNDS: usize = 2;
 /// Mean robust cost of an observation (in squared standard deviations) that a good start stays below:
 /// noise alone gives about one.
 const MAX_MEAN_COST: f64 = 5.0;
@@ -169,12 +171,13 @@ impl Odometer {
         let tight = AnchorSigmas { position_m: 1e-3, yaw_rad: 1e-3, ..loose };
         let (p_o_b, yaw) =
             self.origin.as_ref().map_or((Vector3::zeros(), 0.0), |o| (o.p_o_b, yaw_of(&o.rot_o_b)));
-        for _ in 0..2 {
+        for _ in 0..START_ROUNDS {
             self.window.move_newest_to(&p_o_b, yaw);
             self.window.anchor_newest(&self.bias_memory, &loose);
             self.window.triangulate(true);
             let _ = self.window.optimize(START_ITERATIONS);
             self.window.remove_outliers();
+            self.window.predict_all_rates();
         }
         self.window.move_newest_to(&p_o_b, yaw);
         self.window.anchor_newest(&self.bias_memory, &tight);

@@ -253,7 +253,7 @@ impl Linearizer {
         cost
     }
 
-    /// Sets the image rates of the newest frame's observations from the predicted motion (`rate_b` in
+    /// Sets the image rates of the observations in frame `index` from its predicted motion (`rate_b` in
     /// rad/s): rates differenced from images would carry their noise into the time offset.
     pub fn predict_rates(
         &mut self,
@@ -261,17 +261,19 @@ impl Linearizer {
         frames: &[Frame],
         landmarks: &mut [Landmark],
         rate_b: &Vector3<f64>,
+        index: usize,
     ) {
-        let Some(newest) = frames.len().checked_sub(1) else { return };
         self.refresh_bodies(rig, frames, false);
-        let v_b = frames[newest].nav.rot_o_b.inverse() * frames[newest].nav.v_o_b;
+        let v_b = frames[index].nav.rot_o_b.inverse() * frames[index].nav.v_o_b;
         for landmark in landmarks.iter_mut().filter(|l| l.is_triangulated) {
             for k in (0..landmark.observations.len()).rev() {
                 let observation = landmark.observations[k];
-                if usize::from(observation.frame) != newest {
-                    break;
+                match usize::from(observation.frame) {
+                    frame if frame > index => continue,
+                    frame if frame < index => break,
+                    _ => {}
                 }
-                let view = self.poses.view(&self.poses.now, landmark, newest, observation.camera);
+                let view = self.poses.view(&self.poses.now, landmark, index, observation.camera);
                 if let Some(rate) = view.image_rate(&landmark.point, rate_b, &v_b) {
                     landmark.observations[k].measured.xy_rate = rate;
                 }

@@ -23,7 +23,7 @@ pub mod state;
 mod sums;
 pub mod triangulate;
 
-use crate::geometry::yaw_of;
+use crate::geometry::{log_so3, yaw_of};
 use crate::inertial::{ImuNoise, Preintegration};
 use landmark::{Landmark, LandmarkStore, Observation};
 use linearize::{Linearizer, Problem};
@@ -279,7 +279,21 @@ impl Window {
     /// Sets the image rates of the newest frame's observations from its predicted motion.
     pub fn predict_rates(&mut self, rate_b: &Vector3<f64>) {
         let Self { rig, frames, landmarks, linearizer, .. } = self;
-        linearizer.predict_rates(rig, frames, landmarks.all_mut(), rate_b);
+        if let Some(newest) = frames.len().checked_sub(1) {
+            linearizer.predict_rates(rig, frames, landmarks.all_mut(), rate_b, newest);
+        }
+    }
+
+    /// The same for all frames, their angular rates taken from the attitudes.
+    pub fn predict_all_rates(&mut self) {
+        let Self { rig, frames, landmarks, linearizer, .. } = self;
+        for index in 0..frames.len() {
+            let (from, to) = if index == 0 { (0, 1) } else { (index - 1, index) };
+            let (Some(from), Some(to)) = (frames.get(from), frames.get(to)) else { return };
+            let turn = log_so3(&(from.nav.rot_o_b.inverse() * to.nav.rot_o_b));
+            let rate_b = turn / to.stamp.seconds_since(from.stamp);
+            linearizer.predict_rates(rig, frames, landmarks.all_mut(), &rate_b, index);
+        }
     }
 
     /// Triangulates the landmarks that wait for it; forgets those that contradict themselves, unless the
