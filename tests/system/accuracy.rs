@@ -4,7 +4,10 @@ use plumbline::campaign::Fault;
 use plumbline_drivers::simulator::Scene;
 use plumbline_tests::entry;
 
-/// Flies `path` for ten seconds and checks everything that is promised of a sound flight.
+/// Flies `path` for ten seconds and checks what a sound flight keeps today. The NEES asked for is 0.3 to 3
+/// times its expectation; textured flights reach 0.16 to 0.5 (see the README), so the lower bound here only
+/// guards against getting worse, and is no proof of what is asked. Yaw drift is not checked: ten seconds
+/// are too short for a rate per minute.
 fn flies(path: &str, scene: (&'static str, Scene), max_ate_percent: f64) {
     let Some(entry) = entry(path, scene, 1, 10.0, Fault::None) else { return };
     let report = entry.fly(None, false, None, 2).unwrap();
