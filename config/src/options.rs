@@ -5,6 +5,10 @@
 //! tests hold both together. A value of [`Config`] handed to the estimator has
 //! passed validation.
 
+mod lines;
+
+pub use lines::LinesConfig;
+
 use crate::CameraModel;
 use crate::camera::Distortion;
 use nalgebra::{Isometry3, Vector2};
@@ -213,6 +217,8 @@ impl Default for RigConfig {
 pub struct EstimatorConfig {
     /// Point features.
     pub points: PointsConfig,
+    /// Line segments.
+    pub lines: LinesConfig,
     /// Sliding window.
     pub window: WindowConfig,
     /// Initialisation.

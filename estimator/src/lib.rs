@@ -9,6 +9,7 @@ pub mod geometry;
 pub mod image;
 pub mod inertial;
 pub mod initial;
+pub mod lines;
 pub mod odometry;
 pub mod points;
 pub mod propagator;

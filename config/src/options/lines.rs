@@ -1,0 +1,61 @@
+//! Options of line segments: extraction, description, matching and their use in the window.
+
+use serde::{Deserialize, Serialize};
+
+/// Line segments and line landmarks.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LinesConfig {
+    /// Whether lines are extracted and used at all.
+    pub enabled: bool,
+    /// Smallest gradient of an edge pixel, grey levels per pixel.
+    pub min_gradient: f64,
+    /// Shortest raw segment, px.
+    pub min_raw_length_px: f64,
+    /// The adaptive length threshold (equation 1 of the paper) is in force.
+    pub length_filter: bool,
+    /// Broken segments are joined (figure 4 of the paper).
+    pub merge: bool,
+    /// The outer rectangle of a segment is widened by this much across, px.
+    pub merge_across_px: f64,
+    /// The outer rectangle of a segment is widened by this much along, px.
+    pub merge_along_px: f64,
+    /// Floor of the angle threshold of merging, degrees.
+    pub merge_angle_deg: f64,
+    /// Work of an image, in edge pixels visited: when it is spent the strongest segments so far are used.
+    pub max_visits: usize,
+    /// Raw segments of an image, at most.
+    pub max_raw: usize,
+    /// Segments of an image that are described and matched, at most: the longest.
+    pub max_segments: usize,
+    /// Largest Hamming distance of a match, of 256 bits.
+    pub max_hamming: u32,
+    /// Largest ratio of the distances of the best and the second best match.
+    pub max_hamming_ratio: f64,
+    /// Line landmarks held by the window.
+    pub max_landmarks: usize,
+    /// Standard deviation of the end points of a segment across it, px.
+    pub sigma_px: f64,
+}
+
+impl Default for LinesConfig {
+    fn default() -> Self {
+        Self {
+            enabled: true,
+            min_gradient: 5.0,
+            min_raw_length_px: 18.0,
+            length_filter: true,
+            merge: true,
+            merge_across_px: 2.0,
+            merge_along_px: 10.0,
+            merge_angle_deg: 2.0,
+            max_visits: 60_000,
+            max_raw: 1000,
+            max_segments: 120,
+            max_hamming: 60,
+            max_hamming_ratio: 0.85,
+            max_landmarks: 120,
+            sigma_px: 0.5,
+        }
+    }
+}

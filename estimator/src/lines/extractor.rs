@@ -1,0 +1,201 @@
+//! The extractor: an image in, its straight edges out, in bounded time and without allocation.
+//!
+//! Seeds are the ridges of the gradient, strongest first ([`super::gradient`]); from each free one a
+//! segment grows ([`super::growth`]), which must be long and meaningful ([`super::validation`]) to stay.
+//! The idea of strongest-first growth and of validation is LSD's (Grompone von Gioi et al. 2012), that of
+//! following ridges Edge Drawing's (Topal and Akinlar 2012) and ELSED's (Suarez et al. 2022). The paper's
+//! length filter and merging follow ([`super::filter`], [`super::merge`]).
+
+use super::filter;
+use super::gradient::{Gradients, SCALE};
+use super::growth::Growth;
+use super::merge::Merger;
+use super::segment::Segment;
+use super::validation::Validation;
+use plumbline_config::ImageView;
+use plumbline_config::options::LinesConfig;
+
+/// Seeds are ordered by their gradient in whole grey levels per pixel, as far as this.
+const BUCKETS: usize = 256;
+/// A segment has at least this share of edge pixels between its ends.
+const MIN_DENSITY: f32 = 0.7;
+
+/// Work and outcome of one image.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ExtractionFigures {
+    /// Segments found.
+    pub raw: u32,
+    /// Segments that the length filter left.
+    pub kept: u32,
+    /// Segments after merging.
+    pub merged: u32,
+    /// Edge pixels visited.
+    pub visits: u32,
+    /// The budget was spent before the last seed.
+    pub is_cut_short: bool,
+}
+
+/// Finds straight edges. Everything is allocated at construction.
+#[derive(Clone, Debug)]
+pub struct LineExtractor {
+    options: LinesConfig,
+    gradients: Gradients,
+    growth: Growth,
+    validation: Validation,
+    merger: Merger,
+    seeds: Vec<(u32, i16)>,
+    ordered: Vec<u32>,
+    raw: Vec<Segment>,
+    kept: Vec<Segment>,
+    merged: Vec<Segment>,
+    figures: ExtractionFigures,
+}
+
+impl LineExtractor {
+    /// For images of `width` x `height`, allocated for its lifetime.
+    #[must_use]
+    pub fn new(width: usize, height: usize, options: &LinesConfig) -> Self {
+        // Of two neighbours across the gradient one is a ridge.
+        let seeds = width * height / 2 + 1;
+        Self {
+            gradients: Gradients::new(width, height),
+            growth: Growth::new(width, height),
+            validation: Validation::new(width, height),
+            merger: Merger::new(options),
+            seeds: Vec::with_capacity(seeds),
+            ordered: Vec::with_capacity(seeds),
+            raw: Vec::with_capacity(options.max_raw),
+            kept: Vec::with_capacity(options.max_raw),
+            merged: Vec::with_capacity(options.max_raw),
+            figures: ExtractionFigures::default(),
+            options: options.clone(),
+        }
+    }
+
+    /// Gradients of the last image.
+    #[must_use]
+    pub fn gradients(&self) -> &Gradients {
+        &self.gradients
+    }
+
+    /// Segments of the last image as they were found, strongest seed first.
+    #[must_use]
+    pub fn raw(&self) -> &[Segment] {
+        &self.raw
+    }
+
+    /// Segments of the last image that are long enough, longest first.
+    #[must_use]
+    pub fn kept(&self) -> &[Segment] {
+        &self.kept
+    }
+
+    /// Segments of the last image after filter and merging, longest first.
+    #[must_use]
+    pub fn segments(&self) -> &[Segment] {
+        &self.merged
+    }
+
+    /// Work and outcome of the last image.
+    #[must_use]
+    pub fn figures(&self) -> ExtractionFigures {
+        self.figures
+    }
+
+    /// Takes an image and returns its segments, longest first; `None`, and nothing is changed, when its
+    /// size is not the extractor's.
+    pub fn extract(&mut self, image: &ImageView<'_>) -> Option<&[Segment]> {
+        if image.width() != self.gradients.width() || image.height() != self.gradients.height() {
+            return None;
+        }
+        self.gradients.compute(image);
+        self.order_seeds();
+        self.find();
+        self.kept.clear();
+        if self.options.length_filter {
+            let least = filter::min_length_px(self.raw.len(), image.width(), image.height());
+            self.kept.extend(self.raw.iter().filter(|s| s.length() >= least));
+        } else {
+            self.kept.extend_from_slice(&self.raw);
+        }
+        filter::longest_first(&mut self.kept);
+        self.merged.clear();
+        if self.options.merge {
+            self.merger.merge(&self.kept, &mut self.merged);
+        } else {
+            self.merged.extend_from_slice(&self.kept);
+        }
+        self.merged.truncate(self.options.max_segments);
+        self.figures.raw = self.raw.len() as u32;
+        self.figures.kept = self.kept.len() as u32;
+        self.figures.merged = self.merged.len() as u32;
+        Some(&self.merged)
+    }
+
+    fn threshold(&self) -> i16 {
+        (self.options.min_gradient as f32 * SCALE).min(f32::from(i16::MAX)) as i16
+    }
+
+    /// Ridges ordered by their gradient, strongest first, and by rows where it is equal.
+    fn order_seeds(&mut self) {
+        let threshold = self.threshold();
+        let Self { gradients, seeds, ordered, .. } = self;
+        seeds.clear();
+        let mut counts = [0_u32; BUCKETS];
+        gradients.ridges(threshold, |index, magnitude| {
+            counts[bucket(magnitude)] += 1;
+            seeds.push((index, magnitude));
+        });
+        let mut at = [0; BUCKETS];
+        let mut sum = 0;
+        for k in (0..BUCKETS).rev() {
+            at[k] = sum;
+            sum += counts[k] as usize;
+        }
+        ordered.resize(seeds.len(), 0);
+        for &(index, magnitude) in seeds.iter() {
+            let to = &mut at[bucket(magnitude)];
+            ordered[*to] = index;
+            *to += 1;
+        }
+    }
+
+    /// Grows segments until the seeds or the budget are spent.
+    fn find(&mut self) {
+        let threshold = self.threshold();
+        self.growth.begin();
+        self.raw.clear();
+        self.figures = ExtractionFigures::default();
+        for k in 0..self.ordered.len() {
+            let seed = self.ordered[k];
+            if !self.growth.is_free(seed) {
+                continue;
+            }
+            if self.growth.visits() >= self.options.max_visits || self.raw.len() == self.options.max_raw {
+                self.figures.is_cut_short = true;
+                break;
+            }
+            match self.segment_at(seed, threshold) {
+                Some(segment) => self.raw.push(segment),
+                None => self.growth.reject(),
+            }
+        }
+        self.figures.visits = self.growth.visits() as u32;
+    }
+
+    fn segment_at(&mut self, seed: u32, threshold: i16) -> Option<Segment> {
+        let grown = self.growth.grow(&self.gradients, seed, threshold);
+        // Along the diagonal a segment is longer than its steps by the root of two.
+        let may_be_long = grown.steps as f64 * std::f64::consts::SQRT_2 >= self.options.min_raw_length_px;
+        let is_dense = grown.support as f32 >= MIN_DENSITY * grown.steps as f32;
+        if !may_be_long || !is_dense || !self.validation.is_meaningful(grown.steps, grown.support) {
+            return None;
+        }
+        let segment = Segment::through(self.growth.places(), &grown.direction)?;
+        (f64::from(segment.length()) >= self.options.min_raw_length_px).then_some(segment)
+    }
+}
+
+fn bucket(magnitude: i16) -> usize {
+    (magnitude as usize / SCALE as usize).min(BUCKETS - 1)
+}

@@ -1,0 +1,105 @@
+//! A line segment in an image.
+
+use super::fit::LineSums;
+use nalgebra::Vector2;
+
+/// Places along a segment at which its edge is kept, so that it can be undistorted before it is fitted.
+pub const NODES: usize = 8;
+
+/// The mean place of an edge over one part of a segment.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Node {
+    /// Mean pixel, with pixel centres at whole numbers.
+    pub px: Vector2<f32>,
+    /// Edge pixels averaged; 0 where the part has none.
+    pub weight: f32,
+}
+
+/// A straight edge. It is oriented: looking from start to end the brighter side is on the right in an
+/// image whose rows go down, so that the two edges of a bar have opposite directions.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Segment {
+    /// Start, px.
+    pub start: Vector2<f32>,
+    /// End, px.
+    pub end: Vector2<f32>,
+    /// Edge along the segment, in order.
+    pub nodes: [Node; NODES],
+    /// Mean gradient across the edge, grey levels per pixel.
+    pub strength: f32,
+    /// Edge pixels that support it.
+    pub support: f32,
+}
+
+impl Segment {
+    /// Length, px.
+    #[must_use]
+    pub fn length(&self) -> f32 {
+        (self.end - self.start).norm()
+    }
+
+    /// Middle, px.
+    #[must_use]
+    pub fn middle(&self) -> Vector2<f32> {
+        (self.start + self.end) * 0.5
+    }
+
+    /// Unit vector from start to end.
+    #[must_use]
+    pub fn direction(&self) -> Vector2<f32> {
+        let d = self.end - self.start;
+        d / d.norm().max(f32::MIN_POSITIVE)
+    }
+
+    /// The line through edge places by total least squares, from the first to the last of them along
+    /// `direction`. `None` for fewer than two places.
+    #[must_use]
+    pub fn through(places: &[Place], direction: &Vector2<f32>) -> Option<Self> {
+        let mut sums = LineSums::default();
+        let (mut strength, mut support) = (0.0, 0.0);
+        for place in places {
+            sums.add(&place.px, place.weight);
+            strength += place.strength * place.weight;
+            support += place.weight;
+        }
+        let (centroid, axis) = sums.line()?;
+        let along = if axis.dot(direction) < 0.0 { -axis } else { axis };
+        let (mut first, mut last) = (f32::INFINITY, f32::NEG_INFINITY);
+        for place in places {
+            let s = along.dot(&(place.px - centroid));
+            (first, last) = (first.min(s), last.max(s));
+        }
+        let length = last - first;
+        if length.is_nan() || length <= 0.0 {
+            return None;
+        }
+        let mut nodes = [Node::default(); NODES];
+        for place in places {
+            let s = (along.dot(&(place.px - centroid)) - first) / length;
+            let node = &mut nodes[((s * NODES as f32) as usize).min(NODES - 1)];
+            node.px += place.px * place.weight;
+            node.weight += place.weight;
+        }
+        for node in nodes.iter_mut().filter(|n| n.weight > 0.0) {
+            node.px /= node.weight;
+        }
+        Some(Self {
+            start: centroid + along * first,
+            end: centroid + along * last,
+            nodes,
+            strength: strength / support,
+            support,
+        })
+    }
+}
+
+/// A place that an edge passes through.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Place {
+    /// Pixel.
+    pub px: Vector2<f32>,
+    /// Edge pixels it stands for.
+    pub weight: f32,
+    /// Gradient there, grey levels per pixel.
+    pub strength: f32,
+}

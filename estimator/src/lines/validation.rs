@@ -1,0 +1,80 @@
+//! A-contrario validation: would so many aligned pixels in a row appear by chance?
+//!
+//! Source: Grompone von Gioi et al., "LSD: a line segment detector", IPOL 2012, section 2.4: a segment of
+//! `n` pixels of which `k` are aligned has the number of false alarms `N B(n, k, p)`, with `B` the tail of
+//! the binomial distribution and `N` the number of segments that the image could hold.
+
+/// Probability that the gradient of a pixel of noise is aligned with a given edge: the tolerance of
+/// [`super::growth`] is a fortieth of a turn to either side, and the best of three pixels is taken.
+const ALIGNED_BY_CHANCE: f64 = 0.2;
+/// Longest segment that is judged by its true length, px; a longer one is judged as this long.
+const MAX_LENGTH: usize = 1024;
+
+/// Judges segments of images of one size.
+#[derive(Clone, Debug)]
+pub struct Validation {
+    /// Natural logarithms of factorials.
+    ln_factorial: Vec<f64>,
+    /// Logarithm of the number of segments that the image could hold.
+    ln_tests: f64,
+}
+
+impl Validation {
+    /// For images of `width` x `height`.
+    #[must_use]
+    pub fn new(width: usize, height: usize) -> Self {
+        let mut ln_factorial = vec![0.0; MAX_LENGTH + 1];
+        for n in 1..=MAX_LENGTH {
+            ln_factorial[n] = ln_factorial[n - 1] + (n as f64).ln();
+        }
+        // Any pixel to any pixel, eleven tolerances: (width height)^2 pairs, widths left out.
+        let ln_tests = 2.0 * ((width * height) as f64).ln();
+        Self { ln_factorial, ln_tests }
+    }
+
+    /// Whether `aligned` of `length` pixels mean an edge: fewer than one false alarm an image.
+    #[must_use]
+    pub fn is_meaningful(&self, length: usize, aligned: usize) -> bool {
+        let n = length.min(MAX_LENGTH);
+        let k = (aligned * n).div_ceil(length.max(1)).min(n);
+        self.ln_tests + self.ln_tail(n, k) < 0.0
+    }
+
+    /// Logarithm of the probability of `k` or more aligned pixels among `n`.
+    fn ln_tail(&self, n: usize, k: usize) -> f64 {
+        let (p, q) = (ALIGNED_BY_CHANCE, 1.0 - ALIGNED_BY_CHANCE);
+        let ln_choose = self.ln_factorial[n] - self.ln_factorial[k] - self.ln_factorial[n - k];
+        let first = ln_choose + k as f64 * p.ln() + (n - k) as f64 * q.ln();
+        // Terms fall at least geometrically beyond the mean: their sum, relative to the first.
+        let (mut sum, mut term) = (1.0, 1.0);
+        for i in k..n {
+            term *= (n - i) as f64 / (i + 1) as f64 * (p / q);
+            sum += term;
+            if term < 1e-3 * sum {
+                break;
+            }
+        }
+        first + sum.ln()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_tail_is_that_of_the_binomial_distribution() {
+        let validation = Validation::new(752, 480);
+        // 4 or more of 5 at p = 0.2: 5 * 0.2^4 * 0.8 + 0.2^5.
+        let expected: f64 = 5.0 * 0.2_f64.powi(4) * 0.8 + 0.2_f64.powi(5);
+        assert!((validation.ln_tail(5, 4) - expected.ln()).abs() < 1e-9);
+    }
+
+    #[test]
+    fn long_aligned_runs_are_edges_and_short_or_broken_ones_are_not() {
+        let validation = Validation::new(752, 480);
+        assert!(validation.is_meaningful(20, 20) && validation.is_meaningful(100, 70));
+        assert!(!validation.is_meaningful(12, 12) && !validation.is_meaningful(60, 25));
+        assert!(validation.is_meaningful(5000, 4000) && !validation.is_meaningful(5000, 500));
+    }
+}
