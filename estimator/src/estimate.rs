@@ -142,6 +142,18 @@ pub struct FrameFigures {
     pub points_stereo: u32,
     /// Landmarks in the window after this frame.
     pub points_in_window: u32,
+    /// Line segments found in the left image.
+    pub lines_raw: u32,
+    /// Of these, long enough.
+    pub lines_kept: u32,
+    /// After merging.
+    pub lines_merged: u32,
+    /// Of these, continuing a track.
+    pub lines_matched: u32,
+    /// Images whose line budget was spent before their last seed.
+    pub lines_cut_short: u32,
+    /// Line landmarks in the window after this frame.
+    pub lines_in_window: u32,
     /// Keyframes in the window.
     pub keyframes: u32,
     /// Solver iterations.
@@ -178,6 +190,12 @@ pub struct Odometry {
 pub enum Stage {
     /// Pyramids, corners, tracking, stereo matching, outlier rejection.
     Points,
+    /// Line segments of both images.
+    LinesExtract,
+    /// Their descriptors.
+    LinesDescribe,
+    /// Matching from frame to frame and from left to right.
+    LinesMatch,
     /// Landmarks, keyframe choice and the window's optimisation.
     Window,
     /// Marginalization.
@@ -188,13 +206,24 @@ pub enum Stage {
 
 impl Stage {
     /// All stages in order of the data flow.
-    pub const ALL: [Self; 4] = [Self::Points, Self::Window, Self::Marginalize, Self::Propagate];
+    pub const ALL: [Self; 7] = [
+        Self::Points,
+        Self::LinesExtract,
+        Self::LinesDescribe,
+        Self::LinesMatch,
+        Self::Window,
+        Self::Marginalize,
+        Self::Propagate,
+    ];
 
     /// The name used in reports.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Points => "points",
+            Self::LinesExtract => "lines_extract",
+            Self::LinesDescribe => "lines_describe",
+            Self::LinesMatch => "lines_match",
             Self::Window => "window",
             Self::Marginalize => "marginalize",
             Self::Propagate => "propagate",

@@ -1,6 +1,7 @@
 //! The estimator as its user meets it. IMU-rate odometry is beside it, in [`crate::propagator`].
 
 use crate::estimate::{Estimate, FrameInput, HealthBits, Stage, StageProbe};
+use crate::lines::{LineObservation, LineTracker};
 use crate::odometry::Odometer;
 use crate::points::{PointTracker, TrackerInput};
 use plumbline_config::{Config, ImageView, ImuSample, Timestamp};
@@ -30,7 +31,8 @@ pub enum ResetKind {
 /// Order of calls: every inertial sample by [`Self::add_imu`] in order of time; a frame by
 /// [`Self::add_frame`] once the samples reach [`Self::imu_needed_until`] of its stamp (or will never).
 pub struct Estimator {
-    tracker: PointTracker,
+    points: PointTracker,
+    lines: Option<LineTracker>,
     odometer: Odometer,
     cameras: usize,
     sizes_px: [(usize, usize); 2],
@@ -43,7 +45,8 @@ impl Estimator {
         let models: Vec<_> = config.camera.iter().map(|c| c.model()).collect();
         let size = |k: usize| config.camera.get(k).map_or((0, 0), |c| (c.width_px, c.height_px));
         let mut estimator = Self {
-            tracker: PointTracker::new(&config.estimator.points, &models),
+            points: PointTracker::new(&config.estimator.points, &models),
+            lines: config.estimator.lines.enabled.then(|| LineTracker::new(&config.estimator.lines, &models)),
             odometer: Odometer::new(config),
             cameras: models.len(),
             sizes_px: [size(0), size(1)],
@@ -74,27 +77,64 @@ impl Estimator {
         let stamp = self.odometer.imu_stamp(frame.stamp);
         let mut health = HealthBits::default();
         let images = self.usable_images(frame, &mut health);
-        probe.begin(Stage::Points);
         let rot_prev_cur = self.odometer.predicted_rotation(stamp);
-        let observations = self.tracker.track(&TrackerInput { images, rot_prev_cur });
+        probe.begin(Stage::Points);
+        let points = self.points.track(&TrackerInput { images, rot_prev_cur });
         probe.end(Stage::Points);
+        let lines: &[LineObservation] = match &mut self.lines {
+            Some(tracker) => tracker.track(&images, &rot_prev_cur, probe),
+            None => &[],
+        };
         let resets = self.odometer.reset_counter();
-        let mut estimate = self.odometer.process(frame.sequence, stamp, observations, probe);
+        let mut estimate = self.odometer.process(frame.sequence, stamp, points, lines, probe);
         estimate.health.insert(health);
         if estimate.reset_counter != resets {
-            self.tracker.reset();
+            self.reset_trackers();
         }
-        for &track_id in self.odometer.outliers() {
-            self.tracker.drop_track(track_id);
-        }
+        self.drop_outliers();
+        self.tell_line_figures(&mut estimate);
         self.hand_extrinsics();
         estimate
+    }
+
+    /// The lines seen in the last frame, for display.
+    #[must_use]
+    pub fn line_observations(&self) -> &[LineObservation] {
+        self.lines.as_ref().map_or(&[], LineTracker::observations)
     }
 
     /// Starts anew before the next frame.
     pub fn reset(&mut self, kind: ResetKind) {
         self.odometer.reset(kind);
-        self.tracker.reset();
+        self.reset_trackers();
+    }
+
+    fn reset_trackers(&mut self) {
+        self.points.reset();
+        if let Some(lines) = &mut self.lines {
+            lines.reset();
+        }
+    }
+
+    fn drop_outliers(&mut self) {
+        let outliers = self.odometer.outliers();
+        for &track_id in &outliers.points {
+            self.points.drop_track(track_id);
+        }
+        if let Some(lines) = &mut self.lines {
+            lines.drop_tracks(&outliers.lines);
+        }
+    }
+
+    fn tell_line_figures(&self, estimate: &mut Estimate) {
+        if let Some(lines) = &self.lines {
+            let (told, figures) = (&mut estimate.figures, lines.figures());
+            told.lines_raw = figures.left.raw;
+            told.lines_kept = figures.left.kept;
+            told.lines_merged = figures.left.merged;
+            told.lines_matched = figures.matched;
+            told.lines_cut_short = figures.cut_short;
+        }
     }
 
     fn usable_images<'a>(
@@ -116,10 +156,13 @@ impl Estimator {
         images
     }
 
-    /// The tracker matches left to right by the rig as refined so far.
+    /// The trackers match left to right by the rig as refined so far.
     fn hand_extrinsics(&mut self) {
         let rig = &self.odometer.window.rig;
         let poses = [rig.pose_b_c(0), rig.pose_b_c(1)];
-        self.tracker.set_extrinsics(&poses[..self.cameras]);
+        self.points.set_extrinsics(&poses[..self.cameras]);
+        if let Some(lines) = &mut self.lines {
+            lines.set_extrinsics(&poses[..self.cameras]);
+        }
     }
 }

@@ -10,7 +10,7 @@ pub mod mono;
 pub mod stereo;
 
 use crate::inertial::Preintegration;
-use crate::window::TrackMeasurement;
+use crate::window::PointTrack;
 use plumbline_config::Timestamp;
 
 /// A frame that waits for the first estimate.
@@ -19,7 +19,7 @@ pub struct GatheredFrame {
     /// Time on the IMU's axis.
     pub stamp: Timestamp,
     /// What was seen, in order of track.
-    pub tracks: Vec<TrackMeasurement>,
+    pub tracks: Vec<PointTrack>,
     /// Motion since the frame before, integrated without biases; `None` for the first.
     pub motion: Option<Preintegration>,
 }
@@ -28,7 +28,7 @@ pub struct GatheredFrame {
 #[derive(Clone, Debug)]
 pub struct Gathering {
     frames: Vec<GatheredFrame>,
-    spare: Vec<Vec<TrackMeasurement>>,
+    spare: Vec<Vec<PointTrack>>,
 }
 
 impl Gathering {
@@ -42,7 +42,7 @@ impl Gathering {
     }
 
     /// Appends a frame; full, the oldest goes.
-    pub fn push(&mut self, stamp: Timestamp, tracks: &[TrackMeasurement], motion: Option<Preintegration>) {
+    pub fn push(&mut self, stamp: Timestamp, tracks: &[PointTrack], motion: Option<Preintegration>) {
         if self.spare.is_empty() {
             self.drop_oldest();
         }
@@ -90,6 +90,6 @@ impl Gathering {
 
 /// The measurement of a track in a frame.
 #[must_use]
-pub fn find_track(frame: &GatheredFrame, track_id: u32) -> Option<&TrackMeasurement> {
+pub fn find_track(frame: &GatheredFrame, track_id: u32) -> Option<&PointTrack> {
     frame.tracks.binary_search_by_key(&track_id, |t| t.track_id).ok().map(|k| &frame.tracks[k])
 }

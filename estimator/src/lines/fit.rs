@@ -5,7 +5,7 @@ use nalgebra::Vector2;
 /// Sums of first and second order of places in the image, taken about the first of them.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LineSums {
-    origin: Vector2<f32>,
+    origin: Vector2<f64>,
     weight: f64,
     x: f64,
     y: f64,
@@ -16,7 +16,7 @@ pub struct LineSums {
 
 impl LineSums {
     /// Adds a place.
-    pub fn add(&mut self, px: &Vector2<f32>, weight: f32) {
+    pub fn add(&mut self, px: &Vector2<f64>, weight: f64) {
         if self.weight == 0.0 {
             self.origin = *px;
         }
@@ -32,7 +32,7 @@ impl LineSums {
     /// Centroid and direction of the line of least squared distances: the eigenvector of the larger
     /// eigenvalue of the covariance. `None` while the places have no direction.
     #[must_use]
-    pub fn line(&self) -> Option<(Vector2<f32>, Vector2<f32>)> {
+    pub fn line(&self) -> Option<(Vector2<f64>, Vector2<f64>)> {
         if self.weight <= 0.0 {
             return None;
         }
@@ -46,8 +46,8 @@ impl LineSums {
         let (a, b) = if half >= 0.0 { (half + root, xy) } else { (xy, root - half) };
         let norm = (a * a + b * b).sqrt();
         (norm > 1e-9).then(|| {
-            let centroid = self.origin + Vector2::new(mx as f32, my as f32);
-            (centroid, Vector2::new((a / norm) as f32, (b / norm) as f32))
+            let centroid = self.origin + Vector2::new(mx, my);
+            (centroid, Vector2::new(a / norm, b / norm))
         })
     }
 }
@@ -66,12 +66,12 @@ mod tests {
                 let along = f64::from(i);
                 // Off the line by turns to both sides: the fit lies between.
                 let across = if i % 2 == 0 { 0.5 } else { -0.5 } * f64::from(i32::from(i != 0));
-                let px = Vector2::new(300.0 + along * c - across * s, 200.0 + along * s + across * c).cast();
+                let px = Vector2::new(300.0 + along * c - across * s, 200.0 + along * s + across * c);
                 sums.add(&px, 1.0);
             }
             let (centroid, axis) = sums.line().expect("has a direction");
             assert!((centroid - Vector2::new(300.0, 200.0)).norm() < 0.1);
-            let sine = axis.perp(&Vector2::new(c as f32, s as f32)).abs();
+            let sine = axis.perp(&Vector2::new(c, s)).abs();
             assert!(sine < 0.01, "{k}: {sine}");
         }
     }

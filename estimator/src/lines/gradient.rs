@@ -14,7 +14,7 @@ pub const SCALE: f32 = 128.0;
 /// Ridges are looked for this far from the image's edge, px: there the filters see the image alone.
 pub const BORDER: usize = 3;
 /// Of the ridges of an edge one in this many is a seed: a segment is much longer than that.
-const SEED_STEP: usize = 2;
+const SEED_STEP: usize = 4;
 
 /// Gradients of one image, and the memory that computing them needs.
 #[derive(Clone, Debug)]
@@ -105,7 +105,7 @@ impl Gradients {
     }
 
     /// Hands the indices of the ridges above `threshold` steps to `found`, row by row; of the ridges of one
-    /// edge every second is left out.
+    /// edge only one in [`SEED_STEP`] is handed over.
     pub fn ridges(&mut self, threshold: i16, mut found: impl FnMut(u32, i16)) {
         let Self { width, height, gx, gy, magnitude, is_ridge, .. } = self;
         let width = *width;
@@ -119,12 +119,14 @@ impl Gradients {
             let rows = (row(0), row(-1), row(1), row(-(width as isize)), row(width as isize));
             mark_ridges(rows, &gx[span.clone()], &gy[span.clone()], threshold, out);
             for (chunk, flags) in out.chunks(8).enumerate() {
-                if flags.len() == 8 && u64::from_ne_bytes(flags.try_into().unwrap_or([1; 8])) == 0 {
-                    continue;
-                }
-                for (k, &flag) in flags.iter().enumerate().filter(|(_, flag)| **flag != 0) {
+                let mut eight = [0; 8];
+                eight[..flags.len()].copy_from_slice(flags);
+                let mut bits = u64::from_le_bytes(eight);
+                while bits != 0 {
+                    let k = bits.trailing_zeros() as usize / 8;
+                    bits &= !(0xff << (8 * k));
                     let x = BORDER + chunk * 8 + k;
-                    let along = if flag == 1 { y } else { x };
+                    let along = if eight[k] == 1 { y } else { x };
                     if along.is_multiple_of(SEED_STEP) {
                         found((y * width + x) as u32, magnitude[y * width + x]);
                     }
@@ -209,11 +211,11 @@ fn mark_ridges(
     let (m, left, right, up, down) = (&m[..n], &left[..n], &right[..n], &up[..n], &down[..n]);
     let (gx, gy) = (&gx[..n], &gy[..n]);
     for i in 0..n {
-        let horizontal = gx[i].abs() >= gy[i].abs();
-        let before = if horizontal { left[i] } else { up[i] };
-        let after = if horizontal { right[i] } else { down[i] };
-        let is_ridge = (m[i] > threshold) & (m[i] > before) & (m[i] >= after);
-        out[i] = if is_ridge { if horizontal { 1 } else { 2 } } else { 0 };
+        let is_above = m[i] > threshold;
+        let is_horizontal = gx[i].abs() >= gy[i].abs();
+        let in_row = is_above & is_horizontal & (m[i] > left[i]) & (m[i] >= right[i]);
+        let in_column = is_above & !is_horizontal & (m[i] > up[i]) & (m[i] >= down[i]);
+        out[i] = u8::from(in_row) | (u8::from(in_column) << 1);
     }
 }
 

@@ -188,10 +188,10 @@ impl Growth {
 
     /// The line through all pixels so far, in the sense of `line`.
     fn fitted(&self, line: &Line) -> Line {
-        self.sums.line().map_or(*line, |(point, axis)| Line {
-            point,
-            direction: if axis.dot(&line.direction) < 0.0 { -axis } else { axis },
-        })
+        let Some((point, axis)) = self.sums.line() else { return *line };
+        let axis = axis.cast::<f32>();
+        let direction = if axis.dot(&line.direction) < 0.0 { -axis } else { axis };
+        Line { point: point.cast(), direction }
     }
 
     /// The ridge at `major` nearest to the line, if there is one that fits.
@@ -240,7 +240,7 @@ impl Growth {
     fn take(&mut self, course: &Course<'_>, place: Place, index: usize, step: usize) {
         let (gx, gy) = course.gradients.at(index);
         self.gradient += Vector2::new(f32::from(gx), f32::from(gy));
-        self.sums.add(&place.px, 1.0);
+        self.sums.add(&place.px.cast(), 1.0);
         let marked = [index - self.across, index, index + self.across].map(|k| {
             let is_new = self.marks[k] & TAKEN == 0;
             self.marks[k] |= TAKEN;

@@ -4,16 +4,27 @@
 //!
 //! 1. [`gradient`]: smoothed gradients and the ridges of their magnitude;
 //! 2. [`growth`]: edges followed from the strongest ridges, [`validation`]: those that are no chance;
-//! 3. [`filter`] and [`merge`]: the paper's adaptive length threshold and joining of broken segments.
+//! 3. [`filter`] and [`merge`]: the paper's adaptive length threshold and joining of broken segments;
+//! 4. [`descriptor`], [`gates`] and [`matching`]: the same edge in the frame before and in the other camera;
+//! 5. [`measure`]: its line without the distortion of the lens.
+//!
+//! [`LineTracker`] leads frames of one or two cameras through all of it.
 
+pub mod descriptor;
 pub mod extractor;
 pub mod filter;
 mod fit;
+pub mod gates;
 pub mod gradient;
 pub mod growth;
+pub mod matching;
+pub mod measure;
 pub mod merge;
 pub mod segment;
+pub mod tracker;
 pub mod validation;
 
 pub use extractor::{ExtractionFigures, LineExtractor};
+pub use measure::ImageLine;
 pub use segment::{Node, Segment};
+pub use tracker::{LineFigures, LineObservation, LineTracker};

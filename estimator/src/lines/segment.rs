@@ -58,11 +58,11 @@ impl Segment {
         let mut sums = LineSums::default();
         let (mut strength, mut support) = (0.0, 0.0);
         for place in places {
-            sums.add(&place.px, place.weight);
+            sums.add(&place.px.cast(), f64::from(place.weight));
             strength += place.strength * place.weight;
             support += place.weight;
         }
-        let (centroid, axis) = sums.line()?;
+        let (centroid, axis) = sums.line().map(|(p, d)| (p.cast::<f32>(), d.cast::<f32>()))?;
         let along = if axis.dot(direction) < 0.0 { -axis } else { axis };
         let (mut first, mut last) = (f32::INFINITY, f32::NEG_INFINITY);
         for place in places {

@@ -1,10 +1,13 @@
-//! From tracked points to measurements: weights in pixels, rates of change, and how still the image is.
+//! From tracked points and lines to measurements: weights in pixels, rates of change, and how still the image is.
 
+use crate::lines::{ImageLine, LineObservation};
 use crate::points::PointObservation;
-use crate::window::TrackMeasurement;
+use crate::window::line::LineMeasurement;
 use crate::window::reprojection::PointMeasurement;
+use crate::window::{LineTrack, PointTrack, TrackMeasurement};
 use nalgebra::{Matrix2, Vector2, Vector3};
 use plumbline_config::CameraModel;
+use plumbline_config::options::{LinesConfig, PointsConfig};
 
 /// Fewest points by which the stillness of the image is judged.
 const MIN_FLOW_POINTS: usize = 12;
@@ -15,7 +18,9 @@ pub struct Measurer {
     cameras: Vec<CameraModel>,
     sigma_px: f64,
     previous: Vec<PointObservation>,
-    measurements: Vec<TrackMeasurement>,
+    measurements: Vec<PointTrack>,
+    line_sigma_px: f64,
+    lines: Vec<LineTrack>,
     flow: [Vec<f64>; 2],
 }
 
@@ -29,12 +34,15 @@ pub struct MedianFlow {
 }
 
 impl Measurer {
-    /// For these cameras, with points known to `sigma_px`; at most `capacity` points a frame.
+    /// For these cameras and features; allocates all it needs.
     #[must_use]
-    pub fn new(cameras: Vec<CameraModel>, sigma_px: f64, capacity: usize) -> Self {
+    pub fn new(cameras: Vec<CameraModel>, points: &PointsConfig, lines: &LinesConfig) -> Self {
+        let capacity = points.max_points;
         Self {
             cameras,
-            sigma_px,
+            sigma_px: points.sigma_px,
+            line_sigma_px: lines.sigma_px,
+            lines: Vec::with_capacity(2 * lines.max_segments),
             previous: Vec::with_capacity(capacity),
             measurements: Vec::with_capacity(capacity),
             flow: [Vec::with_capacity(2 * capacity), Vec::with_capacity(2 * capacity)],
@@ -45,12 +53,38 @@ impl Measurer {
     pub fn clear(&mut self) {
         self.previous.clear();
         self.measurements.clear();
+        self.lines.clear();
     }
 
-    /// The measurements of the newest frame.
+    /// The points of the newest frame.
     #[must_use]
-    pub fn measurements(&self) -> &[TrackMeasurement] {
+    pub fn points(&self) -> &[PointTrack] {
         &self.measurements
+    }
+
+    /// The lines of the newest frame.
+    #[must_use]
+    pub fn lines(&self) -> &[LineTrack] {
+        &self.lines
+    }
+
+    /// Takes the lines of a frame, as [`Self::take`] does the points.
+    pub fn take_lines(&mut self, observations: &[LineObservation], rate_c: &[Vector3<f64>; 2]) {
+        self.lines.clear();
+        for observation in observations.iter().take(self.lines.capacity()) {
+            let measured = [0, 1].map(|camera| {
+                observation.lines[camera].map(|line| self.line_measurement(&line).turning(&rate_c[camera]))
+            });
+            self.lines.push(TrackMeasurement { track_id: observation.track_id, measured });
+        }
+    }
+
+    fn line_measurement(&self, line: &ImageLine) -> LineMeasurement {
+        LineMeasurement {
+            ends_xy: line.ends_xy,
+            rates: [0.0; 2],
+            weights: line.px_per_unit.map(|scale| scale / self.line_sigma_px),
+        }
     }
 
     /// Takes the points of a frame; `rate_c` are the angular rates of the cameras in their own frames,

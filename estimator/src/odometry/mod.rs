@@ -1,8 +1,9 @@
-//! The odometer: from tracked points and inertial samples to one estimate a frame.
+//! The odometer: from tracked points, lines and inertial samples to one estimate a frame.
 //!
 //! It gathers frames until there is a start ([`start`]), then carries each frame through the window:
-//! predict by the IMU, link points to landmarks, choose keyframes, optimise, drop outliers, judge its own
-//! health, make room. It sees no image: points come from [`crate::points`], or from a test.
+//! predict by the IMU, link tracks to landmarks, choose keyframes, optimise, drop outliers, judge its own
+//! health, make room. It sees no image: points come from [`crate::points`], lines
+//! from [`crate::lines`], or both from a test.
 
 pub mod measure;
 mod start;
@@ -16,9 +17,12 @@ use crate::estimate::{Estimate, FrameFigures, HealthBits, NavCovariance, Stage, 
 use crate::facade::ResetKind;
 use crate::inertial::{ImuBuffer, ImuNoise};
 use crate::initial::Gathering;
+use crate::lines::LineObservation;
 use crate::points::PointObservation;
-use crate::window::Window;
+use crate::window::feature::Feature;
+use crate::window::landmark::LandmarkStore;
 use crate::window::state::NavState;
+use crate::window::{Outliers, Window};
 use measure::Measurer;
 use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::options::HealthConfig;
@@ -114,7 +118,7 @@ impl Odometer {
             noise: ImuNoise::of(imu),
             focal_px: cameras[0].focal_px.x,
             imu: ImuBuffer::new(IMU_MEMORY_S, imu.rate_hz, imu.gyro_range_rad_s, imu.accel_range_m_s2),
-            measurer: Measurer::new(cameras, config.estimator.points.sigma_px, points),
+            measurer: Measurer::new(cameras, &config.estimator.points, &config.estimator.lines),
             gathering: Gathering::new(gathered, points),
             stillness: Stillness::default(),
             phase: Phase::Gathering,
@@ -155,12 +159,14 @@ impl Odometer {
         }
     }
 
-    /// Takes the points of the frame at `stamp` (on the IMU's axis) and returns the estimate after it.
+    /// Takes the points and lines of the frame at `stamp` (on the IMU's axis) and returns the estimate after
+    /// it.
     pub fn process(
         &mut self,
         sequence: u64,
         stamp: Timestamp,
         observations: &[PointObservation],
+        lines: &[LineObservation],
         probe: &mut impl StageProbe,
     ) -> Estimate {
         let mut health = HealthBits::default();
@@ -170,7 +176,7 @@ impl Odometer {
         }
         self.check_points(observations, &mut health);
         probe.begin(Stage::Window);
-        self.measure(stamp, observations, &mut health);
+        self.measure(stamp, observations, lines, &mut health);
         let mut figures = match self.phase {
             Phase::Running => self.run(stamp, &mut health),
             Phase::Gathering => self.gather(stamp, &mut health),
@@ -184,7 +190,9 @@ impl Odometer {
         figures.points_tracked = observations.len() as u32;
         figures.points_stereo =
             observations.iter().filter(|o| o.px.iter().all(Option::is_some)).count() as u32;
-        figures.points_in_window = self.window.triangulated() as u32;
+        let (points, lines_in_window) = self.window.triangulated();
+        figures.points_in_window = points as u32;
+        figures.lines_in_window = lines_in_window as u32;
         figures.keyframes = self.window.frames.iter().filter(|f| f.is_keyframe).count() as u32;
         self.last_stamp = Some(stamp);
         self.estimate(sequence, stamp, health, figures)
@@ -199,7 +207,13 @@ impl Odometer {
     }
 
     /// Measurements of the frame, and whether the vehicle stands still.
-    fn measure(&mut self, stamp: Timestamp, observations: &[PointObservation], health: &mut HealthBits) {
+    fn measure(
+        &mut self,
+        stamp: Timestamp,
+        observations: &[PointObservation],
+        lines: &[LineObservation],
+        health: &mut HealthBits,
+    ) {
         let last = self.last_stamp.unwrap_or(stamp);
         let dt_s = stamp.seconds_since(last);
         if dt_s > FRAME_GAP_PERIODS * self.options.frame_period_s {
@@ -211,6 +225,7 @@ impl Odometer {
         let rate_c = [0, 1].map(|c| self.window.rig.pose_b_c(c).rotation.inverse() * rate_b);
         self.rate_b = rate_b;
         self.measurer.take(observations, &rate_c);
+        self.measurer.take_lines(lines, &rate_c);
         let flow = self.measurer.median_flow(observations);
         let known_bias = (self.phase == Phase::Running).then_some(&bias_gyro);
         self.stillness.update(flow, imu_mean, known_bias, self.options.gravity_m_s2);
@@ -230,7 +245,7 @@ impl Odometer {
             health.insert(HealthBits::IMU_GAP);
             self.gathering.clear();
         }
-        self.gathering.push(stamp, self.measurer.measurements(), motion.map(|m| m.0));
+        self.gathering.push(stamp, self.measurer.points(), motion.map(|m| m.0));
         if self.try_start() {
             self.phase = Phase::Running;
             self.last_seen = Some(stamp);
@@ -254,11 +269,11 @@ impl Odometer {
         }
         let nav = last.nav.after(&motion, &self.window.options.gravity_o);
         self.window.push_frame(stamp, nav, Some(motion), self.stillness.is_still());
-        let tracks = self.measurer.measurements();
-        let connected = self.window.observe(tracks);
+        let (tracks, lines) = (self.measurer.points(), self.measurer.lines());
+        let connected = self.window.observe(tracks, lines);
         let is_keyframe = self.window.needs_keyframe(connected, tracks.len());
         if is_keyframe {
-            self.window.make_keyframe(tracks);
+            self.window.make_keyframe(tracks, lines);
         }
         self.window.clear_outliers();
         self.window.triangulate(false);
@@ -273,9 +288,9 @@ impl Odometer {
         FrameFigures { iterations: outcome.iterations, is_keyframe, ..FrameFigures::default() }
     }
 
-    /// Tracks that the window found to be no points of the scene.
+    /// Tracks that the window found to be no points or lines of the scene.
     #[must_use]
-    pub fn outliers(&self) -> &[u32] {
+    pub fn outliers(&self) -> &Outliers {
         self.window.outliers()
     }
 
@@ -298,10 +313,7 @@ impl Odometer {
     /// Landmarks seen in the newest frame.
     fn landmarks_in_view(&self) -> usize {
         let Some(newest) = self.window.frames.len().checked_sub(1) else { return 0 };
-        let sees = |l: &&crate::window::landmark::Landmark| {
-            l.is_triangulated && l.observations.iter().any(|o| usize::from(o.frame) == newest)
-        };
-        self.window.landmarks.all().iter().filter(sees).count()
+        in_view(&self.window.points, newest) + in_view(&self.window.lines, newest)
     }
 
     /// Resets when the estimate cannot be right, or has been blind for too long.
@@ -395,4 +407,12 @@ impl Odometer {
         let by_velocity = (1.0 - velocity_sigma / self.options.health.max_velocity_sigma_m_s).clamp(0.0, 1.0);
         (100.0 * by_landmarks.min(by_velocity)).round() as i8
     }
+}
+
+/// Landmarks with a depth that a frame sees.
+fn in_view<F: Feature>(store: &LandmarkStore<F>, frame: usize) -> usize {
+    let is_seen = |l: &&crate::window::landmark::Landmark<F>| {
+        l.is_triangulated && l.observations.iter().any(|o| usize::from(o.frame) == frame)
+    };
+    store.all().iter().filter(is_seen).count()
 }

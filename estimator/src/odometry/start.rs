@@ -96,9 +96,9 @@ impl Odometer {
                 nav = nav.after(motion, &self.window.options.gravity_o);
             }
             self.window.push_frame(frame.stamp, nav.clone(), frame.motion.clone(), false);
-            self.window.observe(&frame.tracks);
+            self.window.observe(&frame.tracks, &[]);
             if k == 0 || k + 1 == count {
-                self.window.make_keyframe(&frame.tracks);
+                self.window.make_keyframe(&frame.tracks, &[]);
             }
             if k == 0 {
                 // By the baseline alone: the poses of the other frames are only guessed as yet.
@@ -144,9 +144,9 @@ impl Odometer {
             let motion =
                 if k == 0 { None } else { joined_motion(self.gathering.frames(), chosen(k - 1), index) };
             self.window.push_frame(frame.stamp, nav, motion, false);
-            self.window.observe(&frame.tracks);
+            self.window.observe(&frame.tracks, &[]);
             if k % 2 == 0 || k + 1 == count {
-                self.window.make_keyframe(&frame.tracks);
+                self.window.make_keyframe(&frame.tracks, &[]);
             }
         }
         // Every chosen frame carries the parallax of the start: none is dropped as merely recent.
@@ -182,16 +182,10 @@ impl Odometer {
         self.window.move_newest_to(&p_o_b, yaw);
         self.window.anchor_newest(&self.bias_memory, &tight);
         let outcome = self.window.optimize(START_ITERATIONS);
-        let observations: usize = self
-            .window
-            .landmarks
-            .all()
-            .iter()
-            .filter(|l| l.is_triangulated)
-            .map(|l| l.observations.len())
-            .sum();
+        let observations: usize =
+            self.window.points.all().iter().filter(|l| l.is_triangulated).map(|l| l.observations.len()).sum();
         !outcome.is_not_positive_definite
-            && self.window.triangulated() >= MIN_STEREO_TRACKS
+            && self.window.triangulated().0 >= MIN_STEREO_TRACKS
             && outcome.cost < MAX_MEAN_COST * observations as f64
             && self.is_plausible()
     }

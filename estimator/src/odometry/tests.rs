@@ -54,7 +54,7 @@ fn fly(world: &mut World, duration_s: f64, alive: Alive) -> Flight {
             next_imu += 1;
         }
         let observations = world.observe(t, alive(t));
-        let estimate = odometer.process(u64::from(k), needed, &observations, &mut ());
+        let estimate = odometer.process(u64::from(k), needed, &observations, &[], &mut ());
         if estimate.has_pose() {
             let t_state = t + estimate.time_offset_s;
             let truth = world.pose_o_b(t_state);

@@ -54,8 +54,7 @@ impl Window {
     fn forgotten_keyframe(&self) -> Option<usize> {
         let newest = (self.frames.len() - 1) as u8;
         self.removable().find(|&k| {
-            let hosted =
-                self.landmarks.all().iter().filter(|l| usize::from(l.host) == k && l.is_triangulated);
+            let hosted = self.points.all().iter().filter(|l| usize::from(l.host) == k && l.is_triangulated);
             let (mut all, mut seen) = (0.0, 0.0);
             for landmark in hosted {
                 all += 1.0;

@@ -1,50 +1,57 @@
-//! Point landmarks and the fixed store that holds them.
+//! Landmarks and the fixed store that holds them.
 
 use super::MAX_FRAMES;
-use super::reprojection::{InversePoint, PointMeasurement};
+use super::feature::Feature;
+use super::line::HostedLine;
+use super::reprojection::InversePoint;
+
+/// A point.
+pub type PointLandmark = Landmark<InversePoint>;
+/// A line.
+pub type LineLandmark = Landmark<HostedLine>;
 
 /// Most observations of one landmark: both cameras in every frame.
 pub const MAX_OBSERVATIONS: usize = 2 * MAX_FRAMES;
 
 /// One measured place of a landmark.
 #[derive(Clone, Copy, Debug)]
-pub struct Observation {
+pub struct Observation<M> {
     /// Index of the frame in the window.
     pub frame: u8,
     /// Camera 0 or 1.
     pub camera: u8,
     /// The measurement.
-    pub measured: PointMeasurement,
+    pub measured: M,
 }
 
-/// A point that the window estimates, or waits to triangulate.
+/// A feature that the window estimates, or waits to triangulate.
 #[derive(Clone, Debug)]
-pub struct Landmark {
+pub struct Landmark<F: Feature> {
     /// The track that observes it.
     pub track_id: u32,
     /// Index of the host frame in the window.
     pub host: u8,
     /// The host's camera.
     pub host_camera: u8,
-    /// Whether `point` has been triangulated.
+    /// Whether `feature` has been triangulated.
     pub is_triangulated: bool,
-    /// Bearing and inverse depth in the host camera.
-    pub point: InversePoint,
+    /// Its parameters in the host camera.
+    pub feature: F,
     /// Measurements, in order of frame and camera.
-    pub observations: heapless::Vec<Observation, MAX_OBSERVATIONS>,
+    pub observations: heapless::Vec<Observation<F::Measurement>, MAX_OBSERVATIONS>,
 }
 
 /// The landmarks of the window, at most as many as configured.
 #[derive(Clone, Debug)]
-pub struct LandmarkStore {
-    landmarks: Vec<Landmark>,
+pub struct LandmarkStore<F: Feature> {
+    landmarks: Vec<Landmark<F>>,
     capacity: usize,
     by_track: Vec<(u32, u16)>,
     /// Landmarks that found no room.
     pub refused: u64,
 }
 
-impl LandmarkStore {
+impl<F: Feature> LandmarkStore<F> {
     /// Room for `capacity` landmarks.
     #[must_use]
     pub fn new(capacity: usize) -> Self {
@@ -58,12 +65,12 @@ impl LandmarkStore {
 
     /// All landmarks.
     #[must_use]
-    pub fn all(&self) -> &[Landmark] {
+    pub fn all(&self) -> &[Landmark<F>] {
         &self.landmarks
     }
 
     /// All landmarks, to be changed. Tracks must not be renamed.
-    pub fn all_mut(&mut self) -> &mut [Landmark] {
+    pub fn all_mut(&mut self) -> &mut [Landmark<F>] {
         &mut self.landmarks
     }
 
@@ -81,7 +88,7 @@ impl LandmarkStore {
     }
 
     /// Adds a landmark of a track that has none; refused and counted when there is no room.
-    pub fn insert(&mut self, landmark: Landmark) {
+    pub fn insert(&mut self, landmark: Landmark<F>) {
         if self.landmarks.len() == self.capacity {
             self.refused += 1;
             return;
@@ -93,7 +100,7 @@ impl LandmarkStore {
     }
 
     /// Keeps the landmarks for which `keep` holds.
-    pub fn retain(&mut self, keep: impl FnMut(&mut Landmark) -> bool) {
+    pub fn retain(&mut self, keep: impl FnMut(&mut Landmark<F>) -> bool) {
         self.landmarks.retain_mut(keep);
         self.by_track.clear();
         self.by_track.extend(self.landmarks.iter().enumerate().map(|(k, l)| (l.track_id, k as u16)));

@@ -1,17 +1,17 @@
 //! Linearization: factors at the present states become normal equations, landmarks eliminated.
 //!
-//! Each landmark's 3x3 block is eliminated as soon as its observations are summed (Schur complement),
+//! Each landmark's small block is eliminated as soon as its observations are summed (Schur complement),
 //! and kept for the back-substitution of its step. Jacobians of frames in the prior are taken at their
 //! first estimates, residuals always at the present state.
 
 use super::dense::NormalEquations;
+use super::feature::{BodyPose, Estimated, Feature, View};
 use super::inertial_factor;
-use super::landmark::Landmark;
-use super::reprojection::{BodyPose, InversePoint, View};
+use super::landmark::{Landmark, LineLandmark, Observation, PointLandmark};
 use super::state::{FRAME_DIM, Frame, Mount, POSE_DIM, RIG_DIM, Rig};
 use super::sums::{LandmarkSums, add_target, common_rows};
 use super::{MAX_FRAMES, Options};
-use nalgebra::{Matrix3, Vector2, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 
 /// Most unknowns that one landmark touches: the rig and every pose.
 const MAX_VISUAL: usize = RIG_DIM + POSE_DIM * MAX_FRAMES;
@@ -20,27 +20,29 @@ const LANDMARK_REGULARIZATION: f64 = 1e-6;
 
 /// What the elimination of a landmark leaves for its back-substitution.
 #[derive(Clone, Debug)]
-pub struct Eliminated {
-    inverse: Matrix3<f64>,
+pub struct Eliminated<const D: usize> {
+    inverse: SMatrix<f64, D, D>,
     /// Gradient by the landmark.
-    pub(super) gradient: Vector3<f64>,
+    pub(super) gradient: SVector<f64, D>,
     /// Mixed derivatives by the landmark and by rig and poses.
-    pub(super) by_visual: [[f64; MAX_VISUAL]; 3],
+    pub(super) by_visual: [[f64; MAX_VISUAL]; D],
     /// Whether the landmark took part.
     pub is_used: bool,
 }
 
-impl Eliminated {
-    const EMPTY: Self = Self {
-        inverse: Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-        gradient: Vector3::new(0.0, 0.0, 0.0),
-        by_visual: [[0.0; MAX_VISUAL]; 3],
-        is_used: false,
-    };
+impl<const D: usize> Eliminated<D> {
+    fn empty() -> Self {
+        Self {
+            inverse: SMatrix::zeros(),
+            gradient: SVector::zeros(),
+            by_visual: [[0.0; MAX_VISUAL]; D],
+            is_used: false,
+        }
+    }
 
     /// The landmark's step, given that of rig and poses (in visual order).
     #[must_use]
-    pub fn step(&self, visual: &[f64]) -> Vector3<f64> {
+    pub fn step(&self, visual: &[f64]) -> SVector<f64, D> {
         let mut rhs = self.gradient;
         for (k, row) in self.by_visual.iter().enumerate() {
             rhs[k] += row.iter().zip(visual).map(|(w, d)| w * d).sum::<f64>();
@@ -63,8 +65,10 @@ pub struct Linearizer {
     /// The normal equations of rig and frames.
     pub equations: NormalEquations,
     visual: NormalEquations,
-    /// One entry for each landmark, in the order of the store.
-    pub eliminated: Vec<Eliminated>,
+    /// One entry for each point, in the order of the store.
+    pub points: Vec<Eliminated<3>>,
+    /// The same for each line.
+    pub lines: Vec<Eliminated<4>>,
     poses: Poses,
 }
 
@@ -75,8 +79,10 @@ pub struct Problem<'a> {
     pub rig: &'a Rig,
     /// Frames in order of time.
     pub frames: &'a [Frame],
-    /// Landmarks.
-    pub landmarks: &'a [Landmark],
+    /// Points.
+    pub points: &'a [PointLandmark],
+    /// Lines.
+    pub lines: &'a [LineLandmark],
     /// Options of the window.
     pub options: &'a Options,
 }
@@ -90,14 +96,15 @@ pub fn cauchy(squared: f64, scale: f64) -> (f64, f64) {
 }
 
 impl Linearizer {
-    /// Room for `unknowns` and `landmarks`.
+    /// Room for `unknowns`, `points` and `lines`.
     #[must_use]
-    pub fn new(unknowns: usize, landmarks: usize, rig: &Rig) -> Self {
+    pub fn new(unknowns: usize, points: usize, lines: usize, rig: &Rig) -> Self {
         let body = BodyPose { rot_o_b: Matrix3::identity(), p_o_b: Vector3::zeros() };
         Self {
             equations: NormalEquations::new(unknowns),
             visual: NormalEquations::new(MAX_VISUAL),
-            eliminated: vec![Eliminated::EMPTY; landmarks],
+            points: vec![Eliminated::empty(); points],
+            lines: vec![Eliminated::empty(); lines],
             poses: Poses {
                 now: vec![body.clone(); MAX_FRAMES],
                 first: vec![body; MAX_FRAMES],
@@ -126,50 +133,16 @@ impl Linearizer {
         }
     }
 
-    /// Adds landmark `index` of the problem and eliminates it, its own block damped; returns its robust
-    /// cost.
-    pub fn add_landmark(&mut self, problem: &Problem<'_>, index: usize, damping: f64) -> f64 {
-        let landmark = &problem.landmarks[index];
-        let entry = &mut self.eliminated[index];
-        entry.is_used = false;
-        if !landmark.is_triangulated {
-            return 0.0;
-        }
-        let dim = RIG_DIM + POSE_DIM * problem.frames.len();
-        for row in &mut entry.by_visual {
-            row[..dim].fill(0.0);
-        }
-        let mut sums = LandmarkSums::default();
-        let host = usize::from(landmark.host);
-        let mut cost = 0.0;
-        let mut span = (host, host);
-        for observation in &landmark.observations {
-            let frame = usize::from(observation.frame);
-            let view = self.poses.view(&self.poses.now, landmark, frame, observation.camera);
-            let step_s = problem.rig.time_offset_s - problem.frames[frame].time_offset_s;
-            let Some(r) = view.residual(&landmark.point, &observation.measured, step_s) else { continue };
-            let first = self.poses.view(&self.poses.first, landmark, frame, observation.camera);
-            let Some(j) = first.jacobians(&landmark.point, &observation.measured) else { continue };
-            let (c, weight) = cauchy(r.norm_squared(), problem.options.cauchy_scale);
-            cost += c;
-            span = (span.0.min(frame), span.1.max(frame));
-            let scale = weight.sqrt();
-            let rows = common_rows(&j, &r, scale, host != frame, problem.options);
-            sums.add(&rows);
-            if host != frame {
-                add_target(&mut self.visual, entry, &rows, &j.target, scale, (host, frame));
-            }
-        }
-        sums.flush(&mut self.visual, entry, host);
-        let mut h_ll = sums.landmark() + Matrix3::identity() * LANDMARK_REGULARIZATION;
-        for k in 0..3 {
-            h_ll[(k, k)] *= 1.0 + damping;
-        }
-        let Some(cholesky) = h_ll.cholesky() else { return cost };
-        entry.inverse = cholesky.inverse();
-        entry.is_used = true;
-        eliminate(&mut self.visual, entry, &cholesky.l(), span);
-        cost
+    /// Adds point `index` of the problem and eliminates it, its own block damped; returns its robust cost.
+    pub fn add_point(&mut self, problem: &Problem<'_>, index: usize, damping: f64) -> f64 {
+        let Self { points, visual, poses, .. } = self;
+        add_landmark(visual, &mut points[index], poses, problem, &problem.points[index], damping)
+    }
+
+    /// The same for line `index`.
+    pub fn add_line(&mut self, problem: &Problem<'_>, index: usize, damping: f64) -> f64 {
+        let Self { lines, visual, poses, .. } = self;
+        add_landmark(visual, &mut lines[index], poses, problem, &problem.lines[index], damping)
     }
 
     /// Adds the inertial factor that leads to frame `index`; returns its cost.
@@ -230,14 +203,7 @@ impl Linearizer {
     pub fn cost(&mut self, problem: &Problem<'_>) -> f64 {
         self.refresh_bodies(problem.rig, problem.frames, problem.options.first_estimates);
         let mut cost = 0.0;
-        for landmark in problem.landmarks.iter().filter(|l| l.is_triangulated) {
-            for observation in &landmark.observations {
-                let r = self.residual(problem, landmark, &landmark.point, observation);
-                if let Some(r) = r {
-                    cost += cauchy(r.norm_squared(), problem.options.cauchy_scale).0;
-                }
-            }
-        }
+        cost += self.cost_of(problem, problem.points) + self.cost_of(problem, problem.lines);
         for (index, frame) in problem.frames.iter().enumerate() {
             if let (Some(motion), true) = (&frame.motion, index > 0) {
                 let from = &problem.frames[index - 1].nav;
@@ -253,13 +219,26 @@ impl Linearizer {
         cost
     }
 
+    /// Robust cost of landmarks at the poses last refreshed.
+    fn cost_of<F: Feature>(&self, problem: &Problem<'_>, landmarks: &[Landmark<F>]) -> f64 {
+        let mut cost = 0.0;
+        for landmark in landmarks.iter().filter(|l| l.is_triangulated) {
+            for observation in &landmark.observations {
+                if let Some(r) = self.residual(problem, landmark, observation) {
+                    cost += cauchy(r.norm_squared(), problem.options.cauchy_scale).0;
+                }
+            }
+        }
+        cost
+    }
+
     /// Sets the image rates of the observations in frame `index` from its predicted motion (`rate_b` in
     /// rad/s): rates differenced from images would carry their noise into the time offset.
-    pub fn predict_rates(
+    pub fn predict_rates<F: Feature>(
         &mut self,
         rig: &Rig,
         frames: &[Frame],
-        landmarks: &mut [Landmark],
+        landmarks: &mut [Landmark<F>],
         rate_b: &Vector3<f64>,
         index: usize,
     ) {
@@ -274,8 +253,8 @@ impl Linearizer {
                     _ => {}
                 }
                 let view = self.poses.view(&self.poses.now, landmark, index, observation.camera);
-                if let Some(rate) = view.image_rate(&landmark.point, rate_b, &v_b) {
-                    landmark.observations[k].measured.xy_rate = rate;
+                if let Some(m) = landmark.feature.with_rate(&view, &observation.measured, rate_b, &v_b) {
+                    landmark.observations[k].measured = m;
                 }
             }
         }
@@ -283,7 +262,13 @@ impl Linearizer {
 
     /// Gives the landmarks of frame `from` that the newest frame still sees their earliest other keyframe as host;
     /// what frame `from` saw of them is forgotten. A landmark without another view keeps its host.
-    pub fn rehost(&mut self, rig: &Rig, frames: &[Frame], landmarks: &mut [Landmark], from: usize) {
+    pub fn rehost<F: Feature>(
+        &mut self,
+        rig: &Rig,
+        frames: &[Frame],
+        landmarks: &mut [Landmark<F>],
+        from: usize,
+    ) {
         let newest = frames.len().saturating_sub(1);
         self.refresh_bodies(rig, frames, false);
         for landmark in landmarks.iter_mut().filter(|l| usize::from(l.host) == from && l.is_triangulated) {
@@ -295,8 +280,8 @@ impl Linearizer {
                 continue;
             };
             let view = self.poses.view(&self.poses.now, landmark, usize::from(heir.frame), heir.camera);
-            let Some(point) = view.seen_from_target(&landmark.point) else { continue };
-            landmark.point = point;
+            let Some(feature) = landmark.feature.hosted_by_target(&view) else { continue };
+            landmark.feature = feature;
             landmark.host = heir.frame;
             landmark.host_camera = heir.camera;
             landmark.observations.retain(|o| usize::from(o.frame) != from);
@@ -305,22 +290,27 @@ impl Linearizer {
 
     /// The residual of one observation at the poses last refreshed, in standard deviations.
     #[must_use]
-    pub fn residual(
+    pub fn residual<F: Feature>(
         &self,
         problem: &Problem<'_>,
-        landmark: &Landmark,
-        point: &InversePoint,
-        observation: &super::landmark::Observation,
+        landmark: &Landmark<F>,
+        observation: &Observation<F::Measurement>,
     ) -> Option<Vector2<f64>> {
         let frame = usize::from(observation.frame);
         let step_s = problem.rig.time_offset_s - problem.frames[frame].time_offset_s;
         let view = self.poses.view(&self.poses.now, landmark, frame, observation.camera);
-        view.residual(point, &observation.measured, step_s)
+        landmark.feature.residual(&view, &observation.measured, step_s)
     }
 }
 
 impl Poses {
-    fn view<'a>(&'a self, bodies: &'a [BodyPose], landmark: &Landmark, frame: usize, camera: u8) -> View<'a> {
+    fn view<'a, F: Feature>(
+        &'a self,
+        bodies: &'a [BodyPose],
+        landmark: &Landmark<F>,
+        frame: usize,
+        camera: u8,
+    ) -> View<'a> {
         View {
             host: &bodies[usize::from(landmark.host)],
             host_mount: &self.mounts[usize::from(landmark.host_camera)],
@@ -341,36 +331,104 @@ pub fn unknown_of_visual(visual: usize) -> usize {
     }
 }
 
-/// Schur complement of one landmark: `V -= Y'Y` with `Y = L^-1 W`, over the frames it spans.
-fn eliminate(visual: &mut NormalEquations, entry: &Eliminated, l: &Matrix3<f64>, span: (usize, usize)) {
-    let (start, end) = (RIG_DIM + POSE_DIM * span.0, RIG_DIM + POSE_DIM * (span.1 + 1));
-    let mut y = [[0.0; MAX_VISUAL]; 3];
-    let w = &entry.by_visual;
-    let (i0, i1, i2) = (1.0 / l[(0, 0)], 1.0 / l[(1, 1)], 1.0 / l[(2, 2)]);
-    for range in [0..RIG_DIM, start..end] {
-        for k in range {
-            let y0 = w[0][k] * i0;
-            let y1 = (w[1][k] - l[(1, 0)] * y0) * i1;
-            let y2 = (w[2][k] - l[(2, 0)] * y0 - l[(2, 1)] * y1) * i2;
-            (y[0][k], y[1][k], y[2][k]) = (y0, y1, y2);
+/// Adds a landmark and eliminates it, its own block damped; returns its robust cost.
+fn add_landmark<F: Estimated<D>, const D: usize>(
+    visual: &mut NormalEquations,
+    entry: &mut Eliminated<D>,
+    poses: &Poses,
+    problem: &Problem<'_>,
+    landmark: &Landmark<F>,
+    damping: f64,
+) -> f64 {
+    entry.is_used = false;
+    if !landmark.is_triangulated {
+        return 0.0;
+    }
+    let dim = RIG_DIM + POSE_DIM * problem.frames.len();
+    for row in &mut entry.by_visual {
+        row[..dim].fill(0.0);
+    }
+    let mut sums = LandmarkSums::<D>::default();
+    let host = usize::from(landmark.host);
+    let mut cost = 0.0;
+    let mut span = (host, host);
+    for observation in &landmark.observations {
+        let frame = usize::from(observation.frame);
+        let view = poses.view(&poses.now, landmark, frame, observation.camera);
+        let step_s = problem.rig.time_offset_s - problem.frames[frame].time_offset_s;
+        let Some(r) = landmark.feature.residual(&view, &observation.measured, step_s) else { continue };
+        let first = poses.view(&poses.first, landmark, frame, observation.camera);
+        let Some(j) = landmark.feature.jacobians(&first, &observation.measured) else { continue };
+        let (c, weight) = cauchy(r.norm_squared(), problem.options.cauchy_scale);
+        cost += c;
+        span = (span.0.min(frame), span.1.max(frame));
+        let scale = weight.sqrt();
+        let rows = common_rows(&j, &r, scale, host != frame, problem.options);
+        sums.add(&rows);
+        if host != frame {
+            add_target(visual, entry, &rows, &j.target, scale, (host, frame));
         }
     }
-    let g = &entry.gradient;
-    let z0 = g[0] * i0;
-    let z1 = (g[1] - l[(1, 0)] * z0) * i1;
-    let z2 = (g[2] - l[(2, 0)] * z0 - l[(2, 1)] * z1) * i2;
+    sums.flush(visual, entry, host);
+    let mut h_ll = sums.landmark() + SMatrix::<f64, D, D>::identity() * LANDMARK_REGULARIZATION;
+    for k in 0..D {
+        h_ll[(k, k)] *= 1.0 + damping;
+    }
+    let Some(cholesky) = h_ll.cholesky() else { return cost };
+    entry.inverse = cholesky.inverse();
+    entry.is_used = true;
+    eliminate(visual, entry, &cholesky.l(), span);
+    cost
+}
+
+/// Schur complement of one landmark: `V -= Y'Y` with `Y = L^-1 W`, over the frames it spans.
+fn eliminate<const D: usize>(
+    visual: &mut NormalEquations,
+    entry: &Eliminated<D>,
+    l: &SMatrix<f64, D, D>,
+    span: (usize, usize),
+) {
+    let (start, end) = (RIG_DIM + POSE_DIM * span.0, RIG_DIM + POSE_DIM * (span.1 + 1));
+    let mut y = [[0.0; MAX_VISUAL]; D];
+    let mut z = [0.0; D];
+    for r in 0..D {
+        let inverse = 1.0 / l[(r, r)];
+        let (above, row) = y.split_at_mut(r);
+        let row = &mut row[0];
+        for range in [0..RIG_DIM, start..end] {
+            row[range.clone()].copy_from_slice(&entry.by_visual[r][range.clone()]);
+            for (s, above) in above.iter().enumerate() {
+                let factor = l[(r, s)];
+                for (to, from) in row[range.clone()].iter_mut().zip(&above[range.clone()]) {
+                    *to -= factor * from;
+                }
+            }
+            row[range].iter_mut().for_each(|to| *to *= inverse);
+        }
+        z[r] = (entry.gradient[r] - (0..r).map(|s| l[(r, s)] * z[s]).sum::<f64>()) * inverse;
+    }
     for i in (0..RIG_DIM).chain(start..end) {
-        let (a, b, c) = (y[0][i], y[1][i], y[2][i]);
+        let column: [f64; D] = std::array::from_fn(|r| y[r][i]);
         let row = visual.row_mut(i);
         for range in [i..RIG_DIM, start.max(i)..end] {
             if range.start < range.end {
                 let to = &mut row[range.start - i..range.end - i];
-                let (y0, y1, y2) = (&y[0][range.clone()], &y[1][range.clone()], &y[2][range]);
-                for (((h, y0), y1), y2) in to.iter_mut().zip(y0).zip(y1).zip(y2) {
-                    *h -= a * y0 + b * y1 + c * y2;
-                }
+                subtract_products(to, &column, std::array::from_fn(|r| &y[r][range.clone()]));
             }
         }
-        visual.gradient_mut()[i] -= a * z0 + b * z1 + c * z2;
+        visual.gradient_mut()[i] -= column.iter().zip(&z).map(|(y, z)| y * z).sum::<f64>();
+    }
+}
+
+/// `to -= sum of column[r] * rows[r]`.
+fn subtract_products<const D: usize>(to: &mut [f64], column: &[f64; D], rows: [&[f64]; D]) {
+    let n = to.len();
+    let rows = rows.map(|row| &row[..n]);
+    for k in 0..n {
+        let mut sum = 0.0;
+        for r in 0..D {
+            sum += column[r] * rows[r][k];
+        }
+        to[k] -= sum;
     }
 }

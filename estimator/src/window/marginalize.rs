@@ -15,8 +15,10 @@
 //! ten noise settings); they are taken at the present states.
 
 use super::Window;
+use super::feature::Feature;
+use super::landmark::{Landmark, LandmarkStore};
 use super::linearize::Problem;
-use super::state::{FRAME_DIM, RIG_DIM};
+use super::state::{FRAME_DIM, Frame, RIG_DIM};
 
 /// An unknown with less information than this is dropped instead of eliminated.
 const PIVOT_FLOOR: f64 = 1e-9;
@@ -28,7 +30,8 @@ impl Window {
         if self.options.cameras == 1 {
             self.pass_on_living(index);
         }
-        let hosts = self.landmarks.all().iter().any(|l| usize::from(l.host) == index && l.is_triangulated);
+        let hosts =
+            hosted(&self.points, index).next().is_some() || hosted(&self.lines, index).next().is_some();
         if index < self.prior.frames() || hosts {
             self.rehost_and_marginalize(index, newest_keyframe);
         }
@@ -37,8 +40,9 @@ impl Window {
 
     /// Landmarks of frame `index` that are still seen get another host among the frames that remain.
     fn pass_on_living(&mut self, index: usize) {
-        let Self { rig, frames, landmarks, linearizer, .. } = self;
-        linearizer.rehost(rig, frames, landmarks.all_mut(), index);
+        let Self { rig, frames, points, lines, linearizer, .. } = self;
+        linearizer.rehost(rig, frames, points.all_mut(), index);
+        linearizer.rehost(rig, frames, lines.all_mut(), index);
     }
 
     fn newest_keyframe(&self) -> Option<usize> {
@@ -49,10 +53,13 @@ impl Window {
     fn rehost_and_marginalize(&mut self, index: usize, newest_keyframe: Option<usize>) {
         self.refresh_anchor();
         self.anchor = None;
-        self.split_observations(index, newest_keyframe);
+        self.rehosted.0.clear();
+        self.rehosted.1.clear();
+        split_observations(&mut self.points, &mut self.rehosted.0, &self.frames, (index, newest_keyframe));
+        split_observations(&mut self.lines, &mut self.rehosted.1, &self.frames, (index, newest_keyframe));
         let covered = self.frames_touched(index);
-        let Self { rig, frames, landmarks, prior, linearizer, options, .. } = self;
-        let problem = Problem { rig, frames, landmarks: landmarks.all(), options };
+        let Self { rig, frames, points, lines, prior, linearizer, options, .. } = self;
+        let problem = Problem { rig, frames, points: points.all(), lines: lines.all(), options };
         linearizer.begin(&problem);
         let _ = prior.evaluate(rig, frames, Some(&mut linearizer.equations));
         // Without its inertial factors, what the prior knows of this frame would be lost to the others.
@@ -60,9 +67,14 @@ impl Window {
         for k in index.max(1)..(index + 2).min(frames.len()) {
             let _ = linearizer.add_motion(&problem, k);
         }
-        for k in 0..problem.landmarks.len() {
-            if usize::from(problem.landmarks[k].host) == index {
-                let _ = linearizer.add_landmark(&problem, k, 0.0);
+        for k in 0..problem.points.len() {
+            if usize::from(problem.points[k].host) == index {
+                let _ = linearizer.add_point(&problem, k, 0.0);
+            }
+        }
+        for k in 0..problem.lines.len() {
+            if usize::from(problem.lines[k].host) == index {
+                let _ = linearizer.add_line(&problem, k, 0.0);
             }
         }
         linearizer.finish();
@@ -84,34 +96,9 @@ impl Window {
         }
     }
 
-    /// Takes from the landmarks of frame `index` the observations that the prior must not see: those
-    /// outside keyframes, and those in the newest keyframe, where a living track is hosted anew.
-    fn split_observations(&mut self, index: usize, newest_keyframe: Option<usize>) {
-        self.rehosted.clear();
-        let frames = &self.frames;
-        for landmark in self.landmarks.all_mut() {
-            if usize::from(landmark.host) != index {
-                continue;
-            }
-            let heir = newest_keyframe.filter(|&k| k > index && landmark.is_triangulated);
-            if let Some(heir) = heir
-                && let Some(moved) = super::triangulate::moved_to(landmark, heir)
-            {
-                self.rehosted.push(moved);
-            }
-            landmark.observations.retain(|o| {
-                let frame = usize::from(o.frame);
-                frames[frame].is_keyframe && Some(frame) != heir
-            });
-        }
-    }
-
     /// Number of leading frames that the new prior speaks of.
     fn frames_touched(&self, index: usize) -> usize {
-        let observed =
-            self.landmarks.all().iter().filter(|l| usize::from(l.host) == index && l.is_triangulated);
-        let last =
-            observed.flat_map(|l| l.observations.iter().map(|o| usize::from(o.frame) + 1)).max().unwrap_or(0);
+        let last = last_seen(&self.points, index).max(last_seen(&self.lines, index));
         last.max(index + 2).max(self.prior.frames()).min(self.frames.len())
     }
 
@@ -130,19 +117,61 @@ impl Window {
             };
         }
         let gone = index as u8;
-        self.landmarks.retain(|l| l.host != gone);
-        for landmark in self.landmarks.all_mut() {
-            landmark.observations.retain(|o| o.frame != gone);
-            renumber(landmark, gone);
-        }
-        while let Some(mut landmark) = self.rehosted.pop() {
-            renumber(&mut landmark, gone);
-            self.landmarks.insert(landmark);
-        }
+        take_out(&mut self.points, &mut self.rehosted.0, gone);
+        take_out(&mut self.lines, &mut self.rehosted.1, gone);
     }
 }
 
-fn renumber(landmark: &mut super::landmark::Landmark, gone: u8) {
+/// Landmarks with a depth that frame `index` hosts.
+fn hosted<F: Feature>(store: &LandmarkStore<F>, index: usize) -> impl Iterator<Item = &Landmark<F>> {
+    store.all().iter().filter(move |l| usize::from(l.host) == index && l.is_triangulated)
+}
+
+/// One past the last frame that sees a landmark of frame `index`.
+fn last_seen<F: Feature>(store: &LandmarkStore<F>, index: usize) -> usize {
+    let seen = hosted(store, index).flat_map(|l| l.observations.iter().map(|o| usize::from(o.frame) + 1));
+    seen.max().unwrap_or(0)
+}
+
+/// Takes from the landmarks of frame `index` the observations that the prior must not see: those outside
+/// keyframes, and those in the newest keyframe, where a living track is hosted anew.
+fn split_observations<F: Feature>(
+    store: &mut LandmarkStore<F>,
+    rehosted: &mut Vec<Landmark<F>>,
+    frames: &[Frame],
+    (index, newest_keyframe): (usize, Option<usize>),
+) {
+    for landmark in store.all_mut() {
+        if usize::from(landmark.host) != index {
+            continue;
+        }
+        let heir = newest_keyframe.filter(|&k| k > index && landmark.is_triangulated);
+        if let Some(heir) = heir
+            && let Some(moved) = super::triangulate::moved_to(landmark, heir)
+        {
+            rehosted.push(moved);
+        }
+        landmark.observations.retain(|o| {
+            let frame = usize::from(o.frame);
+            frames[frame].is_keyframe && Some(frame) != heir
+        });
+    }
+}
+
+/// Takes a frame out of the landmarks: renumbers, and adds those hosted anew.
+fn take_out<F: Feature>(store: &mut LandmarkStore<F>, rehosted: &mut Vec<Landmark<F>>, gone: u8) {
+    store.retain(|l| l.host != gone);
+    for landmark in store.all_mut() {
+        landmark.observations.retain(|o| o.frame != gone);
+        renumber(landmark, gone);
+    }
+    while let Some(mut landmark) = rehosted.pop() {
+        renumber(&mut landmark, gone);
+        store.insert(landmark);
+    }
+}
+
+fn renumber<F: Feature>(landmark: &mut Landmark<F>, gone: u8) {
     if landmark.host > gone {
         landmark.host -= 1;
     }

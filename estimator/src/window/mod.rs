@@ -1,19 +1,21 @@
 //! The sliding window: keyframes and recent frames, landmarks, and the prior of what has left.
 //!
 //! States are a full navigation state for every frame (position, attitude, velocity, biases), the rig's
-//! calibration and time offset, and point landmarks as bearing and inverse depth in a host keyframe. The
-//! cost is that of the paper's equation 13: prior, preintegrated IMU between consecutive frames, and
+//! calibration and time offset, point landmarks as bearing and inverse depth in a host keyframe, and lines
+//! in the orthonormal representation there. The cost is that of the paper's equation 13: prior, preintegrated IMU between consecutive frames, and
 //! robust reprojection terms.
 //!
 //! - [`state`], [`landmark`]: what is estimated
-//! - [`reprojection`], [`inertial_factor`], [`prior`]: the terms
+//! - [`reprojection`], [`line`], [`inertial_factor`], [`prior`]: the terms
 //! - [`linearize`] with `sums`, [`dense`], [`solve`]: normal equations and their solution
-//! - [`triangulate`], [`keyframes`], [`marginalize`]: what enters and what leaves
+//! - [`triangulate`], [`triangulate_line`], [`keyframes`], [`marginalize`]: what enters and what leaves
 
 pub mod dense;
+pub mod feature;
 pub mod inertial_factor;
 pub mod keyframes;
 pub mod landmark;
+pub mod line;
 pub mod linearize;
 pub mod marginalize;
 pub mod prior;
@@ -22,10 +24,13 @@ pub mod solve;
 pub mod state;
 mod sums;
 pub mod triangulate;
+pub mod triangulate_line;
 
 use crate::geometry::{log_so3, yaw_of};
 use crate::inertial::{ImuNoise, Preintegration};
-use landmark::{Landmark, LandmarkStore, Observation};
+use feature::Feature;
+use landmark::{Landmark, LandmarkStore, LineLandmark, Observation, PointLandmark};
+use line::{HostedLine, LineMeasurement};
 use linearize::{Linearizer, Problem};
 use nalgebra::{SVector, UnitQuaternion, Vector3};
 use plumbline_config::{Config, Timestamp};
@@ -113,8 +118,10 @@ pub struct Window {
     pub rig: Rig,
     /// Frames in order of time.
     pub frames: Vec<Frame>,
-    /// Landmarks.
-    pub landmarks: LandmarkStore,
+    /// Points.
+    pub points: LandmarkStore<InversePoint>,
+    /// Lines.
+    pub lines: LandmarkStore<HostedLine>,
     /// What has left the window.
     pub prior: Prior,
     /// Options.
@@ -125,8 +132,8 @@ pub struct Window {
     backup: solve::Backup,
     solution: Vec<f64>,
     visual_step: Vec<f64>,
-    rehosted: Vec<Landmark>,
-    outliers: Vec<u32>,
+    rehosted: (Vec<PointLandmark>, Vec<LineLandmark>),
+    outliers: Outliers,
 }
 
 /// The frame that defines the odometry frame.
@@ -139,11 +146,25 @@ struct Anchor {
 
 /// A track seen in the newest frame, ready for the window.
 #[derive(Clone, Copy, Debug)]
-pub struct TrackMeasurement {
+pub struct TrackMeasurement<M> {
     /// The track.
     pub track_id: u32,
     /// What each camera saw.
-    pub measured: [Option<PointMeasurement>; 2],
+    pub measured: [Option<M>; 2],
+}
+
+/// A tracked point in the newest frame.
+pub type PointTrack = TrackMeasurement<PointMeasurement>;
+/// A tracked line in the newest frame.
+pub type LineTrack = TrackMeasurement<LineMeasurement>;
+
+/// Tracks whose newest observation does not fit.
+#[derive(Clone, Debug)]
+pub struct Outliers {
+    /// Of points.
+    pub points: Vec<u32>,
+    /// Of lines.
+    pub lines: Vec<u32>,
 }
 
 impl Window {
@@ -153,19 +174,20 @@ impl Window {
         let options = Options::of(config);
         let rig = Rig::of(config);
         let unknowns = RIG_DIM + FRAME_DIM * MAX_FRAMES;
-        let landmarks = config.estimator.window.max_landmarks;
+        let (points, lines) = (config.estimator.window.max_landmarks, config.estimator.lines.max_landmarks);
         Self {
             frames: Vec::with_capacity(MAX_FRAMES),
-            landmarks: LandmarkStore::new(landmarks),
+            points: LandmarkStore::new(points),
+            lines: LandmarkStore::new(lines),
             prior: Prior::new(unknowns, &rig),
             anchor: None,
-            linearizer: Linearizer::new(unknowns, landmarks, &rig),
+            linearizer: Linearizer::new(unknowns, points, lines, &rig),
             factor: dense::Factor::new(unknowns),
-            backup: solve::Backup::new(landmarks, &rig),
+            backup: solve::Backup::new(points, lines, &rig),
             solution: vec![0.0; unknowns],
             visual_step: vec![0.0; unknowns],
-            rehosted: Vec::with_capacity(landmarks),
-            outliers: Vec::with_capacity(landmarks),
+            rehosted: (Vec::with_capacity(points), Vec::with_capacity(lines)),
+            outliers: Outliers { points: Vec::with_capacity(points), lines: Vec::with_capacity(lines) },
             options,
             rig,
         }
@@ -175,7 +197,8 @@ impl Window {
     /// configured.
     pub fn clear(&mut self) {
         self.frames.clear();
-        self.landmarks.clear();
+        self.points.clear();
+        self.lines.clear();
         self.anchor = None;
         self.prior.start(&self.rig, &self.options.rig_sigmas);
     }
@@ -233,134 +256,187 @@ impl Window {
         });
     }
 
-    /// Hands the newest frame its measurements; returns how many belong to landmarks.
-    pub fn observe(&mut self, tracks: &[TrackMeasurement]) -> usize {
+    /// Hands the newest frame its measurements; returns how many points belong to landmarks.
+    pub fn observe(&mut self, points: &[PointTrack], lines: &[LineTrack]) -> usize {
         let newest = (self.frames.len() - 1) as u8;
-        let mut connected = 0;
-        for track in tracks {
-            if let Some(index) = self.landmarks.of_track(track.track_id) {
-                connected += 1;
-                add_observations(&mut self.landmarks.all_mut()[index], newest, track);
-            }
-        }
-        connected
+        let _ = link(&mut self.lines, newest, lines);
+        link(&mut self.points, newest, points)
     }
 
     /// Makes the newest frame a keyframe: it hosts every track that no landmark stands for.
-    pub fn make_keyframe(&mut self, tracks: &[TrackMeasurement]) {
+    pub fn make_keyframe(&mut self, points: &[PointTrack], lines: &[LineTrack]) {
         let newest = self.frames.len() - 1;
         self.frames[newest].is_keyframe = true;
-        self.host_tracks(newest, tracks);
+        self.host_points(newest, points);
+        host(&mut self.lines, newest, lines, |_| HostedLine::UNKNOWN);
     }
 
-    /// New landmarks, hosted by `frame`, for those of its `tracks` that have none.
-    pub fn host_tracks(&mut self, frame: usize, tracks: &[TrackMeasurement]) {
-        for track in tracks {
-            let Some(host_camera) = (0..2u8).find(|&c| track.measured[usize::from(c)].is_some()) else {
-                continue;
-            };
-            if self.landmarks.of_track(track.track_id).is_some() {
-                continue;
-            }
-            let Some(seen) = track.measured[usize::from(host_camera)] else { continue };
-            let mut landmark = Landmark {
-                track_id: track.track_id,
-                host: frame as u8,
-                host_camera,
-                is_triangulated: false,
-                point: InversePoint { xy: seen.xy, rho: self.options.min_rho },
-                observations: heapless::Vec::new(),
-            };
-            add_observations(&mut landmark, frame as u8, track);
-            self.landmarks.insert(landmark);
-        }
+    /// New landmarks, hosted by `frame`, for those of its point `tracks` that have none.
+    pub fn host_points(&mut self, frame: usize, tracks: &[PointTrack]) {
+        let rho = self.options.min_rho;
+        host(&mut self.points, frame, tracks, |seen| InversePoint { xy: seen.xy, rho });
     }
 
     /// Sets the image rates of the newest frame's observations from its predicted motion.
     pub fn predict_rates(&mut self, rate_b: &Vector3<f64>) {
-        let Self { rig, frames, landmarks, linearizer, .. } = self;
-        if let Some(newest) = frames.len().checked_sub(1) {
-            linearizer.predict_rates(rig, frames, landmarks.all_mut(), rate_b, newest);
+        if let Some(newest) = self.frames.len().checked_sub(1) {
+            self.predict_rates_of(newest, rate_b);
         }
     }
 
     /// The same for all frames, their angular rates taken from the attitudes.
     pub fn predict_all_rates(&mut self) {
-        let Self { rig, frames, landmarks, linearizer, .. } = self;
-        for index in 0..frames.len() {
+        for index in 0..self.frames.len() {
             let (from, to) = if index == 0 { (0, 1) } else { (index - 1, index) };
-            let (Some(from), Some(to)) = (frames.get(from), frames.get(to)) else { return };
+            let (Some(from), Some(to)) = (self.frames.get(from), self.frames.get(to)) else { return };
             let turn = log_so3(&(from.nav.rot_o_b.inverse() * to.nav.rot_o_b));
             let rate_b = turn / to.stamp.seconds_since(from.stamp);
-            linearizer.predict_rates(rig, frames, landmarks.all_mut(), &rate_b, index);
+            self.predict_rates_of(index, &rate_b);
         }
+    }
+
+    fn predict_rates_of(&mut self, index: usize, rate_b: &Vector3<f64>) {
+        let Self { rig, frames, points, lines, linearizer, .. } = self;
+        linearizer.predict_rates(rig, frames, points.all_mut(), rate_b, index);
+        linearizer.predict_rates(rig, frames, lines.all_mut(), rate_b, index);
     }
 
     /// Triangulates the landmarks that wait for it; forgets those that contradict themselves, unless the
     /// poses are only guessed (`is_start`).
     pub fn triangulate(&mut self, is_start: bool) {
-        let Self { landmarks, frames, rig, options, outliers, .. } = self;
-        landmarks.retain(|landmark| {
-            if landmark.is_triangulated {
-                return true;
+        let Self { points, lines, frames, rig, options, outliers, .. } = self;
+        points.retain(|landmark| {
+            landmark.is_triangulated || {
+                let result = triangulate::triangulate(landmark, frames, rig, options, is_start);
+                keep(result, landmark.track_id, &mut outliers.points)
             }
-            let result = triangulate::triangulate(landmark, frames, rig, options, is_start);
-            if result == triangulate::Triangulation::Contradiction {
-                outliers.push(landmark.track_id);
+        });
+        lines.retain(|landmark| {
+            landmark.is_triangulated || {
+                let result = triangulate_line::triangulate_line(landmark, frames, rig, options);
+                keep(result, landmark.track_id, &mut outliers.lines)
             }
-            result != triangulate::Triangulation::Contradiction
         });
     }
 
     /// Removes observations that do not fit, and landmarks that are left with less than two views.
     pub fn remove_outliers(&mut self) {
-        let Self { rig, frames, landmarks, linearizer, options, outliers, .. } = self;
-        let newest = frames.len().saturating_sub(1) as u8;
-        let limit = OUTLIER_SIGMAS * OUTLIER_SIGMAS;
-        landmarks.retain(|landmark| {
-            if !landmark.is_triangulated {
-                return true;
-            }
-            let problem = Problem { rig, frames, landmarks: &[], options };
-            let mut kept = heapless::Vec::new();
-            let mut host_fits = true;
-            for o in &landmark.observations {
-                let r = linearizer.residual(&problem, landmark, &landmark.point, o);
-                if r.is_some_and(|r| r.norm_squared() < limit) {
-                    let _ = kept.push(*o);
-                } else if o.frame == landmark.host && o.camera == landmark.host_camera {
-                    host_fits = false;
-                } else if o.frame == newest {
-                    outliers.push(landmark.track_id);
-                }
-            }
-            landmark.observations = kept;
-            host_fits && landmark.observations.len() >= 2
-        });
+        let Self { rig, frames, points, lines, linearizer, options, outliers, .. } = self;
+        let problem = Problem { rig, frames, points: &[], lines: &[], options };
+        remove_outliers(points, linearizer, &problem, &mut outliers.points);
+        remove_outliers(lines, linearizer, &problem, &mut outliers.lines);
     }
 
     /// Tracks whose newest observation did not fit, since [`Self::clear_outliers`].
     #[must_use]
-    pub fn outliers(&self) -> &[u32] {
+    pub fn outliers(&self) -> &Outliers {
         &self.outliers
     }
 
     /// Forgets which tracks were outliers.
     pub fn clear_outliers(&mut self) {
-        self.outliers.clear();
+        self.outliers.points.clear();
+        self.outliers.lines.clear();
     }
 
-    /// Landmarks that have a depth.
+    /// Points and lines that have a depth.
     #[must_use]
-    pub fn triangulated(&self) -> usize {
-        self.landmarks.all().iter().filter(|l| l.is_triangulated).count()
+    pub fn triangulated(&self) -> (usize, usize) {
+        let points = self.points.all().iter().filter(|l| l.is_triangulated).count();
+        (points, self.lines.all().iter().filter(|l| l.is_triangulated).count())
     }
 }
 
-fn add_observations(landmark: &mut Landmark, frame: u8, track: &TrackMeasurement) {
+fn add_observations<F: Feature>(
+    landmark: &mut Landmark<F>,
+    frame: u8,
+    track: &TrackMeasurement<F::Measurement>,
+) {
     for camera in 0..2u8 {
         if let Some(measured) = track.measured[usize::from(camera)] {
             let _ = landmark.observations.push(Observation { frame, camera, measured });
         }
     }
+}
+
+/// Hands a frame's measurements to their landmarks; returns how many have one.
+fn link<F: Feature>(
+    store: &mut LandmarkStore<F>,
+    frame: u8,
+    tracks: &[TrackMeasurement<F::Measurement>],
+) -> usize {
+    let mut linked = 0;
+    for track in tracks {
+        if let Some(index) = store.of_track(track.track_id) {
+            linked += 1;
+            add_observations(&mut store.all_mut()[index], frame, track);
+        }
+    }
+    linked
+}
+
+/// New landmarks, hosted by `frame`, for those of its tracks that have none.
+fn host<F: Feature>(
+    store: &mut LandmarkStore<F>,
+    frame: usize,
+    tracks: &[TrackMeasurement<F::Measurement>],
+    guess: impl Fn(&F::Measurement) -> F,
+) {
+    for track in tracks {
+        let Some(host_camera) = (0..2u8).find(|&c| track.measured[usize::from(c)].is_some()) else {
+            continue;
+        };
+        let Some(seen) = &track.measured[usize::from(host_camera)] else { continue };
+        if store.of_track(track.track_id).is_some() {
+            continue;
+        }
+        let mut landmark = Landmark {
+            track_id: track.track_id,
+            host: frame as u8,
+            host_camera,
+            is_triangulated: false,
+            feature: guess(seen),
+            observations: heapless::Vec::new(),
+        };
+        add_observations(&mut landmark, frame as u8, track);
+        store.insert(landmark);
+    }
+}
+
+/// Whether a landmark stays after an attempt at triangulation; its track is an outlier if not.
+fn keep(result: triangulate::Triangulation, track_id: u32, outliers: &mut Vec<u32>) -> bool {
+    let is_good = result != triangulate::Triangulation::Contradiction;
+    if !is_good {
+        outliers.push(track_id);
+    }
+    is_good
+}
+
+fn remove_outliers<F: Feature>(
+    store: &mut LandmarkStore<F>,
+    linearizer: &Linearizer,
+    problem: &Problem<'_>,
+    outliers: &mut Vec<u32>,
+) {
+    let newest = problem.frames.len().saturating_sub(1) as u8;
+    let limit = OUTLIER_SIGMAS * OUTLIER_SIGMAS;
+    store.retain(|landmark| {
+        if !landmark.is_triangulated {
+            return true;
+        }
+        let mut kept = heapless::Vec::new();
+        let mut host_fits = true;
+        for o in &landmark.observations {
+            let r = linearizer.residual(problem, landmark, o);
+            if r.is_some_and(|r| r.norm_squared() < limit) {
+                let _ = kept.push(*o);
+            } else if o.frame == landmark.host && o.camera == landmark.host_camera {
+                host_fits = false;
+            } else if o.frame == newest {
+                outliers.push(landmark.track_id);
+            }
+        }
+        landmark.observations = kept;
+        host_fits && landmark.observations.len() >= 2
+    });
 }

@@ -15,21 +15,16 @@
 //! `r` is in standard deviations. Perturbations are right ones. Source: the landmark of VINS-Mono (Qin et
 //! al. 2018, section V) with the bearing estimated as well, as in basalt (Usenko et al. 2019).
 
-use super::state::Mount;
+use super::feature::{Estimated, Feature, Jacobians, View};
 use crate::geometry::skew;
-use nalgebra::{Matrix2, Matrix2x3, Matrix3, SMatrix, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix2x3, SMatrix, Vector2, Vector3};
 
 /// Smallest forward component of `q_ct`: the landmark is in front of the observing camera.
 const MIN_FORWARD: f64 = 0.02;
-
-/// A body pose with its rotation as a matrix.
-#[derive(Clone, Debug)]
-pub struct BodyPose {
-    /// Takes coordinates from `B` to `O`.
-    pub rot_o_b: Matrix3<f64>,
-    /// Position of `B` in `O`, m.
-    pub p_o_b: Vector3<f64>,
-}
+/// Landmarks stay within this inverse depth, 1/m.
+const MAX_INVERSE_DEPTH: f64 = 10.0;
+/// A little behind infinity is noise of a far point.
+const MIN_INVERSE_DEPTH: f64 = -0.02;
 
 /// A landmark's parameters in its host camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,32 +46,6 @@ pub struct PointMeasurement {
     pub weight: Matrix2<f64>,
 }
 
-/// Derivatives of the residual.
-#[derive(Clone, Debug)]
-pub struct ReprojectionJacobians {
-    /// By the host's pose (position, attitude).
-    pub host: SMatrix<f64, 2, 6>,
-    /// By the observer's pose.
-    pub target: SMatrix<f64, 2, 6>,
-    /// By the rig (12 of mounting, time offset).
-    pub rig: SMatrix<f64, 2, 13>,
-    /// By the landmark (x, y, rho).
-    pub landmark: Matrix2x3<f64>,
-}
-
-/// Where the factor looks from and to.
-#[derive(Clone, Copy, Debug)]
-pub struct View<'a> {
-    /// Pose of the host's body, and of the observer's.
-    pub host: &'a BodyPose,
-    /// Mounting of the host's camera.
-    pub host_mount: &'a Mount,
-    /// Pose of the observer's body.
-    pub target: &'a BodyPose,
-    /// Mounting of the observer's camera.
-    pub target_mount: &'a Mount,
-}
-
 /// Intermediate directions of a landmark on its way from host to observer.
 struct Path {
     q_bh: Vector3<f64>,
@@ -84,105 +53,104 @@ struct Path {
     q_ct: Vector3<f64>,
 }
 
-impl View<'_> {
-    fn path(&self, point: &InversePoint) -> Path {
-        let b = Vector3::new(point.xy.x, point.xy.y, 1.0);
-        let q_bh = self.host_mount.rot_b_c * b + self.host_mount.p_b_c * point.rho;
-        let q_o = self.host.rot_o_b * q_bh + (self.host.p_o_b - self.target.p_o_b) * point.rho;
-        let q_bt = self.target.rot_o_b.tr_mul(&q_o);
-        let q_ct = self.target_mount.rot_b_c.tr_mul(&(q_bt - self.target_mount.p_b_c * point.rho));
-        Path { q_bh, q_bt, q_ct }
-    }
+/// The landmark on its way from host to observer.
+fn path(view: &View<'_>, point: &InversePoint) -> Path {
+    let b = Vector3::new(point.xy.x, point.xy.y, 1.0);
+    let q_bh = view.host_mount.rot_b_c * b + view.host_mount.p_b_c * point.rho;
+    let q_o = view.host.rot_o_b * q_bh + (view.host.p_o_b - view.target.p_o_b) * point.rho;
+    let q_bt = view.target.rot_o_b.tr_mul(&q_o);
+    let q_ct = view.target_mount.rot_b_c.tr_mul(&(q_bt - view.target_mount.p_b_c * point.rho));
+    Path { q_bh, q_bt, q_ct }
+}
 
+impl InversePoint {
     /// Where the observer sees the landmark, in normalized coordinates; `None` behind it.
     #[must_use]
-    pub fn project(&self, point: &InversePoint) -> Option<Vector2<f64>> {
-        let q = self.path(point).q_ct;
+    pub fn project(&self, view: &View<'_>) -> Option<Vector2<f64>> {
+        let q = path(view, self).q_ct;
         (q.z > MIN_FORWARD).then(|| Vector2::new(q.x / q.z, q.y / q.z))
     }
+}
 
-    /// The landmark as the observer would host it; `None` behind it.
-    #[must_use]
-    pub fn seen_from_target(&self, point: &InversePoint) -> Option<InversePoint> {
-        let q = self.path(point).q_ct;
-        (q.z > MIN_FORWARD)
-            .then(|| InversePoint { xy: Vector2::new(q.x / q.z, q.y / q.z), rho: point.rho / q.z })
-    }
+impl Feature for InversePoint {
+    type Measurement = PointMeasurement;
 
-    /// Rate of the normalized coordinates, 1/s, in an observer with angular rate `rate_b` (rad/s) and
-    /// velocity `v_b` (m/s), both in its body frame: `q_ct' = R_bc_t' (-w x q_bt - rho v)`.
-    #[must_use]
-    pub fn image_rate(
+    fn residual(
         &self,
-        point: &InversePoint,
-        rate_b: &Vector3<f64>,
-        v_b: &Vector3<f64>,
-    ) -> Option<Vector2<f64>> {
-        let Path { q_bt, q_ct, .. } = self.path(point);
-        if q_ct.z <= MIN_FORWARD {
-            return None;
-        }
-        let d = self.target_mount.rot_b_c.tr_mul(&-(rate_b.cross(&q_bt) + v_b * point.rho));
-        Some((d.xy() - q_ct.xy() * (d.z / q_ct.z)) / q_ct.z)
-    }
-
-    /// The residual in standard deviations; `time_offset_step_s` is `td - td_frame`. `None` behind.
-    #[must_use]
-    pub fn residual(
-        &self,
-        point: &InversePoint,
+        view: &View<'_>,
         measured: &PointMeasurement,
         time_offset_step_s: f64,
     ) -> Option<Vector2<f64>> {
-        let predicted = self.project(point)?;
+        let predicted = self.project(view)?;
         Some(measured.weight * (predicted - measured.xy + measured.xy_rate * time_offset_step_s))
     }
 
-    /// Derivatives of [`Self::residual`]; `None` behind the observer.
-    #[must_use]
-    pub fn jacobians(
+    /// `q_ct' = R_bc_t' (-w x q_bt - rho v)`.
+    fn with_rate(
         &self,
-        point: &InversePoint,
+        view: &View<'_>,
         measured: &PointMeasurement,
-    ) -> Option<ReprojectionJacobians> {
-        let Path { q_bh, q_bt, q_ct } = self.path(point);
+        rate_b: &Vector3<f64>,
+        v_b: &Vector3<f64>,
+    ) -> Option<PointMeasurement> {
+        let Path { q_bt, q_ct, .. } = path(view, self);
+        if q_ct.z <= MIN_FORWARD {
+            return None;
+        }
+        let d = view.target_mount.rot_b_c.tr_mul(&-(rate_b.cross(&q_bt) + v_b * self.rho));
+        Some(PointMeasurement { xy_rate: (d.xy() - q_ct.xy() * (d.z / q_ct.z)) / q_ct.z, ..*measured })
+    }
+
+    fn hosted_by_target(&self, view: &View<'_>) -> Option<Self> {
+        let q = path(view, self).q_ct;
+        (q.z > MIN_FORWARD).then(|| Self { xy: Vector2::new(q.x / q.z, q.y / q.z), rho: self.rho / q.z })
+    }
+}
+
+impl Estimated<3> for InversePoint {
+    fn jacobians(&self, view: &View<'_>, measured: &PointMeasurement) -> Option<Jacobians<3>> {
+        let Path { q_bh, q_bt, q_ct } = path(view, self);
         if q_ct.z <= MIN_FORWARD {
             return None;
         }
         let iz = 1.0 / q_ct.z;
         let projection = Matrix2x3::new(iz, 0.0, -q_ct.x * iz * iz, 0.0, iz, -q_ct.y * iz * iz);
         let by_ct = measured.weight * projection;
-        let by_bt = by_ct * self.target_mount.rot_b_c.transpose();
-        let by_o = by_bt * self.target.rot_o_b.transpose();
-        let by_bh = by_o * self.host.rot_o_b;
-        let b = Vector3::new(point.xy.x, point.xy.y, 1.0);
-        let by_b = by_bh * self.host_mount.rot_b_c;
+        let by_bt = by_ct * view.target_mount.rot_b_c.transpose();
+        let by_o = by_bt * view.target.rot_o_b.transpose();
+        let by_bh = by_o * view.host.rot_o_b;
+        let b = Vector3::new(self.xy.x, self.xy.y, 1.0);
+        let by_b = by_bh * view.host_mount.rot_b_c;
 
         let mut host = SMatrix::<f64, 2, 6>::zeros();
-        host.fixed_view_mut::<2, 3>(0, 0).copy_from(&(by_o * point.rho));
+        host.fixed_view_mut::<2, 3>(0, 0).copy_from(&(by_o * self.rho));
         host.fixed_view_mut::<2, 3>(0, 3).copy_from(&-(by_bh * skew(&q_bh)));
         let mut target = SMatrix::<f64, 2, 6>::zeros();
-        target.fixed_view_mut::<2, 3>(0, 0).copy_from(&(by_o * -point.rho));
+        target.fixed_view_mut::<2, 3>(0, 0).copy_from(&(by_o * -self.rho));
         target.fixed_view_mut::<2, 3>(0, 3).copy_from(&(by_bt * skew(&q_bt)));
 
         let mut host_mount = SMatrix::<f64, 2, 6>::zeros();
-        host_mount.fixed_view_mut::<2, 3>(0, 0).copy_from(&(by_bh * point.rho));
+        host_mount.fixed_view_mut::<2, 3>(0, 0).copy_from(&(by_bh * self.rho));
         host_mount.fixed_view_mut::<2, 3>(0, 3).copy_from(&-(by_b * skew(&b)));
         let mut target_mount = SMatrix::<f64, 2, 6>::zeros();
-        target_mount.fixed_view_mut::<2, 3>(0, 0).copy_from(&(by_bt * -point.rho));
+        target_mount.fixed_view_mut::<2, 3>(0, 0).copy_from(&(by_bt * -self.rho));
         target_mount.fixed_view_mut::<2, 3>(0, 3).copy_from(&(by_ct * skew(&q_ct)));
         let mut rig = SMatrix::<f64, 2, 13>::zeros();
         rig.fixed_view_mut::<2, 12>(0, 0)
-            .copy_from(&(host_mount * self.host_mount.by_rig + target_mount * self.target_mount.by_rig));
+            .copy_from(&(host_mount * view.host_mount.by_rig + target_mount * view.target_mount.by_rig));
         rig.set_column(12, &(measured.weight * measured.xy_rate));
 
-        let p_ho = self.host.rot_o_b * self.host_mount.p_b_c + self.host.p_o_b - self.target.p_o_b;
+        let p_ho = view.host.rot_o_b * view.host_mount.p_b_c + view.host.p_o_b - view.target.p_o_b;
         let p_ct =
-            self.target_mount.rot_b_c.tr_mul(&(self.target.rot_o_b.tr_mul(&p_ho) - self.target_mount.p_b_c));
+            view.target_mount.rot_b_c.tr_mul(&(view.target.rot_o_b.tr_mul(&p_ho) - view.target_mount.p_b_c));
         let mut landmark = Matrix2x3::zeros();
         landmark.fixed_columns_mut::<2>(0).copy_from(&by_b.fixed_columns::<2>(0));
         landmark.set_column(2, &(by_ct * p_ct));
-        Some(ReprojectionJacobians { host, target, rig, landmark })
+        Some(Jacobians { host, target, rig, landmark })
+    }
+
+    fn plus(&self, d: &Vector3<f64>) -> Self {
+        Self { xy: self.xy + d.xy(), rho: (self.rho + d.z).clamp(MIN_INVERSE_DEPTH, MAX_INVERSE_DEPTH) }
     }
 }
 

@@ -1,4 +1,5 @@
-use super::super::state::{NavState, Rig};
+use super::super::feature::BodyPose;
+use super::super::state::{Mount, NavState, Rig};
 use super::*;
 use crate::geometry::exp_so3;
 use nalgebra::{Isometry3, SVector, Translation3};
@@ -33,10 +34,10 @@ impl Scene {
         let mounts = [Mount::of(&self.rig, self.cameras.0), Mount::of(&self.rig, self.cameras.1)];
         let (host, target) = (body(&self.host), body(&self.target));
         let view = View { host: &host, host_mount: &mounts[0], target: &target, target_mount: &mounts[1] };
-        view.residual(&self.point, &self.measured, self.rig.time_offset_s - self.offset).unwrap()
+        self.point.residual(&view, &self.measured, self.rig.time_offset_s - self.offset).unwrap()
     }
 
-    fn jacobians(&self) -> ReprojectionJacobians {
+    fn jacobians(&self) -> Jacobians<3> {
         let body = |nav: &NavState| BodyPose {
             rot_o_b: nav.rot_o_b.to_rotation_matrix().into_inner(),
             p_o_b: nav.p_o_b,
@@ -44,7 +45,7 @@ impl Scene {
         let mounts = [Mount::of(&self.rig, self.cameras.0), Mount::of(&self.rig, self.cameras.1)];
         let (host, target) = (body(&self.host), body(&self.target));
         let view = View { host: &host, host_mount: &mounts[0], target: &target, target_mount: &mounts[1] };
-        view.jacobians(&self.point, &self.measured).unwrap()
+        self.point.jacobians(&view, &self.measured).unwrap()
     }
 }
 

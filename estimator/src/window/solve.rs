@@ -1,6 +1,10 @@
 //! The solver: damped Gauss-Newton over rig, frames and landmarks, a bounded number of steps.
 
+use super::feature::Estimated;
+use super::landmark::LandmarkStore;
+use super::line::HostedLine;
 use super::linearize::{Eliminated, Problem, unknown_of_visual};
+use super::reprojection::InversePoint;
 use super::state::{FRAME_DIM, NavState, POSE_DIM, RIG_DIM, Rig};
 use super::{MAX_FRAMES, Window};
 use crate::estimate::NavCovariance;
@@ -13,10 +17,6 @@ const SMALL_DECREASE: f64 = 0.02;
 const FIRST_DAMPING: f64 = 1e-3;
 const DAMPING_GROWTH: f64 = 30.0;
 const DAMPING_DECAY: f64 = 0.1;
-/// Landmarks stay within this inverse depth, 1/m.
-const MAX_INVERSE_DEPTH: f64 = 10.0;
-/// A little behind infinity is noise of a far point.
-const MIN_INVERSE_DEPTH: f64 = -0.02;
 
 /// How a solution went.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -34,17 +34,19 @@ pub struct Outcome {
 pub struct Backup {
     rig: Rig,
     frames: Vec<NavState>,
-    points: Vec<super::reprojection::InversePoint>,
+    points: Vec<InversePoint>,
+    lines: Vec<HostedLine>,
 }
 
 impl Backup {
-    /// Room for `landmarks`.
+    /// Room for `points` and `lines`.
     #[must_use]
-    pub fn new(landmarks: usize, rig: &Rig) -> Self {
+    pub fn new(points: usize, lines: usize, rig: &Rig) -> Self {
         Self {
             rig: rig.clone(),
             frames: Vec::with_capacity(MAX_FRAMES),
-            points: Vec::with_capacity(landmarks),
+            points: Vec::with_capacity(points),
+            lines: Vec::with_capacity(lines),
         }
     }
 }
@@ -94,8 +96,8 @@ impl Window {
 
     /// Normal equations at the present states, landmarks damped; returns the cost.
     fn linearize(&mut self, damping: f64) -> f64 {
-        let Self { rig, frames, landmarks, prior, linearizer, options, .. } = self;
-        let problem = Problem { rig, frames, landmarks: landmarks.all(), options };
+        let Self { rig, frames, points, lines, prior, linearizer, options, .. } = self;
+        let problem = Problem { rig, frames, points: points.all(), lines: lines.all(), options };
         linearizer.begin(&problem);
         let mut cost = prior.evaluate(rig, frames, Some(&mut linearizer.equations));
         for index in 0..frames.len() {
@@ -104,8 +106,11 @@ impl Window {
             }
             cost += linearizer.add_standstill(&problem, index);
         }
-        for index in 0..problem.landmarks.len() {
-            cost += linearizer.add_landmark(&problem, index, damping);
+        for index in 0..problem.points.len() {
+            cost += linearizer.add_point(&problem, index, damping);
+        }
+        for index in 0..problem.lines.len() {
+            cost += linearizer.add_line(&problem, index, damping);
         }
         linearizer.finish();
         cost
@@ -113,8 +118,8 @@ impl Window {
 
     /// The cost at the present states.
     fn cost(&mut self) -> f64 {
-        let Self { rig, frames, landmarks, prior, linearizer, options, .. } = self;
-        let problem = Problem { rig, frames, landmarks: landmarks.all(), options };
+        let Self { rig, frames, points, lines, prior, linearizer, options, .. } = self;
+        let problem = Problem { rig, frames, points: points.all(), lines: lines.all(), options };
         prior.evaluate(rig, frames, None) + linearizer.cost(&problem)
     }
 
@@ -141,14 +146,8 @@ impl Window {
         for k in 0..visual {
             self.visual_step[k] = self.solution[unknown_of_visual(k)];
         }
-        let steps = self.linearizer.eliminated.iter().map(|e: &Eliminated| (e.is_used, e));
-        for (landmark, (is_used, eliminated)) in self.landmarks.all_mut().iter_mut().zip(steps) {
-            if is_used {
-                let d = eliminated.step(&self.visual_step[..visual]);
-                landmark.point.xy += d.xy();
-                landmark.point.rho = (landmark.point.rho + d.z).clamp(MIN_INVERSE_DEPTH, MAX_INVERSE_DEPTH);
-            }
-        }
+        move_landmarks(&mut self.points, &self.linearizer.points, &self.visual_step[..visual]);
+        move_landmarks(&mut self.lines, &self.linearizer.lines, &self.visual_step[..visual]);
         Some(decrease)
     }
 
@@ -157,7 +156,9 @@ impl Window {
         self.backup.frames.clear();
         self.backup.frames.extend(self.frames.iter().map(|f| f.nav.clone()));
         self.backup.points.clear();
-        self.backup.points.extend(self.landmarks.all().iter().map(|l| l.point));
+        self.backup.points.extend(self.points.all().iter().map(|l| l.feature));
+        self.backup.lines.clear();
+        self.backup.lines.extend(self.lines.all().iter().map(|l| l.feature));
     }
 
     fn restore(&mut self) {
@@ -165,8 +166,11 @@ impl Window {
         for (frame, nav) in self.frames.iter_mut().zip(&self.backup.frames) {
             frame.nav.clone_from(nav);
         }
-        for (landmark, point) in self.landmarks.all_mut().iter_mut().zip(&self.backup.points) {
-            landmark.point = *point;
+        for (landmark, point) in self.points.all_mut().iter_mut().zip(&self.backup.points) {
+            landmark.feature = *point;
+        }
+        for (landmark, line) in self.lines.all_mut().iter_mut().zip(&self.backup.lines) {
+            landmark.feature = *line;
         }
     }
 
@@ -190,5 +194,18 @@ impl Window {
         self.factor.solve(&mut self.solution[..dim]);
         let symmetric = (covariance + covariance.transpose()) * 0.5;
         symmetric.iter().all(|x| x.is_finite()).then_some((symmetric, self.solution[RIG_DIM - 1]))
+    }
+}
+
+/// Gives every landmark that took part its step, given that of rig and poses.
+fn move_landmarks<F: Estimated<D>, const D: usize>(
+    store: &mut LandmarkStore<F>,
+    eliminated: &[Eliminated<D>],
+    visual_step: &[f64],
+) {
+    for (landmark, entry) in store.all_mut().iter_mut().zip(eliminated) {
+        if entry.is_used {
+            landmark.feature = landmark.feature.plus(&entry.step(visual_step));
+        }
     }
 }

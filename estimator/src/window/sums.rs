@@ -6,31 +6,33 @@
 
 use super::Options;
 use super::dense::NormalEquations;
+use super::feature::Jacobians;
 use super::linearize::Eliminated;
-use super::reprojection::ReprojectionJacobians;
 use super::state::{POSE_DIM, RIG_DIM};
-use nalgebra::{Matrix3, SMatrix, Vector2};
+use nalgebra::{SMatrix, Vector2};
 
-/// Columns of the sums that all observations of a landmark share: rig, host, landmark, residual, padding
-/// to a multiple of the vector width.
+/// Most degrees of freedom of a landmark: those of a line.
+const MAX_LANDMARK_DIM: usize = 4;
+/// Columns of the sums that all observations of a landmark share: rig, host, landmark, residual. They are
+/// a multiple of the vector width.
 const COMMON: usize = 24;
 const AT_HOST: usize = RIG_DIM;
 const AT_LANDMARK: usize = AT_HOST + POSE_DIM;
-const AT_RESIDUAL: usize = AT_LANDMARK + 3;
+const AT_RESIDUAL: usize = AT_LANDMARK + MAX_LANDMARK_DIM;
 
 /// `J'J` and `J'r` of one landmark over what its observations have in common.
-pub(super) struct LandmarkSums([[f64; COMMON]; AT_RESIDUAL]);
+pub(super) struct LandmarkSums<const D: usize>([[f64; COMMON]; AT_RESIDUAL]);
 
-impl Default for LandmarkSums {
+impl<const D: usize> Default for LandmarkSums<D> {
     fn default() -> Self {
         Self([[0.0; COMMON]; AT_RESIDUAL])
     }
 }
 
-impl LandmarkSums {
+impl<const D: usize> LandmarkSums<D> {
     /// Adds two rows of (rig, host, landmark, residual).
     pub(super) fn add(&mut self, rows: &[[f64; COMMON]; 2]) {
-        for (i, to) in self.0.iter_mut().enumerate() {
+        for (i, to) in self.0[..AT_LANDMARK + D].iter_mut().enumerate() {
             let (a, b) = (rows[0][i], rows[1][i]);
             for (k, to) in to.iter_mut().enumerate() {
                 *to += a * rows[0][k] + b * rows[1][k];
@@ -39,12 +41,12 @@ impl LandmarkSums {
     }
 
     /// The landmark's own block.
-    pub(super) fn landmark(&self) -> Matrix3<f64> {
-        Matrix3::from_fn(|i, k| self.0[AT_LANDMARK + i][AT_LANDMARK + k])
+    pub(super) fn landmark(&self) -> SMatrix<f64, D, D> {
+        SMatrix::from_fn(|i, k| self.0[AT_LANDMARK + i][AT_LANDMARK + k])
     }
 
     /// Moves the sums to the visual equations and the landmark's row.
-    pub(super) fn flush(&self, visual: &mut NormalEquations, entry: &mut Eliminated, host: usize) {
+    pub(super) fn flush(&self, visual: &mut NormalEquations, entry: &mut Eliminated<D>, host: usize) {
         let at = RIG_DIM + POSE_DIM * host;
         for (i, sums) in self.0[..AT_LANDMARK].iter().enumerate() {
             let to = if i < AT_HOST { i } else { at + i - AT_HOST };
@@ -73,8 +75,8 @@ fn add_to(to: &mut [f64], from: &[f64]) {
 }
 
 /// The two rows of an observation that it shares with others, times `scale`.
-pub(super) fn common_rows(
-    j: &ReprojectionJacobians,
+pub(super) fn common_rows<const D: usize>(
+    j: &Jacobians<D>,
     r: &Vector2<f64>,
     scale: f64,
     is_host_free: bool,
@@ -91,7 +93,7 @@ pub(super) fn common_rows(
                 row[AT_HOST + k] = j.host[(d, k)] * scale;
             }
         }
-        for k in 0..3 {
+        for k in 0..D {
             row[AT_LANDMARK + k] = j.landmark[(d, k)] * scale;
         }
         row[AT_RESIDUAL] = r[d] * scale;
@@ -100,9 +102,9 @@ pub(super) fn common_rows(
 }
 
 /// Adds what an observation says of the observing frame `target`.
-pub(super) fn add_target(
+pub(super) fn add_target<const D: usize>(
     visual: &mut NormalEquations,
-    entry: &mut Eliminated,
+    entry: &mut Eliminated<D>,
     rows: &[[f64; COMMON]; 2],
     jacobian: &SMatrix<f64, 2, 6>,
     scale: f64,

@@ -1,8 +1,9 @@
 //! Inverse depth of a landmark from two or more views, and the change of its host.
 
 use super::Options;
-use super::landmark::Landmark;
-use super::reprojection::{BodyPose, InversePoint, View};
+use super::feature::{BodyPose, Feature, View};
+use super::landmark::{Landmark, PointLandmark};
+use super::reprojection::InversePoint;
 use super::state::{Frame, Mount, Rig};
 use nalgebra::{Matrix3, Vector3};
 
@@ -21,7 +22,7 @@ pub enum Triangulation {
 }
 
 /// Pose of a camera in the odometry frame as a matrix and a vector.
-fn camera_pose(frame: &Frame, mount: &Mount) -> (Matrix3<f64>, Vector3<f64>) {
+pub(super) fn camera_pose(frame: &Frame, mount: &Mount) -> (Matrix3<f64>, Vector3<f64>) {
     let rot = frame.nav.rot_o_b.to_rotation_matrix().into_inner();
     (rot * mount.rot_b_c, rot * mount.p_b_c + frame.nav.p_o_b)
 }
@@ -31,7 +32,7 @@ fn camera_pose(frame: &Frame, mount: &Mount) -> (Matrix3<f64>, Vector3<f64>) {
 /// vanish. Needs a parallax of `options.min_parallax_sigmas` standard deviations. While poses are only
 /// guessed (`is_start`), views may contradict.
 pub fn triangulate(
-    landmark: &mut Landmark,
+    landmark: &mut PointLandmark,
     frames: &[Frame],
     rig: &Rig,
     options: &Options,
@@ -77,14 +78,19 @@ pub fn triangulate(
     if !is_start && (rho > options.max_rho || rho < -3.0 * sigma_rho) {
         return Triangulation::Contradiction;
     }
-    landmark.point = InversePoint { xy, rho: rho.clamp(options.min_rho, options.max_rho) };
+    landmark.feature = InversePoint { xy, rho: rho.clamp(options.min_rho, options.max_rho) };
     let fits = is_start || consistent(landmark, frames, &mounts, rig.time_offset_s);
     landmark.is_triangulated = fits;
     if fits { Triangulation::Done } else { Triangulation::Contradiction }
 }
 
 /// Whether every observation of the landmark agrees with its present point.
-fn consistent(landmark: &Landmark, frames: &[Frame], mounts: &[Mount; 2], time_offset_s: f64) -> bool {
+pub(super) fn consistent<F: Feature>(
+    landmark: &Landmark<F>,
+    frames: &[Frame],
+    mounts: &[Mount; 2],
+    time_offset_s: f64,
+) -> bool {
     let body = |k: u8| {
         let nav = &frames[usize::from(k)].nav;
         BodyPose { rot_o_b: nav.rot_o_b.to_rotation_matrix().into_inner(), p_o_b: nav.p_o_b }
@@ -99,14 +105,15 @@ fn consistent(landmark: &Landmark, frames: &[Frame], mounts: &[Mount; 2], time_o
             target_mount: &mounts[usize::from(o.camera)],
         };
         let step_s = time_offset_s - frames[usize::from(o.frame)].time_offset_s;
-        view.residual(&landmark.point, &o.measured, step_s).is_some_and(|r| r.norm() < MAX_RESIDUAL_SIGMAS)
+        let r = landmark.feature.residual(&view, &o.measured, step_s);
+        r.is_some_and(|r| r.norm() < MAX_RESIDUAL_SIGMAS)
     })
 }
 
 /// The same track hosted by frame `heir`, with its observations from there on; to be triangulated anew.
 /// `None` when the heir has not seen it, or nothing has since.
 #[must_use]
-pub fn moved_to(landmark: &Landmark, heir: usize) -> Option<Landmark> {
+pub fn moved_to<F: Feature>(landmark: &Landmark<F>, heir: usize) -> Option<Landmark<F>> {
     let heir = u8::try_from(heir).ok()?;
     let seen = landmark.observations.iter().find(|o| o.frame == heir)?;
     let mut moved = Landmark {
@@ -114,7 +121,7 @@ pub fn moved_to(landmark: &Landmark, heir: usize) -> Option<Landmark> {
         host: heir,
         host_camera: seen.camera,
         is_triangulated: false,
-        point: InversePoint { xy: seen.measured.xy, rho: landmark.point.rho },
+        feature: landmark.feature,
         observations: heapless::Vec::new(),
     };
     for observation in landmark.observations.iter().filter(|o| o.frame >= heir) {

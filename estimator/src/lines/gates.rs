@@ -1,0 +1,167 @@
+//! Which segments geometry admits as the same edge: from frame to frame, and from left to right.
+//!
+//! Coordinates are normalized ones of the camera that looks. Directions are those of oriented edges: the
+//! bright side tells the two edges of a bar apart.
+
+use super::measure::ImageLine;
+use nalgebra::{Rotation3, Vector2, Vector3};
+
+/// Cosine of the largest angle between a prediction and a segment (10 degrees).
+const MIN_COS: f64 = 0.984_8;
+/// Cosine of the largest angle between the views of the two cameras (20 degrees).
+const MIN_COS_STEREO: f64 = 0.939_7;
+/// Two segments of one edge overlap by at least this share of the shorter.
+const MIN_OVERLAP: f64 = 0.3;
+/// Smallest sine between a segment and the epipolar lines by which its depth shows.
+const MIN_EPIPOLAR_SINE: f64 = 0.1;
+/// Rays that part by less than this are parallel within noise, 1/m.
+const INVERSE_DEPTH_MARGIN: f64 = 0.02;
+
+/// Where an edge is expected.
+#[derive(Clone, Copy, Debug)]
+pub struct Expected {
+    start: Vector2<f64>,
+    direction: Vector2<f64>,
+    length: f64,
+    /// Largest distance of a segment's middle from the line.
+    gate: f64,
+}
+
+impl Expected {
+    /// Between these ends, within `gate`.
+    #[must_use]
+    pub fn new(ends_xy: &[Vector2<f64>; 2], gate: f64) -> Self {
+        let d = ends_xy[1] - ends_xy[0];
+        let length = d.norm().max(f64::MIN_POSITIVE);
+        Self { start: ends_xy[0], direction: d / length, length, gate }
+    }
+
+    /// Signed distance of a segment's middle from the expected line.
+    #[must_use]
+    pub fn offset_of(&self, line: &ImageLine) -> f64 {
+        self.direction.perp(&((line.ends_xy[0] + line.ends_xy[1]) * 0.5 - self.start))
+    }
+
+    /// Whether a segment may be the edge.
+    #[must_use]
+    pub fn admits(&self, line: &ImageLine) -> bool {
+        self.direction.dot(&line.direction()) > MIN_COS
+            && self.offset_of(line).abs() <= self.gate
+            && overlap(&self.start, &self.direction, self.length, &line.ends_xy) >= MIN_OVERLAP
+    }
+}
+
+/// Share of the shorter of two segments that lies beside the other.
+fn overlap(start: &Vector2<f64>, direction: &Vector2<f64>, length: f64, ends: &[Vector2<f64>; 2]) -> f64 {
+    let [a, b] = ends.map(|end| direction.dot(&(end - start)));
+    let (low, high) = (a.min(b), a.max(b));
+    (high.min(length) - low.max(0.0)) / (high - low).min(length).max(f64::MIN_POSITIVE)
+}
+
+/// A left segment as the right camera may see it.
+#[derive(Clone, Copy, Debug)]
+pub struct StereoExpected {
+    /// Directions of the two ends at infinity.
+    far: [Vector3<f64>; 2],
+    direction: Vector2<f64>,
+}
+
+/// The way from the left camera to the right.
+#[derive(Clone, Copy, Debug)]
+pub struct StereoGate {
+    /// `R_c1_c0`.
+    pub rotation: Rotation3<f64>,
+    /// Position of the left camera in the right, m.
+    pub translation: Vector3<f64>,
+    /// Largest inverse depth, 1/m.
+    pub max_inverse_depth: f64,
+    /// Largest distance across epipolar lines of a segment along them.
+    pub gate: f64,
+}
+
+impl StereoGate {
+    /// A left segment, ready to be compared; `None` behind the right camera.
+    #[must_use]
+    pub fn expect(&self, line: &ImageLine) -> Option<StereoExpected> {
+        let far = line.ends_xy.map(|xy| self.rotation * Vector3::new(xy.x, xy.y, 1.0));
+        if far.iter().any(|q| q.z < 0.1) {
+            return None;
+        }
+        let d = far[1].xy() / far[1].z - far[0].xy() / far[0].z;
+        Some(StereoExpected { far, direction: d / d.norm().max(f64::MIN_POSITIVE) })
+    }
+
+    /// Whether a right segment may be the same edge: the planes of both meet in front of the cameras, where
+    /// both see it.
+    #[must_use]
+    pub fn admits(&self, left: &StereoExpected, right: &ImageLine) -> bool {
+        let direction = right.direction();
+        if left.direction.dot(&direction) < MIN_COS_STEREO {
+            return false;
+        }
+        let [a, b] = right.ends_xy.map(|xy| Vector3::new(xy.x, xy.y, 1.0));
+        let plane = a.cross(&b).normalize();
+        let along = self.translation.dot(&plane) / self.translation.norm();
+        let mut seen = [Vector2::zeros(); 2];
+        for (to, q) in seen.iter_mut().zip(&left.far) {
+            // The ray `q + rho t` meets the right plane.
+            let rho = if along.abs() > MIN_EPIPOLAR_SINE {
+                -q.dot(&plane) / self.translation.dot(&plane)
+            } else if q.dot(&plane).abs() <= self.gate * q.z {
+                0.0
+            } else {
+                return false;
+            };
+            if !(-INVERSE_DEPTH_MARGIN..=self.max_inverse_depth).contains(&rho) {
+                return false;
+            }
+            let met = q + self.translation * rho;
+            if met.z < 0.1 {
+                return false;
+            }
+            *to = met.xy() / met.z;
+        }
+        let length = (seen[1] - seen[0]).norm();
+        overlap(&seen[0], &((seen[1] - seen[0]) / length.max(f64::MIN_POSITIVE)), length, &right.ends_xy)
+            >= MIN_OVERLAP
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn line(a: (f64, f64), b: (f64, f64)) -> ImageLine {
+        ImageLine { ends_xy: [Vector2::new(a.0, a.1), Vector2::new(b.0, b.1)], px_per_unit: [450.0; 2] }
+    }
+
+    #[test]
+    fn an_edge_is_expected_where_it_was_and_in_its_sense() {
+        let expected = Expected::new(&[Vector2::new(0.0, 0.0), Vector2::new(0.0, 0.4)], 0.03);
+        assert!(expected.admits(&line((0.01, 0.05), (0.02, 0.5))));
+        assert!(!expected.admits(&line((0.01, 0.5), (0.02, 0.05))), "the other edge of the bar");
+        assert!(!expected.admits(&line((0.05, 0.05), (0.05, 0.5))), "too far off");
+        assert!(!expected.admits(&line((0.0, 0.5), (0.0, 0.9))), "beyond its end");
+        assert!((expected.offset_of(&line((0.01, 0.1), (0.01, 0.2))) + 0.01).abs() < 1e-12);
+    }
+
+    #[test]
+    fn views_of_one_edge_at_a_possible_depth_are_admitted() {
+        let gate = StereoGate {
+            rotation: Rotation3::identity(),
+            translation: Vector3::new(-0.11, 0.0, 0.0),
+            max_inverse_depth: 5.0,
+            gate: 0.005,
+        };
+        let admits = |l: &ImageLine, r: &ImageLine| gate.expect(l).is_some_and(|e| gate.admits(&e, r));
+        let left = line((0.1, -0.2), (0.12, 0.3));
+        // Two metres away: 0.055 to the left.
+        assert!(admits(&left, &line((0.045, -0.2), (0.065, 0.3))));
+        assert!(!admits(&left, &line((0.2, -0.2), (0.22, 0.3))), "behind the cameras");
+        assert!(!admits(&left, &line((-0.7, -0.2), (-0.68, 0.3))), "nearer than anything");
+        // Along the epipolar lines depth does not show, the height does.
+        let level = line((-0.2, 0.1), (0.3, 0.1));
+        assert!(admits(&level, &line((-0.25, 0.102), (0.25, 0.102))));
+        assert!(!admits(&level, &line((-0.25, 0.12), (0.25, 0.12))));
+    }
+}

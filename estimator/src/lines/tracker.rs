@@ -1,0 +1,353 @@
+//! The line front-end: images in, tracked segments out.
+//!
+//! Segments are found anew in every image, so that they do not drift, and named by matching them with those
+//! of the frame before, turned by the gyroscope and moved on as they moved last. A track that finds no
+//! segment is expected a few frames longer. The left camera leads; without its image no line is seen.
+
+use super::descriptor::{Describer, Descriptor};
+use super::extractor::{ExtractionFigures, LineExtractor};
+use super::gates::{Expected, StereoGate};
+use super::matching::Matcher;
+use super::measure::ImageLine;
+use super::segment::Segment;
+use crate::estimate::{Stage, StageProbe};
+use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector2, Vector3};
+use plumbline_config::options::LinesConfig;
+use plumbline_config::{CameraModel, ImageView};
+
+/// A track is expected for this many frames without being seen.
+const MAX_MISSED: u32 = 3;
+/// A new track is looked for within this distance, px; one whose motion is known within the second.
+const GATE_NEW_PX: f64 = 25.0;
+const GATE_KNOWN_PX: f64 = 8.0;
+/// Segments along epipolar lines are looked for within this distance of them, px.
+const GATE_EPIPOLAR_PX: f64 = 2.5;
+/// Nearest depth at which both cameras can see an edge, m.
+const MIN_DEPTH_M: f64 = 0.3;
+
+/// One tracked line in one frame.
+#[derive(Clone, Copy, Debug)]
+pub struct LineObservation {
+    /// Names the track: unique since the tracker was made, never used again.
+    pub track_id: u32,
+    /// Frames in which it has been seen, this one included.
+    pub age: u32,
+    /// The segment in the left and right image, where seen.
+    pub segments: [Option<Segment>; 2],
+    /// The same without distortion.
+    pub lines: [Option<ImageLine>; 2],
+}
+
+/// What happened in a frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LineFigures {
+    /// The left image.
+    pub left: ExtractionFigures,
+    /// Left segments that continue a track.
+    pub matched: u32,
+    /// Left segments found in the right image.
+    pub stereo: u32,
+    /// Images whose budget was spent before their last seed.
+    pub cut_short: u32,
+}
+
+/// One camera and the segments of its newest image.
+#[derive(Clone, Debug)]
+struct View {
+    model: CameraModel,
+    pose_b_c: Isometry3<f64>,
+    extractor: LineExtractor,
+    is_new: bool,
+    segments: Vec<Segment>,
+    lines: Vec<ImageLine>,
+    descriptors: Vec<Descriptor>,
+}
+
+impl View {
+    fn new(model: CameraModel, options: &LinesConfig) -> Self {
+        let room = options.max_segments;
+        Self {
+            extractor: LineExtractor::new(model.width_px, model.height_px, options),
+            model,
+            pose_b_c: Isometry3::identity(),
+            is_new: false,
+            segments: Vec::with_capacity(room),
+            lines: Vec::with_capacity(room),
+            descriptors: Vec::with_capacity(room),
+        }
+    }
+
+    fn extract(&mut self, image: Option<&ImageView<'_>>) {
+        self.segments.clear();
+        self.lines.clear();
+        self.descriptors.clear();
+        self.is_new = image.is_some_and(|i| self.extractor.extract(i).is_some());
+        if self.is_new {
+            for segment in self.extractor.segments() {
+                if let Some(line) = ImageLine::of(segment, &self.model) {
+                    self.segments.push(*segment);
+                    self.lines.push(line);
+                }
+            }
+        }
+    }
+
+    fn describe(&mut self, describer: &Describer) {
+        let gradients = self.extractor.gradients();
+        self.descriptors.extend(self.segments.iter().map(|s| describer.describe(gradients, s)));
+    }
+
+    fn focal_px(&self) -> f64 {
+        0.5 * (self.model.focal_px.x + self.model.focal_px.y)
+    }
+}
+
+/// A line that is followed.
+#[derive(Clone, Copy, Debug)]
+struct Track {
+    id: u32,
+    age: u32,
+    missed: u32,
+    /// Where it is, in the left camera: seen, or expected while it is missed.
+    ends_xy: [Vector2<f64>; 2],
+    /// Its motion across itself in the last frame beyond that of a far edge.
+    drift: Option<f64>,
+    /// Index of its segment in the left image.
+    seen: Option<u16>,
+}
+
+/// Tracks line segments through the images of one or two cameras. Everything is allocated at construction.
+#[derive(Clone, Debug)]
+pub struct LineTracker {
+    views: Vec<View>,
+    describer: Describer,
+    matcher: Matcher,
+    tracks: Vec<Track>,
+    descriptors: Vec<Descriptor>,
+    expected: Vec<Option<Expected>>,
+    is_taken: Vec<bool>,
+    partner: Vec<Option<u16>>,
+    observations: Vec<LineObservation>,
+    figures: LineFigures,
+    max_tracks: usize,
+    next_id: u32,
+}
+
+impl LineTracker {
+    /// A tracker for one or two cameras (left first).
+    #[must_use]
+    pub fn new(options: &LinesConfig, cameras: &[CameraModel]) -> Self {
+        let room = 2 * options.max_segments;
+        Self {
+            views: cameras.iter().take(2).map(|c| View::new(*c, options)).collect(),
+            describer: Describer::default(),
+            matcher: Matcher::new(options),
+            tracks: Vec::with_capacity(room),
+            descriptors: Vec::with_capacity(room),
+            expected: Vec::with_capacity(room),
+            is_taken: Vec::with_capacity(room),
+            partner: Vec::with_capacity(room),
+            observations: Vec::with_capacity(room),
+            figures: LineFigures::default(),
+            max_tracks: room,
+            next_id: 0,
+        }
+    }
+
+    /// Where the cameras are mounted: `T_BC`. May be refined at any time.
+    pub fn set_extrinsics(&mut self, pose_b_c: &[Isometry3<f64>]) {
+        for (view, pose) in self.views.iter_mut().zip(pose_b_c) {
+            view.pose_b_c = *pose;
+        }
+    }
+
+    /// Forgets all tracks. Their names are not used again.
+    pub fn reset(&mut self) {
+        self.tracks.clear();
+        self.descriptors.clear();
+        self.observations.clear();
+    }
+
+    /// What happened in the last frame.
+    #[must_use]
+    pub fn figures(&self) -> LineFigures {
+        self.figures
+    }
+
+    /// The lines seen in the last frame, in the order of their names.
+    #[must_use]
+    pub fn observations(&self) -> &[LineObservation] {
+        &self.observations
+    }
+
+    /// Takes a frame, and returns the lines seen in it, in the order of their names; `rot_prev_cur` takes
+    /// coordinates of the current body frame to the last call's.
+    pub fn track(
+        &mut self,
+        images: &[Option<ImageView<'_>>; 2],
+        rot_prev_cur: &UnitQuaternion<f64>,
+        probe: &mut impl StageProbe,
+    ) -> &[LineObservation] {
+        probe.begin(Stage::LinesExtract);
+        for (view, image) in self.views.iter_mut().zip(images) {
+            view.extract(image.as_ref());
+        }
+        probe.end(Stage::LinesExtract);
+        probe.begin(Stage::LinesDescribe);
+        for view in &mut self.views {
+            view.describe(&self.describer);
+        }
+        probe.end(Stage::LinesDescribe);
+        probe.begin(Stage::LinesMatch);
+        self.figures = LineFigures {
+            left: self.views.first().map(|v| v.extractor.figures()).unwrap_or_default(),
+            cut_short: self.views.iter().filter(|v| v.is_new && v.extractor.figures().is_cut_short).count()
+                as u32,
+            ..LineFigures::default()
+        };
+        self.expect(rot_prev_cur);
+        self.continue_tracks();
+        self.begin_tracks();
+        self.pair();
+        self.observe();
+        probe.end(Stage::LinesMatch);
+        &self.observations
+    }
+
+    /// Ends tracks that proved wrong elsewhere: what they follow gets new names.
+    pub fn drop_tracks(&mut self, track_ids: &[u32]) {
+        for &id in track_ids {
+            if let Ok(at) = self.tracks.binary_search_by_key(&id, |t| t.id) {
+                self.tracks.remove(at);
+                self.descriptors.remove(at);
+            }
+        }
+    }
+
+    /// Turns the tracks into this frame, and says where each is expected.
+    fn expect(&mut self, rot_prev_cur: &UnitQuaternion<f64>) {
+        let Some(left) = self.views.first() else { return };
+        let rot_b_c = left.pose_b_c.rotation;
+        let rot_cur_prev = (rot_b_c.inverse() * rot_prev_cur.inverse() * rot_b_c).to_rotation_matrix();
+        let focal_px = left.focal_px();
+        self.expected.clear();
+        for track in &mut self.tracks {
+            track.seen = None;
+            self.expected.push(turned(&rot_cur_prev, &track.ends_xy).map(|ends_xy| {
+                track.ends_xy = ends_xy;
+                let direction = (ends_xy[1] - ends_xy[0]).normalize();
+                let shift = Vector2::new(-direction.y, direction.x) * track.drift.unwrap_or(0.0);
+                let gate_px = if track.drift.is_some() { GATE_KNOWN_PX } else { GATE_NEW_PX };
+                Expected::new(&ends_xy.map(|xy| xy + shift), gate_px / focal_px)
+            }));
+        }
+    }
+
+    /// Finds the tracks in the left image.
+    fn continue_tracks(&mut self) {
+        let Self { views, matcher, tracks, descriptors, expected, is_taken, figures, .. } = self;
+        let Some(left) = views.first() else { return };
+        is_taken.clear();
+        is_taken.resize(left.segments.len(), false);
+        let admits = |i: usize, j: usize| expected[i].as_ref().is_some_and(|e| e.admits(&left.lines[j]));
+        for &(i, j) in matcher.pairs(descriptors, &left.descriptors, admits) {
+            let (i, j) = (usize::from(i), usize::from(j));
+            let track = &mut tracks[i];
+            let line = &left.lines[j];
+            track.drift =
+                Some(Expected::new(&track.ends_xy, 0.0).offset_of(line) / f64::from(1 + track.missed));
+            track.ends_xy = line.ends_xy;
+            track.seen = Some(j as u16);
+            track.age += 1;
+            descriptors[i] = left.descriptors[j];
+            is_taken[j] = true;
+            figures.matched += 1;
+        }
+        let mut kept = 0;
+        for i in 0..tracks.len() {
+            let mut track = tracks[i];
+            track.missed = if track.seen.is_some() { 0 } else { track.missed + 1 };
+            if track.missed <= MAX_MISSED && expected[i].is_some() {
+                (tracks[kept], descriptors[kept]) = (track, descriptors[i]);
+                kept += 1;
+            }
+        }
+        tracks.truncate(kept);
+        descriptors.truncate(kept);
+    }
+
+    /// Every left segment that continues no track begins one.
+    fn begin_tracks(&mut self) {
+        let Some(left) = self.views.first() else { return };
+        for (j, line) in left.lines.iter().enumerate().filter(|(j, _)| !self.is_taken[*j]) {
+            if self.tracks.len() == self.max_tracks {
+                break;
+            }
+            self.tracks.push(Track {
+                id: self.next_id,
+                age: 1,
+                missed: 0,
+                ends_xy: line.ends_xy,
+                drift: None,
+                seen: Some(j as u16),
+            });
+            self.descriptors.push(left.descriptors[j]);
+            self.next_id += 1;
+        }
+    }
+
+    /// Finds the left segments in the right image.
+    fn pair(&mut self) {
+        let Self { views, matcher, partner, figures, .. } = self;
+        let Some(left) = views.first() else { return };
+        partner.clear();
+        partner.resize(left.segments.len(), None);
+        let Some(right) = views.get(1).filter(|v| v.is_new) else { return };
+        let pose_c1_c0 = right.pose_b_c.inverse() * left.pose_b_c;
+        let gate = StereoGate {
+            rotation: pose_c1_c0.rotation.to_rotation_matrix(),
+            translation: pose_c1_c0.translation.vector,
+            max_inverse_depth: 1.0 / MIN_DEPTH_M,
+            gate: GATE_EPIPOLAR_PX / right.focal_px(),
+        };
+        let mut expected = (usize::MAX, None);
+        let admits = |i: usize, j: usize| {
+            if expected.0 != i {
+                expected = (i, gate.expect(&left.lines[i]));
+            }
+            expected.1.is_some_and(|e| gate.admits(&e, &right.lines[j]))
+        };
+        for &(i, j) in matcher.pairs(&left.descriptors, &right.descriptors, admits) {
+            partner[usize::from(i)] = Some(j);
+            figures.stereo += 1;
+        }
+    }
+
+    /// Writes down what this frame's images show.
+    fn observe(&mut self) {
+        self.observations.clear();
+        let Some(left) = self.views.first() else { return };
+        for track in &self.tracks {
+            let Some(j) = track.seen.map(usize::from) else { continue };
+            let mut seen = LineObservation {
+                track_id: track.id,
+                age: track.age,
+                segments: [Some(left.segments[j]), None],
+                lines: [Some(left.lines[j]), None],
+            };
+            if let (Some(k), Some(right)) = (self.partner[j].map(usize::from), self.views.get(1)) {
+                (seen.segments[1], seen.lines[1]) = (Some(right.segments[k]), Some(right.lines[k]));
+            }
+            self.observations.push(seen);
+        }
+    }
+}
+
+/// Ends of a far edge after a rotation of the camera; `None` out of its sight.
+fn turned(rot_cur_prev: &Rotation3<f64>, ends_xy: &[Vector2<f64>; 2]) -> Option<[Vector2<f64>; 2]> {
+    let turn = |xy: &Vector2<f64>| {
+        let q = rot_cur_prev * Vector3::new(xy.x, xy.y, 1.0);
+        (q.z > 0.1).then(|| q.xy() / q.z)
+    };
+    Some([turn(&ends_xy[0])?, turn(&ends_xy[1])?])
+}

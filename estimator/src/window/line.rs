@@ -1,0 +1,275 @@
+//! The reprojection factor of a line.
+//!
+//! A landmark is the line's Pluecker coordinates `(n, v)` in the camera that hosts it: `v` along the line,
+//! `n = p x v` the normal of the plane through the line and the camera (paper, equation 2 with the sign that
+//! its equations 3 to 5 need). They are kept in the orthonormal representation (equations 7 and 8)
+//!
+//! ```text
+//! n = cos(phi) u1    v = sin(phi) u2    U = [u1 u2 u1 x u2]    U <- U Exp(d[0..3])    phi <- phi + d[3]
+//! ```
+//!
+//! which has four parameters and no constraint; `cot(phi)` is the line's distance from the camera. A motion
+//! `x' = A x + b` takes a line to `n' = A n + b x (A v)`, `v' = A v` (equation 4). The observer sees the
+//! line where the plane of its `n` cuts the image; the residual is the distance of the measured end points
+//! `z` from there (equation 9), in standard deviations:
+//!
+//! ```text
+//! r_i = w_i (z_i' n / |n.xy| + rate_i (td - td_frame))
+//! ```
+//!
+//! Equations 10 and 11 give the derivatives by the camera's pose; here they go through body and mounting,
+//! with right perturbations.
+
+use super::feature::{Estimated, Feature, Jacobians, View};
+use crate::geometry::{exp_so3, skew};
+use nalgebra::{Matrix2x3, Matrix3, Matrix3x4, SMatrix, Vector2, Vector3, Vector4};
+
+/// A plane whose trace in the image is further out than this many units contains the optical centre to
+/// within noise: the line is seen as a point.
+const MIN_TRACE: f64 = 1e-3;
+
+/// A line in its host camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HostedLine {
+    /// `U`: normal, direction and their product.
+    pub axes: Matrix3<f64>,
+    /// `phi`, rad.
+    pub phi: f64,
+}
+
+/// What a camera measured of a line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LineMeasurement {
+    /// Normalized coordinates of the end points, in the order of the edge's orientation.
+    pub ends_xy: [Vector2<f64>; 2],
+    /// Rate of the distances of the end points from the moving line, 1/s.
+    pub rates: [f64; 2],
+    /// Root of the information of the end points across the line: standard deviations per unit.
+    pub weights: [f64; 2],
+}
+
+impl LineMeasurement {
+    /// Normal of the plane through the camera and the measured segment, not of unit length.
+    #[must_use]
+    pub fn normal(&self) -> Vector3<f64> {
+        ray(&self.ends_xy[0]).cross(&ray(&self.ends_xy[1]))
+    }
+
+    /// The measurement with the rates of a far line in a camera that turns with `rate_c`, rad/s.
+    #[must_use]
+    pub fn turning(self, rate_c: &Vector3<f64>) -> Self {
+        let n = self.normal();
+        let rates = self.rates_of(&n, &-rate_c.cross(&n));
+        Self { rates: rates.unwrap_or([0.0; 2]), ..self }
+    }
+
+    /// Rates of the distances from the line of `n` when that changes by `n_rate`.
+    fn rates_of(&self, n: &Vector3<f64>, n_rate: &Vector3<f64>) -> Option<[f64; 2]> {
+        let by_n = self.distances_by_normal(n)? * n_rate;
+        Some([by_n[0], by_n[1]])
+    }
+
+    /// Distances of the end points from the trace of the plane of `n`.
+    fn distances(&self, n: &Vector3<f64>) -> Option<[f64; 2]> {
+        let trace = n.xy().norm();
+        (trace > MIN_TRACE * n.norm()).then(|| self.ends_xy.map(|z| ray(&z).dot(n) / trace))
+    }
+
+    /// Their derivatives by `n`.
+    fn distances_by_normal(&self, n: &Vector3<f64>) -> Option<Matrix2x3<f64>> {
+        let distances = self.distances(n)?;
+        let trace = n.xy().norm();
+        let mut by_n = Matrix2x3::zeros();
+        for (k, (z, distance)) in self.ends_xy.iter().zip(distances).enumerate() {
+            let row = (ray(z) - Vector3::new(n.x, n.y, 0.0) * (distance / trace)) / trace;
+            by_n.set_row(k, &row.transpose());
+        }
+        Some(by_n)
+    }
+}
+
+/// Direction of normalized coordinates.
+pub(super) fn ray(xy: &Vector2<f64>) -> Vector3<f64> {
+    Vector3::new(xy.x, xy.y, 1.0)
+}
+
+/// Normal and direction of a line in one frame.
+#[derive(Clone, Copy, Debug)]
+struct Pluecker {
+    n: Vector3<f64>,
+    v: Vector3<f64>,
+}
+
+impl Pluecker {
+    /// In a frame with `x' = rot x + p`.
+    fn moved(&self, rot: &Matrix3<f64>, p: &Vector3<f64>) -> Self {
+        let v = rot * self.v;
+        Self { n: rot * self.n + p.cross(&v), v }
+    }
+
+    /// In a frame with `x' = rot' (x - p)`.
+    fn moved_back(&self, rot: &Matrix3<f64>, p: &Vector3<f64>) -> Self {
+        Self { n: rot.tr_mul(&(self.n - p.cross(&self.v))), v: rot.tr_mul(&self.v) }
+    }
+}
+
+/// The line on its way from host to observer; `o` is the odometry frame moved to the observer's body.
+struct Path {
+    bh: Pluecker,
+    o: Pluecker,
+    bt: Pluecker,
+    ct: Pluecker,
+}
+
+impl HostedLine {
+    /// Stands for a line that waits for its triangulation.
+    pub const UNKNOWN: Self =
+        Self { axes: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), phi: 0.0 };
+
+    /// The line with these Pluecker coordinates, of any scale; `None` through the camera.
+    #[must_use]
+    pub fn of(n: &Vector3<f64>, v: &Vector3<f64>) -> Option<Self> {
+        let u1 = n.try_normalize(1e-12)?;
+        // Errors may have left a part of `v` along `n`.
+        let across = v - u1 * u1.dot(v);
+        let u2 = across.try_normalize(1e-12)?;
+        let axes = Matrix3::from_columns(&[u1, u2, u1.cross(&u2)]);
+        Some(Self { axes, phi: across.norm().atan2(n.norm()) })
+    }
+
+    fn pluecker(&self) -> Pluecker {
+        let (sin, cos) = self.phi.sin_cos();
+        Pluecker { n: self.axes.column(0) * cos, v: self.axes.column(1) * sin }
+    }
+
+    /// Distance of the point that the host sees at `xy`, along its optical axis, m; negative behind.
+    /// Infinite for a line at infinity.
+    #[must_use]
+    pub fn depth_at(&self, xy: &Vector2<f64>) -> f64 {
+        let Pluecker { n, v } = self.pluecker();
+        // x = depth * ray lies on the line: depth (ray x v) = n.
+        let side = ray(xy).cross(&v);
+        n.dot(&side) / side.norm_squared()
+    }
+
+    fn path(&self, view: &View<'_>) -> Path {
+        let bh = self.pluecker().moved(&view.host_mount.rot_b_c, &view.host_mount.p_b_c);
+        let o = bh.moved(&view.host.rot_o_b, &(view.host.p_o_b - view.target.p_o_b));
+        let bt = o.moved_back(&view.target.rot_o_b, &Vector3::zeros());
+        let ct = bt.moved_back(&view.target_mount.rot_b_c, &view.target_mount.p_b_c);
+        Path { bh, o, bt, ct }
+    }
+
+    /// Normal and direction of the line in the observer's camera.
+    #[must_use]
+    pub fn seen_from(&self, view: &View<'_>) -> (Vector3<f64>, Vector3<f64>) {
+        let ct = self.path(view).ct;
+        (ct.n, ct.v)
+    }
+
+    /// Derivatives of `n` and `v` by the four parameters.
+    fn by_parameters(&self) -> (Matrix3x4<f64>, Matrix3x4<f64>) {
+        let (sin, cos) = self.phi.sin_cos();
+        let [u1, u2, u3] = [0, 1, 2].map(|k| self.axes.column(k).into_owned());
+        let zero = Vector3::zeros();
+        let n = Matrix3x4::from_columns(&[zero, -u3 * cos, u2 * cos, -u1 * sin]);
+        let v = Matrix3x4::from_columns(&[u3 * sin, zero, -u1 * sin, u2 * cos]);
+        (n, v)
+    }
+}
+
+impl Feature for HostedLine {
+    type Measurement = LineMeasurement;
+
+    fn residual(
+        &self,
+        view: &View<'_>,
+        measured: &LineMeasurement,
+        time_offset_step_s: f64,
+    ) -> Option<Vector2<f64>> {
+        let n = self.path(view).ct.n;
+        // The edge has a sense: seen the other way round it lies behind the camera.
+        if n.dot(&measured.normal()) <= 0.0 {
+            return None;
+        }
+        let [a, b] = measured.distances(&n)?;
+        let [wa, wb] = measured.weights;
+        let [ra, rb] = measured.rates.map(|rate| rate * time_offset_step_s);
+        Some(Vector2::new(wa * (a + ra), wb * (b + rb)))
+    }
+
+    /// In the body frame `n' = -w x n - velocity x v` and `v' = -w x v`.
+    fn with_rate(
+        &self,
+        view: &View<'_>,
+        measured: &LineMeasurement,
+        rate_b: &Vector3<f64>,
+        v_b: &Vector3<f64>,
+    ) -> Option<LineMeasurement> {
+        let Path { bt, ct, .. } = self.path(view);
+        let rate = Pluecker { n: -rate_b.cross(&bt.n) - v_b.cross(&bt.v), v: -rate_b.cross(&bt.v) };
+        let n_rate = rate.moved_back(&view.target_mount.rot_b_c, &view.target_mount.p_b_c).n;
+        Some(LineMeasurement { rates: measured.rates_of(&ct.n, &n_rate)?, ..*measured })
+    }
+
+    fn hosted_by_target(&self, view: &View<'_>) -> Option<Self> {
+        let ct = self.path(view).ct;
+        Self::of(&ct.n, &ct.v)
+    }
+}
+
+impl Estimated<4> for HostedLine {
+    fn jacobians(&self, view: &View<'_>, measured: &LineMeasurement) -> Option<Jacobians<4>> {
+        let Path { bh, o, bt, ct } = self.path(view);
+        let mut by_ct = measured.distances_by_normal(&ct.n)?;
+        for (mut row, weight) in by_ct.row_iter_mut().zip(measured.weights) {
+            row *= weight;
+        }
+        let (host_mount, target_mount) = (view.host_mount, view.target_mount);
+        // Derivatives by (n, v) of the line in each frame on the way back from the observer to the host.
+        let by_bt = by_ct * target_mount.rot_b_c.transpose();
+        let by_bt_v = -by_bt * skew(&target_mount.p_b_c);
+        let (by_o, by_o_v) =
+            (by_bt * view.target.rot_o_b.transpose(), by_bt_v * view.target.rot_o_b.transpose());
+        let p = view.host.p_o_b - view.target.p_o_b;
+        let (by_bh, by_bh_v) = (by_o * view.host.rot_o_b, (by_o * skew(&p) + by_o_v) * view.host.rot_o_b);
+        let (by_ch, by_ch_v) =
+            (by_bh * host_mount.rot_b_c, (by_bh * skew(&host_mount.p_b_c) + by_bh_v) * host_mount.rot_b_c);
+
+        let by_shift = by_o * skew(&o.v);
+        let mut host = SMatrix::<f64, 2, 6>::zeros();
+        host.fixed_view_mut::<2, 3>(0, 0).copy_from(&-by_shift);
+        host.fixed_view_mut::<2, 3>(0, 3).copy_from(&-(by_bh * skew(&bh.n) + by_bh_v * skew(&bh.v)));
+        let mut target = SMatrix::<f64, 2, 6>::zeros();
+        target.fixed_view_mut::<2, 3>(0, 0).copy_from(&by_shift);
+        target.fixed_view_mut::<2, 3>(0, 3).copy_from(&(by_bt * skew(&bt.n) + by_bt_v * skew(&bt.v)));
+
+        let ch = self.pluecker();
+        let mut by_host_mount = SMatrix::<f64, 2, 6>::zeros();
+        by_host_mount.fixed_view_mut::<2, 3>(0, 0).copy_from(&-(by_bh * skew(&bh.v)));
+        by_host_mount.fixed_view_mut::<2, 3>(0, 3).copy_from(&-(by_ch * skew(&ch.n) + by_ch_v * skew(&ch.v)));
+        let mut by_target_mount = SMatrix::<f64, 2, 6>::zeros();
+        by_target_mount.fixed_view_mut::<2, 3>(0, 0).copy_from(&(by_bt * skew(&bt.v)));
+        by_target_mount.fixed_view_mut::<2, 3>(0, 3).copy_from(&(by_ct * skew(&ct.n)));
+        let mut rig = SMatrix::<f64, 2, 13>::zeros();
+        rig.fixed_view_mut::<2, 12>(0, 0)
+            .copy_from(&(by_host_mount * host_mount.by_rig + by_target_mount * target_mount.by_rig));
+        rig[(0, 12)] = measured.weights[0] * measured.rates[0];
+        rig[(1, 12)] = measured.weights[1] * measured.rates[1];
+
+        let (n, v) = self.by_parameters();
+        Some(Jacobians { host, target, rig, landmark: by_ch * n + by_ch_v * v })
+    }
+
+    fn plus(&self, d: &Vector4<f64>) -> Self {
+        let turned = self.axes * exp_so3(&d.xyz()).to_rotation_matrix().into_inner();
+        // Rounding must not add up: the columns are made orthonormal again.
+        let u1 = turned.column(0).normalize();
+        let u2 = (turned.column(1) - u1 * u1.dot(&turned.column(1))).normalize();
+        Self { axes: Matrix3::from_columns(&[u1, u2, u1.cross(&u2)]), phi: self.phi + d[3] }
+    }
+}
+
+#[cfg(test)]
+#[path = "line_tests.rs"]
+mod tests;

@@ -1,0 +1,120 @@
+//! A line from the planes of two or more views.
+
+use super::Options;
+use super::feature::{BodyPose, Estimated, View};
+use super::landmark::{LineLandmark, Observation};
+use super::line::{HostedLine, LineMeasurement};
+use super::state::{Frame, Mount, Rig};
+use super::triangulate::{Triangulation, camera_pose, consistent};
+use nalgebra::{Matrix4, Vector3, Vector4};
+
+/// Planes that meet at less than this angle are one plane within noise, rad.
+const MIN_PLANE_ANGLE: f64 = 0.004;
+/// Steps of the refinement over all views.
+const REFINEMENTS: usize = 4;
+/// Largest standard deviation of the line's slope in depth, rad.
+const MAX_SLOPE_SIGMA: f64 = 0.1;
+
+/// Finds the line in its host camera: the host's plane meets that of the view at the largest angle, then all
+/// views refine it. It waits while no view has parallax (the baseline along the line, or the line in the
+/// epipolar plane), as told by the standard deviations of distance and slope.
+pub fn triangulate_line(
+    landmark: &mut LineLandmark,
+    frames: &[Frame],
+    rig: &Rig,
+    options: &Options,
+) -> Triangulation {
+    let mounts = [Mount::of(rig, 0), Mount::of(rig, 1)];
+    let is_host =
+        |o: &&Observation<LineMeasurement>| o.frame == landmark.host && o.camera == landmark.host_camera;
+    let Some(at_host) = landmark.observations.iter().find(is_host).map(|o| o.measured) else {
+        return Triangulation::Contradiction;
+    };
+    let Some(line) = widest_intersection(landmark, &at_host, frames, &mounts) else {
+        return Triangulation::Waiting;
+    };
+    landmark.feature = line;
+    let Some(information) = refine(landmark, frames, &mounts, rig.time_offset_s) else {
+        return Triangulation::Waiting;
+    };
+    let Some(covariance) = information.try_inverse() else { return Triangulation::Waiting };
+    let (slope_sigma, phi_sigma) = (covariance[(0, 0)].max(0.0).sqrt(), covariance[(3, 3)].max(0.0).sqrt());
+    let inverse_distance = landmark.feature.phi.tan();
+    let is_wide = phi_sigma * options.min_parallax_sigmas < inverse_distance && slope_sigma < MAX_SLOPE_SIGMA;
+    if !is_wide {
+        return Triangulation::Waiting;
+    }
+    let depths = at_host.ends_xy.map(|xy| landmark.feature.depth_at(&xy));
+    let is_seen = depths.iter().all(|d| (1.0 / options.max_rho..=1.0 / options.min_rho).contains(d));
+    if !is_seen || !consistent(landmark, frames, &mounts, rig.time_offset_s) {
+        return Triangulation::Contradiction;
+    }
+    landmark.is_triangulated = true;
+    Triangulation::Done
+}
+
+/// The line in which the host's plane meets that of the view at the largest angle to it.
+fn widest_intersection(
+    landmark: &LineLandmark,
+    at_host: &LineMeasurement,
+    frames: &[Frame],
+    mounts: &[Mount; 2],
+) -> Option<HostedLine> {
+    let camera = usize::from(landmark.host_camera);
+    let (rot_host, p_host) = camera_pose(&frames[usize::from(landmark.host)], &mounts[camera]);
+    let plane = at_host.normal().normalize();
+    let mut widest: Option<(f64, Vector3<f64>, f64)> = None;
+    for o in &landmark.observations {
+        let (rot, p) = camera_pose(&frames[usize::from(o.frame)], &mounts[usize::from(o.camera)]);
+        let other = rot_host.tr_mul(&(rot * o.measured.normal().normalize()));
+        let sine = plane.cross(&other).norm();
+        let distance = other.dot(&rot_host.tr_mul(&(p - p_host)));
+        if widest.is_none_or(|(s, _, _)| sine > s) {
+            widest = Some((sine, other, distance));
+        }
+    }
+    let (sine, other, distance) = widest?;
+    if sine < MIN_PLANE_ANGLE {
+        return None;
+    }
+    // Points x with plane'x = 0 and other'x = distance: v = plane x other, n = x x v = distance plane. The
+    // sense of the edge makes n the host's normal.
+    let sense = if distance < 0.0 { -1.0 } else { 1.0 };
+    HostedLine::of(&(plane * (distance * sense)), &(plane.cross(&other) * sense))
+}
+
+/// Gauss-Newton over all views with the poses held; the information of the four parameters at the end.
+fn refine(
+    landmark: &mut LineLandmark,
+    frames: &[Frame],
+    mounts: &[Mount; 2],
+    time_offset_s: f64,
+) -> Option<Matrix4<f64>> {
+    let body = |k: u8| {
+        let nav = &frames[usize::from(k)].nav;
+        BodyPose { rot_o_b: nav.rot_o_b.to_rotation_matrix().into_inner(), p_o_b: nav.p_o_b }
+    };
+    let host = body(landmark.host);
+    let mut information = Matrix4::zeros();
+    for _ in 0..REFINEMENTS {
+        information = Matrix4::zeros();
+        let mut gradient = Vector4::zeros();
+        for o in &landmark.observations {
+            let target = body(o.frame);
+            let view = View {
+                host: &host,
+                host_mount: &mounts[usize::from(landmark.host_camera)],
+                target: &target,
+                target_mount: &mounts[usize::from(o.camera)],
+            };
+            let step_s = time_offset_s - frames[usize::from(o.frame)].time_offset_s;
+            let r = super::feature::Feature::residual(&landmark.feature, &view, &o.measured, step_s)?;
+            let j = landmark.feature.jacobians(&view, &o.measured)?.landmark;
+            information += j.tr_mul(&j);
+            gradient += j.tr_mul(&r);
+        }
+        let step = information.cholesky()?.solve(&-gradient);
+        landmark.feature = landmark.feature.plus(&step);
+    }
+    (0.0..std::f64::consts::FRAC_PI_2).contains(&landmark.feature.phi).then_some(information)
+}
