@@ -10,6 +10,7 @@
 
 use super::gradient::{BORDER, Gradients};
 use super::segment::Segment;
+use nalgebra::Vector2;
 
 /// Bands across the segment.
 const BANDS: usize = 9;
@@ -79,28 +80,13 @@ impl Describer {
     /// Sums of the gradients of each row.
     fn row_sums(&self, gradients: &Gradients, segment: &Segment) -> [[f32; SUMS]; ROWS] {
         let along = segment.direction();
-        let across = nalgebra::Vector2::new(-along.y, along.x);
+        let across = Vector2::new(-along.y, along.x);
         let step = (segment.end - segment.start) / (STATIONS - 1) as f32;
-        let (right, bottom) =
-            ((gradients.width() - BORDER - 1) as f32, (gradients.height() - BORDER - 1) as f32);
         let mut rows = [[0.0; SUMS]; ROWS];
         for (k, (row, weight)) in rows.iter_mut().zip(self.row_weight).enumerate() {
             let offset = k as f32 - 0.5 * (ROWS as f32 - 1.0);
-            let start = segment.start + across * offset;
-            let mut sums = [0.0_f32; SUMS];
-            for i in 0..STATIONS {
-                let px = start + step * i as f32;
-                let x = (px.x.clamp(BORDER as f32, right) + 0.5) as usize;
-                let y = (px.y.clamp(BORDER as f32, bottom) + 0.5) as usize;
-                let (gx, gy) = gradients.at(y * gradients.width() + x);
-                let (gx, gy) = (f32::from(gx), f32::from(gy));
-                let (a, b) = (across.x * gx + across.y * gy, along.x * gx + along.y * gy);
-                sums[0] += a.max(0.0);
-                sums[1] += (-a).max(0.0);
-                sums[2] += b.max(0.0);
-                sums[3] += (-b).max(0.0);
-            }
-            *row = sums.map(|s| s * weight);
+            let samples = sample_row(gradients, segment.start + across * offset, step);
+            *row = directed_sums(&samples, &along, &across).map(|sum| sum * weight);
         }
         rows
     }
@@ -129,12 +115,53 @@ impl Describer {
     }
 }
 
+/// Gradients at the stations of a row, nearest pixels; beyond the image those at its edge.
+fn sample_row(gradients: &Gradients, start: Vector2<f32>, step: Vector2<f32>) -> [[f32; STATIONS]; 2] {
+    let width = gradients.width();
+    let right = (width - BORDER - 1) as f32;
+    let bottom = (gradients.height() - BORDER - 1) as f32;
+    let mut index = [0_i32; STATIONS];
+    for (i, index) in index.iter_mut().enumerate() {
+        let x = (start.x + step.x * i as f32).max(BORDER as f32).min(right) + 0.5;
+        let y = (start.y + step.y * i as f32).max(BORDER as f32).min(bottom) + 0.5;
+        *index = y as i32 * width as i32 + x as i32;
+    }
+    let mut samples = [[0.0; STATIONS]; 2];
+    for (i, &index) in index.iter().enumerate() {
+        let (gx, gy) = gradients.at(index as usize);
+        samples[0][i] = f32::from(gx);
+        samples[1][i] = f32::from(gy);
+    }
+    samples
+}
+
+/// Sums of the positive and negative parts across and along; in lanes, so that the order of the sums is
+/// that of the vector unit, written out.
+fn directed_sums(
+    [gx, gy]: &[[f32; STATIONS]; 2],
+    along: &Vector2<f32>,
+    across: &Vector2<f32>,
+) -> [f32; SUMS] {
+    const LANES: usize = 8;
+    let mut lanes = [[0.0_f32; LANES]; SUMS];
+    for chunk in 0..STATIONS / LANES {
+        for lane in 0..LANES {
+            let (x, y) = (gx[chunk * LANES + lane], gy[chunk * LANES + lane]);
+            let (a, b) = (across.x * x + across.y * y, along.x * x + along.y * y);
+            lanes[0][lane] += a.max(0.0);
+            lanes[1][lane] += (-a).max(0.0);
+            lanes[2][lane] += b.max(0.0);
+            lanes[3][lane] += (-b).max(0.0);
+        }
+    }
+    lanes.map(|lane| lane.iter().sum())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::image::synthetic::Texture;
     use crate::lines::segment::{NODES, Node};
-    use nalgebra::Vector2;
 
     fn segment(start: (f32, f32), end: (f32, f32)) -> Segment {
         let (start, end) = (Vector2::new(start.0, start.1), Vector2::new(end.0, end.1));

@@ -59,6 +59,9 @@ pub struct ReplayArgs {
     /// The left camera alone.
     #[arg(long)]
     pub mono: bool,
+    /// Points and IMU alone, without lines.
+    #[arg(long)]
+    pub no_lines: bool,
     /// Publish over Zenoh while flying, as the configuration's [network] and --listen say.
     #[arg(long)]
     pub publish: bool,
@@ -84,6 +87,9 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     check_outputs([&args.trajectory, &args.odometry, &args.covariance, &args.report].into_iter().flatten())?;
     let mut flight = open(args)?;
     flight.config = with_overrides(&flight.config, &args.overrides)?;
+    if args.no_lines {
+        flight.config.estimator.lines.enabled = false;
+    }
     if let Some(file) = &args.truth {
         flight.truth = Truth::Recorded(load_trajectory(file)?);
     }

@@ -3,7 +3,7 @@
 use super::clock::Stopwatch;
 use hdrhistogram::Histogram;
 use plumbline_config::Timestamp;
-use plumbline_estimator::{Estimate, Stage, StageProbe};
+use plumbline_estimator::{Estimate, FrameFigures, Stage, StageProbe};
 use serde::Serialize;
 
 /// Times are recorded in microseconds up to ten seconds, to three digits; longer ones count as ten.
@@ -148,10 +148,40 @@ pub struct Figures {
     pub stages: StageTimes,
     /// Sums over frames of points tracked and landmarks in the window.
     pub points: (u64, u64),
+    /// Sums over frames of line segments.
+    pub lines: LineSums,
     /// Time offset at the end, s.
     pub time_offset_s: f64,
     first_frame: Option<Timestamp>,
     started: Stopwatch,
+}
+
+/// Sums over frames of the line segments of the left image.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LineSums {
+    /// Found.
+    pub raw: u64,
+    /// Long enough.
+    pub kept: u64,
+    /// After merging.
+    pub merged: u64,
+    /// Continuing a track.
+    pub matched: u64,
+    /// Line landmarks in the window.
+    pub in_window: u64,
+    /// Images, of both cameras, whose budget was spent.
+    pub cut_short: u64,
+}
+
+impl LineSums {
+    fn add(&mut self, figures: &FrameFigures) {
+        self.raw += u64::from(figures.lines_raw);
+        self.kept += u64::from(figures.lines_kept);
+        self.merged += u64::from(figures.lines_merged);
+        self.matched += u64::from(figures.lines_matched);
+        self.in_window += u64::from(figures.lines_in_window);
+        self.cut_short += u64::from(figures.lines_cut_short);
+    }
 }
 
 impl Default for Figures {
@@ -172,6 +202,7 @@ impl Default for Figures {
             lag_ms: Times::of_ms(),
             stages: StageTimes::default(),
             points: (0, 0),
+            lines: LineSums::default(),
             time_offset_s: 0.0,
             first_frame: None,
             started: Stopwatch::start(),
@@ -204,6 +235,7 @@ impl Figures {
         }
         self.points.0 += u64::from(estimate.figures.points_tracked);
         self.points.1 += u64::from(estimate.figures.points_in_window);
+        self.lines.add(&estimate.figures);
         if estimate.has_pose() {
             self.poses += 1;
             self.first_pose_s.get_or_insert(stamp.seconds_since(first));

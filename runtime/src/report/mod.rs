@@ -51,6 +51,8 @@ pub struct Report {
     pub lag_ms: Option<Percentiles>,
     /// Points, means per frame.
     pub points: Points,
+    /// Line segments of the left image, means per frame.
+    pub lines: Lines,
     /// Errors against the truth, where it is known.
     pub accuracy: Option<Accuracy>,
     /// `t_imu - t_camera` at the end, s.
@@ -72,6 +74,23 @@ pub struct Points {
     pub tracked: f64,
     /// Landmarks in the window.
     pub in_window: f64,
+}
+
+/// Line segments, means per frame.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Lines {
+    /// Found in the left image.
+    pub raw: f64,
+    /// Long enough.
+    pub kept: f64,
+    /// After merging.
+    pub merged: f64,
+    /// Continuing a track.
+    pub matched: f64,
+    /// Line landmarks in the window.
+    pub in_window: f64,
+    /// Images in the whole run, of both cameras, whose budget of work was spent.
+    pub cut_short: u64,
 }
 
 /// What one driver survived.
@@ -120,6 +139,14 @@ impl Report {
             odometry_handout_us: f.handout_us.percentiles(),
             lag_ms: (!f.lag_ms.is_empty()).then(|| f.lag_ms.percentiles()),
             points: Points { tracked: per_frame(f.points.0), in_window: per_frame(f.points.1) },
+            lines: Lines {
+                raw: per_frame(f.lines.raw),
+                kept: per_frame(f.lines.kept),
+                merged: per_frame(f.lines.merged),
+                matched: per_frame(f.lines.matched),
+                in_window: per_frame(f.lines.in_window),
+                cut_short: f.lines.cut_short,
+            },
             accuracy,
             time_offset_s: f.time_offset_s,
             faults: [("imu", outcome.faults.0.into()), ("cameras", outcome.faults.1.into())].into(),
@@ -159,6 +186,11 @@ impl Report {
         lines.push(format!(
             "{:<18}median {:.1} ms, p99 {:.1}, largest {:.1}; {:.1} times real time",
             "frame", p.p50, p.p99, p.max, self.realtime_factor
+        ));
+        let (points, l) = (&self.points, &self.lines);
+        lines.push(format!(
+            "{:<18}{:.0} points tracked, {:.0} landmarks; {:.0} lines, {:.0} tracked, {:.0} landmarks",
+            "features", points.tracked, points.in_window, l.merged, l.matched, l.in_window
         ));
         let h = &self.odometry_handout_us;
         lines.push(format!(
