@@ -105,7 +105,7 @@ pub fn run(args: &LinesArgs) -> Result<()> {
 fn checked(args: &LinesArgs) -> Result<Config> {
     let outputs = || [&args.out, &args.csv].into_iter().flatten();
     check_outputs(outputs())?;
-    for file in outputs().filter(|file| is_same(file, &args.image)) {
+    if let Some(file) = outputs().find(|file| is_same(file, &args.image)) {
         let message = format!("{}: is the image itself; name another file to write", file.display());
         return Err(Usage(message).into());
     }
@@ -140,7 +140,8 @@ fn table(extractor: &LineExtractor, options: &LinesConfig, median_ms: f64) -> St
         format!("{:8}{:>10}{:>19}{:>18}\n", "layer", "segments", "total length [px]", "mean length [px]");
     for layer in Layer::ALL {
         let segments = layer.of(extractor);
-        let total: f64 = segments.iter().map(|s| f64::from(s.length())).sum();
+        // From 0: the sum of none is -0.
+        let total = segments.iter().fold(0.0, |sum, s| sum + f64::from(s.length()));
         let mean = total / segments.len().max(1) as f64;
         let _ = writeln!(text, "{:8}{:>10}{total:>19.1}{mean:>18.1}", layer.name(), segments.len());
     }
@@ -188,6 +189,9 @@ mod tests {
         assert!(table.contains("merged           4") && table.contains("1.23 ms"), "{table}");
         let rows = Layer::ALL.map(|l| l.of(&extractor).len()).iter().sum::<usize>();
         assert_eq!(csv(&extractor).lines().count(), rows + 1);
+        let without =
+            super::table(&LineExtractor::new(64, 64, &LinesConfig::default()), &LinesConfig::default(), 1.0);
+        assert!(!without.contains("-0"), "{without}");
         assert!(csv(&extractor).lines().all(|line| line.split(',').count() == 6));
     }
 }
