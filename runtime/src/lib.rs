@@ -2,7 +2,7 @@
 //!
 //! The data flow one way: a [`flight`] opens the streams, the [`pipeline`] takes them to estimates, sinks
 //! take what it produces ([`record`], [`net`]), a [`report`] sums it up, [`evaluate`] compares trajectories, and a
-//! [`campaign`] does all of it over many flights.
+//! [`campaign`] does all of it over many flights. A [`picture`] shows what was found in an image.
 
 pub mod alloc;
 pub mod campaign;
@@ -12,6 +12,7 @@ pub mod evaluate;
 pub mod flight;
 pub mod ground;
 pub mod net;
+pub mod picture;
 pub mod pipeline;
 pub mod record;
 pub mod report;

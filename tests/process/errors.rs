@@ -1,20 +1,8 @@
 //! Bad input ends with one clear line and the right exit status, never a panic.
 
-use super::{plumbline, stderr};
+use super::{fails, plumbline, stderr};
 use std::fs;
 use std::path::Path;
-
-/// The command fails with `status`, and its one line on stderr names all of `parts`.
-fn fails(arguments: &[&str], status: i32, parts: &[&str]) {
-    let output = plumbline(arguments);
-    let message = stderr(&output);
-    assert_eq!(output.status.code(), Some(status), "{arguments:?}: {message}");
-    assert_eq!(message.trim_end().lines().count(), 1, "{arguments:?}: {message}");
-    assert!(!message.contains("panicked"), "{message}");
-    for part in parts {
-        assert!(message.contains(part), "{arguments:?}: '{part}' is missing in: {message}");
-    }
-}
 
 /// A simulated data set of half a second in `folder`.
 fn dataset(folder: &Path) -> String {

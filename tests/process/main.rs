@@ -1,6 +1,7 @@
 //! System tests of the command: real processes, real files, a real Zenoh session.
 
 mod errors;
+mod lines;
 mod network;
 mod replay;
 
@@ -14,4 +15,16 @@ fn plumbline(arguments: &[&str]) -> Output {
 /// What it said on stderr.
 fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// The command fails with `status`, and its one line on stderr names all of `parts`.
+fn fails(arguments: &[&str], status: i32, parts: &[&str]) {
+    let output = plumbline(arguments);
+    let message = stderr(&output);
+    assert_eq!(output.status.code(), Some(status), "{arguments:?}: {message}");
+    assert_eq!(message.trim_end().lines().count(), 1, "{arguments:?}: {message}");
+    assert!(!message.contains("panicked"), "{message}");
+    for part in parts {
+        assert!(message.contains(part), "{arguments:?}: '{part}' is missing in: {message}");
+    }
 }

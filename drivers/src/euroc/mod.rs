@@ -26,6 +26,7 @@ pub(crate) mod fixture;
 #[cfg(test)]
 mod tests;
 
+pub use image::read_gray_png;
 pub use imu::EurocImu;
 pub use stereo::EurocStereo;
 pub use truth::read_ground_truth;

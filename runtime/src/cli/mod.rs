@@ -5,6 +5,7 @@
 
 pub mod campaign;
 pub mod evaluate;
+pub mod lines;
 pub mod overrides;
 pub mod replay;
 pub mod scenario;
@@ -36,6 +37,7 @@ const EXAMPLES: &str = "Examples:
   plumbline replay V1_01_easy --trajectory out.tum  a EuRoC data set as fast as it goes
   plumbline replay sim:hall --duration 20           a simulated flight, not written to disk
   plumbline evaluate out.tum V1_01_easy             its errors, as evo_ape and evo_rpe give them
+  plumbline lines image.png --out lines.png         the line segments of one image, as a picture
   plumbline ground --connect tcp/127.0.0.1:7447     watch the vehicles on a network
 
 Exit status: 0 success, 1 the run failed, 2 wrong usage or configuration.";
@@ -50,6 +52,8 @@ enum Command {
     Simulate(simulate::SimulateArgs),
     /// Compare a trajectory with its ground truth.
     Evaluate(evaluate::EvaluateArgs),
+    /// Extract the line segments of one image, and draw them.
+    Lines(lines::LinesArgs),
     /// Watch vehicles over the network, in the terminal.
     Ground(crate::ground::GroundArgs),
     /// Fly the built-in set of simulated flights and tabulate the errors.
@@ -89,6 +93,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Replay(args) => replay::run(&args),
         Command::Simulate(args) => simulate::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
+        Command::Lines(args) => lines::run(&args),
         Command::Ground(args) => crate::ground::run(&args),
         Command::Campaign(args) => campaign::run(&args),
         Command::Config(args) => check_config(&args),
