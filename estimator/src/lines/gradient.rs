@@ -116,8 +116,8 @@ impl Gradients {
                 &magnitude[shift(span.start)..shift(span.end)]
             };
             let out = &mut is_ridge[..span.len()];
-            let rows = (row(0), row(-1), row(1), row(-(width as isize)), row(width as isize));
-            mark_ridges(rows, &gx[span.clone()], &gy[span.clone()], threshold, out);
+            let around = [-1, 1, -(width as isize), width as isize].map(row);
+            mark_ridges(row(0), around, [&gx[span.clone()], &gy[span.clone()]], threshold, out);
             for (chunk, flags) in out.chunks(8).enumerate() {
                 let mut eight = [0; 8];
                 eight[..flags.len()].copy_from_slice(flags);
@@ -198,18 +198,19 @@ fn differentiate(sum: &[i16], difference: &[i16], out: [&mut [i16]; 2], magnitud
 }
 
 /// 1 where the gradient is mostly horizontal and the pixel a ridge, 2 where it is mostly vertical, else 0.
-/// Of two equal neighbours the first is the ridge.
+/// `around` are the pixels to the left, right, above and below; of two equal ones the first is the ridge.
 #[inline(always)]
 fn mark_ridges(
-    (m, left, right, up, down): (&[i16], &[i16], &[i16], &[i16], &[i16]),
-    gx: &[i16],
-    gy: &[i16],
+    m: &[i16],
+    around: [&[i16]; 4],
+    gradient: [&[i16]; 2],
     threshold: i16,
     out: &mut [u8],
 ) {
     let n = out.len();
-    let (m, left, right, up, down) = (&m[..n], &left[..n], &right[..n], &up[..n], &down[..n]);
-    let (gx, gy) = (&gx[..n], &gy[..n]);
+    let m = &m[..n];
+    let [left, right, up, down] = around.map(|row| &row[..n]);
+    let [gx, gy] = gradient.map(|row| &row[..n]);
     for i in 0..n {
         let is_above = m[i] > threshold;
         let is_horizontal = gx[i].abs() >= gy[i].abs();

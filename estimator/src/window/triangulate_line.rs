@@ -13,7 +13,7 @@ const MIN_PLANE_ANGLE: f64 = 0.004;
 /// Steps of the refinement over all views.
 const REFINEMENTS: usize = 4;
 /// Largest standard deviation of the line's slope in depth, rad.
-const MAX_SLOPE_SIGMA: f64 = 0.1;
+const MAX_SLOPE_SIGMA: f64 = 0.3;
 
 /// Finds the line in its host camera: the host's plane meets that of the view at the largest angle, then all
 /// views refine it. It waits while no view has parallax (the baseline along the line, or the line in the
@@ -40,7 +40,7 @@ pub fn triangulate_line(
     let Some(covariance) = information.try_inverse() else { return Triangulation::Waiting };
     let (slope_sigma, phi_sigma) = (covariance[(0, 0)].max(0.0).sqrt(), covariance[(3, 3)].max(0.0).sqrt());
     let inverse_distance = landmark.feature.phi.tan();
-    let is_wide = phi_sigma * options.min_parallax_sigmas < inverse_distance && slope_sigma < MAX_SLOPE_SIGMA;
+    let is_wide = phi_sigma * 3.0 < inverse_distance && slope_sigma < MAX_SLOPE_SIGMA;
     if !is_wide {
         return Triangulation::Waiting;
     }
