@@ -34,6 +34,10 @@ pub struct MarkedImage {
     pub marked: Vec<Line>,
 }
 
+/// York Urban's coordinates are Matlab's, whose first pixel is 1: the segments of ours and of OpenCV's LSD
+/// agree best with the marks when both are moved by one pixel right and down.
+const FIRST_PIXEL: f64 = 1.0;
+
 /// The images of `folder`, each `NAME.jpg` beside `NAME.csv` (a heading, then `x1,y1,x2,y2`), by name.
 ///
 /// # Errors
@@ -59,7 +63,7 @@ fn marked_image(table: &Path) -> Result<MarkedImage, Box<dyn std::error::Error>>
     for row in std::fs::read_to_string(table)?.lines().skip(1) {
         let values: Vec<f64> = row.split(',').map(|v| v.trim().parse()).collect::<Result<_, _>>()?;
         let ends = <[f64; 4]>::try_from(values).map_err(|_| format!("{}: {row}", table.display()))?;
-        marked.push(Line::new(ends));
+        marked.push(Line::new(ends.map(|v| v - FIRST_PIXEL)));
     }
     let name = table.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     Ok(MarkedImage { name, image, marked })

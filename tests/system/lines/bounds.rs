@@ -84,6 +84,16 @@ fn time_ms(extractor: &mut LineExtractor, image: &GrayImage, runs: usize) -> f64
     (0..runs).map(run).fold(f64::INFINITY, f64::min)
 }
 
+fn print_times(name: &str, times_ms: &[f64]) {
+    let [median, p99, max] = [0.5, 0.99, 1.0].map(|at| quantile(times_ms, at));
+    println!("| {name} | {} | {median:.2} | {p99:.2} | {max:.2} |", times_ms.len());
+}
+
+/// Adversary number `seed`.
+fn drawn(seed: u64) -> GrayImage {
+    Adversary::drawn(seed).render(SIZE.0, SIZE.1, seed)
+}
+
 #[test]
 #[ignore = "minutes; run by `make soak`"]
 fn soak_ten_thousand_adversaries_take_no_longer_than_three_images() {
@@ -91,32 +101,27 @@ fn soak_ten_thousand_adversaries_take_no_longer_than_three_images() {
     let Some(shared) = shared(CLIP) else { return };
     let mut extractor = extractor();
     let real = left_images(&shared.join(CLIP)).unwrap();
-    let real_ms: Vec<f64> = real.iter().map(|image| time_ms(&mut extractor, image, 5)).collect();
-    let limit_ms = 3.0 * median(&real_ms);
-    let mut times_ms = Vec::with_capacity(10_000);
-    let mut worst = (0.0, Adversary::Flat(0), 0);
+    let mut first = Vec::with_capacity(10_000);
     for seed in 0..10_000 {
-        let adversary = Adversary::drawn(seed);
-        let image = adversary.render(SIZE.0, SIZE.1, seed);
-        let mut took_ms = time_ms(&mut extractor, &image, 2);
-        if took_ms > limit_ms {
-            took_ms = took_ms.min(time_ms(&mut extractor, &image, 10));
-        }
-        if took_ms > worst.0 {
-            worst = (took_ms, adversary, seed);
-        }
-        times_ms.push(took_ms);
+        first.push((time_ms(&mut extractor, &drawn(seed), 1), seed));
     }
-    println!("| images | median ms | p99 ms | max ms |\n|---|---:|---:|---:|");
-    for (name, times) in [("real", &real_ms), ("adversarial", &times_ms)] {
-        println!(
-            "| {name}, {} | {:.2} | {:.2} | {:.2} |",
-            times.len(),
-            median(times),
-            quantile(times, 0.99),
-            quantile(times, 1.0)
-        );
+    let all_ms: Vec<f64> = first.iter().map(|(ms, _)| *ms).collect();
+    // The machine may have been busy: the slowest are measured again, side by side with the real ones.
+    first.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut real_ms = Vec::new();
+    let mut slowest = Vec::new();
+    for (seed, image) in first.iter().map(|(_, seed)| *seed).zip(&real) {
+        real_ms.push(time_ms(&mut extractor, image, 20));
+        slowest.push((time_ms(&mut extractor, &drawn(seed), 20), seed));
     }
-    println!("worst: {worst:?}, limit {limit_ms:.2} ms");
-    assert!(worst.0 <= limit_ms);
+    slowest.sort_by(|a, b| b.0.total_cmp(&a.0));
+    println!("| images | number | median ms | p99 ms | max ms |\n|---|---:|---:|---:|---:|");
+    print_times("real, least of 20 runs", &real_ms);
+    print_times("adversarial, one run", &all_ms);
+    print_times("slowest of them, least of 20 runs", &slowest.iter().map(|(ms, _)| *ms).collect::<Vec<_>>());
+    let limit_ms = 3.0 * median(&real_ms);
+    for (ms, seed) in &slowest[..5] {
+        println!("{ms:.2} ms: {:?}, number {seed}; limit {limit_ms:.2} ms", Adversary::drawn(*seed));
+    }
+    assert!(slowest[0].0 <= limit_ms);
 }

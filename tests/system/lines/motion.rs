@@ -2,6 +2,7 @@
 
 use nalgebra::{Isometry3, Vector2, Vector3};
 use plumbline::campaign::Fault;
+use plumbline_config::camera::Distortion;
 use plumbline_config::{CameraModel, Config, GrayImage, Timestamp};
 use plumbline_drivers::simulator::{Scene, Simulator};
 use plumbline_estimator::lines::filter::longest_first;
@@ -162,11 +163,22 @@ fn lsd_segments(lsd: &mut Detector, image: &GrayImage) -> Vec<Line> {
     lines
 }
 
+/// The rig, with its lenses or, for images in which straight edges are straight, without distortion.
+fn rig(is_distorted: bool) -> Config {
+    let mut config = Config::preset("sim").unwrap();
+    if !is_distorted {
+        for camera in &mut config.camera {
+            camera.distortion = Distortion::RadialTangential { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0 };
+        }
+    }
+    config
+}
+
 /// Tallies of ours merged, ours unmerged and LSD over one flight.
-fn tally(path: &str, scene: (&'static str, Scene)) -> [Tally; 3] {
+fn tally(config: &Config, path: &str, scene: (&'static str, Scene)) -> [Tally; 3] {
     let seconds = (PAIRS * PAIR_STEP + 2) as f64 / 20.0;
     let entry = entry(path, scene, 1, seconds, Fault::None).unwrap();
-    let simulator = Simulator::new(&Config::preset("sim").unwrap(), &entry.scenario).unwrap();
+    let simulator = Simulator::new(config, &entry.scenario).unwrap();
     let model = simulator.config().camera[0].model();
     let (mut scratch, size) = (simulator.scratch(), simulator.image_sizes()[0]);
     let (mut ours, mut lsd) = (Ours::new(size), Detector::lsd().unwrap());
@@ -187,17 +199,18 @@ fn tally(path: &str, scene: (&'static str, Scene)) -> [Tally; 3] {
     tallies
 }
 
-#[test]
-fn segments_are_found_again_where_they_should_be_as_well_as_by_lsd() {
+/// Compares the detectors over all flights with the rig's lenses or without distortion.
+fn compare(is_distorted: bool) {
     if shared("euroc/trajectories").is_none() {
         return;
     }
     println!("| flight | detector | segments | in both frames | found again | RMS px |");
     println!("|---|---|---:|---:|---:|---:|");
+    let config = rig(is_distorted);
     let mut sums = [Tally::default(); 3];
     let names = ["ours, merged", "ours, raw", "LSD"];
     for (path, scene_name, scene) in FLIGHTS {
-        let tallies = tally(path, (scene_name, scene));
+        let tallies = tally(&config, path, (scene_name, scene));
         for ((sum, tally), name) in sums.iter_mut().zip(&tallies).zip(names) {
             tally.print(&format!("{path} {scene_name}"), name);
             sum.found += tally.found;
@@ -213,4 +226,14 @@ fn segments_are_found_again_where_they_should_be_as_well_as_by_lsd() {
     assert!(ours.transferred >= 100 && lsd.transferred >= 100);
     assert!(ours.repeatability() >= lsd.repeatability(), "found again less often than by LSD");
     assert!(ours.rms_px() <= lsd.rms_px(), "not as exact as LSD");
+}
+
+#[test]
+fn segments_are_found_again_where_they_should_be_as_well_as_by_lsd() {
+    compare(true);
+}
+
+#[test]
+fn so_they_are_where_the_lens_bends_no_edge() {
+    compare(false);
 }

@@ -10,6 +10,7 @@ use plumbline_tests::shared;
 #[derive(Clone, Copy, Debug, Default)]
 struct Score {
     count: f64,
+    length_px: f64,
     recall: f64,
     precision: f64,
 }
@@ -17,12 +18,16 @@ struct Score {
 impl Score {
     fn add(&mut self, found: &[Line], marked: &[Line], weight: f64) {
         self.count += weight * found.len() as f64;
+        self.length_px += weight * found.iter().map(Line::length).sum::<f64>();
         self.recall += weight * covered_share(marked, found);
         self.precision += weight * covered_share(found, marked);
     }
 
     fn print(&self, name: &str) {
-        println!("| {name} | {:.1} | {:.4} | {:.4} |", self.count, self.recall, self.precision);
+        println!(
+            "| {name} | {:.1} | {:.0} | {:.4} | {:.4} |",
+            self.count, self.length_px, self.recall, self.precision
+        );
     }
 }
 
@@ -47,6 +52,28 @@ fn compare(images: &[MarkedImage], ours: &[Vec<Line>], theirs: &[Vec<Line>], sha
     scores
 }
 
+/// Scores of the longest of both that are `length_px` long together: what equal numbers do not show, as
+/// segments in fewer pieces are longer.
+fn compare_at_length(
+    images: &[MarkedImage],
+    ours: &[Vec<Line>],
+    theirs: &[Vec<Line>],
+    length_px: f64,
+) -> [Score; 2] {
+    let mut scores = [Score::default(); 2];
+    for (image, both) in images.iter().zip(ours.iter().zip(theirs)) {
+        for (score, lines) in scores.iter_mut().zip([both.0, both.1]) {
+            let mut sum = 0.0;
+            let count = lines.iter().take_while(|line| {
+                sum += line.length();
+                sum <= length_px
+            });
+            score.add(&lines[..count.count()], &image.marked, 1.0 / images.len() as f64);
+        }
+    }
+    scores
+}
+
 #[test]
 fn marked_segments_are_found_as_well_as_by_lsd() {
     let Some(shared) = shared("york_urban") else { return };
@@ -54,7 +81,7 @@ fn marked_segments_are_found_as_well_as_by_lsd() {
     assert_eq!(images.len(), 51);
     let size = (images[0].image.width(), images[0].image.height());
     let lsd = found(&mut Detector::lsd().unwrap(), &images);
-    println!("| longest N of each image | mean N | recall | precision |\n|---|---:|---:|---:|");
+    println!("| longest of each image | mean N | px | recall | precision |\n|---|---:|---:|---:|---:|");
     let mut failures = Vec::new();
     for merge in [true, false] {
         let name = if merge { "merged" } else { "raw" };
@@ -66,6 +93,11 @@ fn marked_segments_are_found_as_well_as_by_lsd() {
             if merge && (a.recall < b.recall || a.precision < b.precision) {
                 failures.push(format!("at {share} N: {a:?} against {b:?}"));
             }
+        }
+        for length_px in [4000.0, 8000.0] {
+            let [a, b] = compare_at_length(&images, &ours, &lsd, length_px);
+            a.print(&format!("ours, {name}, {length_px} px"));
+            b.print(&format!("LSD, {length_px} px"));
         }
     }
     assert!(failures.is_empty(), "worse than LSD: {failures:#?}");
