@@ -4,4 +4,5 @@ mod accuracy;
 mod clips;
 mod determinism;
 mod faults;
+mod lines;
 mod oracle;

@@ -1,0 +1,105 @@
+//! Time of line extraction per image: ours and OpenCV's detectors on the same real images, in one run.
+//!
+//! Besides Criterion's report a table is printed. An iteration is all images; the time of an image is the
+//! median over iterations, and the table has the median over images.
+
+use criterion::{BenchmarkGroup, Criterion, SamplingMode, measurement::WallTime};
+use plumbline_config::GrayImage;
+use plumbline_config::options::LinesConfig;
+use plumbline_tests::lines::detectors::unfiltered;
+use plumbline_tests::lines::images::left_images;
+use plumbline_tests::lines::{Detector, median, quantile};
+use plumbline_tests::shared;
+use std::error::Error;
+use std::hint::black_box;
+use std::time::{Duration, Instant};
+
+const CLIP: &str = "euroc/V1_01_easy_clip";
+
+/// A row of the table.
+struct Row {
+    name: &'static str,
+    median_ms: f64,
+    /// Median over images of the least time: what other work on the machine disturbs least.
+    least_ms: f64,
+    /// Mean number per image.
+    segments: f64,
+}
+
+fn detectors(size: (usize, usize)) -> opencv::Result<Vec<Detector>> {
+    Ok(vec![
+        Detector::ours("ours, filter and merging", size, &LinesConfig::default()),
+        Detector::ours("ours, raw", size, &unfiltered(false)),
+        Detector::lsd()?,
+        Detector::lsd_half()?,
+        Detector::edge_drawing()?,
+        Detector::fast_line_detector()?,
+    ])
+}
+
+fn measure(
+    group: &mut BenchmarkGroup<'_, WallTime>,
+    detector: &mut Detector,
+    images: &[GrayImage],
+) -> opencv::Result<Row> {
+    let mut count = 0;
+    for image in images {
+        count += detector.detect(image)?.len();
+    }
+    let mut times_ms = vec![Vec::new(); images.len()];
+    group.bench_function(detector.name, |bencher| {
+        bencher.iter_custom(|iterations| {
+            let mut total = Duration::ZERO;
+            for _ in 0..iterations {
+                for (image, times_ms) in images.iter().zip(&mut times_ms) {
+                    let begin = Instant::now();
+                    let _ = black_box(detector.detect(black_box(image)));
+                    let took = begin.elapsed();
+                    times_ms.push(took.as_secs_f64() * 1e3);
+                    total += took;
+                }
+            }
+            total
+        });
+    });
+    let over_images =
+        |of: fn(&[f64]) -> f64| median(&times_ms.iter().map(|times_ms| of(times_ms)).collect::<Vec<_>>());
+    Ok(Row {
+        name: detector.name,
+        median_ms: over_images(median),
+        least_ms: over_images(|times_ms| quantile(times_ms, 0.0)),
+        segments: count as f64 / images.len() as f64,
+    })
+}
+
+fn print(rows: &[Row], images: usize) {
+    println!("\n{images} images of {CLIP}, one thread\n");
+    println!("| detector | median ms per image | against ours | least ms | against ours | segments |");
+    println!("|---|---:|---:|---:|---:|---:|");
+    for row in rows {
+        let [median, least] = [row.median_ms / rows[0].median_ms, row.least_ms / rows[0].least_ms];
+        println!(
+            "| {} | {:.2} | {median:.2} | {:.2} | {least:.2} | {:.0} |",
+            row.name, row.median_ms, row.least_ms, row.segments
+        );
+    }
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut criterion = Criterion::default().configure_from_args();
+    let Some(shared) = shared(CLIP) else { return Ok(()) };
+    opencv::core::set_num_threads(1)?;
+    let images = left_images(&shared.join(CLIP))?;
+    let size = images.first().map_or((0, 0), |image| (image.width(), image.height()));
+    let mut group = criterion.benchmark_group("lines");
+    group.sample_size(10).sampling_mode(SamplingMode::Flat);
+    group.warm_up_time(Duration::from_millis(500)).measurement_time(Duration::from_secs(5));
+    let mut rows = Vec::new();
+    for detector in &mut detectors(size)? {
+        rows.push(measure(&mut group, detector, &images)?);
+    }
+    group.finish();
+    print(&rows, images.len());
+    criterion.final_summary();
+    Ok(())
+}
