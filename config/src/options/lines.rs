@@ -42,11 +42,11 @@ impl Default for LinesConfig {
     fn default() -> Self {
         Self {
             enabled: true,
-            min_gradient: 5.0,
-            min_raw_length_px: 18.0,
+            min_gradient: 8.0,
+            min_raw_length_px: 22.0,
             length_filter: true,
             merge: true,
-            merge_across_px: 2.0,
+            merge_across_px: 1.0,
             merge_along_px: 10.0,
             merge_angle_deg: 2.0,
             max_visits: 60_000,

@@ -172,7 +172,7 @@ mod tests {
     fn a_segment_is_known_again_and_told_from_others() {
         let image = Texture::new(5).render(200, 160);
         let mut gradients = Gradients::new(200, 160);
-        gradients.compute(&image.view());
+        gradients.compute(&image.view(), i16::MAX, |_, _| {});
         let describer = Describer::default();
         let describe = |s: &Segment| describer.describe(&gradients, s);
         let one = describe(&segment((60.0, 60.0), (120.0, 80.0)));

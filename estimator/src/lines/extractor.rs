@@ -8,7 +8,7 @@
 
 use super::filter;
 use super::gradient::{Gradients, SCALE};
-use super::growth::Growth;
+use super::growth::{Growth, is_promising};
 use super::merge::Merger;
 use super::segment::Segment;
 use super::validation::Validation;
@@ -84,13 +84,13 @@ impl LineExtractor {
         &self.raw
     }
 
-    /// Segments of the last image that are long enough, longest first.
+    /// Segments of the last image that are long enough, clearest first.
     #[must_use]
     pub fn kept(&self) -> &[Segment] {
         &self.kept
     }
 
-    /// Segments of the last image after filter and merging, longest first.
+    /// Segments of the last image after filter and merging, clearest first.
     #[must_use]
     pub fn segments(&self) -> &[Segment] {
         &self.merged
@@ -102,14 +102,13 @@ impl LineExtractor {
         self.figures
     }
 
-    /// Takes an image and returns its segments, longest first; `None`, and nothing is changed, when its
+    /// Takes an image and returns its segments, clearest first; `None`, and nothing is changed, when its
     /// size is not the extractor's.
     pub fn extract(&mut self, image: &ImageView<'_>) -> Option<&[Segment]> {
         if image.width() != self.gradients.width() || image.height() != self.gradients.height() {
             return None;
         }
-        self.gradients.compute(image);
-        self.order_seeds();
+        self.order_seeds(image);
         self.find();
         self.kept.clear();
         if self.options.length_filter {
@@ -118,7 +117,7 @@ impl LineExtractor {
         } else {
             self.kept.extend_from_slice(&self.raw);
         }
-        filter::longest_first(&mut self.kept);
+        filter::clearest_first(&mut self.kept);
         self.merged.clear();
         if self.options.merge {
             self.merger.merge(&self.kept, &mut self.merged);
@@ -136,16 +135,17 @@ impl LineExtractor {
         (self.options.min_gradient as f32 * SCALE).min(f32::from(i16::MAX)) as i16
     }
 
-    /// Ridges ordered by their gradient, strongest first, and by rows where it is equal.
-    fn order_seeds(&mut self) {
+    /// Computes the gradients, and orders their ridges, strongest first, by rows where they are equal.
+    fn order_seeds(&mut self, image: &ImageView<'_>) {
         let threshold = self.threshold();
         let Self { gradients, seeds, ordered, .. } = self;
         seeds.clear();
+        gradients.compute(image, threshold, |index, magnitude| seeds.push((index, magnitude)));
+        seeds.retain(|&(index, _)| is_promising(gradients, index, threshold));
         let mut counts = [0_u32; BUCKETS];
-        gradients.ridges(threshold, |index, magnitude| {
+        for &(_, magnitude) in seeds.iter() {
             counts[bucket(magnitude)] += 1;
-            seeds.push((index, magnitude));
-        });
+        }
         let mut at = [0; BUCKETS];
         let mut sum = 0;
         for k in (0..BUCKETS).rev() {
@@ -168,7 +168,8 @@ impl LineExtractor {
         self.figures = ExtractionFigures::default();
         for k in 0..self.ordered.len() {
             let seed = self.ordered[k];
-            if !self.growth.is_free(seed) {
+            let pixel = self.gradients.pixels()[seed as usize];
+            if pixel.is_taken() || pixel.is_tried() {
                 continue;
             }
             if self.growth.visits() >= self.options.max_visits || self.raw.len() == self.options.max_raw {
@@ -177,14 +178,14 @@ impl LineExtractor {
             }
             match self.segment_at(seed, threshold) {
                 Some(segment) => self.raw.push(segment),
-                None => self.growth.reject(),
+                None => self.growth.reject(&mut self.gradients),
             }
         }
         self.figures.visits = self.growth.visits() as u32;
     }
 
     fn segment_at(&mut self, seed: u32, threshold: i16) -> Option<Segment> {
-        let grown = self.growth.grow(&self.gradients, seed, threshold);
+        let grown = self.growth.grow(&mut self.gradients, seed, threshold);
         // Along the diagonal a segment is longer than its steps by the root of two.
         let may_be_long = grown.steps as f64 * std::f64::consts::SQRT_2 >= self.options.min_raw_length_px;
         let is_dense = grown.support as f32 >= MIN_DENSITY * grown.steps as f32;

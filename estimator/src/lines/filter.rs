@@ -9,12 +9,12 @@ pub fn min_length_px(count: usize, width: usize, height: usize) -> f32 {
     n / (3.0 * n + longer) * shorter
 }
 
-/// Orders segments by length, and those of equal length by the place of their start: the order of
+/// Orders segments by [`Segment::salience`], and those of equal salience by their place: the order of
 /// everything that follows.
-pub fn longest_first(segments: &mut [Segment]) {
+pub fn clearest_first(segments: &mut [Segment]) {
     segments.sort_unstable_by(|a, b| {
-        b.length()
-            .total_cmp(&a.length())
+        b.salience()
+            .total_cmp(&a.salience())
             .then(a.start.y.total_cmp(&b.start.y))
             .then(a.start.x.total_cmp(&b.start.x))
             .then(a.end.x.total_cmp(&b.end.x))

@@ -5,7 +5,9 @@
 //! level and pixel, written in whole rows that the compiler vectorises; the bits are the same at any width.
 //!
 //! A ridge is a pixel whose magnitude exceeds the threshold and that of its two neighbours along the
-//! dominant axis of its gradient: where an edge may pass.
+//! dominant axis of its gradient: where an edge may pass. Ridges are found while the rows are still in the
+//! cache. What growth reads of a pixel, its gradient and its marks, is one word: following an edge is bound
+//! by memory.
 
 use plumbline_config::ImageView;
 
@@ -15,38 +17,93 @@ pub const SCALE: f32 = 128.0;
 pub const BORDER: usize = 3;
 /// Of the ridges of an edge one in this many is a seed: a segment is much longer than that.
 const SEED_STEP: usize = 4;
+/// Ridge flags of eight pixels from column `BORDER + 8 k` on: those of steep edges, and those of flat ones at
+/// every [`SEED_STEP`]th column.
+const STEEP: u64 = 0x0101_0101_0101_0101;
+const FLAT_SEEDS: u64 = 0x0000_0200_0000_0200;
+
+/// The gradient of a pixel; the lowest bit of either component holds a mark of the growth instead.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Pixel {
+    gx: i16,
+    gy: i16,
+}
+
+impl Pixel {
+    /// The gradient, in steps.
+    #[must_use]
+    pub fn gradient(self) -> (i16, i16) {
+        (self.gx & !1, self.gy & !1)
+    }
+
+    /// Its magnitude, in steps: `max + 3/8 min` of the components, at most 7 % off the Euclidean norm and
+    /// exactly proportional to it across one edge.
+    #[must_use]
+    pub fn magnitude(self) -> i16 {
+        let (gx, gy) = self.gradient();
+        magnitude(gx.abs(), gy.abs())
+    }
+
+    /// Whether the pixel belongs to a segment, or lies beside one that does.
+    #[must_use]
+    pub fn is_taken(self) -> bool {
+        self.gx & 1 != 0
+    }
+
+    /// Whether a segment was tried here and came to nothing.
+    #[must_use]
+    pub fn is_tried(self) -> bool {
+        self.gy & 1 != 0
+    }
+
+    /// Marks the pixel as taken.
+    pub fn take(&mut self) {
+        self.gx |= 1;
+    }
+
+    /// Marks the pixel as tried, and no longer taken.
+    pub fn give_back(&mut self) {
+        self.gx &= !1;
+        self.gy |= 1;
+    }
+}
 
 /// Gradients of one image, and the memory that computing them needs.
 #[derive(Clone, Debug)]
 pub struct Gradients {
     width: usize,
     height: usize,
-    gx: Vec<i16>,
-    gy: Vec<i16>,
-    magnitude: Vec<i16>,
+    pixels: Vec<Pixel>,
     /// The last five rows, smoothed horizontally.
     blurred: [Vec<u16>; 5],
     /// The last three rows, smoothed.
     smooth: [Vec<i16>; 3],
     /// Vertical sums and differences of the three.
     sums: [Vec<i16>; 2],
+    /// The last three rows of magnitudes, and whether the gradient is mostly horizontal.
+    ridges: [RidgeRow; 3],
     is_ridge: Vec<u8>,
+}
+
+#[derive(Clone, Debug)]
+struct RidgeRow {
+    magnitude: Vec<i16>,
+    is_horizontal: Vec<bool>,
 }
 
 impl Gradients {
     /// For images of `width` x `height`.
     #[must_use]
     pub fn new(width: usize, height: usize) -> Self {
-        let plane = vec![0; width * height];
+        let ridge_row = RidgeRow { magnitude: vec![0; width], is_horizontal: vec![false; width] };
         Self {
             width,
             height,
-            gx: plane.clone(),
-            gy: plane.clone(),
-            magnitude: plane,
+            pixels: vec![Pixel::default(); width * height],
             blurred: std::array::from_fn(|_| vec![0; width]),
             smooth: std::array::from_fn(|_| vec![0; width]),
             sums: std::array::from_fn(|_| vec![0; width]),
+            ridges: std::array::from_fn(|_| ridge_row.clone()),
             is_ridge: vec![0; width],
         }
     }
@@ -66,21 +123,26 @@ impl Gradients {
     /// Gradient at a pixel's index, in steps.
     #[must_use]
     pub fn at(&self, index: usize) -> (i16, i16) {
-        (self.gx[index], self.gy[index])
+        self.pixels[index].gradient()
     }
 
-    /// Magnitudes, in steps: `max + 3/8 min` of the components, at most 7 % off the Euclidean norm and
-    /// exactly proportional to it across one edge.
+    /// All pixels, row by row.
     #[must_use]
-    pub fn magnitude(&self) -> &[i16] {
-        &self.magnitude
+    pub fn pixels(&self) -> &[Pixel] {
+        &self.pixels
     }
 
-    /// Takes an image of the right size.
-    pub fn compute(&mut self, image: &ImageView<'_>) {
+    /// The same, to be marked.
+    pub fn pixels_mut(&mut self) -> &mut [Pixel] {
+        &mut self.pixels
+    }
+
+    /// Takes an image of the right size, with no pixel marked. Hands the indices and magnitudes of the ridges
+    /// above `threshold` steps to `found`, row by row; of the ridges of one edge only one in [`SEED_STEP`].
+    pub fn compute(&mut self, image: &ImageView<'_>, threshold: i16, mut found: impl FnMut(u32, i16)) {
         let (width, height) = (self.width, self.height);
         let last = height - 1;
-        for y in 0..height + 3 {
+        for y in 0..height + 4 {
             if y < height {
                 let row = &image.pixels()[y * width..(y + 1) * width];
                 blur_row(row, &mut self.blurred[y % 5]);
@@ -98,42 +160,48 @@ impl Gradients {
                 let [sum, difference] = &mut self.sums;
                 combine_rows(rows, sum, difference);
                 let span = centre * width..(centre + 1) * width;
-                let out = [&mut self.gx[span.clone()], &mut self.gy[span.clone()]];
-                differentiate(sum, difference, out, &mut self.magnitude[span]);
+                differentiate(sum, difference, &mut self.pixels[span], &mut self.ridges[centre % 3]);
+            }
+            // Ridges of row `y - 4` need the magnitudes up to `y - 3`.
+            if let Some(centre) = y.checked_sub(4).filter(|&c| c >= BORDER && c + BORDER < height) {
+                self.find_ridges(centre, threshold, &mut found);
             }
         }
     }
 
-    /// Hands the indices of the ridges above `threshold` steps to `found`, row by row; of the ridges of one
-    /// edge only one in [`SEED_STEP`] is handed over.
-    pub fn ridges(&mut self, threshold: i16, mut found: impl FnMut(u32, i16)) {
-        let Self { width, height, gx, gy, magnitude, is_ridge, .. } = self;
-        let width = *width;
-        for y in BORDER..*height - BORDER {
-            let span = y * width + BORDER..(y + 1) * width - BORDER;
-            let row = |offset: isize| {
-                let shift = |k: usize| (k as isize + offset) as usize;
-                &magnitude[shift(span.start)..shift(span.end)]
-            };
-            let out = &mut is_ridge[..span.len()];
-            let around = [-1, 1, -(width as isize), width as isize].map(row);
-            mark_ridges(row(0), around, [&gx[span.clone()], &gy[span.clone()]], threshold, out);
-            for (chunk, flags) in out.chunks(8).enumerate() {
-                let mut eight = [0; 8];
-                eight[..flags.len()].copy_from_slice(flags);
-                let mut bits = u64::from_le_bytes(eight);
-                while bits != 0 {
-                    let k = bits.trailing_zeros() as usize / 8;
-                    bits &= !(0xff << (8 * k));
-                    let x = BORDER + chunk * 8 + k;
-                    let along = if eight[k] == 1 { y } else { x };
-                    if along.is_multiple_of(SEED_STEP) {
-                        found((y * width + x) as u32, magnitude[y * width + x]);
-                    }
-                }
+    fn find_ridges(&mut self, y: usize, threshold: i16, found: &mut impl FnMut(u32, i16)) {
+        let width = self.width;
+        let inner = BORDER..width - BORDER;
+        let [up, row, down] = [y - 1, y, y + 1].map(|k| &self.ridges[k % 3]);
+        let around = [
+            &row.magnitude[BORDER - 1..width - BORDER - 1],
+            &row.magnitude[BORDER + 1..width - BORDER + 1],
+            &up.magnitude[inner.clone()],
+            &down.magnitude[inner.clone()],
+        ];
+        let out = &mut self.is_ridge[..inner.len()];
+        mark_ridges(&row.magnitude[inner.clone()], &row.is_horizontal[inner], around, threshold, out);
+        // Seeds are every fourth ridge of a steep edge by its row, of a flat one by its column.
+        let wanted = if y.is_multiple_of(SEED_STEP) { FLAT_SEEDS | STEEP } else { FLAT_SEEDS };
+        for (chunk, flags) in out.chunks(8).enumerate() {
+            let mut eight = [0; 8];
+            eight[..flags.len()].copy_from_slice(flags);
+            let mut bits = u64::from_le_bytes(eight) & wanted;
+            while bits != 0 {
+                let k = bits.trailing_zeros() as usize / 8;
+                bits &= bits - 1;
+                let x = BORDER + chunk * 8 + k;
+                found((y * width + x) as u32, row.magnitude[x]);
             }
         }
     }
+}
+
+/// Magnitude of a gradient by the absolute values of its components.
+#[inline(always)]
+fn magnitude(ax: i16, ay: i16) -> i16 {
+    let (most, least) = (ax.max(ay), ax.min(ay));
+    most + (least >> 2) + (least >> 3)
 }
 
 /// Horizontal half of the smoothing: sums of at most `16 * 255`; beyond the edge the last pixel repeats.
@@ -181,41 +249,32 @@ fn combine_rows(rows: [&[i16]; 3], sum: &mut [i16], difference: &mut [i16]) {
 }
 
 /// Horizontal parts, and the magnitude; the outermost pixels have none.
-fn differentiate(sum: &[i16], difference: &[i16], out: [&mut [i16]; 2], magnitude: &mut [i16]) {
+fn differentiate(sum: &[i16], difference: &[i16], out: &mut [Pixel], ridges: &mut RidgeRow) {
     let inner = sum.len() - 2;
     let (left, right) = (&sum[..inner], &sum[2..2 + inner]);
     let (a, b, c) = (&difference[..inner], &difference[1..1 + inner], &difference[2..2 + inner]);
-    let [gx, gy] = out.map(|plane| &mut plane[1..1 + inner]);
-    let magnitude = &mut magnitude[1..1 + inner];
+    let out = &mut out[1..1 + inner];
+    let to = &mut ridges.magnitude[1..1 + inner];
+    let is_horizontal = &mut ridges.is_horizontal[1..1 + inner];
     for i in 0..inner {
-        let (x, y) = (right[i] - left[i], a[i] + 2 * b[i] + c[i]);
-        let (ax, ay) = (x.abs(), y.abs());
-        let (most, least) = (ax.max(ay), ax.min(ay));
-        gx[i] = x;
-        gy[i] = y;
-        magnitude[i] = most + (least >> 2) + (least >> 3);
+        let (gx, gy) = ((right[i] - left[i]) & !1, (a[i] + 2 * b[i] + c[i]) & !1);
+        let (ax, ay) = (gx.abs(), gy.abs());
+        out[i] = Pixel { gx, gy };
+        to[i] = magnitude(ax, ay);
+        is_horizontal[i] = ax >= ay;
     }
 }
 
 /// 1 where the gradient is mostly horizontal and the pixel a ridge, 2 where it is mostly vertical, else 0.
 /// `around` are the pixels to the left, right, above and below; of two equal ones the first is the ridge.
-#[inline(always)]
-fn mark_ridges(
-    m: &[i16],
-    around: [&[i16]; 4],
-    gradient: [&[i16]; 2],
-    threshold: i16,
-    out: &mut [u8],
-) {
+fn mark_ridges(m: &[i16], is_horizontal: &[bool], around: [&[i16]; 4], threshold: i16, out: &mut [u8]) {
     let n = out.len();
-    let m = &m[..n];
+    let (m, is_horizontal) = (&m[..n], &is_horizontal[..n]);
     let [left, right, up, down] = around.map(|row| &row[..n]);
-    let [gx, gy] = gradient.map(|row| &row[..n]);
     for i in 0..n {
         let is_above = m[i] > threshold;
-        let is_horizontal = gx[i].abs() >= gy[i].abs();
-        let in_row = is_above & is_horizontal & (m[i] > left[i]) & (m[i] >= right[i]);
-        let in_column = is_above & !is_horizontal & (m[i] > up[i]) & (m[i] >= down[i]);
+        let in_row = is_above & is_horizontal[i] & (m[i] > left[i]) & (m[i] >= right[i]);
+        let in_column = is_above & !is_horizontal[i] & (m[i] > up[i]) & (m[i] >= down[i]);
         out[i] = u8::from(in_row) | (u8::from(in_column) << 1);
     }
 }
@@ -242,7 +301,7 @@ mod tests {
         let gx = |y: i32| smooth(x + 1, y) - smooth(x - 1, y);
         let gy = |x: i32| smooth(x, y + 1) - smooth(x, y - 1);
         let (gx, gy) = (gx(y - 1) + 2 * gx(y) + gx(y + 1), gy(x - 1) + 2 * gy(x) + gy(x + 1));
-        (gx as i16, gy as i16)
+        (gx as i16 & !1, gy as i16 & !1)
     }
 
     #[test]
@@ -250,7 +309,7 @@ mod tests {
         for (width, height) in [(64, 64), (75, 66)] {
             let image = Texture::new(3).render(width, height);
             let mut gradients = Gradients::new(width, height);
-            gradients.compute(&image.view());
+            gradients.compute(&image.view(), i16::MAX, |_, _| {});
             for y in 1..height - 1 {
                 for x in 2..width - 2 {
                     assert_eq!(gradients.at(y * width + x), reference(&image, x, y), "at {x}, {y}");
@@ -265,11 +324,11 @@ mod tests {
         let pixels = (0..width * height).map(|i| if i % width < 32 { 0 } else { 255 }).collect();
         let image = GrayImage::from_pixels(width, height, pixels).expect("size");
         let mut gradients = Gradients::new(width, height);
-        gradients.compute(&image.view());
-        let at_edge = gradients.magnitude()[20 * width + 31];
-        assert!(f32::from(at_edge) / SCALE > 60.0 && gradients.magnitude().iter().all(|&m| m >= 0));
         let mut ridges = Vec::new();
-        gradients.ridges(1000, |index, _| ridges.push(index as usize % width));
+        gradients.compute(&image.view(), 1000, |index, _| ridges.push(index as usize % width));
+        let at_edge = gradients.pixels()[20 * width + 31].magnitude();
+        assert!(f32::from(at_edge) / SCALE > 60.0);
+        assert!(gradients.pixels().iter().all(|p| p.magnitude() >= 0));
         assert!(!ridges.is_empty() && ridges.iter().all(|&x| x == 31));
     }
 }

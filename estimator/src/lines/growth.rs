@@ -11,7 +11,7 @@ use super::segment::Place;
 use nalgebra::Vector2;
 
 /// Largest distance of an edge pixel from the line so far, px.
-const TOLERANCE_PX: f32 = 1.3;
+const TOLERANCE_PX: f32 = 1.0;
 /// Squared cosine of the largest angle between the gradient and the normal of the line (22.5 degrees).
 const MIN_COS2: f32 = 0.853_553_4;
 /// Longest gap, px.
@@ -25,15 +25,18 @@ const MIN_LAST_RUN: usize = 4;
 /// An edge that turns this far from its major axis has ended.
 const MAX_SLOPE: f32 = 1.3;
 
-/// The pixel belongs to a segment, or lies beside one that does.
-const TAKEN: u8 = 1;
-/// A segment was tried here and came to nothing: no more is begun here.
-const TRIED: u8 = 2;
+/// Places ahead of and behind a seed that are probed before a segment is begun, px.
+const PROBES_PX: [f32; 4] = [-6.0, -3.0, 3.0, 6.0];
+/// Probes that must find a gradient like the seed's: near the end of a segment one looks beyond it.
+const MIN_PROBES: usize = 3;
+/// Squared cosine of the largest angle between the gradients of seed and probe (30 degrees).
+const MIN_PROBE_COS2: f32 = 0.75;
+/// What beginning a segment costs of the budget beside its pixels, in visits.
+const BEGIN_VISITS: usize = 8;
 
 /// Grows segments over the gradients of one image.
 #[derive(Clone, Debug)]
 pub struct Growth {
-    marks: Vec<u8>,
     /// Edge pixels of the segment at hand, from the seed outward, first one way, then the other.
     pixels: Vec<EdgePixel>,
     places: Vec<Place>,
@@ -56,11 +59,31 @@ struct EdgePixel {
     step: usize,
 }
 
-/// The line so far.
+/// The line so far, as seen from its major axis.
 #[derive(Clone, Copy, Debug)]
 struct Line {
-    point: Vector2<f32>,
     direction: Vector2<f32>,
+    /// A point of it: coordinates along the major and the minor axis.
+    major: f32,
+    minor: f32,
+    /// Steps along the minor axis per step along the major one.
+    slope: f32,
+    /// Largest distance of an edge pixel from it, along the minor axis.
+    tolerance: f32,
+}
+
+impl Line {
+    fn new(point: &Vector2<f32>, direction: Vector2<f32>, is_steep: bool) -> Self {
+        let (d_major, d_minor) =
+            if is_steep { (direction.y, direction.x) } else { (direction.x, direction.y) };
+        let (major, minor) = if is_steep { (point.y, point.x) } else { (point.x, point.y) };
+        let tolerance = TOLERANCE_PX / d_major.abs();
+        Self { direction, major, minor, slope: d_minor / d_major, tolerance }
+    }
+
+    fn at(&self, major: isize) -> f32 {
+        self.minor + (major as f32 - self.major) * self.slope
+    }
 }
 
 /// What the growth of a segment came to.
@@ -74,10 +97,10 @@ pub struct Grown {
     pub support: usize,
 }
 
-/// The images an edge is followed in, and the axis along which.
-#[derive(Clone, Copy, Debug)]
+/// The image an edge is followed in, and the axis along which.
+#[derive(Debug)]
 struct Course<'a> {
-    gradients: &'a Gradients,
+    gradients: &'a mut Gradients,
     threshold: i16,
     /// The major axis is that of the rows: y.
     is_steep: bool,
@@ -89,7 +112,6 @@ impl Growth {
     pub fn new(width: usize, height: usize) -> Self {
         let longest = width + height;
         Self {
-            marks: vec![0; width * height],
             pixels: Vec::with_capacity(longest),
             places: Vec::with_capacity(longest),
             sums: LineSums::default(),
@@ -99,22 +121,15 @@ impl Growth {
         }
     }
 
-    /// Forgets the image before.
+    /// Begins with an image.
     pub fn begin(&mut self) {
-        self.marks.fill(0);
         self.visits = 0;
     }
 
-    /// Pixels looked at since [`Self::begin`].
+    /// Pixels looked at, and what beginning segments cost, since [`Self::begin`].
     #[must_use]
     pub fn visits(&self) -> usize {
         self.visits
-    }
-
-    /// Whether a segment may begin here.
-    #[must_use]
-    pub fn is_free(&self, seed: u32) -> bool {
-        self.marks[seed as usize] == 0
     }
 
     /// Edge of the last segment, in no order.
@@ -125,34 +140,38 @@ impl Growth {
     }
 
     /// Follows the edge at `seed` both ways; what it takes it keeps, unless [`Self::reject`] follows.
-    pub fn grow(&mut self, gradients: &Gradients, seed: u32, threshold: i16) -> Grown {
+    pub fn grow(&mut self, gradients: &mut Gradients, seed: u32, threshold: i16) -> Grown {
+        self.visits += BEGIN_VISITS;
         let width = gradients.width();
         let (x, y) = (seed as usize % width, seed as usize / width);
-        let (gx, gy) = gradients.at(seed as usize);
         self.pixels.clear();
         self.sums = LineSums::default();
-        self.gradient = Vector2::new(f32::from(gx), f32::from(gy));
-        let start = Line { point: Vector2::new(x as f32, y as f32), direction: along(&self.gradient) };
-        let is_steep = start.direction.y.abs() > start.direction.x.abs();
+        self.gradient = vector(gradients.at(seed as usize));
+        let (point, direction) = (Vector2::new(x as f32, y as f32), along(&self.gradient));
+        let is_steep = direction.y.abs() > direction.x.abs();
+        let start = Line::new(&point, direction, is_steep);
         self.across = if is_steep { 1 } else { width };
-        let course = Course { gradients, threshold, is_steep };
+        let mut course = Course { gradients, threshold, is_steep };
         let major = if is_steep { y } else { x } as isize;
-        let (line, ahead) = self.follow(&course, start, major, 1);
-        let back = if self.pixels.len() < FIT_FROM { Line { point: start.point, ..line } } else { line };
-        let (line, behind) = self.follow(&course, back, major - 1, -1);
+        let (line, ahead) = self.follow(&mut course, start, major, 1);
+        let back = match self.pixels.len() {
+            0..FIT_FROM => Line::new(&point, line.direction, is_steep),
+            _ => line,
+        };
+        let (line, behind) = self.follow(&mut course, back, major - 1, -1);
         Grown { direction: line.direction, steps: ahead + behind, support: self.pixels.len() }
     }
 
     /// Gives the pixels of the last segment back: it was none.
-    pub fn reject(&mut self) {
-        self.cut(0);
+    pub fn reject(&mut self, gradients: &mut Gradients) {
+        self.cut(gradients, 0);
     }
 
     /// Follows the edge one way along the major axis until it ends; the refined line, and the steps to its
     /// last pixel.
     fn follow(
         &mut self,
-        course: &Course<'_>,
+        course: &mut Course<'_>,
         mut line: Line,
         mut major: isize,
         step: isize,
@@ -166,12 +185,12 @@ impl Growth {
                 gap = 0;
                 self.take(course, place, index, steps);
                 if self.pixels.len() < FIT_FROM {
-                    line = Line { point: place.px, direction: along(&self.gradient) };
+                    line = Line::new(&place.px, along(&self.gradient), course.is_steep);
                 } else if self.pixels.len() >= refit_at {
                     refit_at = self.pixels.len() + (self.pixels.len() / 4).clamp(4, 32);
-                    line = self.fitted(&line);
+                    line = self.fitted(&line, course.is_steep);
                 }
-                if course.slope(&line).abs() > MAX_SLOPE {
+                if line.slope.abs() > MAX_SLOPE {
                     break;
                 }
             } else {
@@ -182,53 +201,50 @@ impl Growth {
             }
             major += step;
         }
-        self.cut_stub(from);
+        self.cut_stub(course.gradients, from);
         (line, self.pixels[from..].last().map_or(0, |p| p.step))
     }
 
     /// The line through all pixels so far, in the sense of `line`.
-    fn fitted(&self, line: &Line) -> Line {
+    fn fitted(&self, line: &Line, is_steep: bool) -> Line {
         let Some((point, axis)) = self.sums.line() else { return *line };
         let axis = axis.cast::<f32>();
         let direction = if axis.dot(&line.direction) < 0.0 { -axis } else { axis };
-        Line { point: point.cast(), direction }
+        Line::new(&point.cast(), direction, is_steep)
     }
 
     /// The ridge at `major` nearest to the line, if there is one that fits.
     #[inline]
     fn look(&self, course: &Course<'_>, line: &Line, major: isize) -> Option<(Place, usize)> {
-        let (predicted, cos) = course.predict(line, major);
+        let predicted = line.at(major);
         let nearest = (predicted + 0.5).floor() as isize;
         if nearest < BORDER as isize || nearest >= course.limit_minor() {
             return None;
         }
-        let across = self.across as isize;
-        let centre = course.index(major, nearest) as isize;
-        let magnitude = course.gradients.magnitude();
-        let at = |k: isize| magnitude[(centre + k * across) as usize];
-        let (low, mid, high) = (at(-1), at(0), at(1));
-        let offset = match (mid >= low && mid >= high, low > high) {
-            (true, _) => 0,
-            (false, true) => -1,
-            (false, false) => 1,
+        let pixels = course.gradients.pixels();
+        let centre = course.index(major, nearest);
+        let at = |k: usize| pixels[centre + k * self.across - 2 * self.across].magnitude();
+        let (low, mid, high) = (at(1), at(2), at(3));
+        let (peak, before, top, after) = match (mid >= low && mid >= high, low > high) {
+            (true, _) => (2, low, mid, high),
+            (false, true) => (1, at(0), low, mid),
+            (false, false) => (3, mid, high, at(4)),
         };
-        let (before, peak, after) = (at(offset - 1), at(offset), at(offset + 1));
-        let index = (centre + offset * across) as usize;
-        let is_ridge = peak > course.threshold && before <= peak && after <= peak;
-        if !is_ridge || self.marks[index] & TAKEN != 0 {
+        let index = centre + peak * self.across - 2 * self.across;
+        let pixel = pixels[index];
+        if top <= course.threshold || before > top || after > top || pixel.is_taken() {
             return None;
         }
-        let (gx, gy) = course.gradients.at(index);
-        let gradient = Vector2::new(f32::from(gx), f32::from(gy));
+        let gradient = vector(pixel.gradient());
         let dot = normal(&line.direction).dot(&gradient);
         if dot <= 0.0 || dot * dot < MIN_COS2 * gradient.norm_squared() {
             return None;
         }
-        let (a, b, c) = (f32::from(before), f32::from(peak), f32::from(after));
+        let (a, b, c) = (f32::from(before), f32::from(top), f32::from(after));
         let curvature = a - 2.0 * b + c;
         let shift = if curvature < 0.0 { 0.5 * (a - c) / curvature } else { 0.0 };
-        let minor = (nearest + offset) as f32 + shift;
-        if (minor - predicted).abs() * cos > TOLERANCE_PX {
+        let minor = (nearest + peak as isize - 2) as f32 + shift;
+        if (minor - predicted).abs() > line.tolerance {
             return None;
         }
         let px = course.px(major as f32, minor);
@@ -237,35 +253,35 @@ impl Growth {
 
     /// Takes a pixel, and those beside it, so that no second segment begins there.
     #[inline]
-    fn take(&mut self, course: &Course<'_>, place: Place, index: usize, step: usize) {
-        let (gx, gy) = course.gradients.at(index);
-        self.gradient += Vector2::new(f32::from(gx), f32::from(gy));
+    fn take(&mut self, course: &mut Course<'_>, place: Place, index: usize, step: usize) {
+        self.gradient += vector(course.gradients.at(index));
         self.sums.add(&place.px.cast(), 1.0);
         let marked = [index - self.across, index, index + self.across].map(|k| {
-            let is_new = self.marks[k] & TAKEN == 0;
-            self.marks[k] |= TAKEN;
+            let pixel = &mut course.gradients.pixels_mut()[k];
+            let is_new = !pixel.is_taken();
+            pixel.take();
             is_new
         });
         self.pixels.push(EdgePixel { place, index, marked, step });
     }
 
     /// Cuts off what lies behind the last gap if it is short.
-    fn cut_stub(&mut self, from: usize) {
+    fn cut_stub(&mut self, gradients: &mut Gradients, from: usize) {
         let pixels = &self.pixels[from..];
         let gap = (1..pixels.len()).rev().find(|&k| pixels[k].step - pixels[k - 1].step > 1);
         if let Some(k) = gap
             && pixels.len() - k < MIN_LAST_RUN
         {
-            self.cut(from + k);
+            self.cut(gradients, from + k);
         }
     }
 
     /// Gives back the pixels from number `from` on.
-    fn cut(&mut self, from: usize) {
+    fn cut(&mut self, gradients: &mut Gradients, from: usize) {
         for pixel in &self.pixels[from..] {
             let three = [pixel.index - self.across, pixel.index, pixel.index + self.across];
             for (k, _) in three.iter().zip(pixel.marked).filter(|(_, marked)| *marked) {
-                self.marks[*k] = TRIED;
+                gradients.pixels_mut()[*k].give_back();
             }
         }
         self.pixels.truncate(from);
@@ -293,19 +309,31 @@ impl Course<'_> {
     fn px(&self, major: f32, minor: f32) -> Vector2<f32> {
         if self.is_steep { Vector2::new(minor, major) } else { Vector2::new(major, minor) }
     }
+}
 
-    /// Steps of the line along the minor axis per step along the major one.
-    fn slope(&self, line: &Line) -> f32 {
-        let d = &line.direction;
-        if self.is_steep { d.x / d.y } else { d.y / d.x }
-    }
+/// Whether the gradients around a seed are those of a straight edge: far cheaper to find out than by
+/// growing, and most seeds are none.
+#[must_use]
+pub fn is_promising(gradients: &Gradients, seed: u32, threshold: i16) -> bool {
+    let (width, height) = (gradients.width(), gradients.height());
+    let (x, y) = ((seed as usize % width) as f32, (seed as usize / width) as f32);
+    let gradient = vector(gradients.at(seed as usize));
+    let direction = along(&gradient);
+    let least = 0.25 * f32::from(threshold) * f32::from(threshold);
+    let is_alike = |px: &&f32| {
+        let at = Vector2::new(x, y) + direction * **px;
+        let column = (at.x.max(0.0) + 0.5).min((width - 1) as f32) as usize;
+        let row = (at.y.max(0.0) + 0.5).min((height - 1) as f32) as usize;
+        let other = vector(gradients.at(row * width + column));
+        let (dot, squared) = (gradient.dot(&other), other.norm_squared());
+        // Without short cuts: all of it is cheaper than one wrong guess of a branch.
+        (dot > 0.0) & (squared > least) & (dot * dot > MIN_PROBE_COS2 * squared * gradient.norm_squared())
+    };
+    PROBES_PX.iter().filter(is_alike).count() >= MIN_PROBES
+}
 
-    /// Where the line is at `major`, and the cosine between the minor axis and its normal.
-    fn predict(&self, line: &Line, major: isize) -> (f32, f32) {
-        let (p, d) = (&line.point, &line.direction);
-        let (p_major, p_minor, cos) = if self.is_steep { (p.y, p.x, d.y) } else { (p.x, p.y, d.x) };
-        (p_minor + (major as f32 - p_major) * self.slope(line), cos.abs())
-    }
+fn vector((gx, gy): (i16, i16)) -> Vector2<f32> {
+    Vector2::new(f32::from(gx), f32::from(gy))
 }
 
 /// Direction of an edge with this gradient: the brighter side is on the right (rows go down).

@@ -1,13 +1,14 @@
 //! Broken segments are joined: figure 4 of the paper.
 //!
-//! Around each segment, longest first, its outer rectangle is drawn, widened by a margin across and along.
+//! Around each segment, clearest first, its outer rectangle is drawn, widened by a margin across and along.
 //! Segments with an end or their middle inside join its set; those whose direction differs from it by more
 //! than the mean of the differences leave it again; the rest become one line by total least squares. The
 //! mean is held between a floor, as it would halve a set that is parallel within noise, and a ceiling, as
-//! a single member would always pass. Segments of opposite direction are the two edges of one bar, and stay apart: the
+//! a single member would always pass; members whose ends are off the joint line by more than the margin leave
+//! as well. Segments of opposite direction are the two edges of one bar, and stay apart: the
 //! paper does not say so, but a line between them would be the edge of nothing.
 
-use super::filter::longest_first;
+use super::filter::clearest_first;
 use super::segment::{NODES, Place, Segment};
 use nalgebra::Vector2;
 use plumbline_config::options::LinesConfig;
@@ -16,6 +17,8 @@ use plumbline_config::options::LinesConfig;
 const MAX_MEMBERS: usize = 16;
 /// Ceiling of the angle threshold, degrees.
 const MAX_ANGLE_DEG: f32 = 5.0;
+/// Fits of one set, each without the members that were off the one before.
+const MAX_FITS: usize = 3;
 
 /// Joins segments.
 #[derive(Clone, Debug)]
@@ -40,7 +43,7 @@ impl Merger {
         }
     }
 
-    /// Joins `segments` (longest first) into `merged` (longest first).
+    /// Joins `segments` (clearest first) into `merged` (clearest first).
     pub fn merge(&mut self, segments: &[Segment], merged: &mut Vec<Segment>) {
         self.is_gone.clear();
         self.is_gone.resize(segments.len(), false);
@@ -50,7 +53,7 @@ impl Merger {
                 merged.push(self.joined(segments, k));
             }
         }
-        longest_first(merged);
+        clearest_first(merged);
     }
 
     /// Segment `k` with all that belongs to it.
@@ -70,13 +73,35 @@ impl Merger {
         }
         let mean = members.iter().map(|m| m.1).sum::<f32>() / members.len() as f32;
         let limit = mean.min(MAX_ANGLE_DEG.to_radians()).max(self.min_angle);
+        members.retain(|m| m.1 <= limit);
+        for _ in 0..MAX_FITS {
+            let Some(joint) = self.fit(segments, k, &members) else { break };
+            let is_off = |segment: &Segment| {
+                let (direction, middle) = (joint.direction(), joint.middle());
+                let off = |px: &Vector2<f32>| direction.perp(&(px - middle)).abs() > self.across_px;
+                off(&segment.start) || off(&segment.end)
+            };
+            let before = members.len();
+            members.retain(|m| !is_off(&segments[m.0]));
+            if members.len() == before {
+                if before == 0 || is_off(&segments[k]) {
+                    break;
+                }
+                members.iter().for_each(|m| self.is_gone[m.0] = true);
+                return joint;
+            }
+        }
+        segments[k]
+    }
+
+    /// One line through segment `k` and its members.
+    fn fit(&mut self, segments: &[Segment], k: usize, members: &[(usize, f32)]) -> Option<Segment> {
         self.places.clear();
         add_places(&segments[k], &mut self.places);
-        for &(other, _) in members.iter().filter(|m| m.1 <= limit) {
-            self.is_gone[other] = true;
+        for &(other, _) in members {
             add_places(&segments[other], &mut self.places);
         }
-        Segment::through(&self.places, &segments[k].direction()).unwrap_or(segments[k])
+        Segment::through(&self.places, &segments[k].direction())
     }
 }
 
@@ -146,7 +171,7 @@ mod tests {
 
     fn merge(segments: &[Segment]) -> Vec<Segment> {
         let mut sorted = segments.to_vec();
-        longest_first(&mut sorted);
+        clearest_first(&mut sorted);
         let mut merged = Vec::with_capacity(8);
         Merger::new(&LinesConfig::default()).merge(&sorted, &mut merged);
         merged

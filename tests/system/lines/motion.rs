@@ -1,13 +1,17 @@
 //! Simulated flights: are the segments of a frame found again in the next, and where they should be?
+//!
+//! Segments are compared as they would be without the lens, in the pixels of a pinhole camera of the same
+//! focal length: an edge that the lens bends has no straight place in the image. Ours are undistorted as the
+//! estimator does it, others by their ends.
 
 use nalgebra::{Isometry3, Vector2, Vector3};
 use plumbline::campaign::Fault;
 use plumbline_config::camera::Distortion;
 use plumbline_config::{CameraModel, Config, GrayImage, Timestamp};
 use plumbline_drivers::simulator::{Scene, Simulator};
-use plumbline_estimator::lines::filter::longest_first;
+use plumbline_estimator::lines::filter::clearest_first;
 use plumbline_estimator::lines::merge::Merger;
-use plumbline_estimator::lines::{LineExtractor, Segment};
+use plumbline_estimator::lines::{ImageLine, LineExtractor, Segment};
 use plumbline_tests::lines::detectors::unfiltered;
 use plumbline_tests::lines::{Detector, Line};
 use plumbline_tests::{entry, shared};
@@ -53,18 +57,20 @@ impl<'a> View<'a> {
     /// The point of an edge with normal `across` that is seen at `px`: it lies on the nearer of the
     /// surfaces to both sides.
     fn edge_point(&self, px: &Vector2<f64>, across: &Vector2<f64>) -> Option<Vector3<f64>> {
-        let hit = |offset: f64| self.simulator.first_hit(self.time, 0, &(px + across * offset));
+        let lens = |px: &Vector2<f64>| self.model.project_normalized(&normalized(self.model, px)).0;
+        let hit = |offset: f64| self.simulator.first_hit(self.time, 0, &lens(&(px + across * offset)));
         let (a, b, centre) = (hit(-BESIDE_PX)?, hit(BESIDE_PX)?, hit(0.0)?);
         let nearer = if a.distance < b.distance { a } else { b };
         // Rays have z = 1, so that distances are depths.
         let depth = if centre.surface == nearer.surface { centre.distance } else { nearer.distance };
-        let bearing = self.model.unproject(px)?;
+        let bearing = normalized(self.model, px);
         Some(self.pose_w_c.transform_point(&(bearing.push(1.0) * depth).into()).coords)
     }
 
     fn project(&self, p_w: &Vector3<f64>) -> Option<Vector2<f64>> {
         let p_c = self.pose_w_c.inverse_transform_point(&(*p_w).into());
-        self.model.project(&p_c.coords).filter(|px| self.model.contains(px, BORDER_PX))
+        self.model.project(&p_c.coords).filter(|px| self.model.contains(px, BORDER_PX))?;
+        Some(straight(self.model, &(p_c.coords.xy() / p_c.z)))
     }
 
     /// Where a segment of this view is in `next`; `None` when it leaves the image.
@@ -76,6 +82,16 @@ impl<'a> View<'a> {
         let end = next.project(&self.edge_point(&end, &across)?)?;
         Some(Line { start, end })
     }
+}
+
+/// Pixel of a camera without distortion.
+fn straight(model: &CameraModel, xy: &Vector2<f64>) -> Vector2<f64> {
+    xy.component_mul(&model.focal_px) + model.centre_px
+}
+
+/// The inverse of [`straight`].
+fn normalized(model: &CameraModel, px: &Vector2<f64>) -> Vector2<f64> {
+    (px - model.centre_px).component_div(&model.focal_px)
 }
 
 /// What became of the segments of all first frames.
@@ -146,21 +162,26 @@ impl Ours {
         Self { extractor: LineExtractor::new(width, height, &options), merger: Merger::new(&options) }
     }
 
-    fn detect(&mut self, image: &GrayImage) -> [Vec<Line>; 2] {
+    fn detect(&mut self, image: &GrayImage, model: &CameraModel) -> [Vec<Line>; 2] {
         let raw = self.extractor.extract(&image.view()).unwrap();
         let is_long = |segment: &&Segment| f64::from(segment.length()) >= MIN_LENGTH_PX;
         let mut kept: Vec<Segment> = raw.iter().filter(is_long).copied().collect();
-        longest_first(&mut kept);
+        clearest_first(&mut kept);
         let mut merged = Vec::with_capacity(kept.len());
         self.merger.merge(&kept, &mut merged);
-        [merged, kept].map(|segments| segments.iter().map(Line::from).collect())
+        let line = |segment: &Segment| {
+            let [start, end] = ImageLine::of(segment, model)?.ends_xy.map(|xy| straight(model, &xy));
+            Some(Line { start, end })
+        };
+        [merged, kept].map(|segments| segments.iter().filter_map(line).collect())
     }
 }
 
-fn lsd_segments(lsd: &mut Detector, image: &GrayImage) -> Vec<Line> {
+fn lsd_segments(lsd: &mut Detector, image: &GrayImage, model: &CameraModel) -> Vec<Line> {
     let mut lines = lsd.detect(image).unwrap();
     lines.retain(|line| line.length() >= MIN_LENGTH_PX);
-    lines
+    let end = |px: &Vector2<f64>| Some(straight(model, &model.unproject(px)?));
+    lines.iter().filter_map(|line| Some(Line { start: end(&line.start)?, end: end(&line.end)? })).collect()
 }
 
 /// The rig, with its lenses or, for images in which straight edges are straight, without distortion.
@@ -189,8 +210,8 @@ fn tally(config: &Config, path: &str, scene: (&'static str, Scene)) -> [Tally; 3
         let segments = frames.map(|frame| {
             let mut image = GrayImage::new(size.0, size.1);
             assert!(simulator.render_camera(frame, 0, &mut scratch, &mut image));
-            let [merged, raw] = ours.detect(&image);
-            [merged, raw, lsd_segments(&mut lsd, &image)]
+            let [merged, raw] = ours.detect(&image, &model);
+            [merged, raw, lsd_segments(&mut lsd, &image, &model)]
         });
         for (k, tally) in tallies.iter_mut().enumerate() {
             tally.add(&views, &segments[0][k], &segments[1][k]);

@@ -34,7 +34,9 @@ impl Score {
 fn found(detector: &mut Detector, images: &[MarkedImage]) -> Vec<Vec<Line>> {
     let sorted = |image: &MarkedImage| {
         let mut lines = detector.detect(&image.image).unwrap();
-        longest_first(&mut lines);
+        if detector.name.starts_with("OpenCV") {
+            longest_first(&mut lines);
+        }
         lines
     };
     images.iter().map(sorted).collect()
