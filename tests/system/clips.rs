@@ -4,6 +4,7 @@ use plumbline::cli::replay::fly;
 use plumbline::flight::open_dataset;
 use plumbline::pipeline::RunOptions;
 use plumbline::record::Recorder;
+use plumbline::report::Report;
 use plumbline_tests::shared;
 use std::sync::atomic::AtomicBool;
 
@@ -24,14 +25,24 @@ fn at_rest_nothing_drifts() {
 }
 
 #[test]
-fn one_camera_in_flight_finds_scale_and_keeps_it() {
+fn one_camera_in_flight_finds_scale_and_keeps_it_with_and_without_lines() {
     let Some(shared) = shared("euroc/MH_05_mono_clip") else { return };
-    let flight = open_dataset(&shared.join("euroc/MH_05_mono_clip"), None, None, true).unwrap();
-    let (report, _, _) = fly(flight, Recorder::default(), &OPTIONS, &AtomicBool::new(false)).unwrap();
+    let [with, without] = [true, false].map(|lines| {
+        let mut flight = open_dataset(&shared.join("euroc/MH_05_mono_clip"), None, None, true).unwrap();
+        flight.config.estimator.lines.enabled = lines;
+        let flown = fly(flight, Recorder::default(), &OPTIONS, &AtomicBool::new(false)).unwrap();
+        keeps_scale(&flown.0)
+    });
+    assert!(with <= without, "lines make it worse: {with:.4} m, without {without:.4} m");
+}
+
+/// The ATE of a sound flight with one camera, m.
+fn keeps_scale(report: &Report) -> f64 {
     let accuracy = report.accuracy.as_ref().unwrap();
     println!("ATE {:.4} m, scale error {:+.2} %", accuracy.ate_rmse_m, accuracy.scale_error_percent);
     assert_eq!(report.resets, 0);
     assert!(report.first_pose_s.unwrap() <= 2.0);
     assert!(accuracy.ate_rmse_m <= 0.09);
     assert!(accuracy.scale_error_percent.abs() <= 2.0);
+    accuracy.ate_rmse_m
 }

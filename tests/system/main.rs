@@ -6,3 +6,4 @@ mod determinism;
 mod faults;
 mod lines;
 mod oracle;
+mod soak;

@@ -49,13 +49,13 @@ impl Default for LinesConfig {
             merge_across_px: 1.0,
             merge_along_px: 10.0,
             merge_angle_deg: 2.0,
-            max_visits: 60_000,
+            max_visits: 30_000,
             max_raw: 1000,
             max_segments: 120,
             max_hamming: 60,
             max_hamming_ratio: 0.85,
             max_landmarks: 120,
-            sigma_px: 0.5,
+            sigma_px: 0.2,
         }
     }
 }

@@ -26,9 +26,9 @@ const MIN_LAST_RUN: usize = 4;
 const MAX_SLOPE: f32 = 1.3;
 
 /// Places ahead of and behind a seed that are probed before a segment is begun, px.
-const PROBES_PX: [f32; 4] = [-6.0, -3.0, 3.0, 6.0];
-/// Probes that must find a gradient like the seed's: near the end of a segment one looks beyond it.
-const MIN_PROBES: usize = 3;
+const PROBES_PX: [f32; 6] = [3.0, -3.0, 6.0, -6.0, 9.0, -9.0];
+/// Probes that may find another gradient than the seed's.
+const MAX_UNLIKE: usize = 1;
 /// Squared cosine of the largest angle between the gradients of seed and probe (30 degrees).
 const MIN_PROBE_COS2: f32 = 0.75;
 /// What beginning a segment costs of the budget beside its pixels, in visits.
@@ -320,16 +320,16 @@ pub fn is_promising(gradients: &Gradients, seed: u32, threshold: i16) -> bool {
     let gradient = vector(gradients.at(seed as usize));
     let direction = along(&gradient);
     let least = 0.25 * f32::from(threshold) * f32::from(threshold);
-    let is_alike = |px: &&f32| {
+    let is_unlike = |px: &&f32| {
         let at = Vector2::new(x, y) + direction * **px;
         let column = (at.x.max(0.0) + 0.5).min((width - 1) as f32) as usize;
         let row = (at.y.max(0.0) + 0.5).min((height - 1) as f32) as usize;
         let other = vector(gradients.at(row * width + column));
         let (dot, squared) = (gradient.dot(&other), other.norm_squared());
         // Without short cuts: all of it is cheaper than one wrong guess of a branch.
-        (dot > 0.0) & (squared > least) & (dot * dot > MIN_PROBE_COS2 * squared * gradient.norm_squared())
+        !((dot > 0.0) & (squared > least) & (dot * dot > MIN_PROBE_COS2 * squared * gradient.norm_squared()))
     };
-    PROBES_PX.iter().filter(is_alike).count() >= MIN_PROBES
+    PROBES_PX.iter().filter(is_unlike).nth(MAX_UNLIKE).is_none()
 }
 
 fn vector((gx, gy): (i16, i16)) -> Vector2<f32> {

@@ -12,6 +12,9 @@ use nalgebra::{Matrix4, Vector3, Vector4};
 const MIN_PLANE_ANGLE: f64 = 0.004;
 /// Steps of the refinement over all views.
 const REFINEMENTS: usize = 4;
+/// A line has a distance when its inverse exceeds this many standard deviations. Half of what points need:
+/// a line has more pixels behind it, and fewer of them lie about.
+const MIN_PARALLAX_SIGMAS: f64 = 3.0;
 /// Largest standard deviation of the line's slope in depth, rad.
 const MAX_SLOPE_SIGMA: f64 = 0.3;
 
@@ -40,7 +43,7 @@ pub fn triangulate_line(
     let Some(covariance) = information.try_inverse() else { return Triangulation::Waiting };
     let (slope_sigma, phi_sigma) = (covariance[(0, 0)].max(0.0).sqrt(), covariance[(3, 3)].max(0.0).sqrt());
     let inverse_distance = landmark.feature.phi.tan();
-    let is_wide = phi_sigma * 3.0 < inverse_distance && slope_sigma < MAX_SLOPE_SIGMA;
+    let is_wide = phi_sigma * MIN_PARALLAX_SIGMAS < inverse_distance && slope_sigma < MAX_SLOPE_SIGMA;
     if !is_wide {
         return Triangulation::Waiting;
     }
@@ -118,3 +121,7 @@ fn refine(
     }
     (0.0..std::f64::consts::FRAC_PI_2).contains(&landmark.feature.phi).then_some(information)
 }
+
+#[cfg(test)]
+#[path = "triangulate_line_tests.rs"]
+mod tests;

@@ -140,13 +140,7 @@ fn fly_all(entries: &[Entry], setup: &Setup, jobs: usize) -> Vec<Option<Report>>
 }
 
 fn entries(args: &CampaignArgs) -> Result<Vec<Entry>, Usage> {
-    let shared = args.shared.clone().or_else(|| std::env::var_os("PLUMBLINE_SHARED").map(PathBuf::from));
-    let trajectories = shared.unwrap_or_else(|| "../shared".into()).join("euroc/trajectories");
-    if !trajectories.is_dir() {
-        let message =
-            format!("{}: no such folder; name the shared data with --shared", trajectories.display());
-        return Err(Usage(message));
-    }
+    let trajectories = trajectories(args.shared.as_deref())?;
     let (paths, scenes) = (paths(&args.path, &trajectories)?, scenes(&args.scene)?);
     let new = |(name, start_s): &(String, f64), scene, seed, fault| {
         let start_s = args.start.unwrap_or(*start_s);
@@ -167,8 +161,19 @@ fn entries(args: &CampaignArgs) -> Result<Vec<Entry>, Usage> {
     Ok(entries)
 }
 
+/// The folder of trajectories in the shared data: `shared`, else that of the environment, else `../shared`.
+pub(super) fn trajectories(shared: Option<&Path>) -> Result<PathBuf, Usage> {
+    let shared =
+        shared.map(Path::to_owned).or_else(|| std::env::var_os("PLUMBLINE_SHARED").map(PathBuf::from));
+    let folder = shared.unwrap_or_else(|| "../shared".into()).join("euroc/trajectories");
+    if folder.is_dir() {
+        return Ok(folder);
+    }
+    Err(Usage(format!("{}: no such folder; name the shared data with --shared", folder.display())))
+}
+
 /// The trajectories of the choice with their starts, s; never empty.
-fn paths(wanted: &[String], trajectories: &Path) -> Result<Vec<(String, f64)>, Usage> {
+pub(super) fn paths(wanted: &[String], trajectories: &Path) -> Result<Vec<(String, f64)>, Usage> {
     let built_in = |prefix: &str| {
         let paths = PATHS.into_iter().filter(|(name, _)| name.starts_with(prefix));
         paths.map(|(name, start_s)| (name.to_owned(), start_s)).collect::<Vec<_>>()
@@ -192,7 +197,7 @@ fn paths(wanted: &[String], trajectories: &Path) -> Result<Vec<(String, f64)>, U
 }
 
 /// The scenes of the choice; never empty.
-fn scenes(wanted: &[String]) -> Result<Vec<(&'static str, Scene)>, Usage> {
+pub(super) fn scenes(wanted: &[String]) -> Result<Vec<(&'static str, Scene)>, Usage> {
     if let Some(name) = wanted.iter().find(|w| !SCENES.iter().any(|(name, _)| name.starts_with(w.as_str()))) {
         return Err(Usage(format!("--scene: no scene '{name}': choose room, hall or low-texture")));
     }

@@ -3,6 +3,7 @@
 //! 0 success, 1 the run failed, 2 wrong usage or configuration; a failure is one line on stderr that names
 //! the file, the key or the device, and what to do.
 
+pub mod ablation;
 pub mod campaign;
 pub mod evaluate;
 pub mod lines;
@@ -58,6 +59,8 @@ enum Command {
     Ground(crate::ground::GroundArgs),
     /// Fly the built-in set of simulated flights and tabulate the errors.
     Campaign(campaign::CampaignArgs),
+    /// Fly with points alone, with raw, filtered and merged line segments, and tabulate what each brings.
+    Ablation(ablation::AblationArgs),
     /// Check a configuration file, or print a preset.
     Config(ConfigArgs),
     /// Print the completions for a shell.
@@ -96,6 +99,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Lines(args) => lines::run(&args),
         Command::Ground(args) => crate::ground::run(&args),
         Command::Campaign(args) => campaign::run(&args),
+        Command::Ablation(args) => ablation::run(&args),
         Command::Config(args) => check_config(&args),
         Command::Completions { shell } => {
             let mut script = Vec::new();

@@ -1,0 +1,212 @@
+//! `plumbline ablation`: what each part of the line path brings, as the two tables of the paper.
+
+use super::campaign::{paths, scenes, trajectories};
+use super::overrides::with_overrides;
+use super::replay::fly;
+use super::{check_outputs, load_config, say, stop_on_signal};
+use crate::campaign::{Entry, Fault, Setup};
+use crate::flight::open_dataset;
+use crate::pipeline::RunOptions;
+use crate::record::Recorder;
+use crate::report::Report;
+use anyhow::{Context, Result, ensure};
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+use plumbline_config::Config;
+use serde::Serialize;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// What is compared: a name, and the changes of the configuration that make it.
+const VARIANTS: [(&str, &[&str]); 4] = [
+    ("points", &["estimator.lines.enabled=false"]),
+    ("+ raw segments", &["estimator.lines.length_filter=false", "estimator.lines.merge=false"]),
+    ("+ length filter", &["estimator.lines.length_filter=true", "estimator.lines.merge=false"]),
+    ("+ filter and merging", &["estimator.lines.length_filter=true", "estimator.lines.merge=true"]),
+];
+
+/// Arguments of `plumbline ablation`.
+#[derive(Debug, Args)]
+pub struct AblationArgs {
+    /// EuRoC data sets. Without any: the built-in simulated flights.
+    pub datasets: Vec<PathBuf>,
+    /// Folder with `euroc/trajectories`; else the environment variable PLUMBLINE_SHARED, else ../shared.
+    #[arg(long)]
+    pub shared: Option<PathBuf>,
+    /// Of the built-in flights only those in scenes whose names begin so: room, hall, low-texture.
+    #[arg(long, value_delimiter = ',')]
+    pub scene: Vec<String>,
+    /// Of the built-in flights only those along trajectories whose names begin so.
+    #[arg(long, value_delimiter = ',')]
+    pub path: Vec<String>,
+    /// Seeds of the built-in flights.
+    #[arg(long, value_delimiter = ',', default_value = "1")]
+    pub seed: Vec<u64>,
+    /// Length of each built-in flight, seconds.
+    #[arg(long, default_value_t = 15.0)]
+    pub duration: f64,
+    /// The left camera alone.
+    #[arg(long)]
+    pub mono: bool,
+    /// Configuration file or preset.
+    #[arg(long)]
+    pub config: Option<PathBuf>,
+    /// Change a key of the estimator's configuration in all variants; may be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub overrides: Vec<String>,
+    /// Keep rendered frames in this folder and take them from there. Without it each variant renders anew.
+    #[arg(long)]
+    pub cache: Option<PathBuf>,
+    /// Write all reports (JSON).
+    #[arg(long, value_name = "OUT.json")]
+    pub json: Option<PathBuf>,
+}
+
+/// One data set or simulated flight.
+enum Subject {
+    Recorded(PathBuf),
+    Simulated(Box<Entry>),
+}
+
+impl Subject {
+    fn name(&self) -> String {
+        match self {
+            Self::Recorded(path) => {
+                path.file_name().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into())
+            }
+            Self::Simulated(entry) => format!("{} {} {}", entry.path, entry.scene, entry.scenario.seed),
+        }
+    }
+
+    fn fly(&self, args: &AblationArgs, config: Option<&Config>, overrides: &[String]) -> Result<Report> {
+        match self {
+            Self::Recorded(path) => {
+                let mut flight = open_dataset(path, config.cloned(), None, args.mono)?;
+                flight.config = with_overrides(&flight.config, overrides)?;
+                let options = RunOptions { speed: None, threads: 1 };
+                Ok(fly(flight, Recorder::default(), &options, &AtomicBool::new(false))?.0)
+            }
+            Self::Simulated(entry) => entry.fly_as(&Setup {
+                config: config.cloned(),
+                overrides: overrides.to_vec(),
+                mono: args.mono,
+                cache: args.cache.clone(),
+                threads: 1,
+            }),
+        }
+    }
+}
+
+#[derive(Serialize)]
+struct Row<'a> {
+    flight: String,
+    variants: Vec<(&'a str, &'a Report)>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When a flight cannot be opened or simulated.
+pub fn run(args: &AblationArgs) -> Result<()> {
+    check_outputs(&args.json)?;
+    let config = load_config(args.config.as_deref())?;
+    let subjects = subjects(args)?;
+    let stop = stop_on_signal()?;
+    let bar = ProgressBar::new((subjects.len() * VARIANTS.len()) as u64);
+    let template = "{bar:32} {pos}/{len} flights  {msg}  {elapsed} (eta {eta})";
+    bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let mut flown: Vec<Vec<Report>> = Vec::new();
+    for subject in &subjects {
+        let mut reports = Vec::new();
+        for (variant, changes) in VARIANTS {
+            ensure!(!stop.load(Ordering::Relaxed), "stopped");
+            bar.set_message(format!("{}, {variant}", subject.name()));
+            let overrides: Vec<String> =
+                args.overrides.iter().cloned().chain(changes.iter().map(ToString::to_string)).collect();
+            reports.push(subject.fly(args, config.as_ref(), &overrides).context(subject.name())?);
+            bar.inc(1);
+        }
+        flown.push(reports);
+    }
+    bar.finish_and_clear();
+    let rows: Vec<Row<'_>> = subjects
+        .iter()
+        .zip(&flown)
+        .map(|(subject, reports)| Row {
+            flight: subject.name(),
+            variants: VARIANTS.iter().map(|(name, _)| *name).zip(reports).collect(),
+        })
+        .collect();
+    say(format_args!("{}\n\n{}", extraction_table(&rows), accuracy_table(&rows)));
+    if let Some(file) = &args.json {
+        std::fs::write(file, serde_json::to_string_pretty(&rows)?).context(file.display().to_string())?;
+    }
+    Ok(())
+}
+
+fn subjects(args: &AblationArgs) -> Result<Vec<Subject>> {
+    if !args.datasets.is_empty() {
+        return Ok(args.datasets.iter().cloned().map(Subject::Recorded).collect());
+    }
+    let folder = trajectories(args.shared.as_deref())?;
+    let mut subjects = Vec::new();
+    for scene in scenes(&args.scene)? {
+        for (path, start_s) in &paths(&args.path, &folder)? {
+            for &seed in &args.seed {
+                let entry = Entry::new(&folder, (path, *start_s), scene, seed, args.duration, Fault::None);
+                subjects.push(Subject::Simulated(Box::new(entry)));
+            }
+        }
+    }
+    Ok(subjects)
+}
+
+/// The paper's table 1: number of segments in the left image, and times a frame over all cameras.
+fn extraction_table(rows: &[Row<'_>]) -> String {
+    let mut lines = vec![
+        "| flight | variant | segments | extraction ms | description ms | matching ms | sum ms |".to_owned(),
+        "|---|---|---:|---:|---:|---:|---:|".to_owned(),
+    ];
+    for row in rows {
+        for (variant, report) in row.variants.iter().skip(1) {
+            let ms = |stage: &str| report.stage_ms.get(stage).map_or(0.0, |p| p.p50);
+            let parts = [ms("lines_extract"), ms("lines_describe"), ms("lines_match")];
+            lines.push(format!(
+                "| {} | {variant} | {:.0} | {:.2} | {:.2} | {:.2} | {:.2} |",
+                row.flight,
+                report.lines.merged,
+                parts[0],
+                parts[1],
+                parts[2],
+                parts.iter().sum::<f64>()
+            ));
+        }
+    }
+    lines.join("\n")
+}
+
+/// The paper's table 2: ATE of each variant in metres, with the means and their change against points.
+fn accuracy_table(rows: &[Row<'_>]) -> String {
+    let names: Vec<&str> = VARIANTS.iter().map(|(name, _)| *name).collect();
+    let mut lines = vec![
+        format!("| ATE RMSE m | {} |", names.join(" | ")),
+        format!("|---{}|", "|---:".repeat(names.len())),
+    ];
+    let number = |ate: Option<f64>| ate.map_or_else(|| "-".to_owned(), |ate| format!("{ate:.4}"));
+    for row in rows {
+        let cells: Vec<String> = row.variants.iter().map(|(_, r)| number(r.ate_rmse_m)).collect();
+        lines.push(format!("| {} | {} |", row.flight, cells.join(" | ")));
+    }
+    let means: Vec<Option<f64>> = (0..names.len())
+        .map(|k| {
+            let ates: Vec<f64> = rows.iter().filter_map(|row| row.variants[k].1.ate_rmse_m).collect();
+            (!ates.is_empty()).then(|| ates.iter().sum::<f64>() / ates.len() as f64)
+        })
+        .collect();
+    let with_change = |mean: &Option<f64>| match (mean, means[0]) {
+        (Some(mean), Some(points)) => format!("{mean:.4} ({:+.0} %)", 100.0 * (mean / points - 1.0)),
+        _ => "-".to_owned(),
+    };
+    lines.push(format!("| mean | {} |", means.iter().map(with_change).collect::<Vec<_>>().join(" | ")));
+    lines.join("\n")
+}

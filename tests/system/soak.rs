@@ -1,0 +1,32 @@
+//! Long flights, run by `make soak`: rates per minute and consistency need more than the seconds of the
+//! other tests.
+
+use plumbline::campaign::{Fault, PATHS, SCENES};
+use plumbline_tests::entry;
+
+/// Each built-in trajectory in each scene for a minute, with the limits of the README.
+#[test]
+#[ignore = "a quarter of an hour; run by `make soak`"]
+fn soak_a_minute_of_flight_keeps_heading_and_covariance() {
+    let mut failures = Vec::new();
+    for scene in SCENES {
+        for (path, _) in PATHS {
+            let Some(entry) = entry(path, scene, 1, 60.0, Fault::None) else { return };
+            let report = entry.fly(None, false, None, 2).unwrap();
+            println!("{}", entry.row(&report));
+            let accuracy = report.accuracy.as_ref().unwrap();
+            let yaw = accuracy.yaw_drift_deg_per_min.unwrap();
+            let nees = accuracy.nees_ratio.unwrap();
+            let max_ate_percent = if scene.0 == "low-texture" { 0.2 } else { 0.08 };
+            let checks = [
+                (report.resets == 0, "resets".to_owned()),
+                (yaw.abs() <= 0.2, format!("yaw {yaw:.2} deg/min")),
+                ((0.3..=3.0).contains(&nees), format!("NEES {nees:.2}")),
+                (accuracy.ate_percent <= max_ate_percent, format!("ATE {:.3} %", accuracy.ate_percent)),
+            ];
+            let missed = checks.into_iter().filter(|(holds, _)| !holds);
+            failures.extend(missed.map(|(_, what)| format!("{path} in {}: {what}", scene.0)));
+        }
+    }
+    assert!(failures.is_empty(), "missed: {failures:#?}");
+}
