@@ -49,7 +49,7 @@ impl Default for LinesConfig {
             merge_across_px: 1.0,
             merge_along_px: 10.0,
             merge_angle_deg: 2.0,
-            max_visits: 30_000,
+            max_visits: 24_000,
             max_raw: 1000,
             max_segments: 120,
             max_hamming: 60,

@@ -18,7 +18,7 @@ const BANDS: usize = 9;
 const BAND_ROWS: usize = 5;
 const ROWS: usize = BANDS * BAND_ROWS;
 /// Samples of a row.
-const STATIONS: usize = 24;
+const STATIONS: usize = 16;
 /// Figures of a row: gradient across and along, positive and negative.
 const SUMS: usize = 4;
 /// Figures of a band: means and standard deviations.
@@ -172,7 +172,7 @@ mod tests {
     fn a_segment_is_known_again_and_told_from_others() {
         let image = Texture::new(5).render(200, 160);
         let mut gradients = Gradients::new(200, 160);
-        gradients.compute(&image.view(), i16::MAX, |_, _| {});
+        gradients.compute(&image.view(), i16::MAX, |_, _, _| {});
         let describer = Describer::default();
         let describe = |s: &Segment| describer.describe(&gradients, s);
         let one = describe(&segment((60.0, 60.0), (120.0, 80.0)));

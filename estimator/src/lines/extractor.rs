@@ -1,6 +1,6 @@
 //! The extractor: an image in, its straight edges out, in bounded time and without allocation.
 //!
-//! Seeds are the ridges of the gradient, strongest first ([`super::gradient`]); from each free one a
+//! Seeds are ridges of the gradient, strongest first ([`super::gradient`], [`super::seeds`]); from each free one a
 //! segment grows ([`super::growth`]), which must be long and meaningful ([`super::validation`]) to stay.
 //! The idea of strongest-first growth and of validation is LSD's (Grompone von Gioi et al. 2012), that of
 //! following ridges Edge Drawing's (Topal and Akinlar 2012) and ELSED's (Suarez et al. 2022). The paper's
@@ -8,15 +8,16 @@
 
 use super::filter;
 use super::gradient::{Gradients, SCALE};
-use super::growth::{Growth, is_promising};
+use super::growth::Growth;
 use super::merge::Merger;
+use super::seeds::Seeds;
 use super::segment::Segment;
 use super::validation::Validation;
 use plumbline_config::ImageView;
 use plumbline_config::options::LinesConfig;
 
-/// Seeds are ordered by their gradient in whole grey levels per pixel, as far as this.
-const BUCKETS: usize = 256;
+/// One ridge may be probed for so many visits of the budget.
+const VISITS_PER_PROBED: usize = 2;
 /// A segment has at least this share of edge pixels between its ends.
 const MIN_DENSITY: f32 = 0.7;
 
@@ -43,8 +44,7 @@ pub struct LineExtractor {
     growth: Growth,
     validation: Validation,
     merger: Merger,
-    seeds: Vec<(u32, i16)>,
-    ordered: Vec<u32>,
+    seeds: Seeds,
     raw: Vec<Segment>,
     kept: Vec<Segment>,
     merged: Vec<Segment>,
@@ -55,15 +55,12 @@ impl LineExtractor {
     /// For images of `width` x `height`, allocated for its lifetime.
     #[must_use]
     pub fn new(width: usize, height: usize, options: &LinesConfig) -> Self {
-        // Of two neighbours across the gradient one is a ridge.
-        let seeds = width * height / 2 + 1;
         Self {
             gradients: Gradients::new(width, height),
             growth: Growth::new(width, height),
             validation: Validation::new(width, height),
             merger: Merger::new(options),
-            seeds: Vec::with_capacity(seeds),
-            ordered: Vec::with_capacity(seeds),
+            seeds: Seeds::new(width, height, options.max_visits / VISITS_PER_PROBED),
             raw: Vec::with_capacity(options.max_raw),
             kept: Vec::with_capacity(options.max_raw),
             merged: Vec::with_capacity(options.max_raw),
@@ -108,7 +105,8 @@ impl LineExtractor {
         if image.width() != self.gradients.width() || image.height() != self.gradients.height() {
             return None;
         }
-        self.order_seeds(image);
+        let threshold = self.threshold();
+        self.seeds.find(&mut self.gradients, image, threshold);
         self.find();
         self.kept.clear();
         if self.options.length_filter {
@@ -135,39 +133,14 @@ impl LineExtractor {
         (self.options.min_gradient as f32 * SCALE).min(f32::from(i16::MAX)) as i16
     }
 
-    /// Computes the gradients, and orders their ridges, strongest first, by rows where they are equal.
-    fn order_seeds(&mut self, image: &ImageView<'_>) {
-        let threshold = self.threshold();
-        let Self { gradients, seeds, ordered, .. } = self;
-        seeds.clear();
-        gradients.compute(image, threshold, |index, magnitude| seeds.push((index, magnitude)));
-        seeds.retain(|&(index, _)| is_promising(gradients, index, threshold));
-        let mut counts = [0_u32; BUCKETS];
-        for &(_, magnitude) in seeds.iter() {
-            counts[bucket(magnitude)] += 1;
-        }
-        let mut at = [0; BUCKETS];
-        let mut sum = 0;
-        for k in (0..BUCKETS).rev() {
-            at[k] = sum;
-            sum += counts[k] as usize;
-        }
-        ordered.resize(seeds.len(), 0);
-        for &(index, magnitude) in seeds.iter() {
-            let to = &mut at[bucket(magnitude)];
-            ordered[*to] = index;
-            *to += 1;
-        }
-    }
-
     /// Grows segments until the seeds or the budget are spent.
     fn find(&mut self) {
         let threshold = self.threshold();
         self.growth.begin();
         self.raw.clear();
         self.figures = ExtractionFigures::default();
-        for k in 0..self.ordered.len() {
-            let seed = self.ordered[k];
+        for k in 0..self.seeds.ordered().len() {
+            let seed = self.seeds.ordered()[k];
             let pixel = self.gradients.pixels()[seed as usize];
             if pixel.is_taken() || pixel.is_tried() {
                 continue;
@@ -195,8 +168,4 @@ impl LineExtractor {
         let segment = Segment::through(self.growth.places(), &grown.direction)?;
         (f64::from(segment.length()) >= self.options.min_raw_length_px).then_some(segment)
     }
-}
-
-fn bucket(magnitude: i16) -> usize {
-    (magnitude as usize / SCALE as usize).min(BUCKETS - 1)
 }

@@ -9,6 +9,7 @@
 //! cache. What growth reads of a pixel, its gradient and its marks, is one word: following an edge is bound
 //! by memory.
 
+use nalgebra::Vector2;
 use plumbline_config::ImageView;
 
 /// Steps of a stored gradient per grey level and pixel: 16 of smoothing times 8 of Sobel's weights.
@@ -34,6 +35,13 @@ impl Pixel {
     #[must_use]
     pub fn gradient(self) -> (i16, i16) {
         (self.gx & !1, self.gy & !1)
+    }
+
+    /// The gradient as a vector, in steps.
+    #[must_use]
+    pub fn vector(self) -> Vector2<f32> {
+        let (gx, gy) = self.gradient();
+        Vector2::new(f32::from(gx), f32::from(gy))
     }
 
     /// Its magnitude, in steps: `max + 3/8 min` of the components, at most 7 % off the Euclidean norm and
@@ -137,9 +145,14 @@ impl Gradients {
         &mut self.pixels
     }
 
-    /// Takes an image of the right size, with no pixel marked. Hands the indices and magnitudes of the ridges
+    /// Takes an image of the right size, with no pixel marked. Hands column, row and magnitude of the ridges
     /// above `threshold` steps to `found`, row by row; of the ridges of one edge only one in [`SEED_STEP`].
-    pub fn compute(&mut self, image: &ImageView<'_>, threshold: i16, mut found: impl FnMut(u32, i16)) {
+    pub fn compute(
+        &mut self,
+        image: &ImageView<'_>,
+        threshold: i16,
+        mut found: impl FnMut(usize, usize, i16),
+    ) {
         let (width, height) = (self.width, self.height);
         let last = height - 1;
         for y in 0..height + 4 {
@@ -169,7 +182,7 @@ impl Gradients {
         }
     }
 
-    fn find_ridges(&mut self, y: usize, threshold: i16, found: &mut impl FnMut(u32, i16)) {
+    fn find_ridges(&mut self, y: usize, threshold: i16, found: &mut impl FnMut(usize, usize, i16)) {
         let width = self.width;
         let inner = BORDER..width - BORDER;
         let [up, row, down] = [y - 1, y, y + 1].map(|k| &self.ridges[k % 3]);
@@ -191,7 +204,7 @@ impl Gradients {
                 let k = bits.trailing_zeros() as usize / 8;
                 bits &= bits - 1;
                 let x = BORDER + chunk * 8 + k;
-                found((y * width + x) as u32, row.magnitude[x]);
+                found(x, y, row.magnitude[x]);
             }
         }
     }
@@ -309,7 +322,7 @@ mod tests {
         for (width, height) in [(64, 64), (75, 66)] {
             let image = Texture::new(3).render(width, height);
             let mut gradients = Gradients::new(width, height);
-            gradients.compute(&image.view(), i16::MAX, |_, _| {});
+            gradients.compute(&image.view(), i16::MAX, |_, _, _| {});
             for y in 1..height - 1 {
                 for x in 2..width - 2 {
                     assert_eq!(gradients.at(y * width + x), reference(&image, x, y), "at {x}, {y}");
@@ -325,7 +338,7 @@ mod tests {
         let image = GrayImage::from_pixels(width, height, pixels).expect("size");
         let mut gradients = Gradients::new(width, height);
         let mut ridges = Vec::new();
-        gradients.compute(&image.view(), 1000, |index, _| ridges.push(index as usize % width));
+        gradients.compute(&image.view(), 1000, |x, _, _| ridges.push(x));
         let at_edge = gradients.pixels()[20 * width + 31].magnitude();
         assert!(f32::from(at_edge) / SCALE > 60.0);
         assert!(gradients.pixels().iter().all(|p| p.magnitude() >= 0));

@@ -25,12 +25,6 @@ const MIN_LAST_RUN: usize = 4;
 /// An edge that turns this far from its major axis has ended.
 const MAX_SLOPE: f32 = 1.3;
 
-/// Places ahead of and behind a seed that are probed before a segment is begun, px.
-const PROBES_PX: [f32; 6] = [3.0, -3.0, 6.0, -6.0, 9.0, -9.0];
-/// Probes that may find another gradient than the seed's.
-const MAX_UNLIKE: usize = 1;
-/// Squared cosine of the largest angle between the gradients of seed and probe (30 degrees).
-const MIN_PROBE_COS2: f32 = 0.75;
 /// What beginning a segment costs of the budget beside its pixels, in visits.
 const BEGIN_VISITS: usize = 8;
 
@@ -146,7 +140,7 @@ impl Growth {
         let (x, y) = (seed as usize % width, seed as usize / width);
         self.pixels.clear();
         self.sums = LineSums::default();
-        self.gradient = vector(gradients.at(seed as usize));
+        self.gradient = gradients.pixels()[seed as usize].vector();
         let (point, direction) = (Vector2::new(x as f32, y as f32), along(&self.gradient));
         let is_steep = direction.y.abs() > direction.x.abs();
         let start = Line::new(&point, direction, is_steep);
@@ -235,7 +229,7 @@ impl Growth {
         if top <= course.threshold || before > top || after > top || pixel.is_taken() {
             return None;
         }
-        let gradient = vector(pixel.gradient());
+        let gradient = pixel.vector();
         let dot = normal(&line.direction).dot(&gradient);
         if dot <= 0.0 || dot * dot < MIN_COS2 * gradient.norm_squared() {
             return None;
@@ -254,7 +248,7 @@ impl Growth {
     /// Takes a pixel, and those beside it, so that no second segment begins there.
     #[inline]
     fn take(&mut self, course: &mut Course<'_>, place: Place, index: usize, step: usize) {
-        self.gradient += vector(course.gradients.at(index));
+        self.gradient += course.gradients.pixels()[index].vector();
         self.sums.add(&place.px.cast(), 1.0);
         let marked = [index - self.across, index, index + self.across].map(|k| {
             let pixel = &mut course.gradients.pixels_mut()[k];
@@ -309,31 +303,6 @@ impl Course<'_> {
     fn px(&self, major: f32, minor: f32) -> Vector2<f32> {
         if self.is_steep { Vector2::new(minor, major) } else { Vector2::new(major, minor) }
     }
-}
-
-/// Whether the gradients around a seed are those of a straight edge: far cheaper to find out than by
-/// growing, and most seeds are none.
-#[must_use]
-pub fn is_promising(gradients: &Gradients, seed: u32, threshold: i16) -> bool {
-    let (width, height) = (gradients.width(), gradients.height());
-    let (x, y) = ((seed as usize % width) as f32, (seed as usize / width) as f32);
-    let gradient = vector(gradients.at(seed as usize));
-    let direction = along(&gradient);
-    let least = 0.25 * f32::from(threshold) * f32::from(threshold);
-    let is_unlike = |px: &&f32| {
-        let at = Vector2::new(x, y) + direction * **px;
-        let column = (at.x.max(0.0) + 0.5).min((width - 1) as f32) as usize;
-        let row = (at.y.max(0.0) + 0.5).min((height - 1) as f32) as usize;
-        let other = vector(gradients.at(row * width + column));
-        let (dot, squared) = (gradient.dot(&other), other.norm_squared());
-        // Without short cuts: all of it is cheaper than one wrong guess of a branch.
-        !((dot > 0.0) & (squared > least) & (dot * dot > MIN_PROBE_COS2 * squared * gradient.norm_squared()))
-    };
-    PROBES_PX.iter().filter(is_unlike).nth(MAX_UNLIKE).is_none()
-}
-
-fn vector((gx, gy): (i16, i16)) -> Vector2<f32> {
-    Vector2::new(f32::from(gx), f32::from(gy))
 }
 
 /// Direction of an edge with this gradient: the brighter side is on the right (rows go down).

@@ -2,7 +2,7 @@
 //!
 //! A reader starts at [`LineExtractor`]. What an image goes through:
 //!
-//! 1. [`gradient`]: smoothed gradients and the ridges of their magnitude;
+//! 1. [`gradient`]: smoothed gradients and the ridges of their magnitude, [`seeds`]: the promising ones;
 //! 2. [`growth`]: edges followed from the strongest ridges, [`validation`]: those that are no chance;
 //! 3. [`filter`] and [`merge`]: the paper's adaptive length threshold and joining of broken segments;
 //! 4. [`descriptor`], [`gates`] and [`matching`]: the same edge in the frame before and in the other camera;
@@ -20,6 +20,7 @@ pub mod growth;
 pub mod matching;
 pub mod measure;
 pub mod merge;
+pub mod seeds;
 pub mod segment;
 pub mod tracker;
 pub mod validation;

@@ -1,0 +1,170 @@
+//! Where segments may begin: ridges that look like a straight edge, strongest first.
+//!
+//! The order is that of LSD's pseudo-ordering: by gradient in whole grey levels per pixel, and row by row
+//! where it is equal. Ridges are probed while their neighbourhood is in the cache, before they are ordered;
+//! of an image with too many only the strongest are.
+
+use super::gradient::{Gradients, Pixel, SCALE};
+use nalgebra::Vector2;
+use plumbline_config::ImageView;
+
+/// Seeds are ordered by their gradient in whole grey levels per pixel, as far as this.
+const BUCKETS: usize = 256;
+/// Places ahead of and behind a seed that are probed, px.
+const PROBES_PX: [f32; 6] = [3.0, -3.0, 6.0, -6.0, 9.0, -9.0];
+/// Probes that may find another gradient than the seed's: near the end of a segment one looks beyond it.
+const MAX_UNLIKE: usize = 1;
+/// Squared cosine of the largest angle between the gradients of seed and probe (30 degrees).
+const MIN_PROBE_COS2: f32 = 0.75;
+/// Smallest gradient of a probe, as a share of the threshold.
+const MIN_PROBE_SHARE: f32 = 0.5;
+
+#[derive(Clone, Copy, Debug)]
+struct Seed {
+    x: u16,
+    y: u16,
+    magnitude: i16,
+}
+
+impl Seed {
+    fn bucket(self) -> usize {
+        (self.magnitude as usize / SCALE as usize).min(BUCKETS - 1)
+    }
+}
+
+/// The seeds of one image. Everything is allocated at construction.
+#[derive(Clone, Debug)]
+pub struct Seeds {
+    found: Vec<Seed>,
+    ordered: Vec<u32>,
+    /// Most ridges that are probed.
+    max_probed: usize,
+}
+
+impl Seeds {
+    /// For images of `width` x `height`, at most `max_probed` of whose ridges are probed.
+    #[must_use]
+    pub fn new(width: usize, height: usize, max_probed: usize) -> Self {
+        // Of two neighbours across the gradient at most one is a ridge.
+        let room = width * height / 2 + 1;
+        Self { found: Vec::with_capacity(room), ordered: Vec::with_capacity(room), max_probed }
+    }
+
+    /// Indices of the seeds, strongest first.
+    #[must_use]
+    pub fn ordered(&self) -> &[u32] {
+        &self.ordered
+    }
+
+    /// Computes the gradients of an image and finds its seeds, with gradients above `threshold` steps.
+    pub fn find(&mut self, gradients: &mut Gradients, image: &ImageView<'_>, threshold: i16) {
+        let mut counts = [0; BUCKETS];
+        self.found.clear();
+        gradients.compute(image, threshold, |x, y, magnitude| {
+            let seed = Seed { x: x as u16, y: y as u16, magnitude };
+            counts[seed.bucket()] += 1;
+            self.found.push(seed);
+        });
+        let (weakest, mut quota) = self.cut(&counts);
+        self.found.retain(|seed| {
+            let is_strong = match seed.bucket().cmp(&weakest) {
+                std::cmp::Ordering::Greater => true,
+                std::cmp::Ordering::Equal if quota > 0 => {
+                    quota -= 1;
+                    true
+                }
+                _ => false,
+            };
+            is_strong && is_promising(gradients, seed, threshold)
+        });
+        self.order(gradients.width());
+    }
+
+    /// The weakest bucket that is still probed, and how many of its seeds are.
+    fn cut(&self, counts: &[usize; BUCKETS]) -> (usize, usize) {
+        let mut sum = 0;
+        for k in (0..BUCKETS).rev() {
+            sum += counts[k];
+            if sum > self.max_probed {
+                return (k, counts[k] - (sum - self.max_probed));
+            }
+        }
+        (0, counts[0])
+    }
+
+    /// Counting sort, strongest first.
+    fn order(&mut self, width: usize) {
+        let mut counts = [0; BUCKETS];
+        for seed in &self.found {
+            counts[seed.bucket()] += 1;
+        }
+        let mut at = [0; BUCKETS];
+        for k in (0..BUCKETS - 1).rev() {
+            at[k] = at[k + 1] + counts[k + 1];
+        }
+        self.ordered.resize(self.found.len(), 0);
+        for seed in &self.found {
+            let to = &mut at[seed.bucket()];
+            self.ordered[*to] = (usize::from(seed.y) * width + usize::from(seed.x)) as u32;
+            *to += 1;
+        }
+    }
+}
+
+/// Whether the gradients around a seed are those of a straight edge: far cheaper to find out than by
+/// growing, and most seeds are none.
+fn is_promising(gradients: &Gradients, seed: &Seed, threshold: i16) -> bool {
+    let (width, height) = (gradients.width(), gradients.height());
+    let (right, bottom) = ((width - 1) as f32, (height - 1) as f32);
+    let (x, y) = (f32::from(seed.x), f32::from(seed.y));
+    let gradient = gradients.pixels()[usize::from(seed.y) * width + usize::from(seed.x)].vector();
+    let squared_norm = gradient.norm_squared();
+    let direction = Vector2::new(gradient.y, -gradient.x) / squared_norm.sqrt().max(f32::MIN_POSITIVE);
+    let least = (MIN_PROBE_SHARE * f32::from(threshold)).powi(2);
+    let is_unlike = |px: &&f32| {
+        let column = (x + direction.x * **px + 0.5).max(0.0).min(right) as usize;
+        let row = (y + direction.y * **px + 0.5).max(0.0).min(bottom) as usize;
+        let other: Vector2<f32> = Pixel::vector(gradients.pixels()[row * width + column]);
+        let (dot, squared) = (gradient.dot(&other), other.norm_squared());
+        // Without short cuts: all of it is cheaper than one wrong guess of a branch.
+        !((dot > 0.0) & (squared > least) & (dot * dot > MIN_PROBE_COS2 * squared * squared_norm))
+    };
+    PROBES_PX.iter().filter(is_unlike).nth(MAX_UNLIKE).is_none()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use plumbline_config::GrayImage;
+
+    fn seeds_of(pixels: impl Fn(usize, usize) -> u8, max_probed: usize) -> Vec<u32> {
+        let (width, height) = (96, 80);
+        let values = (0..width * height).map(|i| pixels(i % width, i / width)).collect();
+        let image = GrayImage::from_pixels(width, height, values).expect("size");
+        let mut seeds = Seeds::new(width, height, max_probed);
+        seeds.find(&mut Gradients::new(width, height), &image.view(), 500);
+        seeds.ordered().to_vec()
+    }
+
+    #[test]
+    fn edges_have_seeds_strongest_first_and_dots_have_none() {
+        // A strong edge at x = 60, a weak one at x = 30, and a dot.
+        let image = |x: usize, y: usize| match (x, y) {
+            (10..13, 40..43) => 200,
+            (30..60, _) => 60,
+            (60.., _) => 200,
+            _ => 40,
+        };
+        let seeds = seeds_of(image, 1000);
+        let columns: Vec<usize> = seeds.iter().map(|s| *s as usize % 96).collect();
+        assert!(!columns.is_empty() && columns.iter().all(|x| [29, 30, 59, 60].contains(x)), "{columns:?}");
+        assert!(columns.windows(2).all(|pair| pair[0] >= pair[1]), "strong before weak");
+    }
+
+    #[test]
+    fn of_too_many_the_strongest_are_probed() {
+        let image = |x: usize, _: usize| [40, 60, 200][usize::from(x >= 30) + usize::from(x >= 60)];
+        let seeds = seeds_of(image, 10);
+        assert!((5..=10).contains(&seeds.len()) && seeds.iter().all(|s| *s % 96 > 50), "{seeds:?}");
+    }
+}
