@@ -6,6 +6,9 @@
 use criterion::{BenchmarkGroup, Criterion, SamplingMode, measurement::WallTime};
 use plumbline_config::GrayImage;
 use plumbline_config::options::LinesConfig;
+use plumbline_estimator::lines::descriptor::Describer;
+use plumbline_estimator::lines::matching::Matcher;
+use plumbline_estimator::lines::{LineExtractor, Segment};
 use plumbline_tests::lines::detectors::unfiltered;
 use plumbline_tests::lines::images::left_images;
 use plumbline_tests::lines::{Detector, median, quantile};
@@ -85,6 +88,35 @@ fn print(rows: &[Row], images: usize) {
     }
 }
 
+/// Describing and matching of the 100 clearest segments of consecutive images; geometry admits every pair,
+/// which is the worst that can happen.
+fn measure_description(
+    group: &mut BenchmarkGroup<'_, WallTime>,
+    images: &[GrayImage],
+) -> Result<(), Box<dyn Error>> {
+    let [first, second] = images.first_chunk::<2>().ok_or("two images are needed")?;
+    let options = unfiltered(false);
+    let mut extractor = LineExtractor::new(first.width(), first.height(), &options);
+    let describer = Describer::default();
+    let mut described = Vec::new();
+    for image in [first, second] {
+        let clearest: Vec<Segment> =
+            extractor.extract(&image.view()).ok_or("size")?.iter().take(100).copied().collect();
+        let gradients = extractor.gradients();
+        let describe_all =
+            || -> Vec<_> { clearest.iter().map(|s| describer.describe(gradients, s)).collect() };
+        described.push(describe_all());
+        if described.len() == 2 {
+            group.bench_function(format!("description of {}", clearest.len()), |b| b.iter(describe_all));
+        }
+    }
+    let mut matcher = Matcher::new(&options);
+    group.bench_function("matching, every pair admitted", |b| {
+        b.iter(|| matcher.pairs(&described[0], &described[1], |_, _| true).len());
+    });
+    Ok(())
+}
+
 fn main() -> Result<(), Box<dyn Error>> {
     let mut criterion = Criterion::default().configure_from_args();
     let Some(shared) = shared(CLIP) else { return Ok(()) };
@@ -98,6 +130,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     for detector in &mut detectors(size)? {
         rows.push(measure(&mut group, detector, &images)?);
     }
+    measure_description(&mut group, &images)?;
     group.finish();
     print(&rows, images.len());
     criterion.final_summary();

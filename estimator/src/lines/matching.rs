@@ -37,10 +37,10 @@ pub struct Matcher {
 }
 
 impl Matcher {
-    /// With room for the segments that the options admit.
+    /// With room for as many tracks as segments of two images that the options admit.
     #[must_use]
     pub fn new(options: &LinesConfig) -> Self {
-        let room = options.max_segments;
+        let room = 2 * options.max_segments;
         Self {
             max_hamming: options.max_hamming,
             max_ratio: options.max_hamming_ratio,

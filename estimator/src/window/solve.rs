@@ -58,9 +58,13 @@ impl Window {
         let mut outcome = Outcome::default();
         let mut damping = 0.0;
         let mut best_cost = f64::INFINITY;
-        for _ in 0..max_iterations {
+        // Linearizations are what costs time: a rejected step takes two of them.
+        let mut linearizations = 0;
+        while linearizations < max_iterations {
+            linearizations += 1;
             let cost = self.linearize(damping);
             if cost > best_cost || !cost.is_finite() {
+                linearizations += 1;
                 self.restore();
                 damping = if damping == 0.0 { FIRST_DAMPING } else { damping * DAMPING_GROWTH };
                 let _ = self.linearize(damping);
