@@ -53,7 +53,7 @@ impl Default for LinesConfig {
             max_raw: 1000,
             max_segments: 120,
             max_hamming: 60,
-            max_hamming_ratio: 0.85,
+            max_hamming_ratio: 0.75,
             max_landmarks: 120,
             sigma_px: 0.2,
         }

@@ -69,8 +69,8 @@ impl Describer {
         let mut words = [0_u64; 4];
         let mut bit = 0;
         for (i, j) in (0..BANDS).flat_map(|i| (i + 1..BANDS).map(move |j| (i, j))).take(PAIRS) {
-            for k in 0..FIGURES {
-                words[bit / 64] |= u64::from(bands[i][k] > bands[j][k]) << (bit % 64);
+            for (a, b) in bands[i].iter().zip(&bands[j]) {
+                words[bit / 64] |= u64::from(a > b) << (bit % 64);
                 bit += 1;
             }
         }

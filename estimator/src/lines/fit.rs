@@ -20,7 +20,7 @@ impl LineSums {
         if self.weight == 0.0 {
             self.origin = *px;
         }
-        let (x, y, w) = (f64::from(px.x - self.origin.x), f64::from(px.y - self.origin.y), f64::from(weight));
+        let (x, y, w) = (px.x - self.origin.x, px.y - self.origin.y, weight);
         self.weight += w;
         self.x += w * x;
         self.y += w * y;

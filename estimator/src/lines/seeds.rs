@@ -14,7 +14,7 @@ const BUCKETS: usize = 256;
 const PROBES_PX: [f32; PROBES] = [2.0, -2.0, 4.0, -4.0, 6.0, -6.0, 9.0, -9.0];
 const PROBES: usize = 8;
 /// Probes that must find a gradient like the seed's: near the end of a segment one looks beyond it.
-const MIN_ALIKE: u32 = 7;
+const MIN_ALIKE: u32 = 6;
 /// Squared cosine of the largest angle between the gradients of seed and probe (30 degrees).
 const MIN_PROBE_COS2: f32 = 0.75;
 /// Smallest gradient of a probe, as a share of the threshold.

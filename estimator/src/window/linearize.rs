@@ -1,55 +1,21 @@
 //! Linearization: factors at the present states become normal equations, landmarks eliminated.
 //!
-//! Each landmark's small block is eliminated as soon as its observations are summed (Schur complement),
-//! and kept for the back-substitution of its step. Jacobians of frames in the prior are taken at their
-//! first estimates, residuals always at the present state.
+//! Each landmark's small block is eliminated as soon as its observations are summed ([`super::eliminate`]).
+//! Jacobians of frames in the prior are taken at their first estimates, residuals always at the present
+//! state.
 
 use super::dense::NormalEquations;
+use super::eliminate::{Eliminated, MAX_VISUAL, eliminate};
 use super::feature::{BodyPose, Estimated, Feature, View};
 use super::inertial_factor;
 use super::landmark::{Landmark, LineLandmark, Observation, PointLandmark};
 use super::state::{FRAME_DIM, Frame, Mount, POSE_DIM, RIG_DIM, Rig};
 use super::sums::{LandmarkSums, add_target, common_rows};
 use super::{MAX_FRAMES, Options};
-use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{Matrix3, SMatrix, Vector2, Vector3};
 
-/// Most unknowns that one landmark touches: the rig and every pose.
-const MAX_VISUAL: usize = RIG_DIM + POSE_DIM * MAX_FRAMES;
 /// Information that keeps the bearing of a landmark regular, in squared standard deviations of a pixel.
 const LANDMARK_REGULARIZATION: f64 = 1e-6;
-
-/// What the elimination of a landmark leaves for its back-substitution.
-#[derive(Clone, Debug)]
-pub struct Eliminated<const D: usize> {
-    inverse: SMatrix<f64, D, D>,
-    /// Gradient by the landmark.
-    pub(super) gradient: SVector<f64, D>,
-    /// Mixed derivatives by the landmark and by rig and poses.
-    pub(super) by_visual: [[f64; MAX_VISUAL]; D],
-    /// Whether the landmark took part.
-    pub is_used: bool,
-}
-
-impl<const D: usize> Eliminated<D> {
-    fn empty() -> Self {
-        Self {
-            inverse: SMatrix::zeros(),
-            gradient: SVector::zeros(),
-            by_visual: [[0.0; MAX_VISUAL]; D],
-            is_used: false,
-        }
-    }
-
-    /// The landmark's step, given that of rig and poses (in visual order).
-    #[must_use]
-    pub fn step(&self, visual: &[f64]) -> SVector<f64, D> {
-        let mut rhs = self.gradient;
-        for (k, row) in self.by_visual.iter().enumerate() {
-            rhs[k] += row.iter().zip(visual).map(|(w, d)| w * d).sum::<f64>();
-        }
-        -(self.inverse * rhs)
-    }
-}
 
 /// Poses and mountings as matrices, at the present states and at those of the Jacobians.
 #[derive(Clone, Debug)]
@@ -379,56 +345,4 @@ fn add_landmark<F: Estimated<D>, const D: usize>(
     entry.is_used = true;
     eliminate(visual, entry, &cholesky.l(), span);
     cost
-}
-
-/// Schur complement of one landmark: `V -= Y'Y` with `Y = L^-1 W`, over the frames it spans.
-fn eliminate<const D: usize>(
-    visual: &mut NormalEquations,
-    entry: &Eliminated<D>,
-    l: &SMatrix<f64, D, D>,
-    span: (usize, usize),
-) {
-    let (start, end) = (RIG_DIM + POSE_DIM * span.0, RIG_DIM + POSE_DIM * (span.1 + 1));
-    let mut y = [[0.0; MAX_VISUAL]; D];
-    let mut z = [0.0; D];
-    for r in 0..D {
-        let inverse = 1.0 / l[(r, r)];
-        let (above, row) = y.split_at_mut(r);
-        let row = &mut row[0];
-        for range in [0..RIG_DIM, start..end] {
-            row[range.clone()].copy_from_slice(&entry.by_visual[r][range.clone()]);
-            for (s, above) in above.iter().enumerate() {
-                let factor = l[(r, s)];
-                for (to, from) in row[range.clone()].iter_mut().zip(&above[range.clone()]) {
-                    *to -= factor * from;
-                }
-            }
-            row[range].iter_mut().for_each(|to| *to *= inverse);
-        }
-        z[r] = (entry.gradient[r] - (0..r).map(|s| l[(r, s)] * z[s]).sum::<f64>()) * inverse;
-    }
-    for i in (0..RIG_DIM).chain(start..end) {
-        let column: [f64; D] = std::array::from_fn(|r| y[r][i]);
-        let row = visual.row_mut(i);
-        for range in [i..RIG_DIM, start.max(i)..end] {
-            if range.start < range.end {
-                let to = &mut row[range.start - i..range.end - i];
-                subtract_products(to, &column, std::array::from_fn(|r| &y[r][range.clone()]));
-            }
-        }
-        visual.gradient_mut()[i] -= column.iter().zip(&z).map(|(y, z)| y * z).sum::<f64>();
-    }
-}
-
-/// `to -= sum of column[r] * rows[r]`.
-fn subtract_products<const D: usize>(to: &mut [f64], column: &[f64; D], rows: [&[f64]; D]) {
-    let n = to.len();
-    let rows = rows.map(|row| &row[..n]);
-    for k in 0..n {
-        let mut sum = 0.0;
-        for r in 0..D {
-            sum += column[r] * rows[r][k];
-        }
-        to[k] -= sum;
-    }
 }

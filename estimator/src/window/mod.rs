@@ -7,10 +7,12 @@
 //!
 //! - [`state`], [`landmark`]: what is estimated
 //! - [`reprojection`], [`line`], [`inertial_factor`], [`prior`]: the terms
-//! - [`linearize`] with `sums`, [`dense`], [`solve`]: normal equations and their solution
+//! - `tracks`: how tracks become landmarks
+//! - [`linearize`] with `sums`, [`eliminate`], [`dense`], [`solve`]: normal equations and their solution
 //! - [`triangulate`], [`triangulate_line`], [`keyframes`], [`marginalize`]: what enters and what leaves
 
 pub mod dense;
+pub mod eliminate;
 pub mod feature;
 pub mod inertial_factor;
 pub mod keyframes;
@@ -23,13 +25,13 @@ pub mod reprojection;
 pub mod solve;
 pub mod state;
 mod sums;
+mod tracks;
 pub mod triangulate;
 pub mod triangulate_line;
 
 use crate::geometry::{log_so3, yaw_of};
 use crate::inertial::{ImuNoise, Preintegration};
-use feature::Feature;
-use landmark::{Landmark, LandmarkStore, LineLandmark, Observation, PointLandmark};
+use landmark::{LandmarkStore, LineLandmark, PointLandmark};
 use line::{HostedLine, LineMeasurement};
 use linearize::{Linearizer, Problem};
 use nalgebra::{SVector, UnitQuaternion, Vector3};
@@ -259,8 +261,8 @@ impl Window {
     /// Hands the newest frame its measurements; returns how many points belong to landmarks.
     pub fn observe(&mut self, points: &[PointTrack], lines: &[LineTrack]) -> usize {
         let newest = (self.frames.len() - 1) as u8;
-        let _ = link(&mut self.lines, newest, lines);
-        link(&mut self.points, newest, points)
+        let _ = tracks::link(&mut self.lines, newest, lines);
+        tracks::link(&mut self.points, newest, points)
     }
 
     /// Makes the newest frame a keyframe: it hosts every track that no landmark stands for.
@@ -268,13 +270,13 @@ impl Window {
         let newest = self.frames.len() - 1;
         self.frames[newest].is_keyframe = true;
         self.host_points(newest, points);
-        host(&mut self.lines, newest, lines, |_| HostedLine::UNKNOWN);
+        tracks::host(&mut self.lines, newest, lines, |_| HostedLine::UNKNOWN);
     }
 
     /// New landmarks, hosted by `frame`, for those of its point `tracks` that have none.
     pub fn host_points(&mut self, frame: usize, tracks: &[PointTrack]) {
         let rho = self.options.min_rho;
-        host(&mut self.points, frame, tracks, |seen| InversePoint { xy: seen.xy, rho });
+        tracks::host(&mut self.points, frame, tracks, |seen| InversePoint { xy: seen.xy, rho });
     }
 
     /// Sets the image rates of the newest frame's observations from its predicted motion.
@@ -308,13 +310,13 @@ impl Window {
         points.retain(|landmark| {
             landmark.is_triangulated || {
                 let result = triangulate::triangulate(landmark, frames, rig, options, is_start);
-                keep(result, landmark.track_id, &mut outliers.points)
+                tracks::keep(result, landmark.track_id, &mut outliers.points)
             }
         });
         lines.retain(|landmark| {
             landmark.is_triangulated || {
                 let result = triangulate_line::triangulate_line(landmark, frames, rig, options);
-                keep(result, landmark.track_id, &mut outliers.lines)
+                tracks::keep(result, landmark.track_id, &mut outliers.lines)
             }
         });
     }
@@ -323,8 +325,8 @@ impl Window {
     pub fn remove_outliers(&mut self) {
         let Self { rig, frames, points, lines, linearizer, options, outliers, .. } = self;
         let problem = Problem { rig, frames, points: &[], lines: &[], options };
-        remove_outliers(points, linearizer, &problem, &mut outliers.points);
-        remove_outliers(lines, linearizer, &problem, &mut outliers.lines);
+        tracks::remove_outliers(points, linearizer, &problem, &mut outliers.points);
+        tracks::remove_outliers(lines, linearizer, &problem, &mut outliers.lines);
     }
 
     /// Tracks whose newest observation did not fit, since [`Self::clear_outliers`].
@@ -345,98 +347,4 @@ impl Window {
         let points = self.points.all().iter().filter(|l| l.is_triangulated).count();
         (points, self.lines.all().iter().filter(|l| l.is_triangulated).count())
     }
-}
-
-fn add_observations<F: Feature>(
-    landmark: &mut Landmark<F>,
-    frame: u8,
-    track: &TrackMeasurement<F::Measurement>,
-) {
-    for camera in 0..2u8 {
-        if let Some(measured) = track.measured[usize::from(camera)] {
-            let _ = landmark.observations.push(Observation { frame, camera, measured });
-        }
-    }
-}
-
-/// Hands a frame's measurements to their landmarks; returns how many have one.
-fn link<F: Feature>(
-    store: &mut LandmarkStore<F>,
-    frame: u8,
-    tracks: &[TrackMeasurement<F::Measurement>],
-) -> usize {
-    let mut linked = 0;
-    for track in tracks {
-        if let Some(index) = store.of_track(track.track_id) {
-            linked += 1;
-            add_observations(&mut store.all_mut()[index], frame, track);
-        }
-    }
-    linked
-}
-
-/// New landmarks, hosted by `frame`, for those of its tracks that have none.
-fn host<F: Feature>(
-    store: &mut LandmarkStore<F>,
-    frame: usize,
-    tracks: &[TrackMeasurement<F::Measurement>],
-    guess: impl Fn(&F::Measurement) -> F,
-) {
-    for track in tracks {
-        let Some(host_camera) = (0..2u8).find(|&c| track.measured[usize::from(c)].is_some()) else {
-            continue;
-        };
-        let Some(seen) = &track.measured[usize::from(host_camera)] else { continue };
-        if store.of_track(track.track_id).is_some() {
-            continue;
-        }
-        let mut landmark = Landmark {
-            track_id: track.track_id,
-            host: frame as u8,
-            host_camera,
-            is_triangulated: false,
-            feature: guess(seen),
-            observations: heapless::Vec::new(),
-        };
-        add_observations(&mut landmark, frame as u8, track);
-        store.insert(landmark);
-    }
-}
-
-/// Whether a landmark stays after an attempt at triangulation; its track is an outlier if not.
-fn keep(result: triangulate::Triangulation, track_id: u32, outliers: &mut Vec<u32>) -> bool {
-    let is_good = result != triangulate::Triangulation::Contradiction;
-    if !is_good {
-        outliers.push(track_id);
-    }
-    is_good
-}
-
-fn remove_outliers<F: Feature>(
-    store: &mut LandmarkStore<F>,
-    linearizer: &Linearizer,
-    problem: &Problem<'_>,
-    outliers: &mut Vec<u32>,
-) {
-    let newest = problem.frames.len().saturating_sub(1) as u8;
-    let limit = OUTLIER_SIGMAS * OUTLIER_SIGMAS;
-    store.retain(|landmark| {
-        if !landmark.is_triangulated {
-            return true;
-        }
-        let mut kept = heapless::Vec::new();
-        let mut host_fits = true;
-        for o in &landmark.observations {
-            let r = linearizer.residual(problem, landmark, o);
-            if r.is_some_and(|r| r.norm_squared() < limit) {
-                let _ = kept.push(*o);
-            } else if o.frame == landmark.host && o.camera == landmark.host_camera {
-                host_fits = false;
-            } else if o.frame == newest {
-                outliers.push(landmark.track_id);
-            }
-        }
-        landmark.observations = kept;
-        host_fits && landmark.observations.len() >= 2
-    });
 }

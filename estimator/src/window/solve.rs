@@ -1,9 +1,10 @@
 //! The solver: damped Gauss-Newton over rig, frames and landmarks, a bounded number of steps.
 
+use super::eliminate::Eliminated;
 use super::feature::Estimated;
 use super::landmark::LandmarkStore;
 use super::line::HostedLine;
-use super::linearize::{Eliminated, Problem, unknown_of_visual};
+use super::linearize::{Problem, unknown_of_visual};
 use super::reprojection::InversePoint;
 use super::state::{FRAME_DIM, NavState, POSE_DIM, RIG_DIM, Rig};
 use super::{MAX_FRAMES, Window};

@@ -6,8 +6,8 @@
 
 use super::Options;
 use super::dense::NormalEquations;
+use super::eliminate::Eliminated;
 use super::feature::Jacobians;
-use super::linearize::Eliminated;
 use super::state::{POSE_DIM, RIG_DIM};
 use nalgebra::{SMatrix, Vector2};
 

@@ -1,0 +1,101 @@
+//! How tracks become landmarks, and what happens to those that do not fit.
+
+use super::feature::Feature;
+use super::landmark::{Landmark, LandmarkStore, Observation};
+use super::linearize::{Linearizer, Problem};
+use super::triangulate::Triangulation;
+use super::{OUTLIER_SIGMAS, TrackMeasurement};
+
+fn add_observations<F: Feature>(
+    landmark: &mut Landmark<F>,
+    frame: u8,
+    track: &TrackMeasurement<F::Measurement>,
+) {
+    for camera in 0..2u8 {
+        if let Some(measured) = track.measured[usize::from(camera)] {
+            let _ = landmark.observations.push(Observation { frame, camera, measured });
+        }
+    }
+}
+
+/// Hands a frame's measurements to their landmarks; returns how many have one.
+pub(super) fn link<F: Feature>(
+    store: &mut LandmarkStore<F>,
+    frame: u8,
+    tracks: &[TrackMeasurement<F::Measurement>],
+) -> usize {
+    let mut linked = 0;
+    for track in tracks {
+        if let Some(index) = store.of_track(track.track_id) {
+            linked += 1;
+            add_observations(&mut store.all_mut()[index], frame, track);
+        }
+    }
+    linked
+}
+
+/// New landmarks, hosted by `frame`, for those of its tracks that have none.
+pub(super) fn host<F: Feature>(
+    store: &mut LandmarkStore<F>,
+    frame: usize,
+    tracks: &[TrackMeasurement<F::Measurement>],
+    guess: impl Fn(&F::Measurement) -> F,
+) {
+    for track in tracks {
+        let Some(host_camera) = (0..2u8).find(|&c| track.measured[usize::from(c)].is_some()) else {
+            continue;
+        };
+        let Some(seen) = &track.measured[usize::from(host_camera)] else { continue };
+        if store.of_track(track.track_id).is_some() {
+            continue;
+        }
+        let mut landmark = Landmark {
+            track_id: track.track_id,
+            host: frame as u8,
+            host_camera,
+            is_triangulated: false,
+            feature: guess(seen),
+            observations: heapless::Vec::new(),
+        };
+        add_observations(&mut landmark, frame as u8, track);
+        store.insert(landmark);
+    }
+}
+
+/// Whether a landmark stays after an attempt at triangulation; its track is an outlier if not.
+pub(super) fn keep(result: Triangulation, track_id: u32, outliers: &mut Vec<u32>) -> bool {
+    let is_good = result != Triangulation::Contradiction;
+    if !is_good {
+        outliers.push(track_id);
+    }
+    is_good
+}
+
+pub(super) fn remove_outliers<F: Feature>(
+    store: &mut LandmarkStore<F>,
+    linearizer: &Linearizer,
+    problem: &Problem<'_>,
+    outliers: &mut Vec<u32>,
+) {
+    let newest = problem.frames.len().saturating_sub(1) as u8;
+    let limit = OUTLIER_SIGMAS * OUTLIER_SIGMAS;
+    store.retain(|landmark| {
+        if !landmark.is_triangulated {
+            return true;
+        }
+        let mut kept = heapless::Vec::new();
+        let mut host_fits = true;
+        for o in &landmark.observations {
+            let r = linearizer.residual(problem, landmark, o);
+            if r.is_some_and(|r| r.norm_squared() < limit) {
+                let _ = kept.push(*o);
+            } else if o.frame == landmark.host && o.camera == landmark.host_camera {
+                host_fits = false;
+            } else if o.frame == newest {
+                outliers.push(landmark.track_id);
+            }
+        }
+        landmark.observations = kept;
+        host_fits && landmark.observations.len() >= 2
+    });
+}
