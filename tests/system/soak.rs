@@ -1,6 +1,7 @@
 //! Long flights, run by `make soak`: rates per minute and consistency need more than the seconds of the
 //! other tests.
 
+use super::accuracy::with_and_without_lines;
 use plumbline::campaign::{Fault, PATHS, SCENES};
 use plumbline_tests::entry;
 
@@ -29,4 +30,19 @@ fn soak_a_minute_of_flight_keeps_heading_and_covariance() {
         }
     }
     assert!(failures.is_empty(), "missed: {failures:#?}");
+}
+
+/// Over the four trajectories without texture lines take at least 30 % off the error.
+#[test]
+#[ignore = "minutes; run by `make soak`"]
+fn soak_lines_lower_the_error_by_a_third_where_texture_is_missing() {
+    let mut sums_m = [0.0; 2];
+    for (path, _) in PATHS {
+        let Some(entry) = entry(path, SCENES[2], 1, 60.0, Fault::None) else { return };
+        for (sum_m, report) in sums_m.iter_mut().zip(with_and_without_lines(&entry)) {
+            *sum_m += report.ate_rmse_m.unwrap();
+        }
+    }
+    println!("ATE {:.4} m with lines, {:.4} m without, sums of four", sums_m[0], sums_m[1]);
+    assert!(sums_m[0] <= 0.7 * sums_m[1]);
 }
