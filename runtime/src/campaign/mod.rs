@@ -115,19 +115,18 @@ impl Entry {
         duration_s: f64,
         fault: Fault,
     ) -> Self {
-        let mut effects = Effects::default();
-        fault.apply(&mut effects);
         let file = trajectories.join(format!("{path}.tum.gz"));
-        let scenario = Scenario {
-            scene,
-            path: FlightPath::Tum(file),
-            start_s,
-            duration_s,
-            seed,
-            effects,
-            ..Scenario::default()
-        };
-        Self { path: path.to_owned(), scene: scene_name, fault, scenario }
+        let scenario =
+            Scenario { scene, path: FlightPath::Tum(file), start_s, duration_s, seed, ..Scenario::default() };
+        Self { path: path.to_owned(), scene: scene_name, fault: Fault::None, scenario }.with_fault(fault)
+    }
+
+    /// The same flight with something going wrong.
+    #[must_use]
+    pub fn with_fault(&self, fault: Fault) -> Self {
+        let mut faulty = Self { fault, ..self.clone() };
+        fault.apply(&mut faulty.scenario.effects);
+        faulty
     }
 
     /// Flies it with `config` (else the preset `sim`).

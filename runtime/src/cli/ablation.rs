@@ -1,10 +1,10 @@
 //! `plumbline ablation`: what each part of the line path brings, as the two tables of the paper.
 
-use super::campaign::{paths, scenes, trajectories};
+use super::choice::FlightChoice;
 use super::overrides::with_overrides;
 use super::replay::fly;
 use super::{check_outputs, load_config, say, stop_on_signal};
-use crate::campaign::{Entry, Fault, Setup};
+use crate::campaign::{Entry, Setup};
 use crate::flight::open_dataset;
 use crate::pipeline::RunOptions;
 use crate::record::Recorder;
@@ -30,21 +30,9 @@ const VARIANTS: [(&str, &[&str]); 4] = [
 pub struct AblationArgs {
     /// EuRoC data sets. Without any: the built-in simulated flights.
     pub datasets: Vec<PathBuf>,
-    /// Folder with `euroc/trajectories`; else the environment variable PLUMBLINE_SHARED, else ../shared.
-    #[arg(long)]
-    pub shared: Option<PathBuf>,
-    /// Of the built-in flights only those in scenes whose names begin so: room, hall, low-texture.
-    #[arg(long, value_delimiter = ',')]
-    pub scene: Vec<String>,
-    /// Of the built-in flights only those along trajectories whose names begin so.
-    #[arg(long, value_delimiter = ',')]
-    pub path: Vec<String>,
-    /// Seeds of the built-in flights.
-    #[arg(long, value_delimiter = ',', default_value = "1")]
-    pub seed: Vec<u64>,
-    /// Length of each built-in flight, seconds.
-    #[arg(long, default_value_t = 15.0)]
-    pub duration: f64,
+    /// Which of the built-in flights.
+    #[command(flatten)]
+    pub choice: FlightChoice,
     /// The left camera alone.
     #[arg(long)]
     pub mono: bool,
@@ -148,17 +136,8 @@ fn subjects(args: &AblationArgs) -> Result<Vec<Subject>> {
     if !args.datasets.is_empty() {
         return Ok(args.datasets.iter().cloned().map(Subject::Recorded).collect());
     }
-    let folder = trajectories(args.shared.as_deref())?;
-    let mut subjects = Vec::new();
-    for scene in scenes(&args.scene)? {
-        for (path, start_s) in &paths(&args.path, &folder)? {
-            for &seed in &args.seed {
-                let entry = Entry::new(&folder, (path, *start_s), scene, seed, args.duration, Fault::None);
-                subjects.push(Subject::Simulated(Box::new(entry)));
-            }
-        }
-    }
-    Ok(subjects)
+    let entries = args.choice.entries(None)?;
+    Ok(entries.into_iter().map(|entry| Subject::Simulated(Box::new(entry))).collect())
 }
 
 /// The paper's table 1: number of segments in the left image, and times a frame over all cameras.

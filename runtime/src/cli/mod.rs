@@ -5,6 +5,7 @@
 
 pub mod ablation;
 pub mod campaign;
+pub mod choice;
 pub mod evaluate;
 pub mod lines;
 pub mod overrides;
