@@ -25,8 +25,6 @@ const SUMS: usize = 4;
 const FIGURES: usize = 2 * SUMS;
 /// Pairs of bands that are compared, of the 36 there are.
 const PAIRS: usize = 32;
-/// Bits of a descriptor.
-pub const BITS: u32 = (PAIRS * FIGURES) as u32;
 
 /// 256 comparisons of bands.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

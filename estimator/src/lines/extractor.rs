@@ -1,7 +1,7 @@
 //! The extractor: an image in, its straight edges out, in bounded time and without allocation.
 //!
-//! Seeds are ridges of the gradient, strongest first ([`super::gradient`], [`super::seeds`]); from each free one a
-//! segment grows ([`super::growth`]), which must be long and meaningful ([`super::validation`]) to stay.
+//! Seeds are ridges of the gradient, strongest first ([`super::gradient`], [`super::seeds`]); from each free
+//! one a segment grows ([`super::growth`]), which must be long and meaningful ([`super::validation`]) to stay.
 //! The idea of strongest-first growth and of validation is LSD's (Grompone von Gioi et al. 2012), that of
 //! following ridges Edge Drawing's (Topal and Akinlar 2012) and ELSED's (Suarez et al. 2022). The paper's
 //! length filter and merging follow ([`super::filter`], [`super::merge`]).
@@ -32,7 +32,7 @@ pub struct ExtractionFigures {
     pub merged: u32,
     /// Edge pixels visited.
     pub visits: u32,
-    /// The budget was spent before the last seed.
+    /// The budget was spent before the last ridge was probed or the last seed grown.
     pub is_cut_short: bool,
 }
 
@@ -138,7 +138,8 @@ impl LineExtractor {
         let threshold = self.threshold();
         self.growth.begin();
         self.raw.clear();
-        self.figures = ExtractionFigures::default();
+        self.figures =
+            ExtractionFigures { is_cut_short: self.seeds.is_cut_short(), ..ExtractionFigures::default() };
         for k in 0..self.seeds.ordered().len() {
             let seed = self.seeds.ordered()[k];
             let pixel = self.gradients.pixels()[seed as usize];

@@ -4,9 +4,9 @@
 //! Segments with an end or their middle inside join its set; those whose direction differs from it by more
 //! than the mean of the differences leave it again; the rest become one line by total least squares. The
 //! mean is held between a floor, as it would halve a set that is parallel within noise, and a ceiling, as
-//! a single member would always pass; members whose ends are off the joint line by more than the margin leave
-//! as well. Segments of opposite direction are the two edges of one bar, and stay apart: the
-//! paper does not say so, but a line between them would be the edge of nothing.
+//! a single member would always pass; members whose ends are off the joint line by more than the margin
+//! leave as well. Segments of opposite direction are the two edges of one bar, and stay apart: the paper
+//! does not say so, but a line between them would be the edge of nothing.
 
 use super::filter::clearest_first;
 use super::segment::{NODES, Place, Segment};
@@ -39,7 +39,7 @@ impl Merger {
             along_px: options.merge_along_px as f32,
             min_angle: options.merge_angle_deg.to_radians() as f32,
             is_gone: Vec::with_capacity(options.max_raw),
-            places: Vec::with_capacity(MAX_MEMBERS * NODES),
+            places: Vec::with_capacity((MAX_MEMBERS + 1) * (NODES + 2)),
         }
     }
 
@@ -111,11 +111,8 @@ fn add_places(segment: &Segment, places: &mut Vec<Place>) {
     for end in [segment.start, segment.end] {
         places.push(Place { px: end, weight: 0.5, strength });
     }
-    for node in segment.nodes.iter().filter(|n| n.weight > 0.0) {
-        if places.len() < places.capacity() {
-            places.push(Place { px: node.px, weight: node.weight, strength });
-        }
-    }
+    let nodes = segment.nodes.iter().filter(|n| n.weight > 0.0);
+    places.extend(nodes.map(|node| Place { px: node.px, weight: node.weight, strength }));
 }
 
 /// The outer rectangle of a segment.

@@ -40,6 +40,7 @@ pub struct Seeds {
     ordered: Vec<u32>,
     /// Most ridges that are probed.
     max_probed: usize,
+    is_cut_short: bool,
 }
 
 impl Seeds {
@@ -48,13 +49,24 @@ impl Seeds {
     pub fn new(width: usize, height: usize, max_probed: usize) -> Self {
         // Of two neighbours across the gradient at most one is a ridge.
         let room = width * height / 2 + 1;
-        Self { found: Vec::with_capacity(room), ordered: Vec::with_capacity(room), max_probed }
+        Self {
+            found: Vec::with_capacity(room),
+            ordered: Vec::with_capacity(room),
+            max_probed,
+            is_cut_short: false,
+        }
     }
 
     /// Indices of the seeds, strongest first.
     #[must_use]
     pub fn ordered(&self) -> &[u32] {
         &self.ordered
+    }
+
+    /// Whether the last image had more ridges than are probed.
+    #[must_use]
+    pub fn is_cut_short(&self) -> bool {
+        self.is_cut_short
     }
 
     /// Computes the gradients of an image and finds its seeds, with gradients above `threshold` steps.
@@ -66,6 +78,7 @@ impl Seeds {
             counts[seed.bucket()] += 1;
             self.found.push(seed);
         });
+        self.is_cut_short = self.found.len() > self.max_probed;
         let (weakest, mut quota) = self.cut(&counts);
         self.found.retain(|seed| {
             let is_strong = match seed.bucket().cmp(&weakest) {

@@ -4,8 +4,8 @@
 //! `n` pixels of which `k` are aligned has the number of false alarms `N B(n, k, p)`, with `B` the tail of
 //! the binomial distribution and `N` the number of segments that the image could hold.
 
-/// Probability that the gradient of a pixel of noise is aligned with a given edge: the tolerance of
-/// [`super::growth`] is a fortieth of a turn to either side, and the best of three pixels is taken.
+/// Probability that the gradient of a pixel of noise is aligned with a given edge: 1/8 by the tolerance of
+/// [`super::growth`] (22.5 degrees to either side), and more as the steepest of three pixels is taken.
 const ALIGNED_BY_CHANCE: f64 = 0.2;
 /// Longest segment that is judged by its true length, px; a longer one is judged as this long.
 const MAX_LENGTH: usize = 1024;
@@ -27,7 +27,7 @@ impl Validation {
         for n in 1..=MAX_LENGTH {
             ln_factorial[n] = ln_factorial[n - 1] + (n as f64).ln();
         }
-        // Any pixel to any pixel, eleven tolerances: (width height)^2 pairs, widths left out.
+        // From any pixel to any other; segments grown here have one width, where LSD counts several.
         let ln_tests = 2.0 * ((width * height) as f64).ln();
         Self { ln_factorial, ln_tests }
     }

@@ -1,4 +1,5 @@
-//! From tracked points and lines to measurements: weights in pixels, rates of change, and how still the image is.
+//! From tracked points and lines to measurements: weights in pixels, rates of change, and how still the
+//! image is.
 
 use crate::lines::{ImageLine, LineObservation};
 use crate::points::PointObservation;

@@ -2,8 +2,8 @@
 //!
 //! It gathers frames until there is a start ([`start`]), then carries each frame through the window:
 //! predict by the IMU, link tracks to landmarks, choose keyframes, optimise, drop outliers, judge its own
-//! health, make room. It sees no image: points come from [`crate::points`], lines
-//! from [`crate::lines`], or both from a test.
+//! health, make room. It sees no image: points come from [`crate::points`], lines from [`crate::lines`], or
+//! both from a test.
 
 pub mod measure;
 mod start;

@@ -1,6 +1,6 @@
 //! What every kind of landmark has in common: parameters in the camera that hosts it, seen from another.
 
-use super::state::Mount;
+use super::state::{Mount, NavState};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 use std::fmt::Debug;
 
@@ -11,6 +11,14 @@ pub struct BodyPose {
     pub rot_o_b: Matrix3<f64>,
     /// Position of `B` in `O`, m.
     pub p_o_b: Vector3<f64>,
+}
+
+impl BodyPose {
+    /// The pose of a state.
+    #[must_use]
+    pub fn of(nav: &NavState) -> Self {
+        Self { rot_o_b: nav.rot_o_b.to_rotation_matrix().into_inner(), p_o_b: nav.p_o_b }
+    }
 }
 
 /// Where a factor looks from and to.

@@ -24,8 +24,8 @@ use super::feature::{Estimated, Feature, Jacobians, View};
 use crate::geometry::{exp_so3, skew};
 use nalgebra::{Matrix2x3, Matrix3, Matrix3x4, SMatrix, Vector2, Vector3, Vector4};
 
-/// A plane whose trace in the image is further out than this many units contains the optical centre to
-/// within noise: the line is seen as a point.
+/// Smallest share of `n` in the image plane. Below it the plane of the line meets the image a thousand units
+/// out; a line through the camera has no plane at all.
 const MIN_TRACE: f64 = 1e-3;
 
 /// A line in its host camera.
@@ -89,7 +89,7 @@ impl LineMeasurement {
 }
 
 /// Direction of normalized coordinates.
-pub(super) fn ray(xy: &Vector2<f64>) -> Vector3<f64> {
+fn ray(xy: &Vector2<f64>) -> Vector3<f64> {
     Vector3::new(xy.x, xy.y, 1.0)
 }
 

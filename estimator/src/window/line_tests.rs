@@ -1,17 +1,8 @@
-use super::super::feature::BodyPose;
-use super::super::state::{Mount, NavState, Rig};
+use super::super::state::{NavState, Rig};
+use super::super::test_views::{isometry, vector, with_view};
 use super::*;
-use nalgebra::{Isometry3, SVector, Translation3};
+use nalgebra::{Isometry3, SVector};
 use proptest::prelude::*;
-
-fn vector(scale: f64) -> impl Strategy<Value = Vector3<f64>> {
-    prop::array::uniform3(-1.0..1.0f64).prop_map(move |v| Vector3::from(v) * scale)
-}
-
-fn isometry(p_scale: f64, angle: f64) -> impl Strategy<Value = Isometry3<f64>> {
-    (vector(p_scale), vector(angle))
-        .prop_map(|(p, phi)| Isometry3::from_parts(Translation3::from(p), exp_so3(&phi)))
-}
 
 /// A line through two points in front of the host, seen from nearby.
 #[derive(Clone, Debug)]
@@ -27,13 +18,7 @@ struct Scene {
 
 impl Scene {
     fn with_view<T>(&self, use_it: impl FnOnce(&View<'_>) -> T) -> T {
-        let body = |nav: &NavState| BodyPose {
-            rot_o_b: nav.rot_o_b.to_rotation_matrix().into_inner(),
-            p_o_b: nav.p_o_b,
-        };
-        let mounts = [Mount::of(&self.rig, self.cameras.0), Mount::of(&self.rig, self.cameras.1)];
-        let (host, target) = (body(&self.host), body(&self.target));
-        use_it(&View { host: &host, host_mount: &mounts[0], target: &target, target_mount: &mounts[1] })
+        with_view(&self.rig, (&self.host, &self.target), self.cameras, use_it)
     }
 
     fn residual(&self) -> Option<Vector2<f64>> {
@@ -173,7 +158,7 @@ fn a_line_through_the_camera_or_at_infinity_is_told_apart() {
     assert!(
         far.depth_at(&Vector2::new(0.1, 0.2)).is_nan() || far.depth_at(&Vector2::new(0.1, 0.2)).is_infinite()
     );
-    // Along the optical axis it is a point: no trace that could be compared.
+    // A plane across the optical axis does not meet the image: no trace that could be compared.
     let measured = LineMeasurement {
         ends_xy: [Vector2::new(0.0, 0.0), Vector2::new(0.1, 0.0)],
         rates: [0.0; 2],

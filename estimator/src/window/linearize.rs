@@ -90,12 +90,8 @@ impl Linearizer {
     fn refresh_bodies(&mut self, rig: &Rig, frames: &[Frame], first_estimates: bool) {
         self.poses.mounts = [Mount::of(rig, 0), Mount::of(rig, 1)];
         for (k, frame) in frames.iter().enumerate() {
-            let body = |nav: &super::state::NavState| BodyPose {
-                rot_o_b: nav.rot_o_b.to_rotation_matrix().into_inner(),
-                p_o_b: nav.p_o_b,
-            };
-            self.poses.now[k] = body(&frame.nav);
-            self.poses.first[k] = body(frame.jacobian_state(first_estimates));
+            self.poses.now[k] = BodyPose::of(&frame.nav);
+            self.poses.first[k] = BodyPose::of(frame.jacobian_state(first_estimates));
         }
     }
 

@@ -2,10 +2,10 @@
 //!
 //! States are a full navigation state for every frame (position, attitude, velocity, biases), the rig's
 //! calibration and time offset, point landmarks as bearing and inverse depth in a host keyframe, and lines
-//! in the orthonormal representation there. The cost is that of the paper's equation 13: prior, preintegrated IMU between consecutive frames, and
-//! robust reprojection terms.
+//! in the orthonormal representation there. The cost is that of the paper's equation 13: prior,
+//! preintegrated IMU between consecutive frames, and robust reprojection terms.
 //!
-//! - [`state`], [`landmark`]: what is estimated
+//! - [`state`], [`landmark`], [`feature`]: what is estimated
 //! - [`reprojection`], [`line`], [`inertial_factor`], [`prior`]: the terms
 //! - `tracks`: how tracks become landmarks
 //! - [`linearize`] with `sums`, [`eliminate`], [`dense`], [`solve`]: normal equations and their solution
@@ -25,6 +25,8 @@ pub mod reprojection;
 pub mod solve;
 pub mod state;
 mod sums;
+#[cfg(test)]
+mod test_views;
 mod tracks;
 pub mod triangulate;
 pub mod triangulate_line;
@@ -38,7 +40,7 @@ use nalgebra::{SVector, UnitQuaternion, Vector3};
 use plumbline_config::{Config, Timestamp};
 use prior::{AnchorSigmas, Prior};
 use reprojection::{InversePoint, PointMeasurement};
-use state::{FRAME_DIM, Frame, NavState, RIG_DIM, Rig};
+use state::{FRAME_DIM, Frame, Mount, NavState, RIG_DIM, Rig};
 
 /// Most frames in the window, whatever the configuration says.
 pub const MAX_FRAMES: usize = 16;
@@ -169,6 +171,13 @@ pub struct Outliers {
     pub lines: Vec<u32>,
 }
 
+impl Outliers {
+    /// Both cameras may tell of the same landmark.
+    fn new(points: usize, lines: usize) -> Self {
+        Self { points: Vec::with_capacity(2 * points), lines: Vec::with_capacity(2 * lines) }
+    }
+}
+
 impl Window {
     /// An empty window with everything allocated.
     #[must_use]
@@ -189,7 +198,7 @@ impl Window {
             solution: vec![0.0; unknowns],
             visual_step: vec![0.0; unknowns],
             rehosted: (Vec::with_capacity(points), Vec::with_capacity(lines)),
-            outliers: Outliers { points: Vec::with_capacity(points), lines: Vec::with_capacity(lines) },
+            outliers: Outliers::new(points, lines),
             options,
             rig,
         }
@@ -307,15 +316,17 @@ impl Window {
     /// poses are only guessed (`is_start`).
     pub fn triangulate(&mut self, is_start: bool) {
         let Self { points, lines, frames, rig, options, outliers, .. } = self;
+        let mounts = [Mount::of(rig, 0), Mount::of(rig, 1)];
+        let scene = triangulate::Scene { frames, mounts: &mounts, time_offset_s: rig.time_offset_s };
         points.retain(|landmark| {
             landmark.is_triangulated || {
-                let result = triangulate::triangulate(landmark, frames, rig, options, is_start);
+                let result = triangulate::triangulate(landmark, &scene, options, is_start);
                 tracks::keep(result, landmark.track_id, &mut outliers.points)
             }
         });
         lines.retain(|landmark| {
             landmark.is_triangulated || {
-                let result = triangulate_line::triangulate_line(landmark, frames, rig, options);
+                let result = triangulate_line::triangulate_line(landmark, &scene, options);
                 tracks::keep(result, landmark.track_id, &mut outliers.lines)
             }
         });

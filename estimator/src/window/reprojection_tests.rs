@@ -1,18 +1,8 @@
-use super::super::feature::BodyPose;
-use super::super::state::{Mount, NavState, Rig};
+use super::super::state::{NavState, Rig};
+use super::super::test_views::{isometry, with_view};
 use super::*;
-use crate::geometry::exp_so3;
-use nalgebra::{Isometry3, SVector, Translation3};
+use nalgebra::{Isometry3, SVector};
 use proptest::prelude::*;
-
-fn vector(scale: f64) -> impl Strategy<Value = Vector3<f64>> {
-    prop::array::uniform3(-1.0..1.0f64).prop_map(move |v| Vector3::from(v) * scale)
-}
-
-fn isometry(p_scale: f64, angle: f64) -> impl Strategy<Value = Isometry3<f64>> {
-    (vector(p_scale), vector(angle))
-        .prop_map(|(p, phi)| Isometry3::from_parts(Translation3::from(p), exp_so3(&phi)))
-}
 
 #[derive(Clone, Debug)]
 struct Scene {
@@ -26,26 +16,17 @@ struct Scene {
 }
 
 impl Scene {
+    fn with_view<T>(&self, use_it: impl FnOnce(&View<'_>) -> T) -> T {
+        with_view(&self.rig, (&self.host, &self.target), self.cameras, use_it)
+    }
+
     fn residual(&self) -> Vector2<f64> {
-        let body = |nav: &NavState| BodyPose {
-            rot_o_b: nav.rot_o_b.to_rotation_matrix().into_inner(),
-            p_o_b: nav.p_o_b,
-        };
-        let mounts = [Mount::of(&self.rig, self.cameras.0), Mount::of(&self.rig, self.cameras.1)];
-        let (host, target) = (body(&self.host), body(&self.target));
-        let view = View { host: &host, host_mount: &mounts[0], target: &target, target_mount: &mounts[1] };
-        self.point.residual(&view, &self.measured, self.rig.time_offset_s - self.offset).unwrap()
+        let step_s = self.rig.time_offset_s - self.offset;
+        self.with_view(|view| self.point.residual(view, &self.measured, step_s)).unwrap()
     }
 
     fn jacobians(&self) -> Jacobians<3> {
-        let body = |nav: &NavState| BodyPose {
-            rot_o_b: nav.rot_o_b.to_rotation_matrix().into_inner(),
-            p_o_b: nav.p_o_b,
-        };
-        let mounts = [Mount::of(&self.rig, self.cameras.0), Mount::of(&self.rig, self.cameras.1)];
-        let (host, target) = (body(&self.host), body(&self.target));
-        let view = View { host: &host, host_mount: &mounts[0], target: &target, target_mount: &mounts[1] };
-        self.point.jacobians(&view, &self.measured).unwrap()
+        self.with_view(|view| self.point.jacobians(view, &self.measured)).unwrap()
     }
 }
 

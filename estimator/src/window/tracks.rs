@@ -71,6 +71,7 @@ pub(super) fn keep(result: Triangulation, track_id: u32, outliers: &mut Vec<u32>
     is_good
 }
 
+/// Removes observations that do not fit, and landmarks that are left with less than two views.
 pub(super) fn remove_outliers<F: Feature>(
     store: &mut LandmarkStore<F>,
     linearizer: &Linearizer,

@@ -2,9 +2,9 @@
 
 use super::Options;
 use super::feature::{BodyPose, Feature, View};
-use super::landmark::{Landmark, PointLandmark};
+use super::landmark::{Landmark, Observation, PointLandmark};
 use super::reprojection::InversePoint;
-use super::state::{Frame, Mount, Rig};
+use super::state::{Frame, Mount};
 use nalgebra::{Matrix3, Vector3};
 
 /// Where a triangulated landmark must be found again in its observations, in standard deviations.
@@ -21,6 +21,36 @@ pub enum Triangulation {
     Contradiction,
 }
 
+/// What is held fixed while a landmark is triangulated.
+#[derive(Clone, Copy, Debug)]
+pub struct Scene<'a> {
+    /// Frames in order of time.
+    pub frames: &'a [Frame],
+    /// Mountings of both cameras.
+    pub mounts: &'a [Mount; 2],
+    /// The rig's time offset, s.
+    pub time_offset_s: f64,
+}
+
+impl Scene<'_> {
+    /// Hands the view of an observation and its `td - td_frame` to `use_it`.
+    pub(super) fn with_view<F: Feature, T>(
+        &self,
+        landmark: &Landmark<F>,
+        o: &Observation<F::Measurement>,
+        use_it: impl FnOnce(&View<'_>, f64) -> T,
+    ) -> T {
+        let target = &self.frames[usize::from(o.frame)];
+        let view = View {
+            host: &BodyPose::of(&self.frames[usize::from(landmark.host)].nav),
+            host_mount: &self.mounts[usize::from(landmark.host_camera)],
+            target: &BodyPose::of(&target.nav),
+            target_mount: &self.mounts[usize::from(o.camera)],
+        };
+        use_it(&view, self.time_offset_s - target.time_offset_s)
+    }
+}
+
 /// Pose of a camera in the odometry frame as a matrix and a vector.
 pub(super) fn camera_pose(frame: &Frame, mount: &Mount) -> (Matrix3<f64>, Vector3<f64>) {
     let rot = frame.nav.rot_o_b.to_rotation_matrix().into_inner();
@@ -33,12 +63,11 @@ pub(super) fn camera_pose(frame: &Frame, mount: &Mount) -> (Matrix3<f64>, Vector
 /// guessed (`is_start`), views may contradict.
 pub fn triangulate(
     landmark: &mut PointLandmark,
-    frames: &[Frame],
-    rig: &Rig,
+    scene: &Scene<'_>,
     options: &Options,
     is_start: bool,
 ) -> Triangulation {
-    let mounts = [Mount::of(rig, 0), Mount::of(rig, 1)];
+    let Scene { frames, mounts, .. } = *scene;
     let host = usize::from(landmark.host);
     let host_camera = usize::from(landmark.host_camera);
     let Some(at_host) =
@@ -79,34 +108,18 @@ pub fn triangulate(
         return Triangulation::Contradiction;
     }
     landmark.feature = InversePoint { xy, rho: rho.clamp(options.min_rho, options.max_rho) };
-    let fits = is_start || consistent(landmark, frames, &mounts, rig.time_offset_s);
+    let fits = is_start || consistent(landmark, scene);
     landmark.is_triangulated = fits;
     if fits { Triangulation::Done } else { Triangulation::Contradiction }
 }
 
-/// Whether every observation of the landmark agrees with its present point.
-pub(super) fn consistent<F: Feature>(
-    landmark: &Landmark<F>,
-    frames: &[Frame],
-    mounts: &[Mount; 2],
-    time_offset_s: f64,
-) -> bool {
-    let body = |k: u8| {
-        let nav = &frames[usize::from(k)].nav;
-        BodyPose { rot_o_b: nav.rot_o_b.to_rotation_matrix().into_inner(), p_o_b: nav.p_o_b }
-    };
-    let host = body(landmark.host);
+/// Whether every observation of the landmark agrees with its present parameters.
+pub(super) fn consistent<F: Feature>(landmark: &Landmark<F>, scene: &Scene<'_>) -> bool {
     landmark.observations.iter().all(|o| {
-        let target = body(o.frame);
-        let view = View {
-            host: &host,
-            host_mount: &mounts[usize::from(landmark.host_camera)],
-            target: &target,
-            target_mount: &mounts[usize::from(o.camera)],
-        };
-        let step_s = time_offset_s - frames[usize::from(o.frame)].time_offset_s;
-        let r = landmark.feature.residual(&view, &o.measured, step_s);
-        r.is_some_and(|r| r.norm() < MAX_RESIDUAL_SIGMAS)
+        scene.with_view(landmark, o, |view, step_s| {
+            let r = landmark.feature.residual(view, &o.measured, step_s);
+            r.is_some_and(|r| r.norm() < MAX_RESIDUAL_SIGMAS)
+        })
     })
 }
 

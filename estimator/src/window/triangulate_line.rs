@@ -1,11 +1,10 @@
 //! A line from the planes of two or more views.
 
 use super::Options;
-use super::feature::{BodyPose, Estimated, View};
+use super::feature::{Estimated, Feature};
 use super::landmark::{LineLandmark, Observation};
 use super::line::{HostedLine, LineMeasurement};
-use super::state::{Frame, Mount, Rig};
-use super::triangulate::{Triangulation, camera_pose, consistent};
+use super::triangulate::{Scene, Triangulation, camera_pose, consistent};
 use nalgebra::{Matrix4, Vector3, Vector4};
 
 /// Planes that meet at less than this angle are one plane within noise, rad.
@@ -21,23 +20,17 @@ const MAX_SLOPE_SIGMA: f64 = 0.3;
 /// Finds the line in its host camera: the host's plane meets that of the view at the largest angle, then all
 /// views refine it. It waits while no view has parallax (the baseline along the line, or the line in the
 /// epipolar plane), as told by the standard deviations of distance and slope.
-pub fn triangulate_line(
-    landmark: &mut LineLandmark,
-    frames: &[Frame],
-    rig: &Rig,
-    options: &Options,
-) -> Triangulation {
-    let mounts = [Mount::of(rig, 0), Mount::of(rig, 1)];
+pub fn triangulate_line(landmark: &mut LineLandmark, scene: &Scene<'_>, options: &Options) -> Triangulation {
     let is_host =
         |o: &&Observation<LineMeasurement>| o.frame == landmark.host && o.camera == landmark.host_camera;
     let Some(at_host) = landmark.observations.iter().find(is_host).map(|o| o.measured) else {
         return Triangulation::Contradiction;
     };
-    let Some(line) = widest_intersection(landmark, &at_host, frames, &mounts) else {
+    let Some(line) = widest_intersection(landmark, &at_host, scene) else {
         return Triangulation::Waiting;
     };
     landmark.feature = line;
-    let Some(information) = refine(landmark, frames, &mounts, rig.time_offset_s) else {
+    let Some(information) = refine(landmark, scene) else {
         return Triangulation::Waiting;
     };
     let Some(covariance) = information.try_inverse() else { return Triangulation::Waiting };
@@ -49,7 +42,7 @@ pub fn triangulate_line(
     }
     let depths = at_host.ends_xy.map(|xy| landmark.feature.depth_at(&xy));
     let is_seen = depths.iter().all(|d| (1.0 / options.max_rho..=1.0 / options.min_rho).contains(d));
-    if !is_seen || !consistent(landmark, frames, &mounts, rig.time_offset_s) {
+    if !is_seen || !consistent(landmark, scene) {
         return Triangulation::Contradiction;
     }
     landmark.is_triangulated = true;
@@ -60,9 +53,9 @@ pub fn triangulate_line(
 fn widest_intersection(
     landmark: &LineLandmark,
     at_host: &LineMeasurement,
-    frames: &[Frame],
-    mounts: &[Mount; 2],
+    scene: &Scene<'_>,
 ) -> Option<HostedLine> {
+    let Scene { frames, mounts, .. } = *scene;
     let camera = usize::from(landmark.host_camera);
     let (rot_host, p_host) = camera_pose(&frames[usize::from(landmark.host)], &mounts[camera]);
     let plane = at_host.normal().normalize();
@@ -87,32 +80,16 @@ fn widest_intersection(
 }
 
 /// Gauss-Newton over all views with the poses held; the information of the four parameters at the end.
-fn refine(
-    landmark: &mut LineLandmark,
-    frames: &[Frame],
-    mounts: &[Mount; 2],
-    time_offset_s: f64,
-) -> Option<Matrix4<f64>> {
-    let body = |k: u8| {
-        let nav = &frames[usize::from(k)].nav;
-        BodyPose { rot_o_b: nav.rot_o_b.to_rotation_matrix().into_inner(), p_o_b: nav.p_o_b }
-    };
-    let host = body(landmark.host);
+fn refine(landmark: &mut LineLandmark, scene: &Scene<'_>) -> Option<Matrix4<f64>> {
     let mut information = Matrix4::zeros();
     for _ in 0..REFINEMENTS {
         information = Matrix4::zeros();
         let mut gradient = Vector4::zeros();
         for o in &landmark.observations {
-            let target = body(o.frame);
-            let view = View {
-                host: &host,
-                host_mount: &mounts[usize::from(landmark.host_camera)],
-                target: &target,
-                target_mount: &mounts[usize::from(o.camera)],
-            };
-            let step_s = time_offset_s - frames[usize::from(o.frame)].time_offset_s;
-            let r = super::feature::Feature::residual(&landmark.feature, &view, &o.measured, step_s)?;
-            let j = landmark.feature.jacobians(&view, &o.measured)?.landmark;
+            let (r, j) = scene.with_view(landmark, o, |view, step_s| {
+                let r = landmark.feature.residual(view, &o.measured, step_s)?;
+                Some((r, landmark.feature.jacobians(view, &o.measured)?.landmark))
+            })?;
             information += j.tr_mul(&j);
             gradient += j.tr_mul(&r);
         }

@@ -1,5 +1,5 @@
-use super::super::feature::Feature;
-use super::super::state::NavState;
+use super::super::state::{Frame, Mount, NavState, Rig};
+use super::super::test_views::with_view;
 use super::*;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector2};
 use plumbline_config::{Config, Timestamp};
@@ -29,6 +29,11 @@ fn frame_at(p_o_b: Vector3<f64>) -> Frame {
 
 fn options() -> Options {
     Options::of(&Config::preset("sim").expect("is good"))
+}
+
+fn found(landmark: &mut LineLandmark, frames: &[Frame]) -> Triangulation {
+    let mounts = [Mount::of(&rig(), 0), Mount::of(&rig(), 1)];
+    triangulate_line(landmark, &Scene { frames, mounts: &mounts, time_offset_s: 0.0 }, &options())
 }
 
 /// A landmark of the edge from `a` to `b`, seen exactly by both cameras of every frame.
@@ -62,7 +67,7 @@ fn an_edge_across_the_baseline_is_found_by_one_stereo_view() {
     let frames = [frame_at(Vector3::zeros())];
     let (a, b) = (Vector3::new(0.3, -0.8, 2.5), Vector3::new(0.5, 0.9, 3.5));
     let mut seen = landmark(a, b, &frames);
-    assert_eq!(triangulate_line(&mut seen, &frames, &rig(), &options()), Triangulation::Done);
+    assert_eq!(found(&mut seen, &frames), Triangulation::Done);
     for p in [a, b] {
         let depth = seen.feature.depth_at(&(p.xy() / p.z));
         assert!((depth - p.z).abs() < 1e-6, "{depth} instead of {}", p.z);
@@ -75,15 +80,15 @@ fn an_edge_along_the_baseline_waits_for_another_motion() {
     let (a, b) = (Vector3::new(-0.8, 0.4, 3.0), Vector3::new(0.9, 0.4, 3.0));
     let mut frames = vec![frame_at(Vector3::zeros())];
     let mut seen = landmark(a, b, &frames);
-    assert_eq!(triangulate_line(&mut seen, &frames, &rig(), &options()), Triangulation::Waiting);
+    assert_eq!(found(&mut seen, &frames), Triangulation::Waiting);
     // Moved along the edge there is still nothing to see ...
     frames.push(frame_at(Vector3::new(0.5, 0.0, 0.0)));
     let mut seen = landmark(a, b, &frames);
-    assert_eq!(triangulate_line(&mut seen, &frames, &rig(), &options()), Triangulation::Waiting);
+    assert_eq!(found(&mut seen, &frames), Triangulation::Waiting);
     // ... moved across it there is.
     frames.push(frame_at(Vector3::new(0.0, 0.4, 0.0)));
     let mut seen = landmark(a, b, &frames);
-    assert_eq!(triangulate_line(&mut seen, &frames, &rig(), &options()), Triangulation::Done);
+    assert_eq!(found(&mut seen, &frames), Triangulation::Done);
     assert!((seen.feature.depth_at(&Vector2::new(0.0, 0.4 / 3.0)) - 3.0).abs() < 1e-6);
 }
 
@@ -93,17 +98,17 @@ fn far_and_near_and_false_edges_are_no_landmarks() {
     // At infinity there is no parallax.
     let far = (Vector3::new(50.0, -900.0, 5000.0), Vector3::new(60.0, 900.0, 5000.0));
     let mut seen = landmark(far.0, far.1, &frames);
-    assert_eq!(triangulate_line(&mut seen, &frames, &rig(), &options()), Triangulation::Waiting);
+    assert_eq!(found(&mut seen, &frames), Triangulation::Waiting);
     // Nearer than the nearest depth that is believed.
     let near = (Vector3::new(0.02, -0.03, 0.1), Vector3::new(0.02, 0.03, 0.1));
     let mut seen = landmark(near.0, near.1, &frames);
-    assert_eq!(triangulate_line(&mut seen, &frames, &rig(), &options()), Triangulation::Contradiction);
+    assert_eq!(found(&mut seen, &frames), Triangulation::Contradiction);
     // Views of different edges under one name.
     let mut seen = landmark(Vector3::new(0.3, -0.8, 2.5), Vector3::new(0.5, 0.9, 3.5), &frames);
     for end in &mut seen.observations[3].measured.ends_xy {
         end.x += 0.05;
     }
-    assert_eq!(triangulate_line(&mut seen, &frames, &rig(), &options()), Triangulation::Contradiction);
+    assert_eq!(found(&mut seen, &frames), Triangulation::Contradiction);
 }
 
 #[test]
@@ -115,14 +120,13 @@ fn an_edge_seen_from_its_own_line_is_not_compared() {
         &Vector3::new(0.0, 0.0, 1.0),
     )
     .expect("a line");
-    let mount = Mount::of(&rig(), 0);
-    let body = |frame: &Frame| BodyPose { rot_o_b: nalgebra::Matrix3::identity(), p_o_b: frame.nav.p_o_b };
-    let (host, target) = (body(&frames[0]), body(&frames[1]));
-    let view = View { host: &host, host_mount: &mount, target: &target, target_mount: &mount };
     let measured = LineMeasurement {
         ends_xy: [Vector2::new(0.0, -0.1), Vector2::new(0.0, 0.1)],
         rates: [0.0; 2],
         weights: [1.0; 2],
     };
-    assert!(line.residual(&view, &measured, 0.0).is_none());
+    let residual = with_view(&rig(), (&frames[0].nav, &frames[1].nav), (0, 0), |view| {
+        line.residual(view, &measured, 0.0)
+    });
+    assert!(residual.is_none());
 }
