@@ -1,0 +1,48 @@
+//! The order of a run: which frame was estimated after which samples, and at which level of work.
+//!
+//! In virtual time a rule gives these orders. In a live run the wall clock has a say in them (a frame
+//! refused under overload, an estimate that came late), so they are inputs of the estimate like any sample:
+//! the flight log holds them, and a re-execution follows the log instead of the rule.
+
+use plumbline_estimator::ResetKind;
+
+/// What became of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FrameOrder {
+    /// Sequence number of the frame.
+    pub frame: u64,
+    /// Inertial readings that the estimator had been given before it, counted from the start of the run.
+    pub readings_before: u64,
+    /// How it was estimated, or that it was not.
+    pub verdict: Verdict,
+}
+
+/// Whether a frame was estimated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// Estimated, at this level of the degradation ladder (0: everything).
+    Taken {
+        /// Steps down from everything.
+        level: u8,
+    },
+    /// Refused: the estimator never saw it.
+    Refused,
+}
+
+/// When an estimate took effect on the odometry.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CorrectionOrder {
+    /// Sequence number of the frame that was estimated.
+    pub frame: u64,
+    /// Inertial readings that the odometry had been given before, counted from the start of the run.
+    pub readings_before: u64,
+}
+
+/// When a reset that somebody asked for took effect.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ResetOrder {
+    /// How much was forgotten.
+    pub kind: ResetKind,
+    /// Sequence number of the first frame after it.
+    pub before_frame: u64,
+}
