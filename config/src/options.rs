@@ -6,8 +6,10 @@
 //! passed validation.
 
 mod lines;
+mod runtime;
 
 pub use lines::LinesConfig;
+pub use runtime::RuntimeConfig;
 
 use crate::CameraModel;
 use crate::camera::Distortion;
@@ -34,6 +36,9 @@ pub struct Config {
     /// What is published, and to whom.
     #[serde(default)]
     pub network: NetworkConfig,
+    /// What a live run asks of the host.
+    #[serde(default)]
+    pub runtime: RuntimeConfig,
 }
 
 impl Config {
@@ -47,6 +52,7 @@ impl Config {
             estimator: EstimatorConfig::default(),
             driver: DriverConfig::default(),
             network: NetworkConfig::default(),
+            runtime: RuntimeConfig::default(),
         }
     }
 }

@@ -176,8 +176,8 @@ impl Check<'_> {
 
     fn array(&mut self, at: &At, value: &Spanned<DeValue<'_>>, shape: &[Value]) {
         let elements = value.get_ref().as_array().map_or(0, |array| array.len());
-        // Lists of numbers are vectors and matrices, of fixed size; lists of tables and texts are free.
-        let is_fixed = matches!(shape[0], Value::Float(_) | Value::Integer(_) | Value::Array(_));
+        // Lists of real numbers are vectors and matrices, of fixed size; lists of anything else are free.
+        let is_fixed = matches!(shape[0], Value::Float(_) | Value::Array(_));
         if is_fixed && elements != shape.len() {
             let reason = format!("has {elements} elements instead of {}", shape.len());
             return self.refuse(at, reason, "give exactly that many");
@@ -245,6 +245,7 @@ fn wanted(shape: &Value) -> String {
             Value::Table(_) => "a list of tables (`[[...]]`)".into(),
             Value::Array(row) => format!("{} rows of {} numbers", elements.len(), row.len()),
             Value::String(_) => "a list of texts".into(),
+            Value::Integer(_) => "a list of whole numbers".into(),
             _ => format!("a list of {} numbers", elements.len()),
         },
         other => article(other.type_str()),
@@ -263,6 +264,8 @@ fn sample() -> Table {
     config.camera[1].distortion = Distortion::Equidistant { k1: 0.0, k2: 0.0, k3: 0.0, k4: 0.0 };
     config.network.listen = vec![String::new()];
     config.network.connect = vec![String::new()];
+    config.runtime.tick_cpus = vec![0];
+    config.runtime.work_cpus = vec![0];
     Table::try_from(&config).expect("the sample is plain data")
 }
 

@@ -57,9 +57,11 @@ impl HealthBits {
     pub const BAD_IMAGE_SIZE: Self = Self(1 << 10);
     /// The vehicle stands still (not an error).
     pub const STATIONARY: Self = Self(1 << 11);
+    /// The frame got less than the configured work.
+    pub const DEGRADED: Self = Self(1 << 12);
 
     /// Every bit with its name, for people.
-    pub const NAMES: [(Self, &'static str); 12] = [
+    pub const NAMES: [(Self, &'static str); 13] = [
         (Self::NOT_POSITIVE_DEFINITE, "not positive definite"),
         (Self::IMU_SATURATED, "IMU saturated"),
         (Self::NO_FEATURES, "no features"),
@@ -72,6 +74,7 @@ impl HealthBits {
         (Self::BAD_STAMP, "bad stamp"),
         (Self::BAD_IMAGE_SIZE, "bad image size"),
         (Self::STATIONARY, "stationary"),
+        (Self::DEGRADED, "degraded"),
     ];
 
     /// Sets the bits of `other`.

@@ -3,8 +3,10 @@
 //! No I/O, no clock, no threads of its own accord: samples and images in, estimates out. A reader starts
 //! at [`facade`]; the modules follow the flow of the data.
 
+pub mod effort;
 pub mod estimate;
 pub mod facade;
+pub mod front_end;
 pub mod geometry;
 pub mod image;
 pub mod inertial;
@@ -15,8 +17,11 @@ pub mod points;
 pub mod propagator;
 pub mod window;
 
+pub use effort::{Effort, Fork, InTurn};
 pub use estimate::{
     Estimate, FrameFigures, FrameInput, HealthBits, NavCovariance, Odometry, Stage, StageProbe, TrackingState,
 };
 pub use facade::{Estimator, ImuAdmission, ResetKind};
+pub use front_end::{Feedback, FrontEnd, Tracked};
+pub use odometry::Odometer;
 pub use propagator::Propagator;

@@ -1,13 +1,12 @@
-//! A global allocator that counts on request: how often a thread allocates or frees in a given stretch.
+//! A global allocator that counts: how often a thread allocates or frees in a given stretch.
 //!
-//! Everything is passed on to the system's allocator; outside a [`Count`] the cost is one thread-local
-//! read.
+//! Everything is passed on to the system's allocator; the cost is one thread-local increment.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
 thread_local! {
-    static EVENTS: Cell<Option<u64>> = const { Cell::new(None) };
+    static EVENTS: Cell<u64> = const { Cell::new(0) };
 }
 
 /// The counting allocator; the binary installs it.
@@ -15,8 +14,8 @@ thread_local! {
 pub struct CountingAllocator;
 
 fn count() {
-    // During the end of a thread its locals may be gone: then nothing is being counted.
-    let _ = EVENTS.try_with(|events| events.set(events.get().map(|n| n + 1)));
+    // During the end of a thread its locals may be gone: nobody counts there.
+    let _ = EVENTS.try_with(|events| events.set(events.get() + 1));
 }
 
 // SAFETY: every call is passed on unchanged to the system's allocator, which upholds the contract; counting
@@ -48,21 +47,20 @@ unsafe impl GlobalAlloc for CountingAllocator {
     }
 }
 
-/// Counts the allocations and frees of this thread while it lives.
+/// Counts the allocations and frees of this thread while it lives. Counts may overlap.
 #[derive(Debug)]
-pub struct Count(());
+pub struct Count(u64);
 
 impl Count {
     /// Begins at zero.
     #[must_use]
     pub fn begin() -> Self {
-        EVENTS.with(|events| events.set(Some(0)));
-        Self(())
+        Self(EVENTS.with(Cell::get))
     }
 
     /// Allocations and frees since the beginning.
     #[must_use]
     pub fn end(self) -> u64 {
-        EVENTS.with(|events| events.take().unwrap_or(0))
+        EVENTS.with(Cell::get) - self.0
     }
 }

@@ -13,6 +13,7 @@ use super::merge::Merger;
 use super::seeds::Seeds;
 use super::segment::Segment;
 use super::validation::Validation;
+use crate::effort::Effort;
 use plumbline_config::ImageView;
 use plumbline_config::options::LinesConfig;
 
@@ -49,6 +50,8 @@ pub struct LineExtractor {
     kept: Vec<Segment>,
     merged: Vec<Segment>,
     figures: ExtractionFigures,
+    max_visits: usize,
+    max_segments: usize,
 }
 
 impl LineExtractor {
@@ -65,8 +68,16 @@ impl LineExtractor {
             kept: Vec::with_capacity(options.max_raw),
             merged: Vec::with_capacity(options.max_raw),
             figures: ExtractionFigures::default(),
+            max_visits: options.max_visits,
+            max_segments: options.max_segments,
             options: options.clone(),
         }
+    }
+
+    /// Limits visits and segments from now on.
+    pub fn set_budget(&mut self, effort: &Effort) {
+        self.max_visits = effort.share_of(self.options.max_visits);
+        self.max_segments = effort.share_of(self.options.max_segments);
     }
 
     /// Gradients of the last image.
@@ -122,7 +133,7 @@ impl LineExtractor {
         } else {
             self.merged.extend_from_slice(&self.kept);
         }
-        self.merged.truncate(self.options.max_segments);
+        self.merged.truncate(self.max_segments);
         self.figures.raw = self.raw.len() as u32;
         self.figures.kept = self.kept.len() as u32;
         self.figures.merged = self.merged.len() as u32;
@@ -146,7 +157,7 @@ impl LineExtractor {
             if pixel.is_taken() || pixel.is_tried() {
                 continue;
             }
-            if self.growth.visits() >= self.options.max_visits || self.raw.len() == self.options.max_raw {
+            if self.growth.visits() >= self.max_visits || self.raw.len() == self.options.max_raw {
                 self.figures.is_cut_short = true;
                 break;
             }

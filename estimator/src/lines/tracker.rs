@@ -10,6 +10,7 @@ use super::gates::{Expected, StereoGate};
 use super::matching::Matcher;
 use super::measure::ImageLine;
 use super::segment::Segment;
+use crate::effort::{Effort, Fork};
 use crate::estimate::{Stage, StageProbe};
 use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector2, Vector3};
 use plumbline_config::options::LinesConfig;
@@ -161,6 +162,11 @@ impl LineTracker {
         }
     }
 
+    /// Limits the work on an image from now on.
+    pub fn set_budget(&mut self, effort: &Effort) {
+        self.views.iter_mut().for_each(|view| view.extractor.set_budget(effort));
+    }
+
     /// Forgets all tracks. Their names are not used again.
     pub fn reset(&mut self) {
         self.tracks.clear();
@@ -186,17 +192,14 @@ impl LineTracker {
         &mut self,
         images: &[Option<ImageView<'_>>; 2],
         rot_prev_cur: &UnitQuaternion<f64>,
+        fork: &dyn Fork,
         probe: &mut impl StageProbe,
     ) -> &[LineObservation] {
         probe.begin(Stage::LinesExtract);
-        for (view, image) in self.views.iter_mut().zip(images) {
-            view.extract(image.as_ref());
-        }
+        each_view(fork, &mut self.views, &|k, view| view.extract(images[k].as_ref()));
         probe.end(Stage::LinesExtract);
         probe.begin(Stage::LinesDescribe);
-        for view in &mut self.views {
-            view.describe(&self.describer);
-        }
+        each_view(fork, &mut self.views, &|_, view| view.describe(&self.describer));
         probe.end(Stage::LinesDescribe);
         probe.begin(Stage::LinesMatch);
         self.figures = LineFigures {
@@ -340,6 +343,14 @@ impl LineTracker {
             }
             self.observations.push(seen);
         }
+    }
+}
+
+/// Does the same for each camera, side by side where there are cores for it.
+fn each_view(fork: &dyn Fork, views: &mut [View], work: &(dyn Fn(usize, &mut View) + Sync)) {
+    match views {
+        [left, right] => fork.join(&mut || work(0, left), &mut || work(1, right)),
+        views => views.iter_mut().enumerate().for_each(|(k, view)| work(k, view)),
     }
 }
 

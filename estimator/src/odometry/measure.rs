@@ -70,9 +70,15 @@ impl Measurer {
     }
 
     /// Takes the lines of a frame, as [`Self::take`] does the points.
-    pub fn take_lines(&mut self, observations: &[LineObservation], rate_c: &[Vector3<f64>; 2]) {
+    pub fn take_lines(
+        &mut self,
+        observations: &[LineObservation],
+        outliers: &[u32],
+        rate_c: &[Vector3<f64>; 2],
+    ) {
         self.lines.clear();
-        for observation in observations.iter().take(self.lines.capacity()) {
+        let sound = observations.iter().filter(|o| !outliers.contains(&o.track_id));
+        for observation in sound.take(self.lines.capacity()) {
             let measured = [0, 1].map(|camera| {
                 observation.lines[camera].map(|line| self.line_measurement(&line).turning(&rate_c[camera]))
             });
@@ -88,11 +94,12 @@ impl Measurer {
         }
     }
 
-    /// Takes the points of a frame; `rate_c` are the angular rates of the cameras in their own frames,
-    /// rad/s. The image rates are those of far points, until the window knows better.
-    pub fn take(&mut self, observations: &[PointObservation], rate_c: &[Vector3<f64>; 2]) {
+    /// Takes the points of a frame but for those named as `outliers`; `rate_c` are the angular rates of the
+    /// cameras in their own frames, rad/s. The image rates are those of far points, until the window knows
+    /// better.
+    pub fn take(&mut self, observations: &[PointObservation], outliers: &[u32], rate_c: &[Vector3<f64>; 2]) {
         self.measurements.clear();
-        for observation in observations {
+        for observation in observations.iter().filter(|o| !outliers.contains(&o.track_id)) {
             let mut measured = [None, None];
             for camera in 0..self.cameras.len() {
                 let Some(xy) = observation.xy[camera] else { continue };

@@ -13,24 +13,25 @@ mod synthetic;
 #[cfg(test)]
 mod tests;
 
+use crate::effort::Effort;
 use crate::estimate::{Estimate, FrameFigures, HealthBits, NavCovariance, Stage, StageProbe, TrackingState};
 use crate::facade::ResetKind;
+use crate::front_end::{Feedback, Tracked};
 use crate::inertial::{ImuBuffer, ImuNoise};
 use crate::initial::Gathering;
-use crate::lines::LineObservation;
 use crate::points::PointObservation;
+use crate::window::Window;
 use crate::window::feature::Feature;
 use crate::window::landmark::LandmarkStore;
 use crate::window::state::NavState;
-use crate::window::{Outliers, Window};
 use measure::Measurer;
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use plumbline_config::options::HealthConfig;
 use plumbline_config::{CameraModel, Config, Timestamp};
 use stillness::Stillness;
 
 /// Inertial samples are kept this long, s: the longest start and the longest gap between frames.
-const IMU_MEMORY_S: f64 = 10.0;
+pub const IMU_MEMORY_S: f64 = 10.0;
 /// Fewest landmarks in view that hold an estimate against drift.
 const MIN_LANDMARKS_IN_VIEW: usize = 5;
 /// Landmarks in view below which the estimate is weak.
@@ -57,11 +58,24 @@ struct Options {
     max_iterations: usize,
 }
 
+/// What the solver did in a frame.
+#[derive(Clone, Copy, Debug, Default)]
+struct Solved {
+    iterations: u32,
+    is_keyframe: bool,
+}
+
 /// Whether there is a state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
     Gathering,
     Running,
+}
+
+/// Time of an image on the IMU's axis: `t_imu = t_camera + time_offset_s`.
+#[must_use]
+pub fn imu_stamp(image_stamp: Timestamp, time_offset_s: f64) -> Timestamp {
+    image_stamp.plus_seconds(time_offset_s.clamp(-MAX_TIME_OFFSET_S, MAX_TIME_OFFSET_S))
 }
 
 /// The sliding-window odometer.
@@ -136,22 +150,6 @@ impl Odometer {
         }
     }
 
-    /// Time of an image on the IMU's axis, by the present time offset.
-    #[must_use]
-    pub fn imu_stamp(&self, image_stamp: Timestamp) -> Timestamp {
-        image_stamp.plus_seconds(self.window.rig.time_offset_s.clamp(-MAX_TIME_OFFSET_S, MAX_TIME_OFFSET_S))
-    }
-
-    /// Rotation of the body from the frame before to `stamp` by the gyroscope, `R_prev_cur`.
-    #[must_use]
-    pub fn predicted_rotation(&self, stamp: Timestamp) -> UnitQuaternion<f64> {
-        let Some(last) = self.last_stamp.filter(|last| stamp > *last) else {
-            return UnitQuaternion::identity();
-        };
-        let (gyro, accel) = self.biases();
-        self.imu.preintegrate(last, stamp, &gyro, &accel, &self.noise).0.delta_rot
-    }
-
     fn biases(&self) -> (Vector3<f64>, Vector3<f64>) {
         match (self.phase, self.window.frames.last()) {
             (Phase::Running, Some(frame)) => (frame.nav.bias_gyro, frame.nav.bias_accel),
@@ -159,26 +157,40 @@ impl Odometer {
         }
     }
 
-    /// Takes the points and lines of the frame at `stamp` (on the IMU's axis) and returns the estimate after
-    /// it.
+    /// Takes a tracked frame, returns the estimate after it, and writes to `feedback` what the front-end
+    /// should know of it.
     pub fn process(
         &mut self,
-        sequence: u64,
-        stamp: Timestamp,
-        observations: &[PointObservation],
-        lines: &[LineObservation],
+        tracked: &Tracked,
         probe: &mut impl StageProbe,
+        feedback: &mut Feedback,
     ) -> Estimate {
-        let mut health = HealthBits::default();
+        if let Some(kind) = tracked.reset {
+            self.reset(kind);
+        }
+        for sample in &tracked.samples {
+            self.imu.push(sample);
+        }
+        let estimate = self.take(tracked, probe);
+        self.write_feedback(feedback);
+        estimate
+    }
+
+    fn take(&mut self, tracked: &Tracked, probe: &mut impl StageProbe) -> Estimate {
+        let stamp = tracked.stamp;
+        let mut health = tracked.health;
         if self.last_stamp.is_some_and(|last| stamp <= last) {
             health.insert(HealthBits::BAD_STAMP);
-            return self.estimate(sequence, stamp, health, FrameFigures::default());
+            return self.estimate(tracked, health, Solved::default());
         }
-        self.check_points(observations, &mut health);
+        if tracked.effort != Effort::FULL {
+            health.insert(HealthBits::DEGRADED);
+        }
+        self.check_points(&tracked.points, &mut health);
         probe.begin(Stage::Window);
-        self.measure(stamp, observations, lines, &mut health);
-        let mut figures = match self.phase {
-            Phase::Running => self.run(stamp, &mut health),
+        self.measure(tracked, &mut health);
+        let solved = match self.phase {
+            Phase::Running => self.run(stamp, tracked.effort.max_iterations, &mut health),
             Phase::Gathering => self.gather(stamp, &mut health),
         };
         probe.end(Stage::Window);
@@ -187,15 +199,19 @@ impl Odometer {
             self.window.make_room();
         }
         probe.end(Stage::Marginalize);
-        figures.points_tracked = observations.len() as u32;
-        figures.points_stereo =
-            observations.iter().filter(|o| o.px.iter().all(Option::is_some)).count() as u32;
-        let (points, lines_in_window) = self.window.triangulated();
-        figures.points_in_window = points as u32;
-        figures.lines_in_window = lines_in_window as u32;
-        figures.keyframes = self.window.frames.iter().filter(|f| f.is_keyframe).count() as u32;
         self.last_stamp = Some(stamp);
-        self.estimate(sequence, stamp, health, figures)
+        self.estimate(tracked, health, solved)
+    }
+
+    fn write_feedback(&self, feedback: &mut Feedback) {
+        let outliers = self.window.outliers();
+        feedback.wrong_points.clone_from(&outliers.points);
+        feedback.wrong_lines.clone_from(&outliers.lines);
+        let rig = &self.window.rig;
+        feedback.pose_b_c = [rig.pose_b_c(0), rig.pose_b_c(1)];
+        feedback.time_offset_s = rig.time_offset_s;
+        feedback.bias_gyro = self.biases().0;
+        feedback.reset_counter = self.reset_counter;
     }
 
     fn check_points(&self, observations: &[PointObservation], health: &mut HealthBits) {
@@ -207,13 +223,8 @@ impl Odometer {
     }
 
     /// Measurements of the frame, and whether the vehicle stands still.
-    fn measure(
-        &mut self,
-        stamp: Timestamp,
-        observations: &[PointObservation],
-        lines: &[LineObservation],
-        health: &mut HealthBits,
-    ) {
+    fn measure(&mut self, tracked: &Tracked, health: &mut HealthBits) {
+        let (stamp, observations) = (tracked.stamp, &tracked.points);
         let last = self.last_stamp.unwrap_or(stamp);
         let dt_s = stamp.seconds_since(last);
         if dt_s > FRAME_GAP_PERIODS * self.options.frame_period_s {
@@ -224,8 +235,10 @@ impl Odometer {
         let rate_b = imu_mean.map_or_else(Vector3::zeros, |(gyro, _)| gyro - bias_gyro);
         let rate_c = [0, 1].map(|c| self.window.rig.pose_b_c(c).rotation.inverse() * rate_b);
         self.rate_b = rate_b;
-        self.measurer.take(observations, &rate_c);
-        self.measurer.take_lines(lines, &rate_c);
+        // The front-end has yet to hear of the outliers of the frame before.
+        let outliers = self.window.outliers();
+        self.measurer.take(observations, &outliers.points, &rate_c);
+        self.measurer.take_lines(&tracked.lines, &outliers.lines, &rate_c);
         let flow = self.measurer.median_flow(observations);
         let known_bias = (self.phase == Phase::Running).then_some(&bias_gyro);
         self.stillness.update(flow, imu_mean, known_bias, self.options.gravity_m_s2);
@@ -236,7 +249,7 @@ impl Odometer {
     }
 
     /// Before the first state: gathers the frame and tries to start.
-    fn gather(&mut self, stamp: Timestamp, health: &mut HealthBits) -> FrameFigures {
+    fn gather(&mut self, stamp: Timestamp, health: &mut HealthBits) -> Solved {
         let motion = self.last_stamp.map(|last| {
             let zero = Vector3::zeros();
             self.imu.preintegrate(last, stamp, &zero, &zero, &self.noise)
@@ -251,14 +264,14 @@ impl Odometer {
             self.last_seen = Some(stamp);
             self.gathering.clear();
             self.refresh_covariance(health);
-            return FrameFigures { is_keyframe: true, ..FrameFigures::default() };
+            return Solved { iterations: 0, is_keyframe: true };
         }
-        FrameFigures::default()
+        Solved::default()
     }
 
     /// Carries a running estimate over one frame.
-    fn run(&mut self, stamp: Timestamp, health: &mut HealthBits) -> FrameFigures {
-        let Some(last) = self.window.frames.last() else { return FrameFigures::default() };
+    fn run(&mut self, stamp: Timestamp, max_iterations: usize, health: &mut HealthBits) -> Solved {
+        let Some(last) = self.window.frames.last() else { return Solved::default() };
         let (motion, coverage) =
             self.imu.preintegrate(last.stamp, stamp, &last.nav.bias_gyro, &last.nav.bias_accel, &self.noise);
         if coverage.has_gap {
@@ -278,26 +291,14 @@ impl Odometer {
         self.window.clear_outliers();
         self.window.triangulate(false);
         self.window.predict_rates(&self.rate_b);
-        let outcome = self.window.optimize(self.options.max_iterations);
+        let outcome = self.window.optimize(self.options.max_iterations.min(max_iterations));
         if outcome.is_not_positive_definite {
             health.insert(HealthBits::NOT_POSITIVE_DEFINITE);
         }
         self.window.remove_outliers();
         self.refresh_covariance(health);
         self.judge(stamp, health);
-        FrameFigures { iterations: outcome.iterations, is_keyframe, ..FrameFigures::default() }
-    }
-
-    /// Tracks that the window found to be no points or lines of the scene.
-    #[must_use]
-    pub fn outliers(&self) -> &Outliers {
-        self.window.outliers()
-    }
-
-    /// Resets so far.
-    #[must_use]
-    pub fn reset_counter(&self) -> u32 {
-        self.reset_counter
+        Solved { iterations: outcome.iterations, is_keyframe }
     }
 
     fn refresh_covariance(&mut self, health: &mut HealthBits) {
@@ -365,16 +366,11 @@ impl Odometer {
         self.reset_counter += 1;
     }
 
-    fn estimate(
-        &self,
-        sequence: u64,
-        stamp: Timestamp,
-        health: HealthBits,
-        figures: FrameFigures,
-    ) -> Estimate {
+    fn estimate(&self, tracked: &Tracked, health: HealthBits, solved: Solved) -> Estimate {
         let running = self.phase == Phase::Running;
         let nav = self.window.frames.last().map(|f| f.nav.clone()).unwrap_or_default();
         let in_view = self.landmarks_in_view();
+        let (points, lines) = self.window.triangulated();
         let state = match (running, in_view >= MIN_LANDMARKS_IN_VIEW) {
             (true, true) => TrackingState::Tracking,
             (true, false) => TrackingState::Blind,
@@ -382,8 +378,8 @@ impl Odometer {
             (false, _) => TrackingState::Initialising,
         };
         Estimate {
-            frame_sequence: sequence,
-            stamp,
+            frame_sequence: tracked.sequence,
+            stamp: tracked.stamp,
             state,
             pose_o_b: nav.pose_o_b(),
             v_o_b: nav.v_o_b,
@@ -396,7 +392,14 @@ impl Odometer {
             quality: if running { self.quality(in_view) } else { -1 },
             health,
             reset_counter: self.reset_counter,
-            figures,
+            figures: FrameFigures {
+                points_in_window: points as u32,
+                lines_in_window: lines as u32,
+                keyframes: self.window.frames.iter().filter(|f| f.is_keyframe).count() as u32,
+                iterations: solved.iterations,
+                is_keyframe: solved.is_keyframe,
+                ..tracked.figures
+            },
         }
     }
 

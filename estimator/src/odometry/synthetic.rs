@@ -56,6 +56,7 @@ pub fn config(cameras: usize) -> Config {
         estimator: Default::default(),
         driver: Default::default(),
         network: Default::default(),
+        runtime: Default::default(),
     }
 }
 

@@ -1,6 +1,6 @@
 use super::synthetic::{World, config, stamp};
 use super::*;
-use nalgebra::SVector;
+use nalgebra::{SVector, UnitQuaternion};
 
 /// What a simulated flight came to.
 #[derive(Debug, Default)]
@@ -38,7 +38,9 @@ impl Flight {
 type Alive = fn(f64) -> [bool; 2];
 
 fn fly(world: &mut World, duration_s: f64, alive: Alive) -> Flight {
-    let mut odometer = Odometer::new(&world.config.clone());
+    let mut odometer = Odometer::new(&world.config);
+    let mut tracked = Tracked::new(&world.config);
+    let mut feedback = Feedback::new(&world.config);
     let mut flight = Flight::default();
     let mut next_imu = 0u32;
     let mut anchor: Option<nalgebra::Isometry3<f64>> = None;
@@ -47,14 +49,16 @@ fn fly(world: &mut World, duration_s: f64, alive: Alive) -> Flight {
     let mut last_pair: Option<(Vector3<f64>, Vector3<f64>)> = None;
     for k in 0..(duration_s * 20.0) as u32 {
         let t = 0.2 + f64::from(k) * 0.05;
-        let needed = odometer.imu_stamp(stamp(t));
+        let needed = imu_stamp(stamp(t), feedback.time_offset_s);
         while stamp(f64::from(next_imu) * 0.005) <= needed.plus_nanos(5_000_000) {
             let sample = world.imu(f64::from(next_imu) * 0.005, true);
-            odometer.imu.push(&sample);
+            tracked.samples.push(sample);
             next_imu += 1;
         }
-        let observations = world.observe(t, alive(t));
-        let estimate = odometer.process(u64::from(k), needed, &observations, &[], &mut ());
+        tracked.points = world.observe(t, alive(t));
+        (tracked.sequence, tracked.stamp) = (u64::from(k), needed);
+        let estimate = odometer.process(&tracked, &mut (), &mut feedback);
+        tracked.samples.clear();
         if estimate.has_pose() {
             let t_state = t + estimate.time_offset_s;
             let truth = world.pose_o_b(t_state);

@@ -12,6 +12,8 @@ use super::rig::{Baseline, RigCamera};
 use super::stereo::StereoPair;
 use super::temporal::{Followed, Transition};
 use super::track::{Track, TrackStore};
+use crate::effort::Fork;
+use crate::estimate::{Stage, StageProbe};
 use crate::image::Pyramid;
 use nalgebra::{Isometry3, UnitQuaternion, Vector2};
 use plumbline_config::options::PointsConfig;
@@ -119,6 +121,7 @@ pub struct PointTracker {
     observations: Vec<PointObservation>,
     figures: TrackerFigures,
     frame: u64,
+    limit: usize,
 }
 
 impl PointTracker {
@@ -142,6 +145,7 @@ impl PointTracker {
             observations: Vec::with_capacity(options.max_points),
             figures: TrackerFigures::default(),
             frame: 0,
+            limit: options.max_points,
         }
     }
 
@@ -155,6 +159,11 @@ impl PointTracker {
     /// Switches the refinement against the reference patch off, to measure what it is good for.
     pub fn set_use_reference(&mut self, use_reference: bool) {
         self.use_reference = use_reference;
+    }
+
+    /// Tracks at most so many points from now on; the configuration may allow fewer.
+    pub fn set_limit(&mut self, max_points: usize) {
+        self.limit = max_points.min(self.options.max_points);
     }
 
     /// Forgets all tracks and images. Track names go on: none is used twice.
@@ -178,14 +187,30 @@ impl PointTracker {
         self.figures
     }
 
+    /// The points seen in the last frame, in the order of their names.
+    #[must_use]
+    pub fn observations(&self) -> &[PointObservation] {
+        &self.observations
+    }
+
     /// Takes a frame, and returns the points seen in it, in the order of their names.
-    pub fn track(&mut self, input: &TrackerInput<'_>) -> &[PointObservation] {
+    pub fn track<P: StageProbe>(
+        &mut self,
+        input: &TrackerInput<'_>,
+        fork: &dyn Fork,
+        probe: &mut P,
+    ) -> &[PointObservation] {
+        probe.begin(Stage::Points);
+        self.take_frame(input, fork);
+        probe.end(Stage::Points);
+        &self.observations
+    }
+
+    fn take_frame(&mut self, input: &TrackerInput<'_>, fork: &dyn Fork) {
         self.frame += 1;
         self.figures = TrackerFigures::default();
         self.observations.clear();
-        for (view, image) in self.views.iter_mut().zip(&input.images) {
-            view.take(image.as_ref(), &input.rot_prev_cur);
-        }
+        self.take_images(input, fork);
         if self.views.iter().any(|v| v.is_new) {
             self.follow();
             self.reject_outliers();
@@ -195,7 +220,17 @@ impl PointTracker {
             self.observe();
             self.views.iter_mut().for_each(View::finish);
         }
-        &self.observations
+    }
+
+    /// Builds the pyramids of both images.
+    fn take_images(&mut self, input: &TrackerInput<'_>, fork: &dyn Fork) {
+        let [left, right] = &input.images;
+        match self.views.as_mut_slice() {
+            [a, b] => fork.join(&mut || a.take(left.as_ref(), &input.rot_prev_cur), &mut || {
+                b.take(right.as_ref(), &input.rot_prev_cur);
+            }),
+            views => views.iter_mut().for_each(|view| view.take(left.as_ref(), &input.rot_prev_cur)),
+        }
     }
 
     /// Moves every track into this frame, by the camera whose previous image is the newest.
@@ -214,6 +249,9 @@ impl PointTracker {
                 use_reference: self.use_reference,
             })
         });
+        // Beyond the limit the youngest go.
+        self.store.tracks.iter_mut().skip(self.limit).for_each(|track| track.lost = true);
+        self.store.sweep();
         for (track, reference) in self.store.iter_mut() {
             track.came_by = None;
             let usable = transitions.iter().flatten().filter(|t| track.px[t.index].is_some());
@@ -308,7 +346,7 @@ impl PointTracker {
         let c = self.leading();
         self.taken.clear();
         self.taken.extend(self.store.tracks.iter().filter_map(|t| t.px[c]).map(|px| px.cast::<f32>()));
-        let free = self.options.max_points - self.store.tracks.len().min(self.options.max_points);
+        let free = self.limit.saturating_sub(self.store.tracks.len());
         // Following costs as much as beginning: an empty tracker may begin them all.
         let max_new = (MAX_NEW_BESIDE_TRACKS + free / 2).min(free);
         let demand = Demand { wanted: self.taken.len() + free, max_new };

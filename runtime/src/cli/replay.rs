@@ -6,7 +6,7 @@ use super::{Usage, check_outputs, load_config, parse_range, say, stop_on_signal}
 use crate::evaluate::load_trajectory;
 use crate::flight::{Flight, Truth, open_dataset, open_simulation};
 use crate::net::{Endpoints, Publisher};
-use crate::pipeline::{Outcome, Pipeline, RunOptions, Sink};
+use crate::pipeline::{Outcome, RunOptions, Sink, Streams};
 use crate::record::{CausalPose, Recorder};
 use crate::report::Report;
 use crate::report::accuracy::Accuracy;
@@ -35,7 +35,8 @@ pub struct ReplayArgs {
     /// Multiple of real time; as fast as it goes without.
     #[arg(long)]
     pub speed: Option<f64>,
-    /// 1 decodes between frames, 2 ahead of need on another thread. The answer is the same.
+    /// 1 does everything in turn; 2 decodes ahead of need; 3 solves a frame while the next is tracked; 4 and
+    /// more share the work on a frame. The answer is the same.
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=8))]
     pub threads: u8,
     /// Write the causal trajectory (TUM format): each pose as it was known when its frame came.
@@ -165,8 +166,8 @@ pub fn fly(
     stop: &AtomicBool,
 ) -> Result<(Report, Vec<CausalPose>, Vec<plumbline_drivers::StampedPose>)> {
     let Flight { config, imu, stereo, truth, name } = flight;
-    let pipeline = Pipeline::new(&config, options.speed);
-    let outcome: Outcome = pipeline.run(&config, imu, stereo, options, stop, &mut recorder)?;
+    let outcome: Outcome =
+        crate::pipeline::run(&config, Streams { imu, stereo }, options, stop, &mut recorder)?;
     let accuracy = Accuracy::of(&recorder.poses, &truth);
     let report = Report::new(&name, &outcome, accuracy, &config, options.threads);
     Ok((report, recorder.poses, recorder.odometry))

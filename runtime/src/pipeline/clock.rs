@@ -1,36 +1,7 @@
-//! The wall clock: paces a run and times its stages, and has no say in any estimate.
+//! Stopwatches: they time the stages, and have no say in any estimate.
 
-use plumbline_config::Timestamp;
 use rustix::thread::ClockId;
-use std::time::{Duration, Instant};
-
-/// Holds samples back until their time has come.
-#[derive(Clone, Copy, Debug)]
-pub struct Pace {
-    speed: Option<f64>,
-    origin: Option<(Instant, Timestamp)>,
-}
-
-impl Pace {
-    /// `speed` times real time; `None` never waits.
-    #[must_use]
-    pub fn new(speed: Option<f64>) -> Self {
-        Self { speed, origin: None }
-    }
-
-    /// Returns when data of `stamp` are due, or at once, with the milliseconds by which that is late. `None`
-    /// without a pace. The first call sets the origin.
-    pub fn wait_for(&mut self, stamp: Timestamp) -> Option<f64> {
-        let speed = self.speed?;
-        let (start, first) = *self.origin.get_or_insert_with(|| (Instant::now(), stamp));
-        let due = start + Duration::from_secs_f64((stamp.seconds_since(first) / speed).max(0.0));
-        let now = Instant::now();
-        if due > now {
-            std::thread::sleep(due - now);
-        }
-        Some(due.elapsed().as_secs_f64() * 1e3)
-    }
-}
+use std::time::Instant;
 
 /// Wall time.
 #[derive(Clone, Copy, Debug)]

@@ -1,6 +1,8 @@
 //! What a run counts and times.
 
 use super::clock::Stopwatch;
+use super::stages::{Cost, FrontStage, WindowStage};
+use super::tick::TickStage;
 use hdrhistogram::Histogram;
 use plumbline_config::Timestamp;
 use plumbline_estimator::{Estimate, FrameFigures, Stage, StageProbe};
@@ -65,6 +67,18 @@ impl Times {
         self.histogram.saturating_record(ticks);
     }
 
+    /// Adds the times of another of the same unit.
+    pub fn add(&mut self, other: &Self) {
+        // Fails only for values beyond the range, which is the same.
+        let _ = self.histogram.add(&other.histogram);
+    }
+
+    /// The time that the share `q` of all does not exceed.
+    #[must_use]
+    pub fn quantile(&self, q: f64) -> f64 {
+        if self.is_empty() { 0.0 } else { self.histogram.value_at_quantile(q) as f64 / self.per_unit }
+    }
+
     /// The percentiles, in the unit of the times.
     #[must_use]
     pub fn percentiles(&self) -> Percentiles {
@@ -72,7 +86,7 @@ impl Times {
         if h.is_empty() {
             return Percentiles::default();
         }
-        let at = |q: f64| h.value_at_quantile(q) as f64 / self.per_unit;
+        let at = |q: f64| self.quantile(q);
         let (max, mean) = (h.max() as f64 / self.per_unit, h.mean() / self.per_unit);
         Percentiles { p50: at(0.5), p95: at(0.95), p99: at(0.99), max, mean }
     }
@@ -97,9 +111,11 @@ impl StageTimes {
         Stage::ALL.into_iter().map(|stage| (stage, self.times[stage as usize].percentiles()))
     }
 
-    /// Adds a time of `stage`, ms.
-    pub fn record(&mut self, stage: Stage, ms: f64) {
-        self.times[stage as usize].record(ms);
+    /// Adds the times of another.
+    pub fn add(&mut self, other: &Self) {
+        for (mine, theirs) in self.times.iter_mut().zip(&other.times) {
+            mine.add(theirs);
+        }
     }
 }
 
@@ -110,7 +126,7 @@ impl StageProbe for StageTimes {
 
     fn end(&mut self, stage: Stage) {
         if let Some(watch) = self.running[stage as usize].take() {
-            self.record(stage, watch.elapsed_ms());
+            self.times[stage as usize].record(watch.elapsed_ms());
         }
     }
 }
@@ -142,8 +158,6 @@ pub struct Figures {
     pub frame_cpu_ms: Times,
     /// Time from an inertial sample to its odometry.
     pub handout_us: Times,
-    /// How late inertial samples were taken against their pace; empty without one.
-    pub lag_ms: Times,
     /// Stages of a frame.
     pub stages: StageTimes,
     /// Sums over frames of points tracked and landmarks in the window.
@@ -199,7 +213,6 @@ impl Default for Figures {
             frame_ms: Times::of_ms(),
             frame_cpu_ms: Times::of_ms(),
             handout_us: Times::of_us(),
-            lag_ms: Times::of_ms(),
             stages: StageTimes::default(),
             points: (0, 0),
             lines: LineSums::default(),
@@ -222,12 +235,13 @@ impl Figures {
     }
 
     /// One frame was estimated.
-    pub fn frame(&mut self, stamp: Timestamp, estimate: &Estimate, frame_ms: f64, cpu_ms: f64) {
+    pub fn frame(&mut self, estimate: &Estimate, cost: Cost) {
+        let stamp = estimate.stamp;
         let first = *self.first_frame.get_or_insert(stamp);
         self.frames += 1;
         self.span_s = stamp.seconds_since(first);
-        self.frame_ms.record(frame_ms);
-        self.frame_cpu_ms.record(cpu_ms);
+        self.frame_ms.record(cost.wall_ms);
+        self.frame_cpu_ms.record(cost.cpu_ms);
         self.resets = estimate.reset_counter;
         self.time_offset_s = estimate.time_offset_s;
         if estimate.health.contains(plumbline_estimator::HealthBits::BAD_STAMP) {
@@ -242,10 +256,14 @@ impl Figures {
         }
     }
 
-    /// Odometry was handed out `us` microseconds after its sample.
-    pub fn handed_out(&mut self, us: f64) {
-        self.handout_us.record(us);
-        self.stages.record(Stage::Propagate, us * 1e-3);
+    /// The stages have ended: takes what they counted and timed.
+    pub fn add_stages(&mut self, front: &FrontStage, window: &WindowStage, tick: &TickStage) {
+        for times in front.times().into_iter().chain([&window.times, &tick.figures.times]) {
+            self.stages.add(times);
+        }
+        self.handout_us = tick.figures.handout_us.clone();
+        self.imu_refused += front.imu_refused;
+        self.hot_path_allocations += front.allocations + window.allocations + tick.figures.allocations;
     }
 }
 

@@ -2,8 +2,8 @@
 
 pub mod accuracy;
 
-use crate::pipeline::Outcome;
 use crate::pipeline::figures::Percentiles;
+use crate::pipeline::{LiveFigures, Outcome};
 use accuracy::Accuracy;
 use plumbline_config::Config;
 use plumbline_drivers::Faults;
@@ -46,9 +46,9 @@ pub struct Report {
     pub stage_ms: BTreeMap<&'static str, Percentiles>,
     /// From an inertial sample to its odometry, microseconds.
     pub odometry_handout_us: Percentiles,
-    /// How late samples were taken against their pace, ms; only with a pace.
+    /// How a live run kept its time.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub lag_ms: Option<Percentiles>,
+    pub live: Option<LiveFigures>,
     /// Points, means per frame.
     pub points: Points,
     /// Line segments of the left image, means per frame.
@@ -137,7 +137,7 @@ impl Report {
             frame_cpu_ms: f.frame_cpu_ms.percentiles(),
             stage_ms: f.stages.all().map(|(stage, p)| (stage.name(), p)).collect(),
             odometry_handout_us: f.handout_us.percentiles(),
-            lag_ms: (!f.lag_ms.is_empty()).then(|| f.lag_ms.percentiles()),
+            live: outcome.live.clone(),
             points: Points { tracked: per_frame(f.points.0), in_window: per_frame(f.points.1) },
             lines: Lines {
                 raw: per_frame(f.lines.raw),
@@ -197,10 +197,15 @@ impl Report {
             "{:<18}median {:.0} us, p99 {:.0}, largest {:.0}",
             "odometry", h.p50, h.p99, h.max
         ));
-        if let Some(lag) = &self.lag_ms {
+        if let Some(live) = &self.live {
+            let late = &live.sample_to_odometry_ms;
             lines.push(format!(
-                "{:<18}behind the clock by {:.1} ms at the median, p99 {:.1}, largest {:.1}",
-                "pace", lag.p50, lag.p99, lag.max
+                "{:<18}sample to odometry median {:.2} ms, p99.9 {:.2}, largest {:.2}; {} of {} ticks missed",
+                "clock", late.percentiles.p50, late.p999, late.percentiles.max, live.ticks_missed, live.ticks
+            ));
+            lines.push(format!(
+                "{:<18}{} frames shed, {} passed over, {} steps down the ladder, {} late corrections, {} stalls",
+                "", live.frames_shed, live.frames_passed_over, live.steps_down, live.late_corrections, live.stalls
             ));
         }
         lines.push(format!(

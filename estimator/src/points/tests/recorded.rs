@@ -1,6 +1,7 @@
 //! The front-end on recorded flights: how long tracks live, and how steady they are.
 
 use super::dataset::{Clip, euroc_rig};
+use crate::effort::InTurn;
 use crate::points::rig::{Baseline, RigCamera};
 use crate::points::{PointObservation, PointTracker, TrackerFigures, TrackerInput};
 use nalgebra::{Isometry3, Matrix3, Point3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
@@ -28,7 +29,7 @@ fn run(clip: &Clip, cameras: usize, bias: Vector3<f64>, use_reference: bool) -> 
         let input =
             TrackerInput { images: images.each_ref().map(|i| i.as_ref().map(|i| i.view())), rot_prev_cur };
         out.milliseconds.push(time_of(&tracker, &input));
-        let seen = tracker.track(&input).to_vec();
+        let seen = tracker.track(&input, &InTurn, &mut ()).to_vec();
         out.frames.push(seen);
         out.figures.push(tracker.figures());
         before = stamp;
@@ -42,7 +43,7 @@ fn time_of(tracker: &PointTracker, input: &TrackerInput<'_>) -> f64 {
     let once = |_| {
         let mut copy = tracker.clone();
         let start = processor_ns();
-        copy.track(input);
+        copy.track(input, &InTurn, &mut ());
         (processor_ns() - start) * 1e-6
     };
     (0..REPEATS).map(once).fold(f64::INFINITY, f64::min)
@@ -322,7 +323,7 @@ fn stereo_flight_cost() {
         let rot_prev_cur = clip.rotation(pair[0], pair[1], &Vector3::zeros());
         let input = TrackerInput { images: [Some(left.view()), Some(right.view())], rot_prev_cur };
         out.milliseconds.push(time_of(&tracker, &input));
-        out.frames.push(tracker.track(&input).to_vec());
+        out.frames.push(tracker.track(&input, &InTurn, &mut ()).to_vec());
         out.figures.push(tracker.figures());
     }
     out.print("MH_05 with a second camera");

@@ -1,6 +1,7 @@
 //! The front-end on rendered images, where the truth is known to a hundredth of a pixel.
 
 use super::scene::{Flight, HEIGHT, Scene, Shot, WIDTH, model, mounting, sway};
+use crate::effort::InTurn;
 use crate::image::Pyramid;
 use crate::image::synthetic::{Random, Texture};
 use crate::points::corners::{CornerDetector, Demand};
@@ -248,7 +249,7 @@ fn images_without_content_or_of_another_size_lose_the_points_and_nothing_else() 
     let show = |flight: &mut Flight, image: GrayImage| {
         let input =
             TrackerInput { images: [Some(image.view()); 2], rot_prev_cur: UnitQuaternion::identity() };
-        flight.tracker.track(&input).len()
+        flight.tracker.track(&input, &InTurn, &mut ()).len()
     };
     // An image of another size counts as missing: the tracks wait.
     assert_eq!(show(&mut flight, GrayImage::new(WIDTH + 1, HEIGHT)), 0);

@@ -1,5 +1,6 @@
 //! A rendered world with a known truth: a textured plane, seen by a moving stereo rig without distortion.
 
+use crate::effort::InTurn;
 use crate::image::synthetic::{Random, Texture};
 use crate::points::{PointTracker, TrackerInput};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
@@ -117,7 +118,7 @@ impl Flight {
         self.last_pose_w_b = shot.pose_w_b;
         let input =
             TrackerInput { images: images.each_ref().map(|i| i.as_ref().map(GrayImage::view)), rot_prev_cur };
-        self.tracker.track(&input).to_vec()
+        self.tracker.track(&input, &InTurn, &mut ()).to_vec()
     }
 }
 

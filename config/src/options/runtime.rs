@@ -1,0 +1,23 @@
+//! Options of a live run: what is asked of the host.
+
+use serde::{Deserialize, Serialize};
+
+/// What a live run asks of the host. What the host refuses is told, and the run goes on without.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RuntimeConfig {
+    /// Real-time priorities (SCHED_FIFO), as in the task table.
+    pub realtime: bool,
+    /// Keep all memory resident.
+    pub lock_memory: bool,
+    /// Processors of the tick, counted from 0; empty for any.
+    pub tick_cpus: Vec<usize>,
+    /// Processors of front-end and window; empty for any.
+    pub work_cpus: Vec<usize>,
+}
+
+impl Default for RuntimeConfig {
+    fn default() -> Self {
+        Self { realtime: true, lock_memory: true, tick_cpus: Vec::new(), work_cpus: Vec::new() }
+    }
+}

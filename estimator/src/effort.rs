@@ -1,0 +1,55 @@
+//! How much of the configured work a frame gets, and who does it.
+//!
+//! Both are given from outside. The effort is an input of the estimate, like a sample; the [`Fork`] decides
+//! on which threads the work is done, and has no say in its outcome.
+
+/// How much of the configured work one frame gets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Effort {
+    /// Share of the configured points, line segments and pixel visits, percent.
+    pub features_percent: u32,
+    /// Whether lines are looked for.
+    pub lines: bool,
+    /// Solver iterations, at most; the configuration may allow fewer.
+    pub max_iterations: usize,
+}
+
+impl Effort {
+    /// Everything that the configuration allows.
+    pub const FULL: Self = Self { features_percent: 100, lines: true, max_iterations: usize::MAX };
+
+    /// The share of `count` that this effort allows.
+    #[must_use]
+    pub fn share_of(&self, count: usize) -> usize {
+        count * self.features_percent.min(100) as usize / 100
+    }
+}
+
+/// Does two pieces of work, side by side where there are cores for it. Neither sees the other's outcome.
+pub trait Fork: Sync {
+    /// Returns when both are done.
+    fn join(&self, a: &mut (dyn FnMut() + Send), b: &mut (dyn FnMut() + Send));
+}
+
+/// One piece of work after the other, on the caller's thread.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct InTurn;
+
+impl Fork for InTurn {
+    fn join(&self, a: &mut (dyn FnMut() + Send), b: &mut (dyn FnMut() + Send)) {
+        a();
+        b();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_effort_never_allows_more_than_the_configuration() {
+        let twice = Effort { features_percent: 200, ..Effort::FULL };
+        assert_eq!((twice.share_of(120), Effort::FULL.share_of(120)), (120, 120));
+        assert_eq!(Effort { features_percent: 60, ..Effort::FULL }.share_of(120), 72);
+    }
+}

@@ -1,0 +1,94 @@
+//! What only a live run counts and times.
+
+use super::super::figures::{Percentiles, Times};
+use super::Ended;
+use super::minder::Minded;
+use crate::schedule::ladder::Rung;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// How a live run kept its time.
+#[derive(Clone, Debug, Serialize)]
+pub struct LiveFigures {
+    /// Releases of the tick.
+    pub ticks: u64,
+    /// Releases that passed unseen.
+    pub ticks_missed: u64,
+    /// How late releases were, ms.
+    pub tick_late_ms: Percentiles,
+    /// From the time of an inertial sample to its odometry, ms.
+    pub sample_to_odometry_ms: Latency,
+    /// Samples whose odometry came after the deadline of the tick.
+    pub deadline_misses: u64,
+    /// From the arrival of a frame to its being tracked, ms.
+    pub frame_response_ms: Percentiles,
+    /// Frames refused because a newer one was there.
+    pub frames_shed: u64,
+    /// Frames that the rung did not admit.
+    pub frames_passed_over: u64,
+    /// Frames that the source itself brought late.
+    pub frames_late_at_source: u64,
+    /// Frames on each rung of the ladder.
+    pub on_rung: BTreeMap<&'static str, u64>,
+    /// Steps down the ladder.
+    pub steps_down: u64,
+    /// Steps up the ladder.
+    pub steps_up: u64,
+    /// Estimates that corrected the odometry later than the rule says.
+    pub late_corrections: u64,
+    /// Odometry that found the ring to the caller full.
+    pub odometry_undelivered: u64,
+    /// Most entries that waited in each ring.
+    pub queue_depth: BTreeMap<&'static str, usize>,
+    /// Stalls that the watchdog named.
+    pub stalls: u64,
+    /// Growth of the resident memory after the first minute, MB; none in a shorter run.
+    pub memory_growth_mb: Option<f64>,
+}
+
+/// Percentiles of the latency that matters most.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Latency {
+    /// Percentiles, ms.
+    #[serde(flatten)]
+    pub percentiles: Percentiles,
+    /// The 99.9th percentile, ms.
+    pub p999: f64,
+}
+
+impl Latency {
+    fn of(times: &Times) -> Self {
+        Self { percentiles: times.percentiles(), p999: times.quantile(0.999) }
+    }
+}
+
+impl LiveFigures {
+    pub(super) fn new(ended: &Ended, minded: Minded) -> Self {
+        let ((stage, tick), front) = (&ended.tick, &ended.front.1);
+        Self {
+            ticks: tick.ticks,
+            ticks_missed: tick.missed,
+            tick_late_ms: tick.late_ms.percentiles(),
+            sample_to_odometry_ms: Latency::of(&tick.latency_ms),
+            deadline_misses: tick.deadline_misses,
+            frame_response_ms: front.response_ms.percentiles(),
+            frames_shed: front.shed,
+            frames_passed_over: front.passed_over,
+            frames_late_at_source: ended.camera.1,
+            on_rung: Rung::ALL.map(|r| (r.name(), front.on_rung[usize::from(r.level())])).into(),
+            steps_down: front.steps.0,
+            steps_up: front.steps.1,
+            late_corrections: stage.figures.late_corrections,
+            odometry_undelivered: tick.undelivered,
+            queue_depth: [
+                ("readings", tick.deepest),
+                ("samples", front.deepest.0),
+                ("frames", front.deepest.1),
+                ("tracked frames", ended.window.1),
+            ]
+            .into(),
+            stalls: minded.stalls,
+            memory_growth_mb: minded.memory_growth_mb,
+        }
+    }
+}

@@ -1,0 +1,194 @@
+//! The task that tracks, and that decides: which frame is taken, and how much work it gets.
+
+use super::super::stages::{FrontStage, Job};
+use super::super::team::Team;
+use super::drivers::Arrival;
+use super::{NAP, Shared};
+use crate::pipeline::figures::Times;
+use crate::schedule::ladder::{Ladder, Rung};
+use crate::schedule::ring::{Bell, Reader, Writer};
+use crate::schedule::tasks::TaskId;
+use crate::schedule::ticker::Monotonic;
+use plumbline_config::Timestamp;
+use plumbline_drivers::{ImuReading, StereoFrame};
+use plumbline_estimator::Feedback;
+
+/// What the task counts and times.
+pub struct FrontEndFigures {
+    /// Frames refused because a newer one was there.
+    pub shed: u64,
+    /// Frames that the rung did not admit.
+    pub passed_over: u64,
+    /// Frames on each rung.
+    pub on_rung: [u64; Rung::ALL.len()],
+    /// Steps of the ladder, down and up.
+    pub steps: (u64, u64),
+    /// From the arrival of a frame to its being tracked, ms.
+    pub response_ms: Times,
+    /// Most samples and frames that waited.
+    pub deepest: (usize, usize),
+}
+
+impl FrontEndFigures {
+    /// Frames that the estimator never saw.
+    pub fn refused(&self) -> u64 {
+        self.shed + self.passed_over
+    }
+}
+
+/// The front-end as a task.
+pub struct FrontEndTask {
+    stage: FrontStage,
+    arrivals: Reader<Arrival>,
+    empty: Writer<StereoFrame>,
+    samples: Reader<ImuReading>,
+    spare: Reader<Job>,
+    jobs: Writer<Job>,
+    feedback: Reader<Feedback>,
+    blank: Writer<Feedback>,
+    bell: Bell,
+    ladder: Ladder,
+    newest_imu: Timestamp,
+    taken: u64,
+    heard: u64,
+    figures: FrontEndFigures,
+}
+
+impl FrontEndTask {
+    #[allow(clippy::too_many_arguments)]
+    pub fn new(
+        stage: FrontStage,
+        arrivals: Reader<Arrival>,
+        empty: Writer<StereoFrame>,
+        samples: Reader<ImuReading>,
+        spare: Reader<Job>,
+        jobs: Writer<Job>,
+        feedback: Reader<Feedback>,
+        blank: Writer<Feedback>,
+        bell: Bell,
+    ) -> Self {
+        Self {
+            stage,
+            arrivals,
+            empty,
+            samples,
+            spare,
+            jobs,
+            feedback,
+            blank,
+            bell,
+            ladder: Ladder::default(),
+            newest_imu: Timestamp::MIN,
+            taken: 0,
+            heard: 0,
+            figures: FrontEndFigures {
+                shed: 0,
+                passed_over: 0,
+                on_rung: [0; Rung::ALL.len()],
+                steps: (0, 0),
+                response_ms: Times::of_ms(),
+                deepest: (0, 0),
+            },
+        }
+    }
+
+    /// Tracks frames until the camera has ended.
+    pub fn run(mut self, shared: &Shared<'_>, team: &Team) -> (FrontStage, FrontEndFigures) {
+        self.bell.listen();
+        while self.hear_window() {
+            let Some((arrival, shed)) = self.newest_frame() else { break };
+            let rung = self.ladder.rung();
+            self.figures.on_rung[usize::from(rung.level())] += 1;
+            if rung.admits(arrival.frame.sequence) {
+                self.take_samples(shared, arrival.frame.stamp);
+                let Some(mut job) = self.spare.pop() else { break };
+                shared.heartbeats.busy(TaskId::FrontEnd);
+                self.stage.track(&arrival.frame, &rung.effort(), team, &mut job);
+                shared.heartbeats.idle(TaskId::FrontEnd);
+                let longest_ms = job.cost.wall_ms.max(shared.window_ms());
+                self.figures.response_ms.record(Monotonic::now().ms_since(arrival.at));
+                self.taken += 1;
+                if self.jobs.push(job).is_err() {
+                    break;
+                }
+                self.judge(shared, longest_ms, shed);
+            } else {
+                self.figures.passed_over += 1;
+                self.judge(shared, 0.0, shed);
+            }
+            let _ = self.empty.push(arrival.frame);
+        }
+        self.figures.deepest = (self.samples.deepest(), self.arrivals.deepest());
+        (self.stage, self.figures)
+    }
+
+    /// Takes what the window found out about the frame before the last, as the rule demands; waits for it.
+    /// `false` when the window has gone.
+    fn hear_window(&mut self) -> bool {
+        while self.heard + 1 < self.taken {
+            let Self { bell, feedback, .. } = self;
+            match bell.wait(NAP, || feedback.pop()) {
+                Some(feedback) => {
+                    self.stage.hear(&feedback);
+                    self.heard += 1;
+                    let _ = self.blank.push(feedback);
+                }
+                None if self.feedback.is_closed() => return false,
+                None => {}
+            }
+        }
+        true
+    }
+
+    /// Waits for a frame; of several the newest. Also, how many were refused for it.
+    fn newest_frame(&mut self) -> Option<(Arrival, u64)> {
+        let Self { bell, arrivals, .. } = self;
+        let mut newest = loop {
+            if let Some(arrival) = bell.wait(NAP, || arrivals.pop()) {
+                break arrival;
+            }
+            if arrivals.is_closed() {
+                return None;
+            }
+        };
+        let mut shed = 0;
+        while let Some(newer) = self.arrivals.pop() {
+            let older = std::mem::replace(&mut newest, newer);
+            let _ = self.empty.push(older.frame);
+            shed += 1;
+        }
+        self.figures.shed += shed;
+        Some((newest, shed))
+    }
+
+    /// Takes readings until one reaches the time that the frame needs; waits for it a frame period at most.
+    fn take_samples(&mut self, shared: &Shared<'_>, image_stamp: Timestamp) {
+        let needed = self.stage.needed_until(image_stamp);
+        let patience = shared.table.row(TaskId::FrontEnd).period;
+        while self.newest_imu < needed {
+            let Self { bell, samples, .. } = self;
+            let reading = bell.wait(patience, || {
+                let reading = samples.pop();
+                (reading.is_some() || samples.is_closed()).then_some(reading)
+            });
+            let Some(Some(reading)) = reading else { return };
+            self.newest_imu = self.newest_imu.max(reading.sample.stamp);
+            self.stage.add(&reading);
+        }
+    }
+
+    /// Lets the ladder judge the frame.
+    fn judge(&mut self, shared: &Shared<'_>, longest_ms: f64, shed: u64) {
+        let period_ms = shared.table.row(TaskId::FrontEnd).period.as_secs_f64() * 1e3;
+        let before = self.ladder.rung();
+        if let Some(rung) = self.ladder.observe(longest_ms / period_ms, shed > 0) {
+            let is_down = rung > before;
+            *if is_down { &mut self.figures.steps.0 } else { &mut self.figures.steps.1 } += 1;
+            tracing::warn!(
+                "the work {}: {}",
+                if is_down { "does not fit" } else { "fits again" },
+                rung.name()
+            );
+        }
+    }
+}

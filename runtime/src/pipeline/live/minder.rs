@@ -1,0 +1,106 @@
+//! The watchdog's thread: looks at the heartbeats, tells systemd, and keeps an eye on the memory.
+
+use super::super::RunError;
+use super::Shared;
+use crate::schedule::ticker::Monotonic;
+use crate::schedule::watchdog::{Finding, WATCH_PERIOD, Watchdog};
+use sd_notify::NotifyState;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::{Builder, Scope, ScopedJoinHandle};
+use std::time::Duration;
+
+/// Memory counts as settled after this time.
+const SETTLED: Duration = Duration::from_secs(60);
+/// Looks at the heartbeats between two looks at the memory.
+const LOOKS_PER_MEMORY: u32 = 100;
+
+/// What the watchdog saw in a run.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Minded {
+    /// Stalls named.
+    pub stalls: u64,
+    /// Growth of the resident memory after it had settled, MB.
+    pub memory_growth_mb: Option<f64>,
+}
+
+/// The watchdog of a run.
+#[derive(Debug, Default)]
+pub struct Minder {
+    ended: AtomicBool,
+}
+
+impl Minder {
+    /// Starts the thread.
+    pub fn start<'scope>(
+        &'scope self,
+        scope: &'scope Scope<'scope, '_>,
+        shared: &'scope Shared<'_>,
+    ) -> Result<ScopedJoinHandle<'scope, Minded>, RunError> {
+        Builder::new()
+            .name("watchdog".into())
+            .spawn_scoped(scope, || self.watch(shared))
+            .map_err(|error| RunError::Thread(error.to_string()))
+    }
+
+    /// The run is over.
+    pub fn end(&self) {
+        self.ended.store(true, Ordering::Relaxed);
+    }
+
+    fn watch(&self, shared: &Shared<'_>) -> Minded {
+        let mut watchdog = Watchdog::default();
+        let (start, mut settled_mb, mut peak_mb) = (Monotonic::now(), None, 0.0f64);
+        let patience = sd_notify::watchdog_enabled();
+        tell_systemd(&[NotifyState::Ready]);
+        let mut last_sign = start;
+        for look in 0u32.. {
+            if self.ended.load(Ordering::Relaxed) {
+                break;
+            }
+            let now = Monotonic::now();
+            watchdog.look(&shared.table, &shared.heartbeats, now, |finding| tell(shared, finding));
+            if let Some(patience) = patience
+                && !watchdog.is_critical()
+                && now.ms_since(last_sign) * 3e-3 > patience.as_secs_f64()
+            {
+                tell_systemd(&[NotifyState::Watchdog]);
+                last_sign = now;
+            }
+            if look.is_multiple_of(LOOKS_PER_MEMORY)
+                && now.ms_since(start) > SETTLED.as_secs_f64() * 1e3
+                && let Some(mb) = resident_mb()
+            {
+                settled_mb.get_or_insert(mb);
+                peak_mb = peak_mb.max(mb);
+            }
+            std::thread::sleep(WATCH_PERIOD);
+        }
+        tell_systemd(&[NotifyState::Stopping]);
+        Minded { stalls: watchdog.stalls(), memory_growth_mb: settled_mb.map(|settled| peak_mb - settled) }
+    }
+}
+
+fn tell(shared: &Shared<'_>, finding: Finding) {
+    match finding {
+        Finding::Stalled(id, silence) => tracing::error!(
+            "{} is stalled: no sign of life for {:.0} ms",
+            shared.table.row(id).name,
+            silence.as_secs_f64() * 1e3
+        ),
+        Finding::Recovered(id) => tracing::warn!("{} is back", shared.table.row(id).name),
+    }
+}
+
+/// Without systemd this does nothing.
+fn tell_systemd(states: &[NotifyState<'_>]) {
+    if let Err(error) = sd_notify::notify(states) {
+        tracing::debug!("systemd is not to be reached: {error}");
+    }
+}
+
+/// Resident memory of this process.
+fn resident_mb() -> Option<f64> {
+    let statm = std::fs::read_to_string("/proc/self/statm").ok()?;
+    let pages: f64 = statm.split_whitespace().nth(1)?.parse().ok()?;
+    Some(pages * rustix::param::page_size() as f64 / (1024.0 * 1024.0))
+}

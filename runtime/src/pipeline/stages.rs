@@ -1,0 +1,172 @@
+//! The two stages of a frame, with what they count and time. They are the same in every executor.
+
+use super::clock::{CpuStopwatch, Stopwatch};
+use super::digest::Digest;
+use super::figures::StageTimes;
+use super::tick::WARM_UP_NS;
+use crate::alloc;
+use plumbline_config::{Config, Timestamp};
+use plumbline_drivers::{ImuReading, StereoFrame};
+use plumbline_estimator::{
+    Effort, Estimate, Feedback, Fork, FrameInput, FrontEnd, ImuAdmission, Odometer, ResetKind, Tracked,
+};
+
+/// Computation of a frame, ms.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Cost {
+    /// Wall time.
+    pub wall_ms: f64,
+    /// Processor time of the thread that led.
+    pub cpu_ms: f64,
+}
+
+impl Cost {
+    /// Of both.
+    #[must_use]
+    pub fn plus(self, other: Self) -> Self {
+        Self { wall_ms: self.wall_ms + other.wall_ms, cpu_ms: self.cpu_ms + other.cpu_ms }
+    }
+}
+
+/// A tracked frame on its way to the window.
+#[derive(Clone, Debug)]
+pub struct Job {
+    /// What the front-end made of it.
+    pub tracked: Tracked,
+    /// What that took.
+    pub cost: Cost,
+}
+
+impl Job {
+    /// An empty one, with room for any frame.
+    #[must_use]
+    pub fn new(config: &Config) -> Self {
+        Self { tracked: Tracked::new(config), cost: Cost::default() }
+    }
+}
+
+/// Measures one piece of work on the calling thread.
+fn measured<T>(count_allocations: bool, work: impl FnOnce() -> T) -> (T, Cost, u64) {
+    let counting = count_allocations.then(alloc::Count::begin);
+    let (watch, cpu) = (Stopwatch::start(), CpuStopwatch::start());
+    let result = work();
+    let cost = Cost { wall_ms: watch.elapsed_ms(), cpu_ms: cpu.elapsed_ms() };
+    (result, cost, counting.map_or(0, alloc::Count::end))
+}
+
+/// The front-end with its figures.
+pub struct FrontStage {
+    front_end: FrontEnd,
+    point_times: StageTimes,
+    line_times: StageTimes,
+    first: Option<Timestamp>,
+    /// Inertial readings given so far.
+    pub readings: u64,
+    /// Of these, refused.
+    pub imu_refused: u64,
+    /// Allocations and frees after the warm-up.
+    pub allocations: u64,
+}
+
+impl FrontStage {
+    /// Everything allocated for the configuration.
+    #[must_use]
+    pub fn new(config: &Config) -> Self {
+        Self {
+            front_end: FrontEnd::new(config),
+            point_times: StageTimes::default(),
+            line_times: StageTimes::default(),
+            first: None,
+            readings: 0,
+            imu_refused: 0,
+            allocations: 0,
+        }
+    }
+
+    /// Takes an inertial reading.
+    pub fn add(&mut self, reading: &ImuReading) {
+        self.readings += 1;
+        self.imu_refused += u64::from(self.front_end.add_imu(&reading.sample) != ImuAdmission::Accepted);
+    }
+
+    /// Readings up to this time must have been added before the frame of `image_stamp` is.
+    #[must_use]
+    pub fn needed_until(&self, image_stamp: Timestamp) -> Timestamp {
+        self.front_end.imu_needed_until(image_stamp)
+    }
+
+    /// Tracks a frame.
+    pub fn track(&mut self, frame: &StereoFrame, effort: &Effort, fork: &dyn Fork, job: &mut Job) {
+        let input = FrameInput {
+            sequence: frame.sequence,
+            stamp: frame.stamp,
+            images: [frame.image(0), frame.image(1)],
+        };
+        let first = *self.first.get_or_insert(frame.stamp);
+        let Self { front_end, point_times, line_times, .. } = self;
+        let ((), cost, allocations) = measured(frame.stamp.nanos_since(first) > WARM_UP_NS, || {
+            front_end.track(&input, effort, fork, [point_times, line_times], &mut job.tracked);
+        });
+        job.cost = cost;
+        self.allocations += allocations;
+    }
+
+    /// Takes what the window found out.
+    pub fn hear(&mut self, feedback: &Feedback) {
+        self.front_end.hear(feedback);
+    }
+
+    /// Starts anew before the next frame.
+    pub fn reset(&mut self, kind: ResetKind) {
+        self.front_end.reset(kind);
+    }
+
+    /// The time of each stage so far.
+    #[must_use]
+    pub fn times(&self) -> [&StageTimes; 2] {
+        [&self.point_times, &self.line_times]
+    }
+}
+
+/// The window with its figures.
+pub struct WindowStage {
+    odometer: Odometer,
+    digest: Digest,
+    first: Option<Timestamp>,
+    /// The time of each stage.
+    pub times: StageTimes,
+    /// Allocations and frees after the warm-up.
+    pub allocations: u64,
+}
+
+impl WindowStage {
+    /// Everything allocated for the configuration.
+    #[must_use]
+    pub fn new(config: &Config) -> Self {
+        Self {
+            odometer: Odometer::new(config),
+            digest: Digest::default(),
+            first: None,
+            times: StageTimes::default(),
+            allocations: 0,
+        }
+    }
+
+    /// The estimate after a tracked frame, what the window took for it, and what the front-end should hear.
+    pub fn solve(&mut self, tracked: &Tracked, feedback: &mut Feedback) -> (Estimate, Cost) {
+        let first = *self.first.get_or_insert(tracked.stamp);
+        let Self { odometer, times, .. } = self;
+        let (estimate, cost, allocations) = measured(tracked.stamp.nanos_since(first) > WARM_UP_NS, || {
+            odometer.process(tracked, times, feedback)
+        });
+        self.allocations += allocations;
+        self.digest.estimate(&estimate);
+        (estimate, cost)
+    }
+
+    /// SHA-256 over the bits of all estimates so far.
+    #[must_use]
+    pub fn digest(&self) -> String {
+        self.digest.hex()
+    }
+}

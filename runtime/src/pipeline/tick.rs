@@ -1,0 +1,113 @@
+//! The tick: every inertial reading becomes odometry, corrected by estimates at a fixed delay.
+
+use super::digest::Digest;
+use super::figures::{StageTimes, Times};
+use super::orders::CorrectionOrder;
+use crate::alloc;
+use crate::pipeline::clock::Stopwatch;
+use plumbline_config::{Config, Timestamp};
+use plumbline_drivers::ImuReading;
+use plumbline_estimator::{Estimate, Odometry, Propagator, Stage, StageProbe};
+use std::collections::VecDeque;
+
+/// An estimate takes effect on the odometry this long after its measurement, in data time: longer than the
+/// slowest frame may take, shorter than a frame period.
+pub const CORRECTION_DELAY_NS: i64 = 40_000_000;
+/// Allocations count from this much data time on: by then every buffer has seen use.
+pub const WARM_UP_NS: i64 = 2_000_000_000;
+/// Estimates that wait to take effect: at most the frames within the delay, at any rate a camera may have.
+const MAX_PENDING: usize = 16;
+
+/// What the tick counts and times.
+#[derive(Clone, Debug)]
+pub struct TickFigures {
+    /// From being given a reading to its odometry, microseconds.
+    pub handout_us: Times,
+    /// The same as a stage of the computation.
+    pub times: StageTimes,
+    /// Allocations and frees after the warm-up.
+    pub allocations: u64,
+    /// Estimates that took effect later than the delay says.
+    pub late_corrections: u64,
+}
+
+/// The stage of the tick: owns the odometry.
+pub struct TickStage {
+    propagator: Propagator,
+    pending: VecDeque<Estimate>,
+    readings: u64,
+    first: Option<Timestamp>,
+    newest: Timestamp,
+    digest: Digest,
+    /// What was counted and timed so far.
+    pub figures: TickFigures,
+}
+
+impl TickStage {
+    /// Everything allocated for the configuration.
+    #[must_use]
+    pub fn new(config: &Config) -> Self {
+        Self {
+            propagator: Propagator::new(config),
+            pending: VecDeque::with_capacity(MAX_PENDING),
+            readings: 0,
+            first: None,
+            newest: Timestamp::MIN,
+            digest: Digest::default(),
+            figures: TickFigures {
+                handout_us: Times::of_us(),
+                times: StageTimes::default(),
+                allocations: 0,
+                late_corrections: 0,
+            },
+        }
+    }
+
+    /// Keeps an estimate until it is to take effect.
+    pub fn correct_later(&mut self, estimate: Estimate) {
+        if self.newest >= due(&estimate) {
+            self.figures.late_corrections += 1;
+        }
+        if self.pending.len() == MAX_PENDING {
+            self.pending.pop_front();
+        }
+        self.pending.push_back(estimate);
+    }
+
+    /// Takes a reading; the odometry at its time, once there has been a pose. `tell` hears which estimates
+    /// took effect before it.
+    pub fn take(&mut self, reading: &ImuReading, mut tell: impl FnMut(&CorrectionOrder)) -> Option<Odometry> {
+        let sample = &reading.sample;
+        let first = *self.first.get_or_insert(sample.stamp);
+        let counting = (sample.stamp.nanos_since(first) > WARM_UP_NS).then(alloc::Count::begin);
+        let watch = Stopwatch::start();
+        self.figures.times.begin(Stage::Propagate);
+        while self.pending.front().is_some_and(|e| sample.stamp >= due(e)) {
+            if let Some(estimate) = self.pending.pop_front() {
+                self.propagator.correct(&estimate);
+                tell(&CorrectionOrder { frame: estimate.frame_sequence, readings_before: self.readings });
+            }
+        }
+        let odometry = self.propagator.tick(sample);
+        self.figures.times.end(Stage::Propagate);
+        self.readings += 1;
+        self.newest = self.newest.max(sample.stamp);
+        if let Some(odometry) = &odometry {
+            self.figures.handout_us.record(watch.elapsed_ms() * 1e3);
+            self.digest.odometry(odometry);
+        }
+        self.figures.allocations += counting.map_or(0, alloc::Count::end);
+        odometry
+    }
+
+    /// SHA-256 over the bits of all odometry so far.
+    #[must_use]
+    pub fn digest(&self) -> String {
+        self.digest.hex()
+    }
+}
+
+/// The first reading at or after this time is propagated from the estimate.
+pub fn due(estimate: &Estimate) -> Timestamp {
+    estimate.stamp.plus_nanos(CORRECTION_DELAY_NS)
+}

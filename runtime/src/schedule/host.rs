@@ -1,0 +1,139 @@
+//! What the host grants a real-time run: SCHED_FIFO, locked memory, a processor of one's own. Each is asked
+//! for once, and what is refused is told once, with what to do about it.
+
+use super::tasks::Task;
+use plumbline_config::options::RuntimeConfig;
+use rustix::mm::{MlockAllFlags, mlockall};
+use rustix::thread::{CpuSet, sched_setaffinity};
+use std::hint::black_box;
+use std::sync::OnceLock;
+use thread_priority::{
+    RealtimeThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy, set_thread_priority_and_policy,
+    thread_native_id,
+};
+
+/// Stack that every task touches before its first release, bytes.
+const PREFAULTED_STACK: usize = 256 * 1024;
+
+/// Something the host would not grant.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum Refusal {
+    /// No priority above others.
+    #[error(
+        "no real-time priority ({0}): ticks may be late under load; grant CAP_SYS_NICE, or set LimitRTPRIO=99 \
+         in the unit file (rtprio in /etc/security/limits.conf)"
+    )]
+    Priority(String),
+    /// Memory may be paged out.
+    #[error(
+        "memory is not locked ({0}): a page fault may delay a tick; set LimitMEMLOCK=infinity in the unit file"
+    )]
+    Memory(String),
+    /// Not on the processor that was asked for.
+    #[error("processor {1} is not to be had ({0}): see runtime.tick_cpus and runtime.work_cpus")]
+    Affinity(String, usize),
+}
+
+/// Asks for what the configuration wants, and remembers what was refused.
+#[derive(Debug, Default)]
+pub struct Host {
+    wants: RuntimeConfig,
+    priority: OnceLock<()>,
+    affinity: OnceLock<()>,
+}
+
+impl Host {
+    /// Locks the memory of the process, if wanted.
+    #[must_use]
+    pub fn new(wants: &RuntimeConfig) -> Self {
+        if wants.lock_memory
+            && let Err(refusal) = lock_memory()
+        {
+            tracing::warn!("{refusal}");
+        }
+        Self { wants: wants.clone(), ..Self::default() }
+    }
+
+    /// Makes the calling thread the one of `task`: its stack is touched, its priority and processor are set.
+    pub fn enter(&self, task: &Task) {
+        prefault_stack();
+        if let Some(priority) = task.priority.filter(|_| self.wants.realtime)
+            && let Err(refusal) = raise_priority(priority)
+            && self.priority.set(()).is_ok()
+        {
+            tracing::warn!("{refusal}");
+        }
+        let is_tick = task.priority.is_some_and(|p| p >= 80);
+        let cpus = if is_tick { &self.wants.tick_cpus } else { &self.wants.work_cpus };
+        if let Err(refusal) = pin(cpus)
+            && self.affinity.set(()).is_ok()
+        {
+            tracing::warn!("{refusal}");
+        }
+    }
+}
+
+/// Gives the calling thread a SCHED_FIFO priority.
+///
+/// # Errors
+/// When the host does not allow it.
+pub fn raise_priority(priority: u8) -> Result<(), Refusal> {
+    let refused = |reason: String| Refusal::Priority(reason);
+    let value = priority.try_into().map_err(|_| refused(format!("{priority} is no priority")))?;
+    set_thread_priority_and_policy(
+        thread_native_id(),
+        ThreadPriority::Crossplatform(value),
+        ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo),
+    )
+    .map_err(|error| refused(error.to_string()))
+}
+
+/// Keeps every page of the process in memory once it has been touched.
+///
+/// # Errors
+/// When the host does not allow it.
+pub fn lock_memory() -> Result<(), Refusal> {
+    // Not the whole stack of every thread of every library: what is never touched need not be there.
+    let flags = MlockAllFlags::CURRENT | MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT;
+    mlockall(flags).map_err(|error| Refusal::Memory(error.to_string()))
+}
+
+/// Keeps the calling thread on `cpus`; on any, if none is named.
+///
+/// # Errors
+/// When one of them is not there.
+pub fn pin(cpus: &[usize]) -> Result<(), Refusal> {
+    let Some(first) = cpus.first() else { return Ok(()) };
+    let mut set = CpuSet::new();
+    for &cpu in cpus {
+        if cpu >= CpuSet::MAX_CPU {
+            return Err(Refusal::Affinity("there are not so many".into(), cpu));
+        }
+        set.set(cpu);
+    }
+    sched_setaffinity(None, &set).map_err(|error| Refusal::Affinity(error.to_string(), *first))
+}
+
+#[inline(never)]
+fn prefault_stack() {
+    let mut stack = [0u8; PREFAULTED_STACK];
+    black_box(&mut stack);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_processor_that_is_not_there_is_refused_with_its_number() {
+        let refusal = pin(&[1_000_000]).unwrap_err();
+        assert!(refusal.to_string().contains("1000000"), "{refusal}");
+        assert!(pin(&[]).is_ok());
+    }
+
+    #[test]
+    fn a_refused_priority_says_what_to_do() {
+        let refusal = raise_priority(200).unwrap_err();
+        assert!(refusal.to_string().contains("LimitRTPRIO"), "{refusal}");
+    }
+}

@@ -1,0 +1,11 @@
+//! What makes a run a real-time one: the task table, priorities and locked memory, absolute deadlines,
+//! rings between threads, the degradation ladder and the watchdog.
+//!
+//! Nothing here knows what the tasks compute; [`crate::pipeline`] puts both together.
+
+pub mod host;
+pub mod ladder;
+pub mod ring;
+pub mod tasks;
+pub mod ticker;
+pub mod watchdog;

@@ -1,0 +1,158 @@
+//! The task table: everything that runs in a live flight, with its place and its promises.
+//!
+//! Higher priorities interrupt lower ones (SCHED_FIFO, where the host allows it). A task that cannot keep its
+//! deadline follows its overrun rule; none ever lets a queue grow.
+
+use plumbline_config::Config;
+use std::fmt::{self, Display, Formatter};
+use std::time::Duration;
+
+/// Ticks without an inertial rate to go by would be pointless: a rate is always given, and at least this.
+const SLOWEST_HZ: f64 = 1.0;
+
+/// A thread of a live run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TaskId {
+    /// Reads the inertial driver.
+    Imu,
+    /// Propagates and hands out odometry.
+    Tick,
+    /// Reads the camera driver.
+    Camera,
+    /// Tracks points and lines.
+    FrontEnd,
+    /// Solves the window.
+    Window,
+}
+
+impl TaskId {
+    /// All tasks, in the order of the data flow.
+    pub const ALL: [Self; 5] = [Self::Imu, Self::Tick, Self::Camera, Self::FrontEnd, Self::Window];
+}
+
+/// What a task does when it is late.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Overrun {
+    /// What is due is done at once, one after the other; the ticks missed are counted.
+    CatchUp,
+    /// The newest frame is taken, older ones that wait are refused.
+    Shed,
+    /// The ladder takes work away from the frames to come.
+    Degrade,
+    /// A driver waits for its device.
+    Wait,
+}
+
+/// One row of the table.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Task {
+    /// Which task.
+    pub id: TaskId,
+    /// Its name, also that of its thread.
+    pub name: &'static str,
+    /// SCHED_FIFO priority, 1 to 99; `None` for normal scheduling.
+    pub priority: Option<u8>,
+    /// Time from one release to the next.
+    pub period: Duration,
+    /// Computation that one release should need at most.
+    pub budget: Duration,
+    /// Time from release to completion that must not be exceeded.
+    pub deadline: Duration,
+    /// Silence after which the watchdog calls it stalled.
+    pub stall: Duration,
+    /// What it does when it is late.
+    pub overrun: Overrun,
+}
+
+/// Every task of a live run of `config` at `speed` times real time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TaskTable([Task; 5]);
+
+impl TaskTable {
+    /// The table for a configuration: periods are those of its sensors.
+    #[must_use]
+    pub fn new(config: &Config, speed: f64) -> Self {
+        let period = |rate_hz: f64| Duration::from_secs_f64(1.0 / (rate_hz.max(SLOWEST_HZ) * speed));
+        let (sample, frame) = (period(config.imu.rate_hz), period(config.camera[0].rate_hz));
+        let ms = Duration::from_millis;
+        // A stalled stage is named within a tenth of a second of its silence: the watchdog looks every 10 ms.
+        let stall = |usual: Duration| (usual + usual / 2).max(ms(80));
+        let task = |id, name, priority, period: Duration, budget, deadline, overrun| Task {
+            id,
+            name,
+            priority,
+            period,
+            budget,
+            deadline,
+            stall: stall(period),
+            overrun,
+        };
+        Self([
+            task(TaskId::Imu, "imu", Some(85), sample, sample / 50, sample, Overrun::Wait),
+            task(TaskId::Tick, "tick", Some(80), sample, sample / 10, sample / 5, Overrun::CatchUp),
+            task(TaskId::Camera, "camera", None, frame, frame / 2, frame, Overrun::Wait),
+            task(TaskId::FrontEnd, "front-end", Some(60), frame, frame / 2, frame, Overrun::Shed),
+            task(TaskId::Window, "window", Some(50), frame, frame / 2, frame, Overrun::Degrade),
+        ])
+    }
+
+    /// The row of a task.
+    #[must_use]
+    pub fn row(&self, id: TaskId) -> &Task {
+        &self.0[id as usize]
+    }
+
+    /// All rows.
+    pub fn rows(&self) -> impl Iterator<Item = &Task> {
+        self.0.iter()
+    }
+}
+
+impl Display for TaskTable {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{:<10} {:>8} {:>10} {:>10} {:>10} {:>10}  overrun",
+            "task", "priority", "period ms", "budget ms", "deadline", "stall"
+        )?;
+        for task in self.rows() {
+            let priority = task.priority.map_or_else(|| "-".into(), |p| p.to_string());
+            let ms = |d: Duration| format!("{:.1}", d.as_secs_f64() * 1e3);
+            let overrun = match task.overrun {
+                Overrun::CatchUp => "catch up",
+                Overrun::Shed => "shed older frames",
+                Overrun::Degrade => "step down the ladder",
+                Overrun::Wait => "wait for the device",
+            };
+            writeln!(
+                f,
+                "{:<10} {priority:>8} {:>10} {:>10} {:>10} {:>10}  {overrun}",
+                task.name,
+                ms(task.period),
+                ms(task.budget),
+                ms(task.deadline),
+                ms(task.stall)
+            )?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_task_has_its_row_and_the_tick_goes_first_among_the_estimators() {
+        let table = TaskTable::new(&Config::preset("sim").unwrap(), 1.0);
+        for id in TaskId::ALL {
+            assert_eq!(table.row(id).id, id);
+        }
+        let priority = |id| table.row(id).priority;
+        assert!(priority(TaskId::Tick) > priority(TaskId::FrontEnd));
+        assert!(priority(TaskId::FrontEnd) > priority(TaskId::Window));
+        assert_eq!(table.row(TaskId::Tick).period, Duration::from_millis(5));
+        assert!(table.rows().all(|t| t.budget <= t.deadline && t.deadline <= t.period.max(t.stall)));
+        assert_eq!(table.to_string().lines().count(), 6);
+    }
+}
