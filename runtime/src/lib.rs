@@ -5,6 +5,7 @@
 //! [`campaign`] does all of it over many flights. A [`picture`] shows what was found in an image.
 
 pub mod alloc;
+pub mod bench;
 pub mod campaign;
 pub mod cli;
 pub mod demo;

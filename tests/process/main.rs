@@ -1,7 +1,9 @@
 //! System tests of the command: real processes, real files, a real Zenoh session.
 
+mod cgroup;
 mod errors;
 mod lines;
+mod live;
 mod network;
 mod replay;
 

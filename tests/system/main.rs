@@ -4,6 +4,7 @@ mod accuracy;
 mod clips;
 mod determinism;
 mod faults;
+mod flow;
 mod lines;
 mod oracle;
 mod soak;

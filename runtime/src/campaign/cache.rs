@@ -4,6 +4,7 @@
 //! pixels of all cameras. Its name is a hash of everything the images depend on.
 
 use anyhow::{Context, Result, ensure};
+use indicatif::{ProgressBar, ProgressStyle};
 use plumbline_config::GrayImage;
 use plumbline_drivers::simulator::{Scenario, Simulator};
 use plumbline_drivers::{DriverError, Faults, StereoFrame, StereoSource};
@@ -50,17 +51,36 @@ fn render(path: &Path, simulator: &Simulator) -> std::io::Result<()> {
     let number = RENDERINGS.fetch_add(1, Ordering::Relaxed);
     let partial = path.with_extension(format!("partial-{}-{number}", std::process::id()));
     let mut out = BufWriter::new(File::create(&partial)?);
-    let mut scratch = simulator.scratch();
-    let mut frame = StereoFrame::new(simulator.image_sizes());
-    for index in 0..simulator.frame_count() {
-        let delivered = simulator.render_frame(index, &mut scratch, &mut frame);
-        out.write_all(&[delivered, frame.valid[0], frame.valid[1]].map(u8::from))?;
-        for image in &frame.images {
-            out.write_all(image.pixels())?;
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let mut painters: Vec<_> = (0..threads)
+        .map(|_| (simulator.scratch(), StereoFrame::new(simulator.image_sizes()), false))
+        .collect();
+    let progress = progress(simulator.frame_count());
+    let mut first = 0;
+    while first < simulator.frame_count() {
+        let count = (simulator.frame_count() - first).min(threads as u64) as usize;
+        std::thread::scope(|scope| {
+            for (index, (scratch, frame, delivered)) in (first..).zip(&mut painters[..count]) {
+                scope.spawn(move || *delivered = simulator.render_frame(index, scratch, frame));
+            }
+        });
+        for (_, frame, delivered) in &painters[..count] {
+            out.write_all(&[*delivered, frame.valid[0], frame.valid[1]].map(u8::from))?;
+            for image in &frame.images {
+                out.write_all(image.pixels())?;
+            }
         }
+        progress.inc(count as u64);
+        first += count as u64;
     }
+    progress.finish_and_clear();
     out.into_inner()?.sync_all()?;
     std::fs::rename(partial, path)
+}
+
+fn progress(frames: u64) -> ProgressBar {
+    let style = ProgressStyle::with_template("rendering {bar:32} {pos}/{len} frames  {elapsed} (eta {eta})");
+    ProgressBar::new(frames).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }
 
 /// Frames read back from a file.

@@ -4,8 +4,10 @@
 //! the file, the key or the device, and what to do.
 
 pub mod ablation;
+mod bench;
 pub mod campaign;
 pub mod choice;
+mod doctor;
 pub mod evaluate;
 pub mod lines;
 pub mod overrides;
@@ -62,6 +64,10 @@ enum Command {
     Campaign(campaign::CampaignArgs),
     /// Fly with points alone, with raw, filtered and merged line segments, and tabulate what each brings.
     Ablation(ablation::AblationArgs),
+    /// Measure what the standard load costs on this machine, and compare with another time.
+    Bench(bench::BenchArgs),
+    /// Check whether this host and a configuration are fit for a flight.
+    Doctor(doctor::DoctorArgs),
     /// Check a configuration file, or print a preset.
     Config(ConfigArgs),
     /// Print the completions for a shell.
@@ -101,6 +107,8 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Ground(args) => crate::ground::run(&args),
         Command::Campaign(args) => campaign::run(&args),
         Command::Ablation(args) => ablation::run(&args),
+        Command::Bench(args) => bench::run(&args),
+        Command::Doctor(args) => doctor::run(&args),
         Command::Config(args) => check_config(&args),
         Command::Completions { shell } => {
             let mut script = Vec::new();

@@ -3,6 +3,7 @@
 use super::overrides::with_overrides;
 use super::scenario::{ScenarioArgs, parse_scene};
 use super::{Usage, check_outputs, load_config, parse_range, say, stop_on_signal};
+use crate::campaign::cache;
 use crate::evaluate::load_trajectory;
 use crate::flight::{Flight, Truth, open_dataset, open_simulation};
 use crate::net::{Endpoints, Publisher};
@@ -57,6 +58,9 @@ pub struct ReplayArgs {
     /// Only these frames of a data set.
     #[arg(long, value_name = "A..B")]
     pub frames: Option<String>,
+    /// Keep the rendered frames of a simulated flight in this folder, and take them from there if they are.
+    #[arg(long, value_name = "FOLDER")]
+    pub cache: Option<PathBuf>,
     /// The left camera alone.
     #[arg(long)]
     pub mono: bool,
@@ -143,7 +147,11 @@ fn open(args: &ReplayArgs) -> Result<Flight> {
     let config = load_config(args.config.as_deref())?;
     if let Some(scene) = args.dataset.strip_prefix("sim:") {
         let scenario = args.scenario.scenario(parse_scene(scene)?)?;
-        return open_simulation(config, &scenario, args.mono, args.scenario.extrinsics_error_deg);
+        let mut flight = open_simulation(config, &scenario, args.mono, args.scenario.extrinsics_error_deg)?;
+        if let (Some(folder), Truth::Simulated(simulator)) = (&args.cache, &flight.truth) {
+            flight.stereo = cache::frames(folder, simulator, &scenario)?;
+        }
+        return Ok(flight);
     }
     let frames = match &args.frames {
         None => None,

@@ -6,7 +6,7 @@ use super::tick::TickStage;
 use hdrhistogram::Histogram;
 use plumbline_config::Timestamp;
 use plumbline_estimator::{Estimate, FrameFigures, Stage, StageProbe};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Times are recorded in microseconds up to ten seconds, to three digits; longer ones count as ten.
 const MAX_US: u64 = 10_000_000;
@@ -14,7 +14,7 @@ const MAX_US: u64 = 10_000_000;
 const MAX_NS: u64 = 100_000_000;
 
 /// Percentiles of a time, ms.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Percentiles {
     /// Median.
     pub p50: f64,
@@ -55,10 +55,10 @@ impl Times {
         Self::new(MAX_NS, 1e3)
     }
 
-    /// Whether none was recorded.
+    /// Times recorded.
     #[must_use]
-    pub fn is_empty(&self) -> bool {
-        self.histogram.is_empty()
+    pub fn count(&self) -> u64 {
+        self.histogram.len()
     }
 
     /// Adds one time.
@@ -76,7 +76,7 @@ impl Times {
     /// The time that the share `q` of all does not exceed.
     #[must_use]
     pub fn quantile(&self, q: f64) -> f64 {
-        if self.is_empty() { 0.0 } else { self.histogram.value_at_quantile(q) as f64 / self.per_unit }
+        if self.count() == 0 { 0.0 } else { self.histogram.value_at_quantile(q) as f64 / self.per_unit }
     }
 
     /// The percentiles, in the unit of the times.

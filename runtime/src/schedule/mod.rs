@@ -3,6 +3,7 @@
 //!
 //! Nothing here knows what the tasks compute; [`crate::pipeline`] puts both together.
 
+pub mod bare_timer;
 pub mod host;
 pub mod ladder;
 pub mod ring;

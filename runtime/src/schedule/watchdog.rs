@@ -29,6 +29,12 @@ impl Heartbeats {
         self.0[id as usize].store(Monotonic::now().0, Ordering::Relaxed);
     }
 
+    /// The task is given work: if it was waiting, it is at work from now on, whether it wakes up or not.
+    pub fn give(&self, id: TaskId) {
+        let now = Monotonic::now().0;
+        let _ = self.0[id as usize].compare_exchange(IDLE, now, Ordering::Relaxed, Ordering::Relaxed);
+    }
+
     /// The task waits for something that may take its time.
     pub fn idle(&self, id: TaskId) {
         self.0[id as usize].store(IDLE, Ordering::Relaxed);
@@ -119,6 +125,15 @@ mod tests {
         heartbeats.idle(TaskId::Window);
         watchdog.look(&table, &heartbeats, start.plus_nanos(1_000_000_000), |finding| findings.push(finding));
         assert_eq!(findings[1..], [Finding::Recovered(TaskId::Window)]);
+    }
+
+    #[test]
+    fn a_task_that_does_not_wake_up_for_its_work_is_silent_from_then_on() {
+        let heartbeats = Heartbeats::default();
+        let later = Monotonic::now().plus_nanos(1_000_000_000);
+        assert_eq!(heartbeats.silence(TaskId::Window, later), None);
+        heartbeats.give(TaskId::Window);
+        assert!(heartbeats.silence(TaskId::Window, later).unwrap() > Duration::from_millis(900));
     }
 
     #[test]

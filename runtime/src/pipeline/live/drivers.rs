@@ -3,6 +3,7 @@
 use super::super::RunError;
 use super::{NAP, Shared};
 use crate::schedule::ring::{Bell, Reader, Writer};
+use crate::schedule::tasks::TaskId;
 use crate::schedule::ticker::Monotonic;
 use plumbline_drivers::{Faults, ImuReading, ImuSource, StereoFrame, StereoSource};
 
@@ -27,7 +28,7 @@ impl ImuTask {
         let mut next = self.first;
         while let Some(reading) = next {
             while !readings.has_room() && !shared.is_stopped() {
-                std::thread::sleep(shared.table.row(crate::schedule::tasks::TaskId::Imu).period);
+                std::thread::sleep(shared.table.row(TaskId::Imu).period);
             }
             if shared.is_stopped() || readings.push(reading).is_err() {
                 break;
@@ -68,6 +69,7 @@ impl CameraTask {
             due.sleep_until();
             let at = Monotonic::now();
             self.late += u64::from(at.ms_since(due) > LATE_AT_SOURCE_MS);
+            shared.heartbeats.give(TaskId::FrontEnd);
             if self.arrivals.push(Arrival { frame, at }).is_err() {
                 break;
             }

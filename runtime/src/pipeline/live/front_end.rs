@@ -95,19 +95,19 @@ impl FrontEndTask {
     /// Tracks frames until the camera has ended.
     pub fn run(mut self, shared: &Shared<'_>, team: &Team) -> (FrontStage, FrontEndFigures) {
         self.bell.listen();
-        while self.hear_window() {
+        while self.hear_window(shared) {
             let Some((arrival, shed)) = self.newest_frame() else { break };
+            shared.heartbeats.busy(TaskId::FrontEnd);
             let rung = self.ladder.rung();
             self.figures.on_rung[usize::from(rung.level())] += 1;
             if rung.admits(arrival.frame.sequence) {
                 self.take_samples(shared, arrival.frame.stamp);
                 let Some(mut job) = self.spare.pop() else { break };
-                shared.heartbeats.busy(TaskId::FrontEnd);
                 self.stage.track(&arrival.frame, &rung.effort(), team, &mut job);
-                shared.heartbeats.idle(TaskId::FrontEnd);
                 let longest_ms = job.cost.wall_ms.max(shared.window_ms());
                 self.figures.response_ms.record(Monotonic::now().ms_since(arrival.at));
                 self.taken += 1;
+                shared.heartbeats.give(TaskId::Window);
                 if self.jobs.push(job).is_err() {
                     break;
                 }
@@ -117,6 +117,7 @@ impl FrontEndTask {
                 self.judge(shared, 0.0, shed);
             }
             let _ = self.empty.push(arrival.frame);
+            shared.heartbeats.idle(TaskId::FrontEnd);
         }
         self.figures.deepest = (self.samples.deepest(), self.arrivals.deepest());
         (self.stage, self.figures)
@@ -124,7 +125,7 @@ impl FrontEndTask {
 
     /// Takes what the window found out about the frame before the last, as the rule demands; waits for it.
     /// `false` when the window has gone.
-    fn hear_window(&mut self) -> bool {
+    fn hear_window(&mut self, shared: &Shared<'_>) -> bool {
         while self.heard + 1 < self.taken {
             let Self { bell, feedback, .. } = self;
             match bell.wait(NAP, || feedback.pop()) {
@@ -134,7 +135,8 @@ impl FrontEndTask {
                     let _ = self.blank.push(feedback);
                 }
                 None if self.feedback.is_closed() => return false,
-                None => {}
+                // It is the window that is late.
+                None => shared.heartbeats.busy(TaskId::FrontEnd),
             }
         }
         true

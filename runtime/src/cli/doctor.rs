@@ -1,0 +1,175 @@
+//! `plumbline doctor`: whether this host and this configuration are fit for a flight.
+
+use super::{Usage, load_config, say};
+use crate::schedule::bare_timer;
+use crate::schedule::host::{lock_memory, pin, raise_priority};
+use crate::schedule::tasks::{TaskId, TaskTable};
+use anyhow::Result;
+use clap::Args;
+use plumbline_config::Config;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+/// A bare timer later than this makes a tick late, ms.
+const LATE_MS: f64 = 1.0;
+
+/// Arguments of `plumbline doctor`.
+#[derive(Debug, Args)]
+pub struct DoctorArgs {
+    /// Configuration file or preset.
+    #[arg(long, default_value = "sim")]
+    pub config: PathBuf,
+    /// How long the timer of the host is watched, seconds.
+    #[arg(long, default_value_t = 2.0)]
+    pub watch: f64,
+}
+
+/// How a check came out.
+enum Verdict {
+    Fine(String),
+    /// A flight is possible, with this against it.
+    Poor(String),
+}
+
+/// Runs the command: a line for each check.
+///
+/// # Errors
+/// When the configuration is refused.
+pub fn run(args: &DoctorArgs) -> Result<()> {
+    if !(args.watch > 0.0 && args.watch <= 3600.0) {
+        return Err(Usage("--watch: give up to 3600 seconds".into()).into());
+    }
+    let Some(config) = load_config(Some(&args.config))? else { return Ok(()) };
+    let table = TaskTable::new(&config, 1.0);
+    let mut poor = 0;
+    for (name, verdict) in [
+        ("configuration", configuration(&config)),
+        ("processors", processors()),
+        ("real-time priority", priority(&table)),
+        ("locked memory", memory()),
+        ("pinning", pinning(&config)),
+        ("frequency governor", governor()),
+        ("clock source", clock_source()),
+        ("kernel", kernel()),
+        ("timer", timer(&config, &table, Duration::from_secs_f64(args.watch))),
+    ] {
+        let (mark, words) = match verdict {
+            Verdict::Fine(words) => ("ok  ", words),
+            Verdict::Poor(words) => {
+                poor += 1;
+                ("poor", words)
+            }
+        };
+        say(format_args!("{mark}  {name:<19} {words}"));
+    }
+    say(format_args!("\nTasks of a flight at these rates:\n{table}"));
+    match poor {
+        0 => say("Fit to fly."),
+        1 => say("Fit to fly, with one thing to mend."),
+        n => say(format_args!("Fit to fly, with {n} things to mend.")),
+    }
+    Ok(())
+}
+
+fn configuration(config: &Config) -> Verdict {
+    let hash = crate::report::config_hash(config);
+    let cameras = config.camera.len();
+    let words = format!("valid, {cameras} camera(s), IMU at {} Hz, hash {}", config.imu.rate_hz, &hash[..16]);
+    if cameras == 2 {
+        Verdict::Fine(words)
+    } else {
+        Verdict::Poor(format!("{words}; one camera finds its scale late"))
+    }
+}
+
+fn processors() -> Verdict {
+    match std::thread::available_parallelism().map_or(1, usize::from) {
+        1 => Verdict::Poor("one: front-end and window take turns; give the process two".into()),
+        n => Verdict::Fine(format!("{n}")),
+    }
+}
+
+/// On a thread of its own: the priority goes with it.
+fn priority(table: &TaskTable) -> Verdict {
+    let priority = table.row(TaskId::Tick).priority.unwrap_or(1);
+    match std::thread::spawn(move || raise_priority(priority)).join() {
+        Ok(Ok(())) => Verdict::Fine(format!("SCHED_FIFO {priority}")),
+        Ok(Err(refusal)) => Verdict::Poor(refusal.to_string()),
+        Err(_) => Verdict::Poor("cannot be tried".into()),
+    }
+}
+
+fn memory() -> Verdict {
+    match lock_memory() {
+        Ok(()) => Verdict::Fine("granted".into()),
+        Err(refusal) => Verdict::Poor(refusal.to_string()),
+    }
+}
+
+fn pinning(config: &Config) -> Verdict {
+    let wanted = [&config.runtime.tick_cpus, &config.runtime.work_cpus].map(Clone::clone);
+    let outcome = std::thread::spawn(move || wanted.iter().try_for_each(|cpus| pin(cpus))).join();
+    match outcome {
+        Ok(Ok(())) if config.runtime.tick_cpus.is_empty() => Verdict::Fine("none asked for".into()),
+        Ok(Ok(())) => Verdict::Fine(format!("tick on {:?}", config.runtime.tick_cpus)),
+        Ok(Err(refusal)) => Verdict::Poor(refusal.to_string()),
+        Err(_) => Verdict::Poor("cannot be tried".into()),
+    }
+}
+
+/// The first line of a file of the system.
+fn line_of(path: &str) -> Option<String> {
+    Some(std::fs::read_to_string(Path::new(path)).ok()?.lines().next()?.trim().to_owned())
+}
+
+fn governor() -> Verdict {
+    match line_of("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor").as_deref() {
+        None => Verdict::Fine("not adjustable here".into()),
+        Some("performance") => Verdict::Fine("performance".into()),
+        Some(other) => {
+            Verdict::Poor(format!("{other}: set it to performance (cpupower frequency-set -g performance)"))
+        }
+    }
+}
+
+fn clock_source() -> Verdict {
+    match line_of("/sys/devices/system/clocksource/clocksource0/current_clocksource") {
+        Some(name) if name.contains("hpet") || name.contains("acpi") || name == "jiffies" => {
+            Verdict::Poor(format!("{name} is slow to read; tsc or the architecture's own is better"))
+        }
+        Some(name) => Verdict::Fine(name),
+        None => Verdict::Fine("not told".into()),
+    }
+}
+
+fn kernel() -> Verdict {
+    let release = line_of("/proc/sys/kernel/osrelease").unwrap_or_else(|| "unknown".into());
+    if line_of("/sys/kernel/realtime").as_deref() == Some("1") {
+        return Verdict::Fine(format!("{release}, PREEMPT_RT"));
+    }
+    Verdict::Fine(format!("{release}, without PREEMPT_RT: see what the timer below says of it"))
+}
+
+fn timer(config: &Config, table: &TaskTable, watch: Duration) -> Verdict {
+    let (task, cpus) = (*table.row(TaskId::Tick), config.runtime.tick_cpus.clone());
+    let timed = std::thread::spawn(move || {
+        bare_timer::run(task.period, task.priority, &cpus, watch, &AtomicBool::new(false))
+    });
+    let Ok(timer) = timed.join() else { return Verdict::Poor("cannot be tried".into()) };
+    let late = timer.late_ms.percentiles();
+    let words = format!(
+        "{} releases of a bare timer: late by {:.3} ms at the median, p99 {:.3}, largest {:.3}",
+        timer.late_ms.count(),
+        late.p50,
+        late.p99,
+        late.max
+    );
+    if late.max <= LATE_MS {
+        Verdict::Fine(words)
+    } else {
+        Verdict::Poor(format!(
+            "{words}; the host itself makes ticks late (other load, power saving, a virtual machine)"
+        ))
+    }
+}

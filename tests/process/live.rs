@@ -1,0 +1,181 @@
+//! Live runs of the real binary: slowed down, held still, stopped; and the same bits when left in peace.
+
+use super::cgroup::Group;
+use super::stderr;
+use serde_json::Value;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{Receiver, channel};
+use std::time::{Duration, Instant};
+
+/// A flight whose frames are rendered beforehand into a folder, so that only the estimator runs live.
+struct Flight {
+    folder: tempfile::TempDir,
+    arguments: Vec<String>,
+}
+
+impl Flight {
+    fn new(scene: &str, duration_s: u32, scale: &str) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let cache = folder.path().join("cache").display().to_string();
+        let duration = duration_s.to_string();
+        let arguments =
+            ["replay", scene, "--start", "2", "--duration", &duration, "--scale", scale, "--cache", &cache];
+        let flight = Self { arguments: arguments.map(str::to_owned).to_vec(), folder };
+        let rendered = flight.finished(&["--no-lines"]);
+        assert!(rendered["completion"].as_f64().unwrap() > 0.9);
+        flight
+    }
+
+    fn report(&self) -> std::path::PathBuf {
+        self.folder.path().join("report.json")
+    }
+
+    fn command(&self, more: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_plumbline"));
+        command.args(&self.arguments).args(more).arg("--report").arg(self.report());
+        command.stdout(Stdio::null()).stderr(Stdio::piped());
+        command
+    }
+
+    /// Runs to the end and reads the report.
+    fn finished(&self, more: &[&str]) -> Value {
+        let output = self.command(more).output().unwrap();
+        assert!(output.status.success(), "{}", stderr(&output));
+        self.read_report()
+    }
+
+    fn read_report(&self) -> Value {
+        serde_json::from_str(&std::fs::read_to_string(self.report()).unwrap()).unwrap()
+    }
+}
+
+fn number(report: &Value, key: &str) -> f64 {
+    report["live"][key].as_f64().unwrap_or_else(|| panic!("{key} is missing in {}", report["live"]))
+}
+
+#[test]
+fn a_live_run_gives_the_bits_of_virtual_time_with_any_number_of_threads() {
+    let flight = Flight::new("sim:room", 5, "0.5");
+    let digests = |report: &Value| (report["estimate_digest"].clone(), report["odometry_digest"].clone());
+    let virtual_time = flight.finished(&["--threads", "1"]);
+    for threads in ["3", "4"] {
+        assert_eq!(digests(&virtual_time), digests(&flight.finished(&["--threads", threads])), "{threads}");
+    }
+    // A machine that is busy with other things may refuse a frame: then there is nothing to compare.
+    for _ in 0..4 {
+        let live = flight.finished(&["--speed", "1"]);
+        if number(&live, "frames_shed") + number(&live, "late_corrections") + number(&live, "steps_down")
+            == 0.0
+        {
+            assert_eq!(digests(&virtual_time), digests(&live));
+            assert_eq!(live["hot_path_allocations"], 0);
+            return;
+        }
+    }
+    panic!("no live run went undisturbed");
+}
+
+#[test]
+fn on_a_host_slowed_down_four_times_odometry_goes_on_and_frames_do_not_pile_up() {
+    let cores = std::thread::available_parallelism().unwrap().get() as f64;
+    let Some(group) = Group::with_quota("slow", cores / 4.0) else { return };
+    let flight = Flight::new("sim:room", 12, "1");
+    // Real-time priorities would escape the quota.
+    let mut child = flight.command(&["--speed", "1", "--set", "runtime.realtime=false"]).spawn().unwrap();
+    group.add_process(child.id());
+    assert!(child.wait().unwrap().success());
+    let report = flight.read_report();
+    println!("{:#}", report["live"]);
+    assert!(number(&report, "steps_down") >= 1.0, "nothing was left out");
+    assert_eq!(report["live"]["odometry_undelivered"], 0);
+    let lateness = &report["live"]["sample_to_odometry_ms"];
+    assert!(lateness["p99"].as_f64().unwrap() < 20.0, "{lateness}");
+    let response = &report["live"]["frame_response_ms"];
+    assert!(response["max"].as_f64().unwrap() < 150.0, "{response}");
+    assert!(report["live"]["queue_depth"]["tracked frames"].as_f64().unwrap() <= 1.0);
+    assert!(report["accuracy"]["ate_percent"].as_f64().unwrap() < 1.0, "{}", report["accuracy"]);
+    assert_eq!(report["resets"], 0);
+}
+
+/// The thread of `pid` that is called `name`.
+fn thread_of(pid: u32, name: &str) -> Option<u32> {
+    for entry in std::fs::read_dir(format!("/proc/{pid}/task")).ok()?.flatten() {
+        if std::fs::read_to_string(entry.path().join("comm")).is_ok_and(|comm| comm.trim() == name) {
+            return entry.file_name().to_str()?.parse().ok();
+        }
+    }
+    None
+}
+
+/// A flight on its way, ended when the test is.
+struct Flying {
+    child: Child,
+    lines: Receiver<String>,
+}
+
+impl Flying {
+    fn start(mut command: Command) -> Self {
+        let mut child = command.spawn().unwrap();
+        let said = BufReader::new(child.stderr.take().unwrap());
+        let (sender, lines) = channel();
+        std::thread::spawn(move || said.lines().map_while(Result::ok).try_for_each(|line| sender.send(line)));
+        Self { child, lines }
+    }
+
+    /// Waits for a line that says `words`.
+    fn says(&self, words: &str) -> Instant {
+        let mut seen = Vec::new();
+        while let Ok(line) = self.lines.recv_timeout(Duration::from_secs(20)) {
+            if line.contains(words) {
+                return Instant::now();
+            }
+            seen.push(line);
+        }
+        panic!("nobody said '{words}': {seen:#?}");
+    }
+}
+
+impl Drop for Flying {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+#[test]
+fn a_stage_that_stalls_is_named_within_a_tenth_of_a_second_and_the_odometry_goes_on() {
+    let Some(group) = Group::freezer("stall") else { return };
+    let flight = Flight::new("sim:low-texture", 8, "0.5");
+    let mut flying = Flying::start(flight.command(&["--speed", "1"]));
+    std::thread::sleep(Duration::from_secs(3));
+    let window = thread_of(flying.child.id(), "window").expect("the window has a thread");
+    // Held still while it waits for a frame, it has no work to be late with until the next one comes.
+    group.add_thread(window);
+    let frozen = Instant::now();
+    group.set_frozen(true);
+    let named = flying.says("window is stalled") - frozen;
+    group.set_frozen(false);
+    flying.says("window is back");
+    assert!(flying.child.wait().unwrap().success());
+    let report = flight.read_report();
+    // Up to a frame period may pass before there is work to stall on.
+    assert!(named < Duration::from_millis(160), "{named:?}");
+    assert!(number(&report, "stalls") >= 1.0);
+    assert_eq!(report["live"]["ticks_missed"], 0);
+}
+
+#[test]
+fn a_signal_stops_a_flight_gracefully() {
+    let flight = Flight::new("sim:low-texture", 8, "0.5");
+    let mut child = flight.command(&["--speed", "1"]).spawn().unwrap();
+    std::thread::sleep(Duration::from_secs(3));
+    let asked = Instant::now();
+    assert!(Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap().success());
+    assert!(child.wait().unwrap().success());
+    assert!(asked.elapsed() < Duration::from_secs(2));
+    let frames = flight.read_report()["frames"].as_u64().unwrap();
+    assert!((20..120).contains(&frames), "{frames} frames");
+    assert!(Path::new(&flight.report()).exists());
+}
