@@ -6,8 +6,10 @@
 //! passed validation.
 
 mod lines;
+mod recorder;
 
 pub use lines::LinesConfig;
+pub use recorder::{ImageRecording, KeepPolicy, RecorderConfig};
 
 use crate::CameraModel;
 use crate::camera::Distortion;
@@ -34,6 +36,9 @@ pub struct Config {
     /// What is published, and to whom.
     #[serde(default)]
     pub network: NetworkConfig,
+    /// What the flight recorder keeps, and how much of it.
+    #[serde(default)]
+    pub recorder: RecorderConfig,
 }
 
 impl Config {
@@ -47,6 +52,7 @@ impl Config {
             estimator: EstimatorConfig::default(),
             driver: DriverConfig::default(),
             network: NetworkConfig::default(),
+            recorder: RecorderConfig::default(),
         }
     }
 }

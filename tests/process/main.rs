@@ -2,6 +2,7 @@
 
 mod errors;
 mod lines;
+mod log;
 mod network;
 mod replay;
 

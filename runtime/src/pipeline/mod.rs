@@ -9,16 +9,20 @@
 pub mod clock;
 pub mod digest;
 pub mod figures;
+pub mod orders;
+pub mod tap;
 
 use crate::alloc;
 use clock::Pace;
 use digest::Digest;
 use figures::Figures;
+use orders::{CorrectionOrder, FrameOrder, Verdict};
 use plumbline_config::{Config, Timestamp};
 use plumbline_drivers::{DriverError, Faults, ImuReading, ImuSource, Prefetch, StereoFrame, StereoSource};
 use plumbline_estimator::{Estimate, Estimator, FrameInput, ImuAdmission, Odometry, Propagator};
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
+use tap::Tap;
 
 /// An estimate takes effect on the odometry this long after its measurement, in data time: longer than the
 /// slowest frame may take, shorter than a frame period.
@@ -70,6 +74,8 @@ pub struct Pipeline {
     estimates: Digest,
     odometry: Digest,
     figures: Figures,
+    tap: Box<dyn Tap>,
+    readings: u64,
 }
 
 impl Pipeline {
@@ -87,7 +93,15 @@ impl Pipeline {
             estimates: Digest::default(),
             odometry: Digest::default(),
             figures: Figures::default(),
+            tap: Box::new(()),
+            readings: 0,
         }
+    }
+
+    /// The same with a listener.
+    #[must_use]
+    pub fn tapped(self, tap: Box<dyn Tap>) -> Self {
+        Self { tap, ..self }
     }
 
     /// Runs both streams to their end, or until `stop` is set.
@@ -117,6 +131,7 @@ impl Pipeline {
             let needed = self.estimator.imu_needed_until(frame.stamp);
             self.advance_imu(imu.as_mut(), needed, sink)?;
             self.take_frame(&frame, sink);
+            self.tap.frame(&mut frame);
         }
         self.advance_imu(imu.as_mut(), Timestamp::MAX, sink)?;
         self.figures.finish();
@@ -156,12 +171,19 @@ impl Pipeline {
         while self.pending.front().is_some_and(|e| sample.stamp >= e.stamp.plus_nanos(CORRECTION_DELAY_NS)) {
             if let Some(estimate) = self.pending.pop_front() {
                 self.propagator.correct(&estimate);
+                let frame = estimate.frame_sequence;
+                self.tap.correction(&CorrectionOrder { frame, readings_before: self.readings });
             }
         }
         let odometry = self.propagator.tick(sample);
+        self.readings += 1;
         let handout_us = watch.elapsed_ms() * 1e3;
         if self.estimator.add_imu(sample) != ImuAdmission::Accepted {
             self.figures.imu_refused += 1;
+        }
+        self.tap.reading(reading);
+        if let Some(odometry) = &odometry {
+            self.tap.odometry(odometry);
         }
         self.figures.hot_path_allocations += counting.map_or(0, alloc::Count::end);
         if let Some(odometry) = odometry {
@@ -179,10 +201,13 @@ impl Pipeline {
             images: [frame.image(0), frame.image(1)],
         };
         let counting = self.is_warm(frame.stamp).then(alloc::Count::begin);
+        let verdict = Verdict::Taken { level: 0 };
+        self.tap.order(&FrameOrder { frame: frame.sequence, readings_before: self.readings, verdict });
         let watch = clock::Stopwatch::start();
         let cpu = clock::CpuStopwatch::start();
         let estimate = self.estimator.add_frame(&input, &mut self.figures.stages);
         let (frame_ms, cpu_ms) = (watch.elapsed_ms(), cpu.elapsed_ms());
+        self.tap.estimate(&estimate);
         self.figures.hot_path_allocations += counting.map_or(0, alloc::Count::end);
         self.figures.frame(frame.stamp, &estimate, frame_ms, cpu_ms);
         self.estimates.estimate(&estimate);
