@@ -6,9 +6,11 @@
 //! passed validation.
 
 mod lines;
+mod recorder;
 mod runtime;
 
 pub use lines::LinesConfig;
+pub use recorder::{ImageRecording, KeepPolicy, RecorderConfig};
 pub use runtime::RuntimeConfig;
 
 use crate::CameraModel;
@@ -39,6 +41,9 @@ pub struct Config {
     /// What a live run asks of the host.
     #[serde(default)]
     pub runtime: RuntimeConfig,
+    /// What the flight recorder keeps, and how much of it.
+    #[serde(default)]
+    pub recorder: RecorderConfig,
 }
 
 impl Config {
@@ -53,6 +58,7 @@ impl Config {
             driver: DriverConfig::default(),
             network: NetworkConfig::default(),
             runtime: RuntimeConfig::default(),
+            recorder: RecorderConfig::default(),
         }
     }
 }

@@ -1,6 +1,8 @@
 //! What is flown: a recorded data set or a simulated scenario, opened and ready to run.
 
 use crate::cli::Usage;
+use crate::log::LogReader;
+use crate::log::source::{LogImu, LogStereo};
 use anyhow::{Context, Result};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use plumbline_config::{Config, Timestamp, import};
@@ -95,12 +97,42 @@ pub fn open_dataset(
     })
 }
 
+/// Whether `path` is that of a flight log.
+#[must_use]
+pub fn is_log(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension == "mcap") && !path.is_dir()
+}
+
+/// Opens a flight log. Without a configuration that of the log is in force.
+///
+/// # Errors
+/// When the log cannot be used, or holds no images.
+pub fn open_log(
+    path: &Path,
+    config: Option<Config>,
+    frames: Option<Range<usize>>,
+    mono: bool,
+) -> Result<Flight> {
+    let log = LogReader::open(path)?;
+    let mut config = config.unwrap_or_else(|| log.about().config.clone());
+    if mono {
+        config.camera.truncate(1);
+    }
+    Ok(Flight {
+        imu: Box::new(LogImu::open(path)?),
+        stereo: Box::new(LogStereo::open(path, frames, config.camera.len() == 1)?),
+        truth: Truth::None,
+        name: path.display().to_string(),
+        config,
+    })
+}
+
 /// Whether there can be a data set at `path` at all.
 fn check_dataset(path: &Path) -> Result<(), Usage> {
     let message = if !path.exists() {
         "does not exist; give the directory of a EuRoC data set, or sim:room, sim:hall, sim:low-texture"
     } else if !path.is_dir() {
-        "is not a directory; give the directory of a EuRoC data set (unpack it first)"
+        "is not a directory; give the directory of a EuRoC data set (unpack it first) or a flight log (.mcap)"
     } else if !["mav0", "cam0", "imu0"].iter().any(|name| path.join(name).is_dir()) {
         "holds no mav0; give the directory of a EuRoC data set"
     } else {

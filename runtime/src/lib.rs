@@ -2,7 +2,8 @@
 //!
 //! The data flow one way: a [`flight`] opens the streams, the [`pipeline`] takes them to estimates, sinks
 //! take what it produces ([`record`], [`net`]), a [`report`] sums it up, [`evaluate`] compares trajectories, and a
-//! [`campaign`] does all of it over many flights. A [`picture`] shows what was found in an image.
+//! [`campaign`] does all of it over many flights. A flight [`log`] holds a run so that it can be executed
+//! again. A [`picture`] shows what was found in an image.
 
 pub mod alloc;
 pub mod bench;
@@ -12,6 +13,7 @@ pub mod demo;
 pub mod evaluate;
 pub mod flight;
 pub mod ground;
+pub mod log;
 pub mod net;
 pub mod picture;
 pub mod pipeline;

@@ -4,6 +4,7 @@ mod cgroup;
 mod errors;
 mod lines;
 mod live;
+mod log;
 mod network;
 mod replay;
 

@@ -80,6 +80,7 @@ fn values_are_checked_against_each_other() {
     check("estimator.window.min_depth_m", "max_depth_m", |c| c.estimator.window.min_depth_m = 60.0);
     check("imu.gyro_bias_sigma_rad_s", "max_gyro_bias", |c| c.imu.gyro_bias_sigma_rad_s = 0.6);
     check("estimator.points.max_points", "max_landmarks", |c| c.estimator.points.max_points = 601);
+    check("recorder.max_file_mb", "max_total_mb", |c| c.recorder.max_file_mb = 20_000);
     check("estimator.window.keyframes", "more than 15", |c| c.estimator.window.keyframes = 13);
     check("imu.rate_hz", "twice", |c| c.imu.rate_hz = 0.0);
     check("camera[1].rate_hz", "differs", |c| c.camera[1].rate_hz = 10.0);

@@ -137,6 +137,12 @@ fn check_orders(config: &Config, found: &mut Vec<Violation>) {
             "estimator.window.max_landmarks",
             window.max_landmarks as f64,
         ),
+        loose(
+            "recorder.max_file_mb",
+            config.recorder.max_file_mb as f64,
+            "recorder.max_total_mb",
+            config.recorder.max_total_mb as f64,
+        ),
     ];
     for (key, low, than, high, _) in pairs.into_iter().filter(|(.., refused)| *refused) {
         let reason = format!("{low} is too large for `{than}` = {high}");

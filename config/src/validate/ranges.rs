@@ -86,6 +86,11 @@ const ROWS: &[Row<Config>] = &[
     ("driver.image_queue",      |c| c.driver.image_queue as f64, 1.0, 64.0, COUNT),
     ("driver.pair_tolerance_s", |c| c.driver.pair_tolerance_s,   0.0, 0.1,  SECONDS),
     ("driver.reorder_window_s", |c| c.driver.reorder_window_s,   0.0, 1.0,  SECONDS),
+
+    ("recorder.max_file_mb",    |c| c.recorder.max_file_mb as f64,   32.0, 65_536.0,     "write it in MB (10^6 bytes)"),
+    ("recorder.max_total_mb",   |c| c.recorder.max_total_mb as f64,  32.0, 16_777_216.0, "write it in MB (10^6 bytes)"),
+    ("recorder.queue_entries",  |c| c.recorder.queue_entries as f64, 64.0, 65_536.0,     COUNT),
+    ("recorder.queue_frames",   |c| c.recorder.queue_frames as f64,  1.0,  256.0,        COUNT),
 ];
 
 #[rustfmt::skip]

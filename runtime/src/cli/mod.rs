@@ -10,10 +10,12 @@ pub mod choice;
 mod doctor;
 pub mod evaluate;
 pub mod lines;
+pub mod log;
 pub mod overrides;
 pub mod replay;
 pub mod scenario;
 pub mod simulate;
+pub mod verify;
 
 use clap::{CommandFactory, Parser, Subcommand};
 use plumbline_config::{Config, ConfigError};
@@ -40,6 +42,8 @@ const EXAMPLES: &str = "Examples:
   plumbline demo                                    a simulated flight, live
   plumbline replay V1_01_easy --trajectory out.tum  a EuRoC data set as fast as it goes
   plumbline replay sim:hall --duration 20           a simulated flight, not written to disk
+  plumbline replay V1_01_easy --record log.mcap     the same, recorded
+  plumbline verify log.mcap                         is the recorded flight what comes out again?
   plumbline evaluate out.tum V1_01_easy             its errors, as evo_ape and evo_rpe give them
   plumbline lines image.png --out lines.png         the line segments of one image, as a picture
   plumbline ground --connect tcp/127.0.0.1:7447     watch the vehicles on a network
@@ -52,6 +56,10 @@ enum Command {
     Demo(crate::demo::DemoArgs),
     /// Run the estimator over a recorded or simulated flight.
     Replay(replay::ReplayArgs),
+    /// Execute a recorded flight again, and compare every output bit for bit.
+    Verify(verify::VerifyArgs),
+    /// Say what is in a flight log.
+    Log(log::LogArgs),
     /// Write a simulated flight as a EuRoC data set.
     Simulate(simulate::SimulateArgs),
     /// Compare a trajectory with its ground truth.
@@ -101,6 +109,8 @@ fn run(command: Command) -> anyhow::Result<()> {
     match command {
         Command::Demo(args) => crate::demo::run(&args),
         Command::Replay(args) => replay::run(&args),
+        Command::Verify(args) => verify::run(&args),
+        Command::Log(args) => log::run(&args),
         Command::Simulate(args) => simulate::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Lines(args) => lines::run(&args),

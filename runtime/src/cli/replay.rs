@@ -5,8 +5,10 @@ use super::scenario::{ScenarioArgs, parse_scene};
 use super::{Usage, check_outputs, load_config, parse_range, say, stop_on_signal};
 use crate::campaign::cache;
 use crate::evaluate::load_trajectory;
-use crate::flight::{Flight, Truth, open_dataset, open_simulation};
+use crate::flight::{Flight, Truth, is_log, open_dataset, open_log, open_simulation};
+use crate::log::{self, WhenFull};
 use crate::net::{Endpoints, Publisher};
+use crate::pipeline::tap::Tap;
 use crate::pipeline::{Outcome, RunOptions, Sink, Streams};
 use crate::record::{CausalPose, Recorder};
 use crate::report::Report;
@@ -23,10 +25,10 @@ use std::sync::atomic::AtomicBool;
 /// Arguments of `plumbline replay`.
 #[derive(Debug, Args)]
 pub struct ReplayArgs {
-    /// A EuRoC data set, or a simulated flight: sim:room, sim:hall, sim:low-texture.
+    /// A EuRoC data set, a flight log (.mcap), or a simulated flight: sim:room, sim:hall, sim:low-texture.
     pub dataset: String,
-    /// Configuration file or preset. Without one: the preset `euroc` with the data set's calibration, or
-    /// the preset `sim`.
+    /// Configuration file or preset. Without one: the preset `euroc` with the data set's calibration, the
+    /// configuration of the log, or the preset `sim`.
     #[arg(long)]
     pub config: Option<PathBuf>,
     /// Change a key of the estimator's configuration, such as estimator.points.sigma_px=0.3; may be
@@ -49,13 +51,17 @@ pub struct ReplayArgs {
     /// Write the 6x6 covariance of every pose (CSV).
     #[arg(long, value_name = "OUT.csv")]
     pub covariance: Option<PathBuf>,
+    /// Record the flight, to be looked at in Foxglove and executed again by `verify`; how much of it, the
+    /// configuration's [recorder] says.
+    #[arg(long, value_name = "LOG.mcap")]
+    pub record: Option<PathBuf>,
     /// Write the report (JSON).
     #[arg(long, value_name = "OUT.json")]
     pub report: Option<PathBuf>,
     /// Ground truth of a data set that brings none: TUM (plain or .gz) or a EuRoC table.
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
-    /// Only these frames of a data set.
+    /// Only these frames of a data set or log.
     #[arg(long, value_name = "A..B")]
     pub frames: Option<String>,
     /// Keep the rendered frames of a simulated flight in this folder, and take them from there if they are.
@@ -89,7 +95,8 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     if args.speed.is_some_and(|s| !(s.is_finite() && s > 0.0)) {
         return Err(Usage("--speed: give a positive number".into()).into());
     }
-    check_outputs([&args.trajectory, &args.odometry, &args.covariance, &args.report].into_iter().flatten())?;
+    let outputs = [&args.trajectory, &args.odometry, &args.covariance, &args.report, &args.record];
+    check_outputs(outputs.into_iter().flatten())?;
     let mut flight = open(args)?;
     flight.config = with_overrides(&flight.config, &args.overrides)?;
     if args.no_lines {
@@ -98,6 +105,8 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     if let Some(file) = &args.truth {
         flight.truth = Truth::Recorded(load_trajectory(file)?);
     }
+    let is_live = args.speed.is_some();
+    let recording = args.record.as_ref().map(|path| start_recording(path, &flight, is_live)).transpose()?;
     let mut publisher = None;
     if args.publish {
         let endpoints = Endpoints::of(&flight.config.network).and_listen(&args.listen);
@@ -111,8 +120,13 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
         recorder.listeners.push(publisher);
     }
     let options = RunOptions { speed: args.speed, threads: usize::from(args.threads) };
-    let (report, poses, odometry) = fly(flight, recorder, &options, &stop)?;
+    let tap: Box<dyn Tap> = match &recording {
+        Some(recording) => Box::new(recording.handle()),
+        None => Box::new(()),
+    };
+    let (mut report, poses, odometry) = fly_tapped(flight, recorder, &options, &stop, tap)?;
     progress.0.finish_and_clear();
+    report.recording = recording.map(log::Recorder::finish);
     if let Some(publisher) = publisher {
         publisher.stop();
     }
@@ -160,7 +174,21 @@ fn open(args: &ReplayArgs) -> Result<Flight> {
             Some(from.unwrap_or(0)..to.unwrap_or(usize::MAX))
         }
     };
-    open_dataset(Path::new(&args.dataset), config, frames, args.mono)
+    let path = Path::new(&args.dataset);
+    if is_log(path) {
+        return open_log(path, config, frames, args.mono);
+    }
+    open_dataset(path, config, frames, args.mono)
+}
+
+/// Starts the recorder: a live flight never waits for it, one in virtual time loses nothing.
+fn start_recording(path: &Path, flight: &Flight, is_live: bool) -> Result<log::Recorder> {
+    if !is_log(path) {
+        let message = format!("{}: name the log with the ending .mcap", path.display());
+        return Err(Usage(message).into());
+    }
+    let when_full = if is_live { WhenFull::Drop } else { WhenFull::Wait };
+    Ok(log::Recorder::start(path, &flight.config, when_full)?)
 }
 
 /// Runs a flight to its end and reports it.
@@ -169,13 +197,27 @@ fn open(args: &ReplayArgs) -> Result<Flight> {
 /// When a driver cannot go on.
 pub fn fly(
     flight: Flight,
-    mut recorder: Recorder<'_>,
+    recorder: Recorder<'_>,
     options: &RunOptions,
     stop: &AtomicBool,
 ) -> Result<(Report, Vec<CausalPose>, Vec<plumbline_drivers::StampedPose>)> {
+    fly_tapped(flight, recorder, options, stop, Box::new(()))
+}
+
+/// The same with a listener to every input, order and output.
+///
+/// # Errors
+/// When a driver cannot go on.
+pub fn fly_tapped(
+    flight: Flight,
+    mut recorder: Recorder<'_>,
+    options: &RunOptions,
+    stop: &AtomicBool,
+    tap: Box<dyn Tap>,
+) -> Result<(Report, Vec<CausalPose>, Vec<plumbline_drivers::StampedPose>)> {
     let Flight { config, imu, stereo, truth, name } = flight;
-    let outcome: Outcome =
-        crate::pipeline::run(&config, Streams { imu, stereo }, options, stop, &mut recorder)?;
+    let streams = Streams { imu, stereo };
+    let outcome: Outcome = crate::pipeline::run(&config, streams, options, stop, tap, &mut recorder)?;
     let accuracy = Accuracy::of(&recorder.poses, &truth);
     let report = Report::new(&name, &outcome, accuracy, &config, options.threads);
     Ok((report, recorder.poses, recorder.odometry))

@@ -6,12 +6,14 @@
 
 use super::figures::Figures;
 use super::stages::{Cost, FrontStage, Job, WindowStage};
+use super::tap::Tap;
 use super::team::Team;
 use super::tick::{CORRECTION_DELAY_NS, TickStage};
 use super::{Outcome, RunError, RunOptions, Sink, Streams, sizes_of};
+use crate::schedule::ladder::Rung;
 use plumbline_config::{Config, Timestamp};
 use plumbline_drivers::{DriverError, ImuReading, ImuSource, Prefetch, StereoFrame, StereoSource};
-use plumbline_estimator::{Effort, Estimate, Feedback, Fork};
+use plumbline_estimator::{Estimate, Feedback, Fork};
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -38,11 +40,11 @@ pub struct InOrder<'a> {
 impl<'a> InOrder<'a> {
     /// Everything allocated for the configuration.
     #[must_use]
-    pub fn new(config: &Config, team: &'a Team) -> Self {
+    pub fn new(config: &Config, team: &'a Team, tap: &dyn Tap) -> Self {
         Self {
-            front: FrontStage::new(config),
-            window: WindowStage::new(config),
-            tick: TickStage::new(config),
+            front: FrontStage::new(config, tap.another()),
+            window: WindowStage::new(config, tap.another()),
+            tick: TickStage::new(config, tap.another()),
             figures: Figures::default(),
             team,
             in_flight: Job::new(config),
@@ -77,6 +79,7 @@ impl<'a> InOrder<'a> {
             let needed = self.front.needed_until(frame.stamp);
             self.feed(imu.as_mut(), needed, sink)?;
             self.step(Some(&frame), sink);
+            self.front.release(&mut frame);
         }
         self.step(None, sink);
         self.feed(imu.as_mut(), Timestamp::MAX, sink)?;
@@ -122,7 +125,7 @@ impl<'a> InOrder<'a> {
         while let Some(reading) = self.waiting.front()
             && until.is_none_or(|until| reading.sample.stamp < until)
         {
-            if let Some(odometry) = self.tick.take(reading, |_| {}) {
+            if let Some(odometry) = self.tick.take(reading) {
                 sink.odometry(&odometry);
             }
             self.waiting.pop_front();
@@ -136,7 +139,7 @@ impl<'a> InOrder<'a> {
         team.join(
             &mut || {
                 if let Some(frame) = frame {
-                    front.track(frame, &Effort::FULL, *team, next);
+                    front.track(frame, Rung::Full, *team, next);
                 }
             },
             &mut || solved = is_in_flight.then(|| window.solve(&in_flight.tracked, feedback)),

@@ -13,6 +13,7 @@ mod in_order;
 mod live;
 pub mod orders;
 mod stages;
+pub mod tap;
 mod team;
 mod tick;
 
@@ -28,6 +29,7 @@ use plumbline_drivers::{DriverError, Faults, ImuSource, StereoSource};
 use plumbline_estimator::{Estimate, Odometry};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use tap::Tap;
 use team::Team;
 
 /// How a run goes.
@@ -84,7 +86,8 @@ pub enum RunError {
     Fault(&'static str),
 }
 
-/// Runs both streams to their end, or until `stop` is set: live with a speed, else in virtual time.
+/// Runs both streams to their end, or until `stop` is set: live with a speed, else in virtual time. `tap`
+/// listens to everything that passes.
 ///
 /// # Errors
 /// When a driver cannot go on, or a thread cannot be had.
@@ -93,6 +96,7 @@ pub fn run(
     streams: Streams,
     options: &RunOptions,
     stop: &AtomicBool,
+    tap: Box<dyn Tap>,
     sink: &mut dyn Sink,
 ) -> Result<Outcome, RunError> {
     let refused = |error: rayon_core::ThreadPoolBuildError| RunError::Thread(error.to_string());
@@ -100,11 +104,12 @@ pub fn run(
     match options.speed {
         None => {
             let team = Team::new(helpers, || {}).map_err(refused)?;
-            team.lead(|| InOrder::new(config, &team).run(config, streams, options, stop, sink))
+            let executor = InOrder::new(config, &team, &*tap);
+            team.lead(|| executor.run(config, streams, options, stop, sink))
         }
         Some(speed) => {
             let host = Arc::new(Host::new(&config.runtime));
-            Live::new(config, speed, helpers, host)?.run(streams, stop, sink)
+            Live::new(config, speed, helpers, host, &*tap)?.run(streams, stop, sink)
         }
     }
 }

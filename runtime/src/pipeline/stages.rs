@@ -3,13 +3,15 @@
 use super::clock::{CpuStopwatch, Stopwatch};
 use super::digest::Digest;
 use super::figures::StageTimes;
+use super::orders::{FrameOrder, Verdict};
+use super::tap::Tap;
 use super::tick::WARM_UP_NS;
 use crate::alloc;
+use crate::log::Event;
+use crate::schedule::ladder::Rung;
 use plumbline_config::{Config, Timestamp};
 use plumbline_drivers::{ImuReading, StereoFrame};
-use plumbline_estimator::{
-    Effort, Estimate, Feedback, Fork, FrameInput, FrontEnd, ImuAdmission, Odometer, ResetKind, Tracked,
-};
+use plumbline_estimator::{Estimate, Feedback, Fork, FrameInput, FrontEnd, ImuAdmission, Odometer, Tracked};
 
 /// Computation of a frame, ms.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -56,6 +58,7 @@ fn measured<T>(count_allocations: bool, work: impl FnOnce() -> T) -> (T, Cost, u
 
 /// The front-end with its figures.
 pub struct FrontStage {
+    tap: Box<dyn Tap>,
     front_end: FrontEnd,
     point_times: StageTimes,
     line_times: StageTimes,
@@ -71,8 +74,9 @@ pub struct FrontStage {
 impl FrontStage {
     /// Everything allocated for the configuration.
     #[must_use]
-    pub fn new(config: &Config) -> Self {
+    pub fn new(config: &Config, tap: Box<dyn Tap>) -> Self {
         Self {
+            tap,
             front_end: FrontEnd::new(config),
             point_times: StageTimes::default(),
             line_times: StageTimes::default(),
@@ -95,30 +99,48 @@ impl FrontStage {
         self.front_end.imu_needed_until(image_stamp)
     }
 
-    /// Tracks a frame.
-    pub fn track(&mut self, frame: &StereoFrame, effort: &Effort, fork: &dyn Fork, job: &mut Job) {
+    /// Tracks a frame with the work of a rung of the ladder.
+    pub fn track(&mut self, frame: &StereoFrame, rung: Rung, fork: &dyn Fork, job: &mut Job) {
         let input = FrameInput {
             sequence: frame.sequence,
             stamp: frame.stamp,
             images: [frame.image(0), frame.image(1)],
         };
         let first = *self.first.get_or_insert(frame.stamp);
-        let Self { front_end, point_times, line_times, .. } = self;
+        let order = self.order(frame, Verdict::Taken { level: rung.level() });
+        let Self { tap, front_end, point_times, line_times, .. } = self;
         let ((), cost, allocations) = measured(frame.stamp.nanos_since(first) > WARM_UP_NS, || {
-            front_end.track(&input, effort, fork, [point_times, line_times], &mut job.tracked);
+            tap.order(&order);
+            front_end.track(&input, &rung.effort(), fork, [point_times, line_times], &mut job.tracked);
         });
         job.cost = cost;
         self.allocations += allocations;
     }
 
+    /// Passes a frame over.
+    pub fn refuse(&mut self, frame: &mut StereoFrame) {
+        let order = self.order(frame, Verdict::Refused);
+        self.tap.order(&order);
+        self.tap.frame(frame);
+    }
+
+    /// A tracked frame is done with; other buffers may be left in its place.
+    pub fn release(&mut self, frame: &mut StereoFrame) {
+        self.tap.frame(frame);
+    }
+
+    /// Something that people want to know.
+    pub fn tell(&mut self, event: &Event) {
+        self.tap.event(event);
+    }
+
+    fn order(&self, frame: &StereoFrame, verdict: Verdict) -> FrameOrder {
+        FrameOrder { frame: frame.sequence, readings_before: self.readings, verdict }
+    }
+
     /// Takes what the window found out.
     pub fn hear(&mut self, feedback: &Feedback) {
         self.front_end.hear(feedback);
-    }
-
-    /// Starts anew before the next frame.
-    pub fn reset(&mut self, kind: ResetKind) {
-        self.front_end.reset(kind);
     }
 
     /// The time of each stage so far.
@@ -130,6 +152,7 @@ impl FrontStage {
 
 /// The window with its figures.
 pub struct WindowStage {
+    tap: Box<dyn Tap>,
     odometer: Odometer,
     digest: Digest,
     first: Option<Timestamp>,
@@ -142,8 +165,9 @@ pub struct WindowStage {
 impl WindowStage {
     /// Everything allocated for the configuration.
     #[must_use]
-    pub fn new(config: &Config) -> Self {
+    pub fn new(config: &Config, tap: Box<dyn Tap>) -> Self {
         Self {
+            tap,
             odometer: Odometer::new(config),
             digest: Digest::default(),
             first: None,
@@ -161,6 +185,7 @@ impl WindowStage {
         });
         self.allocations += allocations;
         self.digest.estimate(&estimate);
+        self.tap.estimate(&estimate);
         (estimate, cost)
     }
 

@@ -3,6 +3,7 @@
 use super::digest::Digest;
 use super::figures::{StageTimes, Times};
 use super::orders::CorrectionOrder;
+use super::tap::Tap;
 use crate::alloc;
 use crate::pipeline::clock::Stopwatch;
 use plumbline_config::{Config, Timestamp};
@@ -39,6 +40,7 @@ pub struct TickStage {
     first: Option<Timestamp>,
     newest: Timestamp,
     digest: Digest,
+    tap: Box<dyn Tap>,
     /// What was counted and timed so far.
     pub figures: TickFigures,
 }
@@ -46,8 +48,9 @@ pub struct TickStage {
 impl TickStage {
     /// Everything allocated for the configuration.
     #[must_use]
-    pub fn new(config: &Config) -> Self {
+    pub fn new(config: &Config, tap: Box<dyn Tap>) -> Self {
         Self {
+            tap,
             propagator: Propagator::new(config),
             pending: VecDeque::with_capacity(MAX_PENDING),
             readings: 0,
@@ -74,9 +77,8 @@ impl TickStage {
         self.pending.push_back(estimate);
     }
 
-    /// Takes a reading; the odometry at its time, once there has been a pose. `tell` hears which estimates
-    /// took effect before it.
-    pub fn take(&mut self, reading: &ImuReading, mut tell: impl FnMut(&CorrectionOrder)) -> Option<Odometry> {
+    /// Takes a reading; the odometry at its time, once there has been a pose.
+    pub fn take(&mut self, reading: &ImuReading) -> Option<Odometry> {
         let sample = &reading.sample;
         let first = *self.first.get_or_insert(sample.stamp);
         let counting = (sample.stamp.nanos_since(first) > WARM_UP_NS).then(alloc::Count::begin);
@@ -85,7 +87,8 @@ impl TickStage {
         while self.pending.front().is_some_and(|e| sample.stamp >= due(e)) {
             if let Some(estimate) = self.pending.pop_front() {
                 self.propagator.correct(&estimate);
-                tell(&CorrectionOrder { frame: estimate.frame_sequence, readings_before: self.readings });
+                let frame = estimate.frame_sequence;
+                self.tap.correction(&CorrectionOrder { frame, readings_before: self.readings });
             }
         }
         let odometry = self.propagator.tick(sample);
@@ -95,7 +98,9 @@ impl TickStage {
         if let Some(odometry) = &odometry {
             self.figures.handout_us.record(watch.elapsed_ms() * 1e3);
             self.digest.odometry(odometry);
+            self.tap.odometry(odometry);
         }
+        self.tap.reading(reading);
         self.figures.allocations += counting.map_or(0, alloc::Count::end);
         odometry
     }

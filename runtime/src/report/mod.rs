@@ -2,6 +2,7 @@
 
 pub mod accuracy;
 
+use crate::log::recorder::RecorderSummary;
 use crate::pipeline::figures::Percentiles;
 use crate::pipeline::{LiveFigures, Outcome};
 use accuracy::Accuracy;
@@ -65,6 +66,9 @@ pub struct Report {
     pub threads: usize,
     /// SHA-256 of the configuration.
     pub config_hash: String,
+    /// What the recorder wrote, where there was one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub recording: Option<RecorderSummary>,
 }
 
 /// Points, means per frame.
@@ -153,6 +157,7 @@ impl Report {
             imu_refused: f.imu_refused,
             threads,
             config_hash: config_hash(config),
+            recording: None,
         }
     }
 
@@ -212,6 +217,9 @@ impl Report {
             "{:<18}{:.0} MB at most, {} allocations in the hot path",
             "memory", self.peak_rss_mb, self.hot_path_allocations
         ));
+        if let Some(recording) = &self.recording {
+            lines.push(format!("{:<18}{recording}", "recording"));
+        }
         lines.push(format!("{:<18}{}", "estimate digest", &self.estimate_digest[..16]));
         lines.join("\n")
     }

@@ -4,6 +4,7 @@ use super::super::stages::{FrontStage, Job};
 use super::super::team::Team;
 use super::drivers::Arrival;
 use super::{NAP, Shared};
+use crate::log::{Event, Severity};
 use crate::pipeline::figures::Times;
 use crate::schedule::ladder::{Ladder, Rung};
 use crate::schedule::ring::{Bell, Reader, Writer};
@@ -96,14 +97,14 @@ impl FrontEndTask {
     pub fn run(mut self, shared: &Shared<'_>, team: &Team) -> (FrontStage, FrontEndFigures) {
         self.bell.listen();
         while self.hear_window(shared) {
-            let Some((arrival, shed)) = self.newest_frame() else { break };
+            let Some((mut arrival, shed)) = self.newest_frame() else { break };
             shared.heartbeats.busy(TaskId::FrontEnd);
             let rung = self.ladder.rung();
             self.figures.on_rung[usize::from(rung.level())] += 1;
             if rung.admits(arrival.frame.sequence) {
                 self.take_samples(shared, arrival.frame.stamp);
                 let Some(mut job) = self.spare.pop() else { break };
-                self.stage.track(&arrival.frame, &rung.effort(), team, &mut job);
+                self.stage.track(&arrival.frame, rung, team, &mut job);
                 let longest_ms = job.cost.wall_ms.max(shared.window_ms());
                 self.figures.response_ms.record(Monotonic::now().ms_since(arrival.at));
                 self.taken += 1;
@@ -111,9 +112,11 @@ impl FrontEndTask {
                 if self.jobs.push(job).is_err() {
                     break;
                 }
+                self.stage.release(&mut arrival.frame);
                 self.judge(shared, longest_ms, shed);
             } else {
                 self.figures.passed_over += 1;
+                self.stage.refuse(&mut arrival.frame);
                 self.judge(shared, 0.0, shed);
             }
             let _ = self.empty.push(arrival.frame);
@@ -155,7 +158,8 @@ impl FrontEndTask {
         };
         let mut shed = 0;
         while let Some(newer) = self.arrivals.pop() {
-            let older = std::mem::replace(&mut newest, newer);
+            let mut older = std::mem::replace(&mut newest, newer);
+            self.stage.refuse(&mut older.frame);
             let _ = self.empty.push(older.frame);
             shed += 1;
         }
@@ -186,11 +190,10 @@ impl FrontEndTask {
         if let Some(rung) = self.ladder.observe(longest_ms / period_ms, shed > 0) {
             let is_down = rung > before;
             *if is_down { &mut self.figures.steps.0 } else { &mut self.figures.steps.1 } += 1;
-            tracing::warn!(
-                "the work {}: {}",
-                if is_down { "does not fit" } else { "fits again" },
-                rung.name()
-            );
+            let words = if is_down { "the work does not fit" } else { "the work fits again" };
+            tracing::warn!("{words}: {}", rung.name());
+            let now = shared.data_time(Monotonic::now());
+            self.stage.tell(&Event::new(now, Severity::Warning, format_args!("{words}: {}", rung.name())));
         }
     }
 }

@@ -2,6 +2,8 @@
 
 use super::super::RunError;
 use super::Shared;
+use crate::log::{Event, Severity};
+use crate::pipeline::tap::Tap;
 use crate::schedule::ticker::Monotonic;
 use crate::schedule::watchdog::{Finding, WATCH_PERIOD, Watchdog};
 use sd_notify::NotifyState;
@@ -35,10 +37,11 @@ impl Minder {
         &'scope self,
         scope: &'scope Scope<'scope, '_>,
         shared: &'scope Shared<'_>,
+        tap: Box<dyn Tap>,
     ) -> Result<ScopedJoinHandle<'scope, Minded>, RunError> {
         Builder::new()
             .name("watchdog".into())
-            .spawn_scoped(scope, || self.watch(shared))
+            .spawn_scoped(scope, move || self.watch(shared, tap))
             .map_err(|error| RunError::Thread(error.to_string()))
     }
 
@@ -47,7 +50,7 @@ impl Minder {
         self.ended.store(true, Ordering::Relaxed);
     }
 
-    fn watch(&self, shared: &Shared<'_>) -> Minded {
+    fn watch(&self, shared: &Shared<'_>, mut tap: Box<dyn Tap>) -> Minded {
         let mut watchdog = Watchdog::default();
         let (start, mut settled_mb, mut peak_mb) = (Monotonic::now(), None, 0.0f64);
         let patience = sd_notify::watchdog_enabled();
@@ -58,7 +61,9 @@ impl Minder {
                 break;
             }
             let now = Monotonic::now();
-            watchdog.look(&shared.table, &shared.heartbeats, now, |finding| tell(shared, finding));
+            watchdog.look(&shared.table, &shared.heartbeats, now, |finding| {
+                tell(shared, &mut *tap, finding);
+            });
             if let Some(patience) = patience
                 && !watchdog.is_critical()
                 && now.ms_since(last_sign) * 3e-3 > patience.as_secs_f64()
@@ -80,14 +85,20 @@ impl Minder {
     }
 }
 
-fn tell(shared: &Shared<'_>, finding: Finding) {
+/// Says what was found, in the log of the process and in that of the flight.
+fn tell(shared: &Shared<'_>, tap: &mut dyn Tap, finding: Finding) {
+    let now = shared.data_time(Monotonic::now());
     match finding {
-        Finding::Stalled(id, silence) => tracing::error!(
-            "{} is stalled: no sign of life for {:.0} ms",
-            shared.table.row(id).name,
-            silence.as_secs_f64() * 1e3
-        ),
-        Finding::Recovered(id) => tracing::warn!("{} is back", shared.table.row(id).name),
+        Finding::Stalled(id, silence) => {
+            let (name, ms) = (shared.table.row(id).name, silence.as_secs_f64() * 1e3);
+            tracing::error!("{name} is stalled: no sign of life for {ms:.0} ms");
+            tap.event(&Event::new(now, Severity::Error, format_args!("{name} is stalled for {ms:.0} ms")));
+        }
+        Finding::Recovered(id) => {
+            let name = shared.table.row(id).name;
+            tracing::warn!("{name} is back");
+            tap.event(&Event::new(now, Severity::Info, format_args!("{name} is back")));
+        }
     }
 }
 

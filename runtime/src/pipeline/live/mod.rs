@@ -24,6 +24,7 @@ pub use figures::LiveFigures;
 
 use super::figures::Figures;
 use super::stages::{Cost, FrontStage, Job, WindowStage};
+use super::tap::Tap;
 use super::team::Team;
 use super::tick::TickStage;
 use super::{Outcome, RunError, Sink, Streams, sizes_of};
@@ -83,6 +84,12 @@ impl Shared<'_> {
         self.origin.1.plus_nanos((data_ns / self.speed) as i64)
     }
 
+    /// The time of data that are due at `at`.
+    fn data_time(&self, at: Monotonic) -> Timestamp {
+        let wall_ns = (at.0 - self.origin.1.0) as f64;
+        self.origin.0.plus_nanos((wall_ns * self.speed) as i64)
+    }
+
     fn is_stopped(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
     }
@@ -127,6 +134,7 @@ pub struct Live {
     speed: f64,
     team: Team,
     host: Arc<Host>,
+    tap: Box<dyn Tap>,
     front: FrontStage,
     window: WindowStage,
     tick: TickStage,
@@ -137,7 +145,13 @@ impl Live {
     ///
     /// # Errors
     /// When the system refuses a thread.
-    pub fn new(config: &Config, speed: f64, helpers: usize, host: Arc<Host>) -> Result<Self, RunError> {
+    pub fn new(
+        config: &Config,
+        speed: f64,
+        helpers: usize,
+        host: Arc<Host>,
+        tap: &dyn Tap,
+    ) -> Result<Self, RunError> {
         let table = TaskTable::new(config, speed);
         let (theirs, task) = (Arc::clone(&host), *table.row(TaskId::FrontEnd));
         let team = Team::new(helpers, move || theirs.enter(&task))
@@ -147,9 +161,10 @@ impl Live {
             speed,
             team,
             host,
-            front: FrontStage::new(config),
-            window: WindowStage::new(config),
-            tick: TickStage::new(config),
+            tap: tap.another(),
+            front: FrontStage::new(config, tap.another()),
+            window: WindowStage::new(config, tap.another()),
+            tick: TickStage::new(config, tap.another()),
         })
     }
 
@@ -190,7 +205,7 @@ impl Live {
         stereo: Box<dyn plumbline_drivers::StereoSource>,
         sink: &mut dyn Sink,
     ) -> Result<Outcome, RunError> {
-        let Self { config, team, front, window, tick, .. } = self;
+        let Self { config, team, tap, front, window, tick, .. } = self;
         let [tick_bell, front_bell, window_bell, camera_bell, sink_bell] =
             std::array::from_fn(|_| Bell::default());
         let (readings_in, readings) = ring(READING_RING, &tick_bell);
@@ -231,7 +246,7 @@ impl Live {
         collector.figures.start();
         let minder = Minder::default();
         std::thread::scope(|scope| {
-            let minding = minder.start(scope, shared)?;
+            let minding = minder.start(scope, shared, tap)?;
             let window = shared.spawn(scope, TaskId::Window, move || window.run(shared))?;
             let front = shared.spawn(scope, TaskId::FrontEnd, || team.lead(|| front.run(shared, &team)))?;
             let camera = shared.spawn(scope, TaskId::Camera, move || camera.run(shared))?;

@@ -87,7 +87,7 @@ impl TickTask {
             && shared.due(reading.sample.stamp) <= Monotonic::now()
         {
             self.readings.pop();
-            let odometry = self.stage.take(&reading, |_| {});
+            let odometry = self.stage.take(&reading);
             let latency_ms = Monotonic::now().ms_since(shared.due(reading.sample.stamp));
             self.figures.latency_ms.record(latency_ms);
             self.figures.deadline_misses += u64::from(latency_ms > deadline_ms);

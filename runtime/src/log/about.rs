@@ -1,0 +1,134 @@
+//! What stands at the beginning of every part of a log: which flight and which part it is, the
+//! configuration, its hash, and the build.
+
+use super::LogError;
+use super::build_id::BuildId;
+use crate::report::config_hash;
+use plumbline_config::Config;
+use plumbline_config::options::ImageRecording;
+use sha2::{Digest as _, Sha256};
+use std::collections::BTreeMap;
+use std::time::SystemTime;
+
+/// Name of the metadata record.
+pub const METADATA_NAME: &str = "plumbline";
+/// Version of the log's format.
+const FORMAT: &str = "1";
+
+/// The beginning of a part.
+#[derive(Clone, Debug)]
+pub struct About {
+    /// Names the flight: all its parts have it in common, and no other flight has it.
+    pub flight: String,
+    /// Number of the part, from 0.
+    pub part: u32,
+    /// The configuration of the estimator.
+    pub config: Config,
+    /// SHA-256 of the configuration.
+    pub config_hash: String,
+    /// How images are kept.
+    pub images: ImageRecording,
+    /// What wrote the log.
+    pub build: BuildId,
+}
+
+impl About {
+    /// A new flight with `config`, which must come back from its text as it is.
+    ///
+    /// # Errors
+    /// When it does not.
+    pub fn new(config: &Config) -> Result<Self, LogError> {
+        Config::from_toml_str(&config.to_toml()?, "the configuration of the flight")?;
+        let seed = format!("{:?} {}", SystemTime::now(), std::process::id());
+        Ok(Self {
+            flight: Sha256::digest(seed.as_bytes()).iter().take(8).map(|b| format!("{b:02x}")).collect(),
+            part: 0,
+            config: config.clone(),
+            config_hash: config_hash(config),
+            images: config.recorder.images,
+            build: BuildId::current().clone(),
+        })
+    }
+
+    /// As metadata.
+    ///
+    /// # Errors
+    /// When the configuration cannot be written as text.
+    pub fn to_metadata(&self) -> Result<BTreeMap<String, String>, LogError> {
+        let images = match self.images {
+            ImageRecording::None => "none",
+            ImageRecording::Png => "png",
+            ImageRecording::Raw => "raw",
+        };
+        let mut metadata: BTreeMap<String, String> = [
+            ("format", FORMAT.to_owned()),
+            ("flight", self.flight.clone()),
+            ("part", self.part.to_string()),
+            ("config", self.config.to_toml()?),
+            ("config_sha256", self.config_hash.clone()),
+            ("images", images.to_owned()),
+        ]
+        .map(|(key, value)| (key.to_owned(), value))
+        .into();
+        self.build.write(&mut metadata);
+        Ok(metadata)
+    }
+
+    /// From metadata.
+    ///
+    /// # Errors
+    /// When something is missing or does not fit: what it is, in words.
+    pub fn from_metadata(metadata: &BTreeMap<String, String>) -> Result<Self, String> {
+        let value = |key: &str| metadata.get(key).ok_or_else(|| format!("its metadata has no '{key}'"));
+        let format = value("format")?;
+        if format != FORMAT {
+            return Err(format!("is of log format {format}, and this build reads {FORMAT}"));
+        }
+        let images = match value("images")?.as_str() {
+            "none" => ImageRecording::None,
+            "png" => ImageRecording::Png,
+            "raw" => ImageRecording::Raw,
+            other => return Err(format!("keeps images in an unknown way, '{other}'")),
+        };
+        let config =
+            Config::from_toml_str(value("config")?, "its configuration").map_err(|e| e.to_string())?;
+        let about = Self {
+            flight: value("flight")?.clone(),
+            part: value("part")?.parse().map_err(|_| "its part has no number")?,
+            config_hash: value("config_sha256")?.clone(),
+            images,
+            build: BuildId::read(metadata),
+            config,
+        };
+        if config_hash(&about.config) != about.config_hash {
+            return Err("its configuration does not have the hash that was recorded with it".into());
+        }
+        Ok(about)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_beginning_of_a_part_comes_back() {
+        let about = About::new(&Config::preset("sim").unwrap()).unwrap();
+        let back = About::from_metadata(&about.to_metadata().unwrap()).unwrap();
+        assert_eq!((back.flight, back.part), (about.flight, 0));
+        assert_eq!((back.config, back.config_hash), (about.config, about.config_hash));
+        assert_eq!(back.build, about.build);
+    }
+
+    #[test]
+    fn a_changed_configuration_is_refused() {
+        let mut metadata = About::new(&Config::preset("sim").unwrap()).unwrap().to_metadata().unwrap();
+        let changed = metadata["config"].replace("max_points = 120", "max_points = 121");
+        metadata.insert("config".into(), changed);
+        assert!(About::from_metadata(&metadata).unwrap_err().contains("hash"));
+        metadata.remove("config");
+        assert!(About::from_metadata(&metadata).unwrap_err().contains("no 'config'"));
+        metadata.insert("format".into(), "2".into());
+        assert!(About::from_metadata(&metadata).unwrap_err().contains("format 2"));
+    }
+}

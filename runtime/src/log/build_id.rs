@@ -1,0 +1,116 @@
+//! Which build wrote a log: bits are promised for one binary on one family of processors.
+
+use sha2::{Digest as _, Sha256};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::Read;
+use std::sync::OnceLock;
+
+const UNKNOWN: &str = "unknown";
+
+/// A build, and the machine it runs on.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct BuildId {
+    /// Version of the package.
+    pub version: String,
+    /// Commit of the sources, where it was known.
+    pub commit: String,
+    /// Target triple.
+    pub target: String,
+    /// Target features.
+    pub features: String,
+    /// Version of the compiler.
+    pub rustc: String,
+    /// SHA-256 of the executable file.
+    pub executable: String,
+    /// Model of the processor.
+    pub processor: String,
+}
+
+impl BuildId {
+    /// Of this process. The first call reads the executable.
+    #[must_use]
+    pub fn current() -> &'static Self {
+        static CURRENT: OnceLock<BuildId> = OnceLock::new();
+        CURRENT.get_or_init(|| Self {
+            version: env!("CARGO_PKG_VERSION").into(),
+            commit: env!("PLUMBLINE_COMMIT").into(),
+            target: env!("PLUMBLINE_TARGET").into(),
+            features: env!("PLUMBLINE_TARGET_FEATURES").into(),
+            rustc: env!("PLUMBLINE_RUSTC").into(),
+            executable: executable_hash().unwrap_or_else(|| UNKNOWN.into()),
+            processor: processor().unwrap_or_else(|| UNKNOWN.into()),
+        })
+    }
+
+    /// Whether both are the same executable; not if it is unknown.
+    #[must_use]
+    pub fn is_same_executable(&self, other: &Self) -> bool {
+        self.executable == other.executable && self.executable != UNKNOWN
+    }
+
+    /// Adds it to the metadata of a log.
+    pub fn write(&self, into: &mut BTreeMap<String, String>) {
+        for (key, value) in [
+            ("build.version", &self.version),
+            ("build.commit", &self.commit),
+            ("build.target", &self.target),
+            ("build.features", &self.features),
+            ("build.rustc", &self.rustc),
+            ("build.executable_sha256", &self.executable),
+            ("build.processor", &self.processor),
+        ] {
+            into.insert(key.into(), value.clone());
+        }
+    }
+
+    /// From the metadata of a log; what is missing is unknown.
+    #[must_use]
+    pub fn read(from: &BTreeMap<String, String>) -> Self {
+        let value = |key: &str| from.get(key).cloned().unwrap_or_else(|| UNKNOWN.into());
+        Self {
+            version: value("build.version"),
+            commit: value("build.commit"),
+            target: value("build.target"),
+            features: value("build.features"),
+            rustc: value("build.rustc"),
+            executable: value("build.executable_sha256"),
+            processor: value("build.processor"),
+        }
+    }
+}
+
+fn executable_hash() -> Option<String> {
+    let mut file = File::open("/proc/self/exe").ok()?;
+    let (mut hash, mut block) = (Sha256::new(), vec![0; 1 << 20]);
+    loop {
+        match file.read(&mut block).ok()? {
+            0 => break,
+            read => hash.update(&block[..read]),
+        }
+    }
+    Some(hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+fn processor() -> Option<String> {
+    let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
+    let line = text.lines().find(|line| line.starts_with("model name") || line.starts_with("Model"))?;
+    Some(line.split_once(':')?.1.trim().to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_build_comes_back_from_the_metadata() {
+        let mut metadata = BTreeMap::new();
+        BuildId::current().write(&mut metadata);
+        let back = BuildId::read(&metadata);
+        assert_eq!(&back, BuildId::current());
+        assert!(back.is_same_executable(BuildId::current()));
+        assert!(back.rustc.starts_with("rustc ") && back.executable.len() == 64, "{back:?}");
+        let unknown = BuildId::read(&BTreeMap::new());
+        assert!(!unknown.is_same_executable(&unknown));
+    }
+}

@@ -1,0 +1,161 @@
+//! The channels of a log: topic, schema, and what part they have in a re-execution.
+
+use plumbline_config::options::ImageRecording;
+
+/// Descriptors of our own messages.
+const OWN: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/log.descriptors"));
+/// Descriptors of the messages that Foxglove draws.
+const FOXGLOVE: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/foxglove.descriptors"));
+
+/// A channel of the log.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Channel {
+    /// Inertial samples.
+    Imu,
+    /// Left images.
+    Left,
+    /// Right images.
+    Right,
+    /// Frames: number, stamp, hashes of the images.
+    Frame,
+    /// What became of frames.
+    FrameOrder,
+    /// When estimates took effect.
+    CorrectionOrder,
+    /// Resets.
+    ResetOrder,
+    /// Estimates.
+    Estimate,
+    /// Odometry.
+    Odometry,
+    /// Position of the body, to be drawn.
+    Transform,
+    /// The same as a pose.
+    Pose,
+    /// Events.
+    Event,
+    /// State of the recording.
+    Recording,
+}
+
+impl Channel {
+    /// All channels, in the order of the enumeration.
+    pub const ALL: [Self; 13] = [
+        Self::Imu,
+        Self::Left,
+        Self::Right,
+        Self::Frame,
+        Self::FrameOrder,
+        Self::CorrectionOrder,
+        Self::ResetOrder,
+        Self::Estimate,
+        Self::Odometry,
+        Self::Transform,
+        Self::Pose,
+        Self::Event,
+        Self::Recording,
+    ];
+
+    /// Its topic.
+    #[must_use]
+    pub const fn topic(self) -> &'static str {
+        match self {
+            Self::Imu => "/input/imu",
+            Self::Left => "/input/left",
+            Self::Right => "/input/right",
+            Self::Frame => "/input/frame",
+            Self::FrameOrder => "/order/frame",
+            Self::CorrectionOrder => "/order/correction",
+            Self::ResetOrder => "/order/reset",
+            Self::Estimate => "/output/estimate",
+            Self::Odometry => "/output/odometry",
+            Self::Transform => "/tf",
+            Self::Pose => "/pose",
+            Self::Event => "/event",
+            Self::Recording => "/recorder",
+        }
+    }
+
+    /// The channel of a topic.
+    #[must_use]
+    pub fn of_topic(topic: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|channel| channel.topic() == topic)
+    }
+
+    /// Name of its schema.
+    #[must_use]
+    pub const fn schema(self, images: ImageRecording) -> &'static str {
+        match self {
+            Self::Imu => "plumbline.v1.log.Imu",
+            Self::Left | Self::Right => match images {
+                ImageRecording::Raw => "foxglove.RawImage",
+                ImageRecording::Png | ImageRecording::None => "foxglove.CompressedImage",
+            },
+            Self::Frame => "plumbline.v1.log.Frame",
+            Self::FrameOrder => "plumbline.v1.log.FrameOrder",
+            Self::CorrectionOrder => "plumbline.v1.log.CorrectionOrder",
+            Self::ResetOrder => "plumbline.v1.log.ResetOrder",
+            Self::Estimate => "plumbline.v1.log.Estimate",
+            Self::Odometry => "plumbline.v1.log.Odometry",
+            Self::Transform => "foxglove.FrameTransform",
+            Self::Pose => "foxglove.PoseInFrame",
+            Self::Event => "foxglove.Log",
+            Self::Recording => "plumbline.v1.log.Recording",
+        }
+    }
+
+    /// The `FileDescriptorSet` that its schema is in.
+    #[must_use]
+    pub const fn descriptors(self) -> &'static [u8] {
+        match self {
+            Self::Left | Self::Right | Self::Transform | Self::Pose | Self::Event => FOXGLOVE,
+            _ => OWN,
+        }
+    }
+
+    /// Whether a re-execution needs it.
+    #[must_use]
+    pub const fn is_input(self) -> bool {
+        self.is_image()
+            || matches!(
+                self,
+                Self::Imu | Self::Frame | Self::FrameOrder | Self::CorrectionOrder | Self::ResetOrder
+            )
+    }
+
+    /// Whether it holds images.
+    #[must_use]
+    pub const fn is_image(self) -> bool {
+        matches!(self, Self::Left | Self::Right)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use prost::Message as _;
+    use prost_types::FileDescriptorSet;
+
+    #[test]
+    fn every_topic_names_its_channel() {
+        for (index, channel) in Channel::ALL.into_iter().enumerate() {
+            assert_eq!(channel as usize, index);
+            assert_eq!(Channel::of_topic(channel.topic()), Some(channel));
+        }
+        assert_eq!(Channel::of_topic("/elsewhere"), None);
+    }
+
+    #[test]
+    fn every_schema_is_in_its_descriptors() {
+        for images in [ImageRecording::Png, ImageRecording::Raw] {
+            for channel in Channel::ALL {
+                let set = FileDescriptorSet::decode(channel.descriptors()).unwrap();
+                let names = set.file.iter().flat_map(|file| {
+                    file.message_type.iter().map(move |m| format!("{}.{}", file.package(), m.name()))
+                });
+                let names: Vec<String> = names.collect();
+                assert!(names.iter().any(|name| name == channel.schema(images)), "{channel:?}: {names:?}");
+            }
+        }
+    }
+}

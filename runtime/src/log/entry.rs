@@ -1,0 +1,182 @@
+//! What the recorder is given: owned entries of fixed size, made without allocation.
+
+use crate::pipeline::orders::{CorrectionOrder, FrameOrder, ResetOrder};
+use plumbline_config::Timestamp;
+use plumbline_drivers::{ImuReading, StereoFrame};
+use plumbline_estimator::{Estimate, Odometry};
+use std::fmt::{self, Write as _};
+
+/// Longest text of an event, bytes.
+pub const MAX_EVENT_BYTES: usize = 120;
+
+/// One thing that happened.
+// The estimate is the largest by far, and boxing it would allocate.
+#[allow(clippy::large_enum_variant)]
+#[derive(Clone, Debug)]
+pub enum LogEntry {
+    /// An inertial sample.
+    Imu(ImuReading),
+    /// A frame, moved in: its buffers come back to the owner once it is written.
+    Frame(StereoFrame),
+    /// What became of a frame.
+    Order(FrameOrder),
+    /// When an estimate took effect on the odometry.
+    Correction(CorrectionOrder),
+    /// A reset that somebody asked for.
+    Reset(ResetOrder),
+    /// An estimate.
+    Estimate(Estimate),
+    /// Odometry.
+    Odometry(Odometry),
+    /// Something that people want to know.
+    Event(Event),
+}
+
+impl LogEntry {
+    /// Its kind.
+    #[must_use]
+    pub fn kind(&self) -> Kind {
+        match self {
+            Self::Imu(_) => Kind::Imu,
+            Self::Frame(_) => Kind::Frame,
+            Self::Order(_) | Self::Correction(_) | Self::Reset(_) => Kind::Order,
+            Self::Estimate(_) => Kind::Estimate,
+            Self::Odometry(_) => Kind::Odometry,
+            Self::Event(_) => Kind::Event,
+        }
+    }
+}
+
+/// Kinds of entries, as they are counted when they are dropped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Inertial samples.
+    Imu,
+    /// Frames.
+    Frame,
+    /// Orders of every kind.
+    Order,
+    /// Estimates.
+    Estimate,
+    /// Odometry.
+    Odometry,
+    /// Events.
+    Event,
+}
+
+impl Kind {
+    /// All kinds with their names.
+    pub const NAMES: [(Self, &'static str); 6] = [
+        (Self::Imu, "inertial samples"),
+        (Self::Frame, "frames"),
+        (Self::Order, "orders"),
+        (Self::Estimate, "estimates"),
+        (Self::Odometry, "odometry"),
+        (Self::Event, "events"),
+    ];
+}
+
+/// Entries that were not recorded, by kind.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Dropped(pub [u64; Kind::NAMES.len()]);
+
+impl Dropped {
+    /// Of one kind.
+    #[must_use]
+    pub fn of(&self, kind: Kind) -> u64 {
+        self.0[kind as usize]
+    }
+
+    /// Of all kinds.
+    #[must_use]
+    pub fn total(&self) -> u64 {
+        self.0.iter().sum()
+    }
+
+    /// Of those that a re-execution needs.
+    #[must_use]
+    pub fn inputs(&self) -> u64 {
+        [Kind::Imu, Kind::Frame, Kind::Order].iter().map(|kind| self.of(*kind)).sum()
+    }
+}
+
+impl fmt::Display for Dropped {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut separator = "";
+        for (kind, name) in Kind::NAMES {
+            if self.of(kind) > 0 {
+                write!(f, "{separator}{} {name}", self.of(kind))?;
+                separator = ", ";
+            }
+        }
+        if self.total() == 0 { f.write_str("nothing") } else { Ok(()) }
+    }
+}
+
+/// How grave an event is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Severity {
+    /// Good to know.
+    Info,
+    /// Something is less than it should be.
+    Warning,
+    /// Something failed.
+    Error,
+}
+
+/// Something that people want to know.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Event {
+    /// When it happened, in data time.
+    pub stamp: Timestamp,
+    /// How grave it is.
+    pub severity: Severity,
+    /// What happened.
+    pub text: heapless::String<MAX_EVENT_BYTES>,
+}
+
+impl Event {
+    /// An event; a text that is too long is cut off.
+    #[must_use]
+    pub fn new(stamp: Timestamp, severity: Severity, text: fmt::Arguments<'_>) -> Self {
+        let mut kept = CutOff(heapless::String::new());
+        // Never fails: what has no room is cut off.
+        let _ = kept.write_fmt(text);
+        Self { stamp, severity, text: kept.0 }
+    }
+}
+
+struct CutOff(heapless::String<MAX_EVENT_BYTES>);
+
+impl fmt::Write for CutOff {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        for letter in text.chars() {
+            if self.0.push(letter).is_err() {
+                break;
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_long_text_is_cut_off_at_a_letter() {
+        let event = Event::new(Timestamp::default(), Severity::Info, format_args!("a{}", "ö".repeat(100)));
+        assert_eq!(event.text.len(), 119);
+        assert!(event.text.starts_with("aö") && event.text.ends_with('ö'));
+    }
+
+    #[test]
+    fn what_was_dropped_is_told_in_words() {
+        let mut dropped = Dropped::default();
+        assert_eq!(dropped.to_string(), "nothing");
+        dropped.0[Kind::Frame as usize] = 3;
+        dropped.0[Kind::Odometry as usize] = 1;
+        assert_eq!(dropped.to_string(), "3 frames, 1 odometry");
+        assert_eq!((dropped.inputs(), dropped.total()), (3, 4));
+    }
+}

@@ -1,0 +1,321 @@
+//! Runs the estimator again over the inputs of a log, in the order that the log gives.
+//!
+//! Two machines go through the same readings: the odometry, which is given one after the other and the
+//! corrections in between, and the estimator, which is given each frame after as many readings as it had
+//! then. They meet where an estimate takes effect. Nothing of the recorded outputs enters: they are only
+//! handed to the comparison.
+
+use super::channel::Channel;
+use super::compare::Pairing;
+use super::cursor::Cursor;
+use super::{LogError, image, proto};
+use crate::pipeline::digest::Digest;
+use crate::pipeline::orders::{CorrectionOrder, FrameOrder, ResetOrder, Verdict};
+use crate::schedule::ladder::Rung;
+use plumbline_drivers::{ImuReading, StereoFrame, StereoSource};
+use plumbline_estimator::{Estimate, Estimator, FrameInput, Odometry, Propagator};
+use std::collections::VecDeque;
+
+/// Estimates that may wait to take effect.
+const MAX_PENDING: usize = 256;
+
+/// A run from a log.
+pub struct Execution {
+    log: Cursor,
+    images: Option<Box<dyn StereoSource>>,
+    estimator: Estimator,
+    propagator: Propagator,
+    readings: Readings,
+    /// Readings that the odometry was given.
+    ticked: u64,
+    /// Readings that the estimator was given.
+    fed: u64,
+    correction: Option<CorrectionOrder>,
+    reset: Option<ResetOrder>,
+    pending: VecDeque<Estimate>,
+    frame: StereoFrame,
+    /// Estimates of the log and of the execution.
+    pub estimates: Pairing<Estimate>,
+    /// Odometry of the log and of the execution.
+    pub odometry: Pairing<Odometry>,
+    /// Bits of all estimates of the execution.
+    pub estimate_digest: Digest,
+    /// Bits of all odometry of the execution.
+    pub odometry_digest: Digest,
+    /// Frames that were refused in flight.
+    pub refused: u64,
+}
+
+/// Readings that one of the two machines has still to be given.
+#[derive(Default)]
+struct Readings {
+    held: VecDeque<ImuReading>,
+    first: u64,
+}
+
+impl Readings {
+    /// Reading `index` of the run, read from the log if need be; `None` after the last.
+    fn get(&mut self, index: u64, log: &mut Cursor) -> Result<Option<ImuReading>, LogError> {
+        while self.first + self.held.len() as u64 <= index {
+            match log.next(Channel::Imu)? {
+                Some(reading) => self.held.push_back(reading),
+                None => return Ok(None),
+            }
+        }
+        let place = usize::try_from(index.saturating_sub(self.first)).unwrap_or(usize::MAX);
+        Ok(self.held.get(place).copied())
+    }
+
+    fn forget_before(&mut self, index: u64) {
+        while self.first < index && self.held.pop_front().is_some() {
+            self.first += 1;
+        }
+    }
+}
+
+impl Execution {
+    /// Of the log at the beginning of `log`, with the images of a data set or its own.
+    #[must_use]
+    pub fn new(log: Cursor, images: Option<Box<dyn StereoSource>>) -> Self {
+        let config = &log.reader().about().config;
+        let size = |k: usize| config.camera.get(k).map_or((0, 0), |c| (c.width_px, c.height_px));
+        let frame = StereoFrame::new([size(0), size(1)]);
+        Self {
+            estimator: Estimator::new(config),
+            propagator: Propagator::new(config),
+            log,
+            images,
+            readings: Readings::default(),
+            ticked: 0,
+            fed: 0,
+            correction: None,
+            reset: None,
+            pending: VecDeque::new(),
+            frame,
+            estimates: Pairing::default(),
+            odometry: Pairing::default(),
+            estimate_digest: Digest::default(),
+            odometry_digest: Digest::default(),
+            refused: 0,
+        }
+    }
+
+    /// The log.
+    #[must_use]
+    pub fn log(&self) -> &Cursor {
+        &self.log
+    }
+
+    /// Readings executed so far.
+    #[must_use]
+    pub fn readings(&self) -> u64 {
+        self.ticked
+    }
+
+    /// Executes the next reading and all that it brings with it; `false` when the log has no more, or at
+    /// the first difference.
+    ///
+    /// # Errors
+    /// When the log cannot be read, lacks an input, or holds orders that cannot be followed.
+    pub fn step(&mut self) -> Result<bool, LogError> {
+        let reading = self.readings.get(self.ticked, &mut self.log)?;
+        self.check_complete()?;
+        self.take_outputs()?;
+        let Some(reading) = reading else {
+            self.finish()?;
+            return Ok(false);
+        };
+        self.correct()?;
+        let odometry = self.propagator.tick(&reading.sample);
+        self.ticked += 1;
+        if let Some(odometry) = odometry {
+            self.odometry_digest.odometry(&odometry);
+            self.odometry.executed(odometry);
+        }
+        while self.log.peek_order()?.is_some_and(|order| order.readings_before <= self.ticked) {
+            if !self.follow_next()? {
+                break;
+            }
+        }
+        self.readings.forget_before(self.ticked.min(self.fed));
+        Ok(self.estimates.difference.is_none() && self.odometry.difference.is_none())
+    }
+
+    /// The frames after the last reading.
+    fn finish(&mut self) -> Result<(), LogError> {
+        while self.follow_next()? {}
+        self.take_outputs()
+    }
+
+    /// A log that lacks an input ends the execution: what comes after it cannot be made again.
+    fn check_complete(&self) -> Result<(), LogError> {
+        let dropped = self.log.reader().dropped();
+        if dropped.inputs() == 0 {
+            return Ok(());
+        }
+        Err(self.unusable(format!(
+            "is incomplete: the recorder dropped {dropped}, so the flight cannot be executed again; record with \
+             longer queues (recorder.queue_entries, recorder.queue_frames) or smaller images"
+        )))
+    }
+
+    /// Hands the recorded outputs that were read to the comparison.
+    fn take_outputs(&mut self) -> Result<(), LogError> {
+        while let Some(estimate) = self.log.next_waiting(Channel::Estimate)? {
+            self.estimates.recorded(estimate);
+        }
+        while let Some(odometry) = self.log.next_waiting(Channel::Odometry)? {
+            self.odometry.recorded(odometry);
+        }
+        Ok(())
+    }
+
+    /// The corrections that come before the next reading.
+    fn correct(&mut self) -> Result<(), LogError> {
+        loop {
+            if self.correction.is_none() {
+                self.correction = self.log.next_waiting(Channel::CorrectionOrder)?;
+            }
+            let Some(order) = self.correction.filter(|order| order.readings_before <= self.ticked) else {
+                return Ok(());
+            };
+            self.correction = None;
+            if order.readings_before < self.ticked {
+                return Err(self.unusable(format!("the correction by frame {} comes too late", order.frame)));
+            }
+            if !self.estimate_up_to(order.frame)? {
+                return Ok(());
+            }
+            let Some(estimate) = self.pending.pop_front().filter(|e| e.frame_sequence == order.frame) else {
+                let reason = format!("frame {} corrects the odometry, but was not estimated", order.frame);
+                return Err(self.unusable(reason));
+            };
+            self.propagator.correct(&estimate);
+        }
+    }
+
+    /// Follows orders until the estimate of `frame` is the first that waits; `false` when the log ends
+    /// before it.
+    fn estimate_up_to(&mut self, frame: u64) -> Result<bool, LogError> {
+        loop {
+            while self.pending.front().is_some_and(|estimate| estimate.frame_sequence < frame) {
+                self.pending.pop_front();
+            }
+            if !self.pending.is_empty() {
+                return Ok(true);
+            }
+            if !self.follow_next()? {
+                return Ok(false);
+            }
+        }
+    }
+
+    /// Follows the next order of a frame; `false` when the log ends before it can be followed.
+    fn follow_next(&mut self) -> Result<bool, LogError> {
+        let Some(order) = self.log.next::<FrameOrder>(Channel::FrameOrder)? else { return Ok(false) };
+        self.reset_before(order.frame)?;
+        if order.readings_before < self.fed {
+            return Err(self.unusable(format!("the order of frame {} comes too late", order.frame)));
+        }
+        while self.fed < order.readings_before {
+            let Some(reading) = self.readings.get(self.fed, &mut self.log)? else { return Ok(false) };
+            self.estimator.add_imu(&reading.sample);
+            self.fed += 1;
+        }
+        let Verdict::Taken { level } = order.verdict else {
+            self.refused += 1;
+            return Ok(true);
+        };
+        if !self.find_frame(order.frame)? {
+            return Ok(false);
+        }
+        let estimate = self.estimate(level);
+        self.estimate_digest.estimate(&estimate);
+        self.pending.push_back(estimate.clone());
+        if self.pending.len() > MAX_PENDING {
+            self.pending.pop_front();
+        }
+        self.estimates.executed(estimate);
+        Ok(true)
+    }
+
+    /// The estimate after the frame that was found, with the work of a rung of the ladder.
+    fn estimate(&mut self, level: u8) -> Estimate {
+        let input = FrameInput {
+            sequence: self.frame.sequence,
+            stamp: self.frame.stamp,
+            images: [self.frame.image(0), self.frame.image(1)],
+        };
+        self.estimator.add_frame(&input, &Rung::of_level(level).effort(), [&mut (), &mut ()])
+    }
+
+    fn reset_before(&mut self, frame: u64) -> Result<(), LogError> {
+        loop {
+            if self.reset.is_none() {
+                self.reset = self.log.next_waiting(Channel::ResetOrder)?;
+            }
+            let Some(order) = self.reset.filter(|order| order.before_frame <= frame) else { return Ok(()) };
+            self.estimator.reset(order.kind);
+            self.reset = None;
+        }
+    }
+
+    /// Reads frames up to number `sequence`; `false` when the log ends before it.
+    fn find_frame(&mut self, sequence: u64) -> Result<bool, LogError> {
+        loop {
+            let Some(description) = self.log.next_frame(&mut self.frame)? else { return Ok(false) };
+            if description.sequence > sequence {
+                return Err(self.unusable(format!("frame {sequence} was estimated, but is not in the log")));
+            }
+            if description.sequence < sequence {
+                continue;
+            }
+            if self.images.is_some() {
+                self.find_images(&description)?;
+            }
+            return Ok(true);
+        }
+    }
+
+    /// Takes the images of the frame from the data set.
+    fn find_images(&mut self, description: &proto::Frame) -> Result<(), LogError> {
+        let sequence = description.sequence;
+        let Some(images) = &mut self.images else { return Ok(()) };
+        let stamp = self.frame.stamp;
+        loop {
+            if !images.next_frame(&mut self.frame)? || self.frame.sequence > sequence {
+                return Err(self.unusable(format!("frame {sequence} is not in the data set of --images")));
+            }
+            if self.frame.sequence == sequence {
+                break;
+            }
+        }
+        self.frame.stamp = stamp;
+        for (camera, image) in [&description.left, &description.right].into_iter().enumerate() {
+            let Some(image) = image else {
+                self.frame.valid[camera] = false;
+                continue;
+            };
+            let sound = match self.frame.valid[camera] {
+                true => image::check(&self.frame.images[camera], image),
+                false => Err("its image is missing"),
+            };
+            sound.map_err(|e| {
+                self.unusable(format!("frame {sequence} of the data set of --images is another: {e}"))
+            })?;
+        }
+        Ok(())
+    }
+
+    fn unusable(&self, reason: String) -> LogError {
+        LogError::unusable(self.log.reader().path(), reason)
+    }
+
+    /// Reads the rest of the log, for how it ends.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    pub fn read_to_end(&mut self) -> Result<(), LogError> {
+        self.log.read_to_end()
+    }
+}

@@ -1,0 +1,127 @@
+//! The flight log: every input, every order and every output of a run in MCAP files, and the re-execution
+//! that proves them.
+//!
+//! Writing: a [`recorder`] thread takes [`entry`]s from a bounded queue to a [`writer`], which cuts the log
+//! into parts ([`part`], [`parts`]) that each say what they belong to ([`about`]). Reading: a [`reader`] goes through
+//! the parts, a [`cursor`] hands out one kind at a time, and [`source`] makes sensor streams of it.
+//! [`verify`] runs the estimator again ([`execute`]) and compares bit for bit ([`compare`]). What the
+//! bytes mean is in [`channel`], [`encode`], [`decode`] and [`image`].
+
+pub mod about;
+pub mod build_id;
+pub mod channel;
+pub mod compare;
+pub mod cursor;
+pub mod decode;
+pub mod encode;
+pub mod entry;
+pub mod execute;
+pub mod image;
+pub mod inventory;
+pub mod narrate;
+pub mod part;
+pub mod part_file;
+pub mod parts;
+pub mod reader;
+pub mod recorder;
+pub mod seal;
+pub mod source;
+pub mod verify;
+pub mod writer;
+
+#[cfg(test)]
+mod tests;
+
+pub use entry::{Event, LogEntry, Severity};
+pub use reader::LogReader;
+pub use recorder::{Recorder, RecorderHandle, WhenFull};
+
+use plumbline_config::ConfigError;
+use plumbline_drivers::DriverError;
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// The generated messages of the log.
+#[allow(missing_docs, clippy::all, clippy::pedantic)]
+pub mod proto {
+    include!(concat!(env!("OUT_DIR"), "/plumbline.v1.log.rs"));
+}
+
+/// The generated messages that Foxglove draws by itself.
+#[allow(missing_docs, clippy::all, clippy::pedantic)]
+pub mod foxglove {
+    include!(concat!(env!("OUT_DIR"), "/foxglove.rs"));
+}
+
+/// Why a log cannot be written or read. Every message names the file and the cure.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum LogError {
+    /// A file could not be read or written.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// There is a log of that name.
+    #[error("{}: exists; a flight log is never overwritten: name another, or delete it", path.display())]
+    Exists {
+        /// The file that is in the way.
+        path: PathBuf,
+    },
+    /// The file is no flight log, or of another version.
+    #[error("{}: {reason}", path.display())]
+    NotALog {
+        /// The file.
+        path: PathBuf,
+        /// What is missing, and what to do.
+        reason: String,
+    },
+    /// The bytes are not those that were written.
+    #[error("{}: damaged after {offset} bytes: {reason}; what comes before is sound", path.display())]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// Bytes read so far.
+        offset: u64,
+        /// What does not fit.
+        reason: String,
+    },
+    /// The files have reached the size that the configuration allows.
+    #[error("{}: reached recorder.max_total_mb = {limit_mb} MB", path.display())]
+    Full {
+        /// The first file of the log.
+        path: PathBuf,
+        /// The limit, MB.
+        limit_mb: u64,
+    },
+    /// The log holds what this build cannot execute, or not all that an execution needs.
+    #[error("{}: {reason}", path.display())]
+    Unusable {
+        /// The file.
+        path: PathBuf,
+        /// What is missing, and what to do.
+        reason: String,
+    },
+    /// The configuration cannot be written down so that it comes back.
+    #[error("the configuration cannot be recorded: {0}")]
+    Config(#[from] ConfigError),
+    /// The data set that holds the images cannot be read.
+    #[error(transparent)]
+    Images(#[from] DriverError),
+    /// The system would not start the recorder's thread.
+    #[error("cannot start the recorder's thread: {0} (too many threads or too little memory on this host)")]
+    Thread(std::io::Error),
+}
+
+impl LogError {
+    fn io(path: &Path, source: std::io::Error) -> Self {
+        Self::Io { path: path.to_owned(), source }
+    }
+
+    fn unusable(path: &Path, reason: impl Into<String>) -> Self {
+        Self::Unusable { path: path.to_owned(), reason: reason.into() }
+    }
+}

@@ -1,0 +1,332 @@
+//! The recorder: a thread at normal priority behind a bounded queue, so that nothing waits for the disk.
+//!
+//! Whoever has something to record holds a [`RecorderHandle`]. Entries are copied into a ring that stands
+//! before the flight begins; a frame changes places with one that is free. When the ring is full a live
+//! run drops the entry and counts it ([`WhenFull::Drop`]), a run in virtual time waits
+//! ([`WhenFull::Wait`]). When the disk fails the recording ends there and the flight goes on.
+
+use super::about::About;
+use super::entry::{Dropped, Kind, LogEntry};
+use super::part_file::OpenPart;
+use super::writer::{Limits, LogWriter};
+use super::{Event, LogError};
+use crate::pipeline::clock::CpuStopwatch;
+use crate::pipeline::orders::{CorrectionOrder, FrameOrder, ResetOrder};
+use crate::pipeline::tap::Tap;
+use crossbeam_queue::ArrayQueue;
+use plumbline_config::Config;
+use plumbline_drivers::{ImuReading, StereoFrame};
+use plumbline_estimator::{Estimate, Odometry};
+use serde::Serialize;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// The recorder looks into its queue this often: a ring without locks cannot wake it.
+const POLL: Duration = Duration::from_millis(5);
+/// A producer that may wait looks for room this often.
+const WAIT: Duration = Duration::from_micros(200);
+/// A chunk is completed at the latest after this time, also when no data come.
+const FLUSH_PERIOD: Duration = Duration::from_millis(500);
+
+/// What becomes of an entry that finds the queue full.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WhenFull {
+    /// It is dropped and counted: for live runs.
+    Drop,
+    /// Its producer waits: for runs in virtual time.
+    Wait,
+}
+
+/// What producers and recorder have in common.
+struct Shared {
+    entries: ArrayQueue<LogEntry>,
+    free_frames: ArrayQueue<StereoFrame>,
+    dropped: [AtomicU64; Kind::NAMES.len()],
+    is_running: AtomicBool,
+    is_finishing: AtomicBool,
+    when_full: WhenFull,
+}
+
+impl Shared {
+    fn is_running(&self) -> bool {
+        self.is_running.load(Ordering::Acquire)
+    }
+
+    fn count_dropped(&self, kind: Kind) {
+        self.dropped[kind as usize].fetch_add(1, Ordering::Relaxed);
+    }
+
+    fn dropped(&self) -> Dropped {
+        Dropped(self.dropped.each_ref().map(|count| count.load(Ordering::Relaxed)))
+    }
+}
+
+/// Gives entries to the recorder, from any thread. Never allocates.
+#[derive(Clone)]
+pub struct RecorderHandle(Arc<Shared>);
+
+impl RecorderHandle {
+    /// Hands an entry over; `false` when it was dropped. A frame is better given by
+    /// [`Self::offer_frame`], which does not free its buffers when there is no room.
+    pub fn offer(&self, entry: LogEntry) -> bool {
+        let kind = entry.kind();
+        let mut entry = entry;
+        while self.0.is_running() {
+            match self.0.entries.push(entry) {
+                Ok(()) => return true,
+                Err(refused) => entry = refused,
+            }
+            if self.0.when_full == WhenFull::Drop {
+                break;
+            }
+            std::thread::sleep(WAIT);
+        }
+        self.0.count_dropped(kind);
+        false
+    }
+
+    /// Takes the content of `frame`, and leaves the buffers of a free one in its place; when none is free
+    /// the frame stays as it is and `false` says that it was dropped.
+    pub fn offer_frame(&self, frame: &mut StereoFrame) -> bool {
+        while self.0.is_running() {
+            if let Some(free) = self.0.free_frames.pop() {
+                let full = std::mem::replace(frame, free);
+                return self.offer(LogEntry::Frame(full));
+            }
+            if self.0.when_full == WhenFull::Drop {
+                break;
+            }
+            std::thread::sleep(WAIT);
+        }
+        self.0.count_dropped(Kind::Frame);
+        false
+    }
+}
+
+impl Tap for RecorderHandle {
+    fn another(&self) -> Box<dyn Tap> {
+        Box::new(self.clone())
+    }
+
+    fn reading(&mut self, reading: &ImuReading) {
+        self.offer(LogEntry::Imu(*reading));
+    }
+
+    fn frame(&mut self, frame: &mut StereoFrame) {
+        self.offer_frame(frame);
+    }
+
+    fn order(&mut self, order: &FrameOrder) {
+        self.offer(LogEntry::Order(*order));
+    }
+
+    fn correction(&mut self, order: &CorrectionOrder) {
+        self.offer(LogEntry::Correction(*order));
+    }
+
+    fn reset(&mut self, order: &ResetOrder) {
+        self.offer(LogEntry::Reset(*order));
+    }
+
+    fn estimate(&mut self, estimate: &Estimate) {
+        self.offer(LogEntry::Estimate(estimate.clone()));
+    }
+
+    fn odometry(&mut self, odometry: &Odometry) {
+        self.offer(LogEntry::Odometry(odometry.clone()));
+    }
+
+    fn event(&mut self, event: &Event) {
+        self.offer(LogEntry::Event(event.clone()));
+    }
+}
+
+/// What a recording came to.
+#[derive(Clone, Debug, Serialize)]
+pub struct RecorderSummary {
+    /// The first file.
+    pub path: PathBuf,
+    /// Files begun.
+    pub parts: u32,
+    /// Bytes in the files.
+    pub bytes: u64,
+    /// Bytes that were written and deleted again, to keep the newest.
+    pub deleted_bytes: u64,
+    /// Entries that were not recorded.
+    pub not_recorded: u64,
+    /// The same in words.
+    pub not_recorded_words: String,
+    /// Why recording ended before the flight, if it did.
+    pub ended_early: Option<String>,
+    /// Processor time of the recorder's thread, s.
+    pub cpu_s: f64,
+}
+
+impl fmt::Display for RecorderSummary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let megabytes = self.bytes as f64 * 1e-6;
+        write!(f, "{}: {megabytes:.1} MB in {} file(s)", self.path.display(), self.parts)?;
+        if self.not_recorded > 0 {
+            write!(f, ", without {}", self.not_recorded_words)?;
+        }
+        match &self.ended_early {
+            Some(reason) => write!(f, "; ended before the flight: {reason}"),
+            None => Ok(()),
+        }
+    }
+}
+
+/// A recording that is going on.
+pub struct Recorder {
+    shared: Arc<Shared>,
+    thread: JoinHandle<RecorderSummary>,
+    path: PathBuf,
+}
+
+impl Recorder {
+    /// Begins to record a flight with `config` at `path`.
+    ///
+    /// # Errors
+    /// When there is a log of that name, its file cannot be created, or the system refuses a thread.
+    pub fn start(path: &Path, config: &Config, when_full: WhenFull) -> Result<Self, LogError> {
+        Self::start_on(OpenPart::files(), Limits::of(&config.recorder), path, config, when_full)
+    }
+
+    /// The same with other limits, in files opened by `open`.
+    ///
+    /// # Errors
+    /// As [`Self::start`].
+    pub fn start_on(
+        open: OpenPart,
+        limits: Limits,
+        path: &Path,
+        config: &Config,
+        when_full: WhenFull,
+    ) -> Result<Self, LogError> {
+        let writer = LogWriter::create(path, About::new(config)?, limits, open)?;
+        let size = |k: usize| config.camera.get(k).map_or((0, 0), |c| (c.width_px, c.height_px));
+        let frames = config.recorder.queue_frames.max(1);
+        let shared = Arc::new(Shared {
+            entries: ArrayQueue::new(config.recorder.queue_entries.max(1)),
+            free_frames: ArrayQueue::new(frames),
+            dropped: Default::default(),
+            is_running: AtomicBool::new(true),
+            is_finishing: AtomicBool::new(false),
+            when_full,
+        });
+        for _ in 0..frames {
+            shared.free_frames.force_push(StereoFrame::new([size(0), size(1)]));
+        }
+        let theirs = Arc::clone(&shared);
+        let first = path.to_owned();
+        let thread = std::thread::Builder::new()
+            .name("recorder".into())
+            .spawn(move || record(&theirs, writer, first))
+            .map_err(LogError::Thread)?;
+        Ok(Self { shared, thread, path: path.to_owned() })
+    }
+
+    /// A handle for a producer.
+    #[must_use]
+    pub fn handle(&self) -> RecorderHandle {
+        RecorderHandle(Arc::clone(&self.shared))
+    }
+
+    /// Writes what is in the queue, ends the log, and says what it came to.
+    #[must_use]
+    pub fn finish(self) -> RecorderSummary {
+        self.shared.is_finishing.store(true, Ordering::Release);
+        self.thread.thread().unpark();
+        let mut summary = self.thread.join().unwrap_or_else(|_| RecorderSummary {
+            path: self.path,
+            parts: 0,
+            bytes: 0,
+            deleted_bytes: 0,
+            not_recorded: 0,
+            not_recorded_words: String::new(),
+            ended_early: Some("the recorder's thread panicked; this is a defect of the program".into()),
+            cpu_s: 0.0,
+        });
+        let dropped = self.shared.dropped();
+        (summary.not_recorded, summary.not_recorded_words) = (dropped.total(), dropped.to_string());
+        summary
+    }
+}
+
+/// Tells the producers that nobody listens any more, also when the thread panics.
+struct Running<'a>(&'a Shared);
+
+impl Drop for Running<'_> {
+    fn drop(&mut self) {
+        self.0.is_running.store(false, Ordering::Release);
+    }
+}
+
+/// The recorder's thread.
+fn record(shared: &Shared, mut writer: LogWriter, path: PathBuf) -> RecorderSummary {
+    let watch = CpuStopwatch::start();
+    let running = Running(shared);
+    let failure = take_entries(shared, &mut writer).err();
+    drop(running);
+    if let Some(error) = &failure {
+        tracing::warn!("{error}: recording ends here, the flight goes on");
+        for (count, lost) in shared.dropped.iter().zip(writer.unsaved().0) {
+            count.fetch_add(lost, Ordering::Relaxed);
+        }
+    }
+    // What came in the meantime has found nobody.
+    while let Some(entry) = shared.entries.pop() {
+        shared.count_dropped(entry.kind());
+    }
+    RecorderSummary {
+        path,
+        parts: writer.parts(),
+        bytes: writer.bytes(),
+        deleted_bytes: writer.deleted_bytes(),
+        not_recorded: 0,
+        not_recorded_words: String::new(),
+        ended_early: failure.map(|error| error.to_string()),
+        cpu_s: watch.elapsed_ms() * 1e-3,
+    }
+}
+
+/// Writes entries until the flight ends or the disk does.
+fn take_entries(shared: &Shared, writer: &mut LogWriter) -> Result<(), LogError> {
+    let mut told = Dropped::default();
+    let mut flushed = Instant::now();
+    loop {
+        // Looked at first: what was offered before it was set is in the queue.
+        let is_finishing = shared.is_finishing.load(Ordering::Acquire);
+        while let Some(entry) = shared.entries.pop() {
+            tell_dropped(shared, writer, &mut told)?;
+            let written = writer.write(&entry);
+            if let LogEntry::Frame(frame) = entry {
+                shared.free_frames.force_push(frame);
+            }
+            written?;
+        }
+        if is_finishing {
+            tell_dropped(shared, writer, &mut told)?;
+            return writer.finish();
+        }
+        if flushed.elapsed() >= FLUSH_PERIOD {
+            writer.flush()?;
+            flushed = Instant::now();
+        }
+        std::thread::park_timeout(POLL);
+    }
+}
+
+/// A log that lacks something says so before it goes on.
+fn tell_dropped(shared: &Shared, writer: &mut LogWriter, told: &mut Dropped) -> Result<(), LogError> {
+    let dropped = shared.dropped();
+    if dropped != *told {
+        *told = dropped;
+        writer.set_dropped(dropped)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,224 @@
+use super::super::compare::Pairing;
+use super::super::decode::FromLog;
+use super::super::proto;
+use super::super::reader::Ending;
+use super::*;
+use crate::log::encode;
+use crate::pipeline::orders::{CorrectionOrder, FrameOrder, ResetOrder, Verdict};
+use crate::pipeline::tap::Tap;
+use nalgebra::Vector3;
+use plumbline_drivers::{ImuReading, StereoFrame};
+use plumbline_estimator::{Effort, Estimate, Estimator, FrameInput, Odometry, Propagator, ResetKind};
+use prost::Message as _;
+use std::collections::VecDeque;
+
+#[test]
+fn a_recorded_flight_comes_out_again_bit_for_bit() {
+    for images in [ImageRecording::Png, ImageRecording::Raw] {
+        let (_folder, path, report) = recorded(images);
+        let v = verified(&path).unwrap();
+        assert!(v.identical && v.complete && v.same_build, "{v:?}");
+        assert_eq!(v.estimates_identical, report.frames);
+        assert!(v.odometry_identical > 100);
+        assert_eq!(v.estimate_digest, report.estimate_digest);
+        assert_eq!(v.odometry_digest, report.odometry_digest);
+        assert_eq!(v.config_hash, report.config_hash);
+    }
+}
+
+#[test]
+fn a_log_is_flown_again_as_the_flight_was() {
+    let (_folder, path, report) = recorded(ImageRecording::Png);
+    let again = crate::flight::open_log(&path, None, None, false).unwrap();
+    let stop = AtomicBool::new(false);
+    let (again, ..) = fly_tapped(again, record::Recorder::default(), &OPTIONS, &stop, Box::new(())).unwrap();
+    assert_eq!(again.estimate_digest, report.estimate_digest);
+    assert_eq!(again.odometry_digest, report.odometry_digest);
+}
+
+#[test]
+fn a_log_without_images_is_verified_against_its_data_set() {
+    let (_folder, path, report) = recorded(ImageRecording::None);
+    assert!(verified(&path).unwrap_err().to_string().contains("--images"));
+    assert!(crate::flight::open_log(&path, None, None, false).is_err());
+    let v = verify(&path, Some(flight().stereo), &mut |_| {}).unwrap();
+    assert!(v.identical && v.complete, "{v:?}");
+    assert_eq!(v.estimate_digest, report.estimate_digest);
+    let other = Scenario { scene: Scene::Room, seed: 2, resolution_scale: 0.3, ..Scenario::default() };
+    let other = open_simulation(None, &other, false, 0.0).unwrap();
+    let refused = verify(&path, Some(other.stereo), &mut |_| {}).unwrap_err().to_string();
+    assert!(refused.contains("frame 0 of the data set"), "{refused}");
+}
+
+#[test]
+fn one_bit_of_an_inertial_sample_changes_the_flight() {
+    let (_folder, path, _) = recorded(ImageRecording::Png);
+    rewritten(&path, Channel::Imu, |number, data| {
+        if number == 60 {
+            let mut imu = proto::Imu::decode(data.as_slice()).unwrap();
+            imu.accel[1] = f64::from_bits(imu.accel[1].to_bits() ^ 1 << 30);
+            *data = imu.encode_to_vec();
+        }
+    });
+    let v = verified(&path).unwrap();
+    assert!(!v.identical && v.inputs_changed, "{v:?}");
+    let difference = v.difference.unwrap();
+    assert!(difference.recorded.contains("bits") && difference.executed.contains("bits"), "{difference}");
+}
+
+#[test]
+fn a_changed_input_that_no_estimate_depends_on_is_found_too() {
+    let (_folder, path, _) = recorded(ImageRecording::Png);
+    rewritten(&path, Channel::Imu, |number, data| {
+        if number == 60 {
+            let mut imu = proto::Imu::decode(data.as_slice()).unwrap();
+            imu.sequence += 1;
+            *data = imu.encode_to_vec();
+        }
+    });
+    let v = verified(&path).unwrap();
+    assert!(v.difference.is_none() && v.inputs_changed && !v.identical, "{v:?}");
+}
+
+#[test]
+fn a_changed_pixel_is_named() {
+    let (_folder, path, _) = recorded(ImageRecording::Raw);
+    rewritten(&path, Channel::Right, |number, data| {
+        if number == 3 {
+            let middle = data.len() / 2;
+            data[middle] ^= 1;
+        }
+    });
+    let refused = verified(&path).unwrap_err().to_string();
+    assert!(refused.contains("frame 3") && refused.contains("hash"), "{refused}");
+}
+
+#[test]
+fn a_changed_output_is_named_with_both_values() {
+    let (_folder, path, _) = recorded(ImageRecording::Png);
+    rewritten(&path, Channel::Estimate, |number, data| {
+        if number == 9 {
+            let mut estimate = proto::Estimate::decode(data.as_slice()).unwrap();
+            estimate.velocity_o_b[1] = f64::from_bits(estimate.velocity_o_b[1].to_bits() + 1);
+            *data = estimate.encode_to_vec();
+        }
+    });
+    let v = verified(&path).unwrap();
+    let difference = v.difference.unwrap();
+    assert!(!v.identical && !v.inputs_changed);
+    assert_eq!((difference.output.as_str(), difference.field.as_str()), ("estimate of frame 9", "v_o_b[1]"));
+    assert_ne!(difference.recorded, difference.executed);
+}
+
+/// A live run in small: frames are refused, corrections come late, and somebody asks for a reset.
+fn fly_with_orders(flight: Flight, tap: &mut dyn Tap) {
+    let (mut imu, mut stereo) = (flight.imu, flight.stereo);
+    let (mut estimator, mut propagator) = (Estimator::new(&flight.config), Propagator::new(&flight.config));
+    let mut readings: VecDeque<ImuReading> = VecDeque::new();
+    let mut frame = StereoFrame::new([(0, 0); 2]);
+    let (mut ticked, mut late): (u64, Option<Estimate>) = (0, None);
+    while stereo.next_frame(&mut frame).unwrap() {
+        let needed = estimator.imu_needed_until(frame.stamp);
+        while readings.back().is_none_or(|r| r.sample.stamp < needed) {
+            let Some(reading) = imu.next_reading().unwrap() else { break };
+            if let Some(estimate) = late.take_if(|_| ticked % 7 == 3) {
+                let order = CorrectionOrder { frame: estimate.frame_sequence, readings_before: ticked };
+                tap.correction(&order);
+                propagator.correct(&estimate);
+            }
+            tap.reading(&reading);
+            if let Some(odometry) = propagator.tick(&reading.sample) {
+                tap.odometry(&odometry);
+            }
+            estimator.add_imu(&reading.sample);
+            readings.push_back(reading);
+            ticked += 1;
+        }
+        let sequence = frame.sequence;
+        if sequence == 12 {
+            tap.reset(&ResetOrder { kind: ResetKind::Soft, before_frame: sequence });
+            estimator.reset(ResetKind::Soft);
+        }
+        let refused = sequence % 5 == 4;
+        let verdict = if refused { Verdict::Refused } else { Verdict::Taken { level: 0 } };
+        tap.order(&FrameOrder { frame: sequence, readings_before: ticked, verdict });
+        if !refused {
+            let images = [frame.image(0), frame.image(1)];
+            let input = FrameInput { sequence, stamp: frame.stamp, images };
+            let estimate = estimator.add_frame(&input, &Effort::FULL, [&mut (), &mut ()]);
+            tap.estimate(&estimate);
+            late = Some(estimate);
+        }
+        tap.frame(&mut frame);
+    }
+}
+
+#[test]
+fn what_the_clock_decided_is_followed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("orders.mcap");
+    let flight = flight();
+    let recorder = Recorder::start(&path, &flight.config, WhenFull::Wait).unwrap();
+    fly_with_orders(flight, &mut recorder.handle());
+    assert_eq!(recorder.finish().not_recorded, 0);
+    let v = verified(&path).unwrap();
+    assert!(v.identical && v.complete, "{v:?}");
+    assert_eq!((v.frames_refused, v.estimates_identical), (4, 16));
+    // Another order of the same inputs is another flight.
+    rewritten(&path, Channel::FrameOrder, |number, data| {
+        if number == 9 {
+            let mut order = proto::FrameOrder::decode(data.as_slice()).unwrap();
+            order.refused = false;
+            *data = order.encode_to_vec();
+        }
+    });
+    assert!(!verified(&path).unwrap().identical);
+}
+
+#[test]
+fn a_level_that_this_build_does_not_have_is_refused() {
+    let (_folder, path, _) = recorded(ImageRecording::Png);
+    rewritten(&path, Channel::FrameOrder, |number, data| {
+        if number == 5 {
+            let mut order = proto::FrameOrder::decode(data.as_slice()).unwrap();
+            order.level = 9;
+            *data = order.encode_to_vec();
+        }
+    });
+    assert!(verified(&path).unwrap_err().to_string().contains("level 9"));
+}
+
+#[test]
+fn zero_keeps_its_sign_and_what_is_no_number_its_bits() {
+    let mut reading = flight().imu.next_reading().unwrap().unwrap();
+    reading.sample.gyro = Vector3::new(-0.0, 0.0, f64::from_bits(0x7ff8_0000_0000_1234));
+    let back = ImuReading::from_bytes(&encode::imu(&reading).encode_to_vec()).unwrap();
+    assert_eq!(back.sample.gyro.map(f64::to_bits), reading.sample.gyro.map(f64::to_bits));
+}
+
+#[test]
+fn outputs_are_paired_by_their_numbers() {
+    let (_folder, path, _) = recorded(ImageRecording::Png);
+    let mut reader = LogReader::open(&path).unwrap();
+    let mut odometry = Vec::new();
+    while let Some(message) = reader.next_message().unwrap() {
+        if message.channel == Channel::Odometry {
+            odometry.push(Odometry::from_bytes(message.payload).unwrap());
+        }
+    }
+    assert_eq!(reader.ending(), Ending::Flight);
+    let mut pairing = Pairing::default();
+    for (index, output) in odometry.iter().take(20).enumerate() {
+        pairing.executed(output.clone());
+        if index != 7 {
+            pairing.recorded(output.clone());
+        }
+    }
+    pairing.finish(true);
+    assert_eq!((pairing.identical, pairing.missing, &pairing.difference), (19, 1, &None));
+    pairing.recorded(odometry[25].clone());
+    pairing.finish(false);
+    assert_eq!((pairing.left_over(), &pairing.difference), (1, &None));
+    pairing.finish(true);
+    assert!(pairing.difference.unwrap().to_string().contains("odometry 25"));
+}

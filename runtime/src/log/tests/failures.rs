@@ -1,0 +1,114 @@
+use super::super::inventory;
+use super::super::part_file::Medium;
+use super::super::reader::Ending;
+use super::*;
+use crate::log::{Event, LogEntry, Severity};
+use plumbline_config::Timestamp;
+use plumbline_drivers::StereoFrame;
+use std::fs::OpenOptions;
+use std::io::{self, Write};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+/// A file on a disk that misbehaves.
+struct Trouble {
+    file: File,
+    room: usize,
+    is_stuck: Arc<AtomicBool>,
+    panics: bool,
+}
+
+impl Write for Trouble {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        while self.is_stuck.load(Ordering::SeqCst) {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        assert!(!self.panics || self.room > 0, "the disk is on fire");
+        if self.room == 0 {
+            return Err(io::ErrorKind::StorageFull.into());
+        }
+        let written = self.file.write(&bytes[..bytes.len().min(self.room)])?;
+        self.room -= written;
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+impl Medium for Trouble {
+    fn cut(&mut self, bytes: u64) -> io::Result<()> {
+        self.file.set_len(bytes)
+    }
+
+    fn sync(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+fn troubled(room: usize, is_stuck: &Arc<AtomicBool>, panics: bool) -> OpenPart {
+    let is_stuck = Arc::clone(is_stuck);
+    OpenPart::with(move |path| {
+        let file = OpenOptions::new().write(true).create_new(true).open(path)?;
+        Ok(Box::new(Trouble { file, room, is_stuck: Arc::clone(&is_stuck), panics }))
+    })
+}
+
+#[test]
+fn a_full_disk_ends_the_recording_and_not_the_flight() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight.mcap");
+    let open = troubled(1_000_000, &Arc::default(), false);
+    let (report, summary) = record_on(open, NO_LIMITS, &path, ImageRecording::Raw);
+    assert_eq!(report.frames, 20);
+    assert!(summary.ended_early.unwrap().contains("flight.mcap: "));
+    assert!(summary.not_recorded > 0);
+    assert_eq!(summary.bytes, path.metadata().unwrap().len(), "cut back to the last complete chunk");
+    let inventory = inventory::take(&mut LogReader::open(&path).unwrap()).unwrap();
+    assert_eq!(inventory.ending, Ending::Truncated);
+    let v = verified(&path).unwrap();
+    assert!(v.identical && v.truncated && v.estimates_identical > 3, "{v:?}");
+}
+
+#[test]
+fn a_panic_of_the_recorder_does_not_reach_the_flight() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight.mcap");
+    let open = troubled(1_000_000, &Arc::default(), true);
+    let (report, summary) = record_on(open, NO_LIMITS, &path, ImageRecording::Raw);
+    assert_eq!(report.frames, 20);
+    assert!(summary.ended_early.unwrap().contains("panicked"));
+    assert!(verified(&path).unwrap().identical);
+}
+
+#[test]
+fn what_finds_the_queue_full_is_counted_and_the_log_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight.mcap");
+    let is_stuck = Arc::new(AtomicBool::new(false));
+    let mut config = config();
+    (config.recorder.queue_entries, config.recorder.queue_frames) = (64, 2);
+    let open = troubled(usize::MAX, &is_stuck, false);
+    let recorder = Recorder::start_on(open, NO_LIMITS, &path, &config, WhenFull::Drop).unwrap();
+    let handle = recorder.handle();
+    is_stuck.store(true, Ordering::SeqCst);
+    let mut frame = StereoFrame::new([(64, 48), (0, 0)]);
+    frame.valid = [true, false];
+    let mut refused = 0;
+    for _ in 0..50 {
+        refused += u64::from(!handle.offer_frame(&mut frame));
+    }
+    assert!(refused > 40, "the disk is stuck, and two frames fit: {refused}");
+    is_stuck.store(false, Ordering::SeqCst);
+    while !handle.offer(LogEntry::Event(Event::new(Timestamp::default(), Severity::Info, format_args!("on"))))
+    {
+    }
+    let summary = recorder.finish();
+    assert!(summary.not_recorded >= refused, "{summary:?}");
+    let inventory = inventory::take(&mut LogReader::open(&path).unwrap()).unwrap();
+    assert_eq!(inventory.dropped.inputs(), refused);
+    let error = verified(&path).unwrap_err().to_string();
+    assert!(error.contains(&format!("dropped {refused} frames")), "{error}");
+}

@@ -1,0 +1,96 @@
+//! Whole logs: recorded, damaged, read and executed again.
+
+mod bounds;
+mod damage;
+mod execution;
+mod failures;
+
+use super::about::METADATA_NAME;
+use super::channel::Channel;
+use super::part_file::OpenPart;
+use super::recorder::{Recorder, RecorderSummary, WhenFull};
+use super::verify::{Verification, verify};
+use super::writer::Limits;
+use super::{LogError, LogReader};
+use crate::cli::replay::fly_tapped;
+use crate::flight::{Flight, open_simulation};
+use crate::pipeline::RunOptions;
+use crate::record;
+use crate::report::Report;
+use mcap::records::Metadata;
+use mcap::{MessageStream, WriteOptions};
+use plumbline_config::Config;
+use plumbline_config::options::{ImageRecording, KeepPolicy};
+use plumbline_drivers::simulator::{Scenario, Scene};
+use std::borrow::Cow;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+use tempfile::TempDir;
+
+const OPTIONS: RunOptions = RunOptions { speed: None, threads: 1 };
+const NO_LIMITS: Limits =
+    Limits { part_bytes: u64::MAX / 4, total_bytes: u64::MAX / 2, keep: KeepPolicy::Beginning };
+
+/// A short flight in small images.
+fn flight() -> Flight {
+    let scenario =
+        Scenario { scene: Scene::Room, duration_s: 1.0, resolution_scale: 0.3, ..Scenario::default() };
+    open_simulation(None, &scenario, false, 0.0).unwrap()
+}
+
+/// Flies and records; what the flight and the recording came to.
+fn record_on(
+    open: OpenPart,
+    limits: Limits,
+    path: &Path,
+    images: ImageRecording,
+) -> (Report, RecorderSummary) {
+    let mut flight = flight();
+    flight.config.recorder.images = images;
+    let recorder = Recorder::start_on(open, limits, path, &flight.config, WhenFull::Wait).unwrap();
+    let tap = Box::new(recorder.handle());
+    let stop = AtomicBool::new(false);
+    let (report, ..) = fly_tapped(flight, record::Recorder::default(), &OPTIONS, &stop, tap).unwrap();
+    (report, recorder.finish())
+}
+
+/// A log in a folder of its own, and the report of its flight.
+fn recorded(images: ImageRecording) -> (TempDir, PathBuf, Report) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight.mcap");
+    let (report, summary) = record_on(OpenPart::files(), NO_LIMITS, &path, images);
+    assert_eq!((summary.ended_early, summary.not_recorded), (None, 0));
+    assert_eq!(summary.bytes, path.metadata().unwrap().len());
+    (folder, path, report)
+}
+
+fn verified(path: &Path) -> Result<Verification, LogError> {
+    verify(path, None, &mut |_| {})
+}
+
+/// Writes the log anew, every CRC right, with the messages of `channel` changed by `edit`, which is told
+/// their number.
+fn rewritten(path: &Path, channel: Channel, mut edit: impl FnMut(usize, &mut Vec<u8>)) {
+    let bytes = std::fs::read(path).unwrap();
+    let metadata = LogReader::open(path).unwrap().about().to_metadata().unwrap();
+    let mut writer = WriteOptions::new().compression(None).create(File::create(path).unwrap()).unwrap();
+    writer.write_metadata(&Metadata { name: METADATA_NAME.into(), metadata }).unwrap();
+    let mut number = 0;
+    for message in MessageStream::new(&bytes).unwrap() {
+        let mut message = message.unwrap();
+        if message.channel.topic == channel.topic() {
+            let mut data = message.data.into_owned();
+            edit(number, &mut data);
+            message.data = Cow::Owned(data);
+            number += 1;
+        }
+        writer.write(&message).unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+/// A configuration and nothing that flies.
+fn config() -> Config {
+    Config::preset("sim").unwrap()
+}

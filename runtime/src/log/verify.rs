@@ -1,0 +1,143 @@
+//! `verify`: a recorded flight is executed again, and every output compared bit for bit.
+
+use super::LogError;
+use super::build_id::BuildId;
+use super::channel::Channel;
+use super::compare::Difference;
+use super::cursor::Cursor;
+use super::entry::{Dropped, Kind};
+use super::execute::Execution;
+use super::reader::Ending;
+use plumbline_config::options::ImageRecording;
+use plumbline_drivers::StereoSource;
+use serde::Serialize;
+use std::path::Path;
+
+/// What an execution with the log's own images reads.
+const WITH_IMAGES: &[Channel] = &[
+    Channel::Imu,
+    Channel::Left,
+    Channel::Right,
+    Channel::Frame,
+    Channel::FrameOrder,
+    Channel::CorrectionOrder,
+    Channel::ResetOrder,
+    Channel::Estimate,
+    Channel::Odometry,
+];
+/// What one with the images of a data set reads.
+const WITHOUT_IMAGES: &[Channel] = &[
+    Channel::Imu,
+    Channel::Frame,
+    Channel::FrameOrder,
+    Channel::CorrectionOrder,
+    Channel::ResetOrder,
+    Channel::Estimate,
+    Channel::Odometry,
+];
+
+/// What a verification came to.
+#[derive(Clone, Debug, Serialize)]
+pub struct Verification {
+    /// Every output that was compared is the same in every bit, and every input is the one recorded.
+    pub identical: bool,
+    /// The log holds the whole flight, and all of it was compared.
+    pub complete: bool,
+    /// The first output that differs.
+    pub difference: Option<Difference>,
+    /// An input is not the one that was recorded, by the running hash over the inputs.
+    pub inputs_changed: bool,
+    /// Inertial samples executed.
+    pub readings: u64,
+    /// Frames that were refused in flight.
+    pub frames_refused: u64,
+    /// Estimates that are the same in every bit.
+    pub estimates_identical: u64,
+    /// Odometry that is the same in every bit.
+    pub odometry_identical: u64,
+    /// Outputs of the execution that are not in the log.
+    pub not_recorded: u64,
+    /// Outputs of the log whose inputs it does not hold.
+    pub not_executed: u64,
+    /// The log breaks off: the recorder was killed, or could not write.
+    pub truncated: bool,
+    /// The log ends with the room that it was given, before the flight.
+    pub ended_for_room: bool,
+    /// SHA-256 over the bits of all estimates of the execution, as in a report.
+    pub estimate_digest: String,
+    /// SHA-256 over the bits of all odometry of the execution, as in a report.
+    pub odometry_digest: String,
+    /// The recording was made by this very executable.
+    pub same_build: bool,
+    /// SHA-256 of the configuration.
+    pub config_hash: String,
+}
+
+/// Executes the log at `path` again, with its own images or those of `images`. `progress` is told the part
+/// that is done, from 0 to 1.
+///
+/// # Errors
+/// When the log cannot be read, lacks an input, or cannot be executed.
+pub fn verify(
+    path: &Path,
+    images: Option<Box<dyn StereoSource>>,
+    progress: &mut dyn FnMut(f64),
+) -> Result<Verification, LogError> {
+    let wanted = if images.is_some() { WITHOUT_IMAGES } else { WITH_IMAGES };
+    let log = Cursor::open(path, wanted)?;
+    let about = log.reader().about().clone();
+    if about.part != 0 {
+        let reason = "its beginning was deleted to keep the newest (recorder.keep = \"newest\"), and without it \
+                      the flight cannot be executed again";
+        return Err(LogError::unusable(path, reason));
+    }
+    if images.is_none() && about.images == ImageRecording::None {
+        let reason = "was recorded without images; give the data set it was recorded from with --images";
+        return Err(LogError::unusable(path, reason));
+    }
+    let mut execution = Execution::new(log, images);
+    while execution.step()? {
+        if execution.readings().is_multiple_of(100) {
+            let log = execution.log().reader();
+            progress(log.read_bytes() as f64 / log.total_bytes().max(1) as f64);
+        }
+    }
+    execution.read_to_end()?;
+    let is_same_build = about.build.is_same_executable(BuildId::current());
+    Ok(summed_up(execution, is_same_build, about.config_hash))
+}
+
+fn summed_up(mut execution: Execution, same_build: bool, config_hash: String) -> Verification {
+    let log = execution.log().reader();
+    let (ending, dropped, inputs_changed) = (log.ending(), log.dropped(), log.is_seal_broken());
+    let is_log_complete = ending == Ending::Flight;
+    execution.estimates.finish(is_log_complete);
+    execution.odometry.finish(is_log_complete);
+    let Execution { estimates, odometry, estimate_digest, odometry_digest, refused, .. } = &execution;
+    let difference = estimates.difference.clone().or_else(|| odometry.difference.clone());
+    let not_recorded = estimates.missing + odometry.missing;
+    let unexplained = is_log_complete && not_recorded > dropped_outputs(&dropped);
+    Verification {
+        identical: difference.is_none() && !inputs_changed && !unexplained,
+        complete: is_log_complete && not_recorded == 0 && difference.is_none(),
+        inputs_changed,
+        readings: execution.readings(),
+        frames_refused: *refused,
+        estimates_identical: estimates.identical,
+        odometry_identical: odometry.identical,
+        not_recorded,
+        not_executed: estimates.left_over() + odometry.left_over(),
+        truncated: ending == Ending::Truncated,
+        ended_for_room: ending == Ending::Room,
+        estimate_digest: estimate_digest.hex(),
+        odometry_digest: odometry_digest.hex(),
+        same_build,
+        config_hash,
+        difference,
+    }
+}
+
+/// Outputs that the recorder itself says are missing.
+fn dropped_outputs(dropped: &Dropped) -> u64 {
+    dropped.of(Kind::Estimate) + dropped.of(Kind::Odometry)
+}

@@ -1,0 +1,351 @@
+//! Writes a log: messages into chunks, chunks into parts, parts within the limits of the disk.
+//!
+//! Whatever ends the process or fills the disk, the files hold all chunks but the last ([`super::part`]).
+
+use super::about::About;
+use super::channel::Channel;
+use super::entry::{Dropped, Kind, LogEntry};
+use super::narrate::Narrator;
+use super::part::Part;
+use super::part_file::OpenPart;
+use super::parts::{existing_parts, part_path};
+use super::{LogError, encode, image, proto};
+use mcap::McapError;
+use plumbline_config::Timestamp;
+use plumbline_config::options::{KeepPolicy, RecorderConfig};
+use plumbline_drivers::StereoFrame;
+use plumbline_estimator::Estimate;
+use prost::Message;
+use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
+
+/// What a part has without any message: configuration, schemas, summary.
+const NEW_PART_BYTES: u64 = 128 << 10;
+
+/// How much is written.
+#[derive(Clone, Copy, Debug)]
+pub struct Limits {
+    /// Of a part, bytes.
+    pub part_bytes: u64,
+    /// Of all parts, bytes.
+    pub total_bytes: u64,
+    /// What to do at the limit.
+    pub keep: KeepPolicy,
+}
+
+impl Limits {
+    /// As configured.
+    #[must_use]
+    pub fn of(config: &RecorderConfig) -> Self {
+        let bytes = |megabytes: usize| megabytes as u64 * 1_000_000;
+        Self {
+            part_bytes: bytes(config.max_file_mb),
+            total_bytes: bytes(config.max_total_mb),
+            keep: config.keep,
+        }
+    }
+}
+
+/// Writes the parts of one log.
+pub struct LogWriter {
+    path: PathBuf,
+    about: About,
+    limits: Limits,
+    open: OpenPart,
+    part: Option<Part>,
+    /// Parts that are complete: number and bytes.
+    closed: VecDeque<(u32, u64)>,
+    deleted_bytes: u64,
+    dropped: Dropped,
+    /// Entries since the last complete chunk.
+    unsaved: Dropped,
+    narrator: Narrator,
+    newest_ns: u64,
+    buffer: Vec<u8>,
+}
+
+impl LogWriter {
+    /// Begins a log at `path`, in files opened by `open`.
+    ///
+    /// # Errors
+    /// When there is one, or it cannot be created.
+    pub fn create(path: &Path, about: About, limits: Limits, open: OpenPart) -> Result<Self, LogError> {
+        if let Some((_, path)) = existing_parts(path).into_iter().next() {
+            return Err(LogError::Exists { path });
+        }
+        let mut writer = Self {
+            path: path.to_owned(),
+            about,
+            limits,
+            open,
+            part: None,
+            closed: VecDeque::new(),
+            deleted_bytes: 0,
+            dropped: Dropped::default(),
+            unsaved: Dropped::default(),
+            narrator: Narrator::default(),
+            newest_ns: 0,
+            buffer: Vec::new(),
+        };
+        writer.begin_part()?;
+        Ok(writer)
+    }
+
+    /// Bytes in the files, chunks in the making left out.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.part.as_ref().map_or(0, Part::complete_bytes) + self.closed_bytes()
+    }
+
+    /// Bytes that were written and deleted again.
+    #[must_use]
+    pub fn deleted_bytes(&self) -> u64 {
+        self.deleted_bytes
+    }
+
+    /// Entries that were taken and are not in the files: lost when writing has failed.
+    #[must_use]
+    pub fn unsaved(&self) -> Dropped {
+        self.unsaved
+    }
+
+    /// Files begun so far.
+    #[must_use]
+    pub fn parts(&self) -> u32 {
+        self.about.part + 1
+    }
+
+    /// From now on the log says that this much was dropped.
+    ///
+    /// # Errors
+    /// As [`Self::write`].
+    pub fn set_dropped(&mut self, dropped: Dropped) -> Result<(), LogError> {
+        self.dropped = dropped;
+        self.put_recording(proto::recording::End::NotYet)
+    }
+
+    /// Writes an entry.
+    ///
+    /// # Errors
+    /// When the files are full ([`LogError::Full`]; the log is complete up to there) or cannot be written;
+    /// nothing more is written then.
+    pub fn write(&mut self, entry: &LogEntry) -> Result<(), LogError> {
+        let unsaved = entry.kind() as usize;
+        self.unsaved.0[unsaved] += 1;
+        let written = self.put_entry(entry);
+        if matches!(written, Err(LogError::Full { .. })) {
+            // The log was completed without it.
+            self.unsaved.0[unsaved] = 1;
+        }
+        written
+    }
+
+    fn put_entry(&mut self, entry: &LogEntry) -> Result<(), LogError> {
+        match entry {
+            LogEntry::Imu(reading) => self.put(Channel::Imu, reading.sample.stamp, &encode::imu(reading)),
+            LogEntry::Frame(frame) => self.put_frame(frame),
+            LogEntry::Order(order) => {
+                self.put(Channel::FrameOrder, self.newest(), &encode::frame_order(order))
+            }
+            LogEntry::Correction(order) => {
+                self.put(Channel::CorrectionOrder, self.newest(), &encode::correction_order(order))
+            }
+            LogEntry::Reset(order) => {
+                self.put(Channel::ResetOrder, self.newest(), &encode::reset_order(order))
+            }
+            LogEntry::Estimate(estimate) => self.put_estimate(estimate),
+            LogEntry::Odometry(o) => self.put(Channel::Odometry, o.stamp, &encode::odometry(o)),
+            LogEntry::Event(event) => self.put(Channel::Event, event.stamp, &encode::event(event)),
+        }
+    }
+
+    /// Orders have no time of their own: that of the newest message.
+    fn newest(&self) -> Timestamp {
+        Timestamp::from_nanos(i64::try_from(self.newest_ns).unwrap_or(i64::MAX))
+    }
+
+    /// The images first: with the frame's own message it is complete.
+    fn put_frame(&mut self, frame: &StereoFrame) -> Result<(), LogError> {
+        for (camera, channel, name) in [(0, Channel::Left, "left"), (1, Channel::Right, "right")] {
+            if frame.valid[camera] {
+                self.buffer.clear();
+                image::encode(&frame.images[camera], frame.stamp, name, self.about.images, &mut self.buffer)
+                    .map_err(|e| LogError::io(&self.path, std::io::Error::other(e)))?;
+                if !self.buffer.is_empty() {
+                    self.put_buffer(channel, encode::log_time(frame.stamp))?;
+                }
+            }
+        }
+        self.put(Channel::Frame, frame.stamp, &image::frame(frame))
+    }
+
+    fn put_estimate(&mut self, estimate: &Estimate) -> Result<(), LogError> {
+        self.put(Channel::Estimate, estimate.stamp, &encode::estimate(estimate))?;
+        if estimate.has_pose() {
+            self.put(Channel::Transform, estimate.stamp, &encode::transform(estimate))?;
+            self.put(Channel::Pose, estimate.stamp, &encode::pose_in_frame(estimate))?;
+        }
+        match self.narrator.notice(estimate) {
+            Some(event) => self.put(Channel::Event, event.stamp, &encode::event(&event)),
+            None => Ok(()),
+        }
+    }
+
+    fn put_recording(&mut self, end: proto::recording::End) -> Result<(), LogError> {
+        let seal = self.part.as_ref().map_or_else(Vec::new, |part| part.seal());
+        let count = |kind| self.dropped.of(kind);
+        let recording = proto::Recording {
+            end: end.into(),
+            seal,
+            imu_dropped: count(Kind::Imu),
+            frames_dropped: count(Kind::Frame),
+            orders_dropped: count(Kind::Order),
+            estimates_dropped: count(Kind::Estimate),
+            odometry_dropped: count(Kind::Odometry),
+            events_dropped: count(Kind::Event),
+        };
+        self.buffer = recording.encode_to_vec();
+        self.append(Channel::Recording, self.newest_ns)
+    }
+
+    fn put(&mut self, channel: Channel, stamp: Timestamp, message: &impl Message) -> Result<(), LogError> {
+        self.buffer = message.encode_to_vec();
+        self.put_buffer(channel, encode::log_time(stamp))
+    }
+
+    /// Writes what is in the buffer where there is room for it.
+    fn put_buffer(&mut self, channel: Channel, time_ns: u64) -> Result<(), LogError> {
+        let Some(part) = &self.part else { return Ok(()) };
+        let (bytes, has_data) = (part.bytes_after(self.buffer.len()), part.has_data());
+        if bytes > self.limits.part_bytes && has_data {
+            self.next_part(bytes)?;
+        } else if self.closed_bytes() + bytes > self.limits.total_bytes {
+            self.make_room(bytes)?;
+        }
+        self.newest_ns = self.newest_ns.max(time_ns);
+        self.append(channel, time_ns)?;
+        let is_due = self.part.as_ref().is_some_and(|part| part.is_chunk_due(time_ns));
+        if is_due { self.flush() } else { Ok(()) }
+    }
+
+    fn closed_bytes(&self) -> u64 {
+        self.closed.iter().map(|(_, bytes)| bytes).sum()
+    }
+
+    /// Ends the part, which would have `bytes`, and begins the next.
+    fn next_part(&mut self, bytes: u64) -> Result<(), LogError> {
+        let next_bytes = self.buffer.len() as u64 + NEW_PART_BYTES;
+        if self.limits.keep == KeepPolicy::Beginning
+            && self.closed_bytes() + bytes + next_bytes > self.limits.total_bytes
+        {
+            return self.end_full();
+        }
+        let message = std::mem::take(&mut self.buffer);
+        self.end_part(proto::recording::End::NotYet)?;
+        self.make_room(next_bytes)?;
+        self.about.part += 1;
+        self.begin_part()?;
+        self.buffer = message;
+        Ok(())
+    }
+
+    /// Deletes the oldest parts until `bytes` fit beside the others, or ends the log.
+    fn make_room(&mut self, bytes: u64) -> Result<(), LogError> {
+        while self.closed_bytes() + bytes > self.limits.total_bytes {
+            let oldest = match self.limits.keep {
+                KeepPolicy::Beginning => None,
+                KeepPolicy::Newest => self.closed.pop_front(),
+            };
+            let Some((number, bytes)) = oldest else { return self.end_full() };
+            let path = part_path(&self.path, number);
+            std::fs::remove_file(&path).map_err(|e| LogError::io(&path, e))?;
+            self.deleted_bytes += bytes;
+        }
+        Ok(())
+    }
+
+    fn end_full(&mut self) -> Result<(), LogError> {
+        self.end_part(proto::recording::End::OfRoom)?;
+        let limit_mb = self.limits.total_bytes / 1_000_000;
+        Err(LogError::Full { path: self.path.clone(), limit_mb })
+    }
+
+    /// Adds the buffer to the chunk.
+    fn append(&mut self, channel: Channel, time_ns: u64) -> Result<(), LogError> {
+        let Some(part) = &mut self.part else { return Ok(()) };
+        let written = part.append(channel, time_ns, &self.buffer);
+        self.sound(written)
+    }
+
+    /// Completes the chunk: what was written so far is in the file.
+    ///
+    /// # Errors
+    /// As [`Self::write`].
+    pub fn flush(&mut self) -> Result<(), LogError> {
+        if self.part.as_ref().is_some_and(Part::has_chunk) {
+            self.put_recording(proto::recording::End::NotYet)?;
+            self.end_chunk()?;
+        }
+        Ok(())
+    }
+
+    fn end_chunk(&mut self) -> Result<(), LogError> {
+        let Some(part) = &mut self.part else { return Ok(()) };
+        let flushed = part.end_chunk(&self.open);
+        if flushed.is_ok() {
+            self.unsaved = Dropped::default();
+        }
+        self.sound(flushed)
+    }
+
+    /// Ends the log.
+    ///
+    /// # Errors
+    /// As [`Self::write`].
+    pub fn finish(&mut self) -> Result<(), LogError> {
+        if self.part.is_none() {
+            return Ok(());
+        }
+        self.end_part(proto::recording::End::OfFlight)
+    }
+
+    fn begin_part(&mut self) -> Result<(), LogError> {
+        let path = part_path(&self.path, self.about.part);
+        let file = self.open.open(&path).map_err(|e| LogError::io(&path, e))?;
+        let metadata = self.about.to_metadata()?;
+        let begun = Part::begin(file, metadata, &self.about);
+        self.part = Some(self.sound(begun)?);
+        self.end_chunk()
+    }
+
+    fn end_part(&mut self, end: proto::recording::End) -> Result<(), LogError> {
+        self.put_recording(end)?;
+        self.end_chunk()?;
+        let Some(part) = &mut self.part else { return Ok(()) };
+        let finished = part.finish();
+        self.sound(finished)?;
+        if let Some(part) = self.part.take() {
+            self.closed.push_back((self.about.part, self.open.position()));
+            part.close().map_err(|e| self.io(e))?;
+        }
+        Ok(())
+    }
+
+    /// After a failure nothing more is written, and the file ends with its last complete chunk.
+    fn sound<T>(&mut self, result: Result<T, McapError>) -> Result<T, LogError> {
+        result.map_err(|error| {
+            if let Some(part) = self.part.take() {
+                self.closed.push_back((self.about.part, part.complete_bytes()));
+                part.cut();
+            }
+            self.io(match error {
+                McapError::Io(error) => error,
+                other => std::io::Error::other(other),
+            })
+        })
+    }
+
+    fn io(&self, error: std::io::Error) -> LogError {
+        LogError::io(&part_path(&self.path, self.about.part), error)
+    }
+}

@@ -1,0 +1,49 @@
+//! Listening to a run: every input, order and output as it passes.
+//!
+//! The order of the calls carries meaning where one thread makes them: the order of a frame comes after
+//! the readings it counts and any reset before it, a correction before the reading that it precedes.
+//! Between threads nothing follows from it: each call makes sense by its own numbers.
+
+use super::orders::{CorrectionOrder, FrameOrder, ResetOrder};
+use crate::log::Event;
+use plumbline_drivers::{ImuReading, StereoFrame};
+use plumbline_estimator::{Estimate, Odometry};
+
+/// Takes what passes through a run: must not block in a live one, nor allocate.
+pub trait Tap: Send {
+    /// Another of the same listener, for another thread.
+    fn another(&self) -> Box<dyn Tap>;
+    /// An inertial sample, as the odometry is given it.
+    fn reading(&mut self, reading: &ImuReading);
+    /// A frame that is done with, taken or refused. The tap may keep its buffers and leave others of the
+    /// same sizes.
+    fn frame(&mut self, frame: &mut StereoFrame);
+    /// What became of a frame.
+    fn order(&mut self, order: &FrameOrder);
+    /// An estimate takes effect on the odometry.
+    fn correction(&mut self, order: &CorrectionOrder);
+    /// A reset that somebody asked for takes effect.
+    fn reset(&mut self, order: &ResetOrder);
+    /// An estimate.
+    fn estimate(&mut self, estimate: &Estimate);
+    /// Odometry.
+    fn odometry(&mut self, odometry: &Odometry);
+    /// Something that people want to know.
+    fn event(&mut self, event: &Event);
+}
+
+/// Nobody listens.
+impl Tap for () {
+    fn another(&self) -> Box<dyn Tap> {
+        Box::new(())
+    }
+
+    fn reading(&mut self, _reading: &ImuReading) {}
+    fn frame(&mut self, _frame: &mut StereoFrame) {}
+    fn order(&mut self, _order: &FrameOrder) {}
+    fn correction(&mut self, _order: &CorrectionOrder) {}
+    fn reset(&mut self, _order: &ResetOrder) {}
+    fn estimate(&mut self, _estimate: &Estimate) {}
+    fn odometry(&mut self, _odometry: &Odometry) {}
+    fn event(&mut self, _event: &Event) {}
+}
