@@ -193,6 +193,7 @@ impl Odometer {
         let (points, lines_in_window) = self.window.triangulated();
         figures.points_in_window = points as u32;
         figures.lines_in_window = lines_in_window as u32;
+        figures.lines_in_structure = self.window.lines_in_structure() as u32;
         figures.keyframes = self.window.frames.iter().filter(|f| f.is_keyframe).count() as u32;
         self.last_stamp = Some(stamp);
         self.estimate(sequence, stamp, health, figures)
@@ -278,6 +279,7 @@ impl Odometer {
         self.window.clear_outliers();
         self.window.triangulate(false);
         self.window.predict_rates(&self.rate_b);
+        self.window.follow_structure(self.measurer.lines());
         let outcome = self.window.optimize(self.options.max_iterations);
         if outcome.is_not_positive_definite {
             health.insert(HealthBits::NOT_POSITIVE_DEFINITE);
