@@ -157,6 +157,8 @@ pub struct FrameFigures {
     pub lines_cut_short: u32,
     /// Line landmarks in the window after this frame.
     pub lines_in_window: u32,
+    /// Of these, along a direction of the structure.
+    pub lines_in_structure: u32,
     /// Keyframes in the window.
     pub keyframes: u32,
     /// Solver iterations.

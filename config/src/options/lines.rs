@@ -36,6 +36,12 @@ pub struct LinesConfig {
     pub max_landmarks: usize,
     /// Standard deviation of the end points of a segment across it, px.
     pub sigma_px: f64,
+    /// Vertical lines are held along gravity.
+    pub use_verticals: bool,
+    /// Horizontal lines of one heading, and those across it, are held together.
+    pub use_vanishing_directions: bool,
+    /// Standard deviation of the lines of a structure from its directions, degrees.
+    pub structure_sigma_deg: f64,
 }
 
 impl Default for LinesConfig {
@@ -56,6 +62,9 @@ impl Default for LinesConfig {
             max_hamming_ratio: 0.75,
             max_landmarks: 120,
             sigma_px: 0.2,
+            use_verticals: true,
+            use_vanishing_directions: true,
+            structure_sigma_deg: 0.1,
         }
     }
 }

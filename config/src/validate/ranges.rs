@@ -61,6 +61,7 @@ const ROWS: &[Row<Config>] = &[
     ("estimator.lines.max_hamming_ratio",        |c| c.estimator.lines.max_hamming_ratio,                0.1,  1.0,    CHOOSE),
     ("estimator.lines.max_landmarks",            |c| c.estimator.lines.max_landmarks as f64,             4.0,  2000.0, COUNT),
     ("estimator.lines.sigma_px",                 |c| c.estimator.lines.sigma_px,                         0.01, 20.0,   PX),
+    ("estimator.lines.structure_sigma_deg",      |c| c.estimator.lines.structure_sigma_deg,              0.01, 10.0,   "write it in degrees"),
 
     ("estimator.window.keyframes",               |c| c.estimator.window.keyframes as f64,                2.0,  14.0,   COUNT),
     ("estimator.window.recent_frames",           |c| c.estimator.window.recent_frames as f64,            1.0,  13.0,   COUNT),

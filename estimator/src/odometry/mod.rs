@@ -291,6 +291,7 @@ impl Odometer {
         self.window.clear_outliers();
         self.window.triangulate(false);
         self.window.predict_rates(&self.rate_b);
+        self.window.follow_structure(self.measurer.lines());
         let outcome = self.window.optimize(self.options.max_iterations.min(max_iterations));
         if outcome.is_not_positive_definite {
             health.insert(HealthBits::NOT_POSITIVE_DEFINITE);
@@ -395,6 +396,7 @@ impl Odometer {
             figures: FrameFigures {
                 points_in_window: points as u32,
                 lines_in_window: lines as u32,
+                lines_in_structure: self.window.lines_in_structure() as u32,
                 keyframes: self.window.frames.iter().filter(|f| f.is_keyframe).count() as u32,
                 iterations: solved.iterations,
                 is_keyframe: solved.is_keyframe,

@@ -141,6 +141,22 @@ impl NormalEquations {
     /// Eliminates the unknowns `range` (Schur complement) and closes the gap they leave. An unknown
     /// without information of its own (pivot at most `floor`) is dropped without effect.
     pub fn eliminate(&mut self, range: std::ops::Range<usize>, floor: f64) {
+        self.subtract(range.clone(), floor);
+        self.close(range);
+    }
+
+    /// Eliminates unknown `k` in its place: it stays, free and without information.
+    pub fn release(&mut self, k: usize, floor: f64) {
+        self.subtract(k..k + 1, floor);
+        for j in 0..self.dim {
+            let (row, column) = if j <= k { (j, k) } else { (k, j) };
+            self.h[row * self.stride + column] = 0.0;
+        }
+        self.b[k] = 0.0;
+    }
+
+    /// The Schur complement of the unknowns `range`; what is left in their own rows has no meaning.
+    fn subtract(&mut self, range: std::ops::Range<usize>, floor: f64) {
         let mut column = [0.0; MAX_UNKNOWNS];
         for k in range.clone() {
             let pivot = self.get(k, k);
@@ -151,7 +167,6 @@ impl NormalEquations {
                 self.subtract_outer(&column, 1.0 / pivot, self.b[k]);
             }
         }
-        self.close(range);
     }
 
     fn subtract_outer(&mut self, column: &[f64; MAX_UNKNOWNS], inverse_pivot: f64, gradient: f64) {
@@ -184,8 +199,8 @@ impl NormalEquations {
     }
 }
 
-/// Largest number of unknowns of any system here: the rig and [`super::MAX_FRAMES`] frames.
-pub const MAX_UNKNOWNS: usize = super::state::RIG_DIM + super::MAX_FRAMES * super::state::FRAME_DIM;
+/// Largest number of unknowns of any system here: rig, heading and [`super::MAX_FRAMES`] frames.
+pub const MAX_UNKNOWNS: usize = super::state::GLOBAL_DIM + super::MAX_FRAMES * super::state::FRAME_DIM;
 
 /// `H = U'U` of a damped copy of the normal equations, in fixed memory.
 #[derive(Clone, Debug)]
@@ -321,6 +336,18 @@ mod tests {
         assert!(!Factor::new(8).compute(&eq, 0.0));
         eq.add(2, 2, f64::NAN);
         assert!(!Factor::new(8).compute(&eq, 0.0));
+    }
+
+    #[test]
+    fn a_released_unknown_leaves_the_others_as_known_as_they_were() {
+        let mut eq = system(8);
+        let before = solution(&eq);
+        eq.release(3, 0.0);
+        assert!((0..8).all(|j| eq.get(3, j) == 0.0) && eq.gradient()[3] == 0.0);
+        let after = solution(&eq);
+        for k in (0..8).filter(|k| *k != 3) {
+            assert!((after[k] - before[k]).abs() < 1e-12, "{k}");
+        }
     }
 
     #[test]

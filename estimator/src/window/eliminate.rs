@@ -2,11 +2,11 @@
 
 use super::MAX_FRAMES;
 use super::dense::NormalEquations;
-use super::state::{POSE_DIM, RIG_DIM};
+use super::state::{GLOBAL_DIM, POSE_DIM};
 use nalgebra::{SMatrix, SVector};
 
-/// Most unknowns that one landmark touches: the rig and every pose.
-pub(super) const MAX_VISUAL: usize = RIG_DIM + POSE_DIM * MAX_FRAMES;
+/// Most unknowns that one landmark touches: the globals and every pose.
+pub(super) const MAX_VISUAL: usize = GLOBAL_DIM + POSE_DIM * MAX_FRAMES;
 
 /// What the elimination of a landmark leaves for its back-substitution.
 #[derive(Clone, Debug)]
@@ -49,14 +49,14 @@ pub(super) fn eliminate<const D: usize>(
     l: &SMatrix<f64, D, D>,
     span: (usize, usize),
 ) {
-    let (start, end) = (RIG_DIM + POSE_DIM * span.0, RIG_DIM + POSE_DIM * (span.1 + 1));
+    let (start, end) = (GLOBAL_DIM + POSE_DIM * span.0, GLOBAL_DIM + POSE_DIM * (span.1 + 1));
     let mut y = [[0.0; MAX_VISUAL]; D];
     let mut z = [0.0; D];
     for r in 0..D {
         let inverse = 1.0 / l[(r, r)];
         let (above, row) = y.split_at_mut(r);
         let row = &mut row[0];
-        for range in [0..RIG_DIM, start..end] {
+        for range in [0..GLOBAL_DIM, start..end] {
             row[range.clone()].copy_from_slice(&entry.by_visual[r][range.clone()]);
             for (s, above) in above.iter().enumerate() {
                 let factor = l[(r, s)];
@@ -68,10 +68,10 @@ pub(super) fn eliminate<const D: usize>(
         }
         z[r] = (entry.gradient[r] - (0..r).map(|s| l[(r, s)] * z[s]).sum::<f64>()) * inverse;
     }
-    for i in (0..RIG_DIM).chain(start..end) {
+    for i in (0..GLOBAL_DIM).chain(start..end) {
         let column: [f64; D] = std::array::from_fn(|r| y[r][i]);
         let row = visual.row_mut(i);
-        for range in [i..RIG_DIM, start.max(i)..end] {
+        for range in [i..GLOBAL_DIM, start.max(i)..end] {
             if range.start < range.end {
                 let to = &mut row[range.start - i..range.end - i];
                 subtract_products(to, &column, std::array::from_fn(|r| &y[r][range.clone()]));

@@ -1,6 +1,7 @@
 //! What every kind of landmark has in common: parameters in the camera that hosts it, seen from another.
 
 use super::state::{Mount, NavState};
+use super::structure::Structure;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 use std::fmt::Debug;
 
@@ -73,12 +74,32 @@ pub trait Feature: Copy + Debug + PartialEq {
 
     /// The same landmark hosted by the observer; `None` where it cannot see it.
     fn hosted_by_target(&self, view: &View<'_>) -> Option<Self>;
+
+    /// What the structure of the scene says against it, in standard deviations; nothing about most features.
+    fn structural_residual(
+        &self,
+        _structure: &Structure,
+        _host: &BodyPose,
+        _mount: &Mount,
+    ) -> Option<Vector2<f64>> {
+        None
+    }
 }
 
 /// A feature of `D` degrees of freedom.
 pub trait Estimated<const D: usize>: Feature {
     /// Derivatives of [`Feature::residual`]; `None` where the observer cannot see it.
     fn jacobians(&self, view: &View<'_>, measured: &Self::Measurement) -> Option<Jacobians<D>>;
+
+    /// Derivatives of [`Feature::structural_residual`]; those by the heading apart.
+    fn structural_jacobians(
+        &self,
+        _structure: &Structure,
+        _host: &BodyPose,
+        _mount: &Mount,
+    ) -> Option<(Jacobians<D>, Vector2<f64>)> {
+        None
+    }
 
     /// The feature with the step `d` applied.
     #[must_use]

@@ -20,7 +20,9 @@
 //! Equations 10 and 11 give the derivatives by the camera's pose; here they go through body and mounting,
 //! with right perturbations.
 
-use super::feature::{Estimated, Feature, Jacobians, View};
+use super::feature::{BodyPose, Estimated, Feature, Jacobians, View};
+use super::state::Mount;
+use super::structure::{Axis, Structure};
 use crate::geometry::{exp_so3, skew};
 use nalgebra::{Matrix2x3, Matrix3, Matrix3x4, SMatrix, Vector2, Vector3, Vector4};
 
@@ -35,6 +37,8 @@ pub struct HostedLine {
     pub axes: Matrix3<f64>,
     /// `phi`, rad.
     pub phi: f64,
+    /// The direction of the structure to which the line belongs.
+    pub axis: Option<Axis>,
 }
 
 /// What a camera measured of a line.
@@ -53,6 +57,12 @@ impl LineMeasurement {
     #[must_use]
     pub fn normal(&self) -> Vector3<f64> {
         ray(&self.ends_xy[0]).cross(&ray(&self.ends_xy[1]))
+    }
+
+    /// Angle between the end points, rad.
+    #[must_use]
+    pub fn angle_rad(&self) -> f64 {
+        ray(&self.ends_xy[0]).angle(&ray(&self.ends_xy[1]))
     }
 
     /// The measurement with the rates of a far line in a camera that turns with `rate_c`, rad/s.
@@ -124,7 +134,7 @@ struct Path {
 impl HostedLine {
     /// Stands for a line that waits for its triangulation.
     pub const UNKNOWN: Self =
-        Self { axes: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), phi: 0.0 };
+        Self { axes: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), phi: 0.0, axis: None };
 
     /// The line with these Pluecker coordinates, of any scale; `None` through the camera.
     #[must_use]
@@ -134,7 +144,7 @@ impl HostedLine {
         let across = v - u1 * u1.dot(v);
         let u2 = across.try_normalize(1e-12)?;
         let axes = Matrix3::from_columns(&[u1, u2, u1.cross(&u2)]);
-        Some(Self { axes, phi: across.norm().atan2(n.norm()) })
+        Some(Self { axes, phi: across.norm().atan2(n.norm()), axis: None })
     }
 
     fn pluecker(&self) -> Pluecker {
@@ -214,7 +224,16 @@ impl Feature for HostedLine {
 
     fn hosted_by_target(&self, view: &View<'_>) -> Option<Self> {
         let ct = self.path(view).ct;
-        Self::of(&ct.n, &ct.v)
+        Some(Self { axis: self.axis, ..Self::of(&ct.n, &ct.v)? })
+    }
+
+    fn structural_residual(
+        &self,
+        structure: &Structure,
+        host: &BodyPose,
+        mount: &Mount,
+    ) -> Option<Vector2<f64>> {
+        structure.residual(self, host, mount)
     }
 }
 
@@ -266,7 +285,16 @@ impl Estimated<4> for HostedLine {
         // Rounding must not add up: the columns are made orthonormal again.
         let u1 = turned.column(0).normalize();
         let u2 = (turned.column(1) - u1 * u1.dot(&turned.column(1))).normalize();
-        Self { axes: Matrix3::from_columns(&[u1, u2, u1.cross(&u2)]), phi: self.phi + d[3] }
+        Self { axes: Matrix3::from_columns(&[u1, u2, u1.cross(&u2)]), phi: self.phi + d[3], axis: self.axis }
+    }
+
+    fn structural_jacobians(
+        &self,
+        structure: &Structure,
+        host: &BodyPose,
+        mount: &Mount,
+    ) -> Option<(Jacobians<4>, Vector2<f64>)> {
+        structure.jacobians(self, host, mount)
     }
 }
 

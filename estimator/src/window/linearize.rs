@@ -9,8 +9,9 @@ use super::eliminate::{Eliminated, MAX_VISUAL, eliminate};
 use super::feature::{BodyPose, Estimated, Feature, View};
 use super::inertial_factor;
 use super::landmark::{Landmark, LineLandmark, Observation, PointLandmark};
-use super::state::{FRAME_DIM, Frame, Mount, POSE_DIM, RIG_DIM, Rig};
-use super::sums::{LandmarkSums, add_target, common_rows};
+use super::state::{FRAME_DIM, Frame, GLOBAL_DIM, Mount, POSE_DIM, Rig};
+use super::structure::Structure;
+use super::sums::{LandmarkSums, add_heading, add_target, common_rows};
 use super::{MAX_FRAMES, Options};
 use nalgebra::{Matrix3, SMatrix, Vector2, Vector3};
 
@@ -49,6 +50,8 @@ pub struct Problem<'a> {
     pub points: &'a [PointLandmark],
     /// Lines.
     pub lines: &'a [LineLandmark],
+    /// Structure of the scene.
+    pub structure: &'a Structure,
     /// Options of the window.
     pub options: &'a Options,
 }
@@ -82,8 +85,8 @@ impl Linearizer {
     /// Starts anew with no information about the rig and the frames of `problem`.
     pub fn begin(&mut self, problem: &Problem<'_>) {
         let frames = problem.frames.len();
-        self.equations.reset(RIG_DIM + FRAME_DIM * frames);
-        self.visual.reset(RIG_DIM + POSE_DIM * frames);
+        self.equations.reset(GLOBAL_DIM + FRAME_DIM * frames);
+        self.visual.reset(GLOBAL_DIM + POSE_DIM * frames);
         self.refresh_bodies(problem.rig, problem.frames, problem.options.first_estimates);
     }
 
@@ -119,7 +122,7 @@ impl Linearizer {
         let first = problem.options.first_estimates;
         let (by_from, by_to) =
             inertial_factor::jacobians(motion, from.jacobian_state(first), to.jacobian_state(first), gravity);
-        let (row, column) = (RIG_DIM + (index - 1) * FRAME_DIM, RIG_DIM + index * FRAME_DIM);
+        let (row, column) = (GLOBAL_DIM + (index - 1) * FRAME_DIM, GLOBAL_DIM + index * FRAME_DIM);
         let weighted_from = by_from.tr_mul(&information);
         let weighted_to = by_to.tr_mul(&information);
         self.equations.add_block(row, row, &(weighted_from * by_from));
@@ -141,7 +144,7 @@ impl Linearizer {
             return 0.0;
         }
         let information = 1.0 / (problem.options.still_sigma_m_s * problem.options.still_sigma_m_s);
-        let at = RIG_DIM + index * FRAME_DIM + 6;
+        let at = GLOBAL_DIM + index * FRAME_DIM + 6;
         for k in 0..3 {
             self.equations.add(at + k, at + k, information);
             self.equations.gradient_mut()[at + k] += information * frame.nav.v_o_b[k];
@@ -189,6 +192,11 @@ impl Linearizer {
                 if let Some(r) = self.residual(problem, landmark, observation) {
                     cost += cauchy(r.norm_squared(), problem.options.cauchy_scale).0;
                 }
+            }
+            let host = &self.poses.now[usize::from(landmark.host)];
+            let mount = &self.poses.mounts[usize::from(landmark.host_camera)];
+            if let Some(r) = landmark.feature.structural_residual(problem.structure, host, mount) {
+                cost += cauchy(r.norm_squared(), problem.options.cauchy_scale).0;
             }
         }
         cost
@@ -285,12 +293,38 @@ impl Poses {
 /// Place of a visual unknown (rig, then six of each pose) among all unknowns.
 #[must_use]
 pub fn unknown_of_visual(visual: usize) -> usize {
-    if visual < RIG_DIM {
+    if visual < GLOBAL_DIM {
         visual
     } else {
-        let k = visual - RIG_DIM;
-        RIG_DIM + (k / POSE_DIM) * FRAME_DIM + k % POSE_DIM
+        let k = visual - GLOBAL_DIM;
+        GLOBAL_DIM + (k / POSE_DIM) * FRAME_DIM + k % POSE_DIM
     }
+}
+
+/// Adds what the structure of the scene says of a landmark; returns its robust cost.
+fn add_structural<F: Estimated<D>, const D: usize>(
+    visual: &mut NormalEquations,
+    entry: &mut Eliminated<D>,
+    sums: &mut LandmarkSums<D>,
+    poses: &Poses,
+    problem: &Problem<'_>,
+    landmark: &Landmark<F>,
+) -> f64 {
+    let Problem { structure, options, .. } = *problem;
+    let (host, mount) = (usize::from(landmark.host), &poses.mounts[usize::from(landmark.host_camera)]);
+    let Some(r) = landmark.feature.structural_residual(structure, &poses.now[host], mount) else {
+        return 0.0;
+    };
+    let Some((j, heading)) = landmark.feature.structural_jacobians(structure, &poses.first[host], mount)
+    else {
+        return 0.0;
+    };
+    let (cost, weight) = cauchy(r.norm_squared(), options.cauchy_scale);
+    let scale = weight.sqrt();
+    let rows = common_rows(&j, &r, scale, true, options);
+    sums.add(&rows);
+    add_heading(visual, entry, &rows, &(heading * scale), host);
+    cost
 }
 
 /// Adds a landmark and eliminates it, its own block damped; returns its robust cost.
@@ -306,7 +340,7 @@ fn add_landmark<F: Estimated<D>, const D: usize>(
     if !landmark.is_triangulated {
         return 0.0;
     }
-    let dim = RIG_DIM + POSE_DIM * problem.frames.len();
+    let dim = GLOBAL_DIM + POSE_DIM * problem.frames.len();
     for row in &mut entry.by_visual {
         row[..dim].fill(0.0);
     }
@@ -331,6 +365,7 @@ fn add_landmark<F: Estimated<D>, const D: usize>(
             add_target(visual, entry, &rows, &j.target, scale, (host, frame));
         }
     }
+    cost += add_structural(visual, entry, &mut sums, poses, problem, landmark);
     sums.flush(visual, entry, host);
     let mut h_ll = sums.landmark() + SMatrix::<f64, D, D>::identity() * LANDMARK_REGULARIZATION;
     for k in 0..D {

@@ -18,10 +18,8 @@ use super::Window;
 use super::feature::Feature;
 use super::landmark::{Landmark, LandmarkStore};
 use super::linearize::Problem;
-use super::state::{FRAME_DIM, Frame, RIG_DIM};
-
-/// An unknown with less information than this is dropped instead of eliminated.
-const PIVOT_FLOOR: f64 = 1e-9;
+use super::prior::PIVOT_FLOOR;
+use super::state::{FRAME_DIM, Frame, GLOBAL_DIM};
 
 impl Window {
     /// Removes frame `index` (not the newest), keeping what it says about the others.
@@ -58,10 +56,10 @@ impl Window {
         split_observations(&mut self.points, &mut self.rehosted.0, &self.frames, (index, newest_keyframe));
         split_observations(&mut self.lines, &mut self.rehosted.1, &self.frames, (index, newest_keyframe));
         let covered = self.frames_touched(index);
-        let Self { rig, frames, points, lines, prior, linearizer, options, .. } = self;
-        let problem = Problem { rig, frames, points: points.all(), lines: lines.all(), options };
+        let Self { rig, structure, frames, points, lines, prior, linearizer, options, .. } = self;
+        let problem = Problem { rig, frames, points: points.all(), lines: lines.all(), structure, options };
         linearizer.begin(&problem);
-        let _ = prior.evaluate(rig, frames, Some(&mut linearizer.equations));
+        let _ = prior.evaluate((rig, structure), frames, Some(&mut linearizer.equations));
         // Without its inertial factors, what the prior knows of this frame would be lost to the others.
         let _ = linearizer.add_standstill(&problem, index);
         for k in index.max(1)..(index + 2).min(frames.len()) {
@@ -85,10 +83,10 @@ impl Window {
             }
         }
         let equations = &mut linearizer.equations;
-        let unused = RIG_DIM + covered * FRAME_DIM..equations.dim();
+        let unused = GLOBAL_DIM + covered * FRAME_DIM..equations.dim();
         equations.eliminate(unused, f64::INFINITY);
-        prior.replace(equations, rig, frames);
-        let at = RIG_DIM + index * FRAME_DIM;
+        prior.replace(equations, (rig, structure), frames);
+        let at = GLOBAL_DIM + index * FRAME_DIM;
         prior.equations.eliminate(at..at + FRAME_DIM, PIVOT_FLOOR);
         frames[index].motion = None;
         if let Some(next) = frames.get_mut(index + 1) {

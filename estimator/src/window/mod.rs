@@ -8,6 +8,7 @@
 //! - [`state`], [`landmark`], [`feature`]: what is estimated
 //! - [`reprojection`], [`line`], [`inertial_factor`], [`prior`]: the terms
 //! - `tracks`: how tracks become landmarks
+//! - [`structure`] with `structure_discovery`, `structure_lines`: verticals and vanishing directions
 //! - [`linearize`] with `sums`, [`eliminate`], [`dense`], [`solve`]: normal equations and their solution
 //! - [`triangulate`], [`triangulate_line`], [`keyframes`], [`marginalize`]: what enters and what leaves
 
@@ -24,6 +25,9 @@ pub mod prior;
 pub mod reprojection;
 pub mod solve;
 pub mod state;
+pub mod structure;
+mod structure_discovery;
+mod structure_lines;
 mod sums;
 #[cfg(test)]
 mod test_views;
@@ -40,7 +44,9 @@ use nalgebra::{SVector, UnitQuaternion, Vector3};
 use plumbline_config::{Config, Timestamp};
 use prior::{AnchorSigmas, Prior};
 use reprojection::{InversePoint, PointMeasurement};
-use state::{FRAME_DIM, Frame, Mount, NavState, RIG_DIM, Rig};
+use state::{FRAME_DIM, Frame, GLOBAL_DIM, Mount, NavState, RIG_DIM, Rig};
+use structure::{Structure, StructureOptions};
+use structure_discovery::Discovery;
 
 /// Most frames in the window, whatever the configuration says.
 pub const MAX_FRAMES: usize = 16;
@@ -120,6 +126,8 @@ impl Options {
 pub struct Window {
     /// Calibration.
     pub rig: Rig,
+    /// Structure of the scene.
+    pub structure: Structure,
     /// Frames in order of time.
     pub frames: Vec<Frame>,
     /// Points.
@@ -131,6 +139,8 @@ pub struct Window {
     /// Options.
     pub options: Options,
     anchor: Option<Anchor>,
+    discovery: Discovery,
+    is_structure_in_sight: bool,
     linearizer: Linearizer,
     factor: dense::Factor,
     backup: solve::Backup,
@@ -184,9 +194,12 @@ impl Window {
     pub fn new(config: &Config) -> Self {
         let options = Options::of(config);
         let rig = Rig::of(config);
-        let unknowns = RIG_DIM + FRAME_DIM * MAX_FRAMES;
+        let unknowns = GLOBAL_DIM + FRAME_DIM * MAX_FRAMES;
         let (points, lines) = (config.estimator.window.max_landmarks, config.estimator.lines.max_landmarks);
         Self {
+            structure: Structure::new(StructureOptions::of(&config.estimator.lines)),
+            discovery: Discovery::default(),
+            is_structure_in_sight: false,
             frames: Vec::with_capacity(MAX_FRAMES),
             points: LandmarkStore::new(points),
             lines: LandmarkStore::new(lines),
@@ -211,6 +224,9 @@ impl Window {
         self.points.clear();
         self.lines.clear();
         self.anchor = None;
+        self.structure.heading_rad = None;
+        self.discovery = Discovery::default();
+        self.is_structure_in_sight = false;
         self.prior.start(&self.rig, &self.options.rig_sigmas);
     }
 
@@ -239,6 +255,7 @@ impl Window {
         let turn_rad = yaw_rad - yaw_of(&newest.nav.rot_o_b);
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), turn_rad);
         let pivot = newest.nav.p_o_b;
+        self.structure.turn(turn_rad);
         for frame in &mut self.frames {
             frame.nav.p_o_b = turn * (frame.nav.p_o_b - pivot) + p_o_b;
             frame.nav.rot_o_b = turn * frame.nav.rot_o_b;
@@ -334,8 +351,8 @@ impl Window {
 
     /// Removes observations that do not fit, and landmarks that are left with less than two views.
     pub fn remove_outliers(&mut self) {
-        let Self { rig, frames, points, lines, linearizer, options, outliers, .. } = self;
-        let problem = Problem { rig, frames, points: &[], lines: &[], options };
+        let Self { rig, structure, frames, points, lines, linearizer, options, outliers, .. } = self;
+        let problem = Problem { rig, frames, points: &[], lines: &[], structure, options };
         tracks::remove_outliers(points, linearizer, &problem, &mut outliers.points);
         tracks::remove_outliers(lines, linearizer, &problem, &mut outliers.lines);
     }

@@ -6,8 +6,12 @@
 //! measurement can see (position and yaw of everything) stay unseen: see [`super::marginalize`].
 
 use super::dense::{MAX_UNKNOWNS, NormalEquations};
-use super::state::{FRAME_DIM, Frame, NavState, RIG_DIM, Rig};
+use super::state::{FRAME_DIM, Frame, GLOBAL_DIM, HEADING, NavState, RIG_DIM, Rig};
+use super::structure::Structure;
 use nalgebra::{SVector, Vector3};
+
+/// An unknown with less information than this is dropped instead of eliminated.
+pub(super) const PIVOT_FLOOR: f64 = 1e-9;
 
 /// The prior over the rig and the first frames of the window.
 #[derive(Clone, Debug)]
@@ -16,6 +20,8 @@ pub struct Prior {
     pub equations: NormalEquations,
     /// Where the rig is linearized.
     pub rig: Rig,
+    /// Where the heading of the structure is, rad.
+    heading_rad: f64,
     /// Steps from the linearization points, refreshed by [`Self::evaluate`].
     steps: [f64; MAX_UNKNOWNS],
     product: [f64; MAX_UNKNOWNS],
@@ -43,19 +49,25 @@ impl Prior {
     #[must_use]
     pub fn new(capacity: usize, rig: &Rig) -> Self {
         let mut equations = NormalEquations::new(capacity);
-        equations.reset(RIG_DIM);
-        Self { equations, rig: rig.clone(), steps: [0.0; MAX_UNKNOWNS], product: [0.0; MAX_UNKNOWNS] }
+        equations.reset(GLOBAL_DIM);
+        Self {
+            equations,
+            rig: rig.clone(),
+            heading_rad: 0.0,
+            steps: [0.0; MAX_UNKNOWNS],
+            product: [0.0; MAX_UNKNOWNS],
+        }
     }
 
     /// Frames that the prior speaks of (the first ones of the window).
     #[must_use]
     pub fn frames(&self) -> usize {
-        (self.equations.dim() - RIG_DIM) / FRAME_DIM
+        (self.equations.dim() - GLOBAL_DIM) / FRAME_DIM
     }
 
     /// Forgets everything and starts from the rig's calibration with its standard deviations.
     pub fn start(&mut self, rig: &Rig, sigmas: &SVector<f64, RIG_DIM>) {
-        self.equations.reset(RIG_DIM);
+        self.equations.reset(GLOBAL_DIM);
         self.rig = rig.clone();
         for (k, sigma) in sigmas.iter().enumerate().filter(|(_, sigma)| **sigma > 0.0) {
             self.equations.add(k, k, 1.0 / (sigma * sigma));
@@ -71,7 +83,7 @@ impl Prior {
         biases: &(Vector3<f64>, Vector3<f64>),
         sigmas: &AnchorSigmas,
     ) {
-        let base = RIG_DIM + index * FRAME_DIM;
+        let base = GLOBAL_DIM + index * FRAME_DIM;
         if self.equations.dim() < base + FRAME_DIM {
             self.equations.grow(base + FRAME_DIM);
         }
@@ -94,10 +106,21 @@ impl Prior {
         self.equations.add_block(base + 3, base + 3, &(yaw + tilt));
     }
 
+    /// Another structure, near `heading_rad`: what the one before said of frames and rig stays known.
+    pub fn begin_structure(&mut self, heading_rad: f64) {
+        self.equations.release(HEADING, PIVOT_FLOOR);
+        self.heading_rad = heading_rad;
+    }
+
     /// Adds the prior to `target` at the present states; returns its cost `d' H d / 2 + b' d`.
-    pub fn evaluate(&mut self, rig: &Rig, frames: &[Frame], target: Option<&mut NormalEquations>) -> f64 {
+    pub fn evaluate(
+        &mut self,
+        (rig, structure): (&Rig, &Structure),
+        frames: &[Frame],
+        target: Option<&mut NormalEquations>,
+    ) -> f64 {
         let dim = self.equations.dim();
-        self.refresh_steps(rig, frames);
+        self.refresh_steps(rig, structure, frames);
         let mut cost = 0.0;
         for k in 0..dim {
             cost += self.steps[k] * (0.5 * self.product[k] + self.equations.gradient()[k]);
@@ -114,10 +137,11 @@ impl Prior {
     }
 
     /// Steps from the linearization points, and `H` times them.
-    fn refresh_steps(&mut self, rig: &Rig, frames: &[Frame]) {
+    fn refresh_steps(&mut self, rig: &Rig, structure: &Structure, frames: &[Frame]) {
         self.steps[..RIG_DIM].copy_from_slice(rig.minus(&self.rig).as_slice());
+        self.steps[HEADING] = structure.heading_rad.map_or(0.0, |heading| heading - self.heading_rad);
         for (k, frame) in frames.iter().take(self.frames()).enumerate() {
-            let at = RIG_DIM + k * FRAME_DIM;
+            let at = GLOBAL_DIM + k * FRAME_DIM;
             self.steps[at..at + FRAME_DIM].copy_from_slice(frame.nav.minus(&frame.linearization).as_slice());
         }
         self.equations.multiply(&self.steps, &mut self.product);
@@ -125,9 +149,14 @@ impl Prior {
 
     /// Replaces the prior by `equations`, whose gradient is taken at the present states: moved back to
     /// the linearization points.
-    pub fn replace(&mut self, equations: &NormalEquations, rig: &Rig, frames: &[Frame]) {
+    pub fn replace(
+        &mut self,
+        equations: &NormalEquations,
+        (rig, structure): (&Rig, &Structure),
+        frames: &[Frame],
+    ) {
         self.equations.copy_from(equations);
-        self.refresh_steps(rig, frames);
+        self.refresh_steps(rig, structure, frames);
         for (b, moved) in self.equations.gradient_mut().iter_mut().zip(&self.product) {
             *b -= moved;
         }

@@ -6,7 +6,7 @@ use super::landmark::LandmarkStore;
 use super::line::HostedLine;
 use super::linearize::{Problem, unknown_of_visual};
 use super::reprojection::InversePoint;
-use super::state::{FRAME_DIM, NavState, POSE_DIM, RIG_DIM, Rig};
+use super::state::{FRAME_DIM, GLOBAL_DIM, HEADING, NavState, POSE_DIM, RIG_DIM, Rig};
 use super::{MAX_FRAMES, Window};
 use crate::estimate::NavCovariance;
 use nalgebra::SVector;
@@ -34,6 +34,7 @@ pub struct Outcome {
 #[derive(Clone, Debug)]
 pub struct Backup {
     rig: Rig,
+    heading_rad: Option<f64>,
     frames: Vec<NavState>,
     points: Vec<InversePoint>,
     lines: Vec<HostedLine>,
@@ -45,6 +46,7 @@ impl Backup {
     pub fn new(points: usize, lines: usize, rig: &Rig) -> Self {
         Self {
             rig: rig.clone(),
+            heading_rad: None,
             frames: Vec::with_capacity(MAX_FRAMES),
             points: Vec::with_capacity(points),
             lines: Vec::with_capacity(lines),
@@ -100,11 +102,11 @@ impl Window {
     }
 
     /// Normal equations at the present states, landmarks damped; returns the cost.
-    fn linearize(&mut self, damping: f64) -> f64 {
-        let Self { rig, frames, points, lines, prior, linearizer, options, .. } = self;
-        let problem = Problem { rig, frames, points: points.all(), lines: lines.all(), options };
+    pub(super) fn linearize(&mut self, damping: f64) -> f64 {
+        let Self { rig, structure, frames, points, lines, prior, linearizer, options, .. } = self;
+        let problem = Problem { rig, frames, points: points.all(), lines: lines.all(), structure, options };
         linearizer.begin(&problem);
-        let mut cost = prior.evaluate(rig, frames, Some(&mut linearizer.equations));
+        let mut cost = prior.evaluate((rig, structure), frames, Some(&mut linearizer.equations));
         for index in 0..frames.len() {
             if index > 0 {
                 cost += linearizer.add_motion(&problem, index);
@@ -123,9 +125,9 @@ impl Window {
 
     /// The cost at the present states.
     fn cost(&mut self) -> f64 {
-        let Self { rig, frames, points, lines, prior, linearizer, options, .. } = self;
-        let problem = Problem { rig, frames, points: points.all(), lines: lines.all(), options };
-        prior.evaluate(rig, frames, None) + linearizer.cost(&problem)
+        let Self { rig, structure, frames, points, lines, prior, linearizer, options, .. } = self;
+        let problem = Problem { rig, frames, points: points.all(), lines: lines.all(), structure, options };
+        prior.evaluate((rig, structure), frames, None) + linearizer.cost(&problem)
     }
 
     /// Solves and applies one step; the decrease of the cost that it predicts, or `None` when the
@@ -143,11 +145,12 @@ impl Window {
         let decrease = -0.5 * gradient.iter().zip(&self.solution).map(|(g, x)| g * x).sum::<f64>();
 
         self.rig = self.rig.plus(&SVector::from_column_slice(&self.solution[..RIG_DIM]));
+        self.structure.turn(self.solution[HEADING]);
         for (k, frame) in self.frames.iter_mut().enumerate() {
-            let at = RIG_DIM + k * FRAME_DIM;
+            let at = GLOBAL_DIM + k * FRAME_DIM;
             frame.nav = frame.nav.plus(&SVector::from_column_slice(&self.solution[at..at + FRAME_DIM]));
         }
-        let visual = RIG_DIM + POSE_DIM * self.frames.len();
+        let visual = GLOBAL_DIM + POSE_DIM * self.frames.len();
         for k in 0..visual {
             self.visual_step[k] = self.solution[unknown_of_visual(k)];
         }
@@ -158,6 +161,7 @@ impl Window {
 
     fn save(&mut self) {
         self.backup.rig.clone_from(&self.rig);
+        self.backup.heading_rad = self.structure.heading_rad;
         self.backup.frames.clear();
         self.backup.frames.extend(self.frames.iter().map(|f| f.nav.clone()));
         self.backup.points.clear();
@@ -168,6 +172,7 @@ impl Window {
 
     fn restore(&mut self) {
         self.rig.clone_from(&self.backup.rig);
+        self.structure.heading_rad = self.backup.heading_rad;
         for (frame, nav) in self.frames.iter_mut().zip(&self.backup.frames) {
             frame.nav.clone_from(nav);
         }
@@ -184,7 +189,7 @@ impl Window {
     #[must_use]
     pub fn newest_covariance(&mut self) -> Option<(NavCovariance, f64)> {
         let newest = self.frames.len().checked_sub(1)?;
-        let base = RIG_DIM + newest * FRAME_DIM;
+        let base = GLOBAL_DIM + newest * FRAME_DIM;
         let dim = base + FRAME_DIM;
         let mut covariance = NavCovariance::zeros();
         for column in 0..9 {

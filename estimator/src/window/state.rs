@@ -16,6 +16,10 @@ pub const POSE_DIM: usize = 6;
 /// Dimension of the rig's error state: left camera against body (position, attitude), right camera
 /// against left (position, attitude), time offset.
 pub const RIG_DIM: usize = 13;
+/// Place of the structure's heading among the unknowns: after the rig.
+pub const HEADING: usize = RIG_DIM;
+/// Unknowns before those of the frames: rig and heading.
+pub const GLOBAL_DIM: usize = RIG_DIM + 1;
 
 /// Position, attitude, velocity and biases of the body at one time.
 #[derive(Clone, Debug, PartialEq)]

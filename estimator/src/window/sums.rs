@@ -8,7 +8,7 @@ use super::Options;
 use super::dense::NormalEquations;
 use super::eliminate::Eliminated;
 use super::feature::Jacobians;
-use super::state::{POSE_DIM, RIG_DIM};
+use super::state::{GLOBAL_DIM, HEADING, POSE_DIM, RIG_DIM};
 use nalgebra::{SMatrix, Vector2};
 
 /// Most degrees of freedom of a landmark: those of a line.
@@ -47,7 +47,7 @@ impl<const D: usize> LandmarkSums<D> {
 
     /// Moves the sums to the visual equations and the landmark's row.
     pub(super) fn flush(&self, visual: &mut NormalEquations, entry: &mut Eliminated<D>, host: usize) {
-        let at = RIG_DIM + POSE_DIM * host;
+        let at = GLOBAL_DIM + POSE_DIM * host;
         for (i, sums) in self.0[..AT_LANDMARK].iter().enumerate() {
             let to = if i < AT_HOST { i } else { at + i - AT_HOST };
             let row = visual.row_mut(to);
@@ -65,6 +65,28 @@ impl<const D: usize> LandmarkSums<D> {
             add_to(&mut row[at..at + POSE_DIM], &sums[AT_HOST..AT_LANDMARK]);
             entry.gradient[k] = sums[AT_RESIDUAL];
         }
+    }
+}
+
+/// Adds what the same two rows say of the heading of the structure.
+pub(super) fn add_heading<const D: usize>(
+    visual: &mut NormalEquations,
+    entry: &mut Eliminated<D>,
+    rows: &[[f64; COMMON]; 2],
+    heading: &Vector2<f64>,
+    host: usize,
+) {
+    let mixed = |k: usize| heading[0] * rows[0][k] + heading[1] * rows[1][k];
+    for k in 0..RIG_DIM {
+        visual.add(k, HEADING, mixed(k));
+    }
+    visual.add(HEADING, HEADING, heading.norm_squared());
+    for k in 0..POSE_DIM {
+        visual.add(HEADING, GLOBAL_DIM + POSE_DIM * host + k, mixed(AT_HOST + k));
+    }
+    visual.gradient_mut()[HEADING] += mixed(AT_RESIDUAL);
+    for (k, row) in entry.by_visual.iter_mut().enumerate() {
+        row[HEADING] += mixed(AT_LANDMARK + k);
     }
 }
 
@@ -110,7 +132,7 @@ pub(super) fn add_target<const D: usize>(
     scale: f64,
     (host, target): (usize, usize),
 ) {
-    let (at_host, at) = (RIG_DIM + POSE_DIM * host, RIG_DIM + POSE_DIM * target);
+    let (at_host, at) = (GLOBAL_DIM + POSE_DIM * host, GLOBAL_DIM + POSE_DIM * target);
     let t: [[f64; POSE_DIM]; 2] = [0, 1].map(|d| std::array::from_fn(|k| jacobian[(d, k)] * scale));
     let outer = |a: f64, b: f64| -> [f64; POSE_DIM] { std::array::from_fn(|k| a * t[0][k] + b * t[1][k]) };
     for i in 0..RIG_DIM {

@@ -29,7 +29,7 @@ pub fn triangulate_line(landmark: &mut LineLandmark, scene: &Scene<'_>, options:
     let Some(line) = widest_intersection(landmark, &at_host, scene) else {
         return Triangulation::Waiting;
     };
-    landmark.feature = line;
+    landmark.feature = HostedLine { axis: landmark.feature.axis, ..line };
     let Some(information) = refine(landmark, scene) else {
         return Triangulation::Waiting;
     };

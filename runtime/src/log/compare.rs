@@ -90,6 +90,7 @@ impl Output for Estimate {
             ("lines_matched", Whole(f.lines_matched.into())),
             ("lines_cut_short", Whole(f.lines_cut_short.into())),
             ("lines_in_window", Whole(f.lines_in_window.into())),
+            ("lines_in_structure", Whole(f.lines_in_structure.into())),
             ("keyframes", Whole(f.keyframes.into())),
             ("iterations", Whole(f.iterations.into())),
             ("is_keyframe", Whole(f.is_keyframe.into())),

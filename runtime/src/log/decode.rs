@@ -145,6 +145,7 @@ fn figures(m: &proto::Figures) -> FrameFigures {
         lines_matched: m.lines_matched,
         lines_cut_short: m.lines_cut_short,
         lines_in_window: m.lines_in_window,
+        lines_in_structure: m.lines_in_structure,
         keyframes: m.keyframes,
         iterations: m.iterations,
         is_keyframe: m.is_keyframe,

@@ -114,6 +114,7 @@ fn figures(f: &FrameFigures) -> proto::Figures {
         lines_matched: f.lines_matched,
         lines_cut_short: f.lines_cut_short,
         lines_in_window: f.lines_in_window,
+        lines_in_structure: f.lines_in_structure,
         keyframes: f.keyframes,
         iterations: f.iterations,
         is_keyframe: f.is_keyframe,

@@ -183,6 +183,8 @@ pub struct LineSums {
     pub matched: u64,
     /// Line landmarks in the window.
     pub in_window: u64,
+    /// Of these, along a direction of the structure.
+    pub in_structure: u64,
     /// Images, of both cameras, whose budget was spent.
     pub cut_short: u64,
 }
@@ -194,6 +196,7 @@ impl LineSums {
         self.merged += u64::from(figures.lines_merged);
         self.matched += u64::from(figures.lines_matched);
         self.in_window += u64::from(figures.lines_in_window);
+        self.in_structure += u64::from(figures.lines_in_structure);
         self.cut_short += u64::from(figures.lines_cut_short);
     }
 }

@@ -93,6 +93,8 @@ pub struct Lines {
     pub matched: f64,
     /// Line landmarks in the window.
     pub in_window: f64,
+    /// Of these, along a direction of the structure.
+    pub in_structure: f64,
     /// Images in the whole run, of both cameras, whose budget of work was spent.
     pub cut_short: u64,
 }
@@ -149,6 +151,7 @@ impl Report {
                 merged: per_frame(f.lines.merged),
                 matched: per_frame(f.lines.matched),
                 in_window: per_frame(f.lines.in_window),
+                in_structure: per_frame(f.lines.in_structure),
                 cut_short: f.lines.cut_short,
             },
             accuracy,

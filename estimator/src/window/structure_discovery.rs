@@ -1,0 +1,183 @@
+//! Finding the heading of a structure.
+//!
+//! Where an edge is horizontal, its direction is that in which the plane through edge and camera meets the
+//! horizontal: `z x n`. Every edge but verticals votes for that heading, modulo 90 degrees; edges along and across
+//! one heading vote alike, all others (and edges that are not horizontal) scatter. Votes fade over seconds.
+
+use nalgebra::Vector3;
+use std::f64::consts::FRAC_PI_2;
+
+/// Bins over 90 degrees.
+const BINS: usize = 90;
+/// A peak is this many bins wide to either side.
+const HALF_WIDTH: usize = 1;
+/// What is left of a vote after a frame: half of it after 34 frames.
+const MEMORY: f64 = 0.98;
+/// A peak with this share of all votes, twelve times that of scattered ones, is a structure ...
+const MIN_SHARE: f64 = 0.4;
+/// ... when it had it for this many frames in a row ...
+const MIN_FRAMES: u32 = 10;
+/// ... and its votes weigh this much (an edge of 0.2 rad, 100 px long, that is seen from the side weighs 0.2).
+const MIN_VOTES: f64 = 5.0;
+/// A structure with less than this share of the votes is out of sight: another one may take its place.
+const LOST_SHARE: f64 = 0.07;
+/// Planes this near a vertical one hold verticals, or tell them not from horizontal edges.
+const MIN_TILT: f64 = 0.1;
+/// Planes this near the horizontal hold horizontal edges of all headings.
+const MIN_SLOPE: f64 = 0.2;
+
+/// Votes for headings.
+#[derive(Clone, Debug)]
+pub struct Discovery {
+    votes: [f64; BINS],
+    /// Votes times their place in the bin, in bins.
+    moments: [f64; BINS],
+    total: f64,
+    frames: u32,
+}
+
+impl Default for Discovery {
+    fn default() -> Self {
+        Self { votes: [0.0; BINS], moments: [0.0; BINS], total: 0.0, frames: 0 }
+    }
+}
+
+impl Discovery {
+    /// A frame begins: older votes fade.
+    pub fn fade(&mut self) {
+        for value in self.votes.iter_mut().chain(&mut self.moments) {
+            *value *= MEMORY;
+        }
+        self.total *= MEMORY;
+    }
+
+    /// An edge of `length_rad` seen in the plane of unit normal `n_o`.
+    pub fn vote(&mut self, n_o: &Vector3<f64>, length_rad: f64) {
+        let slope = n_o.xy().norm();
+        if n_o.z.abs() < MIN_TILT || slope < MIN_SLOPE {
+            return;
+        }
+        let place = bins_of(n_o.x.atan2(-n_o.y));
+        let bin = (place as usize).min(BINS - 1);
+        let weight = length_rad * slope;
+        self.votes[bin] += weight;
+        self.moments[bin] += weight * (place - bin as f64);
+        self.total += weight;
+    }
+
+    /// Heading of a structure to take instead of `present_rad`, rad; call once a frame.
+    pub fn verdict(&mut self, present_rad: Option<f64>) -> Option<f64> {
+        let mut best = 0;
+        for bin in 1..BINS {
+            if self.support(bin) > self.support(best) {
+                best = bin;
+            }
+        }
+        let is_peak = self.support(best) > (MIN_SHARE * self.total).max(MIN_VOTES);
+        let is_lost = present_rad.is_none_or(|heading| {
+            let bin = (bins_of(heading) as usize).min(BINS - 1);
+            self.support(bin) < LOST_SHARE * self.total
+        });
+        self.frames = if is_peak && is_lost { self.frames + 1 } else { 0 };
+        (self.frames >= MIN_FRAMES).then(|| {
+            self.frames = 0;
+            self.mean_about(best)
+        })
+    }
+
+    /// Votes for a bin and its neighbours.
+    fn support(&self, bin: usize) -> f64 {
+        around(bin).map(|(k, _)| self.votes[k]).sum()
+    }
+
+    /// Mean heading of the votes about a bin, rad.
+    fn mean_about(&self, bin: usize) -> f64 {
+        let moment: f64 = around(bin).map(|(k, offset)| self.votes[k] * offset + self.moments[k]).sum();
+        (bin as f64 + moment / self.support(bin)) * FRAC_PI_2 / BINS as f64
+    }
+}
+
+/// A bin and its neighbours, with their distance in bins.
+fn around(bin: usize) -> impl Iterator<Item = (usize, f64)> {
+    (0..=2 * HALF_WIDTH).map(move |k| ((bin + BINS + k - HALF_WIDTH) % BINS, k as f64 - HALF_WIDTH as f64))
+}
+
+/// A heading modulo 90 degrees, in bins.
+fn bins_of(heading_rad: f64) -> f64 {
+    heading_rad.rem_euclid(FRAC_PI_2) * (BINS as f64 / FRAC_PI_2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Normal of the plane through the camera and a horizontal edge of this heading, seen `up` above the horizon.
+    fn plane(heading_rad: f64, up: f64) -> Vector3<f64> {
+        let along = Vector3::new(heading_rad.cos(), heading_rad.sin(), 0.0);
+        let side = Vector3::new(-along.y, along.x, 0.0);
+        along.cross(&(side + Vector3::z() * up)).normalize()
+    }
+
+    /// Frames of edges at these headings until there is a verdict; at most `frames`.
+    fn watch(
+        discovery: &mut Discovery,
+        headings: &[f64],
+        present: Option<f64>,
+        frames: usize,
+    ) -> Option<f64> {
+        (0..frames).find_map(|_| {
+            discovery.fade();
+            for (k, heading) in headings.iter().enumerate() {
+                discovery.vote(&plane(*heading, 0.4 + 0.05 * k as f64), 0.2);
+            }
+            discovery.verdict(present)
+        })
+    }
+
+    /// Edges of a room at `heading_rad`, and others at all headings.
+    fn room(heading_rad: f64) -> Vec<f64> {
+        let mut headings = vec![heading_rad; 5];
+        headings.extend([heading_rad + FRAC_PI_2; 5]);
+        headings.extend((0..10).map(|k| 0.157 * f64::from(k)));
+        headings
+    }
+
+    #[test]
+    fn edges_along_and_across_one_heading_are_a_structure() {
+        // One of them lies on the seam of the bins.
+        for heading in [0.3, 1.2, -0.4, 0.0] {
+            let found = watch(&mut Discovery::default(), &room(heading), None, 60).expect("is found");
+            let off = (found - heading + 0.5 * FRAC_PI_2).rem_euclid(FRAC_PI_2) - 0.5 * FRAC_PI_2;
+            assert!(off.abs() < 0.005, "{heading}: {off} rad off");
+        }
+    }
+
+    #[test]
+    fn scattered_edges_are_none() {
+        let headings: Vec<f64> = (0..40).map(|k| 0.618 * f64::from(k)).collect();
+        assert_eq!(watch(&mut Discovery::default(), &headings, None, 400), None);
+    }
+
+    #[test]
+    fn verticals_and_edges_level_with_the_camera_do_not_vote() {
+        let mut discovery = Discovery::default();
+        for _ in 0..100 {
+            discovery.fade();
+            discovery.vote(&Vector3::new(0.6, 0.8, 0.0), 0.5);
+            discovery.vote(&plane(0.3, 0.05), 0.5);
+            assert_eq!(discovery.verdict(None), None);
+        }
+    }
+
+    #[test]
+    fn another_structure_takes_over_only_when_the_first_is_out_of_sight() {
+        let mut discovery = Discovery::default();
+        let first = watch(&mut discovery, &room(0.3), None, 60);
+        assert!(first.is_some());
+        let mut both = room(0.3);
+        both.extend(room(1.0));
+        assert_eq!(watch(&mut discovery, &both, first, 200), None, "both in sight");
+        let second = watch(&mut discovery, &room(1.0), first, 400).expect("takes over");
+        assert!((second - 1.0).abs() < 0.005);
+    }
+}

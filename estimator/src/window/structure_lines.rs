@@ -1,0 +1,77 @@
+//! Which lines belong to the structure: every frame's edges vote for its heading, and every landmark line is
+//! held against its directions.
+
+use super::structure::Axis;
+use super::{LineTrack, Window};
+
+impl Window {
+    /// Finds the structure and the lines that belong to it, with the newest frame's `lines`, by the present
+    /// estimates.
+    pub fn follow_structure(&mut self, lines: &[LineTrack]) {
+        if self.structure.options.vanishing_directions {
+            self.discover(lines);
+        }
+        let Self { rig, structure, frames, lines, .. } = self;
+        let rot_b_c = [0, 1].map(|camera| rig.pose_b_c(camera).rotation.to_rotation_matrix().into_inner());
+        for landmark in lines.all_mut().iter_mut().filter(|l| l.is_triangulated) {
+            let rot_o_b = frames[usize::from(landmark.host)].nav.rot_o_b.to_rotation_matrix().into_inner();
+            let rot_o_c = rot_o_b * rot_b_c[usize::from(landmark.host_camera)];
+            landmark.feature.axis = structure.axis_of(&landmark.feature, &rot_o_c);
+        }
+        self.is_structure_in_sight = self.horizontals_agree();
+        if !self.is_structure_in_sight {
+            self.forget_horizontals();
+        }
+    }
+
+    /// Whether enough of the landmark lines that are not vertical lie along or across the heading: among edges of
+    /// all headings a few always do.
+    fn horizontals_agree(&self) -> bool {
+        let known = self.lines.all().iter().filter(|l| l.is_triangulated);
+        let (mut members, mut others) = (0, 0);
+        for line in known {
+            match line.feature.axis {
+                Some(Axis::Vertical) => {}
+                Some(_) => members += 1,
+                None => others += 1,
+            }
+        }
+        let (min_members, most_others) =
+            if self.is_structure_in_sight { (5, 2 * members) } else { (8, members) };
+        members >= min_members && others <= most_others
+    }
+
+    fn forget_horizontals(&mut self) {
+        for landmark in self.lines.all_mut() {
+            let axis = &mut landmark.feature.axis;
+            *axis = axis.filter(|axis| *axis == Axis::Vertical);
+        }
+    }
+
+    fn discover(&mut self, lines: &[LineTrack]) {
+        let Some(newest) = self.frames.last() else { return };
+        self.discovery.fade();
+        for line in lines {
+            let Some(camera) = (0..2).find(|&c| line.measured[c].is_some()) else { continue };
+            let Some(measured) = &line.measured[camera] else { continue };
+            let n_o = newest.nav.rot_o_b * (self.rig.pose_b_c(camera).rotation * measured.normal());
+            self.discovery.vote(&n_o.normalize(), measured.angle_rad());
+        }
+        if let Some(heading) = self.discovery.verdict(self.structure.heading_rad) {
+            self.structure.heading_rad = Some(heading);
+            self.prior.begin_structure(heading);
+            self.is_structure_in_sight = false;
+            self.forget_horizontals();
+        }
+    }
+
+    /// Landmark lines that belong to the structure.
+    #[must_use]
+    pub fn lines_in_structure(&self) -> usize {
+        self.lines.all().iter().filter(|l| l.is_triangulated && l.feature.axis.is_some()).count()
+    }
+}
+
+#[cfg(test)]
+#[path = "structure_lines_tests.rs"]
+mod tests;
