@@ -10,8 +10,9 @@ use crate::estimate::{FrameFigures, FrameInput, HealthBits, StageProbe};
 use crate::facade::{ImuAdmission, ResetKind};
 use crate::inertial::{ImuBuffer, ImuNoise};
 use crate::lines::{LineObservation, LineTracker};
-use crate::odometry::{IMU_MEMORY_S, imu_stamp};
+use crate::odometry::{IMU_MEMORY_S, believable_offset};
 use crate::points::{PointObservation, PointTracker, TrackerInput};
+use crate::window::state::FrameTime;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use plumbline_config::{Config, ImageView, ImuSample, Timestamp};
 
@@ -20,8 +21,8 @@ use plumbline_config::{Config, ImageView, ImuSample, Timestamp};
 pub struct Tracked {
     /// Sequence number of the frame.
     pub sequence: u64,
-    /// Its time on the IMU's axis.
-    pub stamp: Timestamp,
+    /// When it was taken.
+    pub time: FrameTime,
     /// A reset that comes before it.
     pub reset: Option<ResetKind>,
     /// Inertial samples since the frame before, in order.
@@ -44,7 +45,7 @@ impl Tracked {
     pub fn new(config: &Config) -> Self {
         Self {
             sequence: 0,
-            stamp: Timestamp::default(),
+            time: FrameTime::default(),
             reset: None,
             samples: Vec::with_capacity(max_samples(config)),
             points: Vec::with_capacity(config.estimator.points.max_points),
@@ -159,7 +160,7 @@ impl FrontEnd {
     /// Samples up to this time must have been added before the frame of `image_stamp` is.
     #[must_use]
     pub fn imu_needed_until(&self, image_stamp: Timestamp) -> Timestamp {
-        imu_stamp(image_stamp, self.time_offset_s)
+        image_stamp.plus_seconds(self.time_offset_s)
     }
 
     /// Takes what the window found out, by the rule above.
@@ -176,7 +177,7 @@ impl FrontEnd {
             lines.drop_tracks(&feedback.wrong_lines);
             lines.set_extrinsics(&feedback.pose_b_c[..self.cameras]);
         }
-        self.time_offset_s = feedback.time_offset_s;
+        self.time_offset_s = believable_offset(feedback.time_offset_s);
         self.bias_gyro = feedback.bias_gyro;
     }
 
@@ -198,7 +199,7 @@ impl FrontEnd {
     ) {
         let stamp = self.imu_needed_until(frame.stamp);
         tracked.sequence = frame.sequence;
-        tracked.stamp = stamp;
+        tracked.time = FrameTime { stamp, time_offset_s: self.time_offset_s };
         tracked.reset = self.asked_reset.take();
         tracked.effort = *effort;
         tracked.health = HealthBits::default();

@@ -57,6 +57,7 @@ pub(crate) fn config() -> Config {
         estimator: EstimatorConfig::default(),
         driver: DriverConfig::default(),
         network: NetworkConfig::default(),
+        recorder: Default::default(),
         runtime: Default::default(),
     }
 }

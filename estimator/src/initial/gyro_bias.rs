@@ -101,8 +101,8 @@ impl Pair {
 fn pairs(frames: &[GatheredFrame], rot_b_c: &[Matrix3<f64>; 2]) -> Vec<Pair> {
     let mut pairs = Vec::new();
     for (i, first) in frames.iter().enumerate() {
-        let Some(j) =
-            (i + 1..frames.len()).find(|&j| frames[j].stamp.seconds_since(first.stamp) >= PAIR_SPAN_S)
+        let Some(j) = (i + 1..frames.len())
+            .find(|&j| frames[j].time.stamp.seconds_since(first.time.stamp) >= PAIR_SPAN_S)
         else {
             continue;
         };

@@ -11,13 +11,13 @@ pub mod stereo;
 
 use crate::inertial::Preintegration;
 use crate::window::PointTrack;
-use plumbline_config::Timestamp;
+use crate::window::state::FrameTime;
 
 /// A frame that waits for the first estimate.
 #[derive(Clone, Debug)]
 pub struct GatheredFrame {
-    /// Time on the IMU's axis.
-    pub stamp: Timestamp,
+    /// When it was taken.
+    pub time: FrameTime,
     /// What was seen, in order of track.
     pub tracks: Vec<PointTrack>,
     /// Motion since the frame before, integrated without biases; `None` for the first.
@@ -42,7 +42,7 @@ impl Gathering {
     }
 
     /// Appends a frame; full, the oldest goes.
-    pub fn push(&mut self, stamp: Timestamp, tracks: &[PointTrack], motion: Option<Preintegration>) {
+    pub fn push(&mut self, time: FrameTime, tracks: &[PointTrack], motion: Option<Preintegration>) {
         if self.spare.is_empty() {
             self.drop_oldest();
         }
@@ -51,7 +51,7 @@ impl Gathering {
             buffer.extend_from_slice(tracks);
             buffer.sort_unstable_by_key(|t| t.track_id);
             let motion = if self.frames.is_empty() { None } else { motion };
-            self.frames.push(GatheredFrame { stamp, tracks: buffer, motion });
+            self.frames.push(GatheredFrame { time, tracks: buffer, motion });
         }
     }
 
@@ -82,7 +82,7 @@ impl Gathering {
     #[must_use]
     pub fn span_s(&self) -> f64 {
         match (self.frames.first(), self.frames.last()) {
-            (Some(first), Some(last)) => last.stamp.seconds_since(first.stamp),
+            (Some(first), Some(last)) => last.time.stamp.seconds_since(first.time.stamp),
             _ => 0.0,
         }
     }

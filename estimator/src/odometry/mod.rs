@@ -23,7 +23,7 @@ use crate::points::PointObservation;
 use crate::window::Window;
 use crate::window::feature::Feature;
 use crate::window::landmark::LandmarkStore;
-use crate::window::state::NavState;
+use crate::window::state::{FrameTime, NavState};
 use measure::Measurer;
 use nalgebra::Vector3;
 use plumbline_config::options::HealthConfig;
@@ -72,10 +72,10 @@ enum Phase {
     Running,
 }
 
-/// Time of an image on the IMU's axis: `t_imu = t_camera + time_offset_s`.
+/// The time offset to stamp frames by: the estimated one, within what cameras have, s.
 #[must_use]
-pub fn imu_stamp(image_stamp: Timestamp, time_offset_s: f64) -> Timestamp {
-    image_stamp.plus_seconds(time_offset_s.clamp(-MAX_TIME_OFFSET_S, MAX_TIME_OFFSET_S))
+pub fn believable_offset(time_offset_s: f64) -> f64 {
+    time_offset_s.clamp(-MAX_TIME_OFFSET_S, MAX_TIME_OFFSET_S)
 }
 
 /// The sliding-window odometer.
@@ -177,7 +177,7 @@ impl Odometer {
     }
 
     fn take(&mut self, tracked: &Tracked, probe: &mut impl StageProbe) -> Estimate {
-        let stamp = tracked.stamp;
+        let stamp = tracked.time.stamp;
         let mut health = tracked.health;
         if self.last_stamp.is_some_and(|last| stamp <= last) {
             health.insert(HealthBits::BAD_STAMP);
@@ -190,8 +190,8 @@ impl Odometer {
         probe.begin(Stage::Window);
         self.measure(tracked, &mut health);
         let solved = match self.phase {
-            Phase::Running => self.run(stamp, tracked.effort.max_iterations, &mut health),
-            Phase::Gathering => self.gather(stamp, &mut health),
+            Phase::Running => self.run(tracked.time, tracked.effort.max_iterations, &mut health),
+            Phase::Gathering => self.gather(tracked.time, &mut health),
         };
         probe.end(Stage::Window);
         probe.begin(Stage::Marginalize);
@@ -224,7 +224,7 @@ impl Odometer {
 
     /// Measurements of the frame, and whether the vehicle stands still.
     fn measure(&mut self, tracked: &Tracked, health: &mut HealthBits) {
-        let (stamp, observations) = (tracked.stamp, &tracked.points);
+        let (stamp, observations) = (tracked.time.stamp, &tracked.points);
         let last = self.last_stamp.unwrap_or(stamp);
         let dt_s = stamp.seconds_since(last);
         if dt_s > FRAME_GAP_PERIODS * self.options.frame_period_s {
@@ -249,7 +249,8 @@ impl Odometer {
     }
 
     /// Before the first state: gathers the frame and tries to start.
-    fn gather(&mut self, stamp: Timestamp, health: &mut HealthBits) -> Solved {
+    fn gather(&mut self, time: FrameTime, health: &mut HealthBits) -> Solved {
+        let stamp = time.stamp;
         let motion = self.last_stamp.map(|last| {
             let zero = Vector3::zeros();
             self.imu.preintegrate(last, stamp, &zero, &zero, &self.noise)
@@ -258,7 +259,7 @@ impl Odometer {
             health.insert(HealthBits::IMU_GAP);
             self.gathering.clear();
         }
-        self.gathering.push(stamp, self.measurer.points(), motion.map(|m| m.0));
+        self.gathering.push(time, self.measurer.points(), motion.map(|m| m.0));
         if self.try_start() {
             self.phase = Phase::Running;
             self.last_seen = Some(stamp);
@@ -270,7 +271,8 @@ impl Odometer {
     }
 
     /// Carries a running estimate over one frame.
-    fn run(&mut self, stamp: Timestamp, max_iterations: usize, health: &mut HealthBits) -> Solved {
+    fn run(&mut self, time: FrameTime, max_iterations: usize, health: &mut HealthBits) -> Solved {
+        let stamp = time.stamp;
         let Some(last) = self.window.frames.last() else { return Solved::default() };
         let (motion, coverage) =
             self.imu.preintegrate(last.stamp, stamp, &last.nav.bias_gyro, &last.nav.bias_accel, &self.noise);
@@ -281,7 +283,7 @@ impl Odometer {
             health.insert(HealthBits::IMU_SATURATED);
         }
         let nav = last.nav.after(&motion, &self.window.options.gravity_o);
-        self.window.push_frame(stamp, nav, Some(motion), self.stillness.is_still());
+        self.window.push_frame(time, nav, Some(motion), self.stillness.is_still());
         let (tracks, lines) = (self.measurer.points(), self.measurer.lines());
         let connected = self.window.observe(tracks, lines);
         let is_keyframe = self.window.needs_keyframe(connected, tracks.len());
@@ -380,7 +382,7 @@ impl Odometer {
         };
         Estimate {
             frame_sequence: tracked.sequence,
-            stamp: tracked.stamp,
+            stamp: tracked.time.stamp,
             state,
             pose_o_b: nav.pose_o_b(),
             v_o_b: nav.v_o_b,

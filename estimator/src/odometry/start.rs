@@ -64,7 +64,7 @@ impl Odometer {
     /// Mean displacement of common points in units of pixels, rotation taken out by the gyroscope.
     fn parallax_px(&self, from: &crate::initial::GatheredFrame, to: &crate::initial::GatheredFrame) -> f64 {
         let zero = Vector3::zeros();
-        let (motion, _) = self.imu.preintegrate(from.stamp, to.stamp, &zero, &zero, &self.noise);
+        let (motion, _) = self.imu.preintegrate(from.time.stamp, to.time.stamp, &zero, &zero, &self.noise);
         let rot_b_c = self.window.rig.pose_b_c(0).rotation;
         let rot_from_to = rot_b_c.inverse() * motion.delta_rot * rot_b_c;
         let (mut sum, mut count) = (0.0, 0.0);
@@ -84,7 +84,8 @@ impl Odometer {
         while self.gathering.frames().len() > count {
             self.gathering.drop_oldest();
         }
-        let (first, newest) = (self.gathering.frames()[0].stamp, self.gathering.frames()[count - 1].stamp);
+        let stamp = |k: usize| self.gathering.frames()[k].time.stamp;
+        let (first, newest) = (stamp(0), stamp(count - 1));
         let Some((gyro, accel)) = self.imu.mean(first.plus_seconds(-0.1), newest) else { return false };
         let bias_gyro = if self.stillness.is_still() { gyro } else { self.bias_memory.0 };
         let rot_o_b = stereo::attitude_from_gravity(&accel);
@@ -95,7 +96,7 @@ impl Odometer {
             if let Some(motion) = &frame.motion {
                 nav = nav.after(motion, &self.window.options.gravity_o);
             }
-            self.window.push_frame(frame.stamp, nav.clone(), frame.motion.clone(), false);
+            self.window.push_frame(frame.time, nav.clone(), frame.motion.clone(), false);
             self.window.observe(&frame.tracks, &[]);
             if k == 0 || k + 1 == count {
                 self.window.make_keyframe(&frame.tracks, &[]);
@@ -143,7 +144,7 @@ impl Odometer {
             let nav = first.after(&alignment.motions[index], &self.window.options.gravity_o);
             let motion =
                 if k == 0 { None } else { joined_motion(self.gathering.frames(), chosen(k - 1), index) };
-            self.window.push_frame(frame.stamp, nav, motion, false);
+            self.window.push_frame(frame.time, nav, motion, false);
             self.window.observe(&frame.tracks, &[]);
             if k % 2 == 0 || k + 1 == count {
                 self.window.make_keyframe(&frame.tracks, &[]);

@@ -38,26 +38,15 @@ pub fn config(cameras: usize) -> Config {
         // Looks along the body's x axis: camera z is body x, camera x is body -y, camera y is body -z.
         pose_b_c: [[0.0, 0.0, 1.0, 0.05], [-1.0, 0.0, 0.0, y], [0.0, -1.0, 0.0, 0.01], [0.0, 0.0, 0.0, 1.0]],
     };
-    Config {
-        camera: [0.055, -0.055][..cameras].iter().map(|y| camera(*y)).collect(),
-        imu: ImuConfig {
-            rate_hz: 200.0,
-            gyro_noise_density: 1.7e-4,
-            gyro_bias_walk: 2e-5,
-            accel_noise_density: 2e-3,
-            accel_bias_walk: 3e-3,
-            gyro_range_rad_s: 17.0,
-            accel_range_m_s2: 150.0,
-            gyro_bias_sigma_rad_s: 0.1,
-            accel_bias_sigma_m_s2: 0.1,
-            gravity_m_s2: 9.81,
-        },
-        rig: Default::default(),
-        estimator: Default::default(),
-        driver: Default::default(),
-        network: Default::default(),
-        runtime: Default::default(),
-    }
+    let camera = [0.055, -0.055][..cameras].iter().map(|y| camera(*y)).collect();
+    let noise = ((1.7e-4, 2e-5), (2e-3, 3e-3));
+    let imu = ImuConfig {
+        gyro_range_rad_s: 17.0,
+        accel_range_m_s2: 150.0,
+        accel_bias_sigma_m_s2: 0.1,
+        ..ImuConfig::with_noise(200.0, noise.0, noise.1)
+    };
+    Config::with_defaults(camera, imu)
 }
 
 /// A flight through a box of points.

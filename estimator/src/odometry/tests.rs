@@ -41,6 +41,8 @@ fn fly(world: &mut World, duration_s: f64, alive: Alive) -> Flight {
     let mut odometer = Odometer::new(&world.config);
     let mut tracked = Tracked::new(&world.config);
     let mut feedback = Feedback::new(&world.config);
+    // As the front-end hears of it: a frame late.
+    let mut heard_offset_s = feedback.time_offset_s;
     let mut flight = Flight::default();
     let mut next_imu = 0u32;
     let mut anchor: Option<nalgebra::Isometry3<f64>> = None;
@@ -49,14 +51,17 @@ fn fly(world: &mut World, duration_s: f64, alive: Alive) -> Flight {
     let mut last_pair: Option<(Vector3<f64>, Vector3<f64>)> = None;
     for k in 0..(duration_s * 20.0) as u32 {
         let t = 0.2 + f64::from(k) * 0.05;
-        let needed = imu_stamp(stamp(t), feedback.time_offset_s);
+        let time_offset_s = believable_offset(heard_offset_s);
+        let needed = stamp(t).plus_seconds(time_offset_s);
         while stamp(f64::from(next_imu) * 0.005) <= needed.plus_nanos(5_000_000) {
             let sample = world.imu(f64::from(next_imu) * 0.005, true);
             tracked.samples.push(sample);
             next_imu += 1;
         }
         tracked.points = world.observe(t, alive(t));
-        (tracked.sequence, tracked.stamp) = (u64::from(k), needed);
+        tracked.sequence = u64::from(k);
+        tracked.time = FrameTime { stamp: needed, time_offset_s };
+        heard_offset_s = feedback.time_offset_s;
         let estimate = odometer.process(&tracked, &mut (), &mut feedback);
         tracked.samples.clear();
         if estimate.has_pose() {

@@ -41,10 +41,10 @@ use landmark::{LandmarkStore, LineLandmark, PointLandmark};
 use line::{HostedLine, LineMeasurement};
 use linearize::{Linearizer, Problem};
 use nalgebra::{SVector, UnitQuaternion, Vector3};
-use plumbline_config::{Config, Timestamp};
+use plumbline_config::Config;
 use prior::{AnchorSigmas, Prior};
 use reprojection::{InversePoint, PointMeasurement};
-use state::{FRAME_DIM, Frame, GLOBAL_DIM, Mount, NavState, RIG_DIM, Rig};
+use state::{FRAME_DIM, Frame, FrameTime, GLOBAL_DIM, Mount, NavState, RIG_DIM, Rig};
 use structure::{Structure, StructureOptions};
 use structure_discovery::Discovery;
 
@@ -266,15 +266,15 @@ impl Window {
     /// Appends a frame.
     pub fn push_frame(
         &mut self,
-        stamp: Timestamp,
+        time: FrameTime,
         nav: NavState,
         motion: Option<Preintegration>,
         is_still: bool,
     ) {
         debug_assert!(self.frames.len() < MAX_FRAMES);
         self.frames.push(Frame {
-            stamp,
-            time_offset_s: self.rig.time_offset_s,
+            stamp: time.stamp,
+            time_offset_s: time.time_offset_s,
             linearization: nav.clone(),
             nav,
             in_prior: false,

@@ -95,6 +95,15 @@ impl NavState {
     }
 }
 
+/// When a frame was taken.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct FrameTime {
+    /// On the IMU's axis.
+    pub stamp: Timestamp,
+    /// The offset `t_imu - t_camera` by which it was put there, s.
+    pub time_offset_s: f64,
+}
+
 /// One frame of the window.
 #[derive(Clone, Debug)]
 pub struct Frame {

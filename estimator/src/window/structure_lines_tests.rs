@@ -1,5 +1,5 @@
 use super::super::line::LineMeasurement;
-use super::super::state::{FRAME_DIM, GLOBAL_DIM, HEADING, NavState};
+use super::super::state::{FRAME_DIM, FrameTime, GLOBAL_DIM, HEADING, NavState};
 use super::super::{LineTrack, TrackMeasurement, Window};
 use super::*;
 use crate::geometry::exp_so3;
@@ -48,7 +48,8 @@ fn window() -> Window {
             v_o_b: Vector3::new(0.5, 0.1, -0.2),
             ..NavState::default()
         };
-        window.push_frame(Timestamp::from_nanos(i64::from(k) * 500_000_000), nav.clone(), None, false);
+        let stamp = Timestamp::from_nanos(i64::from(k) * 500_000_000);
+        window.push_frame(FrameTime { stamp, time_offset_s: 0.0 }, nav.clone(), None, false);
         let poses = [0, 1].map(|camera| nav.pose_o_b() * window.rig.pose_b_c(camera));
         let tracks: Vec<LineTrack> = (0..)
             .zip(edges())

@@ -121,7 +121,8 @@ impl<'a> InOrder<'a> {
     }
 
     fn tick_waiting(&mut self, sink: &mut dyn Sink) {
-        let until = self.is_in_flight.then(|| self.in_flight.tracked.stamp.plus_nanos(CORRECTION_DELAY_NS));
+        let until =
+            self.is_in_flight.then(|| self.in_flight.tracked.time.stamp.plus_nanos(CORRECTION_DELAY_NS));
         while let Some(reading) = self.waiting.front()
             && until.is_none_or(|until| reading.sample.stamp < until)
         {

@@ -178,11 +178,12 @@ impl WindowStage {
 
     /// The estimate after a tracked frame, what the window took for it, and what the front-end should hear.
     pub fn solve(&mut self, tracked: &Tracked, feedback: &mut Feedback) -> (Estimate, Cost) {
-        let first = *self.first.get_or_insert(tracked.stamp);
+        let first = *self.first.get_or_insert(tracked.time.stamp);
         let Self { odometer, times, .. } = self;
-        let (estimate, cost, allocations) = measured(tracked.stamp.nanos_since(first) > WARM_UP_NS, || {
-            odometer.process(tracked, times, feedback)
-        });
+        let (estimate, cost, allocations) =
+            measured(tracked.time.stamp.nanos_since(first) > WARM_UP_NS, || {
+                odometer.process(tracked, times, feedback)
+            });
         self.allocations += allocations;
         self.digest.estimate(&estimate);
         self.tap.estimate(&estimate);

@@ -107,6 +107,7 @@ fn config() -> Config {
         estimator: Default::default(),
         driver: Default::default(),
         network: Default::default(),
+        recorder: Default::default(),
         runtime: Default::default(),
     }
 }
