@@ -1,11 +1,12 @@
 //! Live runs of the real binary: slowed down, held still, stopped; and the same bits when left in peace.
 
 use super::cgroup::Group;
-use super::stderr;
+use super::{plumbline, stderr};
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
@@ -97,6 +98,46 @@ fn on_a_host_slowed_down_four_times_odometry_goes_on_and_frames_do_not_pile_up()
     assert!(report["live"]["queue_depth"]["tracked frames"].as_f64().unwrap() <= 1.0);
     assert!(report["accuracy"]["ate_percent"].as_f64().unwrap() < 1.0, "{}", report["accuracy"]);
     assert_eq!(report["resets"], 0);
+}
+
+#[test]
+fn a_disturbed_flight_is_executed_again_bit_for_bit_from_its_log() {
+    let cores = std::thread::available_parallelism().unwrap().get() as f64;
+    let Some(group) = Group::with_quota("disturbed", cores / 4.0) else { return };
+    let flight = Flight::new("sim:room", 8, "1");
+    let log = flight.folder.path().join("flight.mcap").display().to_string();
+    let live = ["--speed", "1", "--set", "runtime.realtime=false", "--record", &log];
+    let recorder = [
+        "--set",
+        "recorder.images=raw",
+        "--set",
+        "recorder.queue_frames=200",
+        "--set",
+        "recorder.queue_entries=20000",
+    ];
+    let mut child = flight.command(&[&live[..], &recorder[..]].concat()).spawn().unwrap();
+    group.add_process(child.id());
+    let stop = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        for _ in 0..cores as usize {
+            scope.spawn(|| {
+                while !stop.load(Ordering::Relaxed) {
+                    std::hint::spin_loop();
+                }
+            });
+        }
+        let ended = child.wait().unwrap();
+        stop.store(true, Ordering::Relaxed);
+        assert!(ended.success());
+    });
+    let report = flight.read_report();
+    println!("{:#}", report["live"]);
+    assert!(number(&report, "steps_down") + number(&report, "frames_shed") >= 1.0, "nothing was disturbed");
+    let verified = plumbline(&["verify", &log, "--json"]);
+    assert!(verified.status.success(), "{}{}", String::from_utf8_lossy(&verified.stdout), stderr(&verified));
+    // Followed by the rule instead of the log, the same inputs give something else.
+    let undisturbed = flight.finished(&["--threads", "1"]);
+    assert_ne!(report["estimate_digest"], undisturbed["estimate_digest"]);
 }
 
 /// The thread of `pid` that is called `name`.

@@ -6,7 +6,6 @@ use opencv::core::{
     BORDER_CONSTANT, BORDER_REFLECT_101, Mat, Point2f, Size, TermCriteria, TermCriteria_Type, Vector,
 };
 use opencv::imgproc::good_features_to_track_def;
-use opencv::prelude::*;
 use opencv::video::{build_optical_flow_pyramid, calc_optical_flow_pyr_lk};
 use plumbline_config::GrayImage;
 use plumbline_estimator::image::Pyramid;

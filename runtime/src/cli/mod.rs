@@ -55,7 +55,7 @@ enum Command {
     /// Fly a simulated vehicle at 1x, and publish it on the loopback interface.
     Demo(crate::demo::DemoArgs),
     /// Run the estimator over a recorded or simulated flight.
-    Replay(replay::ReplayArgs),
+    Replay(Box<replay::ReplayArgs>),
     /// Execute a recorded flight again, and compare every output bit for bit.
     Verify(verify::VerifyArgs),
     /// Say what is in a flight log.
