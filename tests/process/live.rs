@@ -4,7 +4,6 @@ use super::cgroup::Group;
 use super::{plumbline, stderr};
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
-use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, channel};
@@ -80,8 +79,8 @@ fn a_live_run_gives_the_bits_of_virtual_time_with_any_number_of_threads() {
 
 #[test]
 fn on_a_host_slowed_down_four_times_odometry_goes_on_and_frames_do_not_pile_up() {
-    let cores = std::thread::available_parallelism().unwrap().get() as f64;
-    let Some(group) = Group::with_quota("slow", cores / 4.0) else { return };
+    // One processor, slowed down four times.
+    let Some(group) = Group::with_quota("slow", 0.25) else { return };
     let flight = Flight::new("sim:room", 12, "1");
     // Real-time priorities would escape the quota.
     let mut child = flight.command(&["--speed", "1", "--set", "runtime.realtime=false"]).spawn().unwrap();
@@ -92,7 +91,9 @@ fn on_a_host_slowed_down_four_times_odometry_goes_on_and_frames_do_not_pile_up()
     assert!(number(&report, "steps_down") >= 1.0, "nothing was left out");
     assert_eq!(report["live"]["odometry_undelivered"], 0);
     let lateness = &report["live"]["sample_to_odometry_ms"];
-    assert!(lateness["p99"].as_f64().unwrap() < 20.0, "{lateness}");
+    // The quota stops every thread of the process for milliseconds at a time; odometry waits no longer than that.
+    assert!(lateness["p50"].as_f64().unwrap() < 5.0, "{lateness}");
+    assert!(lateness["p99"].as_f64().unwrap() < 50.0, "{lateness}");
     let response = &report["live"]["frame_response_ms"];
     assert!(response["max"].as_f64().unwrap() < 150.0, "{response}");
     assert!(report["live"]["queue_depth"]["tracked frames"].as_f64().unwrap() <= 1.0);
@@ -102,8 +103,8 @@ fn on_a_host_slowed_down_four_times_odometry_goes_on_and_frames_do_not_pile_up()
 
 #[test]
 fn a_disturbed_flight_is_executed_again_bit_for_bit_from_its_log() {
-    let cores = std::thread::available_parallelism().unwrap().get() as f64;
-    let Some(group) = Group::with_quota("disturbed", cores / 4.0) else { return };
+    let cores = std::thread::available_parallelism().unwrap().get();
+    let Some(group) = Group::with_quota("disturbed", 0.2) else { return };
     let flight = Flight::new("sim:room", 8, "1");
     let log = flight.folder.path().join("flight.mcap").display().to_string();
     let live = ["--speed", "1", "--set", "runtime.realtime=false", "--record", &log];
@@ -119,7 +120,7 @@ fn a_disturbed_flight_is_executed_again_bit_for_bit_from_its_log() {
     group.add_process(child.id());
     let stop = AtomicBool::new(false);
     std::thread::scope(|scope| {
-        for _ in 0..cores as usize {
+        for _ in 0..cores {
             scope.spawn(|| {
                 while !stop.load(Ordering::Relaxed) {
                     std::hint::spin_loop();
@@ -204,19 +205,22 @@ fn a_stage_that_stalls_is_named_within_a_tenth_of_a_second_and_the_odometry_goes
     // Up to a frame period may pass before there is work to stall on.
     assert!(named < Duration::from_millis(160), "{named:?}");
     assert!(number(&report, "stalls") >= 1.0);
-    assert_eq!(report["live"]["ticks_missed"], 0);
+    // Each release that waited for the window would have missed twenty.
+    assert!(number(&report, "ticks_missed") < 5.0);
 }
 
 #[test]
-fn a_signal_stops_a_flight_gracefully() {
+fn a_signal_stops_a_flight_gracefully_and_its_log_is_whole() {
     let flight = Flight::new("sim:low-texture", 8, "0.5");
-    let mut child = flight.command(&["--speed", "1"]).spawn().unwrap();
+    let log = flight.folder.path().join("flight.mcap").display().to_string();
+    let mut flying = Flying::start(flight.command(&["--speed", "1", "--record", &log]));
     std::thread::sleep(Duration::from_secs(3));
     let asked = Instant::now();
-    assert!(Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap().success());
-    assert!(child.wait().unwrap().success());
+    assert!(Command::new("kill").args(["-TERM", &flying.child.id().to_string()]).status().unwrap().success());
+    assert!(flying.child.wait().unwrap().success());
     assert!(asked.elapsed() < Duration::from_secs(2));
     let frames = flight.read_report()["frames"].as_u64().unwrap();
     assert!((20..120).contains(&frames), "{frames} frames");
-    assert!(Path::new(&flight.report()).exists());
+    let verified = plumbline(&["verify", &log]);
+    assert!(verified.status.success(), "{}{}", String::from_utf8_lossy(&verified.stdout), stderr(&verified));
 }

@@ -16,6 +16,8 @@ use nalgebra::Vector2;
 /// Frames that the window holds at most, keyframes and recent ones: its matrices are sized for these and
 /// one more while a frame is exchanged.
 pub const MAX_WINDOW_FRAMES: usize = 15;
+/// Highest number of a processor that the kernel's sets have room for.
+const MAX_PROCESSOR: usize = 1023;
 /// Side of the smallest pyramid level, px: below it a patch covers the whole image.
 const MIN_LEVEL_PX: usize = 16;
 
@@ -37,7 +39,20 @@ impl Config {
         check_orders(self, &mut found);
         check_image_fits(self, &mut found);
         network::check(&self.network, &mut found);
+        check_processors(self, &mut found);
         found
+    }
+}
+
+/// Processors have small numbers; which are there is for the host to say.
+fn check_processors(config: &Config, found: &mut Vec<Violation>) {
+    let runtime = &config.runtime;
+    for (key, cpus) in [("runtime.tick_cpus", &runtime.tick_cpus), ("runtime.work_cpus", &runtime.work_cpus)]
+    {
+        for (i, cpu) in cpus.iter().enumerate().filter(|(_, cpu)| **cpu > MAX_PROCESSOR) {
+            let reason = format!("{cpu} is outside 0 to {MAX_PROCESSOR}");
+            found.push(Violation::new(format!("{key}[{i}]"), reason, "give the number of a processor"));
+        }
     }
 }
 

@@ -229,7 +229,7 @@ impl Execution {
         if !self.find_frame(order.frame)? {
             return Ok(false);
         }
-        let estimate = self.estimate(level);
+        let estimate = self.estimate(level)?;
         self.estimate_digest.estimate(&estimate);
         self.pending.push_back(estimate.clone());
         if self.pending.len() > MAX_PENDING {
@@ -240,13 +240,20 @@ impl Execution {
     }
 
     /// The estimate after the frame that was found, with the work of a rung of the ladder.
-    fn estimate(&mut self, level: u8) -> Estimate {
+    fn estimate(&mut self, level: u8) -> Result<Estimate, LogError> {
+        let Some(rung) = Rung::of_level(level) else {
+            return Err(self.unusable(format!(
+                "frame {} was estimated at level {level}, which this build does not have; verify with the build \
+                 that recorded it",
+                self.frame.sequence
+            )));
+        };
         let input = FrameInput {
             sequence: self.frame.sequence,
             stamp: self.frame.stamp,
             images: [self.frame.image(0), self.frame.image(1)],
         };
-        self.estimator.add_frame(&input, &Rung::of_level(level).effort(), [&mut (), &mut ()])
+        Ok(self.estimator.add_frame(&input, &rung.effort(), [&mut (), &mut ()]))
     }
 
     fn reset_before(&mut self, frame: u64) -> Result<(), LogError> {

@@ -49,10 +49,10 @@ impl Rung {
         Self::ImuOnly,
     ];
 
-    /// The rung `level` steps below the top; the lowest for more steps than there are.
+    /// The rung `level` steps below the top, if there is one.
     #[must_use]
-    pub fn of_level(level: u8) -> Self {
-        Self::ALL.get(usize::from(level)).copied().unwrap_or(Self::ImuOnly)
+    pub fn of_level(level: u8) -> Option<Self> {
+        Self::ALL.get(usize::from(level)).copied()
     }
 
     /// Steps below the top.
@@ -98,11 +98,11 @@ impl Rung {
     }
 
     fn below(self) -> Self {
-        Self::of_level(self.level() + 1)
+        Self::of_level(self.level() + 1).unwrap_or(self)
     }
 
     fn above(self) -> Self {
-        Self::of_level(self.level().saturating_sub(1))
+        Self::of_level(self.level().saturating_sub(1)).unwrap_or(self)
     }
 }
 
@@ -180,9 +180,9 @@ mod tests {
             assert!(b.features_percent <= a.features_percent && b.lines <= a.lines);
             assert!(b.max_iterations <= a.max_iterations);
             assert_eq!(pair[0].below(), pair[1]);
-            assert_eq!(Rung::of_level(pair[1].level()), pair[1]);
+            assert_eq!(Rung::of_level(pair[1].level()), Some(pair[1]));
         }
-        assert_eq!(Rung::of_level(200), Rung::ImuOnly);
+        assert_eq!(Rung::of_level(6), None);
     }
 
     #[test]
@@ -199,7 +199,7 @@ mod tests {
         let down = frames(&mut ladder, 30, 1.2);
         assert_eq!(down, Rung::ALL[1..]);
         let up = frames(&mut ladder, 300, 0.2);
-        assert_eq!(up, [4, 3, 2, 1, 0].map(Rung::of_level));
+        assert_eq!(up, [4, 3, 2, 1, 0].map(|level| Rung::ALL[level]));
     }
 
     #[test]
