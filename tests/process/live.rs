@@ -224,3 +224,32 @@ fn a_signal_stops_a_flight_gracefully_and_its_log_is_whole() {
     let verified = plumbline(&["verify", &log]);
     assert!(verified.status.success(), "{}{}", String::from_utf8_lossy(&verified.stdout), stderr(&verified));
 }
+
+/// What `doctor` said of a bare timer: how late its latest release was, ms.
+fn largest_of(doctor: &str) -> f64 {
+    let after = doctor.split("largest ").nth(1).unwrap_or_else(|| panic!("no timer in {doctor}"));
+    after.split([';', '\n']).next().unwrap().trim().parse().unwrap()
+}
+
+#[test]
+#[ignore = "takes minutes: make soak"]
+fn soak_a_long_live_flight_keeps_its_time() {
+    let minutes = std::env::var("PLUMBLINE_SOAK_MINUTES").ok().and_then(|m| m.parse().ok()).unwrap_or(10u32);
+    let flight = Flight::new("sim:room", 60 * minutes, "1");
+    let watch = (60 * minutes).to_string();
+    let doctor = Command::new(env!("CARGO_BIN_EXE_plumbline"))
+        .args(["doctor", "--watch", &watch])
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let report = flight.finished(&["--speed", "1"]);
+    let bare_ms = largest_of(&String::from_utf8(doctor.wait_with_output().unwrap().stdout).unwrap());
+    println!("a bare timer beside it: {bare_ms} ms late at most; {:#}", report["live"]);
+    let late = &report["live"]["tick_late_ms"];
+    assert!(late["max"].as_f64().unwrap() <= 5.0 + bare_ms, "{late}, a bare timer {bare_ms} ms");
+    let latency = &report["live"]["sample_to_odometry_ms"];
+    assert!(latency["p999"].as_f64().unwrap() <= 1.0, "{latency}");
+    assert_eq!(number(&report, "frames_shed") + number(&report, "frames_passed_over"), 0.0);
+    assert_eq!(report["hot_path_allocations"], 0);
+    assert!(number(&report, "memory_growth_mb") <= 1.0);
+}
