@@ -58,6 +58,18 @@ impl Sink for Recorder<'_> {
 }
 
 impl Recorder<'_> {
+    /// Makes room for the poses of so many frames, resident from now on: a long flight does not grow.
+    pub fn reserve(&mut self, frames: usize) {
+        let blank = CausalPose {
+            stamp: Timestamp::default(),
+            pose_o_b: Isometry3::identity(),
+            covariance: Matrix6::zeros(),
+            reset_counter: 0,
+        };
+        self.poses.resize(frames, blank);
+        self.poses.clear();
+    }
+
     /// The trajectory of the frames.
     #[must_use]
     pub fn trajectory(&self) -> Vec<StampedPose> {

@@ -22,6 +22,9 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
+/// Room for poses is made beforehand for up to so many frames: two hours.
+const MAX_RESERVED_FRAMES: usize = 144_000;
+
 /// Arguments of `plumbline replay`.
 #[derive(Debug, Args)]
 pub struct ReplayArgs {
@@ -115,6 +118,8 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     let stop = stop_on_signal()?;
     let mut progress = Progress::new(flight.stereo.expected_frames());
     let mut recorder = Recorder { keep_odometry: args.odometry.is_some(), ..Recorder::default() };
+    let expected = flight.stereo.expected_frames().unwrap_or_default();
+    recorder.reserve(usize::try_from(expected).unwrap_or_default().min(MAX_RESERVED_FRAMES));
     recorder.listeners.push(&mut progress);
     if let Some(publisher) = &mut publisher {
         recorder.listeners.push(publisher);
