@@ -37,17 +37,25 @@ impl FrontEndFigures {
     }
 }
 
+/// What joins the front-end to the other tasks.
+pub struct FrontEndRings {
+    pub arrivals: Reader<Arrival>,
+    /// Frames that are done with, to the camera.
+    pub empty: Writer<StereoFrame>,
+    pub samples: Reader<ImuReading>,
+    /// Jobs that are done with, from the window.
+    pub spare: Reader<Job>,
+    pub jobs: Writer<Job>,
+    pub feedback: Reader<Feedback>,
+    /// Feedback that has been heard, to the window.
+    pub blank: Writer<Feedback>,
+    pub bell: Bell,
+}
+
 /// The front-end as a task.
 pub struct FrontEndTask {
     stage: FrontStage,
-    arrivals: Reader<Arrival>,
-    empty: Writer<StereoFrame>,
-    samples: Reader<ImuReading>,
-    spare: Reader<Job>,
-    jobs: Writer<Job>,
-    feedback: Reader<Feedback>,
-    blank: Writer<Feedback>,
-    bell: Bell,
+    rings: FrontEndRings,
     ladder: Ladder,
     newest_imu: Timestamp,
     taken: u64,
@@ -56,28 +64,10 @@ pub struct FrontEndTask {
 }
 
 impl FrontEndTask {
-    #[allow(clippy::too_many_arguments)]
-    pub fn new(
-        stage: FrontStage,
-        arrivals: Reader<Arrival>,
-        empty: Writer<StereoFrame>,
-        samples: Reader<ImuReading>,
-        spare: Reader<Job>,
-        jobs: Writer<Job>,
-        feedback: Reader<Feedback>,
-        blank: Writer<Feedback>,
-        bell: Bell,
-    ) -> Self {
+    pub fn new(stage: FrontStage, rings: FrontEndRings) -> Self {
         Self {
             stage,
-            arrivals,
-            empty,
-            samples,
-            spare,
-            jobs,
-            feedback,
-            blank,
-            bell,
+            rings,
             ladder: Ladder::default(),
             newest_imu: Timestamp::MIN,
             taken: 0,
@@ -95,7 +85,7 @@ impl FrontEndTask {
 
     /// Tracks frames until the camera has ended.
     pub fn run(mut self, shared: &Shared<'_>, team: &Team) -> (FrontStage, FrontEndFigures) {
-        self.bell.listen();
+        self.rings.bell.listen();
         while self.hear_window(shared) {
             let Some((mut arrival, shed)) = self.newest_frame() else { break };
             shared.heartbeats.busy(TaskId::FrontEnd);
@@ -103,13 +93,13 @@ impl FrontEndTask {
             self.figures.on_rung[usize::from(rung.level())] += 1;
             if rung.admits(arrival.frame.sequence) {
                 self.take_samples(shared, arrival.frame.stamp);
-                let Some(mut job) = self.spare.pop() else { break };
+                let Some(mut job) = self.rings.spare.pop() else { break };
                 self.stage.track(&arrival.frame, rung, team, &mut job);
                 let longest_ms = job.cost.wall_ms.max(shared.window_ms());
                 self.figures.response_ms.record(Monotonic::now().ms_since(arrival.at));
                 self.taken += 1;
                 shared.heartbeats.give(TaskId::Window);
-                if self.jobs.push(job).is_err() {
+                if self.rings.jobs.push(job).is_err() {
                     break;
                 }
                 self.stage.release(&mut arrival.frame);
@@ -119,10 +109,10 @@ impl FrontEndTask {
                 self.stage.refuse(&mut arrival.frame);
                 self.judge(shared, 0.0, shed);
             }
-            let _ = self.empty.push(arrival.frame);
+            let _ = self.rings.empty.push(arrival.frame);
             shared.heartbeats.idle(TaskId::FrontEnd);
         }
-        self.figures.deepest = (self.samples.deepest(), self.arrivals.deepest());
+        self.figures.deepest = (self.rings.samples.deepest(), self.rings.arrivals.deepest());
         (self.stage, self.figures)
     }
 
@@ -130,14 +120,14 @@ impl FrontEndTask {
     /// `false` when the window has gone.
     fn hear_window(&mut self, shared: &Shared<'_>) -> bool {
         while self.heard + 1 < self.taken {
-            let Self { bell, feedback, .. } = self;
+            let FrontEndRings { bell, feedback, .. } = &mut self.rings;
             match bell.wait(NAP, || feedback.pop()) {
                 Some(feedback) => {
                     self.stage.hear(&feedback);
                     self.heard += 1;
-                    let _ = self.blank.push(feedback);
+                    let _ = self.rings.blank.push(feedback);
                 }
-                None if self.feedback.is_closed() => return false,
+                None if self.rings.feedback.is_closed() => return false,
                 // It is the window that is late.
                 None => shared.heartbeats.busy(TaskId::FrontEnd),
             }
@@ -147,7 +137,7 @@ impl FrontEndTask {
 
     /// Waits for a frame; of several the newest. Also, how many were refused for it.
     fn newest_frame(&mut self) -> Option<(Arrival, u64)> {
-        let Self { bell, arrivals, .. } = self;
+        let FrontEndRings { bell, arrivals, .. } = &mut self.rings;
         let mut newest = loop {
             if let Some(arrival) = bell.wait(NAP, || arrivals.pop()) {
                 break arrival;
@@ -157,10 +147,10 @@ impl FrontEndTask {
             }
         };
         let mut shed = 0;
-        while let Some(newer) = self.arrivals.pop() {
+        while let Some(newer) = self.rings.arrivals.pop() {
             let mut older = std::mem::replace(&mut newest, newer);
             self.stage.refuse(&mut older.frame);
-            let _ = self.empty.push(older.frame);
+            let _ = self.rings.empty.push(older.frame);
             shed += 1;
         }
         self.figures.shed += shed;
@@ -172,7 +162,7 @@ impl FrontEndTask {
         let needed = self.stage.needed_until(image_stamp);
         let patience = shared.table.row(TaskId::FrontEnd).period;
         while self.newest_imu < needed {
-            let Self { bell, samples, .. } = self;
+            let FrontEndRings { bell, samples, .. } = &mut self.rings;
             let reading = bell.wait(patience, || {
                 let reading = samples.pop();
                 (reading.is_some() || samples.is_closed()).then_some(reading)

@@ -34,7 +34,7 @@ use crate::schedule::tasks::{TaskId, TaskTable};
 use crate::schedule::ticker::Monotonic;
 use crate::schedule::watchdog::Heartbeats;
 use drivers::{Arrival, CameraTask, ImuTask};
-use front_end::{FrontEndFigures, FrontEndTask};
+use front_end::{FrontEndFigures, FrontEndRings, FrontEndTask};
 use minder::Minder;
 use plumbline_config::{Config, Timestamp};
 use plumbline_drivers::{Faults, StereoFrame};
@@ -228,9 +228,17 @@ impl Live {
         }
         let camera = CameraTask { source: stereo, empty, arrivals: arrivals_in, bell: camera_bell, late: 0 };
         let tick = TickTask::new(tick, readings, corrections, samples_in, odometry_in);
-        let front = FrontEndTask::new(
-            front, arrivals, empty_in, samples, spare, jobs_in, feedback, blank_in, front_bell,
-        );
+        let rings = FrontEndRings {
+            arrivals,
+            empty: empty_in,
+            samples,
+            spare,
+            jobs: jobs_in,
+            feedback,
+            blank: blank_in,
+            bell: front_bell,
+        };
+        let front = FrontEndTask::new(front, rings);
         let window = WindowTask {
             stage: window,
             jobs,
