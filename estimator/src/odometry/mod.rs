@@ -5,6 +5,7 @@
 //! health, make room. It sees no image: points come from [`crate::points`], lines from [`crate::lines`], or
 //! both from a test.
 
+mod judgement;
 pub mod measure;
 mod start;
 pub mod stillness;
@@ -21,9 +22,8 @@ use crate::inertial::{ImuBuffer, ImuNoise};
 use crate::initial::Gathering;
 use crate::points::PointObservation;
 use crate::window::Window;
-use crate::window::feature::Feature;
-use crate::window::landmark::LandmarkStore;
 use crate::window::state::{FrameTime, NavState};
+use judgement::MIN_LANDMARKS_IN_VIEW;
 use measure::Measurer;
 use nalgebra::Vector3;
 use plumbline_config::options::HealthConfig;
@@ -32,12 +32,8 @@ use stillness::Stillness;
 
 /// Inertial samples are kept this long, s: the longest start and the longest gap between frames.
 pub const IMU_MEMORY_S: f64 = 10.0;
-/// Fewest landmarks in view that hold an estimate against drift.
-const MIN_LANDMARKS_IN_VIEW: usize = 5;
 /// Landmarks in view below which the estimate is weak.
 const FEW_LANDMARKS: usize = 20;
-/// Landmarks in view that give full quality.
-const PLENTY_LANDMARKS: f64 = 60.0;
 /// Frames further apart than this many periods have lost frames between them.
 const FRAME_GAP_PERIODS: f64 = 1.5;
 /// Time offsets beyond this are not believed, s.
@@ -314,44 +310,6 @@ impl Odometer {
         }
     }
 
-    /// Landmarks seen in the newest frame.
-    fn landmarks_in_view(&self) -> usize {
-        let Some(newest) = self.window.frames.len().checked_sub(1) else { return 0 };
-        in_view(&self.window.points, newest) + in_view(&self.window.lines, newest)
-    }
-
-    /// Resets when the estimate cannot be right, or has been blind for too long.
-    fn judge(&mut self, stamp: Timestamp, health: &mut HealthBits) {
-        if self.landmarks_in_view() >= MIN_LANDMARKS_IN_VIEW {
-            self.last_seen = Some(stamp);
-        }
-        let velocity_sigma = (6..9).map(|k| self.covariance[(k, k)]).fold(0.0, f64::max).sqrt();
-        if velocity_sigma > self.options.health.max_velocity_sigma_m_s {
-            health.insert(HealthBits::VELOCITY_UNCERTAIN);
-        }
-        let is_held = self
-            .last_reset
-            .is_some_and(|last| stamp.seconds_since(last) < self.options.health.reset_holdoff_s);
-        let is_blind_too_long =
-            self.last_seen.is_some_and(|seen| stamp.seconds_since(seen) > self.options.health.max_blind_s);
-        if !self.is_plausible() || (is_blind_too_long && !is_held) {
-            self.reset(ResetKind::Soft);
-            self.last_reset = Some(stamp);
-        }
-    }
-
-    /// Whether speed and biases are ones that a vehicle can have.
-    fn is_plausible(&self) -> bool {
-        let health = &self.options.health;
-        self.window.frames.last().is_some_and(|frame| {
-            let nav = &frame.nav;
-            nav.p_o_b.iter().all(|x| x.is_finite())
-                && nav.v_o_b.norm() < health.max_speed_m_s
-                && nav.bias_gyro.norm() < health.max_gyro_bias_rad_s
-                && nav.bias_accel.norm() < health.max_accel_bias_m_s2
-        })
-    }
-
     /// Starts anew: soft keeps the newest pose as the origin of the new start.
     pub fn reset(&mut self, kind: ResetKind) {
         let newest = self.window.frames.last().map(|f| f.nav.clone());
@@ -406,20 +364,4 @@ impl Odometer {
             },
         }
     }
-
-    /// 0..=100 from landmarks in view and the certainty of the velocity.
-    fn quality(&self, in_view: usize) -> i8 {
-        let by_landmarks = (in_view as f64 / PLENTY_LANDMARKS).min(1.0);
-        let velocity_sigma = (6..9).map(|k| self.covariance[(k, k)]).fold(0.0, f64::max).sqrt();
-        let by_velocity = (1.0 - velocity_sigma / self.options.health.max_velocity_sigma_m_s).clamp(0.0, 1.0);
-        (100.0 * by_landmarks.min(by_velocity)).round() as i8
-    }
-}
-
-/// Landmarks with a depth that a frame sees.
-fn in_view<F: Feature>(store: &LandmarkStore<F>, frame: usize) -> usize {
-    let is_seen = |l: &&crate::window::landmark::Landmark<F>| {
-        l.is_triangulated && l.observations.iter().any(|o| usize::from(o.frame) == frame)
-    };
-    store.all().iter().filter(is_seen).count()
 }
