@@ -14,6 +14,8 @@ use std::collections::VecDeque;
 
 /// Samples are kept this long, s: an estimate must arrive within it.
 const MEMORY_S: f64 = 1.0;
+/// Odometry that rests on an estimate older than this goes on by the IMU alone, and says so, s.
+const STALE_S: f64 = 0.5;
 
 /// Carries the newest estimate forward at IMU rate. Belongs to the tick thread; allocates nothing.
 #[derive(Clone, Debug)]
@@ -25,6 +27,7 @@ pub struct Propagator {
     nav: Option<NavState>,
     covariance: NavCovariance,
     stamp: Timestamp,
+    estimated: Timestamp,
     newest: Option<ImuSample>,
     state: TrackingState,
     quality: i8,
@@ -45,6 +48,7 @@ impl Propagator {
             nav: None,
             covariance: NavCovariance::zeros(),
             stamp: Timestamp::default(),
+            estimated: Timestamp::default(),
             newest: None,
             state: TrackingState::Initialising,
             quality: -1,
@@ -72,6 +76,7 @@ impl Propagator {
         });
         self.covariance = estimate.covariance;
         self.stamp = estimate.stamp;
+        self.estimated = estimate.stamp;
         let first = self.samples.partition_point(|s| s.stamp <= estimate.stamp);
         self.newest = first.checked_sub(1).map(|k| self.samples[k]);
         for k in first..self.samples.len() {
@@ -95,6 +100,7 @@ impl Propagator {
         if sample.stamp < self.stamp {
             return None;
         }
+        let is_stale = sample.stamp.seconds_since(self.estimated) > STALE_S;
         let odometry = Odometry {
             sequence: self.sequence,
             stamp: sample.stamp,
@@ -102,8 +108,8 @@ impl Propagator {
             v_o_b: nav.v_o_b,
             angular_rate_b: sample.gyro - nav.bias_gyro,
             covariance: self.covariance,
-            state: self.state,
-            quality: self.quality,
+            state: if is_stale { TrackingState::Blind } else { self.state },
+            quality: if is_stale { self.quality.min(0) } else { self.quality },
             reset_counter: self.reset_counter,
         };
         self.sequence += 1;
@@ -141,4 +147,50 @@ fn grown(covariance: &NavCovariance, nav: &NavState, step: &Preintegration) -> N
     g.fixed_view_mut::<3, 3>(3, 3).copy_from(&identity);
     g.fixed_view_mut::<3, 3>(6, 6).copy_from(&rot);
     f * covariance * f.transpose() + g * step.covariance * g.transpose()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimate::{FrameFigures, HealthBits};
+    use nalgebra::Isometry3;
+
+    fn estimate() -> Estimate {
+        Estimate {
+            frame_sequence: 0,
+            stamp: Timestamp::from_nanos(1_000_000_000),
+            state: TrackingState::Tracking,
+            pose_o_b: Isometry3::identity(),
+            v_o_b: Vector3::zeros(),
+            bias_gyro: Vector3::zeros(),
+            bias_accel: Vector3::zeros(),
+            covariance: NavCovariance::identity() * 1e-4,
+            time_offset_s: 0.0,
+            time_offset_sigma_s: 0.0,
+            pose_b_c0: Isometry3::identity(),
+            quality: 90,
+            health: HealthBits::default(),
+            reset_counter: 0,
+            figures: FrameFigures::default(),
+        }
+    }
+
+    #[test]
+    fn odometry_without_news_of_the_cameras_goes_on_and_says_that_it_is_blind() {
+        let config = Config::preset("sim").expect("is valid");
+        let mut propagator = Propagator::new(&config);
+        propagator.correct(&estimate());
+        let outputs: Vec<_> = (1..=200)
+            .filter_map(|k| {
+                let stamp = Timestamp::from_nanos(1_000_000_000 + k * 5_000_000);
+                let accel = Vector3::new(0.0, 0.0, config.imu.gravity_m_s2);
+                propagator.tick(&ImuSample { stamp, gyro: Vector3::zeros(), accel })
+            })
+            .collect();
+        assert_eq!(outputs.len(), 200);
+        let said = |k: usize| (outputs[k].state, outputs[k].quality);
+        assert_eq!(said(90), (TrackingState::Tracking, 90));
+        assert_eq!(said(199), (TrackingState::Blind, 0));
+        assert!(outputs[199].covariance[(0, 0)] > outputs[0].covariance[(0, 0)]);
+    }
 }
