@@ -10,7 +10,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let descriptors = protox::compile(files, ["proto"])?;
     prost_build::Config::new().compile_fds(descriptors)?;
     let out = std::env::var("OUT_DIR")?;
-    for (file, name) in [(files[1], "log"), (files[2], "foxglove")] {
+    for (file, name) in [(files[0], "plumbline"), (files[1], "log"), (files[2], "foxglove")] {
         let mut compiler = protox::Compiler::new(["proto"])?;
         compiler.include_imports(true).include_source_info(false).open_file(file)?;
         let bytes = compiler.file_descriptor_set().encode_to_vec();

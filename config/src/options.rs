@@ -6,10 +6,12 @@
 //! passed validation.
 
 mod lines;
+mod network;
 mod recorder;
 mod runtime;
 
 pub use lines::LinesConfig;
+pub use network::{Commands, Link, LoginConfig, NetworkConfig, TlsConfig};
 pub use recorder::{ImageRecording, KeepPolicy, RecorderConfig};
 pub use runtime::RuntimeConfig;
 
@@ -384,25 +386,5 @@ pub struct DriverConfig {
 impl Default for DriverConfig {
     fn default() -> Self {
         Self { image_queue: 4, pair_tolerance_s: 0.002, reorder_window_s: 0.02 }
-    }
-}
-
-/// What is published over Zenoh. Listens nowhere unless told to.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct NetworkConfig {
-    /// Name of this vehicle in the keys `plumbline/<vehicle>/...`.
-    pub vehicle: String,
-    /// Zenoh endpoints to listen on, such as `tcp/127.0.0.1:7447`.
-    pub listen: Vec<String>,
-    /// Zenoh endpoints to connect to.
-    pub connect: Vec<String>,
-    /// Multicast scouting.
-    pub scouting: bool,
-}
-
-impl Default for NetworkConfig {
-    fn default() -> Self {
-        Self { vehicle: "drone".into(), listen: Vec::new(), connect: Vec::new(), scouting: false }
     }
 }

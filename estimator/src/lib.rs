@@ -25,3 +25,4 @@ pub use facade::{Estimator, ImuAdmission, ResetKind};
 pub use front_end::{Feedback, FrontEnd, Tracked};
 pub use odometry::Odometer;
 pub use propagator::Propagator;
+pub use window::survey::Survey;

@@ -71,7 +71,7 @@ fn configurations_that_cannot_be() {
     fails(&["replay", "sim:room", "--config", file], 2, &[file, "keyframs"]);
     fails(&["replay", "sim:moon"], 2, &["moon", "room"]);
     fails(&["replay", "sim:room", "--blackout", "7..5"], 2, &["--blackout"]);
-    fails(&["ground"], 2, &["--connect"]);
+    fails(&["router"], 2, &["--listen"]);
 }
 
 #[test]

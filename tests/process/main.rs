@@ -7,6 +7,8 @@ mod live;
 mod log;
 mod network;
 mod replay;
+mod security;
+mod vehicle;
 
 use std::process::{Command, Output};
 

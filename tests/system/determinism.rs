@@ -2,7 +2,7 @@
 
 use plumbline::cli::replay::fly;
 use plumbline::flight::open_simulation;
-use plumbline::pipeline::RunOptions;
+use plumbline::pipeline::{Control, RunOptions};
 use plumbline::record::Recorder;
 use plumbline_drivers::simulator::{Scenario, Scene};
 use std::hint::black_box;
@@ -19,7 +19,7 @@ fn digests(seed: u64, threads: usize) -> (String, String) {
     };
     let flight = open_simulation(None, &scenario, false, 0.0).unwrap();
     let options = RunOptions { speed: None, threads };
-    let (report, _, _) = fly(flight, Recorder::default(), &options, &AtomicBool::new(false)).unwrap();
+    let (report, _, _) = fly(flight, Recorder::default(), &options, &Control::default()).unwrap();
     assert!(report.completion > 0.9);
     (report.estimate_digest, report.odometry_digest)
 }

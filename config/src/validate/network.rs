@@ -1,7 +1,8 @@
 //! Validation of names and addresses on the network.
 
 use crate::error::Violation;
-use crate::options::NetworkConfig;
+use crate::options::{LoginConfig, NetworkConfig, TlsConfig};
+use std::path::Path;
 
 /// Longest vehicle name: it is part of every key on the wire.
 const MAX_VEHICLE_BYTES: usize = 64;
@@ -28,6 +29,36 @@ pub(super) fn check(network: &NetworkConfig, found: &mut Vec<Violation>) {
             found.push(Violation::new(format!("network.{name}[{i}]"), reason, cure));
         }
     }
+    check_identity(network, found);
+}
+
+/// Certificates come together, and with endpoints that use them; names come with passwords.
+fn check_identity(network: &NetworkConfig, found: &mut Vec<Violation>) {
+    let TlsConfig { authority, certificate, key } = &network.tls;
+    for (name, path) in [("authority", authority), ("certificate", certificate), ("key", key)] {
+        if network.tls.is_given() && is_empty(path) {
+            let cure = "give all three files of [network.tls], as `plumbline keys` writes them, or none";
+            found.push(Violation::new(format!("network.tls.{name}"), "is empty beside the others", cure));
+        }
+    }
+    let uses_tls = network.listen.iter().chain(&network.connect).any(|e| e.starts_with("tls/"));
+    if uses_tls && !network.tls.is_given() {
+        let cure = "give the files that `plumbline keys` writes";
+        found.push(Violation::new("network.tls", "is empty, but an endpoint begins with tls/", cure));
+    }
+    let LoginConfig { user, password_file, users_file, operators } = &network.login;
+    if user.is_empty() != is_empty(password_file) {
+        let cure = "give network.login.user and network.login.password_file together";
+        found.push(Violation::new("network.login.user", "comes without its other half", cure));
+    }
+    if !operators.is_empty() && is_empty(users_file) {
+        let cure = "name the file with everybody's password in network.login.users_file";
+        found.push(Violation::new("network.login.operators", "names people without passwords", cure));
+    }
+}
+
+fn is_empty(path: &Path) -> bool {
+    path.as_os_str().is_empty()
 }
 
 /// The name is one chunk of a Zenoh key: `/` would split it, `*`, `$`, `#` and `?` have meanings there.

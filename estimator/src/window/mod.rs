@@ -29,6 +29,7 @@ pub mod structure;
 mod structure_discovery;
 mod structure_lines;
 mod sums;
+pub mod survey;
 #[cfg(test)]
 mod test_views;
 mod tracks;

@@ -6,8 +6,8 @@ mod adversary;
 use crate::campaign::{SCENES, cache};
 use crate::cli::replay::fly;
 use crate::flight::{Truth, open_simulation};
-use crate::pipeline::RunOptions;
 use crate::pipeline::figures::Percentiles;
+use crate::pipeline::{Control, RunOptions};
 use crate::record::Recorder;
 use crate::report::Report;
 use adversary::Adversary;
@@ -17,7 +17,6 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
 
 /// In full flight from here on, s.
 const START_S: f64 = 3.0;
@@ -69,7 +68,7 @@ fn load(scene: Scene, duration_s: f64, cache: &Path, is_adversarial: bool) -> Re
         };
     }
     let options = RunOptions { speed: None, threads: 1 };
-    let (report, _, _) = fly(flight, Recorder::default(), &options, &AtomicBool::new(false))?;
+    let (report, _, _) = fly(flight, Recorder::default(), &options, &Control::default())?;
     Ok(report)
 }
 

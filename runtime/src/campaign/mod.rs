@@ -10,14 +10,13 @@ pub mod table;
 use crate::cli::overrides::with_overrides;
 use crate::cli::replay::fly;
 use crate::flight::{Flight, Truth, open_simulation};
-use crate::pipeline::RunOptions;
+use crate::pipeline::{Control, RunOptions};
 use crate::record::Recorder;
 use crate::report::Report;
 use anyhow::Result;
 use plumbline_config::Config;
 use plumbline_drivers::simulator::{Effects, FlightPath, Scenario, Scene};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
 
 /// Trajectories and where in them the vehicle is in full flight, s.
 pub const PATHS: [(&str, f64); 4] =
@@ -162,7 +161,7 @@ impl Entry {
             flight.stereo = cache::frames(folder, simulator, &self.scenario)?;
         }
         let options = RunOptions { speed: None, threads: setup.threads };
-        let (report, _, _) = fly(flight, Recorder::default(), &options, &AtomicBool::new(false))?;
+        let (report, _, _) = fly(flight, Recorder::default(), &options, &Control::default())?;
         Ok(report)
     }
 

@@ -6,7 +6,7 @@ use super::replay::fly;
 use super::{check_outputs, load_config, say, stop_on_signal};
 use crate::campaign::{Entry, Setup};
 use crate::flight::open_dataset;
-use crate::pipeline::RunOptions;
+use crate::pipeline::{Control, RunOptions};
 use crate::record::Recorder;
 use crate::report::Report;
 use anyhow::{Context, Result, ensure};
@@ -15,7 +15,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use plumbline_config::Config;
 use serde::Serialize;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 
 /// What is compared: a name, and the changes of the configuration that make it.
 const VARIANTS: [(&str, &[&str]); 4] = [
@@ -72,7 +72,7 @@ impl Subject {
                 let mut flight = open_dataset(path, config.cloned(), None, args.mono)?;
                 flight.config = with_overrides(&flight.config, overrides)?;
                 let options = RunOptions { speed: None, threads: 1 };
-                Ok(fly(flight, Recorder::default(), &options, &AtomicBool::new(false))?.0)
+                Ok(fly(flight, Recorder::default(), &options, &Control::default())?.0)
             }
             Self::Simulated(entry) => entry.fly_as(&Setup {
                 config: config.cloned(),

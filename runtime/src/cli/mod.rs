@@ -4,19 +4,24 @@
 //! the file, the key or the device, and what to do.
 
 pub mod ablation;
+pub mod access;
 mod bench;
 pub mod campaign;
 pub mod choice;
 mod doctor;
 pub mod evaluate;
+mod keys;
 pub mod lines;
 pub mod log;
 pub mod overrides;
 pub mod replay;
+mod reset;
+mod router;
 pub mod scenario;
 pub mod simulate;
 pub mod verify;
 
+use crate::net::audit;
 use clap::{CommandFactory, Parser, Subcommand};
 use plumbline_config::{Config, ConfigError};
 use plumbline_drivers::DriverError;
@@ -66,8 +71,14 @@ enum Command {
     Evaluate(evaluate::EvaluateArgs),
     /// Extract the line segments of one image, and draw them.
     Lines(lines::LinesArgs),
-    /// Watch vehicles over the network, in the terminal.
+    /// Watch vehicles over the network: a page for the browser, and a view in the terminal.
     Ground(crate::ground::GroundArgs),
+    /// Pass messages on between vehicles and ground stations that cannot reach each other.
+    Router(router::RouterArgs),
+    /// Start the estimate of a vehicle anew, from afar.
+    Reset(reset::ResetArgs),
+    /// Make certificates for vehicles and ground stations.
+    Keys(keys::KeysArgs),
     /// Fly the built-in set of simulated flights and tabulate the errors.
     Campaign(campaign::CampaignArgs),
     /// Fly with points alone, with raw, filtered and merged line segments, and tabulate what each brings.
@@ -115,6 +126,9 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Lines(args) => lines::run(&args),
         Command::Ground(args) => crate::ground::run(&args),
+        Command::Router(args) => router::run(&args),
+        Command::Reset(args) => reset::run(&args),
+        Command::Keys(args) => keys::run(&args),
         Command::Campaign(args) => campaign::run(&args),
         Command::Ablation(args) => ablation::run(&args),
         Command::Bench(args) => bench::run(&args),
@@ -182,10 +196,19 @@ fn one_line(error: &anyhow::Error) -> String {
 }
 
 fn init_logs(verbose: u8) {
+    use tracing_subscriber::layer::SubscriberExt as _;
+    use tracing_subscriber::util::SubscriberInitExt as _;
+    use tracing_subscriber::{EnvFilter, Layer as _};
+
     let default = ["warn", "info,zenoh=warn", "debug"][usize::from(verbose.min(2))];
-    let filter = tracing_subscriber::EnvFilter::try_from_default_env()
-        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new(default));
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).without_time().init();
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(default));
+    let lines = tracing_subscriber::fmt::layer().with_writer(std::io::stderr).without_time();
+    let access = tracing_subscriber::filter::Targets::new()
+        .with_target(audit::TARGET, tracing_subscriber::filter::LevelFilter::TRACE);
+    tracing_subscriber::registry()
+        .with(lines.with_filter(filter))
+        .with(audit::Audit.with_filter(access))
+        .init();
 }
 
 /// A configuration file or preset, if one is named.

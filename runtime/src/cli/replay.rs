@@ -8,8 +8,8 @@ use crate::evaluate::load_trajectory;
 use crate::flight::{Flight, Truth, is_log, open_dataset, open_log, open_simulation};
 use crate::log::{self, WhenFull};
 use crate::net::{Endpoints, Publisher};
-use crate::pipeline::tap::Tap;
-use crate::pipeline::{Outcome, RunOptions, Sink, Streams};
+use crate::pipeline::tap::{Several, Tap};
+use crate::pipeline::{Control, Outcome, RunOptions, Sink, Streams};
 use crate::record::{CausalPose, Recorder};
 use crate::report::Report;
 use crate::report::accuracy::Accuracy;
@@ -20,7 +20,7 @@ use plumbline_drivers::tum::write_tum;
 use plumbline_estimator::{Estimate, Odometry};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
+use std::sync::Arc;
 
 /// Room for poses is made beforehand for up to so many frames: two hours.
 const MAX_RESERVED_FRAMES: usize = 144_000;
@@ -76,12 +76,15 @@ pub struct ReplayArgs {
     /// Points and IMU alone, without lines.
     #[arg(long)]
     pub no_lines: bool,
-    /// Publish over Zenoh while flying, as the configuration's [network] and --listen say.
+    /// Publish over Zenoh while flying, as the configuration's [network], --listen and --connect say.
     #[arg(long)]
     pub publish: bool,
     /// With --publish: listen here, such as tcp/127.0.0.1:7447.
-    #[arg(long, value_name = "ENDPOINT")]
+    #[arg(long, value_name = "ENDPOINT", requires = "publish")]
     pub listen: Vec<String>,
+    /// With --publish: connect to this router or ground station.
+    #[arg(long, value_name = "ENDPOINT", requires = "publish")]
+    pub connect: Vec<String>,
     /// Print the report as JSON instead of the summary.
     #[arg(long)]
     pub json: bool,
@@ -110,26 +113,22 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     }
     let is_live = args.speed.is_some();
     let recording = args.record.as_ref().map(|path| start_recording(path, &flight, is_live)).transpose()?;
-    let mut publisher = None;
-    if args.publish {
-        let endpoints = Endpoints::of(&flight.config.network).and_listen(&args.listen);
-        publisher = Some(Publisher::start(&endpoints)?);
-    }
-    let stop = stop_on_signal()?;
+    let control = Arc::new(Control::stopped_by(stop_on_signal()?));
+    let mut publisher = args.publish.then(|| start_publisher(args, &flight, &control)).transpose()?;
     let mut progress = Progress::new(flight.stereo.expected_frames());
     let mut recorder = Recorder { keep_odometry: args.odometry.is_some(), ..Recorder::default() };
     let expected = flight.stereo.expected_frames().unwrap_or_default();
     recorder.reserve(usize::try_from(expected).unwrap_or_default().min(MAX_RESERVED_FRAMES));
     recorder.listeners.push(&mut progress);
+    let mut taps: Vec<Box<dyn Tap>> = Vec::new();
     if let Some(publisher) = &mut publisher {
+        taps.push(publisher.tap());
         recorder.listeners.push(publisher);
     }
+    taps.extend(recording.iter().map(|recording| Box::new(recording.handle()) as Box<dyn Tap>));
     let options = RunOptions { speed: args.speed, threads: usize::from(args.threads) };
-    let tap: Box<dyn Tap> = match &recording {
-        Some(recording) => Box::new(recording.handle()),
-        None => Box::new(()),
-    };
-    let (mut report, poses, odometry) = fly_tapped(flight, recorder, &options, &stop, tap)?;
+    let tap = Box::new(Several(taps));
+    let (mut report, poses, odometry) = fly_tapped(flight, recorder, &options, &control, tap)?;
     progress.0.finish_and_clear();
     report.recording = recording.map(log::Recorder::finish);
     if let Some(publisher) = publisher {
@@ -186,6 +185,12 @@ fn open(args: &ReplayArgs) -> Result<Flight> {
     open_dataset(path, config, frames, args.mono)
 }
 
+/// Puts the flight on the network.
+fn start_publisher(args: &ReplayArgs, flight: &Flight, control: &Arc<Control>) -> Result<Publisher> {
+    let endpoints = Endpoints::of(&flight.config.network).and(&args.listen, &args.connect);
+    Ok(Publisher::start(&flight.config, &endpoints, Arc::clone(control))?)
+}
+
 /// Starts the recorder: a live flight never waits for it, one in virtual time loses nothing.
 fn start_recording(path: &Path, flight: &Flight, is_live: bool) -> Result<log::Recorder> {
     if !is_log(path) {
@@ -204,9 +209,9 @@ pub fn fly(
     flight: Flight,
     recorder: Recorder<'_>,
     options: &RunOptions,
-    stop: &AtomicBool,
+    control: &Control,
 ) -> Result<(Report, Vec<CausalPose>, Vec<plumbline_drivers::StampedPose>)> {
-    fly_tapped(flight, recorder, options, stop, Box::new(()))
+    fly_tapped(flight, recorder, options, control, Box::new(()))
 }
 
 /// The same with a listener to every input, order and output.
@@ -217,12 +222,12 @@ pub fn fly_tapped(
     flight: Flight,
     mut recorder: Recorder<'_>,
     options: &RunOptions,
-    stop: &AtomicBool,
+    control: &Control,
     tap: Box<dyn Tap>,
 ) -> Result<(Report, Vec<CausalPose>, Vec<plumbline_drivers::StampedPose>)> {
     let Flight { config, imu, stereo, truth, name } = flight;
     let streams = Streams { imu, stereo };
-    let outcome: Outcome = crate::pipeline::run(&config, streams, options, stop, tap, &mut recorder)?;
+    let outcome: Outcome = crate::pipeline::run(&config, streams, options, control, tap, &mut recorder)?;
     let accuracy = Accuracy::of(&recorder.poses, &truth);
     let report = Report::new(&name, &outcome, accuracy, &config, options.threads);
     Ok((report, recorder.poses, recorder.odometry))

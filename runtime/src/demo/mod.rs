@@ -1,12 +1,14 @@
-//! `plumbline demo`: a simulated flight at real time, estimated live and published on the loopback
-//! interface.
+//! `plumbline demo`: a simulated flight at real time, estimated live, published on the loopback interface, and
+//! watched by a ground station with its page.
 
-use crate::cli::replay::fly;
+use crate::cli::replay::fly_tapped;
 use crate::cli::scenario::parse_scene;
 use crate::cli::{Usage, stop_on_signal};
 use crate::flight::{Flight, Truth, open_simulation};
+use crate::ground;
+use crate::ground::fleet::Fleet;
 use crate::net::{Endpoints, Publisher};
-use crate::pipeline::{RunOptions, Sink};
+use crate::pipeline::{Control, RunOptions, Sink};
 use crate::record::Recorder;
 use anyhow::Result;
 use clap::Args;
@@ -15,7 +17,8 @@ use plumbline_drivers::StereoFrame;
 use plumbline_drivers::simulator::{Scenario, Simulator};
 use plumbline_estimator::{Estimate, Odometry};
 use std::io::{IsTerminal, Write};
-use std::net::TcpListener;
+use std::net::{SocketAddr, TcpListener};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 /// First port that is tried.
@@ -31,7 +34,7 @@ const TRIAL_FRAMES: u64 = 4;
 #[derive(Debug, Args)]
 pub struct DemoArgs {
     /// Length of the flight, seconds.
-    #[arg(long, default_value_t = 60.0)]
+    #[arg(long, default_value_t = 300.0)]
     pub duration: f64,
     /// What surrounds the flight: room, hall or low-texture.
     #[arg(long, default_value = "room")]
@@ -39,6 +42,9 @@ pub struct DemoArgs {
     /// Seed of everything random.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// Serve the page here.
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8080")]
+    pub http: SocketAddr,
     /// Size of the images against 752x480; chosen by what this machine can render in time without.
     #[arg(long)]
     pub resolution: Option<f64>,
@@ -64,22 +70,55 @@ pub fn run(args: &DemoArgs) -> Result<()> {
     let endpoint = free_endpoint()?;
     let mut endpoints = Endpoints::of(&flight.config.network);
     endpoints.listen = vec![endpoint.clone()];
-    let mut publisher = Publisher::start(&endpoints)?;
+    let control = Arc::new(Control::stopped_by(stop_on_signal()?));
+    let mut publisher = Publisher::start(&flight.config, &endpoints, Arc::clone(&control))?;
     println!(
-        "Flying for {:.0} s in the {} with {}x{} stereo images. Watch it from another terminal:",
+        "Flying for {:.0} s in the {} with {}x{} stereo images.",
         args.duration, args.scene, size.width_px, size.height_px
     );
-    println!("    plumbline ground --connect {endpoint}");
-    let stop = stop_on_signal()?;
+    let station = Station::open(args, &endpoint)?;
+    println!("Look at http://{} (or from another terminal: plumbline ground --no-http)", station.address);
     let mut status = Status::new(&flight.truth);
     let mut recorder = Recorder::default();
+    let tap = publisher.tap();
     recorder.listeners.push(&mut publisher);
     recorder.listeners.push(&mut status);
     let options = RunOptions { speed: Some(1.0), threads: 2 };
-    let (report, _, _) = fly(flight, recorder, &options, &stop)?;
+    let (report, _, _) = fly_tapped(flight, recorder, &options, &control, tap)?;
     publisher.stop();
     println!("\n{}", report.summary());
+    station.close();
     Ok(())
+}
+
+/// A ground station in this process: it knows of the flight what comes over the network.
+struct Station {
+    runtime: tokio::runtime::Runtime,
+    session: zenoh::Session,
+    address: SocketAddr,
+}
+
+impl Station {
+    /// Connects to the vehicle at `endpoint`; a page address that is taken is replaced by a free one.
+    fn open(args: &DemoArgs, endpoint: &str) -> Result<Self> {
+        let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
+        let connect = vec![endpoint.to_owned()];
+        let endpoints = Endpoints { vehicle: "*".into(), connect, ..Endpoints::default() };
+        let fleet = Arc::new(Mutex::new(Fleet::default()));
+        let (session, address) = runtime.block_on(async {
+            let session = ground::listen(&endpoints, &fleet, false).await?;
+            let is_free = TcpListener::bind(args.http).is_ok();
+            let wanted = if is_free { args.http } else { SocketAddr::new(args.http.ip(), 0) };
+            let address = ground::web::serve(wanted, fleet, session.clone(), true).await?;
+            Ok::<_, anyhow::Error>((session, address))
+        })?;
+        Ok(Self { runtime, session, address })
+    }
+
+    fn close(self) {
+        let _ = self.runtime.block_on(async { self.session.close().await });
+        self.runtime.shutdown_timeout(Duration::from_millis(500));
+    }
 }
 
 /// Full resolution if this machine renders it in time, else half.

@@ -1,101 +1,78 @@
-//! What has been heard of every vehicle, in bounded memory.
+//! What has been heard of all vehicles, in bounded memory.
 
-use crate::net::{proto, wire};
-use nalgebra::{Isometry3, Vector3};
-use std::collections::BTreeMap;
-use std::time::{Duration, Instant};
+use super::vehicle::{Picture, Vehicle};
+use crate::net::{proto, read};
+use nalgebra::Vector3;
+use serde::Serialize;
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+use std::time::Instant;
 
 /// Vehicles that are followed; more are counted, not kept.
 pub const MAX_VEHICLES: usize = 64;
-/// Data older than this are shown as stale.
-pub const STALE_AFTER: Duration = Duration::from_millis(500);
-/// Rates are measured over this time.
-const RATE_WINDOW: Duration = Duration::from_secs(1);
+/// Longest name of a vehicle, bytes.
+pub const MAX_NAME: usize = 64;
+/// Events that are kept.
+const MAX_EVENTS: usize = 200;
 
-/// Counts the messages of one key.
-#[derive(Clone, Debug, Default)]
-pub struct Channel {
-    /// Messages received.
-    pub received: u64,
-    /// Messages missing by their sequence numbers.
-    pub lost: u64,
-    /// Messages a second.
-    pub rate_hz: f64,
-    next_sequence: Option<u64>,
-    last: Option<Instant>,
-    window: Option<(Instant, u64)>,
+/// How much an event matters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Severity {
+    /// Good to know.
+    Info,
+    /// Look.
+    Warning,
+    /// Act.
+    Error,
 }
 
-impl Channel {
-    fn heard(&mut self, sequence: u64, now: Instant) {
-        self.received += 1;
-        if let Some(expected) = self.next_sequence {
-            self.lost += sequence.saturating_sub(expected);
-        }
-        self.next_sequence = Some(sequence.saturating_add(1));
-        self.last = Some(now);
-        let (since, count) = *self.window.get_or_insert((now, self.received));
-        let elapsed = now.duration_since(since);
-        if elapsed >= RATE_WINDOW {
-            self.rate_hz = (self.received - count) as f64 / elapsed.as_secs_f64();
-            self.window = Some((now, self.received));
-        }
-    }
-
-    /// Whether nothing has come for a while.
-    #[must_use]
-    pub fn is_stale(&self, now: Instant) -> bool {
-        self.last.is_none_or(|last| now.duration_since(last) > STALE_AFTER)
-    }
-}
-
-/// One vehicle.
-#[derive(Clone, Debug, Default)]
-pub struct Vehicle {
-    /// Its liveliness token is there.
-    pub is_alive: bool,
-    /// Odometry.
-    pub odom: Channel,
-    /// Estimates.
-    pub state: Channel,
-    /// Newest pose of the body in the odometry frame.
-    pub pose_o_b: Option<Isometry3<f64>>,
-    /// Newest velocity, m/s.
-    pub v_o_b: Vector3<f64>,
-    /// Largest standard deviation of the position, m.
-    pub sigma_m: f64,
-    /// -1 failed, else 0 to 100.
-    pub quality: i32,
-    /// State in words.
-    pub state_words: &'static str,
-    /// Resets.
-    pub resets: u32,
-    /// Health in words.
-    pub health: Vec<String>,
-    /// Computation of a frame, ms.
-    pub frame_ms: f64,
-    /// Frames a second.
-    pub frame_rate_hz: f64,
-    /// Messages that the vehicle dropped.
-    pub dropped: u64,
-    /// From publication to reception by the clocks of both hosts, ms; smoothed.
-    pub latency_ms: Option<f64>,
+/// Something that happened.
+#[derive(Clone, Debug, Serialize)]
+pub struct FleetEvent {
+    /// To whom; nobody in particular without.
+    pub vehicle: Option<String>,
+    /// How much it matters.
+    pub severity: Severity,
+    /// When, since the station started, s.
+    pub time_s: f64,
+    /// What.
+    pub text: String,
 }
 
 /// All vehicles, by name.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Fleet {
     /// The vehicles.
     pub vehicles: BTreeMap<String, Vehicle>,
     /// Messages that could not be understood.
     pub malformed: u64,
-    /// Messages of vehicles beyond the limit.
+    /// Messages of vehicles beyond the limit, or with impossible names.
     pub refused: u64,
+    /// When the station started.
+    pub start: Instant,
+    events: VecDeque<FleetEvent>,
+    /// Events ever told.
+    pub told: u64,
+}
+
+impl Default for Fleet {
+    fn default() -> Self {
+        Self {
+            vehicles: BTreeMap::new(),
+            malformed: 0,
+            refused: 0,
+            start: Instant::now(),
+            events: VecDeque::new(),
+            told: 0,
+        }
+    }
 }
 
 impl Fleet {
     fn vehicle(&mut self, name: &str) -> Option<&mut Vehicle> {
-        if !self.vehicles.contains_key(name) && self.vehicles.len() >= MAX_VEHICLES {
+        let is_known = self.vehicles.contains_key(name);
+        if !is_known && (self.vehicles.len() >= MAX_VEHICLES || name.len() > MAX_NAME) {
             self.refused += 1;
             return None;
         }
@@ -104,8 +81,13 @@ impl Fleet {
 
     /// A liveliness token appeared or went.
     pub fn alive(&mut self, name: &str, is_alive: bool) {
-        if let Some(vehicle) = self.vehicle(name) {
-            vehicle.is_alive = is_alive;
+        let Some(vehicle) = self.vehicle(name) else { return };
+        let was_alive = std::mem::replace(&mut vehicle.is_alive, is_alive);
+        if is_alive && !was_alive {
+            vehicle.appear();
+            self.tell(Some(name), Severity::Info, "on the network".into());
+        } else if was_alive && !is_alive {
+            self.tell(Some(name), Severity::Error, "has left the network".into());
         }
     }
 
@@ -115,36 +97,95 @@ impl Fleet {
     }
 
     /// Odometry came, `now_ns` by this host's clock.
-    pub fn odom(&mut self, name: &str, message: &proto::Odom, now: Instant, now_ns: i64) {
-        let (Some(header), Some(vehicle)) = (&message.header, self.vehicle(name)) else { return };
-        vehicle.odom.heard(header.sequence, now);
-        vehicle.take_header(header, message.state);
-        vehicle.pose_o_b = message.pose.as_ref().and_then(wire::isometry);
-        if let Some(v) = &message.velocity_o_b {
-            vehicle.v_o_b = Vector3::new(v.x, v.y, v.z);
-        }
-        vehicle.sigma_m = message.sigmas.iter().take(3).copied().fold(0.0, f64::max);
-        let latency_ms = now_ns.saturating_sub(header.published_ns) as f64 * 1e-6;
-        let smoothed = vehicle.latency_ms.map_or(latency_ms, |old| old + 0.05 * (latency_ms - old));
-        vehicle.latency_ms = Some(smoothed);
+    pub fn odom(&mut self, name: &str, message: &proto::Odom, bytes: usize, now: Instant, now_ns: i64) {
+        self.watched(name, |vehicle| vehicle.take_odom(message, bytes, now, now_ns));
     }
 
     /// An estimate came.
-    pub fn state(&mut self, name: &str, message: &proto::State, now: Instant) {
-        let (Some(header), Some(vehicle)) = (&message.header, self.vehicle(name)) else { return };
-        vehicle.state.heard(header.sequence, now);
-        vehicle.take_header(header, message.state);
-        vehicle.health = wire::health_words(message.health_bits);
+    pub fn state(&mut self, name: &str, message: &proto::State, bytes: usize, now: Instant) {
+        self.watched(name, |vehicle| vehicle.take_state(message, bytes, now));
     }
 
     /// Health came.
-    pub fn health(&mut self, name: &str, message: &proto::Health) {
-        let (Some(header), Some(vehicle)) = (&message.header, self.vehicle(name)) else { return };
-        vehicle.take_header(header, message.state);
-        vehicle.health = wire::health_words(message.bits);
-        vehicle.frame_ms = message.frame_ms;
-        vehicle.frame_rate_hz = message.frame_rate_hz;
-        vehicle.dropped = message.dropped;
+    pub fn health(&mut self, name: &str, message: &proto::Health, bytes: usize, now: Instant) {
+        self.watched(name, |vehicle| vehicle.take_health(message, bytes, now));
+    }
+
+    /// A keyframe came, by itself or as an answer.
+    pub fn keyframe(&mut self, name: &str, message: &proto::Keyframe) {
+        if let Some(vehicle) = self.vehicle(name) {
+            vehicle.map.take(message);
+        }
+    }
+
+    /// A correction of the map came.
+    pub fn correction(&mut self, name: &str, message: &proto::MapCorrection) {
+        if let Some(vehicle) = self.vehicle(name) {
+            vehicle.pose_m_o = message.pose_m_o.as_ref().and_then(read::isometry);
+        }
+    }
+
+    /// What is in the window came.
+    pub fn scene(&mut self, name: &str, message: &proto::Scene) {
+        if let Some(vehicle) = self.vehicle(name) {
+            vehicle.map.take_scene(message);
+        }
+    }
+
+    /// A picture came.
+    pub fn picture(&mut self, name: &str, message: proto::Picture) {
+        if let Some(vehicle) = self.vehicle(name) {
+            let version = vehicle.picture.as_ref().map_or(0, |picture| picture.version) + 1;
+            vehicle.picture = Some(Picture { message: Arc::new(message), version });
+        }
+    }
+
+    /// The path of a vehicle from before it was seen came.
+    pub fn past(&mut self, name: &str, path: &[(i64, Vector3<f64>)]) {
+        if let Some(vehicle) = self.vehicle(name) {
+            vehicle.track.prepend(path);
+        }
+    }
+
+    /// Lets a vehicle change, and tells what people would want to know of the change.
+    fn watched(&mut self, name: &str, change: impl FnOnce(&mut Vehicle)) {
+        let Some(vehicle) = self.vehicle(name) else { return };
+        let before = (vehicle.state_words, vehicle.resets, vehicle.rung.clone());
+        change(vehicle);
+        let after = (vehicle.state_words, vehicle.resets, vehicle.rung.clone());
+        if before.0 != after.0 {
+            let severity = match after.0 {
+                "tracking" | "initialising" => Severity::Info,
+                "blind" => Severity::Warning,
+                _ => Severity::Error,
+            };
+            self.tell(Some(name), severity, after.0.to_owned());
+        }
+        if before.1 != after.1 {
+            self.tell(Some(name), Severity::Warning, format!("reset: the counter is {} now", after.1));
+        }
+        if let (Some(old), Some(new)) = (before.2, after.2)
+            && old != new
+        {
+            self.tell(Some(name), Severity::Warning, format!("works with: {new}"));
+        }
+    }
+
+    /// Tells an event.
+    pub fn tell(&mut self, vehicle: Option<&str>, severity: Severity, text: String) {
+        if self.events.len() == MAX_EVENTS {
+            self.events.pop_front();
+        }
+        let time_s = self.start.elapsed().as_secs_f64();
+        self.events.push_back(FleetEvent { vehicle: vehicle.map(str::to_owned), severity, time_s, text });
+        self.told += 1;
+    }
+
+    /// Events from number `from` on.
+    pub fn events_since(&self, from: u64) -> impl Iterator<Item = &FleetEvent> {
+        let first = self.told - self.events.len() as u64;
+        let skip = usize::try_from(from.saturating_sub(first)).unwrap_or(usize::MAX);
+        self.events.iter().skip(skip)
     }
 
     /// A line for each vehicle.
@@ -154,84 +195,98 @@ impl Fleet {
     }
 }
 
-impl Vehicle {
-    fn take_header(&mut self, header: &proto::Header, state: i32) {
-        self.quality = header.quality.clamp(-1, 100);
-        self.resets = header.reset_counter;
-        self.state_words = wire::state_words(state);
-    }
-
-    /// What can be said of its presence.
-    #[must_use]
-    pub fn presence(&self, now: Instant) -> &'static str {
-        match (self.is_alive, self.odom.is_stale(now) && self.state.is_stale(now)) {
-            (false, _) => "LOST",
-            (true, true) => "STALE",
-            (true, false) => self.state_words,
-        }
-    }
-
-    /// Roll, pitch and yaw, degrees.
-    #[must_use]
-    pub fn attitude_deg(&self) -> Option<(f64, f64, f64)> {
-        let (roll, pitch, yaw) = self.pose_o_b?.rotation.euler_angles();
-        Some((roll.to_degrees(), pitch.to_degrees(), yaw.to_degrees()))
-    }
-
-    fn line(&self, name: &str, now: Instant) -> String {
-        let p = self.pose_o_b.map_or_else(Vector3::zeros, |pose| pose.translation.vector);
-        let health = if self.health.is_empty() { "healthy".into() } else { self.health.join(", ") };
-        format!(
-            "{name}: {} quality {} position {:.3} {:.3} {:.3} m (sigma {:.3}) speed {:.2} m/s, odom {:.0} Hz, \
-             state {:.0} Hz, latency {:.2} ms, lost {}, {health}",
-            self.presence(now),
-            self.quality,
-            p.x,
-            p.y,
-            p.z,
-            self.sigma_m,
-            self.v_o_b.norm(),
-            self.odom.rate_hz,
-            self.state.rate_hz,
-            self.latency_ms.unwrap_or(f64::NAN),
-            self.odom.lost + self.state.lost
-        )
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::channel::STALE_AFTER;
+    use super::super::vehicle::LOST_AFTER;
     use super::*;
+    use crate::net::wire;
+    use nalgebra::Isometry3;
 
-    fn odom(sequence: u64) -> proto::Odom {
+    fn odom(sequence: u64, x: f64, reset_counter: u32) -> proto::Odom {
         proto::Odom {
-            header: Some(proto::Header { sequence, quality: 90, ..proto::Header::default() }),
+            header: Some(proto::Header {
+                sequence,
+                quality: 80,
+                reset_counter,
+                stamp_ns: sequence as i64 * 5_000_000,
+                ..proto::Header::default()
+            }),
             state: proto::TrackingState::Tracking.into(),
+            pose: wire::pose(&Isometry3::translation(x, 0.0, 0.0)),
+            velocity_o_b: Some(proto::Vector3::default()),
             ..proto::Odom::default()
         }
     }
 
-    #[test]
-    fn gaps_in_the_sequence_are_losses_and_silence_is_stale() {
-        let mut fleet = Fleet::default();
-        let now = Instant::now();
-        fleet.alive("a", true);
-        for sequence in [0, 1, 5] {
-            fleet.odom("a", &odom(sequence), now, 0);
-        }
-        let vehicle = &fleet.vehicles["a"];
-        assert_eq!((vehicle.odom.received, vehicle.odom.lost), (3, 3));
-        assert_eq!(vehicle.presence(now), "tracking");
-        assert_eq!(vehicle.presence(now + Duration::from_secs(1)), "STALE");
-        fleet.alive("a", false);
-        assert_eq!(fleet.vehicles["a"].presence(now), "LOST");
+    fn texts(fleet: &Fleet) -> Vec<&str> {
+        fleet.events_since(0).map(|event| event.text.as_str()).collect()
     }
 
     #[test]
-    fn a_flood_of_names_is_bounded() {
+    fn presence_follows_token_and_data() {
+        let (mut fleet, now) = (Fleet::default(), Instant::now());
+        fleet.alive("a", true);
+        assert_eq!(fleet.vehicles["a"].presence(now), "unknown");
+        fleet.odom("a", &odom(0, 0.0, 0), 100, now, 0);
+        let vehicle = &fleet.vehicles["a"];
+        assert_eq!(vehicle.presence(now), "tracking");
+        assert_eq!(vehicle.presence(now + STALE_AFTER * 2), "stale");
+        assert_eq!(vehicle.presence(now + LOST_AFTER * 2), "lost");
+        fleet.alive("a", false);
+        assert_eq!(fleet.vehicles["a"].presence(now), "lost");
+        assert_eq!(texts(&fleet), ["on the network", "tracking", "has left the network"]);
+    }
+
+    #[test]
+    fn a_reset_is_told_and_a_jump_begins_a_new_path() {
+        let (mut fleet, now) = (Fleet::default(), Instant::now());
+        for k in 0..100 {
+            fleet.odom("a", &odom(k, k as f64 * 0.1, 0), 100, now, 0);
+        }
+        assert!(fleet.vehicles["a"].track.len() > 50);
+        fleet.odom("a", &odom(100, 0.0, 1), 100, now, 0);
+        assert_eq!(fleet.vehicles["a"].track.len(), 1);
+        assert!(texts(&fleet).contains(&"reset: the counter is 1 now"));
+    }
+
+    #[test]
+    fn vehicles_beyond_the_limit_are_refused_and_counted() {
         let mut fleet = Fleet::default();
-        (0..1000).for_each(|k| fleet.alive(&format!("v{k}"), true));
-        assert_eq!(fleet.vehicles.len(), MAX_VEHICLES);
-        assert_eq!(fleet.refused, 1000 - MAX_VEHICLES as u64);
+        (0..MAX_VEHICLES + 3).for_each(|k| fleet.alive(&format!("v{k}"), true));
+        fleet.alive(&"x".repeat(MAX_NAME + 1), true);
+        assert_eq!((fleet.vehicles.len(), fleet.refused), (MAX_VEHICLES, 4));
+        assert!(fleet.events_since(0).count() <= MAX_EVENTS);
+    }
+
+    #[test]
+    fn a_recording_holds_what_came_while_it_went_on() {
+        let (mut fleet, now) = (Fleet::default(), Instant::now());
+        for k in 0..30 {
+            if let Some(vehicle) = fleet.vehicles.get_mut("a") {
+                vehicle.set_recording((10..20).contains(&k));
+            }
+            fleet.odom("a", &odom(k, 0.0, 0), 100, now, 0);
+        }
+        let vehicle = &fleet.vehicles["a"];
+        assert!(!vehicle.is_recording);
+        assert_eq!(vehicle.recording.as_ref().unwrap().len(), 10);
+    }
+
+    #[test]
+    fn latency_is_brought_to_one_clock() {
+        let (mut fleet, now) = (Fleet::default(), Instant::now());
+        fleet.alive("a", true);
+        let ahead_ns = 3_600_000_000_000;
+        fleet.vehicles.get_mut("a").unwrap().clock.take(super::super::clock::Exchange {
+            asked_ns: 0,
+            received_ns: ahead_ns + 100,
+            answered_ns: ahead_ns + 100,
+            came_ns: 200,
+        });
+        let mut message = odom(0, 0.0, 0);
+        message.header.as_mut().unwrap().published_ns = ahead_ns + 1_000_000;
+        fleet.odom("a", &message, 100, now, 3_000_000);
+        assert!((fleet.vehicles["a"].latency_ms.unwrap() - 2.0).abs() < 1e-9);
     }
 }

@@ -1,82 +1,102 @@
 //! Fills the fleet from the network.
 
 use super::fleet::Fleet;
-use crate::net::{Endpoints, NetError, ROOT, proto, wire};
+use super::recover;
+use crate::net::{Endpoints, NetError, ROOT, now_ns, proto, read, wire};
 use std::io::Write;
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Instant, SystemTime, UNIX_EPOCH};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 use zenoh::Session;
 use zenoh::sample::{Sample, SampleKind};
 
-/// Subscriptions to every vehicle; they end with it.
-pub struct Listener {
-    runtime: tokio::runtime::Runtime,
-    session: Session,
+/// The fleet, whatever became of the last who held it.
+pub fn lock(fleet: &Mutex<Fleet>) -> MutexGuard<'_, Fleet> {
+    fleet.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl Listener {
-    /// Subscribes to the keys of `endpoints.vehicle` (`*` for all); with `print_states` every state is
-    /// printed as a line of JSON.
-    ///
-    /// # Errors
-    /// When the session cannot be opened.
-    pub fn start(
-        endpoints: &Endpoints,
-        fleet: Arc<Mutex<Fleet>>,
-        print_states: bool,
-    ) -> Result<Self, NetError> {
-        let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
-        let session = runtime.block_on(async {
-            let session = endpoints.open().await?;
-            subscribe(&session, &endpoints.vehicle, fleet, print_states).await?;
-            Ok::<_, NetError>(session)
-        })?;
-        Ok(Self { runtime, session })
-    }
-
-    /// Leaves the network.
-    pub fn stop(self) {
-        let _ = self.runtime.block_on(async { self.session.close().await });
-    }
-}
-
-async fn subscribe(
-    session: &Session,
-    vehicle: &str,
-    fleet: Arc<Mutex<Fleet>>,
+/// Subscribes to the keys of `endpoints.vehicle` (`*` for all), and asks for what was missed; with
+/// `print_states` every state is printed as a line of JSON. The camera is another matter ([`watch_camera`]).
+///
+/// # Errors
+/// When the session cannot be opened.
+pub async fn listen(
+    endpoints: &Endpoints,
+    fleet: &Arc<Mutex<Fleet>>,
     print_states: bool,
-) -> Result<(), NetError> {
-    let failed = |key: &str| {
-        let key = key.to_owned();
-        move |error: zenoh::Error| NetError::Declare { key, message: error.to_string() }
-    };
-    for name in ["odom", "state", "health"] {
-        let key = format!("{ROOT}/{vehicle}/{name}");
-        let fleet = Arc::clone(&fleet);
+) -> Result<Session, NetError> {
+    let session = endpoints.open().await?;
+    let vehicle = &endpoints.vehicle;
+    for topic in [Topic::Odom, Topic::State, Topic::Health, Topic::Keyframe, Topic::Correction, Topic::Scene]
+    {
+        let key = format!("{ROOT}/{vehicle}/{}", topic.key());
+        let fleet = Arc::clone(fleet);
         session
             .declare_subscriber(&key)
-            .callback(move |sample| heard(&fleet, name, &sample, print_states))
+            .callback(move |sample| heard(&fleet, topic, &sample, print_states))
             .background()
             .await
-            .map_err(failed(&key))?;
+            .map_err(|error| NetError::Declare { key: key.clone(), message: error.to_string() })?;
     }
     let key = format!("{ROOT}/{vehicle}/alive");
+    let theirs = Arc::clone(fleet);
     session
         .liveliness()
         .declare_subscriber(&key)
         .history(true)
         .callback(move |sample: Sample| {
             if let Some(name) = vehicle_of(sample.key_expr().as_str()) {
-                lock(&fleet).alive(name, sample.kind() == SampleKind::Put);
+                lock(&theirs).alive(name, sample.kind() == SampleKind::Put);
             }
         })
         .background()
         .await
-        .map_err(failed(&key))
+        .map_err(|error| NetError::Declare { key, message: error.to_string() })?;
+    tokio::spawn(recover::run(session.clone(), Arc::clone(fleet)));
+    Ok(session)
 }
 
-fn lock(fleet: &Mutex<Fleet>) -> std::sync::MutexGuard<'_, Fleet> {
-    fleet.lock().unwrap_or_else(PoisonError::into_inner)
+/// A subscription to the pictures of a vehicle; it ends with what is returned.
+///
+/// # Errors
+/// When the key cannot be declared.
+pub async fn watch_camera(
+    session: &Session,
+    vehicle: &str,
+    fleet: &Arc<Mutex<Fleet>>,
+) -> Result<zenoh::pubsub::Subscriber<()>, NetError> {
+    let key = format!("{ROOT}/{vehicle}/{}", Topic::Camera.key());
+    let fleet = Arc::clone(fleet);
+    session
+        .declare_subscriber(&key)
+        .callback(move |sample| heard(&fleet, Topic::Camera, &sample, false))
+        .await
+        .map_err(|error| NetError::Declare { key: key.clone(), message: error.to_string() })
+}
+
+/// What vehicles publish.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Topic {
+    Odom,
+    State,
+    Health,
+    Keyframe,
+    Correction,
+    Scene,
+    Camera,
+}
+
+impl Topic {
+    fn key(self) -> &'static str {
+        match self {
+            Self::Odom => "odom",
+            Self::State => "state",
+            Self::Health => "health",
+            Self::Keyframe => "map/keyframe",
+            Self::Correction => "map/correction",
+            Self::Scene => "scene",
+            Self::Camera => "camera",
+        }
+    }
 }
 
 /// The vehicle's name in `plumbline/<vehicle>/...`.
@@ -84,38 +104,49 @@ fn vehicle_of(key: &str) -> Option<&str> {
     key.strip_prefix(ROOT)?.strip_prefix('/')?.split('/').next().filter(|name| !name.is_empty())
 }
 
-fn heard(fleet: &Mutex<Fleet>, name: &str, sample: &Sample, print_states: bool) {
-    let now = Instant::now();
+fn heard(fleet: &Mutex<Fleet>, topic: Topic, sample: &Sample, print_states: bool) {
     let Some(vehicle) = vehicle_of(sample.key_expr().as_str()) else { return };
     // Zenoh may hold a payload in pieces; too long a one is refused before it is copied.
-    if sample.payload().len() > wire::MAX_MESSAGE_BYTES {
+    if sample.payload().len() > read::MAX_MESSAGE_BYTES {
         lock(fleet).malformed();
         return;
     }
-    let bytes = sample.payload().to_bytes();
-    match name {
-        "odom" => match wire::decode::<proto::Odom>(&bytes) {
-            Some(message) => lock(fleet).odom(vehicle, &message, now, now_ns()),
-            None => lock(fleet).malformed(),
-        },
-        "state" => match wire::decode::<proto::State>(&bytes) {
-            Some(message) => {
-                lock(fleet).state(vehicle, &message, now);
-                if print_states {
-                    print_state(vehicle, &message);
-                }
+    take(fleet, topic, vehicle, &sample.payload().to_bytes(), print_states);
+}
+
+/// Takes a payload of a vehicle; what cannot be understood is counted.
+fn take(fleet: &Mutex<Fleet>, topic: Topic, vehicle: &str, bytes: &[u8], print_states: bool) {
+    let (now, size) = (Instant::now(), bytes.len());
+    let is_understood = match topic {
+        Topic::Odom => read::decode::<proto::Odom>(bytes)
+            .map(|message| lock(fleet).odom(vehicle, &message, size, now, now_ns())),
+        Topic::State => read::decode::<proto::State>(bytes).map(|message| {
+            lock(fleet).state(vehicle, &message, size, now);
+            if print_states {
+                print_state(vehicle, &message);
             }
-            None => lock(fleet).malformed(),
-        },
-        _ => match wire::decode::<proto::Health>(&bytes) {
-            Some(message) => lock(fleet).health(vehicle, &message),
-            None => lock(fleet).malformed(),
-        },
+        }),
+        Topic::Health => read::decode::<proto::Health>(bytes)
+            .map(|message| lock(fleet).health(vehicle, &message, size, now)),
+        Topic::Keyframe => {
+            read::decode::<proto::Keyframe>(bytes).map(|message| lock(fleet).keyframe(vehicle, &message))
+        }
+        Topic::Correction => read::decode::<proto::MapCorrection>(bytes)
+            .map(|message| lock(fleet).correction(vehicle, &message)),
+        Topic::Scene => {
+            read::decode::<proto::Scene>(bytes).map(|message| lock(fleet).scene(vehicle, &message))
+        }
+        Topic::Camera => {
+            read::decode::<proto::Picture>(bytes).map(|message| lock(fleet).picture(vehicle, message))
+        }
+    };
+    if is_understood.is_none() {
+        lock(fleet).malformed();
     }
 }
 
 fn print_state(vehicle: &str, message: &proto::State) {
-    let (Some(header), Some(pose)) = (&message.header, message.pose.as_ref().and_then(wire::isometry)) else {
+    let (Some(header), Some(pose)) = (&message.header, message.pose.as_ref().and_then(read::isometry)) else {
         return;
     };
     let (p, q) = (pose.translation.vector, pose.rotation.coords);
@@ -133,18 +164,37 @@ fn print_state(vehicle: &str, message: &proto::State) {
     let _ = writeln!(std::io::stdout().lock(), "{line}");
 }
 
-fn now_ns() -> i64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_nanos() as i64)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     #[test]
     fn the_vehicle_is_the_second_part_of_a_key() {
         assert_eq!(vehicle_of("plumbline/drone/odom"), Some("drone"));
         assert_eq!(vehicle_of("plumbline//odom"), None);
         assert_eq!(vehicle_of("other/drone/odom"), None);
+    }
+
+    const TOPICS: [Topic; 7] = [
+        Topic::Odom,
+        Topic::State,
+        Topic::Health,
+        Topic::Keyframe,
+        Topic::Correction,
+        Topic::Scene,
+        Topic::Camera,
+    ];
+
+    proptest! {
+        #[test]
+        fn whatever_comes_on_a_key_is_taken_or_counted(
+            bytes in prop::collection::vec(any::<u8>(), 0..400), topic in 0usize..7
+        ) {
+            let fleet = Mutex::new(Fleet::default());
+            take(&fleet, TOPICS[topic], "drone", &bytes, false);
+            let fleet = lock(&fleet);
+            prop_assert_eq!(fleet.vehicles.len() as u64 + fleet.malformed, 1);
+        }
     }
 }

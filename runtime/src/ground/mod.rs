@@ -1,69 +1,120 @@
-//! `plumbline ground`: who flies, where, and how well it is known, in the terminal.
+//! `plumbline ground`: watch vehicles from afar, in the browser and in the terminal.
 //!
-//! [`fleet`] is what has been heard of every vehicle, in bounded memory; [`listen`] fills it from the
-//! network; [`view`] draws it.
+//! [`listen`] fills the [`fleet`] from the network, [`recover`] asks for what did not come; [`web`] and [`view`] show
+//! it. Memory is bounded: vehicles, paths, maps, events.
 
+pub mod channel;
+pub mod clock;
+pub mod command;
+pub mod export;
 pub mod fleet;
-pub mod listen;
-pub mod view;
+mod listen;
+pub mod map;
+mod recover;
+mod report;
+pub mod track;
+pub mod vehicle;
+mod view;
+pub mod web;
 
-use crate::cli::{Usage, stop_on_signal};
-use crate::net::Endpoints;
+use crate::cli::access::AccessArgs;
+use crate::cli::{check_outputs, say, stop_on_signal};
+use crate::net::{Endpoints, audit};
 use anyhow::Result;
 use clap::Args;
 use fleet::Fleet;
-use listen::Listener;
+pub use listen::listen;
+use listen::lock;
 use std::io::{IsTerminal, Write};
+use std::net::SocketAddr;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-/// The view is drawn this often.
+/// The view is drawn and input is looked at this often.
 const REDRAW: Duration = Duration::from_millis(100);
+/// Where a station looks when it is told nothing.
+const DEFAULT_CONNECT: &str = "tcp/127.0.0.1:7447";
 
 /// Arguments of `plumbline ground`.
 #[derive(Debug, Args)]
 pub struct GroundArgs {
-    /// Zenoh endpoint of a vehicle or router, such as tcp/192.168.1.10:7447. May be repeated.
+    /// Connect to a vehicle or router, such as tcp/192.168.1.7:7447; may be repeated.
+    /// [default: tcp/127.0.0.1:7447, unless --listen is given]
     #[arg(long, value_name = "ENDPOINT")]
     pub connect: Vec<String>,
-    /// Listen for vehicles that connect to us.
+    /// Wait for vehicles here, such as tcp/0.0.0.0:7447; may be repeated.
     #[arg(long, value_name = "ENDPOINT")]
     pub listen: Vec<String>,
     /// Only this vehicle.
     #[arg(long, default_value = "*")]
     pub vehicle: String,
+    /// Serve the page here.
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8080")]
+    pub http: SocketAddr,
+    /// Serve no page.
+    #[arg(long, conflicts_with = "http")]
+    pub no_http: bool,
+    /// Let the page give commands though other hosts can open it.
+    #[arg(long)]
+    pub allow_commands: bool,
+    /// Let the page give no commands.
+    #[arg(long, conflicts_with = "allow_commands")]
+    pub no_commands: bool,
     /// A line a second for each vehicle instead of the view.
     #[arg(long)]
     pub plain: bool,
     /// One JSON object for each state received.
     #[arg(long, conflicts_with = "plain")]
     pub json: bool,
+    /// Write what was received, lost and delayed at the end (JSON).
+    #[arg(long, value_name = "OUT.json")]
+    pub report: Option<PathBuf>,
     /// End after this time, seconds.
     #[arg(long)]
     pub duration: Option<f64>,
+    /// Who we are, and whom we let in.
+    #[command(flatten)]
+    pub access: AccessArgs,
+}
+
+impl GroundArgs {
+    fn endpoints(&self) -> Endpoints {
+        let is_silent = self.connect.is_empty() && self.listen.is_empty();
+        let connect = if is_silent { vec![DEFAULT_CONNECT.to_owned()] } else { self.connect.clone() };
+        self.access.endpoints(&self.vehicle, &self.listen, &connect)
+    }
+
+    /// The page gives commands where only this host can open it, unless told otherwise.
+    fn gives_commands(&self) -> bool {
+        !self.no_commands && (self.allow_commands || self.http.ip().is_loopback())
+    }
 }
 
 /// Runs the command.
 ///
 /// # Errors
-/// When the network cannot be reached or the terminal not be used.
+/// When the network cannot be reached, the page not be served, or the terminal not be used.
 pub fn run(args: &GroundArgs) -> Result<()> {
-    if args.connect.is_empty() && args.listen.is_empty() {
-        let message = "nowhere to look: name a vehicle with --connect tcp/HOST:7447, or wait with --listen";
-        return Err(Usage(message.into()).into());
-    }
-    let endpoints = Endpoints {
-        vehicle: args.vehicle.clone(),
-        listen: args.listen.clone(),
-        connect: args.connect.clone(),
-        scouting: false,
-    };
+    check_outputs(&args.report)?;
+    let endpoints = args.endpoints();
     let fleet = Arc::new(Mutex::new(Fleet::default()));
-    let listener = Listener::start(&endpoints, Arc::clone(&fleet), args.json)?;
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
+    let session = runtime.block_on(listen(&endpoints, &fleet, args.json))?;
+    if !args.no_http {
+        let served = web::serve(args.http, Arc::clone(&fleet), session.clone(), args.gives_commands());
+        let address = runtime.block_on(served)?;
+        if !args.json {
+            say(format_args!("the page is at http://{address}"));
+        }
+    }
     let stop = stop_on_signal()?;
     let end = args.duration.map(|s| Instant::now() + Duration::from_secs_f64(s.clamp(0.0, 1e6)));
-    let is_over = || stop.load(Ordering::Relaxed) || end.is_some_and(|end| Instant::now() >= end);
+    let is_over = || {
+        audit::say_refusals();
+        stop.load(Ordering::Relaxed) || end.is_some_and(|end| Instant::now() >= end)
+    };
     let outcome = if args.json {
         wait(&is_over);
         Ok(())
@@ -72,7 +123,10 @@ pub fn run(args: &GroundArgs) -> Result<()> {
     } else {
         view::show(&fleet, &is_over, &stop)
     };
-    listener.stop();
+    if let Some(path) = &args.report {
+        report::write(path, &lock(&fleet))?;
+    }
+    let _ = runtime.block_on(async { session.close().await });
     outcome
 }
 
@@ -90,7 +144,7 @@ fn print_lines(fleet: &Mutex<Fleet>, is_over: &impl Fn() -> bool) -> Result<()> 
             continue;
         }
         next += Duration::from_secs(1);
-        let lines = fleet.lock().unwrap_or_else(PoisonError::into_inner).lines(Instant::now());
+        let lines = lock(fleet).lines(Instant::now());
         let mut out = std::io::stdout().lock();
         if lines.is_empty() {
             writeln!(out, "no vehicle heard yet")?;

@@ -1,6 +1,7 @@
 //! The fleet drawn in a terminal.
 
-use super::fleet::{Fleet, Vehicle};
+use super::fleet::Fleet;
+use super::vehicle::Vehicle;
 use super::{REDRAW, quit};
 use anyhow::Result;
 use crossterm::event::{self, Event, KeyCode, KeyModifiers};
@@ -68,14 +69,15 @@ fn panel(name: &str, vehicle: &Vehicle, now: Instant) -> Paragraph<'static> {
     let p = vehicle.pose_o_b.map(|pose| pose.translation.vector);
     let position = p.map_or_else(
         || "no pose".to_owned(),
-        |p| format!("{:+8.3} {:+8.3} {:+8.3} m   sigma {:.3} m", p.x, p.y, p.z, vehicle.sigma_m),
+        |p| format!("{:+8.3} {:+8.3} {:+8.3} m   sigma {:.3} m", p.x, p.y, p.z, vehicle.sigma_m()),
     );
     let attitude = vehicle.attitude_deg().map_or_else(
         || "no attitude".to_owned(),
-        |(roll, pitch, yaw)| format!("roll {roll:+6.1}  pitch {pitch:+6.1}  yaw {yaw:+6.1} deg"),
+        |[roll, pitch, yaw]| format!("roll {roll:+6.1}  pitch {pitch:+6.1}  yaw {yaw:+6.1} deg"),
     );
     let v = vehicle.v_o_b;
-    let health = if vehicle.health.is_empty() { "healthy".to_owned() } else { vehicle.health.join(", ") };
+    let health =
+        if vehicle.health_words.is_empty() { "healthy".to_owned() } else { vehicle.health_words.join(", ") };
     let label =
         |text: &'static str| Span::styled(format!("{text:<10}"), Style::new().add_modifier(Modifier::DIM));
     let lines = vec![
@@ -89,8 +91,8 @@ fn panel(name: &str, vehicle: &Vehicle, now: Instant) -> Paragraph<'static> {
             label("link"),
             Span::raw(format!(
                 "odom {:.0} Hz  state {:.0} Hz  latency {:.2} ms  lost {}  dropped {}",
-                vehicle.odom.rate_hz,
-                vehicle.state.rate_hz,
+                vehicle.odom.rate_hz(now),
+                vehicle.state.rate_hz(now),
                 vehicle.latency_ms.unwrap_or(0.0),
                 vehicle.odom.lost + vehicle.state.lost,
                 vehicle.dropped
@@ -140,19 +142,20 @@ mod tests {
             velocity_o_b: Some(proto::Vector3 { x: 0.5, y: 0.0, z: 0.0 }),
             ..proto::Odom::default()
         };
-        fleet.odom("drone", &message, now, 0);
+        fleet.odom("drone", &message, 100, now, 0);
         let health = proto::Health {
             header: message.header,
             state: message.state,
             bits: 1 << 3,
             ..proto::Health::default()
         };
-        fleet.health("drone", &health);
+        fleet.health("drone", &health, 100, now);
         let shown = text(&fleet, now);
         for part in ["drone", "tracking", "quality 87", "+1.250", "-2.500", "few features"] {
             assert!(shown.contains(part), "'{part}' is missing in\n{shown}");
         }
-        assert!(text(&fleet, now + Duration::from_secs(2)).contains("STALE"));
+        assert!(text(&fleet, now + Duration::from_secs(1)).contains("stale"));
+        assert!(text(&fleet, now + Duration::from_secs(9)).contains("lost"));
     }
 
     #[test]

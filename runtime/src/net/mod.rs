@@ -1,15 +1,30 @@
-//! The network: what a vehicle publishes over Zenoh, and how others read it.
+//! The network: what a vehicle publishes over Zenoh, what it answers, and how others read it.
 //!
 //! Nothing here may hold up the estimator: it hands its results to rings that forget the oldest and count
-//! what they forgot ([`publisher`]); a small Tokio runtime at normal priority does the rest. The wire
-//! format is `proto/plumbline/v1/plumbline.proto`; [`wire`] turns it into what was meant, or refuses it.
+//! what they forgot ([`rings`]); a small Tokio runtime at normal priority does the rest ([`publisher`],
+//! [`outlets`], [`answers`]). The wire format is `proto/plumbline/v1/plumbline.proto`; [`wire`] writes it, [`read`]
+//! turns it into what was meant, or refuses it. Who may connect and command is in [`security`].
 
+pub mod answers;
+pub mod audit;
+pub mod health;
+pub mod keyframes;
+pub mod keys;
+pub mod outlets;
+pub mod pace;
+pub mod picture;
 pub mod publisher;
+pub mod read;
+pub mod rings;
+pub mod security;
 pub mod session;
+pub mod tap;
 pub mod wire;
 
 pub use publisher::Publisher;
-pub use session::{Endpoints, NetError};
+pub use session::{Endpoints, Mode, NetError};
+
+use std::time::{SystemTime, UNIX_EPOCH};
 
 /// The generated wire format.
 #[allow(missing_docs, clippy::all, clippy::pedantic)]
@@ -19,3 +34,9 @@ pub mod proto {
 
 /// Prefix of all keys.
 pub const ROOT: &str = "plumbline";
+
+/// This host's clock, nanoseconds since 1970.
+#[must_use]
+pub fn now_ns() -> i64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_nanos() as i64)
+}

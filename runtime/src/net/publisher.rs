@@ -1,71 +1,41 @@
-//! Publication: rings that never hold up the estimator, emptied by a Tokio runtime.
+//! A vehicle's presence on the network, seen from the run: takes what it produces, and never holds it up.
 
+use super::now_ns;
+use super::outlets::Outlets;
+use super::pace::Rates;
+use super::proto;
+use super::rings::Rings;
+use super::security;
 use super::session::{Endpoints, NetError};
-use super::{ROOT, proto, wire};
-use crate::pipeline::Sink;
-use crossbeam_queue::ArrayQueue;
+use super::tap::NetworkTap;
+use crate::pipeline::tap::Tap;
+use crate::pipeline::{Control, Sink};
+use plumbline_config::Config;
 use plumbline_estimator::{Estimate, Odometry};
-use prost::Message;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::Ordering;
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
-use tokio::sync::Notify;
-use zenoh::Session;
-use zenoh::bytes::Encoding;
-use zenoh::qos::{CongestionControl, Priority};
 
-/// Odometry that waits for the network: a quarter of a second.
-const ODOMETRY_RING: usize = 50;
-/// Estimates that wait for the network: two seconds.
-const ESTIMATE_RING: usize = 40;
-/// Health is sent this often, and on change.
-const HEALTH_PERIOD: Duration = Duration::from_millis(200);
-
-/// A bounded ring that forgets its oldest entry rather than make the writer wait.
+/// What others may know of a vehicle, and ask of it.
 #[derive(Debug)]
-pub struct DropOldest<T> {
-    queue: ArrayQueue<T>,
-    dropped: AtomicU64,
-}
-
-impl<T> DropOldest<T> {
-    /// Room for `capacity` entries.
-    #[must_use]
-    pub fn new(capacity: usize) -> Self {
-        Self { queue: ArrayQueue::new(capacity), dropped: AtomicU64::new(0) }
-    }
-
-    /// Adds an entry; full, the oldest goes and is counted.
-    pub fn push(&self, entry: T) {
-        if self.queue.force_push(entry).is_some() {
-            self.dropped.fetch_add(1, Ordering::Relaxed);
-        }
-    }
-
-    /// Takes the oldest entry.
-    pub fn pop(&self) -> Option<T> {
-        self.queue.pop()
-    }
-
-    /// Entries forgotten so far.
-    pub fn dropped(&self) -> u64 {
-        self.dropped.load(Ordering::Relaxed)
-    }
-}
-
-#[derive(Debug)]
-struct Rings {
-    odometry: DropOldest<Odometry>,
-    estimates: DropOldest<(Estimate, f64)>,
-    wake: Notify,
-    stop: AtomicBool,
+pub struct Vehicle {
+    /// Its name in the keys.
+    pub name: String,
+    /// The configuration in force.
+    pub configuration: proto::Configuration,
+    /// Camera pictures can be had.
+    pub offers_camera: bool,
+    /// Why commands are refused, if they are.
+    pub refusal: Option<String>,
+    /// Takes commands.
+    pub control: Arc<Control>,
 }
 
 /// A vehicle's presence on the network. As a [`Sink`] it takes what the pipeline produces.
 #[derive(Debug)]
 pub struct Publisher {
     rings: Arc<Rings>,
+    camera_hz: f64,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -74,13 +44,22 @@ impl Publisher {
     ///
     /// # Errors
     /// When the session cannot be opened.
-    pub fn start(endpoints: &Endpoints) -> Result<Self, NetError> {
-        let rings = Arc::new(Rings {
-            odometry: DropOldest::new(ODOMETRY_RING),
-            estimates: DropOldest::new(ESTIMATE_RING),
-            wake: Notify::new(),
-            stop: AtomicBool::new(false),
+    pub fn start(config: &Config, endpoints: &Endpoints, control: Arc<Control>) -> Result<Self, NetError> {
+        let rates = Rates::of(endpoints.link);
+        let vehicle = Arc::new(Vehicle {
+            name: endpoints.vehicle.clone(),
+            configuration: proto::Configuration {
+                toml: config.to_toml().unwrap_or_default(),
+                sha256: crate::report::config_hash(config),
+            },
+            offers_camera: config.network.camera,
+            refusal: security::refusal(config.network.commands, endpoints),
+            control,
         });
+        if let Some(refusal) = &vehicle.refusal {
+            tracing::info!("{refusal}");
+        }
+        let rings = Arc::new(Rings::new(config));
         let (ready, wait) = std::sync::mpsc::sync_channel(1);
         let (theirs, endpoints) = (Arc::clone(&rings), endpoints.clone());
         let runtime = tokio::runtime::Builder::new_multi_thread()
@@ -90,7 +69,7 @@ impl Publisher {
             .build()?;
         let thread = std::thread::Builder::new().name("plumbline-net".into()).spawn(move || {
             runtime.block_on(async {
-                match Outlets::declare(&endpoints).await {
+                match Outlets::declare(&endpoints, vehicle, rates).await {
                     Ok(outlets) => {
                         let _ = ready.send(Ok(()));
                         outlets.run(&theirs).await;
@@ -102,7 +81,13 @@ impl Publisher {
         let outcome = wait.recv().unwrap_or_else(|_| {
             Err(NetError::Thread(std::io::Error::other("it ended before the session was open")))
         });
-        outcome.map(|()| Self { rings, thread: Some(thread) })
+        outcome.map(|()| Self { rings, camera_hz: rates.camera_hz, thread: Some(thread) })
+    }
+
+    /// Listens to a run, for what its results do not say.
+    #[must_use]
+    pub fn tap(&self) -> Box<dyn Tap> {
+        Box::new(NetworkTap::new(Arc::clone(&self.rings), self.camera_hz))
     }
 
     /// Sends what is left, and takes the vehicle off the network.
@@ -132,144 +117,7 @@ impl Sink for Publisher {
     }
 
     fn odometry(&mut self, odometry: &Odometry) {
-        self.rings.odometry.push(odometry.clone());
+        self.rings.odometry.push((odometry.clone(), now_ns()));
         self.rings.wake.notify_one();
-    }
-}
-
-/// The vehicle's keys, declared.
-struct Outlets {
-    session: Session,
-    odom: zenoh::pubsub::Publisher<'static>,
-    state: zenoh::pubsub::Publisher<'static>,
-    health: zenoh::pubsub::Publisher<'static>,
-    _alive: zenoh::liveliness::LivelinessToken,
-}
-
-/// What health messages are made of.
-struct HealthFeed {
-    last: Option<proto::Health>,
-    sent: Instant,
-    sequence: u64,
-    frame_rate_hz: f64,
-    last_stamp_ns: i64,
-}
-
-impl Outlets {
-    async fn declare(endpoints: &Endpoints) -> Result<Self, NetError> {
-        let session = endpoints.open().await?;
-        let key = |name: &str| format!("{ROOT}/{}/{name}", endpoints.vehicle);
-        let failed =
-            |key: String| move |error: zenoh::Error| NetError::Declare { key, message: error.to_string() };
-        let odom = session
-            .declare_publisher(key("odom"))
-            .encoding(Encoding::APPLICATION_PROTOBUF.with_schema("plumbline.v1.Odom"))
-            .priority(Priority::RealTime)
-            .congestion_control(CongestionControl::Drop)
-            .express(true)
-            .await
-            .map_err(failed(key("odom")))?;
-        let state = session
-            .declare_publisher(key("state"))
-            .encoding(Encoding::APPLICATION_PROTOBUF.with_schema("plumbline.v1.State"))
-            .priority(Priority::DataHigh)
-            .congestion_control(CongestionControl::Drop)
-            .await
-            .map_err(failed(key("state")))?;
-        let health = session
-            .declare_publisher(key("health"))
-            .encoding(Encoding::APPLICATION_PROTOBUF.with_schema("plumbline.v1.Health"))
-            .priority(Priority::Data)
-            .congestion_control(CongestionControl::Drop)
-            .await
-            .map_err(failed(key("health")))?;
-        let alive = session.liveliness().declare_token(key("alive")).await.map_err(failed(key("alive")))?;
-        Ok(Self { session, odom, state, health, _alive: alive })
-    }
-
-    /// Empties the rings until told to stop, then once more.
-    async fn run(self, rings: &Rings) {
-        let mut feed = HealthFeed {
-            last: None,
-            sent: Instant::now(),
-            sequence: 0,
-            frame_rate_hz: 0.0,
-            last_stamp_ns: 0,
-        };
-        let mut sequence = 0;
-        while !rings.stop.load(Ordering::Relaxed) {
-            let _ = tokio::time::timeout(HEALTH_PERIOD, rings.wake.notified()).await;
-            self.empty(rings, &mut feed, &mut sequence).await;
-        }
-        self.empty(rings, &mut feed, &mut sequence).await;
-        let _ = self.session.close().await;
-    }
-
-    async fn empty(&self, rings: &Rings, feed: &mut HealthFeed, sequence: &mut u64) {
-        while let Some(odometry) = rings.odometry.pop() {
-            // What cannot be sent is lost, as its quality of service says; the sequence number tells.
-            let _ = self.odom.put(wire::odom(&odometry, now_ns()).encode_to_vec()).await;
-        }
-        while let Some((estimate, frame_ms)) = rings.estimates.pop() {
-            let _ = self.state.put(wire::state(&estimate, *sequence, now_ns()).encode_to_vec()).await;
-            *sequence += 1;
-            let dropped = rings.odometry.dropped() + rings.estimates.dropped();
-            if let Some(message) = feed.update(&estimate, frame_ms, dropped) {
-                let _ = self.health.put(message.encode_to_vec()).await;
-            }
-        }
-    }
-}
-
-impl HealthFeed {
-    /// The message to send after this estimate, if one is due: on change, or after the period.
-    fn update(&mut self, e: &Estimate, frame_ms: f64, dropped: u64) -> Option<proto::Health> {
-        let stamp_ns = e.stamp.as_nanos();
-        let period_s = (stamp_ns - self.last_stamp_ns) as f64 * 1e-9;
-        if self.last_stamp_ns != 0 && period_s > 0.0 {
-            self.frame_rate_hz += 0.1 * (1.0 / period_s - self.frame_rate_hz);
-        }
-        self.last_stamp_ns = stamp_ns;
-        let state = i32::from(wire::state_of(e.state));
-        let is_news = self.last.as_ref().is_none_or(|l| l.bits != e.health.0 || l.state != state);
-        if !is_news && self.sent.elapsed() < HEALTH_PERIOD {
-            return None;
-        }
-        let message = proto::Health {
-            header: Some(proto::Header {
-                stamp_ns,
-                published_ns: now_ns(),
-                sequence: self.sequence,
-                reset_counter: e.reset_counter,
-                quality: i32::from(e.quality),
-            }),
-            state,
-            bits: e.health.0,
-            words: wire::health_words(e.health.0),
-            frame_rate_hz: self.frame_rate_hz,
-            frame_ms,
-            dropped,
-        };
-        self.sequence += 1;
-        self.sent = Instant::now();
-        self.last = Some(message.clone());
-        Some(message)
-    }
-}
-
-fn now_ns() -> i64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_nanos() as i64)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_full_ring_forgets_the_oldest_and_counts_it() {
-        let ring = DropOldest::new(3);
-        (0..5).for_each(|k| ring.push(k));
-        assert_eq!(ring.dropped(), 2);
-        assert_eq!(std::iter::from_fn(|| ring.pop()).collect::<Vec<_>>(), [2, 3, 4]);
     }
 }

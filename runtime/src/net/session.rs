@@ -1,8 +1,20 @@
 //! Zenoh sessions that listen only where they are told to.
 
-use plumbline_config::options::NetworkConfig;
+use super::security;
+use plumbline_config::options::{Link, LoginConfig, NetworkConfig, TlsConfig};
+use std::path::PathBuf;
 use thiserror::Error;
 use zenoh::Session;
+
+/// A link that is silent for so long has gone, ms: a lost vehicle is noticed, and a new link is tried, soon.
+const LEASE_MS: u64 = 4_000;
+/// An attempt to connect is given up after this, ms: over a link that was down, the next one succeeds sooner
+/// than the retransmissions of the last.
+const OPEN_TIMEOUT_MS: u64 = 2_000;
+/// Attempts to connect come this soon after each other, ms.
+const RETRY_MS: (u64, u64) = (100, 500);
+/// Largest batch on a telemetry radio, bytes: what waits behind one is late by its length.
+const RADIO_BATCH_BYTES: u64 = 1_400;
 
 /// Why the network cannot be used.
 #[derive(Debug, Error)]
@@ -26,14 +38,36 @@ pub enum NetError {
         /// What Zenoh said.
         message: String,
     },
+    /// A file of the configuration cannot be used.
+    #[error("{path}: {message} ({key})")]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// The key of the configuration, or the option, that names it.
+        key: &'static str,
+        /// What is wrong, and what to do.
+        message: String,
+    },
     /// The network's own thread cannot be started.
     #[error("cannot start the network thread: {0}")]
     Thread(#[from] std::io::Error),
 }
 
+/// What a session is to the others.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Mode {
+    /// Talks to those it is connected to.
+    #[default]
+    Peer,
+    /// Passes messages on between those who are connected to it.
+    Router,
+}
+
 /// Who we are and whom we talk to.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Endpoints {
+    /// What we are to the others.
+    pub mode: Mode,
     /// Name of the vehicle in the keys.
     pub vehicle: String,
     /// Endpoints to listen on.
@@ -42,6 +76,12 @@ pub struct Endpoints {
     pub connect: Vec<String>,
     /// Multicast scouting.
     pub scouting: bool,
+    /// What the link can carry.
+    pub link: Link,
+    /// Certificates.
+    pub tls: TlsConfig,
+    /// Names and passwords.
+    pub login: LoginConfig,
 }
 
 impl Endpoints {
@@ -49,24 +89,29 @@ impl Endpoints {
     #[must_use]
     pub fn of(config: &NetworkConfig) -> Self {
         Self {
+            mode: Mode::Peer,
             vehicle: config.vehicle.clone(),
             listen: config.listen.clone(),
             connect: config.connect.clone(),
             scouting: config.scouting,
+            link: config.link,
+            tls: config.tls.clone(),
+            login: config.login.clone(),
         }
     }
 
-    /// The same, listening on more.
+    /// The same, listening and connecting to more.
     #[must_use]
-    pub fn and_listen(mut self, listen: &[String]) -> Self {
+    pub fn and(mut self, listen: &[String], connect: &[String]) -> Self {
         self.listen.extend_from_slice(listen);
+        self.connect.extend_from_slice(connect);
         self
     }
 
     /// Opens a session.
     ///
     /// # Errors
-    /// When an endpoint is malformed, taken or out of reach.
+    /// When an endpoint is malformed, taken or out of reach, or a file of keys cannot be used.
     pub async fn open(&self) -> Result<Session, NetError> {
         let failed = |error: zenoh::Error| NetError::Open {
             listen: self.listen.clone(),
@@ -74,13 +119,27 @@ impl Endpoints {
             message: error.to_string(),
         };
         let mut config = zenoh::Config::default();
-        let list = |endpoints: &[String]| serde_json::to_string(endpoints).unwrap_or_else(|_| "[]".into());
-        let settings = [
-            ("mode", "\"peer\"".to_owned()),
-            ("listen/endpoints", list(&self.listen)),
-            ("connect/endpoints", list(&self.connect)),
+        let mode = match self.mode {
+            Mode::Peer => "\"peer\"",
+            Mode::Router => "\"router\"",
+        };
+        let retry = serde_json::json!({
+            "period_init_ms": RETRY_MS.0, "period_max_ms": RETRY_MS.1, "period_increase_factor": 2.0,
+        });
+        let mut settings = vec![
+            ("mode", mode.to_owned()),
+            ("listen/endpoints", serde_json::json!(self.listen).to_string()),
+            ("connect/endpoints", serde_json::json!(self.connect).to_string()),
+            ("connect/retry", retry.to_string()),
             ("scouting/multicast/enabled", self.scouting.to_string()),
+            ("scouting/gossip/enabled", "false".to_owned()),
+            ("transport/unicast/open_timeout", OPEN_TIMEOUT_MS.to_string()),
+            ("transport/link/tx/lease", LEASE_MS.to_string()),
         ];
+        if self.link == Link::Radio {
+            settings.push(("transport/link/tx/batch_size", RADIO_BATCH_BYTES.to_string()));
+        }
+        settings.extend(security::settings(self)?);
         for (key, value) in settings {
             config.insert_json5(key, &value).map_err(failed)?;
         }

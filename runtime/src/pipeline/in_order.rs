@@ -9,13 +9,12 @@ use super::stages::{Cost, FrontStage, Job, WindowStage};
 use super::tap::Tap;
 use super::team::Team;
 use super::tick::{CORRECTION_DELAY_NS, TickStage};
-use super::{Outcome, RunError, RunOptions, Sink, Streams, sizes_of};
+use super::{Control, Outcome, RunError, RunOptions, Sink, Streams, sizes_of};
 use crate::schedule::ladder::Rung;
 use plumbline_config::{Config, Timestamp};
 use plumbline_drivers::{DriverError, ImuReading, ImuSource, Prefetch, StereoFrame, StereoSource};
 use plumbline_estimator::{Estimate, Feedback, Fork};
 use std::collections::VecDeque;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Readings that wait for an estimate, at most: then the window does not wait for another frame.
 const MAX_WAITING: usize = 256;
@@ -56,7 +55,7 @@ impl<'a> InOrder<'a> {
         }
     }
 
-    /// Runs both streams to their end, or until `stop` is set.
+    /// Runs both streams to their end, or until `control` says so.
     ///
     /// # Errors
     /// When a driver cannot go on.
@@ -65,7 +64,7 @@ impl<'a> InOrder<'a> {
         config: &Config,
         Streams { mut imu, stereo }: Streams,
         options: &RunOptions,
-        stop: &AtomicBool,
+        control: &Control,
         sink: &mut dyn Sink,
     ) -> Result<Outcome, RunError> {
         let sizes_px = sizes_of(config);
@@ -75,9 +74,12 @@ impl<'a> InOrder<'a> {
         };
         let mut frame = StereoFrame::new(sizes_px);
         self.figures.start();
-        while !stop.load(Ordering::Relaxed) && stereo.next_frame(&mut frame)? {
+        while !control.is_stopped() && stereo.next_frame(&mut frame)? {
             let needed = self.front.needed_until(frame.stamp);
             self.feed(imu.as_mut(), needed, sink)?;
+            if let Some(kind) = control.take_reset() {
+                self.front.reset(kind, frame.sequence);
+            }
             self.step(Some(&frame), sink);
             self.front.release(&mut frame);
         }

@@ -7,6 +7,7 @@
 //! nothing had to be refused or came late, both give the same bits.
 
 pub mod clock;
+mod control;
 pub mod digest;
 pub mod figures;
 mod in_order;
@@ -17,6 +18,7 @@ pub mod tap;
 mod team;
 mod tick;
 
+pub use control::Control;
 pub use live::LiveFigures;
 pub use tick::CORRECTION_DELAY_NS;
 
@@ -28,7 +30,6 @@ use plumbline_config::Config;
 use plumbline_drivers::{DriverError, Faults, ImuSource, StereoSource};
 use plumbline_estimator::{Estimate, Odometry};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 use tap::Tap;
 use team::Team;
 
@@ -86,7 +87,7 @@ pub enum RunError {
     Fault(&'static str),
 }
 
-/// Runs both streams to their end, or until `stop` is set: live with a speed, else in virtual time. `tap`
+/// Runs both streams to their end, or until `control` says so: live with a speed, else in virtual time. `tap`
 /// listens to everything that passes.
 ///
 /// # Errors
@@ -95,7 +96,7 @@ pub fn run(
     config: &Config,
     streams: Streams,
     options: &RunOptions,
-    stop: &AtomicBool,
+    control: &Control,
     tap: Box<dyn Tap>,
     sink: &mut dyn Sink,
 ) -> Result<Outcome, RunError> {
@@ -105,11 +106,11 @@ pub fn run(
         None => {
             let team = Team::new(helpers, || {}).map_err(refused)?;
             let executor = InOrder::new(config, &team, &*tap);
-            team.lead(|| executor.run(config, streams, options, stop, sink))
+            team.lead(|| executor.run(config, streams, options, control, sink))
         }
         Some(speed) => {
             let host = Arc::new(Host::new(&config.runtime));
-            Live::new(config, speed, helpers, host, &*tap)?.run(streams, stop, sink)
+            Live::new(config, speed, helpers, host, &*tap)?.run(streams, control, sink)
         }
     }
 }

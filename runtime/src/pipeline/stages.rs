@@ -3,7 +3,7 @@
 use super::clock::{CpuStopwatch, Stopwatch};
 use super::digest::Digest;
 use super::figures::StageTimes;
-use super::orders::{FrameOrder, Verdict};
+use super::orders::{FrameOrder, ResetOrder, Verdict};
 use super::tap::Tap;
 use super::tick::WARM_UP_NS;
 use crate::alloc;
@@ -11,7 +11,9 @@ use crate::log::Event;
 use crate::schedule::ladder::Rung;
 use plumbline_config::{Config, Timestamp};
 use plumbline_drivers::{ImuReading, StereoFrame};
-use plumbline_estimator::{Estimate, Feedback, Fork, FrameInput, FrontEnd, ImuAdmission, Odometer, Tracked};
+use plumbline_estimator::{
+    Estimate, Feedback, Fork, FrameInput, FrontEnd, ImuAdmission, Odometer, ResetKind, Tracked,
+};
 
 /// Computation of a frame, ms.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -112,9 +114,16 @@ impl FrontStage {
         let ((), cost, allocations) = measured(frame.stamp.nanos_since(first) > WARM_UP_NS, || {
             tap.order(&order);
             front_end.track(&input, &rung.effort(), fork, [point_times, line_times], &mut job.tracked);
+            tap.tracked(&job.tracked);
         });
         job.cost = cost;
         self.allocations += allocations;
+    }
+
+    /// Starts anew before the frame of that sequence number.
+    pub fn reset(&mut self, kind: ResetKind, before_frame: u64) {
+        self.tap.reset(&ResetOrder { kind, before_frame });
+        self.front_end.reset(kind);
     }
 
     /// Passes a frame over.
@@ -179,10 +188,12 @@ impl WindowStage {
     /// The estimate after a tracked frame, what the window took for it, and what the front-end should hear.
     pub fn solve(&mut self, tracked: &Tracked, feedback: &mut Feedback) -> (Estimate, Cost) {
         let first = *self.first.get_or_insert(tracked.time.stamp);
-        let Self { odometer, times, .. } = self;
+        let Self { tap, odometer, times, .. } = self;
         let (estimate, cost, allocations) =
             measured(tracked.time.stamp.nanos_since(first) > WARM_UP_NS, || {
-                odometer.process(tracked, times, feedback)
+                let estimate = odometer.process(tracked, times, feedback);
+                tap.solved(&odometer.window, &estimate);
+                estimate
             });
         self.allocations += allocations;
         self.digest.estimate(&estimate);

@@ -7,7 +7,8 @@
 use super::orders::{CorrectionOrder, FrameOrder, ResetOrder};
 use crate::log::Event;
 use plumbline_drivers::{ImuReading, StereoFrame};
-use plumbline_estimator::{Estimate, Odometry};
+use plumbline_estimator::window::Window;
+use plumbline_estimator::{Estimate, Odometry, Tracked};
 
 /// Takes what passes through a run: must not block in a live one, nor allocate.
 pub trait Tap: Send {
@@ -20,10 +21,14 @@ pub trait Tap: Send {
     fn frame(&mut self, frame: &mut StereoFrame);
     /// What became of a frame.
     fn order(&mut self, order: &FrameOrder);
+    /// What was tracked in a frame that is about to be done with.
+    fn tracked(&mut self, _tracked: &Tracked) {}
     /// An estimate takes effect on the odometry.
     fn correction(&mut self, order: &CorrectionOrder);
     /// A reset that somebody asked for takes effect.
     fn reset(&mut self, order: &ResetOrder);
+    /// The window after an estimate, just before that is handed on.
+    fn solved(&mut self, _window: &Window, _estimate: &Estimate) {}
     /// An estimate.
     fn estimate(&mut self, estimate: &Estimate);
     /// Odometry.
@@ -46,4 +51,53 @@ impl Tap for () {
     fn estimate(&mut self, _estimate: &Estimate) {}
     fn odometry(&mut self, _odometry: &Odometry) {}
     fn event(&mut self, _event: &Event) {}
+}
+
+/// Several listeners, told in order: one that leaves other buffers in a frame comes last.
+pub struct Several(pub Vec<Box<dyn Tap>>);
+
+impl Tap for Several {
+    fn another(&self) -> Box<dyn Tap> {
+        Box::new(Self(self.0.iter().map(|tap| tap.another()).collect()))
+    }
+
+    fn reading(&mut self, reading: &ImuReading) {
+        self.0.iter_mut().for_each(|tap| tap.reading(reading));
+    }
+
+    fn frame(&mut self, frame: &mut StereoFrame) {
+        self.0.iter_mut().for_each(|tap| tap.frame(frame));
+    }
+
+    fn order(&mut self, order: &FrameOrder) {
+        self.0.iter_mut().for_each(|tap| tap.order(order));
+    }
+
+    fn tracked(&mut self, tracked: &Tracked) {
+        self.0.iter_mut().for_each(|tap| tap.tracked(tracked));
+    }
+
+    fn correction(&mut self, order: &CorrectionOrder) {
+        self.0.iter_mut().for_each(|tap| tap.correction(order));
+    }
+
+    fn reset(&mut self, order: &ResetOrder) {
+        self.0.iter_mut().for_each(|tap| tap.reset(order));
+    }
+
+    fn solved(&mut self, window: &Window, estimate: &Estimate) {
+        self.0.iter_mut().for_each(|tap| tap.solved(window, estimate));
+    }
+
+    fn estimate(&mut self, estimate: &Estimate) {
+        self.0.iter_mut().for_each(|tap| tap.estimate(estimate));
+    }
+
+    fn odometry(&mut self, odometry: &Odometry) {
+        self.0.iter_mut().for_each(|tap| tap.odometry(odometry));
+    }
+
+    fn event(&mut self, event: &Event) {
+        self.0.iter_mut().for_each(|tap| tap.event(event));
+    }
 }

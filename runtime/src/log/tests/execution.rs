@@ -30,8 +30,9 @@ fn a_recorded_flight_comes_out_again_bit_for_bit() {
 fn a_log_is_flown_again_as_the_flight_was() {
     let (_folder, path, report) = recorded(ImageRecording::Png);
     let again = crate::flight::open_log(&path, None, None, false).unwrap();
-    let stop = AtomicBool::new(false);
-    let (again, ..) = fly_tapped(again, record::Recorder::default(), &OPTIONS, &stop, Box::new(())).unwrap();
+    let control = Control::default();
+    let (again, ..) =
+        fly_tapped(again, record::Recorder::default(), &OPTIONS, &control, Box::new(())).unwrap();
     assert_eq!(again.estimate_digest, report.estimate_digest);
     assert_eq!(again.odometry_digest, report.odometry_digest);
 }

@@ -50,8 +50,8 @@ fn record_on(
     flight.config.recorder.images = images;
     let recorder = Recorder::start_on(open, limits, path, &flight.config, WhenFull::Wait).unwrap();
     let tap = Box::new(recorder.handle());
-    let stop = AtomicBool::new(false);
-    let (report, ..) = fly_tapped(flight, record::Recorder::default(), &OPTIONS, &stop, tap).unwrap();
+    let control = Control::default();
+    let (report, ..) = fly_tapped(flight, record::Recorder::default(), &OPTIONS, &control, tap).unwrap();
     (report, recorder.finish())
 }
 

@@ -94,6 +94,9 @@ impl FrontEndTask {
             if rung.admits(arrival.frame.sequence) {
                 self.take_samples(shared, arrival.frame.stamp);
                 let Some(mut job) = self.rings.spare.pop() else { break };
+                if let Some(kind) = shared.control.take_reset() {
+                    self.stage.reset(kind, arrival.frame.sequence);
+                }
                 self.stage.track(&arrival.frame, rung, team, &mut job);
                 let longest_ms = job.cost.wall_ms.max(shared.window_ms());
                 self.figures.response_ms.record(Monotonic::now().ms_since(arrival.at));

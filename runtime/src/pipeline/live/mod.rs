@@ -27,7 +27,7 @@ use super::stages::{Cost, FrontStage, Job, WindowStage};
 use super::tap::Tap;
 use super::team::Team;
 use super::tick::TickStage;
-use super::{Outcome, RunError, Sink, Streams, sizes_of};
+use super::{Control, Outcome, RunError, Sink, Streams, sizes_of};
 use crate::schedule::host::Host;
 use crate::schedule::ring::{Bell, Reader, ring};
 use crate::schedule::tasks::{TaskId, TaskTable};
@@ -40,7 +40,7 @@ use plumbline_config::{Config, Timestamp};
 use plumbline_drivers::{Faults, StereoFrame};
 use plumbline_estimator::{Estimate, Feedback, Odometry};
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{Builder, Scope, ScopedJoinHandle};
 use std::time::Duration;
@@ -68,7 +68,7 @@ struct Shared<'a> {
     table: TaskTable,
     heartbeats: Heartbeats,
     host: Arc<Host>,
-    stop: &'a AtomicBool,
+    control: &'a Control,
     /// When the sample of `origin.0` is due, on the machine's clock.
     origin: (Timestamp, Monotonic),
     speed: f64,
@@ -91,7 +91,7 @@ impl Shared<'_> {
     }
 
     fn is_stopped(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
+        self.control.is_stopped()
     }
 
     fn set_window_ms(&self, ms: f64) {
@@ -168,14 +168,14 @@ impl Live {
         })
     }
 
-    /// Runs both streams to their end, or until `stop` is set.
+    /// Runs both streams to their end, or until `control` says so.
     ///
     /// # Errors
     /// When a driver cannot go on, a thread is refused, or a task ended by a fault.
     pub fn run(
         self,
         Streams { mut imu, stereo }: Streams,
-        stop: &AtomicBool,
+        control: &Control,
         sink: &mut dyn Sink,
     ) -> Result<Outcome, RunError> {
         let first = imu.next_reading()?;
@@ -184,7 +184,7 @@ impl Live {
             table: TaskTable::new(&self.config, self.speed),
             heartbeats: Heartbeats::default(),
             host: Arc::clone(&self.host),
-            stop,
+            control,
             origin: (first.map_or(Timestamp::MIN, |r| r.sample.stamp), start),
             speed: self.speed,
             window_ms: AtomicU64::default(),

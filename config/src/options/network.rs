@@ -1,0 +1,107 @@
+//! The network: who we are, whom we talk to, and who may say what.
+
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// What is published over Zenoh. Listens nowhere unless told to.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct NetworkConfig {
+    /// Name of this vehicle in the keys `plumbline/<vehicle>/...`.
+    pub vehicle: String,
+    /// Zenoh endpoints to listen on, such as `tcp/127.0.0.1:7447`.
+    pub listen: Vec<String>,
+    /// Zenoh endpoints to connect to.
+    pub connect: Vec<String>,
+    /// Multicast scouting.
+    pub scouting: bool,
+    /// What the link can carry: sets the rates at which each key is published.
+    pub link: Link,
+    /// Offer camera pictures, where the link can carry them.
+    pub camera: bool,
+    /// Who may give commands.
+    pub commands: Commands,
+    /// Certificates.
+    pub tls: TlsConfig,
+    /// Names and passwords.
+    pub login: LoginConfig,
+}
+
+impl Default for NetworkConfig {
+    fn default() -> Self {
+        Self {
+            vehicle: "drone".into(),
+            listen: Vec::new(),
+            connect: Vec::new(),
+            scouting: false,
+            link: Link::Lan,
+            camera: true,
+            commands: Commands::Authenticated,
+            tls: TlsConfig::default(),
+            login: LoginConfig::default(),
+        }
+    }
+}
+
+/// What a link can carry.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Link {
+    /// A cable: everything.
+    #[default]
+    Lan,
+    /// Wireless LAN: some megabits, now and then a stall.
+    Wifi,
+    /// A telemetry radio: some ten kilobits.
+    Radio,
+}
+
+/// Who may give commands to a vehicle.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Commands {
+    /// Nobody.
+    Nobody,
+    /// Processes of this host, and who shows an operator's certificate or name; nobody while the vehicle can be
+    /// reached by others.
+    #[default]
+    Authenticated,
+    /// Anybody who can reach the vehicle.
+    Anybody,
+}
+
+/// Certificates for `tls/...` endpoints; empty paths for none. The role of a peer is the common name of its
+/// certificate: `vehicle`, `router`, `operator` or `viewer`, as `plumbline keys` makes them.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TlsConfig {
+    /// Certificate of the authority that signed everybody's, PEM file.
+    pub authority: PathBuf,
+    /// Our certificate, PEM file.
+    pub certificate: PathBuf,
+    /// Its private key, PEM file.
+    pub key: PathBuf,
+}
+
+impl TlsConfig {
+    /// Whether there are any.
+    #[must_use]
+    pub fn is_given(&self) -> bool {
+        [&self.authority, &self.certificate, &self.key].iter().any(|path| !path.as_os_str().is_empty())
+    }
+}
+
+/// Names and passwords, where certificates are too much. Without TLS they keep out the curious, not the
+/// malicious.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LoginConfig {
+    /// Our name, shown to whom we connect to; empty for none.
+    pub user: String,
+    /// File that holds our password, alone on its first line.
+    pub password_file: PathBuf,
+    /// File with a line `name:password` for everyone who may connect to us.
+    pub users_file: PathBuf,
+    /// Names that may give commands.
+    pub operators: Vec<String>,
+}

@@ -1,0 +1,122 @@
+//! What the window believes the world around the vehicle looks like: keyframes and landmarks, for maps and
+//! for people. Nothing that is estimated depends on it.
+
+use super::Window;
+use super::landmark::{LineLandmark, PointLandmark};
+use crate::estimate::Estimate;
+use nalgebra::{Isometry3, Point3, Vector2, Vector3};
+use plumbline_config::{Config, Timestamp};
+
+/// Landmarks further from their host than this are directions rather than places, m.
+const FARTHEST_M: f64 = 100.0;
+
+/// A keyframe. Its measurement time names it: no two frames share one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurveyedKeyframe {
+    /// When it was taken, on the IMU's time axis.
+    pub stamp: Timestamp,
+    /// Pose of the body in the odometry frame.
+    pub pose_o_b: Isometry3<f64>,
+}
+
+/// A point landmark.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurveyedPoint {
+    /// The keyframe that hosts it.
+    pub host: Timestamp,
+    /// Where it is in the odometry frame, m.
+    pub p_o: Vector3<f64>,
+}
+
+/// A line landmark, cut off where its host saw it end.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurveyedLine {
+    /// The keyframe that hosts it.
+    pub host: Timestamp,
+    /// Both ends in the odometry frame, m.
+    pub ends_o: [Vector3<f64>; 2],
+}
+
+/// Keyframes and landmarks of the window after one frame, oldest first.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Survey {
+    /// Time of the newest frame.
+    pub stamp: Timestamp,
+    /// Resets so far.
+    pub reset_counter: u32,
+    /// Keyframes.
+    pub keyframes: Vec<SurveyedKeyframe>,
+    /// Points with a depth.
+    pub points: Vec<SurveyedPoint>,
+    /// Lines with a place.
+    pub lines: Vec<SurveyedLine>,
+}
+
+impl Survey {
+    /// An empty one, with room for any window of the configuration.
+    #[must_use]
+    pub fn new(config: &Config) -> Self {
+        let window = &config.estimator.window;
+        Self {
+            keyframes: Vec::with_capacity(super::MAX_FRAMES),
+            points: Vec::with_capacity(window.max_landmarks),
+            lines: Vec::with_capacity(config.estimator.lines.max_landmarks),
+            ..Self::default()
+        }
+    }
+}
+
+/// The camera that hosts a landmark.
+struct Host {
+    stamp: Timestamp,
+    pose_o_c: Isometry3<f64>,
+}
+
+impl Host {
+    fn of(window: &Window, frame: u8, camera: u8) -> Option<Self> {
+        let frame = window.frames.get(usize::from(frame))?;
+        let pose_b_c = window.rig.pose_b_c(usize::from(camera));
+        Some(Self { stamp: frame.stamp, pose_o_c: frame.nav.pose_o_b() * pose_b_c })
+    }
+
+    /// The place that lies `depth_m` along the optical axis where the host sees `xy`.
+    fn place(&self, xy: &Vector2<f64>, depth_m: f64) -> Option<Vector3<f64>> {
+        let is_place = depth_m > 0.0 && depth_m < FARTHEST_M;
+        is_place.then(|| (self.pose_o_c * Point3::from(Vector3::new(xy.x, xy.y, 1.0) * depth_m)).coords)
+    }
+}
+
+impl Window {
+    /// Writes down the keyframes and landmarks; allocates nothing in a survey made for the configuration.
+    pub fn survey(&self, estimate: &Estimate, survey: &mut Survey) {
+        survey.stamp = estimate.stamp;
+        survey.reset_counter = estimate.reset_counter;
+        survey.keyframes.clear();
+        let keyframes = self.frames.iter().filter(|f| f.is_keyframe);
+        survey
+            .keyframes
+            .extend(keyframes.map(|f| SurveyedKeyframe { stamp: f.stamp, pose_o_b: f.nav.pose_o_b() }));
+        survey.points.clear();
+        survey.points.extend(self.points.all().iter().filter_map(|l| self.place_of_point(l)));
+        survey.lines.clear();
+        survey.lines.extend(self.lines.all().iter().filter_map(|l| self.place_of_line(l)));
+    }
+
+    fn place_of_point(&self, landmark: &PointLandmark) -> Option<SurveyedPoint> {
+        let host =
+            Host::of(self, landmark.host, landmark.host_camera).filter(|_| landmark.is_triangulated)?;
+        let p_o = host.place(&landmark.feature.xy, 1.0 / landmark.feature.rho)?;
+        Some(SurveyedPoint { host: host.stamp, p_o })
+    }
+
+    fn place_of_line(&self, landmark: &LineLandmark) -> Option<SurveyedLine> {
+        let host =
+            Host::of(self, landmark.host, landmark.host_camera).filter(|_| landmark.is_triangulated)?;
+        let seen = landmark
+            .observations
+            .iter()
+            .find(|o| o.frame == landmark.host && o.camera == landmark.host_camera)?;
+        let [a, b] = seen.measured.ends_xy.map(|xy| host.place(&xy, landmark.feature.depth_at(&xy)));
+        Some(SurveyedLine { host: host.stamp, ends_o: [a?, b?] })
+    }
+}

@@ -1,0 +1,48 @@
+//! `plumbline router`: a Zenoh router for vehicles and ground stations that cannot reach each other directly.
+
+use super::access::AccessArgs;
+use super::{Usage, say, stop_on_signal};
+use crate::net::{Endpoints, Mode, audit};
+use anyhow::Result;
+use clap::Args;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+/// Refusals are said this often.
+const CHORES_PERIOD: Duration = Duration::from_millis(200);
+
+/// Arguments of `plumbline router`.
+#[derive(Debug, Args)]
+pub struct RouterArgs {
+    /// Listen here, such as tcp/127.0.0.1:7447 or tls/0.0.0.0:7447; may be repeated.
+    #[arg(long, value_name = "ENDPOINT")]
+    pub listen: Vec<String>,
+    /// Connect to another router; may be repeated.
+    #[arg(long, value_name = "ENDPOINT")]
+    pub connect: Vec<String>,
+    /// Who we are, and whom we let in.
+    #[command(flatten)]
+    pub access: AccessArgs,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When an endpoint cannot be used.
+pub fn run(args: &RouterArgs) -> Result<()> {
+    if args.listen.is_empty() {
+        return Err(Usage("nowhere to listen: give --listen tcp/127.0.0.1:7447".into()).into());
+    }
+    let endpoints =
+        Endpoints { mode: Mode::Router, ..args.access.endpoints("*", &args.listen, &args.connect) };
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
+    let session = runtime.block_on(endpoints.open())?;
+    say(format_args!("routing on {}; Ctrl-C ends it", args.listen.join(", ")));
+    let stop = stop_on_signal()?;
+    while !stop.load(Ordering::Relaxed) {
+        std::thread::sleep(CHORES_PERIOD);
+        audit::say_refusals();
+    }
+    let _ = runtime.block_on(async { session.close().await });
+    Ok(())
+}

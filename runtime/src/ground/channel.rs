@@ -1,0 +1,156 @@
+//! What arrives on one key: counts, rates, gaps and delays.
+
+use hdrhistogram::Histogram;
+use std::time::{Duration, Instant};
+
+/// Data older than this are shown as stale.
+pub const STALE_AFTER: Duration = Duration::from_millis(500);
+/// Rates are measured over this time.
+const RATE_WINDOW: Duration = Duration::from_secs(1);
+/// Longest delay that is told apart, us: a minute.
+const MAX_DELAY_US: u64 = 60_000_000;
+
+/// Counts the messages of one key.
+#[derive(Clone, Debug, Default)]
+pub struct Channel {
+    /// Messages received.
+    pub received: u64,
+    /// Messages missing by their sequence numbers.
+    pub lost: u64,
+    /// Messages a second.
+    pub rate_hz: f64,
+    /// Bytes a second.
+    pub bytes_per_s: f64,
+    /// Share of the messages that arrived, over the last second with any.
+    pub arrived: Option<f64>,
+    /// Longest silence between two messages, s.
+    pub longest_gap_s: f64,
+    next_sequence: Option<u64>,
+    bytes: u64,
+    last: Option<Instant>,
+    window: Option<Window>,
+}
+
+/// The counts when a window of time began.
+#[derive(Clone, Copy, Debug)]
+struct Window {
+    since: Instant,
+    received: u64,
+    lost: u64,
+    bytes: u64,
+}
+
+impl Channel {
+    /// A message of `bytes` came. A sequence number that goes back is that of a vehicle that started anew.
+    pub fn heard(&mut self, sequence: u64, bytes: usize, now: Instant) {
+        self.received += 1;
+        self.bytes += bytes as u64;
+        if let Some(expected) = self.next_sequence {
+            self.lost += sequence.saturating_sub(expected);
+        }
+        self.next_sequence = Some(sequence.saturating_add(1));
+        if let Some(last) = self.last {
+            self.longest_gap_s = self.longest_gap_s.max(now.duration_since(last).as_secs_f64());
+        }
+        self.last = Some(now);
+        let (received, lost, bytes) = (self.received, self.lost, self.bytes);
+        let window = *self.window.get_or_insert(Window { since: now, received, lost, bytes });
+        let elapsed_s = now.duration_since(window.since).as_secs_f64();
+        if elapsed_s >= RATE_WINDOW.as_secs_f64() {
+            let came = (received - window.received) as f64;
+            self.rate_hz = came / elapsed_s;
+            self.bytes_per_s = (bytes - window.bytes) as f64 / elapsed_s;
+            self.arrived = Some(came / (came + (lost - window.lost) as f64).max(1.0));
+            self.window = Some(Window { since: now, received, lost, bytes });
+        }
+    }
+
+    /// The sender started anew: its numbers begin again.
+    pub fn restart(&mut self) {
+        self.next_sequence = None;
+    }
+
+    /// Time since the last message.
+    #[must_use]
+    pub fn age(&self, now: Instant) -> Option<Duration> {
+        self.last.map(|last| now.saturating_duration_since(last))
+    }
+
+    /// Whether nothing has come for a while.
+    #[must_use]
+    pub fn is_stale(&self, now: Instant) -> bool {
+        self.age(now).is_none_or(|age| age > STALE_AFTER)
+    }
+
+    /// The rate now: none when nothing comes any more.
+    #[must_use]
+    pub fn rate_hz(&self, now: Instant) -> f64 {
+        if self.age(now).is_none_or(|age| age > 2 * RATE_WINDOW) { 0.0 } else { self.rate_hz }
+    }
+}
+
+/// Delays from hand-over to reception, by the clocks of both hosts.
+#[derive(Clone, Debug)]
+pub struct Delays(Histogram<u64>);
+
+impl Default for Delays {
+    fn default() -> Self {
+        // The bounds are constants that the library accepts.
+        Self(Histogram::new_with_bounds(1, MAX_DELAY_US, 2).unwrap_or_else(|_| unreachable!("valid bounds")))
+    }
+}
+
+impl Delays {
+    /// Takes a delay; one that clocks make negative counts as none.
+    pub fn record(&mut self, delay_ns: i64) {
+        let us = u64::try_from(delay_ns / 1_000).unwrap_or(0);
+        self.0.saturating_record(us.clamp(1, MAX_DELAY_US));
+    }
+
+    /// The delay that a share of the messages stayed below, ms; `None` before the first.
+    #[must_use]
+    pub fn quantile_ms(&self, share: f64) -> Option<f64> {
+        (!self.0.is_empty()).then(|| self.0.value_at_quantile(share) as f64 * 1e-3)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gaps_in_the_numbers_are_counted_and_a_restart_is_none() {
+        let (mut channel, start) = (Channel::default(), Instant::now());
+        for (k, sequence) in [0u64, 1, 4, 5].into_iter().enumerate() {
+            channel.heard(sequence, 10, start + Duration::from_millis(5 * k as u64));
+        }
+        assert_eq!((channel.received, channel.lost), (4, 2));
+        channel.restart();
+        channel.heard(1_000, 10, start);
+        channel.heard(0, 10, start);
+        assert_eq!(channel.lost, 2);
+    }
+
+    #[test]
+    fn rates_are_those_of_the_last_second_and_end_with_the_data() {
+        let (mut channel, start) = (Channel::default(), Instant::now());
+        for k in 0..=200u64 {
+            channel.heard(k, 100, start + Duration::from_millis(5 * k));
+        }
+        let now = start + Duration::from_secs(1);
+        assert!((channel.rate_hz(now) - 200.0).abs() < 1.0);
+        assert!((channel.bytes_per_s - 20_000.0).abs() < 100.0);
+        assert_eq!(channel.arrived, Some(1.0));
+        assert!(!channel.is_stale(now) && channel.is_stale(now + STALE_AFTER + STALE_AFTER));
+        assert_eq!(channel.rate_hz(now + Duration::from_secs(3)), 0.0);
+    }
+
+    #[test]
+    fn delays_have_quantiles_and_clocks_may_disagree() {
+        let mut delays = Delays::default();
+        assert_eq!(delays.quantile_ms(0.5), None);
+        (1..=100).for_each(|k| delays.record(k * 1_000_000));
+        delays.record(-5_000_000);
+        assert!((delays.quantile_ms(0.5).unwrap() - 50.0).abs() < 1.5);
+    }
+}

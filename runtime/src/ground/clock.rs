@@ -1,0 +1,105 @@
+//! The clock of a vehicle against ours: offset and round trip, as NTP estimates them.
+
+use std::collections::VecDeque;
+
+/// Exchanges that are kept.
+const KEPT: usize = 16;
+
+/// One question and its answer.
+#[derive(Clone, Copy, Debug)]
+pub struct Exchange {
+    /// We asked, by our clock, ns.
+    pub asked_ns: i64,
+    /// The vehicle saw the question, by its clock.
+    pub received_ns: i64,
+    /// It answered.
+    pub answered_ns: i64,
+    /// The answer came.
+    pub came_ns: i64,
+}
+
+impl Exchange {
+    fn round_trip_ns(&self) -> i64 {
+        self.came_ns.saturating_sub(self.asked_ns) - self.answered_ns.saturating_sub(self.received_ns)
+    }
+
+    /// Vehicle's clock less ours, if both ways took equally long.
+    fn offset_ns(&self) -> i64 {
+        let there = self.received_ns.saturating_sub(self.asked_ns);
+        let back = self.answered_ns.saturating_sub(self.came_ns);
+        there / 2 + back / 2
+    }
+}
+
+/// The estimate from the last exchanges: the quickest one tells most.
+#[derive(Clone, Debug, Default)]
+pub struct ClockEstimate {
+    exchanges: VecDeque<Exchange>,
+}
+
+impl ClockEstimate {
+    /// Takes an exchange; one that is impossible is left out.
+    pub fn take(&mut self, exchange: Exchange) {
+        if exchange.came_ns < exchange.asked_ns || exchange.round_trip_ns() < 0 {
+            return;
+        }
+        if self.exchanges.len() == KEPT {
+            self.exchanges.pop_front();
+        }
+        self.exchanges.push_back(exchange);
+    }
+
+    fn best(&self) -> Option<&Exchange> {
+        self.exchanges.iter().min_by_key(|exchange| exchange.round_trip_ns())
+    }
+
+    /// Vehicle's clock less ours, ns.
+    #[must_use]
+    pub fn offset_ns(&self) -> Option<i64> {
+        self.best().map(Exchange::offset_ns)
+    }
+
+    /// Round trip of the last exchange, ns.
+    #[must_use]
+    pub fn round_trip_ns(&self) -> Option<i64> {
+        self.exchanges.back().map(Exchange::round_trip_ns)
+    }
+
+    /// Exchanges so far, up to what is kept.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.exchanges.len()
+    }
+
+    /// Whether there was none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.exchanges.is_empty()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_quickest_exchange_gives_the_offset() {
+        let mut clock = ClockEstimate::default();
+        let offset = 1_000_000;
+        for (there, back) in [(900, 100), (50, 50), (100, 5_000)] {
+            let received_ns = there + offset;
+            let came_ns = there + 10 + back;
+            clock.take(Exchange { asked_ns: 0, received_ns, answered_ns: received_ns + 10, came_ns });
+        }
+        assert_eq!(clock.offset_ns(), Some(offset));
+        assert_eq!(clock.round_trip_ns(), Some(5_100));
+    }
+
+    #[test]
+    fn impossible_exchanges_are_left_out() {
+        let mut clock = ClockEstimate::default();
+        clock.take(Exchange { asked_ns: 10, received_ns: 0, answered_ns: 0, came_ns: 5 });
+        clock.take(Exchange { asked_ns: 0, received_ns: 0, answered_ns: i64::MAX, came_ns: 5 });
+        assert!(clock.is_empty());
+    }
+}

@@ -1,0 +1,70 @@
+//! Commands to a vehicle.
+
+use crate::net::{ROOT, proto, read};
+use serde::Deserialize;
+use std::fmt;
+use std::time::Duration;
+use zenoh::Session;
+use zenoh::qos::{CongestionControl, Priority};
+
+/// How long an answer may take: a reset waits for the next frame.
+const PATIENCE: Duration = Duration::from_secs(4);
+/// Longest answer that is shown, bytes.
+const MAX_WORDS: usize = 400;
+
+/// How much is forgotten.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum ResetWords {
+    /// A new start that keeps the pose.
+    Soft,
+    /// A new start at the origin.
+    Hard,
+}
+
+impl fmt::Display for ResetWords {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Soft => "soft",
+            Self::Hard => "hard",
+        })
+    }
+}
+
+/// Resets the estimate of a vehicle; what it answered.
+///
+/// # Errors
+/// In words, when it refused or did not answer.
+pub async fn reset(session: &Session, vehicle: &str, kind: ResetWords) -> Result<String, String> {
+    let selector = format!("{ROOT}/{vehicle}/command/reset?kind={kind}");
+    let question = session
+        .get(&selector)
+        .timeout(PATIENCE)
+        .priority(Priority::InteractiveHigh)
+        .congestion_control(CongestionControl::Block);
+    let replies = question.await.map_err(|error| format!("the reset could not be asked for: {error}"))?;
+    let Ok(reply) = replies.recv_async().await else {
+        return Err(
+            "no answer: the vehicle is out of reach, or this station may not command it (a viewer's \
+                    certificate or name)"
+                .into(),
+        );
+    };
+    match reply.result() {
+        Ok(sample) => match read::decode::<proto::ResetDone>(&sample.payload().to_bytes()) {
+            Some(done) => Ok(format!("{}: the counter is {} now", done.words, done.reset_counter)),
+            None => Err("the vehicle's answer cannot be understood".into()),
+        },
+        Err(error) => {
+            let bytes = error.payload().to_bytes();
+            let words = String::from_utf8_lossy(&bytes[..bytes.len().min(MAX_WORDS)]).into_owned();
+            Err(if words == "Timeout" {
+                "no answer in time: the vehicle is out of reach, or this station may not \
+                 command it (a viewer's certificate or name)"
+                    .into()
+            } else {
+                words
+            })
+        }
+    }
+}

@@ -1,0 +1,231 @@
+//! The path of a vehicle, and its poses, in bounded memory.
+
+use nalgebra::{Isometry3, Vector3};
+use std::collections::VecDeque;
+
+/// Points of the path that are kept.
+pub const MAX_POINTS: usize = 20_000;
+/// Poses that are kept: half an hour at 20 Hz.
+pub const MAX_POSES: usize = 36_000;
+/// Points of the path are this far apart in time or in space.
+const MIN_STEP_S: f64 = 0.2;
+const MIN_STEP_M: f64 = 0.02;
+/// A pose that jumps further than this begins a new path, m.
+const JUMP_M: f64 = 0.5;
+
+/// One pose as it was received.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PoseSample {
+    /// Measurement time, ns.
+    pub stamp_ns: i64,
+    /// Pose of the body in the odometry frame.
+    pub pose_o_b: Isometry3<f64>,
+    /// Velocity in the odometry frame, m/s.
+    pub v_o_b: Vector3<f64>,
+    /// -1 failed, else 0 to 100.
+    pub quality: i32,
+    /// Resets so far.
+    pub reset_counter: u32,
+}
+
+/// The path since the vehicle appeared, thinned out for display.
+#[derive(Clone, Debug, Default)]
+pub struct Track {
+    points: VecDeque<[f64; 4]>,
+    /// Points ever added in this epoch; the newest has this number less one.
+    pub total: u64,
+    /// Changes when the path begins anew.
+    pub epoch: u64,
+    start_ns: Option<i64>,
+}
+
+impl Track {
+    /// Takes a pose; it becomes a point when it is far enough from the last.
+    pub fn push(&mut self, stamp_ns: i64, p: &Vector3<f64>) {
+        let start_ns = *self.start_ns.get_or_insert(stamp_ns);
+        let t_s = (stamp_ns - start_ns) as f64 * 1e-9;
+        if let Some([last_s, x, y, z]) = self.points.back() {
+            let step_m = (p - Vector3::new(*x, *y, *z)).norm();
+            if (0.0..MIN_STEP_S).contains(&(t_s - last_s)) && step_m < MIN_STEP_M {
+                return;
+            }
+            if t_s < *last_s {
+                self.clear();
+                return self.push(stamp_ns, p);
+            }
+        }
+        if self.points.len() == MAX_POINTS {
+            self.points.pop_front();
+        }
+        self.points.push_back([t_s, p.x, p.y, p.z]);
+        self.total += 1;
+    }
+
+    /// Puts an older path before this one, if they belong together.
+    pub fn prepend(&mut self, older: &[(i64, Vector3<f64>)]) {
+        let Some(first_ns) = self.start_ns else { return };
+        let before: Vec<_> = older.iter().filter(|(stamp_ns, _)| *stamp_ns < first_ns).collect();
+        let Some((start_ns, _)) = before.first() else { return };
+        let shift_s = (first_ns - start_ns) as f64 * 1e-9;
+        let mut points: VecDeque<[f64; 4]> =
+            before.iter().map(|(t, p)| [(t - start_ns) as f64 * 1e-9, p.x, p.y, p.z]).collect();
+        points.extend(self.points.iter().map(|[t, x, y, z]| [t + shift_s, *x, *y, *z]));
+        while points.len() > MAX_POINTS {
+            points.pop_front();
+        }
+        self.epoch += 1;
+        self.start_ns = Some(*start_ns);
+        self.total = points.len() as u64;
+        self.points = points;
+    }
+
+    /// Begins anew.
+    pub fn clear(&mut self) {
+        *self = Self { epoch: self.epoch + 1, ..Self::default() };
+    }
+
+    /// Whether a pose is too far from the last point to belong to the same path.
+    #[must_use]
+    pub fn is_jump(&self, p: &Vector3<f64>) -> bool {
+        self.points.back().is_some_and(|[_, x, y, z]| (p - Vector3::new(*x, *y, *z)).norm() > JUMP_M)
+    }
+
+    /// Points from number `from` on, at most `limit`, and the number of the first of them.
+    #[must_use]
+    pub fn since(&self, from: u64, limit: usize) -> (u64, Vec<[f64; 4]>) {
+        let first = self.total - self.points.len() as u64;
+        let from = from.clamp(first, self.total);
+        let skip = usize::try_from(from - first).unwrap_or(usize::MAX);
+        (from, self.points.iter().skip(skip).take(limit).copied().collect())
+    }
+
+    /// Points that are kept.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    /// Whether there is none yet.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.points.is_empty()
+    }
+}
+
+/// Samples in order, of which the oldest go first.
+#[derive(Clone, Debug)]
+pub struct Samples {
+    samples: VecDeque<PoseSample>,
+    capacity: usize,
+    /// Samples forgotten because there was no room.
+    pub forgotten: u64,
+}
+
+impl Samples {
+    /// Room for `capacity` samples, taken as they come.
+    #[must_use]
+    pub fn new(capacity: usize) -> Self {
+        Self { samples: VecDeque::new(), capacity, forgotten: 0 }
+    }
+
+    /// Adds a sample.
+    pub fn push(&mut self, sample: PoseSample) {
+        if self.samples.len() == self.capacity {
+            self.samples.pop_front();
+            self.forgotten += 1;
+        }
+        self.samples.push_back(sample);
+    }
+
+    /// All of them.
+    #[must_use]
+    pub fn to_vec(&self) -> Vec<PoseSample> {
+        self.samples.iter().copied().collect()
+    }
+
+    /// How many there are.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.samples.len()
+    }
+
+    /// Whether there is none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.samples.is_empty()
+    }
+
+    /// Time from the first to the last, s.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        match (self.samples.front(), self.samples.back()) {
+            (Some(first), Some(last)) => (last.stamp_ns - first.stamp_ns) as f64 * 1e-9,
+            _ => 0.0,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fly(track: &mut Track, seconds: std::ops::Range<i64>) {
+        for k in seconds.start * 200..seconds.end * 200 {
+            track.push(k * 5_000_000, &Vector3::new(k as f64 * 0.005, 0.0, 0.0));
+        }
+    }
+
+    #[test]
+    fn a_path_is_thinned_out_by_distance() {
+        let mut track = Track::default();
+        fly(&mut track, 0..10);
+        assert!((400..=510).contains(&track.len()), "{}", track.len());
+    }
+
+    #[test]
+    fn hours_do_not_grow() {
+        let mut track = Track::default();
+        fly(&mut track, 0..3_600);
+        assert_eq!(track.len(), MAX_POINTS);
+        let (from, points) = track.since(0, 10);
+        assert_eq!(points.len(), 10);
+        assert_eq!(from, track.total - MAX_POINTS as u64);
+        assert!(track.since(track.total, 10).1.is_empty());
+    }
+
+    #[test]
+    fn a_path_from_before_is_put_in_front_once() {
+        let mut track = Track::default();
+        fly(&mut track, 10..12);
+        let older: Vec<_> = (0..20).map(|k| (k * 1_000_000_000, Vector3::zeros())).collect();
+        let count = track.len();
+        track.prepend(&older);
+        assert_eq!((track.len(), track.epoch), (count + 10, 1));
+        let times: Vec<f64> = track.since(0, 10_000).1.iter().map(|p| p[0]).collect();
+        assert!(times.is_sorted());
+    }
+
+    #[test]
+    fn time_that_goes_back_begins_a_new_path() {
+        let mut track = Track::default();
+        fly(&mut track, 10..12);
+        fly(&mut track, 0..1);
+        assert_eq!(track.epoch, 1);
+        assert!(track.is_jump(&Vector3::new(5.0, 0.0, 0.0)));
+    }
+
+    #[test]
+    fn samples_are_bounded_and_count_what_they_forget() {
+        let mut samples = Samples::new(2);
+        for k in 0..3 {
+            samples.push(PoseSample {
+                stamp_ns: k * 1_000_000_000,
+                pose_o_b: Isometry3::identity(),
+                v_o_b: Vector3::zeros(),
+                quality: 0,
+                reset_counter: 0,
+            });
+        }
+        assert_eq!((samples.len(), samples.forgotten, samples.duration_s()), (2, 1, 1.0));
+    }
+}

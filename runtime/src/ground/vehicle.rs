@@ -1,0 +1,328 @@
+//! One vehicle as the ground knows it.
+
+use super::channel::{Channel, Delays};
+use super::clock::ClockEstimate;
+use super::map::Map;
+use super::track::{MAX_POSES, PoseSample, Samples, Track};
+use crate::net::{proto, read, wire};
+use nalgebra::{Isometry3, Vector3};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// A vehicle that has been silent for so long is lost, whatever its token says.
+pub const LOST_AFTER: Duration = Duration::from_millis(1_500);
+/// Samples of a recording: an hour and a half at 200 Hz.
+const MAX_RECORDED: usize = 1_080_000;
+
+/// A camera picture as it was received.
+#[derive(Clone, Debug)]
+pub struct Picture {
+    /// The message.
+    pub message: Arc<proto::Picture>,
+    /// Counts pictures: a change is news.
+    pub version: u64,
+}
+
+/// What an estimate says beside its pose.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Details {
+    /// Upper triangle of the position's covariance, m^2: xx xy xz yy yz zz.
+    pub position_covariance: Option<[f64; 6]>,
+    /// Points tracked and in the window.
+    pub points: (u32, u32),
+    /// Lines tracked and in the window.
+    pub lines: (u32, u32),
+    /// Gyroscope bias, rad/s.
+    pub bias_gyro: Option<[f64; 3]>,
+    /// Accelerometer bias, m/s^2.
+    pub bias_accel: Option<[f64; 3]>,
+}
+
+/// One vehicle.
+#[derive(Clone, Debug)]
+pub struct Vehicle {
+    /// Its liveliness token is there.
+    pub is_alive: bool,
+    /// When it appeared, to ask it for what was before.
+    pub appeared: u64,
+    /// Odometry.
+    pub odom: Channel,
+    /// Estimates.
+    pub state: Channel,
+    /// Health.
+    pub health: Channel,
+    /// Delays of odometry.
+    pub delays: Delays,
+    /// Measurement time of the newest message, ns.
+    pub stamp_ns: i64,
+    /// Newest pose of the body in the odometry frame.
+    pub pose_o_b: Option<Isometry3<f64>>,
+    /// Takes coordinates from the odometry to the map frame.
+    pub pose_m_o: Option<Isometry3<f64>>,
+    /// Newest velocity in O, m/s.
+    pub v_o_b: Vector3<f64>,
+    /// Newest angular rate in B, rad/s.
+    pub rate_b: Vector3<f64>,
+    /// Standard deviations of position (m), attitude (rad), velocity (m/s).
+    pub sigmas: [f64; 9],
+    /// What the newest estimate says beside.
+    pub details: Details,
+    /// -1 failed, else 0 to 100.
+    pub quality: i32,
+    /// State in words.
+    pub state_words: &'static str,
+    /// Resets.
+    pub resets: u32,
+    /// Error and warning bits, and in words.
+    pub bits: u32,
+    /// The same in words.
+    pub health_words: Vec<String>,
+    /// Step of the degradation ladder in words.
+    pub rung: Option<String>,
+    /// Computation of a frame, ms.
+    pub frame_ms: f64,
+    /// Frames a second.
+    pub frame_rate_hz: f64,
+    /// Messages that the vehicle dropped.
+    pub dropped: u64,
+    /// The vehicle sends pictures to whom it may concern.
+    pub offers_camera: bool,
+    /// From hand-over to reception, clocks brought together, ms; smoothed.
+    pub latency_ms: Option<f64>,
+    /// Its clock against ours.
+    pub clock: ClockEstimate,
+    /// Its path.
+    pub track: Track,
+    /// Its poses.
+    pub poses: Samples,
+    /// Its map.
+    pub map: Map,
+    /// Newest picture.
+    pub picture: Option<Picture>,
+    /// What is being recorded, or was.
+    pub recording: Option<Samples>,
+    /// It is still going on.
+    pub is_recording: bool,
+}
+
+impl Default for Vehicle {
+    fn default() -> Self {
+        Self {
+            is_alive: false,
+            appeared: 0,
+            odom: Channel::default(),
+            state: Channel::default(),
+            health: Channel::default(),
+            delays: Delays::default(),
+            stamp_ns: 0,
+            pose_o_b: None,
+            pose_m_o: None,
+            v_o_b: Vector3::zeros(),
+            rate_b: Vector3::zeros(),
+            sigmas: [0.0; 9],
+            details: Details::default(),
+            quality: 0,
+            state_words: "unknown",
+            resets: 0,
+            bits: 0,
+            health_words: Vec::new(),
+            rung: None,
+            frame_ms: 0.0,
+            frame_rate_hz: 0.0,
+            dropped: 0,
+            offers_camera: false,
+            latency_ms: None,
+            clock: ClockEstimate::default(),
+            track: Track::default(),
+            poses: Samples::new(MAX_POSES),
+            map: Map::default(),
+            picture: None,
+            recording: None,
+            is_recording: false,
+        }
+    }
+}
+
+impl Vehicle {
+    /// It came, or came back: its messages count anew, and what it did before can be asked for.
+    pub fn appear(&mut self) {
+        self.appeared += 1;
+        [&mut self.odom, &mut self.state, &mut self.health].into_iter().for_each(Channel::restart);
+        self.clock = ClockEstimate::default();
+    }
+
+    /// Odometry came; `now_ns` by this host's clock.
+    pub fn take_odom(&mut self, message: &proto::Odom, bytes: usize, now: Instant, now_ns: i64) {
+        let Some(header) = &message.header else { return };
+        self.odom.heard(header.sequence, bytes, now);
+        self.take_header(header, message.state);
+        let offset_ns = self.clock.offset_ns().unwrap_or(0);
+        let delay_ns = now_ns.saturating_add(offset_ns).saturating_sub(header.published_ns);
+        self.delays.record(delay_ns);
+        let latency_ms = delay_ns as f64 * 1e-6;
+        self.latency_ms = Some(self.latency_ms.map_or(latency_ms, |old| old + 0.05 * (latency_ms - old)));
+        self.take_motion(message.pose.as_ref(), message.velocity_o_b.as_ref());
+        if let Some(rate) = &message.angular_rate_b {
+            self.rate_b = Vector3::new(rate.x, rate.y, rate.z);
+        }
+        for (sigma, sent) in self.sigmas.iter_mut().zip(&message.sigmas) {
+            *sigma = *sent;
+        }
+        if self.is_recording {
+            self.record();
+        }
+    }
+
+    /// An estimate came.
+    pub fn take_state(&mut self, message: &proto::State, bytes: usize, now: Instant) {
+        let Some(header) = &message.header else { return };
+        let is_newest = header.stamp_ns >= self.stamp_ns || self.odom.is_stale(now);
+        self.state.heard(header.sequence, bytes, now);
+        if is_newest {
+            self.take_header(header, message.state);
+            self.take_motion(message.pose.as_ref(), message.velocity_o_b.as_ref());
+        }
+        self.bits = message.health_bits;
+        self.health_words = wire::health_words(message.health_bits);
+        let three = |v: &Option<proto::Vector3>| v.as_ref().map(|v| [v.x, v.y, v.z]);
+        let c = &message.covariance;
+        self.details = Details {
+            position_covariance: (c.len() == 45).then(|| [c[0], c[1], c[2], c[9], c[10], c[17]]),
+            points: (message.points_tracked, message.points_in_window),
+            lines: (message.lines_tracked, message.lines_in_window),
+            bias_gyro: three(&message.bias_gyro),
+            bias_accel: three(&message.bias_accel),
+        };
+        if let Some(pose_o_b) = message.pose.as_ref().and_then(read::isometry).filter(|_| header.quality >= 0)
+        {
+            let velocity = message.velocity_o_b.unwrap_or_default();
+            self.poses.push(PoseSample {
+                stamp_ns: header.stamp_ns,
+                pose_o_b,
+                v_o_b: Vector3::new(velocity.x, velocity.y, velocity.z),
+                quality: header.quality,
+                reset_counter: header.reset_counter,
+            });
+        }
+    }
+
+    /// Health came.
+    pub fn take_health(&mut self, message: &proto::Health, bytes: usize, now: Instant) {
+        let Some(header) = &message.header else { return };
+        self.health.heard(header.sequence, bytes, now);
+        self.state_words = wire::state_words(message.state);
+        self.bits = message.bits;
+        self.health_words = wire::health_words(message.bits);
+        self.rung = (!message.rung_words.is_empty()).then(|| message.rung_words.clone());
+        self.frame_ms = message.frame_ms;
+        self.frame_rate_hz = message.frame_rate_hz;
+        self.dropped = message.dropped;
+        self.offers_camera = message.offers_camera;
+        if message.keyframes < self.map.announced {
+            self.map.clear();
+        }
+        self.map.announced = self.map.announced.max(message.keyframes);
+    }
+
+    fn take_header(&mut self, header: &proto::Header, state: i32) {
+        self.stamp_ns = header.stamp_ns;
+        self.quality = header.quality.clamp(-1, 100);
+        self.resets = header.reset_counter;
+        self.state_words = wire::state_words(state);
+    }
+
+    fn take_motion(&mut self, pose: Option<&proto::Pose>, velocity: Option<&proto::Vector3>) {
+        if let Some(v) = velocity {
+            self.v_o_b = Vector3::new(v.x, v.y, v.z);
+        }
+        let Some(pose) = pose.and_then(read::isometry) else { return };
+        self.pose_o_b = Some(pose);
+        if self.quality < 0 {
+            return;
+        }
+        let p = pose.translation.vector;
+        if self.track.is_jump(&p) {
+            self.track.clear();
+        }
+        self.track.push(self.stamp_ns, &p);
+    }
+
+    /// Starts a new recording, or ends the one that goes on.
+    pub fn set_recording(&mut self, is_on: bool) {
+        if is_on && !self.is_recording {
+            self.recording = Some(Samples::new(MAX_RECORDED));
+        }
+        self.is_recording = is_on;
+    }
+
+    fn record(&mut self) {
+        let (Some(recording), Some(pose_o_b)) = (&mut self.recording, self.pose_o_b) else { return };
+        recording.push(PoseSample {
+            stamp_ns: self.stamp_ns,
+            pose_o_b,
+            v_o_b: self.v_o_b,
+            quality: self.quality,
+            reset_counter: self.resets,
+        });
+    }
+
+    /// Time since anything came.
+    #[must_use]
+    pub fn age(&self, now: Instant) -> Option<Duration> {
+        [&self.odom, &self.state, &self.health].into_iter().filter_map(|channel| channel.age(now)).min()
+    }
+
+    /// What can be said of its presence: "lost", "stale", or its state.
+    #[must_use]
+    pub fn presence(&self, now: Instant) -> &'static str {
+        let is_silent = self.age(now).is_none_or(|age| age > LOST_AFTER);
+        if !self.is_alive || (is_silent && self.age(now).is_some()) {
+            return "lost";
+        }
+        if is_silent {
+            return "unknown";
+        }
+        let has_pose = self.state_words != "initialising" || self.odom.age(now).is_some();
+        if has_pose && self.odom.is_stale(now) && self.state.is_stale(now) {
+            "stale"
+        } else {
+            self.state_words
+        }
+    }
+
+    /// Largest standard deviation of the position, m.
+    #[must_use]
+    pub fn sigma_m(&self) -> f64 {
+        self.sigmas[..3].iter().copied().fold(0.0, f64::max)
+    }
+
+    /// Roll, pitch and yaw, degrees.
+    #[must_use]
+    pub fn attitude_deg(&self) -> Option<[f64; 3]> {
+        let (roll, pitch, yaw) = self.pose_o_b?.rotation.euler_angles();
+        Some([roll, pitch, yaw].map(f64::to_degrees))
+    }
+
+    /// Position, speed, rates and health in a line.
+    #[must_use]
+    pub fn line(&self, name: &str, now: Instant) -> String {
+        let p = self.pose_o_b.map_or_else(Vector3::zeros, |pose| pose.translation.vector);
+        let health =
+            if self.health_words.is_empty() { "healthy".into() } else { self.health_words.join(", ") };
+        format!(
+            "{name}: {} quality {} position {:.3} {:.3} {:.3} m (sigma {:.3}) speed {:.2} m/s, odom {:.0} Hz, \
+             state {:.0} Hz, latency {:.2} ms, lost {}, {health}",
+            self.presence(now),
+            self.quality,
+            p.x,
+            p.y,
+            p.z,
+            self.sigma_m(),
+            self.v_o_b.norm(),
+            self.odom.rate_hz(now),
+            self.state.rate_hz(now),
+            self.latency_ms.unwrap_or(0.0),
+            self.odom.lost + self.state.lost,
+        )
+    }
+}

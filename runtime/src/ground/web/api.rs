@@ -1,0 +1,109 @@
+//! What the page asks for: resets, recordings, downloads.
+
+use super::super::command::{self, ResetWords};
+use super::super::export::{Format, export};
+use super::super::fleet::Severity;
+use super::super::listen::lock;
+use super::Station;
+use axum::Json;
+use axum::extract::{Path, State};
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::Deserialize;
+use serde_json::json;
+use std::sync::Arc;
+
+/// A reset that is asked for.
+#[derive(Deserialize)]
+pub struct Reset {
+    kind: ResetWords,
+}
+
+/// A recording that is to begin or to end.
+#[derive(Deserialize)]
+pub struct Record {
+    on: bool,
+}
+
+fn answer(status: StatusCode, is_ok: bool, text: &str) -> Response {
+    (status, Json(json!({"ok": is_ok, "text": text}))).into_response()
+}
+
+fn unknown(vehicle: &str) -> Response {
+    answer(StatusCode::NOT_FOUND, false, &format!("{vehicle:?} was never heard of"))
+}
+
+/// Resets a vehicle's estimate.
+pub async fn reset(
+    State(station): State<Arc<Station>>,
+    Path(vehicle): Path<String>,
+    Json(reset): Json<Reset>,
+) -> Response {
+    if !station.commands {
+        let text =
+            "this station gives no commands: it is open to other hosts; start it with --allow-commands";
+        return answer(StatusCode::FORBIDDEN, false, text);
+    }
+    if !lock(&station.fleet).vehicles.contains_key(&vehicle) {
+        return unknown(&vehicle);
+    }
+    let outcome = command::reset(&station.session, &vehicle, reset.kind).await;
+    let (severity, text) = match &outcome {
+        Ok(done) => (Severity::Info, done),
+        Err(reason) => (Severity::Error, reason),
+    };
+    lock(&station.fleet).tell(Some(&vehicle), severity, text.clone());
+    match outcome {
+        Ok(done) => answer(StatusCode::OK, true, &done),
+        Err(reason) => answer(StatusCode::BAD_GATEWAY, false, &reason),
+    }
+}
+
+/// Begins or ends a recording.
+pub async fn record(
+    State(station): State<Arc<Station>>,
+    Path(vehicle): Path<String>,
+    Json(record): Json<Record>,
+) -> Response {
+    match lock(&station.fleet).vehicles.get_mut(&vehicle) {
+        Some(found) => found.set_recording(record.on),
+        None => return unknown(&vehicle),
+    }
+    answer(StatusCode::OK, true, if record.on { "recording" } else { "recording ended" })
+}
+
+/// A recording, or everything that is kept, as a file.
+pub async fn download(
+    State(station): State<Arc<Station>>,
+    Path((vehicle, file)): Path<(String, String)>,
+) -> Response {
+    let Some((what, format)) = file.split_once('.').and_then(|(what, end)| Some((what, Format::of(end)?)))
+    else {
+        return answer(
+            StatusCode::NOT_FOUND,
+            false,
+            "there is trajectory or recording, each .tum, .csv or .mcap",
+        );
+    };
+    let samples = match (what, lock(&station.fleet).vehicles.get(&vehicle)) {
+        (_, None) => return unknown(&vehicle),
+        ("trajectory", Some(found)) => Some(found.poses.to_vec()),
+        ("recording", Some(found)) => found.recording.as_ref().map(super::super::track::Samples::to_vec),
+        _ => None,
+    };
+    let Some(samples) = samples else {
+        return answer(StatusCode::NOT_FOUND, false, "nothing was recorded yet");
+    };
+    match export(&vehicle, &samples, format) {
+        Ok(bytes) => {
+            // Names of vehicles were checked to be plain, or were never heard of.
+            let plain: String =
+                vehicle.chars().filter(|c| c.is_ascii_alphanumeric() || "-_".contains(*c)).collect();
+            let disposition = format!("attachment; filename=\"{plain}-{what}.{}\"", format.ending());
+            let kind = format.mime().to_owned();
+            ([(header::CONTENT_TYPE, kind), (header::CONTENT_DISPOSITION, disposition)], bytes)
+                .into_response()
+        }
+        Err(error) => answer(StatusCode::INTERNAL_SERVER_ERROR, false, &error.to_string()),
+    }
+}

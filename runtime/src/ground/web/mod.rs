@@ -1,0 +1,73 @@
+//! The web page of the ground station: one origin, everything embedded in the binary.
+//!
+//! The page (`runtime/web`) speaks to [`socket`] for what changes and to [`api`] for what one asks. Who may is in
+//! [`guard`].
+
+mod api;
+mod assets;
+mod guard;
+mod messages;
+mod socket;
+
+use super::fleet::Fleet;
+use anyhow::{Context, Result};
+use axum::Router;
+use axum::routing::{get, post};
+use std::net::SocketAddr;
+use std::sync::atomic::AtomicU64;
+use std::sync::{Arc, Mutex};
+use tokio::net::TcpListener;
+use zenoh::Session;
+
+/// What the handlers share.
+pub struct Station {
+    /// What is known.
+    pub fleet: Arc<Mutex<Fleet>>,
+    /// Asks vehicles.
+    pub session: Session,
+    /// Whether the page may give commands.
+    pub commands: bool,
+    /// Messages of pages that could not be understood.
+    pub malformed: AtomicU64,
+    /// Pages that are open.
+    pub pages: AtomicU64,
+    /// Where it is served.
+    pub address: SocketAddr,
+}
+
+/// Serves the page at `address` until the runtime ends; returns the address in use.
+///
+/// # Errors
+/// When the address is taken or none of this host's.
+pub async fn serve(
+    address: SocketAddr,
+    fleet: Arc<Mutex<Fleet>>,
+    session: Session,
+    commands: bool,
+) -> Result<SocketAddr> {
+    let listener = TcpListener::bind(address).await.with_context(|| {
+        format!("cannot serve the page at {address}; give another address with --http, or --no-http for none")
+    })?;
+    let address = listener.local_addr()?;
+    let (malformed, pages) = (AtomicU64::new(0), AtomicU64::new(0));
+    let station = Arc::new(Station { fleet, session, commands, malformed, pages, address });
+    let app = router(station);
+    tokio::spawn(async move {
+        if let Err(error) = axum::serve(listener, app).await {
+            tracing::error!("the page is no longer served: {error}");
+        }
+    });
+    Ok(address)
+}
+
+fn router(station: Arc<Station>) -> Router {
+    Router::new()
+        .route("/ws", get(socket::upgrade))
+        .route("/api/vehicles/{vehicle}/reset", post(api::reset))
+        .route("/api/vehicles/{vehicle}/recording", post(api::record))
+        .route("/api/vehicles/{vehicle}/{file}", get(api::download))
+        .fallback(get(assets::serve))
+        .layer(axum::extract::DefaultBodyLimit::max(guard::MAX_BODY_BYTES))
+        .layer(axum::middleware::from_fn_with_state(Arc::clone(&station), guard::check))
+        .with_state(station)
+}

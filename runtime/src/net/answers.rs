@@ -1,0 +1,253 @@
+//! What a vehicle answers: trajectory, keyframes, configuration, clock, reset.
+//!
+//! Questions wait in a short queue and are answered one after the other by a task of their own: who asks much
+//! holds up nobody but those who ask. Answers travel with the quality of service of their question; ground stations
+//! ask with one that drops them when the link is full, and ask again.
+
+use super::keyframes::KeyframeHistory;
+use super::publisher::Vehicle;
+use super::session::NetError;
+use super::{ROOT, now_ns, proto};
+use plumbline_estimator::{Estimate, ResetKind};
+use prost::Message;
+use std::collections::VecDeque;
+use std::ops::Range;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use tokio::sync::{mpsc, watch};
+use zenoh::bytes::Encoding;
+use zenoh::query::Query;
+use zenoh::{Session, Wait};
+
+/// Questions that wait.
+const MAX_QUESTIONS: usize = 32;
+/// Poses that are kept: half an hour at 20 Hz.
+const MAX_POSES: usize = 36_000;
+/// Poses in one answer.
+const POSES_PER_ANSWER: usize = 500;
+/// Largest distance between poses that can be asked for, ms.
+const MAX_STEP_MS: i64 = 3_600_000;
+/// Keyframes in one answer to a question.
+pub const MAX_KEYFRAMES_PER_QUESTION: usize = 64;
+/// A reset takes effect with the next frame; so long is waited for it.
+const RESET_PATIENCE: Duration = Duration::from_secs(2);
+
+/// One pose of the past.
+#[derive(Clone, Copy, Debug)]
+struct PastPose {
+    stamp_ns: i64,
+    pose_o_b: [f64; 7],
+    reset_counter: u32,
+}
+
+/// What can be asked for, filled by the publisher.
+#[derive(Debug, Default)]
+pub struct Archive {
+    poses: VecDeque<PastPose>,
+    /// Keyframes that are final.
+    pub keyframes: KeyframeHistory,
+}
+
+impl Archive {
+    /// Remembers a pose.
+    pub fn remember(&mut self, estimate: &Estimate) {
+        if !estimate.has_pose() {
+            return;
+        }
+        let (p, q) = (estimate.pose_o_b.translation.vector, estimate.pose_o_b.rotation.coords);
+        if self.poses.len() == MAX_POSES {
+            self.poses.pop_front();
+        }
+        self.poses.push_back(PastPose {
+            stamp_ns: estimate.stamp.as_nanos(),
+            pose_o_b: [p.x, p.y, p.z, q.x, q.y, q.z, q.w],
+            reset_counter: estimate.reset_counter,
+        });
+    }
+
+    /// Poses from `from` to before `to`, at least `step_ns` apart, in answers of bounded size.
+    fn trajectory(&self, wanted: &Range<i64>, step_ns: i64) -> Vec<proto::Trajectory> {
+        let mut next_ns = i64::MIN;
+        let mut is_due = |pose: &&PastPose| {
+            let is_due = wanted.contains(&pose.stamp_ns) && pose.stamp_ns >= next_ns;
+            if is_due {
+                next_ns = pose.stamp_ns.saturating_add(step_ns);
+            }
+            is_due
+        };
+        let selected: Vec<&PastPose> = self.poses.iter().filter(&mut is_due).collect();
+        let answer = |poses: &[&PastPose]| proto::Trajectory {
+            stamps_ns: poses.iter().map(|p| p.stamp_ns).collect(),
+            poses_o_b: poses.iter().flat_map(|p| p.pose_o_b).collect(),
+            reset_counters: poses.iter().map(|p| p.reset_counter).collect(),
+        };
+        if selected.is_empty() {
+            return vec![answer(&[])];
+        }
+        selected.chunks(POSES_PER_ANSWER).map(answer).collect()
+    }
+}
+
+/// What the answers are made of.
+pub struct Answers {
+    /// Who answers.
+    pub vehicle: Arc<Vehicle>,
+    /// Poses and keyframes.
+    pub archive: Arc<Mutex<Archive>>,
+    /// The newest count of resets.
+    pub resets: watch::Receiver<u32>,
+}
+
+/// The archive, whatever became of the last who held it.
+pub fn lock(archive: &Mutex<Archive>) -> MutexGuard<'_, Archive> {
+    archive.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Declares the queryables of a vehicle and answers until the session ends.
+///
+/// # Errors
+/// When a key cannot be declared.
+pub async fn declare(session: &Session, answers: Answers) -> Result<(), NetError> {
+    let (questions, mut waiting) = mpsc::channel::<(Topic, Query)>(MAX_QUESTIONS);
+    for topic in Topic::ALL {
+        let key = format!("{ROOT}/{}/{}", answers.vehicle.name, topic.key());
+        let (questions, clock_key) = (questions.clone(), key.clone());
+        let failed = |error: zenoh::Error| NetError::Declare { key: key.clone(), message: error.to_string() };
+        session
+            .declare_queryable(&key)
+            .callback(move |query| {
+                if topic == Topic::Clock {
+                    // A question about time does not wait behind others.
+                    tell_time(&query, &clock_key);
+                } else if let Err(error) = questions.try_send((topic, query)) {
+                    let (_, query) = error.into_inner();
+                    let _ = query.reply_err("busy: ask again later").wait();
+                }
+            })
+            .background()
+            .await
+            .map_err(failed)?;
+    }
+    tokio::spawn(async move {
+        while let Some((topic, query)) = waiting.recv().await {
+            answers.answer(topic, &query).await;
+        }
+    });
+    Ok(())
+}
+
+/// What can be asked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Topic {
+    Trajectory,
+    Keyframes,
+    Config,
+    Clock,
+    Reset,
+}
+
+impl Topic {
+    const ALL: [Self; 5] = [Self::Trajectory, Self::Keyframes, Self::Config, Self::Clock, Self::Reset];
+
+    fn key(self) -> &'static str {
+        match self {
+            Self::Trajectory => "trajectory",
+            Self::Keyframes => "map/keyframe",
+            Self::Config => "config",
+            Self::Clock => "clock",
+            Self::Reset => "command/reset",
+        }
+    }
+}
+
+impl Answers {
+    async fn answer(&self, topic: Topic, query: &Query) {
+        let key = &format!("{ROOT}/{}/{}", self.vehicle.name, topic.key());
+        match topic {
+            Topic::Trajectory => {
+                let answers = range(query, i64::MIN, i64::MAX).and_then(|wanted| {
+                    let step_ns = number(query, "step_ms", 0i64)?.clamp(0, MAX_STEP_MS) * 1_000_000;
+                    let answers = lock(&self.archive).trajectory(&wanted, step_ns);
+                    Ok(answers.iter().map(Message::encode_to_vec).collect())
+                });
+                send(query, key, "plumbline.v1.Trajectory", answers).await;
+            }
+            Topic::Keyframes => {
+                let answers = range(query, 0, u64::MAX)
+                    .map(|wanted| lock(&self.archive).keyframes.get(wanted, MAX_KEYFRAMES_PER_QUESTION));
+                send(query, key, "plumbline.v1.Keyframe", answers).await;
+            }
+            Topic::Config => {
+                let answer = vec![self.vehicle.configuration.encode_to_vec()];
+                send(query, key, "plumbline.v1.Configuration", Ok(answer)).await;
+            }
+            Topic::Clock => tell_time(query, key),
+            Topic::Reset => {
+                let outcome = self.reset(query, key).await;
+                if let Err(reason) = &outcome {
+                    tracing::warn!("a reset was refused: {reason}");
+                }
+                let answers = outcome.map(|done| vec![done.encode_to_vec()]);
+                send(query, key, "plumbline.v1.ResetDone", answers).await;
+            }
+        }
+    }
+
+    /// Carries out a reset, or says why not.
+    async fn reset(&self, query: &Query, key: &str) -> Result<proto::ResetDone, String> {
+        if query.key_expr().as_str() != key {
+            // A pattern would pass rules that name the command.
+            return Err(format!("a command needs its exact key: {key}"));
+        }
+        if let Some(refusal) = &self.vehicle.refusal {
+            return Err(refusal.clone());
+        }
+        let (kind, words) = match query.parameters().get("kind") {
+            Some("soft") => (ResetKind::Soft, "soft"),
+            Some("hard") => (ResetKind::Hard, "hard"),
+            _ => return Err("say ?kind=soft (keeps the pose) or ?kind=hard (starts at the origin)".into()),
+        };
+        let mut resets = self.resets.clone();
+        let before = *resets.borrow_and_update();
+        tracing::warn!("reset ({words}) on command");
+        self.vehicle.control.ask_reset(kind);
+        let is_done = tokio::time::timeout(RESET_PATIENCE, resets.wait_for(|now| *now != before)).await;
+        match is_done {
+            Ok(Ok(now)) => Ok(proto::ResetDone { reset_counter: *now, words: format!("{words} reset done") }),
+            _ => Err("the reset was asked for, but no frame has come since".into()),
+        }
+    }
+}
+
+/// A whole number of a question, such as `?from=5`.
+fn number<T: std::str::FromStr>(query: &Query, name: &str, default: T) -> Result<T, String> {
+    match query.parameters().get(name) {
+        None | Some("") => Ok(default),
+        Some(text) => text.parse().map_err(|_| format!("{name}={text:.40} is no whole number")),
+    }
+}
+
+/// The range `?from=..;to=..` of a question.
+fn range<T: std::str::FromStr>(query: &Query, first: T, last: T) -> Result<Range<T>, String> {
+    Ok(number(query, "from", first)?..number(query, "to", last)?)
+}
+
+/// Sends the answers under our own `key`, whatever pattern was asked with.
+async fn send(query: &Query, key: &str, schema: &str, answers: Result<Vec<Vec<u8>>, String>) {
+    match answers {
+        Ok(answers) => {
+            for answer in answers {
+                let encoding = Encoding::APPLICATION_PROTOBUF.with_schema(schema);
+                let _ = query.reply(key, answer).encoding(encoding).await;
+            }
+        }
+        Err(reason) => drop(query.reply_err(reason).encoding(Encoding::TEXT_PLAIN).await),
+    }
+}
+
+fn tell_time(query: &Query, key: &str) {
+    let received_ns = now_ns();
+    let clock = proto::Clock { received_ns, answered_ns: now_ns() };
+    let encoding = Encoding::APPLICATION_PROTOBUF.with_schema("plumbline.v1.Clock");
+    let _ = query.reply(key, clock.encode_to_vec()).encoding(encoding).express(true).wait();
+}

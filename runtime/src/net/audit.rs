@@ -1,0 +1,86 @@
+//! Who was refused what. Zenoh's access control tells it on its lowest level of logging only; this layer picks
+//! it up there, and whoever runs a session says it aloud ([`refusals`]).
+
+use crossbeam_queue::ArrayQueue;
+use std::fmt::{Debug, Write as _};
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU64, Ordering};
+use tracing::field::{Field, Visit};
+use tracing::{Event, Subscriber};
+use tracing_subscriber::Layer;
+use tracing_subscriber::layer::Context;
+
+/// The part of Zenoh that decides.
+pub const TARGET: &str = "zenoh::net::routing::interceptor::access_control";
+/// How it says no.
+const NO: &str = "unauthorized";
+/// Refusals that wait to be said.
+const MAX_WAITING: usize = 64;
+
+static COUNT: AtomicU64 = AtomicU64::new(0);
+
+fn waiting() -> &'static ArrayQueue<String> {
+    static WAITING: OnceLock<ArrayQueue<String>> = OnceLock::new();
+    WAITING.get_or_init(|| ArrayQueue::new(MAX_WAITING))
+}
+
+/// Refusals since the last call, in words.
+pub fn refusals() -> impl Iterator<Item = String> {
+    std::iter::from_fn(|| waiting().pop())
+}
+
+/// Refusals since the start.
+#[must_use]
+pub fn count() -> u64 {
+    COUNT.load(Ordering::Relaxed)
+}
+
+/// Says aloud who was refused what since the last call.
+pub fn say_refusals() {
+    for refusal in refusals() {
+        tracing::warn!("access refused: {refusal}");
+    }
+}
+
+/// Listens to [`TARGET`].
+#[derive(Debug, Default)]
+pub struct Audit;
+
+impl<S: Subscriber> Layer<S> for Audit {
+    fn on_event(&self, event: &Event<'_>, _context: Context<'_, S>) {
+        let mut message = Message(String::new());
+        event.record(&mut message);
+        if message.0.contains(NO) {
+            COUNT.fetch_add(1, Ordering::Relaxed);
+            waiting().force_push(message.0);
+        }
+    }
+}
+
+struct Message(String);
+
+impl Visit for Message {
+    fn record_debug(&mut self, field: &Field, value: &dyn Debug) {
+        if field.name() == "message" {
+            let _ = write!(self.0, "{value:?}");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tracing_subscriber::layer::SubscriberExt as _;
+
+    #[test]
+    fn a_refusal_is_heard_and_counted_and_nothing_else_is() {
+        let subscriber = tracing_subscriber::registry().with(Audit);
+        let before = count();
+        tracing::subscriber::with_default(subscriber, || {
+            tracing::trace!("{} on {} is unauthorized to {} on {}", 1, "viewer", "Query", "key");
+            tracing::trace!("{} on {} is authorized to {} on {}", 1, "viewer", "Query", "key");
+        });
+        assert_eq!(count() - before, 1);
+        assert!(refusals().any(|line| line.contains("viewer is unauthorized to Query on key")));
+    }
+}

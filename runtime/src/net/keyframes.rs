@@ -1,0 +1,133 @@
+//! The map as far as it is final: keyframes that have left the window, with their landmarks.
+//!
+//! A survey comes with each new keyframe. What the survey before it still had and the new one has no more is
+//! final. The last ones are kept, encoded, for those who come late or lost some on the way.
+
+use super::{proto, wire};
+use plumbline_estimator::Survey;
+use prost::Message;
+use std::collections::VecDeque;
+use std::ops::Range;
+
+/// Keyframes that are kept: half an hour at two a second.
+const MAX_KEPT: usize = 4_096;
+/// And bytes of them.
+const MAX_KEPT_BYTES: usize = 32 << 20;
+
+/// Makes keyframe messages, and remembers them.
+#[derive(Debug, Default)]
+pub struct KeyframeHistory {
+    last: Option<Survey>,
+    kept: VecDeque<Vec<u8>>,
+    bytes: usize,
+    next: u64,
+}
+
+impl KeyframeHistory {
+    /// Keyframes so far.
+    #[must_use]
+    pub fn count(&self) -> u64 {
+        self.next
+    }
+
+    /// Takes a survey; the messages of the keyframes that are final now.
+    pub fn update(&mut self, survey: &Survey) -> Vec<Vec<u8>> {
+        let mut messages = Vec::new();
+        if let Some(last) = self.last.take() {
+            // After a reset nothing of before comes back.
+            let is_gone = |stamp| {
+                last.reset_counter != survey.reset_counter
+                    || survey.keyframes.iter().all(|keyframe| keyframe.stamp != stamp)
+            };
+            for keyframe in last.keyframes.iter().filter(|keyframe| is_gone(keyframe.stamp)) {
+                messages.push(self.keep(&wire::keyframe(&last, keyframe, self.next)));
+            }
+        }
+        self.last = Some(survey.clone());
+        messages
+    }
+
+    fn keep(&mut self, message: &proto::Keyframe) -> Vec<u8> {
+        let bytes = message.encode_to_vec();
+        self.next += 1;
+        self.bytes += bytes.len();
+        self.kept.push_back(bytes.clone());
+        while self.kept.len() > MAX_KEPT || self.bytes > MAX_KEPT_BYTES {
+            self.bytes -= self.kept.pop_front().map_or(0, |oldest| oldest.len());
+        }
+        bytes
+    }
+
+    /// Messages of keyframes by their sequence numbers, oldest first, at most `limit`; those that were
+    /// forgotten are left out.
+    #[must_use]
+    pub fn get(&self, wanted: Range<u64>, limit: usize) -> Vec<Vec<u8>> {
+        let first = self.next - self.kept.len() as u64;
+        let from = wanted.start.max(first);
+        let skip = usize::try_from(from - first).unwrap_or(usize::MAX);
+        let count = usize::try_from(wanted.end.saturating_sub(from)).unwrap_or(usize::MAX).min(limit);
+        self.kept.iter().skip(skip).take(count).cloned().collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::read;
+    use super::*;
+    use nalgebra::{Isometry3, Vector3};
+    use plumbline_config::Timestamp;
+    use plumbline_estimator::window::survey::{SurveyedKeyframe, SurveyedPoint};
+
+    fn survey(stamps: Range<i64>, reset_counter: u32) -> Survey {
+        let stamp = Timestamp::from_nanos;
+        let keyframe =
+            |k| SurveyedKeyframe { stamp: stamp(k), pose_o_b: Isometry3::translation(k as f64, 0.0, 0.0) };
+        let point = |k| SurveyedPoint { host: stamp(k), p_o: Vector3::new(k as f64, 1.0, 2.0) };
+        Survey {
+            reset_counter,
+            keyframes: stamps.clone().map(keyframe).collect(),
+            points: stamps.map(point).collect(),
+            ..Survey::default()
+        }
+    }
+
+    fn stamps(messages: &[Vec<u8>]) -> Vec<i64> {
+        let decoded = messages.iter().map(|bytes| read::decode::<proto::Keyframe>(bytes).unwrap());
+        decoded.map(|keyframe| keyframe.header.unwrap().stamp_ns).collect()
+    }
+
+    #[test]
+    fn a_keyframe_is_told_once_when_it_has_left_the_window_with_its_own_landmarks() {
+        let mut history = KeyframeHistory::default();
+        assert!(history.update(&survey(1..4, 0)).is_empty());
+        let told = history.update(&survey(3..6, 0));
+        assert_eq!(stamps(&told), [1, 2]);
+        let first: proto::Keyframe = read::decode(&told[0]).unwrap();
+        assert_eq!(first.points_o, [1.0, 1.0, 2.0]);
+        assert!(history.update(&survey(3..6, 0)).is_empty());
+        assert_eq!(history.count(), 2);
+    }
+
+    #[test]
+    fn a_reset_ends_all_keyframes_of_before() {
+        let mut history = KeyframeHistory::default();
+        history.update(&survey(1..4, 0));
+        let told = history.update(&survey(3..5, 1));
+        assert_eq!(stamps(&told), [1, 2, 3]);
+        let first: proto::Keyframe = read::decode(&told[0]).unwrap();
+        assert_eq!(first.header.unwrap().reset_counter, 0);
+    }
+
+    #[test]
+    fn those_who_come_late_get_what_is_kept_within_bounds() {
+        let mut history = KeyframeHistory::default();
+        for k in 0..(MAX_KEPT as i64 + 10) {
+            history.update(&survey(k..k + 1, 0));
+        }
+        assert_eq!(history.count(), MAX_KEPT as u64 + 9);
+        assert_eq!(stamps(&history.get(0..u64::MAX, 3)), [9, 10, 11]);
+        assert_eq!(stamps(&history.get(100..102, 64)), [100, 101]);
+        assert!(history.get(9_000..9_001, 64).is_empty());
+        assert!(history.get(5..2, 64).is_empty());
+    }
+}

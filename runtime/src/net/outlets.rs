@@ -1,0 +1,237 @@
+//! The keys that a vehicle publishes, each with the quality of service that it needs.
+//!
+//! | key | priority | express | when the link is full |
+//! |---|---|---|---|
+//! | `odom` | real time | yes | dropped: the next one is 5 ms away |
+//! | `state` | data, high | no | dropped |
+//! | `health` | interactive, high | no | dropped: the next one is soon |
+//! | `map/...` | data | no | dropped, and asked for again ([`super::answers`]): waiting would hold up the others |
+//! | `scene` | data, low | no | dropped |
+//! | `camera` | background | no | dropped |
+
+use super::answers::{self, Answers, Archive, lock};
+use super::health::{Circumstances, HealthFeed};
+use super::pace::{Pace, Rates};
+use super::publisher::Vehicle;
+use super::rings::Rings;
+use super::session::{Endpoints, NetError};
+use super::{ROOT, audit, now_ns, proto, wire};
+use crate::schedule::ladder::Rung;
+use nalgebra::Isometry3;
+use plumbline_estimator::{Estimate, Survey};
+use prost::Message;
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+use tokio::sync::watch;
+use zenoh::Session;
+use zenoh::bytes::Encoding;
+use zenoh::pubsub::Publisher;
+use zenoh::qos::{CongestionControl, Priority};
+
+/// Refusals are said, and lookers counted, this often.
+const CHORES_PERIOD: Duration = Duration::from_millis(200);
+
+/// The vehicle's keys, declared.
+pub struct Outlets {
+    session: Session,
+    odom: Publisher<'static>,
+    state: Publisher<'static>,
+    health: Publisher<'static>,
+    keyframe: Publisher<'static>,
+    correction: Publisher<'static>,
+    scene: Publisher<'static>,
+    camera: Publisher<'static>,
+    _alive: zenoh::liveliness::LivelinessToken,
+    rates: Rates,
+    offers_camera: bool,
+    archive: Arc<Mutex<Archive>>,
+    resets: watch::Sender<u32>,
+}
+
+/// What changes from message to message.
+struct Course {
+    feed: HealthFeed,
+    odom: Pace,
+    state: Pace,
+    scene: Pace,
+    odoms: u64,
+    states: u64,
+    scenes: u64,
+    pictures: u64,
+    corrections: Option<u32>,
+    chores: Instant,
+}
+
+impl Outlets {
+    /// Opens the session and declares everything; returns when others can see the vehicle.
+    ///
+    /// # Errors
+    /// When the session cannot be opened or a key not be declared.
+    pub async fn declare(
+        endpoints: &Endpoints,
+        vehicle: Arc<Vehicle>,
+        rates: Rates,
+    ) -> Result<Self, NetError> {
+        let session = endpoints.open().await?;
+        let (resets, heard) = watch::channel(0);
+        let archive = Arc::new(Mutex::new(Archive::default()));
+        let answers = Answers { vehicle: Arc::clone(&vehicle), archive: Arc::clone(&archive), resets: heard };
+        answers::declare(&session, answers).await?;
+        let declare = |name, schema, priority| outlet(&session, &vehicle.name, name, schema, priority);
+        let odom = declare("odom", "Odom", Priority::RealTime).await?;
+        let state = declare("state", "State", Priority::DataHigh).await?;
+        let health = declare("health", "Health", Priority::InteractiveHigh).await?;
+        let keyframe = declare("map/keyframe", "Keyframe", Priority::Data).await?;
+        let correction = declare("map/correction", "MapCorrection", Priority::Data).await?;
+        let scene = declare("scene", "Scene", Priority::DataLow).await?;
+        let camera = declare("camera", "Picture", Priority::Background).await?;
+        let key = format!("{ROOT}/{}/alive", vehicle.name);
+        let failed = |error: zenoh::Error| NetError::Declare { key: key.clone(), message: error.to_string() };
+        let alive = session.liveliness().declare_token(&key).await.map_err(failed)?;
+        Ok(Self {
+            session: session.clone(),
+            odom,
+            state,
+            health,
+            keyframe,
+            correction,
+            scene,
+            camera,
+            _alive: alive,
+            offers_camera: vehicle.offers_camera && rates.camera_hz > 0.0,
+            rates,
+            archive,
+            resets,
+        })
+    }
+
+    /// Empties the rings until told to stop, then once more.
+    pub async fn run(self, rings: &Rings) {
+        let mut course = Course {
+            feed: HealthFeed::new(self.rates.health_period()),
+            odom: Pace::new(self.rates.odom_hz),
+            state: Pace::new(self.rates.state_hz),
+            scene: Pace::new(self.rates.scene_hz),
+            odoms: 0,
+            states: 0,
+            scenes: 0,
+            pictures: 0,
+            corrections: None,
+            chores: Instant::now(),
+        };
+        while !rings.stop.load(Ordering::Relaxed) {
+            let _ = tokio::time::timeout(CHORES_PERIOD, rings.wake.notified()).await;
+            self.empty(rings, &mut course).await;
+            self.do_chores(rings, &mut course).await;
+        }
+        self.empty(rings, &mut course).await;
+        let _ = self.session.close().await;
+    }
+
+    /// Sends what waits. What cannot be sent is lost, as its quality of service says; sequence numbers tell.
+    async fn empty(&self, rings: &Rings, course: &mut Course) {
+        while let Some((odometry, handed_over_ns)) = rings.odometry.pop() {
+            if course.odom.admits(odometry.stamp) {
+                let message = wire::odom(&odometry, course.odoms, handed_over_ns);
+                let _ = self.odom.put(message.encode_to_vec()).await;
+                course.odoms += 1;
+            }
+        }
+        while let Some((estimate, frame_ms)) = rings.estimates.pop() {
+            self.send_estimate(rings, course, &estimate, frame_ms).await;
+        }
+        while let Some(survey) = rings.surveys.read(|survey| survey.clone()) {
+            self.send_survey(course, &survey).await;
+        }
+        let rates = &self.rates;
+        while let Some(message) = rings
+            .shots
+            .read(|shot| shot.message(rates.camera_width_px, rates.camera_quality, course.pictures))
+        {
+            if let Some(message) = message {
+                course.pictures += 1;
+                let _ = self.camera.put(message).await;
+            }
+        }
+    }
+
+    async fn send_estimate(&self, rings: &Rings, course: &mut Course, estimate: &Estimate, frame_ms: f64) {
+        let keyframes = {
+            let mut archive = lock(&self.archive);
+            archive.remember(estimate);
+            archive.keyframes.count()
+        };
+        self.resets.send_replace(estimate.reset_counter);
+        if course.state.admits(estimate.stamp) {
+            let _ = self.state.put(wire::state(estimate, course.states, now_ns()).encode_to_vec()).await;
+            course.states += 1;
+        }
+        let around = Circumstances {
+            dropped: rings.dropped(),
+            rung: Rung::of_level(rings.rung.load(Ordering::Relaxed)).unwrap_or(Rung::Full),
+            keyframes,
+            offers_camera: self.offers_camera,
+        };
+        if let Some(message) = course.feed.update(estimate, frame_ms, &around) {
+            let _ = self.health.put(message.encode_to_vec()).await;
+        }
+    }
+
+    async fn send_survey(&self, course: &mut Course, survey: &Survey) {
+        let keyframes = lock(&self.archive).keyframes.update(survey);
+        for message in keyframes {
+            let _ = self.keyframe.put(message).await;
+        }
+        if course.corrections != Some(survey.reset_counter) {
+            // No loop is closed yet: the map frame is the odometry frame, and a new one after every reset.
+            course.corrections = Some(survey.reset_counter);
+            let _ = self.correction.put(no_correction(survey).encode_to_vec()).await;
+        }
+        if course.scene.admits(survey.stamp) {
+            let _ = self.scene.put(wire::scene(survey, course.scenes, now_ns()).encode_to_vec()).await;
+            course.scenes += 1;
+        }
+    }
+
+    async fn do_chores(&self, rings: &Rings, course: &mut Course) {
+        if course.chores.elapsed() < CHORES_PERIOD {
+            return;
+        }
+        course.chores = Instant::now();
+        audit::say_refusals();
+        let is_watched = match self.camera.matching_status().await {
+            Ok(status) => self.offers_camera && status.matching(),
+            Err(_) => false,
+        };
+        rings.is_watched.store(is_watched, Ordering::Relaxed);
+    }
+}
+
+fn no_correction(survey: &Survey) -> proto::MapCorrection {
+    let header = proto::Header {
+        stamp_ns: survey.stamp.as_nanos(),
+        published_ns: now_ns(),
+        sequence: u64::from(survey.reset_counter),
+        reset_counter: survey.reset_counter,
+        quality: 0,
+    };
+    proto::MapCorrection { header: Some(header), pose_m_o: wire::pose(&Isometry3::identity()), loops: 0 }
+}
+
+async fn outlet(
+    session: &Session,
+    vehicle: &str,
+    name: &'static str,
+    schema: &'static str,
+    priority: Priority,
+) -> Result<Publisher<'static>, NetError> {
+    let key = format!("{ROOT}/{vehicle}/{name}");
+    let publisher = session
+        .declare_publisher(key.clone())
+        .encoding(Encoding::APPLICATION_PROTOBUF.with_schema(format!("plumbline.v1.{schema}")))
+        .priority(priority)
+        .congestion_control(CongestionControl::Drop)
+        .express(priority == Priority::RealTime);
+    publisher.await.map_err(|error| NetError::Declare { key, message: error.to_string() })
+}

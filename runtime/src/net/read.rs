@@ -1,0 +1,230 @@
+//! From the wire's words to what was meant: what comes from outside is bounded and checked, or refused.
+
+use super::proto;
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use plumbline_estimator::HealthBits;
+use prost::Message;
+
+/// The longest message that is looked at, bytes.
+pub const MAX_MESSAGE_BYTES: usize = 256 * 1024;
+/// Most numbers in a list of places: more than any window holds.
+const MAX_NUMBERS: usize = 32 * 1024;
+/// Most keyframes of a scene.
+const MAX_KEYFRAMES: usize = 64;
+/// Largest side of a picture, px.
+const MAX_SIDE_PX: u32 = 4_096;
+/// Longest words that are shown, bytes.
+const MAX_WORDS: usize = 64;
+/// Farthest place that is believed, m.
+const MAX_PLACE: f32 = 1e6;
+
+/// Decodes a message from the network; `None` for what is too long, malformed or not a number.
+#[must_use]
+pub fn decode<M: Message + Default + Checked>(payload: &[u8]) -> Option<M> {
+    if payload.len() > MAX_MESSAGE_BYTES {
+        return None;
+    }
+    M::decode(payload).ok().filter(Checked::is_sound)
+}
+
+/// What a message must hold to be looked at.
+pub trait Checked {
+    /// Whether header, pose and numbers are all there.
+    fn is_sound(&self) -> bool;
+}
+
+fn finite(v: Option<&proto::Vector3>) -> bool {
+    v.is_some_and(|v| [v.x, v.y, v.z].iter().all(|x| x.is_finite()))
+}
+
+fn sound_pose(pose: Option<&proto::Pose>) -> bool {
+    pose.is_some_and(|p| finite(p.position_o_b.as_ref()) && isometry(p).is_some())
+}
+
+impl Checked for proto::Odom {
+    fn is_sound(&self) -> bool {
+        self.header.is_some() && sound_pose(self.pose.as_ref()) && finite(self.velocity_o_b.as_ref())
+    }
+}
+
+impl Checked for proto::State {
+    fn is_sound(&self) -> bool {
+        self.header.is_some() && sound_pose(self.pose.as_ref()) && finite(self.velocity_o_b.as_ref())
+    }
+}
+
+impl Checked for proto::Health {
+    fn is_sound(&self) -> bool {
+        let is_short = |words: &String| words.len() <= MAX_WORDS;
+        self.header.is_some()
+            && self.words.len() <= HealthBits::NAMES.len()
+            && self.words.iter().all(is_short)
+            && is_short(&self.rung_words)
+            && self.frame_rate_hz.is_finite()
+            && self.frame_ms.is_finite()
+    }
+}
+
+/// Whole tuples of believable numbers, and not too many.
+fn places(numbers: &[f32], each: usize) -> bool {
+    let is_believable = |x: &f32| x.is_finite() && x.abs() <= MAX_PLACE;
+    numbers.len() <= MAX_NUMBERS && numbers.len().is_multiple_of(each) && numbers.iter().all(is_believable)
+}
+
+impl Checked for proto::Keyframe {
+    fn is_sound(&self) -> bool {
+        self.header.is_some()
+            && sound_pose(self.pose.as_ref())
+            && places(&self.points_o, 3)
+            && places(&self.lines_o, 6)
+    }
+}
+
+impl Checked for proto::Scene {
+    fn is_sound(&self) -> bool {
+        self.header.is_some()
+            && self.keyframes.len() <= MAX_KEYFRAMES
+            && self.keyframes.iter().all(|pose| sound_pose(Some(pose)))
+            && places(&self.points_o, 3)
+            && places(&self.lines_o, 6)
+    }
+}
+
+impl Checked for proto::MapCorrection {
+    fn is_sound(&self) -> bool {
+        self.header.is_some() && sound_pose(self.pose_m_o.as_ref())
+    }
+}
+
+impl Checked for proto::Picture {
+    fn is_sound(&self) -> bool {
+        let sides = 1..=MAX_SIDE_PX;
+        // The browser decodes the rest; what does not begin as a JPEG is none.
+        self.header.is_some()
+            && sides.contains(&self.width_px)
+            && sides.contains(&self.height_px)
+            && self.jpeg.starts_with(&[0xff, 0xd8])
+            && places(&self.points, 3)
+            && places(&self.lines, 4)
+    }
+}
+
+impl Checked for proto::Clock {
+    fn is_sound(&self) -> bool {
+        self.received_ns > 0 && self.answered_ns >= self.received_ns
+    }
+}
+
+impl Checked for proto::Trajectory {
+    fn is_sound(&self) -> bool {
+        self.stamps_ns.len() <= MAX_NUMBERS
+            && self.poses_o_b.len() == 7 * self.stamps_ns.len()
+            && self.poses_o_b.iter().all(|x| x.is_finite())
+    }
+}
+
+impl Checked for proto::ResetDone {
+    fn is_sound(&self) -> bool {
+        self.words.len() <= 4 * MAX_WORDS
+    }
+}
+
+/// The pose of a message; `None` when it is none.
+#[must_use]
+pub fn isometry(pose: &proto::Pose) -> Option<Isometry3<f64>> {
+    let (p, q) = (pose.position_o_b.as_ref()?, pose.rotation_o_b.as_ref()?);
+    let q = nalgebra::Quaternion::new(q.w, q.x, q.y, q.z);
+    let is_unit = (q.norm() - 1.0).abs() < 1e-3;
+    is_unit
+        .then(|| Isometry3::from_parts(Vector3::new(p.x, p.y, p.z).into(), UnitQuaternion::new_unchecked(q)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::wire::*;
+    use super::*;
+    use plumbline_config::Timestamp;
+    use plumbline_estimator::{NavCovariance, Odometry, TrackingState};
+    use proptest::prelude::*;
+
+    fn odometry() -> Odometry {
+        Odometry {
+            sequence: 7,
+            stamp: Timestamp::from_nanos(1_403_715_273_262_142_976),
+            pose_o_b: Isometry3::from_parts(
+                Vector3::new(1.0, -2.0, 0.1).into(),
+                UnitQuaternion::from_euler_angles(0.1, 0.2, 3.0),
+            ),
+            v_o_b: Vector3::new(0.1, 0.2, 0.3),
+            angular_rate_b: Vector3::zeros(),
+            covariance: NavCovariance::identity(),
+            state: TrackingState::Tracking,
+            quality: 80,
+            reset_counter: 2,
+        }
+    }
+
+    #[test]
+    fn odometry_comes_through_the_wire_bit_for_bit() {
+        let sent = odometry();
+        let received: proto::Odom = decode(&odom(&sent, 7, 5).encode_to_vec()).unwrap();
+        assert_eq!(isometry(received.pose.as_ref().unwrap()).unwrap(), sent.pose_o_b);
+        let header = received.header.unwrap();
+        assert_eq!((header.stamp_ns, header.sequence), (sent.stamp.as_nanos(), 7));
+        assert_eq!((header.reset_counter, header.quality), (2, 80));
+        assert_eq!(state_words(received.state), "tracking");
+    }
+
+    #[test]
+    fn what_is_not_a_number_is_refused() {
+        let mut sent = odometry();
+        sent.v_o_b.x = f64::NAN;
+        assert!(decode::<proto::Odom>(&odom(&sent, 7, 5).encode_to_vec()).is_none());
+        assert!(decode::<proto::Odom>(&[]).is_none());
+        assert!(decode::<proto::Odom>(&vec![0; MAX_MESSAGE_BYTES + 1]).is_none());
+    }
+
+    #[test]
+    fn places_come_in_whole_tuples_of_believable_numbers() {
+        let header = Some(proto::Header::default());
+        let pose = odom(&odometry(), 0, 0).pose;
+        let keyframe = |points_o: Vec<f32>| proto::Keyframe { header, pose, points_o, lines_o: Vec::new() };
+        assert!(keyframe(vec![1.0, 2.0, 3.0]).is_sound());
+        assert!(!keyframe(vec![1.0, 2.0]).is_sound());
+        assert!(!keyframe(vec![1.0, f32::INFINITY, 3.0]).is_sound());
+        assert!(!keyframe(vec![0.0; 3 * MAX_NUMBERS]).is_sound());
+    }
+
+    #[test]
+    fn what_is_no_jpeg_is_no_picture() {
+        let picture = |jpeg: Vec<u8>, width_px| proto::Picture {
+            header: Some(proto::Header::default()),
+            jpeg,
+            width_px,
+            height_px: 240,
+            ..proto::Picture::default()
+        };
+        assert!(picture(vec![0xff, 0xd8, 0xff], 376).is_sound());
+        assert!(!picture(b"<svg>".to_vec(), 376).is_sound());
+        assert!(!picture(vec![0xff, 0xd8], 1 << 20).is_sound());
+    }
+
+    proptest! {
+        #[test]
+        fn no_payload_makes_the_decoder_panic(bytes in prop::collection::vec(any::<u8>(), 0..600)) {
+            let _ = decode::<proto::Odom>(&bytes);
+            let _ = decode::<proto::State>(&bytes);
+            let _ = decode::<proto::Health>(&bytes);
+            let _ = decode::<proto::Keyframe>(&bytes);
+            let _ = decode::<proto::Scene>(&bytes);
+            let _ = decode::<proto::Picture>(&bytes);
+            let _ = decode::<proto::Clock>(&bytes);
+        }
+
+        #[test]
+        fn truncation_never_panics(cut in 0usize..300) {
+            let bytes = odom(&odometry(), 7, 5).encode_to_vec();
+            let _ = decode::<proto::Odom>(&bytes[..cut.min(bytes.len())]);
+        }
+    }
+}

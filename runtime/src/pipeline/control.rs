@@ -1,0 +1,67 @@
+//! What somebody outside may ask of a run: to end, or to start the estimate anew.
+
+use plumbline_estimator::ResetKind;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+
+const NONE: u8 = 0;
+const SOFT: u8 = 1;
+const HARD: u8 = 2;
+
+/// Requests to a run, from any thread; the newest of a kind counts.
+#[derive(Debug, Default)]
+pub struct Control {
+    stop: Arc<AtomicBool>,
+    reset: AtomicU8,
+}
+
+impl Control {
+    /// A run that ends when `stop` is set.
+    #[must_use]
+    pub fn stopped_by(stop: Arc<AtomicBool>) -> Self {
+        Self { stop, reset: AtomicU8::new(NONE) }
+    }
+
+    /// Asks the run to end.
+    pub fn stop(&self) {
+        self.stop.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether the run is to end.
+    #[must_use]
+    pub fn is_stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    /// Asks for a reset before the next frame.
+    pub fn ask_reset(&self, kind: ResetKind) {
+        let code = match kind {
+            ResetKind::Soft => SOFT,
+            ResetKind::Hard => HARD,
+        };
+        self.reset.store(code, Ordering::Relaxed);
+    }
+
+    /// The reset that was asked for since the last call.
+    pub fn take_reset(&self) -> Option<ResetKind> {
+        match self.reset.swap(NONE, Ordering::Relaxed) {
+            SOFT => Some(ResetKind::Soft),
+            HARD => Some(ResetKind::Hard),
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_reset_is_taken_once_and_the_newest_counts() {
+        let control = Control::default();
+        control.ask_reset(ResetKind::Soft);
+        control.ask_reset(ResetKind::Hard);
+        assert_eq!(control.take_reset(), Some(ResetKind::Hard));
+        assert_eq!(control.take_reset(), None);
+    }
+}

@@ -1,0 +1,127 @@
+//! Who may connect and command: real sessions with certificates, the right ones, wrong ones, and none.
+
+use super::vehicle::{PLUMBLINE, Running, eventually, flight, free_port, render};
+use std::path::Path;
+use std::process::{Command, Output};
+use std::time::Duration;
+
+fn keys(folder: &Path) {
+    let made = Command::new(PLUMBLINE).arg("keys").arg(folder).output().unwrap();
+    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+}
+
+/// Options that name the files of a role.
+fn as_role(folder: &Path, role: &str) -> Vec<String> {
+    let file = |name: String| folder.join(name).display().to_string();
+    vec![
+        "--authority".into(),
+        file("authority.pem".into()),
+        "--certificate".into(),
+        file(format!("{role}.pem")),
+        "--key".into(),
+        file(format!("{role}.key")),
+    ]
+}
+
+fn reset(endpoint: &str, access: &[String]) -> Output {
+    Command::new(PLUMBLINE).args(["reset", "drone", "--connect", endpoint]).args(access).output().unwrap()
+}
+
+/// States that a station with these keys receives within a few seconds.
+fn states_heard(endpoint: &str, access: &[String]) -> usize {
+    let heard = Command::new(PLUMBLINE)
+        .args(["ground", "--json", "--no-http", "--duration", "3", "--connect", endpoint])
+        .args(access)
+        .output()
+        .unwrap();
+    String::from_utf8_lossy(&heard.stdout).lines().count()
+}
+
+#[test]
+fn network_access_follows_the_certificate() {
+    let folder = tempfile::tempdir().unwrap();
+    let (ours, others) = (folder.path().join("ours"), folder.path().join("others"));
+    keys(&ours);
+    keys(&others);
+    render(40);
+    let endpoint = format!("tls/127.0.0.1:{}", free_port());
+    let mut command = flight("drone", 40);
+    for (key, file) in
+        [("authority", "authority.pem"), ("certificate", "vehicle.pem"), ("key", "vehicle.key")]
+    {
+        command.arg("--set").arg(format!("network.tls.{key}=\"{}\"", ours.join(file).display()));
+    }
+    command.args(["--listen", &endpoint]);
+    let vehicle = Running::start(command);
+    let said = |output: &Output| {
+        format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
+    };
+
+    // A viewer sees the vehicle.
+    eventually("a viewer hears the vehicle", Duration::from_secs(20), || {
+        states_heard(&endpoint, &as_role(&ours, "viewer")) > 10
+    });
+    // It may not command, and the vehicle says so.
+    let refused = reset(&endpoint, &as_role(&ours, "viewer"));
+    assert_eq!(refused.status.code(), Some(1), "{}", said(&refused));
+    assert!(said(&refused).contains("may not command"), "{}", said(&refused));
+    eventually("the refusal is in the log", Duration::from_secs(3), || {
+        vehicle.words().contains("access refused") && vehicle.words().contains("Query")
+    });
+    // Nor by a pattern that is not the command's key but meets it.
+    // A station with another authority's certificate, and one with none, hear nothing.
+    assert_eq!(states_heard(&endpoint, &as_role(&others, "operator")), 0);
+    eventually("the wrong certificate is in the log", Duration::from_secs(3), || {
+        let words = vehicle.words().to_lowercase();
+        words.contains("certificate") || words.contains("unknownissuer") || words.contains("handshake")
+    });
+    assert_eq!(states_without_certificate(&endpoint, &ours), 0);
+    assert_eq!(states_heard(&endpoint.replace("tls/", "tcp/"), &[]), 0);
+    // An operator may.
+    let done = reset(&endpoint, &as_role(&ours, "operator"));
+    assert!(done.status.success(), "{}{}", said(&done), vehicle.words());
+    assert!(said(&done).contains("soft reset done: the counter is 1 now"), "{}", said(&done));
+}
+
+/// Messages that somebody who knows the authority but has no certificate receives.
+fn states_without_certificate(endpoint: &str, folder: &Path) -> usize {
+    let mut config = zenoh::Config::default();
+    let settings = [
+        ("mode", "\"client\"".to_owned()),
+        ("connect/endpoints", format!("[\"{endpoint}\"]")),
+        ("connect/timeout_ms", "2000".to_owned()),
+        ("scouting/multicast/enabled", "false".to_owned()),
+        ("transport/link/tls/root_ca_certificate", format!("\"{}\"", folder.join("authority.pem").display())),
+    ];
+    for (key, value) in settings {
+        config.insert_json5(key, &value).unwrap();
+    }
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
+    runtime.block_on(async {
+        let Ok(session) = zenoh::open(config).await else { return 0 };
+        let Ok(subscriber) = session.declare_subscriber("plumbline/**").await else { return 0 };
+        tokio::time::sleep(Duration::from_secs(2)).await;
+        let heard = subscriber.drain().count();
+        let _ = session.close().await;
+        heard
+    })
+}
+
+#[test]
+fn network_commands_are_refused_where_anybody_can_connect() {
+    render(12);
+    let port = free_port();
+    let mut command = flight("drone", 12);
+    command.args(["--listen", &format!("tcp/0.0.0.0:{port}")]);
+    let vehicle = Running::start(command);
+    let endpoint = format!("tcp/127.0.0.1:{port}");
+    let mut told = String::new();
+    eventually("the vehicle refuses", Duration::from_secs(10), || {
+        let refused = reset(&endpoint, &[]);
+        assert_eq!(refused.status.code(), Some(1));
+        told = String::from_utf8_lossy(&refused.stderr).into_owned();
+        told.contains("anybody can connect to tcp/0.0.0.0")
+    });
+    assert!(told.contains("network.commands"), "{told}");
+    assert!(vehicle.words().contains("a reset was refused"), "{}", vehicle.words());
+}

@@ -1,0 +1,101 @@
+//! Real vehicles for network tests: replays in real time of a simulated flight, rendered once beforehand.
+
+use std::io::{BufRead, BufReader, Read};
+use std::net::TcpListener;
+use std::path::PathBuf;
+use std::process::{Child, ChildStderr, Command, Stdio};
+use std::sync::OnceLock;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+/// The command under test.
+pub const PLUMBLINE: &str = env!("CARGO_BIN_EXE_plumbline");
+
+/// A port of the loopback interface that was free a moment ago.
+pub fn free_port() -> u16 {
+    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
+}
+
+/// Waits until `ready`, or fails with `what` after `patience`.
+pub fn eventually(what: &str, patience: Duration, mut ready: impl FnMut() -> bool) {
+    let end = Instant::now() + patience;
+    while !ready() {
+        assert!(Instant::now() < end, "not within {patience:?}: {what}");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+}
+
+/// A running process whose words on stderr are kept. It ends with the test.
+pub struct Running {
+    pub child: Child,
+    words: Arc<Mutex<String>>,
+}
+
+impl Running {
+    pub fn start(mut command: Command) -> Self {
+        let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+        let words = Arc::new(Mutex::new(String::new()));
+        let (theirs, stderr) = (Arc::clone(&words), child.stderr.take().unwrap());
+        std::thread::spawn(move || keep(stderr, &theirs));
+        Self { child, words }
+    }
+
+    /// What it said so far.
+    pub fn words(&self) -> String {
+        self.words.lock().unwrap().clone()
+    }
+
+    /// Ends it as a person would, with Ctrl-C, and waits.
+    pub fn interrupt(&mut self) {
+        let _ = Command::new("kill").args(["-INT", &self.child.id().to_string()]).status();
+        let _ = self.child.wait();
+    }
+
+    /// Ends it as a power failure would.
+    pub fn kill(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        self.kill();
+    }
+}
+
+fn keep(stderr: ChildStderr, words: &Mutex<String>) {
+    let mut lines = BufReader::new(stderr.take(1 << 20));
+    let mut line = String::new();
+    while lines.read_line(&mut line).is_ok_and(|count| count > 0) {
+        words.lock().unwrap().push_str(&std::mem::take(&mut line));
+    }
+}
+
+/// Folder of the rendered flight, shared by the tests of a run.
+fn cache() -> PathBuf {
+    static CACHE: OnceLock<PathBuf> = OnceLock::new();
+    CACHE.get_or_init(|| PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("flights")).clone()
+}
+
+/// Arguments of a flight of so many seconds at real time that publishes.
+pub fn flight(name: &str, duration_s: u32) -> Command {
+    let mut command = Command::new(PLUMBLINE);
+    let duration = duration_s.to_string();
+    command.args(["replay", "sim:room", "--start", "2", "--scale", "0.5", "--no-lines", "--speed", "1"]);
+    command.args(["--duration", &duration, "--publish", "--set", &format!("network.vehicle=\"{name}\"")]);
+    command.arg("--cache").arg(cache());
+    command
+}
+
+/// Renders the flight of so many seconds, so that a vehicle starts at once.
+pub fn render(duration_s: u32) {
+    let output = Command::new(PLUMBLINE)
+        .args(["replay", "sim:room", "--start", "2", "--scale", "0.5", "--no-lines", "--duration"])
+        .arg(duration_s.to_string())
+        .arg("--cache")
+        .arg(cache())
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
