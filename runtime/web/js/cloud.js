@@ -39,6 +39,13 @@ export class Cloud {
     return true;
   }
 
+  // Draws at most the newest `count` items.
+  showNewest(count) {
+    const { source } = this.seen;
+    const shown = Math.min(count, source.length);
+    this.object.geometry.setDrawRange((source.end - shown) * this.verticesPerItem, shown * this.verticesPerItem);
+  }
+
   dispose() {
     this.object.geometry.dispose();
   }

@@ -211,6 +211,10 @@ function listen() {
     if (view) view.ellipsoidScale = Number(event.target.value);
     changed('space');
   });
+  byId('trails').addEventListener('change', (event) => {
+    if (view) view.trails = event.target.value;
+    changed('space');
+  });
   for (const input of document.querySelectorAll('input[name="frame"]')) {
     input.addEventListener('change', () => setFrame(input.value));
   }

@@ -11,8 +11,8 @@ const STRIPS = [
   { title: 'Attitude', unit: '°', columns: ANGLES, labels: ANGLES, digits: 1, least: 10 },
   { title: 'Velocity O', unit: 'm/s', columns: ['vx', 'vy', 'vz'], labels: ['x', 'y', 'z'], digits: 2, least: 0.5 },
   { title: 'Health', unit: '%', columns: ['quality', 'link'], labels: ['quality', 'link'], digits: 0, range: [-5, 105], shade: true },
-  { title: 'Uncertainty 1σ', unit: '', columns: ['sigmaPosition', 'sigmaAttitude'], labels: ['m', '°'], significant: true, zero: true, least: 0.01 },
-  { title: 'Times', unit: 'ms', columns: ['frameMs', 'latencyMs', 'rttMs'], labels: ['frame', 'latency', 'round trip'], digits: 1, zero: true, least: 1 },
+  { title: 'Sigma', unit: '', columns: ['sigmaPosition', 'sigmaAttitude'], labels: ['m', '°'], significant: true, zero: true, least: 0.01 },
+  { title: 'Times', unit: 'ms', columns: ['frameMs', 'latencyMs', 'rttMs'], labels: ['frame', 'latency', 'RTT'], digits: 1, zero: true, least: 1 },
   { title: 'Tracked', unit: '', columns: ['points', 'lines'], labels: ['points', 'lines'], digits: 0, zero: true, least: 10 },
 ];
 
@@ -38,7 +38,9 @@ export class Strips {
   makeStrip(spec) {
     const figure = make('figure', 'strip');
     const caption = make('figcaption');
-    caption.append(make('span', 'strip-title', spec.title));
+    const title = make('span', 'strip-title', spec.title);
+    if (spec.unit) title.append(make('small', '', spec.unit));
+    caption.append(title);
     const values = spec.columns.map((column, k) => {
       const key = make('span', 'key');
       key.dataset.component = String(k);
@@ -47,7 +49,6 @@ export class Strips {
       caption.append(key);
       return value;
     });
-    if (spec.unit) caption.append(make('small', '', spec.unit));
     const plot = make('div', 'plot');
     plot.setAttribute('role', 'img');
     plot.setAttribute('aria-label', `${spec.title} over time`);
@@ -73,7 +74,7 @@ export class Strips {
     return {
       width: 300,
       height: 96,
-      padding: [4, 6, 0, 0],
+      padding: [4, 14, 0, 0],
       legend: { show: false },
       cursor: { sync: { key: 'strips' }, drag: { setScale: false, x: false, y: false }, points: { size: 5 }, y: false },
       scales: { x: { time: false, range: () => [-this.span, 0] }, y: { range: (_, low, high) => range(spec, low, high) } },
@@ -164,5 +165,6 @@ function range(spec, low, high) {
 
 function ticksOf(seconds) {
   if (seconds === 0) return 'now';
-  return seconds <= -120 || (seconds % 60 === 0) ? `${Math.round(seconds / 6) / 10} min`.replace('-', '−') : `${seconds} s`.replace('-', '−');
+  const text = seconds < -60 ? `${Math.round(seconds / 6) / 10} min` : `${seconds} s`;
+  return text.replace('-', '−');
 }

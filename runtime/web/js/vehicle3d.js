@@ -8,6 +8,8 @@ import { SlidingArray } from './ring.js';
 import { MAX_KEYFRAMES } from './store.js';
 
 const KEYFRAME_M = 0.12;
+// Points of the trajectory that a vehicle which is not selected draws, when trails are short.
+const SHORT_TRAIL = 500;
 
 export class Vehicle3d {
   constructor(scene) {
@@ -16,9 +18,9 @@ export class Vehicle3d {
     this.root = new THREE.Group();
     this.root.matrixAutoUpdate = false;
     scene.add(this.root);
-    this.trackMaterial = new THREE.LineBasicMaterial({ transparent: true });
+    this.trackMaterial = new THREE.LineBasicMaterial({ transparent: true, fog: false });
     this.track = new Cloud(THREE.Line, this.trackMaterial);
-    this.markerMaterial = new THREE.MeshBasicMaterial();
+    this.markerMaterial = new THREE.MeshBasicMaterial({ fog: false });
     this.marker = new THREE.Mesh(new THREE.OctahedronGeometry(1), this.markerMaterial);
     this.axes = bodyAxes();
     this.body = new THREE.Group();
@@ -29,12 +31,14 @@ export class Vehicle3d {
     this.hasPose = false;
   }
 
-  // Brings the objects up to date. `look` has: frame, isSelected, isCurrent, colour, colours, componentColours, ellipsoidScale.
+  // Brings the objects up to date. `look` has: frame, isSelected, isCurrent, trails (short or full),
+  // colour, colours, componentColours, ellipsoidScale.
   update(vehicle, look) {
     const correction = look.frame === 'map' ? tuple(vehicle.state.correction, 7) : null;
     place(this.root.matrix, correction);
     this.root.matrixWorldNeedsUpdate = true;
     this.track.update(vehicle.track);
+    this.track.showNewest(look.isSelected || look.trails === 'full' ? Infinity : SHORT_TRAIL);
     this.trackMaterial.color.set(look.colour);
     this.trackMaterial.opacity = look.isCurrent ? (look.isSelected ? 1 : 0.75) : 0.35;
     this.markerMaterial.color.set(look.isCurrent ? look.colour : look.colours.keyframe);
@@ -87,12 +91,12 @@ class Detail {
   constructor(root) {
     this.group = new THREE.Group();
     root.add(this.group);
-    const line = () => new THREE.LineBasicMaterial({ transparent: true });
-    const dots = (size) => new THREE.PointsMaterial({ size, sizeAttenuation: false, transparent: true });
+    const line = () => new THREE.LineBasicMaterial({ transparent: true, fog: false });
+    const dots = (size) => new THREE.PointsMaterial({ size, sizeAttenuation: false, transparent: true, fog: false });
     this.materials = {
       mapPoint: dots(1.6), mapLine: line(), mapKeyframe: line(), point: dots(3.4), line: line(), keyframe: line(),
-      shell: new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.14, depthWrite: false }),
-      wires: new THREE.LineBasicMaterial({ transparent: true, opacity: 0.6 }),
+      shell: new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.14, depthWrite: false, fog: false }),
+      wires: new THREE.LineBasicMaterial({ transparent: true, opacity: 0.6, fog: false }),
     };
     const m = this.materials;
     this.mapPoints = new Cloud(THREE.Points, m.mapPoint);
@@ -141,8 +145,8 @@ class Detail {
     for (const name of ['point', 'line', 'keyframe', 'shell', 'wires']) m[name].color.set(colour);
     const opacity = isCurrent ? 1 : 0.35;
     for (const name of ['point', 'line', 'keyframe']) m[name].opacity = opacity;
-    m.mapPoint.opacity = 0.75;
-    m.mapLine.opacity = 0.75;
+    m.mapPoint.opacity = 0.7;
+    m.mapLine.opacity = 0.38;
     m.wires.opacity = 0.6 * opacity;
   }
 
@@ -194,13 +198,13 @@ function place(matrix, pose) {
 function bodyAxes() {
   const object = new THREE.Group();
   const parts = ['x', 'y', 'z'].map((letter, k) => {
-    const material = new THREE.LineBasicMaterial({ depthTest: false, transparent: true });
+    const material = new THREE.LineBasicMaterial({ depthTest: false, transparent: true, fog: false });
     const end = [0, 0, 0];
     end[k] = 1;
     const geometry = new THREE.BufferGeometry();
     geometry.setAttribute('position', new THREE.Float32BufferAttribute([0, 0, 0, ...end], 3));
     const line = new THREE.LineSegments(geometry, material);
-    const tip = new THREE.Sprite(new THREE.SpriteMaterial({ map: letterTexture(letter), depthTest: false, transparent: true }));
+    const tip = new THREE.Sprite(new THREE.SpriteMaterial({ map: letterTexture(letter), depthTest: false, transparent: true, fog: false }));
     tip.position.set(...end.map((x) => 1.18 * x));
     tip.scale.setScalar(0.36);
     line.renderOrder = 5;

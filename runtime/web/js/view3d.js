@@ -27,7 +27,9 @@ export class View3d {
     this.controls.addEventListener('change', changed);
     this.vehicles = new Map();
     this.tags = new Map();
+    this.scene.fog = new THREE.Fog(0, 1, 100);
     this.frame = 'odom';
+    this.trails = 'short';
     this.follows = true;
     this.followed = null; // where the followed vehicle was
     this.ellipsoidScale = 1;
@@ -74,6 +76,7 @@ export class View3d {
     this.theme = theme;
     const colours = sceneColours(theme);
     this.renderer.setClearColor(colours.ground);
+    this.scene.fog.color.set(colours.ground);
     this.minor.material.color.set(colours.minor);
     this.major.material.color.set(colours.major);
     this.origin.material.color.set(colours.axis);
@@ -150,6 +153,7 @@ export class View3d {
       }
       const look = {
         frame: this.frame,
+        trails: this.trails,
         isSelected: vehicle.name === store.selected,
         isCurrent: store.isCurrent(vehicle),
         colour: vehicleColour(this.theme, vehicle.index),
@@ -207,6 +211,8 @@ export class View3d {
     this.camera.far = Math.max(200, distance * 50);
     this.camera.updateProjectionMatrix();
     this.placeGrid(distance);
+    this.scene.fog.near = 1.2 * distance;
+    this.scene.fog.far = 4.5 * distance;
     const perMetre = (2 * Math.tan((FIELD_OF_VIEW_DEG / 2) * (Math.PI / 180))) / this.height;
     for (const [name, shown] of this.vehicles) {
       shown.scaleMarker(perMetre * this.camera.position.distanceTo(shown.position), name === this.selected);
