@@ -118,6 +118,6 @@ function shortPresence(presence, age) {
 
 function brief(age) {
   if (age < 10) return duration(age);
-  if (age < 600) return `${Math.floor(age)} s`;
+  if (age < 120) return `${Math.floor(age)} s`;
   return age < 36_000 ? `${Math.floor(age / 60)} min` : `${Math.floor(age / 3600)} h`;
 }

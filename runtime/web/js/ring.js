@@ -133,12 +133,18 @@ export class History {
   }
 }
 
-// Angles that wrap draw a stroke across the whole strip: the sample after a wrap is left out.
-export function breakWraps(degrees) {
+// Angles that wrap draw a stroke across the whole strip: `gap` samples after a wrap are left out, as many as stand in the
+// same column of pixels.
+export function breakWraps(degrees, gap = 1) {
   let last = null;
+  let leave = 0;
   for (let i = 0; i < degrees.length; i += 1) {
     const value = degrees[i];
-    if (value !== null && last !== null && Math.abs(value - last) > 180) degrees[i] = null;
+    if (value !== null && last !== null && Math.abs(value - last) > 180) leave = gap;
     last = value;
+    if (leave > 0) {
+      degrees[i] = null;
+      leave -= 1;
+    }
   }
 }

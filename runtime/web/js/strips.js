@@ -133,7 +133,10 @@ export class Strips {
       const { data, columns, spec, chart } = strip;
       if (vehicle) vehicle.history.window(now - this.span, now, columns, data);
       else for (const series of data) series.length = 0;
-      if (spec.columns === ANGLES) data.slice(1).forEach(breakWraps);
+      if (spec.columns === ANGLES) {
+        const perPixel = (10 * this.span) / Math.max(1, chart.bbox.width / window.devicePixelRatio);
+        for (const series of data.slice(1)) breakWraps(series, 1 + Math.ceil(perPixel));
+      }
       chart.setData(data);
       this.say(strip);
     }

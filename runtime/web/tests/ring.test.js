@@ -89,4 +89,7 @@ test('no stroke is drawn from +180 to -180 degrees', () => {
   const yaw = [170, 178, -176, -170, null, 10];
   breakWraps(yaw);
   assert.deepEqual(yaw, [170, 178, null, -170, null, 10]);
+  const dense = [178, 179, -180, -179, -178, -177];
+  breakWraps(dense, 3);
+  assert.deepEqual(dense, [178, 179, null, null, null, -177]);
 });
