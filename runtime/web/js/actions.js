@@ -1,0 +1,141 @@
+// Resets, recording and downloads of the selected vehicle.
+
+import { byId, make, setAttribute, setText } from './dom.js';
+import { count, duration } from './format.js';
+
+const TIMEOUT_MS = 8000;
+
+const RESETS = {
+  soft: {
+    title: (name) => `Soft reset of ${name}?`,
+    yes: 'Soft reset',
+    text: [
+      'A new start that keeps the pose. The estimator forgets its landmarks and velocity and starts again where it is now: position and heading go on, and so does the drift so far.',
+      'Until it tracks again, there is no valid odometry. The reset counter goes up by one.',
+    ],
+  },
+  hard: {
+    title: (name) => `Hard reset of ${name}?`,
+    yes: 'Hard reset',
+    text: [
+      'A new start at the origin. The estimator forgets everything, its pose included: the position jumps to 0 0 0 and heading to zero. The trajectory shown here begins anew.',
+      'Whoever flies by this odometry sees a jump. In the air, do this only in a mode that needs no position. The reset counter goes up by one.',
+    ],
+  },
+};
+
+export class Actions {
+  constructor(store, events) {
+    this.store = store;
+    this.events = events;
+    this.dialog = byId('confirm');
+    this.pending = new Set(); // names with an order under way
+    this.asked = null; // what the dialog asks: vehicle and kind
+    for (const kind of Object.keys(RESETS)) byId(`reset-${kind}`).addEventListener('click', () => this.ask(kind));
+    byId('confirm-no').addEventListener('click', () => this.dialog.close());
+    byId('confirm-yes').addEventListener('click', () => this.confirmed());
+    byId('record').addEventListener('click', () => this.toggleRecording());
+  }
+
+  update() {
+    const { vehicle, hello, isOpen } = this.store;
+    const isBusy = this.pending.has(vehicle?.name);
+    const isReachable = vehicle && isOpen && this.store.presence(vehicle) !== 'lost';
+    for (const kind of Object.keys(RESETS)) {
+      const button = byId(`reset-${kind}`);
+      button.disabled = !isReachable || isBusy || !hello.commands;
+      const title = hello.commands ? '' : 'The station was started with --no-commands.';
+      if (button.title !== title) button.title = title;
+    }
+    const recording = vehicle?.state.recording ?? {};
+    const record = byId('record');
+    record.disabled = !vehicle || !isOpen || isBusy;
+    setAttribute(record, 'aria-pressed', recording.on === true);
+    setText(byId('record-text'), recording.on ? 'Stop recording' : 'Record');
+    setText(byId('recording-state'), recordingText(recording));
+    const base = vehicle ? `api/vehicles/${encodeURIComponent(vehicle.name)}` : null;
+    for (const format of ['tum', 'csv', 'mcap']) {
+      link(byId(`download-${format}`), recording.samples > 0 && base ? `${base}/recording.${format}` : null);
+      link(byId(`trajectory-${format}`), base && `${base}/trajectory.${format}`);
+    }
+  }
+
+  ask(kind) {
+    const name = this.store.selected;
+    if (!name) return;
+    this.asked = { name, kind };
+    const words = RESETS[kind];
+    setText(byId('confirm-title'), words.title(name));
+    byId('confirm-text').replaceChildren(...words.text.map((text) => make('p', '', text)));
+    setText(byId('confirm-yes'), words.yes);
+    this.dialog.showModal();
+  }
+
+  async confirmed() {
+    this.dialog.close();
+    const { name, kind } = this.asked;
+    await this.order(name, 'reset', { kind }, `${kind} reset`);
+  }
+
+  async toggleRecording() {
+    const { vehicle } = this.store;
+    if (!vehicle) return;
+    const on = vehicle.state.recording?.on !== true;
+    await this.order(vehicle.name, 'recording', { on }, on ? 'recording' : 'end of recording');
+  }
+
+  // Sends an order, and says how it went.
+  async order(name, path, body, what) {
+    this.pending.add(name);
+    this.say(`${name}: ${what} asked for…`);
+    this.update();
+    const outcome = await post(`api/vehicles/${encodeURIComponent(name)}/${path}`, body);
+    this.pending.delete(name);
+    this.say(`${name}: ${outcome.text || `${what} ${outcome.ok ? 'done' : 'failed'}`}`, outcome.ok ? 'info' : 'error');
+    if (!outcome.ok) this.events.note('error', `${what}: ${outcome.text}`, name);
+    this.update();
+  }
+
+  say(text, severity = 'info') {
+    const line = byId('action-state');
+    setText(line, text);
+    line.dataset.severity = severity;
+  }
+}
+
+function link(anchor, href) {
+  if (href) {
+    setAttribute(anchor, 'href', href);
+    if (!anchor.hasAttribute('download')) anchor.setAttribute('download', '');
+    anchor.removeAttribute('aria-disabled');
+    anchor.removeAttribute('role');
+  } else if (anchor.getAttribute('aria-disabled') !== 'true') {
+    anchor.removeAttribute('href');
+    anchor.setAttribute('role', 'link');
+    anchor.setAttribute('aria-disabled', 'true');
+  }
+}
+
+function recordingText({ on, samples, seconds }) {
+  if (on) return `Recording: ${duration(seconds)}, ${count(samples)} samples.`;
+  return samples > 0 ? `Recorded: ${duration(seconds)}, ${count(samples)} samples.` : 'Not recording.';
+}
+
+async function post(url, body) {
+  try {
+    const response = await fetch(url, {
+      method: 'POST',
+      headers: { 'Content-Type': 'application/json' },
+      body: JSON.stringify(body),
+      signal: AbortSignal.timeout(TIMEOUT_MS),
+    });
+    const answer = await response.json().catch(() => null);
+    return {
+      ok: response.ok && answer?.ok !== false,
+      text: String(answer?.text ?? (response.ok ? '' : `the station answered ${response.status}`)),
+    };
+  } catch (error) {
+    const isLate = error.name === 'TimeoutError';
+    return { ok: false, text: isLate ? `no answer in ${TIMEOUT_MS / 1000} s` : 'the station cannot be reached' };
+  }
+}

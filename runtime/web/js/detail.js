@@ -1,0 +1,101 @@
+// What is known of the selected vehicle, in numbers and words.
+
+import { byId, make, setAttribute, setData, setStyle, setText } from './dom.js';
+import * as f from './format.js';
+import { ellipsoid } from './geometry.js';
+import { tuple } from './protocol.js';
+
+// Text of every element with this `data-field`.
+const FIELDS = {
+  'speed': (v) => f.number(v.speed, 2),
+  'sigma-position': (v) => f.significant(v.state.sigma?.position_m),
+  'sigma-attitude': (v) => f.significant(v.state.sigma?.attitude_deg),
+  'sigma-velocity': (v) => f.significant(v.state.sigma?.velocity_m_s),
+  'euler': (v) => f.vector(v.state.euler_deg, 1),
+  'velocity': (v) => f.vector(v.state.velocity, 2),
+  'rates': (v) => f.vector(v.state.rate_deg_s, 1),
+  'position-map': (v) => f.vector(tuple(v.state.pose_map, 7)?.slice(0, 3), 3),
+  'semi-axes': (v) => ellipsoid(v.state.covariance)?.semiAxes.map(f.significant).join(' ') ?? f.UNKNOWN,
+  'stamp': (v) => f.stampSeconds(v.state.stamp_ns),
+  'rung': (v) => v.state.rung ?? f.UNKNOWN,
+  'frame-ms': (v) => f.number(v.state.frame_ms, 1),
+  'frame-rate': (v) => f.number(v.state.frame_rate_hz, 1),
+  'points': (v) => f.ratio(v.state.points, 'tracked', 'in_window'),
+  'lines': (v) => f.ratio(v.state.lines, 'tracked', 'in_window'),
+  'keyframes': (v) => f.ratio(v.state.keyframes, 'have', 'total'),
+  'bias-gyro': (v) => f.vector(v.state.bias_gyro?.map?.((x) => 1000 * x), 2),
+  'bias-accel': (v) => f.vector(v.state.bias_accel, 3),
+  'link-quality': (v) => f.number(v.state.link?.quality, 0),
+  'odom-hz': (v) => f.number(v.state.link?.odom_hz, 1),
+  'state-hz': (v) => f.number(v.state.link?.state_hz, 1),
+  'latency': (v) => f.number(v.state.link?.latency_ms, 2),
+  'rtt': (v) => f.number(v.state.link?.rtt_ms, 2),
+  'offset': (v) => f.number(v.state.link?.offset_ms, 2),
+  'lost': (v) => f.count(v.state.link?.lost),
+  'dropped': (v) => f.count(v.state.link?.dropped),
+  'bytes': (v) => f.number(v.state.link?.bytes_s / 1000, 1),
+  'bits': (v) => `bits ${f.bits(v.state.bits)}`,
+};
+
+const NOBODY = { state: {}, speed: NaN };
+
+export class Detail {
+  constructor(store) {
+    this.store = store;
+    this.elements = Object.keys(FIELDS).flatMap((field) =>
+      [...document.querySelectorAll(`[data-field="${field}"]`)].map((element) => [element, FIELDS[field]]));
+    this.age = document.querySelector('[data-field="age"]');
+    this.said = null; // words that are shown
+  }
+
+  update() {
+    const { store } = this;
+    const { vehicle } = store;
+    const presence = vehicle ? store.presence(vehicle) : 'unknown';
+    const age = vehicle ? store.age(vehicle) : null;
+    setData(document.body, 'current', vehicle ? store.isCurrent(vehicle) : false);
+    setText(byId('vehicle-name'), vehicle?.name ?? 'No vehicle');
+    setData(byId('summary'), 'presence', presence);
+    setAttribute(byId('presence-glyph'), 'href', `#glyph-${presence}`);
+    setText(byId('presence'), presenceText(presence, age));
+    setText(byId('position'), f.vector(vehicle?.pose?.slice(0, 3), 3));
+    setText(byId('resets'), f.count(vehicle?.state.resets));
+    setText(this.age, age === null ? f.UNKNOWN : age < 10 ? `${age.toFixed(2)} s` : f.duration(age));
+    const quality = vehicle?.state.quality;
+    setText(byId('quality'), f.number(quality, 0));
+    setStyle(byId('quality-bar'), 'transform', `scaleX(${Math.max(0, Math.min(100, quality || 0)) / 100})`);
+    setData(byId('quality-bar'), 'level', quality >= 60 ? 'good' : quality >= 25 ? 'fair' : 'poor');
+    for (const [element, text] of this.elements) setText(element, text(vehicle ?? NOBODY));
+    this.updateWords(vehicle, presence, age);
+  }
+
+  updateWords(vehicle, presence, age) {
+    const words = vehicle && Array.isArray(vehicle.state.words) ? vehicle.state.words.slice(0, 40).map(String) : [];
+    const notes = [];
+    if (presence === 'stale') notes.push(`no data for ${f.duration(age ?? NaN)}; what is shown is the last that was heard`);
+    if (presence === 'lost') notes.push(`vehicle lost ${since(age)}; what is shown is the last that was heard`);
+    const key = JSON.stringify([vehicle?.name, words, notes]);
+    if (key === this.said) return;
+    this.said = key;
+    const list = byId('words');
+    const items = [...notes.map((text) => ['note', text]), ...words.map((text) => ['ail', text])];
+    if (!items.length) items.push(vehicle ? ['fine', 'nothing ails it'] : ['note', 'no vehicle']);
+    while (list.children.length > items.length) list.lastChild.remove();
+    while (list.children.length < items.length) list.append(make('li'));
+    items.forEach(([kind, text], i) => {
+      setData(list.children[i], 'kind', kind);
+      setText(list.children[i], text);
+    });
+  }
+}
+
+function presenceText(presence, age) {
+  if (presence === 'lost') return `LOST ${since(age)}`;
+  if (presence === 'stale') return age === null ? 'stale' : `stale for ${f.duration(age)}`;
+  return presence;
+}
+
+function since(age) {
+  if (age === null) return 'before it was heard';
+  return `since ${f.clock(new Date(Date.now() - 1000 * age))} (${f.duration(age)})`;
+}

@@ -1,0 +1,97 @@
+// The socket to the station: reconnects with back-off, notices silence, hands out messages.
+
+import { backoff } from './backoff.js';
+import { parsePicture, parseText } from './protocol.js';
+
+// The station speaks ten times a second; after this long without a word the socket is thought dead.
+const SILENCE_MS = 5000;
+
+export class Link {
+  // `on` has: open(), closed(), message(object), picture(object).
+  constructor(url, on) {
+    this.url = url;
+    this.on = on;
+    this.attempt = 0;
+    this.isOpen = false;
+    this.retryAt = 0; // performance.now() of the next try
+    this.lastHeard = 0;
+    this.unread = 0;
+    this.watched = '[]';
+    this.connect();
+    window.setInterval(() => this.checkSilence(), 1000);
+    window.addEventListener('online', () => this.retryNow());
+    document.addEventListener('visibilitychange', () => {
+      if (!document.hidden) this.retryNow();
+    });
+  }
+
+  connect() {
+    window.clearTimeout(this.timer);
+    this.timer = undefined;
+    const socket = new WebSocket(this.url);
+    socket.binaryType = 'arraybuffer';
+    this.socket = socket;
+    this.lastHeard = performance.now();
+    socket.onopen = () => {
+      if (socket !== this.socket) return;
+      this.isOpen = true;
+      this.lastHeard = performance.now();
+      this.on.open();
+      if (this.watched !== '[]') this.sendWatched();
+    };
+    socket.onmessage = ({ data }) => {
+      if (socket === this.socket) this.hear(data);
+    };
+    socket.onclose = () => {
+      if (socket === this.socket) this.lose();
+    };
+  }
+
+  hear(data) {
+    this.lastHeard = performance.now();
+    const isText = typeof data === 'string';
+    const message = isText ? parseText(data) : parsePicture(data);
+    if (!message) {
+      this.unread += 1;
+      return;
+    }
+    // Only a station that speaks is a success: one that hangs up at once is still waited for with patience.
+    this.attempt = 0;
+    if (isText) this.on.message(message);
+    else this.on.picture(message);
+  }
+
+  lose() {
+    this.isOpen = false;
+    const wait = backoff(this.attempt);
+    this.attempt += 1;
+    this.retryAt = performance.now() + wait;
+    this.timer = window.setTimeout(() => this.connect(), wait);
+    this.on.closed();
+  }
+
+  checkSilence() {
+    if (this.timer === undefined && performance.now() - this.lastHeard > SILENCE_MS) {
+      const { socket } = this;
+      this.socket = null; // its late close is no news
+      socket.close();
+      this.lose();
+    }
+  }
+
+  retryNow() {
+    if (this.timer !== undefined) this.connect();
+  }
+
+  // Says whose camera is wanted; said again after a reconnection.
+  watch(names) {
+    const text = JSON.stringify(names);
+    if (text === this.watched) return;
+    this.watched = text;
+    if (this.isOpen) this.sendWatched();
+  }
+
+  sendWatched() {
+    this.socket.send(`{"type":"watch","camera":${this.watched}}`);
+  }
+}

@@ -1,0 +1,264 @@
+// One vehicle in the 3-D view: trajectory and marker always; landmarks, keyframes, body axes and ellipsoid when selected.
+
+import * as THREE from '../vendor/three/three.module.min.js';
+import { Cloud, Replaced } from './cloud.js';
+import { DEFAULT_MOUNTING, ellipsoid, FRUSTUM_FLOATS, frusta } from './geometry.js';
+import { tuple } from './protocol.js';
+import { SlidingArray } from './ring.js';
+import { MAX_KEYFRAMES } from './store.js';
+
+const KEYFRAME_M = 0.12;
+// Points of the trajectory that a vehicle which is not selected draws, when trails are short.
+const SHORT_TRAIL = 500;
+
+export class Vehicle3d {
+  constructor(scene) {
+    this.scene = scene;
+    // Coordinates of O inside; `root` takes them to the frame that is shown.
+    this.root = new THREE.Group();
+    this.root.matrixAutoUpdate = false;
+    scene.add(this.root);
+    this.trackMaterial = new THREE.LineBasicMaterial({ transparent: true, fog: false });
+    this.track = new Cloud(THREE.Line, this.trackMaterial);
+    this.markerMaterial = new THREE.MeshBasicMaterial({ fog: false });
+    this.marker = new THREE.Mesh(new THREE.OctahedronGeometry(1), this.markerMaterial);
+    this.axes = bodyAxes();
+    this.body = new THREE.Group();
+    this.body.add(this.marker, this.axes.object);
+    this.root.add(this.track.object, this.body);
+    this.detail = null;
+    this.position = new THREE.Vector3(); // of the body, in the frame that is shown
+    this.hasPose = false;
+  }
+
+  // Brings the objects up to date. `look` has: frame, isSelected, isCurrent, trails (short or full),
+  // colour, colours, componentColours, ellipsoidScale.
+  update(vehicle, look) {
+    const correction = look.frame === 'map' ? tuple(vehicle.state.correction, 7) : null;
+    place(this.root.matrix, correction);
+    this.root.matrixWorldNeedsUpdate = true;
+    this.track.update(vehicle.track);
+    this.track.showNewest(look.isSelected || look.trails === 'full' ? Infinity : SHORT_TRAIL);
+    this.trackMaterial.color.set(look.colour);
+    this.trackMaterial.opacity = look.isCurrent ? (look.isSelected ? 1 : 0.75) : 0.35;
+    this.markerMaterial.color.set(look.isCurrent ? look.colour : look.colours.keyframe);
+    this.markerMaterial.wireframe = !look.isCurrent;
+    this.track.object.renderOrder = look.isSelected ? 2 : 1;
+    const { pose } = vehicle;
+    this.hasPose = pose !== null;
+    this.body.visible = this.hasPose;
+    if (this.hasPose) {
+      this.body.position.set(pose[0], pose[1], pose[2]);
+      this.body.quaternion.set(pose[3], pose[4], pose[5], pose[6]);
+      this.position.copy(this.body.position).applyMatrix4(this.root.matrix);
+    }
+    this.axes.object.visible = look.isSelected;
+    if (look.isSelected) this.axes.paint(look.componentColours, look.isCurrent ? 1 : 0.4);
+    if (look.isSelected) this.showDetail(vehicle, look);
+    else this.dropDetail();
+  }
+
+  showDetail(vehicle, look) {
+    this.detail ??= new Detail(this.root);
+    this.detail.update(vehicle, look);
+  }
+
+  dropDetail() {
+    this.detail?.dispose();
+    this.detail = null;
+  }
+
+  // Keeps the marker at the same size on the screen, whatever the distance.
+  scaleMarker(metresPerPixel, isSelected) {
+    const size = (isSelected ? 5 : 4) * metresPerPixel;
+    this.marker.scale.setScalar(size);
+    this.axes.object.scale.setScalar(Math.max(0.3, 38 * metresPerPixel));
+  }
+
+  dispose() {
+    this.dropDetail();
+    this.track.dispose();
+    this.marker.geometry.dispose();
+    this.trackMaterial.dispose();
+    this.markerMaterial.dispose();
+    this.axes.dispose();
+    this.scene.remove(this.root);
+  }
+}
+
+// What only the selected vehicle shows.
+class Detail {
+  constructor(root) {
+    this.group = new THREE.Group();
+    root.add(this.group);
+    const line = () => new THREE.LineBasicMaterial({ transparent: true, fog: false });
+    const dots = (size) => new THREE.PointsMaterial({ size, sizeAttenuation: false, transparent: true, fog: false });
+    this.materials = {
+      mapPoint: dots(1.6), mapLine: line(), mapKeyframe: line(), point: dots(3.4), line: line(), keyframe: line(),
+      shell: new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.14, depthWrite: false, fog: false }),
+      wires: new THREE.LineBasicMaterial({ transparent: true, opacity: 0.6, fog: false }),
+    };
+    const m = this.materials;
+    this.mapPoints = new Cloud(THREE.Points, m.mapPoint);
+    this.mapLines = new Cloud(THREE.LineSegments, m.mapLine, 2);
+    this.mapKeyframes = new Cloud(THREE.LineSegments, m.mapKeyframe, FRUSTUM_FLOATS / 3);
+    this.points = new Replaced(THREE.Points, m.point);
+    this.lines = new Replaced(THREE.LineSegments, m.line);
+    this.keyframes = new Replaced(THREE.LineSegments, m.keyframe);
+    this.ellipsoid = new THREE.Group();
+    this.ellipsoid.matrixAutoUpdate = false;
+    this.shell = new THREE.Mesh(new THREE.SphereGeometry(1, 24, 16), m.shell);
+    this.wires = new THREE.LineSegments(circles(), m.wires);
+    this.ellipsoid.add(this.shell, this.wires);
+    this.frusta = new SlidingArray(FRUSTUM_FLOATS, MAX_KEYFRAMES);
+    this.frustaSeen = { source: null, epoch: -1, appended: 0 };
+    this.sceneSeen = { vehicle: null, version: -1 };
+    this.group.add(
+      this.mapPoints.object, this.mapLines.object, this.mapKeyframes.object,
+      this.points.object, this.lines.object, this.keyframes.object, this.ellipsoid,
+    );
+  }
+
+  update(vehicle, look) {
+    const mounting = tuple(vehicle.state.mounting, 7) ?? DEFAULT_MOUNTING;
+    this.paint(look);
+    this.mapPoints.update(vehicle.map.points);
+    this.mapLines.update(vehicle.map.lines);
+    this.expandKeyframes(vehicle.map.keyframes, mounting);
+    this.mapKeyframes.update(this.frusta);
+    const seen = this.sceneSeen;
+    if (seen.vehicle !== vehicle || seen.version !== vehicle.sceneVersion) {
+      const { scene } = vehicle;
+      this.points.set(scene.points);
+      this.lines.set(scene.lines);
+      this.keyframes.set(frusta(scene.keyframes, 0, scene.keyframes.length / 7, KEYFRAME_M, mounting));
+      Object.assign(seen, { vehicle, version: vehicle.sceneVersion });
+    }
+    this.showEllipsoid(vehicle, look.ellipsoidScale);
+  }
+
+  paint({ colour, colours, isCurrent }) {
+    const m = this.materials;
+    m.mapPoint.color.set(colours.point);
+    m.mapLine.color.set(colours.line);
+    m.mapKeyframe.color.set(colours.keyframe);
+    for (const name of ['point', 'line', 'keyframe', 'shell', 'wires']) m[name].color.set(colour);
+    const opacity = isCurrent ? 1 : 0.35;
+    for (const name of ['point', 'line', 'keyframe']) m[name].opacity = opacity;
+    m.mapPoint.opacity = 0.7;
+    m.mapLine.opacity = 0.38;
+    m.wires.opacity = 0.6 * opacity;
+  }
+
+  // Keyframes are stored as poses; only the new ones are made into segments.
+  expandKeyframes(source, mounting) {
+    const seen = this.frustaSeen;
+    if (seen.source !== source || seen.epoch !== source.epoch) {
+      this.frusta.clear();
+      seen.appended = 0;
+    }
+    const fresh = Math.min(source.appended - seen.appended, source.length);
+    if (fresh > 0) this.frusta.append(frusta(source.array, source.end - fresh, source.end, KEYFRAME_M, mounting));
+    Object.assign(seen, { source, epoch: source.epoch, appended: source.appended });
+  }
+
+  showEllipsoid(vehicle, scale) {
+    const shape = ellipsoid(vehicle.state.covariance);
+    const { pose } = vehicle;
+    this.ellipsoid.visible = Boolean(shape && pose);
+    if (!this.ellipsoid.visible) return;
+    const [a, b, c] = shape.axes.map((axis, k) => axis.map((x) => x * Math.max(shape.semiAxes[k], 1e-4) * scale));
+    this.ellipsoid.matrix.set(
+      a[0], b[0], c[0], pose[0],
+      a[1], b[1], c[1], pose[1],
+      a[2], b[2], c[2], pose[2],
+      0, 0, 0, 1,
+    );
+    this.ellipsoid.matrixWorldNeedsUpdate = true;
+  }
+
+  dispose() {
+    for (const part of [this.mapPoints, this.mapLines, this.mapKeyframes, this.points, this.lines, this.keyframes]) {
+      part.dispose();
+    }
+    this.shell.geometry.dispose();
+    this.wires.geometry.dispose();
+    Object.values(this.materials).forEach((material) => material.dispose());
+    this.group.removeFromParent();
+  }
+}
+
+function place(matrix, pose) {
+  if (!pose) return matrix.identity();
+  const rotation = new THREE.Quaternion(pose[3], pose[4], pose[5], pose[6]);
+  return matrix.compose(new THREE.Vector3(pose[0], pose[1], pose[2]), rotation, new THREE.Vector3(1, 1, 1));
+}
+
+// Three unit axes with their letters.
+function bodyAxes() {
+  const object = new THREE.Group();
+  const parts = ['x', 'y', 'z'].map((letter, k) => {
+    const material = new THREE.LineBasicMaterial({ depthTest: false, transparent: true, fog: false });
+    const end = [0, 0, 0];
+    end[k] = 1;
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute('position', new THREE.Float32BufferAttribute([0, 0, 0, ...end], 3));
+    const line = new THREE.LineSegments(geometry, material);
+    const tip = new THREE.Sprite(new THREE.SpriteMaterial({ map: letterTexture(letter), depthTest: false, transparent: true, fog: false }));
+    tip.position.set(...end.map((x) => 1.18 * x));
+    tip.scale.setScalar(0.36);
+    line.renderOrder = 5;
+    tip.renderOrder = 6;
+    object.add(line, tip);
+    return { line, tip };
+  });
+  return {
+    object,
+    paint(colours, opacity) {
+      parts.forEach(({ line, tip }, k) => {
+        line.material.color.set(colours[k]);
+        tip.material.color.set(colours[k]);
+        line.material.opacity = opacity;
+        tip.material.opacity = opacity;
+      });
+    },
+    dispose() {
+      for (const { line, tip } of parts) {
+        line.geometry.dispose();
+        line.material.dispose();
+        tip.material.map.dispose();
+        tip.material.dispose();
+      }
+    },
+  };
+}
+
+function letterTexture(letter) {
+  const canvas = document.createElement('canvas');
+  canvas.width = 64;
+  canvas.height = 64;
+  const context = canvas.getContext('2d');
+  context.font = '600 48px system-ui, sans-serif';
+  context.textAlign = 'center';
+  context.textBaseline = 'middle';
+  context.fillStyle = '#fff';
+  context.fillText(letter, 32, 32);
+  return new THREE.CanvasTexture(canvas);
+}
+
+// The three great circles of the unit sphere.
+function circles() {
+  const vertices = [];
+  const n = 64;
+  for (let axis = 0; axis < 3; axis += 1) {
+    for (let i = 0; i < n; i += 1) {
+      for (const j of [i, i + 1]) {
+        const p = [0, 0, 0];
+        p[(axis + 1) % 3] = Math.cos((2 * Math.PI * j) / n);
+        p[(axis + 2) % 3] = Math.sin((2 * Math.PI * j) / n);
+        vertices.push(...p);
+      }
+    }
+  }
+  return new THREE.BufferGeometry().setAttribute('position', new THREE.Float32BufferAttribute(vertices, 3));
+}
