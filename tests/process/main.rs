@@ -3,6 +3,7 @@
 mod cgroup;
 mod errors;
 mod lines;
+mod links;
 mod live;
 mod log;
 mod network;

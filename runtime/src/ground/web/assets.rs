@@ -5,8 +5,10 @@ use axum::response::{IntoResponse, Response};
 use rust_embed::RustEmbed;
 
 #[derive(RustEmbed)]
-#[folder = "$CARGO_MANIFEST_DIR/web"]
+#[folder = "web"]
 #[exclude = "tests/*"]
+#[exclude = "package.json"]
+#[exclude = "*.md"]
 struct Assets;
 
 /// A file of the page, the page itself for the root.

@@ -1,0 +1,188 @@
+//! A bad radio link: vehicle, router and two stations in network namespaces of their own, and an emulator of
+//! loss, delay and rate between vehicle and router (`tests/python/bad_link.py`).
+
+use super::vehicle::{PLUMBLINE, Running, flight, render};
+use serde_json::Value;
+use std::io::{BufRead, BufReader, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, Command, Stdio};
+use std::time::Duration;
+
+/// Network namespaces that go with the test.
+struct Namespaces(Vec<String>);
+
+impl Namespaces {
+    /// `None` where the host does not allow it; the test says so.
+    fn new(names: &[&str]) -> Option<Self> {
+        let mut made = Self(Vec::new());
+        for name in names {
+            let name = format!("pl{}-{name}", std::process::id());
+            if !ip(&["netns", "add", &name]) {
+                println!("skipped: no network namespaces here (root and iproute2 are needed)");
+                return None;
+            }
+            ip(&["-n", &name, "link", "set", "lo", "up"]);
+            made.0.push(name);
+        }
+        Some(made)
+    }
+
+    /// A good link between two of them.
+    fn join(&self, a: usize, b: usize, address_a: &str, address_b: &str) {
+        let (name_a, name_b) = (&self.0[a], &self.0[b]);
+        let (end_a, end_b) = (format!("e{a}{b}"), format!("e{b}{a}"));
+        assert!(ip(&[
+            "link", "add", &end_a, "netns", name_a, "type", "veth", "peer", "name", &end_b, "netns", name_b
+        ]));
+        for (name, end, address) in [(name_a, &end_a, address_a), (name_b, &end_b, address_b)] {
+            assert!(ip(&["-n", name, "addr", "add", address, "dev", end]));
+            assert!(ip(&["-n", name, "link", "set", end, "up"]));
+        }
+    }
+
+    /// A command that runs inside one of them.
+    fn command(&self, index: usize, inner: &Command) -> Command {
+        let mut command = Command::new("ip");
+        command.args(["netns", "exec", &self.0[index]]);
+        command.arg(inner.get_program()).args(inner.get_args());
+        command
+    }
+}
+
+impl Drop for Namespaces {
+    fn drop(&mut self) {
+        self.0.iter().for_each(|name| drop(ip(&["netns", "del", name])));
+    }
+}
+
+fn ip(arguments: &[&str]) -> bool {
+    Command::new("ip").args(arguments).stderr(Stdio::null()).status().is_ok_and(|status| status.success())
+}
+
+/// The emulator of a bad link between two namespaces.
+struct BadLink {
+    child: Child,
+    orders: ChildStdin,
+}
+
+impl BadLink {
+    /// 10 % loss, 100 ms delay with 20 ms of jitter, 200 kbit/s, always the same.
+    fn start(spaces: &Namespaces) -> Self {
+        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/python/bad_link.py");
+        let mut child = Command::new("python3")
+            .arg(script)
+            .args(["1", "0.1", "100", "20", "200", &spaces.0[0], "10.77.0.1", &spaces.0[1], "10.77.0.2"])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        assert_eq!(line.trim(), "ready");
+        let orders = child.stdin.take().unwrap();
+        Self { child, orders }
+    }
+
+    fn order(&mut self, order: &str) {
+        writeln!(self.orders, "{order}").unwrap();
+    }
+}
+
+impl Drop for BadLink {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// Resident memory of a process, MB.
+fn resident_mb(process: &Running) -> f64 {
+    let status = std::fs::read_to_string(format!("/proc/{}/status", process.child.id())).unwrap_or_default();
+    let line = status.lines().find(|line| line.starts_with("VmRSS:")).unwrap_or("VmRSS: 0").to_owned();
+    line.split_whitespace().nth(1).unwrap().parse::<f64>().unwrap() / 1024.0
+}
+
+fn json(path: &PathBuf) -> Value {
+    serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
+}
+
+/// Flies over the bad link, cuts it for a while, and returns the reports of the vehicle and the stations.
+fn partitioned(before_s: u32, down_s: u32, after_s: u32) -> Option<(Value, [Value; 2])> {
+    let spaces = Namespaces::new(&["vehicle", "router", "ground1", "ground2"])?;
+    spaces.join(1, 2, "10.77.1.1/24", "10.77.1.2/24");
+    spaces.join(1, 3, "10.77.2.1/24", "10.77.2.2/24");
+    let seconds = before_s + down_s + after_s;
+    render(seconds);
+    let folder = tempfile::tempdir().unwrap();
+    let mut link = BadLink::start(&spaces);
+    let mut inner = Command::new(PLUMBLINE);
+    inner.args(["router", "--listen", "tcp/0.0.0.0:7447"]);
+    let router = Running::start(spaces.command(1, &inner));
+    let reports = [1, 2].map(|k| folder.path().join(format!("ground{k}.json")));
+    let mut stations: Vec<Running> = (0..2)
+        .map(|k| {
+            let mut inner = Command::new(PLUMBLINE);
+            let endpoint = format!("tcp/10.77.{}.1:7447", k + 1);
+            inner.args(["ground", "--plain", "--no-http", "--connect", &endpoint, "--report"]).arg(&reports[k]);
+            Running::start(spaces.command(k + 2, &inner))
+        })
+        .collect();
+    let report = folder.path().join("vehicle.json");
+    let mut inner = flight("drone", seconds);
+    inner.args(["--connect", "tcp/10.77.0.2:7447", "--set", "network.link=\"radio\"", "--report"]).arg(&report);
+    let mut vehicle = Running::start(spaces.command(0, &inner));
+    std::thread::sleep(Duration::from_secs(u64::from(before_s)));
+    let settled_mb = [resident_mb(&router), resident_mb(&stations[0])];
+    link.order("down");
+    std::thread::sleep(Duration::from_secs(u64::from(down_s)));
+    link.order("up");
+    // The vehicle stays until its flight is over; just before, everything missed must have come.
+    std::thread::sleep(Duration::from_secs(u64::from(after_s) - 3));
+    stations.iter_mut().for_each(Running::interrupt);
+    let grown_mb = [resident_mb(&router) - settled_mb[0], 0.0];
+    assert!(grown_mb[0] < 8.0, "the router grew by {grown_mb:?} MB");
+    assert!(vehicle.child.wait().unwrap().success(), "{}", vehicle.words());
+    let reports = reports.map(|path| json(&path));
+    println!("vehicle {:#}\nstations {:#}\n{:#}", json(&report)["live"], reports[0], reports[1]);
+    Some((json(&report), reports))
+}
+
+fn check(stations: &[Value; 2], down_s: u32) {
+    for station in stations {
+        let vehicle = &station["vehicles"]["drone"];
+        let resumed_s = vehicle["odom"]["longest_gap_s"].as_f64().unwrap() - f64::from(down_s);
+        println!("odometry resumed {resumed_s:.2} s after the link");
+        assert!(resumed_s < 2.0, "odometry resumed {resumed_s:.2} s after the link: {vehicle}");
+        assert_eq!(vehicle["keyframes"]["have"], vehicle["keyframes"]["announced"], "{vehicle}");
+        assert!(vehicle["keyframes"]["have"].as_u64().unwrap() > 3, "{vehicle}");
+        assert_eq!(station["malformed"], 0);
+    }
+}
+
+#[test]
+fn network_link_that_is_bad_and_then_gone_for_a_while() {
+    let Some((vehicle, stations)) = partitioned(8, 8, 12) else { return };
+    assert_eq!(vehicle["live"]["odometry_undelivered"], 0);
+    check(&stations, 8);
+}
+
+#[test]
+#[ignore = "two minutes: `make soak`"]
+fn soak_network_partition_of_twenty_seconds_leaves_the_estimator_alone() {
+    let Some((vehicle, stations)) = partitioned(20, 20, 20) else { return };
+    check(&stations, 20);
+    // The same flight without a network.
+    let folder = tempfile::tempdir().unwrap();
+    let report = folder.path().join("alone.json");
+    let mut alone = Command::new(PLUMBLINE);
+    let with_network = flight("drone", 60);
+    alone.args(with_network.get_args().filter(|argument| *argument != "--publish")).arg("--report").arg(&report);
+    assert!(alone.stdout(Stdio::null()).status().unwrap().success());
+    let alone = json(&report);
+    let p99 = |report: &Value| report["frame_ms"]["p99"].as_f64().unwrap();
+    let (with, without) = (p99(&vehicle), p99(&alone));
+    println!("frame p99 {with:.2} ms over the bad link, {without:.2} ms without a network");
+    println!("odometry {} and {}", vehicle["live"]["sample_to_odometry_ms"], alone["live"]["sample_to_odometry_ms"]);
+    assert!(with < 1.1 * without, "{with} against {without} ms");
+    assert_eq!(vehicle["estimate_digest"], alone["estimate_digest"]);
+}
