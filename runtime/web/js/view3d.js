@@ -15,7 +15,8 @@ export class View3d {
     this.canvas = canvas;
     this.labels = labels;
     this.changed = changed;
-    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, powerPreference: 'low-power' });
+    this.isSoftware = drawsInSoftware();
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !this.isSoftware, powerPreference: 'low-power' });
     this.scene = new THREE.Scene();
     this.camera = new THREE.PerspectiveCamera(FIELD_OF_VIEW_DEG, 1, 0.02, 5000);
     this.camera.up.set(0, 0, 1);
@@ -30,6 +31,7 @@ export class View3d {
     this.scene.fog = new THREE.Fog(0, 1, 100);
     this.frame = 'odom';
     this.trails = 'short';
+    this.landmarks = 'all';
     this.follows = true;
     this.followed = null; // where the followed vehicle was
     this.ellipsoidScale = 1;
@@ -85,10 +87,10 @@ export class View3d {
 
   resize() {
     const { clientWidth, clientHeight } = this.canvas.parentElement;
-    if (!clientWidth || !clientHeight) return;
+    if (!clientWidth || !clientHeight || (clientWidth === this.width && clientHeight === this.height)) return;
     this.width = clientWidth;
     this.height = clientHeight;
-    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio || 1, 2));
+    this.renderer.setPixelRatio(this.isSoftware ? 1 : Math.min(window.devicePixelRatio || 1, 2));
     this.renderer.setSize(clientWidth, clientHeight, false);
     this.camera.aspect = clientWidth / clientHeight;
     this.camera.updateProjectionMatrix();
@@ -154,6 +156,7 @@ export class View3d {
       const look = {
         frame: this.frame,
         trails: this.trails,
+        landmarks: this.landmarks,
         isSelected: vehicle.name === store.selected,
         isCurrent: store.isCurrent(vehicle),
         colour: vehicleColour(this.theme, vehicle.index),
@@ -246,6 +249,15 @@ export class View3d {
       element.style.transform = `translate(${x}px, ${y}px)`;
     }
   }
+}
+
+// Whether the processor has to do the work of a graphics processor: then smooth edges are too dear.
+function drawsInSoftware() {
+  const probe = document.createElement('canvas').getContext('webgl2');
+  const info = probe?.getExtension('WEBGL_debug_renderer_info');
+  const name = info ? String(probe.getParameter(info.UNMASKED_RENDERER_WEBGL)) : '';
+  probe?.getExtension('WEBGL_lose_context')?.loseContext();
+  return /swiftshader|llvmpipe|software|basic render/i.test(name);
 }
 
 // The name beside a vehicle.
