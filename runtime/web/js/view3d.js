@@ -7,6 +7,7 @@ import { componentColour, sceneColours, vehicleColour } from './palette.js';
 import { Vehicle3d } from './vehicle3d.js';
 
 const HALF_CELLS = 60;
+const PIECE_CELLS = 5;
 const FIELD_OF_VIEW_DEG = 50;
 
 export class View3d {
@@ -58,7 +59,11 @@ export class View3d {
     const major = [];
     for (let i = -HALF_CELLS; i <= HALF_CELLS; i += 1) {
       const into = i % 10 === 0 ? major : minor;
-      into.push(i, -HALF_CELLS, 0, i, HALF_CELLS, 0, -HALF_CELLS, i, 0, HALF_CELLS, i, 0);
+      // In pieces: some drivers leave out a line that has an end far behind the camera.
+      for (let from = -HALF_CELLS; from < HALF_CELLS; from += PIECE_CELLS) {
+        const to = from + PIECE_CELLS;
+        into.push(i, from, 0, i, to, 0, from, i, 0, to, i, 0);
+      }
     }
     const lines = (vertices) => {
       const geometry = new THREE.BufferGeometry();
