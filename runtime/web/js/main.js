@@ -178,6 +178,7 @@ async function openView() {
     const { View3d } = await import('./view3d.js');
     view = new View3d(byId('view3d'), byId('tags'), () => changed('space'));
     view.onLost = (isLost) => say(isLost ? 'The graphics processor was taken away. Waiting for it to come back.' : '');
+    view.onPick = select;
     view.setTheme(theme());
     changed('space');
   } catch {

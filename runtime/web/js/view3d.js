@@ -9,6 +9,7 @@ import { Vehicle3d } from './vehicle3d.js';
 const HALF_CELLS = 60;
 const PIECE_CELLS = 5;
 const FIELD_OF_VIEW_DEG = 50;
+const PICK_PX = 18;
 
 export class View3d {
   // Throws when the browser has no WebGL. `labels` is an element over the canvas; `changed` asks for a new picture.
@@ -38,6 +39,7 @@ export class View3d {
     this.ellipsoidScale = 1;
     this.theme = 'dark';
     this.isPlaced = false;
+    this.projected = new THREE.Vector3();
     this.makeGrid();
     canvas.addEventListener('webglcontextlost', (event) => {
       event.preventDefault();
@@ -49,9 +51,42 @@ export class View3d {
       this.onLost?.(false);
       changed();
     });
+    this.listenToClicks();
     new ResizeObserver(() => this.resize()).observe(canvas.parentElement);
     this.resize();
     this.reset();
+  }
+
+  // A click, other than a drag, on a vehicle is told to `onPick`.
+  listenToClicks() {
+    let down = null;
+    this.canvas.addEventListener('pointerdown', (event) => {
+      down = event.isPrimary ? [event.offsetX, event.offsetY] : null;
+    });
+    this.canvas.addEventListener('pointerup', (event) => {
+      if (!down || Math.hypot(event.offsetX - down[0], event.offsetY - down[1]) > 4) return;
+      const name = this.nearest(event.offsetX, event.offsetY);
+      if (name) this.onPick?.(name);
+    });
+  }
+
+  // The vehicle drawn next to a place of the canvas, if there is one within PICK_PX.
+  nearest(x, y) {
+    let best = null;
+    let least = PICK_PX;
+    for (const [name, shown] of this.vehicles) {
+      const place = this.project(shown);
+      const distance = place ? Math.hypot(place[0] - x, place[1] - y) : Infinity;
+      if (distance < least) [best, least] = [name, distance];
+    }
+    return best;
+  }
+
+  // Where a vehicle is drawn, in pixels of the canvas, or null when it is out of sight.
+  project(shown) {
+    const point = this.projected.copy(shown.position).project(this.camera);
+    if (!shown.hasPose || point.z >= 1 || Math.abs(point.x) > 1.05 || Math.abs(point.y) > 1.05) return null;
+    return [((point.x + 1) / 2) * this.width, ((1 - point.y) / 2) * this.height];
   }
 
   makeGrid() {
@@ -242,16 +277,11 @@ export class View3d {
   }
 
   placeTags() {
-    const point = new THREE.Vector3();
     for (const [name, shown] of this.vehicles) {
       const { element } = this.tags.get(name);
-      point.copy(shown.position).project(this.camera);
-      const isSeen = shown.hasPose && point.z < 1 && Math.abs(point.x) < 1.05 && Math.abs(point.y) < 1.05;
-      element.hidden = !isSeen;
-      if (!isSeen) continue;
-      const x = Math.round(((point.x + 1) / 2) * this.width + 9);
-      const y = Math.round(((1 - point.y) / 2) * this.height - 20);
-      element.style.transform = `translate(${x}px, ${y}px)`;
+      const place = this.project(shown);
+      element.hidden = place === null;
+      if (place) element.style.transform = `translate(${Math.round(place[0] + 9)}px, ${Math.round(place[1] - 20)}px)`;
     }
   }
 }
