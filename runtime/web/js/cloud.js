@@ -34,7 +34,6 @@ export class Cloud {
       attribute.needsUpdate = true;
     }
     this.object.geometry.setDrawRange(source.start * this.verticesPerItem, source.length * this.verticesPerItem);
-    this.object.visible = source.length > 0;
     Object.assign(seen, { source, array: source.array, moves: source.moves, appended: source.appended });
     return true;
   }
@@ -73,7 +72,6 @@ export class Replaced {
     attribute.array.set(vertices);
     attribute.needsUpdate = true;
     this.object.geometry.setDrawRange(0, vertices.length / 3);
-    this.object.visible = vertices.length > 0;
   }
 
   dispose() {

@@ -90,12 +90,12 @@ export class Detail {
 }
 
 function presenceText(presence, age) {
-  if (presence === 'lost') return `LOST ${since(age)}`;
+  if (presence === 'lost') return `LOST ${since(age)}`; // the readout beside it has the age
   if (presence === 'stale') return age === null ? 'stale' : `stale for ${f.duration(age)}`;
   return presence;
 }
 
 function since(age) {
   if (age === null) return 'before it was heard';
-  return `since ${f.clock(new Date(Date.now() - 1000 * age))} (${f.duration(age)})`;
+  return `since ${f.clock(new Date(Date.now() - 1000 * age))}`;
 }

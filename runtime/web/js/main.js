@@ -9,6 +9,7 @@ import { FleetList } from './fleet.js';
 import { number } from './format.js';
 import { listenToKeys } from './keys.js';
 import { Link } from './link.js';
+import { Pace } from './pace.js';
 import { Store } from './store.js';
 import { Strips } from './strips.js';
 import { tuple } from './protocol.js';
@@ -28,6 +29,7 @@ const camera = new Camera(store, (names) => link?.watch(names));
 const dirty = { text: true, space: true, strips: true };
 let isAsked = false; // whether a frame is asked for
 let stripsAt = -Infinity;
+const pace = new Pace();
 
 function theme() {
   return document.documentElement.dataset.theme;
@@ -51,14 +53,15 @@ function draw(at) {
     camera.update();
     updateStation();
   }
-  if (dirty.space) {
+  setData(byId('view3d'), 'points', store.vehicle?.track.length ?? 0);
+  if (dirty.space && pace.isDue(at)) {
     dirty.space = false;
-    setData(byId('view3d'), 'points', store.vehicle?.track.length ?? 0);
     if (view) {
       view.update(store);
       const spacing = view.draw();
       setText(byId('scale'), `grid ${length(spacing)}, bold ${length(10 * spacing)}`);
       setText(byId('frame-note'), frameNote());
+      window.requestAnimationFrame(() => pace.drawn(at, performance.now()));
     }
     dirty.space = false; // drawing moves the camera, which asks again
   }
@@ -175,6 +178,7 @@ async function openView() {
     const { View3d } = await import('./view3d.js');
     view = new View3d(byId('view3d'), byId('tags'), () => changed('space'));
     view.onLost = (isLost) => say(isLost ? 'The graphics processor was taken away. Waiting for it to come back.' : '');
+    view.onPick = select;
     view.setTheme(theme());
     changed('space');
   } catch {
@@ -211,10 +215,12 @@ function listen() {
     if (view) view.ellipsoidScale = Number(event.target.value);
     changed('space');
   });
-  byId('trails').addEventListener('change', (event) => {
-    if (view) view.trails = event.target.value;
-    changed('space');
-  });
+  for (const choice of ['trails', 'landmarks']) {
+    byId(choice).addEventListener('change', (event) => {
+      if (view) view[choice] = event.target.value;
+      changed('space');
+    });
+  }
   for (const input of document.querySelectorAll('input[name="frame"]')) {
     input.addEventListener('change', () => setFrame(input.value));
   }

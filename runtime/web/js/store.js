@@ -84,7 +84,7 @@ export class Store {
     const age = vehicle.state.age_s;
     if (!Number.isFinite(age)) return null;
     const silence = this.silence(at);
-    return age + (this.isOpen && silence < 0.5 ? 0 : silence);
+    return age + (this.isOpen && silence < 1 ? 0 : silence);
   }
 
   // What is to be said of a vehicle: without a connection, what was true has become stale.

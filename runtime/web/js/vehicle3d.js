@@ -31,8 +31,8 @@ export class Vehicle3d {
     this.hasPose = false;
   }
 
-  // Brings the objects up to date. `look` has: frame, isSelected, isCurrent, trails (short or full),
-  // colour, colours, componentColours, ellipsoidScale.
+  // Brings the objects up to date. `look` has: frame, isSelected, isCurrent, trails (short or full), landmarks (all, window or
+  // none), colour, colours, componentColours, ellipsoidScale.
   update(vehicle, look) {
     const correction = look.frame === 'map' ? tuple(vehicle.state.correction, 7) : null;
     place(this.root.matrix, correction);
@@ -91,8 +91,9 @@ class Detail {
   constructor(root) {
     this.group = new THREE.Group();
     root.add(this.group);
-    const line = () => new THREE.LineBasicMaterial({ transparent: true, fog: false });
-    const dots = (size) => new THREE.PointsMaterial({ size, sizeAttenuation: false, transparent: true, fog: false });
+    // Landmarks hide nothing that lies behind them: the trajectory is what is looked for.
+    const line = () => new THREE.LineBasicMaterial({ transparent: true, fog: false, depthWrite: false });
+    const dots = (size) => new THREE.PointsMaterial({ size, sizeAttenuation: false, transparent: true, fog: false, depthWrite: false });
     this.materials = {
       mapPoint: dots(1.6), mapLine: line(), mapKeyframe: line(), point: dots(3.4), line: line(), keyframe: line(),
       shell: new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.14, depthWrite: false, fog: false }),
@@ -107,7 +108,7 @@ class Detail {
     this.keyframes = new Replaced(THREE.LineSegments, m.keyframe);
     this.ellipsoid = new THREE.Group();
     this.ellipsoid.matrixAutoUpdate = false;
-    this.shell = new THREE.Mesh(new THREE.SphereGeometry(1, 24, 16), m.shell);
+    this.shell = new THREE.Mesh(new THREE.SphereGeometry(1, 48, 32), m.shell);
     this.wires = new THREE.LineSegments(circles(), m.wires);
     this.ellipsoid.add(this.shell, this.wires);
     this.frusta = new SlidingArray(FRUSTUM_FLOATS, MAX_KEYFRAMES);
@@ -126,6 +127,7 @@ class Detail {
     this.mapLines.update(vehicle.map.lines);
     this.expandKeyframes(vehicle.map.keyframes, mounting);
     this.mapKeyframes.update(this.frusta);
+    this.choose(look.landmarks);
     const seen = this.sceneSeen;
     if (seen.vehicle !== vehicle || seen.version !== vehicle.sceneVersion) {
       const { scene } = vehicle;
@@ -135,6 +137,12 @@ class Detail {
       Object.assign(seen, { vehicle, version: vehicle.sceneVersion });
     }
     this.showEllipsoid(vehicle, look.ellipsoidScale);
+  }
+
+  // Shows landmarks of the whole map, of the window, or none.
+  choose(landmarks) {
+    for (const part of [this.mapPoints, this.mapLines]) part.object.visible = landmarks === 'all';
+    for (const part of [this.points, this.lines]) part.object.visible = landmarks !== 'none';
   }
 
   paint({ colour, colours, isCurrent }) {

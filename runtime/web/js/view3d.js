@@ -7,7 +7,9 @@ import { componentColour, sceneColours, vehicleColour } from './palette.js';
 import { Vehicle3d } from './vehicle3d.js';
 
 const HALF_CELLS = 60;
+const PIECE_CELLS = 5;
 const FIELD_OF_VIEW_DEG = 50;
+const PICK_PX = 18;
 
 export class View3d {
   // Throws when the browser has no WebGL. `labels` is an element over the canvas; `changed` asks for a new picture.
@@ -15,7 +17,8 @@ export class View3d {
     this.canvas = canvas;
     this.labels = labels;
     this.changed = changed;
-    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, powerPreference: 'low-power' });
+    this.isSoftware = drawsInSoftware();
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !this.isSoftware, powerPreference: 'low-power' });
     this.scene = new THREE.Scene();
     this.camera = new THREE.PerspectiveCamera(FIELD_OF_VIEW_DEG, 1, 0.02, 5000);
     this.camera.up.set(0, 0, 1);
@@ -30,11 +33,13 @@ export class View3d {
     this.scene.fog = new THREE.Fog(0, 1, 100);
     this.frame = 'odom';
     this.trails = 'short';
+    this.landmarks = 'all';
     this.follows = true;
     this.followed = null; // where the followed vehicle was
     this.ellipsoidScale = 1;
     this.theme = 'dark';
     this.isPlaced = false;
+    this.projected = new THREE.Vector3();
     this.makeGrid();
     canvas.addEventListener('webglcontextlost', (event) => {
       event.preventDefault();
@@ -46,9 +51,42 @@ export class View3d {
       this.onLost?.(false);
       changed();
     });
+    this.listenToClicks();
     new ResizeObserver(() => this.resize()).observe(canvas.parentElement);
     this.resize();
     this.reset();
+  }
+
+  // A click, other than a drag, on a vehicle is told to `onPick`.
+  listenToClicks() {
+    let down = null;
+    this.canvas.addEventListener('pointerdown', (event) => {
+      down = event.isPrimary ? [event.offsetX, event.offsetY] : null;
+    });
+    this.canvas.addEventListener('pointerup', (event) => {
+      if (!down || Math.hypot(event.offsetX - down[0], event.offsetY - down[1]) > 4) return;
+      const name = this.nearest(event.offsetX, event.offsetY);
+      if (name) this.onPick?.(name);
+    });
+  }
+
+  // The vehicle drawn next to a place of the canvas, if there is one within PICK_PX.
+  nearest(x, y) {
+    let best = null;
+    let least = PICK_PX;
+    for (const [name, shown] of this.vehicles) {
+      const place = this.project(shown);
+      const distance = place ? Math.hypot(place[0] - x, place[1] - y) : Infinity;
+      if (distance < least) [best, least] = [name, distance];
+    }
+    return best;
+  }
+
+  // Where a vehicle is drawn, in pixels of the canvas, or null when it is out of sight.
+  project(shown) {
+    const point = this.projected.copy(shown.position).project(this.camera);
+    if (!shown.hasPose || point.z >= 1 || Math.abs(point.x) > 1.05 || Math.abs(point.y) > 1.05) return null;
+    return [((point.x + 1) / 2) * this.width, ((1 - point.y) / 2) * this.height];
   }
 
   makeGrid() {
@@ -56,7 +94,11 @@ export class View3d {
     const major = [];
     for (let i = -HALF_CELLS; i <= HALF_CELLS; i += 1) {
       const into = i % 10 === 0 ? major : minor;
-      into.push(i, -HALF_CELLS, 0, i, HALF_CELLS, 0, -HALF_CELLS, i, 0, HALF_CELLS, i, 0);
+      // In pieces: some drivers leave out a line that has an end far behind the camera.
+      for (let from = -HALF_CELLS; from < HALF_CELLS; from += PIECE_CELLS) {
+        const to = from + PIECE_CELLS;
+        into.push(i, from, 0, i, to, 0, from, i, 0, to, i, 0);
+      }
     }
     const lines = (vertices) => {
       const geometry = new THREE.BufferGeometry();
@@ -85,10 +127,10 @@ export class View3d {
 
   resize() {
     const { clientWidth, clientHeight } = this.canvas.parentElement;
-    if (!clientWidth || !clientHeight) return;
+    if (!clientWidth || !clientHeight || (clientWidth === this.width && clientHeight === this.height)) return;
     this.width = clientWidth;
     this.height = clientHeight;
-    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio || 1, 2));
+    this.renderer.setPixelRatio(this.isSoftware ? 1 : Math.min(window.devicePixelRatio || 1, 2));
     this.renderer.setSize(clientWidth, clientHeight, false);
     this.camera.aspect = clientWidth / clientHeight;
     this.camera.updateProjectionMatrix();
@@ -154,6 +196,7 @@ export class View3d {
       const look = {
         frame: this.frame,
         trails: this.trails,
+        landmarks: this.landmarks,
         isSelected: vehicle.name === store.selected,
         isCurrent: store.isCurrent(vehicle),
         colour: vehicleColour(this.theme, vehicle.index),
@@ -234,18 +277,22 @@ export class View3d {
   }
 
   placeTags() {
-    const point = new THREE.Vector3();
     for (const [name, shown] of this.vehicles) {
       const { element } = this.tags.get(name);
-      point.copy(shown.position).project(this.camera);
-      const isSeen = shown.hasPose && point.z < 1 && Math.abs(point.x) < 1.05 && Math.abs(point.y) < 1.05;
-      element.hidden = !isSeen;
-      if (!isSeen) continue;
-      const x = Math.round(((point.x + 1) / 2) * this.width + 9);
-      const y = Math.round(((1 - point.y) / 2) * this.height - 20);
-      element.style.transform = `translate(${x}px, ${y}px)`;
+      const place = this.project(shown);
+      element.hidden = place === null;
+      if (place) element.style.transform = `translate(${Math.round(place[0] + 9)}px, ${Math.round(place[1] - 20)}px)`;
     }
   }
+}
+
+// Whether the processor has to do the work of a graphics processor: then smooth edges are too dear.
+function drawsInSoftware() {
+  const probe = document.createElement('canvas').getContext('webgl2');
+  const info = probe?.getExtension('WEBGL_debug_renderer_info');
+  const name = info ? String(probe.getParameter(info.UNMASKED_RENDERER_WEBGL)) : '';
+  probe?.getExtension('WEBGL_lose_context')?.loseContext();
+  return /swiftshader|llvmpipe|software|basic render/i.test(name);
 }
 
 // The name beside a vehicle.
