@@ -177,7 +177,7 @@ impl Check<'_> {
     fn array(&mut self, at: &At, value: &Spanned<DeValue<'_>>, shape: &[Value]) {
         let elements = value.get_ref().as_array().map_or(0, |array| array.len());
         // Lists of real numbers are vectors and matrices, of fixed size; lists of anything else are free.
-        let is_fixed = matches!(shape[0], Value::Float(_) | Value::Array(_));
+        let is_fixed = matches!(shape.first(), Some(Value::Float(_) | Value::Array(_)));
         if is_fixed && elements != shape.len() {
             let reason = format!("has {elements} elements instead of {}", shape.len());
             return self.refuse(at, reason, "give exactly that many");
@@ -264,6 +264,7 @@ fn sample() -> Table {
     config.camera[1].distortion = Distortion::Equidistant { k1: 0.0, k2: 0.0, k3: 0.0, k4: 0.0 };
     config.network.listen = vec![String::new()];
     config.network.connect = vec![String::new()];
+    config.network.login.operators = vec![String::new()];
     config.runtime.tick_cpus = vec![0];
     config.runtime.work_cpus = vec![0];
     Table::try_from(&config).expect("the sample is plain data")

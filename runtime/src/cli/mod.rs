@@ -200,7 +200,11 @@ fn init_logs(verbose: u8) {
     use tracing_subscriber::util::SubscriberInitExt as _;
     use tracing_subscriber::{EnvFilter, Layer as _};
 
-    let default = ["warn", "info,zenoh=warn", "debug"][usize::from(verbose.min(2))];
+    let default = [
+        "warn,zenoh::net::runtime::orchestrator=error",
+        "info,zenoh=warn,zenoh::net::runtime::orchestrator=error",
+        "debug",
+    ][usize::from(verbose.min(2))];
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(default));
     let lines = tracing_subscriber::fmt::layer().with_writer(std::io::stderr).without_time();
     let access = tracing_subscriber::filter::Targets::new()

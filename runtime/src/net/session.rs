@@ -132,7 +132,6 @@ impl Endpoints {
             ("connect/endpoints", serde_json::json!(self.connect).to_string()),
             ("connect/retry", retry.to_string()),
             ("scouting/multicast/enabled", self.scouting.to_string()),
-            ("scouting/gossip/enabled", "false".to_owned()),
             ("transport/unicast/open_timeout", OPEN_TIMEOUT_MS.to_string()),
             ("transport/link/tx/lease", LEASE_MS.to_string()),
         ];

@@ -1,0 +1,217 @@
+//! The ground station's page in a real browser, with a real vehicle that comes, is reset, dies and comes back.
+
+use super::vehicle::{PLUMBLINE, Running, eventually, flight, free_port, render};
+use serde_json::{Value, json};
+use std::io::{BufRead, BufReader, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// The Python of the tests' environment.
+fn python() -> PathBuf {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let venv = std::env::var_os("VENV").map_or_else(|| root.join(".venv"), |venv| root.join(venv));
+    let python = venv.join("bin/python");
+    if python.exists() { python } else { "python3".into() }
+}
+
+/// Chromium, told what to do by `tests/python/browser.py`.
+struct Browser {
+    child: Child,
+    orders: ChildStdin,
+    answers: BufReader<ChildStdout>,
+}
+
+impl Browser {
+    /// `None` where there is no browser; the test says so.
+    fn start() -> Option<Self> {
+        if !Path::new("/usr/bin/chromium").exists() || !Path::new("/usr/bin/chromedriver").exists() {
+            println!("skipped: no /usr/bin/chromium or chromedriver here (scripts/setup test installs them)");
+            return None;
+        }
+        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/python/browser.py");
+        let mut child =
+            Command::new(python()).arg(script).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+        let (orders, answers) = (child.stdin.take().unwrap(), child.stdout.take().unwrap());
+        let mut browser = Self { child, orders, answers: BufReader::new(answers) };
+        assert_eq!(browser.answer().unwrap(), "ready");
+        Some(browser)
+    }
+
+    fn answer(&mut self) -> Result<Value, String> {
+        let mut line = String::new();
+        self.answers.read_line(&mut line).unwrap();
+        let answer: Value = serde_json::from_str(&line).unwrap_or_else(|_| panic!("the browser said {line:?}"));
+        match answer["error"].as_str() {
+            Some(error) => Err(error.to_owned()),
+            None => Ok(answer["value"].clone()),
+        }
+    }
+
+    fn order(&mut self, order: &Value) -> Result<Value, String> {
+        writeln!(self.orders, "{order}").unwrap();
+        self.answer()
+    }
+
+    fn attribute(&mut self, css: &str, name: &str) -> String {
+        let answer = self.order(&json!({"do": "attr", "css": css, "name": name}));
+        answer.ok().and_then(|value| value.as_str().map(str::to_owned)).unwrap_or_default()
+    }
+
+    fn text(&mut self, css: &str) -> String {
+        let answer = self.order(&json!({"do": "text", "css": css}));
+        answer.ok().and_then(|value| value.as_str().map(str::to_owned)).unwrap_or_default()
+    }
+
+    fn click(&mut self, css: &str) {
+        self.order(&json!({"do": "click", "css": css})).unwrap();
+    }
+
+    /// Keeps a picture of the page beside the other artefacts of the build.
+    fn screenshot(&mut self, name: &str) {
+        let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+        self.order(&json!({"do": "shot", "file": file})).unwrap();
+        println!("screenshot: {}", file.display());
+    }
+
+    fn presence(&mut self) -> String {
+        self.attribute("[data-vehicle=\"drone\"]", "data-presence")
+    }
+
+    /// Points of the path that is drawn.
+    fn points(&mut self) -> u32 {
+        self.attribute("#view3d", "data-points").parse().unwrap_or(0)
+    }
+}
+
+impl Drop for Browser {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        // Chromium is the driver's child, not ours.
+        let _ = Command::new("pkill").args(["-P", &self.child.id().to_string()]).status();
+    }
+}
+
+#[test]
+fn network_page_shows_a_vehicle_that_comes_is_reset_dies_and_comes_back() {
+    const PATIENCE: Duration = Duration::from_secs(20);
+    render(40);
+    let Some(mut browser) = Browser::start() else { return };
+    let (vehicle_port, page_port) = (free_port(), free_port());
+    let endpoint = format!("tcp/127.0.0.1:{vehicle_port}");
+    let mut command = Command::new(PLUMBLINE);
+    let page = format!("127.0.0.1:{page_port}");
+    command.args(["ground", "--plain", "--connect", &endpoint, "--http", &page]);
+    let station = Running::start(command);
+    let fly = || {
+        let mut command = flight("drone", 40);
+        command.args(["--listen", &endpoint]);
+        Running::start(command)
+    };
+    let url = format!("http://{page}/");
+    eventually("the page is served", PATIENCE, || browser.order(&json!({"do": "open", "url": url})).is_ok());
+    eventually("the socket is open", PATIENCE, || browser.attribute("#connection", "data-state") == "open");
+
+    let mut vehicle = fly();
+    eventually("the vehicle is tracking", PATIENCE, || browser.presence() == "tracking");
+    eventually("its path grows", PATIENCE, || browser.points() > 20);
+    let before = browser.points();
+    eventually("and goes on growing", PATIENCE, || browser.points() > before + 20);
+    let position = browser.text("#position");
+    eventually("its position changes", PATIENCE, || browser.text("#position") != position);
+    eventually("its camera is seen", PATIENCE, || !browser.attribute("#camera", "data-stamp").is_empty());
+    browser.screenshot("ground-light.png");
+
+    assert_eq!(browser.text("#resets").trim(), "0");
+    browser.click("#reset-soft");
+    eventually("the question is asked", PATIENCE, || !browser.text("#confirm-yes").is_empty());
+    browser.click("#confirm-yes");
+    eventually("the reset was done", PATIENCE, || browser.text("#resets").trim() == "1");
+    eventually("the event is told", PATIENCE, || browser.text("#events").contains("reset"));
+    eventually("it tracks again", PATIENCE, || browser.presence() == "tracking");
+
+    vehicle.kill();
+    let killed = Instant::now();
+    eventually("it is lost within two seconds", Duration::from_secs(2), || browser.presence() == "lost");
+    println!("lost after {:.2} s", killed.elapsed().as_secs_f64());
+    let _vehicle = fly();
+    eventually("it comes back", PATIENCE, || browser.presence() == "tracking");
+    browser.click("#theme");
+    browser.screenshot("ground-other-theme.png");
+    let errors = browser.order(&json!({"do": "errors"})).unwrap();
+    assert_eq!(errors, json!([]), "the console of the page");
+    assert!(!station.words().contains("panicked"), "{}", station.words());
+}
+
+/// Bytes that no page would send, at the web socket and beside it.
+#[test]
+fn network_page_survives_noise_at_its_socket() {
+    use std::io::Read;
+    use std::net::TcpStream;
+    let port = free_port();
+    let mut command = Command::new(PLUMBLINE);
+    let page = format!("127.0.0.1:{port}");
+    let listen = format!("tcp/127.0.0.1:{}", free_port());
+    command.args(["ground", "--plain", "--listen", &listen, "--http", &page]);
+    let mut station = Running::start(command);
+    eventually("the page is served", Duration::from_secs(10), || TcpStream::connect(&page).is_ok());
+    let ask = |request: &str, body: &[u8]| {
+        let mut stream = TcpStream::connect(&page).unwrap();
+        stream.set_read_timeout(Some(Duration::from_millis(300))).unwrap();
+        let _ = stream.write_all(request.as_bytes());
+        let _ = stream.write_all(body);
+        let mut answer = vec![0; 512];
+        let count = stream.read(&mut answer).unwrap_or(0);
+        String::from_utf8_lossy(&answer[..count]).into_owned()
+    };
+    let upgrade = format!(
+        "GET /ws HTTP/1.1\r\nHost: {page}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\
+         Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+    );
+    let mut noise = 7u64;
+    for round in 0..30usize {
+        let bytes: Vec<u8> = (0..[2, 20, 200, 9_000][round % 4])
+            .map(|_| {
+                noise = noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                (noise >> 56) as u8
+            })
+            .collect();
+        assert!(ask(&upgrade, &bytes).contains("101"), "the socket no longer opens");
+        ask("", &bytes);
+    }
+    // A masked text frame that is JSON, and none that is known.
+    let text = br#"{"type":"launch"}"#;
+    let frame = [&[0x81, 0x80 | text.len() as u8, 0, 0, 0, 0][..], text].concat();
+    ask(&upgrade, &frame);
+    let from_elsewhere = upgrade.replace("\r\n\r\n", "\r\nOrigin: http://evil.example\r\n\r\n");
+    assert!(ask(&from_elsewhere, &[]).contains("403"));
+    assert!(ask(&upgrade.replace(&page, "evil.example"), &[]).contains("403"));
+    let body = r#"{"kind":"hard"}"#;
+    let reset = format!(
+        "POST /api/vehicles/drone/reset HTTP/1.1\r\nHost: {page}\r\nContent-Type: text/plain\r\n\
+         Content-Length: {}\r\n\r\n{body}",
+        body.len()
+    );
+    assert!(ask(&reset, &[]).contains("403"), "a form of another page could reset");
+    assert!(ask(&reset.replace("text/plain", "application/json"), &[]).contains("404"));
+    assert!(ask(&format!("GET /../Cargo.toml HTTP/1.1\r\nHost: {page}\r\n\r\n"), &[]).contains("404"));
+    // It is still there, and has counted.
+    let mut socket = TcpStream::connect(&page).unwrap();
+    socket.set_read_timeout(Some(Duration::from_secs(2))).unwrap();
+    socket.write_all(upgrade.as_bytes()).unwrap();
+    let mut heard = String::new();
+    eventually("the fleet is told", Duration::from_secs(5), || {
+        let mut bytes = [0; 4_096];
+        let count = socket.read(&mut bytes).unwrap_or(0);
+        heard.push_str(&String::from_utf8_lossy(&bytes[..count]));
+        heard.contains("\"malformed\":")
+    });
+    let counted: u64 = heard
+        .split("\"malformed\":")
+        .nth(1)
+        .and_then(|rest| rest.split(|c: char| !c.is_ascii_digit()).next()?.parse().ok())
+        .unwrap();
+    assert!(counted >= 10, "{counted} counted");
+    assert!(station.child.try_wait().unwrap().is_none(), "{}", station.words());
+}
