@@ -5,10 +5,12 @@
 //! tests hold both together. A value of [`Config`] handed to the estimator has
 //! passed validation.
 
+mod autopilot;
 mod lines;
 mod recorder;
 mod runtime;
 
+pub use autopilot::{AutopilotClock, AutopilotConfig, AutopilotEndpoint, LostPose};
 pub use lines::LinesConfig;
 pub use recorder::{ImageRecording, KeepPolicy, RecorderConfig};
 pub use runtime::RuntimeConfig;
@@ -44,6 +46,9 @@ pub struct Config {
     /// What the flight recorder keeps, and how much of it.
     #[serde(default)]
     pub recorder: RecorderConfig,
+    /// The vehicle's autopilot, and what it is told.
+    #[serde(default)]
+    pub autopilot: AutopilotConfig,
 }
 
 impl Config {
@@ -59,6 +64,7 @@ impl Config {
             network: NetworkConfig::default(),
             runtime: RuntimeConfig::default(),
             recorder: RecorderConfig::default(),
+            autopilot: AutopilotConfig::default(),
         }
     }
 }

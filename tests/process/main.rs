@@ -1,5 +1,6 @@
 //! System tests of the command: real processes, real files, a real Zenoh session.
 
+mod autopilot;
 mod cgroup;
 mod errors;
 mod lines;
