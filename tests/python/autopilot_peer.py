@@ -10,18 +10,44 @@ import json
 import math
 import os
 import socket
+import struct
 import time
 
 os.environ["MAVLINK20"] = "1"
-from pymavlink import mavutil  # noqa: E402  (reads MAVLINK20 when imported)
+from pymavlink.dialects.v20 import common as mavlink  # noqa: E402  (reads MAVLINK20 when imported)
 
 STOPPED = "Plumbline: lost, stopped"
+# Linux: the time of arrival by the kernel comes with every datagram, however late this process reads it.
+SO_TIMESTAMPNS = getattr(socket, "SO_TIMESTAMPNS", 35)
+TIMESPEC = struct.Struct("@ll")
 
 
-def free_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
+class Line:
+    """A UDP socket that answers whoever spoke last; pymavlink writes to it."""
+
+    def __init__(self):
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        self.socket.bind(("127.0.0.1", 0))
+        self.socket.settimeout(0.02)
+        self.bridge = None
+
+    def write(self, data):
+        if self.bridge is not None:
+            self.socket.sendto(data, self.bridge)
+
+    def read(self):
+        """The next datagram and its arrival by the monotonic clock, ns."""
+        try:
+            data, ancillary, _, self.bridge = self.socket.recvmsg(4096, 128)
+        except TimeoutError:
+            return b"", 0
+        arrived_ns = time.monotonic_ns()
+        for level, kind, value in ancillary:
+            if (level, kind) == (socket.SOL_SOCKET, SO_TIMESTAMPNS):
+                seconds, nanos = TIMESPEC.unpack(value[: TIMESPEC.size])
+                arrived_ns -= time.time_ns() - (seconds * 1_000_000_000 + nanos)
+        return data, arrived_ns
 
 
 def plain(value):
@@ -36,11 +62,11 @@ def plain(value):
 class Peer:
     """Clock, line and what came over it."""
 
-    def __init__(self, port, ahead_ns):
+    def __init__(self, ahead_ns):
         self.ahead_ns = ahead_ns
-        self.line = mavutil.mavlink_connection(
-            f"udpin:127.0.0.1:{port}", source_system=1, source_component=1, dialect="common"
-        )
+        self.line = Line()
+        self.mav = mavlink.MAVLink(self.line, srcSystem=1, srcComponent=1)
+        self.mav.robust_parsing = True
         self.got = {"odometry": [], "texts": [], "heartbeats": [], "asked": 0, "answers": [], "bad": 0}
         self.gaps = 0
         self.sequence = None
@@ -49,11 +75,11 @@ class Peer:
         return time.monotonic_ns() + self.ahead_ns
 
     def ask(self):
-        self.line.mav.timesync_send(0, self.now_ns())
+        self.mav.timesync_send(0, self.now_ns())
 
-    def take(self, message):
-        now_ns = self.now_ns()
-        kind, at = message.get_type(), now_ns * 1e-9
+    def take(self, message, arrived_ns):
+        kind = message.get_type()
+        now_ns, at = self.now_ns(), (arrived_ns + self.ahead_ns) * 1e-9
         if kind == "BAD_DATA":
             self.got["bad"] += 1
             return
@@ -71,7 +97,7 @@ class Peer:
             self.got["heartbeats"].append({"type": message.type, "state": message.system_status})
         elif kind == "TIMESYNC" and message.tc1 == 0:
             self.got["asked"] += 1
-            self.line.mav.timesync_send(now_ns, message.ts1)
+            self.mav.timesync_send(now_ns, message.ts1)
         elif kind == "TIMESYNC":
             # As PX4 does: half of the round trip for each way; ours less theirs.
             offset_ns = (message.ts1 + now_ns) // 2 - message.tc1
@@ -84,21 +110,17 @@ def main():
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--linger", type=float, default=0.2)
     options = parser.parse_args()
-    port = free_port()
-    peer = Peer(port, options.ahead_ns)
-    print(port, flush=True)
+    peer = Peer(options.ahead_ns)
+    print(peer.line.socket.getsockname()[1], flush=True)
     end = time.monotonic() + options.seconds
     next_question = time.monotonic()
-    heard = False
     while time.monotonic() < end:
-        # Blocks for milliseconds at a time; the line must have been heard before there is somebody to ask.
-        message = peer.line.recv_match(blocking=True, timeout=0.05)
-        if message is not None:
-            heard = True
-            peer.take(message)
+        data, arrived_ns = peer.line.read()
+        for message in peer.mav.parse_buffer(data) or []:
+            peer.take(message, arrived_ns)
             if message.get_type() == "STATUSTEXT" and message.text == STOPPED:
                 end = min(end, time.monotonic() + options.linger)
-        if heard and time.monotonic() >= next_question:
+        if time.monotonic() >= next_question:
             next_question = time.monotonic() + 0.1
             peer.ask()
     print(json.dumps({**peer.got, "gaps": peer.gaps}))

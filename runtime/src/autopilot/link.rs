@@ -228,10 +228,14 @@ impl SerialLink {
     /// A message follows the rest of the one before, or is not sent at all.
     fn send(&mut self, message: &[u8], now: Monotonic) -> bool {
         self.reopen(now);
-        while !self.rest.is_empty() {
-            match self.write(&self.rest.clone()) {
-                0 => return false,
-                count => drop(self.rest.drain(..count)),
+        let mut rest = std::mem::take(&mut self.rest);
+        while !rest.is_empty() && self.file.is_some() {
+            match self.write(&rest) {
+                0 => {
+                    self.rest = rest;
+                    return false;
+                }
+                count => drop(rest.drain(..count)),
             }
         }
         match self.write(message) {
@@ -259,7 +263,6 @@ impl SerialLink {
         let reason = error.map_or_else(|| "it hung up".into(), |error| error.to_string());
         tracing::warn!("autopilot at {}: the device went away ({reason}); looking for it", self.device);
         self.file = None;
-        self.rest.clear();
     }
 
     fn reopen(&mut self, now: Monotonic) {
@@ -269,6 +272,7 @@ impl SerialLink {
         self.tried = now;
         self.file = open_device(&self.device, self.baud).ok();
         if self.file.is_some() {
+            self.rest.clear();
             tracing::info!("autopilot at {}: the device is back", self.device);
         }
     }

@@ -131,6 +131,7 @@ impl Sender {
             self.newest = slot.newest.pop().or(self.newest.take());
             let now = Monotonic::now();
             let condition = self.condition(slot.has_pose.load(Ordering::Relaxed), now);
+            self.ask_for_the_time();
             self.send_odometry(condition, now);
             self.send_others(condition, now);
             self.watch(now);
@@ -203,12 +204,18 @@ impl Sender {
             self.heartbeat = now;
             self.send::<HEARTBEAT_DATA>(&message::heartbeat(condition.mav_state()), now);
         }
+        self.announce(condition, now);
+    }
+
+    /// Before the odometry: behind it, the question would take longer than its answer on a serial line, and
+    /// half of the difference would be taken for one of the clocks.
+    fn ask_for_the_time(&mut self) {
+        let now = Monotonic::now();
         if let Some(ts1) = self.timesync.request(now) {
-            let target_system = self.header.system_id as u8;
+            let target_system = u8::try_from(self.header.system_id).unwrap_or(0);
             let ask = TIMESYNC_DATA { tc1: 0, ts1, target_system, target_component: AUTOPILOT };
             self.send::<TIMESYNC_DATA>(&ask, now);
         }
-        self.announce(condition, now);
     }
 
     fn announce(&mut self, condition: Condition, now: Monotonic) {
