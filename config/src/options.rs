@@ -5,11 +5,13 @@
 //! tests hold both together. A value of [`Config`] handed to the estimator has
 //! passed validation.
 
+mod autopilot;
 mod lines;
 mod network;
 mod recorder;
 mod runtime;
 
+pub use autopilot::{AutopilotClock, AutopilotConfig, AutopilotEndpoint, LostPose};
 pub use lines::LinesConfig;
 pub use network::{Commands, Link, LoginConfig, NetworkConfig, TlsConfig};
 pub use recorder::{ImageRecording, KeepPolicy, RecorderConfig};
@@ -46,6 +48,9 @@ pub struct Config {
     /// What the flight recorder keeps, and how much of it.
     #[serde(default)]
     pub recorder: RecorderConfig,
+    /// The vehicle's autopilot, and what it is told.
+    #[serde(default)]
+    pub autopilot: AutopilotConfig,
 }
 
 impl Config {
@@ -61,6 +66,7 @@ impl Config {
             network: NetworkConfig::default(),
             runtime: RuntimeConfig::default(),
             recorder: RecorderConfig::default(),
+            autopilot: AutopilotConfig::default(),
         }
     }
 }

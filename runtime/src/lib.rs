@@ -1,11 +1,12 @@
 //! The Plumbline runtime as a library; the binary `plumbline` is its command line.
 //!
 //! The data flow one way: a [`flight`] opens the streams, the [`pipeline`] takes them to estimates, sinks
-//! take what it produces ([`record`], [`net`]), a [`report`] sums it up, [`evaluate`] compares trajectories, and a
+//! take what it produces ([`record`], [`net`], [`autopilot`]), a [`report`] sums it up, [`evaluate`] compares trajectories, and a
 //! [`campaign`] does all of it over many flights. A flight [`log`] holds a run so that it can be executed
 //! again. A [`picture`] shows what was found in an image.
 
 pub mod alloc;
+pub mod autopilot;
 pub mod bench;
 pub mod campaign;
 pub mod cli;

@@ -142,7 +142,7 @@ fn a_disturbed_flight_is_executed_again_bit_for_bit_from_its_log() {
 }
 
 /// The thread of `pid` that is called `name`.
-fn thread_of(pid: u32, name: &str) -> Option<u32> {
+pub fn thread_of(pid: u32, name: &str) -> Option<u32> {
     for entry in std::fs::read_dir(format!("/proc/{pid}/task")).ok()?.flatten() {
         if std::fs::read_to_string(entry.path().join("comm")).is_ok_and(|comm| comm.trim() == name) {
             return entry.file_name().to_str()?.parse().ok();

@@ -1,6 +1,7 @@
 //! System tests of the command: real processes, real files, a real Zenoh session.
 
 mod browser;
+mod autopilot;
 mod cgroup;
 mod errors;
 mod lines;

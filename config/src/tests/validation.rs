@@ -109,6 +109,35 @@ fn endpoints_name_protocol_host_and_port() {
     check("network.connect", "17 endpoints", |c| c.network.connect = vec!["tcp/h:1".into(); 17]);
 }
 
+#[test]
+fn autopilots_have_an_address_and_a_line_that_is_fast_enough() {
+    for bad in [
+        "127.0.0.1:14540",
+        "tcp://h:1",
+        "udp://h",
+        "udp://:1",
+        "udp://h:0",
+        "udp://h:70000",
+        "udp://h h:1",
+        "serial://ttyS0:921600",
+        "serial:///dev/ttyS0",
+        "serial:///dev/ttyS0:1",
+    ] {
+        check("autopilot.connect", "serial:///dev/ttyS0:921600", |c| c.autopilot.connect = bad.into());
+    }
+    let goods = ["", "udp://127.0.0.1:14540", "udpout://[::1]:14540", "udpin://0.0.0.0:14550"];
+    for good in
+        goods.into_iter().chain(["serial:///dev/ttyS0:115200", "serial:///dev/serial/by-path/a:1:921600"])
+    {
+        assert_eq!(refused(|c| c.autopilot.connect = good.into()), []);
+    }
+    check("autopilot.connect", "57600 baud are too slow", |c| {
+        c.autopilot.connect = "serial:///dev/ttyS0:57600".into();
+    });
+    check("autopilot.rate_hz", "30 to 50", |c| c.autopilot.rate_hz = 10.0);
+    check("autopilot.imu_to_vehicle_deg[1]", "degrees", |c| c.autopilot.imu_to_vehicle_deg[1] = 270.0);
+}
+
 /// Replaces the numbers of a tree one at a time and calls `with_key` on each changed tree.
 fn each_number(root: &Value, poison: fn(&Value) -> Option<Value>, with_key: &mut dyn FnMut(&str, Value)) {
     fn walk(

@@ -1,6 +1,7 @@
 //! Validation: which values are refused. Ranges of single numbers are a table in [`ranges`]; here is what
-//! concerns several values at a time, and [`mounting`] and [`network`].
+//! concerns several values at a time, and [`mounting`], [`network`] and [`autopilot`].
 
+mod autopilot;
 mod mounting;
 mod network;
 mod ranges;
@@ -39,6 +40,7 @@ impl Config {
         check_orders(self, &mut found);
         check_image_fits(self, &mut found);
         network::check(&self.network, &mut found);
+        autopilot::check(&self.autopilot, &mut found);
         check_processors(self, &mut found);
         found
     }

@@ -13,6 +13,7 @@ type Row<T> = (&'static str, fn(&T) -> f64, f64, f64, &'static str);
 const NOISE: &str =
     "write it per sqrt(Hz) and in radians and metres (1 deg = 0.01745 rad, 1 mg = 0.00981 m/s²)";
 const RAD: &str = "write it in radians (1 deg = 0.01745 rad)";
+const DEGREES: &str = "write it in degrees, from -180 to 180";
 const METRES: &str = "write it in metres (is this in mm?)";
 const SECONDS: &str = "write it in seconds (is this in ms?)";
 const PX: &str = "write it in pixels";
@@ -92,6 +93,12 @@ const ROWS: &[Row<Config>] = &[
     ("recorder.max_total_mb",   |c| c.recorder.max_total_mb as f64,  32.0, 16_777_216.0, "write it in MB (10^6 bytes)"),
     ("recorder.queue_entries",  |c| c.recorder.queue_entries as f64, 64.0, 65_536.0,     COUNT),
     ("recorder.queue_frames",   |c| c.recorder.queue_frames as f64,  1.0,  256.0,        COUNT),
+
+    ("autopilot.rate_hz",               |c| c.autopilot.rate_hz,               30.0,   50.0,  "write it in Hz; PX4 asks for 30 to 50"),
+    ("autopilot.system_id",             |c| f64::from(c.autopilot.system_id),  1.0,    255.0, "write the number of the vehicle, as its autopilot has it"),
+    ("autopilot.imu_to_vehicle_deg[0]", |c| c.autopilot.imu_to_vehicle_deg[0], -180.0, 180.0, DEGREES),
+    ("autopilot.imu_to_vehicle_deg[1]", |c| c.autopilot.imu_to_vehicle_deg[1], -180.0, 180.0, DEGREES),
+    ("autopilot.imu_to_vehicle_deg[2]", |c| c.autopilot.imu_to_vehicle_deg[2], -180.0, 180.0, DEGREES),
 ];
 
 #[rustfmt::skip]

@@ -3,6 +3,7 @@
 use super::overrides::with_overrides;
 use super::scenario::{ScenarioArgs, parse_scene};
 use super::{Usage, check_outputs, load_config, parse_range, say, stop_on_signal};
+use crate::autopilot::{Bridge, Stamps};
 use crate::campaign::cache;
 use crate::evaluate::load_trajectory;
 use crate::flight::{Flight, Truth, is_log, open_dataset, open_log, open_simulation};
@@ -16,6 +17,7 @@ use crate::report::accuracy::Accuracy;
 use anyhow::{Context, Result};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
+use plumbline_config::Config;
 use plumbline_drivers::tum::write_tum;
 use plumbline_estimator::{Estimate, Odometry};
 use std::fmt::Write as _;
@@ -85,6 +87,10 @@ pub struct ReplayArgs {
     /// With --publish: connect to this router or ground station.
     #[arg(long, value_name = "ENDPOINT", requires = "publish")]
     pub connect: Vec<String>,
+    /// With --speed: send odometry to an autopilot by MAVLink, such as udp://127.0.0.1:14540 or
+    /// serial:///dev/ttyS0:921600; how, the configuration's [autopilot] says.
+    #[arg(long, value_name = "udp://HOST:PORT")]
+    pub autopilot: Option<String>,
     /// Print the report as JSON instead of the summary.
     #[arg(long)]
     pub json: bool,
@@ -111,7 +117,11 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     if let Some(file) = &args.truth {
         flight.truth = Truth::Recorded(load_trajectory(file)?);
     }
+    if let Some(connect) = &args.autopilot {
+        flight.config.autopilot.connect.clone_from(connect);
+    }
     let is_live = args.speed.is_some();
+    let mut bridge = start_bridge(&flight.config, args)?;
     let recording = args.record.as_ref().map(|path| start_recording(path, &flight, is_live)).transpose()?;
     let control = Arc::new(Control::stopped_by(stop_on_signal()?));
     let mut publisher = args.publish.then(|| start_publisher(args, &flight, &control)).transpose()?;
@@ -125,10 +135,14 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
         taps.push(publisher.tap());
         recorder.listeners.push(publisher);
     }
+    if let Some(bridge) = &mut bridge {
+        recorder.listeners.push(bridge);
+    }
     taps.extend(recording.iter().map(|recording| Box::new(recording.handle()) as Box<dyn Tap>));
     let options = RunOptions { speed: args.speed, threads: usize::from(args.threads) };
     let tap = Box::new(Several(taps));
     let (mut report, poses, odometry) = fly_tapped(flight, recorder, &options, &control, tap)?;
+    report.autopilot = bridge.and_then(Bridge::stop);
     progress.0.finish_and_clear();
     report.recording = recording.map(log::Recorder::finish);
     if let Some(publisher) = publisher {
@@ -199,6 +213,26 @@ fn start_recording(path: &Path, flight: &Flight, is_live: bool) -> Result<log::R
     }
     let when_full = if is_live { WhenFull::Drop } else { WhenFull::Wait };
     Ok(log::Recorder::start(path, &flight.config, when_full)?)
+}
+
+/// Starts the bridge to the autopilot, where one is named: it flies in real time, or not at all.
+fn start_bridge(config: &Config, args: &ReplayArgs) -> Result<Option<Bridge>> {
+    let autopilot = &config.autopilot;
+    if autopilot.connect.is_empty() {
+        return Ok(None);
+    }
+    if let Some(bad) = config.violations().iter().find(|v| v.key.starts_with("autopilot.")) {
+        let name = if args.autopilot.is_some() { "--autopilot" } else { &bad.key };
+        return Err(Usage(format!("{name}: {}; {}", bad.reason, bad.cure)).into());
+    }
+    if args.speed.is_some() {
+        return Ok(Some(Bridge::start(autopilot, Stamps::Replayed)?));
+    }
+    if args.autopilot.is_some() {
+        return Err(Usage("--autopilot: give --speed 1 too, an autopilot flies in real time".into()).into());
+    }
+    tracing::warn!("autopilot.connect is set, but without --speed 1 nothing is sent there");
+    Ok(None)
 }
 
 /// Runs a flight to its end and reports it.

@@ -2,6 +2,7 @@
 
 pub mod accuracy;
 
+use crate::autopilot::BridgeFigures;
 use crate::log::recorder::RecorderSummary;
 use crate::pipeline::figures::Percentiles;
 use crate::pipeline::{LiveFigures, Outcome};
@@ -69,6 +70,9 @@ pub struct Report {
     /// What the recorder wrote, where there was one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub recording: Option<RecorderSummary>,
+    /// What the autopilot was told, where there was one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub autopilot: Option<BridgeFigures>,
 }
 
 /// Points, means per frame.
@@ -161,6 +165,7 @@ impl Report {
             threads,
             config_hash: config_hash(config),
             recording: None,
+            autopilot: None,
         }
     }
 
@@ -222,6 +227,9 @@ impl Report {
         ));
         if let Some(recording) = &self.recording {
             lines.push(format!("{:<18}{recording}", "recording"));
+        }
+        if let Some(autopilot) = &self.autopilot {
+            lines.push(format!("{:<18}{autopilot}", "autopilot"));
         }
         lines.push(format!("{:<18}{}", "estimate digest", &self.estimate_digest[..16]));
         lines.join("\n")

@@ -65,6 +65,12 @@ impl Ticker {
         Self { next: first, period_ns: i64::try_from(period.as_nanos()).unwrap_or(i64::MAX).max(1) }
     }
 
+    /// When the next release is due.
+    #[must_use]
+    pub fn due(&self) -> Monotonic {
+        self.next
+    }
+
     /// Sleeps until the next release. One that is more than a period late stands for those it missed.
     pub fn wait(&mut self) -> Release {
         self.next.sleep_until();

@@ -1,0 +1,310 @@
+//! The pipeline's side of the bridge, and its thread.
+
+use super::clock::{StampClock, Stamps};
+use super::frames::Frames;
+use super::link::{Link, LinkError};
+use super::sender::{BridgeFigures, Sender};
+use crate::pipeline::Sink;
+use crate::schedule::ticker::{Monotonic, Ticker};
+use crossbeam_queue::ArrayQueue;
+use nalgebra::UnitQuaternion;
+use plumbline_config::options::{AutopilotConfig, AutopilotEndpoint};
+use plumbline_estimator::{Estimate, Odometry, TrackingState};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::Duration;
+use thiserror::Error;
+
+/// Why there is no bridge.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum BridgeError {
+    /// The configured address cannot be read.
+    #[error("autopilot.connect: {0}")]
+    Endpoint(String),
+    /// The line cannot be opened.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// The system refuses the thread.
+    #[error("cannot start the autopilot's thread: {0}")]
+    Thread(#[from] std::io::Error),
+}
+
+/// What the pipeline hands over.
+#[derive(Clone, Debug)]
+pub struct Handover {
+    /// As the pipeline gave it.
+    pub odometry: Odometry,
+    /// When it was measured, by the host's clock.
+    pub measured: Monotonic,
+    /// From `O` to LOCAL_FRD.
+    pub rot_l_o: UnitQuaternion<f64>,
+}
+
+/// What both sides share. Nobody waits for anybody.
+#[derive(Debug)]
+pub struct Slot {
+    /// One place: what is newer takes it.
+    pub newest: ArrayQueue<Handover>,
+    /// Cleared when the estimate is given up, set by the next odometry.
+    pub has_pose: AtomicBool,
+    /// Set once, at the end.
+    pub stop: AtomicBool,
+}
+
+impl Default for Slot {
+    fn default() -> Self {
+        Self { newest: ArrayQueue::new(1), has_pose: AtomicBool::new(true), stop: AtomicBool::new(false) }
+    }
+}
+
+/// The bridge to the autopilot. As a [`Sink`] it takes what the pipeline produces, without waiting.
+#[derive(Debug)]
+pub struct Bridge {
+    slot: Arc<Slot>,
+    thread: Option<JoinHandle<BridgeFigures>>,
+    frames: Frames,
+    clock: StampClock,
+    rot_l_o: Option<UnitQuaternion<f64>>,
+}
+
+impl Bridge {
+    /// Opens the line and begins to send; the pilot is told nothing before there is odometry.
+    ///
+    /// # Errors
+    /// When the address or device cannot be used.
+    pub fn start(config: &AutopilotConfig, stamps: Stamps) -> Result<Self, BridgeError> {
+        let endpoint = AutopilotEndpoint::parse(&config.connect).map_err(BridgeError::Endpoint)?;
+        let link = Link::open(&endpoint)?;
+        let slot = Arc::new(Slot::default());
+        let frames = Frames::new(config.imu_to_vehicle_deg);
+        let sender = Sender::new(config, link, frames);
+        let period = Duration::from_secs_f64(1.0 / config.rate_hz);
+        let theirs = Arc::clone(&slot);
+        let thread = std::thread::Builder::new().name("plumbline-pilot".into()).spawn(move || {
+            let first = Monotonic::now().plus_nanos(period.as_nanos() as i64);
+            sender.run(&theirs, Ticker::new(first, period))
+        })?;
+        Ok(Self { slot, thread: Some(thread), frames, clock: StampClock::new(stamps), rot_l_o: None })
+    }
+
+    /// Says that there will be no more odometry, and ends. The counts, unless the thread ended by a fault.
+    pub fn stop(mut self) -> Option<BridgeFigures> {
+        self.end()
+    }
+
+    fn end(&mut self) -> Option<BridgeFigures> {
+        self.slot.stop.store(true, Ordering::Relaxed);
+        let ended = self.thread.take()?.join();
+        if ended.is_err() {
+            tracing::error!("the autopilot's thread ended by a fault of its own; please report this");
+        }
+        ended.ok()
+    }
+}
+
+impl Drop for Bridge {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+impl Sink for Bridge {
+    fn estimate(&mut self, estimate: &Estimate, _frame_ms: f64) {
+        if estimate.state == TrackingState::Failed {
+            self.slot.has_pose.store(false, Ordering::Relaxed);
+        }
+    }
+
+    fn odometry(&mut self, odometry: &Odometry) {
+        let measured = self.clock.measured(odometry.stamp, Monotonic::now());
+        let rot_l_o = *self.rot_l_o.get_or_insert_with(|| self.frames.local_frame(&odometry.pose_o_b));
+        let _ = self.slot.newest.force_push(Handover { odometry: odometry.clone(), measured, rot_l_o });
+        self.slot.has_pose.store(true, Ordering::Relaxed);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::fixture::{estimate, odometry};
+    use super::*;
+    use mavlink::dialects::common::{MavMessage, ODOMETRY_DATA, TIMESYNC_DATA};
+    use mavlink::{MavHeader, MavlinkReader, MavlinkVersion};
+    use plumbline_config::options::AutopilotClock;
+    use std::net::UdpSocket;
+    use std::time::Instant;
+
+    /// How far the clock of the autopilot is ahead, ns.
+    const AHEAD_NS: i64 = 1_234_567_000_000;
+
+    struct Autopilot {
+        socket: UdpSocket,
+        odometry: Vec<(Instant, ODOMETRY_DATA)>,
+        texts: Vec<String>,
+        heartbeats: usize,
+        answered: usize,
+    }
+
+    impl Autopilot {
+        fn new() -> (Self, AutopilotConfig) {
+            let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+            socket.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
+            let connect = format!("udp://{}", socket.local_addr().unwrap());
+            let config = AutopilotConfig { connect, ..AutopilotConfig::default() };
+            (Self { socket, odometry: vec![], texts: vec![], heartbeats: 0, answered: 0 }, config)
+        }
+
+        /// Takes what comes for this long, feeding the bridge meanwhile.
+        fn fly(&mut self, duration: Duration, mut feed: impl FnMut()) {
+            let end = Instant::now() + duration;
+            while Instant::now() < end {
+                feed();
+                let mut bytes = [0; 2048];
+                let Ok((count, from)) = self.socket.recv_from(&mut bytes) else { continue };
+                let mut reader = MavlinkReader::new(&bytes[..count]);
+                let (header, message) = reader.read_message::<MavMessage>(MavlinkVersion::V2).unwrap();
+                assert_eq!((header.system_id, header.component_id), (1, 197));
+                match message {
+                    MavMessage::ODOMETRY(odometry) => self.odometry.push((Instant::now(), odometry)),
+                    MavMessage::STATUSTEXT(text) => self.texts.push(text.text.to_str().unwrap().into()),
+                    MavMessage::HEARTBEAT(_) => self.heartbeats += 1,
+                    MavMessage::TIMESYNC(ask) if ask.tc1 == 0 => {
+                        let tc1 = Monotonic::now().0 + AHEAD_NS;
+                        let answer = TIMESYNC_DATA { tc1, target_system: 1, target_component: 197, ..ask };
+                        self.say(&MavMessage::TIMESYNC(answer), from);
+                    }
+                    MavMessage::TIMESYNC(answer) => {
+                        assert_eq!(answer.ts1, 42);
+                        self.answered += 1;
+                    }
+                    other => panic!("{other:?}"),
+                }
+            }
+        }
+
+        fn say(&self, message: &MavMessage, to: std::net::SocketAddr) {
+            let header = MavHeader { system_id: 1, component_id: 1, sequence: 0 };
+            let mut bytes = Vec::new();
+            mavlink::write_v2_msg(&mut bytes, header, message).unwrap();
+            self.socket.send_to(&bytes, to).unwrap();
+        }
+
+        fn qualities(&mut self) -> Vec<i8> {
+            self.odometry.drain(..).map(|(_, message)| message.quality).collect()
+        }
+    }
+
+    /// Odometry as of now, by a clock of 1970.
+    fn fresh() -> Odometry {
+        let mut fresh = odometry();
+        fresh.stamp = plumbline_config::Timestamp::from_nanos(1_500_000_000_000_000_000 + Monotonic::now().0);
+        fresh
+    }
+
+    #[test]
+    fn odometry_goes_on_at_its_rate_while_the_estimator_comes_and_goes() {
+        let (mut autopilot, config) = Autopilot::new();
+        let mut bridge = Bridge::start(&config, Stamps::Replayed).unwrap();
+        let began = Instant::now();
+        autopilot.fly(Duration::from_millis(500), || {});
+        assert!(autopilot.odometry.iter().all(|(_, message)| message.x.is_nan()));
+        assert!(autopilot.qualities().iter().all(|q| *q == -1));
+        autopilot.fly(Duration::from_millis(1200), || bridge.odometry(&fresh()));
+        let (_, newest) = autopilot.odometry.last().unwrap().clone();
+        assert_eq!((newest.quality, newest.reset_counter), (80, 2));
+        let age_us = Monotonic::now().0 / 1000 - newest.time_usec as i64;
+        assert!((0..60_000).contains(&age_us), "{age_us} us");
+        assert!(autopilot.qualities().iter().filter(|q| **q == 80).count() > 40);
+        autopilot.fly(Duration::from_millis(1500), || {});
+        let lost = autopilot.odometry.last().unwrap().1.clone();
+        assert!(
+            lost.quality == -1 && lost.x == newest.x && lost.pose_covariance[0].is_nan() && lost.vx.is_nan()
+        );
+        assert!(autopilot.qualities().iter().filter(|q| **q == -1).count() >= 30);
+        let ran = began.elapsed().as_secs_f64();
+        let figures = bridge.stop().unwrap();
+        assert!((figures.odometry as f64 / ran / 40.0 - 1.0).abs() < 0.1, "{figures:?} in {ran} s");
+        autopilot.fly(Duration::from_millis(100), || {});
+        assert_eq!(autopilot.texts[..2], ["Plumbline: tracking", "Plumbline: lost, estimator is silent"]);
+        assert_eq!(autopilot.texts.last().unwrap(), "Plumbline: lost, stopped");
+        assert!((3..=5).contains(&autopilot.heartbeats), "{}", autopilot.heartbeats);
+        let offset_ms = figures.clock_offset_ms.unwrap();
+        assert!((offset_ms - AHEAD_NS as f64 * 1e-6).abs() < 5.0, "{offset_ms}");
+    }
+
+    #[test]
+    fn a_failed_estimate_is_lost_at_once() {
+        let slot = Arc::new(Slot::default());
+        let (_, config) = Autopilot::new();
+        let mut bridge = Bridge {
+            slot: Arc::clone(&slot),
+            thread: None,
+            frames: Frames::new(config.imu_to_vehicle_deg),
+            clock: StampClock::new(Stamps::Replayed),
+            rot_l_o: None,
+        };
+        bridge.odometry(&fresh());
+        assert!(slot.has_pose.load(Ordering::Relaxed));
+        bridge.estimate(&estimate(TrackingState::Failed), 10.0);
+        assert!(!slot.has_pose.load(Ordering::Relaxed));
+        bridge.odometry(&fresh());
+        assert!(slot.has_pose.load(Ordering::Relaxed), "the next odometry ends it");
+        assert_eq!(slot.newest.len(), 1);
+    }
+
+    #[test]
+    fn by_the_autopilots_clock_odometry_is_lost_until_that_is_known_and_then_stamped_by_it() {
+        let (mut autopilot, config) = Autopilot::new();
+        let config = AutopilotConfig { clock: AutopilotClock::Autopilot, ..config };
+        let mut bridge = Bridge::start(&config, Stamps::Replayed).unwrap();
+        autopilot.fly(Duration::from_millis(2500), || bridge.odometry(&fresh()));
+        let (first, last) = (&autopilot.odometry[0].1, &autopilot.odometry.last().unwrap().1);
+        assert_eq!((first.quality, first.time_usec), (-1, 0));
+        let age_us = (Monotonic::now().0 + AHEAD_NS) / 1000 - last.time_usec as i64;
+        assert!(last.quality == 80 && (-5000..60_000).contains(&age_us), "{age_us} us");
+    }
+
+    #[test]
+    fn noise_and_floods_from_outside_change_nothing() {
+        let (mut autopilot, config) = Autopilot::new();
+        let mut bridge = Bridge::start(&config, Stamps::Replayed).unwrap();
+        let from = std::iter::repeat_with(|| autopilot.socket.recv_from(&mut [0; 2048]))
+            .take(100)
+            .find_map(|received| received.ok())
+            .unwrap()
+            .1;
+        let flood = UdpFlood { socket: autopilot.socket.try_clone().unwrap(), to: from };
+        let began = Instant::now();
+        std::thread::scope(|scope| {
+            scope.spawn(|| flood.pour(Duration::from_millis(1500)));
+            autopilot.fly(Duration::from_millis(1500), || bridge.odometry(&fresh()));
+        });
+        let ran = began.elapsed().as_secs_f64();
+        let figures = bridge.stop().unwrap();
+        assert!((figures.odometry as f64 / ran / 40.0 - 1.0).abs() < 0.15, "{figures:?}");
+        assert!(figures.passed_over_bytes > 10_000 && figures.received > 100, "{figures:?}");
+    }
+
+    struct UdpFlood {
+        socket: UdpSocket,
+        to: std::net::SocketAddr,
+    }
+
+    impl UdpFlood {
+        /// Noise and requests for the time, as fast as they go.
+        fn pour(&self, duration: Duration) {
+            let end = Instant::now() + duration;
+            let header = MavHeader { system_id: 1, component_id: 1, sequence: 0 };
+            let ask = TIMESYNC_DATA { tc1: 0, ts1: 42, target_system: 0, target_component: 0 };
+            let mut request = Vec::new();
+            mavlink::write_v2_msg(&mut request, header, &MavMessage::TIMESYNC(ask)).unwrap();
+            let noise: Vec<u8> = (0..1400_u32).map(|k| (k * k % 251) as u8).collect();
+            while Instant::now() < end {
+                let _ = self.socket.send_to(&noise, self.to);
+                let _ = self.socket.send_to(&request, self.to);
+                std::thread::sleep(Duration::from_micros(200));
+            }
+        }
+    }
+}

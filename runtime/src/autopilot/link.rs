@@ -1,0 +1,405 @@
+//! The line to the autopilot: a UDP socket or a serial device, never waited for.
+//!
+//! The transports of the MAVLink library block, and hide their descriptors: a thread that must send at a
+//! constant rate, and answer at once, needs to wait for both at a time. So the library reads and writes
+//! messages, and the line is a descriptor that `poll` can wait for.
+
+use super::inbox::CHUNK;
+use crate::schedule::ticker::Monotonic;
+use plumbline_config::options::AutopilotEndpoint;
+use rustix::event::{PollFd, PollFlags, poll};
+use rustix::fs::{Mode, OFlags};
+use rustix::termios::{ControlModes, OptionalActions, QueueSelector};
+use rustix::time::Timespec;
+use std::fs::File;
+use std::io::{ErrorKind, Read, Write};
+use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
+use std::os::fd::{AsFd, BorrowedFd};
+use thiserror::Error;
+
+/// A device that went away is looked for this often, ns.
+const REOPEN_NS: i64 = 1_000_000_000;
+/// Another autopilot may take the place of one that was silent for this long, ns.
+const SILENCE_NS: i64 = 5_000_000_000;
+
+/// Why there is no line to the autopilot.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum LinkError {
+    /// The address is none, or its name is unknown.
+    #[error("autopilot at {address}: no such address ({reason}); check the name and that it can be resolved")]
+    Address {
+        /// As configured.
+        address: String,
+        /// What the system said.
+        reason: String,
+    },
+    /// The socket cannot be had.
+    #[error(
+        "autopilot at {address}: no UDP socket ({source}); check that the port is free and the network up"
+    )]
+    Socket {
+        /// As configured.
+        address: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The device cannot be used.
+    #[error(
+        "autopilot at {device}: the device cannot be used ({source}); check the path, its permissions (group dialout) and that nobody else has it open"
+    )]
+    Device {
+        /// Path of the device.
+        device: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}
+
+/// The line to the autopilot.
+#[derive(Debug)]
+pub enum Link {
+    /// Datagrams.
+    Udp(UdpLink),
+    /// A serial device.
+    Serial(SerialLink),
+}
+
+impl Link {
+    /// Opens the line.
+    ///
+    /// # Errors
+    /// When the address or the device cannot be used.
+    pub fn open(endpoint: &AutopilotEndpoint) -> Result<Self, LinkError> {
+        match endpoint {
+            AutopilotEndpoint::Udp(address) => UdpLink::to(address).map(Self::Udp),
+            AutopilotEndpoint::UdpIn(address) => UdpLink::at(address).map(Self::Udp),
+            AutopilotEndpoint::Serial { device, baud } => SerialLink::open(device, *baud).map(Self::Serial),
+        }
+    }
+
+    /// Waits for bytes until `until`; whether there are any.
+    pub fn wait(&self, until: Monotonic) -> bool {
+        let Some(descriptor) = self.descriptor() else {
+            until.sleep_until();
+            return false;
+        };
+        let left_ns = until.0.saturating_sub(Monotonic::now().0).max(0);
+        let left = Timespec { tv_sec: left_ns / 1_000_000_000, tv_nsec: left_ns % 1_000_000_000 };
+        let mut descriptors = [PollFd::new(&descriptor, PollFlags::IN)];
+        // An interrupted wait is one that found nothing: the caller looks at its clock again.
+        poll(&mut descriptors, Some(&left)).is_ok_and(|ready| ready > 0)
+    }
+
+    fn descriptor(&self) -> Option<BorrowedFd<'_>> {
+        match self {
+            Self::Udp(udp) => Some(udp.socket.as_fd()),
+            Self::Serial(serial) => serial.file.as_ref().map(AsFd::as_fd),
+        }
+    }
+
+    /// Takes what is there, as many bytes as fit; 0 when there is nothing more.
+    pub fn read(&mut self, into: &mut [u8; CHUNK], now: Monotonic) -> usize {
+        match self {
+            Self::Udp(udp) => udp.read(into, now),
+            Self::Serial(serial) => serial.read(into),
+        }
+    }
+
+    /// What was read last held a good message: its sender is the autopilot.
+    pub fn confirm(&mut self, now: Monotonic) {
+        if let Self::Udp(udp) = self {
+            udp.confirm(now);
+        }
+    }
+
+    /// Sends a message; whether it was handed to the system, whole.
+    pub fn send(&mut self, message: &[u8], now: Monotonic) -> bool {
+        match self {
+            Self::Udp(udp) => udp.send(message),
+            Self::Serial(serial) => serial.send(message, now),
+        }
+    }
+}
+
+/// Datagrams to and from one autopilot.
+#[derive(Debug)]
+pub struct UdpLink {
+    socket: UdpSocket,
+    /// Where datagrams go, where it is not fixed: who sent the last good message, and when.
+    learned: Option<Learned>,
+}
+
+#[derive(Debug, Default)]
+struct Learned {
+    peer: Option<(SocketAddr, Monotonic)>,
+    candidate: Option<SocketAddr>,
+}
+
+impl UdpLink {
+    fn to(address: &str) -> Result<Self, LinkError> {
+        let peer = resolve(address)?;
+        let any: SocketAddr = if peer.is_ipv4() { ([0; 4], 0).into() } else { ([0_u16; 8], 0).into() };
+        let socket = UdpSocket::bind(any).and_then(|socket| socket.connect(peer).map(|()| socket));
+        Self::new(socket, address, None)
+    }
+
+    fn at(address: &str) -> Result<Self, LinkError> {
+        Self::new(UdpSocket::bind(resolve(address)?), address, Some(Learned::default()))
+    }
+
+    fn new(
+        socket: std::io::Result<UdpSocket>,
+        address: &str,
+        learned: Option<Learned>,
+    ) -> Result<Self, LinkError> {
+        socket
+            .and_then(|socket| socket.set_nonblocking(true).map(|()| Self { socket, learned }))
+            .map_err(|source| LinkError::Socket { address: address.to_owned(), source })
+    }
+
+    fn read(&mut self, into: &mut [u8; CHUNK], now: Monotonic) -> usize {
+        let Some(learned) = &mut self.learned else {
+            // A refusal of what was sent before (nobody listens) is told here: it is no datagram.
+            return self.socket.recv(into).unwrap_or(0);
+        };
+        let Ok((count, from)) = self.socket.recv_from(into) else { return 0 };
+        let is_heard = |(_, at): &(SocketAddr, Monotonic)| now.0.saturating_sub(at.0) < SILENCE_NS;
+        if learned.peer.as_ref().filter(|peer| is_heard(peer)).is_some_and(|(peer, _)| *peer != from) {
+            return 0;
+        }
+        learned.candidate = Some(from);
+        count
+    }
+
+    fn confirm(&mut self, now: Monotonic) {
+        if let Some(learned) = &mut self.learned
+            && let Some(from) = learned.candidate
+        {
+            learned.peer = Some((from, now));
+        }
+    }
+
+    fn send(&self, message: &[u8]) -> bool {
+        match &self.learned {
+            None => self.socket.send(message).is_ok(),
+            Some(learned) => learned.peer.is_some_and(|(peer, _)| self.socket.send_to(message, peer).is_ok()),
+        }
+    }
+}
+
+fn resolve(address: &str) -> Result<SocketAddr, LinkError> {
+    let failed = |reason: String| LinkError::Address { address: address.to_owned(), reason };
+    let mut found = address.to_socket_addrs().map_err(|error| failed(error.to_string()))?;
+    found.next().ok_or_else(|| failed("it resolves to nothing".into()))
+}
+
+/// A serial device; one that goes away is looked for again.
+#[derive(Debug)]
+pub struct SerialLink {
+    device: String,
+    baud: u32,
+    file: Option<File>,
+    tried: Monotonic,
+    /// The rest of a message that the device had no room for.
+    rest: Vec<u8>,
+}
+
+impl SerialLink {
+    fn open(device: &str, baud: u32) -> Result<Self, LinkError> {
+        let file = open_device(device, baud)
+            .map_err(|source| LinkError::Device { device: device.to_owned(), source })?;
+        let rest = Vec::with_capacity(CHUNK);
+        Ok(Self { device: device.to_owned(), baud, file: Some(file), tried: Monotonic::now(), rest })
+    }
+
+    fn read(&mut self, into: &mut [u8; CHUNK]) -> usize {
+        let Some(file) = &mut self.file else { return 0 };
+        match file.read(into) {
+            Ok(count) if count > 0 => count,
+            Err(error) if is_for_now(&error) => 0,
+            outcome => {
+                self.close(outcome.err());
+                0
+            }
+        }
+    }
+
+    /// A message follows the rest of the one before, or is not sent at all.
+    fn send(&mut self, message: &[u8], now: Monotonic) -> bool {
+        self.reopen(now);
+        let mut rest = std::mem::take(&mut self.rest);
+        while !rest.is_empty() && self.file.is_some() {
+            match self.write(&rest) {
+                0 => {
+                    self.rest = rest;
+                    return false;
+                }
+                count => drop(rest.drain(..count)),
+            }
+        }
+        match self.write(message) {
+            0 => false,
+            count => {
+                self.rest.extend_from_slice(&message[count..]);
+                true
+            }
+        }
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> usize {
+        let Some(file) = &mut self.file else { return 0 };
+        match file.write(bytes) {
+            Ok(count) => count,
+            Err(error) if is_for_now(&error) => 0,
+            Err(error) => {
+                self.close(Some(error));
+                0
+            }
+        }
+    }
+
+    fn close(&mut self, error: Option<std::io::Error>) {
+        let reason = error.map_or_else(|| "it hung up".into(), |error| error.to_string());
+        tracing::warn!("autopilot at {}: the device went away ({reason}); looking for it", self.device);
+        self.file = None;
+    }
+
+    fn reopen(&mut self, now: Monotonic) {
+        if self.file.is_some() || now.0.saturating_sub(self.tried.0) < REOPEN_NS {
+            return;
+        }
+        self.tried = now;
+        self.file = open_device(&self.device, self.baud).ok();
+        if self.file.is_some() {
+            self.rest.clear();
+            tracing::info!("autopilot at {}: the device is back", self.device);
+        }
+    }
+}
+
+/// Whether to try again is all there is to do.
+fn is_for_now(error: &std::io::Error) -> bool {
+    matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted)
+}
+
+/// Opens a serial device for ourselves: raw, eight bits, no parity, no flow control, never blocking.
+fn open_device(device: &str, baud: u32) -> std::io::Result<File> {
+    let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
+    let descriptor = rustix::fs::open(device, flags, Mode::empty())?;
+    rustix::termios::ioctl_tiocexcl(&descriptor)?;
+    let mut line = rustix::termios::tcgetattr(&descriptor)?;
+    line.make_raw();
+    line.control_modes |= ControlModes::CREAD | ControlModes::CLOCAL | ControlModes::CS8;
+    line.control_modes &= !(ControlModes::PARENB | ControlModes::CSTOPB | ControlModes::CRTSCTS);
+    line.set_speed(baud)?;
+    rustix::termios::tcsetattr(&descriptor, OptionalActions::Now, &line)?;
+    // What waited from before we came belongs to nobody.
+    rustix::termios::tcflush(&descriptor, QueueSelector::IOFlush)?;
+    Ok(File::from(descriptor))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+    use std::time::{Duration, Instant};
+
+    fn open(text: &str) -> Result<Link, LinkError> {
+        Link::open(&AutopilotEndpoint::parse(text).unwrap())
+    }
+
+    fn soon() -> Monotonic {
+        Monotonic::now().plus_nanos(2_000_000_000)
+    }
+
+    fn read(link: &mut Link) -> Vec<u8> {
+        assert!(link.wait(soon()), "nothing came");
+        let mut bytes = [0; CHUNK];
+        let count = link.read(&mut bytes, Monotonic::now());
+        bytes[..count].to_vec()
+    }
+
+    #[test]
+    fn datagrams_go_where_the_autopilot_listens_and_come_back() {
+        let autopilot = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let mut link = open(&format!("udp://{}", autopilot.local_addr().unwrap())).unwrap();
+        assert!(link.send(b"odometry", Monotonic::now()));
+        let mut bytes = [0; 64];
+        let (count, from) = autopilot.recv_from(&mut bytes).unwrap();
+        assert_eq!(&bytes[..count], b"odometry");
+        autopilot.send_to(b"time", from).unwrap();
+        assert_eq!(read(&mut link), b"time");
+    }
+
+    #[test]
+    fn where_nobody_listens_sending_goes_on() {
+        let gone = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+        let mut link = open(&format!("udp://{gone}")).unwrap();
+        for _ in 0..10 {
+            link.send(b"odometry", Monotonic::now());
+            link.wait(Monotonic::now().plus_nanos(1_000_000));
+            assert_eq!(link.read(&mut [0; CHUNK], Monotonic::now()), 0);
+        }
+    }
+
+    #[test]
+    fn who_sends_good_messages_first_is_the_autopilot_until_it_is_silent() {
+        let free = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+        let mut link = open(&format!("udpin://{free}")).unwrap();
+        assert!(!link.send(b"odometry", Monotonic::now()), "nobody has come yet");
+        let [first, second] = [0, 1].map(|_| UdpSocket::bind("127.0.0.1:0").unwrap());
+        first.set_read_timeout(Some(Duration::from_secs(2))).unwrap();
+        first.send_to(b"hello", free).unwrap();
+        assert_eq!(read(&mut link), b"hello");
+        link.confirm(Monotonic::now());
+        assert!(link.send(b"odometry", Monotonic::now()));
+        assert_eq!(first.recv(&mut [0; 64]).unwrap(), 8);
+        second.send_to(b"me too", free).unwrap();
+        assert!(read(&mut link).is_empty(), "the place is taken");
+        second.send_to(b"me again", free).unwrap();
+        assert!(link.wait(soon()));
+        let later = Monotonic::now().plus_nanos(SILENCE_NS + 1);
+        assert_eq!(link.read(&mut [0; CHUNK], later), 8);
+    }
+
+    #[test]
+    fn a_serial_line_carries_bytes_both_ways_untouched_and_is_ours_alone() {
+        let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+        grantpt(&master).unwrap();
+        unlockpt(&master).unwrap();
+        let device = ptsname(&master, Vec::new()).unwrap().into_string().unwrap();
+        let mut autopilot = File::from(master);
+        let mut link = open(&format!("serial://{device}:921600")).unwrap();
+        // What a terminal would turn into something else.
+        let bytes = [0xFD, 0, 10, 13, 3, 4, 17, 19, 26, 127, 255];
+        assert!(link.send(&bytes, Monotonic::now()));
+        let mut there = [0; 11];
+        autopilot.read_exact(&mut there).unwrap();
+        assert_eq!(there, bytes);
+        autopilot.write_all(&bytes).unwrap();
+        assert_eq!(read(&mut link), bytes);
+        // Nobody reads: the line fills up, and sending neither waits nor breaks off within a message.
+        let began = Instant::now();
+        let sent = (0..10_000).filter(|_| link.send(&[7; 245], Monotonic::now())).count();
+        assert!(sent < 10_000 && began.elapsed() < Duration::from_secs(2));
+        drop(autopilot);
+        while link.wait(Monotonic::now().plus_nanos(10_000_000)) {
+            link.read(&mut [0; CHUNK], Monotonic::now());
+        }
+        assert!(!link.send(&bytes, Monotonic::now()), "the device is gone");
+    }
+
+    #[test]
+    fn what_cannot_be_opened_is_named() {
+        let error = open("serial:///dev/nowhere-at-all:921600").unwrap_err().to_string();
+        assert!(error.contains("/dev/nowhere-at-all") && error.contains("permissions"), "{error}");
+        let taken = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let error = open(&format!("udpin://{}", taken.local_addr().unwrap())).unwrap_err().to_string();
+        assert!(error.contains("the port is free"), "{error}");
+        let error = open("udp://no.such.host.invalid:1").unwrap_err().to_string();
+        assert!(error.contains("no.such.host.invalid"), "{error}");
+        let error = open("serial:///dev/null:921600").unwrap_err().to_string();
+        assert!(error.contains("/dev/null"), "{error}");
+    }
+}

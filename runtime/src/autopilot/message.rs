@@ -1,0 +1,205 @@
+//! The messages that are sent: what goes into which field.
+
+use super::frames::VehicleOdometry;
+use mavlink::dialects::common::{
+    HEARTBEAT_DATA, MavAutopilot, MavEstimatorType, MavFrame, MavModeFlag, MavSeverity, MavState, MavType,
+    ODOMETRY_DATA, STATUSTEXT_DATA,
+};
+use nalgebra::{Matrix6, UnitQuaternion};
+use plumbline_config::options::LostPose;
+
+/// Entries of the upper triangle of a 6x6 matrix, row by row.
+type Triangle = [f32; 21];
+
+/// Quality of odometry that is no such thing.
+const FAILED: i8 = -1;
+/// Version of the MAVLink protocol in a heartbeat.
+const MAVLINK_VERSION: u8 = 3;
+
+/// Odometry while the estimator is tracking. `quality` is 0 to 100; MAVLink's 0 stands for unknown, so the
+/// worst is 1.
+#[must_use]
+pub fn tracking(v: &VehicleOdometry, time_usec: u64, quality: i8, reset_counter: u32) -> ODOMETRY_DATA {
+    let mut rates = Matrix6::from_element(f64::NAN);
+    rates.fixed_view_mut::<3, 3>(0, 0).copy_from(&v.velocity_covariance);
+    let [vx, vy, vz] = v.v_v.map(|x| x as f32).into();
+    let [rollspeed, pitchspeed, yawspeed] = v.angular_rate_v.map(|x| x as f32).into();
+    ODOMETRY_DATA {
+        vx,
+        vy,
+        vz,
+        rollspeed,
+        pitchspeed,
+        yawspeed,
+        pose_covariance: triangle(&v.pose_covariance),
+        velocity_covariance: triangle(&rates),
+        quality: quality.clamp(1, 100),
+        ..pose(v, time_usec, reset_counter)
+    }
+}
+
+/// What goes on while there is no odometry: the last pose that was known, or none, with no velocity and no
+/// covariance.
+#[must_use]
+pub fn lost(
+    last: Option<&VehicleOdometry>,
+    time_usec: u64,
+    reset_counter: u32,
+    lost_pose: LostPose,
+) -> ODOMETRY_DATA {
+    let message = match last.filter(|_| lost_pose == LostPose::Last) {
+        Some(v) => pose(v, time_usec, reset_counter),
+        None => ODOMETRY_DATA {
+            x: f32::NAN,
+            y: f32::NAN,
+            z: f32::NAN,
+            q: [f32::NAN; 4],
+            ..empty(time_usec, reset_counter)
+        },
+    };
+    ODOMETRY_DATA { quality: FAILED, ..message }
+}
+
+fn pose(v: &VehicleOdometry, time_usec: u64, reset_counter: u32) -> ODOMETRY_DATA {
+    let [x, y, z] = v.pose_l_v.translation.vector.map(|x| x as f32).into();
+    ODOMETRY_DATA { x, y, z, q: wxyz(&v.pose_l_v.rotation), ..empty(time_usec, reset_counter) }
+}
+
+/// Frames, estimator and counter, and no number that anybody could fuse.
+fn empty(time_usec: u64, reset_counter: u32) -> ODOMETRY_DATA {
+    ODOMETRY_DATA {
+        time_usec,
+        frame_id: MavFrame::MAV_FRAME_LOCAL_FRD,
+        child_frame_id: MavFrame::MAV_FRAME_BODY_FRD,
+        vx: f32::NAN,
+        vy: f32::NAN,
+        vz: f32::NAN,
+        rollspeed: f32::NAN,
+        pitchspeed: f32::NAN,
+        yawspeed: f32::NAN,
+        pose_covariance: [f32::NAN; 21],
+        velocity_covariance: [f32::NAN; 21],
+        // The field has eight bits, the counter wraps around in it.
+        reset_counter: (reset_counter % 256) as u8,
+        estimator_type: MavEstimatorType::MAV_ESTIMATOR_TYPE_VIO,
+        ..ODOMETRY_DATA::default()
+    }
+}
+
+fn wxyz(rotation: &UnitQuaternion<f64>) -> [f32; 4] {
+    [rotation.w, rotation.i, rotation.j, rotation.k].map(|x| x as f32)
+}
+
+fn triangle(matrix: &Matrix6<f64>) -> Triangle {
+    let mut entries = (0..6).flat_map(|i| (i..6).map(move |j| (i, j)));
+    std::array::from_fn(|_| entries.next().map_or(f32::NAN, |entry| matrix[entry] as f32))
+}
+
+/// A sign of life; `state` says how far the estimator is.
+#[must_use]
+pub fn heartbeat(state: MavState) -> HEARTBEAT_DATA {
+    HEARTBEAT_DATA {
+        custom_mode: 0,
+        mavtype: MavType::MAV_TYPE_ONBOARD_CONTROLLER,
+        autopilot: MavAutopilot::MAV_AUTOPILOT_INVALID,
+        base_mode: MavModeFlag::empty(),
+        system_status: state,
+        mavlink_version: MAVLINK_VERSION,
+    }
+}
+
+/// Words for the pilot, at most 50 bytes.
+#[must_use]
+pub fn statustext(severity: MavSeverity, text: &str) -> STATUSTEXT_DATA {
+    STATUSTEXT_DATA { severity, text: text.into(), id: 0, chunk_seq: 0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::fixture::odometry;
+    use super::super::frames::Frames;
+    use super::*;
+    use mavlink::dialects::common::MavMessage;
+    use mavlink::{MavHeader, MavlinkVersion};
+
+    fn vehicle() -> VehicleOdometry {
+        let frames = Frames::new([180.0, -90.0, 0.0]);
+        let o = odometry();
+        frames.convert(&o, &frames.local_frame(&o.pose_o_b))
+    }
+
+    /// Written by the library and read back by it.
+    fn through_the_wire(message: ODOMETRY_DATA) -> ODOMETRY_DATA {
+        let mut wire = Vec::new();
+        mavlink::write_v2_msg(&mut wire, MavHeader::default(), &MavMessage::ODOMETRY(message)).unwrap();
+        let mut reader = mavlink::MavlinkReader::new(&wire[..]);
+        let (_, read) = reader.read_message::<MavMessage>(MavlinkVersion::V2).unwrap();
+        match read {
+            MavMessage::ODOMETRY(message) => message,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn odometry_comes_through_the_wire_in_the_autopilots_frames() {
+        let v = vehicle();
+        let read = through_the_wire(tracking(&v, 123_456_789, 80, 2));
+        assert_eq!((read.time_usec, read.quality, read.reset_counter), (123_456_789, 80, 2));
+        assert_eq!(read.frame_id, MavFrame::MAV_FRAME_LOCAL_FRD);
+        assert_eq!(read.child_frame_id, MavFrame::MAV_FRAME_BODY_FRD);
+        assert_eq!(read.estimator_type, MavEstimatorType::MAV_ESTIMATOR_TYPE_VIO);
+        assert_eq!(
+            [read.x, read.y, read.z],
+            <[f32; 3]>::from(v.pose_l_v.translation.vector.map(|x| x as f32))
+        );
+        assert_eq!([read.vx, read.vy, read.vz], <[f32; 3]>::from(v.v_v.map(|x| x as f32)));
+        assert_eq!(read.q[0], v.pose_l_v.rotation.w as f32);
+    }
+
+    #[test]
+    fn covariances_are_upper_triangles_by_rows_and_what_is_not_estimated_is_none() {
+        let v = vehicle();
+        let read = through_the_wire(tracking(&v, 1, 80, 0));
+        let diagonal = [0, 6, 11, 15, 18, 20];
+        for (k, place) in diagonal.into_iter().enumerate() {
+            assert_eq!(read.pose_covariance[place], v.pose_covariance[(k, k)] as f32);
+        }
+        assert_eq!(read.pose_covariance[2], v.pose_covariance[(0, 2)] as f32);
+        assert_eq!(read.pose_covariance[9], v.pose_covariance[(1, 4)] as f32);
+        for (k, place) in diagonal.into_iter().enumerate().take(3) {
+            assert_eq!(read.velocity_covariance[place], v.velocity_covariance[(k, k)] as f32);
+        }
+        assert_eq!(read.velocity_covariance[7], v.velocity_covariance[(1, 2)] as f32);
+        let rates = [3, 4, 5, 8, 9, 10, 12, 13, 14, 15, 16, 17, 18, 19, 20];
+        assert!(rates.into_iter().all(|k| read.velocity_covariance[k].is_nan()));
+    }
+
+    #[test]
+    fn lost_odometry_keeps_the_last_pose_and_nothing_that_could_be_fused() {
+        let v = vehicle();
+        let read = through_the_wire(lost(Some(&v), 5, 258, LostPose::Last));
+        assert_eq!((read.quality, read.reset_counter), (-1, 2));
+        assert_eq!(read.x, v.pose_l_v.translation.x as f32);
+        let unknown = [read.vx, read.vy, read.vz, read.rollspeed, read.pitchspeed, read.yawspeed];
+        assert!(unknown.iter().all(|x| x.is_nan()));
+        assert!(read.pose_covariance.iter().chain(&read.velocity_covariance).all(|x| x.is_nan()));
+        for none in [lost(Some(&v), 5, 0, LostPose::Nan), lost(None, 5, 0, LostPose::Last)] {
+            let read = through_the_wire(none);
+            assert!(read.x.is_nan() && read.q[0].is_nan());
+            assert_eq!(read.frame_id, MavFrame::MAV_FRAME_LOCAL_FRD);
+        }
+    }
+
+    #[test]
+    fn the_worst_quality_that_tracks_is_not_unknown() {
+        let v = vehicle();
+        assert_eq!(tracking(&v, 1, 0, 0).quality, 1);
+        assert_eq!(tracking(&v, 1, 100, 0).quality, 100);
+    }
+
+    #[test]
+    fn texts_are_cut_at_fifty_bytes() {
+        let text = statustext(MavSeverity::MAV_SEVERITY_INFO, &"x".repeat(60)).text;
+        assert_eq!(text.to_str().unwrap().len(), 50);
+    }
+}

@@ -1,0 +1,29 @@
+//! The bridge to the vehicle's autopilot (PX4, ArduPilot): odometry by MAVLink, at a constant rate.
+//!
+//! The pipeline leaves its newest odometry in a slot ([`bridge`], a [`crate::pipeline::Sink`]); a thread of
+//! normal priority sends it as `ODOMETRY` on absolute deadlines ([`sender`]), whatever the estimator does:
+//! while there is none, quality says -1 and the covariance is no number. [`frames`] turns it into LOCAL_FRD and
+//! BODY_FRD, [`message`] fills the fields, [`status`] decides what is tracking and what the pilot is told.
+//! [`link`] is the line, [`inbox`] what comes in from it, [`timesync`] finds the autopilot's clock, and
+//! [`clock`] the time at which replayed data were measured.
+//!
+//! **Whose time.** `time_usec` and our answers to TIMESYNC are always of the same clock. By default it is this
+//! host's (since boot): PX4 brings it to its own time by the TIMESYNC that it runs itself, and ArduPilot by the
+//! smallest delay it sees; both would be wrong by the offset if we had added it already. With `clock =
+//! "autopilot"` both are of the autopilot's clock, found by our own TIMESYNC, for whoever converts nothing.
+
+pub mod bridge;
+pub mod clock;
+#[cfg(test)]
+mod fixture;
+pub mod frames;
+pub mod inbox;
+pub mod link;
+pub mod message;
+pub mod sender;
+pub mod status;
+pub mod timesync;
+
+pub use bridge::{Bridge, BridgeError};
+pub use clock::Stamps;
+pub use sender::BridgeFigures;

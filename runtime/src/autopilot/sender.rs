@@ -1,0 +1,331 @@
+//! The bridge's thread: sends on its deadlines, and answers in between.
+
+use super::bridge::{Handover, Slot};
+use super::frames::{Frames, VehicleOdometry};
+use super::inbox::{CHUNK, Inbox, Received};
+use super::link::Link;
+use super::message;
+use super::status::{Announcer, Condition, Reason, STALE_NS};
+use super::timesync::TimeSync;
+use crate::pipeline::figures::{Percentiles, Times};
+use crate::schedule::ticker::{Monotonic, Ticker};
+use mavlink::dialects::common::{
+    HEARTBEAT_DATA, MavComponent, ODOMETRY_DATA, STATUSTEXT_DATA, TIMESYNC_DATA,
+};
+use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
+use plumbline_config::options::{AutopilotClock, AutopilotConfig, LostPose};
+use serde::Serialize;
+use std::fmt;
+use std::sync::atomic::Ordering;
+
+/// We are this component of the vehicle.
+const COMPONENT: u8 = MavComponent::MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY as u8;
+/// The autopilot is this one.
+const AUTOPILOT: u8 = MavComponent::MAV_COMP_ID_AUTOPILOT1 as u8;
+/// Between signs of life, ns.
+const HEARTBEAT_NS: i64 = 1_000_000_000;
+/// The autopilot is silent after this, ns.
+const SILENCE_NS: i64 = 5_000_000_000;
+/// Reads and answers between two deadlines, at most: who floods the line gets no more of the processor.
+const MAX_READS: usize = 64;
+const MAX_ANSWERS: usize = 8;
+
+/// How the bridge fared.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct BridgeFigures {
+    /// `ODOMETRY` messages that the system took.
+    pub odometry: u64,
+    /// Of these, with quality -1.
+    pub lost: u64,
+    /// Messages of any kind that the system did not take.
+    pub unsent: u64,
+    /// Deadlines that passed unseen.
+    pub missed: u64,
+    /// How late deadlines were met, ms.
+    pub late_ms: Percentiles,
+    /// Messages that came in.
+    pub received: u64,
+    /// Messages that came in and made no sense.
+    pub malformed: u64,
+    /// Bytes that came in and were part of no known message.
+    pub passed_over_bytes: u64,
+    /// The autopilot's clock less ours, ms, when TIMESYNC had locked.
+    pub clock_offset_ms: Option<f64>,
+    /// The quickest round trip of the last ones, ms.
+    pub round_trip_ms: Option<f64>,
+}
+
+impl fmt::Display for BridgeFigures {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} odometry messages, {} of them lost", self.odometry, self.lost)?;
+        write!(
+            f,
+            "; late p50 {:.2}, p99 {:.2}, max {:.2} ms",
+            self.late_ms.p50, self.late_ms.p99, self.late_ms.max
+        )?;
+        match self.clock_offset_ms {
+            Some(offset) => write!(f, "; the autopilot's clock is {offset:.3} ms ahead"),
+            None => write!(f, "; the autopilot's clock is unknown"),
+        }
+    }
+}
+
+/// Owns the line.
+pub struct Sender {
+    link: Link,
+    frames: Frames,
+    clock: AutopilotClock,
+    lost_pose: LostPose,
+    address: String,
+    header: MavHeader,
+    newest: Option<Handover>,
+    /// What was last sent as good, for when there is nothing better.
+    last: Option<VehicleOdometry>,
+    timesync: TimeSync,
+    /// Whose answers count, where several answer.
+    time_source: Option<(u32, u8)>,
+    announcer: Announcer,
+    heartbeat: Monotonic,
+    /// When the autopilot was last heard.
+    heard: Option<Monotonic>,
+    is_heard: bool,
+    began: Monotonic,
+    late_ms: Times,
+    figures: BridgeFigures,
+}
+
+impl Sender {
+    /// Of a line that is open.
+    #[must_use]
+    pub fn new(config: &AutopilotConfig, link: Link, frames: Frames) -> Self {
+        Self {
+            link,
+            frames,
+            clock: config.clock,
+            lost_pose: config.lost_pose,
+            address: config.connect.clone(),
+            header: MavHeader { system_id: config.system_id, component_id: COMPONENT, sequence: 0 },
+            newest: None,
+            last: None,
+            timesync: TimeSync::default(),
+            time_source: None,
+            announcer: Announcer::default(),
+            heartbeat: Monotonic(i64::MIN),
+            heard: None,
+            is_heard: true,
+            began: Monotonic::now(),
+            late_ms: Times::of_ms(),
+            figures: BridgeFigures::default(),
+        }
+    }
+
+    /// Sends at every release of `ticker` until told to stop, and says so at the end.
+    #[must_use]
+    pub fn run(mut self, slot: &Slot, mut ticker: Ticker) -> BridgeFigures {
+        let mut inbox = Inbox::default();
+        while !slot.stop.load(Ordering::Relaxed) {
+            self.listen_until(ticker.due(), &mut inbox);
+            let release = ticker.wait();
+            self.figures.missed += release.missed;
+            self.late_ms.record(release.late_ms);
+            self.newest = slot.newest.pop().or(self.newest.take());
+            let now = Monotonic::now();
+            let condition = self.condition(slot.has_pose.load(Ordering::Relaxed), now);
+            self.ask_for_the_time();
+            self.send_odometry(condition, now);
+            self.send_others(condition, now);
+            self.watch(now);
+        }
+        let now = Monotonic::now();
+        self.send_odometry(Condition::Stopped, now);
+        self.announce(Condition::Stopped, now);
+        self.figures(&inbox)
+    }
+
+    fn figures(&self, inbox: &Inbox) -> BridgeFigures {
+        let inbox = inbox.figures();
+        let ms = |ns: i64| ns as f64 * 1e-6;
+        BridgeFigures {
+            late_ms: self.late_ms.percentiles(),
+            received: inbox.messages,
+            malformed: inbox.malformed,
+            passed_over_bytes: inbox.passed_over,
+            clock_offset_ms: self.timesync.offset_ns().map(ms),
+            round_trip_ms: self.timesync.round_trip_ns().map(ms),
+            ..self.figures
+        }
+    }
+
+    /// How the newest odometry is.
+    fn condition(&mut self, has_pose: bool, now: Monotonic) -> Condition {
+        let Some(newest) = &self.newest else { return Condition::Starting };
+        if now.0.saturating_sub(newest.measured.0) > STALE_NS {
+            return Condition::Lost(Reason::Silent);
+        }
+        if !has_pose {
+            return Condition::Lost(Reason::Failed);
+        }
+        if self.stamp_usec(newest.measured).is_none() {
+            return Condition::Lost(Reason::NoClock);
+        }
+        let condition = Condition::of(newest.odometry.state);
+        if condition != Condition::Tracking || newest.odometry.quality < 0 {
+            let failed = Condition::Lost(Reason::Failed);
+            return if condition == Condition::Tracking { failed } else { condition };
+        }
+        let vehicle = self.frames.convert(&newest.odometry, &newest.rot_l_o);
+        if !vehicle.is_finite() {
+            return Condition::Lost(Reason::NotFinite);
+        }
+        self.last = Some(vehicle);
+        Condition::Tracking
+    }
+
+    fn send_odometry(&mut self, condition: Condition, now: Monotonic) {
+        let counter = self.newest.as_ref().map_or(0, |newest| newest.odometry.reset_counter);
+        let message = match (condition, &self.newest, &self.last) {
+            (Condition::Tracking, Some(newest), Some(vehicle)) => {
+                let usec = self.stamp_usec(newest.measured).unwrap_or(0);
+                message::tracking(vehicle, usec, newest.odometry.quality, counter)
+            }
+            // A time of the wrong clock could be taken for a small delay and be believed from then on; zero cannot.
+            _ => {
+                message::lost(self.last.as_ref(), self.stamp_usec(now).unwrap_or(0), counter, self.lost_pose)
+            }
+        };
+        if self.send::<ODOMETRY_DATA>(&message, now) {
+            self.figures.odometry += 1;
+            self.figures.lost += u64::from(message.quality < 0);
+        }
+    }
+
+    fn send_others(&mut self, condition: Condition, now: Monotonic) {
+        if now.0.saturating_sub(self.heartbeat.0) >= HEARTBEAT_NS {
+            self.heartbeat = now;
+            self.send::<HEARTBEAT_DATA>(&message::heartbeat(condition.mav_state()), now);
+        }
+        self.announce(condition, now);
+    }
+
+    /// Before the odometry: behind it, the question would take longer than its answer on a serial line, and
+    /// half of the difference would be taken for one of the clocks.
+    fn ask_for_the_time(&mut self) {
+        let now = Monotonic::now();
+        if let Some(ts1) = self.timesync.request(now) {
+            let target_system = u8::try_from(self.header.system_id).unwrap_or(0);
+            let ask = TIMESYNC_DATA { tc1: 0, ts1, target_system, target_component: AUTOPILOT };
+            self.send::<TIMESYNC_DATA>(&ask, now);
+        }
+    }
+
+    fn announce(&mut self, condition: Condition, now: Monotonic) {
+        if let Some((severity, words)) = self.announcer.news(condition, now) {
+            self.send::<STATUSTEXT_DATA>(&message::statustext(severity, words), now);
+        }
+    }
+
+    /// Tells people once when the autopilot is not heard, and when it is.
+    fn watch(&mut self, now: Monotonic) {
+        let since = self.heard.unwrap_or(self.began);
+        if self.is_heard && now.0.saturating_sub(since.0) > SILENCE_NS {
+            self.is_heard = false;
+            tracing::warn!("autopilot at {}: nothing is heard of it; odometry goes on", self.address);
+        }
+    }
+
+    /// `at` by the clock that stamps the odometry, microseconds.
+    fn stamp_usec(&self, at: Monotonic) -> Option<u64> {
+        self.stamp_ns(at).and_then(|ns| u64::try_from(ns / 1000).ok())
+    }
+
+    fn stamp_ns(&self, at: Monotonic) -> Option<i64> {
+        match self.clock {
+            AutopilotClock::Companion => Some(at.0),
+            AutopilotClock::Autopilot => self.timesync.offset_ns().map(|offset| at.0.saturating_add(offset)),
+        }
+    }
+
+    fn send<D: MessageData>(&mut self, data: &D, now: Monotonic) -> bool {
+        let mut raw = MAVLinkV2MessageRaw::new();
+        raw.serialize_message_data(self.header, data);
+        self.header.sequence = self.header.sequence.wrapping_add(1);
+        let is_sent = self.link.send(raw.raw_bytes(), now);
+        self.figures.unsent += u64::from(!is_sent);
+        is_sent
+    }
+
+    /// Takes what comes in until `due`.
+    fn listen_until(&mut self, due: Monotonic, inbox: &mut Inbox) {
+        let mut answers = 0;
+        for _ in 0..MAX_READS {
+            if Monotonic::now() >= due || !self.link.wait(due) {
+                return;
+            }
+            let mut bytes = [0; CHUNK];
+            let now = Monotonic::now();
+            let count = self.link.read(&mut bytes, now);
+            inbox.put(&bytes[..count], |received| self.take(&received, now, &mut answers));
+        }
+        due.sleep_until();
+    }
+
+    fn take(&mut self, received: &Received, now: Monotonic, answers: &mut usize) {
+        let sender = (received.system_id, received.component_id);
+        if sender == (self.header.system_id, COMPONENT) {
+            // Ourselves, through a router that sends back.
+            return;
+        }
+        self.link.confirm(now);
+        if self.heard.is_none() || !self.is_heard {
+            tracing::info!("autopilot at {}: heard", self.address);
+            self.announcer.repeat();
+        }
+        (self.heard, self.is_heard) = (Some(now), true);
+        let Some(timesync) = received.timesync.as_ref().filter(|t| self.is_for_us(t)) else { return };
+        if timesync.tc1 != 0 {
+            self.take_answer(timesync, sender, now);
+        } else if *answers < MAX_ANSWERS {
+            *answers += 1;
+            self.answer(timesync.ts1, sender);
+        }
+    }
+
+    fn is_for_us(&self, t: &TIMESYNC_DATA) -> bool {
+        (t.target_system == 0 || u32::from(t.target_system) == self.header.system_id)
+            && (t.target_component == 0 || t.target_component == COMPONENT)
+    }
+
+    /// Where several answer, as behind a router, the autopilot's own clock counts.
+    fn take_answer(&mut self, t: &TIMESYNC_DATA, sender: (u32, u8), now: Monotonic) {
+        let autopilot = (self.header.system_id, AUTOPILOT);
+        let source = *self.time_source.get_or_insert(sender);
+        if source != sender {
+            let is_source_silent = self.timesync.round_trip_ns().is_none();
+            if sender != autopilot && !is_source_silent {
+                return;
+            }
+            self.time_source = Some(sender);
+            self.timesync.restart();
+            return;
+        }
+        let was_locked = self.timesync.offset_ns().is_some();
+        self.timesync.answer(t.tc1, t.ts1, now);
+        if let Some(offset) = self.timesync.offset_ns().filter(|_| !was_locked) {
+            tracing::info!(
+                "autopilot at {}: its clock is {:.3} ms ahead",
+                self.address,
+                offset as f64 * 1e-6
+            );
+        }
+    }
+
+    /// Tells the time by which the odometry is stamped, as soon as there is one.
+    fn answer(&mut self, ts1: i64, (system_id, component_id): (u32, u8)) {
+        let now = Monotonic::now();
+        if let Some(tc1) = self.stamp_ns(now).filter(|ns| *ns > 0) {
+            let target_system = u8::try_from(system_id).unwrap_or(0);
+            let answer = TIMESYNC_DATA { tc1, ts1, target_system, target_component: component_id };
+            self.send::<TIMESYNC_DATA>(&answer, now);
+        }
+    }
+}

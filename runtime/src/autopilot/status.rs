@@ -1,0 +1,155 @@
+//! How the odometry is, and when the pilot is told.
+
+use crate::schedule::ticker::Monotonic;
+use mavlink::dialects::common::{MavSeverity, MavState};
+use plumbline_estimator::TrackingState;
+
+/// Odometry measured longer ago than this is none, ns.
+pub const STALE_NS: i64 = 500_000_000;
+/// The pilot is told at most this often, ns.
+const PAUSE_NS: i64 = 1_000_000_000;
+
+/// How the odometry is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Condition {
+    /// There has been none yet.
+    Starting,
+    /// Good.
+    Tracking,
+    /// Not to be used, and why.
+    Lost(Reason),
+    /// The run has ended.
+    Stopped,
+}
+
+/// Why odometry is not to be used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reason {
+    /// The newest is too old.
+    Silent,
+    /// It rests on the IMU alone.
+    Blind,
+    /// The estimate was given up.
+    Failed,
+    /// It holds something that is no number.
+    NotFinite,
+    /// The autopilot's clock, which is to stamp it, is not known.
+    NoClock,
+}
+
+impl Condition {
+    /// Of odometry in this state.
+    #[must_use]
+    pub fn of(state: TrackingState) -> Self {
+        match state {
+            TrackingState::Tracking => Self::Tracking,
+            TrackingState::Blind => Self::Lost(Reason::Blind),
+            TrackingState::Initialising | TrackingState::Failed => Self::Lost(Reason::Failed),
+        }
+    }
+
+    /// As a heartbeat says it.
+    #[must_use]
+    pub fn mav_state(self) -> MavState {
+        match self {
+            Self::Starting => MavState::MAV_STATE_BOOT,
+            Self::Tracking => MavState::MAV_STATE_ACTIVE,
+            Self::Lost(_) => MavState::MAV_STATE_CRITICAL,
+            Self::Stopped => MavState::MAV_STATE_STANDBY,
+        }
+    }
+
+    fn words(self) -> Option<(MavSeverity, &'static str)> {
+        let warning = MavSeverity::MAV_SEVERITY_WARNING;
+        Some(match self {
+            Self::Starting => return None,
+            Self::Tracking => (MavSeverity::MAV_SEVERITY_INFO, "Plumbline: tracking"),
+            Self::Lost(Reason::Silent) => (warning, "Plumbline: lost, estimator is silent"),
+            Self::Lost(Reason::Blind) => (warning, "Plumbline: lost, no features"),
+            Self::Lost(Reason::Failed) => (warning, "Plumbline: lost, starting anew"),
+            Self::Lost(Reason::NotFinite) => (warning, "Plumbline: lost, estimate is no number"),
+            Self::Lost(Reason::NoClock) => (warning, "Plumbline: lost, no TIMESYNC answers"),
+            Self::Stopped => (warning, "Plumbline: lost, stopped"),
+        })
+    }
+}
+
+/// Tells changes between tracking and lost, once each.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Announcer {
+    told: Option<Condition>,
+    at: Option<Monotonic>,
+}
+
+impl Announcer {
+    /// What is to be said now. One kind of loss that follows another is no news.
+    pub fn news(&mut self, condition: Condition, now: Monotonic) -> Option<(MavSeverity, &'static str)> {
+        let is_old = match (self.told, condition) {
+            (Some(Condition::Lost(_)), Condition::Lost(_)) => true,
+            (told, condition) => told == Some(condition),
+        };
+        let is_soon = self.at.is_some_and(|at| now.0.saturating_sub(at.0) < PAUSE_NS);
+        if is_old || (is_soon && condition != Condition::Stopped) {
+            return None;
+        }
+        let words = condition.words()?;
+        (self.told, self.at) = (Some(condition), Some(now));
+        Some(words)
+    }
+
+    /// Somebody new listens: what was said is said again.
+    pub fn repeat(&mut self) {
+        *self = Self::default();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SECOND: i64 = 1_000_000_000;
+
+    #[test]
+    fn start_and_loss_are_told_once_each() {
+        let mut announcer = Announcer::default();
+        let mut said = Vec::new();
+        for k in 0..400_i64 {
+            let condition = match k {
+                0..100 => Condition::Starting,
+                100..200 => Condition::Tracking,
+                200..250 => Condition::Lost(Reason::Blind),
+                250..300 => Condition::Lost(Reason::Failed),
+                _ => Condition::Tracking,
+            };
+            said.extend(announcer.news(condition, Monotonic(k * SECOND / 40)).map(|(_, words)| words));
+        }
+        assert_eq!(said, ["Plumbline: tracking", "Plumbline: lost, no features", "Plumbline: tracking"]);
+    }
+
+    #[test]
+    fn a_state_that_flickers_is_told_once_a_second() {
+        let mut announcer = Announcer::default();
+        let flicker = [Condition::Tracking, Condition::Lost(Reason::Blind)];
+        let said = (0..400_i64)
+            .filter(|k| announcer.news(flicker[*k as usize % 2], Monotonic(k * SECOND / 40)).is_some());
+        assert!(said.count() <= 10);
+    }
+
+    #[test]
+    fn who_comes_later_is_told_what_was_said() {
+        let mut announcer = Announcer::default();
+        assert!(announcer.news(Condition::Tracking, Monotonic(0)).is_some());
+        assert!(announcer.news(Condition::Tracking, Monotonic(9 * SECOND)).is_none());
+        announcer.repeat();
+        assert!(announcer.news(Condition::Tracking, Monotonic(9 * SECOND)).is_some());
+        assert!(announcer.news(Condition::Stopped, Monotonic(9 * SECOND)).is_some(), "the end never waits");
+    }
+
+    #[test]
+    fn all_words_fit_into_a_message() {
+        let reasons = [Reason::Silent, Reason::Blind, Reason::Failed, Reason::NotFinite, Reason::NoClock];
+        let conditions =
+            reasons.map(Condition::Lost).into_iter().chain([Condition::Tracking, Condition::Stopped]);
+        assert!(conditions.map(|c| c.words().unwrap().1).all(|words| words.len() <= 50));
+    }
+}
