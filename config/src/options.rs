@@ -7,10 +7,12 @@
 
 mod lines;
 mod recorder;
+mod ros;
 mod runtime;
 
 pub use lines::LinesConfig;
 pub use recorder::{ImageRecording, KeepPolicy, RecorderConfig};
+pub use ros::{RosConfig, RosDistribution, RosStamp};
 pub use runtime::RuntimeConfig;
 
 use crate::CameraModel;
@@ -38,6 +40,9 @@ pub struct Config {
     /// What is published, and to whom.
     #[serde(default)]
     pub network: NetworkConfig,
+    /// What is published to ROS 2.
+    #[serde(default)]
+    pub ros: RosConfig,
     /// What a live run asks of the host.
     #[serde(default)]
     pub runtime: RuntimeConfig,
@@ -57,6 +62,7 @@ impl Config {
             estimator: EstimatorConfig::default(),
             driver: DriverConfig::default(),
             network: NetworkConfig::default(),
+            ros: RosConfig::default(),
             runtime: RuntimeConfig::default(),
             recorder: RecorderConfig::default(),
         }

@@ -1,7 +1,7 @@
 //! The Plumbline runtime as a library; the binary `plumbline` is its command line.
 //!
 //! The data flow one way: a [`flight`] opens the streams, the [`pipeline`] takes them to estimates, sinks
-//! take what it produces ([`record`], [`net`]), a [`report`] sums it up, [`evaluate`] compares trajectories, and a
+//! take what it produces ([`record`], [`net`], to ROS 2 as [`ros`] has it), a [`report`] sums it up, [`evaluate`] compares trajectories, and a
 //! [`campaign`] does all of it over many flights. A flight [`log`] holds a run so that it can be executed
 //! again. A [`picture`] shows what was found in an image.
 
@@ -19,4 +19,5 @@ pub mod picture;
 pub mod pipeline;
 pub mod record;
 pub mod report;
+pub mod ros;
 pub mod schedule;

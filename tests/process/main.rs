@@ -2,11 +2,14 @@
 
 mod cgroup;
 mod errors;
+mod example;
 mod lines;
 mod live;
 mod log;
 mod network;
+mod python;
 mod replay;
+mod ros;
 
 use std::process::{Command, Output};
 

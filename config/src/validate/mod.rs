@@ -1,9 +1,10 @@
 //! Validation: which values are refused. Ranges of single numbers are a table in [`ranges`]; here is what
-//! concerns several values at a time, and [`mounting`] and [`network`].
+//! concerns several values at a time, and [`mounting`], [`network`] and [`ros`].
 
 mod mounting;
 mod network;
 mod ranges;
+mod ros;
 
 pub(crate) use mounting::pose_problem;
 
@@ -39,6 +40,7 @@ impl Config {
         check_orders(self, &mut found);
         check_image_fits(self, &mut found);
         network::check(&self.network, &mut found);
+        ros::check(self, &mut found);
         check_processors(self, &mut found);
         found
     }

@@ -54,7 +54,7 @@ fn is_endpoint(text: &str) -> bool {
         && port.parse::<u16>().is_ok()
 }
 
-fn shortened(text: &str) -> String {
+pub(super) fn shortened(text: &str) -> String {
     let mut short: String = text.chars().take(80).collect();
     if short.len() < text.len() {
         short.push('…');

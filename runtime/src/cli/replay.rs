@@ -113,7 +113,7 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     let mut publisher = None;
     if args.publish {
         let endpoints = Endpoints::of(&flight.config.network).and_listen(&args.listen);
-        publisher = Some(Publisher::start(&endpoints)?);
+        publisher = Some(Publisher::start(&endpoints, &flight.config.ros)?);
     }
     let stop = stop_on_signal()?;
     let mut progress = Progress::new(flight.stereo.expected_frames());

@@ -64,7 +64,7 @@ pub fn run(args: &DemoArgs) -> Result<()> {
     let endpoint = free_endpoint()?;
     let mut endpoints = Endpoints::of(&flight.config.network);
     endpoints.listen = vec![endpoint.clone()];
-    let mut publisher = Publisher::start(&endpoints)?;
+    let mut publisher = Publisher::start(&endpoints, &flight.config.ros)?;
     println!(
         "Flying for {:.0} s in the {} with {}x{} stereo images. Watch it from another terminal:",
         args.duration, args.scene, size.width_px, size.height_px

@@ -3,7 +3,9 @@
 use super::session::{Endpoints, NetError};
 use super::{ROOT, proto, wire};
 use crate::pipeline::Sink;
+use crate::ros::RosOutlet;
 use crossbeam_queue::ArrayQueue;
+use plumbline_config::options::RosConfig;
 use plumbline_estimator::{Estimate, Odometry};
 use prost::Message;
 use std::sync::Arc;
@@ -70,11 +72,12 @@ pub struct Publisher {
 }
 
 impl Publisher {
-    /// Opens the session and declares everything; returns when others can see the vehicle.
+    /// Opens the session and declares everything, for ROS 2 too where that is enabled; returns when others can
+    /// see the vehicle.
     ///
     /// # Errors
     /// When the session cannot be opened.
-    pub fn start(endpoints: &Endpoints) -> Result<Self, NetError> {
+    pub fn start(endpoints: &Endpoints, ros: &RosConfig) -> Result<Self, NetError> {
         let rings = Arc::new(Rings {
             odometry: DropOldest::new(ODOMETRY_RING),
             estimates: DropOldest::new(ESTIMATE_RING),
@@ -82,7 +85,7 @@ impl Publisher {
             stop: AtomicBool::new(false),
         });
         let (ready, wait) = std::sync::mpsc::sync_channel(1);
-        let (theirs, endpoints) = (Arc::clone(&rings), endpoints.clone());
+        let (theirs, endpoints, ros) = (Arc::clone(&rings), endpoints.clone(), ros.clone());
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(1)
             .thread_name("plumbline-net")
@@ -90,7 +93,7 @@ impl Publisher {
             .build()?;
         let thread = std::thread::Builder::new().name("plumbline-net".into()).spawn(move || {
             runtime.block_on(async {
-                match Outlets::declare(&endpoints).await {
+                match Outlets::declare(&endpoints, &ros).await {
                     Ok(outlets) => {
                         let _ = ready.send(Ok(()));
                         outlets.run(&theirs).await;
@@ -143,6 +146,7 @@ struct Outlets {
     odom: zenoh::pubsub::Publisher<'static>,
     state: zenoh::pubsub::Publisher<'static>,
     health: zenoh::pubsub::Publisher<'static>,
+    ros: Option<RosOutlet>,
     _alive: zenoh::liveliness::LivelinessToken,
 }
 
@@ -156,7 +160,7 @@ struct HealthFeed {
 }
 
 impl Outlets {
-    async fn declare(endpoints: &Endpoints) -> Result<Self, NetError> {
+    async fn declare(endpoints: &Endpoints, ros: &RosConfig) -> Result<Self, NetError> {
         let session = endpoints.open().await?;
         let key = |name: &str| format!("{ROOT}/{}/{name}", endpoints.vehicle);
         let failed =
@@ -184,11 +188,15 @@ impl Outlets {
             .await
             .map_err(failed(key("health")))?;
         let alive = session.liveliness().declare_token(key("alive")).await.map_err(failed(key("alive")))?;
-        Ok(Self { session, odom, state, health, _alive: alive })
+        let ros = match ros.enabled {
+            true => Some(RosOutlet::declare(&session, ros, &endpoints.vehicle).await?),
+            false => None,
+        };
+        Ok(Self { session, odom, state, health, ros, _alive: alive })
     }
 
     /// Empties the rings until told to stop, then once more.
-    async fn run(self, rings: &Rings) {
+    async fn run(mut self, rings: &Rings) {
         let mut feed = HealthFeed {
             last: None,
             sent: Instant::now(),
@@ -205,10 +213,13 @@ impl Outlets {
         let _ = self.session.close().await;
     }
 
-    async fn empty(&self, rings: &Rings, feed: &mut HealthFeed, sequence: &mut u64) {
+    async fn empty(&mut self, rings: &Rings, feed: &mut HealthFeed, sequence: &mut u64) {
         while let Some(odometry) = rings.odometry.pop() {
             // What cannot be sent is lost, as its quality of service says; the sequence number tells.
             let _ = self.odom.put(wire::odom(&odometry, now_ns()).encode_to_vec()).await;
+            if let Some(ros) = &mut self.ros {
+                ros.odometry(&odometry).await;
+            }
         }
         while let Some((estimate, frame_ms)) = rings.estimates.pop() {
             let _ = self.state.put(wire::state(&estimate, *sequence, now_ns()).encode_to_vec()).await;
