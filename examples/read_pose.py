@@ -36,11 +36,16 @@ def wire_format():
 
 
 def connect(endpoint):
-    """A Zenoh session with the vehicle, or with a router or ground station that it is connected to."""
+    """A Zenoh session with the vehicle, or with a router that it is connected to; waits until one is there."""
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", json.dumps([endpoint]))
-    return zenoh.open(config)
+    while True:
+        try:
+            return zenoh.open(config)
+        except zenoh.ZError:
+            print(f"waiting for {endpoint}", flush=True)
+            time.sleep(1.0)
 
 
 def print_configuration(session, pb, vehicle):
