@@ -9,7 +9,7 @@ fn the_example_prints_pose_quality_and_latency() {
     let Some(python) = interpreter() else { return };
     let endpoint = free_endpoint();
     let mut vehicle = Command::new(env!("CARGO_BIN_EXE_plumbline"));
-    vehicle.args(FLIGHT).args(["--publish", "--listen", &endpoint, "--json"]);
+    vehicle.args(FLIGHT).args(["--duration=4", "--listen", &endpoint]);
     let vehicle = vehicle.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let arguments = ["--connect", &endpoint, "--seconds", "3"];
     let example = Program::start(&python, "examples/read_pose.py", &arguments);

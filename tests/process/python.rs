@@ -6,9 +6,9 @@ use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
 
-/// A flight of some seconds at real time.
-pub const FLIGHT: [&str; 9] =
-    ["replay", "sim:low-texture", "--start", "2", "--duration", "4", "--scale", "0.5", "--speed=1"];
+/// A vehicle that flies at real time and publishes; its `--duration` is to be added.
+pub const FLIGHT: [&str; 6] =
+    ["replay", "sim:low-texture", "--start=2", "--scale=0.5", "--speed=1", "--publish"];
 
 /// The interpreter; `None`, and a word on what is skipped, where the packages were not installed. On a build
 /// server they have been.

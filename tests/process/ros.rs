@@ -5,7 +5,17 @@ use super::python::{FLIGHT, Program, configuration, free_endpoint, interpreter};
 use super::{plumbline, stderr};
 use serde_json::Value;
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::Instant;
+
+/// When the machine with ROS is there.
+#[derive(Clone, Copy, PartialEq)]
+enum Machine {
+    Before,
+    Later,
+}
 
 const TYPES: [&str; 3] = ["nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped", "tf2_msgs/msg/TFMessage"];
 const TOPICS: [&str; 3] = ["/drone_1/odom", "/drone_1/pose", "/tf"];
@@ -16,23 +26,46 @@ struct Seen {
     computed: BTreeMap<i64, Vec<f64>>,
 }
 
-fn fly(python: &Path, changes: &[(&str, &str)]) -> Seen {
+/// Flies a vehicle with these options of `[ros]`; the machine is there before, or when the vehicle has said that it
+/// waits for it.
+fn fly(python: &Path, changes: &[(&str, &str)], when: Machine) -> Seen {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    let (config, odometry): (PathBuf, PathBuf) = (at("vehicle.toml"), at("odometry.tum"));
+    let (config, odometry) = (at("vehicle.toml"), at("odometry.tum"));
     let endpoint = free_endpoint();
-    let mut peer = Program::start(python, "tests/python/ros_peer.py", &["--listen", &endpoint]);
-    assert_eq!(peer.line(), "ready");
+    let start = || {
+        let mut peer = Program::start(python, "tests/python/ros_peer.py", &["--listen", &endpoint]);
+        assert_eq!(peer.line(), "ready");
+        peer
+    };
+    let before = (when == Machine::Before).then(start);
     let mut all = vec![
-        ("network.connect", format!("[\"{endpoint}\"]")),
         ("network.vehicle", "\"drone-1\"".to_owned()),
         ("ros.enabled", "true".to_owned()),
+        ("ros.router", format!("\"{endpoint}\"")),
     ];
     all.extend(changes.iter().map(|(key, value)| (*key, (*value).to_owned())));
     configuration(&config, &all);
     let files = ["--config", config.to_str().unwrap(), "--odometry", odometry.to_str().unwrap()];
-    let flown = plumbline(&[&FLIGHT[..], &["--publish"], &files].concat());
-    assert!(flown.status.success(), "{}", stderr(&flown));
+    // The vehicle says that it waits after three seconds.
+    let duration = if when == Machine::Before { "--duration=4" } else { "--duration=10" };
+    let mut vehicle = Command::new(env!("CARGO_BIN_EXE_plumbline"));
+    let mut vehicle = vehicle
+        .args([&FLIGHT[..], &files, &[duration]].concat())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut words = BufReader::new(vehicle.stderr.take().unwrap());
+    let mut told = String::new();
+    let peer = before.unwrap_or_else(|| {
+        while !told.contains("it is waited for") {
+            assert!(words.read_line(&mut told).unwrap() > 0, "{told}");
+        }
+        start()
+    });
+    words.read_to_string(&mut told).unwrap();
+    assert!(vehicle.wait().unwrap().success(), "{told}");
     let told = serde_json::from_str(&peer.rest()).unwrap();
     Seen { told, computed: poses(&odometry) }
 }
@@ -79,7 +112,7 @@ fn is_computed(computed: &BTreeMap<i64, Vec<f64>>, stamp_ns: i64, position: &Val
 #[test]
 fn a_machine_with_ros_sees_topics_and_reads_what_was_computed() {
     let Some(python) = interpreter() else { return };
-    let seen = fly(&python, &[]);
+    let seen = fly(&python, &[], Machine::Before);
     check_graph(&seen);
     for topic in TOPICS {
         check_samples(&seen, topic);
@@ -213,7 +246,7 @@ fn names_and_stamps_are_as_configured() {
         ("ros.rate_hz", "10.0"),
         ("ros.tf", "false"),
     ];
-    let seen = fly(&python, &changes);
+    let seen = fly(&python, &changes, Machine::Before);
     let publishers = seen.entities("MP");
     let topics: Vec<&str> = publishers.iter().map(|p| p["topic"].as_str().unwrap()).collect();
     assert_eq!(publishers.len(), 2, "{topics:?}");
@@ -228,4 +261,31 @@ fn names_and_stamps_are_as_configured() {
         );
         assert_eq!(stamp_ns(&message["header"]), sample["source_ns"].as_i64().unwrap());
     }
+}
+
+#[test]
+fn a_vehicle_without_a_router_flies_and_ends_as_always() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = folder.path().join("vehicle.toml");
+    let router = format!("\"{}\"", free_endpoint());
+    configuration(&config, &[("ros.enabled", "true".to_owned()), ("ros.router", router)]);
+    let begun = Instant::now();
+    let files = ["--duration=4", "--config", config.to_str().unwrap()];
+    let flown = plumbline(&[&FLIGHT[..], &files].concat());
+    assert!(flown.status.success(), "{}", stderr(&flown));
+    assert!(begun.elapsed().as_secs() < 60, "took {:?}", begun.elapsed());
+}
+
+#[test]
+fn a_router_that_comes_later_is_found() {
+    let Some(python) = interpreter() else { return };
+    let seen = fly(&python, &[], Machine::Later);
+    check_graph(&seen);
+    let samples = seen.samples(TOPICS[0]);
+    assert!(samples.len() > 10, "{} samples", samples.len());
+    // The node begins when the router is there, not with the flight.
+    let first = &samples[0];
+    assert!(first["sequence"].as_i64().unwrap() <= 10, "{first}");
+    let begun = seen.computed.first_key_value().unwrap().0;
+    assert!(stamp_ns(&first["message"]["header"]) - begun > 1_000_000_000);
 }

@@ -2,13 +2,15 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Publication of the odometry as ROS 2 messages over Zenoh, as `rmw_zenoh` would publish them. It goes
-/// out by the session of [`NetworkConfig`](super::NetworkConfig), beside Plumbline's own keys.
+/// Publication of the odometry as ROS 2 messages over Zenoh, as `rmw_zenoh` would publish them, beside
+/// Plumbline's own keys and by a session of its own.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RosConfig {
     /// Whether anything of this is published.
     pub enabled: bool,
+    /// Endpoint of the router of `rmw_zenoh`. It may come and go: it is looked for until it is there.
+    pub router: String,
     /// `ROS_DOMAIN_ID` of those who are to see it.
     pub domain_id: u32,
     /// Release of ROS 2 of those who are to see it: it decides on how types are named in keys.
@@ -60,6 +62,7 @@ impl Default for RosConfig {
     fn default() -> Self {
         Self {
             enabled: false,
+            router: "tcp/localhost:7447".into(),
             domain_id: 0,
             distribution: RosDistribution::Jazzy,
             namespace: String::new(),

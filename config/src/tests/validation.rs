@@ -122,6 +122,7 @@ fn names_must_be_ones_that_ros_understands() {
         check("ros.body_frame", "letters", |c| c.ros.body_frame = bad.into());
     }
     check("ros.body_frame", "both frames", |c| c.ros.body_frame = "odom".into());
+    check("ros.router", "tcp/127.0.0.1:7447", |c| c.ros.router = "localhost".into());
     check("ros.domain_id", "ROS_DOMAIN_ID", |c| c.ros.domain_id = 233);
 }
 

@@ -1,6 +1,6 @@
 //! Validation of names that ROS 2 is to understand.
 
-use super::network::shortened;
+use super::network::{is_endpoint, no_endpoint, shortened};
 use crate::Config;
 use crate::error::Violation;
 
@@ -10,6 +10,9 @@ const MAX_FRAME_BYTES: usize = 64;
 
 pub(super) fn check(config: &Config, found: &mut Vec<Violation>) {
     let ros = &config.ros;
+    if !is_endpoint(&ros.router) {
+        found.push(no_endpoint("ros.router".into(), &ros.router));
+    }
     let namespace = ros.namespace(&config.network.vehicle);
     // The vehicle's name stands in only when it is needed: without ROS it may be what it wants.
     if (ros.enabled || !ros.namespace.is_empty()) && !is_namespace(&namespace) {

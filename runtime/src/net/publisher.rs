@@ -188,10 +188,7 @@ impl Outlets {
             .await
             .map_err(failed(key("health")))?;
         let alive = session.liveliness().declare_token(key("alive")).await.map_err(failed(key("alive")))?;
-        let ros = match ros.enabled {
-            true => Some(RosOutlet::declare(&session, ros, &endpoints.vehicle).await?),
-            false => None,
-        };
+        let ros = ros.enabled.then(|| RosOutlet::start(ros, &endpoints.vehicle)).transpose()?;
         Ok(Self { session, odom, state, health, ros, _alive: alive })
     }
 
@@ -210,6 +207,9 @@ impl Outlets {
             self.empty(rings, &mut feed, &mut sequence).await;
         }
         self.empty(rings, &mut feed, &mut sequence).await;
+        if let Some(ros) = self.ros {
+            ros.stop().await;
+        }
         let _ = self.session.close().await;
     }
 
