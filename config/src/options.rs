@@ -9,12 +9,14 @@ mod autopilot;
 mod lines;
 mod network;
 mod recorder;
+mod ros;
 mod runtime;
 
 pub use autopilot::{AutopilotClock, AutopilotConfig, AutopilotEndpoint, LostPose};
 pub use lines::LinesConfig;
 pub use network::{Commands, Link, LoginConfig, NetworkConfig, TlsConfig};
 pub use recorder::{ImageRecording, KeepPolicy, RecorderConfig};
+pub use ros::{RosConfig, RosDistribution, RosStamp};
 pub use runtime::RuntimeConfig;
 
 use crate::CameraModel;
@@ -42,6 +44,9 @@ pub struct Config {
     /// What is published, and to whom.
     #[serde(default)]
     pub network: NetworkConfig,
+    /// What is published to ROS 2.
+    #[serde(default)]
+    pub ros: RosConfig,
     /// What a live run asks of the host.
     #[serde(default)]
     pub runtime: RuntimeConfig,
@@ -64,6 +69,7 @@ impl Config {
             estimator: EstimatorConfig::default(),
             driver: DriverConfig::default(),
             network: NetworkConfig::default(),
+            ros: RosConfig::default(),
             runtime: RuntimeConfig::default(),
             recorder: RecorderConfig::default(),
             autopilot: AutopilotConfig::default(),

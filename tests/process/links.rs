@@ -123,13 +123,17 @@ fn partitioned(before_s: u32, down_s: u32, after_s: u32) -> Option<(Value, [Valu
         .map(|k| {
             let mut inner = Command::new(PLUMBLINE);
             let endpoint = format!("tcp/10.77.{}.1:7447", k + 1);
-            inner.args(["ground", "--plain", "--no-http", "--connect", &endpoint, "--report"]).arg(&reports[k]);
+            inner
+                .args(["ground", "--plain", "--no-http", "--connect", &endpoint, "--report"])
+                .arg(&reports[k]);
             Running::start(spaces.command(k + 2, &inner))
         })
         .collect();
     let report = folder.path().join("vehicle.json");
     let mut inner = flight("drone", seconds);
-    inner.args(["--connect", "tcp/10.77.0.2:7447", "--set", "network.link=\"radio\"", "--report"]).arg(&report);
+    inner
+        .args(["--connect", "tcp/10.77.0.2:7447", "--set", "network.link=\"radio\"", "--report"])
+        .arg(&report);
     let mut vehicle = Running::start(spaces.command(0, &inner));
     std::thread::sleep(Duration::from_secs(u64::from(before_s)));
     let settled_mb = [resident_mb(&router), resident_mb(&stations[0])];
@@ -176,13 +180,19 @@ fn soak_network_partition_of_twenty_seconds_leaves_the_estimator_alone() {
     let report = folder.path().join("alone.json");
     let mut alone = Command::new(PLUMBLINE);
     let with_network = flight("drone", 60);
-    alone.args(with_network.get_args().filter(|argument| *argument != "--publish")).arg("--report").arg(&report);
+    alone
+        .args(with_network.get_args().filter(|argument| *argument != "--publish"))
+        .arg("--report")
+        .arg(&report);
     assert!(alone.stdout(Stdio::null()).status().unwrap().success());
     let alone = json(&report);
     let p99 = |report: &Value| report["frame_ms"]["p99"].as_f64().unwrap();
     let (with, without) = (p99(&vehicle), p99(&alone));
     println!("frame p99 {with:.2} ms over the bad link, {without:.2} ms without a network");
-    println!("odometry {} and {}", vehicle["live"]["sample_to_odometry_ms"], alone["live"]["sample_to_odometry_ms"]);
+    println!(
+        "odometry {} and {}",
+        vehicle["live"]["sample_to_odometry_ms"], alone["live"]["sample_to_odometry_ms"]
+    );
     assert!(with < 1.1 * without, "{with} against {without} ms");
     assert_eq!(vehicle["estimate_digest"], alone["estimate_digest"]);
 }

@@ -1,15 +1,18 @@
 //! System tests of the command: real processes, real files, a real Zenoh session.
 
-mod browser;
 mod autopilot;
+mod browser;
 mod cgroup;
 mod errors;
+mod example;
 mod lines;
 mod links;
 mod live;
 mod log;
 mod network;
+mod python;
 mod replay;
+mod ros;
 mod security;
 mod vehicle;
 

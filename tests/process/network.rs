@@ -175,7 +175,9 @@ fn malformed_messages_on_every_key_are_counted_and_harm_nobody() {
                 let length = [0, 1, 7, 60, 300, 4_000, 300_000][round % 7];
                 let payload: Vec<u8> = (0..length)
                     .map(|_| {
-                        noise = noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                        noise = noise
+                            .wrapping_mul(6_364_136_223_846_793_005)
+                            .wrapping_add(1_442_695_040_888_963_407);
                         (noise >> 56) as u8
                     })
                     .collect();

@@ -138,6 +138,38 @@ fn autopilots_have_an_address_and_a_line_that_is_fast_enough() {
     check("autopilot.imu_to_vehicle_deg[1]", "degrees", |c| c.autopilot.imu_to_vehicle_deg[1] = 270.0);
 }
 
+#[test]
+fn names_must_be_ones_that_ros_understands() {
+    for bad in ["drone", "/a//b", "/a/", "/7", "/a__b", "/a b", "/größe", "//"] {
+        check("ros.namespace", "/name/name", |c| c.ros.namespace = bad.into());
+    }
+    for good in ["", "/", "/a", "/robots/_one_2"] {
+        assert_eq!(refused(|c| c.ros.namespace = good.into()), []);
+    }
+    for bad in ["", "/odom", "a b", "a\n"] {
+        check("ros.odom_frame", "letters", |c| c.ros.odom_frame = bad.into());
+        check("ros.body_frame", "letters", |c| c.ros.body_frame = bad.into());
+    }
+    check("ros.body_frame", "both frames", |c| c.ros.body_frame = "odom".into());
+    check("ros.router", "tcp/127.0.0.1:7447", |c| c.ros.router = "localhost".into());
+    check("ros.domain_id", "ROS_DOMAIN_ID", |c| c.ros.domain_id = 233);
+}
+
+#[test]
+fn the_name_of_the_vehicle_is_a_namespace_only_where_one_is_needed() {
+    let named = |enabled: bool, vehicle: &str, namespace: &str| {
+        refused(|c| {
+            c.ros.enabled = enabled;
+            c.network.vehicle = vehicle.into();
+            c.ros.namespace = namespace.into();
+        })
+    };
+    assert_eq!(named(true, "drone-1", ""), []);
+    assert_eq!(named(false, "7", ""), []);
+    assert_eq!(named(true, "7", "/seven"), []);
+    assert_eq!(named(true, "7", "")[0].key, "ros.namespace");
+}
+
 /// Replaces the numbers of a tree one at a time and calls `with_key` on each changed tree.
 fn each_number(root: &Value, poison: fn(&Value) -> Option<Value>, with_key: &mut dyn FnMut(&str, Value)) {
     fn walk(

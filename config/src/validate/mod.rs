@@ -1,10 +1,11 @@
 //! Validation: which values are refused. Ranges of single numbers are a table in [`ranges`]; here is what
-//! concerns several values at a time, and [`mounting`], [`network`] and [`autopilot`].
+//! concerns several values at a time, and [`mounting`], [`network`], [`autopilot`] and [`ros`].
 
 mod autopilot;
 mod mounting;
 mod network;
 mod ranges;
+mod ros;
 
 pub(crate) use mounting::pose_problem;
 
@@ -41,6 +42,7 @@ impl Config {
         check_image_fits(self, &mut found);
         network::check(&self.network, &mut found);
         autopilot::check(&self.autopilot, &mut found);
+        ros::check(self, &mut found);
         check_processors(self, &mut found);
         found
     }

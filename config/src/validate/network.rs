@@ -24,9 +24,7 @@ pub(super) fn check(network: &NetworkConfig, found: &mut Vec<Violation>) {
             found.push(Violation::new(format!("network.{name}"), reason, cure));
         }
         for (i, endpoint) in endpoints.iter().enumerate().filter(|(_, e)| !is_endpoint(e)) {
-            let reason = format!("{} is no endpoint", shortened(endpoint));
-            let cure = "write protocol/host:port with tcp, udp or tls, such as \"tcp/127.0.0.1:7447\"";
-            found.push(Violation::new(format!("network.{name}[{i}]"), reason, cure));
+            found.push(no_endpoint(format!("network.{name}[{i}]"), endpoint));
         }
     }
     check_identity(network, found);
@@ -61,6 +59,11 @@ fn is_empty(path: &Path) -> bool {
     path.as_os_str().is_empty()
 }
 
+pub(super) fn no_endpoint(key: String, text: &str) -> Violation {
+    let cure = "write protocol/host:port with tcp, udp or tls, such as \"tcp/127.0.0.1:7447\"";
+    Violation::new(key, format!("{} is no endpoint", shortened(text)), cure)
+}
+
 /// The name is one chunk of a Zenoh key: `/` would split it, `*`, `$`, `#` and `?` have meanings there.
 fn vehicle_problem(name: &str) -> Option<String> {
     if name.is_empty() {
@@ -73,7 +76,7 @@ fn vehicle_problem(name: &str) -> Option<String> {
     bad.map(|c| format!("contains {c:?}, which a key on the wire must not"))
 }
 
-fn is_endpoint(text: &str) -> bool {
+pub(super) fn is_endpoint(text: &str) -> bool {
     let Some((protocol, address)) = text.split_once('/') else { return false };
     // `?metadata` and `#configuration` may follow the address.
     let address = address.split(['?', '#']).next().unwrap_or_default();
@@ -85,7 +88,7 @@ fn is_endpoint(text: &str) -> bool {
         && port.parse::<u16>().is_ok()
 }
 
-fn shortened(text: &str) -> String {
+pub(super) fn shortened(text: &str) -> String {
     let mut short: String = text.chars().take(80).collect();
     if short.len() < text.len() {
         short.push('…');

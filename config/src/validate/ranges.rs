@@ -89,6 +89,10 @@ const ROWS: &[Row<Config>] = &[
     ("driver.pair_tolerance_s", |c| c.driver.pair_tolerance_s,   0.0, 0.1,  SECONDS),
     ("driver.reorder_window_s", |c| c.driver.reorder_window_s,   0.0, 1.0,  SECONDS),
 
+    ("ros.domain_id",                |c| f64::from(c.ros.domain_id),         0.0, 232.0,  "give the ROS_DOMAIN_ID of the others"),
+    ("ros.rate_hz",                  |c| c.ros.rate_hz,                      0.0, 4000.0, "write it in Hz, 0 for every sample"),
+    ("ros.angular_rate_sigma_rad_s", |c| c.ros.angular_rate_sigma_rad_s,     0.0, 10.0,   "write it in rad/s (1 deg/s = 0.01745 rad/s)"),
+
     ("recorder.max_file_mb",    |c| c.recorder.max_file_mb as f64,   32.0, 65_536.0,     "write it in MB (10^6 bytes)"),
     ("recorder.max_total_mb",   |c| c.recorder.max_total_mb as f64,  32.0, 16_777_216.0, "write it in MB (10^6 bytes)"),
     ("recorder.queue_entries",  |c| c.recorder.queue_entries as f64, 64.0, 65_536.0,     COUNT),

@@ -31,7 +31,12 @@ pub fn run(args: &ResetArgs) -> Result<()> {
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
     let outcome = runtime.block_on(async {
         let session = endpoints.open().await?;
-        let outcome = command::reset(&session, &args.vehicle, args.kind).await;
+        let outcome = match command::find(&session, &args.vehicle).await {
+            true => command::reset(&session, &args.vehicle, args.kind).await,
+            false => {
+                Err("no vehicle of that name is on this network; is it flying, and are our keys good?".into())
+            }
+        };
         let _ = session.close().await;
         Ok::<_, anyhow::Error>(outcome)
     })?;

@@ -3,14 +3,20 @@
 use crate::net::{ROOT, proto, read};
 use serde::Deserialize;
 use std::fmt;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use zenoh::Session;
 use zenoh::qos::{CongestionControl, Priority};
 
 /// How long an answer may take: a reset waits for the next frame.
 const PATIENCE: Duration = Duration::from_secs(4);
+/// A vehicle is looked for this often.
+const SEARCH_PERIOD: Duration = Duration::from_millis(200);
 /// Longest answer that is shown, bytes.
 const MAX_WORDS: usize = 400;
+
+/// What silence means.
+const SILENCE: &str = "no answer: the vehicle is out of reach, or this station may not command it (a viewer's \
+                       certificate or name)";
 
 /// How much is forgotten.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, clap::ValueEnum)]
@@ -31,6 +37,21 @@ impl fmt::Display for ResetWords {
     }
 }
 
+/// Whether a vehicle is on the network; waits a little for it.
+pub async fn find(session: &Session, vehicle: &str) -> bool {
+    let key = format!("{ROOT}/{vehicle}/alive");
+    let end = Instant::now() + PATIENCE;
+    while Instant::now() < end {
+        if let Ok(replies) = session.liveliness().get(&key).timeout(SEARCH_PERIOD).await
+            && replies.recv_async().await.is_ok_and(|reply| reply.result().is_ok())
+        {
+            return true;
+        }
+        tokio::time::sleep(SEARCH_PERIOD).await;
+    }
+    false
+}
+
 /// Resets the estimate of a vehicle; what it answered.
 ///
 /// # Errors
@@ -43,13 +64,7 @@ pub async fn reset(session: &Session, vehicle: &str, kind: ResetWords) -> Result
         .priority(Priority::InteractiveHigh)
         .congestion_control(CongestionControl::Block);
     let replies = question.await.map_err(|error| format!("the reset could not be asked for: {error}"))?;
-    let Ok(reply) = replies.recv_async().await else {
-        return Err(
-            "no answer: the vehicle is out of reach, or this station may not command it (a viewer's \
-                    certificate or name)"
-                .into(),
-        );
-    };
+    let Ok(reply) = replies.recv_async().await else { return Err(SILENCE.into()) };
     match reply.result() {
         Ok(sample) => match read::decode::<proto::ResetDone>(&sample.payload().to_bytes()) {
             Some(done) => Ok(format!("{}: the counter is {} now", done.words, done.reset_counter)),
@@ -58,13 +73,7 @@ pub async fn reset(session: &Session, vehicle: &str, kind: ResetWords) -> Result
         Err(error) => {
             let bytes = error.payload().to_bytes();
             let words = String::from_utf8_lossy(&bytes[..bytes.len().min(MAX_WORDS)]).into_owned();
-            Err(if words == "Timeout" {
-                "no answer in time: the vehicle is out of reach, or this station may not \
-                 command it (a viewer's certificate or name)"
-                    .into()
-            } else {
-                words
-            })
+            Err(if words == "Timeout" { SILENCE.into() } else { words })
         }
     }
 }

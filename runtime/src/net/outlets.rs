@@ -16,8 +16,10 @@ use super::publisher::Vehicle;
 use super::rings::Rings;
 use super::session::{Endpoints, NetError};
 use super::{ROOT, audit, now_ns, proto, wire};
+use crate::ros::RosOutlet;
 use crate::schedule::ladder::Rung;
 use nalgebra::Isometry3;
+use plumbline_config::options::RosConfig;
 use plumbline_estimator::{Estimate, Survey};
 use prost::Message;
 use std::sync::atomic::Ordering;
@@ -47,6 +49,7 @@ pub struct Outlets {
     offers_camera: bool,
     archive: Arc<Mutex<Archive>>,
     resets: watch::Sender<u32>,
+    ros: Option<RosOutlet>,
 }
 
 /// What changes from message to message.
@@ -72,6 +75,7 @@ impl Outlets {
         endpoints: &Endpoints,
         vehicle: Arc<Vehicle>,
         rates: Rates,
+        ros: &RosConfig,
     ) -> Result<Self, NetError> {
         let session = endpoints.open().await?;
         let (resets, heard) = watch::channel(0);
@@ -103,11 +107,12 @@ impl Outlets {
             rates,
             archive,
             resets,
+            ros: ros.enabled.then(|| RosOutlet::start(ros, &vehicle.name)).transpose()?,
         })
     }
 
     /// Empties the rings until told to stop, then once more.
-    pub async fn run(self, rings: &Rings) {
+    pub async fn run(mut self, rings: &Rings) {
         let mut course = Course {
             feed: HealthFeed::new(self.rates.health_period()),
             odom: Pace::new(self.rates.odom_hz),
@@ -126,12 +131,18 @@ impl Outlets {
             self.do_chores(rings, &mut course).await;
         }
         self.empty(rings, &mut course).await;
+        if let Some(ros) = self.ros {
+            ros.stop().await;
+        }
         let _ = self.session.close().await;
     }
 
     /// Sends what waits. What cannot be sent is lost, as its quality of service says; sequence numbers tell.
-    async fn empty(&self, rings: &Rings, course: &mut Course) {
+    async fn empty(&mut self, rings: &Rings, course: &mut Course) {
         while let Some((odometry, handed_over_ns)) = rings.odometry.pop() {
+            if let Some(ros) = &mut self.ros {
+                ros.odometry(&odometry).await;
+            }
             if course.odom.admits(odometry.stamp) {
                 let message = wire::odom(&odometry, course.odoms, handed_over_ns);
                 let _ = self.odom.put(message.encode_to_vec()).await;

@@ -40,7 +40,8 @@ pub struct Publisher {
 }
 
 impl Publisher {
-    /// Opens the session and declares everything; returns when others can see the vehicle.
+    /// Opens the session and declares everything, for ROS 2 too where that is enabled; returns when others can
+    /// see the vehicle.
     ///
     /// # Errors
     /// When the session cannot be opened.
@@ -61,7 +62,7 @@ impl Publisher {
         }
         let rings = Arc::new(Rings::new(config));
         let (ready, wait) = std::sync::mpsc::sync_channel(1);
-        let (theirs, endpoints) = (Arc::clone(&rings), endpoints.clone());
+        let (theirs, endpoints, ros) = (Arc::clone(&rings), endpoints.clone(), config.ros.clone());
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(1)
             .thread_name("plumbline-net")
@@ -69,7 +70,7 @@ impl Publisher {
             .build()?;
         let thread = std::thread::Builder::new().name("plumbline-net".into()).spawn(move || {
             runtime.block_on(async {
-                match Outlets::declare(&endpoints, vehicle, rates).await {
+                match Outlets::declare(&endpoints, vehicle, rates, &ros).await {
                     Ok(outlets) => {
                         let _ = ready.send(Ok(()));
                         outlets.run(&theirs).await;

@@ -13,6 +13,8 @@ const LEASE_MS: u64 = 4_000;
 const OPEN_TIMEOUT_MS: u64 = 2_000;
 /// Attempts to connect come this soon after each other, ms.
 const RETRY_MS: (u64, u64) = (100, 500);
+/// A message waits this long for room before it is dropped, us: a stall of this host is no congestion.
+const WAIT_BEFORE_DROP_US: u64 = 5_000;
 /// Largest batch on a telemetry radio, bytes: what waits behind one is late by its length.
 const RADIO_BATCH_BYTES: u64 = 1_400;
 
@@ -134,6 +136,10 @@ impl Endpoints {
             ("scouting/multicast/enabled", self.scouting.to_string()),
             ("transport/unicast/open_timeout", OPEN_TIMEOUT_MS.to_string()),
             ("transport/link/tx/lease", LEASE_MS.to_string()),
+            (
+                "transport/link/tx/queue/congestion_control/drop/wait_before_drop",
+                WAIT_BEFORE_DROP_US.to_string(),
+            ),
         ];
         if self.link == Link::Radio {
             settings.push(("transport/link/tx/batch_size", RADIO_BATCH_BYTES.to_string()));

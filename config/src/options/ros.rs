@@ -1,0 +1,89 @@
+//! Options of the publication as ROS 2 messages.
+
+use serde::{Deserialize, Serialize};
+
+/// Publication of the odometry as ROS 2 messages over Zenoh, as `rmw_zenoh` would publish them, beside
+/// Plumbline's own keys and by a session of its own.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RosConfig {
+    /// Whether anything of this is published.
+    pub enabled: bool,
+    /// Endpoint of the router of `rmw_zenoh`. It may come and go: it is looked for until it is there.
+    pub router: String,
+    /// `ROS_DOMAIN_ID` of those who are to see it.
+    pub domain_id: u32,
+    /// Release of ROS 2 of those who are to see it: it decides on how types are named in keys.
+    pub distribution: RosDistribution,
+    /// Namespace of the node and its topics `odom` and `pose`, such as `/robots/one`. Empty: `/<vehicle>`,
+    /// with `_` for `-`; `/`: none.
+    pub namespace: String,
+    /// Name of the odometry frame `O`.
+    pub odom_frame: String,
+    /// Name of the body frame `B`, which is the IMU's.
+    pub body_frame: String,
+    /// Messages of each topic a second; 0 for one with every inertial sample.
+    pub rate_hz: f64,
+    /// What `header.stamp` says.
+    pub stamp: RosStamp,
+    /// Whether the pose goes out as a transform on `/tf` too.
+    pub tf: bool,
+    /// Standard deviation of the angular rate in the twist's covariance, rad/s: the estimator has none.
+    pub angular_rate_sigma_rad_s: f64,
+}
+
+/// Releases of ROS 2 that have `rmw_zenoh`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RosDistribution {
+    /// The only one without hashes of types.
+    Humble,
+    /// 2023.
+    Iron,
+    /// 2024.
+    Jazzy,
+    /// 2025.
+    Kilted,
+    /// The one under development.
+    Rolling,
+}
+
+/// What the time in a message's header is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RosStamp {
+    /// The measurement, on the sensors' time axis. ROS expects it to be the system clock's.
+    Measurement,
+    /// The publication, by the system clock: for sensors whose time is another.
+    Publication,
+}
+
+impl Default for RosConfig {
+    fn default() -> Self {
+        Self {
+            enabled: false,
+            router: "tcp/localhost:7447".into(),
+            domain_id: 0,
+            distribution: RosDistribution::Jazzy,
+            namespace: String::new(),
+            odom_frame: "odom".into(),
+            body_frame: "base_link".into(),
+            rate_hz: 50.0,
+            stamp: RosStamp::Measurement,
+            tf: true,
+            angular_rate_sigma_rad_s: 0.01,
+        }
+    }
+}
+
+impl RosConfig {
+    /// The absolute namespace, `/` for none; `vehicle` is the name that stands in when none is given.
+    #[must_use]
+    pub fn namespace(&self, vehicle: &str) -> String {
+        if self.namespace.is_empty() {
+            format!("/{}", vehicle.replace('-', "_"))
+        } else {
+            self.namespace.clone()
+        }
+    }
+}

@@ -1,0 +1,22 @@
+//! ROS 2 without ROS: odometry, pose and transform as RViz 2 and `ros2 topic echo` expect them.
+//!
+//! Machines that run ROS 2 with `RMW_IMPLEMENTATION=rmw_zenoh_cpp` speak Zenoh, as we do. What is missing
+//! between the two is a way of writing, and that is all there is here; no part of ROS is needed:
+//!
+//! - [`messages`]: `nav_msgs/msg/Odometry`, `geometry_msgs/msg/PoseStamped` and `tf2_msgs/msg/TFMessage` from
+//!   an estimate, with what ROS means by a covariance and by a twist;
+//! - [`cdr`]: their bytes;
+//! - [`names`]: the keys on which `rmw_zenoh` looks for them, the liveliness tokens by which it lists nodes and
+//!   publishers, and what it attaches to a sample;
+//! - [`node`]: a node `plumbline` with its three publishers;
+//! - [`outlet`]: the session with the router of `rmw_zenoh` that it lives on.
+//!
+//! Source: `docs/design.md` of ros2/rmw_zenoh, and its `liveliness_utils.cpp` where that is not precise.
+
+pub mod cdr;
+pub mod messages;
+pub mod names;
+pub mod node;
+pub mod outlet;
+
+pub use outlet::RosOutlet;

@@ -1,0 +1,167 @@
+//! The node `plumbline` and its publishers, on a session of Zenoh.
+
+use super::cdr;
+use super::messages::{Frames, Time};
+use super::names::{self, Node, Topic};
+use crate::net::NetError;
+use plumbline_config::options::{RosConfig, RosStamp};
+use plumbline_estimator::{Odometry, TrackingState};
+use serde::Serialize;
+use std::time::{SystemTime, UNIX_EPOCH};
+use zenoh::Session;
+use zenoh::bytes::Encoding;
+use zenoh::liveliness::LivelinessToken;
+use zenoh::qos::{CongestionControl, Priority};
+
+/// Name of the node.
+const NODE: &str = "plumbline";
+/// Messages that a subscriber is advised to hold; of transforms as many as tf2's own broadcaster says.
+const DEPTH: u32 = 10;
+const TF_DEPTH: u32 = 100;
+
+/// A node of ROS 2 with its publishers, for as long as it lives.
+pub struct RosNode {
+    options: RosConfig,
+    odom: TopicPublisher,
+    pose: TopicPublisher,
+    tf: Option<TopicPublisher>,
+    grid: Grid,
+    _node: LivelinessToken,
+}
+
+impl RosNode {
+    /// Declares the node, its publishers and the tokens by which both are listed.
+    ///
+    /// # Errors
+    /// When Zenoh refuses a key.
+    pub async fn declare(session: &Session, options: &RosConfig, vehicle: &str) -> Result<Self, NetError> {
+        let node = Node {
+            domain_id: options.domain_id,
+            distribution: options.distribution,
+            session: session.zid().to_string(),
+            namespace: options.namespace(vehicle),
+            name: NODE.into(),
+        };
+        let named = |name: &str, message| Topic { name: node.qualified(name), message, depth: DEPTH };
+        let token = declare_token(session, node.token()).await?;
+        let odom = TopicPublisher::declare(session, &node, 1, &named("odom", names::ODOMETRY)).await?;
+        let pose = TopicPublisher::declare(session, &node, 2, &named("pose", names::POSE_STAMPED)).await?;
+        // Transforms are on one topic for all, whatever the namespace.
+        let topic = Topic { name: "/tf".into(), message: names::TF_MESSAGE, depth: TF_DEPTH };
+        let tf = match options.tf {
+            true => Some(TopicPublisher::declare(session, &node, 3, &topic).await?),
+            false => None,
+        };
+        Ok(Self { options: options.clone(), odom, pose, tf, grid: Grid::new(options.rate_hz), _node: token })
+    }
+
+    /// Publishes an odometry, if it is due and has a pose. What cannot be sent is lost; the sequence numbers
+    /// of the samples tell.
+    pub async fn odometry(&mut self, odometry: &Odometry) {
+        if !is_worth_sending(odometry) || !self.grid.is_due(odometry.stamp.as_nanos()) {
+            return;
+        }
+        let now_ns = system_time_ns();
+        let stamp = match self.options.stamp {
+            RosStamp::Measurement => Time::from_nanos(odometry.stamp.as_nanos()),
+            RosStamp::Publication => Time::from_nanos(now_ns),
+        };
+        let frames = Frames {
+            odom: &self.options.odom_frame,
+            body: &self.options.body_frame,
+            angular_rate_sigma_rad_s: self.options.angular_rate_sigma_rad_s,
+        };
+        self.odom.put(&frames.odometry(odometry, stamp), now_ns).await;
+        self.pose.put(&frames.pose(odometry, stamp), now_ns).await;
+        if let Some(tf) = &mut self.tf {
+            tf.put(&frames.transform(odometry, stamp), now_ns).await;
+        }
+    }
+}
+
+/// ROS has no word for an estimate that is none: nothing is published instead.
+fn is_worth_sending(o: &Odometry) -> bool {
+    let numbers = o.pose_o_b.translation.vector.iter().chain(o.pose_o_b.rotation.coords.iter());
+    let is_finite = numbers.chain(o.v_o_b.iter()).chain(o.angular_rate_b.iter()).all(|x| x.is_finite());
+    is_finite && matches!(o.state, TrackingState::Tracking | TrackingState::Blind)
+}
+
+/// One publisher with its token.
+struct TopicPublisher {
+    publisher: zenoh::pubsub::Publisher<'static>,
+    gid: [u8; 16],
+    sequence: i64,
+    _token: LivelinessToken,
+}
+
+impl TopicPublisher {
+    async fn declare(session: &Session, node: &Node, entity: u32, topic: &Topic) -> Result<Self, NetError> {
+        let key = node.key(topic);
+        let publisher = session
+            .declare_publisher(key.clone())
+            .encoding(Encoding::APPLICATION_CDR.with_schema(topic.message.name))
+            .priority(Priority::DataHigh)
+            .congestion_control(CongestionControl::Drop)
+            .await
+            .map_err(|error| NetError::Declare { key, message: error.to_string() })?;
+        let token = node.publisher_token(entity, topic);
+        let gid = names::gid(&token);
+        Ok(Self { publisher, gid, sequence: 0, _token: declare_token(session, token).await? })
+    }
+
+    async fn put(&mut self, message: &impl Serialize, now_ns: i64) {
+        let Ok(bytes) = cdr::encode(message) else { return };
+        self.sequence += 1;
+        let attachment = names::attachment(self.sequence, now_ns, &self.gid);
+        let _ = self.publisher.put(bytes).attachment(attachment.as_slice()).await;
+    }
+}
+
+async fn declare_token(session: &Session, key: String) -> Result<LivelinessToken, NetError> {
+    let token = session.liveliness().declare_token(key.clone()).await;
+    token.map_err(|error| NetError::Declare { key, message: error.to_string() })
+}
+
+/// Which samples are published: the first in every period of a grid in the samples' time.
+struct Grid {
+    period_ns: i64,
+    last: Option<i64>,
+}
+
+impl Grid {
+    /// `rate_hz` 0 is every sample.
+    fn new(rate_hz: f64) -> Self {
+        let period_ns = if rate_hz > 0.0 { (1e9 / rate_hz).round() as i64 } else { 0 };
+        Self { period_ns, last: None }
+    }
+
+    fn is_due(&mut self, stamp_ns: i64) -> bool {
+        let slot = stamp_ns.checked_div_euclid(self.period_ns);
+        // Division by a period of zero has no slot: every sample is due.
+        let is_due = slot.is_none() || slot != self.last;
+        self.last = slot;
+        is_due
+    }
+}
+
+fn system_time_ns() -> i64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_nanos() as i64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_are_thinned_out_to_the_rate() {
+        let count = |rate_hz: f64| {
+            let mut grid = Grid::new(rate_hz);
+            (0..400).filter(|k| grid.is_due(1_403_715_273_262_142_976 + k * 5_000_000)).count()
+        };
+        assert_eq!(count(0.0), 400);
+        assert_eq!(count(50.0), 100);
+        assert!((59..=61).contains(&count(30.0)), "{}", count(30.0));
+        assert_eq!(count(4000.0), 400);
+        assert!(count(1e-9) <= 1 + 1);
+    }
+}

@@ -1,0 +1,87 @@
+//! Python programs beside a real vehicle. The packages are those of `scripts/requirements.txt`, looked for in
+//! `$PLUMBLINE_VENV/bin`, else in `.venv/bin` of the workspace, where `make test` puts them.
+
+use std::io::{BufRead, BufReader, Read};
+use std::net::TcpListener;
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdout, Command, Stdio};
+
+/// A vehicle that flies at real time and publishes; its `--duration` is to be added.
+pub const FLIGHT: [&str; 6] =
+    ["replay", "sim:low-texture", "--start=2", "--scale=0.5", "--speed=1", "--publish"];
+
+/// The interpreter; `None`, and a word on what is skipped, where the packages were not installed. On a build
+/// server they have been.
+pub fn interpreter() -> Option<PathBuf> {
+    let fallback = Path::new(env!("CARGO_MANIFEST_DIR")).join("../.venv");
+    let python = std::env::var_os("PLUMBLINE_VENV").map_or(fallback, PathBuf::from).join("bin/python");
+    let has_all = Command::new(&python)
+        .args(["-c", "import grpc_tools, rosbags, xxhash, zenoh"])
+        .stderr(Stdio::null())
+        .status()
+        .is_ok_and(|status| status.success());
+    assert!(has_all || std::env::var_os("CI").is_none(), "{} lacks packages", python.display());
+    if !has_all {
+        println!("skipped: {} lacks the packages of scripts/requirements.txt", python.display());
+    }
+    has_all.then_some(python)
+}
+
+/// A port of this machine that is free now.
+pub fn free_endpoint() -> String {
+    let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    format!("tcp/127.0.0.1:{port}")
+}
+
+/// A running program; it is killed when the test ends before it.
+pub struct Program {
+    child: Child,
+    stdout: BufReader<ChildStdout>,
+}
+
+impl Program {
+    pub fn start(python: &Path, script: &str, arguments: &[&str]) -> Self {
+        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(script);
+        let mut child =
+            Command::new(python).arg(script).args(arguments).stdout(Stdio::piped()).spawn().unwrap();
+        let stdout = BufReader::new(child.stdout.take().unwrap());
+        Self { child, stdout }
+    }
+
+    /// Its next line; an empty one when it has ended.
+    pub fn line(&mut self) -> String {
+        let mut line = String::new();
+        self.stdout.read_line(&mut line).unwrap();
+        line.trim_end().to_owned()
+    }
+
+    /// All that it still prints; it must succeed.
+    pub fn rest(mut self) -> String {
+        let mut text = String::new();
+        self.stdout.read_to_string(&mut text).unwrap();
+        let status = self.child.wait().unwrap();
+        assert!(status.success(), "{status}: {text}");
+        text
+    }
+}
+
+impl Drop for Program {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// Writes the preset `sim` with other values of some keys: `key = value` lines, which must exist.
+pub fn configuration(file: &Path, changes: &[(&str, String)]) {
+    let preset = super::plumbline(&["config", "sim"]).stdout;
+    let mut text = String::from_utf8(preset).unwrap();
+    for (key, value) in changes {
+        let (table, key) = key.split_once('.').unwrap();
+        let start = text.find(&format!("\n[{table}]\n")).unwrap();
+        let at = start + text[start..].find(&format!("\n{key} = ")).unwrap() + 1;
+        let end = at + text[at..].find('\n').unwrap();
+        text.replace_range(at..end, &format!("{key} = {value}"));
+    }
+    std::fs::write(file, text).unwrap();
+}
