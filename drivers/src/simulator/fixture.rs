@@ -4,9 +4,7 @@ use super::trajectory::Trajectory;
 use crate::StampedPose;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use plumbline_config::camera::Distortion;
-use plumbline_config::options::{
-    CameraConfig, DriverConfig, EstimatorConfig, ImuConfig, NetworkConfig, RigConfig,
-};
+use plumbline_config::options::{CameraConfig, ImuConfig};
 use plumbline_config::{Config, GrayImage, Timestamp};
 
 fn camera(focal_px: [f64; 2], centre_px: [f64; 2], d: [f64; 4], pose_b_c: [[f64; 4]; 4]) -> CameraConfig {
@@ -50,16 +48,7 @@ pub(crate) fn config() -> Config {
         accel_bias_sigma_m_s2: 0.3,
         gravity_m_s2: 9.81,
     };
-    Config {
-        camera: vec![left, right],
-        imu,
-        rig: RigConfig::default(),
-        estimator: EstimatorConfig::default(),
-        driver: DriverConfig::default(),
-        network: NetworkConfig::default(),
-        recorder: Default::default(),
-        runtime: Default::default(),
-    }
+    Config::with_defaults(vec![left, right], imu)
 }
 
 /// Poses at 200 Hz of a flight that turns about all axes.

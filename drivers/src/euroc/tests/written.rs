@@ -100,16 +100,7 @@ fn config() -> Config {
         accel_bias_sigma_m_s2: 0.3,
         gravity_m_s2: 9.81,
     };
-    Config {
-        camera: vec![camera.clone(), camera],
-        imu,
-        rig: Default::default(),
-        estimator: Default::default(),
-        driver: Default::default(),
-        network: Default::default(),
-        recorder: Default::default(),
-        runtime: Default::default(),
-    }
+    Config::with_defaults(vec![camera.clone(), camera], imu)
 }
 
 fn write_to(out: &Path, fail_at: u64, overwrite: bool) -> Result<Written, DriverError> {
