@@ -51,7 +51,9 @@ impl Namespaces {
 
 impl Drop for Namespaces {
     fn drop(&mut self) {
-        self.0.iter().for_each(|name| drop(ip(&["netns", "del", name])));
+        for name in &self.0 {
+            ip(&["netns", "del", name]);
+        }
     }
 }
 

@@ -4,6 +4,7 @@ use super::super::proto;
 use super::super::reader::Ending;
 use super::*;
 use crate::log::encode;
+use crate::pipeline::Control;
 use crate::pipeline::orders::{CorrectionOrder, FrameOrder, ResetOrder, Verdict};
 use crate::pipeline::tap::Tap;
 use nalgebra::Vector3;

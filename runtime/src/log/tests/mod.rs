@@ -14,7 +14,7 @@ use super::writer::Limits;
 use super::{LogError, LogReader};
 use crate::cli::replay::fly_tapped;
 use crate::flight::{Flight, open_simulation};
-use crate::pipeline::RunOptions;
+use crate::pipeline::{Control, RunOptions};
 use crate::record;
 use crate::report::Report;
 use mcap::records::Metadata;
@@ -25,7 +25,6 @@ use plumbline_drivers::simulator::{Scenario, Scene};
 use std::borrow::Cow;
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
 use tempfile::TempDir;
 
 const OPTIONS: RunOptions = RunOptions { speed: None, threads: 1 };
