@@ -35,8 +35,9 @@ def wire_format():
         return importlib.import_module("plumbline.v1.plumbline_pb2")
 
 
-def connect(endpoint):
-    """A Zenoh session with the vehicle, or with a router that it is connected to; waits until one is there."""
+def connect(endpoint, seconds):
+    """A Zenoh session with the vehicle, or with a router that it is connected to; waits for so long."""
+    end = time.monotonic() + seconds
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", json.dumps([endpoint]))
@@ -44,6 +45,8 @@ def connect(endpoint):
         try:
             return zenoh.open(config)
         except zenoh.ZError:
+            if time.monotonic() > end:
+                sys.exit(f"nobody is at {endpoint}")
             print(f"waiting for {endpoint}", flush=True)
             time.sleep(1.0)
 
@@ -76,7 +79,7 @@ def main():
     arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     arguments.add_argument("--connect", default="tcp/127.0.0.1:7447", help="endpoint to connect to")
     arguments.add_argument("--vehicle", default="drone", help="its name in the keys")
-    arguments.add_argument("--seconds", type=float, default=1e9, help="for how long")
+    arguments.add_argument("--seconds", type=float, default=1e9, help="for how long; as long it waits")
     arguments.add_argument("--rate", type=float, default=5.0, help="lines a second, at most")
     arguments = arguments.parse_args()
     pb = wire_format()
@@ -90,7 +93,7 @@ def main():
             due = now + 1.0 / arguments.rate
             print_odometry(sample.payload.to_bytes(), received_ns, pb)
 
-    with connect(arguments.connect) as session:
+    with connect(arguments.connect, arguments.seconds) as session:
         print_configuration(session, pb, arguments.vehicle)
         session.declare_subscriber(f"plumbline/{arguments.vehicle}/odom", heard)
         time.sleep(arguments.seconds)

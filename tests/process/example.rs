@@ -5,17 +5,20 @@ use super::stderr;
 use std::process::{Command, Stdio};
 
 #[test]
-fn the_example_prints_pose_quality_and_latency() {
+fn the_example_prints_pose_quality_latency_and_the_configuration() {
     let Some(python) = interpreter() else { return };
     let endpoint = free_endpoint();
     let mut vehicle = Command::new(env!("CARGO_BIN_EXE_plumbline"));
-    vehicle.args(FLIGHT).args(["--duration=4", "--listen", &endpoint]);
+    vehicle.args(FLIGHT).args(["--duration=12", "--listen", &endpoint, "--json"]);
     let vehicle = vehicle.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    let arguments = ["--connect", &endpoint, "--seconds", "3"];
+    let arguments = ["--connect", &endpoint, "--seconds", "10"];
     let example = Program::start(&python, "examples/read_pose.py", &arguments);
     let text = example.rest();
     let flown = vehicle.wait_with_output().unwrap();
     assert!(flown.status.success(), "{}", stderr(&flown));
+    let report: serde_json::Value = serde_json::from_slice(&flown.stdout).unwrap();
+    let configuration = text.lines().find_map(|line| line.strip_prefix("configuration ")).unwrap();
+    assert_eq!(configuration, report["config_hash"]);
     let lines: Vec<&str> = text.lines().filter(|line| line.contains(" tracking ")).collect();
     assert!(lines.len() >= 3, "{text}");
     for line in lines {

@@ -2,7 +2,6 @@
 //! `$PLUMBLINE_VENV/bin`, else in `.venv/bin` of the workspace, where `make test` puts them.
 
 use std::io::{BufRead, BufReader, Read};
-use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
 
@@ -27,10 +26,9 @@ pub fn interpreter() -> Option<PathBuf> {
     has_all.then_some(python)
 }
 
-/// A port of this machine that is free now.
+/// A place to listen on that was free a moment ago.
 pub fn free_endpoint() -> String {
-    let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-    format!("tcp/127.0.0.1:{port}")
+    format!("tcp/127.0.0.1:{}", super::vehicle::free_port())
 }
 
 /// A running program; it is killed when the test ends before it.

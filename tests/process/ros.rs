@@ -171,12 +171,22 @@ fn check_graph(seen: &Seen) {
 /// 50 samples a second with all that belongs to them, none lost on the loopback.
 fn check_samples(seen: &Seen, topic: &str) {
     let samples = seen.samples(topic);
-    // Flight time less the first pose: 3.8 s.
-    assert!((150..=200).contains(&samples.len()), "{} samples of {topic}", samples.len());
+    let stamp = |sample: &Value| {
+        let message = &sample["message"];
+        stamp_ns(if topic == "/tf" { &message["transforms"][0]["header"] } else { &message["header"] })
+    };
+    // From the moment the machine had subscribed to the end of the flight.
+    let (begun, ended) = (stamp(samples[0]), stamp(samples[samples.len() - 1]));
+    assert!(
+        (ended - begun) / 20_000_000 - samples.len() as i64 + 1 <= 1,
+        "{} samples of {topic}",
+        samples.len()
+    );
+    assert!(samples.len() > 100 && seen.computed.last_key_value().unwrap().0 - ended < 20_000_000);
     let publishers = seen.entities("MP");
     let publisher = publishers.iter().find(|p| p["topic"] == topic).unwrap();
     let first = samples[0]["sequence"].as_i64().unwrap();
-    assert!(first <= 10, "the first {first} were not received");
+    assert!(first <= 50, "the first {first} were not received");
     for (k, sample) in samples.iter().enumerate() {
         assert_eq!(sample["sequence"].as_i64().unwrap(), first + k as i64);
         assert_eq!(sample["gid"], publisher["gid"]);
@@ -252,7 +262,9 @@ fn names_and_stamps_are_as_configured() {
     assert_eq!(publishers.len(), 2, "{topics:?}");
     assert!(publishers.iter().all(|p| p["hash"] == "TypeHashNotSupported"));
     let samples = seen.samples("/robots/one/odom");
-    assert!((30..=40).contains(&samples.len()), "{}", samples.len());
+    let source_ns = |k: usize| samples[k]["source_ns"].as_i64().unwrap();
+    let rate_hz = (samples.len() - 1) as f64 * 1e9 / (source_ns(samples.len() - 1) - source_ns(0)) as f64;
+    assert!(samples.len() > 10 && (rate_hz - 10.0).abs() < 1.0, "{} at {rate_hz} Hz", samples.len());
     for sample in &samples {
         let message = &sample["message"];
         assert_eq!(
@@ -285,7 +297,7 @@ fn a_router_that_comes_later_is_found() {
     assert!(samples.len() > 10, "{} samples", samples.len());
     // The node begins when the router is there, not with the flight.
     let first = &samples[0];
-    assert!(first["sequence"].as_i64().unwrap() <= 10, "{first}");
+    assert!(first["sequence"].as_i64().unwrap() <= 50, "{first}");
     let begun = seen.computed.first_key_value().unwrap().0;
     assert!(stamp_ns(&first["message"]["header"]) - begun > 1_000_000_000);
 }

@@ -3,11 +3,10 @@
 use super::cdr;
 use super::messages::{Frames, Time};
 use super::names::{self, Node, Topic};
-use crate::net::NetError;
+use crate::net::{NetError, now_ns};
 use plumbline_config::options::{RosConfig, RosStamp};
 use plumbline_estimator::{Odometry, TrackingState};
 use serde::Serialize;
-use std::time::{SystemTime, UNIX_EPOCH};
 use zenoh::Session;
 use zenoh::bytes::Encoding;
 use zenoh::liveliness::LivelinessToken;
@@ -61,7 +60,7 @@ impl RosNode {
         if !is_worth_sending(odometry) || !self.grid.is_due(odometry.stamp.as_nanos()) {
             return;
         }
-        let now_ns = system_time_ns();
+        let now_ns = now_ns();
         let stamp = match self.options.stamp {
             RosStamp::Measurement => Time::from_nanos(odometry.stamp.as_nanos()),
             RosStamp::Publication => Time::from_nanos(now_ns),
@@ -142,10 +141,6 @@ impl Grid {
         self.last = slot;
         is_due
     }
-}
-
-fn system_time_ns() -> i64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_nanos() as i64)
 }
 
 #[cfg(test)]
