@@ -18,7 +18,8 @@ fn python() -> PathBuf {
 /// Chromium, told what to do by `tests/python/browser.py`.
 struct Browser {
     child: Child,
-    orders: ChildStdin,
+    /// Ends the browser when it is closed.
+    orders: Option<ChildStdin>,
     answers: BufReader<ChildStdout>,
 }
 
@@ -33,7 +34,7 @@ impl Browser {
         let mut child =
             Command::new(python()).arg(script).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
         let (orders, answers) = (child.stdin.take().unwrap(), child.stdout.take().unwrap());
-        let mut browser = Self { child, orders, answers: BufReader::new(answers) };
+        let mut browser = Self { child, orders: Some(orders), answers: BufReader::new(answers) };
         assert_eq!(browser.answer().unwrap(), "ready");
         Some(browser)
     }
@@ -50,7 +51,7 @@ impl Browser {
     }
 
     fn order(&mut self, order: &Value) -> Result<Value, String> {
-        writeln!(self.orders, "{order}").unwrap();
+        writeln!(self.orders.as_mut().unwrap(), "{order}").unwrap();
         self.answer()
     }
 
@@ -87,10 +88,13 @@ impl Browser {
 
 impl Drop for Browser {
     fn drop(&mut self) {
+        // The script takes driver and browser with it.
+        drop(self.orders.take());
+        let end = Instant::now() + Duration::from_secs(10);
+        while matches!(self.child.try_wait(), Ok(None)) && Instant::now() < end {
+            std::thread::sleep(Duration::from_millis(50));
+        }
         let _ = self.child.kill();
-        let _ = self.child.wait();
-        // Chromium is the driver's child, not ours.
-        let _ = Command::new("pkill").args(["-P", &self.child.id().to_string()]).status();
     }
 }
 

@@ -23,26 +23,9 @@ fn a_second_process_receives_what_was_computed() {
         .stdout(Stdio::piped())
         .spawn()
         .unwrap();
-    let config = folder.path().join("vehicle.toml");
-    let preset = Command::new(command).args(["config", "sim"]).output().unwrap().stdout;
-    let preset = String::from_utf8(preset).unwrap();
-    let connected: Vec<String> = preset
-        .lines()
-        .map(|line| match line.split('=').next().map(str::trim) {
-            Some("connect") => format!("connect = [\"{endpoint}\"]"),
-            _ => line.to_owned(),
-        })
-        .collect();
-    std::fs::write(&config, connected.join("\n")).unwrap();
     let flown = Command::new(command)
         .args(["replay", "sim:room", "--start", "2", "--duration", "4", "--scale", "0.5", "--speed", "1"])
-        .args([
-            "--publish",
-            "--config",
-            config.to_str().unwrap(),
-            "--trajectory",
-            trajectory.to_str().unwrap(),
-        ])
+        .args(["--publish", "--connect", &endpoint, "--trajectory", trajectory.to_str().unwrap()])
         .output()
         .unwrap();
     assert!(flown.status.success(), "{}", String::from_utf8_lossy(&flown.stderr));

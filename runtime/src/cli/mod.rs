@@ -207,8 +207,8 @@ fn init_logs(verbose: u8) {
     ][usize::from(verbose.min(2))];
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(default));
     let lines = tracing_subscriber::fmt::layer().with_writer(std::io::stderr).without_time();
-    let access = tracing_subscriber::filter::Targets::new()
-        .with_target(audit::TARGET, tracing_subscriber::filter::LevelFilter::TRACE);
+    let access = audit::TARGETS.map(|target| (target, tracing_subscriber::filter::LevelFilter::TRACE));
+    let access = tracing_subscriber::filter::Targets::new().with_targets(access);
     tracing_subscriber::registry()
         .with(lines.with_filter(filter))
         .with(audit::Audit.with_filter(access))

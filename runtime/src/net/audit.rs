@@ -1,5 +1,4 @@
-//! Who was refused what. Zenoh's access control tells it on its lowest level of logging only; this layer picks
-//! it up there, and whoever runs a session says it aloud ([`refusals`]).
+//! Who was refused what. Zenoh tells it on its lowest levels of logging only; this layer picks it up there, and whoever runs a session says it aloud ([`refusals`]).
 
 use crossbeam_queue::ArrayQueue;
 use std::fmt::{Debug, Write as _};
@@ -10,10 +9,11 @@ use tracing::{Event, Subscriber};
 use tracing_subscriber::Layer;
 use tracing_subscriber::layer::Context;
 
-/// The part of Zenoh that decides.
-pub const TARGET: &str = "zenoh::net::routing::interceptor::access_control";
-/// How it says no.
-const NO: &str = "unauthorized";
+/// The parts of Zenoh that decide: over messages and over connections.
+pub const TARGETS: [&str; 2] =
+    ["zenoh::net::routing::interceptor::access_control", "zenoh_link_tls::unicast"];
+/// How they say no.
+const NO: [&str; 2] = ["unauthorized", "Can not accept TLS connection"];
 /// Refusals that wait to be said.
 const MAX_WAITING: usize = 64;
 
@@ -42,7 +42,7 @@ pub fn say_refusals() {
     }
 }
 
-/// Listens to [`TARGET`].
+/// Listens to [`TARGETS`].
 #[derive(Debug, Default)]
 pub struct Audit;
 
@@ -50,7 +50,7 @@ impl<S: Subscriber> Layer<S> for Audit {
     fn on_event(&self, event: &Event<'_>, _context: Context<'_, S>) {
         let mut message = Message(String::new());
         event.record(&mut message);
-        if message.0.contains(NO) {
+        if NO.iter().any(|no| message.0.contains(no)) {
             COUNT.fetch_add(1, Ordering::Relaxed);
             waiting().force_push(message.0);
         }

@@ -65,6 +65,9 @@ impl Rates {
     }
 }
 
+/// Stamps jitter: a sample that is early by so much counts for its place on the grid, ns.
+const JITTER_NS: i64 = 2_000_000;
+
 /// Lets messages through at a rate of data time, without drift: a grid of due times, of which none is made
 /// up for.
 #[derive(Clone, Debug)]
@@ -77,7 +80,6 @@ impl Pace {
     /// At `rate_hz` at most.
     #[must_use]
     pub fn new(rate_hz: f64) -> Self {
-        // Stamps jitter: an early sample counts for its place on the grid.
         Self { period_ns: (rate_hz > 0.0).then(|| (1e9 / rate_hz) as i64), due: None }
     }
 
@@ -87,7 +89,7 @@ impl Pace {
         let due = *self.due.get_or_insert(stamp);
         let late_ns = stamp.nanos_since(due);
         // A clock that was set back starts the grid anew.
-        if (-4 * period_ns..-period_ns / 4).contains(&late_ns) && period_ns > 0 {
+        if (-4 * period_ns..-(period_ns / 8).min(JITTER_NS)).contains(&late_ns) {
             return false;
         }
         let next = if late_ns.abs() > period_ns { stamp } else { due };

@@ -61,7 +61,8 @@ export class Replaced {
   set(vertices) {
     const { geometry } = this.object;
     if (vertices.length > this.capacity || this.capacity === 0) {
-      this.capacity = Math.max(300, Math.ceil(1.5 * vertices.length));
+      // Whole vertices: what lies beyond the array counts as no number.
+      this.capacity = Math.max(300, 3 * Math.ceil(0.5 * vertices.length));
       geometry.dispose();
       this.object.geometry = new THREE.BufferGeometry();
       const attribute = new THREE.BufferAttribute(new Float32Array(this.capacity), 3);
