@@ -71,7 +71,7 @@ fn network_access_follows_the_certificate() {
     // A station with another authority's certificate, and one with none, hear nothing.
     assert_eq!(states_heard(&endpoint, &as_role(&others, "operator")), 0);
     eventually("the wrong certificate is in the log", Duration::from_secs(3), || {
-        vehicle.words().contains("Can not accept TLS connection")
+        vehicle.words().contains("access refused: a TLS handshake failed")
     });
     assert_eq!(states_without_certificate(&endpoint, &ours), 0);
     assert_eq!(states_heard(&endpoint.replace("tls/", "tcp/"), &[]), 0);

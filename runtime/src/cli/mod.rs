@@ -200,9 +200,10 @@ fn init_logs(verbose: u8) {
     use tracing_subscriber::util::SubscriberInitExt as _;
     use tracing_subscriber::{EnvFilter, Layer as _};
 
+    // Attempts to connect are many, and refused handshakes are told by the audit.
     let default = [
-        "warn,zenoh::net::runtime::orchestrator=error",
-        "info,zenoh=warn,zenoh::net::runtime::orchestrator=error",
+        "warn,zenoh::net::runtime::orchestrator=error,zenoh_link_tls::unicast=error",
+        "info,zenoh=warn,zenoh::net::runtime::orchestrator=error,zenoh_link_tls::unicast=error",
         "debug",
     ][usize::from(verbose.min(2))];
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(default));

@@ -12,8 +12,10 @@ use tracing_subscriber::layer::Context;
 /// The parts of Zenoh that decide: over messages and over connections.
 pub const TARGETS: [&str; 2] =
     ["zenoh::net::routing::interceptor::access_control", "zenoh_link_tls::unicast"];
-/// How they say no.
-const NO: [&str; 2] = ["unauthorized", "Can not accept TLS connection"];
+/// How the first says no.
+const NO: &str = "unauthorized";
+/// What the second adds to every handshake that failed, whatever the reason was.
+const HINT: &str = ". Hint: increase the system open file limit";
 /// Refusals that wait to be said.
 const MAX_WAITING: usize = 64;
 
@@ -50,10 +52,13 @@ impl<S: Subscriber> Layer<S> for Audit {
     fn on_event(&self, event: &Event<'_>, _context: Context<'_, S>) {
         let mut message = Message(String::new());
         event.record(&mut message);
-        if NO.iter().any(|no| message.0.contains(no)) {
-            COUNT.fetch_add(1, Ordering::Relaxed);
-            waiting().force_push(message.0);
-        }
+        let refusal = match message.0.split_once(HINT) {
+            Some((reason, _)) => format!("a TLS handshake failed: {reason}"),
+            None if message.0.contains(NO) => message.0,
+            None => return,
+        };
+        COUNT.fetch_add(1, Ordering::Relaxed);
+        waiting().force_push(refusal);
     }
 }
 
@@ -79,8 +84,11 @@ mod tests {
         tracing::subscriber::with_default(subscriber, || {
             tracing::trace!("{} on {} is unauthorized to {} on {}", 1, "viewer", "Query", "key");
             tracing::trace!("{} on {} is authorized to {} on {}", 1, "viewer", "Query", "key");
+            tracing::warn!("{}. Hint: increase the system open file limit.", "received fatal alert: X");
         });
-        assert_eq!(count() - before, 1);
-        assert!(refusals().any(|line| line.contains("viewer is unauthorized to Query on key")));
+        assert_eq!(count() - before, 2);
+        let told: Vec<String> = refusals().collect();
+        assert!(told[0].contains("viewer is unauthorized to Query on key"), "{told:?}");
+        assert_eq!(told[1], "a TLS handshake failed: received fatal alert: X");
     }
 }

@@ -128,6 +128,6 @@ mod tests {
         assert_eq!(stamps(&history.get(0..u64::MAX, 3)), [9, 10, 11]);
         assert_eq!(stamps(&history.get(100..102, 64)), [100, 101]);
         assert!(history.get(9_000..9_001, 64).is_empty());
-        assert!(history.get(5..2, 64).is_empty());
+        assert!(history.get(Range { start: 5, end: 2 }, 64).is_empty());
     }
 }

@@ -48,8 +48,7 @@ impl Shot {
         self.points.extend(points.map(|(px, age)| [px.x as f32, px.y as f32, age.saturating_sub(1) as f32]));
         let segments = tracked.lines.iter().filter_map(|o| o.segments[0]);
         self.lines.clear();
-        self.lines
-            .extend(segments.map(|s| [s.start.x as f32, s.start.y as f32, s.end.x as f32, s.end.y as f32]));
+        self.lines.extend(segments.map(|s| [s.start.x, s.start.y, s.end.x, s.end.y]));
     }
 
     /// Copies the left image, if the frame is that of the notes and has one of the right size; says whether.

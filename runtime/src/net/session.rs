@@ -13,8 +13,10 @@ const LEASE_MS: u64 = 4_000;
 const OPEN_TIMEOUT_MS: u64 = 2_000;
 /// Attempts to connect come this soon after each other, ms.
 const RETRY_MS: (u64, u64) = (100, 500);
-/// A message waits this long for room before it is dropped, us: a stall of this host is no congestion.
-const WAIT_BEFORE_DROP_US: u64 = 5_000;
+/// A message waits this long for room before it is dropped, us, on a cable: a stall of a host is no congestion.
+const LAN_PATIENCE_US: u64 = 50_000;
+/// And over the air, where the next message is worth more.
+const AIR_PATIENCE_US: u64 = 5_000;
 /// Largest batch on a telemetry radio, bytes: what waits behind one is late by its length.
 const RADIO_BATCH_BYTES: u64 = 1_400;
 
@@ -138,7 +140,7 @@ impl Endpoints {
             ("transport/link/tx/lease", LEASE_MS.to_string()),
             (
                 "transport/link/tx/queue/congestion_control/drop/wait_before_drop",
-                WAIT_BEFORE_DROP_US.to_string(),
+                if self.link == Link::Lan { LAN_PATIENCE_US } else { AIR_PATIENCE_US }.to_string(),
             ),
         ];
         if self.link == Link::Radio {
