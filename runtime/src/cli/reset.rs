@@ -3,6 +3,7 @@
 use super::access::AccessArgs;
 use super::say;
 use crate::ground::command::{self, ResetWords};
+use crate::net::{Endpoints, Mode};
 use anyhow::{Result, anyhow};
 use clap::Args;
 
@@ -27,7 +28,8 @@ pub struct ResetArgs {
 /// # Errors
 /// When the vehicle refuses or does not answer.
 pub fn run(args: &ResetArgs) -> Result<()> {
-    let endpoints = args.access.endpoints(&args.vehicle, &[], &args.connect);
+    let mode = if args.connect.len() == 1 { Mode::Client } else { Mode::Peer };
+    let endpoints = Endpoints { mode, ..args.access.endpoints(&args.vehicle, &[], &args.connect) };
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
     let outcome = runtime.block_on(async {
         let session = endpoints.open().await?;

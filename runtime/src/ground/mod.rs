@@ -19,7 +19,7 @@ pub mod web;
 
 use crate::cli::access::AccessArgs;
 use crate::cli::{check_outputs, say, stop_on_signal};
-use crate::net::{Endpoints, audit};
+use crate::net::{Endpoints, Mode, NetError, audit};
 use anyhow::Result;
 use clap::Args;
 use fleet::Fleet;
@@ -83,7 +83,9 @@ impl GroundArgs {
     fn endpoints(&self) -> Endpoints {
         let is_silent = self.connect.is_empty() && self.listen.is_empty();
         let connect = if is_silent { vec![DEFAULT_CONNECT.to_owned()] } else { self.connect.clone() };
-        self.access.endpoints(&self.vehicle, &self.listen, &connect)
+        let is_client = self.listen.is_empty() && connect.len() == 1;
+        let mode = if is_client { Mode::Client } else { Mode::Peer };
+        Endpoints { mode, ..self.access.endpoints(&self.vehicle, &self.listen, &connect) }
     }
 
     /// The page gives commands where only this host can open it, unless told otherwise.
@@ -101,7 +103,9 @@ pub fn run(args: &GroundArgs) -> Result<()> {
     let endpoints = args.endpoints();
     let fleet = Arc::new(Mutex::new(Fleet::default()));
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
-    let session = runtime.block_on(listen(&endpoints, &fleet, args.json))?;
+    let stop = stop_on_signal()?;
+    let end = args.duration.map(|s| Instant::now() + Duration::from_secs_f64(s.clamp(0.0, 1e6)));
+    let session = runtime.block_on(reach(&endpoints, &fleet, args.json))?;
     if !args.no_http {
         let served = web::serve(args.http, Arc::clone(&fleet), session.clone(), args.gives_commands());
         let address = runtime.block_on(served)?;
@@ -109,8 +113,6 @@ pub fn run(args: &GroundArgs) -> Result<()> {
             say(format_args!("the page is at http://{address}"));
         }
     }
-    let stop = stop_on_signal()?;
-    let end = args.duration.map(|s| Instant::now() + Duration::from_secs_f64(s.clamp(0.0, 1e6)));
     let is_over = || {
         audit::say_refusals();
         stop.load(Ordering::Relaxed) || end.is_some_and(|end| Instant::now() >= end)
@@ -128,6 +130,21 @@ pub fn run(args: &GroundArgs) -> Result<()> {
     }
     let _ = runtime.block_on(async { session.close().await });
     outcome
+}
+
+/// Opens the session: as a client of who is there, else as a peer, which waits for a vehicle to come.
+async fn reach(
+    endpoints: &Endpoints,
+    fleet: &Arc<Mutex<Fleet>>,
+    print_states: bool,
+) -> Result<zenoh::Session, NetError> {
+    match listen(endpoints, fleet, print_states).await {
+        Err(NetError::Open { .. }) if endpoints.mode == Mode::Client => {
+            tracing::info!("nobody at {} yet; waiting", endpoints.connect.join(", "));
+            listen(&Endpoints { mode: Mode::Peer, ..endpoints.clone() }, fleet, print_states).await
+        }
+        outcome => outcome,
+    }
 }
 
 fn wait(is_over: &impl Fn() -> bool) {

@@ -63,6 +63,9 @@ pub enum Mode {
     /// Talks to those it is connected to.
     #[default]
     Peer,
+    /// Talks to the one it is connected to, and through it: a router passes nothing on between two peers. Opening
+    /// fails while nobody is there.
+    Client,
     /// Passes messages on between those who are connected to it.
     Router,
 }
@@ -125,6 +128,7 @@ impl Endpoints {
         let mut config = zenoh::Config::default();
         let mode = match self.mode {
             Mode::Peer => "\"peer\"",
+            Mode::Client => "\"client\"",
             Mode::Router => "\"router\"",
         };
         let retry = serde_json::json!({
