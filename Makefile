@@ -34,8 +34,9 @@ build: ## the product
 	@scripts/setup base
 	$(CARGO) build $(FLAGS) -p plumbline
 
-test: lint ## format, lints, licences, then every test but the soak
-	$(CARGO) nextest run $(FLAGS) --workspace $(ARGS)
+test: setup fmt-check deny ## format, lints, licences, then every test but the soak
+	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/scripts/rustc-clippy \
+		$(CARGO) nextest run $(FLAGS) --workspace --all-targets -E 'not kind(bench)' $(ARGS)
 
 check: ## the tests alone, without the lints
 	@scripts/setup test

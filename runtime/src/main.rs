@@ -7,5 +7,6 @@ use std::process::ExitCode;
 static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 fn main() -> ExitCode {
+    plumbline::net::threads::lay_out();
     plumbline::cli::main()
 }

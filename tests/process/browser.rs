@@ -2,7 +2,7 @@
 
 use super::vehicle::{PLUMBLINE, Running, eventually, flight, free_port, render};
 use serde_json::{Value, json};
-use std::io::{BufRead, BufReader, Write};
+use std::io::{BufRead, BufReader, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -98,6 +98,23 @@ impl Drop for Browser {
     }
 }
 
+/// What the page computes without a browser: formats, geometry, the protocol, its store.
+#[test]
+fn modules_of_the_page_pass_their_own_tests() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("web/tests");
+    let mut files: Vec<PathBuf> = folder.read_dir().unwrap().map(|entry| entry.unwrap().path()).collect();
+    files.sort();
+    assert!(!files.is_empty());
+    let output = match Command::new("node").arg("--test").args(files).output() {
+        Err(error) if error.kind() == ErrorKind::NotFound => {
+            println!("skipped: no node here (scripts/setup test installs it)");
+            return;
+        }
+        output => output.unwrap(),
+    };
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
+}
+
 #[test]
 fn network_page_shows_a_vehicle_that_comes_is_reset_dies_and_comes_back() {
     const PATIENCE: Duration = Duration::from_secs(20);
@@ -109,9 +126,11 @@ fn network_page_shows_a_vehicle_that_comes_is_reset_dies_and_comes_back() {
     let page = format!("127.0.0.1:{page_port}");
     command.args(["ground", "--plain", "--connect", &endpoint, "--http", &page]);
     let station = Running::start(command);
+    let folder = tempfile::tempdir().unwrap();
+    let report = folder.path().join("report.json");
     let fly = || {
         let mut command = flight("drone", 40);
-        command.args(["--listen", &endpoint]);
+        command.args(["--listen", &endpoint, "--report"]).arg(&report);
         Running::start(command)
     };
     let url = format!("http://{page}/");
@@ -140,12 +159,18 @@ fn network_page_shows_a_vehicle_that_comes_is_reset_dies_and_comes_back() {
     let killed = Instant::now();
     eventually("it is lost within two seconds", Duration::from_secs(2), || browser.presence() == "lost");
     println!("lost after {:.2} s", killed.elapsed().as_secs_f64());
-    let _vehicle = fly();
+    let mut vehicle = fly();
     eventually("it comes back", PATIENCE, || browser.presence() == "tracking");
+    let stamp = browser.attribute("#camera", "data-stamp");
+    eventually("its camera is seen again", PATIENCE, || browser.attribute("#camera", "data-stamp") != stamp);
+    std::thread::sleep(Duration::from_secs(3));
     browser.click("#theme");
     browser.screenshot("ground-other-theme.png");
     let errors = browser.order(&json!({"do": "errors"})).unwrap();
     assert_eq!(errors, json!([]), "the console of the page");
+    vehicle.interrupt();
+    let report: Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
+    assert_eq!(report["hot_path_allocations"], 0, "while it published, and somebody looked at its camera");
     assert!(!station.words().contains("panicked"), "{}", station.words());
 }
 

@@ -168,23 +168,23 @@ fn check(stations: &[Value; 2], down_s: u32) {
 }
 
 #[test]
-#[ignore = "half a minute: `make soak`"]
+#[ignore = "a minute: `make soak`"]
 fn soak_network_link_that_is_bad_and_then_gone_for_a_while() {
-    let Some((vehicle, stations)) = partitioned(8, 8, 12) else { return };
+    let Some((vehicle, stations)) = partitioned(8, 8, 24) else { return };
     assert_eq!(vehicle["live"]["odometry_undelivered"], 0);
     check(&stations, 8);
 }
 
 #[test]
-#[ignore = "two minutes: `make soak`"]
+#[ignore = "four minutes: `make soak`"]
 fn soak_network_partition_of_twenty_seconds_leaves_the_estimator_alone() {
-    let Some((vehicle, stations)) = partitioned(20, 20, 20) else { return };
+    let Some((vehicle, stations)) = partitioned(20, 20, 40) else { return };
     check(&stations, 20);
     // The same flight without a network.
     let folder = tempfile::tempdir().unwrap();
     let report = folder.path().join("alone.json");
     let mut alone = Command::new(PLUMBLINE);
-    let with_network = flight("drone", 60);
+    let with_network = flight("drone", 80);
     alone
         .args(with_network.get_args().filter(|argument| *argument != "--publish"))
         .arg("--report")

@@ -96,7 +96,8 @@ fn on_a_host_slowed_down_four_times_odometry_goes_on_and_frames_do_not_pile_up()
     assert!(lateness["p99"].as_f64().unwrap() < 50.0, "{lateness}");
     let response = &report["live"]["frame_response_ms"];
     assert!(response["max"].as_f64().unwrap() < 150.0, "{response}");
-    assert!(report["live"]["queue_depth"]["tracked frames"].as_f64().unwrap() <= 1.0);
+    // One that the window takes in hand, and one that waits.
+    assert!(report["live"]["queue_depth"]["tracked frames"].as_f64().unwrap() <= 2.0);
     assert!(report["accuracy"]["ate_percent"].as_f64().unwrap() < 1.0, "{}", report["accuracy"]);
     assert_eq!(report["resets"], 0);
 }
@@ -198,15 +199,21 @@ fn a_stage_that_stalls_is_named_within_a_tenth_of_a_second_and_the_odometry_goes
     let frozen = Instant::now();
     group.set_frozen(true);
     let named = flying.says("window is stalled") - frozen;
+    std::thread::sleep(Duration::from_secs(1).saturating_sub(frozen.elapsed()));
     group.set_frozen(false);
+    let held_ms = frozen.elapsed().as_secs_f64() * 1e3;
     flying.says("window is back");
     assert!(flying.child.wait().unwrap().success());
     let report = flight.read_report();
     // Up to a frame period may pass before there is work to stall on.
     assert!(named < Duration::from_millis(160), "{named:?}");
     assert!(number(&report, "stalls") >= 1.0);
-    // Each release that waited for the window would have missed twenty.
-    assert!(number(&report, "ticks_missed") < 5.0);
+    // A tick that waited for the window was as late as the window was held, and 200 a second were missed.
+    let late_ms = report["live"]["tick_late_ms"]["max"].as_f64().unwrap();
+    let missed = number(&report, "ticks_missed");
+    println!("named after {named:?}, held for {held_ms:.0} ms: ticks late by {late_ms} ms, {missed} missed");
+    assert!(late_ms < held_ms / 2.0, "{late_ms} ms late, the window was held for {held_ms} ms");
+    assert!(missed < 0.2 * held_ms / 2.0, "{missed} ticks missed in {held_ms} ms");
 }
 
 #[test]

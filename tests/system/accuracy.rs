@@ -52,11 +52,13 @@ fn lines_lower_the_error_where_texture_is_missing() {
     assert_eq!(with.hot_path_allocations, 0);
 }
 
-/// The same flight twice.
+/// The same flight twice, its frames rendered once.
 pub(crate) fn with_and_without_lines(entry: &Entry) -> [Report; 2] {
+    let cache = tempfile::tempdir().unwrap();
     ["true", "false"].map(|enabled| {
         let overrides = vec![format!("estimator.lines.enabled={enabled}")];
-        let setup = Setup { config: None, overrides, mono: false, cache: None, threads: 2 };
+        let cache = Some(cache.path().to_owned());
+        let setup = Setup { config: None, overrides, mono: false, cache, threads: 2 };
         entry.fly_as(&setup).unwrap()
     })
 }

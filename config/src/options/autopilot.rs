@@ -37,11 +37,11 @@ pub enum AutopilotClock {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum LostPose {
-    /// The last that was known.
+    /// No number at all: nothing that an autopilot could fuse, whatever it heeds.
     #[default]
-    Last,
-    /// No number at all, for an autopilot that looks neither at the quality nor at the covariance.
     Nan,
+    /// The last that was known, for an autopilot that heeds the quality.
+    Last,
 }
 
 impl Default for AutopilotConfig {

@@ -1,8 +1,10 @@
 use super::euroc;
 use crate::camera::Distortion;
+use crate::options::TlsConfig;
 use crate::shape::sample_for_tests;
 use crate::{Config, Violation};
 use serde::Deserialize;
+use std::path::PathBuf;
 use toml::Value;
 
 fn refused(change: impl Fn(&mut Config)) -> Vec<Violation> {
@@ -103,10 +105,51 @@ fn endpoints_name_protocol_host_and_port() {
     for bad in ["127.0.0.1:7447", "tcp/127.0.0.1", "tcp/:7447", "tcp/h:99999", "ftp/h:1", "tcp/h h:1", ""] {
         check("network.listen[0]", "tcp/127.0.0.1:7447", |c| c.network.listen = vec![bad.into()]);
     }
-    for good in ["tcp/127.0.0.1:7447", "udp/[::1]:7447", "tls/ground.local:7447#iface=eth0"] {
+    for good in ["tcp/127.0.0.1:7447", "udp/[::1]:7447", "tcp/ground.local:7447#iface=eth0"] {
         assert_eq!(refused(|c| c.network.connect = vec![good.into()]), []);
     }
     check("network.connect", "17 endpoints", |c| c.network.connect = vec!["tcp/h:1".into(); 17]);
+}
+
+/// The three files of a certificate.
+fn certified(c: &mut Config) {
+    let path = |name: &str| PathBuf::from("keys").join(name);
+    c.network.tls = TlsConfig { authority: path("ca.pem"), certificate: path("v.pem"), key: path("v.key") };
+}
+
+#[test]
+fn certificates_are_whole_and_there_where_an_endpoint_needs_them() {
+    assert_eq!(refused(certified), []);
+    let encrypted = |c: &mut Config| c.network.listen = vec!["tls/0.0.0.0:7447".into()];
+    check("network.tls", "plumbline keys", encrypted);
+    let both = |c: &mut Config| {
+        certified(c);
+        encrypted(c);
+    };
+    assert_eq!(refused(both), []);
+    check("network.tls.key", "give all three files", |c| {
+        certified(c);
+        c.network.tls.key = PathBuf::new();
+    });
+    check("network.tls.authority", "give all three files", |c| {
+        certified(c);
+        c.network.tls.authority = PathBuf::new();
+    });
+}
+
+#[test]
+fn names_and_passwords_come_together() {
+    let users = || PathBuf::from("users.txt");
+    check("network.login.user", "password_file", |c| c.network.login.user = "anna".into());
+    check("network.login.user", "password_file", |c| c.network.login.password_file = users());
+    check("network.login.operators", "users_file", |c| c.network.login.operators = vec!["anna".into()]);
+    let whole = |c: &mut Config| {
+        c.network.login.user = "anna".into();
+        c.network.login.password_file = users();
+        c.network.login.operators = vec!["anna".into()];
+        c.network.login.users_file = users();
+    };
+    assert_eq!(refused(whole), []);
 }
 
 #[test]

@@ -7,6 +7,7 @@ use crate::cli::{Usage, stop_on_signal};
 use crate::flight::{Flight, Truth, open_simulation};
 use crate::ground;
 use crate::ground::fleet::Fleet;
+use crate::ground::line::Line;
 use crate::net::{Endpoints, Publisher};
 use crate::pipeline::{Control, RunOptions, Sink};
 use crate::record::Recorder;
@@ -94,7 +95,7 @@ pub fn run(args: &DemoArgs) -> Result<()> {
 /// A ground station in this process: it knows of the flight what comes over the network.
 struct Station {
     runtime: tokio::runtime::Runtime,
-    session: zenoh::Session,
+    line: Line,
     address: SocketAddr,
 }
 
@@ -105,18 +106,18 @@ impl Station {
         let connect = vec![endpoint.to_owned()];
         let endpoints = Endpoints { vehicle: "*".into(), connect, ..Endpoints::default() };
         let fleet = Arc::new(Mutex::new(Fleet::default()));
-        let (session, address) = runtime.block_on(async {
-            let session = ground::listen(&endpoints, &fleet, false).await?;
+        let (line, address) = runtime.block_on(async {
+            let line = Line::open(&endpoints, &fleet, false).await?;
             let is_free = TcpListener::bind(args.http).is_ok();
             let wanted = if is_free { args.http } else { SocketAddr::new(args.http.ip(), 0) };
-            let address = ground::web::serve(wanted, fleet, session.clone(), true).await?;
-            Ok::<_, anyhow::Error>((session, address))
+            let address = ground::web::serve(wanted, fleet, line.clone(), true).await?;
+            Ok::<_, anyhow::Error>((line, address))
         })?;
-        Ok(Self { runtime, session, address })
+        Ok(Self { runtime, line, address })
     }
 
     fn close(self) {
-        let _ = self.runtime.block_on(async { self.session.close().await });
+        self.runtime.block_on(self.line.close());
         self.runtime.shutdown_timeout(Duration::from_millis(500));
     }
 }

@@ -26,6 +26,7 @@ pub struct Channel {
     /// Longest silence between two messages, s.
     pub longest_gap_s: f64,
     next_sequence: Option<u64>,
+    was_away: bool,
     bytes: u64,
     last: Option<Instant>,
     window: Option<Window>,
@@ -41,11 +42,14 @@ struct Window {
 }
 
 impl Channel {
-    /// A message of `bytes` came. A sequence number that goes back is that of a vehicle that started anew.
-    pub fn heard(&mut self, sequence: u64, bytes: usize, now: Instant) {
+    /// A message of `bytes` came. Returns whether its sender has started anew: its sequence number goes back.
+    pub fn heard(&mut self, sequence: u64, bytes: usize, now: Instant) -> bool {
         self.received += 1;
         self.bytes += bytes as u64;
-        if let Some(expected) = self.next_sequence {
+        let is_anew = self.next_sequence.is_some_and(|expected| sequence < expected);
+        if let Some(expected) = self.next_sequence
+            && !std::mem::take(&mut self.was_away)
+        {
             self.lost += sequence.saturating_sub(expected);
         }
         self.next_sequence = Some(sequence.saturating_add(1));
@@ -63,11 +67,12 @@ impl Channel {
             self.arrived = Some(came / (came + (lost - window.lost) as f64).max(1.0));
             self.window = Some(Window { since: now, received, lost, bytes });
         }
+        is_anew
     }
 
-    /// The sender started anew: its numbers begin again.
-    pub fn restart(&mut self) {
-        self.next_sequence = None;
+    /// The sender was away: what it sent meanwhile does not count as lost.
+    pub fn reappear(&mut self) {
+        self.was_away = true;
     }
 
     /// Time since the last message.
@@ -125,9 +130,9 @@ mod tests {
             channel.heard(sequence, 10, start + Duration::from_millis(5 * k as u64));
         }
         assert_eq!((channel.received, channel.lost), (4, 2));
-        channel.restart();
-        channel.heard(1_000, 10, start);
-        channel.heard(0, 10, start);
+        channel.reappear();
+        assert!(!channel.heard(1_000, 10, start));
+        assert!(channel.heard(0, 10, start));
         assert_eq!(channel.lost, 2);
     }
 

@@ -40,6 +40,17 @@ pub struct FleetEvent {
     pub text: String,
 }
 
+/// A point of the path that a vehicle remembers.
+#[derive(Clone, Copy, Debug)]
+pub struct PastPoint {
+    /// Measurement time, ns.
+    pub stamp_ns: i64,
+    /// Position of the body in the odometry frame of this count of resets.
+    pub p_o: Vector3<f64>,
+    /// Resets so far.
+    pub reset_counter: u32,
+}
+
 /// All vehicles, by name.
 #[derive(Clone, Debug)]
 pub struct Fleet {
@@ -140,10 +151,12 @@ impl Fleet {
         }
     }
 
-    /// The path of a vehicle from before it was seen came.
-    pub fn past(&mut self, name: &str, path: &[(i64, Vector3<f64>)]) {
+    /// What a vehicle remembers of its path came, in order of time. Of use is what was since its last reset.
+    pub fn past(&mut self, name: &str, past: &[PastPoint]) {
         if let Some(vehicle) = self.vehicle(name) {
-            vehicle.track.prepend(path);
+            let same = past.iter().filter(|point| point.reset_counter == vehicle.resets);
+            let path: Vec<_> = same.map(|point| (point.stamp_ns, point.p_o)).collect();
+            vehicle.track.fill(&path);
         }
     }
 
@@ -248,6 +261,35 @@ mod tests {
         fleet.odom("a", &odom(100, 0.0, 1), 100, now, 0);
         assert_eq!(fleet.vehicles["a"].track.len(), 1);
         assert!(texts(&fleet).contains(&"reset: the counter is 1 now"));
+    }
+
+    #[test]
+    fn a_partition_leaves_the_path_whole() {
+        let (mut fleet, now) = (Fleet::default(), Instant::now());
+        fleet.alive("a", true);
+        fleet.odom("a", &odom(0, 0.0, 0), 100, now, 0);
+        fleet.alive("a", false);
+        fleet.alive("a", true);
+        fleet.odom("a", &odom(4_000, 30.0, 0), 100, now, 0);
+        assert_eq!(fleet.vehicles["a"].track.len(), 2);
+        assert_eq!(fleet.vehicles["a"].odom.lost, 0);
+        let past = |k: i64, reset_counter| PastPoint {
+            stamp_ns: k * 1_000_000_000,
+            p_o: Vector3::new(k as f64, 0.0, 0.0),
+            reset_counter,
+        };
+        fleet.past("a", &(0..10).map(|k| past(k, 1)).chain((10..20).map(|k| past(k, 0))).collect::<Vec<_>>());
+        assert_eq!(fleet.vehicles["a"].track.len(), 12);
+    }
+
+    #[test]
+    fn a_vehicle_that_started_anew_begins_a_new_path() {
+        let (mut fleet, now) = (Fleet::default(), Instant::now());
+        fleet.odom("a", &odom(4_000, 30.0, 0), 100, now, 0);
+        let mut message = odom(0, 0.0, 0);
+        message.header.as_mut().unwrap().stamp_ns = 60_000_000_000;
+        fleet.odom("a", &message, 100, now, 0);
+        assert_eq!(fleet.vehicles["a"].track.len(), 1);
     }
 
     #[test]

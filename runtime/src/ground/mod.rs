@@ -8,6 +8,7 @@ pub mod clock;
 pub mod command;
 pub mod export;
 pub mod fleet;
+pub mod line;
 mod listen;
 pub mod map;
 mod recover;
@@ -19,11 +20,11 @@ pub mod web;
 
 use crate::cli::access::AccessArgs;
 use crate::cli::{check_outputs, say, stop_on_signal};
-use crate::net::{Endpoints, Mode, NetError, audit};
+use crate::net::{Endpoints, Mode, audit};
 use anyhow::Result;
 use clap::Args;
 use fleet::Fleet;
-pub use listen::listen;
+use line::Line;
 use listen::lock;
 use std::io::{IsTerminal, Write};
 use std::net::SocketAddr;
@@ -83,7 +84,10 @@ impl GroundArgs {
     fn endpoints(&self) -> Endpoints {
         let is_silent = self.connect.is_empty() && self.listen.is_empty();
         let connect = if is_silent { vec![DEFAULT_CONNECT.to_owned()] } else { self.connect.clone() };
-        let is_client = self.listen.is_empty() && connect.len() == 1;
+        // TCP and UDP to the same host are one way there.
+        let host = |endpoint: &String| endpoint.split_once('/').map(|(_, address)| address.to_owned());
+        let is_client =
+            self.listen.is_empty() && connect.iter().all(|other| host(other) == host(&connect[0]));
         let mode = if is_client { Mode::Client } else { Mode::Peer };
         Endpoints { mode, ..self.access.endpoints(&self.vehicle, &self.listen, &connect) }
     }
@@ -105,9 +109,9 @@ pub fn run(args: &GroundArgs) -> Result<()> {
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
     let stop = stop_on_signal()?;
     let end = args.duration.map(|s| Instant::now() + Duration::from_secs_f64(s.clamp(0.0, 1e6)));
-    let session = runtime.block_on(reach(&endpoints, &fleet, args.json))?;
+    let line = runtime.block_on(Line::open(&endpoints, &fleet, args.json))?;
     if !args.no_http {
-        let served = web::serve(args.http, Arc::clone(&fleet), session.clone(), args.gives_commands());
+        let served = web::serve(args.http, Arc::clone(&fleet), line.clone(), args.gives_commands());
         let address = runtime.block_on(served)?;
         if !args.json {
             say(format_args!("the page is at http://{address}"));
@@ -128,23 +132,8 @@ pub fn run(args: &GroundArgs) -> Result<()> {
     if let Some(path) = &args.report {
         report::write(path, &lock(&fleet))?;
     }
-    let _ = runtime.block_on(async { session.close().await });
+    runtime.block_on(line.close());
     outcome
-}
-
-/// Opens the session: as a client of who is there, else as a peer, which waits for a vehicle to come.
-async fn reach(
-    endpoints: &Endpoints,
-    fleet: &Arc<Mutex<Fleet>>,
-    print_states: bool,
-) -> Result<zenoh::Session, NetError> {
-    match listen(endpoints, fleet, print_states).await {
-        Err(NetError::Open { .. }) if endpoints.mode == Mode::Client => {
-            tracing::info!("nobody at {} yet; waiting", endpoints.connect.join(", "));
-            listen(&Endpoints { mode: Mode::Peer, ..endpoints.clone() }, fleet, print_states).await
-        }
-        outcome => outcome,
-    }
 }
 
 fn wait(is_over: &impl Fn() -> bool) {

@@ -1,13 +1,14 @@
-//! Asks vehicles for what did not come by itself: their clock, the path before they were seen, keyframes that
+//! Asks vehicles for what did not come by itself: their clock, the path while nothing was heard, keyframes that
 //! were lost on the way. One question at a time for each vehicle, each with a time limit, at low priority.
 
 use super::clock::Exchange;
-use super::fleet::Fleet;
+use super::fleet::{Fleet, PastPoint};
 use super::listen::lock;
 use crate::net::answers::MAX_KEYFRAMES_PER_QUESTION;
 use crate::net::{ROOT, now_ns, proto, read};
 use nalgebra::Vector3;
-use std::collections::BTreeMap;
+use std::collections::BTreeSet;
+use std::ops::Range;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use zenoh::Session;
@@ -26,70 +27,43 @@ const PAST_STEP_MS: u32 = 1_000;
 /// Answers to one question that are read at most.
 const MAX_ANSWERS: usize = 256;
 
-/// What was last asked of a vehicle.
-#[derive(Default)]
-struct Asked {
-    appeared: u64,
-    clock: Option<Instant>,
-    is_busy: bool,
-}
-
-/// Asks as long as the session is open.
+/// Attends to every vehicle as long as the session is open.
 pub async fn run(session: Session, fleet: Arc<Mutex<Fleet>>) {
-    let asked: Arc<Mutex<BTreeMap<String, Asked>>> = Arc::default();
+    let mut attended = BTreeSet::new();
     while !session.is_closed() {
-        let alive: Vec<String> = {
-            let fleet = lock(&fleet);
-            fleet.vehicles.iter().filter(|(_, v)| v.is_alive).map(|(name, _)| name.clone()).collect()
-        };
-        for name in alive {
-            let is_free = {
-                let mut asked = asked.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-                !std::mem::replace(&mut asked.entry(name.clone()).or_default().is_busy, true)
-            };
-            if is_free {
-                tokio::spawn(ask(session.clone(), Arc::clone(&fleet), Arc::clone(&asked), name));
+        let known: Vec<String> = lock(&fleet).vehicles.keys().cloned().collect();
+        for name in known {
+            if attended.insert(name.clone()) {
+                tokio::spawn(attend(session.clone(), Arc::clone(&fleet), name));
             }
         }
         tokio::time::sleep(PERIOD).await;
     }
 }
 
-/// Asks one vehicle for the first thing that is missing.
-async fn ask(
-    session: Session,
-    fleet: Arc<Mutex<Fleet>>,
-    asked: Arc<Mutex<BTreeMap<String, Asked>>>,
-    name: String,
-) {
-    let (appeared, exchanges, missing) = match lock(&fleet).vehicles.get(&name) {
-        Some(v) => (v.appeared, v.clock.len(), v.map.missing(MAX_KEYFRAMES_PER_QUESTION as u64)),
-        None => return,
-    };
-    let (is_new, is_clock_due) = {
-        let mut asked = asked.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        let entry = asked.entry(name.clone()).or_default();
-        let is_new = std::mem::replace(&mut entry.appeared, appeared) != appeared;
-        let is_due = entry.clock.is_none_or(|last| last.elapsed() >= CLOCK_PERIOD);
-        if is_due || exchanges < FIRST_EXCHANGES {
-            entry.clock = Some(Instant::now());
+/// Asks one vehicle for what is missing, one question after the other.
+async fn attend(session: Session, fleet: Arc<Mutex<Fleet>>, name: String) {
+    let (mut asked_clock, mut asked_past) = (None::<Instant>, 0);
+    while !session.is_closed() {
+        let wanted = lock(&fleet).vehicles.get(&name).filter(|vehicle| vehicle.is_alive).map(|vehicle| {
+            let missing = vehicle.map.missing(MAX_KEYFRAMES_PER_QUESTION as u64);
+            (vehicle.appeared, vehicle.clock.len(), missing)
+        });
+        if let Some((appeared, exchanges, missing)) = wanted {
+            let is_clock_due = asked_clock.is_none_or(|last| last.elapsed() >= CLOCK_PERIOD);
+            if is_clock_due || exchanges < FIRST_EXCHANGES {
+                asked_clock = Some(Instant::now());
+                ask_clock(&session, &fleet, &name).await;
+            }
+            if appeared != asked_past && ask_past(&session, &fleet, &name).await {
+                asked_past = appeared;
+            }
+            if let Some(missing) = missing {
+                ask_keyframes(&session, &fleet, &name, missing).await;
+            }
         }
-        (is_new, is_due || exchanges < FIRST_EXCHANGES)
-    };
-    if is_clock_due {
-        ask_clock(&session, &fleet, &name).await;
+        tokio::time::sleep(PERIOD).await;
     }
-    if is_new {
-        ask_past(&session, &fleet, &name).await;
-    }
-    if let Some(missing) = missing {
-        let selector = format!("{ROOT}/{name}/map/keyframe?from={};to={}", missing.start, missing.end);
-        for keyframe in get::<proto::Keyframe>(&session, &fleet, &selector, Priority::DataLow).await {
-            lock(&fleet).keyframe(&name, &keyframe);
-        }
-    }
-    let mut asked = asked.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-    asked.entry(name).or_default().is_busy = false;
 }
 
 async fn ask_clock(session: &Session, fleet: &Mutex<Fleet>, name: &str) {
@@ -103,15 +77,30 @@ async fn ask_clock(session: &Session, fleet: &Mutex<Fleet>, name: &str) {
     }
 }
 
-async fn ask_past(session: &Session, fleet: &Mutex<Fleet>, name: &str) {
-    let selector = format!("{ROOT}/{name}/trajectory?step_ms={PAST_STEP_MS}");
-    let mut path: Vec<(i64, Vector3<f64>)> = Vec::new();
-    for answer in get::<proto::Trajectory>(session, fleet, &selector, Priority::DataLow).await {
-        let poses = answer.stamps_ns.iter().zip(answer.poses_o_b.chunks_exact(7));
-        path.extend(poses.map(|(stamp_ns, pose)| (*stamp_ns, Vector3::new(pose[0], pose[1], pose[2]))));
+async fn ask_keyframes(session: &Session, fleet: &Mutex<Fleet>, name: &str, missing: Range<u64>) {
+    let selector = format!("{ROOT}/{name}/map/keyframe?from={};to={}", missing.start, missing.end);
+    for keyframe in get::<proto::Keyframe>(session, fleet, &selector, Priority::DataLow).await {
+        lock(fleet).keyframe(name, &keyframe);
     }
-    path.sort_by_key(|(stamp_ns, _)| *stamp_ns);
-    lock(fleet).past(name, &path);
+}
+
+/// Asks for the path so far; returns whether an answer came.
+async fn ask_past(session: &Session, fleet: &Mutex<Fleet>, name: &str) -> bool {
+    let selector = format!("{ROOT}/{name}/trajectory?step_ms={PAST_STEP_MS}");
+    let answers = get::<proto::Trajectory>(session, fleet, &selector, Priority::DataLow).await;
+    let mut past: Vec<PastPoint> = answers.iter().flat_map(points).collect();
+    past.sort_by_key(|point| point.stamp_ns);
+    lock(fleet).past(name, &past);
+    !answers.is_empty()
+}
+
+fn points(answer: &proto::Trajectory) -> impl Iterator<Item = PastPoint> {
+    let poses = answer.poses_o_b.chunks_exact(7).zip(&answer.reset_counters);
+    answer.stamps_ns.iter().zip(poses).map(|(stamp_ns, (pose, reset_counter))| PastPoint {
+        stamp_ns: *stamp_ns,
+        p_o: Vector3::new(pose[0], pose[1], pose[2]),
+        reset_counter: *reset_counter,
+    })
 }
 
 /// Answers to a question; those that cannot be understood are counted.

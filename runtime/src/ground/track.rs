@@ -10,7 +10,9 @@ pub const MAX_POSES: usize = 36_000;
 /// Points of the path are this far apart in time or in space.
 const MIN_STEP_S: f64 = 0.2;
 const MIN_STEP_M: f64 = 0.02;
-/// A pose that jumps further than this begins a new path, m.
+/// Points of the past are this far in time from those that are here.
+const FILL_STEP_S: f64 = 0.5;
+/// A pose that jumps further than this after a reset begins a new path, m.
 const JUMP_M: f64 = 0.5;
 
 /// One pose as it was received.
@@ -61,22 +63,30 @@ impl Track {
         self.total += 1;
     }
 
-    /// Puts an older path before this one, if they belong together.
-    pub fn prepend(&mut self, older: &[(i64, Vector3<f64>)]) {
-        let Some(first_ns) = self.start_ns else { return };
-        let before: Vec<_> = older.iter().filter(|(stamp_ns, _)| *stamp_ns < first_ns).collect();
-        let Some((start_ns, _)) = before.first() else { return };
-        let shift_s = (first_ns - start_ns) as f64 * 1e-9;
-        let mut points: VecDeque<[f64; 4]> =
-            before.iter().map(|(t, p)| [(t - start_ns) as f64 * 1e-9, p.x, p.y, p.z]).collect();
-        points.extend(self.points.iter().map(|[t, x, y, z]| [t + shift_s, *x, *y, *z]));
-        while points.len() > MAX_POINTS {
-            points.pop_front();
+    /// Puts points of the past, in order of time, where this path has none: before it, and where a link was down.
+    pub fn fill(&mut self, past: &[(i64, Vector3<f64>)]) {
+        let (Some(start_ns), Some((oldest_ns, _))) = (self.start_ns, past.first()) else { return };
+        let new_start_ns = start_ns.min(*oldest_ns);
+        let shift_s = (start_ns - new_start_ns) as f64 * 1e-9;
+        let mut points: Vec<_> = self.points.iter().map(|[t, x, y, z]| [t + shift_s, *x, *y, *z]).collect();
+        let known = points.len();
+        for (stamp_ns, p) in past {
+            let t_s = (stamp_ns - new_start_ns) as f64 * 1e-9;
+            let next = points[..known].partition_point(|[t, ..]| *t < t_s);
+            let around = points[next.saturating_sub(1)..known.min(next + 1)].iter();
+            if around.into_iter().all(|[t, ..]| (t - t_s).abs() >= FILL_STEP_S) {
+                points.push([t_s, p.x, p.y, p.z]);
+            }
         }
+        if points.len() == known {
+            return;
+        }
+        points.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        points.drain(..points.len().saturating_sub(MAX_POINTS));
         self.epoch += 1;
-        self.start_ns = Some(*start_ns);
+        self.start_ns = Some(new_start_ns);
         self.total = points.len() as u64;
-        self.points = points;
+        self.points = points.into();
     }
 
     /// Begins anew.
@@ -194,15 +204,19 @@ mod tests {
     }
 
     #[test]
-    fn a_path_from_before_is_put_in_front_once() {
+    fn the_past_goes_where_nothing_came() {
         let mut track = Track::default();
         fly(&mut track, 10..12);
-        let older: Vec<_> = (0..20).map(|k| (k * 1_000_000_000, Vector3::zeros())).collect();
+        fly(&mut track, 20..22);
+        let past: Vec<_> = (0..30).map(|k| (k * 1_000_000_000, Vector3::zeros())).collect();
         let count = track.len();
-        track.prepend(&older);
-        assert_eq!((track.len(), track.epoch), (count + 10, 1));
+        track.fill(&past);
+        // 10 seconds before, 7 between, 7 since.
+        assert_eq!((track.len(), track.epoch), (count + 24, 1));
         let times: Vec<f64> = track.since(0, 10_000).1.iter().map(|p| p[0]).collect();
         assert!(times.is_sorted());
+        track.fill(&past);
+        assert_eq!((track.len(), track.epoch), (count + 24, 1), "a second time nothing is missing");
     }
 
     #[test]

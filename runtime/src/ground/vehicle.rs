@@ -93,6 +93,8 @@ pub struct Vehicle {
     pub clock: ClockEstimate,
     /// Its path.
     pub track: Track,
+    /// It was reset, or started anew, since the newest point of the path.
+    is_new_path: bool,
     /// Its poses.
     pub poses: Samples,
     /// Its map.
@@ -134,6 +136,7 @@ impl Default for Vehicle {
             latency_ms: None,
             clock: ClockEstimate::default(),
             track: Track::default(),
+            is_new_path: false,
             poses: Samples::new(MAX_POSES),
             map: Map::default(),
             picture: None,
@@ -147,14 +150,14 @@ impl Vehicle {
     /// It came, or came back: its messages count anew, and what it did before can be asked for.
     pub fn appear(&mut self) {
         self.appeared += 1;
-        [&mut self.odom, &mut self.state, &mut self.health].into_iter().for_each(Channel::restart);
+        [&mut self.odom, &mut self.state, &mut self.health].into_iter().for_each(Channel::reappear);
         self.clock = ClockEstimate::default();
     }
 
     /// Odometry came; `now_ns` by this host's clock.
     pub fn take_odom(&mut self, message: &proto::Odom, bytes: usize, now: Instant, now_ns: i64) {
         let Some(header) = &message.header else { return };
-        self.odom.heard(header.sequence, bytes, now);
+        self.is_new_path |= self.odom.heard(header.sequence, bytes, now);
         self.take_header(header, message.state);
         let offset_ns = self.clock.offset_ns().unwrap_or(0);
         let delay_ns = now_ns.saturating_add(offset_ns).saturating_sub(header.published_ns);
@@ -177,7 +180,7 @@ impl Vehicle {
     pub fn take_state(&mut self, message: &proto::State, bytes: usize, now: Instant) {
         let Some(header) = &message.header else { return };
         let is_newest = header.stamp_ns >= self.stamp_ns || self.odom.is_stale(now);
-        self.state.heard(header.sequence, bytes, now);
+        self.is_new_path |= self.state.heard(header.sequence, bytes, now);
         if is_newest {
             self.take_header(header, message.state);
             self.take_motion(message.pose.as_ref(), message.velocity_o_b.as_ref());
@@ -227,6 +230,7 @@ impl Vehicle {
     fn take_header(&mut self, header: &proto::Header, state: i32) {
         self.stamp_ns = header.stamp_ns;
         self.quality = header.quality.clamp(-1, 100);
+        self.is_new_path |= header.reset_counter != self.resets;
         self.resets = header.reset_counter;
         self.state_words = wire::state_words(state);
     }
@@ -241,7 +245,8 @@ impl Vehicle {
             return;
         }
         let p = pose.translation.vector;
-        if self.track.is_jump(&p) {
+        // A jump without a reset is the distance flown while nothing came.
+        if std::mem::take(&mut self.is_new_path) && self.track.is_jump(&p) {
             self.track.clear();
         }
         self.track.push(self.stamp_ns, &p);

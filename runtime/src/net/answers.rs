@@ -41,7 +41,7 @@ struct PastPose {
 }
 
 /// What can be asked for, filled by the publisher.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Archive {
     poses: VecDeque<PastPose>,
     /// Keyframes that are final.
@@ -49,6 +49,12 @@ pub struct Archive {
 }
 
 impl Archive {
+    /// An empty one, for keyframes of at most so many landmarks of a kind.
+    #[must_use]
+    pub fn new(max_landmarks: usize) -> Self {
+        Self { poses: VecDeque::new(), keyframes: KeyframeHistory::new(max_landmarks) }
+    }
+
     /// Remembers a pose.
     pub fn remember(&mut self, estimate: &Estimate) {
         if !estimate.has_pose() {

@@ -14,9 +14,14 @@ const MAX_KEPT: usize = 4_096;
 /// And bytes of them.
 const MAX_KEPT_BYTES: usize = 32 << 20;
 
+/// Numbers of a point and of a line in a message.
+const POINT_NUMBERS: usize = 3;
+const LINE_NUMBERS: usize = 6;
+
 /// Makes keyframe messages, and remembers them.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct KeyframeHistory {
+    max_landmarks: usize,
     last: Option<Survey>,
     kept: VecDeque<Vec<u8>>,
     bytes: usize,
@@ -24,6 +29,12 @@ pub struct KeyframeHistory {
 }
 
 impl KeyframeHistory {
+    /// Of the landmarks of a keyframe, at most so many points and so many lines are told.
+    #[must_use]
+    pub fn new(max_landmarks: usize) -> Self {
+        Self { max_landmarks, last: None, kept: VecDeque::new(), bytes: 0, next: 0 }
+    }
+
     /// Keyframes so far.
     #[must_use]
     pub fn count(&self) -> u64 {
@@ -40,7 +51,10 @@ impl KeyframeHistory {
                     || survey.keyframes.iter().all(|keyframe| keyframe.stamp != stamp)
             };
             for keyframe in last.keyframes.iter().filter(|keyframe| is_gone(keyframe.stamp)) {
-                messages.push(self.keep(&wire::keyframe(&last, keyframe, self.next)));
+                let mut message = wire::keyframe(&last, keyframe, self.next);
+                thin_out(&mut message.points_o, POINT_NUMBERS, self.max_landmarks);
+                thin_out(&mut message.lines_o, LINE_NUMBERS, self.max_landmarks);
+                messages.push(self.keep(&message));
             }
         }
         self.last = Some(survey.clone());
@@ -67,6 +81,15 @@ impl KeyframeHistory {
         let skip = usize::try_from(from - first).unwrap_or(usize::MAX);
         let count = usize::try_from(wanted.end.saturating_sub(from)).unwrap_or(usize::MAX).min(limit);
         self.kept.iter().skip(skip).take(count).cloned().collect()
+    }
+}
+
+/// Leaves `count` entries of `width` numbers, evenly chosen.
+fn thin_out(numbers: &mut Vec<f32>, width: usize, count: usize) {
+    let entries = numbers.len() / width;
+    if entries > count {
+        let chosen = (0..count).map(|k| k * entries / count);
+        *numbers = chosen.flat_map(|k| &numbers[k * width..(k + 1) * width]).copied().collect();
     }
 }
 
@@ -98,7 +121,7 @@ mod tests {
 
     #[test]
     fn a_keyframe_is_told_once_when_it_has_left_the_window_with_its_own_landmarks() {
-        let mut history = KeyframeHistory::default();
+        let mut history = KeyframeHistory::new(usize::MAX);
         assert!(history.update(&survey(1..4, 0)).is_empty());
         let told = history.update(&survey(3..6, 0));
         assert_eq!(stamps(&told), [1, 2]);
@@ -109,8 +132,19 @@ mod tests {
     }
 
     #[test]
+    fn landmarks_are_thinned_out_evenly() {
+        let mut numbers: Vec<f32> = (0..30).map(|k| k as f32).collect();
+        thin_out(&mut numbers, 3, 20);
+        assert_eq!(numbers.len(), 30);
+        thin_out(&mut numbers, 3, 3);
+        assert_eq!(numbers, [0.0, 1.0, 2.0, 9.0, 10.0, 11.0, 18.0, 19.0, 20.0]);
+        thin_out(&mut numbers, 3, 0);
+        assert!(numbers.is_empty());
+    }
+
+    #[test]
     fn a_reset_ends_all_keyframes_of_before() {
-        let mut history = KeyframeHistory::default();
+        let mut history = KeyframeHistory::new(usize::MAX);
         history.update(&survey(1..4, 0));
         let told = history.update(&survey(3..5, 1));
         assert_eq!(stamps(&told), [1, 2, 3]);
@@ -120,7 +154,7 @@ mod tests {
 
     #[test]
     fn those_who_come_late_get_what_is_kept_within_bounds() {
-        let mut history = KeyframeHistory::default();
+        let mut history = KeyframeHistory::new(usize::MAX);
         for k in 0..(MAX_KEPT as i64 + 10) {
             history.update(&survey(k..k + 1, 0));
         }

@@ -7,6 +7,7 @@
 
 pub mod answers;
 pub mod audit;
+pub mod camera;
 pub mod health;
 pub mod keyframes;
 pub mod keys;
@@ -19,6 +20,7 @@ pub mod rings;
 pub mod security;
 pub mod session;
 pub mod tap;
+pub mod threads;
 pub mod wire;
 
 pub use publisher::Publisher;

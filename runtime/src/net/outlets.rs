@@ -15,7 +15,7 @@ use super::pace::{Pace, Rates};
 use super::publisher::Vehicle;
 use super::rings::Rings;
 use super::session::{Endpoints, NetError};
-use super::{ROOT, audit, now_ns, proto, wire};
+use super::{ROOT, audit, camera, now_ns, proto, wire};
 use crate::ros::RosOutlet;
 use crate::schedule::ladder::Rung;
 use nalgebra::Isometry3;
@@ -31,7 +31,7 @@ use zenoh::bytes::Encoding;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority};
 
-/// Refusals are said, and lookers counted, this often.
+/// Refusals are said this often.
 const CHORES_PERIOD: Duration = Duration::from_millis(200);
 
 /// The vehicle's keys, declared.
@@ -43,7 +43,8 @@ pub struct Outlets {
     keyframe: Publisher<'static>,
     correction: Publisher<'static>,
     scene: Publisher<'static>,
-    camera: Publisher<'static>,
+    /// Taken by who sends pictures.
+    camera: Option<Publisher<'static>>,
     _alive: zenoh::liveliness::LivelinessToken,
     rates: Rates,
     offers_camera: bool,
@@ -61,7 +62,6 @@ struct Course {
     odoms: u64,
     states: u64,
     scenes: u64,
-    pictures: u64,
     corrections: Option<u32>,
     chores: Instant,
 }
@@ -79,7 +79,7 @@ impl Outlets {
     ) -> Result<Self, NetError> {
         let session = endpoints.open().await?;
         let (resets, heard) = watch::channel(0);
-        let archive = Arc::new(Mutex::new(Archive::default()));
+        let archive = Arc::new(Mutex::new(Archive::new(rates.keyframe_landmarks)));
         let answers = Answers { vehicle: Arc::clone(&vehicle), archive: Arc::clone(&archive), resets: heard };
         answers::declare(&session, answers).await?;
         let declare = |name, schema, priority| outlet(&session, &vehicle.name, name, schema, priority);
@@ -89,7 +89,11 @@ impl Outlets {
         let keyframe = declare("map/keyframe", "Keyframe", Priority::Data).await?;
         let correction = declare("map/correction", "MapCorrection", Priority::Data).await?;
         let scene = declare("scene", "Scene", Priority::DataLow).await?;
-        let camera = declare("camera", "Picture", Priority::Background).await?;
+        let offers_camera = vehicle.offers_camera && rates.camera_hz > 0.0;
+        let camera = match offers_camera {
+            true => Some(declare("camera", "Picture", Priority::Background).await?),
+            false => None,
+        };
         let key = format!("{ROOT}/{}/alive", vehicle.name);
         let failed = |error: zenoh::Error| NetError::Declare { key: key.clone(), message: error.to_string() };
         let alive = session.liveliness().declare_token(&key).await.map_err(failed)?;
@@ -103,7 +107,7 @@ impl Outlets {
             scene,
             camera,
             _alive: alive,
-            offers_camera: vehicle.offers_camera && rates.camera_hz > 0.0,
+            offers_camera,
             rates,
             archive,
             resets,
@@ -112,7 +116,11 @@ impl Outlets {
     }
 
     /// Empties the rings until told to stop, then once more.
-    pub async fn run(mut self, rings: &Rings) {
+    pub async fn run(mut self, rings: &Arc<Rings>) {
+        let pictures = self
+            .camera
+            .take()
+            .map(|camera| tokio::spawn(camera::serve(camera, Arc::clone(rings), self.rates)));
         let mut course = Course {
             feed: HealthFeed::new(self.rates.health_period()),
             odom: Pace::new(self.rates.odom_hz),
@@ -121,16 +129,18 @@ impl Outlets {
             odoms: 0,
             states: 0,
             scenes: 0,
-            pictures: 0,
             corrections: None,
             chores: Instant::now(),
         };
         while !rings.stop.load(Ordering::Relaxed) {
             let _ = tokio::time::timeout(CHORES_PERIOD, rings.wake.notified()).await;
             self.empty(rings, &mut course).await;
-            self.do_chores(rings, &mut course).await;
+            do_chores(&mut course);
         }
         self.empty(rings, &mut course).await;
+        if let Some(pictures) = pictures {
+            pictures.abort();
+        }
         if let Some(ros) = self.ros {
             ros.stop().await;
         }
@@ -154,16 +164,6 @@ impl Outlets {
         }
         while let Some(survey) = rings.surveys.read(|survey| survey.clone()) {
             self.send_survey(course, &survey).await;
-        }
-        let rates = &self.rates;
-        while let Some(message) = rings
-            .shots
-            .read(|shot| shot.message(rates.camera_width_px, rates.camera_quality, course.pictures))
-        {
-            if let Some(message) = message {
-                course.pictures += 1;
-                let _ = self.camera.put(message).await;
-            }
         }
     }
 
@@ -204,18 +204,12 @@ impl Outlets {
             course.scenes += 1;
         }
     }
+}
 
-    async fn do_chores(&self, rings: &Rings, course: &mut Course) {
-        if course.chores.elapsed() < CHORES_PERIOD {
-            return;
-        }
+fn do_chores(course: &mut Course) {
+    if course.chores.elapsed() >= CHORES_PERIOD {
         course.chores = Instant::now();
         audit::say_refusals();
-        let is_watched = match self.camera.matching_status().await {
-            Ok(status) => self.offers_camera && status.matching(),
-            Err(_) => false,
-        };
-        rings.is_watched.store(is_watched, Ordering::Relaxed);
     }
 }
 

@@ -15,6 +15,8 @@ pub struct Rates {
     pub health_hz: f64,
     /// What is in the window.
     pub scene_hz: f64,
+    /// Points, and lines, of a keyframe at most.
+    pub keyframe_landmarks: usize,
     /// Camera pictures.
     pub camera_hz: f64,
     /// Their width at most, px.
@@ -33,6 +35,7 @@ impl Rates {
                 state_hz: f64::INFINITY,
                 health_hz: 5.0,
                 scene_hz: 2.0,
+                keyframe_landmarks: usize::MAX,
                 camera_hz: 5.0,
                 camera_width_px: 376,
                 camera_quality: 70,
@@ -42,6 +45,7 @@ impl Rates {
                 state_hz: 10.0,
                 health_hz: 5.0,
                 scene_hz: 1.0,
+                keyframe_landmarks: usize::MAX,
                 camera_hz: 2.0,
                 camera_width_px: 256,
                 camera_quality: 50,
@@ -51,6 +55,7 @@ impl Rates {
                 state_hz: 1.0,
                 health_hz: 1.0,
                 scene_hz: 0.0,
+                keyframe_landmarks: 20,
                 camera_hz: 0.0,
                 camera_width_px: 0,
                 camera_quality: 0,

@@ -125,6 +125,8 @@ pub struct Rings {
     pub rung: AtomicU8,
     /// Wakes who empties the rings.
     pub wake: Notify,
+    /// Wakes who sends pictures.
+    pub picture_wake: Notify,
     /// The flight is over.
     pub stop: AtomicBool,
 }
@@ -141,6 +143,7 @@ impl Rings {
             is_watched: AtomicBool::new(false),
             rung: AtomicU8::new(0),
             wake: Notify::new(),
+            picture_wake: Notify::new(),
             stop: AtomicBool::new(false),
         }
     }

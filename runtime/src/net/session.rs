@@ -11,14 +11,15 @@ const LEASE_MS: u64 = 4_000;
 /// An attempt to connect is given up after this, ms: over a link that was down, the next one succeeds sooner
 /// than the retransmissions of the last.
 const OPEN_TIMEOUT_MS: u64 = 2_000;
-/// Attempts to connect come this soon after each other, ms.
-const RETRY_MS: (u64, u64) = (100, 500);
+/// Attempts to connect come this soon after each other, ms: the system itself repeats the first packet of one after a
+/// second, so that hardly a second passes without a chance.
+const RETRY_MS: (u64, u64) = (50, 200);
 /// A message waits this long for room before it is dropped, us, on a cable: a stall of a host is no congestion.
 const LAN_PATIENCE_US: u64 = 50_000;
 /// And over the air, where the next message is worth more.
 const AIR_PATIENCE_US: u64 = 5_000;
-/// Largest batch on a telemetry radio, bytes: what waits behind one is late by its length.
-const RADIO_BATCH_BYTES: u64 = 1_400;
+/// Largest batch on a telemetry radio, bytes: what waits behind one is late by its length, and a datagram stays whole.
+const RADIO_BATCH_BYTES: u64 = 1_200;
 
 /// Why the network cannot be used.
 #[derive(Debug, Error)]
@@ -64,7 +65,7 @@ pub enum Mode {
     #[default]
     Peer,
     /// Talks to the one it is connected to, and through it: a router passes nothing on between two peers. Opening
-    /// fails while nobody is there.
+    /// fails while nobody is there, unless it waits.
     Client,
     /// Passes messages on between those who are connected to it.
     Router,
@@ -75,6 +76,8 @@ pub enum Mode {
 pub struct Endpoints {
     /// What we are to the others.
     pub mode: Mode,
+    /// Opening as a client waits until somebody is there.
+    pub waits: bool,
     /// Name of the vehicle in the keys.
     pub vehicle: String,
     /// Endpoints to listen on.
@@ -97,6 +100,7 @@ impl Endpoints {
     pub fn of(config: &NetworkConfig) -> Self {
         Self {
             mode: Mode::Peer,
+            waits: false,
             vehicle: config.vehicle.clone(),
             listen: config.listen.clone(),
             connect: config.connect.clone(),
@@ -147,6 +151,9 @@ impl Endpoints {
                 if self.link == Link::Lan { LAN_PATIENCE_US } else { AIR_PATIENCE_US }.to_string(),
             ),
         ];
+        if self.waits {
+            settings.push(("connect/timeout_ms", "-1".into()));
+        }
         if self.link == Link::Radio {
             settings.push(("transport/link/tx/batch_size", RADIO_BATCH_BYTES.to_string()));
         }

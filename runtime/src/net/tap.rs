@@ -3,12 +3,11 @@
 use super::pace::Pace;
 use super::picture::Shot;
 use super::rings::Rings;
-use crate::log::Event;
-use crate::pipeline::orders::{CorrectionOrder, FrameOrder, ResetOrder, Verdict};
+use crate::pipeline::orders::{FrameOrder, Verdict};
 use crate::pipeline::tap::Tap;
-use plumbline_drivers::{ImuReading, StereoFrame};
+use plumbline_drivers::StereoFrame;
 use plumbline_estimator::window::Window;
-use plumbline_estimator::{Estimate, Odometry, Tracked};
+use plumbline_estimator::{Estimate, Tracked};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
@@ -33,8 +32,6 @@ impl Tap for NetworkTap {
         Box::new(Self { rings: Arc::clone(&self.rings), pace: self.pace.clone(), pending: None })
     }
 
-    fn reading(&mut self, _reading: &ImuReading) {}
-
     fn tracked(&mut self, tracked: &Tracked) {
         if !self.rings.is_watched.load(Ordering::Relaxed) || !self.pace.admits(tracked.time.stamp) {
             return;
@@ -50,6 +47,7 @@ impl Tap for NetworkTap {
             && let Some(shot) = self.pending.take()
         {
             self.rings.shots.offer(shot);
+            self.rings.picture_wake.notify_one();
         }
     }
 
@@ -59,16 +57,9 @@ impl Tap for NetworkTap {
         }
     }
 
-    fn correction(&mut self, _order: &CorrectionOrder) {}
-    fn reset(&mut self, _order: &ResetOrder) {}
-
     fn solved(&mut self, window: &Window, estimate: &Estimate) {
         if estimate.figures.is_keyframe && estimate.has_pose() {
             self.rings.surveys.fill(|survey| window.survey(estimate, survey));
         }
     }
-
-    fn estimate(&mut self, _estimate: &Estimate) {}
-    fn odometry(&mut self, _odometry: &Odometry) {}
-    fn event(&mut self, _event: &Event) {}
 }

@@ -10,31 +10,32 @@ use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::window::Window;
 use plumbline_estimator::{Estimate, Odometry, Tracked};
 
-/// Takes what passes through a run: must not block in a live one, nor allocate.
+/// Takes what passes through a run: must not block in a live one, nor allocate. What a listener does not ask for
+/// passes by.
 pub trait Tap: Send {
     /// Another of the same listener, for another thread.
     fn another(&self) -> Box<dyn Tap>;
     /// An inertial sample, as the odometry is given it.
-    fn reading(&mut self, reading: &ImuReading);
+    fn reading(&mut self, _reading: &ImuReading) {}
     /// A frame that is done with, taken or refused. The tap may keep its buffers and leave others of the
     /// same sizes.
-    fn frame(&mut self, frame: &mut StereoFrame);
+    fn frame(&mut self, _frame: &mut StereoFrame) {}
     /// What became of a frame.
-    fn order(&mut self, order: &FrameOrder);
+    fn order(&mut self, _order: &FrameOrder) {}
     /// What was tracked in a frame that is about to be done with.
     fn tracked(&mut self, _tracked: &Tracked) {}
     /// An estimate takes effect on the odometry.
-    fn correction(&mut self, order: &CorrectionOrder);
+    fn correction(&mut self, _order: &CorrectionOrder) {}
     /// A reset that somebody asked for takes effect.
-    fn reset(&mut self, order: &ResetOrder);
+    fn reset(&mut self, _order: &ResetOrder) {}
     /// The window after an estimate, just before that is handed on.
     fn solved(&mut self, _window: &Window, _estimate: &Estimate) {}
     /// An estimate.
-    fn estimate(&mut self, estimate: &Estimate);
+    fn estimate(&mut self, _estimate: &Estimate) {}
     /// Odometry.
-    fn odometry(&mut self, odometry: &Odometry);
+    fn odometry(&mut self, _odometry: &Odometry) {}
     /// Something that people want to know.
-    fn event(&mut self, event: &Event);
+    fn event(&mut self, _event: &Event) {}
 }
 
 /// Nobody listens.
@@ -42,15 +43,6 @@ impl Tap for () {
     fn another(&self) -> Box<dyn Tap> {
         Box::new(())
     }
-
-    fn reading(&mut self, _reading: &ImuReading) {}
-    fn frame(&mut self, _frame: &mut StereoFrame) {}
-    fn order(&mut self, _order: &FrameOrder) {}
-    fn correction(&mut self, _order: &CorrectionOrder) {}
-    fn reset(&mut self, _order: &ResetOrder) {}
-    fn estimate(&mut self, _estimate: &Estimate) {}
-    fn odometry(&mut self, _odometry: &Odometry) {}
-    fn event(&mut self, _event: &Event) {}
 }
 
 /// Several listeners, told in order: one that leaves other buffers in a frame comes last.

@@ -3,6 +3,7 @@
 use super::cdr;
 use super::messages::{Frames, Time};
 use super::names::{self, Node, Topic};
+use crate::net::pace::Pace;
 use crate::net::{NetError, now_ns};
 use plumbline_config::options::{RosConfig, RosStamp};
 use plumbline_estimator::{Odometry, TrackingState};
@@ -24,7 +25,7 @@ pub struct RosNode {
     odom: TopicPublisher,
     pose: TopicPublisher,
     tf: Option<TopicPublisher>,
-    grid: Grid,
+    pace: Pace,
     _node: LivelinessToken,
 }
 
@@ -51,13 +52,15 @@ impl RosNode {
             true => Some(TopicPublisher::declare(session, &node, 3, &topic).await?),
             false => None,
         };
-        Ok(Self { options: options.clone(), odom, pose, tf, grid: Grid::new(options.rate_hz), _node: token })
+        // Zero means every sample here.
+        let rate_hz = if options.rate_hz > 0.0 { options.rate_hz } else { f64::INFINITY };
+        Ok(Self { options: options.clone(), odom, pose, tf, pace: Pace::new(rate_hz), _node: token })
     }
 
     /// Publishes an odometry, if it is due and has a pose. What cannot be sent is lost; the sequence numbers
     /// of the samples tell.
     pub async fn odometry(&mut self, odometry: &Odometry) {
-        if !is_worth_sending(odometry) || !self.grid.is_due(odometry.stamp.as_nanos()) {
+        if !is_worth_sending(odometry) || !self.pace.admits(odometry.stamp) {
             return;
         }
         let now_ns = now_ns();
@@ -119,44 +122,4 @@ impl TopicPublisher {
 async fn declare_token(session: &Session, key: String) -> Result<LivelinessToken, NetError> {
     let token = session.liveliness().declare_token(key.clone()).await;
     token.map_err(|error| NetError::Declare { key, message: error.to_string() })
-}
-
-/// Which samples are published: the first in every period of a grid in the samples' time.
-struct Grid {
-    period_ns: i64,
-    last: Option<i64>,
-}
-
-impl Grid {
-    /// `rate_hz` 0 is every sample.
-    fn new(rate_hz: f64) -> Self {
-        let period_ns = if rate_hz > 0.0 { (1e9 / rate_hz).round() as i64 } else { 0 };
-        Self { period_ns, last: None }
-    }
-
-    fn is_due(&mut self, stamp_ns: i64) -> bool {
-        let slot = stamp_ns.checked_div_euclid(self.period_ns);
-        // Division by a period of zero has no slot: every sample is due.
-        let is_due = slot.is_none() || slot != self.last;
-        self.last = slot;
-        is_due
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn samples_are_thinned_out_to_the_rate() {
-        let count = |rate_hz: f64| {
-            let mut grid = Grid::new(rate_hz);
-            (0..400).filter(|k| grid.is_due(1_403_715_273_262_142_976 + k * 5_000_000)).count()
-        };
-        assert_eq!(count(0.0), 400);
-        assert_eq!(count(50.0), 100);
-        assert!((59..=61).contains(&count(30.0)), "{}", count(30.0));
-        assert_eq!(count(4000.0), 400);
-        assert!(count(1e-9) <= 1 + 1);
-    }
 }

@@ -44,10 +44,11 @@ pub async fn reset(
             "this station gives no commands: it is open to other hosts; start it with --allow-commands";
         return answer(StatusCode::FORBIDDEN, false, text);
     }
-    if !lock(&station.fleet).vehicles.contains_key(&vehicle) {
+    let is_known = lock(&station.fleet).vehicles.contains_key(&vehicle);
+    let Some(session) = station.line.session().filter(|_| is_known) else {
         return unknown(&vehicle);
-    }
-    let outcome = command::reset(&station.session, &vehicle, reset.kind).await;
+    };
+    let outcome = command::reset(session, &vehicle, reset.kind).await;
     let (severity, text) = match &outcome {
         Ok(done) => (Severity::Info, done),
         Err(reason) => (Severity::Error, reason),

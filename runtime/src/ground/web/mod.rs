@@ -10,6 +10,7 @@ mod messages;
 mod socket;
 
 use super::fleet::Fleet;
+use super::line::Line;
 use anyhow::{Context, Result};
 use axum::Router;
 use axum::routing::{get, post};
@@ -17,14 +18,13 @@ use std::net::SocketAddr;
 use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, Mutex};
 use tokio::net::TcpListener;
-use zenoh::Session;
 
 /// What the handlers share.
 pub struct Station {
     /// What is known.
     pub fleet: Arc<Mutex<Fleet>>,
-    /// Asks vehicles.
-    pub session: Session,
+    /// To the vehicles.
+    pub line: Line,
     /// Whether the page may give commands.
     pub commands: bool,
     /// Messages of pages that could not be understood.
@@ -42,7 +42,7 @@ pub struct Station {
 pub async fn serve(
     address: SocketAddr,
     fleet: Arc<Mutex<Fleet>>,
-    session: Session,
+    line: Line,
     commands: bool,
 ) -> Result<SocketAddr> {
     let listener = TcpListener::bind(address).await.with_context(|| {
@@ -50,7 +50,7 @@ pub async fn serve(
     })?;
     let address = listener.local_addr()?;
     let (malformed, pages) = (AtomicU64::new(0), AtomicU64::new(0));
-    let station = Arc::new(Station { fleet, session, commands, malformed, pages, address });
+    let station = Arc::new(Station { fleet, line, commands, malformed, pages, address });
     let app = router(station);
     tokio::spawn(async move {
         if let Err(error) = axum::serve(listener, app).await {

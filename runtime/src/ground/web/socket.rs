@@ -117,8 +117,11 @@ impl Page {
         self.cameras.retain(|name, _| camera.contains(name));
         for name in camera.into_iter().take(MAX_CAMERAS) {
             let is_known = lock(&self.station.fleet).vehicles.contains_key(&name);
-            if is_known && !self.cameras.contains_key(&name) {
-                match watch_camera(&self.station.session, &name, &self.station.fleet).await {
+            if is_known
+                && !self.cameras.contains_key(&name)
+                && let Some(session) = self.station.line.session()
+            {
+                match watch_camera(session, &name, &self.station.fleet).await {
                     Ok(subscriber) => drop(self.cameras.insert(name, subscriber)),
                     Err(error) => tracing::warn!("{error}"),
                 }

@@ -6,12 +6,13 @@ use super::*;
 use crate::log::encode;
 use crate::pipeline::Control;
 use crate::pipeline::orders::{CorrectionOrder, FrameOrder, ResetOrder, Verdict};
-use crate::pipeline::tap::Tap;
+use crate::pipeline::tap::{Several, Tap};
 use nalgebra::Vector3;
 use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::{Effort, Estimate, Estimator, FrameInput, Odometry, Propagator, ResetKind};
 use prost::Message as _;
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 #[test]
 fn a_recorded_flight_comes_out_again_bit_for_bit() {
@@ -175,6 +176,41 @@ fn what_the_clock_decided_is_followed() {
         }
     });
     assert!(!verified(&path).unwrap().identical);
+}
+
+/// Somebody who asks for a reset while frame 12 is on its way.
+struct Asker(Arc<Control>);
+
+impl Tap for Asker {
+    fn another(&self) -> Box<dyn Tap> {
+        Box::new(Self(Arc::clone(&self.0)))
+    }
+
+    fn order(&mut self, order: &FrameOrder) {
+        if order.frame == 12 {
+            self.0.ask_reset(ResetKind::Hard);
+        }
+    }
+}
+
+#[test]
+fn a_reset_on_command_is_recorded_and_executed_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("reset.mcap");
+    let flight = flight();
+    let recorder = Recorder::start(&path, &flight.config, WhenFull::Wait).unwrap();
+    let control = Arc::new(Control::default());
+    let taps = Several(vec![Box::new(Asker(Arc::clone(&control))), Box::new(recorder.handle())]);
+    let (report, ..) =
+        fly_tapped(flight, record::Recorder::default(), &OPTIONS, &control, Box::new(taps)).unwrap();
+    assert_eq!(recorder.finish().not_recorded, 0);
+    assert_eq!(report.resets, 1);
+    let v = verified(&path).unwrap();
+    assert!(v.identical && v.complete, "{v:?}");
+    assert_eq!(v.estimate_digest, report.estimate_digest);
+    // The same flight without the command is another.
+    let (_folder, _, undisturbed) = recorded(ImageRecording::Png);
+    assert_ne!(report.estimate_digest, undisturbed.estimate_digest);
 }
 
 #[test]

@@ -1,0 +1,31 @@
+//! The camera key: pictures for those who look, made beside the odometry rather than before it.
+
+use super::pace::Rates;
+use super::rings::Rings;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+use zenoh::pubsub::Publisher;
+
+/// Lookers are counted this often.
+const LOOK_PERIOD: Duration = Duration::from_millis(200);
+
+/// Compresses and sends the pictures that wait, and lets the run know whether anybody looks. Ends with the task.
+pub async fn serve(camera: Publisher<'static>, rings: Arc<Rings>, rates: Rates) {
+    let (mut sequence, mut looked) = (0, None::<Instant>);
+    loop {
+        let _ = tokio::time::timeout(LOOK_PERIOD, rings.picture_wake.notified()).await;
+        if looked.is_none_or(|looked| looked.elapsed() >= LOOK_PERIOD) {
+            looked = Some(Instant::now());
+            let is_watched = camera.matching_status().await.is_ok_and(|status| status.matching());
+            rings.is_watched.store(is_watched, Ordering::Relaxed);
+        }
+        let encode = |shot: &mut super::picture::Shot| {
+            shot.message(rates.camera_width_px, rates.camera_quality, sequence)
+        };
+        if let Some(message) = rings.shots.read(encode).flatten() {
+            sequence += 1;
+            let _ = camera.put(message).await;
+        }
+    }
+}
