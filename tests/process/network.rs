@@ -1,6 +1,6 @@
 //! What a vehicle publishes is what it computed: two processes and a Zenoh session between them.
 
-use super::vehicle::{PLUMBLINE, Running, free_port};
+use super::vehicle::{PLUMBLINE, Running, flight, free_port, render};
 use plumbline::net::{Endpoints, Publisher};
 use plumbline::pipeline::Sink as _;
 use plumbline_config::{Config, Timestamp};
@@ -83,8 +83,11 @@ struct Station {
 
 impl Station {
     fn start() -> Self {
+        Self::start_at(format!("tcp/127.0.0.1:{}", free_port()))
+    }
+
+    fn start_at(endpoint: String) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let endpoint = format!("tcp/127.0.0.1:{}", free_port());
         let mut command = Command::new(PLUMBLINE);
         command.args(["ground", "--no-http", "--plain", "--listen", &endpoint, "--report"]);
         command.arg(folder.path().join("report.json"));
@@ -138,6 +141,24 @@ fn ten_vehicles_at_200_hz_reach_a_station_without_loss() {
     }
     assert_eq!(report["vehicles"].as_object().unwrap().len(), 10);
     assert_eq!(report["malformed"], 0);
+}
+
+#[test]
+fn a_station_that_comes_late_gets_the_map_from_before() {
+    render(16);
+    let endpoint = format!("tcp/127.0.0.1:{}", free_port());
+    let mut command = flight("drone", 16);
+    command.args(["--connect", &endpoint]);
+    let vehicle = Running::start(command);
+    std::thread::sleep(Duration::from_secs(11));
+    let station = Station::start_at(endpoint);
+    std::thread::sleep(Duration::from_secs(3));
+    let report = station.finish();
+    let keyframes = &report["vehicles"]["drone"]["keyframes"];
+    let [announced, have] = ["announced", "have"].map(|name| keyframes[name].as_u64().unwrap());
+    println!("{have} of {announced} keyframes");
+    // One may be on its way.
+    assert!(announced > 15 && have + 1 >= announced, "{have} of {announced}: {}", vehicle.words());
 }
 
 /// Latencies, ms.

@@ -13,6 +13,7 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use zenoh::Session;
 use zenoh::qos::{CongestionControl, Priority};
+use zenoh::query::ConsolidationMode;
 
 /// How often is looked what is missing.
 const PERIOD: Duration = Duration::from_millis(500);
@@ -113,6 +114,8 @@ async fn get<M: prost::Message + Default + read::Checked>(
     let question = session
         .get(selector)
         .timeout(PATIENCE)
+        // All answers come under one key; by default only the newest would be passed on.
+        .consolidation(ConsolidationMode::None)
         .priority(priority)
         .congestion_control(CongestionControl::Drop);
     let Ok(replies) = question.await else { return Vec::new() };
