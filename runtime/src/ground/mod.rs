@@ -35,6 +35,8 @@ use std::time::{Duration, Instant};
 
 /// The view is drawn and input is looked at this often.
 const REDRAW: Duration = Duration::from_millis(100);
+/// What still goes on at the end may take this long.
+const END_PATIENCE: Duration = Duration::from_millis(300);
 /// Where a station looks when it is told nothing.
 const DEFAULT_CONNECT: &str = "tcp/127.0.0.1:7447";
 
@@ -133,6 +135,8 @@ pub fn run(args: &GroundArgs) -> Result<()> {
         report::write(path, &lock(&fleet))?;
     }
     runtime.block_on(line.close());
+    // Zenoh waits for its first connection without letting go of the thread.
+    runtime.shutdown_timeout(END_PATIENCE);
     outcome
 }
 

@@ -109,6 +109,11 @@ impl Track {
         (from, self.points.iter().skip(skip).take(limit).copied().collect())
     }
 
+    /// All points: time since the first, s, and x y z.
+    pub fn points(&self) -> impl Iterator<Item = &[f64; 4]> {
+        self.points.iter()
+    }
+
     /// Points that are kept.
     #[must_use]
     pub fn len(&self) -> usize {

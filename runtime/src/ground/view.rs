@@ -1,21 +1,27 @@
 //! The fleet drawn in a terminal.
 
+mod above;
+
 use super::fleet::Fleet;
+use super::listen::lock;
 use super::vehicle::Vehicle;
 use super::{REDRAW, quit};
 use anyhow::Result;
 use crossterm::event::{self, Event, KeyCode, KeyModifiers};
 use ratatui::Frame;
+use ratatui::backend::Backend as _;
 use ratatui::layout::{Constraint, Layout};
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Paragraph};
+use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
-use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 /// Lines that one vehicle takes, border included.
 const VEHICLE_LINES: u16 = 7;
+/// Lines from which on the view from above is worth its place.
+const MIN_ABOVE_LINES: u16 = 6;
 
 /// Shows the fleet until `is_over`, or q, Escape or Ctrl-C.
 ///
@@ -23,10 +29,15 @@ const VEHICLE_LINES: u16 = 7;
 /// When the terminal cannot be used.
 pub fn show(fleet: &Mutex<Fleet>, is_over: &impl Fn() -> bool, stop: &AtomicBool) -> Result<()> {
     let mut terminal = ratatui::try_init()?;
+    terminal.hide_cursor()?;
     let outcome = (|| {
         while !is_over() {
-            let snapshot = fleet.lock().unwrap_or_else(PoisonError::into_inner).clone();
-            terminal.draw(|frame| draw(frame, &snapshot, Instant::now()))?;
+            terminal.autoresize()?;
+            // A terminal at the end of a slow line must not hold up what comes from the network.
+            draw(&mut terminal.get_frame(), &lock(fleet), Instant::now());
+            terminal.flush()?;
+            terminal.swap_buffers();
+            terminal.backend_mut().flush()?;
             if event::poll(REDRAW)?
                 && let Event::Key(key) = event::read()?
             {
@@ -54,6 +65,10 @@ pub fn draw(frame: &mut Frame<'_>, fleet: &Fleet, now: Instant) {
     }
     for ((name, vehicle), area) in fleet.vehicles.iter().zip(areas.iter()) {
         frame.render_widget(panel(name, vehicle, now), *area);
+    }
+    let above = areas[areas.len() - 2];
+    if above.height >= MIN_ABOVE_LINES {
+        above::draw(frame, fleet, above);
     }
     let foot = format!(" q quits   malformed {}   refused {}", fleet.malformed, fleet.refused);
     frame.render_widget(Line::styled(foot, Style::new().add_modifier(Modifier::DIM)), areas[areas.len() - 1]);
@@ -151,7 +166,9 @@ mod tests {
         };
         fleet.health("drone", &health, 100, now);
         let shown = text(&fleet, now);
-        for part in ["drone", "tracking", "quality 87", "+1.250", "-2.500", "few features"] {
+        for part in
+            ["drone", "tracking", "quality 87", "+1.250", "-2.500", "few features", "from above", "● drone"]
+        {
             assert!(shown.contains(part), "'{part}' is missing in\n{shown}");
         }
         assert!(text(&fleet, now + Duration::from_secs(1)).contains("stale"));
