@@ -213,7 +213,10 @@ impl Vehicle {
     pub fn take_health(&mut self, message: &proto::Health, bytes: usize, now: Instant) {
         let Some(header) = &message.header else { return };
         self.health.heard(header.sequence, bytes, now);
-        self.state_words = wire::state_words(message.state);
+        // Odometry is newer than the frame that this tells of: between the two the state would go to and fro.
+        if self.odom.is_stale(now) {
+            self.state_words = wire::state_words(message.state);
+        }
         self.bits = message.bits;
         self.health_words = wire::health_words(message.bits);
         self.rung = (!message.rung_words.is_empty()).then(|| message.rung_words.clone());
