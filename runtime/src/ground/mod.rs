@@ -86,10 +86,7 @@ impl GroundArgs {
     fn endpoints(&self) -> Endpoints {
         let is_silent = self.connect.is_empty() && self.listen.is_empty();
         let connect = if is_silent { vec![DEFAULT_CONNECT.to_owned()] } else { self.connect.clone() };
-        // TCP and UDP to the same host are one way there.
-        let host = |endpoint: &String| endpoint.split_once('/').map(|(_, address)| address.to_owned());
-        let is_client =
-            self.listen.is_empty() && connect.iter().all(|other| host(other) == host(&connect[0]));
+        let is_client = self.listen.is_empty() && connect.len() == 1;
         let mode = if is_client { Mode::Client } else { Mode::Peer };
         Endpoints { mode, ..self.access.endpoints(&self.vehicle, &self.listen, &connect) }
     }

@@ -18,7 +18,7 @@ const RETRY_MS: (u64, u64) = (50, 200);
 const LAN_PATIENCE_US: u64 = 50_000;
 /// And over the air, where the next message is worth more.
 const AIR_PATIENCE_US: u64 = 5_000;
-/// Largest batch on a telemetry radio, bytes: what waits behind one is late by its length, and a datagram stays whole.
+/// Largest batch on a telemetry radio, bytes: what waits behind one is late by its length.
 const RADIO_BATCH_BYTES: u64 = 1_200;
 
 /// Why the network cannot be used.
