@@ -120,7 +120,7 @@ fn partitioned(before_s: u32, down_s: u32, after_s: u32) -> Option<(Value, [Valu
     let folder = tempfile::tempdir().unwrap();
     let mut link = BadLink::start(&spaces);
     let mut inner = Command::new(PLUMBLINE);
-    inner.args(["router", "--listen", "tcp/0.0.0.0:7447"]);
+    inner.args(["router", "--listen", "tcp/0.0.0.0:7447", "--listen", "udp/0.0.0.0:7447"]);
     let router = Running::start(spaces.command(1, &inner));
     let reports = [1, 2].map(|k| folder.path().join(format!("ground{k}.json")));
     let mut stations: Vec<Running> = (0..2)
@@ -136,7 +136,8 @@ fn partitioned(before_s: u32, down_s: u32, after_s: u32) -> Option<(Value, [Valu
     let report = folder.path().join("vehicle.json");
     let mut inner = flight("drone", seconds);
     inner
-        .args(["--connect", "tcp/10.77.0.2:7447", "--set", "network.link=\"radio\"", "--report"])
+        .args(["--connect", "tcp/10.77.0.2:7447", "--connect", "udp/10.77.0.2:7447"])
+        .args(["--set", "network.link=\"radio\"", "--report"])
         .arg(&report);
     let mut vehicle = Running::start(spaces.command(0, &inner));
     std::thread::sleep(Duration::from_secs(u64::from(before_s)));

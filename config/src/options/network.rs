@@ -11,7 +11,7 @@ pub struct NetworkConfig {
     pub vehicle: String,
     /// Zenoh endpoints to listen on, such as `tcp/127.0.0.1:7447`.
     pub listen: Vec<String>,
-    /// Zenoh endpoints to connect to.
+    /// Zenoh endpoints to connect to; beside others, those that begin with `udp/` are for odometry alone.
     pub connect: Vec<String>,
     /// Multicast scouting.
     pub scouting: bool,

@@ -5,6 +5,7 @@ use super::frames::Frames;
 use super::link::{Link, LinkError};
 use super::sender::{BridgeFigures, Sender};
 use crate::pipeline::Sink;
+use crate::schedule::host::raise_priority;
 use crate::schedule::ticker::{Monotonic, Ticker};
 use crossbeam_queue::ArrayQueue;
 use nalgebra::UnitQuaternion;
@@ -15,6 +16,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 use thiserror::Error;
+
+/// SCHED_FIFO priority of the bridge's thread: frames, which take whole processors, must not shake the rate that an
+/// autopilot counts on; the odometry itself goes first (see the task table, [`crate::schedule::tasks`]).
+const PRIORITY: u8 = 70;
 
 /// Why there is no bridge.
 #[derive(Debug, Error)]
@@ -70,11 +75,12 @@ pub struct Bridge {
 }
 
 impl Bridge {
-    /// Opens the line and begins to send; the pilot is told nothing before there is odometry.
+    /// Opens the line and begins to send, before frames where real-time priorities are wanted (`is_realtime`); the pilot
+    /// is told nothing before there is odometry.
     ///
     /// # Errors
     /// When the address or device cannot be used.
-    pub fn start(config: &AutopilotConfig, stamps: Stamps) -> Result<Self, BridgeError> {
+    pub fn start(config: &AutopilotConfig, stamps: Stamps, is_realtime: bool) -> Result<Self, BridgeError> {
         let endpoint = AutopilotEndpoint::parse(&config.connect).map_err(BridgeError::Endpoint)?;
         let link = Link::open(&endpoint)?;
         let slot = Arc::new(Slot::default());
@@ -83,6 +89,10 @@ impl Bridge {
         let period = Duration::from_secs_f64(1.0 / config.rate_hz);
         let theirs = Arc::clone(&slot);
         let thread = std::thread::Builder::new().name("plumbline-pilot".into()).spawn(move || {
+            if is_realtime {
+                // What the host refuses is told by the run.
+                let _ = raise_priority(PRIORITY);
+            }
             let first = Monotonic::now().plus_nanos(period.as_nanos() as i64);
             sender.run(&theirs, Ticker::new(first, period))
         })?;
@@ -205,7 +215,7 @@ mod tests {
     #[test]
     fn odometry_goes_on_at_its_rate_while_the_estimator_comes_and_goes() {
         let (mut autopilot, config) = Autopilot::new();
-        let mut bridge = Bridge::start(&config, Stamps::Replayed).unwrap();
+        let mut bridge = Bridge::start(&config, Stamps::Replayed, false).unwrap();
         let began = Instant::now();
         autopilot.fly(Duration::from_millis(500), || {});
         assert!(autopilot.odometry.iter().all(|(_, message)| message.x.is_nan()));
@@ -257,7 +267,7 @@ mod tests {
     fn by_the_autopilots_clock_odometry_is_lost_until_that_is_known_and_then_stamped_by_it() {
         let (mut autopilot, config) = Autopilot::new();
         let config = AutopilotConfig { clock: AutopilotClock::Autopilot, ..config };
-        let mut bridge = Bridge::start(&config, Stamps::Replayed).unwrap();
+        let mut bridge = Bridge::start(&config, Stamps::Replayed, false).unwrap();
         autopilot.fly(Duration::from_millis(2500), || bridge.odometry(&fresh()));
         let (first, last) = (&autopilot.odometry[0].1, &autopilot.odometry.last().unwrap().1);
         assert_eq!((first.quality, first.time_usec), (-1, 0));
@@ -268,7 +278,7 @@ mod tests {
     #[test]
     fn noise_and_floods_from_outside_change_nothing() {
         let (mut autopilot, config) = Autopilot::new();
-        let mut bridge = Bridge::start(&config, Stamps::Replayed).unwrap();
+        let mut bridge = Bridge::start(&config, Stamps::Replayed, false).unwrap();
         let from = std::iter::repeat_with(|| autopilot.socket.recv_from(&mut [0; 2048]))
             .take(100)
             .find_map(|received| received.ok())

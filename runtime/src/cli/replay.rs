@@ -84,7 +84,7 @@ pub struct ReplayArgs {
     /// With --publish: listen here, such as tcp/127.0.0.1:7447.
     #[arg(long, value_name = "ENDPOINT", requires = "publish")]
     pub listen: Vec<String>,
-    /// With --publish: connect to this router or ground station.
+    /// With --publish: connect to this router or ground station; udp/ beside another takes odometry alone.
     #[arg(long, value_name = "ENDPOINT", requires = "publish")]
     pub connect: Vec<String>,
     /// With --speed: send odometry to an autopilot by MAVLink, such as udp://127.0.0.1:14540 or
@@ -226,7 +226,7 @@ fn start_bridge(config: &Config, args: &ReplayArgs) -> Result<Option<Bridge>> {
         return Err(Usage(format!("{name}: {}; {}", bad.reason, bad.cure)).into());
     }
     if args.speed.is_some() {
-        return Ok(Some(Bridge::start(autopilot, Stamps::Replayed)?));
+        return Ok(Some(Bridge::start(autopilot, Stamps::Replayed, config.runtime.realtime)?));
     }
     if args.autopilot.is_some() {
         return Err(Usage("--autopilot: give --speed 1 too, an autopilot flies in real time".into()).into());

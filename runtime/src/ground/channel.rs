@@ -10,6 +10,20 @@ const RATE_WINDOW: Duration = Duration::from_secs(1);
 /// Longest delay that is told apart, us: a minute.
 const MAX_DELAY_US: u64 = 60_000_000;
 
+/// Messages that came another way can be late by so many.
+const MOST_OVERTAKEN: u64 = 1_000;
+
+/// Where a message belongs among the others of its key.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// Behind them.
+    Next,
+    /// Before one that has come already, by another way: what it says is old.
+    Late,
+    /// Its sender has started anew.
+    Anew,
+}
+
 /// Counts the messages of one key.
 #[derive(Clone, Debug, Default)]
 pub struct Channel {
@@ -25,11 +39,18 @@ pub struct Channel {
     pub arrived: Option<f64>,
     /// Longest silence between two messages, s.
     pub longest_gap_s: f64,
-    next_sequence: Option<u64>,
+    newest: Option<Newest>,
     was_away: bool,
     bytes: u64,
     last: Option<Instant>,
     window: Option<Window>,
+}
+
+/// The newest message so far.
+#[derive(Clone, Copy, Debug)]
+struct Newest {
+    sequence: u64,
+    published_ns: i64,
 }
 
 /// The counts when a window of time began.
@@ -42,17 +63,20 @@ struct Window {
 }
 
 impl Channel {
-    /// A message of `bytes` came. Returns whether its sender has started anew: its sequence number goes back.
-    pub fn heard(&mut self, sequence: u64, bytes: usize, now: Instant) -> bool {
+    /// A message of `bytes` came.
+    pub fn heard(&mut self, sequence: u64, published_ns: i64, bytes: usize, now: Instant) -> Place {
         self.received += 1;
         self.bytes += bytes as u64;
-        let is_anew = self.next_sequence.is_some_and(|expected| sequence < expected);
-        if let Some(expected) = self.next_sequence
-            && !std::mem::take(&mut self.was_away)
-        {
-            self.lost += sequence.saturating_sub(expected);
+        let place = self.place(sequence, published_ns);
+        if place == Place::Late {
+            self.lost = self.lost.saturating_sub(1);
+        } else {
+            let was_away = std::mem::take(&mut self.was_away);
+            if let Some(newest) = self.newest.filter(|_| !was_away) {
+                self.lost += sequence.saturating_sub(newest.sequence.saturating_add(1));
+            }
+            self.newest = Some(Newest { sequence, published_ns });
         }
-        self.next_sequence = Some(sequence.saturating_add(1));
         if let Some(last) = self.last {
             self.longest_gap_s = self.longest_gap_s.max(now.duration_since(last).as_secs_f64());
         }
@@ -67,7 +91,21 @@ impl Channel {
             self.arrived = Some(came / (came + (lost - window.lost) as f64).max(1.0));
             self.window = Some(Window { since: now, received, lost, bytes });
         }
-        is_anew
+        place
+    }
+
+    fn place(&self, sequence: u64, published_ns: i64) -> Place {
+        let Some(newest) = self.newest else { return Place::Next };
+        if sequence > newest.sequence {
+            return Place::Next;
+        }
+        // Who starts anew publishes later, unless its clock was set back; it has been away then.
+        let is_older = published_ns <= newest.published_ns;
+        if is_older && !self.was_away && newest.sequence - sequence < MOST_OVERTAKEN {
+            Place::Late
+        } else {
+            Place::Anew
+        }
     }
 
     /// The sender was away: what it sent meanwhile does not count as lost.
@@ -127,20 +165,31 @@ mod tests {
     fn gaps_in_the_numbers_are_counted_and_a_restart_is_none() {
         let (mut channel, start) = (Channel::default(), Instant::now());
         for (k, sequence) in [0u64, 1, 4, 5].into_iter().enumerate() {
-            channel.heard(sequence, 10, start + Duration::from_millis(5 * k as u64));
+            channel.heard(sequence, k as i64, 10, start + Duration::from_millis(5 * k as u64));
         }
         assert_eq!((channel.received, channel.lost), (4, 2));
         channel.reappear();
-        assert!(!channel.heard(1_000, 10, start));
-        assert!(channel.heard(0, 10, start));
+        assert_eq!(channel.heard(1_000, 5, 10, start), Place::Next);
+        assert_eq!(channel.heard(0, 6, 10, start), Place::Anew);
         assert_eq!(channel.lost, 2);
+    }
+
+    #[test]
+    fn who_was_overtaken_on_another_way_is_late_and_not_lost() {
+        let (mut channel, start) = (Channel::default(), Instant::now());
+        let mut heard = |sequence: u64, published_ns| channel.heard(sequence, published_ns, 10, start);
+        assert_eq!([heard(7, 70), heard(9, 90), heard(8, 80)], [Place::Next, Place::Next, Place::Late]);
+        assert_eq!(heard(10, 100), Place::Next);
+        assert_eq!(channel.lost, 0);
+        channel.reappear();
+        assert_eq!(channel.heard(0, 50, 10, start), Place::Anew, "its clock was set back");
     }
 
     #[test]
     fn rates_are_those_of_the_last_second_and_end_with_the_data() {
         let (mut channel, start) = (Channel::default(), Instant::now());
         for k in 0..=200u64 {
-            channel.heard(k, 100, start + Duration::from_millis(5 * k));
+            channel.heard(k, k as i64, 100, start + Duration::from_millis(5 * k));
         }
         let now = start + Duration::from_secs(1);
         assert!((channel.rate_hz(now) - 200.0).abs() < 1.0);

@@ -105,21 +105,22 @@ fn vehicle_of(key: &str) -> Option<&str> {
 }
 
 fn heard(fleet: &Mutex<Fleet>, topic: Topic, sample: &Sample, print_states: bool) {
+    let came_ns = now_ns();
     let Some(vehicle) = vehicle_of(sample.key_expr().as_str()) else { return };
     // Zenoh may hold a payload in pieces; too long a one is refused before it is copied.
     if sample.payload().len() > read::MAX_MESSAGE_BYTES {
         lock(fleet).malformed();
         return;
     }
-    take(fleet, topic, vehicle, &sample.payload().to_bytes(), print_states);
+    take(fleet, topic, vehicle, &sample.payload().to_bytes(), came_ns, print_states);
 }
 
-/// Takes a payload of a vehicle; what cannot be understood is counted.
-fn take(fleet: &Mutex<Fleet>, topic: Topic, vehicle: &str, bytes: &[u8], print_states: bool) {
+/// Takes a payload of a vehicle that came at `came_ns` by our clock; what cannot be understood is counted.
+fn take(fleet: &Mutex<Fleet>, topic: Topic, vehicle: &str, bytes: &[u8], came_ns: i64, print_states: bool) {
     let (now, size) = (Instant::now(), bytes.len());
     let is_understood = match topic {
         Topic::Odom => read::decode::<proto::Odom>(bytes)
-            .map(|message| lock(fleet).odom(vehicle, &message, size, now, now_ns())),
+            .map(|message| lock(fleet).odom(vehicle, &message, size, now, came_ns)),
         Topic::State => read::decode::<proto::State>(bytes).map(|message| {
             lock(fleet).state(vehicle, &message, size, now);
             if print_states {
@@ -192,7 +193,7 @@ mod tests {
             bytes in prop::collection::vec(any::<u8>(), 0..400), topic in 0usize..7
         ) {
             let fleet = Mutex::new(Fleet::default());
-            take(&fleet, TOPICS[topic], "drone", &bytes, false);
+            take(&fleet, TOPICS[topic], "drone", &bytes, 0, false);
             let fleet = lock(&fleet);
             prop_assert_eq!(fleet.vehicles.len() as u64 + fleet.malformed, 1);
         }

@@ -1,6 +1,6 @@
 //! One vehicle as the ground knows it.
 
-use super::channel::{Channel, Delays};
+use super::channel::{Channel, Delays, Place};
 use super::clock::ClockEstimate;
 use super::map::Map;
 use super::track::{MAX_POSES, PoseSample, Samples, Track};
@@ -157,7 +157,11 @@ impl Vehicle {
     /// Odometry came; `now_ns` by this host's clock.
     pub fn take_odom(&mut self, message: &proto::Odom, bytes: usize, now: Instant, now_ns: i64) {
         let Some(header) = &message.header else { return };
-        self.is_new_path |= self.odom.heard(header.sequence, bytes, now);
+        let place = self.odom.heard(header.sequence, header.published_ns, bytes, now);
+        if place == Place::Late {
+            return;
+        }
+        self.is_new_path |= place == Place::Anew;
         self.take_header(header, message.state);
         let offset_ns = self.clock.offset_ns().unwrap_or(0);
         let delay_ns = now_ns.saturating_add(offset_ns).saturating_sub(header.published_ns);
@@ -180,7 +184,7 @@ impl Vehicle {
     pub fn take_state(&mut self, message: &proto::State, bytes: usize, now: Instant) {
         let Some(header) = &message.header else { return };
         let is_newest = header.stamp_ns >= self.stamp_ns || self.odom.is_stale(now);
-        self.is_new_path |= self.state.heard(header.sequence, bytes, now);
+        self.is_new_path |= self.state.heard(header.sequence, header.published_ns, bytes, now) == Place::Anew;
         if is_newest {
             self.take_header(header, message.state);
             self.take_motion(message.pose.as_ref(), message.velocity_o_b.as_ref());
@@ -212,7 +216,7 @@ impl Vehicle {
     /// Health came.
     pub fn take_health(&mut self, message: &proto::Health, bytes: usize, now: Instant) {
         let Some(header) = &message.header else { return };
-        self.health.heard(header.sequence, bytes, now);
+        self.health.heard(header.sequence, header.published_ns, bytes, now);
         // Odometry is newer than the frame that this tells of: between the two the state would go to and fro.
         if self.odom.is_stale(now) {
             self.state_words = wire::state_words(message.state);

@@ -2,7 +2,7 @@
 //!
 //! | key | priority | express | when the link is full |
 //! |---|---|---|---|
-//! | `odom` | real time | yes | dropped: the next one is 5 ms away |
+//! | `odom` | real time | yes | dropped: the next one is 5 ms away; in datagrams where they are to be had ([`super::datagrams`]) |
 //! | `state` | data, high | no | dropped |
 //! | `health` | interactive, high | no | dropped: the next one is soon |
 //! | `map/...` | data | no | dropped, and asked for again ([`super::answers`]): waiting would hold up the others |
@@ -10,7 +10,9 @@
 //! | `camera` | background | no | dropped |
 
 use super::answers::{self, Answers, Archive, lock};
+use super::datagrams::Datagrams;
 use super::health::{Circumstances, HealthFeed};
+use super::odometry::OdometryOutlet;
 use super::pace::{Pace, Rates};
 use super::publisher::Vehicle;
 use super::rings::Rings;
@@ -37,7 +39,8 @@ const CHORES_PERIOD: Duration = Duration::from_millis(200);
 /// The vehicle's keys, declared.
 pub struct Outlets {
     session: Session,
-    odom: Publisher<'static>,
+    /// Taken by who sends odometry.
+    odometry: Option<OdometryOutlet>,
     state: Publisher<'static>,
     health: Publisher<'static>,
     keyframe: Publisher<'static>,
@@ -56,10 +59,8 @@ pub struct Outlets {
 /// What changes from message to message.
 struct Course {
     feed: HealthFeed,
-    odom: Pace,
     state: Pace,
     scene: Pace,
-    odoms: u64,
     states: u64,
     scenes: u64,
     corrections: Option<u32>,
@@ -77,13 +78,15 @@ impl Outlets {
         rates: Rates,
         ros: &RosConfig,
     ) -> Result<Self, NetError> {
-        let session = endpoints.open().await?;
+        let (streams, datagrams) = endpoints.split()?;
+        let session = streams.open().await?;
+        let datagrams = datagrams.map(|datagrams| Datagrams::start(&datagrams, &session));
         let (resets, heard) = watch::channel(0);
         let archive = Arc::new(Mutex::new(Archive::new(rates.keyframe_landmarks)));
         let answers = Answers { vehicle: Arc::clone(&vehicle), archive: Arc::clone(&archive), resets: heard };
         answers::declare(&session, answers).await?;
         let declare = |name, schema, priority| outlet(&session, &vehicle.name, name, schema, priority);
-        let odom = declare("odom", "Odom", Priority::RealTime).await?;
+        let odometry = OdometryOutlet::declare(&session, &vehicle.name, datagrams, rates.odom_hz).await?;
         let state = declare("state", "State", Priority::DataHigh).await?;
         let health = declare("health", "Health", Priority::InteractiveHigh).await?;
         let keyframe = declare("map/keyframe", "Keyframe", Priority::Data).await?;
@@ -99,7 +102,7 @@ impl Outlets {
         let alive = session.liveliness().declare_token(&key).await.map_err(failed)?;
         Ok(Self {
             session: session.clone(),
-            odom,
+            odometry: Some(odometry),
             state,
             health,
             keyframe,
@@ -117,16 +120,15 @@ impl Outlets {
 
     /// Empties the rings until told to stop, then once more.
     pub async fn run(mut self, rings: &Arc<Rings>) {
+        let odometry = self.odometry.take().map(|odometry| odometry.spawn(Arc::clone(rings)));
         let pictures = self
             .camera
             .take()
             .map(|camera| tokio::spawn(camera::serve(camera, Arc::clone(rings), self.rates)));
         let mut course = Course {
             feed: HealthFeed::new(self.rates.health_period()),
-            odom: Pace::new(self.rates.odom_hz),
             state: Pace::new(self.rates.state_hz),
             scene: Pace::new(self.rates.scene_hz),
-            odoms: 0,
             states: 0,
             scenes: 0,
             corrections: None,
@@ -141,6 +143,9 @@ impl Outlets {
         if let Some(pictures) = pictures {
             pictures.abort();
         }
+        if let Some(odometry) = odometry {
+            let _ = odometry.await;
+        }
         if let Some(ros) = self.ros {
             ros.stop().await;
         }
@@ -149,14 +154,9 @@ impl Outlets {
 
     /// Sends what waits. What cannot be sent is lost, as its quality of service says; sequence numbers tell.
     async fn empty(&mut self, rings: &Rings, course: &mut Course) {
-        while let Some((odometry, handed_over_ns)) = rings.odometry.pop() {
-            if let Some(ros) = &mut self.ros {
+        if let (Some(ros), Some(ring)) = (&mut self.ros, &rings.ros) {
+            while let Some(odometry) = ring.pop() {
                 ros.odometry(&odometry).await;
-            }
-            if course.odom.admits(odometry.stamp) {
-                let message = wire::odom(&odometry, course.odoms, handed_over_ns);
-                let _ = self.odom.put(message.encode_to_vec()).await;
-                course.odoms += 1;
             }
         }
         while let Some((estimate, frame_ms)) = rings.estimates.pop() {
@@ -224,7 +224,11 @@ fn no_correction(survey: &Survey) -> proto::MapCorrection {
     proto::MapCorrection { header: Some(header), pose_m_o: wire::pose(&Isometry3::identity()), loops: 0 }
 }
 
-async fn outlet(
+/// Declares a key of a vehicle with its quality of service.
+///
+/// # Errors
+/// When Zenoh refuses the key.
+pub async fn outlet(
     session: &Session,
     vehicle: &str,
     name: &'static str,

@@ -13,7 +13,6 @@ use crate::pipeline::{Control, Sink};
 use plumbline_config::Config;
 use plumbline_estimator::{Estimate, Odometry};
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 use std::thread::JoinHandle;
 
 /// What others may know of a vehicle, and ask of it.
@@ -97,8 +96,7 @@ impl Publisher {
     }
 
     fn end(&mut self) {
-        self.rings.stop.store(true, Ordering::Relaxed);
-        self.rings.wake.notify_one();
+        self.rings.end();
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
@@ -119,6 +117,10 @@ impl Sink for Publisher {
 
     fn odometry(&mut self, odometry: &Odometry) {
         self.rings.odometry.push((odometry.clone(), now_ns()));
-        self.rings.wake.notify_one();
+        self.rings.odometry_wake.notify_one();
+        if let Some(ros) = &self.rings.ros {
+            ros.push(odometry.clone());
+            self.rings.wake.notify_one();
+        }
     }
 }

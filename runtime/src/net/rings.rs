@@ -113,6 +113,8 @@ impl<T> Pool<T> {
 pub struct Rings {
     /// Odometry, with the time it was handed over, ns since 1970.
     pub odometry: DropOldest<(Odometry, i64)>,
+    /// Odometry for ROS 2, where that is enabled.
+    pub ros: Option<DropOldest<Odometry>>,
     /// Estimates, with what the frame took, ms.
     pub estimates: DropOldest<(Estimate, f64)>,
     /// What the window holds, after each keyframe.
@@ -123,7 +125,9 @@ pub struct Rings {
     pub is_watched: AtomicBool,
     /// Step of the degradation ladder.
     pub rung: AtomicU8,
-    /// Wakes who empties the rings.
+    /// Wakes who sends odometry.
+    pub odometry_wake: Notify,
+    /// Wakes who empties the other rings.
     pub wake: Notify,
     /// Wakes who sends pictures.
     pub picture_wake: Notify,
@@ -137,15 +141,24 @@ impl Rings {
     pub fn new(config: &Config) -> Self {
         Self {
             odometry: DropOldest::new(ODOMETRY_RING),
+            ros: config.ros.enabled.then(|| DropOldest::new(ODOMETRY_RING)),
             estimates: DropOldest::new(ESTIMATE_RING),
             surveys: Pool::new(SURVEYS, || Survey::new(config)),
             shots: Pool::new(SHOTS, || Shot::new(config)),
             is_watched: AtomicBool::new(false),
             rung: AtomicU8::new(0),
+            odometry_wake: Notify::new(),
             wake: Notify::new(),
             picture_wake: Notify::new(),
             stop: AtomicBool::new(false),
         }
+    }
+
+    /// The flight is over: who empties the rings sends what is left, and ends.
+    pub fn end(&self) {
+        self.stop.store(true, Ordering::Relaxed);
+        self.odometry_wake.notify_one();
+        self.wake.notify_one();
     }
 
     /// Entries forgotten because the network was slower than the vehicle.

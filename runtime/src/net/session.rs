@@ -53,6 +53,14 @@ pub enum NetError {
         /// What is wrong, and what to do.
         message: String,
     },
+    /// Odometry in datagrams, where everybody shows a certificate.
+    #[error(
+        "{endpoint}: datagrams carry no certificate, and would be refused; leave it out, or leave out network.tls"
+    )]
+    Unsigned {
+        /// The endpoint.
+        endpoint: String,
+    },
     /// The network's own thread cannot be started.
     #[error("cannot start the network thread: {0}")]
     Thread(#[from] std::io::Error),
@@ -72,7 +80,7 @@ pub enum Mode {
 }
 
 /// Who we are and whom we talk to.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Endpoints {
     /// What we are to the others.
     pub mode: Mode,
@@ -84,6 +92,8 @@ pub struct Endpoints {
     pub listen: Vec<String>,
     /// Endpoints to connect to.
     pub connect: Vec<String>,
+    /// An attempt to connect is given up after this, ms.
+    pub open_timeout_ms: u64,
     /// Multicast scouting.
     pub scouting: bool,
     /// What the link can carry.
@@ -92,6 +102,12 @@ pub struct Endpoints {
     pub tls: TlsConfig,
     /// Names and passwords.
     pub login: LoginConfig,
+}
+
+impl Default for Endpoints {
+    fn default() -> Self {
+        Self::of(&NetworkConfig::default())
+    }
 }
 
 impl Endpoints {
@@ -104,6 +120,7 @@ impl Endpoints {
             vehicle: config.vehicle.clone(),
             listen: config.listen.clone(),
             connect: config.connect.clone(),
+            open_timeout_ms: OPEN_TIMEOUT_MS,
             scouting: config.scouting,
             link: config.link,
             tls: config.tls.clone(),
@@ -117,6 +134,26 @@ impl Endpoints {
         self.listen.extend_from_slice(listen);
         self.connect.extend_from_slice(connect);
         self
+    }
+
+    /// Those that take streams, for everything, and those that begin with `udp/`, for odometry alone ([`datagrams`]);
+    /// where there are only such, they are for everything.
+    ///
+    /// [`datagrams`]: super::datagrams
+    ///
+    /// # Errors
+    /// When datagrams would go beside certificates, which they cannot show.
+    pub fn split(&self) -> Result<(Self, Option<Self>), NetError> {
+        let (udp, streams): (Vec<_>, Vec<_>) =
+            self.connect.iter().cloned().partition(|endpoint| endpoint.starts_with("udp/"));
+        if udp.is_empty() || streams.is_empty() {
+            return Ok((self.clone(), None));
+        }
+        if self.tls.is_given() {
+            return Err(NetError::Unsigned { endpoint: udp.concat() });
+        }
+        let datagrams = Self { connect: udp, listen: Vec::new(), scouting: false, ..self.clone() };
+        Ok((Self { connect: streams, ..self.clone() }, Some(datagrams)))
     }
 
     /// Opens a session.
@@ -144,7 +181,7 @@ impl Endpoints {
             ("connect/endpoints", serde_json::json!(self.connect).to_string()),
             ("connect/retry", retry.to_string()),
             ("scouting/multicast/enabled", self.scouting.to_string()),
-            ("transport/unicast/open_timeout", OPEN_TIMEOUT_MS.to_string()),
+            ("transport/unicast/open_timeout", self.open_timeout_ms.to_string()),
             ("transport/link/tx/lease", LEASE_MS.to_string()),
             (
                 "transport/link/tx/queue/congestion_control/drop/wait_before_drop",
@@ -162,5 +199,33 @@ impl Endpoints {
             config.insert_json5(key, &value).map_err(failed)?;
         }
         zenoh::open(config).await.map_err(failed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn connecting_to(endpoints: &[&str]) -> Endpoints {
+        Endpoints { connect: endpoints.iter().map(|e| (*e).to_owned()).collect(), ..Endpoints::default() }
+    }
+
+    #[test]
+    fn datagrams_beside_streams_are_for_odometry_and_alone_for_everything() {
+        let (streams, datagrams) = connecting_to(&["udp/a:1", "tcp/a:1"]).split().unwrap();
+        assert_eq!(
+            (streams.connect, datagrams.unwrap().connect),
+            (vec!["tcp/a:1".into()], vec!["udp/a:1".into()])
+        );
+        let (all, none) = connecting_to(&["udp/a:1"]).split().unwrap();
+        assert_eq!((all.connect, none), (vec!["udp/a:1".to_owned()], None));
+    }
+
+    #[test]
+    fn datagrams_beside_certificates_are_refused() {
+        let tls = TlsConfig { authority: "a.pem".into(), ..TlsConfig::default() };
+        let error =
+            Endpoints { tls, ..connecting_to(&["tls/a:1", "udp/a:1"]) }.split().unwrap_err().to_string();
+        assert!(error.contains("udp/a:1") && error.contains("network.tls"), "{error}");
     }
 }
