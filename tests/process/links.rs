@@ -176,29 +176,43 @@ fn soak_network_link_that_is_bad_and_then_gone_for_a_while() {
     check(&stations, 8);
 }
 
+/// Pairs of flights, with and without a network: single ones scatter by more than the network could do.
+const PAIRS: usize = 3;
+
 #[test]
-#[ignore = "four minutes: `make soak`"]
+#[ignore = "ten minutes: `make soak`"]
 fn soak_network_partition_of_twenty_seconds_leaves_the_estimator_alone() {
-    let Some((vehicle, stations)) = partitioned(20, 20, 40) else { return };
-    check(&stations, 20);
-    // The same flight without a network.
+    let (mut with, mut without) = (Vec::new(), Vec::new());
+    for _ in 0..PAIRS {
+        let Some((vehicle, stations)) = partitioned(20, 20, 40) else { return };
+        check(&stations, 20);
+        let alone = flown_alone(80);
+        // A stall of the host can cost either flight a frame.
+        if is_whole(&vehicle) && is_whole(&alone) {
+            assert_eq!(vehicle["estimate_digest"], alone["estimate_digest"]);
+        }
+        for (figures, report) in [(&mut with, &vehicle), (&mut without, &alone)] {
+            println!("odometry {}", report["live"]["sample_to_odometry_ms"]);
+            figures.push(report["frame_ms"]["p99"].as_f64().unwrap());
+        }
+    }
+    println!("frame p99 {with:.2?} ms over the bad link, {without:.2?} ms without a network");
+    [&mut with, &mut without].into_iter().for_each(|figures| figures.sort_by(f64::total_cmp));
+    assert!(with[PAIRS / 2] < 1.1 * without[PAIRS / 2], "{with:?} against {without:?} ms");
+}
+
+/// Nothing was shed.
+fn is_whole(report: &Value) -> bool {
+    ["frames_shed", "frames_passed_over", "steps_down"].iter().all(|name| report["live"][*name] == 0)
+}
+
+/// The report of the same flight without a network.
+fn flown_alone(seconds: u32) -> Value {
     let folder = tempfile::tempdir().unwrap();
     let report = folder.path().join("alone.json");
     let mut alone = Command::new(PLUMBLINE);
-    let with_network = flight("drone", 80);
-    alone
-        .args(with_network.get_args().filter(|argument| *argument != "--publish"))
-        .arg("--report")
-        .arg(&report);
+    alone.args(flight("drone", seconds).get_args().filter(|argument| *argument != "--publish"));
+    alone.arg("--report").arg(&report);
     assert!(alone.stdout(Stdio::null()).status().unwrap().success());
-    let alone = json(&report);
-    let p99 = |report: &Value| report["frame_ms"]["p99"].as_f64().unwrap();
-    let (with, without) = (p99(&vehicle), p99(&alone));
-    println!("frame p99 {with:.2} ms over the bad link, {without:.2} ms without a network");
-    println!(
-        "odometry {} and {}",
-        vehicle["live"]["sample_to_odometry_ms"], alone["live"]["sample_to_odometry_ms"]
-    );
-    assert!(with < 1.1 * without, "{with} against {without} ms");
-    assert_eq!(vehicle["estimate_digest"], alone["estimate_digest"]);
+    json(&report)
 }

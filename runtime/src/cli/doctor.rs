@@ -1,5 +1,6 @@
 //! `plumbline doctor`: whether this host and this configuration are fit for a flight.
 
+use super::overrides::with_overrides;
 use super::{Usage, load_config, say};
 use crate::schedule::bare_timer;
 use crate::schedule::host::{lock_memory, pin, raise_priority};
@@ -20,6 +21,9 @@ pub struct DoctorArgs {
     /// Configuration file or preset.
     #[arg(long, default_value = "sim")]
     pub config: PathBuf,
+    /// Change a key of the configuration, such as runtime.tick_cpus=[0]; may be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub overrides: Vec<String>,
     /// How long the timer of the host is watched, seconds.
     #[arg(long, default_value_t = 2.0)]
     pub watch: f64,
@@ -41,6 +45,7 @@ pub fn run(args: &DoctorArgs) -> Result<()> {
         return Err(Usage("--watch: give up to 3600 seconds".into()).into());
     }
     let Some(config) = load_config(Some(&args.config))? else { return Ok(()) };
+    let config = with_overrides(&config, &args.overrides)?;
     let table = TaskTable::new(&config, 1.0);
     let mut poor = 0;
     for (name, verdict) in [
@@ -148,7 +153,14 @@ fn kernel() -> Verdict {
     if line_of("/sys/kernel/realtime").as_deref() == Some("1") {
         return Verdict::Fine(format!("{release}, PREEMPT_RT"));
     }
-    Verdict::Fine(format!("{release}, without PREEMPT_RT: see what the timer below says of it"))
+    let has = |path: &str, word: &str| line_of(path).is_some_and(|line| line.contains(word));
+    let hint = if has("/proc/sys/kernel/version", "PREEMPT_DYNAMIC") && !has("/proc/cmdline", "preempt=full")
+    {
+        "; booted with preempt=full, a tick waits less for the kernel's own work"
+    } else {
+        ""
+    };
+    Verdict::Fine(format!("{release}, without PREEMPT_RT: see what the timer below says of it{hint}"))
 }
 
 fn timer(config: &Config, table: &TaskTable, watch: Duration) -> Verdict {
