@@ -171,10 +171,11 @@ fn timer(config: &Config, table: &TaskTable, watch: Duration) -> Verdict {
     let Ok(timer) = timed.join() else { return Verdict::Poor("cannot be tried".into()) };
     let late = timer.late_ms.percentiles();
     let words = format!(
-        "{} releases of a bare timer: late by {:.3} ms at the median, p99 {:.3}, largest {:.3}",
+        "{} releases of a bare timer: late by {:.3} ms at the median, p99 {:.3}, p99.9 {:.3}, largest {:.3}",
         timer.late_ms.count(),
         late.p50,
         late.p99,
+        timer.late_ms.quantile(0.999),
         late.max
     );
     if late.max <= LATE_MS {

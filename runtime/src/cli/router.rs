@@ -14,8 +14,8 @@ const CHORES_PERIOD: Duration = Duration::from_millis(200);
 /// Arguments of `plumbline router`.
 #[derive(Debug, Args)]
 pub struct RouterArgs {
-    /// Listen here, such as tcp/127.0.0.1:7447 or tls/0.0.0.0:7447, and udp/0.0.0.0:7447 for odometry in datagrams; may be
-    /// repeated.
+    /// Listen here, such as tcp/127.0.0.1:7447 or tls/0.0.0.0:7447; may be repeated. udp/0.0.0.0:7447 beside
+    /// tcp/0.0.0.0:7447 takes odometry in datagrams.
     #[arg(long, value_name = "ENDPOINT")]
     pub listen: Vec<String>,
     /// Connect to another router; may be repeated.

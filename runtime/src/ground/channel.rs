@@ -10,8 +10,8 @@ const RATE_WINDOW: Duration = Duration::from_secs(1);
 /// Longest delay that is told apart, us: a minute.
 const MAX_DELAY_US: u64 = 60_000_000;
 
-/// Messages that came another way can be late by so many.
-const MOST_OVERTAKEN: u64 = 1_000;
+/// Messages that came another way can have been published so long before the newest, ns.
+const LATEST_NS: i64 = 10_000_000_000;
 
 /// Where a message belongs among the others of its key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -88,7 +88,9 @@ impl Channel {
             let came = (received - window.received) as f64;
             self.rate_hz = came / elapsed_s;
             self.bytes_per_s = (bytes - window.bytes) as f64 / elapsed_s;
-            self.arrived = Some(came / (came + (lost - window.lost) as f64).max(1.0));
+            // Who was late is lost no more.
+            let missing = lost.saturating_sub(window.lost) as f64;
+            self.arrived = Some(came / (came + missing).max(1.0));
             self.window = Some(Window { since: now, received, lost, bytes });
         }
         place
@@ -99,13 +101,10 @@ impl Channel {
         if sequence > newest.sequence {
             return Place::Next;
         }
-        // Who starts anew publishes later, unless its clock was set back; it has been away then.
-        let is_older = published_ns <= newest.published_ns;
-        if is_older && !self.was_away && newest.sequence - sequence < MOST_OVERTAKEN {
-            Place::Late
-        } else {
-            Place::Anew
-        }
+        // Who starts anew publishes later, unless its clock was set back.
+        let overtaken_by_ns = newest.published_ns.saturating_sub(published_ns);
+        let is_late = !self.was_away && (0..LATEST_NS).contains(&overtaken_by_ns);
+        if is_late { Place::Late } else { Place::Anew }
     }
 
     /// The sender was away: what it sent meanwhile does not count as lost.
@@ -183,6 +182,17 @@ mod tests {
         assert_eq!(channel.lost, 0);
         channel.reappear();
         assert_eq!(channel.heard(0, 50, 10, start), Place::Anew, "its clock was set back");
+    }
+
+    #[test]
+    fn a_message_that_is_late_by_more_than_a_window_does_no_harm() {
+        let (mut channel, start) = (Channel::default(), Instant::now());
+        let at = |s: u64| start + Duration::from_secs(s);
+        channel.heard(0, 0, 10, at(0));
+        channel.heard(2, 20, 10, at(2));
+        assert_eq!(channel.lost, 1);
+        assert_eq!(channel.heard(1, 10, 10, at(4)), Place::Late);
+        assert_eq!((channel.lost, channel.arrived), (0, Some(1.0)));
     }
 
     #[test]

@@ -66,27 +66,30 @@ async fn keep_open(endpoints: Endpoints, stream: Session, tell: watch::Sender<Op
             tokio::time::sleep(WATCH_PERIOD).await;
         }
         tell.send_replace(None);
-        let _ = session.close().await;
+        // Closing waits for attempts of its own.
+        tokio::spawn(async move { session.close().await });
     }
 }
 
 /// The first session of several attempts that reaches the other side.
 async fn connected(endpoints: &Endpoints, stream: &Session) -> Session {
     let mut attempts = JoinSet::new();
-    let (began, mut is_told, mut next) = (Instant::now(), false, Instant::now());
+    let (mut next, mut passed_by, mut is_told) = (Instant::now(), None, false);
     loop {
         tokio::select! {
             () = tokio::time::sleep_until(next) => {
                 let theirs = endpoints.clone();
                 attempts.spawn(async move { theirs.open().await });
-                let is_stopped = began.elapsed() > PATIENCE && is_connected(stream).await;
+                // Since when the stream gets through, and datagrams do not.
+                passed_by = if is_connected(stream).await { passed_by.or(Some(next)) } else { None };
+                let is_stopped = passed_by.is_some_and(|since| since.elapsed() > PATIENCE);
                 if is_stopped && !std::mem::replace(&mut is_told, true) {
                     let to = endpoints.connect.join(", ");
                     tracing::warn!("{to}: datagrams do not get through; odometry goes with everything else");
                 }
                 next = Instant::now() + if is_stopped { RARE_PERIOD } else { ATTEMPT_PERIOD };
             }
-            Some(Ok(Ok(session))) = attempts.join_next() => {
+            Some(attempt) = attempts.join_next() => if let Ok(Ok(session)) = attempt {
                 tokio::spawn(close_all(attempts));
                 return session;
             }

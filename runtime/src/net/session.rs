@@ -14,10 +14,9 @@ const OPEN_TIMEOUT_MS: u64 = 2_000;
 /// Attempts to connect come this soon after each other, ms: the system itself repeats the first packet of one after a
 /// second, so that hardly a second passes without a chance.
 const RETRY_MS: (u64, u64) = (50, 200);
-/// A message waits this long for room before it is dropped, us, on a cable: a stall of a host is no congestion.
-const LAN_PATIENCE_US: u64 = 50_000;
-/// And over the air, where the next message is worth more.
-const AIR_PATIENCE_US: u64 = 5_000;
+/// A message waits this long for room before it is dropped, us. Odometry waits on the thread that makes room for the
+/// others, so that it be short.
+const PATIENCE_US: u64 = 5_000;
 /// Largest batch on a telemetry radio, bytes: what waits behind one is late by its length.
 const RADIO_BATCH_BYTES: u64 = 1_200;
 
@@ -53,13 +52,13 @@ pub enum NetError {
         /// What is wrong, and what to do.
         message: String,
     },
-    /// Odometry in datagrams, where everybody shows a certificate.
-    #[error(
-        "{endpoint}: datagrams carry no certificate, and would be refused; leave it out, or leave out network.tls"
-    )]
-    Unsigned {
+    /// Datagrams where they cannot be.
+    #[error("{endpoint}: {cure}")]
+    Datagrams {
         /// The endpoint.
         endpoint: String,
+        /// What is wrong, and what to do.
+        cure: &'static str,
     },
     /// The network's own thread cannot be started.
     #[error("cannot start the network thread: {0}")]
@@ -142,18 +141,33 @@ impl Endpoints {
     /// [`datagrams`]: super::datagrams
     ///
     /// # Errors
-    /// When datagrams would go beside certificates, which they cannot show.
+    /// When odometry in datagrams would pass somebody by, or stand beside certificates, which datagrams cannot show.
     pub fn split(&self) -> Result<(Self, Option<Self>), NetError> {
-        let (udp, streams): (Vec<_>, Vec<_>) =
-            self.connect.iter().cloned().partition(|endpoint| endpoint.starts_with("udp/"));
+        self.check_signed()?;
+        let (udp, streams): (Vec<_>, Vec<_>) = self.connect.iter().cloned().partition(|e| is_udp(e));
         if udp.is_empty() || streams.is_empty() {
             return Ok((self.clone(), None));
         }
-        if self.tls.is_given() {
-            return Err(NetError::Unsigned { endpoint: udp.concat() });
+        if udp.len() + streams.len() > 2 || !self.listen.is_empty() || self.scouting {
+            return Err(NetError::Datagrams {
+                endpoint: udp.join(", "),
+                cure: "odometry would go there alone: connect to one other endpoint, and neither listen nor scout, or \
+                       leave it out",
+            });
         }
-        let datagrams = Self { connect: udp, listen: Vec::new(), scouting: false, ..self.clone() };
+        let datagrams = Self { connect: udp, ..self.clone() };
         Ok((Self { connect: streams, ..self.clone() }, Some(datagrams)))
+    }
+
+    fn check_signed(&self) -> Result<(), NetError> {
+        match self.listen.iter().chain(&self.connect).find(|endpoint| self.tls.is_given() && is_udp(endpoint))
+        {
+            None => Ok(()),
+            Some(udp) => Err(NetError::Datagrams {
+                endpoint: udp.clone(),
+                cure: "datagrams carry no certificate: leave it out, or leave out the certificates",
+            }),
+        }
     }
 
     /// Opens a session.
@@ -161,6 +175,7 @@ impl Endpoints {
     /// # Errors
     /// When an endpoint is malformed, taken or out of reach, or a file of keys cannot be used.
     pub async fn open(&self) -> Result<Session, NetError> {
+        self.check_signed()?;
         let failed = |error: zenoh::Error| NetError::Open {
             listen: self.listen.clone(),
             connect: self.connect.clone(),
@@ -183,10 +198,7 @@ impl Endpoints {
             ("scouting/multicast/enabled", self.scouting.to_string()),
             ("transport/unicast/open_timeout", self.open_timeout_ms.to_string()),
             ("transport/link/tx/lease", LEASE_MS.to_string()),
-            (
-                "transport/link/tx/queue/congestion_control/drop/wait_before_drop",
-                if self.link == Link::Lan { LAN_PATIENCE_US } else { AIR_PATIENCE_US }.to_string(),
-            ),
+            ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", PATIENCE_US.to_string()),
         ];
         if self.waits {
             settings.push(("connect/timeout_ms", "-1".into()));
@@ -200,6 +212,10 @@ impl Endpoints {
         }
         zenoh::open(config).await.map_err(failed)
     }
+}
+
+fn is_udp(endpoint: &str) -> bool {
+    endpoint.starts_with("udp/")
 }
 
 #[cfg(test)]
@@ -222,10 +238,20 @@ mod tests {
     }
 
     #[test]
+    fn datagrams_that_would_pass_somebody_by_are_refused() {
+        let listen = vec!["tcp/127.0.0.1:1".to_owned()];
+        let also_listening = Endpoints { listen, ..connecting_to(&["tcp/a:1", "udp/a:1"]) };
+        for endpoints in [also_listening, connecting_to(&["tcp/a:1", "tcp/b:1", "udp/a:1"])] {
+            let error = endpoints.split().unwrap_err().to_string();
+            assert!(error.contains("udp/a:1: odometry would go there alone"), "{error}");
+        }
+    }
+
+    #[test]
     fn datagrams_beside_certificates_are_refused() {
         let tls = TlsConfig { authority: "a.pem".into(), ..TlsConfig::default() };
         let error =
             Endpoints { tls, ..connecting_to(&["tls/a:1", "udp/a:1"]) }.split().unwrap_err().to_string();
-        assert!(error.contains("udp/a:1") && error.contains("network.tls"), "{error}");
+        assert!(error.contains("udp/a:1: datagrams carry no certificate"), "{error}");
     }
 }
