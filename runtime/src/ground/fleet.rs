@@ -109,17 +109,17 @@ impl Fleet {
 
     /// Odometry came, `now_ns` by this host's clock.
     pub fn odom(&mut self, name: &str, message: &proto::Odom, bytes: usize, now: Instant, now_ns: i64) {
-        self.watched(name, |vehicle| vehicle.take_odom(message, bytes, now, now_ns));
+        self.watched(name, now, |vehicle| vehicle.take_odom(message, bytes, now, now_ns));
     }
 
     /// An estimate came.
     pub fn state(&mut self, name: &str, message: &proto::State, bytes: usize, now: Instant) {
-        self.watched(name, |vehicle| vehicle.take_state(message, bytes, now));
+        self.watched(name, now, |vehicle| vehicle.take_state(message, bytes, now));
     }
 
     /// Health came.
     pub fn health(&mut self, name: &str, message: &proto::Health, bytes: usize, now: Instant) {
-        self.watched(name, |vehicle| vehicle.take_health(message, bytes, now));
+        self.watched(name, now, |vehicle| vehicle.take_health(message, bytes, now));
     }
 
     /// A keyframe came, by itself or as an answer.
@@ -161,23 +161,24 @@ impl Fleet {
     }
 
     /// Lets a vehicle change, and tells what people would want to know of the change.
-    fn watched(&mut self, name: &str, change: impl FnOnce(&mut Vehicle)) {
+    fn watched(&mut self, name: &str, now: Instant, change: impl FnOnce(&mut Vehicle)) {
         let Some(vehicle) = self.vehicle(name) else { return };
-        let before = (vehicle.state_words, vehicle.resets, vehicle.rung.clone());
+        let before = (vehicle.resets, vehicle.rung.clone());
         change(vehicle);
-        let after = (vehicle.state_words, vehicle.resets, vehicle.rung.clone());
-        if before.0 != after.0 {
-            let severity = match after.0 {
+        let after = (vehicle.resets, vehicle.rung.clone());
+        let words = vehicle.state_words;
+        if vehicle.state_news.is_due(words, now) {
+            let severity = match words {
                 "tracking" | "initialising" => Severity::Info,
                 "blind" => Severity::Warning,
                 _ => Severity::Error,
             };
-            self.tell(Some(name), severity, after.0.to_owned());
+            self.tell(Some(name), severity, words.to_owned());
         }
-        if before.1 != after.1 {
-            self.tell(Some(name), Severity::Warning, format!("reset: the counter is {} now", after.1));
+        if before.0 != after.0 {
+            self.tell(Some(name), Severity::Warning, format!("reset: the counter is {} now", after.0));
         }
-        if let (Some(old), Some(new)) = (before.2, after.2)
+        if let (Some(old), Some(new)) = (before.1, after.1)
             && old != new
         {
             self.tell(Some(name), Severity::Warning, format!("works with: {new}"));

@@ -11,6 +11,7 @@ pub mod fleet;
 pub mod line;
 mod listen;
 pub mod map;
+pub mod news;
 mod recover;
 mod report;
 pub mod track;

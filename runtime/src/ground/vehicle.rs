@@ -3,6 +3,7 @@
 use super::channel::{Channel, Delays, Place};
 use super::clock::ClockEstimate;
 use super::map::Map;
+use super::news::StateNews;
 use super::track::{MAX_POSES, PoseSample, Samples, Track};
 use crate::net::{proto, read, wire};
 use nalgebra::{Isometry3, Vector3};
@@ -71,6 +72,8 @@ pub struct Vehicle {
     pub quality: i32,
     /// State in words.
     pub state_words: &'static str,
+    /// What was told of it.
+    pub state_news: StateNews,
     /// Resets.
     pub resets: u32,
     /// Error and warning bits, and in words.
@@ -125,6 +128,7 @@ impl Default for Vehicle {
             details: Details::default(),
             quality: 0,
             state_words: "unknown",
+            state_news: StateNews::default(),
             resets: 0,
             bits: 0,
             health_words: Vec::new(),
