@@ -78,6 +78,12 @@ pub trait StereoSource: Send {
     /// When the stream cannot go on.
     fn next_frame(&mut self, frame: &mut StereoFrame) -> Result<bool, DriverError>;
 
+    /// Passes over frames older than `stamp`, which would come too late to be of use, and says how many. A source
+    /// that takes frames as they come has none; one that makes them when asked saves itself the work.
+    fn skip_to(&mut self, _stamp: Timestamp) -> u64 {
+        0
+    }
+
     /// Frames the stream will hold in all, where that is known (for progress bars).
     fn expected_frames(&self) -> Option<u64>;
 
@@ -88,6 +94,10 @@ pub trait StereoSource: Send {
 impl<S: StereoSource + ?Sized> StereoSource for Box<S> {
     fn next_frame(&mut self, frame: &mut StereoFrame) -> Result<bool, DriverError> {
         (**self).next_frame(frame)
+    }
+
+    fn skip_to(&mut self, stamp: Timestamp) -> u64 {
+        (**self).skip_to(stamp)
     }
 
     fn expected_frames(&self) -> Option<u64> {

@@ -1,8 +1,8 @@
 //! Live runs of the real binary: slowed down, held still, stopped; and the same bits when left in peace.
 
 use super::cgroup::Group;
+use super::host::beside_bare_timers;
 use super::{plumbline, stderr};
-use plumbline::schedule::bare_timer;
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
@@ -78,18 +78,6 @@ fn a_live_run_gives_the_bits_of_virtual_time_with_any_number_of_threads() {
     panic!("no live run went undisturbed");
 }
 
-/// What comes of `work`, and how late a bare timer was at most meanwhile, ms: what the host does to everybody.
-fn beside_a_bare_timer<T>(work: impl FnOnce() -> T) -> (T, f64) {
-    let stop = AtomicBool::new(false);
-    let period = Duration::from_millis(5);
-    std::thread::scope(|scope| {
-        let timer = scope.spawn(|| bare_timer::run(period, Some(80), &[], Duration::from_secs(600), &stop));
-        let result = work();
-        stop.store(true, Ordering::Relaxed);
-        (result, timer.join().unwrap().late_ms.percentiles().max)
-    })
-}
-
 #[test]
 fn on_a_host_slowed_down_four_times_odometry_goes_on_and_frames_do_not_pile_up() {
     // One processor, slowed down four times.
@@ -98,8 +86,9 @@ fn on_a_host_slowed_down_four_times_odometry_goes_on_and_frames_do_not_pile_up()
     // Real-time priorities would escape the quota.
     let mut child = flight.command(&["--speed", "1", "--set", "runtime.realtime=false"]).spawn().unwrap();
     group.add_process(child.id());
-    let (ended, host_ms) = beside_a_bare_timer(|| child.wait());
+    let (ended, host) = beside_bare_timers(Duration::from_millis(5), 80, || child.wait());
     assert!(ended.unwrap().success());
+    let host_ms = host.late_ms(1.0);
     let report = flight.read_report();
     println!("{:#}; a bare timer beside it: {host_ms} ms late at most", report["live"]);
     assert!(number(&report, "steps_down") >= 1.0, "nothing was left out");
@@ -114,6 +103,27 @@ fn on_a_host_slowed_down_four_times_odometry_goes_on_and_frames_do_not_pile_up()
     assert!(report["live"]["queue_depth"]["tracked frames"].as_f64().unwrap() <= 2.0);
     assert!(report["accuracy"]["ate_percent"].as_f64().unwrap() < 1.0, "{}", report["accuracy"]);
     assert_eq!(report["resets"], 0);
+}
+
+#[test]
+fn a_simulator_that_cannot_keep_up_leaves_frames_out_and_falls_no_further_behind() {
+    let Some(group) = Group::with_quota("renderer", 0.5) else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let arguments = ["replay", "sim:room", "--start", "2", "--duration", "6"].map(str::to_owned).to_vec();
+    let flight = Flight { folder, arguments };
+    // Frames are rendered in flight.
+    let live = ["--speed", "1", "--no-lines", "--set", "runtime.realtime=false"];
+    let mut child = flight.command(&live).spawn().unwrap();
+    group.add_process(child.id());
+    let (ended, host) = beside_bare_timers(Duration::from_millis(5), 80, || child.wait());
+    assert!(ended.unwrap().success());
+    let report = flight.read_report();
+    let [latest_ms, overdue] =
+        ["frame_latest_at_source_ms", "frames_overdue_at_source"].map(|key| number(&report, key));
+    println!("{overdue} frames overdue, the latest {latest_ms} ms late: {:#}", report["live"]);
+    assert!(overdue >= 10.0, "the renderer kept up");
+    assert!(latest_ms < 1000.0 + host.late_ms(1.0), "{latest_ms} ms");
+    assert!(report["frames"].as_f64().unwrap() >= 10.0);
 }
 
 #[test]

@@ -5,6 +5,7 @@ mod browser;
 mod cgroup;
 mod errors;
 mod example;
+mod host;
 mod lines;
 mod links;
 mod live;

@@ -2,6 +2,7 @@
 
 use super::{RenderScratch, Simulator};
 use crate::{DriverError, Faults, StereoFrame, StereoSource};
+use plumbline_config::Timestamp;
 
 /// Frames of a simulated flight, in order. After it is made nothing is allocated.
 #[derive(Clone, Debug)]
@@ -33,6 +34,14 @@ impl StereoSource for SimulatedStereo {
             self.faults.missing += 1;
         }
         Ok(false)
+    }
+
+    fn skip_to(&mut self, stamp: Timestamp) -> u64 {
+        let first = self.next;
+        while self.next < self.simulator.frame_count() && self.simulator.frame_stamp(self.next) < stamp {
+            self.next += 1;
+        }
+        self.next - first
     }
 
     fn expected_frames(&self) -> Option<u64> {

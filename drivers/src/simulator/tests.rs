@@ -252,6 +252,22 @@ fn the_same_seed_gives_the_same_bits_in_any_order() {
 }
 
 #[test]
+fn frames_that_would_come_too_late_are_passed_over() {
+    use crate::StereoSource;
+    let simulator = short_flight(Scene::Room, 7, Effects::none());
+    let mut stream = simulator.stereo();
+    let mut frame = StereoFrame::new(simulator.image_sizes());
+    assert!(stream.next_frame(&mut frame).unwrap());
+    assert_eq!(stream.skip_to(simulator.frame_stamp(1)), 0);
+    assert_eq!(stream.skip_to(simulator.frame_stamp(3).plus_nanos(1)), 3);
+    assert!(stream.next_frame(&mut frame).unwrap());
+    assert_eq!((frame.sequence, frame.stamp), (4, simulator.frame_stamp(4)));
+    let left = simulator.frame_count() - 5;
+    assert_eq!(stream.skip_to(Timestamp::MAX), left);
+    assert!(!stream.next_frame(&mut frame).unwrap());
+}
+
+#[test]
 fn every_pixel_sees_the_world() {
     for scene in SCENES {
         let simulator = short_flight(scene, 3, Effects::none());

@@ -10,6 +10,9 @@ use plumbline_drivers::{Faults, ImuReading, ImuSource, StereoFrame, StereoSource
 /// A frame that arrives later than this after its time was late at its source, ms.
 const LATE_AT_SOURCE_MS: f64 = 5.0;
 
+/// A source that is further behind than this passes over the frames that are overdue, ms: two periods at 20 Hz.
+const OVERDUE_MS: f64 = 100.0;
+
 /// A frame and when it was there.
 pub struct Arrival {
     pub frame: StereoFrame,
@@ -48,13 +51,24 @@ pub struct CameraTask {
     pub empty: Reader<StereoFrame>,
     pub arrivals: Writer<Arrival>,
     pub bell: Bell,
-    /// Frames that the source itself brought late.
+    /// How the source kept its time.
+    pub kept: CameraFigures,
+}
+
+/// How a source of frames kept its time.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct CameraFigures {
+    /// Frames that it brought late.
     pub late: u64,
+    /// How late the latest was, ms.
+    pub latest_ms: f64,
+    /// Frames that it passed over to be in time again.
+    pub overdue: u64,
 }
 
 impl CameraTask {
     /// Reads the stream to its end.
-    pub fn run(mut self, shared: &Shared<'_>) -> (Faults, u64) {
+    pub fn run(mut self, shared: &Shared<'_>) -> (Faults, CameraFigures) {
         self.bell.listen();
         while let Some(mut frame) = self.empty_frame(shared) {
             match self.source.next_frame(&mut frame) {
@@ -68,13 +82,18 @@ impl CameraTask {
             let due = shared.due(frame.stamp);
             due.sleep_until();
             let at = Monotonic::now();
-            self.late += u64::from(at.ms_since(due) > LATE_AT_SOURCE_MS);
+            let late_ms = at.ms_since(due);
+            self.kept.late += u64::from(late_ms > LATE_AT_SOURCE_MS);
+            self.kept.latest_ms = self.kept.latest_ms.max(late_ms);
+            if late_ms > OVERDUE_MS {
+                self.kept.overdue += self.source.skip_to(shared.data_time(at));
+            }
             shared.heartbeats.give(TaskId::FrontEnd);
             if self.arrivals.push(Arrival { frame, at }).is_err() {
                 break;
             }
         }
-        (self.source.faults(), self.late)
+        (self.source.faults(), self.kept)
     }
 
     fn empty_frame(&mut self, shared: &Shared<'_>) -> Option<StereoFrame> {

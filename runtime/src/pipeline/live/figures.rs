@@ -28,6 +28,10 @@ pub struct LiveFigures {
     pub frames_passed_over: u64,
     /// Frames that the source itself brought late.
     pub frames_late_at_source: u64,
+    /// How late the source brought a frame at most, ms.
+    pub frame_latest_at_source_ms: f64,
+    /// Frames that the source passed over because they were overdue.
+    pub frames_overdue_at_source: u64,
     /// Frames on each rung of the ladder.
     pub on_rung: BTreeMap<&'static str, u64>,
     /// Steps down the ladder.
@@ -74,7 +78,9 @@ impl LiveFigures {
             frame_response_ms: front.response_ms.percentiles(),
             frames_shed: front.shed,
             frames_passed_over: front.passed_over,
-            frames_late_at_source: ended.camera.1,
+            frames_late_at_source: ended.camera.1.late,
+            frame_latest_at_source_ms: ended.camera.1.latest_ms,
+            frames_overdue_at_source: ended.camera.1.overdue,
             on_rung: Rung::ALL.map(|r| (r.name(), front.on_rung[usize::from(r.level())])).into(),
             steps_down: front.steps.0,
             steps_up: front.steps.1,

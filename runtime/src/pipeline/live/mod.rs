@@ -33,7 +33,7 @@ use crate::schedule::ring::{Bell, Reader, ring};
 use crate::schedule::tasks::{TaskId, TaskTable};
 use crate::schedule::ticker::Monotonic;
 use crate::schedule::watchdog::Heartbeats;
-use drivers::{Arrival, CameraTask, ImuTask};
+use drivers::{Arrival, CameraFigures, CameraTask, ImuTask};
 use front_end::{FrontEndFigures, FrontEndRings, FrontEndTask};
 use minder::Minder;
 use plumbline_config::{Config, Timestamp};
@@ -226,7 +226,7 @@ impl Live {
             let _ = spare_in.push(Job::new(&config));
             let _ = blank_in.push(Feedback::new(&config));
         }
-        let camera = CameraTask { source: stereo, empty, arrivals: arrivals_in, bell: camera_bell, late: 0 };
+        let camera = CameraTask { source: stereo, empty, arrivals: arrivals_in, bell: camera_bell, kept: CameraFigures::default() };
         let tick = TickTask::new(tick, readings, corrections, samples_in, odometry_in);
         let rings = FrontEndRings {
             arrivals,
@@ -280,7 +280,7 @@ struct Ended {
     tick: (TickStage, TickTaskFigures),
     front: (FrontStage, FrontEndFigures),
     window: (WindowStage, usize),
-    camera: (Faults, u64),
+    camera: (Faults, CameraFigures),
     imu: Faults,
 }
 
@@ -289,7 +289,7 @@ impl Ended {
         figures.finish();
         figures.add_stages(&self.front.0, &self.window.0, &self.tick.0);
         figures.hot_path_allocations += team.allocations();
-        figures.frames_refused += self.front.1.refused();
+        figures.frames_refused += self.front.1.refused() + self.camera.1.overdue;
         Outcome {
             estimate_digest: self.window.0.digest(),
             odometry_digest: self.tick.0.digest(),
