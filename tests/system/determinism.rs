@@ -17,7 +17,7 @@ fn digests(seed: u64, threads: usize) -> (String, String) {
         resolution_scale: 0.5,
         ..Scenario::default()
     };
-    let flight = open_simulation(None, &scenario, false, 0.0).unwrap();
+    let flight = open_simulation(None, &scenario, false, 0.0, None).unwrap();
     let options = RunOptions { speed: None, threads };
     let (report, _, _) = fly(flight, Recorder::default(), &options, &Control::default()).unwrap();
     assert!(report.completion > 0.9);

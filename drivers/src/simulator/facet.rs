@@ -151,7 +151,7 @@ impl Facet {
             f.v_down[i] = (vx * step[2] + vy * step[3]) * scale_v;
         }
         let finish = &surface.finish;
-        let mut values = world.materials.texture(finish.material).sample(&f);
+        let mut values = finish.material.texture().sample(&f);
         let contrast = (finish.bright - finish.dark) / 255.0;
         values.iter_mut().for_each(|value| *value = finish.dark + contrast * *value);
         (values, s, t)

@@ -84,7 +84,7 @@ pub struct RenderScratch {
 
 impl Simulator {
     /// Prepares the flight of `scenario` for the rig of `config` (at full resolution; see
-    /// [`Self::config`] for the rig that is simulated). Takes a few hundred milliseconds.
+    /// [`Self::config`] for the rig that is simulated).
     ///
     /// # Errors
     /// When the trajectory cannot be read, or the scenario asks for what it does not hold.
@@ -175,9 +175,10 @@ impl Simulator {
         self.frame_time(index).plus_seconds(-self.inner.scenario.effects.time_offset_s)
     }
 
-    /// Working memory for one thread that renders.
+    /// Working memory for one thread that renders. The first one paints the world, which takes up to a second.
     #[must_use]
     pub fn scratch(&self) -> RenderScratch {
+        self.inner.world.paint();
         let sizes = self.image_sizes();
         let width = sizes[0].0.max(sizes[1].0);
         let height = sizes[0].1.max(sizes[1].1);

@@ -6,7 +6,7 @@
 
 use super::canvas::Canvas;
 use super::texture::Texture;
-use std::sync::{Arc, OnceLock};
+use std::sync::OnceLock;
 
 /// Side of a detailed pattern, texels.
 const SIDE: usize = 1024;
@@ -55,7 +55,16 @@ impl Material {
         }
     }
 
-    fn texture(self) -> Texture {
+    /// The pattern, painted when it is first asked for: it is the same in every scenario. Painting takes a tenth of
+    /// a second.
+    #[inline]
+    pub(super) fn texture(self) -> &'static Texture {
+        const COUNT: usize = Material::ALL.len();
+        static PAINTED: [OnceLock<Texture>; COUNT] = [const { OnceLock::new() }; COUNT];
+        PAINTED[self as usize].get_or_init(|| self.paint())
+    }
+
+    fn paint(self) -> Texture {
         let canvas = match self {
             Self::Bricks => bricks(),
             Self::Plaster => plaster(),
@@ -70,27 +79,6 @@ impl Material {
             Self::Panels => panels(),
         };
         Texture::new(canvas.side, &canvas.values)
-    }
-}
-
-/// All materials, baked.
-#[derive(Debug)]
-pub(super) struct Materials {
-    textures: Vec<Texture>,
-}
-
-impl Materials {
-    /// The patterns, painted when they are first asked for: they are the same in every scenario.
-    pub(super) fn shared() -> Arc<Self> {
-        static SHARED: OnceLock<Arc<Materials>> = OnceLock::new();
-        let bake = || Arc::new(Self { textures: Material::ALL.iter().map(|m| m.texture()).collect() });
-        Arc::clone(SHARED.get_or_init(bake))
-    }
-
-    /// The pattern of `material`.
-    #[inline]
-    pub(super) fn texture(&self, material: Material) -> &Texture {
-        &self.textures[material as usize]
     }
 }
 
@@ -274,11 +262,10 @@ mod tests {
 
     #[test]
     fn patterns_are_contrasty_and_fit_in_memory() {
-        let materials = Materials::shared();
-        let bytes: usize = materials.textures.iter().map(Texture::bytes).sum();
+        let bytes: usize = Material::ALL.iter().map(|material| material.texture().bytes()).sum();
         assert!(bytes < 60 << 20, "{} MiB", bytes >> 20);
         for material in Material::ALL {
-            let texture = materials.texture(material);
+            let texture = material.texture();
             let values: Vec<f32> = (0..4096)
                 .map(|i| {
                     let (u, v) = ([(i % 64) as f32 * 7.3], [(i / 64) as f32 * 5.9]);

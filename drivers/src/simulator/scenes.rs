@@ -2,7 +2,7 @@
 
 use super::builder::{Bounds, Builder, Solid, Wall};
 use super::light::{Lamp, Lighting, bake};
-use super::pattern::{Material, Materials};
+use super::pattern::Material;
 use super::world::{Finish, World};
 use nalgebra::Vector3;
 
@@ -34,7 +34,7 @@ pub(super) fn build(scene: Scene, seed: u64, path: &[Vector3<f64>]) -> World {
         Scene::LowTexture => plain_room(&mut builder, &flight),
     };
     bake(&mut builder.surfaces, &builder.casters, &lighting);
-    World { surfaces: builder.surfaces, materials: Materials::shared() }
+    World { surfaces: builder.surfaces }
 }
 
 fn grown(flight: &Bounds, sides_m: [f64; 2], above_m: f64) -> Bounds {

@@ -162,7 +162,7 @@ fn by_rays(simulator: &Simulator, pose_w_c: &Isometry3<f64>, px: &Vector2<f64>) 
             u_down: none,
             v_down: none,
         };
-        let value = world.materials.texture(surface.finish.material).sample(&spot)[0] / 255.0;
+        let value = surface.finish.material.texture().sample(&spot)[0] / 255.0;
         let albedo = surface.finish.dark + (surface.finish.bright - surface.finish.dark) * value;
         sum += f64::from(albedo * surface.light.at(s, t)) / 64.0;
     }

@@ -3,9 +3,8 @@
 //! Frame `W`: z up, metres. A surface is seen from the side its normal points to.
 
 use super::light::LightMap;
-use super::pattern::{Material, Materials};
+use super::pattern::Material;
 use nalgebra::Vector3;
-use std::sync::Arc;
 
 /// How a surface looks: albedo goes from `dark` to `bright` along the values of the pattern.
 #[derive(Clone, Copy, Debug)]
@@ -91,14 +90,20 @@ pub struct Hit {
     pub distance: f64,
 }
 
-/// All surfaces, and what they are made of.
+/// All surfaces.
 #[derive(Debug)]
 pub(super) struct World {
     pub(super) surfaces: Vec<Surface>,
-    pub(super) materials: Arc<Materials>,
 }
 
 impl World {
+    /// Paints what the surfaces are made of, so that nobody waits for it later.
+    pub(super) fn paint(&self) {
+        for surface in &self.surfaces {
+            surface.finish.material.texture();
+        }
+    }
+
     /// The first surface that the ray from `origin` along `direction` (both in the world) meets.
     pub(super) fn first_hit(&self, origin: &Vector3<f64>, direction: &Vector3<f64>) -> Option<Hit> {
         let mut best: Option<Hit> = None;

@@ -3,7 +3,7 @@
 
 mod adversary;
 
-use crate::campaign::{SCENES, cache};
+use crate::campaign::SCENES;
 use crate::cli::replay::fly;
 use crate::flight::{Truth, open_simulation};
 use crate::pipeline::figures::Percentiles;
@@ -58,14 +58,11 @@ pub fn run(duration_s: f64, cache: &Path, mut tell: impl FnMut(&str)) -> Result<
 
 fn load(scene: Scene, duration_s: f64, cache: &Path, is_adversarial: bool) -> Result<Report> {
     let scenario = Scenario { scene, start_s: START_S, duration_s, ..Scenario::default() };
-    let mut flight = open_simulation(None, &scenario, false, 0.0)?;
-    if let Truth::Simulated(simulator) = &flight.truth {
-        flight.stereo = if is_adversarial {
-            let stamps = (0..simulator.frame_count()).map(|k| simulator.frame_stamp(k)).collect();
-            Box::new(Adversary::new(simulator.image_sizes(), stamps, scenario.seed))
-        } else {
-            cache::frames(cache, simulator, &scenario)?
-        };
+    let rendered = (!is_adversarial).then_some(cache);
+    let mut flight = open_simulation(None, &scenario, false, 0.0, rendered)?;
+    if let (true, Truth::Simulated(simulator)) = (is_adversarial, &flight.truth) {
+        let stamps = (0..simulator.frame_count()).map(|k| simulator.frame_stamp(k)).collect();
+        flight.stereo = Box::new(Adversary::new(simulator.image_sizes(), stamps, scenario.seed));
     }
     let options = RunOptions { speed: None, threads: 1 };
     let (report, _, _) = fly(flight, Recorder::default(), &options, &Control::default())?;

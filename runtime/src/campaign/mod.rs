@@ -1,15 +1,14 @@
 //! The built-in set of simulated flights: every trajectory in every scene, and what may go wrong.
 //!
 //! The paths are those of real flights (ground truth of EuRoC sequences); the world around them is
-//! simulated. Rendered frames can be kept on disk ([`cache`]), so that a change of the estimator is
+//! simulated. Rendered frames can be kept on disk (see [`crate::flight`]), so that a change of the estimator is
 //! measured in a fraction of the time.
 
-pub mod cache;
 pub mod table;
 
 use crate::cli::overrides::with_overrides;
 use crate::cli::replay::fly;
-use crate::flight::{Flight, Truth, open_simulation};
+use crate::flight::{Flight, open_simulation};
 use crate::pipeline::{Control, RunOptions};
 use crate::record::Recorder;
 use crate::report::Report;
@@ -154,12 +153,14 @@ impl Entry {
     /// When it cannot be simulated, the cache cannot be used, or a change of the configuration is refused.
     pub fn fly_as(&self, setup: &Setup) -> Result<Report> {
         let error_deg = self.fault.extrinsics_error_deg();
-        let mut flight: Flight =
-            open_simulation(setup.config.clone(), &self.scenario, setup.mono, error_deg)?;
+        let mut flight: Flight = open_simulation(
+            setup.config.clone(),
+            &self.scenario,
+            setup.mono,
+            error_deg,
+            setup.cache.as_deref(),
+        )?;
         flight.config = with_overrides(&flight.config, &setup.overrides)?;
-        if let (Some(folder), Truth::Simulated(simulator)) = (&setup.cache, &flight.truth) {
-            flight.stereo = cache::frames(folder, simulator, &self.scenario)?;
-        }
         let options = RunOptions { speed: None, threads: setup.threads };
         let (report, _, _) = fly(flight, Recorder::default(), &options, &Control::default())?;
         Ok(report)

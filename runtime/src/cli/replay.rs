@@ -4,7 +4,6 @@ use super::overrides::with_overrides;
 use super::scenario::{ScenarioArgs, parse_scene};
 use super::{Usage, check_outputs, load_config, parse_range, say, stop_on_signal};
 use crate::autopilot::{Bridge, Stamps};
-use crate::campaign::cache;
 use crate::evaluate::load_trajectory;
 use crate::flight::{Flight, Truth, is_log, open_dataset, open_log, open_simulation};
 use crate::log::{self, WhenFull};
@@ -179,11 +178,8 @@ fn open(args: &ReplayArgs) -> Result<Flight> {
     let config = load_config(args.config.as_deref())?;
     if let Some(scene) = args.dataset.strip_prefix("sim:") {
         let scenario = args.scenario.scenario(parse_scene(scene)?)?;
-        let mut flight = open_simulation(config, &scenario, args.mono, args.scenario.extrinsics_error_deg)?;
-        if let (Some(folder), Truth::Simulated(simulator)) = (&args.cache, &flight.truth) {
-            flight.stereo = cache::frames(folder, simulator, &scenario)?;
-        }
-        return Ok(flight);
+        let error_deg = args.scenario.extrinsics_error_deg;
+        return open_simulation(config, &scenario, args.mono, error_deg, args.cache.as_deref());
     }
     let frames = match &args.frames {
         None => None,

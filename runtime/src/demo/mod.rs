@@ -66,7 +66,7 @@ pub fn run(args: &DemoArgs) -> Result<()> {
         Some(scale) => scale,
         None => affordable_resolution(&scenario)?,
     };
-    let flight: Flight = open_simulation(None, &scenario, false, 0.0)?;
+    let flight: Flight = open_simulation(None, &scenario, false, 0.0, None)?;
     let size = &flight.config.camera[0];
     let endpoint = free_endpoint()?;
     let mut endpoints = Endpoints::of(&flight.config.network);

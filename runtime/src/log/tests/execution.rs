@@ -48,7 +48,7 @@ fn a_log_without_images_is_verified_against_its_data_set() {
     assert!(v.identical && v.complete, "{v:?}");
     assert_eq!(v.estimate_digest, report.estimate_digest);
     let other = Scenario { scene: Scene::Room, seed: 2, resolution_scale: 0.3, ..Scenario::default() };
-    let other = open_simulation(None, &other, false, 0.0).unwrap();
+    let other = open_simulation(None, &other, false, 0.0, None).unwrap();
     let refused = verify(&path, Some(other.stereo), &mut |_| {}).unwrap_err().to_string();
     assert!(refused.contains("frame 0 of the data set"), "{refused}");
 }

@@ -35,7 +35,7 @@ const NO_LIMITS: Limits =
 fn flight() -> Flight {
     let scenario =
         Scenario { scene: Scene::Room, duration_s: 1.0, resolution_scale: 0.3, ..Scenario::default() };
-    open_simulation(None, &scenario, false, 0.0).unwrap()
+    open_simulation(None, &scenario, false, 0.0, None).unwrap()
 }
 
 /// Flies and records; what the flight and the recording came to.

@@ -226,7 +226,13 @@ impl Live {
             let _ = spare_in.push(Job::new(&config));
             let _ = blank_in.push(Feedback::new(&config));
         }
-        let camera = CameraTask { source: stereo, empty, arrivals: arrivals_in, bell: camera_bell, kept: CameraFigures::default() };
+        let camera = CameraTask {
+            source: stereo,
+            empty,
+            arrivals: arrivals_in,
+            bell: camera_bell,
+            kept: CameraFigures::default(),
+        };
         let tick = TickTask::new(tick, readings, corrections, samples_in, odometry_in);
         let rings = FrontEndRings {
             arrivals,

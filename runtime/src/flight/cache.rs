@@ -21,7 +21,11 @@ const RENDERER_VERSION: u32 = 1;
 ///
 /// # Errors
 /// When the cache cannot be written or read.
-pub fn frames(folder: &Path, simulator: &Simulator, scenario: &Scenario) -> Result<Box<dyn StereoSource>> {
+pub(super) fn frames(
+    folder: &Path,
+    simulator: &Simulator,
+    scenario: &Scenario,
+) -> Result<Box<dyn StereoSource>> {
     let path = folder.join(format!("{}.raw", key(simulator, scenario)));
     if !path.exists() {
         std::fs::create_dir_all(folder).with_context(|| format!("{}", folder.display()))?;

@@ -1,5 +1,7 @@
 //! What is flown: a recorded data set or a simulated scenario, opened and ready to run.
 
+mod cache;
+
 use crate::cli::Usage;
 use crate::log::LogReader;
 use crate::log::source::{LogImu, LogStereo};
@@ -142,15 +144,17 @@ fn check_dataset(path: &Path) -> Result<(), Usage> {
 }
 
 /// Prepares a simulated flight. The estimator's cameras are turned against the true ones by
-/// `extrinsics_error_deg`.
+/// `extrinsics_error_deg`. With `rendered`, a folder, its frames are read from there, and rendered first if they are
+/// not there yet.
 ///
 /// # Errors
-/// When the scenario is impossible or its trajectory cannot be read.
+/// When the scenario is impossible, its trajectory cannot be read, or the folder cannot be used.
 pub fn open_simulation(
     config: Option<Config>,
     scenario: &Scenario,
     mono: bool,
     extrinsics_error_deg: f64,
+    rendered: Option<&Path>,
 ) -> Result<Flight> {
     let config = scenario_config(config, mono)?;
     let simulator = Simulator::new(&config, scenario).context("the flight cannot be simulated")?;
@@ -165,7 +169,10 @@ pub fn open_simulation(
     turn_cameras(&mut config, extrinsics_error_deg.to_radians());
     Ok(Flight {
         imu: Box::new(simulator.imu()),
-        stereo: Box::new(simulator.stereo()),
+        stereo: match rendered {
+            Some(folder) => cache::frames(folder, &simulator, scenario)?,
+            None => Box::new(simulator.stereo()),
+        },
         name: format!("simulated flight, {:?}, seed {}", scenario.scene, scenario.seed),
         truth: Truth::Simulated(simulator),
         config,
