@@ -2,7 +2,7 @@
 
 use super::cgroup::Group;
 use super::host::{Host, beside_bare_timers};
-use super::live::thread_of;
+use super::live::{AWAKE, thread_of};
 use super::{fails, stderr};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read};
@@ -68,7 +68,7 @@ impl Flight {
         let folder = tempfile::tempdir().unwrap();
         let cache = folder.path().join("cache").display().to_string();
         let flight = ["replay", "sim:room", "--start", "2", "--duration", duration_s, "--scale", "0.5"];
-        let arguments = [&flight[..], &["--no-lines", "--cache", &cache], more].concat();
+        let arguments = [&flight[..], &["--no-lines", "--cache", &cache, "--set", AWAKE], more].concat();
         let arguments: Vec<String> = arguments.into_iter().map(str::to_owned).collect();
         let rendered = Command::new(env!("CARGO_BIN_EXE_plumbline")).args(&arguments).output().unwrap();
         assert!(rendered.status.success(), "{}", stderr(&rendered));

@@ -10,6 +10,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
+/// Processors of a virtual machine that sleep wake up when its host gets round to it.
+pub const AWAKE: &str = "runtime.idle_latency_us=0";
+
 /// A flight whose frames are rendered beforehand into a folder, so that only the estimator runs live.
 struct Flight {
     folder: tempfile::TempDir,
@@ -21,9 +24,10 @@ impl Flight {
         let folder = tempfile::tempdir().unwrap();
         let cache = folder.path().join("cache").display().to_string();
         let duration = duration_s.to_string();
-        let arguments =
-            ["replay", scene, "--start", "2", "--duration", &duration, "--scale", scale, "--cache", &cache];
-        let flight = Self { arguments: arguments.map(str::to_owned).to_vec(), folder };
+        let flown = ["replay", scene, "--start", "2", "--duration", &duration, "--scale", scale];
+        let arguments = [&flown[..], &["--cache", &cache, "--set", AWAKE]].concat();
+        let arguments = arguments.into_iter().map(str::to_owned).collect();
+        let flight = Self { arguments, folder };
         let rendered = flight.finished(&["--no-lines"]);
         assert!(rendered["completion"].as_f64().unwrap() > 0.9);
         flight
@@ -273,6 +277,7 @@ fn soak_a_long_live_flight_keeps_its_time() {
     let doctor = Command::new(env!("CARGO_BIN_EXE_plumbline"))
         .args(["doctor", "--watch", &watch])
         .args(apart)
+        .args(["--set", AWAKE])
         .stdout(Stdio::piped())
         .spawn()
         .unwrap();

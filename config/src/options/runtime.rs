@@ -10,6 +10,9 @@ pub struct RuntimeConfig {
     pub realtime: bool,
     /// Keep all memory resident.
     pub lock_memory: bool,
+    /// Longest time to wake up that an idle processor's state may have, us (the kernel's PM QoS, for all
+    /// processors); 0 keeps them awake, -1 leaves it to the system.
+    pub idle_latency_us: i64,
     /// Processors of the tick, counted from 0; empty for any.
     pub tick_cpus: Vec<usize>,
     /// Processors of front-end and window; empty for any.
@@ -18,6 +21,12 @@ pub struct RuntimeConfig {
 
 impl Default for RuntimeConfig {
     fn default() -> Self {
-        Self { realtime: true, lock_memory: true, tick_cpus: Vec::new(), work_cpus: Vec::new() }
+        Self {
+            realtime: true,
+            lock_memory: true,
+            idle_latency_us: 50,
+            tick_cpus: Vec::new(),
+            work_cpus: Vec::new(),
+        }
     }
 }

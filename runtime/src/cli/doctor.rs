@@ -3,7 +3,7 @@
 use super::overrides::with_overrides;
 use super::{Usage, load_config, say};
 use crate::schedule::bare_timer;
-use crate::schedule::host::{lock_memory, pin, raise_priority};
+use crate::schedule::host::{Refusal, limit_idle_latency, lock_memory, pin, raise_priority};
 use crate::schedule::tasks::{TaskId, TaskTable};
 use anyhow::Result;
 use clap::Args;
@@ -47,6 +47,8 @@ pub fn run(args: &DoctorArgs) -> Result<()> {
     let Some(config) = load_config(Some(&args.config))? else { return Ok(()) };
     let config = with_overrides(&config, &args.overrides)?;
     let table = TaskTable::new(&config, 1.0);
+    // Held while the timer is watched, as in a flight.
+    let awake = limit_idle_latency(config.runtime.idle_latency_us);
     let mut poor = 0;
     for (name, verdict) in [
         ("configuration", configuration(&config)),
@@ -54,6 +56,7 @@ pub fn run(args: &DoctorArgs) -> Result<()> {
         ("real-time priority", priority(&table)),
         ("locked memory", memory()),
         ("pinning", pinning(&config)),
+        ("sleep", sleep(&config, awake.as_ref().err())),
         ("frequency governor", governor()),
         ("clock source", clock_source()),
         ("kernel", kernel()),
@@ -126,6 +129,22 @@ fn pinning(config: &Config) -> Verdict {
 /// The first line of a file of the system.
 fn line_of(path: &str) -> Option<String> {
     Some(std::fs::read_to_string(Path::new(path)).ok()?.lines().next()?.trim().to_owned())
+}
+
+/// In a virtual machine even the shallowest sleep is left only when its host gets round to it.
+fn sleep(config: &Config, refusal: Option<&Refusal>) -> Verdict {
+    let us = config.runtime.idle_latency_us;
+    let is_virtual = line_of("/sys/devices/system/cpu/cpuidle/current_driver").as_deref() == Some("haltpoll");
+    match refusal {
+        Some(refusal) => Verdict::Poor(refusal.to_string()),
+        None if is_virtual && us != 0 => Verdict::Poor(
+            "a virtual machine: runtime.idle_latency_us = 0 keeps its processors awake, and ticks in time"
+                .into(),
+        ),
+        None if us < 0 => Verdict::Fine("left to the system".into()),
+        None if us == 0 => Verdict::Fine("processors stay awake in flight".into()),
+        None => Verdict::Fine(format!("processors wake up within {us} us in flight")),
+    }
 }
 
 fn governor() -> Verdict {

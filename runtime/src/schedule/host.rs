@@ -1,16 +1,21 @@
-//! What the host grants a real-time run: SCHED_FIFO, locked memory, a processor of one's own. Each is asked
-//! for once, and what is refused is told once, with what to do about it.
+//! What the host grants a real-time run: SCHED_FIFO, locked memory, a processor of one's own, processors that do
+//! not sleep deeply. Each is asked for once, and what is refused is told once, with what to do about it.
 
 use super::tasks::Task;
 use plumbline_config::options::RuntimeConfig;
 use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::thread::{CpuSet, sched_setaffinity};
+use std::fs::{File, OpenOptions};
 use std::hint::black_box;
+use std::io::Write;
 use std::sync::OnceLock;
 use thread_priority::{
     RealtimeThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy, set_thread_priority_and_policy,
     thread_native_id,
 };
+
+/// Where the kernel takes requests for short wake-ups; they hold as long as the file is open.
+const IDLE_LATENCY: &str = "/dev/cpu_dma_latency";
 
 /// Stack that every task touches before its first release, bytes.
 const PREFAULTED_STACK: usize = 256 * 1024;
@@ -32,6 +37,12 @@ pub enum Refusal {
     /// Not on the processor that was asked for.
     #[error("processor {1} is not to be had ({0}): see runtime.tick_cpus and runtime.work_cpus")]
     Affinity(String, usize),
+    /// Processors sleep as deeply as the system likes.
+    #[error(
+        "no limit to the sleep of processors ({0}): ticks may be late by the time they take to wake up; let the \
+         user write {IDLE_LATENCY} (as the unit file does), or set runtime.idle_latency_us = -1"
+    )]
+    Idle(String),
 }
 
 /// Asks for what the configuration wants, and remembers what was refused.
@@ -40,10 +51,12 @@ pub struct Host {
     wants: RuntimeConfig,
     priority: OnceLock<()>,
     affinity: OnceLock<()>,
+    /// Holds the request.
+    _awake: Option<File>,
 }
 
 impl Host {
-    /// Locks the memory of the process, if wanted.
+    /// Locks the memory of the process and limits the sleep of the processors, if wanted.
     #[must_use]
     pub fn new(wants: &RuntimeConfig) -> Self {
         if wants.lock_memory
@@ -51,7 +64,11 @@ impl Host {
         {
             tracing::warn!("{refusal}");
         }
-        Self { wants: wants.clone(), ..Self::default() }
+        let awake = limit_idle_latency(wants.idle_latency_us).unwrap_or_else(|refusal| {
+            tracing::warn!("{refusal}");
+            None
+        });
+        Self { wants: wants.clone(), _awake: awake, ..Self::default() }
     }
 
     /// Makes the calling thread the one of `task`: its stack is touched, its priority and processor are set.
@@ -98,6 +115,24 @@ pub fn lock_memory() -> Result<(), Refusal> {
     mlockall(flags).map_err(|error| Refusal::Memory(error.to_string()))
 }
 
+/// Keeps all processors from idle states that take longer than this to leave, as long as the file is held; a negative
+/// number asks for nothing.
+///
+/// # Errors
+/// When the host does not allow it.
+pub fn limit_idle_latency(us: i64) -> Result<Option<File>, Refusal> {
+    if us < 0 {
+        return Ok(None);
+    }
+    let request = i32::try_from(us).unwrap_or(i32::MAX).to_ne_bytes();
+    let ask = || {
+        let mut file = OpenOptions::new().write(true).open(IDLE_LATENCY)?;
+        file.write_all(&request)?;
+        Ok(Some(file))
+    };
+    ask().map_err(|error: std::io::Error| Refusal::Idle(error.to_string()))
+}
+
 /// Keeps the calling thread on `cpus`; on any, if none is named.
 ///
 /// # Errors
@@ -129,6 +164,16 @@ mod tests {
         let refusal = pin(&[1_000_000]).unwrap_err();
         assert!(refusal.to_string().contains("1000000"), "{refusal}");
         assert!(pin(&[]).is_ok());
+    }
+
+    #[test]
+    fn the_sleep_of_processors_is_limited_where_that_is_allowed() {
+        assert!(limit_idle_latency(-1).unwrap().is_none());
+        let is_allowed = OpenOptions::new().write(true).open(IDLE_LATENCY).is_ok();
+        match limit_idle_latency(50) {
+            Ok(file) => assert!(is_allowed && file.is_some()),
+            Err(refusal) => assert!(!is_allowed && refusal.to_string().contains("idle_latency_us = -1")),
+        }
     }
 
     #[test]
