@@ -26,6 +26,8 @@ pub struct LiveFigures {
     pub frames_shed: u64,
     /// Frames that the rung did not admit.
     pub frames_passed_over: u64,
+    /// Frames tracked before all their inertial samples were there.
+    pub frames_short_of_samples: u64,
     /// Frames that the source itself brought late.
     pub frames_late_at_source: u64,
     /// How late the source brought a frame at most, ms.
@@ -78,6 +80,7 @@ impl LiveFigures {
             frame_response_ms: front.response_ms.percentiles(),
             frames_shed: front.shed,
             frames_passed_over: front.passed_over,
+            frames_short_of_samples: front.short_of_samples,
             frames_late_at_source: ended.camera.1.late,
             frame_latest_at_source_ms: ended.camera.1.latest_ms,
             frames_overdue_at_source: ended.camera.1.overdue,

@@ -14,12 +14,17 @@ use plumbline_config::Timestamp;
 use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::Feedback;
 
+/// How often [`NAP`] a frame waits for its samples: a tick that the host holds up for a moment catches up.
+const SAMPLE_NAPS: u32 = 4;
+
 /// What the task counts and times.
 pub struct FrontEndFigures {
     /// Frames refused because a newer one was there.
     pub shed: u64,
     /// Frames that the rung did not admit.
     pub passed_over: u64,
+    /// Frames tracked before all their samples were there.
+    pub short_of_samples: u64,
     /// Frames on each rung.
     pub on_rung: [u64; Rung::ALL.len()],
     /// Steps of the ladder, down and up.
@@ -58,6 +63,7 @@ pub struct FrontEndTask {
     rings: FrontEndRings,
     ladder: Ladder,
     newest_imu: Timestamp,
+    is_imu_silent: bool,
     taken: u64,
     heard: u64,
     figures: FrontEndFigures,
@@ -70,11 +76,13 @@ impl FrontEndTask {
             rings,
             ladder: Ladder::default(),
             newest_imu: Timestamp::MIN,
+            is_imu_silent: false,
             taken: 0,
             heard: 0,
             figures: FrontEndFigures {
                 shed: 0,
                 passed_over: 0,
+                short_of_samples: 0,
                 on_rung: [0; Rung::ALL.len()],
                 steps: (0, 0),
                 response_ms: Times::of_ms(),
@@ -160,20 +168,35 @@ impl FrontEndTask {
         Some((newest, shed))
     }
 
-    /// Takes readings until one reaches the time that the frame needs; waits for it a frame period at most.
+    /// Takes readings until one reaches the time that the frame needs.
     fn take_samples(&mut self, shared: &Shared<'_>, image_stamp: Timestamp) {
         let needed = self.stage.needed_until(image_stamp);
-        let patience = shared.table.row(TaskId::FrontEnd).period;
         while self.newest_imu < needed {
-            let FrontEndRings { bell, samples, .. } = &mut self.rings;
-            let reading = bell.wait(patience, || {
-                let reading = samples.pop();
-                (reading.is_some() || samples.is_closed()).then_some(reading)
-            });
-            let Some(Some(reading)) = reading else { return };
+            let Some(reading) = self.next_reading(shared) else { return };
             self.newest_imu = self.newest_imu.max(reading.sample.stamp);
             self.stage.add(&reading);
         }
+        self.is_imu_silent = false;
+    }
+
+    /// The next reading. `None` when there are no more, or none came for long: one frame waits long for an IMU that
+    /// has fallen silent, those after it do not.
+    fn next_reading(&mut self, shared: &Shared<'_>) -> Option<ImuReading> {
+        for _ in 0..if self.is_imu_silent { 1 } else { SAMPLE_NAPS } {
+            let FrontEndRings { bell, samples, .. } = &mut self.rings;
+            let reading = bell.wait(NAP, || {
+                let reading = samples.pop();
+                (reading.is_some() || samples.is_closed()).then_some(reading)
+            });
+            if let Some(reading) = reading {
+                return reading;
+            }
+            // It is the tick that is late.
+            shared.heartbeats.busy(TaskId::FrontEnd);
+        }
+        self.is_imu_silent = true;
+        self.figures.short_of_samples += 1;
+        None
     }
 
     /// Lets the ladder judge the frame.
