@@ -10,8 +10,8 @@ use plumbline_drivers::{Faults, ImuReading, ImuSource, StereoFrame, StereoSource
 /// A frame that arrives later than this after its time was late at its source, ms.
 const LATE_AT_SOURCE_MS: f64 = 5.0;
 
-/// A source that is further behind than this passes over the frames that are overdue, ms: two periods at 20 Hz.
-const OVERDUE_MS: f64 = 100.0;
+/// A source that is further behind than this passes over the frames that are overdue, periods.
+const OVERDUE_PERIODS: f64 = 2.0;
 
 /// A frame and when it was there.
 pub struct Arrival {
@@ -70,6 +70,7 @@ impl CameraTask {
     /// Reads the stream to its end.
     pub fn run(mut self, shared: &Shared<'_>) -> (Faults, CameraFigures) {
         self.bell.listen();
+        let overdue_ms = OVERDUE_PERIODS * shared.table.row(TaskId::Camera).period.as_secs_f64() * 1e3;
         while let Some(mut frame) = self.empty_frame(shared) {
             match self.source.next_frame(&mut frame) {
                 Ok(true) => {}
@@ -85,7 +86,7 @@ impl CameraTask {
             let late_ms = at.ms_since(due);
             self.kept.late += u64::from(late_ms > LATE_AT_SOURCE_MS);
             self.kept.latest_ms = self.kept.latest_ms.max(late_ms);
-            if late_ms > OVERDUE_MS {
+            if late_ms > overdue_ms {
                 self.kept.overdue += self.source.skip_to(shared.data_time(at));
             }
             shared.heartbeats.give(TaskId::FrontEnd);

@@ -10,8 +10,8 @@
 //! ```
 //!
 //! Everything that the clock decides is decided in two places: [`front_end`] takes the newest frame and
-//! chooses its rung (and goes on without samples that do not come), [`tick`] corrects the odometry by what has arrived. A watchdog beside them names who is
-//! silent.
+//! chooses its rung (and goes on without samples that do not come), [`tick`] corrects the odometry by what has
+//! arrived. A watchdog beside them names who is silent.
 
 mod drivers;
 mod figures;
