@@ -32,7 +32,7 @@ pub struct Config {
     pub camera: Vec<CameraConfig>,
     /// The inertial sensor.
     pub imu: ImuConfig,
-    /// How well the mounting of the sensors is known.
+    /// How well the extrinsics of the sensors are known.
     #[serde(default)]
     pub rig: RigConfig,
     /// Capacities and thresholds of the estimator.
@@ -77,7 +77,7 @@ impl Config {
     }
 }
 
-/// One camera: calibration and mounting.
+/// One camera: intrinsics and extrinsics.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraConfig {

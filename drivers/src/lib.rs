@@ -5,10 +5,10 @@
 
 pub mod error;
 pub mod euroc;
-mod lines;
 pub mod prefetch;
 pub mod simulator;
 pub mod source;
+mod text_lines;
 pub mod truth;
 pub mod tum;
 

@@ -5,7 +5,7 @@
 //! Quaternions are Hamilton, scalar last.
 
 use crate::DriverError;
-use crate::lines::{Line, Lines};
+use crate::text_lines::{Line, Lines};
 use flate2::read::MultiGzDecoder;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use plumbline_config::Timestamp;

@@ -3,11 +3,11 @@
 //! An executor that has cores to spare runs [`FrontEnd`] and [`Odometer`] side by side by the same rule, and
 //! gets the same bits. IMU-rate odometry is beside it, in [`crate::propagator`].
 
-use crate::effort::{Effort, InTurn};
 use crate::estimate::{Estimate, FrameInput, StageProbe};
 use crate::front_end::{Feedback, FrontEnd, Tracked};
 use crate::lines::LineObservation;
 use crate::odometry::Odometer;
+use crate::work_budget::{InTurn, WorkBudget};
 use plumbline_config::{Config, ImuSample, Timestamp};
 
 /// What became of an inertial sample.
@@ -68,12 +68,12 @@ impl Estimator {
     pub fn add_frame<P: StageProbe + Send>(
         &mut self,
         frame: &FrameInput<'_>,
-        effort: &Effort,
+        budget: &WorkBudget,
         [point_probe, line_probe]: [&mut P; 2],
     ) -> Estimate {
-        self.front_end.track(frame, effort, &InTurn, [point_probe, line_probe], &mut self.tracked);
+        self.front_end.track(frame, budget, &InTurn, [point_probe, line_probe], &mut self.tracked);
         // That of the frame before: the next frame is tracked without knowing what this one brings.
-        self.front_end.hear(&self.feedback);
+        self.front_end.apply_feedback(&self.feedback);
         self.odometer.process(&self.tracked, point_probe, &mut self.feedback)
     }
 

@@ -1,11 +1,10 @@
 //! The front-end: images in, tracked points and lines out.
 //!
 //! It may work on the next frame while the window still solves the last. What the window found out (wrong
-//! tracks, a refined mounting, a bias) therefore reaches it one frame late, always, whether there was a
+//! tracks, a refined extrinsics, a bias) therefore reaches it one frame late, always, whether there was a
 //! thread to spare or not: [`crate::facade`] and every executor hand over the [`Feedback`] of frame `k` before
 //! frame `k + 2`.
 
-use crate::effort::{Effort, Fork};
 use crate::estimate::{FrameFigures, FrameInput, HealthBits, StageProbe};
 use crate::facade::{ImuAdmission, ResetKind};
 use crate::inertial::{ImuBuffer, ImuNoise};
@@ -13,6 +12,7 @@ use crate::lines::{LineObservation, LineTracker};
 use crate::odometry::{IMU_MEMORY_S, believable_offset};
 use crate::points::{PointObservation, PointTracker, TrackerInput};
 use crate::window::state::FrameTime;
+use crate::work_budget::{Fork, WorkBudget};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use plumbline_config::{Config, ImageView, ImuSample, Timestamp};
 
@@ -36,7 +36,7 @@ pub struct Tracked {
     /// Figures of the front-end; those of the window are still zero.
     pub figures: FrameFigures,
     /// The work that the frame gets.
-    pub effort: Effort,
+    pub budget: WorkBudget,
 }
 
 impl Tracked {
@@ -52,7 +52,7 @@ impl Tracked {
             lines: Vec::with_capacity(2 * config.estimator.lines.max_segments),
             health: HealthBits::default(),
             figures: FrameFigures::default(),
-            effort: Effort::FULL,
+            budget: WorkBudget::FULL,
         }
     }
 }
@@ -138,7 +138,7 @@ impl FrontEnd {
             asked_reset: None,
             had_lines: false,
         };
-        front_end.hear(&Feedback::new(config));
+        front_end.apply_feedback(&Feedback::new(config));
         front_end
     }
 
@@ -164,7 +164,7 @@ impl FrontEnd {
     }
 
     /// Takes what the window found out, by the rule above.
-    pub fn hear(&mut self, feedback: &Feedback) {
+    pub fn apply_feedback(&mut self, feedback: &Feedback) {
         if feedback.reset_counter != self.reset_counter {
             self.reset_counter = feedback.reset_counter;
             self.forget();
@@ -192,7 +192,7 @@ impl FrontEnd {
     pub fn track<P: StageProbe + Send>(
         &mut self,
         frame: &FrameInput<'_>,
-        effort: &Effort,
+        budget: &WorkBudget,
         fork: &dyn Fork,
         probes: [&mut P; 2],
         tracked: &mut Tracked,
@@ -201,16 +201,16 @@ impl FrontEnd {
         tracked.sequence = frame.sequence;
         tracked.time = FrameTime { stamp, time_offset_s: self.time_offset_s };
         tracked.reset = self.asked_reset.take();
-        tracked.effort = *effort;
+        tracked.budget = *budget;
         tracked.health = HealthBits::default();
         tracked.samples.clear();
         std::mem::swap(&mut tracked.samples, &mut self.arrived);
         let images = self.usable_images(frame, &mut tracked.health);
         let input = TrackerInput { images, rot_prev_cur: self.predicted_rotation(stamp) };
-        self.points.set_limit(effort.share_of(self.max_points));
-        self.begin_lines(effort);
+        self.points.set_limit(budget.share_of(self.max_points));
+        self.begin_lines(budget);
         let Self { points, lines, .. } = self;
-        let lines = lines.as_mut().filter(|_| effort.lines);
+        let lines = lines.as_mut().filter(|_| budget.lines);
         match lines {
             None => {
                 points.track(&input, fork, probes[0]);
@@ -245,14 +245,14 @@ impl FrontEnd {
     }
 
     /// Sets the budget of the lines; those from before a frame without lines are forgotten.
-    fn begin_lines(&mut self, effort: &Effort) {
+    fn begin_lines(&mut self, budget: &WorkBudget) {
         if let Some(lines) = &mut self.lines {
-            lines.set_budget(effort);
-            if self.had_lines && !effort.lines {
+            lines.set_budget(budget);
+            if self.had_lines && !budget.lines {
                 lines.reset();
             }
         }
-        self.had_lines = effort.lines;
+        self.had_lines = budget.lines;
     }
 
     /// Rotation of the body from the frame before to `stamp` by the gyroscope, `R_prev_cur`.
@@ -274,7 +274,7 @@ impl FrontEnd {
             points_stereo: points.iter().filter(|o| o.px.iter().all(Option::is_some)).count() as u32,
             ..FrameFigures::default()
         };
-        if let Some(lines) = self.lines.as_ref().filter(|_| tracked.effort.lines) {
+        if let Some(lines) = self.lines.as_ref().filter(|_| tracked.budget.lines) {
             tracked.lines.extend_from_slice(lines.observations());
             let (told, figures) = (&mut tracked.figures, lines.figures());
             told.lines_raw = figures.left.raw;

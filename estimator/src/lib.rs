@@ -3,7 +3,6 @@
 //! No I/O, no clock, no threads of its own accord: samples and images in, estimates out. A reader starts
 //! at [`facade`]; the modules follow the flow of the data.
 
-pub mod effort;
 pub mod estimate;
 pub mod facade;
 pub mod front_end;
@@ -16,8 +15,8 @@ pub mod odometry;
 pub mod points;
 pub mod propagator;
 pub mod window;
+pub mod work_budget;
 
-pub use effort::{Effort, Fork, InTurn};
 pub use estimate::{
     Estimate, FrameFigures, FrameInput, HealthBits, NavCovariance, Odometry, Stage, StageProbe, TrackingState,
 };
@@ -25,4 +24,5 @@ pub use facade::{Estimator, ImuAdmission, ResetKind};
 pub use front_end::{Feedback, FrontEnd, Tracked};
 pub use odometry::Odometer;
 pub use propagator::Propagator;
-pub use window::survey::Survey;
+pub use window::snapshot::MapSnapshot;
+pub use work_budget::{Fork, InTurn, WorkBudget};

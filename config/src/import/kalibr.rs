@@ -1,6 +1,6 @@
 //! Kalibr: `camchain-imucam.yaml` and `imu.yaml`.
 //!
-//! `T_cam_imu` takes coordinates from the IMU to the camera, `T_CB`; the mounting here is its inverse.
+//! `T_cam_imu` takes coordinates from the IMU to the camera, `T_CB`; the extrinsics here are its inverse.
 //! A camera without it hangs on the one before: `T_cn_cnm1` takes coordinates from that to this, so
 //! `T_C1B = T_cn_cnm1 T_C0B`. `timeshift_cam_imu` is `t_imu = t_cam + shift`, as [`RigConfig::time_offset_s`].
 //!

@@ -1,6 +1,6 @@
 //! Importers: calibration files of EuRoC data sets (ASL `sensor.yaml`) and of Kalibr to a [`Config`].
 //!
-//! Both take over the cameras, their mounting and the rate of the IMU. The plain importers [`euroc`] and
+//! Both take over the cameras, their extrinsics and the rate of the IMU. The plain importers [`euroc`] and
 //! [`kalibr`] take the noise densities as the files say and the defaults for the rest. Those of a data
 //! sheet hold for a sensor at rest and are too small in flight; [`euroc_into`] and [`kalibr_into`] keep
 //! the noise model of a base configuration, such as the preset `euroc`, whose white noises are those of

@@ -35,7 +35,7 @@ fn the_number_of_cameras_is_one_or_two() {
 }
 
 #[test]
-fn impossible_mountings_are_refused() {
+fn impossible_extrinsics_are_refused() {
     let key = "camera[1].pose_b_c";
     check(key, "NaN", |c| c.camera[1].pose_b_c[0][0] = f64::NAN);
     check(key, "no rotation", |c| c.camera[1].pose_b_c[0][0] += 0.1);

@@ -1,13 +1,13 @@
 //! Validation: which values are refused. Ranges of single numbers are a table in [`ranges`]; here is what
-//! concerns several values at a time, and [`mounting`], [`network`], [`autopilot`] and [`ros`].
+//! concerns several values at a time, and [`extrinsics`], [`network`], [`autopilot`] and [`ros`].
 
 mod autopilot;
-mod mounting;
+mod extrinsics;
 mod network;
 mod ranges;
 mod ros;
 
-pub(crate) use mounting::pose_problem;
+pub(crate) use extrinsics::pose_problem;
 
 use crate::Config;
 use crate::camera::Distortion;
@@ -36,7 +36,7 @@ impl Config {
         for (i, camera) in self.camera.iter().enumerate() {
             check_camera(camera, &format!("camera[{i}]"), &mut found);
         }
-        mounting::check_pair(&self.camera, &mut found);
+        extrinsics::check_pair(&self.camera, &mut found);
         check_rates(self, &mut found);
         check_orders(self, &mut found);
         check_image_fits(self, &mut found);

@@ -5,7 +5,7 @@
 //! rows with one stamp the first is kept. A table of which little can be read is refused.
 
 use crate::DriverError;
-use crate::lines::{Line, Lines};
+use crate::text_lines::{Line, Lines};
 use plumbline_config::Timestamp;
 use std::fs::File;
 use std::io::BufReader;

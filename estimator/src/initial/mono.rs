@@ -1,4 +1,4 @@
-//! Structure, motion, gravity and scale from one camera in motion, all at once.
+//! Manhattan, motion, gravity and scale from one camera in motion, all at once.
 //!
 //! With rotations known from the gyroscope, the position of the body at frame `k` is linear in the first
 //! velocity and in gravity, both in the first body frame:

@@ -13,7 +13,7 @@ use super::merge::Merger;
 use super::seeds::Seeds;
 use super::segment::Segment;
 use super::validation::Validation;
-use crate::effort::Effort;
+use crate::work_budget::WorkBudget;
 use plumbline_config::ImageView;
 use plumbline_config::options::LinesConfig;
 
@@ -75,9 +75,9 @@ impl LineExtractor {
     }
 
     /// Limits visits and segments from now on.
-    pub fn set_budget(&mut self, effort: &Effort) {
-        self.max_visits = effort.share_of(self.options.max_visits);
-        self.max_segments = effort.share_of(self.options.max_segments);
+    pub fn set_budget(&mut self, budget: &WorkBudget) {
+        self.max_visits = budget.share_of(self.options.max_visits);
+        self.max_segments = budget.share_of(self.options.max_segments);
     }
 
     /// Gradients of the last image.

@@ -2,9 +2,9 @@
 
 use nalgebra::Vector2;
 
-/// Sums of first and second order of places in the image, taken about the first of them.
+/// Moments of first and second order of places in the image, taken about the first of them.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct LineSums {
+pub struct LineMoments {
     origin: Vector2<f64>,
     weight: f64,
     x: f64,
@@ -14,7 +14,7 @@ pub struct LineSums {
     yy: f64,
 }
 
-impl LineSums {
+impl LineMoments {
     /// Adds a place.
     pub fn add(&mut self, px: &Vector2<f64>, weight: f64) {
         if self.weight == 0.0 {
@@ -61,15 +61,15 @@ mod tests {
         for k in 0..36 {
             let angle = f64::from(k) * 10.0_f64.to_radians();
             let (s, c) = angle.sin_cos();
-            let mut sums = LineSums::default();
+            let mut moments = LineMoments::default();
             for i in -20..=20 {
                 let along = f64::from(i);
                 // Off the line by turns to both sides: the fit lies between.
                 let across = if i % 2 == 0 { 0.5 } else { -0.5 } * f64::from(i32::from(i != 0));
                 let px = Vector2::new(300.0 + along * c - across * s, 200.0 + along * s + across * c);
-                sums.add(&px, 1.0);
+                moments.add(&px, 1.0);
             }
-            let (centroid, axis) = sums.line().expect("has a direction");
+            let (centroid, axis) = moments.line().expect("has a direction");
             assert!((centroid - Vector2::new(300.0, 200.0)).norm() < 0.1);
             let sine = axis.perp(&Vector2::new(c, s)).abs();
             assert!(sine < 0.01, "{k}: {sine}");

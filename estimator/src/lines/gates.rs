@@ -3,7 +3,7 @@
 //! Coordinates are normalized ones of the camera that looks. Directions are those of oriented edges: the
 //! bright side tells the two edges of a bar apart.
 
-use super::measure::ImageLine;
+use super::measurement::ImageLine;
 use nalgebra::{Rotation3, Vector2, Vector3};
 
 /// Cosine of the largest angle between a prediction and a segment (10 degrees).

@@ -5,7 +5,7 @@
 //! where there is none the line runs on over a gap of at most [`MAX_GAP`] pixels. Every look at a pixel is
 //! a visit, and visits are what the extractor's budget counts.
 
-use super::fit::LineSums;
+use super::fit::LineMoments;
 use super::gradient::{BORDER, Gradients, SCALE};
 use super::segment::Place;
 use nalgebra::Vector2;
@@ -34,7 +34,7 @@ pub struct Growth {
     /// Edge pixels of the segment at hand, from the seed outward, first one way, then the other.
     pixels: Vec<EdgePixel>,
     places: Vec<Place>,
-    sums: LineSums,
+    moments: LineMoments,
     /// Sum of the gradients of the pixels.
     gradient: Vector2<f32>,
     /// Distance in memory of neighbours across the segment at hand.
@@ -108,7 +108,7 @@ impl Growth {
         Self {
             pixels: Vec::with_capacity(longest),
             places: Vec::with_capacity(longest),
-            sums: LineSums::default(),
+            moments: LineMoments::default(),
             gradient: Vector2::zeros(),
             across: 1,
             visits: 0,
@@ -139,7 +139,7 @@ impl Growth {
         let width = gradients.width();
         let (x, y) = (seed as usize % width, seed as usize / width);
         self.pixels.clear();
-        self.sums = LineSums::default();
+        self.moments = LineMoments::default();
         self.gradient = gradients.pixels()[seed as usize].vector();
         let (point, direction) = (Vector2::new(x as f32, y as f32), along(&self.gradient));
         let is_steep = direction.y.abs() > direction.x.abs();
@@ -201,7 +201,7 @@ impl Growth {
 
     /// The line through all pixels so far, in the sense of `line`.
     fn fitted(&self, line: &Line, is_steep: bool) -> Line {
-        let Some((point, axis)) = self.sums.line() else { return *line };
+        let Some((point, axis)) = self.moments.line() else { return *line };
         let axis = axis.cast::<f32>();
         let direction = if axis.dot(&line.direction) < 0.0 { -axis } else { axis };
         Line::new(&point.cast(), direction, is_steep)
@@ -249,7 +249,7 @@ impl Growth {
     #[inline]
     fn take(&mut self, course: &mut Course<'_>, place: Place, index: usize, step: usize) {
         self.gradient += course.gradients.pixels()[index].vector();
-        self.sums.add(&place.px.cast(), 1.0);
+        self.moments.add(&place.px.cast(), 1.0);
         let marked = [index - self.across, index, index + self.across].map(|k| {
             let pixel = &mut course.gradients.pixels_mut()[k];
             let is_new = !pixel.is_taken();

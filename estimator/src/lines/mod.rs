@@ -18,7 +18,7 @@ pub mod gates;
 pub mod gradient;
 pub mod growth;
 pub mod matching;
-pub mod measure;
+pub mod measurement;
 pub mod merge;
 pub mod seeds;
 pub mod segment;
@@ -26,6 +26,6 @@ pub mod tracker;
 pub mod validation;
 
 pub use extractor::{ExtractionFigures, LineExtractor};
-pub use measure::ImageLine;
+pub use measurement::ImageLine;
 pub use segment::{Node, Segment};
 pub use tracker::{LineFigures, LineObservation, LineTracker};

@@ -1,6 +1,6 @@
 //! A line segment in an image.
 
-use super::fit::LineSums;
+use super::fit::LineMoments;
 use nalgebra::Vector2;
 
 /// Places along a segment at which its edge is kept, so that it can be undistorted before it is fitted.
@@ -62,14 +62,14 @@ impl Segment {
     /// `direction`. `None` for fewer than two places.
     #[must_use]
     pub fn through(places: &[Place], direction: &Vector2<f32>) -> Option<Self> {
-        let mut sums = LineSums::default();
+        let mut moments = LineMoments::default();
         let (mut strength, mut support) = (0.0, 0.0);
         for place in places {
-            sums.add(&place.px.cast(), f64::from(place.weight));
+            moments.add(&place.px.cast(), f64::from(place.weight));
             strength += place.strength * place.weight;
             support += place.weight;
         }
-        let (centroid, axis) = sums.line().map(|(p, d)| (p.cast::<f32>(), d.cast::<f32>()))?;
+        let (centroid, axis) = moments.line().map(|(p, d)| (p.cast::<f32>(), d.cast::<f32>()))?;
         let along = if axis.dot(direction) < 0.0 { -axis } else { axis };
         let (mut first, mut last) = (f32::INFINITY, f32::NEG_INFINITY);
         for place in places {

@@ -8,10 +8,10 @@ use super::descriptor::{Describer, Descriptor};
 use super::extractor::{ExtractionFigures, LineExtractor};
 use super::gates::{Expected, StereoGate};
 use super::matching::Matcher;
-use super::measure::ImageLine;
+use super::measurement::ImageLine;
 use super::segment::Segment;
-use crate::effort::{Effort, Fork};
 use crate::estimate::{Stage, StageProbe};
+use crate::work_budget::{Fork, WorkBudget};
 use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector2, Vector3};
 use plumbline_config::options::LinesConfig;
 use plumbline_config::{CameraModel, ImageView};
@@ -163,8 +163,8 @@ impl LineTracker {
     }
 
     /// Limits the work on an image from now on.
-    pub fn set_budget(&mut self, effort: &Effort) {
-        self.views.iter_mut().for_each(|view| view.extractor.set_budget(effort));
+    pub fn set_budget(&mut self, budget: &WorkBudget) {
+        self.views.iter_mut().for_each(|view| view.extractor.set_budget(budget));
     }
 
     /// Forgets all tracks. Their names are not used again.

@@ -6,15 +6,14 @@
 //! both from a test.
 
 mod judgement;
-pub mod measure;
+pub mod measurements;
 mod start;
-pub mod stillness;
 #[cfg(test)]
 mod synthetic;
 #[cfg(test)]
 mod tests;
+pub mod zero_velocity;
 
-use crate::effort::Effort;
 use crate::estimate::{Estimate, FrameFigures, HealthBits, NavCovariance, Stage, StageProbe, TrackingState};
 use crate::facade::ResetKind;
 use crate::front_end::{Feedback, Tracked};
@@ -23,12 +22,13 @@ use crate::initial::Gathering;
 use crate::points::PointObservation;
 use crate::window::Window;
 use crate::window::state::{FrameTime, NavState};
+use crate::work_budget::WorkBudget;
 use judgement::MIN_LANDMARKS_IN_VIEW;
-use measure::Measurer;
+use measurements::Measurer;
 use nalgebra::Vector3;
 use plumbline_config::options::HealthConfig;
 use plumbline_config::{CameraModel, Config, Timestamp};
-use stillness::Stillness;
+use zero_velocity::ZeroVelocityDetector;
 
 /// Inertial samples are kept this long, s: the longest start and the longest gap between frames.
 pub const IMU_MEMORY_S: f64 = 10.0;
@@ -86,7 +86,7 @@ pub struct Odometer {
     pub window: Window,
     measurer: Measurer,
     gathering: Gathering,
-    stillness: Stillness,
+    zero_velocity: ZeroVelocityDetector,
     phase: Phase,
     last_stamp: Option<Timestamp>,
     last_seen: Option<Timestamp>,
@@ -130,7 +130,7 @@ impl Odometer {
             imu: ImuBuffer::new(IMU_MEMORY_S, imu.rate_hz, imu.gyro_range_rad_s, imu.accel_range_m_s2),
             measurer: Measurer::new(cameras, &config.estimator.points, &config.estimator.lines),
             gathering: Gathering::new(gathered, points),
-            stillness: Stillness::default(),
+            zero_velocity: ZeroVelocityDetector::default(),
             phase: Phase::Gathering,
             last_stamp: None,
             last_seen: None,
@@ -179,14 +179,14 @@ impl Odometer {
             health.insert(HealthBits::BAD_STAMP);
             return self.estimate(tracked, health, Solved::default());
         }
-        if tracked.effort != Effort::FULL {
+        if tracked.budget != WorkBudget::FULL {
             health.insert(HealthBits::DEGRADED);
         }
         self.check_points(&tracked.points, &mut health);
         probe.begin(Stage::Window);
         self.measure(tracked, &mut health);
         let solved = match self.phase {
-            Phase::Running => self.run(tracked.time, tracked.effort.max_iterations, &mut health),
+            Phase::Running => self.run(tracked.time, tracked.budget.max_iterations, &mut health),
             Phase::Gathering => self.gather(tracked.time, &mut health),
         };
         probe.end(Stage::Window);
@@ -237,8 +237,8 @@ impl Odometer {
         self.measurer.take_lines(&tracked.lines, &outliers.lines, &rate_c);
         let flow = self.measurer.median_flow(observations);
         let known_bias = (self.phase == Phase::Running).then_some(&bias_gyro);
-        self.stillness.update(flow, imu_mean, known_bias, self.options.gravity_m_s2);
-        if self.stillness.is_still() {
+        self.zero_velocity.update(flow, imu_mean, known_bias, self.options.gravity_m_s2);
+        if self.zero_velocity.is_still() {
             health.insert(HealthBits::STATIONARY);
         }
         self.measurer.remember(observations);
@@ -279,7 +279,7 @@ impl Odometer {
             health.insert(HealthBits::IMU_SATURATED);
         }
         let nav = last.nav.after(&motion, &self.window.options.gravity_o);
-        self.window.push_frame(time, nav, Some(motion), self.stillness.is_still());
+        self.window.push_frame(time, nav, Some(motion), self.zero_velocity.is_still());
         let (tracks, lines) = (self.measurer.points(), self.measurer.lines());
         let connected = self.window.observe(tracks, lines);
         let is_keyframe = self.window.needs_keyframe(connected, tracks.len());
@@ -289,7 +289,7 @@ impl Odometer {
         self.window.clear_outliers();
         self.window.triangulate(false);
         self.window.predict_rates(&self.rate_b);
-        self.window.follow_structure(self.measurer.lines());
+        self.window.update_manhattan(self.measurer.lines());
         let outcome = self.window.optimize(self.options.max_iterations.min(max_iterations));
         if outcome.is_not_positive_definite {
             health.insert(HealthBits::NOT_POSITIVE_DEFINITE);
@@ -323,7 +323,7 @@ impl Odometer {
         self.window.clear();
         self.gathering.clear();
         self.measurer.clear();
-        self.stillness = Stillness::default();
+        self.zero_velocity = ZeroVelocityDetector::default();
         self.reset_counter += 1;
     }
 

@@ -87,7 +87,7 @@ impl Odometer {
         let stamp = |k: usize| self.gathering.frames()[k].time.stamp;
         let (first, newest) = (stamp(0), stamp(count - 1));
         let Some((gyro, accel)) = self.imu.mean(first.plus_seconds(-0.1), newest) else { return false };
-        let bias_gyro = if self.stillness.is_still() { gyro } else { self.bias_memory.0 };
+        let bias_gyro = if self.zero_velocity.is_still() { gyro } else { self.bias_memory.0 };
         let rot_o_b = stereo::attitude_from_gravity(&accel);
         let mut nav = NavState { rot_o_b, bias_gyro, bias_accel: self.bias_memory.1, ..NavState::default() };
         self.window.clear();

@@ -1,6 +1,6 @@
 use super::synthetic::{World, config, stamp};
 use super::*;
-use crate::window::survey::Survey;
+use crate::window::snapshot::MapSnapshot;
 use nalgebra::{SVector, UnitQuaternion};
 
 /// What a simulated flight came to.
@@ -18,7 +18,7 @@ struct Flight {
     /// Takes coordinates of the world to the odometry frame.
     pose_o_world: nalgebra::Isometry3<f64>,
     /// What the window held at the end.
-    survey: Survey,
+    snapshot: MapSnapshot,
 }
 
 impl Flight {
@@ -103,9 +103,9 @@ fn fly(world: &mut World, duration_s: f64, alive: Alive) -> Flight {
         flight.resets = estimate.reset_counter;
         flight.last = Some(estimate);
     }
-    flight.survey = Survey::new(&world.config);
+    flight.snapshot = MapSnapshot::new(&world.config);
     if let Some(estimate) = &flight.last {
-        odometer.window.survey(estimate, &mut flight.survey);
+        odometer.window.snapshot(estimate, &mut flight.snapshot);
     }
     flight.pose_o_world = anchor.unwrap_or_default();
     flight.rms_error_m = (squared / count).sqrt();
@@ -131,13 +131,13 @@ fn stereo_flight_drifts_little_and_knows_how_little() {
 }
 
 #[test]
-fn a_survey_says_where_the_landmarks_are() {
+fn a_snapshot_says_where_the_landmarks_are() {
     let mut world = World::new(&config(2), 1, 500);
     let flight = fly(&mut world, 10.0, both);
     let points_o: Vec<_> =
         world.points_o.iter().map(|p| flight.pose_o_world * nalgebra::Point3::from(*p)).collect();
     let mut errors_m: Vec<f64> = flight
-        .survey
+        .snapshot
         .points
         .iter()
         .map(|seen| points_o.iter().map(|p| (p.coords - seen.p_o).norm()).fold(f64::INFINITY, f64::min))
@@ -147,15 +147,15 @@ fn a_survey_says_where_the_landmarks_are() {
     println!("{count} landmarks, median error {median_m:.3} m, worst {:.3} m", errors_m[count - 1]);
     assert!(count > 50 && median_m < 0.1, "{count} landmarks, {median_m} m");
     assert!(errors_m[count * 3 / 4] < 0.2, "a quarter is off by {:.3} m or more", errors_m[count * 3 / 4]);
-    assert!(flight.survey.keyframes.len() > 3);
-    for keyframe in &flight.survey.keyframes {
+    assert!(flight.snapshot.keyframes.len() > 3);
+    for keyframe in &flight.snapshot.keyframes {
         let t = keyframe.stamp.seconds_since(stamp(0.0));
         let truth = flight.pose_o_world * world.pose_o_b(t);
         let error_m = (truth.translation.vector - keyframe.pose_o_b.translation.vector).norm();
         assert!(error_m < 0.05, "keyframe at {t:.2} s: {error_m:.3} m off");
     }
-    let hosts: Vec<_> = flight.survey.keyframes.iter().map(|k| k.stamp).collect();
-    let at_home = flight.survey.points.iter().filter(|p| hosts.contains(&p.host)).count();
+    let hosts: Vec<_> = flight.snapshot.keyframes.iter().map(|k| k.stamp).collect();
+    let at_home = flight.snapshot.points.iter().filter(|p| hosts.contains(&p.host)).count();
     assert!(at_home * 10 > count * 9, "{at_home} of {count} are hosted by keyframes");
 }
 

@@ -1,7 +1,7 @@
 //! What every kind of landmark has in common: parameters in the camera that hosts it, seen from another.
 
+use super::manhattan::Manhattan;
 use super::state::{Mount, NavState};
-use super::structure::Structure;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 use std::fmt::Debug;
 
@@ -42,7 +42,7 @@ pub struct Jacobians<const D: usize> {
     pub host: SMatrix<f64, 2, 6>,
     /// By the observer's pose.
     pub target: SMatrix<f64, 2, 6>,
-    /// By the rig (12 of mounting, time offset).
+    /// By the rig (12 of extrinsics, time offset).
     pub rig: SMatrix<f64, 2, 13>,
     /// By the landmark's own parameters.
     pub landmark: SMatrix<f64, 2, D>,
@@ -78,7 +78,7 @@ pub trait Feature: Copy + Debug + PartialEq {
     /// What the structure of the scene says against it, in standard deviations; nothing about most features.
     fn structural_residual(
         &self,
-        _structure: &Structure,
+        _structure: &Manhattan,
         _host: &BodyPose,
         _mount: &Mount,
     ) -> Option<Vector2<f64>> {
@@ -94,7 +94,7 @@ pub trait Estimated<const D: usize>: Feature {
     /// Derivatives of [`Feature::structural_residual`]; those by the heading apart.
     fn structural_jacobians(
         &self,
-        _structure: &Structure,
+        _structure: &Manhattan,
         _host: &BodyPose,
         _mount: &Mount,
     ) -> Option<(Jacobians<D>, Vector2<f64>)> {

@@ -1,4 +1,4 @@
-//! The inertial factor between consecutive frames, and the standstill factor.
+//! The inertial factor between consecutive frames, and the zero-velocity factor.
 //!
 //! Residual, in the order of the error state (Forster et al. 2017, equation 45, and bias random walk):
 //!

@@ -17,12 +17,12 @@
 //! r_i = w_i (z_i' n / |n.xy| + rate_i (td - td_frame))
 //! ```
 //!
-//! Equations 10 and 11 give the derivatives by the camera's pose; here they go through body and mounting,
+//! Equations 10 and 11 give the derivatives by the camera's pose; here they go through body and extrinsics,
 //! with right perturbations.
 
 use super::feature::{BodyPose, Estimated, Feature, Jacobians, View};
+use super::manhattan::{Axis, Manhattan};
 use super::state::Mount;
-use super::structure::{Axis, Structure};
 use crate::geometry::{exp_so3, skew};
 use nalgebra::{Matrix2x3, Matrix3, Matrix3x4, SMatrix, Vector2, Vector3, Vector4};
 
@@ -229,11 +229,11 @@ impl Feature for HostedLine {
 
     fn structural_residual(
         &self,
-        structure: &Structure,
+        manhattan: &Manhattan,
         host: &BodyPose,
         mount: &Mount,
     ) -> Option<Vector2<f64>> {
-        structure.residual(self, host, mount)
+        manhattan.residual(self, host, mount)
     }
 }
 
@@ -290,11 +290,11 @@ impl Estimated<4> for HostedLine {
 
     fn structural_jacobians(
         &self,
-        structure: &Structure,
+        manhattan: &Manhattan,
         host: &BodyPose,
         mount: &Mount,
     ) -> Option<(Jacobians<4>, Vector2<f64>)> {
-        structure.jacobians(self, host, mount)
+        manhattan.jacobians(self, host, mount)
     }
 }
 

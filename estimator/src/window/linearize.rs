@@ -7,18 +7,18 @@
 use super::dense::NormalEquations;
 use super::eliminate::{Eliminated, MAX_VISUAL, eliminate};
 use super::feature::{BodyPose, Estimated, Feature, View};
+use super::hessian_blocks::{LandmarkHessian, add_heading, add_target, common_rows};
 use super::inertial_factor;
 use super::landmark::{Landmark, LineLandmark, Observation, PointLandmark};
+use super::manhattan::Manhattan;
 use super::state::{FRAME_DIM, Frame, GLOBAL_DIM, Mount, POSE_DIM, Rig};
-use super::structure::Structure;
-use super::sums::{LandmarkSums, add_heading, add_target, common_rows};
 use super::{MAX_FRAMES, Options};
 use nalgebra::{Matrix3, SMatrix, Vector2, Vector3};
 
 /// Information that keeps the bearing of a landmark regular, in squared standard deviations of a pixel.
 const LANDMARK_REGULARIZATION: f64 = 1e-6;
 
-/// Poses and mountings as matrices, at the present states and at those of the Jacobians.
+/// Poses and extrinsics as matrices, at the present states and at those of the Jacobians.
 #[derive(Clone, Debug)]
 struct Poses {
     now: Vec<BodyPose>,
@@ -51,7 +51,7 @@ pub struct Problem<'a> {
     /// Lines.
     pub lines: &'a [LineLandmark],
     /// Structure of the scene.
-    pub structure: &'a Structure,
+    pub manhattan: &'a Manhattan,
     /// Options of the window.
     pub options: &'a Options,
 }
@@ -138,7 +138,7 @@ impl Linearizer {
     }
 
     /// Adds the knowledge that the vehicle stands still in frame `index`; returns its cost.
-    pub fn add_standstill(&mut self, problem: &Problem<'_>, index: usize) -> f64 {
+    pub fn add_zero_velocity(&mut self, problem: &Problem<'_>, index: usize) -> f64 {
         let frame = &problem.frames[index];
         if !frame.is_still {
             return 0.0;
@@ -195,7 +195,7 @@ impl Linearizer {
             }
             let host = &self.poses.now[usize::from(landmark.host)];
             let mount = &self.poses.mounts[usize::from(landmark.host_camera)];
-            if let Some(r) = landmark.feature.structural_residual(problem.structure, host, mount) {
+            if let Some(r) = landmark.feature.structural_residual(problem.manhattan, host, mount) {
                 cost += cauchy(r.norm_squared(), problem.options.cauchy_scale).0;
             }
         }
@@ -305,24 +305,24 @@ pub fn unknown_of_visual(visual: usize) -> usize {
 fn add_structural<F: Estimated<D>, const D: usize>(
     visual: &mut NormalEquations,
     entry: &mut Eliminated<D>,
-    sums: &mut LandmarkSums<D>,
+    hessian: &mut LandmarkHessian<D>,
     poses: &Poses,
     problem: &Problem<'_>,
     landmark: &Landmark<F>,
 ) -> f64 {
-    let Problem { structure, options, .. } = *problem;
+    let Problem { manhattan, options, .. } = *problem;
     let (host, mount) = (usize::from(landmark.host), &poses.mounts[usize::from(landmark.host_camera)]);
-    let Some(r) = landmark.feature.structural_residual(structure, &poses.now[host], mount) else {
+    let Some(r) = landmark.feature.structural_residual(manhattan, &poses.now[host], mount) else {
         return 0.0;
     };
-    let Some((j, heading)) = landmark.feature.structural_jacobians(structure, &poses.first[host], mount)
+    let Some((j, heading)) = landmark.feature.structural_jacobians(manhattan, &poses.first[host], mount)
     else {
         return 0.0;
     };
     let (cost, weight) = cauchy(r.norm_squared(), options.cauchy_scale);
     let scale = weight.sqrt();
     let rows = common_rows(&j, &r, scale, true, options);
-    sums.add(&rows);
+    hessian.add(&rows);
     add_heading(visual, entry, &rows, &(heading * scale), host);
     cost
 }
@@ -344,7 +344,7 @@ fn add_landmark<F: Estimated<D>, const D: usize>(
     for row in &mut entry.by_visual {
         row[..dim].fill(0.0);
     }
-    let mut sums = LandmarkSums::<D>::default();
+    let mut hessian = LandmarkHessian::<D>::default();
     let host = usize::from(landmark.host);
     let mut cost = 0.0;
     let mut span = (host, host);
@@ -360,14 +360,14 @@ fn add_landmark<F: Estimated<D>, const D: usize>(
         span = (span.0.min(frame), span.1.max(frame));
         let scale = weight.sqrt();
         let rows = common_rows(&j, &r, scale, host != frame, problem.options);
-        sums.add(&rows);
+        hessian.add(&rows);
         if host != frame {
             add_target(visual, entry, &rows, &j.target, scale, (host, frame));
         }
     }
-    cost += add_structural(visual, entry, &mut sums, poses, problem, landmark);
-    sums.flush(visual, entry, host);
-    let mut h_ll = sums.landmark() + SMatrix::<f64, D, D>::identity() * LANDMARK_REGULARIZATION;
+    cost += add_structural(visual, entry, &mut hessian, poses, problem, landmark);
+    hessian.flush(visual, entry, host);
+    let mut h_ll = hessian.landmark() + SMatrix::<f64, D, D>::identity() * LANDMARK_REGULARIZATION;
     for k in 0..D {
         h_ll[(k, k)] *= 1.0 + damping;
     }

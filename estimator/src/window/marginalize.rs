@@ -56,12 +56,12 @@ impl Window {
         split_observations(&mut self.points, &mut self.rehosted.0, &self.frames, (index, newest_keyframe));
         split_observations(&mut self.lines, &mut self.rehosted.1, &self.frames, (index, newest_keyframe));
         let covered = self.frames_touched(index);
-        let Self { rig, structure, frames, points, lines, prior, linearizer, options, .. } = self;
-        let problem = Problem { rig, frames, points: points.all(), lines: lines.all(), structure, options };
+        let Self { rig, manhattan, frames, points, lines, prior, linearizer, options, .. } = self;
+        let problem = Problem { rig, frames, points: points.all(), lines: lines.all(), manhattan, options };
         linearizer.begin(&problem);
-        let _ = prior.evaluate((rig, structure), frames, Some(&mut linearizer.equations));
+        let _ = prior.evaluate((rig, manhattan), frames, Some(&mut linearizer.equations));
         // Without its inertial factors, what the prior knows of this frame would be lost to the others.
-        let _ = linearizer.add_standstill(&problem, index);
+        let _ = linearizer.add_zero_velocity(&problem, index);
         for k in index.max(1)..(index + 2).min(frames.len()) {
             let _ = linearizer.add_motion(&problem, k);
         }
@@ -85,7 +85,7 @@ impl Window {
         let equations = &mut linearizer.equations;
         let unused = GLOBAL_DIM + covered * FRAME_DIM..equations.dim();
         equations.eliminate(unused, f64::INFINITY);
-        prior.replace(equations, (rig, structure), frames);
+        prior.replace(equations, (rig, manhattan), frames);
         let at = GLOBAL_DIM + index * FRAME_DIM;
         prior.equations.eliminate(at..at + FRAME_DIM, PIVOT_FLOOR);
         frames[index].motion = None;

@@ -8,28 +8,28 @@
 //! - [`state`], [`landmark`], [`feature`]: what is estimated
 //! - [`reprojection`], [`line`], [`inertial_factor`], [`prior`]: the terms
 //! - `tracks`: how tracks become landmarks
-//! - [`structure`] with `structure_discovery`, `structure_lines`: verticals and vanishing directions
-//! - [`linearize`] with `sums`, [`eliminate`], [`dense`], [`solve`]: normal equations and their solution
+//! - [`manhattan`] with `heading_votes`, `structural_lines`: verticals and vanishing directions
+//! - [`linearize`] with `hessian_blocks`, [`eliminate`], [`dense`], [`solve`]: normal equations and their solution
 //! - [`triangulate`], [`triangulate_line`], [`keyframes`], [`marginalize`]: what enters and what leaves
 
 pub mod dense;
 pub mod eliminate;
 pub mod feature;
+mod heading_votes;
+mod hessian_blocks;
 pub mod inertial_factor;
 pub mod keyframes;
 pub mod landmark;
 pub mod line;
 pub mod linearize;
+pub mod manhattan;
 pub mod marginalize;
 pub mod prior;
 pub mod reprojection;
+pub mod snapshot;
 pub mod solve;
 pub mod state;
-pub mod structure;
-mod structure_discovery;
-mod structure_lines;
-mod sums;
-pub mod survey;
+mod structural_lines;
 #[cfg(test)]
 mod test_views;
 mod tracks;
@@ -38,16 +38,16 @@ pub mod triangulate_line;
 
 use crate::geometry::{log_so3, yaw_of};
 use crate::inertial::{ImuNoise, Preintegration};
+use heading_votes::HeadingVotes;
 use landmark::{LandmarkStore, LineLandmark, PointLandmark};
 use line::{HostedLine, LineMeasurement};
 use linearize::{Linearizer, Problem};
+use manhattan::{Manhattan, ManhattanOptions};
 use nalgebra::{SVector, UnitQuaternion, Vector3};
 use plumbline_config::Config;
 use prior::{AnchorSigmas, Prior};
 use reprojection::{InversePoint, PointMeasurement};
 use state::{FRAME_DIM, Frame, FrameTime, GLOBAL_DIM, Mount, NavState, RIG_DIM, Rig};
-use structure::{Structure, StructureOptions};
-use structure_discovery::Discovery;
 
 /// Most frames in the window, whatever the configuration says.
 pub const MAX_FRAMES: usize = 16;
@@ -128,7 +128,7 @@ pub struct Window {
     /// Calibration.
     pub rig: Rig,
     /// Structure of the scene.
-    pub structure: Structure,
+    pub manhattan: Manhattan,
     /// Frames in order of time.
     pub frames: Vec<Frame>,
     /// Points.
@@ -140,8 +140,8 @@ pub struct Window {
     /// Options.
     pub options: Options,
     anchor: Option<Anchor>,
-    discovery: Discovery,
-    is_structure_in_sight: bool,
+    heading_votes: HeadingVotes,
+    is_manhattan_in_sight: bool,
     linearizer: Linearizer,
     factor: dense::Factor,
     backup: solve::Backup,
@@ -198,9 +198,9 @@ impl Window {
         let unknowns = GLOBAL_DIM + FRAME_DIM * MAX_FRAMES;
         let (points, lines) = (config.estimator.window.max_landmarks, config.estimator.lines.max_landmarks);
         Self {
-            structure: Structure::new(StructureOptions::of(&config.estimator.lines)),
-            discovery: Discovery::default(),
-            is_structure_in_sight: false,
+            manhattan: Manhattan::new(ManhattanOptions::of(&config.estimator.lines)),
+            heading_votes: HeadingVotes::default(),
+            is_manhattan_in_sight: false,
             frames: Vec::with_capacity(MAX_FRAMES),
             points: LandmarkStore::new(points),
             lines: LandmarkStore::new(lines),
@@ -225,9 +225,9 @@ impl Window {
         self.points.clear();
         self.lines.clear();
         self.anchor = None;
-        self.structure.heading_rad = None;
-        self.discovery = Discovery::default();
-        self.is_structure_in_sight = false;
+        self.manhattan.heading_rad = None;
+        self.heading_votes = HeadingVotes::default();
+        self.is_manhattan_in_sight = false;
         self.prior.start(&self.rig, &self.options.rig_sigmas);
     }
 
@@ -256,7 +256,7 @@ impl Window {
         let turn_rad = yaw_rad - yaw_of(&newest.nav.rot_o_b);
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), turn_rad);
         let pivot = newest.nav.p_o_b;
-        self.structure.turn(turn_rad);
+        self.manhattan.turn(turn_rad);
         for frame in &mut self.frames {
             frame.nav.p_o_b = turn * (frame.nav.p_o_b - pivot) + p_o_b;
             frame.nav.rot_o_b = turn * frame.nav.rot_o_b;
@@ -352,8 +352,8 @@ impl Window {
 
     /// Removes observations that do not fit, and landmarks that are left with less than two views.
     pub fn remove_outliers(&mut self) {
-        let Self { rig, structure, frames, points, lines, linearizer, options, outliers, .. } = self;
-        let problem = Problem { rig, frames, points: &[], lines: &[], structure, options };
+        let Self { rig, manhattan, frames, points, lines, linearizer, options, outliers, .. } = self;
+        let problem = Problem { rig, frames, points: &[], lines: &[], manhattan, options };
         tracks::remove_outliers(points, linearizer, &problem, &mut outliers.points);
         tracks::remove_outliers(lines, linearizer, &problem, &mut outliers.lines);
     }

@@ -6,8 +6,8 @@
 //! measurement can see (position and yaw of everything) stay unseen: see [`super::marginalize`].
 
 use super::dense::{MAX_UNKNOWNS, NormalEquations};
+use super::manhattan::Manhattan;
 use super::state::{FRAME_DIM, Frame, GLOBAL_DIM, HEADING, NavState, RIG_DIM, Rig};
-use super::structure::Structure;
 use nalgebra::{SVector, Vector3};
 
 /// An unknown with less information than this is dropped instead of eliminated.
@@ -107,7 +107,7 @@ impl Prior {
     }
 
     /// Another structure, near `heading_rad`: what the one before said of frames and rig stays known.
-    pub fn begin_structure(&mut self, heading_rad: f64) {
+    pub fn begin_manhattan_heading(&mut self, heading_rad: f64) {
         self.equations.release(HEADING, PIVOT_FLOOR);
         self.heading_rad = heading_rad;
     }
@@ -115,12 +115,12 @@ impl Prior {
     /// Adds the prior to `target` at the present states; returns its cost `d' H d / 2 + b' d`.
     pub fn evaluate(
         &mut self,
-        (rig, structure): (&Rig, &Structure),
+        (rig, manhattan): (&Rig, &Manhattan),
         frames: &[Frame],
         target: Option<&mut NormalEquations>,
     ) -> f64 {
         let dim = self.equations.dim();
-        self.refresh_steps(rig, structure, frames);
+        self.refresh_steps(rig, manhattan, frames);
         let mut cost = 0.0;
         for k in 0..dim {
             cost += self.steps[k] * (0.5 * self.product[k] + self.equations.gradient()[k]);
@@ -137,9 +137,9 @@ impl Prior {
     }
 
     /// Steps from the linearization points, and `H` times them.
-    fn refresh_steps(&mut self, rig: &Rig, structure: &Structure, frames: &[Frame]) {
+    fn refresh_steps(&mut self, rig: &Rig, manhattan: &Manhattan, frames: &[Frame]) {
         self.steps[..RIG_DIM].copy_from_slice(rig.minus(&self.rig).as_slice());
-        self.steps[HEADING] = structure.heading_rad.map_or(0.0, |heading| heading - self.heading_rad);
+        self.steps[HEADING] = manhattan.heading_rad.map_or(0.0, |heading| heading - self.heading_rad);
         for (k, frame) in frames.iter().take(self.frames()).enumerate() {
             let at = GLOBAL_DIM + k * FRAME_DIM;
             self.steps[at..at + FRAME_DIM].copy_from_slice(frame.nav.minus(&frame.linearization).as_slice());
@@ -152,11 +152,11 @@ impl Prior {
     pub fn replace(
         &mut self,
         equations: &NormalEquations,
-        (rig, structure): (&Rig, &Structure),
+        (rig, manhattan): (&Rig, &Manhattan),
         frames: &[Frame],
     ) {
         self.equations.copy_from(equations);
-        self.refresh_steps(rig, structure, frames);
+        self.refresh_steps(rig, manhattan, frames);
         for (b, moved) in self.equations.gradient_mut().iter_mut().zip(&self.product) {
             *b -= moved;
         }

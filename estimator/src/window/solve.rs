@@ -103,15 +103,15 @@ impl Window {
 
     /// Normal equations at the present states, landmarks damped; returns the cost.
     pub(super) fn linearize(&mut self, damping: f64) -> f64 {
-        let Self { rig, structure, frames, points, lines, prior, linearizer, options, .. } = self;
-        let problem = Problem { rig, frames, points: points.all(), lines: lines.all(), structure, options };
+        let Self { rig, manhattan, frames, points, lines, prior, linearizer, options, .. } = self;
+        let problem = Problem { rig, frames, points: points.all(), lines: lines.all(), manhattan, options };
         linearizer.begin(&problem);
-        let mut cost = prior.evaluate((rig, structure), frames, Some(&mut linearizer.equations));
+        let mut cost = prior.evaluate((rig, manhattan), frames, Some(&mut linearizer.equations));
         for index in 0..frames.len() {
             if index > 0 {
                 cost += linearizer.add_motion(&problem, index);
             }
-            cost += linearizer.add_standstill(&problem, index);
+            cost += linearizer.add_zero_velocity(&problem, index);
         }
         for index in 0..problem.points.len() {
             cost += linearizer.add_point(&problem, index, damping);
@@ -125,9 +125,9 @@ impl Window {
 
     /// The cost at the present states.
     fn cost(&mut self) -> f64 {
-        let Self { rig, structure, frames, points, lines, prior, linearizer, options, .. } = self;
-        let problem = Problem { rig, frames, points: points.all(), lines: lines.all(), structure, options };
-        prior.evaluate((rig, structure), frames, None) + linearizer.cost(&problem)
+        let Self { rig, manhattan, frames, points, lines, prior, linearizer, options, .. } = self;
+        let problem = Problem { rig, frames, points: points.all(), lines: lines.all(), manhattan, options };
+        prior.evaluate((rig, manhattan), frames, None) + linearizer.cost(&problem)
     }
 
     /// Solves and applies one step; the decrease of the cost that it predicts, or `None` when the
@@ -145,7 +145,7 @@ impl Window {
         let decrease = -0.5 * gradient.iter().zip(&self.solution).map(|(g, x)| g * x).sum::<f64>();
 
         self.rig = self.rig.plus(&SVector::from_column_slice(&self.solution[..RIG_DIM]));
-        self.structure.turn(self.solution[HEADING]);
+        self.manhattan.turn(self.solution[HEADING]);
         for (k, frame) in self.frames.iter_mut().enumerate() {
             let at = GLOBAL_DIM + k * FRAME_DIM;
             frame.nav = frame.nav.plus(&SVector::from_column_slice(&self.solution[at..at + FRAME_DIM]));
@@ -161,7 +161,7 @@ impl Window {
 
     fn save(&mut self) {
         self.backup.rig.clone_from(&self.rig);
-        self.backup.heading_rad = self.structure.heading_rad;
+        self.backup.heading_rad = self.manhattan.heading_rad;
         self.backup.frames.clear();
         self.backup.frames.extend(self.frames.iter().map(|f| f.nav.clone()));
         self.backup.points.clear();
@@ -172,7 +172,7 @@ impl Window {
 
     fn restore(&mut self) {
         self.rig.clone_from(&self.backup.rig);
-        self.structure.heading_rad = self.backup.heading_rad;
+        self.manhattan.heading_rad = self.backup.heading_rad;
         for (frame, nav) in self.frames.iter_mut().zip(&self.backup.frames) {
             frame.nav.clone_from(nav);
         }

@@ -204,19 +204,19 @@ impl Rig {
     }
 }
 
-/// A camera's mounting with the matrices that factors need.
+/// A camera's extrinsics with the matrices that factors need.
 #[derive(Clone, Debug)]
 pub struct Mount {
     /// Rotation from the camera to the body.
     pub rot_b_c: Matrix3<f64>,
     /// Position of the camera in the body, m.
     pub p_b_c: Vector3<f64>,
-    /// Derivative of the mounting (position, attitude) by the rig's error state without time offset.
+    /// Derivative of the extrinsics (position, attitude) by the rig's error state without time offset.
     pub by_rig: nalgebra::SMatrix<f64, 6, 12>,
 }
 
 impl Mount {
-    /// The mounting of `camera` in a rig.
+    /// The extrinsics of `camera` in a rig.
     #[must_use]
     pub fn of(rig: &Rig, camera: usize) -> Self {
         let pose = rig.pose_b_c(camera);

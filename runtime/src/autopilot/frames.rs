@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn signs_of_the_mounting_are_those_of_the_right_hand_about_forward_left_up() {
+    fn signs_of_the_vehicle_mounting_are_those_of_the_right_hand_about_forward_left_up() {
         // Turned left by a right angle, the IMU's x points left.
         assert_near(&(Frames::new([0.0, 0.0, 90.0]).rot_v_b * Vector3::x()), [0.0, -1.0, 0.0]);
         // Pitched down by a right angle (right hand about left), the IMU's x points down.

@@ -6,8 +6,8 @@ use crate::cli::scenario::parse_scene;
 use crate::cli::{Usage, stop_on_signal};
 use crate::flight::{Flight, Truth, open_simulation};
 use crate::ground;
+use crate::ground::connection::Connection;
 use crate::ground::fleet::Fleet;
-use crate::ground::line::Line;
 use crate::net::{Endpoints, Publisher};
 use crate::pipeline::{Control, RunOptions, Sink};
 use crate::record::Recorder;
@@ -95,7 +95,7 @@ pub fn run(args: &DemoArgs) -> Result<()> {
 /// A ground station in this process: it knows of the flight what comes over the network.
 struct Station {
     runtime: tokio::runtime::Runtime,
-    line: Line,
+    connection: Connection,
     address: SocketAddr,
 }
 
@@ -107,7 +107,7 @@ impl Station {
         let endpoints = Endpoints { vehicle: "*".into(), connect, ..Endpoints::default() };
         let fleet = Arc::new(Mutex::new(Fleet::default()));
         let (line, address) = runtime.block_on(async {
-            let line = Line::open(&endpoints, &fleet, false).await?;
+            let line = Connection::open(&endpoints, &fleet, false).await?;
             let is_free = TcpListener::bind(args.http).is_ok();
             let wanted = if is_free { args.http } else { SocketAddr::new(args.http.ip(), 0) };
             let address = ground::web::serve(wanted, fleet, line.clone(), true).await?;

@@ -96,9 +96,9 @@ impl Fleet {
         let was_alive = std::mem::replace(&mut vehicle.is_alive, is_alive);
         if is_alive && !was_alive {
             vehicle.appear();
-            self.tell(Some(name), Severity::Info, "on the network".into());
+            self.announce(Some(name), Severity::Info, "on the network".into());
         } else if was_alive && !is_alive {
-            self.tell(Some(name), Severity::Error, "has left the network".into());
+            self.announce(Some(name), Severity::Error, "has left the network".into());
         }
     }
 
@@ -173,20 +173,20 @@ impl Fleet {
                 "blind" => Severity::Warning,
                 _ => Severity::Error,
             };
-            self.tell(Some(name), severity, words.to_owned());
+            self.announce(Some(name), severity, words.to_owned());
         }
         if before.0 != after.0 {
-            self.tell(Some(name), Severity::Warning, format!("reset: the counter is {} now", after.0));
+            self.announce(Some(name), Severity::Warning, format!("reset: the counter is {} now", after.0));
         }
         if let (Some(old), Some(new)) = (before.1, after.1)
             && old != new
         {
-            self.tell(Some(name), Severity::Warning, format!("works with: {new}"));
+            self.announce(Some(name), Severity::Warning, format!("works with: {new}"));
         }
     }
 
     /// Tells an event.
-    pub fn tell(&mut self, vehicle: Option<&str>, severity: Severity, text: String) {
+    pub fn announce(&mut self, vehicle: Option<&str>, severity: Severity, text: String) {
         if self.events.len() == MAX_EVENTS {
             self.events.pop_front();
         }

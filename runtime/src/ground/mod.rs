@@ -6,9 +6,9 @@
 pub mod channel;
 pub mod clock;
 pub mod command;
+pub mod connection;
 pub mod export;
 pub mod fleet;
-pub mod line;
 mod listen;
 pub mod map;
 pub mod news;
@@ -24,8 +24,8 @@ use crate::cli::{check_outputs, say, stop_on_signal};
 use crate::net::{Endpoints, Mode, audit};
 use anyhow::Result;
 use clap::Args;
+use connection::Connection;
 use fleet::Fleet;
-use line::Line;
 use listen::lock;
 use std::io::{IsTerminal, Write};
 use std::net::SocketAddr;
@@ -109,7 +109,7 @@ pub fn run(args: &GroundArgs) -> Result<()> {
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
     let stop = stop_on_signal()?;
     let end = args.duration.map(|s| Instant::now() + Duration::from_secs_f64(s.clamp(0.0, 1e6)));
-    let line = runtime.block_on(Line::open(&endpoints, &fleet, args.json))?;
+    let line = runtime.block_on(Connection::open(&endpoints, &fleet, args.json))?;
     if !args.no_http {
         let served = web::serve(args.http, Arc::clone(&fleet), line.clone(), args.gives_commands());
         let address = runtime.block_on(served)?;

@@ -253,7 +253,7 @@ impl Execution {
             stamp: self.frame.stamp,
             images: [self.frame.image(0), self.frame.image(1)],
         };
-        Ok(self.estimator.add_frame(&input, &rung.effort(), [&mut (), &mut ()]))
+        Ok(self.estimator.add_frame(&input, &rung.budget(), [&mut (), &mut ()]))
     }
 
     fn reset_before(&mut self, frame: u64) -> Result<(), LogError> {

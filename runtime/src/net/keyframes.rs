@@ -1,10 +1,10 @@
 //! The map as far as it is final: keyframes that have left the window, with their landmarks.
 //!
-//! A survey comes with each new keyframe. What the survey before it still had and the new one has no more is
+//! A snapshot comes with each new keyframe. What the snapshot before it still had and the new one has no more is
 //! final. The last ones are kept, encoded, for those who come late or lost some on the way.
 
 use super::{proto, wire};
-use plumbline_estimator::Survey;
+use plumbline_estimator::MapSnapshot;
 use prost::Message;
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -22,7 +22,7 @@ const LINE_NUMBERS: usize = 6;
 #[derive(Debug)]
 pub struct KeyframeHistory {
     max_landmarks: usize,
-    last: Option<Survey>,
+    last: Option<MapSnapshot>,
     kept: VecDeque<Vec<u8>>,
     bytes: usize,
     next: u64,
@@ -41,14 +41,14 @@ impl KeyframeHistory {
         self.next
     }
 
-    /// Takes a survey; the messages of the keyframes that are final now.
-    pub fn update(&mut self, survey: &Survey) -> Vec<Vec<u8>> {
+    /// Takes a snapshot; the messages of the keyframes that are final now.
+    pub fn update(&mut self, snapshot: &MapSnapshot) -> Vec<Vec<u8>> {
         let mut messages = Vec::new();
         if let Some(last) = self.last.take() {
             // After a reset nothing of before comes back.
             let is_gone = |stamp| {
-                last.reset_counter != survey.reset_counter
-                    || survey.keyframes.iter().all(|keyframe| keyframe.stamp != stamp)
+                last.reset_counter != snapshot.reset_counter
+                    || snapshot.keyframes.iter().all(|keyframe| keyframe.stamp != stamp)
             };
             for keyframe in last.keyframes.iter().filter(|keyframe| is_gone(keyframe.stamp)) {
                 let mut message = wire::keyframe(&last, keyframe, self.next);
@@ -57,7 +57,7 @@ impl KeyframeHistory {
                 messages.push(self.keep(&message));
             }
         }
-        self.last = Some(survey.clone());
+        self.last = Some(snapshot.clone());
         messages
     }
 
@@ -99,18 +99,18 @@ mod tests {
     use super::*;
     use nalgebra::{Isometry3, Vector3};
     use plumbline_config::Timestamp;
-    use plumbline_estimator::window::survey::{SurveyedKeyframe, SurveyedPoint};
+    use plumbline_estimator::window::snapshot::{SnapshotKeyframe, SnapshotPoint};
 
-    fn survey(stamps: Range<i64>, reset_counter: u32) -> Survey {
+    fn snapshot(stamps: Range<i64>, reset_counter: u32) -> MapSnapshot {
         let stamp = Timestamp::from_nanos;
         let keyframe =
-            |k| SurveyedKeyframe { stamp: stamp(k), pose_o_b: Isometry3::translation(k as f64, 0.0, 0.0) };
-        let point = |k| SurveyedPoint { host: stamp(k), p_o: Vector3::new(k as f64, 1.0, 2.0) };
-        Survey {
+            |k| SnapshotKeyframe { stamp: stamp(k), pose_o_b: Isometry3::translation(k as f64, 0.0, 0.0) };
+        let point = |k| SnapshotPoint { host: stamp(k), p_o: Vector3::new(k as f64, 1.0, 2.0) };
+        MapSnapshot {
             reset_counter,
             keyframes: stamps.clone().map(keyframe).collect(),
             points: stamps.map(point).collect(),
-            ..Survey::default()
+            ..MapSnapshot::default()
         }
     }
 
@@ -122,12 +122,12 @@ mod tests {
     #[test]
     fn a_keyframe_is_told_once_when_it_has_left_the_window_with_its_own_landmarks() {
         let mut history = KeyframeHistory::new(usize::MAX);
-        assert!(history.update(&survey(1..4, 0)).is_empty());
-        let told = history.update(&survey(3..6, 0));
+        assert!(history.update(&snapshot(1..4, 0)).is_empty());
+        let told = history.update(&snapshot(3..6, 0));
         assert_eq!(stamps(&told), [1, 2]);
         let first: proto::Keyframe = read::decode(&told[0]).unwrap();
         assert_eq!(first.points_o, [1.0, 1.0, 2.0]);
-        assert!(history.update(&survey(3..6, 0)).is_empty());
+        assert!(history.update(&snapshot(3..6, 0)).is_empty());
         assert_eq!(history.count(), 2);
     }
 
@@ -145,8 +145,8 @@ mod tests {
     #[test]
     fn a_reset_ends_all_keyframes_of_before() {
         let mut history = KeyframeHistory::new(usize::MAX);
-        history.update(&survey(1..4, 0));
-        let told = history.update(&survey(3..5, 1));
+        history.update(&snapshot(1..4, 0));
+        let told = history.update(&snapshot(3..5, 1));
         assert_eq!(stamps(&told), [1, 2, 3]);
         let first: proto::Keyframe = read::decode(&told[0]).unwrap();
         assert_eq!(first.header.unwrap().reset_counter, 0);
@@ -156,7 +156,7 @@ mod tests {
     fn those_who_come_late_get_what_is_kept_within_bounds() {
         let mut history = KeyframeHistory::new(usize::MAX);
         for k in 0..(MAX_KEPT as i64 + 10) {
-            history.update(&survey(k..k + 1, 0));
+            history.update(&snapshot(k..k + 1, 0));
         }
         assert_eq!(history.count(), MAX_KEPT as u64 + 9);
         assert_eq!(stamps(&history.get(0..u64::MAX, 3)), [9, 10, 11]);

@@ -2,7 +2,7 @@
 //!
 //! Nothing here may hold up the estimator: it hands its results to rings that forget the oldest and count
 //! what they forgot ([`rings`]); a small Tokio runtime at normal priority does the rest ([`publisher`],
-//! [`outlets`], [`answers`]), and Zenoh's own sends odometry ([`odometry`]). The wire format is `proto/plumbline/v1/plumbline.proto`; [`wire`] writes it, [`read`]
+//! [`publishers`], [`answers`]), and Zenoh's own sends odometry ([`odometry`]). The wire format is `proto/plumbline/v1/plumbline.proto`; [`wire`] writes it, [`read`]
 //! turns it into what was meant, or refuses it. Who may connect and command is in [`security`].
 
 pub mod answers;
@@ -13,10 +13,10 @@ pub mod health;
 pub mod keyframes;
 pub mod keys;
 pub mod odometry;
-pub mod outlets;
 pub mod pace;
 pub mod picture;
 pub mod publisher;
+pub mod publishers;
 pub mod read;
 pub mod rings;
 pub mod security;

@@ -4,8 +4,8 @@
 //! latency. Nothing else runs here, since what holds up this thread holds up what is sent.
 
 use super::datagrams::Datagrams;
-use super::outlets;
 use super::pace::Pace;
+use super::publishers;
 use super::rings::Rings;
 use super::session::NetError;
 use super::{ROOT, wire};
@@ -23,7 +23,7 @@ use zenoh_runtime::ZRuntime;
 const KEY: (&str, &str) = ("odom", "Odom");
 
 /// The key of a vehicle's odometry, and both ways to it.
-pub struct OdometryOutlet {
+pub struct OdometryPublisher {
     publisher: Publisher<'static>,
     key: OwnedKeyExpr,
     datagrams: Option<Datagrams>,
@@ -31,7 +31,7 @@ pub struct OdometryOutlet {
     sequence: u64,
 }
 
-impl OdometryOutlet {
+impl OdometryPublisher {
     /// Declares the key; odometry goes in `datagrams` while there are any.
     ///
     /// # Errors
@@ -42,7 +42,8 @@ impl OdometryOutlet {
         datagrams: Option<Datagrams>,
         rate_hz: f64,
     ) -> Result<Self, NetError> {
-        let publisher = outlets::outlet(session, vehicle, KEY.0, KEY.1, Priority::RealTime).await?;
+        let publisher =
+            publishers::declare_publisher(session, vehicle, KEY.0, KEY.1, Priority::RealTime).await?;
         let name = format!("{ROOT}/{vehicle}/{}", KEY.0);
         let refused =
             |error: zenoh::Error| NetError::Declare { key: name.clone(), message: error.to_string() };

@@ -1,9 +1,9 @@
 //! A vehicle's presence on the network, seen from the run: takes what it produces, and never holds it up.
 
 use super::now_ns;
-use super::outlets::Outlets;
 use super::pace::Rates;
 use super::proto;
+use super::publishers::Publishers;
 use super::rings::Rings;
 use super::security;
 use super::session::{Endpoints, NetError};
@@ -69,10 +69,10 @@ impl Publisher {
             .build()?;
         let thread = std::thread::Builder::new().name("plumbline-net".into()).spawn(move || {
             runtime.block_on(async {
-                match Outlets::declare(&endpoints, vehicle, rates, &ros).await {
-                    Ok(outlets) => {
+                match Publishers::declare(&endpoints, vehicle, rates, &ros).await {
+                    Ok(publishers) => {
                         let _ = ready.send(Ok(()));
-                        outlets.run(&theirs).await;
+                        publishers.run(&theirs).await;
                     }
                     Err(error) => drop(ready.send(Err(error))),
                 }

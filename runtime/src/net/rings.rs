@@ -3,7 +3,7 @@
 use super::picture::Shot;
 use crossbeam_queue::ArrayQueue;
 use plumbline_config::Config;
-use plumbline_estimator::{Estimate, Odometry, Survey};
+use plumbline_estimator::{Estimate, MapSnapshot, Odometry};
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
 use tokio::sync::Notify;
 
@@ -11,8 +11,8 @@ use tokio::sync::Notify;
 const ODOMETRY_RING: usize = 50;
 /// Estimates that wait for the network: two seconds.
 const ESTIMATE_RING: usize = 40;
-/// Surveys of the window that are filled, wait or are read: they come with keyframes, a few a second.
-const SURVEYS: usize = 8;
+/// Map snapshots of the window that are filled, wait or are read: they come with keyframes, a few a second.
+const SNAPSHOTS: usize = 8;
 /// Pictures that are filled, wait or are read.
 const SHOTS: usize = 3;
 
@@ -118,7 +118,7 @@ pub struct Rings {
     /// Estimates, with what the frame took, ms.
     pub estimates: DropOldest<(Estimate, f64)>,
     /// What the window holds, after each keyframe.
-    pub surveys: Pool<Survey>,
+    pub snapshots: Pool<MapSnapshot>,
     /// Left pictures with what is tracked in them.
     pub shots: Pool<Shot>,
     /// Somebody looks at pictures.
@@ -143,7 +143,7 @@ impl Rings {
             odometry: DropOldest::new(ODOMETRY_RING),
             ros: config.ros.enabled.then(|| DropOldest::new(ODOMETRY_RING)),
             estimates: DropOldest::new(ESTIMATE_RING),
-            surveys: Pool::new(SURVEYS, || Survey::new(config)),
+            snapshots: Pool::new(SNAPSHOTS, || MapSnapshot::new(config)),
             shots: Pool::new(SHOTS, || Shot::new(config)),
             is_watched: AtomicBool::new(false),
             rung: AtomicU8::new(0),
@@ -164,7 +164,7 @@ impl Rings {
     /// Entries forgotten because the network was slower than the vehicle.
     #[must_use]
     pub fn dropped(&self) -> u64 {
-        self.odometry.dropped() + self.estimates.dropped() + self.surveys.dropped()
+        self.odometry.dropped() + self.estimates.dropped() + self.snapshots.dropped()
     }
 }
 

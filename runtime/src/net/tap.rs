@@ -59,7 +59,7 @@ impl Tap for NetworkTap {
 
     fn solved(&mut self, window: &Window, estimate: &Estimate) {
         if estimate.figures.is_keyframe && estimate.has_pose() {
-            self.rings.surveys.fill(|survey| window.survey(estimate, survey));
+            self.rings.snapshots.fill(|snapshot| window.snapshot(estimate, snapshot));
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::proto;
 use nalgebra::{Isometry3, Vector3};
-use plumbline_estimator::window::survey::{Survey, SurveyedKeyframe, SurveyedLine, SurveyedPoint};
+use plumbline_estimator::window::snapshot::{MapSnapshot, SnapshotKeyframe, SnapshotLine, SnapshotPoint};
 use plumbline_estimator::{Estimate, HealthBits, NavCovariance, Odometry, TrackingState};
 
 /// `state` on the wire.
@@ -108,40 +108,40 @@ pub fn state(e: &Estimate, sequence: u64, published_ns: i64) -> proto::State {
 
 /// Places one after the other, x y z.
 #[must_use]
-pub fn points<'a>(points: impl IntoIterator<Item = &'a SurveyedPoint>) -> Vec<f32> {
+pub fn points<'a>(points: impl IntoIterator<Item = &'a SnapshotPoint>) -> Vec<f32> {
     points.into_iter().flat_map(|p| [p.p_o.x as f32, p.p_o.y as f32, p.p_o.z as f32]).collect()
 }
 
 /// Ends of lines one after the other, x y z x y z.
 #[must_use]
-pub fn lines<'a>(lines: impl IntoIterator<Item = &'a SurveyedLine>) -> Vec<f32> {
+pub fn lines<'a>(lines: impl IntoIterator<Item = &'a SnapshotLine>) -> Vec<f32> {
     let ends = lines.into_iter().flat_map(|line| line.ends_o);
     ends.flat_map(|end| [end.x as f32, end.y as f32, end.z as f32]).collect()
 }
 
 /// What is in the window, as it is sent.
 #[must_use]
-pub fn scene(survey: &Survey, sequence: u64, published_ns: i64) -> proto::Scene {
+pub fn scene(snapshot: &MapSnapshot, sequence: u64, published_ns: i64) -> proto::Scene {
     proto::Scene {
-        header: Some(survey_header(survey, survey.stamp.as_nanos(), sequence, published_ns)),
-        keyframes: survey.keyframes.iter().filter_map(|k| pose(&k.pose_o_b)).collect(),
-        points_o: points(&survey.points),
-        lines_o: lines(&survey.lines),
+        header: Some(snapshot_header(snapshot, snapshot.stamp.as_nanos(), sequence, published_ns)),
+        keyframes: snapshot.keyframes.iter().filter_map(|k| pose(&k.pose_o_b)).collect(),
+        points_o: points(&snapshot.points),
+        lines_o: lines(&snapshot.lines),
     }
 }
 
-/// A keyframe of `survey` with the landmarks that it hosts, as it is sent.
+/// A keyframe of `snapshot` with the landmarks that it hosts, as it is sent.
 #[must_use]
-pub fn keyframe(survey: &Survey, keyframe: &SurveyedKeyframe, sequence: u64) -> proto::Keyframe {
+pub fn keyframe(snapshot: &MapSnapshot, keyframe: &SnapshotKeyframe, sequence: u64) -> proto::Keyframe {
     let stamp = keyframe.stamp;
     proto::Keyframe {
-        header: Some(survey_header(survey, stamp.as_nanos(), sequence, super::now_ns())),
+        header: Some(snapshot_header(snapshot, stamp.as_nanos(), sequence, super::now_ns())),
         pose: pose(&keyframe.pose_o_b),
-        points_o: points(survey.points.iter().filter(|p| p.host == stamp)),
-        lines_o: lines(survey.lines.iter().filter(|l| l.host == stamp)),
+        points_o: points(snapshot.points.iter().filter(|p| p.host == stamp)),
+        lines_o: lines(snapshot.lines.iter().filter(|l| l.host == stamp)),
     }
 }
 
-fn survey_header(survey: &Survey, stamp_ns: i64, sequence: u64, published_ns: i64) -> proto::Header {
-    proto::Header { stamp_ns, published_ns, sequence, reset_counter: survey.reset_counter, quality: 0 }
+fn snapshot_header(snapshot: &MapSnapshot, stamp_ns: i64, sequence: u64, published_ns: i64) -> proto::Header {
+    proto::Header { stamp_ns, published_ns, sequence, reset_counter: snapshot.reset_counter, quality: 0 }
 }

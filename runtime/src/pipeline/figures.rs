@@ -163,7 +163,7 @@ pub struct Figures {
     /// Sums over frames of points tracked and landmarks in the window.
     pub points: (u64, u64),
     /// Sums over frames of line segments.
-    pub lines: LineSums,
+    pub lines: LineMoments,
     /// Time offset at the end, s.
     pub time_offset_s: f64,
     first_frame: Option<Timestamp>,
@@ -172,7 +172,7 @@ pub struct Figures {
 
 /// Sums over frames of the line segments of the left image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct LineSums {
+pub struct LineMoments {
     /// Found.
     pub raw: u64,
     /// Long enough.
@@ -189,7 +189,7 @@ pub struct LineSums {
     pub cut_short: u64,
 }
 
-impl LineSums {
+impl LineMoments {
     fn add(&mut self, figures: &FrameFigures) {
         self.raw += u64::from(figures.lines_raw);
         self.kept += u64::from(figures.lines_kept);
@@ -218,7 +218,7 @@ impl Default for Figures {
             handout_us: Times::of_us(),
             stages: StageTimes::default(),
             points: (0, 0),
-            lines: LineSums::default(),
+            lines: LineMoments::default(),
             time_offset_s: 0.0,
             first_frame: None,
             started: Stopwatch::start(),

@@ -148,7 +148,7 @@ impl<'a> InOrder<'a> {
             &mut || solved = is_in_flight.then(|| window.solve(&in_flight.tracked, feedback)),
         );
         if let Some((estimate, cost)) = solved {
-            self.front.hear(&self.feedback);
+            self.front.apply_feedback(&self.feedback);
             self.finish(estimate, cost, sink);
         }
         std::mem::swap(&mut self.in_flight, &mut self.next);

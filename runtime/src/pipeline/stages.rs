@@ -113,7 +113,7 @@ impl FrontStage {
         let Self { tap, front_end, point_times, line_times, .. } = self;
         let ((), cost, allocations) = measured(frame.stamp.nanos_since(first) > WARM_UP_NS, || {
             tap.order(&order);
-            front_end.track(&input, &rung.effort(), fork, [point_times, line_times], &mut job.tracked);
+            front_end.track(&input, &rung.budget(), fork, [point_times, line_times], &mut job.tracked);
             tap.tracked(&job.tracked);
         });
         job.cost = cost;
@@ -139,7 +139,7 @@ impl FrontStage {
     }
 
     /// Something that people want to know.
-    pub fn tell(&mut self, event: &Event) {
+    pub fn event(&mut self, event: &Event) {
         self.tap.event(event);
     }
 
@@ -148,8 +148,8 @@ impl FrontStage {
     }
 
     /// Takes what the window found out.
-    pub fn hear(&mut self, feedback: &Feedback) {
-        self.front_end.hear(feedback);
+    pub fn apply_feedback(&mut self, feedback: &Feedback) {
+        self.front_end.apply_feedback(feedback);
     }
 
     /// The time of each stage so far.

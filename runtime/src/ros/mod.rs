@@ -9,7 +9,7 @@
 //! - [`names`]: the keys on which `rmw_zenoh` looks for them, the liveliness tokens by which it lists nodes and
 //!   publishers, and what it attaches to a sample;
 //! - [`node`]: a node `plumbline` with its three publishers;
-//! - [`outlet`]: the session with the router of `rmw_zenoh` that it lives on.
+//! - [`publisher`]: the session with the router of `rmw_zenoh` that it lives on.
 //!
 //! Source: `docs/design.md` of ros2/rmw_zenoh, and its `liveliness_utils.cpp` where that is not precise.
 
@@ -17,6 +17,6 @@ pub mod cdr;
 pub mod messages;
 pub mod names;
 pub mod node;
-pub mod outlet;
+pub mod publisher;
 
-pub use outlet::RosOutlet;
+pub use publisher::RosPublisher;

@@ -5,7 +5,7 @@
 //! premature. The rung of a frame is an input of its estimate, so it is written down with the frame
 //! ([`crate::pipeline::orders`]) and followed when the flight is executed again.
 
-use plumbline_estimator::Effort;
+use plumbline_estimator::WorkBudget;
 
 /// Share of the period above which a frame is too long.
 const TOO_LONG: f64 = 0.9;
@@ -76,13 +76,13 @@ impl Rung {
 
     /// The work of a frame on this rung.
     #[must_use]
-    pub const fn effort(self) -> Effort {
+    pub const fn budget(self) -> WorkBudget {
         let features_percent = if matches!(self, Self::Full) { 100 } else { 60 };
         match self {
-            Self::Full | Self::FewerFeatures => Effort { features_percent, ..Effort::FULL },
-            Self::NoLines => Effort { features_percent, lines: false, ..Effort::FULL },
+            Self::Full | Self::FewerFeatures => WorkBudget { features_percent, ..WorkBudget::FULL },
+            Self::NoLines => WorkBudget { features_percent, lines: false, ..WorkBudget::FULL },
             Self::FewerIterations | Self::KeyframesOnly | Self::ImuOnly => {
-                Effort { features_percent, lines: false, max_iterations: 2 }
+                WorkBudget { features_percent, lines: false, max_iterations: 2 }
             }
         }
     }
@@ -176,7 +176,7 @@ mod tests {
     #[test]
     fn every_rung_leaves_out_what_those_above_it_do() {
         for pair in Rung::ALL.windows(2) {
-            let (a, b) = (pair[0].effort(), pair[1].effort());
+            let (a, b) = (pair[0].budget(), pair[1].budget());
             assert!(b.features_percent <= a.features_percent && b.lines <= a.lines);
             assert!(b.max_iterations <= a.max_iterations);
             assert_eq!(pair[0].below(), pair[1]);

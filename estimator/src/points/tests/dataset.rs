@@ -6,7 +6,7 @@ use plumbline_config::{CameraModel, GrayImage};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The two cameras of the recordings, with their mounting.
+/// The two cameras of the recordings, with their extrinsics.
 pub(super) fn euroc_rig() -> ([CameraModel; 2], [Isometry3<f64>; 2]) {
     let camera = |f: [f64; 2], c: [f64; 2], k: [f64; 4]| CameraModel {
         width_px: 752,

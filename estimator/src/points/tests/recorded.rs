@@ -1,9 +1,9 @@
 //! The front-end on recorded flights: how long tracks live, and how steady they are.
 
 use super::dataset::{Clip, euroc_rig};
-use crate::effort::InTurn;
 use crate::points::rig::{Baseline, RigCamera};
 use crate::points::{PointObservation, PointTracker, TrackerFigures, TrackerInput};
+use crate::work_budget::InTurn;
 use nalgebra::{Isometry3, Matrix3, Point3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
 use plumbline_config::CameraModel;
 use plumbline_config::options::PointsConfig;
@@ -112,7 +112,7 @@ type View = (usize, Vector2<f64>);
 /// Reprojection errors of tracks with at least `min_length` frames after an adjustment of points and poses
 /// in turn, which takes out what the ground truth is off: what stays is how far tracks contradict each other.
 fn reprojection(run: &Run, clip: &Clip, min_length: usize) {
-    let (models, mounting) = euroc_rig();
+    let (models, extrinsics) = euroc_rig();
     let model = &models[0];
     let mut tracks: BTreeMap<u32, Vec<View>> = BTreeMap::new();
     for (k, frame) in run.frames.iter().enumerate() {
@@ -122,8 +122,11 @@ fn reprojection(run: &Run, clip: &Clip, min_length: usize) {
             }
         }
     }
-    let truth: Vec<_> =
-        clip.stamps.iter().map(|&s| clip.pose(s).unwrap_or_else(Isometry3::identity) * mounting[0]).collect();
+    let truth: Vec<_> = clip
+        .stamps
+        .iter()
+        .map(|&s| clip.pose(s).unwrap_or_else(Isometry3::identity) * extrinsics[0])
+        .collect();
     let mut poses = truth.clone();
     let mut points: BTreeMap<u32, Point3<f64>> = BTreeMap::new();
     for round in 0..30 {

@@ -1,12 +1,12 @@
 //! The front-end on rendered images, where the truth is known to a hundredth of a pixel.
 
-use super::scene::{Flight, HEIGHT, Scene, Shot, WIDTH, model, mounting, sway};
-use crate::effort::InTurn;
+use super::scene::{Flight, HEIGHT, Scene, Shot, WIDTH, extrinsics, model, sway};
 use crate::image::Pyramid;
 use crate::image::synthetic::{Random, Texture};
 use crate::points::corners::{CornerDetector, Demand};
 use crate::points::flow::{FlowOptions, track_patch};
 use crate::points::{PointObservation, TrackerInput};
+use crate::work_budget::InTurn;
 use nalgebra::{Isometry3, Matrix2, Point3, UnitQuaternion, Vector2};
 use plumbline_config::GrayImage;
 use std::collections::BTreeMap;
@@ -20,7 +20,7 @@ struct Judge {
 impl Judge {
     /// Errors of all observations of a frame in one camera, px; tracks seen for the first time have none.
     fn errors(&mut self, flight: &Flight, shot: &Shot, seen: &[PointObservation], camera: usize) -> Vec<f64> {
-        let poses = mounting().map(|m| shot.pose_w_b * m);
+        let poses = extrinsics().map(|m| shot.pose_w_b * m);
         let mut errors = Vec::new();
         for point in seen {
             let is_new = !self.points.contains_key(&point.track_id);
@@ -148,7 +148,7 @@ fn stereo_is_right_from_far_to_half_a_metre() {
 #[test]
 fn a_rig_slightly_off_still_matches() {
     let mut flight = Flight::new(Scene::new(13, 2.0), 2);
-    let mut off = mounting();
+    let mut off = extrinsics();
     off[1].rotation *= UnitQuaternion::from_euler_angles(0.003, 0.002, 0.003);
     flight.tracker.set_extrinsics(&off);
     let seen = flight.shoot(&sway(0));

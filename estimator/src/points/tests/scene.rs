@@ -1,8 +1,8 @@
 //! A rendered world with a known truth: a textured plane, seen by a moving stereo rig without distortion.
 
-use crate::effort::InTurn;
 use crate::image::synthetic::{Random, Texture};
 use crate::points::{PointTracker, TrackerInput};
+use crate::work_budget::InTurn;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
 use plumbline_config::camera::Distortion;
 use plumbline_config::options::PointsConfig;
@@ -65,7 +65,7 @@ pub(super) fn model() -> CameraModel {
 }
 
 /// Mounting of the cameras: turned against the body, and slightly against each other.
-pub(super) fn mounting() -> [Isometry3<f64>; 2] {
+pub(super) fn extrinsics() -> [Isometry3<f64>; 2] {
     let left = Isometry3::from_parts(
         Translation3::new(0.02, -0.01, 0.03),
         UnitQuaternion::from_euler_angles(0.1, -0.2, 1.5),
@@ -100,7 +100,7 @@ impl Flight {
     pub(super) fn new(scene: Scene, cameras: usize) -> Self {
         let options = PointsConfig { max_points: 60, cell_px: 32, ..PointsConfig::default() };
         let mut tracker = PointTracker::new(&options, &[model(), model()][..cameras]);
-        tracker.set_extrinsics(&mounting());
+        tracker.set_extrinsics(&extrinsics());
         Self { scene, tracker, cameras, frame: 0, last_pose_w_b: start() }
     }
 
@@ -110,7 +110,7 @@ impl Flight {
         let image = |c: usize| {
             (c < self.cameras && shot.arrives[c]).then(|| {
                 let seed = self.frame * 2 + c as u64;
-                self.scene.render(&(shot.pose_w_b * mounting()[c]), shot.gain, shot.offset, seed)
+                self.scene.render(&(shot.pose_w_b * extrinsics()[c]), shot.gain, shot.offset, seed)
             })
         };
         let images = [image(0), image(1)];
@@ -124,7 +124,7 @@ impl Flight {
 
 /// Pose of the body when the left camera is at the origin of the world.
 pub(super) fn start() -> Isometry3<f64> {
-    mounting()[0].inverse()
+    extrinsics()[0].inverse()
 }
 
 /// A swaying path: up to 0.15 m and 6 degrees about the start, at 2 m distance some 3 px per frame.

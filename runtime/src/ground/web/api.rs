@@ -53,7 +53,7 @@ pub async fn reset(
         Ok(done) => (Severity::Info, done),
         Err(reason) => (Severity::Error, reason),
     };
-    lock(&station.fleet).tell(Some(&vehicle), severity, text.clone());
+    lock(&station.fleet).announce(Some(&vehicle), severity, text.clone());
     match outcome {
         Ok(done) => answer(StatusCode::OK, true, &done),
         Err(reason) => answer(StatusCode::BAD_GATEWAY, false, &reason),

@@ -9,8 +9,8 @@ mod guard;
 mod messages;
 mod socket;
 
+use super::connection::Connection;
 use super::fleet::Fleet;
-use super::line::Line;
 use anyhow::{Context, Result};
 use axum::Router;
 use axum::routing::{get, post};
@@ -24,7 +24,7 @@ pub struct Station {
     /// What is known.
     pub fleet: Arc<Mutex<Fleet>>,
     /// To the vehicles.
-    pub line: Line,
+    pub connection: Connection,
     /// Whether the page may give commands.
     pub commands: bool,
     /// Messages of pages that could not be understood.
@@ -42,7 +42,7 @@ pub struct Station {
 pub async fn serve(
     address: SocketAddr,
     fleet: Arc<Mutex<Fleet>>,
-    line: Line,
+    connection: Connection,
     commands: bool,
 ) -> Result<SocketAddr> {
     let listener = TcpListener::bind(address).await.with_context(|| {

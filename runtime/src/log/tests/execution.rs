@@ -9,7 +9,7 @@ use crate::pipeline::orders::{CorrectionOrder, FrameOrder, ResetOrder, Verdict};
 use crate::pipeline::tap::{Several, Tap};
 use nalgebra::Vector3;
 use plumbline_drivers::{ImuReading, StereoFrame};
-use plumbline_estimator::{Effort, Estimate, Estimator, FrameInput, Odometry, Propagator, ResetKind};
+use plumbline_estimator::{Estimate, Estimator, FrameInput, Odometry, Propagator, ResetKind, WorkBudget};
 use prost::Message as _;
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -148,7 +148,7 @@ fn fly_with_orders(flight: Flight, tap: &mut dyn Tap) {
         if !refused {
             let images = [frame.image(0), frame.image(1)];
             let input = FrameInput { sequence, stamp: frame.stamp, images };
-            let estimate = estimator.add_frame(&input, &Effort::FULL, [&mut (), &mut ()]);
+            let estimate = estimator.add_frame(&input, &WorkBudget::FULL, [&mut (), &mut ()]);
             tap.estimate(&estimate);
             late = Some(estimate);
         }

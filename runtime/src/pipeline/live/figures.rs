@@ -2,7 +2,7 @@
 
 use super::super::figures::{Percentiles, Times};
 use super::Ended;
-use super::minder::Minded;
+use super::watchdog_thread::WatchdogFigures;
 use crate::schedule::ladder::Rung;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -69,7 +69,7 @@ impl Latency {
 }
 
 impl LiveFigures {
-    pub(super) fn new(ended: &Ended, minded: Minded) -> Self {
+    pub(super) fn new(ended: &Ended, watched: WatchdogFigures) -> Self {
         let ((stage, tick), front) = (&ended.tick, &ended.front.1);
         Self {
             ticks: tick.ticks,
@@ -96,8 +96,8 @@ impl LiveFigures {
                 ("tracked frames", ended.window.1),
             ]
             .into(),
-            stalls: minded.stalls,
-            memory_growth_mb: minded.memory_growth_mb,
+            stalls: watched.stalls,
+            memory_growth_mb: watched.memory_growth_mb,
         }
     }
 }

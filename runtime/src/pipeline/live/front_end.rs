@@ -94,7 +94,7 @@ impl FrontEndTask {
     /// Tracks frames until the camera has ended.
     pub fn run(mut self, shared: &Shared<'_>, team: &Team) -> (FrontStage, FrontEndFigures) {
         self.rings.bell.listen();
-        while self.hear_window(shared) {
+        while self.await_feedback(shared) {
             let Some((mut arrival, shed)) = self.newest_frame() else { break };
             shared.heartbeats.busy(TaskId::FrontEnd);
             let rung = self.ladder.rung();
@@ -129,12 +129,12 @@ impl FrontEndTask {
 
     /// Takes what the window found out about the frame before the last, as the rule demands; waits for it.
     /// `false` when the window has gone.
-    fn hear_window(&mut self, shared: &Shared<'_>) -> bool {
+    fn await_feedback(&mut self, shared: &Shared<'_>) -> bool {
         while self.heard + 1 < self.taken {
             let FrontEndRings { bell, feedback, .. } = &mut self.rings;
             match bell.wait(NAP, || feedback.pop()) {
                 Some(feedback) => {
-                    self.stage.hear(&feedback);
+                    self.stage.apply_feedback(&feedback);
                     self.heard += 1;
                     let _ = self.rings.blank.push(feedback);
                 }
@@ -209,7 +209,7 @@ impl FrontEndTask {
             let words = if is_down { "the work does not fit" } else { "the work fits again" };
             tracing::warn!("{words}: {}", rung.name());
             let now = shared.data_time(Monotonic::now());
-            self.stage.tell(&Event::new(now, Severity::Warning, format_args!("{words}: {}", rung.name())));
+            self.stage.event(&Event::new(now, Severity::Warning, format_args!("{words}: {}", rung.name())));
         }
     }
 }

@@ -16,8 +16,8 @@
 mod drivers;
 mod figures;
 mod front_end;
-mod minder;
 mod tick;
+mod watchdog_thread;
 mod window;
 
 pub use figures::LiveFigures;
@@ -35,7 +35,6 @@ use crate::schedule::ticker::Monotonic;
 use crate::schedule::watchdog::Heartbeats;
 use drivers::{Arrival, CameraFigures, CameraTask, ImuTask};
 use front_end::{FrontEndFigures, FrontEndRings, FrontEndTask};
-use minder::Minder;
 use plumbline_config::{Config, Timestamp};
 use plumbline_drivers::{Faults, StereoFrame};
 use plumbline_estimator::{Estimate, Feedback, Odometry};
@@ -45,6 +44,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{Builder, Scope, ScopedJoinHandle};
 use std::time::Duration;
 use tick::{TickTask, TickTaskFigures};
+use watchdog_thread::WatchdogThread;
 use window::WindowTask;
 
 /// Frames that are filled, wait or are tracked at a time.
@@ -258,9 +258,9 @@ impl Live {
         sink_bell.listen();
         let mut collector = Collector { odometry, estimates, bell: sink_bell, figures: Figures::default() };
         collector.figures.start();
-        let minder = Minder::default();
+        let watchdog = WatchdogThread::default();
         std::thread::scope(|scope| {
-            let minding = minder.start(scope, shared, tap)?;
+            let watching = watchdog.start(scope, shared, tap)?;
             let window = shared.spawn(scope, TaskId::Window, move || window.run(shared))?;
             let front = shared.spawn(scope, TaskId::FrontEnd, || team.lead(|| front.run(shared, &team)))?;
             let camera = shared.spawn(scope, TaskId::Camera, move || camera.run(shared))?;
@@ -274,9 +274,9 @@ impl Live {
                 camera: joined(camera, "camera")?,
                 imu: joined(imu, "imu")?,
             };
-            minder.end();
-            let minded = minding.join().map_err(|_| RunError::Fault("watchdog"))?;
-            Ok(ended.outcome(collector.figures, &team, minded))
+            watchdog.end();
+            let watched = watching.join().map_err(|_| RunError::Fault("watchdog"))?;
+            Ok(ended.outcome(collector.figures, &team, watched))
         })
     }
 }
@@ -291,7 +291,12 @@ struct Ended {
 }
 
 impl Ended {
-    fn outcome(self, mut figures: Figures, team: &Team, minded: minder::Minded) -> Outcome {
+    fn outcome(
+        self,
+        mut figures: Figures,
+        team: &Team,
+        watched: watchdog_thread::WatchdogFigures,
+    ) -> Outcome {
         figures.finish();
         figures.add_stages(&self.front.0, &self.window.0, &self.tick.0);
         figures.hot_path_allocations += team.allocations();
@@ -300,7 +305,7 @@ impl Ended {
             estimate_digest: self.window.0.digest(),
             odometry_digest: self.tick.0.digest(),
             faults: (self.imu, self.camera.0),
-            live: Some(LiveFigures::new(&self, minded)),
+            live: Some(LiveFigures::new(&self, watched)),
             figures,
         }
     }

@@ -11,23 +11,23 @@ struct Scene {
     host: NavState,
     camera: usize,
     line: HostedLine,
-    structure: Structure,
+    manhattan: Manhattan,
 }
 
 impl Scene {
     fn residual(&self) -> Vector2<f64> {
         let mount = Mount::of(&self.rig, self.camera);
-        self.structure.residual(&self.line, &BodyPose::of(&self.host), &mount).expect("belongs to it")
+        self.manhattan.residual(&self.line, &BodyPose::of(&self.host), &mount).expect("belongs to it")
     }
 
     fn jacobians(&self) -> (Jacobians<4>, Vector2<f64>) {
         let mount = Mount::of(&self.rig, self.camera);
-        self.structure.jacobians(&self.line, &BodyPose::of(&self.host), &mount).expect("belongs to it")
+        self.manhattan.jacobians(&self.line, &BodyPose::of(&self.host), &mount).expect("belongs to it")
     }
 }
 
-fn options() -> StructureOptions {
-    StructureOptions { verticals: true, vanishing_directions: true, sigma_rad: 0.002 }
+fn options() -> ManhattanOptions {
+    ManhattanOptions { verticals: true, vanishing_directions: true, sigma_rad: 0.002 }
 }
 
 fn scenes() -> impl Strategy<Value = Scene> {
@@ -46,7 +46,7 @@ fn scenes() -> impl Strategy<Value = Scene> {
                 },
                 camera,
                 line: HostedLine { axis: Some(Axis::ALL[axis]), ..line },
-                structure: Structure { options: options(), heading_rad: Some(heading) },
+                manhattan: Manhattan { options: options(), heading_rad: Some(heading) },
             })
         },
     )
@@ -71,7 +71,7 @@ fn is_close(analytic: &Vector2<f64>, numeric: &Vector2<f64>) -> bool {
 fn turn_all(scene: &mut Scene, h: f64) {
     let turn = nalgebra::UnitQuaternion::from_axis_angle(&Vector3::z_axis(), h);
     scene.host.rot_o_b = turn * scene.host.rot_o_b;
-    scene.structure.turn(h);
+    scene.manhattan.turn(h);
 }
 
 proptest! {
@@ -102,7 +102,7 @@ proptest! {
             });
             prop_assert!(is_close(&j.landmark.column(k).into(), &by_line), "line {k}");
         }
-        prop_assert!(is_close(&by_heading, &numeric(&scene, |s, h| s.structure.turn(h))), "heading");
+        prop_assert!(is_close(&by_heading, &numeric(&scene, |s, h| s.manhattan.turn(h))), "heading");
     }
 
     #[test]
@@ -110,7 +110,7 @@ proptest! {
         prop_assert!(numeric(&scene, turn_all).norm() < 1e-5);
         // By the Jacobians as well, and wherever the heading has been linearized.
         let mut scene = scene;
-        scene.structure.turn(elsewhere);
+        scene.manhattan.turn(elsewhere);
         let (j, by_heading) = scene.jacobians();
         let up_b = scene.host.rot_o_b.inverse() * Vector3::z();
         let by_yaw = j.host.fixed_view::<2, 3>(0, 3) * up_b;
@@ -137,12 +137,12 @@ fn level() -> Matrix3<f64> {
 
 #[test]
 fn lines_belong_to_the_direction_they_have() {
-    let structure = Structure { options: options(), heading_rad: Some(0.7) };
+    let manhattan = Manhattan { options: options(), heading_rad: Some(0.7) };
     let heading = |degrees: f64| {
         let (sin, cos) = (0.7 + degrees.to_radians()).sin_cos();
         Vector3::new(cos, sin, 0.0)
     };
-    let axis = |v: Vector3<f64>| structure.axis_of(&seen(v, None), &level());
+    let axis = |v: Vector3<f64>| manhattan.axis_of(&seen(v, None), &level());
     assert_eq!(axis(Vector3::z()), Some(Axis::Vertical));
     assert_eq!(axis(heading(0.0)), Some(Axis::Along));
     assert_eq!(axis(-heading(0.1)), Some(Axis::Along));
@@ -150,22 +150,22 @@ fn lines_belong_to_the_direction_they_have() {
     assert_eq!(axis(heading(30.0)), None);
     assert_eq!(axis(Vector3::new(0.5, 0.0, 0.8)), None);
     let level_line = seen_at(0.1, heading(0.0), None);
-    assert_eq!(structure.axis_of(&level_line, &level()), None, "level with the camera it does not tell");
+    assert_eq!(manhattan.axis_of(&level_line, &level()), None, "level with the camera it does not tell");
 }
 
 #[test]
 fn a_line_at_the_edge_of_the_gate_does_not_come_and_go() {
-    let structure = Structure { options: options(), heading_rad: Some(0.7) };
+    let manhattan = Manhattan { options: options(), heading_rad: Some(0.7) };
     let v = Vector3::new(0.7_f64.cos(), 0.7_f64.sin(), 0.01);
-    assert_eq!(structure.axis_of(&seen(v, None), &level()), None);
-    assert_eq!(structure.axis_of(&seen(v, Some(Axis::Along)), &level()), Some(Axis::Along));
+    assert_eq!(manhattan.axis_of(&seen(v, None), &level()), None);
+    assert_eq!(manhattan.axis_of(&seen(v, Some(Axis::Along)), &level()), Some(Axis::Along));
 }
 
 #[test]
 fn what_is_switched_off_says_nothing() {
-    let off = StructureOptions { verticals: false, vanishing_directions: false, ..options() };
-    let structure = Structure { options: off, heading_rad: Some(0.7) };
-    assert!(Axis::ALL.iter().all(|axis| structure.direction_o(*axis).is_none()));
+    let off = ManhattanOptions { verticals: false, vanishing_directions: false, ..options() };
+    let manhattan = Manhattan { options: off, heading_rad: Some(0.7) };
+    assert!(Axis::ALL.iter().all(|axis| manhattan.direction_o(*axis).is_none()));
     let line = seen(Vector3::z(), Some(Axis::Vertical));
     let host = BodyPose { rot_o_b: Matrix3::identity(), p_o_b: Vector3::zeros() };
     let rig = Rig {
@@ -173,6 +173,6 @@ fn what_is_switched_off_says_nothing() {
         pose_c0_c1: nalgebra::Isometry3::identity(),
         time_offset_s: 0.0,
     };
-    assert!(structure.residual(&line, &host, &Mount::of(&rig, 0)).is_none());
-    assert_eq!(structure.axis_of(&line, &level()), None);
+    assert!(manhattan.residual(&line, &host, &Mount::of(&rig, 0)).is_none());
+    assert_eq!(manhattan.axis_of(&line, &level()), None);
 }

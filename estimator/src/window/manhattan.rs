@@ -47,7 +47,7 @@ impl Axis {
 
 /// Which structure is used, and how truly it is built.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct StructureOptions {
+pub struct ManhattanOptions {
     /// Vertical edges are used.
     pub verticals: bool,
     /// Horizontal edges along and across the heading are used.
@@ -56,7 +56,7 @@ pub struct StructureOptions {
     pub sigma_rad: f64,
 }
 
-impl StructureOptions {
+impl ManhattanOptions {
     /// The options that a configuration asks for.
     #[must_use]
     pub fn of(lines: &LinesConfig) -> Self {
@@ -70,17 +70,17 @@ impl StructureOptions {
 
 /// The structure as known so far.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Structure {
+pub struct Manhattan {
     /// Options.
-    pub options: StructureOptions,
+    pub options: ManhattanOptions,
     /// Heading of the structure in `O`, rad; `None` while no horizontal structure is known.
     pub heading_rad: Option<f64>,
 }
 
-impl Structure {
+impl Manhattan {
     /// No horizontal structure as yet.
     #[must_use]
-    pub fn new(options: StructureOptions) -> Self {
+    pub fn new(options: ManhattanOptions) -> Self {
         Self { options, heading_rad: None }
     }
 
@@ -175,5 +175,5 @@ const MIN_TILT: f64 = 0.25;
 const RELEASE: f64 = 2.0;
 
 #[cfg(test)]
-#[path = "structure_tests.rs"]
+#[path = "manhattan_tests.rs"]
 mod tests;

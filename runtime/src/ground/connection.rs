@@ -10,7 +10,7 @@ use zenoh::Session;
 #[derive(Clone, Default)]
 pub struct Line(Arc<OnceLock<Session>>);
 
-impl Line {
+impl Connection {
     /// Opens the session and fills the fleet from it. A client without anybody at the other end goes on trying: a
     /// router passes nothing on to a station that is a peer, so it must not become one meanwhile.
     ///

@@ -18,7 +18,7 @@ const RETRY_MS: (u32, u32) = (500, 1000);
 const PATIENCE: Duration = Duration::from_secs(3);
 
 /// Publishes odometry to ROS 2 as soon as the router is there, and again when it comes back.
-pub struct RosOutlet {
+pub struct RosPublisher {
     options: RosConfig,
     vehicle: String,
     state: State,
@@ -32,7 +32,7 @@ enum State {
     Failed,
 }
 
-impl RosOutlet {
+impl RosPublisher {
     /// Begins to look for the router; returns at once.
     ///
     /// # Errors

@@ -18,7 +18,7 @@ const LOOKS_PER_MEMORY: u32 = 100;
 
 /// What the watchdog saw in a run.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Minded {
+pub struct WatchdogFigures {
     /// Stalls named.
     pub stalls: u64,
     /// Growth of the resident memory after it had settled, MB.
@@ -27,18 +27,18 @@ pub struct Minded {
 
 /// The watchdog of a run.
 #[derive(Debug, Default)]
-pub struct Minder {
+pub struct WatchdogThread {
     ended: AtomicBool,
 }
 
-impl Minder {
+impl WatchdogThread {
     /// Starts the thread.
     pub fn start<'scope>(
         &'scope self,
         scope: &'scope Scope<'scope, '_>,
         shared: &'scope Shared<'_>,
         tap: Box<dyn Tap>,
-    ) -> Result<ScopedJoinHandle<'scope, Minded>, RunError> {
+    ) -> Result<ScopedJoinHandle<'scope, WatchdogFigures>, RunError> {
         Builder::new()
             .name("watchdog".into())
             .spawn_scoped(scope, move || self.watch(shared, tap))
@@ -50,7 +50,7 @@ impl Minder {
         self.ended.store(true, Ordering::Relaxed);
     }
 
-    fn watch(&self, shared: &Shared<'_>, mut tap: Box<dyn Tap>) -> Minded {
+    fn watch(&self, shared: &Shared<'_>, mut tap: Box<dyn Tap>) -> WatchdogFigures {
         let mut watchdog = Watchdog::default();
         let (start, mut settled_mb, mut peak_mb) = (Monotonic::now(), None, 0.0f64);
         let patience = sd_notify::watchdog_enabled();
@@ -62,7 +62,7 @@ impl Minder {
             }
             let now = Monotonic::now();
             watchdog.look(&shared.table, &shared.heartbeats, now, |finding| {
-                tell(shared, &mut *tap, finding);
+                report_finding(shared, &mut *tap, finding);
             });
             if let Some(patience) = patience
                 && !watchdog.is_critical()
@@ -81,12 +81,15 @@ impl Minder {
             std::thread::sleep(WATCH_PERIOD);
         }
         tell_systemd(&[NotifyState::Stopping]);
-        Minded { stalls: watchdog.stalls(), memory_growth_mb: settled_mb.map(|settled| peak_mb - settled) }
+        WatchdogFigures {
+            stalls: watchdog.stalls(),
+            memory_growth_mb: settled_mb.map(|settled| peak_mb - settled),
+        }
     }
 }
 
 /// Says what was found, in the log of the process and in that of the flight.
-fn tell(shared: &Shared<'_>, tap: &mut dyn Tap, finding: Finding) {
+fn report_finding(shared: &Shared<'_>, tap: &mut dyn Tap, finding: Finding) {
     let now = shared.data_time(Monotonic::now());
     match finding {
         Finding::Stalled(id, silence) => {

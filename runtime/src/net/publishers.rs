@@ -12,17 +12,17 @@
 use super::answers::{self, Answers, Archive, lock};
 use super::datagrams::Datagrams;
 use super::health::{Circumstances, HealthFeed};
-use super::odometry::OdometryOutlet;
+use super::odometry::OdometryPublisher;
 use super::pace::{Pace, Rates};
 use super::publisher::Vehicle;
 use super::rings::Rings;
 use super::session::{Endpoints, NetError};
 use super::{ROOT, audit, camera, now_ns, proto, wire};
-use crate::ros::RosOutlet;
+use crate::ros::RosPublisher;
 use crate::schedule::ladder::Rung;
 use nalgebra::Isometry3;
 use plumbline_config::options::RosConfig;
-use plumbline_estimator::{Estimate, Survey};
+use plumbline_estimator::{Estimate, MapSnapshot};
 use prost::Message;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex};
@@ -37,10 +37,10 @@ use zenoh::qos::{CongestionControl, Priority};
 const CHORES_PERIOD: Duration = Duration::from_millis(200);
 
 /// The vehicle's keys, declared.
-pub struct Outlets {
+pub struct Publishers {
     session: Session,
     /// Taken by who sends odometry.
-    odometry: Option<OdometryOutlet>,
+    odometry: Option<OdometryPublisher>,
     state: Publisher<'static>,
     health: Publisher<'static>,
     keyframe: Publisher<'static>,
@@ -53,7 +53,7 @@ pub struct Outlets {
     offers_camera: bool,
     archive: Arc<Mutex<Archive>>,
     resets: watch::Sender<u32>,
-    ros: Option<RosOutlet>,
+    ros: Option<RosPublisher>,
 }
 
 /// What changes from message to message.
@@ -67,7 +67,7 @@ struct Course {
     chores: Instant,
 }
 
-impl Outlets {
+impl Publishers {
     /// Opens the session and declares everything; returns when others can see the vehicle.
     ///
     /// # Errors
@@ -85,8 +85,9 @@ impl Outlets {
         let archive = Arc::new(Mutex::new(Archive::new(rates.keyframe_landmarks)));
         let answers = Answers { vehicle: Arc::clone(&vehicle), archive: Arc::clone(&archive), resets: heard };
         answers::declare(&session, answers).await?;
-        let declare = |name, schema, priority| outlet(&session, &vehicle.name, name, schema, priority);
-        let odometry = OdometryOutlet::declare(&session, &vehicle.name, datagrams, rates.odom_hz).await?;
+        let declare =
+            |name, schema, priority| declare_publisher(&session, &vehicle.name, name, schema, priority);
+        let odometry = OdometryPublisher::declare(&session, &vehicle.name, datagrams, rates.odom_hz).await?;
         let state = declare("state", "State", Priority::DataHigh).await?;
         let health = declare("health", "Health", Priority::InteractiveHigh).await?;
         let keyframe = declare("map/keyframe", "Keyframe", Priority::Data).await?;
@@ -114,7 +115,7 @@ impl Outlets {
             rates,
             archive,
             resets,
-            ros: ros.enabled.then(|| RosOutlet::start(ros, &vehicle.name)).transpose()?,
+            ros: ros.enabled.then(|| RosPublisher::start(ros, &vehicle.name)).transpose()?,
         })
     }
 
@@ -162,8 +163,8 @@ impl Outlets {
         while let Some((estimate, frame_ms)) = rings.estimates.pop() {
             self.send_estimate(rings, course, &estimate, frame_ms).await;
         }
-        while let Some(survey) = rings.surveys.read(|survey| survey.clone()) {
-            self.send_survey(course, &survey).await;
+        while let Some(snapshot) = rings.snapshots.read(|snapshot| snapshot.clone()) {
+            self.send_snapshot(course, &snapshot).await;
         }
     }
 
@@ -189,18 +190,18 @@ impl Outlets {
         }
     }
 
-    async fn send_survey(&self, course: &mut Course, survey: &Survey) {
-        let keyframes = lock(&self.archive).keyframes.update(survey);
+    async fn send_snapshot(&self, course: &mut Course, snapshot: &MapSnapshot) {
+        let keyframes = lock(&self.archive).keyframes.update(snapshot);
         for message in keyframes {
             let _ = self.keyframe.put(message).await;
         }
-        if course.corrections != Some(survey.reset_counter) {
+        if course.corrections != Some(snapshot.reset_counter) {
             // No loop is closed yet: the map frame is the odometry frame, and a new one after every reset.
-            course.corrections = Some(survey.reset_counter);
-            let _ = self.correction.put(no_correction(survey).encode_to_vec()).await;
+            course.corrections = Some(snapshot.reset_counter);
+            let _ = self.correction.put(no_correction(snapshot).encode_to_vec()).await;
         }
-        if course.scene.admits(survey.stamp) {
-            let _ = self.scene.put(wire::scene(survey, course.scenes, now_ns()).encode_to_vec()).await;
+        if course.scene.admits(snapshot.stamp) {
+            let _ = self.scene.put(wire::scene(snapshot, course.scenes, now_ns()).encode_to_vec()).await;
             course.scenes += 1;
         }
     }
@@ -213,12 +214,12 @@ fn do_chores(course: &mut Course) {
     }
 }
 
-fn no_correction(survey: &Survey) -> proto::MapCorrection {
+fn no_correction(snapshot: &MapSnapshot) -> proto::MapCorrection {
     let header = proto::Header {
-        stamp_ns: survey.stamp.as_nanos(),
+        stamp_ns: snapshot.stamp.as_nanos(),
         published_ns: now_ns(),
-        sequence: u64::from(survey.reset_counter),
-        reset_counter: survey.reset_counter,
+        sequence: u64::from(snapshot.reset_counter),
+        reset_counter: snapshot.reset_counter,
         quality: 0,
     };
     proto::MapCorrection { header: Some(header), pose_m_o: wire::pose(&Isometry3::identity()), loops: 0 }
@@ -228,7 +229,7 @@ fn no_correction(survey: &Survey) -> proto::MapCorrection {
 ///
 /// # Errors
 /// When Zenoh refuses the key.
-pub async fn outlet(
+pub async fn declare_publisher(
     session: &Session,
     vehicle: &str,
     name: &'static str,

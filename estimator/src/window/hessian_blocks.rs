@@ -21,15 +21,15 @@ const AT_LANDMARK: usize = AT_HOST + POSE_DIM;
 const AT_RESIDUAL: usize = AT_LANDMARK + MAX_LANDMARK_DIM;
 
 /// `J'J` and `J'r` of one landmark over what its observations have in common.
-pub(super) struct LandmarkSums<const D: usize>([[f64; COMMON]; AT_RESIDUAL]);
+pub(super) struct LandmarkHessian<const D: usize>([[f64; COMMON]; AT_RESIDUAL]);
 
-impl<const D: usize> Default for LandmarkSums<D> {
+impl<const D: usize> Default for LandmarkHessian<D> {
     fn default() -> Self {
         Self([[0.0; COMMON]; AT_RESIDUAL])
     }
 }
 
-impl<const D: usize> LandmarkSums<D> {
+impl<const D: usize> LandmarkHessian<D> {
     /// Adds two rows of (rig, host, landmark, residual).
     pub(super) fn add(&mut self, rows: &[[f64; COMMON]; 2]) {
         for (i, to) in self.0[..AT_LANDMARK + D].iter_mut().enumerate() {

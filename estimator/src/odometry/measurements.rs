@@ -10,7 +10,7 @@ use nalgebra::{Matrix2, Vector2, Vector3};
 use plumbline_config::CameraModel;
 use plumbline_config::options::{LinesConfig, PointsConfig};
 
-/// Fewest points by which the stillness of the image is judged.
+/// Fewest points by which whether the image stands still is judged.
 const MIN_FLOW_POINTS: usize = 12;
 
 /// Turns the points of one frame into measurements, remembering those of the frame before.

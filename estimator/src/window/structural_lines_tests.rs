@@ -82,8 +82,8 @@ fn turn_of(window: &Window) -> Vec<f64> {
 #[test]
 fn every_edge_of_a_room_finds_its_direction() {
     let mut window = window();
-    window.structure.heading_rad = Some(HEADING_RAD);
-    window.follow_structure(&[]);
+    window.manhattan.heading_rad = Some(HEADING_RAD);
+    window.update_manhattan(&[]);
     assert_eq!(window.lines_in_structure(), edges().len());
     for line in window.lines.all() {
         assert_eq!(line.feature.axis, Some(Axis::ALL[line.track_id as usize % 3]), "{}", line.track_id);
@@ -93,9 +93,9 @@ fn every_edge_of_a_room_finds_its_direction() {
 #[test]
 fn a_few_edges_that_fit_by_chance_are_no_structure() {
     let mut window = window();
-    window.structure.heading_rad = Some(HEADING_RAD);
+    window.manhattan.heading_rad = Some(HEADING_RAD);
     window.lines.retain(|line| line.track_id % 3 == 0 || line.track_id < 6);
-    window.follow_structure(&[]);
+    window.update_manhattan(&[]);
     let horizontals =
         window.lines.all().iter().filter(|l| l.feature.axis.is_some_and(|a| a != Axis::Vertical));
     assert_eq!(horizontals.count(), 0);
@@ -105,9 +105,9 @@ fn a_few_edges_that_fit_by_chance_are_no_structure() {
 #[test]
 fn yaw_of_everything_stays_unobservable_in_window_and_prior() {
     let mut window = window();
-    window.structure.heading_rad = Some(HEADING_RAD);
-    window.prior.begin_structure(HEADING_RAD);
-    window.follow_structure(&[]);
+    window.manhattan.heading_rad = Some(HEADING_RAD);
+    window.prior.begin_manhattan_heading(HEADING_RAD);
+    window.update_manhattan(&[]);
     let information_along = |equations: &super::super::dense::NormalEquations, turn: &[f64]| {
         let mut product = vec![0.0; equations.dim()];
         equations.multiply(turn, &mut product);

@@ -1,25 +1,25 @@
 //! Which lines belong to the structure: every frame's edges vote for its heading, and every landmark line is
 //! held against its directions.
 
-use super::structure::Axis;
+use super::manhattan::Axis;
 use super::{LineTrack, Window};
 
 impl Window {
     /// Finds the structure and the lines that belong to it, with the newest frame's `lines`, by the present
     /// estimates.
-    pub fn follow_structure(&mut self, lines: &[LineTrack]) {
-        if self.structure.options.vanishing_directions {
+    pub fn update_manhattan(&mut self, lines: &[LineTrack]) {
+        if self.manhattan.options.vanishing_directions {
             self.discover(lines);
         }
-        let Self { rig, structure, frames, lines, .. } = self;
+        let Self { rig, manhattan, frames, lines, .. } = self;
         let rot_b_c = [0, 1].map(|camera| rig.pose_b_c(camera).rotation.to_rotation_matrix().into_inner());
         for landmark in lines.all_mut().iter_mut().filter(|l| l.is_triangulated) {
             let rot_o_b = frames[usize::from(landmark.host)].nav.rot_o_b.to_rotation_matrix().into_inner();
             let rot_o_c = rot_o_b * rot_b_c[usize::from(landmark.host_camera)];
-            landmark.feature.axis = structure.axis_of(&landmark.feature, &rot_o_c);
+            landmark.feature.axis = manhattan.axis_of(&landmark.feature, &rot_o_c);
         }
-        self.is_structure_in_sight = self.horizontals_agree();
-        if !self.is_structure_in_sight {
+        self.is_manhattan_in_sight = self.horizontals_agree();
+        if !self.is_manhattan_in_sight {
             self.forget_horizontals();
         }
     }
@@ -37,7 +37,7 @@ impl Window {
             }
         }
         let (min_members, most_others) =
-            if self.is_structure_in_sight { (5, 2 * members) } else { (8, members) };
+            if self.is_manhattan_in_sight { (5, 2 * members) } else { (8, members) };
         members >= min_members && others <= most_others
     }
 
@@ -50,17 +50,17 @@ impl Window {
 
     fn discover(&mut self, lines: &[LineTrack]) {
         let Some(newest) = self.frames.last() else { return };
-        self.discovery.fade();
+        self.heading_votes.fade();
         for line in lines {
             let Some(camera) = (0..2).find(|&c| line.measured[c].is_some()) else { continue };
             let Some(measured) = &line.measured[camera] else { continue };
             let n_o = newest.nav.rot_o_b * (self.rig.pose_b_c(camera).rotation * measured.normal());
-            self.discovery.vote(&n_o.normalize(), measured.angle_rad());
+            self.heading_votes.vote(&n_o.normalize(), measured.angle_rad());
         }
-        if let Some(heading) = self.discovery.verdict(self.structure.heading_rad) {
-            self.structure.heading_rad = Some(heading);
-            self.prior.begin_structure(heading);
-            self.is_structure_in_sight = false;
+        if let Some(heading) = self.heading_votes.verdict(self.manhattan.heading_rad) {
+            self.manhattan.heading_rad = Some(heading);
+            self.prior.begin_manhattan_heading(heading);
+            self.is_manhattan_in_sight = false;
             self.forget_horizontals();
         }
     }
@@ -73,5 +73,5 @@ impl Window {
 }
 
 #[cfg(test)]
-#[path = "structure_lines_tests.rs"]
+#[path = "structural_lines_tests.rs"]
 mod tests;

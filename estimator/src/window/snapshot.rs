@@ -12,7 +12,7 @@ const FARTHEST_M: f64 = 100.0;
 
 /// A keyframe. Its measurement time names it: no two frames share one.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SurveyedKeyframe {
+pub struct SnapshotKeyframe {
     /// When it was taken, on the IMU's time axis.
     pub stamp: Timestamp,
     /// Pose of the body in the odometry frame.
@@ -21,7 +21,7 @@ pub struct SurveyedKeyframe {
 
 /// A point landmark.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SurveyedPoint {
+pub struct SnapshotPoint {
     /// The keyframe that hosts it.
     pub host: Timestamp,
     /// Where it is in the odometry frame, m.
@@ -30,7 +30,7 @@ pub struct SurveyedPoint {
 
 /// A line landmark, cut off where its host saw it end.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SurveyedLine {
+pub struct SnapshotLine {
     /// The keyframe that hosts it.
     pub host: Timestamp,
     /// Both ends in the odometry frame, m.
@@ -39,20 +39,20 @@ pub struct SurveyedLine {
 
 /// Keyframes and landmarks of the window after one frame, oldest first.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Survey {
+pub struct MapSnapshot {
     /// Time of the newest frame.
     pub stamp: Timestamp,
     /// Resets so far.
     pub reset_counter: u32,
     /// Keyframes.
-    pub keyframes: Vec<SurveyedKeyframe>,
+    pub keyframes: Vec<SnapshotKeyframe>,
     /// Points with a depth.
-    pub points: Vec<SurveyedPoint>,
+    pub points: Vec<SnapshotPoint>,
     /// Lines with a place.
-    pub lines: Vec<SurveyedLine>,
+    pub lines: Vec<SnapshotLine>,
 }
 
-impl Survey {
+impl MapSnapshot {
     /// An empty one, with room for any window of the configuration.
     #[must_use]
     pub fn new(config: &Config) -> Self {
@@ -87,29 +87,29 @@ impl Host {
 }
 
 impl Window {
-    /// Writes down the keyframes and landmarks; allocates nothing in a survey made for the configuration.
-    pub fn survey(&self, estimate: &Estimate, survey: &mut Survey) {
-        survey.stamp = estimate.stamp;
-        survey.reset_counter = estimate.reset_counter;
-        survey.keyframes.clear();
+    /// Writes down the keyframes and landmarks; allocates nothing in a snapshot made for the configuration.
+    pub fn snapshot(&self, estimate: &Estimate, snapshot: &mut MapSnapshot) {
+        snapshot.stamp = estimate.stamp;
+        snapshot.reset_counter = estimate.reset_counter;
+        snapshot.keyframes.clear();
         let keyframes = self.frames.iter().filter(|f| f.is_keyframe);
-        survey
+        snapshot
             .keyframes
-            .extend(keyframes.map(|f| SurveyedKeyframe { stamp: f.stamp, pose_o_b: f.nav.pose_o_b() }));
-        survey.points.clear();
-        survey.points.extend(self.points.all().iter().filter_map(|l| self.place_of_point(l)));
-        survey.lines.clear();
-        survey.lines.extend(self.lines.all().iter().filter_map(|l| self.place_of_line(l)));
+            .extend(keyframes.map(|f| SnapshotKeyframe { stamp: f.stamp, pose_o_b: f.nav.pose_o_b() }));
+        snapshot.points.clear();
+        snapshot.points.extend(self.points.all().iter().filter_map(|l| self.place_of_point(l)));
+        snapshot.lines.clear();
+        snapshot.lines.extend(self.lines.all().iter().filter_map(|l| self.place_of_line(l)));
     }
 
-    fn place_of_point(&self, landmark: &PointLandmark) -> Option<SurveyedPoint> {
+    fn place_of_point(&self, landmark: &PointLandmark) -> Option<SnapshotPoint> {
         let host =
             Host::of(self, landmark.host, landmark.host_camera).filter(|_| landmark.is_triangulated)?;
         let p_o = host.place(&landmark.feature.xy, 1.0 / landmark.feature.rho)?;
-        Some(SurveyedPoint { host: host.stamp, p_o })
+        Some(SnapshotPoint { host: host.stamp, p_o })
     }
 
-    fn place_of_line(&self, landmark: &LineLandmark) -> Option<SurveyedLine> {
+    fn place_of_line(&self, landmark: &LineLandmark) -> Option<SnapshotLine> {
         let host =
             Host::of(self, landmark.host, landmark.host_camera).filter(|_| landmark.is_triangulated)?;
         let seen = landmark
@@ -117,6 +117,6 @@ impl Window {
             .iter()
             .find(|o| o.frame == landmark.host && o.camera == landmark.host_camera)?;
         let [a, b] = seen.measured.ends_xy.map(|xy| host.place(&xy, landmark.feature.depth_at(&xy)));
-        Some(SurveyedLine { host: host.stamp, ends_o: [a?, b?] })
+        Some(SnapshotLine { host: host.stamp, ends_o: [a?, b?] })
     }
 }

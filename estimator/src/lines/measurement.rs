@@ -1,6 +1,6 @@
 //! A segment without the distortion of the lens: what the window measures.
 
-use super::fit::LineSums;
+use super::fit::LineMoments;
 use super::segment::Segment;
 use nalgebra::Vector2;
 use plumbline_config::CameraModel;
@@ -19,11 +19,11 @@ impl ImageLine {
     /// bent by the lens, by more than the noise at the rim. `None` outside the model's range.
     #[must_use]
     pub fn of(segment: &Segment, camera: &CameraModel) -> Option<Self> {
-        let mut sums = LineSums::default();
+        let mut moments = LineMoments::default();
         for node in segment.nodes.iter().filter(|n| n.weight > 0.0) {
-            sums.add(&camera.unproject(&node.px.cast())?, f64::from(node.weight));
+            moments.add(&camera.unproject(&node.px.cast())?, f64::from(node.weight));
         }
-        let (point, direction) = sums.line()?;
+        let (point, direction) = moments.line()?;
         let end = |px: &Vector2<f32>| -> Option<Vector2<f64>> {
             let xy = camera.unproject(&px.cast())?;
             Some(point + direction * direction.dot(&(xy - point)))

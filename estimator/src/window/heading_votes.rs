@@ -28,7 +28,7 @@ const MIN_SLOPE: f64 = 0.2;
 
 /// Votes for headings.
 #[derive(Clone, Debug)]
-pub struct Discovery {
+pub struct HeadingVotes {
     votes: [f64; BINS],
     /// Votes times their place in the bin, in bins.
     moments: [f64; BINS],
@@ -36,13 +36,13 @@ pub struct Discovery {
     frames: u32,
 }
 
-impl Default for Discovery {
+impl Default for HeadingVotes {
     fn default() -> Self {
         Self { votes: [0.0; BINS], moments: [0.0; BINS], total: 0.0, frames: 0 }
     }
 }
 
-impl Discovery {
+impl HeadingVotes {
     /// A frame begins: older votes fade.
     pub fn fade(&mut self) {
         for value in self.votes.iter_mut().chain(&mut self.moments) {
@@ -119,18 +119,13 @@ mod tests {
     }
 
     /// Frames of edges at these headings until there is a verdict; at most `frames`.
-    fn watch(
-        discovery: &mut Discovery,
-        headings: &[f64],
-        present: Option<f64>,
-        frames: usize,
-    ) -> Option<f64> {
+    fn watch(votes: &mut HeadingVotes, headings: &[f64], present: Option<f64>, frames: usize) -> Option<f64> {
         (0..frames).find_map(|_| {
-            discovery.fade();
+            votes.fade();
             for (k, heading) in headings.iter().enumerate() {
-                discovery.vote(&plane(*heading, 0.4 + 0.05 * k as f64), 0.2);
+                votes.vote(&plane(*heading, 0.4 + 0.05 * k as f64), 0.2);
             }
-            discovery.verdict(present)
+            votes.verdict(present)
         })
     }
 
@@ -146,7 +141,7 @@ mod tests {
     fn edges_along_and_across_one_heading_are_a_structure() {
         // One of them lies on the seam of the bins.
         for heading in [0.3, 1.2, -0.4, 0.0] {
-            let found = watch(&mut Discovery::default(), &room(heading), None, 60).expect("is found");
+            let found = watch(&mut HeadingVotes::default(), &room(heading), None, 60).expect("is found");
             let off = (found - heading + 0.5 * FRAC_PI_2).rem_euclid(FRAC_PI_2) - 0.5 * FRAC_PI_2;
             assert!(off.abs() < 0.005, "{heading}: {off} rad off");
         }
@@ -155,29 +150,29 @@ mod tests {
     #[test]
     fn scattered_edges_are_none() {
         let headings: Vec<f64> = (0..40).map(|k| 0.618 * f64::from(k)).collect();
-        assert_eq!(watch(&mut Discovery::default(), &headings, None, 400), None);
+        assert_eq!(watch(&mut HeadingVotes::default(), &headings, None, 400), None);
     }
 
     #[test]
     fn verticals_and_edges_level_with_the_camera_do_not_vote() {
-        let mut discovery = Discovery::default();
+        let mut votes = HeadingVotes::default();
         for _ in 0..100 {
-            discovery.fade();
-            discovery.vote(&Vector3::new(0.6, 0.8, 0.0), 0.5);
-            discovery.vote(&plane(0.3, 0.05), 0.5);
-            assert_eq!(discovery.verdict(None), None);
+            votes.fade();
+            votes.vote(&Vector3::new(0.6, 0.8, 0.0), 0.5);
+            votes.vote(&plane(0.3, 0.05), 0.5);
+            assert_eq!(votes.verdict(None), None);
         }
     }
 
     #[test]
     fn another_structure_takes_over_only_when_the_first_is_out_of_sight() {
-        let mut discovery = Discovery::default();
-        let first = watch(&mut discovery, &room(0.3), None, 60);
+        let mut votes = HeadingVotes::default();
+        let first = watch(&mut votes, &room(0.3), None, 60);
         assert!(first.is_some());
         let mut both = room(0.3);
         both.extend(room(1.0));
-        assert_eq!(watch(&mut discovery, &both, first, 200), None, "both in sight");
-        let second = watch(&mut discovery, &room(1.0), first, 400).expect("takes over");
+        assert_eq!(watch(&mut votes, &both, first, 200), None, "both in sight");
+        let second = watch(&mut votes, &room(1.0), first, 400).expect("takes over");
         assert!((second - 1.0).abs() < 0.005);
     }
 }

@@ -1,11 +1,11 @@
 //! How much of the configured work a frame gets, and who does it.
 //!
-//! Both are given from outside. The effort is an input of the estimate, like a sample; the [`Fork`] decides
+//! Both are given from outside. The budget is an input of the estimate, like a sample; the [`Fork`] decides
 //! on which threads the work is done, and has no say in its outcome.
 
 /// How much of the configured work one frame gets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Effort {
+pub struct WorkBudget {
     /// Share of the configured points, line segments and pixel visits, percent.
     pub features_percent: u32,
     /// Whether lines are looked for.
@@ -14,11 +14,11 @@ pub struct Effort {
     pub max_iterations: usize,
 }
 
-impl Effort {
+impl WorkBudget {
     /// Everything that the configuration allows.
     pub const FULL: Self = Self { features_percent: 100, lines: true, max_iterations: usize::MAX };
 
-    /// The share of `count` that this effort allows.
+    /// The share of `count` that this budget allows.
     #[must_use]
     pub fn share_of(&self, count: usize) -> usize {
         count * self.features_percent.min(100) as usize / 100
@@ -48,8 +48,8 @@ mod tests {
 
     #[test]
     fn an_effort_never_allows_more_than_the_configuration() {
-        let twice = Effort { features_percent: 200, ..Effort::FULL };
-        assert_eq!((twice.share_of(120), Effort::FULL.share_of(120)), (120, 120));
-        assert_eq!(Effort { features_percent: 60, ..Effort::FULL }.share_of(120), 72);
+        let twice = WorkBudget { features_percent: 200, ..WorkBudget::FULL };
+        assert_eq!((twice.share_of(120), WorkBudget::FULL.share_of(120)), (120, 120));
+        assert_eq!(WorkBudget { features_percent: 60, ..WorkBudget::FULL }.share_of(120), 72);
     }
 }
