@@ -106,18 +106,18 @@ impl Station {
         let connect = vec![endpoint.to_owned()];
         let endpoints = Endpoints { vehicle: "*".into(), connect, ..Endpoints::default() };
         let fleet = Arc::new(Mutex::new(Fleet::default()));
-        let (line, address) = runtime.block_on(async {
-            let line = Connection::open(&endpoints, &fleet, false).await?;
+        let (connection, address) = runtime.block_on(async {
+            let connection = Connection::open(&endpoints, &fleet, false).await?;
             let is_free = TcpListener::bind(args.http).is_ok();
             let wanted = if is_free { args.http } else { SocketAddr::new(args.http.ip(), 0) };
-            let address = ground::web::serve(wanted, fleet, line.clone(), true).await?;
-            Ok::<_, anyhow::Error>((line, address))
+            let address = ground::web::serve(wanted, fleet, connection.clone(), true).await?;
+            Ok::<_, anyhow::Error>((connection, address))
         })?;
-        Ok(Self { runtime, line, address })
+        Ok(Self { runtime, connection, address })
     }
 
     fn close(self) {
-        self.runtime.block_on(self.line.close());
+        self.runtime.block_on(self.connection.close());
         self.runtime.shutdown_timeout(Duration::from_millis(500));
     }
 }

@@ -1,4 +1,4 @@
-//! The line of a station to the network: a session, as soon as there is somebody to talk to.
+//! The connection of a station to the network: a session, as soon as there is somebody to talk to.
 
 use super::fleet::Fleet;
 use super::listen::listen;
@@ -8,7 +8,7 @@ use zenoh::Session;
 
 /// The session of a station, once there is one.
 #[derive(Clone, Default)]
-pub struct Line(Arc<OnceLock<Session>>);
+pub struct Connection(Arc<OnceLock<Session>>);
 
 impl Connection {
     /// Opens the session and fills the fleet from it. A client without anybody at the other end goes on trying: a
@@ -21,16 +21,16 @@ impl Connection {
         fleet: &Arc<Mutex<Fleet>>,
         print_states: bool,
     ) -> Result<Self, NetError> {
-        let line = Self::default();
+        let connection = Self::default();
         match listen(endpoints, fleet, print_states).await {
             Err(NetError::Open { .. }) if endpoints.mode == Mode::Client => {
                 tracing::info!("nobody at {} yet; waiting", endpoints.connect.join(", "));
                 let endpoints = Endpoints { waits: true, ..endpoints.clone() };
-                tokio::spawn(line.clone().wait(endpoints, Arc::clone(fleet), print_states));
+                tokio::spawn(connection.clone().wait(endpoints, Arc::clone(fleet), print_states));
             }
-            outcome => drop(line.0.set(outcome?)),
+            outcome => drop(connection.0.set(outcome?)),
         }
-        Ok(line)
+        Ok(connection)
     }
 
     async fn wait(self, endpoints: Endpoints, fleet: Arc<Mutex<Fleet>>, print_states: bool) {

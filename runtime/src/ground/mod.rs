@@ -109,9 +109,9 @@ pub fn run(args: &GroundArgs) -> Result<()> {
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
     let stop = stop_on_signal()?;
     let end = args.duration.map(|s| Instant::now() + Duration::from_secs_f64(s.clamp(0.0, 1e6)));
-    let line = runtime.block_on(Connection::open(&endpoints, &fleet, args.json))?;
+    let connection = runtime.block_on(Connection::open(&endpoints, &fleet, args.json))?;
     if !args.no_http {
-        let served = web::serve(args.http, Arc::clone(&fleet), line.clone(), args.gives_commands());
+        let served = web::serve(args.http, Arc::clone(&fleet), connection.clone(), args.gives_commands());
         let address = runtime.block_on(served)?;
         if !args.json {
             say(format_args!("the page is at http://{address}"));
@@ -132,7 +132,7 @@ pub fn run(args: &GroundArgs) -> Result<()> {
     if let Some(path) = &args.report {
         report::write(path, &lock(&fleet))?;
     }
-    runtime.block_on(line.close());
+    runtime.block_on(connection.close());
     // Zenoh waits for its first connection without letting go of the thread.
     runtime.shutdown_timeout(END_PATIENCE);
     outcome

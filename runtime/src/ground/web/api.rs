@@ -45,7 +45,7 @@ pub async fn reset(
         return answer(StatusCode::FORBIDDEN, false, text);
     }
     let is_known = lock(&station.fleet).vehicles.contains_key(&vehicle);
-    let Some(session) = station.line.session().filter(|_| is_known) else {
+    let Some(session) = station.connection.session().filter(|_| is_known) else {
         return unknown(&vehicle);
     };
     let outcome = command::reset(session, &vehicle, reset.kind).await;

@@ -50,7 +50,7 @@ pub async fn serve(
     })?;
     let address = listener.local_addr()?;
     let (malformed, pages) = (AtomicU64::new(0), AtomicU64::new(0));
-    let station = Arc::new(Station { fleet, line, commands, malformed, pages, address });
+    let station = Arc::new(Station { fleet, connection, commands, malformed, pages, address });
     let app = router(station);
     tokio::spawn(async move {
         if let Err(error) = axum::serve(listener, app).await {

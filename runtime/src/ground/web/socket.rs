@@ -119,7 +119,7 @@ impl Page {
             let is_known = lock(&self.station.fleet).vehicles.contains_key(&name);
             if is_known
                 && !self.cameras.contains_key(&name)
-                && let Some(session) = self.station.line.session()
+                && let Some(session) = self.station.connection.session()
             {
                 match watch_camera(session, &name, &self.station.fleet).await {
                     Ok(subscriber) => drop(self.cameras.insert(name, subscriber)),
