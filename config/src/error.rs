@@ -112,6 +112,18 @@ impl ConfigError {
         }
     }
 
+    /// The same with the line of every refused key, in the order of the file.
+    #[cfg(feature = "toml")]
+    pub(crate) fn with_lines(mut self, line_of: impl Fn(&str) -> Option<usize>) -> Self {
+        if let Self::Invalid { violations, .. } = &mut self {
+            for violation in violations.iter_mut() {
+                violation.line = line_of(&violation.key);
+            }
+            violations.sort_by_key(|violation| violation.line);
+        }
+        self
+    }
+
     /// `Ok` when nothing was refused.
     pub(crate) fn if_any(origin: &str, violations: Vec<Violation>) -> Result<(), Self> {
         if violations.is_empty() {
@@ -121,6 +133,7 @@ impl ConfigError {
         }
     }
 
+    #[cfg(any(feature = "toml", feature = "yaml"))]
     pub(crate) fn one(origin: &str, violation: Violation) -> Self {
         Self::Invalid { origin: origin.to_owned(), violations: vec![violation] }
     }

@@ -1,31 +1,83 @@
 //! The ground floor of Plumbline: the words that every other part speaks.
 //!
-//! - [`time`], [`sample`] and [`camera`] are the vocabulary: integer-nanosecond stamps, IMU samples,
+//! - [`time`], [`sample`], [`image`] and [`camera`] are the vocabulary: integer-nanosecond stamps, IMU samples,
 //!   image views, and the camera models with their projection.
-//! - [`options`] is the configuration as plain typed data, with units in the names.
-//! - [`Config::load`], [`Config::from_toml_str`] and [`Config::preset`] give a configuration that has
-//!   passed validation, or a [`ConfigError`] that names every refused key, the reason and the cure.
-//! - [`import`] reads the calibration files of EuRoC data sets and of Kalibr.
+//! - [`options`] is the configuration as plain typed data, with units in the names: [`EstimatorSetup`] for the
+//!   estimator alone, [`Config`] for a whole vehicle.
+//! - [`ValidSetup`] and [`ValidConfig`] are the same, proven valid: made by [`EstimatorSetup::validate`] and
+//!   [`Config::validated`], which answer a [`ConfigError`] that names every refused key, the reason and the cure.
 //!
 //! Nothing here does any work on samples; nothing here knows who produces or consumes them.
+//!
+//! # Features
+//!
+//! File formats are optional, so that who puts a setup together in code links no parser:
+//!
+//! - `toml` (default): `Config::load`, `Config::from_toml_str`, the presets;
+//! - `yaml` (default): the module `import`, which reads calibrations of EuRoC data sets and of Kalibr.
+//!
+//! # Example
+//!
+//! A pinhole camera beside an IMU, put together in code:
+//!
+//! ```
+//! use plumbline_config::camera::Distortion;
+//! use plumbline_config::options::{CameraConfig, ImuConfig};
+//! use plumbline_config::EstimatorSetup;
+//!
+//! let camera = CameraConfig {
+//!     width_px: 640,
+//!     height_px: 480,
+//!     rate_hz: 20.0,
+//!     focal_px: [380.0, 380.0],
+//!     centre_px: [320.0, 240.0],
+//!     distortion: Distortion::RadialTangential { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0 },
+//!     // T_BC: the camera looks along the x axis of the IMU.
+//!     pose_b_c: [[0.0, 0.0, 1.0, 0.05], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]],
+//! };
+//! let imu = ImuConfig::with_noise(200.0, (2e-3, 2e-5), (2e-2, 3e-3));
+//! let mut setup = EstimatorSetup::new(vec![camera], imu);
+//! setup.imu.gravity_m_s2 = 9.807;
+//! let setup = setup.validate()?;
+//! assert_eq!(setup.left().model().focal_px.x, 380.0);
+//!
+//! // What is wrong is refused before anything is built from it.
+//! let mut wrong = setup.into_inner();
+//! wrong.camera[0].focal_px[0] = 0.0038;
+//! let error = wrong.validate().unwrap_err();
+//! assert!(error.to_string().contains("write it in pixels (is this in mm?)"));
+//! # Ok::<(), plumbline_config::ConfigError>(())
+//! ```
 
 pub mod camera;
 mod error;
+pub mod image;
+#[cfg(feature = "yaml")]
 pub mod import;
+#[cfg(feature = "toml")]
 mod load;
 pub mod options;
+#[cfg(feature = "toml")]
+mod presets;
 pub mod sample;
+#[cfg(feature = "toml")]
 mod shape;
+#[cfg(any(feature = "toml", feature = "yaml"))]
 mod text;
 pub mod time;
+mod valid;
 mod validate;
 
 pub use camera::CameraModel;
 pub use error::{ConfigError, Violation};
-pub use load::{PRESETS, preset_text};
-pub use options::Config;
-pub use sample::{GrayImage, ImageView, ImuSample};
+pub use image::{GrayImage, ImageError, ImageView};
+pub use options::{Config, EstimatorSetup};
+#[cfg(feature = "toml")]
+pub use presets::{PRESETS, preset_text};
+pub use sample::ImuSample;
 pub use time::Timestamp;
+pub use valid::{ValidConfig, ValidSetup};
+pub use validate::MAX_WINDOW_FRAMES;
 
-#[cfg(test)]
+#[cfg(all(test, feature = "toml", feature = "yaml"))]
 mod tests;

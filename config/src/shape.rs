@@ -6,7 +6,7 @@
 use crate::camera::Distortion;
 use crate::error::{ConfigError, Violation};
 use crate::text::{Lines, line_and_column};
-use crate::{Config, load};
+use crate::{Config, presets};
 use serde::Deserialize;
 use toml::de::{DeTable, DeValue};
 use toml::{Spanned, Table, Value};
@@ -259,7 +259,7 @@ fn article(kind: &str) -> String {
 
 /// A configuration with every key there is: two cameras, one of each distortion model, no list empty.
 fn sample() -> Table {
-    let text = load::preset_text("euroc").expect("the preset exists");
+    let text = presets::preset_text("euroc").expect("the preset exists");
     let mut config: Config = toml::from_str(text).expect("the presets are tested");
     config.camera[1].distortion = Distortion::Equidistant { k1: 0.0, k2: 0.0, k3: 0.0, k4: 0.0 };
     config.network.listen = vec![String::new()];

@@ -36,8 +36,10 @@ pub(crate) fn line_and_column(text: &str, offset: usize) -> (usize, usize) {
 }
 
 /// Where the lines of a text begin, to find those of many offsets.
+#[cfg(feature = "toml")]
 pub(crate) struct Lines(Vec<usize>);
 
+#[cfg(feature = "toml")]
 impl Lines {
     pub fn of(text: &str) -> Self {
         Self(std::iter::once(0).chain(text.match_indices('\n').map(|(i, _)| i + 1)).collect())

@@ -1,18 +1,7 @@
 //! What the estimator says: one [`Estimate`] a frame, one [`Odometry`] an inertial sample.
 
 use nalgebra::{Isometry3, SMatrix, Vector3};
-use plumbline_config::{ImageView, Timestamp};
-
-/// One stereo frame as handed to the estimator; an image that did not arrive is `None`.
-#[derive(Clone, Copy, Debug)]
-pub struct FrameInput<'a> {
-    /// Counts frames from the sensor.
-    pub sequence: u64,
-    /// Measurement time by the camera's clock.
-    pub stamp: Timestamp,
-    /// Left and right image.
-    pub images: [Option<ImageView<'a>>; 2],
-}
+use plumbline_config::Timestamp;
 
 /// How far the estimator is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -112,7 +101,7 @@ pub struct Estimate {
     pub bias_accel: Vector3<f64>,
     /// Covariance of pose and velocity.
     pub covariance: NavCovariance,
-    /// `t_imu - t_camera`, s, with its standard deviation.
+    /// `t_imu - t_camera` as refined online, s.
     pub time_offset_s: f64,
     /// Standard deviation of [`Self::time_offset_s`], s.
     pub time_offset_sigma_s: f64,
@@ -122,17 +111,24 @@ pub struct Estimate {
     pub quality: i8,
     /// Errors and warnings.
     pub health: HealthBits,
-    /// Counts resets; a jump of the pose is always announced by it.
+    /// Counts resets. Where it changes the pose may jump by any amount; in between each frame corrects it by
+    /// millimetres with two cameras, now and then by some centimetres with one.
     pub reset_counter: u32,
     /// Figures of this frame.
     pub figures: FrameFigures,
 }
 
 impl Estimate {
-    /// Whether the state is one to use.
+    /// Whether pose, velocity, biases and covariance are ones to use.
     #[must_use]
     pub fn has_pose(&self) -> bool {
         matches!(self.state, TrackingState::Tracking | TrackingState::Blind)
+    }
+
+    /// The pose of the body in the odometry frame; `None` while there is none to use.
+    #[must_use]
+    pub fn pose(&self) -> Option<&Isometry3<f64>> {
+        self.has_pose().then_some(&self.pose_o_b)
     }
 }
 

@@ -1,71 +1,112 @@
-//! The estimator as its user meets it: front-end and window, one after the other on one thread.
+//! The estimator as its user meets it: front-end, window and propagation, one after the other on one thread.
 //!
-//! An executor that has cores to spare runs [`FrontEnd`] and [`Odometer`] side by side by the same rule, and
-//! gets the same bits. IMU-rate odometry is beside it, in [`crate::propagator`].
+//! An executor that has cores to spare runs [`FrontEnd`], [`Odometer`] and [`Propagator`] side by side by the same
+//! rule, and gets the same bits.
 
-use crate::estimate::{Estimate, FrameInput, StageProbe};
-use crate::front_end::{Feedback, FrontEnd, Tracked};
+use crate::estimate::{Estimate, Odometry, StageProbe};
+use crate::exchange::{Feedback, Tracked};
+use crate::front_end::FrontEnd;
+use crate::input::{FrameInput, ImuAdmission, ResetKind};
 use crate::lines::LineObservation;
 use crate::odometry::Odometer;
+use crate::propagator::Propagator;
 use crate::work_budget::{InTurn, WorkBudget};
-use plumbline_config::{Config, ImuSample, Timestamp};
+use plumbline_config::{ImuSample, Timestamp, ValidSetup};
 
-/// What became of an inertial sample.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ImuAdmission {
-    /// Taken.
-    Accepted,
-    /// Not later than the newest sample: refused.
-    NotLater,
-    /// A component was not a finite number: refused.
-    NotFinite,
-}
-
-/// How much a reset forgets.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ResetKind {
-    /// The map and the window go, the pose stays: the new start continues from it.
-    Soft,
-    /// Everything goes: the new start begins at the origin.
-    Hard,
-}
-
-/// The frame-rate estimator: a pure function of its configuration and the ordered list of its inputs.
+/// The estimator: a pure function of its setup and the ordered list of its inputs.
 ///
-/// Order of calls: every inertial sample by [`Self::add_imu`] in order of time; a frame by
-/// [`Self::add_frame`] once the samples reach [`Self::imu_needed_until`] of its stamp (or will never).
+/// Order of calls: every inertial sample by [`Self::add_imu`] or [`Self::propagate`], in order of time; a frame by
+/// [`Self::add_frame`] once the samples reach [`Self::imu_needed_until`] of its stamp (or never will). Nothing is
+/// allocated after [`Self::new`], and no image is copied but into the pyramids of the trackers.
+///
+/// ```
+/// use plumbline_estimator::config::camera::Distortion;
+/// use plumbline_estimator::config::options::{CameraConfig, ImuConfig};
+/// use plumbline_estimator::nalgebra::Vector3;
+/// use plumbline_estimator::{
+///     Estimator, EstimatorSetup, FrameInput, ImageView, ImuSample, Timestamp, TrackingState,
+/// };
+///
+/// # let camera = |y: f64| CameraConfig {
+/// #     width_px: 320,
+/// #     height_px: 240,
+/// #     rate_hz: 20.0,
+/// #     focal_px: [190.0, 190.0],
+/// #     centre_px: [160.0, 120.0],
+/// #     distortion: Distortion::RadialTangential { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0 },
+/// #     pose_b_c: [[0.0, 0.0, 1.0, 0.05], [-1.0, 0.0, 0.0, y], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]],
+/// # };
+/// # let (left_camera, right_camera) = (camera(0.05), camera(-0.05));
+/// let imu = ImuConfig::with_noise(200.0, (2e-3, 2e-5), (2e-2, 3e-3));
+/// let setup = EstimatorSetup::new(vec![left_camera, right_camera], imu).validate()?;
+/// let mut estimator = Estimator::new(&setup);
+///
+/// for k in 0..=20 {
+///     let (gyro, accel) = (Vector3::zeros(), Vector3::new(0.0, 0.0, 9.81));
+///     estimator.add_imu(&ImuSample { stamp: Timestamp::from_nanos(5_000_000 * k), gyro, accel });
+/// }
+/// # let (left, right) = (vec![90u8; 320 * 240], vec![90u8; 320 * 240]);
+/// let view = |pixels| ImageView::new(320, 240, 320, pixels);
+/// let frame = FrameInput::stereo(Timestamp::from_nanos(50_000_000), view(&left)?, view(&right)?);
+/// let estimate = estimator.add_frame(&frame);
+/// match estimate.pose() {
+///     Some(pose_o_b) => println!("{} {}", pose_o_b.translation, estimate.covariance),
+///     None => assert_eq!(estimate.state, TrackingState::Initialising),
+/// }
+/// # assert!(estimate.pose().is_none());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Estimator {
     front_end: FrontEnd,
     odometer: Odometer,
+    propagator: Propagator,
     tracked: Tracked,
     feedback: Feedback,
 }
 
 impl Estimator {
-    /// Allocates everything the configuration asks for. The configuration has passed validation.
+    /// Allocates everything the setup asks for.
     #[must_use]
-    pub fn new(config: &Config) -> Self {
+    pub fn new(setup: &ValidSetup) -> Self {
         Self {
-            front_end: FrontEnd::new(config),
-            odometer: Odometer::new(config),
-            tracked: Tracked::new(config),
-            feedback: Feedback::new(config),
+            front_end: FrontEnd::new(setup),
+            odometer: Odometer::new(setup),
+            propagator: Propagator::new(setup),
+            tracked: Tracked::new(setup),
+            feedback: Feedback::new(setup),
         }
     }
 
-    /// Takes an inertial sample.
+    /// Adds an inertial sample.
     pub fn add_imu(&mut self, sample: &ImuSample) -> ImuAdmission {
         self.front_end.add_imu(sample)
     }
 
-    /// Samples up to this time must have been added before the frame of `image_stamp` is.
+    /// Adds an inertial sample, and carries the newest estimate forward to its time: odometry at the rate of the
+    /// IMU. `None` while there is no pose, and for a sample that is refused. Use it for every sample or for none.
+    pub fn propagate(&mut self, sample: &ImuSample) -> Option<Odometry> {
+        match self.add_imu(sample) {
+            ImuAdmission::Accepted => self.propagator.tick(sample),
+            ImuAdmission::NotLater | ImuAdmission::NotFinite => None,
+        }
+    }
+
+    /// Inertial samples up to this time must have been added before the frame of `image_stamp` is: the stamp on
+    /// the IMU's clock.
     #[must_use]
     pub fn imu_needed_until(&self, image_stamp: Timestamp) -> Timestamp {
         self.front_end.imu_needed_until(image_stamp)
     }
 
-    /// Takes a frame, and returns the estimate after it. An image of the wrong size counts as missing.
-    pub fn add_frame<P: StageProbe + Send>(
+    /// Adds a frame, and returns the estimate at its time. An image of the wrong size counts as missing; what is
+    /// wrong with the frame is said by [`Estimate::health`].
+    pub fn add_frame(&mut self, frame: &FrameInput<'_>) -> Estimate {
+        self.add_frame_with(frame, &WorkBudget::FULL, [&mut (), &mut ()])
+    }
+
+    /// As [`Self::add_frame`], with less work than the setup allows and with probes that hear of the stages: the
+    /// first of those of points and window, the second of those of lines. The estimate depends on the budget.
+    pub fn add_frame_with<P: StageProbe + Send>(
         &mut self,
         frame: &FrameInput<'_>,
         budget: &WorkBudget,
@@ -74,7 +115,9 @@ impl Estimator {
         self.front_end.track(frame, budget, &InTurn, [point_probe, line_probe], &mut self.tracked);
         // That of the frame before: the next frame is tracked without knowing what this one brings.
         self.front_end.apply_feedback(&self.feedback);
-        self.odometer.process(&self.tracked, point_probe, &mut self.feedback)
+        let estimate = self.odometer.process(&self.tracked, point_probe, &mut self.feedback);
+        self.propagator.correct(&estimate);
+        estimate
     }
 
     /// The lines seen in the last frame, for display.

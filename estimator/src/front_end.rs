@@ -1,100 +1,17 @@
 //! The front-end: images in, tracked points and lines out.
 //!
-//! It may work on the next frame while the window still solves the last. What the window found out (wrong
-//! tracks, a refined extrinsics, a bias) therefore reaches it one frame late, always, whether there was a
-//! thread to spare or not: [`crate::facade`] and every executor hand over the [`Feedback`] of frame `k` before
-//! frame `k + 2`.
+//! What it hears of the window comes by [`crate::exchange`], a frame late by rule.
 
-use crate::estimate::{FrameFigures, FrameInput, HealthBits, StageProbe};
-use crate::facade::{ImuAdmission, ResetKind};
+use crate::estimate::{FrameFigures, HealthBits, StageProbe};
+use crate::exchange::{Feedback, Tracked, believable_offset, max_samples};
 use crate::inertial::{ImuBuffer, ImuNoise};
+use crate::input::{FrameInput, ImuAdmission, ResetKind};
 use crate::lines::{LineObservation, LineTracker};
-use crate::odometry::{IMU_MEMORY_S, believable_offset};
-use crate::points::{PointObservation, PointTracker, TrackerInput};
+use crate::points::{PointTracker, TrackerInput};
 use crate::window::state::FrameTime;
 use crate::work_budget::{Fork, WorkBudget};
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
-use plumbline_config::{Config, ImageView, ImuSample, Timestamp};
-
-/// What the front-end makes of one frame: all that the window needs to know of it.
-#[derive(Clone, Debug)]
-pub struct Tracked {
-    /// Sequence number of the frame.
-    pub sequence: u64,
-    /// When it was taken.
-    pub time: FrameTime,
-    /// A reset that comes before it.
-    pub reset: Option<ResetKind>,
-    /// Inertial samples since the frame before, in order.
-    pub samples: Vec<ImuSample>,
-    /// Points seen, in the order of their names.
-    pub points: Vec<PointObservation>,
-    /// Lines seen, in the order of their names.
-    pub lines: Vec<LineObservation>,
-    /// What was wrong with the images.
-    pub health: HealthBits,
-    /// Figures of the front-end; those of the window are still zero.
-    pub figures: FrameFigures,
-    /// The work that the frame gets.
-    pub budget: WorkBudget,
-}
-
-impl Tracked {
-    /// Room for any frame of the configuration.
-    #[must_use]
-    pub fn new(config: &Config) -> Self {
-        Self {
-            sequence: 0,
-            time: FrameTime::default(),
-            reset: None,
-            samples: Vec::with_capacity(max_samples(config)),
-            points: Vec::with_capacity(config.estimator.points.max_points),
-            lines: Vec::with_capacity(2 * config.estimator.lines.max_segments),
-            health: HealthBits::default(),
-            figures: FrameFigures::default(),
-            budget: WorkBudget::FULL,
-        }
-    }
-}
-
-/// What the window found out that the front-end should know.
-#[derive(Clone, Debug)]
-pub struct Feedback {
-    /// Names of points that are none of the scene's.
-    pub wrong_points: Vec<u32>,
-    /// Names of lines that are none of the scene's.
-    pub wrong_lines: Vec<u32>,
-    /// Mounting of both cameras as refined so far.
-    pub pose_b_c: [Isometry3<f64>; 2],
-    /// `t_imu - t_camera` as refined so far, s.
-    pub time_offset_s: f64,
-    /// Bias of the gyroscope, rad/s.
-    pub bias_gyro: Vector3<f64>,
-    /// Resets so far.
-    pub reset_counter: u32,
-}
-
-impl Feedback {
-    /// What is known before the first frame, with room for what any frame may find.
-    #[must_use]
-    pub fn new(config: &Config) -> Self {
-        let pose = |k: usize| config.camera.get(k).map_or_else(Isometry3::identity, |c| c.pose_b_c());
-        Self {
-            // Both cameras may name the same track.
-            wrong_points: Vec::with_capacity(2 * config.estimator.window.max_landmarks),
-            wrong_lines: Vec::with_capacity(2 * config.estimator.lines.max_landmarks),
-            pose_b_c: [pose(0), pose(1)],
-            time_offset_s: config.rig.time_offset_s,
-            bias_gyro: Vector3::zeros(),
-            reset_counter: 0,
-        }
-    }
-}
-
-/// Samples between two frames, at most: what the inertial buffer keeps.
-fn max_samples(config: &Config) -> usize {
-    (IMU_MEMORY_S * config.imu.rate_hz).ceil() as usize
-}
+use nalgebra::{UnitQuaternion, Vector3};
+use plumbline_config::{ImageView, ImuSample, Timestamp, ValidSetup};
 
 /// Tracks points and lines through the images of the rig. Everything is allocated at construction.
 pub struct FrontEnd {
@@ -107,6 +24,7 @@ pub struct FrontEnd {
     sizes_px: [(usize, usize); 2],
     max_points: usize,
     last_stamp: Option<Timestamp>,
+    next_sequence: u64,
     time_offset_s: f64,
     bias_gyro: Vector3<f64>,
     reset_counter: u32,
@@ -115,34 +33,35 @@ pub struct FrontEnd {
 }
 
 impl FrontEnd {
-    /// Allocates everything the configuration asks for. The configuration has passed validation.
+    /// Allocates everything the setup asks for.
     #[must_use]
-    pub fn new(config: &Config) -> Self {
-        let models: Vec<_> = config.camera.iter().map(|c| c.model()).collect();
-        let size = |k: usize| config.camera.get(k).map_or((0, 0), |c| (c.width_px, c.height_px));
-        let lines = &config.estimator.lines;
-        let imu = &config.imu;
+    pub fn new(setup: &ValidSetup) -> Self {
+        let models: Vec<_> = setup.camera.iter().map(|c| c.model()).collect();
+        let size = |k: usize| setup.camera.get(k).map_or((0, 0), |c| (c.width_px, c.height_px));
+        let lines = &setup.estimator.lines;
+        let imu = &setup.imu;
         let mut front_end = Self {
-            points: PointTracker::new(&config.estimator.points, &models),
+            points: PointTracker::new(&setup.estimator.points, &models),
             lines: lines.enabled.then(|| LineTracker::new(lines, &models)),
-            imu: ImuBuffer::new(IMU_MEMORY_S, imu.rate_hz, imu.gyro_range_rad_s, imu.accel_range_m_s2),
+            imu: ImuBuffer::of(imu),
             noise: ImuNoise::of(imu),
-            arrived: Vec::with_capacity(max_samples(config)),
+            arrived: Vec::with_capacity(max_samples(setup)),
             cameras: models.len(),
             sizes_px: [size(0), size(1)],
-            max_points: config.estimator.points.max_points,
+            max_points: setup.estimator.points.max_points,
             last_stamp: None,
+            next_sequence: 0,
             time_offset_s: 0.0,
             bias_gyro: Vector3::zeros(),
             reset_counter: 0,
             asked_reset: None,
             had_lines: false,
         };
-        front_end.apply_feedback(&Feedback::new(config));
+        front_end.apply_feedback(&Feedback::new(setup));
         front_end
     }
 
-    /// Takes an inertial sample.
+    /// Adds an inertial sample: in order of time, each before the first frame that needs it.
     pub fn add_imu(&mut self, sample: &ImuSample) -> ImuAdmission {
         if !sample.is_finite() {
             return ImuAdmission::NotFinite;
@@ -163,7 +82,7 @@ impl FrontEnd {
         image_stamp.plus_seconds(self.time_offset_s)
     }
 
-    /// Takes what the window found out, by the rule above.
+    /// Applies what the window found out, by the rule of [`crate::exchange`].
     pub fn apply_feedback(&mut self, feedback: &Feedback) {
         if feedback.reset_counter != self.reset_counter {
             self.reset_counter = feedback.reset_counter;
@@ -198,7 +117,8 @@ impl FrontEnd {
         tracked: &mut Tracked,
     ) {
         let stamp = self.imu_needed_until(frame.stamp);
-        tracked.sequence = frame.sequence;
+        tracked.sequence = frame.sequence.unwrap_or(self.next_sequence);
+        self.next_sequence = tracked.sequence.wrapping_add(1);
         tracked.time = FrameTime { stamp, time_offset_s: self.time_offset_s };
         tracked.reset = self.asked_reset.take();
         tracked.budget = *budget;
@@ -228,7 +148,7 @@ impl FrontEnd {
             }
         }
         self.last_stamp = Some(stamp);
-        self.tell(tracked);
+        self.write_observations(tracked);
     }
 
     /// The lines seen in the last frame, for display.
@@ -263,8 +183,8 @@ impl FrontEnd {
         self.imu.preintegrate(last, stamp, &self.bias_gyro, &Vector3::zeros(), &self.noise).0.delta_rot
     }
 
-    /// Writes down what was seen.
-    fn tell(&self, tracked: &mut Tracked) {
+    /// Copies the observations and figures of the frame to `tracked`.
+    fn write_observations(&self, tracked: &mut Tracked) {
         tracked.points.clear();
         tracked.points.extend_from_slice(self.points.observations());
         tracked.lines.clear();
@@ -276,12 +196,12 @@ impl FrontEnd {
         };
         if let Some(lines) = self.lines.as_ref().filter(|_| tracked.budget.lines) {
             tracked.lines.extend_from_slice(lines.observations());
-            let (told, figures) = (&mut tracked.figures, lines.figures());
-            told.lines_raw = figures.left.raw;
-            told.lines_kept = figures.left.kept;
-            told.lines_merged = figures.left.merged;
-            told.lines_matched = figures.matched;
-            told.lines_cut_short = figures.cut_short;
+            let (of_frame, figures) = (&mut tracked.figures, lines.figures());
+            of_frame.lines_raw = figures.left.raw;
+            of_frame.lines_kept = figures.left.kept;
+            of_frame.lines_merged = figures.left.merged;
+            of_frame.lines_matched = figures.matched;
+            of_frame.lines_cut_short = figures.cut_short;
         }
     }
 

@@ -9,7 +9,7 @@ use crate::geometry::skew;
 use crate::inertial::{ImuNoise, Preintegration};
 use crate::window::state::NavState;
 use nalgebra::{Matrix3, Vector3};
-use plumbline_config::{Config, ImuSample, Timestamp};
+use plumbline_config::{ImuSample, Timestamp, ValidSetup};
 use std::collections::VecDeque;
 
 /// Samples are kept this long, s: an estimate must arrive within it.
@@ -38,11 +38,11 @@ pub struct Propagator {
 impl Propagator {
     /// A propagator without a state.
     #[must_use]
-    pub fn new(config: &Config) -> Self {
-        let capacity = (MEMORY_S * config.imu.rate_hz).ceil() as usize + 2;
+    pub fn new(setup: &ValidSetup) -> Self {
+        let capacity = (MEMORY_S * setup.imu.rate_hz).ceil() as usize + 2;
         Self {
-            noise: ImuNoise::of(&config.imu),
-            gravity_o: Vector3::new(0.0, 0.0, -config.imu.gravity_m_s2),
+            noise: ImuNoise::of(&setup.imu),
+            gravity_o: Vector3::new(0.0, 0.0, -setup.imu.gravity_m_s2),
             samples: VecDeque::with_capacity(capacity),
             capacity,
             nav: None,
@@ -57,7 +57,7 @@ impl Propagator {
         }
     }
 
-    /// Takes the estimate of a frame: the state is propagated anew from its time to the newest sample.
+    /// Corrects by the estimate of a frame: the state is propagated anew from its time to the newest sample.
     /// An estimate without a pose ends the odometry until there is one again.
     pub fn correct(&mut self, estimate: &Estimate) {
         self.state = estimate.state;
@@ -85,7 +85,7 @@ impl Propagator {
         }
     }
 
-    /// Takes an inertial sample; the odometry at its time, once there has been an estimate with a pose.
+    /// Advances to an inertial sample; the odometry at its time, once there has been an estimate with a pose.
     /// A sample that is not later than the last, or not finite, is passed over.
     pub fn tick(&mut self, sample: &ImuSample) -> Option<Odometry> {
         if !sample.is_finite() || self.samples.back().is_some_and(|last| sample.stamp <= last.stamp) {
@@ -154,6 +154,7 @@ mod tests {
     use super::*;
     use crate::estimate::{FrameFigures, HealthBits};
     use nalgebra::Isometry3;
+    use plumbline_config::Config;
 
     fn estimate() -> Estimate {
         Estimate {
@@ -178,7 +179,7 @@ mod tests {
     #[test]
     fn odometry_without_news_of_the_cameras_goes_on_and_says_that_it_is_blind() {
         let config = Config::preset("sim").expect("is valid");
-        let mut propagator = Propagator::new(&config);
+        let mut propagator = Propagator::new(config.setup());
         propagator.correct(&estimate());
         let outputs: Vec<_> = (1..=200)
             .filter_map(|k| {

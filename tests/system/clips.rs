@@ -28,7 +28,7 @@ fn one_camera_in_flight_finds_scale_and_keeps_it_with_and_without_lines() {
     let Some(shared) = shared("euroc/MH_05_mono_clip") else { return };
     let [with, without] = [true, false].map(|lines| {
         let mut flight = open_dataset(&shared.join("euroc/MH_05_mono_clip"), None, None, true).unwrap();
-        flight.config.estimator.lines.enabled = lines;
+        flight.config = flight.config.with("test", |c| c.estimator.lines.enabled = lines).unwrap();
         let flown = fly(flight, Recorder::default(), &OPTIONS, &Control::default()).unwrap();
         keeps_scale(&flown.0)
     });

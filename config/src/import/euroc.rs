@@ -5,9 +5,9 @@
 
 use super::yaml::{Document, Node};
 use super::{Calibration, distortion, is_identity, pinhole, rigid, size_px};
-use crate::Config;
 use crate::error::ConfigError;
-use crate::options::{CameraConfig, rows_from_isometry};
+use crate::options::{CameraConfig, Config, rows_from_isometry};
+use crate::valid::ValidConfig;
 use nalgebra::Isometry3;
 use std::path::{Path, PathBuf};
 
@@ -20,7 +20,7 @@ const EXPECTED: &str = "mav0/cam0/sensor.yaml, cam0/sensor.yaml or cam0.yaml in 
 ///
 /// # Errors
 /// When a file is missing, malformed, or its values are refused.
-pub fn euroc(directory: impl AsRef<Path>) -> Result<Config, ConfigError> {
+pub fn euroc(directory: impl AsRef<Path>) -> Result<ValidConfig, ConfigError> {
     let directory = directory.as_ref();
     read(directory)?.into_config().validated(&directory.display().to_string())
 }
@@ -30,9 +30,9 @@ pub fn euroc(directory: impl AsRef<Path>) -> Result<Config, ConfigError> {
 ///
 /// # Errors
 /// As [`euroc`].
-pub fn euroc_into(base: Config, directory: impl AsRef<Path>) -> Result<Config, ConfigError> {
+pub fn euroc_into(base: impl Into<Config>, directory: impl AsRef<Path>) -> Result<ValidConfig, ConfigError> {
     let directory = directory.as_ref();
-    read(directory)?.put_into(base).validated(&directory.display().to_string())
+    read(directory)?.put_into(base.into()).validated(&directory.display().to_string())
 }
 
 fn read(directory: &Path) -> Result<Calibration, ConfigError> {
@@ -98,7 +98,7 @@ fn inertial(sensor: &Node<'_>) -> Result<(f64, [f64; 4]), ConfigError> {
 
 /// Reads the texts as the files of a data set; for tests that never touch the disk.
 #[cfg(test)]
-pub(crate) fn from_texts(cam0: &str, imu0: &str) -> Result<Config, ConfigError> {
+pub(crate) fn from_texts(cam0: &str, imu0: &str) -> Result<ValidConfig, ConfigError> {
     let imu = Document::parse(imu0, "imu0")?;
     let cameras = vec![camera(&Document::parse(cam0, "cam0")?.root(), &pose(&imu.root())?)?];
     let (imu_rate_hz, noise) = inertial(&imu.root())?;

@@ -8,9 +8,9 @@
 
 use super::yaml::{Document, Node};
 use super::{Calibration, agree, distortion, is_identity, pinhole, rigid, size_px};
-use crate::Config;
 use crate::error::ConfigError;
-use crate::options::{CameraConfig, rows_from_isometry};
+use crate::options::{CameraConfig, Config, rows_from_isometry};
+use crate::valid::ValidConfig;
 use nalgebra::Isometry3;
 use std::path::Path;
 
@@ -25,7 +25,7 @@ const MAX_SHIFT_DIFFERENCE_S: f64 = 0.001;
 ///
 /// # Errors
 /// When a file is missing, malformed, or its values are refused.
-pub fn kalibr(camchain: impl AsRef<Path>, imu: impl AsRef<Path>) -> Result<Config, ConfigError> {
+pub fn kalibr(camchain: impl AsRef<Path>, imu: impl AsRef<Path>) -> Result<ValidConfig, ConfigError> {
     let (camchain, imu) = (Document::read(camchain.as_ref())?, Document::read(imu.as_ref())?);
     convert(&camchain, &imu, DEFAULT_CAMERA_RATE_HZ)?.into_config().validated(camchain.origin())
 }
@@ -36,11 +36,12 @@ pub fn kalibr(camchain: impl AsRef<Path>, imu: impl AsRef<Path>) -> Result<Confi
 /// # Errors
 /// As [`kalibr`].
 pub fn kalibr_into(
-    base: Config,
+    base: impl Into<Config>,
     camchain: impl AsRef<Path>,
     imu: impl AsRef<Path>,
-) -> Result<Config, ConfigError> {
+) -> Result<ValidConfig, ConfigError> {
     let (camchain, imu) = (Document::read(camchain.as_ref())?, Document::read(imu.as_ref())?);
+    let base = base.into();
     let rate_hz = base.camera.first().map_or(DEFAULT_CAMERA_RATE_HZ, |camera| camera.rate_hz);
     convert(&camchain, &imu, rate_hz)?.put_into(base).validated(camchain.origin())
 }
@@ -135,7 +136,7 @@ fn inertial(root: &Node<'_>) -> Result<(f64, [f64; 4]), ConfigError> {
 
 /// Reads texts instead of files; for tests that never touch the disk.
 #[cfg(test)]
-pub(crate) fn from_texts(camchain: &str, imu: &str) -> Result<Config, ConfigError> {
+pub(crate) fn from_texts(camchain: &str, imu: &str) -> Result<ValidConfig, ConfigError> {
     let (camchain, imu) = (Document::parse(camchain, "camchain.yaml")?, Document::parse(imu, "imu.yaml")?);
     convert(&camchain, &imu, DEFAULT_CAMERA_RATE_HZ)?.into_config().validated("camchain.yaml")
 }

@@ -1,4 +1,5 @@
-//! Importers: calibration files of EuRoC data sets (ASL `sensor.yaml`) and of Kalibr to a [`Config`].
+//! Importers: calibration files of EuRoC data sets (ASL `sensor.yaml`) and of Kalibr to a
+//! [`ValidConfig`](crate::ValidConfig).
 //!
 //! Both take over the cameras, their extrinsics and the rate of the IMU. The plain importers [`euroc`] and
 //! [`kalibr`] take the noise densities as the files say and the defaults for the rest. Those of a data

@@ -128,10 +128,10 @@ fn files_are_read_onto_a_base() {
     std::fs::write(&imu, IMU).expect("written");
     let plain = import::kalibr(&chain, &imu).expect("is good");
     assert_eq!(plain, kalibr_texts(RADTAN, IMU).expect("is good"));
-    let mut base = euroc();
+    let mut base = euroc().into_inner();
     base.camera.iter_mut().for_each(|c| c.rate_hz = 30.0);
     let onto = import::kalibr_into(base, &chain, &imu).expect("is good");
-    assert_eq!((onto.imu.clone(), onto.camera[1].rate_hz), (euroc().imu, 30.0));
+    assert_eq!((onto.imu.clone(), onto.camera[1].rate_hz), (euroc().imu.clone(), 30.0));
     assert_eq!(onto.camera[1].pose_b_c, plain.camera[1].pose_b_c);
     let message = import::kalibr(&chain, folder.path().join("none.yaml")).expect_err("missing").to_string();
     assert!(message.contains("none.yaml: cannot be read"), "{message}");

@@ -8,10 +8,10 @@ mod presets;
 mod robustness;
 mod validation;
 
-use crate::Config;
+use crate::{Config, ValidConfig};
 
 /// The preset `euroc`.
-fn euroc() -> Config {
+fn euroc() -> ValidConfig {
     Config::preset("euroc").expect("the preset is good")
 }
 

@@ -66,7 +66,7 @@ fn documented(text: &str) -> Vec<(String, String, String)> {
 fn comments_state_the_true_defaults() {
     let preset = Config::preset("euroc").expect("is good");
     let imu = crate::options::ImuConfig::with_noise(1.0, (1.0, 1.0), (1.0, 1.0));
-    let defaults = Value::try_from(Config::with_defaults(preset.camera, imu)).expect("is plain data");
+    let defaults = Value::try_from(Config::with_defaults(preset.camera.clone(), imu)).expect("is plain data");
     for name in PRESETS {
         for (table, key, comment) in documented(preset_text(name).expect("exists")) {
             let has_default = !table.starts_with("camera")
@@ -94,7 +94,7 @@ fn same(a: &Value, b: &Value) -> bool {
 
 #[test]
 fn the_preset_of_the_simulator_has_the_noise_of_the_data_sheet() {
-    let imu = Config::preset("sim").expect("is good").imu;
+    let imu = Config::preset("sim").expect("is good").imu.clone();
     assert_eq!((imu.gyro_noise_density, imu.gyro_bias_walk), (1.6968e-4, 1.9393e-5));
     assert_eq!((imu.accel_noise_density, imu.accel_bias_walk), (2e-3, 3e-3));
 }

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use toml::Value;
 
 fn refused(change: impl Fn(&mut Config)) -> Vec<Violation> {
-    let mut config = euroc();
+    let mut config = euroc().into_inner();
     change(&mut config);
     config.violations()
 }

@@ -7,12 +7,14 @@ mod network;
 mod ranges;
 mod ros;
 
+#[cfg(feature = "yaml")]
 pub(crate) use extrinsics::pose_problem;
+#[cfg(not(feature = "yaml"))]
+use extrinsics::pose_problem;
 
-use crate::Config;
 use crate::camera::Distortion;
 use crate::error::Violation;
-use crate::options::CameraConfig;
+use crate::options::{CameraConfig, Config, EstimatorSetup};
 use nalgebra::Vector2;
 
 /// Frames that the window holds at most, keyframes and recent ones: its matrices are sized for these and
@@ -23,8 +25,8 @@ const MAX_PROCESSOR: usize = 1023;
 /// Side of the smallest pyramid level, px: below it a patch covers the whole image.
 const MIN_LEVEL_PX: usize = 16;
 
-impl Config {
-    /// Everything that is wrong with the values, ordered by part; empty when the configuration is good.
+impl EstimatorSetup {
+    /// Everything that is wrong with the values, ordered by part; empty when the setup is good.
     #[must_use]
     pub fn violations(&self) -> Vec<Violation> {
         let mut found = Vec::new();
@@ -32,14 +34,27 @@ impl Config {
             let reason = format!("there are {} cameras", self.camera.len());
             found.push(Violation::new("camera", reason, "give one `[[camera]]` or two, left and right"));
         }
-        ranges::check(self, &mut found);
+        ranges::check_setup(self, &mut found);
         for (i, camera) in self.camera.iter().enumerate() {
             check_camera(camera, &format!("camera[{i}]"), &mut found);
         }
         extrinsics::check_pair(&self.camera, &mut found);
         check_rates(self, &mut found);
-        check_orders(self, &mut found);
+        check_orders(&orders_of_setup(self), &mut found);
+        check_frames(self, &mut found);
         check_image_fits(self, &mut found);
+        found
+    }
+}
+
+impl Config {
+    /// Everything that is wrong with the values, ordered by part; empty when the configuration is good.
+    #[must_use]
+    pub fn violations(&self) -> Vec<Violation> {
+        let mut found = self.setup().violations();
+        ranges::check_config(self, &mut found);
+        check_pairing(self, &mut found);
+        check_orders(&[order_of_recorder(self)], &mut found);
         network::check(&self.network, &mut found);
         autopilot::check(&self.autopilot, &mut found);
         ros::check(self, &mut found);
@@ -106,7 +121,7 @@ fn check_distortion(camera: &CameraConfig, key: &str, found: &mut Vec<Violation>
     }
 }
 
-fn check_rates(config: &Config, found: &mut Vec<Violation>) {
+fn check_rates(config: &EstimatorSetup, found: &mut Vec<Violation>) {
     let Some(first) = config.camera.first() else { return };
     if config.imu.rate_hz < 2.0 * first.rate_hz {
         let reason =
@@ -117,6 +132,11 @@ fn check_rates(config: &Config, found: &mut Vec<Violation>) {
         let reason = format!("{} Hz differs from the {} Hz of camera[0]", second.rate_hz, first.rate_hz);
         found.push(Violation::new("camera[1].rate_hz", reason, "trigger both cameras together"));
     }
+}
+
+/// Whether frames of both cameras can be told apart from their neighbours.
+fn check_pairing(config: &Config, found: &mut Vec<Violation>) {
+    let Some(first) = config.camera.first() else { return };
     if config.driver.pair_tolerance_s * first.rate_hz >= 0.5 {
         let reason = format!("{} s is half a frame interval or more", config.driver.pair_tolerance_s);
         let cure = "choose less than half of 1 / camera.rate_hz, else frames pair with their neighbours";
@@ -124,49 +144,77 @@ fn check_rates(config: &Config, found: &mut Vec<Violation>) {
     }
 }
 
-/// Pairs of values of which the first must be less than the second (or equal to it).
-fn check_orders(config: &Config, found: &mut Vec<Violation>) {
-    let (imu, estimator) = (&config.imu, &config.estimator);
+/// A value that must be less than another, or equal to it.
+struct Order {
+    key: &'static str,
+    low: f64,
+    than: &'static str,
+    high: f64,
+    is_broken: bool,
+}
+
+impl Order {
+    fn strict(key: &'static str, low: f64, than: &'static str, high: f64) -> Self {
+        Self { key, low, than, high, is_broken: low >= high }
+    }
+
+    fn loose(key: &'static str, low: f64, than: &'static str, high: f64) -> Self {
+        Self { key, low, than, high, is_broken: low > high }
+    }
+}
+
+fn orders_of_setup(setup: &EstimatorSetup) -> [Order; 5] {
+    let (imu, estimator) = (&setup.imu, &setup.estimator);
     let (window, health) = (&estimator.window, &estimator.health);
-    let strict = |key, low: f64, than, high: f64| (key, low, than, high, low >= high);
-    let loose = |key, low: f64, than, high: f64| (key, low, than, high, low > high);
-    let pairs = [
-        strict(
+    [
+        Order::strict(
             "estimator.window.min_depth_m",
             window.min_depth_m,
             "estimator.window.max_depth_m",
             window.max_depth_m,
         ),
-        strict("imu.gravity_m_s2", imu.gravity_m_s2, "imu.accel_range_m_s2", imu.accel_range_m_s2),
-        loose(
+        Order::strict("imu.gravity_m_s2", imu.gravity_m_s2, "imu.accel_range_m_s2", imu.accel_range_m_s2),
+        Order::loose(
             "imu.gyro_bias_sigma_rad_s",
             imu.gyro_bias_sigma_rad_s,
             "estimator.health.max_gyro_bias_rad_s",
             health.max_gyro_bias_rad_s,
         ),
-        loose(
+        Order::loose(
             "imu.accel_bias_sigma_m_s2",
             imu.accel_bias_sigma_m_s2,
             "estimator.health.max_accel_bias_m_s2",
             health.max_accel_bias_m_s2,
         ),
-        loose(
+        Order::loose(
             "estimator.points.max_points",
             estimator.points.max_points as f64,
             "estimator.window.max_landmarks",
             window.max_landmarks as f64,
         ),
-        loose(
-            "recorder.max_file_mb",
-            config.recorder.max_file_mb as f64,
-            "recorder.max_total_mb",
-            config.recorder.max_total_mb as f64,
-        ),
-    ];
-    for (key, low, than, high, _) in pairs.into_iter().filter(|(.., refused)| *refused) {
+    ]
+}
+
+fn order_of_recorder(config: &Config) -> Order {
+    let recorder = &config.recorder;
+    Order::loose(
+        "recorder.max_file_mb",
+        recorder.max_file_mb as f64,
+        "recorder.max_total_mb",
+        recorder.max_total_mb as f64,
+    )
+}
+
+fn check_orders(orders: &[Order], found: &mut Vec<Violation>) {
+    for Order { key, low, than, high, .. } in orders.iter().filter(|order| order.is_broken) {
         let reason = format!("{low} is too large for `{than}` = {high}");
-        found.push(Violation::new(key, reason, format!("lower it or raise `{than}`")));
+        found.push(Violation::new(*key, reason, format!("lower it or raise `{than}`")));
     }
+}
+
+/// Whether the window's matrices have room for its frames.
+fn check_frames(setup: &EstimatorSetup, found: &mut Vec<Violation>) {
+    let window = &setup.estimator.window;
     let frames = window.keyframes.saturating_add(window.recent_frames);
     if frames > MAX_WINDOW_FRAMES {
         let reason =
@@ -176,7 +224,7 @@ fn check_orders(config: &Config, found: &mut Vec<Violation>) {
 }
 
 /// Whether cells, border and pyramid fit the images.
-fn check_image_fits(config: &Config, found: &mut Vec<Violation>) {
+fn check_image_fits(config: &EstimatorSetup, found: &mut Vec<Violation>) {
     let points = &config.estimator.points;
     let Some(side) = config.camera.iter().map(|c| c.width_px.min(c.height_px)).min() else { return };
     let mut refuse = |key: &str, reason: String, cure: &str| {

@@ -3,9 +3,8 @@
 //! The bounds are those beyond which a value is a mistake (a wrong unit, a lost sign, a slipped digit) or
 //! would take more memory than a companion computer has; inside them a value may still be a poor choice.
 
-use crate::Config;
 use crate::error::Violation;
-use crate::options::CameraConfig;
+use crate::options::{CameraConfig, Config, EstimatorSetup};
 
 /// One row: key, value, smallest and largest that is accepted, and what a value outside often means.
 type Row<T> = (&'static str, fn(&T) -> f64, f64, f64, &'static str);
@@ -21,7 +20,7 @@ const COUNT: &str = "choose a count in the range";
 const CHOOSE: &str = "choose a value in the range";
 
 #[rustfmt::skip]
-const ROWS: &[Row<Config>] = &[
+const SETUP_ROWS: &[Row<EstimatorSetup>] = &[
     ("imu.rate_hz",                 |c| c.imu.rate_hz,                 50.0, 4000.0, "write it in Hz (is this a period?)"),
     ("imu.gyro_noise_density",      |c| c.imu.gyro_noise_density,      1e-7, 0.05,   NOISE),
     ("imu.gyro_bias_walk",          |c| c.imu.gyro_bias_walk,          1e-9, 0.01,   NOISE),
@@ -84,7 +83,10 @@ const ROWS: &[Row<Config>] = &[
     ("estimator.health.max_gyro_bias_rad_s",     |c| c.estimator.health.max_gyro_bias_rad_s,             1e-4, 5.0,    "write it in rad/s (1 deg/s = 0.01745 rad/s)"),
     ("estimator.health.max_accel_bias_m_s2",     |c| c.estimator.health.max_accel_bias_m_s2,             1e-3, 20.0,   "write it in m/s² (1 mg = 0.00981 m/s²)"),
     ("estimator.health.reset_holdoff_s",         |c| c.estimator.health.reset_holdoff_s,                 0.0,  600.0,  SECONDS),
+];
 
+#[rustfmt::skip]
+const CONFIG_ROWS: &[Row<Config>] = &[
     ("driver.image_queue",      |c| c.driver.image_queue as f64, 1.0, 64.0, COUNT),
     ("driver.pair_tolerance_s", |c| c.driver.pair_tolerance_s,   0.0, 0.1,  SECONDS),
     ("driver.reorder_window_s", |c| c.driver.reorder_window_s,   0.0, 1.0,  SECONDS),
@@ -116,10 +118,15 @@ const CAMERA_ROWS: &[Row<CameraConfig>] = &[
     ("focal_px[1]", |c| c.focal_px[1],      10.0, 2e4,    "write it in pixels (is this in mm?)"),
 ];
 
-/// Every number out of its range.
-pub(super) fn check(config: &Config, found: &mut Vec<Violation>) {
-    found.extend(ROWS.iter().filter_map(|row| violation(row, config, "")));
-    for (i, camera) in config.camera.iter().enumerate() {
+/// Every number of the whole configuration out of its range, but for those of the estimator's setup.
+pub(super) fn check_config(config: &Config, found: &mut Vec<Violation>) {
+    found.extend(CONFIG_ROWS.iter().filter_map(|row| violation(row, config, "")));
+}
+
+/// Every number of the estimator's setup out of its range.
+pub(super) fn check_setup(setup: &EstimatorSetup, found: &mut Vec<Violation>) {
+    found.extend(SETUP_ROWS.iter().filter_map(|row| violation(row, setup, "")));
+    for (i, camera) in setup.camera.iter().enumerate() {
         let prefix = format!("camera[{i}].");
         found.extend(CAMERA_ROWS.iter().filter_map(|row| violation(row, camera, &prefix)));
     }

@@ -6,7 +6,7 @@
 use crate::{DriverError, ImuSource, StereoFrame, StereoSource, TruthState};
 use plumbline_config::camera::Distortion;
 use plumbline_config::options::{CameraConfig, ImuConfig};
-use plumbline_config::{Config, ImageView};
+use plumbline_config::{Config, GrayImage};
 use png::{BitDepth, ColorType, Compression, Encoder};
 use std::fmt::Write as _;
 use std::fs::{self, File};
@@ -186,9 +186,11 @@ fn write_images(
     let mut frame = StereoFrame::new(sizes_px);
     while source.next_frame(&mut frame)? {
         for (camera, (folder, table)) in tables.iter_mut().enumerate() {
-            let Some(image) = frame.image(camera) else { continue };
+            if !frame.valid[camera] {
+                continue;
+            }
             let name = format!("{}.png", frame.stamp.as_nanos());
-            write_png(&folder.join(&name), image)?;
+            write_png(&folder.join(&name), &frame.images[camera])?;
             table.line(format_args!("{},{name}", frame.stamp.as_nanos()))?;
             written.images += 1;
         }
@@ -199,7 +201,7 @@ fn write_images(
 }
 
 /// 8-bit grey, with the compression that costs least time for its size.
-fn write_png(path: &Path, image: ImageView<'_>) -> Result<(), DriverError> {
+fn write_png(path: &Path, image: &GrayImage) -> Result<(), DriverError> {
     let fail = |e: png::EncodingError| DriverError::io(path, std::io::Error::other(e));
     let file = File::create(path).map_err(|e| DriverError::io(path, e))?;
     let mut encoder = Encoder::new(BufWriter::new(file), image.width() as u32, image.height() as u32);

@@ -118,7 +118,7 @@ impl Pyramid {
         if image.width() != base.width || image.height() != base.height {
             return false;
         }
-        for (y, row) in image.pixels().chunks_exact(image.width()).enumerate() {
+        for (y, row) in image.rows().enumerate() {
             base.row_mut(y).copy_from_slice(row);
         }
         base.fill_rim();

@@ -1,11 +1,13 @@
 //! The newest inertial samples, in order, in fixed memory.
 
+use super::preintegration::{ImuNoise, Preintegration};
 use nalgebra::Vector3;
+use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Timestamp};
 use std::collections::VecDeque;
 
-use super::preintegration::{ImuNoise, Preintegration};
-
+/// Inertial samples are kept this long, s: the longest start and the longest gap between frames.
+pub const IMU_MEMORY_S: f64 = 10.0;
 /// Two samples further apart than this many nominal periods have lost samples between them.
 const GAP_PERIODS: f64 = 2.5;
 /// Noise densities grow by this factor across a gap: the motion inside it was not measured.
@@ -31,6 +33,12 @@ pub struct ImuBuffer {
 }
 
 impl ImuBuffer {
+    /// Room for [`IMU_MEMORY_S`] of a sensor's samples.
+    #[must_use]
+    pub fn of(imu: &ImuConfig) -> Self {
+        Self::new(IMU_MEMORY_S, imu.rate_hz, imu.gyro_range_rad_s, imu.accel_range_m_s2)
+    }
+
     /// Room for `seconds` of samples at `rate_hz`; samples at 99 % of a range count as saturated.
     #[must_use]
     pub fn new(seconds: f64, rate_hz: f64, gyro_range_rad_s: f64, accel_range_m_s2: f64) -> Self {
@@ -56,12 +64,6 @@ impl ImuBuffer {
         true
     }
 
-    /// Time of the newest sample.
-    #[must_use]
-    pub fn newest_stamp(&self) -> Option<Timestamp> {
-        self.samples.back().map(|s| s.stamp)
-    }
-
     /// The samples, oldest first.
     pub fn iter(&self) -> impl Iterator<Item = &ImuSample> {
         self.samples.iter()
@@ -72,31 +74,19 @@ impl ImuBuffer {
         self.samples.clear();
     }
 
-    /// Mean angular rate and specific force over `[from, to]`; `None` without samples there.
+    /// Mean angular rate, rad/s, and specific force, m/s², of the samples in `[from, to]`, both in the body frame,
+    /// biases included; `None` without samples there.
     #[must_use]
     pub fn mean(&self, from: Timestamp, to: Timestamp) -> Option<(Vector3<f64>, Vector3<f64>)> {
         let mut sum = (Vector3::zeros(), Vector3::zeros());
         let mut count = 0.0;
-        for s in self.samples.iter().filter(|s| s.stamp >= from && s.stamp <= to) {
+        let first = self.samples.partition_point(|s| s.stamp < from);
+        for s in self.samples.range(first..).take_while(|s| s.stamp <= to) {
             sum.0 += s.gyro;
             sum.1 += s.accel;
             count += 1.0;
         }
         (count > 0.0).then(|| (sum.0 / count, sum.1 / count))
-    }
-
-    /// Largest standard deviations of one axis of rate and specific force over `[from, to]`.
-    #[must_use]
-    pub fn spread(&self, from: Timestamp, to: Timestamp) -> Option<(f64, f64)> {
-        let (gyro_mean, accel_mean) = self.mean(from, to)?;
-        let mut sum = (Vector3::<f64>::zeros(), Vector3::<f64>::zeros());
-        let mut count = 0.0;
-        for s in self.samples.iter().filter(|s| s.stamp >= from && s.stamp <= to) {
-            sum.0 += (s.gyro - gyro_mean).map(|x| x * x);
-            sum.1 += (s.accel - accel_mean).map(|x| x * x);
-            count += 1.0;
-        }
-        Some(((sum.0.max() / count).sqrt(), (sum.1.max() / count).sqrt()))
     }
 
     /// Preintegrates `[from, to]` with the given biases. Samples at the ends are interpolated; where
@@ -212,6 +202,18 @@ mod tests {
         // The rate is 2 t: its integral is t².
         let angle = (203_456_789e-9f64).powi(2) - (12_345_678e-9f64).powi(2);
         assert!((pre.delta_rot.angle() - angle).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_mean_is_that_of_the_samples_in_the_interval() {
+        let at = |k: i64| Timestamp::from_nanos(k * 5_000_000);
+        let (gyro, accel) = buffer().mean(at(10), at(14)).expect("has samples");
+        assert!((gyro.z - 0.12).abs() < 1e-12 && (accel.z - 9.81).abs() < 1e-12);
+        // Between two samples, before the first and after the last there is none.
+        assert!(buffer().mean(at(10).plus_nanos(1), at(11).plus_nanos(-1)).is_none());
+        assert!(buffer().mean(at(-5), at(-1)).is_none());
+        assert!(buffer().mean(at(100), at(200)).is_none());
+        assert!(buffer().mean(at(14), at(10)).is_none());
     }
 
     #[test]

@@ -157,8 +157,7 @@ impl Gradients {
         let last = height - 1;
         for y in 0..height + 4 {
             if y < height {
-                let row = &image.pixels()[y * width..(y + 1) * width];
-                blur_row(row, &mut self.blurred[y % 5]);
+                blur_row(image.row(y), &mut self.blurred[y % 5]);
             }
             // Smoothed row `y - 2` needs the blurred rows up to `y`; beyond the edge the last row repeats.
             if let Some(centre) = y.checked_sub(2).filter(|&c| c < height) {

@@ -2,7 +2,7 @@
 
 use super::Odometer;
 use crate::estimate::HealthBits;
-use crate::facade::ResetKind;
+use crate::input::ResetKind;
 use crate::window::feature::Feature;
 use crate::window::landmark::{Landmark, LandmarkStore};
 use plumbline_config::Timestamp;

@@ -15,10 +15,10 @@ mod tests;
 pub mod zero_velocity;
 
 use crate::estimate::{Estimate, FrameFigures, HealthBits, NavCovariance, Stage, StageProbe, TrackingState};
-use crate::facade::ResetKind;
-use crate::front_end::{Feedback, Tracked};
+use crate::exchange::{Feedback, Tracked};
 use crate::inertial::{ImuBuffer, ImuNoise};
 use crate::initial::Gathering;
+use crate::input::ResetKind;
 use crate::points::PointObservation;
 use crate::window::Window;
 use crate::window::state::{FrameTime, NavState};
@@ -27,17 +27,13 @@ use judgement::MIN_LANDMARKS_IN_VIEW;
 use measurements::Measurer;
 use nalgebra::Vector3;
 use plumbline_config::options::HealthConfig;
-use plumbline_config::{CameraModel, Config, Timestamp};
+use plumbline_config::{CameraModel, Timestamp, ValidSetup};
 use zero_velocity::ZeroVelocityDetector;
 
-/// Inertial samples are kept this long, s: the longest start and the longest gap between frames.
-pub const IMU_MEMORY_S: f64 = 10.0;
 /// Landmarks in view below which the estimate is weak.
 const FEW_LANDMARKS: usize = 20;
 /// Frames further apart than this many periods have lost frames between them.
 const FRAME_GAP_PERIODS: f64 = 1.5;
-/// Time offsets beyond this are not believed, s.
-const MAX_TIME_OFFSET_S: f64 = 0.05;
 
 /// Options of start and health, in the units of their use.
 #[derive(Clone, Debug)]
@@ -68,12 +64,6 @@ enum Phase {
     Running,
 }
 
-/// The time offset to stamp frames by: the estimated one, within what cameras have, s.
-#[must_use]
-pub fn believable_offset(time_offset_s: f64) -> f64 {
-    time_offset_s.clamp(-MAX_TIME_OFFSET_S, MAX_TIME_OFFSET_S)
-}
-
 /// The sliding-window odometer.
 #[derive(Clone, Debug)]
 pub struct Odometer {
@@ -101,36 +91,36 @@ pub struct Odometer {
 }
 
 impl Odometer {
-    /// Allocates everything the configuration asks for.
+    /// Allocates everything the setup asks for.
     #[must_use]
-    pub fn new(config: &Config) -> Self {
-        let cameras: Vec<CameraModel> = config.camera.iter().map(|c| c.model()).collect();
-        let initial = &config.estimator.initial;
-        let rate_hz = config.camera[0].rate_hz;
+    pub fn new(setup: &ValidSetup) -> Self {
+        let cameras: Vec<CameraModel> = setup.camera.iter().map(|c| c.model()).collect();
+        let initial = &setup.estimator.initial;
+        let rate_hz = setup.left().rate_hz;
         let gathered = ((initial.mono_window_s * rate_hz * 1.5) as usize).max(initial.stereo_frames) + 2;
-        let points = config.estimator.points.max_points;
-        let imu = &config.imu;
-        let mut window = Window::new(config);
+        let points = setup.estimator.points.max_points;
+        let imu = &setup.imu;
+        let mut window = Window::new(setup);
         window.clear();
         Self {
             options: Options {
                 stereo_frames: initial.stereo_frames,
                 mono_window_s: initial.mono_window_s,
                 mono_min_parallax_px: initial.mono_min_parallax_px,
-                sigma_px: config.estimator.points.sigma_px,
+                sigma_px: setup.estimator.points.sigma_px,
                 bias_gyro_sigma: imu.gyro_bias_sigma_rad_s,
                 bias_accel_sigma: imu.accel_bias_sigma_m_s2,
                 gravity_m_s2: imu.gravity_m_s2,
                 frame_period_s: 1.0 / rate_hz,
-                health: config.estimator.health.clone(),
-                max_iterations: config.estimator.window.max_iterations,
+                health: setup.estimator.health.clone(),
+                max_iterations: setup.estimator.window.max_iterations,
             },
             noise: ImuNoise::of(imu),
-            focal_px: cameras[0].focal_px.x,
-            imu: ImuBuffer::new(IMU_MEMORY_S, imu.rate_hz, imu.gyro_range_rad_s, imu.accel_range_m_s2),
-            measurer: Measurer::new(cameras, &config.estimator.points, &config.estimator.lines),
+            focal_px: setup.left().focal_px[0],
+            imu: ImuBuffer::of(imu),
+            measurer: Measurer::new(cameras, &setup.estimator.points, &setup.estimator.lines),
             gathering: Gathering::new(gathered, points),
-            zero_velocity: ZeroVelocityDetector::default(),
+            zero_velocity: ZeroVelocityDetector::new(rate_hz),
             phase: Phase::Gathering,
             last_stamp: None,
             last_seen: None,
@@ -138,7 +128,7 @@ impl Odometer {
             origin: None,
             bias_memory: (Vector3::zeros(), Vector3::zeros()),
             covariance: NavCovariance::zeros(),
-            time_offset_sigma_s: config.rig.time_offset_sigma_s,
+            time_offset_sigma_s: setup.rig.time_offset_sigma_s,
             reset_counter: 0,
             mono_wait: 0,
             rate_b: Vector3::zeros(),
@@ -323,7 +313,7 @@ impl Odometer {
         self.window.clear();
         self.gathering.clear();
         self.measurer.clear();
-        self.zero_velocity = ZeroVelocityDetector::default();
+        self.zero_velocity.clear();
         self.reset_counter += 1;
     }
 

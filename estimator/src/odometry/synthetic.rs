@@ -6,7 +6,7 @@ use crate::points::PointObservation;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector2, Vector3};
 use plumbline_config::camera::Distortion;
 use plumbline_config::options::{CameraConfig, ImuConfig};
-use plumbline_config::{CameraModel, Config, ImuSample, Timestamp};
+use plumbline_config::{CameraModel, EstimatorSetup, ImuSample, Timestamp, ValidSetup};
 
 /// Repeatable normal noise.
 pub struct Normal(pub u64);
@@ -27,7 +27,7 @@ impl Normal {
 }
 
 /// A rig like that of EuRoC, without distortion.
-pub fn config(cameras: usize) -> Config {
+pub fn config(cameras: usize) -> ValidSetup {
     let camera = |y: f64| CameraConfig {
         width_px: 752,
         height_px: 480,
@@ -46,12 +46,12 @@ pub fn config(cameras: usize) -> Config {
         accel_bias_sigma_m_s2: 0.1,
         ..ImuConfig::with_noise(200.0, noise.0, noise.1)
     };
-    Config::with_defaults(camera, imu)
+    EstimatorSetup::new(camera, imu).validate().expect("is good")
 }
 
 /// A flight through a box of points.
 pub struct World {
-    pub config: Config,
+    pub config: ValidSetup,
     pub points_o: Vec<Vector3<f64>>,
     pub bias_gyro: Vector3<f64>,
     pub bias_accel: Vector3<f64>,
@@ -66,7 +66,7 @@ pub struct World {
 }
 
 impl World {
-    pub fn new(config: &Config, seed: u64, points: usize) -> Self {
+    pub fn new(config: &ValidSetup, seed: u64, points: usize) -> Self {
         let mut normal = Normal(seed);
         let mut points_o = Vec::new();
         while points_o.len() < points {

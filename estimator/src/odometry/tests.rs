@@ -1,5 +1,6 @@
 use super::synthetic::{World, config, stamp};
 use super::*;
+use crate::exchange::believable_offset;
 use crate::window::snapshot::MapSnapshot;
 use nalgebra::{SVector, UnitQuaternion};
 

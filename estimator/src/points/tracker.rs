@@ -274,16 +274,12 @@ impl PointTracker {
         for (c, view) in self.views.iter().enumerate().filter(|(_, v)| v.can_follow()) {
             let camera = &self.rig[c];
             self.filter.clear();
-            for track in &self.store.tracks {
-                if let (Some((by, before)), Some(now)) = (track.came_by, track.xy[c])
-                    && by == c
-                {
-                    self.filter.add(&before, &now);
-                }
+            for (before, now) in self.store.tracks.iter().filter_map(|track| track.step_in(c)) {
+                self.filter.add(&before, &now);
             }
             let rotation = camera.rotation_of(&view.rot_prev_cur_b);
             let mut keep = self.filter.filter(&rotation, camera.focal_px(), self.frame).iter();
-            for track in self.store.tracks.iter_mut().filter(|t| t.came_by.is_some_and(|(by, _)| by == c)) {
+            for track in self.store.tracks.iter_mut().filter(|t| t.step_in(c).is_some()) {
                 track.lost = !keep.next().is_none_or(|&k| k);
                 self.figures.outliers += u32::from(track.lost);
             }

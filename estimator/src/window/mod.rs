@@ -44,13 +44,13 @@ use line::{HostedLine, LineMeasurement};
 use linearize::{Linearizer, Problem};
 use manhattan::{Manhattan, ManhattanOptions};
 use nalgebra::{SVector, UnitQuaternion, Vector3};
-use plumbline_config::Config;
+use plumbline_config::{MAX_WINDOW_FRAMES, ValidSetup};
 use prior::{AnchorSigmas, Prior};
 use reprojection::{InversePoint, PointMeasurement};
 use state::{FRAME_DIM, Frame, FrameTime, GLOBAL_DIM, Mount, NavState, RIG_DIM, Rig};
 
-/// Most frames in the window, whatever the configuration says.
-pub const MAX_FRAMES: usize = 16;
+/// Most frames in the window: those that validation admits, and one more while a frame is exchanged.
+pub const MAX_FRAMES: usize = MAX_WINDOW_FRAMES + 1;
 
 /// An observation this far from its landmark is an outlier, in standard deviations.
 const OUTLIER_SIGMAS: f64 = 6.0;
@@ -97,7 +97,7 @@ pub struct Options {
 impl Options {
     /// The options that a configuration asks for.
     #[must_use]
-    pub fn of(config: &Config) -> Self {
+    pub fn of(config: &ValidSetup) -> Self {
         let window = &config.estimator.window;
         let rig_sigmas = Rig::sigmas(&config.rig, config.camera.len());
         Self {
@@ -192,7 +192,7 @@ impl Outliers {
 impl Window {
     /// An empty window with everything allocated.
     #[must_use]
-    pub fn new(config: &Config) -> Self {
+    pub fn new(config: &ValidSetup) -> Self {
         let options = Options::of(config);
         let rig = Rig::of(config);
         let unknowns = GLOBAL_DIM + FRAME_DIM * MAX_FRAMES;

@@ -5,7 +5,7 @@ use super::Window;
 use super::landmark::{LineLandmark, PointLandmark};
 use crate::estimate::Estimate;
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
-use plumbline_config::{Config, Timestamp};
+use plumbline_config::{Timestamp, ValidSetup};
 
 /// Landmarks further from their host than this are directions rather than places, m.
 const FARTHEST_M: f64 = 100.0;
@@ -55,7 +55,7 @@ pub struct MapSnapshot {
 impl MapSnapshot {
     /// An empty one, with room for any window of the configuration.
     #[must_use]
-    pub fn new(config: &Config) -> Self {
+    pub fn new(config: &ValidSetup) -> Self {
         let window = &config.estimator.window;
         Self {
             keyframes: Vec::with_capacity(super::MAX_FRAMES),

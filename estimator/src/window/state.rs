@@ -6,8 +6,8 @@
 use crate::geometry::{exp_so3, log_so3};
 use crate::inertial::Preintegration;
 use nalgebra::{Isometry3, Matrix3, SVector, Translation3, UnitQuaternion, Vector3};
-use plumbline_config::Timestamp;
-use plumbline_config::options::{Config, RigConfig};
+use plumbline_config::options::RigConfig;
+use plumbline_config::{Timestamp, ValidSetup};
 
 /// Dimension of a frame's error state.
 pub const FRAME_DIM: usize = 15;
@@ -147,8 +147,8 @@ pub struct Rig {
 impl Rig {
     /// The rig as configured.
     #[must_use]
-    pub fn of(config: &Config) -> Self {
-        let pose_b_c0 = config.camera[0].pose_b_c();
+    pub fn of(config: &ValidSetup) -> Self {
+        let pose_b_c0 = config.left().pose_b_c();
         let pose_c0_c1 =
             config.camera.get(1).map_or_else(Isometry3::identity, |c| pose_b_c0.inverse() * c.pose_b_c());
         Self { pose_b_c0, pose_c0_c1, time_offset_s: config.rig.time_offset_s }

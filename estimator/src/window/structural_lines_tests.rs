@@ -36,7 +36,7 @@ fn measure(pose_o_c: &Isometry3<f64>, edge: &[Vector3<f64>; 2]) -> LineMeasureme
 
 /// A window of four keyframes in the room, all its edges landmarks with a depth.
 fn window() -> Window {
-    let mut window = Window::new(&Config::preset("sim").expect("is good"));
+    let mut window = Window::new(Config::preset("sim").expect("is good").setup());
     window.clear();
     let look = Rotation3::from_matrix_unchecked(Matrix3::new(0.0, 0.0, 1.0, -1.0, 0.0, 0.0, 0.0, -1.0, 0.0));
     let rot_o_b = UnitQuaternion::from_rotation_matrix(&look) * window.rig.pose_b_c(0).rotation.inverse();

@@ -28,7 +28,7 @@ fn frame_at(p_o_b: Vector3<f64>) -> Frame {
 }
 
 fn options() -> Options {
-    Options::of(&Config::preset("sim").expect("is good"))
+    Options::of(Config::preset("sim").expect("is good").setup())
 }
 
 fn found(landmark: &mut LineLandmark, frames: &[Frame]) -> Triangulation {

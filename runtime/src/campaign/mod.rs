@@ -13,7 +13,7 @@ use crate::pipeline::{Control, RunOptions};
 use crate::record::Recorder;
 use crate::report::Report;
 use anyhow::Result;
-use plumbline_config::Config;
+use plumbline_config::ValidConfig;
 use plumbline_drivers::simulator::{Effects, FlightPath, Scenario, Scene};
 use std::path::{Path, PathBuf};
 
@@ -78,7 +78,7 @@ impl Fault {
 #[derive(Clone, Debug)]
 pub struct Setup {
     /// The rig that is simulated and believed; the preset `sim` without one.
-    pub config: Option<Config>,
+    pub config: Option<ValidConfig>,
     /// Changes of what the estimator is told, `key=value`; the simulated rig stays as it is.
     pub overrides: Vec<String>,
     /// The left camera alone.
@@ -133,7 +133,7 @@ impl Entry {
     /// When it cannot be simulated, or the cache cannot be used.
     pub fn fly(
         &self,
-        config: Option<&Config>,
+        config: Option<&ValidConfig>,
         mono: bool,
         cache: Option<&PathBuf>,
         threads: usize,

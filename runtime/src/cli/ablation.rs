@@ -12,7 +12,7 @@ use crate::report::Report;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
-use plumbline_config::Config;
+use plumbline_config::ValidConfig;
 use serde::Serialize;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
@@ -66,7 +66,7 @@ impl Subject {
         }
     }
 
-    fn fly(&self, args: &AblationArgs, config: Option<&Config>, overrides: &[String]) -> Result<Report> {
+    fn fly(&self, args: &AblationArgs, config: Option<&ValidConfig>, overrides: &[String]) -> Result<Report> {
         match self {
             Self::Recorded(path) => {
                 let mut flight = open_dataset(path, config.cloned(), None, args.mono)?;

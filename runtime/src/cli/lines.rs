@@ -7,7 +7,7 @@ use super::{Usage, check_outputs, load_config, say};
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
 use plumbline_config::options::LinesConfig;
-use plumbline_config::{Config, GrayImage};
+use plumbline_config::{Config, GrayImage, ValidConfig};
 use plumbline_drivers::euroc::read_gray_png;
 use plumbline_estimator::lines::{LineExtractor, Segment};
 use std::fmt::Write as _;
@@ -102,7 +102,7 @@ pub fn run(args: &LinesArgs) -> Result<()> {
 }
 
 /// The configuration, once it is known that the outputs can be written and overwrite nothing that is read.
-fn checked(args: &LinesArgs) -> Result<Config> {
+fn checked(args: &LinesArgs) -> Result<ValidConfig> {
     let outputs = || [&args.out, &args.csv].into_iter().flatten();
     check_outputs(outputs())?;
     if let Some(file) = outputs().find(|file| is_same(file, &args.image)) {

@@ -23,7 +23,7 @@ pub mod verify;
 
 use crate::net::audit;
 use clap::{CommandFactory, Parser, Subcommand};
-use plumbline_config::{Config, ConfigError};
+use plumbline_config::{Config, ConfigError, ValidConfig};
 use plumbline_drivers::DriverError;
 use std::fmt::Display;
 use std::io::Write as _;
@@ -220,7 +220,7 @@ fn init_logs(verbose: u8) {
 ///
 /// # Errors
 /// When it cannot be used.
-pub fn load_config(file: Option<&Path>) -> Result<Option<Config>, ConfigError> {
+pub fn load_config(file: Option<&Path>) -> Result<Option<ValidConfig>, ConfigError> {
     let Some(file) = file else { return Ok(None) };
     match file.to_str() {
         Some(name) if plumbline_config::PRESETS.contains(&name) => Config::preset(name).map(Some),

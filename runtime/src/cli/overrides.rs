@@ -2,7 +2,7 @@
 
 use super::Usage;
 use anyhow::Result;
-use plumbline_config::Config;
+use plumbline_config::{Config, ValidConfig};
 use toml::{Table, Value};
 
 /// `config` with every `key=value` of `changes` in place, validated. Keys are dotted paths of the TOML
@@ -10,7 +10,7 @@ use toml::{Table, Value};
 ///
 /// # Errors
 /// When a change is not of that form, or the changed configuration is refused.
-pub fn with_overrides(config: &Config, changes: &[String]) -> Result<Config> {
+pub fn with_overrides(config: &ValidConfig, changes: &[String]) -> Result<ValidConfig> {
     if changes.is_empty() {
         return Ok(config.clone());
     }
@@ -47,14 +47,14 @@ fn parsed(value: &str) -> Value {
 mod tests {
     use super::*;
 
-    fn changed(change: &str) -> Result<Config> {
+    fn changed(change: &str) -> Result<ValidConfig> {
         with_overrides(&Config::preset("sim").unwrap(), &[change.to_owned()])
     }
 
     #[test]
     fn a_key_is_changed_and_nothing_else() {
-        let mut expected = Config::preset("sim").unwrap();
-        expected.estimator.points.sigma_px = 0.3;
+        let expected = Config::preset("sim").unwrap();
+        let expected = expected.with("test", |c| c.estimator.points.sigma_px = 0.3).unwrap();
         assert_eq!(changed("estimator.points.sigma_px=0.3").unwrap(), expected);
         assert_eq!(changed("network.vehicle=hawk").unwrap().network.vehicle, "hawk");
     }

@@ -16,7 +16,7 @@ use crate::report::accuracy::Accuracy;
 use anyhow::{Context, Result};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
-use plumbline_config::Config;
+use plumbline_config::{Config, ValidConfig};
 use plumbline_drivers::tum::write_tum;
 use plumbline_estimator::{Estimate, Odometry};
 use std::fmt::Write as _;
@@ -111,13 +111,14 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     let mut flight = open(args)?;
     flight.config = with_overrides(&flight.config, &args.overrides)?;
     if args.no_lines {
-        flight.config.estimator.lines.enabled = false;
+        flight.config = flight.config.with("--no-lines", |config| config.estimator.lines.enabled = false)?;
     }
     if let Some(file) = &args.truth {
         flight.truth = Truth::Recorded(load_trajectory(file)?);
     }
     if let Some(connect) = &args.autopilot {
-        flight.config.autopilot.connect.clone_from(connect);
+        let change = |config: &mut Config| config.autopilot.connect.clone_from(connect);
+        flight.config = flight.config.with("--autopilot", change)?;
     }
     let is_live = args.speed.is_some();
     let mut bridge = start_bridge(&flight.config, args)?;
@@ -212,14 +213,10 @@ fn start_recording(path: &Path, flight: &Flight, is_live: bool) -> Result<log::R
 }
 
 /// Starts the bridge to the autopilot, where one is named: it flies in real time, or not at all.
-fn start_bridge(config: &Config, args: &ReplayArgs) -> Result<Option<Bridge>> {
+fn start_bridge(config: &ValidConfig, args: &ReplayArgs) -> Result<Option<Bridge>> {
     let autopilot = &config.autopilot;
     if autopilot.connect.is_empty() {
         return Ok(None);
-    }
-    if let Some(bad) = config.violations().iter().find(|v| v.key.starts_with("autopilot.")) {
-        let name = if args.autopilot.is_some() { "--autopilot" } else { &bad.key };
-        return Err(Usage(format!("{name}: {}; {}", bad.reason, bad.cure)).into());
     }
     if args.speed.is_some() {
         return Ok(Some(Bridge::start(autopilot, Stamps::Replayed, config.runtime.realtime)?));

@@ -7,7 +7,7 @@ use crate::log::LogReader;
 use crate::log::source::{LogImu, LogStereo};
 use anyhow::{Context, Result};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
-use plumbline_config::{Config, Timestamp, import};
+use plumbline_config::{Config, ConfigError, Timestamp, ValidConfig, import};
 use plumbline_drivers::simulator::{Scenario, Simulator, scaled_config};
 use plumbline_drivers::{EurocDataset, EurocOptions, ImuSource, StampedPose, StereoSource};
 use std::ops::Range;
@@ -22,7 +22,7 @@ const SMALLEST_CELL_PX: usize = 28;
 /// Streams, configuration and truth of one flight.
 pub struct Flight {
     /// What the estimator believes of the rig.
-    pub config: Config,
+    pub config: ValidConfig,
     /// Inertial samples.
     pub imu: Box<dyn ImuSource>,
     /// Frames.
@@ -69,7 +69,7 @@ impl Truth {
 /// When the data set or its calibration cannot be used.
 pub fn open_dataset(
     path: &Path,
-    config: Option<Config>,
+    config: Option<ValidConfig>,
     frames: Option<Range<usize>>,
     mono: bool,
 ) -> Result<Flight> {
@@ -80,12 +80,12 @@ pub fn open_dataset(
             .context("calibration of the data set (camera[0] is cam0, camera[1] is cam1)")?,
     };
     if mono {
-        config.camera.truncate(1);
+        config = with_cameras(&config, 1)?;
     }
     let options = EurocOptions { frames, ..EurocOptions::for_config(&config) };
     let dataset = EurocDataset::open(path, &options)?;
     if dataset.cameras() < config.camera.len() {
-        config.camera.truncate(dataset.cameras());
+        config = with_cameras(&config, dataset.cameras())?;
     }
     let truth = dataset.ground_truth()?.map_or(Truth::None, |states| {
         Truth::Recorded(states.iter().map(|s| StampedPose { stamp: s.stamp, pose: s.pose_w_b }).collect())
@@ -111,14 +111,14 @@ pub fn is_log(path: &Path) -> bool {
 /// When the log cannot be used, or holds no images.
 pub fn open_log(
     path: &Path,
-    config: Option<Config>,
+    config: Option<ValidConfig>,
     frames: Option<Range<usize>>,
     mono: bool,
 ) -> Result<Flight> {
     let log = LogReader::open(path)?;
     let mut config = config.unwrap_or_else(|| log.about().config.clone());
     if mono {
-        config.camera.truncate(1);
+        config = with_cameras(&config, 1)?;
     }
     Ok(Flight {
         imu: Box::new(LogImu::open(path)?),
@@ -150,7 +150,7 @@ fn check_dataset(path: &Path) -> Result<(), Usage> {
 /// # Errors
 /// When the scenario is impossible, its trajectory cannot be read, or the folder cannot be used.
 pub fn open_simulation(
-    config: Option<Config>,
+    config: Option<ValidConfig>,
     scenario: &Scenario,
     mono: bool,
     extrinsics_error_deg: f64,
@@ -158,15 +158,17 @@ pub fn open_simulation(
 ) -> Result<Flight> {
     let config = scenario_config(config, mono)?;
     let simulator = Simulator::new(&config, scenario).context("the flight cannot be simulated")?;
-    let mut config = scaled_config(&config, scenario.resolution_scale);
-    let cell_px = config.estimator.points.cell_px as f64 * scenario.resolution_scale;
-    config.estimator.points.cell_px = (cell_px.round() as usize).max(SMALLEST_CELL_PX);
     if !extrinsics_error_deg.is_finite() || extrinsics_error_deg.abs() > 30.0 {
         let message =
             format!("--extrinsics-error-deg {extrinsics_error_deg}: give an angle of at most 30 degrees");
         return Err(Usage(message).into());
     }
+    let scale = scenario.resolution_scale;
+    let mut config = scaled_config(&config, scale);
+    let cell_px = config.estimator.points.cell_px as f64 * scale;
+    config.estimator.points.cell_px = (cell_px.round() as usize).max(SMALLEST_CELL_PX);
     turn_cameras(&mut config, extrinsics_error_deg.to_radians());
+    let config = config.validated("the rig at this scale and with this error of the extrinsics")?;
     Ok(Flight {
         imu: Box::new(simulator.imu()),
         stereo: match rendered {
@@ -183,15 +185,20 @@ pub fn open_simulation(
 ///
 /// # Errors
 /// Never, as long as the preset is valid.
-pub fn scenario_config(config: Option<Config>, mono: bool) -> Result<Config> {
+pub fn scenario_config(config: Option<ValidConfig>, mono: bool) -> Result<ValidConfig> {
     let mut config = match config {
         Some(config) => config,
         None => Config::preset("sim")?,
     };
     if mono {
-        config.camera.truncate(1);
+        config = with_cameras(&config, 1)?;
     }
     Ok(config)
+}
+
+/// `config` with its first `cameras` cameras alone.
+fn with_cameras(config: &ValidConfig, cameras: usize) -> Result<ValidConfig, ConfigError> {
+    config.with("the rig with fewer cameras", |config| config.camera.truncate(cameras))
 }
 
 /// Turns both cameras, as one rig, about an oblique axis through the body's origin.

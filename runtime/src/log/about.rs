@@ -4,8 +4,8 @@
 use super::LogError;
 use super::build_id::BuildId;
 use crate::report::config_hash;
-use plumbline_config::Config;
 use plumbline_config::options::ImageRecording;
+use plumbline_config::{Config, ValidConfig};
 use sha2::{Digest as _, Sha256};
 use std::collections::BTreeMap;
 use std::time::SystemTime;
@@ -23,7 +23,7 @@ pub struct About {
     /// Number of the part, from 0.
     pub part: u32,
     /// The configuration of the estimator.
-    pub config: Config,
+    pub config: ValidConfig,
     /// SHA-256 of the configuration.
     pub config_hash: String,
     /// How images are kept.
@@ -37,7 +37,7 @@ impl About {
     ///
     /// # Errors
     /// When it does not.
-    pub fn new(config: &Config) -> Result<Self, LogError> {
+    pub fn new(config: &ValidConfig) -> Result<Self, LogError> {
         Config::from_toml_str(&config.to_toml()?, "the configuration of the flight")?;
         let seed = format!("{:?} {}", SystemTime::now(), std::process::id());
         Ok(Self {

@@ -81,8 +81,8 @@ impl Execution {
         let size = |k: usize| config.camera.get(k).map_or((0, 0), |c| (c.width_px, c.height_px));
         let frame = StereoFrame::new([size(0), size(1)]);
         Self {
-            estimator: Estimator::new(config),
-            propagator: Propagator::new(config),
+            estimator: Estimator::new(config.setup()),
+            propagator: Propagator::new(config.setup()),
             log,
             images,
             readings: Readings::default(),
@@ -248,12 +248,9 @@ impl Execution {
                 self.frame.sequence
             )));
         };
-        let input = FrameInput {
-            sequence: self.frame.sequence,
-            stamp: self.frame.stamp,
-            images: [self.frame.image(0), self.frame.image(1)],
-        };
-        Ok(self.estimator.add_frame(&input, &rung.budget(), [&mut (), &mut ()]))
+        let images = [self.frame.image(0), self.frame.image(1)];
+        let input = FrameInput::new(self.frame.stamp, images).numbered(self.frame.sequence);
+        Ok(self.estimator.add_frame_with(&input, &rung.budget(), [&mut (), &mut ()]))
     }
 
     fn reset_before(&mut self, frame: u64) -> Result<(), LogError> {

@@ -14,7 +14,7 @@ use crate::pipeline::clock::CpuStopwatch;
 use crate::pipeline::orders::{CorrectionOrder, FrameOrder, ResetOrder};
 use crate::pipeline::tap::Tap;
 use crossbeam_queue::ArrayQueue;
-use plumbline_config::Config;
+use plumbline_config::ValidConfig;
 use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::{Estimate, Odometry};
 use serde::Serialize;
@@ -192,7 +192,7 @@ impl Recorder {
     ///
     /// # Errors
     /// When there is a log of that name, its file cannot be created, or the system refuses a thread.
-    pub fn start(path: &Path, config: &Config, when_full: WhenFull) -> Result<Self, LogError> {
+    pub fn start(path: &Path, config: &ValidConfig, when_full: WhenFull) -> Result<Self, LogError> {
         Self::start_on(OpenPart::files(), Limits::of(&config.recorder), path, config, when_full)
     }
 
@@ -204,7 +204,7 @@ impl Recorder {
         open: OpenPart,
         limits: Limits,
         path: &Path,
-        config: &Config,
+        config: &ValidConfig,
         when_full: WhenFull,
     ) -> Result<Self, LogError> {
         let writer = LogWriter::create(path, About::new(config)?, limits, open)?;

@@ -2,7 +2,7 @@
 
 use super::{now_ns, proto};
 use jpeg_encoder::{ColorType, Encoder};
-use plumbline_config::{Config, GrayImage, Timestamp};
+use plumbline_config::{GrayImage, Timestamp, ValidConfig};
 use plumbline_drivers::StereoFrame;
 use plumbline_estimator::Tracked;
 use prost::Message;
@@ -28,7 +28,7 @@ pub struct Shot {
 impl Shot {
     /// Room for any frame of the configuration.
     #[must_use]
-    pub fn new(config: &Config) -> Self {
+    pub fn new(config: &ValidConfig) -> Self {
         let (width_px, height_px) = config.camera.first().map_or((0, 0), |c| (c.width_px, c.height_px));
         Self {
             frame: 0,
@@ -118,11 +118,12 @@ fn reduced(image: &GrayImage, factor: usize) -> Vec<u8> {
 mod tests {
     use super::super::read;
     use super::*;
+    use plumbline_config::Config;
     use plumbline_estimator::FrontEnd;
 
     fn shot() -> (Shot, StereoFrame) {
         let config = Config::preset("sim").unwrap();
-        let _ = FrontEnd::new(&config);
+        let _ = FrontEnd::new(config.setup());
         let (width, height) = (config.camera[0].width_px, config.camera[0].height_px);
         let mut frame = StereoFrame::new([(width, height); 2]);
         for (k, pixel) in frame.images[0].pixels_mut().iter_mut().enumerate() {

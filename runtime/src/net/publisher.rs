@@ -10,7 +10,7 @@ use super::session::{Endpoints, NetError};
 use super::tap::NetworkTap;
 use crate::pipeline::tap::Tap;
 use crate::pipeline::{Control, Sink};
-use plumbline_config::Config;
+use plumbline_config::ValidConfig;
 use plumbline_estimator::{Estimate, Odometry};
 use std::sync::Arc;
 use std::thread::JoinHandle;
@@ -44,7 +44,11 @@ impl Publisher {
     ///
     /// # Errors
     /// When the session cannot be opened.
-    pub fn start(config: &Config, endpoints: &Endpoints, control: Arc<Control>) -> Result<Self, NetError> {
+    pub fn start(
+        config: &ValidConfig,
+        endpoints: &Endpoints,
+        control: Arc<Control>,
+    ) -> Result<Self, NetError> {
         let rates = Rates::of(endpoints.link);
         let vehicle = Arc::new(Vehicle {
             name: endpoints.vehicle.clone(),

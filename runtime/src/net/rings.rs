@@ -2,7 +2,7 @@
 
 use super::picture::Shot;
 use crossbeam_queue::ArrayQueue;
-use plumbline_config::Config;
+use plumbline_config::ValidConfig;
 use plumbline_estimator::{Estimate, MapSnapshot, Odometry};
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
 use tokio::sync::Notify;
@@ -138,12 +138,12 @@ pub struct Rings {
 impl Rings {
     /// Everything allocated for the configuration.
     #[must_use]
-    pub fn new(config: &Config) -> Self {
+    pub fn new(config: &ValidConfig) -> Self {
         Self {
             odometry: DropOldest::new(ODOMETRY_RING),
             ros: config.ros.enabled.then(|| DropOldest::new(ODOMETRY_RING)),
             estimates: DropOldest::new(ESTIMATE_RING),
-            snapshots: Pool::new(SNAPSHOTS, || MapSnapshot::new(config)),
+            snapshots: Pool::new(SNAPSHOTS, || MapSnapshot::new(config.setup())),
             shots: Pool::new(SHOTS, || Shot::new(config)),
             is_watched: AtomicBool::new(false),
             rung: AtomicU8::new(0),

@@ -96,7 +96,7 @@ impl Picture {
 
     /// Copies a grey image, with its upper left pixel at `left`, `top`, and its light times `brightness`.
     pub fn gray(&mut self, image: &ImageView<'_>, left: usize, top: usize, brightness: f32) {
-        for (y, row) in image.pixels().chunks_exact(image.width().max(1)).enumerate() {
+        for (y, row) in image.rows().enumerate() {
             for (x, &grey) in row.iter().enumerate() {
                 let Some(at) = self.at(left + x, top + y) else { break };
                 self.pixels[at..at + 3].fill((f32::from(grey) * brightness) as u8);

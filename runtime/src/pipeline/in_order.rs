@@ -11,7 +11,7 @@ use super::team::Team;
 use super::tick::{CORRECTION_DELAY_NS, TickStage};
 use super::{Control, Outcome, RunError, RunOptions, Sink, Streams, sizes_of};
 use crate::schedule::ladder::Rung;
-use plumbline_config::{Config, Timestamp};
+use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::{DriverError, ImuReading, ImuSource, Prefetch, StereoFrame, StereoSource};
 use plumbline_estimator::{Estimate, Feedback, Fork};
 use std::collections::VecDeque;
@@ -39,7 +39,7 @@ pub struct InOrder<'a> {
 impl<'a> InOrder<'a> {
     /// Everything allocated for the configuration.
     #[must_use]
-    pub fn new(config: &Config, team: &'a Team, tap: &dyn Tap) -> Self {
+    pub fn new(config: &ValidConfig, team: &'a Team, tap: &dyn Tap) -> Self {
         Self {
             front: FrontStage::new(config, tap.another()),
             window: WindowStage::new(config, tap.another()),
@@ -49,7 +49,7 @@ impl<'a> InOrder<'a> {
             in_flight: Job::new(config),
             is_in_flight: false,
             next: Job::new(config),
-            feedback: Feedback::new(config),
+            feedback: Feedback::new(config.setup()),
             waiting: VecDeque::with_capacity(MAX_WAITING),
             newest_imu: Timestamp::MIN,
         }
@@ -61,7 +61,7 @@ impl<'a> InOrder<'a> {
     /// When a driver cannot go on.
     pub fn run(
         mut self,
-        config: &Config,
+        config: &ValidConfig,
         Streams { mut imu, stereo }: Streams,
         options: &RunOptions,
         control: &Control,

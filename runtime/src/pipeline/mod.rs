@@ -26,7 +26,7 @@ use crate::schedule::host::Host;
 use figures::Figures;
 use in_order::InOrder;
 use live::Live;
-use plumbline_config::Config;
+use plumbline_config::ValidConfig;
 use plumbline_drivers::{DriverError, Faults, ImuSource, StereoSource};
 use plumbline_estimator::{Estimate, Odometry};
 use std::sync::Arc;
@@ -93,7 +93,7 @@ pub enum RunError {
 /// # Errors
 /// When a driver cannot go on, or a thread cannot be had.
 pub fn run(
-    config: &Config,
+    config: &ValidConfig,
     streams: Streams,
     options: &RunOptions,
     control: &Control,
@@ -116,6 +116,6 @@ pub fn run(
 }
 
 /// Image sizes of the rig, (0, 0) for a camera that is not there.
-fn sizes_of(config: &Config) -> [(usize, usize); 2] {
+fn sizes_of(config: &ValidConfig) -> [(usize, usize); 2] {
     [0, 1].map(|k| config.camera.get(k).map_or((0, 0), |c| (c.width_px, c.height_px)))
 }

@@ -9,7 +9,7 @@ use super::tick::WARM_UP_NS;
 use crate::alloc;
 use crate::log::Event;
 use crate::schedule::ladder::Rung;
-use plumbline_config::{Config, Timestamp};
+use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::{
     Estimate, Feedback, Fork, FrameInput, FrontEnd, ImuAdmission, Odometer, ResetKind, Tracked,
@@ -44,8 +44,8 @@ pub struct Job {
 impl Job {
     /// An empty one, with room for any frame.
     #[must_use]
-    pub fn new(config: &Config) -> Self {
-        Self { tracked: Tracked::new(config), cost: Cost::default() }
+    pub fn new(config: &ValidConfig) -> Self {
+        Self { tracked: Tracked::new(config.setup()), cost: Cost::default() }
     }
 }
 
@@ -76,10 +76,10 @@ pub struct FrontStage {
 impl FrontStage {
     /// Everything allocated for the configuration.
     #[must_use]
-    pub fn new(config: &Config, tap: Box<dyn Tap>) -> Self {
+    pub fn new(config: &ValidConfig, tap: Box<dyn Tap>) -> Self {
         Self {
             tap,
-            front_end: FrontEnd::new(config),
+            front_end: FrontEnd::new(config.setup()),
             point_times: StageTimes::default(),
             line_times: StageTimes::default(),
             first: None,
@@ -103,11 +103,8 @@ impl FrontStage {
 
     /// Tracks a frame with the work of a rung of the ladder.
     pub fn track(&mut self, frame: &StereoFrame, rung: Rung, fork: &dyn Fork, job: &mut Job) {
-        let input = FrameInput {
-            sequence: frame.sequence,
-            stamp: frame.stamp,
-            images: [frame.image(0), frame.image(1)],
-        };
+        let images = [frame.image(0), frame.image(1)];
+        let input = FrameInput::new(frame.stamp, images).numbered(frame.sequence);
         let first = *self.first.get_or_insert(frame.stamp);
         let order = self.order(frame, Verdict::Taken { level: rung.level() });
         let Self { tap, front_end, point_times, line_times, .. } = self;
@@ -174,10 +171,10 @@ pub struct WindowStage {
 impl WindowStage {
     /// Everything allocated for the configuration.
     #[must_use]
-    pub fn new(config: &Config, tap: Box<dyn Tap>) -> Self {
+    pub fn new(config: &ValidConfig, tap: Box<dyn Tap>) -> Self {
         Self {
             tap,
-            odometer: Odometer::new(config),
+            odometer: Odometer::new(config.setup()),
             digest: Digest::default(),
             first: None,
             times: StageTimes::default(),

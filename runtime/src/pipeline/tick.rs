@@ -6,7 +6,7 @@ use super::orders::CorrectionOrder;
 use super::tap::Tap;
 use crate::alloc;
 use crate::pipeline::clock::Stopwatch;
-use plumbline_config::{Config, Timestamp};
+use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::ImuReading;
 use plumbline_estimator::{Estimate, Odometry, Propagator, Stage, StageProbe};
 use std::collections::VecDeque;
@@ -48,10 +48,10 @@ pub struct TickStage {
 impl TickStage {
     /// Everything allocated for the configuration.
     #[must_use]
-    pub fn new(config: &Config, tap: Box<dyn Tap>) -> Self {
+    pub fn new(config: &ValidConfig, tap: Box<dyn Tap>) -> Self {
         Self {
             tap,
-            propagator: Propagator::new(config),
+            propagator: Propagator::new(config.setup()),
             pending: VecDeque::with_capacity(MAX_PENDING),
             readings: 0,
             first: None,

@@ -186,7 +186,7 @@ fn lsd_segments(lsd: &mut Detector, image: &GrayImage, model: &CameraModel) -> V
 
 /// The rig, with its lenses or, for images in which straight edges are straight, without distortion.
 fn rig(is_distorted: bool) -> Config {
-    let mut config = Config::preset("sim").unwrap();
+    let mut config = Config::preset("sim").unwrap().into_inner();
     if !is_distorted {
         for camera in &mut config.camera {
             camera.distortion = Distortion::RadialTangential { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0 };

@@ -9,7 +9,7 @@ use crate::pipeline::orders::{CorrectionOrder, FrameOrder, ResetOrder, Verdict};
 use crate::pipeline::tap::{Several, Tap};
 use nalgebra::Vector3;
 use plumbline_drivers::{ImuReading, StereoFrame};
-use plumbline_estimator::{Estimate, Estimator, FrameInput, Odometry, Propagator, ResetKind, WorkBudget};
+use plumbline_estimator::{Estimate, Estimator, FrameInput, Odometry, Propagator, ResetKind};
 use prost::Message as _;
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -116,7 +116,8 @@ fn a_changed_output_is_named_with_both_values() {
 /// A live run in small: frames are refused, corrections come late, and somebody asks for a reset.
 fn fly_with_orders(flight: Flight, tap: &mut dyn Tap) {
     let (mut imu, mut stereo) = (flight.imu, flight.stereo);
-    let (mut estimator, mut propagator) = (Estimator::new(&flight.config), Propagator::new(&flight.config));
+    let (mut estimator, mut propagator) =
+        (Estimator::new(flight.config.setup()), Propagator::new(flight.config.setup()));
     let mut readings: VecDeque<ImuReading> = VecDeque::new();
     let mut frame = StereoFrame::new([(0, 0); 2]);
     let (mut ticked, mut late): (u64, Option<Estimate>) = (0, None);
@@ -147,8 +148,8 @@ fn fly_with_orders(flight: Flight, tap: &mut dyn Tap) {
         tap.order(&FrameOrder { frame: sequence, readings_before: ticked, verdict });
         if !refused {
             let images = [frame.image(0), frame.image(1)];
-            let input = FrameInput { sequence, stamp: frame.stamp, images };
-            let estimate = estimator.add_frame(&input, &WorkBudget::FULL, [&mut (), &mut ()]);
+            let input = FrameInput::new(frame.stamp, images).numbered(sequence);
+            let estimate = estimator.add_frame(&input);
             tap.estimate(&estimate);
             late = Some(estimate);
         }

@@ -19,8 +19,8 @@ use crate::record;
 use crate::report::Report;
 use mcap::records::Metadata;
 use mcap::{MessageStream, WriteOptions};
-use plumbline_config::Config;
 use plumbline_config::options::{ImageRecording, KeepPolicy};
+use plumbline_config::{Config, ValidConfig};
 use plumbline_drivers::simulator::{Scenario, Scene};
 use std::borrow::Cow;
 use std::fs::File;
@@ -46,7 +46,7 @@ fn record_on(
     images: ImageRecording,
 ) -> (Report, RecorderSummary) {
     let mut flight = flight();
-    flight.config.recorder.images = images;
+    flight.config = flight.config.with("test", |config| config.recorder.images = images).unwrap();
     let recorder = Recorder::start_on(open, limits, path, &flight.config, WhenFull::Wait).unwrap();
     let tap = Box::new(recorder.handle());
     let control = Control::default();
@@ -90,6 +90,6 @@ fn rewritten(path: &Path, channel: Channel, mut edit: impl FnMut(usize, &mut Vec
 }
 
 /// A configuration and nothing that flies.
-fn config() -> Config {
+fn config() -> ValidConfig {
     Config::preset("sim").unwrap()
 }

@@ -35,7 +35,7 @@ use crate::schedule::ticker::Monotonic;
 use crate::schedule::watchdog::Heartbeats;
 use drivers::{Arrival, CameraFigures, CameraTask, ImuTask};
 use front_end::{FrontEndFigures, FrontEndRings, FrontEndTask};
-use plumbline_config::{Config, Timestamp};
+use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::{Faults, StereoFrame};
 use plumbline_estimator::{Estimate, Feedback, Odometry};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -130,7 +130,7 @@ impl Shared<'_> {
 
 /// A live run of one estimator, allocated and ready to start.
 pub struct Live {
-    config: Config,
+    config: ValidConfig,
     speed: f64,
     team: Team,
     host: Arc<Host>,
@@ -146,7 +146,7 @@ impl Live {
     /// # Errors
     /// When the system refuses a thread.
     pub fn new(
-        config: &Config,
+        config: &ValidConfig,
         speed: f64,
         helpers: usize,
         host: Arc<Host>,
@@ -224,7 +224,7 @@ impl Live {
         }
         for _ in 0..JOB_POOL {
             let _ = spare_in.push(Job::new(&config));
-            let _ = blank_in.push(Feedback::new(&config));
+            let _ = blank_in.push(Feedback::new(config.setup()));
         }
         let camera = CameraTask {
             source: stereo,

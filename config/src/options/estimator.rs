@@ -1,0 +1,151 @@
+//! Capacities and thresholds of the estimator: points, window, initialisation, health. Lines have their own
+//! module.
+
+use super::LinesConfig;
+use serde::{Deserialize, Serialize};
+
+/// Capacities and thresholds of the estimator.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct EstimatorConfig {
+    /// Point features.
+    pub points: PointsConfig,
+    /// Line segments.
+    pub lines: LinesConfig,
+    /// Sliding window.
+    pub window: WindowConfig,
+    /// Initialisation.
+    pub initial: InitialConfig,
+    /// Failure detection and resets.
+    pub health: HealthConfig,
+}
+
+/// Detection and tracking of points.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PointsConfig {
+    /// Most points tracked at a time.
+    pub max_points: usize,
+    /// Side of the square detection cells, px: an empty cell gets a new point.
+    pub cell_px: usize,
+    /// Smallest Shi-Tomasi score (lesser eigenvalue of the structure tensor per pixel, in squared grey
+    /// levels per px²) of a new point.
+    pub min_corner_score: f32,
+    /// Pyramid levels, the full image included.
+    pub pyramid_levels: usize,
+    /// Gauss-Newton steps per level and point, at most.
+    pub max_iterations: usize,
+    /// Largest distance between a point and its forward-backward return, px.
+    pub max_forward_backward_px: f32,
+    /// Largest distance of a stereo match from its epipolar line, px.
+    pub max_epipolar_px: f32,
+    /// Points this close to the image edge are dropped, px.
+    pub border_px: usize,
+    /// Standard deviation of a tracked point, px at full resolution.
+    pub sigma_px: f64,
+}
+
+impl Default for PointsConfig {
+    fn default() -> Self {
+        Self {
+            max_points: 120,
+            cell_px: 52,
+            min_corner_score: 12.0,
+            pyramid_levels: 4,
+            max_iterations: 8,
+            max_forward_backward_px: 0.4,
+            max_epipolar_px: 2.5,
+            border_px: 8,
+            sigma_px: 0.4,
+        }
+    }
+}
+
+/// The sliding window and its solver.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct WindowConfig {
+    /// Keyframes held.
+    pub keyframes: usize,
+    /// Newest frames held beside the keyframes.
+    pub recent_frames: usize,
+    /// Landmarks held.
+    pub max_landmarks: usize,
+    /// Gauss-Newton or Levenberg-Marquardt steps per frame, at most.
+    pub max_iterations: usize,
+    /// A frame becomes a keyframe when less than this share of its points is linked to the window.
+    pub min_connected_ratio: f64,
+    /// A frame becomes a keyframe at the latest after this time.
+    pub max_keyframe_interval_s: f64,
+    /// Scale of the Cauchy kernel, in standard deviations.
+    pub cauchy_scale: f64,
+    /// Points further than this are not triangulated, m.
+    pub max_depth_m: f64,
+    /// Points nearer than this are not triangulated, m.
+    pub min_depth_m: f64,
+}
+
+impl Default for WindowConfig {
+    fn default() -> Self {
+        Self {
+            keyframes: 7,
+            recent_frames: 3,
+            max_landmarks: 600,
+            max_iterations: 5,
+            min_connected_ratio: 0.7,
+            max_keyframe_interval_s: 2.0,
+            cauchy_scale: 2.0,
+            max_depth_m: 60.0,
+            min_depth_m: 0.2,
+        }
+    }
+}
+
+/// Initialisation.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct InitialConfig {
+    /// Stereo frames gathered before the first pose.
+    pub stereo_frames: usize,
+    /// Data gathered before the first monocular pose, s.
+    pub mono_window_s: f64,
+    /// Mean parallax (rotation taken out) that a monocular start needs, px.
+    pub mono_min_parallax_px: f64,
+}
+
+impl Default for InitialConfig {
+    fn default() -> Self {
+        Self { stereo_frames: 4, mono_window_s: 1.5, mono_min_parallax_px: 20.0 }
+    }
+}
+
+/// When an estimate counts as failed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct HealthConfig {
+    /// Speed above which the estimate is taken for diverged, m/s.
+    pub max_speed_m_s: f64,
+    /// Standard deviation of the velocity above which it is taken for diverged, m/s.
+    pub max_velocity_sigma_m_s: f64,
+    /// Flight without any visual landmark that is survived on the IMU alone, s.
+    pub max_blind_s: f64,
+    /// Gyroscope bias above which the estimate is taken for diverged, rad/s.
+    pub max_gyro_bias_rad_s: f64,
+    /// Accelerometer bias above which the estimate is taken for diverged, m/s².
+    pub max_accel_bias_m_s2: f64,
+    /// No automatic reset within this time after the last one, s.
+    pub reset_holdoff_s: f64,
+}
+
+impl Default for HealthConfig {
+    fn default() -> Self {
+        Self {
+            max_speed_m_s: 20.0,
+            max_velocity_sigma_m_s: 2.0,
+            max_blind_s: 5.0,
+            max_gyro_bias_rad_s: 0.5,
+            max_accel_bias_m_s2: 2.0,
+            reset_holdoff_s: 2.0,
+        }
+    }
+}

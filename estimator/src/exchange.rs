@@ -1,0 +1,105 @@
+//! What front-end and odometer hand each other: a [`Tracked`] frame forward, [`Feedback`] back.
+//!
+//! The front-end may work on the next frame while the window still solves the last. What the window found out
+//! (wrong tracks, refined extrinsics, a bias) therefore reaches it one frame late, always, whether there was a
+//! thread to spare or not: [`crate::facade`] and every executor hand over the feedback of frame `k` before frame
+//! `k + 2`.
+
+use crate::estimate::{FrameFigures, HealthBits};
+use crate::inertial::buffer::IMU_MEMORY_S;
+use crate::input::ResetKind;
+use crate::lines::LineObservation;
+use crate::points::PointObservation;
+use crate::window::state::FrameTime;
+use crate::work_budget::WorkBudget;
+use nalgebra::{Isometry3, Vector3};
+use plumbline_config::{ImuSample, ValidSetup};
+
+/// Time offsets beyond this are not believed, s: a frame interval at 20 Hz, beyond which frames would be taken for
+/// their neighbours.
+const MAX_TIME_OFFSET_S: f64 = 0.05;
+
+/// What the front-end makes of one frame: all that the window needs to know of it.
+#[derive(Clone, Debug)]
+pub struct Tracked {
+    /// Sequence number of the frame.
+    pub sequence: u64,
+    /// When it was taken.
+    pub time: FrameTime,
+    /// A reset that comes before it.
+    pub reset: Option<ResetKind>,
+    /// Inertial samples since the frame before, in order.
+    pub samples: Vec<ImuSample>,
+    /// Points seen, in order of track id.
+    pub points: Vec<PointObservation>,
+    /// Lines seen, in order of track id.
+    pub lines: Vec<LineObservation>,
+    /// What was wrong with the images.
+    pub health: HealthBits,
+    /// Figures of the front-end; those of the window are still zero.
+    pub figures: FrameFigures,
+    /// The work that the frame gets, an input like the images.
+    pub budget: WorkBudget,
+}
+
+impl Tracked {
+    /// An empty one, with room for any frame.
+    #[must_use]
+    pub fn new(setup: &ValidSetup) -> Self {
+        Self {
+            sequence: 0,
+            time: FrameTime::default(),
+            reset: None,
+            samples: Vec::with_capacity(max_samples(setup)),
+            points: Vec::with_capacity(setup.estimator.points.max_points),
+            lines: Vec::with_capacity(2 * setup.estimator.lines.max_segments),
+            health: HealthBits::default(),
+            figures: FrameFigures::default(),
+            budget: WorkBudget::FULL,
+        }
+    }
+}
+
+/// What the window found out that the front-end should know.
+#[derive(Clone, Debug)]
+pub struct Feedback {
+    /// Track ids of points that do not belong to the rigid scene.
+    pub wrong_points: Vec<u32>,
+    /// Track ids of lines that do not belong to the rigid scene.
+    pub wrong_lines: Vec<u32>,
+    /// Extrinsics `T_BC` of both cameras as refined so far.
+    pub pose_b_c: [Isometry3<f64>; 2],
+    /// `t_imu - t_camera` as refined so far, s.
+    pub time_offset_s: f64,
+    /// Bias of the gyroscope, rad/s.
+    pub bias_gyro: Vector3<f64>,
+    /// Resets so far.
+    pub reset_counter: u32,
+}
+
+impl Feedback {
+    /// What is known before the first frame, with room for what any frame may find.
+    #[must_use]
+    pub fn new(setup: &ValidSetup) -> Self {
+        let pose = |k: usize| setup.camera.get(k).map_or_else(Isometry3::identity, |c| c.pose_b_c());
+        Self {
+            // Both cameras may name the same track.
+            wrong_points: Vec::with_capacity(2 * setup.estimator.window.max_landmarks),
+            wrong_lines: Vec::with_capacity(2 * setup.estimator.lines.max_landmarks),
+            pose_b_c: [pose(0), pose(1)],
+            time_offset_s: setup.rig.time_offset_s,
+            bias_gyro: Vector3::zeros(),
+            reset_counter: 0,
+        }
+    }
+}
+
+/// Samples between two frames, at most: what the inertial buffer keeps.
+pub(crate) fn max_samples(setup: &ValidSetup) -> usize {
+    (IMU_MEMORY_S * setup.imu.rate_hz).ceil() as usize
+}
+
+/// The time offset to stamp frames by: the estimated one, within what cameras have, s.
+pub(crate) fn believable_offset(time_offset_s: f64) -> f64 {
+    time_offset_s.clamp(-MAX_TIME_OFFSET_S, MAX_TIME_OFFSET_S)
+}

@@ -1,0 +1,70 @@
+//! What the estimator is given beside inertial samples: frames and resets.
+
+use plumbline_config::{ImageView, Timestamp};
+
+/// The images of one instant, lent for the time of the call.
+///
+/// ```
+/// use plumbline_estimator::{FrameInput, ImageView, Timestamp};
+///
+/// # let (left, right) = (vec![0u8; 752 * 480], vec![0u8; 752 * 480]);
+/// let view = |pixels| ImageView::new(752, 480, 752, pixels);
+/// let frame = FrameInput::stereo(Timestamp::from_nanos(50_000_000), view(&left)?, view(&right)?);
+/// assert!(frame.images.iter().all(Option::is_some));
+/// # Ok::<(), plumbline_estimator::ImageError>(())
+/// ```
+#[derive(Clone, Copy, Debug)]
+pub struct FrameInput<'a> {
+    /// Number of the frame where the sensor counts them; `None`: one more than the frame before, from 0.
+    pub sequence: Option<u64>,
+    /// Measurement time by the camera's clock: the middle of the exposure.
+    pub stamp: Timestamp,
+    /// Left and right image; `None` for one that did not arrive.
+    pub images: [Option<ImageView<'a>>; 2],
+}
+
+impl<'a> FrameInput<'a> {
+    /// A frame of which images may be missing.
+    #[must_use]
+    pub fn new(stamp: Timestamp, images: [Option<ImageView<'a>>; 2]) -> Self {
+        Self { sequence: None, stamp, images }
+    }
+
+    /// Both images of a stereo pair, taken together at `stamp`.
+    #[must_use]
+    pub fn stereo(stamp: Timestamp, left: ImageView<'a>, right: ImageView<'a>) -> Self {
+        Self::new(stamp, [Some(left), Some(right)])
+    }
+
+    /// The image of a single camera.
+    #[must_use]
+    pub fn mono(stamp: Timestamp, image: ImageView<'a>) -> Self {
+        Self::new(stamp, [Some(image), None])
+    }
+
+    /// The same with the number that the sensor gave it.
+    #[must_use]
+    pub fn numbered(self, sequence: u64) -> Self {
+        Self { sequence: Some(sequence), ..self }
+    }
+}
+
+/// What became of an inertial sample.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ImuAdmission {
+    /// Accepted.
+    Accepted,
+    /// Refused: not later than the newest sample.
+    NotLater,
+    /// Refused: a component is not a finite number.
+    NotFinite,
+}
+
+/// How much a reset forgets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ResetKind {
+    /// The map and the window go, the pose stays: the new start continues from it.
+    Soft,
+    /// Everything goes: the new start begins at the origin.
+    Hard,
+}
