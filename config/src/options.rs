@@ -16,6 +16,7 @@ mod ros;
 mod runtime;
 mod sensors;
 mod setup;
+mod vehicle;
 
 pub use autopilot::{AutopilotClock, AutopilotConfig, AutopilotEndpoint, LostPose};
 pub use estimator::{EstimatorConfig, HealthConfig, InitialConfig, PointsConfig, WindowConfig};
@@ -26,6 +27,7 @@ pub use ros::{RosConfig, RosDistribution, RosStamp};
 pub use runtime::RuntimeConfig;
 pub use sensors::{CameraConfig, ImuConfig, RigConfig, isometry_from_rows, rows_from_isometry};
 pub use setup::EstimatorSetup;
+pub use vehicle::VehicleConfig;
 
 use serde::{Deserialize, Serialize};
 
@@ -58,6 +60,9 @@ pub struct Config {
     /// What the flight recorder keeps, and how much of it.
     #[serde(default)]
     pub recorder: RecorderConfig,
+    /// How the IMU is mounted in the vehicle.
+    #[serde(default)]
+    pub vehicle: VehicleConfig,
     /// The vehicle's autopilot, and what it is told.
     #[serde(default)]
     pub autopilot: AutopilotConfig,
@@ -77,6 +82,7 @@ impl Config {
             ros: RosConfig::default(),
             runtime: RuntimeConfig::default(),
             recorder: RecorderConfig::default(),
+            vehicle: VehicleConfig::default(),
             autopilot: AutopilotConfig::default(),
         }
     }

@@ -14,6 +14,9 @@ use toml::{Spanned, Table, Value};
 /// The key that selects a variant of a table (the distortion model).
 const VARIANT_KEY: &str = "model";
 
+/// Keys that stand elsewhere now: where they were, and where they are.
+const MOVED: &[(&str, &str)] = &[("autopilot.imu_to_vehicle_deg", "vehicle.imu_to_vehicle_deg")];
+
 /// A parsed text that still knows the lines of its keys.
 pub(crate) struct Document<'a> {
     lines: Lines,
@@ -114,7 +117,13 @@ impl Check<'_> {
             let child = at.child(name_text, self.lines.at(name.span().start));
             let shapes: Vec<&Value> = candidates.iter().filter_map(|c| c.get(name_text)).collect();
             if shapes.is_empty() {
-                self.refuse(&child, "unknown key".into(), suggestion(name_text, shape));
+                match MOVED.iter().find(|(old, _)| *old == child.general) {
+                    Some((_, new)) => {
+                        let cure = format!("write `{new}` with the same value in its place");
+                        self.refuse(&child, "the key has moved".into(), cure);
+                    }
+                    None => self.refuse(&child, "unknown key".into(), suggestion(name_text, shape)),
+                }
             } else {
                 self.value(&child, value, &shapes);
             }

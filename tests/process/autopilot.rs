@@ -57,6 +57,9 @@ impl Autopilot {
     }
 }
 
+/// The IMU has x up, y right and z forward.
+const MOUNTING: &str = "vehicle.imu_to_vehicle_deg=[180.0, -90.0, 0.0]";
+
 /// A flight that begins in the middle of the rise, its frames rendered beforehand.
 struct Flight {
     folder: tempfile::TempDir,
@@ -68,7 +71,8 @@ impl Flight {
         let folder = tempfile::tempdir().unwrap();
         let cache = folder.path().join("cache").display().to_string();
         let flight = ["replay", "sim:room", "--start", "2", "--duration", duration_s, "--scale", "0.5"];
-        let arguments = [&flight[..], &["--no-lines", "--cache", &cache, "--set", AWAKE], more].concat();
+        let more = [&["--set", MOUNTING, "--set", AWAKE], more].concat();
+        let arguments = [&flight[..], &["--no-lines", "--cache", &cache], &more].concat();
         let arguments: Vec<String> = arguments.into_iter().map(str::to_owned).collect();
         let rendered = Command::new(env!("CARGO_BIN_EXE_plumbline")).args(&arguments).output().unwrap();
         assert!(rendered.status.success(), "{}", stderr(&rendered));

@@ -43,6 +43,7 @@ fn fly(python: &Path, changes: &[(&str, &str)], when: Machine) -> Seen {
         ("network.vehicle", "\"drone-1\"".to_owned()),
         ("ros.enabled", "true".to_owned()),
         ("ros.router", format!("\"{endpoint}\"")),
+        ("vehicle.imu_to_vehicle_deg", "[180.0, -90.0, 0.0]".to_owned()),
     ];
     all.extend(changes.iter().map(|(key, value)| (*key, (*value).to_owned())));
     configuration(&config, &all);
@@ -100,13 +101,25 @@ fn numbers(value: &Value, names: &str) -> Vec<f64> {
     names.split(' ').map(|name| value[name].as_f64().unwrap()).collect()
 }
 
-/// `pose` is that of the file at `stamp_ns`, to the digits of the file.
+/// The rotation x, y, z, w of a vehicle whose IMU has x up, y right and z forward: its x, y, z are forward, left, up.
+fn vehicle_rotation(q_o_b: &[f64]) -> nalgebra::UnitQuaternion<f64> {
+    use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion};
+    let of_imu = UnitQuaternion::from_quaternion(Quaternion::new(q_o_b[3], q_o_b[0], q_o_b[1], q_o_b[2]));
+    let [x, y, z] = [0, 1, 2].map(|k| of_imu.to_rotation_matrix().matrix().column(k).into_owned());
+    let axes = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[z, -y, x]));
+    UnitQuaternion::from_rotation_matrix(&axes)
+}
+
+/// The pose of the vehicle is that of the IMU in the file at `stamp_ns`, to the digits of the file.
 fn is_computed(computed: &BTreeMap<i64, Vec<f64>>, stamp_ns: i64, position: &Value, rotation: &Value) {
     let expected = computed.get(&stamp_ns).unwrap_or_else(|| panic!("nothing was computed for {stamp_ns}"));
-    let told = [numbers(position, "x y z"), numbers(rotation, "x y z w")].concat();
-    for (told, expected) in told.iter().zip(expected) {
+    for (told, expected) in numbers(position, "x y z").iter().zip(expected) {
         assert!((told - expected).abs() < 1e-8, "{told} against {expected} at {stamp_ns}");
     }
+    let q = numbers(rotation, "x y z w");
+    let told = nalgebra::Quaternion::new(q[3], q[0], q[1], q[2]);
+    let angle = nalgebra::UnitQuaternion::from_quaternion(told).angle_to(&vehicle_rotation(&expected[3..]));
+    assert!((told.norm() - 1.0).abs() < 1e-12 && angle < 1e-7, "{angle} rad off at {stamp_ns}");
 }
 
 #[test]
@@ -136,9 +149,14 @@ fn a_machine_with_ros_sees_topics_and_reads_what_was_computed() {
     }
     for sample in seen.samples(TOPICS[2]) {
         let transforms = sample["message"]["transforms"].as_array().unwrap();
-        assert_eq!(transforms.len(), 1);
+        let names: Vec<_> =
+            transforms.iter().map(|t| [&t["header"]["frame_id"], &t["child_frame_id"]]).collect();
+        assert_eq!(names, [["odom", "base_link"], ["base_link", "body"]]);
+        let imu = numbers(&transforms[1]["transform"]["rotation"], "x y z w");
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        // x of the IMU is up, z forward: a half turn about the axis between the two.
+        assert!(imu.iter().zip([half, 0.0, half, 0.0]).all(|(a, b)| (a.abs() - b).abs() < 1e-12), "{imu:?}");
         let transform = &transforms[0]["transform"];
-        assert_eq!(transforms[0]["child_frame_id"], "base_link");
         let stamp = stamp_ns(&transforms[0]["header"]);
         is_computed(&seen.computed, stamp, &transform["translation"], &transform["rotation"]);
     }
@@ -208,7 +226,7 @@ fn check_covariance(covariance: &Value) {
     }
 }
 
-/// The twist is what moves the poses, told in the frame of the body: one sample to the next.
+/// The twist is what moves the poses, told in the frame of the vehicle: one sample to the next.
 fn check_twist(seen: &Seen) {
     use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
     let samples = seen.samples(TOPICS[0]);
@@ -251,6 +269,7 @@ fn names_and_stamps_are_as_configured() {
         ("ros.distribution", "\"humble\""),
         ("ros.namespace", "\"/robots/one\""),
         ("ros.odom_frame", "\"world\""),
+        ("ros.base_frame", "\"one/base\""),
         ("ros.body_frame", "\"one/imu\""),
         ("ros.stamp", "\"publication\""),
         ("ros.rate_hz", "10.0"),
@@ -269,7 +288,7 @@ fn names_and_stamps_are_as_configured() {
         let message = &sample["message"];
         assert_eq!(
             (&message["header"]["frame_id"], &message["child_frame_id"]),
-            (&"world".into(), &"one/imu".into())
+            (&"world".into(), &"one/base".into())
         );
         assert_eq!(stamp_ns(&message["header"]), sample["source_ns"].as_i64().unwrap());
     }

@@ -1,4 +1,4 @@
-//! The bridge to the vehicle's autopilot: where it is, and how the IMU sits in the vehicle.
+//! The bridge to the vehicle's autopilot: where it is, and what it is sent.
 
 use serde::{Deserialize, Serialize};
 
@@ -12,9 +12,6 @@ pub struct AutopilotConfig {
     pub rate_hz: f64,
     /// The vehicle's MAVLink system, which the bridge is a component of.
     pub system_id: u32,
-    /// Rotation of the IMU's axes against the vehicle's (x forward, y left, z up): roll, pitch and yaw about
-    /// these three, degrees; `Rz(yaw) Ry(pitch) Rx(roll)` takes coordinates from the IMU to the vehicle.
-    pub imu_to_vehicle_deg: [f64; 3],
     /// Whose clock stamps the odometry.
     pub clock: AutopilotClock,
     /// What stands for the pose while there is none.
@@ -50,7 +47,6 @@ impl Default for AutopilotConfig {
             connect: String::new(),
             rate_hz: 40.0,
             system_id: 1,
-            imu_to_vehicle_deg: [0.0; 3],
             clock: AutopilotClock::default(),
             lost_pose: LostPose::default(),
         }

@@ -20,13 +20,16 @@ pub struct RosConfig {
     pub namespace: String,
     /// Name of the odometry frame `O`.
     pub odom_frame: String,
-    /// Name of the body frame `B`, which is the IMU's.
+    /// Name of the vehicle's frame `V`: x forward, y left, z up (REP 103), with its origin in the IMU. Odometry
+    /// and pose are its own.
+    pub base_frame: String,
+    /// Name of the body frame `B`, which is the IMU's; its rotation in the vehicle goes out on `/tf`.
     pub body_frame: String,
     /// Messages of each topic a second; 0 for one with every inertial sample.
     pub rate_hz: f64,
     /// What `header.stamp` says.
     pub stamp: RosStamp,
-    /// Whether the pose goes out as a transform on `/tf` too.
+    /// Whether the transforms from `odom_frame` to `base_frame` and on to `body_frame` go out on `/tf` too.
     pub tf: bool,
     /// Standard deviation of the angular rate in the twist's covariance, rad/s: the estimator has none.
     pub angular_rate_sigma_rad_s: f64,
@@ -67,7 +70,8 @@ impl Default for RosConfig {
             distribution: RosDistribution::Jazzy,
             namespace: String::new(),
             odom_frame: "odom".into(),
-            body_frame: "base_link".into(),
+            base_frame: "base_link".into(),
+            body_frame: "body".into(),
             rate_hz: 50.0,
             stamp: RosStamp::Measurement,
             tf: true,

@@ -117,6 +117,18 @@ fn a_missing_part_is_named_and_defaults_may_be_missing() {
 }
 
 #[test]
+fn a_key_that_has_moved_is_refused_with_its_new_place() {
+    let text = with(preset(), "rate_hz = 40.0", "rate_hz = 40.0\nimu_to_vehicle_deg = [0.0, 0.0, 0.0]");
+    assert!(
+        refused(&text).to_string().ends_with(
+            "the key has moved; write `vehicle.imu_to_vehicle_deg` with the same value in its place"
+        ),
+        "{}",
+        refused(&text)
+    );
+}
+
+#[test]
 fn values_are_refused_with_their_line() {
     let error = refused(&with(preset(), "gravity_m_s2 = 9.81", "gravity_m_s2 = -9.81"));
     let line = 1 + preset().lines().position(|l| l == "gravity_m_s2 = 9.81").expect("is there");

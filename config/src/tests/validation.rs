@@ -178,7 +178,7 @@ fn autopilots_have_an_address_and_a_line_that_is_fast_enough() {
         c.autopilot.connect = "serial:///dev/ttyS0:57600".into();
     });
     check("autopilot.rate_hz", "30 to 50", |c| c.autopilot.rate_hz = 10.0);
-    check("autopilot.imu_to_vehicle_deg[1]", "degrees", |c| c.autopilot.imu_to_vehicle_deg[1] = 270.0);
+    check("vehicle.imu_to_vehicle_deg[1]", "degrees", |c| c.vehicle.imu_to_vehicle_deg[1] = 270.0);
 }
 
 #[test]
@@ -191,9 +191,11 @@ fn names_must_be_ones_that_ros_understands() {
     }
     for bad in ["", "/odom", "a b", "a\n"] {
         check("ros.odom_frame", "letters", |c| c.ros.odom_frame = bad.into());
+        check("ros.base_frame", "letters", |c| c.ros.base_frame = bad.into());
         check("ros.body_frame", "letters", |c| c.ros.body_frame = bad.into());
     }
-    check("ros.body_frame", "both frames", |c| c.ros.body_frame = "odom".into());
+    check("ros.base_frame", "`ros.odom_frame` too", |c| c.ros.base_frame = "odom".into());
+    check("ros.body_frame", "`ros.base_frame` too", |c| c.ros.body_frame = "base_link".into());
     check("ros.router", "tcp/127.0.0.1:7447", |c| c.ros.router = "localhost".into());
     check("ros.domain_id", "ROS_DOMAIN_ID", |c| c.ros.domain_id = 233);
 }

@@ -102,11 +102,12 @@ const CONFIG_ROWS: &[Row<Config>] = &[
 
     ("runtime.idle_latency_us", |c| c.runtime.idle_latency_us as f64, -1.0, 1e6, "write it in microseconds; 0 keeps processors awake, -1 leaves it to the system"),
 
-    ("autopilot.rate_hz",               |c| c.autopilot.rate_hz,               30.0,   50.0,  "write it in Hz; PX4 asks for 30 to 50"),
-    ("autopilot.system_id",             |c| f64::from(c.autopilot.system_id),  1.0,    255.0, "write the number of the vehicle, as its autopilot has it"),
-    ("autopilot.imu_to_vehicle_deg[0]", |c| c.autopilot.imu_to_vehicle_deg[0], -180.0, 180.0, DEGREES),
-    ("autopilot.imu_to_vehicle_deg[1]", |c| c.autopilot.imu_to_vehicle_deg[1], -180.0, 180.0, DEGREES),
-    ("autopilot.imu_to_vehicle_deg[2]", |c| c.autopilot.imu_to_vehicle_deg[2], -180.0, 180.0, DEGREES),
+    ("vehicle.imu_to_vehicle_deg[0]", |c| c.vehicle.imu_to_vehicle_deg[0], -180.0, 180.0, DEGREES),
+    ("vehicle.imu_to_vehicle_deg[1]", |c| c.vehicle.imu_to_vehicle_deg[1], -180.0, 180.0, DEGREES),
+    ("vehicle.imu_to_vehicle_deg[2]", |c| c.vehicle.imu_to_vehicle_deg[2], -180.0, 180.0, DEGREES),
+
+    ("autopilot.rate_hz",   |c| c.autopilot.rate_hz,               30.0, 50.0,   "write it in Hz; PX4 asks for 30 to 50"),
+    ("autopilot.system_id", |c| f64::from(c.autopilot.system_id),  1.0,  255.0, "write the number of the vehicle, as its autopilot has it"),
 ];
 
 #[rustfmt::skip]

@@ -20,16 +20,22 @@ pub(super) fn check(config: &Config, found: &mut Vec<Violation>) {
         let cure = "write /name or /name/name of letters, digits and single `_`, not beginning with a digit";
         found.push(Violation::new("ros.namespace", reason, cure));
     }
-    for (key, frame) in [("ros.odom_frame", &ros.odom_frame), ("ros.body_frame", &ros.body_frame)] {
+    let frames = [
+        ("ros.odom_frame", &ros.odom_frame),
+        ("ros.base_frame", &ros.base_frame),
+        ("ros.body_frame", &ros.body_frame),
+    ];
+    for (i, (key, frame)) in frames.into_iter().enumerate() {
         if !is_frame(frame) {
             let reason = format!("{} is no name of a frame", shortened(frame));
             let cure = "use 1 to 64 letters, digits, `_`, `-`, `.` and `/`, not beginning with `/`";
             found.push(Violation::new(key, reason, cure));
         }
-    }
-    if ros.odom_frame == ros.body_frame {
-        let reason = format!("{} is the name of both frames", shortened(&ros.body_frame));
-        found.push(Violation::new("ros.body_frame", reason, "give the body another name than odom_frame"));
+        if let Some((other, _)) = frames[..i].iter().find(|(_, earlier)| *earlier == frame) {
+            let reason = format!("{} is the name of `{other}` too", shortened(frame));
+            let cure = "give every frame a name of its own, such as odom, base_link (the vehicle) and body (the IMU)";
+            found.push(Violation::new(key, reason, cure));
+        }
     }
 }
 

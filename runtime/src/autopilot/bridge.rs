@@ -9,7 +9,7 @@ use crate::schedule::host::raise_priority;
 use crate::schedule::ticker::{Monotonic, Ticker};
 use crossbeam_queue::ArrayQueue;
 use nalgebra::UnitQuaternion;
-use plumbline_config::options::{AutopilotConfig, AutopilotEndpoint};
+use plumbline_config::options::{AutopilotConfig, AutopilotEndpoint, VehicleConfig};
 use plumbline_estimator::{Estimate, Odometry, TrackingState};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -80,11 +80,16 @@ impl Bridge {
     ///
     /// # Errors
     /// When the address or device cannot be used.
-    pub fn start(config: &AutopilotConfig, stamps: Stamps, is_realtime: bool) -> Result<Self, BridgeError> {
+    pub fn start(
+        config: &AutopilotConfig,
+        mounting: &VehicleConfig,
+        stamps: Stamps,
+        is_realtime: bool,
+    ) -> Result<Self, BridgeError> {
         let endpoint = AutopilotEndpoint::parse(&config.connect).map_err(BridgeError::Endpoint)?;
         let link = Link::open(&endpoint)?;
         let slot = Arc::new(Slot::default());
-        let frames = Frames::new(config.imu_to_vehicle_deg);
+        let frames = Frames::new(mounting);
         let sender = Sender::new(config, link, frames);
         let period = Duration::from_secs_f64(1.0 / config.rate_hz);
         let theirs = Arc::clone(&slot);
@@ -215,7 +220,7 @@ mod tests {
     #[test]
     fn odometry_goes_on_at_its_rate_while_the_estimator_comes_and_goes() {
         let (mut autopilot, config) = Autopilot::new();
-        let mut bridge = Bridge::start(&config, Stamps::Replayed, false).unwrap();
+        let mut bridge = Bridge::start(&config, &VehicleConfig::default(), Stamps::Replayed, false).unwrap();
         let began = Instant::now();
         autopilot.fly(Duration::from_millis(500), || {});
         assert!(autopilot.odometry.iter().all(|(_, message)| message.x.is_nan()));
@@ -246,11 +251,10 @@ mod tests {
     #[test]
     fn a_failed_estimate_is_lost_at_once() {
         let slot = Arc::new(Slot::default());
-        let (_, config) = Autopilot::new();
         let mut bridge = Bridge {
             slot: Arc::clone(&slot),
             thread: None,
-            frames: Frames::new(config.imu_to_vehicle_deg),
+            frames: Frames::new(&VehicleConfig::default()),
             clock: StampClock::new(Stamps::Replayed),
             rot_l_o: None,
         };
@@ -267,7 +271,7 @@ mod tests {
     fn by_the_autopilots_clock_odometry_is_lost_until_that_is_known_and_then_stamped_by_it() {
         let (mut autopilot, config) = Autopilot::new();
         let config = AutopilotConfig { clock: AutopilotClock::Autopilot, ..config };
-        let mut bridge = Bridge::start(&config, Stamps::Replayed, false).unwrap();
+        let mut bridge = Bridge::start(&config, &VehicleConfig::default(), Stamps::Replayed, false).unwrap();
         autopilot.fly(Duration::from_millis(2500), || bridge.odometry(&fresh()));
         let (first, last) = (&autopilot.odometry[0].1, &autopilot.odometry.last().unwrap().1);
         assert_eq!((first.quality, first.time_usec), (-1, 0));
@@ -278,7 +282,7 @@ mod tests {
     #[test]
     fn noise_and_floods_from_outside_change_nothing() {
         let (mut autopilot, config) = Autopilot::new();
-        let mut bridge = Bridge::start(&config, Stamps::Replayed, false).unwrap();
+        let mut bridge = Bridge::start(&config, &VehicleConfig::default(), Stamps::Replayed, false).unwrap();
         let from = std::iter::repeat_with(|| autopilot.socket.recv_from(&mut [0; 2048]))
             .take(100)
             .find_map(|received| received.ok())

@@ -22,8 +22,8 @@ const MAVLINK_VERSION: u8 = 3;
 pub fn tracking(v: &VehicleOdometry, time_usec: u64, quality: i8, reset_counter: u32) -> ODOMETRY_DATA {
     let mut rates = Matrix6::from_element(f64::NAN);
     rates.fixed_view_mut::<3, 3>(0, 0).copy_from(&v.velocity_covariance);
-    let [vx, vy, vz] = v.v_v.map(|x| x as f32).into();
-    let [rollspeed, pitchspeed, yawspeed] = v.angular_rate_v.map(|x| x as f32).into();
+    let [vx, vy, vz] = v.v_f.map(|x| x as f32).into();
+    let [rollspeed, pitchspeed, yawspeed] = v.angular_rate_f.map(|x| x as f32).into();
     ODOMETRY_DATA {
         vx,
         vy,
@@ -61,8 +61,8 @@ pub fn lost(
 }
 
 fn pose(v: &VehicleOdometry, time_usec: u64, reset_counter: u32) -> ODOMETRY_DATA {
-    let [x, y, z] = v.pose_l_v.translation.vector.map(|x| x as f32).into();
-    ODOMETRY_DATA { x, y, z, q: wxyz(&v.pose_l_v.rotation), ..empty(time_usec, reset_counter) }
+    let [x, y, z] = v.pose_l_f.translation.vector.map(|x| x as f32).into();
+    ODOMETRY_DATA { x, y, z, q: wxyz(&v.pose_l_f.rotation), ..empty(time_usec, reset_counter) }
 }
 
 /// Frames, estimator and counter, and no number that anybody could fuse.
@@ -121,9 +121,10 @@ mod tests {
     use super::*;
     use mavlink::dialects::common::MavMessage;
     use mavlink::{MavHeader, MavlinkVersion};
+    use plumbline_config::options::VehicleConfig;
 
     fn vehicle() -> VehicleOdometry {
-        let frames = Frames::new([180.0, -90.0, 0.0]);
+        let frames = Frames::new(&VehicleConfig { imu_to_vehicle_deg: [180.0, -90.0, 0.0] });
         let o = odometry();
         frames.convert(&o, &frames.local_frame(&o.pose_o_b))
     }
@@ -150,10 +151,10 @@ mod tests {
         assert_eq!(read.estimator_type, MavEstimatorType::MAV_ESTIMATOR_TYPE_VIO);
         assert_eq!(
             [read.x, read.y, read.z],
-            <[f32; 3]>::from(v.pose_l_v.translation.vector.map(|x| x as f32))
+            <[f32; 3]>::from(v.pose_l_f.translation.vector.map(|x| x as f32))
         );
-        assert_eq!([read.vx, read.vy, read.vz], <[f32; 3]>::from(v.v_v.map(|x| x as f32)));
-        assert_eq!(read.q[0], v.pose_l_v.rotation.w as f32);
+        assert_eq!([read.vx, read.vy, read.vz], <[f32; 3]>::from(v.v_f.map(|x| x as f32)));
+        assert_eq!(read.q[0], v.pose_l_f.rotation.w as f32);
     }
 
     #[test]
@@ -179,7 +180,7 @@ mod tests {
         let v = vehicle();
         let read = through_the_wire(lost(Some(&v), 5, 258, LostPose::Last));
         assert_eq!((read.quality, read.reset_counter), (-1, 2));
-        assert_eq!(read.x, v.pose_l_v.translation.x as f32);
+        assert_eq!(read.x, v.pose_l_f.translation.x as f32);
         let unknown = [read.vx, read.vy, read.vz, read.rollspeed, read.pitchspeed, read.yawspeed];
         assert!(unknown.iter().all(|x| x.is_nan()));
         assert!(read.pose_covariance.iter().chain(&read.velocity_covariance).all(|x| x.is_nan()));

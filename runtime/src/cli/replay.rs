@@ -219,7 +219,12 @@ fn start_bridge(config: &ValidConfig, args: &ReplayArgs) -> Result<Option<Bridge
         return Ok(None);
     }
     if args.speed.is_some() {
-        return Ok(Some(Bridge::start(autopilot, Stamps::Replayed, config.runtime.realtime)?));
+        return Ok(Some(Bridge::start(
+            autopilot,
+            &config.vehicle,
+            Stamps::Replayed,
+            config.runtime.realtime,
+        )?));
     }
     if args.autopilot.is_some() {
         return Err(Usage("--autopilot: give --speed 1 too, an autopilot flies in real time".into()).into());

@@ -3,6 +3,7 @@
 //! [`listen`] fills the [`fleet`] from the network, [`recover`] asks for what did not come; [`web`] and [`view`] show
 //! it. Memory is bounded: vehicles, paths, maps, events.
 
+pub mod attitude;
 pub mod channel;
 pub mod clock;
 pub mod command;
@@ -36,6 +37,8 @@ use std::time::{Duration, Instant};
 
 /// The view is drawn and input is looked at this often.
 const REDRAW: Duration = Duration::from_millis(100);
+/// Shown while no vehicle has been received.
+const NO_VEHICLE: &str = "no vehicle received yet";
 /// What still goes on at the end may take this long.
 const END_PATIENCE: Duration = Duration::from_millis(300);
 /// Where a station looks when it is told nothing.
@@ -155,7 +158,7 @@ fn print_lines(fleet: &Mutex<Fleet>, is_over: &impl Fn() -> bool) -> Result<()> 
         let lines = lock(fleet).lines(Instant::now());
         let mut out = std::io::stdout().lock();
         if lines.is_empty() {
-            writeln!(out, "no vehicle heard yet")?;
+            writeln!(out, "{NO_VEHICLE}")?;
         }
         for line in lines {
             writeln!(out, "{line}")?;

@@ -1,12 +1,13 @@
 //! One vehicle as the ground knows it.
 
+use super::attitude::Attitude;
 use super::channel::{Channel, Delays, Place};
 use super::clock::ClockEstimate;
 use super::map::Map;
 use super::news::StateNews;
 use super::track::{MAX_POSES, PoseSample, Samples, Track};
 use crate::net::{proto, read, wire};
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -58,6 +59,9 @@ pub struct Vehicle {
     pub stamp_ns: i64,
     /// Newest pose of the body in the odometry frame.
     pub pose_o_b: Option<Isometry3<f64>>,
+    /// How the IMU is mounted: takes coordinates from `B` to the vehicle `V` (x forward, y left, z up). Unknown until
+    /// the vehicle has sent it.
+    pub rot_v_b: Option<UnitQuaternion<f64>>,
     /// Takes coordinates from the odometry to the map frame.
     pub pose_m_o: Option<Isometry3<f64>>,
     /// Newest velocity in O, m/s.
@@ -121,6 +125,7 @@ impl Default for Vehicle {
             delays: Delays::default(),
             stamp_ns: 0,
             pose_o_b: None,
+            rot_v_b: None,
             pose_m_o: None,
             v_o_b: Vector3::zeros(),
             rate_b: Vector3::zeros(),
@@ -232,6 +237,7 @@ impl Vehicle {
         self.frame_rate_hz = message.frame_rate_hz;
         self.dropped = message.dropped;
         self.offers_camera = message.offers_camera;
+        self.rot_v_b = message.rotation_v_b.as_ref().and_then(read::rotation);
         if message.keyframes < self.map.announced {
             self.map.clear();
         }
@@ -312,24 +318,51 @@ impl Vehicle {
         self.sigmas[..3].iter().copied().fold(0.0, f64::max)
     }
 
-    /// Roll, pitch and yaw, degrees.
+    /// Newest pose of the vehicle `V` in the odometry frame; its origin is the IMU's.
     #[must_use]
-    pub fn attitude_deg(&self) -> Option<[f64; 3]> {
-        let (roll, pitch, yaw) = self.pose_o_b?.rotation.euler_angles();
-        Some([roll, pitch, yaw].map(f64::to_degrees))
+    pub fn pose_o_v(&self) -> Option<Isometry3<f64>> {
+        let (pose_o_b, rot_v_b) = (self.pose_o_b?, self.rot_v_b?);
+        Some(Isometry3::from_parts(pose_o_b.translation, pose_o_b.rotation * rot_v_b.inverse()))
     }
 
-    /// Position, speed, rates and health in a line.
+    /// Attitude of the vehicle; `None` without a pose, or while its mounting is unknown.
+    #[must_use]
+    pub fn attitude(&self) -> Option<Attitude> {
+        self.pose_o_v().map(|pose_o_v| Attitude::of(&pose_o_v.rotation))
+    }
+
+    /// Rates of roll (right wing going down), pitch (nose going up) and yaw (turning right), rad/s.
+    #[must_use]
+    pub fn attitude_rates(&self) -> Option<Vector3<f64>> {
+        let rate_v = self.rot_v_b? * self.rate_b;
+        Some(Vector3::new(rate_v.x, -rate_v.y, -rate_v.z))
+    }
+
+    /// Quality in words: percent, or that there is no valid estimate.
+    #[must_use]
+    pub fn quality_words(&self) -> String {
+        if self.quality < 0 { "invalid".into() } else { format!("{} %", self.quality) }
+    }
+
+    /// Health in words: what is wrong, or that nothing is.
+    #[must_use]
+    pub fn health_summary(&self) -> String {
+        if self.health_words.is_empty() { "no faults".into() } else { self.health_words.join(", ") }
+    }
+
+    /// Position, attitude, speed, rates and health in a line.
     #[must_use]
     pub fn line(&self, name: &str, now: Instant) -> String {
         let p = self.pose_o_b.map_or_else(Vector3::zeros, |pose| pose.translation.vector);
-        let health =
-            if self.health_words.is_empty() { "healthy".into() } else { self.health_words.join(", ") };
+        let attitude = self.attitude().map_or_else(
+            || "unknown".to_owned(),
+            |a| format!("{:.1} {:.1} {:.1} deg", a.roll_deg, a.pitch_deg, a.heading_deg),
+        );
         format!(
-            "{name}: {} quality {} position {:.3} {:.3} {:.3} m (sigma {:.3}) speed {:.2} m/s, odom {:.0} Hz, \
-             state {:.0} Hz, latency {:.2} ms, lost {}, {health}",
+            "{name}: {}, quality {}, position {:.3} {:.3} {:.3} m (1 sigma {:.3} m), roll pitch heading {attitude}, \
+             speed {:.2} m/s, odometry {:.0} Hz, state {:.0} Hz, latency {:.2} ms, lost {}, {}",
             self.presence(now),
-            self.quality,
+            self.quality_words(),
             p.x,
             p.y,
             p.z,
@@ -339,6 +372,7 @@ impl Vehicle {
             self.state.rate_hz(now),
             self.latency_ms.unwrap_or(0.0),
             self.odom.lost + self.state.lost,
+            self.health_summary(),
         )
     }
 }

@@ -1,16 +1,17 @@
 //! The fleet drawn in a terminal.
 
 mod above;
+mod horizon;
 
 use super::fleet::Fleet;
 use super::listen::lock;
 use super::vehicle::Vehicle;
-use super::{REDRAW, quit};
+use super::{NO_VEHICLE, REDRAW, quit};
 use anyhow::Result;
 use crossterm::event::{self, Event, KeyCode, KeyModifiers};
 use ratatui::Frame;
 use ratatui::backend::Backend as _;
-use ratatui::layout::{Constraint, Layout};
+use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Paragraph};
@@ -19,7 +20,9 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 /// Lines that one vehicle takes, border included.
-const VEHICLE_LINES: u16 = 7;
+const VEHICLE_LINES: u16 = horizon::ROWS + 2;
+/// Columns within the border from which on a horizon leaves enough for the numbers.
+const MIN_HORIZON_COLUMNS: u16 = 84;
 /// Lines from which on the view from above is worth its place.
 const MIN_ABOVE_LINES: u16 = 6;
 
@@ -61,66 +64,89 @@ pub fn draw(frame: &mut Frame<'_>, fleet: &Fleet, now: Instant) {
     rows.push(Constraint::Length(1));
     let areas = Layout::vertical(rows).split(frame.area());
     if fleet.vehicles.is_empty() {
-        frame.render_widget(Paragraph::new("no vehicle heard yet").block(Block::bordered()), areas[0]);
+        frame.render_widget(Paragraph::new(NO_VEHICLE).block(Block::bordered()), areas[0]);
     }
     for ((name, vehicle), area) in fleet.vehicles.iter().zip(areas.iter()) {
-        frame.render_widget(panel(name, vehicle, now), *area);
+        draw_vehicle(frame, name, vehicle, now, *area);
     }
     let above = areas[areas.len() - 2];
     if above.height >= MIN_ABOVE_LINES {
         above::draw(frame, fleet, above);
     }
-    let foot = format!(" q quits   malformed {}   refused {}", fleet.malformed, fleet.refused);
+    let foot =
+        format!(" q: quit   malformed messages: {}   refused messages: {}", fleet.malformed, fleet.refused);
     frame.render_widget(Line::styled(foot, Style::new().add_modifier(Modifier::DIM)), areas[areas.len() - 1]);
 }
 
-fn panel(name: &str, vehicle: &Vehicle, now: Instant) -> Paragraph<'static> {
+/// Draws a vehicle: an artificial horizon, where there is room for it, and numbers.
+fn draw_vehicle(frame: &mut Frame<'_>, name: &str, vehicle: &Vehicle, now: Instant, area: Rect) {
+    let block = Block::bordered().title(title(name, vehicle, now));
+    let inner = block.inner(area);
+    frame.render_widget(block, area);
+    let attitude = vehicle.attitude().filter(|_| inner.width >= MIN_HORIZON_COLUMNS);
+    let text = if let Some(attitude) = &attitude {
+        horizon::draw(frame, attitude, inner);
+        let [_, text] =
+            Layout::horizontal([Constraint::Length(horizon::COLUMNS + 1), Constraint::Fill(1)]).areas(inner);
+        text
+    } else {
+        inner
+    };
+    frame.render_widget(Paragraph::new(figures(vehicle, now)), text);
+}
+
+fn title(name: &str, vehicle: &Vehicle, now: Instant) -> Line<'static> {
     let presence = vehicle.presence(now);
     let colour = match presence {
         "tracking" => Color::Green,
         "initialising" | "blind" => Color::Yellow,
         _ => Color::Red,
     };
-    let p = vehicle.pose_o_b.map(|pose| pose.translation.vector);
-    let position = p.map_or_else(
-        || "no pose".to_owned(),
-        |p| format!("{:+8.3} {:+8.3} {:+8.3} m   sigma {:.3} m", p.x, p.y, p.z, vehicle.sigma_m()),
-    );
-    let attitude = vehicle.attitude_deg().map_or_else(
-        || "no attitude".to_owned(),
-        |[roll, pitch, yaw]| format!("roll {roll:+6.1}  pitch {pitch:+6.1}  yaw {yaw:+6.1} deg"),
-    );
-    let v = vehicle.v_o_b;
-    let health =
-        if vehicle.health_words.is_empty() { "healthy".to_owned() } else { vehicle.health_words.join(", ") };
-    let label =
-        |text: &'static str| Span::styled(format!("{text:<10}"), Style::new().add_modifier(Modifier::DIM));
-    let lines = vec![
-        Line::from(vec![label("position"), Span::raw(position)]),
-        Line::from(vec![label("attitude"), Span::raw(attitude)]),
-        Line::from(vec![
-            label("velocity"),
-            Span::raw(format!("{:+6.2} {:+6.2} {:+6.2} m/s   speed {:.2}", v.x, v.y, v.z, v.norm())),
-        ]),
-        Line::from(vec![
-            label("link"),
-            Span::raw(format!(
-                "odom {:.0} Hz  state {:.0} Hz  latency {:.2} ms  lost {}  dropped {}",
-                vehicle.odom.rate_hz(now),
-                vehicle.state.rate_hz(now),
-                vehicle.latency_ms.unwrap_or(0.0),
-                vehicle.odom.lost + vehicle.state.lost,
-                vehicle.dropped
-            )),
-        ]),
-        Line::from(vec![label("health"), Span::raw(format!("{health}; frame {:.1} ms", vehicle.frame_ms))]),
-    ];
-    let title = Line::from(vec![
+    Line::from(vec![
         Span::raw(format!(" {name} ")),
         Span::styled(presence.to_owned(), Style::new().fg(colour).add_modifier(Modifier::BOLD)),
-        Span::raw(format!("  quality {}  resets {} ", vehicle.quality, vehicle.resets)),
-    ]);
-    Paragraph::new(lines).block(Block::bordered().title(title))
+        Span::raw(format!("  quality {}  resets {} ", vehicle.quality_words(), vehicle.resets)),
+    ])
+}
+
+fn figures(vehicle: &Vehicle, now: Instant) -> Vec<Line<'static>> {
+    let position = vehicle.pose_o_b.map_or_else(
+        || "no pose".to_owned(),
+        |pose| {
+            let p = pose.translation.vector;
+            format!("{:+8.3} {:+8.3} {:+8.3} m    1σ {:.3} m", p.x, p.y, p.z, vehicle.sigma_m())
+        },
+    );
+    let attitude = vehicle.attitude().map_or_else(
+        || "unknown".to_owned(),
+        |a| {
+            let heading_deg = a.heading_deg.round() % 360.0;
+            format!("roll {:+6.1}°  pitch {:+5.1}°  heading {heading_deg:03}°", a.roll_deg, a.pitch_deg)
+        },
+    );
+    let v = vehicle.v_o_b;
+    let velocity = format!("{:+8.2} {:+8.2} {:+8.2} m/s  speed {:.2} m/s", v.x, v.y, v.z, v.norm());
+    let link = format!(
+        "odometry {:.0} Hz  state {:.0} Hz  latency {:.2} ms  lost {}  dropped {}",
+        vehicle.odom.rate_hz(now),
+        vehicle.state.rate_hz(now),
+        vehicle.latency_ms.unwrap_or(0.0),
+        vehicle.odom.lost + vehicle.state.lost,
+        vehicle.dropped
+    );
+    let health = format!("{}; frame {:.1} ms", vehicle.health_summary(), vehicle.frame_ms);
+    let label =
+        |text: &'static str| Span::styled(format!("{text:<10}"), Style::new().add_modifier(Modifier::DIM));
+    [
+        ("position", position),
+        ("attitude", attitude),
+        ("velocity", velocity),
+        ("link", link),
+        ("health", health),
+    ]
+    .into_iter()
+    .map(|(name, text)| Line::from(vec![label(name), Span::raw(text)]))
+    .collect()
 }
 
 #[cfg(test)]
@@ -132,18 +158,18 @@ mod tests {
     use std::time::Duration;
 
     fn text(fleet: &Fleet, now: Instant) -> String {
-        let mut terminal = Terminal::new(TestBackend::new(90, 18)).unwrap();
+        let mut terminal = Terminal::new(TestBackend::new(100, 18)).unwrap();
         terminal.draw(|frame| draw(frame, fleet, now)).unwrap();
         let buffer = terminal.backend().buffer();
         buffer
             .content()
-            .chunks(90)
+            .chunks(100)
             .map(|row| row.iter().map(|c| c.symbol()).collect::<String>() + "\n")
             .collect()
     }
 
     #[test]
-    fn a_vehicle_is_shown_with_pose_quality_and_what_ails_it() {
+    fn a_vehicle_is_shown_with_pose_attitude_quality_and_faults() {
         let mut fleet = Fleet::default();
         let now = Instant::now();
         fleet.alive("drone", true);
@@ -162,13 +188,24 @@ mod tests {
             header: message.header,
             state: message.state,
             bits: 1 << 3,
+            rotation_v_b: Some(proto::Quaternion { w: 1.0, ..proto::Quaternion::default() }),
             ..proto::Health::default()
         };
         fleet.health("drone", &health, 100, now);
         let shown = text(&fleet, now);
-        for part in
-            ["drone", "tracking", "quality 87", "+1.250", "-2.500", "few features", "from above", "● drone"]
-        {
+        let attitude = "roll   +0.0°  pitch  +0.0°  heading 000°";
+        for part in [
+            "drone",
+            "tracking",
+            "quality 87 %",
+            "+1.250",
+            "-2.500",
+            attitude,
+            "▄━━━━▄▄◆▄▄━━━━▄",
+            "few features",
+            "from above",
+            "● drone",
+        ] {
             assert!(shown.contains(part), "'{part}' is missing in\n{shown}");
         }
         assert!(text(&fleet, now + Duration::from_secs(1)).contains("stale"));
@@ -176,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_heard_is_said() {
-        assert!(text(&Fleet::default(), Instant::now()).contains("no vehicle heard yet"));
+    fn the_absence_of_vehicles_is_shown() {
+        assert!(text(&Fleet::default(), Instant::now()).contains(NO_VEHICLE));
     }
 }

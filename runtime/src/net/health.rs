@@ -2,6 +2,7 @@
 
 use super::{now_ns, proto, wire};
 use crate::schedule::ladder::Rung;
+use nalgebra::UnitQuaternion;
 use plumbline_estimator::Estimate;
 use std::time::{Duration, Instant};
 
@@ -19,6 +20,8 @@ pub struct Circumstances {
     pub keyframes: u64,
     /// Camera pictures can be had.
     pub offers_camera: bool,
+    /// Takes coordinates from the IMU `B` to the vehicle `V` (x forward, y left, z up).
+    pub rot_v_b: UnitQuaternion<f64>,
 }
 
 /// What health messages are made of.
@@ -71,6 +74,7 @@ impl HealthFeed {
             rung_words: around.rung.name().into(),
             keyframes: around.keyframes,
             offers_camera: around.offers_camera,
+            rotation_v_b: Some(wire::quaternion(&around.rot_v_b)),
         };
         self.sequence += 1;
         self.sent = Instant::now();

@@ -10,6 +10,7 @@ use super::session::{Endpoints, NetError};
 use super::tap::NetworkTap;
 use crate::pipeline::tap::Tap;
 use crate::pipeline::{Control, Sink};
+use nalgebra::UnitQuaternion;
 use plumbline_config::ValidConfig;
 use plumbline_estimator::{Estimate, Odometry};
 use std::sync::Arc;
@@ -24,6 +25,8 @@ pub struct Vehicle {
     pub configuration: proto::Configuration,
     /// Camera pictures can be had.
     pub offers_camera: bool,
+    /// Takes coordinates from the IMU `B` to the vehicle `V` (x forward, y left, z up).
+    pub rot_v_b: UnitQuaternion<f64>,
     /// Why commands are refused, if they are.
     pub refusal: Option<String>,
     /// Takes commands.
@@ -57,6 +60,7 @@ impl Publisher {
                 sha256: crate::report::config_hash(config),
             },
             offers_camera: config.network.camera,
+            rot_v_b: config.vehicle.rot_v_b(),
             refusal: security::refusal(config.network.commands, endpoints),
             control,
         });

@@ -20,7 +20,7 @@ use super::session::{Endpoints, NetError};
 use super::{ROOT, audit, camera, now_ns, proto, wire};
 use crate::ros::RosPublisher;
 use crate::schedule::ladder::Rung;
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, UnitQuaternion};
 use plumbline_config::options::RosConfig;
 use plumbline_estimator::{Estimate, MapSnapshot};
 use prost::Message;
@@ -51,6 +51,7 @@ pub struct Publishers {
     _alive: zenoh::liveliness::LivelinessToken,
     rates: Rates,
     offers_camera: bool,
+    rot_v_b: UnitQuaternion<f64>,
     archive: Arc<Mutex<Archive>>,
     resets: watch::Sender<u32>,
     ros: Option<RosPublisher>,
@@ -112,10 +113,11 @@ impl Publishers {
             camera,
             _alive: alive,
             offers_camera,
+            rot_v_b: vehicle.rot_v_b,
             rates,
             archive,
             resets,
-            ros: ros.enabled.then(|| RosPublisher::start(ros, &vehicle.name)).transpose()?,
+            ros: ros.enabled.then(|| RosPublisher::start(ros, &vehicle.name, vehicle.rot_v_b)).transpose()?,
         })
     }
 
@@ -184,6 +186,7 @@ impl Publishers {
             rung: Rung::of_level(rings.rung.load(Ordering::Relaxed)).unwrap_or(Rung::Full),
             keyframes,
             offers_camera: self.offers_camera,
+            rot_v_b: self.rot_v_b,
         };
         if let Some(message) = course.feed.update(estimate, frame_ms, &around) {
             let _ = self.health.put(message.encode_to_vec()).await;

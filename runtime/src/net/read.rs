@@ -62,6 +62,7 @@ impl Checked for proto::Health {
             && is_short(&self.rung_words)
             && self.frame_rate_hz.is_finite()
             && self.frame_ms.is_finite()
+            && self.rotation_v_b.as_ref().is_none_or(|q| rotation(q).is_some())
     }
 }
 
@@ -133,10 +134,15 @@ impl Checked for proto::ResetDone {
 #[must_use]
 pub fn isometry(pose: &proto::Pose) -> Option<Isometry3<f64>> {
     let (p, q) = (pose.position_o_b.as_ref()?, pose.rotation_o_b.as_ref()?);
+    Some(Isometry3::from_parts(Vector3::new(p.x, p.y, p.z).into(), rotation(q)?))
+}
+
+/// The rotation of a message; `None` when the quaternion has not the norm 1.
+#[must_use]
+pub fn rotation(q: &proto::Quaternion) -> Option<UnitQuaternion<f64>> {
     let q = nalgebra::Quaternion::new(q.w, q.x, q.y, q.z);
     let is_unit = (q.norm() - 1.0).abs() < 1e-3;
-    is_unit
-        .then(|| Isometry3::from_parts(Vector3::new(p.x, p.y, p.z).into(), UnitQuaternion::new_unchecked(q)))
+    is_unit.then(|| UnitQuaternion::new_unchecked(q))
 }
 
 #[cfg(test)]
@@ -193,6 +199,19 @@ mod tests {
         assert!(!keyframe(vec![1.0, 2.0]).is_sound());
         assert!(!keyframe(vec![1.0, f32::INFINITY, 3.0]).is_sound());
         assert!(!keyframe(vec![0.0; 3 * MAX_NUMBERS]).is_sound());
+    }
+
+    #[test]
+    fn a_mounting_is_a_rotation_or_missing() {
+        let health = |rotation_v_b| proto::Health {
+            header: Some(proto::Header::default()),
+            rotation_v_b,
+            ..proto::Health::default()
+        };
+        assert!(health(None).is_sound(), "vehicles of before do not send it");
+        assert!(health(Some(quaternion(&UnitQuaternion::identity()))).is_sound());
+        assert!(!health(Some(proto::Quaternion::default())).is_sound());
+        assert!(!health(Some(proto::Quaternion { w: f64::NAN, ..Default::default() })).is_sound());
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! From the estimator's words to the wire's.
 
 use super::proto;
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use plumbline_estimator::window::snapshot::{MapSnapshot, SnapshotKeyframe, SnapshotLine, SnapshotPoint};
 use plumbline_estimator::{Estimate, HealthBits, NavCovariance, Odometry, TrackingState};
 
@@ -39,13 +39,19 @@ fn vector(v: &Vector3<f64>) -> Option<proto::Vector3> {
     Some(proto::Vector3 { x: v.x, y: v.y, z: v.z })
 }
 
+/// A rotation on the wire.
+#[must_use]
+pub fn quaternion(rotation: &UnitQuaternion<f64>) -> proto::Quaternion {
+    let q = rotation.coords;
+    proto::Quaternion { x: q.x, y: q.y, z: q.z, w: q.w }
+}
+
 /// A pose on the wire.
 #[must_use]
 pub fn pose(pose: &Isometry3<f64>) -> Option<proto::Pose> {
-    let q = pose.rotation.coords;
     Some(proto::Pose {
         position_o_b: vector(&pose.translation.vector),
-        rotation_o_b: Some(proto::Quaternion { x: q.x, y: q.y, z: q.z, w: q.w }),
+        rotation_o_b: Some(quaternion(&pose.rotation)),
     })
 }
 

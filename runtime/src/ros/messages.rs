@@ -2,6 +2,8 @@
 //!
 //! What differs between ROS and us:
 //!
+//! - a robot's frame `base_link` has x forward, y left, z up (REP 103), our body `B` has the axes of the IMU: poses
+//!   and twists are told of the vehicle's frame `V`, with its origin in the IMU;
 //! - a pose's covariance is about the **axes of the header's frame** (`geometry_msgs/PoseWithCovariance`: "fixed
 //!   axes"), ours of the attitude is about those of the body;
 //! - a twist is in the **child frame**, our velocity is in the odometry frame.
@@ -117,8 +119,12 @@ pub struct TfMessage<'a> {
 pub struct Frames<'a> {
     /// Name of the odometry frame `O`.
     pub odom: &'a str,
-    /// Name of the body frame `B`.
+    /// Name of the vehicle's frame `V`.
+    pub base: &'a str,
+    /// Name of the body frame `B`, the IMU's.
     pub body: &'a str,
+    /// Takes coordinates from `B` to `V`.
+    pub rot_v_b: UnitQuaternion<f64>,
     /// Standard deviation of the angular rate, rad/s.
     pub angular_rate_sigma_rad_s: f64,
 }
@@ -129,37 +135,52 @@ impl<'a> Frames<'a> {
     pub fn odometry(&self, o: &Odometry, stamp: Time) -> OdometryMessage<'a> {
         let rot_o_b = &o.pose_o_b.rotation;
         let v_b = rot_o_b.inverse() * o.v_o_b;
+        let twist_b = twist_covariance_b(rot_o_b, &v_b, &o.covariance, self.angular_rate_sigma_rad_s);
         OdometryMessage {
             header: self.header(stamp),
-            child_frame_id: self.body,
+            child_frame_id: self.base,
             pose: PoseWithCovariance {
-                pose: pose(&o.pose_o_b),
+                pose: pose(&self.pose_o_v(o)),
                 covariance: rows(&pose_covariance_o(rot_o_b, &o.covariance)),
             },
             twist: TwistWithCovariance {
-                twist: Twist { linear: xyz(&v_b), angular: xyz(&o.angular_rate_b) },
-                covariance: rows(&twist_covariance_b(
-                    rot_o_b,
-                    &v_b,
-                    &o.covariance,
-                    self.angular_rate_sigma_rad_s,
-                )),
+                twist: Twist {
+                    linear: xyz(&(self.rot_v_b * v_b)),
+                    angular: xyz(&(self.rot_v_b * o.angular_rate_b)),
+                },
+                covariance: rows(&rotated(&self.rot_v_b, &twist_b)),
             },
         }
+    }
+
+    /// Pose of the vehicle in the odometry frame.
+    fn pose_o_v(&self, o: &Odometry) -> Isometry3<f64> {
+        Isometry3::from_parts(o.pose_o_b.translation, o.pose_o_b.rotation * self.rot_v_b.inverse())
     }
 
     /// The pose alone.
     #[must_use]
     pub fn pose(&self, o: &Odometry, stamp: Time) -> PoseStamped<'a> {
-        PoseStamped { header: self.header(stamp), pose: pose(&o.pose_o_b) }
+        PoseStamped { header: self.header(stamp), pose: pose(&self.pose_o_v(o)) }
     }
 
-    /// The transform from the body to the odometry frame, as `/tf` has it: parent `O`, child `B`.
+    /// The tree as `/tf` has it: `O` is the parent of `V`, and `V` that of `B`.
     #[must_use]
-    pub fn transform(&self, o: &Odometry, stamp: Time) -> TfMessage<'a> {
-        let transform = pose(&o.pose_o_b);
-        let stamped = TransformStamped { header: self.header(stamp), child_frame_id: self.body, transform };
-        TfMessage { transforms: vec![stamped] }
+    pub fn transforms(&self, o: &Odometry, stamp: Time) -> TfMessage<'a> {
+        let pose_v_b = Isometry3::from_parts(Vector3::zeros().into(), self.rot_v_b);
+        let transforms = vec![
+            TransformStamped {
+                header: self.header(stamp),
+                child_frame_id: self.base,
+                transform: pose(&self.pose_o_v(o)),
+            },
+            TransformStamped {
+                header: Header { stamp, frame_id: self.base },
+                child_frame_id: self.body,
+                transform: pose(&pose_v_b),
+            },
+        ];
+        TfMessage { transforms }
     }
 
     fn header(&self, stamp: Time) -> Header<'a> {
@@ -193,6 +214,15 @@ fn twist_covariance_b(
     twist
 }
 
+/// The covariance of two vectors after both were rotated.
+fn rotated(rotation: &UnitQuaternion<f64>, covariance: &Matrix6<f64>) -> Matrix6<f64> {
+    let mut jacobian = Matrix6::zeros();
+    for at in [0, 3] {
+        jacobian.fixed_view_mut::<3, 3>(at, at).copy_from(rotation.to_rotation_matrix().matrix());
+    }
+    jacobian * covariance * jacobian.transpose()
+}
+
 /// Change of `v_b` with attitude (right perturbation) and `v_o`.
 fn velocity_jacobian(rot_o_b: &UnitQuaternion<f64>, v_b: &Vector3<f64>) -> SMatrix<f64, 3, 6> {
     let mut jacobian = SMatrix::<f64, 3, 6>::zeros();
@@ -223,9 +253,24 @@ mod tests {
     use super::*;
     use plumbline_config::Timestamp;
     use plumbline_estimator::TrackingState;
+    use std::f64::consts::PI;
 
-    const FRAMES: Frames<'static> =
-        Frames { odom: "odom", body: "base_link", angular_rate_sigma_rad_s: 0.01 };
+    /// An IMU that sits as the vehicle does.
+    fn aligned() -> Frames<'static> {
+        Frames {
+            odom: "odom",
+            base: "base_link",
+            body: "body",
+            rot_v_b: UnitQuaternion::identity(),
+            angular_rate_sigma_rad_s: 0.01,
+        }
+    }
+
+    /// One with x up, y right and z forward.
+    fn upright() -> Frames<'static> {
+        let rot_v_b = UnitQuaternion::from_euler_angles(PI, -PI / 2.0, 0.0);
+        Frames { rot_v_b, ..aligned() }
+    }
 
     fn odometry() -> Odometry {
         // Any positive definite matrix: A Aᵀ with blocks that differ.
@@ -256,7 +301,7 @@ mod tests {
     #[test]
     fn the_bytes_of_a_pose_are_where_its_definition_puts_them() {
         let o = odometry();
-        let bytes = encode(&FRAMES.pose(&o, Time::from_nanos(5_000_000_007))).unwrap();
+        let bytes = encode(&aligned().pose(&o, Time::from_nanos(5_000_000_007))).unwrap();
         // Encapsulation, stamp, length and text of the frame, padding to 8 from behind the encapsulation.
         let expected: [&[u8]; 6] =
             [&[0, 1, 0, 0], &[5, 0, 0, 0], &[7, 0, 0, 0], &[5, 0, 0, 0], b"odom\0", &[0; 7]];
@@ -269,7 +314,7 @@ mod tests {
 
     #[test]
     fn an_odometry_message_has_its_definition_s_length() {
-        let bytes = encode(&FRAMES.odometry(&odometry(), Time::from_nanos(0))).unwrap();
+        let bytes = encode(&aligned().odometry(&odometry(), Time::from_nanos(0))).unwrap();
         // Header up to 17, child frame at 20 with 4 + 10 bytes, then doubles from 40: 7 + 36 + 6 + 36.
         assert_eq!(bytes.len(), 4 + 40 + 8 * (7 + 36 + 6 + 36));
         let twist = 4 + 40 + 8 * (7 + 36);
@@ -277,9 +322,42 @@ mod tests {
     }
 
     #[test]
-    fn one_transform_is_a_sequence_of_one() {
-        let bytes = encode(&FRAMES.transform(&odometry(), Time::from_nanos(0))).unwrap();
-        assert_eq!(bytes[4..8], [1, 0, 0, 0]);
+    fn the_tree_of_transforms_leads_from_odometry_by_the_vehicle_to_the_imu() {
+        let o = odometry();
+        let tree = upright().transforms(&o, Time::from_nanos(0));
+        let names: Vec<_> = tree.transforms.iter().map(|t| (t.header.frame_id, t.child_frame_id)).collect();
+        assert_eq!(names, [("odom", "base_link"), ("base_link", "body")]);
+        let isometry = |p: &Pose| {
+            let q = &p.orientation;
+            let q = UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(q.w, q.x, q.y, q.z));
+            Isometry3::from_parts(Vector3::new(p.position.x, p.position.y, p.position.z).into(), q)
+        };
+        let pose_o_b = isometry(&tree.transforms[0].transform) * isometry(&tree.transforms[1].transform);
+        assert!((pose_o_b.to_matrix() - o.pose_o_b.to_matrix()).norm() < 1e-12, "{pose_o_b}");
+        assert_eq!(encode(&tree).unwrap()[4..8], [2, 0, 0, 0], "a sequence of two");
+    }
+
+    #[test]
+    fn pose_and_twist_are_the_vehicle_s_whose_x_is_forward_and_z_up() {
+        let mut o = odometry();
+        // Level, the nose along x of the odometry frame, flying forward and climbing, turning to the left.
+        let rot_v_b = upright().rot_v_b;
+        o.pose_o_b.rotation = rot_v_b;
+        o.v_o_b = Vector3::new(2.0, 0.0, 0.5);
+        o.angular_rate_b = rot_v_b.inverse() * Vector3::new(0.0, 0.0, 0.7);
+        let message = upright().odometry(&o, Time::from_nanos(0));
+        assert_eq!(message.child_frame_id, "base_link");
+        assert!((message.pose.pose.orientation.w.abs() - 1.0).abs() < 1e-12);
+        let near =
+            |a: &Xyz, b: [f64; 3]| [a.x - b[0], a.y - b[1], a.z - b[2]].iter().all(|d| d.abs() < 1e-12);
+        assert!(near(&message.twist.twist.linear, [2.0, 0.0, 0.5]), "{:?}", message.twist.twist.linear);
+        assert!(near(&message.twist.twist.angular, [0.0, 0.0, 0.7]), "{:?}", message.twist.twist.angular);
+        // The velocity in V has the covariance of R_VB v_b, which is R_VB C R_VBᵀ.
+        let b = aligned().odometry(&o, Time::from_nanos(0)).twist.covariance;
+        let v = message.twist.covariance;
+        // x of V is z of B, and z of V is x of B.
+        assert!((v[0][0] - b[2][2]).abs() < 1e-12 && (v[2][2] - b[0][0]).abs() < 1e-12);
+        assert!((v[0][2] - b[2][0]).abs() < 1e-12);
     }
 
     #[test]
@@ -300,7 +378,7 @@ mod tests {
             (rot * UnitQuaternion::from_scaled_axis(theta)).inverse() * (o.v_o_b + dv)
         };
         let nominal = v_b(Vector3::zeros(), Vector3::zeros());
-        assert_eq!(FRAMES.odometry(&o, Time::from_nanos(0)).twist.twist.linear, xyz(&nominal));
+        assert_eq!(aligned().odometry(&o, Time::from_nanos(0)).twist.twist.linear, xyz(&nominal));
         let jacobian = velocity_jacobian(&rot, &nominal);
         let step = 1e-6;
         for k in 0..3 {
@@ -323,7 +401,7 @@ mod tests {
         o.covariance[(3, 3)] = 0.04;
         o.covariance[(0, 3)] = 0.1;
         o.covariance[(3, 0)] = 0.1;
-        let covariance = FRAMES.odometry(&o, Time::from_nanos(0)).pose.covariance;
+        let covariance = aligned().odometry(&o, Time::from_nanos(0)).pose.covariance;
         assert!((covariance[4][4] - 0.04).abs() < 1e-15 && covariance[3][3].abs() < 1e-15);
         assert!((covariance[0][4] - 0.1).abs() < 1e-15 && (covariance[4][0] - 0.1).abs() < 1e-15);
     }
@@ -338,7 +416,7 @@ mod tests {
         direction.fixed_rows_mut::<3>(3).copy_from(&axis_b);
         direction.fixed_rows_mut::<3>(6).copy_from(&turned);
         o.covariance = direction * direction.transpose();
-        let covariance = FRAMES.odometry(&o, Time::from_nanos(0)).twist.covariance;
+        let covariance = aligned().odometry(&o, Time::from_nanos(0)).twist.covariance;
         assert!((0..3).all(|k| covariance[k][k].abs() < 1e-14), "{covariance:?}");
         assert!((covariance[5][5] - 1e-4).abs() < 1e-18);
     }

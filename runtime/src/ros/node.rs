@@ -5,6 +5,7 @@ use super::messages::{Frames, Time};
 use super::names::{self, Node, Topic};
 use crate::net::pace::Pace;
 use crate::net::{NetError, now_ns};
+use nalgebra::UnitQuaternion;
 use plumbline_config::options::{RosConfig, RosStamp};
 use plumbline_estimator::{Odometry, TrackingState};
 use serde::Serialize;
@@ -22,6 +23,7 @@ const TF_DEPTH: u32 = 100;
 /// A node of ROS 2 with its publishers, for as long as it lives.
 pub struct RosNode {
     options: RosConfig,
+    rot_v_b: UnitQuaternion<f64>,
     odom: TopicPublisher,
     pose: TopicPublisher,
     tf: Option<TopicPublisher>,
@@ -30,11 +32,17 @@ pub struct RosNode {
 }
 
 impl RosNode {
-    /// Declares the node, its publishers and the tokens by which both are listed.
+    /// Declares the node of `vehicle`, its publishers and the tokens by which both are listed; `rot_v_b` takes
+    /// coordinates from the IMU to the vehicle.
     ///
     /// # Errors
     /// When Zenoh refuses a key.
-    pub async fn declare(session: &Session, options: &RosConfig, vehicle: &str) -> Result<Self, NetError> {
+    pub async fn declare(
+        session: &Session,
+        options: &RosConfig,
+        vehicle: &str,
+        rot_v_b: UnitQuaternion<f64>,
+    ) -> Result<Self, NetError> {
         let node = Node {
             domain_id: options.domain_id,
             distribution: options.distribution,
@@ -54,7 +62,8 @@ impl RosNode {
         };
         // Zero means every sample here.
         let rate_hz = if options.rate_hz > 0.0 { options.rate_hz } else { f64::INFINITY };
-        Ok(Self { options: options.clone(), odom, pose, tf, pace: Pace::new(rate_hz), _node: token })
+        let pace = Pace::new(rate_hz);
+        Ok(Self { options: options.clone(), rot_v_b, odom, pose, tf, pace, _node: token })
     }
 
     /// Publishes an odometry, if it is due and has a pose. What cannot be sent is lost; the sequence numbers
@@ -70,13 +79,15 @@ impl RosNode {
         };
         let frames = Frames {
             odom: &self.options.odom_frame,
+            base: &self.options.base_frame,
             body: &self.options.body_frame,
+            rot_v_b: self.rot_v_b,
             angular_rate_sigma_rad_s: self.options.angular_rate_sigma_rad_s,
         };
         self.odom.put(&frames.odometry(odometry, stamp), now_ns).await;
         self.pose.put(&frames.pose(odometry, stamp), now_ns).await;
         if let Some(tf) = &mut self.tf {
-            tf.put(&frames.transform(odometry, stamp), now_ns).await;
+            tf.put(&frames.transforms(odometry, stamp), now_ns).await;
         }
     }
 }

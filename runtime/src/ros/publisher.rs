@@ -6,6 +6,7 @@
 
 use super::node::RosNode;
 use crate::net::NetError;
+use nalgebra::UnitQuaternion;
 use plumbline_config::options::RosConfig;
 use plumbline_estimator::Odometry;
 use std::time::{Duration, Instant};
@@ -21,6 +22,7 @@ const PATIENCE: Duration = Duration::from_secs(3);
 pub struct RosPublisher {
     options: RosConfig,
     vehicle: String,
+    rot_v_b: UnitQuaternion<f64>,
     state: State,
 }
 
@@ -33,11 +35,11 @@ enum State {
 }
 
 impl RosPublisher {
-    /// Begins to look for the router; returns at once.
+    /// Begins to look for the router; returns at once. `rot_v_b` takes coordinates from the IMU to the vehicle.
     ///
     /// # Errors
     /// When no thread can be had.
-    pub fn start(options: &RosConfig, vehicle: &str) -> Result<Self, NetError> {
+    pub fn start(options: &RosConfig, vehicle: &str, rot_v_b: UnitQuaternion<f64>) -> Result<Self, NetError> {
         let (sender, receiver) = oneshot::channel();
         let router = options.router.clone();
         // Zenoh holds its caller until the router is there, which may be never: it gets a thread that nobody
@@ -46,7 +48,7 @@ impl RosPublisher {
             let _ = sender.send(open(&router));
         })?;
         let state = State::Waiting(Instant::now(), false, receiver);
-        Ok(Self { options: options.clone(), vehicle: vehicle.to_owned(), state })
+        Ok(Self { options: options.clone(), vehicle: vehicle.to_owned(), rot_v_b, state })
     }
 
     /// Publishes an odometry, if it is due and has a pose. What cannot be sent is lost; the sequence numbers of
@@ -73,7 +75,7 @@ impl RosPublisher {
     async fn connected(&self, session: Result<Session, NetError>) -> State {
         let declared = async {
             let session = session?;
-            let node = RosNode::declare(&session, &self.options, &self.vehicle).await?;
+            let node = RosNode::declare(&session, &self.options, &self.vehicle, self.rot_v_b).await?;
             Ok::<_, NetError>(State::Connected(session, Box::new(node)))
         };
         declared.await.unwrap_or_else(|error| {

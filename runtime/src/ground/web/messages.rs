@@ -49,8 +49,9 @@ fn vehicle(name: &str, v: &Vehicle, now: Instant) -> Value {
         "pose_map": in_map,
         "correction": v.pose_m_o.as_ref().map(pose),
         "velocity": v.v_o_b.as_slice(),
-        "euler_deg": v.attitude_deg(),
-        "rate_deg_s": v.rate_b.map(f64::to_degrees).as_slice(),
+        "pose_vehicle": v.pose_o_v().as_ref().map(pose),
+        "attitude_deg": v.attitude().map(|a| [a.roll_deg, a.pitch_deg, a.heading_deg]),
+        "rate_deg_s": v.attitude_rates().map(|rates| <[f64; 3]>::from(rates.map(f64::to_degrees))),
         "covariance": v.details.position_covariance,
         "sigma": {
             "position_m": largest(0), "attitude_deg": largest(3).to_degrees(), "velocity_m_s": largest(6),

@@ -1,0 +1,86 @@
+//! How the sensors sit in the vehicle.
+
+use nalgebra::UnitQuaternion;
+use serde::{Deserialize, Serialize};
+
+/// How the IMU is mounted in the vehicle. Ground station, autopilot and ROS 2 speak of the vehicle's attitude
+/// by it; the estimator does not depend on it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct VehicleConfig {
+    /// Rotation from the IMU's axes `B` to the vehicle's axes `V` (x forward, y left, z up): roll, pitch and yaw
+    /// about these three axes, degrees; `Rz(yaw) Ry(pitch) Rx(roll)` takes coordinates from `B` to `V`.
+    pub imu_to_vehicle_deg: [f64; 3],
+}
+
+impl VehicleConfig {
+    /// `R_VB`: takes coordinates from the IMU's axes `B` to the vehicle's axes `V` (x forward, y left, z up).
+    #[must_use]
+    pub fn rot_v_b(&self) -> UnitQuaternion<f64> {
+        let [roll, pitch, yaw] = self.imu_to_vehicle_deg.map(f64::to_radians);
+        UnitQuaternion::from_euler_angles(roll, pitch, yaw)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Config;
+    use nalgebra::Vector3;
+
+    fn rotated(imu_to_vehicle_deg: [f64; 3], v_b: [f64; 3]) -> Vector3<f64> {
+        VehicleConfig { imu_to_vehicle_deg }.rot_v_b() * Vector3::from(v_b)
+    }
+
+    fn assert_near(a: Vector3<f64>, b: [f64; 3]) {
+        assert!((a - Vector3::from(b)).norm() < 1e-12, "{a} against {b:?}");
+    }
+
+    #[test]
+    fn angles_follow_the_right_hand_about_forward_left_and_up() {
+        let (x, y) = ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]);
+        assert_near(rotated([0.0, 0.0, 90.0], x), [0.0, 1.0, 0.0]);
+        assert_near(rotated([0.0, 90.0, 0.0], x), [0.0, 0.0, -1.0]);
+        assert_near(rotated([90.0, 0.0, 0.0], y), [0.0, 0.0, 1.0]);
+    }
+
+    #[test]
+    fn an_imu_with_x_up_y_right_z_forward_is_turned_upright() {
+        let turned = |v_b| rotated([180.0, -90.0, 0.0], v_b);
+        assert_near(turned([1.0, 0.0, 0.0]), [0.0, 0.0, 1.0]);
+        assert_near(turned([0.0, 1.0, 0.0]), [0.0, -1.0, 0.0]);
+        assert_near(turned([0.0, 0.0, 1.0]), [1.0, 0.0, 0.0]);
+    }
+
+    /// Angles of `up_v` against the vehicle's z: roll (right wing down) and pitch (nose up), degrees.
+    fn tilt_deg(up_v: &Vector3<f64>) -> [f64; 2] {
+        [up_v.y.atan2(up_v.z), (up_v.x / up_v.norm()).asin()].map(f64::to_degrees)
+    }
+
+    #[test]
+    fn the_vehicle_of_the_euroc_data_sets_is_level_at_rest_with_its_nose_where_the_cameras_look() {
+        let config = Config::preset("euroc").unwrap();
+        // What the accelerometer of V1_01_easy says at the end of the flight, on the ground: mean of a second, m/s².
+        let up_v = config.vehicle.rot_v_b() * Vector3::new(9.244, 0.293, -3.223);
+        let [roll, pitch] = tilt_deg(&up_v);
+        assert!(roll.abs() < 2.0 && pitch.abs() < 1.0, "roll {roll} pitch {pitch}");
+        let optical_axis_v = config.vehicle.rot_v_b() * config.camera[0].pose_b_c().rotation * Vector3::z();
+        let azimuth_deg = optical_axis_v.y.atan2(optical_axis_v.x).to_degrees();
+        assert!(azimuth_deg.abs() < 2.0, "{azimuth_deg}");
+    }
+
+    #[test]
+    fn the_simulated_vehicle_looks_a_little_downwards() {
+        let config = Config::preset("sim").unwrap();
+        let rot_v_c = config.vehicle.rot_v_b() * config.camera[0].pose_b_c().rotation;
+        // Camera axes: x right, y down, z forward, turned down by 0.08 rad.
+        let (sin, cos) = 0.08_f64.sin_cos();
+        for (axis_c, axis_v) in [
+            (Vector3::x(), Vector3::new(0.0, -1.0, 0.0)),
+            (Vector3::y(), Vector3::new(-sin, 0.0, -cos)),
+            (Vector3::z(), Vector3::new(cos, 0.0, -sin)),
+        ] {
+            assert!((rot_v_c * axis_c - axis_v).norm() < 1e-4, "{axis_v}");
+        }
+    }
+}
