@@ -51,6 +51,9 @@
 
 pub mod camera;
 mod error;
+#[cfg(any(test, feature = "fuzzing"))]
+#[doc(hidden)]
+pub mod fuzzing;
 pub mod image;
 #[cfg(feature = "yaml")]
 pub mod import;

@@ -5,6 +5,9 @@
 
 pub mod error;
 pub mod euroc;
+#[cfg(any(test, feature = "fuzzing"))]
+#[doc(hidden)]
+pub mod fuzzing;
 pub mod prefetch;
 pub mod simulator;
 pub mod source;

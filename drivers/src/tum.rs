@@ -35,7 +35,11 @@ pub struct StampedPose {
 /// When the file cannot be read, holds no pose, or has a line that is not one; the line is named.
 pub fn read_tum(path: &Path) -> Result<Vec<StampedPose>, DriverError> {
     let file = File::open(path).map_err(|e| DriverError::io(path, e))?;
-    let mut reader = BufReader::new(file);
+    read_tum_from(path, BufReader::new(file))
+}
+
+/// Reads a trajectory from `reader`; `path` names it in messages.
+pub(crate) fn read_tum_from(path: &Path, mut reader: impl BufRead) -> Result<Vec<StampedPose>, DriverError> {
     let start = reader.fill_buf().map_err(|e| DriverError::io(path, e))?;
     if start.starts_with(&GZIP_MAGIC) {
         read_poses(path, BufReader::new(MultiGzDecoder::new(reader)))
@@ -164,7 +168,7 @@ impl TumWriter {
     }
 }
 
-fn write_pose(out: &mut impl Write, item: &StampedPose) -> std::io::Result<()> {
+pub(crate) fn write_pose(out: &mut impl Write, item: &StampedPose) -> std::io::Result<()> {
     let p = item.pose.translation.vector;
     let q = item.pose.rotation.coords;
     writeln!(

@@ -97,7 +97,7 @@ fn inertial(sensor: &Node<'_>) -> Result<(f64, [f64; 4]), ConfigError> {
 }
 
 /// Reads the texts as the files of a data set; for tests that never touch the disk.
-#[cfg(test)]
+#[cfg(any(test, feature = "fuzzing"))]
 pub(crate) fn from_texts(cam0: &str, imu0: &str) -> Result<ValidConfig, ConfigError> {
     let imu = Document::parse(imu0, "imu0")?;
     let cameras = vec![camera(&Document::parse(cam0, "cam0")?.root(), &pose(&imu.root())?)?];

@@ -135,7 +135,7 @@ fn inertial(root: &Node<'_>) -> Result<(f64, [f64; 4]), ConfigError> {
 }
 
 /// Reads texts instead of files; for tests that never touch the disk.
-#[cfg(test)]
+#[cfg(any(test, feature = "fuzzing"))]
 pub(crate) fn from_texts(camchain: &str, imu: &str) -> Result<ValidConfig, ConfigError> {
     let (camchain, imu) = (Document::parse(camchain, "camchain.yaml")?, Document::parse(imu, "imu.yaml")?);
     convert(&camchain, &imu, DEFAULT_CAMERA_RATE_HZ)?.into_config().validated("camchain.yaml")

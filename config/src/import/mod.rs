@@ -17,9 +17,9 @@ mod yaml;
 pub use euroc::{euroc, euroc_into};
 pub use kalibr::{DEFAULT_CAMERA_RATE_HZ, kalibr, kalibr_into};
 
-#[cfg(test)]
+#[cfg(any(test, feature = "fuzzing"))]
 pub(crate) use euroc::from_texts as euroc_texts;
-#[cfg(test)]
+#[cfg(any(test, feature = "fuzzing"))]
 pub(crate) use kalibr::from_texts as kalibr_texts;
 
 use crate::camera::Distortion;

@@ -11,6 +11,8 @@ mod ros;
 pub(crate) use extrinsics::pose_problem;
 #[cfg(not(feature = "yaml"))]
 use extrinsics::pose_problem;
+#[cfg(any(test, feature = "fuzzing"))]
+pub(crate) use network::is_endpoint;
 
 use crate::camera::Distortion;
 use crate::error::Violation;

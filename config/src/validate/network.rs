@@ -76,7 +76,7 @@ fn vehicle_problem(name: &str) -> Option<String> {
     bad.map(|c| format!("contains {c:?}, which a key on the wire must not"))
 }
 
-pub(super) fn is_endpoint(text: &str) -> bool {
+pub(crate) fn is_endpoint(text: &str) -> bool {
     let Some((protocol, address)) = text.split_once('/') else { return false };
     // `?metadata` and `#configuration` may follow the address.
     let address = address.split(['?', '#']).next().unwrap_or_default();

@@ -61,7 +61,17 @@ pub fn read_gray_png(path: &Path, sides_px: RangeInclusive<usize>) -> Result<Gra
     })?;
     let mut bytes = Vec::new();
     file.take(MAX_FILE_BYTES).read_to_end(&mut bytes).map_err(|e| DriverError::io(path, e))?;
-    let (width, height) = header_size(Cursor::new(&bytes)).ok_or_else(|| {
+    gray_png(path, &bytes, sides_px)
+}
+
+/// Reads the PNG image in `bytes`; `path` names it in messages.
+pub(crate) fn gray_png(
+    path: &Path,
+    bytes: &[u8],
+    sides_px: RangeInclusive<usize>,
+) -> Result<GrayImage, DriverError> {
+    let malformed = |message: &str| DriverError::malformed(path, message);
+    let (width, height) = header_size(Cursor::new(bytes)).ok_or_else(|| {
         malformed("is no PNG image; convert it to PNG first (8 or 16 bits, grey or colour)")
     })?;
     if !(sides_px.contains(&width) && sides_px.contains(&height)) {
@@ -72,7 +82,7 @@ pub fn read_gray_png(path: &Path, sides_px: RangeInclusive<usize>) -> Result<Gra
         return Err(malformed(&message));
     }
     let mut image = GrayImage::new(width, height);
-    decode(&bytes, &mut Vec::new(), &mut image)
+    decode(bytes, &mut Vec::new(), &mut image)
         .ok_or_else(|| malformed("is cut off or damaged; copy or write it again"))?;
     Ok(image)
 }

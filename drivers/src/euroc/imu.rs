@@ -19,7 +19,7 @@ impl Stamped for ImuSample {
 }
 
 /// `timestamp [ns], gyro x y z [rad/s], accel x y z [m/s²]`; further columns are ignored.
-pub(super) fn parse_imu_row(row: &str) -> Option<ImuSample> {
+pub(crate) fn parse_imu_row(row: &str) -> Option<ImuSample> {
     let mut fields = fields(row);
     let stamp = stamp_field(&mut fields)?;
     let gyro = Vector3::from(number_fields::<3>(&mut fields)?);
@@ -30,13 +30,13 @@ pub(super) fn parse_imu_row(row: &str) -> Option<ImuSample> {
 
 /// All samples of a data set with their sequence numbers, shared by the sources made of it.
 #[derive(Debug)]
-pub(super) struct ImuRecord {
+pub(crate) struct ImuRecord {
     readings: Vec<ImuReading>,
     faults: Faults,
 }
 
 impl ImuRecord {
-    pub(super) fn new(table: Table<ImuSample>) -> Self {
+    pub(crate) fn new(table: Table<ImuSample>) -> Self {
         let period = median_period_ns(table.rows.iter().map(|row| row.stamp));
         let mut readings: Vec<ImuReading> = Vec::with_capacity(table.rows.len());
         for sample in table.rows {
@@ -50,7 +50,7 @@ impl ImuRecord {
     }
 
     /// First and last stamp.
-    pub(super) fn span(&self) -> Option<(Timestamp, Timestamp)> {
+    pub(crate) fn span(&self) -> Option<(Timestamp, Timestamp)> {
         Some((self.readings.first()?.sample.stamp, self.readings.last()?.sample.stamp))
     }
 

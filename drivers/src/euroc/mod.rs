@@ -13,12 +13,12 @@
 //! off, of the wrong size or without a partner. [`write`] makes such a data set of any sources.
 
 mod grid;
-mod image;
-mod imu;
-mod pairing;
+pub(crate) mod image;
+pub(crate) mod imu;
+pub(crate) mod pairing;
 mod stereo;
-mod table;
-mod truth;
+pub(crate) mod table;
+pub(crate) mod truth;
 mod writer;
 
 #[cfg(test)]

@@ -7,10 +7,10 @@ use std::path::{Component, Path};
 
 /// One row of a camera's `data.csv`.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct ImageRow {
-    pub(super) stamp: Timestamp,
+pub(crate) struct ImageRow {
+    pub(crate) stamp: Timestamp,
     /// Name of the file within the camera's `data` folder.
-    pub(super) file: String,
+    pub(crate) file: String,
 }
 
 impl Stamped for ImageRow {
@@ -20,7 +20,7 @@ impl Stamped for ImageRow {
 }
 
 /// `timestamp [ns], filename`; where the name is left out it is `<timestamp>.png`.
-pub(super) fn parse_image_row(row: &str) -> Option<ImageRow> {
+pub(crate) fn parse_image_row(row: &str) -> Option<ImageRow> {
     let mut fields = fields(row);
     let stamp = stamp_field(&mut fields)?;
     let file = match fields.next() {
@@ -38,32 +38,32 @@ fn is_plain_name(name: &str) -> bool {
 
 /// One frame to hand out: what is to be read for it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct FrameEntry {
+pub(crate) struct FrameEntry {
     /// Counts from the first frame of the data set, gaps included.
-    pub(super) sequence: u64,
+    pub(crate) sequence: u64,
     /// Time of the left image where there is one.
-    pub(super) stamp: Timestamp,
+    pub(crate) stamp: Timestamp,
     /// File names of left and right image.
-    pub(super) files: [Option<String>; 2],
+    pub(crate) files: [Option<String>; 2],
 }
 
 /// Frames of the whole data set.
 #[derive(Debug)]
-pub(super) struct Pairing {
-    pub(super) frames: Vec<FrameEntry>,
+pub(crate) struct Pairing {
+    pub(crate) frames: Vec<FrameEntry>,
     /// Right images before the first or after the last left one: not handed out.
-    pub(super) outside: u64,
+    pub(crate) outside: u64,
 }
 
 /// Frames of a single camera.
-pub(super) fn monocular(left: Vec<ImageRow>) -> Pairing {
+pub(crate) fn monocular(left: Vec<ImageRow>) -> Pairing {
     let frames = left.into_iter().map(|row| entry(row.stamp, [Some(row.file), None])).collect();
     numbered(frames, 0)
 }
 
 /// Frames of two cameras: nearest stamps within `tolerance_ns`, each image used once. An image without a
 /// partner is a frame of its own; both lists are in order.
-pub(super) fn stereo(left: Vec<ImageRow>, right: Vec<ImageRow>, tolerance_ns: i64) -> Pairing {
+pub(crate) fn stereo(left: Vec<ImageRow>, right: Vec<ImageRow>, tolerance_ns: i64) -> Pairing {
     let ends = left.first().zip(left.last()).map(|(first, last)| (first.stamp, last.stamp));
     let mut frames = Vec::with_capacity(left.len());
     let (mut left, mut right) = (left.into_iter().peekable(), right.into_iter().peekable());

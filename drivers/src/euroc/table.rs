@@ -8,7 +8,7 @@ use crate::DriverError;
 use crate::text_lines::{Line, Lines};
 use plumbline_config::Timestamp;
 use std::fs::File;
-use std::io::BufReader;
+use std::io::{BufRead, BufReader};
 use std::path::Path;
 
 /// One row in this many may be corrupt (10 %); beyond that the file is not worth flying by.
@@ -17,20 +17,20 @@ const CORRUPT_ROWS_ONE_IN: u64 = 10;
 const MAX_SPAN_NS: i64 = 24 * 3600 * 1_000_000_000;
 
 /// A row that has a time.
-pub(super) trait Stamped {
+pub(crate) trait Stamped {
     /// Time of the row.
     fn stamp(&self) -> Timestamp;
 }
 
 /// Rows in strictly increasing order of time, and what was wrong with the file.
 #[derive(Debug)]
-pub(super) struct Table<T> {
+pub(crate) struct Table<T> {
     /// The rows.
-    pub(super) rows: Vec<T>,
+    pub(crate) rows: Vec<T>,
     /// Rows that could not be read or held impossible values.
-    pub(super) corrupt: u64,
+    pub(crate) corrupt: u64,
     /// Rows out of order, put right, or of a stamp that was there already, dropped.
-    pub(super) disordered: u64,
+    pub(crate) disordered: u64,
 }
 
 /// Reads the table at `path`; `parse` takes one row without line end, `None` for a corrupt one.
@@ -39,7 +39,16 @@ pub(super) fn read_table<T: Stamped>(
     parse: impl Fn(&str) -> Option<T>,
 ) -> Result<Table<T>, DriverError> {
     let file = File::open(path).map_err(|e| DriverError::io(path, e))?;
-    let mut lines = Lines::new(BufReader::new(file));
+    read_rows(path, BufReader::new(file), parse)
+}
+
+/// Reads the table from `reader`; `path` names it in messages.
+pub(crate) fn read_rows<T: Stamped>(
+    path: &Path,
+    reader: impl BufRead,
+    parse: impl Fn(&str) -> Option<T>,
+) -> Result<Table<T>, DriverError> {
+    let mut lines = Lines::new(reader);
     let mut table = Table { rows: Vec::new(), corrupt: 0, disordered: 0 };
     let mut at_top = true;
     while let Some(line) = lines.next_line().map_err(|e| DriverError::io(path, e))? {

@@ -23,7 +23,7 @@ pub fn read_ground_truth(path: &Path) -> Result<Vec<TruthState>, DriverError> {
 
 /// `timestamp [ns], p x y z, q w x y z, v x y z, gyro bias x y z, accel bias x y z` (17 columns). Velocity
 /// and biases may be left out: zero then.
-fn parse_truth_row(row: &str) -> Option<TruthState> {
+pub(crate) fn parse_truth_row(row: &str) -> Option<TruthState> {
     let mut fields = fields(row).filter(|field| !field.is_empty()).peekable();
     let stamp = stamp_field(&mut fields)?;
     let [x, y, z] = number_fields(&mut fields)?;

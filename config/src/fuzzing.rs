@@ -1,0 +1,104 @@
+//! What the fuzzers call (`fuzz/`): each function takes any bytes, and a panic is a finding.
+//!
+//! The same functions run over the checked-in seeds, and over seeded mutations of them, in the tests of this crate.
+
+use crate::import::{euroc_texts, kalibr_texts};
+use crate::options::AutopilotEndpoint;
+use crate::validate::is_endpoint;
+use crate::{Config, ConfigError};
+
+/// Stands between the text of the camera and that of the IMU where an importer takes two.
+const BETWEEN_FILES: &str = "\n%%%\n";
+
+/// A configuration: what is accepted can be written, comes back as it was, and makes camera models.
+///
+/// # Panics
+/// When it does not.
+pub fn config_toml(data: &[u8]) {
+    let Ok(text) = std::str::from_utf8(data) else { return };
+    check(Config::from_toml_str(text, "fuzz"));
+}
+
+/// The `sensor.yaml` of a camera and of an IMU of a EuRoC data set.
+///
+/// # Panics
+/// As [`config_toml`].
+pub fn import_euroc(data: &[u8]) {
+    if let Some((camera, imu)) = two_texts(data) {
+        check(euroc_texts(camera, imu));
+    }
+}
+
+/// Kalibr's `camchain-imucam.yaml` and `imu.yaml`.
+///
+/// # Panics
+/// As [`config_toml`].
+pub fn import_kalibr(data: &[u8]) {
+    if let Some((camchain, imu)) = two_texts(data) {
+        check(kalibr_texts(camchain, imu));
+    }
+}
+
+/// The address of an autopilot, and an endpoint of the network.
+///
+/// # Panics
+/// When an accepted address does not hold what was given.
+pub fn endpoint(data: &[u8]) {
+    let Ok(text) = std::str::from_utf8(data) else { return };
+    let _ = is_endpoint(text);
+    match AutopilotEndpoint::parse(text) {
+        Ok(AutopilotEndpoint::Udp(address) | AutopilotEndpoint::UdpIn(address)) => {
+            assert!(text.ends_with(&address));
+        }
+        Ok(AutopilotEndpoint::Serial { device, baud }) => {
+            assert!(device.starts_with('/') && baud > 0 && text.contains(&device));
+        }
+        Err(reason) => assert!(!reason.is_empty()),
+    }
+}
+
+fn two_texts(data: &[u8]) -> Option<(&str, &str)> {
+    std::str::from_utf8(data).ok()?.split_once(BETWEEN_FILES)
+}
+
+fn check(read: Result<Config, ConfigError>) {
+    let config = match read {
+        Ok(config) => config,
+        Err(error) => return assert!(!error.to_string().is_empty()),
+    };
+    let text = config.to_toml().expect("a validated configuration can be written");
+    let back = Config::from_toml_str(&text, "written").expect("what was written is accepted");
+    assert_eq!(back, config);
+    for camera in &config.camera {
+        let _ = camera.model();
+    }
+}
+
+#[cfg(test)]
+#[path = "../../fuzz/smoke.rs"]
+mod smoke;
+
+#[cfg(test)]
+mod tests {
+    use super::smoke::over_seeds_and_mutations;
+
+    #[test]
+    fn fuzz_config_toml() {
+        over_seeds_and_mutations("config_toml", 400, super::config_toml);
+    }
+
+    #[test]
+    fn fuzz_import_euroc() {
+        over_seeds_and_mutations("import_euroc", 2000, super::import_euroc);
+    }
+
+    #[test]
+    fn fuzz_import_kalibr() {
+        over_seeds_and_mutations("import_kalibr", 2000, super::import_kalibr);
+    }
+
+    #[test]
+    fn fuzz_endpoint() {
+        over_seeds_and_mutations("endpoint", 20_000, super::endpoint);
+    }
+}
