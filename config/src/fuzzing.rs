@@ -5,7 +5,7 @@
 use crate::import::{euroc_texts, kalibr_texts};
 use crate::options::AutopilotEndpoint;
 use crate::validate::is_endpoint;
-use crate::{Config, ConfigError};
+use crate::{Config, ConfigError, ValidConfig};
 
 /// Stands between the text of the camera and that of the IMU where an importer takes two.
 const BETWEEN_FILES: &str = "\n%%%\n";
@@ -61,7 +61,7 @@ fn two_texts(data: &[u8]) -> Option<(&str, &str)> {
     std::str::from_utf8(data).ok()?.split_once(BETWEEN_FILES)
 }
 
-fn check(read: Result<Config, ConfigError>) {
+fn check(read: Result<ValidConfig, ConfigError>) {
     let config = match read {
         Ok(config) => config,
         Err(error) => return assert!(!error.to_string().is_empty()),

@@ -51,7 +51,7 @@
 
 pub mod camera;
 mod error;
-#[cfg(any(test, feature = "fuzzing"))]
+#[cfg(any(all(test, feature = "toml", feature = "yaml"), feature = "fuzzing"))]
 #[doc(hidden)]
 pub mod fuzzing;
 pub mod image;

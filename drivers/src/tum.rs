@@ -113,7 +113,7 @@ pub fn parse_seconds(text: &str) -> Option<Timestamp> {
     }
     let mut value: i128 = 0;
     for byte in whole.bytes().chain(fraction.bytes()) {
-        value = value * 10 + i128::from(byte.is_ascii_digit().then_some(byte - b'0')?);
+        value = value * 10 + i128::from(char::from(byte).to_digit(10)?);
     }
     let power = exponent.checked_add(9)?.checked_sub(i32::try_from(fraction.len()).ok()?)?;
     let nanos = scale_by_power_of_ten(value, power)?;

@@ -13,6 +13,9 @@ pub mod cli;
 pub mod demo;
 pub mod evaluate;
 pub mod flight;
+#[cfg(any(test, feature = "fuzzing"))]
+#[doc(hidden)]
+pub mod fuzzing;
 pub mod ground;
 pub mod log;
 pub mod net;

@@ -1,12 +1,12 @@
-//! The bridge to the autopilot, with pymavlink (in `$PLUMBLINE_VENV`, else `.venv`) as the autopilot.
+//! The bridge to the autopilot, with pymavlink as the autopilot.
 
 use super::cgroup::Group;
 use super::host::{Host, beside_bare_timers};
 use super::live::{AWAKE, thread_of};
+use super::python::interpreter;
 use super::{fails, stderr};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read};
-use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
 use std::time::Duration;
 
@@ -28,15 +28,8 @@ struct Autopilot {
 
 impl Autopilot {
     fn start() -> Option<Self> {
-        let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-        let venv = std::env::var_os("PLUMBLINE_VENV").map_or_else(|| workspace.join(".venv"), PathBuf::from);
-        let python = venv.join("bin/python");
-        if !python.exists() {
-            println!("skipped: {} is not here (set PLUMBLINE_VENV)", python.display());
-            return None;
-        }
-        let mut child = Command::new(python)
-            .arg(workspace.join("tests/python/autopilot_peer.py"))
+        let mut child = Command::new(interpreter("pymavlink")?)
+            .arg(plumbline_test_support::workspace().join("tests/python/autopilot_peer.py"))
             .args(["--ahead-ns", &AHEAD_NS.to_string(), "--seconds", "90"])
             .stdout(Stdio::piped())
             .spawn()
@@ -356,7 +349,7 @@ fn an_estimator_that_is_held_still_is_told_and_messages_go_on() {
     let mut child = flight.command(&autopilot.url).stderr(Stdio::null()).spawn().unwrap();
     let (ended, host) = beside_the_bridge(|| {
         std::thread::sleep(Duration::from_millis(3500));
-        group.add_thread(thread_of(child.id(), "tick").expect("the tick has a thread"));
+        group.add_thread(child.id(), thread_of(child.id(), "tick").expect("the tick has a thread"));
         group.set_frozen(true);
         std::thread::sleep(Duration::from_millis(1500));
         group.set_frozen(false);

@@ -1,19 +1,13 @@
 //! The ground station's page in a real browser, with a real vehicle that comes, is reset, dies and comes back.
 
+use super::python::interpreter;
 use super::vehicle::{PLUMBLINE, Running, eventually, flight, free_port, render};
+use plumbline_test_support::{Need, skip};
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
-
-/// The Python of the tests' environment.
-fn python() -> PathBuf {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    let venv = std::env::var_os("VENV").map_or_else(|| root.join(".venv"), |venv| root.join(venv));
-    let python = venv.join("bin/python");
-    if python.exists() { python } else { "python3".into() }
-}
 
 /// Chromium, told what to do by `tests/python/browser.py`.
 struct Browser {
@@ -27,12 +21,19 @@ impl Browser {
     /// `None` where there is no browser; the test says so.
     fn start() -> Option<Self> {
         if !Path::new("/usr/bin/chromium").exists() || !Path::new("/usr/bin/chromedriver").exists() {
-            println!("skipped: no /usr/bin/chromium or chromedriver here (scripts/setup test installs them)");
+            skip(
+                Need::Chromium,
+                "/usr/bin/chromium or chromedriver is missing (scripts/setup test installs them)",
+            );
             return None;
         }
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/python/browser.py");
-        let mut child =
-            Command::new(python()).arg(script).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+        let mut child = Command::new(interpreter("selenium")?)
+            .arg(script)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
         let (orders, answers) = (child.stdin.take().unwrap(), child.stdout.take().unwrap());
         let mut browser = Self { child, orders: Some(orders), answers: BufReader::new(answers) };
         assert_eq!(browser.answer().unwrap(), "ready");
@@ -107,7 +108,7 @@ fn modules_of_the_page_pass_their_own_tests() {
     assert!(!files.is_empty());
     let output = match Command::new("node").arg("--test").args(files).output() {
         Err(error) if error.kind() == ErrorKind::NotFound => {
-            println!("skipped: no node here (scripts/setup test installs it)");
+            skip(Need::Node, "there is no `node` (scripts/setup test installs it)");
             return;
         }
         output => output.unwrap(),

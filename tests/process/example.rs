@@ -6,7 +6,7 @@ use std::process::{Command, Stdio};
 
 #[test]
 fn the_example_prints_pose_quality_latency_and_the_configuration() {
-    let Some(python) = interpreter() else { return };
+    let Some(python) = interpreter("grpc_tools, zenoh") else { return };
     let endpoint = free_endpoint();
     let mut vehicle = Command::new(env!("CARGO_BIN_EXE_plumbline"));
     vehicle.args(FLIGHT).args(["--duration=12", "--listen", &endpoint, "--json"]);

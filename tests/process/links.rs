@@ -2,6 +2,7 @@
 //! loss, delay and rate between vehicle and router (`tests/python/bad_link.py`).
 
 use super::vehicle::{PLUMBLINE, Running, flight, render};
+use plumbline_test_support::{Need, skip};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
@@ -18,7 +19,7 @@ impl Namespaces {
         for name in names {
             let name = format!("pl{}-{name}", std::process::id());
             if !ip(&["netns", "add", &name]) {
-                println!("skipped: no network namespaces here (root and iproute2 are needed)");
+                skip(Need::NetworkNamespaces, "none can be made (root and iproute2 are needed)");
                 return None;
             }
             ip(&["-n", &name, "link", "set", "lo", "up"]);

@@ -94,7 +94,7 @@ fn a_tick_that_is_held_up_for_a_moment_changes_no_estimate() {
     for _ in 0..4 {
         let mut child = flight.command(&["--no-lines", "--speed", "1"]).spawn().unwrap();
         std::thread::sleep(Duration::from_millis(1500));
-        group.add_thread(thread_of(child.id(), "tick").expect("the tick has a thread"));
+        group.add_thread(child.id(), thread_of(child.id(), "tick").expect("the tick has a thread"));
         for _ in 0..6 {
             group.set_frozen(true);
             // Longer than the period of the frames, which wait for their samples meanwhile.
@@ -255,7 +255,7 @@ fn a_stage_that_stalls_is_named_within_a_tenth_of_a_second_and_the_odometry_goes
     std::thread::sleep(Duration::from_secs(3));
     let window = thread_of(flying.child.id(), "window").expect("the window has a thread");
     // Held still while it waits for a frame, it has no work to be late with until the next one comes.
-    group.add_thread(window);
+    group.add_thread(flying.child.id(), window);
     let frozen = Instant::now();
     group.set_frozen(true);
     let named = flying.says("window is stalled") - frozen;
@@ -298,10 +298,15 @@ fn largest_of(doctor: &str) -> f64 {
     after.split([';', '\n']).next().unwrap().trim().parse().unwrap()
 }
 
+/// How long a soak test may go on, as `make soak SOAK_MINUTES=30` says.
+pub fn soak_minutes() -> u32 {
+    std::env::var("PLUMBLINE_SOAK_MINUTES").ok().and_then(|minutes| minutes.parse().ok()).unwrap_or(10)
+}
+
 #[test]
 #[ignore = "takes minutes: make soak"]
 fn soak_a_long_live_flight_keeps_its_time() {
-    let minutes = std::env::var("PLUMBLINE_SOAK_MINUTES").ok().and_then(|m| m.parse().ok()).unwrap_or(10u32);
+    let minutes = soak_minutes();
     let flight = Flight::new("sim:room", 60 * minutes, "1");
     let watch = (60 * minutes).to_string();
     // On two processors the tick has one of its own.

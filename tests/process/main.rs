@@ -3,6 +3,7 @@
 mod autopilot;
 mod browser;
 mod cgroup;
+mod digests;
 mod errors;
 mod example;
 mod host;
@@ -13,6 +14,7 @@ mod log;
 mod network;
 mod python;
 mod replay;
+mod restarts;
 mod ros;
 mod security;
 mod vehicle;

@@ -1,6 +1,6 @@
-//! Python programs beside a real vehicle. The packages are those of `scripts/requirements.txt`, looked for in
-//! `$PLUMBLINE_VENV/bin`, else in `.venv/bin` of the workspace, where `make test` puts them.
+//! Python programs beside a real vehicle. The packages are those of `scripts/requirements.txt`.
 
+use plumbline_test_support::{Need, skip};
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
@@ -9,19 +9,14 @@ use std::process::{Child, ChildStdout, Command, Stdio};
 pub const FLIGHT: [&str; 6] =
     ["replay", "sim:low-texture", "--start=2", "--scale=0.5", "--speed=1", "--publish"];
 
-/// The interpreter; `None`, and a word on what is skipped, where the packages were not installed. On a build
-/// server they have been.
-pub fn interpreter() -> Option<PathBuf> {
-    let fallback = Path::new(env!("CARGO_MANIFEST_DIR")).join("../.venv");
-    let python = std::env::var_os("PLUMBLINE_VENV").map_or(fallback, PathBuf::from).join("bin/python");
-    let has_all = Command::new(&python)
-        .args(["-c", "import grpc_tools, rosbags, xxhash, zenoh"])
-        .stderr(Stdio::null())
-        .status()
-        .is_ok_and(|status| status.success());
-    assert!(has_all || std::env::var_os("CI").is_none(), "{} lacks packages", python.display());
+/// The interpreter, where it can import `packages`; else the test is to skip itself.
+pub fn interpreter(packages: &str) -> Option<PathBuf> {
+    let python = plumbline_test_support::python();
+    let import = format!("import {packages}");
+    let imported = Command::new(&python).args(["-c", &import]).stderr(Stdio::null()).status();
+    let has_all = imported.is_ok_and(|status| status.success());
     if !has_all {
-        println!("skipped: {} lacks the packages of scripts/requirements.txt", python.display());
+        skip(Need::Python, format_args!("{} lacks some of: {packages}", python.display()));
     }
     has_all.then_some(python)
 }

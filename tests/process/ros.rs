@@ -10,6 +10,9 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Instant;
 
+/// What `ros_peer.py` imports.
+const PACKAGES: &str = "rosbags, xxhash, zenoh";
+
 /// When the machine with ROS is there.
 #[derive(Clone, Copy, PartialEq)]
 enum Machine {
@@ -124,7 +127,7 @@ fn is_computed(computed: &BTreeMap<i64, Vec<f64>>, stamp_ns: i64, position: &Val
 
 #[test]
 fn a_machine_with_ros_sees_topics_and_reads_what_was_computed() {
-    let Some(python) = interpreter() else { return };
+    let Some(python) = interpreter(PACKAGES) else { return };
     let seen = fly(&python, &[], Machine::Before);
     check_graph(&seen);
     for topic in TOPICS {
@@ -264,7 +267,7 @@ fn check_twist(seen: &Seen) {
 
 #[test]
 fn names_and_stamps_are_as_configured() {
-    let Some(python) = interpreter() else { return };
+    let Some(python) = interpreter(PACKAGES) else { return };
     let changes = [
         ("ros.distribution", "\"humble\""),
         ("ros.namespace", "\"/robots/one\""),
@@ -309,7 +312,7 @@ fn a_vehicle_without_a_router_flies_and_ends_as_always() {
 
 #[test]
 fn a_router_that_comes_later_is_found() {
-    let Some(python) = interpreter() else { return };
+    let Some(python) = interpreter(PACKAGES) else { return };
     let seen = fly(&python, &[], Machine::Later);
     check_graph(&seen);
     let samples = seen.samples(TOPICS[0]);

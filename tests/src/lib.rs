@@ -8,17 +8,10 @@ use plumbline::campaign::{Entry, Fault};
 use plumbline_drivers::simulator::Scene;
 use std::path::PathBuf;
 
-/// The folder of shared data: the environment variable `PLUMBLINE_SHARED`, else `../shared` beside the
-/// workspace. `None`, and a word on what is skipped, when it is not there.
+/// The folder of shared data where it holds `what`; else the test is to skip itself.
 #[must_use]
 pub fn shared(what: &str) -> Option<PathBuf> {
-    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared");
-    let folder = std::env::var_os("PLUMBLINE_SHARED").map_or_else(|| beside.into(), PathBuf::from);
-    if folder.join(what).exists() {
-        return Some(folder);
-    }
-    println!("skipped: {} is not there (set PLUMBLINE_SHARED)", folder.join(what).display());
-    None
+    plumbline_test_support::shared(what).and_then(|_| plumbline_test_support::shared(""))
 }
 
 /// A simulated flight along a real trajectory, from 15 s into it.

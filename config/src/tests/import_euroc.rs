@@ -3,7 +3,7 @@ use crate::ConfigError;
 use crate::import::{self, euroc_texts};
 use crate::options::isometry_from_rows;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 pub(super) const CAM0: &str = "%YAML:1.0
 # General sensor definitions.
@@ -36,18 +36,6 @@ accelerometer_noise_density: 2.0000e-3
 accelerometer_random_walk: 3.0000e-3
 ";
 
-/// The folder of real recordings, where there is one.
-fn shared() -> Option<PathBuf> {
-    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared");
-    let folder = std::env::var_os("PLUMBLINE_SHARED").map_or_else(beside, PathBuf::from);
-    let calibration = folder.join("euroc/calibration");
-    if calibration.is_dir() {
-        return Some(calibration);
-    }
-    eprintln!("SKIPPED: no real EuRoC calibration at {}; set PLUMBLINE_SHARED", calibration.display());
-    None
-}
-
 fn write(folder: &Path, name: &str, text: &str) {
     let path = folder.join(name);
     fs::create_dir_all(path.parent().expect("has a folder")).expect("created");
@@ -56,7 +44,7 @@ fn write(folder: &Path, name: &str, text: &str) {
 
 #[test]
 fn the_real_calibration_is_that_of_the_presets() {
-    let Some(calibration) = shared() else { return };
+    let Some(calibration) = plumbline_test_support::shared("euroc/calibration") else { return };
     let imported = import::euroc(&calibration).expect("is good");
     assert_eq!(imported.camera, euroc().camera);
     assert_eq!(imported.imu, crate::Config::preset("sim").expect("is good").imu);

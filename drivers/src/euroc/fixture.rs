@@ -4,7 +4,7 @@ use super::{EurocDataset, EurocOptions};
 use crate::{DriverError, ImuReading, ImuSource, StereoFrame, StereoSource};
 use png::{BitDepth, ColorType, Encoder};
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// First stamp of the small data set, ns.
 pub(crate) const START_NS: i64 = 1_403_715_273_262_142_976;
@@ -12,18 +12,6 @@ pub(crate) const START_NS: i64 = 1_403_715_273_262_142_976;
 pub(crate) const SIZE: (usize, usize) = (16, 12);
 /// Its frames; 20 Hz, with IMU at 200 Hz from the first to 50 ms after the last.
 pub(crate) const FRAMES: i64 = 12;
-
-/// A path of the shared real data, or `None` (and a word about it) where that is not at hand.
-pub(crate) fn shared(what: &str) -> Option<PathBuf> {
-    let root = std::env::var_os("PLUMBLINE_SHARED")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared"), PathBuf::from);
-    let path = root.join(what);
-    if path.exists() {
-        return Some(path);
-    }
-    println!("skipped: {} is not here (set PLUMBLINE_SHARED)", path.display());
-    None
-}
 
 /// Stamp of frame `i`, ns.
 pub(crate) fn frame_ns(i: i64) -> i64 {

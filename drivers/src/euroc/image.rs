@@ -95,6 +95,9 @@ fn decode(file: &[u8], channels: &mut Vec<u8>, image: &mut GrayImage) -> Option<
         return None;
     }
     let mut reader = decoder.read_info().ok()?;
+    if !reader.info().palette.as_deref().is_none_or(is_palette) {
+        return None;
+    }
     let step = match reader.output_color_type().0 {
         ColorType::Grayscale => return reader.next_frame(image.pixels_mut()).ok().map(drop),
         ColorType::GrayscaleAlpha => 2,
@@ -108,6 +111,12 @@ fn decode(file: &[u8], channels: &mut Vec<u8>, image: &mut GrayImage) -> Option<
         *grey = if step == 2 { pixel[0] } else { luma(pixel[0], pixel[1], pixel[2]) };
     }
     Some(())
+}
+
+/// Whether a palette is of whole entries and no more than an index can tell: png 0.18.1 takes both for granted, and
+/// panics.
+fn is_palette(bytes: &[u8]) -> bool {
+    bytes.len().is_multiple_of(3) && bytes.len() <= 3 * 256
 }
 
 /// Luma of ITU-R BT.601 in eighths of a bit: weights 77, 150, 29 of 256.
@@ -191,6 +200,22 @@ mod tests {
             let mut bent = file.clone();
             bent[at] ^= 0x55;
             let _ = decoded(&bent);
+        }
+    }
+
+    #[test]
+    fn a_palette_of_half_an_entry_or_of_too_many_is_refused() {
+        let with_palette = |bytes: usize| {
+            let mut file = Vec::new();
+            let mut encoder = Encoder::new(&mut file, 4, 2);
+            encoder.set_color(ColorType::Indexed);
+            encoder.set_palette(vec![9; bytes]);
+            encoder.write_header().unwrap().write_image_data(&[0; 8]).unwrap();
+            decoded(&file)
+        };
+        assert_eq!(with_palette(6), Some(vec![9; 8]));
+        for bytes in [5, 8, 3 * 257] {
+            assert_eq!(with_palette(bytes), None, "{bytes} bytes");
         }
     }
 

@@ -9,7 +9,7 @@ fn gallery() {
     let Some(folder) = std::env::var_os("PLUMBLINE_GALLERY").map(std::path::PathBuf::from) else { return };
     for name in ["V1_02_medium", "V2_02_medium", "MH_04_difficult", "V1_03_difficult"] {
         let file = format!("euroc/trajectories/{name}.tum.gz");
-        let Some(path) = crate::euroc::fixture::shared(&file) else { return };
+        let Some(path) = plumbline_test_support::shared(&file) else { return };
         for scene in [Scene::Room, Scene::Hall, Scene::LowTexture] {
             let path = FlightPath::Tum(path.clone());
             let scenario = Scenario { scene, path, duration_s: f64::INFINITY, ..Scenario::default() };
@@ -46,7 +46,7 @@ fn cpu_ms() -> f64 {
 #[test]
 #[ignore = "measures the renderer"]
 fn speed() {
-    let Some(path) = crate::euroc::fixture::shared("euroc/trajectories/V1_02_medium.tum.gz") else { return };
+    let Some(path) = plumbline_test_support::shared("euroc/trajectories/V1_02_medium.tum.gz") else { return };
     for scene in [Scene::Room, Scene::Hall, Scene::LowTexture] {
         let path = FlightPath::Tum(path.clone());
         let scenario = Scenario { scene, path, duration_s: 80.0, ..Scenario::default() };
@@ -287,7 +287,7 @@ fn furniture_keeps_clear_of_the_flight() {
     let files: &[&str] = &["V1_02_medium", "V2_02_medium", "MH_04_difficult"];
     let mut flights = vec![fixture::wobble(3.0), path::demo(40.0, &Isometry3::identity()).unwrap()];
     for name in files {
-        let Some(file) = crate::euroc::fixture::shared(&format!("euroc/trajectories/{name}.tum.gz")) else {
+        let Some(file) = plumbline_test_support::shared(&format!("euroc/trajectories/{name}.tum.gz")) else {
             continue;
         };
         flights.push(Trajectory::from_poses(&crate::tum::read_tum(&file).unwrap()).unwrap());

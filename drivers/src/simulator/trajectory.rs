@@ -217,7 +217,7 @@ mod tests {
 
     #[test]
     fn recorded_flights_are_real_flights() {
-        let Some(folder) = crate::euroc::fixture::shared("euroc/trajectories") else { return };
+        let Some(folder) = plumbline_test_support::shared("euroc/trajectories") else { return };
         for entry in std::fs::read_dir(folder).unwrap() {
             let path = entry.unwrap().path();
             let poses = crate::tum::read_tum(&path).unwrap();

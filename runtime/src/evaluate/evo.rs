@@ -1,26 +1,25 @@
 //! The same figures as evo on the same files.
 //!
-//! evo is looked for in `$PLUMBLINE_VENV/bin`, else in `.venv/bin` of the workspace; the real ground truth
-//! in `$PLUMBLINE_SHARED`, else in `../shared` of the workspace. Without either the test says so.
+//! evo is looked for beside the Python of the tests, the real ground truth in the shared data.
 
 use super::noise::Noise;
 use super::*;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use plumbline_drivers::tum::write_tum;
+use plumbline_test_support::{Need, shared, skip};
 use std::path::PathBuf;
 use std::process::Command;
 
 /// Largest difference from evo, in metres or degrees; evo prints six decimals.
 const TOLERANCE: f64 = 1e-5;
 
-fn find(variable: &str, fallback: &str, what: &str) -> Option<PathBuf> {
-    let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    let root = std::env::var_os(variable).map_or_else(|| workspace.join(fallback), PathBuf::from);
-    let path = root.join(what);
-    if path.exists() {
-        return Some(path);
+/// The folder of evo's programs.
+fn programs() -> Option<PathBuf> {
+    let bin = plumbline_test_support::python().with_file_name("");
+    if bin.join("evo_ape").exists() {
+        return Some(bin);
     }
-    println!("skipped: {} is not here (set {variable})", path.display());
+    skip(Need::Python, format_args!("{} has no evo_ape (scripts/setup test installs it)", bin.display()));
     None
 }
 
@@ -120,11 +119,8 @@ fn compare(bin: &Path, estimate: &Path, reference: &Path) {
 
 #[test]
 fn figures_are_those_of_evo() {
-    let Some(bin) = find("PLUMBLINE_VENV", ".venv", "bin") else { return };
-    let Some(truth) = find("PLUMBLINE_SHARED", "../shared", "euroc/trajectories/MH_05_difficult.tum.gz")
-    else {
-        return;
-    };
+    let Some(bin) = programs() else { return };
+    let Some(truth) = shared("euroc/trajectories/MH_05_difficult.tum.gz") else { return };
     let truth = load_trajectory(&truth).unwrap();
     let dir = tempfile::tempdir().unwrap();
     let (reference, estimate) = (dir.path().join("reference.tum"), dir.path().join("estimate.tum"));

@@ -165,6 +165,23 @@ fn print_state(vehicle: &str, message: &proto::State) {
     let _ = writeln!(std::io::stdout().lock(), "{line}");
 }
 
+#[cfg(any(test, feature = "fuzzing"))]
+const TOPICS: [Topic; 7] = [
+    Topic::Odom,
+    Topic::State,
+    Topic::Health,
+    Topic::Keyframe,
+    Topic::Correction,
+    Topic::Scene,
+    Topic::Camera,
+];
+
+/// Takes `bytes` as a message of a vehicle on the topic of this number, counted round.
+#[cfg(any(test, feature = "fuzzing"))]
+pub fn take_numbered(fleet: &Mutex<Fleet>, topic: u8, bytes: &[u8]) {
+    take(fleet, TOPICS[usize::from(topic) % TOPICS.len()], "drone", bytes, 0, false);
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -176,16 +193,6 @@ mod tests {
         assert_eq!(vehicle_of("plumbline//odom"), None);
         assert_eq!(vehicle_of("other/drone/odom"), None);
     }
-
-    const TOPICS: [Topic; 7] = [
-        Topic::Odom,
-        Topic::State,
-        Topic::Health,
-        Topic::Keyframe,
-        Topic::Correction,
-        Topic::Scene,
-        Topic::Camera,
-    ];
 
     proptest! {
         #[test]

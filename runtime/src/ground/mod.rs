@@ -10,6 +10,9 @@ pub mod command;
 pub mod connection;
 pub mod export;
 pub mod fleet;
+#[cfg(any(test, feature = "fuzzing"))]
+#[doc(hidden)]
+pub mod fuzzing;
 mod listen;
 pub mod map;
 pub mod news;

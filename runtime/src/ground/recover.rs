@@ -95,7 +95,7 @@ async fn ask_past(session: &Session, fleet: &Mutex<Fleet>, name: &str) -> bool {
     !answers.is_empty()
 }
 
-fn points(answer: &proto::Trajectory) -> impl Iterator<Item = PastPoint> {
+pub(super) fn points(answer: &proto::Trajectory) -> impl Iterator<Item = PastPoint> {
     let poses = answer.poses_o_b.chunks_exact(7).zip(&answer.reset_counters);
     answer.stamps_ns.iter().zip(poses).map(|(stamp_ns, (pose, reset_counter))| PastPoint {
         stamp_ns: *stamp_ns,

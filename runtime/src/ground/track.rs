@@ -45,7 +45,7 @@ impl Track {
     /// Takes a pose; it becomes a point when it is far enough from the last.
     pub fn push(&mut self, stamp_ns: i64, p: &Vector3<f64>) {
         let start_ns = *self.start_ns.get_or_insert(stamp_ns);
-        let t_s = (stamp_ns - start_ns) as f64 * 1e-9;
+        let t_s = stamp_ns.saturating_sub(start_ns) as f64 * 1e-9;
         if let Some([last_s, x, y, z]) = self.points.back() {
             let step_m = (p - Vector3::new(*x, *y, *z)).norm();
             if (0.0..MIN_STEP_S).contains(&(t_s - last_s)) && step_m < MIN_STEP_M {
@@ -67,11 +67,11 @@ impl Track {
     pub fn fill(&mut self, past: &[(i64, Vector3<f64>)]) {
         let (Some(start_ns), Some((oldest_ns, _))) = (self.start_ns, past.first()) else { return };
         let new_start_ns = start_ns.min(*oldest_ns);
-        let shift_s = (start_ns - new_start_ns) as f64 * 1e-9;
+        let shift_s = start_ns.saturating_sub(new_start_ns) as f64 * 1e-9;
         let mut points: Vec<_> = self.points.iter().map(|[t, x, y, z]| [t + shift_s, *x, *y, *z]).collect();
         let known = points.len();
         for (stamp_ns, p) in past {
-            let t_s = (stamp_ns - new_start_ns) as f64 * 1e-9;
+            let t_s = stamp_ns.saturating_sub(new_start_ns) as f64 * 1e-9;
             let next = points[..known].partition_point(|[t, ..]| *t < t_s);
             let around = points[next.saturating_sub(1)..known.min(next + 1)].iter();
             if around.into_iter().all(|[t, ..]| (t - t_s).abs() >= FILL_STEP_S) {

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::Prefetch;
+use plumbline_test_support::shared;
 
 #[test]
 fn the_stereo_clip_ends_with_its_last_left_image() {

@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Matrix3, Quaternion, Rotation3, Translation3, UnitQuat
 use plumbline_config::camera::Distortion;
 use plumbline_config::{CameraModel, GrayImage};
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// The two cameras of the recordings, with their extrinsics.
 pub(super) fn euroc_rig() -> ([CameraModel; 2], [Isometry3<f64>; 2]) {
@@ -62,10 +62,7 @@ pub(super) struct Clip {
 impl Clip {
     /// Opens a clip; `None` when it is not at hand.
     pub(super) fn open(name: &str) -> Option<Self> {
-        let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).parent()?;
-        let shared =
-            std::env::var_os("PLUMBLINE_SHARED").map_or_else(|| workspace.join("../shared"), PathBuf::from);
-        let folder = shared.join("euroc").join(name).join("mav0");
+        let folder = plumbline_test_support::shared(&format!("euroc/{name}/mav0"))?;
         let table = |sensor: &str| -> Option<Vec<Vec<String>>> {
             let text = fs::read_to_string(folder.join(sensor).join("data.csv")).ok()?;
             let lines = text.lines().filter(|l| !l.starts_with('#') && !l.trim().is_empty());

@@ -51,7 +51,7 @@ fn text<'a>(headers: &'a HeaderMap, name: &header::HeaderName) -> Option<&'a str
 }
 
 /// Whether a Host header such as `localhost:8080` names this host.
-fn is_loopback(host: &str) -> bool {
+pub fn is_loopback(host: &str) -> bool {
     crate::net::security::is_loopback(host) || crate::net::security::is_loopback(&format!("{host}:80"))
 }
 

@@ -3,11 +3,11 @@
 //! The page (`runtime/web`) speaks to [`socket`] for what changes and to [`api`] for what one asks. Who may is in
 //! [`guard`].
 
-mod api;
+pub(super) mod api;
 mod assets;
-mod guard;
+pub(super) mod guard;
 mod messages;
-mod socket;
+pub(super) mod socket;
 
 use super::connection::Connection;
 use super::fleet::Fleet;

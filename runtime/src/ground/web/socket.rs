@@ -111,9 +111,7 @@ impl Page {
     }
 
     async fn hear(&mut self, text: &str) {
-        let Ok(Said::Watch { camera }) = serde_json::from_str::<Said>(text) else {
-            return self.count_malformed();
-        };
+        let Some(camera) = watched(text) else { return self.count_malformed() };
         self.cameras.retain(|name, _| camera.contains(name));
         for name in camera.into_iter().take(MAX_CAMERAS) {
             let is_known = lock(&self.station.fleet).vehicles.contains_key(&name);
@@ -147,6 +145,24 @@ impl Page {
         }
         news
     }
+}
+
+/// The cameras that a page says it looks at; `None` for words that are not understood.
+pub fn watched(text: &str) -> Option<Vec<String>> {
+    serde_json::from_str(text).ok().map(|Said::Watch { camera }| camera)
+}
+
+/// Everything that a page which has just been opened is told of every vehicle.
+#[cfg(any(test, feature = "fuzzing"))]
+pub fn everything(fleet: &Fleet) -> Vec<Message> {
+    let mut news = vec![Message::text(messages::fleet(fleet, 0, Instant::now()))];
+    news.extend(fleet.events_since(0).map(|event| Message::text(messages::event(event))));
+    for name in fleet.vehicles.keys() {
+        let mut place = Place::default();
+        paths_and_maps(fleet, name, &mut place, &mut news);
+        picture(fleet, name, &mut place, &mut news);
+    }
+    news
 }
 
 fn paths_and_maps(fleet: &Fleet, name: &str, place: &mut Place, news: &mut Vec<Message>) {
