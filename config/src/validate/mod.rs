@@ -11,7 +11,7 @@ mod ros;
 pub(crate) use extrinsics::pose_problem;
 #[cfg(not(feature = "yaml"))]
 use extrinsics::pose_problem;
-#[cfg(any(test, feature = "fuzzing"))]
+#[cfg(any(all(test, feature = "toml", feature = "yaml"), feature = "fuzzing"))]
 pub(crate) use network::is_endpoint;
 
 use crate::camera::Distortion;
