@@ -23,6 +23,14 @@ pub enum DriverError {
         /// What is wrong, and what to do.
         message: String,
     },
+    /// What was asked for is not there; `message` says what is missing, and what to do.
+    #[error("{}: {message}", path.display())]
+    Missing {
+        /// The file or directory.
+        path: PathBuf,
+        /// What is missing, and what to do.
+        message: String,
+    },
     /// A file or directory is left alone on purpose; `message` says why and what to do.
     #[error("{}: {message}", path.display())]
     Refused {
@@ -43,6 +51,11 @@ impl DriverError {
     /// [`Self::Io`] at `path`.
     pub(crate) fn io(path: impl Into<PathBuf>, source: std::io::Error) -> Self {
         Self::Io { path: path.into(), source }
+    }
+
+    /// [`Self::Missing`] at `path`.
+    pub(crate) fn missing(path: impl Into<PathBuf>, message: impl Into<String>) -> Self {
+        Self::Missing { path: path.into(), message: message.into() }
     }
 
     /// [`Self::Malformed`] at `path`.

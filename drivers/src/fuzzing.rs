@@ -3,10 +3,10 @@
 //! The same functions run over the checked-in seeds, and over seeded mutations of them, in the tests of this crate.
 
 use crate::euroc::image::gray_png;
-use crate::euroc::imu::{ImuRecord, parse_imu_row};
-use crate::euroc::pairing::{self, ImageRow, parse_image_row};
+use crate::euroc::imu::{IMU_COLUMNS, ImuRecord, parse_imu_row};
+use crate::euroc::pairing::{self, IMAGE_COLUMNS, ImageRow, parse_image_row};
 use crate::euroc::table::{Stamped, Table, read_rows};
-use crate::euroc::truth::parse_truth_row;
+use crate::euroc::truth::{TRUTH_COLUMNS, parse_truth_row};
 use crate::tum::{read_tum_from, write_pose};
 use plumbline_config::Timestamp;
 use std::path::Path;
@@ -35,16 +35,16 @@ pub fn png(data: &[u8]) {
 /// # Panics
 /// When rows come back out of order, or with what is no number.
 pub fn euroc_csv(data: &[u8]) {
-    if let Ok(table) = read_rows(no_file(), data, parse_imu_row) {
+    if let Ok(table) = read_rows(no_file(), IMU_COLUMNS, data, parse_imu_row) {
         check_order(&table);
         assert!(table.rows.iter().all(|s| s.gyro.iter().chain(&s.accel).all(|x| x.is_finite())));
         assert!(ImuRecord::new(table).span().is_some());
     }
-    if let Ok(table) = read_rows(no_file(), data, parse_truth_row) {
+    if let Ok(table) = read_rows(no_file(), TRUTH_COLUMNS, data, parse_truth_row) {
         check_order(&table);
         assert!(table.rows.iter().all(|s| (s.pose_w_b.rotation.norm() - 1.0).abs() < 1e-9));
     }
-    if let Ok(table) = read_rows(no_file(), data, parse_image_row) {
+    if let Ok(table) = read_rows(no_file(), IMAGE_COLUMNS, data, parse_image_row) {
         check_order(&table);
         pair(&table.rows);
     }

@@ -53,10 +53,10 @@ impl ImageReader {
 pub fn read_gray_png(path: &Path, sides_px: RangeInclusive<usize>) -> Result<GrayImage, DriverError> {
     let malformed = |message: &str| DriverError::malformed(path, message);
     if path.is_dir() {
-        return Err(malformed("is a directory; name a PNG image"));
+        return Err(DriverError::missing(path, "is a directory; name a PNG image"));
     }
     let file = File::open(path).map_err(|e| match e.kind() {
-        ErrorKind::NotFound => malformed("does not exist; name a PNG image"),
+        ErrorKind::NotFound => DriverError::missing(path, "does not exist; name a PNG image"),
         _ => DriverError::io(path, e),
     })?;
     let mut bytes = Vec::new();

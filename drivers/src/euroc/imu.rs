@@ -1,7 +1,7 @@
 //! The inertial stream of a data set.
 
 use super::grid::{median_period_ns, steps};
-use super::table::{Stamped, Table, fields, number_fields, stamp_field};
+use super::table::{Row, RowFault, Stamped, Table};
 use crate::{DriverError, Faults, ImuReading, ImuSource};
 use nalgebra::Vector3;
 use plumbline_config::{ImuSample, Timestamp};
@@ -18,14 +18,22 @@ impl Stamped for ImuSample {
     }
 }
 
-/// `timestamp [ns], gyro x y z [rad/s], accel x y z [m/s²]`; further columns are ignored.
-pub(crate) fn parse_imu_row(row: &str) -> Option<ImuSample> {
-    let mut fields = fields(row);
-    let stamp = stamp_field(&mut fields)?;
-    let gyro = Vector3::from(number_fields::<3>(&mut fields)?);
-    let accel = Vector3::from(number_fields::<3>(&mut fields)?);
-    let possible = gyro.amax() <= MAX_GYRO_RAD_S && accel.amax() <= MAX_ACCEL_M_S2;
-    possible.then_some(ImuSample { stamp, gyro, accel })
+/// Columns of the table; further ones are ignored.
+pub(crate) const IMU_COLUMNS: &str = "timestamp [ns], gyro x y z [rad/s], accel x y z [m/s^2]";
+
+/// A row of [`IMU_COLUMNS`].
+pub(crate) fn parse_imu_row(text: &str) -> Result<ImuSample, RowFault> {
+    let mut row = Row::new(text);
+    let stamp = row.stamp()?;
+    let gyro = Vector3::from(row.numbers::<3>()?);
+    let accel = Vector3::from(row.numbers::<3>()?);
+    if gyro.amax() > MAX_GYRO_RAD_S {
+        return Err(RowFault::Impossible("a rotation rate is beyond 350 rad/s; write it in rad/s"));
+    }
+    if accel.amax() > MAX_ACCEL_M_S2 {
+        return Err(RowFault::Impossible("an acceleration is beyond 3500 m/s^2; write it in m/s^2"));
+    }
+    Ok(ImuSample { stamp, gyro, accel })
 }
 
 /// All samples of a data set with their sequence numbers, shared by the sources made of it.
@@ -55,7 +63,7 @@ impl ImuRecord {
     }
 
     /// Indices of the samples with stamps in `from..=to`.
-    pub(super) fn range(&self, from: Timestamp, to: Timestamp) -> std::ops::Range<usize> {
+    pub(crate) fn range(&self, from: Timestamp, to: Timestamp) -> std::ops::Range<usize> {
         let start = self.readings.partition_point(|r| r.sample.stamp < from);
         start..self.readings.partition_point(|r| r.sample.stamp <= to).max(start)
     }
@@ -74,7 +82,7 @@ pub struct EurocImu {
 }
 
 impl EurocImu {
-    pub(super) fn new(record: Arc<ImuRecord>, rest: std::ops::Range<usize>) -> Self {
+    pub(crate) fn new(record: Arc<ImuRecord>, rest: std::ops::Range<usize>) -> Self {
         let faults = record.faults;
         Self { record, rest, last_sequence: None, faults }
     }

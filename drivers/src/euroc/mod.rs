@@ -34,8 +34,8 @@ pub use writer::{Progress, WriteInputs, WriteOptions, Written, write};
 
 use crate::{DriverError, Faults, StereoFrame, TruthState};
 use image::png_size;
-use imu::{ImuRecord, parse_imu_row};
-use pairing::{FrameEntry, ImageRow, Pairing, parse_image_row};
+use imu::{IMU_COLUMNS, ImuRecord, parse_imu_row};
+use pairing::{FrameEntry, IMAGE_COLUMNS, ImageRow, Pairing, parse_image_row};
 use plumbline_config::{Config, Timestamp};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -53,6 +53,9 @@ const IMU_AFTER_S: f64 = 0.1;
 pub struct EurocOptions {
     /// Frames to hand out, counted from 0 over the paired frames; `None` for all. Clipped at the end.
     pub frames: Option<Range<usize>>,
+    /// Frames to hand out by their time, seconds since the first frame of the data set; both bounds of
+    /// frames and of seconds hold.
+    pub seconds: Range<f64>,
     /// Largest difference of stamps within a stereo pair, s.
     pub pair_tolerance_s: f64,
     /// Expected image sizes in pixels, left and right, one a camera that is used: with one entry `cam1`
@@ -62,7 +65,7 @@ pub struct EurocOptions {
 
 impl Default for EurocOptions {
     fn default() -> Self {
-        Self { frames: None, pair_tolerance_s: 0.002, sizes_px: Vec::new() }
+        Self { frames: None, seconds: 0.0..f64::INFINITY, pair_tolerance_s: 0.002, sizes_px: Vec::new() }
     }
 }
 
@@ -71,9 +74,9 @@ impl EurocOptions {
     #[must_use]
     pub fn for_config(config: &Config) -> Self {
         Self {
-            frames: None,
             pair_tolerance_s: config.driver.pair_tolerance_s,
             sizes_px: config.camera.iter().map(|c| (c.width_px, c.height_px)).collect(),
+            ..Self::default()
         }
     }
 }
@@ -111,7 +114,7 @@ impl EurocDataset {
         }
         let Pairing { frames, outside } = pair(&root, rows, cameras, options)?;
         image_faults.unpaired += outside;
-        let handed_out = clip_range(&root, options.frames.as_ref(), frames.len())?;
+        let handed_out = chosen_frames(&root, options, &frames)?;
         let imu = read_imu(&root)?;
         let imu_range = imu_range(&root, &imu, &frames[handed_out.clone()])?;
         Ok(Self {
@@ -204,7 +207,7 @@ fn find_root(path: &Path) -> Result<PathBuf, DriverError> {
     } else {
         "does not exist; give the directory of a EuRoC data set"
     };
-    Err(DriverError::malformed(path, message))
+    Err(DriverError::missing(path, message))
 }
 
 fn count_cameras(root: &Path, options: &EurocOptions) -> usize {
@@ -216,19 +219,19 @@ fn require_table(path: &Path, what: &str) -> Result<(), DriverError> {
     if path.is_file() {
         return Ok(());
     }
-    Err(DriverError::malformed(path, format!("is missing, so there are no {what}; copy the data set again")))
+    Err(DriverError::missing(path, format!("is missing, so there are no {what}; copy the data set again")))
 }
 
 fn read_images(folder: &Path) -> Result<Table<ImageRow>, DriverError> {
     let path = folder.join("data.csv");
     require_table(&path, "images")?;
-    read_table(&path, parse_image_row)
+    read_table(&path, IMAGE_COLUMNS, parse_image_row)
 }
 
 fn read_imu(root: &Path) -> Result<ImuRecord, DriverError> {
     let path = root.join("imu0/data.csv");
     require_table(&path, "inertial samples")?;
-    read_table(&path, parse_imu_row).map(ImuRecord::new)
+    read_table(&path, IMU_COLUMNS, parse_imu_row).map(ImuRecord::new)
 }
 
 /// The size of the camera's images by the first one that can be read, checked against the expected.
@@ -279,17 +282,36 @@ fn pair(
     Err(DriverError::malformed(root, message))
 }
 
-fn clip_range(root: &Path, wanted: Option<&Range<usize>>, count: usize) -> Result<Range<usize>, DriverError> {
-    let Some(wanted) = wanted else { return Ok(0..count) };
-    let clipped = wanted.start..wanted.end.min(count);
-    if clipped.is_empty() {
+/// The frames within both bounds of `options`; never none.
+fn chosen_frames(
+    root: &Path,
+    options: &EurocOptions,
+    frames: &[FrameEntry],
+) -> Result<Range<usize>, DriverError> {
+    let (first, last) = frames_span(frames);
+    let count_before = |s: f64| frames.partition_point(|f| f.stamp.seconds_since(first) < s);
+    let within_s = count_before(options.seconds.start)..count_before(options.seconds.end);
+    if within_s.is_empty() {
         let message = format!(
-            "has frames 0..{count}, of which {}..{} holds none; choose others",
-            wanted.start, wanted.end
+            "has {:.3} s of frames, of which {} to {} s holds none; choose others",
+            last.seconds_since(first),
+            options.seconds.start,
+            options.seconds.end
         );
         return Err(DriverError::malformed(root, message));
     }
-    Ok(clipped)
+    let wanted = options.frames.clone().unwrap_or(within_s.clone());
+    let chosen = wanted.start.max(within_s.start)..wanted.end.min(within_s.end);
+    if chosen.is_empty() {
+        let message = format!(
+            "has frames 0..{}, of which {}..{} holds none; choose others",
+            frames.len(),
+            wanted.start,
+            wanted.end
+        );
+        return Err(DriverError::malformed(root, message));
+    }
+    Ok(chosen)
 }
 
 fn frames_span(frames: &[FrameEntry]) -> (Timestamp, Timestamp) {

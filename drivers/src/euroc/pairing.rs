@@ -1,7 +1,7 @@
 //! Which image belongs to which: left and right by time, not by row.
 
 use super::grid::{median_period_ns, steps};
-use super::table::{Stamped, fields, stamp_field};
+use super::table::{Row, RowFault, Stamped};
 use plumbline_config::Timestamp;
 use std::path::{Component, Path};
 
@@ -19,15 +19,21 @@ impl Stamped for ImageRow {
     }
 }
 
-/// `timestamp [ns], filename`; where the name is left out it is `<timestamp>.png`.
-pub(crate) fn parse_image_row(row: &str) -> Option<ImageRow> {
-    let mut fields = fields(row);
-    let stamp = stamp_field(&mut fields)?;
-    let file = match fields.next() {
+/// Columns of the table; where the name is left out it is `<timestamp>.png`.
+pub(crate) const IMAGE_COLUMNS: &str = "timestamp [ns], filename";
+
+/// A row of [`IMAGE_COLUMNS`].
+pub(crate) fn parse_image_row(text: &str) -> Result<ImageRow, RowFault> {
+    let mut row = Row::new(text);
+    let stamp = row.stamp()?;
+    let file = match row.text() {
         None | Some("") => format!("{}.png", stamp.as_nanos()),
-        Some(name) => is_plain_name(name).then(|| name.to_owned())?,
+        Some(name) if is_plain_name(name) => name.to_owned(),
+        Some(_) => {
+            return Err(RowFault::Impossible("the file name leads out of the folder data; name a file in it"));
+        }
     };
-    Some(ImageRow { stamp, file })
+    Ok(ImageRow { stamp, file })
 }
 
 /// Whether a name stays within its folder.
@@ -178,7 +184,7 @@ mod tests {
         assert_eq!(parse_image_row("5, a.png ").unwrap().file, "a.png");
         assert_eq!(parse_image_row("5,").unwrap().file, "5.png");
         for row in ["5,../a.png", "5,/etc/passwd", "5,a/b.png", "5,..", "x,a.png", "", "5.5,a.png"] {
-            assert_eq!(parse_image_row(row), None, "{row}");
+            assert!(parse_image_row(row).is_err(), "{row}");
         }
     }
 }

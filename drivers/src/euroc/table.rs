@@ -7,6 +7,7 @@
 use crate::DriverError;
 use crate::text_lines::{Line, Lines};
 use plumbline_config::Timestamp;
+use std::fmt;
 use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -15,6 +16,70 @@ use std::path::Path;
 const CORRUPT_ROWS_ONE_IN: u64 = 10;
 /// Stamps further than a day from the median are corrupt digits, not a flight.
 const MAX_SPAN_NS: i64 = 24 * 3600 * 1_000_000_000;
+
+/// Longest part of a bad line that a message quotes, characters.
+const MAX_QUOTED_CHARS: usize = 60;
+
+/// What is wrong with a row. Columns count from 1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum RowFault {
+    /// The line is too long, or not text.
+    Unreadable,
+    /// The first column is no whole number of nanoseconds.
+    Stamp,
+    /// The row ends before this column.
+    Missing(usize),
+    /// This column is no finite number.
+    NotANumber(usize),
+    /// The numbers cannot be what the columns stand for; why, and what to do.
+    Impossible(&'static str),
+}
+
+impl RowFault {
+    /// The fault of the row `text`, in words that show where it is.
+    fn describe(self, text: &str) -> String {
+        let column = |number: usize| {
+            text.split(',').nth(number.saturating_sub(1)).map_or_else(String::new, |c| quoted(c.trim()))
+        };
+        // A row without commas has one column, whatever else separates its numbers.
+        let separator = [(';', "semicolons"), ('\t', "tabs"), (' ', "spaces")];
+        let other = separator.into_iter().find(|(sign, _)| !text.contains(',') && text.contains(*sign));
+        match (self, other) {
+            (Self::Unreadable, _) => "is longer than any row, or not text".into(),
+            (_, Some((_, name))) => format!("{} is separated by {name}; separate its columns by commas", quoted(text)),
+            (Self::Stamp, _) if column(1).contains('.') => format!(
+                "the time {} is no whole number of nanoseconds; if it is in seconds, multiply it by 1e9",
+                column(1)
+            ),
+            (Self::Stamp, _) => format!("the time {} is no whole number of nanoseconds", column(1)),
+            (Self::Missing(number), _) => format!("{} ends before column {number}", quoted(text)),
+            (Self::NotANumber(number), _) => format!("column {number} is {}, no finite number", column(number)),
+            (Self::Impossible(why), _) => why.into(),
+        }
+    }
+}
+
+/// The beginning of `text` in quotes, without control characters.
+fn quoted(text: &str) -> String {
+    let mut shown: String = text.chars().filter(|c| !c.is_control()).take(MAX_QUOTED_CHARS).collect();
+    if shown.chars().count() < text.chars().count() {
+        shown.push_str("...");
+    }
+    format!("'{shown}'")
+}
+
+/// The first row that could not be read.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct BadRow {
+    line: usize,
+    why: String,
+}
+
+impl fmt::Display for BadRow {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "line {}: {}", self.line, self.why)
+    }
+}
 
 /// A row that has a time.
 pub(crate) trait Stamped {
@@ -31,41 +96,48 @@ pub(crate) struct Table<T> {
     pub(crate) corrupt: u64,
     /// Rows out of order, put right, or of a stamp that was there already, dropped.
     pub(crate) disordered: u64,
+    first_bad: Option<BadRow>,
 }
 
-/// Reads the table at `path`; `parse` takes one row without line end, `None` for a corrupt one.
-pub(super) fn read_table<T: Stamped>(
+/// Reads the table at `path`, whose columns are `columns`; `parse` takes one row without line end.
+pub(crate) fn read_table<T: Stamped>(
     path: &Path,
-    parse: impl Fn(&str) -> Option<T>,
+    columns: &str,
+    parse: impl Fn(&str) -> Result<T, RowFault>,
 ) -> Result<Table<T>, DriverError> {
     let file = File::open(path).map_err(|e| DriverError::io(path, e))?;
-    read_rows(path, BufReader::new(file), parse)
+    read_rows(path, columns, BufReader::new(file), parse)
 }
 
 /// Reads the table from `reader`; `path` names it in messages.
 pub(crate) fn read_rows<T: Stamped>(
     path: &Path,
+    columns: &str,
     reader: impl BufRead,
-    parse: impl Fn(&str) -> Option<T>,
+    parse: impl Fn(&str) -> Result<T, RowFault>,
 ) -> Result<Table<T>, DriverError> {
     let mut lines = Lines::new(reader);
-    let mut table = Table { rows: Vec::new(), corrupt: 0, disordered: 0 };
-    let mut at_top = true;
+    let mut table = Table { rows: Vec::new(), corrupt: 0, disordered: 0, first_bad: None };
+    let (mut at_top, mut number) = (true, 0);
     while let Some(line) = lines.next_line().map_err(|e| DriverError::io(path, e))? {
-        let text = match line {
+        number += 1;
+        let (text, row) = match line {
             Line::Text(text) if text.is_empty() || text.starts_with('#') => continue,
-            Line::Text(text) => text,
-            Line::Unreadable => "",
+            Line::Text(text) => (text, parse(text)),
+            Line::Unreadable => ("", Err(RowFault::Unreadable)),
         };
-        match parse(text) {
-            Some(row) => table.rows.push(row),
-            None if at_top && is_header(text) => {}
-            None => table.corrupt += 1,
+        match row {
+            Ok(row) => table.rows.push(row),
+            Err(_) if at_top && is_header(text) => {}
+            Err(fault) => {
+                table.corrupt += 1;
+                table.first_bad.get_or_insert_with(|| BadRow { line: number, why: fault.describe(text) });
+            }
         }
         at_top = false;
     }
     drop_far_stamps(&mut table);
-    check_share(path, &table)?;
+    check_share(path, columns, &table)?;
     put_in_order(&mut table);
     Ok(table)
 }
@@ -75,16 +147,21 @@ fn is_header(text: &str) -> bool {
     text.starts_with(|c: char| c.is_ascii_alphabetic())
 }
 
-fn check_share<T>(path: &Path, table: &Table<T>) -> Result<(), DriverError> {
+fn check_share<T>(path: &Path, columns: &str, table: &Table<T>) -> Result<(), DriverError> {
     let (good, corrupt) = (table.rows.len() as u64, table.corrupt);
+    let example = table.first_bad.as_ref().map_or_else(String::new, |bad| format!("; the first is {bad}"));
+    let expected = format!("expected columns: {columns}");
     if good == 0 {
-        let what =
-            if corrupt == 0 { "has no rows".into() } else { format!("none of {corrupt} rows is readable") };
-        return Err(DriverError::malformed(path, format!("{what}; copy the data set again")));
+        let what = match corrupt {
+            0 => format!("has no rows; {expected}"),
+            1 => format!("its only row is not readable{example}; {expected}"),
+            _ => format!("none of {corrupt} rows is readable{example}; {expected}"),
+        };
+        return Err(DriverError::malformed(path, what));
     }
     // One torn line, as a recorder leaves it when the power goes, is no reason to refuse a short file.
     if corrupt > 1 && corrupt * CORRUPT_ROWS_ONE_IN > good + corrupt {
-        let message = format!("{corrupt} of {} rows are corrupt; copy the data set again", good + corrupt);
+        let message = format!("{corrupt} of {} rows are corrupt{example}; {expected}", good + corrupt);
         return Err(DriverError::malformed(path, message));
     }
     Ok(())
@@ -114,23 +191,78 @@ fn put_in_order<T: Stamped>(table: &mut Table<T>) {
     table.disordered += (before - table.rows.len()) as u64;
 }
 
-/// The fields of a row, trimmed.
-pub(super) fn fields(row: &str) -> impl Iterator<Item = &str> {
-    row.split(',').map(str::trim)
+/// The columns of a row, read from left to right.
+pub(crate) struct Row<'a> {
+    columns: std::iter::Peekable<std::str::Split<'a, char>>,
+    read: usize,
 }
 
-/// The stamp in the first field, integer nanoseconds.
-pub(super) fn stamp_field<'a>(fields: &mut impl Iterator<Item = &'a str>) -> Option<Timestamp> {
-    fields.next()?.parse().ok().map(Timestamp::from_nanos)
-}
-
-/// The next `N` fields as finite numbers.
-pub(super) fn number_fields<'a, const N: usize>(
-    fields: &mut impl Iterator<Item = &'a str>,
-) -> Option<[f64; N]> {
-    let mut numbers = [0.0; N];
-    for number in &mut numbers {
-        *number = fields.next()?.parse().ok().filter(|x: &f64| x.is_finite())?;
+impl<'a> Row<'a> {
+    /// Of one line.
+    pub(crate) fn new(text: &'a str) -> Self {
+        Self { columns: text.split(',').peekable(), read: 0 }
     }
-    Some(numbers)
+
+    /// The next column, trimmed.
+    pub(crate) fn text(&mut self) -> Option<&'a str> {
+        self.read += 1;
+        self.columns.next().map(str::trim)
+    }
+
+    /// Whether no further column holds anything.
+    pub(crate) fn is_at_end(&mut self) -> bool {
+        while self.columns.next_if(|column| column.trim().is_empty()).is_some() {
+            self.read += 1;
+        }
+        self.columns.peek().is_none()
+    }
+
+    /// The stamp in the next column, integer nanoseconds.
+    pub(crate) fn stamp(&mut self) -> Result<Timestamp, RowFault> {
+        let column = self.text().unwrap_or_default();
+        column.parse().map(Timestamp::from_nanos).map_err(|_| RowFault::Stamp)
+    }
+
+    /// The next `N` columns as finite numbers.
+    pub(crate) fn numbers<const N: usize>(&mut self) -> Result<[f64; N], RowFault> {
+        let mut numbers = [0.0; N];
+        for number in &mut numbers {
+            let column = self.text().ok_or(RowFault::Missing(self.read))?;
+            let finite = column.parse().ok().filter(|x: &f64| x.is_finite());
+            *number = finite.ok_or(RowFault::NotANumber(self.read))?;
+        }
+        Ok(numbers)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::euroc::imu::parse_imu_row;
+
+    fn why(row: &str) -> String {
+        parse_imu_row(row).unwrap_err().describe(row)
+    }
+
+    #[test]
+    fn a_bad_row_is_told_with_the_column_and_the_cure() {
+        for (row, words) in [
+            ("1403636579.758,1,2,3,4,5,6", "'1403636579.758' is no whole number of nanoseconds; if it is in seconds"),
+            ("x,1,2,3,4,5,6", "the time 'x' is no whole number"),
+            ("5;1;2;3;4;5;6", "separated by semicolons"),
+            ("5 1 2 3 4 5 6", "separated by spaces"),
+            ("5,1,2,3,4", "ends before column 6"),
+            ("5,1,2,3,4,abc,6", "column 6 is 'abc'"),
+            ("5,1,2,3,4,inf,6", "column 6 is 'inf'"),
+            ("5,1e9,2,3,4,5,6", "beyond"),
+        ] {
+            assert!(why(row).contains(words), "{row}: {}", why(row));
+        }
+    }
+
+    #[test]
+    fn a_quotation_is_short_and_holds_no_control_characters() {
+        let long = quoted(&("a\u{1b}".to_owned() + &"b".repeat(500)));
+        assert!(long.len() < 80 && !long.contains('\u{1b}') && long.ends_with("...'"), "{long}");
+    }
 }

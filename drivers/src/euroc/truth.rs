@@ -1,6 +1,6 @@
 //! Ground truth of a data set: `state_groundtruth_estimate0/data.csv`.
 
-use super::table::{Stamped, fields, number_fields, read_table, stamp_field};
+use super::table::{Row, RowFault, Stamped, read_table};
 use crate::tum::unit_quaternion;
 use crate::{DriverError, TruthState};
 use nalgebra::{Isometry3, Translation3, Vector3};
@@ -18,22 +18,26 @@ impl Stamped for TruthState {
 /// # Errors
 /// When the file cannot be read, or too much of it is corrupt.
 pub fn read_ground_truth(path: &Path) -> Result<Vec<TruthState>, DriverError> {
-    read_table(path, parse_truth_row).map(|table| table.rows)
+    read_table(path, TRUTH_COLUMNS, parse_truth_row).map(|table| table.rows)
 }
 
-/// `timestamp [ns], p x y z, q w x y z, v x y z, gyro bias x y z, accel bias x y z` (17 columns). Velocity
-/// and biases may be left out: zero then.
-pub(crate) fn parse_truth_row(row: &str) -> Option<TruthState> {
-    let mut fields = fields(row).filter(|field| !field.is_empty()).peekable();
-    let stamp = stamp_field(&mut fields)?;
-    let [x, y, z] = number_fields(&mut fields)?;
-    let [qw, qx, qy, qz] = number_fields(&mut fields)?;
-    let mut vector_or_zero = || match fields.peek() {
-        Some(_) => number_fields::<3>(&mut fields).map(Vector3::from),
-        None => Some(Vector3::zeros()),
+/// Columns of the table (17); velocity and biases may be left out: zero then.
+pub(crate) const TRUTH_COLUMNS: &str =
+    "timestamp [ns], p x y z [m], q w x y z, v x y z [m/s], gyro bias x y z [rad/s], accel bias x y z [m/s^2]";
+
+/// A row of [`TRUTH_COLUMNS`].
+pub(crate) fn parse_truth_row(text: &str) -> Result<TruthState, RowFault> {
+    let mut row = Row::new(text);
+    let stamp = row.stamp()?;
+    let [x, y, z] = row.numbers()?;
+    let [qw, qx, qy, qz] = row.numbers()?;
+    let rotation = unit_quaternion(qw, qx, qy, qz)
+        .ok_or(RowFault::Impossible("the quaternion is not of length 1; write it as w x y z"))?;
+    let mut vector_or_zero = || match row.is_at_end() {
+        true => Ok(Vector3::zeros()),
+        false => row.numbers::<3>().map(Vector3::from),
     };
-    let rotation = unit_quaternion(qw, qx, qy, qz)?;
-    Some(TruthState {
+    Ok(TruthState {
         stamp,
         pose_w_b: Isometry3::from_parts(Translation3::new(x, y, z), rotation),
         v_w_b: vector_or_zero()?,
@@ -60,7 +64,7 @@ mod tests {
     fn a_pose_alone_will_do_and_half_a_vector_will_not() {
         assert_eq!(parse_truth_row("7,1,2,3,1,0,0,0").unwrap().v_w_b, Vector3::zeros());
         for row in ["7,1,2,3,1,0,0", "7,1,2,3,1,0,0,0,1,2", "7,1,nan,3,1,0,0,0", "7,1,2,3,0,0,0,0"] {
-            assert_eq!(parse_truth_row(row), None, "{row}");
+            assert!(parse_truth_row(row).is_err(), "{row}");
         }
     }
 }

@@ -95,7 +95,7 @@ impl Partial {
     fn begin(out: &Path, options: WriteOptions) -> Result<Self, DriverError> {
         let created_out = !out.exists();
         if !created_out && !options.overwrite && holds_anything(out)? {
-            let message = "exists and is not empty; choose another directory or allow overwriting";
+            let message = "exists and is not empty; choose another directory, or replace what is there with --overwrite";
             return Err(DriverError::Refused { path: out.into(), message: message.into() });
         }
         let folder = out.join(PARTIAL);

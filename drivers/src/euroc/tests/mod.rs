@@ -60,6 +60,20 @@ fn a_range_of_frames_takes_its_inertial_samples_along() {
 }
 
 #[test]
+fn a_range_of_seconds_counts_from_the_first_frame() {
+    let sample = Sample::new();
+    let sequences = |seconds: Range<f64>, frames: Option<Range<usize>>| {
+        let options = EurocOptions { frames, seconds, ..EurocOptions::default() };
+        let dataset = EurocDataset::open(sample.dir.path(), &options).unwrap();
+        let frames = all_frames(&mut dataset.stereo(), dataset.sizes_px());
+        frames.iter().map(|f| f.sequence).collect::<Vec<_>>()
+    };
+    assert_eq!(sequences(0.1..0.2, None), [2, 3]);
+    assert_eq!(sequences(0.5..f64::INFINITY, None), [10, 11]);
+    assert_eq!(sequences(0.1..0.3, Some(3..99)), [3, 4, 5]);
+}
+
+#[test]
 fn the_right_camera_is_left_alone_where_one_is_configured() {
     let sample = Sample::new();
     let options = EurocOptions { sizes_px: vec![SIZE], ..EurocOptions::default() };

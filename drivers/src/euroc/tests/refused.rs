@@ -91,3 +91,32 @@ fn ground_truth_that_is_garbage_is_said_when_asked_for() {
     let dataset = sample.open().unwrap();
     assert!(dataset.ground_truth().unwrap_err().to_string().contains("none of 1 rows"));
 }
+
+#[test]
+fn a_bad_table_shows_its_first_bad_line_and_what_is_wrong_with_it() {
+    let sample = Sample::new();
+    let rewrite = |row: &dyn Fn(&str) -> String| {
+        let sample = Sample::new();
+        sample.edit("imu0/data.csv", |lines| lines.iter_mut().for_each(|line| *line = row(line)));
+        sample.refusal()
+    };
+    let in_seconds = rewrite(&|line| format!("{}.{}", &line[..10], &line[10..]));
+    assert!(in_seconds.contains("line 1: the time '14037"), "{in_seconds}");
+    assert!(in_seconds.contains("seconds, multiply it by 1e9"), "{in_seconds}");
+    let semicolons = rewrite(&|line| line.replace(',', ";"));
+    assert!(semicolons.contains("separated by semicolons"), "{semicolons}");
+    let short = rewrite(&|line| line.rsplit_once(',').unwrap().0.to_owned());
+    assert!(short.contains("ends before column 7") && short.contains("expected columns: timestamp"), "{short}");
+    sample.edit("cam0/data.csv", |lines| lines.iter_mut().skip(2).for_each(|line| line.insert(0, 'x')));
+    assert!(sample.refusal().contains("cam0/data.csv") && sample.refusal().contains("line 3: the time 'x"));
+}
+
+#[test]
+fn seconds_that_hold_no_frame_are_refused() {
+    let sample = Sample::new();
+    for seconds in [50.0..60.0, 0.2..0.2, -5.0..-1.0] {
+        let options = EurocOptions { seconds, ..EurocOptions::default() };
+        let message = EurocDataset::open(sample.path("..").as_path(), &options).unwrap_err().to_string();
+        assert!(message.contains("s of frames, of which"), "{message}");
+    }
+}
