@@ -3,6 +3,7 @@
 mod autopilot;
 mod browser;
 mod cgroup;
+mod connections;
 mod digests;
 mod errors;
 mod example;

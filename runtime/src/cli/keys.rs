@@ -14,9 +14,17 @@ pub struct KeysArgs {
     /// Whose certificates are made: vehicle, router, operator (may command), viewer (may look). All without.
     #[arg(long, value_parser = ROLES)]
     pub role: Vec<String>,
+    /// Make a certificate for the vehicle of this name, in vehicle-NAME.pem and vehicle-NAME.key; may be repeated.
+    #[arg(long, value_name = "NAME")]
+    pub vehicle: Vec<String>,
     /// Name or address under which the holder can be reached; may be repeated.
-    #[arg(long, value_name = "NAME", default_values_t = ["localhost".to_owned(), "127.0.0.1".to_owned()])]
+    /// [default: localhost and 127.0.0.1; with --renew those of the certificate that is renewed]
+    #[arg(long, value_name = "NAME")]
     pub host: Vec<String>,
+    /// Replace certificates that are there, under the same file names: those of --role and --vehicle, else all. The
+    /// authority stays the same: who has its certificate needs nothing new.
+    #[arg(long)]
+    pub renew: bool,
     /// Days of validity.
     #[arg(long, default_value_t = 90, value_parser = clap::value_parser!(u32).range(1..=3650))]
     pub days: u32,
@@ -27,16 +35,25 @@ pub struct KeysArgs {
 /// # Errors
 /// When a file cannot be written.
 pub fn run(args: &KeysArgs) -> Result<()> {
-    let all = ROLES.map(str::to_owned);
-    let roles = if args.role.is_empty() { &all[..] } else { &args.role[..] };
-    let request = Request { folder: &args.folder, roles, hosts: &args.host, days: args.days };
+    let request = Request {
+        folder: &args.folder,
+        roles: &args.role,
+        vehicles: &args.vehicle,
+        hosts: &args.host,
+        days: args.days,
+        renew: args.renew,
+    };
     for file in keys::make(&request)? {
         say(file.display());
     }
-    say(format_args!(
-        "Give each holder {} and the two files of its role; keep {} away from the field.",
-        keys::AUTHORITY,
-        keys::AUTHORITY_KEY
-    ));
+    if args.renew {
+        say("Give each holder its two new files, and restart it; the authority is the same.");
+    } else {
+        say(format_args!(
+            "Give each holder {} and its own two files; keep {} away from the field.",
+            keys::AUTHORITY,
+            keys::AUTHORITY_KEY
+        ));
+    }
     Ok(())
 }

@@ -1,7 +1,7 @@
 //! The command line: arguments in, exit status out.
 //!
-//! 0 success, 1 the run failed, 2 wrong usage or configuration; a failure is one line on stderr that names
-//! the file, the key or the device, and what to do.
+//! 0 success, 1 the run failed, 2 wrong usage or configuration ([`exit_status`]); a failure is one line on stderr that
+//! names the file, the key or the device, and what to do.
 
 pub mod ablation;
 pub mod access;
@@ -10,6 +10,7 @@ pub mod campaign;
 pub mod choice;
 mod doctor;
 pub mod evaluate;
+mod exit_status;
 mod keys;
 pub mod lines;
 pub mod log;
@@ -24,9 +25,8 @@ pub mod verify;
 use crate::net::audit;
 use clap::{CommandFactory, Parser, Subcommand};
 use plumbline_config::{Config, ConfigError, ValidConfig};
-use plumbline_drivers::DriverError;
 use std::fmt::Display;
-use std::io::Write as _;
+use std::io::{IsTerminal as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -53,7 +53,7 @@ const EXAMPLES: &str = "Examples:
   plumbline lines image.png --out lines.png         the line segments of one image, as a picture
   plumbline ground --connect tcp/127.0.0.1:7447     watch the vehicles on a network
 
-Exit status: 0 success, 1 the run failed, 2 wrong usage or configuration.";
+Exit status: 0 success; 1 the run failed; 2 wrong usage or configuration, or an input that is not there.";
 
 #[derive(Debug, Subcommand)]
 enum Command {
@@ -111,7 +111,7 @@ pub fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("plumbline: {}", one_line(&error));
-            ExitCode::from(exit_status(&error))
+            ExitCode::from(exit_status::exit_status(&error))
         }
     }
 }
@@ -170,16 +170,6 @@ pub fn say(line: impl Display) {
 #[error("{0}")]
 pub struct Usage(pub String);
 
-/// Wrong usage or configuration is 2, everything else 1.
-fn exit_status(error: &anyhow::Error) -> u8 {
-    let is_usage = error.chain().any(|cause| {
-        cause.is::<Usage>()
-            || cause.is::<ConfigError>()
-            || matches!(cause.downcast_ref(), Some(DriverError::Scenario(_)))
-    });
-    if is_usage { 2 } else { 1 }
-}
-
 /// The error and its causes on one line.
 fn one_line(error: &anyhow::Error) -> String {
     let mut line = String::new();
@@ -200,16 +190,22 @@ fn init_logs(verbose: u8) {
     use tracing_subscriber::util::SubscriberInitExt as _;
     use tracing_subscriber::{EnvFilter, Layer as _};
 
-    // Attempts to connect are many, and refused handshakes are told by the audit.
+    // Attempts to connect are many; the audit logs the cause of those that fail, and handshakes that were refused.
     let default = [
         "warn,zenoh::net::runtime::orchestrator=error,zenoh_link_tls::unicast=error",
         "info,zenoh=warn,zenoh::net::runtime::orchestrator=error,zenoh_link_tls::unicast=error",
         "debug",
     ][usize::from(verbose.min(2))];
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(default));
-    let lines = tracing_subscriber::fmt::layer().with_writer(std::io::stderr).without_time();
-    let access = audit::TARGETS.map(|target| (target, tracing_subscriber::filter::LevelFilter::TRACE));
-    let access = tracing_subscriber::filter::Targets::new().with_targets(access);
+    // Colours are for people: https://no-color.org.
+    let is_coloured =
+        std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
+    let lines = tracing_subscriber::fmt::layer()
+        .with_writer(std::io::stderr)
+        .with_ansi(is_coloured)
+        .with_target(verbose > 0)
+        .without_time();
+    let access = tracing_subscriber::filter::Targets::new().with_targets(audit::TARGETS);
     tracing_subscriber::registry()
         .with(lines.with_filter(filter))
         .with(audit::Audit.with_filter(access))

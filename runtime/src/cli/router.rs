@@ -2,7 +2,7 @@
 
 use super::access::AccessArgs;
 use super::{Usage, say, stop_on_signal};
-use crate::net::{Endpoints, Mode, audit};
+use crate::net::{Endpoints, Mode, audit, diagnosis};
 use anyhow::Result;
 use clap::Args;
 use std::sync::atomic::Ordering;
@@ -43,6 +43,7 @@ pub fn run(args: &RouterArgs) -> Result<()> {
     while !stop.load(Ordering::Relaxed) {
         std::thread::sleep(CHORES_PERIOD);
         audit::say_refusals();
+        diagnosis::report_failures();
     }
     let _ = runtime.block_on(async { session.close().await });
     Ok(())

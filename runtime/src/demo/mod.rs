@@ -108,9 +108,9 @@ impl Station {
         let fleet = Arc::new(Mutex::new(Fleet::default()));
         let (connection, address) = runtime.block_on(async {
             let connection = Connection::open(&endpoints, &fleet, false).await?;
-            let is_free = TcpListener::bind(args.http).is_ok();
-            let wanted = if is_free { args.http } else { SocketAddr::new(args.http.ip(), 0) };
-            let address = ground::web::serve(wanted, fleet, connection.clone(), true).await?;
+            let page = ground::web::bind(args.http)
+                .or_else(|_| ground::web::bind(SocketAddr::new(args.http.ip(), 0)))?;
+            let address = ground::web::serve(page, fleet, connection.clone(), true).await?;
             Ok::<_, anyhow::Error>((connection, address))
         })?;
         Ok(Self { runtime, connection, address })

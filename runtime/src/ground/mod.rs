@@ -25,8 +25,8 @@ pub mod web;
 
 use crate::cli::access::AccessArgs;
 use crate::cli::{check_outputs, say, stop_on_signal};
-use crate::net::{Endpoints, Mode, audit};
-use anyhow::Result;
+use crate::net::{Endpoints, Mode, NetError, audit, diagnosis};
+use anyhow::{Result, bail};
 use clap::Args;
 use connection::Connection;
 use fleet::Fleet;
@@ -111,22 +111,24 @@ impl GroundArgs {
 pub fn run(args: &GroundArgs) -> Result<()> {
     check_outputs(&args.report)?;
     let endpoints = args.endpoints();
+    endpoints.check()?;
+    let page = if args.no_http { None } else { Some(web::bind(args.http)?) };
     let fleet = Arc::new(Mutex::new(Fleet::default()));
-    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
     let stop = stop_on_signal()?;
     let end = args.duration.map(|s| Instant::now() + Duration::from_secs_f64(s.clamp(0.0, 1e6)));
-    let connection = runtime.block_on(Connection::open(&endpoints, &fleet, args.json))?;
-    if !args.no_http {
-        let served = web::serve(args.http, Arc::clone(&fleet), connection.clone(), args.gives_commands());
-        let address = runtime.block_on(served)?;
+    let is_over = || {
+        audit::say_refusals();
+        diagnosis::report_failures();
+        stop.load(Ordering::Relaxed) || end.is_some_and(|end| Instant::now() >= end)
+    };
+    let station = Background::start()?;
+    let Some(line) = station.open(&endpoints, &fleet, args.json, &is_over)? else { return Ok(()) };
+    if let Some(page) = page {
+        let address = station.serve(page, Arc::clone(&fleet), line.clone(), args.gives_commands())?;
         if !args.json {
             say(format_args!("the page is at http://{address}"));
         }
     }
-    let is_over = || {
-        audit::say_refusals();
-        stop.load(Ordering::Relaxed) || end.is_some_and(|end| Instant::now() >= end)
-    };
     let outcome = if args.json {
         wait(&is_over);
         Ok(())
@@ -138,10 +140,75 @@ pub fn run(args: &GroundArgs) -> Result<()> {
     if let Some(path) = &args.report {
         report::write(path, &lock(&fleet))?;
     }
-    runtime.block_on(connection.close());
-    // Zenoh waits for its first connection without letting go of the thread.
-    runtime.shutdown_timeout(END_PATIENCE);
-    outcome
+    station.close(&line);
+    outcome?;
+    if args.duration.is_some() && !stop.load(Ordering::Relaxed) && lock(&fleet).vehicles.is_empty() {
+        let cause = diagnosis::newest_failure()
+            .unwrap_or_else(|| "is a vehicle flying with --publish, and does it reach the same network?".into());
+        bail!("no vehicle was heard: {cause}");
+    }
+    Ok(())
+}
+
+/// The threads of the network and of the page. However the command ends, they end soon after: Zenoh waits for its first
+/// connection without letting go of its thread.
+struct Background(Option<tokio::runtime::Runtime>);
+
+impl Background {
+    fn start() -> std::io::Result<Self> {
+        let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
+        Ok(Self(Some(runtime)))
+    }
+
+    fn runtime(&self) -> &tokio::runtime::Runtime {
+        self.0.as_ref().unwrap_or_else(|| unreachable!("it is taken when the station is dropped"))
+    }
+
+    /// Opens the connection; `None` when the command is over before that is done.
+    fn open(
+        &self,
+        endpoints: &Endpoints,
+        fleet: &Arc<Mutex<Fleet>>,
+        print_states: bool,
+        is_over: &impl Fn() -> bool,
+    ) -> Result<Option<Connection>, NetError> {
+        let (endpoints, fleet) = (endpoints.clone(), Arc::clone(fleet));
+        let (done, opened) = std::sync::mpsc::sync_channel(1);
+        self.runtime().spawn(async move {
+            let _ = done.send(Connection::open(&endpoints, &fleet, print_states).await);
+        });
+        while !is_over() {
+            if let Ok(outcome) = opened.recv_timeout(REDRAW) {
+                return outcome.map(Some);
+            }
+        }
+        Ok(None)
+    }
+
+    fn serve(
+        &self,
+        page: std::net::TcpListener,
+        fleet: Arc<Mutex<Fleet>>,
+        line: Connection,
+        commands: bool,
+    ) -> Result<SocketAddr> {
+        self.runtime().block_on(web::serve(page, fleet, line, commands))
+    }
+
+    /// Takes the station off the network, if that goes quickly.
+    fn close(&self, line: &Connection) {
+        let line = line.clone();
+        let closing = self.runtime().spawn(async move { line.close().await });
+        let _ = self.runtime().block_on(async { tokio::time::timeout(END_PATIENCE, closing).await });
+    }
+}
+
+impl Drop for Background {
+    fn drop(&mut self) {
+        if let Some(runtime) = self.0.take() {
+            runtime.shutdown_timeout(END_PATIENCE);
+        }
+    }
 }
 
 fn wait(is_over: &impl Fn() -> bool) {

@@ -79,7 +79,7 @@ async fn ask_clock(session: &Session, fleet: &Mutex<Fleet>, name: &str) {
 }
 
 async fn ask_keyframes(session: &Session, fleet: &Mutex<Fleet>, name: &str, missing: Range<u64>) {
-    let selector = format!("{ROOT}/{name}/map/keyframe?from={};to={}", missing.start, missing.end);
+    let selector = format!("{ROOT}/{name}/map/keyframe/**?from={};to={}", missing.start, missing.end);
     for keyframe in get::<proto::Keyframe>(session, fleet, &selector, Priority::DataLow).await {
         lock(fleet).keyframe(name, &keyframe);
     }
@@ -87,7 +87,7 @@ async fn ask_keyframes(session: &Session, fleet: &Mutex<Fleet>, name: &str, miss
 
 /// Asks for the path so far; returns whether an answer came.
 async fn ask_past(session: &Session, fleet: &Mutex<Fleet>, name: &str) -> bool {
-    let selector = format!("{ROOT}/{name}/trajectory?step_ms={PAST_STEP_MS}");
+    let selector = format!("{ROOT}/{name}/trajectory/**?step_ms={PAST_STEP_MS}");
     let answers = get::<proto::Trajectory>(session, fleet, &selector, Priority::DataLow).await;
     let mut past: Vec<PastPoint> = answers.iter().flat_map(points).collect();
     past.sort_by_key(|point| point.stamp_ns);
@@ -114,7 +114,7 @@ async fn get<M: prost::Message + Default + read::Checked>(
     let question = session
         .get(selector)
         .timeout(PATIENCE)
-        // All answers come under one key; by default only the newest would be passed on.
+        // Nothing has to be held back: each answer has a key of its own.
         .consolidation(ConsolidationMode::None)
         .priority(priority)
         .congestion_control(CongestionControl::Drop);

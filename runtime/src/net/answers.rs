@@ -3,11 +3,16 @@
 //! Questions wait in a short queue and are answered one after the other by a task of their own: who asks much
 //! holds up nobody but those who ask. Answers travel with the quality of service of their question; ground stations
 //! ask with one that drops them when the link is full, and ask again.
+//!
+//! Of several answers under one key a client keeps the newest, unless it asks for no consolidation. Where there can be
+//! several, each therefore has a key of its own below the one that was asked for (`trajectory/<stamp of its first
+//! pose>`, `map/keyframe/<sequence number>`), which a question ending in `/**` allows. A question for the exact key is
+//! answered by one message, or refused when one cannot hold the answer: nothing is lost in silence.
 
 use super::keyframes::KeyframeHistory;
 use super::publisher::Vehicle;
 use super::session::NetError;
-use super::{ROOT, now_ns, proto};
+use super::{ROOT, now_ns, proto, read};
 use plumbline_estimator::{Estimate, ResetKind};
 use prost::Message;
 use std::collections::VecDeque;
@@ -71,8 +76,8 @@ impl Archive {
         });
     }
 
-    /// Poses from `from` to before `to`, at least `step_ns` apart, in answers of bounded size.
-    fn trajectory(&self, wanted: &Range<i64>, step_ns: i64) -> Vec<proto::Trajectory> {
+    /// Poses from `from` to before `to`, at least `step_ns` apart, in answers of at most `size` poses.
+    fn trajectory(&self, wanted: &Range<i64>, step_ns: i64, size: usize) -> Vec<proto::Trajectory> {
         let mut next_ns = i64::MIN;
         let mut is_due = |pose: &&PastPose| {
             let is_due = wanted.contains(&pose.stamp_ns) && pose.stamp_ns >= next_ns;
@@ -90,7 +95,7 @@ impl Archive {
         if selected.is_empty() {
             return vec![answer(&[])];
         }
-        selected.chunks(POSES_PER_ANSWER).map(answer).collect()
+        selected.chunks(size).map(answer).collect()
     }
 }
 
@@ -116,8 +121,9 @@ pub fn lock(archive: &Mutex<Archive>) -> MutexGuard<'_, Archive> {
 pub async fn declare(session: &Session, answers: Answers) -> Result<(), NetError> {
     let (questions, mut waiting) = mpsc::channel::<(Topic, Query)>(MAX_QUESTIONS);
     for topic in Topic::ALL {
-        let key = format!("{ROOT}/{}/{}", answers.vehicle.name, topic.key());
-        let (questions, clock_key) = (questions.clone(), key.clone());
+        let base = format!("{ROOT}/{}/{}", answers.vehicle.name, topic.key());
+        let key = if topic.has_several_answers() { format!("{base}/**") } else { base.clone() };
+        let (questions, clock_key) = (questions.clone(), base);
         let failed = |error: zenoh::Error| NetError::Declare { key: key.clone(), message: error.to_string() };
         session
             .declare_queryable(&key)
@@ -164,6 +170,26 @@ impl Topic {
             Self::Reset => "command/reset",
         }
     }
+
+    /// Whether answers have keys of their own below the topic's.
+    fn has_several_answers(self) -> bool {
+        matches!(self, Self::Trajectory | Self::Keyframes)
+    }
+}
+
+/// Where answers to a question may be sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Room {
+    /// Each under a key of its own.
+    Several,
+    /// One, under the key of the topic.
+    One,
+}
+
+impl Room {
+    fn of(query: &Query, base: &str) -> Self {
+        if query.key_expr().as_str() == base { Self::One } else { Self::Several }
+    }
 }
 
 impl Answers {
@@ -171,17 +197,12 @@ impl Answers {
         let key = &format!("{ROOT}/{}/{}", self.vehicle.name, topic.key());
         match topic {
             Topic::Trajectory => {
-                let answers = range(query, i64::MIN, i64::MAX).and_then(|wanted| {
-                    let step_ns = number(query, "step_ms", 0i64)?.clamp(0, MAX_STEP_MS) * 1_000_000;
-                    let answers = lock(&self.archive).trajectory(&wanted, step_ns);
-                    Ok(answers.iter().map(Message::encode_to_vec).collect())
-                });
-                send(query, key, "plumbline.v1.Trajectory", answers).await;
+                let answers = self.trajectory(query, Room::of(query, key));
+                send_each(query, key, "plumbline.v1.Trajectory", answers).await;
             }
             Topic::Keyframes => {
-                let answers = range(query, 0, u64::MAX)
-                    .map(|wanted| lock(&self.archive).keyframes.get(wanted, MAX_KEYFRAMES_PER_QUESTION));
-                send(query, key, "plumbline.v1.Keyframe", answers).await;
+                let answers = self.keyframes(query, Room::of(query, key), key);
+                send_each(query, key, "plumbline.v1.Keyframe", answers).await;
             }
             Topic::Config => {
                 let answer = vec![self.vehicle.configuration.encode_to_vec()];
@@ -197,6 +218,32 @@ impl Answers {
                 send(query, key, "plumbline.v1.ResetDone", answers).await;
             }
         }
+    }
+
+    /// The trajectory that a question asks for, each answer with its stamp, ns.
+    fn trajectory(&self, query: &Query, room: Room) -> Result<Vec<(i64, Vec<u8>)>, String> {
+        let wanted = range(query, i64::MIN, i64::MAX)?;
+        let step_ns = number(query, "step_ms", 0i64)?.clamp(0, MAX_STEP_MS) * 1_000_000;
+        let size = if room == Room::One { MAX_POSES } else { POSES_PER_ANSWER };
+        let answers = lock(&self.archive).trajectory(&wanted, step_ns, size);
+        let numbered = |answer: &proto::Trajectory| {
+            (answer.stamps_ns.first().copied().unwrap_or_default(), answer.encode_to_vec())
+        };
+        Ok(answers.iter().map(numbered).collect())
+    }
+
+    /// The keyframes that a question asks for, each with its sequence number.
+    fn keyframes(&self, query: &Query, room: Room, key: &str) -> Result<Vec<(i64, Vec<u8>)>, String> {
+        let wanted = range(query, 0, u64::MAX)?;
+        let keyframes = lock(&self.archive).keyframes.get(wanted, MAX_KEYFRAMES_PER_QUESTION);
+        if room == Room::One && keyframes.len() > 1 {
+            return Err(format!("{} keyframes are wanted; ask for {key}/**, where each has its own key", keyframes.len()));
+        }
+        let number = |bytes: &Vec<u8>| {
+            let header = read::decode::<proto::Keyframe>(bytes).and_then(|keyframe| keyframe.header);
+            header.map_or(0, |header| header.sequence as i64)
+        };
+        Ok(keyframes.into_iter().map(|bytes| (number(&bytes), bytes)).collect())
     }
 
     /// Carries out a reset, or says why not.
@@ -236,6 +283,19 @@ fn number<T: std::str::FromStr>(query: &Query, name: &str, default: T) -> Result
 /// The range `?from=..;to=..` of a question.
 fn range<T: std::str::FromStr>(query: &Query, first: T, last: T) -> Result<Range<T>, String> {
     Ok(number(query, "from", first)?..number(query, "to", last)?)
+}
+
+/// Sends numbered answers: below our own `key`, or under it where nothing else was asked for.
+async fn send_each(query: &Query, key: &str, schema: &str, answers: Result<Vec<(i64, Vec<u8>)>, String>) {
+    let answers = match answers {
+        Ok(answers) => answers,
+        Err(reason) => return send(query, key, schema, Err(reason)).await,
+    };
+    let has_own_keys = Room::of(query, key) == Room::Several;
+    for (number, answer) in answers {
+        let own = if has_own_keys { format!("{key}/{number}") } else { key.to_owned() };
+        send(query, &own, schema, Ok(vec![answer])).await;
+    }
 }
 
 /// Sends the answers under our own `key`, whatever pattern was asked with.

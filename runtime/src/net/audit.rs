@@ -1,21 +1,31 @@
-//! Who was refused what. Zenoh tells it on its lowest levels of logging only; this layer picks it up there, and
-//! whoever runs a session says it aloud ([`say_refusals`]).
+//! Who was refused what, and which attempts to connect failed. Zenoh says so on its lowest levels of logging only; this
+//! layer picks it up there, and whoever runs a session logs it ([`say_refusals`], [`diagnosis::report_failures`]).
 
+use super::diagnosis;
 use crossbeam_queue::ArrayQueue;
+use std::collections::BTreeSet;
 use std::fmt::{Debug, Write as _};
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock, PoisonError};
 use tracing::field::{Field, Visit};
 use tracing::{Event, Subscriber};
 use tracing_subscriber::Layer;
+use tracing_subscriber::filter::LevelFilter;
 use tracing_subscriber::layer::Context;
 
-/// The parts of Zenoh that decide: over messages and over connections.
-pub const TARGETS: [&str; 2] =
-    ["zenoh::net::routing::interceptor::access_control", "zenoh_link_tls::unicast"];
+/// The parts of Zenoh that decide over messages and over connections, and the one that connects.
+pub const TARGETS: [(&str, LevelFilter); 3] = [
+    ("zenoh::net::routing::interceptor::access_control", LevelFilter::TRACE),
+    ("zenoh_link_tls::unicast", LevelFilter::WARN),
+    ("zenoh::net::runtime::orchestrator", LevelFilter::DEBUG),
+];
 /// How the first says no.
 const NO: &str = "unauthorized";
 /// What the second adds to every handshake that failed, whatever the reason was.
 const HINT: &str = ". Hint: increase the system open file limit";
+/// How the third begins when an attempt to connect has failed, the longer one first.
+const FAILED: [&str; 2] = ["Unable to connect to configured peer ", "Unable to connect to "];
+/// Refusals of which each is logged once; then none is logged any more.
+const MAX_LOGGED: usize = 1_000;
 /// Refusals that wait to be said.
 const MAX_WAITING: usize = 64;
 
@@ -29,11 +39,20 @@ pub fn refusals() -> impl Iterator<Item = String> {
     std::iter::from_fn(|| waiting().pop())
 }
 
-/// Says aloud who was refused what since the last call.
+/// Logs who was refused what since the last call, the same for the same key once.
 pub fn say_refusals() {
+    static LOGGED: OnceLock<Mutex<BTreeSet<String>>> = OnceLock::new();
     for refusal in refusals() {
-        tracing::warn!("access refused: {refusal}");
+        let mut logged = LOGGED.get_or_init(Mutex::default).lock().unwrap_or_else(PoisonError::into_inner);
+        if logged.len() < MAX_LOGGED && logged.insert(without_session(&refusal).to_owned()) {
+            tracing::warn!("access refused: {refusal}");
+        }
     }
+}
+
+/// A refusal without the number of the session, which is another one with every connection.
+fn without_session(refusal: &str) -> &str {
+    refusal.split_once(" on ").map_or(refusal, |(_, rest)| rest)
 }
 
 /// Listens to [`TARGETS`].
@@ -44,6 +63,14 @@ impl<S: Subscriber> Layer<S> for Audit {
     fn on_event(&self, event: &Event<'_>, _context: Context<'_, S>) {
         let mut message = Message(String::new());
         event.record(&mut message);
+        if let Some(attempt) = FAILED.iter().find_map(|start| message.0.strip_prefix(start)) {
+            let about_one = |(endpoint, reason): &(&str, &str)| !endpoint.contains(' ') && !reason.is_empty();
+            if let Some((endpoint, reason)) = attempt.split_once("! ").filter(about_one) {
+                let reason = reason.rsplit_once(" Retry in ").map_or(reason, |(reason, _)| reason);
+                diagnosis::record(endpoint, reason);
+            }
+            return;
+        }
         let refusal = match message.0.split_once(HINT) {
             Some((reason, _)) => format!("a TLS handshake failed: {reason}"),
             None if message.0.contains(NO) => message.0,

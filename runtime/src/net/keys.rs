@@ -1,4 +1,8 @@
 //! A small certificate authority: certificates whose common name is the role of their holder.
+//!
+//! The files of a role are `<role>.pem` and `<role>.key`, those of a vehicle by name `vehicle-<name>.pem` and
+//! `vehicle-<name>.key`; its certificate bears the name as its organizational unit. Files keep their names when they are
+//! renewed, so that no configuration changes.
 
 use rcgen::{
     BasicConstraints, CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer,
@@ -6,13 +10,17 @@ use rcgen::{
 };
 use std::fs::OpenOptions;
 use std::io::Write as _;
+use std::net::IpAddr;
 use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 use time::{Duration, OffsetDateTime};
+use x509_parser::extensions::GeneralName;
 
 /// Roles that certificates are made for.
 pub const ROLES: [&str; 4] = ["vehicle", "router", "operator", "viewer"];
+/// Names of a certificate when none are given.
+pub const DEFAULT_HOSTS: [&str; 2] = ["localhost", "127.0.0.1"];
 /// File of the authority's certificate.
 pub const AUTHORITY: &str = "authority.pem";
 /// File of the authority's private key.
@@ -30,6 +38,24 @@ pub enum KeysError {
         /// What the system says.
         error: std::io::Error,
     },
+    /// There is a certificate already.
+    #[error("{path}: exists; renew it with --renew, or name another folder")]
+    Exists {
+        /// The file.
+        path: PathBuf,
+    },
+    /// There is nothing to renew.
+    #[error("{path}: is not there, so it cannot be renewed; leave out --renew to make it")]
+    NothingToRenew {
+        /// The file, or the folder without any.
+        path: PathBuf,
+    },
+    /// A name that cannot be part of a file's name and of a key.
+    #[error("--vehicle {name}: give letters, digits, - and _, at most {MAX_NAME}")]
+    Name {
+        /// The name.
+        name: String,
+    },
     /// A certificate cannot be made.
     #[error("{about}: {error}")]
     Certificate {
@@ -40,6 +66,9 @@ pub enum KeysError {
     },
 }
 
+/// Longest name of a vehicle, characters.
+pub const MAX_NAME: usize = 40;
+
 /// What is made.
 #[derive(Clone, Debug)]
 pub struct Request<'a> {
@@ -47,20 +76,60 @@ pub struct Request<'a> {
     pub folder: &'a Path,
     /// Roles.
     pub roles: &'a [String],
-    /// Names and addresses under which holders can be reached.
+    /// Vehicles by name, each with a certificate of its own.
+    pub vehicles: &'a [String],
+    /// Names and addresses under which holders can be reached; empty: when renewing those of before, else this host.
     pub hosts: &'a [String],
     /// Validity.
     pub days: u32,
+    /// Replace the certificates that are there, under the same file names; without roles and vehicles all of the
+    /// folder. The authority stays the same, so that who has its certificate needs nothing new.
+    pub renew: bool,
 }
 
-/// Makes certificates, and the authority that signs them when there is none in the folder. Nothing that is
-/// there is overwritten. Returns the files written.
+/// Who a certificate is for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Holder {
+    role: String,
+    vehicle: Option<String>,
+}
+
+impl Holder {
+    fn role(role: &str) -> Self {
+        Self { role: role.to_owned(), vehicle: None }
+    }
+
+    fn vehicle(name: &str) -> Result<Self, KeysError> {
+        let is_plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+        if name.is_empty() || name.len() > MAX_NAME || !name.chars().all(is_plain) {
+            return Err(KeysError::Name { name: name.to_owned() });
+        }
+        Ok(Self { role: "vehicle".into(), vehicle: Some(name.to_owned()) })
+    }
+
+    /// Its files without their ending.
+    fn stem(&self) -> String {
+        self.vehicle.as_ref().map_or_else(|| self.role.clone(), |name| format!("{}-{name}", self.role))
+    }
+}
+
+/// Makes certificates, and the authority that signs them when there is none in the folder. Without `renew` nothing that
+/// is there is overwritten. Returns the files written.
 ///
 /// # Errors
-/// When a file cannot be read or written, or a name is none.
+/// When a file cannot be read or written, a name is none, a certificate is there already, or not there to be renewed.
 pub fn make(request: &Request<'_>) -> Result<Vec<PathBuf>, KeysError> {
     let mut written = Vec::new();
     let path = |name: &str| request.folder.join(name);
+    let holders = holders(request)?;
+    for holder in &holders {
+        let certificate = path(&format!("{}.pem", holder.stem()));
+        match (request.renew, certificate.exists()) {
+            (true, false) => return Err(KeysError::NothingToRenew { path: certificate }),
+            (false, true) => return Err(KeysError::Exists { path: certificate }),
+            _ => {}
+        }
+    }
     std::fs::create_dir_all(request.folder).map_err(|error| file_error(request.folder, error))?;
     if !path(AUTHORITY_KEY).exists() {
         let (certificate, key) = authority(request.days).map_err(about("the authority"))?;
@@ -71,12 +140,74 @@ pub fn make(request: &Request<'_>) -> Result<Vec<PathBuf>, KeysError> {
         |name: &str| std::fs::read_to_string(path(name)).map_err(|error| file_error(&path(name), error));
     let key = KeyPair::from_pem(&read(AUTHORITY_KEY)?).map_err(about(AUTHORITY_KEY))?;
     let issuer = Issuer::from_ca_cert_pem(&read(AUTHORITY)?, key).map_err(about(AUTHORITY))?;
-    for role in request.roles {
-        let (certificate, key) = signed(role, request, &issuer).map_err(about(role))?;
-        written.push(write(&path(&format!("{role}.key")), &key, 0o600)?);
-        written.push(write(&path(&format!("{role}.pem")), &certificate, 0o644)?);
+    for holder in &holders {
+        let stem = holder.stem();
+        let certificate = path(&format!("{stem}.pem"));
+        let hosts = hosts(request, &certificate)?;
+        let (text, key) = signed(holder, &hosts, request.days, &issuer).map_err(about(&stem))?;
+        written.push(write(&path(&format!("{stem}.key")), &key, 0o600)?);
+        written.push(write(&certificate, &text, 0o644)?);
     }
     Ok(written)
+}
+
+/// Who gets a certificate.
+fn holders(request: &Request<'_>) -> Result<Vec<Holder>, KeysError> {
+    let named = request.vehicles.iter().map(|name| Holder::vehicle(name)).collect::<Result<Vec<_>, _>>()?;
+    let mut holders: Vec<Holder> = request.roles.iter().map(|role| Holder::role(role)).chain(named).collect();
+    if !holders.is_empty() {
+        return Ok(holders);
+    }
+    if !request.renew {
+        return Ok(ROLES.map(Holder::role).into());
+    }
+    let entries = std::fs::read_dir(request.folder).map_err(|error| file_error(request.folder, error))?;
+    for entry in entries.filter_map(Result::ok) {
+        let name = entry.file_name().to_string_lossy().into_owned();
+        let Some(stem) = name.strip_suffix(".pem") else { continue };
+        if ROLES.contains(&stem) {
+            holders.push(Holder::role(stem));
+        } else if let Some(name) = stem.strip_prefix("vehicle-") {
+            holders.push(Holder::vehicle(name)?);
+        }
+    }
+    holders.sort_by_key(Holder::stem);
+    if holders.is_empty() {
+        return Err(KeysError::NothingToRenew { path: request.folder.to_owned() });
+    }
+    Ok(holders)
+}
+
+/// The names of a certificate: those of the request, else of the one that is renewed, else this host's.
+fn hosts(request: &Request<'_>, certificate: &Path) -> Result<Vec<String>, KeysError> {
+    if !request.hosts.is_empty() {
+        return Ok(request.hosts.to_vec());
+    }
+    if request.renew {
+        let text = std::fs::read(certificate).map_err(|error| file_error(certificate, error))?;
+        let hosts = hosts_of(&text).unwrap_or_default();
+        if !hosts.is_empty() {
+            return Ok(hosts);
+        }
+    }
+    Ok(DEFAULT_HOSTS.map(str::to_owned).into())
+}
+
+/// Names and addresses of a certificate (PEM).
+fn hosts_of(pem: &[u8]) -> Option<Vec<String>> {
+    let (_, block) = x509_parser::pem::parse_x509_pem(pem).ok()?;
+    let certificate = block.parse_x509().ok()?;
+    let names = &certificate.subject_alternative_name().ok()??.value.general_names;
+    let host = |name: &GeneralName<'_>| match name {
+        GeneralName::DNSName(name) => Some((*name).to_owned()),
+        GeneralName::IPAddress(bytes) => <[u8; 4]>::try_from(*bytes)
+            .map(IpAddr::from)
+            .or_else(|_| <[u8; 16]>::try_from(*bytes).map(IpAddr::from))
+            .ok()
+            .map(|address| address.to_string()),
+        _ => None,
+    };
+    Some(names.iter().filter_map(host).collect())
 }
 
 fn about(what: &str) -> impl Fn(rcgen::Error) -> KeysError {
@@ -108,12 +239,16 @@ fn authority(days: u32) -> Result<(String, String), rcgen::Error> {
 }
 
 fn signed(
-    role: &str,
-    request: &Request<'_>,
+    holder: &Holder,
+    hosts: &[String],
+    days: u32,
     issuer: &Issuer<'_, KeyPair>,
 ) -> Result<(String, String), rcgen::Error> {
-    let mut params = named(role, request.days);
-    params.subject_alt_names = CertificateParams::new(request.hosts.to_vec())?.subject_alt_names;
+    let mut params = named(&holder.role, days);
+    if let Some(name) = &holder.vehicle {
+        params.distinguished_name.push(DnType::OrganizationalUnitName, name.as_str());
+    }
+    params.subject_alt_names = CertificateParams::new(hosts.to_vec())?.subject_alt_names;
     params.key_usages = vec![KeyUsagePurpose::DigitalSignature];
     params.extended_key_usages =
         vec![ExtendedKeyUsagePurpose::ServerAuth, ExtendedKeyUsagePurpose::ClientAuth];
@@ -121,14 +256,19 @@ fn signed(
     Ok((params.signed_by(&key, issuer)?.pem(), key.serialize_pem()))
 }
 
-/// Writes a file that is not there yet.
+/// Writes a file whole or not at all: a vehicle that starts meanwhile reads the old one or the new one.
 fn write(path: &Path, text: &str, mode: u32) -> Result<PathBuf, KeysError> {
+    let mut partial = path.as_os_str().to_owned();
+    partial.push(".partial");
+    let partial = PathBuf::from(partial);
     OpenOptions::new()
         .write(true)
-        .create_new(true)
+        .create(true)
+        .truncate(true)
         .mode(mode)
-        .open(path)
-        .and_then(|mut file| file.write_all(text.as_bytes()))
+        .open(&partial)
+        .and_then(|mut file| file.write_all(text.as_bytes()).and_then(|()| file.sync_all()))
+        .and_then(|()| std::fs::rename(&partial, path))
         .map_err(|error| file_error(path, error))?;
     Ok(path.to_owned())
 }
@@ -138,20 +278,57 @@ mod tests {
     use super::*;
     use std::os::unix::fs::PermissionsExt as _;
 
+    fn strings(names: &[&str]) -> Vec<String> {
+        names.iter().map(|n| (*n).to_owned()).collect()
+    }
+
+    fn request<'a>(folder: &'a Path, roles: &'a [String], vehicles: &'a [String]) -> Request<'a> {
+        Request { folder, roles, vehicles, hosts: &[], days: 2, renew: false }
+    }
+
     #[test]
     fn an_authority_is_made_once_and_nothing_is_overwritten() {
         let folder = tempfile::tempdir().unwrap();
-        let hosts = ["localhost".to_owned(), "127.0.0.1".to_owned()];
-        let roles = |names: &[&str]| names.iter().map(|n| (*n).to_owned()).collect::<Vec<_>>();
-        let request =
-            |roles: &'static [String]| Request { folder: folder.path(), roles, hosts: &hosts, days: 2 };
-        let first: &'static [String] = roles(&["vehicle", "viewer"]).leak();
-        assert_eq!(make(&request(first)).unwrap().len(), 6);
-        let second: &'static [String] = roles(&["operator"]).leak();
-        assert_eq!(make(&request(second)).unwrap().len(), 2);
-        let error = make(&request(second)).unwrap_err().to_string();
-        assert!(error.contains("operator.key"), "{error}");
+        let first = strings(&["vehicle", "viewer"]);
+        assert_eq!(make(&request(folder.path(), &first, &[])).unwrap().len(), 6);
+        let second = strings(&["operator"]);
+        assert_eq!(make(&request(folder.path(), &second, &[])).unwrap().len(), 2);
+        let error = make(&request(folder.path(), &second, &[])).unwrap_err().to_string();
+        assert!(error.contains("operator.pem") && error.contains("--renew"), "{error}");
         let mode = std::fs::metadata(folder.path().join("vehicle.key")).unwrap().permissions().mode();
         assert_eq!(mode & 0o777, 0o600);
+    }
+
+    #[test]
+    fn a_vehicle_is_added_by_name_and_the_other_files_stay() {
+        let folder = tempfile::tempdir().unwrap();
+        make(&request(folder.path(), &[], &[])).unwrap();
+        let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
+        let before = [read("authority.pem"), read("vehicle.pem")];
+        let hawk = strings(&["hawk"]);
+        let written = make(&request(folder.path(), &[], &hawk)).unwrap();
+        assert_eq!(written, ["vehicle-hawk.key", "vehicle-hawk.pem"].map(|name| folder.path().join(name)));
+        assert_eq!(before, [read("authority.pem"), read("vehicle.pem")]);
+        for name in ["", "../hawk", "a b", "a/b", &"x".repeat(MAX_NAME + 1)] {
+            let names = strings(&[name]);
+            assert!(matches!(make(&request(folder.path(), &[], &names)), Err(KeysError::Name { .. })), "{name}");
+        }
+    }
+
+    #[test]
+    fn renewal_keeps_file_names_authority_and_hosts() {
+        let folder = tempfile::tempdir().unwrap();
+        let (roles, vehicles, hosts) = (strings(&["router"]), strings(&["hawk"]), strings(&["hawk.local", "10.0.0.7", "::1"]));
+        make(&Request { hosts: &hosts, ..request(folder.path(), &roles, &vehicles) }).unwrap();
+        let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
+        let (authority, before) = (read("authority.pem"), read("vehicle-hawk.pem"));
+        let renewed = Request { renew: true, ..request(folder.path(), &[], &[]) };
+        assert_eq!(make(&renewed).unwrap().len(), 4);
+        assert_eq!(read("authority.pem"), authority);
+        assert_ne!(read("vehicle-hawk.pem"), before);
+        assert_eq!(hosts_of(&read("vehicle-hawk.pem")).unwrap(), hosts);
+        let viewer = strings(&["viewer"]);
+        let error = make(&Request { renew: true, ..request(folder.path(), &viewer, &[]) }).unwrap_err();
+        assert!(matches!(error, KeysError::NothingToRenew { .. }), "{error}");
     }
 }

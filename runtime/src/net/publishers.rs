@@ -17,7 +17,7 @@ use super::pace::{Pace, Rates};
 use super::publisher::Vehicle;
 use super::rings::Rings;
 use super::session::{Endpoints, NetError};
-use super::{ROOT, audit, camera, now_ns, proto, wire};
+use super::{ROOT, audit, camera, diagnosis, now_ns, proto, wire};
 use crate::ros::RosPublisher;
 use crate::schedule::ladder::Rung;
 use nalgebra::{Isometry3, UnitQuaternion};
@@ -214,6 +214,7 @@ fn do_chores(course: &mut Course) {
     if course.chores.elapsed() >= CHORES_PERIOD {
         course.chores = Instant::now();
         audit::say_refusals();
+        diagnosis::report_failures();
     }
 }
 

@@ -1,6 +1,6 @@
 //! Zenoh sessions that listen only where they are told to.
 
-use super::security;
+use super::{diagnosis, security};
 use plumbline_config::options::{Link, LoginConfig, NetworkConfig, TlsConfig};
 use std::path::PathBuf;
 use thiserror::Error;
@@ -25,14 +25,28 @@ const RADIO_BATCH_BYTES: u64 = 1_200;
 #[non_exhaustive]
 pub enum NetError {
     /// A session cannot be opened.
-    #[error("cannot open a Zenoh session (listen {listen:?}, connect {connect:?}): {message}")]
+    #[error("{}: {message}", connect.iter().chain(listen).cloned().collect::<Vec<_>>().join(", "))]
     Open {
         /// Where it was to listen.
         listen: Vec<String>,
         /// Where it was to connect.
         connect: Vec<String>,
-        /// What Zenoh said.
+        /// Why, and what to do.
         message: String,
+    },
+    /// An endpoint that cannot work.
+    #[error("endpoint {endpoint}: {reason}")]
+    Endpoint {
+        /// The endpoint.
+        endpoint: String,
+        /// What is wrong, and what to do.
+        reason: String,
+    },
+    /// Somebody listens there already.
+    #[error("{endpoint}: another process listens there; end it, or choose another port")]
+    Taken {
+        /// The endpoint.
+        endpoint: String,
     },
     /// A key cannot be declared.
     #[error("cannot declare '{key}': {message}")]
@@ -170,17 +184,25 @@ impl Endpoints {
         }
     }
 
+    /// Refuses endpoints that cannot work.
+    ///
+    /// # Errors
+    /// When one is malformed, taken, not this host's, or lacks certificates.
+    pub fn check(&self) -> Result<(), NetError> {
+        self.check_signed()?;
+        for endpoint in self.listen.iter().chain(&self.connect) {
+            diagnosis::check(endpoint, self.tls.is_given())?;
+        }
+        self.listen.iter().try_for_each(|endpoint| diagnosis::check_listener(endpoint))
+    }
+
     /// Opens a session.
     ///
     /// # Errors
     /// When an endpoint is malformed, taken or out of reach, or a file of keys cannot be used.
     pub async fn open(&self) -> Result<Session, NetError> {
-        self.check_signed()?;
-        let failed = |error: zenoh::Error| NetError::Open {
-            listen: self.listen.clone(),
-            connect: self.connect.clone(),
-            message: error.to_string(),
-        };
+        self.check()?;
+        let failed = |error: zenoh::Error| self.failed(&error.to_string());
         let mut config = zenoh::Config::default();
         let mode = match self.mode {
             Mode::Peer => "\"peer\"",
@@ -211,6 +233,16 @@ impl Endpoints {
             config.insert_json5(key, &value).map_err(failed)?;
         }
         zenoh::open(config).await.map_err(failed)
+    }
+
+    /// Why a session cannot be opened: by its last attempt to connect where there was one, else as Zenoh says.
+    fn failed(&self, message: &str) -> NetError {
+        let attempt = self.connect.first().and_then(|endpoint| diagnosis::newest_attempt(endpoint));
+        let message = match (attempt, self.connect.first()) {
+            (Some(reason), Some(endpoint)) => diagnosis::explain(endpoint, &reason),
+            _ => diagnosis::plain_words(message),
+        };
+        NetError::Open { listen: self.listen.clone(), connect: self.connect.clone(), message }
     }
 }
 

@@ -35,19 +35,29 @@ pub struct Station {
     pub address: SocketAddr,
 }
 
-/// Serves the page at `address` until the runtime ends; returns the address in use.
+/// Takes the address of the page.
 ///
 /// # Errors
-/// When the address is taken or none of this host's.
+/// When it is taken, or none of this host's.
+pub fn bind(address: SocketAddr) -> Result<std::net::TcpListener> {
+    let listener = std::net::TcpListener::bind(address).with_context(|| {
+        format!("cannot serve the page at {address}; give another address with --http, or --no-http for none")
+    })?;
+    listener.set_nonblocking(true)?;
+    Ok(listener)
+}
+
+/// Serves the page at a bound address until the runtime ends; returns that address.
+///
+/// # Errors
+/// When the system refuses the socket.
 pub async fn serve(
-    address: SocketAddr,
+    listener: std::net::TcpListener,
     fleet: Arc<Mutex<Fleet>>,
     connection: Connection,
     commands: bool,
 ) -> Result<SocketAddr> {
-    let listener = TcpListener::bind(address).await.with_context(|| {
-        format!("cannot serve the page at {address}; give another address with --http, or --no-http for none")
-    })?;
+    let listener = TcpListener::from_std(listener)?;
     let address = listener.local_addr()?;
     let (malformed, pages) = (AtomicU64::new(0), AtomicU64::new(0));
     let station = Arc::new(Station { fleet, connection, commands, malformed, pages, address });

@@ -1,0 +1,76 @@
+//! One rule for the exit status of every command.
+//!
+//! 0: what was asked for was done. 2: it was asked for wrongly, and asking again in the same way cannot help: arguments,
+//! configuration, endpoints, an input that is not there or is not of the kind that was asked for, an output that may
+//! not be written. 1: everything else that went wrong.
+
+use super::Usage;
+use crate::log::LogError;
+use crate::net::NetError;
+use crate::net::keys::KeysError;
+use plumbline_config::ConfigError;
+use plumbline_drivers::DriverError;
+use std::error::Error;
+use std::io::ErrorKind;
+
+/// The run failed.
+const FAILED: u8 = 1;
+/// Wrong usage or configuration, or an input that is not there.
+const USAGE: u8 = 2;
+
+/// The exit status of a command that ended with `error`.
+#[must_use]
+pub fn exit_status(error: &anyhow::Error) -> u8 {
+    if error.chain().any(is_usage) { USAGE } else { FAILED }
+}
+
+fn is_usage(cause: &(dyn Error + 'static)) -> bool {
+    if cause.is::<Usage>() || cause.is::<ConfigError>() {
+        return true;
+    }
+    if let Some(error) = cause.downcast_ref::<std::io::Error>() {
+        return matches!(error.kind(), ErrorKind::NotFound | ErrorKind::IsADirectory | ErrorKind::NotADirectory);
+    }
+    if let Some(error) = cause.downcast_ref::<DriverError>() {
+        let is_usage = matches!(
+            error,
+            DriverError::Scenario(_) | DriverError::Missing { .. } | DriverError::Refused { .. }
+        );
+        return is_usage;
+    }
+    if let Some(error) = cause.downcast_ref::<LogError>() {
+        return matches!(error, LogError::Exists { .. } | LogError::NotALog { .. });
+    }
+    if let Some(error) = cause.downcast_ref::<NetError>() {
+        let is_usage = matches!(
+            error,
+            NetError::Endpoint { .. } | NetError::File { .. } | NetError::Datagrams { .. }
+        );
+        return is_usage;
+    }
+    match cause.downcast_ref::<KeysError>() {
+        None | Some(KeysError::Certificate { .. }) => false,
+        Some(KeysError::File { error, .. }) => is_usage(error),
+        Some(_) => true,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use anyhow::{Context as _, anyhow};
+
+    #[test]
+    fn wrong_usage_is_told_from_a_run_that_failed_also_below_other_causes() {
+        let io = |kind: ErrorKind| anyhow::Error::from(std::io::Error::from(kind)).context("out.tum");
+        assert_eq!(exit_status(&io(ErrorKind::NotFound)), 2);
+        assert_eq!(exit_status(&io(ErrorKind::StorageFull)), 1);
+        let usage = Err::<(), _>(Usage("--speed: give a positive number".into())).context("replay").unwrap_err();
+        assert_eq!(exit_status(&usage), 2);
+        let taken = NetError::Taken { endpoint: "tcp/127.0.0.1:7447".into() };
+        assert_eq!(exit_status(&taken.into()), 1);
+        let wrong = NetError::Endpoint { endpoint: "x".into(), reason: "names no protocol".into() };
+        assert_eq!(exit_status(&wrong.into()), 2);
+        assert_eq!(exit_status(&anyhow!("no pose was found")), 1);
+    }
+}

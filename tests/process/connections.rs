@@ -1,0 +1,135 @@
+//! Connections that cannot be made are explained, and nothing waits for ever or ignores a signal.
+
+use super::vehicle::{PLUMBLINE, Running, eventually, free_port};
+use super::{fails, plumbline, stderr};
+use std::net::TcpListener;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+#[test]
+fn a_second_station_ends_when_its_page_address_is_taken() {
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap().to_string();
+    let nobody = format!("tcp/127.0.0.1:{}", free_port());
+    let start = Instant::now();
+    fails(&["ground", "--http", &address, "--connect", &nobody, "--duration", "60"], 1, &[&address, "--no-http"]);
+    assert!(start.elapsed() < Duration::from_secs(10), "{:?}", start.elapsed());
+}
+
+#[test]
+fn a_station_that_hears_nobody_ends_on_a_signal() {
+    let nobody = format!("tcp/127.0.0.1:{}", free_port());
+    for signal in ["-INT", "-TERM"] {
+        let mut command = Command::new(PLUMBLINE);
+        command.args(["ground", "--no-http", "--plain", "--connect", &nobody]);
+        let mut station = Running::start(command);
+        eventually("it says what is the matter", Duration::from_secs(10), || {
+            station.words().contains("nobody listens there yet")
+        });
+        Command::new("kill").args([signal, &station.child.id().to_string()]).status().unwrap();
+        eventually("it ends", Duration::from_secs(5), || station.child.try_wait().unwrap().is_some());
+        assert_eq!(station.child.wait().unwrap().code(), Some(0));
+    }
+}
+
+#[test]
+fn a_station_that_heard_nobody_says_why_and_fails() {
+    let nobody = format!("tcp/127.0.0.1:{}", free_port());
+    for (endpoint, words) in
+        [(nobody.as_str(), "nobody listens there"), ("tcp/no-such-host.invalid:7447", "host name is unknown")]
+    {
+        let output = plumbline(&["ground", "--no-http", "--json", "--connect", endpoint, "--duration", "3"]);
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(1), "{said}");
+        assert!(said.contains(endpoint) && said.contains(words), "{said}");
+        assert!(!said.contains(".rs:") && !said.contains('\u{1b}'), "{said}");
+    }
+}
+
+#[test]
+fn endpoints_that_cannot_work_are_wrong_usage() {
+    for endpoint in ["127.0.0.1:7447", "http/127.0.0.1:1", "tcp/host", "tcp/host:port", "tls/127.0.0.1:1"] {
+        fails(&["ground", "--no-http", "--connect", endpoint, "--duration", "2"], 2, &[endpoint]);
+        fails(&["router", "--listen", endpoint], 2, &[endpoint]);
+        fails(&["reset", "drone", "--connect", endpoint], 2, &[endpoint]);
+    }
+    let publish = ["replay", "sim:room", "--scale", "0.5", "--publish", "--listen", "tcp/x"];
+    fails(&publish, 2, &["tcp/x", "names no port"]);
+    fails(&["router", "--listen", "tcp/192.0.2.1:7447"], 2, &["192.0.2.1", "address of this host"]);
+}
+
+#[test]
+fn a_port_that_is_taken_is_told() {
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let endpoint = format!("tcp/{}", taken.local_addr().unwrap());
+    fails(&["router", "--listen", &endpoint], 1, &[&endpoint, "another process listens there"]);
+}
+
+/// Options that name the files of a role.
+fn access(folder: &Path, authority: &Path, role: &str) -> Vec<String> {
+    let options = [
+        ("--authority", authority.join("authority.pem")),
+        ("--certificate", folder.join(format!("{role}.pem"))),
+        ("--key", folder.join(format!("{role}.key"))),
+    ];
+    options.into_iter().flat_map(|(option, file)| [option.to_owned(), file.display().to_string()]).collect()
+}
+
+#[test]
+fn stations_that_are_not_let_in_are_told_why() {
+    let folder = tempfile::tempdir().unwrap();
+    let [ours, others] = ["ours", "others"].map(|name| folder.path().join(name));
+    for folder in [&ours, &others] {
+        let made = Command::new(PLUMBLINE).arg("keys").arg(folder).stdout(Stdio::null()).status().unwrap();
+        assert!(made.success());
+    }
+    let port = free_port();
+    let mut router = Command::new(PLUMBLINE);
+    router.args(["router", "--listen", &format!("tls/127.0.0.1:{port}")]).args(access(&ours, &ours, "router"));
+    let _router = Running::start(router);
+    eventually("the router listens", Duration::from_secs(10), || {
+        std::net::TcpStream::connect(("127.0.0.1", port)).is_ok()
+    });
+    for (protocol, access, words) in [
+        ("tls", access(&others, &others, "operator"), "signed by another authority"),
+        ("tls", access(&others, &ours, "viewer"), "does not accept our certificate"),
+        ("tcp", Vec::new(), "it speaks TLS"),
+    ] {
+        let endpoint = format!("{protocol}/127.0.0.1:{port}");
+        let output = Command::new(PLUMBLINE)
+            .args(["ground", "--no-http", "--json", "--duration", "4", "--connect", &endpoint])
+            .args(access)
+            .output()
+            .unwrap();
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(1), "{said}");
+        assert!(said.contains(words), "'{words}' is missing in: {said}");
+    }
+}
+
+#[test]
+fn keys_are_added_and_renewed_in_their_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().to_str().unwrap();
+    for arguments in [&["keys", path][..], &["keys", path, "--vehicle", "hawk"], &["keys", path, "--renew"]] {
+        let output = plumbline(arguments);
+        assert!(output.status.success(), "{arguments:?}: {}", stderr(&output));
+    }
+    fails(&["keys", path, "--vehicle", "hawk"], 2, &["vehicle-hawk.pem", "--renew"]);
+    fails(&["keys", path, "--vehicle", "kite", "--renew"], 2, &["vehicle-kite.pem"]);
+    fails(&["keys", path, "--vehicle", "../kite"], 2, &["--vehicle ../kite"]);
+    let port = free_port();
+    let mut router = Command::new(PLUMBLINE);
+    router.args(["router", "--listen", &format!("tls/127.0.0.1:{port}")]);
+    router.args(access(folder.path(), folder.path(), "vehicle-hawk"));
+    let _router = Running::start(router);
+    eventually("the renewed certificate serves", Duration::from_secs(10), || {
+        let output = Command::new(PLUMBLINE)
+            .args(["reset", "hawk", "--connect", &format!("tls/127.0.0.1:{port}")])
+            .args(access(folder.path(), folder.path(), "operator"))
+            .output()
+            .unwrap();
+        stderr(&output).contains("no vehicle of that name")
+    });
+}
