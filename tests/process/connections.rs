@@ -13,7 +13,11 @@ fn a_second_station_ends_when_its_page_address_is_taken() {
     let address = taken.local_addr().unwrap().to_string();
     let nobody = format!("tcp/127.0.0.1:{}", free_port());
     let start = Instant::now();
-    fails(&["ground", "--http", &address, "--connect", &nobody, "--duration", "60"], 1, &[&address, "--no-http"]);
+    fails(
+        &["ground", "--http", &address, "--connect", &nobody, "--duration", "60"],
+        1,
+        &[&address, "--no-http"],
+    );
     assert!(start.elapsed() < Duration::from_secs(10), "{:?}", start.elapsed());
 }
 
@@ -86,7 +90,9 @@ fn stations_that_are_not_let_in_are_told_why() {
     }
     let port = free_port();
     let mut router = Command::new(PLUMBLINE);
-    router.args(["router", "--listen", &format!("tls/127.0.0.1:{port}")]).args(access(&ours, &ours, "router"));
+    router
+        .args(["router", "--listen", &format!("tls/127.0.0.1:{port}")])
+        .args(access(&ours, &ours, "router"));
     let _router = Running::start(router);
     eventually("the router listens", Duration::from_secs(10), || {
         std::net::TcpStream::connect(("127.0.0.1", port)).is_ok()

@@ -51,7 +51,6 @@ impl ImageReader {
 /// # Errors
 /// When the file cannot be read, is no PNG or a damaged one, or has another size.
 pub fn read_gray_png(path: &Path, sides_px: RangeInclusive<usize>) -> Result<GrayImage, DriverError> {
-    let malformed = |message: &str| DriverError::malformed(path, message);
     if path.is_dir() {
         return Err(DriverError::missing(path, "is a directory; name a PNG image"));
     }

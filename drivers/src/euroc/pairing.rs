@@ -30,7 +30,9 @@ pub(crate) fn parse_image_row(text: &str) -> Result<ImageRow, RowFault> {
         None | Some("") => format!("{}.png", stamp.as_nanos()),
         Some(name) if is_plain_name(name) => name.to_owned(),
         Some(_) => {
-            return Err(RowFault::Impossible("the file name leads out of the folder data; name a file in it"));
+            return Err(RowFault::Impossible(
+                "the file name leads out of the folder data; name a file in it",
+            ));
         }
     };
     Ok(ImageRow { stamp, file })

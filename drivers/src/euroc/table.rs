@@ -46,14 +46,18 @@ impl RowFault {
         let other = separator.into_iter().find(|(sign, _)| !text.contains(',') && text.contains(*sign));
         match (self, other) {
             (Self::Unreadable, _) => "is longer than any row, or not text".into(),
-            (_, Some((_, name))) => format!("{} is separated by {name}; separate its columns by commas", quoted(text)),
+            (_, Some((_, name))) => {
+                format!("{} is separated by {name}; separate its columns by commas", quoted(text))
+            }
             (Self::Stamp, _) if column(1).contains('.') => format!(
                 "the time {} is no whole number of nanoseconds; if it is in seconds, multiply it by 1e9",
                 column(1)
             ),
             (Self::Stamp, _) => format!("the time {} is no whole number of nanoseconds", column(1)),
             (Self::Missing(number), _) => format!("{} ends before column {number}", quoted(text)),
-            (Self::NotANumber(number), _) => format!("column {number} is {}, no finite number", column(number)),
+            (Self::NotANumber(number), _) => {
+                format!("column {number} is {}, no finite number", column(number))
+            }
             (Self::Impossible(why), _) => why.into(),
         }
     }
@@ -247,7 +251,10 @@ mod tests {
     #[test]
     fn a_bad_row_is_told_with_the_column_and_the_cure() {
         for (row, words) in [
-            ("1403636579.758,1,2,3,4,5,6", "'1403636579.758' is no whole number of nanoseconds; if it is in seconds"),
+            (
+                "1403636579.758,1,2,3,4,5,6",
+                "'1403636579.758' is no whole number of nanoseconds; if it is in seconds",
+            ),
             ("x,1,2,3,4,5,6", "the time 'x' is no whole number"),
             ("5;1;2;3;4;5;6", "separated by semicolons"),
             ("5 1 2 3 4 5 6", "separated by spaces"),

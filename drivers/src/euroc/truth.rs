@@ -22,8 +22,7 @@ pub fn read_ground_truth(path: &Path) -> Result<Vec<TruthState>, DriverError> {
 }
 
 /// Columns of the table (17); velocity and biases may be left out: zero then.
-pub(crate) const TRUTH_COLUMNS: &str =
-    "timestamp [ns], p x y z [m], q w x y z, v x y z [m/s], gyro bias x y z [rad/s], accel bias x y z [m/s^2]";
+pub(crate) const TRUTH_COLUMNS: &str = "timestamp [ns], p x y z [m], q w x y z, v x y z [m/s], gyro bias x y z [rad/s], accel bias x y z [m/s^2]";
 
 /// A row of [`TRUTH_COLUMNS`].
 pub(crate) fn parse_truth_row(text: &str) -> Result<TruthState, RowFault> {

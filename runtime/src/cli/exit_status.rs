@@ -29,7 +29,10 @@ fn is_usage(cause: &(dyn Error + 'static)) -> bool {
         return true;
     }
     if let Some(error) = cause.downcast_ref::<std::io::Error>() {
-        return matches!(error.kind(), ErrorKind::NotFound | ErrorKind::IsADirectory | ErrorKind::NotADirectory);
+        return matches!(
+            error.kind(),
+            ErrorKind::NotFound | ErrorKind::IsADirectory | ErrorKind::NotADirectory
+        );
     }
     if let Some(error) = cause.downcast_ref::<DriverError>() {
         let is_usage = matches!(
@@ -42,10 +45,8 @@ fn is_usage(cause: &(dyn Error + 'static)) -> bool {
         return matches!(error, LogError::Exists { .. } | LogError::NotALog { .. });
     }
     if let Some(error) = cause.downcast_ref::<NetError>() {
-        let is_usage = matches!(
-            error,
-            NetError::Endpoint { .. } | NetError::File { .. } | NetError::Datagrams { .. }
-        );
+        let is_usage =
+            matches!(error, NetError::Endpoint { .. } | NetError::File { .. } | NetError::Datagrams { .. });
         return is_usage;
     }
     match cause.downcast_ref::<KeysError>() {
@@ -65,7 +66,8 @@ mod tests {
         let io = |kind: ErrorKind| anyhow::Error::from(std::io::Error::from(kind)).context("out.tum");
         assert_eq!(exit_status(&io(ErrorKind::NotFound)), 2);
         assert_eq!(exit_status(&io(ErrorKind::StorageFull)), 1);
-        let usage = Err::<(), _>(Usage("--speed: give a positive number".into())).context("replay").unwrap_err();
+        let usage =
+            Err::<(), _>(Usage("--speed: give a positive number".into())).context("replay").unwrap_err();
         assert_eq!(exit_status(&usage), 2);
         let taken = NetError::Taken { endpoint: "tcp/127.0.0.1:7447".into() };
         assert_eq!(exit_status(&taken.into()), 1);

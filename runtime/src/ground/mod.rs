@@ -143,8 +143,9 @@ pub fn run(args: &GroundArgs) -> Result<()> {
     station.close(&line);
     outcome?;
     if args.duration.is_some() && !stop.load(Ordering::Relaxed) && lock(&fleet).vehicles.is_empty() {
-        let cause = diagnosis::newest_failure()
-            .unwrap_or_else(|| "is a vehicle flying with --publish, and does it reach the same network?".into());
+        let cause = diagnosis::newest_failure().unwrap_or_else(|| {
+            "is a vehicle flying with --publish, and does it reach the same network?".into()
+        });
         bail!("no vehicle was heard: {cause}");
     }
     Ok(())

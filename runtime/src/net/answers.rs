@@ -237,7 +237,10 @@ impl Answers {
         let wanted = range(query, 0, u64::MAX)?;
         let keyframes = lock(&self.archive).keyframes.get(wanted, MAX_KEYFRAMES_PER_QUESTION);
         if room == Room::One && keyframes.len() > 1 {
-            return Err(format!("{} keyframes are wanted; ask for {key}/**, where each has its own key", keyframes.len()));
+            return Err(format!(
+                "{} keyframes are wanted; ask for {key}/**, where each has its own key",
+                keyframes.len()
+            ));
         }
         let number = |bytes: &Vec<u8>| {
             let header = read::decode::<proto::Keyframe>(bytes).and_then(|keyframe| keyframe.header);

@@ -311,14 +311,18 @@ mod tests {
         assert_eq!(before, [read("authority.pem"), read("vehicle.pem")]);
         for name in ["", "../hawk", "a b", "a/b", &"x".repeat(MAX_NAME + 1)] {
             let names = strings(&[name]);
-            assert!(matches!(make(&request(folder.path(), &[], &names)), Err(KeysError::Name { .. })), "{name}");
+            assert!(
+                matches!(make(&request(folder.path(), &[], &names)), Err(KeysError::Name { .. })),
+                "{name}"
+            );
         }
     }
 
     #[test]
     fn renewal_keeps_file_names_authority_and_hosts() {
         let folder = tempfile::tempdir().unwrap();
-        let (roles, vehicles, hosts) = (strings(&["router"]), strings(&["hawk"]), strings(&["hawk.local", "10.0.0.7", "::1"]));
+        let (roles, vehicles, hosts) =
+            (strings(&["router"]), strings(&["hawk"]), strings(&["hawk.local", "10.0.0.7", "::1"]));
         make(&Request { hosts: &hosts, ..request(folder.path(), &roles, &vehicles) }).unwrap();
         let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
         let (authority, before) = (read("authority.pem"), read("vehicle-hawk.pem"));

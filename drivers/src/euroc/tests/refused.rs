@@ -106,7 +106,10 @@ fn a_bad_table_shows_its_first_bad_line_and_what_is_wrong_with_it() {
     let semicolons = rewrite(&|line| line.replace(',', ";"));
     assert!(semicolons.contains("separated by semicolons"), "{semicolons}");
     let short = rewrite(&|line| line.rsplit_once(',').unwrap().0.to_owned());
-    assert!(short.contains("ends before column 7") && short.contains("expected columns: timestamp"), "{short}");
+    assert!(
+        short.contains("ends before column 7") && short.contains("expected columns: timestamp"),
+        "{short}"
+    );
     sample.edit("cam0/data.csv", |lines| lines.iter_mut().skip(2).for_each(|line| line.insert(0, 'x')));
     assert!(sample.refusal().contains("cam0/data.csv") && sample.refusal().contains("line 3: the time 'x"));
 }
