@@ -1,7 +1,7 @@
 // Resets, recording and downloads of the selected vehicle.
 
 import { byId, make, setAttribute, setText } from './dom.js';
-import { count, duration } from './format.js';
+import { duration } from './format.js';
 
 const TIMEOUT_MS = 8000;
 
@@ -10,16 +10,16 @@ const RESETS = {
     title: (name) => `Soft reset of ${name}?`,
     yes: 'Soft reset',
     text: [
-      'A new start that keeps the pose. The estimator forgets its landmarks and velocity and starts again where it is now: position and heading go on, and so does the drift so far.',
-      'Until it tracks again, there is no valid odometry. The reset counter goes up by one.',
+      'The estimator starts anew and keeps its pose. Landmarks, velocity and biases are discarded; position and heading continue, with the drift so far.',
+      'There is no valid odometry until it tracks again. The reset counter goes up by one.',
     ],
   },
   hard: {
     title: (name) => `Hard reset of ${name}?`,
     yes: 'Hard reset',
     text: [
-      'A new start at the origin. The estimator forgets everything, its pose included: the position jumps to 0 0 0 and heading to zero. The trajectory shown here begins anew.',
-      'Whoever flies by this odometry sees a jump. In the air, do this only in a mode that needs no position. The reset counter goes up by one.',
+      'The estimator starts anew at the origin and discards everything, its pose included: position jumps to 0 0 0 and heading to zero. The trajectory shown here begins anew.',
+      'An autopilot that uses this odometry sees a jump: in flight, do this only in a mode that needs no position. The reset counter goes up by one.',
     ],
   },
 };
@@ -29,8 +29,8 @@ export class Actions {
     this.store = store;
     this.events = events;
     this.dialog = byId('confirm');
-    this.pending = new Set(); // names with an order under way
-    this.asked = null; // what the dialog asks: vehicle and kind
+    this.pending = new Set(); // vehicles with a command under way
+    this.asked = null; // vehicle and kind that the dialog asks about
     for (const kind of Object.keys(RESETS)) byId(`reset-${kind}`).addEventListener('click', () => this.ask(kind));
     byId('confirm-no').addEventListener('click', () => this.dialog.close());
     byId('confirm-yes').addEventListener('click', () => this.confirmed());
@@ -44,7 +44,7 @@ export class Actions {
     for (const kind of Object.keys(RESETS)) {
       const button = byId(`reset-${kind}`);
       button.disabled = !isReachable || isBusy || !hello.commands;
-      const title = hello.commands ? '' : 'The station was started with --no-commands.';
+      const title = hello.commands ? '' : 'Commands are off at this station: it was started with --no-commands, or serves other hosts without --allow-commands.';
       if (button.title !== title) button.title = title;
     }
     const recording = vehicle?.state.recording ?? {};
@@ -74,29 +74,29 @@ export class Actions {
   async confirmed() {
     this.dialog.close();
     const { name, kind } = this.asked;
-    await this.order(name, 'reset', { kind }, `${kind} reset`);
+    await this.send(name, 'reset', { kind }, `${kind} reset`);
   }
 
   async toggleRecording() {
     const { vehicle } = this.store;
     if (!vehicle) return;
     const on = vehicle.state.recording?.on !== true;
-    await this.order(vehicle.name, 'recording', { on }, on ? 'recording' : 'end of recording');
+    await this.send(vehicle.name, 'recording', { on }, on ? 'recording' : 'end of recording');
   }
 
-  // Sends an order, and says how it went.
-  async order(name, path, body, what) {
+  // Sends a command and shows its outcome.
+  async send(name, path, body, what) {
     this.pending.add(name);
-    this.say(`${name}: ${what} asked for…`);
+    this.report(`${name}: ${what} requested…`);
     this.update();
     const outcome = await post(`api/vehicles/${encodeURIComponent(name)}/${path}`, body);
     this.pending.delete(name);
-    this.say(`${name}: ${outcome.text || `${what} ${outcome.ok ? 'done' : 'failed'}`}`, outcome.ok ? 'info' : 'error');
+    this.report(`${name}: ${outcome.text || `${what} ${outcome.ok ? 'done' : 'failed'}`}`, outcome.ok ? 'info' : 'error');
     if (!outcome.ok) this.events.note('error', `${what}: ${outcome.text}`, name);
     this.update();
   }
 
-  say(text, severity = 'info') {
+  report(text, severity = 'info') {
     const line = byId('action-state');
     setText(line, text);
     line.dataset.severity = severity;
@@ -117,8 +117,8 @@ function link(anchor, href) {
 }
 
 function recordingText({ on, samples, seconds }) {
-  if (on) return `Recording: ${duration(seconds)}, ${count(samples)} samples.`;
-  return samples > 0 ? `Recorded: ${duration(seconds)}, ${count(samples)} samples.` : 'Not recording.';
+  if (on) return `Recording ${duration(seconds)}`;
+  return samples > 0 ? `Recorded ${duration(seconds)}` : 'No recording.';
 }
 
 async function post(url, body) {
@@ -136,6 +136,6 @@ async function post(url, body) {
     };
   } catch (error) {
     const isLate = error.name === 'TimeoutError';
-    return { ok: false, text: isLate ? `no answer in ${TIMEOUT_MS / 1000} s` : 'the station cannot be reached' };
+    return { ok: false, text: isLate ? `no answer within ${TIMEOUT_MS / 1000} s` : 'the station cannot be reached' };
   }
 }

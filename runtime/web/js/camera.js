@@ -55,8 +55,8 @@ export class Camera {
 
   reason(vehicle, offers) {
     if (!vehicle || this.shownOf !== null) return '';
-    if (!offers) return 'This vehicle offers no pictures.';
-    return this.store.isCurrent(vehicle) ? 'Waiting for a picture.' : 'No pictures while the vehicle is silent.';
+    if (!offers) return 'This vehicle sends no camera images.';
+    return this.store.isCurrent(vehicle) ? 'Waiting for an image.' : 'No images: no data from the vehicle.';
   }
 
   clear() {
@@ -66,8 +66,8 @@ export class Camera {
     this.context.clearRect(0, 0, this.canvas.width, this.canvas.height);
   }
 
-  // Takes a picture; older ones that still wait are left out.
-  take(picture) {
+  // Takes an image; older ones that still wait are left out.
+  receive(picture) {
     if (picture.vehicle !== this.store.selected || !this.isWanted) return;
     this.waiting = picture;
     if (!this.isDecoding) this.decode();

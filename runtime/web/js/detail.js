@@ -3,6 +3,7 @@
 import { byId, make, setAttribute, setData, setStyle, setText } from './dom.js';
 import * as f from './format.js';
 import { ellipsoid } from './geometry.js';
+import { Horizon } from './horizon.js';
 import { tuple } from './protocol.js';
 
 // Text of every element with this `data-field`.
@@ -11,7 +12,12 @@ const FIELDS = {
   'sigma-position': (v) => f.significant(v.state.sigma?.position_m),
   'sigma-attitude': (v) => f.significant(v.state.sigma?.attitude_deg),
   'sigma-velocity': (v) => f.significant(v.state.sigma?.velocity_m_s),
-  'euler': (v) => f.vector(v.state.euler_deg, 1),
+  'roll': (v) => f.signed(attitudeOf(v)?.[0], 1),
+  'pitch': (v) => f.signed(attitudeOf(v)?.[1], 1),
+  'heading': (v) => f.degrees3(attitudeOf(v)?.[2]),
+  'height': (v) => f.signed(tuple(v.state.pose, 7)?.[2], 2),
+  'climb': (v) => f.signed(tuple(v.state.velocity, 3)?.[2], 2),
+  'ground-speed': (v) => f.number(groundSpeed(tuple(v.state.velocity, 3)), 2),
   'velocity': (v) => f.vector(v.state.velocity, 2),
   'rates': (v) => f.vector(v.state.rate_deg_s, 1),
   'position-map': (v) => f.vector(tuple(v.state.pose_map, 7)?.slice(0, 3), 3),
@@ -39,13 +45,26 @@ const FIELDS = {
 
 const NOBODY = { state: {}, speed: NaN };
 
+// Roll, pitch and heading in degrees, or null.
+function attitudeOf(vehicle) {
+  return tuple(vehicle.state.attitude_deg, 3);
+}
+
+function groundSpeed(velocity) {
+  return velocity ? Math.hypot(velocity[0], velocity[1]) : NaN;
+}
+
+// Health words that report a situation, not a fault.
+const NOTICES = ['stationary'];
+
 export class Detail {
   constructor(store) {
     this.store = store;
     this.elements = Object.keys(FIELDS).flatMap((field) =>
       [...document.querySelectorAll(`[data-field="${field}"]`)].map((element) => [element, FIELDS[field]]));
     this.age = document.querySelector('[data-field="age"]');
-    this.said = null; // words that are shown
+    this.horizon = new Horizon(byId('horizon'));
+    this.shown = null; // lines of the health list
   }
 
   update() {
@@ -62,24 +81,27 @@ export class Detail {
     setText(byId('resets'), f.count(vehicle?.state.resets));
     setText(this.age, age === null ? f.UNKNOWN : age < 10 ? `${age.toFixed(2)} s` : f.duration(age));
     const quality = vehicle?.state.quality;
-    setText(byId('quality'), f.number(quality, 0));
+    // -1 says that there is no valid estimate.
+    setText(byId('quality'), quality < 0 ? 'invalid' : f.number(quality, 0));
+    byId('quality-unit').hidden = quality < 0;
     setStyle(byId('quality-bar'), 'transform', `scaleX(${Math.max(0, Math.min(100, quality || 0)) / 100})`);
     setData(byId('quality-bar'), 'level', quality >= 60 ? 'good' : quality >= 25 ? 'fair' : 'poor');
     for (const [element, text] of this.elements) setText(element, text(vehicle ?? NOBODY));
-    this.updateWords(vehicle, presence, age);
+    this.horizon.update(vehicle ? attitudeOf(vehicle) : null, vehicle ? store.isCurrent(vehicle) : false);
+    this.updateHealth(vehicle, presence, age);
   }
 
-  updateWords(vehicle, presence, age) {
+  updateHealth(vehicle, presence, age) {
     const words = vehicle && Array.isArray(vehicle.state.words) ? vehicle.state.words.slice(0, 40).map(String) : [];
     const notes = [];
-    if (presence === 'stale') notes.push(`no data for ${f.duration(age ?? NaN)}; what is shown is the last that was heard`);
-    if (presence === 'lost') notes.push(`vehicle lost ${since(age)}; what is shown is the last that was heard`);
+    if (presence === 'stale') notes.push(`no data for ${f.duration(age ?? NaN)}: showing the last values received`);
+    if (presence === 'lost') notes.push(`link lost ${since(age)}: showing the last values received`);
     const key = JSON.stringify([vehicle?.name, words, notes]);
-    if (key === this.said) return;
-    this.said = key;
+    if (key === this.shown) return;
+    this.shown = key;
     const list = byId('words');
-    const items = [...notes.map((text) => ['note', text]), ...words.map((text) => ['ail', text])];
-    if (!items.length) items.push(vehicle ? ['fine', 'nothing ails it'] : ['note', 'no vehicle']);
+    const items = [...notes.map((text) => ['note', text]), ...words.map((text) => [NOTICES.includes(text) ? 'info' : 'fault', text])];
+    if (!items.length) items.push(vehicle ? ['ok', 'no faults'] : ['note', 'no vehicle']);
     while (list.children.length > items.length) list.lastChild.remove();
     while (list.children.length < items.length) list.append(make('li'));
     items.forEach(([kind, text], i) => {
@@ -90,12 +112,12 @@ export class Detail {
 }
 
 function presenceText(presence, age) {
-  if (presence === 'lost') return `LOST ${since(age)}`; // the readout beside it has the age
+  if (presence === 'lost') return `link lost ${since(age)}`; // the readout beside it has the age
   if (presence === 'stale') return age === null ? 'stale' : `stale for ${f.duration(age)}`;
   return presence;
 }
 
 function since(age) {
-  if (age === null) return 'before it was heard';
+  if (age === null) return 'before any data came';
   return `since ${f.clock(new Date(Date.now() - 1000 * age))}`;
 }

@@ -14,7 +14,7 @@ export class Events {
   }
 
   // An event of the station.
-  take(message) {
+  receive(message) {
     if (!Number.isFinite(this.store.now)) {
       if (this.early.length < MOST) this.early.push(message);
       return;
@@ -25,7 +25,7 @@ export class Events {
 
   // The station's clock is known now.
   flush() {
-    for (const message of this.early.splice(0)) this.take(message);
+    for (const message of this.early.splice(0)) this.receive(message);
   }
 
   // An event of this page.

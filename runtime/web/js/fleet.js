@@ -111,7 +111,7 @@ class Entry {
 }
 
 function shortPresence(presence, age) {
-  if (presence === 'lost') return age === null ? 'LOST' : `LOST ${brief(age)}`;
+  if (presence === 'lost') return age === null ? 'link lost' : `lost ${brief(age)}`;
   if (presence === 'stale') return age === null ? 'stale' : `stale ${brief(age)}`;
   return presence;
 }

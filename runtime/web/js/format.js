@@ -12,6 +12,18 @@ export function vector(values, digits = 2) {
   return Array.isArray(values) ? values.map((x) => number(x, digits)).join(' ') : UNKNOWN;
 }
 
+// A number with its sign: plus or minus.
+export function signed(value, digits = 1) {
+  const text = number(value, digits);
+  return text === UNKNOWN || text.startsWith('-') ? text : `+${text}`;
+}
+
+// A direction as three digits, 000 to 359.
+export function degrees3(value) {
+  if (typeof value !== 'number' || !Number.isFinite(value)) return UNKNOWN;
+  return String(((Math.round(value) % 360) + 360) % 360).padStart(3, '0');
+}
+
 // A count with thin spaces between thousands.
 export function count(value) {
   return Number.isFinite(value) ? String(Math.round(value)).replace(/\B(?=(\d{3})+$)/g, '\u2009') : UNKNOWN;

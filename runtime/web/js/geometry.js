@@ -75,15 +75,15 @@ export function turn(q, at, p) {
 const FRUSTUM_EDGES = [0, 1, 0, 2, 0, 3, 0, 4, 1, 2, 2, 3, 3, 4, 4, 1];
 export const FRUSTUM_FLOATS = FRUSTUM_EDGES.length * 3;
 
-// How the left camera is mounted in the body, [x, y, z, qx, qy, qz, qw], unless the station says otherwise: looking along
-// the body's z, its right along the body's y, as in the rigs of EuRoC.
-export const DEFAULT_MOUNTING = [0, 0, 0, 0, 0, Math.SQRT1_2, Math.SQRT1_2];
+// Pose of the left camera in the body, [x, y, z, qx, qy, qz, qw], for drawing keyframes: looking along the body's z, its
+// right along the body's y, as in the rigs of EuRoC.
+export const CAMERA_IN_BODY = [0, 0, 0, 0, 0, Math.SQRT1_2, Math.SQRT1_2];
 
 // Small frusta of keyframes. `keyframes` holds the body's [x, y, z, qx, qy, qz, qw] per item, from item `from` to `to`;
 // the result are end points of segments, FRUSTUM_FLOATS numbers per keyframe.
-export function frusta(keyframes, from, to, size, mounting = DEFAULT_MOUNTING) {
+export function frusta(keyframes, from, to, size, camera = CAMERA_IN_BODY) {
   const out = new Float32Array((to - from) * FRUSTUM_FLOATS);
-  const corners = frustumCorners(size).map((corner) => add(turn(mounting, 3, corner), mounting));
+  const corners = frustumCorners(size).map((corner) => add(turn(camera, 3, corner), camera));
   let at = 0;
   for (let i = from; i < to; i += 1) {
     const o = i * 7;

@@ -3,8 +3,8 @@
 import { backoff } from './backoff.js';
 import { parsePicture, parseText } from './protocol.js';
 
-// The station speaks ten times a second; after so many seconds without a word the socket is thought dead. Seconds are
-// counted by a timer, not by a clock: while the page itself is busy, words wait unheard and nobody is silent.
+// The station sends ten messages a second; after so many seconds without one the socket is taken for dead. Seconds are
+// counted by a timer, not by a clock: while the page itself is busy, messages wait and the station is not silent.
 const SILENT_S = 5;
 
 export class Link {
@@ -41,14 +41,14 @@ export class Link {
       if (this.watched !== '[]') this.sendWatched();
     };
     socket.onmessage = ({ data }) => {
-      if (socket === this.socket) this.hear(data);
+      if (socket === this.socket) this.receive(data);
     };
     socket.onclose = () => {
       if (socket === this.socket) this.lose();
     };
   }
 
-  hear(data) {
+  receive(data) {
     this.quietSeconds = 0;
     const isText = typeof data === 'string';
     const message = isText ? parseText(data) : parsePicture(data);
@@ -56,7 +56,7 @@ export class Link {
       this.unread += 1;
       return;
     }
-    // Only a station that speaks is a success: one that hangs up at once is still waited for with patience.
+    // Only a message is a success: a station that closes at once goes on being retried with back-off.
     this.attempt = 0;
     if (isText) this.on.message(message);
     else this.on.picture(message);
@@ -85,7 +85,7 @@ export class Link {
     if (this.timer !== undefined) this.connect();
   }
 
-  // Says whose camera is wanted; said again after a reconnection.
+  // Tells the station whose camera images are wanted; repeated after a reconnection.
   watch(names) {
     const text = JSON.stringify(names);
     if (text === this.watched) return;

@@ -10,6 +10,7 @@ import { number } from './format.js';
 import { listenToKeys } from './keys.js';
 import { Link } from './link.js';
 import { Pace } from './pace.js';
+import { rememberPanels, sideToggle, togglePanel } from './panels.js';
 import { Store } from './store.js';
 import { Strips } from './strips.js';
 import { tuple } from './protocol.js';
@@ -59,7 +60,7 @@ function draw(at) {
     if (view) {
       view.update(store);
       const spacing = view.draw();
-      setText(byId('scale'), `grid ${length(spacing)}, bold ${length(10 * spacing)}`);
+      setText(byId('scale'), `grid ${length(spacing)}, bold lines ${length(10 * spacing)}`);
       setText(byId('frame-note'), frameNote());
       window.requestAnimationFrame(() => pace.drawn(at, performance.now()));
     }
@@ -79,14 +80,14 @@ function length(metres) {
 function frameNote() {
   if (view.frame === 'odom') return 'odometry frame O, z up';
   const correction = tuple(store.vehicle?.state.correction, 7);
-  if (!correction) return 'map frame M: no correction known, drawn as O';
-  return `map frame M: ${number(Math.hypot(correction[0], correction[1], correction[2]), 2)} m off O`;
+  if (!correction) return 'map frame M: no correction received, drawn as O';
+  return `map frame M: ${number(Math.hypot(correction[0], correction[1], correction[2]), 2)} m from O`;
 }
 
 function updateStation() {
   setText(byId('malformed'), String(store.malformed));
   setText(byId('refused'), String(store.refused));
-  setText(byId('version'), store.hello.version ? `v${store.hello.version}` : '');
+  setText(byId('version'), store.hello.version ? `Plumbline ${store.hello.version}` : '');
   const connection = byId('connection');
   setData(connection, 'state', store.isOpen ? 'open' : 'closed');
   const banner = byId('banner');
@@ -94,13 +95,13 @@ function updateStation() {
     const silence = store.silence();
     setText(byId('connection-text'), 'Connected');
     banner.hidden = silence < 2;
-    if (!banner.hidden) setText(banner, 'The station is silent. What is shown is old.');
+    if (!banner.hidden) setText(banner, 'No data from the ground station: the values shown are old.');
     return;
   }
   setText(byId('connection-text'), 'Not connected');
   // Not on the first moment of a page that is just loading.
   banner.hidden = link === null || (link.attempt === 0 && !Number.isFinite(store.nowAt));
-  if (!banner.hidden) setText(banner, 'No connection to the ground station. What is shown is old. Trying again by itself.');
+  if (!banner.hidden) setText(banner, 'No connection to the ground station: the values shown are old. Reconnecting.');
 }
 
 function select(name) {
@@ -136,7 +137,7 @@ const handlers = {
     if (store.sceneOf(message)?.name === store.selected) changed('space');
   },
   event(message) {
-    events.take(message);
+    events.receive(message);
   },
 };
 
@@ -159,10 +160,10 @@ function connect() {
       if (Object.hasOwn(handlers, message.type)) handlers[message.type](message);
     },
     picture(picture) {
-      camera.take(picture);
+      camera.receive(picture);
     },
   });
-  // Ages go on while nobody speaks.
+  // Ages go on while no message comes.
   window.setInterval(() => {
     if (!store.isOpen || store.silence() > 1) changed('text', 'space', 'strips');
   }, 500);
@@ -170,19 +171,19 @@ function connect() {
 
 async function openView() {
   const message = byId('view-message');
-  const say = (text) => {
+  const show = (text) => {
     message.hidden = text === '';
     setText(message, text);
   };
   try {
     const { View3d } = await import('./view3d.js');
     view = new View3d(byId('view3d'), byId('tags'), () => changed('space'));
-    view.onLost = (isLost) => say(isLost ? 'The graphics processor was taken away. Waiting for it to come back.' : '');
+    view.onLost = (isLost) => show(isLost ? 'The browser has lost the graphics processor. Waiting for it to be restored.' : '');
     view.onPick = select;
     view.setTheme(theme());
     changed('space');
   } catch {
-    say('This browser offers no WebGL, so the 3-D view cannot be drawn. Everything else works. Switch on hardware acceleration or use another browser to see it.');
+    show('The 3-D view needs WebGL, which this browser does not offer. Enable hardware acceleration or use another browser. All else works.');
     for (const control of document.querySelectorAll('.view .tools :is(button, input, select)')) control.disabled = true;
   }
 }
@@ -232,7 +233,7 @@ function listen() {
     strips.setTheme(theme());
     changed('text', 'space', 'strips');
   });
-  const camera = byId('camera-panel');
+  const toggleSide = sideToggle();
   listenToKeys({
     j: () => fleet.move(1),
     k: () => fleet.move(-1),
@@ -243,14 +244,15 @@ function listen() {
     1: () => setSpan('10'),
     2: () => setSpan('60'),
     3: () => setSpan('300'),
-    c: () => {
-      camera.open = !camera.open;
-    },
+    s: toggleSide,
+    h: () => togglePanel('history-panel'),
+    c: () => togglePanel('camera-panel'),
     d: () => byId('theme').click(),
   });
 }
 
 strips.setTheme(theme());
+rememberPanels();
 listen();
 if (['10', '60', '300'].includes(recall('span'))) setSpan(recall('span'));
 connect();

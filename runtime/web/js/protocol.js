@@ -1,4 +1,4 @@
-// What the server says, read with suspicion: a message that is not understood is null, never an exception.
+// Parses what the station sends: a malformed message is null, never an exception.
 
 const MAX_HEADER = 1 << 20;
 

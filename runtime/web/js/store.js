@@ -12,8 +12,8 @@ export const MAX_VEHICLES = 200;
 const HISTORY_ROWS = 3_100; // five minutes at 10 Hz
 
 export const HISTORY_COLUMNS = [
-  'roll', 'pitch', 'yaw', 'vx', 'vy', 'vz', 'quality', 'link', 'ailing', 'sigmaPosition', 'sigmaAttitude',
-  'frameMs', 'latencyMs', 'rttMs', 'points', 'lines',
+  'roll', 'pitch', 'vx', 'vy', 'vz', 'quality', 'link', 'faulty', 'sigmaPosition', 'sigmaAttitude',
+  'frameMs', 'latencyMs', 'points', 'lines',
 ];
 
 export class Vehicle {
@@ -41,8 +41,14 @@ export class Vehicle {
     this.sceneVersion += 1;
   }
 
+  // Of the IMU's frame B in O: x y z qx qy qz qw.
   get pose() {
     return tuple(this.state.pose, 7);
+  }
+
+  // Of the vehicle's frame V (x forward, y left, z up) in O, where the mounting is known.
+  get poseVehicle() {
+    return tuple(this.state.pose_vehicle, 7);
   }
 
   // Whether what is shown of it is of now.
@@ -174,19 +180,18 @@ export class Store {
 function historyRow(vehicle) {
   const { state } = vehicle;
   if (!vehicle.isCurrent) return {};
-  const euler = tuple(state.euler_deg, 3) ?? [];
+  const attitude = tuple(state.attitude_deg, 3) ?? [];
   const velocity = tuple(state.velocity, 3) ?? [];
   return {
-    roll: euler[0], pitch: euler[1], yaw: euler[2],
+    roll: attitude[0], pitch: attitude[1],
     vx: velocity[0], vy: velocity[1], vz: velocity[2],
     quality: state.quality,
     link: state.link?.quality,
-    ailing: Array.isArray(state.words) && state.words.length > 0 ? 1 : 0,
+    faulty: Array.isArray(state.words) && state.words.length > 0 ? 1 : 0,
     sigmaPosition: state.sigma?.position_m,
     sigmaAttitude: state.sigma?.attitude_deg,
     frameMs: state.frame_ms,
     latencyMs: state.link?.latency_ms,
-    rttMs: state.link?.rtt_ms,
     points: state.points?.tracked,
     lines: state.lines?.tracked,
   };

@@ -5,15 +5,15 @@ import { number, significant } from './format.js';
 import { componentColour, DASHES, sceneColours } from './palette.js';
 import { breakWraps } from './ring.js';
 
-const ANGLES = ['roll', 'pitch', 'yaw'];
+const ANGLES = ['roll', 'pitch'];
 
 const STRIPS = [
   { title: 'Attitude', unit: '°', columns: ANGLES, labels: ANGLES, digits: 1, least: 10 },
-  { title: 'Velocity O', unit: 'm/s', columns: ['vx', 'vy', 'vz'], labels: ['x', 'y', 'z'], digits: 2, least: 0.5 },
-  { title: 'Health', unit: '%', columns: ['quality', 'link'], labels: ['quality', 'link'], digits: 0, range: [-5, 105], shade: true },
-  { title: 'Sigma', unit: '', columns: ['sigmaPosition', 'sigmaAttitude'], labels: ['m', '°'], significant: true, zero: true, least: 0.01 },
-  { title: 'Times', unit: 'ms', columns: ['frameMs', 'latencyMs', 'rttMs'], labels: ['frame', 'latency', 'RTT'], digits: 1, zero: true, least: 1 },
-  { title: 'Tracked', unit: '', columns: ['points', 'lines'], labels: ['points', 'lines'], digits: 0, zero: true, least: 10 },
+  { title: 'Velocity in O', unit: 'm/s', columns: ['vx', 'vy', 'vz'], labels: ['x', 'y', 'z'], digits: 2, least: 0.5 },
+  { title: 'Quality', unit: '%', columns: ['quality', 'link'], labels: ['estimate', 'link'], digits: 0, range: [-5, 105], shade: true },
+  { title: 'Position, attitude 1σ', unit: '', columns: ['sigmaPosition', 'sigmaAttitude'], labels: ['m', '°'], significant: true, zero: true, least: 0.01 },
+  { title: 'Computation, latency', unit: 'ms', columns: ['frameMs', 'latencyMs'], labels: ['frame', 'link'], digits: 1, zero: true, least: 1 },
+  { title: 'Features tracked', unit: '', columns: ['points', 'lines'], labels: ['points', 'lines'], digits: 0, zero: true, least: 10 },
 ];
 
 export class Strips {
@@ -23,7 +23,7 @@ export class Strips {
     this.theme = 'dark';
     this.uPlot = window.uPlot;
     if (!this.uPlot) {
-      container.textContent = 'The strips cannot be drawn: uPlot did not load.';
+      container.textContent = 'The plots cannot be drawn: uPlot did not load.';
       this.strips = [];
       return;
     }
@@ -54,7 +54,7 @@ export class Strips {
     plot.setAttribute('aria-label', `${spec.title} over time`);
     figure.append(caption, plot);
     this.container.append(figure);
-    const columns = spec.shade ? [...spec.columns, 'ailing'] : spec.columns;
+    const columns = spec.shade ? [...spec.columns, 'faulty'] : spec.columns;
     const data = [[], ...columns.map(() => [])];
     const strip = { spec, values, plot, columns, data };
     strip.chart = new this.uPlot(this.options(strip), data, plot);
@@ -95,22 +95,22 @@ export class Strips {
       ],
       hooks: {
         drawClear: spec.shade ? [(chart) => this.shade(chart, strip)] : [],
-        setCursor: [() => this.say(strip)],
+        setCursor: [() => this.showValues(strip)],
       },
     };
   }
 
-  // Bands where something ailed.
+  // Bands where a health bit was set.
   shade(chart, strip) {
     const [times] = strip.data;
-    const ailing = strip.data.at(-1);
+    const faulty = strip.data.at(-1);
     const { ctx, bbox } = chart;
     ctx.save();
     ctx.fillStyle = this.theme === 'dark' ? 'rgba(232,178,58,0.22)' : 'rgba(180,95,0,0.18)';
     for (let i = 0; i < times.length; i += 1) {
-      if (ailing[i] !== 1) continue;
+      if (faulty[i] !== 1) continue;
       let end = i;
-      while (end + 1 < times.length && ailing[end + 1] === 1) end += 1;
+      while (end + 1 < times.length && faulty[end + 1] === 1) end += 1;
       const x0 = Math.max(bbox.left, chart.valToPos(times[i], 'x', true));
       const x1 = chart.valToPos(times[Math.min(end + 1, times.length - 1)], 'x', true);
       if (x1 > x0) ctx.fillRect(x0, bbox.top, Math.max(1, x1 - x0), bbox.height);
@@ -120,7 +120,7 @@ export class Strips {
   }
 
   // The numbers in the caption: at the cursor, or the newest.
-  say(strip) {
+  showValues(strip) {
     const { spec, chart, data, values } = strip;
     const at = chart?.cursor?.idx ?? data[0].length - 1;
     const text = spec.significant ? significant : (x) => number(x, spec.digits);
@@ -138,7 +138,7 @@ export class Strips {
         for (const series of data.slice(1)) breakWraps(series, 1 + Math.ceil(perPixel));
       }
       chart.setData(data);
-      this.say(strip);
+      this.showValues(strip);
     }
   }
 

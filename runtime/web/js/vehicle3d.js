@@ -1,8 +1,8 @@
-// One vehicle in the 3-D view: trajectory and marker always; landmarks, keyframes, body axes and ellipsoid when selected.
+// One vehicle in the 3-D view: trajectory and marker always; landmarks, keyframes, axes and ellipsoid when selected.
 
 import * as THREE from '../vendor/three/three.module.min.js';
 import { Cloud, Replaced } from './cloud.js';
-import { DEFAULT_MOUNTING, ellipsoid, FRUSTUM_FLOATS, frusta } from './geometry.js';
+import { ellipsoid, FRUSTUM_FLOATS, frusta } from './geometry.js';
 import { tuple } from './protocol.js';
 import { SlidingArray } from './ring.js';
 import { MAX_KEYFRAMES } from './store.js';
@@ -20,14 +20,14 @@ export class Vehicle3d {
     scene.add(this.root);
     this.trackMaterial = new THREE.LineBasicMaterial({ transparent: true, fog: false });
     this.track = new Cloud(THREE.Line, this.trackMaterial);
-    this.markerMaterial = new THREE.MeshBasicMaterial({ fog: false });
-    this.marker = new THREE.Mesh(new THREE.OctahedronGeometry(1), this.markerMaterial);
+    this.markerMaterial = new THREE.MeshBasicMaterial({ fog: false, side: THREE.DoubleSide });
+    this.marker = new THREE.Mesh(dart(), this.markerMaterial);
     this.axes = bodyAxes();
     this.body = new THREE.Group();
     this.body.add(this.marker, this.axes.object);
     this.root.add(this.track.object, this.body);
     this.detail = null;
-    this.position = new THREE.Vector3(); // of the body, in the frame that is shown
+    this.position = new THREE.Vector3(); // in the frame that is shown
     this.hasPose = false;
   }
 
@@ -44,7 +44,8 @@ export class Vehicle3d {
     this.markerMaterial.color.set(look.isCurrent ? look.colour : look.colours.keyframe);
     this.markerMaterial.wireframe = !look.isCurrent;
     this.track.object.renderOrder = look.isSelected ? 2 : 1;
-    const { pose } = vehicle;
+    // The vehicle's axes; those of the IMU as long as its mounting is unknown.
+    const pose = vehicle.poseVehicle ?? vehicle.pose;
     this.hasPose = pose !== null;
     this.body.visible = this.hasPose;
     if (this.hasPose) {
@@ -70,7 +71,7 @@ export class Vehicle3d {
 
   // Keeps the marker at the same size on the screen, whatever the distance.
   scaleMarker(metresPerPixel, isSelected) {
-    const size = (isSelected ? 5 : 4) * metresPerPixel;
+    const size = (isSelected ? 9 : 7) * metresPerPixel;
     this.marker.scale.setScalar(size);
     this.axes.object.scale.setScalar(Math.max(0.3, 38 * metresPerPixel));
   }
@@ -121,11 +122,10 @@ class Detail {
   }
 
   update(vehicle, look) {
-    const mounting = tuple(vehicle.state.mounting, 7) ?? DEFAULT_MOUNTING;
     this.paint(look);
     this.mapPoints.update(vehicle.map.points);
     this.mapLines.update(vehicle.map.lines);
-    this.expandKeyframes(vehicle.map.keyframes, mounting);
+    this.expandKeyframes(vehicle.map.keyframes);
     this.mapKeyframes.update(this.frusta);
     this.choose(look.landmarks);
     const seen = this.sceneSeen;
@@ -133,7 +133,7 @@ class Detail {
       const { scene } = vehicle;
       this.points.set(scene.points);
       this.lines.set(scene.lines);
-      this.keyframes.set(frusta(scene.keyframes, 0, scene.keyframes.length / 7, KEYFRAME_M, mounting));
+      this.keyframes.set(frusta(scene.keyframes, 0, scene.keyframes.length / 7, KEYFRAME_M));
       Object.assign(seen, { vehicle, version: vehicle.sceneVersion });
     }
     this.showEllipsoid(vehicle, look.ellipsoidScale);
@@ -159,14 +159,14 @@ class Detail {
   }
 
   // Keyframes are stored as poses; only the new ones are made into segments.
-  expandKeyframes(source, mounting) {
+  expandKeyframes(source) {
     const seen = this.frustaSeen;
     if (seen.source !== source || seen.epoch !== source.epoch) {
       this.frusta.clear();
       seen.appended = 0;
     }
     const fresh = Math.min(source.appended - seen.appended, source.length);
-    if (fresh > 0) this.frusta.append(frusta(source.array, source.end - fresh, source.end, KEYFRAME_M, mounting));
+    if (fresh > 0) this.frusta.append(frusta(source.array, source.end - fresh, source.end, KEYFRAME_M));
     Object.assign(seen, { source, epoch: source.epoch, appended: source.appended });
   }
 
@@ -200,6 +200,17 @@ function place(matrix, pose) {
   if (!pose) return matrix.identity();
   const rotation = new THREE.Quaternion(pose[3], pose[4], pose[5], pose[6]);
   return matrix.compose(new THREE.Vector3(pose[0], pose[1], pose[2]), rotation, new THREE.Vector3(1, 1, 1));
+}
+
+// A dart of unit size that points along x, its fin along z.
+function dart() {
+  const nose = [1.3, 0, 0];
+  const left = [-0.9, 0.85, 0];
+  const right = [-0.9, -0.85, 0];
+  const tail = [-0.5, 0, 0];
+  const fin = [-0.75, 0, 0.55];
+  const triangles = [nose, left, tail, nose, tail, right, nose, fin, tail];
+  return new THREE.BufferGeometry().setAttribute('position', new THREE.Float32BufferAttribute(triangles.flat(), 3));
 }
 
 // Three unit axes with their letters.

@@ -57,7 +57,7 @@ export class View3d {
     this.reset();
   }
 
-  // A click, other than a drag, on a vehicle is told to `onPick`.
+  // A click on a vehicle, other than a drag, calls `onPick` with its name.
   listenToClicks() {
     let down = null;
     this.canvas.addEventListener('pointerdown', (event) => {
@@ -205,7 +205,7 @@ export class View3d {
         ellipsoidScale: this.ellipsoidScale,
       };
       shown.update(vehicle, look);
-      this.tags.get(vehicle.name).say(store.presence(vehicle), look.isSelected, look.colour);
+      this.tags.get(vehicle.name).show(store.presence(vehicle), look.isSelected, look.colour);
     }
     if (this.selected !== store.selected) this.followed = null;
     this.selected = store.selected;
@@ -301,14 +301,14 @@ function tag(labels, name) {
   element.className = 'tag';
   element.textContent = name;
   labels.append(element);
-  let said = '';
+  let shown = '';
   return {
     element,
-    say(presence, isSelected, colour) {
+    show(presence, isSelected, colour) {
       const now = `${presence} ${isSelected} ${colour}`;
-      if (now === said) return;
-      said = now;
-      element.textContent = presence === 'tracking' ? name : `${name} · ${presence === 'lost' ? 'LOST' : presence}`;
+      if (now === shown) return;
+      shown = now;
+      element.textContent = presence === 'tracking' ? name : `${name} · ${presence === 'lost' ? 'link lost' : presence}`;
       element.classList.toggle('selected', isSelected);
       element.style.setProperty('--vehicle', colour);
     },

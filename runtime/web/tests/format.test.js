@@ -1,6 +1,6 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
-import { bits, count, duration, number, ratio, significant, stampSeconds, UNKNOWN, vector } from '../js/format.js';
+import { bits, count, degrees3, duration, number, ratio, signed, significant, stampSeconds, UNKNOWN, vector } from '../js/format.js';
 
 test('numbers have their digits, and no minus before zero', () => {
   assert.equal(number(1.005, 1), '1.0');
@@ -45,4 +45,14 @@ test('counts are grouped and bits are hexadecimal', () => {
   assert.equal(count(12), '12');
   assert.equal(bits(8), '0x0008');
   assert.equal(bits(null), UNKNOWN);
+});
+
+test('directions are three digits, and a full turn is zero', () => {
+  assert.deepEqual([0, 7.4, 89.6, 359.6, -90, 720].map(degrees3), ['000', '007', '090', '000', '270', '000']);
+  assert.equal(degrees3(null), UNKNOWN);
+});
+
+test('signed numbers show their sign, zero a plus', () => {
+  assert.deepEqual([1.26, -1.26, 0, -0.01].map((x) => signed(x, 1)), ['+1.3', '-1.3', '+0.0', '+0.0']);
+  assert.equal(signed(NaN), UNKNOWN);
 });

@@ -1,6 +1,6 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
-import { cross, DEFAULT_MOUNTING, dot, eigenSymmetric, ellipsoid, FRUSTUM_FLOATS, frusta, gridSpacing, norm, turn } from '../js/geometry.js';
+import { CAMERA_IN_BODY, cross, dot, eigenSymmetric, ellipsoid, FRUSTUM_FLOATS, frusta, gridSpacing, norm, turn } from '../js/geometry.js';
 
 function near(actual, expected, tolerance = 1e-12) {
   assert.ok(Math.abs(actual - expected) <= tolerance, `${actual} is not ${expected}`);
@@ -67,10 +67,10 @@ test('a quarter turn about z takes x to y', () => {
 
 test('a frustum begins at its keyframe and opens along the camera', () => {
   const keyframes = [9, 9, 9, 0, 0, 0, 1, 1, 2, 3, 0, 0, 0, 1];
-  const segments = frusta(keyframes, 1, 2, 0.5, DEFAULT_MOUNTING);
+  const segments = frusta(keyframes, 1, 2, 0.5, CAMERA_IN_BODY);
   assert.equal(segments.length, FRUSTUM_FLOATS);
   assert.deepEqual([...segments.slice(0, 3)], [1, 2, 3]);
-  near(segments[5], 3.5, 1e-6); // the mounting looks along the body's z
+  near(segments[5], 3.5, 1e-6); // the camera looks along the body's z
   const edges = [];
   for (let i = 0; i < segments.length; i += 6) {
     edges.push(norm([0, 1, 2].map((k) => segments[i + k] - segments[i + 3 + k])));

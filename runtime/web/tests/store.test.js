@@ -105,7 +105,7 @@ test('messages that make no sense change nothing', () => {
   store.fleet({ now_s: 1, vehicles: [null, 7, {}, { name: '' }, { name: 3 }] }, 0);
   assert.equal(store.vehicles.size, 0);
   assert.equal(store.trackOf({ points: [] }), null);
-  fleet(store, [state('a', { covariance: 'x', link: null, words: 3, euler_deg: [1] })]);
+  fleet(store, [state('a', { covariance: 'x', link: null, words: 3, attitude_deg: [1] })]);
   store.sceneOf({ vehicle: 'a', keyframes: 'x', points: null });
   assert.deepEqual(store.vehicle.scene, { keyframes: [], points: [], lines: [] });
 });
