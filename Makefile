@@ -8,8 +8,11 @@ FLAGS ?= --release --locked
 ARGS ?=
 # Where the Python environment and the cargo tools are put.
 VENV ?= .venv
-# Length of the soak test.
+# Length of the long flight of the soak tests; the others follow it or have a length of their own.
 SOAK_MINUTES ?= 30
+# What `make fuzz` runs, and for how long.
+TARGET ?=
+SECONDS ?= 60
 
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
@@ -21,7 +24,8 @@ export NEXTEST_PROFILE ?= $(if $(CI),ci,default)
 
 # The steps are in order; cargo is parallel itself.
 .NOTPARALLEL:
-.PHONY: help demo build test check lint fmt fmt-check clippy deny soak bench doc setup clean
+.PHONY: help demo build test tests checked check lint fmt fmt-check clippy deny soak digests bench doc setup clean \
+	fuzz fuzz-all fuzz-smoke
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1\t/' | expand -t 20
@@ -34,19 +38,50 @@ build: ## the product
 	@scripts/setup base
 	$(CARGO) build $(FLAGS) -p plumbline
 
-test: setup fmt-check deny ## format, lints, licences, then every test but the soak
-	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/scripts/rustc-clippy \
-		$(CARGO) nextest run $(FLAGS) --workspace --all-targets -E 'not kind(bench)' $(ARGS)
+# What tests skip is collected here, and printed at the end.
+export PLUMBLINE_SKIPPED := $(CURDIR)/target/skipped.txt
+# forget-skips at the beginning; the last line of a recipe is $(call tell-skips,COMMAND), which fails as COMMAND does.
+forget-skips = @mkdir -p target && rm -f $(PLUMBLINE_SKIPPED)
+tell-skips = status=0; $(1) || status=$$?; scripts/skipped; exit $$status
+
+test: setup fmt-check deny checked tests ## format, lints, licences, checked unit tests, then every test but the soak
+
+tests:
+	$(forget-skips)
+	$(call tell-skips,RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/scripts/rustc-clippy \
+		$(CARGO) nextest run $(FLAGS) --workspace --all-targets -E 'not kind(bench)' $(ARGS))
+
+# The crates whose dependencies are few: these are compiled once more.
+CHECKED = -p plumbline-config -p plumbline-estimator -p plumbline-drivers
+
+checked: ## unit and property tests with overflow checks and debug assertions
+	@scripts/setup test
+	$(CARGO) nextest run --cargo-profile checked --locked $(CHECKED) --all-features --lib $(ARGS)
 
 check: ## the tests alone, without the lints
 	@scripts/setup test
-	$(CARGO) nextest run $(FLAGS) --workspace $(ARGS)
+	$(forget-skips)
+	$(call tell-skips,$(CARGO) nextest run $(FLAGS) --workspace $(ARGS))
 
 lint: setup fmt-check deny clippy ## format, licences and lints, without the tests
 
 soak: setup ## long flights: memory, drift of time, restarts (SOAK_MINUTES=30)
-	PLUMBLINE_SOAK_MINUTES=$(SOAK_MINUTES) $(CARGO) nextest run $(FLAGS) --workspace --profile soak \
-		--run-ignored all -E 'test(/soak/)' $(ARGS)
+	$(forget-skips)
+	$(call tell-skips,PLUMBLINE_SOAK_MINUTES=$(SOAK_MINUTES) \
+		$(CARGO) nextest run $(FLAGS) --workspace --profile soak --run-ignored all -E 'test(/soak/)' $(ARGS))
+
+digests: setup ## writes tests/digests.toml anew, after a change of the estimator that is meant
+	$(CARGO) nextest run $(FLAGS) --workspace --run-ignored only -E 'test(=digests::record_digests)' $(ARGS)
+	@git --no-pager diff --stat -- tests/digests.toml
+
+fuzz: ## runs a fuzz target, guided by coverage: TARGET=config_toml SECONDS=60
+	@scripts/fuzz "$(TARGET)" "$(SECONDS)"
+
+fuzz-all: ## every fuzz target in turn, SECONDS each
+	@scripts/fuzz all "$(SECONDS)"
+
+fuzz-smoke: ## every fuzz target for 5000 runs; `make test` runs their seeds and mutations of them without this build
+	@scripts/fuzz all runs=5000
 
 bench: setup ## benchmarks of the stages
 	$(CARGO) bench --locked -p plumbline-tests $(ARGS)
