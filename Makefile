@@ -24,7 +24,7 @@ export NEXTEST_PROFILE ?= $(if $(CI),ci,default)
 
 # The steps are in order; cargo is parallel itself.
 .NOTPARALLEL:
-.PHONY: help demo build test tests checked check lint fmt fmt-check clippy deny soak digests bench doc setup clean \
+.PHONY: help demo build test tests forget-skips checked check lint fmt fmt-check clippy deny soak digests bench doc setup clean \
 	fuzz fuzz-all fuzz-smoke
 
 help: ## this list
@@ -40,14 +40,15 @@ build: ## the product
 
 # What tests skip is collected here, and printed at the end.
 export PLUMBLINE_SKIPPED := $(CURDIR)/target/skipped.txt
-# forget-skips at the beginning; the last line of a recipe is $(call tell-skips,COMMAND), which fails as COMMAND does.
-forget-skips = @mkdir -p target && rm -f $(PLUMBLINE_SKIPPED)
+# The last line of a recipe is $(call tell-skips,COMMAND), which fails as COMMAND does.
 tell-skips = status=0; $(1) || status=$$?; scripts/skipped; exit $$status
 
-test: setup fmt-check deny checked tests ## format, lints, licences, checked unit tests, then every test but the soak
+test: setup fmt-check deny forget-skips checked tests ## format, lints, licences, checked unit tests, then every test but the soak
+
+forget-skips:
+	@mkdir -p target && rm -f $(PLUMBLINE_SKIPPED)
 
 tests:
-	$(forget-skips)
 	$(call tell-skips,RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/scripts/rustc-clippy \
 		$(CARGO) nextest run $(FLAGS) --workspace --all-targets -E 'not kind(bench)' $(ARGS))
 
@@ -58,15 +59,13 @@ checked: ## unit and property tests with overflow checks and debug assertions
 	@scripts/setup test
 	$(CARGO) nextest run --cargo-profile checked --locked $(CHECKED) --all-features --lib $(ARGS)
 
-check: ## the tests alone, without the lints
+check: forget-skips ## the tests alone, without the lints
 	@scripts/setup test
-	$(forget-skips)
 	$(call tell-skips,$(CARGO) nextest run $(FLAGS) --workspace $(ARGS))
 
 lint: setup fmt-check deny clippy ## format, licences and lints, without the tests
 
-soak: setup ## long flights: memory, drift of time, restarts (SOAK_MINUTES=30)
-	$(forget-skips)
+soak: setup forget-skips ## long flights: memory, drift of time, restarts (SOAK_MINUTES=30)
 	$(call tell-skips,PLUMBLINE_SOAK_MINUTES=$(SOAK_MINUTES) \
 		$(CARGO) nextest run $(FLAGS) --workspace --profile soak --run-ignored all -E 'test(/soak/)' $(ARGS))
 

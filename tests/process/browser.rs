@@ -116,65 +116,6 @@ fn modules_of_the_page_pass_their_own_tests() {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
 }
 
-#[test]
-fn network_page_shows_a_vehicle_that_comes_is_reset_dies_and_comes_back() {
-    const PATIENCE: Duration = Duration::from_secs(20);
-    render(40);
-    let Some(mut browser) = Browser::start() else { return };
-    let (vehicle_port, page_port) = (free_port(), free_port());
-    let endpoint = format!("tcp/127.0.0.1:{vehicle_port}");
-    let mut command = Command::new(PLUMBLINE);
-    let page = format!("127.0.0.1:{page_port}");
-    command.args(["ground", "--plain", "--connect", &endpoint, "--http", &page]);
-    let station = Running::start(command);
-    let folder = tempfile::tempdir().unwrap();
-    let report = folder.path().join("report.json");
-    let fly = || {
-        let mut command = flight("drone", 40);
-        command.args(["--listen", &endpoint, "--report"]).arg(&report);
-        Running::start(command)
-    };
-    let url = format!("http://{page}/");
-    eventually("the page is served", PATIENCE, || browser.order(&json!({"do": "open", "url": url})).is_ok());
-    eventually("the socket is open", PATIENCE, || browser.attribute("#connection", "data-state") == "open");
-
-    let mut vehicle = fly();
-    eventually("the vehicle is tracking", PATIENCE, || browser.presence() == "tracking");
-    eventually("its path grows", PATIENCE, || browser.points() > 20);
-    let before = browser.points();
-    eventually("and goes on growing", PATIENCE, || browser.points() > before + 20);
-    let position = browser.text("#position");
-    eventually("its position changes", PATIENCE, || browser.text("#position") != position);
-    eventually("its camera is seen", PATIENCE, || !browser.attribute("#camera", "data-stamp").is_empty());
-    browser.screenshot("ground-light.png");
-
-    assert_eq!(browser.text("#resets").trim(), "0");
-    browser.click("#reset-soft");
-    eventually("the question is asked", PATIENCE, || !browser.text("#confirm-yes").is_empty());
-    browser.click("#confirm-yes");
-    eventually("the reset was done", PATIENCE, || browser.text("#resets").trim() == "1");
-    eventually("the event is told", PATIENCE, || browser.text("#events").contains("reset"));
-    eventually("it tracks again", PATIENCE, || browser.presence() == "tracking");
-
-    vehicle.kill();
-    let killed = Instant::now();
-    eventually("it is lost within two seconds", Duration::from_secs(2), || browser.presence() == "lost");
-    println!("lost after {:.2} s", killed.elapsed().as_secs_f64());
-    let mut vehicle = fly();
-    eventually("it comes back", PATIENCE, || browser.presence() == "tracking");
-    let stamp = browser.attribute("#camera", "data-stamp");
-    eventually("its camera is seen again", PATIENCE, || browser.attribute("#camera", "data-stamp") != stamp);
-    std::thread::sleep(Duration::from_secs(3));
-    browser.click("#theme");
-    browser.screenshot("ground-other-theme.png");
-    let errors = browser.order(&json!({"do": "errors"})).unwrap();
-    assert_eq!(errors, json!([]), "the console of the page");
-    vehicle.interrupt();
-    let report: Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
-    assert_eq!(report["hot_path_allocations"], 0, "while it published, and somebody looked at its camera");
-    assert!(!station.words().contains("panicked"), "{}", station.words());
-}
-
 /// Bytes that no page would send, at the web socket and beside it.
 #[test]
 fn network_page_survives_noise_at_its_socket() {
@@ -245,4 +186,77 @@ fn network_page_survives_noise_at_its_socket() {
         .unwrap();
     assert!(counted >= 10, "{counted} counted");
     assert!(station.child.try_wait().unwrap().is_none(), "{}", station.words());
+}
+
+/// Those that measure rates and times: see `.config/nextest.toml`.
+mod realtime {
+    use super::*;
+
+    #[test]
+    fn network_page_shows_a_vehicle_that_comes_is_reset_dies_and_comes_back() {
+        const PATIENCE: Duration = Duration::from_secs(20);
+        render(40);
+        let Some(mut browser) = Browser::start() else { return };
+        let (vehicle_port, page_port) = (free_port(), free_port());
+        let endpoint = format!("tcp/127.0.0.1:{vehicle_port}");
+        let mut command = Command::new(PLUMBLINE);
+        let page = format!("127.0.0.1:{page_port}");
+        command.args(["ground", "--plain", "--connect", &endpoint, "--http", &page]);
+        let station = Running::start(command);
+        let folder = tempfile::tempdir().unwrap();
+        let report = folder.path().join("report.json");
+        let fly = || {
+            let mut command = flight("drone", 40);
+            command.args(["--listen", &endpoint, "--report"]).arg(&report);
+            Running::start(command)
+        };
+        let url = format!("http://{page}/");
+        eventually("the page is served", PATIENCE, || {
+            browser.order(&json!({"do": "open", "url": url})).is_ok()
+        });
+        eventually("the socket is open", PATIENCE, || {
+            browser.attribute("#connection", "data-state") == "open"
+        });
+
+        let mut vehicle = fly();
+        eventually("the vehicle is tracking", PATIENCE, || browser.presence() == "tracking");
+        eventually("its path grows", PATIENCE, || browser.points() > 20);
+        let before = browser.points();
+        eventually("and goes on growing", PATIENCE, || browser.points() > before + 20);
+        let position = browser.text("#position");
+        eventually("its position changes", PATIENCE, || browser.text("#position") != position);
+        eventually("its camera is seen", PATIENCE, || !browser.attribute("#camera", "data-stamp").is_empty());
+        browser.screenshot("ground-light.png");
+
+        assert_eq!(browser.text("#resets").trim(), "0");
+        browser.click("#reset-soft");
+        eventually("the question is asked", PATIENCE, || !browser.text("#confirm-yes").is_empty());
+        browser.click("#confirm-yes");
+        eventually("the reset was done", PATIENCE, || browser.text("#resets").trim() == "1");
+        eventually("the event is told", PATIENCE, || browser.text("#events").contains("reset"));
+        eventually("it tracks again", PATIENCE, || browser.presence() == "tracking");
+
+        vehicle.kill();
+        let killed = Instant::now();
+        eventually("it is lost within two seconds", Duration::from_secs(2), || browser.presence() == "lost");
+        println!("lost after {:.2} s", killed.elapsed().as_secs_f64());
+        let mut vehicle = fly();
+        eventually("it comes back", PATIENCE, || browser.presence() == "tracking");
+        let stamp = browser.attribute("#camera", "data-stamp");
+        eventually("its camera is seen again", PATIENCE, || {
+            browser.attribute("#camera", "data-stamp") != stamp
+        });
+        std::thread::sleep(Duration::from_secs(3));
+        browser.click("#theme");
+        browser.screenshot("ground-other-theme.png");
+        let errors = browser.order(&json!({"do": "errors"})).unwrap();
+        assert_eq!(errors, json!([]), "the console of the page");
+        vehicle.interrupt();
+        let report: Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
+        assert_eq!(
+            report["hot_path_allocations"], 0,
+            "while it published, and somebody looked at its camera"
+        );
+        assert!(!station.words().contains("panicked"), "{}", station.words());
+    }
 }

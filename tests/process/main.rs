@@ -1,6 +1,5 @@
 //! System tests of the command: real processes, real files, a real Zenoh session.
 
-mod autopilot;
 mod browser;
 mod cgroup;
 mod connections;
@@ -9,13 +8,11 @@ mod errors;
 mod example;
 mod host;
 mod lines;
-mod links;
-mod live;
 mod log;
 mod network;
 mod python;
+mod realtime;
 mod replay;
-mod restarts;
 mod ros;
 mod security;
 mod vehicle;

@@ -141,7 +141,7 @@ impl Sink for Bridge {
 }
 
 #[cfg(test)]
-mod tests {
+mod realtime {
     use super::super::fixture::{estimate, odometry};
     use super::*;
     use mavlink::dialects::common::{MavMessage, ODOMETRY_DATA, TIMESYNC_DATA};

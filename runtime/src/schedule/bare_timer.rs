@@ -45,7 +45,7 @@ pub fn run(
 }
 
 #[cfg(test)]
-mod tests {
+mod realtime {
     use super::*;
 
     #[test]

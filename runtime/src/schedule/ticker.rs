@@ -87,7 +87,7 @@ impl Ticker {
 }
 
 #[cfg(test)]
-mod tests {
+mod realtime {
     use super::*;
 
     #[test]

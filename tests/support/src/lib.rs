@@ -27,6 +27,19 @@ pub fn python() -> PathBuf {
     folder(venv, ".venv").join("bin/python")
 }
 
+/// How long the long flight of the soak tests is, minutes, as `make soak SOAK_MINUTES=30` says. Below
+/// [`SOAK_IN_FULL_MIN`] the others do less too.
+#[must_use]
+pub fn soak_minutes() -> u32 {
+    std::env::var("PLUMBLINE_SOAK_MINUTES")
+        .ok()
+        .and_then(|minutes| minutes.parse().ok())
+        .unwrap_or(SOAK_IN_FULL_MIN)
+}
+
+/// From here on the soak tests do all that they can, minutes.
+pub const SOAK_IN_FULL_MIN: u32 = 10;
+
 /// The workspace.
 #[must_use]
 pub fn workspace() -> PathBuf {

@@ -1,8 +1,8 @@
 //! Live runs of the real binary: slowed down, held still, stopped; and the same bits when left in peace.
 
-use super::cgroup::Group;
-use super::host::beside_bare_timers;
-use super::{plumbline, stderr};
+use crate::cgroup::Group;
+use crate::host::beside_bare_timers;
+use crate::{plumbline, stderr};
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
@@ -298,15 +298,10 @@ fn largest_of(doctor: &str) -> f64 {
     after.split([';', '\n']).next().unwrap().trim().parse().unwrap()
 }
 
-/// How long a soak test may go on, as `make soak SOAK_MINUTES=30` says.
-pub fn soak_minutes() -> u32 {
-    std::env::var("PLUMBLINE_SOAK_MINUTES").ok().and_then(|minutes| minutes.parse().ok()).unwrap_or(10)
-}
-
 #[test]
 #[ignore = "takes minutes: make soak"]
 fn soak_a_long_live_flight_keeps_its_time() {
-    let minutes = soak_minutes();
+    let minutes = plumbline_test_support::soak_minutes();
     let flight = Flight::new("sim:room", 60 * minutes, "1");
     let watch = (60 * minutes).to_string();
     // On two processors the tick has one of its own.

@@ -1,8 +1,8 @@
 //! A vehicle that is killed and started again, over and over, while a station watches. Part of `make soak`.
 
-use super::live::soak_minutes;
-use super::vehicle::{PLUMBLINE, Running, eventually, flight, free_port, render};
-use super::{plumbline, stderr};
+use crate::vehicle::{PLUMBLINE, Running, eventually, flight, free_port, render};
+use crate::{plumbline, stderr};
+use plumbline_test_support::soak_minutes;
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::path::Path;

@@ -1,10 +1,10 @@
 //! The bridge to the autopilot, with pymavlink as the autopilot.
 
-use super::cgroup::Group;
-use super::host::{Host, beside_bare_timers};
 use super::live::{AWAKE, thread_of};
-use super::python::interpreter;
-use super::{fails, stderr};
+use crate::cgroup::Group;
+use crate::host::{Host, beside_bare_timers};
+use crate::python::interpreter;
+use crate::{fails, stderr};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read};
 use std::process::{Child, ChildStdout, Command, Stdio};

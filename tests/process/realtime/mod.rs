@@ -1,0 +1,7 @@
+//! Tests that measure time. `.config/nextest.toml` runs every module of this name alone, and tries its tests again where
+//! the host itself stood still.
+
+mod autopilot;
+mod links;
+mod live;
+mod restarts;
