@@ -24,7 +24,7 @@ export NEXTEST_PROFILE ?= $(if $(CI),ci,default)
 
 # The steps are in order; cargo is parallel itself.
 .NOTPARALLEL:
-.PHONY: help demo build test tests forget-skips checked check lint fmt fmt-check clippy deny soak digests bench doc setup clean \
+.PHONY: help demo build test tests forget-skips checked check lint fmt fmt-check clippy deny soak digests bench doc doctests setup clean \
 	fuzz fuzz-all fuzz-smoke
 
 help: ## this list
@@ -43,7 +43,7 @@ export PLUMBLINE_SKIPPED := $(CURDIR)/target/skipped.txt
 # The last line of a recipe is $(call tell-skips,COMMAND), which fails as COMMAND does.
 tell-skips = status=0; $(1) || status=$$?; scripts/skipped; exit $$status
 
-test: setup fmt-check deny forget-skips checked tests ## format, lints, licences, checked unit tests, then every test but the soak
+test: setup fmt-check deny forget-skips checked tests doctests doc ## format, lints, licences, documentation, and every test but the soak
 
 forget-skips:
 	@mkdir -p target && rm -f $(PLUMBLINE_SKIPPED)
@@ -51,6 +51,9 @@ forget-skips:
 tests:
 	$(call tell-skips,RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/scripts/rustc-clippy \
 		$(CARGO) nextest run $(FLAGS) --workspace --all-targets -E 'not kind(bench)' $(ARGS))
+
+doctests: ## the examples in the documentation of the code
+	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/scripts/rustc-clippy $(CARGO) test $(FLAGS) --workspace --doc
 
 # The crates whose dependencies are few: these are compiled once more.
 CHECKED = -p plumbline-config -p plumbline-estimator -p plumbline-drivers

@@ -84,3 +84,8 @@ pub use validate::MAX_WINDOW_FRAMES;
 
 #[cfg(all(test, feature = "toml", feature = "yaml"))]
 mod tests;
+
+/// The examples of the README are compiled and run.
+#[cfg(all(doctest, feature = "toml"))]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -21,3 +21,8 @@ pub use prefetch::Prefetch;
 pub use source::{Faults, ImuReading, ImuSource, StereoFrame, StereoSource};
 pub use truth::TruthState;
 pub use tum::StampedPose;
+
+/// The example of the README is compiled.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

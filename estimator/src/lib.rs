@@ -79,6 +79,11 @@ pub use propagator::Propagator;
 pub use window::snapshot::MapSnapshot;
 pub use work_budget::{Fork, InTurn, WorkBudget};
 
+/// The example of the README is compiled.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
+
 pub use nalgebra;
 pub use plumbline_config as config;
 pub use plumbline_config::{

@@ -47,7 +47,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_effort_never_allows_more_than_the_configuration() {
+    fn a_budget_never_allows_more_than_the_configuration() {
         let twice = WorkBudget { features_percent: 200, ..WorkBudget::FULL };
         assert_eq!((twice.share_of(120), WorkBudget::FULL.share_of(120)), (120, 120));
         assert_eq!(WorkBudget { features_percent: 60, ..WorkBudget::FULL }.share_of(120), 72);

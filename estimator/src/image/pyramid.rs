@@ -112,7 +112,7 @@ impl Pyramid {
         (self.levels[level].width, self.levels[level].height)
     }
 
-    /// Takes an image; `false`, and nothing is changed, when its size is not the pyramid's.
+    /// Fills the pyramid with an image; `false`, and nothing is changed, when its size is not the pyramid's.
     pub fn build(&mut self, image: &ImageView<'_>) -> bool {
         let base = &mut self.levels[0];
         if image.width() != base.width || image.height() != base.height {

@@ -9,6 +9,7 @@
 use super::{GatheredFrame, find_track};
 use crate::geometry::{exp_so3, right_jacobian, skew};
 use nalgebra::{Matrix2, Matrix3, Matrix3x2, SymmetricEigen, Vector2, Vector3};
+use std::ops::Range;
 
 /// Gauss-Newton steps; a few suffice, the rest is for a bad start.
 const STEPS: usize = 15;
@@ -22,31 +23,54 @@ const ROBUST_SIGMAS: f64 = 3.0;
 const MIN_POINTS: usize = 15;
 
 /// A pair of frames, ready to be evaluated at many biases.
+#[derive(Clone, Debug)]
 struct Pair {
     rot_b: Matrix3<f64>,
     by_bias: Matrix3<f64>,
-    bearings: Vec<(Vector3<f64>, Vector3<f64>)>,
+    /// Its bearings within [`Workspace::bearings`].
+    bearings: Range<usize>,
+}
+
+/// A point's directions in the body frames of both frames of a pair.
+type Bearings = (Vector3<f64>, Vector3<f64>);
+
+/// The memory of an estimate, allocated once.
+#[derive(Clone, Debug)]
+pub struct Workspace {
+    pairs: Vec<Pair>,
+    bearings: Vec<Bearings>,
+}
+
+impl Workspace {
+    /// Room for `frames` of `points` each.
+    #[must_use]
+    pub fn new(frames: usize, points: usize) -> Self {
+        Self { pairs: Vec::with_capacity(frames), bearings: Vec::with_capacity(frames * points) }
+    }
 }
 
 /// The gyroscope bias, rad/s, that makes the epipolar geometry of `frames` agree best, pulled towards
-/// zero by its standard deviation `sigma_rad_s`; `None` without enough common points.
+/// zero by its standard deviation `sigma_rad_s`; `None` without enough common points. `rot_b_c` takes directions
+/// from each camera to the body; `sigma_bearing` is the standard deviation of a bearing, rad.
 #[must_use]
 pub fn estimate(
     frames: &[GatheredFrame],
     rot_b_c: &[Matrix3<f64>; 2],
     sigma_rad_s: f64,
     sigma_bearing: f64,
+    workspace: &mut Workspace,
 ) -> Option<Vector3<f64>> {
-    let pairs = pairs(frames, rot_b_c);
-    if pairs.is_empty() {
+    workspace.find_pairs(frames, rot_b_c);
+    if workspace.pairs.is_empty() {
         return None;
     }
     let mut bias = Vector3::zeros();
     for _ in 0..STEPS {
         let mut hessian = Matrix3::identity() / (sigma_rad_s * sigma_rad_s);
         let mut gradient = bias / (sigma_rad_s * sigma_rad_s);
-        for pair in &pairs {
-            let (h, g) = pair.linearize(&bias, sigma_bearing);
+        for pair in &workspace.pairs {
+            let bearings = &workspace.bearings[pair.bearings.clone()];
+            let (h, g) = pair.linearize(bearings, &bias, sigma_bearing);
             hessian += h;
             gradient += g;
         }
@@ -62,12 +86,17 @@ pub fn estimate(
 impl Pair {
     /// Normal equations of the residuals `t' [f_i]x R f_j` by the bias, with the direction of translation
     /// `t` (the eigenvector of the smallest eigenvalue) eliminated.
-    fn linearize(&self, bias: &Vector3<f64>, sigma_bearing: f64) -> (Matrix3<f64>, Vector3<f64>) {
+    fn linearize(
+        &self,
+        bearings: &[Bearings],
+        bias: &Vector3<f64>,
+        sigma_bearing: f64,
+    ) -> (Matrix3<f64>, Vector3<f64>) {
         let phi = self.by_bias * bias;
         let rot = self.rot_b * exp_so3(&phi).to_rotation_matrix().into_inner();
         let rot_by_bias = right_jacobian(&phi) * self.by_bias;
         let mut sum = Matrix3::zeros();
-        for (f_i, f_j) in &self.bearings {
+        for (f_i, f_j) in bearings {
             let n = f_i.cross(&(rot * f_j));
             sum += n * n.transpose();
         }
@@ -78,7 +107,7 @@ impl Pair {
 
         let (mut h_bb, mut g_b) = (Matrix3::zeros(), Vector3::zeros());
         let (mut h_bt, mut h_tt, mut g_t) = (Matrix3x2::zeros(), Matrix2::zeros(), Vector2::zeros());
-        for (f_i, f_j) in &self.bearings {
+        for (f_i, f_j) in bearings {
             let n = f_i.cross(&(rot * f_j));
             let e = t.dot(&n) / sigma_bearing;
             let weight = 1.0 / (1.0 + e * e / (ROBUST_SIGMAS * ROBUST_SIGMAS));
@@ -98,39 +127,42 @@ impl Pair {
     }
 }
 
-fn pairs(frames: &[GatheredFrame], rot_b_c: &[Matrix3<f64>; 2]) -> Vec<Pair> {
-    let mut pairs = Vec::new();
-    for (i, first) in frames.iter().enumerate() {
-        let Some(j) = (i + 1..frames.len())
-            .find(|&j| frames[j].time.stamp.seconds_since(first.time.stamp) >= PAIR_SPAN_S)
-        else {
-            continue;
-        };
-        let Some(motion) = joined_motion(frames, i, j) else { continue };
-        let bearings: Vec<_> = first
-            .tracks
-            .iter()
-            .filter_map(|t| {
+impl Workspace {
+    /// Pairs every frame with the first that is [`PAIR_SPAN_S`] later.
+    fn find_pairs(&mut self, frames: &[GatheredFrame], rot_b_c: &[Matrix3<f64>; 2]) {
+        self.pairs.clear();
+        self.bearings.clear();
+        for (i, first) in frames.iter().enumerate() {
+            let Some(j) = (i + 1..frames.len())
+                .find(|&j| frames[j].time.stamp.seconds_since(first.time.stamp) >= PAIR_SPAN_S)
+            else {
+                continue;
+            };
+            let Some(motion) = joined_motion(frames, i, j) else { continue };
+            let begin = self.bearings.len();
+            self.bearings.extend(first.tracks.iter().filter_map(|t| {
                 let other = find_track(&frames[j], t.track_id)?;
                 (0..2).find_map(|c| {
                     let (a, b) = (t.measured[c]?, other.measured[c]?);
                     let unit = |xy: Vector2<f64>| rot_b_c[c] * Vector3::new(xy.x, xy.y, 1.0).normalize();
                     Some((unit(a.xy), unit(b.xy)))
                 })
-            })
-            .collect();
-        if bearings.len() >= MIN_POINTS {
-            pairs.push(Pair {
+            }));
+            let bearings = begin..self.bearings.len();
+            if bearings.len() < MIN_POINTS {
+                self.bearings.truncate(begin);
+                continue;
+            }
+            self.pairs.push(Pair {
                 rot_b: motion.delta_rot.to_rotation_matrix().into_inner(),
                 by_bias: motion.by_bias.fixed_view::<3, 3>(3, 0).into_owned(),
                 bearings,
             });
         }
     }
-    pairs
 }
 
-/// The motion from frame `from` to frame `to`.
+/// The motion from frame `from` to frame `to`; `None` where one between them is not known.
 #[must_use]
 pub fn joined_motion(
     frames: &[GatheredFrame],

@@ -1,4 +1,4 @@
-//! The first estimate: frames are gathered until position, velocity and gravity can be told.
+//! The first estimate: frames are gathered until position, velocity and gravity are determined.
 //!
 //! With two cameras scale comes from the baseline: a few frames are enough, whether the vehicle stands or
 //! moves ([`stereo`]). With one camera structure, motion, gravity and scale are found together from a
@@ -22,6 +22,26 @@ pub struct GatheredFrame {
     pub tracks: Vec<PointTrack>,
     /// Motion since the frame before, integrated without biases; `None` for the first.
     pub motion: Option<Preintegration>,
+}
+
+/// The memory of a start with one camera, allocated once.
+#[derive(Clone, Debug)]
+pub struct MonoWorkspace {
+    /// Of the gyroscope's bias.
+    pub gyro_bias: gyro_bias::Workspace,
+    /// Of velocity, gravity and scale.
+    pub alignment: mono::Workspace,
+}
+
+impl MonoWorkspace {
+    /// Room for `frames` of `points` each.
+    #[must_use]
+    pub fn new(frames: usize, points: usize) -> Self {
+        Self {
+            gyro_bias: gyro_bias::Workspace::new(frames, points),
+            alignment: mono::Workspace::new(frames, points),
+        }
+    }
 }
 
 /// The newest frames before the first estimate, in fixed memory.
@@ -88,7 +108,7 @@ impl Gathering {
     }
 }
 
-/// The measurement of a track in a frame.
+/// The measurement of a track in a frame; `None` where it was not seen.
 #[must_use]
 pub fn find_track(frame: &GatheredFrame, track_id: u32) -> Option<&PointTrack> {
     frame.tracks.binary_search_by_key(&track_id, |t| t.track_id).ok().map(|k| &frame.tracks[k])

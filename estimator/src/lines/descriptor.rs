@@ -31,7 +31,7 @@ const PAIRS: usize = 32;
 pub struct Descriptor([u64; 4]);
 
 impl Descriptor {
-    /// Bits that differ.
+    /// Hamming distance: bits that differ, 0 to 256.
     #[must_use]
     pub fn hamming(&self, other: &Self) -> u32 {
         self.0.iter().zip(&other.0).map(|(a, b)| (a ^ b).count_ones()).sum()

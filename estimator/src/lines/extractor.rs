@@ -55,7 +55,7 @@ pub struct LineExtractor {
 }
 
 impl LineExtractor {
-    /// For images of `width` x `height`, allocated for its lifetime.
+    /// For images of `width` x `height` px, allocated for its lifetime.
     #[must_use]
     pub fn new(width: usize, height: usize, options: &LinesConfig) -> Self {
         Self {
@@ -110,8 +110,8 @@ impl LineExtractor {
         self.figures
     }
 
-    /// Takes an image and returns its segments, clearest first; `None`, and nothing is changed, when its
-    /// size is not the extractor's.
+    /// The segments of an image, clearest first; `None`, and nothing is changed, when its size is not the
+    /// extractor's.
     pub fn extract(&mut self, image: &ImageView<'_>) -> Option<&[Segment]> {
         if image.width() != self.gradients.width() || image.height() != self.gradients.height() {
             return None;

@@ -28,7 +28,7 @@ pub struct Expected {
 }
 
 impl Expected {
-    /// Between these ends, within `gate`.
+    /// Between these ends (normalized coordinates), within `gate` (the same unit).
     #[must_use]
     pub fn new(ends_xy: &[Vector2<f64>; 2], gate: f64) -> Self {
         let d = ends_xy[1] - ends_xy[0];
@@ -36,7 +36,7 @@ impl Expected {
         Self { start: ends_xy[0], direction: d / length, length, gate }
     }
 
-    /// Signed distance of a segment's middle from the expected line.
+    /// Signed distance of a segment's middle from the expected line, normalized coordinates.
     #[must_use]
     pub fn offset_of(&self, line: &ImageLine) -> f64 {
         self.direction.perp(&((line.ends_xy[0] + line.ends_xy[1]) * 0.5 - self.start))
@@ -69,13 +69,13 @@ pub struct StereoExpected {
 /// The way from the left camera to the right.
 #[derive(Clone, Copy, Debug)]
 pub struct StereoGate {
-    /// `R_c1_c0`.
+    /// `R_C1C0`: takes directions from the left camera to the right.
     pub rotation: Rotation3<f64>,
     /// Position of the left camera in the right, m.
     pub translation: Vector3<f64>,
     /// Largest inverse depth, 1/m.
     pub max_inverse_depth: f64,
-    /// Largest distance across epipolar lines of a segment along them.
+    /// Largest distance across epipolar lines of a segment along them, normalized coordinates.
     pub gate: f64,
 }
 

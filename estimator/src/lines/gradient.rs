@@ -100,7 +100,7 @@ struct RidgeRow {
 }
 
 impl Gradients {
-    /// For images of `width` x `height`.
+    /// For images of `width` x `height` px.
     #[must_use]
     pub fn new(width: usize, height: usize) -> Self {
         let ridge_row = RidgeRow { magnitude: vec![0; width], is_horizontal: vec![false; width] };
@@ -128,7 +128,7 @@ impl Gradients {
         self.height
     }
 
-    /// Gradient at a pixel's index, in steps.
+    /// Gradient at index `y * width + x`, in steps of 1 / [`SCALE`] grey levels per pixel.
     #[must_use]
     pub fn at(&self, index: usize) -> (i16, i16) {
         self.pixels[index].gradient()
@@ -145,8 +145,11 @@ impl Gradients {
         &mut self.pixels
     }
 
-    /// Takes an image of the right size, with no pixel marked. Hands column, row and magnitude of the ridges
-    /// above `threshold` steps to `found`, row by row; of the ridges of one edge only one in [`SEED_STEP`].
+    /// Computes the gradients of an image, with no pixel marked, and hands column, row and magnitude of the ridges
+    /// above `threshold` steps to `found`, row by row; of the ridges of one edge only one in `SEED_STEP`.
+    ///
+    /// # Panics
+    /// When the image has less rows or columns than the gradients were made for.
     pub fn compute(
         &mut self,
         image: &ImageView<'_>,

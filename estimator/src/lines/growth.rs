@@ -133,7 +133,8 @@ impl Growth {
         &self.places
     }
 
-    /// Follows the edge at `seed` both ways; what it takes it keeps, unless [`Self::reject`] follows.
+    /// Follows the edge at `seed` (index of a pixel) both ways, as long as the gradient exceeds `threshold` steps.
+    /// Pixels of the segment stay marked as taken, unless [`Self::reject`] follows.
     pub fn grow(&mut self, gradients: &mut Gradients, seed: u32, threshold: i16) -> Grown {
         self.visits += BEGIN_VISITS;
         let width = gradients.width();

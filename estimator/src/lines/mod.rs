@@ -1,4 +1,4 @@
-//! Line segments and what they say of the motion.
+//! Line segments: extraction, description, and tracking from frame to frame and from left to right.
 //!
 //! A reader starts at [`LineExtractor`]. What an image goes through:
 //!
@@ -6,9 +6,9 @@
 //! 2. [`growth`]: edges followed from the strongest ridges, [`validation`]: those that are no chance;
 //! 3. [`filter`] and [`merge`]: the paper's adaptive length threshold and joining of broken segments;
 //! 4. [`descriptor`], [`gates`] and [`matching`]: the same edge in the frame before and in the other camera;
-//! 5. [`measure`]: its line without the distortion of the lens.
+//! 5. [`measurement`]: its line without the distortion of the lens.
 //!
-//! [`LineTracker`] leads frames of one or two cameras through all of it.
+//! [`LineTracker`] does all of this for each frame of one or two cameras.
 
 pub mod descriptor;
 pub mod extractor;

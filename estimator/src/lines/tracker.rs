@@ -1,6 +1,6 @@
 //! The line front-end: images in, tracked segments out.
 //!
-//! Segments are found anew in every image, so that they do not drift, and named by matching them with those
+//! Segments are found anew in every image, so that they do not drift, and tracked by matching them with those
 //! of the frame before, turned by the gyroscope and moved on as they moved last. A track that finds no
 //! segment is expected a few frames longer. The left camera leads; without its image no line is seen.
 
@@ -29,20 +29,20 @@ const MIN_DEPTH_M: f64 = 0.3;
 /// One tracked line in one frame.
 #[derive(Clone, Copy, Debug)]
 pub struct LineObservation {
-    /// Names the track: unique since the tracker was made, never used again.
+    /// Id of the track: unique since the tracker was made, never used again.
     pub track_id: u32,
     /// Frames in which it has been seen, this one included.
     pub age: u32,
-    /// The segment in the left and right image, where seen.
+    /// The segment in the left and right image, distorted as measured, where seen.
     pub segments: [Option<Segment>; 2],
-    /// The same without distortion.
+    /// The same in ideal normalized coordinates of each camera.
     pub lines: [Option<ImageLine>; 2],
 }
 
-/// What happened in a frame.
+/// Counts of one frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LineFigures {
-    /// The left image.
+    /// Of the left image.
     pub left: ExtractionFigures,
     /// Left segments that continue a track.
     pub matched: u32,
@@ -155,7 +155,7 @@ impl LineTracker {
         }
     }
 
-    /// Where the cameras are mounted: `T_BC`. May be refined at any time.
+    /// Sets the extrinsics `T_BC` (camera to body coordinates) of each camera, as refined so far.
     pub fn set_extrinsics(&mut self, pose_b_c: &[Isometry3<f64>]) {
         for (view, pose) in self.views.iter_mut().zip(pose_b_c) {
             view.pose_b_c = *pose;
@@ -167,27 +167,28 @@ impl LineTracker {
         self.views.iter_mut().for_each(|view| view.extractor.set_budget(budget));
     }
 
-    /// Forgets all tracks. Their names are not used again.
+    /// Forgets all tracks. Their ids are not used again.
     pub fn reset(&mut self) {
         self.tracks.clear();
         self.descriptors.clear();
         self.observations.clear();
     }
 
-    /// What happened in the last frame.
+    /// Counts of the last frame.
     #[must_use]
     pub fn figures(&self) -> LineFigures {
         self.figures
     }
 
-    /// The lines seen in the last frame, in the order of their names.
+    /// The lines seen in the last frame, in order of track id.
     #[must_use]
     pub fn observations(&self) -> &[LineObservation] {
         &self.observations
     }
 
-    /// Takes a frame, and returns the lines seen in it, in the order of their names; `rot_prev_cur` takes
-    /// coordinates of the current body frame to the last call's.
+    /// Tracks lines into a frame, and returns those seen in it, in order of track id; `rot_prev_cur` takes
+    /// coordinates of the current body frame to those of the last call's. An image of the wrong size counts as
+    /// missing. Stages are timed by `probe`; which threads of `fork` do the work has no say in the outcome.
     pub fn track(
         &mut self,
         images: &[Option<ImageView<'_>>; 2],
@@ -217,7 +218,7 @@ impl LineTracker {
         &self.observations
     }
 
-    /// Ends tracks that proved wrong elsewhere: what they follow gets new names.
+    /// Ends tracks that proved wrong elsewhere: what they follow gets a new id when it is seen again.
     pub fn drop_tracks(&mut self, track_ids: &[u32]) {
         for &id in track_ids {
             if let Ok(at) = self.tracks.binary_search_by_key(&id, |t| t.id) {

@@ -69,8 +69,8 @@ impl Measurer {
         &self.lines
     }
 
-    /// Takes the lines of a frame, as [`Self::take`] does the points.
-    pub fn take_lines(
+    /// Measures the lines of a frame, as [`Self::measure_points`] does the points.
+    pub fn measure_lines(
         &mut self,
         observations: &[LineObservation],
         outliers: &[u32],
@@ -94,10 +94,15 @@ impl Measurer {
         }
     }
 
-    /// Takes the points of a frame but for those named as `outliers`; `rate_c` are the angular rates of the
+    /// Measures the points of a frame but for those whose track ids are in `outliers`; `rate_c` are the angular rates of the
     /// cameras in their own frames, rad/s. The image rates are those of far points, until the window knows
     /// better.
-    pub fn take(&mut self, observations: &[PointObservation], outliers: &[u32], rate_c: &[Vector3<f64>; 2]) {
+    pub fn measure_points(
+        &mut self,
+        observations: &[PointObservation],
+        outliers: &[u32],
+        rate_c: &[Vector3<f64>; 2],
+    ) {
         self.measurements.clear();
         for observation in observations.iter().filter(|o| !outliers.contains(&o.track_id)) {
             let mut measured = [None, None];

@@ -17,7 +17,7 @@ pub mod zero_velocity;
 use crate::estimate::{Estimate, FrameFigures, HealthBits, NavCovariance, Stage, StageProbe, TrackingState};
 use crate::exchange::{Feedback, Tracked};
 use crate::inertial::{ImuBuffer, ImuNoise};
-use crate::initial::Gathering;
+use crate::initial::{Gathering, MonoWorkspace};
 use crate::input::ResetKind;
 use crate::points::PointObservation;
 use crate::window::Window;
@@ -76,6 +76,7 @@ pub struct Odometer {
     pub window: Window,
     measurer: Measurer,
     gathering: Gathering,
+    mono_workspace: MonoWorkspace,
     zero_velocity: ZeroVelocityDetector,
     phase: Phase,
     last_stamp: Option<Timestamp>,
@@ -120,6 +121,7 @@ impl Odometer {
             imu: ImuBuffer::of(imu),
             measurer: Measurer::new(cameras, &setup.estimator.points, &setup.estimator.lines),
             gathering: Gathering::new(gathered, points),
+            mono_workspace: MonoWorkspace::new(gathered, points),
             zero_velocity: ZeroVelocityDetector::new(rate_hz),
             phase: Phase::Gathering,
             last_stamp: None,
@@ -143,8 +145,8 @@ impl Odometer {
         }
     }
 
-    /// Takes a tracked frame, returns the estimate after it, and writes to `feedback` what the front-end
-    /// should know of it.
+    /// Processes a tracked frame: returns the estimate at its time, and writes to `feedback` what the front-end
+    /// should know of it. Stages are timed by `probe`. Allocates nothing.
     pub fn process(
         &mut self,
         tracked: &Tracked,
@@ -157,12 +159,12 @@ impl Odometer {
         for sample in &tracked.samples {
             self.imu.push(sample);
         }
-        let estimate = self.take(tracked, probe);
+        let estimate = self.step(tracked, probe);
         self.write_feedback(feedback);
         estimate
     }
 
-    fn take(&mut self, tracked: &Tracked, probe: &mut impl StageProbe) -> Estimate {
+    fn step(&mut self, tracked: &Tracked, probe: &mut impl StageProbe) -> Estimate {
         let stamp = tracked.time.stamp;
         let mut health = tracked.health;
         if self.last_stamp.is_some_and(|last| stamp <= last) {
@@ -221,10 +223,10 @@ impl Odometer {
         let rate_b = imu_mean.map_or_else(Vector3::zeros, |(gyro, _)| gyro - bias_gyro);
         let rate_c = [0, 1].map(|c| self.window.rig.pose_b_c(c).rotation.inverse() * rate_b);
         self.rate_b = rate_b;
-        // The front-end has yet to hear of the outliers of the frame before.
+        // The front-end does not know the outliers of the frame before yet.
         let outliers = self.window.outliers();
-        self.measurer.take(observations, &outliers.points, &rate_c);
-        self.measurer.take_lines(&tracked.lines, &outliers.lines, &rate_c);
+        self.measurer.measure_points(observations, &outliers.points, &rate_c);
+        self.measurer.measure_lines(&tracked.lines, &outliers.lines, &rate_c);
         let flow = self.measurer.median_flow(observations);
         let known_bias = (self.phase == Phase::Running).then_some(&bias_gyro);
         self.zero_velocity.update(flow, imu_mean, known_bias, self.options.gravity_m_s2);

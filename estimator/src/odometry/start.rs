@@ -3,7 +3,7 @@
 use super::Odometer;
 use crate::geometry::yaw_of;
 use crate::initial::gyro_bias::{self, joined_motion};
-use crate::initial::{mono, stereo};
+use crate::initial::{GatheredFrame, MonoWorkspace, find_track, mono, stereo};
 use crate::window::MAX_FRAMES;
 use crate::window::prior::AnchorSigmas;
 use crate::window::state::NavState;
@@ -21,6 +21,19 @@ const MIN_STEREO_TRACKS: usize = 12;
 const MIN_MONO_TRACKS: usize = 25;
 /// Linear residuals of a monocular start above this are no start, in standard deviations.
 const MAX_LINEAR_RMS_SIGMAS: f64 = 6.0;
+/// The tilt of a start with two cameras is taken from samples that begin this long before the first frame, s: some
+/// twenty of them, over which vibration averages out.
+const LEVELLING_BEFORE_S: f64 = 0.1;
+/// What a start knows of the odometry frame: nothing but that the newest frame is its origin. Position and yaw are
+/// free to choose, so that any value will do which is small beside the motion; while the tilt still moves by
+/// degrees, a tight yaw would resist it through the curvature of rotations.
+const LOOSE_ORIGIN_M_RAD: f64 = 0.02;
+/// The same once the solution is found, about which it is made tight: a millimetre, a milliradian.
+const TIGHT_ORIGIN_M_RAD: f64 = 1e-3;
+/// Tilt taken from the specific force, rad: a vehicle that accelerates by 5 m/s² leans by as much.
+const TILT_SIGMA_RAD: f64 = 0.5;
+/// Nothing is known of the velocity; vehicles are no faster than this, m/s.
+const VELOCITY_SIGMA_M_S: f64 = 20.0;
 /// Frames between attempts of a monocular start.
 const MONO_RETRY_FRAMES: usize = 4;
 
@@ -62,14 +75,14 @@ impl Odometer {
     }
 
     /// Mean displacement of common points in units of pixels, rotation taken out by the gyroscope.
-    fn parallax_px(&self, from: &crate::initial::GatheredFrame, to: &crate::initial::GatheredFrame) -> f64 {
+    fn parallax_px(&self, from: &GatheredFrame, to: &GatheredFrame) -> f64 {
         let zero = Vector3::zeros();
         let (motion, _) = self.imu.preintegrate(from.time.stamp, to.time.stamp, &zero, &zero, &self.noise);
         let rot_b_c = self.window.rig.pose_b_c(0).rotation;
         let rot_from_to = rot_b_c.inverse() * motion.delta_rot * rot_b_c;
         let (mut sum, mut count) = (0.0, 0.0);
         for track in &to.tracks {
-            let Some(before) = crate::initial::find_track(from, track.track_id) else { continue };
+            let Some(before) = find_track(from, track.track_id) else { continue };
             if let (Some(a), Some(b)) = (before.measured[0], track.measured[0]) {
                 let q = rot_from_to * Vector3::new(b.xy.x, b.xy.y, 1.0);
                 sum += (q.xy() / q.z - a.xy).norm();
@@ -86,7 +99,9 @@ impl Odometer {
         }
         let stamp = |k: usize| self.gathering.frames()[k].time.stamp;
         let (first, newest) = (stamp(0), stamp(count - 1));
-        let Some((gyro, accel)) = self.imu.mean(first.plus_seconds(-0.1), newest) else { return false };
+        let Some((gyro, accel)) = self.imu.mean(first.plus_seconds(-LEVELLING_BEFORE_S), newest) else {
+            return false;
+        };
         let bias_gyro = if self.zero_velocity.is_still() { gyro } else { self.bias_memory.0 };
         let rot_o_b = stereo::attitude_from_gravity(&accel);
         let mut nav = NavState { rot_o_b, bias_gyro, bias_accel: self.bias_memory.1, ..NavState::default() };
@@ -115,13 +130,16 @@ impl Odometer {
         let rotations = poses.map(|p| p.rotation.to_rotation_matrix().into_inner());
         let frames = self.gathering.frames();
         let sigma_bearing = self.options.sigma_px / self.focal_px;
-        let Some(bias_gyro) =
-            gyro_bias::estimate(frames, &rotations, self.options.bias_gyro_sigma, sigma_bearing)
+        let MonoWorkspace { gyro_bias: of_bias, alignment: of_alignment } = &mut self.mono_workspace;
+        let bias_sigma = self.options.bias_gyro_sigma;
+        let Some(bias_gyro) = gyro_bias::estimate(frames, &rotations, bias_sigma, sigma_bearing, of_bias)
         else {
             return false;
         };
         let gravity_m_s2 = self.window.options.gravity_o.norm();
-        let Some(alignment) = mono::align(frames, &poses, &bias_gyro, gravity_m_s2) else { return false };
+        let Some(alignment) = mono::align(frames, &poses, &bias_gyro, gravity_m_s2, of_alignment) else {
+            return false;
+        };
         if alignment.rms_sigmas > MAX_LINEAR_RMS_SIGMAS {
             return false;
         }
@@ -141,7 +159,8 @@ impl Odometer {
         for k in 0..count {
             let index = chosen(k);
             let frame = &self.gathering.frames()[index];
-            let nav = first.after(&alignment.motions[index], &self.window.options.gravity_o);
+            let nav =
+                first.after(&self.mono_workspace.alignment.motions()[index], &self.window.options.gravity_o);
             let motion =
                 if k == 0 { None } else { joined_motion(self.gathering.frames(), chosen(k - 1), index) };
             self.window.push_frame(frame.time, nav, motion, false);
@@ -159,17 +178,15 @@ impl Odometer {
 
     /// Solves the window from scratch, puts the odometry frame at the newest frame, and judges.
     fn settle(&mut self) -> bool {
-        // While the tilt still moves by degrees, a tight yaw would resist it through the curvature of
-        // rotations; it is made tight about the solution.
         let loose = AnchorSigmas {
-            position_m: 0.02,
-            yaw_rad: 0.02,
-            tilt_rad: 0.5,
-            velocity_m_s: 20.0,
+            position_m: LOOSE_ORIGIN_M_RAD,
+            yaw_rad: LOOSE_ORIGIN_M_RAD,
+            tilt_rad: TILT_SIGMA_RAD,
+            velocity_m_s: VELOCITY_SIGMA_M_S,
             bias_gyro_rad_s: self.options.bias_gyro_sigma,
             bias_accel_m_s2: self.options.bias_accel_sigma,
         };
-        let tight = AnchorSigmas { position_m: 1e-3, yaw_rad: 1e-3, ..loose };
+        let tight = AnchorSigmas { position_m: TIGHT_ORIGIN_M_RAD, yaw_rad: TIGHT_ORIGIN_M_RAD, ..loose };
         let (p_o_b, yaw) =
             self.origin.as_ref().map_or((Vector3::zeros(), 0.0), |o| (o.p_o_b, yaw_of(&o.rot_o_b)));
         for _ in 0..START_ROUNDS {

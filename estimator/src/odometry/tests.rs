@@ -9,6 +9,8 @@ use nalgebra::{SVector, UnitQuaternion};
 struct Flight {
     first_pose_s: Option<f64>,
     resets: u32,
+    /// Allocations of all frames together, the first included.
+    allocations: u64,
     distance_m: f64,
     final_error_m: f64,
     rms_error_m: f64,
@@ -68,7 +70,12 @@ fn fly(world: &mut World, duration_s: f64, alive: Alive) -> Flight {
         tracked.sequence = u64::from(k);
         tracked.time = FrameTime { stamp: needed, time_offset_s };
         heard_offset_s = feedback.time_offset_s;
-        let estimate = odometer.process(&tracked, &mut (), &mut feedback);
+        let mut answer = None;
+        let memory = allocation_counter::measure(|| {
+            answer = Some(odometer.process(&tracked, &mut (), &mut feedback));
+        });
+        let estimate = answer.unwrap();
+        flight.allocations += memory.count_total;
         tracked.samples.clear();
         if estimate.has_pose() {
             let t_state = t + estimate.time_offset_s;
@@ -169,6 +176,17 @@ fn monocular_flight_finds_its_scale() {
     assert!(flight.first_pose_s.unwrap() < 2.5);
     assert!((flight.scale - 1.0).abs() < 0.02);
     assert!(flight.rms_error_m < 0.01 * flight.distance_m);
+}
+
+#[test]
+fn no_frame_allocates_be_it_of_a_start_or_of_a_start_anew() {
+    for (cameras, seed) in [(1, 2), (2, 4)] {
+        let mut world = World::new(&config(cameras), seed, 500);
+        let flight = fly(&mut world, 20.0, |t| [!(6.0..12.5).contains(&t); 2]);
+        println!("{}", flight.summary());
+        assert!(flight.resets > 0 && flight.last.unwrap().has_pose(), "{cameras} cameras do not start anew");
+        assert_eq!(flight.allocations, 0, "{cameras} cameras");
+    }
 }
 
 #[test]

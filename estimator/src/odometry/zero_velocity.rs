@@ -1,7 +1,7 @@
-//! Standing still, told from images and IMU together.
+//! Zero-velocity detection from images and IMU together.
 //!
-//! Images alone cannot tell a vehicle at rest from a moving object that fills the view, the IMU alone cannot
-//! tell it from steady flight; both have to agree for a while.
+//! Images alone cannot distinguish a vehicle at rest from a moving object that fills the view, the IMU alone not
+//! from steady flight; both have to agree for a while.
 
 use super::measurements::MedianFlow;
 use nalgebra::{Vector2, Vector3};

@@ -33,7 +33,7 @@ const MAX_CELL_PX: usize = 128;
 pub struct Corner {
     /// Pixel of the corner.
     pub px: Vector2<f32>,
-    /// Shi-Tomasi score.
+    /// Shi-Tomasi score: the lesser eigenvalue of the structure tensor per pixel, squared grey levels per px².
     pub score: f32,
 }
 
@@ -63,7 +63,8 @@ pub struct CornerDetector {
 }
 
 impl CornerDetector {
-    /// A detector for images of a size. Corners keep `border_px` from the edge.
+    /// A detector for images of `width` x `height` px. Corners keep `border_px` from the edge; one weaker than
+    /// `min_score` is none.
     #[must_use]
     pub fn new(width: usize, height: usize, cell_px: usize, border_px: usize, min_score: f32) -> Self {
         let cell_px = cell_px.clamp(8, MAX_CELL_PX);

@@ -31,7 +31,7 @@ use nalgebra::Vector2;
 /// One tracked point in one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PointObservation {
-    /// Names the track: unique since the tracker was made, never used again.
+    /// Id of the track: unique since the tracker was made, never used again.
     pub track_id: u32,
     /// Frames in which it has been seen, this one included.
     pub age: u32,

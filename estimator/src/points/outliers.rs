@@ -87,7 +87,7 @@ impl OutlierFilter {
     }
 
     /// For each point, in the order of adding, whether to keep it. `rot_prev_cur` takes current to previous
-    /// camera coordinates; `seed` makes the choice of samples.
+    /// camera coordinates; `focal_px` is the mean focal length, px; `seed` makes the choice of samples.
     pub fn filter(&mut self, rot_prev_cur: &UnitQuaternion<f64>, focal_px: f64, seed: u64) -> &[bool] {
         self.keep.clear();
         self.keep.resize(self.pairs.len(), true);

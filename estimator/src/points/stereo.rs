@@ -63,7 +63,7 @@ struct Candidate {
 }
 
 impl StereoPair<'_> {
-    /// Finds the point at `px` (normalized `xy`) in the other image.
+    /// Finds the point at `px` (ideal normalized `xy`) of the first image in the other; `None` when it is not there.
     #[must_use]
     pub fn find(&self, px: &Vector2<f32>, xy: &Vector2<f64>) -> Option<StereoMatch> {
         let warp = self.warp_at(xy, 0.0)?;
@@ -99,14 +99,15 @@ impl StereoPair<'_> {
             .is_some_and(|r| (r.px - px).norm() <= self.max_return_px)
     }
 
-    /// Takes pixel offsets at `xy` to the other camera, on a plane facing the first.
+    /// The map of pixel offsets around `xy` (normalized) to the other camera, on a plane that faces the first at
+    /// `inverse_depth`, 1/m; `None` behind the other camera.
     #[must_use]
     pub fn warp_at(&self, xy: &Vector2<f64>, inverse_depth: f64) -> Option<Matrix2<f32>> {
         let shift = self.baseline.translation * inverse_depth;
         predict(self.from.0, self.to.0, xy, &self.baseline.rotation, &shift).map(|p| p.warp)
     }
 
-    /// Pixel in the other camera at an inverse depth.
+    /// Pixel in the other camera of the point at `xy` (normalized) and `inverse_depth`, 1/m; `None` behind it.
     #[must_use]
     pub fn transfer(&self, xy: &Vector2<f64>, inverse_depth: f64) -> Option<Vector2<f64>> {
         let shift = self.baseline.translation * inverse_depth;

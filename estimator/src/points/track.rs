@@ -4,7 +4,7 @@ use super::template::ReferencePatch;
 use crate::image::Pyramid;
 use nalgebra::{Matrix2, Vector2};
 
-/// All tracks, in the order of their names, and their reference patches, which stay where they are while
+/// All tracks, in order of their ids, and their reference patches, which stay where they are while
 /// tracks come and go. Preallocated.
 #[derive(Clone, Debug)]
 pub(super) struct TrackStore {
@@ -47,7 +47,7 @@ impl TrackStore {
         });
     }
 
-    /// Removes all tracks; their names are not used again.
+    /// Removes all tracks; their ids are not used again.
     pub fn clear(&mut self) {
         self.tracks.iter_mut().for_each(|t| t.lost = true);
         self.sweep();
@@ -66,7 +66,7 @@ impl TrackStore {
 /// One point, followed from frame to frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Track {
-    /// Unique name.
+    /// Unique id.
     pub id: u32,
     /// Frames in which it was seen.
     pub age: u32,

@@ -39,7 +39,7 @@ pub struct TrackerInput<'a> {
     pub rot_prev_cur: UnitQuaternion<f64>,
 }
 
-/// What happened in a frame.
+/// Counts of one frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TrackerFigures {
     /// Tracks followed and agreeing with their reference patch.
@@ -149,7 +149,7 @@ impl PointTracker {
         }
     }
 
-    /// Where the cameras are mounted: `T_BC`, takes camera to body coordinates. May be refined at any time.
+    /// Sets the extrinsics `T_BC` (camera to body coordinates) of each camera, as refined so far.
     pub fn set_extrinsics(&mut self, pose_b_c: &[Isometry3<f64>]) {
         for (camera, pose) in self.rig.iter_mut().zip(pose_b_c) {
             camera.pose_b_c = *pose;
@@ -166,7 +166,7 @@ impl PointTracker {
         self.limit = max_points.min(self.options.max_points);
     }
 
-    /// Forgets all tracks and images. Track names go on: none is used twice.
+    /// Forgets all tracks and images. No track id is used twice.
     pub fn reset(&mut self) {
         self.store.clear();
         self.observations.clear();
@@ -181,19 +181,19 @@ impl PointTracker {
         self.store.sweep();
     }
 
-    /// What happened in the last frame.
+    /// Counts of the last frame.
     #[must_use]
     pub fn figures(&self) -> TrackerFigures {
         self.figures
     }
 
-    /// The points seen in the last frame, in the order of their names.
+    /// The points seen in the last frame, in order of track id.
     #[must_use]
     pub fn observations(&self) -> &[PointObservation] {
         &self.observations
     }
 
-    /// Takes a frame, and returns the points seen in it, in the order of their names.
+    /// Tracks points into a frame, and returns those seen in it, in order of track id.
     pub fn track<P: StageProbe>(
         &mut self,
         input: &TrackerInput<'_>,
