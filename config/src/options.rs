@@ -107,7 +107,8 @@ pub struct DriverConfig {
     pub image_queue: usize,
     /// Largest difference of stamps within a stereo pair, s.
     pub pair_tolerance_s: f64,
-    /// Late samples are put in order within this time, s; later ones are refused and counted.
+    /// Time within which a driver that delivers out of order may put samples right, s. The drivers there are deliver
+    /// in order and do not read it.
     pub reorder_window_s: f64,
 }
 

@@ -36,11 +36,11 @@ pub struct LinesConfig {
     pub max_landmarks: usize,
     /// Standard deviation of the end points of a segment across it, px.
     pub sigma_px: f64,
-    /// Vertical lines are held along gravity.
+    /// Lines that are nearly vertical are held along gravity.
     pub use_verticals: bool,
-    /// Horizontal lines of one heading, and those across it, are held together.
+    /// Horizontal lines along one heading, and those across it, are held to these vanishing directions.
     pub use_vanishing_directions: bool,
-    /// Standard deviation of the lines of a structure from its directions, degrees.
+    /// Standard deviation of lines from the vertical or the vanishing direction they are held to, degrees.
     pub structure_sigma_deg: f64,
 }
 
