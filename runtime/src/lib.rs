@@ -1,16 +1,24 @@
 //! The Plumbline runtime as a library; the binary `plumbline` is its command line.
 //!
-//! The data flow one way: a [`flight`] opens the streams, the [`pipeline`] takes them to estimates, sinks
-//! take what it produces ([`record`], [`net`], [`autopilot`], to ROS 2 as [`ros`] has it), a [`report`] sums it up,
-//! [`evaluate`] compares trajectories, and a [`campaign`] does all of it over many flights. A flight [`log`] holds a
-//! run so that it can be executed again. The [`ground`] watches from afar. A [`picture`] shows what was found in an image.
+//! Data flow one way, and imports point down only. From the ground up:
+//!
+//! - [`alloc`] counts allocations; [`schedule`] makes a run a real-time one;
+//! - [`pipeline`] takes samples to estimates, in virtual time or live, and tells its listeners;
+//! - those who listen: [`log`] holds a run so that it can be executed again, [`net`] publishes it, [`autopilot`] sends it
+//!   by MAVLink, [`ros`] to ROS 2;
+//! - a [`flight`] puts sources, run and listeners together;
+//! - who judges flights: [`evaluate`] compares trajectories, a [`report`] sums a flight up, a [`campaign`] flies many,
+//!   a [`bench`] measures what they cost; a [`picture`] shows what was found in an image;
+//! - the [`ground`] watches from afar;
+//! - [`cli`] is the command line. Nothing but the binary imports it.
+//!
+//! `tests/imports` holds this order.
 
 pub mod alloc;
 pub mod autopilot;
 pub mod bench;
 pub mod campaign;
 pub mod cli;
-pub mod demo;
 pub mod evaluate;
 pub mod flight;
 #[cfg(any(test, feature = "fuzzing"))]
@@ -21,7 +29,6 @@ pub mod log;
 pub mod net;
 pub mod picture;
 pub mod pipeline;
-pub mod record;
 pub mod report;
 pub mod ros;
 pub mod schedule;

@@ -2,7 +2,7 @@
 
 use super::vehicle::{PLUMBLINE, Running, flight, free_port, render};
 use plumbline::net::{Endpoints, Publisher};
-use plumbline::pipeline::Sink as _;
+use plumbline::pipeline::listener::{Listener, Producer, Subscriber as _};
 use plumbline_config::{Config, Timestamp};
 use plumbline_estimator::{NavCovariance, Odometry, TrackingState};
 use serde_json::Value;
@@ -55,12 +55,12 @@ fn a_second_process_receives_what_was_computed() {
 }
 
 /// A vehicle that sends what a fast one sends, without the estimation behind it.
-fn send_at_200_hz(publisher: &mut Publisher, seconds: u32, phase: Duration) {
+fn send_at_200_hz(tick: &mut dyn Listener, seconds: u32, phase: Duration) {
     let start = Instant::now() + phase;
     for k in 0..200 * seconds {
         let due = start + Duration::from_millis(5) * k;
         std::thread::sleep(due.saturating_duration_since(Instant::now()));
-        publisher.odometry(&Odometry {
+        tick.odometry(&Odometry {
             sequence: u64::from(k),
             stamp: Timestamp::from_nanos(1 + i64::from(k) * 5_000_000),
             pose_o_b: nalgebra::Isometry3::translation(f64::from(k) * 0.005, 0.0, 1.0),
@@ -122,7 +122,8 @@ fn watched(vehicles: u32, seconds: u32) -> Value {
     std::thread::scope(|scope| {
         for (k, publisher) in (0u32..).zip(&mut publishers) {
             let phase = Duration::from_micros(u64::from(k) * 5_000 / u64::from(vehicles));
-            scope.spawn(move || send_at_200_hz(publisher, seconds, phase));
+            let mut tick = publisher.listener(Producer::Tick);
+            scope.spawn(move || send_at_200_hz(&mut *tick, seconds, phase));
         }
     });
     std::thread::sleep(Duration::from_millis(500));
@@ -198,7 +199,7 @@ fn a_vehicle_of_its_own() {
         Publisher::start(&Config::preset("sim").unwrap(), &endpoints, Arc::default()).unwrap();
     std::thread::sleep(Duration::from_secs(2));
     let seconds = std::env::var(SECONDS).unwrap().parse().unwrap();
-    send_at_200_hz(&mut publisher, seconds, Duration::ZERO);
+    send_at_200_hz(&mut *publisher.listener(Producer::Tick), seconds, Duration::ZERO);
     std::thread::sleep(Duration::from_millis(500));
     publisher.stop();
 }
@@ -289,9 +290,10 @@ mod realtime {
         let mut publisher =
             Publisher::start(&Config::preset("sim").unwrap(), &endpoints, Arc::default()).unwrap();
         std::thread::sleep(Duration::from_secs(2));
-        send_at_200_hz(&mut publisher, 1, Duration::ZERO);
+        let mut tick = publisher.listener(Producer::Tick);
+        send_at_200_hz(&mut *tick, 1, Duration::ZERO);
         let in_datagrams = fast.finish();
-        send_at_200_hz(&mut publisher, 1, Duration::ZERO);
+        send_at_200_hz(&mut *tick, 1, Duration::ZERO);
         publisher.stop();
         let with_everything = all.finish();
         let received = |report: &Value| report["vehicles"]["drone"]["odom"]["received"].as_u64().unwrap();

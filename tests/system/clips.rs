@@ -1,9 +1,7 @@
 //! The real clips: a rig at rest in stereo, a flight with one camera.
 
-use plumbline::cli::replay::fly;
-use plumbline::flight::open_dataset;
+use plumbline::flight::{fly, open_dataset};
 use plumbline::pipeline::{Control, RunOptions};
-use plumbline::record::Recorder;
 use plumbline::report::Report;
 use plumbline_tests::shared;
 
@@ -13,7 +11,8 @@ const OPTIONS: RunOptions = RunOptions { speed: None, threads: 2 };
 fn at_rest_nothing_drifts() {
     let Some(shared) = shared("euroc/V1_01_easy_clip") else { return };
     let flight = open_dataset(&shared.join("euroc/V1_01_easy_clip"), None, None, false).unwrap();
-    let (report, poses, _) = fly(flight, Recorder::default(), &OPTIONS, &Control::default()).unwrap();
+    let flown = fly(flight, &OPTIONS, &Control::default(), vec![]).unwrap();
+    let (report, poses) = (Report::new(&flown), &flown.poses);
     assert!(poses.len() >= 90, "{} poses of {} frames", poses.len(), report.frames);
     assert_eq!(report.resets, 0);
     let (first, last) = (&poses[0].pose_o_b, &poses[poses.len() - 1].pose_o_b);
@@ -29,8 +28,8 @@ fn one_camera_in_flight_finds_scale_and_keeps_it_with_and_without_lines() {
     let [with, without] = [true, false].map(|lines| {
         let mut flight = open_dataset(&shared.join("euroc/MH_05_mono_clip"), None, None, true).unwrap();
         flight.config = flight.config.with("test", |c| c.estimator.lines.enabled = lines).unwrap();
-        let flown = fly(flight, Recorder::default(), &OPTIONS, &Control::default()).unwrap();
-        keeps_scale(&flown.0)
+        let flown = fly(flight, &OPTIONS, &Control::default(), vec![]).unwrap();
+        keeps_scale(&Report::new(&flown))
     });
     assert!(with <= without, "lines make it worse: {with:.4} m, without {without:.4} m");
 }

@@ -2,17 +2,18 @@
 
 use super::clock::{StampClock, Stamps};
 use super::frames::Frames;
+use super::handover::{Handover, Signals, handover_ring};
 use super::link::{Link, LinkError};
 use super::sender::{BridgeFigures, Sender};
-use crate::pipeline::Sink;
+use crate::pipeline::listener::{Listener, Producer, Subscriber};
 use crate::schedule::host::raise_priority;
+use crate::schedule::ring::Writer;
 use crate::schedule::ticker::{Monotonic, Ticker};
-use crossbeam_queue::ArrayQueue;
 use nalgebra::UnitQuaternion;
 use plumbline_config::options::{AutopilotConfig, AutopilotEndpoint, VehicleConfig};
 use plumbline_estimator::{Estimate, Odometry, TrackingState};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::thread::JoinHandle;
 use std::time::Duration;
 use thiserror::Error;
@@ -36,42 +37,13 @@ pub enum BridgeError {
     Thread(#[from] std::io::Error),
 }
 
-/// What the pipeline hands over.
-#[derive(Clone, Debug)]
-pub struct Handover {
-    /// As the pipeline gave it.
-    pub odometry: Odometry,
-    /// When it was measured, by the host's clock.
-    pub measured: Monotonic,
-    /// From `O` to LOCAL_FRD.
-    pub rot_l_o: UnitQuaternion<f64>,
-}
-
-/// What both sides share. Nobody waits for anybody.
-#[derive(Debug)]
-pub struct Slot {
-    /// One place: what is newer takes it.
-    pub newest: ArrayQueue<Handover>,
-    /// Cleared when the estimate is given up, set by the next odometry.
-    pub has_pose: AtomicBool,
-    /// Set once, at the end.
-    pub stop: AtomicBool,
-}
-
-impl Default for Slot {
-    fn default() -> Self {
-        Self { newest: ArrayQueue::new(1), has_pose: AtomicBool::new(true), stop: AtomicBool::new(false) }
-    }
-}
-
-/// The bridge to the autopilot. As a [`Sink`] it takes what the pipeline produces, without waiting.
+/// The bridge to the autopilot, for one run.
 #[derive(Debug)]
 pub struct Bridge {
-    slot: Arc<Slot>,
+    signals: Arc<Signals>,
     thread: Option<JoinHandle<BridgeFigures>>,
-    frames: Frames,
-    clock: StampClock,
-    rot_l_o: Option<UnitQuaternion<f64>>,
+    /// Taken by the listener of the tick.
+    tick: Option<TickListener>,
 }
 
 impl Bridge {
@@ -88,20 +60,21 @@ impl Bridge {
     ) -> Result<Self, BridgeError> {
         let endpoint = AutopilotEndpoint::parse(&config.connect).map_err(BridgeError::Endpoint)?;
         let link = Link::open(&endpoint)?;
-        let slot = Arc::new(Slot::default());
+        let (signals, (writer, waiting)) = (Arc::new(Signals::default()), handover_ring());
         let frames = Frames::new(mounting);
         let sender = Sender::new(config, link, frames);
         let period = Duration::from_secs_f64(1.0 / config.rate_hz);
-        let theirs = Arc::clone(&slot);
+        let theirs = Arc::clone(&signals);
         let thread = std::thread::Builder::new().name("plumbline-pilot".into()).spawn(move || {
             if is_realtime {
                 // What the host refuses is told by the run.
                 let _ = raise_priority(PRIORITY);
             }
             let first = Monotonic::now().plus_nanos(period.as_nanos() as i64);
-            sender.run(&theirs, Ticker::new(first, period))
+            sender.run(&theirs, waiting, Ticker::new(first, period))
         })?;
-        Ok(Self { slot, thread: Some(thread), frames, clock: StampClock::new(stamps), rot_l_o: None })
+        let tick = TickListener::new(Arc::clone(&signals), writer, frames, stamps);
+        Ok(Self { signals, thread: Some(thread), tick: Some(tick) })
     }
 
     /// Says that there will be no more odometry, and ends. The counts, unless the thread ended by a fault.
@@ -110,7 +83,7 @@ impl Bridge {
     }
 
     fn end(&mut self) -> Option<BridgeFigures> {
-        self.slot.stop.store(true, Ordering::Relaxed);
+        self.signals.stop.store(true, Ordering::Relaxed);
         let ended = self.thread.take()?.join();
         if ended.is_err() {
             tracing::error!("the autopilot's thread ended by a fault of its own; please report this");
@@ -125,18 +98,50 @@ impl Drop for Bridge {
     }
 }
 
-impl Sink for Bridge {
-    fn estimate(&mut self, estimate: &Estimate, _frame_ms: f64) {
-        if estimate.state == TrackingState::Failed {
-            self.slot.has_pose.store(false, Ordering::Relaxed);
+impl Subscriber for Bridge {
+    fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
+        match (producer, self.tick.take_if(|_| producer == Producer::Tick)) {
+            (Producer::Tick, Some(tick)) => Box::new(tick),
+            (Producer::Window, _) => Box::new(WindowListener(Arc::clone(&self.signals))),
+            _ => Box::new(()),
         }
     }
+}
 
+/// Hears odometry.
+#[derive(Debug)]
+struct TickListener {
+    signals: Arc<Signals>,
+    writer: Writer<Handover>,
+    frames: Frames,
+    clock: StampClock,
+    rot_l_o: Option<UnitQuaternion<f64>>,
+}
+
+impl TickListener {
+    fn new(signals: Arc<Signals>, writer: Writer<Handover>, frames: Frames, stamps: Stamps) -> Self {
+        Self { signals, writer, frames, clock: StampClock::new(stamps), rot_l_o: None }
+    }
+}
+
+impl Listener for TickListener {
     fn odometry(&mut self, odometry: &Odometry) {
         let measured = self.clock.measured(odometry.stamp, Monotonic::now());
         let rot_l_o = *self.rot_l_o.get_or_insert_with(|| self.frames.local_frame(&odometry.pose_o_b));
-        let _ = self.slot.newest.force_push(Handover { odometry: odometry.clone(), measured, rot_l_o });
-        self.slot.has_pose.store(true, Ordering::Relaxed);
+        // Without room the autopilot's thread is a third of a second behind, and finds enough.
+        let _ = self.writer.push(Handover { odometry: odometry.clone(), measured, rot_l_o });
+        self.signals.has_pose.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Hears of an estimate that is given up.
+struct WindowListener(Arc<Signals>);
+
+impl Listener for WindowListener {
+    fn estimate(&mut self, estimate: &Estimate, _frame_ms: f64) {
+        if estimate.state == TrackingState::Failed {
+            self.0.has_pose.store(false, Ordering::Relaxed);
+        }
     }
 }
 
@@ -221,11 +226,12 @@ mod realtime {
     fn odometry_goes_on_at_its_rate_while_the_estimator_comes_and_goes() {
         let (mut autopilot, config) = Autopilot::new();
         let mut bridge = Bridge::start(&config, &VehicleConfig::default(), Stamps::Replayed, false).unwrap();
+        let mut tick = bridge.listener(Producer::Tick);
         let began = Instant::now();
         autopilot.fly(Duration::from_millis(500), || {});
         assert!(autopilot.odometry.iter().all(|(_, message)| message.x.is_nan()));
         assert!(autopilot.qualities().iter().all(|q| *q == -1));
-        autopilot.fly(Duration::from_millis(1200), || bridge.odometry(&fresh()));
+        autopilot.fly(Duration::from_millis(1200), || tick.odometry(&fresh()));
         let (_, newest) = autopilot.odometry.last().unwrap().clone();
         assert_eq!((newest.quality, newest.reset_counter), (80, 2));
         let age_us = Monotonic::now().0 / 1000 - newest.time_usec as i64;
@@ -250,21 +256,17 @@ mod realtime {
 
     #[test]
     fn a_failed_estimate_is_lost_at_once() {
-        let slot = Arc::new(Slot::default());
-        let mut bridge = Bridge {
-            slot: Arc::clone(&slot),
-            thread: None,
-            frames: Frames::new(&VehicleConfig::default()),
-            clock: StampClock::new(Stamps::Replayed),
-            rot_l_o: None,
-        };
-        bridge.odometry(&fresh());
-        assert!(slot.has_pose.load(Ordering::Relaxed));
-        bridge.estimate(&estimate(TrackingState::Failed), 10.0);
-        assert!(!slot.has_pose.load(Ordering::Relaxed));
-        bridge.odometry(&fresh());
-        assert!(slot.has_pose.load(Ordering::Relaxed), "the next odometry ends it");
-        assert_eq!(slot.newest.len(), 1);
+        let (signals, (writer, waiting)) = (Arc::new(Signals::default()), handover_ring());
+        let frames = Frames::new(&VehicleConfig::default());
+        let mut tick = TickListener::new(Arc::clone(&signals), writer, frames, Stamps::Replayed);
+        let mut window = WindowListener(Arc::clone(&signals));
+        tick.odometry(&fresh());
+        assert!(signals.has_pose.load(Ordering::Relaxed));
+        window.estimate(&estimate(TrackingState::Failed), 10.0);
+        assert!(!signals.has_pose.load(Ordering::Relaxed));
+        tick.odometry(&fresh());
+        assert!(signals.has_pose.load(Ordering::Relaxed), "the next odometry ends it");
+        assert_eq!(waiting.waiting(), 2);
     }
 
     #[test]
@@ -272,7 +274,8 @@ mod realtime {
         let (mut autopilot, config) = Autopilot::new();
         let config = AutopilotConfig { clock: AutopilotClock::Autopilot, ..config };
         let mut bridge = Bridge::start(&config, &VehicleConfig::default(), Stamps::Replayed, false).unwrap();
-        autopilot.fly(Duration::from_millis(2500), || bridge.odometry(&fresh()));
+        let mut tick = bridge.listener(Producer::Tick);
+        autopilot.fly(Duration::from_millis(2500), || tick.odometry(&fresh()));
         let (first, last) = (&autopilot.odometry[0].1, &autopilot.odometry.last().unwrap().1);
         assert_eq!((first.quality, first.time_usec), (-1, 0));
         let age_us = (Monotonic::now().0 + AHEAD_NS) / 1000 - last.time_usec as i64;
@@ -283,6 +286,7 @@ mod realtime {
     fn noise_and_floods_from_outside_change_nothing() {
         let (mut autopilot, config) = Autopilot::new();
         let mut bridge = Bridge::start(&config, &VehicleConfig::default(), Stamps::Replayed, false).unwrap();
+        let mut tick = bridge.listener(Producer::Tick);
         let from = std::iter::repeat_with(|| autopilot.socket.recv_from(&mut [0; 2048]))
             .take(100)
             .find_map(|received| received.ok())
@@ -292,7 +296,7 @@ mod realtime {
         let began = Instant::now();
         std::thread::scope(|scope| {
             scope.spawn(|| flood.pour(Duration::from_millis(1500)));
-            autopilot.fly(Duration::from_millis(1500), || bridge.odometry(&fresh()));
+            autopilot.fly(Duration::from_millis(1500), || tick.odometry(&fresh()));
         });
         let ran = began.elapsed().as_secs_f64();
         let figures = bridge.stop().unwrap();

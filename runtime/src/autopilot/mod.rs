@@ -1,7 +1,7 @@
 //! The bridge to the vehicle's autopilot (PX4, ArduPilot): odometry by MAVLink, at a constant rate.
 //!
-//! The pipeline leaves its newest odometry in a slot ([`bridge`], a [`crate::pipeline::Sink`]); a thread of
-//! normal priority sends it as `ODOMETRY` on absolute deadlines ([`sender`]), whatever the estimator does:
+//! The tick leaves its odometry in a ring ([`handover`]; [`bridge`] listens to the run); a thread of its own sends the
+//! newest as `ODOMETRY` on absolute deadlines ([`sender`]), whatever the estimator does:
 //! while there is none, quality says -1 and the covariance is no number. [`frames`] turns it into LOCAL_FRD and
 //! BODY_FRD, [`message`] fills the fields, [`status`] decides what is tracking and what the pilot is told.
 //! [`link`] is the line, [`inbox`] what comes in from it, [`timesync`] finds the autopilot's clock, and
@@ -17,6 +17,7 @@ pub mod clock;
 #[cfg(test)]
 mod fixture;
 pub mod frames;
+pub mod handover;
 pub mod inbox;
 pub mod link;
 pub mod message;

@@ -1,14 +1,15 @@
 //! The bridge's thread: sends on its deadlines, and answers in between.
 
-use super::bridge::{Handover, Slot};
 use super::frames::{Frames, VehicleOdometry};
+use super::handover::{Handover, Signals};
 use super::inbox::{CHUNK, Inbox, Received};
 use super::link::Link;
 use super::message;
 use super::status::{Announcer, Condition, Reason, STALE_NS};
 use super::timesync::TimeSync;
-use crate::pipeline::figures::{Percentiles, Times};
+use crate::schedule::ring::Reader;
 use crate::schedule::ticker::{Monotonic, Ticker};
+use crate::schedule::times::{Percentiles, Times};
 use mavlink::dialects::common::{
     HEARTBEAT_DATA, MavComponent, ODOMETRY_DATA, STATUSTEXT_DATA, TIMESYNC_DATA,
 };
@@ -121,16 +122,23 @@ impl Sender {
 
     /// Sends at every release of `ticker` until told to stop, and says so at the end.
     #[must_use]
-    pub fn run(mut self, slot: &Slot, mut ticker: Ticker) -> BridgeFigures {
+    pub fn run(
+        mut self,
+        signals: &Signals,
+        mut waiting: Reader<Handover>,
+        mut ticker: Ticker,
+    ) -> BridgeFigures {
         let mut inbox = Inbox::default();
-        while !slot.stop.load(Ordering::Relaxed) {
+        while !signals.stop.load(Ordering::Relaxed) {
             self.listen_until(ticker.due(), &mut inbox);
             let release = ticker.wait();
             self.figures.missed += release.missed;
             self.late_ms.record(release.late_ms);
-            self.newest = slot.newest.pop().or(self.newest.take());
+            while let Some(newer) = waiting.pop() {
+                self.newest = Some(newer);
+            }
             let now = Monotonic::now();
-            let condition = self.condition(slot.has_pose.load(Ordering::Relaxed), now);
+            let condition = self.condition(signals.has_pose.load(Ordering::Relaxed), now);
             self.ask_for_the_time();
             self.send_odometry(condition, now);
             self.send_others(condition, now);

@@ -4,14 +4,11 @@
 mod adversary;
 
 use crate::campaign::SCENES;
-use crate::cli::replay::fly;
-use crate::flight::{Truth, open_simulation};
-use crate::pipeline::figures::Percentiles;
+use crate::flight::{FlightError, Truth, fly, open_simulation};
 use crate::pipeline::{Control, RunOptions};
-use crate::record::Recorder;
 use crate::report::Report;
+use crate::schedule::times::Percentiles;
 use adversary::Adversary;
-use anyhow::Result;
 use plumbline_drivers::simulator::{Scenario, Scene};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -38,7 +35,7 @@ pub struct Bench {
 ///
 /// # Errors
 /// When a flight cannot be simulated, or the cache cannot be used.
-pub fn run(duration_s: f64, cache: &Path, mut tell: impl FnMut(&str)) -> Result<Bench> {
+pub fn run(duration_s: f64, cache: &Path, mut tell: impl FnMut(&str)) -> Result<Bench, FlightError> {
     let mut bench = Bench { loads: BTreeMap::new(), worst_over_median: 0.0, hot_path_allocations: 0 };
     let mut medians = Vec::new();
     for (name, scene) in SCENES {
@@ -56,7 +53,7 @@ pub fn run(duration_s: f64, cache: &Path, mut tell: impl FnMut(&str)) -> Result<
     Ok(bench)
 }
 
-fn load(scene: Scene, duration_s: f64, cache: &Path, is_adversarial: bool) -> Result<Report> {
+fn load(scene: Scene, duration_s: f64, cache: &Path, is_adversarial: bool) -> Result<Report, FlightError> {
     let scenario = Scenario { scene, start_s: START_S, duration_s, ..Scenario::default() };
     let rendered = (!is_adversarial).then_some(cache);
     let mut flight = open_simulation(None, &scenario, false, 0.0, rendered)?;
@@ -65,8 +62,7 @@ fn load(scene: Scene, duration_s: f64, cache: &Path, is_adversarial: bool) -> Re
         flight.stereo = Box::new(Adversary::new(simulator.image_sizes(), stamps, scenario.seed));
     }
     let options = RunOptions { speed: None, threads: 1 };
-    let (report, _, _) = fly(flight, Recorder::default(), &options, &Control::default())?;
-    Ok(report)
+    Ok(Report::new(&fly(flight, &options, &Control::default(), vec![])?))
 }
 
 impl Bench {

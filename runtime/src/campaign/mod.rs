@@ -6,13 +6,9 @@
 
 pub mod table;
 
-use crate::cli::overrides::with_overrides;
-use crate::cli::replay::fly;
-use crate::flight::{Flight, open_simulation};
+use crate::flight::{FlightError, fly, open_simulation, with_overrides};
 use crate::pipeline::{Control, RunOptions};
-use crate::record::Recorder;
 use crate::report::Report;
-use anyhow::Result;
 use plumbline_config::ValidConfig;
 use plumbline_drivers::simulator::{Effects, FlightPath, Scenario, Scene};
 use std::path::{Path, PathBuf};
@@ -25,7 +21,7 @@ pub const SCENES: [(&str, Scene); 3] =
     [("room", Scene::Room), ("hall", Scene::Hall), ("low-texture", Scene::LowTexture)];
 
 /// What goes wrong in a flight.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
     /// Nothing.
     None,
@@ -137,7 +133,7 @@ impl Entry {
         mono: bool,
         cache: Option<&PathBuf>,
         threads: usize,
-    ) -> Result<Report> {
+    ) -> Result<Report, FlightError> {
         self.fly_as(&Setup {
             config: config.cloned(),
             overrides: Vec::new(),
@@ -151,9 +147,9 @@ impl Entry {
     ///
     /// # Errors
     /// When it cannot be simulated, the cache cannot be used, or a change of the configuration is refused.
-    pub fn fly_as(&self, setup: &Setup) -> Result<Report> {
+    pub fn fly_as(&self, setup: &Setup) -> Result<Report, FlightError> {
         let error_deg = self.fault.extrinsics_error_deg();
-        let mut flight: Flight = open_simulation(
+        let mut flight = open_simulation(
             setup.config.clone(),
             &self.scenario,
             setup.mono,
@@ -162,8 +158,7 @@ impl Entry {
         )?;
         flight.config = with_overrides(&flight.config, &setup.overrides)?;
         let options = RunOptions { speed: None, threads: setup.threads };
-        let (report, _, _) = fly(flight, Recorder::default(), &options, &Control::default())?;
-        Ok(report)
+        Ok(Report::new(&fly(flight, &options, &Control::default(), vec![])?))
     }
 
     /// Its row of the table.

@@ -1,13 +1,10 @@
 //! `plumbline ablation`: what each part of the line path brings, as the two tables of the paper.
 
 use super::choice::FlightChoice;
-use super::overrides::with_overrides;
-use super::replay::fly;
 use super::{check_outputs, load_config, say, stop_on_signal};
 use crate::campaign::{Entry, Setup};
-use crate::flight::open_dataset;
+use crate::flight::{fly, open_dataset, with_overrides};
 use crate::pipeline::{Control, RunOptions};
-use crate::record::Recorder;
 use crate::report::Report;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
@@ -72,15 +69,15 @@ impl Subject {
                 let mut flight = open_dataset(path, config.cloned(), None, args.mono)?;
                 flight.config = with_overrides(&flight.config, overrides)?;
                 let options = RunOptions { speed: None, threads: 1 };
-                Ok(fly(flight, Recorder::default(), &options, &Control::default())?.0)
+                Ok(Report::new(&fly(flight, &options, &Control::default(), vec![])?))
             }
-            Self::Simulated(entry) => entry.fly_as(&Setup {
+            Self::Simulated(entry) => Ok(entry.fly_as(&Setup {
                 config: config.cloned(),
                 overrides: overrides.to_vec(),
                 mono: args.mono,
                 cache: args.cache.clone(),
                 threads: 1,
-            }),
+            })?),
         }
     }
 }

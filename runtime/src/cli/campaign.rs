@@ -1,10 +1,10 @@
 //! `plumbline campaign`: the built-in set of simulated flights, tabulated.
 
 use super::choice::FlightChoice;
-use super::overrides::with_overrides;
-use super::{Usage, check_outputs, load_config, say};
+use super::{Usage, check_outputs, load_config, one_line, say};
 use crate::campaign::table::{TABLE_HEAD, means};
 use crate::campaign::{Entry, Fault, Setup};
+use crate::flight::with_overrides;
 use crate::report::Report;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
@@ -108,7 +108,9 @@ fn fly_all(entries: &[Entry], setup: &Setup, jobs: usize) -> Vec<Option<Report>>
                     say(entry.row(&report));
                     flown.push((index, report));
                 }
-                Err(error) => eprintln!("plumbline: {} in {}: {error:#}", entry.path, entry.scene),
+                Err(error) => {
+                    eprintln!("plumbline: {} in {}: {}", entry.path, entry.scene, one_line(&error.into()));
+                }
             }
         }
         flown

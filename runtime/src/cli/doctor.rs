@@ -1,7 +1,7 @@
 //! `plumbline doctor`: whether this host and this configuration are fit for a flight.
 
-use super::overrides::with_overrides;
 use super::{Usage, load_config, say};
+use crate::flight::with_overrides;
 use crate::schedule::bare_timer;
 use crate::schedule::host::{Refusal, limit_idle_latency, lock_memory, pin, raise_priority};
 use crate::schedule::tasks::{TaskId, TaskTable};
@@ -81,7 +81,7 @@ pub fn run(args: &DoctorArgs) -> Result<()> {
 }
 
 fn configuration(config: &Config) -> Verdict {
-    let hash = crate::report::config_hash(config);
+    let hash = crate::pipeline::digest::config_hash(config);
     let cameras = config.camera.len();
     let words = format!("valid, {cameras} camera(s), IMU at {} Hz, hash {}", config.imu.rate_hz, &hash[..16]);
     if cameras == 2 {

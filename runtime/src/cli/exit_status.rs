@@ -5,6 +5,7 @@
 //! not be written. 1: everything else that went wrong.
 
 use super::Usage;
+use crate::flight::FlightError;
 use crate::log::LogError;
 use crate::net::NetError;
 use crate::net::keys::KeysError;
@@ -33,6 +34,9 @@ fn is_usage(cause: &(dyn Error + 'static)) -> bool {
             error.kind(),
             ErrorKind::NotFound | ErrorKind::IsADirectory | ErrorKind::NotADirectory
         );
+    }
+    if let Some(error) = cause.downcast_ref::<FlightError>() {
+        return error.is_usage();
     }
     if let Some(error) = cause.downcast_ref::<DriverError>() {
         let is_usage = matches!(

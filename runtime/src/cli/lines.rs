@@ -2,8 +2,8 @@
 
 mod panels;
 
-use super::overrides::with_overrides;
 use super::{Usage, check_outputs, load_config, say};
+use crate::flight::with_overrides;
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
 use plumbline_config::options::LinesConfig;
@@ -116,7 +116,7 @@ fn checked(args: &LinesArgs) -> Result<ValidConfig> {
         Some(config) => config,
         None => Config::preset("euroc")?,
     };
-    with_overrides(&config, &args.overrides)
+    Ok(with_overrides(&config, &args.overrides)?)
 }
 
 fn is_same(a: &Path, b: &Path) -> bool {

@@ -8,13 +8,15 @@ pub mod access;
 mod bench;
 pub mod campaign;
 pub mod choice;
+mod demo;
 mod doctor;
 pub mod evaluate;
 mod exit_status;
+mod ground;
 mod keys;
 pub mod lines;
 pub mod log;
-pub mod overrides;
+mod progress;
 pub mod replay;
 mod reset;
 mod router;
@@ -23,6 +25,7 @@ pub mod simulate;
 pub mod verify;
 
 use crate::net::audit;
+use crate::pipeline::digest::config_hash;
 use clap::{CommandFactory, Parser, Subcommand};
 use plumbline_config::{Config, ConfigError, ValidConfig};
 use std::fmt::Display;
@@ -58,7 +61,7 @@ Exit status: 0 success; 1 the run failed; 2 wrong usage or configuration, or an 
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Fly a simulated vehicle at 1x, and publish it on the loopback interface.
-    Demo(crate::demo::DemoArgs),
+    Demo(demo::DemoArgs),
     /// Run the estimator over a recorded or simulated flight.
     Replay(Box<replay::ReplayArgs>),
     /// Execute a recorded flight again, and compare every output bit for bit.
@@ -72,7 +75,7 @@ enum Command {
     /// Extract the line segments of one image, and draw them.
     Lines(lines::LinesArgs),
     /// Watch vehicles over the network: a page for the browser, and a view in the terminal.
-    Ground(crate::ground::GroundArgs),
+    Ground(ground::GroundArgs),
     /// Pass messages on between vehicles and ground stations that cannot reach each other.
     Router(router::RouterArgs),
     /// Start the estimate of a vehicle anew, from afar.
@@ -118,14 +121,14 @@ pub fn main() -> ExitCode {
 
 fn run(command: Command) -> anyhow::Result<()> {
     match command {
-        Command::Demo(args) => crate::demo::run(&args),
+        Command::Demo(args) => demo::run(&args),
         Command::Replay(args) => replay::run(&args),
         Command::Verify(args) => verify::run(&args),
         Command::Log(args) => log::run(&args),
         Command::Simulate(args) => simulate::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Lines(args) => lines::run(&args),
-        Command::Ground(args) => crate::ground::run(&args),
+        Command::Ground(args) => ground::run(&args),
         Command::Router(args) => router::run(&args),
         Command::Reset(args) => reset::run(&args),
         Command::Keys(args) => keys::run(&args),
@@ -153,7 +156,7 @@ fn check_config(args: &ConfigArgs) -> anyhow::Result<()> {
         "{}: valid, {} camera(s), hash {}",
         args.file,
         config.camera.len(),
-        crate::report::config_hash(&config)
+        config_hash(&config)
     ));
     Ok(())
 }
@@ -171,7 +174,7 @@ pub fn say(line: impl Display) {
 pub struct Usage(pub String);
 
 /// The error and its causes on one line.
-fn one_line(error: &anyhow::Error) -> String {
+pub fn one_line(error: &anyhow::Error) -> String {
     let mut line = String::new();
     for cause in error.chain().map(ToString::to_string) {
         // A cause that its context already quotes says nothing new.

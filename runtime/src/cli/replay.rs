@@ -1,30 +1,29 @@
 //! `plumbline replay`: the estimator over a recorded or simulated flight.
 
-use super::overrides::with_overrides;
+use super::progress::Progress;
 use super::scenario::{ScenarioArgs, parse_scene};
 use super::{Usage, check_outputs, load_config, parse_range, say, stop_on_signal};
-use crate::autopilot::{Bridge, Stamps};
+use crate::autopilot::Stamps;
 use crate::evaluate::load_trajectory;
-use crate::flight::{Flight, Truth, is_log, open_dataset, open_log, open_simulation};
-use crate::log::{self, WhenFull};
-use crate::net::{Endpoints, Publisher};
-use crate::pipeline::tap::{Several, Tap};
-use crate::pipeline::{Control, Outcome, RunOptions, Sink, Streams};
-use crate::record::{CausalPose, Recorder};
+use crate::flight::{
+    CausalPose, Flight, OdometryTrajectory, Outputs, Truth, fly, is_log, open_dataset, open_log,
+    open_simulation, with_overrides,
+};
+use crate::log::WhenFull;
+use crate::net::Endpoints;
+use crate::pipeline::{Control, RunOptions};
 use crate::report::Report;
-use crate::report::accuracy::Accuracy;
 use anyhow::{Context, Result};
 use clap::Args;
-use indicatif::{ProgressBar, ProgressStyle};
 use plumbline_config::{Config, ValidConfig};
+use plumbline_drivers::StampedPose;
 use plumbline_drivers::tum::write_tum;
-use plumbline_estimator::{Estimate, Odometry};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Room for poses is made beforehand for up to so many frames: two hours.
-const MAX_RESERVED_FRAMES: usize = 144_000;
+/// Room for odometry is made beforehand for up to so many samples: two hours at 200 Hz.
+const MAX_RESERVED_READINGS: f64 = 1_440_000.0;
 
 /// Arguments of `plumbline replay`.
 #[derive(Debug, Args)]
@@ -106,9 +105,36 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     if args.speed.is_some_and(|s| !(s.is_finite() && s > 0.0)) {
         return Err(Usage("--speed: give a positive number".into()).into());
     }
-    let outputs = [&args.trajectory, &args.odometry, &args.covariance, &args.report, &args.record];
-    check_outputs(outputs.into_iter().flatten())?;
-    let mut flight = open(args)?;
+    let files = [&args.trajectory, &args.odometry, &args.covariance, &args.report, &args.record];
+    check_outputs(files.into_iter().flatten())?;
+    let flight = prepared(open(args)?, args)?;
+    let control = Arc::new(Control::stopped_by(stop_on_signal()?));
+    let mut outputs = start_outputs(args, &flight.config, &control)?;
+    let mut odometry = args.odometry.as_ref().map(|_| OdometryTrajectory::with_room_for(readings(&flight)));
+    let mut progress = Progress::bar(flight.stereo.expected_frames())?;
+    let options = RunOptions { speed: args.speed, threads: usize::from(args.threads) };
+    let mut subscribers = outputs.subscribers();
+    subscribers.insert(0, &mut progress);
+    if let Some(odometry) = &mut odometry {
+        subscribers.insert(0, odometry);
+    }
+    let flown = fly(flight, &options, &control, subscribers)?;
+    let report = Report::new(&flown).with(outputs.finish());
+    progress.finish();
+    let odometry = odometry.map(OdometryTrajectory::into_poses);
+    write_trajectories(args, &flown.poses, odometry.as_deref())?;
+    let json = serde_json::to_string_pretty(&report)?;
+    if let Some(path) = &args.report {
+        std::fs::write(path, &json).with_context(|| format!("{}", path.display()))?;
+    }
+    say(if args.json { json } else { report.summary() });
+    let frames = report.frames;
+    anyhow::ensure!(report.completion > 0.0, "{}: no pose was found in {frames} frames", args.dataset);
+    Ok(())
+}
+
+/// The flight with what the arguments change of it.
+fn prepared(mut flight: Flight, args: &ReplayArgs) -> Result<Flight> {
     flight.config = with_overrides(&flight.config, &args.overrides)?;
     if args.no_lines {
         flight.config = flight.config.with("--no-lines", |config| config.estimator.lines.enabled = false)?;
@@ -120,59 +146,14 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
         let change = |config: &mut Config| config.autopilot.connect.clone_from(connect);
         flight.config = flight.config.with("--autopilot", change)?;
     }
-    let is_live = args.speed.is_some();
-    let mut bridge = start_bridge(&flight.config, args)?;
-    let recording = args.record.as_ref().map(|path| start_recording(path, &flight, is_live)).transpose()?;
-    let control = Arc::new(Control::stopped_by(stop_on_signal()?));
-    let mut publisher = args.publish.then(|| start_publisher(args, &flight, &control)).transpose()?;
-    let mut progress = Progress::new(flight.stereo.expected_frames());
-    let mut recorder = Recorder { keep_odometry: args.odometry.is_some(), ..Recorder::default() };
-    let expected = flight.stereo.expected_frames().unwrap_or_default();
-    recorder.reserve(usize::try_from(expected).unwrap_or_default().min(MAX_RESERVED_FRAMES));
-    recorder.listeners.push(&mut progress);
-    let mut taps: Vec<Box<dyn Tap>> = Vec::new();
-    if let Some(publisher) = &mut publisher {
-        taps.push(publisher.tap());
-        recorder.listeners.push(publisher);
-    }
-    if let Some(bridge) = &mut bridge {
-        recorder.listeners.push(bridge);
-    }
-    taps.extend(recording.iter().map(|recording| Box::new(recording.handle()) as Box<dyn Tap>));
-    let options = RunOptions { speed: args.speed, threads: usize::from(args.threads) };
-    let tap = Box::new(Several(taps));
-    let (mut report, poses, odometry) = fly_tapped(flight, recorder, &options, &control, tap)?;
-    report.autopilot = bridge.and_then(Bridge::stop);
-    progress.0.finish_and_clear();
-    report.recording = recording.map(log::Recorder::finish);
-    if let Some(publisher) = publisher {
-        publisher.stop();
-    }
-    if let Some(path) = &args.trajectory {
-        let poses: Vec<_> = poses
-            .iter()
-            .map(|p| plumbline_drivers::StampedPose { stamp: p.stamp, pose: p.pose_o_b })
-            .collect();
-        write_tum(path, &poses)?;
-    }
-    if let Some(path) = &args.odometry {
-        write_tum(path, &odometry)?;
-    }
-    if let Some(path) = &args.covariance {
-        write_covariances(path, &poses)?;
-    }
-    let json = serde_json::to_string_pretty(&report)?;
-    if let Some(path) = &args.report {
-        std::fs::write(path, &json).with_context(|| format!("{}", path.display()))?;
-    }
-    say(if args.json { json } else { report.summary() });
-    anyhow::ensure!(
-        report.completion > 0.0,
-        "{}: no pose was found in {} frames",
-        args.dataset,
-        report.frames
-    );
-    Ok(())
+    Ok(flight)
+}
+
+/// Inertial samples to make room for.
+fn readings(flight: &Flight) -> usize {
+    let frames = flight.stereo.expected_frames().unwrap_or(0) as f64;
+    let per_frame = flight.config.imu.rate_hz / flight.config.camera[0].rate_hz;
+    (frames * per_frame).ceil().min(MAX_RESERVED_READINGS) as usize
 }
 
 fn open(args: &ReplayArgs) -> Result<Flight> {
@@ -180,7 +161,7 @@ fn open(args: &ReplayArgs) -> Result<Flight> {
     if let Some(scene) = args.dataset.strip_prefix("sim:") {
         let scenario = args.scenario.scenario(parse_scene(scene)?)?;
         let error_deg = args.scenario.extrinsics_error_deg;
-        return open_simulation(config, &scenario, args.mono, error_deg, args.cache.as_deref());
+        return Ok(open_simulation(config, &scenario, args.mono, error_deg, args.cache.as_deref())?);
     }
     let frames = match &args.frames {
         None => None,
@@ -191,78 +172,64 @@ fn open(args: &ReplayArgs) -> Result<Flight> {
     };
     let path = Path::new(&args.dataset);
     if is_log(path) {
-        return open_log(path, config, frames, args.mono);
+        return Ok(open_log(path, config, frames, args.mono)?);
     }
-    open_dataset(path, config, frames, args.mono)
+    Ok(open_dataset(path, config, frames, args.mono)?)
 }
 
-/// Puts the flight on the network.
-fn start_publisher(args: &ReplayArgs, flight: &Flight, control: &Arc<Control>) -> Result<Publisher> {
-    let endpoints = Endpoints::of(&flight.config.network).and(&args.listen, &args.connect);
-    Ok(Publisher::start(&flight.config, &endpoints, Arc::clone(control))?)
+/// Those who are told of the flight while it goes on.
+fn start_outputs(args: &ReplayArgs, config: &ValidConfig, control: &Arc<Control>) -> Result<Outputs> {
+    let mut outputs = Outputs::default();
+    if wants_autopilot(config, args)? {
+        outputs.pilot(config, Stamps::Replayed)?;
+    }
+    if let Some(path) = &args.record {
+        if !is_log(path) {
+            let message = format!("{}: name the log with the ending .mcap", path.display());
+            return Err(Usage(message).into());
+        }
+        // A live flight never waits for the recorder, one in virtual time loses nothing.
+        let when_full = if args.speed.is_some() { WhenFull::Drop } else { WhenFull::Wait };
+        outputs.record(path, config, when_full)?;
+    }
+    if args.publish {
+        let endpoints = Endpoints::of(&config.network).and(&args.listen, &args.connect);
+        outputs.publish(config, &endpoints, control)?;
+    }
+    Ok(outputs)
 }
 
-/// Starts the recorder: a live flight never waits for it, one in virtual time loses nothing.
-fn start_recording(path: &Path, flight: &Flight, is_live: bool) -> Result<log::Recorder> {
-    if !is_log(path) {
-        let message = format!("{}: name the log with the ending .mcap", path.display());
-        return Err(Usage(message).into());
+/// Whether an autopilot is named that can be told: it flies in real time, or not at all.
+fn wants_autopilot(config: &ValidConfig, args: &ReplayArgs) -> Result<bool, Usage> {
+    if config.autopilot.connect.is_empty() {
+        return Ok(false);
     }
-    let when_full = if is_live { WhenFull::Drop } else { WhenFull::Wait };
-    Ok(log::Recorder::start(path, &flight.config, when_full)?)
+    if args.speed.is_none() && args.autopilot.is_some() {
+        return Err(Usage("--autopilot: give --speed 1 too, an autopilot flies in real time".into()));
+    }
+    if args.speed.is_none() {
+        tracing::warn!("autopilot.connect is set, but without --speed 1 nothing is sent there");
+    }
+    Ok(args.speed.is_some())
 }
 
-/// Starts the bridge to the autopilot, where one is named: it flies in real time, or not at all.
-fn start_bridge(config: &ValidConfig, args: &ReplayArgs) -> Result<Option<Bridge>> {
-    let autopilot = &config.autopilot;
-    if autopilot.connect.is_empty() {
-        return Ok(None);
+/// Writes the trajectories that were asked for.
+fn write_trajectories(
+    args: &ReplayArgs,
+    poses: &[CausalPose],
+    odometry: Option<&[StampedPose]>,
+) -> Result<()> {
+    if let Some(path) = &args.trajectory {
+        let poses: Vec<_> = poses.iter().map(|p| StampedPose { stamp: p.stamp, pose: p.pose_o_b }).collect();
+        write_tum(path, &poses)?;
     }
-    if args.speed.is_some() {
-        return Ok(Some(Bridge::start(
-            autopilot,
-            &config.vehicle,
-            Stamps::Replayed,
-            config.runtime.realtime,
-        )?));
+    if let (Some(path), Some(odometry)) = (&args.odometry, odometry) {
+        write_tum(path, odometry)?;
     }
-    if args.autopilot.is_some() {
-        return Err(Usage("--autopilot: give --speed 1 too, an autopilot flies in real time".into()).into());
+    if let Some(path) = &args.covariance {
+        write_covariances(path, poses)?;
     }
-    tracing::warn!("autopilot.connect is set, but without --speed 1 nothing is sent there");
-    Ok(None)
-}
-
-/// Runs a flight to its end and reports it.
-///
-/// # Errors
-/// When a driver cannot go on.
-pub fn fly(
-    flight: Flight,
-    recorder: Recorder<'_>,
-    options: &RunOptions,
-    control: &Control,
-) -> Result<(Report, Vec<CausalPose>, Vec<plumbline_drivers::StampedPose>)> {
-    fly_tapped(flight, recorder, options, control, Box::new(()))
-}
-
-/// The same with a listener to every input, order and output.
-///
-/// # Errors
-/// When a driver cannot go on.
-pub fn fly_tapped(
-    flight: Flight,
-    mut recorder: Recorder<'_>,
-    options: &RunOptions,
-    control: &Control,
-    tap: Box<dyn Tap>,
-) -> Result<(Report, Vec<CausalPose>, Vec<plumbline_drivers::StampedPose>)> {
-    let Flight { config, imu, stereo, truth, name } = flight;
-    let streams = Streams { imu, stereo };
-    let outcome: Outcome = crate::pipeline::run(&config, streams, options, control, tap, &mut recorder)?;
-    let accuracy = Accuracy::of(&recorder.poses, &truth);
-    let report = Report::new(&name, &outcome, accuracy, &config, options.threads);
-    Ok((report, recorder.poses, recorder.odometry))
+    Ok(())
 }
 
 fn write_covariances(path: &Path, poses: &[CausalPose]) -> Result<()> {
@@ -276,30 +243,4 @@ fn write_covariances(path: &Path, poses: &[CausalPose]) -> Result<()> {
         text.push('\n');
     }
     std::fs::write(path, text).with_context(|| format!("{}", path.display()))
-}
-
-/// A progress bar on terminals.
-struct Progress(ProgressBar);
-
-impl Progress {
-    fn new(expected: Option<u64>) -> Self {
-        let bar = expected.map_or_else(ProgressBar::new_spinner, ProgressBar::new);
-        let template = "{bar:32} {pos}/{len} frames  {msg}  {elapsed} (eta {eta})";
-        bar.set_style(
-            ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()),
-        );
-        Self(bar)
-    }
-}
-
-impl Sink for Progress {
-    fn estimate(&mut self, estimate: &Estimate, frame_ms: f64) {
-        self.0.inc(1);
-        if self.0.position().is_multiple_of(10) {
-            let p = estimate.pose_o_b.translation.vector;
-            self.0.set_message(format!("({:.2} {:.2} {:.2}) m, {frame_ms:.1} ms", p.x, p.y, p.z));
-        }
-    }
-
-    fn odometry(&mut self, _odometry: &Odometry) {}
 }

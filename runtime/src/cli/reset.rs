@@ -5,7 +5,8 @@ use super::say;
 use crate::ground::command::{self, ResetWords};
 use crate::net::{Endpoints, Mode};
 use anyhow::{Result, anyhow};
-use clap::Args;
+use clap::builder::PossibleValue;
+use clap::{Args, ValueEnum};
 
 /// Arguments of `plumbline reset`.
 #[derive(Debug, Args)]
@@ -45,4 +46,17 @@ pub fn run(args: &ResetArgs) -> Result<()> {
     let done = outcome.map_err(|reason| anyhow!("{}: {reason}", args.vehicle))?;
     say(format_args!("{}: {done}", args.vehicle));
     Ok(())
+}
+
+impl ValueEnum for ResetWords {
+    fn value_variants<'a>() -> &'a [Self] {
+        &[Self::Soft, Self::Hard]
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        Some(match self {
+            Self::Soft => PossibleValue::new("soft").help("A new start that keeps the pose"),
+            Self::Hard => PossibleValue::new("hard").help("A new start at the origin"),
+        })
+    }
 }

@@ -3,7 +3,7 @@
 //! A file holds, for each frame in order, one byte for each of (delivered, left valid, right valid) and the
 //! pixels of all cameras. Its name is a hash of everything the images depend on.
 
-use anyhow::{Context, Result, ensure};
+use super::FlightError;
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline_config::GrayImage;
 use plumbline_drivers::simulator::{Scenario, Simulator};
@@ -25,20 +25,22 @@ pub(super) fn frames(
     folder: &Path,
     simulator: &Simulator,
     scenario: &Scenario,
-) -> Result<Box<dyn StereoSource>> {
+) -> Result<Box<dyn StereoSource>, FlightError> {
+    let failed = |path: &Path| {
+        let path = path.to_owned();
+        |source| FlightError::Cache { path, source }
+    };
     let path = folder.join(format!("{}.raw", key(simulator, scenario)));
     if !path.exists() {
-        std::fs::create_dir_all(folder).with_context(|| format!("{}", folder.display()))?;
-        render(&path, simulator).with_context(|| format!("{}", path.display()))?;
+        std::fs::create_dir_all(folder).map_err(failed(folder))?;
+        render(&path, simulator).map_err(failed(&path))?;
     }
-    let file = File::open(&path).with_context(|| format!("{}", path.display()))?;
-    let length = file.metadata()?.len();
+    let file = File::open(&path).map_err(failed(&path))?;
+    let length = file.metadata().map_err(failed(&path))?.len();
     let pixels: u64 = simulator.image_sizes().iter().map(|(w, h)| (w * h) as u64).sum();
-    ensure!(
-        length == simulator.frame_count() * (3 + pixels),
-        "{}: not a complete file of frames; delete it",
-        path.display()
-    );
+    if length != simulator.frame_count() * (3 + pixels) {
+        return Err(FlightError::CacheIncomplete { path });
+    }
     let source = CachedFrames { simulator: simulator.clone(), file: BufReader::new(file), path, next: 0 };
     Ok(Box::new(source))
 }

@@ -19,7 +19,7 @@ const SILENCE: &str = "no answer: the vehicle is out of reach, or this station m
                        certificate or name)";
 
 /// How much is forgotten.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ResetWords {
     /// A new start that keeps the pose.

@@ -2,7 +2,7 @@
 
 use super::track::PoseSample;
 use crate::net::{proto, wire};
-use anyhow::Result;
+use mcap::McapError;
 use prost::Message;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -51,7 +51,7 @@ impl Format {
 ///
 /// # Errors
 /// When a log cannot be written.
-pub fn export(vehicle: &str, samples: &[PoseSample], format: Format) -> Result<Vec<u8>> {
+pub fn export(vehicle: &str, samples: &[PoseSample], format: Format) -> Result<Vec<u8>, McapError> {
     match format {
         Format::Tum => Ok(tum(samples).into_bytes()),
         Format::Csv => Ok(csv(samples).into_bytes()),
@@ -103,7 +103,7 @@ fn csv(samples: &[PoseSample]) -> String {
 /// Descriptors of the wire format.
 const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/plumbline.descriptors"));
 
-fn mcap(vehicle: &str, samples: &[PoseSample]) -> Result<Vec<u8>> {
+fn mcap(vehicle: &str, samples: &[PoseSample]) -> Result<Vec<u8>, McapError> {
     let mut file = Cursor::new(Vec::new());
     let mut writer = mcap::WriteOptions::new().profile("plumbline").create(&mut file)?;
     let schema = writer.add_schema("plumbline.v1.Odom", "protobuf", DESCRIPTORS)?;

@@ -3,15 +3,15 @@
 use super::channel::Channel;
 use super::fleet::Fleet;
 use super::vehicle::Vehicle;
-use anyhow::{Context, Result};
 use serde_json::{Value, json};
+use std::io;
 use std::path::Path;
 
 /// Writes the report.
 ///
 /// # Errors
 /// When the file cannot be written.
-pub fn write(path: &Path, fleet: &Fleet) -> Result<()> {
+pub fn write(path: &Path, fleet: &Fleet) -> io::Result<()> {
     let vehicles: serde_json::Map<String, Value> =
         fleet.vehicles.iter().map(|(name, v)| (name.clone(), vehicle(v))).collect();
     let report = json!({
@@ -21,7 +21,7 @@ pub fn write(path: &Path, fleet: &Fleet) -> Result<()> {
         "vehicles": vehicles,
     });
     let text = serde_json::to_string_pretty(&report)?;
-    std::fs::write(path, text).with_context(|| format!("{}", path.display()))
+    std::fs::write(path, text)
 }
 
 fn channel(channel: &Channel) -> Value {

@@ -7,7 +7,6 @@ use super::fleet::Fleet;
 use super::listen::lock;
 use super::vehicle::Vehicle;
 use super::{NO_VEHICLE, REDRAW, quit};
-use anyhow::Result;
 use crossterm::event::{self, Event, KeyCode, KeyModifiers};
 use ratatui::Frame;
 use ratatui::backend::Backend as _;
@@ -15,6 +14,7 @@ use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Paragraph};
+use std::io;
 use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
@@ -30,7 +30,7 @@ const MIN_ABOVE_LINES: u16 = 6;
 ///
 /// # Errors
 /// When the terminal cannot be used.
-pub fn show(fleet: &Mutex<Fleet>, is_over: &impl Fn() -> bool, stop: &AtomicBool) -> Result<()> {
+pub fn show(fleet: &Mutex<Fleet>, is_over: &impl Fn() -> bool, stop: &AtomicBool) -> io::Result<()> {
     let mut terminal = ratatui::try_init()?;
     terminal.hide_cursor()?;
     let outcome = (|| {

@@ -3,7 +3,7 @@
 
 use super::LogError;
 use super::build_id::BuildId;
-use crate::report::config_hash;
+use crate::pipeline::digest::config_hash;
 use plumbline_config::options::ImageRecording;
 use plumbline_config::{Config, ValidConfig};
 use sha2::{Digest as _, Sha256};

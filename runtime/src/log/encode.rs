@@ -1,7 +1,7 @@
 //! From the words of the runtime to the messages of the log. Nothing is rounded.
 
-use super::entry::{Event, Severity};
 use super::{foxglove, proto};
+use crate::pipeline::event::{Event, Severity};
 use crate::pipeline::orders::{CorrectionOrder, FrameOrder, ResetOrder, Verdict};
 use nalgebra::{Isometry3, Vector3};
 use plumbline_config::Timestamp;

@@ -32,7 +32,7 @@ pub mod writer;
 #[cfg(test)]
 mod tests;
 
-pub use entry::{Event, LogEntry, Severity};
+pub use entry::LogEntry;
 pub use reader::LogReader;
 pub use recorder::{Recorder, RecorderHandle, WhenFull};
 

@@ -1,6 +1,6 @@
 //! Makes events of estimates: what a person looks for first in a log.
 
-use super::entry::{Event, Severity};
+use crate::pipeline::event::{Event, Severity};
 use plumbline_estimator::{Estimate, TrackingState};
 
 /// Notices changes from one estimate to the next.

@@ -5,14 +5,15 @@
 //! run drops the entry and counts it ([`WhenFull::Drop`]), a run in virtual time waits
 //! ([`WhenFull::Wait`]). When the disk fails the recording ends there and the flight goes on.
 
+use super::LogError;
 use super::about::About;
 use super::entry::{Dropped, Kind, LogEntry};
 use super::part_file::OpenPart;
 use super::writer::{Limits, LogWriter};
-use super::{Event, LogError};
 use crate::pipeline::clock::CpuStopwatch;
+use crate::pipeline::event::Event;
+use crate::pipeline::listener::{Listener, Producer, Subscriber};
 use crate::pipeline::orders::{CorrectionOrder, FrameOrder, ResetOrder};
-use crate::pipeline::tap::Tap;
 use crossbeam_queue::ArrayQueue;
 use plumbline_config::ValidConfig;
 use plumbline_drivers::{ImuReading, StereoFrame};
@@ -107,11 +108,7 @@ impl RecorderHandle {
     }
 }
 
-impl Tap for RecorderHandle {
-    fn another(&self) -> Box<dyn Tap> {
-        Box::new(self.clone())
-    }
-
+impl Listener for RecorderHandle {
     fn reading(&mut self, reading: &ImuReading) {
         self.offer(LogEntry::Imu(*reading));
     }
@@ -132,7 +129,7 @@ impl Tap for RecorderHandle {
         self.offer(LogEntry::Reset(*order));
     }
 
-    fn estimate(&mut self, estimate: &Estimate) {
+    fn estimate(&mut self, estimate: &Estimate, _frame_ms: f64) {
         self.offer(LogEntry::Estimate(estimate.clone()));
     }
 
@@ -254,6 +251,12 @@ impl Recorder {
         let dropped = self.shared.dropped();
         (summary.not_recorded, summary.not_recorded_words) = (dropped.total(), dropped.to_string());
         summary
+    }
+}
+
+impl Subscriber for Recorder {
+    fn listener(&mut self, _producer: Producer) -> Box<dyn Listener> {
+        Box::new(self.handle())
     }
 }
 

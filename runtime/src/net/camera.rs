@@ -13,8 +13,12 @@ const LOOK_PERIOD: Duration = Duration::from_millis(200);
 /// Compresses and sends the pictures that wait, and lets the run know whether anybody looks. Ends with the task.
 pub async fn serve(camera: Publisher<'static>, rings: Arc<Rings>, rates: Rates) {
     let (mut sequence, mut looked) = (0, None::<Instant>);
+    let bell = match rings.picture_bell.listen() {
+        Ok(bell) => bell,
+        Err(error) => return tracing::error!("no pictures are published: {error}"),
+    };
     loop {
-        let _ = tokio::time::timeout(LOOK_PERIOD, rings.picture_wake.notified()).await;
+        let _ = tokio::time::timeout(LOOK_PERIOD, bell.rung()).await;
         if looked.is_none_or(|looked| looked.elapsed() >= LOOK_PERIOD) {
             looked = Some(Instant::now());
             let is_watched = camera.matching_status().await.is_ok_and(|status| status.matching());

@@ -14,6 +14,7 @@ pub mod diagnosis;
 pub mod health;
 pub mod keyframes;
 pub mod keys;
+pub mod listener;
 pub mod odometry;
 pub mod pace;
 pub mod picture;
@@ -23,7 +24,7 @@ pub mod read;
 pub mod rings;
 pub mod security;
 pub mod session;
-pub mod tap;
+pub mod task_bell;
 pub mod threads;
 pub mod wire;
 

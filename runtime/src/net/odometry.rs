@@ -6,9 +6,10 @@
 use super::datagrams::Datagrams;
 use super::pace::Pace;
 use super::publishers;
-use super::rings::Rings;
+use super::rings::{LaneReader, Rings};
 use super::session::NetError;
 use super::{ROOT, wire};
+use plumbline_estimator::Odometry;
 use prost::Message as _;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -52,22 +53,26 @@ impl OdometryPublisher {
     }
 
     /// Empties the ring until the flight is over.
-    pub fn spawn(mut self, rings: Arc<Rings>) -> JoinHandle<()> {
+    pub fn spawn(mut self, rings: Arc<Rings>, mut waiting: LaneReader<(Odometry, i64)>) -> JoinHandle<()> {
         ZRuntime::TX.spawn(async move {
+            let bell = match rings.odometry_bell.listen() {
+                Ok(bell) => bell,
+                Err(error) => return tracing::error!("no odometry is published: {error}"),
+            };
             loop {
                 let is_last = rings.stop.load(Ordering::Relaxed);
-                self.empty(&rings).await;
+                self.empty(&mut waiting).await;
                 if is_last {
                     break;
                 }
-                rings.odometry_wake.notified().await;
+                bell.rung().await;
             }
         })
     }
 
     /// Sends what waits. What cannot be sent is lost, as its quality of service says; sequence numbers tell.
-    async fn empty(&mut self, rings: &Rings) {
-        while let Some((odometry, handed_over_ns)) = rings.odometry.pop() {
+    async fn empty(&mut self, waiting: &mut LaneReader<(Odometry, i64)>) {
+        while let Some((odometry, handed_over_ns)) = waiting.pop() {
             if !self.pace.admits(odometry.stamp) {
                 continue;
             }

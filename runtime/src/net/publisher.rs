@@ -1,15 +1,14 @@
 //! A vehicle's presence on the network, seen from the run: takes what it produces, and never holds it up.
 
-use super::now_ns;
+use super::listener::{FrontEndListener, TickListener, WindowListener};
 use super::pace::Rates;
 use super::proto;
 use super::publishers::Publishers;
-use super::rings::Rings;
+use super::rings::{LaneWriter, Rings};
 use super::security;
 use super::session::{Endpoints, NetError};
-use super::tap::NetworkTap;
-use crate::pipeline::tap::Tap;
-use crate::pipeline::{Control, Sink};
+use crate::pipeline::Control;
+use crate::pipeline::listener::{Listener, Producer, Subscriber};
 use nalgebra::UnitQuaternion;
 use plumbline_config::ValidConfig;
 use plumbline_estimator::{Estimate, Odometry};
@@ -33,17 +32,19 @@ pub struct Vehicle {
     pub control: Arc<Control>,
 }
 
-/// A vehicle's presence on the network. As a [`Sink`] it takes what the pipeline produces.
+/// A vehicle's presence on the network, for one run.
 #[derive(Debug)]
 pub struct Publisher {
     rings: Arc<Rings>,
+    /// Taken by the listeners of the run.
+    odometry: Option<LaneWriter<(Odometry, i64)>>,
+    estimates: Option<LaneWriter<(Estimate, f64)>>,
     camera_hz: f64,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Publisher {
-    /// Opens the session and declares everything, for ROS 2 too where that is enabled; returns when others can
-    /// see the vehicle.
+    /// Opens the session and declares everything; returns when others can see the vehicle.
     ///
     /// # Errors
     /// When the session cannot be opened.
@@ -57,7 +58,7 @@ impl Publisher {
             name: endpoints.vehicle.clone(),
             configuration: proto::Configuration {
                 toml: config.to_toml().unwrap_or_default(),
-                sha256: crate::report::config_hash(config),
+                sha256: crate::pipeline::digest::config_hash(config),
             },
             offers_camera: config.network.camera,
             rot_v_b: config.vehicle.rot_v_b(),
@@ -67,9 +68,10 @@ impl Publisher {
         if let Some(refusal) = &vehicle.refusal {
             tracing::info!("{refusal}");
         }
-        let rings = Arc::new(Rings::new(config));
+        let (rings, written, to_send) = Rings::new(config)?;
+        let rings = Arc::new(rings);
         let (ready, wait) = std::sync::mpsc::sync_channel(1);
-        let (theirs, endpoints, ros) = (Arc::clone(&rings), endpoints.clone(), config.ros.clone());
+        let (theirs, endpoints) = (Arc::clone(&rings), endpoints.clone());
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(1)
             .thread_name("plumbline-net")
@@ -77,10 +79,10 @@ impl Publisher {
             .build()?;
         let thread = std::thread::Builder::new().name("plumbline-net".into()).spawn(move || {
             runtime.block_on(async {
-                match Publishers::declare(&endpoints, vehicle, rates, &ros).await {
+                match Publishers::declare(&endpoints, vehicle, rates).await {
                     Ok(publishers) => {
                         let _ = ready.send(Ok(()));
-                        publishers.run(&theirs).await;
+                        publishers.run(&theirs, to_send).await;
                     }
                     Err(error) => drop(ready.send(Err(error))),
                 }
@@ -89,13 +91,13 @@ impl Publisher {
         let outcome = wait.recv().unwrap_or_else(|_| {
             Err(NetError::Thread(std::io::Error::other("it ended before the session was open")))
         });
-        outcome.map(|()| Self { rings, camera_hz: rates.camera_hz, thread: Some(thread) })
-    }
-
-    /// Listens to a run, for what its results do not say.
-    #[must_use]
-    pub fn tap(&self) -> Box<dyn Tap> {
-        Box::new(NetworkTap::new(Arc::clone(&self.rings), self.camera_hz))
+        outcome.map(|()| Self {
+            rings,
+            odometry: Some(written.odometry),
+            estimates: Some(written.estimates),
+            camera_hz: rates.camera_hz,
+            thread: Some(thread),
+        })
     }
 
     /// Sends what is left, and takes the vehicle off the network.
@@ -117,18 +119,20 @@ impl Drop for Publisher {
     }
 }
 
-impl Sink for Publisher {
-    fn estimate(&mut self, estimate: &Estimate, frame_ms: f64) {
-        self.rings.estimates.push((estimate.clone(), frame_ms));
-        self.rings.wake.notify_one();
-    }
-
-    fn odometry(&mut self, odometry: &Odometry) {
-        self.rings.odometry.push((odometry.clone(), now_ns()));
-        self.rings.odometry_wake.notify_one();
-        if let Some(ros) = &self.rings.ros {
-            ros.push(odometry.clone());
-            self.rings.wake.notify_one();
+impl Subscriber for Publisher {
+    fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
+        let rings = Arc::clone(&self.rings);
+        match producer {
+            Producer::Tick => match self.odometry.take() {
+                Some(odometry) => Box::new(TickListener { rings, odometry }),
+                None => Box::new(()),
+            },
+            Producer::Window => match self.estimates.take() {
+                Some(estimates) => Box::new(WindowListener { rings, estimates }),
+                None => Box::new(()),
+            },
+            Producer::FrontEnd => Box::new(FrontEndListener::new(rings, self.camera_hz)),
+            Producer::Watchdog => Box::new(()),
         }
     }
 }

@@ -15,13 +15,11 @@ use super::health::{Circumstances, HealthFeed};
 use super::odometry::OdometryPublisher;
 use super::pace::{Pace, Rates};
 use super::publisher::Vehicle;
-use super::rings::Rings;
+use super::rings::{LaneReader, Rings, ToSend};
 use super::session::{Endpoints, NetError};
 use super::{ROOT, audit, camera, diagnosis, now_ns, proto, wire};
-use crate::ros::RosPublisher;
 use crate::schedule::ladder::Rung;
 use nalgebra::{Isometry3, UnitQuaternion};
-use plumbline_config::options::RosConfig;
 use plumbline_estimator::{Estimate, MapSnapshot};
 use prost::Message;
 use std::sync::atomic::Ordering;
@@ -54,7 +52,6 @@ pub struct Publishers {
     rot_v_b: UnitQuaternion<f64>,
     archive: Arc<Mutex<Archive>>,
     resets: watch::Sender<u32>,
-    ros: Option<RosPublisher>,
 }
 
 /// What changes from message to message.
@@ -77,7 +74,6 @@ impl Publishers {
         endpoints: &Endpoints,
         vehicle: Arc<Vehicle>,
         rates: Rates,
-        ros: &RosConfig,
     ) -> Result<Self, NetError> {
         let (streams, datagrams) = endpoints.split()?;
         let session = streams.open().await?;
@@ -117,13 +113,13 @@ impl Publishers {
             rates,
             archive,
             resets,
-            ros: ros.enabled.then(|| RosPublisher::start(ros, &vehicle.name, vehicle.rot_v_b)).transpose()?,
         })
     }
 
     /// Empties the rings until told to stop, then once more.
-    pub async fn run(mut self, rings: &Arc<Rings>) {
-        let odometry = self.odometry.take().map(|odometry| odometry.spawn(Arc::clone(rings)));
+    pub async fn run(mut self, rings: &Arc<Rings>, to_send: ToSend) {
+        let ToSend { odometry, mut estimates } = to_send;
+        let odometry = self.odometry.take().map(|publisher| publisher.spawn(Arc::clone(rings), odometry));
         let pictures = self
             .camera
             .take()
@@ -137,32 +133,33 @@ impl Publishers {
             corrections: None,
             chores: Instant::now(),
         };
+        let bell = rings.bell.listen();
         while !rings.stop.load(Ordering::Relaxed) {
-            let _ = tokio::time::timeout(CHORES_PERIOD, rings.wake.notified()).await;
-            self.empty(rings, &mut course).await;
+            match &bell {
+                Ok(bell) => drop(tokio::time::timeout(CHORES_PERIOD, bell.rung()).await),
+                Err(_) => tokio::time::sleep(CHORES_PERIOD).await,
+            }
+            self.empty(rings, &mut estimates, &mut course).await;
             do_chores(&mut course);
         }
-        self.empty(rings, &mut course).await;
+        self.empty(rings, &mut estimates, &mut course).await;
         if let Some(pictures) = pictures {
             pictures.abort();
         }
         if let Some(odometry) = odometry {
             let _ = odometry.await;
         }
-        if let Some(ros) = self.ros {
-            ros.stop().await;
-        }
         let _ = self.session.close().await;
     }
 
     /// Sends what waits. What cannot be sent is lost, as its quality of service says; sequence numbers tell.
-    async fn empty(&mut self, rings: &Rings, course: &mut Course) {
-        if let (Some(ros), Some(ring)) = (&mut self.ros, &rings.ros) {
-            while let Some(odometry) = ring.pop() {
-                ros.odometry(&odometry).await;
-            }
-        }
-        while let Some((estimate, frame_ms)) = rings.estimates.pop() {
+    async fn empty(
+        &mut self,
+        rings: &Rings,
+        estimates: &mut LaneReader<(Estimate, f64)>,
+        course: &mut Course,
+    ) {
+        while let Some((estimate, frame_ms)) = estimates.pop() {
             self.send_estimate(rings, course, &estimate, frame_ms).await;
         }
         while let Some(snapshot) = rings.snapshots.read(|snapshot| snapshot.clone()) {

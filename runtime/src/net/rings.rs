@@ -1,50 +1,91 @@
-//! What joins the estimator to the network: rings that forget the oldest rather than make anybody wait.
+//! What joins a run to the network: rings that forget the oldest rather than make anybody wait.
 
 use super::picture::Shot;
+use super::task_bell::TaskBell;
+use crate::schedule::ring::{Bell, Reader, Writer, ring};
 use crossbeam_queue::ArrayQueue;
 use plumbline_config::ValidConfig;
 use plumbline_estimator::{Estimate, MapSnapshot, Odometry};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
-use tokio::sync::Notify;
 
 /// Odometry that waits for the network: a quarter of a second.
 const ODOMETRY_RING: usize = 50;
 /// Estimates that wait for the network: two seconds.
 const ESTIMATE_RING: usize = 40;
+/// A lane has room for so many times what its reader keeps.
+const ROOM_PER_KEPT: usize = 4;
 /// Map snapshots of the window that are filled, wait or are read: they come with keyframes, a few a second.
 const SNAPSHOTS: usize = 8;
 /// Pictures that are filled, wait or are read.
 const SHOTS: usize = 3;
 
-/// A bounded ring that forgets its oldest entry rather than make the writer wait.
+/// A ring from one thread of a run to one task: [`lane`] makes both ends.
 #[derive(Debug)]
-pub struct DropOldest<T> {
-    queue: ArrayQueue<T>,
-    dropped: AtomicU64,
+pub struct LaneWriter<T> {
+    ring: Writer<T>,
+    /// Entries that found no room.
+    refused: Arc<AtomicU64>,
 }
 
-impl<T> DropOldest<T> {
-    /// Room for `capacity` entries.
-    #[must_use]
-    pub fn new(capacity: usize) -> Self {
-        Self { queue: ArrayQueue::new(capacity), dropped: AtomicU64::new(0) }
-    }
+/// The reading end of a lane.
+#[derive(Debug)]
+pub struct LaneReader<T> {
+    ring: Reader<T>,
+    keep: usize,
+    refused: Arc<AtomicU64>,
+    /// Of the refused, those that were noticed.
+    noticed: u64,
+    forgotten: Arc<AtomicU64>,
+}
 
-    /// Adds an entry; full, the oldest goes and is counted.
-    pub fn push(&self, entry: T) {
-        if self.queue.force_push(entry).is_some() {
-            self.dropped.fetch_add(1, Ordering::Relaxed);
+/// Entries of a lane that were lost, seen from anywhere.
+#[derive(Clone, Debug)]
+pub struct LaneLosses {
+    refused: Arc<AtomicU64>,
+    forgotten: Arc<AtomicU64>,
+}
+
+/// A ring that forgets the oldest: its reader keeps the newest `keep` entries of those that wait, and counts the
+/// others. Writing is wait-free: a thread of high priority never spins on a reader that it has interrupted, as it could
+/// if it took the oldest out itself. The price is that a reader which was away for long, so that the writer found no
+/// room, finds old entries only; it forgets them all.
+#[must_use]
+pub fn lane<T>(keep: usize) -> (LaneWriter<T>, LaneReader<T>, LaneLosses) {
+    let (writer, reader) = ring(ROOM_PER_KEPT * keep, &Bell::default());
+    let losses = LaneLosses { refused: Arc::default(), forgotten: Arc::default() };
+    let LaneLosses { refused, forgotten } = losses.clone();
+    let reader = LaneReader { ring: reader, keep, refused: Arc::clone(&refused), noticed: 0, forgotten };
+    (LaneWriter { ring: writer, refused }, reader, losses)
+}
+
+impl<T> LaneWriter<T> {
+    /// Adds an entry; without room it is lost, and counted.
+    pub fn push(&mut self, entry: T) {
+        if self.ring.push(entry).is_err() {
+            self.refused.fetch_add(1, Ordering::Relaxed);
         }
     }
+}
 
-    /// Takes the oldest entry.
-    pub fn pop(&self) -> Option<T> {
-        self.queue.pop()
+impl<T> LaneReader<T> {
+    /// Takes the oldest entry that is worth keeping.
+    pub fn pop(&mut self) -> Option<T> {
+        let refused = self.refused.load(Ordering::Relaxed);
+        let keep = if refused == self.noticed { self.keep } else { 0 };
+        self.noticed = refused;
+        for _ in keep..self.ring.waiting() {
+            self.forgotten.fetch_add(u64::from(self.ring.pop().is_some()), Ordering::Relaxed);
+        }
+        self.ring.pop()
     }
+}
 
-    /// Entries forgotten so far.
-    pub fn dropped(&self) -> u64 {
-        self.dropped.load(Ordering::Relaxed)
+impl LaneLosses {
+    /// Entries lost so far.
+    #[must_use]
+    pub fn count(&self) -> u64 {
+        self.refused.load(Ordering::Relaxed) + self.forgotten.load(Ordering::Relaxed)
     }
 }
 
@@ -108,15 +149,27 @@ impl<T> Pool<T> {
     }
 }
 
-/// Everything that is handed over.
+/// What the run writes, each from one thread.
+#[derive(Debug)]
+pub struct Written {
+    /// Odometry, with the time it was handed over, ns since 1970: from the tick.
+    pub odometry: LaneWriter<(Odometry, i64)>,
+    /// Estimates, with what the frame took, ms: from the window.
+    pub estimates: LaneWriter<(Estimate, f64)>,
+}
+
+/// The same, where it is read.
+#[derive(Debug)]
+pub struct ToSend {
+    /// Odometry, with the time it was handed over, ns since 1970.
+    pub odometry: LaneReader<(Odometry, i64)>,
+    /// Estimates, with what the frame took, ms.
+    pub estimates: LaneReader<(Estimate, f64)>,
+}
+
+/// Everything else that run and network share.
 #[derive(Debug)]
 pub struct Rings {
-    /// Odometry, with the time it was handed over, ns since 1970.
-    pub odometry: DropOldest<(Odometry, i64)>,
-    /// Odometry for ROS 2, where that is enabled.
-    pub ros: Option<DropOldest<Odometry>>,
-    /// Estimates, with what the frame took, ms.
-    pub estimates: DropOldest<(Estimate, f64)>,
     /// What the window holds, after each keyframe.
     pub snapshots: Pool<MapSnapshot>,
     /// Left pictures with what is tracked in them.
@@ -126,45 +179,50 @@ pub struct Rings {
     /// Step of the degradation ladder.
     pub rung: AtomicU8,
     /// Wakes who sends odometry.
-    pub odometry_wake: Notify,
-    /// Wakes who empties the other rings.
-    pub wake: Notify,
+    pub odometry_bell: TaskBell,
+    /// Wakes who sends estimates and snapshots.
+    pub bell: TaskBell,
     /// Wakes who sends pictures.
-    pub picture_wake: Notify,
+    pub picture_bell: TaskBell,
     /// The flight is over.
     pub stop: AtomicBool,
+    losses: [LaneLosses; 2],
 }
 
 impl Rings {
     /// Everything allocated for the configuration.
-    #[must_use]
-    pub fn new(config: &ValidConfig) -> Self {
-        Self {
-            odometry: DropOldest::new(ODOMETRY_RING),
-            ros: config.ros.enabled.then(|| DropOldest::new(ODOMETRY_RING)),
-            estimates: DropOldest::new(ESTIMATE_RING),
+    ///
+    /// # Errors
+    /// When the system has no more file descriptors.
+    pub fn new(config: &ValidConfig) -> std::io::Result<(Self, Written, ToSend)> {
+        let (odometry_in, odometry, odometry_losses) = lane(ODOMETRY_RING);
+        let (estimates_in, estimates, estimate_losses) = lane(ESTIMATE_RING);
+        let rings = Self {
             snapshots: Pool::new(SNAPSHOTS, || MapSnapshot::new(config.setup())),
             shots: Pool::new(SHOTS, || Shot::new(config)),
             is_watched: AtomicBool::new(false),
             rung: AtomicU8::new(0),
-            odometry_wake: Notify::new(),
-            wake: Notify::new(),
-            picture_wake: Notify::new(),
+            odometry_bell: TaskBell::new()?,
+            bell: TaskBell::new()?,
+            picture_bell: TaskBell::new()?,
             stop: AtomicBool::new(false),
-        }
+            losses: [odometry_losses, estimate_losses],
+        };
+        let written = Written { odometry: odometry_in, estimates: estimates_in };
+        Ok((rings, written, ToSend { odometry, estimates }))
     }
 
     /// The flight is over: who empties the rings sends what is left, and ends.
     pub fn end(&self) {
         self.stop.store(true, Ordering::Relaxed);
-        self.odometry_wake.notify_one();
-        self.wake.notify_one();
+        self.odometry_bell.ring();
+        self.bell.ring();
     }
 
     /// Entries forgotten because the network was slower than the vehicle.
     #[must_use]
     pub fn dropped(&self) -> u64 {
-        self.odometry.dropped() + self.estimates.dropped() + self.snapshots.dropped()
+        self.losses.iter().map(LaneLosses::count).sum::<u64>() + self.snapshots.dropped()
     }
 }
 
@@ -173,11 +231,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_full_ring_forgets_the_oldest_and_counts_it() {
-        let ring = DropOldest::new(3);
-        (0..5).for_each(|k| ring.push(k));
-        assert_eq!(ring.dropped(), 2);
-        assert_eq!(std::iter::from_fn(|| ring.pop()).collect::<Vec<_>>(), [2, 3, 4]);
+    fn a_late_reader_finds_the_newest_and_the_others_are_counted() {
+        let (mut writer, mut reader, losses) = lane(3);
+        (0..5).for_each(|k| writer.push(k));
+        assert_eq!(std::iter::from_fn(|| reader.pop()).collect::<Vec<_>>(), [2, 3, 4]);
+        assert_eq!(losses.count(), 2);
+    }
+
+    #[test]
+    fn a_reader_that_was_away_for_long_starts_with_what_is_new() {
+        let (mut writer, mut reader, losses) = lane(3);
+        (0..100).for_each(|k| writer.push(k));
+        assert_eq!(reader.pop(), None);
+        assert_eq!(losses.count(), 100);
+        writer.push(100);
+        assert_eq!((reader.pop(), losses.count()), (Some(100), 100));
     }
 
     #[test]

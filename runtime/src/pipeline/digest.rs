@@ -1,6 +1,7 @@
 //! SHA-256 over the bits of what was estimated: two runs agree in it or differ.
 
 use nalgebra::{Isometry3, Vector3};
+use plumbline_config::Config;
 use plumbline_estimator::{Estimate, NavCovariance, Odometry};
 use sha2::{Digest as _, Sha256};
 
@@ -62,6 +63,13 @@ impl Digest {
     fn covariance(&mut self, covariance: &NavCovariance) {
         covariance.iter().for_each(|x| self.number(*x));
     }
+}
+
+/// SHA-256 of the configuration as TOML.
+#[must_use]
+pub fn config_hash(config: &Config) -> String {
+    let text = config.to_toml().unwrap_or_default();
+    Sha256::digest(text.as_bytes()).iter().map(|b| format!("{b:02x}")).collect()
 }
 
 #[cfg(test)]

@@ -4,12 +4,11 @@
 //! sees what the other finds until both are done. Readings beyond the frame that is being solved wait until
 //! its estimate can correct them.
 
-use super::figures::Figures;
-use super::stages::{Cost, FrontStage, Job, WindowStage};
-use super::tap::Tap;
+use super::listener::{Producer, Subscriber};
+use super::stages::{FrontStage, Job, WindowStage};
 use super::team::Team;
 use super::tick::{CORRECTION_DELAY_NS, TickStage};
-use super::{Control, Outcome, RunError, RunOptions, Sink, Streams, sizes_of};
+use super::{Control, DriverFaults, Outcome, RunError, RunOptions, Streams, sizes_of};
 use crate::schedule::ladder::Rung;
 use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::{DriverError, ImuReading, ImuSource, Prefetch, StereoFrame, StereoSource};
@@ -24,7 +23,6 @@ pub struct InOrder<'a> {
     front: FrontStage,
     window: WindowStage,
     tick: TickStage,
-    figures: Figures,
     team: &'a Team,
     /// The frame that the window has yet to solve, if `is_in_flight`.
     in_flight: Job,
@@ -39,12 +37,11 @@ pub struct InOrder<'a> {
 impl<'a> InOrder<'a> {
     /// Everything allocated for the configuration.
     #[must_use]
-    pub fn new(config: &ValidConfig, team: &'a Team, tap: &dyn Tap) -> Self {
+    pub fn new(config: &ValidConfig, team: &'a Team, subscriber: &mut dyn Subscriber) -> Self {
         Self {
-            front: FrontStage::new(config, tap.another()),
-            window: WindowStage::new(config, tap.another()),
-            tick: TickStage::new(config, tap.another()),
-            figures: Figures::default(),
+            front: FrontStage::new(config, subscriber.listener(Producer::FrontEnd)),
+            window: WindowStage::new(config, subscriber.listener(Producer::Window)),
+            tick: TickStage::new(config, subscriber.listener(Producer::Tick)),
             team,
             in_flight: Job::new(config),
             is_in_flight: false,
@@ -65,7 +62,6 @@ impl<'a> InOrder<'a> {
         Streams { mut imu, stereo }: Streams,
         options: &RunOptions,
         control: &Control,
-        sink: &mut dyn Sink,
     ) -> Result<Outcome, RunError> {
         let sizes_px = sizes_of(config);
         let mut stereo: Box<dyn StereoSource> = match options.threads {
@@ -73,93 +69,80 @@ impl<'a> InOrder<'a> {
             _ => Box::new(Prefetch::new(stereo, sizes_px, config.driver.image_queue)?),
         };
         let mut frame = StereoFrame::new(sizes_px);
-        self.figures.start();
+        self.window.figures.start();
         while !control.is_stopped() && stereo.next_frame(&mut frame)? {
             let needed = self.front.needed_until(frame.stamp);
-            self.feed(imu.as_mut(), needed, sink)?;
+            self.feed(imu.as_mut(), needed)?;
             if let Some(kind) = control.take_reset() {
                 self.front.reset(kind, frame.sequence);
             }
-            self.step(Some(&frame), sink);
+            self.step(Some(&frame));
             self.front.release(&mut frame);
         }
-        self.step(None, sink);
-        self.feed(imu.as_mut(), Timestamp::MAX, sink)?;
-        self.figures.finish();
-        self.figures.add_stages(&self.front, &self.window, &self.tick);
-        self.figures.hot_path_allocations += self.team.allocations();
+        self.step(None);
+        self.feed(imu.as_mut(), Timestamp::MAX)?;
+        let mut figures = self.window.figures.clone();
+        figures.finish();
+        figures.add_stages(&self.front, &self.window, &self.tick);
+        figures.hot_path_allocations += self.team.allocations();
         Ok(Outcome {
-            figures: self.figures,
+            figures,
             estimate_digest: self.window.digest(),
             odometry_digest: self.tick.digest(),
-            faults: (imu.faults(), stereo.faults()),
+            faults: DriverFaults { imu: imu.faults(), cameras: stereo.faults() },
             live: None,
         })
     }
 
     /// Takes readings until one reaches `needed`.
-    fn feed(
-        &mut self,
-        imu: &mut dyn ImuSource,
-        needed: Timestamp,
-        sink: &mut dyn Sink,
-    ) -> Result<(), DriverError> {
+    fn feed(&mut self, imu: &mut dyn ImuSource, needed: Timestamp) -> Result<(), DriverError> {
         while self.newest_imu < needed {
             let Some(reading) = imu.next_reading()? else { break };
             self.newest_imu = self.newest_imu.max(reading.sample.stamp);
             self.front.add(&reading);
-            self.tick_or_wait(reading, sink);
+            self.tick_or_wait(reading);
         }
         Ok(())
     }
 
     /// A reading is ticked when no estimate that would correct it is still to come.
-    fn tick_or_wait(&mut self, reading: ImuReading, sink: &mut dyn Sink) {
+    fn tick_or_wait(&mut self, reading: ImuReading) {
         if self.waiting.len() == MAX_WAITING {
-            self.step(None, sink);
+            self.step(None);
         }
         self.waiting.push_back(reading);
-        self.tick_waiting(sink);
+        self.tick_waiting();
     }
 
-    fn tick_waiting(&mut self, sink: &mut dyn Sink) {
+    fn tick_waiting(&mut self) {
         let until =
             self.is_in_flight.then(|| self.in_flight.tracked.time.stamp.plus_nanos(CORRECTION_DELAY_NS));
         while let Some(reading) = self.waiting.front()
             && until.is_none_or(|until| reading.sample.stamp < until)
         {
-            if let Some(odometry) = self.tick.take(reading) {
-                sink.odometry(&odometry);
-            }
+            self.tick.take(reading);
             self.waiting.pop_front();
         }
     }
 
     /// Tracks `frame` while the window solves the one before it.
-    fn step(&mut self, frame: Option<&StereoFrame>, sink: &mut dyn Sink) {
+    fn step(&mut self, frame: Option<&StereoFrame>) {
         let Self { front, window, feedback, in_flight, is_in_flight, next, team, .. } = self;
-        let mut solved: Option<(Estimate, Cost)> = None;
+        let mut solved: Option<Estimate> = None;
         team.join(
             &mut || {
                 if let Some(frame) = frame {
                     front.track(frame, Rung::Full, *team, next);
                 }
             },
-            &mut || solved = is_in_flight.then(|| window.solve(&in_flight.tracked, feedback)),
+            &mut || solved = is_in_flight.then(|| window.solve(in_flight, feedback).0),
         );
-        if let Some((estimate, cost)) = solved {
+        if let Some(estimate) = solved {
             self.front.apply_feedback(&self.feedback);
-            self.finish(estimate, cost, sink);
+            self.tick.correct_later(estimate);
         }
         std::mem::swap(&mut self.in_flight, &mut self.next);
         self.is_in_flight = frame.is_some();
-        self.tick_waiting(sink);
-    }
-
-    fn finish(&mut self, estimate: Estimate, cost: Cost, sink: &mut dyn Sink) {
-        let cost = cost.plus(self.in_flight.cost);
-        self.figures.frame(&estimate, cost);
-        sink.estimate(&estimate, cost.wall_ms);
-        self.tick.correct_later(estimate);
+        self.tick_waiting();
     }
 }

@@ -9,12 +9,13 @@
 pub mod clock;
 mod control;
 pub mod digest;
+pub mod event;
 pub mod figures;
 mod in_order;
+pub mod listener;
 mod live;
 pub mod orders;
 mod stages;
-pub mod tap;
 mod team;
 mod tick;
 
@@ -25,12 +26,11 @@ pub use tick::CORRECTION_DELAY_NS;
 use crate::schedule::host::Host;
 use figures::Figures;
 use in_order::InOrder;
+use listener::Subscriber;
 use live::Live;
 use plumbline_config::ValidConfig;
 use plumbline_drivers::{DriverError, Faults, ImuSource, StereoSource};
-use plumbline_estimator::{Estimate, Odometry};
 use std::sync::Arc;
-use tap::Tap;
 use team::Team;
 
 /// How a run goes.
@@ -40,14 +40,6 @@ pub struct RunOptions {
     pub speed: Option<f64>,
     /// 1 does everything in turn, 2 decodes or renders ahead, more share the work on a frame.
     pub threads: usize,
-}
-
-/// Takes what a run produces, on a thread of normal priority.
-pub trait Sink: Send {
-    /// An estimate, once for each frame; `frame_ms` is what it took.
-    fn estimate(&mut self, estimate: &Estimate, frame_ms: f64);
-    /// Odometry, once for each inertial sample after the first pose.
-    fn odometry(&mut self, odometry: &Odometry);
 }
 
 /// The sensors of a run.
@@ -67,10 +59,19 @@ pub struct Outcome {
     pub estimate_digest: String,
     /// SHA-256 over the bits of all odometry.
     pub odometry_digest: String,
-    /// What the drivers survived (IMU, cameras).
-    pub faults: (Faults, Faults),
+    /// What the drivers survived.
+    pub faults: DriverFaults,
     /// What only a live run has.
     pub live: Option<LiveFigures>,
+}
+
+/// What the drivers of a run survived.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct DriverFaults {
+    /// The inertial driver.
+    pub imu: Faults,
+    /// The driver of the cameras.
+    pub cameras: Faults,
 }
 
 /// Why a run ended early.
@@ -87,8 +88,8 @@ pub enum RunError {
     Fault(&'static str),
 }
 
-/// Runs both streams to their end, or until `control` says so: live with a speed, else in virtual time. `tap`
-/// listens to everything that passes.
+/// Runs both streams to their end, or until `control` says so: live with a speed, else in virtual time. The listeners of
+/// `subscriber` are told of everything that passes.
 ///
 /// # Errors
 /// When a driver cannot go on, or a thread cannot be had.
@@ -97,20 +98,19 @@ pub fn run(
     streams: Streams,
     options: &RunOptions,
     control: &Control,
-    tap: Box<dyn Tap>,
-    sink: &mut dyn Sink,
+    subscriber: &mut dyn Subscriber,
 ) -> Result<Outcome, RunError> {
     let refused = |error: rayon_core::ThreadPoolBuildError| RunError::Thread(error.to_string());
     let helpers = options.threads.saturating_sub(1);
     match options.speed {
         None => {
             let team = Team::new(helpers, || {}).map_err(refused)?;
-            let executor = InOrder::new(config, &team, &*tap);
-            team.lead(|| executor.run(config, streams, options, control, sink))
+            let executor = InOrder::new(config, &team, subscriber);
+            team.lead(|| executor.run(config, streams, options, control))
         }
         Some(speed) => {
             let host = Arc::new(Host::new(&config.runtime));
-            Live::new(config, speed, helpers, host, &*tap)?.run(streams, control, sink)
+            Live::new(config, speed, helpers, host, subscriber)?.run(streams, control)
         }
     }
 }

@@ -2,12 +2,11 @@
 
 use super::clock::{CpuStopwatch, Stopwatch};
 use super::digest::Digest;
-use super::figures::StageTimes;
+use super::figures::{Figures, StageTimes};
+use super::listener::{Listener, Solved};
 use super::orders::{FrameOrder, ResetOrder, Verdict};
-use super::tap::Tap;
 use super::tick::WARM_UP_NS;
 use crate::alloc;
-use crate::log::Event;
 use crate::schedule::ladder::Rung;
 use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::{ImuReading, StereoFrame};
@@ -25,7 +24,7 @@ pub struct Cost {
 }
 
 impl Cost {
-    /// Of both.
+    /// The sum of both.
     #[must_use]
     pub fn plus(self, other: Self) -> Self {
         Self { wall_ms: self.wall_ms + other.wall_ms, cpu_ms: self.cpu_ms + other.cpu_ms }
@@ -60,7 +59,7 @@ fn measured<T>(count_allocations: bool, work: impl FnOnce() -> T) -> (T, Cost, u
 
 /// The front-end with its figures.
 pub struct FrontStage {
-    tap: Box<dyn Tap>,
+    listener: Box<dyn Listener>,
     front_end: FrontEnd,
     point_times: StageTimes,
     line_times: StageTimes,
@@ -76,9 +75,9 @@ pub struct FrontStage {
 impl FrontStage {
     /// Everything allocated for the configuration.
     #[must_use]
-    pub fn new(config: &ValidConfig, tap: Box<dyn Tap>) -> Self {
+    pub fn new(config: &ValidConfig, listener: Box<dyn Listener>) -> Self {
         Self {
-            tap,
+            listener,
             front_end: FrontEnd::new(config.setup()),
             point_times: StageTimes::default(),
             line_times: StageTimes::default(),
@@ -107,11 +106,11 @@ impl FrontStage {
         let input = FrameInput::new(frame.stamp, images).numbered(frame.sequence);
         let first = *self.first.get_or_insert(frame.stamp);
         let order = self.order(frame, Verdict::Taken { level: rung.level() });
-        let Self { tap, front_end, point_times, line_times, .. } = self;
+        let Self { listener, front_end, point_times, line_times, .. } = self;
         let ((), cost, allocations) = measured(frame.stamp.nanos_since(first) > WARM_UP_NS, || {
-            tap.order(&order);
+            listener.order(&order);
             front_end.track(&input, &rung.budget(), fork, [point_times, line_times], &mut job.tracked);
-            tap.tracked(&job.tracked);
+            listener.tracked(&job.tracked);
         });
         job.cost = cost;
         self.allocations += allocations;
@@ -119,25 +118,20 @@ impl FrontStage {
 
     /// Starts anew before the frame of that sequence number.
     pub fn reset(&mut self, kind: ResetKind, before_frame: u64) {
-        self.tap.reset(&ResetOrder { kind, before_frame });
+        self.listener.reset(&ResetOrder { kind, before_frame });
         self.front_end.reset(kind);
     }
 
     /// Passes a frame over.
     pub fn refuse(&mut self, frame: &mut StereoFrame) {
         let order = self.order(frame, Verdict::Refused);
-        self.tap.order(&order);
-        self.tap.frame(frame);
+        self.listener.order(&order);
+        self.listener.frame(frame);
     }
 
     /// A tracked frame is done with; other buffers may be left in its place.
     pub fn release(&mut self, frame: &mut StereoFrame) {
-        self.tap.frame(frame);
-    }
-
-    /// Something that people want to know.
-    pub fn event(&mut self, event: &Event) {
-        self.tap.event(event);
+        self.listener.frame(frame);
     }
 
     fn order(&self, frame: &StereoFrame, verdict: Verdict) -> FrameOrder {
@@ -158,10 +152,12 @@ impl FrontStage {
 
 /// The window with its figures.
 pub struct WindowStage {
-    tap: Box<dyn Tap>,
+    listener: Box<dyn Listener>,
     odometer: Odometer,
     digest: Digest,
     first: Option<Timestamp>,
+    /// What was counted and timed of frames so far.
+    pub figures: Figures,
     /// The time of each stage.
     pub times: StageTimes,
     /// Allocations and frees after the warm-up.
@@ -171,31 +167,38 @@ pub struct WindowStage {
 impl WindowStage {
     /// Everything allocated for the configuration.
     #[must_use]
-    pub fn new(config: &ValidConfig, tap: Box<dyn Tap>) -> Self {
+    pub fn new(config: &ValidConfig, listener: Box<dyn Listener>) -> Self {
         Self {
-            tap,
+            listener,
             odometer: Odometer::new(config.setup()),
             digest: Digest::default(),
             first: None,
+            figures: Figures::default(),
             times: StageTimes::default(),
             allocations: 0,
         }
     }
 
-    /// The estimate after a tracked frame, what the window took for it, and what the front-end should hear.
-    pub fn solve(&mut self, tracked: &Tracked, feedback: &mut Feedback) -> (Estimate, Cost) {
-        let first = *self.first.get_or_insert(tracked.time.stamp);
-        let Self { tap, odometer, times, .. } = self;
-        let (estimate, cost, allocations) =
-            measured(tracked.time.stamp.nanos_since(first) > WARM_UP_NS, || {
-                let estimate = odometer.process(tracked, times, feedback);
-                tap.solved(&odometer.window, &estimate);
-                estimate
-            });
-        self.allocations += allocations;
-        self.digest.estimate(&estimate);
-        self.tap.estimate(&estimate);
+    /// The estimate after a tracked frame, and what the window took for it; `feedback` is for the front-end.
+    pub fn solve(&mut self, job: &Job, feedback: &mut Feedback) -> (Estimate, Cost) {
+        let stamp = job.tracked.time.stamp;
+        let is_warm = stamp.nanos_since(*self.first.get_or_insert(stamp)) > WARM_UP_NS;
+        let Self { listener, odometer, times, .. } = self;
+        let (estimate, cost, allocations) = measured(is_warm, || {
+            let estimate = odometer.process(&job.tracked, times, feedback);
+            listener.solved(&Solved { estimate: &estimate, window: &odometer.window });
+            estimate
+        });
+        let counting = is_warm.then(alloc::Count::begin);
+        self.hand_out(&estimate, cost.plus(job.cost));
+        self.allocations += allocations + counting.map_or(0, alloc::Count::end);
         (estimate, cost)
+    }
+
+    fn hand_out(&mut self, estimate: &Estimate, cost: Cost) {
+        self.digest.estimate(estimate);
+        self.figures.frame(estimate, cost);
+        self.listener.estimate(estimate, cost.wall_ms);
     }
 
     /// SHA-256 over the bits of all estimates so far.

@@ -1,14 +1,15 @@
 //! The tick: every inertial reading becomes odometry, corrected by estimates at a fixed delay.
 
 use super::digest::Digest;
-use super::figures::{StageTimes, Times};
+use super::figures::StageTimes;
+use super::listener::Listener;
 use super::orders::CorrectionOrder;
-use super::tap::Tap;
 use crate::alloc;
 use crate::pipeline::clock::Stopwatch;
+use crate::schedule::times::Times;
 use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::ImuReading;
-use plumbline_estimator::{Estimate, Odometry, Propagator, Stage, StageProbe};
+use plumbline_estimator::{Estimate, Propagator, Stage, StageProbe};
 use std::collections::VecDeque;
 
 /// An estimate takes effect on the odometry this long after its measurement, in data time: longer than the
@@ -40,7 +41,7 @@ pub struct TickStage {
     first: Option<Timestamp>,
     newest: Timestamp,
     digest: Digest,
-    tap: Box<dyn Tap>,
+    listener: Box<dyn Listener>,
     /// What was counted and timed so far.
     pub figures: TickFigures,
 }
@@ -48,9 +49,9 @@ pub struct TickStage {
 impl TickStage {
     /// Everything allocated for the configuration.
     #[must_use]
-    pub fn new(config: &ValidConfig, tap: Box<dyn Tap>) -> Self {
+    pub fn new(config: &ValidConfig, listener: Box<dyn Listener>) -> Self {
         Self {
-            tap,
+            listener,
             propagator: Propagator::new(config.setup()),
             pending: VecDeque::with_capacity(MAX_PENDING),
             readings: 0,
@@ -77,8 +78,8 @@ impl TickStage {
         self.pending.push_back(estimate);
     }
 
-    /// Takes a reading; the odometry at its time, once there has been a pose.
-    pub fn take(&mut self, reading: &ImuReading) -> Option<Odometry> {
+    /// Takes a reading, and tells the listener of the odometry at its time, once there has been a pose.
+    pub fn take(&mut self, reading: &ImuReading) {
         let sample = &reading.sample;
         let first = *self.first.get_or_insert(sample.stamp);
         let counting = (sample.stamp.nanos_since(first) > WARM_UP_NS).then(alloc::Count::begin);
@@ -88,7 +89,7 @@ impl TickStage {
             if let Some(estimate) = self.pending.pop_front() {
                 self.propagator.correct(&estimate);
                 let frame = estimate.frame_sequence;
-                self.tap.correction(&CorrectionOrder { frame, readings_before: self.readings });
+                self.listener.correction(&CorrectionOrder { frame, readings_before: self.readings });
             }
         }
         let odometry = self.propagator.tick(sample);
@@ -98,11 +99,10 @@ impl TickStage {
         if let Some(odometry) = &odometry {
             self.figures.handout_us.record(watch.elapsed_ms() * 1e3);
             self.digest.odometry(odometry);
-            self.tap.odometry(odometry);
+            self.listener.odometry(odometry);
         }
-        self.tap.reading(reading);
+        self.listener.reading(reading);
         self.figures.allocations += counting.map_or(0, alloc::Count::end);
-        odometry
     }
 
     /// SHA-256 over the bits of all odometry so far.

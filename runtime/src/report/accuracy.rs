@@ -3,8 +3,7 @@
 use crate::evaluate::{
     AlignmentMode, Pairs, align, aligned, nees, path_length_m, pose_error, yaw_drift_deg_per_min,
 };
-use crate::flight::Truth;
-use crate::record::CausalPose;
+use crate::flight::{CausalPose, Truth};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use plumbline_drivers::StampedPose;
 use serde::Serialize;

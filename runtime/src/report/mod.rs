@@ -3,14 +3,15 @@
 pub mod accuracy;
 
 use crate::autopilot::BridgeFigures;
+use crate::flight::Flown;
+use crate::flight::outputs::OutputFigures;
 use crate::log::recorder::RecorderSummary;
-use crate::pipeline::figures::Percentiles;
-use crate::pipeline::{LiveFigures, Outcome};
+use crate::pipeline::LiveFigures;
+use crate::pipeline::digest::config_hash;
+use crate::schedule::times::Percentiles;
 use accuracy::Accuracy;
-use plumbline_config::Config;
 use plumbline_drivers::Faults;
 use serde::Serialize;
-use sha2::{Digest as _, Sha256};
 use std::collections::BTreeMap;
 
 /// Everything a run tells.
@@ -119,19 +120,15 @@ impl From<Faults> for DriverFaults {
 }
 
 impl Report {
-    /// Puts the report of a run together.
+    /// The report of a flight, compared with the truth where that is known.
     #[must_use]
-    pub fn new(
-        name: &str,
-        outcome: &Outcome,
-        accuracy: Option<Accuracy>,
-        config: &Config,
-        threads: usize,
-    ) -> Self {
+    pub fn new(flown: &Flown) -> Self {
+        let outcome = &flown.outcome;
         let f = &outcome.figures;
+        let accuracy = Accuracy::of(&flown.poses, &flown.truth);
         let per_frame = |sum: u64| sum as f64 / f.frames.max(1) as f64;
         Self {
-            name: name.to_owned(),
+            name: flown.name.clone(),
             frames: f.frames,
             frames_refused: f.frames_refused,
             first_pose_s: f.first_pose_s,
@@ -160,13 +157,19 @@ impl Report {
             },
             accuracy,
             time_offset_s: f.time_offset_s,
-            faults: [("imu", outcome.faults.0.into()), ("cameras", outcome.faults.1.into())].into(),
+            faults: [("imu", outcome.faults.imu.into()), ("cameras", outcome.faults.cameras.into())].into(),
             imu_refused: f.imu_refused,
-            threads,
-            config_hash: config_hash(config),
+            threads: flown.threads,
+            config_hash: config_hash(&flown.config),
             recording: None,
             autopilot: None,
         }
+    }
+
+    /// The same with what became of what was handed over.
+    #[must_use]
+    pub fn with(self, outputs: OutputFigures) -> Self {
+        Self { recording: outputs.recording, autopilot: outputs.autopilot, ..self }
     }
 
     /// The report for people: a few aligned lines.
@@ -234,13 +237,6 @@ impl Report {
         lines.push(format!("{:<18}{}", "estimate digest", &self.estimate_digest[..16]));
         lines.join("\n")
     }
-}
-
-/// SHA-256 of the configuration as TOML.
-#[must_use]
-pub fn config_hash(config: &Config) -> String {
-    let text = config.to_toml().unwrap_or_default();
-    Sha256::digest(text.as_bytes()).iter().map(|b| format!("{b:02x}")).collect()
 }
 
 /// `VmHWM` of this process.

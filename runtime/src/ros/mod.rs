@@ -9,7 +9,11 @@
 //! - [`names`]: the keys on which `rmw_zenoh` looks for them, the liveliness tokens by which it lists nodes and
 //!   publishers, and what it attaches to a sample;
 //! - [`node`]: a node `plumbline` with its three publishers;
-//! - [`publisher`]: the session with the router of `rmw_zenoh` that it lives on.
+//! - [`publisher`]: the session with the router of `rmw_zenoh` that it lives on;
+//! - [`output`]: the listener of a run that feeds it.
+//!
+//! It stands above [`crate::net`], whose rings and pace it uses, and which does not know of it: who starts a flight
+//! starts both.
 //!
 //! Source: `docs/design.md` of ros2/rmw_zenoh, and its `liveliness_utils.cpp` where that is not precise.
 
@@ -17,6 +21,7 @@ pub mod cdr;
 pub mod messages;
 pub mod names;
 pub mod node;
+pub mod output;
 pub mod publisher;
 
-pub use publisher::RosPublisher;
+pub use output::RosOutput;

@@ -2,7 +2,7 @@
 
 use super::host::{pin, raise_priority};
 use super::ticker::{Monotonic, Ticker};
-use crate::pipeline::figures::Times;
+use crate::schedule::times::Times;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 

@@ -9,4 +9,5 @@ pub mod ladder;
 pub mod ring;
 pub mod tasks;
 pub mod ticker;
+pub mod times;
 pub mod watchdog;

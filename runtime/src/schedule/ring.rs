@@ -82,6 +82,12 @@ impl<T> Writer<T> {
         self.refused
     }
 
+    /// Whether the reader has gone: nobody will take what is written.
+    #[must_use]
+    pub fn is_closed(&self) -> bool {
+        self.ring.is_abandoned()
+    }
+
     /// Whether an entry would find room.
     #[must_use]
     pub fn has_room(&self) -> bool {
@@ -94,6 +100,12 @@ impl<T> Reader<T> {
     pub fn pop(&mut self) -> Option<T> {
         self.deepest = self.deepest.max(self.ring.slots());
         self.ring.pop().ok()
+    }
+
+    /// Entries that wait.
+    #[must_use]
+    pub fn waiting(&self) -> usize {
+        self.ring.slots()
     }
 
     /// Looks at the oldest entry.

@@ -172,8 +172,7 @@ fn check(stations: &[Value; 2], down_s: u32) {
 #[test]
 #[ignore = "a minute: `make soak`"]
 fn soak_network_link_that_is_bad_and_then_gone_for_a_while() {
-    let Some((vehicle, stations)) = partitioned(8, 8, 24) else { return };
-    assert_eq!(vehicle["live"]["odometry_undelivered"], 0);
+    let Some((_, stations)) = partitioned(8, 8, 24) else { return };
     check(&stations, 8);
 }
 

@@ -11,7 +11,6 @@ pub(super) mod socket;
 
 use super::connection::Connection;
 use super::fleet::Fleet;
-use anyhow::{Context, Result};
 use axum::Router;
 use axum::routing::{get, post};
 use std::net::SocketAddr;
@@ -35,14 +34,29 @@ pub struct Station {
     pub address: SocketAddr,
 }
 
+/// Why the page is not served.
+#[derive(Debug, thiserror::Error)]
+pub enum ServeError {
+    /// The address cannot be had.
+    #[error("cannot serve the page at {address}; give another address with --http, or --no-http for none")]
+    Address {
+        /// Where it was to be served.
+        address: SocketAddr,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The system refuses the socket.
+    #[error("cannot serve the page")]
+    Socket(#[from] std::io::Error),
+}
+
 /// Takes the address of the page.
 ///
 /// # Errors
 /// When it is taken, or none of this host's.
-pub fn bind(address: SocketAddr) -> Result<std::net::TcpListener> {
-    let listener = std::net::TcpListener::bind(address).with_context(|| {
-        format!("cannot serve the page at {address}; give another address with --http, or --no-http for none")
-    })?;
+pub fn bind(address: SocketAddr) -> Result<std::net::TcpListener, ServeError> {
+    let listener =
+        std::net::TcpListener::bind(address).map_err(|source| ServeError::Address { address, source })?;
     listener.set_nonblocking(true)?;
     Ok(listener)
 }
@@ -56,7 +70,7 @@ pub async fn serve(
     fleet: Arc<Mutex<Fleet>>,
     connection: Connection,
     commands: bool,
-) -> Result<SocketAddr> {
+) -> Result<SocketAddr, ServeError> {
     let listener = TcpListener::from_std(listener)?;
     let address = listener.local_addr()?;
     let (malformed, pages) = (AtomicU64::new(0), AtomicU64::new(0));

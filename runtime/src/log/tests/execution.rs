@@ -4,9 +4,8 @@ use super::super::proto;
 use super::super::reader::Ending;
 use super::*;
 use crate::log::encode;
-use crate::pipeline::Control;
+use crate::pipeline::listener::{Listener, Producer, Several};
 use crate::pipeline::orders::{CorrectionOrder, FrameOrder, ResetOrder, Verdict};
-use crate::pipeline::tap::{Several, Tap};
 use nalgebra::Vector3;
 use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::{Estimate, Estimator, FrameInput, Odometry, Propagator, ResetKind};
@@ -17,39 +16,27 @@ use std::sync::Arc;
 #[test]
 fn a_recorded_flight_comes_out_again_bit_for_bit() {
     for images in [ImageRecording::Png, ImageRecording::Raw] {
-        let (_folder, path, report) = recorded(images);
+        let (_folder, path, outcome) = recorded(images);
         let v = verified(&path).unwrap();
         assert!(v.identical && v.complete && v.same_build, "{v:?}");
-        assert_eq!(v.estimates_identical, report.frames);
+        assert_eq!(v.estimates_identical, outcome.figures.frames);
         assert!(v.odometry_identical > 100);
-        assert_eq!(v.estimate_digest, report.estimate_digest);
-        assert_eq!(v.odometry_digest, report.odometry_digest);
-        assert_eq!(v.config_hash, report.config_hash);
+        assert_eq!(v.estimate_digest, outcome.estimate_digest);
+        assert_eq!(v.odometry_digest, outcome.odometry_digest);
+        let config = flight().config.with("test", |config| config.recorder.images = images).unwrap();
+        assert_eq!(v.config_hash, config_hash(&config));
     }
 }
 
 #[test]
-fn a_log_is_flown_again_as_the_flight_was() {
-    let (_folder, path, report) = recorded(ImageRecording::Png);
-    let again = crate::flight::open_log(&path, None, None, false).unwrap();
-    let control = Control::default();
-    let (again, ..) =
-        fly_tapped(again, record::Recorder::default(), &OPTIONS, &control, Box::new(())).unwrap();
-    assert_eq!(again.estimate_digest, report.estimate_digest);
-    assert_eq!(again.odometry_digest, report.odometry_digest);
-}
-
-#[test]
 fn a_log_without_images_is_verified_against_its_data_set() {
-    let (_folder, path, report) = recorded(ImageRecording::None);
+    let (_folder, path, outcome) = recorded(ImageRecording::None);
     assert!(verified(&path).unwrap_err().to_string().contains("--images"));
-    assert!(crate::flight::open_log(&path, None, None, false).is_err());
-    let v = verify(&path, Some(flight().stereo), &mut |_| {}).unwrap();
+    let v = verify(&path, Some(flight().streams.stereo), &mut |_| {}).unwrap();
     assert!(v.identical && v.complete, "{v:?}");
-    assert_eq!(v.estimate_digest, report.estimate_digest);
-    let other = Scenario { scene: Scene::Room, seed: 2, resolution_scale: 0.3, ..Scenario::default() };
-    let other = open_simulation(None, &other, false, 0.0, None).unwrap();
-    let refused = verify(&path, Some(other.stereo), &mut |_| {}).unwrap_err().to_string();
+    assert_eq!(v.estimate_digest, outcome.estimate_digest);
+    let other = flight_of_seed(2).streams.stereo;
+    let refused = verify(&path, Some(other), &mut |_| {}).unwrap_err().to_string();
     assert!(refused.contains("frame 0 of the data set"), "{refused}");
 }
 
@@ -114,8 +101,8 @@ fn a_changed_output_is_named_with_both_values() {
 }
 
 /// A live run in small: frames are refused, corrections come late, and somebody asks for a reset.
-fn fly_with_orders(flight: Flight, tap: &mut dyn Tap) {
-    let (mut imu, mut stereo) = (flight.imu, flight.stereo);
+fn fly_with_orders(flight: Flight, listener: &mut dyn Listener) {
+    let Streams { mut imu, mut stereo } = flight.streams;
     let (mut estimator, mut propagator) =
         (Estimator::new(flight.config.setup()), Propagator::new(flight.config.setup()));
     let mut readings: VecDeque<ImuReading> = VecDeque::new();
@@ -127,12 +114,12 @@ fn fly_with_orders(flight: Flight, tap: &mut dyn Tap) {
             let Some(reading) = imu.next_reading().unwrap() else { break };
             if let Some(estimate) = late.take_if(|_| ticked % 7 == 3) {
                 let order = CorrectionOrder { frame: estimate.frame_sequence, readings_before: ticked };
-                tap.correction(&order);
+                listener.correction(&order);
                 propagator.correct(&estimate);
             }
-            tap.reading(&reading);
+            listener.reading(&reading);
             if let Some(odometry) = propagator.tick(&reading.sample) {
-                tap.odometry(&odometry);
+                listener.odometry(&odometry);
             }
             estimator.add_imu(&reading.sample);
             readings.push_back(reading);
@@ -140,20 +127,20 @@ fn fly_with_orders(flight: Flight, tap: &mut dyn Tap) {
         }
         let sequence = frame.sequence;
         if sequence == 12 {
-            tap.reset(&ResetOrder { kind: ResetKind::Soft, before_frame: sequence });
+            listener.reset(&ResetOrder { kind: ResetKind::Soft, before_frame: sequence });
             estimator.reset(ResetKind::Soft);
         }
         let refused = sequence % 5 == 4;
         let verdict = if refused { Verdict::Refused } else { Verdict::Taken { level: 0 } };
-        tap.order(&FrameOrder { frame: sequence, readings_before: ticked, verdict });
+        listener.order(&FrameOrder { frame: sequence, readings_before: ticked, verdict });
         if !refused {
             let images = [frame.image(0), frame.image(1)];
             let input = FrameInput::new(frame.stamp, images).numbered(sequence);
             let estimate = estimator.add_frame(&input);
-            tap.estimate(&estimate);
+            listener.estimate(&estimate, 0.0);
             late = Some(estimate);
         }
-        tap.frame(&mut frame);
+        listener.frame(&mut frame);
     }
 }
 
@@ -182,11 +169,16 @@ fn what_the_clock_decided_is_followed() {
 /// Somebody who asks for a reset while frame 12 is on its way.
 struct Asker(Arc<Control>);
 
-impl Tap for Asker {
-    fn another(&self) -> Box<dyn Tap> {
-        Box::new(Self(Arc::clone(&self.0)))
+impl Subscriber for Asker {
+    fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
+        match producer {
+            Producer::FrontEnd => Box::new(Self(Arc::clone(&self.0))),
+            _ => Box::new(()),
+        }
     }
+}
 
+impl Listener for Asker {
     fn order(&mut self, order: &FrameOrder) {
         if order.frame == 12 {
             self.0.ask_reset(ResetKind::Hard);
@@ -199,19 +191,18 @@ fn a_reset_on_command_is_recorded_and_executed_again() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("reset.mcap");
     let flight = flight();
-    let recorder = Recorder::start(&path, &flight.config, WhenFull::Wait).unwrap();
+    let mut recorder = Recorder::start(&path, &flight.config, WhenFull::Wait).unwrap();
     let control = Arc::new(Control::default());
-    let taps = Several(vec![Box::new(Asker(Arc::clone(&control))), Box::new(recorder.handle())]);
-    let (report, ..) =
-        fly_tapped(flight, record::Recorder::default(), &OPTIONS, &control, Box::new(taps)).unwrap();
+    let mut asker = Asker(Arc::clone(&control));
+    let outcome = fly(flight, &control, &mut Several(vec![&mut asker, &mut recorder]));
     assert_eq!(recorder.finish().not_recorded, 0);
-    assert_eq!(report.resets, 1);
+    assert_eq!(outcome.figures.resets, 1);
     let v = verified(&path).unwrap();
     assert!(v.identical && v.complete, "{v:?}");
-    assert_eq!(v.estimate_digest, report.estimate_digest);
+    assert_eq!(v.estimate_digest, outcome.estimate_digest);
     // The same flight without the command is another.
     let (_folder, _, undisturbed) = recorded(ImageRecording::Png);
-    assert_ne!(report.estimate_digest, undisturbed.estimate_digest);
+    assert_ne!(outcome.estimate_digest, undisturbed.estimate_digest);
 }
 
 #[test]
@@ -229,7 +220,7 @@ fn a_level_that_this_build_does_not_have_is_refused() {
 
 #[test]
 fn zero_keeps_its_sign_and_what_is_no_number_its_bits() {
-    let mut reading = flight().imu.next_reading().unwrap().unwrap();
+    let mut reading = flight().streams.imu.next_reading().unwrap().unwrap();
     reading.sample.gyro = Vector3::new(-0.0, 0.0, f64::from_bits(0x7ff8_0000_0000_1234));
     let back = ImuReading::from_bytes(&encode::imu(&reading).encode_to_vec()).unwrap();
     assert_eq!(back.sample.gyro.map(f64::to_bits), reading.sample.gyro.map(f64::to_bits));

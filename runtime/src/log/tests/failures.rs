@@ -2,7 +2,8 @@ use super::super::inventory;
 use super::super::part_file::Medium;
 use super::super::reader::Ending;
 use super::*;
-use crate::log::{Event, LogEntry, Severity};
+use crate::log::LogEntry;
+use crate::pipeline::event::{Event, Severity};
 use plumbline_config::{Config, Timestamp};
 use plumbline_drivers::StereoFrame;
 use std::fs::OpenOptions;
@@ -63,7 +64,7 @@ fn a_full_disk_ends_the_recording_and_not_the_flight() {
     let path = folder.path().join("flight.mcap");
     let open = troubled(1_000_000, &Arc::default(), false);
     let (report, summary) = record_on(open, NO_LIMITS, &path, ImageRecording::Raw);
-    assert_eq!(report.frames, 20);
+    assert_eq!(report.figures.frames, 20);
     assert!(summary.ended_early.unwrap().contains("flight.mcap: "));
     assert!(summary.not_recorded > 0);
     assert_eq!(summary.bytes, path.metadata().unwrap().len(), "cut back to the last complete chunk");
@@ -79,7 +80,7 @@ fn a_panic_of_the_recorder_does_not_reach_the_flight() {
     let path = folder.path().join("flight.mcap");
     let open = troubled(1_000_000, &Arc::default(), true);
     let (report, summary) = record_on(open, NO_LIMITS, &path, ImageRecording::Raw);
-    assert_eq!(report.frames, 20);
+    assert_eq!(report.figures.frames, 20);
     assert!(summary.ended_early.unwrap().contains("panicked"));
     assert!(verified(&path).unwrap().identical);
 }

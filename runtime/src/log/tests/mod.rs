@@ -12,16 +12,14 @@ use super::recorder::{Recorder, RecorderSummary, WhenFull};
 use super::verify::{Verification, verify};
 use super::writer::Limits;
 use super::{LogError, LogReader};
-use crate::cli::replay::fly_tapped;
-use crate::flight::{Flight, open_simulation};
-use crate::pipeline::{Control, RunOptions};
-use crate::record;
-use crate::report::Report;
+use crate::pipeline::digest::config_hash;
+use crate::pipeline::listener::Subscriber;
+use crate::pipeline::{self, Control, Outcome, RunOptions, Streams};
 use mcap::records::Metadata;
 use mcap::{MessageStream, WriteOptions};
 use plumbline_config::options::{ImageRecording, KeepPolicy};
 use plumbline_config::{Config, ValidConfig};
-use plumbline_drivers::simulator::{Scenario, Scene};
+use plumbline_drivers::simulator::{Scenario, Scene, Simulator};
 use std::borrow::Cow;
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -31,11 +29,28 @@ const OPTIONS: RunOptions = RunOptions { speed: None, threads: 1 };
 const NO_LIMITS: Limits =
     Limits { part_bytes: u64::MAX / 4, total_bytes: u64::MAX / 2, keep: KeepPolicy::Beginning };
 
-/// A short flight in small images.
+/// Streams of a short flight in small images, and what the estimator believes.
+struct Flight {
+    config: ValidConfig,
+    streams: Streams,
+}
+
 fn flight() -> Flight {
+    flight_of_seed(1)
+}
+
+fn flight_of_seed(seed: u64) -> Flight {
     let scenario =
-        Scenario { scene: Scene::Room, duration_s: 1.0, resolution_scale: 0.3, ..Scenario::default() };
-    open_simulation(None, &scenario, false, 0.0, None).unwrap()
+        Scenario { scene: Scene::Room, seed, duration_s: 1.0, resolution_scale: 0.3, ..Scenario::default() };
+    let simulator = Simulator::new(&config(), &scenario).unwrap();
+    let streams = Streams { imu: Box::new(simulator.imu()), stereo: Box::new(simulator.stereo()) };
+    let mut config = simulator.config().clone();
+    config.estimator.points.cell_px = 28;
+    Flight { config: config.validated("test").unwrap(), streams }
+}
+
+fn fly(flight: Flight, control: &Control, subscriber: &mut dyn Subscriber) -> Outcome {
+    pipeline::run(&flight.config, flight.streams, &OPTIONS, control, subscriber).unwrap()
 }
 
 /// Flies and records; what the flight and the recording came to.
@@ -44,24 +59,21 @@ fn record_on(
     limits: Limits,
     path: &Path,
     images: ImageRecording,
-) -> (Report, RecorderSummary) {
+) -> (Outcome, RecorderSummary) {
     let mut flight = flight();
     flight.config = flight.config.with("test", |config| config.recorder.images = images).unwrap();
-    let recorder = Recorder::start_on(open, limits, path, &flight.config, WhenFull::Wait).unwrap();
-    let tap = Box::new(recorder.handle());
-    let control = Control::default();
-    let (report, ..) = fly_tapped(flight, record::Recorder::default(), &OPTIONS, &control, tap).unwrap();
-    (report, recorder.finish())
+    let mut recorder = Recorder::start_on(open, limits, path, &flight.config, WhenFull::Wait).unwrap();
+    (fly(flight, &Control::default(), &mut recorder), recorder.finish())
 }
 
-/// A log in a folder of its own, and the report of its flight.
-fn recorded(images: ImageRecording) -> (TempDir, PathBuf, Report) {
+/// A log in a folder of its own, and what its flight came to.
+fn recorded(images: ImageRecording) -> (TempDir, PathBuf, Outcome) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("flight.mcap");
-    let (report, summary) = record_on(OpenPart::files(), NO_LIMITS, &path, images);
+    let (outcome, summary) = record_on(OpenPart::files(), NO_LIMITS, &path, images);
     assert_eq!((summary.ended_early, summary.not_recorded), (None, 0));
     assert_eq!(summary.bytes, path.metadata().unwrap().len());
-    (folder, path, report)
+    (folder, path, outcome)
 }
 
 fn verified(path: &Path) -> Result<Verification, LogError> {

@@ -1,7 +1,8 @@
 //! The tasks that read the drivers. A replayed or simulated stream is held back until its time has come.
 
 use super::super::RunError;
-use super::{NAP, Shared};
+use super::NAP;
+use super::shared::Shared;
 use crate::schedule::ring::{Bell, Reader, Writer};
 use crate::schedule::tasks::TaskId;
 use crate::schedule::ticker::Monotonic;
@@ -23,17 +24,18 @@ pub struct Arrival {
 pub struct ImuTask {
     pub source: Box<dyn ImuSource>,
     pub first: Option<ImuReading>,
+    pub readings: Writer<ImuReading>,
 }
 
 impl ImuTask {
     /// Reads the stream to its end. A recorded one is read ahead: the tick takes what is due.
-    pub fn run(mut self, shared: &Shared<'_>, mut readings: Writer<ImuReading>) -> Faults {
+    pub fn run(mut self, shared: &Shared<'_>) -> Faults {
         let mut next = self.first;
         while let Some(reading) = next {
-            while !readings.has_room() && !shared.is_stopped() {
+            while !self.readings.has_room() && !self.readings.is_closed() && !shared.is_stopped() {
                 std::thread::sleep(shared.table.row(TaskId::Imu).period);
             }
-            if shared.is_stopped() || readings.push(reading).is_err() {
+            if shared.is_stopped() || self.readings.push(reading).is_err() {
                 break;
             }
             next = self.source.next_reading().unwrap_or_else(|error| {
@@ -43,6 +45,12 @@ impl ImuTask {
         }
         self.source.faults()
     }
+}
+
+/// What the task of the camera leaves.
+pub struct CameraEnd {
+    pub faults: Faults,
+    pub figures: CameraFigures,
 }
 
 /// Reads frames.
@@ -68,7 +76,7 @@ pub struct CameraFigures {
 
 impl CameraTask {
     /// Reads the stream to its end.
-    pub fn run(mut self, shared: &Shared<'_>) -> (Faults, CameraFigures) {
+    pub fn run(mut self, shared: &Shared<'_>) -> CameraEnd {
         self.bell.listen();
         let overdue_ms = OVERDUE_PERIODS * shared.table.row(TaskId::Camera).period.as_secs_f64() * 1e3;
         while let Some(mut frame) = self.empty_frame(shared) {
@@ -94,7 +102,7 @@ impl CameraTask {
                 break;
             }
         }
-        (self.source.faults(), self.kept)
+        CameraEnd { faults: self.source.faults(), figures: self.kept }
     }
 
     fn empty_frame(&mut self, shared: &Shared<'_>) -> Option<StereoFrame> {

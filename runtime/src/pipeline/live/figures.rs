@@ -1,9 +1,8 @@
 //! What only a live run counts and times.
 
-use super::super::figures::{Percentiles, Times};
 use super::Ended;
-use super::watchdog_thread::WatchdogFigures;
 use crate::schedule::ladder::Rung;
+use crate::schedule::times::{Percentiles, Times};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -42,8 +41,6 @@ pub struct LiveFigures {
     pub steps_up: u64,
     /// Estimates that corrected the odometry later than the rule says.
     pub late_corrections: u64,
-    /// Odometry that found the ring to the caller full.
-    pub odometry_undelivered: u64,
     /// Most entries that waited in each ring.
     pub queue_depth: BTreeMap<&'static str, usize>,
     /// Stalls that the watchdog named.
@@ -69,8 +66,8 @@ impl Latency {
 }
 
 impl LiveFigures {
-    pub(super) fn new(ended: &Ended, watched: WatchdogFigures) -> Self {
-        let ((stage, tick), front) = (&ended.tick, &ended.front.1);
+    pub(super) fn new(ended: &Ended) -> Self {
+        let (tick, front, camera) = (&ended.tick.figures, &ended.front_end.figures, &ended.camera.figures);
         Self {
             ticks: tick.ticks,
             ticks_missed: tick.missed,
@@ -81,23 +78,22 @@ impl LiveFigures {
             frames_shed: front.shed,
             frames_passed_over: front.passed_over,
             frames_short_of_samples: front.short_of_samples,
-            frames_late_at_source: ended.camera.1.late,
-            frame_latest_at_source_ms: ended.camera.1.latest_ms,
-            frames_overdue_at_source: ended.camera.1.overdue,
+            frames_late_at_source: camera.late,
+            frame_latest_at_source_ms: camera.latest_ms,
+            frames_overdue_at_source: camera.overdue,
             on_rung: Rung::ALL.map(|r| (r.name(), front.on_rung[usize::from(r.level())])).into(),
-            steps_down: front.steps.0,
-            steps_up: front.steps.1,
-            late_corrections: stage.figures.late_corrections,
-            odometry_undelivered: tick.undelivered,
+            steps_down: front.steps_down,
+            steps_up: front.steps_up,
+            late_corrections: ended.tick.stage.figures.late_corrections,
             queue_depth: [
                 ("readings", tick.deepest),
-                ("samples", front.deepest.0),
-                ("frames", front.deepest.1),
-                ("tracked frames", ended.window.1),
+                ("samples", front.deepest_samples),
+                ("frames", front.deepest_frames),
+                ("tracked frames", ended.window.deepest_frames),
             ]
             .into(),
-            stalls: watched.stalls,
-            memory_growth_mb: watched.memory_growth_mb,
+            stalls: ended.watchdog.stalls,
+            memory_growth_mb: ended.watchdog.memory_growth_mb,
         }
     }
 }

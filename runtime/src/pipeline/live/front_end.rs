@@ -2,14 +2,14 @@
 
 use super::super::stages::{FrontStage, Job};
 use super::super::team::Team;
+use super::NAP;
 use super::drivers::Arrival;
-use super::{NAP, Shared};
-use crate::log::{Event, Severity};
-use crate::pipeline::figures::Times;
+use super::shared::Shared;
 use crate::schedule::ladder::{Ladder, Rung};
 use crate::schedule::ring::{Bell, Reader, Writer};
 use crate::schedule::tasks::TaskId;
 use crate::schedule::ticker::Monotonic;
+use crate::schedule::times::Times;
 use plumbline_config::Timestamp;
 use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::Feedback;
@@ -27,12 +27,14 @@ pub struct FrontEndFigures {
     pub short_of_samples: u64,
     /// Frames on each rung.
     pub on_rung: [u64; Rung::ALL.len()],
-    /// Steps of the ladder, down and up.
-    pub steps: (u64, u64),
+    /// Steps of the ladder.
+    pub steps_down: u64,
+    pub steps_up: u64,
     /// From the arrival of a frame to its being tracked, ms.
     pub response_ms: Times,
     /// Most samples and frames that waited.
-    pub deepest: (usize, usize),
+    pub deepest_samples: usize,
+    pub deepest_frames: usize,
 }
 
 impl FrontEndFigures {
@@ -40,6 +42,12 @@ impl FrontEndFigures {
     pub fn refused(&self) -> u64 {
         self.shed + self.passed_over
     }
+}
+
+/// What the task leaves.
+pub struct FrontEndEnd {
+    pub stage: FrontStage,
+    pub figures: FrontEndFigures,
 }
 
 /// What joins the front-end to the other tasks.
@@ -84,15 +92,17 @@ impl FrontEndTask {
                 passed_over: 0,
                 short_of_samples: 0,
                 on_rung: [0; Rung::ALL.len()],
-                steps: (0, 0),
+                steps_down: 0,
+                steps_up: 0,
                 response_ms: Times::of_ms(),
-                deepest: (0, 0),
+                deepest_samples: 0,
+                deepest_frames: 0,
             },
         }
     }
 
     /// Tracks frames until the camera has ended.
-    pub fn run(mut self, shared: &Shared<'_>, team: &Team) -> (FrontStage, FrontEndFigures) {
+    pub fn run(mut self, shared: &Shared<'_>, team: &Team) -> FrontEndEnd {
         self.rings.bell.listen();
         while self.await_feedback(shared) {
             let Some((mut arrival, shed)) = self.newest_frame() else { break };
@@ -123,8 +133,9 @@ impl FrontEndTask {
             let _ = self.rings.empty.push(arrival.frame);
             shared.heartbeats.idle(TaskId::FrontEnd);
         }
-        self.figures.deepest = (self.rings.samples.deepest(), self.rings.arrivals.deepest());
-        (self.stage, self.figures)
+        self.figures.deepest_samples = self.rings.samples.deepest();
+        self.figures.deepest_frames = self.rings.arrivals.deepest();
+        FrontEndEnd { stage: self.stage, figures: self.figures }
     }
 
     /// Takes what the window found out about the frame before the last, as the rule demands; waits for it.
@@ -204,12 +215,8 @@ impl FrontEndTask {
         let period_ms = shared.table.row(TaskId::FrontEnd).period.as_secs_f64() * 1e3;
         let before = self.ladder.rung();
         if let Some(rung) = self.ladder.observe(longest_ms / period_ms, shed > 0) {
-            let is_down = rung > before;
-            *if is_down { &mut self.figures.steps.0 } else { &mut self.figures.steps.1 } += 1;
-            let words = if is_down { "the work does not fit" } else { "the work fits again" };
-            tracing::warn!("{words}: {}", rung.name());
-            let now = shared.data_time(Monotonic::now());
-            self.stage.event(&Event::new(now, Severity::Warning, format_args!("{words}: {}", rung.name())));
+            *if rung > before { &mut self.figures.steps_down } else { &mut self.figures.steps_up } += 1;
+            shared.set_rung(rung);
         }
     }
 }

@@ -1,13 +1,13 @@
-//! The task of the highest rank: at every release, what is due becomes odometry.
+//! The task of the tick: at every release, what is due becomes odometry. Only the inertial driver goes before it.
 
-use super::super::figures::Times;
 use super::super::tick::TickStage;
-use super::Shared;
+use super::shared::Shared;
 use crate::schedule::ring::{Reader, Writer};
 use crate::schedule::tasks::TaskId;
 use crate::schedule::ticker::{Monotonic, Ticker};
+use crate::schedule::times::Times;
 use plumbline_drivers::ImuReading;
-use plumbline_estimator::{Estimate, Odometry};
+use plumbline_estimator::Estimate;
 
 /// Releases are this much after the grid of the samples, so that each finds the sample of its own time, ns.
 const PHASE_NS: i64 = 150_000;
@@ -24,10 +24,14 @@ pub struct TickTaskFigures {
     pub late_ms: Times,
     /// From the time of a reading to its odometry, ms.
     pub latency_ms: Times,
-    /// Odometry that found the ring to the caller full.
-    pub undelivered: u64,
     /// Most readings that waited.
     pub deepest: usize,
+}
+
+/// What the task leaves.
+pub struct TickEnd {
+    pub stage: TickStage,
+    pub figures: TickTaskFigures,
 }
 
 /// The tick as a task.
@@ -36,7 +40,6 @@ pub struct TickTask {
     readings: Reader<ImuReading>,
     corrections: Reader<Estimate>,
     samples: Writer<ImuReading>,
-    odometry: Writer<Odometry>,
     figures: TickTaskFigures,
 }
 
@@ -46,7 +49,6 @@ impl TickTask {
         readings: Reader<ImuReading>,
         corrections: Reader<Estimate>,
         samples: Writer<ImuReading>,
-        odometry: Writer<Odometry>,
     ) -> Self {
         let figures = TickTaskFigures {
             ticks: 0,
@@ -54,15 +56,14 @@ impl TickTask {
             deadline_misses: 0,
             late_ms: Times::of_ms(),
             latency_ms: Times::of_ms(),
-            undelivered: 0,
             deepest: 0,
         };
-        Self { stage, readings, corrections, samples, odometry, figures }
+        Self { stage, readings, corrections, samples, figures }
     }
 
     /// Ticks until the readings end.
-    pub fn run(mut self, shared: &Shared<'_>) -> (TickStage, TickTaskFigures) {
-        let first = shared.origin.1.plus_nanos(PHASE_NS);
+    pub fn run(mut self, shared: &Shared<'_>) -> TickEnd {
+        let first = shared.origin.due.plus_nanos(PHASE_NS);
         let mut ticker = Ticker::new(first, shared.table.row(TaskId::Tick).period);
         while !shared.is_stopped() && !self.readings.is_closed() {
             let release = ticker.wait();
@@ -72,9 +73,8 @@ impl TickTask {
             self.figures.late_ms.record(release.late_ms);
             self.take_due(shared);
         }
-        self.figures.undelivered = self.odometry.refused();
         self.figures.deepest = self.readings.deepest();
-        (self.stage, self.figures)
+        TickEnd { stage: self.stage, figures: self.figures }
     }
 
     /// Takes every reading that is due.
@@ -87,13 +87,10 @@ impl TickTask {
             && shared.due(reading.sample.stamp) <= Monotonic::now()
         {
             self.readings.pop();
-            let odometry = self.stage.take(&reading);
+            self.stage.take(&reading);
             let latency_ms = Monotonic::now().ms_since(shared.due(reading.sample.stamp));
             self.figures.latency_ms.record(latency_ms);
             self.figures.deadline_misses += u64::from(latency_ms > deadline_ms);
-            if let Some(odometry) = odometry {
-                let _ = self.odometry.push(odometry);
-            }
             // Full, it is a minute behind: the front-end is gone, and has been named by the watchdog.
             let _ = self.samples.push(reading);
         }

@@ -1,9 +1,10 @@
 //! The watchdog's thread: looks at the heartbeats, tells systemd, and keeps an eye on the memory.
 
 use super::super::RunError;
-use super::Shared;
-use crate::log::{Event, Severity};
-use crate::pipeline::tap::Tap;
+use super::shared::Shared;
+use crate::pipeline::event::{Event, Severity};
+use crate::pipeline::listener::Listener;
+use crate::schedule::ladder::Rung;
 use crate::schedule::ticker::Monotonic;
 use crate::schedule::watchdog::{Finding, WATCH_PERIOD, Watchdog};
 use sd_notify::NotifyState;
@@ -37,22 +38,23 @@ impl WatchdogThread {
         &'scope self,
         scope: &'scope Scope<'scope, '_>,
         shared: &'scope Shared<'_>,
-        tap: Box<dyn Tap>,
+        listener: Box<dyn Listener>,
     ) -> Result<ScopedJoinHandle<'scope, WatchdogFigures>, RunError> {
         Builder::new()
             .name("watchdog".into())
-            .spawn_scoped(scope, move || self.watch(shared, tap))
+            .spawn_scoped(scope, move || self.watch(shared, listener))
             .map_err(|error| RunError::Thread(error.to_string()))
     }
 
-    /// The run is over.
-    pub fn end(&self) {
-        self.ended.store(true, Ordering::Relaxed);
+    /// Ends the thread when the guard goes.
+    pub fn end_on_drop(&self) -> impl Drop + '_ {
+        EndOnDrop(&self.ended)
     }
 
-    fn watch(&self, shared: &Shared<'_>, mut tap: Box<dyn Tap>) -> WatchdogFigures {
+    fn watch(&self, shared: &Shared<'_>, mut listener: Box<dyn Listener>) -> WatchdogFigures {
         let mut watchdog = Watchdog::default();
         let (start, mut settled_mb, mut peak_mb) = (Monotonic::now(), None, 0.0f64);
+        let mut rung = Rung::Full;
         let patience = sd_notify::watchdog_enabled();
         tell_systemd(&[NotifyState::Ready]);
         let mut last_sign = start;
@@ -62,8 +64,9 @@ impl WatchdogThread {
             }
             let now = Monotonic::now();
             watchdog.look(&shared.table, &shared.heartbeats, now, |finding| {
-                report_finding(shared, &mut *tap, finding);
+                report_finding(shared, &mut *listener, finding);
             });
+            report_rung(shared, &mut *listener, &mut rung);
             if let Some(patience) = patience
                 && !watchdog.is_critical()
                 && now.ms_since(last_sign) * 3e-3 > patience.as_secs_f64()
@@ -80,6 +83,7 @@ impl WatchdogThread {
             }
             std::thread::sleep(WATCH_PERIOD);
         }
+        report_rung(shared, &mut *listener, &mut rung);
         tell_systemd(&[NotifyState::Stopping]);
         WatchdogFigures {
             stalls: watchdog.stalls(),
@@ -88,19 +92,44 @@ impl WatchdogThread {
     }
 }
 
+/// Sets the flag when it goes.
+struct EndOnDrop<'a>(&'a AtomicBool);
+
+impl Drop for EndOnDrop<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Says that the front-end has taken a step of the ladder: there, nobody has time to.
+fn report_rung(shared: &Shared<'_>, listener: &mut dyn Listener, told: &mut Rung) {
+    let rung = shared.rung();
+    if rung != *told {
+        let words = if rung > *told { "the work does not fit" } else { "the work fits again" };
+        tracing::warn!("{words}: {}", rung.name());
+        let now = shared.data_time(Monotonic::now());
+        listener.event(&Event::new(now, Severity::Warning, format_args!("{words}: {}", rung.name())));
+        *told = rung;
+    }
+}
+
 /// Says what was found, in the log of the process and in that of the flight.
-fn report_finding(shared: &Shared<'_>, tap: &mut dyn Tap, finding: Finding) {
+fn report_finding(shared: &Shared<'_>, listener: &mut dyn Listener, finding: Finding) {
     let now = shared.data_time(Monotonic::now());
     match finding {
         Finding::Stalled(id, silence) => {
             let (name, ms) = (shared.table.row(id).name, silence.as_secs_f64() * 1e3);
             tracing::error!("{name} is stalled: no sign of life for {ms:.0} ms");
-            tap.event(&Event::new(now, Severity::Error, format_args!("{name} is stalled for {ms:.0} ms")));
+            listener.event(&Event::new(
+                now,
+                Severity::Error,
+                format_args!("{name} is stalled for {ms:.0} ms"),
+            ));
         }
         Finding::Recovered(id) => {
             let name = shared.table.row(id).name;
             tracing::warn!("{name} is back");
-            tap.event(&Event::new(now, Severity::Info, format_args!("{name} is back")));
+            listener.event(&Event::new(now, Severity::Info, format_args!("{name} is back")));
         }
     }
 }

@@ -1,22 +1,21 @@
 //! `plumbline demo`: a simulated flight at real time, estimated live, published on the loopback interface, and
 //! watched by a ground station with its page.
 
-use crate::cli::replay::fly_tapped;
-use crate::cli::scenario::parse_scene;
-use crate::cli::{Usage, stop_on_signal};
-use crate::flight::{Flight, Truth, open_simulation};
+use super::progress::{Glance, Progress};
+use super::scenario::parse_scene;
+use super::{Usage, stop_on_signal};
+use crate::flight::{Outputs, Truth, fly, open_simulation, scenario_config};
 use crate::ground;
 use crate::ground::connection::Connection;
 use crate::ground::fleet::Fleet;
-use crate::net::{Endpoints, Publisher};
-use crate::pipeline::{Control, RunOptions, Sink};
-use crate::record::Recorder;
+use crate::net::Endpoints;
+use crate::pipeline::{Control, RunOptions};
+use crate::report::Report;
 use anyhow::Result;
 use clap::Args;
 use nalgebra::Isometry3;
 use plumbline_drivers::StereoFrame;
 use plumbline_drivers::simulator::{Scenario, Simulator};
-use plumbline_estimator::{Estimate, Odometry};
 use std::io::{IsTerminal, Write};
 use std::net::{SocketAddr, TcpListener};
 use std::sync::{Arc, Mutex};
@@ -66,13 +65,14 @@ pub fn run(args: &DemoArgs) -> Result<()> {
         Some(scale) => scale,
         None => affordable_resolution(&scenario)?,
     };
-    let flight: Flight = open_simulation(None, &scenario, false, 0.0, None)?;
+    let flight = open_simulation(None, &scenario, false, 0.0, None)?;
     let size = &flight.config.camera[0];
     let endpoint = free_endpoint()?;
     let mut endpoints = Endpoints::of(&flight.config.network);
     endpoints.listen = vec![endpoint.clone()];
     let control = Arc::new(Control::stopped_by(stop_on_signal()?));
-    let mut publisher = Publisher::start(&flight.config, &endpoints, Arc::clone(&control))?;
+    let mut outputs = Outputs::default();
+    outputs.publish(&flight.config, &endpoints, &control)?;
     println!(
         "Flying for {:.0} s in the {} with {}x{} stereo images.",
         args.duration, args.scene, size.width_px, size.height_px
@@ -80,14 +80,14 @@ pub fn run(args: &DemoArgs) -> Result<()> {
     let station = Station::open(args, &endpoint)?;
     println!("Look at http://{} (or from another terminal: plumbline ground --no-http)", station.address);
     let mut status = Status::new(&flight.truth);
-    let mut recorder = Recorder::default();
-    let tap = publisher.tap();
-    recorder.listeners.push(&mut publisher);
-    recorder.listeners.push(&mut status);
+    let mut progress = Progress::start(move |glance| status.show(glance), || {})?;
     let options = RunOptions { speed: Some(1.0), threads: 2 };
-    let (report, _, _) = fly_tapped(flight, recorder, &options, &control, tap)?;
-    publisher.stop();
-    println!("\n{}", report.summary());
+    let mut subscribers = outputs.subscribers();
+    subscribers.push(&mut progress);
+    let flown = fly(flight, &options, &control, subscribers)?;
+    outputs.finish();
+    progress.finish();
+    println!("\n{}", Report::new(&flown).summary());
     station.close();
     Ok(())
 }
@@ -124,7 +124,7 @@ impl Station {
 
 /// Full resolution if this machine renders it in time, else half.
 fn affordable_resolution(scenario: &Scenario) -> Result<f64> {
-    let config = crate::flight::scenario_config(None, false)?;
+    let config = scenario_config(None, false)?;
     let simulator = Simulator::new(&config, scenario)?;
     let (mut scratch, mut frame) = (simulator.scratch(), StereoFrame::new(simulator.image_sizes()));
     let start = Instant::now();
@@ -168,38 +168,34 @@ impl Status {
     }
 
     /// Distance from the truth, brought to the first pose, m.
-    fn error_m(&mut self, estimate: &Estimate) -> Option<f64> {
-        let truth = self.truth.as_ref()?.ground_truth(estimate.stamp).pose_w_b;
-        let origin = *self.origin.get_or_insert(estimate.pose_o_b * truth.inverse());
-        Some(((origin * truth).translation.vector - estimate.pose_o_b.translation.vector).norm())
+    fn error_m(&mut self, glance: &Glance) -> Option<f64> {
+        let truth = self.truth.as_ref()?.ground_truth(glance.stamp).pose_w_b;
+        let origin = *self.origin.get_or_insert(glance.pose_o_b * truth.inverse());
+        Some(((origin * truth).translation.vector - glance.pose_o_b.translation.vector).norm())
     }
-}
 
-impl Sink for Status {
-    fn estimate(&mut self, estimate: &Estimate, frame_ms: f64) {
-        if !estimate.has_pose() {
+    fn show(&mut self, glance: &Glance) {
+        if !glance.has_pose {
             return;
         }
-        let error_m = self.error_m(estimate).unwrap_or(f64::NAN);
+        let error_m = self.error_m(glance).unwrap_or(f64::NAN);
         if Instant::now() < self.next {
             return;
         }
         self.next = Instant::now() + Duration::from_secs(1);
-        let p = estimate.pose_o_b.translation.vector;
+        let p = glance.pose_o_b.translation.vector;
         let line = format!(
-            "{:>7.1} {:>7.1} {:>7.1} m  speed {:.2} m/s  error {:.3} m  points {}  quality {}  frame {frame_ms:.1} ms",
+            "{:>7.1} {:>7.1} {:>7.1} m  speed {:.2} m/s  error {error_m:.3} m  points {}  quality {}  frame {:.1} ms",
             p.x,
             p.y,
             p.z,
-            estimate.v_o_b.norm(),
-            error_m,
-            estimate.figures.points_tracked,
-            estimate.quality
+            glance.v_o_b.norm(),
+            glance.points,
+            glance.quality,
+            glance.frame_ms
         );
         let mut out = std::io::stdout().lock();
         let _ = if self.rewrites { write!(out, "\r{line}\x1b[K") } else { writeln!(out, "{line}") };
         let _ = out.flush();
     }
-
-    fn odometry(&mut self, _odometry: &Odometry) {}
 }

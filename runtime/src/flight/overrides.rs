@@ -1,7 +1,6 @@
-//! `--set KEY=VALUE`: single keys of a configuration changed from the command line.
+//! `KEY=VALUE`: single keys of a configuration changed.
 
-use super::Usage;
-use anyhow::Result;
+use super::FlightError;
 use plumbline_config::{Config, ValidConfig};
 use toml::{Table, Value};
 
@@ -10,26 +9,31 @@ use toml::{Table, Value};
 ///
 /// # Errors
 /// When a change is not of that form, or the changed configuration is refused.
-pub fn with_overrides(config: &ValidConfig, changes: &[String]) -> Result<ValidConfig> {
+pub fn with_overrides(config: &ValidConfig, changes: &[String]) -> Result<ValidConfig, FlightError> {
     if changes.is_empty() {
         return Ok(config.clone());
     }
-    let mut table: Table = toml::from_str(&config.to_toml()?)?;
+    let unwritable = |reason: String| FlightError::Invalid(format!("--set: {reason}"));
+    let mut table: Table =
+        toml::from_str(&config.to_toml()?).map_err(|error| unwritable(error.to_string()))?;
     for change in changes {
         set(&mut table, change)?;
     }
-    Ok(Config::from_toml_str(&toml::to_string(&table)?, "--set")?)
+    let text = toml::to_string(&table).map_err(|error| unwritable(error.to_string()))?;
+    Ok(Config::from_toml_str(&text, "--set")?)
 }
 
-fn set(table: &mut Table, change: &str) -> Result<(), Usage> {
-    let (path, value) = change
-        .split_once('=')
-        .ok_or_else(|| Usage(format!("--set: '{change}' is not of the form section.key=value")))?;
+fn set(table: &mut Table, change: &str) -> Result<(), FlightError> {
+    let (path, value) = change.split_once('=').ok_or_else(|| {
+        FlightError::Invalid(format!("--set: '{change}' is not of the form section.key=value"))
+    })?;
     let (sections, key) = path.trim().rsplit_once('.').unwrap_or(("", path.trim()));
     let mut section = table;
     for name in sections.split('.').filter(|name| !name.is_empty()) {
         section = section.get_mut(name).and_then(Value::as_table_mut).ok_or_else(|| {
-            Usage(format!("--set: '{change}': no section '{name}'; `plumbline config sim` prints all keys"))
+            FlightError::Invalid(format!(
+                "--set: '{change}': no section '{name}'; `plumbline config sim` prints all keys"
+            ))
         })?;
     }
     section.insert(key.to_owned(), parsed(value.trim()));
@@ -47,7 +51,7 @@ fn parsed(value: &str) -> Value {
 mod tests {
     use super::*;
 
-    fn changed(change: &str) -> Result<ValidConfig> {
+    fn changed(change: &str) -> Result<ValidConfig, FlightError> {
         with_overrides(&Config::preset("sim").unwrap(), &[change.to_owned()])
     }
 

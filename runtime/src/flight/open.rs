@@ -1,0 +1,163 @@
+//! Opening what is flown: a data set, a flight log, or a simulated scenario.
+
+use super::cache;
+use super::{Flight, FlightError, Truth};
+use crate::log::LogReader;
+use crate::log::source::{LogImu, LogStereo};
+use nalgebra::{UnitQuaternion, Vector3};
+use plumbline_config::{Config, ConfigError, ValidConfig, import};
+use plumbline_drivers::simulator::{Scenario, Simulator, scaled_config};
+use plumbline_drivers::{EurocDataset, EurocOptions, StampedPose};
+use std::ops::Range;
+use std::path::Path;
+
+/// Detection cells shrink with the images, down to this, px: two patches must fit.
+const SMALLEST_CELL_PX: usize = 28;
+
+/// Opens a EuRoC data set. Without a configuration the calibration of the data set replaces that of the
+/// preset `euroc`.
+///
+/// # Errors
+/// When the data set or its calibration cannot be used.
+pub fn open_dataset(
+    path: &Path,
+    config: Option<ValidConfig>,
+    frames: Option<Range<usize>>,
+    mono: bool,
+) -> Result<Flight, FlightError> {
+    check_dataset(path)?;
+    let mut config = match config {
+        Some(config) => config,
+        None => import::euroc_into(Config::preset("euroc")?, path).map_err(FlightError::Calibration)?,
+    };
+    if mono {
+        config = with_cameras(&config, 1)?;
+    }
+    let options = EurocOptions { frames, ..EurocOptions::for_config(&config) };
+    let dataset = EurocDataset::open(path, &options)?;
+    if dataset.cameras() < config.camera.len() {
+        config = with_cameras(&config, dataset.cameras())?;
+    }
+    let truth = dataset.ground_truth()?.map_or(Truth::None, |states| {
+        Truth::Recorded(states.iter().map(|s| StampedPose { stamp: s.stamp, pose: s.pose_w_b }).collect())
+    });
+    Ok(Flight {
+        imu: Box::new(dataset.imu()),
+        stereo: Box::new(dataset.stereo()),
+        truth,
+        name: path.display().to_string(),
+        config,
+    })
+}
+
+/// Whether `path` is that of a flight log.
+#[must_use]
+pub fn is_log(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension == "mcap") && !path.is_dir()
+}
+
+/// Opens a flight log. Without a configuration that of the log is in force.
+///
+/// # Errors
+/// When the log cannot be used, or holds no images.
+pub fn open_log(
+    path: &Path,
+    config: Option<ValidConfig>,
+    frames: Option<Range<usize>>,
+    mono: bool,
+) -> Result<Flight, FlightError> {
+    let log = LogReader::open(path)?;
+    let mut config = config.unwrap_or_else(|| log.about().config.clone());
+    if mono {
+        config = with_cameras(&config, 1)?;
+    }
+    Ok(Flight {
+        imu: Box::new(LogImu::open(path)?),
+        stereo: Box::new(LogStereo::open(path, frames, config.camera.len() == 1)?),
+        truth: Truth::None,
+        name: path.display().to_string(),
+        config,
+    })
+}
+
+/// Whether there can be a data set at `path` at all.
+fn check_dataset(path: &Path) -> Result<(), FlightError> {
+    let message = if !path.exists() {
+        "does not exist; give the directory of a EuRoC data set, or sim:room, sim:hall, sim:low-texture"
+    } else if !path.is_dir() {
+        "is not a directory; give the directory of a EuRoC data set (unpack it first) or a flight log (.mcap)"
+    } else if !["mav0", "cam0", "imu0"].iter().any(|name| path.join(name).is_dir()) {
+        "holds no mav0; give the directory of a EuRoC data set"
+    } else {
+        return Ok(());
+    };
+    Err(FlightError::Invalid(format!("{}: {message}", path.display())))
+}
+
+/// Prepares a simulated flight. The estimator's cameras are turned against the true ones by
+/// `extrinsics_error_deg`. With `rendered`, a folder, its frames are read from there, and rendered first if they are
+/// not there yet.
+///
+/// # Errors
+/// When the scenario is impossible, its trajectory cannot be read, or the folder cannot be used.
+pub fn open_simulation(
+    config: Option<ValidConfig>,
+    scenario: &Scenario,
+    mono: bool,
+    extrinsics_error_deg: f64,
+    rendered: Option<&Path>,
+) -> Result<Flight, FlightError> {
+    let config = scenario_config(config, mono)?;
+    let simulator = Simulator::new(&config, scenario).map_err(FlightError::Simulation)?;
+    if !extrinsics_error_deg.is_finite() || extrinsics_error_deg.abs() > 30.0 {
+        let message =
+            format!("--extrinsics-error-deg {extrinsics_error_deg}: give an angle of at most 30 degrees");
+        return Err(FlightError::Invalid(message));
+    }
+    let scale = scenario.resolution_scale;
+    let mut config = scaled_config(&config, scale);
+    let cell_px = config.estimator.points.cell_px as f64 * scale;
+    config.estimator.points.cell_px = (cell_px.round() as usize).max(SMALLEST_CELL_PX);
+    turn_cameras(&mut config, extrinsics_error_deg.to_radians());
+    let config = config.validated("the rig at this scale and with this error of the extrinsics")?;
+    Ok(Flight {
+        imu: Box::new(simulator.imu()),
+        stereo: match rendered {
+            Some(folder) => cache::frames(folder, &simulator, scenario)?,
+            None => Box::new(simulator.stereo()),
+        },
+        name: format!("simulated flight, {:?}, seed {}", scenario.scene, scenario.seed),
+        truth: Truth::Simulated(simulator),
+        config,
+    })
+}
+
+/// The rig to simulate: the given one, or the preset `sim`; with `mono` its left camera alone.
+///
+/// # Errors
+/// Never, as long as the preset is valid.
+pub fn scenario_config(config: Option<ValidConfig>, mono: bool) -> Result<ValidConfig, FlightError> {
+    let mut config = match config {
+        Some(config) => config,
+        None => Config::preset("sim")?,
+    };
+    if mono {
+        config = with_cameras(&config, 1)?;
+    }
+    Ok(config)
+}
+
+/// `config` with its first `cameras` cameras alone.
+fn with_cameras(config: &ValidConfig, cameras: usize) -> Result<ValidConfig, ConfigError> {
+    config.with("the rig with fewer cameras", |config| config.camera.truncate(cameras))
+}
+
+/// Turns both cameras, as one rig, about an oblique axis through the body's origin.
+fn turn_cameras(config: &mut Config, angle_rad: f64) {
+    let axis = Vector3::new(0.6, -0.5, 0.62).normalize();
+    let turn = UnitQuaternion::from_scaled_axis(axis * angle_rad);
+    for camera in &mut config.camera {
+        let matrix = (turn * camera.pose_b_c()).to_homogeneous();
+        camera.pose_b_c = std::array::from_fn(|i| std::array::from_fn(|j| matrix[(i, j)]));
+    }
+}

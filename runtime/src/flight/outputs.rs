@@ -1,0 +1,101 @@
+//! What a flight is handed to while it goes on: autopilot, network, ROS 2, recorder. Each listens to the run on the
+//! threads that produce, and has a thread of its own for the rest.
+
+use super::FlightError;
+use crate::autopilot::{Bridge, BridgeFigures, Stamps};
+use crate::log::recorder::RecorderSummary;
+use crate::log::{Recorder, WhenFull};
+use crate::net::{Endpoints, Publisher};
+use crate::pipeline::Control;
+use crate::pipeline::listener::Subscriber;
+use crate::ros::RosOutput;
+use plumbline_config::ValidConfig;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Those who listen to a flight.
+#[derive(Default)]
+pub struct Outputs {
+    bridge: Option<Bridge>,
+    publisher: Option<Publisher>,
+    ros: Option<RosOutput>,
+    recorder: Option<Recorder>,
+}
+
+/// What became of what was handed over.
+#[derive(Default)]
+pub struct OutputFigures {
+    /// What the autopilot was told, where there was one.
+    pub autopilot: Option<BridgeFigures>,
+    /// What the recorder wrote, where there was one.
+    pub recording: Option<RecorderSummary>,
+}
+
+impl Outputs {
+    /// Sends odometry to the autopilot that the configuration names.
+    ///
+    /// # Errors
+    /// When the address or device cannot be used.
+    pub fn pilot(&mut self, config: &ValidConfig, stamps: Stamps) -> Result<(), FlightError> {
+        self.bridge =
+            Some(Bridge::start(&config.autopilot, &config.vehicle, stamps, config.runtime.realtime)?);
+        Ok(())
+    }
+
+    /// Puts the vehicle on the network, and on that of ROS 2 where the configuration enables it. `control` takes the
+    /// commands that come from there.
+    ///
+    /// # Errors
+    /// When the session cannot be opened.
+    pub fn publish(
+        &mut self,
+        config: &ValidConfig,
+        endpoints: &Endpoints,
+        control: &Arc<Control>,
+    ) -> Result<(), FlightError> {
+        self.publisher = Some(Publisher::start(config, endpoints, Arc::clone(control))?);
+        if config.ros.enabled {
+            self.ros = Some(RosOutput::start(&config.ros, &endpoints.vehicle, config.vehicle.rot_v_b())?);
+        }
+        Ok(())
+    }
+
+    /// Records the flight at `path`.
+    ///
+    /// # Errors
+    /// When there is a log of that name, or its file cannot be created.
+    pub fn record(
+        &mut self,
+        path: &Path,
+        config: &ValidConfig,
+        when_full: WhenFull,
+    ) -> Result<(), FlightError> {
+        self.recorder = Some(Recorder::start(path, config, when_full)?);
+        Ok(())
+    }
+
+    /// All of them, in the order in which they are to be told: the recorder keeps frames, and comes last.
+    pub fn subscribers(&mut self) -> Vec<&mut dyn Subscriber> {
+        let Self { bridge, publisher, ros, recorder } = self;
+        let mut all: Vec<&mut dyn Subscriber> = Vec::new();
+        all.extend(bridge.as_mut().map(|bridge| bridge as &mut dyn Subscriber));
+        all.extend(publisher.as_mut().map(|publisher| publisher as &mut dyn Subscriber));
+        all.extend(ros.as_mut().map(|ros| ros as &mut dyn Subscriber));
+        all.extend(recorder.as_mut().map(|recorder| recorder as &mut dyn Subscriber));
+        all
+    }
+
+    /// The run is over: what waits is sent and written.
+    pub fn finish(self) -> OutputFigures {
+        let Self { bridge, publisher, ros, recorder } = self;
+        let autopilot = bridge.and_then(Bridge::stop);
+        let recording = recorder.map(Recorder::finish);
+        if let Some(publisher) = publisher {
+            publisher.stop();
+        }
+        if let Some(ros) = ros {
+            ros.stop();
+        }
+        OutputFigures { autopilot, recording }
+    }
+}

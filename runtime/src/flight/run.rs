@@ -1,0 +1,47 @@
+//! The run of a flight, from its first sample to its last.
+
+use super::trajectory::{CausalPose, CausalTrajectory};
+use super::{Flight, FlightError, Truth};
+use crate::pipeline::listener::{Several, Subscriber};
+use crate::pipeline::{self, Control, Outcome, RunOptions, Streams};
+use plumbline_config::ValidConfig;
+
+/// Room for poses is made beforehand for up to so many frames: two hours at 20 Hz.
+const MAX_RESERVED_FRAMES: usize = 144_000;
+
+/// What a flight came to.
+pub struct Flown {
+    /// What was flown.
+    pub name: String,
+    /// What the estimator believed of the rig.
+    pub config: ValidConfig,
+    /// Where the vehicle really was.
+    pub truth: Truth,
+    /// Threads of the run.
+    pub threads: usize,
+    /// Times, counts and digests.
+    pub outcome: Outcome,
+    /// Every pose as it was known when its frame came.
+    pub poses: Vec<CausalPose>,
+}
+
+/// Runs a flight to its end, or until `control` says so. `subscribers` listen to it; one that leaves other buffers in a
+/// frame, as the recorder does, comes last.
+///
+/// # Errors
+/// When a driver cannot go on, or a thread cannot be had.
+pub fn fly(
+    flight: Flight,
+    options: &RunOptions,
+    control: &Control,
+    subscribers: Vec<&mut dyn Subscriber>,
+) -> Result<Flown, FlightError> {
+    let Flight { config, imu, stereo, truth, name } = flight;
+    let expected = stereo.expected_frames().and_then(|frames| usize::try_from(frames).ok());
+    let mut trajectory = CausalTrajectory::with_room_for(expected.unwrap_or(0).min(MAX_RESERVED_FRAMES));
+    let mut everyone: Vec<&mut dyn Subscriber> = vec![&mut trajectory];
+    everyone.extend(subscribers.into_iter().map(|subscriber| subscriber as &mut dyn Subscriber));
+    let streams = Streams { imu, stereo };
+    let outcome = pipeline::run(&config, streams, options, control, &mut Several(everyone))?;
+    Ok(Flown { name, config, truth, threads: options.threads, outcome, poses: trajectory.into_poses() })
+}

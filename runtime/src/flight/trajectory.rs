@@ -1,0 +1,138 @@
+//! Listeners that keep what a run produces in memory: the causal trajectory with its covariances, and odometry.
+//!
+//! The storage stands before the run and moves to the thread that fills it; when the run is over it comes back.
+
+use crate::pipeline::listener::{Listener, Producer, Subscriber};
+use nalgebra::{Isometry3, Matrix6};
+use plumbline_config::Timestamp;
+use plumbline_drivers::StampedPose;
+use plumbline_estimator::{Estimate, Odometry};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// One pose as it was known when its frame came.
+#[derive(Clone, Debug)]
+pub struct CausalPose {
+    /// Time on the IMU's axis.
+    pub stamp: Timestamp,
+    /// Pose of the body in the odometry frame.
+    pub pose_o_b: Isometry3<f64>,
+    /// Covariance of position [m] and attitude [rad].
+    pub covariance: Matrix6<f64>,
+    /// Resets so far: a jump is no error of the estimate.
+    pub reset_counter: u32,
+}
+
+/// Keeps the pose of every frame.
+#[derive(Debug)]
+pub struct CausalTrajectory(Storage<CausalPose>);
+
+impl CausalTrajectory {
+    /// With room for the poses of so many frames, resident from now on: a long flight does not grow.
+    #[must_use]
+    pub fn with_room_for(frames: usize) -> Self {
+        let blank = CausalPose {
+            stamp: Timestamp::default(),
+            pose_o_b: Isometry3::identity(),
+            covariance: Matrix6::zeros(),
+            reset_counter: 0,
+        };
+        Self(Storage::with_room_for(frames, blank))
+    }
+
+    /// The poses in order, after the run.
+    #[must_use]
+    pub fn into_poses(self) -> Vec<CausalPose> {
+        self.0.into_entries()
+    }
+}
+
+impl Subscriber for CausalTrajectory {
+    fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
+        match producer {
+            Producer::Window => Box::new(self.0.lend()),
+            _ => Box::new(()),
+        }
+    }
+}
+
+impl Listener for Lent<CausalPose> {
+    fn estimate(&mut self, estimate: &Estimate, _frame_ms: f64) {
+        if estimate.has_pose() {
+            self.entries.push(CausalPose {
+                stamp: estimate.stamp,
+                pose_o_b: estimate.pose_o_b,
+                covariance: estimate.covariance.fixed_view::<6, 6>(0, 0).into_owned(),
+                reset_counter: estimate.reset_counter,
+            });
+        }
+    }
+}
+
+/// Keeps the pose of every odometry, at the rate of the IMU.
+#[derive(Debug)]
+pub struct OdometryTrajectory(Storage<StampedPose>);
+
+impl OdometryTrajectory {
+    /// With room for so many poses.
+    #[must_use]
+    pub fn with_room_for(readings: usize) -> Self {
+        let blank = StampedPose { stamp: Timestamp::default(), pose: Isometry3::identity() };
+        Self(Storage::with_room_for(readings, blank))
+    }
+
+    /// The poses in order, after the run.
+    #[must_use]
+    pub fn into_poses(self) -> Vec<StampedPose> {
+        self.0.into_entries()
+    }
+}
+
+impl Subscriber for OdometryTrajectory {
+    fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
+        match producer {
+            Producer::Tick => Box::new(self.0.lend()),
+            _ => Box::new(()),
+        }
+    }
+}
+
+impl Listener for Lent<StampedPose> {
+    fn odometry(&mut self, odometry: &Odometry) {
+        self.entries.push(StampedPose { stamp: odometry.stamp, pose: odometry.pose_o_b });
+    }
+}
+
+/// Where entries are before and after the run.
+#[derive(Debug)]
+struct Storage<T>(Arc<Mutex<Vec<T>>>);
+
+impl<T: Clone> Storage<T> {
+    fn with_room_for(count: usize, blank: T) -> Self {
+        // Written once, so that every page is there.
+        let mut entries = vec![blank; count];
+        entries.clear();
+        Self(Arc::new(Mutex::new(entries)))
+    }
+
+    fn lend(&self) -> Lent<T> {
+        let entries = std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner));
+        Lent { entries, home: Arc::clone(&self.0) }
+    }
+
+    fn into_entries(self) -> Vec<T> {
+        std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+/// Entries on the thread that fills them. They come home when the thread is done.
+struct Lent<T> {
+    entries: Vec<T>,
+    home: Arc<Mutex<Vec<T>>>,
+}
+
+impl<T> Drop for Lent<T> {
+    fn drop(&mut self) {
+        let entries = std::mem::take(&mut self.entries);
+        *self.home.lock().unwrap_or_else(PoisonError::into_inner) = entries;
+    }
+}

@@ -1,0 +1,87 @@
+//! What the network hears of a run, on the threads that produce it. Nothing blocks or allocates.
+
+use super::now_ns;
+use super::pace::Pace;
+use super::picture::Shot;
+use super::rings::{LaneWriter, Rings};
+use crate::pipeline::listener::{Listener, Solved};
+use crate::pipeline::orders::{FrameOrder, Verdict};
+use plumbline_drivers::StereoFrame;
+use plumbline_estimator::{Estimate, Odometry, Tracked};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+/// Hears odometry.
+pub struct TickListener {
+    pub(super) rings: Arc<Rings>,
+    pub(super) odometry: LaneWriter<(Odometry, i64)>,
+}
+
+impl Listener for TickListener {
+    fn odometry(&mut self, odometry: &Odometry) {
+        self.odometry.push((odometry.clone(), now_ns()));
+        self.rings.odometry_bell.ring();
+    }
+}
+
+/// Hears of estimates, and of what the window holds.
+pub struct WindowListener {
+    pub(super) rings: Arc<Rings>,
+    pub(super) estimates: LaneWriter<(Estimate, f64)>,
+}
+
+impl Listener for WindowListener {
+    fn solved(&mut self, solved: &Solved<'_>) {
+        if solved.estimate.figures.is_keyframe && solved.estimate.has_pose() {
+            self.rings.snapshots.fill(|snapshot| solved.copy_to(snapshot));
+        }
+    }
+
+    fn estimate(&mut self, estimate: &Estimate, frame_ms: f64) {
+        self.estimates.push((estimate.clone(), frame_ms));
+        self.rings.bell.ring();
+    }
+}
+
+/// Takes pictures, and hears of the ladder.
+pub struct FrontEndListener {
+    rings: Arc<Rings>,
+    pace: Pace,
+    /// Notes on a frame whose image is still to come.
+    pending: Option<Box<Shot>>,
+}
+
+impl FrontEndListener {
+    /// Takes pictures at `camera_hz` at most, while somebody looks.
+    #[must_use]
+    pub fn new(rings: Arc<Rings>, camera_hz: f64) -> Self {
+        Self { rings, pace: Pace::new(camera_hz), pending: None }
+    }
+}
+
+impl Listener for FrontEndListener {
+    fn tracked(&mut self, tracked: &Tracked) {
+        if !self.rings.is_watched.load(Ordering::Relaxed) || !self.pace.admits(tracked.time.stamp) {
+            return;
+        }
+        self.pending = self.pending.take().or_else(|| self.rings.shots.spare());
+        if let Some(shot) = &mut self.pending {
+            shot.note(tracked);
+        }
+    }
+
+    fn frame(&mut self, frame: &mut StereoFrame) {
+        if self.pending.as_mut().is_some_and(|shot| shot.expose(frame))
+            && let Some(shot) = self.pending.take()
+        {
+            self.rings.shots.offer(shot);
+            self.rings.picture_bell.ring();
+        }
+    }
+
+    fn order(&mut self, order: &FrameOrder) {
+        if let Verdict::Taken { level } = order.verdict {
+            self.rings.rung.store(level, Ordering::Relaxed);
+        }
+    }
+}

@@ -1,0 +1,165 @@
+//! The tasks of a live run and the rings that join them.
+//!
+//! A ring has one writer and one reader. Frames, jobs and feedback go round between two tasks: what is done with goes
+//! back to be filled again, so that nothing is allocated in flight.
+
+use super::super::sizes_of;
+use super::super::stages::{FrontStage, Job, WindowStage};
+use super::super::tick::TickStage;
+use super::drivers::{Arrival, CameraFigures, CameraTask, ImuTask};
+use super::front_end::{FrontEndRings, FrontEndTask};
+use super::tick::TickTask;
+use super::window::WindowTask;
+use crate::schedule::ring::{Bell, Reader, Writer, ring};
+use plumbline_config::ValidConfig;
+use plumbline_drivers::{ImuReading, ImuSource, StereoFrame, StereoSource};
+use plumbline_estimator::{Estimate, Feedback};
+
+/// Frames that are filled, wait or are tracked at a time.
+const FRAME_POOL: usize = 4;
+/// Frames between front-end and window: one being tracked, one waiting, one being solved.
+const JOB_POOL: usize = 3;
+/// Readings that a replay driver is ahead of the clock, or a tick behind it: a quarter of a second at 200 Hz.
+const READING_RING: usize = 64;
+/// Readings that wait for the front-end: a minute at 200 Hz.
+const SAMPLE_RING: usize = 12_000;
+/// Estimates that wait to correct the odometry: three seconds at 20 Hz.
+const CORRECTION_RING: usize = 64;
+
+/// Where the data of a run come from.
+pub struct Sensors {
+    pub imu: Box<dyn ImuSource>,
+    /// The first reading, which has been taken from it.
+    pub first: Option<ImuReading>,
+    pub stereo: Box<dyn StereoSource>,
+}
+
+/// What is computed.
+pub struct Stages {
+    pub front: FrontStage,
+    pub window: WindowStage,
+    pub tick: TickStage,
+}
+
+/// Every task of a run, joined to the others and ready to start.
+pub struct Tasks {
+    pub imu: ImuTask,
+    pub tick: TickTask,
+    pub camera: CameraTask,
+    pub front_end: FrontEndTask,
+    pub window: WindowTask,
+}
+
+/// What each thread sleeps on.
+#[derive(Default)]
+struct Bells {
+    tick: Bell,
+    camera: Bell,
+    front_end: Bell,
+    window: Bell,
+}
+
+/// Both ends of a ring.
+struct Ring<T> {
+    writer: Writer<T>,
+    reader: Reader<T>,
+}
+
+impl<T> Ring<T> {
+    fn new(capacity: usize, reader_sleeps_on: &Bell) -> Self {
+        let (writer, reader) = ring(capacity, reader_sleeps_on);
+        Self { writer, reader }
+    }
+
+    /// Puts `count` entries in.
+    fn filled(mut self, count: usize, make: impl Fn() -> T) -> Self {
+        for _ in 0..count {
+            let _ = self.writer.push(make());
+        }
+        self
+    }
+}
+
+/// All rings, each after what it carries.
+struct Rings {
+    /// From the inertial driver to the tick.
+    readings: Ring<ImuReading>,
+    /// From the tick to the front-end.
+    samples: Ring<ImuReading>,
+    /// From the camera to the front-end, and back when they are done with.
+    arrivals: Ring<Arrival>,
+    empty: Ring<StereoFrame>,
+    /// From the front-end to the window, and back.
+    jobs: Ring<Job>,
+    spare: Ring<Job>,
+    /// From the window to the front-end, and back.
+    feedback: Ring<Feedback>,
+    blank: Ring<Feedback>,
+    /// From the window to the tick.
+    corrections: Ring<Estimate>,
+}
+
+impl Rings {
+    /// Everything allocated for the configuration.
+    fn new(config: &ValidConfig, bells: &Bells) -> Self {
+        Self {
+            readings: Ring::new(READING_RING, &bells.tick),
+            samples: Ring::new(SAMPLE_RING, &bells.front_end),
+            arrivals: Ring::new(FRAME_POOL, &bells.front_end),
+            empty: Ring::new(FRAME_POOL, &bells.camera)
+                .filled(FRAME_POOL, || StereoFrame::new(sizes_of(config))),
+            jobs: Ring::new(JOB_POOL, &bells.window),
+            spare: Ring::new(JOB_POOL, &bells.front_end).filled(JOB_POOL, || Job::new(config)),
+            feedback: Ring::new(JOB_POOL, &bells.front_end),
+            blank: Ring::new(JOB_POOL, &bells.window).filled(JOB_POOL, || Feedback::new(config.setup())),
+            corrections: Ring::new(CORRECTION_RING, &bells.tick),
+        }
+    }
+}
+
+impl Tasks {
+    /// Joins the tasks of a run.
+    pub fn new(config: &ValidConfig, sensors: Sensors, stages: Stages) -> Self {
+        let bells = Bells::default();
+        let rings = Rings::new(config, &bells);
+        let Sensors { imu, first, stereo } = sensors;
+        Self {
+            imu: ImuTask { source: imu, first, readings: rings.readings.writer },
+            tick: TickTask::new(
+                stages.tick,
+                rings.readings.reader,
+                rings.corrections.reader,
+                rings.samples.writer,
+            ),
+            camera: CameraTask {
+                source: stereo,
+                empty: rings.empty.reader,
+                arrivals: rings.arrivals.writer,
+                bell: bells.camera,
+                kept: CameraFigures::default(),
+            },
+            front_end: FrontEndTask::new(
+                stages.front,
+                FrontEndRings {
+                    arrivals: rings.arrivals.reader,
+                    empty: rings.empty.writer,
+                    samples: rings.samples.reader,
+                    spare: rings.spare.reader,
+                    jobs: rings.jobs.writer,
+                    feedback: rings.feedback.reader,
+                    blank: rings.blank.writer,
+                    bell: bells.front_end,
+                },
+            ),
+            window: WindowTask {
+                stage: stages.window,
+                jobs: rings.jobs.reader,
+                spare: rings.spare.writer,
+                blank: rings.blank.reader,
+                feedback: rings.feedback.writer,
+                corrections: rings.corrections.writer,
+                bell: bells.window,
+            },
+        }
+    }
+}
