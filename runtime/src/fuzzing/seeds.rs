@@ -1,9 +1,9 @@
 //! Makes the seeds of the targets of this crate: `cargo nextest run -p plumbline --run-ignored only fuzz_seeds`.
 
 use crate::log::channel::Channel;
-use crate::log::entry::{Event, Severity};
 use crate::log::{about::About, about::METADATA_NAME, encode, image, proto};
 use crate::net::{proto as net, wire};
+use crate::pipeline::event::{Event, Severity};
 use crate::pipeline::orders::{CorrectionOrder, FrameOrder, ResetOrder, Verdict};
 use mavlink::dialects::common::{HEARTBEAT_DATA, MavMessage, TIMESYNC_DATA};
 use mcap::records::{MessageHeader, Metadata};
