@@ -12,6 +12,8 @@ const MIN_STEP_S: f64 = 0.2;
 const MIN_STEP_M: f64 = 0.02;
 /// Points of the past are this far in time from those that are here.
 const FILL_STEP_S: f64 = 0.5;
+/// A pose that is older than the newest point by less than this is late; by more, the clock was set back, s.
+const LATE_S: f64 = 10.0;
 /// A pose that jumps further than this after a reset begins a new path, m.
 const JUMP_M: f64 = 0.5;
 
@@ -52,6 +54,10 @@ impl Track {
                 return;
             }
             if t_s < *last_s {
+                // Estimates and odometry come by different keys: after a silence an older one may be the first to come.
+                if last_s - t_s < LATE_S {
+                    return;
+                }
                 self.clear();
                 return self.push(stamp_ns, p);
             }
@@ -92,6 +98,13 @@ impl Track {
     /// Begins anew.
     pub fn clear(&mut self) {
         *self = Self { epoch: self.epoch + 1, ..Self::default() };
+    }
+
+    /// Whether a pose was measured before the newest point.
+    #[must_use]
+    pub fn is_past(&self, stamp_ns: i64) -> bool {
+        let newest = self.start_ns.zip(self.points.back());
+        newest.is_some_and(|(start_ns, [t_s, ..])| ((stamp_ns - start_ns) as f64 * 1e-9) < *t_s)
     }
 
     /// Whether a pose is too far from the last point to belong to the same path.
@@ -231,6 +244,16 @@ mod tests {
         fly(&mut track, 0..1);
         assert_eq!(track.epoch, 1);
         assert!(track.is_jump(&Vector3::new(5.0, 0.0, 0.0)));
+    }
+
+    #[test]
+    fn a_pose_that_comes_late_leaves_the_path_whole() {
+        let mut track = Track::default();
+        fly(&mut track, 0..12);
+        let points = track.len();
+        fly(&mut track, 8..9);
+        assert_eq!((track.len(), track.epoch), (points, 0));
+        assert!(track.is_past(8_000_000_000) && !track.is_past(12_000_000_000));
     }
 
     #[test]

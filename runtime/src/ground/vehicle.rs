@@ -263,7 +263,8 @@ impl Vehicle {
         }
         let p = pose.translation.vector;
         // A jump without a reset is the distance flown while nothing came.
-        if std::mem::take(&mut self.is_new_path) && self.track.is_jump(&p) {
+        let is_elsewhere = self.track.is_jump(&p) || self.track.is_past(self.stamp_ns);
+        if std::mem::take(&mut self.is_new_path) && is_elsewhere {
             self.track.clear();
         }
         self.track.push(self.stamp_ns, &p);
