@@ -32,19 +32,19 @@ pub struct PoseSample {
     pub reset_counter: u32,
 }
 
-/// The path since the vehicle appeared, thinned out for display.
+/// The path since the vehicle appeared, thinned for display.
 #[derive(Clone, Debug, Default)]
 pub struct Track {
     points: VecDeque<[f64; 4]>,
-    /// Points ever added in this epoch; the newest has this number less one.
+    /// Points added in this epoch; the newest has this number minus one.
     pub total: u64,
-    /// Changes when the path begins anew.
+    /// Counts how often the path was cleared.
     pub epoch: u64,
     start_ns: Option<i64>,
 }
 
 impl Track {
-    /// Takes a pose; it becomes a point when it is far enough from the last.
+    /// Adds a position as a point when it is far enough from the last, in time or space.
     pub fn push(&mut self, stamp_ns: i64, p: &Vector3<f64>) {
         let start_ns = *self.start_ns.get_or_insert(stamp_ns);
         let t_s = stamp_ns.saturating_sub(start_ns) as f64 * 1e-9;
@@ -69,7 +69,7 @@ impl Track {
         self.total += 1;
     }
 
-    /// Puts points of the past, in order of time, where this path has none: before it, and where a link was down.
+    /// Inserts points of the past, in order of time, where the path has none: before it, and in interruptions of the link.
     pub fn fill(&mut self, past: &[(i64, Vector3<f64>)]) {
         let (Some(start_ns), Some((oldest_ns, _))) = (self.start_ns, past.first()) else { return };
         let new_start_ns = start_ns.min(*oldest_ns);
@@ -95,7 +95,7 @@ impl Track {
         self.points = points.into();
     }
 
-    /// Begins anew.
+    /// Discards all points.
     pub fn clear(&mut self) {
         *self = Self { epoch: self.epoch + 1, ..Self::default() };
     }
@@ -145,12 +145,12 @@ impl Track {
 pub struct Samples {
     samples: VecDeque<PoseSample>,
     capacity: usize,
-    /// Samples forgotten because there was no room.
+    /// Samples discarded because the list was full.
     pub forgotten: u64,
 }
 
 impl Samples {
-    /// Room for `capacity` samples, taken as they come.
+    /// An empty list that keeps up to `capacity` samples.
     #[must_use]
     pub fn new(capacity: usize) -> Self {
         Self { samples: VecDeque::new(), capacity, forgotten: 0 }

@@ -1,4 +1,4 @@
-//! A vehicle's presence on the network, seen from the run: takes what it produces, and never holds it up.
+//! A vehicle's presence on the network: hands what a run produces to the network thread, and never blocks the run.
 
 use super::listener::{FrontEndListener, TickListener, WindowListener};
 use super::pace::Rates;
@@ -15,14 +15,14 @@ use plumbline_estimator::{Estimate, Odometry};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 
-/// What others may know of a vehicle, and ask of it.
+/// What queries to a vehicle are answered from.
 #[derive(Debug)]
 pub struct Vehicle {
     /// Its name in the keys.
     pub name: String,
     /// The configuration in force.
     pub configuration: proto::Configuration,
-    /// Camera pictures can be had.
+    /// Whether camera images are offered.
     pub offers_camera: bool,
     /// Takes coordinates from the IMU `B` to the vehicle `V` (x forward, y left, z up).
     pub rot_v_b: UnitQuaternion<f64>,
@@ -100,7 +100,7 @@ impl Publisher {
         })
     }
 
-    /// Sends what is left, and takes the vehicle off the network.
+    /// Sends what is left in the rings and closes the session.
     pub fn stop(mut self) {
         self.end();
     }

@@ -31,20 +31,20 @@ use zenoh::bytes::Encoding;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority};
 
-/// Refusals are said this often.
+/// Period at which refused accesses are logged.
 const CHORES_PERIOD: Duration = Duration::from_millis(200);
 
 /// The vehicle's keys, declared.
 pub struct Publishers {
     session: Session,
-    /// Taken by who sends odometry.
+    /// Moved into the task that sends odometry.
     odometry: Option<OdometryPublisher>,
     state: Publisher<'static>,
     health: Publisher<'static>,
     keyframe: Publisher<'static>,
     correction: Publisher<'static>,
     scene: Publisher<'static>,
-    /// Taken by who sends pictures.
+    /// Moved into the task that sends camera images.
     camera: Option<Publisher<'static>>,
     _alive: zenoh::liveliness::LivelinessToken,
     rates: Rates,
@@ -54,7 +54,7 @@ pub struct Publishers {
     resets: watch::Sender<u32>,
 }
 
-/// What changes from message to message.
+/// Counters and pace of the messages.
 struct Course {
     feed: HealthFeed,
     state: Pace,
@@ -78,9 +78,10 @@ impl Publishers {
         let (streams, datagrams) = endpoints.split()?;
         let session = streams.open().await?;
         let datagrams = datagrams.map(|datagrams| Datagrams::start(&datagrams, &session));
-        let (resets, heard) = watch::channel(0);
+        let (resets, newest_reset) = watch::channel(0);
         let archive = Arc::new(Mutex::new(Archive::new(rates.keyframe_landmarks)));
-        let answers = Answers { vehicle: Arc::clone(&vehicle), archive: Arc::clone(&archive), resets: heard };
+        let answers =
+            Answers { vehicle: Arc::clone(&vehicle), archive: Arc::clone(&archive), resets: newest_reset };
         answers::declare(&session, answers).await?;
         let declare =
             |name, schema, priority| declare_publisher(&session, &vehicle.name, name, schema, priority);
@@ -116,7 +117,7 @@ impl Publishers {
         })
     }
 
-    /// Empties the rings until told to stop, then once more.
+    /// Sends what the rings hold until the flight is over, then once more.
     pub async fn run(mut self, rings: &Arc<Rings>, to_send: ToSend) {
         let ToSend { odometry, mut estimates } = to_send;
         let odometry = self.odometry.take().map(|publisher| publisher.spawn(Arc::clone(rings), odometry));
@@ -152,7 +153,8 @@ impl Publishers {
         let _ = self.session.close().await;
     }
 
-    /// Sends what waits. What cannot be sent is lost, as its quality of service says; sequence numbers tell.
+    /// Sends what the rings hold. A message that cannot be sent is dropped, by its quality of service; receivers see a gap
+    /// in the sequence numbers.
     async fn empty(
         &mut self,
         rings: &Rings,
@@ -210,7 +212,7 @@ impl Publishers {
 fn do_chores(course: &mut Course) {
     if course.chores.elapsed() >= CHORES_PERIOD {
         course.chores = Instant::now();
-        audit::say_refusals();
+        audit::log_refusals();
         diagnosis::report_failures();
     }
 }

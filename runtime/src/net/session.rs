@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use thiserror::Error;
 use zenoh::Session;
 
-/// A link that is silent for so long has gone, ms: a lost vehicle is noticed, and a new link is tried, soon.
+/// A link without traffic for this long is closed, ms, so that a lost vehicle is noticed and a new link opened soon.
 const LEASE_MS: u64 = 4_000;
 /// An attempt to connect is given up after this, ms: over a link that was down, the next one succeeds sooner
 /// than the retransmissions of the last.
@@ -14,10 +14,10 @@ const OPEN_TIMEOUT_MS: u64 = 2_000;
 /// Attempts to connect come this soon after each other, ms: the system itself repeats the first packet of one after a
 /// second, so that hardly a second passes without a chance.
 const RETRY_MS: (u64, u64) = (50, 200);
-/// A message waits this long for room before it is dropped, us. Odometry waits on the thread that makes room for the
-/// others, so that it be short.
+/// Longest time that a message waits for space in the send queue before it is dropped, us. Odometry waits on the thread that
+/// empties the queue, so the time must be short.
 const PATIENCE_US: u64 = 5_000;
-/// Largest batch on a telemetry radio, bytes: what waits behind one is late by its length.
+/// Largest batch on a telemetry radio, bytes: messages behind it are delayed by its length.
 const RADIO_BATCH_BYTES: u64 = 1_200;
 
 /// Why the network cannot be used.
@@ -53,7 +53,7 @@ pub enum NetError {
     Declare {
         /// The key.
         key: String,
-        /// What Zenoh said.
+        /// Zenoh's message.
         message: String,
     },
     /// A file of the configuration cannot be used.
@@ -79,7 +79,7 @@ pub enum NetError {
     Thread(#[from] std::io::Error),
 }
 
-/// What a session is to the others.
+/// Role of a session in the network.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Mode {
     /// Talks to those it is connected to.
@@ -92,10 +92,10 @@ pub enum Mode {
     Router,
 }
 
-/// Who we are and whom we talk to.
+/// Role, endpoints and credentials of a session.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Endpoints {
-    /// What we are to the others.
+    /// Role in the network.
     pub mode: Mode,
     /// Opening as a client waits until somebody is there.
     pub waits: bool,
