@@ -2,8 +2,9 @@
 
 use super::clock::Exchange;
 use super::export::{Format, export};
+use super::fleet::lock;
 use super::fleet::{Fleet, PastPoint};
-use super::listen::{apply_numbered, lock};
+use super::listen::take_numbered;
 use super::recover::points;
 use super::web::{api, guard, socket};
 use crate::net::{proto, read, security};
@@ -41,7 +42,7 @@ fn take(fleet: &Mutex<Fleet>, topic: u8, payload: &[u8]) {
             let mut fleet = lock(fleet);
             let Some(vehicle) = fleet.vehicles.get_mut("drone") else { return };
             let (received_ns, answered_ns) = (clock.received_ns, clock.answered_ns);
-            vehicle.clock.add(Exchange { asked_ns: 0, received_ns, answered_ns, came_ns: 1_000_000 });
+            vehicle.clock.take(Exchange { asked_ns: 0, received_ns, answered_ns, came_ns: 1_000_000 });
         }
         b't' => {
             let Some(trajectory) = read::decode::<proto::Trajectory>(payload) else { return };
@@ -52,7 +53,7 @@ fn take(fleet: &Mutex<Fleet>, topic: u8, payload: &[u8]) {
         b'r' => drop(read::decode::<proto::ResetDone>(payload)),
         topic => {
             let count = |fleet: &Fleet| fleet.malformed + fleet.vehicles.len() as u64;
-            apply_numbered(fleet, topic, payload);
+            take_numbered(fleet, topic, payload);
             assert!(count(&lock(fleet)) >= 1);
         }
     }

@@ -1,43 +1,43 @@
-//! When a change of a vehicle's state becomes an event: at once when it gets worse, after a second when it recovers.
+//! When a change of state is worth telling: at once where it is for the worse, else when it has lasted.
 
 use std::time::{Duration, Instant};
 
-/// The state before any message, and before the first pose.
+/// The state before a vehicle has said any, and while it has no pose yet.
 const UNKNOWN: &str = "unknown";
 const BEGINNING: &str = "initialising";
-/// The state with a valid estimate.
+/// The state when all is well.
 const WELL: &str = "tracking";
-/// A recovery is reported after this time, so that a state that flickers is reported once.
+/// Being well again is told when it has lasted so long: a state that flickers is told once.
 const LASTING: Duration = Duration::from_secs(1);
 
-/// The state of a vehicle that was reported last.
+/// What was told of a vehicle's state.
 #[derive(Clone, Debug)]
 pub struct StateNews {
-    reported: &'static str,
-    /// Tracking again since then, not yet reported.
+    told: &'static str,
+    /// Well since then, which is still to be told.
     well_since: Option<Instant>,
 }
 
 impl Default for StateNews {
     fn default() -> Self {
-        Self { reported: UNKNOWN, well_since: None }
+        Self { told: UNKNOWN, well_since: None }
     }
 }
 
 impl StateNews {
-    /// Whether `state`, valid at `now`, becomes an event; it then counts as reported.
-    pub fn is_due(&mut self, state: &'static str, now: Instant) -> bool {
-        if state == self.reported {
+    /// Whether `words`, the state at `now`, are to be told; they then count as told.
+    pub fn is_due(&mut self, words: &'static str, now: Instant) -> bool {
+        if words == self.told {
             self.well_since = None;
             return false;
         }
-        if state == WELL && ![UNKNOWN, BEGINNING].contains(&self.reported) {
+        if words == WELL && ![UNKNOWN, BEGINNING].contains(&self.told) {
             let since = *self.well_since.get_or_insert(now);
             if now.saturating_duration_since(since) < LASTING {
                 return false;
             }
         }
-        *self = Self { reported: state, well_since: None };
+        *self = Self { told: words, well_since: None };
         true
     }
 }

@@ -1,4 +1,4 @@
-//! The report of a station: messages received and lost, gaps and delays, as JSON.
+//! What a station received, lost and waited for, as a file: for link tests and for the record.
 
 use super::channel::Channel;
 use super::fleet::Fleet;

@@ -1,4 +1,4 @@
-//! The state of one vehicle at the ground station.
+//! One vehicle as the ground knows it.
 
 use super::attitude::Attitude;
 use super::channel::{Channel, Delays, Place};
@@ -11,21 +11,21 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// A vehicle without a message for so long is lost, even while its liveliness token is there.
+/// A vehicle that has been silent for so long is lost, whatever its token says.
 pub const LOST_AFTER: Duration = Duration::from_millis(1_500);
 /// Samples of a recording: an hour and a half at 200 Hz.
 const MAX_RECORDED: usize = 1_080_000;
 
-/// A camera image as it was received.
+/// A camera picture as it was received.
 #[derive(Clone, Debug)]
 pub struct Picture {
     /// The message.
     pub message: Arc<proto::Picture>,
-    /// Counts images.
+    /// Counts pictures: a change is news.
     pub version: u64,
 }
 
-/// Figures of an estimate beside its pose.
+/// What an estimate says beside its pose.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Details {
     /// Upper triangle of the position's covariance, m^2: xx xy xz yy yz zz.
@@ -43,9 +43,9 @@ pub struct Details {
 /// One vehicle.
 #[derive(Clone, Debug)]
 pub struct Vehicle {
-    /// Whether its liveliness token is there.
+    /// Its liveliness token is there.
     pub is_alive: bool,
-    /// Counts appearances on the network: after each, its past is queried.
+    /// When it appeared, to ask it for what was before.
     pub appeared: u64,
     /// Odometry.
     pub odom: Channel,
@@ -70,37 +70,37 @@ pub struct Vehicle {
     pub rate_b: Vector3<f64>,
     /// Standard deviations of position (m), attitude (rad), velocity (m/s).
     pub sigmas: [f64; 9],
-    /// Figures of the newest estimate.
+    /// What the newest estimate says beside.
     pub details: Details,
-    /// 0 to 100; -1 while there is no valid estimate.
+    /// -1 failed, else 0 to 100.
     pub quality: i32,
-    /// Name of the tracking state.
+    /// State in words.
     pub state_words: &'static str,
-    /// Which of its changes were reported.
+    /// What was told of it.
     pub state_news: StateNews,
     /// Resets.
     pub resets: u32,
-    /// Health bits.
+    /// Error and warning bits, and in words.
     pub bits: u32,
-    /// Names of the bits that are set.
+    /// The same in words.
     pub health_words: Vec<String>,
-    /// Work budget: name of the step of the degradation ladder.
+    /// Step of the degradation ladder in words.
     pub rung: Option<String>,
     /// Computation of a frame, ms.
     pub frame_ms: f64,
     /// Frames a second.
     pub frame_rate_hz: f64,
-    /// Messages that the vehicle dropped before the network.
+    /// Messages that the vehicle dropped.
     pub dropped: u64,
-    /// Whether the vehicle sends camera images to subscribers.
+    /// The vehicle sends pictures to whom it may concern.
     pub offers_camera: bool,
-    /// Delay from publication to reception, corrected for the clock offset, ms; smoothed.
+    /// From hand-over to reception, clocks brought together, ms; smoothed.
     pub latency_ms: Option<f64>,
-    /// Offset of its clock against this host's.
+    /// Its clock against ours.
     pub clock: ClockEstimate,
     /// Its path.
     pub track: Track,
-    /// It was reset, or restarted, since the newest point of the path.
+    /// It was reset, or started anew, since the newest point of the path.
     is_new_path: bool,
     /// Its poses.
     pub poses: Samples,
@@ -108,9 +108,9 @@ pub struct Vehicle {
     pub map: Map,
     /// Newest picture.
     pub picture: Option<Picture>,
-    /// The newest recording.
+    /// What is being recorded, or was.
     pub recording: Option<Samples>,
-    /// Whether it is going on.
+    /// It is still going on.
     pub is_recording: bool,
 }
 
@@ -156,28 +156,28 @@ impl Default for Vehicle {
 }
 
 impl Vehicle {
-    /// Handles that it has appeared on the network: statistics start again, and its past can be queried.
+    /// It came, or came back: its messages count anew, and what it did before can be asked for.
     pub fn appear(&mut self) {
         self.appeared += 1;
         [&mut self.odom, &mut self.state, &mut self.health].into_iter().for_each(Channel::reappear);
         self.clock = ClockEstimate::default();
     }
 
-    /// Applies odometry of `bytes`, received at `now_ns` by this host's clock.
-    pub fn apply_odom(&mut self, message: &proto::Odom, bytes: usize, now: Instant, now_ns: i64) {
+    /// Odometry came; `now_ns` by this host's clock.
+    pub fn take_odom(&mut self, message: &proto::Odom, bytes: usize, now: Instant, now_ns: i64) {
         let Some(header) = &message.header else { return };
-        let place = self.odom.receive(header.sequence, header.published_ns, bytes, now);
+        let place = self.odom.heard(header.sequence, header.published_ns, bytes, now);
         if place == Place::Late {
             return;
         }
-        self.is_new_path |= place == Place::Restarted;
-        self.apply_header(header, message.state);
+        self.is_new_path |= place == Place::Anew;
+        self.take_header(header, message.state);
         let offset_ns = self.clock.offset_ns().unwrap_or(0);
         let delay_ns = now_ns.saturating_add(offset_ns).saturating_sub(header.published_ns);
         self.delays.record(delay_ns);
         let latency_ms = delay_ns as f64 * 1e-6;
         self.latency_ms = Some(self.latency_ms.map_or(latency_ms, |old| old + 0.05 * (latency_ms - old)));
-        self.apply_motion(message.pose.as_ref(), message.velocity_o_b.as_ref());
+        self.take_motion(message.pose.as_ref(), message.velocity_o_b.as_ref());
         if let Some(rate) = &message.angular_rate_b {
             self.rate_b = Vector3::new(rate.x, rate.y, rate.z);
         }
@@ -189,15 +189,14 @@ impl Vehicle {
         }
     }
 
-    /// Applies an estimate of `bytes`.
-    pub fn apply_state(&mut self, message: &proto::State, bytes: usize, now: Instant) {
+    /// An estimate came.
+    pub fn take_state(&mut self, message: &proto::State, bytes: usize, now: Instant) {
         let Some(header) = &message.header else { return };
         let is_newest = header.stamp_ns >= self.stamp_ns || self.odom.is_stale(now);
-        self.is_new_path |=
-            self.state.receive(header.sequence, header.published_ns, bytes, now) == Place::Restarted;
+        self.is_new_path |= self.state.heard(header.sequence, header.published_ns, bytes, now) == Place::Anew;
         if is_newest {
-            self.apply_header(header, message.state);
-            self.apply_motion(message.pose.as_ref(), message.velocity_o_b.as_ref());
+            self.take_header(header, message.state);
+            self.take_motion(message.pose.as_ref(), message.velocity_o_b.as_ref());
         }
         self.bits = message.health_bits;
         self.health_words = wire::health_words(message.health_bits);
@@ -223,11 +222,11 @@ impl Vehicle {
         }
     }
 
-    /// Applies a health message of `bytes`.
-    pub fn apply_health(&mut self, message: &proto::Health, bytes: usize, now: Instant) {
+    /// Health came.
+    pub fn take_health(&mut self, message: &proto::Health, bytes: usize, now: Instant) {
         let Some(header) = &message.header else { return };
-        self.health.receive(header.sequence, header.published_ns, bytes, now);
-        // Odometry is newer than the frame of this message: taking both, the state would alternate.
+        self.health.heard(header.sequence, header.published_ns, bytes, now);
+        // Odometry is newer than the frame that this tells of: between the two the state would go to and fro.
         if self.odom.is_stale(now) {
             self.state_words = wire::state_words(message.state);
         }
@@ -245,7 +244,7 @@ impl Vehicle {
         self.map.announced = self.map.announced.max(message.keyframes);
     }
 
-    fn apply_header(&mut self, header: &proto::Header, state: i32) {
+    fn take_header(&mut self, header: &proto::Header, state: i32) {
         self.stamp_ns = header.stamp_ns;
         self.quality = header.quality.clamp(-1, 100);
         self.is_new_path |= header.reset_counter != self.resets;
@@ -253,7 +252,7 @@ impl Vehicle {
         self.state_words = wire::state_words(state);
     }
 
-    fn apply_motion(&mut self, pose: Option<&proto::Pose>, velocity: Option<&proto::Vector3>) {
+    fn take_motion(&mut self, pose: Option<&proto::Pose>, velocity: Option<&proto::Vector3>) {
         if let Some(v) = velocity {
             self.v_o_b = Vector3::new(v.x, v.y, v.z);
         }
@@ -263,15 +262,14 @@ impl Vehicle {
             return;
         }
         let p = pose.translation.vector;
-        // A jump without a reset is the distance flown during an interruption of the link.
-        let is_elsewhere = self.track.is_jump(&p) || self.track.is_past(self.stamp_ns);
-        if std::mem::take(&mut self.is_new_path) && is_elsewhere {
+        // A jump without a reset is the distance flown while nothing came.
+        if std::mem::take(&mut self.is_new_path) && self.track.is_jump(&p) {
             self.track.clear();
         }
         self.track.push(self.stamp_ns, &p);
     }
 
-    /// Starts a new recording, or ends the current one.
+    /// Starts a new recording, or ends the one that goes on.
     pub fn set_recording(&mut self, is_on: bool) {
         if is_on && !self.is_recording {
             self.recording = Some(Samples::new(MAX_RECORDED));
@@ -290,13 +288,13 @@ impl Vehicle {
         });
     }
 
-    /// Time since the last message on any key.
+    /// Time since anything came.
     #[must_use]
     pub fn age(&self, now: Instant) -> Option<Duration> {
         [&self.odom, &self.state, &self.health].into_iter().filter_map(|channel| channel.age(now)).min()
     }
 
-    /// Its presence at `now`: "lost", "stale", "unknown", or the name of its tracking state.
+    /// What can be said of its presence: "lost", "stale", or its state.
     #[must_use]
     pub fn presence(&self, now: Instant) -> &'static str {
         let is_silent = self.age(now).is_none_or(|age| age > LOST_AFTER);
@@ -340,19 +338,19 @@ impl Vehicle {
         Some(Vector3::new(rate_v.x, -rate_v.y, -rate_v.z))
     }
 
-    /// Quality as text: percent, or "invalid" without a valid estimate.
+    /// Quality in words: percent, or that there is no valid estimate.
     #[must_use]
     pub fn quality_words(&self) -> String {
         if self.quality < 0 { "invalid".into() } else { format!("{} %", self.quality) }
     }
 
-    /// Health as text: the faults, or "no faults".
+    /// Health in words: what is wrong, or that nothing is.
     #[must_use]
     pub fn health_summary(&self) -> String {
         if self.health_words.is_empty() { "no faults".into() } else { self.health_words.join(", ") }
     }
 
-    /// Position, attitude, speed, rates and health in one line of text.
+    /// Position, attitude, speed, rates and health in a line.
     #[must_use]
     pub fn line(&self, name: &str, now: Instant) -> String {
         let p = self.pose_o_b.map_or_else(Vector3::zeros, |pose| pose.translation.vector);

@@ -174,15 +174,15 @@ pub struct Rings {
     pub snapshots: Pool<MapSnapshot>,
     /// Left pictures with what is tracked in them.
     pub shots: Pool<Shot>,
-    /// Whether the camera has subscribers.
+    /// Somebody looks at pictures.
     pub is_watched: AtomicBool,
     /// Step of the degradation ladder.
     pub rung: AtomicU8,
-    /// Wakes the task that sends odometry.
+    /// Wakes who sends odometry.
     pub odometry_bell: TaskBell,
     /// Wakes who sends estimates and snapshots.
     pub bell: TaskBell,
-    /// Wakes the task that sends camera images.
+    /// Wakes who sends pictures.
     pub picture_bell: TaskBell,
     /// The flight is over.
     pub stop: AtomicBool,
@@ -212,14 +212,14 @@ impl Rings {
         Ok((rings, written, ToSend { odometry, estimates }))
     }
 
-    /// Ends the flight: the tasks send what is left, and end.
+    /// The flight is over: who empties the rings sends what is left, and ends.
     pub fn end(&self) {
         self.stop.store(true, Ordering::Relaxed);
         self.odometry_bell.ring();
         self.bell.ring();
     }
 
-    /// Entries dropped because the network was slower than the vehicle.
+    /// Entries forgotten because the network was slower than the vehicle.
     #[must_use]
     pub fn dropped(&self) -> u64 {
         self.losses.iter().map(LaneLosses::count).sum::<u64>() + self.snapshots.dropped()

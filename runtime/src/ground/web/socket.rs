@@ -1,10 +1,12 @@
-//! The web socket of a page: sends what has changed, ten times a second.
+//! The web socket of a page: ten times a second what has changed since.
 //!
-//! Each page has a cursor of its own in every path, map and list of events: a slow page delays no other and receives
-//! everything in the end. Its queue is bounded: nothing is prepared while the last message is still being sent.
+//! Each page has its own place in every path, map and list of events, so that a slow one holds up nobody and
+//! gets what it missed. What waits for it is bounded: nothing is prepared while the last message is still
+//! on its way.
 
 use super::super::fleet::Fleet;
-use super::super::listen::{lock, watch_camera};
+use super::super::fleet::lock;
+use super::super::listen::watch_camera;
 use super::{Station, messages};
 use axum::extract::State;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
@@ -17,7 +19,7 @@ use std::time::{Duration, Instant};
 use tokio::time::MissedTickBehavior;
 use zenoh::pubsub::Subscriber;
 
-/// Period of updates.
+/// News are told this often.
 const PERIOD: Duration = Duration::from_millis(100);
 /// Longest message of a page, bytes.
 const MAX_MESSAGE_BYTES: usize = 4_096;
@@ -28,7 +30,7 @@ const MAX_CAMERAS: usize = 4;
 /// Points of a path and keyframes in one message.
 const MAX_TRACK: usize = 5_000;
 const MAX_KEYFRAMES: usize = 100;
-/// A page that accepts no data for so long is closed.
+/// A page that takes nothing for so long is gone.
 const SEND_PATIENCE: Duration = Duration::from_secs(10);
 
 /// Opens the socket.
@@ -44,15 +46,15 @@ pub async fn upgrade(State(station): State<Arc<Station>>, upgrade: WebSocketUpgr
     )
 }
 
-/// Messages of a page.
+/// What a page says.
 #[derive(Deserialize)]
 #[serde(tag = "type", rename_all = "lowercase")]
-enum PageMessage {
-    /// Names of the vehicles whose camera is shown.
+enum Said {
+    /// The cameras that are looked at.
     Watch { camera: Vec<String> },
 }
 
-/// What a page has received of a vehicle.
+/// How far a page is with a vehicle.
 #[derive(Clone, Copy, Default)]
 struct Place {
     track: Option<u64>,
@@ -85,13 +87,13 @@ impl Page {
         loop {
             tokio::select! {
                 _ = clock.tick() => {
-                    let updates = self.updates(Instant::now());
-                    if !send(&mut socket, updates).await {
+                    let news = self.news(Instant::now());
+                    if !send(&mut socket, news).await {
                         return;
                     }
                 }
-                received = socket.recv() => match received {
-                    Some(Ok(Message::Text(text))) => self.receive(text.as_str()).await,
+                said = socket.recv() => match said {
+                    Some(Ok(Message::Text(text))) => self.hear(text.as_str()).await,
                     Some(Ok(Message::Binary(_))) => self.count_malformed(),
                     Some(Ok(Message::Ping(_) | Message::Pong(_))) => {}
                     Some(Ok(Message::Close(_))) | None => return,
@@ -109,7 +111,7 @@ impl Page {
         self.station.malformed.fetch_add(1, Ordering::Relaxed);
     }
 
-    async fn receive(&mut self, text: &str) {
+    async fn hear(&mut self, text: &str) {
         let Some(camera) = watched(text) else { return self.count_malformed() };
         self.cameras.retain(|name, _| camera.contains(name));
         for name in camera.into_iter().take(MAX_CAMERAS) {
@@ -126,14 +128,14 @@ impl Page {
         }
     }
 
-    /// Everything that this page has not received yet.
-    fn updates(&mut self, now: Instant) -> Vec<Message> {
+    /// Everything that is new to this page.
+    fn news(&mut self, now: Instant) -> Vec<Message> {
         let station = Arc::clone(&self.station);
         let fleet = lock(&station.fleet);
         let mut news =
             vec![Message::text(messages::fleet(&fleet, station.malformed.load(Ordering::Relaxed), now))];
         news.extend(fleet.events_since(self.events).map(|event| Message::text(messages::event(event))));
-        self.events = fleet.event_count;
+        self.events = fleet.told;
         let Self { places, cameras, .. } = self;
         for name in fleet.vehicles.keys() {
             let place = places.entry(name.clone()).or_default();
@@ -148,7 +150,7 @@ impl Page {
 
 /// The cameras that a page says it looks at; `None` for words that are not understood.
 pub fn watched(text: &str) -> Option<Vec<String>> {
-    serde_json::from_str(text).ok().map(|PageMessage::Watch { camera }| camera)
+    serde_json::from_str(text).ok().map(|Said::Watch { camera }| camera)
 }
 
 /// Everything that a page which has just been opened is told of every vehicle.
@@ -194,7 +196,7 @@ fn picture(fleet: &Fleet, name: &str, place: &mut Place, news: &mut Vec<Message>
     }
 }
 
-/// Sends the messages; whether the page accepted them.
+/// Whether the page took the messages.
 async fn send(socket: &mut WebSocket, messages: Vec<Message>) -> bool {
     for message in messages {
         let sent = tokio::time::timeout(SEND_PATIENCE, socket.send(message)).await;
