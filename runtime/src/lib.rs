@@ -8,7 +8,8 @@
 //!   by MAVLink, [`ros`] to ROS 2;
 //! - a [`flight`] puts sources, run and listeners together;
 //! - who judges flights: [`evaluate`] compares trajectories, a [`report`] sums a flight up, a [`campaign`] flies many,
-//!   a [`bench`] measures what they cost; a [`picture`] shows what was found in an image;
+//!   a [`sweep`] flies many settings, a [`bench`] measures what they cost; a [`plot`] draws a flight, a [`picture`] what was
+//!   found in an image;
 //! - the [`ground`] watches from afar;
 //! - [`cli`] is the command line. Nothing but the binary imports it.
 //!
@@ -29,6 +30,8 @@ pub mod log;
 pub mod net;
 pub mod picture;
 pub mod pipeline;
+pub mod plot;
 pub mod report;
 pub mod ros;
 pub mod schedule;
+pub mod sweep;

@@ -1,5 +1,6 @@
 //! System tests of the command: real processes, real files, a real Zenoh session.
 
+mod at_scale;
 mod browser;
 mod cgroup;
 mod connections;
@@ -7,14 +8,17 @@ mod digests;
 mod errors;
 mod example;
 mod host;
+mod import;
 mod lines;
 mod log;
 mod network;
+mod plot;
 mod python;
 mod realtime;
 mod replay;
 mod ros;
 mod security;
+mod sweep;
 mod vehicle;
 
 use std::process::{Command, Output};

@@ -51,7 +51,7 @@ impl FlightChoice {
 }
 
 /// The folder of trajectories in the shared data: `shared`, else that of the environment, else `../shared`.
-fn trajectories(shared: Option<&Path>) -> Result<PathBuf, Usage> {
+pub(super) fn trajectories(shared: Option<&Path>) -> Result<PathBuf, Usage> {
     let shared =
         shared.map(Path::to_owned).or_else(|| std::env::var_os("PLUMBLINE_SHARED").map(PathBuf::from));
     let folder = shared.unwrap_or_else(|| "../shared".into()).join("euroc/trajectories");

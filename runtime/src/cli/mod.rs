@@ -8,6 +8,7 @@ pub mod access;
 mod bench;
 pub mod campaign;
 pub mod choice;
+mod config;
 mod demo;
 mod doctor;
 pub mod evaluate;
@@ -16,16 +17,17 @@ mod ground;
 mod keys;
 pub mod lines;
 pub mod log;
+pub mod plot;
 mod progress;
 pub mod replay;
 mod reset;
 mod router;
 pub mod scenario;
 pub mod simulate;
+pub mod sweep;
 pub mod verify;
 
 use crate::net::audit;
-use crate::pipeline::digest::config_hash;
 use clap::{CommandFactory, Parser, Subcommand};
 use plumbline_config::{Config, ConfigError, ValidConfig};
 use std::fmt::Display;
@@ -53,6 +55,7 @@ const EXAMPLES: &str = "Examples:
   plumbline replay V1_01_easy --record log.mcap     the same, recorded
   plumbline verify log.mcap                         is the recorded flight what comes out again?
   plumbline evaluate out.tum V1_01_easy             its errors, as evo_ape and evo_rpe give them
+  plumbline plot out.tum --truth V1_01_easy --out flight.svg   the same as a picture
   plumbline lines image.png --out lines.png         the line segments of one image, as a picture
   plumbline ground --connect tcp/127.0.0.1:7447     watch the vehicles on a network
 
@@ -72,6 +75,8 @@ enum Command {
     Simulate(simulate::SimulateArgs),
     /// Compare a trajectory with its ground truth.
     Evaluate(evaluate::EvaluateArgs),
+    /// Draw a flight: its path over the truth, errors, covariance, velocity and biases over time.
+    Plot(plot::PlotArgs),
     /// Extract the line segments of one image, and draw them.
     Lines(lines::LinesArgs),
     /// Watch vehicles over the network: a page for the browser, and a view in the terminal.
@@ -86,23 +91,19 @@ enum Command {
     Campaign(campaign::CampaignArgs),
     /// Fly with points alone, with raw, filtered and merged line segments, and tabulate what each brings.
     Ablation(ablation::AblationArgs),
+    /// Fly every setting of some keys on several data sets, on all cores, and tabulate the errors.
+    Sweep(sweep::SweepArgs),
     /// Measure what the standard load costs on this machine, and compare with another time.
     Bench(bench::BenchArgs),
     /// Check whether this host and a configuration are fit for a flight.
     Doctor(doctor::DoctorArgs),
-    /// Check a configuration file, or print a preset.
-    Config(ConfigArgs),
+    /// Check a configuration file, print a preset, or import a calibration.
+    Config(config::ConfigArgs),
     /// Print the completions for a shell.
     Completions {
         /// The shell.
         shell: clap_complete::Shell,
     },
-}
-
-#[derive(Debug, clap::Args)]
-struct ConfigArgs {
-    /// A configuration file to check, or the name of a preset (euroc, sim) to print.
-    file: String,
 }
 
 /// Runs the command line of this process.
@@ -127,6 +128,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Log(args) => log::run(&args),
         Command::Simulate(args) => simulate::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
+        Command::Plot(args) => plot::run(&args),
         Command::Lines(args) => lines::run(&args),
         Command::Ground(args) => ground::run(&args),
         Command::Router(args) => router::run(&args),
@@ -134,9 +136,10 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Keys(args) => keys::run(&args),
         Command::Campaign(args) => campaign::run(&args),
         Command::Ablation(args) => ablation::run(&args),
+        Command::Sweep(args) => sweep::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Doctor(args) => doctor::run(&args),
-        Command::Config(args) => check_config(&args),
+        Command::Config(args) => config::run(&args),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut Cli::command(), "plumbline", &mut script);
@@ -144,21 +147,6 @@ fn run(command: Command) -> anyhow::Result<()> {
             Ok(())
         }
     }
-}
-
-fn check_config(args: &ConfigArgs) -> anyhow::Result<()> {
-    if plumbline_config::PRESETS.contains(&args.file.as_str()) {
-        say(plumbline_config::preset_text(&args.file)?.trim_end());
-        return Ok(());
-    }
-    let config = Config::load(&args.file)?;
-    say(format_args!(
-        "{}: valid, {} camera(s), hash {}",
-        args.file,
-        config.camera.len(),
-        config_hash(&config)
-    ));
-    Ok(())
 }
 
 /// Writes a line to stdout. A reader that has gone, as `head` does, ends the process: nobody listens.

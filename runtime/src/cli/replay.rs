@@ -1,17 +1,20 @@
 //! `plumbline replay`: the estimator over a recorded or simulated flight.
 
+use super::plot::flown_subject;
 use super::progress::Progress;
 use super::scenario::{ScenarioArgs, parse_scene};
 use super::{Usage, check_outputs, load_config, parse_range, say, stop_on_signal};
 use crate::autopilot::Stamps;
 use crate::evaluate::load_trajectory;
+use crate::flight::states::{StateRow, write_states};
 use crate::flight::{
-    CausalPose, Flight, OdometryTrajectory, Outputs, Truth, fly, is_log, open_dataset, open_log,
+    CausalPose, Flight, KeptStates, OdometryTrajectory, Outputs, Truth, fly, is_log, open_dataset, open_log,
     open_simulation, with_overrides,
 };
 use crate::log::WhenFull;
 use crate::net::Endpoints;
 use crate::pipeline::{Control, RunOptions};
+use crate::plot;
 use crate::report::Report;
 use anyhow::{Context, Result};
 use clap::Args;
@@ -54,6 +57,13 @@ pub struct ReplayArgs {
     /// Write the 6x6 covariance of every pose (CSV).
     #[arg(long, value_name = "OUT.csv")]
     pub covariance: Option<PathBuf>,
+    /// Write everything the estimates hold, a row a frame (CSV): state, covariance diagonal, biases, refined extrinsics,
+    /// figures; the names of the columns have the units.
+    #[arg(long, value_name = "OUT.csv")]
+    pub states: Option<PathBuf>,
+    /// Draw the flight: path over the truth, errors, covariance, velocity and biases over time (.svg or .png).
+    #[arg(long, value_name = "OUT.svg|OUT.png")]
+    pub plot: Option<PathBuf>,
     /// Record the flight, to be looked at in Foxglove and executed again by `verify`; how much of it, the
     /// configuration's [recorder] says.
     #[arg(long, value_name = "LOG.mcap")]
@@ -105,12 +115,17 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     if args.speed.is_some_and(|s| !(s.is_finite() && s > 0.0)) {
         return Err(Usage("--speed: give a positive number".into()).into());
     }
-    let files = [&args.trajectory, &args.odometry, &args.covariance, &args.report, &args.record];
-    check_outputs(files.into_iter().flatten())?;
+    let files = [&args.trajectory, &args.odometry, &args.covariance, &args.states, &args.plot];
+    check_outputs(files.into_iter().chain([&args.report, &args.record]).flatten())?;
+    if let Some(path) = &args.plot {
+        plot::check_name(path).map_err(|e| Usage(format!("--plot: {e}")))?;
+    }
     let flight = prepared(open(args)?, args)?;
     let control = Arc::new(Control::stopped_by(stop_on_signal()?));
     let mut outputs = start_outputs(args, &flight.config, &control)?;
     let mut odometry = args.odometry.as_ref().map(|_| OdometryTrajectory::with_room_for(readings(&flight)));
+    let wants_states = args.states.is_some() || args.plot.is_some();
+    let mut states = wants_states.then(|| KeptStates::for_flight(&flight));
     let mut progress = Progress::bar(flight.stereo.expected_frames())?;
     let options = RunOptions { speed: args.speed, threads: usize::from(args.threads) };
     let mut subscribers = outputs.subscribers();
@@ -118,11 +133,17 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     if let Some(odometry) = &mut odometry {
         subscribers.insert(0, odometry);
     }
+    if let Some(states) = &mut states {
+        subscribers.insert(0, states);
+    }
     let flown = fly(flight, &options, &control, subscribers)?;
     let report = Report::new(&flown).with(outputs.finish());
     progress.finish();
     let odometry = odometry.map(OdometryTrajectory::into_poses);
     write_trajectories(args, &flown.poses, odometry.as_deref())?;
+    if let Some(states) = states {
+        write_state_outputs(args, &states.into_rows(), &flown.truth)?;
+    }
     let json = serde_json::to_string_pretty(&report)?;
     if let Some(path) = &args.report {
         std::fs::write(path, &json).with_context(|| format!("{}", path.display()))?;
@@ -230,6 +251,19 @@ fn write_trajectories(
         write_covariances(path, poses)?;
     }
     Ok(())
+}
+
+/// Writes the table of the states, and draws them.
+fn write_state_outputs(args: &ReplayArgs, rows: &[StateRow], truth: &Truth) -> Result<()> {
+    if let Some(path) = &args.states {
+        write_states(path, rows).with_context(|| format!("{}", path.display()))?;
+    }
+    let Some(path) = &args.plot else { return Ok(()) };
+    match flown_subject(&args.dataset, rows, truth)? {
+        Some(subject) => Ok(plot::write(&subject, path, plot::SIZE_PX)?),
+        // The end of the run says that there is no pose.
+        None => Ok(()),
+    }
 }
 
 fn write_covariances(path: &Path, poses: &[CausalPose]) -> Result<()> {

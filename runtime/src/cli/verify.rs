@@ -1,6 +1,8 @@
 //! `plumbline verify`: is what a flight log holds what comes out of its inputs?
 
-use super::say;
+mod many;
+
+use super::{Usage, say};
 use crate::flight::open_dataset;
 use crate::log::LogReader;
 use crate::log::verify::{Verification, verify};
@@ -8,24 +10,33 @@ use anyhow::{Result, bail};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline_drivers::StereoSource;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Steps of the progress bar.
 const STEPS: u64 = 1000;
 
+const EXAMPLES: &str = "Examples:
+  plumbline verify log.mcap                one log, with all that is to be told of it
+  plumbline verify flights/*.mcap --jobs 8 many logs, eight at a time, a row each; exit status 1 if any differs";
+
 /// Arguments of `plumbline verify`.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 pub struct VerifyArgs {
-    /// The flight log; its further parts (LOG.1.mcap and so on) are found beside it.
-    #[arg(value_name = "LOG.mcap")]
-    pub log: PathBuf,
+    /// Flight logs. The further parts of a log (LOG.1.mcap and so on) are found beside it; named themselves, they
+    /// are passed over.
+    #[arg(value_name = "LOG.mcap", required = true)]
+    pub logs: Vec<PathBuf>,
     /// Take the images from this EuRoC data set: for a log that was recorded without them.
     #[arg(long, value_name = "DATASET")]
     pub images: Option<PathBuf>,
     /// Succeed also when the log breaks off or lacks outputs, if what can be compared is identical.
     #[arg(long)]
     pub allow_incomplete: bool,
-    /// Print JSON.
+    /// Logs at a time; as many as the machine has processors without.
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub jobs: Option<u16>,
+    /// Print JSON: an object for one log, a list for several.
     #[arg(long)]
     pub json: bool,
 }
@@ -33,35 +44,53 @@ pub struct VerifyArgs {
 /// Runs the command.
 ///
 /// # Errors
-/// When the log cannot be executed, is not bit-identical, or is not complete.
+/// When a log cannot be executed, is not bit-identical, or is not complete.
 pub fn run(args: &VerifyArgs) -> Result<()> {
-    let images = args.images.as_ref().map(|dataset| open_images(args, dataset)).transpose()?;
+    if let [log] = args.logs.as_slice() {
+        return run_one(args, log);
+    }
+    if args.images.is_some() {
+        return Err(Usage("--images: the images of one log; verify such logs one by one".into()).into());
+    }
+    many::run(args)
+}
+
+fn run_one(args: &VerifyArgs, log: &Path) -> Result<()> {
+    let images = args.images.as_ref().map(|dataset| open_images(log, dataset)).transpose()?;
     let bar = ProgressBar::new(STEPS);
     let template = "{bar:32} {percent} %  executing  {elapsed} (eta {eta})";
     bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
-    let verified = verify(&args.log, images, &mut |done| bar.set_position((done * STEPS as f64) as u64));
+    let verified = verify(log, images, &mut |done| bar.set_position((done * STEPS as f64) as u64));
     bar.finish_and_clear();
     let verified = verified?;
     say(if args.json { serde_json::to_string_pretty(&verified)? } else { summary(&verified) });
-    let log = args.log.display();
+    match objection(&verified, args.allow_incomplete) {
+        Some(objection) => bail!("{}: {objection}", log.display()),
+        None => Ok(()),
+    }
+}
+
+/// What is to be said against a log, if anything.
+fn objection(verified: &Verification, allow_incomplete: bool) -> Option<String> {
     if let Some(difference) = &verified.difference {
-        bail!("{log}: not bit-identical: {difference}");
+        return Some(format!("not bit-identical: {difference}"));
     }
     if verified.inputs_changed {
-        bail!("{log}: not bit-identical: an input was changed after it was recorded");
+        return Some("not bit-identical: an input was changed after it was recorded".into());
     }
     if !verified.identical {
-        bail!("{log}: not bit-identical: {} outputs are not in the log", verified.not_recorded);
+        return Some(format!("not bit-identical: {} outputs are not in the log", verified.not_recorded));
     }
-    if !verified.complete && !args.allow_incomplete {
-        bail!("{log}: not complete, though identical as far as it goes; --allow-incomplete accepts that");
+    if !verified.complete && !allow_incomplete {
+        let words = "not complete, though identical as far as it goes; --allow-incomplete accepts that";
+        return Some(words.into());
     }
-    Ok(())
+    None
 }
 
 /// The frames of the data set, in the sizes of the log's cameras.
-fn open_images(args: &VerifyArgs, dataset: &std::path::Path) -> Result<Box<dyn StereoSource>> {
-    let config = LogReader::open(&args.log)?.about().config.clone();
+fn open_images(log: &Path, dataset: &Path) -> Result<Box<dyn StereoSource>> {
+    let config = LogReader::open(log)?.about().config.clone();
     Ok(open_dataset(dataset, Some(config), None, false)?.stereo)
 }
 

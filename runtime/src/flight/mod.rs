@@ -9,6 +9,7 @@ pub mod open;
 pub mod outputs;
 pub mod overrides;
 pub mod run;
+pub mod states;
 #[cfg(test)]
 mod tests;
 pub mod trajectory;
@@ -18,7 +19,7 @@ pub use open::{is_log, open_dataset, open_log, open_simulation, scenario_config}
 pub use outputs::Outputs;
 pub use overrides::with_overrides;
 pub use run::{Flown, fly};
-pub use trajectory::{CausalPose, CausalTrajectory, OdometryTrajectory};
+pub use trajectory::{CausalPose, CausalTrajectory, KeptStates, OdometryTrajectory};
 
 use nalgebra::Isometry3;
 use plumbline_config::{Timestamp, ValidConfig};
@@ -66,6 +67,19 @@ impl Truth {
                 near.min_by_key(|s| s.stamp.nanos_since(stamp).abs())
                     .filter(|s| s.stamp.nanos_since(stamp).abs() <= TRUTH_TOLERANCE_NS)
                     .map(|s| s.pose)
+            }
+        }
+    }
+
+    /// The true poses as they were measured, or at the `stamps` where they are known at any time; empty if nobody knows.
+    #[must_use]
+    pub fn poses(&self, stamps: impl IntoIterator<Item = Timestamp>) -> Vec<StampedPose> {
+        match self {
+            Self::None => Vec::new(),
+            Self::Recorded(poses) => poses.clone(),
+            Self::Simulated(_) => {
+                let at = |stamp| Some(StampedPose { stamp, pose: self.pose_at(stamp)? });
+                stamps.into_iter().filter_map(at).collect()
             }
         }
     }

@@ -7,7 +7,7 @@ use crate::pipeline::{self, Control, Outcome, RunOptions, Streams};
 use plumbline_config::ValidConfig;
 
 /// Room for poses is made beforehand for up to so many frames: two hours at 20 Hz.
-const MAX_RESERVED_FRAMES: usize = 144_000;
+pub(super) const MAX_RESERVED_FRAMES: usize = 144_000;
 
 /// What a flight came to.
 pub struct Flown {

@@ -1,7 +1,11 @@
-//! Listeners that keep what a run produces in memory: the causal trajectory with its covariances, and odometry.
+//! Listeners that keep what a run produces in memory: the causal trajectory with its covariances, whole states, and
+//! odometry.
 //!
 //! The storage stands before the run and moves to the thread that fills it; when the run is over it comes back.
 
+use super::Flight;
+use super::run::MAX_RESERVED_FRAMES;
+use super::states::StateRow;
 use crate::pipeline::listener::{Listener, Producer, Subscriber};
 use nalgebra::{Isometry3, Matrix6};
 use plumbline_config::Timestamp;
@@ -65,6 +69,46 @@ impl Listener for Lent<CausalPose> {
                 reset_counter: estimate.reset_counter,
             });
         }
+    }
+}
+
+/// Keeps everything that the estimates hold, a row a frame.
+#[derive(Debug)]
+pub struct KeptStates(Storage<StateRow>);
+
+impl KeptStates {
+    /// With room for so many frames.
+    #[must_use]
+    pub fn with_room_for(frames: usize) -> Self {
+        Self(Storage::with_room_for(frames, StateRow::default()))
+    }
+
+    /// With room for the frames of `flight`.
+    #[must_use]
+    pub fn for_flight(flight: &Flight) -> Self {
+        let expected = flight.stereo.expected_frames().and_then(|frames| usize::try_from(frames).ok());
+        Self::with_room_for(expected.unwrap_or(0).min(MAX_RESERVED_FRAMES))
+    }
+
+    /// The rows in order, after the run.
+    #[must_use]
+    pub fn into_rows(self) -> Vec<StateRow> {
+        self.0.into_entries()
+    }
+}
+
+impl Subscriber for KeptStates {
+    fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
+        match producer {
+            Producer::Window => Box::new(self.0.lend()),
+            _ => Box::new(()),
+        }
+    }
+}
+
+impl Listener for Lent<StateRow> {
+    fn estimate(&mut self, estimate: &Estimate, _frame_ms: f64) {
+        self.entries.push(StateRow::of(estimate));
     }
 }
 

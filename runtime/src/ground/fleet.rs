@@ -5,7 +5,7 @@ use crate::net::{proto, read};
 use nalgebra::Vector3;
 use serde::Serialize;
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::Instant;
 
 /// Vehicles that are followed; more are counted, not kept.
@@ -207,11 +207,6 @@ impl Fleet {
     pub fn lines(&self, now: Instant) -> Vec<String> {
         self.vehicles.iter().map(|(name, vehicle)| vehicle.line(name, now)).collect()
     }
-}
-
-/// The fleet, whatever became of the last who held it.
-pub fn lock(fleet: &Mutex<Fleet>) -> MutexGuard<'_, Fleet> {
-    fleet.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]

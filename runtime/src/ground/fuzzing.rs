@@ -2,9 +2,8 @@
 
 use super::clock::Exchange;
 use super::export::{Format, export};
-use super::fleet::lock;
 use super::fleet::{Fleet, PastPoint};
-use super::listen::take_numbered;
+use super::listen::{lock, take_numbered};
 use super::recover::points;
 use super::web::{api, guard, socket};
 use crate::net::{proto, read, security};
@@ -18,11 +17,6 @@ use std::time::Instant;
 /// # Panics
 /// When a message is neither taken nor counted, or what a page is told is no JSON.
 pub fn network_messages(data: &[u8]) {
-    show(&lock(&heard(data)));
-}
-
-/// What a station knows after these messages.
-fn heard(data: &[u8]) -> Mutex<Fleet> {
     let fleet = Mutex::new(Fleet::default());
     let mut rest = data;
     while let Some(([topic, low, high], after)) = rest.split_first_chunk() {
@@ -31,7 +25,7 @@ fn heard(data: &[u8]) -> Mutex<Fleet> {
         take(&fleet, *topic, payload);
         rest = next;
     }
-    fleet
+    show(&lock(&fleet));
 }
 
 /// A message of a topic, or the answer to a question.
@@ -104,22 +98,5 @@ pub fn peer_endpoint(data: &[u8]) {
         let host = host.trim_start_matches('[').trim_end_matches(']');
         let ip = host.parse::<std::net::IpAddr>();
         assert!(host == "localhost" || ip.is_ok_and(|ip| ip.is_loopback()), "{text:?}");
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn fuzz_seeds_of_the_network_are_understood() {
-        let seed = include_bytes!("../../../fuzz/seeds/network_messages/all");
-        let fleet = heard(seed);
-        let fleet = lock(&fleet);
-        let vehicle = &fleet.vehicles["drone"];
-        assert_eq!((fleet.malformed, vehicle.map.len()), (0, 1));
-        assert!(
-            vehicle.picture.is_some() && vehicle.clock.round_trip_ns().is_some() && !vehicle.track.is_empty()
-        );
     }
 }

@@ -1,13 +1,18 @@
 //! Fills the fleet from the network.
 
-use super::fleet::{Fleet, lock};
+use super::fleet::Fleet;
 use super::recover;
 use crate::net::{Endpoints, NetError, ROOT, now_ns, proto, read, wire};
 use std::io::Write;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 use zenoh::Session;
 use zenoh::sample::{Sample, SampleKind};
+
+/// The fleet, whatever became of the last who held it.
+pub fn lock(fleet: &Mutex<Fleet>) -> MutexGuard<'_, Fleet> {
+    fleet.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 /// Subscribes to the keys of `endpoints.vehicle` (`*` for all), and asks for what was missed; with
 /// `print_states` every state is printed as a line of JSON. The camera is another matter ([`watch_camera`]).

@@ -23,7 +23,7 @@ pub mod vehicle;
 pub mod view;
 pub mod web;
 
-pub use fleet::lock;
+pub use listen::lock;
 
 use fleet::Fleet;
 use std::io::{self, Write};

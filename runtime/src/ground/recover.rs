@@ -2,7 +2,8 @@
 //! were lost on the way. One question at a time for each vehicle, each with a time limit, at low priority.
 
 use super::clock::Exchange;
-use super::fleet::{Fleet, PastPoint, lock};
+use super::fleet::{Fleet, PastPoint};
+use super::listen::lock;
 use crate::net::answers::MAX_KEYFRAMES_PER_QUESTION;
 use crate::net::{ROOT, now_ns, proto, read};
 use nalgebra::Vector3;

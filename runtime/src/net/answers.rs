@@ -9,9 +9,9 @@
 //! pose>`, `map/keyframe/<sequence number>`), which a question ending in `/**` allows. A question for the exact key is
 //! answered by one message, or refused when one cannot hold the answer: nothing is lost in silence.
 
-use super::error::NetError;
 use super::keyframes::KeyframeHistory;
-use super::vehicle::Vehicle;
+use super::publisher::Vehicle;
+use super::session::NetError;
 use super::{ROOT, now_ns, proto, read};
 use plumbline_estimator::{Estimate, ResetKind};
 use prost::Message;

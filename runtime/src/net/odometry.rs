@@ -4,10 +4,10 @@
 //! latency. Nothing else runs here, since what holds up this thread holds up what is sent.
 
 use super::datagrams::Datagrams;
-use super::declare::declare_publisher;
-use super::error::NetError;
 use super::pace::Pace;
+use super::publishers;
 use super::rings::{LaneReader, Rings};
+use super::session::NetError;
 use super::{ROOT, wire};
 use plumbline_estimator::Odometry;
 use prost::Message as _;
@@ -43,7 +43,8 @@ impl OdometryPublisher {
         datagrams: Option<Datagrams>,
         rate_hz: f64,
     ) -> Result<Self, NetError> {
-        let publisher = declare_publisher(session, vehicle, KEY.0, KEY.1, Priority::RealTime).await?;
+        let publisher =
+            publishers::declare_publisher(session, vehicle, KEY.0, KEY.1, Priority::RealTime).await?;
         let name = format!("{ROOT}/{vehicle}/{}", KEY.0);
         let refused =
             |error: zenoh::Error| NetError::Declare { key: name.clone(), message: error.to_string() };

@@ -11,14 +11,12 @@
 
 use super::answers::{self, Answers, Archive, lock};
 use super::datagrams::Datagrams;
-use super::declare::declare_publisher;
-use super::endpoints::Endpoints;
-use super::error::NetError;
 use super::health::{Circumstances, HealthFeed};
 use super::odometry::OdometryPublisher;
 use super::pace::{Pace, Rates};
+use super::publisher::Vehicle;
 use super::rings::{LaneReader, Rings, ToSend};
-use super::vehicle::Vehicle;
+use super::session::{Endpoints, NetError};
 use super::{ROOT, audit, camera, diagnosis, now_ns, proto, wire};
 use crate::schedule::ladder::Rung;
 use nalgebra::{Isometry3, UnitQuaternion};
@@ -29,8 +27,9 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
 use zenoh::Session;
+use zenoh::bytes::Encoding;
 use zenoh::pubsub::Publisher;
-use zenoh::qos::Priority;
+use zenoh::qos::{CongestionControl, Priority};
 
 /// Refusals are said this often.
 const CHORES_PERIOD: Duration = Duration::from_millis(200);
@@ -225,4 +224,25 @@ fn no_correction(snapshot: &MapSnapshot) -> proto::MapCorrection {
         quality: 0,
     };
     proto::MapCorrection { header: Some(header), pose_m_o: wire::pose(&Isometry3::identity()), loops: 0 }
+}
+
+/// Declares a key of a vehicle with its quality of service.
+///
+/// # Errors
+/// When Zenoh refuses the key.
+pub async fn declare_publisher(
+    session: &Session,
+    vehicle: &str,
+    name: &'static str,
+    schema: &'static str,
+    priority: Priority,
+) -> Result<Publisher<'static>, NetError> {
+    let key = format!("{ROOT}/{vehicle}/{name}");
+    let publisher = session
+        .declare_publisher(key.clone())
+        .encoding(Encoding::APPLICATION_PROTOBUF.with_schema(format!("plumbline.v1.{schema}")))
+        .priority(priority)
+        .congestion_control(CongestionControl::Drop)
+        .express(priority == Priority::RealTime);
+    publisher.await.map_err(|error| NetError::Declare { key, message: error.to_string() })
 }

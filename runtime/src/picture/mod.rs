@@ -86,7 +86,7 @@ impl Picture {
     }
 
     /// Lays `colour` over a pixel, as opaque as `share` of 0 to 1 says.
-    fn blend(&mut self, x: usize, y: usize, colour: Rgb, share: f32) {
+    pub fn blend(&mut self, x: usize, y: usize, colour: Rgb, share: f32) {
         let Some(at) = self.at(x, y) else { return };
         for (old, new) in self.pixels[at..at + 3].iter_mut().zip(colour) {
             // A float to u8 saturates.

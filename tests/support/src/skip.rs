@@ -26,13 +26,15 @@ pub enum Need {
     CgroupV2,
     /// Network namespaces: root and iproute2.
     NetworkNamespaces,
+    /// GNU parallel.
+    Parallel,
     /// The processor family that digests are promised for.
     ReferenceProcessor,
 }
 
 impl Need {
     /// All of them.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::SharedData,
         Self::Python,
         Self::Chromium,
@@ -41,6 +43,7 @@ impl Need {
         Self::CgroupFreezer,
         Self::CgroupV2,
         Self::NetworkNamespaces,
+        Self::Parallel,
         Self::ReferenceProcessor,
     ];
 
@@ -56,6 +59,7 @@ impl Need {
             Self::CgroupFreezer => "cgroup-freezer",
             Self::CgroupV2 => "cgroup-v2",
             Self::NetworkNamespaces => "network-namespaces",
+            Self::Parallel => "parallel",
             Self::ReferenceProcessor => "reference-processor",
         }
     }

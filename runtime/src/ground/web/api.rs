@@ -3,7 +3,7 @@
 use super::super::command::{self, ResetWords};
 use super::super::export::{Format, export};
 use super::super::fleet::Severity;
-use super::super::fleet::lock;
+use super::super::listen::lock;
 use super::Station;
 use axum::Json;
 use axum::extract::{Path, State};

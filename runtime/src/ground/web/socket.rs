@@ -5,8 +5,7 @@
 //! on its way.
 
 use super::super::fleet::Fleet;
-use super::super::fleet::lock;
-use super::super::listen::watch_camera;
+use super::super::listen::{lock, watch_camera};
 use super::{Station, messages};
 use axum::extract::State;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};

@@ -1,0 +1,248 @@
+//! Which cells a sweep has: the settings of its axes, times its data sets, times the seeds.
+
+use super::{Cell, SweepError};
+use crate::flight::{Flight, FlightError, is_log, open_dataset, open_log, open_simulation};
+use plumbline_config::ValidConfig;
+use plumbline_drivers::StampedPose;
+use plumbline_drivers::simulator::Scenario;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// A key of the configuration and the values that it takes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Axis {
+    /// Dotted path of the key.
+    pub key: String,
+    /// Its values as TOML.
+    pub values: Vec<String>,
+}
+
+impl Axis {
+    /// Of `key=value,value`; commas within brackets and quotes belong to a value.
+    ///
+    /// # Errors
+    /// When it is not of that form.
+    pub fn parse(text: &str) -> Result<Self, SweepError> {
+        let bad = || SweepError::BadAxis(text.to_owned());
+        let (key, values) = text.split_once('=').ok_or_else(bad)?;
+        let values: Vec<String> = split_values(values).into_iter().map(|v| v.trim().to_owned()).collect();
+        let key = key.trim().to_owned();
+        if key.is_empty() || values.iter().any(String::is_empty) {
+            return Err(bad());
+        }
+        Ok(Self { key, values })
+    }
+}
+
+fn split_values(text: &str) -> Vec<&str> {
+    let (mut values, mut start, mut depth, mut quote) = (Vec::new(), 0, 0_i32, None);
+    for (at, c) in text.char_indices() {
+        match (quote, c) {
+            (Some(open), _) if c == open => quote = None,
+            (Some(_), _) => {}
+            (None, '"' | '\'') => quote = Some(c),
+            (None, '[' | '{') => depth += 1,
+            (None, ']' | '}') => depth -= 1,
+            (None, ',') if depth == 0 => {
+                values.push(&text[start..at]);
+                start = at + 1;
+            }
+            (None, _) => {}
+        }
+    }
+    values.push(&text[start..]);
+    values
+}
+
+/// What is flown.
+#[derive(Clone, Debug)]
+pub enum Subject {
+    /// A EuRoC data set or a flight log.
+    Recorded {
+        /// Its place.
+        path: PathBuf,
+    },
+    /// A simulated flight.
+    Simulated {
+        /// What it is called: the argument that it was made of.
+        name: String,
+        /// What is simulated; each seed of the sweep replaces its own.
+        scenario: Box<Scenario>,
+        /// The estimator believes the cameras turned by this angle, degrees.
+        extrinsics_error_deg: f64,
+    },
+}
+
+impl Subject {
+    /// Opens it, ready to run; a simulated flight with `seed` in place of its own.
+    ///
+    /// # Errors
+    /// When it cannot be read or simulated.
+    pub fn open(&self, common: &Common, seed: Option<u64>) -> Result<Flight, FlightError> {
+        let Common { config, mono, cache, .. } = common;
+        match self {
+            Self::Recorded { path } if is_log(path) => open_log(path, config.clone(), None, *mono),
+            Self::Recorded { path } => open_dataset(path, config.clone(), None, *mono),
+            Self::Simulated { scenario, extrinsics_error_deg, .. } => {
+                let scenario = Scenario { seed: seed.unwrap_or(scenario.seed), ..(**scenario).clone() };
+                open_simulation(config.clone(), &scenario, *mono, *extrinsics_error_deg, cache.as_deref())
+            }
+        }
+    }
+
+    /// What it is called.
+    #[must_use]
+    pub fn name(&self) -> String {
+        match self {
+            Self::Recorded { path } => path.display().to_string(),
+            Self::Simulated { name, .. } => name.clone(),
+        }
+    }
+}
+
+/// What all cells have in common.
+#[derive(Clone, Debug, Default)]
+pub struct Common {
+    /// The configuration; without one that of the data set, of the log, or the preset `sim`.
+    pub config: Option<ValidConfig>,
+    /// Ground truth of data sets that bring none.
+    pub truth: Option<Arc<Vec<StampedPose>>>,
+    /// The left camera alone.
+    pub mono: bool,
+    /// Folder of rendered frames.
+    pub cache: Option<PathBuf>,
+}
+
+/// A sweep.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    axes: Vec<Axis>,
+    subjects: Vec<Subject>,
+    /// Seeds of simulated flights; each one's own if there are none.
+    seeds: Vec<u64>,
+    common: Arc<Common>,
+}
+
+impl Plan {
+    /// A sweep over all settings of `axes`; without any it has one setting, the configuration as it is.
+    ///
+    /// # Errors
+    /// When a key is swept twice.
+    pub fn new(
+        axes: Vec<Axis>,
+        subjects: Vec<Subject>,
+        seeds: Vec<u64>,
+        common: Common,
+    ) -> Result<Self, SweepError> {
+        for (index, axis) in axes.iter().enumerate() {
+            if axes[..index].iter().any(|earlier| earlier.key == axis.key) {
+                return Err(SweepError::DoubleAxis(axis.key.clone()));
+            }
+        }
+        Ok(Self { axes, subjects, seeds, common: Arc::new(common) })
+    }
+
+    /// Every setting, as changes `key=value` of the configuration; the last axis turns fastest.
+    #[must_use]
+    pub fn settings(&self) -> Vec<Vec<String>> {
+        let mut settings = vec![Vec::new()];
+        for axis in &self.axes {
+            let with = |setting: &Vec<String>, value: &String| {
+                let mut longer = setting.clone();
+                longer.push(format!("{}={value}", axis.key));
+                longer
+            };
+            settings = settings.iter().flat_map(|s| axis.values.iter().map(move |v| with(s, v))).collect();
+        }
+        settings
+    }
+
+    /// All cells; the number of a cell is its place here. Data sets that were recorded have no seeds.
+    #[must_use]
+    pub fn cells(&self) -> Vec<Cell> {
+        let flights: Vec<(&Subject, Option<u64>)> = self
+            .subjects
+            .iter()
+            .flat_map(|subject| match subject {
+                Subject::Recorded { .. } => vec![(subject, None)],
+                Subject::Simulated { scenario, .. } if self.seeds.is_empty() => {
+                    vec![(subject, Some(scenario.seed))]
+                }
+                Subject::Simulated { .. } => self.seeds.iter().map(|s| (subject, Some(*s))).collect(),
+            })
+            .collect();
+        let settings = self.settings();
+        let of = settings.len() * flights.len();
+        let pairs = settings.iter().flat_map(|s| flights.iter().map(move |flight| (s, flight)));
+        pairs
+            .enumerate()
+            .map(|(index, (setting, (subject, seed)))| Cell {
+                index,
+                of,
+                setting: setting.clone(),
+                subject: (*subject).clone(),
+                seed: *seed,
+                common: Arc::clone(&self.common),
+            })
+            .collect()
+    }
+
+    /// The cell of that number.
+    ///
+    /// # Errors
+    /// When there is none.
+    pub fn cell(&self, cell: usize) -> Result<Cell, SweepError> {
+        let mut cells = self.cells();
+        if cell >= cells.len() {
+            return Err(SweepError::NoSuchCell { cell, last: cells.len().saturating_sub(1) });
+        }
+        Ok(cells.swap_remove(cell))
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    /// Two keys of three and two values, over one recorded and one simulated flight with two seeds.
+    pub(in crate::sweep) fn plan() -> Plan {
+        let axes = ["estimator.points.sigma_px=0.3,0.4,0.5", "estimator.lines.enabled=true,false"];
+        let axes = axes.iter().map(|text| Axis::parse(text).unwrap()).collect();
+        let simulated = Subject::Simulated {
+            name: "sim:room".into(),
+            scenario: Box::default(),
+            extrinsics_error_deg: 0.0,
+        };
+        let subjects = vec![Subject::Recorded { path: "V1_01".into() }, simulated];
+        Plan::new(axes, subjects, vec![5, 6], Common::default()).unwrap()
+    }
+
+    #[test]
+    fn every_setting_meets_every_flight_once() {
+        let cells = plan().cells();
+        assert_eq!(cells.len(), 3 * 2 * (1 + 2));
+        assert!(cells.iter().enumerate().all(|(k, cell)| cell.index == k && cell.of == cells.len()));
+        let names: std::collections::BTreeSet<String> = cells.iter().map(Cell::describe).collect();
+        assert_eq!(names.len(), cells.len());
+        assert_eq!(cells[4].setting, ["estimator.points.sigma_px=0.3", "estimator.lines.enabled=false"]);
+        assert_eq!((cells[3].seed, cells[4].seed, cells[5].seed), (None, Some(5), Some(6)));
+        assert!(plan().cell(17).is_ok());
+        assert!(plan().cell(18).unwrap_err().to_string().contains("cells 0 to 17"));
+    }
+
+    #[test]
+    fn commas_within_brackets_and_quotes_do_not_split() {
+        let axis = Axis::parse("a.b=[1, 2],[3, 4], \"x,y\"").unwrap();
+        assert_eq!(axis.values, ["[1, 2]", "[3, 4]", "\"x,y\""]);
+        for bad in ["a.b", "=1", "a=", "a=1,,2"] {
+            assert!(Axis::parse(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn a_key_is_swept_once() {
+        let axis = Axis::parse("a.b=1").unwrap();
+        let twice = Plan::new(vec![axis.clone(), axis], Vec::new(), Vec::new(), Common::default());
+        assert!(matches!(twice, Err(SweepError::DoubleAxis(key)) if key == "a.b"));
+    }
+}

@@ -1,0 +1,117 @@
+//! A calibration by Kalibr becomes a configuration that flies.
+
+use super::{fails, plumbline, stderr};
+use std::path::Path;
+
+/// `camchain-imucam.yaml` as Kalibr writes it, of the EuRoC rig.
+const CAMCHAIN: &str = "cam0:
+  T_cam_imu:
+  - [0.01486554, 0.99955725, -0.02577444, 0.06522291]
+  - [-0.99988093, 0.01496721, 0.00375619, -0.02070639]
+  - [0.00414030, 0.02571553, 0.99966073, -0.00805460]
+  - [0.0, 0.0, 0.0, 1.0]
+  cam_overlaps: [1]
+  camera_model: pinhole
+  distortion_coeffs: [-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05]
+  distortion_model: radtan
+  intrinsics: [458.654, 457.296, 367.215, 248.375]
+  resolution: [752, 480]
+  rostopic: /cam0/image_raw
+  timeshift_cam_imu: 0.0001
+cam1:
+  T_cn_cnm1:
+  - [0.99999727, 0.00231202, -0.00037611, -0.11007381]
+  - [-0.00231714, 0.99989799, -0.01409344, 0.00039901]
+  - [0.00034349, 0.01409427, 0.99990062, -0.00085359]
+  - [0.0, 0.0, 0.0, 1.0]
+  cam_overlaps: [0]
+  camera_model: pinhole
+  distortion_coeffs: [-0.28368365, 0.07451284, -0.00010473, -3.55590700e-05]
+  distortion_model: radtan
+  intrinsics: [457.587, 456.134, 379.999, 255.238]
+  resolution: [752, 480]
+  rostopic: /cam1/image_raw
+  timeshift_cam_imu: 0.0001
+";
+const IMU: &str = "rostopic: /imu0
+update_rate: 200.0
+accelerometer_noise_density: 0.002
+accelerometer_random_walk: 0.003
+gyroscope_noise_density: 0.00016968
+gyroscope_random_walk: 0.000019393
+";
+
+/// Kalibr's files in `folder`.
+fn kalibr(folder: &Path) -> (String, String) {
+    let at = |name: &str| folder.join(name).to_str().unwrap().to_owned();
+    let (camchain, imu) = (at("camchain-imucam.yaml"), at("imu.yaml"));
+    std::fs::write(&camchain, CAMCHAIN).unwrap();
+    std::fs::write(&imu, IMU).unwrap();
+    (camchain, imu)
+}
+
+#[test]
+fn kalibrs_files_become_a_configuration_that_is_valid_and_flies() {
+    let folder = tempfile::tempdir().unwrap();
+    let (camchain, imu) = kalibr(folder.path());
+    let out = folder.path().join("my.toml").to_str().unwrap().to_owned();
+    let import = ["config", "import", "--camchain", &camchain, "--imu", &imu, "--out", &out];
+    let imported = plumbline(&[&import[..], &["--inflate", "10"]].concat());
+    assert!(imported.status.success(), "{}", stderr(&imported));
+    let told = String::from_utf8_lossy(&imported.stdout).into_owned();
+    assert!(told.contains("752x480 px") && told.contains("baseline    0.110"), "{told}");
+    let text = std::fs::read_to_string(&out).unwrap();
+    assert!(
+        text.contains("camchain-imucam.yaml") && text.contains("gyro_noise_density = 0.001696"),
+        "{text}"
+    );
+    let checked = plumbline(&["config", &out]);
+    assert!(checked.status.success(), "{}", stderr(&checked));
+    assert!(String::from_utf8_lossy(&checked.stdout).contains("valid, 2 camera(s)"));
+    let flown =
+        plumbline(&["replay", "sim:room", "--duration", "2", "--scale", "0.5", "--config", &out, "--json"]);
+    assert!(flown.status.success(), "{}", stderr(&flown));
+    // A file that is there is not replaced unasked.
+    fails(&import, 2, &["my.toml", "--overwrite"]);
+}
+
+#[test]
+fn a_euroc_data_set_is_imported_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (flight, out) = (at("flight"), at("my.toml"));
+    let simulated = plumbline(&["simulate", &flight, "--duration", "0.2", "--scale", "0.5"]);
+    assert!(simulated.status.success(), "{}", stderr(&simulated));
+    let imported = plumbline(&["config", "import", "--euroc", &flight, "--out", &out]);
+    assert!(imported.status.success(), "{}", stderr(&imported));
+    assert!(plumbline(&["config", &out]).status.success());
+}
+
+#[test]
+fn what_cannot_be_imported_is_named_with_file_key_and_cure() {
+    let folder = tempfile::tempdir().unwrap();
+    let (camchain, imu) = kalibr(folder.path());
+    let out = folder.path().join("my.toml").to_str().unwrap().to_owned();
+    let import = |camchain: &str| {
+        ["config", "import", "--camchain", camchain, "--imu", &imu, "--out", &out].map(str::to_owned)
+    };
+    let refused = |arguments: [String; 8], parts: &[&str]| {
+        fails(&arguments.iter().map(String::as_str).collect::<Vec<_>>(), 2, parts);
+    };
+    refused(import("/nowhere/camchain.yaml"), &["/nowhere/camchain.yaml", "cannot be read"]);
+    for (from, to, parts) in [
+        ("T_cam_imu", "T_imu_cam", ["camchain-imucam.yaml", "cam0.T_cam_imu"]),
+        ("radtan", "fov", ["cam0.distortion_model", "radtan"]),
+        ("[458.654,", "[-458.654,", ["focal", "camchain-imucam.yaml"]),
+    ] {
+        std::fs::write(&camchain, CAMCHAIN.replacen(from, to, 1)).unwrap();
+        refused(import(&camchain), &parts);
+    }
+    assert!(!Path::new(&out).exists());
+    std::fs::write(&camchain, CAMCHAIN).unwrap();
+    fails(
+        &["config", "import", "--camchain", &camchain, "--imu", &imu, "--out", "/nowhere/x.toml"],
+        2,
+        &["/nowhere"],
+    );
+}
