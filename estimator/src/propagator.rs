@@ -58,7 +58,7 @@ impl Propagator {
     }
 
     /// Corrects by the estimate of a frame: the state is propagated anew from its time to the newest sample.
-    /// An estimate without a pose ends the odometry until there is one again.
+    /// An estimate without a pose, or one that is not finite, ends the odometry until there is one again.
     pub fn correct(&mut self, estimate: &Estimate) {
         self.state = estimate.state;
         self.quality = estimate.quality;
@@ -75,6 +75,10 @@ impl Propagator {
             bias_accel: estimate.bias_accel,
         });
         self.covariance = estimate.covariance;
+        if !self.is_finite() {
+            self.nav = None;
+            return;
+        }
         self.stamp = estimate.stamp;
         self.estimated = estimate.stamp;
         let first = self.samples.partition_point(|s| s.stamp <= estimate.stamp);
@@ -96,6 +100,10 @@ impl Propagator {
         }
         self.samples.push_back(*sample);
         self.advance(sample);
+        if !self.is_finite() {
+            // A reading beyond all bounds, as far as it counts: the next estimate begins anew.
+            self.nav = None;
+        }
         let nav = self.nav.as_ref()?;
         if sample.stamp < self.stamp {
             return None;
@@ -114,6 +122,11 @@ impl Propagator {
         };
         self.sequence += 1;
         Some(odometry)
+    }
+
+    /// Whether the state carried, if there is one, is made of finite numbers.
+    fn is_finite(&self) -> bool {
+        self.nav.as_ref().is_none_or(NavState::is_finite) && self.covariance.iter().all(|x| x.is_finite())
     }
 
     /// Integrates from the present time to that of `sample`.
@@ -193,5 +206,80 @@ mod tests {
         assert_eq!(said(90), (TrackingState::Tracking, 90));
         assert_eq!(said(199), (TrackingState::Blind, 0));
         assert!(outputs[199].covariance[(0, 0)] > outputs[0].covariance[(0, 0)]);
+    }
+
+    fn is_finite(odometry: &Odometry) -> bool {
+        let pose = &odometry.pose_o_b;
+        let vectors = [&pose.translation.vector, &odometry.v_o_b, &odometry.angular_rate_b];
+        vectors
+            .into_iter()
+            .flatten()
+            .chain(pose.rotation.coords.iter())
+            .chain(&odometry.covariance)
+            .all(|x| x.is_finite())
+    }
+
+    /// A second of odometry at rest, sample `k` and what comes of the estimate as they are made.
+    fn run(
+        propagator: &mut Propagator,
+        from_ms: i64,
+        mut sample: impl FnMut(i64, &mut ImuSample),
+    ) -> Vec<Odometry> {
+        (1..=200)
+            .filter_map(|k| {
+                let stamp = Timestamp::from_nanos((from_ms + 5 * k) * 1_000_000);
+                let mut reading =
+                    ImuSample { stamp, gyro: Vector3::zeros(), accel: Vector3::new(0.0, 0.0, 9.81) };
+                sample(k, &mut reading);
+                propagator.tick(&reading)
+            })
+            .collect()
+    }
+
+    #[test]
+    fn readings_that_are_no_numbers_or_beyond_all_bounds_never_reach_the_odometry() {
+        for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e200, -1e300, f64::MAX] {
+            for axis in 0..6 {
+                let mut propagator = Propagator::new(Config::preset("sim").expect("is valid").setup());
+                propagator.correct(&estimate());
+                let odometry = run(&mut propagator, 1000, |k, reading| {
+                    let part = if axis < 3 { &mut reading.gyro } else { &mut reading.accel };
+                    if k == 50 {
+                        part[axis % 3] = value
+                    }
+                });
+                assert!(odometry.len() >= 49 && odometry.iter().all(is_finite), "{value} on axis {axis}");
+                // An estimate from after it sets it right.
+                let mut next = estimate();
+                next.stamp = Timestamp::from_nanos(2_000_000_000);
+                propagator.correct(&next);
+                let odometry = run(&mut propagator, 2000, |_, _| {});
+                assert!(odometry.len() == 200 && odometry.iter().all(is_finite), "{value} on axis {axis}");
+            }
+        }
+    }
+
+    #[test]
+    fn an_estimate_that_is_not_finite_ends_the_odometry_until_the_next() {
+        for value in [f64::NAN, f64::INFINITY] {
+            let poisons: [fn(&mut Estimate, f64); 5] = [
+                |e, x| e.pose_o_b.translation.vector.y = x,
+                |e, x| e.v_o_b.x = x,
+                |e, x| e.bias_gyro.z = x,
+                |e, x| e.bias_accel.x = x,
+                |e, x| e.covariance[(3, 3)] = x,
+            ];
+            for (which, poison) in poisons.iter().enumerate() {
+                let mut propagator = Propagator::new(Config::preset("sim").expect("is valid").setup());
+                let mut bad = estimate();
+                poison(&mut bad, value);
+                propagator.correct(&bad);
+                assert!(run(&mut propagator, 1000, |_, _| {}).is_empty(), "{which}: {value}");
+                let mut good = estimate();
+                good.stamp = Timestamp::from_nanos(2_000_000_000);
+                propagator.correct(&good);
+                assert_eq!(run(&mut propagator, 2000, |_, _| {}).len(), 200);
+            }
+        }
     }
 }

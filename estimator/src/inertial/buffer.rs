@@ -52,9 +52,9 @@ impl ImuBuffer {
         }
     }
 
-    /// Appends a sample; `false` (and nothing done) when it is not later than the newest.
+    /// Appends a sample; `false` (and nothing done) when it is not later than the newest, or not finite.
     pub fn push(&mut self, sample: &ImuSample) -> bool {
-        if self.samples.back().is_some_and(|last| sample.stamp <= last.stamp) {
+        if !sample.is_finite() || self.samples.back().is_some_and(|last| sample.stamp <= last.stamp) {
             return false;
         }
         if self.samples.len() == self.capacity {
@@ -229,5 +229,44 @@ mod tests {
         let (pre, coverage) = holed.preintegrate(from, to, &zero, &zero, &noise);
         assert!(coverage.has_gap);
         assert!(pre.covariance[(0, 0)] > 10.0 * whole.covariance[(0, 0)]);
+    }
+
+    #[test]
+    fn a_sample_that_is_no_number_is_refused_and_harms_nothing() {
+        let mut poisoned = ImuBuffer::new(1.0, 200.0, 10.0, 100.0);
+        let mut refused = 0;
+        for k in 0..100 {
+            let mut bad = sample(k * 5_000_000 + 1_000_000, 0.0);
+            let value = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY][k as usize % 3];
+            if k % 2 == 0 {
+                bad.gyro[k as usize % 3] = value
+            } else {
+                bad.accel[k as usize % 3] = value
+            }
+            assert!(poisoned.push(&sample(k * 5_000_000, k as f64 * 0.01)));
+            refused += u32::from(!poisoned.push(&bad));
+        }
+        assert_eq!(refused, 100);
+        let noise = ImuNoise { gyro_density: 1e-3, accel_density: 1e-2, gyro_walk: 0.0, accel_walk: 0.0 };
+        let (from, to) = (Timestamp::from_nanos(7_000_000), Timestamp::from_nanos(400_000_000));
+        let zero = Vector3::zeros();
+        let motions = [poisoned, buffer()].map(|b| b.preintegrate(from, to, &zero, &zero, &noise));
+        assert_eq!(motions[0], motions[1]);
+    }
+
+    #[test]
+    fn stamps_at_the_ends_of_time_give_a_motion_of_finite_numbers() {
+        let noise = ImuNoise { gyro_density: 1e-3, accel_density: 1e-2, gyro_walk: 0.0, accel_walk: 0.0 };
+        let zero = Vector3::zeros();
+        let stamps =
+            [Timestamp::MIN, Timestamp::from_nanos(0), Timestamp::from_nanos(250_000_000), Timestamp::MAX];
+        for from in stamps {
+            for to in stamps {
+                let (motion, _) = buffer().preintegrate(from, to, &zero, &zero, &noise);
+                let parts =
+                    motion.delta_p.iter().chain(&motion.delta_v).chain(motion.delta_rot.coords.iter());
+                assert!(parts.chain(&motion.covariance).all(|x| x.is_finite()), "{from} to {to}");
+            }
+        }
     }
 }

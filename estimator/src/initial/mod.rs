@@ -1,7 +1,7 @@
 //! The first estimate: frames are gathered until position, velocity and gravity are determined.
 //!
 //! With two cameras scale comes from the baseline: a few frames are enough, whether the vehicle stands or
-//! moves ([`stereo`]). With one camera structure, motion, gravity and scale are found together from a
+//! moves ([`stereo`]). With one camera points, motion, gravity and scale are estimated together from a
 //! longer window, after the gyroscope's bias ([`gyro_bias`], [`mono`]). Either way the window's solver
 //! has the last word.
 

@@ -39,7 +39,7 @@ impl Segment {
     }
 
     /// How clear the segment is: long and of high contrast. Of two segments of one length the stronger is more
-    /// often an edge of the structure, and is found again.
+    /// often an edge of a building, and is found again.
     #[must_use]
     pub fn salience(&self) -> f32 {
         self.length() * self.strength.sqrt()

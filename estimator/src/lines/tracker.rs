@@ -228,7 +228,7 @@ impl LineTracker {
         }
     }
 
-    /// Turns the tracks into this frame, and says where each is expected.
+    /// Turns the tracks into this frame: where each is expected.
     fn expect(&mut self, rot_prev_cur: &UnitQuaternion<f64>) {
         let Some(left) = self.views.first() else { return };
         let rot_b_c = left.pose_b_c.rotation;

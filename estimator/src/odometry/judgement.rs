@@ -5,6 +5,7 @@ use crate::estimate::HealthBits;
 use crate::input::ResetKind;
 use crate::window::feature::Feature;
 use crate::window::landmark::{Landmark, LandmarkStore};
+use crate::window::state::NavState;
 use plumbline_config::Timestamp;
 
 /// Fewest landmarks in view that hold an estimate against drift.
@@ -24,7 +25,8 @@ impl Odometer {
         if self.landmarks_in_view() >= MIN_LANDMARKS_IN_VIEW {
             self.last_seen = Some(stamp);
         }
-        let velocity_sigma = (6..9).map(|k| self.covariance[(k, k)]).fold(0.0, f64::max).sqrt();
+        let velocity_sigma =
+            (NavState::V..NavState::V + 3).map(|k| self.covariance[(k, k)]).fold(0.0, f64::max).sqrt();
         if velocity_sigma > self.options.health.max_velocity_sigma_m_s {
             health.insert(HealthBits::VELOCITY_UNCERTAIN);
         }
@@ -44,7 +46,7 @@ impl Odometer {
         let health = &self.options.health;
         self.window.frames.last().is_some_and(|frame| {
             let nav = &frame.nav;
-            nav.p_o_b.iter().all(|x| x.is_finite())
+            nav.is_finite()
                 && nav.v_o_b.norm() < health.max_speed_m_s
                 && nav.bias_gyro.norm() < health.max_gyro_bias_rad_s
                 && nav.bias_accel.norm() < health.max_accel_bias_m_s2
@@ -54,7 +56,8 @@ impl Odometer {
     /// 0..=100 from landmarks in view and the certainty of the velocity.
     pub(super) fn quality(&self, in_view: usize) -> i8 {
         let by_landmarks = (in_view as f64 / PLENTY_LANDMARKS).min(1.0);
-        let velocity_sigma = (6..9).map(|k| self.covariance[(k, k)]).fold(0.0, f64::max).sqrt();
+        let velocity_sigma =
+            (NavState::V..NavState::V + 3).map(|k| self.covariance[(k, k)]).fold(0.0, f64::max).sqrt();
         let by_velocity = (1.0 - velocity_sigma / self.options.health.max_velocity_sigma_m_s).clamp(0.0, 1.0);
         (100.0 * by_landmarks.min(by_velocity)).round() as i8
     }

@@ -7,6 +7,8 @@
 
 mod judgement;
 pub mod measurements;
+#[cfg(test)]
+mod poison_tests;
 mod start;
 #[cfg(test)]
 mod synthetic;
@@ -306,9 +308,7 @@ impl Odometer {
     pub fn reset(&mut self, kind: ResetKind) {
         let newest = self.window.frames.last().map(|f| f.nav.clone());
         self.origin = match kind {
-            ResetKind::Soft => {
-                newest.or_else(|| self.origin.take()).filter(|n| n.p_o_b.iter().all(|x| x.is_finite()))
-            }
+            ResetKind::Soft => newest.or_else(|| self.origin.take()).filter(NavState::is_finite),
             ResetKind::Hard => None,
         };
         self.phase = Phase::Gathering;
@@ -348,7 +348,7 @@ impl Odometer {
             figures: FrameFigures {
                 points_in_window: points as u32,
                 lines_in_window: lines as u32,
-                lines_in_structure: self.window.lines_in_structure() as u32,
+                lines_in_structure: self.window.structural_lines() as u32,
                 keyframes: self.window.frames.iter().filter(|f| f.is_keyframe).count() as u32,
                 iterations: solved.iterations,
                 is_keyframe: solved.is_keyframe,

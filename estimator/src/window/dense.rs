@@ -3,6 +3,8 @@
 //! The matrix is square, row-major, with a fixed stride; only its upper triangle is read or written.
 //! Rows are contiguous, so that the inner loops run over neighbouring memory.
 
+use super::state::{MAX_FRAMES, unknown_of_frame};
+
 /// `H d = -b` with `H` symmetric: the normal equations of a step `d`.
 #[derive(Clone, Debug)]
 pub struct NormalEquations {
@@ -199,8 +201,8 @@ impl NormalEquations {
     }
 }
 
-/// Largest number of unknowns of any system here: rig, heading and [`super::MAX_FRAMES`] frames.
-pub const MAX_UNKNOWNS: usize = super::state::GLOBAL_DIM + super::MAX_FRAMES * super::state::FRAME_DIM;
+/// Largest number of unknowns of any system here: rig, heading and [`MAX_FRAMES`] frames.
+pub const MAX_UNKNOWNS: usize = unknown_of_frame(MAX_FRAMES);
 
 /// `H = U'U` of a damped copy of the normal equations, in fixed memory.
 #[derive(Clone, Debug)]
@@ -215,6 +217,17 @@ impl Factor {
     #[must_use]
     pub fn new(capacity: usize) -> Self {
         Self { dim: 0, stride: capacity, u: vec![0.0; capacity * capacity] }
+    }
+
+    /// Unknowns of the system last factored; 0 before the first.
+    #[must_use]
+    pub fn dim(&self) -> usize {
+        self.dim
+    }
+
+    /// Forgets what was factored.
+    pub fn clear(&mut self) {
+        self.dim = 0;
     }
 
     /// Factors `H + damping diag(H)`; unknowns without any information are held at zero. `false` when the

@@ -1,12 +1,11 @@
 //! Elimination of a landmark from the normal equations (Schur complement), and its back-substitution.
 
-use super::MAX_FRAMES;
 use super::dense::NormalEquations;
-use super::state::{GLOBAL_DIM, POSE_DIM};
+use super::state::{GLOBAL_DIM, MAX_FRAMES, visual_of_frame};
 use nalgebra::{SMatrix, SVector};
 
 /// Most unknowns that one landmark touches: the globals and every pose.
-pub(super) const MAX_VISUAL: usize = GLOBAL_DIM + POSE_DIM * MAX_FRAMES;
+pub(super) const MAX_VISUAL: usize = visual_of_frame(MAX_FRAMES);
 
 /// What the elimination of a landmark leaves for its back-substitution.
 #[derive(Clone, Debug)]
@@ -49,7 +48,7 @@ pub(super) fn eliminate<const D: usize>(
     l: &SMatrix<f64, D, D>,
     span: (usize, usize),
 ) {
-    let (start, end) = (GLOBAL_DIM + POSE_DIM * span.0, GLOBAL_DIM + POSE_DIM * (span.1 + 1));
+    let (start, end) = (visual_of_frame(span.0), visual_of_frame(span.1 + 1));
     let mut y = [[0.0; MAX_VISUAL]; D];
     let mut z = [0.0; D];
     for r in 0..D {
@@ -93,3 +92,7 @@ fn subtract_products<const D: usize>(to: &mut [f64], column: &[f64; D], rows: [&
         to[k] -= sum;
     }
 }
+
+#[cfg(test)]
+#[path = "eliminate_tests.rs"]
+mod tests;

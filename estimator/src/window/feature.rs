@@ -1,5 +1,10 @@
 //! What every kind of landmark has in common: parameters in the camera that hosts it, seen from another.
+//!
+//! Observations of it enter by the reprojection factors of points and lines ([`super::reprojection`],
+//! [`super::line`]). A line along a direction of the Manhattan world has one more factor
+//! ([`super::manhattan_factor`]).
 
+use super::factor::Linearization;
 use super::manhattan::Manhattan;
 use super::state::{Mount, NavState};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
@@ -27,39 +32,69 @@ impl BodyPose {
 pub struct View<'a> {
     /// Pose of the host's body.
     pub host: &'a BodyPose,
-    /// Mounting of the host's camera.
+    /// Extrinsics of the host's camera.
     pub host_mount: &'a Mount,
     /// Pose of the observer's body.
     pub target: &'a BodyPose,
-    /// Mounting of the observer's camera.
+    /// Extrinsics of the observer's camera.
     pub target_mount: &'a Mount,
 }
 
 /// Derivatives of a residual of two components by everything it depends on.
 #[derive(Clone, Debug)]
 pub struct Jacobians<const D: usize> {
-    /// By the host's pose (position, attitude).
+    /// By the host's pose (position, attitude), 2x6.
     pub host: SMatrix<f64, 2, 6>,
-    /// By the observer's pose.
+    /// By the observer's pose, 2x6.
     pub target: SMatrix<f64, 2, 6>,
-    /// By the rig (12 of extrinsics, time offset).
+    /// By the rig (12 of extrinsics, time offset), 2x13.
     pub rig: SMatrix<f64, 2, 13>,
-    /// By the landmark's own parameters.
+    /// By the landmark's own parameters, 2xD.
     pub landmark: SMatrix<f64, 2, D>,
 }
+
+impl<const D: usize> Jacobians<D> {
+    /// All zero, to be filled by a factor.
+    #[must_use]
+    pub fn zeros() -> Self {
+        Self {
+            host: SMatrix::zeros(),
+            target: SMatrix::zeros(),
+            rig: SMatrix::zeros(),
+            landmark: SMatrix::zeros(),
+        }
+    }
+}
+
+/// Derivatives of a residual against a direction of the Manhattan world.
+#[derive(Clone, Debug)]
+pub struct StructuralJacobians<J> {
+    /// By the host's pose, the rig and the line; no observer takes part.
+    pub feature: J,
+    /// By the heading of the Manhattan world.
+    pub heading: Vector2<f64>,
+}
+
+/// A request for the Jacobians of an observation, to be taken as seen from a view.
+pub type ViewLinearization<'a, J> = Linearization<'a, &'a View<'a>, J>;
+/// A request for the Jacobians against a direction, to be taken at a pose of the host's body.
+pub type StructuralLinearization<'a, J> = Linearization<'a, &'a BodyPose, StructuralJacobians<J>>;
 
 /// Parameters of a landmark in its host camera.
 pub trait Feature: Copy + Debug + PartialEq {
     /// What a camera measures of it.
     type Measurement: Copy + Debug;
+    /// Derivatives of its residuals: [`Jacobians`].
+    type Jacobians;
 
-    /// Difference of prediction and measurement in standard deviations; `time_offset_step_s` is
-    /// `td - td_frame`. `None` where the observer cannot see it.
+    /// Difference of prediction and measurement in standard deviations, and on request its Jacobians;
+    /// `time_offset_step_s` is `td - td_frame`. `None` where the observer cannot see it.
     fn residual(
         &self,
         view: &View<'_>,
         measured: &Self::Measurement,
         time_offset_step_s: f64,
+        linearization: Option<ViewLinearization<'_, Self::Jacobians>>,
     ) -> Option<Vector2<f64>>;
 
     /// The measurement with its rate of change as an observer with angular rate `rate_b` (rad/s) and
@@ -75,32 +110,21 @@ pub trait Feature: Copy + Debug + PartialEq {
     /// The same landmark hosted by the observer; `None` where it cannot see it.
     fn hosted_by_target(&self, view: &View<'_>) -> Option<Self>;
 
-    /// What the structure of the scene says against it, in standard deviations; nothing about most features.
+    /// Difference from the direction of the Manhattan world along which it lies, in standard deviations, and on
+    /// request its Jacobians. `None` for what lies along no direction, as most features do.
     fn structural_residual(
         &self,
-        _structure: &Manhattan,
+        _manhattan: &Manhattan,
         _host: &BodyPose,
         _mount: &Mount,
+        _linearization: Option<StructuralLinearization<'_, Self::Jacobians>>,
     ) -> Option<Vector2<f64>> {
         None
     }
 }
 
 /// A feature of `D` degrees of freedom.
-pub trait Estimated<const D: usize>: Feature {
-    /// Derivatives of [`Feature::residual`]; `None` where the observer cannot see it.
-    fn jacobians(&self, view: &View<'_>, measured: &Self::Measurement) -> Option<Jacobians<D>>;
-
-    /// Derivatives of [`Feature::structural_residual`]; those by the heading apart.
-    fn structural_jacobians(
-        &self,
-        _structure: &Manhattan,
-        _host: &BodyPose,
-        _mount: &Mount,
-    ) -> Option<(Jacobians<D>, Vector2<f64>)> {
-        None
-    }
-
+pub trait Estimated<const D: usize>: Feature<Jacobians = Jacobians<D>> {
     /// The feature with the step `d` applied.
     #[must_use]
     fn plus(&self, d: &SVector<f64, D>) -> Self;

@@ -1,4 +1,4 @@
-//! Finding the heading of a structure.
+//! Finding the heading of the Manhattan world.
 //!
 //! Where an edge is horizontal, its direction is that in which the plane through edge and camera meets the
 //! horizontal: `z x n`. Every edge but verticals votes for that heading, modulo 90 degrees; edges along and across
@@ -13,17 +13,19 @@ const BINS: usize = 90;
 const HALF_WIDTH: usize = 1;
 /// What is left of a vote after a frame: half of it after 34 frames.
 const MEMORY: f64 = 0.98;
-/// A peak with this share of all votes, twelve times that of scattered ones, is a structure ...
+/// A peak with this share of all votes, twelve times that of scattered ones, is a heading ...
 const MIN_SHARE: f64 = 0.4;
 /// ... when it had it for this many frames in a row ...
 const MIN_FRAMES: u32 = 10;
 /// ... and its votes weigh this much (an edge of 0.2 rad, 100 px long, that is seen from the side weighs 0.2).
 const MIN_VOTES: f64 = 5.0;
-/// A structure with less than this share of the votes is out of sight: another one may take its place.
+/// A heading with less than this share of the votes is out of sight: another one may take its place.
 const LOST_SHARE: f64 = 0.07;
-/// Planes this near a vertical one hold verticals, or tell them not from horizontal edges.
+/// A plane whose normal has a smaller vertical part is nearly vertical: verticals lie in it as well as horizontal
+/// edges, so that it votes for nothing.
 const MIN_TILT: f64 = 0.1;
-/// Planes this near the horizontal hold horizontal edges of all headings.
+/// A plane whose normal has a smaller horizontal part is nearly horizontal: horizontal edges of all headings lie in
+/// it.
 const MIN_SLOPE: f64 = 0.2;
 
 /// Votes for headings.
@@ -51,10 +53,12 @@ impl HeadingVotes {
         self.total *= MEMORY;
     }
 
-    /// An edge of `length_rad` seen in the plane of unit normal `n_o`.
+    /// An edge of `length_rad` seen in the plane of unit normal `n_o` (in `O`).
     pub fn vote(&mut self, n_o: &Vector3<f64>, length_rad: f64) {
         let slope = n_o.xy().norm();
-        if n_o.z.abs() < MIN_TILT || slope < MIN_SLOPE {
+        // A plane that is no number votes for nothing: its vote would never fade.
+        let has_heading = n_o.z.abs() >= MIN_TILT && slope >= MIN_SLOPE;
+        if !has_heading {
             return;
         }
         let place = bins_of(n_o.x.atan2(-n_o.y));
@@ -65,7 +69,8 @@ impl HeadingVotes {
         self.total += weight;
     }
 
-    /// Heading of a structure to take instead of `present_rad`, rad; call once a frame.
+    /// Heading to take instead of `present_rad`, rad modulo 90 degrees; `None` while there is no better one. Call once
+    /// a frame.
     pub fn verdict(&mut self, present_rad: Option<f64>) -> Option<f64> {
         let mut best = 0;
         for bin in 1..BINS {
@@ -138,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn edges_along_and_across_one_heading_are_a_structure() {
+    fn edges_along_and_across_one_heading_are_a_manhattan_world() {
         // One of them lies on the seam of the bins.
         for heading in [0.3, 1.2, -0.4, 0.0] {
             let found = watch(&mut HeadingVotes::default(), &room(heading), None, 60).expect("is found");
@@ -165,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn another_structure_takes_over_only_when_the_first_is_out_of_sight() {
+    fn another_heading_takes_over_only_when_the_first_is_out_of_sight() {
         let mut votes = HeadingVotes::default();
         let first = watch(&mut votes, &room(0.3), None, 60);
         assert!(first.is_some());
@@ -174,5 +179,14 @@ mod tests {
         assert_eq!(watch(&mut votes, &both, first, 200), None, "both in sight");
         let second = watch(&mut votes, &room(1.0), first, 400).expect("takes over");
         assert!((second - 1.0).abs() < 0.005);
+    }
+
+    #[test]
+    fn a_plane_that_is_no_number_votes_for_nothing() {
+        let mut votes = HeadingVotes::default();
+        for value in [f64::NAN, f64::INFINITY] {
+            votes.vote(&Vector3::new(0.3, value, 0.5).normalize(), 0.3);
+        }
+        assert!(watch(&mut votes, &room(0.3), None, 60).is_some());
     }
 }

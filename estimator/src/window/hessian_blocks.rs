@@ -1,19 +1,20 @@
-//! Sums over the observations of one landmark, in rows as wide as the vector unit likes.
+//! The Hessian blocks (`J'J` and `J'r`) of one landmark, summed over its observations, in rows as wide as the vector
+//! unit likes.
 //!
-//! Every observation touches the rig, the host's pose and the landmark: those sums are kept in one small
-//! dense block and moved to the normal equations once per landmark. What an observation says of the frame
-//! it was made in goes there at once.
+//! Every observation touches the rig, the host's pose and the landmark: these blocks are kept in one small dense
+//! matrix and moved to the normal equations once per landmark. The blocks of the frame that made the observation go
+//! there at once.
 
 use super::Options;
 use super::dense::NormalEquations;
 use super::eliminate::Eliminated;
 use super::feature::Jacobians;
-use super::state::{GLOBAL_DIM, HEADING, POSE_DIM, RIG_DIM};
+use super::state::{HEADING, POSE_DIM, RIG_DIM, visual_of_frame};
 use nalgebra::{SMatrix, Vector2};
 
 /// Most degrees of freedom of a landmark: those of a line.
 const MAX_LANDMARK_DIM: usize = 4;
-/// Columns of the sums that all observations of a landmark share: rig, host, landmark, residual. They are
+/// Columns of the blocks that all observations of a landmark share: rig, host, landmark, residual. They are
 /// a multiple of the vector width.
 const COMMON: usize = 24;
 const AT_HOST: usize = RIG_DIM;
@@ -45,30 +46,30 @@ impl<const D: usize> LandmarkHessian<D> {
         SMatrix::from_fn(|i, k| self.0[AT_LANDMARK + i][AT_LANDMARK + k])
     }
 
-    /// Moves the sums to the visual equations and the landmark's row.
+    /// Moves the blocks to the visual equations and the landmark's row.
     pub(super) fn flush(&self, visual: &mut NormalEquations, entry: &mut Eliminated<D>, host: usize) {
-        let at = GLOBAL_DIM + POSE_DIM * host;
-        for (i, sums) in self.0[..AT_LANDMARK].iter().enumerate() {
+        let at = visual_of_frame(host);
+        for (i, blocks) in self.0[..AT_LANDMARK].iter().enumerate() {
             let to = if i < AT_HOST { i } else { at + i - AT_HOST };
             let row = visual.row_mut(to);
             if i < AT_HOST {
-                add_to(&mut row[..RIG_DIM - i], &sums[i..RIG_DIM]);
-                add_to(&mut row[at - i..at - i + POSE_DIM], &sums[AT_HOST..AT_LANDMARK]);
+                add_to(&mut row[..RIG_DIM - i], &blocks[i..RIG_DIM]);
+                add_to(&mut row[at - i..at - i + POSE_DIM], &blocks[AT_HOST..AT_LANDMARK]);
             } else {
-                add_to(&mut row[..AT_LANDMARK - i], &sums[i..AT_LANDMARK]);
+                add_to(&mut row[..AT_LANDMARK - i], &blocks[i..AT_LANDMARK]);
             }
-            visual.gradient_mut()[to] += sums[AT_RESIDUAL];
+            visual.gradient_mut()[to] += blocks[AT_RESIDUAL];
         }
         for (k, row) in entry.by_visual.iter_mut().enumerate() {
-            let sums = &self.0[AT_LANDMARK + k];
-            add_to(&mut row[..RIG_DIM], &sums[..RIG_DIM]);
-            add_to(&mut row[at..at + POSE_DIM], &sums[AT_HOST..AT_LANDMARK]);
-            entry.gradient[k] = sums[AT_RESIDUAL];
+            let blocks = &self.0[AT_LANDMARK + k];
+            add_to(&mut row[..RIG_DIM], &blocks[..RIG_DIM]);
+            add_to(&mut row[at..at + POSE_DIM], &blocks[AT_HOST..AT_LANDMARK]);
+            entry.gradient[k] = blocks[AT_RESIDUAL];
         }
     }
 }
 
-/// Adds what the same two rows say of the heading of the structure.
+/// Adds the blocks of the Manhattan world's heading, from the same two rows.
 pub(super) fn add_heading<const D: usize>(
     visual: &mut NormalEquations,
     entry: &mut Eliminated<D>,
@@ -82,7 +83,7 @@ pub(super) fn add_heading<const D: usize>(
     }
     visual.add(HEADING, HEADING, heading.norm_squared());
     for k in 0..POSE_DIM {
-        visual.add(HEADING, GLOBAL_DIM + POSE_DIM * host + k, mixed(AT_HOST + k));
+        visual.add(HEADING, visual_of_frame(host) + k, mixed(AT_HOST + k));
     }
     visual.gradient_mut()[HEADING] += mixed(AT_RESIDUAL);
     for (k, row) in entry.by_visual.iter_mut().enumerate() {
@@ -109,7 +110,7 @@ pub(super) fn common_rows<const D: usize>(
         for (k, (to, mask)) in row.iter_mut().zip(options.rig_mask.iter()).enumerate() {
             *to = j.rig[(d, k)] * mask * scale;
         }
-        // Seen from its host frame, a landmark says nothing about that frame's pose.
+        // Seen from its host frame, a landmark has no derivative by that frame's pose.
         if is_host_free {
             for k in 0..POSE_DIM {
                 row[AT_HOST + k] = j.host[(d, k)] * scale;
@@ -123,7 +124,8 @@ pub(super) fn common_rows<const D: usize>(
     rows
 }
 
-/// Adds what an observation says of the observing frame `target`.
+/// Adds the blocks of the observing frame `target`, from the rows of one observation and its `jacobian` by that
+/// frame's pose.
 pub(super) fn add_target<const D: usize>(
     visual: &mut NormalEquations,
     entry: &mut Eliminated<D>,
@@ -132,7 +134,7 @@ pub(super) fn add_target<const D: usize>(
     scale: f64,
     (host, target): (usize, usize),
 ) {
-    let (at_host, at) = (GLOBAL_DIM + POSE_DIM * host, GLOBAL_DIM + POSE_DIM * target);
+    let (at_host, at) = (visual_of_frame(host), visual_of_frame(target));
     let t: [[f64; POSE_DIM]; 2] = [0, 1].map(|d| std::array::from_fn(|k| jacobian[(d, k)] * scale));
     let outer = |a: f64, b: f64| -> [f64; POSE_DIM] { std::array::from_fn(|k| a * t[0][k] + b * t[1][k]) };
     for i in 0..RIG_DIM {
@@ -158,3 +160,7 @@ pub(super) fn add_target<const D: usize>(
         add_to(&mut row[at..at + POSE_DIM], &outer(rows[0][AT_LANDMARK + k], rows[1][AT_LANDMARK + k]));
     }
 }
+
+#[cfg(test)]
+#[path = "hessian_blocks_tests.rs"]
+mod tests;

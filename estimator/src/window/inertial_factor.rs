@@ -1,4 +1,4 @@
-//! The inertial factor between consecutive frames, and the zero-velocity factor.
+//! The inertial factor between consecutive frames.
 //!
 //! Residual, in the order of the error state (Forster et al. 2017, equation 45, and bias random walk):
 //!
@@ -8,9 +8,13 @@
 //! r_v  = R_i' (v_j - v_i - g dt) - dv
 //! r_bg = bg_j - bg_i      r_ba = ba_j - ba_i
 //! ```
+//!
+//! in m, rad, m/s, rad/s and m/s²; `dp`, `dR`, `dv` are the preintegrated motion at the biases of frame `i`. The
+//! residual is weighed by its information matrix, which depends on the measurements alone and is computed once.
 
+use super::factor::Linearization;
 use super::state::{FRAME_DIM, NavState};
-use crate::geometry::{log_so3, right_jacobian, right_jacobian_inverse, skew};
+use crate::geometry::{exp_so3, log_so3, right_jacobian, right_jacobian_inverse, skew};
 use crate::inertial::{ImuNoise, Preintegration};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
@@ -19,35 +23,75 @@ pub type FrameMatrix = SMatrix<f64, FRAME_DIM, FRAME_DIM>;
 /// A 15-vector.
 pub type FrameVector = SVector<f64, FRAME_DIM>;
 
-/// The residual of `motion` between the states `from` and `to`.
-#[must_use]
-pub fn residual(
-    motion: &Preintegration,
-    from: &NavState,
-    to: &NavState,
-    gravity_o: &Vector3<f64>,
-) -> FrameVector {
-    let dt = motion.dt_s;
-    let delta = motion.corrected(&from.bias_gyro, &from.bias_accel);
-    let inv = from.rot_o_b.inverse();
-    let mut r = FrameVector::zeros();
-    let travelled = to.p_o_b - from.p_o_b - from.v_o_b * dt - gravity_o * (0.5 * dt * dt);
-    r.fixed_rows_mut::<3>(0).copy_from(&(inv * travelled - delta.p));
-    r.fixed_rows_mut::<3>(3).copy_from(&log_so3(&(delta.rot.inverse() * inv * to.rot_o_b)));
-    r.fixed_rows_mut::<3>(6).copy_from(&(inv * (to.v_o_b - from.v_o_b - gravity_o * dt) - delta.v));
-    r.fixed_rows_mut::<3>(9).copy_from(&(to.bias_gyro - from.bias_gyro));
-    r.fixed_rows_mut::<3>(12).copy_from(&(to.bias_accel - from.bias_accel));
-    r
+/// The preintegrated motion between two frames, with the weight of its residual.
+#[derive(Clone, Debug)]
+pub struct InertialFactor {
+    /// The motion from the earlier frame to the later.
+    pub motion: Preintegration,
+    information: Option<FrameMatrix>,
 }
 
-/// Derivatives of [`residual`] by `from` and by `to`.
-#[must_use]
-pub fn jacobians(
+impl InertialFactor {
+    /// The factor of a motion measured with the sensor noise given.
+    #[must_use]
+    pub fn new(motion: Preintegration, noise: &ImuNoise) -> Self {
+        let information = information(&motion, noise);
+        Self { motion, information }
+    }
+
+    /// The factor over this interval and `next`.
+    #[must_use]
+    pub fn followed_by(&self, next: &Self, noise: &ImuNoise) -> Self {
+        Self::new(self.motion.followed_by(&next.motion), noise)
+    }
+
+    /// Information matrix of the residual; `None` when the covariance of the motion cannot be inverted.
+    #[must_use]
+    pub fn information(&self) -> Option<&FrameMatrix> {
+        self.information.as_ref()
+    }
+
+    /// The residual between the earlier and the later state, not weighed, and on request its Jacobians by either,
+    /// 15x15.
+    #[must_use]
+    pub fn residual(
+        &self,
+        [from, to]: [&NavState; 2],
+        gravity_o: &Vector3<f64>,
+        linearization: Option<Linearization<'_, [&NavState; 2], [FrameMatrix; 2]>>,
+    ) -> FrameVector {
+        let motion = &self.motion;
+        if let Some(Linearization { at, jacobians }) = linearization {
+            linearize(motion, at, gravity_o, jacobians);
+        }
+        let dt = motion.dt_s;
+        let delta = motion.corrected(&from.bias_gyro, &from.bias_accel);
+        let inv = from.rot_o_b.inverse();
+        let travelled = to.p_o_b - from.p_o_b - from.v_o_b * dt - gravity_o * (0.5 * dt * dt);
+        let gained = to.v_o_b - from.v_o_b - gravity_o * dt;
+        let mut r = FrameVector::zeros();
+        let mut set = |row: usize, part: Vector3<f64>| r.fixed_rows_mut::<3>(row).copy_from(&part);
+        set(NavState::P, inv * travelled - delta.p);
+        set(NavState::ROT, log_so3(&(delta.rot.inverse() * inv * to.rot_o_b)));
+        set(NavState::V, inv * gained - delta.v);
+        set(NavState::BIAS_GYRO, to.bias_gyro - from.bias_gyro);
+        set(NavState::BIAS_ACCEL, to.bias_accel - from.bias_accel);
+        r
+    }
+}
+
+/// Jacobians of the residual by the earlier and the later state.
+fn linearize(
     motion: &Preintegration,
-    from: &NavState,
-    to: &NavState,
+    [from, to]: [&NavState; 2],
     gravity_o: &Vector3<f64>,
-) -> (FrameMatrix, FrameMatrix) {
+    [by_from, by_to]: &mut [FrameMatrix; 2],
+) {
+    const P: usize = NavState::P;
+    const ROT: usize = NavState::ROT;
+    const V: usize = NavState::V;
+    const BIAS_GYRO: usize = NavState::BIAS_GYRO;
+    const BIAS_ACCEL: usize = NavState::BIAS_ACCEL;
     let dt = motion.dt_s;
     let delta = motion.corrected(&from.bias_gyro, &from.bias_accel);
     let inv = from.rot_o_b.inverse();
@@ -57,39 +101,41 @@ pub fn jacobians(
     let jr_inv = right_jacobian_inverse(&r_rot);
     let identity = Matrix3::identity();
 
-    let mut by_from = FrameMatrix::zeros();
+    by_from.fill(0.0);
+    let mut set = |row: usize, column: usize, block: Matrix3<f64>| {
+        by_from.fixed_view_mut::<3, 3>(row, column).copy_from(&block);
+    };
     let travelled = to.p_o_b - from.p_o_b - from.v_o_b * dt - gravity_o * (0.5 * dt * dt);
-    by_from.fixed_view_mut::<3, 3>(0, 0).copy_from(&-inv_m);
-    by_from.fixed_view_mut::<3, 3>(0, 3).copy_from(&skew(&(inv * travelled)));
-    by_from.fixed_view_mut::<3, 3>(0, 6).copy_from(&(inv_m * -dt));
-    by_from
-        .fixed_view_mut::<3, 3>(3, 3)
-        .copy_from(&-(jr_inv * rot_i_j.inverse().to_rotation_matrix().into_inner()));
+    set(P, P, -inv_m);
+    set(P, ROT, skew(&(inv * travelled)));
+    set(P, V, inv_m * -dt);
+    set(ROT, ROT, -(jr_inv * rot_i_j.inverse().to_rotation_matrix().into_inner()));
     let gained = to.v_o_b - from.v_o_b - gravity_o * dt;
-    by_from.fixed_view_mut::<3, 3>(6, 3).copy_from(&skew(&(inv * gained)));
-    by_from.fixed_view_mut::<3, 3>(6, 6).copy_from(&-inv_m);
-    by_from.fixed_view_mut::<3, 6>(0, 9).copy_from(&-motion.by_bias.fixed_rows::<3>(0));
-    by_from.fixed_view_mut::<3, 6>(6, 9).copy_from(&-motion.by_bias.fixed_rows::<3>(6));
+    set(V, ROT, skew(&(inv * gained)));
+    set(V, V, -inv_m);
     // Log(Exp(-Jr d) Exp(r)): the gyroscope bias turns dR on its right, before R_i' R_j.
-    let phi = motion.by_bias.fixed_view::<3, 3>(3, 0) * (from.bias_gyro - motion.bias_gyro);
-    let turn = crate::geometry::exp_so3(&r_rot).inverse().to_rotation_matrix().into_inner();
-    let by_gyro = jr_inv * turn * right_jacobian(&phi) * motion.by_bias.fixed_view::<3, 3>(3, 0);
-    by_from.fixed_view_mut::<3, 3>(3, 9).copy_from(&-by_gyro);
-    by_from.fixed_view_mut::<3, 3>(9, 9).copy_from(&-identity);
-    by_from.fixed_view_mut::<3, 3>(12, 12).copy_from(&-identity);
+    let rot_by_gyro = motion.by_bias.fixed_view::<3, 3>(ROT, 0);
+    let phi = rot_by_gyro * (from.bias_gyro - motion.bias_gyro);
+    let turn = exp_so3(&r_rot).inverse().to_rotation_matrix().into_inner();
+    set(ROT, BIAS_GYRO, -(jr_inv * turn * right_jacobian(&phi) * rot_by_gyro));
+    set(BIAS_GYRO, BIAS_GYRO, -identity);
+    set(BIAS_ACCEL, BIAS_ACCEL, -identity);
+    by_from.fixed_view_mut::<3, 6>(P, BIAS_GYRO).copy_from(&-motion.by_bias.fixed_rows::<3>(P));
+    by_from.fixed_view_mut::<3, 6>(V, BIAS_GYRO).copy_from(&-motion.by_bias.fixed_rows::<3>(V));
 
-    let mut by_to = FrameMatrix::zeros();
-    by_to.fixed_view_mut::<3, 3>(0, 0).copy_from(&inv_m);
-    by_to.fixed_view_mut::<3, 3>(3, 3).copy_from(&jr_inv);
-    by_to.fixed_view_mut::<3, 3>(6, 6).copy_from(&inv_m);
-    by_to.fixed_view_mut::<3, 3>(9, 9).copy_from(&identity);
-    by_to.fixed_view_mut::<3, 3>(12, 12).copy_from(&identity);
-    (by_from, by_to)
+    by_to.fill(0.0);
+    let mut set = |at: usize, block: &Matrix3<f64>| {
+        by_to.fixed_view_mut::<3, 3>(at, at).copy_from(block);
+    };
+    set(P, &inv_m);
+    set(ROT, &jr_inv);
+    set(V, &inv_m);
+    set(BIAS_GYRO, &identity);
+    set(BIAS_ACCEL, &identity);
 }
 
 /// Information matrix of the residual; `None` when the covariance of the motion cannot be inverted.
-#[must_use]
-pub fn information(motion: &Preintegration, noise: &ImuNoise) -> Option<FrameMatrix> {
+fn information(motion: &Preintegration, noise: &ImuNoise) -> Option<FrameMatrix> {
     // Integration is exact to about a micrometre per step: keeps the covariance of one step regular.
     const FLOOR: f64 = 1e-14;
     let covariance = motion.covariance + SMatrix::<f64, 9, 9>::identity() * FLOOR;
@@ -98,8 +144,9 @@ pub fn information(motion: &Preintegration, noise: &ImuNoise) -> Option<FrameMat
     information.fixed_view_mut::<9, 9>(0, 0).copy_from(&inverse);
     let walk = |density: f64| 1.0 / (density * density * motion.dt_s).max(1e-16);
     for k in 0..3 {
-        information[(9 + k, 9 + k)] = walk(noise.gyro_walk);
-        information[(12 + k, 12 + k)] = walk(noise.accel_walk);
+        let (gyro, accel) = (NavState::BIAS_GYRO + k, NavState::BIAS_ACCEL + k);
+        information[(gyro, gyro)] = walk(noise.gyro_walk);
+        information[(accel, accel)] = walk(noise.accel_walk);
     }
     Some(information)
 }
@@ -107,7 +154,6 @@ pub fn information(motion: &Preintegration, noise: &ImuNoise) -> Option<FrameMat
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::exp_so3;
     use proptest::prelude::*;
 
     fn vector(scale: f64) -> impl Strategy<Value = Vector3<f64>> {
@@ -120,33 +166,42 @@ mod tests {
         }
     }
 
-    fn motion() -> Preintegration {
-        let noise = ImuNoise { gyro_density: 1e-3, accel_density: 1e-2, gyro_walk: 1e-5, accel_walk: 1e-4 };
+    const NOISE: ImuNoise =
+        ImuNoise { gyro_density: 1e-3, accel_density: 1e-2, gyro_walk: 1e-5, accel_walk: 1e-4 };
+    const GRAVITY_O: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);
+
+    fn factor() -> InertialFactor {
         let mut pre = Preintegration::new(&Vector3::new(0.01, 0.0, -0.02), &Vector3::new(0.1, 0.0, 0.0));
         for k in 0..40 {
             let t = k as f64 * 0.005;
             let gyro = Vector3::new((9.0 * t).sin(), 0.5, -0.8);
             let accel = Vector3::new(1.0, t, 9.0);
-            pre.integrate(0.005, &gyro, &accel, &accel, &noise);
+            pre.integrate(0.005, &gyro, &accel, &accel, &NOISE);
         }
-        pre
+        InertialFactor::new(pre, &NOISE)
+    }
+
+    fn residual(from: &NavState, to: &NavState) -> FrameVector {
+        factor().residual([from, to], &GRAVITY_O, None)
     }
 
     proptest! {
         #[test]
         fn jacobians_agree_with_numeric_differentiation(from in state(), step in vector(0.4)) {
-            let g = Vector3::new(0.0, 0.0, -9.81);
-            let motion = motion();
-            let mut to = from.after(&motion, &g);
+            let mut to = from.after(&factor().motion, &GRAVITY_O);
             to.rot_o_b *= exp_so3(&step);
             to.p_o_b += step;
-            let (by_from, by_to) = jacobians(&motion, &from, &to, &g);
+            let mut jacobians = [FrameMatrix::zeros(); 2];
+            let request = Linearization { at: [&from, &to], jacobians: &mut jacobians };
+            let r = factor().residual([&from, &to], &GRAVITY_O, Some(request));
+            prop_assert_eq!(r, residual(&from, &to), "the same with and without Jacobians");
+            let [by_from, by_to] = jacobians;
             let h = 1e-6;
             for k in 0..FRAME_DIM {
                 let mut d = FrameVector::zeros();
                 d[k] = h;
-                let f = (residual(&motion, &from.plus(&d), &to, &g) - residual(&motion, &from.plus(&-d), &to, &g)) / (2.0 * h);
-                let t = (residual(&motion, &from, &to.plus(&d), &g) - residual(&motion, &from, &to.plus(&-d), &g)) / (2.0 * h);
+                let f = (residual(&from.plus(&d), &to) - residual(&from.plus(&-d), &to)) / (2.0 * h);
+                let t = (residual(&from, &to.plus(&d)) - residual(&from, &to.plus(&-d))) / (2.0 * h);
                 prop_assert!((f - by_from.column(k)).norm() < 1e-5, "from {k}: {}", (f - by_from.column(k)).norm());
                 prop_assert!((t - by_to.column(k)).norm() < 1e-5, "to {k}");
             }
@@ -155,9 +210,24 @@ mod tests {
 
     #[test]
     fn the_predicted_state_has_no_residual() {
-        let g = Vector3::new(0.0, 0.0, -9.81);
         let from = NavState { bias_gyro: Vector3::new(0.02, 0.01, 0.0), ..NavState::default() };
-        let motion = motion();
-        assert!(residual(&motion, &from, &from.after(&motion, &g), &g).norm() < 1e-12);
+        assert!(residual(&from, &from.after(&factor().motion, &GRAVITY_O)).norm() < 1e-12);
+    }
+
+    #[test]
+    fn the_information_is_the_inverse_of_the_covariance_and_of_the_walks() {
+        let factor = factor();
+        let information = factor.information().expect("is regular");
+        let motion = information.fixed_view::<9, 9>(0, 0) * factor.motion.covariance;
+        assert!((motion - SMatrix::<f64, 9, 9>::identity()).norm() < 1e-6);
+        let walk = NOISE.gyro_walk.powi(2) * factor.motion.dt_s;
+        assert!((information[(NavState::BIAS_GYRO, NavState::BIAS_GYRO)] * walk - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_motion_of_no_covariance_that_makes_sense_has_no_information() {
+        let mut motion = factor().motion;
+        motion.covariance[(4, 4)] = f64::NAN;
+        assert!(InertialFactor::new(motion, &NOISE).information().is_none());
     }
 }

@@ -86,3 +86,7 @@ impl Window {
         best.map(|(k, _)| k)
     }
 }
+
+#[cfg(test)]
+#[path = "keyframes_tests.rs"]
+mod tests;

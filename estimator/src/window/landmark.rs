@@ -1,9 +1,9 @@
 //! Landmarks and the fixed store that holds them.
 
-use super::MAX_FRAMES;
 use super::feature::Feature;
 use super::line::HostedLine;
 use super::reprojection::InversePoint;
+use super::state::MAX_FRAMES;
 
 /// A point.
 pub type PointLandmark = Landmark<InversePoint>;
@@ -69,7 +69,7 @@ impl<F: Feature> LandmarkStore<F> {
         &self.landmarks
     }
 
-    /// All landmarks, to be changed. Tracks must not be renamed.
+    /// All landmarks, to be changed. Their `track_id` must stay.
     pub fn all_mut(&mut self) -> &mut [Landmark<F>] {
         &mut self.landmarks
     }

@@ -20,9 +20,12 @@
 //! Equations 10 and 11 give the derivatives by the camera's pose; here they go through body and extrinsics,
 //! with right perturbations.
 
-use super::feature::{BodyPose, Estimated, Feature, Jacobians, View};
+use super::feature::{
+    BodyPose, Estimated, Feature, Jacobians, StructuralLinearization, View, ViewLinearization,
+};
 use super::manhattan::{Axis, Manhattan};
-use super::state::Mount;
+use super::manhattan_factor::{self, StructuralLine};
+use super::state::{Mount, NavState, Rig};
 use crate::geometry::{exp_so3, skew};
 use nalgebra::{Matrix2x3, Matrix3, Matrix3x4, SMatrix, Vector2, Vector3, Vector4};
 
@@ -37,7 +40,7 @@ pub struct HostedLine {
     pub axes: Matrix3<f64>,
     /// `phi`, rad.
     pub phi: f64,
-    /// The direction of the structure to which the line belongs.
+    /// The direction of the Manhattan world to which the line belongs.
     pub axis: Option<Axis>,
 }
 
@@ -186,16 +189,67 @@ impl HostedLine {
         let v = Matrix3x4::from_columns(&[u3 * sin, zero, -u1 * sin, u2 * cos]);
         (n, v)
     }
+
+    /// Jacobians of the residual into `j`; `None` where the observer's plane has no trace in its image.
+    fn linearize(&self, view: &View<'_>, measured: &LineMeasurement, j: &mut Jacobians<4>) -> Option<()> {
+        let Path { bh, o, bt, ct } = self.path(view);
+        let mut by_ct = measured.distances_by_normal(&ct.n)?;
+        for (mut row, weight) in by_ct.row_iter_mut().zip(measured.weights) {
+            row *= weight;
+        }
+        let (host_mount, target_mount) = (view.host_mount, view.target_mount);
+        // Derivatives by (n, v) of the line in each frame on the way back from the observer to the host.
+        let by_bt = by_ct * target_mount.rot_b_c.transpose();
+        let by_bt_v = -by_bt * skew(&target_mount.p_b_c);
+        let (by_o, by_o_v) =
+            (by_bt * view.target.rot_o_b.transpose(), by_bt_v * view.target.rot_o_b.transpose());
+        let p = view.host.p_o_b - view.target.p_o_b;
+        let (by_bh, by_bh_v) = (by_o * view.host.rot_o_b, (by_o * skew(&p) + by_o_v) * view.host.rot_o_b);
+        let (by_ch, by_ch_v) =
+            (by_bh * host_mount.rot_b_c, (by_bh * skew(&host_mount.p_b_c) + by_bh_v) * host_mount.rot_b_c);
+
+        let by_shift = by_o * skew(&o.v);
+        j.host.fixed_view_mut::<2, 3>(0, NavState::P).copy_from(&-by_shift);
+        j.host
+            .fixed_view_mut::<2, 3>(0, NavState::ROT)
+            .copy_from(&-(by_bh * skew(&bh.n) + by_bh_v * skew(&bh.v)));
+        j.target.fixed_view_mut::<2, 3>(0, NavState::P).copy_from(&by_shift);
+        j.target
+            .fixed_view_mut::<2, 3>(0, NavState::ROT)
+            .copy_from(&(by_bt * skew(&bt.n) + by_bt_v * skew(&bt.v)));
+
+        let ch = self.pluecker();
+        let mut by_host_mount = SMatrix::<f64, 2, 6>::zeros();
+        by_host_mount.fixed_view_mut::<2, 3>(0, NavState::P).copy_from(&-(by_bh * skew(&bh.v)));
+        by_host_mount
+            .fixed_view_mut::<2, 3>(0, NavState::ROT)
+            .copy_from(&-(by_ch * skew(&ch.n) + by_ch_v * skew(&ch.v)));
+        let mut by_target_mount = SMatrix::<f64, 2, 6>::zeros();
+        by_target_mount.fixed_view_mut::<2, 3>(0, NavState::P).copy_from(&(by_bt * skew(&bt.v)));
+        by_target_mount.fixed_view_mut::<2, 3>(0, NavState::ROT).copy_from(&(by_ct * skew(&ct.n)));
+        j.rig
+            .fixed_view_mut::<2, 12>(0, 0)
+            .copy_from(&(by_host_mount * host_mount.by_rig + by_target_mount * target_mount.by_rig));
+        j.rig[(0, Rig::TIME_OFFSET)] = measured.weights[0] * measured.rates[0];
+        j.rig[(1, Rig::TIME_OFFSET)] = measured.weights[1] * measured.rates[1];
+
+        let (n, v) = self.by_parameters();
+        j.landmark = by_ch * n + by_ch_v * v;
+        Some(())
+    }
 }
 
 impl Feature for HostedLine {
     type Measurement = LineMeasurement;
+    type Jacobians = Jacobians<4>;
 
+    #[inline]
     fn residual(
         &self,
         view: &View<'_>,
         measured: &LineMeasurement,
         time_offset_step_s: f64,
+        linearization: Option<ViewLinearization<'_, Jacobians<4>>>,
     ) -> Option<Vector2<f64>> {
         let n = self.path(view).ct.n;
         // The edge has a sense: seen the other way round it lies behind the camera.
@@ -205,6 +259,9 @@ impl Feature for HostedLine {
         let [a, b] = measured.distances(&n)?;
         let [wa, wb] = measured.weights;
         let [ra, rb] = measured.rates.map(|rate| rate * time_offset_step_s);
+        if let Some(request) = linearization {
+            self.linearize(request.at, measured, request.jacobians)?;
+        }
         Some(Vector2::new(wa * (a + ra), wb * (b + rb)))
     }
 
@@ -232,69 +289,20 @@ impl Feature for HostedLine {
         manhattan: &Manhattan,
         host: &BodyPose,
         mount: &Mount,
+        linearization: Option<StructuralLinearization<'_, Jacobians<4>>>,
     ) -> Option<Vector2<f64>> {
-        manhattan.residual(self, host, mount)
+        let line = StructuralLine { axes: &self.axes, axis: self.axis? };
+        manhattan_factor::residual(manhattan, line, host, mount, linearization)
     }
 }
 
 impl Estimated<4> for HostedLine {
-    fn jacobians(&self, view: &View<'_>, measured: &LineMeasurement) -> Option<Jacobians<4>> {
-        let Path { bh, o, bt, ct } = self.path(view);
-        let mut by_ct = measured.distances_by_normal(&ct.n)?;
-        for (mut row, weight) in by_ct.row_iter_mut().zip(measured.weights) {
-            row *= weight;
-        }
-        let (host_mount, target_mount) = (view.host_mount, view.target_mount);
-        // Derivatives by (n, v) of the line in each frame on the way back from the observer to the host.
-        let by_bt = by_ct * target_mount.rot_b_c.transpose();
-        let by_bt_v = -by_bt * skew(&target_mount.p_b_c);
-        let (by_o, by_o_v) =
-            (by_bt * view.target.rot_o_b.transpose(), by_bt_v * view.target.rot_o_b.transpose());
-        let p = view.host.p_o_b - view.target.p_o_b;
-        let (by_bh, by_bh_v) = (by_o * view.host.rot_o_b, (by_o * skew(&p) + by_o_v) * view.host.rot_o_b);
-        let (by_ch, by_ch_v) =
-            (by_bh * host_mount.rot_b_c, (by_bh * skew(&host_mount.p_b_c) + by_bh_v) * host_mount.rot_b_c);
-
-        let by_shift = by_o * skew(&o.v);
-        let mut host = SMatrix::<f64, 2, 6>::zeros();
-        host.fixed_view_mut::<2, 3>(0, 0).copy_from(&-by_shift);
-        host.fixed_view_mut::<2, 3>(0, 3).copy_from(&-(by_bh * skew(&bh.n) + by_bh_v * skew(&bh.v)));
-        let mut target = SMatrix::<f64, 2, 6>::zeros();
-        target.fixed_view_mut::<2, 3>(0, 0).copy_from(&by_shift);
-        target.fixed_view_mut::<2, 3>(0, 3).copy_from(&(by_bt * skew(&bt.n) + by_bt_v * skew(&bt.v)));
-
-        let ch = self.pluecker();
-        let mut by_host_mount = SMatrix::<f64, 2, 6>::zeros();
-        by_host_mount.fixed_view_mut::<2, 3>(0, 0).copy_from(&-(by_bh * skew(&bh.v)));
-        by_host_mount.fixed_view_mut::<2, 3>(0, 3).copy_from(&-(by_ch * skew(&ch.n) + by_ch_v * skew(&ch.v)));
-        let mut by_target_mount = SMatrix::<f64, 2, 6>::zeros();
-        by_target_mount.fixed_view_mut::<2, 3>(0, 0).copy_from(&(by_bt * skew(&bt.v)));
-        by_target_mount.fixed_view_mut::<2, 3>(0, 3).copy_from(&(by_ct * skew(&ct.n)));
-        let mut rig = SMatrix::<f64, 2, 13>::zeros();
-        rig.fixed_view_mut::<2, 12>(0, 0)
-            .copy_from(&(by_host_mount * host_mount.by_rig + by_target_mount * target_mount.by_rig));
-        rig[(0, 12)] = measured.weights[0] * measured.rates[0];
-        rig[(1, 12)] = measured.weights[1] * measured.rates[1];
-
-        let (n, v) = self.by_parameters();
-        Some(Jacobians { host, target, rig, landmark: by_ch * n + by_ch_v * v })
-    }
-
     fn plus(&self, d: &Vector4<f64>) -> Self {
         let turned = self.axes * exp_so3(&d.xyz()).to_rotation_matrix().into_inner();
         // Rounding must not add up: the columns are made orthonormal again.
         let u1 = turned.column(0).normalize();
         let u2 = (turned.column(1) - u1 * u1.dot(&turned.column(1))).normalize();
         Self { axes: Matrix3::from_columns(&[u1, u2, u1.cross(&u2)]), phi: self.phi + d[3], axis: self.axis }
-    }
-
-    fn structural_jacobians(
-        &self,
-        manhattan: &Manhattan,
-        host: &BodyPose,
-        mount: &Mount,
-    ) -> Option<(Jacobians<4>, Vector2<f64>)> {
-        manhattan.jacobians(self, host, mount)
     }
 }
 

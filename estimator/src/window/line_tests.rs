@@ -1,3 +1,4 @@
+use super::super::factor::Linearization;
 use super::super::state::{NavState, Rig};
 use super::super::test_views::{isometry, vector, with_view};
 use super::*;
@@ -22,7 +23,21 @@ impl Scene {
     }
 
     fn residual(&self) -> Option<Vector2<f64>> {
-        self.with_view(|view| self.line.residual(view, &self.measured, self.rig.time_offset_s - self.offset))
+        self.with_view(|view| self.line.residual(view, &self.measured, self.step_s(), None))
+    }
+
+    fn step_s(&self) -> f64 {
+        self.rig.time_offset_s - self.offset
+    }
+
+    /// Residual and Jacobians by one call.
+    fn linearized(&self) -> (Vector2<f64>, Jacobians<4>) {
+        let mut jacobians = Jacobians::zeros();
+        let residual = self.with_view(|view| {
+            let request = Linearization { at: view, jacobians: &mut jacobians };
+            self.line.residual(view, &self.measured, self.step_s(), Some(request))
+        });
+        (residual.expect("is seen"), jacobians)
     }
 }
 
@@ -90,7 +105,8 @@ fn is_close(analytic: &Vector2<f64>, numeric: &Vector2<f64>) -> bool {
 proptest! {
     #[test]
     fn jacobians_agree_with_numeric_differentiation(scene in scenes()) {
-        let j = scene.with_view(|view| scene.line.jacobians(view, &scene.measured)).expect("is seen");
+        let (r, j) = scene.linearized();
+        prop_assert_eq!(Some(r), scene.residual(), "the same with and without Jacobians");
         let nav = |s: &NavState, k: usize, h: f64| {
             let mut d = SVector::<f64, 15>::zeros();
             d[k] = h;

@@ -1,10 +1,14 @@
+use super::super::factor::Linearization;
+use super::super::feature::Estimated;
+use super::super::line::HostedLine;
+use super::super::manhattan::ManhattanOptions;
 use super::super::state::{NavState, Rig};
 use super::super::test_views::{isometry, vector};
 use super::*;
 use nalgebra::{SVector, Vector4};
 use proptest::prelude::*;
 
-/// A line of a structure, nearly along its direction or far from it.
+/// A structural line, nearly along its direction or far from it.
 #[derive(Clone, Debug)]
 struct Scene {
     rig: Rig,
@@ -17,13 +21,22 @@ struct Scene {
 impl Scene {
     fn residual(&self) -> Vector2<f64> {
         let mount = Mount::of(&self.rig, self.camera);
-        self.manhattan.residual(&self.line, &BodyPose::of(&self.host), &mount).expect("belongs to it")
+        residual(&self.manhattan, structural(&self.line), &BodyPose::of(&self.host), &mount, None)
+            .expect("has a direction")
     }
 
-    fn jacobians(&self) -> (Jacobians<4>, Vector2<f64>) {
-        let mount = Mount::of(&self.rig, self.camera);
-        self.manhattan.jacobians(&self.line, &BodyPose::of(&self.host), &mount).expect("belongs to it")
+    /// Residual and Jacobians by one call.
+    fn linearized(&self) -> (Vector2<f64>, StructuralJacobians<Jacobians<4>>) {
+        let (host, mount) = (BodyPose::of(&self.host), Mount::of(&self.rig, self.camera));
+        let mut jacobians = StructuralJacobians { feature: Jacobians::zeros(), heading: Vector2::zeros() };
+        let request = Linearization { at: &host, jacobians: &mut jacobians };
+        let r = residual(&self.manhattan, structural(&self.line), &host, &mount, Some(request));
+        (r.expect("has a direction"), jacobians)
     }
+}
+
+fn structural(line: &HostedLine) -> StructuralLine<'_> {
+    StructuralLine { axes: &line.axes, axis: line.axis.expect("is a structural line") }
 }
 
 fn options() -> ManhattanOptions {
@@ -77,7 +90,8 @@ fn turn_all(scene: &mut Scene, h: f64) {
 proptest! {
     #[test]
     fn jacobians_agree_with_numeric_differentiation(scene in scenes()) {
-        let (j, by_heading) = scene.jacobians();
+        let (r, StructuralJacobians { feature: j, heading: by_heading }) = scene.linearized();
+        prop_assert_eq!(r, scene.residual(), "the same with and without Jacobians");
         for k in 0..6 {
             let by_host = numeric(&scene, |s, h| {
                 let mut d = SVector::<f64, 15>::zeros();
@@ -98,7 +112,7 @@ proptest! {
             let by_line = numeric(&scene, |s, h| {
                 let mut d = Vector4::zeros();
                 d[k] = h;
-                s.line = super::super::feature::Estimated::plus(&s.line, &d);
+                s.line = s.line.plus(&d);
             });
             prop_assert!(is_close(&j.landmark.column(k).into(), &by_line), "line {k}");
         }
@@ -111,7 +125,7 @@ proptest! {
         // By the Jacobians as well, and wherever the heading has been linearized.
         let mut scene = scene;
         scene.manhattan.turn(elsewhere);
-        let (j, by_heading) = scene.jacobians();
+        let StructuralJacobians { feature: j, heading: by_heading } = scene.linearized().1;
         let up_b = scene.host.rot_o_b.inverse() * Vector3::z();
         let by_yaw = j.host.fixed_view::<2, 3>(0, 3) * up_b;
         prop_assert!((by_yaw + by_heading).norm() < 1e-9 * (1.0 + by_yaw.norm()));
@@ -130,6 +144,10 @@ fn seen_at(down_m: f64, v_o: Vector3<f64>, axis: Option<Axis>) -> HostedLine {
     HostedLine { axis, ..HostedLine::of(&p_c.cross(&v_c), &v_c).expect("has a plane") }
 }
 
+fn axis_of(manhattan: &Manhattan, line: &HostedLine) -> Option<Axis> {
+    manhattan.axis_of(&line.axes, line.axis, &level())
+}
+
 /// A camera that looks along x of `O`.
 fn level() -> Matrix3<f64> {
     Matrix3::new(0.0, 0.0, 1.0, -1.0, 0.0, 0.0, 0.0, -1.0, 0.0)
@@ -142,7 +160,7 @@ fn lines_belong_to_the_direction_they_have() {
         let (sin, cos) = (0.7 + degrees.to_radians()).sin_cos();
         Vector3::new(cos, sin, 0.0)
     };
-    let axis = |v: Vector3<f64>| manhattan.axis_of(&seen(v, None), &level());
+    let axis = |v: Vector3<f64>| axis_of(&manhattan, &seen(v, None));
     assert_eq!(axis(Vector3::z()), Some(Axis::Vertical));
     assert_eq!(axis(heading(0.0)), Some(Axis::Along));
     assert_eq!(axis(-heading(0.1)), Some(Axis::Along));
@@ -150,15 +168,15 @@ fn lines_belong_to_the_direction_they_have() {
     assert_eq!(axis(heading(30.0)), None);
     assert_eq!(axis(Vector3::new(0.5, 0.0, 0.8)), None);
     let level_line = seen_at(0.1, heading(0.0), None);
-    assert_eq!(manhattan.axis_of(&level_line, &level()), None, "level with the camera it does not tell");
+    assert_eq!(axis_of(&manhattan, &level_line), None, "level with the camera it does not tell");
 }
 
 #[test]
 fn a_line_at_the_edge_of_the_gate_does_not_come_and_go() {
     let manhattan = Manhattan { options: options(), heading_rad: Some(0.7) };
     let v = Vector3::new(0.7_f64.cos(), 0.7_f64.sin(), 0.01);
-    assert_eq!(manhattan.axis_of(&seen(v, None), &level()), None);
-    assert_eq!(manhattan.axis_of(&seen(v, Some(Axis::Along)), &level()), Some(Axis::Along));
+    assert_eq!(axis_of(&manhattan, &seen(v, None)), None);
+    assert_eq!(axis_of(&manhattan, &seen(v, Some(Axis::Along))), Some(Axis::Along));
 }
 
 #[test]
@@ -173,6 +191,6 @@ fn what_is_switched_off_says_nothing() {
         pose_c0_c1: nalgebra::Isometry3::identity(),
         time_offset_s: 0.0,
     };
-    assert!(manhattan.residual(&line, &host, &Mount::of(&rig, 0)).is_none());
-    assert_eq!(manhattan.axis_of(&line, &level()), None);
+    assert!(residual(&manhattan, structural(&line), &host, &Mount::of(&rig, 0), None).is_none());
+    assert_eq!(axis_of(&manhattan, &line), None);
 }

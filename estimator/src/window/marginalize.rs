@@ -16,13 +16,14 @@
 
 use super::Window;
 use super::feature::Feature;
+use super::frame::Frame;
 use super::landmark::{Landmark, LandmarkStore};
-use super::linearize::Problem;
 use super::prior::PIVOT_FLOOR;
-use super::state::{FRAME_DIM, Frame, GLOBAL_DIM};
+use super::problem::Problem;
+use super::state::{FRAME_DIM, unknown_of_frame};
 
 impl Window {
-    /// Removes frame `index` (not the newest), keeping what it says about the others.
+    /// Removes frame `index` (not the newest), keeping its information about the others in the prior.
     pub fn remove_frame(&mut self, index: usize) {
         let newest_keyframe = self.newest_keyframe();
         if self.options.cameras == 1 {
@@ -39,8 +40,8 @@ impl Window {
     /// Landmarks of frame `index` that are still seen get another host among the frames that remain.
     fn pass_on_living(&mut self, index: usize) {
         let Self { rig, frames, points, lines, linearizer, .. } = self;
-        linearizer.rehost(rig, frames, points.all_mut(), index);
-        linearizer.rehost(rig, frames, lines.all_mut(), index);
+        linearizer.poses.rehost(rig, frames, points.all_mut(), index);
+        linearizer.poses.rehost(rig, frames, lines.all_mut(), index);
     }
 
     fn newest_keyframe(&self) -> Option<usize> {
@@ -83,14 +84,14 @@ impl Window {
             }
         }
         let equations = &mut linearizer.equations;
-        let unused = GLOBAL_DIM + covered * FRAME_DIM..equations.dim();
+        let unused = unknown_of_frame(covered)..equations.dim();
         equations.eliminate(unused, f64::INFINITY);
         prior.replace(equations, (rig, manhattan), frames);
-        let at = GLOBAL_DIM + index * FRAME_DIM;
+        let at = unknown_of_frame(index);
         prior.equations.eliminate(at..at + FRAME_DIM, PIVOT_FLOOR);
-        frames[index].motion = None;
+        frames[index].inertial = None;
         if let Some(next) = frames.get_mut(index + 1) {
-            next.motion = None;
+            next.inertial = None;
         }
     }
 
@@ -103,14 +104,9 @@ impl Window {
     /// Takes frame `index` out: joins the motions around it, renumbers, hosts surviving tracks anew.
     fn close_gap(&mut self, index: usize) {
         let removed = self.frames.remove(index);
-        if let Some(anchor) = &mut self.anchor
-            && anchor.frame > index
-        {
-            anchor.frame -= 1;
-        }
         if let Some(next) = self.frames.get_mut(index) {
-            next.motion = match (removed.motion, next.motion.take()) {
-                (Some(a), Some(b)) => Some(a.followed_by(&b)),
+            next.inertial = match (removed.inertial, next.inertial.take()) {
+                (Some(a), Some(b)) => Some(a.followed_by(&b, &self.options.imu_noise)),
                 _ => None,
             };
         }
@@ -179,3 +175,7 @@ fn renumber<F: Feature>(landmark: &mut Landmark<F>, gone: u8) {
         }
     }
 }
+
+#[cfg(test)]
+#[path = "marginalize_tests.rs"]
+mod tests;

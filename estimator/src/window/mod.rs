@@ -5,16 +5,20 @@
 //! in the orthonormal representation there. The cost is that of the paper's equation 13: prior,
 //! preintegrated IMU between consecutive frames, and robust reprojection terms.
 //!
-//! - [`state`], [`landmark`], [`feature`]: what is estimated
-//! - [`reprojection`], [`line`], [`inertial_factor`], [`prior`]: the terms
+//! - [`state`], [`frame`], [`landmark`], [`feature`]: what is estimated
+//! - [`reprojection`], [`line`], [`inertial_factor`], [`zero_velocity_factor`], [`manhattan_factor`], [`prior`]: the
+//!   factors, each with its residual and its Jacobians ([`factor`])
 //! - `tracks`: how tracks become landmarks
 //! - [`manhattan`] with `heading_votes`, `structural_lines`: verticals and vanishing directions
-//! - [`linearize`] with `hessian_blocks`, [`eliminate`], [`dense`], [`solve`]: normal equations and their solution
+//! - [`problem`], [`poses`], [`linearize`] with `hessian_blocks`, [`eliminate`], [`dense`], [`solve`]: normal
+//!   equations and their solution
 //! - [`triangulate`], [`triangulate_line`], [`keyframes`], [`marginalize`]: what enters and what leaves
 
 pub mod dense;
 pub mod eliminate;
+pub mod factor;
 pub mod feature;
+pub mod frame;
 mod heading_votes;
 mod hessian_blocks;
 pub mod inertial_factor;
@@ -23,111 +27,56 @@ pub mod landmark;
 pub mod line;
 pub mod linearize;
 pub mod manhattan;
+pub mod manhattan_factor;
 pub mod marginalize;
+#[cfg(test)]
+mod null_space_tests;
+pub mod options;
+pub mod poses;
 pub mod prior;
+pub mod problem;
 pub mod reprojection;
 pub mod snapshot;
 pub mod solve;
 pub mod state;
 mod structural_lines;
 #[cfg(test)]
+mod test_room;
+#[cfg(test)]
 mod test_views;
 mod tracks;
 pub mod triangulate;
 pub mod triangulate_line;
+pub mod zero_velocity_factor;
+
+pub use options::Options;
+pub use state::MAX_FRAMES;
 
 use crate::geometry::{log_so3, yaw_of};
-use crate::inertial::{ImuNoise, Preintegration};
+use crate::inertial::Preintegration;
+use frame::Frame;
 use heading_votes::HeadingVotes;
+use inertial_factor::InertialFactor;
 use landmark::{LandmarkStore, LineLandmark, PointLandmark};
 use line::{HostedLine, LineMeasurement};
-use linearize::{Linearizer, Problem};
+use linearize::Linearizer;
 use manhattan::{Manhattan, ManhattanOptions};
-use nalgebra::{SVector, UnitQuaternion, Vector3};
-use plumbline_config::{MAX_WINDOW_FRAMES, ValidSetup};
+use nalgebra::{UnitQuaternion, Vector3};
+use plumbline_config::ValidSetup;
 use prior::{AnchorSigmas, Prior};
+use problem::Problem;
 use reprojection::{InversePoint, PointMeasurement};
-use state::{FRAME_DIM, Frame, FrameTime, GLOBAL_DIM, Mount, NavState, RIG_DIM, Rig};
-
-/// Most frames in the window: those that validation admits, and one more while a frame is exchanged.
-pub const MAX_FRAMES: usize = MAX_WINDOW_FRAMES + 1;
+use state::{FrameTime, Mount, NavState, Rig, unknown_of_frame};
 
 /// An observation this far from its landmark is an outlier, in standard deviations.
 const OUTLIER_SIGMAS: f64 = 6.0;
-
-/// The window's options in the units of its computations.
-#[derive(Clone, Debug)]
-pub struct Options {
-    /// Keyframes held.
-    pub keyframes: usize,
-    /// Newest frames held beside the keyframes.
-    pub recent_frames: usize,
-    /// Solver steps a frame.
-    pub max_iterations: usize,
-    /// Smallest share of tracks linked to the window without a new keyframe.
-    pub min_connected_ratio: f64,
-    /// Longest time without a new keyframe, s.
-    pub max_keyframe_interval_s: f64,
-    /// Scale of the Cauchy kernel, in standard deviations.
-    pub cauchy_scale: f64,
-    /// Range of inverse depth for new landmarks, 1/m.
-    pub min_rho: f64,
-    /// See `min_rho`.
-    pub max_rho: f64,
-    /// A landmark is triangulated when its parallax exceeds this many standard deviations ...
-    pub min_parallax_sigmas: f64,
-    /// ... or its inverse depth is known this well, 1/m.
-    pub max_sigma_rho: f64,
-    /// Cameras of the rig.
-    pub cameras: usize,
-    /// Jacobians of frames in the prior stay at their first estimates.
-    pub first_estimates: bool,
-    /// Gravity in the odometry frame, m/s².
-    pub gravity_o: Vector3<f64>,
-    /// Noise of the IMU.
-    pub imu_noise: ImuNoise,
-    /// Standard deviation of the velocity while standing still, m/s.
-    pub still_sigma_m_s: f64,
-    /// Prior standard deviations of the rig.
-    pub rig_sigmas: SVector<f64, RIG_DIM>,
-    /// 1 for the rig's parameters that are refined, 0 for those held fixed.
-    pub rig_mask: SVector<f64, RIG_DIM>,
-}
-
-impl Options {
-    /// The options that a configuration asks for.
-    #[must_use]
-    pub fn of(config: &ValidSetup) -> Self {
-        let window = &config.estimator.window;
-        let rig_sigmas = Rig::sigmas(&config.rig, config.camera.len());
-        Self {
-            keyframes: window.keyframes,
-            recent_frames: window.recent_frames,
-            max_iterations: window.max_iterations,
-            min_connected_ratio: window.min_connected_ratio,
-            max_keyframe_interval_s: window.max_keyframe_interval_s,
-            cauchy_scale: window.cauchy_scale,
-            min_rho: 1.0 / window.max_depth_m,
-            max_rho: 1.0 / window.min_depth_m,
-            min_parallax_sigmas: 6.0,
-            max_sigma_rho: 0.02,
-            cameras: config.camera.len(),
-            first_estimates: config.camera.len() > 1,
-            gravity_o: Vector3::new(0.0, 0.0, -config.imu.gravity_m_s2),
-            imu_noise: ImuNoise::of(&config.imu),
-            still_sigma_m_s: 0.01,
-            rig_sigmas,
-            rig_mask: rig_sigmas.map(|sigma| if sigma > 0.0 { 1.0 } else { 0.0 }),
-        }
-    }
-}
 
 /// The sliding window and all the memory it ever needs.
 #[derive(Clone, Debug)]
 pub struct Window {
     /// Calibration.
     pub rig: Rig,
-    /// Structure of the scene.
+    /// The Manhattan world.
     pub manhattan: Manhattan,
     /// Frames in order of time.
     pub frames: Vec<Frame>,
@@ -151,7 +100,7 @@ pub struct Window {
     outliers: Outliers,
 }
 
-/// The frame that defines the odometry frame.
+/// The frame whose pose defines the odometry frame, and the prior about it.
 #[derive(Clone, Debug)]
 struct Anchor {
     frame: usize,
@@ -183,7 +132,7 @@ pub struct Outliers {
 }
 
 impl Outliers {
-    /// Both cameras may tell of the same landmark.
+    /// Room for twice the landmarks: the observation of either camera may be an outlier.
     fn new(points: usize, lines: usize) -> Self {
         Self { points: Vec::with_capacity(2 * points), lines: Vec::with_capacity(2 * lines) }
     }
@@ -195,7 +144,7 @@ impl Window {
     pub fn new(config: &ValidSetup) -> Self {
         let options = Options::of(config);
         let rig = Rig::of(config);
-        let unknowns = GLOBAL_DIM + FRAME_DIM * MAX_FRAMES;
+        let unknowns = unknown_of_frame(MAX_FRAMES);
         let (points, lines) = (config.estimator.window.max_landmarks, config.estimator.lines.max_landmarks);
         Self {
             manhattan: Manhattan::new(ManhattanOptions::of(&config.estimator.lines)),
@@ -231,8 +180,8 @@ impl Window {
         self.prior.start(&self.rig, &self.options.rig_sigmas);
     }
 
-    /// Makes the newest frame the origin of what is known: the prior is that of the rig, and that this
-    /// frame is where it is now. Until something is marginalized the origin is linearized anew for every
+    /// Makes the newest frame the origin: the prior is that of the rig, and that this frame is where it is now, with
+    /// the standard deviations given and biases (gyroscope rad/s, accelerometer m/s²) about those given. Until something is marginalized the origin is linearized anew for every
     /// solution, so that errors of the start leave no trace.
     pub fn anchor_newest(&mut self, biases: &(Vector3<f64>, Vector3<f64>), sigmas: &AnchorSigmas) {
         self.anchor = Some(Anchor { frame: self.frames.len() - 1, biases: *biases, sigmas: *sigmas });
@@ -250,7 +199,8 @@ impl Window {
         }
     }
 
-    /// Turns and moves everything so that the newest frame comes to `p_o_b` and heading `yaw_rad`.
+    /// Turns everything about gravity and moves it, so that the newest frame comes to position `p_o_b`, m in `O`, and
+    /// yaw `yaw_rad`.
     pub fn move_newest_to(&mut self, p_o_b: &Vector3<f64>, yaw_rad: f64) {
         let Some(newest) = self.frames.last() else { return };
         let turn_rad = yaw_rad - yaw_of(&newest.nav.rot_o_b);
@@ -264,7 +214,8 @@ impl Window {
         }
     }
 
-    /// Appends a frame.
+    /// Appends a frame in the state `nav`, with the `motion` since the frame before it (`None` for the first), and
+    /// whether it is at rest (a zero-velocity update). The window has room: see [`Self::make_room`].
     pub fn push_frame(
         &mut self,
         time: FrameTime,
@@ -273,6 +224,7 @@ impl Window {
         is_still: bool,
     ) {
         debug_assert!(self.frames.len() < MAX_FRAMES);
+        let inertial = motion.map(|motion| InertialFactor::new(motion, &self.options.imu_noise));
         self.frames.push(Frame {
             stamp: time.stamp,
             time_offset_s: time.time_offset_s,
@@ -281,11 +233,11 @@ impl Window {
             in_prior: false,
             is_keyframe: false,
             is_still,
-            motion,
+            inertial,
         });
     }
 
-    /// Hands the newest frame its measurements; returns how many points belong to landmarks.
+    /// Adds the measurements of the newest frame to the landmarks of their tracks; returns how many points have one.
     pub fn observe(&mut self, points: &[PointTrack], lines: &[LineTrack]) -> usize {
         let newest = (self.frames.len() - 1) as u8;
         let _ = tracks::link(&mut self.lines, newest, lines);
@@ -306,7 +258,8 @@ impl Window {
         tracks::host(&mut self.points, frame, tracks, |seen| InversePoint { xy: seen.xy, rho });
     }
 
-    /// Sets the image rates of the newest frame's observations from its predicted motion.
+    /// Sets the image rates of the newest frame's observations from its velocity and its angular rate in the body,
+    /// rad/s.
     pub fn predict_rates(&mut self, rate_b: &Vector3<f64>) {
         if let Some(newest) = self.frames.len().checked_sub(1) {
             self.predict_rates_of(newest, rate_b);
@@ -326,8 +279,8 @@ impl Window {
 
     fn predict_rates_of(&mut self, index: usize, rate_b: &Vector3<f64>) {
         let Self { rig, frames, points, lines, linearizer, .. } = self;
-        linearizer.predict_rates(rig, frames, points.all_mut(), rate_b, index);
-        linearizer.predict_rates(rig, frames, lines.all_mut(), rate_b, index);
+        linearizer.poses.predict_rates(rig, frames, points.all_mut(), rate_b, index);
+        linearizer.poses.predict_rates(rig, frames, lines.all_mut(), rate_b, index);
     }
 
     /// Triangulates the landmarks that wait for it; forgets those that contradict themselves, unless the
@@ -354,8 +307,8 @@ impl Window {
     pub fn remove_outliers(&mut self) {
         let Self { rig, manhattan, frames, points, lines, linearizer, options, outliers, .. } = self;
         let problem = Problem { rig, frames, points: &[], lines: &[], manhattan, options };
-        tracks::remove_outliers(points, linearizer, &problem, &mut outliers.points);
-        tracks::remove_outliers(lines, linearizer, &problem, &mut outliers.lines);
+        tracks::remove_outliers(points, &linearizer.poses, &problem, &mut outliers.points);
+        tracks::remove_outliers(lines, &linearizer.poses, &problem, &mut outliers.lines);
     }
 
     /// Tracks whose newest observation did not fit, since [`Self::clear_outliers`].

@@ -6,8 +6,9 @@
 //! measurement can see (position and yaw of everything) stay unseen: see [`super::marginalize`].
 
 use super::dense::{MAX_UNKNOWNS, NormalEquations};
+use super::frame::Frame;
 use super::manhattan::Manhattan;
-use super::state::{FRAME_DIM, Frame, GLOBAL_DIM, HEADING, NavState, RIG_DIM, Rig};
+use super::state::{FRAME_DIM, GLOBAL_DIM, HEADING, NavState, RIG_DIM, Rig, unknown_of_frame};
 use nalgebra::{SVector, Vector3};
 
 /// An unknown with less information than this is dropped instead of eliminated.
@@ -20,8 +21,8 @@ pub struct Prior {
     pub equations: NormalEquations,
     /// Where the rig is linearized.
     pub rig: Rig,
-    /// Where the heading of the structure is, rad.
-    heading_rad: f64,
+    /// Where the heading of the Manhattan world is, rad.
+    pub(super) heading_rad: f64,
     /// Steps from the linearization points, refreshed by [`Self::evaluate`].
     steps: [f64; MAX_UNKNOWNS],
     product: [f64; MAX_UNKNOWNS],
@@ -45,7 +46,7 @@ pub struct AnchorSigmas {
 }
 
 impl Prior {
-    /// No knowledge about anything; `capacity` unknowns at most.
+    /// No information about anything; `capacity` unknowns at most.
     #[must_use]
     pub fn new(capacity: usize, rig: &Rig) -> Self {
         let mut equations = NormalEquations::new(capacity);
@@ -59,7 +60,7 @@ impl Prior {
         }
     }
 
-    /// Frames that the prior speaks of (the first ones of the window).
+    /// Number of frames in the prior (the first ones of the window).
     #[must_use]
     pub fn frames(&self) -> usize {
         (self.equations.dim() - GLOBAL_DIM) / FRAME_DIM
@@ -74,8 +75,8 @@ impl Prior {
         }
     }
 
-    /// Adds what is known of frame `index` at the start: its state is near `nav`, its biases near `biases`
-    /// (gyroscope, accelerometer).
+    /// Adds what is known of frame `index` at the start: its state is `nav`, its biases are `biases` (gyroscope rad/s,
+    /// accelerometer m/s²), within the standard deviations given.
     pub fn anchor(
         &mut self,
         index: usize,
@@ -83,30 +84,35 @@ impl Prior {
         biases: &(Vector3<f64>, Vector3<f64>),
         sigmas: &AnchorSigmas,
     ) {
-        let base = GLOBAL_DIM + index * FRAME_DIM;
+        let base = unknown_of_frame(index);
         if self.equations.dim() < base + FRAME_DIM {
             self.equations.grow(base + FRAME_DIM);
         }
         let information = |sigma: f64| 1.0 / (sigma * sigma);
-        for k in 0..3 {
-            self.equations.add(base + k, base + k, information(sigmas.position_m));
-            self.equations.add(base + 6 + k, base + 6 + k, information(sigmas.velocity_m_s));
-            self.equations.add(base + 9 + k, base + 9 + k, information(sigmas.bias_gyro_rad_s));
-            self.equations.add(base + 12 + k, base + 12 + k, information(sigmas.bias_accel_m_s2));
+        for (part, sigma) in [
+            (NavState::P, sigmas.position_m),
+            (NavState::V, sigmas.velocity_m_s),
+            (NavState::BIAS_GYRO, sigmas.bias_gyro_rad_s),
+            (NavState::BIAS_ACCEL, sigmas.bias_accel_m_s2),
+        ] {
+            for k in base + part..base + part + 3 {
+                self.equations.add(k, k, information(sigma));
+            }
         }
         let gyro = (nav.bias_gyro - biases.0) * information(sigmas.bias_gyro_rad_s);
         let accel = (nav.bias_accel - biases.1) * information(sigmas.bias_accel_m_s2);
         for k in 0..3 {
-            self.equations.gradient_mut()[base + 9 + k] += gyro[k];
-            self.equations.gradient_mut()[base + 12 + k] += accel[k];
+            self.equations.gradient_mut()[base + NavState::BIAS_GYRO + k] += gyro[k];
+            self.equations.gradient_mut()[base + NavState::BIAS_ACCEL + k] += accel[k];
         }
         let up_b: Vector3<f64> = nav.rot_o_b.inverse() * Vector3::z();
         let yaw = up_b * up_b.transpose() * (information(sigmas.yaw_rad) - information(sigmas.tilt_rad));
         let tilt = nalgebra::Matrix3::identity() * information(sigmas.tilt_rad);
-        self.equations.add_block(base + 3, base + 3, &(yaw + tilt));
+        let at = base + NavState::ROT;
+        self.equations.add_block(at, at, &(yaw + tilt));
     }
 
-    /// Another structure, near `heading_rad`: what the one before said of frames and rig stays known.
+    /// Another Manhattan world, of heading near `heading_rad`: what is known of frames and rig through the one before stays known.
     pub fn begin_manhattan_heading(&mut self, heading_rad: f64) {
         self.equations.release(HEADING, PIVOT_FLOOR);
         self.heading_rad = heading_rad;
@@ -141,7 +147,7 @@ impl Prior {
         self.steps[..RIG_DIM].copy_from_slice(rig.minus(&self.rig).as_slice());
         self.steps[HEADING] = manhattan.heading_rad.map_or(0.0, |heading| heading - self.heading_rad);
         for (k, frame) in frames.iter().take(self.frames()).enumerate() {
-            let at = GLOBAL_DIM + k * FRAME_DIM;
+            let at = unknown_of_frame(k);
             self.steps[at..at + FRAME_DIM].copy_from_slice(frame.nav.minus(&frame.linearization).as_slice());
         }
         self.equations.multiply(&self.steps, &mut self.product);
@@ -162,3 +168,7 @@ impl Prior {
         }
     }
 }
+
+#[cfg(test)]
+#[path = "prior_tests.rs"]
+mod tests;

@@ -15,7 +15,8 @@
 //! `r` is in standard deviations. Perturbations are right ones. Source: the landmark of VINS-Mono (Qin et
 //! al. 2018, section V) with the bearing estimated as well, as in basalt (Usenko et al. 2019).
 
-use super::feature::{Estimated, Feature, Jacobians, View};
+use super::feature::{Estimated, Feature, Jacobians, View, ViewLinearization};
+use super::state::{NavState, Rig};
 use crate::geometry::skew;
 use nalgebra::{Matrix2, Matrix2x3, SMatrix, Vector2, Vector3};
 
@@ -70,18 +71,63 @@ impl InversePoint {
         let q = path(view, self).q_ct;
         (q.z > MIN_FORWARD).then(|| Vector2::new(q.x / q.z, q.y / q.z))
     }
+
+    /// Jacobians of the residual into `j`; `None` behind the observer.
+    fn linearize(&self, view: &View<'_>, measured: &PointMeasurement, j: &mut Jacobians<3>) -> Option<()> {
+        let Path { q_bh, q_bt, q_ct } = path(view, self);
+        if q_ct.z <= MIN_FORWARD {
+            return None;
+        }
+        let iz = 1.0 / q_ct.z;
+        let projection = Matrix2x3::new(iz, 0.0, -q_ct.x * iz * iz, 0.0, iz, -q_ct.y * iz * iz);
+        let by_ct = measured.weight * projection;
+        let by_bt = by_ct * view.target_mount.rot_b_c.transpose();
+        let by_o = by_bt * view.target.rot_o_b.transpose();
+        let by_bh = by_o * view.host.rot_o_b;
+        let b = Vector3::new(self.xy.x, self.xy.y, 1.0);
+        let by_b = by_bh * view.host_mount.rot_b_c;
+
+        j.host.fixed_view_mut::<2, 3>(0, NavState::P).copy_from(&(by_o * self.rho));
+        j.host.fixed_view_mut::<2, 3>(0, NavState::ROT).copy_from(&-(by_bh * skew(&q_bh)));
+        j.target.fixed_view_mut::<2, 3>(0, NavState::P).copy_from(&(by_o * -self.rho));
+        j.target.fixed_view_mut::<2, 3>(0, NavState::ROT).copy_from(&(by_bt * skew(&q_bt)));
+
+        let mut host_mount = SMatrix::<f64, 2, 6>::zeros();
+        host_mount.fixed_view_mut::<2, 3>(0, NavState::P).copy_from(&(by_bh * self.rho));
+        host_mount.fixed_view_mut::<2, 3>(0, NavState::ROT).copy_from(&-(by_b * skew(&b)));
+        let mut target_mount = SMatrix::<f64, 2, 6>::zeros();
+        target_mount.fixed_view_mut::<2, 3>(0, NavState::P).copy_from(&(by_bt * -self.rho));
+        target_mount.fixed_view_mut::<2, 3>(0, NavState::ROT).copy_from(&(by_ct * skew(&q_ct)));
+        j.rig
+            .fixed_view_mut::<2, 12>(0, 0)
+            .copy_from(&(host_mount * view.host_mount.by_rig + target_mount * view.target_mount.by_rig));
+        j.rig.set_column(Rig::TIME_OFFSET, &(measured.weight * measured.xy_rate));
+
+        let p_ho = view.host.rot_o_b * view.host_mount.p_b_c + view.host.p_o_b - view.target.p_o_b;
+        let p_ct =
+            view.target_mount.rot_b_c.tr_mul(&(view.target.rot_o_b.tr_mul(&p_ho) - view.target_mount.p_b_c));
+        j.landmark.fixed_columns_mut::<2>(0).copy_from(&by_b.fixed_columns::<2>(0));
+        j.landmark.set_column(2, &(by_ct * p_ct));
+        Some(())
+    }
 }
 
 impl Feature for InversePoint {
     type Measurement = PointMeasurement;
+    type Jacobians = Jacobians<3>;
 
+    #[inline]
     fn residual(
         &self,
         view: &View<'_>,
         measured: &PointMeasurement,
         time_offset_step_s: f64,
+        linearization: Option<ViewLinearization<'_, Jacobians<3>>>,
     ) -> Option<Vector2<f64>> {
         let predicted = self.project(view)?;
+        if let Some(request) = linearization {
+            self.linearize(request.at, measured, request.jacobians)?;
+        }
         Some(measured.weight * (predicted - measured.xy + measured.xy_rate * time_offset_step_s))
     }
 
@@ -108,47 +154,6 @@ impl Feature for InversePoint {
 }
 
 impl Estimated<3> for InversePoint {
-    fn jacobians(&self, view: &View<'_>, measured: &PointMeasurement) -> Option<Jacobians<3>> {
-        let Path { q_bh, q_bt, q_ct } = path(view, self);
-        if q_ct.z <= MIN_FORWARD {
-            return None;
-        }
-        let iz = 1.0 / q_ct.z;
-        let projection = Matrix2x3::new(iz, 0.0, -q_ct.x * iz * iz, 0.0, iz, -q_ct.y * iz * iz);
-        let by_ct = measured.weight * projection;
-        let by_bt = by_ct * view.target_mount.rot_b_c.transpose();
-        let by_o = by_bt * view.target.rot_o_b.transpose();
-        let by_bh = by_o * view.host.rot_o_b;
-        let b = Vector3::new(self.xy.x, self.xy.y, 1.0);
-        let by_b = by_bh * view.host_mount.rot_b_c;
-
-        let mut host = SMatrix::<f64, 2, 6>::zeros();
-        host.fixed_view_mut::<2, 3>(0, 0).copy_from(&(by_o * self.rho));
-        host.fixed_view_mut::<2, 3>(0, 3).copy_from(&-(by_bh * skew(&q_bh)));
-        let mut target = SMatrix::<f64, 2, 6>::zeros();
-        target.fixed_view_mut::<2, 3>(0, 0).copy_from(&(by_o * -self.rho));
-        target.fixed_view_mut::<2, 3>(0, 3).copy_from(&(by_bt * skew(&q_bt)));
-
-        let mut host_mount = SMatrix::<f64, 2, 6>::zeros();
-        host_mount.fixed_view_mut::<2, 3>(0, 0).copy_from(&(by_bh * self.rho));
-        host_mount.fixed_view_mut::<2, 3>(0, 3).copy_from(&-(by_b * skew(&b)));
-        let mut target_mount = SMatrix::<f64, 2, 6>::zeros();
-        target_mount.fixed_view_mut::<2, 3>(0, 0).copy_from(&(by_bt * -self.rho));
-        target_mount.fixed_view_mut::<2, 3>(0, 3).copy_from(&(by_ct * skew(&q_ct)));
-        let mut rig = SMatrix::<f64, 2, 13>::zeros();
-        rig.fixed_view_mut::<2, 12>(0, 0)
-            .copy_from(&(host_mount * view.host_mount.by_rig + target_mount * view.target_mount.by_rig));
-        rig.set_column(12, &(measured.weight * measured.xy_rate));
-
-        let p_ho = view.host.rot_o_b * view.host_mount.p_b_c + view.host.p_o_b - view.target.p_o_b;
-        let p_ct =
-            view.target_mount.rot_b_c.tr_mul(&(view.target.rot_o_b.tr_mul(&p_ho) - view.target_mount.p_b_c));
-        let mut landmark = Matrix2x3::zeros();
-        landmark.fixed_columns_mut::<2>(0).copy_from(&by_b.fixed_columns::<2>(0));
-        landmark.set_column(2, &(by_ct * p_ct));
-        Some(Jacobians { host, target, rig, landmark })
-    }
-
     fn plus(&self, d: &Vector3<f64>) -> Self {
         Self { xy: self.xy + d.xy(), rho: (self.rho + d.z).clamp(MIN_INVERSE_DEPTH, MAX_INVERSE_DEPTH) }
     }

@@ -1,3 +1,4 @@
+use super::super::factor::Linearization;
 use super::super::state::{NavState, Rig};
 use super::super::test_views::{isometry, with_view};
 use super::*;
@@ -21,12 +22,21 @@ impl Scene {
     }
 
     fn residual(&self) -> Vector2<f64> {
-        let step_s = self.rig.time_offset_s - self.offset;
-        self.with_view(|view| self.point.residual(view, &self.measured, step_s)).unwrap()
+        self.with_view(|view| self.point.residual(view, &self.measured, self.step_s(), None)).unwrap()
     }
 
-    fn jacobians(&self) -> Jacobians<3> {
-        self.with_view(|view| self.point.jacobians(view, &self.measured)).unwrap()
+    fn step_s(&self) -> f64 {
+        self.rig.time_offset_s - self.offset
+    }
+
+    /// Residual and Jacobians by one call.
+    fn linearized(&self) -> (Vector2<f64>, Jacobians<3>) {
+        let mut jacobians = Jacobians::zeros();
+        let residual = self.with_view(|view| {
+            let request = Linearization { at: view, jacobians: &mut jacobians };
+            self.point.residual(view, &self.measured, self.step_s(), Some(request))
+        });
+        (residual.unwrap(), jacobians)
     }
 }
 
@@ -71,7 +81,8 @@ fn numeric(scene: &Scene, perturb: impl Fn(&mut Scene, f64)) -> Vector2<f64> {
 proptest! {
     #[test]
     fn jacobians_agree_with_numeric_differentiation(scene in scene()) {
-        let j = scene.jacobians();
+        let (r, j) = scene.linearized();
+        prop_assert_eq!(r, scene.residual(), "the same with and without Jacobians");
         let tolerance = 1e-2;
         for k in 0..6 {
             let mut d = SVector::<f64, 15>::zeros();

@@ -1,13 +1,16 @@
 //! The solver: damped Gauss-Newton over rig, frames and landmarks, a bounded number of steps.
 
+use super::Window;
 use super::eliminate::Eliminated;
 use super::feature::Estimated;
 use super::landmark::LandmarkStore;
 use super::line::HostedLine;
-use super::linearize::{Problem, unknown_of_visual};
+use super::problem::Problem;
 use super::reprojection::InversePoint;
-use super::state::{FRAME_DIM, GLOBAL_DIM, HEADING, NavState, POSE_DIM, RIG_DIM, Rig};
-use super::{MAX_FRAMES, Window};
+use super::state::{
+    FRAME_DIM, HEADING, MAX_FRAMES, NavState, RIG_DIM, Rig, unknown_of_frame, unknown_of_visual,
+    visual_of_frame,
+};
 use crate::estimate::NavCovariance;
 use nalgebra::SVector;
 
@@ -18,6 +21,8 @@ const SMALL_DECREASE: f64 = 0.02;
 const FIRST_DAMPING: f64 = 1e-3;
 const DAMPING_GROWTH: f64 = 30.0;
 const DAMPING_DECAY: f64 = 0.1;
+/// Position, attitude and velocity: the parts of a frame's state whose covariance is given out.
+const COVARIANCE_DIM: usize = NavState::BIAS_GYRO;
 
 /// How a solution went.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -54,46 +59,61 @@ impl Backup {
     }
 }
 
+/// Proof that the states of the present solution have been saved, and their cost. Without it nothing is restored:
+/// the backup may be that of another window.
+struct Saved {
+    cost: f64,
+}
+
 impl Window {
-    /// Improves all states by at most `max_iterations` steps.
+    /// Improves all states by at most `max_iterations` steps of damped Gauss-Newton (Levenberg-Marquardt with the
+    /// damping on the diagonal). Where the cost at the present states is no finite number, they stay as they are,
+    /// there is no covariance, and the outcome is [`Outcome::is_not_positive_definite`].
     pub fn optimize(&mut self, max_iterations: usize) -> Outcome {
         self.refresh_anchor();
         let mut outcome = Outcome::default();
         let mut damping = 0.0;
-        let mut best_cost = f64::INFINITY;
+        let first = self.linearize(damping);
+        if !first.is_finite() {
+            self.factor.clear();
+            return Outcome { cost: first, is_not_positive_definite: true, ..outcome };
+        }
+        let mut best = self.save(first);
         // Linearizations are what costs time: a rejected step takes two of them.
-        let mut linearizations = 0;
-        while linearizations < max_iterations {
+        let mut linearizations = 1;
+        while max_iterations > 0 {
+            outcome.iterations += 1;
+            match self.step(damping) {
+                Some(decrease) if decrease < SMALL_DECREASE => break,
+                Some(_) => {}
+                None => {
+                    outcome.is_not_positive_definite = true;
+                    damping = more(damping);
+                }
+            }
+            if linearizations >= max_iterations {
+                break;
+            }
             linearizations += 1;
             let cost = self.linearize(damping);
-            if cost > best_cost || !cost.is_finite() {
+            if cost > best.cost || !cost.is_finite() {
                 linearizations += 1;
-                self.restore();
-                damping = if damping == 0.0 { FIRST_DAMPING } else { damping * DAMPING_GROWTH };
+                self.restore(&best);
+                damping = more(damping);
                 let _ = self.linearize(damping);
             } else {
-                best_cost = cost;
                 damping *= DAMPING_DECAY;
-                self.save();
-            }
-            outcome.iterations += 1;
-            let Some(decrease) = self.step(damping) else {
-                outcome.is_not_positive_definite = true;
-                damping = if damping == 0.0 { FIRST_DAMPING } else { damping * DAMPING_GROWTH };
-                continue;
-            };
-            if decrease < SMALL_DECREASE {
-                break;
+                best = self.save(cost);
             }
         }
         let last = self.cost();
-        if last <= best_cost {
+        if last <= best.cost {
             outcome.cost = last;
         } else {
-            self.restore();
+            self.restore(&best);
             outcome.cost = self.cost();
         }
-        if damping > 0.0 {
+        if damping > 0.0 || max_iterations == 0 {
             // The covariance is that of the undamped equations.
             let _ = self.linearize(0.0);
             outcome.is_not_positive_definite |= !self.factor.compute(&self.linearizer.equations, 0.0);
@@ -124,7 +144,7 @@ impl Window {
     }
 
     /// The cost at the present states.
-    fn cost(&mut self) -> f64 {
+    pub(super) fn cost(&mut self) -> f64 {
         let Self { rig, manhattan, frames, points, lines, prior, linearizer, options, .. } = self;
         let problem = Problem { rig, frames, points: points.all(), lines: lines.all(), manhattan, options };
         prior.evaluate((rig, manhattan), frames, None) + linearizer.cost(&problem)
@@ -147,10 +167,10 @@ impl Window {
         self.rig = self.rig.plus(&SVector::from_column_slice(&self.solution[..RIG_DIM]));
         self.manhattan.turn(self.solution[HEADING]);
         for (k, frame) in self.frames.iter_mut().enumerate() {
-            let at = GLOBAL_DIM + k * FRAME_DIM;
+            let at = unknown_of_frame(k);
             frame.nav = frame.nav.plus(&SVector::from_column_slice(&self.solution[at..at + FRAME_DIM]));
         }
-        let visual = GLOBAL_DIM + POSE_DIM * self.frames.len();
+        let visual = visual_of_frame(self.frames.len());
         for k in 0..visual {
             self.visual_step[k] = self.solution[unknown_of_visual(k)];
         }
@@ -159,7 +179,7 @@ impl Window {
         Some(decrease)
     }
 
-    fn save(&mut self) {
+    fn save(&mut self, cost: f64) -> Saved {
         self.backup.rig.clone_from(&self.rig);
         self.backup.heading_rad = self.manhattan.heading_rad;
         self.backup.frames.clear();
@@ -168,9 +188,10 @@ impl Window {
         self.backup.points.extend(self.points.all().iter().map(|l| l.feature));
         self.backup.lines.clear();
         self.backup.lines.extend(self.lines.all().iter().map(|l| l.feature));
+        Saved { cost }
     }
 
-    fn restore(&mut self) {
+    fn restore(&mut self, _: &Saved) {
         self.rig.clone_from(&self.backup.rig);
         self.manhattan.heading_rad = self.backup.heading_rad;
         for (frame, nav) in self.frames.iter_mut().zip(&self.backup.frames) {
@@ -184,27 +205,36 @@ impl Window {
         }
     }
 
-    /// Covariance of position, attitude and velocity of the newest frame, and variance of the time
-    /// offset, by the last factorization; `None` before the first.
+    /// Covariance of position, attitude and velocity of the newest frame (in the order of the error state, m, rad and
+    /// m/s in `O`), and variance of the time offset (s²), by the last factorization. `None` before the first, after a
+    /// cost that was no finite number, and where it is none itself.
     #[must_use]
     pub fn newest_covariance(&mut self) -> Option<(NavCovariance, f64)> {
         let newest = self.frames.len().checked_sub(1)?;
-        let base = GLOBAL_DIM + newest * FRAME_DIM;
-        let dim = base + FRAME_DIM;
+        let base = unknown_of_frame(newest);
+        let dim = unknown_of_frame(newest + 1);
+        if self.factor.dim() != dim {
+            return None;
+        }
         let mut covariance = NavCovariance::zeros();
-        for column in 0..9 {
+        for column in 0..COVARIANCE_DIM {
             self.solution[..dim].fill(0.0);
             self.solution[base + column] = 1.0;
             self.factor.solve(&mut self.solution[..dim]);
-            covariance
-                .set_column(column, &SVector::<f64, 9>::from_column_slice(&self.solution[base..base + 9]));
+            let rows = &self.solution[base..base + COVARIANCE_DIM];
+            covariance.set_column(column, &SVector::<f64, COVARIANCE_DIM>::from_column_slice(rows));
         }
         self.solution[..dim].fill(0.0);
-        self.solution[RIG_DIM - 1] = 1.0;
+        self.solution[Rig::TIME_OFFSET] = 1.0;
         self.factor.solve(&mut self.solution[..dim]);
         let symmetric = (covariance + covariance.transpose()) * 0.5;
-        symmetric.iter().all(|x| x.is_finite()).then_some((symmetric, self.solution[RIG_DIM - 1]))
+        symmetric.iter().all(|x| x.is_finite()).then_some((symmetric, self.solution[Rig::TIME_OFFSET]))
     }
+}
+
+/// Damping after one more rejected step.
+fn more(damping: f64) -> f64 {
+    if damping == 0.0 { FIRST_DAMPING } else { damping * DAMPING_GROWTH }
 }
 
 /// Gives every landmark that took part its step, given that of rig and poses.
@@ -219,3 +249,7 @@ fn move_landmarks<F: Estimated<D>, const D: usize>(
         }
     }
 }
+
+#[cfg(test)]
+#[path = "solve_tests.rs"]
+mod tests;

@@ -1,13 +1,16 @@
 //! What the window estimates: the navigation state of each frame, and the calibration of the rig.
 //!
-//! Order of the error state of a frame: position (0..3), attitude (3..6, `R Exp(dtheta)`), velocity
-//! (6..9), gyroscope bias (9..12), accelerometer bias (12..15).
+//! Unknowns are steps of the error state, with right perturbations `R <- R Exp(dtheta)` (Forster et al. 2017,
+//! section III). All of them in order, as in the normal equations: rig ([`Rig::P_B_C0`] and following), heading of
+//! the Manhattan world ([`HEADING`]), then for each frame position, attitude, velocity and biases
+//! ([`NavState::P`] and following). *Visual* unknowns are those that images depend on: rig, heading, and of each
+//! frame the pose.
 
-use crate::geometry::{exp_so3, log_so3};
+use crate::geometry::{exp_so3, log_so3, skew};
 use crate::inertial::Preintegration;
 use nalgebra::{Isometry3, Matrix3, SVector, Translation3, UnitQuaternion, Vector3};
 use plumbline_config::options::RigConfig;
-use plumbline_config::{Timestamp, ValidSetup};
+use plumbline_config::{MAX_WINDOW_FRAMES, Timestamp, ValidSetup};
 
 /// Dimension of a frame's error state.
 pub const FRAME_DIM: usize = 15;
@@ -16,10 +19,35 @@ pub const POSE_DIM: usize = 6;
 /// Dimension of the rig's error state: left camera against body (position, attitude), right camera
 /// against left (position, attitude), time offset.
 pub const RIG_DIM: usize = 13;
-/// Place of the structure's heading among the unknowns: after the rig.
+/// Place of the Manhattan world's heading among the unknowns: after the rig.
 pub const HEADING: usize = RIG_DIM;
 /// Unknowns before those of the frames: rig and heading.
 pub const GLOBAL_DIM: usize = RIG_DIM + 1;
+/// Most frames in the window: those that validation admits, and one more while a frame is exchanged.
+pub const MAX_FRAMES: usize = MAX_WINDOW_FRAMES + 1;
+
+/// Place of the first unknown of frame `index` among all unknowns.
+#[must_use]
+pub const fn unknown_of_frame(index: usize) -> usize {
+    GLOBAL_DIM + FRAME_DIM * index
+}
+
+/// Place of the pose of frame `index` among the visual unknowns.
+#[must_use]
+pub const fn visual_of_frame(index: usize) -> usize {
+    GLOBAL_DIM + POSE_DIM * index
+}
+
+/// Place of a visual unknown among all unknowns.
+#[must_use]
+pub const fn unknown_of_visual(visual: usize) -> usize {
+    if visual < GLOBAL_DIM {
+        visual
+    } else {
+        let k = visual - GLOBAL_DIM;
+        unknown_of_frame(k / POSE_DIM) + k % POSE_DIM
+    }
+}
 
 /// Position, attitude, velocity and biases of the body at one time.
 #[derive(Clone, Debug, PartialEq)]
@@ -50,16 +78,28 @@ impl Default for NavState {
 }
 
 impl NavState {
+    /// Offset of the position in the error state, m.
+    pub const P: usize = 0;
+    /// Offset of the attitude, rad.
+    pub const ROT: usize = 3;
+    /// Offset of the velocity, m/s.
+    pub const V: usize = 6;
+    /// Offset of the gyroscope bias, rad/s.
+    pub const BIAS_GYRO: usize = 9;
+    /// Offset of the accelerometer bias, m/s².
+    pub const BIAS_ACCEL: usize = 12;
+
     /// The state with the error-state step `d` applied.
     #[must_use]
     pub fn plus(&self, d: &SVector<f64, FRAME_DIM>) -> Self {
         let part = |k: usize| Vector3::new(d[k], d[k + 1], d[k + 2]);
+        let turn = exp_so3(&part(Self::ROT));
         Self {
-            p_o_b: self.p_o_b + part(0),
-            rot_o_b: UnitQuaternion::new_normalize((self.rot_o_b * exp_so3(&part(3))).into_inner()),
-            v_o_b: self.v_o_b + part(6),
-            bias_gyro: self.bias_gyro + part(9),
-            bias_accel: self.bias_accel + part(12),
+            p_o_b: self.p_o_b + part(Self::P),
+            rot_o_b: UnitQuaternion::new_normalize((self.rot_o_b * turn).into_inner()),
+            v_o_b: self.v_o_b + part(Self::V),
+            bias_gyro: self.bias_gyro + part(Self::BIAS_GYRO),
+            bias_accel: self.bias_accel + part(Self::BIAS_ACCEL),
         }
     }
 
@@ -67,15 +107,24 @@ impl NavState {
     #[must_use]
     pub fn minus(&self, origin: &Self) -> SVector<f64, FRAME_DIM> {
         let mut d = SVector::<f64, FRAME_DIM>::zeros();
-        d.fixed_rows_mut::<3>(0).copy_from(&(self.p_o_b - origin.p_o_b));
-        d.fixed_rows_mut::<3>(3).copy_from(&log_so3(&(origin.rot_o_b.inverse() * self.rot_o_b)));
-        d.fixed_rows_mut::<3>(6).copy_from(&(self.v_o_b - origin.v_o_b));
-        d.fixed_rows_mut::<3>(9).copy_from(&(self.bias_gyro - origin.bias_gyro));
-        d.fixed_rows_mut::<3>(12).copy_from(&(self.bias_accel - origin.bias_accel));
+        let turn = log_so3(&(origin.rot_o_b.inverse() * self.rot_o_b));
+        d.fixed_rows_mut::<3>(Self::P).copy_from(&(self.p_o_b - origin.p_o_b));
+        d.fixed_rows_mut::<3>(Self::ROT).copy_from(&turn);
+        d.fixed_rows_mut::<3>(Self::V).copy_from(&(self.v_o_b - origin.v_o_b));
+        d.fixed_rows_mut::<3>(Self::BIAS_GYRO).copy_from(&(self.bias_gyro - origin.bias_gyro));
+        d.fixed_rows_mut::<3>(Self::BIAS_ACCEL).copy_from(&(self.bias_accel - origin.bias_accel));
         d
     }
 
-    /// The state after the motion `pre`, at this state's biases.
+    /// Whether every component is a finite number.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        let vectors = [&self.p_o_b, &self.v_o_b, &self.bias_gyro, &self.bias_accel];
+        vectors.into_iter().flatten().chain(self.rot_o_b.coords.iter()).all(|x| x.is_finite())
+    }
+
+    /// The state after the motion `pre`, at this state's biases (Forster et al. 2017, equation 26, solved for the
+    /// later state).
     #[must_use]
     pub fn after(&self, pre: &Preintegration, gravity_o: &Vector3<f64>) -> Self {
         let delta = pre.corrected(&self.bias_gyro, &self.bias_accel);
@@ -104,35 +153,6 @@ pub struct FrameTime {
     pub time_offset_s: f64,
 }
 
-/// One frame of the window.
-#[derive(Clone, Debug)]
-pub struct Frame {
-    /// Time of the state on the IMU's axis.
-    pub stamp: Timestamp,
-    /// The time offset by which `stamp` was made from the image's stamp, s.
-    pub time_offset_s: f64,
-    /// Best estimate.
-    pub nav: NavState,
-    /// Where Jacobians are evaluated once the frame is in the prior (first estimates).
-    pub linearization: NavState,
-    /// Whether the prior speaks of this frame.
-    pub in_prior: bool,
-    /// Whether the frame is kept for its view.
-    pub is_keyframe: bool,
-    /// The vehicle stood still here.
-    pub is_still: bool,
-    /// Motion since the frame before it in the window; `None` for the first.
-    pub motion: Option<Preintegration>,
-}
-
-impl Frame {
-    /// The state at which Jacobians are evaluated, with or without first estimates.
-    #[must_use]
-    pub fn jacobian_state(&self, first_estimates: bool) -> &NavState {
-        if self.in_prior && first_estimates { &self.linearization } else { &self.nav }
-    }
-}
-
 /// The rig's calibration, refined online within its priors.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rig {
@@ -145,6 +165,17 @@ pub struct Rig {
 }
 
 impl Rig {
+    /// Offset of the left camera's position in the body in the error state, m.
+    pub const P_B_C0: usize = 0;
+    /// Offset of its attitude, rad.
+    pub const ROT_B_C0: usize = 3;
+    /// Offset of the right camera's position in the left camera, m.
+    pub const P_C0_C1: usize = 6;
+    /// Offset of its attitude, rad.
+    pub const ROT_C0_C1: usize = 9;
+    /// Offset of the time offset, s.
+    pub const TIME_OFFSET: usize = 12;
+
     /// The rig as configured.
     #[must_use]
     pub fn of(config: &ValidSetup) -> Self {
@@ -169,9 +200,9 @@ impl Rig {
             Isometry3::from_parts(Translation3::from(p), UnitQuaternion::new_normalize(rot.into_inner()))
         };
         Self {
-            pose_b_c0: moved(&self.pose_b_c0, 0),
-            pose_c0_c1: moved(&self.pose_c0_c1, 6),
-            time_offset_s: self.time_offset_s + d[12],
+            pose_b_c0: moved(&self.pose_b_c0, Self::P_B_C0),
+            pose_c0_c1: moved(&self.pose_c0_c1, Self::P_C0_C1),
+            time_offset_s: self.time_offset_s + d[Self::TIME_OFFSET],
         }
     }
 
@@ -179,13 +210,14 @@ impl Rig {
     #[must_use]
     pub fn minus(&self, origin: &Self) -> SVector<f64, RIG_DIM> {
         let mut d = SVector::<f64, RIG_DIM>::zeros();
-        for (k, to, from) in
-            [(0, &self.pose_b_c0, &origin.pose_b_c0), (6, &self.pose_c0_c1, &origin.pose_c0_c1)]
-        {
+        for (k, to, from) in [
+            (Self::P_B_C0, &self.pose_b_c0, &origin.pose_b_c0),
+            (Self::P_C0_C1, &self.pose_c0_c1, &origin.pose_c0_c1),
+        ] {
             d.fixed_rows_mut::<3>(k).copy_from(&(to.translation.vector - from.translation.vector));
             d.fixed_rows_mut::<3>(k + 3).copy_from(&log_so3(&(from.rotation.inverse() * to.rotation)));
         }
-        d[12] = self.time_offset_s - origin.time_offset_s;
+        d[Self::TIME_OFFSET] = self.time_offset_s - origin.time_offset_s;
         d
     }
 
@@ -193,13 +225,13 @@ impl Rig {
     #[must_use]
     pub fn sigmas(rig: &RigConfig, cameras: usize) -> SVector<f64, RIG_DIM> {
         let mut sigmas = SVector::<f64, RIG_DIM>::zeros();
-        sigmas.fixed_rows_mut::<3>(0).fill(rig.camera_imu_translation_sigma_m);
-        sigmas.fixed_rows_mut::<3>(3).fill(rig.camera_imu_rotation_sigma_rad);
+        sigmas.fixed_rows_mut::<3>(Self::P_B_C0).fill(rig.camera_imu_translation_sigma_m);
+        sigmas.fixed_rows_mut::<3>(Self::ROT_B_C0).fill(rig.camera_imu_rotation_sigma_rad);
         if cameras > 1 {
-            sigmas.fixed_rows_mut::<3>(6).fill(rig.camera_camera_translation_sigma_m);
-            sigmas.fixed_rows_mut::<3>(9).fill(rig.camera_camera_rotation_sigma_rad);
+            sigmas.fixed_rows_mut::<3>(Self::P_C0_C1).fill(rig.camera_camera_translation_sigma_m);
+            sigmas.fixed_rows_mut::<3>(Self::ROT_C0_C1).fill(rig.camera_camera_rotation_sigma_rad);
         }
-        sigmas[12] = rig.time_offset_sigma_s;
+        sigmas[Self::TIME_OFFSET] = rig.time_offset_sigma_s;
         sigmas
     }
 }
@@ -211,7 +243,7 @@ pub struct Mount {
     pub rot_b_c: Matrix3<f64>,
     /// Position of the camera in the body, m.
     pub p_b_c: Vector3<f64>,
-    /// Derivative of the extrinsics (position, attitude) by the rig's error state without time offset.
+    /// Derivative of the extrinsics (position, attitude) by the rig's error state without time offset, 6x12.
     pub by_rig: nalgebra::SMatrix<f64, 6, 12>,
 }
 
@@ -222,17 +254,17 @@ impl Mount {
         let pose = rig.pose_b_c(camera);
         let identity = Matrix3::identity();
         let mut by_rig = nalgebra::SMatrix::<f64, 6, 12>::zeros();
-        by_rig.fixed_view_mut::<3, 3>(0, 0).copy_from(&identity);
+        by_rig.fixed_view_mut::<3, 3>(NavState::P, Rig::P_B_C0).copy_from(&identity);
         if camera == 0 {
-            by_rig.fixed_view_mut::<3, 3>(3, 3).copy_from(&identity);
+            by_rig.fixed_view_mut::<3, 3>(NavState::ROT, Rig::ROT_B_C0).copy_from(&identity);
         } else {
             let rot_b_c0 = rig.pose_b_c0.rotation.to_rotation_matrix().into_inner();
-            let lever = rot_b_c0 * crate::geometry::skew(&rig.pose_c0_c1.translation.vector);
+            let lever = rot_b_c0 * skew(&rig.pose_c0_c1.translation.vector);
             let rot_c1_c0 = rig.pose_c0_c1.rotation.inverse().to_rotation_matrix().into_inner();
-            by_rig.fixed_view_mut::<3, 3>(0, 3).copy_from(&-lever);
-            by_rig.fixed_view_mut::<3, 3>(0, 6).copy_from(&rot_b_c0);
-            by_rig.fixed_view_mut::<3, 3>(3, 3).copy_from(&rot_c1_c0);
-            by_rig.fixed_view_mut::<3, 3>(3, 9).copy_from(&identity);
+            by_rig.fixed_view_mut::<3, 3>(NavState::P, Rig::ROT_B_C0).copy_from(&-lever);
+            by_rig.fixed_view_mut::<3, 3>(NavState::P, Rig::P_C0_C1).copy_from(&rot_b_c0);
+            by_rig.fixed_view_mut::<3, 3>(NavState::ROT, Rig::ROT_B_C0).copy_from(&rot_c1_c0);
+            by_rig.fixed_view_mut::<3, 3>(NavState::ROT, Rig::ROT_C0_C1).copy_from(&identity);
         }
         Self {
             rot_b_c: pose.rotation.to_rotation_matrix().into_inner(),
@@ -241,3 +273,7 @@ impl Mount {
         }
     }
 }
+
+#[cfg(test)]
+#[path = "state_tests.rs"]
+mod tests;

@@ -1,12 +1,12 @@
-//! Which lines belong to the structure: every frame's edges vote for its heading, and every landmark line is
-//! held against its directions.
+//! Which landmark lines are structural: every frame's edges vote for the heading of the Manhattan world, and every
+//! landmark line is held against its directions.
 
 use super::manhattan::Axis;
 use super::{LineTrack, Window};
 
 impl Window {
-    /// Finds the structure and the lines that belong to it, with the newest frame's `lines`, by the present
-    /// estimates.
+    /// Finds the heading of the Manhattan world and the landmark lines along its directions, with the newest frame's
+    /// `lines`, by the present estimates.
     pub fn update_manhattan(&mut self, lines: &[LineTrack]) {
         if self.manhattan.options.vanishing_directions {
             self.discover(lines);
@@ -16,7 +16,8 @@ impl Window {
         for landmark in lines.all_mut().iter_mut().filter(|l| l.is_triangulated) {
             let rot_o_b = frames[usize::from(landmark.host)].nav.rot_o_b.to_rotation_matrix().into_inner();
             let rot_o_c = rot_o_b * rot_b_c[usize::from(landmark.host_camera)];
-            landmark.feature.axis = manhattan.axis_of(&landmark.feature, &rot_o_c);
+            landmark.feature.axis =
+                manhattan.axis_of(&landmark.feature.axes, landmark.feature.axis, &rot_o_c);
         }
         self.is_manhattan_in_sight = self.horizontals_agree();
         if !self.is_manhattan_in_sight {
@@ -65,9 +66,9 @@ impl Window {
         }
     }
 
-    /// Landmark lines that belong to the structure.
+    /// Number of structural lines: landmark lines along a direction of the Manhattan world.
     #[must_use]
-    pub fn lines_in_structure(&self) -> usize {
+    pub fn structural_lines(&self) -> usize {
         self.lines.all().iter().filter(|l| l.is_triangulated && l.feature.axis.is_some()).count()
     }
 }

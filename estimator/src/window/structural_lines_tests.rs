@@ -84,7 +84,7 @@ fn every_edge_of_a_room_finds_its_direction() {
     let mut window = window();
     window.manhattan.heading_rad = Some(HEADING_RAD);
     window.update_manhattan(&[]);
-    assert_eq!(window.lines_in_structure(), edges().len());
+    assert_eq!(window.structural_lines(), edges().len());
     for line in window.lines.all() {
         assert_eq!(line.feature.axis, Some(Axis::ALL[line.track_id as usize % 3]), "{}", line.track_id);
     }
@@ -99,7 +99,7 @@ fn a_few_edges_that_fit_by_chance_are_no_structure() {
     let horizontals =
         window.lines.all().iter().filter(|l| l.feature.axis.is_some_and(|a| a != Axis::Vertical));
     assert_eq!(horizontals.count(), 0);
-    assert_eq!(window.lines_in_structure(), 6, "verticals need no company");
+    assert_eq!(window.structural_lines(), 6, "verticals need no company");
 }
 
 #[test]

@@ -2,7 +2,8 @@
 
 use super::feature::Feature;
 use super::landmark::{Landmark, LandmarkStore, Observation};
-use super::linearize::{Linearizer, Problem};
+use super::poses::Poses;
+use super::problem::Problem;
 use super::triangulate::Triangulation;
 use super::{OUTLIER_SIGMAS, TrackMeasurement};
 
@@ -74,7 +75,7 @@ pub(super) fn keep(result: Triangulation, track_id: u32, outliers: &mut Vec<u32>
 /// Removes observations that do not fit, and landmarks that are left with less than two views.
 pub(super) fn remove_outliers<F: Feature>(
     store: &mut LandmarkStore<F>,
-    linearizer: &Linearizer,
+    poses: &Poses,
     problem: &Problem<'_>,
     outliers: &mut Vec<u32>,
 ) {
@@ -87,7 +88,7 @@ pub(super) fn remove_outliers<F: Feature>(
         let mut kept = heapless::Vec::new();
         let mut host_fits = true;
         for o in &landmark.observations {
-            let r = linearizer.residual(problem, landmark, o);
+            let r = poses.residual(problem, landmark, o, None);
             if r.is_some_and(|r| r.norm_squared() < limit) {
                 let _ = kept.push(*o);
             } else if o.frame == landmark.host && o.camera == landmark.host_camera {
@@ -100,3 +101,7 @@ pub(super) fn remove_outliers<F: Feature>(
         host_fits && landmark.observations.len() >= 2
     });
 }
+
+#[cfg(test)]
+#[path = "tracks_tests.rs"]
+mod tests;

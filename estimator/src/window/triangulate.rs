@@ -2,15 +2,23 @@
 
 use super::Options;
 use super::feature::{BodyPose, Feature, View};
+use super::frame::Frame;
 use super::landmark::{Landmark, Observation, PointLandmark};
 use super::reprojection::InversePoint;
-use super::state::{Frame, Mount};
+use super::state::Mount;
 use nalgebra::{Matrix3, Vector3};
 
 /// Where a triangulated landmark must be found again in its observations, in standard deviations.
 const MAX_RESIDUAL_SIGMAS: f64 = 8.0;
 
-/// Why a landmark has no depth.
+/// Smallest forward component of the host's bearing `(x, y, 1)` turned into a view. Below it the bearing lies more
+/// than 84 degrees from the optical axis, where no camera here sees anything, and dividing by it scales up noise.
+const MIN_FORWARD: f64 = 0.1;
+/// A point of negative inverse depth is noise of a far one within this many standard deviations, and beyond them
+/// (less than 1 in 700 by chance) a wrong track.
+const MAX_BEHIND_SIGMAS: f64 = 3.0;
+
+/// What became of an attempt at triangulation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Triangulation {
     /// It has one now.
@@ -26,7 +34,7 @@ pub enum Triangulation {
 pub struct Scene<'a> {
     /// Frames in order of time.
     pub frames: &'a [Frame],
-    /// Mountings of both cameras.
+    /// Extrinsics of both cameras.
     pub mounts: &'a [Mount; 2],
     /// The rig's time offset, s.
     pub time_offset_s: f64,
@@ -86,7 +94,7 @@ pub fn triangulate(
         let (rot, p) = camera_pose(&frames[usize::from(o.frame)], &mounts[usize::from(o.camera)]);
         let a = rot.tr_mul(&(rot_host * bearing));
         let t = rot.tr_mul(&(p_host - p));
-        if a.z < 0.1 {
+        if a.z < MIN_FORWARD {
             continue;
         }
         let z = o.measured.xy;
@@ -104,7 +112,7 @@ pub fn triangulate(
     if !is_wide {
         return Triangulation::Waiting;
     }
-    if !is_start && (rho > options.max_rho || rho < -3.0 * sigma_rho) {
+    if !is_start && (rho > options.max_rho || rho < -MAX_BEHIND_SIGMAS * sigma_rho) {
         return Triangulation::Contradiction;
     }
     landmark.feature = InversePoint { xy, rho: rho.clamp(options.min_rho, options.max_rho) };
@@ -117,7 +125,7 @@ pub fn triangulate(
 pub(super) fn consistent<F: Feature>(landmark: &Landmark<F>, scene: &Scene<'_>) -> bool {
     landmark.observations.iter().all(|o| {
         scene.with_view(landmark, o, |view, step_s| {
-            let r = landmark.feature.residual(view, &o.measured, step_s);
+            let r = landmark.feature.residual(view, &o.measured, step_s, None);
             r.is_some_and(|r| r.norm() < MAX_RESIDUAL_SIGMAS)
         })
     })
@@ -142,3 +150,7 @@ pub fn moved_to<F: Feature>(landmark: &Landmark<F>, heir: usize) -> Option<Landm
     }
     Some(moved)
 }
+
+#[cfg(test)]
+#[path = "triangulate_tests.rs"]
+mod tests;

@@ -1,7 +1,8 @@
 //! A line from the planes of two or more views.
 
 use super::Options;
-use super::feature::{Estimated, Feature};
+use super::factor::Linearization;
+use super::feature::{Estimated, Feature, Jacobians};
 use super::landmark::{LineLandmark, Observation};
 use super::line::{HostedLine, LineMeasurement};
 use super::triangulate::{Scene, Triangulation, camera_pose, consistent};
@@ -19,7 +20,7 @@ const MAX_SLOPE_SIGMA: f64 = 0.3;
 
 /// Finds the line in its host camera: the host's plane meets that of the view at the largest angle, then all
 /// views refine it. It waits while no view has parallax (the baseline along the line, or the line in the
-/// epipolar plane), as told by the standard deviations of distance and slope.
+/// epipolar plane), judged by the standard deviations of distance and slope.
 pub fn triangulate_line(landmark: &mut LineLandmark, scene: &Scene<'_>, options: &Options) -> Triangulation {
     let is_host =
         |o: &&Observation<LineMeasurement>| o.frame == landmark.host && o.camera == landmark.host_camera;
@@ -85,12 +86,14 @@ fn refine(landmark: &mut LineLandmark, scene: &Scene<'_>) -> Option<Matrix4<f64>
     for _ in 0..REFINEMENTS {
         information = Matrix4::zeros();
         let mut gradient = Vector4::zeros();
+        let mut jacobians = Jacobians::zeros();
         for o in &landmark.observations {
-            let (r, j) = scene.with_view(landmark, o, |view, step_s| {
-                let r = landmark.feature.residual(view, &o.measured, step_s)?;
-                Some((r, landmark.feature.jacobians(view, &o.measured)?.landmark))
+            let r = scene.with_view(landmark, o, |view, step_s| {
+                let linearization = Linearization { at: view, jacobians: &mut jacobians };
+                landmark.feature.residual(view, &o.measured, step_s, Some(linearization))
             })?;
-            information += j.tr_mul(&j);
+            let j = &jacobians.landmark;
+            information += j.tr_mul(j);
             gradient += j.tr_mul(&r);
         }
         let step = information.cholesky()?.solve(&-gradient);

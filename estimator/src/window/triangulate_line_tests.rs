@@ -1,4 +1,5 @@
-use super::super::state::{Frame, Mount, NavState, Rig};
+use super::super::frame::Frame;
+use super::super::state::{Mount, NavState, Rig};
 use super::super::test_views::with_view;
 use super::*;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector2};
@@ -23,7 +24,7 @@ fn frame_at(p_o_b: Vector3<f64>) -> Frame {
         in_prior: false,
         is_keyframe: true,
         is_still: false,
-        motion: None,
+        inertial: None,
     }
 }
 
@@ -126,7 +127,7 @@ fn an_edge_seen_from_its_own_line_is_not_compared() {
         weights: [1.0; 2],
     };
     let residual = with_view(&rig(), (&frames[0].nav, &frames[1].nav), (0, 0), |view| {
-        line.residual(view, &measured, 0.0)
+        line.residual(view, &measured, 0.0, None)
     });
     assert!(residual.is_none());
 }

@@ -1,0 +1,82 @@
+//! The window's options in the units of its computations.
+
+use super::state::{RIG_DIM, Rig};
+use crate::inertial::ImuNoise;
+use nalgebra::{SVector, Vector3};
+use plumbline_config::ValidSetup;
+
+/// Depth known to a sixth of itself: within that, the reprojection is nearly linear in the inverse depth, and the
+/// prior's Jacobians may stay at this first estimate.
+const MIN_PARALLAX_SIGMAS: f64 = 6.0;
+/// Inverse depth known to 1/50 m, parallax or not: a point beyond 50 m has no depth, but a bearing as good as any.
+const MAX_SIGMA_RHO: f64 = 0.02;
+/// What the zero-velocity detector may overlook: at 20 Hz and 2 m depth the detector's limit of 0.06 px, for a focal
+/// length of some 460 px, is 0.5 cm/s.
+const STILL_SIGMA_M_S: f64 = 0.01;
+
+/// Options of the window.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Keyframes held.
+    pub keyframes: usize,
+    /// Newest frames held beside the keyframes.
+    pub recent_frames: usize,
+    /// Solver steps a frame.
+    pub max_iterations: usize,
+    /// Smallest share of tracks linked to the window without a new keyframe.
+    pub min_connected_ratio: f64,
+    /// Longest time without a new keyframe, s.
+    pub max_keyframe_interval_s: f64,
+    /// Scale of the Cauchy kernel, in standard deviations.
+    pub cauchy_scale: f64,
+    /// Range of inverse depth for new landmarks, 1/m.
+    pub min_rho: f64,
+    /// See `min_rho`.
+    pub max_rho: f64,
+    /// A landmark is triangulated when its parallax exceeds this many standard deviations ...
+    pub min_parallax_sigmas: f64,
+    /// ... or its inverse depth is known this well, 1/m.
+    pub max_sigma_rho: f64,
+    /// Cameras of the rig.
+    pub cameras: usize,
+    /// Jacobians of frames in the prior stay at their first estimates.
+    pub first_estimates: bool,
+    /// Gravity in the odometry frame, m/s².
+    pub gravity_o: Vector3<f64>,
+    /// Noise of the IMU.
+    pub imu_noise: ImuNoise,
+    /// Standard deviation of the velocity in a zero-velocity update, m/s.
+    pub still_sigma_m_s: f64,
+    /// Prior standard deviations of the rig.
+    pub rig_sigmas: SVector<f64, RIG_DIM>,
+    /// 1 for the rig's parameters that are refined, 0 for those held fixed.
+    pub rig_mask: SVector<f64, RIG_DIM>,
+}
+
+impl Options {
+    /// The options that a configuration asks for.
+    #[must_use]
+    pub fn of(config: &ValidSetup) -> Self {
+        let window = &config.estimator.window;
+        let rig_sigmas = Rig::sigmas(&config.rig, config.camera.len());
+        Self {
+            keyframes: window.keyframes,
+            recent_frames: window.recent_frames,
+            max_iterations: window.max_iterations,
+            min_connected_ratio: window.min_connected_ratio,
+            max_keyframe_interval_s: window.max_keyframe_interval_s,
+            cauchy_scale: window.cauchy_scale,
+            min_rho: 1.0 / window.max_depth_m,
+            max_rho: 1.0 / window.min_depth_m,
+            min_parallax_sigmas: MIN_PARALLAX_SIGMAS,
+            max_sigma_rho: MAX_SIGMA_RHO,
+            cameras: config.camera.len(),
+            first_estimates: config.camera.len() > 1,
+            gravity_o: Vector3::new(0.0, 0.0, -config.imu.gravity_m_s2),
+            imu_noise: ImuNoise::of(&config.imu),
+            still_sigma_m_s: STILL_SIGMA_M_S,
+            rig_sigmas,
+            rig_mask: rig_sigmas.map(|sigma| if sigma > 0.0 { 1.0 } else { 0.0 }),
+        }
+    }
+}

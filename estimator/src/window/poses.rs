@@ -1,0 +1,147 @@
+//! Poses of bodies and cameras as matrices, at the present states and at those of the Jacobians, and what follows
+//! from them for the landmarks.
+
+use super::factor::Linearization;
+use super::feature::{BodyPose, Feature, StructuralJacobians, View};
+use super::frame::Frame;
+use super::landmark::{Landmark, Observation};
+use super::problem::Problem;
+use super::state::{MAX_FRAMES, Mount, Rig};
+use nalgebra::{Matrix3, Vector2, Vector3};
+
+/// Poses and extrinsics of the window, refreshed whenever its states have changed.
+#[derive(Clone, Debug)]
+pub struct Poses {
+    now: Vec<BodyPose>,
+    first: Vec<BodyPose>,
+    mounts: [Mount; 2],
+}
+
+impl Poses {
+    /// Room for any window with this rig.
+    #[must_use]
+    pub fn new(rig: &Rig) -> Self {
+        let body = BodyPose { rot_o_b: Matrix3::identity(), p_o_b: Vector3::zeros() };
+        Self {
+            now: vec![body.clone(); MAX_FRAMES],
+            first: vec![body; MAX_FRAMES],
+            mounts: [Mount::of(rig, 0), Mount::of(rig, 1)],
+        }
+    }
+
+    /// Takes over the states of rig and frames; Jacobians are taken at first estimates or at the present states.
+    pub fn refresh(&mut self, rig: &Rig, frames: &[Frame], first_estimates: bool) {
+        self.mounts = [Mount::of(rig, 0), Mount::of(rig, 1)];
+        for (k, frame) in frames.iter().enumerate() {
+            self.now[k] = BodyPose::of(&frame.nav);
+            self.first[k] = BodyPose::of(frame.jacobian_state(first_estimates));
+        }
+    }
+
+    /// The residual of one observation at the present states, in standard deviations, and on request its
+    /// Jacobians. `None` where the observer cannot see the landmark.
+    #[must_use]
+    #[inline]
+    pub fn residual<F: Feature>(
+        &self,
+        problem: &Problem<'_>,
+        landmark: &Landmark<F>,
+        observation: &Observation<F::Measurement>,
+        jacobians: Option<&mut F::Jacobians>,
+    ) -> Option<Vector2<f64>> {
+        let (frame, camera) = (usize::from(observation.frame), observation.camera);
+        let step_s = problem.rig.time_offset_s - problem.frames[frame].time_offset_s;
+        let now = self.view(&self.now, landmark, frame, camera);
+        let first = self.view(&self.first, landmark, frame, camera);
+        let linearization = jacobians.map(|jacobians| Linearization { at: &first, jacobians });
+        landmark.feature.residual(&now, &observation.measured, step_s, linearization)
+    }
+
+    /// The residual of a landmark against the direction of the Manhattan world along which it lies, and on request
+    /// its Jacobians.
+    #[must_use]
+    #[inline]
+    pub fn structural_residual<F: Feature>(
+        &self,
+        problem: &Problem<'_>,
+        landmark: &Landmark<F>,
+        jacobians: Option<&mut StructuralJacobians<F::Jacobians>>,
+    ) -> Option<Vector2<f64>> {
+        let (host, mount) = (usize::from(landmark.host), &self.mounts[usize::from(landmark.host_camera)]);
+        let linearization = jacobians.map(|jacobians| Linearization { at: &self.first[host], jacobians });
+        landmark.feature.structural_residual(problem.manhattan, &self.now[host], mount, linearization)
+    }
+
+    /// Predicts how fast the observations of frame `index` move through the image, from the frame's velocity and its
+    /// angular rate `rate_b` in the body, rad/s. These image rates are what the time offset is estimated by; taken
+    /// as differences between images, they would carry the noise of the images into it.
+    pub fn predict_rates<F: Feature>(
+        &mut self,
+        rig: &Rig,
+        frames: &[Frame],
+        landmarks: &mut [Landmark<F>],
+        rate_b: &Vector3<f64>,
+        index: usize,
+    ) {
+        self.refresh(rig, frames, false);
+        let v_b = frames[index].nav.rot_o_b.inverse() * frames[index].nav.v_o_b;
+        for landmark in landmarks.iter_mut().filter(|l| l.is_triangulated) {
+            for k in (0..landmark.observations.len()).rev() {
+                let observation = landmark.observations[k];
+                match usize::from(observation.frame) {
+                    frame if frame > index => continue,
+                    frame if frame < index => break,
+                    _ => {}
+                }
+                let view = self.view(&self.now, landmark, index, observation.camera);
+                if let Some(m) = landmark.feature.with_rate(&view, &observation.measured, rate_b, &v_b) {
+                    landmark.observations[k].measured = m;
+                }
+            }
+        }
+    }
+
+    /// Gives the landmarks of frame `from` that the newest frame still sees their earliest other keyframe as host;
+    /// what frame `from` saw of them is forgotten. A landmark without another view keeps its host.
+    pub fn rehost<F: Feature>(
+        &mut self,
+        rig: &Rig,
+        frames: &[Frame],
+        landmarks: &mut [Landmark<F>],
+        from: usize,
+    ) {
+        let newest = frames.len().saturating_sub(1);
+        self.refresh(rig, frames, false);
+        for landmark in landmarks.iter_mut().filter(|l| usize::from(l.host) == from && l.is_triangulated) {
+            let mut views = landmark.observations.iter().filter(|o| usize::from(o.frame) != from);
+            if !views.clone().any(|o| usize::from(o.frame) == newest) {
+                continue;
+            }
+            let Some(heir) = views.find(|o| frames[usize::from(o.frame)].is_keyframe).copied() else {
+                continue;
+            };
+            let view = self.view(&self.now, landmark, usize::from(heir.frame), heir.camera);
+            let Some(feature) = landmark.feature.hosted_by_target(&view) else { continue };
+            landmark.feature = feature;
+            landmark.host = heir.frame;
+            landmark.host_camera = heir.camera;
+            landmark.observations.retain(|o| usize::from(o.frame) != from);
+        }
+    }
+
+    #[inline]
+    fn view<'a, F: Feature>(
+        &'a self,
+        bodies: &'a [BodyPose],
+        landmark: &Landmark<F>,
+        frame: usize,
+        camera: u8,
+    ) -> View<'a> {
+        View {
+            host: &bodies[usize::from(landmark.host)],
+            host_mount: &self.mounts[usize::from(landmark.host_camera)],
+            target: &bodies[frame],
+            target_mount: &self.mounts[usize::from(camera)],
+        }
+    }
+}

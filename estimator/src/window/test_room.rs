@@ -1,0 +1,468 @@
+//! A window over a small room, all kinds of factors at work, and the same problem as one dense system: for the
+//! tests of the solver.
+
+use super::factor::{Linearization, cauchy};
+use super::feature::{BodyPose, Estimated, Jacobians, StructuralJacobians, View};
+use super::inertial_factor::FrameMatrix;
+use super::landmark::Landmark;
+use super::line::LineMeasurement;
+use super::linearize::LANDMARK_REGULARIZATION;
+use super::prior::AnchorSigmas;
+use super::reprojection::PointMeasurement;
+use super::state::{
+    FRAME_DIM, FrameTime, HEADING, Mount, NavState, POSE_DIM, RIG_DIM, Rig, unknown_of_frame,
+};
+use super::{LineTrack, PointTrack, TrackMeasurement, Window};
+use crate::geometry::{exp_so3, log_so3};
+use crate::inertial::Preintegration;
+use nalgebra::{
+    DMatrix, DVector, Isometry3, Matrix2, Matrix3, Rotation3, SVector, UnitQuaternion, Vector2, Vector3,
+};
+use plumbline_config::{Config, Timestamp};
+
+/// Heading of the room's walls in `O`, rad.
+pub const HEADING_RAD: f64 = 0.4;
+/// Time between two frames, s.
+const INTERVAL_S: f64 = 0.3;
+/// Steps of integration between two frames.
+const IMU_STEPS: usize = 60;
+const POINTS: u32 = 24;
+const EDGES: u32 = 22;
+/// Biases that the IMU has, rad/s and m/s².
+const BIAS_GYRO: Vector3<f64> = Vector3::new(0.01, -0.02, 0.015);
+const BIAS_ACCEL: Vector3<f64> = Vector3::new(0.05, 0.02, -0.04);
+
+/// Repeatable numbers in -1..1, of no pattern that a test could depend on.
+pub fn scatter(k: u32) -> f64 {
+    let mixed = k.wrapping_add(0x9e37_79b9).wrapping_mul(0x85eb_ca6b);
+    let mixed = (mixed ^ (mixed >> 15)).wrapping_mul(0xc2b2_ae35);
+    f64::from(mixed ^ (mixed >> 16)) / f64::from(u32::MAX) * 2.0 - 1.0
+}
+
+/// A step of `N` unknowns of size `scale`.
+pub fn scatter_step<const N: usize>(seed: u32, scale: f64) -> SVector<f64, N> {
+    SVector::from_fn(|k, _| scale * scatter(seed.wrapping_mul(1009).wrapping_add(k as u32)))
+}
+
+/// What is in the window.
+#[derive(Clone, Copy)]
+pub struct Room {
+    /// Frames, all of them keyframes.
+    pub frames: usize,
+    /// Whether each camera sees a track in a frame.
+    pub sees: fn(track_id: u32, frame: usize) -> [bool; 2],
+    /// How far the states are from the truth, and the measurements with them, in standard deviations or so.
+    pub disturbance: f64,
+    /// Whether the first pose is known.
+    pub is_anchored: bool,
+}
+
+impl Default for Room {
+    fn default() -> Self {
+        Self { frames: 5, sees: by_and_by, disturbance: 1.0, is_anchored: true }
+    }
+}
+
+/// Every fourth track is seen later than the first frame, every fifth by the right camera alone where it begins,
+/// and some are missed now and then.
+pub fn by_and_by(track_id: u32, frame: usize) -> [bool; 2] {
+    let begins = if track_id % 4 == 3 { 1 + track_id as usize % 2 } else { 0 };
+    let is_missed = frame > begins && (track_id as usize + 3 * frame).is_multiple_of(7);
+    let is_seen = frame >= begins && !is_missed;
+    [is_seen && !(track_id.is_multiple_of(5) && frame == begins), is_seen]
+}
+
+/// Every track is seen by both cameras in every frame.
+pub fn always(_track_id: u32, _frame: usize) -> [bool; 2] {
+    [true; 2]
+}
+
+/// True pose of the body, of a rig whose left camera looks along x of `O`.
+fn pose_o_b(rig: &Rig, t: f64) -> Isometry3<f64> {
+    let look = Rotation3::from_matrix_unchecked(Matrix3::new(0.0, 0.0, 1.0, -1.0, 0.0, 0.0, 0.0, -1.0, 0.0));
+    let level = UnitQuaternion::from_rotation_matrix(&look) * rig.pose_b_c(0).rotation.inverse();
+    let phi = Vector3::new(0.25 * (2.1 * t).sin(), 0.2 * (1.7 * t + 0.5).sin(), 0.3 * (1.3 * t).sin());
+    let p = Vector3::new(0.3 * (2.3 * t).sin(), 0.5 * (1.9 * t + 0.3).sin(), 0.3 * (2.9 * t + 1.0).sin());
+    Isometry3::from_parts(p.into(), level * exp_so3(&phi))
+}
+
+/// True state at `t`.
+pub fn truth(rig: &Rig, t: f64) -> NavState {
+    const H: f64 = 1e-5;
+    let p = |t: f64| pose_o_b(rig, t).translation.vector;
+    NavState {
+        p_o_b: p(t),
+        rot_o_b: pose_o_b(rig, t).rotation,
+        v_o_b: (p(t + H) - p(t - H)) / (2.0 * H),
+        bias_gyro: BIAS_GYRO,
+        bias_accel: BIAS_ACCEL,
+    }
+}
+
+/// The motion from `t` on as the IMU measures it, biased and integrated without biases.
+fn motion(window: &Window, t: f64) -> Preintegration {
+    const H: f64 = 1e-4;
+    let zero = Vector3::zeros();
+    let mut motion = Preintegration::new(&zero, &zero);
+    let dt = INTERVAL_S / IMU_STEPS as f64;
+    let force = |t: f64| {
+        let at = |t: f64| pose_o_b(&window.rig, t);
+        let [before, now, after] = [at(t - H), at(t), at(t + H)].map(|pose| pose.translation.vector);
+        let acceleration = (after - now * 2.0 + before) / (H * H);
+        at(t).rotation.inverse() * (acceleration - window.options.gravity_o) + BIAS_ACCEL
+    };
+    for k in 0..IMU_STEPS {
+        let t = t + dt * k as f64;
+        let turn = pose_o_b(&window.rig, t).rotation.inverse() * pose_o_b(&window.rig, t + dt).rotation;
+        let gyro = log_so3(&turn) / dt + BIAS_GYRO;
+        motion.integrate(dt, &gyro, &force(t), &force(t + dt), &window.options.imu_noise);
+    }
+    motion
+}
+
+/// A point of the room, m in `O`.
+fn point(track_id: u32) -> Vector3<f64> {
+    let s = |k: u32| scatter(31 * track_id + k);
+    Vector3::new(4.0 + 1.5 * s(0), 2.0 * s(1), 1.3 * s(2))
+}
+
+/// Ends of an edge, m in `O`: verticals, edges along and across the heading, and some that lie anyhow.
+fn edge(track_id: u32) -> [Vector3<f64>; 2] {
+    let (sin, cos) = HEADING_RAD.sin_cos();
+    let s = f64::from(track_id % 18) / 3.0;
+    let z = if track_id.is_multiple_of(2) { 1.0 + 0.05 * s } else { -1.0 - 0.05 * s };
+    let at = |z: f64| Vector3::new(3.0 + 0.3 * s, -1.0 + 0.4 * s, z);
+    match track_id % 3 {
+        _ if track_id >= 18 => {
+            let from = at(0.3 * z);
+            [from, from + Vector3::new(0.4, 0.5 - 0.3 * (s - 1.0), 0.7 * z)]
+        }
+        0 => [at(-0.5), at(0.5)],
+        1 => [at(z), at(z) + Vector3::new(cos, sin, 0.0) * 0.8],
+        _ => [at(z), at(z) + Vector3::new(-sin, cos, 0.0) * 0.6],
+    }
+}
+
+/// Where a camera sees a point, in normalized coordinates.
+fn project(pose_o_c: &Isometry3<f64>, p_o: &Vector3<f64>) -> Vector2<f64> {
+    let q = pose_o_c.inverse_transform_point(&(*p_o).into());
+    assert!(q.z > 0.2, "the room lies before the cameras");
+    Vector2::new(q.x / q.z, q.y / q.z)
+}
+
+impl Room {
+    /// The window: frames, landmarks with a depth, structural lines found, image rates predicted.
+    pub fn window(&self) -> Window {
+        let mut window = Window::new(Config::preset("sim").expect("is good").setup());
+        window.clear();
+        for k in 0..self.frames {
+            let t = INTERVAL_S * k as f64;
+            let inertial = (k > 0).then(|| motion(&window, t - INTERVAL_S));
+            let stamp = Timestamp::from_nanos(1_000_000_000).plus_seconds(t);
+            let nav = truth(&window.rig, t);
+            window.push_frame(FrameTime { stamp, time_offset_s: 0.0 }, nav.clone(), inertial, false);
+            let (points, lines) = self.tracks(&window.rig, &nav, k);
+            window.observe(&points, &lines);
+            window.make_keyframe(&points, &lines);
+            if k == 0 && self.is_anchored {
+                let sigmas = AnchorSigmas {
+                    position_m: 1e-3,
+                    yaw_rad: 1e-3,
+                    tilt_rad: 0.1,
+                    velocity_m_s: 1.0,
+                    bias_gyro_rad_s: 0.02,
+                    bias_accel_m_s2: 0.1,
+                };
+                window.anchor_newest(&(Vector3::zeros(), Vector3::zeros()), &sigmas);
+            }
+        }
+        window.triangulate(false);
+        window.manhattan.heading_rad = Some(HEADING_RAD);
+        window.prior.begin_manhattan_heading(HEADING_RAD);
+        window.update_manhattan(&[]);
+        self.disturb(&mut window);
+        window.predict_all_rates();
+        window
+    }
+
+    /// What is seen in frame `k`, with noise.
+    pub fn tracks(&self, rig: &Rig, nav: &NavState, k: usize) -> (Vec<PointTrack>, Vec<LineTrack>) {
+        let poses = [0, 1].map(|camera| nav.pose_o_b() * rig.pose_b_c(camera));
+        let noise =
+            |seed: u32| Vector2::new(scatter(seed), scatter(seed + 77_777)) * (self.disturbance / 1000.0);
+        let seed = |track: u32, camera: usize| 2 * (500 * k as u32 + track) + camera as u32;
+        let point_seen = |id: u32, camera: usize| PointMeasurement {
+            xy: project(&poses[camera], &point(id)) + noise(seed(id, camera)),
+            xy_rate: Vector2::zeros(),
+            weight: Matrix2::new(500.0, 10.0, -20.0, 480.0),
+        };
+        let line_seen = |id: u32, camera: usize| LineMeasurement {
+            ends_xy: edge(id).map(|p| project(&poses[camera], &p) + noise(seed(100 + id, camera))),
+            rates: [0.0; 2],
+            weights: [600.0, 550.0],
+        };
+        let seen_by = |id: u32| (self.sees)(id, k);
+        let points = (0..POINTS).map(|track_id| TrackMeasurement {
+            track_id,
+            measured: [0, 1].map(|c| seen_by(track_id)[c].then(|| point_seen(track_id, c))),
+        });
+        let lines = (0..EDGES).map(|track_id| TrackMeasurement {
+            track_id,
+            measured: [0, 1].map(|c| seen_by(track_id)[c].then(|| line_seen(track_id, c))),
+        });
+        (points.collect(), lines.collect())
+    }
+
+    fn disturb(&self, window: &mut Window) {
+        let scale = 1e-3 * self.disturbance;
+        for (k, frame) in (1..).zip(&mut window.frames) {
+            frame.nav = frame.nav.plus(&scatter_step(k, scale));
+        }
+        let rig_step = scatter_step::<RIG_DIM>(90, scale).component_mul(&window.options.rig_mask);
+        window.rig = window.rig.plus(&rig_step);
+        window.manhattan.turn(scale);
+    }
+}
+
+/// The whole problem of a window with nothing eliminated, from the factors one by one: `H d = -b` over rig, heading,
+/// frames, points and lines in this order.
+pub struct Dense {
+    /// `J'J`.
+    pub h: DMatrix<f64>,
+    /// `J'r`.
+    pub b: DVector<f64>,
+    /// Unknowns of rig, heading and frames; those of the landmarks follow.
+    pub states: usize,
+    /// Place of each point's unknowns.
+    pub points: Vec<usize>,
+    /// Place of each line's unknowns.
+    pub lines: Vec<usize>,
+}
+
+/// Rows of a whitened Jacobian and residual.
+struct Rows {
+    j: Vec<DVector<f64>>,
+    r: Vec<f64>,
+    dim: usize,
+}
+
+impl Rows {
+    fn add(&mut self, r: f64, parts: &[(usize, &[f64])]) {
+        let mut row = DVector::zeros(self.dim);
+        for (at, part) in parts {
+            for (k, value) in part.iter().enumerate() {
+                row[at + k] += value;
+            }
+        }
+        self.j.push(row);
+        self.r.push(r);
+    }
+}
+
+impl Dense {
+    /// The problem of `window`, with the landmarks' own diagonals times `1 + damping`.
+    pub fn of(window: &Window, damping: f64) -> Self {
+        let states = unknown_of_frame(window.frames.len());
+        let used = |is_triangulated: bool, dim: usize| if is_triangulated { dim } else { 0 };
+        let mut next = states;
+        let mut place = |dim: usize| {
+            next += dim;
+            next - dim
+        };
+        let points: Vec<_> = window.points.all().iter().map(|l| place(used(l.is_triangulated, 3))).collect();
+        let lines: Vec<_> = window.lines.all().iter().map(|l| place(used(l.is_triangulated, 4))).collect();
+        let mut rows = Rows { j: Vec::new(), r: Vec::new(), dim: next };
+        for (landmark, at) in window.points.all().iter().zip(&points) {
+            add_landmark(&mut rows, window, landmark, *at);
+        }
+        for (landmark, at) in window.lines.all().iter().zip(&lines) {
+            add_landmark(&mut rows, window, landmark, *at);
+        }
+        add_inertial(&mut rows, window);
+        let j = DMatrix::from_columns(&rows.j).transpose();
+        let r = DVector::from_vec(rows.r);
+        let (mut h, mut b) = (j.tr_mul(&j), j.tr_mul(&r));
+        for k in states..next {
+            h[(k, k)] *= 1.0 + damping;
+        }
+        add_prior(&mut h, &mut b, window);
+        Self { h, b, states, points, lines }
+    }
+
+    /// The system of rig, heading and frames after the landmarks are eliminated.
+    pub fn reduced(&self) -> (DMatrix<f64>, DVector<f64>) {
+        let (n, m) = (self.states, self.h.nrows() - self.states);
+        let mixed = self.h.view((0, n), (n, m));
+        let landmarks = self.h.view((n, n), (m, m)).into_owned().cholesky().expect("is positive definite");
+        let h = self.h.view((0, 0), (n, n)) - mixed * landmarks.solve(&mixed.transpose());
+        let b = self.b.rows(0, n) - mixed * landmarks.solve(&self.b.rows(n, m).into_owned());
+        (h, b)
+    }
+
+    /// The step that solves the whole system, unknowns without information held at zero.
+    pub fn step(&self) -> DVector<f64> {
+        let (h, scale) = equilibrated(&self.h);
+        let scaled = h.cholesky().expect("is positive definite").solve(&self.b.component_mul(&scale));
+        -scaled.component_mul(&scale)
+    }
+}
+
+/// `S H S` with ones on its diagonal, and the diagonal of `S`; unknowns without information get a one.
+pub fn equilibrated(h: &DMatrix<f64>) -> (DMatrix<f64>, DVector<f64>) {
+    let scale = h.diagonal().map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 1.0 });
+    let mut scaled = DMatrix::from_fn(h.nrows(), h.ncols(), |i, k| h[(i, k)] * scale[i] * scale[k]);
+    for k in 0..h.nrows() {
+        if h[(k, k)] == 0.0 {
+            scaled[(k, k)] = 1.0;
+        }
+    }
+    (scaled, scale)
+}
+
+fn add_landmark<F: Estimated<D>, const D: usize>(
+    rows: &mut Rows,
+    window: &Window,
+    landmark: &Landmark<F>,
+    at: usize,
+) {
+    if !landmark.is_triangulated {
+        return;
+    }
+    let mounts = [Mount::of(&window.rig, 0), Mount::of(&window.rig, 1)];
+    let first_estimates = window.options.first_estimates;
+    let host = usize::from(landmark.host);
+    let mut add = |j: &Jacobians<D>, r: &Vector2<f64>, target: usize, heading: Option<&Vector2<f64>>| {
+        let weight = cauchy(r.norm_squared(), window.options.cauchy_scale).1.sqrt();
+        for d in 0..2 {
+            let row = |m: &[f64]| -> Vec<f64> { m.iter().map(|x| x * weight).collect() };
+            let masked = j.rig.row(d).component_mul(&window.options.rig_mask.transpose());
+            let by_rig: Vec<f64> = masked.iter().map(|x| x * weight).collect();
+            let by_host: Vec<f64> = j.host.row(d).iter().map(|x| x * weight).collect();
+            let by_target: Vec<f64> = j.target.row(d).iter().map(|x| x * weight).collect();
+            let by_landmark: Vec<f64> = j.landmark.row(d).iter().map(|x| x * weight).collect();
+            let by_heading = row(&[heading.map_or(0.0, |h| h[d])]);
+            rows.add(
+                r[d] * weight,
+                &[
+                    (0, &by_rig),
+                    (HEADING, &by_heading),
+                    (unknown_of_frame(host), &by_host),
+                    (unknown_of_frame(target), &by_target),
+                    (at, &by_landmark),
+                ],
+            );
+        }
+    };
+    let body = |nav: &NavState| BodyPose::of(nav);
+    let first = |k: usize| body(window.frames[k].jacobian_state(first_estimates));
+    for o in &landmark.observations {
+        let target = usize::from(o.frame);
+        let poses = [body(&window.frames[host].nav), body(&window.frames[target].nav)];
+        let firsts = [first(host), first(target)];
+        let view = |poses: &[BodyPose; 2], use_it: &mut dyn FnMut(&View<'_>)| {
+            use_it(&View {
+                host: &poses[0],
+                host_mount: &mounts[usize::from(landmark.host_camera)],
+                target: &poses[1],
+                target_mount: &mounts[usize::from(o.camera)],
+            });
+        };
+        let step_s = window.rig.time_offset_s - window.frames[target].time_offset_s;
+        let mut j = Jacobians::zeros();
+        let mut r = None;
+        view(&firsts, &mut |at| {
+            let _ = landmark.feature.residual(
+                at,
+                &o.measured,
+                step_s,
+                Some(Linearization { at, jacobians: &mut j }),
+            );
+        });
+        view(&poses, &mut |now| r = landmark.feature.residual(now, &o.measured, step_s, None));
+        add(&j, &r.expect("is seen"), target, None);
+    }
+    let mut j = StructuralJacobians { feature: Jacobians::zeros(), heading: Vector2::zeros() };
+    let request = Linearization { at: &first(host), jacobians: &mut j };
+    let mount = &mounts[usize::from(landmark.host_camera)];
+    let now = body(&window.frames[host].nav);
+    if let Some(r) = landmark.feature.structural_residual(&window.manhattan, &now, mount, Some(request)) {
+        add(&j.feature, &r, host, Some(&j.heading));
+    }
+    for k in 0..D {
+        rows.add(0.0, &[(at + k, &[LANDMARK_REGULARIZATION.sqrt()])]);
+    }
+}
+
+fn add_inertial(rows: &mut Rows, window: &Window) {
+    let first = window.options.first_estimates;
+    for (k, frame) in window.frames.iter().enumerate() {
+        if let Some(factor) = frame.inertial.as_ref().filter(|_| k > 0) {
+            let from = &window.frames[k - 1];
+            let mut jacobians = [FrameMatrix::zeros(); 2];
+            let at = [from.jacobian_state(first), frame.jacobian_state(first)];
+            let request = Linearization { at, jacobians: &mut jacobians };
+            let states = [&from.nav, &frame.nav];
+            let r = factor.residual(states, &window.options.gravity_o, Some(request));
+            let root =
+                factor.information().expect("is known").cholesky().expect("is definite").l().transpose();
+            let [by_from, by_to] = jacobians.map(|j| root * j);
+            let r = root * r;
+            for d in 0..FRAME_DIM {
+                let (from, to): (Vec<f64>, Vec<f64>) =
+                    (by_from.row(d).iter().copied().collect(), by_to.row(d).iter().copied().collect());
+                rows.add(r[d], &[(unknown_of_frame(k - 1), &from), (unknown_of_frame(k), &to)]);
+            }
+        }
+        if frame.is_still {
+            for d in 0..3 {
+                let sigma = window.options.still_sigma_m_s;
+                let at = unknown_of_frame(k) + NavState::V + d;
+                rows.add(frame.nav.v_o_b[d] / sigma, &[(at, &[1.0 / sigma])]);
+            }
+        }
+    }
+}
+
+fn add_prior(h: &mut DMatrix<f64>, b: &mut DVector<f64>, window: &Window) {
+    let prior = &window.prior;
+    let dim = prior.equations.dim();
+    let mut step = DVector::zeros(dim);
+    step.rows_mut(0, RIG_DIM).copy_from(&window.rig.minus(&prior.rig));
+    step[HEADING] = window.manhattan.heading_rad.map_or(0.0, |heading| heading - prior.heading_rad);
+    for (k, frame) in window.frames.iter().take(prior.frames()).enumerate() {
+        step.rows_mut(unknown_of_frame(k), FRAME_DIM).copy_from(&frame.nav.minus(&frame.linearization));
+    }
+    let prior_h = DMatrix::from_fn(dim, dim, |i, k| prior.equations.get(i, k));
+    let prior_b = DVector::from_column_slice(prior.equations.gradient());
+    let moved = &prior_h * step + prior_b;
+    let mut to = h.view_mut((0, 0), (dim, dim));
+    to += prior_h;
+    let mut to = b.rows_mut(0, dim);
+    to += moved;
+}
+
+/// The normal equations of a window as a full matrix and a vector.
+pub fn full(equations: &super::dense::NormalEquations) -> (DMatrix<f64>, DVector<f64>) {
+    let dim = equations.dim();
+    let h = DMatrix::from_fn(dim, dim, |i, k| equations.get(i, k));
+    (h, DVector::from_column_slice(equations.gradient()))
+}
+
+/// The four directions which no measurement can see, as columns: position, and yaw of everything about gravity, at
+/// the states of the Jacobians.
+pub fn gauge(window: &Window) -> DMatrix<f64> {
+    let mut directions = DMatrix::zeros(unknown_of_frame(window.frames.len()), 4);
+    directions[(HEADING, 3)] = 1.0;
+    for (k, frame) in window.frames.iter().enumerate() {
+        let nav = frame.jacobian_state(window.options.first_estimates);
+        let at = unknown_of_frame(k);
+        directions.view_mut((at + NavState::P, 0), (3, 3)).copy_from(&Matrix3::identity());
+        let mut yaw = directions.column_mut(3);
+        let up = Vector3::z();
+        yaw.rows_mut(at + NavState::P, 3).copy_from(&up.cross(&nav.p_o_b));
+        yaw.rows_mut(at + NavState::ROT, 3).copy_from(&(nav.rot_o_b.inverse() * up));
+        yaw.rows_mut(at + NavState::V, 3).copy_from(&up.cross(&nav.v_o_b));
+    }
+    assert_eq!(directions.nrows(), HEADING + 1 + FRAME_DIM * window.frames.len(), "{POSE_DIM} of them poses");
+    directions
+}

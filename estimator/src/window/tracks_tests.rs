@@ -1,0 +1,150 @@
+use super::super::line::HostedLine;
+use super::super::reprojection::{InversePoint, PointMeasurement};
+use super::super::test_room::{Room, always};
+use super::*;
+use nalgebra::{Matrix2, Vector2};
+
+fn seen(x: f64) -> PointMeasurement {
+    PointMeasurement { xy: Vector2::new(x, 0.0), xy_rate: Vector2::zeros(), weight: Matrix2::identity() }
+}
+
+fn track(track_id: u32, measured: [Option<PointMeasurement>; 2]) -> TrackMeasurement<PointMeasurement> {
+    TrackMeasurement { track_id, measured }
+}
+
+fn guess(measured: &PointMeasurement) -> InversePoint {
+    InversePoint { xy: measured.xy, rho: 0.1 }
+}
+
+#[test]
+fn a_new_landmark_is_hosted_by_the_first_camera_that_sees_its_track() {
+    let mut store = LandmarkStore::new(4);
+    let tracks = [
+        track(7, [Some(seen(0.1)), Some(seen(0.2))]),
+        track(3, [None, Some(seen(0.3))]),
+        track(5, [None, None]),
+    ];
+    host(&mut store, 2, &tracks, guess);
+    assert_eq!(store.all().len(), 2, "a track that no camera sees hosts nothing");
+    let of = |id: u32| &store.all()[store.of_track(id).expect("is there")];
+    assert_eq!((of(7).host, of(7).host_camera, of(7).observations.len()), (2, 0, 2));
+    assert_eq!((of(3).host, of(3).host_camera, of(3).observations.len()), (2, 1, 1));
+    assert_eq!(of(3).feature.xy.x, 0.3);
+    assert!(!of(3).is_triangulated);
+}
+
+#[test]
+fn measurements_go_to_the_landmark_of_their_track() {
+    let mut store = LandmarkStore::new(4);
+    host(&mut store, 0, &[track(1, [Some(seen(0.1)), None]), track(2, [Some(seen(0.2)), None])], guess);
+    let next = [track(2, [Some(seen(0.25)), Some(seen(0.15))]), track(9, [Some(seen(0.0)), None])];
+    assert_eq!(link(&mut store, 1, &next), 1, "one of them has a landmark");
+    let landmark = &store.all()[store.of_track(2).expect("is there")];
+    let seen: Vec<(u8, u8)> = landmark.observations.iter().map(|o| (o.frame, o.camera)).collect();
+    assert_eq!(seen, [(0, 0), (1, 0), (1, 1)]);
+}
+
+#[test]
+fn a_track_with_a_landmark_gets_no_second_one() {
+    let mut store = LandmarkStore::new(4);
+    for frame in 0..2 {
+        host(&mut store, frame, &[track(1, [Some(seen(0.1)), None])], guess);
+    }
+    assert_eq!((store.all().len(), store.all()[0].host), (1, 0));
+}
+
+#[test]
+fn a_full_store_refuses_and_counts() {
+    let mut store = LandmarkStore::<InversePoint>::new(2);
+    let tracks: Vec<_> = (0..5).map(|id| track(id, [Some(seen(0.1)), None])).collect();
+    host(&mut store, 0, &tracks, guess);
+    assert_eq!((store.all().len(), store.refused), (2, 3));
+    store.retain(|landmark| landmark.track_id != 0);
+    host(&mut store, 1, &tracks[4..], guess);
+    assert_eq!(store.all().len(), 2);
+    assert!(store.of_track(4).is_some() && store.of_track(0).is_none());
+}
+
+#[test]
+fn a_contradiction_is_told_by_its_track_id() {
+    let mut outliers = Vec::new();
+    assert!(keep(Triangulation::Done, 1, &mut outliers) && keep(Triangulation::Waiting, 2, &mut outliers));
+    assert!(!keep(Triangulation::Contradiction, 3, &mut outliers));
+    assert_eq!(outliers, [3]);
+}
+
+/// A window whose measurements fit, `spoil` applied to the observations of track 4.
+fn spoiled(spoil: impl Fn(&mut Observation<PointMeasurement>)) -> super::super::Window {
+    let mut window = Room { frames: 4, sees: always, disturbance: 0.0, ..Room::default() }.window();
+    let index = window.points.of_track(4).expect("is there");
+    window.points.all_mut()[index].observations.iter_mut().for_each(spoil);
+    let _ = window.linearize(0.0);
+    window.remove_outliers();
+    window
+}
+
+#[test]
+fn what_fits_stays() {
+    let window = spoiled(|_| {});
+    assert!(window.outliers().points.is_empty() && window.outliers().lines.is_empty());
+    assert!(window.points.all().iter().all(|l| l.observations.len() == 8));
+    assert_eq!(window.lines.all().iter().filter(|l| l.feature == HostedLine::UNKNOWN).count(), 0);
+}
+
+#[test]
+fn an_observation_in_the_newest_frame_that_does_not_fit_is_told_of() {
+    let window = spoiled(|o| {
+        if (o.frame, o.camera) == (3, 1) {
+            o.measured.xy.x += 0.05;
+        }
+    });
+    assert_eq!(window.outliers().points, [4]);
+    let landmark = &window.points.all()[window.points.of_track(4).expect("stays")];
+    assert_eq!(landmark.observations.len(), 7);
+}
+
+#[test]
+fn one_in_an_older_frame_is_dropped_in_silence() {
+    let window = spoiled(|o| {
+        if o.frame == 1 {
+            o.measured.xy.y -= 0.05;
+        }
+    });
+    assert!(window.outliers().points.is_empty());
+    let landmark = &window.points.all()[window.points.of_track(4).expect("stays")];
+    assert_eq!(landmark.observations.len(), 6);
+}
+
+#[test]
+fn a_landmark_that_its_own_host_contradicts_goes() {
+    let window = spoiled(|o| {
+        if (o.frame, o.camera) == (0, 0) {
+            o.measured.xy.x += 0.05;
+        }
+    });
+    assert!(window.points.of_track(4).is_none());
+}
+
+#[test]
+fn a_landmark_that_is_left_with_one_view_goes() {
+    let window = spoiled(|o| {
+        if (o.frame, o.camera) != (0, 0) {
+            o.measured.xy.x += 0.05;
+        }
+    });
+    assert!(window.points.of_track(4).is_none());
+    assert_eq!(window.outliers().points, [4, 4], "both cameras tell");
+}
+
+#[test]
+fn an_observation_that_is_no_number_never_fits() {
+    for value in [f64::NAN, f64::INFINITY] {
+        let window = spoiled(|o| {
+            if o.frame == 2 {
+                o.measured.xy.x = value;
+            }
+        });
+        let landmark = &window.points.all()[window.points.of_track(4).expect("stays")];
+        assert_eq!(landmark.observations.len(), 6);
+    }
+}
