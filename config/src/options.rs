@@ -107,13 +107,10 @@ pub struct DriverConfig {
     pub image_queue: usize,
     /// Largest difference of stamps within a stereo pair, s.
     pub pair_tolerance_s: f64,
-    /// Time within which a driver that delivers out of order may put samples right, s. The drivers there are deliver
-    /// in order and do not read it.
-    pub reorder_window_s: f64,
 }
 
 impl Default for DriverConfig {
     fn default() -> Self {
-        Self { image_queue: 4, pair_tolerance_s: 0.002, reorder_window_s: 0.02 }
+        Self { image_queue: 4, pair_tolerance_s: 0.002 }
     }
 }

@@ -138,6 +138,19 @@ mod tests {
     use super::smoke::over_seeds_and_mutations;
 
     #[test]
+    fn fuzz_seeds_of_logs_are_read_to_their_end() {
+        for name in ["plain", "chunks"] {
+            let seed = format!("{}/../fuzz/seeds/mcap_log/{name}.mcap", env!("CARGO_MANIFEST_DIR"));
+            let mut reader = super::LogReader::open(seed.as_ref()).unwrap();
+            let mut channels = Vec::new();
+            while let Some(message) = reader.next_message().unwrap() {
+                channels.push(message.channel);
+            }
+            assert_eq!(channels.len(), 11, "{name}: {channels:?}");
+        }
+    }
+
+    #[test]
     fn fuzz_mcap_log() {
         over_seeds_and_mutations("mcap_log", 300, super::mcap_log);
     }

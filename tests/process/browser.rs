@@ -116,6 +116,57 @@ fn modules_of_the_page_pass_their_own_tests() {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
 }
 
+/// Roll and pitch of the vehicle, not of its IMU, whose x points up: a gentle flight stays near level.
+fn check_attitude(browser: &mut Browser) {
+    for field in ["roll", "pitch"] {
+        let text = browser.text(&format!("[data-field=\"{field}\"]"));
+        let degrees: f64 = text.parse().unwrap_or_else(|_| panic!("{field} is {text:?}"));
+        assert!(degrees.abs() < 25.0, "{field} {degrees}");
+    }
+    assert_eq!(browser.attribute("#horizon", "data-known"), "true");
+}
+
+/// Share of the window that the 3-D view has, pairs of panels and controls that overlap, figures that are cut off, and by
+/// how many pixels the page is too wide.
+const LAYOUT: &str = r#"
+    const view = document.getElementById('view3d').getBoundingClientRect();
+    const boxes = [...document.querySelectorAll('.top > *, .panel, .readouts > div, .tools > *')]
+      .filter((e) => e.checkVisibility()).map((e) => [e, e.getBoundingClientRect()]);
+    const name = (e) => e.id || e.className || e.tagName;
+    const overlaps = [];
+    for (const [i, [a, p]] of boxes.entries()) {
+      for (const [b, q] of boxes.slice(i + 1)) {
+        if (a.contains(b) || b.contains(a)) continue;
+        const width = Math.min(p.right, q.right) - Math.max(p.left, q.left);
+        const height = Math.min(p.bottom, q.bottom) - Math.max(p.top, q.top);
+        if (width > 1 && height > 1) overlaps.push(`${name(a)} ${name(b)}`);
+      }
+    }
+    const cut = [...document.querySelectorAll('.facts dd, .readouts dd, .entry .state')]
+      .filter((e) => e.checkVisibility() && e.scrollWidth > e.clientWidth + 1).map((e) => e.parentElement.textContent);
+    const share = (view.width * view.height) / (innerWidth * innerHeight);
+    return { share, overlaps, cut, excess: document.documentElement.scrollWidth - innerWidth };
+"#;
+
+fn check_layout(browser: &mut Browser) {
+    for (width, height, least_share) in
+        [(1440, 900, 0.55), (1920, 1080, 0.55), (1280, 720, 0.45), (390, 844, 0.0)]
+    {
+        browser.order(&json!({"do": "size", "width": width, "height": height})).unwrap();
+        // The canvas follows with the next picture.
+        std::thread::sleep(Duration::from_millis(500));
+        let layout = browser.order(&json!({"do": "script", "js": LAYOUT})).unwrap();
+        let share = layout["share"].as_f64().unwrap();
+        println!("{width}x{height}: the 3-D view has {:.1} % of the page", 100.0 * share);
+        assert!(share >= least_share, "{width}x{height}: {layout}");
+        for what in ["overlaps", "cut"] {
+            assert_eq!(layout[what], json!([]), "{width}x{height}: {layout}");
+        }
+        assert!(layout["excess"].as_f64().unwrap() <= 0.0, "{width}x{height}: {layout}");
+    }
+    browser.order(&json!({"do": "size", "width": 1440, "height": 900})).unwrap();
+}
+
 /// Bytes that no page would send, at the web socket and beside it.
 #[test]
 fn network_page_survives_noise_at_its_socket() {
@@ -226,6 +277,8 @@ mod realtime {
         let position = browser.text("#position");
         eventually("its position changes", PATIENCE, || browser.text("#position") != position);
         eventually("its camera is seen", PATIENCE, || !browser.attribute("#camera", "data-stamp").is_empty());
+        check_attitude(&mut browser);
+        check_layout(&mut browser);
         browser.screenshot("ground-light.png");
 
         assert_eq!(browser.text("#resets").trim(), "0");

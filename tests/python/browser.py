@@ -2,6 +2,7 @@
 
     {"do": "open", "url": U}    {"do": "text", "css": S}    {"do": "attr", "css": S, "name": N}
     {"do": "click", "css": S}   {"do": "shot", "file": F}   {"do": "errors"}   {"do": "script", "js": J}
+    {"do": "size", "width": W, "height": H}     of the page without the browser's frame, in pixels
 
 The answer is {"value": ...} or {"error": "..."}. Ends with standard input.
 """
@@ -45,6 +46,9 @@ def carry_out(driver, order):
             return find().click()
         case "shot":
             return driver.save_screenshot(order["file"])
+        case "size":
+            metrics = {"width": order["width"], "height": order["height"], "deviceScaleFactor": 1, "mobile": False}
+            return driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
         case "script":
             return driver.execute_script(order["js"])
         case "errors":

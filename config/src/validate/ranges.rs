@@ -89,7 +89,6 @@ const SETUP_ROWS: &[Row<EstimatorSetup>] = &[
 const CONFIG_ROWS: &[Row<Config>] = &[
     ("driver.image_queue",      |c| c.driver.image_queue as f64, 1.0, 64.0, COUNT),
     ("driver.pair_tolerance_s", |c| c.driver.pair_tolerance_s,   0.0, 0.1,  SECONDS),
-    ("driver.reorder_window_s", |c| c.driver.reorder_window_s,   0.0, 1.0,  SECONDS),
 
     ("ros.domain_id",                |c| f64::from(c.ros.domain_id),         0.0, 232.0,  "give the ROS_DOMAIN_ID of the others"),
     ("ros.rate_hz",                  |c| c.ros.rate_hz,                      0.0, 4000.0, "write it in Hz, 0 for every sample"),

@@ -3,7 +3,8 @@
 //! Maps are looked up bilinearly, so shadows have soft edges of about one grid step; the texture carries
 //! all fine detail.
 
-use super::builder::Solid;
+use super::light_map::LightMap;
+use super::solid::Solid;
 use super::world::Surface;
 use nalgebra::Vector3;
 
@@ -34,36 +35,6 @@ pub(super) struct Lighting {
     pub(super) step_m: f64,
     /// The lamps.
     pub(super) lamps: Vec<Lamp>,
-}
-
-/// Brightness (grey levels of a white surface) on a grid over a surface.
-#[derive(Clone, Debug, Default)]
-pub(super) struct LightMap {
-    columns: usize,
-    rows: usize,
-    values: Vec<f32>,
-}
-
-impl LightMap {
-    /// The same brightness everywhere.
-    pub(super) fn uniform(value: f32) -> Self {
-        Self { columns: 2, rows: 2, values: vec![value; 4] }
-    }
-
-    /// Brightness at `(s, t)`, both within 0 to 1.
-    #[inline]
-    pub(super) fn at(&self, s: f32, t: f32) -> f32 {
-        let x = s.clamp(0.0, 1.0) * (self.columns - 1) as f32;
-        let y = t.clamp(0.0, 1.0) * (self.rows - 1) as f32;
-        let (column, row) = ((x as usize).min(self.columns - 2), (y as usize).min(self.rows - 2));
-        let (fx, fy) = (x - column as f32, y - row as f32);
-        let first = row * self.columns + column;
-        let upper = &self.values[first..first + 2];
-        let lower = &self.values[first + self.columns..first + self.columns + 2];
-        let a = upper[0] + (upper[1] - upper[0]) * fx;
-        let b = lower[0] + (lower[1] - lower[0]) * fx;
-        a + (b - a) * fy
-    }
 }
 
 /// Computes the light maps of all surfaces; `casters` throw the shadows.

@@ -1,8 +1,9 @@
 //! The three scenes: a room full of texture, a large hall, and a room of plain painted walls.
 
-use super::builder::{Bounds, Builder, Solid, Wall};
+use super::builder::{Builder, Wall};
 use super::light::{Lamp, Lighting, bake};
 use super::pattern::Material;
+use super::solid::{Bounds, Solid};
 use super::world::{Finish, World};
 use nalgebra::Vector3;
 

@@ -2,7 +2,7 @@
 //!
 //! Frame `W`: z up, metres. A surface is seen from the side its normal points to.
 
-use super::light::LightMap;
+use super::light_map::LightMap;
 use super::pattern::Material;
 use nalgebra::Vector3;
 

@@ -92,7 +92,7 @@ pub fn run(args: &GroundArgs) -> Result<()> {
     let stop = stop_on_signal()?;
     let end = args.duration.map(|s| Instant::now() + Duration::from_secs_f64(s.clamp(0.0, 1e6)));
     let is_over = || {
-        audit::say_refusals();
+        audit::log_refusals();
         diagnosis::report_failures();
         stop.load(Ordering::Relaxed) || end.is_some_and(|end| Instant::now() >= end)
     };

@@ -42,7 +42,7 @@ pub fn run(args: &RouterArgs) -> Result<()> {
     let stop = stop_on_signal()?;
     while !stop.load(Ordering::Relaxed) {
         std::thread::sleep(CHORES_PERIOD);
-        audit::say_refusals();
+        audit::log_refusals();
         diagnosis::report_failures();
     }
     let _ = runtime.block_on(async { session.close().await });

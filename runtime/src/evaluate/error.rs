@@ -1,5 +1,6 @@
 //! Why two trajectories cannot be compared.
 
+use super::Delta;
 use plumbline_drivers::DriverError;
 use thiserror::Error;
 
@@ -68,8 +69,8 @@ pub enum EvaluateError {
     Degenerate,
     /// No two poses are that far apart.
     #[error("no two poses are {0} apart; choose a smaller delta")]
-    NoPairs(super::Delta),
+    NoPairs(Delta),
     /// The distance of relative errors is not a positive number.
     #[error("a delta of {0} makes no sense; it must be above zero")]
-    BadDelta(super::Delta),
+    BadDelta(Delta),
 }

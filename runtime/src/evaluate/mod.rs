@@ -8,6 +8,7 @@
 mod align;
 mod associate;
 mod consistency;
+mod delta;
 mod drift;
 mod error;
 mod relative;
@@ -21,9 +22,10 @@ mod noise;
 pub use align::{AlignmentMode, Similarity, align, aligned};
 pub use associate::{Pairs, associate};
 pub use consistency::{Consistency, consistency, mean_ratio_bounds, nees, pose_error};
+pub use delta::Delta;
 pub use drift::{Drift, completion, coverage, drift, path_length_m, yaw_drift_deg_per_min};
 pub use error::{EvaluateError, Side};
-pub use relative::{Delta, RelativeErrors, relative_errors};
+pub use relative::{RelativeErrors, relative_errors};
 pub use stats::Statistics;
 
 use plumbline_drivers::euroc::read_ground_truth;

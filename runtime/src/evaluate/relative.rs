@@ -4,7 +4,7 @@
 //! `E = (Q_i⁻¹ Q_j)⁻¹ (P_i⁻¹ P_j)` (Sturm et al. 2012, equation 1). Which poses count as `delta` apart is
 //! evo's rule for frames and metres, found on the estimate; seconds are ours, by the same pattern.
 
-use super::{EvaluateError, Pairs, Statistics};
+use super::{Delta, EvaluateError, Pairs, Statistics};
 use plumbline_drivers::StampedPose;
 use serde::Serialize;
 
@@ -12,28 +12,6 @@ use serde::Serialize;
 const RELATIVE_TOLERANCE: f64 = 0.1;
 /// A time span this little short counts as reached, s: stamps of a 20 Hz camera jitter by microseconds.
 const TIME_SLACK_S: f64 = 1e-3;
-
-/// How far apart the poses of a relative error are.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Delta {
-    /// Poses.
-    Frames(usize),
-    /// Metres of path.
-    Metres(f64),
-    /// Seconds.
-    Seconds(f64),
-}
-
-impl std::fmt::Display for Delta {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Frames(n) => write!(f, "{n} frames"),
-            Self::Metres(d) => write!(f, "{d} m"),
-            Self::Seconds(t) => write!(f, "{t} s"),
-        }
-    }
-}
 
 /// Statistics of relative errors.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]

@@ -1,4 +1,4 @@
-//! What arrives on one key: counts, rates, gaps and delays.
+//! Statistics of the messages of one key: counts, rates, gaps and delays.
 
 use hdrhistogram::Histogram;
 use std::time::{Duration, Instant};
@@ -7,21 +7,21 @@ use std::time::{Duration, Instant};
 pub const STALE_AFTER: Duration = Duration::from_millis(500);
 /// Rates are measured over this time.
 const RATE_WINDOW: Duration = Duration::from_secs(1);
-/// Longest delay that is told apart, us: a minute.
+/// Longest delay that the histogram resolves, us: a minute.
 const MAX_DELAY_US: u64 = 60_000_000;
 
-/// Messages that came another way can have been published so long before the newest, ns.
+/// A message that took another route can have been published this much before the newest, ns.
 const LATEST_NS: i64 = 10_000_000_000;
 
-/// Where a message belongs among the others of its key.
+/// Where a message belongs in the sequence of its key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
-    /// Behind them.
+    /// It is the newest.
     Next,
-    /// Before one that has come already, by another way: what it says is old.
+    /// A newer one has arrived already, by another route: its content is old.
     Late,
-    /// Its sender has started anew.
-    Anew,
+    /// The sender has restarted and counts from the beginning.
+    Restarted,
 }
 
 /// Counts the messages of one key.
@@ -63,8 +63,8 @@ struct Window {
 }
 
 impl Channel {
-    /// A message of `bytes` came.
-    pub fn heard(&mut self, sequence: u64, published_ns: i64, bytes: usize, now: Instant) -> Place {
+    /// Counts a message of `bytes` that arrived at `now`.
+    pub fn receive(&mut self, sequence: u64, published_ns: i64, bytes: usize, now: Instant) -> Place {
         self.received += 1;
         self.bytes += bytes as u64;
         let place = self.place(sequence, published_ns);
@@ -88,7 +88,7 @@ impl Channel {
             let came = (received - window.received) as f64;
             self.rate_hz = came / elapsed_s;
             self.bytes_per_s = (bytes - window.bytes) as f64 / elapsed_s;
-            // Who was late is lost no more.
+            // Late messages were counted as lost before they arrived.
             let missing = lost.saturating_sub(window.lost) as f64;
             self.arrived = Some(came / (came + missing).max(1.0));
             self.window = Some(Window { since: now, received, lost, bytes });
@@ -101,13 +101,13 @@ impl Channel {
         if sequence > newest.sequence {
             return Place::Next;
         }
-        // Who starts anew publishes later, unless its clock was set back.
+        // A restarted sender publishes later, unless its clock was set back.
         let overtaken_by_ns = newest.published_ns.saturating_sub(published_ns);
         let is_late = !self.was_away && (0..LATEST_NS).contains(&overtaken_by_ns);
-        if is_late { Place::Late } else { Place::Anew }
+        if is_late { Place::Late } else { Place::Restarted }
     }
 
-    /// The sender was away: what it sent meanwhile does not count as lost.
+    /// The sender was off the network: what it published meanwhile does not count as lost.
     pub fn reappear(&mut self) {
         self.was_away = true;
     }
@@ -118,20 +118,20 @@ impl Channel {
         self.last.map(|last| now.saturating_duration_since(last))
     }
 
-    /// Whether nothing has come for a while.
+    /// Whether the last message is older than [`STALE_AFTER`].
     #[must_use]
     pub fn is_stale(&self, now: Instant) -> bool {
         self.age(now).is_none_or(|age| age > STALE_AFTER)
     }
 
-    /// The rate now: none when nothing comes any more.
+    /// Messages a second at `now`: zero when none has arrived for two seconds.
     #[must_use]
     pub fn rate_hz(&self, now: Instant) -> f64 {
         if self.age(now).is_none_or(|age| age > 2 * RATE_WINDOW) { 0.0 } else { self.rate_hz }
     }
 }
 
-/// Delays from hand-over to reception, by the clocks of both hosts.
+/// Delays from publication to reception, by the clocks of both hosts.
 #[derive(Clone, Debug)]
 pub struct Delays(Histogram<u64>);
 
@@ -143,7 +143,7 @@ impl Default for Delays {
 }
 
 impl Delays {
-    /// Takes a delay; one that clocks make negative counts as none.
+    /// Adds a delay; a negative one, which clocks that differ can give, counts as zero.
     pub fn record(&mut self, delay_ns: i64) {
         let us = u64::try_from(delay_ns / 1_000).unwrap_or(0);
         self.0.saturating_record(us.clamp(1, MAX_DELAY_US));
@@ -164,34 +164,34 @@ mod tests {
     fn gaps_in_the_numbers_are_counted_and_a_restart_is_none() {
         let (mut channel, start) = (Channel::default(), Instant::now());
         for (k, sequence) in [0u64, 1, 4, 5].into_iter().enumerate() {
-            channel.heard(sequence, k as i64, 10, start + Duration::from_millis(5 * k as u64));
+            channel.receive(sequence, k as i64, 10, start + Duration::from_millis(5 * k as u64));
         }
         assert_eq!((channel.received, channel.lost), (4, 2));
         channel.reappear();
-        assert_eq!(channel.heard(1_000, 5, 10, start), Place::Next);
-        assert_eq!(channel.heard(0, 6, 10, start), Place::Anew);
+        assert_eq!(channel.receive(1_000, 5, 10, start), Place::Next);
+        assert_eq!(channel.receive(0, 6, 10, start), Place::Restarted);
         assert_eq!(channel.lost, 2);
     }
 
     #[test]
     fn who_was_overtaken_on_another_way_is_late_and_not_lost() {
         let (mut channel, start) = (Channel::default(), Instant::now());
-        let mut heard = |sequence: u64, published_ns| channel.heard(sequence, published_ns, 10, start);
-        assert_eq!([heard(7, 70), heard(9, 90), heard(8, 80)], [Place::Next, Place::Next, Place::Late]);
-        assert_eq!(heard(10, 100), Place::Next);
+        let mut receive = |sequence: u64, published_ns| channel.receive(sequence, published_ns, 10, start);
+        assert_eq!([receive(7, 70), receive(9, 90), receive(8, 80)], [Place::Next, Place::Next, Place::Late]);
+        assert_eq!(receive(10, 100), Place::Next);
         assert_eq!(channel.lost, 0);
         channel.reappear();
-        assert_eq!(channel.heard(0, 50, 10, start), Place::Anew, "its clock was set back");
+        assert_eq!(channel.receive(0, 50, 10, start), Place::Restarted, "its clock was set back");
     }
 
     #[test]
     fn a_message_that_is_late_by_more_than_a_window_does_no_harm() {
         let (mut channel, start) = (Channel::default(), Instant::now());
         let at = |s: u64| start + Duration::from_secs(s);
-        channel.heard(0, 0, 10, at(0));
-        channel.heard(2, 20, 10, at(2));
+        channel.receive(0, 0, 10, at(0));
+        channel.receive(2, 20, 10, at(2));
         assert_eq!(channel.lost, 1);
-        assert_eq!(channel.heard(1, 10, 10, at(4)), Place::Late);
+        assert_eq!(channel.receive(1, 10, 10, at(4)), Place::Late);
         assert_eq!((channel.lost, channel.arrived), (0, Some(1.0)));
     }
 
@@ -199,7 +199,7 @@ mod tests {
     fn rates_are_those_of_the_last_second_and_end_with_the_data() {
         let (mut channel, start) = (Channel::default(), Instant::now());
         for k in 0..=200u64 {
-            channel.heard(k, k as i64, 100, start + Duration::from_millis(5 * k));
+            channel.receive(k, k as i64, 100, start + Duration::from_millis(5 * k));
         }
         let now = start + Duration::from_secs(1);
         assert!((channel.rate_hz(now) - 200.0).abs() < 1.0);

@@ -1,20 +1,20 @@
-//! The clock of a vehicle against ours: offset and round trip, as NTP estimates them.
+//! Offset of a vehicle's clock against this host's, and round trip, estimated as NTP does.
 
 use std::collections::VecDeque;
 
-/// Exchanges that are kept.
+/// Exchanges that the estimate is made of.
 const KEPT: usize = 16;
 
-/// One question and its answer.
+/// Times of one query and its reply.
 #[derive(Clone, Copy, Debug)]
 pub struct Exchange {
-    /// We asked, by our clock, ns.
+    /// The query was sent, by this host's clock, ns.
     pub asked_ns: i64,
-    /// The vehicle saw the question, by its clock.
+    /// The vehicle received it, by its clock, ns.
     pub received_ns: i64,
-    /// It answered.
+    /// It replied, by its clock, ns.
     pub answered_ns: i64,
-    /// The answer came.
+    /// The reply arrived, by this host's clock, ns.
     pub came_ns: i64,
 }
 
@@ -23,7 +23,7 @@ impl Exchange {
         self.came_ns.saturating_sub(self.asked_ns) - self.answered_ns.saturating_sub(self.received_ns)
     }
 
-    /// Vehicle's clock less ours, if both ways took equally long.
+    /// Vehicle's clock minus this host's, for equal delays in both directions, ns.
     fn offset_ns(&self) -> i64 {
         let there = self.received_ns.saturating_sub(self.asked_ns);
         let back = self.answered_ns.saturating_sub(self.came_ns);
@@ -31,15 +31,15 @@ impl Exchange {
     }
 }
 
-/// The estimate from the last exchanges: the quickest one tells most.
+/// The offset from the last exchanges: the one with the shortest round trip has the smallest error.
 #[derive(Clone, Debug, Default)]
 pub struct ClockEstimate {
     exchanges: VecDeque<Exchange>,
 }
 
 impl ClockEstimate {
-    /// Takes an exchange; one that is impossible is left out.
-    pub fn take(&mut self, exchange: Exchange) {
+    /// Adds an exchange; one whose times contradict each other is ignored.
+    pub fn add(&mut self, exchange: Exchange) {
         if exchange.came_ns < exchange.asked_ns || exchange.round_trip_ns() < 0 {
             return;
         }
@@ -53,7 +53,7 @@ impl ClockEstimate {
         self.exchanges.iter().min_by_key(|exchange| exchange.round_trip_ns())
     }
 
-    /// Vehicle's clock less ours, ns.
+    /// Vehicle's clock minus this host's, ns.
     #[must_use]
     pub fn offset_ns(&self) -> Option<i64> {
         self.best().map(Exchange::offset_ns)
@@ -89,7 +89,7 @@ mod tests {
         for (there, back) in [(900, 100), (50, 50), (100, 5_000)] {
             let received_ns = there + offset;
             let came_ns = there + 10 + back;
-            clock.take(Exchange { asked_ns: 0, received_ns, answered_ns: received_ns + 10, came_ns });
+            clock.add(Exchange { asked_ns: 0, received_ns, answered_ns: received_ns + 10, came_ns });
         }
         assert_eq!(clock.offset_ns(), Some(offset));
         assert_eq!(clock.round_trip_ns(), Some(5_100));
@@ -98,8 +98,8 @@ mod tests {
     #[test]
     fn impossible_exchanges_are_left_out() {
         let mut clock = ClockEstimate::default();
-        clock.take(Exchange { asked_ns: 10, received_ns: 0, answered_ns: 0, came_ns: 5 });
-        clock.take(Exchange { asked_ns: 0, received_ns: 0, answered_ns: i64::MAX, came_ns: 5 });
+        clock.add(Exchange { asked_ns: 10, received_ns: 0, answered_ns: 0, came_ns: 5 });
+        clock.add(Exchange { asked_ns: 0, received_ns: 0, answered_ns: i64::MAX, came_ns: 5 });
         assert!(clock.is_empty());
     }
 }

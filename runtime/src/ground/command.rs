@@ -7,24 +7,24 @@ use std::time::{Duration, Instant};
 use zenoh::Session;
 use zenoh::qos::{CongestionControl, Priority};
 
-/// How long an answer may take: a reset waits for the next frame.
+/// Timeout of a reset, which waits for the next frame.
 const PATIENCE: Duration = Duration::from_secs(4);
-/// A vehicle is looked for this often.
+/// Period of the search for a vehicle.
 const SEARCH_PERIOD: Duration = Duration::from_millis(200);
 /// Longest answer that is shown, bytes.
 const MAX_WORDS: usize = 400;
 
-/// What silence means.
+/// Error text when there is no reply.
 const SILENCE: &str = "no answer: the vehicle is out of reach, or this station may not command it (a viewer's \
                        certificate or name)";
 
-/// How much is forgotten.
+/// How much a reset discards.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ResetWords {
-    /// A new start that keeps the pose.
+    /// Restarts the estimator and keeps the pose.
     Soft,
-    /// A new start at the origin.
+    /// Restarts the estimator at the origin.
     Hard,
 }
 
@@ -37,7 +37,7 @@ impl fmt::Display for ResetWords {
     }
 }
 
-/// Whether a vehicle is on the network; waits a little for it.
+/// Whether a vehicle is on the network; waits up to the timeout for it.
 pub async fn find(session: &Session, vehicle: &str) -> bool {
     let key = format!("{ROOT}/{vehicle}/alive");
     let end = Instant::now() + PATIENCE;
@@ -52,10 +52,10 @@ pub async fn find(session: &Session, vehicle: &str) -> bool {
     false
 }
 
-/// Resets the estimate of a vehicle; what it answered.
+/// Resets the estimate of a vehicle; returns its reply.
 ///
 /// # Errors
-/// In words, when it refused or did not answer.
+/// The reason as text, when it refused or did not reply.
 pub async fn reset(session: &Session, vehicle: &str, kind: ResetWords) -> Result<String, String> {
     let selector = format!("{ROOT}/{vehicle}/command/reset?kind={kind}");
     let question = session
@@ -67,7 +67,7 @@ pub async fn reset(session: &Session, vehicle: &str, kind: ResetWords) -> Result
     let Ok(reply) = replies.recv_async().await else { return Err(SILENCE.into()) };
     match reply.result() {
         Ok(sample) => match read::decode::<proto::ResetDone>(&sample.payload().to_bytes()) {
-            Some(done) => Ok(format!("{}: the counter is {} now", done.words, done.reset_counter)),
+            Some(done) => Ok(format!("{}: reset counter is now {}", done.words, done.reset_counter)),
             None => Err("the vehicle's answer cannot be understood".into()),
         },
         Err(error) => {

@@ -1,14 +1,14 @@
-//! What has been heard of all vehicles, in bounded memory.
+//! Everything received from all vehicles, in bounded memory.
 
 use super::vehicle::{Picture, Vehicle};
 use crate::net::{proto, read};
 use nalgebra::Vector3;
 use serde::Serialize;
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-/// Vehicles that are followed; more are counted, not kept.
+/// Vehicles that are kept; messages of more are refused and counted.
 pub const MAX_VEHICLES: usize = 64;
 /// Longest name of a vehicle, bytes.
 pub const MAX_NAME: usize = 64;
@@ -19,28 +19,28 @@ const MAX_EVENTS: usize = 200;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Severity {
-    /// Good to know.
+    /// Information.
     Info,
-    /// Look.
+    /// Needs attention.
     Warning,
-    /// Act.
+    /// Needs action.
     Error,
 }
 
-/// Something that happened.
+/// An entry of the list of events.
 #[derive(Clone, Debug, Serialize)]
 pub struct FleetEvent {
-    /// To whom; nobody in particular without.
+    /// Vehicle that it concerns; `None` for the station.
     pub vehicle: Option<String>,
-    /// How much it matters.
+    /// Severity.
     pub severity: Severity,
-    /// When, since the station started, s.
+    /// Time since the station started, s.
     pub time_s: f64,
-    /// What.
+    /// Description for people.
     pub text: String,
 }
 
-/// A point of the path that a vehicle remembers.
+/// A position from the trajectory that a vehicle keeps.
 #[derive(Clone, Copy, Debug)]
 pub struct PastPoint {
     /// Measurement time, ns.
@@ -56,15 +56,15 @@ pub struct PastPoint {
 pub struct Fleet {
     /// The vehicles.
     pub vehicles: BTreeMap<String, Vehicle>,
-    /// Messages that could not be understood.
+    /// Messages that could not be decoded.
     pub malformed: u64,
     /// Messages of vehicles beyond the limit, or with impossible names.
     pub refused: u64,
     /// When the station started.
     pub start: Instant,
     events: VecDeque<FleetEvent>,
-    /// Events ever told.
-    pub told: u64,
+    /// Events so far, those no longer kept included.
+    pub event_count: u64,
 }
 
 impl Default for Fleet {
@@ -75,7 +75,7 @@ impl Default for Fleet {
             refused: 0,
             start: Instant::now(),
             events: VecDeque::new(),
-            told: 0,
+            event_count: 0,
         }
     }
 }
@@ -90,7 +90,7 @@ impl Fleet {
         Some(self.vehicles.entry(name.to_owned()).or_default())
     }
 
-    /// A liveliness token appeared or went.
+    /// Applies that the liveliness token of a vehicle appeared or disappeared.
     pub fn alive(&mut self, name: &str, is_alive: bool) {
         let Some(vehicle) = self.vehicle(name) else { return };
         let was_alive = std::mem::replace(&mut vehicle.is_alive, is_alive);
@@ -102,48 +102,48 @@ impl Fleet {
         }
     }
 
-    /// A payload that could not be understood.
+    /// Counts a payload that could not be decoded.
     pub fn malformed(&mut self) {
         self.malformed += 1;
     }
 
-    /// Odometry came, `now_ns` by this host's clock.
+    /// Applies odometry of `bytes`, received at `now_ns` by this host's clock.
     pub fn odom(&mut self, name: &str, message: &proto::Odom, bytes: usize, now: Instant, now_ns: i64) {
-        self.watched(name, now, |vehicle| vehicle.take_odom(message, bytes, now, now_ns));
+        self.update(name, now, |vehicle| vehicle.apply_odom(message, bytes, now, now_ns));
     }
 
-    /// An estimate came.
+    /// Applies an estimate of `bytes`.
     pub fn state(&mut self, name: &str, message: &proto::State, bytes: usize, now: Instant) {
-        self.watched(name, now, |vehicle| vehicle.take_state(message, bytes, now));
+        self.update(name, now, |vehicle| vehicle.apply_state(message, bytes, now));
     }
 
-    /// Health came.
+    /// Applies a health message of `bytes`.
     pub fn health(&mut self, name: &str, message: &proto::Health, bytes: usize, now: Instant) {
-        self.watched(name, now, |vehicle| vehicle.take_health(message, bytes, now));
+        self.update(name, now, |vehicle| vehicle.apply_health(message, bytes, now));
     }
 
-    /// A keyframe came, by itself or as an answer.
+    /// Applies a keyframe, published or queried.
     pub fn keyframe(&mut self, name: &str, message: &proto::Keyframe) {
         if let Some(vehicle) = self.vehicle(name) {
-            vehicle.map.take(message);
+            vehicle.map.insert(message);
         }
     }
 
-    /// A correction of the map came.
+    /// Applies a correction of the map frame.
     pub fn correction(&mut self, name: &str, message: &proto::MapCorrection) {
         if let Some(vehicle) = self.vehicle(name) {
             vehicle.pose_m_o = message.pose_m_o.as_ref().and_then(read::isometry);
         }
     }
 
-    /// What is in the window came.
+    /// Applies the keyframes and landmarks of the window.
     pub fn scene(&mut self, name: &str, message: &proto::Scene) {
         if let Some(vehicle) = self.vehicle(name) {
-            vehicle.map.take_scene(message);
+            vehicle.map.set_scene(message);
         }
     }
 
-    /// A picture came.
+    /// Applies a camera image.
     pub fn picture(&mut self, name: &str, message: proto::Picture) {
         if let Some(vehicle) = self.vehicle(name) {
             let version = vehicle.picture.as_ref().map_or(0, |picture| picture.version) + 1;
@@ -151,7 +151,7 @@ impl Fleet {
         }
     }
 
-    /// What a vehicle remembers of its path came, in order of time. Of use is what was since its last reset.
+    /// Applies the trajectory that a vehicle keeps, in order of time; only points since its last reset are used.
     pub fn past(&mut self, name: &str, past: &[PastPoint]) {
         if let Some(vehicle) = self.vehicle(name) {
             let same = past.iter().filter(|point| point.reset_counter == vehicle.resets);
@@ -160,44 +160,44 @@ impl Fleet {
         }
     }
 
-    /// Lets a vehicle change, and tells what people would want to know of the change.
-    fn watched(&mut self, name: &str, now: Instant, change: impl FnOnce(&mut Vehicle)) {
+    /// Applies `change` to a vehicle, and announces changes of its state, resets and work budget.
+    fn update(&mut self, name: &str, now: Instant, change: impl FnOnce(&mut Vehicle)) {
         let Some(vehicle) = self.vehicle(name) else { return };
         let before = (vehicle.resets, vehicle.rung.clone());
         change(vehicle);
         let after = (vehicle.resets, vehicle.rung.clone());
-        let words = vehicle.state_words;
-        if vehicle.state_news.is_due(words, now) {
-            let severity = match words {
+        let state = vehicle.state_words;
+        if vehicle.state_news.is_due(state, now) {
+            let severity = match state {
                 "tracking" | "initialising" => Severity::Info,
                 "blind" => Severity::Warning,
                 _ => Severity::Error,
             };
-            self.announce(Some(name), severity, words.to_owned());
+            self.announce(Some(name), severity, state.to_owned());
         }
         if before.0 != after.0 {
-            self.announce(Some(name), Severity::Warning, format!("reset: the counter is {} now", after.0));
+            self.announce(Some(name), Severity::Warning, format!("reset: reset counter is now {}", after.0));
         }
         if let (Some(old), Some(new)) = (before.1, after.1)
             && old != new
         {
-            self.announce(Some(name), Severity::Warning, format!("works with: {new}"));
+            self.announce(Some(name), Severity::Warning, format!("work budget: {new}"));
         }
     }
 
-    /// Tells an event.
+    /// Adds an event.
     pub fn announce(&mut self, vehicle: Option<&str>, severity: Severity, text: String) {
         if self.events.len() == MAX_EVENTS {
             self.events.pop_front();
         }
         let time_s = self.start.elapsed().as_secs_f64();
         self.events.push_back(FleetEvent { vehicle: vehicle.map(str::to_owned), severity, time_s, text });
-        self.told += 1;
+        self.event_count += 1;
     }
 
     /// Events from number `from` on.
     pub fn events_since(&self, from: u64) -> impl Iterator<Item = &FleetEvent> {
-        let first = self.told - self.events.len() as u64;
+        let first = self.event_count - self.events.len() as u64;
         let skip = usize::try_from(from.saturating_sub(first)).unwrap_or(usize::MAX);
         self.events.iter().skip(skip)
     }
@@ -207,6 +207,11 @@ impl Fleet {
     pub fn lines(&self, now: Instant) -> Vec<String> {
         self.vehicles.iter().map(|(name, vehicle)| vehicle.line(name, now)).collect()
     }
+}
+
+/// Locks the fleet, also after a thread has panicked while holding it.
+pub fn lock(fleet: &Mutex<Fleet>) -> MutexGuard<'_, Fleet> {
+    fleet.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]
@@ -321,7 +326,7 @@ mod tests {
         let (mut fleet, now) = (Fleet::default(), Instant::now());
         fleet.alive("a", true);
         let ahead_ns = 3_600_000_000_000;
-        fleet.vehicles.get_mut("a").unwrap().clock.take(super::super::clock::Exchange {
+        fleet.vehicles.get_mut("a").unwrap().clock.add(super::super::clock::Exchange {
             asked_ns: 0,
             received_ns: ahead_ns + 100,
             answered_ns: ahead_ns + 100,

@@ -2,8 +2,9 @@
 
 use super::clock::Exchange;
 use super::export::{Format, export};
+use super::fleet::lock;
 use super::fleet::{Fleet, PastPoint};
-use super::listen::{lock, take_numbered};
+use super::listen::apply_numbered;
 use super::recover::points;
 use super::web::{api, guard, socket};
 use crate::net::{proto, read, security};
@@ -17,6 +18,11 @@ use std::time::Instant;
 /// # Panics
 /// When a message is neither taken nor counted, or what a page is told is no JSON.
 pub fn network_messages(data: &[u8]) {
+    show(&lock(&heard(data)));
+}
+
+/// What a station knows after these messages.
+fn heard(data: &[u8]) -> Mutex<Fleet> {
     let fleet = Mutex::new(Fleet::default());
     let mut rest = data;
     while let Some(([topic, low, high], after)) = rest.split_first_chunk() {
@@ -25,7 +31,7 @@ pub fn network_messages(data: &[u8]) {
         take(&fleet, *topic, payload);
         rest = next;
     }
-    show(&lock(&fleet));
+    fleet
 }
 
 /// A message of a topic, or the answer to a question.
@@ -36,7 +42,7 @@ fn take(fleet: &Mutex<Fleet>, topic: u8, payload: &[u8]) {
             let mut fleet = lock(fleet);
             let Some(vehicle) = fleet.vehicles.get_mut("drone") else { return };
             let (received_ns, answered_ns) = (clock.received_ns, clock.answered_ns);
-            vehicle.clock.take(Exchange { asked_ns: 0, received_ns, answered_ns, came_ns: 1_000_000 });
+            vehicle.clock.add(Exchange { asked_ns: 0, received_ns, answered_ns, came_ns: 1_000_000 });
         }
         b't' => {
             let Some(trajectory) = read::decode::<proto::Trajectory>(payload) else { return };
@@ -47,7 +53,7 @@ fn take(fleet: &Mutex<Fleet>, topic: u8, payload: &[u8]) {
         b'r' => drop(read::decode::<proto::ResetDone>(payload)),
         topic => {
             let count = |fleet: &Fleet| fleet.malformed + fleet.vehicles.len() as u64;
-            take_numbered(fleet, topic, payload);
+            apply_numbered(fleet, topic, payload);
             assert!(count(&lock(fleet)) >= 1);
         }
     }
@@ -98,5 +104,22 @@ pub fn peer_endpoint(data: &[u8]) {
         let host = host.trim_start_matches('[').trim_end_matches(']');
         let ip = host.parse::<std::net::IpAddr>();
         assert!(host == "localhost" || ip.is_ok_and(|ip| ip.is_loopback()), "{text:?}");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fuzz_seeds_of_the_network_are_understood() {
+        let seed = include_bytes!("../../../fuzz/seeds/network_messages/all");
+        let fleet = heard(seed);
+        let fleet = lock(&fleet);
+        let vehicle = &fleet.vehicles["drone"];
+        assert_eq!((fleet.malformed, vehicle.map.len()), (0, 1));
+        assert!(
+            vehicle.picture.is_some() && vehicle.clock.round_trip_ns().is_some() && !vehicle.track.is_empty()
+        );
     }
 }

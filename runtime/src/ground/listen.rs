@@ -1,21 +1,16 @@
-//! Fills the fleet from the network.
+//! Subscribes to the keys of vehicles and applies their messages to the fleet.
 
-use super::fleet::Fleet;
+use super::fleet::{Fleet, lock};
 use super::recover;
 use crate::net::{Endpoints, NetError, ROOT, now_ns, proto, read, wire};
 use std::io::Write;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Instant;
 use zenoh::Session;
 use zenoh::sample::{Sample, SampleKind};
 
-/// The fleet, whatever became of the last who held it.
-pub fn lock(fleet: &Mutex<Fleet>) -> MutexGuard<'_, Fleet> {
-    fleet.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-/// Subscribes to the keys of `endpoints.vehicle` (`*` for all), and asks for what was missed; with
-/// `print_states` every state is printed as a line of JSON. The camera is another matter ([`watch_camera`]).
+/// Subscribes to the keys of `endpoints.vehicle` (`*` for all), and queries what was missed; with
+/// `print_states` every state is printed as a line of JSON. The camera has a subscription of its own ([`watch_camera`]).
 ///
 /// # Errors
 /// When the session cannot be opened.
@@ -32,7 +27,7 @@ pub async fn listen(
         let fleet = Arc::clone(fleet);
         session
             .declare_subscriber(&key)
-            .callback(move |sample| heard(&fleet, topic, &sample, print_states))
+            .callback(move |sample| receive(&fleet, topic, &sample, print_states))
             .background()
             .await
             .map_err(|error| NetError::Declare { key: key.clone(), message: error.to_string() })?;
@@ -55,7 +50,7 @@ pub async fn listen(
     Ok(session)
 }
 
-/// A subscription to the pictures of a vehicle; it ends with what is returned.
+/// Subscribes to the camera images of a vehicle, until the returned subscriber is dropped.
 ///
 /// # Errors
 /// When the key cannot be declared.
@@ -68,12 +63,12 @@ pub async fn watch_camera(
     let fleet = Arc::clone(fleet);
     session
         .declare_subscriber(&key)
-        .callback(move |sample| heard(&fleet, Topic::Camera, &sample, false))
+        .callback(move |sample| receive(&fleet, Topic::Camera, &sample, false))
         .await
         .map_err(|error| NetError::Declare { key: key.clone(), message: error.to_string() })
 }
 
-/// What vehicles publish.
+/// Keys that vehicles publish.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Topic {
     Odom,
@@ -104,23 +99,30 @@ fn vehicle_of(key: &str) -> Option<&str> {
     key.strip_prefix(ROOT)?.strip_prefix('/')?.split('/').next().filter(|name| !name.is_empty())
 }
 
-fn heard(fleet: &Mutex<Fleet>, topic: Topic, sample: &Sample, print_states: bool) {
-    let came_ns = now_ns();
+fn receive(fleet: &Mutex<Fleet>, topic: Topic, sample: &Sample, print_states: bool) {
+    let received_ns = now_ns();
     let Some(vehicle) = vehicle_of(sample.key_expr().as_str()) else { return };
-    // Zenoh may hold a payload in pieces; too long a one is refused before it is copied.
+    // Zenoh may hold a payload in fragments; one that is too long is refused before it is copied.
     if sample.payload().len() > read::MAX_MESSAGE_BYTES {
         lock(fleet).malformed();
         return;
     }
-    take(fleet, topic, vehicle, &sample.payload().to_bytes(), came_ns, print_states);
+    apply(fleet, topic, vehicle, &sample.payload().to_bytes(), received_ns, print_states);
 }
 
-/// Takes a payload of a vehicle that came at `came_ns` by our clock; what cannot be understood is counted.
-fn take(fleet: &Mutex<Fleet>, topic: Topic, vehicle: &str, bytes: &[u8], came_ns: i64, print_states: bool) {
+/// Applies a payload of a vehicle, received at `received_ns` by this host's clock; what cannot be decoded is counted.
+fn apply(
+    fleet: &Mutex<Fleet>,
+    topic: Topic,
+    vehicle: &str,
+    bytes: &[u8],
+    received_ns: i64,
+    print_states: bool,
+) {
     let (now, size) = (Instant::now(), bytes.len());
-    let is_understood = match topic {
+    let is_decoded = match topic {
         Topic::Odom => read::decode::<proto::Odom>(bytes)
-            .map(|message| lock(fleet).odom(vehicle, &message, size, now, came_ns)),
+            .map(|message| lock(fleet).odom(vehicle, &message, size, now, received_ns)),
         Topic::State => read::decode::<proto::State>(bytes).map(|message| {
             lock(fleet).state(vehicle, &message, size, now);
             if print_states {
@@ -141,7 +143,7 @@ fn take(fleet: &Mutex<Fleet>, topic: Topic, vehicle: &str, bytes: &[u8], came_ns
             read::decode::<proto::Picture>(bytes).map(|message| lock(fleet).picture(vehicle, message))
         }
     };
-    if is_understood.is_none() {
+    if is_decoded.is_none() {
         lock(fleet).malformed();
     }
 }
@@ -161,7 +163,7 @@ fn print_state(vehicle: &str, message: &proto::State) {
         "reset_counter": header.reset_counter,
         "quality": header.quality,
     });
-    // A reader that has gone away is no error of ours.
+    // A reader of the pipe that has closed it is not an error.
     let _ = writeln!(std::io::stdout().lock(), "{line}");
 }
 
@@ -178,8 +180,8 @@ const TOPICS: [Topic; 7] = [
 
 /// Takes `bytes` as a message of a vehicle on the topic of this number, counted round.
 #[cfg(any(test, feature = "fuzzing"))]
-pub fn take_numbered(fleet: &Mutex<Fleet>, topic: u8, bytes: &[u8]) {
-    take(fleet, TOPICS[usize::from(topic) % TOPICS.len()], "drone", bytes, 0, false);
+pub fn apply_numbered(fleet: &Mutex<Fleet>, topic: u8, bytes: &[u8]) {
+    apply(fleet, TOPICS[usize::from(topic) % TOPICS.len()], "drone", bytes, 0, false);
 }
 
 #[cfg(test)]
@@ -200,7 +202,7 @@ mod tests {
             bytes in prop::collection::vec(any::<u8>(), 0..400), topic in 0usize..7
         ) {
             let fleet = Mutex::new(Fleet::default());
-            take(&fleet, TOPICS[topic], "drone", &bytes, 0, false);
+            apply(&fleet, TOPICS[topic], "drone", &bytes, 0, false);
             let fleet = lock(&fleet);
             prop_assert_eq!(fleet.vehicles.len() as u64 + fleet.malformed, 1);
         }

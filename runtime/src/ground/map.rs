@@ -1,4 +1,4 @@
-//! The map of a vehicle as far as it was received: keyframes with their landmarks, in bounded memory.
+//! The map received from a vehicle: keyframes with their landmarks, in bounded memory.
 
 use crate::net::{proto, read};
 use nalgebra::Isometry3;
@@ -7,10 +7,10 @@ use std::ops::Range;
 
 /// Keyframes that are kept.
 pub const MAX_KEYFRAMES: usize = 5_000;
-/// Numbers of their landmarks that are kept.
+/// Coordinates of landmarks that are kept.
 const MAX_NUMBERS: usize = 400_000;
 
-/// A keyframe as it was received.
+/// A keyframe with the landmarks that it hosts.
 #[derive(Clone, Debug)]
 pub struct MapKeyframe {
     /// Pose of the body in the odometry frame.
@@ -21,7 +21,7 @@ pub struct MapKeyframe {
     pub lines_o: Vec<f32>,
 }
 
-/// What is in the window of the vehicle now.
+/// Keyframes and landmarks in the vehicle's window now.
 #[derive(Clone, Debug, Default)]
 pub struct Scene {
     /// Keyframes.
@@ -30,29 +30,29 @@ pub struct Scene {
     pub points_o: Vec<f32>,
     /// Lines, both ends, in O.
     pub lines_o: Vec<f32>,
-    /// Counts scenes: a change is news.
+    /// Counts updates.
     pub version: u64,
 }
 
-/// Keyframes by their numbers, and in the order of their arrival.
+/// Keyframes by sequence number, and in the order of arrival.
 #[derive(Clone, Debug, Default)]
 pub struct Map {
     keyframes: BTreeMap<u64, MapKeyframe>,
     arrivals: VecDeque<u64>,
     numbers: usize,
-    /// Keyframes that ever arrived in this epoch.
+    /// Keyframes received in this epoch.
     pub arrived: u64,
-    /// Keyframes that the vehicle says there are.
+    /// Keyframes that the vehicle has, as it reports.
     pub announced: u64,
-    /// Changes when the map begins anew.
+    /// Counts how often the map was cleared.
     pub epoch: u64,
-    /// What is in the window now.
+    /// The window now.
     pub scene: Scene,
 }
 
 impl Map {
-    /// Takes a keyframe; one that is known already is left alone.
-    pub fn take(&mut self, message: &proto::Keyframe) {
+    /// Adds a keyframe; one that is known already is ignored.
+    pub fn insert(&mut self, message: &proto::Keyframe) {
         let Some(sequence) = message.header.as_ref().map(|header| header.sequence) else { return };
         let Some(pose_o_b) = message.pose.as_ref().and_then(read::isometry) else { return };
         self.announced = self.announced.max(sequence.saturating_add(1));
@@ -72,8 +72,8 @@ impl Map {
         }
     }
 
-    /// Takes what is in the window.
-    pub fn take_scene(&mut self, message: &proto::Scene) {
+    /// Replaces the window.
+    pub fn set_scene(&mut self, message: &proto::Scene) {
         self.scene = Scene {
             keyframes: message.keyframes.iter().filter_map(read::isometry).collect(),
             points_o: message.points_o.clone(),
@@ -82,14 +82,14 @@ impl Map {
         };
     }
 
-    /// Begins anew.
+    /// Discards all keyframes.
     pub fn clear(&mut self) {
         let version = self.scene.version + 1;
         *self =
             Self { epoch: self.epoch + 1, scene: Scene { version, ..Scene::default() }, ..Self::default() };
     }
 
-    /// Keyframes that are here.
+    /// Keyframes kept.
     #[must_use]
     pub fn len(&self) -> usize {
         self.keyframes.len()
@@ -101,12 +101,11 @@ impl Map {
         self.keyframes.is_empty()
     }
 
-    /// The newest gap of at most `limit` keyframes that were announced and have not come, if there is one
-    /// within what is kept.
+    /// The newest gap of at most `limit` keyframes that were announced and not received, among those that are kept.
     #[must_use]
     pub fn missing(&self, limit: u64) -> Option<Range<u64>> {
         let oldest = self.announced.saturating_sub(MAX_KEYFRAMES as u64);
-        // What was forgotten for want of room is not asked for again.
+        // Keyframes discarded for lack of memory are not queried again.
         let oldest = if self.arrived > self.keyframes.len() as u64 {
             self.keyframes.keys().next().copied().unwrap_or(oldest).max(oldest)
         } else {
@@ -158,11 +157,11 @@ mod tests {
         let mut map = Map::default();
         assert_eq!(map.missing(64), None);
         for sequence in [0, 1, 4, 5, 9] {
-            map.take(&keyframe(sequence, 1));
+            map.insert(&keyframe(sequence, 1));
         }
         assert_eq!(map.missing(64), Some(6..9));
         assert_eq!(map.missing(2), Some(7..9));
-        (6..9).for_each(|sequence| map.take(&keyframe(sequence, 1)));
+        (6..9).for_each(|sequence| map.insert(&keyframe(sequence, 1)));
         assert_eq!(map.missing(64), Some(2..4));
         map.announced = 12;
         assert_eq!(map.missing(64), Some(10..12));
@@ -171,7 +170,7 @@ mod tests {
     #[test]
     fn late_keyframes_are_told_in_the_order_of_their_arrival() {
         let mut map = Map::default();
-        [0, 3, 1, 1].into_iter().for_each(|sequence| map.take(&keyframe(sequence, 1)));
+        [0, 3, 1, 1].into_iter().for_each(|sequence| map.insert(&keyframe(sequence, 1)));
         let (next, some) = map.since(0, 2);
         assert_eq!((next, some.iter().map(|(s, _)| *s).collect::<Vec<_>>()), (2, vec![0, 3]));
         assert_eq!(map.since(next, 10).1.len(), 1);
@@ -181,7 +180,7 @@ mod tests {
     #[test]
     fn memory_is_bounded_and_what_was_forgotten_is_not_asked_for_again() {
         let mut map = Map::default();
-        (0..2_000).for_each(|sequence| map.take(&keyframe(sequence, 100)));
+        (0..2_000).for_each(|sequence| map.insert(&keyframe(sequence, 100)));
         assert!(map.len() <= MAX_NUMBERS / 300);
         assert_eq!(map.missing(64), None);
     }

@@ -1,6 +1,6 @@
 //! A ground station: watches vehicles from afar, in the browser and in the terminal.
 //!
-//! [`listen`] fills the [`fleet`] from the network, [`recover`] asks for what did not come; [`web`] and [`view`] show
+//! [`listen`] fills the [`fleet`] from the network, [`recover`] queries what was missed; [`web`] and [`view`] show
 //! it. Memory is bounded: vehicles, paths, maps, events.
 
 pub mod attitude;
@@ -23,7 +23,7 @@ pub mod vehicle;
 pub mod view;
 pub mod web;
 
-pub use listen::lock;
+pub use fleet::lock;
 
 use fleet::Fleet;
 use std::io::{self, Write};

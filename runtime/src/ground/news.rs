@@ -1,43 +1,43 @@
-//! When a change of state is worth telling: at once where it is for the worse, else when it has lasted.
+//! When a change of a vehicle's state becomes an event: at once when it gets worse, after a second when it recovers.
 
 use std::time::{Duration, Instant};
 
-/// The state before a vehicle has said any, and while it has no pose yet.
+/// The state before any message, and before the first pose.
 const UNKNOWN: &str = "unknown";
 const BEGINNING: &str = "initialising";
-/// The state when all is well.
+/// The state with a valid estimate.
 const WELL: &str = "tracking";
-/// Being well again is told when it has lasted so long: a state that flickers is told once.
+/// A recovery is reported after this time, so that a state that flickers is reported once.
 const LASTING: Duration = Duration::from_secs(1);
 
-/// What was told of a vehicle's state.
+/// The state of a vehicle that was reported last.
 #[derive(Clone, Debug)]
 pub struct StateNews {
-    told: &'static str,
-    /// Well since then, which is still to be told.
+    reported: &'static str,
+    /// Tracking again since then, not yet reported.
     well_since: Option<Instant>,
 }
 
 impl Default for StateNews {
     fn default() -> Self {
-        Self { told: UNKNOWN, well_since: None }
+        Self { reported: UNKNOWN, well_since: None }
     }
 }
 
 impl StateNews {
-    /// Whether `words`, the state at `now`, are to be told; they then count as told.
-    pub fn is_due(&mut self, words: &'static str, now: Instant) -> bool {
-        if words == self.told {
+    /// Whether `state`, valid at `now`, becomes an event; it then counts as reported.
+    pub fn is_due(&mut self, state: &'static str, now: Instant) -> bool {
+        if state == self.reported {
             self.well_since = None;
             return false;
         }
-        if words == WELL && ![UNKNOWN, BEGINNING].contains(&self.told) {
+        if state == WELL && ![UNKNOWN, BEGINNING].contains(&self.reported) {
             let since = *self.well_since.get_or_insert(now);
             if now.saturating_duration_since(since) < LASTING {
                 return false;
             }
         }
-        *self = Self { told: words, well_since: None };
+        *self = Self { reported: state, well_since: None };
         true
     }
 }

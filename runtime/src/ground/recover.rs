@@ -1,9 +1,8 @@
-//! Asks vehicles for what did not come by itself: their clock, the path while nothing was heard, keyframes that
-//! were lost on the way. One question at a time for each vehicle, each with a time limit, at low priority.
+//! Queries what subscriptions do not bring: a vehicle's clock, its path before and during interruptions, keyframes lost on
+//! the link. One query at a time for each vehicle, each with a timeout, at low priority.
 
 use super::clock::Exchange;
-use super::fleet::{Fleet, PastPoint};
-use super::listen::lock;
+use super::fleet::{Fleet, PastPoint, lock};
 use crate::net::answers::MAX_KEYFRAMES_PER_QUESTION;
 use crate::net::{ROOT, now_ns, proto, read};
 use nalgebra::Vector3;
@@ -74,7 +73,7 @@ async fn ask_clock(session: &Session, fleet: &Mutex<Fleet>, name: &str) {
     let came_ns = now_ns();
     if let (Some(clock), Some(vehicle)) = (answers.first(), lock(fleet).vehicles.get_mut(name)) {
         let (received_ns, answered_ns) = (clock.received_ns, clock.answered_ns);
-        vehicle.clock.take(Exchange { asked_ns, received_ns, answered_ns, came_ns });
+        vehicle.clock.add(Exchange { asked_ns, received_ns, answered_ns, came_ns });
     }
 }
 
@@ -85,7 +84,7 @@ async fn ask_keyframes(session: &Session, fleet: &Mutex<Fleet>, name: &str, miss
     }
 }
 
-/// Asks for the path so far; returns whether an answer came.
+/// Queries the path so far; returns whether a reply arrived.
 async fn ask_past(session: &Session, fleet: &Mutex<Fleet>, name: &str) -> bool {
     let selector = format!("{ROOT}/{name}/trajectory/**?step_ms={PAST_STEP_MS}");
     let answers = get::<proto::Trajectory>(session, fleet, &selector, Priority::DataLow).await;
@@ -104,7 +103,7 @@ pub(super) fn points(answer: &proto::Trajectory) -> impl Iterator<Item = PastPoi
     })
 }
 
-/// Answers to a question; those that cannot be understood are counted.
+/// Replies to a query; those that cannot be decoded are counted.
 async fn get<M: prost::Message + Default + read::Checked>(
     session: &Session,
     fleet: &Mutex<Fleet>,

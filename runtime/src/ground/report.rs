@@ -1,4 +1,4 @@
-//! What a station received, lost and waited for, as a file: for link tests and for the record.
+//! The report of a station: messages received and lost, gaps and delays, as JSON.
 
 use super::channel::Channel;
 use super::fleet::Fleet;

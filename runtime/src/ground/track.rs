@@ -12,6 +12,8 @@ const MIN_STEP_S: f64 = 0.2;
 const MIN_STEP_M: f64 = 0.02;
 /// Points of the past are this far in time from those that are here.
 const FILL_STEP_S: f64 = 0.5;
+/// A pose that is older than the newest point by less than this is late; by more, the clock was set back, s.
+const LATE_S: f64 = 10.0;
 /// A pose that jumps further than this after a reset begins a new path, m.
 const JUMP_M: f64 = 0.5;
 
@@ -30,19 +32,19 @@ pub struct PoseSample {
     pub reset_counter: u32,
 }
 
-/// The path since the vehicle appeared, thinned out for display.
+/// The path since the vehicle appeared, thinned for display.
 #[derive(Clone, Debug, Default)]
 pub struct Track {
     points: VecDeque<[f64; 4]>,
-    /// Points ever added in this epoch; the newest has this number less one.
+    /// Points added in this epoch; the newest has this number minus one.
     pub total: u64,
-    /// Changes when the path begins anew.
+    /// Counts how often the path was cleared.
     pub epoch: u64,
     start_ns: Option<i64>,
 }
 
 impl Track {
-    /// Takes a pose; it becomes a point when it is far enough from the last.
+    /// Adds a position as a point when it is far enough from the last, in time or space.
     pub fn push(&mut self, stamp_ns: i64, p: &Vector3<f64>) {
         let start_ns = *self.start_ns.get_or_insert(stamp_ns);
         let t_s = stamp_ns.saturating_sub(start_ns) as f64 * 1e-9;
@@ -52,6 +54,10 @@ impl Track {
                 return;
             }
             if t_s < *last_s {
+                // Estimates and odometry come by different keys: after a silence an older one may be the first to come.
+                if last_s - t_s < LATE_S {
+                    return;
+                }
                 self.clear();
                 return self.push(stamp_ns, p);
             }
@@ -63,7 +69,7 @@ impl Track {
         self.total += 1;
     }
 
-    /// Puts points of the past, in order of time, where this path has none: before it, and where a link was down.
+    /// Inserts points of the past, in order of time, where the path has none: before it, and in interruptions of the link.
     pub fn fill(&mut self, past: &[(i64, Vector3<f64>)]) {
         let (Some(start_ns), Some((oldest_ns, _))) = (self.start_ns, past.first()) else { return };
         let new_start_ns = start_ns.min(*oldest_ns);
@@ -89,9 +95,16 @@ impl Track {
         self.points = points.into();
     }
 
-    /// Begins anew.
+    /// Discards all points.
     pub fn clear(&mut self) {
         *self = Self { epoch: self.epoch + 1, ..Self::default() };
+    }
+
+    /// Whether a pose was measured before the newest point.
+    #[must_use]
+    pub fn is_past(&self, stamp_ns: i64) -> bool {
+        let newest = self.start_ns.zip(self.points.back());
+        newest.is_some_and(|(start_ns, [t_s, ..])| ((stamp_ns - start_ns) as f64 * 1e-9) < *t_s)
     }
 
     /// Whether a pose is too far from the last point to belong to the same path.
@@ -132,12 +145,12 @@ impl Track {
 pub struct Samples {
     samples: VecDeque<PoseSample>,
     capacity: usize,
-    /// Samples forgotten because there was no room.
+    /// Samples discarded because the list was full.
     pub forgotten: u64,
 }
 
 impl Samples {
-    /// Room for `capacity` samples, taken as they come.
+    /// An empty list that keeps up to `capacity` samples.
     #[must_use]
     pub fn new(capacity: usize) -> Self {
         Self { samples: VecDeque::new(), capacity, forgotten: 0 }
@@ -231,6 +244,16 @@ mod tests {
         fly(&mut track, 0..1);
         assert_eq!(track.epoch, 1);
         assert!(track.is_jump(&Vector3::new(5.0, 0.0, 0.0)));
+    }
+
+    #[test]
+    fn a_pose_that_comes_late_leaves_the_path_whole() {
+        let mut track = Track::default();
+        fly(&mut track, 0..12);
+        let points = track.len();
+        fly(&mut track, 8..9);
+        assert_eq!((track.len(), track.epoch), (points, 0));
+        assert!(track.is_past(8_000_000_000) && !track.is_past(12_000_000_000));
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! One vehicle as the ground knows it.
+//! The state of one vehicle at the ground station.
 
 use super::attitude::Attitude;
 use super::channel::{Channel, Delays, Place};
@@ -11,21 +11,21 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// A vehicle that has been silent for so long is lost, whatever its token says.
+/// A vehicle without a message for so long is lost, even while its liveliness token is there.
 pub const LOST_AFTER: Duration = Duration::from_millis(1_500);
 /// Samples of a recording: an hour and a half at 200 Hz.
 const MAX_RECORDED: usize = 1_080_000;
 
-/// A camera picture as it was received.
+/// A camera image as it was received.
 #[derive(Clone, Debug)]
 pub struct Picture {
     /// The message.
     pub message: Arc<proto::Picture>,
-    /// Counts pictures: a change is news.
+    /// Counts images.
     pub version: u64,
 }
 
-/// What an estimate says beside its pose.
+/// Figures of an estimate beside its pose.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Details {
     /// Upper triangle of the position's covariance, m^2: xx xy xz yy yz zz.
@@ -43,9 +43,9 @@ pub struct Details {
 /// One vehicle.
 #[derive(Clone, Debug)]
 pub struct Vehicle {
-    /// Its liveliness token is there.
+    /// Whether its liveliness token is there.
     pub is_alive: bool,
-    /// When it appeared, to ask it for what was before.
+    /// Counts appearances on the network: after each, its past is queried.
     pub appeared: u64,
     /// Odometry.
     pub odom: Channel,
@@ -70,37 +70,37 @@ pub struct Vehicle {
     pub rate_b: Vector3<f64>,
     /// Standard deviations of position (m), attitude (rad), velocity (m/s).
     pub sigmas: [f64; 9],
-    /// What the newest estimate says beside.
+    /// Figures of the newest estimate.
     pub details: Details,
-    /// -1 failed, else 0 to 100.
+    /// 0 to 100; -1 while there is no valid estimate.
     pub quality: i32,
-    /// State in words.
+    /// Name of the tracking state.
     pub state_words: &'static str,
-    /// What was told of it.
+    /// Which of its changes were reported.
     pub state_news: StateNews,
     /// Resets.
     pub resets: u32,
-    /// Error and warning bits, and in words.
+    /// Health bits.
     pub bits: u32,
-    /// The same in words.
+    /// Names of the bits that are set.
     pub health_words: Vec<String>,
-    /// Step of the degradation ladder in words.
+    /// Work budget: name of the step of the degradation ladder.
     pub rung: Option<String>,
     /// Computation of a frame, ms.
     pub frame_ms: f64,
     /// Frames a second.
     pub frame_rate_hz: f64,
-    /// Messages that the vehicle dropped.
+    /// Messages that the vehicle dropped before the network.
     pub dropped: u64,
-    /// The vehicle sends pictures to whom it may concern.
+    /// Whether the vehicle sends camera images to subscribers.
     pub offers_camera: bool,
-    /// From hand-over to reception, clocks brought together, ms; smoothed.
+    /// Delay from publication to reception, corrected for the clock offset, ms; smoothed.
     pub latency_ms: Option<f64>,
-    /// Its clock against ours.
+    /// Offset of its clock against this host's.
     pub clock: ClockEstimate,
     /// Its path.
     pub track: Track,
-    /// It was reset, or started anew, since the newest point of the path.
+    /// It was reset, or restarted, since the newest point of the path.
     is_new_path: bool,
     /// Its poses.
     pub poses: Samples,
@@ -108,9 +108,9 @@ pub struct Vehicle {
     pub map: Map,
     /// Newest picture.
     pub picture: Option<Picture>,
-    /// What is being recorded, or was.
+    /// The newest recording.
     pub recording: Option<Samples>,
-    /// It is still going on.
+    /// Whether it is going on.
     pub is_recording: bool,
 }
 
@@ -156,28 +156,28 @@ impl Default for Vehicle {
 }
 
 impl Vehicle {
-    /// It came, or came back: its messages count anew, and what it did before can be asked for.
+    /// Handles that it has appeared on the network: statistics start again, and its past can be queried.
     pub fn appear(&mut self) {
         self.appeared += 1;
         [&mut self.odom, &mut self.state, &mut self.health].into_iter().for_each(Channel::reappear);
         self.clock = ClockEstimate::default();
     }
 
-    /// Odometry came; `now_ns` by this host's clock.
-    pub fn take_odom(&mut self, message: &proto::Odom, bytes: usize, now: Instant, now_ns: i64) {
+    /// Applies odometry of `bytes`, received at `now_ns` by this host's clock.
+    pub fn apply_odom(&mut self, message: &proto::Odom, bytes: usize, now: Instant, now_ns: i64) {
         let Some(header) = &message.header else { return };
-        let place = self.odom.heard(header.sequence, header.published_ns, bytes, now);
+        let place = self.odom.receive(header.sequence, header.published_ns, bytes, now);
         if place == Place::Late {
             return;
         }
-        self.is_new_path |= place == Place::Anew;
-        self.take_header(header, message.state);
+        self.is_new_path |= place == Place::Restarted;
+        self.apply_header(header, message.state);
         let offset_ns = self.clock.offset_ns().unwrap_or(0);
         let delay_ns = now_ns.saturating_add(offset_ns).saturating_sub(header.published_ns);
         self.delays.record(delay_ns);
         let latency_ms = delay_ns as f64 * 1e-6;
         self.latency_ms = Some(self.latency_ms.map_or(latency_ms, |old| old + 0.05 * (latency_ms - old)));
-        self.take_motion(message.pose.as_ref(), message.velocity_o_b.as_ref());
+        self.apply_motion(message.pose.as_ref(), message.velocity_o_b.as_ref());
         if let Some(rate) = &message.angular_rate_b {
             self.rate_b = Vector3::new(rate.x, rate.y, rate.z);
         }
@@ -189,14 +189,15 @@ impl Vehicle {
         }
     }
 
-    /// An estimate came.
-    pub fn take_state(&mut self, message: &proto::State, bytes: usize, now: Instant) {
+    /// Applies an estimate of `bytes`.
+    pub fn apply_state(&mut self, message: &proto::State, bytes: usize, now: Instant) {
         let Some(header) = &message.header else { return };
         let is_newest = header.stamp_ns >= self.stamp_ns || self.odom.is_stale(now);
-        self.is_new_path |= self.state.heard(header.sequence, header.published_ns, bytes, now) == Place::Anew;
+        self.is_new_path |=
+            self.state.receive(header.sequence, header.published_ns, bytes, now) == Place::Restarted;
         if is_newest {
-            self.take_header(header, message.state);
-            self.take_motion(message.pose.as_ref(), message.velocity_o_b.as_ref());
+            self.apply_header(header, message.state);
+            self.apply_motion(message.pose.as_ref(), message.velocity_o_b.as_ref());
         }
         self.bits = message.health_bits;
         self.health_words = wire::health_words(message.health_bits);
@@ -222,11 +223,11 @@ impl Vehicle {
         }
     }
 
-    /// Health came.
-    pub fn take_health(&mut self, message: &proto::Health, bytes: usize, now: Instant) {
+    /// Applies a health message of `bytes`.
+    pub fn apply_health(&mut self, message: &proto::Health, bytes: usize, now: Instant) {
         let Some(header) = &message.header else { return };
-        self.health.heard(header.sequence, header.published_ns, bytes, now);
-        // Odometry is newer than the frame that this tells of: between the two the state would go to and fro.
+        self.health.receive(header.sequence, header.published_ns, bytes, now);
+        // Odometry is newer than the frame of this message: taking both, the state would alternate.
         if self.odom.is_stale(now) {
             self.state_words = wire::state_words(message.state);
         }
@@ -244,7 +245,7 @@ impl Vehicle {
         self.map.announced = self.map.announced.max(message.keyframes);
     }
 
-    fn take_header(&mut self, header: &proto::Header, state: i32) {
+    fn apply_header(&mut self, header: &proto::Header, state: i32) {
         self.stamp_ns = header.stamp_ns;
         self.quality = header.quality.clamp(-1, 100);
         self.is_new_path |= header.reset_counter != self.resets;
@@ -252,7 +253,7 @@ impl Vehicle {
         self.state_words = wire::state_words(state);
     }
 
-    fn take_motion(&mut self, pose: Option<&proto::Pose>, velocity: Option<&proto::Vector3>) {
+    fn apply_motion(&mut self, pose: Option<&proto::Pose>, velocity: Option<&proto::Vector3>) {
         if let Some(v) = velocity {
             self.v_o_b = Vector3::new(v.x, v.y, v.z);
         }
@@ -262,14 +263,15 @@ impl Vehicle {
             return;
         }
         let p = pose.translation.vector;
-        // A jump without a reset is the distance flown while nothing came.
-        if std::mem::take(&mut self.is_new_path) && self.track.is_jump(&p) {
+        // A jump without a reset is the distance flown during an interruption of the link.
+        let is_elsewhere = self.track.is_jump(&p) || self.track.is_past(self.stamp_ns);
+        if std::mem::take(&mut self.is_new_path) && is_elsewhere {
             self.track.clear();
         }
         self.track.push(self.stamp_ns, &p);
     }
 
-    /// Starts a new recording, or ends the one that goes on.
+    /// Starts a new recording, or ends the current one.
     pub fn set_recording(&mut self, is_on: bool) {
         if is_on && !self.is_recording {
             self.recording = Some(Samples::new(MAX_RECORDED));
@@ -288,13 +290,13 @@ impl Vehicle {
         });
     }
 
-    /// Time since anything came.
+    /// Time since the last message on any key.
     #[must_use]
     pub fn age(&self, now: Instant) -> Option<Duration> {
         [&self.odom, &self.state, &self.health].into_iter().filter_map(|channel| channel.age(now)).min()
     }
 
-    /// What can be said of its presence: "lost", "stale", or its state.
+    /// Its presence at `now`: "lost", "stale", "unknown", or the name of its tracking state.
     #[must_use]
     pub fn presence(&self, now: Instant) -> &'static str {
         let is_silent = self.age(now).is_none_or(|age| age > LOST_AFTER);
@@ -338,19 +340,19 @@ impl Vehicle {
         Some(Vector3::new(rate_v.x, -rate_v.y, -rate_v.z))
     }
 
-    /// Quality in words: percent, or that there is no valid estimate.
+    /// Quality as text: percent, or "invalid" without a valid estimate.
     #[must_use]
     pub fn quality_words(&self) -> String {
         if self.quality < 0 { "invalid".into() } else { format!("{} %", self.quality) }
     }
 
-    /// Health in words: what is wrong, or that nothing is.
+    /// Health as text: the faults, or "no faults".
     #[must_use]
     pub fn health_summary(&self) -> String {
         if self.health_words.is_empty() { "no faults".into() } else { self.health_words.join(", ") }
     }
 
-    /// Position, attitude, speed, rates and health in a line.
+    /// Position, attitude, speed, rates and health in one line of text.
     #[must_use]
     pub fn line(&self, name: &str, now: Instant) -> String {
         let p = self.pose_o_b.map_or_else(Vector3::zeros, |pose| pose.translation.vector);

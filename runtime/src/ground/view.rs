@@ -3,8 +3,7 @@
 mod above;
 mod horizon;
 
-use super::fleet::Fleet;
-use super::listen::lock;
+use super::fleet::{Fleet, lock};
 use super::vehicle::Vehicle;
 use super::{NO_VEHICLE, REDRAW, quit};
 use crossterm::event::{self, Event, KeyCode, KeyModifiers};

@@ -2,7 +2,7 @@
 
 use Field::{Floats, Whole};
 use plumbline_config::Timestamp;
-use plumbline_estimator::{Estimate, Odometry};
+use plumbline_estimator::{Estimate, FrameFigures, Odometry};
 use serde::Serialize;
 use std::cmp::Ordering;
 use std::collections::VecDeque;
@@ -64,38 +64,79 @@ impl Output for Estimate {
     }
 
     fn fields(&self) -> Vec<(&'static str, Field<'_>)> {
-        let f = &self.figures;
-        vec![
-            ("stamp", Whole(self.stamp.as_nanos())),
-            ("state", Whole(self.state as i64)),
-            ("pose_o_b position", Floats(self.pose_o_b.translation.vector.as_slice())),
-            ("pose_o_b rotation", Floats(self.pose_o_b.rotation.coords.as_slice())),
-            ("v_o_b", Floats(self.v_o_b.as_slice())),
-            ("bias_gyro", Floats(self.bias_gyro.as_slice())),
-            ("bias_accel", Floats(self.bias_accel.as_slice())),
-            ("covariance", Floats(self.covariance.as_slice())),
-            ("time_offset_s", Floats(from_ref(&self.time_offset_s))),
-            ("time_offset_sigma_s", Floats(from_ref(&self.time_offset_sigma_s))),
-            ("pose_b_c0 position", Floats(self.pose_b_c0.translation.vector.as_slice())),
-            ("pose_b_c0 rotation", Floats(self.pose_b_c0.rotation.coords.as_slice())),
-            ("quality", Whole(self.quality.into())),
-            ("health", Whole(self.health.0.into())),
-            ("reset_counter", Whole(self.reset_counter.into())),
-            ("points_tracked", Whole(f.points_tracked.into())),
-            ("points_stereo", Whole(f.points_stereo.into())),
-            ("points_in_window", Whole(f.points_in_window.into())),
-            ("lines_raw", Whole(f.lines_raw.into())),
-            ("lines_kept", Whole(f.lines_kept.into())),
-            ("lines_merged", Whole(f.lines_merged.into())),
-            ("lines_matched", Whole(f.lines_matched.into())),
-            ("lines_cut_short", Whole(f.lines_cut_short.into())),
-            ("lines_in_window", Whole(f.lines_in_window.into())),
-            ("lines_in_structure", Whole(f.lines_in_structure.into())),
-            ("keyframes", Whole(f.keyframes.into())),
-            ("iterations", Whole(f.iterations.into())),
-            ("is_keyframe", Whole(f.is_keyframe.into())),
-        ]
+        // Every field by its name: a new one is compared, or does not compile.
+        let Self {
+            frame_sequence,
+            stamp,
+            state,
+            pose_o_b,
+            v_o_b,
+            bias_gyro,
+            bias_accel,
+            covariance,
+            time_offset_s,
+            time_offset_sigma_s,
+            pose_b_c0,
+            quality,
+            health,
+            reset_counter,
+            figures,
+        } = self;
+        let mut fields = vec![
+            ("frame_sequence", Whole(*frame_sequence as i64)),
+            ("stamp", Whole(stamp.as_nanos())),
+            ("state", Whole(*state as i64)),
+            ("pose_o_b position", Floats(pose_o_b.translation.vector.as_slice())),
+            ("pose_o_b rotation", Floats(pose_o_b.rotation.coords.as_slice())),
+            ("v_o_b", Floats(v_o_b.as_slice())),
+            ("bias_gyro", Floats(bias_gyro.as_slice())),
+            ("bias_accel", Floats(bias_accel.as_slice())),
+            ("covariance", Floats(covariance.as_slice())),
+            ("time_offset_s", Floats(from_ref(time_offset_s))),
+            ("time_offset_sigma_s", Floats(from_ref(time_offset_sigma_s))),
+            ("pose_b_c0 position", Floats(pose_b_c0.translation.vector.as_slice())),
+            ("pose_b_c0 rotation", Floats(pose_b_c0.rotation.coords.as_slice())),
+            ("quality", Whole((*quality).into())),
+            ("health", Whole(health.0.into())),
+            ("reset_counter", Whole((*reset_counter).into())),
+        ];
+        fields.extend(figure_fields(figures).map(|(name, number)| (name, Whole(number))));
+        fields
     }
+}
+
+/// The figures of a frame, every one.
+fn figure_fields(figures: &FrameFigures) -> [(&'static str, i64); 13] {
+    let FrameFigures {
+        points_tracked,
+        points_stereo,
+        points_in_window,
+        lines_raw,
+        lines_kept,
+        lines_merged,
+        lines_matched,
+        lines_cut_short,
+        lines_in_window,
+        lines_in_structure,
+        keyframes,
+        iterations,
+        is_keyframe,
+    } = *figures;
+    [
+        ("points_tracked", points_tracked.into()),
+        ("points_stereo", points_stereo.into()),
+        ("points_in_window", points_in_window.into()),
+        ("lines_raw", lines_raw.into()),
+        ("lines_kept", lines_kept.into()),
+        ("lines_merged", lines_merged.into()),
+        ("lines_matched", lines_matched.into()),
+        ("lines_cut_short", lines_cut_short.into()),
+        ("lines_in_window", lines_in_window.into()),
+        ("lines_in_structure", lines_in_structure.into()),
+        ("keyframes", keyframes.into()),
+        ("iterations", iterations.into()),
+        ("is_keyframe", is_keyframe.into()),
+    ]
 }
 
 impl Output for Odometry {
@@ -110,16 +151,28 @@ impl Output for Odometry {
     }
 
     fn fields(&self) -> Vec<(&'static str, Field<'_>)> {
+        let Self {
+            sequence,
+            stamp,
+            pose_o_b,
+            v_o_b,
+            angular_rate_b,
+            covariance,
+            state,
+            quality,
+            reset_counter,
+        } = self;
         vec![
-            ("stamp", Whole(self.stamp.as_nanos())),
-            ("pose_o_b position", Floats(self.pose_o_b.translation.vector.as_slice())),
-            ("pose_o_b rotation", Floats(self.pose_o_b.rotation.coords.as_slice())),
-            ("v_o_b", Floats(self.v_o_b.as_slice())),
-            ("angular_rate_b", Floats(self.angular_rate_b.as_slice())),
-            ("covariance", Floats(self.covariance.as_slice())),
-            ("state", Whole(self.state as i64)),
-            ("quality", Whole(self.quality.into())),
-            ("reset_counter", Whole(self.reset_counter.into())),
+            ("sequence", Whole(*sequence as i64)),
+            ("stamp", Whole(stamp.as_nanos())),
+            ("pose_o_b position", Floats(pose_o_b.translation.vector.as_slice())),
+            ("pose_o_b rotation", Floats(pose_o_b.rotation.coords.as_slice())),
+            ("v_o_b", Floats(v_o_b.as_slice())),
+            ("angular_rate_b", Floats(angular_rate_b.as_slice())),
+            ("covariance", Floats(covariance.as_slice())),
+            ("state", Whole(*state as i64)),
+            ("quality", Whole((*quality).into())),
+            ("reset_counter", Whole((*reset_counter).into())),
         ]
     }
 }

@@ -10,6 +10,7 @@ use super::compare::Pairing;
 use super::cursor::Cursor;
 use super::{LogError, image, proto};
 use crate::pipeline::digest::Digest;
+use crate::pipeline::image_sizes;
 use crate::pipeline::orders::{CorrectionOrder, FrameOrder, ResetOrder, Verdict};
 use crate::schedule::ladder::Rung;
 use plumbline_drivers::{ImuReading, StereoFrame, StereoSource};
@@ -78,8 +79,7 @@ impl Execution {
     #[must_use]
     pub fn new(log: Cursor, images: Option<Box<dyn StereoSource>>) -> Self {
         let config = &log.reader().about().config;
-        let size = |k: usize| config.camera.get(k).map_or((0, 0), |c| (c.width_px, c.height_px));
-        let frame = StereoFrame::new([size(0), size(1)]);
+        let frame = StereoFrame::new(image_sizes(config));
         Self {
             estimator: Estimator::new(config.setup()),
             propagator: Propagator::new(config.setup()),

@@ -12,6 +12,7 @@ use super::part_file::OpenPart;
 use super::writer::{Limits, LogWriter};
 use crate::pipeline::clock::CpuStopwatch;
 use crate::pipeline::event::Event;
+use crate::pipeline::image_sizes;
 use crate::pipeline::listener::{Listener, Producer, Subscriber};
 use crate::pipeline::orders::{CorrectionOrder, FrameOrder, ResetOrder};
 use crossbeam_queue::ArrayQueue;
@@ -205,7 +206,6 @@ impl Recorder {
         when_full: WhenFull,
     ) -> Result<Self, LogError> {
         let writer = LogWriter::create(path, About::new(config)?, limits, open)?;
-        let size = |k: usize| config.camera.get(k).map_or((0, 0), |c| (c.width_px, c.height_px));
         let frames = config.recorder.queue_frames.max(1);
         let shared = Arc::new(Shared {
             entries: ArrayQueue::new(config.recorder.queue_entries.max(1)),
@@ -216,7 +216,7 @@ impl Recorder {
             when_full,
         });
         for _ in 0..frames {
-            shared.free_frames.force_push(StereoFrame::new([size(0), size(1)]));
+            shared.free_frames.force_push(StereoFrame::new(image_sizes(config)));
         }
         let theirs = Arc::clone(&shared);
         let first = path.to_owned();

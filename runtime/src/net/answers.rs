@@ -1,4 +1,4 @@
-//! What a vehicle answers: trajectory, keyframes, configuration, clock, reset.
+//! Queries that a vehicle answers: trajectory, keyframes, configuration, clock, reset.
 //!
 //! Questions wait in a short queue and are answered one after the other by a task of their own: who asks much
 //! holds up nobody but those who ask. Answers travel with the quality of service of their question; ground stations
@@ -9,9 +9,9 @@
 //! pose>`, `map/keyframe/<sequence number>`), which a question ending in `/**` allows. A question for the exact key is
 //! answered by one message, or refused when one cannot hold the answer: nothing is lost in silence.
 
+use super::error::NetError;
 use super::keyframes::KeyframeHistory;
-use super::publisher::Vehicle;
-use super::session::NetError;
+use super::vehicle::Vehicle;
 use super::{ROOT, now_ns, proto, read};
 use plumbline_estimator::{Estimate, ResetKind};
 use prost::Message;
@@ -34,7 +34,7 @@ const POSES_PER_ANSWER: usize = 500;
 const MAX_STEP_MS: i64 = 3_600_000;
 /// Keyframes in one answer to a question.
 pub const MAX_KEYFRAMES_PER_QUESTION: usize = 64;
-/// A reset takes effect with the next frame; so long is waited for it.
+/// Timeout of a reset, which takes effect with the next frame.
 const RESET_PATIENCE: Duration = Duration::from_secs(2);
 
 /// One pose of the past.
@@ -45,7 +45,7 @@ struct PastPose {
     reset_counter: u32,
 }
 
-/// What can be asked for, filled by the publisher.
+/// What queries are answered from, filled by the publisher.
 #[derive(Debug)]
 pub struct Archive {
     poses: VecDeque<PastPose>,
@@ -109,7 +109,7 @@ pub struct Answers {
     pub resets: watch::Receiver<u32>,
 }
 
-/// The archive, whatever became of the last who held it.
+/// Locks the archive, also after a thread has panicked while holding it.
 pub fn lock(archive: &Mutex<Archive>) -> MutexGuard<'_, Archive> {
     archive.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -249,7 +249,7 @@ impl Answers {
         Ok(keyframes.into_iter().map(|bytes| (number(&bytes), bytes)).collect())
     }
 
-    /// Carries out a reset, or says why not.
+    /// Carries out a reset; the error is the reason as text.
     async fn reset(&self, query: &Query, key: &str) -> Result<proto::ResetDone, String> {
         if query.key_expr().as_str() != key {
             // A pattern would pass rules that name the command.

@@ -1,5 +1,5 @@
-//! Who was refused what, and which attempts to connect failed. Zenoh says so on its lowest levels of logging only; this
-//! layer picks it up there, and whoever runs a session logs it ([`say_refusals`], [`diagnosis::report_failures`]).
+//! Refused accesses and failed attempts to connect. Zenoh reports them at its lowest log levels only; this layer collects
+//! them there, and the owner of a session logs them ([`log_refusals`], [`diagnosis::report_failures`]).
 
 use super::diagnosis;
 use crossbeam_queue::ArrayQueue;
@@ -18,7 +18,7 @@ pub const TARGETS: [(&str, LevelFilter); 3] = [
     ("zenoh_link_tls::unicast", LevelFilter::WARN),
     ("zenoh::net::runtime::orchestrator", LevelFilter::DEBUG),
 ];
-/// How the first says no.
+/// How the first reports a refused message.
 const NO: &str = "unauthorized";
 /// What the second adds to every handshake that failed, whatever the reason was.
 const HINT: &str = ". Hint: increase the system open file limit";
@@ -26,7 +26,7 @@ const HINT: &str = ". Hint: increase the system open file limit";
 const FAILED: [&str; 2] = ["Unable to connect to configured peer ", "Unable to connect to "];
 /// Refusals of which each is logged once; then none is logged any more.
 const MAX_LOGGED: usize = 1_000;
-/// Refusals that wait to be said.
+/// Refusals that wait to be logged.
 const MAX_WAITING: usize = 64;
 
 fn waiting() -> &'static ArrayQueue<String> {
@@ -34,13 +34,13 @@ fn waiting() -> &'static ArrayQueue<String> {
     WAITING.get_or_init(|| ArrayQueue::new(MAX_WAITING))
 }
 
-/// Refusals since the last call, in words.
+/// Refusals since the last call, as text.
 pub fn refusals() -> impl Iterator<Item = String> {
     std::iter::from_fn(|| waiting().pop())
 }
 
-/// Logs who was refused what since the last call, the same for the same key once.
-pub fn say_refusals() {
+/// Logs the refusals since the last call, each peer and key once.
+pub fn log_refusals() {
     static LOGGED: OnceLock<Mutex<BTreeSet<String>>> = OnceLock::new();
     for refusal in refusals() {
         let mut logged = LOGGED.get_or_init(Mutex::default).lock().unwrap_or_else(PoisonError::into_inner);

@@ -1,4 +1,4 @@
-//! The camera key: pictures for those who look, made beside the odometry rather than before it.
+//! The camera key: images are compressed only while there are subscribers, in a task that does not delay odometry.
 
 use super::pace::Rates;
 use super::rings::Rings;
@@ -7,10 +7,10 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 use zenoh::pubsub::Publisher;
 
-/// Lookers are counted this often.
+/// Period at which subscribers are counted.
 const LOOK_PERIOD: Duration = Duration::from_millis(200);
 
-/// Compresses and sends the pictures that wait, and lets the run know whether anybody looks. Ends with the task.
+/// Compresses and sends waiting images, and tells the run whether there are subscribers. Ends with the task.
 pub async fn serve(camera: Publisher<'static>, rings: Arc<Rings>, rates: Rates) {
     let (mut sequence, mut looked) = (0, None::<Instant>);
     let bell = match rings.picture_bell.listen() {

@@ -8,7 +8,7 @@
 //! It is a session of its own, since Zenoh's subscriptions are declared over the link that opens first, once: over
 //! datagrams they would be lost. A client sends without having been asked, which is all that odometry needs.
 
-use super::session::{Endpoints, Mode};
+use super::endpoints::{Endpoints, Mode};
 use std::time::Duration;
 use tokio::sync::watch;
 use tokio::task::{JoinHandle, JoinSet};

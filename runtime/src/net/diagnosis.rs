@@ -4,7 +4,7 @@
 //! reaches [`record`] by way of its log messages ([`super::audit`]); [`explain`] puts it into words, and
 //! [`report_failures`] logs each cause once.
 
-use super::session::NetError;
+use super::error::NetError;
 use crossbeam_queue::ArrayQueue;
 use std::collections::BTreeSet;
 use std::io::{ErrorKind, Read as _, Write as _};

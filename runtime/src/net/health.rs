@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 /// How much of a new frame rate enters the smoothed one.
 const SMOOTHING: f64 = 0.1;
 
-/// What the vehicle says beside its estimate.
+/// What a health message reports beside the estimate.
 #[derive(Clone, Copy, Debug)]
 pub struct Circumstances {
     /// Messages dropped because the network was slower than the vehicle.
@@ -18,13 +18,13 @@ pub struct Circumstances {
     pub rung: Rung,
     /// Keyframes of the map so far.
     pub keyframes: u64,
-    /// Camera pictures can be had.
+    /// Whether camera images are offered.
     pub offers_camera: bool,
     /// Takes coordinates from the IMU `B` to the vehicle `V` (x forward, y left, z up).
     pub rot_v_b: UnitQuaternion<f64>,
 }
 
-/// What health messages are made of.
+/// State from which health messages are made.
 #[derive(Debug)]
 pub struct HealthFeed {
     period: Duration,

@@ -10,7 +10,10 @@ pub mod answers;
 pub mod audit;
 pub mod camera;
 pub mod datagrams;
+mod declare;
 pub mod diagnosis;
+pub mod endpoints;
+pub mod error;
 pub mod health;
 pub mod keyframes;
 pub mod keys;
@@ -23,13 +26,15 @@ pub mod publishers;
 pub mod read;
 pub mod rings;
 pub mod security;
-pub mod session;
+mod session;
 pub mod task_bell;
 pub mod threads;
+pub mod vehicle;
 pub mod wire;
 
+pub use endpoints::{Endpoints, Mode};
+pub use error::NetError;
 pub use publisher::Publisher;
-pub use session::{Endpoints, Mode, NetError};
 
 use std::time::{SystemTime, UNIX_EPOCH};
 

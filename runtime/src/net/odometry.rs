@@ -1,13 +1,13 @@
-//! Odometry on its way out: from its ring to the link, as one task on the thread on which Zenoh writes.
+//! Sends odometry: from its ring to the link, as one task on the thread on which Zenoh writes.
 //!
 //! On another thread every message would wait for Zenoh's to be woken: one hand-over of three, a quarter of the
 //! latency. Nothing else runs here, since what holds up this thread holds up what is sent.
 
 use super::datagrams::Datagrams;
+use super::declare::declare_publisher;
+use super::error::NetError;
 use super::pace::Pace;
-use super::publishers;
 use super::rings::{LaneReader, Rings};
-use super::session::NetError;
 use super::{ROOT, wire};
 use plumbline_estimator::Odometry;
 use prost::Message as _;
@@ -43,8 +43,7 @@ impl OdometryPublisher {
         datagrams: Option<Datagrams>,
         rate_hz: f64,
     ) -> Result<Self, NetError> {
-        let publisher =
-            publishers::declare_publisher(session, vehicle, KEY.0, KEY.1, Priority::RealTime).await?;
+        let publisher = declare_publisher(session, vehicle, KEY.0, KEY.1, Priority::RealTime).await?;
         let name = format!("{ROOT}/{vehicle}/{}", KEY.0);
         let refused =
             |error: zenoh::Error| NetError::Declare { key: name.clone(), message: error.to_string() };
@@ -70,7 +69,7 @@ impl OdometryPublisher {
         })
     }
 
-    /// Sends what waits. What cannot be sent is lost, as its quality of service says; sequence numbers tell.
+    /// Sends what the ring holds. A message that cannot be sent is dropped; receivers see a gap in the sequence numbers.
     async fn empty(&mut self, waiting: &mut LaneReader<(Odometry, i64)>) {
         while let Some((odometry, handed_over_ns)) = waiting.pop() {
             if !self.pace.admits(odometry.stamp) {
@@ -86,7 +85,7 @@ impl OdometryPublisher {
     async fn send(&self, message: Vec<u8>) {
         let _ = match self.datagrams.as_ref().and_then(Datagrams::session) {
             None => self.publisher.put(message).await,
-            // Not through a declared publisher: it would wait for word from the other side, which may be lost here.
+            // Not through a declared publisher: it would wait for a declaration of the other side, which may be lost here.
             Some(session) => {
                 let put = session.put(&self.key, message).encoding(self.publisher.encoding().clone());
                 let put = put.priority(self.publisher.priority()).express(true);

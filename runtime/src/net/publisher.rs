@@ -1,36 +1,20 @@
-//! A vehicle's presence on the network, seen from the run: takes what it produces, and never holds it up.
+//! A vehicle's presence on the network: hands what a run produces to the network thread, and never blocks the run.
 
+use super::endpoints::Endpoints;
+use super::error::NetError;
 use super::listener::{FrontEndListener, TickListener, WindowListener};
 use super::pace::Rates;
 use super::proto;
 use super::publishers::Publishers;
 use super::rings::{LaneWriter, Rings};
 use super::security;
-use super::session::{Endpoints, NetError};
+use super::vehicle::Vehicle;
 use crate::pipeline::Control;
 use crate::pipeline::listener::{Listener, Producer, Subscriber};
-use nalgebra::UnitQuaternion;
 use plumbline_config::ValidConfig;
 use plumbline_estimator::{Estimate, Odometry};
 use std::sync::Arc;
 use std::thread::JoinHandle;
-
-/// What others may know of a vehicle, and ask of it.
-#[derive(Debug)]
-pub struct Vehicle {
-    /// Its name in the keys.
-    pub name: String,
-    /// The configuration in force.
-    pub configuration: proto::Configuration,
-    /// Camera pictures can be had.
-    pub offers_camera: bool,
-    /// Takes coordinates from the IMU `B` to the vehicle `V` (x forward, y left, z up).
-    pub rot_v_b: UnitQuaternion<f64>,
-    /// Why commands are refused, if they are.
-    pub refusal: Option<String>,
-    /// Takes commands.
-    pub control: Arc<Control>,
-}
 
 /// A vehicle's presence on the network, for one run.
 #[derive(Debug)]
@@ -100,7 +84,7 @@ impl Publisher {
         })
     }
 
-    /// Sends what is left, and takes the vehicle off the network.
+    /// Sends what is left in the rings and closes the session.
     pub fn stop(mut self) {
         self.end();
     }

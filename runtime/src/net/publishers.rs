@@ -11,12 +11,14 @@
 
 use super::answers::{self, Answers, Archive, lock};
 use super::datagrams::Datagrams;
+use super::declare::declare_publisher;
+use super::endpoints::Endpoints;
+use super::error::NetError;
 use super::health::{Circumstances, HealthFeed};
 use super::odometry::OdometryPublisher;
 use super::pace::{Pace, Rates};
-use super::publisher::Vehicle;
 use super::rings::{LaneReader, Rings, ToSend};
-use super::session::{Endpoints, NetError};
+use super::vehicle::Vehicle;
 use super::{ROOT, audit, camera, diagnosis, now_ns, proto, wire};
 use crate::schedule::ladder::Rung;
 use nalgebra::{Isometry3, UnitQuaternion};
@@ -27,24 +29,23 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
 use zenoh::Session;
-use zenoh::bytes::Encoding;
 use zenoh::pubsub::Publisher;
-use zenoh::qos::{CongestionControl, Priority};
+use zenoh::qos::Priority;
 
-/// Refusals are said this often.
+/// Period at which refused accesses are logged.
 const CHORES_PERIOD: Duration = Duration::from_millis(200);
 
 /// The vehicle's keys, declared.
 pub struct Publishers {
     session: Session,
-    /// Taken by who sends odometry.
+    /// Moved into the task that sends odometry.
     odometry: Option<OdometryPublisher>,
     state: Publisher<'static>,
     health: Publisher<'static>,
     keyframe: Publisher<'static>,
     correction: Publisher<'static>,
     scene: Publisher<'static>,
-    /// Taken by who sends pictures.
+    /// Moved into the task that sends camera images.
     camera: Option<Publisher<'static>>,
     _alive: zenoh::liveliness::LivelinessToken,
     rates: Rates,
@@ -54,7 +55,7 @@ pub struct Publishers {
     resets: watch::Sender<u32>,
 }
 
-/// What changes from message to message.
+/// Counters and pace of the messages.
 struct Course {
     feed: HealthFeed,
     state: Pace,
@@ -78,9 +79,10 @@ impl Publishers {
         let (streams, datagrams) = endpoints.split()?;
         let session = streams.open().await?;
         let datagrams = datagrams.map(|datagrams| Datagrams::start(&datagrams, &session));
-        let (resets, heard) = watch::channel(0);
+        let (resets, newest_reset) = watch::channel(0);
         let archive = Arc::new(Mutex::new(Archive::new(rates.keyframe_landmarks)));
-        let answers = Answers { vehicle: Arc::clone(&vehicle), archive: Arc::clone(&archive), resets: heard };
+        let answers =
+            Answers { vehicle: Arc::clone(&vehicle), archive: Arc::clone(&archive), resets: newest_reset };
         answers::declare(&session, answers).await?;
         let declare =
             |name, schema, priority| declare_publisher(&session, &vehicle.name, name, schema, priority);
@@ -116,7 +118,7 @@ impl Publishers {
         })
     }
 
-    /// Empties the rings until told to stop, then once more.
+    /// Sends what the rings hold until the flight is over, then once more.
     pub async fn run(mut self, rings: &Arc<Rings>, to_send: ToSend) {
         let ToSend { odometry, mut estimates } = to_send;
         let odometry = self.odometry.take().map(|publisher| publisher.spawn(Arc::clone(rings), odometry));
@@ -152,7 +154,8 @@ impl Publishers {
         let _ = self.session.close().await;
     }
 
-    /// Sends what waits. What cannot be sent is lost, as its quality of service says; sequence numbers tell.
+    /// Sends what the rings hold. A message that cannot be sent is dropped, by its quality of service; receivers see a gap
+    /// in the sequence numbers.
     async fn empty(
         &mut self,
         rings: &Rings,
@@ -210,7 +213,7 @@ impl Publishers {
 fn do_chores(course: &mut Course) {
     if course.chores.elapsed() >= CHORES_PERIOD {
         course.chores = Instant::now();
-        audit::say_refusals();
+        audit::log_refusals();
         diagnosis::report_failures();
     }
 }
@@ -224,25 +227,4 @@ fn no_correction(snapshot: &MapSnapshot) -> proto::MapCorrection {
         quality: 0,
     };
     proto::MapCorrection { header: Some(header), pose_m_o: wire::pose(&Isometry3::identity()), loops: 0 }
-}
-
-/// Declares a key of a vehicle with its quality of service.
-///
-/// # Errors
-/// When Zenoh refuses the key.
-pub async fn declare_publisher(
-    session: &Session,
-    vehicle: &str,
-    name: &'static str,
-    schema: &'static str,
-    priority: Priority,
-) -> Result<Publisher<'static>, NetError> {
-    let key = format!("{ROOT}/{vehicle}/{name}");
-    let publisher = session
-        .declare_publisher(key.clone())
-        .encoding(Encoding::APPLICATION_PROTOBUF.with_schema(format!("plumbline.v1.{schema}")))
-        .priority(priority)
-        .congestion_control(CongestionControl::Drop)
-        .express(priority == Priority::RealTime);
-    publisher.await.map_err(|error| NetError::Declare { key, message: error.to_string() })
 }

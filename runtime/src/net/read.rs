@@ -1,4 +1,4 @@
-//! From the wire's words to what was meant: what comes from outside is bounded and checked, or refused.
+//! Decodes and validates messages from the network: whatever is malformed, too large or not finite is refused.
 
 use super::proto;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
@@ -7,15 +7,15 @@ use prost::Message;
 
 /// The longest message that is looked at, bytes.
 pub const MAX_MESSAGE_BYTES: usize = 256 * 1024;
-/// Most numbers in a list of places: more than any window holds.
+/// Most numbers in a list of coordinates: more than any window holds.
 const MAX_NUMBERS: usize = 32 * 1024;
 /// Most keyframes of a scene.
 const MAX_KEYFRAMES: usize = 64;
 /// Largest side of a picture, px.
 const MAX_SIDE_PX: u32 = 4_096;
-/// Longest words that are shown, bytes.
+/// Longest text in a message, bytes.
 const MAX_WORDS: usize = 64;
-/// Farthest place that is believed, m.
+/// Largest coordinate that is accepted, m.
 const MAX_PLACE: f32 = 1e6;
 
 /// Decodes a message from the network; `None` for what is too long, malformed or not a number.
@@ -27,9 +27,9 @@ pub fn decode<M: Message + Default + Checked>(payload: &[u8]) -> Option<M> {
     M::decode(payload).ok().filter(Checked::is_sound)
 }
 
-/// What a message must hold to be looked at.
+/// Validity of a decoded message.
 pub trait Checked {
-    /// Whether header, pose and numbers are all there.
+    /// Whether all required fields are present, finite and within bounds.
     fn is_sound(&self) -> bool;
 }
 
@@ -66,7 +66,7 @@ impl Checked for proto::Health {
     }
 }
 
-/// Whole tuples of believable numbers, and not too many.
+/// Whether there are whole tuples of finite coordinates within bounds, and not too many.
 fn places(numbers: &[f32], each: usize) -> bool {
     let is_believable = |x: &f32| x.is_finite() && x.abs() <= MAX_PLACE;
     numbers.len() <= MAX_NUMBERS && numbers.len().is_multiple_of(each) && numbers.iter().all(is_believable)

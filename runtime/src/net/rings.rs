@@ -174,15 +174,15 @@ pub struct Rings {
     pub snapshots: Pool<MapSnapshot>,
     /// Left pictures with what is tracked in them.
     pub shots: Pool<Shot>,
-    /// Somebody looks at pictures.
+    /// Whether the camera has subscribers.
     pub is_watched: AtomicBool,
     /// Step of the degradation ladder.
     pub rung: AtomicU8,
-    /// Wakes who sends odometry.
+    /// Wakes the task that sends odometry.
     pub odometry_bell: TaskBell,
     /// Wakes who sends estimates and snapshots.
     pub bell: TaskBell,
-    /// Wakes who sends pictures.
+    /// Wakes the task that sends camera images.
     pub picture_bell: TaskBell,
     /// The flight is over.
     pub stop: AtomicBool,
@@ -212,14 +212,14 @@ impl Rings {
         Ok((rings, written, ToSend { odometry, estimates }))
     }
 
-    /// The flight is over: who empties the rings sends what is left, and ends.
+    /// Ends the flight: the tasks send what is left, and end.
     pub fn end(&self) {
         self.stop.store(true, Ordering::Relaxed);
         self.odometry_bell.ring();
         self.bell.ring();
     }
 
-    /// Entries forgotten because the network was slower than the vehicle.
+    /// Entries dropped because the network was slower than the vehicle.
     #[must_use]
     pub fn dropped(&self) -> u64 {
         self.losses.iter().map(LaneLosses::count).sum::<u64>() + self.snapshots.dropped()

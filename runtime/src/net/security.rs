@@ -6,7 +6,8 @@
 //! that come over plain TCP on the loopback interface may do everything.
 
 use super::ROOT;
-use super::session::{Endpoints, NetError};
+use super::endpoints::Endpoints;
+use super::error::NetError;
 use plumbline_config::options::Commands;
 use serde_json::{Value, json};
 use std::fs::File;

@@ -1,4 +1,4 @@
-//! From the estimator's words to the wire's.
+//! Converts the estimator's types to protobuf messages.
 
 use super::proto;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
@@ -16,7 +16,7 @@ pub fn state_of(state: TrackingState) -> proto::TrackingState {
     }
 }
 
-/// The words for a state on the wire.
+/// Name of a state on the wire.
 #[must_use]
 pub fn state_words(state: i32) -> &'static str {
     match proto::TrackingState::try_from(state) {
@@ -28,7 +28,7 @@ pub fn state_words(state: i32) -> &'static str {
     }
 }
 
-/// The words for health bits.
+/// Names of the health bits that are set.
 #[must_use]
 pub fn health_words(bits: u32) -> Vec<String> {
     let is_set = |bit: &HealthBits| HealthBits(bits).contains(*bit);
@@ -112,7 +112,7 @@ pub fn state(e: &Estimate, sequence: u64, published_ns: i64) -> proto::State {
     }
 }
 
-/// Places one after the other, x y z.
+/// Coordinates of points, x y z each, m.
 #[must_use]
 pub fn points<'a>(points: impl IntoIterator<Item = &'a SnapshotPoint>) -> Vec<f32> {
     points.into_iter().flat_map(|p| [p.p_o.x as f32, p.p_o.y as f32, p.p_o.z as f32]).collect()
@@ -125,7 +125,7 @@ pub fn lines<'a>(lines: impl IntoIterator<Item = &'a SnapshotLine>) -> Vec<f32> 
     ends.flat_map(|end| [end.x as f32, end.y as f32, end.z as f32]).collect()
 }
 
-/// What is in the window, as it is sent.
+/// The window as it is sent.
 #[must_use]
 pub fn scene(snapshot: &MapSnapshot, sequence: u64, published_ns: i64) -> proto::Scene {
     proto::Scene {

@@ -1,4 +1,7 @@
 //! SHA-256 over the bits of what was estimated: two runs agree in it or differ.
+//!
+//! It holds what a user of the estimate acts on. Left out are the figures of a frame, the sigma of the time offset, and
+//! of odometry its number, state and quality: `verify` of the flight log compares these too, field by field.
 
 use nalgebra::{Isometry3, Vector3};
 use plumbline_config::Config;

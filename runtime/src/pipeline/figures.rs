@@ -1,11 +1,26 @@
 //! What a run counts and times.
 
 use super::clock::Stopwatch;
-use super::stages::{Cost, FrontStage, WindowStage};
-use super::tick::TickStage;
 use crate::schedule::times::{Percentiles, Times};
 use plumbline_config::Timestamp;
 use plumbline_estimator::{Estimate, FrameFigures, Stage, StageProbe};
+
+/// Computation of a frame, ms.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Cost {
+    /// Wall time.
+    pub wall_ms: f64,
+    /// Processor time of the thread that led.
+    pub cpu_ms: f64,
+}
+
+impl Cost {
+    /// The sum of both.
+    #[must_use]
+    pub fn plus(self, other: Self) -> Self {
+        Self { wall_ms: self.wall_ms + other.wall_ms, cpu_ms: self.cpu_ms + other.cpu_ms }
+    }
+}
 
 /// The time of each stage.
 #[derive(Clone, Debug)]
@@ -172,15 +187,5 @@ impl Figures {
             self.poses += 1;
             self.first_pose_s.get_or_insert(stamp.seconds_since(first));
         }
-    }
-
-    /// The stages have ended: takes what they counted and timed.
-    pub fn add_stages(&mut self, front: &FrontStage, window: &WindowStage, tick: &TickStage) {
-        for times in front.times().into_iter().chain([&window.times, &tick.figures.times]) {
-            self.stages.add(times);
-        }
-        self.handout_us = tick.figures.handout_us.clone();
-        self.imu_refused += front.imu_refused;
-        self.hot_path_allocations += front.allocations + window.allocations + tick.figures.allocations;
     }
 }

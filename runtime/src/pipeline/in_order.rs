@@ -5,10 +5,10 @@
 //! its estimate can correct them.
 
 use super::listener::{Producer, Subscriber};
-use super::stages::{FrontStage, Job, WindowStage};
+use super::stages::{self, FrontStage, Job, WindowStage};
 use super::team::Team;
 use super::tick::{CORRECTION_DELAY_NS, TickStage};
-use super::{Control, DriverFaults, Outcome, RunError, RunOptions, Streams, sizes_of};
+use super::{Control, DriverFaults, Outcome, RunError, RunOptions, Streams, image_sizes};
 use crate::schedule::ladder::Rung;
 use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::{DriverError, ImuReading, ImuSource, Prefetch, StereoFrame, StereoSource};
@@ -63,7 +63,7 @@ impl<'a> InOrder<'a> {
         options: &RunOptions,
         control: &Control,
     ) -> Result<Outcome, RunError> {
-        let sizes_px = sizes_of(config);
+        let sizes_px = image_sizes(config);
         let mut stereo: Box<dyn StereoSource> = match options.threads {
             0 | 1 => stereo,
             _ => Box::new(Prefetch::new(stereo, sizes_px, config.driver.image_queue)?),
@@ -81,12 +81,8 @@ impl<'a> InOrder<'a> {
         }
         self.step(None);
         self.feed(imu.as_mut(), Timestamp::MAX)?;
-        let mut figures = self.window.figures.clone();
-        figures.finish();
-        figures.add_stages(&self.front, &self.window, &self.tick);
-        figures.hot_path_allocations += self.team.allocations();
         Ok(Outcome {
-            figures,
+            figures: stages::total(&self.front, &self.window, &self.tick, self.team),
             estimate_digest: self.window.digest(),
             odometry_digest: self.tick.digest(),
             faults: DriverFaults { imu: imu.faults(), cameras: stereo.faults() },

@@ -2,10 +2,11 @@
 
 use super::clock::{CpuStopwatch, Stopwatch};
 use super::digest::Digest;
-use super::figures::{Figures, StageTimes};
+use super::figures::{Cost, Figures, StageTimes};
 use super::listener::{Listener, Solved};
 use super::orders::{FrameOrder, ResetOrder, Verdict};
-use super::tick::WARM_UP_NS;
+use super::team::Team;
+use super::tick::{TickStage, WARM_UP_NS};
 use crate::alloc;
 use crate::schedule::ladder::Rung;
 use plumbline_config::{Timestamp, ValidConfig};
@@ -13,23 +14,6 @@ use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::{
     Estimate, Feedback, Fork, FrameInput, FrontEnd, ImuAdmission, Odometer, ResetKind, Tracked,
 };
-
-/// Computation of a frame, ms.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Cost {
-    /// Wall time.
-    pub wall_ms: f64,
-    /// Processor time of the thread that led.
-    pub cpu_ms: f64,
-}
-
-impl Cost {
-    /// The sum of both.
-    #[must_use]
-    pub fn plus(self, other: Self) -> Self {
-        Self { wall_ms: self.wall_ms + other.wall_ms, cpu_ms: self.cpu_ms + other.cpu_ms }
-    }
-}
 
 /// A tracked frame on its way to the window.
 #[derive(Clone, Debug)]
@@ -206,4 +190,19 @@ impl WindowStage {
     pub fn digest(&self) -> String {
         self.digest.hex()
     }
+}
+
+/// Everything that the stages of a run counted and timed, after their end.
+#[must_use]
+pub fn total(front: &FrontStage, window: &WindowStage, tick: &TickStage, team: &Team) -> Figures {
+    let mut figures = window.figures.clone();
+    figures.finish();
+    for times in front.times().into_iter().chain([&window.times, &tick.figures.times]) {
+        figures.stages.add(times);
+    }
+    figures.handout_us = tick.figures.handout_us.clone();
+    figures.imu_refused = front.imu_refused;
+    figures.hot_path_allocations =
+        front.allocations + window.allocations + tick.figures.allocations + team.allocations();
+    figures
 }

@@ -213,17 +213,7 @@ impl Report {
             "{:<18}median {:.0} us, p99 {:.0}, largest {:.0}",
             "odometry", h.p50, h.p99, h.max
         ));
-        if let Some(live) = &self.live {
-            let late = &live.sample_to_odometry_ms;
-            lines.push(format!(
-                "{:<18}sample to odometry median {:.2} ms, p99.9 {:.2}, largest {:.2}; {} of {} ticks missed",
-                "clock", late.percentiles.p50, late.p999, late.percentiles.max, live.ticks_missed, live.ticks
-            ));
-            lines.push(format!(
-                "{:<18}{} frames shed, {} passed over, {} steps down the ladder, {} late corrections, {} stalls",
-                "", live.frames_shed, live.frames_passed_over, live.steps_down, live.late_corrections, live.stalls
-            ));
-        }
+        lines.extend(self.live.iter().flat_map(live_lines));
         lines.push(format!(
             "{:<18}{:.0} MB at most, {} allocations in the hot path",
             "memory", self.peak_rss_mb, self.hot_path_allocations
@@ -237,6 +227,26 @@ impl Report {
         lines.push(format!("{:<18}{}", "estimate digest", &self.estimate_digest[..16]));
         lines.join("\n")
     }
+}
+
+/// How a live run kept its time, for people.
+fn live_lines(live: &LiveFigures) -> [String; 2] {
+    let late = &live.sample_to_odometry_ms;
+    [
+        format!(
+            "{:<18}sample to odometry median {:.2} ms, p99.9 {:.2}, largest {:.2}; {} of {} ticks missed",
+            "clock", late.percentiles.p50, late.p999, late.percentiles.max, live.ticks_missed, live.ticks
+        ),
+        format!(
+            "{:<18}{} frames shed, {} passed over, {} steps down the ladder, {} late corrections, {} stalls",
+            "",
+            live.frames_shed,
+            live.frames_passed_over,
+            live.steps_down,
+            live.late_corrections,
+            live.stalls
+        ),
+    ]
 }
 
 /// `VmHWM` of this process.

@@ -1,7 +1,7 @@
 //! What the host grants a real-time run: SCHED_FIFO, locked memory, a processor of one's own, processors that do
 //! not sleep deeply. Each is asked for once, and what is refused is told once, with what to do about it.
 
-use super::tasks::Task;
+use super::tasks::{Place, Task};
 use plumbline_config::options::RuntimeConfig;
 use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::thread::{CpuSet, sched_setaffinity};
@@ -80,8 +80,10 @@ impl Host {
         {
             tracing::warn!("{refusal}");
         }
-        let is_tick = task.priority.is_some_and(|p| p >= 80);
-        let cpus = if is_tick { &self.wants.tick_cpus } else { &self.wants.work_cpus };
+        let cpus = match task.place {
+            Place::Tick => &self.wants.tick_cpus,
+            Place::Work => &self.wants.work_cpus,
+        };
         if let Err(refusal) = pin(cpus)
             && self.affinity.set(()).is_ok()
         {

@@ -43,6 +43,15 @@ pub enum Overrun {
     Wait,
 }
 
+/// On which of the configured processors a task runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// On `runtime.tick_cpus`: what must not wait for frames.
+    Tick,
+    /// On `runtime.work_cpus`: what a frame needs.
+    Work,
+}
+
 /// One row of the table.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Task {
@@ -52,6 +61,8 @@ pub struct Task {
     pub name: &'static str,
     /// SCHED_FIFO priority, 1 to 99; `None` for normal scheduling.
     pub priority: Option<u8>,
+    /// Where it runs.
+    pub place: Place,
     /// Time from one release to the next.
     pub period: Duration,
     /// Computation that one release should need at most.
@@ -77,10 +88,11 @@ impl TaskTable {
         let ms = Duration::from_millis;
         // A stalled stage is named within a tenth of a second of its silence: the watchdog looks every 10 ms.
         let stall = |usual: Duration| (usual + usual / 2).max(ms(80));
-        let task = |id, name, priority, period: Duration, budget, deadline, overrun| Task {
+        let task = |id: TaskId, name, priority, period: Duration, budget, deadline, overrun| Task {
             id,
             name,
             priority,
+            place: if matches!(id, TaskId::Imu | TaskId::Tick) { Place::Tick } else { Place::Work },
             period,
             budget,
             deadline,

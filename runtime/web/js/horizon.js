@@ -52,7 +52,7 @@ export class Horizon {
     this.svg = svg;
     svg.setAttribute('viewBox', '-100 -100 200 234');
     draw(svg, 'clipPath', { id: 'horizon-window' }, (clip) => draw(clip, 'rect', { x: -100, y: -100, width: 200, height: 200, rx: 8 }));
-    draw(svg, 'clipPath', { id: 'horizon-ladder' }, (clip) => draw(clip, 'circle', { r: 74 }));
+    draw(svg, 'clipPath', { id: 'horizon-ladder' }, (clip) => draw(clip, 'rect', { x: -64, y: -66, width: 128, height: 136 }));
     draw(svg, 'clipPath', { id: 'horizon-tape' }, (clip) => draw(clip, 'rect', { x: -100, y: 106, width: 200, height: 28, rx: 6 }));
     draw(svg, 'g', { class: 'known', 'clip-path': 'url(#horizon-window)' }, (g) => {
       this.ball = draw(g, 'g', {}, drawBall);

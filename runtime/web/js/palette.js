@@ -20,7 +20,7 @@ export const AGES = [
   { upTo: 5, colour: '#7ad151', name: '1–5' },
   { upTo: 20, colour: '#22c8a0', name: '6–20' },
   { upTo: 60, colour: '#4f9dde', name: '21–60' },
-  { upTo: Infinity, colour: '#b58cff', name: 'over 60 frames' },
+  { upTo: Infinity, colour: '#b58cff', name: '> 60 frames' },
 ];
 
 const SCENES = {

@@ -71,7 +71,7 @@ export class Vehicle3d {
 
   // Keeps the marker at the same size on the screen, whatever the distance.
   scaleMarker(metresPerPixel, isSelected) {
-    const size = (isSelected ? 9 : 7) * metresPerPixel;
+    const size = (isSelected ? 11 : 8) * metresPerPixel;
     this.marker.scale.setScalar(size);
     this.axes.object.scale.setScalar(Math.max(0.3, 38 * metresPerPixel));
   }

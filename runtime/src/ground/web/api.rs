@@ -1,9 +1,9 @@
-//! What the page asks for: resets, recordings, downloads.
+//! HTTP requests of the page: resets, recordings, downloads.
 
 use super::super::command::{self, ResetWords};
 use super::super::export::{Format, export};
 use super::super::fleet::Severity;
-use super::super::listen::lock;
+use super::super::fleet::lock;
 use super::Station;
 use axum::Json;
 use axum::extract::{Path, State};
@@ -13,13 +13,13 @@ use serde::Deserialize;
 use serde_json::json;
 use std::sync::Arc;
 
-/// A reset that is asked for.
+/// Body of a reset request.
 #[derive(Deserialize)]
 pub struct Reset {
     kind: ResetWords,
 }
 
-/// A recording that is to begin or to end.
+/// Body of a request to start or stop a recording.
 #[derive(Deserialize)]
 pub struct Record {
     on: bool,
@@ -30,7 +30,7 @@ fn answer(status: StatusCode, is_ok: bool, text: &str) -> Response {
 }
 
 fn unknown(vehicle: &str) -> Response {
-    answer(StatusCode::NOT_FOUND, false, &format!("{vehicle:?} was never heard of"))
+    answer(StatusCode::NOT_FOUND, false, &format!("no vehicle {vehicle:?} was received"))
 }
 
 /// Resets a vehicle's estimate.
@@ -40,8 +40,7 @@ pub async fn reset(
     Json(reset): Json<Reset>,
 ) -> Response {
     if !station.commands {
-        let text =
-            "this station gives no commands: it is open to other hosts; start it with --allow-commands";
+        let text = "commands are off at this station: it serves other hosts; start it with --allow-commands";
         return answer(StatusCode::FORBIDDEN, false, text);
     }
     let is_known = lock(&station.fleet).vehicles.contains_key(&vehicle);
@@ -60,7 +59,7 @@ pub async fn reset(
     }
 }
 
-/// Begins or ends a recording.
+/// Starts or stops a recording.
 pub async fn record(
     State(station): State<Arc<Station>>,
     Path(vehicle): Path<String>,
@@ -70,7 +69,7 @@ pub async fn record(
         Some(found) => found.set_recording(record.on),
         None => return unknown(&vehicle),
     }
-    answer(StatusCode::OK, true, if record.on { "recording" } else { "recording ended" })
+    answer(StatusCode::OK, true, if record.on { "recording started" } else { "recording stopped" })
 }
 
 /// A recording, or everything that is kept, as a file.
@@ -83,7 +82,7 @@ pub async fn download(
         return answer(
             StatusCode::NOT_FOUND,
             false,
-            "there is trajectory or recording, each .tum, .csv or .mcap",
+            "available are trajectory and recording, each as .tum, .csv or .mcap",
         );
     };
     let samples = match (what, lock(&station.fleet).vehicles.get(&vehicle)) {
@@ -93,11 +92,11 @@ pub async fn download(
         _ => None,
     };
     let Some(samples) = samples else {
-        return answer(StatusCode::NOT_FOUND, false, "nothing was recorded yet");
+        return answer(StatusCode::NOT_FOUND, false, "there is no recording yet");
     };
     match export(&vehicle, &samples, format) {
         Ok(bytes) => {
-            // Names of vehicles were checked to be plain, or were never heard of.
+            // Names of vehicles come from the network: only plain characters go into the header.
             let plain: String =
                 vehicle.chars().filter(|c| c.is_ascii_alphanumeric() || "-_".contains(*c)).collect();
             let disposition = format!("attachment; filename=\"{plain}-{what}.{}\"", format.ending());

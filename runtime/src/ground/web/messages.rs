@@ -1,4 +1,4 @@
-//! What the page is told, as JSON. `runtime/web/js` reads it.
+//! JSON messages to the page; `runtime/web/js` reads them.
 
 use super::super::fleet::{Fleet, FleetEvent};
 use super::super::map::{MapKeyframe, Scene};
@@ -20,7 +20,7 @@ pub fn hello(commands: bool) -> String {
     json!({"type": "hello", "version": env!("CARGO_PKG_VERSION"), "commands": commands}).to_string()
 }
 
-/// Everything that is shown in numbers, of every vehicle.
+/// The figures of every vehicle.
 #[must_use]
 pub fn fleet(fleet: &Fleet, web_malformed: u64, now: Instant) -> String {
     let vehicles: Vec<Value> = fleet.vehicles.iter().map(|(name, v)| vehicle(name, v, now)).collect();
@@ -103,7 +103,7 @@ fn keyframe_row(id: u64, at: &Isometry3<f64>) -> Vec<f64> {
     std::iter::once(id as f64).chain(pose(at)).collect()
 }
 
-/// Keyframes that are final.
+/// Keyframes that no longer change.
 #[must_use]
 pub fn map(vehicle: &str, is_new: bool, keyframes: &[(u64, &MapKeyframe)]) -> String {
     let rows: Vec<_> = keyframes.iter().map(|(id, k)| keyframe_row(*id, &k.pose_o_b)).collect();
@@ -115,7 +115,7 @@ pub fn map(vehicle: &str, is_new: bool, keyframes: &[(u64, &MapKeyframe)]) -> St
     .to_string()
 }
 
-/// What is in the window.
+/// Keyframes and landmarks of the window.
 #[must_use]
 pub fn scene(vehicle: &str, scene: &Scene) -> String {
     let rows: Vec<_> = (0u64..).zip(&scene.keyframes).map(|(id, pose)| keyframe_row(id, pose)).collect();
@@ -132,13 +132,13 @@ struct Event<'a> {
     event: &'a FleetEvent,
 }
 
-/// Something that happened.
+/// An event.
 #[must_use]
 pub fn event(event: &FleetEvent) -> String {
     serde_json::to_string(&Event { r#type: "event", event }).unwrap_or_default()
 }
 
-/// A camera picture: the length of a JSON header, that, and the JPEG.
+/// A camera image: length of a JSON header (u32, little-endian), the header, and the JPEG.
 #[must_use]
 pub fn picture(vehicle: &str, picture: &crate::net::proto::Picture) -> Vec<u8> {
     let stamp_ns = picture.header.as_ref().map_or(0, |header| header.stamp_ns);

@@ -1,11 +1,11 @@
-//! The web socket of a page: ten times a second what has changed since.
+//! The web socket of a page: sends what has changed, ten times a second.
 //!
-//! Each page has its own place in every path, map and list of events, so that a slow one holds up nobody and
-//! gets what it missed. What waits for it is bounded: nothing is prepared while the last message is still
-//! on its way.
+//! Each page has a cursor of its own in every path, map and list of events: a slow page delays no other and receives
+//! everything in the end. Its queue is bounded: nothing is prepared while the last message is still being sent.
 
 use super::super::fleet::Fleet;
-use super::super::listen::{lock, watch_camera};
+use super::super::fleet::lock;
+use super::super::listen::watch_camera;
 use super::{Station, messages};
 use axum::extract::State;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 use tokio::time::MissedTickBehavior;
 use zenoh::pubsub::Subscriber;
 
-/// News are told this often.
+/// Period of updates.
 const PERIOD: Duration = Duration::from_millis(100);
 /// Longest message of a page, bytes.
 const MAX_MESSAGE_BYTES: usize = 4_096;
@@ -29,7 +29,7 @@ const MAX_CAMERAS: usize = 4;
 /// Points of a path and keyframes in one message.
 const MAX_TRACK: usize = 5_000;
 const MAX_KEYFRAMES: usize = 100;
-/// A page that takes nothing for so long is gone.
+/// A page that accepts no data for so long is closed.
 const SEND_PATIENCE: Duration = Duration::from_secs(10);
 
 /// Opens the socket.
@@ -45,15 +45,15 @@ pub async fn upgrade(State(station): State<Arc<Station>>, upgrade: WebSocketUpgr
     )
 }
 
-/// What a page says.
+/// Messages of a page.
 #[derive(Deserialize)]
 #[serde(tag = "type", rename_all = "lowercase")]
-enum Said {
-    /// The cameras that are looked at.
+enum PageMessage {
+    /// Names of the vehicles whose camera is shown.
     Watch { camera: Vec<String> },
 }
 
-/// How far a page is with a vehicle.
+/// What a page has received of a vehicle.
 #[derive(Clone, Copy, Default)]
 struct Place {
     track: Option<u64>,
@@ -86,13 +86,13 @@ impl Page {
         loop {
             tokio::select! {
                 _ = clock.tick() => {
-                    let news = self.news(Instant::now());
-                    if !send(&mut socket, news).await {
+                    let updates = self.updates(Instant::now());
+                    if !send(&mut socket, updates).await {
                         return;
                     }
                 }
-                said = socket.recv() => match said {
-                    Some(Ok(Message::Text(text))) => self.hear(text.as_str()).await,
+                received = socket.recv() => match received {
+                    Some(Ok(Message::Text(text))) => self.receive(text.as_str()).await,
                     Some(Ok(Message::Binary(_))) => self.count_malformed(),
                     Some(Ok(Message::Ping(_) | Message::Pong(_))) => {}
                     Some(Ok(Message::Close(_))) | None => return,
@@ -110,7 +110,7 @@ impl Page {
         self.station.malformed.fetch_add(1, Ordering::Relaxed);
     }
 
-    async fn hear(&mut self, text: &str) {
+    async fn receive(&mut self, text: &str) {
         let Some(camera) = watched(text) else { return self.count_malformed() };
         self.cameras.retain(|name, _| camera.contains(name));
         for name in camera.into_iter().take(MAX_CAMERAS) {
@@ -127,14 +127,14 @@ impl Page {
         }
     }
 
-    /// Everything that is new to this page.
-    fn news(&mut self, now: Instant) -> Vec<Message> {
+    /// Everything that this page has not received yet.
+    fn updates(&mut self, now: Instant) -> Vec<Message> {
         let station = Arc::clone(&self.station);
         let fleet = lock(&station.fleet);
         let mut news =
             vec![Message::text(messages::fleet(&fleet, station.malformed.load(Ordering::Relaxed), now))];
         news.extend(fleet.events_since(self.events).map(|event| Message::text(messages::event(event))));
-        self.events = fleet.told;
+        self.events = fleet.event_count;
         let Self { places, cameras, .. } = self;
         for name in fleet.vehicles.keys() {
             let place = places.entry(name.clone()).or_default();
@@ -149,7 +149,7 @@ impl Page {
 
 /// The cameras that a page says it looks at; `None` for words that are not understood.
 pub fn watched(text: &str) -> Option<Vec<String>> {
-    serde_json::from_str(text).ok().map(|Said::Watch { camera }| camera)
+    serde_json::from_str(text).ok().map(|PageMessage::Watch { camera }| camera)
 }
 
 /// Everything that a page which has just been opened is told of every vehicle.
@@ -195,7 +195,7 @@ fn picture(fleet: &Fleet, name: &str, place: &mut Place, news: &mut Vec<Message>
     }
 }
 
-/// Whether the page took the messages.
+/// Sends the messages; whether the page accepted them.
 async fn send(socket: &mut WebSocket, messages: Vec<Message>) -> bool {
     for message in messages {
         let sent = tokio::time::timeout(SEND_PATIENCE, socket.send(message)).await;

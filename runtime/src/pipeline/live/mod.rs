@@ -27,7 +27,7 @@ mod wiring;
 pub use figures::LiveFigures;
 
 use super::listener::{Listener, Producer, Subscriber};
-use super::stages::{FrontStage, WindowStage};
+use super::stages::{self, FrontStage, WindowStage};
 use super::team::Team;
 use super::tick::TickStage;
 use super::{Control, DriverFaults, Outcome, RunError, Streams};
@@ -154,10 +154,7 @@ struct Ended {
 
 impl Ended {
     fn outcome(self, team: &Team) -> Outcome {
-        let mut figures = self.window.stage.figures.clone();
-        figures.finish();
-        figures.add_stages(&self.front_end.stage, &self.window.stage, &self.tick.stage);
-        figures.hot_path_allocations += team.allocations();
+        let mut figures = stages::total(&self.front_end.stage, &self.window.stage, &self.tick.stage, team);
         figures.frames_refused += self.front_end.figures.refused() + self.camera.figures.overdue;
         Outcome {
             estimate_digest: self.window.stage.digest(),

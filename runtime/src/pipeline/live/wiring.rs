@@ -3,7 +3,7 @@
 //! A ring has one writer and one reader. Frames, jobs and feedback go round between two tasks: what is done with goes
 //! back to be filled again, so that nothing is allocated in flight.
 
-use super::super::sizes_of;
+use super::super::image_sizes;
 use super::super::stages::{FrontStage, Job, WindowStage};
 use super::super::tick::TickStage;
 use super::drivers::{Arrival, CameraFigures, CameraTask, ImuTask};
@@ -107,7 +107,7 @@ impl Rings {
             samples: Ring::new(SAMPLE_RING, &bells.front_end),
             arrivals: Ring::new(FRAME_POOL, &bells.front_end),
             empty: Ring::new(FRAME_POOL, &bells.camera)
-                .filled(FRAME_POOL, || StereoFrame::new(sizes_of(config))),
+                .filled(FRAME_POOL, || StereoFrame::new(image_sizes(config))),
             jobs: Ring::new(JOB_POOL, &bells.window),
             spare: Ring::new(JOB_POOL, &bells.front_end).filled(JOB_POOL, || Job::new(config)),
             feedback: Ring::new(JOB_POOL, &bells.front_end),

@@ -1,0 +1,63 @@
+//! Why the network cannot be used.
+
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// Why the network cannot be used.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum NetError {
+    /// A session cannot be opened.
+    #[error("{}: {message}", connect.iter().chain(listen).cloned().collect::<Vec<_>>().join(", "))]
+    Open {
+        /// Where it was to listen.
+        listen: Vec<String>,
+        /// Where it was to connect.
+        connect: Vec<String>,
+        /// Why, and what to do.
+        message: String,
+    },
+    /// An endpoint that cannot work.
+    #[error("endpoint {endpoint}: {reason}")]
+    Endpoint {
+        /// The endpoint.
+        endpoint: String,
+        /// What is wrong, and what to do.
+        reason: String,
+    },
+    /// Somebody listens there already.
+    #[error("{endpoint}: another process listens there; end it, or choose another port")]
+    Taken {
+        /// The endpoint.
+        endpoint: String,
+    },
+    /// A key cannot be declared.
+    #[error("cannot declare '{key}': {message}")]
+    Declare {
+        /// The key.
+        key: String,
+        /// Zenoh's message.
+        message: String,
+    },
+    /// A file of the configuration cannot be used.
+    #[error("{path}: {message} ({key})")]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// The key of the configuration, or the option, that names it.
+        key: &'static str,
+        /// What is wrong, and what to do.
+        message: String,
+    },
+    /// Datagrams where they cannot be.
+    #[error("{endpoint}: {cure}")]
+    Datagrams {
+        /// The endpoint.
+        endpoint: String,
+        /// What is wrong, and what to do.
+        cure: &'static str,
+    },
+    /// The network's own thread cannot be started.
+    #[error("cannot start the network thread: {0}")]
+    Thread(#[from] std::io::Error),
+}

@@ -1,0 +1,229 @@
+//! Imports point down only: between the crates, between the modules of the runtime, and between those of the estimator.
+//!
+//! The order of the runtime's rooms is that of its crate documentation; the estimator's follows the flow of the data.
+//! Below the top of a crate no modules of one folder may import each other in a circle. A new module needs a place in
+//! the order here. Functions fit on a screen.
+
+mod arrows;
+mod sources;
+
+use arrows::{Arrows, against, arrows, circles};
+use sources::Sources;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+/// The modules of the runtime from the ground up. Each may import those before it.
+const RUNTIME: &[&str] = &[
+    "alloc",
+    "schedule",
+    "pipeline",
+    "log",
+    "net",
+    "autopilot",
+    "ros",
+    "flight",
+    "evaluate",
+    "report",
+    "campaign",
+    "bench",
+    "picture",
+    "ground",
+    "fuzzing",
+    "cli",
+];
+
+/// The modules of the estimator in the order of the data.
+const ESTIMATOR: &[&str] = &[
+    "geometry",
+    "work_budget",
+    "image",
+    "estimate",
+    "points",
+    "lines",
+    "inertial",
+    "input",
+    "window",
+    "initial",
+    "exchange",
+    "front_end",
+    "odometry",
+    "propagator",
+    "facade",
+];
+
+/// Crates of ours that each crate may name.
+const CRATES: &[(&str, &[&str])] = &[
+    ("config", &[]),
+    ("drivers", &["plumbline_config"]),
+    ("estimator", &["plumbline_config"]),
+    ("runtime", &["plumbline_config", "plumbline_drivers", "plumbline_estimator"]),
+];
+
+/// Modules of one folder that import each other, for now.
+const KNOWN_CIRCLES: &[(&str, &[&str])] = &[("estimator::window", &["feature", "line", "manhattan"])];
+
+/// Lines of the longest function of the runtime: one screen.
+const SCREEN: usize = 60;
+
+fn project() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+fn crate_of(name: &str) -> Sources {
+    Sources::read(&project().join(name))
+}
+
+/// The arrows at the top of a crate.
+fn top(sources: &Sources) -> Arrows {
+    arrows(sources).remove(&Vec::new()).unwrap_or_default()
+}
+
+#[test]
+fn crates_import_what_is_below_them() {
+    for (name, allowed) in CRATES {
+        for module in crate_of(name).modules.values() {
+            for other in module.crates.iter().filter(|other| other.starts_with("plumbline")) {
+                let file = module.file.display();
+                assert!(allowed.contains(&other.as_str()), "{name}/{file}: {name} -> {other} points up");
+            }
+        }
+    }
+}
+
+#[test]
+fn rooms_of_the_runtime_import_those_below_them() {
+    assert_eq!(against(RUNTIME, &top(&crate_of("runtime"))), Vec::<String>::new());
+}
+
+#[test]
+fn modules_of_the_estimator_follow_the_data() {
+    assert_eq!(against(ESTIMATOR, &top(&crate_of("estimator"))), Vec::<String>::new());
+}
+
+/// Every circle of a crate, as `folder: a, b`.
+fn all_circles(name: &str) -> BTreeSet<String> {
+    let words = |path: &[String], circle: &BTreeSet<String>| {
+        let members: Vec<_> = circle.iter().map(String::as_str).collect();
+        format!("{}: {}", [&[name.to_owned()], path].concat().join("::"), members.join(", "))
+    };
+    let per_folder = arrows(&crate_of(name));
+    per_folder
+        .iter()
+        .flat_map(|(path, arrows)| circles(arrows).into_iter().map(|c| words(path, &c)))
+        .collect()
+}
+
+#[test]
+fn no_modules_of_a_folder_import_each_other_in_a_circle() {
+    let known: BTreeSet<String> =
+        KNOWN_CIRCLES.iter().map(|(folder, members)| format!("{folder}: {}", members.join(", "))).collect();
+    let found: BTreeSet<String> = CRATES.iter().flat_map(|(name, _)| all_circles(name)).collect();
+    assert_eq!(found, known, "circles found, and those that are known");
+}
+
+#[test]
+fn functions_of_the_runtime_fit_on_a_screen() {
+    let mut functions = crate_of("runtime").functions;
+    functions.sort_by_key(|function| std::cmp::Reverse(function.lines));
+    functions.retain(|function| function.lines > SCREEN);
+    assert_eq!(functions, Vec::new());
+}
+
+/// `PLUMBLINE_SOURCES=/another/checkout cargo test --test imports figures -- --ignored --nocapture`
+#[test]
+#[ignore = "prints figures, of this checkout or another"]
+fn figures() {
+    let root = std::env::var_os("PLUMBLINE_SOURCES").map_or_else(project, PathBuf::from);
+    for (name, _) in CRATES {
+        let sources = Sources::read(&root.join(name));
+        let in_top = circles(&top(&sources));
+        let all: usize = arrows(&sources).values().map(|arrows| circles(arrows).len()).sum();
+        let longest = sources.functions.iter().max_by_key(|function| function.lines);
+        println!("{name}: {} modules, {all} circles, at the top {in_top:?}", sources.modules.len());
+        for (path, arrows) in arrows(&sources) {
+            for circle in circles(&arrows) {
+                println!("  {}: {circle:?}", path.join("::"));
+            }
+        }
+        println!("  longest function {longest:?}");
+    }
+}
+
+/// Writes a crate of these files; its sources.
+fn made_up(files: &[(&str, &str)]) -> Sources {
+    let folder = tempfile::tempdir().unwrap();
+    for (file, text) in files {
+        let path = folder.path().join("src").join(file);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, text).unwrap();
+    }
+    Sources::read(folder.path())
+}
+
+#[test]
+fn a_circle_is_found_with_its_file_however_it_is_written() {
+    for back in [
+        "use crate::top::Thing;",
+        "use super::top;",
+        "use crate::{top::Thing as Other};",
+        "fn f() { crate::top::f(); }",
+        "fn f() -> super::top::Thing { todo!() }",
+        "fn f() { println!(\"{}\", crate::top::NUMBER); }",
+        "mod inner { use super::super::top::Thing; }",
+        // Handed on by the root.
+        "use crate::Thing;",
+    ] {
+        let sources = made_up(&[
+            ("lib.rs", "pub mod top; mod ground; pub use top::Thing;"),
+            ("top.rs", "use crate::ground; pub struct Thing;"),
+            ("ground/mod.rs", back),
+        ]);
+        let arrows = top(&sources);
+        assert_eq!(circles(&arrows).len(), 1, "{back}");
+        assert_eq!(
+            against(&["ground", "top"], &arrows),
+            ["src/ground/mod.rs: ground -> top points up"],
+            "{back}"
+        );
+    }
+}
+
+#[test]
+fn longer_circles_are_found_and_what_is_for_tests_alone_is_none() {
+    let sources = made_up(&[
+        ("lib.rs", "mod a; mod b; mod c; mod d; #[cfg(test)] mod tests;"),
+        ("a.rs", "use crate::b;"),
+        ("b.rs", "use crate::c; #[cfg(test)] mod tests { use crate::d; }"),
+        ("c.rs", "use crate::a;"),
+        ("d.rs", "use crate::a;"),
+        ("tests.rs", "use crate::d;"),
+    ]);
+    let names = ["a", "b", "c"].map(str::to_owned);
+    assert_eq!(circles(&top(&sources)), [BTreeSet::from(names)]);
+    assert_eq!(against(&["a", "b", "c", "d"], &top(&sources)).len(), 2);
+}
+
+#[test]
+fn circles_are_found_within_a_folder_and_a_child_may_use_its_parent() {
+    let sources = made_up(&[
+        ("lib.rs", "mod room;"),
+        ("room/mod.rs", "mod bed; mod chair; pub struct Room; use bed::Bed;"),
+        ("room/bed.rs", "use super::Room; use super::chair::Chair; pub struct Bed;"),
+        ("room/chair.rs", "use super::bed::Bed; pub struct Chair;"),
+    ]);
+    let all = arrows(&sources);
+    assert_eq!(all.keys().collect::<Vec<_>>(), [&["room".to_owned()]]);
+    assert_eq!(circles(&all[&vec!["room".to_owned()]]).len(), 1);
+}
+
+#[test]
+fn a_module_without_a_place_in_the_order_is_named() {
+    let sources = made_up(&[("lib.rs", "mod a; mod new;"), ("a.rs", ""), ("new.rs", "use crate::a;")]);
+    assert_eq!(against(&["a"], &top(&sources)), ["src/new.rs: new has no place in the order"]);
+}
+
+#[test]
+fn a_function_is_measured_from_its_signature_to_its_end() {
+    let sources = made_up(&[("lib.rs", "/// Words.\nfn long(\n    a: u8,\n) {\n    let _ = a;\n}\n")]);
+    assert_eq!(sources.functions[0].lines, 5);
+}
