@@ -2,7 +2,7 @@
 
 use crate::error::ConfigError;
 
-/// Names of the presets that [`Config::preset`] knows.
+/// Names of the presets that [`Config::preset`](crate::Config::preset) knows.
 pub const PRESETS: &[&str] = &["euroc", "sim"];
 
 /// The annotated text of a preset: a good start for a configuration of one's own.

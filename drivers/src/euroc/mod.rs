@@ -9,8 +9,8 @@
 //!
 //! [`EurocDataset::open`] reads the tables, pairs the images by time and refuses, in one line, what is no
 //! data set; [`EurocDataset::stereo`] and [`EurocDataset::imu`] are the sources. What can be survived is
-//! counted in [`Faults`](crate::Faults): rows that are torn or out of order, images that are missing, cut
-//! off, of the wrong size or without a partner. [`write`] makes such a data set of any sources.
+//! counted in [`Faults`]: rows that are torn or out of order, images that are missing, cut
+//! off, of the wrong size or without a partner. [`write()`] makes such a data set of any sources.
 
 mod grid;
 pub(crate) mod image;

@@ -6,7 +6,7 @@
 //! preintegrated IMU between consecutive frames, and robust reprojection terms.
 //!
 //! - [`state`], [`frame`], [`landmark`], [`feature`]: what is estimated
-//! - [`reprojection`], [`line`], [`inertial_factor`], [`zero_velocity_factor`], [`manhattan_factor`], [`prior`]: the
+//! - [`reprojection`], [`mod@line`], [`inertial_factor`], [`zero_velocity_factor`], [`manhattan_factor`], [`prior`]: the
 //!   factors, each with its residual and its Jacobians ([`factor`])
 //! - `tracks`: how tracks become landmarks
 //! - [`manhattan`] with `heading_votes`, `structural_lines`: verticals and vanishing directions

@@ -1,5 +1,5 @@
 //! What the tests of all crates share: where the data are ([`shared`]), and what a test does that cannot run here
-//! ([`skip`]). Without dependencies, so that every crate can have it.
+//! ([`skip()`]). Without dependencies, so that every crate can have it.
 
 pub mod skip;
 
@@ -8,7 +8,7 @@ pub use skip::{Need, skip};
 use std::path::PathBuf;
 
 /// `what` in the folder of shared data: the environment variable `PLUMBLINE_SHARED`, else `../shared` beside the
-/// workspace. Where it is not there, the test is to [`skip`] itself.
+/// workspace. Where it is not there, the test is to [`skip()`] itself.
 #[must_use]
 pub fn shared(what: &str) -> Option<PathBuf> {
     let path = folder("PLUMBLINE_SHARED", "../shared").join(what);
