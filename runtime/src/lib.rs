@@ -8,7 +8,7 @@
 //!   by MAVLink, [`ros`] to ROS 2;
 //! - a [`flight`] puts sources, run and listeners together;
 //! - who judges flights: [`evaluate`] compares trajectories, a [`report`] sums a flight up, a [`campaign`] flies many,
-//!   a [`sweep`] flies many settings, a [`bench`] measures what they cost; a [`plot`] draws a flight, a [`picture`] what was
+//!   a [`sweep`] flies many settings, a [`mod@bench`] measures what they cost; a [`plot`] draws a flight, a [`picture`] what was
 //!   found in an image;
 //! - the [`ground`] watches from afar;
 //! - [`cli`] is the command line. Nothing but the binary imports it.

@@ -29,6 +29,8 @@ use std::sync::Arc;
 const MAX_RESERVED_READINGS: f64 = 1_440_000.0;
 
 /// Arguments of `plumbline replay`.
+// Help texts name tables of the configuration in brackets.
+#[allow(rustdoc::broken_intra_doc_links)]
 #[derive(Debug, Args)]
 pub struct ReplayArgs {
     /// A EuRoC data set, a flight log (.mcap), or a simulated flight: sim:room, sim:hall, sim:low-texture.

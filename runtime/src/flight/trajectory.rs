@@ -20,7 +20,7 @@ pub struct CausalPose {
     pub stamp: Timestamp,
     /// Pose of the body in the odometry frame.
     pub pose_o_b: Isometry3<f64>,
-    /// Covariance of position [m] and attitude [rad].
+    /// Covariance of position, m, and attitude, rad.
     pub covariance: Matrix6<f64>,
     /// Resets so far: a jump is no error of the estimate.
     pub reset_counter: u32,

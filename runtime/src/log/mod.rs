@@ -42,13 +42,13 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// The generated messages of the log.
-#[allow(missing_docs, clippy::all, clippy::pedantic)]
+#[allow(missing_docs, clippy::all, clippy::pedantic, rustdoc::all)]
 pub mod proto {
     include!(concat!(env!("OUT_DIR"), "/plumbline.v1.log.rs"));
 }
 
 /// The generated messages that Foxglove draws by itself.
-#[allow(missing_docs, clippy::all, clippy::pedantic)]
+#[allow(missing_docs, clippy::all, clippy::pedantic, rustdoc::all)]
 pub mod foxglove {
     include!(concat!(env!("OUT_DIR"), "/foxglove.rs"));
 }

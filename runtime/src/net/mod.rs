@@ -39,7 +39,7 @@ pub use publisher::Publisher;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 /// The generated wire format.
-#[allow(missing_docs, clippy::all, clippy::pedantic)]
+#[allow(missing_docs, clippy::all, clippy::pedantic, rustdoc::all)]
 pub mod proto {
     include!(concat!(env!("OUT_DIR"), "/plumbline.v1.rs"));
 }
