@@ -1,13 +1,10 @@
 //! The run of a flight, from its first sample to its last.
 
-use super::trajectory::{CausalPose, CausalTrajectory};
+use super::trajectory::{CausalPose, CausalTrajectory, MAX_RESERVED_FRAMES};
 use super::{Flight, FlightError, Truth};
 use crate::pipeline::listener::{Several, Subscriber};
 use crate::pipeline::{self, Control, Outcome, RunOptions, Streams};
 use plumbline_config::ValidConfig;
-
-/// Room for poses is made beforehand for up to so many frames: two hours at 20 Hz.
-pub(super) const MAX_RESERVED_FRAMES: usize = 144_000;
 
 /// What a flight came to.
 pub struct Flown {

@@ -4,7 +4,6 @@
 //! The storage stands before the run and moves to the thread that fills it; when the run is over it comes back.
 
 use super::Flight;
-use super::run::MAX_RESERVED_FRAMES;
 use super::states::StateRow;
 use crate::pipeline::listener::{Listener, Producer, Subscriber};
 use nalgebra::{Isometry3, Matrix6};
@@ -12,6 +11,9 @@ use plumbline_config::Timestamp;
 use plumbline_drivers::StampedPose;
 use plumbline_estimator::{Estimate, Odometry};
 use std::sync::{Arc, Mutex, PoisonError};
+
+/// Room for poses is made beforehand for up to so many frames: two hours at 20 Hz.
+pub(super) const MAX_RESERVED_FRAMES: usize = 144_000;
 
 /// One pose as it was known when its frame came.
 #[derive(Clone, Debug)]

@@ -1,7 +1,7 @@
 //! One cell: a setting on a flight. Flown, it is a file of its own.
 
 use super::SweepError;
-use super::plan::{Common, Subject};
+use super::subject::{Common, Subject};
 use crate::flight::{FlightError, Truth, fly, with_overrides};
 use crate::log::build_id::BuildId;
 use crate::pipeline::digest::config_hash;

@@ -8,10 +8,12 @@
 pub mod cell;
 pub mod plan;
 pub mod run;
+pub mod subject;
 pub mod table;
 
 pub use cell::{Cell, CellResult, Figures};
-pub use plan::{Axis, Plan, Subject};
+pub use plan::{Axis, Plan};
+pub use subject::{Common, Subject};
 
 use std::path::PathBuf;
 use thiserror::Error;
