@@ -10,6 +10,8 @@ const HALF_CELLS = 60;
 const PIECE_CELLS = 5;
 const FIELD_OF_VIEW_DEG = 50;
 const PICK_PX = 18;
+// A path this much larger than when the camera was placed is out of view.
+const OUTGROWN = 1.4;
 
 export class View3d {
   // Throws when the browser has no WebGL. `labels` is an element over the canvas; `changed` asks for a new picture.
@@ -28,6 +30,9 @@ export class View3d {
     this.controls.maxDistance = 3000;
     this.controls.listenToKeyEvents(canvas);
     this.controls.addEventListener('change', changed);
+    this.controls.addEventListener('start', () => {
+      this.isMoved = true;
+    });
     this.vehicles = new Map();
     this.tags = new Map();
     this.scene.fog = new THREE.Fog(0, 1, 100);
@@ -39,6 +44,7 @@ export class View3d {
     this.ellipsoidScale = 1;
     this.theme = 'dark';
     this.isPlaced = false;
+    this.isMoved = false; // by the user since it was last placed
     this.projected = new THREE.Vector3();
     this.makeGrid();
     canvas.addEventListener('webglcontextlost', (event) => {
@@ -149,6 +155,7 @@ export class View3d {
 
   look(direction) {
     const { centre, radius } = this.extent();
+    Object.assign(this, { direction, radius, isMoved: false });
     const distance = (1.25 * radius) / Math.sin((FIELD_OF_VIEW_DEG / 2) * (Math.PI / 180) * Math.min(1, this.camera.aspect));
     this.controls.target.copy(centre);
     this.camera.position.copy(centre).addScaledVector(new THREE.Vector3(...direction).normalize(), distance);
@@ -213,7 +220,13 @@ export class View3d {
       this.isPlaced = true;
       this.reset();
     }
+    this.widen();
     this.follow();
+  }
+
+  // Keeps a path that grows in view, until the user has moved the camera.
+  widen() {
+    if (this.isPlaced && !this.isMoved && this.follows && this.extent().radius > OUTGROWN * this.radius) this.look(this.direction);
   }
 
   remove(name) {
