@@ -36,8 +36,8 @@ const MAX_ANSWERS: usize = 8;
 pub struct BridgeFigures {
     /// `ODOMETRY` messages that the system took.
     pub odometry: u64,
-    /// Of these, with quality -1.
-    pub lost: u64,
+    /// Of these, without a valid pose: with quality -1.
+    pub invalid: u64,
     /// Messages of any kind that the system did not take.
     pub unsent: u64,
     /// Deadlines that passed unseen.
@@ -58,7 +58,7 @@ pub struct BridgeFigures {
 
 impl fmt::Display for BridgeFigures {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} odometry messages, {} of them lost", self.odometry, self.lost)?;
+        write!(f, "{} odometry messages, {} of them invalid (quality -1)", self.odometry, self.invalid)?;
         write!(
             f,
             "; late p50 {:.2}, p99 {:.2}, max {:.2} ms",
@@ -203,7 +203,7 @@ impl Sender {
         };
         if self.send::<ODOMETRY_DATA>(&message, now) {
             self.figures.odometry += 1;
-            self.figures.lost += u64::from(message.quality < 0);
+            self.figures.invalid += u64::from(message.quality < 0);
         }
     }
 

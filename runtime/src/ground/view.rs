@@ -21,7 +21,7 @@ use std::time::Instant;
 /// Lines that one vehicle takes, border included.
 const VEHICLE_LINES: u16 = horizon::ROWS + 2;
 /// Columns within the border from which on a horizon leaves enough for the numbers.
-const MIN_HORIZON_COLUMNS: u16 = 84;
+const MIN_HORIZON_COLUMNS: u16 = 78;
 /// Lines from which on the view from above is worth its place.
 const MIN_ABOVE_LINES: u16 = 6;
 
@@ -113,7 +113,7 @@ fn figures(vehicle: &Vehicle, now: Instant) -> Vec<Line<'static>> {
         || "no pose".to_owned(),
         |pose| {
             let p = pose.translation.vector;
-            format!("{:+8.3} {:+8.3} {:+8.3} m    1σ {:.3} m", p.x, p.y, p.z, vehicle.sigma_m())
+            format!("{:+8.3} {:+8.3} {:+8.3} m  1σ {:.3} m", p.x, p.y, p.z, vehicle.sigma_m())
         },
     );
     let attitude = vehicle.attitude().map_or_else(
@@ -126,14 +126,18 @@ fn figures(vehicle: &Vehicle, now: Instant) -> Vec<Line<'static>> {
     let v = vehicle.v_o_b;
     let velocity = format!("{:+8.2} {:+8.2} {:+8.2} m/s  speed {:.2} m/s", v.x, v.y, v.z, v.norm());
     let link = format!(
-        "odometry {:.0} Hz  state {:.0} Hz  latency {:.2} ms  lost {}  dropped {}",
+        "odometry {:.0} Hz  state {:.0} Hz  latency {:.1} ms",
         vehicle.odom.rate_hz(now),
         vehicle.state.rate_hz(now),
         vehicle.latency_ms.unwrap_or(0.0),
+    );
+    let health = format!(
+        "{}; frame {:.1} ms; lost {}, dropped {}",
+        vehicle.health_summary(),
+        vehicle.frame_ms,
         vehicle.odom.lost + vehicle.state.lost,
         vehicle.dropped
     );
-    let health = format!("{}; frame {:.1} ms", vehicle.health_summary(), vehicle.frame_ms);
     let label =
         |text: &'static str| Span::styled(format!("{text:<10}"), Style::new().add_modifier(Modifier::DIM));
     [
@@ -156,13 +160,16 @@ mod tests {
     use ratatui::backend::TestBackend;
     use std::time::Duration;
 
+    /// A terminal of the usual width.
+    const COLUMNS: u16 = 80;
+
     fn text(fleet: &Fleet, now: Instant) -> String {
-        let mut terminal = Terminal::new(TestBackend::new(100, 18)).unwrap();
+        let mut terminal = Terminal::new(TestBackend::new(COLUMNS, 18)).unwrap();
         terminal.draw(|frame| draw(frame, fleet, now)).unwrap();
         let buffer = terminal.backend().buffer();
         buffer
             .content()
-            .chunks(100)
+            .chunks(COLUMNS.into())
             .map(|row| row.iter().map(|c| c.symbol()).collect::<String>() + "\n")
             .collect()
     }
@@ -201,6 +208,9 @@ mod tests {
             "-2.500",
             attitude,
             "▄━━━━▄▄◆▄▄━━━━▄",
+            "1σ 0.000 m",
+            "speed 0.50 m/s",
+            "latency 0.0 ms",
             "few features",
             "from above",
             "● drone",
