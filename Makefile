@@ -24,7 +24,7 @@ export NEXTEST_PROFILE ?= $(if $(CI),ci,default)
 
 # The steps are in order; cargo is parallel itself.
 .NOTPARALLEL:
-.PHONY: help demo build test tests forget-skips checked check lint fmt fmt-check clippy deny soak digests bench doc doctests setup clean \
+.PHONY: help demo build test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny soak digests bench doc doctests setup clean \
 	fuzz fuzz-all fuzz-smoke
 
 help: ## this list
@@ -43,23 +43,34 @@ export PLUMBLINE_SKIPPED := $(CURDIR)/target/skipped.txt
 # The last line of a recipe is $(call tell-skips,COMMAND), which fails as COMMAND does.
 tell-skips = status=0; $(1) || status=$$?; scripts/skipped; exit $$status
 
-test: setup fmt-check deny forget-skips checked tests doctests doc ## format, lints, licences, documentation, and every test but the soak
+test: setup fmt-check deny forget-skips ## format, lints, licences, documentation, and every test but the soak
+	$(MAKE) checked ARGS= >target/checked.log 2>&1 & checked=$$!; \
+	status=0; $(MAKE) tests-built || status=$$?; \
+	wait $$checked || { cat target/checked.log; exit 1; }; \
+	tail -n 4 target/checked.log; exit $$status
+	$(MAKE) doctests tests
 
 forget-skips:
 	@mkdir -p target && rm -f $(PLUMBLINE_SKIPPED)
 
+# Each crate of ours is linted, and its documentation built, as it is compiled.
+LINTED = RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/scripts/rustc-clippy
+TESTS = $(FLAGS) --workspace --all-targets -E 'not kind(bench)'
+
+tests-built:
+	$(LINTED) $(CARGO) nextest run $(TESTS) --no-run
+
 tests:
-	$(call tell-skips,RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/scripts/rustc-clippy \
-		$(CARGO) nextest run $(FLAGS) --workspace --all-targets -E 'not kind(bench)' $(ARGS))
+	$(call tell-skips,$(LINTED) $(CARGO) nextest run $(TESTS) $(ARGS))
 
 doctests: ## the examples in the documentation of the code
-	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/scripts/rustc-clippy $(CARGO) test $(FLAGS) --workspace --doc
+	$(LINTED) $(CARGO) test $(FLAGS) --workspace --doc
 
-# The crates whose dependencies are few: these are compiled once more.
-CHECKED = -p plumbline-config -p plumbline-estimator -p plumbline-drivers
+# The crates whose dependencies are few: these are compiled once more, in a folder of their own, so that this goes on
+# beside the build of the tests.
+CHECKED = --target-dir target/checked -p plumbline-config -p plumbline-estimator -p plumbline-drivers
 
-checked: ## unit and property tests with overflow checks and debug assertions
-	@scripts/setup test
+checked: setup ## unit and property tests with overflow checks and debug assertions
 	$(CARGO) nextest run --cargo-profile checked --locked $(CHECKED) --all-features --lib $(ARGS)
 
 check: forget-skips ## the tests alone, without the lints
