@@ -5,10 +5,12 @@
 
 pub mod error;
 pub mod euroc;
+pub mod faults;
 #[cfg(any(test, feature = "fuzzing"))]
 #[doc(hidden)]
 pub mod fuzzing;
 pub mod prefetch;
+mod random;
 pub mod simulator;
 pub mod source;
 mod text_lines;
@@ -17,6 +19,7 @@ pub mod tum;
 
 pub use error::DriverError;
 pub use euroc::{EurocDataset, EurocImu, EurocOptions, EurocStereo};
+pub use faults::{FaultySource, FrameFaults, LostCamera};
 pub use prefetch::Prefetch;
 pub use source::{Faults, ImuReading, ImuSource, StereoFrame, StereoSource};
 pub use truth::TruthState;

@@ -39,9 +39,9 @@ fn a_recorded_flight_is_verified_and_flown_again() {
     for part in ["with the flight", "this one", "/input/left", report["config_hash"].as_str().unwrap()] {
         assert!(contents.contains(part), "'{part}' is missing in: {contents}");
     }
-    fails(&["replay", "sim:room", "--record", &log], 1, &["flight.mcap: exists", "delete it"]);
+    fails(&["replay", "sim:room", "--record", &log], 2, &["flight.mcap: exists", "delete it"]);
     fails(&["replay", "sim:room", "--record", "flight.log"], 2, &["flight.log", ".mcap"]);
-    fails(&["verify", "nowhere.mcap"], 1, &["nowhere.mcap"]);
+    fails(&["verify", "nowhere.mcap"], 2, &["nowhere.mcap"]);
 }
 
 #[test]

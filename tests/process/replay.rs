@@ -43,3 +43,27 @@ fn a_written_flight_is_replayed_and_evaluated() {
     let overwritten = plumbline(&["simulate", &flight, "--duration", "1"]);
     assert!(!overwritten.status.success(), "a data set must not be overwritten unasked");
 }
+
+#[test]
+fn faults_are_put_into_recorded_frames_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = folder.path().join("flight");
+    let dataset = dataset.to_str().unwrap();
+    let output = plumbline(&["simulate", dataset, "--duration", "4", "--scale", "0.3", "--start", "2"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let report = |faults: &[&str]| -> serde_json::Value {
+        let output = plumbline(&[&["replay", dataset, "--json"], faults].concat());
+        assert!(output.status.success(), "{}", stderr(&output));
+        serde_json::from_slice(&output.stdout).unwrap()
+    };
+    let (sound, again) = (report(&[]), report(&["--drop-rate", "0"]));
+    assert_eq!(sound["estimate_digest"], again["estimate_digest"]);
+    let dropped = report(&["--drop-rate", "0.3"]);
+    let lost = dropped["faults"]["cameras"]["missing"].as_u64().unwrap();
+    assert!((8..=40).contains(&lost), "{lost}");
+    assert_eq!(dropped["frames"].as_u64().unwrap() + lost, sound["frames"].as_u64().unwrap());
+    let single = report(&["--lost-camera", "right:1..2"]);
+    assert_eq!(single["faults"]["cameras"]["unpaired"], 20);
+    let dark = report(&["--blackout", "2..3"]);
+    assert!(dark["points"]["tracked"].as_f64() < sound["points"]["tracked"].as_f64());
+}

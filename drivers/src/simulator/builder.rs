@@ -2,9 +2,9 @@
 
 use super::light_map::LightMap;
 use super::pattern::Material;
-use super::random::{Draws, Purpose};
 use super::solid::{Bounds, Solid};
 use super::world::{Finish, Surface};
+use crate::random::{Draws, Purpose};
 use nalgebra::Vector3;
 use std::f64::consts::FRAC_PI_2;
 

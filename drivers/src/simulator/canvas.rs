@@ -1,6 +1,6 @@
 //! Painting of repeated patterns: smooth noise and anti-aliased shapes on a square that wraps around.
 
-use super::random::{Draws, Purpose};
+use crate::random::{Draws, Purpose};
 
 /// A square of values around `[0, 1]` that continues on its other side.
 #[derive(Clone, Debug)]

@@ -3,7 +3,8 @@
 //! Every draw is a pure function of the seed, the frame, the camera and the pixel, so frames may be
 //! rendered in any order and on any thread.
 
-use super::random::{Draws, Purpose};
+use crate::FrameFaults;
+use crate::random::{Draws, Purpose};
 use nalgebra::Vector2;
 use plumbline_config::CameraModel;
 use std::f64::consts::TAU;
@@ -36,10 +37,9 @@ pub struct Effects {
     pub exposure_drift: f64,
     /// Period of that change, s.
     pub exposure_drift_period_s: f64,
-    /// Probability that a frame (both images) is lost.
-    pub drop_probability: f64,
-    /// A camera (0 or 1) that delivers nothing from the first to the second time, s.
-    pub lost_camera: Option<(usize, f64, f64)>,
+    /// What goes wrong with finished frames. Darkness and flicker are better had of [`Self::blackout`] and
+    /// [`Self::flicker`], which happen before the noise of the sensor.
+    pub frames: FrameFaults,
     /// Both images are black, noise aside, from the first to the second time, s.
     pub blackout: Option<(f64, f64)>,
     /// `t_imu = t_camera + time_offset_s`: stamps of images are early by this much.
@@ -60,8 +60,7 @@ impl Default for Effects {
             flicker: 0.01,
             exposure_drift: 0.05,
             exposure_drift_period_s: 7.0,
-            drop_probability: 0.0,
-            lost_camera: None,
+            frames: FrameFaults::default(),
             blackout: None,
             time_offset_s: 0.0,
         }
@@ -81,16 +80,6 @@ impl Effects {
             exposure_drift: 0.0,
             ..Self::default()
         }
-    }
-
-    /// Whether frame `index` is lost.
-    pub(super) fn drops(&self, seed: u64, index: u64) -> bool {
-        self.drop_probability > 0.0 && Draws::new(seed, Purpose::Drop, index).unit() < self.drop_probability
-    }
-
-    /// Whether `camera` delivers an image at `time_s`.
-    pub(super) fn delivers(&self, camera: usize, time_s: f64) -> bool {
-        !self.lost_camera.is_some_and(|(c, from, to)| c == camera && (from..to).contains(&time_s))
     }
 
     /// Gain of frame `index`, `time_s` after the first.
@@ -253,12 +242,5 @@ mod tests {
         blur(&mut light, &mut [0.0; 10], 5, 0.125);
         assert!((light.iter().sum::<f32>() - 1.0).abs() < 1e-6);
         assert_eq!((light[7], light[17], light[11], light[13]), (0.09375, 0.09375, 0.09375, 0.09375));
-    }
-
-    #[test]
-    fn frames_are_lost_at_the_given_rate() {
-        let effects = Effects { drop_probability: 0.1, ..Effects::none() };
-        let lost = (0..10_000).filter(|&k| effects.drops(3, k)).count();
-        assert!((900..1100).contains(&lost));
     }
 }

@@ -5,8 +5,8 @@
 //! `walk * sqrt(dt)` per sample. Readings beyond the sensor's range are clamped to it. Sample `k` is a
 //! pure function of the seed and of `k`.
 
-use super::random::{Draws, Purpose};
 use super::trajectory::Trajectory;
+use crate::random::{Draws, Purpose};
 use nalgebra::Vector3;
 use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Timestamp};

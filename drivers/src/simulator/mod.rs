@@ -18,7 +18,6 @@ mod light;
 mod light_map;
 mod path;
 mod pattern;
-mod random;
 mod render;
 mod scenario;
 mod scenes;
@@ -42,7 +41,7 @@ pub use stereo::SimulatedStereo;
 pub use trajectory::{Motion, Trajectory};
 pub use world::Hit;
 
-use crate::{DriverError, Faults, ImuReading, ImuSource, StereoFrame, TruthState};
+use crate::{DriverError, Faults, FaultySource, ImuReading, ImuSource, StereoFrame, TruthState};
 use effects::Sensor;
 use imu::ImuModel;
 use lens::Lens;
@@ -140,10 +139,11 @@ impl Simulator {
         SimulatedImu { simulator: self.clone(), next: 0 }
     }
 
-    /// A stream of the frames, with working memory of its own.
+    /// A stream of the frames, with working memory of its own, and with what goes wrong with them in the scenario.
     #[must_use]
-    pub fn stereo(&self) -> SimulatedStereo {
-        SimulatedStereo::new(self.clone())
+    pub fn stereo(&self) -> FaultySource<SimulatedStereo> {
+        let Scenario { effects, seed, .. } = &self.inner.scenario;
+        FaultySource::new(SimulatedStereo::new(self.clone()), effects.frames.clone(), *seed)
     }
 
     /// Frames of the flight, lost ones included.
@@ -192,35 +192,28 @@ impl Simulator {
         }
     }
 
-    /// Renders frame `index` (in any order) into `frame`; `false` when the scenario loses that frame.
-    pub fn render_frame(&self, index: u64, scratch: &mut RenderScratch, frame: &mut StereoFrame) -> bool {
+    /// Renders frame `index` (in any order) into `frame`, whatever becomes of it later.
+    pub fn render_frame(&self, index: u64, scratch: &mut RenderScratch, frame: &mut StereoFrame) {
         frame.sequence = index;
         frame.stamp = self.frame_stamp(index);
         frame.valid = [false; 2];
-        if self.inner.scenario.effects.drops(self.inner.scenario.seed, index) {
-            return false;
-        }
         for camera in 0..self.camera_count() {
-            frame.valid[camera] = self.render_camera(index, camera, scratch, &mut frame.images[camera]);
+            self.render_camera(index, camera, scratch, &mut frame.images[camera]);
+            frame.valid[camera] = true;
         }
-        true
     }
 
-    /// Renders the image of one camera at frame `index`, whatever becomes of the frame; `false` when that
-    /// camera delivers nothing then. `image` is given the right size if it has another.
+    /// Renders the image of one camera at frame `index`. `image` is given the right size if it has another.
     pub fn render_camera(
         &self,
         index: u64,
         camera: usize,
         scratch: &mut RenderScratch,
         image: &mut GrayImage,
-    ) -> bool {
+    ) {
         let (inner, effects) = (&*self.inner, &self.inner.scenario.effects);
         let time = self.frame_time(index);
         let elapsed_s = time.seconds_since(inner.first_frame);
-        if !effects.delivers(camera, elapsed_s) {
-            return false;
-        }
         let (lens, sensor) = &inner.cameras[camera];
         let size = (lens.model.width_px, lens.model.height_px);
         if (image.width(), image.height()) != size {
@@ -235,7 +228,6 @@ impl Simulator {
         }
         let (light, rows) = (&mut scratch.light[..pixels], &mut scratch.rows[..2 * size.0]);
         sensor.develop(light, rows, gain, 2 * index + camera as u64, image.pixels_mut());
-        true
     }
 
     /// Light of one image into `scratch.light`.

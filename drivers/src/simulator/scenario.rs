@@ -73,7 +73,7 @@ impl Scenario {
             ((0.1..=4.0).contains(&self.resolution_scale), "the resolution scale must be within 0.1 to 4"),
             (e.time_offset_s.abs() <= 0.9 * LEAD_S, "the time offset must be below 0.09 s"),
             ((0.0..=LEAD_S).contains(&e.exposure_s), "the exposure must be within 0 to 0.1 s"),
-            ((0.0..1.0).contains(&e.drop_probability), "the drop probability must be within 0 to 1"),
+            ((0.0..1.0).contains(&e.frames.drop_probability), "the drop probability must be within 0 to 1"),
             (
                 e.read_noise >= 0.0 && e.shot_noise >= 0.0 && e.gain > 0.0,
                 "noise and gain must not be negative",

@@ -10,30 +10,23 @@ pub struct SimulatedStereo {
     simulator: Simulator,
     scratch: RenderScratch,
     next: u64,
-    faults: Faults,
 }
 
 impl SimulatedStereo {
     pub(super) fn new(simulator: Simulator) -> Self {
         let scratch = simulator.scratch();
-        Self { simulator, scratch, next: 0, faults: Faults::default() }
+        Self { simulator, scratch, next: 0 }
     }
 }
 
 impl StereoSource for SimulatedStereo {
     fn next_frame(&mut self, frame: &mut StereoFrame) -> Result<bool, DriverError> {
-        while self.next < self.simulator.frame_count() {
-            let index = self.next;
-            self.next += 1;
-            if self.simulator.render_frame(index, &mut self.scratch, frame) {
-                let cameras = self.simulator.camera_count();
-                let arrived = frame.valid.iter().filter(|v| **v).count();
-                self.faults.unpaired += u64::from(cameras == 2 && arrived == 1);
-                return Ok(true);
-            }
-            self.faults.missing += 1;
+        if self.next >= self.simulator.frame_count() {
+            return Ok(false);
         }
-        Ok(false)
+        self.simulator.render_frame(self.next, &mut self.scratch, frame);
+        self.next += 1;
+        Ok(true)
     }
 
     fn skip_to(&mut self, stamp: Timestamp) -> u64 {
@@ -49,6 +42,6 @@ impl StereoSource for SimulatedStereo {
     }
 
     fn faults(&self) -> Faults {
-        self.faults
+        Faults::default()
     }
 }

@@ -1,6 +1,7 @@
 //! Tests of the whole simulator.
 
 use super::*;
+use crate::FrameFaults;
 
 /// `PLUMBLINE_GALLERY=DIR cargo test --release -- --ignored gallery` writes pictures to look at.
 #[test]
@@ -331,10 +332,13 @@ fn inertial_samples_surround_the_images() {
 
 #[test]
 fn what_goes_wrong_is_counted_and_seen() {
-    use crate::StereoSource;
+    use crate::{LostCamera, StereoSource};
     let effects = Effects {
-        drop_probability: 0.3,
-        lost_camera: Some((1, 0.5, 1.0)),
+        frames: FrameFaults {
+            drop_probability: 0.3,
+            lost_camera: Some(LostCamera { camera: 1, span_s: 0.5..1.0 }),
+            ..FrameFaults::default()
+        },
         blackout: Some((1.5, 1.8)),
         time_offset_s: 0.01,
         ..Effects::default()
@@ -382,7 +386,13 @@ fn impossible_flights_are_refused_with_a_reason() {
         Scenario { duration_s: f64::NAN, ..base.clone() },
         Scenario { start_s: -1.0, ..base.clone() },
         Scenario { resolution_scale: 0.0, ..base.clone() },
-        Scenario { effects: Effects { drop_probability: 1.5, ..Effects::none() }, ..base.clone() },
+        Scenario {
+            effects: Effects {
+                frames: FrameFaults { drop_probability: 1.5, ..FrameFaults::default() },
+                ..Effects::none()
+            },
+            ..base.clone()
+        },
     ];
     for scenario in cases {
         assert!(matches!(Simulator::new(&fixture::config(), &scenario), Err(DriverError::Scenario(_))));

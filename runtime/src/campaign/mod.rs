@@ -10,6 +10,7 @@ use crate::flight::{FlightError, fly, open_simulation, with_overrides};
 use crate::pipeline::{Control, RunOptions};
 use crate::report::Report;
 use plumbline_config::ValidConfig;
+use plumbline_drivers::LostCamera;
 use plumbline_drivers::simulator::{Effects, FlightPath, Scenario, Scene};
 use std::path::{Path, PathBuf};
 
@@ -54,12 +55,13 @@ impl Fault {
     ];
 
     fn apply(self, effects: &mut Effects) {
+        let lost = |camera| Some(LostCamera { camera, span_s: 5.0..10.0 });
         match self {
             Self::None | Self::Extrinsics => {}
             Self::Blackout => effects.blackout = Some((6.0, 7.5)),
-            Self::Drops => effects.drop_probability = 0.05,
-            Self::LeftLost => effects.lost_camera = Some((0, 5.0, 10.0)),
-            Self::RightLost => effects.lost_camera = Some((1, 5.0, 10.0)),
+            Self::Drops => effects.frames.drop_probability = 0.05,
+            Self::LeftLost => effects.frames.lost_camera = lost(0),
+            Self::RightLost => effects.frames.lost_camera = lost(1),
             Self::Flicker => effects.flicker = 0.15,
             Self::Offset => effects.time_offset_s = 0.008,
         }

@@ -194,10 +194,11 @@ fn open(args: &ReplayArgs) -> Result<Flight> {
         }
     };
     let path = Path::new(&args.dataset);
-    if is_log(path) {
-        return Ok(open_log(path, config, frames, args.mono)?);
-    }
-    Ok(open_dataset(path, config, frames, args.mono)?)
+    let flight = match is_log(path) {
+        true => open_log(path, config, frames, args.mono)?,
+        false => open_dataset(path, config, frames, args.mono)?,
+    };
+    Ok(flight.with_faults(args.scenario.faults.frame_faults()?, args.scenario.seed))
 }
 
 /// Those who are told of the flight while it goes on.

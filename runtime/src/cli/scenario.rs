@@ -3,6 +3,8 @@
 use super::{Usage, parse_range};
 use clap::Args;
 use plumbline_drivers::simulator::{Effects, FlightPath, Scenario, Scene};
+use plumbline_drivers::{FrameFaults, LostCamera};
+use std::ops::Range;
 use std::path::Path;
 
 /// Exposure with `--motion-blur`, s.
@@ -29,6 +31,24 @@ pub struct ScenarioArgs {
     /// Size of the images against the configured size.
     #[arg(long, default_value_t = 1.0)]
     pub scale: f64,
+    /// Motion blur of an exposure of 8 ms.
+    #[arg(long)]
+    pub motion_blur: bool,
+    /// Stamps of images early by this much, ms.
+    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
+    pub time_offset_ms: f64,
+    /// The estimator believes the cameras turned by this angle against the truth, degrees.
+    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
+    pub extrinsics_error_deg: f64,
+    /// What goes wrong with frames.
+    #[command(flatten)]
+    pub faults: FaultArgs,
+}
+
+/// What goes wrong with frames, simulated or recorded. Times are seconds since the first frame.
+#[derive(Clone, Debug, Args)]
+#[command(next_help_heading = "Faults, in any flight")]
+pub struct FaultArgs {
     /// Both images black from A to B, seconds.
     #[arg(long, value_name = "A..B")]
     pub blackout: Option<String>,
@@ -41,15 +61,38 @@ pub struct ScenarioArgs {
     /// Exposure that jumps from frame to frame.
     #[arg(long)]
     pub flicker: bool,
-    /// Motion blur of an exposure of 8 ms.
-    #[arg(long)]
-    pub motion_blur: bool,
-    /// Stamps of images early by this much, ms.
-    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
-    pub time_offset_ms: f64,
-    /// The estimator believes the cameras turned by this angle against the truth, degrees.
-    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
-    pub extrinsics_error_deg: f64,
+}
+
+impl FaultArgs {
+    /// As faults of finished frames.
+    ///
+    /// # Errors
+    /// When an argument makes no sense.
+    pub fn frame_faults(&self) -> Result<FrameFaults, Usage> {
+        if !(0.0..1.0).contains(&self.drop_rate) {
+            return Err(Usage(format!(
+                "--drop-rate {}: give a probability from 0 to below 1",
+                self.drop_rate
+            )));
+        }
+        Ok(FrameFaults {
+            drop_probability: self.drop_rate,
+            lost_camera: self.lost_camera.as_deref().map(lost_camera).transpose()?,
+            blackout_s: self.blackout.as_deref().map(|text| span("--blackout", text)).transpose()?,
+            flicker: if self.flicker { FLICKER } else { 0.0 },
+        })
+    }
+
+    /// As effects of a simulated flight, where darkness and flicker come before the noise of the sensor.
+    fn apply(&self, effects: &mut Effects) -> Result<(), Usage> {
+        let faults = self.frame_faults()?;
+        effects.blackout = faults.blackout_s.as_ref().map(|span| (span.start, span.end));
+        if self.flicker {
+            effects.flicker = faults.flicker;
+        }
+        effects.frames = FrameFaults { blackout_s: None, flicker: 0.0, ..faults };
+        Ok(())
+    }
 }
 
 /// The scene of that name.
@@ -76,19 +119,10 @@ impl ScenarioArgs {
         } else {
             FlightPath::Tum(Path::new(&self.path).into())
         };
-        let mut effects = Effects { drop_probability: self.drop_rate, ..Effects::default() };
-        effects.time_offset_s = self.time_offset_ms * 1e-3;
-        if self.flicker {
-            effects.flicker = FLICKER;
-        }
+        let mut effects = Effects { time_offset_s: self.time_offset_ms * 1e-3, ..Effects::default() };
+        self.faults.apply(&mut effects)?;
         if self.motion_blur {
             effects.exposure_s = BLUR_EXPOSURE_S;
-        }
-        if let Some(text) = &self.blackout {
-            effects.blackout = Some(span("--blackout", text)?);
-        }
-        if let Some(text) = &self.lost_camera {
-            effects.lost_camera = Some(lost_camera(text)?);
         }
         Ok(Scenario {
             scene,
@@ -103,14 +137,14 @@ impl ScenarioArgs {
     }
 }
 
-fn span(flag: &str, text: &str) -> Result<(f64, f64), Usage> {
+fn span(flag: &str, text: &str) -> Result<Range<f64>, Usage> {
     match parse_range::<f64>(text).map_err(|e| Usage(format!("{flag}: {e}")))? {
-        (Some(from), Some(to)) => Ok((from, to)),
+        (Some(from), Some(to)) => Ok(from..to),
         _ => Err(Usage(format!("{flag}: '{text}' needs both ends, such as 5..6.5"))),
     }
 }
 
-fn lost_camera(text: &str) -> Result<(usize, f64, f64), Usage> {
+fn lost_camera(text: &str) -> Result<LostCamera, Usage> {
     let bad = || Usage(format!("--lost-camera: '{text}' is not of the form left:5..10"));
     let (side, range) = text.split_once(':').ok_or_else(bad)?;
     let camera = match side {
@@ -118,6 +152,5 @@ fn lost_camera(text: &str) -> Result<(usize, f64, f64), Usage> {
         "right" => 1,
         _ => return Err(bad()),
     };
-    let (from, to) = span("--lost-camera", range)?;
-    Ok((camera, from, to))
+    Ok(LostCamera { camera, span_s: span("--lost-camera", range)? })
 }

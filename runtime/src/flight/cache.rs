@@ -1,13 +1,13 @@
 //! Rendered frames on disk, raw: rendering takes far longer than estimating.
 //!
-//! A file holds, for each frame in order, one byte for each of (delivered, left valid, right valid) and the
-//! pixels of all cameras. Its name is a hash of everything the images depend on.
+//! A file holds, for each frame in order, the pixels of all cameras. Its name is a hash of everything the images depend
+//! on; what goes wrong with finished frames is done anew each time.
 
 use super::FlightError;
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline_config::GrayImage;
 use plumbline_drivers::simulator::{Scenario, Simulator};
-use plumbline_drivers::{DriverError, Faults, StereoFrame, StereoSource};
+use plumbline_drivers::{DriverError, Faults, FaultySource, FrameFaults, StereoFrame, StereoSource};
 use sha2::{Digest as _, Sha256};
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Read, Write};
@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Changes when the renderer draws differently.
-const RENDERER_VERSION: u32 = 1;
+const RENDERER_VERSION: u32 = 2;
 
 /// The frames of `simulator` from the cache, rendered first if they are not there.
 ///
@@ -38,16 +38,18 @@ pub(super) fn frames(
     let file = File::open(&path).map_err(failed(&path))?;
     let length = file.metadata().map_err(failed(&path))?.len();
     let pixels: u64 = simulator.image_sizes().iter().map(|(w, h)| (w * h) as u64).sum();
-    if length != simulator.frame_count() * (3 + pixels) {
+    if length != simulator.frame_count() * pixels {
         return Err(FlightError::CacheIncomplete { path });
     }
     let source = CachedFrames { simulator: simulator.clone(), file: BufReader::new(file), path, next: 0 };
-    Ok(Box::new(source))
+    Ok(Box::new(FaultySource::new(source, scenario.effects.frames.clone(), scenario.seed)))
 }
 
 fn key(simulator: &Simulator, scenario: &Scenario) -> String {
     let cameras = &simulator.config().camera;
-    let text = format!("{RENDERER_VERSION} {scenario:?} {cameras:?}");
+    let mut sound = scenario.clone();
+    sound.effects.frames = FrameFaults::default();
+    let text = format!("{RENDERER_VERSION} {sound:?} {cameras:?}");
     Sha256::digest(text.as_bytes()).iter().take(12).map(|b| format!("{b:02x}")).collect()
 }
 
@@ -58,20 +60,18 @@ fn render(path: &Path, simulator: &Simulator) -> std::io::Result<()> {
     let partial = path.with_extension(format!("partial-{}-{number}", std::process::id()));
     let mut out = BufWriter::new(File::create(&partial)?);
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    let mut painters: Vec<_> = (0..threads)
-        .map(|_| (simulator.scratch(), StereoFrame::new(simulator.image_sizes()), false))
-        .collect();
+    let mut painters: Vec<_> =
+        (0..threads).map(|_| (simulator.scratch(), StereoFrame::new(simulator.image_sizes()))).collect();
     let progress = progress(simulator.frame_count());
     let mut first = 0;
     while first < simulator.frame_count() {
         let count = (simulator.frame_count() - first).min(threads as u64) as usize;
         std::thread::scope(|scope| {
-            for (index, (scratch, frame, delivered)) in (first..).zip(&mut painters[..count]) {
-                scope.spawn(move || *delivered = simulator.render_frame(index, scratch, frame));
+            for (index, (scratch, frame)) in (first..).zip(&mut painters[..count]) {
+                scope.spawn(move || simulator.render_frame(index, scratch, frame));
             }
         });
-        for (_, frame, delivered) in &painters[..count] {
-            out.write_all(&[*delivered, frame.valid[0], frame.valid[1]].map(u8::from))?;
+        for (_, frame) in &painters[..count] {
             for image in &frame.images {
                 out.write_all(image.pixels())?;
             }
@@ -98,9 +98,7 @@ struct CachedFrames {
 }
 
 impl CachedFrames {
-    fn read(&mut self, frame: &mut StereoFrame) -> std::io::Result<bool> {
-        let mut flags = [0u8; 3];
-        self.file.read_exact(&mut flags)?;
+    fn read(&mut self, frame: &mut StereoFrame) -> std::io::Result<()> {
         for (image, (width, height)) in frame.images.iter_mut().zip(self.simulator.image_sizes()) {
             if (image.width(), image.height()) != (width, height) {
                 *image = GrayImage::new(width, height);
@@ -109,22 +107,19 @@ impl CachedFrames {
         }
         frame.sequence = self.next;
         frame.stamp = self.simulator.frame_stamp(self.next);
-        frame.valid = [flags[1] != 0, flags[2] != 0];
+        frame.valid = [true, self.simulator.camera_count() == 2];
         self.next += 1;
-        Ok(flags[0] != 0)
+        Ok(())
     }
 }
 
 impl StereoSource for CachedFrames {
     fn next_frame(&mut self, frame: &mut StereoFrame) -> Result<bool, DriverError> {
-        while self.next < self.simulator.frame_count() {
-            let delivered =
-                self.read(frame).map_err(|source| DriverError::Io { path: self.path.clone(), source })?;
-            if delivered {
-                return Ok(true);
-            }
+        if self.next >= self.simulator.frame_count() {
+            return Ok(false);
         }
-        Ok(false)
+        self.read(frame).map_err(|source| DriverError::Io { path: self.path.clone(), source })?;
+        Ok(true)
     }
 
     fn expected_frames(&self) -> Option<u64> {

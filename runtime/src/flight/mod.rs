@@ -24,7 +24,7 @@ pub use trajectory::{CausalPose, CausalTrajectory, KeptStates, OdometryTrajector
 use nalgebra::Isometry3;
 use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::simulator::Simulator;
-use plumbline_drivers::{ImuSource, StampedPose, StereoSource};
+use plumbline_drivers::{FaultySource, FrameFaults, ImuSource, StampedPose, StereoSource};
 
 /// Ground truth further from a stamp than this is none, ns.
 const TRUTH_TOLERANCE_NS: i64 = 5_000_000;
@@ -41,6 +41,17 @@ pub struct Flight {
     pub truth: Truth,
     /// What is flown, in a few words.
     pub name: String,
+}
+
+impl Flight {
+    /// The same flight with `faults` in its frames, whose draws are those of `seed`.
+    #[must_use]
+    pub fn with_faults(self, faults: FrameFaults, seed: u64) -> Self {
+        if faults.is_none() {
+            return self;
+        }
+        Self { stereo: Box::new(FaultySource::new(self.stereo, faults, seed)), ..self }
+    }
 }
 
 /// Where the vehicle really was.

@@ -209,7 +209,7 @@ fn tally(config: &Config, path: &str, scene: (&'static str, Scene)) -> [Tally; 3
         let views = frames.map(|frame| View::new(&simulator, &model, frame));
         let segments = frames.map(|frame| {
             let mut image = GrayImage::new(size.0, size.1);
-            assert!(simulator.render_camera(frame, 0, &mut scratch, &mut image));
+            simulator.render_camera(frame, 0, &mut scratch, &mut image);
             let [merged, raw] = ours.detect(&image, &model);
             [merged, raw, lsd_segments(&mut lsd, &image, &model)]
         });
