@@ -2,7 +2,7 @@
 //! deviations, velocity and biases over time, as SVG or PNG.
 //!
 //! A [`Subject`] is what is shown, made of a trajectory or of a table of states, with the truth beside it where it is
-//! known; [`write`] draws it. The `panels` say which curves there are, the `figure` where they stand, and the `raster`
+//! known; [`write()`] draws it. The `panels` say which curves there are, the `figure` where they stand, and the `raster`
 //! turns them into pixels; an SVG is drawn by the same code. The letters are Roboto (Apache-2.0), in the binary.
 
 mod axes;
