@@ -3,8 +3,12 @@
 
 use super::synthetic::{World, config, stamp};
 use super::*;
+use crate::front_end::FrontEnd;
+use crate::input::FrameInput;
 use crate::lines::{ImageLine, LineObservation};
+use crate::work_budget::InTurn;
 use nalgebra::Vector2;
+use plumbline_config::{ImageView, ImuSample};
 use proptest::prelude::*;
 
 /// Values that no sensor has.
@@ -165,7 +169,7 @@ fn poisons() -> impl Strategy<Value = Poison> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 48, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
 
     #[test]
     fn no_poison_leaves_the_odometer(poison in poisons(), mono in any::<bool>()) {
@@ -236,6 +240,61 @@ fn calibrations_at_the_bounds_of_what_is_valid_give_finite_estimates() {
             let setup = setup.validate().expect("is within the bounds");
             let estimates = fly(&setup, |_, _| {});
             assert!(estimates.is_ok(), "change {which}, {cameras} cameras: {estimates:?}");
+        }
+    }
+}
+
+/// An image of random blocks, `shift` pixels to the left.
+fn blocks(shift: usize) -> Vec<u8> {
+    (0..752 * 480)
+        .map(|k| {
+            let (x, y) = ((k % 752 + shift) / 9, k / 752 / 9);
+            let mixed = (x * 7919 + y * 104_729 + 17).wrapping_mul(2_654_435_761);
+            40 + ((mixed >> 13) % 160) as u8
+        })
+        .collect()
+}
+
+#[test]
+fn feedback_that_is_no_number_reaches_no_estimate_through_the_front_end() {
+    let poisons: [fn(&mut Feedback, f64); 6] = [
+        |f, x| f.pose_b_c[0].translation.vector.x = x,
+        |f, x| f.pose_b_c[1].translation.vector.y = x,
+        |f, x| f.pose_b_c[1].rotation = crate::geometry::exp_so3(&Vector3::new(x, 0.0, 0.0)),
+        |f, x| f.time_offset_s = x,
+        |f, x| f.bias_gyro.y = x,
+        |f, x| f.wrong_points.extend([0, 5, x as u32]),
+    ];
+    let setup = config(2);
+    let (left, right) = (blocks(0), blocks(13));
+    let view = |pixels| ImageView::new(752, 480, 752, pixels).expect("has this size");
+    for (which, poison) in poisons.iter().enumerate() {
+        for value in [f64::NAN, f64::INFINITY, 1e300] {
+            let (mut front_end, mut odometer) = (FrontEnd::new(&setup), Odometer::new(&setup));
+            let (mut tracked, mut feedback) = (Tracked::new(&setup), Feedback::new(&setup));
+            let mut poses = 0;
+            for k in 0..8 {
+                for i in 0..11 {
+                    let t = 0.05 * f64::from(k) - 0.05 + 0.005 * f64::from(i);
+                    let accel = Vector3::new(0.0, 0.0, 9.81);
+                    front_end.add_imu(&ImuSample { stamp: stamp(t), gyro: Vector3::zeros(), accel });
+                }
+                let frame = FrameInput::stereo(stamp(0.05 * f64::from(k)), view(&left), view(&right));
+                front_end.track(&frame, &WorkBudget::FULL, &InTurn, [&mut (), &mut ()], &mut tracked);
+                let mut heard = feedback.clone();
+                if k == 5 {
+                    poison(&mut heard, value);
+                }
+                front_end.apply_feedback(&heard);
+                let estimate = odometer.process(&tracked, &mut (), &mut feedback);
+                poses += u32::from(estimate.has_pose());
+                let is_good = is_finite(&estimate) || !estimate.has_pose();
+                assert!(
+                    is_good && is_finite_feedback(&feedback),
+                    "{which}: {value} after frame {k}: {estimate:?}"
+                );
+            }
+            assert!(poses > 1, "{which}: {value}: there were {poses} poses to spoil");
         }
     }
 }

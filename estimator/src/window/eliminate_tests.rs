@@ -1,4 +1,5 @@
-use super::super::test_room::{full, scatter};
+use super::super::test_dense::full;
+use super::super::test_room::scatter;
 use super::*;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 

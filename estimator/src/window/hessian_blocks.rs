@@ -5,10 +5,10 @@
 //! matrix and moved to the normal equations once per landmark. The blocks of the frame that made the observation go
 //! there at once.
 
-use super::Options;
 use super::dense::NormalEquations;
 use super::eliminate::Eliminated;
 use super::feature::Jacobians;
+use super::options::Options;
 use super::state::{HEADING, POSE_DIM, RIG_DIM, visual_of_frame};
 use nalgebra::{SMatrix, Vector2};
 

@@ -1,6 +1,7 @@
 use super::super::eliminate::MAX_VISUAL;
 use super::super::state::{GLOBAL_DIM, Rig};
-use super::super::test_room::{full, scatter};
+use super::super::test_dense::full;
+use super::super::test_room::scatter;
 use super::*;
 use nalgebra::{DMatrix, DVector, SVector};
 use plumbline_config::Config;

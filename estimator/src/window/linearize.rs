@@ -4,7 +4,6 @@
 //! Jacobians of frames in the prior are taken at their first estimates, residuals always at the present
 //! state.
 
-use super::Options;
 use super::dense::NormalEquations;
 use super::eliminate::{Eliminated, MAX_VISUAL, eliminate};
 use super::factor::{Linearization, cauchy};
@@ -12,6 +11,7 @@ use super::feature::{Estimated, Feature, Jacobians, StructuralJacobians};
 use super::hessian_blocks::{LandmarkHessian, add_heading, add_target, common_rows};
 use super::inertial_factor::FrameMatrix;
 use super::landmark::Landmark;
+use super::options::Options;
 use super::poses::Poses;
 use super::problem::Problem;
 use super::state::{FRAME_DIM, Rig, unknown_of_frame, unknown_of_visual, visual_of_frame};

@@ -1,6 +1,7 @@
 use super::super::Window;
 use super::super::state::{HEADING, NavState, RIG_DIM, unknown_of_frame};
-use super::super::test_room::{Dense, Room, by_and_by, equilibrated, full};
+use super::super::test_dense::{Dense, equilibrated, full};
+use super::super::test_room::{Room, by_and_by};
 use super::*;
 use nalgebra::{DVector, SVector};
 

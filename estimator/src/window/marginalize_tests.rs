@@ -1,6 +1,7 @@
 use super::super::Window;
 use super::super::state::{GLOBAL_DIM, visual_of_frame};
-use super::super::test_room::{Room, always, equilibrated, full};
+use super::super::test_dense::{equilibrated, full};
+use super::super::test_room::{Room, always};
 use super::*;
 use nalgebra::{DMatrix, DVector};
 

@@ -41,6 +41,8 @@ pub mod solve;
 pub mod state;
 mod structural_lines;
 #[cfg(test)]
+mod test_dense;
+#[cfg(test)]
 mod test_room;
 #[cfg(test)]
 mod test_views;

@@ -3,7 +3,8 @@
 
 use super::Window;
 use super::state::{FRAME_DIM, HEADING, NavState, RIG_DIM, unknown_of_frame};
-use super::test_room::{Dense, Room, always, equilibrated, full, gauge, scatter_step};
+use super::test_dense::{Dense, equilibrated, full};
+use super::test_room::{Room, always, gauge, scatter_step};
 use nalgebra::{DMatrix, SymmetricEigen};
 
 /// Eigenvalues of `h` over all unknowns that are not held fixed, in ascending order, each unknown in units of what is

@@ -1,5 +1,6 @@
 use super::super::state::unknown_of_visual;
-use super::super::test_room::{Room, full, scatter_step};
+use super::super::test_dense::full;
+use super::super::test_room::{Room, scatter_step};
 use super::*;
 use crate::geometry::exp_so3;
 use nalgebra::DVector;

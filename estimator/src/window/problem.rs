@@ -1,9 +1,9 @@
 //! The states and measurements of a window, as its factors are given them.
 
-use super::Options;
 use super::frame::Frame;
 use super::landmark::{LineLandmark, PointLandmark};
 use super::manhattan::Manhattan;
+use super::options::Options;
 use super::state::Rig;
 
 /// What is linearized.

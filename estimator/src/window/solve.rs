@@ -72,40 +72,14 @@ impl Window {
     pub fn optimize(&mut self, max_iterations: usize) -> Outcome {
         self.refresh_anchor();
         let mut outcome = Outcome::default();
-        let mut damping = 0.0;
-        let first = self.linearize(damping);
+        let first = self.linearize(0.0);
         if !first.is_finite() {
             self.factor.clear();
             return Outcome { cost: first, is_not_positive_definite: true, ..outcome };
         }
         let mut best = self.save(first);
-        // Linearizations are what costs time: a rejected step takes two of them.
-        let mut linearizations = 1;
-        while max_iterations > 0 {
-            outcome.iterations += 1;
-            match self.step(damping) {
-                Some(decrease) if decrease < SMALL_DECREASE => break,
-                Some(_) => {}
-                None => {
-                    outcome.is_not_positive_definite = true;
-                    damping = more(damping);
-                }
-            }
-            if linearizations >= max_iterations {
-                break;
-            }
-            linearizations += 1;
-            let cost = self.linearize(damping);
-            if cost > best.cost || !cost.is_finite() {
-                linearizations += 1;
-                self.restore(&best);
-                damping = more(damping);
-                let _ = self.linearize(damping);
-            } else {
-                damping *= DAMPING_DECAY;
-                best = self.save(cost);
-            }
-        }
+        let damping =
+            if max_iterations > 0 { self.iterate(max_iterations, &mut best, &mut outcome) } else { 0.0 };
         let last = self.cost();
         if last <= best.cost {
             outcome.cost = last;
@@ -119,6 +93,39 @@ impl Window {
             outcome.is_not_positive_definite |= !self.factor.compute(&self.linearizer.equations, 0.0);
         }
         outcome
+    }
+
+    /// Steps from the states just linearized and saved, at least one; returns the damping at the end. `best` are the
+    /// states of lowest cost before the last step.
+    fn iterate(&mut self, max_iterations: usize, best: &mut Saved, outcome: &mut Outcome) -> f64 {
+        let mut damping = 0.0;
+        // Linearizations are what costs time: a rejected step takes two of them.
+        let mut linearizations = 1;
+        loop {
+            outcome.iterations += 1;
+            match self.step(damping) {
+                Some(decrease) if decrease < SMALL_DECREASE => return damping,
+                Some(_) => {}
+                None => {
+                    outcome.is_not_positive_definite = true;
+                    damping = more(damping);
+                }
+            }
+            if linearizations >= max_iterations {
+                return damping;
+            }
+            linearizations += 1;
+            let cost = self.linearize(damping);
+            if cost > best.cost || !cost.is_finite() {
+                linearizations += 1;
+                self.restore(best);
+                damping = more(damping);
+                let _ = self.linearize(damping);
+            } else {
+                damping *= DAMPING_DECAY;
+                *best = self.save(cost);
+            }
+        }
     }
 
     /// Normal equations at the present states, landmarks damped; returns the cost.

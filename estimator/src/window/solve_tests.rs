@@ -1,4 +1,5 @@
-use super::super::test_room::{Dense, Room, always, equilibrated, truth};
+use super::super::test_dense::{Dense, equilibrated};
+use super::super::test_room::{Room, always, truth};
 use super::super::{PointTrack, TrackMeasurement};
 use super::*;
 use crate::geometry::log_so3;

@@ -69,8 +69,8 @@ fn visual_unknowns_are_the_rig_the_heading_and_the_poses() {
             assert_eq!(visual[visual_of_frame(frame) + k], unknown_of_frame(frame) + k);
         }
     }
-    assert!(NavState::V >= POSE_DIM && NavState::BIAS_ACCEL + 3 == FRAME_DIM);
-    assert_eq!(Rig::TIME_OFFSET + 1, RIG_DIM);
+    // Position and attitude are the pose, and the last parts end where the next unknowns begin.
+    assert_eq!([NavState::V, NavState::BIAS_ACCEL + 3, Rig::TIME_OFFSET + 1], [POSE_DIM, FRAME_DIM, RIG_DIM]);
 }
 
 #[test]

@@ -1,23 +1,13 @@
-//! A window over a small room, all kinds of factors at work, and the same problem as one dense system: for the
-//! tests of the solver.
+//! A window over a small room, all kinds of factors at work, for the tests of the solver.
 
-use super::factor::{Linearization, cauchy};
-use super::feature::{BodyPose, Estimated, Jacobians, StructuralJacobians, View};
-use super::inertial_factor::FrameMatrix;
-use super::landmark::Landmark;
 use super::line::LineMeasurement;
-use super::linearize::LANDMARK_REGULARIZATION;
 use super::prior::AnchorSigmas;
 use super::reprojection::PointMeasurement;
-use super::state::{
-    FRAME_DIM, FrameTime, HEADING, Mount, NavState, POSE_DIM, RIG_DIM, Rig, unknown_of_frame,
-};
+use super::state::{FRAME_DIM, FrameTime, HEADING, NavState, RIG_DIM, Rig, unknown_of_frame};
 use super::{LineTrack, PointTrack, TrackMeasurement, Window};
 use crate::geometry::{exp_so3, log_so3};
 use crate::inertial::Preintegration;
-use nalgebra::{
-    DMatrix, DVector, Isometry3, Matrix2, Matrix3, Rotation3, SVector, UnitQuaternion, Vector2, Vector3,
-};
+use nalgebra::{DMatrix, Isometry3, Matrix2, Matrix3, Rotation3, SVector, UnitQuaternion, Vector2, Vector3};
 use plumbline_config::{Config, Timestamp};
 
 /// Heading of the room's walls in `O`, rad.
@@ -224,230 +214,6 @@ impl Room {
     }
 }
 
-/// The whole problem of a window with nothing eliminated, from the factors one by one: `H d = -b` over rig, heading,
-/// frames, points and lines in this order.
-pub struct Dense {
-    /// `J'J`.
-    pub h: DMatrix<f64>,
-    /// `J'r`.
-    pub b: DVector<f64>,
-    /// Unknowns of rig, heading and frames; those of the landmarks follow.
-    pub states: usize,
-    /// Place of each point's unknowns.
-    pub points: Vec<usize>,
-    /// Place of each line's unknowns.
-    pub lines: Vec<usize>,
-}
-
-/// Rows of a whitened Jacobian and residual.
-struct Rows {
-    j: Vec<DVector<f64>>,
-    r: Vec<f64>,
-    dim: usize,
-}
-
-impl Rows {
-    fn add(&mut self, r: f64, parts: &[(usize, &[f64])]) {
-        let mut row = DVector::zeros(self.dim);
-        for (at, part) in parts {
-            for (k, value) in part.iter().enumerate() {
-                row[at + k] += value;
-            }
-        }
-        self.j.push(row);
-        self.r.push(r);
-    }
-}
-
-impl Dense {
-    /// The problem of `window`, with the landmarks' own diagonals times `1 + damping`.
-    pub fn of(window: &Window, damping: f64) -> Self {
-        let states = unknown_of_frame(window.frames.len());
-        let used = |is_triangulated: bool, dim: usize| if is_triangulated { dim } else { 0 };
-        let mut next = states;
-        let mut place = |dim: usize| {
-            next += dim;
-            next - dim
-        };
-        let points: Vec<_> = window.points.all().iter().map(|l| place(used(l.is_triangulated, 3))).collect();
-        let lines: Vec<_> = window.lines.all().iter().map(|l| place(used(l.is_triangulated, 4))).collect();
-        let mut rows = Rows { j: Vec::new(), r: Vec::new(), dim: next };
-        for (landmark, at) in window.points.all().iter().zip(&points) {
-            add_landmark(&mut rows, window, landmark, *at);
-        }
-        for (landmark, at) in window.lines.all().iter().zip(&lines) {
-            add_landmark(&mut rows, window, landmark, *at);
-        }
-        add_inertial(&mut rows, window);
-        let j = DMatrix::from_columns(&rows.j).transpose();
-        let r = DVector::from_vec(rows.r);
-        let (mut h, mut b) = (j.tr_mul(&j), j.tr_mul(&r));
-        for k in states..next {
-            h[(k, k)] *= 1.0 + damping;
-        }
-        add_prior(&mut h, &mut b, window);
-        Self { h, b, states, points, lines }
-    }
-
-    /// The system of rig, heading and frames after the landmarks are eliminated.
-    pub fn reduced(&self) -> (DMatrix<f64>, DVector<f64>) {
-        let (n, m) = (self.states, self.h.nrows() - self.states);
-        let mixed = self.h.view((0, n), (n, m));
-        let landmarks = self.h.view((n, n), (m, m)).into_owned().cholesky().expect("is positive definite");
-        let h = self.h.view((0, 0), (n, n)) - mixed * landmarks.solve(&mixed.transpose());
-        let b = self.b.rows(0, n) - mixed * landmarks.solve(&self.b.rows(n, m).into_owned());
-        (h, b)
-    }
-
-    /// The step that solves the whole system, unknowns without information held at zero.
-    pub fn step(&self) -> DVector<f64> {
-        let (h, scale) = equilibrated(&self.h);
-        let scaled = h.cholesky().expect("is positive definite").solve(&self.b.component_mul(&scale));
-        -scaled.component_mul(&scale)
-    }
-}
-
-/// `S H S` with ones on its diagonal, and the diagonal of `S`; unknowns without information get a one.
-pub fn equilibrated(h: &DMatrix<f64>) -> (DMatrix<f64>, DVector<f64>) {
-    let scale = h.diagonal().map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 1.0 });
-    let mut scaled = DMatrix::from_fn(h.nrows(), h.ncols(), |i, k| h[(i, k)] * scale[i] * scale[k]);
-    for k in 0..h.nrows() {
-        if h[(k, k)] == 0.0 {
-            scaled[(k, k)] = 1.0;
-        }
-    }
-    (scaled, scale)
-}
-
-fn add_landmark<F: Estimated<D>, const D: usize>(
-    rows: &mut Rows,
-    window: &Window,
-    landmark: &Landmark<F>,
-    at: usize,
-) {
-    if !landmark.is_triangulated {
-        return;
-    }
-    let mounts = [Mount::of(&window.rig, 0), Mount::of(&window.rig, 1)];
-    let first_estimates = window.options.first_estimates;
-    let host = usize::from(landmark.host);
-    let mut add = |j: &Jacobians<D>, r: &Vector2<f64>, target: usize, heading: Option<&Vector2<f64>>| {
-        let weight = cauchy(r.norm_squared(), window.options.cauchy_scale).1.sqrt();
-        for d in 0..2 {
-            let row = |m: &[f64]| -> Vec<f64> { m.iter().map(|x| x * weight).collect() };
-            let masked = j.rig.row(d).component_mul(&window.options.rig_mask.transpose());
-            let by_rig: Vec<f64> = masked.iter().map(|x| x * weight).collect();
-            let by_host: Vec<f64> = j.host.row(d).iter().map(|x| x * weight).collect();
-            let by_target: Vec<f64> = j.target.row(d).iter().map(|x| x * weight).collect();
-            let by_landmark: Vec<f64> = j.landmark.row(d).iter().map(|x| x * weight).collect();
-            let by_heading = row(&[heading.map_or(0.0, |h| h[d])]);
-            rows.add(
-                r[d] * weight,
-                &[
-                    (0, &by_rig),
-                    (HEADING, &by_heading),
-                    (unknown_of_frame(host), &by_host),
-                    (unknown_of_frame(target), &by_target),
-                    (at, &by_landmark),
-                ],
-            );
-        }
-    };
-    let body = |nav: &NavState| BodyPose::of(nav);
-    let first = |k: usize| body(window.frames[k].jacobian_state(first_estimates));
-    for o in &landmark.observations {
-        let target = usize::from(o.frame);
-        let poses = [body(&window.frames[host].nav), body(&window.frames[target].nav)];
-        let firsts = [first(host), first(target)];
-        let view = |poses: &[BodyPose; 2], use_it: &mut dyn FnMut(&View<'_>)| {
-            use_it(&View {
-                host: &poses[0],
-                host_mount: &mounts[usize::from(landmark.host_camera)],
-                target: &poses[1],
-                target_mount: &mounts[usize::from(o.camera)],
-            });
-        };
-        let step_s = window.rig.time_offset_s - window.frames[target].time_offset_s;
-        let mut j = Jacobians::zeros();
-        let mut r = None;
-        view(&firsts, &mut |at| {
-            let _ = landmark.feature.residual(
-                at,
-                &o.measured,
-                step_s,
-                Some(Linearization { at, jacobians: &mut j }),
-            );
-        });
-        view(&poses, &mut |now| r = landmark.feature.residual(now, &o.measured, step_s, None));
-        add(&j, &r.expect("is seen"), target, None);
-    }
-    let mut j = StructuralJacobians { feature: Jacobians::zeros(), heading: Vector2::zeros() };
-    let request = Linearization { at: &first(host), jacobians: &mut j };
-    let mount = &mounts[usize::from(landmark.host_camera)];
-    let now = body(&window.frames[host].nav);
-    if let Some(r) = landmark.feature.structural_residual(&window.manhattan, &now, mount, Some(request)) {
-        add(&j.feature, &r, host, Some(&j.heading));
-    }
-    for k in 0..D {
-        rows.add(0.0, &[(at + k, &[LANDMARK_REGULARIZATION.sqrt()])]);
-    }
-}
-
-fn add_inertial(rows: &mut Rows, window: &Window) {
-    let first = window.options.first_estimates;
-    for (k, frame) in window.frames.iter().enumerate() {
-        if let Some(factor) = frame.inertial.as_ref().filter(|_| k > 0) {
-            let from = &window.frames[k - 1];
-            let mut jacobians = [FrameMatrix::zeros(); 2];
-            let at = [from.jacobian_state(first), frame.jacobian_state(first)];
-            let request = Linearization { at, jacobians: &mut jacobians };
-            let states = [&from.nav, &frame.nav];
-            let r = factor.residual(states, &window.options.gravity_o, Some(request));
-            let root =
-                factor.information().expect("is known").cholesky().expect("is definite").l().transpose();
-            let [by_from, by_to] = jacobians.map(|j| root * j);
-            let r = root * r;
-            for d in 0..FRAME_DIM {
-                let (from, to): (Vec<f64>, Vec<f64>) =
-                    (by_from.row(d).iter().copied().collect(), by_to.row(d).iter().copied().collect());
-                rows.add(r[d], &[(unknown_of_frame(k - 1), &from), (unknown_of_frame(k), &to)]);
-            }
-        }
-        if frame.is_still {
-            for d in 0..3 {
-                let sigma = window.options.still_sigma_m_s;
-                let at = unknown_of_frame(k) + NavState::V + d;
-                rows.add(frame.nav.v_o_b[d] / sigma, &[(at, &[1.0 / sigma])]);
-            }
-        }
-    }
-}
-
-fn add_prior(h: &mut DMatrix<f64>, b: &mut DVector<f64>, window: &Window) {
-    let prior = &window.prior;
-    let dim = prior.equations.dim();
-    let mut step = DVector::zeros(dim);
-    step.rows_mut(0, RIG_DIM).copy_from(&window.rig.minus(&prior.rig));
-    step[HEADING] = window.manhattan.heading_rad.map_or(0.0, |heading| heading - prior.heading_rad);
-    for (k, frame) in window.frames.iter().take(prior.frames()).enumerate() {
-        step.rows_mut(unknown_of_frame(k), FRAME_DIM).copy_from(&frame.nav.minus(&frame.linearization));
-    }
-    let prior_h = DMatrix::from_fn(dim, dim, |i, k| prior.equations.get(i, k));
-    let prior_b = DVector::from_column_slice(prior.equations.gradient());
-    let moved = &prior_h * step + prior_b;
-    let mut to = h.view_mut((0, 0), (dim, dim));
-    to += prior_h;
-    let mut to = b.rows_mut(0, dim);
-    to += moved;
-}
-
-/// The normal equations of a window as a full matrix and a vector.
-pub fn full(equations: &super::dense::NormalEquations) -> (DMatrix<f64>, DVector<f64>) {
-    let dim = equations.dim();
-    let h = DMatrix::from_fn(dim, dim, |i, k| equations.get(i, k));
-    (h, DVector::from_column_slice(equations.gradient()))
-}
-
 /// The four directions which no measurement can see, as columns: position, and yaw of everything about gravity, at
 /// the states of the Jacobians.
 pub fn gauge(window: &Window) -> DMatrix<f64> {
@@ -463,6 +229,6 @@ pub fn gauge(window: &Window) -> DMatrix<f64> {
         yaw.rows_mut(at + NavState::ROT, 3).copy_from(&(nav.rot_o_b.inverse() * up));
         yaw.rows_mut(at + NavState::V, 3).copy_from(&up.cross(&nav.v_o_b));
     }
-    assert_eq!(directions.nrows(), HEADING + 1 + FRAME_DIM * window.frames.len(), "{POSE_DIM} of them poses");
+    assert_eq!(directions.nrows(), HEADING + 1 + FRAME_DIM * window.frames.len());
     directions
 }

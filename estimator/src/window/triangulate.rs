@@ -1,9 +1,9 @@
 //! Inverse depth of a landmark from two or more views, and the change of its host.
 
-use super::Options;
 use super::feature::{BodyPose, Feature, View};
 use super::frame::Frame;
 use super::landmark::{Landmark, Observation, PointLandmark};
+use super::options::Options;
 use super::reprojection::InversePoint;
 use super::state::Mount;
 use nalgebra::{Matrix3, Vector3};

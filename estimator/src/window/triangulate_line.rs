@@ -1,10 +1,10 @@
 //! A line from the planes of two or more views.
 
-use super::Options;
 use super::factor::Linearization;
 use super::feature::{Estimated, Feature, Jacobians};
 use super::landmark::{LineLandmark, Observation};
 use super::line::{HostedLine, LineMeasurement};
+use super::options::Options;
 use super::triangulate::{Scene, Triangulation, camera_pose, consistent};
 use nalgebra::{Matrix4, Vector3, Vector4};
 
