@@ -119,7 +119,7 @@ impl Listener for WindowListener {
             has_pose: estimate.has_pose(),
             pose_o_b: estimate.pose_o_b,
             v_o_b: estimate.v_o_b,
-            points: estimate.figures.points_tracked.into(),
+            points: estimate.figures.points_tracked,
             quality: estimate.quality,
             frame_ms,
         });

@@ -161,17 +161,7 @@ fn network_messages() -> Vec<Vec<u8>> {
                 .encode_to_vec(),
         ),
         (4, net::MapCorrection { header, pose_m_o: pose, ..net::MapCorrection::default() }.encode_to_vec()),
-        (
-            5,
-            net::Scene {
-                header,
-                keyframes: pose.into_iter().collect(),
-                points_o,
-                lines_o,
-                ..net::Scene::default()
-            }
-            .encode_to_vec(),
-        ),
+        (5, net::Scene { header, keyframes: pose.into_iter().collect(), points_o, lines_o }.encode_to_vec()),
         (
             6,
             net::Picture { header, jpeg, width_px: 4, height_px: 4, ..net::Picture::default() }
@@ -180,13 +170,8 @@ fn network_messages() -> Vec<Vec<u8>> {
         (b'c', net::Clock { received_ns: 5, answered_ns: 9 }.encode_to_vec()),
         (
             b't',
-            net::Trajectory {
-                stamps_ns: vec![1, 2],
-                poses_o_b: vec![0.5; 14],
-                reset_counters: vec![0, 2],
-                ..net::Trajectory::default()
-            }
-            .encode_to_vec(),
+            net::Trajectory { stamps_ns: vec![1, 2], poses_o_b: vec![0.5; 14], reset_counters: vec![0, 2] }
+                .encode_to_vec(),
         ),
         (b'r', net::ResetDone { words: "done".into(), ..net::ResetDone::default() }.encode_to_vec()),
     ];

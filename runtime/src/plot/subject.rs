@@ -253,9 +253,11 @@ mod tests {
     fn largest_error(subject: &Subject) -> (f64, f64) {
         let errors: Vec<_> = subject.samples.iter().filter_map(Sample::error).collect();
         assert!(errors.len() + 20 > subject.samples.len());
-        let largest =
-            |of: &dyn Fn(&(Vector3<f64>, Vector3<f64>)) -> f64| errors.iter().map(of).fold(0.0, f64::max);
-        (largest(&|e| e.0.norm()), largest(&|e| e.1.norm()))
+        let largest = |norms: &mut dyn Iterator<Item = f64>| norms.fold(0.0, f64::max);
+        (
+            largest(&mut errors.iter().map(|(position, _)| position.norm())),
+            largest(&mut errors.iter().map(|(_, attitude)| attitude.norm())),
+        )
     }
 
     #[test]
