@@ -55,6 +55,13 @@ fn a_changed_byte_of_the_file_fails_the_verification() {
     bytes[middle] ^= 1;
     std::fs::write(&log, bytes).unwrap();
     fails(&["verify", path], 1, &["flight.mcap: damaged after", "bytes"]);
+    // What comes before the damage can be flown.
+    let flown = plumbline(&["replay", path, "--json"]);
+    assert!(flown.status.success(), "{}", stderr(&flown));
+    assert!(stderr(&flown).contains("the log breaks off") && stderr(&flown).contains("s of data were flown"));
+    let report = json(&flown.stdout);
+    assert!((5..60).contains(&report["frames"].as_u64().unwrap()), "{}", report["frames"]);
+    assert!(report["warnings"].as_array().unwrap().iter().any(|w| w["what"] == "the log breaks off"));
 }
 
 #[test]
@@ -76,6 +83,9 @@ fn a_killed_recording_is_read_up_to_its_last_chunk() {
     fails(&["verify", path], 1, &["not complete", "--allow-incomplete"]);
     let verified = plumbline(&["verify", path, "--allow-incomplete", "--json"]);
     assert!(verified.status.success(), "{}", stderr(&verified));
+    let replayed = plumbline(&["replay", path, "--json"]);
+    assert!(replayed.status.success(), "{}", stderr(&replayed));
+    assert!(stderr(&replayed).contains("the log breaks off"), "{}", stderr(&replayed));
     let verified = json(&verified.stdout);
     assert_eq!((&verified["identical"], &verified["truncated"]), (&true.into(), &true.into()));
     assert!(verified["estimates_identical"].as_u64().unwrap() > 10);
@@ -91,8 +101,9 @@ fn a_disk_without_room_ends_the_recording_and_not_the_flight() {
     let mut command = Command::new("bash");
     command.args(["-c", script, "bash", env!("CARGO_BIN_EXE_plumbline")]).args(FLIGHT).args([path, "--json"]);
     let flown = command.output().unwrap();
-    assert!(flown.status.success(), "{}", stderr(&flown));
+    assert_eq!(flown.status.code(), Some(1), "{}", stderr(&flown));
     assert!(stderr(&flown).contains("recording ends here, the flight goes on"), "{}", stderr(&flown));
+    assert!(stderr(&flown).contains("the recording failed"), "{}", stderr(&flown));
     let report = json(&flown.stdout);
     assert_eq!(report["frames"], 60);
     assert!(report["recording"]["not_recorded"].as_u64().unwrap() > 0);

@@ -7,6 +7,7 @@ mod connections;
 mod digests;
 mod errors;
 mod example;
+mod exit_status;
 mod host;
 mod import;
 mod lines;
@@ -19,6 +20,7 @@ mod replay;
 mod ros;
 mod security;
 mod sweep;
+mod usage;
 mod vehicle;
 
 use std::process::{Command, Output};

@@ -7,11 +7,54 @@ use crate::window::feature::Feature;
 use crate::window::landmark::{Landmark, LandmarkStore};
 use crate::window::state::NavState;
 use plumbline_config::Timestamp;
+use std::cmp::Ordering;
+use std::fmt;
 
 /// Fewest landmarks in view that hold an estimate against drift.
 pub(super) const MIN_LANDMARKS_IN_VIEW: usize = 5;
 /// Landmarks in view that give full quality.
 const PLENTY_LANDMARKS: f64 = 60.0;
+
+/// Why an estimate was given up and started anew.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ResetReason {
+    /// Somebody asked for it.
+    AskedFor(ResetKind),
+    /// Too few landmarks were in view for so long, s.
+    Blind(f64),
+    /// A state that is no number.
+    NotFinite,
+    /// A speed beyond what the configuration believes, m/s.
+    Speed(f64),
+    /// A bias of the gyroscope beyond what it believes, rad/s.
+    GyroBias(f64),
+    /// A bias of the accelerometer beyond what it believes, m/s².
+    AccelBias(f64),
+}
+
+impl ResetReason {
+    /// Whether somebody asked for it.
+    #[must_use]
+    pub fn is_asked_for(&self) -> bool {
+        matches!(self, Self::AskedFor(_))
+    }
+}
+
+impl fmt::Display for ResetReason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::AskedFor(ResetKind::Soft) => f.write_str("asked for, keeping the pose"),
+            Self::AskedFor(ResetKind::Hard) => f.write_str("asked for, from the origin"),
+            Self::Blind(s) => write!(f, "too few landmarks in view for {s:.1} s (health.max_blind_s)"),
+            Self::NotFinite => f.write_str("the state is no number"),
+            Self::Speed(x) => write!(f, "a speed of {x:.1} m/s (health.max_speed_m_s)"),
+            Self::GyroBias(x) => write!(f, "a gyroscope bias of {x:.2} rad/s (health.max_gyro_bias_rad_s)"),
+            Self::AccelBias(x) => {
+                write!(f, "an accelerometer bias of {x:.2} m/s^2 (health.max_accel_bias_m_s2)")
+            }
+        }
+    }
+}
 
 impl Odometer {
     /// Landmarks seen in the newest frame.
@@ -33,24 +76,40 @@ impl Odometer {
         let is_held = self
             .last_reset
             .is_some_and(|last| stamp.seconds_since(last) < self.options.health.reset_holdoff_s);
-        let is_blind_too_long =
-            self.last_seen.is_some_and(|seen| stamp.seconds_since(seen) > self.options.health.max_blind_s);
-        if !self.is_plausible() || (is_blind_too_long && !is_held) {
+        let blind_s = self.last_seen.map(|seen| stamp.seconds_since(seen));
+        let blind =
+            blind_s.filter(|s| *s > self.options.health.max_blind_s && !is_held).map(ResetReason::Blind);
+        if let Some(reason) = self.implausible().or(blind) {
             self.reset(ResetKind::Soft);
+            self.reset_reason = Some(reason);
             self.last_reset = Some(stamp);
         }
     }
 
     /// Whether speed and biases are ones that a vehicle can have.
     pub(super) fn is_plausible(&self) -> bool {
+        self.implausible().is_none()
+    }
+
+    /// What of speed and biases no vehicle can have, if anything.
+    fn implausible(&self) -> Option<ResetReason> {
         let health = &self.options.health;
-        self.window.frames.last().is_some_and(|frame| {
-            let nav = &frame.nav;
-            nav.is_finite()
-                && nav.v_o_b.norm() < health.max_speed_m_s
-                && nav.bias_gyro.norm() < health.max_gyro_bias_rad_s
-                && nav.bias_accel.norm() < health.max_accel_bias_m_s2
-        })
+        let Some(frame) = self.window.frames.last() else { return Some(ResetReason::NotFinite) };
+        let nav = &frame.nav;
+        let (speed, gyro, accel) = (nav.v_o_b.norm(), nav.bias_gyro.norm(), nav.bias_accel.norm());
+        // Also what is no number is not within its bounds.
+        let beyond = |value: f64, bound: f64| !matches!(value.partial_cmp(&bound), Some(Ordering::Less));
+        if !nav.is_finite() {
+            Some(ResetReason::NotFinite)
+        } else if beyond(speed, health.max_speed_m_s) {
+            Some(ResetReason::Speed(speed))
+        } else if beyond(gyro, health.max_gyro_bias_rad_s) {
+            Some(ResetReason::GyroBias(gyro))
+        } else if beyond(accel, health.max_accel_bias_m_s2) {
+            Some(ResetReason::AccelBias(accel))
+        } else {
+            None
+        }
     }
 
     /// 0..=100 from landmarks in view and the certainty of the velocity.

@@ -26,6 +26,7 @@ use crate::window::Window;
 use crate::window::state::{FrameTime, NavState};
 use crate::work_budget::WorkBudget;
 use judgement::MIN_LANDMARKS_IN_VIEW;
+pub use judgement::ResetReason;
 use measurements::Measurer;
 use nalgebra::Vector3;
 use plumbline_config::options::HealthConfig;
@@ -84,6 +85,8 @@ pub struct Odometer {
     last_stamp: Option<Timestamp>,
     last_seen: Option<Timestamp>,
     last_reset: Option<Timestamp>,
+    /// Why the estimate was last started anew.
+    pub reset_reason: Option<ResetReason>,
     origin: Option<NavState>,
     bias_memory: (Vector3<f64>, Vector3<f64>),
     covariance: NavCovariance,
@@ -129,6 +132,7 @@ impl Odometer {
             last_stamp: None,
             last_seen: None,
             last_reset: None,
+            reset_reason: None,
             origin: None,
             bias_memory: (Vector3::zeros(), Vector3::zeros()),
             covariance: NavCovariance::zeros(),
@@ -157,6 +161,7 @@ impl Odometer {
     ) -> Estimate {
         if let Some(kind) = tracked.reset {
             self.reset(kind);
+            self.reset_reason = Some(ResetReason::AskedFor(kind));
         }
         for sample in &tracked.samples {
             self.imu.push(sample);

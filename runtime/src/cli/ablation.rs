@@ -1,9 +1,9 @@
 //! `plumbline ablation`: what each part of the line path brings, as the two tables of the paper.
 
 use super::choice::FlightChoice;
-use super::{check_outputs, load_config, say, stop_on_signal};
+use super::{Usage, check_outputs, load_config, say, stop_on_signal};
 use crate::campaign::{Entry, Setup};
-use crate::flight::{fly, open_dataset, with_overrides};
+use crate::flight::{fly, is_log, open_dataset, with_overrides};
 use crate::pipeline::{Control, RunOptions};
 use crate::report::Report;
 use anyhow::{Context, Result, ensure};
@@ -12,7 +12,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 use plumbline_config::ValidConfig;
 use serde::Serialize;
 use std::path::PathBuf;
-use std::sync::atomic::Ordering;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// What is compared: a name, and the changes of the configuration that make it.
 const VARIANTS: [(&str, &[&str]); 4] = [
@@ -63,13 +64,20 @@ impl Subject {
         }
     }
 
-    fn fly(&self, args: &AblationArgs, config: Option<&ValidConfig>, overrides: &[String]) -> Result<Report> {
+    fn fly(
+        &self,
+        args: &AblationArgs,
+        config: Option<&ValidConfig>,
+        overrides: &[String],
+        stop: &Arc<AtomicBool>,
+    ) -> Result<Report> {
         match self {
             Self::Recorded(path) => {
                 let mut flight = open_dataset(path, config.cloned(), None, args.mono)?;
+                let control = Control::stopped_by(Arc::clone(stop));
                 flight.config = with_overrides(&flight.config, overrides)?;
                 let options = RunOptions { speed: None, threads: 1 };
-                Ok(Report::new(&fly(flight, &options, &Control::default(), vec![])?))
+                Ok(Report::new(&fly(flight, &options, &control, vec![])?))
             }
             Self::Simulated(entry) => Ok(entry.fly_as(&Setup {
                 config: config.cloned(),
@@ -108,7 +116,8 @@ pub fn run(args: &AblationArgs) -> Result<()> {
             bar.set_message(format!("{}, {variant}", subject.name()));
             let overrides: Vec<String> =
                 args.overrides.iter().cloned().chain(changes.iter().map(ToString::to_string)).collect();
-            reports.push(subject.fly(args, config.as_ref(), &overrides).context(subject.name())?);
+            reports.push(subject.fly(args, config.as_ref(), &overrides, &stop).context(subject.name())?);
+            ensure!(!stop.load(Ordering::Relaxed), "stopped");
             bar.inc(1);
         }
         flown.push(reports);
@@ -122,7 +131,18 @@ pub fn run(args: &AblationArgs) -> Result<()> {
             variants: VARIANTS.iter().map(|(name, _)| *name).zip(reports).collect(),
         })
         .collect();
-    say(format_args!("{}\n\n{}", extraction_table(&rows), accuracy_table(&rows)));
+    say(extraction_table(&rows));
+    if rows.iter().any(has_truth) {
+        say(format_args!("\n{}", accuracy_table(&rows)));
+    }
+    let unknown: Vec<&str> =
+        rows.iter().filter(|row| !has_truth(row)).map(|row| row.flight.as_str()).collect();
+    if !unknown.is_empty() {
+        say(format_args!(
+            "\nWithout ground truth there is no error to compare: {} (only times and numbers of segments are known).",
+            unknown.join(", ")
+        ));
+    }
     if let Some(file) = &args.json {
         std::fs::write(file, serde_json::to_string_pretty(&rows)?).context(file.display().to_string())?;
     }
@@ -130,11 +150,23 @@ pub fn run(args: &AblationArgs) -> Result<()> {
 }
 
 fn subjects(args: &AblationArgs) -> Result<Vec<Subject>> {
+    if let Some(log) = args.datasets.iter().find(|path| is_log(path)) {
+        let message = format!(
+            "{}: is a flight log; give the data set that it was recorded from, since each variant flies its images anew",
+            log.display()
+        );
+        return Err(Usage(message).into());
+    }
     if !args.datasets.is_empty() {
         return Ok(args.datasets.iter().cloned().map(Subject::Recorded).collect());
     }
     let entries = args.choice.entries(None)?;
     Ok(entries.into_iter().map(|entry| Subject::Simulated(Box::new(entry))).collect())
+}
+
+/// Whether the errors of a flight are known.
+fn has_truth(row: &Row<'_>) -> bool {
+    row.variants.iter().any(|(_, report)| report.ate_rmse_m.is_some())
 }
 
 /// The paper's table 1: number of segments in the left image, and times a frame over all cameras.
@@ -169,7 +201,7 @@ fn accuracy_table(rows: &[Row<'_>]) -> String {
         format!("|---{}|", "|---:".repeat(names.len())),
     ];
     let number = |ate: Option<f64>| ate.map_or_else(|| "-".to_owned(), |ate| format!("{ate:.4}"));
-    for row in rows {
+    for row in rows.iter().filter(|row| has_truth(row)) {
         let cells: Vec<String> = row.variants.iter().map(|(_, r)| number(r.ate_rmse_m)).collect();
         lines.push(format!("| {} | {} |", row.flight, cells.join(" | ")));
     }

@@ -215,21 +215,40 @@ pub fn load_config(file: Option<&Path>) -> Result<Option<ValidConfig>, ConfigErr
     }
 }
 
-/// Refuses output files that could not be written, before the run rather than after it.
+/// Refuses output files that could not be written, before the run rather than after it: what cannot be opened, and two
+/// outputs in one file.
 ///
 /// # Errors
-/// When the directory of one is not there, or its path is that of a directory.
+/// When one cannot be opened for writing, or is named twice.
 pub fn check_outputs<'a>(files: impl IntoIterator<Item = &'a PathBuf>) -> Result<(), Usage> {
+    let mut seen: Vec<&PathBuf> = Vec::new();
     for file in files {
+        let refuse = |why: &str| Err(Usage(format!("{}: {why}", file.display())));
+        if seen.contains(&file) {
+            return refuse("is named for two outputs; name two files");
+        }
+        seen.push(file);
         let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
         if folder.is_some_and(|folder| !folder.is_dir()) {
-            return Err(Usage(format!("{}: its directory does not exist; create it first", file.display())));
+            return refuse("its directory does not exist; create it first");
         }
         if file.is_dir() {
-            return Err(Usage(format!("{}: is a directory; name a file to write", file.display())));
+            return refuse("is a directory; name a file to write");
+        }
+        if let Err(error) = try_writing(file) {
+            return refuse(&format!("cannot be written ({error}); name another file"));
         }
     }
     Ok(())
+}
+
+/// Opens a file for writing and leaves it as it was.
+fn try_writing(file: &Path) -> std::io::Result<()> {
+    if file.exists() {
+        return std::fs::OpenOptions::new().append(true).open(file).map(drop);
+    }
+    std::fs::OpenOptions::new().write(true).create_new(true).open(file)?;
+    std::fs::remove_file(file)
 }
 
 /// Set by the first Ctrl-C or termination signal; a second one ends the process at once.

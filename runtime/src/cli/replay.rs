@@ -6,12 +6,15 @@ use super::scenario::{ScenarioArgs, parse_scene};
 use super::{Usage, check_outputs, load_config, parse_range, say, stop_on_signal};
 use crate::autopilot::Stamps;
 use crate::evaluate::load_trajectory;
+use crate::flight::plausibility::Finding;
+use crate::flight::plausibility::watch::Watch;
 use crate::flight::states::{StateRow, write_states};
 use crate::flight::{
-    CausalPose, Flight, KeptStates, OdometryTrajectory, Outputs, Truth, fly, is_log, open_dataset, open_log,
-    open_simulation, with_overrides,
+    CausalPose, Cut, Flight, Flown, KeptStates, OdometryTrajectory, Outputs, Truth, fly, is_log,
+    open_dataset, open_log, open_simulation, plausibility, with_overrides,
 };
 use crate::log::WhenFull;
+use crate::log::source::LogEnd;
 use crate::net::Endpoints;
 use crate::pipeline::{Control, RunOptions};
 use crate::plot;
@@ -44,7 +47,7 @@ pub struct ReplayArgs {
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub overrides: Vec<String>,
     /// Multiple of real time; as fast as it goes without.
-    #[arg(long)]
+    #[arg(long, allow_hyphen_values = true)]
     pub speed: Option<f64>,
     /// 1 does everything in turn; 2 decodes ahead of need; 3 solves a frame while the next is tracked; 4 and
     /// more share the work on a frame. The answer is the same.
@@ -79,6 +82,9 @@ pub struct ReplayArgs {
     /// Only these frames of a data set or log.
     #[arg(long, value_name = "A..B")]
     pub frames: Option<String>,
+    /// End here, seconds from the beginning of the data set, log or path; --start S is its beginning.
+    #[arg(long, value_name = "S", conflicts_with = "duration")]
+    pub stop: Option<f64>,
     /// Keep the rendered frames of a simulated flight in this folder, and take them from there if they are.
     #[arg(long, value_name = "FOLDER")]
     pub cache: Option<PathBuf>,
@@ -122,6 +128,7 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     if let Some(path) = &args.plot {
         plot::check_name(path).map_err(|e| Usage(format!("--plot: {e}")))?;
     }
+    check_mentions(args)?;
     let flight = prepared(open(args)?, args)?;
     let control = Arc::new(Control::stopped_by(stop_on_signal()?));
     let mut outputs = start_outputs(args, &flight.config, &control)?;
@@ -129,6 +136,8 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     let wants_states = args.states.is_some() || args.plot.is_some();
     let mut states = wants_states.then(|| KeptStates::for_flight(&flight));
     let mut progress = Progress::bar(flight.stereo.expected_frames())?;
+    let mut watch = Watch::start(&flight.config, args.speed.is_some(), flight.findings.clone())?;
+    let log_end = flight.log_end.clone();
     let options = RunOptions { speed: args.speed, threads: usize::from(args.threads) };
     let mut subscribers = outputs.subscribers();
     subscribers.insert(0, &mut progress);
@@ -138,9 +147,11 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     if let Some(states) = &mut states {
         subscribers.insert(0, states);
     }
+    subscribers.insert(0, &mut watch);
     let flown = fly(flight, &options, &control, subscribers)?;
-    let report = Report::new(&flown).with(outputs.finish());
     progress.finish();
+    let warnings = warnings(watch.finish(), &flown, log_end.as_ref());
+    let report = Report::new(&flown).with(outputs.finish()).warning_of(warnings);
     let odometry = odometry.map(OdometryTrajectory::into_poses);
     write_trajectories(args, &flown.poses, odometry.as_deref())?;
     if let Some(states) = states {
@@ -153,6 +164,52 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     say(if args.json { json } else { report.summary() });
     let frames = report.frames;
     anyhow::ensure!(report.completion > 0.0, "{}: no pose was found in {frames} frames", args.dataset);
+    if let Some(recording) = report.recording.as_ref().filter(|recording| recording.has_failed) {
+        anyhow::bail!("the recording failed: {recording}");
+    }
+    Ok(())
+}
+
+/// All that is wrong with what was flown; what shows only at the end is logged now.
+fn warnings(mut warnings: Vec<Finding>, flown: &Flown, log_end: Option<&LogEnd>) -> Vec<Finding> {
+    let faults = &flown.outcome.faults;
+    let late = plausibility::of_faults(faults.imu, faults.cameras).into_iter().chain(
+        log_end.and_then(LogEnd::words).map(|words| {
+            let seconds = flown.outcome.figures.span_s;
+            Finding::new(
+                "the log breaks off",
+                format!("{words}; {seconds:.2} s of data were flown"),
+                "that the flight or the recorder ended without closing the log",
+                "what comes before is sound; `plumbline log` says what it holds",
+            )
+        }),
+    );
+    for finding in late {
+        tracing::warn!("{finding}");
+        warnings.push(finding);
+    }
+    warnings
+}
+
+/// Refuses or mentions options that would be ignored.
+fn check_mentions(args: &ReplayArgs) -> Result<(), Usage> {
+    if args.dataset.starts_with("sim:") {
+        if args.frames.is_some() {
+            return Err(Usage(
+                "--frames: is for data sets and logs; give --start and --duration instead".into(),
+            ));
+        }
+        if args.truth.is_some() {
+            return Err(Usage("--truth: a simulated flight knows its truth; leave it out".into()));
+        }
+        return Ok(());
+    }
+    args.scenario.check_recorded()?;
+    if args.cache.is_some() {
+        return Err(Usage(
+            "--cache: is for simulated flights, whose frames are rendered; leave it out".into(),
+        ));
+    }
     Ok(())
 }
 
@@ -182,7 +239,12 @@ fn readings(flight: &Flight) -> usize {
 fn open(args: &ReplayArgs) -> Result<Flight> {
     let config = load_config(args.config.as_deref())?;
     if let Some(scene) = args.dataset.strip_prefix("sim:") {
-        let scenario = args.scenario.scenario(parse_scene(scene)?)?;
+        let mut scenario = args.scenario.clone();
+        if let Some(stop) = args.stop {
+            scenario.duration =
+                Some(scenario.seconds(Some(stop)).map(|seconds| seconds.end - seconds.start)?);
+        }
+        let scenario = scenario.scenario(parse_scene(scene)?)?;
         let error_deg = args.scenario.extrinsics_error_deg;
         return Ok(open_simulation(config, &scenario, args.mono, error_deg, args.cache.as_deref())?);
     }
@@ -193,11 +255,15 @@ fn open(args: &ReplayArgs) -> Result<Flight> {
             Some(from.unwrap_or(0)..to.unwrap_or(usize::MAX))
         }
     };
+    let cut = Cut { frames, seconds: args.scenario.seconds(args.stop)? };
     let path = Path::new(&args.dataset);
     let flight = match is_log(path) {
-        true => open_log(path, config, frames, args.mono)?,
-        false => open_dataset(path, config, frames, args.mono)?,
+        true => open_log(path, config, cut, args.mono)?,
+        false => open_dataset(path, config, cut, args.mono)?,
     };
+    if let Some(frames) = flight.stereo.expected_frames() {
+        args.scenario.faults.check_begin_before(frames as f64 / flight.config.camera[0].rate_hz)?;
+    }
     Ok(flight.with_faults(args.scenario.faults.frame_faults()?, args.scenario.seed))
 }
 
@@ -216,8 +282,14 @@ fn start_outputs(args: &ReplayArgs, config: &ValidConfig, control: &Arc<Control>
         let when_full = if args.speed.is_some() { WhenFull::Drop } else { WhenFull::Wait };
         outputs.record(path, config, when_full)?;
     }
+    if !args.publish && config.ros.enabled {
+        tracing::warn!("ros.enabled is set, but without --publish nothing is sent to ROS 2");
+    }
     if args.publish {
         let endpoints = Endpoints::of(&config.network).and(&args.listen, &args.connect);
+        if endpoints.listen.is_empty() && endpoints.connect.is_empty() && !endpoints.scouting {
+            tracing::warn!("--publish: nobody can be reached: give --listen or --connect, or network.listen");
+        }
         outputs.publish(config, &endpoints, control)?;
     }
     Ok(outputs)

@@ -9,6 +9,8 @@ use std::path::Path;
 
 /// Exposure with `--motion-blur`, s.
 const BLUR_EXPOSURE_S: f64 = 0.008;
+/// Length of a simulated flight of which nothing is said, s.
+const DEFAULT_DURATION_S: f64 = 20.0;
 /// Relative standard deviation of the gain with `--flicker`.
 const FLICKER: f64 = 0.15;
 
@@ -19,12 +21,12 @@ pub struct ScenarioArgs {
     /// Where it goes: `demo` (take-off and figures of eight), or a TUM file (plain or .gz).
     #[arg(long, default_value = "demo")]
     pub path: String,
-    /// Start, seconds into the path.
-    #[arg(long, default_value_t = 0.0)]
+    /// Start, seconds into the path, data set or log.
+    #[arg(long, value_name = "S", default_value_t = 0.0)]
     pub start: f64,
-    /// Length of the flight, seconds.
-    #[arg(long, default_value_t = 20.0)]
-    pub duration: f64,
+    /// Length of the flight, seconds. [default: 20 for a simulated flight, else to the end]
+    #[arg(long, value_name = "S")]
+    pub duration: Option<f64>,
     /// Seed of everything random: world, noise, biases.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -83,6 +85,31 @@ impl FaultArgs {
         })
     }
 
+    /// Whether nothing goes wrong.
+    fn are_none(&self) -> bool {
+        self.blackout.is_none() && self.lost_camera.is_none() && self.drop_rate == 0.0 && !self.flicker
+    }
+
+    /// Refuses faults that would begin after the end of the flight.
+    ///
+    /// # Errors
+    /// When one does.
+    pub fn check_begin_before(&self, end_s: f64) -> Result<(), Usage> {
+        let faults = self.frame_faults()?;
+        let begins = [
+            ("--blackout", faults.blackout_s.map(|span| span.start)),
+            ("--lost-camera", faults.lost_camera.map(|lost| lost.span_s.start)),
+        ];
+        for (option, begin_s) in begins {
+            if let Some(begin_s) = begin_s.filter(|begin_s| *begin_s >= end_s) {
+                let message =
+                    format!("{option}: begins at {begin_s} s, after the flight's end at {end_s:.2} s");
+                return Err(Usage(message));
+            }
+        }
+        Ok(())
+    }
+
     /// As effects of a simulated flight, where darkness and flicker come before the noise of the sensor.
     fn apply(&self, effects: &mut Effects) -> Result<(), Usage> {
         let faults = self.frame_faults()?;
@@ -109,6 +136,43 @@ pub fn parse_scene(name: &str) -> Result<Scene, Usage> {
 }
 
 impl ScenarioArgs {
+    /// Refuses options that have no meaning for a recorded flight.
+    ///
+    /// # Errors
+    /// When one was given.
+    pub fn check_recorded(&self) -> Result<(), Usage> {
+        let given = [
+            ("--path", self.path != "demo"),
+            ("--seed", self.seed != 1 && self.faults.are_none()),
+            ("--scale", self.scale != 1.0),
+            ("--motion-blur", self.motion_blur),
+            ("--time-offset-ms", self.time_offset_ms != 0.0),
+            ("--extrinsics-error-deg", self.extrinsics_error_deg != 0.0),
+        ];
+        match given.into_iter().find(|(_, is_given)| *is_given) {
+            Some((option, _)) => Err(Usage(format!(
+                "{option}: is for simulated flights (sim:room and the like); leave it out"
+            ))),
+            None => Ok(()),
+        }
+    }
+
+    /// The seconds of a recorded flight that are flown, up to `stop` where that is given.
+    ///
+    /// # Errors
+    /// When there are none.
+    pub fn seconds(&self, stop: Option<f64>) -> Result<std::ops::Range<f64>, Usage> {
+        let by_duration = self.duration.map(|duration| self.start + duration);
+        let end = stop.or(by_duration).unwrap_or(f64::INFINITY);
+        if !(self.start.is_finite() && self.start >= 0.0 && end > self.start) {
+            return Err(Usage(format!(
+                "--start {} and the end at {end} s leave nothing: give seconds from the first frame",
+                self.start
+            )));
+        }
+        Ok(self.start..end)
+    }
+
     /// The scenario in `scene`.
     ///
     /// # Errors
@@ -124,11 +188,13 @@ impl ScenarioArgs {
         if self.motion_blur {
             effects.exposure_s = BLUR_EXPOSURE_S;
         }
+        let duration_s = self.duration.unwrap_or(DEFAULT_DURATION_S);
+        self.faults.check_begin_before(duration_s)?;
         Ok(Scenario {
             scene,
             path,
             start_s: self.start,
-            duration_s: self.duration,
+            duration_s,
             seed: self.seed,
             resolution_scale: self.scale,
             effects,

@@ -8,6 +8,7 @@ pub mod error;
 pub mod open;
 pub mod outputs;
 pub mod overrides;
+pub mod plausibility;
 pub mod run;
 pub mod states;
 #[cfg(test)]
@@ -15,12 +16,13 @@ mod tests;
 pub mod trajectory;
 
 pub use error::FlightError;
-pub use open::{is_log, open_dataset, open_log, open_simulation, scenario_config};
+pub use open::{Cut, is_log, open_dataset, open_log, open_simulation, scenario_config};
 pub use outputs::Outputs;
 pub use overrides::with_overrides;
 pub use run::{Flown, fly};
 pub use trajectory::{CausalPose, CausalTrajectory, KeptStates, OdometryTrajectory};
 
+use crate::log::source::LogEnd;
 use nalgebra::Isometry3;
 use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::simulator::Simulator;
@@ -41,6 +43,10 @@ pub struct Flight {
     pub truth: Truth,
     /// What is flown, in a few words.
     pub name: String,
+    /// What is wrong with it by its looks.
+    pub findings: Vec<plausibility::Finding>,
+    /// How the log that is flown ends, where one is.
+    pub log_end: Option<LogEnd>,
 }
 
 impl Flight {

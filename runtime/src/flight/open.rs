@@ -1,9 +1,10 @@
 //! Opening what is flown: a data set, a flight log, or a simulated scenario.
 
 use super::cache;
+use super::plausibility::missing_camera;
 use super::{Flight, FlightError, Truth};
 use crate::log::LogReader;
-use crate::log::source::{LogImu, LogStereo};
+use crate::log::source::{LogEnd, LogImu, LogStereo};
 use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::{Config, ConfigError, ValidConfig, import};
 use plumbline_drivers::simulator::{Scenario, Simulator, scaled_config};
@@ -14,6 +15,21 @@ use std::path::Path;
 /// Detection cells shrink with the images, down to this, px: two patches must fit.
 const SMALLEST_CELL_PX: usize = 28;
 
+/// The part of a recording that is flown: both bounds hold.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cut {
+    /// Frames, counted from 0; all without.
+    pub frames: Option<Range<usize>>,
+    /// Seconds of data since the first frame.
+    pub seconds: Range<f64>,
+}
+
+impl From<Option<Range<usize>>> for Cut {
+    fn from(frames: Option<Range<usize>>) -> Self {
+        Self { frames, seconds: 0.0..f64::INFINITY }
+    }
+}
+
 /// Opens a EuRoC data set. Without a configuration the calibration of the data set replaces that of the
 /// preset `euroc`.
 ///
@@ -22,10 +38,11 @@ const SMALLEST_CELL_PX: usize = 28;
 pub fn open_dataset(
     path: &Path,
     config: Option<ValidConfig>,
-    frames: Option<Range<usize>>,
+    cut: impl Into<Cut>,
     mono: bool,
 ) -> Result<Flight, FlightError> {
     check_dataset(path)?;
+    let Cut { frames, seconds } = cut.into();
     let mut config = match config {
         Some(config) => config,
         None => import::euroc_into(Config::preset("euroc")?, path).map_err(FlightError::Calibration)?,
@@ -33,9 +50,11 @@ pub fn open_dataset(
     if mono {
         config = with_cameras(&config, 1)?;
     }
-    let options = EurocOptions { frames, ..EurocOptions::for_config(&config) };
+    let options = EurocOptions { frames, seconds, ..EurocOptions::for_config(&config) };
     let dataset = EurocDataset::open(path, &options)?;
+    let mut findings = Vec::new();
     if dataset.cameras() < config.camera.len() {
+        findings.push(missing_camera(&format!("{} holds no cam1", path.display())));
         config = with_cameras(&config, dataset.cameras())?;
     }
     let truth = dataset.ground_truth()?.map_or(Truth::None, |states| {
@@ -47,6 +66,8 @@ pub fn open_dataset(
         truth,
         name: path.display().to_string(),
         config,
+        findings,
+        log_end: None,
     })
 }
 
@@ -63,7 +84,7 @@ pub fn is_log(path: &Path) -> bool {
 pub fn open_log(
     path: &Path,
     config: Option<ValidConfig>,
-    frames: Option<Range<usize>>,
+    cut: impl Into<Cut>,
     mono: bool,
 ) -> Result<Flight, FlightError> {
     let log = LogReader::open(path)?;
@@ -71,12 +92,16 @@ pub fn open_log(
     if mono {
         config = with_cameras(&config, 1)?;
     }
+    let (cut, end) = (cut.into(), LogEnd::default());
+    let stereo = LogStereo::open(path, cut.frames, config.camera.len() == 1)?;
     Ok(Flight {
-        imu: Box::new(LogImu::open(path)?),
-        stereo: Box::new(LogStereo::open(path, frames, config.camera.len() == 1)?),
+        imu: Box::new(LogImu::open(path)?.ending_at(&end)),
+        stereo: Box::new(stereo.within_s(cut.seconds).ending_at(&end)),
         truth: Truth::None,
         name: path.display().to_string(),
         config,
+        findings: Vec::new(),
+        log_end: Some(end),
     })
 }
 
@@ -129,6 +154,8 @@ pub fn open_simulation(
         name: format!("simulated flight, {:?}, seed {}", scenario.scene, scenario.seed),
         truth: Truth::Simulated(simulator),
         config,
+        findings: Vec::new(),
+        log_end: None,
     })
 }
 

@@ -1,7 +1,7 @@
 //! `KEY=VALUE`: single keys of a configuration changed.
 
 use super::FlightError;
-use plumbline_config::{Config, ValidConfig};
+use plumbline_config::{Config, ConfigError, ValidConfig};
 use toml::{Table, Value};
 
 /// `config` with every `key=value` of `changes` in place, validated. Keys are dotted paths of the TOML
@@ -20,21 +20,45 @@ pub fn with_overrides(config: &ValidConfig, changes: &[String]) -> Result<ValidC
         set(&mut table, change)?;
     }
     let text = toml::to_string(&table).map_err(|error| unwritable(error.to_string()))?;
-    Ok(Config::from_toml_str(&text, "--set")?)
+    Config::from_toml_str(&text, &format!("--set {}", changes.join(" ")))
+        .map_err(|error| without_lines(error).into())
+}
+
+/// The same refusal without lines: nobody has the file that they count in.
+fn without_lines(error: ConfigError) -> ConfigError {
+    match error {
+        ConfigError::Invalid { origin, violations } => {
+            let violations = violations.into_iter().map(|violation| violation.at_line(None)).collect();
+            ConfigError::Invalid { origin, violations }
+        }
+        other => other,
+    }
 }
 
 fn set(table: &mut Table, change: &str) -> Result<(), FlightError> {
     let (path, value) = change.split_once('=').ok_or_else(|| {
         FlightError::Invalid(format!("--set: '{change}' is not of the form section.key=value"))
     })?;
-    let (sections, key) = path.trim().rsplit_once('.').unwrap_or(("", path.trim()));
+    let no_section = |name: &str| {
+        FlightError::Invalid(format!(
+            "--set: '{change}': no section '{name}'; `plumbline config sim` prints all keys, and camera.0 is the left camera"
+        ))
+    };
+    // camera[0].focal_px is camera.0.focal_px.
+    let path = path.trim().replace('[', ".").replace(']', "");
+    let (sections, key) = path.rsplit_once('.').unwrap_or(("", &path));
     let mut section = table;
-    for name in sections.split('.').filter(|name| !name.is_empty()) {
-        section = section.get_mut(name).and_then(Value::as_table_mut).ok_or_else(|| {
-            FlightError::Invalid(format!(
-                "--set: '{change}': no section '{name}'; `plumbline config sim` prints all keys"
-            ))
-        })?;
+    let mut names = sections.split('.').filter(|name| !name.is_empty());
+    while let Some(name) = names.next() {
+        section = match section.get_mut(name) {
+            Some(Value::Table(table)) => table,
+            Some(Value::Array(entries)) => {
+                let index = names.next().unwrap_or_default();
+                let entry = index.parse().ok().and_then(|index: usize| entries.get_mut(index));
+                entry.and_then(Value::as_table_mut).ok_or_else(|| no_section(&format!("{name}.{index}")))?
+            }
+            _ => return Err(no_section(name)),
+        };
     }
     section.insert(key.to_owned(), parsed(value.trim()));
     Ok(())
@@ -61,6 +85,21 @@ mod tests {
         let expected = expected.with("test", |c| c.estimator.points.sigma_px = 0.3).unwrap();
         assert_eq!(changed("estimator.points.sigma_px=0.3").unwrap(), expected);
         assert_eq!(changed("network.vehicle=hawk").unwrap().network.vehicle, "hawk");
+    }
+
+    #[test]
+    fn a_camera_is_named_by_its_number() {
+        for change in ["camera[1].focal_px=[300.0, 301.0]", "camera.1.focal_px=[300.0, 301.0]"] {
+            assert_eq!(changed(change).unwrap().camera[1].focal_px, [300.0, 301.0], "{change}");
+        }
+        let error = changed("camera[2].focal_px=[300.0, 301.0]").unwrap_err().to_string();
+        assert!(error.contains("camera.2"), "{error}");
+    }
+
+    #[test]
+    fn a_refusal_names_the_change_and_no_line_of_a_file_that_nobody_has() {
+        let error = changed("estimator.points.sigma_px=-1").unwrap_err().to_string();
+        assert!(error.contains("--set estimator.points.sigma_px=-1") && !error.contains("line"), "{error}");
     }
 
     #[test]

@@ -33,7 +33,7 @@ pub fn fly(
     control: &Control,
     subscribers: Vec<&mut dyn Subscriber>,
 ) -> Result<Flown, FlightError> {
-    let Flight { config, imu, stereo, truth, name } = flight;
+    let Flight { config, imu, stereo, truth, name, .. } = flight;
     let expected = stereo.expected_frames().and_then(|frames| usize::try_from(frames).ok());
     let mut trajectory = CausalTrajectory::with_room_for(expected.unwrap_or(0).min(MAX_RESERVED_FRAMES));
     let mut everyone: Vec<&mut dyn Subscriber> = vec![&mut trajectory];

@@ -160,6 +160,8 @@ pub struct RecorderSummary {
     pub not_recorded_words: String,
     /// Why recording ended before the flight, if it did.
     pub ended_early: Option<String>,
+    /// Whether that is a failure: of the disk, not the end of the room that the configuration gives.
+    pub has_failed: bool,
     /// Processor time of the recorder's thread, s.
     pub cpu_s: f64,
 }
@@ -246,6 +248,7 @@ impl Recorder {
             not_recorded: 0,
             not_recorded_words: String::new(),
             ended_early: Some("the recorder's thread panicked; this is a defect of the program".into()),
+            has_failed: true,
             cpu_s: 0.0,
         });
         let dropped = self.shared.dropped();
@@ -292,6 +295,7 @@ fn record(shared: &Shared, mut writer: LogWriter, path: PathBuf) -> RecorderSumm
         deleted_bytes: writer.deleted_bytes(),
         not_recorded: 0,
         not_recorded_words: String::new(),
+        has_failed: failure.as_ref().is_some_and(|error| !matches!(error, LogError::Full { .. })),
         ended_early: failure.map(|error| error.to_string()),
         cpu_s: watch.elapsed_ms() * 1e-3,
     }

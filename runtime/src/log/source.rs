@@ -3,19 +3,64 @@
 use super::LogError;
 use super::channel::Channel;
 use super::cursor::Cursor;
+use super::reader::Ending;
+use plumbline_config::Timestamp;
 use plumbline_config::options::ImageRecording;
 use plumbline_drivers::{DriverError, Faults, ImuReading, ImuSource, StereoFrame, StereoSource};
 use std::ops::Range;
 use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// How a log that is flown ends, once it was read that far: nothing when with the flight.
+#[derive(Clone, Debug, Default)]
+pub struct LogEnd(Arc<Mutex<Option<String>>>);
+
+impl LogEnd {
+    /// Where and why it breaks off, in words.
+    #[must_use]
+    pub fn words(&self) -> Option<String> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn set(&self, words: String) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(words);
+    }
+
+    /// What was read, where damage counts as the end of the log.
+    fn or_end<T>(
+        &self,
+        cursor: &Cursor,
+        read: Result<Option<T>, LogError>,
+    ) -> Result<Option<T>, DriverError> {
+        match read {
+            Err(error @ LogError::Damaged { .. }) => {
+                self.set(error.to_string());
+                Ok(None)
+            }
+            Ok(None) if cursor.reader().ending() == Ending::Truncated => {
+                let path = cursor.reader().path().display();
+                self.set(format!("{path}: breaks off: the recorder was killed or could not write"));
+                Ok(None)
+            }
+            read => read.map_err(|error| malformed(cursor, &error)),
+        }
+    }
+}
 
 /// The inertial samples of a log.
-pub struct LogImu(Cursor);
+pub struct LogImu {
+    cursor: Cursor,
+    end: LogEnd,
+}
 
 /// The frames of a log.
 pub struct LogStereo {
     cursor: Cursor,
     frames: Range<usize>,
+    seconds: Range<f64>,
+    first: Option<Timestamp>,
     next: usize,
+    end: LogEnd,
 }
 
 impl LogImu {
@@ -24,7 +69,13 @@ impl LogImu {
     /// # Errors
     /// When it cannot be read or is no flight log.
     pub fn open(path: &Path) -> Result<Self, LogError> {
-        Ok(Self(Cursor::open(path, &[Channel::Imu])?))
+        Ok(Self { cursor: Cursor::open(path, &[Channel::Imu])?, end: LogEnd::default() })
+    }
+
+    /// The same, which tells `end` how the log ends.
+    #[must_use]
+    pub fn ending_at(self, end: &LogEnd) -> Self {
+        Self { end: end.clone(), ..self }
     }
 }
 
@@ -45,7 +96,20 @@ impl LogStereo {
                           recorded from, or give that to verify with --images";
             return Err(LogError::unusable(path, reason));
         }
-        Ok(Self { cursor, frames: frames.unwrap_or(0..usize::MAX), next: 0 })
+        let (frames, seconds) = (frames.unwrap_or(0..usize::MAX), 0.0..f64::INFINITY);
+        Ok(Self { cursor, frames, seconds, first: None, next: 0, end: LogEnd::default() })
+    }
+
+    /// The same with only the frames of these seconds, counted from the first frame.
+    #[must_use]
+    pub fn within_s(self, seconds: Range<f64>) -> Self {
+        Self { seconds, ..self }
+    }
+
+    /// The same, which tells `end` how the log ends.
+    #[must_use]
+    pub fn ending_at(self, end: &LogEnd) -> Self {
+        Self { end: end.clone(), ..self }
     }
 }
 
@@ -55,7 +119,8 @@ fn malformed(cursor: &Cursor, error: &LogError) -> DriverError {
 
 impl ImuSource for LogImu {
     fn next_reading(&mut self) -> Result<Option<ImuReading>, DriverError> {
-        self.0.next(Channel::Imu).map_err(|e| malformed(&self.0, &e))
+        let read = self.cursor.next(Channel::Imu);
+        self.end.or_end(&self.cursor, read)
     }
 
     fn faults(&self) -> Faults {
@@ -66,12 +131,16 @@ impl ImuSource for LogImu {
 impl StereoSource for LogStereo {
     fn next_frame(&mut self, frame: &mut StereoFrame) -> Result<bool, DriverError> {
         while self.next < self.frames.end {
-            let found = self.cursor.next_frame(frame).map_err(|e| malformed(&self.cursor, &e))?;
-            if found.is_none() {
+            let read = self.cursor.next_frame(frame);
+            if self.end.or_end(&self.cursor, read)?.is_none() {
                 return Ok(false);
             }
             self.next += 1;
-            if self.next > self.frames.start {
+            let since_s = frame.stamp.seconds_since(*self.first.get_or_insert(frame.stamp));
+            if since_s >= self.seconds.end {
+                return Ok(false);
+            }
+            if self.next > self.frames.start && since_s >= self.seconds.start {
                 return Ok(true);
             }
         }

@@ -2,6 +2,7 @@
 
 use super::clock::{CpuStopwatch, Stopwatch};
 use super::digest::Digest;
+use super::event::{Event, Severity};
 use super::figures::{Cost, Figures, StageTimes};
 use super::listener::{Listener, Solved};
 use super::orders::{FrameOrder, ResetOrder, Verdict};
@@ -140,6 +141,7 @@ pub struct WindowStage {
     odometer: Odometer,
     digest: Digest,
     first: Option<Timestamp>,
+    resets: u32,
     /// What was counted and timed of frames so far.
     pub figures: Figures,
     /// The time of each stage.
@@ -160,6 +162,7 @@ impl WindowStage {
             figures: Figures::default(),
             times: StageTimes::default(),
             allocations: 0,
+            resets: 0,
         }
     }
 
@@ -174,9 +177,25 @@ impl WindowStage {
             estimate
         });
         let counting = is_warm.then(alloc::Count::begin);
+        self.report_reset(&estimate);
         self.hand_out(&estimate, cost.plus(job.cost));
         self.allocations += allocations + counting.map_or(0, alloc::Count::end);
         (estimate, cost)
+    }
+
+    /// Tells why the estimate was started anew, if it was.
+    fn report_reset(&mut self, estimate: &Estimate) {
+        if std::mem::replace(&mut self.resets, estimate.reset_counter) == estimate.reset_counter {
+            return;
+        }
+        let Some(reason) = &self.odometer.reset_reason else { return };
+        let severity = if reason.is_asked_for() { Severity::Warning } else { Severity::Error };
+        let (frame, count) = (estimate.frame_sequence, estimate.reset_counter);
+        self.listener.event(&Event::new(
+            estimate.stamp,
+            severity,
+            format_args!("frame {frame}: reset {count}: {reason}"),
+        ));
     }
 
     fn hand_out(&mut self, estimate: &Estimate, cost: Cost) {

@@ -5,6 +5,7 @@ pub mod accuracy;
 use crate::autopilot::BridgeFigures;
 use crate::flight::Flown;
 use crate::flight::outputs::OutputFigures;
+use crate::flight::plausibility::Finding;
 use crate::log::recorder::RecorderSummary;
 use crate::pipeline::LiveFigures;
 use crate::pipeline::digest::config_hash;
@@ -74,6 +75,8 @@ pub struct Report {
     /// What the autopilot was told, where there was one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub autopilot: Option<BridgeFigures>,
+    /// What cannot be right with the data, the calibration or the flight.
+    pub warnings: Vec<Finding>,
 }
 
 /// Points, means per frame.
@@ -163,6 +166,7 @@ impl Report {
             config_hash: config_hash(&flown.config),
             recording: None,
             autopilot: None,
+            warnings: Vec::new(),
         }
     }
 
@@ -170,6 +174,12 @@ impl Report {
     #[must_use]
     pub fn with(self, outputs: OutputFigures) -> Self {
         Self { recording: outputs.recording, autopilot: outputs.autopilot, ..self }
+    }
+
+    /// The same with what was found wrong on the way.
+    #[must_use]
+    pub fn warning_of(self, warnings: Vec<Finding>) -> Self {
+        Self { warnings, ..self }
     }
 
     /// The report for people: a few aligned lines.

@@ -1,0 +1,109 @@
+//! The magnitudes of inertial samples: gravity is always there, and nobody turns at twenty radians a second for long.
+
+use super::Finding;
+use plumbline_config::{ImuSample, Timestamp};
+
+/// Samples that are looked at: twenty seconds at 200 Hz.
+const MAX_SAMPLES: usize = 4000;
+/// Fewest samples that are judged.
+const MIN_SAMPLES: usize = 100;
+/// Median of the specific force in any flight, m/s^2; gravity alone is 9.8.
+const SPECIFIC_FORCE_M_S2: std::ops::Range<f64> = 6.5..15.0;
+/// The same in units of gravity, and in thousandths of it.
+const SPECIFIC_FORCE_G: std::ops::Range<f64> = 0.6..1.6;
+const SPECIFIC_FORCE_MG: std::ops::Range<f64> = 600.0..1600.0;
+/// Median of the rotation rate beyond which nothing flies, rad/s.
+const MAX_MEDIAN_RATE_RAD_S: f64 = 20.0;
+/// A sample rate further than this factor from the configured one is another one.
+const MAX_RATE_FACTOR: f64 = 1.5;
+
+/// Magnitudes of the first samples.
+#[derive(Clone, Debug)]
+pub struct Magnitudes {
+    accel: Vec<f64>,
+    gyro: Vec<f64>,
+    span: Option<(Timestamp, Timestamp)>,
+    rate_hz: f64,
+}
+
+impl Magnitudes {
+    /// Of an IMU of that configured rate.
+    #[must_use]
+    pub fn new(rate_hz: f64) -> Self {
+        let room = || Vec::with_capacity(MAX_SAMPLES);
+        Self { accel: room(), gyro: room(), span: None, rate_hz }
+    }
+
+    /// Takes a sample.
+    pub fn add(&mut self, sample: &ImuSample) {
+        if self.accel.len() < MAX_SAMPLES && sample.is_finite() {
+            self.accel.push(sample.accel.norm());
+            self.gyro.push(sample.gyro.norm());
+            let first = self.span.map_or(sample.stamp, |(first, _)| first);
+            self.span = Some((first, sample.stamp));
+        }
+    }
+
+    /// What cannot be right.
+    #[must_use]
+    pub fn findings(&self) -> Vec<Finding> {
+        if self.accel.len() < MIN_SAMPLES {
+            return Vec::new();
+        }
+        let (accel, gyro) = (median(&self.accel), median(&self.gyro));
+        if SPECIFIC_FORCE_M_S2.contains(&gyro) && accel < 0.5 * SPECIFIC_FORCE_M_S2.start {
+            return vec![Finding::new(
+                "the gyroscope measures gravity and the accelerometer does not",
+                format!("medians: gyroscope {gyro:.2}, accelerometer {accel:.3}"),
+                "that the columns of gyroscope and accelerometer are swapped",
+                "write the columns as gyroscope x y z [rad/s], accelerometer x y z [m/s^2]",
+            )];
+        }
+        let mut findings = Vec::new();
+        if !SPECIFIC_FORCE_M_S2.contains(&accel) {
+            findings.push(not_gravity(accel));
+        }
+        if gyro > MAX_MEDIAN_RATE_RAD_S {
+            findings.push(super::rotation::in_degrees(&format!("median rate {gyro:.1}")));
+        }
+        findings.extend(self.rate_finding());
+        findings
+    }
+
+    fn rate_finding(&self) -> Option<Finding> {
+        let (first, last) = self.span?;
+        let span_s = last.seconds_since(first);
+        let rate_hz = (self.accel.len() - 1) as f64 / span_s;
+        let factor = rate_hz / self.rate_hz;
+        let is_other = !(factor < MAX_RATE_FACTOR && factor > 1.0 / MAX_RATE_FACTOR);
+        is_other.then(|| {
+            Finding::new(
+                "the IMU does not deliver at its configured rate",
+                format!("{rate_hz:.1} samples a second, imu.rate_hz is {}", self.rate_hz),
+                "another rate of the sensor, or stamps in another unit than nanoseconds",
+                "set imu.rate_hz, or write stamps in nanoseconds",
+            )
+        })
+    }
+}
+
+fn not_gravity(accel: f64) -> Finding {
+    let (cause, cure) = if SPECIFIC_FORCE_G.contains(&accel) {
+        ("that it is in units of gravity (g)", "multiply it by 9.80665: m/s^2 is expected")
+    } else if SPECIFIC_FORCE_MG.contains(&accel) {
+        ("that it is in thousandths of gravity (mg)", "multiply it by 0.00980665: m/s^2 is expected")
+    } else {
+        (
+            "another unit, or columns that are not those of the accelerometer",
+            "write it in m/s^2, gravity included",
+        )
+    };
+    let evidence = format!("median magnitude {accel:.3}, gravity is 9.8 m/s^2");
+    Finding::new("the accelerometer does not measure gravity", evidence, cause, cure)
+}
+
+fn median(values: &[f64]) -> f64 {
+    let mut values = values.to_vec();
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}

@@ -1,0 +1,218 @@
+//! Feeds [`Plausibility`] from a run, on a thread of normal priority.
+//!
+//! The listeners copy samples and shrunken images into memory that stands since before the run. In a live run what finds
+//! no room is left out; in virtual time the run waits, so that the findings are the same every time.
+
+use super::{Finding, Glimpse, Plausibility};
+use crate::pipeline::event::{Event, MAX_EVENT_BYTES, Severity};
+use crate::pipeline::listener::{Listener, Producer, Subscriber};
+use crossbeam_queue::ArrayQueue;
+use plumbline_config::{Config, ImuSample};
+use plumbline_drivers::{ImuReading, StereoFrame};
+use plumbline_estimator::{Estimate, HealthBits};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// Things that wait to be looked at.
+const QUEUE: usize = 4096;
+/// Frames that wait to be looked at.
+const FRAMES: usize = 8;
+/// The queue is looked into this often, and by a producer that may wait.
+const POLL: Duration = Duration::from_millis(5);
+const WAIT: Duration = Duration::from_micros(200);
+/// Findings are judged anew after so many frames.
+const JUDGED_EVERY: u64 = 100;
+
+/// One thing to look at.
+// A frame is handles of buffers: boxing it would allocate.
+#[allow(clippy::large_enum_variant)]
+enum Item {
+    Sample(ImuSample),
+    Frame(Glimpse),
+    Estimate(u64, HealthBits),
+    Reset(heapless::String<MAX_EVENT_BYTES>),
+}
+
+struct Shared {
+    items: ArrayQueue<Item>,
+    free: ArrayQueue<Glimpse>,
+    may_wait: bool,
+    has_seen_enough: AtomicBool,
+    is_over: AtomicBool,
+}
+
+impl Shared {
+    /// Hands over; what finds no room in a live run comes back.
+    fn offer(&self, item: Item) -> Option<Item> {
+        let mut item = item;
+        loop {
+            match self.items.push(item) {
+                Ok(()) => return None,
+                Err(refused) if self.may_wait && !self.is_over.load(Ordering::Relaxed) => {
+                    item = refused;
+                    std::thread::sleep(WAIT);
+                }
+                Err(refused) => return Some(refused),
+            }
+        }
+    }
+
+    fn free_glimpse(&self) -> Option<Glimpse> {
+        loop {
+            match self.free.pop() {
+                None if self.may_wait && !self.is_over.load(Ordering::Relaxed) => std::thread::sleep(WAIT),
+                glimpse => return glimpse,
+            }
+        }
+    }
+}
+
+/// Looks at the data of a run, and warns of what cannot be right as soon as it shows.
+pub struct Watch {
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<Vec<Finding>>>,
+}
+
+impl Watch {
+    /// Starts the thread. `known` was found before; `is_live` when the run must not wait.
+    ///
+    /// # Errors
+    /// When the system refuses a thread.
+    pub fn start(config: &Config, is_live: bool, known: Vec<Finding>) -> std::io::Result<Self> {
+        let sizes = [0, 1].map(|k| config.camera.get(k).map_or((0, 0), |c| (c.width_px, c.height_px)));
+        let shared = Arc::new(Shared {
+            items: ArrayQueue::new(QUEUE),
+            free: ArrayQueue::new(FRAMES),
+            may_wait: !is_live,
+            has_seen_enough: AtomicBool::new(false),
+            is_over: AtomicBool::new(false),
+        });
+        for _ in 0..FRAMES {
+            shared.free.force_push(Glimpse::new(sizes));
+        }
+        let (theirs, plausibility) = (Arc::clone(&shared), Plausibility::new(config, is_live));
+        let thread = std::thread::Builder::new()
+            .name("plausibility".into())
+            .spawn(move || look(&theirs, plausibility, known))?;
+        Ok(Self { shared, thread: Some(thread) })
+    }
+
+    /// After the run: everything that cannot be right.
+    #[must_use]
+    pub fn finish(mut self) -> Vec<Finding> {
+        self.end()
+    }
+
+    fn end(&mut self) -> Vec<Finding> {
+        self.shared.is_over.store(true, Ordering::Release);
+        self.thread.take().and_then(|thread| thread.join().ok()).unwrap_or_default()
+    }
+}
+
+impl Drop for Watch {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+impl Subscriber for Watch {
+    fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
+        match producer {
+            Producer::Tick | Producer::FrontEnd | Producer::Window => Box::new(Ear(Arc::clone(&self.shared))),
+            Producer::Watchdog => Box::new(()),
+        }
+    }
+}
+
+/// The listener of one thread of the run. Never allocates.
+struct Ear(Arc<Shared>);
+
+impl Listener for Ear {
+    fn reading(&mut self, reading: &ImuReading) {
+        self.0.offer(Item::Sample(reading.sample));
+    }
+
+    fn frame(&mut self, frame: &mut StereoFrame) {
+        if self.0.has_seen_enough.load(Ordering::Relaxed) {
+            return;
+        }
+        let Some(mut glimpse) = self.0.free_glimpse() else { return };
+        glimpse.stamp = frame.stamp;
+        glimpse.valid = frame.valid;
+        for (thumbnail, image) in glimpse.images.iter_mut().zip(&frame.images) {
+            thumbnail.take(image);
+        }
+        if let Some(Item::Frame(glimpse)) = self.0.offer(Item::Frame(glimpse)) {
+            self.0.free.force_push(glimpse);
+        }
+    }
+
+    fn estimate(&mut self, estimate: &Estimate, _frame_ms: f64) {
+        self.0.offer(Item::Estimate(estimate.frame_sequence, estimate.health));
+    }
+
+    fn event(&mut self, event: &Event) {
+        if event.severity == Severity::Error {
+            self.0.offer(Item::Reset(event.text.clone()));
+        }
+    }
+}
+
+/// The thread: takes what comes until the run is over, and warns of each finding once.
+fn look(shared: &Shared, mut plausibility: Plausibility, known: Vec<Finding>) -> Vec<Finding> {
+    let mut told = Vec::new();
+    tell(known, &mut told);
+    let mut frames = 0;
+    loop {
+        // Looked at first: what was offered before it was set is in the queue.
+        let is_over = shared.is_over.load(Ordering::Acquire);
+        while let Some(item) = shared.items.pop() {
+            match item {
+                Item::Sample(sample) => plausibility.add_sample(&sample),
+                Item::Estimate(sequence, health) => {
+                    plausibility.add_estimate(sequence, health);
+                    frames += 1;
+                    if frames % JUDGED_EVERY == 0 {
+                        tell(plausibility.findings(), &mut told);
+                    }
+                }
+                Item::Reset(reason) => plausibility.add_reset(&reason),
+                Item::Frame(glimpse) => {
+                    plausibility.add_frame(&glimpse);
+                    shared.free.force_push(glimpse);
+                    shared.has_seen_enough.store(plausibility.has_seen_enough(), Ordering::Relaxed);
+                }
+            }
+        }
+        if is_over {
+            tell(plausibility.findings(), &mut told);
+            return told;
+        }
+        std::thread::sleep(POLL);
+    }
+}
+
+/// Warns of what is new. The figures of a finding change as a flight goes on; it is told once.
+fn tell(findings: Vec<Finding>, told: &mut Vec<Finding>) {
+    for finding in findings {
+        let is_known = |other: &Finding| {
+            other.what == finding.what
+                && other.cause == finding.cause
+                && !is_reset_of_its_own(other, &finding)
+        };
+        match told.iter().position(is_known) {
+            Some(place) => told[place] = finding,
+            None => {
+                tracing::warn!("{finding}");
+                told.push(finding);
+            }
+        }
+    }
+}
+
+/// Resets are told one by one: each has a reason of its own.
+fn is_reset_of_its_own(a: &Finding, b: &Finding) -> bool {
+    a.what == super::GIVEN_UP && a.evidence != b.evidence
+}

@@ -1,0 +1,94 @@
+//! One rule for the exit status of every command: 2 for what is asked wrongly or is not there, 1 for what fails.
+
+use super::{plumbline, stderr};
+
+/// Every command that takes an input, with one that is not there.
+const MISSING: [&[&str]; 20] = [
+    &["replay", "/nowhere/flight"],
+    &["replay", "/nowhere/flight.mcap"],
+    &["replay", "sim:room", "--path", "/nowhere/path.tum"],
+    &["replay", "sim:room", "--config", "/nowhere/config.toml"],
+    &["replay", "FLIGHT", "--truth", "/nowhere/truth.tum"],
+    &["replay", "sim:room", "--trajectory", "/nowhere/out.tum"],
+    &["replay", "sim:room", "--record", "/nowhere/out.mcap"],
+    &["verify", "/nowhere/flight.mcap"],
+    &["log", "/nowhere/flight.mcap"],
+    &["evaluate", "/nowhere/a.tum", "/nowhere/b.tum"],
+    &["lines", "/nowhere/image.png"],
+    &["config", "/nowhere/config.toml"],
+    &["doctor", "--config", "/nowhere/config.toml"],
+    &["simulate", "OUT", "--config", "/nowhere/config.toml"],
+    &["simulate", "OUT", "--path", "/nowhere/path.tum"],
+    &["campaign", "--shared", "/nowhere"],
+    &["ablation", "/nowhere/flight"],
+    &["bench", "--baseline", "/nowhere/figures.json"],
+    &["ground", "--report", "/nowhere/report.json"],
+    &["router", "--listen", "tcp/127.0.0.1:0", "--users-file", "/nowhere/users"],
+];
+
+/// Wrong usage of every command.
+const WRONG: [&[&str]; 24] = [
+    &[],
+    &["fly-away"],
+    &["replay"],
+    &["replay", "sim:moon"],
+    &["replay", "sim:room", "--speed", "-1"],
+    &["replay", "sim:room", "--speed", "0"],
+    &["replay", "sim:room", "--set", "estimator.points.sigma_px=-1"],
+    &["replay", "sim:room", "--set", "camera[7].focal_px=1"],
+    &["replay", "sim:room", "--frames", "1..5"],
+    &["replay", "sim:room", "--duration", "5", "--blackout", "6..7"],
+    &["replay", "sim:room", "--trajectory", "OUT", "--odometry", "OUT"],
+    &["replay", "sim:room", "--autopilot", "udp://127.0.0.1:1"],
+    &["replay", "FLIGHT", "--blackout", "1..2"],
+    &["replay", "FLIGHT", "--seed", "7"],
+    &["replay", "FLIGHT", "--cache", "OUT"],
+    &["replay", "FLIGHT", "--start", "5", "--stop", "4"],
+    &["simulate", "OUT", "--scene", "moon"],
+    &["evaluate", "a.tum"],
+    &["campaign", "--scene", "moon"],
+    &["ablation", "flight.mcap"],
+    &["bench", "--duration", "1"],
+    &["doctor", "--config", "euroc", "--watch", "0"],
+    &["keys", "OUT", "--vehicle", "../x"],
+    &["ground", "--connect", "nowhere"],
+];
+
+#[test]
+fn what_is_asked_wrongly_or_is_not_there_is_2_and_told_in_words() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (flight, out) = (at("flight"), at("out"));
+    let written = plumbline(&["simulate", &flight, "--duration", "0.5", "--scale", "0.5"]);
+    assert_eq!(written.status.code(), Some(0), "{}", stderr(&written));
+    for arguments in MISSING.into_iter().chain(WRONG) {
+        let arguments: Vec<&str> = arguments
+            .iter()
+            .map(|argument| match *argument {
+                "FLIGHT" => flight.as_str(),
+                "OUT" => out.as_str(),
+                argument => argument,
+            })
+            .collect();
+        let output = plumbline(&arguments);
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
+        assert!(!said.is_empty() && !said.contains("panicked"), "{arguments:?}: {said}");
+    }
+}
+
+#[test]
+fn what_fails_is_1() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (a, b, flight) = (at("a.tum"), at("b.tum"), at("flight"));
+    std::fs::write(&a, "1.0 0 0 0 0 0 0 1\n2.0 1 0 0 0 0 0 1\n").unwrap();
+    std::fs::write(&b, "100.0 0 0 0 0 0 0 1\n101.0 1 0 0 0 0 0 1\n").unwrap();
+    assert_eq!(plumbline(&["evaluate", &a, &b]).status.code(), Some(1));
+    let written = plumbline(&["simulate", &flight, "--duration", "0.5", "--scale", "0.5"]);
+    assert_eq!(written.status.code(), Some(0), "{}", stderr(&written));
+    // A device that is always full.
+    let full = plumbline(&["replay", &flight, "--trajectory", "/dev/full"]);
+    assert_eq!(full.status.code(), Some(1), "{}", stderr(&full));
+    assert!(stderr(&full).contains("/dev/full"), "{}", stderr(&full));
+}

@@ -1,0 +1,109 @@
+//! What a user meets: warnings of nonsense, parts of recordings, cures that help.
+
+use super::{fails, plumbline, stderr};
+use serde_json::Value;
+use std::path::Path;
+
+/// A simulated data set of so many seconds in `folder`.
+fn dataset(folder: &Path, duration_s: &str) -> String {
+    let path = folder.join("flight").to_str().unwrap().to_owned();
+    let arguments = ["simulate", &path, "--start", "3", "--duration", duration_s, "--scale", "0.5"];
+    let output = plumbline(&arguments);
+    assert!(output.status.success(), "{}", stderr(&output));
+    path
+}
+
+/// The report of a replay, and what it said on stderr.
+fn replayed(arguments: &[&str]) -> (Value, String) {
+    let mut all = vec!["replay"];
+    all.extend(arguments);
+    all.push("--json");
+    let output = plumbline(&all);
+    let report =
+        serde_json::from_slice(&output.stdout).unwrap_or_else(|e| panic!("{e}: {}", stderr(&output)));
+    (report, stderr(&output))
+}
+
+#[test]
+fn an_accelerometer_in_g_is_warned_of_once_and_the_estimates_are_those_of_the_data() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), "3");
+    let (sound, said) = replayed(&[&path]);
+    assert_eq!((sound["warnings"].as_array().unwrap().len(), said.as_str()), (0, ""));
+    let table = format!("{path}/mav0/imu0/data.csv");
+    let in_g = |line: &str| {
+        let columns: Vec<&str> = line.split(',').collect();
+        let accel = columns[4..7].iter().map(|x| (x.parse::<f64>().unwrap() / 9.806_65).to_string());
+        let rest = columns[..4].iter().map(|x| (*x).to_owned());
+        rest.chain(accel).collect::<Vec<_>>().join(",")
+    };
+    let text = std::fs::read_to_string(&table).unwrap();
+    let lines: Vec<String> =
+        text.lines().map(|line| if line.starts_with('#') { line.to_owned() } else { in_g(line) }).collect();
+    std::fs::write(&table, lines.join("\n")).unwrap();
+    let (report, said) = replayed(&[&path]);
+    assert_eq!(said.matches("units of gravity").count(), 1, "{said}");
+    assert!(!said.contains('\u{1b}'), "colours in a file: {said}");
+    let warnings = report["warnings"].as_array().unwrap();
+    assert!(warnings.iter().any(|w| w["cure"].as_str().unwrap().contains("9.80665")), "{warnings:?}");
+}
+
+#[test]
+fn a_camera_that_the_configuration_names_and_images_that_are_missing_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight").to_str().unwrap().to_owned();
+    let written = plumbline(&["simulate", &path, "--start", "3", "--duration", "1"]);
+    assert!(written.status.success(), "{}", stderr(&written));
+    std::fs::remove_dir_all(format!("{path}/mav0/cam1")).unwrap();
+    let mut images: Vec<_> =
+        std::fs::read_dir(format!("{path}/mav0/cam0/data")).unwrap().map(|e| e.unwrap().path()).collect();
+    images.sort();
+    std::fs::remove_file(&images[5]).unwrap();
+    std::fs::write(&images[6], b"no image").unwrap();
+    let output = plumbline(&["replay", &path, "--config", "sim"]);
+    let said = stderr(&output);
+    assert!(said.contains("1 images or frames missing, 1 images that cannot be decoded"), "{said}");
+    assert!(said.contains("holds no cam1") && said.contains("--mono"), "{said}");
+}
+
+#[test]
+fn parts_of_a_recording_are_flown_by_their_seconds() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), "2");
+    let frames = |arguments: &[&str]| {
+        let mut all = vec![path.as_str()];
+        all.extend(arguments);
+        replayed(&all).0["frames"].as_u64().unwrap()
+    };
+    assert_eq!(frames(&[]), 40);
+    assert_eq!(frames(&["--start", "0.5", "--stop", "1.5"]), 20);
+    assert_eq!(frames(&["--start", "0.5", "--duration", "1"]), 20);
+    assert_eq!(frames(&["--stop", "1"]), 20);
+    let log = folder.path().join("flight.mcap");
+    let log = log.to_str().unwrap();
+    let recorded = plumbline(&["replay", &path, "--record", log]);
+    assert!(recorded.status.success(), "{}", stderr(&recorded));
+    let (report, _) = replayed(&[log, "--start", "0.5", "--stop", "1.5"]);
+    assert_eq!(report["frames"], 20);
+    let (report, _) = replayed(&["sim:room", "--scale", "0.5", "--start", "3", "--stop", "4"]);
+    assert_eq!(report["frames"], 20);
+    fails(&["replay", &path, "--start", "50"], 1, &["s of frames, of which"]);
+}
+
+#[test]
+fn wrong_tables_and_folders_come_with_a_cure_that_helps() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), "0.5");
+    fails(&["simulate", &path, "--duration", "0.5"], 2, &[&path, "--overwrite"]);
+    let table = format!("{path}/mav0/imu0/data.csv");
+    let text = std::fs::read_to_string(&table).unwrap();
+    std::fs::write(&table, text.replace(',', ";")).unwrap();
+    fails(&["replay", &path], 1, &["imu0/data.csv", "line 2", "semicolons"]);
+    fails(
+        &["replay", "sim:room", "--set", "estimator.points.sigma_px=-1"],
+        2,
+        &["--set estimator.points.sigma_px=-1"],
+    );
+    fails(&["ablation", "live.mcap"], 2, &["live.mcap", "data set that it was recorded from"]);
+    fails(&["replay", "sim:room", "--speed", "-1"], 2, &["--speed: give a positive number"]);
+}
