@@ -266,38 +266,6 @@ fn check_twist(seen: &Seen) {
 }
 
 #[test]
-fn names_and_stamps_are_as_configured() {
-    let Some(python) = interpreter(PACKAGES) else { return };
-    let changes = [
-        ("ros.distribution", "\"humble\""),
-        ("ros.namespace", "\"/robots/one\""),
-        ("ros.odom_frame", "\"world\""),
-        ("ros.base_frame", "\"one/base\""),
-        ("ros.body_frame", "\"one/imu\""),
-        ("ros.stamp", "\"publication\""),
-        ("ros.rate_hz", "10.0"),
-        ("ros.tf", "false"),
-    ];
-    let seen = fly(&python, &changes, Machine::Before);
-    let publishers = seen.entities("MP");
-    let topics: Vec<&str> = publishers.iter().map(|p| p["topic"].as_str().unwrap()).collect();
-    assert_eq!(publishers.len(), 2, "{topics:?}");
-    assert!(publishers.iter().all(|p| p["hash"] == "TypeHashNotSupported"));
-    let samples = seen.samples("/robots/one/odom");
-    let source_ns = |k: usize| samples[k]["source_ns"].as_i64().unwrap();
-    let rate_hz = (samples.len() - 1) as f64 * 1e9 / (source_ns(samples.len() - 1) - source_ns(0)) as f64;
-    assert!(samples.len() > 10 && (rate_hz - 10.0).abs() < 1.0, "{} at {rate_hz} Hz", samples.len());
-    for sample in &samples {
-        let message = &sample["message"];
-        assert_eq!(
-            (&message["header"]["frame_id"], &message["child_frame_id"]),
-            (&"world".into(), &"one/base".into())
-        );
-        assert_eq!(stamp_ns(&message["header"]), sample["source_ns"].as_i64().unwrap());
-    }
-}
-
-#[test]
 fn a_vehicle_without_a_router_flies_and_ends_as_always() {
     let folder = tempfile::tempdir().unwrap();
     let config = folder.path().join("vehicle.toml");
@@ -322,4 +290,41 @@ fn a_router_that_comes_later_is_found() {
     assert!(first["sequence"].as_i64().unwrap() <= 50, "{first}");
     let begun = seen.computed.first_key_value().unwrap().0;
     assert!(stamp_ns(&first["message"]["header"]) - begun > 1_000_000_000);
+}
+
+/// Measures a rate: see `.config/nextest.toml`.
+mod realtime {
+    use super::*;
+
+    #[test]
+    fn names_and_stamps_are_as_configured() {
+        let Some(python) = interpreter(PACKAGES) else { return };
+        let changes = [
+            ("ros.distribution", "\"humble\""),
+            ("ros.namespace", "\"/robots/one\""),
+            ("ros.odom_frame", "\"world\""),
+            ("ros.base_frame", "\"one/base\""),
+            ("ros.body_frame", "\"one/imu\""),
+            ("ros.stamp", "\"publication\""),
+            ("ros.rate_hz", "10.0"),
+            ("ros.tf", "false"),
+        ];
+        let seen = fly(&python, &changes, Machine::Before);
+        let publishers = seen.entities("MP");
+        let topics: Vec<&str> = publishers.iter().map(|p| p["topic"].as_str().unwrap()).collect();
+        assert_eq!(publishers.len(), 2, "{topics:?}");
+        assert!(publishers.iter().all(|p| p["hash"] == "TypeHashNotSupported"));
+        let samples = seen.samples("/robots/one/odom");
+        let source_ns = |k: usize| samples[k]["source_ns"].as_i64().unwrap();
+        let rate_hz = (samples.len() - 1) as f64 * 1e9 / (source_ns(samples.len() - 1) - source_ns(0)) as f64;
+        assert!(samples.len() > 10 && (rate_hz - 10.0).abs() < 1.0, "{} at {rate_hz} Hz", samples.len());
+        for sample in &samples {
+            let message = &sample["message"];
+            assert_eq!(
+                (&message["header"]["frame_id"], &message["child_frame_id"]),
+                (&"world".into(), &"one/base".into())
+            );
+            assert_eq!(stamp_ns(&message["header"]), sample["source_ns"].as_i64().unwrap());
+        }
+    }
 }
