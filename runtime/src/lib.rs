@@ -22,9 +22,10 @@ pub mod campaign;
 pub mod cli;
 pub mod evaluate;
 pub mod flight;
-#[cfg(any(test, feature = "fuzzing"))]
+#[cfg(any(feature = "fuzzing", all(test, feature = "ground")))]
 #[doc(hidden)]
 pub mod fuzzing;
+#[cfg(feature = "ground")]
 pub mod ground;
 pub mod log;
 pub mod net;

@@ -9,10 +9,12 @@ mod bench;
 pub mod campaign;
 pub mod choice;
 mod config;
+#[cfg(feature = "ground")]
 mod demo;
 mod doctor;
 pub mod evaluate;
 mod exit_status;
+#[cfg(feature = "ground")]
 mod ground;
 mod keys;
 pub mod lines;
@@ -20,6 +22,7 @@ pub mod log;
 pub mod plot;
 mod progress;
 pub mod replay;
+#[cfg(feature = "ground")]
 mod reset;
 mod router;
 pub mod scenario;
@@ -39,7 +42,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Deterministic real-time stereo visual-inertial odometry.
 #[derive(Debug, Parser)]
-#[command(name = "plumbline", version, about, after_help = EXAMPLES)]
+#[command(name = "plumbline", version, about, after_help = examples())]
 struct Cli {
     /// More log messages (-v, -vv); the environment variable RUST_LOG overrides it.
     #[arg(short, long, action = clap::ArgAction::Count, global = true)]
@@ -48,22 +51,32 @@ struct Cli {
     command: Command,
 }
 
-const EXAMPLES: &str = "Examples:
-  plumbline demo                                    a simulated flight, live
-  plumbline replay V1_01_easy --trajectory out.tum  a EuRoC data set as fast as it goes
+fn examples() -> String {
+    let ground = if cfg!(feature = "ground") {
+        "  plumbline demo                                    a simulated flight, live
+  plumbline ground --connect tcp/127.0.0.1:7447     watch the vehicles on a network
+"
+    } else {
+        ""
+    };
+    format!(
+        "Examples:
+{ground}  plumbline replay V1_01_easy --trajectory out.tum  a EuRoC data set as fast as it goes
   plumbline replay sim:hall --duration 20           a simulated flight, not written to disk
   plumbline replay V1_01_easy --record log.mcap     the same, recorded
   plumbline verify log.mcap                         is the recorded flight what comes out again?
   plumbline evaluate out.tum V1_01_easy             its errors, as evo_ape and evo_rpe give them
   plumbline plot out.tum --truth V1_01_easy --out flight.svg   the same as a picture
   plumbline lines image.png --out lines.png         the line segments of one image, as a picture
-  plumbline ground --connect tcp/127.0.0.1:7447     watch the vehicles on a network
 
-Exit status: 0 success; 1 the run failed; 2 wrong usage or configuration, or an input that is not there.";
+Exit status: 0 success; 1 the run failed; 2 wrong usage or configuration, or an input that is not there."
+    )
+}
 
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Fly a simulated vehicle at 1x, and publish it on the loopback interface.
+    #[cfg(feature = "ground")]
     Demo(demo::DemoArgs),
     /// Run the estimator over a recorded or simulated flight.
     Replay(Box<replay::ReplayArgs>),
@@ -80,10 +93,12 @@ enum Command {
     /// Extract the line segments of one image, and draw them.
     Lines(lines::LinesArgs),
     /// Watch vehicles over the network: a page for the browser, and a view in the terminal.
+    #[cfg(feature = "ground")]
     Ground(ground::GroundArgs),
     /// Pass messages on between vehicles and ground stations that cannot reach each other.
     Router(router::RouterArgs),
     /// Start the estimate of a vehicle anew, from afar.
+    #[cfg(feature = "ground")]
     Reset(reset::ResetArgs),
     /// Make certificates for vehicles and ground stations.
     Keys(keys::KeysArgs),
@@ -122,6 +137,7 @@ pub fn main() -> ExitCode {
 
 fn run(command: Command) -> anyhow::Result<()> {
     match command {
+        #[cfg(feature = "ground")]
         Command::Demo(args) => demo::run(&args),
         Command::Replay(args) => replay::run(&args),
         Command::Verify(args) => verify::run(&args),
@@ -130,8 +146,10 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Plot(args) => plot::run(&args),
         Command::Lines(args) => lines::run(&args),
+        #[cfg(feature = "ground")]
         Command::Ground(args) => ground::run(&args),
         Command::Router(args) => router::run(&args),
+        #[cfg(feature = "ground")]
         Command::Reset(args) => reset::run(&args),
         Command::Keys(args) => keys::run(&args),
         Command::Campaign(args) => campaign::run(&args),

@@ -16,6 +16,8 @@ const REDRAW: Duration = Duration::from_millis(100);
 const RING: usize = 256;
 
 /// What is shown of an estimate.
+// The demo shows all of it.
+#[cfg_attr(not(feature = "ground"), allow(dead_code))]
 #[derive(Clone, Copy, Debug)]
 pub struct Glance {
     /// Frames so far, this one included.
