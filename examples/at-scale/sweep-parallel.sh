@@ -5,20 +5,27 @@
 #
 # LOGINS: `:` is this machine; `8/hawk,16/eagle` are two others over ssh, with 8 and 16 flights at a time.
 # FOLDER: gets cell-K.json of every cell, jobs.log of parallel, and results.csv.
-# Every machine needs `plumbline` (or what PLUMBLINE says) and the data at the same place as here. Cells that are
-# there already are not flown again: the same command goes on after an interruption.
+# Every machine needs `plumbline` (or what PLUMBLINE says) and the data at the same absolute path as here, and rsync,
+# which brings the results back; with SHARED_DISK=1 FOLDER is on a disk that all of them share, at the same path.
+# Cells that are there already are not flown again: the same command goes on after an interruption.
 set -euo pipefail
 plumbline=${PLUMBLINE:-plumbline}
-logins=$1 folder=$2
+logins=$1
+mkdir -p "$2"
+folder=$(realpath "$2")
 shift 2
 
-mkdir -p "$folder"
-# What a machine wrote comes back to FOLDER, unless it shares the disk or is this one.
-fetch=()
-[ "$logins" = : ] || [ "${SHARED_DISK:-0}" = 1 ] || fetch=(--return "$folder/cell-{}.json" --cleanup)
-
-"$plumbline" sweep "$@" --list | cut -f1 |
-    parallel --quote --sshlogin "$logins" --workdir . --joblog "$folder/jobs.log" --retries 2 "${fetch[@]}" \
-        "$plumbline" sweep "$@" --cells "$folder" --cell {} || echo "some cells failed; see $folder/jobs.log" >&2
-
+cells=$("$plumbline" sweep "$@" --list | cut -f1)
+fly=(parallel --quote --sshlogin "$logins" --joblog "$folder/jobs.log" --retries 2)
+if [ "$logins" = : ] || [ "${SHARED_DISK:-0}" = 1 ]; then
+    "${fly[@]}" --workdir . "$plumbline" sweep "$@" --cells "$folder" --cell {} <<< "$cells" || failed=1
+else
+    # A cell is flown in a folder of its own there, and its file fetched into FOLDER.
+    is_there() { grep -qs '"error": null' "$folder/cell-$1.json"; }
+    missing=$(for cell in $cells; do is_there "$cell" || echo "$cell"; done)
+    cd "$folder"
+    [ -z "$missing" ] || "${fly[@]}" --workdir ... --return cell-{}.json --cleanup \
+        "$plumbline" sweep "$@" --cells . --cell {} <<< "$missing" || failed=1
+fi
+[ -z "${failed:-}" ] || echo "some cells failed: see the seventh column of $folder/jobs.log" >&2
 "$plumbline" sweep --collect "$folder" --out "$folder/results.csv"
