@@ -6,8 +6,13 @@ use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 /// Two settings on a flight of two seconds with two seeds.
-const SWEEP: [&str; 5] =
-    ["--set", "estimator.lines.enabled=true,false", "sim:room?start=3&duration=2&scale=0.4", "--seeds", "1..2"];
+const SWEEP: [&str; 5] = [
+    "--set",
+    "estimator.lines.enabled=true,false",
+    "sim:room?start=3&duration=2&scale=0.4",
+    "--seeds",
+    "1..2",
+];
 
 fn sweep(arguments: &[&str]) -> Output {
     plumbline(&[&["sweep"], &SWEEP[..], arguments].concat())
