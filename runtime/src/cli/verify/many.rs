@@ -1,7 +1,7 @@
 //! Several logs: a row each, in the order in which they were named, so many at a time.
 
 use super::{VerifyArgs, objection};
-use crate::cli::{say, stop_on_signal};
+use crate::cli::{Usage, say, stop_on_signal};
 use crate::log::parts::existing_parts;
 use crate::log::verify::{Verification, verify};
 use anyhow::{Result, bail};
@@ -34,6 +34,7 @@ struct Row {
 /// When any cannot be executed, is not bit-identical, or is not complete.
 pub(super) fn run(args: &VerifyArgs) -> Result<()> {
     let logs = whole_logs(&args.logs);
+    check_there(&logs)?;
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = args.jobs.map_or(cores, usize::from).min(logs.len());
     // A terminal gets its cursor back, and what was verified so far is told.
@@ -67,6 +68,14 @@ pub(super) fn run(args: &VerifyArgs) -> Result<()> {
             let objection = first.objection.as_deref().unwrap_or_default();
             bail!("{} of {} logs do not pass; {}: {objection}", bad.len(), rows.len(), first.log.display())
         }
+    }
+}
+
+/// Refuses a list that names a log which is not there, before any is executed.
+fn check_there(logs: &[PathBuf]) -> Result<(), Usage> {
+    match logs.iter().find(|log| !log.exists()) {
+        Some(log) => Err(Usage(format!("{}: does not exist; nothing was verified", log.display()))),
+        None => Ok(()),
     }
 }
 
@@ -128,6 +137,16 @@ mod tests {
         let named = ["a.1.mcap", "a.2.mcap", "a.mcap", "b.mcap", "a.mcap", "c.1.mcap"].map(at);
         // The beginning of c is not there: that is told of it, not hidden.
         assert_eq!(whole_logs(&named), ["a.mcap", "b.mcap", "c.1.mcap"].map(at));
+    }
+
+    #[test]
+    fn a_list_with_a_log_that_is_not_there_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let there = folder.path().join("a.mcap");
+        std::fs::write(&there, "").unwrap();
+        assert!(check_there(std::slice::from_ref(&there)).is_ok());
+        let message = check_there(&[there, folder.path().join("b.mcap")]).unwrap_err().to_string();
+        assert!(message.contains("b.mcap: does not exist"), "{message}");
     }
 
     #[test]
