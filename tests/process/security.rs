@@ -78,7 +78,7 @@ fn network_access_follows_the_certificate() {
     // An operator may.
     let done = reset(&endpoint, &as_role(&ours, "operator"));
     assert!(done.status.success(), "{}{}", said(&done), vehicle.words());
-    assert!(said(&done).contains("soft reset done: the counter is 1 now"), "{}", said(&done));
+    assert!(said(&done).contains("soft reset done: the counter is now 1"), "{}", said(&done));
 }
 
 /// Messages that somebody who knows the authority but has no certificate receives.

@@ -5,7 +5,7 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// A nose that is this close to the vertical leaves roll and heading undefined: sine of the angle.
+/// Roll and heading are undefined for a nose this close to the vertical: sine of the angle.
 const VERTICAL: f64 = 1e-6;
 
 /// Roll, pitch and heading, degrees.
@@ -26,7 +26,8 @@ impl Attitude {
     #[must_use]
     pub fn of(rot_o_v: &UnitQuaternion<f64>) -> Self {
         let [forward_o, left_o, up_o] = [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| rot_o_v * axis);
-        let is_vertical = forward_o.xy().norm() < VERTICAL;
+        let horizontal = forward_o.xy().norm();
+        let is_vertical = horizontal < VERTICAL;
         let (roll, heading) = if is_vertical {
             (0.0, left_o.x.atan2(left_o.y))
         } else {
@@ -34,9 +35,10 @@ impl Attitude {
         };
         Self {
             roll_deg: roll.to_degrees(),
-            pitch_deg: forward_o.z.clamp(-1.0, 1.0).asin().to_degrees(),
-            // Rounding takes the smallest negative angles to 360.
-            heading_deg: heading.to_degrees().rem_euclid(360.0) % 360.0,
+            // Near the vertical the arcsine of z alone would be inexact.
+            pitch_deg: forward_o.z.atan2(horizontal).to_degrees(),
+            // Rounding takes the smallest negative angles to 360; the sum takes the sign from a negative zero.
+            heading_deg: heading.to_degrees().rem_euclid(360.0) % 360.0 + 0.0,
         }
     }
 }
@@ -63,7 +65,9 @@ mod tests {
 
     #[test]
     fn a_level_vehicle_that_looks_along_x_is_all_zero() {
-        assert_near(Attitude::of(&UnitQuaternion::identity()), [0.0; 3]);
+        let level = Attitude::of(&UnitQuaternion::identity());
+        assert_near(level, [0.0; 3]);
+        assert!(level.heading_deg.is_sign_positive(), "it is shown as 000");
     }
 
     #[test]

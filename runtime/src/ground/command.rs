@@ -67,7 +67,7 @@ pub async fn reset(session: &Session, vehicle: &str, kind: ResetWords) -> Result
     let Ok(reply) = replies.recv_async().await else { return Err(SILENCE.into()) };
     match reply.result() {
         Ok(sample) => match read::decode::<proto::ResetDone>(&sample.payload().to_bytes()) {
-            Some(done) => Ok(format!("{}: reset counter is now {}", done.words, done.reset_counter)),
+            Some(done) => Ok(format!("{}: the counter is now {}", done.words, done.reset_counter)),
             None => Err("the vehicle's answer cannot be understood".into()),
         },
         Err(error) => {

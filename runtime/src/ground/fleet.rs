@@ -176,7 +176,7 @@ impl Fleet {
             self.announce(Some(name), severity, state.to_owned());
         }
         if before.0 != after.0 {
-            self.announce(Some(name), Severity::Warning, format!("reset: reset counter is now {}", after.0));
+            self.announce(Some(name), Severity::Warning, format!("reset: the counter is now {}", after.0));
         }
         if let (Some(old), Some(new)) = (before.1, after.1)
             && old != new
@@ -266,7 +266,7 @@ mod tests {
         assert!(fleet.vehicles["a"].track.len() > 50);
         fleet.odom("a", &odom(100, 0.0, 1), 100, now, 0);
         assert_eq!(fleet.vehicles["a"].track.len(), 1);
-        assert!(texts(&fleet).contains(&"reset: the counter is 1 now"));
+        assert!(texts(&fleet).contains(&"reset: the counter is now 1"));
     }
 
     #[test]
