@@ -4,7 +4,7 @@ use super::vehicle::{PLUMBLINE, Running, flight, free_port, render};
 use plumbline::net::{Endpoints, Publisher};
 use plumbline::pipeline::listener::{Listener, Producer, Subscriber as _};
 use plumbline_config::{Config, Timestamp};
-use plumbline_estimator::{NavCovariance, Odometry, TrackingState};
+use plumbline_estimator::{Estimate, NavCovariance, Odometry, TrackingState};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::io::{Read as _, Write as _};
@@ -72,6 +72,67 @@ fn send_at_200_hz(tick: &mut dyn Listener, seconds: u32, phase: Duration) {
             reset_counter: 0,
         });
     }
+}
+
+/// An estimate with a pose, `k` frames after the first.
+fn estimate(k: u32) -> Estimate {
+    Estimate {
+        frame_sequence: u64::from(k),
+        stamp: Timestamp::from_nanos(1 + i64::from(k) * 50_000_000),
+        state: TrackingState::Tracking,
+        pose_o_b: nalgebra::Isometry3::translation(f64::from(k) * 0.05, 0.0, 1.0),
+        v_o_b: nalgebra::Vector3::x(),
+        bias_gyro: nalgebra::Vector3::zeros(),
+        bias_accel: nalgebra::Vector3::zeros(),
+        covariance: NavCovariance::identity(),
+        time_offset_s: 0.0,
+        time_offset_sigma_s: 1e-3,
+        pose_b_c0: nalgebra::Isometry3::identity(),
+        quality: 90,
+        health: plumbline_estimator::HealthBits::default(),
+        reset_counter: 0,
+        figures: plumbline_estimator::FrameFigures::default(),
+    }
+}
+
+#[test]
+fn a_client_with_default_settings_receives_every_answer() {
+    const POSES: u32 = 600;
+    let endpoint = format!("tcp/127.0.0.1:{}", free_port());
+    let endpoints = Endpoints { listen: vec![endpoint.clone()], ..Endpoints::default() };
+    let mut publisher =
+        Publisher::start(&Config::preset("sim").unwrap(), &endpoints, Arc::default()).unwrap();
+    let mut window = publisher.listener(Producer::Window);
+    for k in 0..POSES {
+        // Slowly enough for the ring between the run and the network.
+        window.estimate(&estimate(k), 1.0);
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
+    runtime.block_on(async {
+        let mut config = zenoh::Config::default();
+        config.insert_json5("mode", "\"client\"").unwrap();
+        config.insert_json5("connect/endpoints", &format!("[\"{endpoint}\"]")).unwrap();
+        config.insert_json5("scouting/multicast/enabled", "false").unwrap();
+        let session = zenoh::open(config).await.unwrap();
+        let base = format!("plumbline/{}/trajectory", endpoints.vehicle);
+        for (selector, answers) in
+            [(base.clone(), 1), (format!("{base}/**"), 2), ("plumbline/*/trajectory".into(), 1)]
+        {
+            let replies = session.get(&selector).await.unwrap();
+            let (mut stamps, mut count) = (std::collections::BTreeSet::new(), 0);
+            while let Ok(reply) = replies.recv_async().await {
+                let sample = reply.into_result().unwrap_or_else(|e| panic!("{selector}: {e:?}"));
+                let bytes = sample.payload().to_bytes();
+                let message = <plumbline::net::proto::Trajectory as prost::Message>::decode(&*bytes).unwrap();
+                stamps.extend(message.stamps_ns);
+                count += 1;
+            }
+            assert_eq!((count, stamps.len()), (answers, POSES as usize), "{selector}");
+        }
+        let _ = session.close().await;
+    });
+    publisher.stop();
 }
 
 /// A ground station of its own process, and the report that it writes at its end.

@@ -102,9 +102,11 @@ enum Command {
     Reset(reset::ResetArgs),
     /// Make certificates for vehicles and ground stations.
     Keys(keys::KeysArgs),
-    /// Fly the built-in set of simulated flights and tabulate the errors.
+    /// Fly the built-in set of simulated flights and tabulate the errors: how good is the estimator, and what do
+    /// faults do to it? (To compare settings: `sweep`; to see what lines bring: `ablation`.)
     Campaign(campaign::CampaignArgs),
-    /// Fly with points alone, with raw, filtered and merged line segments, and tabulate what each brings.
+    /// Fly with points alone, with raw, filtered and merged line segments, and tabulate what each brings, over data
+    /// sets or the flights of `campaign`.
     Ablation(ablation::AblationArgs),
     /// Fly every setting of some keys on several data sets, on all cores, and tabulate the errors.
     Sweep(sweep::SweepArgs),

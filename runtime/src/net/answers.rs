@@ -21,6 +21,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 use zenoh::bytes::Encoding;
+use zenoh::key_expr::keyexpr;
 use zenoh::query::Query;
 use zenoh::{Session, Wait};
 
@@ -188,7 +189,14 @@ enum Room {
 
 impl Room {
     fn of(query: &Query, base: &str) -> Self {
-        if query.key_expr().as_str() == base { Self::One } else { Self::Several }
+        Self::allowed_by(query.key_expr(), base)
+    }
+
+    /// By the key that was asked for: only a pattern may include the keys below that of the topic.
+    fn allowed_by(asked: &keyexpr, base: &str) -> Self {
+        let includes = |key: &str| keyexpr::new(key).is_ok_and(|key| asked.intersects(key));
+        let is_topic_alone = includes(base) && !includes(&format!("{base}/0"));
+        if is_topic_alone { Self::One } else { Self::Several }
     }
 }
 
@@ -319,4 +327,20 @@ fn tell_time(query: &Query, key: &str) {
     let clock = proto::Clock { received_ns, answered_ns: now_ns() };
     let encoding = Encoding::APPLICATION_PROTOBUF.with_schema("plumbline.v1.Clock");
     let _ = query.reply(key, clock.encode_to_vec()).encoding(encoding).express(true).wait();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn several_answers_go_where_the_question_includes_their_keys() {
+        let room = |asked: &str| Room::allowed_by(keyexpr::new(asked).unwrap(), "plumbline/drone/trajectory");
+        for asked in ["plumbline/drone/trajectory", "plumbline/*/trajectory", "plumbline/drone/*"] {
+            assert_eq!(room(asked), Room::One, "{asked}");
+        }
+        for asked in ["plumbline/drone/trajectory/**", "plumbline/drone/trajectory/*", "plumbline/**"] {
+            assert_eq!(room(asked), Room::Several, "{asked}");
+        }
+    }
 }

@@ -3,7 +3,6 @@
 use super::*;
 use plumbline_drivers::simulator::{FlightPath, Scenario, Scene, Simulator};
 use plumbline_drivers::{EurocDataset, EurocOptions, ImuSource as _, StereoFrame, StereoSource};
-use std::path::PathBuf;
 
 /// Looks at the data of two streams as a run would.
 fn looked_at(
@@ -76,13 +75,8 @@ fn sound_flights_give_no_warning() {
 
 #[test]
 fn sound_recordings_give_no_warning() {
-    let shared = PathBuf::from(std::env::var("PLUMBLINE_SHARED").unwrap_or_else(|_| "../../shared".into()));
     for clip in ["V1_01_easy_clip", "MH_05_mono_clip"] {
-        let path = shared.join("euroc").join(clip);
-        if !path.is_dir() {
-            println!("skipped: {clip}, because {} is not there", path.display());
-            continue;
-        }
+        let Some(path) = plumbline_test_support::shared(&format!("euroc/{clip}")) else { return };
         let config = plumbline_config::import::euroc_into(Config::preset("euroc").unwrap(), &path).unwrap();
         let dataset = EurocDataset::open(&path, &EurocOptions::for_config(&config)).unwrap();
         let mut imu = dataset.imu();
