@@ -369,6 +369,6 @@ fn an_autopilot_that_cannot_be_is_refused() {
     let with = |url: &'static str| [&live[..], &[url]].concat();
     fails(&with("tcp://127.0.0.1:5760"), 2, &["--autopilot", "udp://127.0.0.1:14540"]);
     fails(&with("serial:///dev/ttyS0:57600"), 2, &["--autopilot", "57600 baud"]);
-    fails(&with("serial:///dev/nowhere-at-all:921600"), 1, &["/dev/nowhere-at-all"]);
+    fails(&with("serial:///dev/nowhere-at-all:921600"), 2, &["/dev/nowhere-at-all"]);
     fails(&["replay", "sim:room", "--autopilot", "udp://127.0.0.1:14540"], 2, &["--speed 1"]);
 }
