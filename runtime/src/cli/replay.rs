@@ -151,7 +151,9 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     let flown = fly(flight, &options, &control, subscribers)?;
     progress.finish();
     let warnings = warnings(watch.finish(), &flown, log_end.as_ref());
-    let report = Report::new(&flown).with(outputs.finish()).warning_of(warnings);
+    // Before anything that takes time: an autopilot would be told that the estimator is silent.
+    let outputs = outputs.finish();
+    let report = Report::new(&flown).with(outputs).warning_of(warnings);
     let odometry = odometry.map(OdometryTrajectory::into_poses);
     write_trajectories(args, &flown.poses, odometry.as_deref())?;
     if let Some(states) = states {
