@@ -149,10 +149,10 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     }
     subscribers.insert(0, &mut watch);
     let flown = fly(flight, &options, &control, subscribers)?;
-    progress.finish();
-    let warnings = warnings(watch.finish(), &flown, log_end.as_ref());
     // Before anything that takes time: an autopilot would be told that the estimator is silent.
     let outputs = outputs.finish();
+    progress.finish();
+    let warnings = warnings(watch.finish(), &flown, log_end.as_ref());
     let report = Report::new(&flown).with(outputs).warning_of(warnings);
     let odometry = odometry.map(OdometryTrajectory::into_poses);
     write_trajectories(args, &flown.poses, odometry.as_deref())?;
