@@ -72,7 +72,7 @@ fn what_cannot_be_read_or_written_is_named() {
     }
     fails(&["lines", &good, "--out", &at("no/out.png")], 2, &["no/out.png", "create it first"]);
     fails(&["lines", &good, "--out", &good], 2, &[&good, "name another file"]);
-    fails(&["lines", &good, "--out", &out, "--csv", &out], 2, &["--csv"]);
+    fails(&["lines", &good, "--out", &out, "--csv", &out], 2, &[&out, "two outputs"]);
     fails(&["lines", &good, "--set", "estimator.lines.max_raw=1"], 2, &["max_raw"]);
     fails(&["lines", &good, "--config", "nowhere.toml"], 2, &["nowhere.toml"]);
     assert!(!PathBuf::from(&out).exists(), "nothing is written by a command that is refused");
