@@ -62,6 +62,7 @@ pub mod initial;
 pub mod input;
 pub mod lines;
 pub mod odometry;
+pub mod places;
 pub mod points;
 pub mod propagator;
 pub mod window;

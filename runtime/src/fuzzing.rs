@@ -11,6 +11,7 @@ use crate::log::decode::FromLog;
 use crate::log::source::{LogImu, LogStereo};
 use crate::log::{LogReader, encode, image, proto};
 use crate::pipeline::orders::{CorrectionOrder, FrameOrder, ResetOrder};
+use crate::places::codec;
 use crate::schedule::ticker::Monotonic;
 use plumbline_config::GrayImage;
 use plumbline_config::options::ImageRecording;
@@ -39,6 +40,18 @@ pub fn mcap_log(data: &[u8]) {
         let mut frame = StereoFrame::new([(8, 8); 2]);
         while let Ok(true) = stereo.next_frame(&mut frame) {}
     }
+}
+
+/// A map.
+///
+/// # Panics
+/// When what was read is not written again as the same bytes.
+pub fn map_file(data: &[u8]) {
+    if let Ok(map) = codec::decode(data) {
+        assert_eq!(codec::encode(&map), data);
+    }
+    // Past the checksum, which hides the rest from anything but whole maps.
+    let _ = codec::decode(&codec::sealed(data));
 }
 
 /// A file of this process in memory, where the system has such.
@@ -153,6 +166,11 @@ mod tests {
     #[test]
     fn fuzz_mcap_log() {
         over_seeds_and_mutations("mcap_log", 300, super::mcap_log);
+    }
+
+    #[test]
+    fn fuzz_map_file() {
+        over_seeds_and_mutations("map_file", 20_000, super::map_file);
     }
 
     #[test]

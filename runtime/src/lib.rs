@@ -3,6 +3,7 @@
 //! Data flow one way, and imports point down only. From the ground up:
 //!
 //! - [`alloc`] counts allocations; [`schedule`] makes a run a real-time one;
+//! - [`places`] are maps on disk, and made of data sets;
 //! - [`pipeline`] takes samples to estimates, in virtual time or live, and tells its listeners;
 //! - those who listen: [`log`] holds a run so that it can be executed again, [`net`] publishes it, [`autopilot`] sends it
 //!   by MAVLink, [`ros`] to ROS 2;
@@ -31,6 +32,7 @@ pub mod log;
 pub mod net;
 pub mod picture;
 pub mod pipeline;
+pub mod places;
 pub mod plot;
 pub mod report;
 pub mod ros;

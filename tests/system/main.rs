@@ -7,4 +7,5 @@ mod faults;
 mod flow;
 mod lines;
 mod oracle;
+mod places;
 mod soak;

@@ -35,13 +35,41 @@ pub fn euroc_into(base: impl Into<Config>, directory: impl AsRef<Path>) -> Resul
     read(directory)?.put_into(base.into()).validated(&directory.display().to_string())
 }
 
+/// `base` with the cameras of a data set of images alone: its IMU's file may be missing, and its IMU is then taken to
+/// be its body.
+///
+/// # Errors
+/// As [`euroc`].
+pub fn euroc_cameras_into(
+    base: impl Into<Config>,
+    directory: impl AsRef<Path>,
+) -> Result<ValidConfig, ConfigError> {
+    let (directory, mut config) = (directory.as_ref(), base.into());
+    let layout = layout_of(directory)?;
+    let imu = file(directory, layout, "imu0");
+    let pose_b_imu = if imu.is_file() { pose(&Document::read(&imu)?.root())? } else { Isometry3::identity() };
+    config.camera = cameras(directory, layout, &pose_b_imu)?;
+    config.validated(&directory.display().to_string())
+}
+
 fn read(directory: &Path) -> Result<Calibration, ConfigError> {
-    let layout = LAYOUTS.into_iter().find(|layout| file(directory, layout, "cam0").is_file());
-    let Some(layout) = layout else {
-        return Err(ConfigError::NoCalibration { directory: directory.to_owned(), expected: EXPECTED });
-    };
+    let layout = layout_of(directory)?;
     let imu = Document::read(&file(directory, layout, "imu0"))?;
-    let pose_b_imu = pose(&imu.root())?;
+    let cameras = cameras(directory, layout, &pose(&imu.root())?)?;
+    let (imu_rate_hz, noise) = inertial(&imu.root())?;
+    Ok(Calibration { cameras, imu_rate_hz, noise, time_offset_s: None })
+}
+
+fn layout_of(directory: &Path) -> Result<&'static str, ConfigError> {
+    let layout = LAYOUTS.into_iter().find(|layout| file(directory, layout, "cam0").is_file());
+    layout.ok_or_else(|| ConfigError::NoCalibration { directory: directory.to_owned(), expected: EXPECTED })
+}
+
+fn cameras(
+    directory: &Path,
+    layout: &str,
+    pose_b_imu: &Isometry3<f64>,
+) -> Result<Vec<CameraConfig>, ConfigError> {
     let mut cameras = Vec::new();
     for sensor in ["cam0", "cam1"] {
         let path = file(directory, layout, sensor);
@@ -49,10 +77,9 @@ fn read(directory: &Path) -> Result<Calibration, ConfigError> {
         if sensor == "cam1" && !path.exists() {
             continue;
         }
-        cameras.push(camera(&Document::read(&path)?.root(), &pose_b_imu)?);
+        cameras.push(camera(&Document::read(&path)?.root(), pose_b_imu)?);
     }
-    let (imu_rate_hz, noise) = inertial(&imu.root())?;
-    Ok(Calibration { cameras, imu_rate_hz, noise, time_offset_s: None })
+    Ok(cameras)
 }
 
 fn file(directory: &Path, layout: &str, sensor: &str) -> PathBuf {

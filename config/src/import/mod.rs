@@ -14,7 +14,7 @@ mod euroc;
 mod kalibr;
 mod yaml;
 
-pub use euroc::{euroc, euroc_into};
+pub use euroc::{euroc, euroc_cameras_into, euroc_into};
 pub use kalibr::{DEFAULT_CAMERA_RATE_HZ, kalibr, kalibr_into};
 
 #[cfg(any(test, feature = "fuzzing"))]

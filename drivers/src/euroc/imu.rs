@@ -37,7 +37,7 @@ pub(crate) fn parse_imu_row(text: &str) -> Result<ImuSample, RowFault> {
 }
 
 /// All samples of a data set with their sequence numbers, shared by the sources made of it.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(crate) struct ImuRecord {
     readings: Vec<ImuReading>,
     faults: Faults,

@@ -61,11 +61,19 @@ pub struct EurocOptions {
     /// Expected image sizes in pixels, left and right, one a camera that is used: with one entry `cam1`
     /// is left alone. Empty: as many cameras as there are, of the size of their first image.
     pub sizes_px: Vec<(usize, usize)>,
+    /// Whether there must be inertial samples. Without, they are left alone, and [`EurocDataset::imu`] is empty.
+    pub with_imu: bool,
 }
 
 impl Default for EurocOptions {
     fn default() -> Self {
-        Self { frames: None, seconds: 0.0..f64::INFINITY, pair_tolerance_s: 0.002, sizes_px: Vec::new() }
+        Self {
+            frames: None,
+            seconds: 0.0..f64::INFINITY,
+            pair_tolerance_s: 0.002,
+            sizes_px: Vec::new(),
+            with_imu: true,
+        }
     }
 }
 
@@ -115,8 +123,13 @@ impl EurocDataset {
         let Pairing { frames, outside } = pair(&root, rows, cameras, options)?;
         image_faults.unpaired += outside;
         let handed_out = chosen_frames(&root, options, &frames)?;
-        let imu = read_imu(&root)?;
-        let imu_range = imu_range(&root, &imu, &frames[handed_out.clone()])?;
+        let (imu, imu_range) = if options.with_imu {
+            let imu = read_imu(&root)?;
+            let range = imu_range(&root, &imu, &frames[handed_out.clone()])?;
+            (imu, range)
+        } else {
+            (ImuRecord::default(), 0..0)
+        };
         Ok(Self {
             root,
             sizes_px,

@@ -9,6 +9,8 @@ use crate::flight::FlightError;
 use crate::log::LogError;
 use crate::net::NetError;
 use crate::net::keys::KeysError;
+use crate::places::frames::PlacesError;
+use crate::places::{MapDefect, MapFileError};
 use plumbline_config::ConfigError;
 use plumbline_drivers::DriverError;
 use std::error::Error;
@@ -44,6 +46,22 @@ fn is_usage(cause: &(dyn Error + 'static)) -> bool {
             DriverError::Scenario(_) | DriverError::Missing { .. } | DriverError::Refused { .. }
         );
         return is_usage;
+    }
+    if let Some(error) = cause.downcast_ref::<PlacesError>() {
+        return match error {
+            PlacesError::Driver(error) => is_usage(error),
+            PlacesError::Map(error) => is_usage(error),
+            PlacesError::Config(_) | PlacesError::Nothing(_) => true,
+        };
+    }
+    if let Some(error) = cause.downcast_ref::<MapFileError>() {
+        return match error {
+            MapFileError::Read { source, .. } => is_usage(source),
+            MapFileError::Defect { defect, .. } => {
+                matches!(defect, MapDefect::Foreign | MapDefect::Version { .. })
+            }
+            MapFileError::Write { .. } => false,
+        };
     }
     if let Some(error) = cause.downcast_ref::<LogError>() {
         return matches!(error, LogError::Exists { .. } | LogError::NotALog { .. });

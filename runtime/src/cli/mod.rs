@@ -19,6 +19,7 @@ mod ground;
 mod keys;
 pub mod lines;
 pub mod log;
+mod map;
 pub mod plot;
 mod progress;
 pub mod replay;
@@ -92,6 +93,8 @@ enum Command {
     Plot(plot::PlotArgs),
     /// Extract the line segments of one image, and draw them.
     Lines(lines::LinesArgs),
+    /// Make maps, find images in them, and say what is in them.
+    Map(map::MapArgs),
     /// Watch vehicles over the network: a page for the browser, and a view in the terminal.
     #[cfg(feature = "ground")]
     Ground(ground::GroundArgs),
@@ -148,6 +151,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Plot(args) => plot::run(&args),
         Command::Lines(args) => lines::run(&args),
+        Command::Map(args) => map::run(&args),
         #[cfg(feature = "ground")]
         Command::Ground(args) => ground::run(&args),
         Command::Router(args) => router::run(&args),

@@ -1,0 +1,152 @@
+//! Nodes and edges of the pose graph: residual and derivatives.
+
+use nalgebra::{Isometry3, Matrix3, Matrix4, Rotation3, UnitQuaternion, Vector3, Vector4};
+
+/// A keyframe in the graph.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Node {
+    /// Pose of the body in the odometry frame, as it was when the keyframe was made.
+    pub pose_o_b: Isometry3<f64>,
+    /// Position of the body in the map, m.
+    pub p_m_b: Vector3<f64>,
+    /// Heading of the odometry frame in the map, rad.
+    pub yaw: f64,
+    /// Whether it stays where it is.
+    pub is_fixed: bool,
+}
+
+impl Node {
+    /// A keyframe whose odometry frame lies at `pose_m_o` (a turn about the vertical, and a shift).
+    #[must_use]
+    pub fn new(pose_o_b: Isometry3<f64>, pose_m_o: &Isometry3<f64>, is_fixed: bool) -> Self {
+        let pose_m_b = pose_m_o * pose_o_b;
+        Self { pose_o_b, p_m_b: pose_m_b.translation.vector, yaw: yaw_of(&pose_m_o.rotation), is_fixed }
+    }
+
+    /// Pose of the body in the map.
+    #[must_use]
+    pub fn pose_m_b(&self) -> Isometry3<f64> {
+        Isometry3::from_parts(self.p_m_b.into(), turn(self.yaw) * self.pose_o_b.rotation)
+    }
+
+    /// Pose of the odometry frame in the map, as this keyframe has it.
+    #[must_use]
+    pub fn pose_m_o(&self) -> Isometry3<f64> {
+        let rotation = turn(self.yaw);
+        let shift = self.p_m_b - rotation * self.pose_o_b.translation.vector;
+        Isometry3::from_parts(shift.into(), rotation)
+    }
+}
+
+/// Where an edge comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum EdgeKind {
+    /// The odometry.
+    Sequential,
+    /// A keyframe seen again.
+    Loop {
+        /// Other loops that agree with it.
+        supporters: usize,
+    },
+}
+
+/// A relative measurement between two nodes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Edge {
+    /// Node in whose frame it is measured.
+    pub from: usize,
+    /// The other node.
+    pub to: usize,
+    /// Way from the one to the other, in the odometry frame of the first, m.
+    pub way: Vector3<f64>,
+    /// Difference of the headings of their odometry frames, rad.
+    pub turn: f64,
+    /// Information about way and turn.
+    pub information: Matrix4<f64>,
+    /// What it rests on.
+    pub kind: EdgeKind,
+    /// Weight, 0 to 1.
+    pub weight: f64,
+}
+
+/// Residual of an edge and its derivatives by position and yaw of both nodes.
+pub(super) struct Linearized {
+    pub error: Vector4<f64>,
+    pub by_from: Matrix4<f64>,
+    pub by_to: Matrix4<f64>,
+}
+
+impl Edge {
+    /// What the odometry measured between two keyframes of one odometry frame.
+    #[must_use]
+    pub fn of_odometry(nodes: &[Node], from: usize, to: usize, information: Matrix4<f64>) -> Self {
+        let place = |i: usize| nodes.get(i).map_or_else(Vector3::zeros, |n| n.pose_o_b.translation.vector);
+        let way = place(to) - place(from);
+        Self { from, to, way, turn: 0.0, information, kind: EdgeKind::Sequential, weight: 1.0 }
+    }
+
+    /// A loop: the body of node `to` was located at `pose_a_b` in the body of node `from`.
+    ///
+    /// With `R_a = Rz(psi_a) R_vio_a` the turn is that about the vertical in `R_vio_a R_ab R_vio_b^T`.
+    #[must_use]
+    pub fn of_loop(
+        nodes: &[Node],
+        (from, to): (usize, usize),
+        pose_a_b: &Isometry3<f64>,
+        information: Matrix4<f64>,
+    ) -> Self {
+        let rotation = |i: usize| nodes.get(i).map_or_else(UnitQuaternion::identity, |n| n.pose_o_b.rotation);
+        let (rot_a, rot_b) = (rotation(from), rotation(to));
+        let turn = yaw_of(&(rot_a * pose_a_b.rotation * rot_b.inverse()));
+        let way = rot_a * pose_a_b.translation.vector;
+        Self { from, to, way, turn, information, kind: EdgeKind::Loop { supporters: 0 }, weight: 0.0 }
+    }
+
+    /// Whether it counts at all: a loop that nothing agrees with does not.
+    #[must_use]
+    pub fn is_supported(&self) -> bool {
+        self.kind != EdgeKind::Loop { supporters: 0 }
+    }
+
+    /// Square of the Mahalanobis distance of the residual.
+    #[must_use]
+    pub fn distance2(&self, nodes: &[Node]) -> f64 {
+        let error = self.error(&nodes[self.from], &nodes[self.to]);
+        error.dot(&(self.information * error))
+    }
+
+    pub(super) fn error(&self, from: &Node, to: &Node) -> Vector4<f64> {
+        let way = turn(-from.yaw) * (to.p_m_b - from.p_m_b) - self.way;
+        way.push(wrapped(to.yaw - from.yaw - self.turn))
+    }
+
+    pub(super) fn linearize(&self, nodes: &[Node]) -> Linearized {
+        let (from, to) = (&nodes[self.from], &nodes[self.to]);
+        let back: Matrix3<f64> = *turn(-from.yaw).to_rotation_matrix().matrix();
+        let way = to.p_m_b - from.p_m_b;
+        let mut by_from = Matrix4::zeros();
+        by_from.fixed_view_mut::<3, 3>(0, 0).copy_from(&-back);
+        by_from.fixed_view_mut::<3, 1>(0, 3).copy_from(&(back * -Vector3::z().cross(&way)));
+        by_from[(3, 3)] = -1.0;
+        let mut by_to = Matrix4::zeros();
+        by_to.fixed_view_mut::<3, 3>(0, 0).copy_from(&back);
+        by_to[(3, 3)] = 1.0;
+        Linearized { error: self.error(from, to), by_from, by_to }
+    }
+}
+
+/// Rotation about the vertical.
+pub(super) fn turn(yaw: f64) -> UnitQuaternion<f64> {
+    UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw)
+}
+
+/// The turn about the vertical that is nearest to a rotation.
+pub(super) fn yaw_of(rotation: &UnitQuaternion<f64>) -> f64 {
+    let m: Rotation3<f64> = rotation.to_rotation_matrix();
+    (m[(1, 0)] - m[(0, 1)]).atan2(m[(0, 0)] + m[(1, 1)])
+}
+
+/// An angle between minus and plus half a turn.
+pub(super) fn wrapped(angle: f64) -> f64 {
+    angle - std::f64::consts::TAU * (angle / std::f64::consts::TAU).round()
+}

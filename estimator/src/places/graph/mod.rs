@@ -1,0 +1,198 @@
+//! Pose graph in position and yaw: what gravity leaves unknown.
+//!
+//! A node is a keyframe: position `p` and yaw `psi` in the map frame `M`; its attitude is `R = Rz(psi) R_vio`, with
+//! the attitude `R_vio` of the odometry, so that `psi` is the correction of the heading and no Euler angle of the body
+//! is ever taken. An edge from `a` to `b` measures `z_p` and `z_psi`:
+//!
+//! `e = ( Rz(-psi_a) (p_b - p_a) - z_p,  psi_b - psi_a - z_psi )`, with an information matrix of 4x4.
+//!
+//! Between neighbours the odometry measures; a loop is what a keyframe was located by. Loops may be false: they count
+//! only once another one agrees with them ([`consistency`], pairwise consistency, Mangelson et al. 2018), and their
+//! weights follow graduated non-convexity with truncated least squares (Yang et al. 2020). The linear systems are
+//! solved by conjugate gradients with the chain of the flight as preconditioner ([`solver`]). The work of a call is
+//! bounded; the next call goes on where it ended.
+
+pub mod consistency;
+pub mod edge;
+mod solver;
+
+pub use edge::{Edge, EdgeKind, Node};
+
+use consistency::agree;
+use nalgebra::Isometry3;
+use solver::Solver;
+
+/// Square of the Mahalanobis distance beyond which a loop is false: 99 % of four Gaussian components.
+const GATE: f64 = 13.28;
+/// Factor by which the kernel sharpens from step to step.
+const SHARPENING: f64 = 1.6;
+/// Sharpness at which weights are as good as 0 or 1.
+const SHARP: f64 = 50.0;
+/// A step whose largest entry is below this ends the optimization, m or rad.
+const TOLERANCE: f64 = 1e-5;
+/// The newest loops that a new one is compared with.
+const MAX_COMPARED: usize = 64;
+
+/// What a graph may hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct GraphLimits {
+    /// Nodes at most.
+    pub nodes: usize,
+    /// Loops at most; beyond, new ones are refused.
+    pub loops: usize,
+}
+
+/// What a call of [`PoseGraph::optimize`] did.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Progress {
+    /// Steps taken.
+    pub steps: usize,
+    /// Whether there is nothing left to do.
+    pub is_done: bool,
+    /// Loops with a weight of more than a half.
+    pub loops_used: usize,
+}
+
+/// Keyframes and what is known between them. Everything is allocated at construction.
+#[derive(Clone, Debug)]
+pub struct PoseGraph {
+    limits: GraphLimits,
+    nodes: Vec<Node>,
+    edges: Vec<Edge>,
+    /// Places of the loops among the edges.
+    loops: Vec<usize>,
+    solver: Solver,
+    sharpness: f64,
+    is_done: bool,
+}
+
+impl PoseGraph {
+    /// An empty graph.
+    #[must_use]
+    pub fn new(limits: GraphLimits) -> Self {
+        let edges = limits.nodes + limits.loops;
+        Self {
+            limits,
+            nodes: Vec::with_capacity(limits.nodes),
+            edges: Vec::with_capacity(edges),
+            loops: Vec::with_capacity(limits.loops),
+            solver: Solver::new(limits.nodes),
+            sharpness: SHARP,
+            is_done: true,
+        }
+    }
+
+    /// The nodes, in the order in which they were added.
+    #[must_use]
+    pub fn nodes(&self) -> &[Node] {
+        &self.nodes
+    }
+
+    /// Edges of both kinds.
+    #[must_use]
+    pub fn edges(&self) -> &[Edge] {
+        &self.edges
+    }
+
+    /// Adds a node; `None` when there is no room. The first node of a graph must be fixed, or nothing holds it.
+    pub fn add_node(&mut self, node: Node) -> Option<usize> {
+        (self.nodes.len() < self.limits.nodes).then(|| {
+            self.nodes.push(node);
+            self.nodes.len() - 1
+        })
+    }
+
+    /// Adds what the odometry measured between two nodes; `false` when there is no room, or no such node.
+    pub fn add_sequential(&mut self, edge: Edge) -> bool {
+        let fits = self.edges.len() < self.limits.nodes + self.limits.loops && self.joins_nodes(&edge);
+        if fits {
+            self.edges.push(Edge { weight: 1.0, kind: EdgeKind::Sequential, ..edge });
+        }
+        fits
+    }
+
+    /// Adds a loop; `false` when there is no room. It waits until another one agrees with it.
+    pub fn add_loop(&mut self, edge: Edge) -> bool {
+        if self.loops.len() == self.limits.loops || !self.joins_nodes(&edge) {
+            return false;
+        }
+        let mut edge = Edge { weight: 0.0, kind: EdgeKind::Loop { supporters: 0 }, ..edge };
+        let mut supporters = 0;
+        for &other in self.loops.iter().rev().take(MAX_COMPARED) {
+            if agree(&self.nodes, &edge, &self.edges[other]) {
+                supporters += 1;
+                if let EdgeKind::Loop { supporters } = &mut self.edges[other].kind {
+                    *supporters += 1;
+                }
+            }
+        }
+        edge.kind = EdgeKind::Loop { supporters };
+        self.loops.push(self.edges.len());
+        self.edges.push(edge);
+        if supporters > 0 {
+            self.begin_anew();
+        }
+        true
+    }
+
+    fn joins_nodes(&self, edge: &Edge) -> bool {
+        edge.from < self.nodes.len() && edge.to < self.nodes.len() && edge.from != edge.to
+    }
+
+    /// Starts the schedule of the kernel anew: all supported loops count, and the kernel is as wide as the worst of
+    /// them needs.
+    fn begin_anew(&mut self) {
+        let mut worst = 0.0;
+        for &at in &self.loops {
+            let edge = &mut self.edges[at];
+            edge.weight = if edge.is_supported() { 1.0 } else { 0.0 };
+            let distance = edge.distance2(&self.nodes);
+            if edge.is_supported() && distance > worst {
+                worst = distance;
+            }
+        }
+        self.sharpness = if worst > GATE { GATE / (2.0 * worst - GATE) } else { SHARP };
+        self.is_done = false;
+    }
+
+    /// Goes on with the optimization for at most `steps` steps.
+    pub fn optimize(&mut self, steps: usize) -> Progress {
+        let mut progress = Progress::default();
+        while progress.steps < steps && !self.is_done {
+            progress.steps += 1;
+            let largest = self.solver.step(&mut self.nodes, &self.edges);
+            self.weigh_loops();
+            let is_sharp = self.sharpness >= SHARP;
+            self.is_done = is_sharp && largest < TOLERANCE;
+            self.sharpness = if is_sharp { self.sharpness } else { self.sharpness * SHARPENING };
+        }
+        progress.is_done = self.is_done;
+        progress.loops_used = self.loops.iter().filter(|l| self.edges[**l].weight > 0.5).count();
+        progress
+    }
+
+    /// Weights of truncated least squares at this sharpness.
+    fn weigh_loops(&mut self) {
+        let mu = self.sharpness;
+        for &at in &self.loops {
+            let distance = self.edges[at].distance2(&self.nodes);
+            let edge = &mut self.edges[at];
+            edge.weight = if !edge.is_supported() || distance >= GATE * (mu + 1.0) / mu {
+                0.0
+            } else if distance <= GATE * mu / (mu + 1.0) {
+                1.0
+            } else {
+                (GATE * mu * (mu + 1.0) / distance).sqrt() - mu
+            };
+        }
+    }
+
+    /// What a pose of the odometry is in the map, by the correction of a node: `T_MO` times it.
+    #[must_use]
+    pub fn correction(&self, node: usize) -> Option<Isometry3<f64>> {
+        self.nodes.get(node).map(Node::pose_m_o)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,196 @@
+//! Pose graphs of flights whose truth is known.
+
+use super::edge::turn;
+use super::*;
+use crate::places::random::Random;
+use nalgebra::{Isometry3, Matrix4, UnitQuaternion, Vector3, Vector4};
+
+const NODES: usize = 200;
+/// Nodes of a lap.
+const LAP: usize = 100;
+
+/// Two laps of a circle with a body whose x axis points up, as on the EuRoC rig; odometry with a drift of heading and
+/// position.
+struct Flight {
+    truth: Vec<Isometry3<f64>>,
+    odometry: Vec<Isometry3<f64>>,
+}
+
+impl Flight {
+    fn new(seed: u64) -> Self {
+        let mut random = Random::new(seed);
+        let mount = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), -std::f64::consts::FRAC_PI_2);
+        let truth: Vec<_> = (0..NODES)
+            .map(|k| {
+                let angle = std::f64::consts::TAU * k as f64 / LAP as f64;
+                let p = Vector3::new(3.0 * angle.cos(), 3.0 * angle.sin(), 1.0 + 0.2 * (3.0 * angle).sin());
+                Isometry3::from_parts(p.into(), turn(angle) * mount)
+            })
+            .collect();
+        let bias = 0.0002 * random.gaussian();
+        let mut odometry = vec![truth[0]];
+        for k in 1..NODES {
+            let step = truth[k - 1].inverse() * truth[k];
+            let noise = Vector3::from_fn(|_, _| 0.004 * random.gaussian());
+            // About the vertical, which the body knows.
+            let up = truth[k - 1].rotation.inverse() * Vector3::z();
+            let heading = UnitQuaternion::from_scaled_axis(up * (bias + 0.0006 * random.gaussian()));
+            let noisy =
+                Isometry3::from_parts((step.translation.vector + noise).into(), heading * step.rotation);
+            odometry.push(odometry[k - 1] * noisy);
+        }
+        Self { truth, odometry }
+    }
+
+    fn graph(&self) -> PoseGraph {
+        let mut graph = PoseGraph::new(GraphLimits { nodes: NODES, loops: 100 });
+        for (k, pose) in self.odometry.iter().enumerate() {
+            graph.add_node(Node::new(*pose, &Isometry3::identity(), k == 0)).unwrap();
+            if k > 0 {
+                let information = information(0.005, 0.001);
+                assert!(graph.add_sequential(Edge::of_odometry(graph.nodes(), k - 1, k, information)));
+            }
+        }
+        graph
+    }
+
+    /// The loop from the first lap to the second that begins at `k`, moved and turned by an error.
+    fn closure(&self, graph: &PoseGraph, k: usize, shift: Vector3<f64>, yaw: f64) -> Edge {
+        let between = self.truth[k].inverse() * self.truth[k + LAP];
+        let up = self.truth[k].rotation.inverse() * Vector3::z();
+        let wrong = Isometry3::from_parts(shift.into(), UnitQuaternion::from_scaled_axis(up * yaw));
+        Edge::of_loop(graph.nodes(), (k, k + LAP), &(wrong * between), information(0.02, 0.005))
+    }
+
+    fn ate_m(&self, graph: &PoseGraph) -> f64 {
+        let errors = graph
+            .nodes()
+            .iter()
+            .zip(&self.truth)
+            .map(|(n, t)| (n.p_m_b - t.translation.vector).norm_squared());
+        (errors.sum::<f64>() / NODES as f64).sqrt()
+    }
+}
+
+fn information(sigma_m: f64, sigma_rad: f64) -> Matrix4<f64> {
+    let p = sigma_m.powi(-2);
+    Matrix4::from_diagonal(&Vector4::new(p, p, p, sigma_rad.powi(-2)))
+}
+
+/// Steps until there is nothing left to do; fewer than a hundred are needed.
+fn settle(graph: &mut PoseGraph) -> Progress {
+    let progress = graph.optimize(100);
+    assert!(progress.is_done, "{progress:?}");
+    progress
+}
+
+#[test]
+fn the_jacobians_agree_with_differences() {
+    let flight = Flight::new(1);
+    let mut nodes: Vec<_> =
+        flight.odometry.iter().map(|p| Node::new(*p, &Isometry3::identity(), false)).collect();
+    (nodes[3].yaw, nodes[80].yaw) = (0.3, -0.7);
+    nodes[80].p_m_b += Vector3::new(0.4, -0.2, 0.1);
+    let edge = Edge {
+        way: Vector3::new(1.0, 2.0, 3.0),
+        turn: 0.2,
+        ..Edge::of_odometry(&nodes, 3, 80, Matrix4::identity())
+    };
+    let analytic = edge.linearize(&nodes);
+    for (node, by) in [(3, analytic.by_from), (80, analytic.by_to)] {
+        for i in 0..4 {
+            let moved = |step: f64| {
+                let mut nodes = nodes.clone();
+                if i < 3 {
+                    nodes[node].p_m_b[i] += step
+                } else {
+                    nodes[node].yaw += step
+                }
+                edge.error(&nodes[3], &nodes[80])
+            };
+            let numeric = (moved(1e-6) - moved(-1e-6)) / 2e-6;
+            assert!((numeric - by.column(i)).norm() < 1e-8, "node {node}, unknown {i}");
+        }
+    }
+}
+
+#[test]
+fn loops_take_the_drift_out_whatever_way_the_body_is_mounted() {
+    for seed in 0..10 {
+        let flight = Flight::new(seed);
+        let mut graph = flight.graph();
+        let before = flight.ate_m(&graph);
+        for k in (5..95).step_by(10) {
+            assert!(graph.add_loop(flight.closure(&graph, k, Vector3::zeros(), 0.0)));
+        }
+        assert_eq!(settle(&mut graph).loops_used, 9);
+        let after = flight.ate_m(&graph);
+        println!("seed {seed}: ATE {before:.3} m without loops, {after:.3} m with");
+        assert!(after < 0.5 * before || after < 0.03);
+        // Poses keep the roll and pitch of the odometry.
+        for (node, pose) in graph.nodes().iter().zip(&flight.odometry) {
+            let up = |r: &UnitQuaternion<f64>| r.inverse() * Vector3::z();
+            assert!((up(&node.pose_m_b().rotation) - up(&pose.rotation)).norm() < 1e-9);
+        }
+    }
+}
+
+#[test]
+fn a_single_false_loop_changes_nothing() {
+    let flight = Flight::new(3);
+    let mut graph = flight.graph();
+    let before = graph.nodes().to_vec();
+    graph.add_loop(flight.closure(&graph, 30, Vector3::new(1.5, -0.8, 0.0), 0.6));
+    settle(&mut graph);
+    assert_eq!(graph.nodes(), before);
+}
+
+#[test]
+fn false_loops_that_support_each_other_are_outvoted() {
+    for seed in 0..10 {
+        let flight = Flight::new(seed);
+        let mut graph = flight.graph();
+        let mut sound = flight.graph();
+        for k in (5..95).step_by(10) {
+            for g in [&mut graph, &mut sound] {
+                g.add_loop(flight.closure(g, k, Vector3::zeros(), 0.0));
+            }
+        }
+        // A look-alike place, shifted as a whole: these agree with each other.
+        let error = Vector3::new(0.0, 2.0, 1.0);
+        for k in [50, 53, 56] {
+            graph.add_loop(flight.closure(&graph, k, error, 0.0));
+        }
+        settle(&mut graph);
+        settle(&mut sound);
+        let (with, without) = (flight.ate_m(&graph), flight.ate_m(&sound));
+        assert!(
+            (with - without).abs() < 0.002,
+            "seed {seed}: {with} m with false loops, {without} m without"
+        );
+    }
+}
+
+#[test]
+fn work_in_small_pieces_gives_the_same_bits() {
+    let flight = Flight::new(5);
+    let run = |steps: usize| {
+        let mut graph = flight.graph();
+        for k in [10, 30, 60] {
+            graph.add_loop(flight.closure(&graph, k, Vector3::zeros(), 0.0));
+        }
+        while !graph.optimize(steps).is_done {}
+        graph.nodes().to_vec()
+    };
+    assert_eq!(run(1), run(1000));
+}
+
+#[test]
+fn a_full_graph_refuses_what_is_more() {
+    let mut graph = PoseGraph::new(GraphLimits { nodes: 2, loops: 0 });
+    let node = Node::new(Isometry3::identity(), &Isometry3::identity(), true);
+    assert_eq!([graph.add_node(node), graph.add_node(node), graph.add_node(node)], [Some(0), Some(1), None]);
+    let edge = Edge::of_odometry(graph.nodes(), 0, 1, Matrix4::identity());
+    assert!(!graph.add_loop(edge));
+    assert!(!graph.add_sequential(Edge { to: 7, ..edge }));
+}

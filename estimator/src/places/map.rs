@@ -1,0 +1,341 @@
+//! The map: keyframes with their features, bounded.
+//!
+//! Features live in one array with a fixed number of places a keyframe; a keyframe is known by its slot while it
+//! lives and by its number for ever. When the map is full the keyframe goes whose view another one covers best, so
+//! that what is left still covers what was seen.
+//!
+//! Landmarks hang on their keyframe (direction and inverse depth in its left camera), so a corrected pose moves them
+//! along.
+
+use super::feature::Feature;
+use super::index::{Candidate, Index, Votes};
+use nalgebra::{Isometry3, Vector3};
+use plumbline_config::Timestamp;
+
+/// Neighbours that a keyframe remembers.
+pub const MAX_NEIGHBOURS: usize = 6;
+/// A turn of this angle changes a view as much as a metre does: 30 degrees, as its cosine would be too slow, rad/m.
+const TURN_PER_METRE: f64 = 0.52;
+/// Keyframes further than this from each other, by [`view_distance`], share nothing that could be matched, m.
+const MAX_NEIGHBOUR_DISTANCE: f64 = 2.0;
+/// Points of a keyframe that are looked for in another to tell how much they share.
+const SHARED_SAMPLES: usize = 48;
+/// Keyframes that share fewer of these are no neighbours.
+const MIN_SHARED: usize = 12;
+/// Ratio of the depth of a point in two keyframes beyond which it does not look alike.
+const MAX_DEPTH_RATIO: f64 = 2.0;
+
+/// Of a keyframe that no other covers.
+const UNCOVERED: (f64, usize) = (f64::INFINITY, usize::MAX);
+
+/// How much a map may hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MapLimits {
+    /// Keyframes at most.
+    pub keyframes: usize,
+    /// Features of a keyframe at most.
+    pub features: usize,
+}
+
+/// A keyframe, without its features.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Keyframe {
+    /// Number, unique in the map, ascending.
+    pub id: u32,
+    /// Flight it comes from.
+    pub session: u32,
+    /// When it was taken.
+    pub stamp: Timestamp,
+    /// Pose of the body in the map.
+    pub pose_m_b: Isometry3<f64>,
+    /// Pose of the left camera in the body.
+    pub pose_b_c: Isometry3<f64>,
+    /// Slots of the keyframes that share most with it, most first.
+    pub neighbours: heapless::Vec<u16, MAX_NEIGHBOURS>,
+    /// Largest normalized coordinates of its features.
+    field: [f32; 2],
+}
+
+impl Keyframe {
+    /// A keyframe as it is handed to [`PlaceMap::add`].
+    #[must_use]
+    pub fn new(session: u32, stamp: Timestamp, pose_m_b: Isometry3<f64>, pose_b_c: Isometry3<f64>) -> Self {
+        let neighbours = heapless::Vec::new();
+        Self { id: 0, session, stamp, pose_m_b, pose_b_c, neighbours, field: [0.0; 2] }
+    }
+
+    /// Pose of the left camera in the map.
+    #[must_use]
+    pub fn pose_m_c(&self) -> Isometry3<f64> {
+        self.pose_m_b * self.pose_b_c
+    }
+
+    /// Direction of up in the left camera.
+    #[must_use]
+    pub fn up_c(&self) -> Vector3<f64> {
+        self.pose_m_c().rotation.inverse() * Vector3::z()
+    }
+}
+
+/// How different the views of two keyframes are: the way between them and the turn, as a length in metres.
+#[must_use]
+pub fn view_distance(a: &Keyframe, b: &Keyframe) -> f64 {
+    let (a, b) = (a.pose_m_c(), b.pose_m_c());
+    let moved = (a.translation.vector - b.translation.vector).norm();
+    moved + a.rotation.angle_to(&b.rotation) / TURN_PER_METRE
+}
+
+/// Keyframes, their features, and the index over them.
+#[derive(Clone, Debug)]
+pub struct PlaceMap {
+    limits: MapLimits,
+    keyframes: Vec<Option<Keyframe>>,
+    counts: Vec<u16>,
+    features: Vec<Feature>,
+    index: Index,
+    /// Distance to the most similar other keyframe, and its slot, for the rule of forgetting.
+    covered: Vec<(f64, usize)>,
+    next_id: u32,
+    len: usize,
+}
+
+impl PlaceMap {
+    /// An empty map; its whole memory is allocated here.
+    #[must_use]
+    pub fn new(limits: MapLimits) -> Self {
+        let keyframes = limits.keyframes.min(usize::from(u16::MAX));
+        let features = limits.features.min(usize::from(u16::MAX));
+        let empty = Feature {
+            descriptor: super::Descriptor::default(),
+            xy: nalgebra::Vector2::zeros(),
+            sigma_xy: 0.0,
+            inverse_depth: 0.0,
+            sigma_inverse_depth: f32::INFINITY,
+        };
+        Self {
+            limits: MapLimits { keyframes, features },
+            keyframes: vec![None; keyframes],
+            counts: vec![0; keyframes],
+            features: vec![empty; keyframes * features],
+            index: Index::new(keyframes, features),
+            covered: vec![UNCOVERED; keyframes],
+            next_id: 0,
+            len: 0,
+        }
+    }
+
+    /// How much it may hold.
+    #[must_use]
+    pub fn limits(&self) -> MapLimits {
+        self.limits
+    }
+
+    /// Keyframes in it.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Whether it holds nothing.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// The keyframe in a slot.
+    #[must_use]
+    pub fn keyframe(&self, slot: usize) -> Option<&Keyframe> {
+        self.keyframes.get(slot).and_then(Option::as_ref)
+    }
+
+    /// Slots in use, with their keyframes.
+    pub fn keyframes(&self) -> impl Iterator<Item = (usize, &Keyframe)> {
+        self.keyframes.iter().enumerate().filter_map(|(slot, k)| k.as_ref().map(|k| (slot, k)))
+    }
+
+    /// Features of the keyframe in a slot.
+    #[must_use]
+    pub fn features(&self, slot: usize) -> &[Feature] {
+        let start = slot * self.limits.features;
+        self.features.get(start..start + usize::from(self.counts[slot])).unwrap_or(&[])
+    }
+
+    /// Takes a keyframe, with as many of its features as there is room for, and says in which slot it lives. A full
+    /// map forgets another for it. `None` when nothing can be held at all.
+    pub fn add(&mut self, mut keyframe: Keyframe, features: &[Feature]) -> Option<usize> {
+        if self.len == self.limits.keyframes {
+            self.forget_one();
+        }
+        let slot = self.keyframes.iter().position(Option::is_none)?;
+        let count = features.len().min(self.limits.features);
+        let start = slot * self.limits.features;
+        self.features[start..start + count].copy_from_slice(&features[..count]);
+        self.counts[slot] = count as u16;
+        self.index.insert(slot, &features[..count]);
+        keyframe.id = self.next_id;
+        keyframe.field = field_of(&features[..count]);
+        keyframe.neighbours.clear();
+        self.next_id = self.next_id.wrapping_add(1);
+        self.keyframes[slot] = Some(keyframe);
+        self.len += 1;
+        self.update_cover(slot);
+        self.link(slot);
+        Some(slot)
+    }
+
+    /// Moves a keyframe.
+    pub fn set_pose(&mut self, slot: usize, pose_m_b: Isometry3<f64>) {
+        if let Some(keyframe) = self.keyframes.get_mut(slot).and_then(Option::as_mut) {
+            keyframe.pose_m_b = pose_m_b;
+        }
+    }
+
+    /// Changes the inverse depth of a feature, as more views of it refine it.
+    pub fn set_depth(&mut self, slot: usize, feature: usize, inverse_depth: f32, sigma: f32) {
+        if feature < usize::from(self.counts[slot]) {
+            let feature = &mut self.features[slot * self.limits.features + feature];
+            (feature.inverse_depth, feature.sigma_inverse_depth) = (inverse_depth, sigma);
+        }
+    }
+
+    /// Keyframes that look like a query, best first.
+    pub fn query<'a>(
+        &self,
+        features: &[Feature],
+        allowed: impl Fn(&Keyframe) -> bool,
+        votes: &'a mut Votes,
+    ) -> &'a [Candidate] {
+        let allowed = |slot: usize| self.keyframe(slot).is_some_and(&allowed);
+        self.index.query(features, &self.features, &self.counts, allowed, votes)
+    }
+
+    /// Mean direction of up in the left cameras: how the rig is usually held.
+    #[must_use]
+    pub fn usual_up_c(&self) -> Option<Vector3<f64>> {
+        let sum = self.keyframes().fold(Vector3::zeros(), |sum, (_, k)| sum + k.up_c());
+        sum.try_normalize(0.1 * self.len as f64)
+    }
+
+    /// Takes a keyframe out.
+    pub fn remove(&mut self, slot: usize) {
+        if self.keyframes.get_mut(slot).and_then(Option::take).is_none() {
+            return;
+        }
+        let start = slot * self.limits.features;
+        self.index.remove(slot, &self.features[start..start + usize::from(self.counts[slot])]);
+        self.counts[slot] = 0;
+        self.len -= 1;
+        for other in self.keyframes.iter_mut().flatten() {
+            other.neighbours.retain(|n| usize::from(*n) != slot);
+        }
+        for other in 0..self.keyframes.len() {
+            if self.keyframes[other].is_some() && self.covered[other].1 == slot {
+                self.measure_cover(other);
+            }
+        }
+    }
+
+    /// The keyframe goes that is most like another one; of such a pair the one with fewer features, then the older.
+    fn forget_one(&mut self) {
+        let worst = (0..self.keyframes.len()).filter(|&s| self.keyframes[s].is_some()).min_by(|&a, &b| {
+            let id = |s: usize| self.keyframes[s].as_ref().map_or(0, |k| k.id);
+            self.covered[a]
+                .0
+                .total_cmp(&self.covered[b].0)
+                .then(self.counts[a].cmp(&self.counts[b]))
+                .then(id(a).cmp(&id(b)))
+        });
+        if let Some(slot) = worst {
+            self.remove(slot);
+        }
+    }
+
+    /// Finds out what covers a new keyframe, and what it covers.
+    fn update_cover(&mut self, slot: usize) {
+        self.measure_cover(slot);
+        let Some(new) = &self.keyframes[slot] else { return };
+        for (other, keyframe) in self.keyframes.iter().enumerate().filter(|(s, _)| *s != slot) {
+            let Some(keyframe) = keyframe else { continue };
+            let distance = view_distance(new, keyframe);
+            if distance < self.covered[other].0 {
+                self.covered[other] = (distance, slot);
+            }
+        }
+    }
+
+    fn measure_cover(&mut self, slot: usize) {
+        self.covered[slot] = UNCOVERED;
+        let Some(keyframe) = &self.keyframes[slot] else { return };
+        for (other, k) in self.keyframes.iter().enumerate().filter(|(s, _)| *s != slot) {
+            let Some(k) = k else { continue };
+            let distance = view_distance(keyframe, k);
+            if distance < self.covered[slot].0 {
+                self.covered[slot] = (distance, other);
+            }
+        }
+    }
+
+    /// Finds the neighbours of a new keyframe, and makes it theirs.
+    fn link(&mut self, slot: usize) {
+        let Some(new) = self.keyframes[slot].clone() else { return };
+        let mut best: heapless::Vec<(usize, usize), { MAX_NEIGHBOURS + 1 }> = heapless::Vec::new();
+        for (other, keyframe) in self.keyframes() {
+            if other == slot || view_distance(&new, keyframe) > MAX_NEIGHBOUR_DISTANCE {
+                continue;
+            }
+            let shared = self.shared(slot, other).min(self.shared(other, slot));
+            if shared >= MIN_SHARED {
+                let at = best.iter().position(|(s, _)| *s < shared).unwrap_or(best.len());
+                let _ = best.insert(at, (shared, other));
+                best.truncate(MAX_NEIGHBOURS);
+            }
+        }
+        for &(_, other) in &best {
+            self.make_neighbour(slot, other);
+            self.make_neighbour(other, slot);
+        }
+    }
+
+    fn make_neighbour(&mut self, slot: usize, other: usize) {
+        let shared = self.shared(slot, other).min(self.shared(other, slot));
+        let weakest = self.keyframe(slot).and_then(|k| k.neighbours.last().copied());
+        let keeps = weakest.map_or(0, |w| {
+            let w = usize::from(w);
+            self.shared(slot, w).min(self.shared(w, slot))
+        });
+        if let Some(Some(keyframe)) = self.keyframes.get_mut(slot) {
+            if keyframe.neighbours.is_full() {
+                if keeps >= shared {
+                    return;
+                }
+                keyframe.neighbours.pop();
+            }
+            let _ = keyframe.neighbours.push(other as u16);
+        }
+    }
+
+    /// How many of a sample of the points of one keyframe lie in the view of another.
+    fn shared(&self, of: usize, within: usize) -> usize {
+        let (Some(a), Some(b)) = (self.keyframe(of), self.keyframe(within)) else { return 0 };
+        let pose = b.pose_m_c().inverse() * a.pose_m_c();
+        let points = self.features(of).iter().filter(|f| f.is_point()).take(SHARED_SAMPLES);
+        points
+            .filter(|f| {
+                let p = f.position_c();
+                let q = pose * nalgebra::Point3::from(p);
+                let ratio = q.z / p.z;
+                ratio > 1.0 / MAX_DEPTH_RATIO
+                    && ratio < MAX_DEPTH_RATIO
+                    && (q.x / q.z).abs() <= f64::from(b.field[0])
+                    && (q.y / q.z).abs() <= f64::from(b.field[1])
+            })
+            .count()
+    }
+}
+
+fn field_of(features: &[Feature]) -> [f32; 2] {
+    features.iter().fold([0.0, 0.0], |[x, y], f| {
+        let larger = |a: f32, b: f32| if b > a { b } else { a };
+        [larger(x, f.xy.x.abs()), larger(y, f.xy.y.abs())]
+    })
+}

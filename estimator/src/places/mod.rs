@@ -1,0 +1,40 @@
+//! Recognition of places, and localisation in a map of them.
+//!
+//! What happens to a stereo pair:
+//!
+//! 1. [`extractor`]: corners of several sizes, each with depth from the other camera and a binary [`descriptor`] whose
+//!    patch is turned by gravity and sized by depth;
+//! 2. [`index`]: hashed words of the descriptors vote for the keyframes that hold alike ones;
+//! 3. [`matching`]: one feature to one, between the frame and a keyframe with its neighbours;
+//! 4. [`ransac`]: a pose from three points ([`p3p`]), or from two where gravity is known ([`upright`]);
+//! 5. [`refine`]: least squares over all inliers, with the covariance of the pose;
+//! 6. [`locate`]: the whole, and what must hold before a pose is believed: precision comes before recall.
+//!
+//! [`graph`] is the pose graph that loops correct. [`map`] holds the keyframes, bounded, with a rule for forgetting. Everything is a pure function of its inputs: no
+//! clock, seeded samples, ties broken by number. What works in flight is allocated beforehand.
+//!
+//! Frames: `M` map (z up), `B` body, `C` left camera.
+
+pub mod descriptor;
+pub mod extractor;
+pub mod feature;
+pub mod graph;
+pub mod index;
+pub mod locate;
+pub mod map;
+pub mod matching;
+pub mod p3p;
+mod polynomial;
+pub mod random;
+pub mod ransac;
+pub mod refine;
+pub mod upright;
+
+pub use descriptor::Descriptor;
+pub use extractor::{Extractor, ExtractorOptions};
+pub use feature::Feature;
+pub use locate::{Located, Locator, LocatorOptions, Query};
+pub use map::{Keyframe, MapLimits, PlaceMap};
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,385 @@
+//! The map format, version 1, to and from bytes; described in `docs/map-format.md`.
+//!
+//! Reading is bounded: every length is checked against the bytes that are there before anything is allocated for it,
+//! and every number against what a map can hold. A map that passes has finite poses, unit rotations and sane features.
+
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector2};
+use plumbline_config::Timestamp;
+use plumbline_estimator::places::{Descriptor, Feature, Keyframe, MapLimits, PlaceMap};
+use xxhash_rust::xxh3::xxh3_64;
+
+/// First bytes of a map. The line ends show a file that was damaged in a transfer as text.
+pub const MAGIC: [u8; 8] = *b"PLBMAP\r\n";
+/// Version of the format.
+pub const VERSION: u32 = 1;
+/// Kind of the descriptors: 256 comparisons of the fixed pattern.
+pub const DESCRIPTOR_KIND: u32 = 1;
+/// Keyframes of a map at most.
+pub const MAX_KEYFRAMES: u32 = 20_000;
+/// Features of a keyframe at most.
+pub const MAX_FEATURES: u32 = 4_096;
+/// Bytes before the keyframes.
+const HEADER_BYTES: usize = 32;
+/// Bytes of a keyframe before its features.
+const KEYFRAME_BYTES: usize = 4 + 8 + 2 * 56 + 4;
+/// Bytes of a feature.
+const FEATURE_BYTES: usize = 32 + 5 * 4;
+/// Bytes of the checksum at the end.
+const CHECKSUM_BYTES: usize = 8;
+/// Places further from the origin than this are no places, m.
+const MAX_POSITION_M: f64 = 1e7;
+/// By how much the length of a quaternion may differ from 1.
+const ROTATION_TOLERANCE: f64 = 1e-6;
+
+/// Why bytes are no map.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum MapDefect {
+    /// It does not begin as a map does.
+    #[error("is no map; give a file that `plumbline map build` or a flight has written")]
+    Foreign,
+    /// Of another version.
+    #[error(
+        "is a map of format {found}, and this program reads format {VERSION}; build it again, or use the program that wrote it"
+    )]
+    Version {
+        /// What the file says.
+        found: u32,
+    },
+    /// Shorter or longer than it says.
+    #[error("has {found} bytes and should have {expected}: it was cut off or added to; copy it again")]
+    Length {
+        /// Bytes there are.
+        found: u64,
+        /// Bytes there should be.
+        expected: u64,
+    },
+    /// The checksum differs.
+    #[error("is damaged: its checksum differs; copy it again")]
+    Checksum,
+    /// Sound by its checksum, and yet holds what cannot be.
+    #[error("holds {0}; it was not written by this program")]
+    Impossible(&'static str),
+}
+
+/// A keyframe with its features, as they stand in a file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StoredKeyframe {
+    /// Flight it comes from.
+    pub session: u32,
+    /// When it was taken.
+    pub stamp: Timestamp,
+    /// Pose of the body in the map.
+    pub pose_m_b: Isometry3<f64>,
+    /// Pose of the left camera in the body.
+    pub pose_b_c: Isometry3<f64>,
+    /// Its features.
+    pub features: Vec<Feature>,
+}
+
+/// What a map file holds.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MapContents {
+    /// Keyframes in the order in which they were added.
+    pub keyframes: Vec<StoredKeyframe>,
+}
+
+impl MapContents {
+    /// The contents of a map.
+    #[must_use]
+    pub fn of(map: &PlaceMap) -> Self {
+        let mut keyframes: Vec<_> = map.keyframes().collect();
+        keyframes.sort_unstable_by_key(|(_, k)| k.id);
+        let stored = |(slot, k): (usize, &Keyframe)| StoredKeyframe {
+            session: k.session,
+            stamp: k.stamp,
+            pose_m_b: k.pose_m_b,
+            pose_b_c: k.pose_b_c,
+            features: map.features(slot).to_vec(),
+        };
+        Self { keyframes: keyframes.into_iter().map(stored).collect() }
+    }
+
+    /// Features in all.
+    #[must_use]
+    pub fn feature_count(&self) -> usize {
+        self.keyframes.iter().map(|k| k.features.len()).sum()
+    }
+
+    /// What a map needs to hold these.
+    #[must_use]
+    pub fn limits(&self) -> MapLimits {
+        let features = self.keyframes.iter().map(|k| k.features.len()).max().unwrap_or(0);
+        MapLimits { keyframes: self.keyframes.len(), features }
+    }
+
+    /// A map of them; more than `limits` allow are forgotten by the map's rule.
+    #[must_use]
+    pub fn into_map(self, limits: MapLimits) -> PlaceMap {
+        let mut map = PlaceMap::new(limits);
+        for k in &self.keyframes {
+            map.add(Keyframe::new(k.session, k.stamp, k.pose_m_b, k.pose_b_c), &k.features);
+        }
+        map
+    }
+}
+
+/// The bytes of a map.
+#[must_use]
+pub fn encode(map: &MapContents) -> Vec<u8> {
+    let mut out = Writer(Vec::with_capacity(encoded_bytes(map.keyframes.len(), map.feature_count())));
+    out.0.extend(MAGIC);
+    out.u32(VERSION);
+    out.u32(DESCRIPTOR_KIND);
+    out.u32(map.keyframes.len() as u32);
+    out.u32(0);
+    out.0.extend((map.feature_count() as u64).to_le_bytes());
+    for keyframe in &map.keyframes {
+        out.u32(keyframe.session);
+        out.0.extend(keyframe.stamp.as_nanos().to_le_bytes());
+        out.pose(&keyframe.pose_m_b);
+        out.pose(&keyframe.pose_b_c);
+        out.u32(keyframe.features.len() as u32);
+        for feature in &keyframe.features {
+            feature.descriptor.0.iter().for_each(|w| out.0.extend(w.to_le_bytes()));
+            let [x, y] = [feature.xy.x, feature.xy.y];
+            for v in [x, y, feature.sigma_xy, feature.inverse_depth, feature.sigma_inverse_depth] {
+                out.0.extend(v.to_le_bytes());
+            }
+        }
+    }
+    let checksum = xxh3_64(&out.0);
+    out.0.extend(checksum.to_le_bytes());
+    out.0
+}
+
+/// The map that bytes hold.
+///
+/// # Errors
+/// When they are no whole, undamaged map of this version.
+pub fn decode(bytes: &[u8]) -> Result<MapContents, MapDefect> {
+    if bytes.get(..MAGIC.len()) != Some(MAGIC.as_slice()) {
+        return Err(MapDefect::Foreign);
+    }
+    let length = |expected: usize| MapDefect::Length { found: bytes.len() as u64, expected: expected as u64 };
+    let least = HEADER_BYTES + CHECKSUM_BYTES;
+    if bytes.len() < least {
+        return Err(length(least));
+    }
+    let mut header = Reader(&bytes[MAGIC.len()..HEADER_BYTES]);
+    let version = header.u32();
+    if version != VERSION {
+        return Err(MapDefect::Version { found: version });
+    }
+    let (kind, keyframes, _, features) = (header.u32(), header.u32(), header.u32(), header.u64());
+    let possible = keyframes <= MAX_KEYFRAMES && features <= u64::from(keyframes) * u64::from(MAX_FEATURES);
+    let expected = if possible { encoded_bytes(keyframes as usize, features as usize) } else { 0 };
+    if possible && expected != bytes.len() {
+        return Err(length(expected));
+    }
+    let (body, checksum) = bytes.split_at(bytes.len() - CHECKSUM_BYTES);
+    if Reader(checksum).u64() != xxh3_64(body) {
+        return Err(MapDefect::Checksum);
+    }
+    if !possible {
+        return Err(MapDefect::Impossible("more than a map can hold"));
+    }
+    if kind != DESCRIPTOR_KIND {
+        return Err(MapDefect::Impossible("descriptors of an unknown kind"));
+    }
+    decode_keyframes(Reader(&body[HEADER_BYTES..]), keyframes, features)
+}
+
+/// Bytes with a checksum that fits, in place of the last eight: for tests that look past the checksum.
+#[doc(hidden)]
+#[must_use]
+pub fn sealed(bytes: &[u8]) -> Vec<u8> {
+    let body = &bytes[..bytes.len().saturating_sub(CHECKSUM_BYTES)];
+    [body, &xxh3_64(body).to_le_bytes()].concat()
+}
+
+fn decode_keyframes(mut reader: Reader<'_>, count: u32, mut left: u64) -> Result<MapContents, MapDefect> {
+    let mut keyframes = Vec::with_capacity(count as usize);
+    for _ in 0..count {
+        let (session, stamp) = (reader.u32(), Timestamp::from_nanos(reader.u64() as i64));
+        let (pose_m_b, pose_b_c) = (reader.pose()?, reader.pose()?);
+        let features = reader.u32();
+        // The sum of the lengths is the length of the file, so this bounds the allocation too.
+        if features > MAX_FEATURES || u64::from(features) > left {
+            return Err(MapDefect::Impossible("keyframes with more features than it has"));
+        }
+        left -= u64::from(features);
+        let features = (0..features).map(|_| reader.feature()).collect::<Result<_, _>>()?;
+        keyframes.push(StoredKeyframe { session, stamp, pose_m_b, pose_b_c, features });
+    }
+    if left > 0 {
+        return Err(MapDefect::Impossible("features of no keyframe"));
+    }
+    Ok(MapContents { keyframes })
+}
+
+fn encoded_bytes(keyframes: usize, features: usize) -> usize {
+    HEADER_BYTES + keyframes * KEYFRAME_BYTES + features * FEATURE_BYTES + CHECKSUM_BYTES
+}
+
+struct Writer(Vec<u8>);
+
+impl Writer {
+    fn u32(&mut self, value: u32) {
+        self.0.extend(value.to_le_bytes());
+    }
+
+    fn pose(&mut self, pose: &Isometry3<f64>) {
+        let (p, q) = (pose.translation.vector, pose.rotation.coords);
+        [p.x, p.y, p.z, q.x, q.y, q.z, q.w].iter().for_each(|v| self.0.extend(v.to_le_bytes()));
+    }
+}
+
+/// Takes numbers off bytes whose length was checked before; beyond the end it reads zeros.
+struct Reader<'a>(&'a [u8]);
+
+impl Reader<'_> {
+    fn bytes<const N: usize>(&mut self) -> [u8; N] {
+        match self.0.split_first_chunk::<N>() {
+            Some((head, rest)) => {
+                self.0 = rest;
+                *head
+            }
+            None => [0; N],
+        }
+    }
+
+    fn u32(&mut self) -> u32 {
+        u32::from_le_bytes(self.bytes())
+    }
+
+    fn u64(&mut self) -> u64 {
+        u64::from_le_bytes(self.bytes())
+    }
+
+    fn f64(&mut self) -> f64 {
+        f64::from_le_bytes(self.bytes())
+    }
+
+    fn f32(&mut self) -> f32 {
+        f32::from_le_bytes(self.bytes())
+    }
+
+    fn pose(&mut self) -> Result<Isometry3<f64>, MapDefect> {
+        let [x, y, z, qx, qy, qz, qw] = std::array::from_fn(|_| self.f64());
+        let rotation = Quaternion::new(qw, qx, qy, qz);
+        // Written so that a NaN fails.
+        let sound = [x, y, z].iter().all(|v| v.abs() <= MAX_POSITION_M)
+            && (rotation.norm() - 1.0).abs() <= ROTATION_TOLERANCE;
+        if !sound {
+            return Err(MapDefect::Impossible("a pose that is none"));
+        }
+        // Not normalized anew: what is read is what was written, to the bit.
+        let rotation = UnitQuaternion::new_unchecked(rotation);
+        Ok(Isometry3::from_parts(Translation3::new(x, y, z), rotation))
+    }
+
+    fn feature(&mut self) -> Result<Feature, MapDefect> {
+        let descriptor = Descriptor(std::array::from_fn(|_| self.u64()));
+        let [x, y, sigma_xy, inverse_depth, sigma_inverse_depth] = std::array::from_fn(|_| self.f32());
+        // Written so that a NaN fails. An unknown depth has an infinite deviation.
+        let sound = x.abs() <= 1e3
+            && y.abs() <= 1e3
+            && sigma_xy > 0.0
+            && sigma_xy <= 1.0
+            && (0.0..=1e3).contains(&inverse_depth)
+            && sigma_inverse_depth > 0.0;
+        if !sound {
+            return Err(MapDefect::Impossible("a feature that is none"));
+        }
+        Ok(Feature { descriptor, xy: Vector2::new(x, y), sigma_xy, inverse_depth, sigma_inverse_depth })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn contents() -> MapContents {
+        let feature = |i: u64| Feature {
+            descriptor: Descriptor([i, !i, i * i, 7]),
+            xy: Vector2::new(0.1, -0.2),
+            sigma_xy: 0.002,
+            inverse_depth: if i % 2 == 0 { 0.5 } else { 0.0 },
+            sigma_inverse_depth: if i % 2 == 0 { 0.01 } else { f32::INFINITY },
+        };
+        let keyframe = |k: i64| StoredKeyframe {
+            session: 1,
+            stamp: Timestamp::from_nanos(k * 50_000_000),
+            pose_m_b: Isometry3::translation(k as f64, 0.5, -1.0),
+            pose_b_c: Isometry3::rotation(nalgebra::Vector3::new(0.3, 0.2, 0.1)),
+            features: (0..3 + k as u64).map(feature).collect(),
+        };
+        MapContents { keyframes: (0..4).map(keyframe).collect() }
+    }
+
+    /// Changes bytes and puts the checksum right.
+    fn forged(change: impl FnOnce(&mut Vec<u8>)) -> Result<MapContents, MapDefect> {
+        let mut bytes = encode(&contents());
+        change(&mut bytes);
+        decode(&sealed(&bytes))
+    }
+
+    #[test]
+    fn what_is_read_is_what_was_written() {
+        assert_eq!(decode(&encode(&contents())), Ok(contents()));
+        assert_eq!(decode(&encode(&MapContents::default())), Ok(MapContents::default()));
+        let map = contents().into_map(contents().limits());
+        assert_eq!(MapContents::of(&map), contents());
+    }
+
+    #[test]
+    fn a_map_cut_off_anywhere_is_refused() {
+        let bytes = encode(&contents());
+        for length in 0..bytes.len() {
+            let defect = decode(&bytes[..length]).unwrap_err();
+            let expected = matches!(defect, MapDefect::Foreign if length < 8)
+                || matches!(defect, MapDefect::Length { .. });
+            assert!(expected, "{length}: {defect}");
+        }
+        assert!(matches!(decode(&[bytes, vec![0]].concat()), Err(MapDefect::Length { .. })));
+    }
+
+    #[test]
+    fn one_flipped_bit_anywhere_is_refused() {
+        let bytes = encode(&contents());
+        for at in 0..bytes.len() {
+            let mut damaged = bytes.clone();
+            damaged[at] ^= 1 << (at % 8);
+            assert!(decode(&damaged).is_err(), "byte {at}");
+        }
+    }
+
+    #[test]
+    fn another_version_and_other_files_are_named_as_what_they_are() {
+        assert_eq!(forged(|b| b[8] = 2), Err(MapDefect::Version { found: 2 }));
+        assert_eq!(decode(b"\x89MCAP0\r\n"), Err(MapDefect::Foreign));
+    }
+
+    #[test]
+    fn impossible_contents_are_refused_though_the_checksum_is_right() {
+        let impossible = |change: fn(&mut Vec<u8>)| matches!(forged(change), Err(MapDefect::Impossible(_)));
+        // Counts of keyframes and features, a position, a quaternion, a standard deviation.
+        assert!(impossible(|b| b[16..20].copy_from_slice(&u32::MAX.to_le_bytes())));
+        assert!(impossible(|b| b[24..32].copy_from_slice(&u64::MAX.to_le_bytes())));
+        assert!(impossible(|b| b[44..52].copy_from_slice(&f64::NAN.to_le_bytes())));
+        assert!(impossible(|b| b[92..100].copy_from_slice(&2.0f64.to_le_bytes())));
+        assert!(impossible(|b| b[156..160].copy_from_slice(&9u32.to_le_bytes())));
+        assert!(impossible(|b| b[200..204].copy_from_slice(&f32::NAN.to_le_bytes())));
+    }
+
+    proptest! {
+        #[test]
+        fn no_bytes_make_the_reader_panic(mut bytes in proptest::collection::vec(any::<u8>(), 0..400)) {
+            let _ = decode(&bytes);
+            let at = bytes.len().min(8);
+            bytes[..at].copy_from_slice(&MAGIC[..at]);
+            let _ = decode(&bytes);
+        }
+    }
+}

@@ -1,0 +1,122 @@
+//! Map files: read within bounds, written so that there is always a whole one.
+//!
+//! A map is written beside the old one, brought to the disk, and then takes its name in one step. Whoever is killed
+//! in between leaves the old map, and at most a `.partial` file, which the next save replaces.
+
+use super::codec::{MapContents, MapDefect, decode, encode};
+use rustix::fs::{Mode, OFlags};
+use std::fs::File;
+use std::io::{self, Read as _, Write as _};
+use std::path::{Path, PathBuf};
+
+/// Files longer than this are not read, bytes: twice the largest map.
+const MAX_FILE_BYTES: u64 = 8 << 30;
+
+/// Why a map cannot be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum MapFileError {
+    /// The file cannot be read.
+    #[error("{}: cannot be read ({source}); check the path and its permissions", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The file cannot be written.
+    #[error("{}: cannot be written ({source}); the map that was there before is still there", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The file is no map, or a damaged one.
+    #[error("{}: {defect}", path.display())]
+    Defect {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        defect: MapDefect,
+    },
+}
+
+/// Reads a map.
+///
+/// # Errors
+/// When the file cannot be read, or is no whole, undamaged map.
+pub fn read_map(path: &Path) -> Result<MapContents, MapFileError> {
+    let bytes = read_bounded(path).map_err(|source| MapFileError::Read { path: path.into(), source })?;
+    decode(&bytes).map_err(|defect| MapFileError::Defect { path: path.into(), defect })
+}
+
+fn read_bounded(path: &Path) -> io::Result<Vec<u8>> {
+    let file = File::open(path)?;
+    let found = file.metadata()?;
+    if !found.is_file() || found.len() > MAX_FILE_BYTES {
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, "not a file of the size of a map"));
+    }
+    let mut bytes = Vec::with_capacity(found.len() as usize);
+    file.take(MAX_FILE_BYTES).read_to_end(&mut bytes)?;
+    Ok(bytes)
+}
+
+/// Writes a map, replacing one of that name only when it is whole and on the disk.
+///
+/// # Errors
+/// When it cannot be written; the old file is left as it was.
+pub fn write_map(path: &Path, map: &MapContents) -> Result<(), MapFileError> {
+    let bytes = encode(map);
+    write_atomically(path, &bytes).map_err(|source| MapFileError::Write { path: path.into(), source })
+}
+
+fn write_atomically(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let mut name = path.file_name().ok_or(io::ErrorKind::InvalidInput)?.to_owned();
+    name.push(".partial");
+    let partial = path.with_file_name(name);
+    let mut file = File::create(&partial)?;
+    file.write_all(bytes)?;
+    file.sync_all()?;
+    std::fs::rename(&partial, path)?;
+    // The new name is on the disk when the directory is.
+    let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = rustix::fs::open(folder, OFlags::RDONLY | OFlags::DIRECTORY, Mode::empty())?;
+    rustix::fs::fsync(folder)?;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_save_that_fails_leaves_the_old_map() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("room.map");
+        write_map(&path, &MapContents::default()).unwrap();
+        // Something else stands where the new map would be written first.
+        std::fs::create_dir(folder.path().join("room.map.partial")).unwrap();
+        let error = write_map(&path, &MapContents::default()).unwrap_err();
+        assert!(error.to_string().contains("room.map"), "{error}");
+        assert_eq!(read_map(&path).unwrap(), MapContents::default());
+    }
+
+    #[test]
+    fn what_is_left_of_a_save_that_was_killed_is_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("room.map");
+        std::fs::write(folder.path().join("room.map.partial"), b"PLBMAP\r\nhalf").unwrap();
+        write_map(&path, &MapContents::default()).unwrap();
+        assert_eq!(read_map(&path).unwrap(), MapContents::default());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_folder_and_a_missing_file_are_refused_by_name() {
+        let folder = tempfile::tempdir().unwrap();
+        for path in [folder.path().to_owned(), folder.path().join("none.map")] {
+            let error = read_map(&path).unwrap_err();
+            assert!(error.to_string().starts_with(&path.display().to_string()), "{error}");
+        }
+    }
+}

@@ -1,0 +1,14 @@
+//! Maps on disk and maps from data sets: what `plumbline map` does, as a library.
+//!
+//! The mathematics is in [`plumbline_estimator::places`]; here are the file ([`codec`], [`file`]), the images
+//! ([`frames`]), and what is made of both ([`build`], [`merge`], [`ply`]).
+
+pub mod build;
+pub mod codec;
+pub mod file;
+pub mod frames;
+pub mod merge;
+pub mod ply;
+
+pub use codec::{MapContents, MapDefect, StoredKeyframe};
+pub use file::{MapFileError, read_map, write_map};
