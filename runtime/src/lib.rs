@@ -3,10 +3,10 @@
 //! Data flow one way, and imports point down only. From the ground up:
 //!
 //! - [`alloc`] counts allocations; [`schedule`] makes a run a real-time one;
-//! - [`places`] are maps on disk, and made of data sets;
 //! - [`pipeline`] takes samples to estimates, in virtual time or live, and tells its listeners;
 //! - those who listen: [`log`] holds a run so that it can be executed again, [`net`] publishes it, [`autopilot`] sends it
 //!   by MAVLink, [`ros`] to ROS 2;
+//! - [`places`] are maps on disk, made of data sets and searched;
 //! - a [`flight`] puts sources, run and listeners together;
 //! - who judges flights: [`evaluate`] compares trajectories, a [`report`] sums a flight up, a [`campaign`] flies many,
 //!   a [`sweep`] flies many settings, a [`mod@bench`] measures what they cost; a [`plot`] draws a flight, a [`picture`] what was
