@@ -62,7 +62,7 @@ impl Default for LocatorOptions {
             max_sigma_m: 0.08,
             max_sigma_rad: 0.03,
             max_points: 1600,
-            // Of a motion capture system, as of a flight: see `docs/places.md` for how it was found.
+            // Those of poses by motion capture: see `docs/places.md` for how they were found.
             map_sigma_m: 0.005,
             map_sigma_rad: 0.004,
         }
