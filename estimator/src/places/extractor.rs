@@ -205,7 +205,8 @@ fn refine_corner(plane: &Plane<'_>, start: &Vector2<f32>) -> Option<Vector2<f32>
         let step = h.try_inverse()? * b;
         q += step;
         // Written so that a NaN fails.
-        if !((q - start).norm() <= MAX_SUBPIXEL_MOVE) {
+        let is_near = (q - start).norm() <= MAX_SUBPIXEL_MOVE;
+        if !is_near {
             return None;
         }
         if step.norm() < 0.02 {

@@ -106,7 +106,7 @@ impl PlaceMap {
         let keyframes = limits.keyframes.min(usize::from(u16::MAX));
         let features = limits.features.min(usize::from(u16::MAX));
         let empty = Feature {
-            descriptor: super::Descriptor::default(),
+            descriptor: super::descriptor::Descriptor::default(),
             xy: nalgebra::Vector2::zeros(),
             sigma_xy: 0.0,
             inverse_depth: 0.0,

@@ -8,7 +8,7 @@
 //!
 //! So a point that the map knows badly counts little, along the direction in which it is known badly. A seventh unknown
 //! `beta` is the share that all inverse depths of a rig have in common, because its calibration is out: in units of
-//! the standard deviation, with a prior of [`COMMON_SHARE`]. It is what makes distant scenes as uncertain as they are:
+//! the standard deviation, with a prior of `COMMON_SHARE`. It is what makes distant scenes as uncertain as they are:
 //! their depths are not wrong at random. Perturbation:
 //! position in `M`, attitude on the right (`R Exp(dtheta)`); `de/dp = -D R_CM`, `de/dtheta = D R_CB [b]x`. Where
 //! gravity is known, `R^T e_z` is measured too. Kernel: Cauchy on the Mahalanobis distance.
@@ -97,7 +97,8 @@ impl Problem<'_> {
         let b = rot_b_m * (point.position_m - pose_m_b.translation.vector);
         let q = rot_c_b * (b - self.pose_b_c.translation.vector);
         // Written so that a NaN fails.
-        if !(q.z > MIN_DEPTH_M) {
+        let is_ahead = q.z > MIN_DEPTH_M;
+        if !is_ahead {
             return None;
         }
         let w = 1.0 / q.z;

@@ -112,7 +112,7 @@ fn views_with_much_clutter_are_found_with_and_without_gravity_and_the_covariance
     for with_gravity in [true, false] {
         let (mut found, mut nees, trials) = (0, 0.0, 100);
         for trial in 0..trials {
-            let truth = some_pose(&mut random, 6.28 * trial as f64 / trials as f64);
+            let truth = some_pose(&mut random, std::f64::consts::TAU * trial as f64 / trials as f64);
             let features = world.seen(&(truth * pose_b_c()), 0.4, &mut random);
             let Some(located) =
                 locator.locate(&map, &query(&features, &truth, with_gravity, trial), |_| true)

@@ -305,8 +305,8 @@ mod tests {
             descriptor: Descriptor([i, !i, i * i, 7]),
             xy: Vector2::new(0.1, -0.2),
             sigma_xy: 0.002,
-            inverse_depth: if i % 2 == 0 { 0.5 } else { 0.0 },
-            sigma_inverse_depth: if i % 2 == 0 { 0.01 } else { f32::INFINITY },
+            inverse_depth: if i.is_multiple_of(2) { 0.5 } else { 0.0 },
+            sigma_inverse_depth: if i.is_multiple_of(2) { 0.01 } else { f32::INFINITY },
         };
         let keyframe = |k: i64| StoredKeyframe {
             session: 1,

@@ -1,6 +1,6 @@
 //! The stereo pairs of a data set, one by one, with their features: what maps are built from and located by.
 
-use super::MapFileError;
+use super::file::MapFileError;
 use nalgebra::Vector3;
 use plumbline_config::{Config, ConfigError, Timestamp, ValidConfig, import};
 use plumbline_drivers::{

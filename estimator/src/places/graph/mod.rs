@@ -9,7 +9,7 @@
 //! Between neighbours the odometry measures; a loop is what a keyframe was located by. Loops may be false: they count
 //! only once another one agrees with them ([`consistency`], pairwise consistency, Mangelson et al. 2018), and their
 //! weights follow graduated non-convexity with truncated least squares (Yang et al. 2020). The linear systems are
-//! solved by conjugate gradients with the chain of the flight as preconditioner ([`solver`]). The work of a call is
+//! solved by conjugate gradients with the chain of the flight as preconditioner (`solver`). The work of a call is
 //! bounded; the next call goes on where it ended.
 
 pub mod consistency;

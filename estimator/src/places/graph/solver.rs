@@ -174,7 +174,8 @@ impl Solver {
             }
             self.multiply(nodes, edges);
             let curvature = dot(&self.direction[..n], &self.image[..n]);
-            if !(curvature > 0.0) {
+            let is_curved = curvature > 0.0;
+            if !is_curved {
                 break;
             }
             let length = energy / curvature;
