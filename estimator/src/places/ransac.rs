@@ -25,26 +25,26 @@ const MIN_INLIERS: usize = 6;
 /// Finds poses. Allocated once.
 #[derive(Clone, Debug)]
 pub struct Ransac {
+    candidates: Vec<Match>,
     inliers: Vec<Match>,
-    best: Vec<Match>,
 }
 
 impl Ransac {
     /// For so many matches at most.
     #[must_use]
     pub fn new(matches: usize) -> Self {
-        Self { inliers: Vec::with_capacity(matches), best: Vec::with_capacity(matches) }
+        Self { candidates: Vec::with_capacity(matches), inliers: Vec::with_capacity(matches) }
     }
 
     /// The inliers of the pose found last.
     #[must_use]
     pub fn inliers(&self) -> &[Match] {
-        &self.best
+        &self.inliers
     }
 
     /// The pose that most matches agree with.
     pub fn find(&mut self, problem: &Problem<'_>, matches: &[Match], seed: u64) -> Option<Refined> {
-        self.best.clear();
+        self.inliers.clear();
         let sample_size = if problem.gravity.is_some() { 2 } else { 3 };
         if matches.len() < MIN_INLIERS {
             return None;
@@ -59,15 +59,15 @@ impl Ransac {
             for pose_m_b in solutions(problem, matches, &chosen[..sample_size]) {
                 let cost = self.judge(problem, matches, &pose_m_b);
                 let better = best.as_ref().is_none_or(|(least, _)| cost < *least);
-                if !better || self.inliers.len() < MIN_INLIERS || refinements >= MAX_REFINEMENTS {
+                if !better || self.candidates.len() < MIN_INLIERS || refinements >= MAX_REFINEMENTS {
                     continue;
                 }
                 refinements += 1;
                 let Some((cost, refined)) = self.improve(problem, matches, &pose_m_b) else { continue };
                 if best.as_ref().is_none_or(|(least, _)| cost < *least) {
                     best = Some((cost, refined));
-                    self.best.clone_from(&self.inliers);
-                    needed = needed.min(samples_needed(self.best.len(), matches.len(), sample_size));
+                    self.inliers.clone_from(&self.candidates);
+                    needed = needed.min(samples_needed(self.inliers.len(), matches.len(), sample_size));
                 }
             }
         }
@@ -81,25 +81,25 @@ impl Ransac {
         matches: &[Match],
         start: &Isometry3<f64>,
     ) -> Option<(f64, Refined)> {
-        let first = problem.refine(start, &self.inliers)?;
+        let first = problem.refine(start, &self.candidates)?;
         self.judge(problem, matches, &first.pose_m_b);
-        if self.inliers.len() < MIN_INLIERS {
+        if self.candidates.len() < MIN_INLIERS {
             return None;
         }
-        let refined = problem.refine(&first.pose_m_b, &self.inliers)?;
+        let refined = problem.refine(&first.pose_m_b, &self.candidates)?;
         let cost = self.judge(problem, matches, &refined.pose_m_b);
         Some((cost, refined))
     }
 
     /// Sum of the gated distances, each at most 1 (MSAC); the inliers are left in `inliers`.
     fn judge(&mut self, problem: &Problem<'_>, matches: &[Match], pose_m_b: &Isometry3<f64>) -> f64 {
-        self.inliers.clear();
+        self.candidates.clear();
         let mut cost = 0.0;
         for item in matches {
             match problem.gated_distance(pose_m_b, item) {
                 Some(distance) if distance <= 1.0 => {
                     cost += distance;
-                    self.inliers.push(*item);
+                    self.candidates.push(*item);
                 }
                 _ => cost += 1.0,
             }
