@@ -1,6 +1,6 @@
 //! Maps on disk and maps from data sets: what `plumbline map` does, as a library.
 //!
-//! The mathematics is in [`plumbline_estimator::places`]; here are the file ([`codec`], [`file`]), the images
+//! The mathematics is in [`plumbline_estimator::places`]; here are the file ([`codec`], [`mod@file`]), the images
 //! ([`frames`]), and what is made of both ([`build`], [`merge`], [`ply`]).
 
 pub mod build;
