@@ -5,6 +5,7 @@
 //! counter as for any file.
 
 use rustix::event::{EventfdFlags, eventfd};
+use rustix::io::Errno;
 use std::io;
 use std::os::fd::OwnedFd;
 use tokio::io::unix::AsyncFd;
@@ -47,11 +48,16 @@ pub struct BellListener(AsyncFd<OwnedFd>);
 impl BellListener {
     /// Waits until the bell has been rung since the last time. May be given up at any time.
     pub async fn rung(&self) {
-        // Fails only when the runtime ends, and the task with it.
-        let Ok(mut ready) = self.0.readable().await else { return std::future::pending().await };
-        let mut count = [0; 8];
-        let _ = rustix::io::read(self.0.get_ref(), &mut count);
-        ready.clear_ready();
+        loop {
+            // Fails only when the runtime ends, and the task with it.
+            let Ok(mut ready) = self.0.readable().await else { return std::future::pending().await };
+            let was_rung = rustix::io::read(self.0.get_ref(), &mut [0; 8]) != Err(Errno::AGAIN);
+            ready.clear_ready();
+            // The runtime may tell of a ring once more that has been heard already.
+            if was_rung {
+                return;
+            }
+        }
     }
 }
 
