@@ -3,6 +3,7 @@
 //! A driver never learns what its samples are for; it hands them out in order of measurement time, with
 //! what went missing counted.
 
+pub mod clock;
 pub mod error;
 pub mod euroc;
 pub mod faults;
@@ -13,6 +14,7 @@ pub mod prefetch;
 mod random;
 pub mod simulator;
 pub mod source;
+pub mod stop;
 mod text_lines;
 pub mod truth;
 pub mod tum;
@@ -22,6 +24,7 @@ pub use euroc::{EurocDataset, EurocImu, EurocOptions, EurocStereo};
 pub use faults::{FaultySource, FrameFaults, LostCamera};
 pub use prefetch::Prefetch;
 pub use source::{Faults, ImuReading, ImuSource, StereoFrame, StereoSource};
+pub use stop::StopFlag;
 pub use truth::TruthState;
 pub use tum::StampedPose;
 

@@ -1,0 +1,46 @@
+//! How a source that waits for a device is told to end.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Asks live sources to end. A source that was given one at its construction ends its stream (`Ok(None)`, `Ok(false)`)
+/// within [`StopFlag::PATIENCE_MS`] after [`StopFlag::stop`], whether its device is there, silent or gone.
+///
+/// Clones are one flag: the run keeps one, every source has another.
+#[derive(Clone, Debug, Default)]
+pub struct StopFlag(Arc<AtomicBool>);
+
+impl StopFlag {
+    /// The longest that a source waits without a look at its flag, ms.
+    pub const PATIENCE_MS: u32 = 50;
+
+    /// A flag that is not set.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Asks every holder to end.
+    pub fn stop(&self) {
+        self.0.store(true, Ordering::Release);
+    }
+
+    /// Whether it was asked for.
+    #[must_use]
+    pub fn is_stopped(&self) -> bool {
+        self.0.load(Ordering::Acquire)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn clones_are_one_flag() {
+        let (ours, theirs) = (StopFlag::new(), StopFlag::new());
+        let held = ours.clone();
+        ours.stop();
+        assert!(held.is_stopped() && !theirs.is_stopped());
+    }
+}
