@@ -3,7 +3,7 @@
 //! The same functions run over the checked-in seeds, and over seeded mutations of them, in the tests of this crate.
 
 use crate::import::{euroc_texts, kalibr_texts};
-use crate::options::AutopilotEndpoint;
+use crate::options::{AutopilotEndpoint, ImuEndpoint, SerialLine};
 use crate::validate::is_endpoint;
 use crate::{Config, ConfigError, ValidConfig};
 
@@ -39,7 +39,7 @@ pub fn import_kalibr(data: &[u8]) {
     }
 }
 
-/// The address of an autopilot, and an endpoint of the network.
+/// The address of an autopilot or of an inertial sensor, and an endpoint of the network.
 ///
 /// # Panics
 /// When an accepted address does not hold what was given.
@@ -50,11 +50,21 @@ pub fn endpoint(data: &[u8]) {
         Ok(AutopilotEndpoint::Udp(address) | AutopilotEndpoint::UdpIn(address)) => {
             assert!(text.ends_with(&address));
         }
-        Ok(AutopilotEndpoint::Serial { device, baud }) => {
-            assert!(device.starts_with('/') && baud > 0 && text.contains(&device));
+        Ok(AutopilotEndpoint::Serial(line)) => serial_line(text, &line),
+        Err(reason) => assert!(!reason.is_empty()),
+    }
+    match ImuEndpoint::parse(text) {
+        Ok(ImuEndpoint::Serial(line)) => serial_line(text, &line),
+        Ok(ImuEndpoint::Iio { gyro, accel }) => {
+            assert!(!gyro.is_empty() && text.contains(&gyro));
+            assert!(accel.is_none_or(|accel| !accel.is_empty() && text.ends_with(&accel)));
         }
         Err(reason) => assert!(!reason.is_empty()),
     }
+}
+
+fn serial_line(text: &str, line: &SerialLine) {
+    assert!(line.device.starts_with('/') && line.baud > 0 && text.contains(&line.device));
 }
 
 fn two_texts(data: &[u8]) -> Option<(&str, &str)> {

@@ -9,23 +9,27 @@
 
 mod autopilot;
 mod estimator;
+mod imu_driver;
 mod lines;
 mod network;
 mod recorder;
 mod ros;
 mod runtime;
 mod sensors;
+mod serial_line;
 mod setup;
 mod vehicle;
 
 pub use autopilot::{AutopilotClock, AutopilotConfig, AutopilotEndpoint, LostPose};
 pub use estimator::{EstimatorConfig, HealthConfig, InitialConfig, PointsConfig, WindowConfig};
+pub use imu_driver::{ImuDriverConfig, ImuEndpoint, ImuProtocol, MavlinkImu};
 pub use lines::LinesConfig;
 pub use network::{Commands, Link, LoginConfig, NetworkConfig, TlsConfig};
 pub use recorder::{ImageRecording, KeepPolicy, RecorderConfig};
 pub use ros::{RosConfig, RosDistribution, RosStamp};
 pub use runtime::RuntimeConfig;
 pub use sensors::{CameraConfig, ImuConfig, RigConfig, isometry_from_rows, rows_from_isometry};
+pub use serial_line::SerialLine;
 pub use setup::EstimatorSetup;
 pub use vehicle::VehicleConfig;
 
@@ -107,10 +111,12 @@ pub struct DriverConfig {
     pub image_queue: usize,
     /// Largest difference of stamps within a stereo pair, s.
     pub pair_tolerance_s: f64,
+    /// The inertial sensor.
+    pub imu: ImuDriverConfig,
 }
 
 impl Default for DriverConfig {
     fn default() -> Self {
-        Self { image_queue: 4, pair_tolerance_s: 0.002 }
+        Self { image_queue: 4, pair_tolerance_s: 0.002, imu: ImuDriverConfig::default() }
     }
 }

@@ -1,5 +1,6 @@
 //! The bridge to the vehicle's autopilot: where it is, and what it is sent.
 
+use super::serial_line::{SerialLine, split_address};
 use serde::{Deserialize, Serialize};
 
 /// Odometry for PX4 or ArduPilot as MAVLink `ODOMETRY`.
@@ -60,19 +61,9 @@ pub enum AutopilotEndpoint {
     Udp(String),
     /// It sends to this address and port of ours, and is answered there: `udpin://ADDRESS:PORT`.
     UdpIn(String),
-    /// It is at the other end of this device, at this many baud: `serial://DEVICE:BAUD`.
-    Serial {
-        /// Path of the device.
-        device: String,
-        /// Symbols a second; ten carry a byte.
-        baud: u32,
-    },
+    /// It is at the other end of a serial line: `serial://DEVICE:BAUD`.
+    Serial(SerialLine),
 }
-
-/// Slowest and fastest serial lines that are accepted, baud.
-const BAUD: std::ops::RangeInclusive<u32> = 9_600..=12_000_000;
-/// The longest text that is looked at, bytes.
-const MAX_BYTES: usize = 256;
 
 impl AutopilotEndpoint {
     /// Reads `udp://HOST:PORT`, `udpin://ADDRESS:PORT` or `serial://DEVICE:BAUD`.
@@ -80,35 +71,23 @@ impl AutopilotEndpoint {
     /// # Errors
     /// What is wrong with the text, in words.
     pub fn parse(text: &str) -> Result<Self, String> {
-        if text.len() > MAX_BYTES || !text.chars().all(|c| c.is_ascii_graphic()) {
-            return Err(format!("is longer than {MAX_BYTES} bytes, or holds spaces or special characters"));
-        }
-        let Some((kind, rest)) = text.split_once("://") else {
-            return Err(format!("{text:?} does not begin with udp://, udpin:// or serial://"));
-        };
-        let Some((place, number)) = rest.rsplit_once(':').filter(|(place, _)| !place.is_empty()) else {
-            return Err(format!("{text:?} lacks its host or device, or the number after the last colon"));
-        };
-        match kind {
-            "udp" | "udpout" | "udpin" => {
-                number
-                    .parse::<u16>()
-                    .ok()
-                    .filter(|port| *port > 0)
-                    .ok_or_else(|| format!("{number:?} is no port"))?;
-                let address = rest.to_owned();
-                Ok(if kind == "udpin" { Self::UdpIn(address) } else { Self::Udp(address) })
-            }
-            "serial" => {
-                let baud = number.parse().ok().filter(|baud| BAUD.contains(baud)).ok_or_else(|| {
-                    format!("{number:?} is no speed from {} to {} baud", BAUD.start(), BAUD.end())
-                })?;
-                if !place.starts_with('/') {
-                    return Err(format!("{place:?} is no absolute path of a device"));
-                }
-                Ok(Self::Serial { device: place.to_owned(), baud })
-            }
+        let (kind, rest) = split_address(text, "udp://, udpin:// or serial://")?;
+        match kind.as_str() {
+            "udp" | "udpout" => host_and_port(&rest).map(|()| Self::Udp(rest)),
+            "udpin" => host_and_port(&rest).map(|()| Self::UdpIn(rest)),
+            "serial" => SerialLine::parse(&rest).map(Self::Serial),
             _ => Err(format!("{kind:?} is none of udp, udpin and serial")),
         }
+    }
+}
+
+/// Whether this is `HOST:PORT`; else what is wrong with it.
+fn host_and_port(text: &str) -> Result<(), String> {
+    let Some((_, port)) = text.rsplit_once(':').filter(|(host, _)| !host.is_empty()) else {
+        return Err(format!("{text:?} lacks its host, or the port after the last colon"));
+    };
+    match port.parse::<u16>() {
+        Ok(port) if port > 0 => Ok(()),
+        _ => Err(format!("{port:?} is no port")),
     }
 }

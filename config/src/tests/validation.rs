@@ -1,6 +1,6 @@
 use super::euroc;
 use crate::camera::Distortion;
-use crate::options::TlsConfig;
+use crate::options::{ImuProtocol, TlsConfig};
 use crate::shape::sample_for_tests;
 use crate::{Config, Violation};
 use serde::Deserialize;
@@ -179,6 +179,54 @@ fn autopilots_have_an_address_and_a_line_that_is_fast_enough() {
     });
     check("autopilot.rate_hz", "30 to 50", |c| c.autopilot.rate_hz = 10.0);
     check("vehicle.imu_to_vehicle_deg[1]", "degrees", |c| c.vehicle.imu_to_vehicle_deg[1] = 270.0);
+}
+
+#[test]
+fn inertial_sensors_have_an_address_and_a_line_that_is_fast_enough() {
+    for bad in [
+        "/dev/ttyS0",
+        "udp://h:1",
+        "serial://ttyS0:921600",
+        "serial:///dev/ttyS0",
+        "iio://",
+        "iio://a,",
+        "iio://a,b,c",
+    ] {
+        check("driver.imu.connect", "serial:///dev/ttyACM0:921600", |c| c.driver.imu.connect = bad.into());
+    }
+    let goods = [
+        "",
+        "serial:///dev/ttyS0:921600",
+        "serial:///dev/serial/by-path/a:1:115200",
+        "iio://bmi088",
+        "iio://a,b",
+    ];
+    for good in goods {
+        assert_eq!(refused(|c| c.driver.imu.connect = good.into()), []);
+    }
+    check("driver.imu.connect", "imu.rate_hz = 200: 94000 are needed", |c| {
+        c.driver.imu.connect = "serial:///dev/ttyS0:57600".into();
+    });
+    check("driver.imu.delay_s", "in ms?", |c| c.driver.imu.delay_s = 2.5);
+}
+
+#[test]
+fn cameras_are_triggered_by_a_microcontroller_alone_and_by_pulses_shorter_than_a_frame() {
+    let triggered = |connect: &str, protocol| {
+        refused(|c| {
+            c.driver.imu.trigger_cameras = true;
+            (c.driver.imu.connect, c.driver.imu.protocol) = (connect.into(), protocol);
+        })
+    };
+    let line = "serial:///dev/ttyS0:921600";
+    assert_eq!(triggered(line, ImuProtocol::Plumbline), []);
+    for (connect, protocol) in [(line, ImuProtocol::Xsens), ("iio://bmi088", ImuProtocol::Plumbline)] {
+        assert_eq!(triggered(connect, protocol)[0].key, "driver.imu.trigger_cameras");
+    }
+    check("driver.imu.trigger_pulse_s", "1 / camera.rate_hz", |c| {
+        c.driver.imu.trigger_cameras = true;
+        c.driver.imu.trigger_pulse_s = 0.06;
+    });
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Validation of the autopilot's address, and of what its line can carry.
 
 use crate::error::Violation;
-use crate::options::{AutopilotConfig, AutopilotEndpoint};
+use crate::options::{AutopilotConfig, AutopilotEndpoint, SerialLine};
 
 /// An ODOMETRY message on the wire, bytes.
 const ODOMETRY_BYTES: f64 = 245.0;
@@ -23,7 +23,7 @@ pub(super) fn check(autopilot: &AutopilotConfig, found: &mut Vec<Violation>) {
             "write udp://HOST:PORT, udpin://ADDRESS:PORT or serial://DEVICE:BAUD, such as \
              \"udp://127.0.0.1:14540\" or \"serial:///dev/ttyS0:921600\", or \"\" for no autopilot",
         ),
-        Ok(AutopilotEndpoint::Serial { baud, .. }) => {
+        Ok(AutopilotEndpoint::Serial(SerialLine { baud, .. })) => {
             let needed = (autopilot.rate_hz * ODOMETRY_BYTES + OTHERS_BYTES_S) * BAUD_PER_BYTE;
             if f64::from(baud) < needed {
                 let reason = format!(

@@ -1,8 +1,10 @@
 //! Validation: which values are refused. Ranges of single numbers are a table in [`ranges`]; here is what
-//! concerns several values at a time, and [`extrinsics`], [`network`], [`autopilot`] and [`ros`].
+//! concerns several values at a time, and [`extrinsics`], [`network`], [`autopilot`],
+//! [`imu_driver`] and [`ros`].
 
 mod autopilot;
 mod extrinsics;
+mod imu_driver;
 mod network;
 mod ranges;
 mod ros;
@@ -59,6 +61,7 @@ impl Config {
         check_orders(&[order_of_recorder(self)], &mut found);
         network::check(&self.network, &mut found);
         autopilot::check(&self.autopilot, &mut found);
+        imu_driver::check(self, &mut found);
         ros::check(self, &mut found);
         check_processors(self, &mut found);
         found

@@ -90,6 +90,9 @@ const CONFIG_ROWS: &[Row<Config>] = &[
     ("driver.image_queue",      |c| c.driver.image_queue as f64, 1.0, 64.0, COUNT),
     ("driver.pair_tolerance_s", |c| c.driver.pair_tolerance_s,   0.0, 0.1,  SECONDS),
 
+    ("driver.imu.delay_s",         |c| c.driver.imu.delay_s,         0.0,  0.1, SECONDS),
+    ("driver.imu.trigger_pulse_s", |c| c.driver.imu.trigger_pulse_s, 1e-6, 0.1, SECONDS),
+
     ("ros.domain_id",                |c| f64::from(c.ros.domain_id),         0.0, 232.0,  "give the ROS_DOMAIN_ID of the others"),
     ("ros.rate_hz",                  |c| c.ros.rate_hz,                      0.0, 4000.0, "write it in Hz, 0 for every sample"),
     ("ros.angular_rate_sigma_rad_s", |c| c.ros.angular_rate_sigma_rad_s,     0.0, 10.0,   "write it in rad/s (1 deg/s = 0.01745 rad/s)"),

@@ -74,7 +74,7 @@ impl Link {
         match endpoint {
             AutopilotEndpoint::Udp(address) => UdpLink::to(address).map(Self::Udp),
             AutopilotEndpoint::UdpIn(address) => UdpLink::at(address).map(Self::Udp),
-            AutopilotEndpoint::Serial { device, baud } => SerialLink::open(device, *baud).map(Self::Serial),
+            AutopilotEndpoint::Serial(line) => SerialLink::open(&line.device, line.baud).map(Self::Serial),
         }
     }
 

@@ -1,0 +1,106 @@
+//! The inertial sensor as a device: where it is, and what it speaks.
+
+use super::serial_line::{SerialLine, split_address};
+use serde::{Deserialize, Serialize};
+
+/// The inertial sensor of a live flight. Its rate and its ranges are those of `[imu]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ImuDriverConfig {
+    /// Where it is, as [`ImuEndpoint::parse`] reads it; empty for none.
+    pub connect: String,
+    /// What it speaks on a serial line.
+    pub protocol: ImuProtocol,
+    /// Which message of MAVLink carries the samples.
+    pub mavlink_message: MavlinkImu,
+    /// Taken off every stamp, s: the sensor's filter, half of what it averages over, and the way here at its quickest
+    /// where the device does not answer questions for its time.
+    pub delay_s: f64,
+    /// Have the microcontroller trigger the cameras at their rate (`protocol = "plumbline"`).
+    pub trigger_cameras: bool,
+    /// How long the pulse of a trigger is, s.
+    pub trigger_pulse_s: f64,
+}
+
+impl Default for ImuDriverConfig {
+    fn default() -> Self {
+        Self {
+            connect: String::new(),
+            protocol: ImuProtocol::default(),
+            mavlink_message: MavlinkImu::default(),
+            delay_s: 0.0,
+            trigger_cameras: false,
+            trigger_pulse_s: 0.001,
+        }
+    }
+}
+
+/// What an inertial sensor speaks on a serial line.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ImuProtocol {
+    /// Our own, of a microcontroller: `docs/serial-protocol.md`.
+    #[default]
+    Plumbline,
+    /// MAVLink 1 or 2, of an autopilot.
+    Mavlink,
+    /// VectorNav's binary output.
+    VectorNav,
+    /// MTData2 of Xsens (Movella).
+    Xsens,
+}
+
+/// Which message of MAVLink carries the samples.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum MavlinkImu {
+    /// Real numbers, stamps of a microsecond. PX4 has subtracted its own estimate of the biases.
+    #[default]
+    HighresImu,
+    /// Whole numbers, stamps of a microsecond; in the units of SCALED_IMU, as ArduPilot sends it.
+    RawImu,
+    /// Thousandths of g and of rad/s, stamps of a millisecond: the first IMU.
+    ScaledImu,
+    /// The same of the second IMU.
+    ScaledImu2,
+    /// The same of the third IMU.
+    ScaledImu3,
+}
+
+/// Where an inertial sensor is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum ImuEndpoint {
+    /// At the other end of a serial line: `serial://DEVICE:BAUD`.
+    Serial(SerialLine),
+    /// Driven by the kernel (Industrial I/O): `iio://NAME`, or `iio://GYROSCOPE,ACCELEROMETER` where they are two devices.
+    Iio {
+        /// Name, label or path of the device with the gyroscope.
+        gyro: String,
+        /// The same of the accelerometer, where it is another.
+        accel: Option<String>,
+    },
+}
+
+impl ImuEndpoint {
+    /// Reads `serial://DEVICE:BAUD`, `iio://NAME` or `iio://GYROSCOPE,ACCELEROMETER`.
+    ///
+    /// # Errors
+    /// What is wrong with the text, in words.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let (kind, rest) = split_address(text, "serial:// or iio://")?;
+        match kind.as_str() {
+            "serial" => SerialLine::parse(&rest).map(Self::Serial),
+            "iio" => {
+                let mut names = rest.split(',').map(str::to_owned);
+                let (gyro, accel) = (names.next().unwrap_or_default(), names.next());
+                if gyro.is_empty() || accel.as_ref().is_some_and(String::is_empty) || names.next().is_some() {
+                    return Err(format!(
+                        "{rest:?} is not the name of one device, or of two with a comma between"
+                    ));
+                }
+                Ok(Self::Iio { gyro, accel })
+            }
+            _ => Err(format!("{kind:?} is neither serial nor iio")),
+        }
+    }
+}
