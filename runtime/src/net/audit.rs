@@ -1,11 +1,13 @@
 //! Refused accesses and failed attempts to connect. Zenoh reports them at its lowest log levels only; this layer collects
-//! them there, and the owner of a session logs them ([`log_refusals`], [`diagnosis::report_failures`]).
+//! them there ([`super::access`] knows which of them matter), and the owner of a session logs them ([`log_refusals`],
+//! [`diagnosis::report_failures`]).
 
-use super::diagnosis;
-use crossbeam_queue::ArrayQueue;
-use std::collections::BTreeSet;
+use super::access::{Ahead, Refusal, Refusals};
+use super::{decision, diagnosis};
+use std::cell::RefCell;
 use std::fmt::{Debug, Write as _};
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+use std::time::Instant;
 use tracing::field::{Field, Visit};
 use tracing::{Event, Subscriber};
 use tracing_subscriber::Layer;
@@ -18,41 +20,28 @@ pub const TARGETS: [(&str, LevelFilter); 3] = [
     ("zenoh_link_tls::unicast", LevelFilter::WARN),
     ("zenoh::net::runtime::orchestrator", LevelFilter::DEBUG),
 ];
-/// How the first reports a refused message.
-const NO: &str = "unauthorized";
-/// What the second adds to every handshake that failed, whatever the reason was.
+/// What the second of them adds to every handshake that failed, whatever the reason was.
 const HINT: &str = ". Hint: increase the system open file limit";
 /// How the third begins when an attempt to connect has failed, the longer one first.
 const FAILED: [&str; 2] = ["Unable to connect to configured peer ", "Unable to connect to "];
-/// Refusals of which each is logged once; then none is logged any more.
-const MAX_LOGGED: usize = 1_000;
-/// Refusals that wait to be logged.
-const MAX_WAITING: usize = 64;
-
-fn waiting() -> &'static ArrayQueue<String> {
-    static WAITING: OnceLock<ArrayQueue<String>> = OnceLock::new();
-    WAITING.get_or_init(|| ArrayQueue::new(MAX_WAITING))
+thread_local! {
+    static AHEAD: RefCell<Ahead> = RefCell::default();
 }
 
-/// Refusals since the last call, as text.
-pub fn refusals() -> impl Iterator<Item = String> {
-    std::iter::from_fn(|| waiting().pop())
+fn refusals() -> MutexGuard<'static, Refusals> {
+    static REFUSALS: OnceLock<Mutex<Refusals>> = OnceLock::new();
+    REFUSALS.get_or_init(Mutex::default).lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Logs the refusals since the last call, each peer and key once.
+/// Logs what was refused up to the last call: attempts as warnings, what Zenoh decides without one for those who debug.
 pub fn log_refusals() {
-    static LOGGED: OnceLock<Mutex<BTreeSet<String>>> = OnceLock::new();
-    for refusal in refusals() {
-        let mut logged = LOGGED.get_or_init(Mutex::default).lock().unwrap_or_else(PoisonError::into_inner);
-        if logged.len() < MAX_LOGGED && logged.insert(without_session(&refusal).to_owned()) {
-            tracing::warn!("access refused: {refusal}");
+    let told = refusals().take(Instant::now());
+    for Refusal { words, is_attempt } in told {
+        match is_attempt {
+            true => tracing::warn!("access refused: {words}"),
+            false => tracing::debug!("access: {words}"),
         }
     }
-}
-
-/// A refusal without the number of the session, which is another one with every connection.
-fn without_session(refusal: &str) -> &str {
-    refusal.split_once(" on ").map_or(refusal, |(_, rest)| rest)
 }
 
 /// Listens to [`TARGETS`].
@@ -71,12 +60,11 @@ impl<S: Subscriber> Layer<S> for Audit {
             }
             return;
         }
-        let refusal = match message.0.split_once(HINT) {
-            Some((reason, _)) => format!("a TLS handshake failed: {reason}"),
-            None if message.0.contains(NO) => message.0,
-            None => return,
-        };
-        waiting().force_push(refusal);
+        if let Some((reason, _)) = message.0.split_once(HINT) {
+            refusals().hear_handshake(reason);
+        } else if !decision::is_passed(&message.0) {
+            AHEAD.with_borrow_mut(|ahead| refusals().hear(&message.0, ahead));
+        }
     }
 }
 
@@ -96,16 +84,24 @@ mod tests {
     use tracing_subscriber::layer::SubscriberExt as _;
 
     #[test]
-    fn a_refusal_is_heard_and_nothing_else_is() {
+    fn what_zenoh_writes_becomes_refusals() {
         let subscriber = tracing_subscriber::registry().with(Audit);
         tracing::subscriber::with_default(subscriber, || {
-            tracing::trace!("{} on {} is unauthorized to {} on {}", 1, "viewer", "Query", "key");
-            tracing::trace!("{} on {} is authorized to {} on {}", 1, "viewer", "Query", "key");
+            let peer = "Interface(lo)+CertCommonName(viewer)+Transport(Tls)+1";
+            let key = "plumbline/drone/command/reset";
+            tracing::trace!("{} on {} is unauthorized to {} on {}", 1, peer, "Query (ingress)", key);
+            tracing::trace!("{} on {} is authorized to {} on {}", 1, peer, "Put (ingress)", key);
             tracing::warn!("{}. Hint: increase the system open file limit.", "received fatal alert: X");
         });
-        let told: Vec<String> = refusals().collect();
-        assert_eq!(told.len(), 2, "{told:?}");
-        assert!(told[0].contains("viewer is unauthorized to Query on key"), "{told:?}");
-        assert_eq!(told[1], "a TLS handshake failed: received fatal alert: X");
+        // What is new waits for the second look.
+        assert!(refusals().take(Instant::now()).is_empty());
+        let told: Vec<String> = refusals().take(Instant::now()).into_iter().map(|told| told.words).collect();
+        assert_eq!(
+            told,
+            [
+                "a TLS handshake failed: received fatal alert: X",
+                "viewer (tls on lo) may not query plumbline/drone/command/reset",
+            ]
+        );
     }
 }

@@ -6,10 +6,12 @@
 //! turns it into what was meant, or refuses it. Who may connect and command is in [`security`]; why a connection
 //! cannot be made, in [`diagnosis`].
 
+pub mod access;
 pub mod answers;
 pub mod audit;
 pub mod camera;
 pub mod datagrams;
+pub mod decision;
 mod declare;
 pub mod diagnosis;
 pub mod endpoints;
