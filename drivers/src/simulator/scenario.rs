@@ -85,6 +85,14 @@ impl Scenario {
         }
     }
 
+    /// Whether a flight that differs in its duration alone has other images from the first frame on. Along a file it has
+    /// the same ones, since scene and light surround the path of the whole file. The built-in path is drawn through samples
+    /// up to where the flight ends, and walls and furniture keep clear of what is flown of it.
+    #[must_use]
+    pub fn frames_depend_on_duration(&self) -> bool {
+        self.path == FlightPath::Demo
+    }
+
     /// The whole path.
     pub(super) fn flight(&self, config: &Config) -> Result<Trajectory, DriverError> {
         match &self.path {
@@ -127,4 +135,50 @@ pub fn scaled_config(config: &Config, scale: f64) -> Config {
         camera.centre_px = camera.centre_px.map(|c| (c + 0.5) * scale - 0.5);
     }
     scaled
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Simulator, fixture};
+    use super::*;
+    use crate::{ImuSource, StereoFrame, StereoSource};
+
+    fn simulator(path: &FlightPath, duration_s: f64) -> Simulator {
+        let scenario =
+            Scenario { path: path.clone(), duration_s, resolution_scale: 0.2, ..Scenario::default() };
+        Simulator::new(&fixture::config(), &scenario).unwrap()
+    }
+
+    /// Whether all frames and inertial samples of the shorter flight are those of the longer one.
+    fn is_beginning(shorter: &Simulator, longer: &Simulator) -> bool {
+        let [mut a, mut b] = [shorter, longer].map(Simulator::stereo);
+        let [mut one, mut other] = [shorter, longer].map(|s| StereoFrame::new(s.image_sizes()));
+        while a.next_frame(&mut one).unwrap() {
+            assert!(b.next_frame(&mut other).unwrap());
+            if one.images != other.images || one.stamp != other.stamp {
+                return false;
+            }
+        }
+        let [mut a, mut b] = [shorter, longer].map(Simulator::imu);
+        while let Some(reading) = a.next_reading().unwrap() {
+            if b.next_reading().unwrap() != Some(reading) {
+                return false;
+            }
+        }
+        true
+    }
+
+    #[test]
+    fn along_a_file_a_shorter_flight_is_the_beginning_of_a_longer_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("wobble.tum");
+        crate::tum::write_tum(&file, &fixture::wobble_poses(4.0)).unwrap();
+        let path = FlightPath::Tum(file);
+        assert!(is_beginning(&simulator(&path, 1.0), &simulator(&path, 2.5)));
+    }
+
+    #[test]
+    fn the_built_in_flight_is_another_one_for_each_duration() {
+        assert!(!is_beginning(&simulator(&FlightPath::Demo, 4.0), &simulator(&FlightPath::Demo, 8.0)));
+    }
 }

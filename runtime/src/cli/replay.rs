@@ -86,6 +86,8 @@ pub struct ReplayArgs {
     #[arg(long, value_name = "S", conflicts_with = "duration")]
     pub stop: Option<f64>,
     /// Keep the rendered frames of a simulated flight in this folder, and take them from there if they are.
+    /// A flight along a file (--path FILE) shares its frames with shorter and longer ones; the built-in flight is
+    /// rendered anew for each duration, since its room is built around what is flown.
     #[arg(long, value_name = "FOLDER")]
     pub cache: Option<PathBuf>,
     /// The left camera alone.

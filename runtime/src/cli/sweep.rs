@@ -52,6 +52,8 @@ pub struct SweepArgs {
     #[arg(long)]
     pub mono: bool,
     /// Keep rendered frames of simulated flights in this folder, and take them from there.
+    /// A flight along a file (--path FILE) shares its frames with shorter and longer ones; the built-in flight is
+    /// rendered anew for each duration, since its room is built around what is flown.
     #[arg(long, value_name = "FOLDER")]
     pub cache: Option<PathBuf>,
     /// Folder with `euroc/trajectories`, for path=NAME; else the environment variable PLUMBLINE_SHARED, else ../shared.

@@ -1,23 +1,24 @@
 //! Rendered frames on disk, raw: rendering takes far longer than estimating.
 //!
 //! A file holds, for each frame in order, the pixels of all cameras. Its name is a hash of everything the images depend
-//! on; what goes wrong with finished frames is done anew each time.
+//! on; what goes wrong with finished frames is done anew each time. Where images do not depend on how long the flight lasts
+//! ([`Scenario::frames_depend_on_duration`]) flights of any length share a file, which grows with the longest of them.
 
 use super::FlightError;
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline_config::GrayImage;
-use plumbline_drivers::simulator::{Scenario, Simulator};
+use plumbline_drivers::simulator::{FlightPath, Scenario, Simulator};
 use plumbline_drivers::{DriverError, Faults, FaultySource, FrameFaults, StereoFrame, StereoSource};
 use sha2::{Digest as _, Sha256};
-use std::fs::File;
-use std::io::{BufReader, BufWriter, Read, Write};
+use std::fs::{File, OpenOptions};
+use std::io::{BufReader, BufWriter, ErrorKind, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Changes when the renderer draws differently.
 const RENDERER_VERSION: u32 = 2;
 
-/// The frames of `simulator` from the cache, rendered first if they are not there.
+/// The frames of `simulator` from the cache; those that are not there are rendered first.
 ///
 /// # Errors
 /// When the cache cannot be written or read.
@@ -30,40 +31,77 @@ pub(super) fn frames(
         let path = path.to_owned();
         |source| FlightError::Cache { path, source }
     };
-    let path = folder.join(format!("{}.raw", key(simulator, scenario)));
-    if !path.exists() {
+    let path = folder.join(format!("{}.raw", key(simulator, scenario)?));
+    let kept = kept_frames(&path, simulator)?;
+    let file = if kept >= simulator.frame_count() {
+        File::open(&path).map_err(failed(&path))?
+    } else {
         std::fs::create_dir_all(folder).map_err(failed(folder))?;
-        render(&path, simulator).map_err(failed(&path))?;
-    }
-    let file = File::open(&path).map_err(failed(&path))?;
-    let length = file.metadata().map_err(failed(&path))?.len();
-    let pixels: u64 = simulator.image_sizes().iter().map(|(w, h)| (w * h) as u64).sum();
-    if length != simulator.frame_count() * pixels {
-        return Err(FlightError::CacheIncomplete { path });
-    }
+        let (partial, file) = render(&path, simulator, kept).map_err(failed(&path))?;
+        // Somebody else may have rendered more in the meantime.
+        match kept_frames(&path, simulator)? < simulator.frame_count() {
+            true => std::fs::rename(partial, &path),
+            false => std::fs::remove_file(partial),
+        }
+        .map_err(failed(&path))?;
+        file
+    };
     let source = CachedFrames { simulator: simulator.clone(), file: BufReader::new(file), path, next: 0 };
     Ok(Box::new(FaultySource::new(source, scenario.effects.frames.clone(), scenario.seed)))
 }
 
-fn key(simulator: &Simulator, scenario: &Scenario) -> String {
+/// A hash of everything that the images depend on.
+fn key(simulator: &Simulator, scenario: &Scenario) -> Result<String, FlightError> {
     let cameras = &simulator.config().camera;
     let mut sound = scenario.clone();
     sound.effects.frames = FrameFaults::default();
-    let text = format!("{RENDERER_VERSION} {sound:?} {cameras:?}");
-    Sha256::digest(text.as_bytes()).iter().take(12).map(|b| format!("{b:02x}")).collect()
+    if !scenario.frames_depend_on_duration() {
+        sound.duration_s = 0.0;
+    }
+    let mut hash = Sha256::new();
+    if let FlightPath::Tum(file) = &scenario.path {
+        // What the file holds counts, and not its name.
+        sound.path = FlightPath::Demo;
+        let poses = std::fs::read(file);
+        hash.update(poses.map_err(|source| FlightError::Cache { path: file.clone(), source })?);
+    }
+    hash.update(format!("{RENDERER_VERSION} {sound:?} {cameras:?}"));
+    Ok(hash.finalize().iter().take(12).map(|b| format!("{b:02x}")).collect())
 }
 
-fn render(path: &Path, simulator: &Simulator) -> std::io::Result<()> {
+fn frame_bytes(simulator: &Simulator) -> u64 {
+    simulator.image_sizes().iter().map(|(width, height)| (width * height) as u64).sum()
+}
+
+/// Frames that the file at `path` holds; none if there is no such file.
+fn kept_frames(path: &Path, simulator: &Simulator) -> Result<u64, FlightError> {
+    let bytes = match std::fs::metadata(path) {
+        Ok(metadata) => metadata.len(),
+        Err(error) if error.kind() == ErrorKind::NotFound => 0,
+        Err(source) => return Err(FlightError::Cache { path: path.to_owned(), source }),
+    };
+    match bytes % frame_bytes(simulator) {
+        0 => Ok(bytes / frame_bytes(simulator)),
+        _ => Err(FlightError::CacheIncomplete { path: path.to_owned() }),
+    }
+}
+
+/// Renders what the file at `path`, of `kept` frames, lacks: another file, complete, and open at its beginning.
+fn render(path: &Path, simulator: &Simulator, kept: u64) -> std::io::Result<(PathBuf, File)> {
     // Others may be rendering the same flight: each into a file of its own.
     static RENDERINGS: AtomicU64 = AtomicU64::new(0);
     let number = RENDERINGS.fetch_add(1, Ordering::Relaxed);
     let partial = path.with_extension(format!("partial-{}-{number}", std::process::id()));
-    let mut out = BufWriter::new(File::create(&partial)?);
+    let file = OpenOptions::new().read(true).write(true).create(true).truncate(true).open(&partial)?;
+    let mut out = BufWriter::new(file);
+    if kept > 0 {
+        std::io::copy(&mut File::open(path)?.take(kept * frame_bytes(simulator)), &mut out)?;
+    }
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let mut painters: Vec<_> =
         (0..threads).map(|_| (simulator.scratch(), StereoFrame::new(simulator.image_sizes()))).collect();
-    let progress = progress(simulator.frame_count());
-    let mut first = 0;
+    let progress = progress(simulator.frame_count() - kept);
+    let mut first = kept;
     while first < simulator.frame_count() {
         let count = (simulator.frame_count() - first).min(threads as u64) as usize;
         std::thread::scope(|scope| {
@@ -80,8 +118,10 @@ fn render(path: &Path, simulator: &Simulator) -> std::io::Result<()> {
         first += count as u64;
     }
     progress.finish_and_clear();
-    out.into_inner()?.sync_all()?;
-    std::fs::rename(partial, path)
+    let mut file = out.into_inner()?;
+    file.sync_all()?;
+    file.rewind()?;
+    Ok((partial, file))
 }
 
 fn progress(frames: u64) -> ProgressBar {
@@ -128,5 +168,114 @@ impl StereoSource for CachedFrames {
 
     fn faults(&self) -> Faults {
         Faults::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::flight::scenario_config;
+    use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+    use plumbline_config::Timestamp;
+    use plumbline_drivers::StampedPose;
+    use plumbline_drivers::simulator::Effects;
+    use plumbline_drivers::tum::write_tum;
+
+    /// A turn in a circle, written to a file.
+    fn path(folder: &Path, name: &str) -> FlightPath {
+        let poses: Vec<StampedPose> = (0..800)
+            .map(|i| {
+                let t = f64::from(i) * 0.005;
+                let position = Vector3::new((0.8 * t).sin(), (0.8 * t).cos(), 1.2);
+                let rotation = UnitQuaternion::from_euler_angles(0.1 * t.sin(), 0.0, -0.8 * t);
+                let stamp = Timestamp::from_nanos(5_000_000_000 + i64::from(i) * 5_000_000);
+                StampedPose { stamp, pose: Isometry3::from_parts(position.into(), rotation) }
+            })
+            .collect();
+        let file = folder.join(name);
+        write_tum(&file, &poses).unwrap();
+        FlightPath::Tum(file)
+    }
+
+    fn scenario(path: FlightPath, duration_s: f64) -> Scenario {
+        Scenario { path, duration_s, resolution_scale: 0.1, ..Scenario::default() }
+    }
+
+    fn simulator(scenario: &Scenario) -> Simulator {
+        Simulator::new(&scenario_config(None, false).unwrap(), scenario).unwrap()
+    }
+
+    fn all_frames(mut source: Box<dyn StereoSource>, simulator: &Simulator) -> Vec<StereoFrame> {
+        let mut frame = StereoFrame::new(simulator.image_sizes());
+        let mut frames = Vec::new();
+        while source.next_frame(&mut frame).unwrap() {
+            frames.push(frame.clone());
+        }
+        frames
+    }
+
+    /// The frames by way of the cache are those that the simulator renders.
+    fn assert_sound(cache: &Path, scenario: &Scenario) {
+        let simulator = simulator(scenario);
+        let cached = all_frames(frames(cache, &simulator, scenario).unwrap(), &simulator);
+        let rendered = all_frames(Box::new(simulator.stereo()), &simulator);
+        assert_eq!(cached.len() as u64, simulator.frame_count());
+        for (cached, rendered) in cached.iter().zip(&rendered) {
+            assert_eq!((cached.sequence, cached.stamp), (rendered.sequence, rendered.stamp));
+            assert!(cached.images == rendered.images, "frame {}", cached.sequence);
+        }
+    }
+
+    fn files(cache: &Path) -> Vec<(PathBuf, u64)> {
+        let entries = std::fs::read_dir(cache).unwrap().map(Result::unwrap);
+        entries.map(|entry| (entry.path(), entry.metadata().unwrap().len())).collect()
+    }
+
+    #[test]
+    fn along_a_file_a_longer_flight_serves_a_shorter_one_and_grows_for_one_that_is_longer_still() {
+        let folder = tempfile::tempdir().unwrap();
+        let cache = folder.path().join("cache");
+        let along = |name: &str, duration_s| scenario(path(folder.path(), name), duration_s);
+        assert_sound(&cache, &along("path.tum", 1.0));
+        let [(file, bytes)] = &files(&cache)[..] else { panic!("one file") };
+        let written = file.metadata().unwrap().modified().unwrap();
+        assert_sound(&cache, &along("path.tum", 0.5));
+        // The same path by another name.
+        assert_sound(&cache, &along("copy.tum", 1.0));
+        assert_eq!(files(&cache), [(file.clone(), *bytes)]);
+        assert_eq!(file.metadata().unwrap().modified().unwrap(), written, "nothing was rendered");
+        assert_sound(&cache, &along("path.tum", 1.5));
+        assert_eq!(files(&cache), [(file.clone(), bytes / 2 * 3)]);
+    }
+
+    #[test]
+    fn what_images_depend_on_has_a_file_of_its_own() {
+        let folder = tempfile::tempdir().unwrap();
+        let base = scenario(path(folder.path(), "path.tum"), 0.2);
+        let dark = Effects { gain: 0.5, ..Effects::default() };
+        let others = [
+            Scenario { seed: 2, ..base.clone() },
+            Scenario { start_s: 0.5, ..base.clone() },
+            Scenario { effects: dark, ..base.clone() },
+            scenario(FlightPath::Demo, 0.2),
+            // Its path is drawn, and its room built, for as long as is flown.
+            scenario(FlightPath::Demo, 0.3),
+        ];
+        for other in std::iter::once(&base).chain(&others) {
+            assert_sound(folder.path(), other);
+        }
+        let kept = files(folder.path()).into_iter().filter(|(path, _)| path.extension().unwrap() == "raw");
+        assert_eq!(kept.count(), 1 + others.len());
+    }
+
+    #[test]
+    fn a_file_that_ends_within_a_frame_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let scenario = scenario(FlightPath::Demo, 0.2);
+        assert_sound(folder.path(), &scenario);
+        let (file, bytes) = files(folder.path()).remove(0);
+        OpenOptions::new().write(true).open(&file).unwrap().set_len(bytes - 1).unwrap();
+        let error = frames(folder.path(), &simulator(&scenario), &scenario).err().unwrap();
+        assert!(error.to_string().contains("delete it"), "{error}");
     }
 }
