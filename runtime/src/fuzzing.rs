@@ -97,7 +97,12 @@ fn log_message(channel: Channel, payload: &[u8]) {
             }
         }
         Channel::Frame => drop(proto::Frame::decode(payload)),
-        Channel::Transform | Channel::Pose | Channel::Event => {}
+        Channel::Transform
+        | Channel::Pose
+        | Channel::Event
+        | Channel::LeftCalibration
+        | Channel::RightCalibration
+        | Channel::Mounting => {}
     }
 }
 

@@ -18,7 +18,7 @@ pub struct RosConfig {
     /// Namespace of the node and its topics `odom` and `pose`, such as `/robots/one`. Empty: `/<vehicle>`,
     /// with `_` for `-`; `/`: none.
     pub namespace: String,
-    /// Name of the odometry frame `O`.
+    /// Name of the odometry frame `O`; flight logs have this name and the next two as well.
     pub odom_frame: String,
     /// Name of the vehicle's frame `V`: x forward, y left, z up (REP 103), with its origin in the IMU. Odometry
     /// and pose are its own.

@@ -36,11 +36,17 @@ pub enum Channel {
     Event,
     /// State of the recording.
     Recording,
+    /// Calibration of the left camera.
+    LeftCalibration,
+    /// Calibration of the right camera.
+    RightCalibration,
+    /// Where cameras and vehicle are on the body.
+    Mounting,
 }
 
 impl Channel {
-    /// All channels, in the order of the enumeration.
-    pub const ALL: [Self; 13] = [
+    /// All channels, in the order of the enumeration. It is that of the seal too: new ones come last.
+    pub const ALL: [Self; 16] = [
         Self::Imu,
         Self::Left,
         Self::Right,
@@ -54,6 +60,9 @@ impl Channel {
         Self::Pose,
         Self::Event,
         Self::Recording,
+        Self::LeftCalibration,
+        Self::RightCalibration,
+        Self::Mounting,
     ];
 
     /// Its topic.
@@ -73,6 +82,9 @@ impl Channel {
             Self::Pose => "/pose",
             Self::Event => "/event",
             Self::Recording => "/recorder",
+            Self::LeftCalibration => "/calibration/left",
+            Self::RightCalibration => "/calibration/right",
+            Self::Mounting => "/tf_static",
         }
     }
 
@@ -101,6 +113,8 @@ impl Channel {
             Self::Pose => "foxglove.PoseInFrame",
             Self::Event => "foxglove.Log",
             Self::Recording => "plumbline.v1.log.Recording",
+            Self::LeftCalibration | Self::RightCalibration => "foxglove.CameraCalibration",
+            Self::Mounting => "foxglove.FrameTransforms",
         }
     }
 
@@ -108,7 +122,14 @@ impl Channel {
     #[must_use]
     pub const fn descriptors(self) -> &'static [u8] {
         match self {
-            Self::Left | Self::Right | Self::Transform | Self::Pose | Self::Event => FOXGLOVE,
+            Self::Left
+            | Self::Right
+            | Self::Transform
+            | Self::Pose
+            | Self::Event
+            | Self::LeftCalibration
+            | Self::RightCalibration
+            | Self::Mounting => FOXGLOVE,
             _ => OWN,
         }
     }

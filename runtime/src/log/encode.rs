@@ -5,13 +5,9 @@ use crate::pipeline::event::{Event, Severity};
 use crate::pipeline::orders::{CorrectionOrder, FrameOrder, ResetOrder, Verdict};
 use nalgebra::{Isometry3, Vector3};
 use plumbline_config::Timestamp;
+use plumbline_config::options::RosConfig;
 use plumbline_drivers::ImuReading;
 use plumbline_estimator::{Estimate, FrameFigures, Odometry, ResetKind, TrackingState};
-
-/// Name of the odometry frame in Foxglove.
-const ODOMETRY_FRAME: &str = "odom";
-/// Name of the body frame in Foxglove.
-const BODY_FRAME: &str = "body";
 
 fn vector(v: &Vector3<f64>) -> Vec<f64> {
     v.iter().copied().collect()
@@ -137,31 +133,42 @@ pub fn odometry(o: &Odometry) -> proto::Odometry {
     }
 }
 
-fn drawn_pose(pose: &Isometry3<f64>) -> (foxglove::Vector3, foxglove::Quaternion) {
-    let (p, q) = (pose.translation.vector, pose.rotation.coords);
-    (foxglove::Vector3 { x: p.x, y: p.y, z: p.z }, foxglove::Quaternion { x: q.x, y: q.y, z: q.z, w: q.w })
-}
-
-/// Where the body is, as a transform to be drawn.
+/// Takes coordinates from `child` to `parent`, as a transform to be drawn.
 #[must_use]
-pub fn transform(e: &Estimate) -> foxglove::FrameTransform {
-    let (translation, rotation) = drawn_pose(&e.pose_o_b);
+pub fn frame_transform(
+    stamp: Timestamp,
+    parent: &str,
+    child: &str,
+    pose_parent_child: &Isometry3<f64>,
+) -> foxglove::FrameTransform {
+    let (translation, rotation) = drawn_pose(pose_parent_child);
     foxglove::FrameTransform {
-        timestamp: timestamp(e.stamp),
-        parent_frame_id: ODOMETRY_FRAME.into(),
-        child_frame_id: BODY_FRAME.into(),
+        timestamp: timestamp(stamp),
+        parent_frame_id: parent.into(),
+        child_frame_id: child.into(),
         translation: Some(translation),
         rotation: Some(rotation),
     }
 }
 
+fn drawn_pose(pose: &Isometry3<f64>) -> (foxglove::Vector3, foxglove::Quaternion) {
+    let (p, q) = (pose.translation.vector, pose.rotation.coords);
+    (foxglove::Vector3 { x: p.x, y: p.y, z: p.z }, foxglove::Quaternion { x: q.x, y: q.y, z: q.z, w: q.w })
+}
+
+/// Where the body is, as a transform to be drawn, under the names of ROS.
+#[must_use]
+pub fn transform(e: &Estimate, names: &RosConfig) -> foxglove::FrameTransform {
+    frame_transform(e.stamp, &names.odom_frame, &names.body_frame, &e.pose_o_b)
+}
+
 /// Where the body is, as a pose to be drawn.
 #[must_use]
-pub fn pose_in_frame(e: &Estimate) -> foxglove::PoseInFrame {
+pub fn pose_in_frame(e: &Estimate, names: &RosConfig) -> foxglove::PoseInFrame {
     let (position, orientation) = drawn_pose(&e.pose_o_b);
     foxglove::PoseInFrame {
         timestamp: timestamp(e.stamp),
-        frame_id: ODOMETRY_FRAME.into(),
+        frame_id: names.odom_frame.clone(),
         pose: Some(foxglove::Pose { position: Some(position), orientation: Some(orientation) }),
     }
 }

@@ -5,7 +5,7 @@
 //! into parts ([`part`], [`parts`]) that each say what they belong to ([`about`]). Reading: a [`reader`] goes through
 //! the parts, a [`cursor`] hands out one kind at a time, and [`source`] makes sensor streams of it.
 //! [`verify`] runs the estimator again ([`execute`]) and compares bit for bit ([`compare`]). What the
-//! bytes mean is in [`channel`], [`encode`], [`decode`] and [`image`].
+//! bytes mean is in [`channel`], [`encode`], [`decode`], [`image`] and [`rig`].
 
 pub mod about;
 pub mod build_id;
@@ -24,6 +24,7 @@ pub mod part_file;
 pub mod parts;
 pub mod reader;
 pub mod recorder;
+pub mod rig;
 pub mod seal;
 pub mod source;
 pub mod verify;

@@ -9,7 +9,7 @@ use super::narrate::Narrator;
 use super::part::Part;
 use super::part_file::OpenPart;
 use super::parts::{existing_parts, part_path};
-use super::{LogError, encode, image, proto};
+use super::{LogError, encode, image, proto, rig};
 use mcap::McapError;
 use plumbline_config::Timestamp;
 use plumbline_config::options::{KeepPolicy, RecorderConfig};
@@ -61,6 +61,8 @@ pub struct LogWriter {
     unsaved: Dropped,
     narrator: Narrator,
     newest_ns: u64,
+    /// The open part does not say yet what the rig is like.
+    is_rig_due: bool,
     buffer: Vec<u8>,
 }
 
@@ -85,6 +87,7 @@ impl LogWriter {
             unsaved: Dropped::default(),
             narrator: Narrator::default(),
             newest_ns: 0,
+            is_rig_due: true,
             buffer: Vec::new(),
         };
         writer.begin_part()?;
@@ -166,9 +169,10 @@ impl LogWriter {
 
     /// The images first: with the frame's own message it is complete.
     fn put_frame(&mut self, frame: &StereoFrame) -> Result<(), LogError> {
-        for (camera, channel, name) in [(0, Channel::Left, "left"), (1, Channel::Right, "right")] {
+        for (camera, channel) in [Channel::Left, Channel::Right].into_iter().enumerate() {
             if frame.valid[camera] {
                 self.buffer.clear();
+                let name = rig::CAMERA_FRAMES[camera];
                 image::encode(&frame.images[camera], frame.stamp, name, self.about.images, &mut self.buffer)
                     .map_err(|e| LogError::io(&self.path, std::io::Error::other(e)))?;
                 if !self.buffer.is_empty() {
@@ -182,8 +186,11 @@ impl LogWriter {
     fn put_estimate(&mut self, estimate: &Estimate) -> Result<(), LogError> {
         self.put(Channel::Estimate, estimate.stamp, &encode::estimate(estimate))?;
         if estimate.has_pose() {
-            self.put(Channel::Transform, estimate.stamp, &encode::transform(estimate))?;
-            self.put(Channel::Pose, estimate.stamp, &encode::pose_in_frame(estimate))?;
+            let names = &self.about.config.ros;
+            let (transform, pose) =
+                (encode::transform(estimate, names), encode::pose_in_frame(estimate, names));
+            self.put(Channel::Transform, estimate.stamp, &transform)?;
+            self.put(Channel::Pose, estimate.stamp, &pose)?;
         }
         match self.narrator.notice(estimate) {
             Some(event) => self.put(Channel::Event, event.stamp, &encode::event(&event)),
@@ -216,16 +223,33 @@ impl LogWriter {
     /// Writes what is in the buffer where there is room for it.
     fn put_buffer(&mut self, channel: Channel, time_ns: u64) -> Result<(), LogError> {
         let Some(part) = &self.part else { return Ok(()) };
-        let (bytes, has_data) = (part.bytes_after(self.buffer.len()), part.has_data());
+        let rig_bytes = if self.is_rig_due { rig::MAX_BYTES } else { 0 };
+        let (bytes, has_data) = (part.bytes_after(self.buffer.len()) + rig_bytes, part.has_data());
         if bytes > self.limits.part_bytes && has_data {
             self.next_part(bytes)?;
         } else if self.closed_bytes() + bytes > self.limits.total_bytes {
             self.make_room(bytes)?;
         }
         self.newest_ns = self.newest_ns.max(time_ns);
+        self.put_rig(time_ns)?;
         self.append(channel, time_ns)?;
         let is_due = self.part.as_ref().is_some_and(|part| part.is_chunk_due(time_ns));
         if is_due { self.flush() } else { Ok(()) }
+    }
+
+    /// The rig comes before the first message that has a time, and has its time.
+    fn put_rig(&mut self, time_ns: u64) -> Result<(), LogError> {
+        if !self.is_rig_due || time_ns == 0 {
+            return Ok(());
+        }
+        self.is_rig_due = false;
+        let message = std::mem::take(&mut self.buffer);
+        for (channel, bytes) in rig::messages(&self.about.config, self.newest()) {
+            self.buffer = bytes;
+            self.append(channel, time_ns)?;
+        }
+        self.buffer = message;
+        Ok(())
     }
 
     fn closed_bytes(&self) -> u64 {
@@ -315,6 +339,7 @@ impl LogWriter {
         let metadata = self.about.to_metadata()?;
         let begun = Part::begin(file, metadata, &self.about);
         self.part = Some(self.sound(begun)?);
+        self.is_rig_due = true;
         self.end_chunk()
     }
 

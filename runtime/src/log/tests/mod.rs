@@ -4,6 +4,7 @@ mod bounds;
 mod damage;
 mod execution;
 mod failures;
+mod rig;
 
 use super::about::METADATA_NAME;
 use super::channel::Channel;

@@ -1,0 +1,139 @@
+//! The rig for those who look at a log: how its cameras see, and where cameras and vehicle are on the body.
+//!
+//! It is what the configuration says. What the estimator refines of it in flight is in its estimates. The names of
+//! frames are those of ROS ([`RosConfig`](plumbline_config::options::RosConfig)); cameras are named as their images are.
+
+use super::channel::Channel;
+use super::encode::{frame_transform, timestamp};
+use super::foxglove;
+use nalgebra::{Isometry3, Translation3};
+use plumbline_config::camera::Distortion;
+use plumbline_config::options::CameraConfig;
+use plumbline_config::{Config, Timestamp};
+use prost::Message as _;
+
+/// Names of the cameras' frames: x right, y down, z forward.
+pub const CAMERA_FRAMES: [&str; 2] = ["left", "right"];
+/// What the messages take, bytes at most: the names of three frames have up to 64 each.
+pub const MAX_BYTES: u64 = 2_048;
+
+/// The messages of a rig of up to two cameras.
+#[must_use]
+pub fn messages(config: &Config, stamp: Timestamp) -> Vec<(Channel, Vec<u8>)> {
+    let channels = [Channel::LeftCalibration, Channel::RightCalibration];
+    let cameras = config.camera.iter().zip(CAMERA_FRAMES).zip(channels);
+    let calibrations = cameras
+        .map(|((camera, frame), channel)| (channel, calibration(camera, frame, stamp).encode_to_vec()));
+    let mounting = (Channel::Mounting, mounting(config, stamp).encode_to_vec());
+    calibrations.chain([mounting]).collect()
+}
+
+/// Intrinsics and distortion. Images are as the camera delivers them: rectification changes nothing.
+fn calibration(camera: &CameraConfig, frame: &str, stamp: Timestamp) -> foxglove::CameraCalibration {
+    let ([fx, fy], [cx, cy]) = (camera.focal_px, camera.centre_px);
+    let (model, coefficients) = match camera.distortion {
+        Distortion::RadialTangential { k1, k2, p1, p2 } => ("plumb_bob", vec![k1, k2, p1, p2, 0.0]),
+        Distortion::Equidistant { k1, k2, k3, k4 } => ("kannala_brandt", vec![k1, k2, k3, k4]),
+    };
+    foxglove::CameraCalibration {
+        timestamp: timestamp(stamp),
+        frame_id: frame.into(),
+        width: camera.width_px as u32,
+        height: camera.height_px as u32,
+        distortion_model: model.into(),
+        d: coefficients,
+        k: vec![fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],
+        r: vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        p: vec![fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+    }
+}
+
+/// Cameras and vehicle, as children of the body. They are in one message, so that who begins to look in the middle, and
+/// is given the newest one of each topic, has them all.
+fn mounting(config: &Config, stamp: Timestamp) -> foxglove::FrameTransforms {
+    let body = &config.ros.body_frame;
+    let pose_b_v = Isometry3::from_parts(Translation3::identity(), config.vehicle.rot_v_b().inverse());
+    let vehicle = frame_transform(stamp, body, &config.ros.base_frame, &pose_b_v);
+    let cameras = config.camera.iter().zip(CAMERA_FRAMES);
+    let cameras = cameras.map(|(camera, frame)| frame_transform(stamp, body, frame, &camera.pose_b_c()));
+    foxglove::FrameTransforms { transforms: std::iter::once(vehicle).chain(cameras).collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
+
+    fn config() -> Config {
+        Config::clone(&Config::preset("euroc").unwrap())
+    }
+
+    fn pose(transform: &foxglove::FrameTransform) -> Isometry3<f64> {
+        let (p, q) = (transform.translation.unwrap(), transform.rotation.unwrap());
+        let rotation = UnitQuaternion::from_quaternion(Quaternion::new(q.w, q.x, q.y, q.z));
+        Isometry3::from_parts(Vector3::new(p.x, p.y, p.z).into(), rotation)
+    }
+
+    #[test]
+    fn the_matrix_projects_as_the_camera_does_where_the_lens_is_straight() {
+        let mut config = config();
+        let straight = Distortion::RadialTangential { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0 };
+        for (camera, frame) in config.camera.iter_mut().zip(CAMERA_FRAMES) {
+            camera.distortion = straight;
+            let message = calibration(camera, frame, Timestamp::default());
+            let p_c = Vector3::new(0.3, -0.2, 1.5);
+            let seen = Matrix3::from_row_slice(&message.k) * p_c;
+            let expected = camera.model().project(&p_c).unwrap();
+            assert!((seen.xy() / seen.z - expected).norm() < 1e-9, "{seen} {expected}");
+            assert_eq!((message.width, message.height), (752, 480));
+            assert_eq!(message.frame_id, frame);
+        }
+    }
+
+    #[test]
+    fn lenses_are_told_by_the_names_that_foxglove_knows() {
+        let mut camera = config().camera.remove(0);
+        let message = calibration(&camera, "left", Timestamp::default());
+        assert_eq!((message.distortion_model.as_str(), message.d.len()), ("plumb_bob", 5));
+        assert!((message.d[0] + 0.283_408_11).abs() < 1e-6, "{:?}", message.d);
+        camera.distortion = Distortion::Equidistant { k1: 0.1, k2: 0.2, k3: 0.3, k4: 0.4 };
+        let message = calibration(&camera, "left", Timestamp::default());
+        assert_eq!(
+            (message.distortion_model.as_str(), message.d),
+            ("kannala_brandt", vec![0.1, 0.2, 0.3, 0.4])
+        );
+    }
+
+    #[test]
+    fn cameras_and_vehicle_hang_on_the_body_by_the_names_of_the_configuration() {
+        let mut config = config();
+        config.ros.body_frame = "imu".into();
+        config.ros.base_frame = "drone/base".into();
+        let transforms = mounting(&config, Timestamp::default()).transforms;
+        let names: Vec<_> =
+            transforms.iter().map(|t| (t.parent_frame_id.as_str(), t.child_frame_id.as_str())).collect();
+        assert_eq!(names, [("imu", "drone/base"), ("imu", "left"), ("imu", "right")]);
+        for (camera, transform) in config.camera.iter().zip(&transforms[1..]) {
+            assert!((pose(transform).inverse() * camera.pose_b_c()).translation.vector.norm() < 1e-12);
+            assert!(pose(transform).rotation.angle_to(&camera.pose_b_c().rotation) < 1e-7);
+        }
+        // The vehicle's x axis is where the cameras of the data sets look.
+        let forward_b = pose(&transforms[0]).rotation * Vector3::x();
+        let axis_b = pose(&transforms[1]).rotation * Vector3::z();
+        assert!(forward_b.dot(&axis_b) > 0.9, "{forward_b} {axis_b}");
+    }
+
+    #[test]
+    fn messages_are_bounded_and_one_camera_has_one_calibration() {
+        let mut config = config();
+        for name in [&mut config.ros.body_frame, &mut config.ros.base_frame] {
+            *name = "f".repeat(64);
+        }
+        let late = Timestamp::from_nanos(i64::MAX);
+        let bytes: usize = messages(&config, late).iter().map(|(_, message)| message.len() + 64).sum();
+        assert!(bytes as u64 <= MAX_BYTES, "{bytes}");
+        config.camera.truncate(1);
+        let channels: Vec<_> = messages(&config, late).into_iter().map(|(channel, _)| channel).collect();
+        assert_eq!(channels, [Channel::LeftCalibration, Channel::Mounting]);
+    }
+}
