@@ -12,6 +12,7 @@ mod estimator;
 mod imu_driver;
 mod lines;
 mod network;
+mod places;
 mod recorder;
 mod ros;
 mod runtime;
@@ -25,6 +26,7 @@ pub use estimator::{EstimatorConfig, HealthConfig, InitialConfig, PointsConfig, 
 pub use imu_driver::{ImuDriverConfig, ImuEndpoint, ImuProtocol, MavlinkImu};
 pub use lines::LinesConfig;
 pub use network::{Commands, Link, LoginConfig, NetworkConfig, TlsConfig};
+pub use places::PlacesConfig;
 pub use recorder::{ImageRecording, KeepPolicy, RecorderConfig};
 pub use ros::{RosConfig, RosDistribution, RosStamp};
 pub use runtime::RuntimeConfig;

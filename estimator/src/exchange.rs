@@ -10,10 +10,11 @@ use crate::inertial::buffer::IMU_MEMORY_S;
 use crate::input::ResetKind;
 use crate::lines::LineObservation;
 use crate::points::PointObservation;
-use crate::window::state::FrameTime;
+use crate::window::snapshot::SnapshotKeyframe;
+use crate::window::state::{FrameTime, MAX_FRAMES};
 use crate::work_budget::WorkBudget;
-use nalgebra::{Isometry3, Vector3};
-use plumbline_config::{ImuSample, ValidSetup};
+use nalgebra::{Isometry3, Matrix4, Vector3};
+use plumbline_config::{ImuSample, Timestamp, ValidSetup};
 
 /// Time offsets beyond this are not believed, s: a frame interval at 20 Hz, beyond which frames would be taken for
 /// their neighbours.
@@ -75,6 +76,55 @@ pub struct Feedback {
     pub bias_gyro: Vector3<f64>,
     /// Resets so far.
     pub reset_counter: u32,
+    /// The frame that was solved, as places want to know it.
+    pub solved: SolvedFrame,
+}
+
+/// How well the window knows one keyframe against the one before it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KeyframeStep {
+    /// When the earlier one was taken.
+    pub from: Timestamp,
+    /// When the later one was.
+    pub to: Timestamp,
+    /// Covariance of way (0..3, m²) and turn about the vertical (3, rad²): see [`crate::window::relative`].
+    pub covariance: Matrix4<f64>,
+}
+
+/// A frame that was solved, and what the window knew of its keyframes just then.
+#[derive(Clone, Debug)]
+pub struct SolvedFrame {
+    /// Counts the frames that the window was given, from 0.
+    pub index: u64,
+    /// Sequence number of the frame.
+    pub sequence: u64,
+    /// Time of the state on the IMU's time axis.
+    pub stamp: Timestamp,
+    /// Pose of the body in the odometry frame; `None` while there is none.
+    pub pose_o_b: Option<Isometry3<f64>>,
+    /// Whether the frame became a keyframe.
+    pub is_keyframe: bool,
+    /// Resets so far.
+    pub reset_counter: u32,
+    /// With a keyframe: all keyframes of the window as they are known now, oldest first.
+    pub keyframes: heapless::Vec<SnapshotKeyframe, MAX_FRAMES>,
+    /// With a keyframe: the last steps between keyframes, oldest first.
+    pub steps: heapless::Vec<KeyframeStep, 2>,
+}
+
+impl Default for SolvedFrame {
+    fn default() -> Self {
+        Self {
+            index: 0,
+            sequence: 0,
+            stamp: Timestamp::default(),
+            pose_o_b: None,
+            is_keyframe: false,
+            reset_counter: 0,
+            keyframes: heapless::Vec::new(),
+            steps: heapless::Vec::new(),
+        }
+    }
 }
 
 impl Feedback {
@@ -90,6 +140,7 @@ impl Feedback {
             time_offset_s: setup.rig.time_offset_s,
             bias_gyro: Vector3::zeros(),
             reset_counter: 0,
+            solved: SolvedFrame::default(),
         }
     }
 }

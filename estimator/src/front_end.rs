@@ -7,6 +7,7 @@ use crate::exchange::{Feedback, Tracked, believable_offset, max_samples};
 use crate::inertial::{ImuBuffer, ImuNoise};
 use crate::input::{FrameInput, ImuAdmission, ResetKind};
 use crate::lines::{LineObservation, LineTracker};
+use crate::places::images::FrameImages;
 use crate::points::{PointTracker, TrackerInput};
 use crate::window::state::FrameTime;
 use crate::work_budget::{Fork, WorkBudget};
@@ -30,6 +31,8 @@ pub struct FrontEnd {
     reset_counter: u32,
     asked_reset: Option<ResetKind>,
     had_lines: bool,
+    /// Sequence numbers of the last two frames, and what the tracker of points calls them.
+    tracked: [(u64, u64); 2],
 }
 
 impl FrontEnd {
@@ -56,6 +59,7 @@ impl FrontEnd {
             reset_counter: 0,
             asked_reset: None,
             had_lines: false,
+            tracked: [(0, 0); 2],
         };
         front_end.apply_feedback(&Feedback::new(setup));
         front_end
@@ -98,6 +102,16 @@ impl FrontEnd {
         }
         self.time_offset_s = believable_offset(feedback.time_offset_s);
         self.bias_gyro = feedback.bias_gyro;
+    }
+
+    /// Gives away the images of frame `sequence`, for those of `images`. They are there between the tracking of the next
+    /// frame and that of the one after it: when the feedback about this one has come.
+    pub fn exchange_images(&mut self, sequence: u64, images: &mut FrameImages) {
+        let known = self.tracked.iter().find(|(s, frame)| *s == sequence && *frame > 0);
+        let frame = known.map(|(_, frame)| *frame);
+        images.exchange(|pyramids| {
+            frame.map_or([false; 2], |frame| self.points.exchange_images(frame, pyramids))
+        });
     }
 
     /// Starts anew before the next frame.
@@ -148,6 +162,7 @@ impl FrontEnd {
             }
         }
         self.last_stamp = Some(stamp);
+        self.tracked = [(tracked.sequence, self.points.frame()), self.tracked[0]];
         self.write_observations(tracked);
     }
 

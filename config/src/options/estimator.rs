@@ -1,7 +1,7 @@
 //! Capacities and thresholds of the estimator: points, window, initialisation, health. Lines have their own
 //! module.
 
-use super::LinesConfig;
+use super::{LinesConfig, PlacesConfig};
 use serde::{Deserialize, Serialize};
 
 /// Capacities and thresholds of the estimator.
@@ -18,6 +18,8 @@ pub struct EstimatorConfig {
     pub initial: InitialConfig,
     /// Failure detection and resets.
     pub health: HealthConfig,
+    /// Recognition of places.
+    pub places: PlacesConfig,
 }
 
 /// Detection and tracking of points.

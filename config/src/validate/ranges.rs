@@ -83,6 +83,10 @@ const SETUP_ROWS: &[Row<EstimatorSetup>] = &[
     ("estimator.health.max_gyro_bias_rad_s",     |c| c.estimator.health.max_gyro_bias_rad_s,             1e-4, 5.0,    "write it in rad/s (1 deg/s = 0.01745 rad/s)"),
     ("estimator.health.max_accel_bias_m_s2",     |c| c.estimator.health.max_accel_bias_m_s2,             1e-3, 20.0,   "write it in m/s² (1 mg = 0.00981 m/s²)"),
     ("estimator.health.reset_holdoff_s",         |c| c.estimator.health.reset_holdoff_s,                 0.0,  600.0,  SECONDS),
+
+    ("estimator.places.max_keyframes",           |c| c.estimator.places.max_keyframes as f64,            16.0, 20_000.0, COUNT),
+    ("estimator.places.max_features",            |c| c.estimator.places.max_features as f64,             50.0, 2000.0, COUNT),
+    ("estimator.places.spacing_m",               |c| c.estimator.places.spacing_m,                       0.0,  10.0,   METRES),
 ];
 
 #[rustfmt::skip]

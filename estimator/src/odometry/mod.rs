@@ -17,12 +17,13 @@ mod tests;
 pub mod zero_velocity;
 
 use crate::estimate::{Estimate, FrameFigures, HealthBits, NavCovariance, Stage, StageProbe, TrackingState};
-use crate::exchange::{Feedback, Tracked};
+use crate::exchange::{Feedback, KeyframeStep, SolvedFrame, Tracked};
 use crate::inertial::{ImuBuffer, ImuNoise};
 use crate::initial::{Gathering, MonoWorkspace};
 use crate::input::ResetKind;
 use crate::points::PointObservation;
 use crate::window::Window;
+use crate::window::snapshot::SnapshotKeyframe;
 use crate::window::state::{FrameTime, NavState};
 use crate::work_budget::WorkBudget;
 use judgement::MIN_LANDMARKS_IN_VIEW;
@@ -94,6 +95,8 @@ pub struct Odometer {
     reset_counter: u32,
     mono_wait: usize,
     rate_b: Vector3<f64>,
+    frames: u64,
+    solved: SolvedFrame,
 }
 
 impl Odometer {
@@ -140,6 +143,8 @@ impl Odometer {
             reset_counter: 0,
             mono_wait: 0,
             rate_b: Vector3::zeros(),
+            frames: 0,
+            solved: SolvedFrame::default(),
             window,
         }
     }
@@ -166,8 +171,11 @@ impl Odometer {
         for sample in &tracked.samples {
             self.imu.push(sample);
         }
+        self.solved.keyframes.clear();
+        self.solved.steps.clear();
         let estimate = self.step(tracked, probe);
-        self.write_feedback(feedback);
+        self.write_feedback(&estimate, feedback);
+        self.frames += 1;
         estimate
     }
 
@@ -198,7 +206,7 @@ impl Odometer {
         self.estimate(tracked, health, solved)
     }
 
-    fn write_feedback(&self, feedback: &mut Feedback) {
+    fn write_feedback(&mut self, estimate: &Estimate, feedback: &mut Feedback) {
         let outliers = self.window.outliers();
         feedback.wrong_points.clone_from(&outliers.points);
         feedback.wrong_lines.clone_from(&outliers.lines);
@@ -207,6 +215,32 @@ impl Odometer {
         feedback.time_offset_s = rig.time_offset_s;
         feedback.bias_gyro = self.biases().0;
         feedback.reset_counter = self.reset_counter;
+        self.solved.index = self.frames;
+        self.solved.sequence = estimate.frame_sequence;
+        self.solved.stamp = estimate.stamp;
+        self.solved.pose_o_b = estimate.pose().copied();
+        self.solved.is_keyframe = estimate.figures.is_keyframe;
+        self.solved.reset_counter = estimate.reset_counter;
+        feedback.solved.clone_from(&self.solved);
+    }
+
+    /// Writes down the keyframes of the window and their last steps, before any of them makes room.
+    fn note_keyframes(&mut self) {
+        let window = &mut self.window;
+        let is_keyframe = |k: &usize| window.frames[*k].is_keyframe;
+        let mut newest: heapless::Vec<usize, 3> =
+            (0..window.frames.len()).rev().filter(is_keyframe).take(3).collect();
+        newest.reverse();
+        for frame in window.frames.iter().filter(|f| f.is_keyframe) {
+            let keyframe = SnapshotKeyframe { stamp: frame.stamp, pose_o_b: frame.nav.pose_o_b() };
+            let _ = self.solved.keyframes.push(keyframe);
+        }
+        for pair in newest.windows(2) {
+            let (from, to) = (pair[0], pair[1]);
+            let Some(covariance) = window.relative_covariance(from, to) else { continue };
+            let (from, to) = (window.frames[from].stamp, window.frames[to].stamp);
+            let _ = self.solved.steps.push(KeyframeStep { from, to, covariance });
+        }
     }
 
     fn check_points(&self, observations: &[PointObservation], health: &mut HealthBits) {
@@ -260,6 +294,7 @@ impl Odometer {
             self.last_seen = Some(stamp);
             self.gathering.clear();
             self.refresh_covariance(health);
+            self.note_keyframes();
             return Solved { iterations: 0, is_keyframe: true };
         }
         Solved::default()
@@ -295,6 +330,9 @@ impl Odometer {
         }
         self.window.remove_outliers();
         self.refresh_covariance(health);
+        if is_keyframe {
+            self.note_keyframes();
+        }
         self.judge(stamp, health);
         Solved { iterations: outcome.iterations, is_keyframe }
     }

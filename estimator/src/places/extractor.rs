@@ -117,6 +117,12 @@ impl Extractor {
         &self.features
     }
 
+    /// The features of the last frame.
+    #[must_use]
+    pub fn features(&self) -> &[Feature] {
+        &self.features
+    }
+
     fn detect(&mut self, pyramid: &Pyramid) {
         self.found.clear();
         let fine = (FINE_SHARE * self.options.max_features as f32) as usize;

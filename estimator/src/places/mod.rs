@@ -10,8 +10,9 @@
 //! 5. [`refine`]: least squares over all inliers, with the covariance of the pose;
 //! 6. [`locate`]: the whole, and what must hold before a pose is believed: precision comes before recall.
 //!
-//! [`graph`] is the pose graph that loops correct. [`map`] holds the keyframes, bounded, with a rule for forgetting. Everything is a pure function of its inputs: no
-//! clock, seeded samples, ties broken by number. What works in flight is allocated beforehand.
+//! [`map`] holds the keyframes, bounded, with a rule for forgetting; [`graph`] is the pose graph that loops correct;
+//! [`mapper`] makes both in flight, of the [`images`] of keyframes. Everything is a pure function of its inputs: no clock,
+//! seeded samples, ties broken by number. What works in flight is allocated beforehand.
 //!
 //! Frames: `M` map (z up), `B` body, `C` left camera.
 
@@ -19,9 +20,11 @@ pub mod descriptor;
 pub mod extractor;
 pub mod feature;
 pub mod graph;
+pub mod images;
 pub mod index;
 pub mod locate;
 pub mod map;
+pub mod mapper;
 pub mod matching;
 pub mod p3p;
 mod polynomial;
@@ -33,8 +36,10 @@ pub mod upright;
 pub use descriptor::Descriptor;
 pub use extractor::{Extractor, ExtractorOptions};
 pub use feature::Feature;
+pub use images::FrameImages;
 pub use locate::{Located, Locator, LocatorOptions, Query};
 pub use map::{Keyframe, MapLimits, PlaceMap};
+pub use mapper::{MapEstimate, MapFollower, MapUpdate, Mapper, PlaceJob};
 
 #[cfg(test)]
 mod tests;

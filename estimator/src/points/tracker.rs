@@ -63,6 +63,9 @@ pub struct TrackerFigures {
 struct View {
     current: Pyramid,
     previous: Pyramid,
+    /// Frames of the tracker that the two show, 0 for none.
+    current_frame: u64,
+    previous_frame: u64,
     /// Whether `previous` holds an image.
     has_previous: bool,
     /// Whether `current` holds an image of this frame.
@@ -79,6 +82,8 @@ impl View {
         Self {
             current: pyramid.clone(),
             previous: pyramid,
+            current_frame: 0,
+            previous_frame: 0,
             has_previous: false,
             is_new: false,
             frames: 0,
@@ -86,15 +91,19 @@ impl View {
         }
     }
 
-    fn take(&mut self, image: Option<&ImageView<'_>>, rot_prev_cur_b: &UnitQuaternion<f64>) {
+    fn take(&mut self, frame: u64, image: Option<&ImageView<'_>>, rot_prev_cur_b: &UnitQuaternion<f64>) {
         self.rot_prev_cur_b *= rot_prev_cur_b;
         self.frames += 1;
         self.is_new = image.is_some_and(|i| self.current.build(i));
+        if self.is_new {
+            self.current_frame = frame;
+        }
     }
 
     fn finish(&mut self) {
         if self.is_new {
             std::mem::swap(&mut self.current, &mut self.previous);
+            std::mem::swap(&mut self.current_frame, &mut self.previous_frame);
             self.has_previous = true;
             self.is_new = false;
             self.frames = 0;
@@ -181,6 +190,26 @@ impl PointTracker {
         self.store.sweep();
     }
 
+    /// Frames tracked so far: the number of the last one, counted from 1.
+    #[must_use]
+    pub fn frame(&self) -> u64 {
+        self.frame
+    }
+
+    /// Exchanges the pyramids of the frame before the last one, which the tracker needs no more, for those of
+    /// `images`, if it is frame `frame`; says which cameras' were there.
+    pub fn exchange_images(&mut self, frame: u64, images: &mut [Pyramid]) -> [bool; 2] {
+        let mut given = [false; 2];
+        for (camera, (view, image)) in self.views.iter_mut().zip(images).enumerate() {
+            if view.current_frame == frame && !view.is_new {
+                std::mem::swap(&mut view.current, image);
+                view.current_frame = 0;
+                given[camera] = true;
+            }
+        }
+        given
+    }
+
     /// Counts of the last frame.
     #[must_use]
     pub fn figures(&self) -> TrackerFigures {
@@ -225,11 +254,12 @@ impl PointTracker {
     /// Builds the pyramids of both images.
     fn take_images(&mut self, input: &TrackerInput<'_>, fork: &dyn Fork) {
         let [left, right] = &input.images;
+        let frame = self.frame;
         match self.views.as_mut_slice() {
-            [a, b] => fork.join(&mut || a.take(left.as_ref(), &input.rot_prev_cur), &mut || {
-                b.take(right.as_ref(), &input.rot_prev_cur);
+            [a, b] => fork.join(&mut || a.take(frame, left.as_ref(), &input.rot_prev_cur), &mut || {
+                b.take(frame, right.as_ref(), &input.rot_prev_cur);
             }),
-            views => views.iter_mut().for_each(|view| view.take(left.as_ref(), &input.rot_prev_cur)),
+            views => views.iter_mut().for_each(|view| view.take(frame, left.as_ref(), &input.rot_prev_cur)),
         }
     }
 

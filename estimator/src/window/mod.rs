@@ -35,6 +35,7 @@ pub mod options;
 pub mod poses;
 pub mod prior;
 pub mod problem;
+pub mod relative;
 pub mod reprojection;
 pub mod snapshot;
 pub mod solve;

@@ -17,6 +17,7 @@ use crate::log::WhenFull;
 use crate::log::source::LogEnd;
 use crate::net::Endpoints;
 use crate::pipeline::{Control, RunOptions};
+use crate::places::{MapContents, read_map, write_map};
 use crate::plot;
 use crate::report::Report;
 use anyhow::{Context, Result};
@@ -24,6 +25,7 @@ use clap::Args;
 use plumbline_config::{Config, ValidConfig};
 use plumbline_drivers::StampedPose;
 use plumbline_drivers::tum::write_tum;
+use plumbline_estimator::places::Mapper;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -56,6 +58,23 @@ pub struct ReplayArgs {
     /// Write the causal trajectory (TUM format): each pose as it was known when its frame came.
     #[arg(long, value_name = "OUT.tum")]
     pub trajectory: Option<PathBuf>,
+    /// Write the trajectory in the map by all that was known at the end, loops closed (TUM format).
+    #[arg(long = "final", value_name = "OUT.tum")]
+    pub final_trajectory: Option<PathBuf>,
+    /// Write the causal trajectory in the map: each pose as it was known when its frame came, with the loops up to then
+    /// (TUM format).
+    #[arg(long, value_name = "OUT.tum")]
+    pub map_trajectory: Option<PathBuf>,
+    /// Go on with a map: from `map build`, `map merge` or --save-map. Poses are then known in its frame, once the place
+    /// has been recognized.
+    #[arg(long, value_name = "IN.map")]
+    pub map: Option<PathBuf>,
+    /// Keep the map of the flight, that of --map included.
+    #[arg(long, value_name = "OUT.map")]
+    pub save_map: Option<PathBuf>,
+    /// Odometry alone: recognize no places, close no loops, make no map.
+    #[arg(long, conflicts_with_all = ["final_trajectory", "map_trajectory", "map", "save_map"])]
+    pub no_loop: bool,
     /// Write the odometry at IMU rate (TUM format).
     #[arg(long, value_name = "OUT.tum")]
     pub odometry: Option<PathBuf>,
@@ -126,7 +145,8 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
         return Err(Usage("--speed: give a positive number".into()).into());
     }
     let files = [&args.trajectory, &args.odometry, &args.covariance, &args.states, &args.plot];
-    check_outputs(files.into_iter().chain([&args.report, &args.record]).flatten())?;
+    let of_map = [&args.final_trajectory, &args.map_trajectory, &args.save_map];
+    check_outputs(files.into_iter().chain(of_map).chain([&args.report, &args.record]).flatten())?;
     if let Some(path) = &args.plot {
         plot::check_name(path).map_err(|e| Usage(format!("--plot: {e}")))?;
     }
@@ -158,6 +178,7 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     let report = Report::new(&flown).with(outputs).warning_of(warnings);
     let odometry = odometry.map(OdometryTrajectory::into_poses);
     write_trajectories(args, &flown.poses, odometry.as_deref())?;
+    write_map_outputs(args, &flown)?;
     if let Some(states) = states {
         write_state_outputs(args, &states.into_rows(), &flown.truth)?;
     }
@@ -225,6 +246,12 @@ fn prepared(mut flight: Flight, args: &ReplayArgs) -> Result<Flight> {
     }
     if let Some(file) = &args.truth {
         flight.truth = Truth::Recorded(load_trajectory(file)?);
+    }
+    if args.no_loop {
+        flight.config = flight.config.with("--no-loop", |config| config.estimator.places.enabled = false)?;
+    }
+    if let Some(path) = &args.map {
+        flight.map = Some(read_map(path)?.into_map(Mapper::limits(flight.config.setup())));
     }
     if let Some(connect) = &args.autopilot {
         let change = |config: &mut Config| config.autopilot.connect.clone_from(connect);
@@ -328,6 +355,20 @@ fn write_trajectories(
     }
     if let Some(path) = &args.covariance {
         write_covariances(path, poses)?;
+    }
+    Ok(())
+}
+
+/// Writes what was asked for of the map.
+fn write_map_outputs(args: &ReplayArgs, flown: &Flown) -> Result<()> {
+    if let Some(path) = &args.final_trajectory {
+        write_tum(path, &flown.final_poses())?;
+    }
+    if let Some(path) = &args.map_trajectory {
+        write_tum(path, &flown.poses_in_map())?;
+    }
+    if let (Some(path), Some(places)) = (&args.save_map, &flown.outcome.places) {
+        write_map(path, &MapContents::of(places.mapper.map()))?;
     }
     Ok(())
 }

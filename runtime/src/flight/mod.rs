@@ -27,6 +27,7 @@ use nalgebra::Isometry3;
 use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::simulator::Simulator;
 use plumbline_drivers::{FaultySource, FrameFaults, ImuSource, StampedPose, StereoSource};
+use plumbline_estimator::places::PlaceMap;
 
 /// Ground truth further from a stamp than this is none, ns.
 const TRUTH_TOLERANCE_NS: i64 = 5_000_000;
@@ -47,6 +48,8 @@ pub struct Flight {
     pub findings: Vec<plausibility::Finding>,
     /// How the log that is flown ends, where one is.
     pub log_end: Option<LogEnd>,
+    /// A map that the flight goes on with.
+    pub map: Option<PlaceMap>,
 }
 
 impl Flight {

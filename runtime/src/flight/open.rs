@@ -68,6 +68,7 @@ pub fn open_dataset(
         config,
         findings,
         log_end: None,
+        map: None,
     })
 }
 
@@ -102,6 +103,7 @@ pub fn open_log(
         config,
         findings: Vec::new(),
         log_end: Some(end),
+        map: None,
     })
 }
 
@@ -156,6 +158,7 @@ pub fn open_simulation(
         config,
         findings: Vec::new(),
         log_end: None,
+        map: None,
     })
 }
 

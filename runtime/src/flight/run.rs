@@ -5,6 +5,8 @@ use super::{Flight, FlightError, Truth};
 use crate::pipeline::listener::{Several, Subscriber};
 use crate::pipeline::{self, Control, Outcome, RunOptions, Streams};
 use plumbline_config::ValidConfig;
+use plumbline_drivers::StampedPose;
+use plumbline_estimator::places::mapper::Passing;
 
 /// What a flight came to.
 pub struct Flown {
@@ -22,6 +24,26 @@ pub struct Flown {
     pub poses: Vec<CausalPose>,
 }
 
+impl Flown {
+    /// The poses in the map as they were known when their frames came, where they were.
+    #[must_use]
+    pub fn poses_in_map(&self) -> Vec<StampedPose> {
+        let in_map = |p: &CausalPose| Some(StampedPose { stamp: p.stamp, pose: p.pose_m_o? * p.pose_o_b });
+        self.poses.iter().filter_map(in_map).collect()
+    }
+
+    /// The poses in the map by all that was known at the end; empty where places are switched off.
+    #[must_use]
+    pub fn final_poses(&self) -> Vec<StampedPose> {
+        let Some(places) = &self.outcome.places else { return Vec::new() };
+        let corrected = |p: &CausalPose| {
+            let passing = Passing { stamp: p.stamp, pose_o_b: p.pose_o_b, reset_counter: p.reset_counter };
+            Some(StampedPose { stamp: p.stamp, pose: places.mapper.corrected(&passing)? })
+        };
+        self.poses.iter().filter_map(corrected).collect()
+    }
+}
+
 /// Runs a flight to its end, or until `control` says so. `subscribers` listen to it; one that leaves other buffers in a
 /// frame, as the recorder does, comes last.
 ///
@@ -33,12 +55,12 @@ pub fn fly(
     control: &Control,
     subscribers: Vec<&mut dyn Subscriber>,
 ) -> Result<Flown, FlightError> {
-    let Flight { config, imu, stereo, truth, name, .. } = flight;
+    let Flight { config, imu, stereo, truth, name, map, .. } = flight;
     let expected = stereo.expected_frames().and_then(|frames| usize::try_from(frames).ok());
     let mut trajectory = CausalTrajectory::with_room_for(expected.unwrap_or(0).min(MAX_RESERVED_FRAMES));
     let mut everyone: Vec<&mut dyn Subscriber> = vec![&mut trajectory];
     everyone.extend(subscribers.into_iter().map(|subscriber| subscriber as &mut dyn Subscriber));
-    let streams = Streams { imu, stereo };
+    let streams = Streams { imu, stereo, map };
     let outcome = pipeline::run(&config, streams, options, control, &mut Several(everyone))?;
     Ok(Flown { name, config, truth, threads: options.threads, outcome, poses: trajectory.into_poses() })
 }

@@ -9,6 +9,7 @@ use crate::pipeline::listener::{Listener, Producer, Subscriber};
 use nalgebra::{Isometry3, Matrix6};
 use plumbline_config::Timestamp;
 use plumbline_drivers::StampedPose;
+use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{Estimate, Odometry};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -26,6 +27,8 @@ pub struct CausalPose {
     pub covariance: Matrix6<f64>,
     /// Resets so far: a jump is no error of the estimate.
     pub reset_counter: u32,
+    /// Pose of the odometry frame in the map as it was known then, where it was.
+    pub pose_m_o: Option<Isometry3<f64>>,
 }
 
 /// Keeps the pose of every frame.
@@ -41,6 +44,7 @@ impl CausalTrajectory {
             pose_o_b: Isometry3::identity(),
             covariance: Matrix6::zeros(),
             reset_counter: 0,
+            pose_m_o: None,
         };
         Self(Storage::with_room_for(frames, blank))
     }
@@ -55,20 +59,31 @@ impl CausalTrajectory {
 impl Subscriber for CausalTrajectory {
     fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
         match producer {
-            Producer::Window => Box::new(self.0.lend()),
+            Producer::Window => Box::new(CausalListener { poses: self.0.lend(), pose_m_o: None }),
             _ => Box::new(()),
         }
     }
 }
 
-impl Listener for Lent<CausalPose> {
+/// Joins what one thread tells of a frame: first where the odometry lies in the map, then the estimate.
+struct CausalListener {
+    poses: Lent<CausalPose>,
+    pose_m_o: Option<Isometry3<f64>>,
+}
+
+impl Listener for CausalListener {
+    fn map_estimate(&mut self, map: &MapEstimate) {
+        self.pose_m_o = map.pose_m_o;
+    }
+
     fn estimate(&mut self, estimate: &Estimate, _frame_ms: f64) {
         if estimate.has_pose() {
-            self.entries.push(CausalPose {
+            self.poses.entries.push(CausalPose {
                 stamp: estimate.stamp,
                 pose_o_b: estimate.pose_o_b,
                 covariance: estimate.covariance.fixed_view::<6, 6>(0, 0).into_owned(),
                 reset_counter: estimate.reset_counter,
+                pose_m_o: self.pose_m_o,
             });
         }
     }

@@ -116,7 +116,7 @@ impl Subscriber for Publisher {
                 None => Box::new(()),
             },
             Producer::FrontEnd => Box::new(FrontEndListener::new(rings, self.camera_hz)),
-            Producer::Watchdog => Box::new(()),
+            Producer::Places | Producer::Watchdog => Box::new(()),
         }
     }
 }

@@ -5,6 +5,7 @@
 
 use nalgebra::{Isometry3, Vector3};
 use plumbline_config::Config;
+use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{Estimate, NavCovariance, Odometry};
 use sha2::{Digest as _, Sha256};
 
@@ -38,6 +39,20 @@ impl Digest {
         self.vector(&o.angular_rate_b);
         self.covariance(&o.covariance);
         self.integer(i64::from(o.reset_counter));
+    }
+
+    /// Adds where the odometry lies in the map.
+    pub fn map_estimate(&mut self, m: &MapEstimate) {
+        self.integer(m.stamp.as_nanos());
+        self.integer(m.frame_sequence as i64);
+        self.integer(i64::from(m.pose_m_o.is_some()));
+        if let Some(pose_m_o) = &m.pose_m_o {
+            self.pose(pose_m_o);
+        }
+        self.integer(i64::from(m.reset_counter));
+        for count in [m.keyframes, m.sightings, m.loops_used] {
+            self.integer(i64::from(count));
+        }
     }
 
     /// The digest so far, in hexadecimal.

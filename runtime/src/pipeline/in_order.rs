@@ -5,13 +5,15 @@
 //! its estimate can correct them.
 
 use super::listener::{Producer, Subscriber};
+use super::places::{self, PlaceChoice, PlacesStage};
 use super::stages::{self, FrontStage, Job, WindowStage};
 use super::team::Team;
 use super::tick::{CORRECTION_DELAY_NS, TickStage};
-use super::{Control, DriverFaults, Outcome, RunError, RunOptions, Streams, image_sizes};
+use super::{Control, DriverFaults, Outcome, PlacesEnd, RunError, RunOptions, Streams, image_sizes};
 use crate::schedule::ladder::Rung;
 use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::{DriverError, ImuReading, ImuSource, Prefetch, StereoFrame, StereoSource};
+use plumbline_estimator::places::{PlaceJob, PlaceMap};
 use plumbline_estimator::{Estimate, Feedback, Fork};
 use std::collections::VecDeque;
 
@@ -30,15 +32,34 @@ pub struct InOrder<'a> {
     /// Room for the frame after it.
     next: Job,
     feedback: Feedback,
+    places: Option<Places>,
     waiting: VecDeque<ImuReading>,
     newest_imu: Timestamp,
 }
 
+/// The map, with room for a frame on its way there.
+struct Places {
+    stage: PlacesStage,
+    choice: PlaceChoice,
+    job: PlaceJob,
+}
+
 impl<'a> InOrder<'a> {
-    /// Everything allocated for the configuration.
+    /// Everything allocated for the configuration. The map goes on with the keyframes of `known`.
     #[must_use]
-    pub fn new(config: &ValidConfig, team: &'a Team, subscriber: &mut dyn Subscriber) -> Self {
+    pub fn new(
+        config: &ValidConfig,
+        known: Option<PlaceMap>,
+        team: &'a Team,
+        subscriber: &mut dyn Subscriber,
+    ) -> Self {
+        let stage = PlacesStage::new(config, known, subscriber.listener(Producer::Places));
         Self {
+            places: stage.map(|stage| Places {
+                stage,
+                choice: PlaceChoice::default(),
+                job: PlaceJob::new(config.setup()),
+            }),
             front: FrontStage::new(config, subscriber.listener(Producer::FrontEnd)),
             window: WindowStage::new(config, subscriber.listener(Producer::Window)),
             tick: TickStage::new(config, subscriber.listener(Producer::Tick)),
@@ -59,7 +80,7 @@ impl<'a> InOrder<'a> {
     pub fn run(
         mut self,
         config: &ValidConfig,
-        Streams { mut imu, stereo }: Streams,
+        Streams { mut imu, stereo, .. }: Streams,
         options: &RunOptions,
         control: &Control,
     ) -> Result<Outcome, RunError> {
@@ -81,7 +102,9 @@ impl<'a> InOrder<'a> {
         }
         self.step(None);
         self.feed(imu.as_mut(), Timestamp::MAX)?;
+        let places = self.places.take().map(|places| PlacesEnd::new(places.stage, &self.window, 0));
         Ok(Outcome {
+            places,
             figures: stages::total(&self.front, &self.window, &self.tick, self.team),
             estimate_digest: self.window.digest(),
             odometry_digest: self.tick.digest(),
@@ -99,6 +122,15 @@ impl<'a> InOrder<'a> {
             self.tick_or_wait(reading);
         }
         Ok(())
+    }
+
+    /// Gives the frame that was solved to the map.
+    fn map(&mut self) {
+        let Self { front, window, feedback, places: Some(places), .. } = self else { return };
+        if places.choice.takes(feedback) {
+            places::fill(&mut places.job, feedback, front);
+            window.update_map_later(places.stage.work(&places.job));
+        }
     }
 
     /// A reading is ticked when no estimate that would correct it is still to come.
@@ -136,6 +168,10 @@ impl<'a> InOrder<'a> {
         if let Some(estimate) = solved {
             self.front.apply_feedback(&self.feedback);
             self.tick.correct_later(estimate);
+            // The front-end holds the images of the frame that was solved when it has tracked another.
+            if frame.is_some() {
+                self.map();
+            }
         }
         std::mem::swap(&mut self.in_flight, &mut self.next);
         self.is_in_flight = frame.is_some();

@@ -1,6 +1,6 @@
 //! Listening to a run: every input, order and output, on the thread that produces it.
 //!
-//! A run has four threads that produce ([`Producer`]). Who wants to listen is a [`Subscriber`]: before the run it
+//! A run has five threads that produce ([`Producer`]). Who wants to listen is a [`Subscriber`]: before the run it
 //! gives a [`Listener`] for each of them, which moves to that thread. What a listener is told is told there and
 //! then, at that thread's priority: so it must not block in a live run, nor allocate, format or print. It copies what
 //! it needs into memory that stands since before the run, and somebody else does the rest.
@@ -10,8 +10,9 @@
 //! follows from it: each call makes sense by its own numbers.
 
 use super::event::Event;
-use super::orders::{CorrectionOrder, FrameOrder, ResetOrder};
+use super::orders::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder};
 use plumbline_drivers::{ImuReading, StereoFrame};
+use plumbline_estimator::places::{MapEstimate, MapUpdate, Mapper};
 use plumbline_estimator::window::Window;
 use plumbline_estimator::{Estimate, MapSnapshot, Odometry, Tracked};
 
@@ -22,8 +23,10 @@ pub enum Producer {
     Tick,
     /// Tells of frames, orders, resets, what was tracked, and events.
     FrontEnd,
-    /// Tells of what was solved, and estimates.
+    /// Tells of what was solved, estimates, and where the odometry lies in the map.
     Window,
+    /// Tells of the map. Not where places are switched off.
+    Places,
     /// Tells of events. Not in virtual time.
     Watchdog,
 }
@@ -53,6 +56,13 @@ pub trait Listener: Send {
     fn solved(&mut self, _solved: &Solved<'_>) {}
     /// An estimate, once for each frame; `frame_ms` is the wall time of its computation.
     fn estimate(&mut self, _estimate: &Estimate, _frame_ms: f64) {}
+    /// What became of a frame that was to be given to the map: by the front-end one that was passed over, by the window
+    /// one that takes effect.
+    fn map_order(&mut self, _order: &MapOrder) {}
+    /// Where the odometry lies in the map, once for each estimate, just before that is handed on.
+    fn map_estimate(&mut self, _estimate: &MapEstimate) {}
+    /// A frame was taken into the map.
+    fn mapped(&mut self, _mapped: &Mapped<'_>) {}
     /// Odometry, once for each inertial sample after the first pose.
     fn odometry(&mut self, _odometry: &Odometry) {}
     /// Something that people want to know.
@@ -71,6 +81,15 @@ impl Solved<'_> {
     pub fn copy_to(&self, snapshot: &mut MapSnapshot) {
         self.window.snapshot(self.estimate, snapshot);
     }
+}
+
+/// The map after a frame.
+#[derive(Clone, Copy)]
+pub struct Mapped<'a> {
+    /// What was found.
+    pub update: &'a MapUpdate,
+    /// Keyframes, graph and loops.
+    pub mapper: &'a Mapper,
 }
 
 /// Nobody listens.
@@ -124,6 +143,18 @@ impl Listener for Listeners {
 
     fn estimate(&mut self, estimate: &Estimate, frame_ms: f64) {
         self.0.iter_mut().for_each(|listener| listener.estimate(estimate, frame_ms));
+    }
+
+    fn map_order(&mut self, order: &MapOrder) {
+        self.0.iter_mut().for_each(|listener| listener.map_order(order));
+    }
+
+    fn map_estimate(&mut self, estimate: &MapEstimate) {
+        self.0.iter_mut().for_each(|listener| listener.map_estimate(estimate));
+    }
+
+    fn mapped(&mut self, mapped: &Mapped<'_>) {
+        self.0.iter_mut().for_each(|listener| listener.mapped(mapped));
     }
 
     fn odometry(&mut self, odometry: &Odometry) {

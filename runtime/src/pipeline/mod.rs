@@ -15,6 +15,7 @@ mod in_order;
 pub mod listener;
 mod live;
 pub mod orders;
+pub mod places;
 mod stages;
 mod team;
 mod tick;
@@ -28,8 +29,11 @@ use figures::Figures;
 use in_order::InOrder;
 use listener::Subscriber;
 use live::Live;
+use places::{PlacesFigures, PlacesStage};
 use plumbline_config::ValidConfig;
 use plumbline_drivers::{DriverError, Faults, ImuSource, StereoSource};
+use plumbline_estimator::places::{Mapper, PlaceMap};
+use stages::WindowStage;
 use std::sync::Arc;
 use team::Team;
 
@@ -42,16 +46,33 @@ pub struct RunOptions {
     pub threads: usize,
 }
 
-/// The sensors of a run.
+/// The sensors of a run, and what is known beforehand.
 pub struct Streams {
     /// Inertial samples.
     pub imu: Box<dyn ImuSource>,
     /// Frames.
     pub stereo: Box<dyn StereoSource>,
+    /// Keyframes of a map that the flight goes on with, of the limits of [`Mapper::limits`].
+    pub map: Option<PlaceMap>,
+}
+
+/// The map at the end of a run.
+pub struct PlacesEnd {
+    /// Keyframes, graph, and the way to correct a trajectory.
+    pub mapper: Mapper,
+    /// Times and counts.
+    pub figures: PlacesFigures,
+}
+
+impl PlacesEnd {
+    fn new(stage: PlacesStage, window: &WindowStage, passed_over: u64) -> Self {
+        let (mapper, times_ms) = stage.into_end();
+        let figures = window.map().map(|map| map.figures(times_ms, passed_over, &mapper));
+        Self { figures: figures.unwrap_or_default(), mapper }
+    }
 }
 
 /// What a run came to.
-#[derive(Debug)]
 pub struct Outcome {
     /// Times and counts.
     pub figures: Figures,
@@ -61,6 +82,8 @@ pub struct Outcome {
     pub odometry_digest: String,
     /// What the drivers survived.
     pub faults: DriverFaults,
+    /// The map; `None` where places are switched off.
+    pub places: Option<PlacesEnd>,
     /// What only a live run has.
     pub live: Option<LiveFigures>,
 }
@@ -95,7 +118,7 @@ pub enum RunError {
 /// When a driver cannot go on, or a thread cannot be had.
 pub fn run(
     config: &ValidConfig,
-    streams: Streams,
+    mut streams: Streams,
     options: &RunOptions,
     control: &Control,
     subscriber: &mut dyn Subscriber,
@@ -105,12 +128,12 @@ pub fn run(
     match options.speed {
         None => {
             let team = Team::new(helpers, || {}).map_err(refused)?;
-            let executor = InOrder::new(config, &team, subscriber);
+            let executor = InOrder::new(config, streams.map.take(), &team, subscriber);
             team.lead(|| executor.run(config, streams, options, control))
         }
         Some(speed) => {
             let host = Arc::new(Host::new(&config.runtime));
-            Live::new(config, speed, helpers, host, subscriber)?.run(streams, control)
+            Live::new(config, speed, helpers, host, streams.map.take(), subscriber)?.run(streams, control)
         }
     }
 }

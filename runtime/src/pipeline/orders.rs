@@ -46,3 +46,24 @@ pub struct ResetOrder {
     /// Sequence number of the first frame after it.
     pub before_frame: u64,
 }
+
+/// What became of a frame that was to be given to the map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MapOrder {
+    /// Sequence number of the frame.
+    pub frame: u64,
+    /// What became of it.
+    pub verdict: MapVerdict,
+}
+
+/// When the map took effect.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MapVerdict {
+    /// What was found with the frame took effect with the estimate of frame `at_frame`.
+    Applied {
+        /// Sequence number of that frame.
+        at_frame: u64,
+    },
+    /// The map never saw the frame: it was not done with the one before.
+    PassedOver,
+}

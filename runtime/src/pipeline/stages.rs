@@ -5,13 +5,15 @@ use super::digest::Digest;
 use super::event::{Event, Severity};
 use super::figures::{Cost, Figures, StageTimes};
 use super::listener::{Listener, Solved};
-use super::orders::{FrameOrder, ResetOrder, Verdict};
+use super::orders::{FrameOrder, MapOrder, MapVerdict, ResetOrder, Verdict};
+use super::places::MapStage;
 use super::team::Team;
 use super::tick::{TickStage, WARM_UP_NS};
 use crate::alloc;
 use crate::schedule::ladder::Rung;
 use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::{ImuReading, StereoFrame};
+use plumbline_estimator::places::{FrameImages, MapUpdate};
 use plumbline_estimator::{
     Estimate, Feedback, Fork, FrameInput, FrontEnd, ImuAdmission, Odometer, ResetKind, Tracked,
 };
@@ -128,6 +130,16 @@ impl FrontStage {
         self.front_end.apply_feedback(feedback);
     }
 
+    /// Gives away the images of a frame, for others: see [`FrontEnd::exchange_images`].
+    pub fn exchange_images(&mut self, sequence: u64, images: &mut FrameImages) {
+        self.front_end.exchange_images(sequence, images);
+    }
+
+    /// A frame is not given to the map, which is not done with the one before.
+    pub fn pass_over_place(&mut self, sequence: u64) {
+        self.listener.map_order(&MapOrder { frame: sequence, verdict: MapVerdict::PassedOver });
+    }
+
     /// The time of each stage so far.
     #[must_use]
     pub fn times(&self) -> [&StageTimes; 2] {
@@ -142,6 +154,7 @@ pub struct WindowStage {
     digest: Digest,
     first: Option<Timestamp>,
     resets: u32,
+    map: Option<MapStage>,
     /// What was counted and timed of frames so far.
     pub figures: Figures,
     /// The time of each stage.
@@ -163,7 +176,21 @@ impl WindowStage {
             times: StageTimes::default(),
             allocations: 0,
             resets: 0,
+            map: config.estimator.places.enabled.then(MapStage::default),
         }
+    }
+
+    /// Keeps what the map found until it is to take effect.
+    pub fn update_map_later(&mut self, update: MapUpdate) {
+        if let Some(map) = &mut self.map {
+            map.update_later(update);
+        }
+    }
+
+    /// The pose of the odometry in the map, with its figures; `None` where places are switched off.
+    #[must_use]
+    pub fn map(&self) -> Option<&MapStage> {
+        self.map.as_ref()
     }
 
     /// The estimate after a tracked frame, and what the window took for it; `feedback` is for the front-end.
@@ -201,6 +228,9 @@ impl WindowStage {
     fn hand_out(&mut self, estimate: &Estimate, cost: Cost) {
         self.digest.estimate(estimate);
         self.figures.frame(estimate, cost);
+        if let Some(map) = &mut self.map {
+            map.follow(estimate, &mut *self.listener);
+        }
         self.listener.estimate(estimate, cost.wall_ms);
     }
 

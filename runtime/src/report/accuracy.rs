@@ -50,14 +50,8 @@ impl Accuracy {
             estimate: known.iter().map(|(p, _)| StampedPose { stamp: p.stamp, pose: p.pose_o_b }).collect(),
             reference: known.iter().map(|(p, t)| StampedPose { stamp: p.stamp, pose: *t }).collect(),
         };
-        let fitted = aligned(&pairs, &align(&pairs, AlignmentMode::Se3).ok()?);
-        let errors: Vec<f64> = fitted
-            .estimate
-            .iter()
-            .zip(&fitted.reference)
-            .map(|(e, r)| (e.pose.translation.vector - r.pose.translation.vector).norm())
-            .collect();
-        let ate_rmse_m = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt();
+        let errors = errors_m(&pairs)?;
+        let ate_rmse_m = rms(&errors);
         let distance_m = path_length_m(&pairs.reference);
         let scale = align(&pairs, AlignmentMode::Sim3).map_or(1.0, |s| s.scale);
         let consistency = Consistency::of(&known);
@@ -74,6 +68,28 @@ impl Accuracy {
             max_error_sigmas: consistency.max_error_sigmas,
         })
     }
+}
+
+/// Root mean square position error of poses after SE(3) alignment, m; `None` where the truth is known for too few.
+#[must_use]
+pub fn ate_rmse_m(poses: &[StampedPose], truth: &Truth) -> Option<f64> {
+    let known = poses.iter().filter_map(|p| Some((*p, truth.pose_at(p.stamp)?)));
+    let (estimate, reference): (Vec<_>, Vec<_>) =
+        known.map(|(p, t)| (p, StampedPose { stamp: p.stamp, pose: t })).unzip();
+    let pairs = Pairs { estimate, reference };
+    (pairs.estimate.len() >= MIN_POSES).then(|| errors_m(&pairs).map(|errors| rms(&errors))).flatten()
+}
+
+/// Position errors after alignment, m.
+fn errors_m(pairs: &Pairs) -> Option<Vec<f64>> {
+    let fitted = aligned(pairs, &align(pairs, AlignmentMode::Se3).ok()?);
+    let error =
+        |(e, r): (&StampedPose, &StampedPose)| (e.pose.translation.vector - r.pose.translation.vector).norm();
+    Some(fitted.estimate.iter().zip(&fitted.reference).map(error).collect())
+}
+
+fn rms(errors: &[f64]) -> f64 {
+    (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt()
 }
 
 /// How the errors fit the covariances, the truth brought to the first pose by position and yaw.

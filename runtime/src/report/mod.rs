@@ -1,16 +1,18 @@
 //! The report of a run: one JSON object, and the same for people.
 
 pub mod accuracy;
+pub mod places;
 
 use crate::autopilot::BridgeFigures;
 use crate::flight::Flown;
 use crate::flight::outputs::OutputFigures;
 use crate::flight::plausibility::Finding;
 use crate::log::recorder::RecorderSummary;
-use crate::pipeline::LiveFigures;
 use crate::pipeline::digest::config_hash;
+use crate::pipeline::{LiveFigures, Outcome};
 use crate::schedule::times::Percentiles;
 use accuracy::Accuracy;
+use places::Places;
 use plumbline_drivers::Faults;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -42,6 +44,8 @@ pub struct Report {
     pub estimate_digest: String,
     /// SHA-256 over the bits of all odometry.
     pub odometry_digest: String,
+    /// The map, where places are switched on.
+    pub places: Option<Places>,
     /// Computation of a frame, ms of wall time.
     pub frame_ms: Percentiles,
     /// Computation of a frame, ms of processor time.
@@ -143,9 +147,10 @@ impl Report {
             ate_rmse_m: accuracy.as_ref().map(|a| a.ate_rmse_m),
             estimate_digest: outcome.estimate_digest.clone(),
             odometry_digest: outcome.odometry_digest.clone(),
+            places: Places::of(flown),
             frame_ms: f.frame_ms.percentiles(),
             frame_cpu_ms: f.frame_cpu_ms.percentiles(),
-            stage_ms: f.stages.all().map(|(stage, p)| (stage.name(), p)).collect(),
+            stage_ms: stages_ms(outcome),
             odometry_handout_us: f.handout_us.percentiles(),
             live: outcome.live.clone(),
             points: Points { tracked: per_frame(f.points.0), in_window: per_frame(f.points.1) },
@@ -208,6 +213,7 @@ impl Report {
                 a.nees_ratio.unwrap_or(f64::NAN)
             ));
         }
+        lines.extend(self.places.as_ref().map(Places::line));
         let p = &self.frame_ms;
         lines.push(format!(
             "{:<18}median {:.1} ms, p99 {:.1}, largest {:.1}; {:.1} times real time",
@@ -237,6 +243,12 @@ impl Report {
         lines.push(format!("{:<18}{}", "estimate digest", &self.estimate_digest[..16]));
         lines.join("\n")
     }
+}
+
+/// Every stage by its name, that of the map too.
+fn stages_ms(outcome: &Outcome) -> BTreeMap<&'static str, Percentiles> {
+    let places = outcome.places.iter().map(|places| ("places", places.figures.percentiles()));
+    outcome.figures.stages.all().map(|(stage, p)| (stage.name(), p)).chain(places).collect()
 }
 
 /// How a live run kept its time, for people.

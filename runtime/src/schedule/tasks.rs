@@ -10,6 +10,9 @@ use std::time::Duration;
 /// Ticks without an inertial rate to go by would be pointless: a rate is always given, and at least this.
 const SLOWEST_HZ: f64 = 1.0;
 
+/// Silence of the map that is no stall: it yields to everything else.
+const PLACES_STALL: Duration = Duration::from_secs(2);
+
 /// A thread of a live run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TaskId {
@@ -23,11 +26,14 @@ pub enum TaskId {
     FrontEnd,
     /// Solves the window.
     Window,
+    /// Recognizes places and makes the map.
+    Places,
 }
 
 impl TaskId {
     /// All tasks, in the order of the data flow.
-    pub const ALL: [Self; 5] = [Self::Imu, Self::Tick, Self::Camera, Self::FrontEnd, Self::Window];
+    pub const ALL: [Self; 6] =
+        [Self::Imu, Self::Tick, Self::Camera, Self::FrontEnd, Self::Window, Self::Places];
 }
 
 /// What a task does when it is late.
@@ -41,6 +47,8 @@ pub enum Overrun {
     Degrade,
     /// A driver waits for its device.
     Wait,
+    /// Frames are passed over until it is done.
+    PassOver,
 }
 
 /// On which of the configured processors a task runs.
@@ -77,7 +85,7 @@ pub struct Task {
 
 /// Every task of a live run of `config` at `speed` times real time.
 #[derive(Clone, Debug, PartialEq)]
-pub struct TaskTable([Task; 5]);
+pub struct TaskTable([Task; TaskId::ALL.len()]);
 
 impl TaskTable {
     /// The table for a configuration: periods are those of its sensors.
@@ -105,6 +113,10 @@ impl TaskTable {
             task(TaskId::Camera, "camera", None, frame, frame / 2, frame, Overrun::Wait),
             task(TaskId::FrontEnd, "front-end", Some(60), frame, frame / 2, frame, Overrun::Shed),
             task(TaskId::Window, "window", Some(50), frame, frame / 2, frame, Overrun::Degrade),
+            Task {
+                stall: PLACES_STALL,
+                ..task(TaskId::Places, "places", Some(40), 5 * frame, frame, 5 * frame, Overrun::PassOver)
+            },
         ])
     }
 
@@ -135,6 +147,7 @@ impl Display for TaskTable {
                 Overrun::Shed => "shed older frames",
                 Overrun::Degrade => "step down the ladder",
                 Overrun::Wait => "wait for the device",
+                Overrun::PassOver => "pass frames over",
             };
             writeln!(
                 f,
@@ -165,6 +178,6 @@ mod tests {
         assert!(priority(TaskId::FrontEnd) > priority(TaskId::Window));
         assert_eq!(table.row(TaskId::Tick).period, Duration::from_millis(5));
         assert!(table.rows().all(|t| t.budget <= t.deadline && t.deadline <= t.period.max(t.stall)));
-        assert_eq!(table.to_string().lines().count(), 6);
+        assert_eq!(table.to_string().lines().count(), 7);
     }
 }

@@ -13,28 +13,47 @@ const DEVIATIONS: f64 = 3.5;
 /// Loops whose ends are nearer than this to each other say the same thing of one view, not two things: m.
 const MIN_APART_M: f64 = 0.1;
 
+/// From one node to another, as the graph has it.
+struct Between {
+    /// In the odometry frame of the first, m.
+    way: Vector3<f64>,
+    /// Of the second's odometry frame against that of the first, rad.
+    turn: f64,
+}
+
+impl Between {
+    fn new(from: &Node, to: &Node) -> Self {
+        Self { way: turn(-from.yaw) * (to.p_m_b - from.p_m_b), turn: wrapped(to.yaw - from.yaw) }
+    }
+}
+
 /// Whether two loops agree. Two that were closed from nearly one place do not support each other: what deceived the one
-/// deceives the other.
+/// deceives the other. Nor do two whose ends no odometry joins.
 #[must_use]
 pub fn agree(nodes: &[Node], a: &Edge, b: &Edge) -> bool {
-    let between =
-        |i: usize, j: usize| nodes[j].pose_o_b.translation.vector - nodes[i].pose_o_b.translation.vector;
-    let (old, new) = (between(a.from, b.from), between(a.to, b.to));
-    if new.norm() < MIN_APART_M {
+    let is_joined = |i: usize, j: usize| {
+        nodes[i].segment == nodes[j].segment || (nodes[i].is_placed && nodes[j].is_placed)
+    };
+    if !is_joined(a.from, b.from) || !is_joined(a.to, b.to) {
         return false;
     }
-    // The way of `b` as `a` has it: back along the old flight, over the loop, along the new flight. Ways and turns are
-    // in the odometry frame of the old end; that of the new end is turned by the loop.
-    let way: Vector3<f64> = -old + a.way + turn(a.turn) * new;
-    let length = old.norm() + new.norm();
+    let old = Between::new(&nodes[a.from], &nodes[b.from]);
+    let new = Between::new(&nodes[a.to], &nodes[b.to]);
+    if new.way.norm() < MIN_APART_M {
+        return false;
+    }
+    // The way of `b` as `a` has it: back along the old flight, over the loop, along the new flight. In the odometry frame
+    // of the old end of `a`; that of its new end is turned by the loop.
+    let way: Vector3<f64> = turn(-old.turn) * (-old.way + a.way + turn(a.turn) * new.way);
+    let turned = wrapped(a.turn + new.turn - old.turn - b.turn);
+    let length = old.way.norm() + new.way.norm();
     let sigma = |k: usize| {
         let of = |e: &Edge| e.information.cholesky().map_or(f64::INFINITY, |c| c.inverse()[(k, k)]);
         of(a) + of(b)
     };
     let sigma_yaw = (sigma(3) + DRIFT_RAD * DRIFT_RAD * length).sqrt();
     let position = [0, 1, 2].map(sigma).iter().sum::<f64>();
-    let lever = sigma_yaw * new.norm();
+    let lever = sigma_yaw * new.way.norm();
     let sigma_position = (position + DRIFT_M * DRIFT_M * length + lever * lever).sqrt();
-    (way - b.way).norm() <= DEVIATIONS * sigma_position
-        && wrapped(a.turn - b.turn).abs() <= DEVIATIONS * sigma_yaw
+    (way - b.way).norm() <= DEVIATIONS * sigma_position && turned.abs() <= DEVIATIONS * sigma_yaw
 }

@@ -13,6 +13,10 @@ pub struct Node {
     pub yaw: f64,
     /// Whether it stays where it is.
     pub is_fixed: bool,
+    /// Which piece of unbroken odometry it belongs to: edges of the odometry join nodes of one segment.
+    pub segment: u32,
+    /// Whether it is known where the segment lies in the map.
+    pub is_placed: bool,
 }
 
 impl Node {
@@ -20,7 +24,14 @@ impl Node {
     #[must_use]
     pub fn new(pose_o_b: Isometry3<f64>, pose_m_o: &Isometry3<f64>, is_fixed: bool) -> Self {
         let pose_m_b = pose_m_o * pose_o_b;
-        Self { pose_o_b, p_m_b: pose_m_b.translation.vector, yaw: yaw_of(&pose_m_o.rotation), is_fixed }
+        let yaw = yaw_of(&pose_m_o.rotation);
+        Self { pose_o_b, p_m_b: pose_m_b.translation.vector, yaw, is_fixed, segment: 0, is_placed: true }
+    }
+
+    /// Moves the node to where `pose_m_o` puts it.
+    pub(super) fn place(&mut self, pose_m_o: &Isometry3<f64>) {
+        self.p_m_b = (pose_m_o * self.pose_o_b).translation.vector;
+        self.yaw = yaw_of(&pose_m_o.rotation);
     }
 
     /// Pose of the body in the map.
@@ -85,6 +96,11 @@ impl Edge {
         Self { from, to, way, turn: 0.0, information, kind: EdgeKind::Sequential, weight: 1.0 }
     }
 
+    /// The way and turn from node to node as the odometry has them now.
+    pub(super) fn refresh_odometry(&mut self, nodes: &[Node]) {
+        self.way = nodes[self.to].pose_o_b.translation.vector - nodes[self.from].pose_o_b.translation.vector;
+    }
+
     /// A loop: the body of node `to` was located at `pose_a_b` in the body of node `from`.
     ///
     /// With `R_a = Rz(psi_a) R_vio_a` the turn is that about the vertical in `R_vio_a R_ab R_vio_b^T`.
@@ -100,6 +116,44 @@ impl Edge {
         let turn = yaw_of(&(rot_a * pose_a_b.rotation * rot_b.inverse()));
         let way = rot_a * pose_a_b.translation.vector;
         Self { from, to, way, turn, information, kind: EdgeKind::Loop { supporters: 0 }, weight: 0.0 }
+    }
+
+    /// This edge and then the next: what is known from the first node to the last.
+    #[must_use]
+    pub(super) fn followed_by(&self, next: &Self) -> Option<Self> {
+        let way = turn(self.turn) * next.way;
+        let covariance = chained(&self.covariance()?, &way, &next.covariance()?);
+        let information = covariance.cholesky()?.inverse();
+        let turn = wrapped(self.turn + next.turn);
+        Some(Self { to: next.to, way: self.way + way, turn, information, ..*self })
+    }
+
+    /// The same edge the other way round, as the graph has its ends now.
+    #[must_use]
+    pub(super) fn reversed(&self, nodes: &[Node]) -> Self {
+        let (from, to) = (&nodes[self.to], &nodes[self.from]);
+        let way = turn(-from.yaw) * (to.p_m_b - from.p_m_b);
+        Self { from: self.to, to: self.from, way, turn: wrapped(to.yaw - from.yaw), ..*self }
+    }
+
+    /// A loop that ends at the node from which `to_heir` leads away, moved to where that leads to.
+    #[must_use]
+    pub(super) fn rebased(&self, nodes: &[Node], to_heir: &Self) -> Self {
+        let gone = to_heir.from;
+        let moved = if self.to == gone {
+            self.followed_by(to_heir)
+        } else if self.from == gone {
+            to_heir.reversed(nodes).followed_by(self)
+        } else {
+            return *self;
+        };
+        moved.map_or(*self, |moved| Self { kind: self.kind, weight: self.weight, ..moved })
+    }
+
+    /// Covariance of way and turn.
+    #[must_use]
+    pub fn covariance(&self) -> Option<Matrix4<f64>> {
+        self.information.cholesky().map(|c| c.inverse())
     }
 
     /// Whether it counts at all: a loop that nothing agrees with does not.
@@ -135,18 +189,30 @@ impl Edge {
     }
 }
 
+/// Covariance of way and turn over two steps, each known by its own; `way` is that of the second, m, in the axes of the
+/// first: an error of the first turn swings it.
+#[must_use]
+pub fn chained(first: &Matrix4<f64>, way: &Vector3<f64>, second: &Matrix4<f64>) -> Matrix4<f64> {
+    let mut by_first = Matrix4::identity();
+    by_first.fixed_view_mut::<3, 1>(0, 3).copy_from(&Vector3::z().cross(way));
+    by_first * first * by_first.transpose() + second
+}
+
 /// Rotation about the vertical.
-pub(super) fn turn(yaw: f64) -> UnitQuaternion<f64> {
+#[must_use]
+pub fn turn(yaw: f64) -> UnitQuaternion<f64> {
     UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw)
 }
 
 /// The turn about the vertical that is nearest to a rotation.
-pub(super) fn yaw_of(rotation: &UnitQuaternion<f64>) -> f64 {
+#[must_use]
+pub fn yaw_of(rotation: &UnitQuaternion<f64>) -> f64 {
     let m: Rotation3<f64> = rotation.to_rotation_matrix();
     (m[(1, 0)] - m[(0, 1)]).atan2(m[(0, 0)] + m[(1, 1)])
 }
 
 /// An angle between minus and plus half a turn.
-pub(super) fn wrapped(angle: f64) -> f64 {
+#[must_use]
+pub fn wrapped(angle: f64) -> f64 {
     angle - std::f64::consts::TAU * (angle / std::f64::consts::TAU).round()
 }

@@ -111,13 +111,14 @@ impl PoseGraph {
         fits
     }
 
-    /// Adds a loop; `false` when there is no room. It waits until another one agrees with it.
-    pub fn add_loop(&mut self, edge: Edge) -> bool {
+    /// Adds a loop; `false` when there is no room. It waits until another one agrees with it, unless it
+    /// `stands_alone`.
+    pub fn add_loop(&mut self, edge: Edge, stands_alone: bool) -> bool {
         if self.loops.len() == self.limits.loops || !self.joins_nodes(&edge) {
             return false;
         }
         let mut edge = Edge { weight: 0.0, kind: EdgeKind::Loop { supporters: 0 }, ..edge };
-        let mut supporters = 0;
+        let mut supporters = usize::from(stands_alone);
         for &other in self.loops.iter().rev().take(MAX_COMPARED) {
             if agree(&self.nodes, &edge, &self.edges[other]) {
                 supporters += 1;
@@ -133,6 +134,70 @@ impl PoseGraph {
             self.begin_anew();
         }
         true
+    }
+
+    /// The odometry of a node is known better now: the node keeps its correction, and the edges about it follow.
+    pub fn set_odometry(&mut self, node: usize, pose_o_b: Isometry3<f64>) {
+        let Some(refreshed) = self.nodes.get_mut(node) else { return };
+        let pose_m_o = refreshed.pose_m_o();
+        refreshed.pose_o_b = pose_o_b;
+        refreshed.place(&pose_m_o);
+        for edge in self.edges.iter_mut().filter(|e| e.kind == EdgeKind::Sequential) {
+            if edge.from == node || edge.to == node {
+                edge.refresh_odometry(&self.nodes);
+            }
+        }
+        self.is_done &= self.loops.iter().all(|&l| self.edges[l].weight == 0.0);
+    }
+
+    /// It has become known where a segment lies: its nodes go there, and are free to move from now on.
+    pub fn place_segment(&mut self, segment: u32, pose_m_o: &Isometry3<f64>) {
+        for node in self.nodes.iter_mut().filter(|n| n.segment == segment && !n.is_placed) {
+            node.place(pose_m_o);
+            (node.is_placed, node.is_fixed) = (true, false);
+        }
+        self.begin_anew();
+    }
+
+    /// Takes a node out. What the odometry knew over it becomes one edge; its loops hold on to the node before it, or
+    /// after it where there is none.
+    pub fn remove_node(&mut self, gone: usize) {
+        if gone >= self.nodes.len() {
+            return;
+        }
+        let find = |at: fn(&Edge) -> usize| {
+            self.edges.iter().position(|e| e.kind == EdgeKind::Sequential && at(e) == gone)
+        };
+        let (before, after) = (find(|e| e.to), find(|e| e.from));
+        if self.nodes[gone].is_fixed
+            && let Some(after) = after
+        {
+            self.nodes[self.edges[after].to].is_fixed = true;
+        }
+        // The edge to the heir, from the node that goes.
+        let to_heir = match (before, after) {
+            (Some(before), _) => Some(self.edges[before].reversed(&self.nodes)),
+            (None, Some(after)) => Some(self.edges[after]),
+            (None, None) => None,
+        };
+        if let Some(to_heir) = to_heir {
+            for &at in &self.loops {
+                self.edges[at] = self.edges[at].rebased(&self.nodes, &to_heir);
+            }
+        }
+        let joined = before.zip(after).and_then(|(b, a)| self.edges[b].followed_by(&self.edges[a]));
+        if let (Some(before), Some(joined)) = (before, joined) {
+            self.edges[before] = joined;
+        }
+        self.edges.retain(|e| e.from != gone && e.to != gone && e.from != e.to);
+        self.nodes.remove(gone);
+        for edge in &mut self.edges {
+            edge.from -= usize::from(edge.from > gone);
+            edge.to -= usize::from(edge.to > gone);
+        }
+        self.loops.clear();
+        let loops = self.edges.iter().enumerate().filter(|(_, e)| e.kind != EdgeKind::Sequential);
+        self.loops.extend(loops.map(|(index, _)| index));
     }
 
     fn joins_nodes(&self, edge: &Edge) -> bool {

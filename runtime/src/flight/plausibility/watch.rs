@@ -121,7 +121,7 @@ impl Subscriber for Watch {
     fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
         match producer {
             Producer::Tick | Producer::FrontEnd | Producer::Window => Box::new(Ear(Arc::clone(&self.shared))),
-            Producer::Watchdog => Box::new(()),
+            Producer::Places | Producer::Watchdog => Box::new(()),
         }
     }
 }

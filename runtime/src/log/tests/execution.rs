@@ -102,7 +102,7 @@ fn a_changed_output_is_named_with_both_values() {
 
 /// A live run in small: frames are refused, corrections come late, and somebody asks for a reset.
 fn fly_with_orders(flight: Flight, listener: &mut dyn Listener) {
-    let Streams { mut imu, mut stereo } = flight.streams;
+    let Streams { mut imu, mut stereo, .. } = flight.streams;
     let (mut estimator, mut propagator) =
         (Estimator::new(flight.config.setup()), Propagator::new(flight.config.setup()));
     let mut readings: VecDeque<ImuReading> = VecDeque::new();

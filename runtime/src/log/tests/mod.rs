@@ -44,7 +44,7 @@ fn flight_of_seed(seed: u64) -> Flight {
     let scenario =
         Scenario { scene: Scene::Room, seed, duration_s: 1.0, resolution_scale: 0.3, ..Scenario::default() };
     let simulator = Simulator::new(&config(), &scenario).unwrap();
-    let streams = Streams { imu: Box::new(simulator.imu()), stereo: Box::new(simulator.stereo()) };
+    let streams = Streams { imu: Box::new(simulator.imu()), stereo: Box::new(simulator.stereo()), map: None };
     let mut config = simulator.config().clone();
     config.estimator.points.cell_px = 28;
     Flight { config: config.validated("test").unwrap(), streams }

@@ -4,6 +4,7 @@ use super::super::stages::{FrontStage, Job};
 use super::super::team::Team;
 use super::NAP;
 use super::drivers::Arrival;
+use super::places::PlacesRings;
 use super::shared::Shared;
 use crate::schedule::ladder::{Ladder, Rung};
 use crate::schedule::ring::{Bell, Reader, Writer};
@@ -25,6 +26,8 @@ pub struct FrontEndFigures {
     pub passed_over: u64,
     /// Frames tracked before all their samples were there.
     pub short_of_samples: u64,
+    /// Frames not given to the map, which had fallen behind.
+    pub places_passed_over: u64,
     /// Frames on each rung.
     pub on_rung: [u64; Rung::ALL.len()],
     /// Steps of the ladder.
@@ -68,6 +71,8 @@ pub struct FrontEndRings {
 /// The front-end as a task.
 pub struct FrontEndTask {
     stage: FrontStage,
+    /// Where places are switched on.
+    places: Option<PlacesRings>,
     rings: FrontEndRings,
     ladder: Ladder,
     newest_imu: Timestamp,
@@ -78,9 +83,10 @@ pub struct FrontEndTask {
 }
 
 impl FrontEndTask {
-    pub fn new(stage: FrontStage, rings: FrontEndRings) -> Self {
+    pub fn new(stage: FrontStage, places: Option<PlacesRings>, rings: FrontEndRings) -> Self {
         Self {
             stage,
+            places,
             rings,
             ladder: Ladder::default(),
             newest_imu: Timestamp::MIN,
@@ -91,6 +97,7 @@ impl FrontEndTask {
                 shed: 0,
                 passed_over: 0,
                 short_of_samples: 0,
+                places_passed_over: 0,
                 on_rung: [0; Rung::ALL.len()],
                 steps_down: 0,
                 steps_up: 0,
@@ -146,6 +153,10 @@ impl FrontEndTask {
             match bell.wait(NAP, || feedback.pop()) {
                 Some(feedback) => {
                     self.stage.apply_feedback(&feedback);
+                    if let Some(places) = &mut self.places {
+                        let is_offered = places.offer(shared, &feedback, &mut self.stage);
+                        self.figures.places_passed_over += u64::from(!is_offered);
+                    }
                     self.heard += 1;
                     let _ = self.rings.blank.push(feedback);
                 }

@@ -18,6 +18,7 @@
 mod drivers;
 mod figures;
 mod front_end;
+mod places;
 mod shared;
 mod tick;
 mod watchdog_thread;
@@ -27,16 +28,18 @@ mod wiring;
 pub use figures::LiveFigures;
 
 use super::listener::{Listener, Producer, Subscriber};
+use super::places::PlacesStage;
 use super::stages::{self, FrontStage, WindowStage};
 use super::team::Team;
 use super::tick::TickStage;
-use super::{Control, DriverFaults, Outcome, RunError, Streams};
+use super::{Control, DriverFaults, Outcome, PlacesEnd, RunError, Streams};
 use crate::schedule::host::Host;
 use crate::schedule::tasks::{TaskId, TaskTable};
 use drivers::CameraEnd;
 use front_end::FrontEndEnd;
 use plumbline_config::ValidConfig;
 use plumbline_drivers::Faults;
+use plumbline_estimator::places::PlaceMap;
 use shared::Shared;
 use std::sync::Arc;
 use std::thread::ScopedJoinHandle;
@@ -61,7 +64,8 @@ pub struct Live {
 }
 
 impl Live {
-    /// Everything allocated for the configuration; `helpers` threads share the work on a frame.
+    /// Everything allocated for the configuration; `helpers` threads share the work on a frame. The map goes on with the
+    /// keyframes of `known`.
     ///
     /// # Errors
     /// When the system refuses a thread.
@@ -70,6 +74,7 @@ impl Live {
         speed: f64,
         helpers: usize,
         host: Arc<Host>,
+        known: Option<PlaceMap>,
         subscriber: &mut dyn Subscriber,
     ) -> Result<Self, RunError> {
         let table = TaskTable::new(config, speed);
@@ -80,6 +85,7 @@ impl Live {
             front: FrontStage::new(config, subscriber.listener(Producer::FrontEnd)),
             window: WindowStage::new(config, subscriber.listener(Producer::Window)),
             tick: TickStage::new(config, subscriber.listener(Producer::Tick)),
+            places: PlacesStage::new(config, known, subscriber.listener(Producer::Places)),
         };
         let listener = subscriber.listener(Producer::Watchdog);
         Ok(Self { config: config.clone(), speed, team, host, stages, listener })
@@ -89,7 +95,11 @@ impl Live {
     ///
     /// # Errors
     /// When a driver cannot go on, a thread is refused, or a task ended by a fault.
-    pub fn run(self, Streams { mut imu, stereo }: Streams, control: &Control) -> Result<Outcome, RunError> {
+    pub fn run(
+        self,
+        Streams { mut imu, stereo, .. }: Streams,
+        control: &Control,
+    ) -> Result<Outcome, RunError> {
         let Self { config, speed, team, host, stages, listener } = self;
         let first = imu.next_reading()?;
         let first_stamp = first.as_ref().map(|reading| reading.sample.stamp);
@@ -110,12 +120,14 @@ fn run_tasks(
     team: &Team,
     listener: Box<dyn Listener>,
 ) -> Result<Ended, RunError> {
-    let Tasks { imu, tick, camera, front_end, window } = tasks;
+    let Tasks { imu, tick, camera, front_end, window, places } = tasks;
     let watchdog = WatchdogThread::default();
     std::thread::scope(|scope| {
         let watching = watchdog.start(scope, shared, listener)?;
         // Also when a task could not be started, or ended by a fault.
         let until_the_end = watchdog.end_on_drop();
+        let places = places.map(|places| shared.spawn(scope, TaskId::Places, move || places.run(shared)));
+        let places = places.transpose()?;
         let window = shared.spawn(scope, TaskId::Window, move || window.run(shared))?;
         let front_end =
             shared.spawn(scope, TaskId::FrontEnd, || team.lead(|| front_end.run(shared, team)))?;
@@ -124,6 +136,7 @@ fn run_tasks(
         let tick = shared.spawn(scope, TaskId::Tick, move || tick.run(shared))?;
         let tasks = (joined(tick, "tick"), joined(front_end, "front-end"), joined(window, "window"));
         let drivers = (joined(camera, "camera"), joined(imu, "imu"));
+        let places = places.map(|places| joined(places, "places"));
         drop(until_the_end);
         let watchdog = watching.join().map_err(|_| RunError::Fault("watchdog"))?;
         Ok(Ended {
@@ -132,6 +145,7 @@ fn run_tasks(
             window: tasks.2?,
             camera: drivers.0?,
             imu: drivers.1?,
+            places: places.transpose()?,
             watchdog,
         })
     })
@@ -149,14 +163,18 @@ struct Ended {
     window: WindowEnd,
     camera: CameraEnd,
     imu: Faults,
+    places: Option<PlacesStage>,
     watchdog: WatchdogFigures,
 }
 
 impl Ended {
-    fn outcome(self, team: &Team) -> Outcome {
+    fn outcome(mut self, team: &Team) -> Outcome {
         let mut figures = stages::total(&self.front_end.stage, &self.window.stage, &self.tick.stage, team);
         figures.frames_refused += self.front_end.figures.refused() + self.camera.figures.overdue;
+        let passed_over = self.front_end.figures.places_passed_over;
+        let places = self.places.take();
         Outcome {
+            places: places.map(|places| PlacesEnd::new(places, &self.window.stage, passed_over)),
             estimate_digest: self.window.stage.digest(),
             odometry_digest: self.tick.stage.digest(),
             faults: DriverFaults { imu: self.imu, cameras: self.camera.faults },

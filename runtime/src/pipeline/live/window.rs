@@ -5,6 +5,7 @@ use super::NAP;
 use super::shared::Shared;
 use crate::schedule::ring::{Bell, Reader, Writer};
 use crate::schedule::tasks::TaskId;
+use plumbline_estimator::places::MapUpdate;
 use plumbline_estimator::{Estimate, Feedback};
 
 /// What the task leaves.
@@ -22,6 +23,7 @@ pub struct WindowTask {
     pub blank: Reader<Feedback>,
     pub feedback: Writer<Feedback>,
     pub corrections: Writer<Estimate>,
+    pub map_updates: Reader<MapUpdate>,
     pub bell: Bell,
 }
 
@@ -32,6 +34,9 @@ impl WindowTask {
         self.stage.figures.start();
         while let Some(job) = self.next_job() {
             shared.heartbeats.busy(TaskId::Window);
+            while let Some(update) = self.map_updates.pop() {
+                self.stage.update_map_later(update);
+            }
             // There are as many as there are jobs.
             if let Some(mut feedback) = self.blank.pop() {
                 let (estimate, cost) = self.stage.solve(&job, &mut feedback);

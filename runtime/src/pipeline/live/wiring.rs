@@ -4,15 +4,18 @@
 //! back to be filled again, so that nothing is allocated in flight.
 
 use super::super::image_sizes;
+use super::super::places::{PlaceChoice, PlacesStage};
 use super::super::stages::{FrontStage, Job, WindowStage};
 use super::super::tick::TickStage;
 use super::drivers::{Arrival, CameraFigures, CameraTask, ImuTask};
 use super::front_end::{FrontEndRings, FrontEndTask};
+use super::places::{PlacesRings, PlacesTask};
 use super::tick::TickTask;
 use super::window::WindowTask;
 use crate::schedule::ring::{Bell, Reader, Writer, ring};
 use plumbline_config::ValidConfig;
 use plumbline_drivers::{ImuReading, ImuSource, StereoFrame, StereoSource};
+use plumbline_estimator::places::{MapUpdate, PlaceJob};
 use plumbline_estimator::{Estimate, Feedback};
 
 /// Frames that are filled, wait or are tracked at a time.
@@ -25,6 +28,11 @@ const READING_RING: usize = 64;
 const SAMPLE_RING: usize = 12_000;
 /// Estimates that wait to correct the odometry: three seconds at 20 Hz.
 const CORRECTION_RING: usize = 64;
+
+/// Frames on their way to the map: one that it works on, and one that waits.
+const PLACE_POOL: usize = 2;
+/// What the map found, and the window has not heard yet.
+const MAP_UPDATE_RING: usize = 16;
 
 /// Where the data of a run come from.
 pub struct Sensors {
@@ -39,6 +47,8 @@ pub struct Stages {
     pub front: FrontStage,
     pub window: WindowStage,
     pub tick: TickStage,
+    /// Where places are switched on.
+    pub places: Option<PlacesStage>,
 }
 
 /// Every task of a run, joined to the others and ready to start.
@@ -48,6 +58,7 @@ pub struct Tasks {
     pub camera: CameraTask,
     pub front_end: FrontEndTask,
     pub window: WindowTask,
+    pub places: Option<PlacesTask>,
 }
 
 /// What each thread sleeps on.
@@ -57,6 +68,7 @@ struct Bells {
     camera: Bell,
     front_end: Bell,
     window: Bell,
+    places: Bell,
 }
 
 /// Both ends of a ring.
@@ -97,11 +109,17 @@ struct Rings {
     blank: Ring<Feedback>,
     /// From the window to the tick.
     corrections: Ring<Estimate>,
+    /// From the front-end to the map, and back.
+    place_jobs: Ring<PlaceJob>,
+    place_spare: Ring<PlaceJob>,
+    /// From the map to the window.
+    map_updates: Ring<MapUpdate>,
 }
 
 impl Rings {
     /// Everything allocated for the configuration.
     fn new(config: &ValidConfig, bells: &Bells) -> Self {
+        let place_jobs = if config.estimator.places.enabled { PLACE_POOL } else { 0 };
         Self {
             readings: Ring::new(READING_RING, &bells.tick),
             samples: Ring::new(SAMPLE_RING, &bells.front_end),
@@ -113,6 +131,10 @@ impl Rings {
             feedback: Ring::new(JOB_POOL, &bells.front_end),
             blank: Ring::new(JOB_POOL, &bells.window).filled(JOB_POOL, || Feedback::new(config.setup())),
             corrections: Ring::new(CORRECTION_RING, &bells.tick),
+            place_jobs: Ring::new(PLACE_POOL, &bells.places),
+            place_spare: Ring::new(PLACE_POOL, &bells.front_end)
+                .filled(place_jobs, || PlaceJob::new(config.setup())),
+            map_updates: Ring::new(MAP_UPDATE_RING, &bells.window),
         }
     }
 }
@@ -140,6 +162,11 @@ impl Tasks {
             },
             front_end: FrontEndTask::new(
                 stages.front,
+                stages.places.is_some().then_some(PlacesRings {
+                    jobs: rings.place_jobs.writer,
+                    spare: rings.place_spare.reader,
+                    choice: PlaceChoice::default(),
+                }),
                 FrontEndRings {
                     arrivals: rings.arrivals.reader,
                     empty: rings.empty.writer,
@@ -158,8 +185,16 @@ impl Tasks {
                 blank: rings.blank.reader,
                 feedback: rings.feedback.writer,
                 corrections: rings.corrections.writer,
+                map_updates: rings.map_updates.reader,
                 bell: bells.window,
             },
+            places: stages.places.map(|stage| PlacesTask {
+                stage,
+                jobs: rings.place_jobs.reader,
+                spare: rings.place_spare.writer,
+                updates: rings.map_updates.writer,
+                bell: bells.places,
+            }),
         }
     }
 }

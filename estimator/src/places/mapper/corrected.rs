@@ -1,0 +1,62 @@
+//! A causal trajectory, corrected by what the graph knows at the end.
+
+use super::Mapper;
+use nalgebra::{Isometry3, UnitQuaternion};
+use plumbline_config::Timestamp;
+
+/// A pose on the way of the body, as it was known when its frame came.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Passing {
+    /// When.
+    pub stamp: Timestamp,
+    /// Where, in the odometry frame of that time.
+    pub pose_o_b: Isometry3<f64>,
+    /// Resets up to then.
+    pub reset_counter: u32,
+}
+
+/// What a node makes of the causal pose at its time.
+struct Correction {
+    stamp: Timestamp,
+    pose_m_o: Isometry3<f64>,
+}
+
+impl Mapper {
+    /// Where the body was in the map; `None` where that is not known. Between two keyframes their corrections are
+    /// blended, before the first and after the last of a segment the nearest one holds.
+    #[must_use]
+    pub fn corrected(&self, passing: &Passing) -> Option<Isometry3<f64>> {
+        let nodes = self.graph.nodes().iter().zip(&self.infos);
+        let (mut before, mut after): (Option<Correction>, Option<Correction>) = (None, None);
+        for (node, info) in nodes {
+            if info.reset_counter != passing.reset_counter || !node.is_placed {
+                continue;
+            }
+            let pose_m_o = node.pose_m_b() * info.first_pose_o_b.inverse();
+            let correction = Correction { stamp: info.stamp, pose_m_o };
+            if info.stamp <= passing.stamp {
+                before = Some(correction);
+            } else {
+                after = Some(correction);
+                break;
+            }
+        }
+        let here = |c: &Correction| c.pose_m_o * passing.pose_o_b;
+        match (before, after) {
+            (Some(a), Some(b)) => {
+                let share = passing.stamp.seconds_since(a.stamp) / b.stamp.seconds_since(a.stamp);
+                Some(blended(&here(&a), &here(&b), share))
+            }
+            (Some(only), None) | (None, Some(only)) => Some(here(&only)),
+            (None, None) => None,
+        }
+    }
+}
+
+/// Between two poses that are nearly alike.
+fn blended(a: &Isometry3<f64>, b: &Isometry3<f64>, share: f64) -> Isometry3<f64> {
+    let turn = (a.rotation.inverse() * b.rotation).scaled_axis();
+    let rotation = a.rotation * UnitQuaternion::from_scaled_axis(turn * share);
+    let shift = a.translation.vector.lerp(&b.translation.vector, share);
+    Isometry3::from_parts(shift.into(), rotation)
+}

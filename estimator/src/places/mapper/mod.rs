@@ -1,0 +1,497 @@
+//! The map that a flight makes, and where the odometry lies in it.
+//!
+//! One call a keyframe ([`Mapper::process`]): features of its images, the search for the place in what was seen before,
+//! a node and edges in the pose graph, a bounded number of steps of its solver. What comes out is the pose of the
+//! odometry frame in the map, `T_MO`; the odometry itself never hears of it.
+//!
+//! A *segment* is a piece of unbroken odometry: a reset begins a new one. The first segment defines the map, if none was
+//! loaded; every other one is *placed* when it has been located in what is there: twice from places apart that agree, or
+//! once beyond doubt. Until then it is not known where the vehicle is in the map, and nothing is said. A segment that was
+//! never placed is forgotten when the next one begins.
+//!
+//! Keyframes of a loaded map stand still: a sighting of one is an edge from a node at the origin of the map.
+
+mod corrected;
+pub mod follower;
+mod sighting;
+
+pub use corrected::Passing;
+pub use follower::{MapEstimate, MapFollower};
+
+use super::extractor::{Extractor, ExtractorOptions, View};
+use super::graph::edge::chained;
+use super::graph::{Edge, GraphLimits, Node, PoseGraph};
+use super::images::FrameImages;
+use super::locate::{Located, Locator, LocatorOptions, Query};
+use super::map::{Keyframe, MapLimits, PlaceMap, view_distance};
+use super::refine::Gravity;
+use crate::exchange::{Feedback, SolvedFrame};
+use crate::points::rig::RigCamera;
+use nalgebra::{Isometry3, Matrix4, Vector3, Vector4};
+use plumbline_config::options::PlacesConfig;
+use plumbline_config::{Timestamp, ValidSetup};
+
+/// Keyframes younger than this are not searched: they are what the odometry still sees, s.
+const MIN_AGE_S: f64 = 10.0;
+/// Steps of the graph's solver in one call.
+const STEPS_PER_CALL: usize = 3;
+/// Steps of the solver at the end of a flight.
+const FINAL_STEPS: usize = 500;
+/// Loops that a graph may hold, for each keyframe.
+const LOOPS_PER_KEYFRAME: usize = 2;
+/// What odometry is taken to drift by where the window did not say, m per root of a metre, and least.
+const DRIFT_M: (f64, f64) = (0.02, 0.005);
+/// The same of the heading, rad.
+const DRIFT_RAD: (f64, f64) = (0.002, 0.001);
+/// Standard deviation of neighbouring keyframes against each other, m and rad.
+const KEYFRAME_SIGMA: (f64, f64) = (0.003, 0.001);
+/// Standard deviation of the vertical of the odometry, rad.
+const SIGMA_VERTICAL_RAD: f64 = 0.004;
+/// Where segments that are not placed wait, far from everything, m.
+const WAITING_ROOM_M: f64 = 1e6;
+/// A frame that is no keyframe may become one while the segment is not placed, after so many frames.
+pub const SEARCH_EVERY_FRAMES: u64 = 5;
+
+/// What a call needs: a solved frame and its images.
+#[derive(Clone, Debug)]
+pub struct PlaceJob {
+    /// The frame.
+    pub solved: SolvedFrame,
+    /// Extrinsics of the cameras as they were known.
+    pub pose_b_c: [Isometry3<f64>; 2],
+    /// Its images.
+    pub images: FrameImages,
+}
+
+impl PlaceJob {
+    /// An empty one, with room for the images of the setup.
+    #[must_use]
+    pub fn new(setup: &ValidSetup) -> Self {
+        Self {
+            solved: SolvedFrame::default(),
+            pose_b_c: [Isometry3::identity(); 2],
+            images: FrameImages::new(setup),
+        }
+    }
+
+    /// Takes what the window said of the frame.
+    pub fn describe(&mut self, feedback: &Feedback) {
+        self.solved.clone_from(&feedback.solved);
+        self.pose_b_c = feedback.pose_b_c;
+    }
+}
+
+/// A place seen again.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sighting {
+    /// Number of the keyframe that was seen again.
+    pub keyframe_id: u32,
+    /// When that was taken.
+    pub keyframe_stamp: Timestamp,
+    /// Matches that agree.
+    pub inliers: u32,
+    /// Standard deviation of the position found, in its worst direction, m.
+    pub sigma_m: f64,
+}
+
+/// What a call found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MapUpdate {
+    /// Which frame of the window it is about, counted from 0.
+    pub index: u64,
+    /// Its sequence number.
+    pub sequence: u64,
+    /// When it was taken.
+    pub stamp: Timestamp,
+    /// Resets of the odometry up to it: the update is about the odometry frame of these.
+    pub reset_counter: u32,
+    /// Pose of the odometry frame in the map: a turn about the vertical and a shift. `None` while it is not known.
+    pub pose_m_o: Option<Isometry3<f64>>,
+    /// The place that was seen again, if one was.
+    pub sighting: Option<Sighting>,
+    /// Keyframes of the map.
+    pub keyframes: u32,
+    /// Places seen again so far.
+    pub sightings: u32,
+    /// Loops that count now.
+    pub loops_used: u32,
+}
+
+/// What belongs to a node of the graph.
+#[derive(Clone, Copy, Debug)]
+struct NodeInfo {
+    stamp: Timestamp,
+    reset_counter: u32,
+    /// Slot of the keyframe in the map.
+    slot: Option<usize>,
+    keyframe_id: u32,
+    /// Pose in the odometry frame as it was first known: that of the causal trajectory.
+    first_pose_o_b: Isometry3<f64>,
+}
+
+/// The segment that is being flown.
+#[derive(Clone, Copy, Debug)]
+struct Segment {
+    number: u32,
+    reset_counter: u32,
+    is_placed: bool,
+    /// Covariance of the odometry since the last node, and the keyframe up to which it reaches.
+    since_node: Matrix4<f64>,
+    known_until: Timestamp,
+}
+
+/// Makes the map. Everything is allocated at construction.
+pub struct Mapper {
+    options: PlacesConfig,
+    rig: Vec<RigCamera>,
+    extractor: Extractor,
+    locator: Locator,
+    map: PlaceMap,
+    graph: PoseGraph,
+    infos: Vec<NodeInfo>,
+    /// The first session of this flight: earlier ones come from a loaded map.
+    first_session: u32,
+    segment: Option<Segment>,
+    segments: u32,
+    sightings: u32,
+    loops_used: u32,
+}
+
+impl Mapper {
+    /// A mapper that starts from nothing, or goes on with the keyframes of `known`, which must have the limits of
+    /// [`Self::limits`].
+    #[must_use]
+    pub fn new(setup: &ValidSetup, known: Option<PlaceMap>) -> Self {
+        let options = setup.estimator.places.clone();
+        let limits = Self::limits(setup);
+        let extractor_options =
+            ExtractorOptions { max_features: options.max_features, ..ExtractorOptions::default() };
+        let (width_px, height_px) = (setup.left().width_px, setup.left().height_px);
+        let map = known.unwrap_or_else(|| PlaceMap::new(limits));
+        let nodes = limits.keyframes + 2;
+        let mut mapper = Self {
+            rig: setup.camera.iter().map(|c| RigCamera::new(c.model())).collect(),
+            extractor: Extractor::new(width_px, height_px, &extractor_options),
+            locator: Locator::new(&locator_options(), limits.keyframes, limits.features),
+            first_session: map.keyframes().map(|(_, k)| k.session + 1).max().unwrap_or(0),
+            map,
+            graph: PoseGraph::new(GraphLimits { nodes, loops: LOOPS_PER_KEYFRAME * limits.keyframes }),
+            infos: Vec::with_capacity(nodes),
+            segment: None,
+            segments: 0,
+            sightings: 0,
+            loops_used: 0,
+            options,
+        };
+        // The origin of the map: what was seen of a loaded one hangs on it.
+        let origin = Isometry3::identity();
+        mapper.push_node(
+            Node { segment: u32::MAX, ..Node::new(origin, &origin, true) },
+            NodeInfo {
+                stamp: Timestamp::MIN,
+                reset_counter: u32::MAX,
+                slot: None,
+                keyframe_id: u32::MAX,
+                first_pose_o_b: origin,
+            },
+        );
+        mapper
+    }
+
+    /// How much the map of a setup may hold.
+    #[must_use]
+    pub fn limits(setup: &ValidSetup) -> MapLimits {
+        let places = &setup.estimator.places;
+        MapLimits { keyframes: places.max_keyframes, features: places.max_features }
+    }
+
+    /// The map.
+    #[must_use]
+    pub fn map(&self) -> &PlaceMap {
+        &self.map
+    }
+
+    /// The pose graph of this flight.
+    #[must_use]
+    pub fn graph(&self) -> &PoseGraph {
+        &self.graph
+    }
+
+    /// Places seen again so far.
+    #[must_use]
+    pub fn sightings(&self) -> u32 {
+        self.sightings
+    }
+
+    /// Loops that count, as of the last call.
+    #[must_use]
+    pub fn loops_used(&self) -> u32 {
+        self.loops_used
+    }
+
+    /// Takes a frame into account.
+    pub fn process(&mut self, job: &PlaceJob) -> MapUpdate {
+        let solved = &job.solved;
+        let mut sighting = None;
+        if let Some(pose_o_b) = solved.pose_o_b {
+            let mut segment = self.segment_of(solved);
+            self.refresh(solved);
+            segment.follow(solved);
+            if self.is_wanted(&segment, solved, &pose_o_b) && job.images.image(0).is_some() {
+                sighting = self.add_keyframe(&mut segment, job, &pose_o_b);
+            }
+            self.segment = Some(segment);
+            let progress = self.graph.optimize(STEPS_PER_CALL);
+            self.loops_used = progress.loops_used as u32;
+            if progress.steps > 0 {
+                self.move_keyframes();
+            }
+        }
+        self.sightings += u32::from(sighting.is_some());
+        MapUpdate {
+            index: solved.index,
+            sequence: solved.sequence,
+            stamp: solved.stamp,
+            reset_counter: solved.reset_counter,
+            pose_m_o: self.pose_m_o(),
+            sighting,
+            keyframes: self.map.len() as u32,
+            sightings: self.sightings,
+            loops_used: self.loops_used,
+        }
+    }
+
+    /// Solves the graph to its end, for the trajectory and the map that are kept.
+    pub fn finish(&mut self) {
+        let progress = self.graph.optimize(FINAL_STEPS);
+        self.loops_used = progress.loops_used as u32;
+        self.move_keyframes();
+        if self.segment.is_some_and(|s| !s.is_placed) {
+            self.forget_unplaced();
+        }
+    }
+
+    /// Pose of the odometry frame in the map, as the newest node has it.
+    fn pose_m_o(&self) -> Option<Isometry3<f64>> {
+        self.segment.filter(|s| s.is_placed)?;
+        self.graph.correction(self.graph.nodes().len() - 1)
+    }
+
+    /// The segment of a frame: the present one, or a new one after a reset.
+    fn segment_of(&mut self, solved: &SolvedFrame) -> Segment {
+        if let Some(segment) = self.segment.filter(|s| s.reset_counter == solved.reset_counter) {
+            return segment;
+        }
+        if self.segment.is_some_and(|s| !s.is_placed) {
+            self.forget_unplaced();
+        }
+        let number = self.segments;
+        self.segments += 1;
+        Segment {
+            number,
+            reset_counter: solved.reset_counter,
+            is_placed: self.map.is_empty(),
+            since_node: Matrix4::zeros(),
+            known_until: solved.stamp,
+        }
+    }
+
+    /// Takes out what was never found in the map.
+    fn forget_unplaced(&mut self) {
+        while let Some(last) = self.graph.nodes().len().checked_sub(1)
+            && !self.graph.nodes()[last].is_placed
+        {
+            if let Some(slot) = self.infos[last].slot {
+                self.map.remove(slot);
+            }
+            self.remove_node(last);
+        }
+    }
+
+    /// What the window knows better by now of keyframes that are nodes.
+    fn refresh(&mut self, solved: &SolvedFrame) {
+        for keyframe in &solved.keyframes {
+            let known = self.infos.iter().rposition(|i| {
+                i.stamp == keyframe.stamp && i.reset_counter == solved.reset_counter && i.slot.is_some()
+            });
+            if let Some(node) = known {
+                self.graph.set_odometry(node, keyframe.pose_o_b);
+            }
+        }
+    }
+
+    /// Whether a frame is taken: it shows something new, or nobody knows yet where this is.
+    fn is_wanted(&self, segment: &Segment, solved: &SolvedFrame, pose_o_b: &Isometry3<f64>) -> bool {
+        if !solved.is_keyframe && segment.is_placed {
+            return false;
+        }
+        let Some((node, info)) = self.graph.nodes().last().zip(self.infos.last()) else { return true };
+        if info.reset_counter != segment.reset_counter {
+            return true;
+        }
+        let view = |pose: &Isometry3<f64>| Keyframe::new(0, solved.stamp, *pose, self.rig[0].pose_b_c);
+        view_distance(&view(&node.pose_o_b), &view(pose_o_b)) >= self.options.spacing_m
+    }
+
+    /// Makes a keyframe of a frame: looks where it was seen before, and adds it to map and graph.
+    fn add_keyframe(
+        &mut self,
+        segment: &mut Segment,
+        job: &PlaceJob,
+        pose_o_b: &Isometry3<f64>,
+    ) -> Option<Sighting> {
+        let solved = &job.solved;
+        for (camera, pose_b_c) in self.rig.iter_mut().zip(job.pose_b_c) {
+            camera.pose_b_c = pose_b_c;
+        }
+        let pose_b_c = self.rig[0].pose_b_c;
+        let up_b = pose_o_b.rotation.inverse() * Vector3::z();
+        let left = (&self.rig[0], job.images.image(0)?);
+        let right = self.rig.get(1).and_then(|camera| Some((camera, job.images.image(1)?)));
+        let up_c = Some(pose_b_c.rotation.inverse() * up_b);
+        let features = self.extractor.extract(&View { left, right, up_c });
+        let query = Query {
+            features,
+            pose_b_c,
+            gravity: Some(Gravity { up_b, sigma_rad: SIGMA_VERTICAL_RAD }),
+            seed: solved.sequence,
+        };
+        let session = self.first_session + segment.number;
+        let newest = solved.stamp.plus_seconds(-MIN_AGE_S);
+        let located = self.locator.locate(&self.map, &query, |k| {
+            if k.session == session { segment.is_placed && k.stamp < newest } else { true }
+        });
+
+        let node = self.add_node(segment, solved, pose_o_b)?;
+        if let Some(located) = &located {
+            self.add_loop(segment, node, located);
+        }
+        let pose_m_b = self.graph.nodes()[node].pose_m_b();
+        let keyframe = Keyframe::new(session, solved.stamp, pose_m_b, pose_b_c);
+        // With one camera there is no depth, and so nothing to be located by.
+        if job.images.image(1).is_some()
+            && let Some(slot) = self.map.add(keyframe, self.extractor.features())
+        {
+            if let Some(forgotten) = self.infos.iter().position(|i| i.slot == Some(slot)) {
+                self.remove_node(forgotten);
+            }
+            let id = self.map.keyframe(slot).map_or(u32::MAX, |k| k.id);
+            if let Some(info) = self.infos.last_mut() {
+                (info.slot, info.keyframe_id) = (Some(slot), id);
+            }
+        }
+        located.as_ref().map(|found| self.sighting_of(found))
+    }
+
+    fn sighting_of(&self, found: &Located) -> Sighting {
+        let stamp = self.map.keyframes().find(|(_, k)| k.id == found.keyframe_id).map(|(_, k)| k.stamp);
+        Sighting {
+            keyframe_id: found.keyframe_id,
+            keyframe_stamp: stamp.unwrap_or_default(),
+            inliers: found.inliers as u32,
+            sigma_m: found.sigma_m(),
+        }
+    }
+
+    /// Adds a node, and the edge from the one before it.
+    fn add_node(
+        &mut self,
+        segment: &mut Segment,
+        solved: &SolvedFrame,
+        pose_o_b: &Isometry3<f64>,
+    ) -> Option<usize> {
+        let before = self.infos.len() - 1;
+        let continues = self.infos[before].reset_counter == segment.reset_counter;
+        if self.graph.nodes().len() == self.infos.capacity() {
+            // Frames of one camera are no keyframes of the map, which would make room for them.
+            self.remove_node(1);
+        }
+        let before = self.infos.len().checked_sub(1).filter(|_| continues);
+        let waiting = Isometry3::translation(WAITING_ROOM_M, 0.0, 0.0);
+        let pose_m_o = match before.filter(|_| segment.is_placed) {
+            Some(before) => self.graph.correction(before)?,
+            None if segment.is_placed => Isometry3::identity(),
+            None => waiting,
+        };
+        let node = Node {
+            segment: segment.number,
+            is_placed: segment.is_placed,
+            ..Node::new(*pose_o_b, &pose_m_o, before.is_none())
+        };
+        let info = NodeInfo {
+            stamp: solved.stamp,
+            reset_counter: segment.reset_counter,
+            slot: None,
+            keyframe_id: u32::MAX,
+            first_pose_o_b: *pose_o_b,
+        };
+        let index = self.push_node(node, info)?;
+        if let Some(before) = before {
+            let information = segment.information_since_node(&self.graph.nodes()[before], pose_o_b);
+            let edge = Edge::of_odometry(self.graph.nodes(), before, index, information);
+            self.graph.add_sequential(edge);
+        }
+        segment.since_node = Matrix4::zeros();
+        Some(index)
+    }
+
+    fn push_node(&mut self, node: Node, info: NodeInfo) -> Option<usize> {
+        let index = self.graph.add_node(node)?;
+        self.infos.push(info);
+        Some(index)
+    }
+
+    fn remove_node(&mut self, node: usize) {
+        self.graph.remove_node(node);
+        self.infos.remove(node);
+    }
+
+    /// The keyframes go where the graph has their nodes.
+    fn move_keyframes(&mut self) {
+        for (node, info) in self.graph.nodes().iter().zip(&self.infos) {
+            if let Some(slot) = info.slot {
+                self.map.set_pose(slot, node.pose_m_b());
+            }
+        }
+    }
+}
+
+/// In flight keyframes are as exact against each other as the odometry has them.
+fn locator_options() -> LocatorOptions {
+    LocatorOptions {
+        map_sigma_m: KEYFRAME_SIGMA.0,
+        map_sigma_rad: KEYFRAME_SIGMA.1,
+        ..LocatorOptions::default()
+    }
+}
+
+impl Segment {
+    /// Carries the covariance since the last node over the newest keyframe.
+    fn follow(&mut self, solved: &SolvedFrame) {
+        let Some(step) = solved.steps.last().filter(|s| s.to == solved.stamp && s.from == self.known_until)
+        else {
+            if solved.is_keyframe {
+                self.known_until = solved.stamp;
+            }
+            return;
+        };
+        let pose_at = |stamp| solved.keyframes.iter().find(|k| k.stamp == stamp).map(|k| k.pose_o_b);
+        if let (Some(from), Some(to)) = (pose_at(step.from), pose_at(step.to)) {
+            let way = to.translation.vector - from.translation.vector;
+            self.since_node = chained(&self.since_node, &way, &step.covariance);
+        }
+        self.known_until = solved.stamp;
+    }
+
+    /// Information about the way since the node before; at least as uncertain as odometry is at best.
+    fn information_since_node(&self, before: &Node, pose_o_b: &Isometry3<f64>) -> Matrix4<f64> {
+        let known = self.since_node;
+        if let Some(information) = known.cholesky().map(|c| c.inverse()) {
+            return information;
+        }
+        let length = (pose_o_b.translation.vector - before.pose_o_b.translation.vector).norm();
+        let sigma = |(per_root, least): (f64, f64)| least + per_root * length.sqrt();
+        let (position, heading) = (sigma(DRIFT_M).powi(-2), sigma(DRIFT_RAD).powi(-2));
+        Matrix4::from_diagonal(&Vector4::new(position, position, position, heading))
+    }
+}

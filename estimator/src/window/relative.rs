@@ -1,0 +1,125 @@
+//! How well the window knows one of its frames against another: what a pose graph is told of the odometry.
+//!
+//! Way and turn from frame `a` to frame `b`, in the axes of `O`, and how they follow the error states of both:
+//!
+//! `w = p_b - p_a`, `dw = dp_b - dp_a - (e_z x w) dpsi_a`, `dpsi = dpsi_b - dpsi_a` with `dpsi_k = e_z^T R_k dtheta_k`.
+//!
+//! The term with `dpsi_a` turns the way along with frame `a`, as an edge of [`crate::places::graph`] does. With `A` for
+//! these rows and `H` for the normal equations of the last solution the covariance is `A H^-1 A^T`.
+
+use super::Window;
+use super::state::{NavState, unknown_of_frame};
+use nalgebra::{Matrix4, SVector, Vector3};
+
+/// A row of `A`: by position and attitude of both frames.
+#[derive(Clone, Copy, Default)]
+struct Row {
+    by_from: [Vector3<f64>; 2],
+    by_to: [Vector3<f64>; 2],
+}
+
+impl Window {
+    /// Covariance of way (0..3, m²) and turn about the vertical (3, rad²) from frame `from` to frame `to`, by the last
+    /// factorization. `None` before the first, for frames that are not there, and where it is none.
+    pub fn relative_covariance(&mut self, from: usize, to: usize) -> Option<Matrix4<f64>> {
+        let count = self.frames.len();
+        let dim = unknown_of_frame(count);
+        if self.factor.dim() != dim || from == to {
+            return None;
+        }
+        let rows = rows(&self.frames.get(from)?.nav, &self.frames.get(to)?.nav);
+        let (at_from, at_to) = (unknown_of_frame(from), unknown_of_frame(to));
+        let places = |row: &Row| {
+            [(at_from, row.by_from), (at_to, row.by_to)]
+                .map(|(at, [by_p, by_theta])| [(at + NavState::P, by_p), (at + NavState::ROT, by_theta)])
+        };
+        let mut covariance = Matrix4::zeros();
+        for (column, row) in rows.iter().enumerate() {
+            self.solution[..dim].fill(0.0);
+            for (at, by) in places(row).into_iter().flatten() {
+                self.solution[at..at + 3].copy_from_slice(by.as_slice());
+            }
+            self.factor.solve(&mut self.solution[..dim]);
+            let of_row = |other: &Row| -> f64 {
+                let terms = places(other);
+                let dot = |(at, by): &(usize, Vector3<f64>)| -> f64 {
+                    by.iter().zip(&self.solution[*at..]).map(|(b, x)| b * x).sum()
+                };
+                terms.iter().flatten().map(dot).sum()
+            };
+            covariance.set_column(column, &SVector::from_fn(|i, _| of_row(&rows[i])));
+        }
+        let symmetric: Matrix4<f64> = (covariance + covariance.transpose()) * 0.5;
+        (0..4).all(|k| symmetric[(k, k)] > 0.0 && symmetric[(k, k)].is_finite()).then_some(symmetric)
+    }
+}
+
+fn rows(from: &NavState, to: &NavState) -> [Row; 4] {
+    let yaw_by_theta = |nav: &NavState| nav.rot_o_b.inverse() * Vector3::z();
+    let lever = Vector3::z().cross(&(to.p_o_b - from.p_o_b));
+    let (of_from, of_to) = (yaw_by_theta(from), yaw_by_theta(to));
+    let mut rows = [Row::default(); 4];
+    for (k, row) in rows.iter_mut().take(3).enumerate() {
+        row.by_to[0][k] = 1.0;
+        row.by_from[0][k] = -1.0;
+        row.by_from[1] = -of_from * lever[k];
+    }
+    rows[3] = Row { by_from: [Vector3::zeros(), -of_from], by_to: [Vector3::zeros(), of_to] };
+    rows
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_room::Room;
+    use super::*;
+    use crate::geometry::{exp_so3, log_so3};
+    use nalgebra::UnitQuaternion;
+
+    #[test]
+    fn the_rows_are_the_derivatives_of_way_and_turn() {
+        let nav = |k: f64| NavState {
+            p_o_b: Vector3::new(0.3 * k, 1.0 - k, 0.2 * k),
+            rot_o_b: exp_so3(&Vector3::new(0.2 * k, -0.1, 0.7 + 0.4 * k)),
+            ..NavState::default()
+        };
+        let states = [nav(0.4), nav(1.3)];
+        // How far a frame has been turned about the vertical since.
+        let turned = |k: usize, now: &NavState| log_so3(&(now.rot_o_b * states[k].rot_o_b.inverse())).z;
+        let measured = |now: &[NavState; 2]| {
+            let back = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -turned(0, &now[0]));
+            (back * (now[1].p_o_b - now[0].p_o_b)).push(turned(1, &now[1]) - turned(0, &now[0]))
+        };
+        let analytic = rows(&states[0], &states[1]);
+        for (which, kind, axis) in (0..12).map(|n| (n / 6, n / 3 % 2, n % 3)) {
+            let moved = |step: f64| {
+                let mut now = states.clone();
+                let step = Vector3::from_fn(|k, _| if k == axis { step } else { 0.0 });
+                match kind {
+                    0 => now[which].p_o_b += step,
+                    _ => now[which].rot_o_b *= exp_so3(&step),
+                }
+                measured(&now)
+            };
+            let numeric = (moved(1e-6) - moved(-1e-6)) / 2e-6;
+            for k in 0..4 {
+                let row = if which == 0 { analytic[k].by_from } else { analytic[k].by_to };
+                assert!((numeric[k] - row[kind][axis]).abs() < 1e-7, "row {k}, state {which} {kind} {axis}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_step_is_known_better_than_where_it_ends() {
+        let mut window = Room::default().window();
+        let _ = window.optimize(5);
+        let last = window.frames.len() - 1;
+        let step = window.relative_covariance(last - 1, last).unwrap();
+        assert!(step.cholesky().is_some());
+        let whole = window.relative_covariance(0, last).unwrap();
+        for k in 0..4 {
+            assert!(step[(k, k)] < whole[(k, k)], "{k}: {} {}", step[(k, k)], whole[(k, k)]);
+        }
+        assert!(window.relative_covariance(last, last).is_none());
+        assert!(window.relative_covariance(0, last + 1).is_none());
+    }
+}

@@ -1,0 +1,191 @@
+//! The stage of places: keyframes in, what the map knows out. It works beside the flight, and nothing of the odometry
+//! depends on it.
+//!
+//! What was begun with frame `k` takes effect [`PLACES_DELAY_FRAMES`] frames later, however early it was ready, so that
+//! every executor gives the same bits. In a live run it may come later still, or be passed over when the one before is
+//! not done: then that is an order ([`MapOrder`](super::orders::MapOrder)), and an input of a re-execution.
+
+use super::clock::Stopwatch;
+use super::digest::Digest;
+use super::listener::{Listener, Mapped};
+use super::orders::{MapOrder, MapVerdict};
+use super::stages::FrontStage;
+use crate::schedule::times::{Percentiles, Times};
+use plumbline_config::ValidConfig;
+use plumbline_estimator::places::mapper::SEARCH_EVERY_FRAMES;
+use plumbline_estimator::places::{MapFollower, MapUpdate, Mapper, PlaceJob, PlaceMap};
+use plumbline_estimator::{Estimate, Feedback};
+use std::collections::VecDeque;
+
+/// Frames from a keyframe to the first estimate that knows what was found with it: longer than the search takes.
+pub const PLACES_DELAY_FRAMES: u64 = 6;
+/// Updates that wait to take effect, at most.
+const MAX_PENDING: usize = 16;
+
+/// Which frames are given to the map, by what the window says of them.
+#[derive(Debug, Default)]
+pub struct PlaceChoice {
+    last: Option<u64>,
+}
+
+impl PlaceChoice {
+    /// Whether the frame that `feedback` is about is one: a keyframe, or the first for a while.
+    pub fn takes(&mut self, feedback: &Feedback) -> bool {
+        let solved = &feedback.solved;
+        let is_due = self.last.is_none_or(|last| solved.index >= last + SEARCH_EVERY_FRAMES);
+        let is_taken = solved.pose_o_b.is_some() && (solved.is_keyframe || is_due);
+        if is_taken {
+            self.last = Some(solved.index);
+        }
+        is_taken
+    }
+}
+
+/// Fills `job` with the frame that `feedback` is about, once that has been heard by the front-end.
+pub fn fill(job: &mut PlaceJob, feedback: &Feedback, front: &mut FrontStage) {
+    job.describe(feedback);
+    front.exchange_images(feedback.solved.sequence, &mut job.images);
+}
+
+/// What the stage counts and times.
+#[derive(Clone, Debug)]
+pub struct PlacesFigures {
+    /// Computation of each call, ms of wall time.
+    pub times_ms: Times,
+    /// Keyframes in the map, places seen again, and loops that count, at the end.
+    pub keyframes: u32,
+    /// Places seen again.
+    pub sightings: u32,
+    /// Loops that count at the end.
+    pub loops_used: u32,
+    /// Frames that were passed over because the one before was not done.
+    pub passed_over: u64,
+    /// Updates that took effect later than the rule says.
+    pub late: u64,
+    /// SHA-256 over the bits of the pose of the odometry in the map, frame by frame.
+    pub digest: String,
+}
+
+impl Default for PlacesFigures {
+    fn default() -> Self {
+        Self {
+            times_ms: Times::of_ms(),
+            keyframes: 0,
+            sightings: 0,
+            loops_used: 0,
+            passed_over: 0,
+            late: 0,
+            digest: String::new(),
+        }
+    }
+}
+
+impl PlacesFigures {
+    /// Percentiles of the computation, ms.
+    #[must_use]
+    pub fn percentiles(&self) -> Percentiles {
+        self.times_ms.percentiles()
+    }
+}
+
+/// The map with its figures.
+pub struct PlacesStage {
+    listener: Box<dyn Listener>,
+    mapper: Mapper,
+    times_ms: Times,
+}
+
+impl PlacesStage {
+    /// Everything allocated for the configuration; `None` where places are switched off.
+    #[must_use]
+    pub fn new(config: &ValidConfig, known: Option<PlaceMap>, listener: Box<dyn Listener>) -> Option<Self> {
+        config.estimator.places.enabled.then(|| Self {
+            listener,
+            mapper: Mapper::new(config.setup(), known),
+            times_ms: Times::of_ms(),
+        })
+    }
+
+    /// Takes a frame into account.
+    pub fn work(&mut self, job: &PlaceJob) -> MapUpdate {
+        let watch = Stopwatch::start();
+        let update = self.mapper.process(job);
+        self.times_ms.record(watch.elapsed_ms());
+        self.listener.mapped(&Mapped { update: &update, mapper: &self.mapper });
+        update
+    }
+
+    /// The map, its graph solved to the end, and the times.
+    #[must_use]
+    pub fn into_end(mut self) -> (Mapper, Times) {
+        self.mapper.finish();
+        (self.mapper, self.times_ms)
+    }
+}
+
+/// The pose of the odometry in the map, frame by frame. Runs where the window does.
+pub struct MapStage {
+    follower: MapFollower,
+    pending: VecDeque<MapUpdate>,
+    /// Estimates so far.
+    frames: u64,
+    digest: Digest,
+    late: u64,
+    newest: Option<MapUpdate>,
+}
+
+impl Default for MapStage {
+    fn default() -> Self {
+        Self {
+            follower: MapFollower::default(),
+            pending: VecDeque::with_capacity(MAX_PENDING),
+            frames: 0,
+            digest: Digest::default(),
+            late: 0,
+            newest: None,
+        }
+    }
+}
+
+impl MapStage {
+    /// Keeps an update until it is to take effect.
+    pub fn update_later(&mut self, update: MapUpdate) {
+        if self.pending.len() == MAX_PENDING {
+            self.pending.pop_front();
+        }
+        self.pending.push_back(update);
+    }
+
+    /// Lets the updates take effect that are due, and tells of the map as of `estimate`.
+    pub fn follow(&mut self, estimate: &Estimate, listener: &mut dyn Listener) {
+        let index = self.frames;
+        self.frames += 1;
+        while let Some(update) =
+            self.pending.front().copied().filter(|u| index >= u.index + PLACES_DELAY_FRAMES)
+        {
+            self.pending.pop_front();
+            self.late += u64::from(index > update.index + PLACES_DELAY_FRAMES);
+            self.follower.apply(&update);
+            self.newest = Some(update);
+            let verdict = MapVerdict::Applied { at_frame: estimate.frame_sequence };
+            listener.map_order(&MapOrder { frame: update.sequence, verdict });
+        }
+        let map_estimate = self.follower.follow(estimate);
+        self.digest.map_estimate(&map_estimate);
+        listener.map_estimate(&map_estimate);
+    }
+
+    /// What the whole came to, with the times of the map.
+    #[must_use]
+    pub fn figures(&self, times_ms: Times, passed_over: u64, mapper: &Mapper) -> PlacesFigures {
+        PlacesFigures {
+            times_ms,
+            keyframes: mapper.map().len() as u32,
+            sightings: mapper.sightings(),
+            loops_used: mapper.loops_used(),
+            passed_over,
+            late: self.late,
+            digest: self.digest.hex(),
+        }
+    }
+}
