@@ -13,6 +13,7 @@ mod canvas;
 mod effects;
 mod facet;
 mod imu;
+mod laps;
 mod lens;
 mod light;
 mod light_map;

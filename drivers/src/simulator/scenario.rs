@@ -1,6 +1,6 @@
 //! What is to be simulated.
 
-use super::{Effects, ImuEffects, LEAD_S, Scene, Trajectory, path};
+use super::{Effects, ImuEffects, LEAD_S, Scene, Trajectory, laps, path};
 use crate::DriverError;
 use crate::tum::read_tum;
 use plumbline_config::{Config, Timestamp};
@@ -27,8 +27,10 @@ pub struct Scenario {
     pub path: FlightPath,
     /// First image, after the beginning of the path (and [`LEAD_S`]).
     pub start_s: f64,
-    /// Length of the flight; a file that ends earlier ends it.
+    /// Length of the flight, of one lap where there are several; a file that ends earlier ends it.
     pub duration_s: f64,
+    /// How often it is flown, one after the other, with a way back in between.
+    pub laps: u32,
     /// Of all that is random.
     pub seed: u64,
     /// Size of the images against the configured size, with the intrinsics to match.
@@ -46,6 +48,7 @@ impl Default for Scenario {
             path: FlightPath::Demo,
             start_s: 0.0,
             duration_s: 60.0,
+            laps: 1,
             seed: 1,
             resolution_scale: 1.0,
             effects: Effects::default(),
@@ -66,6 +69,7 @@ impl Scenario {
             ),
             (self.start_s >= 0.0 && self.start_s.is_finite(), "the start must be a number of seconds from 0"),
             (self.duration_s > 0.0, "the duration must be positive"),
+            ((1..=100).contains(&self.laps), "there must be 1 to 100 laps"),
             (
                 self.path != FlightPath::Demo || self.start_s + self.duration_s <= MAX_DEMO_S,
                 "the built-in flight lasts two hours at most; choose a shorter duration",
@@ -95,6 +99,18 @@ impl Scenario {
 
     /// The whole path.
     pub(super) fn flight(&self, config: &Config) -> Result<Trajectory, DriverError> {
+        let once = self.once(config)?;
+        if self.laps == 1 {
+            return Ok(once);
+        }
+        let rest_s = once.end().seconds_since(once.begin()) - self.start_s - LEAD_S;
+        let lap = (self.start_s, (self.duration_s + LEAD_S).min(rest_s));
+        laps::laps(&once, lap, self.laps)
+            .ok_or_else(|| DriverError::Scenario("the path is too short to be flown in laps".into()))
+    }
+
+    /// The path as it is given.
+    fn once(&self, config: &Config) -> Result<Trajectory, DriverError> {
         match &self.path {
             FlightPath::Demo => {
                 let length = self.start_s + self.duration_s + 2.0 * LEAD_S;
@@ -109,7 +125,12 @@ impl Scenario {
 
     /// First image and duration (s).
     pub(super) fn window(&self, flight: &Trajectory) -> Result<(Timestamp, f64), DriverError> {
-        let first = flight.begin().plus_seconds(LEAD_S + self.start_s);
+        // A path in laps begins at the start.
+        let (start_s, duration_s) = match self.laps {
+            1 => (self.start_s, self.duration_s),
+            _ => (0.0, f64::INFINITY),
+        };
+        let first = flight.begin().plus_seconds(LEAD_S + start_s);
         let rest_s = flight.end().seconds_since(first) - LEAD_S;
         if rest_s <= 0.0 {
             return Err(DriverError::Scenario(format!(
@@ -117,7 +138,7 @@ impl Scenario {
                 self.start_s
             )));
         }
-        Ok((first, self.duration_s.min(rest_s)))
+        Ok((first, duration_s.min(rest_s)))
     }
 }
 

@@ -27,6 +27,9 @@ pub struct ScenarioArgs {
     /// Length of the flight, seconds. [default: 20 for a simulated flight, else to the end]
     #[arg(long, value_name = "S")]
     pub duration: Option<f64>,
+    /// Fly it so often, one lap after the other, with a smooth way back in between.
+    #[arg(long, default_value_t = 1)]
+    pub laps: u32,
     /// Seed of everything random: world, noise, biases.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -143,6 +146,7 @@ impl ScenarioArgs {
     pub fn check_recorded(&self) -> Result<(), Usage> {
         let given = [
             ("--path", self.path != "demo"),
+            ("--laps", self.laps != 1),
             ("--seed", self.seed != 1 && self.faults.are_none()),
             ("--scale", self.scale != 1.0),
             ("--motion-blur", self.motion_blur),
@@ -195,6 +199,7 @@ impl ScenarioArgs {
             path,
             start_s: self.start,
             duration_s,
+            laps: self.laps,
             seed: self.seed,
             resolution_scale: self.scale,
             effects,
