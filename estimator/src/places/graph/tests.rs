@@ -122,7 +122,7 @@ fn loops_take_the_drift_out_whatever_way_the_body_is_mounted() {
         let mut graph = flight.graph();
         let before = flight.ate_m(&graph);
         for k in (5..95).step_by(10) {
-            assert!(graph.add_loop(flight.closure(&graph, k, Vector3::zeros(), 0.0)));
+            assert!(graph.add_loop(flight.closure(&graph, k, Vector3::zeros(), 0.0), false));
         }
         assert_eq!(settle(&mut graph).loops_used, 9);
         let after = flight.ate_m(&graph);
@@ -144,7 +144,7 @@ fn a_single_false_loop_changes_nothing() {
     let flight = Flight::new(3);
     let mut graph = flight.graph();
     let before = graph.nodes().to_vec();
-    graph.add_loop(flight.closure(&graph, 30, Vector3::new(1.5, -0.8, 0.0), 0.6));
+    graph.add_loop(flight.closure(&graph, 30, Vector3::new(1.5, -0.8, 0.0), 0.6), false);
     settle(&mut graph);
     assert_eq!(graph.nodes(), before);
 }
@@ -157,13 +157,13 @@ fn false_loops_that_support_each_other_are_outvoted() {
         let mut sound = flight.graph();
         for k in (5..95).step_by(10) {
             for g in [&mut graph, &mut sound] {
-                g.add_loop(flight.closure(g, k, Vector3::zeros(), 0.0));
+                g.add_loop(flight.closure(g, k, Vector3::zeros(), 0.0), false);
             }
         }
         // A look-alike place, shifted as a whole: these agree with each other.
         let error = Vector3::new(0.0, 2.0, 1.0);
         for k in [50, 53, 56] {
-            graph.add_loop(flight.closure(&graph, k, error, 0.0));
+            graph.add_loop(flight.closure(&graph, k, error, 0.0), false);
         }
         settle(&mut graph);
         settle(&mut sound);
@@ -181,7 +181,7 @@ fn work_in_small_pieces_gives_the_same_bits() {
     let run = |steps: usize| {
         let mut graph = flight.graph();
         for k in [10, 30, 60] {
-            graph.add_loop(flight.closure(&graph, k, Vector3::zeros(), 0.0));
+            graph.add_loop(flight.closure(&graph, k, Vector3::zeros(), 0.0), false);
         }
         while !graph.optimize(steps).is_done {}
         graph.nodes().to_vec()
@@ -195,6 +195,64 @@ fn a_full_graph_refuses_what_is_more() {
     let node = Node::new(Isometry3::identity(), &Isometry3::identity(), true);
     assert_eq!([graph.add_node(node), graph.add_node(node), graph.add_node(node)], [Some(0), Some(1), None]);
     let edge = Edge::of_odometry(graph.nodes(), 0, 1, Matrix4::identity());
-    assert!(!graph.add_loop(edge));
+    assert!(!graph.add_loop(edge, false));
     assert!(!graph.add_sequential(Edge { to: 7, ..edge }));
+}
+
+#[test]
+fn a_node_that_goes_leaves_what_was_known_over_it() {
+    let flight = Flight::new(4);
+    let mut whole = flight.graph();
+    for k in (5..95).step_by(10) {
+        whole.add_loop(flight.closure(&whole, k, Vector3::zeros(), 0.0), false);
+    }
+    settle(&mut whole);
+    let mut thinned = whole.clone();
+    // Nodes with and without loops, and the one that holds the map.
+    for gone in [151, 125, 75, 30, 25, 0] {
+        thinned.remove_node(gone);
+    }
+    assert_eq!(thinned.nodes().len(), NODES - 6);
+    assert!(thinned.nodes()[0].is_fixed);
+    let (before, after) = (whole.edges().len(), thinned.edges().len());
+    assert_eq!(before - after, 6, "an edge of the odometry goes with each node, and no loop");
+    for node in thinned.nodes() {
+        let same = whole.nodes().iter().find(|n| n.pose_o_b == node.pose_o_b).unwrap();
+        assert!((same.p_m_b - node.p_m_b).norm() < 1e-12);
+    }
+    thinned.place_segment(7, &Isometry3::identity());
+    settle(&mut thinned);
+    for node in thinned.nodes() {
+        let same = whole.nodes().iter().find(|n| n.pose_o_b == node.pose_o_b).unwrap();
+        assert!((same.p_m_b - node.p_m_b).norm() < 0.01);
+    }
+}
+
+#[test]
+fn a_segment_is_placed_by_a_loop_and_free_to_move_from_then_on() {
+    let flight = Flight::new(6);
+    let mut graph = PoseGraph::new(GraphLimits { nodes: NODES, loops: 100 });
+    let elsewhere = Isometry3::translation(1000.0, 0.0, 0.0);
+    for (k, pose) in flight.odometry.iter().enumerate() {
+        let is_second = k >= LAP;
+        let pose_m_o = if is_second { elsewhere } else { Isometry3::identity() };
+        let node = Node {
+            segment: u32::from(is_second),
+            is_placed: !is_second,
+            ..Node::new(*pose, &pose_m_o, k == 0 || k == LAP)
+        };
+        graph.add_node(node).unwrap();
+        if k > 0 && k != LAP {
+            let edge = Edge::of_odometry(graph.nodes(), k - 1, k, information(0.005, 0.001));
+            graph.add_sequential(edge);
+        }
+    }
+    graph.add_loop(flight.closure(&graph, 20, Vector3::zeros(), 0.0), false);
+    assert!(!graph.edges().last().unwrap().is_supported());
+    graph.add_loop(flight.closure(&graph, 40, Vector3::zeros(), 0.0), false);
+    assert!(graph.edges().last().unwrap().is_supported());
+    graph.place_segment(1, &Isometry3::identity());
+    settle(&mut graph);
+    assert!(graph.nodes().iter().all(|n| n.is_placed));
+    assert!(flight.ate_m(&graph) < 0.2, "{}", flight.ate_m(&graph));
 }
