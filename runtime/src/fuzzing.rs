@@ -10,12 +10,13 @@ use crate::log::channel::Channel;
 use crate::log::decode::FromLog;
 use crate::log::source::{LogImu, LogStereo};
 use crate::log::{LogReader, encode, image, proto};
-use crate::pipeline::orders::{CorrectionOrder, FrameOrder, ResetOrder};
+use crate::pipeline::orders::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder};
 use crate::places::codec;
 use crate::schedule::ticker::Monotonic;
 use plumbline_config::GrayImage;
 use plumbline_config::options::ImageRecording;
 use plumbline_drivers::{ImuReading, ImuSource as _, StereoFrame, StereoSource as _};
+use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{Estimate, Odometry};
 use prost::Message as _;
 use std::path::{Path, PathBuf};
@@ -83,6 +84,8 @@ fn log_message(channel: Channel, payload: &[u8]) {
             again::<CorrectionOrder>(payload, |v| encode::correction_order(v).encode_to_vec());
         }
         Channel::ResetOrder => again::<ResetOrder>(payload, |v| encode::reset_order(v).encode_to_vec()),
+        Channel::MapOrder => again::<MapOrder>(payload, |v| encode::map_order(v).encode_to_vec()),
+        Channel::MapEstimate => again::<MapEstimate>(payload, |v| encode::map_estimate(v).encode_to_vec()),
         Channel::Estimate => again::<Estimate>(payload, |v| encode::estimate(v).encode_to_vec()),
         Channel::Odometry => again::<Odometry>(payload, |v| encode::odometry(v).encode_to_vec()),
         Channel::Left | Channel::Right => {

@@ -17,7 +17,7 @@ use crate::log::WhenFull;
 use crate::log::source::LogEnd;
 use crate::net::Endpoints;
 use crate::pipeline::{Control, RunOptions};
-use crate::places::{MapContents, read_map, write_map};
+use crate::places::{MapContents, read_known_map, write_map};
 use crate::plot;
 use crate::report::Report;
 use anyhow::{Context, Result};
@@ -153,7 +153,7 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     check_mentions(args)?;
     let flight = prepared(open(args)?, args)?;
     let control = Arc::new(Control::stopped_by(stop_on_signal()?));
-    let mut outputs = start_outputs(args, &flight.config, &control)?;
+    let mut outputs = start_outputs(args, &flight, &control)?;
     let mut odometry = args.odometry.as_ref().map(|_| OdometryTrajectory::with_room_for(readings(&flight)));
     let wants_states = args.states.is_some() || args.plot.is_some();
     let mut states = wants_states.then(|| KeptStates::for_flight(&flight));
@@ -251,7 +251,7 @@ fn prepared(mut flight: Flight, args: &ReplayArgs) -> Result<Flight> {
         flight.config = flight.config.with("--no-loop", |config| config.estimator.places.enabled = false)?;
     }
     if let Some(path) = &args.map {
-        flight.map = Some(read_map(path)?.into_map(Mapper::limits(flight.config.setup())));
+        flight.map = Some(read_known_map(path, Mapper::limits(flight.config.setup()))?);
     }
     if let Some(connect) = &args.autopilot {
         let change = |config: &mut Config| config.autopilot.connect.clone_from(connect);
@@ -299,7 +299,8 @@ fn open(args: &ReplayArgs) -> Result<Flight> {
 }
 
 /// Those who are told of the flight while it goes on.
-fn start_outputs(args: &ReplayArgs, config: &ValidConfig, control: &Arc<Control>) -> Result<Outputs> {
+fn start_outputs(args: &ReplayArgs, flight: &Flight, control: &Arc<Control>) -> Result<Outputs> {
+    let (config, known_map) = (&flight.config, flight.map.as_ref().map(|known| known.sha256.clone()));
     let mut outputs = Outputs::default();
     if wants_autopilot(config, args)? {
         outputs.pilot(config, Stamps::Replayed)?;
@@ -311,7 +312,7 @@ fn start_outputs(args: &ReplayArgs, config: &ValidConfig, control: &Arc<Control>
         }
         // A live flight never waits for the recorder, one in virtual time loses nothing.
         let when_full = if args.speed.is_some() { WhenFull::Drop } else { WhenFull::Wait };
-        outputs.record(path, config, when_full)?;
+        outputs.record(path, config, known_map, when_full)?;
     }
     if !args.publish && config.ros.enabled {
         tracing::warn!("ros.enabled is set, but without --publish nothing is sent to ROS 2");

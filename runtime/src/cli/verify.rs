@@ -4,12 +4,14 @@ mod many;
 
 use super::{Usage, say};
 use crate::flight::open_dataset;
-use crate::log::LogReader;
 use crate::log::verify::{Verification, verify};
+use crate::log::{KnownMap, LogReader};
+use crate::places::read_known_map;
 use anyhow::{Result, bail};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline_drivers::StereoSource;
+use plumbline_estimator::places::Mapper;
 use std::path::{Path, PathBuf};
 
 /// Steps of the progress bar.
@@ -30,6 +32,9 @@ pub struct VerifyArgs {
     /// Take the images from this EuRoC data set: for a log that was recorded without them.
     #[arg(long, value_name = "DATASET")]
     pub images: Option<PathBuf>,
+    /// The map that the flight went on with (`replay --map`).
+    #[arg(long, value_name = "FILE.map")]
+    pub map: Option<PathBuf>,
     /// Succeed also when the log breaks off or lacks outputs, if what can be compared is identical.
     #[arg(long)]
     pub allow_incomplete: bool,
@@ -49,8 +54,9 @@ pub fn run(args: &VerifyArgs) -> Result<()> {
     if let [log] = args.logs.as_slice() {
         return run_one(args, log);
     }
-    if args.images.is_some() {
-        return Err(Usage("--images: the images of one log; verify such logs one by one".into()).into());
+    if args.images.is_some() || args.map.is_some() {
+        let message = "--images and --map belong to one log; verify such logs one by one";
+        return Err(Usage(message.into()).into());
     }
     many::run(args)
 }
@@ -60,7 +66,8 @@ fn run_one(args: &VerifyArgs, log: &Path) -> Result<()> {
     let bar = ProgressBar::new(STEPS);
     let template = "{bar:32} {percent} %  executing  {elapsed} (eta {eta})";
     bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
-    let verified = verify(log, images, &mut |done| bar.set_position((done * STEPS as f64) as u64));
+    let known = args.map.as_ref().map(|map| open_map(log, map)).transpose()?;
+    let verified = verify(log, images, known, &mut |done| bar.set_position((done * STEPS as f64) as u64));
     bar.finish_and_clear();
     let verified = verified?;
     say(if args.json { serde_json::to_string_pretty(&verified)? } else { summary(&verified) });
@@ -94,6 +101,12 @@ fn open_images(log: &Path, dataset: &Path) -> Result<Box<dyn StereoSource>> {
     Ok(open_dataset(dataset, Some(config), None, false)?.stereo)
 }
 
+/// The map, in the limits of the log's configuration.
+fn open_map(log: &Path, map: &Path) -> Result<KnownMap> {
+    let config = LogReader::open(log)?.about().config.clone();
+    Ok(read_known_map(map, Mapper::limits(config.setup()))?)
+}
+
 fn summary(v: &Verification) -> String {
     let verdict = match (v.identical, v.complete) {
         (true, true) => "bit-identical",
@@ -103,8 +116,8 @@ fn summary(v: &Verification) -> String {
     let mut lines = vec![
         format!("{:<18}{verdict}", "verdict"),
         format!(
-            "{:<18}{} estimates and {} odometry outputs identical, from {} inertial samples",
-            "executed", v.estimates_identical, v.odometry_identical, v.readings
+            "{:<18}{} estimates, {} odometry outputs and {} poses in the map identical, from {} inertial samples",
+            "executed", v.estimates_identical, v.odometry_identical, v.map_poses_identical, v.readings
         ),
     ];
     let mut note = |name: &str, words: String| lines.push(format!("{name:<18}{words}"));

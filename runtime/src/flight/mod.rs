@@ -22,12 +22,12 @@ pub use overrides::with_overrides;
 pub use run::{Flown, fly};
 pub use trajectory::{CausalPose, CausalTrajectory, KeptStates, OdometryTrajectory};
 
+use crate::log::KnownMap;
 use crate::log::source::LogEnd;
 use nalgebra::Isometry3;
 use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::simulator::Simulator;
 use plumbline_drivers::{FaultySource, FrameFaults, ImuSource, StampedPose, StereoSource};
-use plumbline_estimator::places::PlaceMap;
 
 /// Ground truth further from a stamp than this is none, ns.
 const TRUTH_TOLERANCE_NS: i64 = 5_000_000;
@@ -49,7 +49,7 @@ pub struct Flight {
     /// How the log that is flown ends, where one is.
     pub log_end: Option<LogEnd>,
     /// A map that the flight goes on with.
-    pub map: Option<PlaceMap>,
+    pub map: Option<KnownMap>,
 }
 
 impl Flight {

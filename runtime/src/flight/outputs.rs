@@ -60,7 +60,7 @@ impl Outputs {
         Ok(())
     }
 
-    /// Records the flight at `path`.
+    /// Records the flight at `path`; `known_map` is the SHA-256 of the map that it goes on with.
     ///
     /// # Errors
     /// When there is a log of that name, or its file cannot be created.
@@ -68,9 +68,10 @@ impl Outputs {
         &mut self,
         path: &Path,
         config: &ValidConfig,
+        known_map: Option<String>,
         when_full: WhenFull,
     ) -> Result<(), FlightError> {
-        self.recorder = Some(Recorder::start(path, config, when_full)?);
+        self.recorder = Some(Recorder::start_with_map(path, config, known_map, when_full)?);
         Ok(())
     }
 

@@ -60,7 +60,7 @@ pub fn fly(
     let mut trajectory = CausalTrajectory::with_room_for(expected.unwrap_or(0).min(MAX_RESERVED_FRAMES));
     let mut everyone: Vec<&mut dyn Subscriber> = vec![&mut trajectory];
     everyone.extend(subscribers.into_iter().map(|subscriber| subscriber as &mut dyn Subscriber));
-    let streams = Streams { imu, stereo, map };
+    let streams = Streams { imu, stereo, map: map.map(|known| known.map) };
     let outcome = pipeline::run(&config, streams, options, control, &mut Several(everyone))?;
     Ok(Flown { name, config, truth, threads: options.threads, outcome, poses: trajectory.into_poses() })
 }

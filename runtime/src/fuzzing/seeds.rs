@@ -4,13 +4,14 @@ use crate::log::channel::Channel;
 use crate::log::{about::About, about::METADATA_NAME, encode, image, proto};
 use crate::net::{proto as net, wire};
 use crate::pipeline::event::{Event, Severity};
-use crate::pipeline::orders::{CorrectionOrder, FrameOrder, ResetOrder, Verdict};
+use crate::pipeline::orders::{CorrectionOrder, FrameOrder, MapOrder, MapVerdict, ResetOrder, Verdict};
 use mavlink::dialects::common::{HEARTBEAT_DATA, MavMessage, TIMESYNC_DATA};
 use mcap::records::{MessageHeader, Metadata};
 use nalgebra::{Isometry3, Vector3};
 use plumbline_config::options::ImageRecording;
 use plumbline_config::{Config, GrayImage, ImuSample, Timestamp};
 use plumbline_drivers::{ImuReading, StereoFrame};
+use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{
     Estimate, FrameFigures, HealthBits, NavCovariance, Odometry, ResetKind, TrackingState,
 };
@@ -87,6 +88,16 @@ fn log_messages() -> Vec<(Channel, Vec<u8>)> {
         bytes
     };
     let order = FrameOrder { frame: 3, readings_before: 9, verdict: Verdict::Taken { level: 1 } };
+    let map_order = MapOrder { frame: 3, verdict: MapVerdict::Applied { at_frame: 9 } };
+    let map_estimate = MapEstimate {
+        frame_sequence: 3,
+        stamp: STAMP,
+        pose_m_o: Some(Isometry3::translation(1.0, 2.0, 3.0)),
+        reset_counter: 1,
+        keyframes: 20,
+        sightings: 3,
+        loops_used: 2,
+    };
     let event = Event::new(STAMP, Severity::Info, format_args!("tracking"));
     let recording = proto::Recording { imu_dropped: 2, seal: vec![7; 32], ..proto::Recording::default() };
     vec![
@@ -103,6 +114,8 @@ fn log_messages() -> Vec<(Channel, Vec<u8>)> {
             Channel::ResetOrder,
             encode::reset_order(&ResetOrder { kind: ResetKind::Soft, before_frame: 3 }).encode_to_vec(),
         ),
+        (Channel::MapOrder, encode::map_order(&map_order).encode_to_vec()),
+        (Channel::MapEstimate, encode::map_estimate(&map_estimate).encode_to_vec()),
         (Channel::Estimate, encode::estimate(&estimate()).encode_to_vec()),
         (Channel::Odometry, encode::odometry(&odometry()).encode_to_vec()),
         (Channel::Event, encode::event(&event).encode_to_vec()),

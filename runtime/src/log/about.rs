@@ -15,6 +15,9 @@ pub const METADATA_NAME: &str = "plumbline";
 /// Version of the log's format.
 const FORMAT: &str = "1";
 
+/// Key of [`About::known_map`].
+const KNOWN_MAP: &str = "known_map_sha256";
+
 /// The beginning of a part.
 #[derive(Clone, Debug)]
 pub struct About {
@@ -28,6 +31,8 @@ pub struct About {
     pub config_hash: String,
     /// How images are kept.
     pub images: ImageRecording,
+    /// SHA-256 of the map that the flight went on with, where it did.
+    pub known_map: Option<String>,
     /// What wrote the log.
     pub build: BuildId,
 }
@@ -46,6 +51,7 @@ impl About {
             config: config.clone(),
             config_hash: config_hash(config),
             images: config.recorder.images,
+            known_map: None,
             build: BuildId::current().clone(),
         })
     }
@@ -70,6 +76,9 @@ impl About {
         ]
         .map(|(key, value)| (key.to_owned(), value))
         .into();
+        if let Some(hash) = &self.known_map {
+            metadata.insert(KNOWN_MAP.into(), hash.clone());
+        }
         self.build.write(&mut metadata);
         Ok(metadata)
     }
@@ -97,6 +106,7 @@ impl About {
             part: value("part")?.parse().map_err(|_| "its part has no number")?,
             config_hash: value("config_sha256")?.clone(),
             images,
+            known_map: metadata.get(KNOWN_MAP).cloned(),
             build: BuildId::read(metadata),
             config,
         };

@@ -24,8 +24,12 @@ pub enum Channel {
     CorrectionOrder,
     /// Resets.
     ResetOrder,
+    /// What became of frames for the map.
+    MapOrder,
     /// Estimates.
     Estimate,
+    /// Where the odometry lies in the map.
+    MapEstimate,
     /// Odometry.
     Odometry,
     /// Position of the body, to be drawn.
@@ -46,7 +50,7 @@ pub enum Channel {
 
 impl Channel {
     /// All channels, in the order of the enumeration. It is that of the seal too: new ones come last.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 18] = [
         Self::Imu,
         Self::Left,
         Self::Right,
@@ -54,7 +58,9 @@ impl Channel {
         Self::FrameOrder,
         Self::CorrectionOrder,
         Self::ResetOrder,
+        Self::MapOrder,
         Self::Estimate,
+        Self::MapEstimate,
         Self::Odometry,
         Self::Transform,
         Self::Pose,
@@ -76,7 +82,9 @@ impl Channel {
             Self::FrameOrder => "/order/frame",
             Self::CorrectionOrder => "/order/correction",
             Self::ResetOrder => "/order/reset",
+            Self::MapOrder => "/order/map",
             Self::Estimate => "/output/estimate",
+            Self::MapEstimate => "/output/map",
             Self::Odometry => "/output/odometry",
             Self::Transform => "/tf",
             Self::Pose => "/pose",
@@ -107,7 +115,9 @@ impl Channel {
             Self::FrameOrder => "plumbline.v1.log.FrameOrder",
             Self::CorrectionOrder => "plumbline.v1.log.CorrectionOrder",
             Self::ResetOrder => "plumbline.v1.log.ResetOrder",
+            Self::MapOrder => "plumbline.v1.log.MapOrder",
             Self::Estimate => "plumbline.v1.log.Estimate",
+            Self::MapEstimate => "plumbline.v1.log.MapEstimate",
             Self::Odometry => "plumbline.v1.log.Odometry",
             Self::Transform => "foxglove.FrameTransform",
             Self::Pose => "foxglove.PoseInFrame",
@@ -140,7 +150,12 @@ impl Channel {
         self.is_image()
             || matches!(
                 self,
-                Self::Imu | Self::Frame | Self::FrameOrder | Self::CorrectionOrder | Self::ResetOrder
+                Self::Imu
+                    | Self::Frame
+                    | Self::FrameOrder
+                    | Self::CorrectionOrder
+                    | Self::ResetOrder
+                    | Self::MapOrder
             )
     }
 

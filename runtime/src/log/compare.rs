@@ -2,6 +2,7 @@
 
 use Field::{Floats, Whole};
 use plumbline_config::Timestamp;
+use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{Estimate, FrameFigures, Odometry};
 use serde::Serialize;
 use std::cmp::Ordering;
@@ -101,6 +102,36 @@ impl Output for Estimate {
             ("reset_counter", Whole((*reset_counter).into())),
         ];
         fields.extend(figure_fields(figures).map(|(name, number)| (name, Whole(number))));
+        fields
+    }
+}
+
+impl Output for MapEstimate {
+    const NAME: &'static str = "pose in the map of frame";
+
+    fn sequence(&self) -> u64 {
+        self.frame_sequence
+    }
+
+    fn stamp(&self) -> Timestamp {
+        self.stamp
+    }
+
+    fn fields(&self) -> Vec<(&'static str, Field<'_>)> {
+        let Self { frame_sequence, stamp, pose_m_o, reset_counter, keyframes, sightings, loops_used } = self;
+        let mut fields = vec![
+            ("frame_sequence", Whole(*frame_sequence as i64)),
+            ("stamp", Whole(stamp.as_nanos())),
+            ("is known", Whole(pose_m_o.is_some().into())),
+            ("reset_counter", Whole((*reset_counter).into())),
+            ("keyframes", Whole((*keyframes).into())),
+            ("sightings", Whole((*sightings).into())),
+            ("loops_used", Whole((*loops_used).into())),
+        ];
+        if let Some(pose) = pose_m_o {
+            fields.push(("pose_m_o position", Floats(pose.translation.vector.as_slice())));
+            fields.push(("pose_m_o rotation", Floats(pose.rotation.coords.as_slice())));
+        }
         fields
     }
 }

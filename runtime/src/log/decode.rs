@@ -2,10 +2,11 @@
 
 use super::entry::{Dropped, Kind};
 use super::proto;
-use crate::pipeline::orders::{CorrectionOrder, FrameOrder, ResetOrder, Verdict};
+use crate::pipeline::orders::{CorrectionOrder, FrameOrder, MapOrder, MapVerdict, ResetOrder, Verdict};
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 use plumbline_config::{ImuSample, Timestamp};
 use plumbline_drivers::ImuReading;
+use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{
     Estimate, FrameFigures, HealthBits, NavCovariance, Odometry, ResetKind, TrackingState,
 };
@@ -108,6 +109,34 @@ impl FromLog for ResetOrder {
     }
 }
 
+impl FromLog for MapOrder {
+    type Message = proto::MapOrder;
+
+    fn from_message(m: &proto::MapOrder) -> Result<Self, &'static str> {
+        let verdict = match m.passed_over {
+            true => MapVerdict::PassedOver,
+            false => MapVerdict::Applied { at_frame: m.at_frame },
+        };
+        Ok(Self { frame: m.frame, verdict })
+    }
+}
+
+impl FromLog for MapEstimate {
+    type Message = proto::MapEstimate;
+
+    fn from_message(m: &proto::MapEstimate) -> Result<Self, &'static str> {
+        Ok(Self {
+            frame_sequence: m.frame_sequence,
+            stamp: Timestamp::from_nanos(m.stamp_ns),
+            pose_m_o: if m.pose_m_o.is_empty() { None } else { Some(pose(&m.pose_m_o)?) },
+            reset_counter: m.reset_counter,
+            keyframes: m.keyframes,
+            sightings: m.sightings,
+            loops_used: m.loops_used,
+        })
+    }
+}
+
 impl FromLog for Estimate {
     type Message = proto::Estimate;
 
@@ -181,6 +210,7 @@ pub fn dropped(m: &proto::Recording) -> Dropped {
         (Kind::Estimate, m.estimates_dropped),
         (Kind::Odometry, m.odometry_dropped),
         (Kind::Event, m.events_dropped),
+        (Kind::MapEstimate, m.map_estimates_dropped),
     ];
     for (kind, count) in counts {
         dropped.0[kind as usize] = count;

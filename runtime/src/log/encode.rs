@@ -2,11 +2,12 @@
 
 use super::{foxglove, proto};
 use crate::pipeline::event::{Event, Severity};
-use crate::pipeline::orders::{CorrectionOrder, FrameOrder, ResetOrder, Verdict};
+use crate::pipeline::orders::{CorrectionOrder, FrameOrder, MapOrder, MapVerdict, ResetOrder, Verdict};
 use nalgebra::{Isometry3, Vector3};
 use plumbline_config::Timestamp;
 use plumbline_config::options::RosConfig;
 use plumbline_drivers::ImuReading;
+use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{Estimate, FrameFigures, Odometry, ResetKind, TrackingState};
 
 fn vector(v: &Vector3<f64>) -> Vec<f64> {
@@ -66,6 +67,30 @@ pub fn reset_order(order: &ResetOrder) -> proto::ResetOrder {
         ResetKind::Hard => proto::reset_order::Kind::Hard,
     };
     proto::ResetOrder { kind: kind.into(), before_frame: order.before_frame }
+}
+
+/// What became of a frame for the map.
+#[must_use]
+pub fn map_order(order: &MapOrder) -> proto::MapOrder {
+    let (passed_over, at_frame) = match order.verdict {
+        MapVerdict::PassedOver => (true, 0),
+        MapVerdict::Applied { at_frame } => (false, at_frame),
+    };
+    proto::MapOrder { frame: order.frame, passed_over, at_frame }
+}
+
+/// Where the odometry lies in the map.
+#[must_use]
+pub fn map_estimate(m: &MapEstimate) -> proto::MapEstimate {
+    proto::MapEstimate {
+        frame_sequence: m.frame_sequence,
+        stamp_ns: m.stamp.as_nanos(),
+        pose_m_o: m.pose_m_o.as_ref().map_or_else(Vec::new, pose),
+        reset_counter: m.reset_counter,
+        keyframes: m.keyframes,
+        sightings: m.sightings,
+        loops_used: m.loops_used,
+    }
 }
 
 fn state(state: TrackingState) -> i32 {

@@ -1,8 +1,9 @@
 //! What the recorder is given: owned entries of fixed size, made without allocation.
 
 use crate::pipeline::event::Event;
-use crate::pipeline::orders::{CorrectionOrder, FrameOrder, ResetOrder};
+use crate::pipeline::orders::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder};
 use plumbline_drivers::{ImuReading, StereoFrame};
+use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{Estimate, Odometry};
 use std::fmt;
 
@@ -21,8 +22,12 @@ pub enum LogEntry {
     Correction(CorrectionOrder),
     /// A reset that somebody asked for.
     Reset(ResetOrder),
+    /// What became of a frame that was to be given to the map.
+    MapOrder(MapOrder),
     /// An estimate.
     Estimate(Estimate),
+    /// Where the odometry lies in the map.
+    MapEstimate(MapEstimate),
     /// Odometry.
     Odometry(Odometry),
     /// Something that people want to know.
@@ -36,10 +41,11 @@ impl LogEntry {
         match self {
             Self::Imu(_) => Kind::Imu,
             Self::Frame(_) => Kind::Frame,
-            Self::Order(_) | Self::Correction(_) | Self::Reset(_) => Kind::Order,
+            Self::Order(_) | Self::Correction(_) | Self::Reset(_) | Self::MapOrder(_) => Kind::Order,
             Self::Estimate(_) => Kind::Estimate,
             Self::Odometry(_) => Kind::Odometry,
             Self::Event(_) => Kind::Event,
+            Self::MapEstimate(_) => Kind::MapEstimate,
         }
     }
 }
@@ -59,17 +65,20 @@ pub enum Kind {
     Odometry,
     /// Events.
     Event,
+    /// Poses of the odometry in the map.
+    MapEstimate,
 }
 
 impl Kind {
     /// All kinds with their names.
-    pub const NAMES: [(Self, &'static str); 6] = [
+    pub const NAMES: [(Self, &'static str); 7] = [
         (Self::Imu, "inertial samples"),
         (Self::Frame, "frames"),
         (Self::Order, "orders"),
         (Self::Estimate, "estimates"),
         (Self::Odometry, "odometry"),
         (Self::Event, "events"),
+        (Self::MapEstimate, "poses in the map"),
     ];
 }
 

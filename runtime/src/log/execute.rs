@@ -8,13 +8,17 @@
 use super::channel::Channel;
 use super::compare::Pairing;
 use super::cursor::Cursor;
+use super::execute_map::MapExecution;
 use super::{LogError, image, proto};
 use crate::pipeline::digest::Digest;
 use crate::pipeline::image_sizes;
-use crate::pipeline::orders::{CorrectionOrder, FrameOrder, ResetOrder, Verdict};
+use crate::pipeline::orders::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder, Verdict};
 use crate::schedule::ladder::Rung;
 use plumbline_drivers::{ImuReading, StereoFrame, StereoSource};
-use plumbline_estimator::{Estimate, Estimator, FrameInput, Odometry, Propagator};
+use plumbline_estimator::places::PlaceMap;
+use plumbline_estimator::{
+    Estimate, Feedback, FrameInput, FrontEnd, InTurn, Odometer, Odometry, Propagator, Tracked,
+};
 use std::collections::VecDeque;
 
 /// Estimates that may wait to take effect.
@@ -24,7 +28,12 @@ const MAX_PENDING: usize = 256;
 pub struct Execution {
     log: Cursor,
     images: Option<Box<dyn StereoSource>>,
-    estimator: Estimator,
+    front_end: FrontEnd,
+    odometer: Odometer,
+    tracked: Tracked,
+    feedback: Feedback,
+    /// The map, where places were switched on.
+    pub map: Option<MapExecution>,
     propagator: Propagator,
     readings: Readings,
     /// Readings that the odometry was given.
@@ -75,13 +84,17 @@ impl Readings {
 }
 
 impl Execution {
-    /// Of the log at the beginning of `log`, with the images of a data set or its own.
+    /// Of the log at the beginning of `log`, with the images of a data set or its own, and the map that it went on with.
     #[must_use]
-    pub fn new(log: Cursor, images: Option<Box<dyn StereoSource>>) -> Self {
+    pub fn new(log: Cursor, images: Option<Box<dyn StereoSource>>, known: Option<PlaceMap>) -> Self {
         let config = &log.reader().about().config;
         let frame = StereoFrame::new(image_sizes(config));
         Self {
-            estimator: Estimator::new(config.setup()),
+            front_end: FrontEnd::new(config.setup()),
+            odometer: Odometer::new(config.setup()),
+            tracked: Tracked::new(config.setup()),
+            feedback: Feedback::new(config.setup()),
+            map: MapExecution::new(config, known),
             propagator: Propagator::new(config.setup()),
             log,
             images,
@@ -138,12 +151,16 @@ impl Execution {
             }
         }
         self.readings.forget_before(self.ticked.min(self.fed));
-        Ok(self.estimates.difference.is_none() && self.odometry.difference.is_none())
+        let is_same_map = self.map.as_ref().is_none_or(|map| map.outputs.difference.is_none());
+        Ok(self.estimates.difference.is_none() && self.odometry.difference.is_none() && is_same_map)
     }
 
     /// The frames after the last reading.
     fn finish(&mut self) -> Result<(), LogError> {
         while self.follow_next()? {}
+        if let Some(map) = &mut self.map {
+            map.work();
+        }
         self.take_outputs()
     }
 
@@ -166,6 +183,24 @@ impl Execution {
         }
         while let Some(odometry) = self.log.next_waiting(Channel::Odometry)? {
             self.odometry.recorded(odometry);
+        }
+        self.take_map_outputs()
+    }
+
+    /// Hands what the log says of the map to its execution.
+    fn take_map_outputs(&mut self) -> Result<(), LogError> {
+        self.take_map_orders()?;
+        let Some(map) = &mut self.map else { return Ok(()) };
+        while let Some(output) = self.log.next_waiting(Channel::MapEstimate)? {
+            map.recorded(output);
+        }
+        map.follow().map_err(|reason| LogError::unusable(self.log.reader().path(), reason))
+    }
+
+    fn take_map_orders(&mut self) -> Result<(), LogError> {
+        let Some(map) = &mut self.map else { return Ok(()) };
+        while let Some(order) = self.log.next_waiting::<MapOrder>(Channel::MapOrder)? {
+            map.order(&order);
         }
         Ok(())
     }
@@ -213,13 +248,17 @@ impl Execution {
     /// Follows the next order of a frame; `false` when the log ends before it can be followed.
     fn follow_next(&mut self) -> Result<bool, LogError> {
         let Some(order) = self.log.next::<FrameOrder>(Channel::FrameOrder)? else { return Ok(false) };
+        self.take_map_orders()?;
+        if let Some(map) = &mut self.map {
+            map.work();
+        }
         self.reset_before(order.frame)?;
         if order.readings_before < self.fed {
             return Err(self.unusable(format!("the order of frame {} comes too late", order.frame)));
         }
         while self.fed < order.readings_before {
             let Some(reading) = self.readings.get(self.fed, &mut self.log)? else { return Ok(false) };
-            self.estimator.add_imu(&reading.sample);
+            self.front_end.add_imu(&reading.sample);
             self.fed += 1;
         }
         let Verdict::Taken { level } = order.verdict else {
@@ -234,6 +273,9 @@ impl Execution {
         self.pending.push_back(estimate.clone());
         if self.pending.len() > MAX_PENDING {
             self.pending.pop_front();
+        }
+        if let Some(map) = &mut self.map {
+            map.executed(&estimate);
         }
         self.estimates.executed(estimate);
         Ok(true)
@@ -250,7 +292,14 @@ impl Execution {
         };
         let images = [self.frame.image(0), self.frame.image(1)];
         let input = FrameInput::new(self.frame.stamp, images).numbered(self.frame.sequence);
-        Ok(self.estimator.add_frame_with(&input, &rung.budget(), [&mut (), &mut ()]))
+        let Self { front_end, odometer, tracked, feedback, map, .. } = self;
+        front_end.track(&input, &rung.budget(), &InTurn, [&mut (), &mut ()], tracked);
+        // That of the frame before: see `plumbline_estimator::exchange`.
+        front_end.apply_feedback(feedback);
+        if let Some(map) = map {
+            map.offer(feedback, front_end);
+        }
+        Ok(odometer.process(tracked, &mut (), feedback))
     }
 
     fn reset_before(&mut self, frame: u64) -> Result<(), LogError> {
@@ -259,7 +308,7 @@ impl Execution {
                 self.reset = self.log.next_waiting(Channel::ResetOrder)?;
             }
             let Some(order) = self.reset.filter(|order| order.before_frame <= frame) else { return Ok(()) };
-            self.estimator.reset(order.kind);
+            self.front_end.reset(order.kind);
             self.reset = None;
         }
     }

@@ -16,8 +16,10 @@ pub mod decode;
 pub mod encode;
 pub mod entry;
 pub mod execute;
+mod execute_map;
 pub mod image;
 pub mod inventory;
+mod known;
 pub mod narrate;
 pub mod part;
 pub mod part_file;
@@ -34,6 +36,7 @@ pub mod writer;
 mod tests;
 
 pub use entry::LogEntry;
+pub use known::KnownMap;
 pub use reader::LogReader;
 pub use recorder::{Recorder, RecorderHandle, WhenFull};
 

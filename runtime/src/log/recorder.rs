@@ -14,10 +14,11 @@ use crate::pipeline::clock::CpuStopwatch;
 use crate::pipeline::event::Event;
 use crate::pipeline::image_sizes;
 use crate::pipeline::listener::{Listener, Producer, Subscriber};
-use crate::pipeline::orders::{CorrectionOrder, FrameOrder, ResetOrder};
+use crate::pipeline::orders::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder};
 use crossbeam_queue::ArrayQueue;
 use plumbline_config::ValidConfig;
 use plumbline_drivers::{ImuReading, StereoFrame};
+use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{Estimate, Odometry};
 use serde::Serialize;
 use std::fmt;
@@ -130,6 +131,14 @@ impl Listener for RecorderHandle {
         self.offer(LogEntry::Reset(*order));
     }
 
+    fn map_order(&mut self, order: &MapOrder) {
+        self.offer(LogEntry::MapOrder(*order));
+    }
+
+    fn map_estimate(&mut self, estimate: &MapEstimate) {
+        self.offer(LogEntry::MapEstimate(estimate.clone()));
+    }
+
     fn estimate(&mut self, estimate: &Estimate, _frame_ms: f64) {
         self.offer(LogEntry::Estimate(estimate.clone()));
     }
@@ -208,6 +217,30 @@ impl Recorder {
         when_full: WhenFull,
     ) -> Result<Self, LogError> {
         let writer = LogWriter::create(path, About::new(config)?, limits, open)?;
+        Self::start_writing(writer, path, config, when_full)
+    }
+
+    /// As [`Self::start`], of a flight that goes on with the map whose file has this SHA-256.
+    ///
+    /// # Errors
+    /// As [`Self::start`].
+    pub fn start_with_map(
+        path: &Path,
+        config: &ValidConfig,
+        known_map: Option<String>,
+        when_full: WhenFull,
+    ) -> Result<Self, LogError> {
+        let about = About { known_map, ..About::new(config)? };
+        let writer = LogWriter::create(path, about, Limits::of(&config.recorder), OpenPart::files())?;
+        Self::start_writing(writer, path, config, when_full)
+    }
+
+    fn start_writing(
+        writer: LogWriter,
+        path: &Path,
+        config: &ValidConfig,
+        when_full: WhenFull,
+    ) -> Result<Self, LogError> {
         let frames = config.recorder.queue_frames.max(1);
         let shared = Arc::new(Shared {
             entries: ArrayQueue::new(config.recorder.queue_entries.max(1)),

@@ -7,6 +7,7 @@ use super::compare::Difference;
 use super::cursor::Cursor;
 use super::entry::{Dropped, Kind};
 use super::execute::Execution;
+use super::known::{KnownMap, known_map};
 use super::reader::Ending;
 use plumbline_config::options::ImageRecording;
 use plumbline_drivers::StereoSource;
@@ -22,6 +23,8 @@ const WITH_IMAGES: &[Channel] = &[
     Channel::FrameOrder,
     Channel::CorrectionOrder,
     Channel::ResetOrder,
+    Channel::MapOrder,
+    Channel::MapEstimate,
     Channel::Estimate,
     Channel::Odometry,
 ];
@@ -32,6 +35,8 @@ const WITHOUT_IMAGES: &[Channel] = &[
     Channel::FrameOrder,
     Channel::CorrectionOrder,
     Channel::ResetOrder,
+    Channel::MapOrder,
+    Channel::MapEstimate,
     Channel::Estimate,
     Channel::Odometry,
 ];
@@ -55,6 +60,8 @@ pub struct Verification {
     pub estimates_identical: u64,
     /// Odometry that is the same in every bit.
     pub odometry_identical: u64,
+    /// Poses in the map that are the same in every bit.
+    pub map_poses_identical: u64,
     /// Outputs of the execution that are not in the log.
     pub not_recorded: u64,
     /// Outputs of the log whose inputs it does not hold.
@@ -67,13 +74,15 @@ pub struct Verification {
     pub estimate_digest: String,
     /// SHA-256 over the bits of all odometry of the execution, as in a report.
     pub odometry_digest: String,
+    /// SHA-256 over the bits of the pose of the odometry in the map, as in a report; `None` where places were off.
+    pub map_digest: Option<String>,
     /// The recording was made by this very executable.
     pub same_build: bool,
     /// SHA-256 of the configuration.
     pub config_hash: String,
 }
 
-/// Executes the log at `path` again, with its own images or those of `images`. `progress` is told the part
+/// Executes the log at `path` again, with its own images or those of `images`, and the map that it went on with. `progress` is told the part
 /// that is done, from 0 to 1.
 ///
 /// # Errors
@@ -81,6 +90,7 @@ pub struct Verification {
 pub fn verify(
     path: &Path,
     images: Option<Box<dyn StereoSource>>,
+    known: Option<KnownMap>,
     progress: &mut dyn FnMut(f64),
 ) -> Result<Verification, LogError> {
     let wanted = if images.is_some() { WITHOUT_IMAGES } else { WITH_IMAGES };
@@ -95,7 +105,8 @@ pub fn verify(
         let reason = "was recorded without images; give the data set it was recorded from with --images";
         return Err(LogError::unusable(path, reason));
     }
-    let mut execution = Execution::new(log, images);
+    let known = known_map(path, &about, known)?;
+    let mut execution = Execution::new(log, images, known);
     while execution.step()? {
         if execution.readings().is_multiple_of(100) {
             let log = execution.log().reader();
@@ -113,9 +124,14 @@ fn summed_up(mut execution: Execution, same_build: bool, config_hash: String) ->
     let is_log_complete = ending == Ending::Flight;
     execution.estimates.finish(is_log_complete);
     execution.odometry.finish(is_log_complete);
+    if let Some(map) = &mut execution.map {
+        map.outputs.finish(is_log_complete);
+    }
     let Execution { estimates, odometry, estimate_digest, odometry_digest, refused, .. } = &execution;
-    let difference = estimates.difference.clone().or_else(|| odometry.difference.clone());
-    let not_recorded = estimates.missing + odometry.missing;
+    let map = execution.map.as_ref();
+    let of_map = map.and_then(|map| map.outputs.difference.clone());
+    let difference = estimates.difference.clone().or_else(|| odometry.difference.clone()).or(of_map);
+    let not_recorded = estimates.missing + odometry.missing + map.map_or(0, |map| map.outputs.missing);
     let unexplained = is_log_complete && not_recorded > dropped_outputs(&dropped);
     Verification {
         identical: difference.is_none() && !inputs_changed && !unexplained,
@@ -125,8 +141,12 @@ fn summed_up(mut execution: Execution, same_build: bool, config_hash: String) ->
         frames_refused: *refused,
         estimates_identical: estimates.identical,
         odometry_identical: odometry.identical,
+        map_poses_identical: map.map_or(0, |map| map.outputs.identical),
+        map_digest: map.map(|map| map.digest.hex()),
         not_recorded,
-        not_executed: estimates.left_over() + odometry.left_over(),
+        not_executed: estimates.left_over()
+            + odometry.left_over()
+            + map.map_or(0, |map| map.outputs.left_over()),
         truncated: ending == Ending::Truncated,
         ended_for_room: ending == Ending::Room,
         estimate_digest: estimate_digest.hex(),
@@ -139,5 +159,5 @@ fn summed_up(mut execution: Execution, same_build: bool, config_hash: String) ->
 
 /// Outputs that the recorder itself says are missing.
 fn dropped_outputs(dropped: &Dropped) -> u64 {
-    dropped.of(Kind::Estimate) + dropped.of(Kind::Odometry)
+    dropped.of(Kind::Estimate) + dropped.of(Kind::Odometry) + dropped.of(Kind::MapEstimate)
 }

@@ -156,6 +156,10 @@ impl LogWriter {
             LogEntry::Reset(order) => {
                 self.put(Channel::ResetOrder, self.newest(), &encode::reset_order(order))
             }
+            LogEntry::MapOrder(order) => {
+                self.put(Channel::MapOrder, self.newest(), &encode::map_order(order))
+            }
+            LogEntry::MapEstimate(m) => self.put(Channel::MapEstimate, m.stamp, &encode::map_estimate(m)),
             LogEntry::Estimate(estimate) => self.put_estimate(estimate),
             LogEntry::Odometry(o) => self.put(Channel::Odometry, o.stamp, &encode::odometry(o)),
             LogEntry::Event(event) => self.put(Channel::Event, event.stamp, &encode::event(event)),
@@ -210,6 +214,7 @@ impl LogWriter {
             estimates_dropped: count(Kind::Estimate),
             odometry_dropped: count(Kind::Odometry),
             events_dropped: count(Kind::Event),
+            map_estimates_dropped: count(Kind::MapEstimate),
         };
         self.buffer = recording.encode_to_vec();
         self.append(Channel::Recording, self.newest_ns)

@@ -4,7 +4,10 @@
 //! in between leaves the old map, and at most a `.partial` file, which the next save replaces.
 
 use super::codec::{MapContents, MapDefect, decode, encode};
+use crate::log::KnownMap;
+use plumbline_estimator::places::MapLimits;
 use rustix::fs::{Mode, OFlags};
+use sha2::{Digest as _, Sha256};
 use std::fs::File;
 use std::io::{self, Read as _, Write as _};
 use std::path::{Path, PathBuf};
@@ -59,6 +62,17 @@ fn read_bounded(path: &Path) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::with_capacity(found.len() as usize);
     file.take(MAX_FILE_BYTES).read_to_end(&mut bytes)?;
     Ok(bytes)
+}
+
+/// Reads a map that a flight goes on with, into one of these limits.
+///
+/// # Errors
+/// As [`read_map`].
+pub fn read_known_map(path: &Path, limits: MapLimits) -> Result<KnownMap, MapFileError> {
+    let bytes = read_bounded(path).map_err(|source| MapFileError::Read { path: path.into(), source })?;
+    let contents = decode(&bytes).map_err(|defect| MapFileError::Defect { path: path.into(), defect })?;
+    let sha256 = Sha256::digest(&bytes).iter().map(|b| format!("{b:02x}")).collect();
+    Ok(KnownMap { map: contents.into_map(limits), sha256 })
 }
 
 /// Writes a map, replacing one of that name only when it is whole and on the disk.

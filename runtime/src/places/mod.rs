@@ -11,4 +11,4 @@ pub mod merge;
 pub mod ply;
 
 pub use codec::{MapContents, MapDefect, StoredKeyframe};
-pub use file::{MapFileError, read_map, write_map};
+pub use file::{MapFileError, read_known_map, read_map, write_map};

@@ -81,7 +81,7 @@ fn check_there(logs: &[PathBuf]) -> Result<(), Usage> {
 
 fn verified(log: &Path, allow_incomplete: bool) -> Row {
     let start = Instant::now();
-    let (objection, verification) = match verify(log, None, &mut |_| {}) {
+    let (objection, verification) = match verify(log, None, None, &mut |_| {}) {
         Ok(verification) => (objection(&verification, allow_incomplete), Some(verification)),
         // The log's name stands before it already.
         Err(error) => (Some(error.to_string().replacen(&format!("{}: ", log.display()), "", 1)), None),

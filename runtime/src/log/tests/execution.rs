@@ -32,11 +32,11 @@ fn a_recorded_flight_comes_out_again_bit_for_bit() {
 fn a_log_without_images_is_verified_against_its_data_set() {
     let (_folder, path, outcome) = recorded(ImageRecording::None);
     assert!(verified(&path).unwrap_err().to_string().contains("--images"));
-    let v = verify(&path, Some(flight().streams.stereo), &mut |_| {}).unwrap();
+    let v = verify(&path, Some(flight().streams.stereo), None, &mut |_| {}).unwrap();
     assert!(v.identical && v.complete, "{v:?}");
     assert_eq!(v.estimate_digest, outcome.estimate_digest);
     let other = flight_of_seed(2).streams.stereo;
-    let refused = verify(&path, Some(other), &mut |_| {}).unwrap_err().to_string();
+    let refused = verify(&path, Some(other), None, &mut |_| {}).unwrap_err().to_string();
     assert!(refused.contains("frame 0 of the data set"), "{refused}");
 }
 

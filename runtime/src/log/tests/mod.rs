@@ -78,7 +78,7 @@ fn recorded(images: ImageRecording) -> (TempDir, PathBuf, Outcome) {
 }
 
 fn verified(path: &Path) -> Result<Verification, LogError> {
-    verify(path, None, &mut |_| {})
+    verify(path, None, None, &mut |_| {})
 }
 
 /// Writes the log anew, every CRC right, with the messages of `channel` changed by `edit`, which is told
