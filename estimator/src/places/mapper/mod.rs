@@ -39,6 +39,8 @@ const STEPS_PER_CALL: usize = 3;
 const FINAL_STEPS: usize = 500;
 /// Loops that a graph may hold, for each keyframe.
 const LOOPS_PER_KEYFRAME: usize = 2;
+/// Nodes of the graph beside those of a full map: the origin, and those of views that the map had already.
+const EXTRA_NODES: usize = 256;
 /// What odometry is taken to drift by where the window did not say, m per root of a metre, and least.
 const DRIFT_M: (f64, f64) = (0.02, 0.005);
 /// The same of the heading, rad.
@@ -168,7 +170,7 @@ impl Mapper {
             ExtractorOptions { max_features: options.max_features, ..ExtractorOptions::default() };
         let (width_px, height_px) = (setup.left().width_px, setup.left().height_px);
         let map = known.unwrap_or_else(|| PlaceMap::new(limits));
-        let nodes = limits.keyframes + 2;
+        let nodes = limits.keyframes + EXTRA_NODES;
         let mut mapper = Self {
             rig: setup.camera.iter().map(|c| RigCamera::new(c.model())).collect(),
             extractor: Extractor::new(width_px, height_px, &extractor_options),
@@ -311,9 +313,10 @@ impl Mapper {
     /// What the window knows better by now of keyframes that are nodes.
     fn refresh(&mut self, solved: &SolvedFrame) {
         for keyframe in &solved.keyframes {
-            let known = self.infos.iter().rposition(|i| {
-                i.stamp == keyframe.stamp && i.reset_counter == solved.reset_counter && i.slot.is_some()
-            });
+            let known = self
+                .infos
+                .iter()
+                .rposition(|i| i.stamp == keyframe.stamp && i.reset_counter == solved.reset_counter);
             if let Some(node) = known {
                 self.graph.set_odometry(node, keyframe.pose_o_b);
             }
@@ -368,8 +371,9 @@ impl Mapper {
         }
         let pose_m_b = self.graph.nodes()[node].pose_m_b();
         let keyframe = Keyframe::new(session, solved.stamp, pose_m_b, pose_b_c);
-        // With one camera there is no depth, and so nothing to be located by.
+        // With one camera there is no depth, and so nothing to be located by; a view that the map has needs no other.
         if job.images.image(1).is_some()
+            && !located.as_ref().is_some_and(|found| self.has_view(found, &keyframe))
             && let Some(slot) = self.map.add(keyframe, self.extractor.features())
         {
             if let Some(forgotten) = self.infos.iter().position(|i| i.slot == Some(slot)) {
@@ -402,10 +406,7 @@ impl Mapper {
     ) -> Option<usize> {
         let before = self.infos.len() - 1;
         let continues = self.infos[before].reset_counter == segment.reset_counter;
-        if self.graph.nodes().len() == self.infos.capacity() {
-            // Frames of one camera are no keyframes of the map, which would make room for them.
-            self.remove_node(1);
-        }
+        self.make_room();
         let before = self.infos.len().checked_sub(1).filter(|_| continues);
         let waiting = Isometry3::translation(WAITING_ROOM_M, 0.0, 0.0);
         let pose_m_o = match before.filter(|_| segment.is_placed) {
@@ -433,6 +434,28 @@ impl Mapper {
         }
         segment.since_node = Matrix4::zeros();
         Some(index)
+    }
+
+    /// Whether the map has nearly the same view from where a frame was located.
+    fn has_view(&self, found: &Located, keyframe: &Keyframe) -> bool {
+        let seen = self.map.keyframes().find(|(_, k)| k.id == found.keyframe_id);
+        seen.is_some_and(|(_, seen)| {
+            let here = Keyframe::new(0, keyframe.stamp, found.pose_m_b, keyframe.pose_b_c);
+            view_distance(seen, &here) < self.options.spacing_m
+        })
+    }
+
+    /// A full graph loses its oldest node that is no keyframe of the map, or else its oldest.
+    fn make_room(&mut self) {
+        if self.infos.len() < self.options.max_keyframes + EXTRA_NODES {
+            return;
+        }
+        let without_view = (1..self.infos.len()).find(|&k| self.infos[k].slot.is_none());
+        let gone = without_view.unwrap_or(1);
+        if let Some(slot) = self.infos[gone].slot {
+            self.map.remove(slot);
+        }
+        self.remove_node(gone);
     }
 
     fn push_node(&mut self, node: Node, info: NodeInfo) -> Option<usize> {
