@@ -6,6 +6,7 @@ mod determinism;
 mod faults;
 mod flow;
 mod lines;
+mod loops;
 mod oracle;
 mod places;
 mod soak;

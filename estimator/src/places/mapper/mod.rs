@@ -94,6 +94,8 @@ pub struct Sighting {
     pub inliers: u32,
     /// Standard deviation of the position found, in its worst direction, m.
     pub sigma_m: f64,
+    /// Pose of the body in that of the keyframe.
+    pub pose_k_b: Isometry3<f64>,
 }
 
 /// What a call found.
@@ -109,6 +111,8 @@ pub struct MapUpdate {
     pub reset_counter: u32,
     /// Pose of the odometry frame in the map: a turn about the vertical and a shift. `None` while it is not known.
     pub pose_m_o: Option<Isometry3<f64>>,
+    /// Whether the frame was searched for at all: others add nothing to those before.
+    pub is_searched: bool,
     /// The place that was seen again, if one was.
     pub sighting: Option<Sighting>,
     /// Keyframes of the map.
@@ -234,12 +238,13 @@ impl Mapper {
     /// Takes a frame into account.
     pub fn process(&mut self, job: &PlaceJob) -> MapUpdate {
         let solved = &job.solved;
-        let mut sighting = None;
+        let (mut is_searched, mut sighting) = (false, None);
         if let Some(pose_o_b) = solved.pose_o_b {
             let mut segment = self.segment_of(solved);
             self.refresh(solved);
             segment.follow(solved);
             if self.is_wanted(&segment, solved, &pose_o_b) && job.images.image(0).is_some() {
+                is_searched = true;
                 sighting = self.add_keyframe(&mut segment, job, &pose_o_b);
             }
             self.segment = Some(segment);
@@ -256,6 +261,7 @@ impl Mapper {
             stamp: solved.stamp,
             reset_counter: solved.reset_counter,
             pose_m_o: self.pose_m_o(),
+            is_searched,
             sighting,
             keyframes: self.map.len() as u32,
             sightings: self.sightings,
@@ -365,6 +371,7 @@ impl Mapper {
             if k.session == session { segment.is_placed && k.stamp < newest } else { true }
         });
 
+        let sighting = located.as_ref().map(|found| self.sighting_of(found));
         let node = self.add_node(segment, solved, pose_o_b)?;
         if let Some(located) = &located {
             self.add_loop(segment, node, located);
@@ -384,14 +391,16 @@ impl Mapper {
                 (info.slot, info.keyframe_id) = (Some(slot), id);
             }
         }
-        located.as_ref().map(|found| self.sighting_of(found))
+        sighting
     }
 
     fn sighting_of(&self, found: &Located) -> Sighting {
-        let stamp = self.map.keyframes().find(|(_, k)| k.id == found.keyframe_id).map(|(_, k)| k.stamp);
+        let seen = self.map.keyframes().find(|(_, k)| k.id == found.keyframe_id).map(|(_, k)| k);
+        let pose_m_k = seen.map_or_else(Isometry3::identity, |k| k.pose_m_b);
         Sighting {
             keyframe_id: found.keyframe_id,
-            keyframe_stamp: stamp.unwrap_or_default(),
+            keyframe_stamp: seen.map(|k| k.stamp).unwrap_or_default(),
+            pose_k_b: pose_m_k.inverse() * found.pose_m_b,
             inliers: found.inliers as u32,
             sigma_m: found.sigma_m(),
         }
