@@ -1,7 +1,7 @@
 //! The ground station's page in a real browser, with a real vehicle that comes, is reset, dies and comes back.
 
 use super::python::interpreter;
-use super::vehicle::{PLUMBLINE, Running, eventually, flight, free_port, render};
+use super::vehicle::{PLUMBLINE, Running, cache, eventually, flight, free_port, render};
 use plumbline_test_support::{Need, skip};
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, ErrorKind, Write};
@@ -77,13 +77,18 @@ impl Browser {
         println!("screenshot: {}", file.display());
     }
 
+    /// A number that the 3-D view says of what it draws.
+    fn drawn(&mut self, what: &str) -> u32 {
+        self.attribute("#view3d", &format!("data-{what}")).parse().unwrap_or(0)
+    }
+
     fn presence(&mut self) -> String {
         self.attribute("[data-vehicle=\"drone\"]", "data-presence")
     }
 
     /// Points of the path that is drawn.
     fn points(&mut self) -> u32 {
-        self.attribute("#view3d", "data-points").parse().unwrap_or(0)
+        self.drawn("points")
     }
 }
 
@@ -242,6 +247,67 @@ fn network_page_survives_noise_at_its_socket() {
 /// Those that measure rates and times: see `.config/nextest.toml`.
 mod realtime {
     use super::*;
+
+    #[test]
+    fn network_page_shows_loops_and_the_corrected_path_to_those_who_come_late_too() {
+        const PATIENCE: Duration = Duration::from_secs(20);
+        // Two rounds of the same way take half a minute, the second begins after fourteen seconds.
+        const SECOND_ROUND: Duration = Duration::from_secs(60);
+        let laps = |more: &[&str]| {
+            let mut command = Command::new(PLUMBLINE);
+            command.args([
+                "replay",
+                "sim:room",
+                "--laps",
+                "2",
+                "--duration",
+                "12",
+                "--scale",
+                "0.4",
+                "--no-lines",
+            ]);
+            command.arg("--cache").arg(cache()).args(more);
+            command
+        };
+        let rendered = laps(&[]).output().unwrap();
+        assert!(rendered.status.success(), "{}", String::from_utf8_lossy(&rendered.stderr));
+        let Some(mut browser) = Browser::start() else { return };
+        let endpoint = format!("tcp/127.0.0.1:{}", free_port());
+        let station = || {
+            let page = format!("127.0.0.1:{}", free_port());
+            let mut command = Command::new(PLUMBLINE);
+            command.args(["ground", "--plain", "--connect", &endpoint, "--http", &page]);
+            (Running::start(command), format!("http://{page}/"))
+        };
+        let (_first, url) = station();
+        eventually("the page is served", PATIENCE, || {
+            browser.order(&json!({"do": "open", "url": url})).is_ok()
+        });
+        let mut vehicle = Running::start(laps(&["--speed", "1", "--publish", "--listen", &endpoint]));
+        eventually("the place in the map is known", PATIENCE, || {
+            browser.text("#map-note").contains("no place seen again yet")
+        });
+        eventually("the corrected path grows", PATIENCE, || browser.drawn("corrected") > 5);
+        eventually("a loop is drawn", SECOND_ROUND, || browser.drawn("loops") > 0);
+        let (_second, url) = station();
+        eventually("the page of one who comes late is served", PATIENCE, || {
+            browser.order(&json!({"do": "open", "url": url})).is_ok()
+        });
+        eventually("it shows the loops of before", PATIENCE, || browser.drawn("loops") > 0);
+        eventually("and told of", PATIENCE, || {
+            let words = browser.text("#map-note");
+            words.contains("drift taken out") && !words.contains(" 0 loops")
+        });
+        println!("{}", browser.text("#map-note"));
+        let _ = browser
+            .order(&json!({"do": "script", "js": "document.querySelector('input[value=map]').click()"}));
+        eventually("the map frame is shown", PATIENCE, || {
+            browser.text("#frame-note").starts_with("map frame M: 0.")
+        });
+        browser.screenshot("ground-map.png");
+        assert_eq!(browser.order(&json!({"do": "errors"})).unwrap(), json!([]), "the console of the page");
+        vehicle.interrupt();
+    }
 
     #[test]
     fn network_page_shows_a_vehicle_that_comes_is_reset_dies_and_comes_back() {

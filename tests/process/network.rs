@@ -294,7 +294,7 @@ fn measured_latency(seconds: u32) -> Latency {
 #[test]
 fn malformed_messages_on_every_key_are_counted_and_harm_nobody() {
     let station = Station::start();
-    let keys = ["odom", "state", "health", "map/keyframe", "map/correction", "scene"];
+    let keys = ["odom", "state", "health", "map/keyframe", "map/correction", "map/path", "scene"];
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
     let mut sent = 0u64;
     runtime.block_on(async {

@@ -150,11 +150,21 @@ fn a_machine_with_ros_sees_topics_and_reads_what_was_computed() {
         assert_eq!(header["frame_id"], "odom");
         is_computed(&seen.computed, stamp_ns(header), &pose["position"], &pose["orientation"]);
     }
+    let mut in_map = 0;
     for sample in seen.samples(TOPICS[2]) {
         let transforms = sample["message"]["transforms"].as_array().unwrap();
         let names: Vec<_> =
             transforms.iter().map(|t| [&t["header"]["frame_id"], &t["child_frame_id"]]).collect();
-        assert_eq!(names, [["odom", "base_link"], ["base_link", "body"]]);
+        let vehicle = names.len() - 2;
+        assert_eq!(names[vehicle..], [["odom", "base_link"], ["base_link", "body"]]);
+        // The first keyframe is the map; from then on it is known where the odometry lies in it.
+        in_map += vehicle;
+        assert!(vehicle == usize::from(in_map > 0), "{names:?} after {in_map} in the map");
+        if vehicle == 1 {
+            assert_eq!(names[0], ["map", "odom"]);
+            check_map(&transforms[0]);
+        }
+        let transforms = &transforms[vehicle..];
         let imu = numbers(&transforms[1]["transform"]["rotation"], "x y z w");
         let half = std::f64::consts::FRAC_1_SQRT_2;
         // x of the IMU is up, z forward: a half turn about the axis between the two.
@@ -163,7 +173,16 @@ fn a_machine_with_ros_sees_topics_and_reads_what_was_computed() {
         let stamp = stamp_ns(&transforms[0]["header"]);
         is_computed(&seen.computed, stamp, &transform["translation"], &transform["rotation"]);
     }
+    assert!(in_map > 50, "{in_map} transforms from the map");
     check_twist(&seen);
+}
+
+/// Within seconds nothing has drifted, and the map is level as the odometry is.
+fn check_map(transform: &Value) {
+    let shift = numbers(&transform["transform"]["translation"], "x y z");
+    assert!(shift.iter().all(|x| x.abs() < 0.1), "{shift:?}");
+    let turn = numbers(&transform["transform"]["rotation"], "x y z w");
+    assert!(turn[0].abs() < 1e-12 && turn[1].abs() < 1e-12 && turn[2].abs() < 0.02, "{turn:?}");
 }
 
 /// A node and its three publishers are listed, with types that every release from Iron on hashes alike.

@@ -73,7 +73,7 @@ fn keep(stderr: ChildStderr, words: &Mutex<String>) {
 }
 
 /// Folder of the rendered flight, shared by the tests of a run.
-fn cache() -> PathBuf {
+pub fn cache() -> PathBuf {
     static CACHE: OnceLock<PathBuf> = OnceLock::new();
     CACHE.get_or_init(|| PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("flights")).clone()
 }

@@ -18,6 +18,8 @@ pub struct RosConfig {
     /// Namespace of the node and its topics `odom` and `pose`, such as `/robots/one`. Empty: `/<vehicle>`,
     /// with `_` for `-`; `/`: none.
     pub namespace: String,
+    /// Name of the map frame `M`, the parent of `odom_frame` where it is known how the two lie to each other.
+    pub map_frame: String,
     /// Name of the odometry frame `O`; flight logs have this name and the next two as well.
     pub odom_frame: String,
     /// Name of the vehicle's frame `V`: x forward, y left, z up (REP 103), with its origin in the IMU. Odometry
@@ -29,7 +31,8 @@ pub struct RosConfig {
     pub rate_hz: f64,
     /// What `header.stamp` says.
     pub stamp: RosStamp,
-    /// Whether the transforms from `odom_frame` to `base_frame` and on to `body_frame` go out on `/tf` too.
+    /// Whether the transforms from `odom_frame` to `base_frame` and on to `body_frame`, and that from `map_frame` to
+    /// `odom_frame`, go out on `/tf` too.
     pub tf: bool,
     /// Standard deviation of the angular rate in the twist's covariance, rad/s: the estimator has none.
     pub angular_rate_sigma_rad_s: f64,
@@ -69,6 +72,7 @@ impl Default for RosConfig {
             domain_id: 0,
             distribution: RosDistribution::Jazzy,
             namespace: String::new(),
+            map_frame: "map".into(),
             odom_frame: "odom".into(),
             base_frame: "base_link".into(),
             body_frame: "body".into(),

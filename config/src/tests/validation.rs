@@ -238,10 +238,12 @@ fn names_must_be_ones_that_ros_understands() {
         assert_eq!(refused(|c| c.ros.namespace = good.into()), []);
     }
     for bad in ["", "/odom", "a b", "a\n"] {
+        check("ros.map_frame", "letters", |c| c.ros.map_frame = bad.into());
         check("ros.odom_frame", "letters", |c| c.ros.odom_frame = bad.into());
         check("ros.base_frame", "letters", |c| c.ros.base_frame = bad.into());
         check("ros.body_frame", "letters", |c| c.ros.body_frame = bad.into());
     }
+    check("ros.odom_frame", "`ros.map_frame` too", |c| c.ros.odom_frame = "map".into());
     check("ros.base_frame", "`ros.odom_frame` too", |c| c.ros.base_frame = "odom".into());
     check("ros.body_frame", "`ros.base_frame` too", |c| c.ros.body_frame = "base_link".into());
     check("ros.router", "tcp/127.0.0.1:7447", |c| c.ros.router = "localhost".into());

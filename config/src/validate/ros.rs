@@ -21,6 +21,7 @@ pub(super) fn check(config: &Config, found: &mut Vec<Violation>) {
         found.push(Violation::new("ros.namespace", reason, cure));
     }
     let frames = [
+        ("ros.map_frame", &ros.map_frame),
         ("ros.odom_frame", &ros.odom_frame),
         ("ros.base_frame", &ros.base_frame),
         ("ros.body_frame", &ros.body_frame),
@@ -33,7 +34,7 @@ pub(super) fn check(config: &Config, found: &mut Vec<Violation>) {
         }
         if let Some((other, _)) = frames[..i].iter().find(|(_, earlier)| *earlier == frame) {
             let reason = format!("{} is the name of `{other}` too", shortened(frame));
-            let cure = "give every frame a name of its own, such as odom, base_link (the vehicle) and body (the IMU)";
+            let cure = "give every frame a name of its own, such as map, odom, base_link (the vehicle) and body (the IMU)";
             found.push(Violation::new(key, reason, cure));
         }
     }

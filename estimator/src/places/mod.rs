@@ -39,7 +39,7 @@ pub use feature::Feature;
 pub use images::FrameImages;
 pub use locate::{Located, Locator, LocatorOptions, Query};
 pub use map::{Keyframe, MapLimits, PlaceMap};
-pub use mapper::{MapEstimate, MapFollower, MapUpdate, Mapper, PlaceJob};
+pub use mapper::{MapEstimate, MapFollower, MapPath, MapUpdate, Mapper, PlaceJob};
 
 #[cfg(test)]
 mod tests;

@@ -180,6 +180,19 @@ fn network_messages() -> Vec<Vec<u8>> {
             net::Picture { header, jpeg, width_px: 4, height_px: 4, ..net::Picture::default() }
                 .encode_to_vec(),
         ),
+        (
+            7,
+            net::MapPath {
+                header,
+                stamps_ns: vec![1, 2],
+                poses_m_b: vec![0.5; 14],
+                reset_counters: vec![0, 1],
+                loops_ns: vec![1, 2],
+                loops_m: vec![0.5; 6],
+                drift_m: Some(0.1),
+            }
+            .encode_to_vec(),
+        ),
         (b'c', net::Clock { received_ns: 5, answered_ns: 9 }.encode_to_vec()),
         (
             b't',

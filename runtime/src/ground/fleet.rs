@@ -1,7 +1,7 @@
 //! Everything received from all vehicles, in bounded memory.
 
 use super::vehicle::{Picture, Vehicle};
-use crate::net::{proto, read};
+use crate::net::proto;
 use nalgebra::Vector3;
 use serde::Serialize;
 use std::collections::{BTreeMap, VecDeque};
@@ -132,7 +132,14 @@ impl Fleet {
     /// Applies a correction of the map frame.
     pub fn correction(&mut self, name: &str, message: &proto::MapCorrection) {
         if let Some(vehicle) = self.vehicle(name) {
-            vehicle.pose_m_o = message.pose_m_o.as_ref().and_then(read::isometry);
+            vehicle.corrected.apply_correction(message);
+        }
+    }
+
+    /// Applies a corrected path, published or queried.
+    pub fn map_path(&mut self, name: &str, message: &proto::MapPath) {
+        if let Some(vehicle) = self.vehicle(name) {
+            vehicle.corrected.apply_path(message);
         }
     }
 

@@ -21,8 +21,7 @@ pub async fn listen(
 ) -> Result<Session, NetError> {
     let session = endpoints.open().await?;
     let vehicle = &endpoints.vehicle;
-    for topic in [Topic::Odom, Topic::State, Topic::Health, Topic::Keyframe, Topic::Correction, Topic::Scene]
-    {
+    for topic in Topic::ALWAYS {
         let key = format!("{ROOT}/{vehicle}/{}", topic.key());
         let fleet = Arc::clone(fleet);
         session
@@ -78,9 +77,14 @@ enum Topic {
     Correction,
     Scene,
     Camera,
+    Path,
 }
 
 impl Topic {
+    /// Those that every station hears.
+    const ALWAYS: [Self; 7] =
+        [Self::Odom, Self::State, Self::Health, Self::Keyframe, Self::Correction, Self::Path, Self::Scene];
+
     fn key(self) -> &'static str {
         match self {
             Self::Odom => "odom",
@@ -88,6 +92,7 @@ impl Topic {
             Self::Health => "health",
             Self::Keyframe => "map/keyframe",
             Self::Correction => "map/correction",
+            Self::Path => "map/path",
             Self::Scene => "scene",
             Self::Camera => "camera",
         }
@@ -136,6 +141,9 @@ fn apply(
         }
         Topic::Correction => read::decode::<proto::MapCorrection>(bytes)
             .map(|message| lock(fleet).correction(vehicle, &message)),
+        Topic::Path => {
+            read::decode::<proto::MapPath>(bytes).map(|message| lock(fleet).map_path(vehicle, &message))
+        }
         Topic::Scene => {
             read::decode::<proto::Scene>(bytes).map(|message| lock(fleet).scene(vehicle, &message))
         }
@@ -168,7 +176,7 @@ fn print_state(vehicle: &str, message: &proto::State) {
 }
 
 #[cfg(any(test, feature = "fuzzing"))]
-const TOPICS: [Topic; 7] = [
+const TOPICS: [Topic; 8] = [
     Topic::Odom,
     Topic::State,
     Topic::Health,
@@ -176,6 +184,7 @@ const TOPICS: [Topic; 7] = [
     Topic::Correction,
     Topic::Scene,
     Topic::Camera,
+    Topic::Path,
 ];
 
 /// Takes `bytes` as a message of a vehicle on the topic of this number, counted round.
@@ -199,7 +208,7 @@ mod tests {
     proptest! {
         #[test]
         fn whatever_comes_on_a_key_is_taken_or_counted(
-            bytes in prop::collection::vec(any::<u8>(), 0..400), topic in 0usize..7
+            bytes in prop::collection::vec(any::<u8>(), 0..400), topic in 0usize..8
         ) {
             let fleet = Mutex::new(Fleet::default());
             apply(&fleet, TOPICS[topic], "drone", &bytes, 0, false);

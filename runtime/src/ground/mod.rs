@@ -8,6 +8,7 @@ pub mod channel;
 pub mod clock;
 pub mod command;
 pub mod connection;
+pub mod corrected;
 pub mod export;
 pub mod fleet;
 #[cfg(any(test, feature = "fuzzing"))]

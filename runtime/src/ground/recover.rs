@@ -1,5 +1,5 @@
-//! Queries what subscriptions do not bring: a vehicle's clock, its path before and during interruptions, keyframes lost on
-//! the link. One query at a time for each vehicle, each with a timeout, at low priority.
+//! Queries what subscriptions do not bring: a vehicle's clock, its path before and during interruptions, keyframes and
+//! the corrected path where they were lost on the link. One query at a time for each vehicle, each with a timeout, at low priority.
 
 use super::clock::Exchange;
 use super::fleet::{Fleet, PastPoint, lock};
@@ -43,13 +43,13 @@ pub async fn run(session: Session, fleet: Arc<Mutex<Fleet>>) {
 
 /// Asks one vehicle for what is missing, one question after the other.
 async fn attend(session: Session, fleet: Arc<Mutex<Fleet>>, name: String) {
-    let (mut asked_clock, mut asked_past) = (None::<Instant>, 0);
+    let (mut asked_clock, mut asked_past, mut missed_path) = (None::<Instant>, 0, None);
     while !session.is_closed() {
         let wanted = lock(&fleet).vehicles.get(&name).filter(|vehicle| vehicle.is_alive).map(|vehicle| {
             let missing = vehicle.map.missing(MAX_KEYFRAMES_PER_QUESTION as u64);
-            (vehicle.appeared, vehicle.clock.len(), missing)
+            (vehicle.appeared, vehicle.clock.len(), missing, vehicle.corrected.missing())
         });
-        if let Some((appeared, exchanges, missing)) = wanted {
+        if let Some((appeared, exchanges, missing, path)) = wanted {
             let is_clock_due = asked_clock.is_none_or(|last| last.elapsed() >= CLOCK_PERIOD);
             if is_clock_due || exchanges < FIRST_EXCHANGES {
                 asked_clock = Some(Instant::now());
@@ -60,6 +60,10 @@ async fn attend(session: Session, fleet: Arc<Mutex<Fleet>>, name: String) {
             }
             if let Some(missing) = missing {
                 ask_keyframes(&session, &fleet, &name, missing).await;
+            }
+            // One that has just been announced is on its way.
+            if path.is_some() && std::mem::replace(&mut missed_path, path) == path {
+                ask_path(&session, &fleet, &name).await;
             }
         }
         tokio::time::sleep(PERIOD).await;
@@ -81,6 +85,13 @@ async fn ask_keyframes(session: &Session, fleet: &Mutex<Fleet>, name: &str, miss
     let selector = format!("{ROOT}/{name}/map/keyframe/**?from={};to={}", missing.start, missing.end);
     for keyframe in get::<proto::Keyframe>(session, fleet, &selector, Priority::DataLow).await {
         lock(fleet).keyframe(name, &keyframe);
+    }
+}
+
+async fn ask_path(session: &Session, fleet: &Mutex<Fleet>, name: &str) {
+    let selector = format!("{ROOT}/{name}/map/path");
+    for path in get::<proto::MapPath>(session, fleet, &selector, Priority::DataLow).await {
+        lock(fleet).map_path(name, &path);
     }
 }
 

@@ -3,6 +3,7 @@
 use super::attitude::Attitude;
 use super::channel::{Channel, Delays, Place};
 use super::clock::ClockEstimate;
+use super::corrected::Corrected;
 use super::map::Map;
 use super::news::StateNews;
 use super::track::{MAX_POSES, PoseSample, Samples, Track};
@@ -62,8 +63,8 @@ pub struct Vehicle {
     /// How the IMU is mounted: takes coordinates from `B` to the vehicle `V` (x forward, y left, z up). Unknown until
     /// the vehicle has sent it.
     pub rot_v_b: Option<UnitQuaternion<f64>>,
-    /// Takes coordinates from the odometry to the map frame.
-    pub pose_m_o: Option<Isometry3<f64>>,
+    /// Where the odometry lies in the map, and the corrected path.
+    pub corrected: Corrected,
     /// Newest velocity in O, m/s.
     pub v_o_b: Vector3<f64>,
     /// Newest angular rate in B, rad/s.
@@ -126,7 +127,7 @@ impl Default for Vehicle {
             stamp_ns: 0,
             pose_o_b: None,
             rot_v_b: None,
-            pose_m_o: None,
+            corrected: Corrected::default(),
             v_o_b: Vector3::zeros(),
             rate_b: Vector3::zeros(),
             sigmas: [0.0; 9],
@@ -314,6 +315,18 @@ impl Vehicle {
         }
     }
 
+    /// Takes coordinates from the odometry to the map frame; `None` while that is not known.
+    #[must_use]
+    pub fn pose_m_o(&self) -> Option<Isometry3<f64>> {
+        self.corrected.pose_m_o(self.resets)
+    }
+
+    /// The map as text; `None` where the vehicle has said nothing of one.
+    #[must_use]
+    pub fn map_words(&self) -> Option<String> {
+        self.corrected.words(self.resets)
+    }
+
     /// Largest standard deviation of the position, m.
     #[must_use]
     pub fn sigma_m(&self) -> f64 {
@@ -362,7 +375,7 @@ impl Vehicle {
         );
         format!(
             "{name}: {}, quality {}, position {:.3} {:.3} {:.3} m (1 sigma {:.3} m), roll pitch heading {attitude}, \
-             speed {:.2} m/s, odometry {:.0} Hz, state {:.0} Hz, latency {:.2} ms, lost {}, {}",
+             speed {:.2} m/s, odometry {:.0} Hz, state {:.0} Hz, latency {:.2} ms, lost {}, {}{}",
             self.presence(now),
             self.quality_words(),
             p.x,
@@ -375,6 +388,7 @@ impl Vehicle {
             self.latency_ms.unwrap_or(0.0),
             self.odom.lost + self.state.lost,
             self.health_summary(),
+            self.map_words().map_or_else(String::new, |words| format!(", map: {words}")),
         )
     }
 }

@@ -19,7 +19,9 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 /// Lines that one vehicle takes, border included.
-const VEHICLE_LINES: u16 = horizon::ROWS + 2;
+const VEHICLE_LINES: u16 = FIGURES + 2;
+/// Lines of numbers: one more than the horizon has.
+const FIGURES: u16 = horizon::ROWS + 1;
 /// Columns within the border from which on a horizon leaves enough for the numbers.
 const MIN_HORIZON_COLUMNS: u16 = 78;
 /// Lines from which on the view from above is worth its place.
@@ -146,6 +148,7 @@ fn figures(vehicle: &Vehicle, now: Instant) -> Vec<Line<'static>> {
         ("velocity", velocity),
         ("link", link),
         ("health", health),
+        ("map", vehicle.map_words().unwrap_or_else(|| "none received".to_owned())),
     ]
     .into_iter()
     .map(|(name, text)| Line::from(vec![label(name), Span::raw(text)]))
@@ -164,7 +167,7 @@ mod tests {
     const COLUMNS: u16 = 80;
 
     fn text(fleet: &Fleet, now: Instant) -> String {
-        let mut terminal = Terminal::new(TestBackend::new(COLUMNS, 18)).unwrap();
+        let mut terminal = Terminal::new(TestBackend::new(COLUMNS, 20)).unwrap();
         terminal.draw(|frame| draw(frame, fleet, now)).unwrap();
         let buffer = terminal.backend().buffer();
         buffer
@@ -198,6 +201,8 @@ mod tests {
             ..proto::Health::default()
         };
         fleet.health("drone", &health, 100, now);
+        let header = Some(proto::Header::default());
+        fleet.correction("drone", &proto::MapCorrection { header, keyframes: 2, ..Default::default() });
         let shown = text(&fleet, now);
         let attitude = "roll   +0.0°  pitch  +0.0°  heading 000°";
         for part in [
@@ -212,6 +217,7 @@ mod tests {
             "speed 0.50 m/s",
             "latency 0.0 ms",
             "few features",
+            "map       2 keyframes, place in the map not known yet",
             "from above",
             "● drone",
         ] {

@@ -1,4 +1,4 @@
-//! Queries that a vehicle answers: trajectory, keyframes, configuration, clock, reset.
+//! Queries that a vehicle answers: trajectory, keyframes, corrected path, configuration, clock, reset.
 //!
 //! Questions wait in a short queue and are answered one after the other by a task of their own: who asks much
 //! holds up nobody but those who ask. Answers travel with the quality of service of their question; ground stations
@@ -52,13 +52,15 @@ pub struct Archive {
     poses: VecDeque<PastPose>,
     /// Keyframes that are final.
     pub keyframes: KeyframeHistory,
+    /// The corrected path as it was last sent, encoded.
+    pub path: Vec<u8>,
 }
 
 impl Archive {
     /// An empty one, for keyframes of at most so many landmarks of a kind.
     #[must_use]
     pub fn new(max_landmarks: usize) -> Self {
-        Self { poses: VecDeque::new(), keyframes: KeyframeHistory::new(max_landmarks) }
+        Self { poses: VecDeque::new(), keyframes: KeyframeHistory::new(max_landmarks), path: Vec::new() }
     }
 
     /// Remembers a pose.
@@ -154,18 +156,21 @@ pub async fn declare(session: &Session, answers: Answers) -> Result<(), NetError
 enum Topic {
     Trajectory,
     Keyframes,
+    Path,
     Config,
     Clock,
     Reset,
 }
 
 impl Topic {
-    const ALL: [Self; 5] = [Self::Trajectory, Self::Keyframes, Self::Config, Self::Clock, Self::Reset];
+    const ALL: [Self; 6] =
+        [Self::Trajectory, Self::Keyframes, Self::Path, Self::Config, Self::Clock, Self::Reset];
 
     fn key(self) -> &'static str {
         match self {
             Self::Trajectory => "trajectory",
             Self::Keyframes => "map/keyframe",
+            Self::Path => "map/path",
             Self::Config => "config",
             Self::Clock => "clock",
             Self::Reset => "command/reset",
@@ -211,6 +216,11 @@ impl Answers {
             Topic::Keyframes => {
                 let answers = self.keyframes(query, Room::of(query, key), key);
                 send_each(query, key, "plumbline.v1.Keyframe", answers).await;
+            }
+            Topic::Path => {
+                let path = lock(&self.archive).path.clone();
+                let answer = if path.is_empty() { Vec::new() } else { vec![path] };
+                send(query, key, "plumbline.v1.MapPath", Ok(answer)).await;
             }
             Topic::Config => {
                 let answer = vec![self.vehicle.configuration.encode_to_vec()];

@@ -4,9 +4,10 @@ use super::now_ns;
 use super::pace::Pace;
 use super::picture::Shot;
 use super::rings::{LaneWriter, Rings};
-use crate::pipeline::listener::{Listener, Solved};
+use crate::pipeline::listener::{Listener, Mapped, Solved};
 use crate::pipeline::orders::{FrameOrder, Verdict};
 use plumbline_drivers::StereoFrame;
+use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{Estimate, Odometry, Tracked};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -24,10 +25,11 @@ impl Listener for TickListener {
     }
 }
 
-/// Hears of estimates, and of what the window holds.
+/// Hears of estimates, of what the window holds, and of where the odometry lies in the map.
 pub struct WindowListener {
     pub(super) rings: Arc<Rings>,
     pub(super) estimates: LaneWriter<(Estimate, f64)>,
+    pub(super) places: LaneWriter<MapEstimate>,
 }
 
 impl Listener for WindowListener {
@@ -40,6 +42,20 @@ impl Listener for WindowListener {
     fn estimate(&mut self, estimate: &Estimate, frame_ms: f64) {
         self.estimates.push((estimate.clone(), frame_ms));
         self.rings.bell.ring();
+    }
+
+    fn map_estimate(&mut self, estimate: &MapEstimate) {
+        self.places.push(estimate.clone());
+    }
+}
+
+/// Hears of the map.
+pub struct PlacesListener(pub(super) Arc<Rings>);
+
+impl Listener for PlacesListener {
+    fn mapped(&mut self, mapped: &Mapped<'_>) {
+        self.0.paths.fill(|path| mapped.mapper.copy_path(path));
+        self.0.bell.ring();
     }
 }
 

@@ -2,7 +2,7 @@
 //!
 //! Nothing here may hold up the estimator: it hands its results to rings that forget the oldest and count
 //! what they forgot ([`rings`]); a small Tokio runtime at normal priority does the rest ([`publisher`],
-//! [`publishers`], [`answers`]), and Zenoh's own sends odometry ([`odometry`]). The wire format is `proto/plumbline/v1/plumbline.proto`; [`wire`] writes it, [`read`]
+//! [`publishers`], [`map`], [`answers`]), and Zenoh's own sends odometry ([`odometry`]). The wire format is `proto/plumbline/v1/plumbline.proto`; [`wire`] writes it, [`read`]
 //! turns it into what was meant, or refuses it. Who may connect and command is in [`security`]; why a connection
 //! cannot be made, in [`diagnosis`].
 
@@ -20,6 +20,7 @@ pub mod health;
 pub mod keyframes;
 pub mod keys;
 pub mod listener;
+pub mod map;
 pub mod odometry;
 pub mod pace;
 pub mod picture;

@@ -17,6 +17,12 @@ pub struct Rates {
     pub scene_hz: f64,
     /// Points, and lines, of a keyframe at most.
     pub keyframe_landmarks: usize,
+    /// Where the odometry lies in the map.
+    pub correction_hz: f64,
+    /// The corrected path.
+    pub path_hz: f64,
+    /// Poses, and loops, of a corrected path at most.
+    pub path_poses: usize,
     /// Camera pictures.
     pub camera_hz: f64,
     /// Their width at most, px.
@@ -36,6 +42,9 @@ impl Rates {
                 health_hz: 5.0,
                 scene_hz: 2.0,
                 keyframe_landmarks: usize::MAX,
+                correction_hz: 5.0,
+                path_hz: 1.0,
+                path_poses: 2_000,
                 camera_hz: 5.0,
                 camera_width_px: 376,
                 camera_quality: 70,
@@ -46,6 +55,9 @@ impl Rates {
                 health_hz: 5.0,
                 scene_hz: 1.0,
                 keyframe_landmarks: usize::MAX,
+                correction_hz: 5.0,
+                path_hz: 0.5,
+                path_poses: 1_000,
                 camera_hz: 2.0,
                 camera_width_px: 256,
                 camera_quality: 50,
@@ -56,6 +68,9 @@ impl Rates {
                 health_hz: 1.0,
                 scene_hz: 0.0,
                 keyframe_landmarks: 20,
+                correction_hz: 1.0,
+                path_hz: 0.1,
+                path_poses: 100,
                 camera_hz: 0.0,
                 camera_width_px: 0,
                 camera_quality: 0,
@@ -67,6 +82,12 @@ impl Rates {
     #[must_use]
     pub fn health_period(&self) -> Duration {
         Duration::from_secs_f64(1.0 / self.health_hz)
+    }
+
+    /// Time between two corrected paths, at least.
+    #[must_use]
+    pub fn path_period(&self) -> Duration {
+        Duration::from_secs_f64(1.0 / self.path_hz)
     }
 }
 

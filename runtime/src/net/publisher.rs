@@ -2,7 +2,7 @@
 
 use super::endpoints::Endpoints;
 use super::error::NetError;
-use super::listener::{FrontEndListener, TickListener, WindowListener};
+use super::listener::{FrontEndListener, PlacesListener, TickListener, WindowListener};
 use super::pace::Rates;
 use super::proto;
 use super::publishers::Publishers;
@@ -12,6 +12,7 @@ use super::vehicle::Vehicle;
 use crate::pipeline::Control;
 use crate::pipeline::listener::{Listener, Producer, Subscriber};
 use plumbline_config::ValidConfig;
+use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{Estimate, Odometry};
 use std::sync::Arc;
 use std::thread::JoinHandle;
@@ -22,7 +23,7 @@ pub struct Publisher {
     rings: Arc<Rings>,
     /// Taken by the listeners of the run.
     odometry: Option<LaneWriter<(Odometry, i64)>>,
-    estimates: Option<LaneWriter<(Estimate, f64)>>,
+    estimates: Option<(LaneWriter<(Estimate, f64)>, LaneWriter<MapEstimate>)>,
     camera_hz: f64,
     thread: Option<JoinHandle<()>>,
 }
@@ -52,7 +53,7 @@ impl Publisher {
         if let Some(refusal) = &vehicle.refusal {
             tracing::info!("{refusal}");
         }
-        let (rings, written, to_send) = Rings::new(config)?;
+        let (rings, written, to_send) = Rings::new(config, rates.path_poses)?;
         let rings = Arc::new(rings);
         let (ready, wait) = std::sync::mpsc::sync_channel(1);
         let (theirs, endpoints) = (Arc::clone(&rings), endpoints.clone());
@@ -78,7 +79,7 @@ impl Publisher {
         outcome.map(|()| Self {
             rings,
             odometry: Some(written.odometry),
-            estimates: Some(written.estimates),
+            estimates: Some((written.estimates, written.places)),
             camera_hz: rates.camera_hz,
             thread: Some(thread),
         })
@@ -112,11 +113,12 @@ impl Subscriber for Publisher {
                 None => Box::new(()),
             },
             Producer::Window => match self.estimates.take() {
-                Some(estimates) => Box::new(WindowListener { rings, estimates }),
+                Some((estimates, places)) => Box::new(WindowListener { rings, estimates, places }),
                 None => Box::new(()),
             },
             Producer::FrontEnd => Box::new(FrontEndListener::new(rings, self.camera_hz)),
-            Producer::Places | Producer::Watchdog => Box::new(()),
+            Producer::Places => Box::new(PlacesListener(rings)),
+            Producer::Watchdog => Box::new(()),
         }
     }
 }

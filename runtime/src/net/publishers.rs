@@ -15,13 +15,14 @@ use super::declare::declare_publisher;
 use super::endpoints::Endpoints;
 use super::error::NetError;
 use super::health::{Circumstances, HealthFeed};
+use super::map::MapPublisher;
 use super::odometry::OdometryPublisher;
 use super::pace::{Pace, Rates};
-use super::rings::{LaneReader, Rings, ToSend};
+use super::rings::{Rings, ToSend};
 use super::vehicle::Vehicle;
-use super::{ROOT, audit, camera, diagnosis, now_ns, proto, wire};
+use super::{ROOT, audit, camera, diagnosis, now_ns, wire};
 use crate::schedule::ladder::Rung;
-use nalgebra::{Isometry3, UnitQuaternion};
+use nalgebra::UnitQuaternion;
 use plumbline_estimator::{Estimate, MapSnapshot};
 use prost::Message;
 use std::sync::atomic::Ordering;
@@ -43,7 +44,7 @@ pub struct Publishers {
     state: Publisher<'static>,
     health: Publisher<'static>,
     keyframe: Publisher<'static>,
-    correction: Publisher<'static>,
+    map: MapPublisher,
     scene: Publisher<'static>,
     /// Moved into the task that sends camera images.
     camera: Option<Publisher<'static>>,
@@ -62,7 +63,6 @@ struct Course {
     scene: Pace,
     states: u64,
     scenes: u64,
-    corrections: Option<u32>,
     chores: Instant,
 }
 
@@ -90,7 +90,7 @@ impl Publishers {
         let state = declare("state", "State", Priority::DataHigh).await?;
         let health = declare("health", "Health", Priority::InteractiveHigh).await?;
         let keyframe = declare("map/keyframe", "Keyframe", Priority::Data).await?;
-        let correction = declare("map/correction", "MapCorrection", Priority::Data).await?;
+        let map = MapPublisher::declare(&session, &vehicle.name, rates, Arc::clone(&archive)).await?;
         let scene = declare("scene", "Scene", Priority::DataLow).await?;
         let offers_camera = vehicle.offers_camera && rates.camera_hz > 0.0;
         let camera = match offers_camera {
@@ -106,7 +106,7 @@ impl Publishers {
             state,
             health,
             keyframe,
-            correction,
+            map,
             scene,
             camera,
             _alive: alive,
@@ -120,8 +120,9 @@ impl Publishers {
 
     /// Sends what the rings hold until the flight is over, then once more.
     pub async fn run(mut self, rings: &Arc<Rings>, to_send: ToSend) {
-        let ToSend { odometry, mut estimates } = to_send;
-        let odometry = self.odometry.take().map(|publisher| publisher.spawn(Arc::clone(rings), odometry));
+        let mut to_send = to_send;
+        let odometry = self.odometry.take().zip(to_send.odometry.take());
+        let odometry = odometry.map(|(publisher, odometry)| publisher.spawn(Arc::clone(rings), odometry));
         let pictures = self
             .camera
             .take()
@@ -132,7 +133,6 @@ impl Publishers {
             scene: Pace::new(self.rates.scene_hz),
             states: 0,
             scenes: 0,
-            corrections: None,
             chores: Instant::now(),
         };
         let bell = rings.bell.listen();
@@ -141,10 +141,11 @@ impl Publishers {
                 Ok(bell) => drop(tokio::time::timeout(CHORES_PERIOD, bell.rung()).await),
                 Err(_) => tokio::time::sleep(CHORES_PERIOD).await,
             }
-            self.empty(rings, &mut estimates, &mut course).await;
+            self.empty(rings, &mut to_send, &mut course).await;
             do_chores(&mut course);
         }
-        self.empty(rings, &mut estimates, &mut course).await;
+        self.empty(rings, &mut to_send, &mut course).await;
+        self.map.finish().await;
         if let Some(pictures) = pictures {
             pictures.abort();
         }
@@ -156,15 +157,14 @@ impl Publishers {
 
     /// Sends what the rings hold. A message that cannot be sent is dropped, by its quality of service; receivers see a gap
     /// in the sequence numbers.
-    async fn empty(
-        &mut self,
-        rings: &Rings,
-        estimates: &mut LaneReader<(Estimate, f64)>,
-        course: &mut Course,
-    ) {
-        while let Some((estimate, frame_ms)) = estimates.pop() {
+    async fn empty(&mut self, rings: &Rings, to_send: &mut ToSend, course: &mut Course) {
+        while let Some((estimate, frame_ms)) = to_send.estimates.pop() {
             self.send_estimate(rings, course, &estimate, frame_ms).await;
         }
+        while let Some(estimate) = to_send.places.pop() {
+            self.map.follow(&estimate).await;
+        }
+        self.map.send_path(rings).await;
         while let Some(snapshot) = rings.snapshots.read(|snapshot| snapshot.clone()) {
             self.send_snapshot(course, &snapshot).await;
         }
@@ -198,11 +198,6 @@ impl Publishers {
         for message in keyframes {
             let _ = self.keyframe.put(message).await;
         }
-        if course.corrections != Some(snapshot.reset_counter) {
-            // No loop is closed yet: the map frame is the odometry frame, and a new one after every reset.
-            course.corrections = Some(snapshot.reset_counter);
-            let _ = self.correction.put(no_correction(snapshot).encode_to_vec()).await;
-        }
         if course.scene.admits(snapshot.stamp) {
             let _ = self.scene.put(wire::scene(snapshot, course.scenes, now_ns()).encode_to_vec()).await;
             course.scenes += 1;
@@ -216,15 +211,4 @@ fn do_chores(course: &mut Course) {
         audit::log_refusals();
         diagnosis::report_failures();
     }
-}
-
-fn no_correction(snapshot: &MapSnapshot) -> proto::MapCorrection {
-    let header = proto::Header {
-        stamp_ns: snapshot.stamp.as_nanos(),
-        published_ns: now_ns(),
-        sequence: u64::from(snapshot.reset_counter),
-        reset_counter: snapshot.reset_counter,
-        quality: 0,
-    };
-    proto::MapCorrection { header: Some(header), pose_m_o: wire::pose(&Isometry3::identity()), loops: 0 }
 }

@@ -11,6 +11,8 @@ pub const MAX_MESSAGE_BYTES: usize = 256 * 1024;
 const MAX_NUMBERS: usize = 32 * 1024;
 /// Most keyframes of a scene.
 const MAX_KEYFRAMES: usize = 64;
+/// Most poses, and loops, of a corrected path.
+const MAX_PATH: usize = 2_000;
 /// Largest side of a picture, px.
 const MAX_SIDE_PX: u32 = 4_096;
 /// Longest text in a message, bytes.
@@ -93,7 +95,22 @@ impl Checked for proto::Scene {
 
 impl Checked for proto::MapCorrection {
     fn is_sound(&self) -> bool {
-        self.header.is_some() && sound_pose(self.pose_m_o.as_ref())
+        self.header.is_some() && self.pose_m_o.is_none_or(|pose| sound_pose(Some(&pose)))
+    }
+}
+
+impl Checked for proto::MapPath {
+    fn is_sound(&self) -> bool {
+        let (poses, loops) = (self.stamps_ns.len(), self.loops_ns.len() / 2);
+        self.header.is_some()
+            && poses.max(loops) <= MAX_PATH
+            && self.reset_counters.len() == poses
+            && self.poses_m_b.len() == 7 * poses
+            && places(&self.poses_m_b, 7)
+            && self.loops_ns.len() == 2 * loops
+            && self.loops_m.len() == 6 * loops
+            && places(&self.loops_m, 6)
+            && self.drift_m.is_none_or(|drift_m| drift_m.is_finite() && drift_m >= 0.0)
     }
 }
 
@@ -202,6 +219,28 @@ mod tests {
     }
 
     #[test]
+    fn a_place_in_the_map_may_be_unknown_and_a_path_is_whole() {
+        let header = Some(proto::Header::default());
+        assert!(proto::MapCorrection { header, ..Default::default() }.is_sound());
+        let no_pose = Some(proto::Pose::default());
+        assert!(!proto::MapCorrection { header, pose_m_o: no_pose, ..Default::default() }.is_sound());
+        let path = |poses: usize, numbers: usize, loops: usize| proto::MapPath {
+            header,
+            stamps_ns: vec![1; poses],
+            poses_m_b: vec![0.5; numbers],
+            reset_counters: vec![0; poses],
+            loops_ns: vec![1; 2 * loops],
+            loops_m: vec![0.5; 6 * loops],
+            drift_m: None,
+        };
+        assert!(path(0, 0, 0).is_sound() && path(MAX_PATH, 7 * MAX_PATH, MAX_PATH).is_sound());
+        assert!(!path(2, 7, 0).is_sound() && !path(0, 0, MAX_PATH + 1).is_sound());
+        assert!(!proto::MapPath { loops_ns: vec![1], ..path(1, 7, 0) }.is_sound());
+        assert!(!proto::MapPath { drift_m: Some(f64::NAN), ..path(1, 7, 0) }.is_sound());
+        assert!(path(MAX_PATH, 7 * MAX_PATH, MAX_PATH).encoded_len() < MAX_MESSAGE_BYTES / 2);
+    }
+
+    #[test]
     fn a_mounting_is_a_rotation_or_missing() {
         let health = |rotation_v_b| proto::Health {
             header: Some(proto::Header::default()),
@@ -237,6 +276,8 @@ mod tests {
             let _ = decode::<proto::Keyframe>(&bytes);
             let _ = decode::<proto::Scene>(&bytes);
             let _ = decode::<proto::Picture>(&bytes);
+            let _ = decode::<proto::MapCorrection>(&bytes);
+            let _ = decode::<proto::MapPath>(&bytes);
             let _ = decode::<proto::Clock>(&bytes);
         }
 

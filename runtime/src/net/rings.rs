@@ -5,6 +5,7 @@ use super::task_bell::TaskBell;
 use crate::schedule::ring::{Bell, Reader, Writer, ring};
 use crossbeam_queue::ArrayQueue;
 use plumbline_config::ValidConfig;
+use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_estimator::{Estimate, MapSnapshot, Odometry};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
@@ -17,6 +18,8 @@ const ESTIMATE_RING: usize = 40;
 const ROOM_PER_KEPT: usize = 4;
 /// Map snapshots of the window that are filled, wait or are read: they come with keyframes, a few a second.
 const SNAPSHOTS: usize = 8;
+/// Corrected paths that are filled, wait or are read: only the newest counts.
+const PATHS: usize = 3;
 /// Pictures that are filled, wait or are read.
 const SHOTS: usize = 3;
 
@@ -156,15 +159,19 @@ pub struct Written {
     pub odometry: LaneWriter<(Odometry, i64)>,
     /// Estimates, with what the frame took, ms: from the window.
     pub estimates: LaneWriter<(Estimate, f64)>,
+    /// Where the odometry lies in the map: from the window.
+    pub places: LaneWriter<MapEstimate>,
 }
 
 /// The same, where it is read.
 #[derive(Debug)]
 pub struct ToSend {
-    /// Odometry, with the time it was handed over, ns since 1970.
-    pub odometry: LaneReader<(Odometry, i64)>,
+    /// Odometry, with the time it was handed over, ns since 1970; taken by the task that sends it.
+    pub odometry: Option<LaneReader<(Odometry, i64)>>,
     /// Estimates, with what the frame took, ms.
     pub estimates: LaneReader<(Estimate, f64)>,
+    /// Where the odometry lies in the map.
+    pub places: LaneReader<MapEstimate>,
 }
 
 /// Everything else that run and network share.
@@ -172,6 +179,8 @@ pub struct ToSend {
 pub struct Rings {
     /// What the window holds, after each keyframe.
     pub snapshots: Pool<MapSnapshot>,
+    /// The corrected path, after each frame that was taken into the map.
+    pub paths: Pool<MapPath>,
     /// Left pictures with what is tracked in them.
     pub shots: Pool<Shot>,
     /// Whether the camera has subscribers.
@@ -186,19 +195,21 @@ pub struct Rings {
     pub picture_bell: TaskBell,
     /// The flight is over.
     pub stop: AtomicBool,
-    losses: [LaneLosses; 2],
+    losses: [LaneLosses; 3],
 }
 
 impl Rings {
-    /// Everything allocated for the configuration.
+    /// Everything allocated for the configuration; corrected paths have at most `path_poses` poses.
     ///
     /// # Errors
     /// When the system has no more file descriptors.
-    pub fn new(config: &ValidConfig) -> std::io::Result<(Self, Written, ToSend)> {
+    pub fn new(config: &ValidConfig, path_poses: usize) -> std::io::Result<(Self, Written, ToSend)> {
         let (odometry_in, odometry, odometry_losses) = lane(ODOMETRY_RING);
         let (estimates_in, estimates, estimate_losses) = lane(ESTIMATE_RING);
+        let (places_in, places, place_losses) = lane(ESTIMATE_RING);
         let rings = Self {
             snapshots: Pool::new(SNAPSHOTS, || MapSnapshot::new(config.setup())),
+            paths: Pool::new(PATHS, || MapPath::new(path_poses)),
             shots: Pool::new(SHOTS, || Shot::new(config)),
             is_watched: AtomicBool::new(false),
             rung: AtomicU8::new(0),
@@ -206,10 +217,10 @@ impl Rings {
             bell: TaskBell::new()?,
             picture_bell: TaskBell::new()?,
             stop: AtomicBool::new(false),
-            losses: [odometry_losses, estimate_losses],
+            losses: [odometry_losses, estimate_losses, place_losses],
         };
-        let written = Written { odometry: odometry_in, estimates: estimates_in };
-        Ok((rings, written, ToSend { odometry, estimates }))
+        let written = Written { odometry: odometry_in, estimates: estimates_in, places: places_in };
+        Ok((rings, written, ToSend { odometry: Some(odometry), estimates, places }))
     }
 
     /// Ends the flight: the tasks send what is left, and end.

@@ -2,6 +2,8 @@
 
 use super::proto;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use plumbline_estimator::places::MapEstimate;
+use plumbline_estimator::places::mapper::path::{LoopEnd, MapPath, PathPose};
 use plumbline_estimator::window::snapshot::{MapSnapshot, SnapshotKeyframe, SnapshotLine, SnapshotPoint};
 use plumbline_estimator::{Estimate, HealthBits, NavCovariance, Odometry, TrackingState};
 
@@ -150,4 +152,50 @@ pub fn keyframe(snapshot: &MapSnapshot, keyframe: &SnapshotKeyframe, sequence: u
 
 fn snapshot_header(snapshot: &MapSnapshot, stamp_ns: i64, sequence: u64, published_ns: i64) -> proto::Header {
     proto::Header { stamp_ns, published_ns, sequence, reset_counter: snapshot.reset_counter, quality: 0 }
+}
+
+/// Where the odometry lies in the map, as it is sent; `paths` counts the corrected paths so far.
+#[must_use]
+pub fn correction(map: &MapEstimate, sequence: u64, paths: u64) -> proto::MapCorrection {
+    proto::MapCorrection {
+        header: Some(proto::Header {
+            stamp_ns: map.stamp.as_nanos(),
+            published_ns: super::now_ns(),
+            sequence,
+            reset_counter: map.reset_counter,
+            quality: 0,
+        }),
+        pose_m_o: map.pose_m_o.as_ref().and_then(pose),
+        loops: map.loops_used,
+        keyframes: map.keyframes,
+        seen_again: map.sightings,
+        paths,
+    }
+}
+
+/// The corrected path as it is sent.
+#[must_use]
+pub fn path(path: &MapPath, sequence: u64) -> proto::MapPath {
+    let numbers = |at: &PathPose| {
+        let (p, q) = (at.pose_m_b.translation.vector, at.pose_m_b.rotation.coords);
+        [p.x, p.y, p.z, q.x, q.y, q.z, q.w].map(|x| x as f32)
+    };
+    let place = |end: &LoopEnd| [end.p_m_b.x as f32, end.p_m_b.y as f32, end.p_m_b.z as f32];
+    let newest = path.poses.last();
+    let ends = || path.loops.iter().flatten();
+    proto::MapPath {
+        header: Some(proto::Header {
+            stamp_ns: newest.map_or(0, |newest| newest.stamp.as_nanos()),
+            published_ns: super::now_ns(),
+            sequence,
+            reset_counter: newest.map_or(0, |newest| newest.reset_counter),
+            quality: 0,
+        }),
+        stamps_ns: path.poses.iter().map(|at| at.stamp.as_nanos()).collect(),
+        poses_m_b: path.poses.iter().flat_map(numbers).collect(),
+        reset_counters: path.poses.iter().map(|at| at.reset_counter).collect(),
+        loops_ns: ends().map(|end| end.stamp.as_nanos()).collect(),
+        loops_m: ends().flat_map(place).collect(),
+        drift_m: path.drift_m,
+    }
 }

@@ -117,6 +117,8 @@ pub struct TfMessage<'a> {
 /// What the messages of one estimate share.
 #[derive(Clone, Copy, Debug)]
 pub struct Frames<'a> {
+    /// Name of the map frame `M`.
+    pub map: &'a str,
     /// Name of the odometry frame `O`.
     pub odom: &'a str,
     /// Name of the vehicle's frame `V`.
@@ -164,11 +166,18 @@ impl<'a> Frames<'a> {
         PoseStamped { header: self.header(stamp), pose: pose(&self.pose_o_v(o)) }
     }
 
-    /// The tree as `/tf` has it: `O` is the parent of `V`, and `V` that of `B`.
+    /// The tree as `/tf` has it: `O` is the parent of `V`, and `V` that of `B`. Where it is known how `O` lies in `M`, that
+    /// is the parent of `O`. All have one stamp, so that every frame can be brought to every other at it: tf2 looks into no
+    /// future.
     #[must_use]
-    pub fn transforms(&self, o: &Odometry, stamp: Time) -> TfMessage<'a> {
+    pub fn transforms(&self, o: &Odometry, pose_m_o: Option<&Isometry3<f64>>, stamp: Time) -> TfMessage<'a> {
         let pose_v_b = Isometry3::from_parts(Vector3::zeros().into(), self.rot_v_b);
-        let transforms = vec![
+        let map = pose_m_o.map(|pose_m_o| TransformStamped {
+            header: Header { stamp, frame_id: self.map },
+            child_frame_id: self.odom,
+            transform: pose(pose_m_o),
+        });
+        let vehicle = [
             TransformStamped {
                 header: self.header(stamp),
                 child_frame_id: self.base,
@@ -180,7 +189,7 @@ impl<'a> Frames<'a> {
                 transform: pose(&pose_v_b),
             },
         ];
-        TfMessage { transforms }
+        TfMessage { transforms: map.into_iter().chain(vehicle).collect() }
     }
 
     fn header(&self, stamp: Time) -> Header<'a> {
@@ -258,6 +267,7 @@ mod tests {
     /// An IMU that sits as the vehicle does.
     fn aligned() -> Frames<'static> {
         Frames {
+            map: "map",
             odom: "odom",
             base: "base_link",
             body: "body",
@@ -324,7 +334,7 @@ mod tests {
     #[test]
     fn the_tree_of_transforms_leads_from_odometry_by_the_vehicle_to_the_imu() {
         let o = odometry();
-        let tree = upright().transforms(&o, Time::from_nanos(0));
+        let tree = upright().transforms(&o, None, Time::from_nanos(0));
         let names: Vec<_> = tree.transforms.iter().map(|t| (t.header.frame_id, t.child_frame_id)).collect();
         assert_eq!(names, [("odom", "base_link"), ("base_link", "body")]);
         let isometry = |p: &Pose| {
@@ -335,6 +345,16 @@ mod tests {
         let pose_o_b = isometry(&tree.transforms[0].transform) * isometry(&tree.transforms[1].transform);
         assert!((pose_o_b.to_matrix() - o.pose_o_b.to_matrix()).norm() < 1e-12, "{pose_o_b}");
         assert_eq!(encode(&tree).unwrap()[4..8], [2, 0, 0, 0], "a sequence of two");
+    }
+
+    #[test]
+    fn the_map_is_the_parent_of_the_odometry_once_it_is_known() {
+        let pose_m_o = Isometry3::translation(1.0, 2.0, 3.0);
+        let tree = aligned().transforms(&odometry(), Some(&pose_m_o), Time::from_nanos(5));
+        let names: Vec<_> = tree.transforms.iter().map(|t| (t.header.frame_id, t.child_frame_id)).collect();
+        assert_eq!(names, [("map", "odom"), ("odom", "base_link"), ("base_link", "body")]);
+        assert_eq!(tree.transforms[0].transform, pose(&pose_m_o));
+        assert!(tree.transforms.iter().all(|t| t.header.stamp == Time::from_nanos(5)));
     }
 
     #[test]

@@ -5,7 +5,7 @@ use super::messages::{Frames, Time};
 use super::names::{self, Node, Topic};
 use crate::net::pace::Pace;
 use crate::net::{NetError, now_ns};
-use nalgebra::UnitQuaternion;
+use nalgebra::{Isometry3, UnitQuaternion};
 use plumbline_config::options::{RosConfig, RosStamp};
 use plumbline_estimator::{Odometry, TrackingState};
 use serde::Serialize;
@@ -66,9 +66,9 @@ impl RosNode {
         Ok(Self { options: options.clone(), rot_v_b, odom, pose, tf, pace, _node: token })
     }
 
-    /// Publishes an odometry, if it is due and has a pose. What cannot be sent is lost; the sequence numbers
-    /// of the samples tell.
-    pub async fn odometry(&mut self, odometry: &Odometry) {
+    /// Publishes an odometry, if it is due and has a pose, with where its frame lies in the map, if that is known. What
+    /// cannot be sent is lost; the sequence numbers of the samples tell.
+    pub async fn odometry(&mut self, odometry: &Odometry, pose_m_o: Option<&Isometry3<f64>>) {
         if !is_worth_sending(odometry) || !self.pace.admits(odometry.stamp) {
             return;
         }
@@ -78,6 +78,7 @@ impl RosNode {
             RosStamp::Publication => Time::from_nanos(now_ns),
         };
         let frames = Frames {
+            map: &self.options.map_frame,
             odom: &self.options.odom_frame,
             base: &self.options.base_frame,
             body: &self.options.body_frame,
@@ -87,7 +88,7 @@ impl RosNode {
         self.odom.put(&frames.odometry(odometry, stamp), now_ns).await;
         self.pose.put(&frames.pose(odometry, stamp), now_ns).await;
         if let Some(tf) = &mut self.tf {
-            tf.put(&frames.transforms(odometry, stamp), now_ns).await;
+            tf.put(&frames.transforms(odometry, pose_m_o, stamp), now_ns).await;
         }
     }
 }

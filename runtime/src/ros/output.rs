@@ -1,4 +1,5 @@
-//! ROS 2 as a listener of a run: odometry from the tick, over a ring, to a thread of its own.
+//! ROS 2 as a listener of a run: odometry from the tick, and where it lies in the map from the window, over rings to a
+//! thread of its own.
 
 use super::publisher::RosPublisher;
 use crate::net::NetError;
@@ -8,12 +9,15 @@ use crate::pipeline::listener::{Listener, Producer, Subscriber};
 use nalgebra::UnitQuaternion;
 use plumbline_config::options::RosConfig;
 use plumbline_estimator::Odometry;
+use plumbline_estimator::places::MapEstimate;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 
 /// Odometry that waits for the network: a quarter of a second.
 const ODOMETRY_RING: usize = 50;
+/// Words on where it lies in the map: only the newest counts.
+const MAP_RING: usize = 4;
 
 /// The way out to ROS 2, for one run.
 #[derive(Debug)]
@@ -21,6 +25,8 @@ pub struct RosOutput {
     shared: Arc<Shared>,
     /// Taken by the listener of the tick.
     odometry: Option<LaneWriter<Odometry>>,
+    /// Taken by that of the window.
+    map: Option<LaneWriter<MapEstimate>>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -38,14 +44,15 @@ impl RosOutput {
     pub fn start(options: &RosConfig, vehicle: &str, rot_v_b: UnitQuaternion<f64>) -> Result<Self, NetError> {
         let shared = Arc::new(Shared { bell: TaskBell::new()?, stop: AtomicBool::new(false) });
         let (writer, reader, _) = lane(ODOMETRY_RING);
+        let (map_writer, map_reader, _) = lane(MAP_RING);
         let publisher = RosPublisher::start(options, vehicle, rot_v_b)?;
         // Zenoh wants a runtime of several threads, and uses one.
         let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
         let theirs = Arc::clone(&shared);
         let thread = std::thread::Builder::new()
             .name("plumbline-ros2".into())
-            .spawn(move || runtime.block_on(publish(publisher, reader, &theirs)))?;
-        Ok(Self { shared, odometry: Some(writer), thread: Some(thread) })
+            .spawn(move || runtime.block_on(publish(publisher, reader, map_reader, &theirs)))?;
+        Ok(Self { shared, odometry: Some(writer), map: Some(map_writer), thread: Some(thread) })
     }
 
     /// Sends what is left, and takes the node off the network.
@@ -68,13 +75,21 @@ impl Drop for RosOutput {
     }
 }
 
-async fn publish(mut publisher: RosPublisher, mut waiting: LaneReader<Odometry>, shared: &Shared) {
+async fn publish(
+    mut publisher: RosPublisher,
+    mut waiting: LaneReader<Odometry>,
+    mut map: LaneReader<MapEstimate>,
+    shared: &Shared,
+) {
     let bell = match shared.bell.listen() {
         Ok(bell) => bell,
         Err(error) => return tracing::error!("nothing is published to ROS 2: {error}"),
     };
     loop {
         let is_last = shared.stop.load(Ordering::Relaxed);
+        while let Some(newest) = map.pop() {
+            publisher.follow(newest);
+        }
         while let Some(odometry) = waiting.pop() {
             publisher.odometry(&odometry).await;
         }
@@ -87,9 +102,17 @@ async fn publish(mut publisher: RosPublisher, mut waiting: LaneReader<Odometry>,
 
 impl Subscriber for RosOutput {
     fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
-        match self.odometry.take_if(|_| producer == Producer::Tick) {
-            Some(odometry) => Box::new(TickListener { shared: Arc::clone(&self.shared), odometry }),
-            None => Box::new(()),
+        let shared = Arc::clone(&self.shared);
+        match producer {
+            Producer::Tick => match self.odometry.take() {
+                Some(odometry) => Box::new(TickListener { shared, odometry }),
+                None => Box::new(()),
+            },
+            Producer::Window => match self.map.take() {
+                Some(map) => Box::new(WindowListener(map)),
+                None => Box::new(()),
+            },
+            Producer::FrontEnd | Producer::Places | Producer::Watchdog => Box::new(()),
         }
     }
 }
@@ -103,5 +126,13 @@ impl Listener for TickListener {
     fn odometry(&mut self, odometry: &Odometry) {
         self.odometry.push(odometry.clone());
         self.shared.bell.ring();
+    }
+}
+
+struct WindowListener(LaneWriter<MapEstimate>);
+
+impl Listener for WindowListener {
+    fn map_estimate(&mut self, estimate: &MapEstimate) {
+        self.0.push(estimate.clone());
     }
 }

@@ -9,6 +9,7 @@ use crate::net::NetError;
 use nalgebra::UnitQuaternion;
 use plumbline_config::options::RosConfig;
 use plumbline_estimator::Odometry;
+use plumbline_estimator::places::MapEstimate;
 use std::time::{Duration, Instant};
 use tokio::sync::oneshot::{self, Receiver};
 use zenoh::{Session, Wait};
@@ -23,6 +24,8 @@ pub struct RosPublisher {
     options: RosConfig,
     vehicle: String,
     rot_v_b: UnitQuaternion<f64>,
+    /// The newest word on where the odometry lies in the map.
+    map: Option<MapEstimate>,
     state: State,
 }
 
@@ -48,7 +51,12 @@ impl RosPublisher {
             let _ = sender.send(open(&router));
         })?;
         let state = State::Waiting(Instant::now(), false, receiver);
-        Ok(Self { options: options.clone(), vehicle: vehicle.to_owned(), rot_v_b, state })
+        Ok(Self { options: options.clone(), vehicle: vehicle.to_owned(), rot_v_b, map: None, state })
+    }
+
+    /// Takes where the odometry lies in the map: it goes out with the odometry.
+    pub fn follow(&mut self, map: MapEstimate) {
+        self.map = Some(map);
     }
 
     /// Publishes an odometry, if it is due and has a pose. What cannot be sent is lost; the sequence numbers of
@@ -68,7 +76,9 @@ impl RosPublisher {
             }
         }
         if let State::Connected(_, node) = &mut self.state {
-            node.odometry(odometry).await;
+            // After a reset the odometry frame is another one.
+            let map = self.map.as_ref().filter(|map| map.reset_counter == odometry.reset_counter);
+            node.odometry(odometry, map.and_then(|map| map.pose_m_o.as_ref())).await;
         }
     }
 

@@ -52,9 +52,12 @@ function draw(at) {
     detail.update();
     actions.update();
     camera.update();
+    setText(byId('map-note'), mapNote());
     updateStation();
   }
   setData(byId('view3d'), 'points', store.vehicle?.track.length ?? 0);
+  setData(byId('view3d'), 'loops', (store.vehicle?.corrected.loops.length ?? 0) / 6);
+  setData(byId('view3d'), 'corrected', store.vehicle?.corrected.poses ?? 0);
   if (dirty.space && pace.isDue(at)) {
     dirty.space = false;
     if (view) {
@@ -80,8 +83,14 @@ function length(metres) {
 function frameNote() {
   if (view.frame === 'odom') return 'odometry frame O, z up';
   const correction = tuple(store.vehicle?.state.correction, 7);
-  if (!correction) return 'map frame M: no correction received, drawn as O';
+  if (!correction) return 'map frame M: place in the map not known, drawn as O';
   return `map frame M: ${number(Math.hypot(correction[0], correction[1], correction[2]), 2)} m from O`;
+}
+
+// What is known of the map of the selected vehicle.
+function mapNote() {
+  const words = store.vehicle?.state.map;
+  return typeof words === 'string' ? `map: ${words}` : '';
 }
 
 function updateStation() {
@@ -135,6 +144,9 @@ const handlers = {
   },
   scene(message) {
     if (store.sceneOf(message)?.name === store.selected) changed('space');
+  },
+  corrected(message) {
+    if (store.correctedOf(message)?.name === store.selected) changed('space');
   },
   event(message) {
     events.receive(message);

@@ -24,8 +24,8 @@ export const AGES = [
 ];
 
 const SCENES = {
-  dark: { ground: '#0e1317', minor: '#232e36', major: '#3d4d58', axis: '#6b7c87', point: '#8b98a3', line: '#a9a18b', keyframe: '#5d6c78', label: '#dfe6ea' },
-  light: { ground: '#f8f9f7', minor: '#dde2df', major: '#b9c2be', axis: '#8b9693', point: '#6b7780', line: '#8a7f63', keyframe: '#97a3a8', label: '#1c2428' },
+  dark: { ground: '#0e1317', minor: '#232e36', major: '#3d4d58', axis: '#6b7c87', point: '#8b98a3', line: '#a9a18b', keyframe: '#5d6c78', loop: '#ff5d73', label: '#dfe6ea' },
+  light: { ground: '#f8f9f7', minor: '#dde2df', major: '#b9c2be', axis: '#8b9693', point: '#6b7780', line: '#8a7f63', keyframe: '#97a3a8', loop: '#c2143c', label: '#1c2428' },
 };
 
 export function vehicleColour(theme, index) {

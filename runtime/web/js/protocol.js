@@ -58,6 +58,20 @@ export function flatten(rows, skip, width) {
   return out;
 }
 
+// Polylines of places as segments, both ends of each, flat; a place that is none breaks its line.
+export function segments(lines) {
+  const out = [];
+  for (const line of numbers(lines)) {
+    let before = null;
+    for (const value of numbers(line)) {
+      const place = tuple(value, 3);
+      if (before && place) out.push(...before, ...place);
+      before = place;
+    }
+  }
+  return out;
+}
+
 export const PRESENCES = ['tracking', 'initialising', 'blind', 'failed', 'stale', 'lost', 'unknown'];
 
 export function presenceOf(vehicle) {

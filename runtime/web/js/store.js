@@ -1,13 +1,14 @@
 // Everything that the page knows, and nothing that is drawn. Its memory is bounded per vehicle.
 
 import { norm } from './geometry.js';
-import { flatten, numbers, presenceOf, tuple } from './protocol.js';
+import { flatten, numbers, segments, presenceOf, tuple } from './protocol.js';
 import { History, SlidingArray } from './ring.js';
 
 export const MAX_TRACK = 20_000;
 export const MAX_KEYFRAMES = 5_000;
 export const MAX_POINTS = 60_000;
 export const MAX_LINES = 20_000;
+export const MAX_PATH = 2_000; // poses, and loops, of a corrected path
 export const MAX_VEHICLES = 200;
 const HISTORY_ROWS = 3_100; // five minutes at 10 Hz
 
@@ -31,6 +32,8 @@ export class Vehicle {
     };
     this.scene = { keyframes: [], points: [], lines: [] };
     this.sceneVersion = 0;
+    this.corrected = { path: [], loops: [], poses: 0 };
+    this.correctedVersion = 0;
   }
 
   // Forgets what was sent once and will be sent again.
@@ -39,6 +42,8 @@ export class Vehicle {
     Object.values(this.map).forEach((array) => array.clear());
     this.scene = { keyframes: [], points: [], lines: [] };
     this.sceneVersion += 1;
+    this.corrected = { path: [], loops: [], poses: 0 };
+    this.correctedVersion += 1;
   }
 
   // Of the IMU's frame B in O: x y z qx qy qz qw.
@@ -172,6 +177,20 @@ export class Store {
       lines: numbers(message.lines).slice(0, 6 * MAX_LINES),
     };
     vehicle.sceneVersion += 1;
+    return vehicle;
+  }
+
+  // The corrected path and its loops replace those before.
+  correctedOf(message) {
+    const vehicle = this.get(message.vehicle);
+    if (!vehicle) return null;
+    const pieces = numbers(message.pieces).map((piece) => numbers(piece).slice(0, MAX_PATH));
+    vehicle.corrected = {
+      path: segments(pieces).slice(0, 6 * MAX_PATH),
+      loops: segments(message.loops).slice(0, 6 * MAX_PATH),
+      poses: pieces.reduce((count, piece) => count + piece.length, 0),
+    };
+    vehicle.correctedVersion += 1;
     return vehicle;
   }
 }

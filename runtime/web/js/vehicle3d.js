@@ -2,6 +2,7 @@
 
 import * as THREE from '../vendor/three/three.module.min.js';
 import { Cloud, Replaced } from './cloud.js';
+import { compose, Corrected3d } from './corrected3d.js';
 import { ellipsoid, FRUSTUM_FLOATS, frusta } from './geometry.js';
 import { tuple } from './protocol.js';
 import { SlidingArray } from './ring.js';
@@ -26,6 +27,7 @@ export class Vehicle3d {
     this.body = new THREE.Group();
     this.body.add(this.marker, this.axes.object);
     this.root.add(this.track.object, this.body);
+    this.corrected = new Corrected3d(scene);
     this.detail = null;
     this.position = new THREE.Vector3(); // in the frame that is shown
     this.hasPose = false;
@@ -34,13 +36,17 @@ export class Vehicle3d {
   // Brings the objects up to date. `look` has: frame, isSelected, isCurrent, trails (short or full), landmarks (all, window or
   // none), colour, colours, componentColours, ellipsoidScale.
   update(vehicle, look) {
-    const correction = look.frame === 'map' ? tuple(vehicle.state.correction, 7) : null;
-    place(this.root.matrix, correction);
+    const poseMO = tuple(vehicle.state.correction, 7);
+    const inMap = look.frame === 'map' && poseMO !== null;
+    place(this.root.matrix, inMap ? poseMO : null);
+    this.corrected.update(vehicle, look, poseMO);
     this.root.matrixWorldNeedsUpdate = true;
     this.track.update(vehicle.track);
     this.track.showNewest(look.isSelected || look.trails === 'full' ? Infinity : SHORT_TRAIL);
     this.trackMaterial.color.set(look.colour);
-    this.trackMaterial.opacity = look.isCurrent ? (look.isSelected ? 1 : 0.75) : 0.35;
+    // In the map frame the path of the odometry is only what the newest correction makes of it: the corrected one leads.
+    const isSecond = inMap && look.isSelected && vehicle.corrected.poses > 1;
+    this.trackMaterial.opacity = !look.isCurrent || isSecond ? 0.35 : look.isSelected ? 1 : 0.75;
     this.markerMaterial.color.set(look.isCurrent ? look.colour : look.colours.keyframe);
     this.markerMaterial.wireframe = !look.isCurrent;
     this.track.object.renderOrder = look.isSelected ? 2 : 1;
@@ -78,6 +84,7 @@ export class Vehicle3d {
 
   dispose() {
     this.dropDetail();
+    this.corrected.dispose();
     this.track.dispose();
     this.marker.geometry.dispose();
     this.trackMaterial.dispose();
@@ -197,9 +204,8 @@ class Detail {
 }
 
 function place(matrix, pose) {
-  if (!pose) return matrix.identity();
-  const rotation = new THREE.Quaternion(pose[3], pose[4], pose[5], pose[6]);
-  return matrix.compose(new THREE.Vector3(pose[0], pose[1], pose[2]), rotation, new THREE.Vector3(1, 1, 1));
+  if (pose) compose(matrix, pose);
+  else matrix.identity();
 }
 
 // A dart of unit size that points along x, its fin along z.

@@ -1,7 +1,7 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import { backoff } from '../js/backoff.js';
-import { flatten, parsePicture, parseText, presenceOf, tuple } from '../js/protocol.js';
+import { flatten, parsePicture, parseText, presenceOf, segments, tuple } from '../js/protocol.js';
 
 function frame(header, jpeg, length = undefined) {
   const bytes = new TextEncoder().encode(typeof header === 'string' ? header : JSON.stringify(header));
@@ -54,6 +54,12 @@ test('tuples are complete and finite or nothing', () => {
 test('rows are flattened without their first columns, bad rows left out', () => {
   assert.deepEqual(flatten([[7, 1, 2, 3], [8, 4, 5], [9, 1, null, 3], 'x', [10, 4, 5, 6, 99]], 1, 3), [1, 2, 3, 4, 5, 6]);
   assert.deepEqual(flatten(undefined, 1, 3), []);
+});
+
+test('lines become segments, broken where a place is none', () => {
+  assert.deepEqual(segments([[[1, 2, 3], [4, 5, 6], [7, 8, 9]], [[0, 0, 0]]]), [1, 2, 3, 4, 5, 6, 4, 5, 6, 7, 8, 9]);
+  assert.deepEqual(segments([[[1, 2, 3], null, [4, 5, 6], [7, 8, 9]], 'x']), [4, 5, 6, 7, 8, 9]);
+  assert.deepEqual(segments(undefined), []);
 });
 
 test('a presence that is not known is unknown', () => {

@@ -1,6 +1,6 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
-import { MAX_TRACK, Store } from '../js/store.js';
+import { MAX_PATH, MAX_TRACK, Store } from '../js/store.js';
 
 function state(name, more = {}) {
   return { name, presence: 'tracking', age_s: 0.01, pose: [1, 2, 3, 0, 0, 0, 1], velocity: [3, 4, 0], quality: 80, ...more };
@@ -97,6 +97,19 @@ test('a new greeting forgets the space but not the history', () => {
   assert.equal(store.vehicle.track.length, 0);
   assert.equal(store.vehicle.map.points.length, 0);
   assert.equal(store.vehicle.history.length, 1);
+});
+
+test('a corrected path replaces the one before, and is bounded', () => {
+  const store = open();
+  fleet(store, [state('a')]);
+  store.correctedOf({ vehicle: 'a', pieces: [[[0, 0, 0], [1, 0, 0]]], loops: [] });
+  store.correctedOf({ vehicle: 'a', pieces: [[[0, 0, 0], [1, 0, 0], [1, 1, 0]], [[5, 5, 5]]], loops: [[[0, 0, 0], [1, 1, 0]]] });
+  const { corrected } = store.vehicle;
+  assert.deepEqual([corrected.poses, corrected.path.length, corrected.loops.length], [4, 12, 6]);
+  store.correctedOf({ vehicle: 'a', pieces: [Array.from({ length: 9000 }, (_, i) => [i, 0, 0])], loops: 'x' });
+  assert.ok(store.vehicle.corrected.path.length <= 6 * MAX_PATH);
+  assert.deepEqual(store.vehicle.corrected.loops, []);
+  assert.equal(store.vehicle.correctedVersion, 3);
 });
 
 test('messages that make no sense change nothing', () => {

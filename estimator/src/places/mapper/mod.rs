@@ -13,10 +13,12 @@
 
 mod corrected;
 pub mod follower;
+pub mod path;
 mod sighting;
 
 pub use corrected::Passing;
 pub use follower::{MapEstimate, MapFollower};
+pub use path::MapPath;
 
 use super::extractor::{Extractor, ExtractorOptions, View};
 use super::graph::edge::chained;

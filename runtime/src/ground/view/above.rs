@@ -1,13 +1,15 @@
-//! Paths and landmarks from above, in dots of a terminal: x to the right, y up, both to the same scale.
+//! Paths, loops and landmarks from above, in dots of a terminal: x to the right, y up, both to the same scale.
 
+use super::super::corrected::in_odometry;
 use super::super::fleet::Fleet;
+use super::super::vehicle::Vehicle;
 use ratatui::Frame;
 use ratatui::layout::Rect;
 use ratatui::style::{Color, Style};
 use ratatui::symbols::Marker;
 use ratatui::text::Span;
 use ratatui::widgets::Block;
-use ratatui::widgets::canvas::{Canvas, Points};
+use ratatui::widgets::canvas::{Canvas, Line, Points};
 
 /// Dots in a cell of Braille.
 const DOTS: (f64, f64) = (2.0, 4.0);
@@ -19,7 +21,11 @@ const MARGIN: f64 = 0.05;
 const COLOURS: [Color; 6] =
     [Color::Cyan, Color::Yellow, Color::Magenta, Color::Green, Color::LightBlue, Color::LightRed];
 
-/// Draws every vehicle's path, the points in its window, and its name where it is.
+/// Colour of loops.
+const LOOP_COLOUR: Color = Color::White;
+
+/// Draws every vehicle's path, where its place in the map is known the corrected one with the loops too, the points in
+/// its window, and its name where it is: all in the odometry frame.
 pub fn draw(frame: &mut Frame<'_>, fleet: &Fleet, area: Rect) {
     let inner = Block::bordered().inner(area);
     let paths: Vec<Vec<(f64, f64)>> =
@@ -40,6 +46,13 @@ pub fn draw(frame: &mut Frame<'_>, fleet: &Fleet, area: Rect) {
                 context.draw(&Points { coords: &coords, color: Color::DarkGray });
             }
             context.layer();
+            for ends in fleet.vehicles.values().flat_map(loops) {
+                let [(x1, y1), (x2, y2)] = ends;
+                context.draw(&Line { x1, y1, x2, y2, color: LOOP_COLOUR });
+            }
+            for vehicle in fleet.vehicles.values() {
+                context.draw(&Points { coords: &corrected_path(vehicle), color: LOOP_COLOUR });
+            }
             for (path, color) in paths.iter().zip(COLOURS.into_iter().cycle()) {
                 context.draw(&Points { coords: path, color });
             }
@@ -50,6 +63,21 @@ pub fn draw(frame: &mut Frame<'_>, fleet: &Fleet, area: Rect) {
             }
         });
     frame.render_widget(canvas, area);
+}
+
+/// Both ends of every loop, from above.
+fn loops(vehicle: &Vehicle) -> Vec<[(f64, f64); 2]> {
+    let Some(pose_m_o) = vehicle.pose_m_o() else { return Vec::new() };
+    let place = |p: [f32; 3]| in_odometry(&pose_m_o, p);
+    let both = |ends: &[[f32; 3]; 2]| ends.map(place).map(|p| (p.x, p.y));
+    vehicle.corrected.loops().iter().map(both).collect()
+}
+
+/// The keyframes of the corrected path, from above.
+fn corrected_path(vehicle: &Vehicle) -> Vec<(f64, f64)> {
+    let Some(pose_m_o) = vehicle.pose_m_o() else { return Vec::new() };
+    let places = vehicle.corrected.pieces().iter().flatten().map(|p| in_odometry(&pose_m_o, *p));
+    places.map(|p| (p.x, p.y)).collect()
 }
 
 /// What is in view, m.

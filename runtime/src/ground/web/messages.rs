@@ -1,5 +1,6 @@
 //! JSON messages to the page; `runtime/web/js` reads them.
 
+use super::super::corrected::Corrected;
 use super::super::fleet::{Fleet, FleetEvent};
 use super::super::map::{MapKeyframe, Scene};
 use super::super::vehicle::Vehicle;
@@ -37,7 +38,7 @@ pub fn fleet(fleet: &Fleet, web_malformed: u64, now: Instant) -> String {
 fn vehicle(name: &str, v: &Vehicle, now: Instant) -> Value {
     let s = &v.sigmas;
     let largest = |k: usize| s[k..k + 3].iter().copied().fold(0.0, f64::max);
-    let in_map = v.pose_m_o.zip(v.pose_o_b).map(|(pose_m_o, pose_o_b)| pose(&(pose_m_o * pose_o_b)));
+    let in_map = v.pose_m_o().zip(v.pose_o_b).map(|(pose_m_o, pose_o_b)| pose(&(pose_m_o * pose_o_b)));
     let recording = v.recording.as_ref().map_or((0, 0.0), |r| (r.len(), r.duration_s()));
     json!({
         "name": name,
@@ -47,7 +48,8 @@ fn vehicle(name: &str, v: &Vehicle, now: Instant) -> Value {
         "resets": v.resets,
         "pose": v.pose_o_b.as_ref().map(pose),
         "pose_map": in_map,
-        "correction": v.pose_m_o.as_ref().map(pose),
+        "correction": v.pose_m_o().as_ref().map(pose),
+        "map": v.map_words(),
         "velocity": v.v_o_b.as_slice(),
         "pose_vehicle": v.pose_o_v().as_ref().map(pose),
         "attitude_deg": v.attitude().map(|a| [a.roll_deg, a.pitch_deg, a.heading_deg]),
@@ -97,6 +99,18 @@ pub fn track(vehicle: &str, is_new: bool, points: &[[f64; 4]]) -> String {
     // Millimetres and milliseconds are enough to look at.
     let rounded: Vec<[f64; 4]> = points.iter().map(|p| p.map(|x| (x * 1e3).round() / 1e3)).collect();
     json!({"type": "track", "vehicle": vehicle, "reset": is_new, "points": rounded}).to_string()
+}
+
+/// The corrected path in the map frame, piece by piece, and both ends of each loop.
+#[must_use]
+pub fn corrected(vehicle: &str, map: &Corrected) -> String {
+    // Millimetres are enough to look at.
+    let rounded = |p: &[f32; 3]| p.map(|x| (f64::from(x) * 1e3).round() / 1e3);
+    let pieces: Vec<Vec<[f64; 3]>> =
+        map.pieces().iter().map(|piece| piece.iter().map(rounded).collect()).collect();
+    let loops: Vec<[[f64; 3]; 2]> =
+        map.loops().iter().map(|ends| [rounded(&ends[0]), rounded(&ends[1])]).collect();
+    json!({"type": "corrected", "vehicle": vehicle, "pieces": pieces, "loops": loops}).to_string()
 }
 
 fn keyframe_row(id: u64, at: &Isometry3<f64>) -> Vec<f64> {

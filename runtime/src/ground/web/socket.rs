@@ -61,6 +61,7 @@ struct Place {
     map: Option<u64>,
     map_next: u64,
     scene: u64,
+    corrected: u64,
     picture: u64,
 }
 
@@ -180,6 +181,10 @@ fn paths_and_maps(fleet: &Fleet, name: &str, place: &mut Place, news: &mut Vec<M
         place.map = Some(vehicle.map.epoch);
         place.map_next = next;
         news.push(Message::text(messages::map(name, is_new, &keyframes)));
+    }
+    if place.corrected != vehicle.corrected.version {
+        place.corrected = vehicle.corrected.version;
+        news.push(Message::text(messages::corrected(name, &vehicle.corrected)));
     }
     if place.scene != vehicle.map.scene.version {
         place.scene = vehicle.map.scene.version;
