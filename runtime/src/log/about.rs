@@ -3,7 +3,7 @@
 
 use super::LogError;
 use super::build_id::BuildId;
-use crate::pipeline::digest::config_hash;
+use crate::pipeline::digest::{config_hash, hash_of};
 use plumbline_config::options::ImageRecording;
 use plumbline_config::{Config, ValidConfig};
 use sha2::{Digest as _, Sha256};
@@ -15,6 +15,8 @@ pub const METADATA_NAME: &str = "plumbline";
 /// Version of the log's format.
 const FORMAT: &str = "1";
 
+/// The table that the configuration of every build has which makes a map.
+const PLACES_TABLE: &str = "[estimator.places]";
 /// Key of [`About::known_map`].
 const KNOWN_MAP: &str = "known_map_sha256";
 
@@ -99,9 +101,17 @@ impl About {
             "raw" => ImageRecording::Raw,
             other => return Err(format!("keeps images in an unknown way, '{other}'")),
         };
-        let config =
-            Config::from_toml_str(value("config")?, "its configuration").map_err(|e| e.to_string())?;
-        let about = Self {
+        let text = value("config")?;
+        if hash_of(text) != *value("config_sha256")? {
+            return Err("its configuration does not have the hash that was recorded with it".into());
+        }
+        let mut config = Config::from_toml_str(text, "its configuration").map_err(|e| e.to_string())?;
+        if !text.contains(PLACES_TABLE) {
+            // Of a build that made no map.
+            let off = |config: &mut Config| config.estimator.places.enabled = false;
+            config = config.with("its configuration", off).map_err(|e| e.to_string())?;
+        }
+        Ok(Self {
             flight: value("flight")?.clone(),
             part: value("part")?.parse().map_err(|_| "its part has no number")?,
             config_hash: value("config_sha256")?.clone(),
@@ -109,11 +119,7 @@ impl About {
             known_map: metadata.get(KNOWN_MAP).cloned(),
             build: BuildId::read(metadata),
             config,
-        };
-        if config_hash(&about.config) != about.config_hash {
-            return Err("its configuration does not have the hash that was recorded with it".into());
-        }
-        Ok(about)
+        })
     }
 }
 

@@ -86,7 +86,12 @@ impl Digest {
 /// SHA-256 of the configuration as TOML.
 #[must_use]
 pub fn config_hash(config: &Config) -> String {
-    let text = config.to_toml().unwrap_or_default();
+    hash_of(&config.to_toml().unwrap_or_default())
+}
+
+/// SHA-256 of a text, in hexadecimal.
+#[must_use]
+pub fn hash_of(text: &str) -> String {
     Sha256::digest(text.as_bytes()).iter().map(|b| format!("{b:02x}")).collect()
 }
 

@@ -5,7 +5,7 @@
 //! its estimate can correct them.
 
 use super::listener::{Producer, Subscriber};
-use super::places::{self, PlaceChoice, PlacesStage};
+use super::places::{PlaceChoice, PlacesStage};
 use super::stages::{self, FrontStage, Job, WindowStage};
 use super::team::Team;
 use super::tick::{CORRECTION_DELAY_NS, TickStage};
@@ -128,7 +128,7 @@ impl<'a> InOrder<'a> {
     fn map(&mut self) {
         let Self { front, window, feedback, places: Some(places), .. } = self else { return };
         if places.choice.takes(feedback) {
-            places::fill(&mut places.job, feedback, front);
+            front.fill_place_job(&mut places.job, feedback);
             window.update_map_later(places.stage.work(&places.job));
         }
     }

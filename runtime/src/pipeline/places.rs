@@ -9,7 +9,6 @@ use super::clock::Stopwatch;
 use super::digest::Digest;
 use super::listener::{Listener, Mapped};
 use super::orders::{MapOrder, MapVerdict};
-use super::stages::FrontStage;
 use crate::schedule::times::{Percentiles, Times};
 use plumbline_config::ValidConfig;
 use plumbline_estimator::places::mapper::SEARCH_EVERY_FRAMES;
@@ -39,12 +38,6 @@ impl PlaceChoice {
         }
         is_taken
     }
-}
-
-/// Fills `job` with the frame that `feedback` is about, once that has been heard by the front-end.
-pub fn fill(job: &mut PlaceJob, feedback: &Feedback, front: &mut FrontStage) {
-    job.describe(feedback);
-    front.exchange_images(feedback.solved.sequence, &mut job.images);
 }
 
 /// What the stage counts and times.

@@ -13,7 +13,7 @@ use crate::alloc;
 use crate::schedule::ladder::Rung;
 use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::{ImuReading, StereoFrame};
-use plumbline_estimator::places::{FrameImages, MapUpdate};
+use plumbline_estimator::places::{MapUpdate, PlaceJob};
 use plumbline_estimator::{
     Estimate, Feedback, Fork, FrameInput, FrontEnd, ImuAdmission, Odometer, ResetKind, Tracked,
 };
@@ -130,9 +130,11 @@ impl FrontStage {
         self.front_end.apply_feedback(feedback);
     }
 
-    /// Gives away the images of a frame, for others: see [`FrontEnd::exchange_images`].
-    pub fn exchange_images(&mut self, sequence: u64, images: &mut FrameImages) {
-        self.front_end.exchange_images(sequence, images);
+    /// Makes `job` of the frame that `feedback` is about, once that has been heard: its images are given away, for those
+    /// of the job.
+    pub fn fill_place_job(&mut self, job: &mut PlaceJob, feedback: &Feedback) {
+        job.describe(feedback);
+        self.front_end.exchange_images(feedback.solved.sequence, &mut job.images);
     }
 
     /// A frame is not given to the map, which is not done with the one before.

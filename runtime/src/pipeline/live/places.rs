@@ -1,6 +1,6 @@
 //! The task of the map: works beside the flight, below everything that a frame needs.
 
-use super::super::places::{self, PlaceChoice, PlacesStage};
+use super::super::places::{PlaceChoice, PlacesStage};
 use super::super::stages::FrontStage;
 use super::NAP;
 use super::shared::Shared;
@@ -27,7 +27,7 @@ impl PlacesRings {
             front.pass_over_place(feedback.solved.sequence);
             return false;
         };
-        places::fill(&mut job, feedback, front);
+        front.fill_place_job(&mut job, feedback);
         shared.heartbeats.give(TaskId::Places);
         let _ = self.jobs.push(job);
         true
