@@ -89,12 +89,12 @@ impl Scenario {
         }
     }
 
-    /// Whether a flight that differs in its duration alone has other images from the first frame on. Along a file it has
-    /// the same ones, since scene and light surround the path of the whole file. The built-in path is drawn through samples
-    /// up to where the flight ends, and walls and furniture keep clear of what is flown of it.
+    /// Whether a flight that differs in its duration alone has other images from the first frame on. Once along a file it
+    /// has the same ones, since scene and light surround the path of the whole file. The built-in path, and one in laps,
+    /// are drawn through samples up to where the flight ends, and walls and furniture keep clear of what is flown.
     #[must_use]
     pub fn frames_depend_on_duration(&self) -> bool {
-        self.path == FlightPath::Demo
+        self.path == FlightPath::Demo || self.laps > 1
     }
 
     /// The whole path.
@@ -201,5 +201,15 @@ mod tests {
     #[test]
     fn the_built_in_flight_is_another_one_for_each_duration() {
         assert!(!is_beginning(&simulator(&FlightPath::Demo, 4.0), &simulator(&FlightPath::Demo, 8.0)));
+    }
+
+    #[test]
+    fn what_the_duration_changes_is_told() {
+        let file = FlightPath::Tum("path.tum".into());
+        for (path, laps, depends) in [(FlightPath::Demo, 1, true), (file.clone(), 1, false), (file, 2, true)]
+        {
+            let scenario = Scenario { path, laps, ..Scenario::default() };
+            assert_eq!(scenario.frames_depend_on_duration(), depends);
+        }
     }
 }
