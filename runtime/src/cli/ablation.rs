@@ -1,4 +1,5 @@
-//! `plumbline ablation`: what each part of the line path brings, as the two tables of the paper.
+//! `plumbline ablation`: what each part of the line path brings, as the two tables of the paper, and what loops bring
+//! on top.
 
 use super::choice::FlightChoice;
 use super::{Usage, check_outputs, load_config, say, stop_on_signal};
@@ -17,11 +18,15 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// What is compared: a name, and the changes of the configuration that make it.
 const VARIANTS: [(&str, &[&str]); 4] = [
-    ("points", &["estimator.lines.enabled=false"]),
-    ("+ raw segments", &["estimator.lines.length_filter=false", "estimator.lines.merge=false"]),
-    ("+ length filter", &["estimator.lines.length_filter=true", "estimator.lines.merge=false"]),
+    ("points", &["estimator.lines.enabled=false", NO_PLACES]),
+    ("+ raw segments", &["estimator.lines.length_filter=false", "estimator.lines.merge=false", NO_PLACES]),
+    ("+ length filter", &["estimator.lines.length_filter=true", "estimator.lines.merge=false", NO_PLACES]),
     ("+ filter and merging", &["estimator.lines.length_filter=true", "estimator.lines.merge=true"]),
 ];
+/// The odometry is the same without: only the last variant makes a map.
+const NO_PLACES: &str = "estimator.places.enabled=false";
+/// What the map of the last variant adds to its odometry.
+const LOOPS: [&str; 2] = ["+ loops, as flown", "+ loops, at the end"];
 
 /// Arguments of `plumbline ablation`.
 #[derive(Debug, Args)]
@@ -31,6 +36,9 @@ pub struct AblationArgs {
     /// Which of the built-in flights.
     #[command(flatten)]
     pub choice: FlightChoice,
+    /// Fly each built-in flight so often, one lap after the other: loops need places that are seen again.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100))]
+    pub laps: u32,
     /// The left camera alone.
     #[arg(long)]
     pub mono: bool,
@@ -160,7 +168,10 @@ fn subjects(args: &AblationArgs) -> Result<Vec<Subject>> {
     if !args.datasets.is_empty() {
         return Ok(args.datasets.iter().cloned().map(Subject::Recorded).collect());
     }
-    let entries = args.choice.entries(None)?;
+    let mut entries = args.choice.entries(None)?;
+    for entry in &mut entries {
+        entry.scenario.laps = args.laps;
+    }
     Ok(entries.into_iter().map(|entry| Subject::Simulated(Box::new(entry))).collect())
 }
 
@@ -193,21 +204,28 @@ fn extraction_table(rows: &[Row<'_>]) -> String {
     lines.join("\n")
 }
 
+/// ATE of every variant, and of the last with loops, m.
+fn ates(row: &Row<'_>) -> Vec<Option<f64>> {
+    let places = row.variants.last().and_then(|(_, report)| report.places.as_ref());
+    let with_loops = [places.and_then(|p| p.ate_map_rmse_m), places.and_then(|p| p.ate_final_rmse_m)];
+    row.variants.iter().map(|(_, report)| report.ate_rmse_m).chain(with_loops).collect()
+}
+
 /// The paper's table 2: ATE of each variant in metres, with the means and their change against points.
 fn accuracy_table(rows: &[Row<'_>]) -> String {
-    let names: Vec<&str> = VARIANTS.iter().map(|(name, _)| *name).collect();
+    let names: Vec<&str> = VARIANTS.iter().map(|(name, _)| *name).chain(LOOPS).collect();
     let mut lines = vec![
         format!("| ATE RMSE m | {} |", names.join(" | ")),
         format!("|---{}|", "|---:".repeat(names.len())),
     ];
     let number = |ate: Option<f64>| ate.map_or_else(|| "-".to_owned(), |ate| format!("{ate:.4}"));
     for row in rows.iter().filter(|row| has_truth(row)) {
-        let cells: Vec<String> = row.variants.iter().map(|(_, r)| number(r.ate_rmse_m)).collect();
+        let cells: Vec<String> = ates(row).into_iter().map(number).collect();
         lines.push(format!("| {} | {} |", row.flight, cells.join(" | ")));
     }
     let means: Vec<Option<f64>> = (0..names.len())
         .map(|k| {
-            let ates: Vec<f64> = rows.iter().filter_map(|row| row.variants[k].1.ate_rmse_m).collect();
+            let ates: Vec<f64> = rows.iter().filter_map(|row| ates(row)[k]).collect();
             (!ates.is_empty()).then(|| ates.iter().sum::<f64>() / ates.len() as f64)
         })
         .collect();
