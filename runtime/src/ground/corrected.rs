@@ -76,7 +76,9 @@ impl Corrected {
                 pieces.push(Vec::new());
             }
             before = Some(reset_counter);
-            pieces.last_mut().into_iter().for_each(|piece| piece.push(at));
+            if let Some(piece) = pieces.last_mut() {
+                piece.push(at);
+            }
         }
         let ends = message.loops_m.chunks_exact(6).map(|both| [place(&both[..3]), place(&both[3..])]);
         self.path = Some(Path {

@@ -119,8 +119,7 @@ impl Publishers {
     }
 
     /// Sends what the rings hold until the flight is over, then once more.
-    pub async fn run(mut self, rings: &Arc<Rings>, to_send: ToSend) {
-        let mut to_send = to_send;
+    pub async fn run(mut self, rings: &Arc<Rings>, mut to_send: ToSend) {
         let odometry = self.odometry.take().zip(to_send.odometry.take());
         let odometry = odometry.map(|(publisher, odometry)| publisher.spawn(Arc::clone(rings), odometry));
         let pictures = self
