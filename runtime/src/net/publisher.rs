@@ -17,13 +17,16 @@ use plumbline_estimator::{Estimate, Odometry};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 
+/// What the window's thread fills: estimates with their times, ms, and where the odometry lies in the map.
+type EstimateLanes = (LaneWriter<(Estimate, f64)>, LaneWriter<MapEstimate>);
+
 /// A vehicle's presence on the network, for one run.
 #[derive(Debug)]
 pub struct Publisher {
     rings: Arc<Rings>,
     /// Taken by the listeners of the run.
     odometry: Option<LaneWriter<(Odometry, i64)>>,
-    estimates: Option<(LaneWriter<(Estimate, f64)>, LaneWriter<MapEstimate>)>,
+    estimates: Option<EstimateLanes>,
     camera_hz: f64,
     thread: Option<JoinHandle<()>>,
 }
