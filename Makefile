@@ -13,6 +13,8 @@ SOAK_MINUTES ?= 30
 # What `make fuzz` runs, and for how long.
 TARGET ?=
 SECONDS ?= 60
+# How long `make vm` lets the cameras fly, s.
+VM_SECONDS ?= 60
 
 SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
@@ -25,7 +27,7 @@ export NEXTEST_PROFILE ?= $(if $(CI),ci,default)
 # The steps are in order; cargo is parallel itself.
 .NOTPARALLEL:
 .PHONY: help demo build test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny soak digests bench doc doctests setup clean \
-	fuzz fuzz-all fuzz-smoke
+	fuzz fuzz-all fuzz-smoke vm
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1\t/' | expand -t 20
@@ -82,6 +84,11 @@ lint: setup fmt-check deny clippy ## format, licences and lints, without the tes
 soak: setup forget-skips ## long flights: memory, drift of time, restarts (SOAK_MINUTES=30)
 	$(call tell-skips,PLUMBLINE_SOAK_MINUTES=$(SOAK_MINUTES) \
 		$(CARGO) nextest run $(FLAGS) --workspace --profile soak --run-ignored all -E 'test(/soak/)' $(ARGS))
+
+vm: ## the cameras' driver behind a real kernel, in a virtual machine (VM_SECONDS=60)
+	@scripts/setup base
+	@scripts/vm setup
+	PLUMBLINE_VM_SECONDS=$(VM_SECONDS) $(CARGO) test $(FLAGS) -p plumbline-drivers --test vm -- --nocapture $(ARGS)
 
 digests: setup ## writes tests/digests.toml anew, after a change of the estimator that is meant
 	$(CARGO) nextest run $(FLAGS) --workspace --run-ignored only -E 'test(=digests::record_digests)' $(ARGS)

@@ -19,6 +19,7 @@ mod runtime;
 mod sensors;
 mod serial_line;
 mod setup;
+mod v4l2;
 mod vehicle;
 
 pub use autopilot::{AutopilotClock, AutopilotConfig, AutopilotEndpoint, LostPose};
@@ -33,6 +34,7 @@ pub use runtime::RuntimeConfig;
 pub use sensors::{CameraConfig, ImuConfig, RigConfig, isometry_from_rows, rows_from_isometry};
 pub use serial_line::SerialLine;
 pub use setup::EstimatorSetup;
+pub use v4l2::{PairBy, V4l2Config, V4l2Control, V4l2Format};
 pub use vehicle::VehicleConfig;
 
 use serde::{Deserialize, Serialize};
@@ -115,10 +117,17 @@ pub struct DriverConfig {
     pub pair_tolerance_s: f64,
     /// The inertial sensor.
     pub imu: ImuDriverConfig,
+    /// Cameras of the Linux kernel.
+    pub v4l2: V4l2Config,
 }
 
 impl Default for DriverConfig {
     fn default() -> Self {
-        Self { image_queue: 4, pair_tolerance_s: 0.002, imu: ImuDriverConfig::default() }
+        Self {
+            image_queue: 4,
+            pair_tolerance_s: 0.002,
+            imu: ImuDriverConfig::default(),
+            v4l2: V4l2Config::default(),
+        }
     }
 }

@@ -273,6 +273,7 @@ fn sample() -> Table {
     config.camera[1].distortion = Distortion::Equidistant { k1: 0.0, k2: 0.0, k3: 0.0, k4: 0.0 };
     config.network.listen = vec![String::new()];
     config.network.connect = vec![String::new()];
+    config.driver.v4l2.controls = vec![String::new()];
     config.network.login.operators = vec![String::new()];
     config.runtime.tick_cpus = vec![0];
     config.runtime.work_cpus = vec![0];

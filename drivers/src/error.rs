@@ -39,6 +39,14 @@ pub enum DriverError {
         /// Why it is left alone, and what to do.
         message: String,
     },
+    /// A device that is there does not do what it is asked to; `message` says what, with the key and the cure.
+    #[error("{}: {message}", path.display())]
+    Device {
+        /// The device.
+        path: PathBuf,
+        /// What it does not do, and what to do.
+        message: String,
+    },
     /// A simulated flight asks for what cannot be; the message says what to change.
     #[error("simulated flight: {0}")]
     Scenario(String),
@@ -51,6 +59,11 @@ impl DriverError {
     /// [`Self::Io`] at `path`.
     pub(crate) fn io(path: impl Into<PathBuf>, source: std::io::Error) -> Self {
         Self::Io { path: path.into(), source }
+    }
+
+    /// [`Self::Device`] at `path`.
+    pub(crate) fn device(path: impl Into<PathBuf>, message: impl Into<String>) -> Self {
+        Self::Device { path: path.into(), message: message.into() }
     }
 
     /// [`Self::Missing`] at `path`.

@@ -8,6 +8,7 @@ use crate::euroc::pairing::{self, IMAGE_COLUMNS, ImageRow, parse_image_row};
 use crate::euroc::table::{Stamped, Table, read_rows};
 use crate::euroc::truth::{TRUTH_COLUMNS, parse_truth_row};
 use crate::tum::{read_tum_from, write_pose};
+use crate::v4l2::fuzzing as camera;
 use plumbline_config::Timestamp;
 use std::path::Path;
 
@@ -83,6 +84,22 @@ pub fn tum(data: &[u8]) {
     assert_eq!(stamps(&back), stamps(&poses));
 }
 
+/// An image of a camera (JPEG): rows come in order and whole, an image that is accepted has all of them.
+///
+/// # Panics
+/// When they do not.
+pub fn mjpeg(data: &[u8]) {
+    camera::mjpeg(data, MAX_SIDE_PX);
+}
+
+/// A driver's buffer of any layout, which the first bytes say: it is read within its bounds, or refused.
+///
+/// # Panics
+/// When it is not.
+pub fn camera_buffer(data: &[u8]) {
+    camera::buffer(data);
+}
+
 #[cfg(test)]
 #[path = "../../fuzz/smoke.rs"]
 mod smoke;
@@ -99,6 +116,16 @@ mod tests {
     #[test]
     fn fuzz_euroc_csv() {
         over_seeds_and_mutations("euroc_csv", 5000, super::euroc_csv);
+    }
+
+    #[test]
+    fn fuzz_mjpeg() {
+        over_seeds_and_mutations("mjpeg", 5000, super::mjpeg);
+    }
+
+    #[test]
+    fn fuzz_camera_buffer() {
+        over_seeds_and_mutations("camera_buffer", 5000, super::camera_buffer);
     }
 
     #[test]

@@ -18,6 +18,7 @@ pub mod stop;
 mod text_lines;
 pub mod truth;
 pub mod tum;
+pub mod v4l2;
 
 pub use error::DriverError;
 pub use euroc::{EurocDataset, EurocImu, EurocOptions, EurocStereo};
@@ -27,6 +28,7 @@ pub use source::{Faults, ImuReading, ImuSource, StereoFrame, StereoSource};
 pub use stop::StopFlag;
 pub use truth::TruthState;
 pub use tum::StampedPose;
+pub use v4l2::{V4l2Figures, V4l2Monitor, V4l2Options, V4l2Stereo};
 
 /// The example of the README is compiled.
 #[cfg(doctest)]

@@ -1,6 +1,6 @@
 use super::euroc;
 use crate::camera::Distortion;
-use crate::options::{ImuProtocol, TlsConfig};
+use crate::options::{ImuProtocol, PairBy, TlsConfig, V4l2Format};
 use crate::shape::sample_for_tests;
 use crate::{Config, Violation};
 use serde::Deserialize;
@@ -179,6 +179,55 @@ fn autopilots_have_an_address_and_a_line_that_is_fast_enough() {
     });
     check("autopilot.rate_hz", "30 to 50", |c| c.autopilot.rate_hz = 10.0);
     check("vehicle.imu_to_vehicle_deg[1]", "degrees", |c| c.vehicle.imu_to_vehicle_deg[1] = 270.0);
+}
+
+/// Two devices, as they are listed.
+fn two_devices(config: &mut Config) {
+    config.driver.v4l2.left = "/dev/v4l/by-path/platform-a-video-index0".into();
+    config.driver.v4l2.right = "/dev/v4l/by-path/platform-b-video-index0".into();
+}
+
+#[test]
+fn cameras_of_the_kernel_are_two_devices_or_one_for_both() {
+    assert_eq!(refused(two_devices), []);
+    assert_eq!(refused(|c| c.driver.v4l2.left = "/dev/video0".into()), []);
+    check("driver.v4l2.left", "plumbline devices", |c| c.driver.v4l2.left = "video0".into());
+    check("driver.v4l2.right", "no left device", |c| c.driver.v4l2.right = "/dev/video0".into());
+    let with_two = |key: &str, says: &str, change: fn(&mut Config)| {
+        check(key, says, |c| {
+            two_devices(c);
+            change(c);
+        });
+    };
+    with_two("driver.v4l2.right", "same device", |c| c.driver.v4l2.right = c.driver.v4l2.left.clone());
+    with_two("driver.v4l2.right", "one `[[camera]]` only", |c| c.camera.truncate(1));
+    with_two("driver.v4l2.right", "Y8I", |c| c.driver.v4l2.format = V4l2Format::Y8i);
+    let with_one = |key: &str, says: &str, change: fn(&mut Config)| {
+        check(key, says, |c| {
+            c.driver.v4l2.left = "/dev/video0".into();
+            change(c);
+        });
+    };
+    with_one("camera[1].width_px", "one size", |c| c.camera[1].width_px = 740);
+    with_one("driver.v4l2.pair_by", "nothing to pair", |c| c.driver.v4l2.pair_by = PairBy::Sequence);
+    with_one("driver.v4l2.format", "two cameras", |c| {
+        c.camera.truncate(1);
+        c.driver.v4l2.format = V4l2Format::Y8i;
+    });
+}
+
+#[test]
+fn controls_of_cameras_have_a_name_and_a_number() {
+    for bad in ["", "gain", "=1", "gain=", "gain=high", "gain=9999999999", &"x=1".repeat(30)] {
+        check("driver.v4l2.controls[0]", "NAME=VALUE", |c| c.driver.v4l2.controls = vec![bad.into()]);
+    }
+    for good in ["trigger_mode=1", "Power Line Frequency = 2", "auto_exposure=-1"] {
+        assert_eq!(refused(|c| c.driver.v4l2.controls = vec![good.into()]), []);
+    }
+    check("driver.v4l2.exposure_us", "do not fit", |c| {
+        two_devices(c);
+        c.driver.v4l2.exposure_us = 50_000.0;
+    });
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Validation: which values are refused. Ranges of single numbers are a table in [`ranges`]; here is what
 //! concerns several values at a time, and [`extrinsics`], [`network`], [`autopilot`],
-//! [`imu_driver`] and [`ros`].
+//! [`imu_driver`], [`ros`] and [`v4l2`].
 
 mod autopilot;
 mod extrinsics;
@@ -8,6 +8,7 @@ mod imu_driver;
 mod network;
 mod ranges;
 mod ros;
+mod v4l2;
 
 #[cfg(feature = "yaml")]
 pub(crate) use extrinsics::pose_problem;
@@ -63,6 +64,7 @@ impl Config {
         autopilot::check(&self.autopilot, &mut found);
         imu_driver::check(self, &mut found);
         ros::check(self, &mut found);
+        v4l2::check(self, &mut found);
         check_processors(self, &mut found);
         found
     }

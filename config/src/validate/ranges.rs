@@ -97,6 +97,12 @@ const CONFIG_ROWS: &[Row<Config>] = &[
     ("driver.imu.delay_s",         |c| c.driver.imu.delay_s,         0.0,  0.1, SECONDS),
     ("driver.imu.trigger_pulse_s", |c| c.driver.imu.trigger_pulse_s, 1e-6, 0.1, SECONDS),
 
+    ("driver.v4l2.buffers",     |c| c.driver.v4l2.buffers as f64, 4.0,  32.0,  COUNT),
+    ("driver.v4l2.exposure_us", |c| c.driver.v4l2.exposure_us,    0.0,  1e6,   "write it in microseconds, 0 to leave it to the camera"),
+    ("driver.v4l2.gain",        |c| c.driver.v4l2.gain,           -1.0, 1e6,   "write it in the driver's own unit, -1 to leave it to the camera"),
+    ("driver.v4l2.row_us",      |c| c.driver.v4l2.row_us,         0.0,  1000.0, "write it in microseconds, 0 where the exposure is not counted in rows"),
+    ("driver.v4l2.readout_us",  |c| c.driver.v4l2.readout_us,     0.0,  1e5,   "write it in microseconds"),
+
     ("ros.domain_id",                |c| f64::from(c.ros.domain_id),         0.0, 232.0,  "give the ROS_DOMAIN_ID of the others"),
     ("ros.rate_hz",                  |c| c.ros.rate_hz,                      0.0, 4000.0, "write it in Hz, 0 for every sample"),
     ("ros.angular_rate_sigma_rad_s", |c| c.ros.angular_rate_sigma_rad_s,     0.0, 10.0,   "write it in rad/s (1 deg/s = 0.01745 rad/s)"),

@@ -16,7 +16,7 @@ pub(super) fn median_period_ns(stamps: impl Iterator<Item = Timestamp> + Clone) 
 }
 
 /// How far the sequence number goes on over a gap of `gap_ns`: 1 where nothing is missing.
-pub(super) fn steps(gap_ns: i64, period_ns: Option<i64>) -> u64 {
+pub(crate) fn steps(gap_ns: i64, period_ns: Option<i64>) -> u64 {
     match period_ns {
         Some(period) if period > 0 => {
             let periods = gap_ns as f64 / period as f64;

@@ -12,7 +12,7 @@
 //! counted in [`Faults`]: rows that are torn or out of order, images that are missing, cut
 //! off, of the wrong size or without a partner. [`write()`] makes such a data set of any sources.
 
-mod grid;
+pub(crate) mod grid;
 pub(crate) mod image;
 pub(crate) mod imu;
 pub(crate) mod pairing;

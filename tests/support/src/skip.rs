@@ -30,11 +30,13 @@ pub enum Need {
     Parallel,
     /// The processor family that digests are promised for.
     ReferenceProcessor,
+    /// qemu, and Debian's kernel for it (`scripts/vm setup`).
+    VirtualMachine,
 }
 
 impl Need {
     /// All of them.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::SharedData,
         Self::Python,
         Self::Chromium,
@@ -45,6 +47,7 @@ impl Need {
         Self::NetworkNamespaces,
         Self::Parallel,
         Self::ReferenceProcessor,
+        Self::VirtualMachine,
     ];
 
     /// Its name on the list of allowed skips.
@@ -61,6 +64,7 @@ impl Need {
             Self::NetworkNamespaces => "network-namespaces",
             Self::Parallel => "parallel",
             Self::ReferenceProcessor => "reference-processor",
+            Self::VirtualMachine => "virtual-machine",
         }
     }
 }

@@ -1,0 +1,259 @@
+//! Controls of a device: what there is, and setting exposure, gain and whatever else the configuration names.
+
+use super::sys::abi::{
+    CONTROL_BITMASK, CONTROL_BOOLEAN, CONTROL_BUTTON, CONTROL_DISABLED, CONTROL_INACTIVE, CONTROL_INTEGER,
+    CONTROL_INTEGER_MENU, CONTROL_MENU, CONTROL_READ_ONLY, CONTROL_WRITE_ONLY, ControlDescription,
+    EXPOSURE_MANUAL, ID_ANALOGUE_GAIN, ID_AUTO_GAIN, ID_EXPOSURE, ID_EXPOSURE_ABSOLUTE, ID_EXPOSURE_AUTO,
+    ID_EXPOSURE_AUTO_PRIORITY, ID_GAIN, NEXT_CONTROL,
+};
+use super::sys::calls;
+use plumbline_config::options::{V4l2Config, V4l2Control};
+use rustix::fd::{AsFd, BorrowedFd, OwnedFd};
+use rustix::io::Errno;
+
+/// Controls of a device that are looked at, at most.
+const MAX_CONTROLS: usize = 512;
+/// Entries of a menu that are listed, at most.
+const MAX_ENTRIES: i64 = 64;
+/// The unit of exposures that are not counted in rows, us.
+const ABSOLUTE_UNIT_US: f64 = 100.0;
+
+/// What kind of value a control has.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum ControlKind {
+    /// A number.
+    Integer,
+    /// 0 or 1.
+    Switch,
+    /// One of these, by their numbers.
+    Menu(Vec<(i64, String)>),
+    /// Bits.
+    Bits,
+    /// Whatever it is set to, it does something.
+    Button,
+}
+
+/// A control of a device.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ControlInfo {
+    /// The kernel's number of it.
+    pub id: u32,
+    /// Its name as `driver.v4l2.controls` takes it.
+    pub name: String,
+    /// What kind of value it has.
+    pub kind: ControlKind,
+    /// Smallest value, largest, and the step between.
+    pub range: (i64, i64, u64),
+    /// The value of a device that was just plugged in.
+    pub default: i64,
+    /// The value in force, where it can be read.
+    pub value: Option<i32>,
+    /// Whether it can be set.
+    pub is_writable: bool,
+    /// Whether another control has it in its hands at present, as an automatic exposure has the exposure.
+    pub is_inactive: bool,
+}
+
+/// All controls with a single number as value.
+pub(crate) fn list(fd: BorrowedFd<'_>) -> Vec<ControlInfo> {
+    let mut found = Vec::new();
+    let mut id = 0;
+    while found.len() < MAX_CONTROLS
+        && let Ok(description) = calls::control_description(fd, id | NEXT_CONTROL)
+        && description.id > id
+    {
+        id = description.id;
+        found.extend(info(fd, &description));
+    }
+    found
+}
+
+fn info(fd: BorrowedFd<'_>, description: &ControlDescription) -> Option<ControlInfo> {
+    let ControlDescription { id, kind, minimum, maximum, step, default, flags, .. } = *description;
+    let kind = match kind {
+        CONTROL_INTEGER => ControlKind::Integer,
+        CONTROL_BOOLEAN => ControlKind::Switch,
+        CONTROL_MENU => ControlKind::Menu(menu(fd, description, |entry| text(&entry))),
+        CONTROL_INTEGER_MENU => ControlKind::Menu(menu(fd, description, |entry| {
+            i64::from_ne_bytes(std::array::from_fn(|i| entry[i])).to_string()
+        })),
+        CONTROL_BITMASK => ControlKind::Bits,
+        CONTROL_BUTTON => ControlKind::Button,
+        _ => return None,
+    };
+    if flags & CONTROL_DISABLED != 0 || description.dimensions > 0 {
+        return None;
+    }
+    let is_readable = flags & CONTROL_WRITE_ONLY == 0 && kind != ControlKind::Button;
+    Some(ControlInfo {
+        id,
+        name: V4l2Control::plain_name(&text(&description.name)),
+        kind,
+        range: (minimum, maximum, step),
+        default,
+        value: is_readable.then(|| calls::control(fd, id).ok()).flatten(),
+        is_writable: flags & CONTROL_READ_ONLY == 0,
+        is_inactive: flags & CONTROL_INACTIVE != 0,
+    })
+}
+
+/// The entries of a menu; numbers that it leaves out are passed over.
+fn menu(
+    fd: BorrowedFd<'_>,
+    description: &ControlDescription,
+    name: impl Fn([u8; 32]) -> String,
+) -> Vec<(i64, String)> {
+    let last = description.maximum.min(description.minimum.saturating_add(MAX_ENTRIES));
+    let entry = |index: i64| {
+        let entry = calls::menu_entry(fd, description.id, u32::try_from(index).ok()?).ok()?;
+        Some((index, name(entry.name)))
+    };
+    (description.minimum..=last).filter_map(entry).collect()
+}
+
+/// Text of the kernel up to its zero.
+pub(crate) fn text(bytes: &[u8]) -> String {
+    let end = bytes.iter().position(|byte| *byte == 0).unwrap_or(bytes.len());
+    String::from_utf8_lossy(&bytes[..end]).into_owned()
+}
+
+/// Why a control cannot be set: what is wrong, with the key and the cure, or the device's error.
+pub(crate) enum ControlError {
+    /// It cannot be as the configuration says.
+    Refused(String),
+    /// The device failed.
+    Device(Errno),
+}
+
+impl From<Errno> for ControlError {
+    fn from(error: Errno) -> Self {
+        Self::Device(error)
+    }
+}
+
+/// Sets what the configuration asks for: the controls by name in their order, then exposure and gain.
+pub(crate) fn apply(fd: BorrowedFd<'_>, options: &V4l2Config) -> Result<(), ControlError> {
+    for (i, text) in options.controls.iter().enumerate() {
+        let key = format!("driver.v4l2.controls[{i}]");
+        let control =
+            V4l2Control::parse(text).map_err(|why| ControlError::Refused(format!("{key}: {why}")))?;
+        let there = list(fd);
+        let Some(info) = there.iter().find(|info| info.name == control.name) else {
+            let names: Vec<_> = there.iter().map(|info| info.name.as_str()).collect();
+            let names = names.join(", ");
+            return Err(ControlError::Refused(format!(
+                "{key}: this device has no control `{}`; it has {names}",
+                control.name
+            )));
+        };
+        set(fd, info, control.value, &key)?;
+    }
+    apply_exposure(fd, options)?;
+    apply_gain(fd, options)
+}
+
+/// Sets one within its range.
+fn set(fd: BorrowedFd<'_>, info: &ControlInfo, value: i32, key: &str) -> Result<(), ControlError> {
+    let (least, most, _) = info.range;
+    if info.kind != ControlKind::Button && !(least..=most).contains(&value.into()) {
+        let refused = format!("{key}: `{}` takes {least} to {most}, and not {value}", info.name);
+        return Err(ControlError::Refused(refused));
+    }
+    match calls::set_control(fd, info.id, value) {
+        Err(Errno::ACCESS | Errno::INVAL | Errno::RANGE | Errno::BUSY) => {
+            Err(ControlError::Refused(format!(
+                "{key}: the device does not take {value} for `{}` now; `plumbline devices` says which controls can be set",
+                info.name
+            )))
+        }
+        result => Ok(result?),
+    }
+}
+
+/// The control of this number, where there is one that can be set.
+fn settable(fd: BorrowedFd<'_>, id: u32) -> Option<ControlInfo> {
+    let description = calls::control_description(fd, id).ok()?;
+    info(fd, &description).filter(|info| info.is_writable)
+}
+
+fn apply_exposure(fd: BorrowedFd<'_>, options: &V4l2Config) -> Result<(), ControlError> {
+    const KEY: &str = "driver.v4l2.exposure_us";
+    if options.exposure_us <= 0.0 {
+        return Ok(());
+    }
+    // Either is missing in many devices, and neither is an end in itself.
+    if settable(fd, ID_EXPOSURE_AUTO).is_some() {
+        let _ = calls::set_control(fd, ID_EXPOSURE_AUTO, EXPOSURE_MANUAL);
+    }
+    if settable(fd, ID_EXPOSURE_AUTO_PRIORITY).is_some() {
+        let _ = calls::set_control(fd, ID_EXPOSURE_AUTO_PRIORITY, 0);
+    }
+    let (info, unit_us) = match (settable(fd, ID_EXPOSURE_ABSOLUTE), settable(fd, ID_EXPOSURE)) {
+        (Some(info), _) => (info, ABSOLUTE_UNIT_US),
+        (None, Some(info)) if options.row_us > 0.0 => (info, options.row_us),
+        (None, Some(_)) => {
+            return Err(ControlError::Refused(format!(
+                "{KEY}: this device counts the exposure in rows of the sensor; give the time of a row in \
+                 `driver.v4l2.row_us`, or leave it 0 and set `exposure` by `driver.v4l2.controls`"
+            )));
+        }
+        (None, None) => {
+            return Err(ControlError::Refused(format!(
+                "{KEY}: this device has no exposure to set; leave it 0"
+            )));
+        }
+    };
+    let steps = (options.exposure_us / unit_us).round().max(1.0);
+    let (least, most, _) = info.range;
+    if steps < least as f64 || steps > most as f64 {
+        return Err(ControlError::Refused(format!(
+            "{KEY}: this device takes {} to {} us",
+            least as f64 * unit_us,
+            most as f64 * unit_us
+        )));
+    }
+    set(fd, &info, steps as i32, KEY)
+}
+
+fn apply_gain(fd: BorrowedFd<'_>, options: &V4l2Config) -> Result<(), ControlError> {
+    const KEY: &str = "driver.v4l2.gain";
+    if options.gain < 0.0 {
+        return Ok(());
+    }
+    let gain = options.gain.round() as i32;
+    if settable(fd, ID_AUTO_GAIN).is_some() {
+        let _ = calls::set_control(fd, ID_AUTO_GAIN, 0);
+    }
+    match settable(fd, ID_ANALOGUE_GAIN).or_else(|| settable(fd, ID_GAIN)) {
+        Some(info) => set(fd, &info, gain, KEY),
+        None => Err(ControlError::Refused(format!("{KEY}: this device has no gain to set; leave it -1"))),
+    }
+}
+
+/// Reads the exposure in force, beside the stream.
+#[derive(Debug)]
+pub(crate) struct ExposureProbe {
+    fd: OwnedFd,
+    row_us: f64,
+}
+
+impl ExposureProbe {
+    /// Of this device, with another handle of it. `None` where it does not say its exposure.
+    pub(crate) fn new(fd: BorrowedFd<'_>, options: &V4l2Config) -> Option<Self> {
+        let fd = rustix::io::fcntl_dupfd_cloexec(fd, 0).ok()?;
+        let probe = Self { fd, row_us: options.row_us };
+        probe.read_ns().is_some().then_some(probe)
+    }
+
+    /// The exposure, ns.
+    pub(crate) fn read_ns(&self) -> Option<i64> {
+        let us = match calls::control(self.fd.as_fd(), ID_EXPOSURE_ABSOLUTE) {
+            Ok(steps) => f64::from(steps) * ABSOLUTE_UNIT_US,
+            Err(_) if self.row_us > 0.0 => {
+                f64::from(calls::control(self.fd.as_fd(), ID_EXPOSURE).ok()?) * self.row_us
+            }
+            Err(_) => return None,
+        };
+        (us > 0.0).then_some((us * 1e3) as i64)
+    }
+}

@@ -1,0 +1,202 @@
+//! From the bytes of a driver's buffer to 8-bit grey images, in one pass and without memory of its own but what JPEG
+//! needs, which stands since the beginning.
+
+use super::format::{Arrangement, PixelFormat};
+use super::jpeg::{JpegDamage, LumaDecoder};
+use plumbline_config::GrayImage;
+use thiserror::Error;
+
+/// What a device gives: how its images are encoded, and how they lie in a buffer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RawLayout {
+    /// The encoding.
+    pub format: PixelFormat,
+    /// Which cameras' images are in it.
+    pub arrangement: Arrangement,
+    /// Width of each camera's image, px.
+    pub width_px: usize,
+    /// Height, px.
+    pub height_px: usize,
+    /// Bytes from the beginning of a row to that of the next; without meaning for JPEG.
+    pub stride: usize,
+}
+
+/// Why no image could be made of a buffer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+pub enum Damage {
+    /// The buffer holds less than an image.
+    #[error("{bytes} bytes of {needed}")]
+    Short {
+        /// Bytes that there are.
+        bytes: usize,
+        /// Bytes that an image has.
+        needed: usize,
+    },
+    /// The driver's stride is less than a row.
+    #[error("a stride of {stride} bytes for rows of {row}")]
+    Stride {
+        /// Bytes from row to row.
+        stride: usize,
+        /// Bytes of a row.
+        row: usize,
+    },
+    /// What was sent is no image of JPEG that can be read.
+    #[error("JPEG: {0}")]
+    Jpeg(#[from] JpegDamage),
+}
+
+impl RawLayout {
+    /// Bytes of a row that are looked at; 0 for JPEG.
+    fn row_bytes(&self) -> usize {
+        let width = self.arrangement.device_width_px(self.width_px);
+        self.format.bytes_per_pixel().map_or(0, |bytes| width.saturating_mul(bytes))
+    }
+
+    /// Bytes to the end of the last row; 0 for JPEG.
+    fn needed(&self) -> usize {
+        match self.height_px.checked_sub(1) {
+            None => 0,
+            Some(rows) => rows.saturating_mul(self.stride).saturating_add(self.row_bytes()),
+        }
+    }
+}
+
+/// Makes images of the buffers of one device.
+#[derive(Debug)]
+pub struct Converter {
+    layout: RawLayout,
+    jpeg: Option<Box<LumaDecoder>>,
+}
+
+impl Converter {
+    /// For buffers that lie so.
+    #[must_use]
+    pub fn new(layout: RawLayout) -> Self {
+        let width = layout.arrangement.device_width_px(layout.width_px);
+        let jpeg = (layout.format == PixelFormat::Mjpeg)
+            .then(|| Box::new(LumaDecoder::new(width, layout.height_px)));
+        Self { layout, jpeg }
+    }
+
+    /// How the buffers lie.
+    #[must_use]
+    pub fn layout(&self) -> &RawLayout {
+        &self.layout
+    }
+
+    /// Writes the images that `bytes` hold into `images`: one, or left and right. Images of another size than the
+    /// layout says are made anew, and everything else without allocating.
+    ///
+    /// # Errors
+    /// When the bytes are no image; what the images hold is then of no use.
+    ///
+    /// # Panics
+    /// When there are not as many images as the layout has.
+    pub fn convert(&mut self, bytes: &[u8], images: &mut [GrayImage]) -> Result<(), Damage> {
+        let layout = self.layout;
+        for image in images.iter_mut() {
+            if (image.width(), image.height()) != (layout.width_px, layout.height_px) {
+                *image = GrayImage::new(layout.width_px, layout.height_px);
+            }
+        }
+        match (layout.arrangement, images) {
+            (Arrangement::Single, [image]) => self.single(bytes, image),
+            (Arrangement::SideBySide, [left, right]) => self.halves(bytes, left, right),
+            (Arrangement::Interleaved, [left, right]) => self.interleaved(bytes, left, right),
+            (arrangement, images) => panic!("{} images for {arrangement:?}", images.len()),
+        }
+    }
+
+    fn single(&mut self, bytes: &[u8], image: &mut GrayImage) -> Result<(), Damage> {
+        let (layout, width) = (self.layout, self.layout.width_px);
+        if let Some(jpeg) = &mut self.jpeg {
+            let pixels = image.pixels_mut();
+            jpeg.decode(bytes, |y, row| pixels[y * width..][..width].copy_from_slice(&row[..width]))?;
+            return Ok(());
+        }
+        check(&layout, bytes)?;
+        if layout.format.bytes_per_pixel() == Some(1) && layout.stride == width {
+            image.pixels_mut().copy_from_slice(&bytes[..width * layout.height_px]);
+            return Ok(());
+        }
+        for (from, to) in rows(&layout, bytes).zip(image.pixels_mut().chunks_exact_mut(width.max(1))) {
+            luma_row(layout.format, from, to);
+        }
+        Ok(())
+    }
+
+    fn halves(&mut self, bytes: &[u8], left: &mut GrayImage, right: &mut GrayImage) -> Result<(), Damage> {
+        let (layout, width) = (self.layout, self.layout.width_px);
+        if let Some(jpeg) = &mut self.jpeg {
+            let (left, right) = (left.pixels_mut(), right.pixels_mut());
+            jpeg.decode(bytes, |y, row| {
+                left[y * width..][..width].copy_from_slice(&row[..width]);
+                right[y * width..][..width].copy_from_slice(&row[width..2 * width]);
+            })?;
+            return Ok(());
+        }
+        check(&layout, bytes)?;
+        for ((from, left), right) in rows(&layout, bytes)
+            .zip(left.pixels_mut().chunks_exact_mut(width.max(1)))
+            .zip(right.pixels_mut().chunks_exact_mut(width.max(1)))
+        {
+            let (from_left, from_right) = from.split_at(from.len() / 2);
+            luma_row(layout.format, from_left, left);
+            luma_row(layout.format, from_right, right);
+        }
+        Ok(())
+    }
+
+    fn interleaved(&self, bytes: &[u8], left: &mut GrayImage, right: &mut GrayImage) -> Result<(), Damage> {
+        let (layout, width) = (self.layout, self.layout.width_px);
+        check(&layout, bytes)?;
+        for ((from, left), right) in rows(&layout, bytes)
+            .zip(left.pixels_mut().chunks_exact_mut(width.max(1)))
+            .zip(right.pixels_mut().chunks_exact_mut(width.max(1)))
+        {
+            for ((pair, left), right) in from.chunks_exact(2).zip(left).zip(right) {
+                (*left, *right) = (pair[0], pair[1]);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Whether all rows are there.
+fn check(layout: &RawLayout, bytes: &[u8]) -> Result<(), Damage> {
+    let (row, stride) = (layout.row_bytes(), layout.stride);
+    if stride < row {
+        return Err(Damage::Stride { stride, row });
+    }
+    match layout.needed() {
+        needed if bytes.len() < needed => Err(Damage::Short { bytes: bytes.len(), needed }),
+        _ => Ok(()),
+    }
+}
+
+/// The rows of a buffer that [`check`] has found whole, without padding.
+fn rows<'a>(layout: &RawLayout, bytes: &'a [u8]) -> impl Iterator<Item = &'a [u8]> + use<'a> {
+    let (row, stride, height) = (layout.row_bytes(), layout.stride, layout.height_px);
+    (0..height).map(move |y| &bytes[y * stride..][..row])
+}
+
+/// Luma of a row. Wide pixels lose their lower bits.
+fn luma_row(format: PixelFormat, from: &[u8], to: &mut [u8]) {
+    let pairs = from.chunks_exact(2).zip(to.iter_mut());
+    match format {
+        PixelFormat::Grey | PixelFormat::Nv12 => to.copy_from_slice(from),
+        PixelFormat::Yuyv | PixelFormat::Y8i => pairs.for_each(|(pair, to)| *to = pair[0]),
+        PixelFormat::Uyvy => pairs.for_each(|(pair, to)| *to = pair[1]),
+        PixelFormat::Wide(bits) => {
+            let shift = u32::from(bits.saturating_sub(8));
+            // What a driver leaves in the bits above is no brightness.
+            pairs.for_each(|(pair, to)| {
+                *to = (u16::from_le_bytes([pair[0], pair[1]]) >> shift).min(255) as u8
+            });
+        }
+        PixelFormat::Mjpeg => {}
+    }
+}
+
+#[cfg(test)]
+mod tests;

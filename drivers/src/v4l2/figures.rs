@@ -1,0 +1,94 @@
+//! What can be said of the cameras while they run, for whoever asks from another thread.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// What one camera did. Of a device that gives both images, the first camera's figures are the device's.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CameraFigures {
+    /// Whether it streams now.
+    pub is_streaming: bool,
+    /// Images that came whole.
+    pub images: u64,
+    /// Images missing by the numbers of its driver.
+    pub missing: u64,
+    /// Images that the driver called damaged, or that could not be decoded.
+    pub corrupt: u64,
+    /// Images with a stamp that is not after that of the image before; not handed out.
+    pub disordered: u64,
+    /// Images stamped by their arrival, since the driver's stamp was of no clock or of the future.
+    pub restamped: u64,
+    /// Images handed out without their partner.
+    pub alone: u64,
+    /// How often its stream was started.
+    pub started: u64,
+    /// How often it went away, or fell silent.
+    pub lost: u64,
+    /// Length of the exposure that stamps were shifted by half of, ms; 0 where it is not known.
+    pub exposure_ms: f64,
+    /// Time from the middle of the exposure to the arrival: mean of the last images and largest, ms.
+    pub delay_ms: f64,
+    /// The largest.
+    pub max_delay_ms: f64,
+}
+
+/// What the cameras did together.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct V4l2Figures {
+    /// Left and right.
+    pub cameras: [CameraFigures; 2],
+    /// Frames handed out.
+    pub frames: u64,
+    /// Frames of two images.
+    pub pairs: u64,
+    /// Pairs whose stamps are further from each other than `driver.pair_tolerance_s`: the cameras do not expose together,
+    /// or their drivers' delays differ.
+    pub apart: u64,
+    /// Right less left stamp in the mean of the last pairs, ms.
+    pub offset_ms: f64,
+    /// How far pairs were from that mean: largest, ms.
+    pub max_jitter_ms: f64,
+    /// Measured time from image to image, ms.
+    pub period_ms: f64,
+}
+
+/// Shows the figures of a [`V4l2Stereo`](super::V4l2Stereo) to other threads. Copies show the same.
+#[derive(Clone, Debug, Default)]
+pub struct V4l2Monitor {
+    shared: Arc<Shared>,
+}
+
+#[derive(Debug, Default)]
+struct Shared {
+    figures: Mutex<V4l2Figures>,
+    trouble: Mutex<[Option<String>; 2]>,
+}
+
+/// What the lock holds is whole even after a panic elsewhere.
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl V4l2Monitor {
+    /// The figures up to the last frame.
+    #[must_use]
+    pub fn figures(&self) -> V4l2Figures {
+        *locked(&self.shared.figures)
+    }
+
+    /// Why left and right camera do not stream, as far as they do not.
+    #[must_use]
+    pub fn trouble(&self) -> [Option<String>; 2] {
+        locked(&self.shared.trouble).clone()
+    }
+
+    /// Shows these from now on; where somebody is reading at the moment, the next ones.
+    pub(super) fn show(&self, figures: &V4l2Figures) {
+        if let Ok(mut shown) = self.shared.figures.try_lock() {
+            *shown = *figures;
+        }
+    }
+
+    pub(super) fn set_trouble(&self, camera: usize, trouble: Option<String>) {
+        locked(&self.shared.trouble)[camera] = trouble;
+    }
+}

@@ -1,0 +1,204 @@
+//! Against another decoder, on images of another encoder.
+
+use super::*;
+use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
+use plumbline_config::GrayImage;
+use zune_jpeg::JpegDecoder;
+use zune_jpeg::zune_core::bytestream::ZCursor;
+use zune_jpeg::zune_core::colorspace::ColorSpace;
+use zune_jpeg::zune_core::options::DecoderOptions;
+
+/// A coloured picture with edges, slopes and noise.
+pub(super) fn picture(width: usize, height: usize) -> Vec<u8> {
+    let mut noise = 1u32;
+    let mut pixels = Vec::with_capacity(3 * width * height);
+    for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
+        noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        let edge = if (x / 9 + y / 7) % 2 == 0 { 70 } else { 150 };
+        let slope = (x * 60 / width + y * 40 / height) as u32;
+        let grey = edge + slope + (noise >> 29);
+        pixels.extend([grey.min(255) as u8, (grey / 2 + 60) as u8, 255 - grey.min(255) as u8]);
+    }
+    pixels
+}
+
+/// The picture as a camera might send it.
+pub(super) fn jpeg(
+    (width, height): (usize, usize),
+    color: ColorType,
+    set: impl Fn(&mut Encoder<&mut Vec<u8>>),
+) -> Vec<u8> {
+    let mut pixels = picture(width, height);
+    if color == ColorType::Luma {
+        pixels = pixels.chunks_exact(3).map(|rgb| rgb[0]).collect();
+    }
+    let mut bytes = Vec::new();
+    let mut encoder = Encoder::new(&mut bytes, 85);
+    set(&mut encoder);
+    encoder.encode(&pixels, width as u16, height as u16, color).unwrap();
+    bytes
+}
+
+fn decoded(bytes: &[u8], (width, height): (usize, usize)) -> Result<GrayImage, JpegDamage> {
+    let mut image = GrayImage::new(width, height);
+    let mut next = 0;
+    LumaDecoder::new(width, height).decode(bytes, |y, row| {
+        assert_eq!(y, next, "rows in order");
+        next += 1;
+        image.pixels_mut()[y * width..][..width].copy_from_slice(row);
+    })?;
+    assert_eq!(next, height);
+    Ok(image)
+}
+
+/// The other decoder's.
+fn expected(bytes: &[u8]) -> Vec<u8> {
+    let options = DecoderOptions::default().jpeg_set_out_colorspace(ColorSpace::Luma);
+    JpegDecoder::new_with_options(ZCursor::new(bytes), options).decode().unwrap()
+}
+
+fn assert_alike(bytes: &[u8], size: (usize, usize), what: &str) {
+    let ours = decoded(bytes, size).unwrap_or_else(|error| panic!("{what}: {error}"));
+    let theirs = expected(bytes);
+    assert_eq!(ours.pixels().len(), theirs.len(), "{what}");
+    let apart = ours.pixels().iter().zip(&theirs).map(|(a, b)| a.abs_diff(*b));
+    let (most, sum) = apart.fold((0, 0u64), |(most, sum), d| (most.max(d), sum + u64::from(d)));
+    assert!(most <= 2 && sum as f64 <= 0.1 * theirs.len() as f64, "{what}: {most} at most, {sum} in all");
+}
+
+const SIZES: [(usize, usize); 5] = [(64, 48), (65, 49), (8, 8), (1, 1), (131, 37)];
+
+#[test]
+fn luma_is_that_of_another_decoder_for_every_sampling_of_chroma() {
+    use SamplingFactor as S;
+    for sampling in [S::F_1_1, S::F_2_1, S::F_1_2, S::F_2_2, S::F_4_1] {
+        for size in SIZES {
+            let bytes = jpeg(size, ColorType::Rgb, |e| e.set_sampling_factor(sampling));
+            assert_alike(&bytes, size, &format!("{sampling:?} {size:?}"));
+        }
+    }
+}
+
+#[test]
+fn grey_images_and_restarts_are_read() {
+    for size in SIZES {
+        assert_alike(&jpeg(size, ColorType::Luma, |_| {}), size, "grey");
+        assert_alike(&jpeg(size, ColorType::Rgb, |e| e.set_restart_interval(3)), size, "restarts");
+    }
+}
+
+/// The encoder puts each component into a scan of its own then, which the other decoder takes for grey wrongly: but luma
+/// is the same whichever way it is sent.
+#[test]
+fn tables_of_their_own_and_scans_of_luma_alone_are_read() {
+    for size in SIZES {
+        let luma = decoded(&jpeg(size, ColorType::Rgb, |_| {}), size);
+        assert!(luma.is_ok());
+        assert_eq!(
+            decoded(&jpeg(size, ColorType::Rgb, |e| e.set_optimized_huffman_tables(true)), size),
+            luma
+        );
+        let tall = jpeg(size, ColorType::Rgb, |e| e.set_sampling_factor(SamplingFactor::F_1_4));
+        assert_eq!(decoded(&tall, size), luma);
+    }
+}
+
+/// The image without its tables of codes, as many cameras send it.
+pub(super) fn without_tables(bytes: &[u8]) -> Vec<u8> {
+    let mut out = bytes[..2].to_vec();
+    let mut at = 2;
+    while bytes[at + 1] != segments::SCAN {
+        let end = at + 2 + usize::from(u16::from_be_bytes([bytes[at + 2], bytes[at + 3]]));
+        if bytes[at + 1] != segments::HUFFMAN {
+            out.extend_from_slice(&bytes[at..end]);
+        }
+        at = end;
+    }
+    out.extend_from_slice(&bytes[at..]);
+    out
+}
+
+#[test]
+fn tables_that_a_camera_leaves_out_are_those_of_the_standard() {
+    let size = (96, 40);
+    let whole = jpeg(size, ColorType::Rgb, |_| {});
+    let sent = without_tables(&whole);
+    assert!(sent.len() + 400 < whole.len());
+    // Also after an image that brought others.
+    let mut decoder = LumaDecoder::new(size.0, size.1);
+    let other = jpeg(size, ColorType::Rgb, |e| e.set_optimized_huffman_tables(true));
+    decoder.decode(&other, |_, _| {}).unwrap();
+    let mut rows = Vec::new();
+    decoder.decode(&sent, |_, row| rows.extend_from_slice(row)).unwrap();
+    assert_eq!(rows, decoded(&whole, size).unwrap().pixels());
+}
+
+#[test]
+fn what_is_no_whole_image_of_the_size_is_refused() {
+    let size = (64, 48);
+    let bytes = jpeg(size, ColorType::Rgb, |_| {});
+    assert_eq!(decoded(&bytes, (64, 47)).unwrap_err(), JpegDamage::Size { width: 64, height: 48 });
+    assert_eq!(decoded(&bytes[1..], size).unwrap_err(), JpegDamage::Segments);
+    let progressive = jpeg(size, ColorType::Rgb, |e| e.set_progressive(true));
+    assert_eq!(decoded(&progressive, size).unwrap_err(), JpegDamage::Kind);
+    for length in (0..bytes.len() - 200).step_by(7) {
+        assert!(decoded(&bytes[..length], size).is_err(), "{length} of {} bytes", bytes.len());
+    }
+    assert!(decoded(&bytes, size).is_ok());
+}
+
+#[test]
+fn decoding_allocates_nothing() {
+    let size = (320, 96);
+    let images = [
+        jpeg(size, ColorType::Rgb, |_| {}),
+        jpeg(size, ColorType::Rgb, |e| e.set_optimized_huffman_tables(true)),
+    ];
+    let mut decoder = LumaDecoder::new(size.0, size.1);
+    let counted = allocation_counter::measure(|| {
+        for bytes in &images {
+            decoder.decode(bytes, |_, row| assert_eq!(row.len(), 320)).unwrap();
+        }
+        assert!(decoder.decode(&images[0][..300], |_, _| {}).is_err());
+    });
+    assert_eq!(counted.count_total, 0, "{counted:?}");
+}
+
+/// `cargo test --release -p plumbline-drivers --lib mjpeg_seeds -- --ignored`
+#[test]
+#[ignore = "writes the seeds of the fuzz target `mjpeg`"]
+fn mjpeg_seeds() {
+    use SamplingFactor as S;
+    let folder = plumbline_test_support::workspace().join("fuzz/seeds/mjpeg");
+    std::fs::create_dir_all(&folder).unwrap();
+    let write = |name: &str, bytes: &[u8]| std::fs::write(folder.join(name), bytes).unwrap();
+    let size = (40, 24);
+    for (name, sampling) in [("444", S::F_1_1), ("422", S::F_2_1), ("420", S::F_2_2), ("scans", S::F_1_4)] {
+        write(name, &jpeg(size, ColorType::Rgb, |e| e.set_sampling_factor(sampling)));
+    }
+    let whole = jpeg(size, ColorType::Rgb, |_| {});
+    write("cut", &whole[..whole.len() * 2 / 3]);
+    write("no-tables", &without_tables(&whole));
+    write("grey", &jpeg((17, 9), ColorType::Luma, |_| {}));
+    write("restarts", &jpeg(size, ColorType::Rgb, |e| e.set_restart_interval(2)));
+    write("progressive", &jpeg((16, 8), ColorType::Rgb, |e| e.set_progressive(true)));
+}
+
+/// `cargo test --release -p plumbline-drivers --lib jpeg_speed -- --ignored --nocapture`
+#[test]
+#[ignore = "prints figures"]
+fn jpeg_speed() {
+    let size = (1280, 720);
+    for sampling in [SamplingFactor::F_2_2, SamplingFactor::F_2_1] {
+        let bytes = jpeg(size, ColorType::Rgb, |e| e.set_sampling_factor(sampling));
+        let mut decoder = LumaDecoder::new(size.0, size.1);
+        let ms = |run: &mut dyn FnMut()| {
+            let begin = std::time::Instant::now();
+            (0..50).for_each(|_| run());
+            begin.elapsed().as_secs_f64() * 1e3 / 50.0
+        };
+        let ours = ms(&mut || decoder.decode(&bytes, |_, _| {}).unwrap());
+        let theirs = ms(&mut || assert!(!expected(&bytes).is_empty()));
+        println!("{sampling:?}, {} bytes: {ours:.2} ms, zune-jpeg {theirs:.2} ms", bytes.len());
+    }
+}
