@@ -47,6 +47,9 @@ pub enum DriverError {
         /// What it does not do, and what to do.
         message: String,
     },
+    /// An inertial sensor's address says nothing; the message says what to write.
+    #[error("driver.imu.connect: {0}")]
+    ImuAddress(String),
     /// A simulated flight asks for what cannot be; the message says what to change.
     #[error("simulated flight: {0}")]
     Scenario(String),
@@ -69,6 +72,11 @@ impl DriverError {
     /// [`Self::Missing`] at `path`.
     pub(crate) fn missing(path: impl Into<PathBuf>, message: impl Into<String>) -> Self {
         Self::Missing { path: path.into(), message: message.into() }
+    }
+
+    /// [`Self::Refused`] at `path`.
+    pub(crate) fn refused(path: impl Into<PathBuf>, message: impl Into<String>) -> Self {
+        Self::Refused { path: path.into(), message: message.into() }
     }
 
     /// [`Self::Malformed`] at `path`.

@@ -7,9 +7,21 @@ use crate::euroc::imu::{IMU_COLUMNS, ImuRecord, parse_imu_row};
 use crate::euroc::pairing::{self, IMAGE_COLUMNS, ImageRow, parse_image_row};
 use crate::euroc::table::{Stamped, Table, read_rows};
 use crate::euroc::truth::{TRUTH_COLUMNS, parse_truth_row};
+use crate::iio::layout::{Storage, parse_matrix};
+use crate::inertial::{FramingFigures, LinkFigures};
+use crate::serial::Stream;
+use crate::serial::framing::{Deframer, LONGEST};
+use crate::serial::mavlink::Mavlink;
+use crate::serial::plumbline::Plumbline;
+use crate::serial::protocol::{Content, DeviceSample, Protocol};
+use crate::serial::simulated::{Device, imu_config};
+use crate::serial::vectornav::VectorNav;
+use crate::serial::xsens::Xsens;
 use crate::tum::{read_tum_from, write_pose};
 use crate::v4l2::fuzzing as camera;
 use plumbline_config::Timestamp;
+use plumbline_config::options::{ImuProtocol, MavlinkImu};
+use plumbline_protocol::Settings;
 use std::path::Path;
 
 /// Largest image, px: larger ones make the fuzzer slow and show nothing more.
@@ -100,6 +112,126 @@ pub fn camera_buffer(data: &[u8]) {
     camera::buffer(data);
 }
 
+/// A serial line with our own protocol.
+///
+/// # Panics
+/// When readings depend on how the bytes are cut, are no numbers or go back in time, when more bytes are counted than
+/// came, or when a frame behind the bytes is not found.
+pub fn imu_plumbline(data: &[u8]) {
+    serial_line(ImuProtocol::Plumbline, data);
+}
+
+/// A serial line of an autopilot; as [`imu_plumbline`].
+pub fn imu_mavlink(data: &[u8]) {
+    serial_line(ImuProtocol::Mavlink, data);
+}
+
+/// A serial line of a VectorNav; as [`imu_plumbline`].
+pub fn imu_vectornav(data: &[u8]) {
+    serial_line(ImuProtocol::VectorNav, data);
+}
+
+/// A serial line of an Xsens; as [`imu_plumbline`].
+pub fn imu_xsens(data: &[u8]) {
+    serial_line(ImuProtocol::Xsens, data);
+}
+
+/// The first byte says how the others are cut.
+fn serial_line(protocol: ImuProtocol, data: &[u8]) {
+    let Some((piece, bytes)) = data.split_first() else { return };
+    let (whole, figures) = readings(protocol, bytes, usize::MAX);
+    let (cut, cut_figures) = readings(protocol, bytes, 1 + usize::from(*piece));
+    assert_eq!(cut, whole);
+    assert_eq!(cut_figures, figures);
+    assert!(figures.passed_over <= figures.bytes && figures.bytes == bytes.len() as u64);
+    assert!(whole.iter().all(DeviceSample::is_finite));
+    // What only began like a frame ends with these; then a frame is found.
+    let device = Device { protocol, rate_hz: 200, start_ns: 0, skew: 0.0 };
+    let frame = device.frame(7);
+    let (followed, _) = readings(protocol, &[bytes, &[0; LONGEST], &frame, &frame].concat(), usize::MAX);
+    assert!(followed.len() > whole.len() || protocol == ImuProtocol::Mavlink);
+    flight(&device, bytes, 1 + usize::from(*piece));
+}
+
+/// The samples of a line, and what was counted.
+fn readings(protocol: ImuProtocol, bytes: &[u8], piece: usize) -> (Vec<DeviceSample>, FramingFigures) {
+    let mut protocol = device_protocol(protocol);
+    let (mut deframer, mut found) = (Deframer::default(), Vec::new());
+    for piece in bytes.chunks(piece) {
+        let mut left = piece;
+        while !left.is_empty() {
+            let space = deframer.space();
+            let count = left.len().min(space.len());
+            space[..count].copy_from_slice(&left[..count]);
+            deframer.advance(count);
+            left = &left[count..];
+            while let Some(frame) = deframer.next(|bytes| protocol.scan(bytes)) {
+                if let Content::Sample(sample) = protocol.decode(frame) {
+                    found.push(sample);
+                }
+            }
+        }
+    }
+    (found, deframer.figures())
+}
+
+fn device_protocol(protocol: ImuProtocol) -> Box<dyn Protocol> {
+    match protocol {
+        ImuProtocol::Plumbline => Box::new(Plumbline::new(Settings::default())),
+        ImuProtocol::Mavlink => Box::new(Mavlink::new(MavlinkImu::HighresImu, 200.0)),
+        ImuProtocol::VectorNav => Box::new(VectorNav),
+        ImuProtocol::Xsens => Box::new(Xsens),
+    }
+}
+
+/// The bytes within a flight: a second and a half of a device, then these, then the device again.
+fn flight(device: &Device, bytes: &[u8], piece: usize) {
+    let mut stream = Stream::new(device_protocol(device.protocol), &imu_config(200.0), 0, None);
+    let (mut now_ns, mut last) = (0_i64, None);
+    let mut take = |stream: &mut Stream, bytes: &[u8], now_ns: i64| {
+        stream.space()[..bytes.len()].copy_from_slice(bytes);
+        stream.came(bytes.len());
+        while let Some(reading) = stream.next(now_ns) {
+            assert!(reading.sample.is_finite());
+            let place = (reading.sequence, reading.sample.stamp);
+            assert!(last.is_none_or(|last: (u64, Timestamp)| last.0 < place.0 && last.1 < place.1));
+            last = Some(place);
+        }
+    };
+    for k in 0..300 {
+        now_ns = device.truth_ns(k);
+        take(&mut stream, &device.frame(k), now_ns);
+    }
+    for piece in bytes.chunks(piece) {
+        now_ns += 1_000_000;
+        take(&mut stream, piece, now_ns);
+    }
+    for k in 300..320 {
+        take(&mut stream, &device.frame(k), now_ns.max(device.truth_ns(k)));
+    }
+    let figures = stream.figures(LinkFigures::default());
+    assert!(figures.samples <= figures.framing.frames);
+}
+
+/// What the kernel says of a buffer: the type of an element on the first line, a mount matrix on the second, then bytes.
+///
+/// # Panics
+/// When a number has more bits than its type says, or a matrix other numbers than its text.
+pub fn iio_layout(data: &[u8]) {
+    let mut parts = data.splitn(3, |byte| *byte == b'\n');
+    let mut text = || std::str::from_utf8(parts.next().unwrap_or_default()).unwrap_or_default();
+    let (kind, matrix) = (text(), text());
+    let mut bytes = [0; 8];
+    bytes.iter_mut().zip(parts.next().unwrap_or_default()).for_each(|(to, from)| *to = *from);
+    if let Some(storage) = Storage::parse(kind) {
+        let (value, bits) = (storage.read(&bytes), storage.bits());
+        assert!(bits == 64 || (value >> (bits - 1)).abs() <= 1, "{kind}: {value}");
+    }
+    if let Some(matrix) = parse_matrix(matrix) {
+        assert!(matrix.iter().all(|number| number.is_finite()));
+    }
+}
+
 #[cfg(test)]
 #[path = "../../fuzz/smoke.rs"]
 mod smoke;
@@ -131,5 +263,29 @@ mod tests {
     #[test]
     fn fuzz_tum() {
         over_seeds_and_mutations("tum", 5000, super::tum);
+    }
+    #[test]
+    fn fuzz_imu_plumbline() {
+        over_seeds_and_mutations("imu_plumbline", 2000, super::imu_plumbline);
+    }
+
+    #[test]
+    fn fuzz_imu_mavlink() {
+        over_seeds_and_mutations("imu_mavlink", 2000, super::imu_mavlink);
+    }
+
+    #[test]
+    fn fuzz_imu_vectornav() {
+        over_seeds_and_mutations("imu_vectornav", 2000, super::imu_vectornav);
+    }
+
+    #[test]
+    fn fuzz_imu_xsens() {
+        over_seeds_and_mutations("imu_xsens", 2000, super::imu_xsens);
+    }
+
+    #[test]
+    fn fuzz_iio_layout() {
+        over_seeds_and_mutations("iio_layout", 5000, super::iio_layout);
     }
 }

@@ -1,4 +1,5 @@
-//! Where samples come from: replay of EuRoC data sets and a simulator, behind the traits of [`source`].
+//! Where samples come from: replay of EuRoC data sets, a simulator and live inertial sensors, behind the traits of
+//! [`source`].
 //!
 //! A driver never learns what its samples are for; it hands them out in order of measurement time, with
 //! what went missing counted.
@@ -10,8 +11,12 @@ pub mod faults;
 #[cfg(any(test, feature = "fuzzing"))]
 #[doc(hidden)]
 pub mod fuzzing;
+pub mod iio;
+pub mod inertial;
+pub mod live;
 pub mod prefetch;
 mod random;
+pub mod serial;
 pub mod simulator;
 pub mod source;
 pub mod stop;
@@ -23,7 +28,11 @@ pub mod v4l2;
 pub use error::DriverError;
 pub use euroc::{EurocDataset, EurocImu, EurocOptions, EurocStereo};
 pub use faults::{FaultySource, FrameFaults, LostCamera};
+pub use iio::IioImu;
+pub use inertial::{ImuFigures, ImuMonitor};
+pub use live::{LiveImu, open_imu};
 pub use prefetch::Prefetch;
+pub use serial::SerialImu;
 pub use source::{Faults, ImuReading, ImuSource, StereoFrame, StereoSource};
 pub use stop::StopFlag;
 pub use truth::TruthState;

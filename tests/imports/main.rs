@@ -58,7 +58,8 @@ const ESTIMATOR: &[&str] = &[
 /// Crates of ours that each crate may name.
 const CRATES: &[(&str, &[&str])] = &[
     ("config", &[]),
-    ("drivers", &["plumbline_config"]),
+    ("drivers", &["plumbline_config", "plumbline_protocol"]),
+    ("drivers/protocol", &[]),
     ("estimator", &["plumbline_config"]),
     ("runtime", &["plumbline_config", "plumbline_drivers", "plumbline_estimator"]),
 ];

@@ -24,6 +24,9 @@ const LATE_NS: i64 = 50_000_000;
 /// See [`LATE_NS`]; no stall of a host that still runs is as long.
 const PATIENCE_NS: i64 = 5_000_000_000;
 
+/// How long the promptest samples can be on their way by round trips: a little less than nothing, where both ways differ.
+const ONE_WAY_NS: std::ops::RangeInclusive<i64> = -20_000_000..=500_000_000;
+
 /// What is learnt anew moves the stamps by at most one part in this: they keep their order and nearly their distance.
 const SLEW: i64 = 100;
 /// An arrival this much after the promptest is counted as late, ns.
@@ -68,6 +71,8 @@ pub struct ClockFigures {
 pub struct DeviceClock {
     /// Whether the device should answer questions.
     asks: bool,
+    /// It did not: once it is started anew it is not waited for again.
+    never_answers: bool,
     /// The first sample: its time by the device, and when it was there, ns.
     origin: Option<(i64, i64)>,
     /// Host less device at the arrivals, relative to the origin.
@@ -148,6 +153,7 @@ impl DeviceClock {
         let Some(origin) = self.origin else { return true };
         let is_good = self.trips.push(trip, origin);
         self.figures.round_trips += u64::from(is_good);
+        self.never_answers &= !is_good;
         self.figures.quickest_round_trip_ms = self.trips.quickest_ns().map(|ns| ns as f64 * 1e-6);
         is_good
     }
@@ -256,10 +262,15 @@ impl DeviceClock {
         }
         let promptest = line.at(x);
         if let Some((y, slope)) = self.trips.offset(x) {
-            self.one_way_ns = promptest.saturating_sub(y);
-            return Some((y, slope));
+            let one_way_ns = promptest.saturating_sub(y);
+            // Else the answers are of another clock than the samples.
+            if ONE_WAY_NS.contains(&one_way_ns) {
+                self.one_way_ns = one_way_ns;
+                return Some((y, slope));
+            }
         }
-        let waits = self.asks && x < UNANSWERED_NS;
+        self.never_answers |= x >= UNANSWERED_NS && self.trips.quickest_ns().is_none();
+        let waits = self.asks && !self.never_answers && x < UNANSWERED_NS;
         (!waits).then(|| (promptest.saturating_sub(self.one_way_ns), line.slope))
     }
 }

@@ -258,6 +258,24 @@ fn a_device_that_never_answers_is_believed_by_its_arrivals_after_three_seconds()
 }
 
 #[test]
+fn answers_by_another_clock_than_the_samples_are_left_alone() {
+    let mut clock = DeviceClock::new(true);
+    let mut draws = Draws::new(9, Purpose::Drop, 0);
+    let to_device = |host: i64| 4 * S + (host - 5_000 * S);
+    let mut stamped = 0;
+    for (k, (truth, device, arrival)) in QUIET.samples(8).enumerate() {
+        if k % 20 == 3 {
+            ask(&mut clock, truth, to_device, (400 * US, 400 * US), &mut draws);
+        }
+        if let Stamped::At(stamp) = clock.sample(device, arrival) {
+            assert!((stamp - truth).abs() < TOLERANCE_NS, "{k}");
+            stamped += 1;
+        }
+    }
+    assert!(stamped > 11_000, "{stamped}");
+}
+
+#[test]
 fn answers_that_make_no_sense_are_refused() {
     let mut clock = DeviceClock::new(true);
     clock.sample(0, 0);

@@ -7,9 +7,8 @@
 use super::inbox::CHUNK;
 use crate::schedule::ticker::Monotonic;
 use plumbline_config::options::AutopilotEndpoint;
+use plumbline_drivers::serial::open_line;
 use rustix::event::{PollFd, PollFlags, poll};
-use rustix::fs::{Mode, OFlags};
-use rustix::termios::{ControlModes, OptionalActions, QueueSelector};
 use rustix::time::Timespec;
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
@@ -283,20 +282,9 @@ fn is_for_now(error: &std::io::Error) -> bool {
     matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted)
 }
 
-/// Opens a serial device for ourselves: raw, eight bits, no parity, no flow control, never blocking.
+/// Opens a serial device for ourselves.
 fn open_device(device: &str, baud: u32) -> std::io::Result<File> {
-    let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
-    let descriptor = rustix::fs::open(device, flags, Mode::empty())?;
-    rustix::termios::ioctl_tiocexcl(&descriptor)?;
-    let mut line = rustix::termios::tcgetattr(&descriptor)?;
-    line.make_raw();
-    line.control_modes |= ControlModes::CREAD | ControlModes::CLOCAL | ControlModes::CS8;
-    line.control_modes &= !(ControlModes::PARENB | ControlModes::CSTOPB | ControlModes::CRTSCTS);
-    line.set_speed(baud)?;
-    rustix::termios::tcsetattr(&descriptor, OptionalActions::Now, &line)?;
-    // What waited from before we came belongs to nobody.
-    rustix::termios::tcflush(&descriptor, QueueSelector::IOFlush)?;
-    Ok(File::from(descriptor))
+    Ok(File::from(open_line(device.as_ref(), baud)?))
 }
 
 #[cfg(test)]

@@ -18,6 +18,8 @@ pub mod clock;
 mod fixture;
 pub mod frames;
 pub mod handover;
+#[cfg(test)]
+mod imu_tests;
 pub mod inbox;
 pub mod link;
 pub mod message;

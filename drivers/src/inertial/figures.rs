@@ -1,0 +1,141 @@
+//! What became of a sensor's samples, to be read while it runs.
+
+use super::{LossFigures, WatchFigures};
+use crate::Faults;
+use crate::clock::ClockFigures;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// How a device came and went.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LinkFigures {
+    /// Whether it is there.
+    pub is_open: bool,
+    /// How often it was opened.
+    pub opened: u64,
+    /// How often it went away.
+    pub lost: u64,
+    /// Why it is not there, as the system's number of the error.
+    pub last_error: Option<i32>,
+}
+
+/// What came in as bytes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FramingFigures {
+    /// Bytes.
+    pub bytes: u64,
+    /// Frames with the right checksum.
+    pub frames: u64,
+    /// Bytes that were part of none: noise, and frames of kinds that do not concern us.
+    pub passed_over: u64,
+    /// Frames with a wrong checksum.
+    pub bad_checksums: u64,
+    /// Announced lengths that were absurd.
+    pub bad_lengths: u64,
+}
+
+/// What became of the samples of a live sensor.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ImuFigures {
+    /// Samples that were handed out.
+    pub samples: u64,
+    /// Samples that came while the clock of the device was being learnt: not handed out.
+    pub settling: u64,
+    /// Samples out of order of time: not handed out.
+    pub disordered: u64,
+    /// Samples of a gyroscope without those of its accelerometer around them: not handed out.
+    pub unpaired: u64,
+    /// Frames with the right checksum whose fields make no sense.
+    pub malformed: u64,
+    /// What the device's output lacks for samples, in words.
+    pub lacking: Option<&'static str>,
+    /// What was lost on the way.
+    pub loss: LossFigures,
+    /// What was wrong with samples.
+    pub watch: WatchFigures,
+    /// The device's clock; at its default where the kernel stamps by the host's.
+    pub clock: ClockFigures,
+    /// How the device came and went.
+    pub link: LinkFigures,
+    /// What came in as bytes, of a serial line.
+    pub framing: FramingFigures,
+    /// Triggers of the cameras that nobody took in time.
+    pub triggers_lost: u64,
+}
+
+impl ImuFigures {
+    /// The same in the words of all sources.
+    #[must_use]
+    pub fn faults(&self) -> Faults {
+        Faults {
+            missing: self.loss.missing,
+            corrupt: self.framing.bad_checksums + self.malformed + self.watch.impossible,
+            disordered: self.disordered + self.clock.refused,
+            unpaired: self.unpaired,
+        }
+    }
+}
+
+/// The figures of a sensor that runs on another thread, as they were a moment ago.
+#[derive(Clone, Debug, Default)]
+pub struct ImuMonitor(Arc<Mutex<ImuFigures>>);
+
+impl ImuMonitor {
+    /// The figures.
+    #[must_use]
+    pub fn read(&self) -> ImuFigures {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// From one posting to the next, ns.
+const PERIOD_NS: i64 = 100_000_000;
+
+/// Puts figures where the monitor finds them, without ever waiting for a reader.
+#[derive(Debug, Default)]
+pub(crate) struct Post {
+    monitor: ImuMonitor,
+    due_ns: i64,
+}
+
+impl Post {
+    pub(crate) fn monitor(&self) -> ImuMonitor {
+        self.monitor.clone()
+    }
+
+    /// Whether figures are to be posted again.
+    pub(crate) fn is_due(&self, now_ns: i64) -> bool {
+        now_ns >= self.due_ns
+    }
+
+    /// Posts what `figures` gives, some times a second.
+    pub(crate) fn put(&mut self, now_ns: i64, figures: impl FnOnce() -> ImuFigures) {
+        if !self.is_due(now_ns) {
+            return;
+        }
+        if let Ok(mut board) = self.monitor.0.try_lock() {
+            *board = figures();
+            self.due_ns = now_ns.saturating_add(PERIOD_NS);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn figures_are_posted_some_times_a_second_and_never_waited_for() {
+        let mut post = Post::default();
+        let monitor = post.monitor();
+        let of = |samples| move || ImuFigures { samples, ..ImuFigures::default() };
+        post.put(0, of(1));
+        post.put(PERIOD_NS - 1, of(2));
+        assert_eq!(monitor.read().samples, 1);
+        let held = monitor.0.lock().unwrap();
+        post.put(PERIOD_NS, of(3));
+        drop(held);
+        assert_eq!(monitor.read().samples, 1);
+        post.put(PERIOD_NS + 1, of(4));
+        assert_eq!(monitor.read().samples, 4);
+    }
+}

@@ -1,0 +1,31 @@
+//! Inertial sensors on a serial line.
+//!
+//! A [`port`](Port) that comes and goes gives bytes; one [framing layer](framing) makes frames of them, whatever stands
+//! between; a protocol says what they mean: [MAVLink](mavlink), [VectorNav](vectornav), [Xsens](xsens) and
+//! [our own](plumbline). A [stream](Stream) makes readings of that, on the host's clock. [`SerialImu`] is all of it behind
+//! [`ImuSource`](crate::ImuSource).
+
+#[cfg(test)]
+mod fixture;
+pub mod framing;
+mod imu;
+mod low_latency;
+pub mod mavlink;
+pub mod plumbline;
+mod port;
+mod ports;
+pub mod protocol;
+#[cfg(test)]
+mod realtime;
+#[cfg(any(test, feature = "fuzzing"))]
+pub(crate) mod simulated;
+mod stream;
+#[cfg(test)]
+mod tests;
+pub mod vectornav;
+pub mod xsens;
+
+pub use imu::SerialImu;
+pub use port::{Port, Waited, open_line};
+pub use ports::{SerialPortInfo, serial_ports};
+pub use stream::{Stream, TriggerEvent};

@@ -1,0 +1,177 @@
+//! From what the frames of a device say to readings: a function of bytes and of their times, without a device or a clock.
+
+use super::framing::Deframer;
+use super::protocol::{Answer, Content, DeviceSample, Outgoing, Protocol};
+use crate::ImuReading;
+use crate::clock::{DeviceClock, RoundTrip, Stamped, Unwrap};
+use crate::inertial::{ImuFigures, LinkFigures, Numbering, Verdict, Watch};
+use plumbline_config::options::ImuConfig;
+use plumbline_config::{ImuSample, Timestamp};
+use plumbline_protocol::Trigger;
+use rtrb::Producer;
+
+/// The cameras were triggered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TriggerEvent {
+    /// Counts triggers since the microcontroller was started; begins anew after 2^32.
+    pub counter: u32,
+    /// When the exposure began, by the host's clock.
+    pub stamp: Timestamp,
+    /// How long the pulse is, ns; 0 where the cameras decide on their exposure.
+    pub pulse_ns: u32,
+    /// Which cameras: bit 0 is the first.
+    pub cameras: u8,
+}
+
+/// Bytes to readings.
+pub struct Stream {
+    protocol: Box<dyn Protocol>,
+    deframer: Deframer,
+    time: Unwrap,
+    tick_ns: i64,
+    counter: Unwrap,
+    clock: DeviceClock,
+    watch: Watch,
+    numbering: Numbering,
+    delay_ns: i64,
+    triggers: Option<Producer<TriggerEvent>>,
+    /// Those that the parts do not count themselves.
+    figures: ImuFigures,
+}
+
+impl Stream {
+    /// For a device that speaks `protocol` and measures as `imu` says; `delay_ns` is taken off every stamp.
+    pub fn new(
+        protocol: Box<dyn Protocol>,
+        imu: &ImuConfig,
+        delay_ns: i64,
+        triggers: Option<Producer<TriggerEvent>>,
+    ) -> Self {
+        let unit = protocol.time_unit();
+        Self {
+            deframer: Deframer::default(),
+            time: Unwrap::new(unit.bits),
+            tick_ns: unit.tick_ns,
+            counter: Unwrap::new(protocol.counter_bits()),
+            clock: DeviceClock::new(protocol.asks_time()),
+            watch: Watch::new(imu),
+            numbering: Numbering::new(imu.rate_hz),
+            delay_ns,
+            triggers,
+            protocol,
+            figures: ImuFigures::default(),
+        }
+    }
+
+    /// Where bytes go that have come; [`Self::came`] says how many. Everything that came before has to be taken with
+    /// [`Self::next`].
+    pub fn space(&mut self) -> &mut [u8] {
+        self.deframer.space()
+    }
+
+    /// So many bytes came.
+    pub fn came(&mut self, count: usize) {
+        self.deframer.advance(count);
+    }
+
+    /// The next reading of what came, the last bytes at `arrival_ns` of the host.
+    pub fn next(&mut self, arrival_ns: i64) -> Option<ImuReading> {
+        loop {
+            let content = {
+                let Self { deframer, protocol, .. } = self;
+                let frame = deframer.next(|bytes| protocol.scan(bytes))?;
+                protocol.decode(frame)
+            };
+            match content {
+                Content::Sample(sample) => {
+                    if let Some(reading) = self.sample(&sample, arrival_ns) {
+                        return Some(reading);
+                    }
+                }
+                Content::Answer(answer) => self.answer(&answer, arrival_ns),
+                Content::Trigger(trigger) => self.trigger(&trigger),
+                Content::Lacking(what) => self.figures.lacking = Some(what),
+                Content::Malformed => self.figures.malformed += 1,
+                Content::Hello(_) | Content::Settings(_) | Content::Other => {}
+            }
+        }
+    }
+
+    /// What is to be said to the device.
+    pub fn request(&mut self, now_ns: i64, into: &mut Outgoing) {
+        self.protocol.request(now_ns, into);
+    }
+
+    /// The line was opened anew. The device's clock is kept: one that runs on is still right, and another is noticed.
+    pub fn reopened(&mut self) {
+        self.deframer.clear();
+        self.protocol.restart();
+    }
+
+    /// What became of the samples; how the device came and went is for the port to say.
+    #[must_use]
+    pub fn figures(&self, link: LinkFigures) -> ImuFigures {
+        ImuFigures {
+            loss: self.numbering.figures(),
+            watch: self.watch.figures(),
+            clock: self.clock.figures(),
+            framing: self.deframer.figures(),
+            link,
+            ..self.figures
+        }
+    }
+
+    fn sample(&mut self, sample: &DeviceSample, arrival_ns: i64) -> Option<ImuReading> {
+        self.figures.lacking = None;
+        let counter = sample.counter.map(|counter| self.counter.extend(counter));
+        let device_ns = self.time.extend(sample.ticks).checked_mul(self.tick_ns);
+        let Some(device_ns) = device_ns else {
+            self.figures.malformed += 1;
+            return None;
+        };
+        let stamp_ns = match self.clock.sample(device_ns, arrival_ns) {
+            Stamped::At(stamp_ns) => stamp_ns.saturating_sub(self.delay_ns),
+            Stamped::Settling => {
+                self.figures.settling += 1;
+                return None;
+            }
+            Stamped::Refused => return None,
+        };
+        if let Some(temperature_c) = sample.temperature_c {
+            self.watch.temperature(temperature_c, stamp_ns);
+        }
+        let verdict = match sample.is_failed {
+            true => self.watch.failed(),
+            false => self.watch.look(&sample.gyro, &sample.accel, sample.is_saturated),
+        };
+        if verdict == Verdict::Drop {
+            return None;
+        }
+        self.figures.samples += 1;
+        let sequence = self.numbering.next(counter, stamp_ns);
+        let stamp = Timestamp::from_nanos(stamp_ns);
+        Some(ImuReading { sequence, sample: ImuSample { stamp, gyro: sample.gyro, accel: sample.accel } })
+    }
+
+    fn answer(&mut self, answer: &Answer, arrival_ns: i64) {
+        self.clock.round_trip(&RoundTrip {
+            sent_ns: answer.asked_ns,
+            device_received_ns: answer.device_received_ns,
+            device_sent_ns: answer.device_sent_ns,
+            received_ns: arrival_ns,
+        });
+    }
+
+    fn trigger(&mut self, trigger: &Trigger) {
+        let Some(triggers) = &mut self.triggers else { return };
+        let stamp_ns = i64::try_from(trigger.time_ns).ok().and_then(|ns| self.clock.to_host(ns));
+        let event = stamp_ns.map(|ns| TriggerEvent {
+            counter: trigger.counter,
+            stamp: Timestamp::from_nanos(ns),
+            pulse_ns: trigger.pulse_ns,
+            cameras: trigger.cameras,
+        });
+        let is_taken = event.is_some_and(|event| triggers.push(event).is_ok());
+        self.figures.triggers_lost += u64::from(!is_taken);
+    }
+}
