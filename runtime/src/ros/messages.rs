@@ -4,14 +4,14 @@
 //!
 //! - a robot's frame `base_link` has x forward, y left, z up (REP 103), our body `B` has the axes of the IMU: poses
 //!   and twists are told of the vehicle's frame `V`, with its origin in the IMU;
-//! - a pose's covariance is about the **axes of the header's frame** (`geometry_msgs/PoseWithCovariance`: "fixed
-//!   axes"), ours of the attitude is about those of the body;
-//! - a twist is in the **child frame**, our velocity is in the odometry frame.
+//! - a twist is in the **child frame**, our velocity is in the odometry frame;
+//! - covariances are about other axes ([`super::covariance`]).
 //!
 //! The fields of the structures are those of the `.msg` files, in their order: it is the order on the wire.
 
-use nalgebra::{Isometry3, Matrix3, Matrix6, SMatrix, UnitQuaternion, Vector3};
-use plumbline_estimator::{NavCovariance, Odometry};
+use super::covariance::{pose_covariance_o, rotated, twist_covariance_b};
+use nalgebra::{Isometry3, Matrix6, UnitQuaternion, Vector3};
+use plumbline_estimator::Odometry;
 use serde::Serialize;
 
 /// `builtin_interfaces/msg/Time`.
@@ -197,49 +197,6 @@ impl<'a> Frames<'a> {
     }
 }
 
-/// Covariance of position and of the rotation about the axes of `O`: `dtheta_o = R dtheta_b`.
-fn pose_covariance_o(rot_o_b: &UnitQuaternion<f64>, covariance: &NavCovariance) -> Matrix6<f64> {
-    let mut jacobian = Matrix6::identity();
-    jacobian.fixed_view_mut::<3, 3>(3, 3).copy_from(rot_o_b.to_rotation_matrix().matrix());
-    let own = covariance.fixed_view::<6, 6>(0, 0);
-    jacobian * own * jacobian.transpose()
-}
-
-/// Covariance of the velocity in `B` and of the angular rate. `v_b = Rᵀ v_o` changes with velocity and attitude
-/// by `Rᵀ dv_o + [v_b]x dtheta_b`; so an uncertain heading, which no velocity in the body depends on, drops out.
-fn twist_covariance_b(
-    rot_o_b: &UnitQuaternion<f64>,
-    v_b: &Vector3<f64>,
-    covariance: &NavCovariance,
-    angular_rate_sigma_rad_s: f64,
-) -> Matrix6<f64> {
-    let jacobian = velocity_jacobian(rot_o_b, v_b);
-    let own = covariance.fixed_view::<6, 6>(3, 3);
-    let linear = jacobian * own * jacobian.transpose();
-    let mut twist = Matrix6::zeros();
-    twist.fixed_view_mut::<3, 3>(0, 0).copy_from(&linear);
-    let angular = Matrix3::from_diagonal_element(angular_rate_sigma_rad_s.powi(2));
-    twist.fixed_view_mut::<3, 3>(3, 3).copy_from(&angular);
-    twist
-}
-
-/// The covariance of two vectors after both were rotated.
-fn rotated(rotation: &UnitQuaternion<f64>, covariance: &Matrix6<f64>) -> Matrix6<f64> {
-    let mut jacobian = Matrix6::zeros();
-    for at in [0, 3] {
-        jacobian.fixed_view_mut::<3, 3>(at, at).copy_from(rotation.to_rotation_matrix().matrix());
-    }
-    jacobian * covariance * jacobian.transpose()
-}
-
-/// Change of `v_b` with attitude (right perturbation) and `v_o`.
-fn velocity_jacobian(rot_o_b: &UnitQuaternion<f64>, v_b: &Vector3<f64>) -> SMatrix<f64, 3, 6> {
-    let mut jacobian = SMatrix::<f64, 3, 6>::zeros();
-    jacobian.fixed_view_mut::<3, 3>(0, 0).copy_from(&v_b.cross_matrix());
-    jacobian.fixed_view_mut::<3, 3>(0, 3).copy_from(rot_o_b.inverse().to_rotation_matrix().matrix());
-    jacobian
-}
-
 fn xyz(v: &Vector3<f64>) -> Xyz {
     Xyz { x: v.x, y: v.y, z: v.z }
 }
@@ -261,7 +218,7 @@ mod tests {
     use super::super::cdr::encode;
     use super::*;
     use plumbline_config::Timestamp;
-    use plumbline_estimator::TrackingState;
+    use plumbline_estimator::{NavCovariance, TrackingState};
     use std::f64::consts::PI;
 
     /// An IMU that sits as the vehicle does.
@@ -391,53 +348,13 @@ mod tests {
     }
 
     #[test]
-    fn the_velocity_is_the_body_s_and_changes_with_the_state_as_the_jacobian_says() {
+    fn the_twist_is_the_body_s_where_the_imu_sits_as_the_vehicle_does() {
         let o = odometry();
-        let rot = o.pose_o_b.rotation;
-        let v_b = |theta: Vector3<f64>, dv: Vector3<f64>| {
-            (rot * UnitQuaternion::from_scaled_axis(theta)).inverse() * (o.v_o_b + dv)
-        };
-        let nominal = v_b(Vector3::zeros(), Vector3::zeros());
-        assert_eq!(aligned().odometry(&o, Time::from_nanos(0)).twist.twist.linear, xyz(&nominal));
-        let jacobian = velocity_jacobian(&rot, &nominal);
-        let step = 1e-6;
-        for k in 0..3 {
-            let e = Vector3::ith(k, step);
-            let by_attitude = (v_b(e, Vector3::zeros()) - v_b(-e, Vector3::zeros())) / (2.0 * step);
-            let by_velocity = (v_b(Vector3::zeros(), e) - v_b(Vector3::zeros(), -e)) / (2.0 * step);
-            assert!((by_attitude - jacobian.column(k)).norm() < 1e-8, "{by_attitude} {jacobian}");
-            assert!((by_velocity - jacobian.column(k + 3)).norm() < 1e-8, "{by_velocity} {jacobian}");
-        }
-    }
-
-    #[test]
-    fn the_covariance_of_the_attitude_is_about_the_axes_of_the_odometry_frame() {
-        let mut o = odometry();
-        // The body's x axis points along y of the odometry frame: what is uncertain about the one is
-        // uncertain about the other.
-        o.pose_o_b.rotation =
-            UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::FRAC_PI_2);
-        o.covariance = NavCovariance::zeros();
-        o.covariance[(3, 3)] = 0.04;
-        o.covariance[(0, 3)] = 0.1;
-        o.covariance[(3, 0)] = 0.1;
-        let covariance = aligned().odometry(&o, Time::from_nanos(0)).pose.covariance;
-        assert!((covariance[4][4] - 0.04).abs() < 1e-15 && covariance[3][3].abs() < 1e-15);
-        assert!((covariance[0][4] - 0.1).abs() < 1e-15 && (covariance[4][0] - 0.1).abs() < 1e-15);
-    }
-
-    #[test]
-    fn an_uncertain_heading_makes_no_velocity_of_the_body_uncertain() {
-        let mut o = odometry();
-        // The whole trajectory is turned about the vertical by an unknown angle, velocity and attitude alike.
-        let axis_b = o.pose_o_b.rotation.inverse() * Vector3::z();
-        let turned = Vector3::z().cross(&o.v_o_b);
-        let mut direction = SMatrix::<f64, 9, 1>::zeros();
-        direction.fixed_rows_mut::<3>(3).copy_from(&axis_b);
-        direction.fixed_rows_mut::<3>(6).copy_from(&turned);
-        o.covariance = direction * direction.transpose();
-        let covariance = aligned().odometry(&o, Time::from_nanos(0)).twist.covariance;
-        assert!((0..3).all(|k| covariance[k][k].abs() < 1e-14), "{covariance:?}");
-        assert!((covariance[5][5] - 1e-4).abs() < 1e-18);
+        let message = aligned().odometry(&o, Time::from_nanos(0));
+        assert_eq!(message.twist.twist.linear, xyz(&(o.pose_o_b.rotation.inverse() * o.v_o_b)));
+        assert_eq!(message.twist.twist.angular, xyz(&o.angular_rate_b));
+        // Both covariances are those that belong to it.
+        let own = pose_covariance_o(&o.pose_o_b.rotation, &o.covariance);
+        assert_eq!(message.pose.covariance, rows(&own));
     }
 }

@@ -4,7 +4,8 @@
 //! between the two is a way of writing, and that is all there is here; no part of ROS is needed:
 //!
 //! - [`messages`]: `nav_msgs/msg/Odometry`, `geometry_msgs/msg/PoseStamped` and `tf2_msgs/msg/TFMessage` from
-//!   an estimate, with what ROS means by a covariance and by a twist;
+//!   an estimate, with what ROS means by a covariance and by a twist
+//!   ([`covariance`]);
 //! - [`cdr`]: their bytes;
 //! - [`names`]: the keys on which `rmw_zenoh` looks for them, the liveliness tokens by which it lists nodes and
 //!   publishers, and what it attaches to a sample;
@@ -18,6 +19,7 @@
 //! Source: `docs/design.md` of ros2/rmw_zenoh, and its `liveliness_utils.cpp` where that is not precise.
 
 pub mod cdr;
+pub mod covariance;
 pub mod messages;
 pub mod names;
 pub mod node;
