@@ -1,13 +1,14 @@
 //! `plumbline map`: maps from images with known poses, images located in maps, and what is in a map.
 
 use super::{Usage, check_outputs, load_config, say};
+use crate::evaluate::load_trajectory;
 use crate::places::build::{BuildOptions, LocatedFrame, build, locate};
 use crate::places::frames::{Choice, Frames};
 use crate::places::{MapContents, codec, merge, ply, read_map, write_map};
 use anyhow::{Context as _, Result};
 use clap::{Args, Subcommand};
 use plumbline_drivers::StampedPose;
-use plumbline_drivers::tum::{read_tum, write_tum};
+use plumbline_drivers::tum::write_tum;
 use plumbline_estimator::places::{ExtractorOptions, LocatorOptions, MapLimits};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -87,8 +88,9 @@ impl ImageArgs {
 struct BuildArgs {
     #[command(flatten)]
     images: ImageArgs,
-    /// Poses of the body (TUM format): ground truth, or a trajectory that was estimated.
-    #[arg(long, value_name = "FILE.tum")]
+    /// Poses of the body, ground truth or estimated: TUM (plain or .gz), a EuRoC ground truth table, or a EuRoC data set
+    /// that has one.
+    #[arg(long, value_name = "POSES")]
     poses: PathBuf,
     /// The map to be written.
     #[arg(long, value_name = "OUT.map")]
@@ -147,7 +149,7 @@ fn run_build(args: &BuildArgs) -> Result<()> {
     if !(0.0..=1e3).contains(&args.spacing) {
         return Err(Usage(format!("--spacing {}: give metres, 0 or more", args.spacing)).into());
     }
-    let poses = read_tum(&args.poses)?;
+    let poses = load_trajectory(&args.poses)?;
     let limits = args.limits.limits();
     let mut frames = args.images.open(limits.features)?;
     let (map, figures) = build(&mut frames, &poses, &BuildOptions { spacing_m: args.spacing, limits })?;
