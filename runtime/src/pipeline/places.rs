@@ -3,7 +3,7 @@
 //!
 //! What was begun with frame `k` takes effect [`PLACES_DELAY_FRAMES`] frames later, however early it was ready, so that
 //! every executor gives the same bits. In a live run it may come later still, or be passed over when the one before is
-//! not done: then that is an order ([`MapOrder`](super::orders::MapOrder)), and an input of a re-execution.
+//! not done: then that is an order ([`MapOrder`]), and an input of a re-execution.
 
 use super::clock::Stopwatch;
 use super::digest::Digest;
