@@ -26,7 +26,7 @@ export NEXTEST_PROFILE ?= $(if $(CI),ci,default)
 
 # The steps are in order; cargo is parallel itself.
 .NOTPARALLEL:
-.PHONY: help demo build test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny soak digests bench doc doctests setup clean \
+.PHONY: help demo build test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny soak loops digests bench doc doctests setup clean \
 	fuzz fuzz-all fuzz-smoke vm
 
 help: ## this list
@@ -89,6 +89,9 @@ vm: ## the cameras' driver behind a real kernel, in a virtual machine (VM_SECOND
 	@scripts/setup base
 	@scripts/vm setup
 	PLUMBLINE_VM_SECONDS=$(VM_SECONDS) $(CARGO) test $(FLAGS) -p plumbline-drivers --test vm -- --nocapture $(ARGS)
+
+loops: setup ## simulated flights of two laps along recorded paths, with and without loops (PLUMBLINE_LOOP_SEEDS=1)
+	$(CARGO) nextest run $(FLAGS) --workspace --run-ignored only --no-capture -E 'test(=loops::two_laps_of_recorded_paths)' $(ARGS)
 
 digests: setup ## writes tests/digests.toml anew, after a change of the estimator that is meant
 	$(CARGO) nextest run $(FLAGS) --workspace --run-ignored only -E 'test(=digests::record_digests)' $(ARGS)

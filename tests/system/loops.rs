@@ -141,8 +141,8 @@ const PATHS: [(&str, f64, Scene); 6] = [
 
 /// `PLUMBLINE_LOOP_SEEDS=1..10` for other seeds than the first.
 #[test]
-#[ignore = "a campaign of half an hour: make soak"]
-fn two_laps_of_recorded_paths_soak() {
+#[ignore = "a campaign of a quarter of an hour: make loops"]
+fn two_laps_of_recorded_paths() {
     let Some(shared) = shared("euroc/trajectories") else { return };
     let seeds: u64 = std::env::var("PLUMBLINE_LOOP_SEEDS").ok().and_then(|s| s.parse().ok()).unwrap_or(1);
     let mut failures = Vec::new();

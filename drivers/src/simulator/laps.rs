@@ -19,9 +19,11 @@ pub(super) fn laps(flight: &Trajectory, (from_s, lap_s): (f64, f64), laps: u32) 
     let distance = (last.translation.vector - first.translation.vector).norm();
     let angle = last.rotation.angle_to(&first.rotation);
     let way_s = SHORTEST_WAY_S.max(distance / SPEED.0).max(angle / SPEED.1) + 2.0 * FADE_S;
-    let round_s = lap_s + way_s;
+    // Whole samples, so that every lap is sampled at the same places.
+    let round_s = ((lap_s + way_s) / SAMPLE_STEP_S).ceil() * SAMPLE_STEP_S;
+    let way_s = round_s - lap_s;
     let end_s = f64::from(laps) * round_s - way_s;
-    let count = (end_s / SAMPLE_STEP_S).floor() as usize;
+    let count = (end_s / SAMPLE_STEP_S + 1e-6).floor() as usize;
     let begin = flight.begin().plus_seconds(from_s);
     let sample = |k: usize| {
         let t = k as f64 * SAMPLE_STEP_S;
