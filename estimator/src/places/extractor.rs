@@ -20,7 +20,7 @@ const SUBPIXEL_WINDOW: i32 = 4;
 /// Steps of the sub-pixel refinement.
 const SUBPIXEL_STEPS: usize = 4;
 /// A corner that moves further than this in its refinement is none, px of the level.
-const MAX_SUBPIXEL_MOVE: f32 = 2.0;
+const MAX_SUBPIXEL_MOVE: f32 = 6.0;
 /// Limits of the flow that finds a corner in the other camera, as of the tracker.
 const STEREO_ITERATIONS: usize = 10;
 const MAX_RETURN_PX: f32 = 0.7;

@@ -1,27 +1,46 @@
 //! Which keyframes hold features like these? Words without a vocabulary, and votes.
 //!
-//! A descriptor has [`TABLES`] words: [`WORD_BITS`] of its bits each (locality-sensitive hashing for the Hamming
-//! distance, Indyk and Motwani 1998). Descriptors that differ in a tenth of their bits share one of four words with a
-//! probability of six tenths. A stored feature that shares a word is compared whole, so that chance does not vote
-//! (Hamming embedding, Jégou et al. 2008). A vote weighs as the feature is rare: `ln(1 + keyframes / keyframes voted
-//! for)`, the inverse document frequency.
+//! The word of a descriptor is [`WORD_BITS`] of its bits (locality-sensitive hashing for the Hamming distance, Indyk and
+//! Motwani 1998). A feature is stored under its word; a query looks under its own word and under those that differ in
+//! one bit (multi-probe, Lv et al. 2007), so that one list of a feature does the work of several tables. A stored
+//! feature that is met is compared whole, so that chance does not vote (Hamming embedding, Jégou et al. 2008). A vote
+//! weighs as the feature is rare: `ln(1 + keyframes / keyframes voted for)`, the inverse document frequency.
 //!
 //! Lists are chains through one array; the place of a feature in the map is its place in the array, so that nothing
-//! is allocated and a keyframe is taken out as quickly as it was put in.
+//! is allocated and a keyframe is taken out as quickly as it was put in. A step along a chain waits for memory; the
+//! chains of a feature are walked side by side, so that these waits overlap, and so that none is favoured when the work
+//! that is allowed for a feature ends.
+//!
+//! What else was tried, vocabularies among it, stands in `docs/places.md`.
 
-use super::descriptor::Descriptor;
+use super::descriptor::{BITS, Descriptor};
 use super::feature::Feature;
+use super::random::Random;
 
-/// Words of a descriptor.
-pub const TABLES: usize = 4;
 /// Bits of a word.
-pub const WORD_BITS: usize = 14;
-/// Stored features looked at for one word, at most: a word that so many share says little.
-const MAX_CHAIN: usize = 256;
+pub const WORD_BITS: usize = 20;
+/// Words that are looked under: that of the feature, and its neighbours.
+const PROBES: usize = WORD_BITS + 1;
+/// Stored features that one of a query is compared with, at most: words that so many share say little.
+const MAX_COMPARED: usize = 512;
 /// Descriptors that differ in more bits are not alike.
 const MAX_VOTE_DISTANCE: u32 = 64;
 /// End of a chain.
 const NONE: u32 = u32::MAX;
+
+/// Which bits of a descriptor make its word.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct IndexOptions {
+    /// Seed by which they are drawn. The bits of a descriptor are comparisons at places drawn at random, so that no choice
+    /// is better than another one beforehand: what is found must not hang on it.
+    pub word_seed: u64,
+}
+
+impl Default for IndexOptions {
+    fn default() -> Self {
+        Self { word_seed: 1 }
+    }
+}
 
 /// A keyframe and how well it fits a query.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,6 +55,7 @@ pub struct Candidate {
 #[derive(Clone, Debug)]
 pub struct Index {
     stride: usize,
+    word_bits: [u8; WORD_BITS],
     heads: Vec<u32>,
     next: Vec<u32>,
 }
@@ -48,6 +68,8 @@ pub struct Votes {
     voted: Vec<(u32, u32)>,
     touched: Vec<u32>,
     candidates: Vec<Candidate>,
+    /// Stored features that a feature is compared with.
+    compared: Vec<u32>,
 }
 
 impl Votes {
@@ -59,6 +81,7 @@ impl Votes {
             voted: vec![(NONE, 0); keyframes],
             touched: Vec::with_capacity(keyframes),
             candidates: Vec::with_capacity(keyframes),
+            compared: Vec::with_capacity(MAX_COMPARED),
         }
     }
 }
@@ -66,38 +89,30 @@ impl Votes {
 impl Index {
     /// For `keyframes` of up to `features` each.
     #[must_use]
-    pub fn new(keyframes: usize, features: usize) -> Self {
+    pub fn new(keyframes: usize, features: usize, options: &IndexOptions) -> Self {
         Self {
             stride: features,
-            heads: vec![NONE; TABLES << WORD_BITS],
-            next: vec![NONE; keyframes * features * TABLES],
+            word_bits: draw_bits(options.word_seed),
+            heads: vec![NONE; 1 << WORD_BITS],
+            next: vec![NONE; keyframes * features],
         }
     }
 
     /// Puts the features of a keyframe in.
     pub fn insert(&mut self, slot: usize, features: &[Feature]) {
         for (i, feature) in features.iter().enumerate() {
-            for table in 0..TABLES {
-                let node = self.node(slot, i, table);
-                let head = &mut self.heads[word(&feature.descriptor, table)];
-                self.next[node] = std::mem::replace(head, node as u32);
-            }
+            let node = slot * self.stride + i;
+            let word = self.word(&feature.descriptor);
+            self.next[node] = std::mem::replace(&mut self.heads[word], node as u32);
         }
     }
 
     /// Takes the features of a keyframe out; they must be those that were put in.
     pub fn remove(&mut self, slot: usize, features: &[Feature]) {
         for (i, feature) in features.iter().enumerate() {
-            for table in 0..TABLES {
-                let node = self.node(slot, i, table);
-                let word = word(&feature.descriptor, table);
-                self.unlink(word, node as u32);
-            }
+            let node = slot * self.stride + i;
+            self.unlink(self.word(&feature.descriptor), node as u32);
         }
-    }
-
-    fn node(&self, slot: usize, feature: usize, table: usize) -> usize {
-        (slot * self.stride + feature) * TABLES + table
     }
 
     fn unlink(&mut self, word: usize, node: u32) {
@@ -117,6 +132,12 @@ impl Index {
         }
     }
 
+    /// The word of a descriptor: where its chain begins.
+    fn word(&self, descriptor: &Descriptor) -> usize {
+        let bit = |at: u8| (descriptor.0[usize::from(at >> 6)] >> (at & 63)) as usize & 1;
+        self.word_bits.iter().enumerate().fold(0, |word, (i, &at)| word | bit(at) << i)
+    }
+
     /// Keyframes that hold features like those of a query, best first (ties: by slot). `stored` are the features of
     /// all slots, `counts` how many each slot has; `allowed` passes over keyframes.
     pub fn query<'a>(
@@ -131,10 +152,8 @@ impl Index {
         votes.voted.fill((NONE, 0));
         let keyframes = counts.iter().filter(|c| **c > 0).count() as f32;
         for (i, feature) in features.iter().enumerate() {
-            votes.touched.clear();
-            for table in 0..TABLES {
-                self.collect(i as u32, &feature.descriptor, table, stored, votes);
-            }
+            self.walk(&feature.descriptor, &mut votes.compared);
+            self.vote(i as u32, &feature.descriptor, stored, votes);
             let weight = (1.0 + keyframes / votes.touched.len().max(1) as f32).ln();
             for &slot in &votes.touched {
                 let distance = votes.voted[slot as usize].1 as f32;
@@ -152,40 +171,50 @@ impl Index {
         &votes.candidates
     }
 
-    fn collect(
-        &self,
-        query: u32,
-        descriptor: &Descriptor,
-        table: usize,
-        stored: &[Feature],
-        votes: &mut Votes,
-    ) {
-        let mut at = self.heads[word(descriptor, table)];
-        for _ in 0..MAX_CHAIN {
-            if at == NONE {
-                return;
+    /// Follows the chains of a descriptor, one step of each at a time.
+    fn walk(&self, descriptor: &Descriptor, compared: &mut Vec<u32>) {
+        let word = self.word(descriptor);
+        let mut chains: heapless::Vec<u32, PROBES> = heapless::Vec::new();
+        let neighbours = (0..WORD_BITS).map(|bit| word ^ (1 << bit));
+        chains.extend(std::iter::once(word).chain(neighbours).map(|w| self.heads[w]).filter(|h| *h != NONE));
+        compared.clear();
+        while !chains.is_empty() && compared.len() + chains.len() <= MAX_COMPARED {
+            compared.extend_from_slice(&chains);
+            chains.retain_mut(|at| {
+                *at = self.next[*at as usize];
+                *at != NONE
+            });
+        }
+    }
+
+    /// The keyframes that feature `query` votes for, and its distance to each.
+    fn vote(&self, query: u32, descriptor: &Descriptor, stored: &[Feature], votes: &mut Votes) {
+        votes.touched.clear();
+        for &feature in &votes.compared {
+            let distance = stored[feature as usize].descriptor.distance(descriptor);
+            if distance > MAX_VOTE_DISTANCE {
+                continue;
             }
-            let feature = at as usize / TABLES;
-            let distance = stored[feature].descriptor.distance(descriptor);
-            if distance <= MAX_VOTE_DISTANCE {
-                let slot = feature / self.stride;
-                let voted = &mut votes.voted[slot];
-                if voted.0 != query {
-                    *voted = (query, distance);
-                    votes.touched.push(slot as u32);
-                } else {
-                    voted.1 = voted.1.min(distance);
-                }
+            let slot = feature as usize / self.stride;
+            let voted = &mut votes.voted[slot];
+            if voted.0 != query {
+                *voted = (query, distance);
+                votes.touched.push(slot as u32);
+            } else {
+                voted.1 = voted.1.min(distance);
             }
-            at = self.next[at as usize];
         }
     }
 }
 
-/// A word of a descriptor: where its chain begins.
-fn word(descriptor: &Descriptor, table: usize) -> usize {
-    let bits = descriptor.0[table] as usize & ((1 << WORD_BITS) - 1);
-    (table << WORD_BITS) | bits
+/// Different bits, drawn by a seed.
+fn draw_bits(seed: u64) -> [u8; WORD_BITS] {
+    let mut random = Random::new(seed);
+    let mut order: [u8; BITS] = std::array::from_fn(|i| i as u8);
+    for i in 0..WORD_BITS {
+        order.swap(i, i + random.below(BITS - i));
+    }
+    std::array::from_fn(|i| order[i])
 }
 
 #[cfg(test)]
@@ -221,7 +250,7 @@ mod tests {
     #[test]
     fn the_keyframe_seen_again_comes_first_until_it_is_taken_out() {
         let keyframes: Vec<_> = (0..40).map(keyframe).collect();
-        let mut index = Index::new(40, FEATURES);
+        let mut index = Index::new(40, FEATURES, &IndexOptions::default());
         keyframes.iter().enumerate().for_each(|(slot, f)| index.insert(slot, f));
         let stored = keyframes.concat();
         let mut votes = Votes::new(40);

@@ -2,12 +2,14 @@
 //!
 //! Keyframes that look alike are grouped with their neighbours; the features of a group are matched, a pose is found
 //! and refined, and then tried: with it, far more points of the map must be where it says than chance allows. What is
-//! believed must have enough inliers, spread over the image, of those points that ought to be seen enough must be, and
-//! the covariance must say that the pose is well determined.
+//! believed must have enough inliers, spread over the image, and the covariance must say that the pose is well
+//! determined. Of groups that speak for different places the one with the most evidence is believed, if none other comes
+//! near it: a map may hold two places that look alike.
 
 use super::feature::Feature;
-use super::index::Votes;
-use super::map::{Keyframe, MAX_NEIGHBOURS, PlaceMap};
+use super::guide::Guide;
+use super::index::{Candidate, Votes};
+use super::map::{Keyframe, MAX_NEIGHBOUR_DISTANCE, PlaceMap, view_distance_within};
 use super::matching::{Match, Matcher};
 use super::ransac::Ransac;
 use super::refine::{Gravity, Problem, Refined};
@@ -15,10 +17,10 @@ use nalgebra::{Isometry3, Matrix6};
 
 /// Keyframes of a group at most: the candidate and its neighbours.
 const MAX_GROUP: usize = 4;
-/// Guided matching accepts descriptors that differ in so many bits: the place already says much.
-const MAX_GUIDED_DISTANCE: u32 = 96;
-/// Rounds of guided matching.
-const GUIDED_ROUNDS: usize = 2;
+/// Poses that differ by no more than this are of one place, m and rad.
+const SAME_POSE: (f64, f64) = (0.3, 0.09);
+/// Groups that can be verified at most, whatever the options say.
+const MAX_GROUPS: usize = 32;
 /// The image is divided into so many columns and rows to tell how widely inliers are spread.
 const SPREAD: [usize; 2] = [4, 3];
 
@@ -33,15 +35,20 @@ pub struct LocatorOptions {
     pub min_inliers: usize,
     /// Of the matches before guiding, so many must be inliers.
     pub min_inlier_share: f64,
-    /// Inliers before guiding, and a quarter of those after it: least sum. The first were found without knowing where
-    /// to look, and prove the more for it.
+    /// Least [evidence](Located::evidence): the inliers before guiding were found without knowing where to look, and
+    /// prove the more for it.
     pub min_evidence: f64,
+    /// A group that speaks for another place must have less than this share of the evidence.
+    pub max_rival_share: f64,
     /// Fields of a 4x3 grid over the image that hold inliers, at least.
     pub min_spread: usize,
     /// Largest standard deviation of the position in its worst direction, m.
     pub max_sigma_m: f64,
     /// The same of the attitude, rad.
     pub max_sigma_rad: f64,
+    /// Inliers err alike (one calibration, patches seen from one side), so no more than this count as independent of
+    /// each other.
+    pub max_independent: f64,
     /// Points of the map that a query is matched with, at most.
     pub max_points: usize,
     /// Standard deviation of the keyframes' own positions against each other, m: added to what is found.
@@ -58,11 +65,13 @@ impl Default for LocatorOptions {
             min_inliers: 15,
             min_inlier_share: 0.25,
             min_evidence: 15.0,
+            max_rival_share: 0.7,
             min_spread: 4,
             max_sigma_m: 0.08,
             max_sigma_rad: 0.03,
+            // This, and the errors of poses by motion capture, were found as `docs/places.md` tells.
+            max_independent: 30.0,
             max_points: 1600,
-            // Those of poses by motion capture: see `docs/places.md` for how they were found.
             map_sigma_m: 0.005,
             map_sigma_rad: 0.004,
         }
@@ -104,6 +113,12 @@ pub struct Located {
 }
 
 impl Located {
+    /// What speaks for the pose: inliers found without knowing where to look, and a quarter of those found with it.
+    #[must_use]
+    pub fn evidence(&self) -> f64 {
+        evidence(self.first_inliers, self.inliers)
+    }
+
     /// Standard deviation of the position in its worst direction, m.
     #[must_use]
     pub fn sigma_m(&self) -> f64 {
@@ -117,36 +132,120 @@ impl Located {
     }
 }
 
+/// Why a pose was not believed, or none was found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Doubt {
+    /// No pose agrees with enough matches.
+    NoPose,
+    /// What fits after guided matching does not determine a pose.
+    Undetermined,
+    /// Too few inliers.
+    Inliers,
+    /// Too few of the matches are inliers.
+    InlierShare,
+    /// Too few inliers were found without knowing where to look.
+    Evidence,
+    /// The inliers lie in a small part of the image.
+    Spread,
+    /// The position is not known well enough.
+    Position,
+    /// The attitude is not known well enough.
+    Attitude,
+    /// Another group speaks for another place, with nearly as much evidence.
+    Rival,
+}
+
+/// What became of a group that was verified.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Attempt {
+    /// Number of its keyframe.
+    pub keyframe_id: u32,
+    /// How much it looks like the frame.
+    pub score: f32,
+    /// Matches before guiding.
+    pub matches: usize,
+    /// Of those, inliers.
+    pub first_inliers: usize,
+    /// Matches that agree with the pose after guiding.
+    pub inliers: usize,
+    /// The pose of the body in the map, where one was found.
+    pub pose_m_b: Option<Isometry3<f64>>,
+    /// Why it was not believed; `None` when it was.
+    pub doubt: Option<Doubt>,
+}
+
+impl Attempt {
+    /// What speaks for its pose.
+    #[must_use]
+    pub fn evidence(&self) -> f64 {
+        evidence(self.first_inliers, self.inliers)
+    }
+
+    fn agrees_with(&self, found: &Located) -> bool {
+        self.pose_m_b.is_some_and(|pose| {
+            (pose.translation.vector - found.pose_m_b.translation.vector).norm() <= SAME_POSE.0
+                && pose.rotation.angle_to(&found.pose_m_b.rotation) <= SAME_POSE.1
+        })
+    }
+}
+
+/// Inliers before guiding, and a quarter of those after it.
+fn evidence(first_inliers: usize, inliers: usize) -> f64 {
+    first_inliers as f64 + 0.25 * inliers as f64
+}
+
 /// Locates frames. Everything is allocated at construction.
 #[derive(Clone, Debug)]
 pub struct Locator {
     options: LocatorOptions,
+    max_features: usize,
     votes: Votes,
     matcher: Matcher,
     ransac: Ransac,
-    guided: Vec<Match>,
-    query_taken: Vec<(u32, u32)>,
-    groups: heapless::Vec<Group, 32>,
+    guide: Guide,
+    groups: heapless::Vec<Group, MAX_GROUPS>,
+    attempts: heapless::Vec<Attempt, MAX_GROUPS>,
 }
 
-#[derive(Clone, Copy, Debug)]
+/// A keyframe and those of its neighbours that share most with it, as slots.
+#[derive(Clone, Debug)]
 struct Group {
-    slot: usize,
+    slots: heapless::Vec<usize, MAX_GROUP>,
     score: f32,
 }
 
+impl Group {
+    fn of(map: &PlaceMap, candidate: &Candidate, allowed: &impl Fn(&Keyframe) -> bool) -> Self {
+        let mut slots = heapless::Vec::new();
+        let _ = slots.push(candidate.slot);
+        let neighbours = map.keyframe(candidate.slot).map_or(&[][..], |k| k.neighbours.as_slice());
+        let neighbours = neighbours.iter().map(|n| usize::from(*n));
+        slots.extend(neighbours.filter(|n| map.keyframe(*n).is_some_and(allowed)).take(MAX_GROUP - 1));
+        Self { slots, score: candidate.score }
+    }
+
+    /// Whether it shows what is seen from a pose that was found: it would say the same, and is no rival.
+    fn is_near(&self, map: &PlaceMap, found: &Located, query: &Query<'_>) -> bool {
+        let pose_m_c = found.pose_m_b * query.pose_b_c;
+        let keyframe = self.slots.first().and_then(|slot| map.keyframe(*slot));
+        keyframe
+            .is_some_and(|k| view_distance_within(&k.pose_m_c(), &pose_m_c, MAX_NEIGHBOUR_DISTANCE).is_some())
+    }
+}
+
 impl Locator {
-    /// For maps of up to `keyframes` and frames of up to `features`.
+    /// For maps of up to `keyframes` and frames of up to `features`; what a frame has more is not looked at.
     #[must_use]
     pub fn new(options: &LocatorOptions, keyframes: usize, features: usize) -> Self {
         Self {
             options: options.clone(),
+            max_features: features,
             votes: Votes::new(keyframes),
             matcher: Matcher::new(features, options.max_points),
-            ransac: Ransac::new(features.max(options.max_points)),
-            guided: Vec::with_capacity(options.max_points),
-            query_taken: Vec::with_capacity(features),
+            ransac: Ransac::new(features),
+            guide: Guide::new(features),
             groups: heapless::Vec::new(),
+            attempts: heapless::Vec::new(),
         }
     }
 
@@ -157,55 +256,99 @@ impl Locator {
         query: &Query<'_>,
         allowed: impl Fn(&Keyframe) -> bool,
     ) -> Option<Located> {
-        self.rank(map, query, &allowed);
+        let features = &query.features[..query.features.len().min(self.max_features)];
+        let query = Query { features, ..*query };
+        self.attempts.clear();
+        self.rank(map, &query, &allowed);
+        self.guide.begin(features);
+        let mut best = None;
+        let mut put_off: heapless::Vec<usize, MAX_GROUPS> = heapless::Vec::new();
         for index in 0..self.groups.len() {
-            let found = self.try_group(map, query, self.groups[index].slot, &allowed);
-            if found.as_ref().is_some_and(|f| self.believes(f)) {
-                return found;
+            if best.as_ref().is_some_and(|best| self.groups[index].is_near(map, best, &query)) {
+                let _ = put_off.push(index);
+            } else {
+                best = self.try_for_better(map, &query, index, best);
             }
         }
-        None
+        // Where places contradict each other, all that speaks for each is heard.
+        if best.as_ref().is_some_and(|best| self.has_rival(best, 0.0)) {
+            for &index in &put_off {
+                best = self.try_for_better(map, &query, index, best);
+            }
+        }
+        let best = best?;
+        if self.has_rival(&best, self.options.max_rival_share) {
+            self.attempts.iter_mut().filter(|a| a.doubt.is_none()).for_each(|a| a.doubt = Some(Doubt::Rival));
+            return None;
+        }
+        Some(best)
     }
 
-    /// The groups to be verified: those whose keyframes look most like the query together.
+    /// Verifies a group: what it says, or what was found before, whichever has more evidence.
+    fn try_for_better(
+        &mut self,
+        map: &PlaceMap,
+        query: &Query<'_>,
+        index: usize,
+        best: Option<Located>,
+    ) -> Option<Located> {
+        let group = self.groups[index].clone();
+        match (best, self.try_group(map, query, &group)) {
+            (Some(a), Some(b)) => Some(if b.evidence() > a.evidence() { b } else { a }),
+            (a, b) => a.or(b),
+        }
+    }
+
+    /// Whether a group speaks for another place, with at least this share of the evidence of the best.
+    fn has_rival(&self, best: &Located, share: f64) -> bool {
+        let limit = share * best.evidence();
+        self.attempts.iter().any(|a| a.doubt.is_none() && !a.agrees_with(best) && a.evidence() >= limit)
+    }
+
+    /// The groups that were verified in the last call, the most alike first, and what became of them.
+    #[must_use]
+    pub fn attempts(&self) -> &[Attempt] {
+        &self.attempts
+    }
+
+    /// The groups to be verified: those of the keyframes that look most like the query. A keyframe that is in the
+    /// group of a better one has no group of its own.
     fn rank(&mut self, map: &PlaceMap, query: &Query<'_>, allowed: &impl Fn(&Keyframe) -> bool) {
         let candidates = map.query(query.features, allowed, &mut self.votes);
         self.groups.clear();
         let best = candidates.first().map_or(0.0, |c| c.score);
-        for candidate in candidates.iter().take(self.groups.capacity()) {
-            if candidate.score < self.options.min_relative_score * best {
+        let alike = candidates.iter().take_while(|c| c.score >= self.options.min_relative_score * best);
+        for candidate in alike {
+            if self.groups.len() >= self.options.max_candidates || self.groups.is_full() {
                 break;
             }
-            let Some(keyframe) = map.keyframe(candidate.slot) else { continue };
-            let of_neighbours = candidates
-                .iter()
-                .take(4 * self.groups.capacity())
-                .filter(|c| keyframe.neighbours.contains(&(c.slot as u16)))
-                .map(|c| c.score);
-            let score = candidate.score + 0.5 * of_neighbours.sum::<f32>();
-            let _ = self.groups.push(Group { slot: candidate.slot, score });
-        }
-        self.groups.sort_unstable_by(|a, b| b.score.total_cmp(&a.score).then(a.slot.cmp(&b.slot)));
-        self.groups.truncate(self.options.max_candidates);
-    }
-
-    fn try_group(
-        &mut self,
-        map: &PlaceMap,
-        query: &Query<'_>,
-        slot: usize,
-        allowed: &impl Fn(&Keyframe) -> bool,
-    ) -> Option<Located> {
-        let keyframe = map.keyframe(slot)?;
-        let mut slots: heapless::Vec<usize, { MAX_NEIGHBOURS + 1 }> = heapless::Vec::new();
-        let _ = slots.push(slot);
-        for &other in &keyframe.neighbours {
-            if slots.len() < MAX_GROUP && map.keyframe(usize::from(other)).is_some_and(allowed) {
-                let _ = slots.push(usize::from(other));
+            if !self.groups.iter().any(|g| g.slots.contains(&candidate.slot)) {
+                let _ = self.groups.push(Group::of(map, candidate, allowed));
             }
         }
-        self.matcher.gather(map, &slots);
-        self.matcher.match_features(map, query.features);
+    }
+
+    /// Verifies a group, and writes down what became of it.
+    fn try_group(&mut self, map: &PlaceMap, query: &Query<'_>, group: &Group) -> Option<Located> {
+        let keyframe = map.keyframe(*group.slots.first()?)?;
+        self.matcher.gather(map, &group.slots);
+        let found = self.verify(query, keyframe.id);
+        let doubt = found.as_ref().map_or_else(|doubt| Some(*doubt), |located| self.doubt(located));
+        let _ = self.attempts.push(Attempt {
+            keyframe_id: keyframe.id,
+            score: group.score,
+            matches: self.matcher.matches().len(),
+            first_inliers: self.ransac.inliers().len(),
+            inliers: found.as_ref().map_or(0, |l| l.inliers),
+            pose_m_b: found.as_ref().ok().map(|l| l.pose_m_b),
+            doubt,
+        });
+        found.ok().filter(|_| doubt.is_none())
+    }
+
+    /// A pose from the points gathered.
+    fn verify(&mut self, query: &Query<'_>, keyframe_id: u32) -> Result<Located, Doubt> {
+        self.matcher.match_features(query.features);
         let matches = self.matcher.matches();
         let problem = Problem {
             query: query.features,
@@ -213,72 +356,28 @@ impl Locator {
             pose_b_c: query.pose_b_c,
             gravity: query.gravity,
         };
-        let first = self.ransac.find(&problem, matches, query.seed)?;
-        let (matches, first_inliers) = (matches.len(), self.ransac.inliers().len());
-        let refined = self.guide(map, query, &first)?;
-        Some(Located {
+        let first = self.ransac.find(&problem, matches, query.seed).ok_or(Doubt::NoPose)?;
+        let refined = self.guide.refine(&problem, self.matcher.descriptors(), &first);
+        let refined = refined.ok_or(Doubt::Undetermined)?;
+        let inliers = self.guide.matches();
+        Ok(Located {
             pose_m_b: refined.pose_m_b,
             covariance: self.with_map_errors(&refined),
-            keyframe_id: keyframe.id,
-            inliers: self.guided.len(),
-            matches,
-            first_inliers,
-            spread: spread(query.features, &self.guided),
+            keyframe_id,
+            inliers: inliers.len(),
+            matches: matches.len(),
+            first_inliers: self.ransac.inliers().len(),
+            spread: spread(query.features, inliers),
             variance: refined.variance,
         })
-    }
-
-    /// Matches anew where the pose says that points are, and refines over what fits.
-    fn guide(&mut self, map: &PlaceMap, query: &Query<'_>, first: &Refined) -> Option<Refined> {
-        let mut refined = *first;
-        for _ in 0..GUIDED_ROUNDS {
-            let problem = Problem {
-                query: query.features,
-                points: self.matcher.points(),
-                pose_b_c: query.pose_b_c,
-                gravity: query.gravity,
-            };
-            self.query_taken.clear();
-            self.query_taken.resize(query.features.len(), (u32::MAX, u32::MAX));
-            let pose_c_m = (refined.pose_m_b * query.pose_b_c).inverse();
-            for (p, point) in problem.points.iter().enumerate() {
-                let q = pose_c_m * nalgebra::Point3::from(point.position_m);
-                if q.z < 0.1 {
-                    continue;
-                }
-                let xy = nalgebra::Vector2::new((q.x / q.z) as f32, (q.y / q.z) as f32);
-                let stored = &map.features(point.slot as usize)[point.feature as usize];
-                for (i, feature) in query.features.iter().enumerate() {
-                    // Six standard deviations of both, as a quick test before the exact one.
-                    let reach = 8.0 * (feature.sigma_xy + stored.sigma_xy);
-                    if (feature.xy - xy).amax() > reach {
-                        continue;
-                    }
-                    let distance = feature.descriptor.distance(&stored.descriptor);
-                    let taken = &mut self.query_taken[i];
-                    if distance >= taken.1 || distance > MAX_GUIDED_DISTANCE {
-                        continue;
-                    }
-                    let item = Match { query: i as u32, point: p as u32, distance, ratio: 0.0 };
-                    if problem.gated_distance(&refined.pose_m_b, &item).is_some_and(|d| d <= 1.0) {
-                        *taken = (p as u32, distance);
-                    }
-                }
-            }
-            self.guided.clear();
-            for (i, (point, distance)) in self.query_taken.iter().enumerate().filter(|(_, t)| t.0 != u32::MAX)
-            {
-                self.guided.push(Match { query: i as u32, point: *point, distance: *distance, ratio: 0.0 });
-            }
-            refined = problem.refine(&refined.pose_m_b, &self.guided)?;
-        }
-        Some(refined)
     }
 
     /// The covariance of what was found, the errors of the map itself included. Residuals larger than they should be
     /// say that the noise is; smaller ones are luck.
     fn with_map_errors(&self, refined: &Refined) -> Matrix6<f64> {
-        let mut covariance = refined.covariance * if refined.variance > 1.0 { refined.variance } else { 1.0 };
+        let larger = if refined.variance > 1.0 { refined.variance } else { 1.0 };
+        let many = self.guide.matches().len() as f64 / self.options.max_independent;
+        let mut covariance = refined.covariance * larger * if many > 1.0 { many } else { 1.0 };
         for i in 0..3 {
             covariance[(i, i)] += self.options.map_sigma_m.powi(2);
             covariance[(i + 3, i + 3)] += self.options.map_sigma_rad.powi(2);
@@ -286,14 +385,22 @@ impl Locator {
         covariance
     }
 
-    fn believes(&self, found: &Located) -> bool {
+    /// Why a pose is not to be believed, if so.
+    fn doubt(&self, found: &Located) -> Option<Doubt> {
         let options = &self.options;
-        found.inliers >= options.min_inliers
-            && found.first_inliers as f64 >= options.min_inlier_share * found.matches as f64
-            && found.first_inliers as f64 + 0.25 * found.inliers as f64 >= options.min_evidence
-            && found.spread >= options.min_spread
-            && found.sigma_m() <= options.max_sigma_m
-            && found.sigma_rad() <= options.max_sigma_rad
+        // Written so that a NaN is doubted.
+        let held = [
+            (found.inliers >= options.min_inliers, Doubt::Inliers),
+            (
+                found.first_inliers as f64 >= options.min_inlier_share * found.matches as f64,
+                Doubt::InlierShare,
+            ),
+            (found.evidence() >= options.min_evidence, Doubt::Evidence),
+            (found.spread >= options.min_spread, Doubt::Spread),
+            (found.sigma_m() <= options.max_sigma_m, Doubt::Position),
+            (found.sigma_rad() <= options.max_sigma_rad, Doubt::Attitude),
+        ];
+        held.iter().find(|(holds, _)| !holds).map(|(_, doubt)| *doubt)
     }
 }
 

@@ -8,7 +8,7 @@
 //! along.
 
 use super::feature::Feature;
-use super::index::{Candidate, Index, Votes};
+use super::index::{Candidate, Index, IndexOptions, Votes};
 use nalgebra::{Isometry3, Vector3};
 use plumbline_config::Timestamp;
 
@@ -17,7 +17,7 @@ pub const MAX_NEIGHBOURS: usize = 6;
 /// A turn of this angle changes a view as much as a metre does: 30 degrees, as its cosine would be too slow, rad/m.
 const TURN_PER_METRE: f64 = 0.52;
 /// Keyframes further than this from each other, by [`view_distance`], share nothing that could be matched, m.
-const MAX_NEIGHBOUR_DISTANCE: f64 = 2.0;
+pub(super) const MAX_NEIGHBOUR_DISTANCE: f64 = 2.0;
 /// Points of a keyframe that are looked for in another to tell how much they share.
 const SHARED_SAMPLES: usize = 48;
 /// Keyframes that share fewer of these are no neighbours.
@@ -80,9 +80,18 @@ impl Keyframe {
 /// How different the views of two keyframes are: the way between them and the turn, as a length in metres.
 #[must_use]
 pub fn view_distance(a: &Keyframe, b: &Keyframe) -> f64 {
-    let (a, b) = (a.pose_m_c(), b.pose_m_c());
+    view_distance_within(&a.pose_m_c(), &b.pose_m_c(), f64::INFINITY).unwrap_or(f64::INFINITY)
+}
+
+/// The view distance of two poses of left cameras, if it is less than `limit`.
+pub(super) fn view_distance_within(a: &Isometry3<f64>, b: &Isometry3<f64>, limit: f64) -> Option<f64> {
     let moved = (a.translation.vector - b.translation.vector).norm();
-    moved + a.rotation.angle_to(&b.rotation) / TURN_PER_METRE
+    // The turn only adds to it, and is the slower to find.
+    if moved >= limit {
+        return None;
+    }
+    let distance = moved + a.rotation.angle_to(&b.rotation) / TURN_PER_METRE;
+    (distance < limit).then_some(distance)
 }
 
 /// Keyframes, their features, and the index over them.
@@ -90,6 +99,8 @@ pub fn view_distance(a: &Keyframe, b: &Keyframe) -> f64 {
 pub struct PlaceMap {
     limits: MapLimits,
     keyframes: Vec<Option<Keyframe>>,
+    /// Poses of their left cameras in the map.
+    poses_m_c: Vec<Isometry3<f64>>,
     counts: Vec<u16>,
     features: Vec<Feature>,
     index: Index,
@@ -103,6 +114,12 @@ impl PlaceMap {
     /// An empty map; its whole memory is allocated here.
     #[must_use]
     pub fn new(limits: MapLimits) -> Self {
+        Self::with_index(limits, &IndexOptions::default())
+    }
+
+    /// An empty map with an index of its own kind.
+    #[must_use]
+    pub fn with_index(limits: MapLimits, options: &IndexOptions) -> Self {
         let keyframes = limits.keyframes.min(usize::from(u16::MAX));
         let features = limits.features.min(usize::from(u16::MAX));
         let empty = Feature {
@@ -115,9 +132,10 @@ impl PlaceMap {
         Self {
             limits: MapLimits { keyframes, features },
             keyframes: vec![None; keyframes],
+            poses_m_c: vec![Isometry3::identity(); keyframes],
             counts: vec![0; keyframes],
             features: vec![empty; keyframes * features],
-            index: Index::new(keyframes, features),
+            index: Index::new(keyframes, features, options),
             covered: vec![UNCOVERED; keyframes],
             next_id: 0,
             len: 0,
@@ -176,6 +194,7 @@ impl PlaceMap {
         keyframe.field = field_of(&features[..count]);
         keyframe.neighbours.clear();
         self.next_id = self.next_id.wrapping_add(1);
+        self.poses_m_c[slot] = keyframe.pose_m_c();
         self.keyframes[slot] = Some(keyframe);
         self.len += 1;
         self.update_cover(slot);
@@ -187,6 +206,7 @@ impl PlaceMap {
     pub fn set_pose(&mut self, slot: usize, pose_m_b: Isometry3<f64>) {
         if let Some(keyframe) = self.keyframes.get_mut(slot).and_then(Option::as_mut) {
             keyframe.pose_m_b = pose_m_b;
+            self.poses_m_c[slot] = keyframe.pose_m_c();
         }
     }
 
@@ -253,42 +273,42 @@ impl PlaceMap {
     /// Finds out what covers a new keyframe, and what it covers.
     fn update_cover(&mut self, slot: usize) {
         self.measure_cover(slot);
-        let Some(new) = &self.keyframes[slot] else { return };
-        for (other, keyframe) in self.keyframes.iter().enumerate().filter(|(s, _)| *s != slot) {
-            let Some(keyframe) = keyframe else { continue };
-            let distance = view_distance(new, keyframe);
-            if distance < self.covered[other].0 {
-                self.covered[other] = (distance, slot);
+        let new = &self.poses_m_c[slot];
+        for (other, covered) in self.covered.iter_mut().enumerate() {
+            if other == slot || self.keyframes[other].is_none() {
+                continue;
+            }
+            if let Some(distance) = view_distance_within(new, &self.poses_m_c[other], covered.0) {
+                *covered = (distance, slot);
             }
         }
     }
 
     fn measure_cover(&mut self, slot: usize) {
-        self.covered[slot] = UNCOVERED;
-        let Some(keyframe) = &self.keyframes[slot] else { return };
-        for (other, k) in self.keyframes.iter().enumerate().filter(|(s, _)| *s != slot) {
-            let Some(k) = k else { continue };
-            let distance = view_distance(keyframe, k);
-            if distance < self.covered[slot].0 {
-                self.covered[slot] = (distance, other);
+        let mut covered = UNCOVERED;
+        for other in (0..self.keyframes.len()).filter(|&o| o != slot && self.keyframes[o].is_some()) {
+            let (a, b) = (&self.poses_m_c[slot], &self.poses_m_c[other]);
+            if let Some(distance) = view_distance_within(a, b, covered.0) {
+                covered = (distance, other);
             }
         }
+        self.covered[slot] = covered;
     }
 
     /// Finds the neighbours of a new keyframe, and makes it theirs.
     fn link(&mut self, slot: usize) {
-        let Some(new) = self.keyframes[slot].clone() else { return };
         let mut best: heapless::Vec<(usize, usize), { MAX_NEIGHBOURS + 1 }> = heapless::Vec::new();
-        for (other, keyframe) in self.keyframes() {
-            if other == slot || view_distance(&new, keyframe) > MAX_NEIGHBOUR_DISTANCE {
+        for (other, _) in self.keyframes().filter(|(other, _)| *other != slot) {
+            let (a, b) = (&self.poses_m_c[slot], &self.poses_m_c[other]);
+            if view_distance_within(a, b, MAX_NEIGHBOUR_DISTANCE).is_none() {
                 continue;
             }
-            let shared = self.shared(slot, other).min(self.shared(other, slot));
-            if shared >= MIN_SHARED {
-                let at = best.iter().position(|(s, _)| *s < shared).unwrap_or(best.len());
-                let _ = best.insert(at, (shared, other));
-                best.truncate(MAX_NEIGHBOURS);
-            }
+            // What cannot enter the list need not be counted in full.
+            let least = if best.len() < MAX_NEIGHBOURS { MIN_SHARED } else { best[best.len() - 1].0 + 1 };
+            let Some(shared) = self.shared_at_least(least, slot, other) else { continue };
+            let at = best.iter().position(|(s, _)| *s < shared).unwrap_or(best.len());
+            let _ = best.insert(at, (shared, other));
+            best.truncate(MAX_NEIGHBOURS);
         }
         for &(_, other) in &best {
             self.make_neighbour(slot, other);
@@ -296,28 +316,33 @@ impl PlaceMap {
         }
     }
 
+    /// How much two keyframes share, by the one that shares less, if that is at least so much.
+    fn shared_at_least(&self, least: usize, a: usize, b: usize) -> Option<usize> {
+        let forth = self.shared(a, b);
+        if forth < least {
+            return None;
+        }
+        Some(forth.min(self.shared(b, a))).filter(|shared| *shared >= least)
+    }
+
+    /// Puts a keyframe among the neighbours of another, by what they share; the weakest goes where there is no room.
     fn make_neighbour(&mut self, slot: usize, other: usize) {
-        let shared = self.shared(slot, other).min(self.shared(other, slot));
-        let weakest = self.keyframe(slot).and_then(|k| k.neighbours.last().copied());
-        let keeps = weakest.map_or(0, |w| {
-            let w = usize::from(w);
-            self.shared(slot, w).min(self.shared(w, slot))
-        });
-        if let Some(Some(keyframe)) = self.keyframes.get_mut(slot) {
-            if keyframe.neighbours.is_full() {
-                if keeps >= shared {
-                    return;
-                }
-                keyframe.neighbours.pop();
-            }
-            let _ = keyframe.neighbours.push(other as u16);
+        let share = |n: usize| self.shared(slot, n).min(self.shared(n, slot));
+        let Some(keyframe) = &self.keyframes[slot] else { return };
+        let shared = share(other);
+        let weaker = keyframe.neighbours.iter().position(|n| share(usize::from(*n)) < shared);
+        let at = weaker.unwrap_or(keyframe.neighbours.len());
+        let Some(keyframe) = &mut self.keyframes[slot] else { return };
+        if at < MAX_NEIGHBOURS {
+            keyframe.neighbours.truncate(MAX_NEIGHBOURS - 1);
+            let _ = keyframe.neighbours.insert(at, other as u16);
         }
     }
 
     /// How many of a sample of the points of one keyframe lie in the view of another.
     fn shared(&self, of: usize, within: usize) -> usize {
-        let (Some(a), Some(b)) = (self.keyframe(of), self.keyframe(within)) else { return 0 };
-        let pose = b.pose_m_c().inverse() * a.pose_m_c();
+        let Some(b) = self.keyframe(within) else { return 0 };
+        let pose = self.poses_m_c[within].inverse() * self.poses_m_c[of];
         let points = self.features(of).iter().filter(|f| f.is_point()).take(SHARED_SAMPLES);
         points
             .filter(|f| {

@@ -3,6 +3,7 @@
 //! A pair counts when each is the other's nearest by descriptor, and no feature *of another place* is nearly as near
 //! (Lowe's ratio test). The same corner may stand in several of the keyframes: those are one place, and no rivals.
 
+use super::descriptor::Descriptor;
 use super::feature::Feature;
 use super::map::PlaceMap;
 use nalgebra::{Matrix3, Vector3};
@@ -11,8 +12,10 @@ use nalgebra::{Matrix3, Vector3};
 const MAX_DISTANCE: u32 = 84;
 /// The nearest must differ in fewer than this share of the bits of the nearest of another place.
 const MAX_RATIO: f32 = 0.88;
-/// Points within this share of their distance from the camera are one place.
+/// Points within this share of their distance from the camera are one place, ...
 const SAME_PLACE: f64 = 0.05;
+/// ... and those that the errors of their depths may have set apart, standard deviations.
+const DEPTH_DEVIATIONS: f64 = 2.5;
 /// No feature.
 const NONE: u32 = u32::MAX;
 
@@ -23,6 +26,8 @@ pub struct MapPoint {
     pub slot: u32,
     /// Number within the keyframe.
     pub feature: u32,
+    /// Standard deviation of its place in the keyframe's image, normalized coordinates.
+    pub sigma_xy: f32,
     /// Position in the map, m.
     pub position_m: Vector3<f64>,
     /// Its covariance, m².
@@ -31,6 +36,8 @@ pub struct MapPoint {
     pub by_depth_m: Vector3<f64>,
     /// Distance from the keyframe's camera, m.
     pub range_m: f64,
+    /// Unit vector in which that camera saw it, in the map.
+    pub ray_m: Vector3<f64>,
 }
 
 /// A feature of the query and a point of the map.
@@ -46,6 +53,42 @@ pub struct Match {
     pub ratio: f32,
 }
 
+/// Points that are compared with a feature at a time: two registers of AVX2, four of NEON.
+const LANES: usize = 8;
+
+/// Some points, word by word of their descriptors, so that the compiler compares all of them with a feature at once.
+#[derive(Clone, Copy, Debug)]
+struct Block {
+    words: [[u64; LANES]; 4],
+    /// Bits in which each differs from the feature of the query that is nearest to it so far, and that feature.
+    nearest_distance: [u64; LANES],
+    nearest_query: [u32; LANES],
+}
+
+impl Block {
+    /// The points of some descriptors; where there are fewer than it has room for, the rest is never near.
+    fn of(descriptors: &[Descriptor]) -> Self {
+        let word = |w: usize, lane: usize| descriptors.get(lane).map_or(0, |d| d.0[w]);
+        let limit = |lane: usize| if lane < descriptors.len() { u64::MAX } else { 0 };
+        Self {
+            words: std::array::from_fn(|w| std::array::from_fn(|lane| word(w, lane))),
+            nearest_distance: std::array::from_fn(limit),
+            nearest_query: [NONE; LANES],
+        }
+    }
+
+    #[inline]
+    fn distances(&self, descriptor: &Descriptor) -> [u64; LANES] {
+        let mut distances = [0; LANES];
+        for (words, word) in self.words.iter().zip(&descriptor.0) {
+            for (distance, other) in distances.iter_mut().zip(words) {
+                *distance += u64::from((word ^ other).count_ones());
+            }
+        }
+        distances
+    }
+}
+
 #[derive(Clone, Copy, Debug)]
 struct Nearest {
     point: u32,
@@ -57,8 +100,9 @@ struct Nearest {
 #[derive(Clone, Debug)]
 pub struct Matcher {
     points: Vec<MapPoint>,
+    descriptors: Vec<Descriptor>,
+    blocks: Vec<Block>,
     nearest: Vec<Nearest>,
-    nearest_query: Vec<(u32, u32)>,
     matches: Vec<Match>,
 }
 
@@ -68,8 +112,9 @@ impl Matcher {
     pub fn new(query_features: usize, points: usize) -> Self {
         Self {
             points: Vec::with_capacity(points),
+            descriptors: Vec::with_capacity(points),
+            blocks: Vec::with_capacity(points.div_ceil(LANES)),
             nearest: Vec::with_capacity(query_features),
-            nearest_query: Vec::with_capacity(points),
             matches: Vec::with_capacity(query_features),
         }
     }
@@ -78,6 +123,12 @@ impl Matcher {
     #[must_use]
     pub fn points(&self) -> &[MapPoint] {
         &self.points
+    }
+
+    /// Their descriptors.
+    #[must_use]
+    pub fn descriptors(&self) -> &[Descriptor] {
+        &self.descriptors
     }
 
     /// The matches, those first that differ least from their point against its rivals (ties: by number).
@@ -89,6 +140,7 @@ impl Matcher {
     /// Gathers the points of some keyframes, as many as there is room for.
     pub fn gather(&mut self, map: &PlaceMap, slots: &[usize]) {
         self.points.clear();
+        self.descriptors.clear();
         for &slot in slots {
             let Some(keyframe) = map.keyframe(slot) else { continue };
             let pose_m_c = keyframe.pose_m_c();
@@ -98,27 +150,30 @@ impl Matcher {
                     return;
                 }
                 let position_c = feature.position_c();
+                self.descriptors.push(feature.descriptor);
                 self.points.push(MapPoint {
                     slot: slot as u32,
                     feature: i as u32,
+                    sigma_xy: feature.sigma_xy,
                     position_m: (pose_m_c * nalgebra::Point3::from(position_c)).coords,
                     covariance_m: rot.matrix() * feature.covariance_c() * rot.matrix().transpose(),
                     by_depth_m: rot
                         * position_c
                         * f64::from(feature.sigma_inverse_depth / feature.inverse_depth),
                     range_m: position_c.norm(),
+                    ray_m: rot * position_c.normalize(),
                 });
             }
         }
     }
 
     /// Matches the features of a query with the points gathered.
-    pub fn match_features(&mut self, map: &PlaceMap, query: &[Feature]) {
-        self.find_nearest(map, query);
+    pub fn match_features(&mut self, query: &[Feature]) {
+        self.find_nearest(query);
         self.matches.clear();
         for (i, nearest) in self.nearest.iter().enumerate() {
             let ratio = nearest.distance as f32 / nearest.second.max(1) as f32;
-            let mutual = nearest.point != NONE && self.nearest_query[nearest.point as usize].0 == i as u32;
+            let mutual = nearest.point != NONE && self.nearest_query(nearest.point) == i as u32;
             if mutual && nearest.distance <= MAX_DISTANCE && ratio <= MAX_RATIO {
                 let (query, point) = (i as u32, nearest.point);
                 self.matches.push(Match { query, point, distance: nearest.distance, ratio });
@@ -127,30 +182,31 @@ impl Matcher {
         self.matches.sort_unstable_by(|a, b| a.ratio.total_cmp(&b.ratio).then(a.query.cmp(&b.query)));
     }
 
-    fn find_nearest(&mut self, map: &PlaceMap, query: &[Feature]) {
+    /// The feature of the query that is nearest to a point.
+    fn nearest_query(&self, point: u32) -> u32 {
+        self.blocks[point as usize / LANES].nearest_query[point as usize % LANES]
+    }
+
+    fn find_nearest(&mut self, query: &[Feature]) {
+        self.blocks.clear();
+        self.blocks.extend(self.descriptors.chunks(LANES).map(Block::of));
         self.nearest.clear();
-        self.nearest_query.clear();
-        self.nearest_query.resize(self.points.len(), (NONE, u32::MAX));
         for (i, feature) in query.iter().enumerate().take(self.nearest.capacity()) {
             let mut nearest = Nearest { point: NONE, distance: u32::MAX, second: u32::MAX };
-            for (p, point) in self.points.iter().enumerate() {
-                let stored = &map.features(point.slot as usize)[point.feature as usize];
-                let distance = feature.descriptor.distance(&stored.descriptor);
-                let of_point = &mut self.nearest_query[p];
-                if distance < of_point.1 {
-                    *of_point = (i as u32, distance);
+            for (b, block) in self.blocks.iter_mut().enumerate() {
+                let distances = block.distances(&feature.descriptor);
+                let second = u64::from(nearest.second);
+                let is_of_use = distances.iter().fold(false, |any, d| any | (*d < second))
+                    | distances.iter().zip(&block.nearest_distance).fold(false, |any, (d, n)| any | (d < n));
+                if !is_of_use {
+                    continue;
                 }
-                if distance < nearest.second {
-                    let same =
-                        nearest.point != NONE && is_same_place(point, &self.points[nearest.point as usize]);
-                    if distance < nearest.distance {
-                        if !same {
-                            nearest.second = nearest.distance;
-                        }
-                        (nearest.point, nearest.distance) = (p as u32, distance);
-                    } else if !same {
-                        nearest.second = distance;
+                let count = LANES.min(self.points.len() - b * LANES);
+                for (lane, &distance) in distances.iter().enumerate().take(count) {
+                    if distance < block.nearest_distance[lane] {
+                        (block.nearest_distance[lane], block.nearest_query[lane]) = (distance, i as u32);
                     }
+                    nearest.consider((b * LANES + lane) as u32, distance as u32, &self.points);
                 }
             }
             self.nearest.push(nearest);
@@ -158,6 +214,27 @@ impl Matcher {
     }
 }
 
+impl Nearest {
+    /// Takes note of a point; one at the place of the nearest is no rival of it.
+    #[inline]
+    fn consider(&mut self, point: u32, distance: u32, points: &[MapPoint]) {
+        if distance >= self.second {
+            return;
+        }
+        let same = self.point != NONE && is_same_place(&points[point as usize], &points[self.point as usize]);
+        if distance < self.distance {
+            if !same {
+                self.second = self.distance;
+            }
+            (self.point, self.distance) = (point, distance);
+        } else if !same {
+            self.second = distance;
+        }
+    }
+}
+
 fn is_same_place(a: &MapPoint, b: &MapPoint) -> bool {
-    (a.position_m - b.position_m).norm() <= SAME_PLACE * a.range_m.max(b.range_m)
+    let by_depth = (a.by_depth_m.norm_squared() + b.by_depth_m.norm_squared()).sqrt();
+    let range = if a.range_m > b.range_m { a.range_m } else { b.range_m };
+    (a.position_m - b.position_m).norm() <= SAME_PLACE * range + DEPTH_DEVIATIONS * by_depth
 }

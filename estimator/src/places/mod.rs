@@ -7,7 +7,7 @@
 //! 2. [`index`]: hashed words of the descriptors vote for the keyframes that hold alike ones;
 //! 3. [`matching`]: one feature to one, between the frame and a keyframe with its neighbours;
 //! 4. [`ransac`]: a pose from three points ([`p3p`]), or from two where gravity is known ([`upright`]);
-//! 5. [`refine`]: least squares over all inliers, with the covariance of the pose;
+//! 5. [`refine`]: least squares over all inliers, with the covariance of the pose, and [`guide`]: matching anew with it;
 //! 6. [`locate`]: the whole, and what must hold before a pose is believed: precision comes before recall.
 //!
 //! [`map`] holds the keyframes, bounded, with a rule for forgetting; [`graph`] is the pose graph that loops correct;
@@ -20,6 +20,7 @@ pub mod descriptor;
 pub mod extractor;
 pub mod feature;
 pub mod graph;
+pub mod guide;
 pub mod images;
 pub mod index;
 pub mod locate;
@@ -37,7 +38,8 @@ pub use descriptor::Descriptor;
 pub use extractor::{Extractor, ExtractorOptions};
 pub use feature::Feature;
 pub use images::FrameImages;
-pub use locate::{Located, Locator, LocatorOptions, Query};
+pub use index::IndexOptions;
+pub use locate::{Attempt, Doubt, Located, Locator, LocatorOptions, Query};
 pub use map::{Keyframe, MapLimits, PlaceMap};
 pub use mapper::{MapEstimate, MapFollower, MapPath, MapUpdate, Mapper, PlaceJob};
 

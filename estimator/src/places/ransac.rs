@@ -5,7 +5,7 @@
 
 use super::matching::Match;
 use super::random::Random;
-use super::refine::{Problem, Refined};
+use super::refine::{Problem, Refined, Viewpoint};
 use super::{p3p, upright};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
@@ -49,16 +49,23 @@ impl Ransac {
         if matches.len() < MIN_INLIERS {
             return None;
         }
+        let level = match &problem.gravity {
+            Some(gravity) => Some(UnitQuaternion::rotation_between(&gravity.up_b, &Vector3::z())?),
+            None => None,
+        };
         let mut random = Random::new(seed);
         let mut best: Option<(f64, Refined)> = None;
-        let (mut needed, mut refinements, mut sample) = (MAX_SAMPLES[3 - sample_size], 0, 0);
+        // With fewer inliers than are a beginning the pose is of no use, so samples for those are not drawn.
+        let needed = samples_needed(MIN_INLIERS, matches.len(), sample_size);
+        let (mut needed, mut refinements, mut sample) = (needed.min(MAX_SAMPLES[3 - sample_size]), 0, 0);
         while sample < needed {
             let pool = (FIRST_POOL + sample / SAMPLES_PER_MATCH).min(matches.len());
             sample += 1;
             let Some(chosen) = draw(&mut random, pool, sample_size) else { continue };
-            for pose_m_b in solutions(problem, matches, &chosen[..sample_size]) {
-                let cost = self.judge(problem, matches, &pose_m_b);
-                let better = best.as_ref().is_none_or(|(least, _)| cost < *least);
+            for pose_m_b in solutions(problem, matches, level.as_ref(), &chosen[..sample_size]) {
+                let least = best.as_ref().map_or(f64::INFINITY, |(least, _)| *least);
+                let cost = self.judge(problem, matches, &pose_m_b, least);
+                let better = cost < least;
                 if !better || self.candidates.len() < MIN_INLIERS || refinements >= MAX_REFINEMENTS {
                     continue;
                 }
@@ -82,26 +89,37 @@ impl Ransac {
         start: &Isometry3<f64>,
     ) -> Option<(f64, Refined)> {
         let first = problem.refine(start, &self.candidates)?;
-        self.judge(problem, matches, &first.pose_m_b);
+        self.judge(problem, matches, &first.pose_m_b, f64::INFINITY);
         if self.candidates.len() < MIN_INLIERS {
             return None;
         }
         let refined = problem.refine(&first.pose_m_b, &self.candidates)?;
-        let cost = self.judge(problem, matches, &refined.pose_m_b);
+        let cost = self.judge(problem, matches, &refined.pose_m_b, f64::INFINITY);
         Some((cost, refined))
     }
 
-    /// Sum of the gated distances, each at most 1 (MSAC); the inliers are left in `inliers`.
-    fn judge(&mut self, problem: &Problem<'_>, matches: &[Match], pose_m_b: &Isometry3<f64>) -> f64 {
+    /// Sum of the gated distances, each at most 1 (MSAC); the inliers are left in `candidates`. Once the sum reaches
+    /// `limit` the rest is not looked at.
+    fn judge(
+        &mut self,
+        problem: &Problem<'_>,
+        matches: &[Match],
+        pose_m_b: &Isometry3<f64>,
+        limit: f64,
+    ) -> f64 {
         self.candidates.clear();
+        let here = Viewpoint::new(problem, pose_m_b);
         let mut cost = 0.0;
         for item in matches {
-            match problem.gated_distance(pose_m_b, item) {
+            match here.gated_distance(item) {
                 Some(distance) if distance <= 1.0 => {
                     cost += distance;
                     self.candidates.push(*item);
                 }
                 _ => cost += 1.0,
+            }
+            if cost >= limit {
+                break;
             }
         }
         cost
@@ -116,8 +134,13 @@ fn draw(random: &mut Random, pool: usize, size: usize) -> Option<[usize; 3]> {
     different.then_some(chosen)
 }
 
-/// Poses of the body that a sample allows.
-fn solutions(problem: &Problem<'_>, matches: &[Match], chosen: &[usize]) -> p3p::Solutions {
+/// Poses of the body that a sample allows; `level` turns the body until its z axis points up, where gravity is known.
+fn solutions(
+    problem: &Problem<'_>,
+    matches: &[Match],
+    level: Option<&UnitQuaternion<f64>>,
+    chosen: &[usize],
+) -> p3p::Solutions {
     let point = |i: usize| problem.points[matches[chosen[i]].point as usize].position_m;
     let ray = |i: usize| problem.query[matches[chosen[i]].query as usize].ray_c();
     let pose_c_b = problem.pose_b_c.inverse();
@@ -125,10 +148,8 @@ fn solutions(problem: &Problem<'_>, matches: &[Match], chosen: &[usize]) -> p3p:
     let mut add = |pose_c_m: &Isometry3<f64>| {
         let _ = poses.push(pose_c_m.inverse() * pose_c_b);
     };
-    match &problem.gravity {
-        Some(gravity) => {
-            let level = UnitQuaternion::rotation_between(&gravity.up_b, &Vector3::z());
-            let Some(rot_l_b) = level else { return poses };
+    match level {
+        Some(rot_l_b) => {
             let rot_l_c = rot_l_b * problem.pose_b_c.rotation;
             upright::solve(&[point(0), point(1)], &[ray(0), ray(1)], &rot_l_c).iter().for_each(&mut add);
         }

@@ -16,7 +16,7 @@
 use super::feature::Feature;
 use super::matching::{MapPoint, Match};
 use crate::geometry::{exp_so3, skew};
-use nalgebra::{Isometry3, Matrix3, Matrix6, SMatrix, SVector, Vector3};
+use nalgebra::{Isometry3, Matrix3, Matrix6, SMatrix, SVector, UnitQuaternion, Vector3};
 
 /// Steps of a refinement.
 const MAX_STEPS: usize = 8;
@@ -33,6 +33,9 @@ const UNKNOWN_DEPTH: f64 = 1e6;
 const COMMON_SHARE: f64 = 1.0;
 /// Unknowns: position, attitude, common share.
 const UNKNOWNS: usize = 7;
+/// Least cosine of the angle between the directions in which two cameras see a point: 75 degrees. Beyond, its patches do
+/// not look alike, and a mirrored wall would be the wall seen from behind.
+const MIN_COSINE: f64 = 0.26;
 /// Points nearer than this to the camera's plane are not seen, m.
 const MIN_DEPTH_M: f64 = 0.05;
 
@@ -81,21 +84,60 @@ struct Residual {
     by_unknowns: SMatrix<f64, 3, UNKNOWNS>,
 }
 
-impl Problem<'_> {
-    /// Square of the Mahalanobis distance of a match over the gate of its number of components: an inlier has at most
-    /// one; `None` behind the camera.
-    #[must_use]
-    pub fn gated_distance(&self, pose_m_b: &Isometry3<f64>, item: &Match) -> Option<f64> {
-        let gate = GATE[usize::from(!self.query[item.query as usize].has_depth())];
-        self.residual(pose_m_b, item).map(|r| r.distance2 / gate)
+/// A pose at which residuals are computed, with what all of them share.
+pub(super) struct Viewpoint<'a> {
+    problem: &'a Problem<'a>,
+    p_m_b: Vector3<f64>,
+    p_m_c: Vector3<f64>,
+    rot_b_m: UnitQuaternion<f64>,
+    rot_c_b: UnitQuaternion<f64>,
+    matrix_b_m: Matrix3<f64>,
+    matrix_c_b: Matrix3<f64>,
+}
+
+/// The part of a residual that tells an inlier.
+struct Whitened {
+    error: Vector3<f64>,
+    distance2: f64,
+    information: Matrix3<f64>,
+    /// The point in the body.
+    b: Vector3<f64>,
+    by_b: Matrix3<f64>,
+    by_m: Matrix3<f64>,
+}
+
+impl<'a> Viewpoint<'a> {
+    pub(super) fn new(problem: &'a Problem<'a>, pose_m_b: &Isometry3<f64>) -> Self {
+        let (rot_b_m, rot_c_b) = (pose_m_b.rotation.inverse(), problem.pose_b_c.rotation.inverse());
+        Self {
+            problem,
+            p_m_b: pose_m_b.translation.vector,
+            p_m_c: (pose_m_b * problem.pose_b_c).translation.vector,
+            rot_b_m,
+            rot_c_b,
+            matrix_b_m: *rot_b_m.to_rotation_matrix().matrix(),
+            matrix_c_b: *rot_c_b.to_rotation_matrix().matrix(),
+        }
     }
 
-    fn residual(&self, pose_m_b: &Isometry3<f64>, item: &Match) -> Option<Residual> {
-        let (seen, point) = (&self.query[item.query as usize], &self.points[item.point as usize]);
-        let rot_b_m = pose_m_b.rotation.inverse();
-        let rot_c_b = self.pose_b_c.rotation.inverse();
-        let b = rot_b_m * (point.position_m - pose_m_b.translation.vector);
-        let q = rot_c_b * (b - self.pose_b_c.translation.vector);
+    /// Square of the Mahalanobis distance of a match over the gate of its number of components: an inlier has at most
+    /// one; `None` behind the camera, and where the point would be seen from too different a side.
+    pub(super) fn gated_distance(&self, item: &Match) -> Option<f64> {
+        let point = &self.problem.points[item.point as usize];
+        let ray = point.position_m - self.p_m_c;
+        if ray.dot(&point.ray_m) < MIN_COSINE * ray.norm() {
+            return None;
+        }
+        let gate = GATE[usize::from(!self.problem.query[item.query as usize].has_depth())];
+        self.whitened(item).map(|r| r.distance2 / gate)
+    }
+
+    #[inline(always)]
+    fn whitened(&self, item: &Match) -> Option<Whitened> {
+        let problem = self.problem;
+        let (seen, point) = (&problem.query[item.query as usize], &problem.points[item.point as usize]);
+        let b = self.rot_b_m * (point.position_m - self.p_m_b);
+        let q = self.rot_c_b * (b - problem.pose_b_c.translation.vector);
         // Written so that a NaN fails.
         let is_ahead = q.z > MIN_DEPTH_M;
         if !is_ahead {
@@ -106,23 +148,32 @@ impl Problem<'_> {
         let error = Vector3::new(q.x * w, q.y * w, w)
             - Vector3::new(f64::from(seen.xy.x), f64::from(seen.xy.y), seen_depth);
         let by_q = Matrix3::new(w, 0.0, -q.x * w * w, 0.0, w, -q.y * w * w, 0.0, 0.0, -w * w);
-        let by_b = by_q * rot_c_b.to_rotation_matrix().matrix();
-        let by_m = by_b * rot_b_m.to_rotation_matrix().matrix();
+        let by_b = by_q * self.matrix_c_b;
+        let by_m = by_b * self.matrix_b_m;
         let across = f64::from(seen.sigma_xy).powi(2);
         let along =
             if seen.has_depth() { f64::from(seen.sigma_inverse_depth).powi(2) } else { UNKNOWN_DEPTH };
         let covariance = Matrix3::from_diagonal(&Vector3::new(across, across, along))
             + by_m * point.covariance_m * by_m.transpose();
         let information = covariance.try_inverse()?;
+        let distance2 = error.dot(&(information * error));
+        Some(Whitened { error, distance2, information, b, by_b, by_m })
+    }
+
+    fn residual(&self, item: &Match) -> Option<Residual> {
+        let Whitened { error, distance2, information, b, by_b, by_m } = self.whitened(item)?;
+        let (seen, point) =
+            (&self.problem.query[item.query as usize], &self.problem.points[item.point as usize]);
         let mut by_unknowns = SMatrix::<f64, 3, UNKNOWNS>::zeros();
         by_unknowns.fixed_columns_mut::<3>(0).copy_from(&-by_m);
         by_unknowns.fixed_columns_mut::<3>(3).copy_from(&(by_b * skew(&b)));
         let of_seen = if seen.has_depth() { f64::from(seen.sigma_inverse_depth) } else { 0.0 };
         by_unknowns.set_column(6, &(by_m * point.by_depth_m + Vector3::new(0.0, 0.0, of_seen)));
-        let distance2 = error.dot(&(information * error));
         Some(Residual { error, distance2, information, by_unknowns })
     }
+}
 
+impl Problem<'_> {
     /// Information and gradient of the matches, and of gravity, at a pose.
     ///
     /// The common share stays at zero in the residuals: its gradient is solved for with the others, and what it would
@@ -134,7 +185,8 @@ impl Problem<'_> {
     ) -> (Information, SVector<f64, UNKNOWNS>) {
         let (mut h, mut g) = (Information::zeros(), SVector::<f64, UNKNOWNS>::zeros());
         h[(6, 6)] = 1.0 / (COMMON_SHARE * COMMON_SHARE);
-        for residual in matches.iter().filter_map(|m| self.residual(pose_m_b, m)) {
+        let here = Viewpoint::new(self, pose_m_b);
+        for residual in matches.iter().filter_map(|m| here.residual(m)) {
             let weight = 1.0 / (1.0 + residual.distance2 / KERNEL);
             let weighted = residual.by_unknowns.transpose() * residual.information * weight;
             h += weighted * residual.by_unknowns;
@@ -176,8 +228,9 @@ impl Problem<'_> {
     /// Mean square of the whitened residuals, by degrees of freedom.
     fn variance(&self, pose_m_b: &Isometry3<f64>, matches: &[Match]) -> f64 {
         let (mut sum, mut components) = (0.0, 0.0);
+        let here = Viewpoint::new(self, pose_m_b);
         for item in matches {
-            if let Some(residual) = self.residual(pose_m_b, item) {
+            if let Some(residual) = here.whitened(item) {
                 sum += residual.distance2;
                 components += if self.query[item.query as usize].has_depth() { 3.0 } else { 2.0 };
             }
@@ -207,10 +260,12 @@ mod tests {
             MapPoint {
                 slot: 0,
                 feature: 0,
+                sigma_xy: 0.002,
                 position_m: Vector3::new(0.7, 0.3, 2.9) + by_depth_m * share,
                 covariance_m: Matrix3::identity() * 1e-4,
                 by_depth_m,
                 range_m: 3.0,
+                ray_m: Vector3::z(),
             }
         };
         let pose_b_c = Isometry3::new(Vector3::new(0.1, 0.02, -0.05), Vector3::new(0.1, -0.2, 0.05));
@@ -219,7 +274,7 @@ mod tests {
         let residual = |pose: &Isometry3<f64>, share: f64| {
             let points = [point(share)];
             let problem = Problem { query: &query, points: &points, pose_b_c, gravity: None };
-            let mut found = problem.residual(pose, &item).unwrap();
+            let mut found = Viewpoint::new(&problem, pose).residual(&item).unwrap();
             found.error.z += share * f64::from(query[0].sigma_inverse_depth);
             found
         };

@@ -92,9 +92,10 @@ fn map_of(world: &World, keyframes: usize, random: &mut Random) -> PlaceMap {
     map
 }
 
-/// The options without the errors of keyframes, which are exact here.
+/// The options without the errors of keyframes, which are exact here, and those that inliers have in common.
 fn options() -> LocatorOptions {
-    LocatorOptions { map_sigma_m: 0.0, map_sigma_rad: 0.0, ..LocatorOptions::default() }
+    let max_independent = f64::INFINITY;
+    LocatorOptions { map_sigma_m: 0.0, map_sigma_rad: 0.0, max_independent, ..LocatorOptions::default() }
 }
 
 fn query<'a>(features: &'a [Feature], truth: &Isometry3<f64>, with_gravity: bool, seed: u64) -> Query<'a> {

@@ -1,0 +1,8 @@
+//! Places as a whole: maps of thousands of keyframes, buildings that look alike, real images.
+
+mod building;
+mod flight;
+mod images;
+mod look_alike;
+mod recall;
+mod scale;
