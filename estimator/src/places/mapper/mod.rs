@@ -14,6 +14,7 @@
 mod corrected;
 pub mod follower;
 pub mod path;
+mod segment;
 mod sighting;
 
 pub use corrected::Passing;
@@ -21,7 +22,6 @@ pub use follower::{MapEstimate, MapFollower};
 pub use path::MapPath;
 
 use super::extractor::{Extractor, ExtractorOptions, View};
-use super::graph::edge::chained;
 use super::graph::{Edge, GraphLimits, Node, PoseGraph};
 use super::images::FrameImages;
 use super::locate::{Located, Locator, LocatorOptions, Query};
@@ -29,9 +29,10 @@ use super::map::{Keyframe, MapLimits, PlaceMap, view_distance};
 use super::refine::Gravity;
 use crate::exchange::{Feedback, SolvedFrame};
 use crate::points::rig::RigCamera;
-use nalgebra::{Isometry3, Matrix4, Vector3, Vector4};
+use nalgebra::{Isometry3, Matrix4, Vector3};
 use plumbline_config::options::PlacesConfig;
 use plumbline_config::{Timestamp, ValidSetup};
+use segment::Segment;
 
 /// Keyframes younger than this are not searched: they are what the odometry still sees, s.
 const MIN_AGE_S: f64 = 10.0;
@@ -43,10 +44,6 @@ const FINAL_STEPS: usize = 500;
 const LOOPS_PER_KEYFRAME: usize = 2;
 /// Nodes of the graph beside those of a full map: the origin, and those of views that the map had already.
 const EXTRA_NODES: usize = 256;
-/// What odometry is taken to drift by where the window did not say, m per root of a metre, and least.
-const DRIFT_M: (f64, f64) = (0.02, 0.005);
-/// The same of the heading, rad.
-const DRIFT_RAD: (f64, f64) = (0.002, 0.001);
 /// Standard deviation of neighbouring keyframes against each other, m and rad.
 const KEYFRAME_SIGMA: (f64, f64) = (0.003, 0.001);
 /// Standard deviation of the vertical of the odometry, rad.
@@ -135,17 +132,6 @@ struct NodeInfo {
     keyframe_id: u32,
     /// Pose in the odometry frame as it was first known: that of the causal trajectory.
     first_pose_o_b: Isometry3<f64>,
-}
-
-/// The segment that is being flown.
-#[derive(Clone, Copy, Debug)]
-struct Segment {
-    number: u32,
-    reset_counter: u32,
-    is_placed: bool,
-    /// Covariance of the odometry since the last node, and the keyframe up to which it reaches.
-    since_node: Matrix4<f64>,
-    known_until: Timestamp,
 }
 
 /// Makes the map. Everything is allocated at construction.
@@ -496,36 +482,5 @@ fn locator_options() -> LocatorOptions {
         map_sigma_m: KEYFRAME_SIGMA.0,
         map_sigma_rad: KEYFRAME_SIGMA.1,
         ..LocatorOptions::default()
-    }
-}
-
-impl Segment {
-    /// Carries the covariance since the last node over the newest keyframe.
-    fn follow(&mut self, solved: &SolvedFrame) {
-        let Some(step) = solved.steps.last().filter(|s| s.to == solved.stamp && s.from == self.known_until)
-        else {
-            if solved.is_keyframe {
-                self.known_until = solved.stamp;
-            }
-            return;
-        };
-        let pose_at = |stamp| solved.keyframes.iter().find(|k| k.stamp == stamp).map(|k| k.pose_o_b);
-        if let (Some(from), Some(to)) = (pose_at(step.from), pose_at(step.to)) {
-            let way = to.translation.vector - from.translation.vector;
-            self.since_node = chained(&self.since_node, &way, &step.covariance);
-        }
-        self.known_until = solved.stamp;
-    }
-
-    /// Information about the way since the node before; at least as uncertain as odometry is at best.
-    fn information_since_node(&self, before: &Node, pose_o_b: &Isometry3<f64>) -> Matrix4<f64> {
-        let known = self.since_node;
-        if let Some(information) = known.cholesky().map(|c| c.inverse()) {
-            return information;
-        }
-        let length = (pose_o_b.translation.vector - before.pose_o_b.translation.vector).norm();
-        let sigma = |(per_root, least): (f64, f64)| least + per_root * length.sqrt();
-        let (position, heading) = (sigma(DRIFT_M).powi(-2), sigma(DRIFT_RAD).powi(-2));
-        Matrix4::from_diagonal(&Vector4::new(position, position, position, heading))
     }
 }

@@ -1,6 +1,7 @@
 //! A place seen again becomes an edge of the graph, and places a segment of which nothing was known.
 
-use super::{Mapper, NodeInfo, Segment};
+use super::segment::Segment;
+use super::{Mapper, NodeInfo};
 use crate::places::graph::edge::{turn, yaw_of};
 use crate::places::graph::{Edge, Node};
 use crate::places::locate::Located;

@@ -1,0 +1,54 @@
+//! A piece of unbroken odometry, and what the window knows of the way since its last node.
+
+use crate::exchange::SolvedFrame;
+use crate::places::graph::Node;
+use crate::places::graph::edge::chained;
+use nalgebra::{Isometry3, Matrix4, Vector4};
+use plumbline_config::Timestamp;
+
+/// What odometry is taken to drift by where the window did not say, m per root of a metre, and least.
+const DRIFT_M: (f64, f64) = (0.02, 0.005);
+/// The same of the heading, rad.
+const DRIFT_RAD: (f64, f64) = (0.002, 0.001);
+
+/// The segment that is being flown.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Segment {
+    pub(super) number: u32,
+    pub(super) reset_counter: u32,
+    pub(super) is_placed: bool,
+    /// Covariance of the odometry since the last node, and the keyframe up to which it reaches.
+    pub(super) since_node: Matrix4<f64>,
+    pub(super) known_until: Timestamp,
+}
+
+impl Segment {
+    /// Carries the covariance since the last node over the newest keyframe.
+    pub(super) fn follow(&mut self, solved: &SolvedFrame) {
+        let Some(step) = solved.steps.last().filter(|s| s.to == solved.stamp && s.from == self.known_until)
+        else {
+            if solved.is_keyframe {
+                self.known_until = solved.stamp;
+            }
+            return;
+        };
+        let pose_at = |stamp| solved.keyframes.iter().find(|k| k.stamp == stamp).map(|k| k.pose_o_b);
+        if let (Some(from), Some(to)) = (pose_at(step.from), pose_at(step.to)) {
+            let way = to.translation.vector - from.translation.vector;
+            self.since_node = chained(&self.since_node, &way, &step.covariance);
+        }
+        self.known_until = solved.stamp;
+    }
+
+    /// Information about the way since the node before; at least as uncertain as odometry is at best.
+    pub(super) fn information_since_node(&self, before: &Node, pose_o_b: &Isometry3<f64>) -> Matrix4<f64> {
+        let known = self.since_node;
+        if let Some(information) = known.cholesky().map(|c| c.inverse()) {
+            return information;
+        }
+        let length = (pose_o_b.translation.vector - before.pose_o_b.translation.vector).norm();
+        let sigma = |(per_root, least): (f64, f64)| least + per_root * length.sqrt();
+        let (position, heading) = (sigma(DRIFT_M).powi(-2), sigma(DRIFT_RAD).powi(-2));
+        Matrix4::from_diagonal(&Vector4::new(position, position, position, heading))
+    }
+}
