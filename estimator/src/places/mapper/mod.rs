@@ -286,7 +286,8 @@ impl Mapper {
         Segment {
             number,
             reset_counter: solved.reset_counter,
-            is_placed: self.map.is_empty(),
+            // Only the first one defines the map: where a later one lies is not known, also with one camera, which has none.
+            is_placed: self.map.is_empty() && self.graph.nodes().len() == 1,
             since_node: Matrix4::zeros(),
             known_until: solved.stamp,
         }
