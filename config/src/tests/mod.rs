@@ -5,6 +5,7 @@ mod import_euroc;
 mod import_kalibr;
 mod loading;
 mod presets;
+mod rigs;
 mod robustness;
 mod validation;
 

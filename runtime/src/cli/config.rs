@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "Examples:
   plumbline config euroc > my.toml         a preset, with a comment at every key, to begin with
+  plumbline config realsense-d455          one of a real rig: docs/rigs
   plumbline config my.toml                 is it valid?
   plumbline config import --camchain camchain.yaml --imu imu.yaml --out my.toml";
 
@@ -27,9 +28,16 @@ a data sheet, or of an Allan plot, give --inflate 10 (what Kalibr recommends; th
 pub struct ConfigArgs {
     #[command(subcommand)]
     command: Option<ConfigCommand>,
-    /// A configuration file to check, or the name of a preset (euroc, sim) to print.
-    #[arg(required = true)]
+    #[arg(required = true, help = file_help())]
     file: Option<String>,
+}
+
+/// Names every preset that there is.
+fn file_help() -> String {
+    format!(
+        "A configuration file to check, or the name of a preset to print: {}",
+        plumbline_config::PRESETS.join(", ")
+    )
 }
 
 #[derive(Debug, Subcommand)]
