@@ -10,7 +10,7 @@ use crate::inertial::buffer::IMU_MEMORY_S;
 use crate::input::ResetKind;
 use crate::lines::LineObservation;
 use crate::points::PointObservation;
-use crate::window::snapshot::SnapshotKeyframe;
+use crate::window::snapshot::{SnapshotKeyframe, SnapshotLine};
 use crate::window::state::{FrameTime, MAX_FRAMES};
 use crate::work_budget::WorkBudget;
 use nalgebra::{Isometry3, Matrix4, Vector3};
@@ -19,6 +19,9 @@ use plumbline_config::{ImuSample, Timestamp, ValidSetup};
 /// Time offsets beyond this are not believed, s: a frame interval at 20 Hz, beyond which frames would be taken for
 /// their neighbours.
 const MAX_TIME_OFFSET_S: f64 = 0.05;
+
+/// Lines of a window that are handed on for maps, at most.
+const MAX_SOLVED_LINES: usize = 128;
 
 /// What the front-end makes of one frame: all that the window needs to know of it.
 #[derive(Clone, Debug)]
@@ -110,6 +113,8 @@ pub struct SolvedFrame {
     pub keyframes: heapless::Vec<SnapshotKeyframe, MAX_FRAMES>,
     /// With a keyframe: the last steps between keyframes, oldest first.
     pub steps: heapless::Vec<KeyframeStep, 2>,
+    /// With a keyframe: the lines of the window as they are known now.
+    pub lines: heapless::Vec<SnapshotLine, MAX_SOLVED_LINES>,
 }
 
 impl Default for SolvedFrame {
@@ -123,6 +128,7 @@ impl Default for SolvedFrame {
             reset_counter: 0,
             keyframes: heapless::Vec::new(),
             steps: heapless::Vec::new(),
+            lines: heapless::Vec::new(),
         }
     }
 }

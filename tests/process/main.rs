@@ -12,6 +12,7 @@ mod host;
 mod import;
 mod lines;
 mod log;
+mod maps;
 mod network;
 mod plot;
 mod python;

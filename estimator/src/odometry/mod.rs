@@ -173,6 +173,7 @@ impl Odometer {
         }
         self.solved.keyframes.clear();
         self.solved.steps.clear();
+        self.solved.lines.clear();
         let estimate = self.step(tracked, probe);
         self.write_feedback(&estimate, feedback);
         self.frames += 1;
@@ -224,7 +225,7 @@ impl Odometer {
         feedback.solved.clone_from(&self.solved);
     }
 
-    /// Writes down the keyframes of the window and their last steps, before any of them makes room.
+    /// Writes down the keyframes of the window, their last steps and their lines, before any of them makes room.
     fn note_keyframes(&mut self) {
         let window = &mut self.window;
         let is_keyframe = |k: &usize| window.frames[*k].is_keyframe;
@@ -235,6 +236,7 @@ impl Odometer {
             let keyframe = SnapshotKeyframe { stamp: frame.stamp, pose_o_b: frame.nav.pose_o_b() };
             let _ = self.solved.keyframes.push(keyframe);
         }
+        self.solved.lines.extend(window.snapshot_lines().take(self.solved.lines.capacity()));
         for pair in newest.windows(2) {
             let (from, to) = (pair[0], pair[1]);
             let Some(covariance) = window.relative_covariance(from, to) else { continue };

@@ -9,11 +9,14 @@
 
 use super::feature::Feature;
 use super::index::{Candidate, Index, IndexOptions, Votes};
+use super::line::MapLine;
 use nalgebra::{Isometry3, Vector3};
 use plumbline_config::Timestamp;
 
 /// Neighbours that a keyframe remembers.
 pub const MAX_NEIGHBOURS: usize = 6;
+/// Lines of a keyframe that are kept, at most.
+pub const MAX_LINES: usize = 48;
 /// A turn of this angle changes a view as much as a metre does: 30 degrees, as its cosine would be too slow, rad/m.
 const TURN_PER_METRE: f64 = 0.52;
 /// Keyframes further than this from each other, by [`view_distance`], share nothing that could be matched, m.
@@ -103,6 +106,8 @@ pub struct PlaceMap {
     poses_m_c: Vec<Isometry3<f64>>,
     counts: Vec<u16>,
     features: Vec<Feature>,
+    line_counts: Vec<u8>,
+    lines: Vec<MapLine>,
     index: Index,
     /// Distance to the most similar other keyframe, and its slot, for the rule of forgetting.
     covered: Vec<(f64, usize)>,
@@ -135,6 +140,8 @@ impl PlaceMap {
             poses_m_c: vec![Isometry3::identity(); keyframes],
             counts: vec![0; keyframes],
             features: vec![empty; keyframes * features],
+            line_counts: vec![0; keyframes],
+            lines: vec![MapLine::default(); keyframes * MAX_LINES],
             index: Index::new(keyframes, features, options),
             covered: vec![UNCOVERED; keyframes],
             next_id: 0,
@@ -176,6 +183,27 @@ impl PlaceMap {
     pub fn features(&self, slot: usize) -> &[Feature] {
         let start = slot * self.limits.features;
         self.features.get(start..start + usize::from(self.counts[slot])).unwrap_or(&[])
+    }
+
+    /// Lines of the keyframe in a slot.
+    #[must_use]
+    pub fn lines(&self, slot: usize) -> &[MapLine] {
+        let start = slot * MAX_LINES;
+        self.lines.get(start..start + usize::from(self.line_counts[slot])).unwrap_or(&[])
+    }
+
+    /// Gives a keyframe other lines, as many as there is room for.
+    pub fn set_lines(&mut self, slot: usize, lines: impl Iterator<Item = MapLine>) {
+        if self.keyframe(slot).is_none() {
+            return;
+        }
+        let room = &mut self.lines[slot * MAX_LINES..][..MAX_LINES];
+        let mut count = 0;
+        for (place, line) in room.iter_mut().zip(lines) {
+            *place = line;
+            count += 1;
+        }
+        self.line_counts[slot] = count;
     }
 
     /// Takes a keyframe, with as many of its features as there is room for, and says in which slot it lives. A full
@@ -243,7 +271,7 @@ impl PlaceMap {
         }
         let start = slot * self.limits.features;
         self.index.remove(slot, &self.features[start..start + usize::from(self.counts[slot])]);
-        self.counts[slot] = 0;
+        (self.counts[slot], self.line_counts[slot]) = (0, 0);
         self.len -= 1;
         for other in self.keyframes.iter_mut().flatten() {
             other.neighbours.retain(|n| usize::from(*n) != slot);

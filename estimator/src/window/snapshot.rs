@@ -99,7 +99,12 @@ impl Window {
         snapshot.points.clear();
         snapshot.points.extend(self.points.all().iter().filter_map(|l| self.place_of_point(l)));
         snapshot.lines.clear();
-        snapshot.lines.extend(self.lines.all().iter().filter_map(|l| self.place_of_line(l)));
+        snapshot.lines.extend(self.snapshot_lines());
+    }
+
+    /// The lines that have a place, as they are known now.
+    pub(crate) fn snapshot_lines(&self) -> impl Iterator<Item = SnapshotLine> {
+        self.lines.all().iter().filter_map(|l| self.place_of_line(l))
     }
 
     fn place_of_point(&self, landmark: &PointLandmark) -> Option<SnapshotPoint> {

@@ -1,4 +1,5 @@
-//! `plumbline map`: maps from images with known poses, images located in maps, and what is in a map.
+//! `plumbline map`: maps from images with known poses, images located in maps, what is in a map, and the map of a
+//! vehicle in flight.
 
 use super::{Usage, check_outputs, load_config, say};
 use crate::evaluate::load_trajectory;
@@ -22,6 +23,9 @@ pub struct MapArgs {
 
 #[derive(Debug, Subcommand)]
 enum MapCommand {
+    /// Have a vehicle that flies with --save-map write its map now.
+    #[cfg(feature = "ground")]
+    Save(super::remote::RemoteArgs),
     /// Make a map of stereo images whose poses are known.
     Build(BuildArgs),
     /// Find each image of a data set in a map, by itself.
@@ -33,11 +37,11 @@ enum MapCommand {
     },
     /// Join two maps of one place: the second is found in the first.
     Merge(MergeArgs),
-    /// Write the points of a map as a point cloud.
+    /// Write the points and lines of a map as a point cloud.
     Export {
         /// The map.
         map: PathBuf,
-        /// Write the points and the keyframes' places (PLY).
+        /// Write the points, the keyframes' places, and lines as edges (PLY).
         #[arg(long, value_name = "OUT.ply")]
         ply: PathBuf,
     },
@@ -136,6 +140,8 @@ struct MergeArgs {
 /// When a file cannot be used, or nothing comes of it.
 pub fn run(args: &MapArgs) -> Result<()> {
     match &args.command {
+        #[cfg(feature = "ground")]
+        MapCommand::Save(remote) => remote.give(crate::ground::command::save_map),
         MapCommand::Build(args) => run_build(args),
         MapCommand::Locate(args) => run_locate(args),
         MapCommand::Info { map } => run_info(map),
@@ -238,6 +244,7 @@ fn run_info(path: &Path) -> Result<()> {
     ));
     say(format_args!("keyframes  {} of {} flight(s)", map.keyframes.len(), sessions.len()));
     say(format_args!("features   {}, of which {points} are points", map.feature_count()));
+    say(format_args!("lines      {}", map.line_count()));
     let places = || map.keyframes.iter().map(|k| k.pose_m_b.translation.vector);
     if let Some(first) = places().next() {
         let (low, high) = places().fold((first, first), |(l, h), p| (l.inf(&p), h.sup(&p)));

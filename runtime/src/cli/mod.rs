@@ -22,6 +22,8 @@ pub mod log;
 mod map;
 pub mod plot;
 mod progress;
+#[cfg(feature = "ground")]
+mod remote;
 pub mod replay;
 #[cfg(feature = "ground")]
 mod reset;

@@ -69,7 +69,7 @@ pub struct ReplayArgs {
     /// has been recognized.
     #[arg(long, value_name = "IN.map")]
     pub map: Option<PathBuf>,
-    /// Keep the map of the flight, that of --map included.
+    /// Keep the map of the flight, that of --map included: at the end, and whenever `plumbline map save` asks for it.
     #[arg(long, value_name = "OUT.map")]
     pub save_map: Option<PathBuf>,
     /// Odometry alone: recognize no places, close no loops, make no map.
@@ -313,6 +313,9 @@ fn start_outputs(args: &ReplayArgs, flight: &Flight, control: &Arc<Control>) -> 
         // A live flight never waits for the recorder, one in virtual time loses nothing.
         let when_full = if args.speed.is_some() { WhenFull::Drop } else { WhenFull::Wait };
         outputs.record(path, config, known_map, when_full)?;
+    }
+    if let Some(path) = &args.save_map {
+        outputs.save_map(path, control)?;
     }
     if !args.publish && config.ros.enabled {
         tracing::warn!("ros.enabled is set, but without --publish nothing is sent to ROS 2");

@@ -1,10 +1,8 @@
 //! `plumbline reset`: starts the estimate of a vehicle anew, from afar.
 
-use super::access::AccessArgs;
-use super::say;
+use super::remote::RemoteArgs;
 use crate::ground::command::{self, ResetWords};
-use crate::net::{Endpoints, Mode};
-use anyhow::{Result, anyhow};
+use anyhow::Result;
 use clap::builder::PossibleValue;
 use clap::{Args, ValueEnum};
 
@@ -12,16 +10,11 @@ use clap::{Args, ValueEnum};
 #[derive(Debug, Args)]
 pub struct ResetArgs {
     /// The vehicle.
-    pub vehicle: String,
+    #[command(flatten)]
+    pub remote: RemoteArgs,
     /// soft: a new start that keeps the pose; hard: a new start at the origin.
     #[arg(long, value_enum, default_value = "soft")]
     pub kind: ResetWords,
-    /// Connect to the vehicle or a router; may be repeated.
-    #[arg(long, value_name = "ENDPOINT", default_value = "tcp/127.0.0.1:7447")]
-    pub connect: Vec<String>,
-    /// Who we are.
-    #[command(flatten)]
-    pub access: AccessArgs,
 }
 
 /// Runs the command.
@@ -29,23 +22,7 @@ pub struct ResetArgs {
 /// # Errors
 /// When the vehicle refuses or does not answer.
 pub fn run(args: &ResetArgs) -> Result<()> {
-    let mode = if args.connect.len() == 1 { Mode::Client } else { Mode::Peer };
-    let endpoints = Endpoints { mode, ..args.access.endpoints(&args.vehicle, &[], &args.connect) };
-    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
-    let outcome = runtime.block_on(async {
-        let session = endpoints.open().await?;
-        let outcome = match command::find(&session, &args.vehicle).await {
-            true => command::reset(&session, &args.vehicle, args.kind).await,
-            false => {
-                Err("no vehicle of that name is on this network; is it flying, and are our keys good?".into())
-            }
-        };
-        let _ = session.close().await;
-        Ok::<_, anyhow::Error>(outcome)
-    })?;
-    let done = outcome.map_err(|reason| anyhow!("{}: {reason}", args.vehicle))?;
-    say(format_args!("{}: {done}", args.vehicle));
-    Ok(())
+    args.remote.give(async |session, vehicle| command::reset(session, vehicle, args.kind).await)
 }
 
 impl ValueEnum for ResetWords {

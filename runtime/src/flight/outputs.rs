@@ -1,4 +1,4 @@
-//! What a flight is handed to while it goes on: autopilot, network, ROS 2, recorder. Each listens to the run on the
+//! What a flight is handed to while it goes on: autopilot, network, ROS 2, map file, recorder. Each listens to the run on the
 //! threads that produce, and has a thread of its own for the rest.
 
 use super::FlightError;
@@ -6,8 +6,9 @@ use crate::autopilot::{Bridge, BridgeFigures, Stamps};
 use crate::log::recorder::RecorderSummary;
 use crate::log::{Recorder, WhenFull};
 use crate::net::{Endpoints, Publisher};
-use crate::pipeline::Control;
 use crate::pipeline::listener::Subscriber;
+use crate::pipeline::{Control, RunError};
+use crate::places::MapSaver;
 use crate::ros::RosOutput;
 use plumbline_config::ValidConfig;
 use std::path::Path;
@@ -19,6 +20,7 @@ pub struct Outputs {
     bridge: Option<Bridge>,
     publisher: Option<Publisher>,
     ros: Option<RosOutput>,
+    saver: Option<MapSaver>,
     recorder: Option<Recorder>,
 }
 
@@ -60,6 +62,16 @@ impl Outputs {
         Ok(())
     }
 
+    /// Keeps the map at `path` whenever somebody asks `control` for it.
+    ///
+    /// # Errors
+    /// When there can be no thread.
+    pub fn save_map(&mut self, path: &Path, control: &Arc<Control>) -> Result<(), FlightError> {
+        let saver = MapSaver::start(path, control);
+        self.saver = Some(saver.map_err(|error| RunError::Thread(error.to_string()))?);
+        Ok(())
+    }
+
     /// Records the flight at `path`; `known_map` is the SHA-256 of the map that it goes on with.
     ///
     /// # Errors
@@ -77,18 +89,19 @@ impl Outputs {
 
     /// All of them, in the order in which they are to be told: the recorder keeps frames, and comes last.
     pub fn subscribers(&mut self) -> Vec<&mut dyn Subscriber> {
-        let Self { bridge, publisher, ros, recorder } = self;
+        let Self { bridge, publisher, ros, saver, recorder } = self;
         let mut all: Vec<&mut dyn Subscriber> = Vec::new();
         all.extend(bridge.as_mut().map(|bridge| bridge as &mut dyn Subscriber));
         all.extend(publisher.as_mut().map(|publisher| publisher as &mut dyn Subscriber));
         all.extend(ros.as_mut().map(|ros| ros as &mut dyn Subscriber));
+        all.extend(saver.as_mut().map(|saver| saver as &mut dyn Subscriber));
         all.extend(recorder.as_mut().map(|recorder| recorder as &mut dyn Subscriber));
         all
     }
 
     /// The run is over: what waits is sent and written.
     pub fn finish(self) -> OutputFigures {
-        let Self { bridge, publisher, ros, recorder } = self;
+        let Self { bridge, publisher, ros, saver, recorder } = self;
         let autopilot = bridge.and_then(Bridge::stop);
         let recording = recorder.map(Recorder::finish);
         if let Some(publisher) = publisher {
@@ -96,6 +109,9 @@ impl Outputs {
         }
         if let Some(ros) = ros {
             ros.stop();
+        }
+        if let Some(saver) = saver {
+            saver.finish();
         }
         OutputFigures { autopilot, recording }
     }

@@ -200,6 +200,7 @@ fn network_messages() -> Vec<Vec<u8>> {
                 .encode_to_vec(),
         ),
         (b'r', net::ResetDone { words: "done".into(), ..net::ResetDone::default() }.encode_to_vec()),
+        (b's', net::MapSaved { keyframes: 7, words: "saved".into() }.encode_to_vec()),
     ];
     let framed = |(topic, payload): &(u8, Vec<u8>)| {
         let length = u16::try_from(payload.len()).unwrap().to_le_bytes();

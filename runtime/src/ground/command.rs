@@ -1,6 +1,7 @@
 //! Commands to a vehicle.
 
 use crate::net::{ROOT, proto, read};
+use prost::Message;
 use serde::Deserialize;
 use std::fmt;
 use std::time::{Duration, Instant};
@@ -9,6 +10,8 @@ use zenoh::qos::{CongestionControl, Priority};
 
 /// Timeout of a reset, which waits for the next frame.
 const PATIENCE: Duration = Duration::from_secs(4);
+/// Timeout of a map that is kept, which waits for the next keyframe and for the vehicle's disk.
+const SAVE_PATIENCE: Duration = Duration::from_secs(20);
 /// Period of the search for a vehicle.
 const SEARCH_PERIOD: Duration = Duration::from_millis(200);
 /// Longest answer that is shown, bytes.
@@ -58,18 +61,36 @@ pub async fn find(session: &Session, vehicle: &str) -> bool {
 /// The reason as text, when it refused or did not reply.
 pub async fn reset(session: &Session, vehicle: &str, kind: ResetWords) -> Result<String, String> {
     let selector = format!("{ROOT}/{vehicle}/command/reset?kind={kind}");
+    let done: proto::ResetDone = command(session, &selector, PATIENCE).await?;
+    Ok(format!("{}: the counter is now {}", done.words, done.reset_counter))
+}
+
+/// Has a vehicle keep its map; returns its reply.
+///
+/// # Errors
+/// The reason as text, when it refused or did not reply.
+pub async fn save_map(session: &Session, vehicle: &str) -> Result<String, String> {
+    let selector = format!("{ROOT}/{vehicle}/command/map_save");
+    let saved: proto::MapSaved = command(session, &selector, SAVE_PATIENCE).await?;
+    Ok(saved.words)
+}
+
+/// Asks for something to be done, and returns what the vehicle replies.
+async fn command<T: Message + Default + read::Checked>(
+    session: &Session,
+    selector: &str,
+    patience: Duration,
+) -> Result<T, String> {
     let question = session
-        .get(&selector)
-        .timeout(PATIENCE)
+        .get(selector)
+        .timeout(patience)
         .priority(Priority::InteractiveHigh)
         .congestion_control(CongestionControl::Block);
-    let replies = question.await.map_err(|error| format!("the reset could not be asked for: {error}"))?;
+    let replies = question.await.map_err(|error| format!("the command could not be sent: {error}"))?;
     let Ok(reply) = replies.recv_async().await else { return Err(SILENCE.into()) };
     match reply.result() {
-        Ok(sample) => match read::decode::<proto::ResetDone>(&sample.payload().to_bytes()) {
-            Some(done) => Ok(format!("{}: the counter is now {}", done.words, done.reset_counter)),
-            None => Err("the vehicle's answer cannot be understood".into()),
-        },
+        Ok(sample) => read::decode(&sample.payload().to_bytes())
+            .ok_or_else(|| "the vehicle's answer cannot be understood".into()),
         Err(error) => {
             let bytes = error.payload().to_bytes();
             let words = String::from_utf8_lossy(&bytes[..bytes.len().min(MAX_WORDS)]).into_owned();

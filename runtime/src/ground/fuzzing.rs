@@ -51,6 +51,7 @@ fn take(fleet: &Mutex<Fleet>, topic: u8, payload: &[u8]) {
             lock(fleet).past("drone", &past);
         }
         b'r' => drop(read::decode::<proto::ResetDone>(payload)),
+        b's' => drop(read::decode::<proto::MapSaved>(payload)),
         topic => {
             let count = |fleet: &Fleet| fleet.malformed + fleet.vehicles.len() as u64;
             apply_numbered(fleet, topic, payload);

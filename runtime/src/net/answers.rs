@@ -1,4 +1,4 @@
-//! Queries that a vehicle answers: trajectory, keyframes, corrected path, configuration, clock, reset.
+//! Queries that a vehicle answers: trajectory, keyframes, corrected path, configuration, clock, reset, saving the map.
 //!
 //! Questions wait in a short queue and are answered one after the other by a task of their own: who asks much
 //! holds up nobody but those who ask. Answers travel with the quality of service of their question; ground stations
@@ -37,6 +37,9 @@ const MAX_STEP_MS: i64 = 3_600_000;
 pub const MAX_KEYFRAMES_PER_QUESTION: usize = 64;
 /// Timeout of a reset, which takes effect with the next frame.
 const RESET_PATIENCE: Duration = Duration::from_secs(2);
+
+/// Timeout of a map that is to be kept: it is copied with the next keyframe and brought to the disk.
+const SAVE_PATIENCE: Duration = Duration::from_secs(15);
 
 /// One pose of the past.
 #[derive(Clone, Copy, Debug)]
@@ -143,9 +146,22 @@ pub async fn declare(session: &Session, answers: Answers) -> Result<(), NetError
             .await
             .map_err(failed)?;
     }
+    let answers = Arc::new(answers);
+    // Bringing a map to the disk takes its time: other questions do not wait for it, and there is one at a time.
+    let saving = Arc::new(tokio::sync::Mutex::new(()));
     tokio::spawn(async move {
         while let Some((topic, query)) = waiting.recv().await {
-            answers.answer(topic, &query).await;
+            if topic != Topic::MapSave {
+                answers.answer(topic, &query).await;
+            } else if let Ok(turn) = Arc::clone(&saving).try_lock_owned() {
+                let answers = Arc::clone(&answers);
+                tokio::spawn(async move {
+                    answers.answer(topic, &query).await;
+                    drop(turn);
+                });
+            } else {
+                let _ = query.reply_err("busy: the map is being saved").await;
+            }
         }
     });
     Ok(())
@@ -160,11 +176,19 @@ enum Topic {
     Config,
     Clock,
     Reset,
+    MapSave,
 }
 
 impl Topic {
-    const ALL: [Self; 6] =
-        [Self::Trajectory, Self::Keyframes, Self::Path, Self::Config, Self::Clock, Self::Reset];
+    const ALL: [Self; 7] = [
+        Self::Trajectory,
+        Self::Keyframes,
+        Self::Path,
+        Self::Config,
+        Self::Clock,
+        Self::Reset,
+        Self::MapSave,
+    ];
 
     fn key(self) -> &'static str {
         match self {
@@ -174,6 +198,7 @@ impl Topic {
             Self::Config => "config",
             Self::Clock => "clock",
             Self::Reset => "command/reset",
+            Self::MapSave => "command/map_save",
         }
     }
 
@@ -235,6 +260,14 @@ impl Answers {
                 let answers = outcome.map(|done| vec![done.encode_to_vec()]);
                 send(query, key, "plumbline.v1.ResetDone", answers).await;
             }
+            Topic::MapSave => {
+                let outcome = self.save_map(query, key).await;
+                if let Err(reason) = &outcome {
+                    tracing::warn!("the map was not saved: {reason}");
+                }
+                let answers = outcome.map(|done| vec![done.encode_to_vec()]);
+                send(query, key, "plumbline.v1.MapSaved", answers).await;
+            }
         }
     }
 
@@ -267,15 +300,37 @@ impl Answers {
         Ok(keyframes.into_iter().map(|bytes| (number(&bytes), bytes)).collect())
     }
 
-    /// Carries out a reset; the error is the reason as text.
-    async fn reset(&self, query: &Query, key: &str) -> Result<proto::ResetDone, String> {
+    /// Whether a command may be carried out; the error is the reason as text.
+    fn check_command(&self, query: &Query, key: &str) -> Result<(), String> {
         if query.key_expr().as_str() != key {
             // A pattern would pass rules that name the command.
             return Err(format!("a command needs its exact key: {key}"));
         }
-        if let Some(refusal) = &self.vehicle.refusal {
-            return Err(refusal.clone());
+        self.vehicle.refusal.clone().map_or(Ok(()), Err)
+    }
+
+    /// Has the map kept; the error is the reason as text.
+    async fn save_map(&self, query: &Query, key: &str) -> Result<proto::MapSaved, String> {
+        self.check_command(query, key)?;
+        let Some(mut saved) = self.vehicle.control.map_saves().ask() else {
+            return Err("this flight keeps no map: start it with --save-map FILE".into());
+        };
+        let before = saved.borrow_and_update().count;
+        match tokio::time::timeout(SAVE_PATIENCE, saved.wait_for(|now| now.count != before)).await {
+            Ok(Ok(now)) => match now.outcome.clone() {
+                Some(Ok(keyframes)) => {
+                    Ok(proto::MapSaved { keyframes, words: format!("{keyframes} keyframes saved") })
+                }
+                Some(Err(reason)) => Err(reason),
+                None => Err("the map was not saved".into()),
+            },
+            _ => Err("the map was asked for, but no keyframe has come since; is there a pose?".into()),
         }
+    }
+
+    /// Carries out a reset; the error is the reason as text.
+    async fn reset(&self, query: &Query, key: &str) -> Result<proto::ResetDone, String> {
+        self.check_command(query, key)?;
         let (kind, words) = match query.parameters().get("kind") {
             Some("soft") => (ResetKind::Soft, "soft"),
             Some("hard") => (ResetKind::Hard, "hard"),

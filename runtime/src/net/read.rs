@@ -147,6 +147,12 @@ impl Checked for proto::ResetDone {
     }
 }
 
+impl Checked for proto::MapSaved {
+    fn is_sound(&self) -> bool {
+        self.words.len() <= 4 * MAX_WORDS
+    }
+}
+
 /// The pose of a message; `None` when it is none.
 #[must_use]
 pub fn isometry(pose: &proto::Pose) -> Option<Isometry3<f64>> {

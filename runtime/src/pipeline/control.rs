@@ -1,5 +1,6 @@
-//! What somebody outside may ask of a run: to end, or to start the estimate anew.
+//! What somebody outside may ask of a run: to end, to start the estimate anew, or to keep the map.
 
+use super::map_saves::MapSaves;
 use plumbline_estimator::ResetKind;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
@@ -13,13 +14,14 @@ const HARD: u8 = 2;
 pub struct Control {
     stop: Arc<AtomicBool>,
     reset: AtomicU8,
+    map_saves: MapSaves,
 }
 
 impl Control {
     /// A run that ends when `stop` is set.
     #[must_use]
     pub fn stopped_by(stop: Arc<AtomicBool>) -> Self {
-        Self { stop, reset: AtomicU8::new(NONE) }
+        Self { stop, ..Self::default() }
     }
 
     /// Asks the run to end.
@@ -31,6 +33,12 @@ impl Control {
     #[must_use]
     pub fn is_stopped(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
+    }
+
+    /// Requests to keep the map.
+    #[must_use]
+    pub fn map_saves(&self) -> &MapSaves {
+        &self.map_saves
     }
 
     /// Asks for a reset before the next frame.

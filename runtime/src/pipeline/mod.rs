@@ -14,6 +14,7 @@ pub mod figures;
 mod in_order;
 pub mod listener;
 mod live;
+mod map_saves;
 pub mod orders;
 pub mod places;
 mod stages;
@@ -22,6 +23,7 @@ mod tick;
 
 pub use control::Control;
 pub use live::LiveFigures;
+pub use map_saves::{MapSaved, MapSaves};
 pub use tick::CORRECTION_DELAY_NS;
 
 use crate::schedule::host::Host;

@@ -1,17 +1,20 @@
-//! The map format, version 1, to and from bytes; described in `docs/map-format.md`.
+//! The map format, version 2, to and from bytes; described in `docs/map-format.md`.
 //!
 //! Reading is bounded: every length is checked against the bytes that are there before anything is allocated for it,
 //! and every number against what a map can hold. A map that passes has finite poses, unit rotations and sane features.
 
-use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector2};
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector2, Vector3};
 use plumbline_config::Timestamp;
-use plumbline_estimator::places::{Descriptor, Feature, Keyframe, MapLimits, PlaceMap};
+use plumbline_estimator::places::map::MAX_LINES;
+use plumbline_estimator::places::{Descriptor, Feature, Keyframe, MapLimits, MapLine, PlaceMap};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// First bytes of a map. The line ends show a file that was damaged in a transfer as text.
 pub const MAGIC: [u8; 8] = *b"PLBMAP\r\n";
 /// Version of the format.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
+/// Version that had no lines; it is read too.
+const WITHOUT_LINES: u32 = 1;
 /// Kind of the descriptors: 256 comparisons of the fixed pattern.
 pub const DESCRIPTOR_KIND: u32 = 1;
 /// Keyframes of a map at most.
@@ -24,6 +27,10 @@ const HEADER_BYTES: usize = 32;
 const KEYFRAME_BYTES: usize = 4 + 8 + 2 * 56 + 4;
 /// Bytes of a feature.
 const FEATURE_BYTES: usize = 32 + 5 * 4;
+/// Bytes of a line.
+const LINE_BYTES: usize = 6 * 4;
+/// Bytes of the count of a keyframe's lines.
+const LINE_COUNT_BYTES: usize = 4;
 /// Bytes of the checksum at the end.
 const CHECKSUM_BYTES: usize = 8;
 /// Places further from the origin than this are no places, m.
@@ -74,6 +81,8 @@ pub struct StoredKeyframe {
     pub pose_b_c: Isometry3<f64>,
     /// Its features.
     pub features: Vec<Feature>,
+    /// Its lines.
+    pub lines: Vec<MapLine>,
 }
 
 /// What a map file holds.
@@ -95,6 +104,7 @@ impl MapContents {
             pose_m_b: k.pose_m_b,
             pose_b_c: k.pose_b_c,
             features: map.features(slot).to_vec(),
+            lines: map.lines(slot).to_vec(),
         };
         Self { keyframes: keyframes.into_iter().map(stored).collect() }
     }
@@ -103,6 +113,12 @@ impl MapContents {
     #[must_use]
     pub fn feature_count(&self) -> usize {
         self.keyframes.iter().map(|k| k.features.len()).sum()
+    }
+
+    /// Lines in all.
+    #[must_use]
+    pub fn line_count(&self) -> usize {
+        self.keyframes.iter().map(|k| k.lines.len()).sum()
     }
 
     /// What a map needs to hold these.
@@ -117,7 +133,10 @@ impl MapContents {
     pub fn into_map(self, limits: MapLimits) -> PlaceMap {
         let mut map = PlaceMap::new(limits);
         for k in &self.keyframes {
-            map.add(Keyframe::new(k.session, k.stamp, k.pose_m_b, k.pose_b_c), &k.features);
+            let keyframe = Keyframe::new(k.session, k.stamp, k.pose_m_b, k.pose_b_c);
+            if let Some(slot) = map.add(keyframe, &k.features) {
+                map.set_lines(slot, k.lines.iter().copied());
+            }
         }
         map
     }
@@ -126,12 +145,18 @@ impl MapContents {
 /// The bytes of a map.
 #[must_use]
 pub fn encode(map: &MapContents) -> Vec<u8> {
-    let mut out = Writer(Vec::with_capacity(encoded_bytes(map.keyframes.len(), map.feature_count())));
+    let counts = Counts {
+        version: VERSION,
+        keyframes: map.keyframes.len(),
+        features: map.feature_count(),
+        lines: map.line_count(),
+    };
+    let mut out = Writer(Vec::with_capacity(counts.encoded_bytes()));
     out.0.extend(MAGIC);
     out.u32(VERSION);
     out.u32(DESCRIPTOR_KIND);
     out.u32(map.keyframes.len() as u32);
-    out.u32(0);
+    out.u32(map.line_count() as u32);
     out.0.extend((map.feature_count() as u64).to_le_bytes());
     for keyframe in &map.keyframes {
         out.u32(keyframe.session);
@@ -145,6 +170,10 @@ pub fn encode(map: &MapContents) -> Vec<u8> {
             for v in [x, y, feature.sigma_xy, feature.inverse_depth, feature.sigma_inverse_depth] {
                 out.0.extend(v.to_le_bytes());
             }
+        }
+        out.u32(keyframe.lines.len() as u32);
+        for end in keyframe.lines.iter().flat_map(|line| &line.ends_c) {
+            end.iter().for_each(|v| out.0.extend(v.to_le_bytes()));
         }
     }
     let checksum = xxh3_64(&out.0);
@@ -167,14 +196,23 @@ pub fn decode(bytes: &[u8]) -> Result<MapContents, MapDefect> {
     }
     let mut header = Reader(&bytes[MAGIC.len()..HEADER_BYTES]);
     let version = header.u32();
-    if version != VERSION {
+    if !(WITHOUT_LINES..=VERSION).contains(&version) {
         return Err(MapDefect::Version { found: version });
     }
-    let (kind, keyframes, _, features) = (header.u32(), header.u32(), header.u32(), header.u64());
-    let possible = keyframes <= MAX_KEYFRAMES && features <= u64::from(keyframes) * u64::from(MAX_FEATURES);
-    let expected = if possible { encoded_bytes(keyframes as usize, features as usize) } else { 0 };
-    if possible && expected != bytes.len() {
-        return Err(length(expected));
+    let kind = header.u32();
+    let (keyframes, lines, features) = (header.u32(), header.u32(), header.u64());
+    let possible = keyframes <= MAX_KEYFRAMES
+        && features <= u64::from(keyframes) * u64::from(MAX_FEATURES)
+        && u64::from(lines) <= u64::from(keyframes) * MAX_LINES as u64
+        && (version != WITHOUT_LINES || lines == 0);
+    let counts = Counts {
+        version,
+        keyframes: keyframes as usize,
+        features: usize::try_from(features).unwrap_or(usize::MAX),
+        lines: lines as usize,
+    };
+    if possible && counts.encoded_bytes() != bytes.len() {
+        return Err(length(counts.encoded_bytes()));
     }
     let (body, checksum) = bytes.split_at(bytes.len() - CHECKSUM_BYTES);
     if Reader(checksum).u64() != xxh3_64(body) {
@@ -186,7 +224,7 @@ pub fn decode(bytes: &[u8]) -> Result<MapContents, MapDefect> {
     if kind != DESCRIPTOR_KIND {
         return Err(MapDefect::Impossible("descriptors of an unknown kind"));
     }
-    decode_keyframes(Reader(&body[HEADER_BYTES..]), keyframes, features)
+    decode_keyframes(Reader(&body[HEADER_BYTES..]), counts)
 }
 
 /// Bytes with a checksum that fits, in place of the last eight: for tests that look past the checksum.
@@ -197,28 +235,53 @@ pub fn sealed(bytes: &[u8]) -> Vec<u8> {
     [body, &xxh3_64(body).to_le_bytes()].concat()
 }
 
-fn decode_keyframes(mut reader: Reader<'_>, count: u32, mut left: u64) -> Result<MapContents, MapDefect> {
-    let mut keyframes = Vec::with_capacity(count as usize);
-    for _ in 0..count {
+fn decode_keyframes(mut reader: Reader<'_>, counts: Counts) -> Result<MapContents, MapDefect> {
+    let mut keyframes = Vec::with_capacity(counts.keyframes);
+    let mut left = counts;
+    for _ in 0..counts.keyframes {
         let (session, stamp) = (reader.u32(), Timestamp::from_nanos(reader.u64() as i64));
         let (pose_m_b, pose_b_c) = (reader.pose()?, reader.pose()?);
+        // The sums of these are the length of the file, so they bound the allocations too.
         let features = reader.u32();
-        // The sum of the lengths is the length of the file, so this bounds the allocation too.
-        if features > MAX_FEATURES || u64::from(features) > left {
-            return Err(MapDefect::Impossible("keyframes with more features than it has"));
-        }
-        left -= u64::from(features);
+        left.features = take(left.features, features, MAX_FEATURES as usize)
+            .ok_or(MapDefect::Impossible("keyframes with more features than it has"))?;
         let features = (0..features).map(|_| reader.feature()).collect::<Result<_, _>>()?;
-        keyframes.push(StoredKeyframe { session, stamp, pose_m_b, pose_b_c, features });
+        let lines = if counts.version == WITHOUT_LINES { 0 } else { reader.u32() };
+        left.lines = take(left.lines, lines, MAX_LINES)
+            .ok_or(MapDefect::Impossible("keyframes with more lines than it has"))?;
+        let lines = (0..lines).map(|_| reader.line()).collect::<Result<_, _>>()?;
+        keyframes.push(StoredKeyframe { session, stamp, pose_m_b, pose_b_c, features, lines });
     }
-    if left > 0 {
-        return Err(MapDefect::Impossible("features of no keyframe"));
+    if left.features > 0 || left.lines > 0 {
+        return Err(MapDefect::Impossible("features or lines of no keyframe"));
     }
     Ok(MapContents { keyframes })
 }
 
-fn encoded_bytes(keyframes: usize, features: usize) -> usize {
-    HEADER_BYTES + keyframes * KEYFRAME_BYTES + features * FEATURE_BYTES + CHECKSUM_BYTES
+/// What is left after `count` were taken, of which there can be `most`.
+fn take(left: usize, count: u32, most: usize) -> Option<usize> {
+    let count = usize::try_from(count).ok().filter(|count| *count <= most)?;
+    left.checked_sub(count)
+}
+
+/// What a file holds, by its header.
+#[derive(Clone, Copy)]
+struct Counts {
+    version: u32,
+    keyframes: usize,
+    features: usize,
+    lines: usize,
+}
+
+impl Counts {
+    fn encoded_bytes(self) -> usize {
+        let line_count = if self.version == WITHOUT_LINES { 0 } else { LINE_COUNT_BYTES };
+        HEADER_BYTES
+            + self.keyframes * (KEYFRAME_BYTES + line_count)
+            + self.features * FEATURE_BYTES
+            + self.lines * LINE_BYTES
+            + CHECKSUM_BYTES
+    }
 }
 
 struct Writer(Vec<u8>);
@@ -278,6 +341,15 @@ impl Reader<'_> {
         Ok(Isometry3::from_parts(Translation3::new(x, y, z), rotation))
     }
 
+    fn line(&mut self) -> Result<MapLine, MapDefect> {
+        let ends_c = [(); 2].map(|()| Vector3::from_fn(|_, _| self.f32()));
+        // Written so that a NaN fails.
+        if !ends_c.iter().flatten().all(|v| f64::from(v.abs()) <= MAX_POSITION_M) {
+            return Err(MapDefect::Impossible("a line that is none"));
+        }
+        Ok(MapLine { ends_c })
+    }
+
     fn feature(&mut self) -> Result<Feature, MapDefect> {
         let descriptor = Descriptor(std::array::from_fn(|_| self.u64()));
         let [x, y, sigma_xy, inverse_depth, sigma_inverse_depth] = std::array::from_fn(|_| self.f32());
@@ -314,6 +386,7 @@ mod tests {
             pose_m_b: Isometry3::translation(k as f64, 0.5, -1.0),
             pose_b_c: Isometry3::rotation(nalgebra::Vector3::new(0.3, 0.2, 0.1)),
             features: (0..3 + k as u64).map(feature).collect(),
+            lines: (0..k).map(|l| MapLine { ends_c: [Vector3::new(l as f32, 0.5, 2.0); 2] }).collect(),
         };
         MapContents { keyframes: (0..4).map(keyframe).collect() }
     }
@@ -323,6 +396,22 @@ mod tests {
         let mut bytes = encode(&contents());
         change(&mut bytes);
         decode(&sealed(&bytes))
+    }
+
+    #[test]
+    fn a_map_of_version_1_is_one_without_lines() {
+        let mut without = contents();
+        without.keyframes.iter_mut().for_each(|k| k.lines.clear());
+        let new = encode(&without);
+        let (mut old, mut at) = (new[..HEADER_BYTES].to_vec(), HEADER_BYTES);
+        old[8] = 1;
+        for keyframe in &without.keyframes {
+            let end = at + KEYFRAME_BYTES + keyframe.features.len() * FEATURE_BYTES;
+            old.extend(&new[at..end]);
+            at = end + LINE_COUNT_BYTES;
+        }
+        old.extend([0; CHECKSUM_BYTES]);
+        assert_eq!(decode(&sealed(&old)), Ok(without));
     }
 
     #[test]
@@ -357,7 +446,7 @@ mod tests {
 
     #[test]
     fn another_version_and_other_files_are_named_as_what_they_are() {
-        assert_eq!(forged(|b| b[8] = 2), Err(MapDefect::Version { found: 2 }));
+        assert_eq!(forged(|b| b[8] = 3), Err(MapDefect::Version { found: 3 }));
         assert_eq!(decode(b"\x89MCAP0\r\n"), Err(MapDefect::Foreign));
     }
 

@@ -24,11 +24,13 @@ pub use path::MapPath;
 use super::extractor::{Extractor, ExtractorOptions, View};
 use super::graph::{Edge, GraphLimits, Node, PoseGraph};
 use super::images::FrameImages;
+use super::line::MapLine;
 use super::locate::{Located, Locator, LocatorOptions, Query};
 use super::map::{Keyframe, MapLimits, PlaceMap, view_distance};
 use super::refine::Gravity;
 use crate::exchange::{Feedback, SolvedFrame};
 use crate::points::rig::RigCamera;
+use crate::window::snapshot::SnapshotKeyframe;
 use nalgebra::{Isometry3, Matrix4, Vector3};
 use plumbline_config::options::PlacesConfig;
 use plumbline_config::{Timestamp, ValidSetup};
@@ -314,7 +316,20 @@ impl Mapper {
                 .rposition(|i| i.stamp == keyframe.stamp && i.reset_counter == solved.reset_counter);
             if let Some(node) = known {
                 self.graph.set_odometry(node, keyframe.pose_o_b);
+                self.keep_lines(node, keyframe, solved);
             }
+        }
+    }
+
+    /// The lines that a keyframe hosts, as the window knows them now.
+    fn keep_lines(&mut self, node: usize, host: &SnapshotKeyframe, solved: &SolvedFrame) {
+        let Some(slot) = self.infos[node].slot else { return };
+        let Some(keyframe) = self.map.keyframe(slot) else { return };
+        let pose_o_c = host.pose_o_b * keyframe.pose_b_c;
+        let hosted = || solved.lines.iter().filter(|line| line.host == host.stamp);
+        // The window forgets a line that is out of view, the map does not.
+        if hosted().count() >= self.map.lines(slot).len() {
+            self.map.set_lines(slot, hosted().map(|line| MapLine::new(&pose_o_c, &line.ends_o)));
         }
     }
 
