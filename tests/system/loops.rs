@@ -1,13 +1,14 @@
 //! Places seen again in flight: what loops bring, how many are found, and that none is wrong.
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Matrix4, Vector3, Vector4};
 use plumbline::flight::{CausalPose, Flight, Flown, fly, open_simulation};
 use plumbline::pipeline::listener::{Listener, Mapped, Producer, Subscriber};
 use plumbline::pipeline::{Control, RunOptions};
 use plumbline::report::Report;
 use plumbline_config::Timestamp;
-use plumbline_drivers::simulator::{FlightPath, Scenario, Scene};
-use plumbline_estimator::places::MapUpdate;
+use plumbline_drivers::simulator::{FlightPath, Scenario, Scene, Twin};
+use plumbline_estimator::places::graph::{Edge, LoopRefused, PoseGraph};
+use plumbline_estimator::places::{MapPath, MapUpdate, Mapper};
 use plumbline_tests::shared;
 use std::sync::{Arc, Mutex};
 
@@ -129,6 +130,98 @@ fn flown_twice() -> (Flown, Vec<MapUpdate>) {
     flown(simulated(&scenario(2)))
 }
 
+/// The true pose of each node, by its number; that of the origin of the map is none.
+fn true_poses(flown: &Flown, mapper: &Mapper) -> Vec<Option<Isometry3<f64>>> {
+    let mut path = MapPath::new(mapper.graph().nodes().len());
+    mapper.copy_path(&mut path);
+    assert_eq!(path.poses.len() + 1, mapper.graph().nodes().len(), "a node is not placed");
+    let truth = path.poses.iter().map(|pose| Some(flown.truth.pose_at(pose.stamp).unwrap()));
+    std::iter::once(None).chain(truth).collect()
+}
+
+/// A loop that says the way from node to node, as exactly as one can, moved by `shift` in the axes of the first body.
+fn said_loop(
+    graph: &PoseGraph,
+    poses: &[Option<Isometry3<f64>>],
+    (from, to): (usize, usize),
+    shift: Vector3<f64>,
+) -> Option<Edge> {
+    let way = poses[from]?.inverse() * poses[to]?;
+    let information = Matrix4::from_diagonal(&Vector4::new(1e6, 1e6, 1e6, 1e7));
+    Some(Edge::of_loop(graph.nodes(), (from, to), &(Isometry3::from(shift) * way), information))
+}
+
+/// How far the odometry is from the truth between nodes of a flight, as squares of Mahalanobis distances, for ways of
+/// 1, 4, 16, 64 and 256 nodes: median and largest.
+fn drift_distances2(flown: &Flown, mapper: &Mapper) -> Vec<(usize, f64, f64)> {
+    let (graph, poses) = (mapper.graph(), true_poses(flown, mapper));
+    let of = |step: usize| {
+        let pairs = (1..poses.len().saturating_sub(step)).step_by(1 + step / 8);
+        let mut all: Vec<f64> = pairs
+            .filter_map(|k| said_loop(graph, &poses, (k, k + step), Vector3::zeros()))
+            .filter_map(|edge| graph.odometry_distance2(&edge))
+            .collect();
+        all.sort_unstable_by(f64::total_cmp);
+        Some((step, *all.get(all.len() / 2)?, *all.last()?))
+    };
+    [1, 4, 16, 64, 256].into_iter().filter_map(of).collect()
+}
+
+#[test]
+fn false_loops_in_a_flight_leave_it_unharmed() {
+    let (flown, _) = flown_twice();
+    let mapper = &flown.outcome.places.as_ref().unwrap().mapper;
+    let poses = true_poses(&flown, mapper);
+    for (step, median, largest) in drift_distances2(&flown, mapper) {
+        println!(
+            "{step} nodes: the truth is off by {median:.2} in the median, {largest:.2} at most, squared"
+        );
+        assert!(largest < 23.5, "the odometry speaks against the truth over {step} nodes");
+    }
+    let false_loops = |graph: &mut PoseGraph, shift: Vector3<f64>| -> Vec<Result<(), LoopRefused>> {
+        let last = poses.len() - 1;
+        let ends = (1..12).map(|k| (2 * k, last - 2 * k));
+        ends.map(|ends| {
+            let edge = said_loop(graph, &poses, ends, shift).unwrap();
+            graph.add_loop(edge, true)
+        })
+        .collect()
+    };
+    // Further off than the odometry can have drifted, all by the same: not one counts.
+    let mut graph = mapper.graph().clone();
+    for shift in [Vector3::new(2.8, 0.0, 0.0), Vector3::new(0.0, 0.0, -1.0)] {
+        assert!(false_loops(&mut graph, shift).iter().all(|r| *r == Err(LoopRefused::Contradicted)));
+    }
+    graph.optimize(500);
+    assert_eq!(graph.nodes(), mapper.graph().nodes());
+    // Within what it can have drifted: they count as loops, and are outvoted.
+    let edge = said_loop(&graph, &poses, (6, poses.len() - 6), Vector3::new(0.1, 0.0, 0.0)).unwrap();
+    graph.add_loop(edge, true).unwrap();
+    assert!(graph.optimize(500).is_done);
+    let moved = graph.nodes().iter().zip(mapper.graph().nodes()).map(|(a, b)| (a.p_m_b - b.p_m_b).norm());
+    let moved = moved.fold(0.0, f64::max);
+    println!("a false loop of 0.1 m moves nodes by {moved:.5} m at most");
+    assert!(moved < 0.001);
+}
+
+#[test]
+fn rooms_that_look_alike_are_not_taken_for_each_other() {
+    for twin in [Twin::Repeated, Twin::Mirrored] {
+        let scenario = Scenario { scene: Scene::Rooms(twin), duration_s: 7.0, ..scenario(2) };
+        let (flown, updates) = flown(simulated(&scenario));
+        let recognition = Recognition::of(&flown, &updates);
+        let figures = &flown.outcome.places.as_ref().unwrap().figures;
+        println!("{twin:?}: {recognition:?}, {} contradicted", figures.contradicted);
+        assert_eq!(recognition.wrong, 0, "{twin:?}: a place in the one room is taken for one in the other");
+        let report = Report::new(&flown);
+        let harm = report.places.unwrap().ate_final_rmse_m.unwrap() - report.ate_rmse_m.unwrap();
+        assert!(harm < 0.002, "{twin:?}: loops add {harm} m to the error");
+        if twin == Twin::Repeated {
+            assert!(figures.contradicted >= 10, "the rooms do not look alike: the test shows nothing");
+        }
+    }
+}
+
 /// Flights of two laps along recorded paths: seconds of take-off to leave out, and the scene.
 const PATHS: [(&str, f64, Scene); 6] = [
     ("V1_01_easy", 5.0, Scene::Room),
@@ -175,6 +268,8 @@ fn two_laps_of_recorded_paths() {
                 recognition.wrong,
                 places.loops_used
             );
+            let mapper = &flown.outcome.places.as_ref().unwrap().mapper;
+            println!("  drift, by nodes: {:.2?}", drift_distances2(&flown, mapper));
             let is_good = recognition.wrong == 0
                 && 10 * recognition.found >= 7 * recognition.revisits
                 && ate[2] <= 0.5 * ate[0]

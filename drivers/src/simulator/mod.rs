@@ -1,6 +1,6 @@
 //! A simulated flight: a stereo camera and an inertial sensor in an indoor world, with the exact truth.
 //!
-//! A smooth [`Trajectory`] (built in, or any TUM file) flies through one of three [`Scene`]s built around
+//! A smooth [`Trajectory`] (built in, or any TUM file) flies through one of the [`Scene`]s built around
 //! it. Images are rendered through the configured camera models; inertial samples are the derivatives of
 //! the same curve. Everything is a pure function of the configuration and of the [`Scenario`]: no clock,
 //! no threads, no order of calls has a say, so frames may be rendered ahead and out of order.
@@ -27,6 +27,7 @@ mod spline;
 mod stereo;
 mod texture;
 mod trajectory;
+mod twin;
 mod world;
 
 #[cfg(test)]
@@ -40,6 +41,7 @@ pub use scenario::{FlightPath, Scenario, scaled_config};
 pub use scenes::Scene;
 pub use stereo::SimulatedStereo;
 pub use trajectory::{Motion, Trajectory};
+pub use twin::Twin;
 pub use world::Hit;
 
 use crate::{DriverError, Faults, FaultySource, ImuReading, ImuSource, StereoFrame, TruthState};
@@ -93,10 +95,13 @@ impl Simulator {
     pub fn new(config: &Config, scenario: &Scenario) -> Result<Self, DriverError> {
         scenario.check(config)?;
         let config = scaled_config(config, scenario.resolution_scale);
-        let flight = scenario.flight(&config)?;
+        let (flight, twins) = scenario.flight(&config)?;
         let (first_frame, duration_s) = scenario.window(&flight)?;
         let path: Vec<_> = flight.positions(PATH_STEP_S).collect();
-        let world = scenes::build(scenario.scene, scenario.seed, &path);
+        let world = match &twins {
+            Some(twins) => twins.build(scenario.seed, &path),
+            None => scenes::build(scenario.scene, scenario.seed, &path),
+        };
         let cameras = config.camera.iter().map(|camera| {
             let model = camera.model();
             let sensor = Sensor::new(&scenario.effects, &model, scenario.seed);

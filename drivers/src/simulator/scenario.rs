@@ -1,8 +1,10 @@
 //! What is to be simulated.
 
+use super::twin::{self, Twins};
 use super::{Effects, ImuEffects, LEAD_S, Scene, Trajectory, laps, path};
 use crate::DriverError;
 use crate::tum::read_tum;
+use nalgebra::Vector3;
 use plumbline_config::{Config, Timestamp};
 use std::path::PathBuf;
 
@@ -71,6 +73,10 @@ impl Scenario {
             (self.duration_s > 0.0, "the duration must be positive"),
             ((1..=100).contains(&self.laps), "there must be 1 to 100 laps"),
             (
+                self.laps == 2 || !matches!(self.scene, Scene::Rooms(_)),
+                "through two rooms there must be two laps",
+            ),
+            (
                 self.path != FlightPath::Demo || self.start_s + self.duration_s <= MAX_DEMO_S,
                 "the built-in flight lasts two hours at most; choose a shorter duration",
             ),
@@ -97,16 +103,22 @@ impl Scenario {
         self.path == FlightPath::Demo || self.laps > 1
     }
 
-    /// The whole path.
-    pub(super) fn flight(&self, config: &Config) -> Result<Trajectory, DriverError> {
+    /// The whole path, and the rooms that it leads through where there are two.
+    pub(super) fn flight(&self, config: &Config) -> Result<(Trajectory, Option<Twins>), DriverError> {
         let once = self.once(config)?;
         if self.laps == 1 {
-            return Ok(once);
+            return Ok((once, None));
         }
         let rest_s = once.end().seconds_since(once.begin()) - self.start_s - LEAD_S;
         let lap = (self.start_s, (self.duration_s + LEAD_S).min(rest_s));
-        laps::laps(&once, lap, self.laps)
-            .ok_or_else(|| DriverError::Scenario("the path is too short to be flown in laps".into()))
+        let twins = match self.scene {
+            Scene::Rooms(kind) => Some(Twins::new(kind, &twin::positions(&once, lap))),
+            _ => None,
+        };
+        let shift = twins.as_ref().map_or_else(Vector3::zeros, Twins::shift);
+        let flight = laps::laps(&once, lap, self.laps, &shift)
+            .ok_or_else(|| DriverError::Scenario("the path is too short to be flown in laps".into()))?;
+        Ok((flight, twins))
     }
 
     /// The path as it is given.

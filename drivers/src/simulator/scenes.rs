@@ -1,9 +1,10 @@
-//! The three scenes: a room full of texture, a large hall, and a room of plain painted walls.
+//! The scenes: a room full of texture, a large hall, and a room of plain painted walls.
 
 use super::builder::{Builder, Wall};
 use super::light::{Lamp, Lighting, bake};
 use super::pattern::Material;
 use super::solid::{Bounds, Solid};
+use super::twin::Twin;
 use super::world::{Finish, World};
 use nalgebra::Vector3;
 
@@ -19,6 +20,8 @@ pub enum Scene {
     Hall,
     /// A room of plain painted walls: edges everywhere, points scarce.
     LowTexture,
+    /// Two furnished rooms that look alike, side by side: a lap through each.
+    Rooms(Twin),
 }
 
 const fn finish(material: Material) -> Finish {
@@ -27,12 +30,16 @@ const fn finish(material: Material) -> Finish {
 
 /// Builds `scene` around the flight through `path` (positions in the world, m).
 pub(super) fn build(scene: Scene, seed: u64, path: &[Vector3<f64>]) -> World {
+    build_around(scene, seed, &Bounds::around(path), path)
+}
+
+/// Builds `scene` around `flight`; furniture keeps clear of `path`.
+pub(super) fn build_around(scene: Scene, seed: u64, flight: &Bounds, path: &[Vector3<f64>]) -> World {
     let mut builder = Builder::new(seed, path);
-    let flight = Bounds::around(path);
     let lighting = match scene {
-        Scene::Room => room(&mut builder, &flight),
-        Scene::Hall => hall(&mut builder, &flight),
-        Scene::LowTexture => plain_room(&mut builder, &flight),
+        Scene::Room | Scene::Rooms(_) => room(&mut builder, flight),
+        Scene::Hall => hall(&mut builder, flight),
+        Scene::LowTexture => plain_room(&mut builder, flight),
     };
     bake(&mut builder.surfaces, &builder.casters, &lighting);
     World { surfaces: builder.surfaces }
@@ -107,8 +114,13 @@ fn crate_finishes() -> [Finish; 5] {
     ]
 }
 
+/// The room around a flight.
+pub(super) fn room_around(flight: &Bounds) -> Bounds {
+    grown(flight, [1.6, 1.4], 1.1)
+}
+
 fn room(b: &mut Builder<'_>, flight: &Bounds) -> Lighting {
-    let bounds = grown(flight, [1.6, 1.4], 1.1);
+    let bounds = room_around(flight);
     let walls = [
         finish(Material::Bricks),
         finish(Material::Plaster),

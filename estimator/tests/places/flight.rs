@@ -144,7 +144,8 @@ impl Mapper {
         let pose_a_b = self.truth_of(from).inverse() * found.pose_m_b;
         let information = information(0.02, 0.01);
         let edge = Edge::of_loop(self.graph.nodes(), (from, to), &pose_a_b, information);
-        self.graph.add_loop(edge, false);
+        // A graph that is full, or a place that looks like another: it goes on without.
+        let _ = self.graph.add_loop(edge, false);
         self.graph.optimize(GRAPH_STEPS);
     }
 

@@ -49,6 +49,8 @@ pub struct PlacesFigures {
     pub keyframes: u32,
     /// Places seen again.
     pub sightings: u32,
+    /// Places that looked like one seen before, where the odometry speaks against it.
+    pub contradicted: u32,
     /// Loops that count at the end.
     pub loops_used: u32,
     /// Frames that were passed over because the one before was not done.
@@ -65,6 +67,7 @@ impl Default for PlacesFigures {
             times_ms: Times::of_ms(),
             keyframes: 0,
             sightings: 0,
+            contradicted: 0,
             loops_used: 0,
             passed_over: 0,
             late: 0,
@@ -175,6 +178,7 @@ impl MapStage {
             times_ms,
             keyframes: mapper.map().len() as u32,
             sightings: mapper.sightings(),
+            contradicted: mapper.contradicted(),
             loops_used: mapper.loops_used(),
             passed_over,
             late: self.late,

@@ -11,6 +11,8 @@ pub struct Places {
     pub keyframes: u32,
     /// Places seen again.
     pub sightings: u32,
+    /// Places that looked like one seen before, and were not believed because the odometry speaks against it.
+    pub contradicted: u32,
     /// Loops that count at the end.
     pub loops_used: u32,
     /// Frames that the map was not given, because it was not done with the one before.
@@ -36,6 +38,7 @@ impl Places {
         Some(Self {
             keyframes: figures.keyframes,
             sightings: figures.sightings,
+            contradicted: figures.contradicted,
             loops_used: figures.loops_used,
             passed_over: figures.passed_over,
             late: figures.late,

@@ -6,13 +6,14 @@
 //!
 //! `e = ( Rz(-psi_a) (p_b - p_a) - z_p,  psi_b - psi_a - z_psi )`, with an information matrix of 4x4.
 //!
-//! Between neighbours the odometry measures; a loop is what a keyframe was located by. Loops may be false: they count
-//! only once another one agrees with them ([`consistency`], pairwise consistency, Mangelson et al. 2018), and their
-//! weights follow graduated non-convexity with truncated least squares (Yang et al. 2020). The linear systems are
+//! Between neighbours the odometry measures; a loop is what a keyframe was located by. Loops may be false: what the
+//! odometry speaks against is refused (`drift`); the others count only once another one agrees with them
+//! ([`consistency`], pairwise consistency, Mangelson et al. 2018), and their weights follow graduated non-convexity with truncated least squares (Yang et al. 2020). The linear systems are
 //! solved by conjugate gradients with the chain of the flight as preconditioner (`solver`). The work of a call is
 //! bounded; the next call goes on where it ended.
 
 pub mod consistency;
+mod drift;
 pub mod edge;
 mod solver;
 
@@ -41,6 +42,26 @@ pub struct GraphLimits {
     /// Loops at most; beyond, new ones are refused.
     pub loops: usize,
 }
+
+/// Why a loop was not added.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LoopRefused {
+    /// The graph holds as many as it can, or has no such nodes.
+    NoRoom,
+    /// It says something else than the odometry, which cannot have drifted so far.
+    Contradicted,
+}
+
+impl std::fmt::Display for LoopRefused {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::NoRoom => "there is no room for the loop, or no such node",
+            Self::Contradicted => "the odometry speaks against the loop",
+        })
+    }
+}
+
+impl std::error::Error for LoopRefused {}
 
 /// What a call of [`PoseGraph::optimize`] did.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -111,11 +132,30 @@ impl PoseGraph {
         fits
     }
 
-    /// Adds a loop; `false` when there is no room. It waits until another one agrees with it, unless it
-    /// `stands_alone`.
-    pub fn add_loop(&mut self, edge: Edge, stands_alone: bool) -> bool {
+    /// Whether the odometry speaks against a loop: it says something else than that, and cannot have drifted so far.
+    /// The work is that of a walk along all edges.
+    #[must_use]
+    pub fn contradicts(&self, edge: &Edge) -> bool {
+        self.joins_nodes(edge) && drift::contradicts(&self.nodes, &self.edges, edge)
+    }
+
+    /// Square of the Mahalanobis distance between a loop and the way along the odometry; `None` where no odometry leads
+    /// from end to end.
+    #[must_use]
+    pub fn odometry_distance2(&self, edge: &Edge) -> Option<f64> {
+        self.joins_nodes(edge).then(|| drift::distance2(&self.nodes, &self.edges, edge)).flatten()
+    }
+
+    /// Adds a loop. It waits until another one agrees with it, unless it `stands_alone`.
+    ///
+    /// # Errors
+    /// When there is no room for it, or the odometry speaks against it.
+    pub fn add_loop(&mut self, edge: Edge, stands_alone: bool) -> Result<(), LoopRefused> {
         if self.loops.len() == self.limits.loops || !self.joins_nodes(&edge) {
-            return false;
+            return Err(LoopRefused::NoRoom);
+        }
+        if self.contradicts(&edge) {
+            return Err(LoopRefused::Contradicted);
         }
         let mut edge = Edge { weight: 0.0, kind: EdgeKind::Loop { supporters: 0 }, ..edge };
         let mut supporters = usize::from(stands_alone);
@@ -133,7 +173,7 @@ impl PoseGraph {
         if supporters > 0 {
             self.begin_anew();
         }
-        true
+        Ok(())
     }
 
     /// The odometry of a node is known better now: the node keeps its correction, and the edges about it follow.

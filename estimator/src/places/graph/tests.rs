@@ -54,6 +54,27 @@ impl Flight {
         graph
     }
 
+    /// The second lap is another piece of odometry, that waits to be placed.
+    fn two_segments(&self) -> PoseGraph {
+        let mut graph = PoseGraph::new(GraphLimits { nodes: NODES, loops: 100 });
+        let elsewhere = Isometry3::translation(1000.0, 0.0, 0.0);
+        for (k, pose) in self.odometry.iter().enumerate() {
+            let is_second = k >= LAP;
+            let pose_m_o = if is_second { elsewhere } else { Isometry3::identity() };
+            let node = Node {
+                segment: u32::from(is_second),
+                is_placed: !is_second,
+                ..Node::new(*pose, &pose_m_o, k == 0 || k == LAP)
+            };
+            graph.add_node(node).unwrap();
+            if k > 0 && k != LAP {
+                let edge = Edge::of_odometry(graph.nodes(), k - 1, k, information(0.005, 0.001));
+                graph.add_sequential(edge);
+            }
+        }
+        graph
+    }
+
     /// The loop from the first lap to the second that begins at `k`, moved and turned by an error.
     fn closure(&self, graph: &PoseGraph, k: usize, shift: Vector3<f64>, yaw: f64) -> Edge {
         let between = self.truth[k].inverse() * self.truth[k + LAP];
@@ -122,7 +143,7 @@ fn loops_take_the_drift_out_whatever_way_the_body_is_mounted() {
         let mut graph = flight.graph();
         let before = flight.ate_m(&graph);
         for k in (5..95).step_by(10) {
-            assert!(graph.add_loop(flight.closure(&graph, k, Vector3::zeros(), 0.0), false));
+            graph.add_loop(flight.closure(&graph, k, Vector3::zeros(), 0.0), false).unwrap();
         }
         assert_eq!(settle(&mut graph).loops_used, 9);
         let after = flight.ate_m(&graph);
@@ -144,9 +165,61 @@ fn a_single_false_loop_changes_nothing() {
     let flight = Flight::new(3);
     let mut graph = flight.graph();
     let before = graph.nodes().to_vec();
-    graph.add_loop(flight.closure(&graph, 30, Vector3::new(1.5, -0.8, 0.0), 0.6), false);
+    // One that the odometry may have drifted by, and one that it may not.
+    let near = flight.closure(&graph, 30, Vector3::new(0.15, -0.1, 0.0), 0.02);
+    assert_eq!(graph.add_loop(near, false), Ok(()));
+    let far = flight.closure(&graph, 30, Vector3::new(1.5, -0.8, 0.0), 0.6);
+    assert_eq!(graph.add_loop(far, false), Err(LoopRefused::Contradicted));
     settle(&mut graph);
     assert_eq!(graph.nodes(), before);
+}
+
+#[test]
+fn what_the_odometry_speaks_against_does_not_count_however_many_say_it() {
+    for seed in 0..10 {
+        let flight = Flight::new(seed);
+        let mut graph = flight.graph();
+        let before = graph.nodes().to_vec();
+        // A room like the first one, 4 m beside it: all that is seen in it agrees with all else.
+        for k in 5..95 {
+            let alike = flight.closure(&graph, k, Vector3::new(0.0, 4.0, 0.0), 0.0);
+            assert_eq!(graph.add_loop(alike, true), Err(LoopRefused::Contradicted), "seed {seed}, {k}");
+            let turned = flight.closure(&graph, k, Vector3::zeros(), std::f64::consts::FRAC_PI_2);
+            assert_eq!(graph.add_loop(turned, true), Err(LoopRefused::Contradicted), "seed {seed}, {k}");
+        }
+        settle(&mut graph);
+        assert_eq!(graph.nodes(), before);
+    }
+}
+
+#[test]
+fn true_loops_are_never_contradicted() {
+    for seed in 0..50 {
+        let flight = Flight::new(seed);
+        let graph = flight.graph();
+        for k in (0..LAP).step_by(7) {
+            let edge = flight.closure(&graph, k, Vector3::zeros(), 0.0);
+            let distance2 = graph.odometry_distance2(&edge).unwrap();
+            assert!(distance2 < 13.28, "seed {seed}, {k}: {distance2}");
+        }
+    }
+}
+
+#[test]
+fn a_segment_stays_where_it_was_confirmed_to_be() {
+    let flight = Flight::new(6);
+    let mut graph = flight.two_segments();
+    let alike = Vector3::new(0.0, 4.0, 0.0);
+    for k in [10, 14, 18] {
+        graph.add_loop(flight.closure(&graph, k, Vector3::zeros(), 0.0), false).unwrap();
+    }
+    graph.place_segment(1, &Isometry3::identity());
+    settle(&mut graph);
+    for k in [50, 54, 58, 62, 66] {
+        let false_loop = flight.closure(&graph, k, alike, 0.0);
+        assert_eq!(graph.add_loop(false_loop, true), Err(LoopRefused::Contradicted));
+        graph.add_loop(flight.closure(&graph, k, Vector3::zeros(), 0.0), false).unwrap();
+    }
 }
 
 #[test]
@@ -157,13 +230,13 @@ fn false_loops_that_support_each_other_are_outvoted() {
         let mut sound = flight.graph();
         for k in (5..95).step_by(10) {
             for g in [&mut graph, &mut sound] {
-                g.add_loop(flight.closure(g, k, Vector3::zeros(), 0.0), false);
+                g.add_loop(flight.closure(g, k, Vector3::zeros(), 0.0), false).unwrap();
             }
         }
-        // A look-alike place, shifted as a whole: these agree with each other.
-        let error = Vector3::new(0.0, 2.0, 1.0);
+        // A look-alike place, shifted as a whole by what the odometry may have drifted: these agree with each other.
+        let error = Vector3::new(0.0, 0.3, 0.1);
         for k in [50, 53, 56] {
-            graph.add_loop(flight.closure(&graph, k, error, 0.0), false);
+            graph.add_loop(flight.closure(&graph, k, error, 0.0), false).unwrap();
         }
         settle(&mut graph);
         settle(&mut sound);
@@ -181,7 +254,7 @@ fn work_in_small_pieces_gives_the_same_bits() {
     let run = |steps: usize| {
         let mut graph = flight.graph();
         for k in [10, 30, 60] {
-            graph.add_loop(flight.closure(&graph, k, Vector3::zeros(), 0.0), false);
+            graph.add_loop(flight.closure(&graph, k, Vector3::zeros(), 0.0), false).unwrap();
         }
         while !graph.optimize(steps).is_done {}
         graph.nodes().to_vec()
@@ -195,7 +268,7 @@ fn a_full_graph_refuses_what_is_more() {
     let node = Node::new(Isometry3::identity(), &Isometry3::identity(), true);
     assert_eq!([graph.add_node(node), graph.add_node(node), graph.add_node(node)], [Some(0), Some(1), None]);
     let edge = Edge::of_odometry(graph.nodes(), 0, 1, Matrix4::identity());
-    assert!(!graph.add_loop(edge, false));
+    assert_eq!(graph.add_loop(edge, false), Err(LoopRefused::NoRoom));
     assert!(!graph.add_sequential(Edge { to: 7, ..edge }));
 }
 
@@ -204,7 +277,7 @@ fn a_node_that_goes_leaves_what_was_known_over_it() {
     let flight = Flight::new(4);
     let mut whole = flight.graph();
     for k in (5..95).step_by(10) {
-        whole.add_loop(flight.closure(&whole, k, Vector3::zeros(), 0.0), false);
+        whole.add_loop(flight.closure(&whole, k, Vector3::zeros(), 0.0), false).unwrap();
     }
     settle(&mut whole);
     let mut thinned = whole.clone();
@@ -231,25 +304,10 @@ fn a_node_that_goes_leaves_what_was_known_over_it() {
 #[test]
 fn a_segment_is_placed_by_a_loop_and_free_to_move_from_then_on() {
     let flight = Flight::new(6);
-    let mut graph = PoseGraph::new(GraphLimits { nodes: NODES, loops: 100 });
-    let elsewhere = Isometry3::translation(1000.0, 0.0, 0.0);
-    for (k, pose) in flight.odometry.iter().enumerate() {
-        let is_second = k >= LAP;
-        let pose_m_o = if is_second { elsewhere } else { Isometry3::identity() };
-        let node = Node {
-            segment: u32::from(is_second),
-            is_placed: !is_second,
-            ..Node::new(*pose, &pose_m_o, k == 0 || k == LAP)
-        };
-        graph.add_node(node).unwrap();
-        if k > 0 && k != LAP {
-            let edge = Edge::of_odometry(graph.nodes(), k - 1, k, information(0.005, 0.001));
-            graph.add_sequential(edge);
-        }
-    }
-    graph.add_loop(flight.closure(&graph, 20, Vector3::zeros(), 0.0), false);
+    let mut graph = flight.two_segments();
+    graph.add_loop(flight.closure(&graph, 20, Vector3::zeros(), 0.0), false).unwrap();
     assert!(!graph.edges().last().unwrap().is_supported());
-    graph.add_loop(flight.closure(&graph, 40, Vector3::zeros(), 0.0), false);
+    graph.add_loop(flight.closure(&graph, 40, Vector3::zeros(), 0.0), false).unwrap();
     assert!(graph.edges().last().unwrap().is_supported());
     graph.place_segment(1, &Isometry3::identity());
     settle(&mut graph);

@@ -150,6 +150,7 @@ pub struct Mapper {
     segment: Option<Segment>,
     segments: u32,
     sightings: u32,
+    contradicted: u32,
     loops_used: u32,
 }
 
@@ -176,6 +177,7 @@ impl Mapper {
             segment: None,
             segments: 0,
             sightings: 0,
+            contradicted: 0,
             loops_used: 0,
             options,
         };
@@ -217,6 +219,12 @@ impl Mapper {
     #[must_use]
     pub fn sightings(&self) -> u32 {
         self.sightings
+    }
+
+    /// Places that looked like one seen before, and were not believed because the odometry speaks against it.
+    #[must_use]
+    pub fn contradicted(&self) -> u32 {
+        self.contradicted
     }
 
     /// Loops that count, as of the last call.
@@ -377,9 +385,11 @@ impl Mapper {
 
         let sighting = located.as_ref().map(|found| self.sighting_of(found));
         let node = self.add_node(segment, solved, pose_o_b)?;
-        if let Some(located) = &located {
-            self.add_loop(segment, node, located);
-        }
+        // What the odometry speaks against was not this place, but one that looks like it.
+        let found = located.is_some();
+        let located = located.filter(|located| self.add_loop(segment, node, located));
+        self.contradicted += u32::from(found && located.is_none());
+        let sighting = sighting.filter(|_| located.is_some());
         let pose_m_b = self.graph.nodes()[node].pose_m_b();
         let keyframe = Keyframe::new(session, solved.stamp, pose_m_b, pose_b_c);
         // With one camera there is no depth, and so nothing to be located by; a view that the map has needs no other.

@@ -172,7 +172,7 @@ mod tests {
                 &Isometry3::translation(way_m, 0.0, 0.0),
                 information,
             );
-            assert!(mapper.graph.add_loop(edge, true));
+            mapper.graph.add_loop(edge, true).unwrap();
         }
         mapper.graph.optimize(500);
         let path = path_of(&mapper, 20);

@@ -3,7 +3,7 @@
 use super::segment::Segment;
 use super::{Mapper, NodeInfo};
 use crate::places::graph::edge::{turn, yaw_of};
-use crate::places::graph::{Edge, Node};
+use crate::places::graph::{Edge, LoopRefused, Node};
 use crate::places::locate::Located;
 use nalgebra::{Isometry3, Matrix4, SMatrix, UnitQuaternion, Vector3};
 
@@ -13,17 +13,18 @@ const BEYOND_DOUBT: (usize, usize) = (40, 70);
 const ORIGIN: usize = 0;
 
 impl Mapper {
-    /// Adds the edge from the keyframe that was seen again to `node`.
-    pub(super) fn add_loop(&mut self, segment: &mut Segment, node: usize, located: &Located) {
+    /// Adds the edge from the keyframe that was seen again to `node`; `false` when the odometry speaks against it.
+    pub(super) fn add_loop(&mut self, segment: &mut Segment, node: usize, located: &Located) -> bool {
         let seen = self.infos.iter().position(|i: &NodeInfo| i.keyframe_id == located.keyframe_id);
         let from = seen.unwrap_or(ORIGIN);
         let pose_m_from = self.graph.nodes()[from].pose_m_b();
         let pose_from_b = pose_m_from.inverse() * located.pose_m_b;
-        let Some(information) = information(located, &self.graph.nodes()[from]) else { return };
+        let Some(information) = information(located, &self.graph.nodes()[from]) else { return false };
         let edge = Edge::of_loop(self.graph.nodes(), (from, node), &pose_from_b, information);
         let is_beyond_doubt = located.first_inliers >= BEYOND_DOUBT.0 && located.inliers >= BEYOND_DOUBT.1;
-        if !self.graph.add_loop(edge, is_beyond_doubt) || segment.is_placed {
-            return;
+        let added = self.graph.add_loop(edge, is_beyond_doubt);
+        if added.is_err() || segment.is_placed {
+            return added != Err(LoopRefused::Contradicted);
         }
         let is_believed = self.graph.edges().last().is_some_and(Edge::is_supported);
         if is_believed {
@@ -32,6 +33,7 @@ impl Mapper {
             segment.is_placed = true;
             self.move_keyframes();
         }
+        true
     }
 }
 
