@@ -13,25 +13,26 @@
 
 mod corrected;
 pub mod follower;
+mod job;
+mod nodes;
 pub mod path;
 mod segment;
 mod sighting;
 
 pub use corrected::Passing;
 pub use follower::{MapEstimate, MapFollower};
+pub use job::{MapUpdate, PlaceJob, Sighting};
 pub use path::MapPath;
 
 use super::extractor::{Extractor, ExtractorOptions, View};
-use super::graph::{Edge, GraphLimits, Node, PoseGraph};
-use super::images::FrameImages;
-use super::line::MapLine;
-use super::locate::{Located, Locator, LocatorOptions, Query};
+use super::graph::{GraphLimits, Node, PoseGraph};
+use super::locate::{Locator, LocatorOptions, Query};
 use super::map::{Keyframe, MapLimits, PlaceMap, view_distance};
 use super::refine::Gravity;
-use crate::exchange::{Feedback, SolvedFrame};
+use crate::exchange::SolvedFrame;
 use crate::points::rig::RigCamera;
-use crate::window::snapshot::SnapshotKeyframe;
 use nalgebra::{Isometry3, Matrix4, Vector3};
+use nodes::NodeInfo;
 use plumbline_config::options::PlacesConfig;
 use plumbline_config::{Timestamp, ValidSetup};
 use segment::Segment;
@@ -40,6 +41,8 @@ use segment::Segment;
 const MIN_AGE_S: f64 = 10.0;
 /// Steps of the graph's solver in one call.
 const STEPS_PER_CALL: usize = 3;
+/// Keyframes that have moved whose neighbours are found anew in one call: with a search, and without one.
+const TENDED_PER_CALL: [usize; 2] = [1, 3];
 /// Steps of the solver at the end of a flight.
 const FINAL_STEPS: usize = 500;
 /// Loops that a graph may hold, for each keyframe.
@@ -50,91 +53,8 @@ const EXTRA_NODES: usize = 256;
 const KEYFRAME_SIGMA: (f64, f64) = (0.003, 0.001);
 /// Standard deviation of the vertical of the odometry, rad.
 const SIGMA_VERTICAL_RAD: f64 = 0.004;
-/// Where segments that are not placed wait, far from everything, m.
-const WAITING_ROOM_M: f64 = 1e6;
 /// A frame that is no keyframe may become one while the segment is not placed, after so many frames.
 pub const SEARCH_EVERY_FRAMES: u64 = 5;
-
-/// What a call needs: a solved frame and its images.
-#[derive(Clone, Debug)]
-pub struct PlaceJob {
-    /// The frame.
-    pub solved: SolvedFrame,
-    /// Extrinsics of the cameras as they were known.
-    pub pose_b_c: [Isometry3<f64>; 2],
-    /// Its images.
-    pub images: FrameImages,
-}
-
-impl PlaceJob {
-    /// An empty one, with room for the images of the setup.
-    #[must_use]
-    pub fn new(setup: &ValidSetup) -> Self {
-        Self {
-            solved: SolvedFrame::default(),
-            pose_b_c: [Isometry3::identity(); 2],
-            images: FrameImages::new(setup),
-        }
-    }
-
-    /// Takes what the window said of the frame.
-    pub fn describe(&mut self, feedback: &Feedback) {
-        self.solved.clone_from(&feedback.solved);
-        self.pose_b_c = feedback.pose_b_c;
-    }
-}
-
-/// A place seen again.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sighting {
-    /// Number of the keyframe that was seen again.
-    pub keyframe_id: u32,
-    /// When that was taken.
-    pub keyframe_stamp: Timestamp,
-    /// Matches that agree.
-    pub inliers: u32,
-    /// Standard deviation of the position found, in its worst direction, m.
-    pub sigma_m: f64,
-    /// Pose of the body in that of the keyframe.
-    pub pose_k_b: Isometry3<f64>,
-}
-
-/// What a call found.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MapUpdate {
-    /// Which frame of the window it is about, counted from 0.
-    pub index: u64,
-    /// Its sequence number.
-    pub sequence: u64,
-    /// When it was taken.
-    pub stamp: Timestamp,
-    /// Resets of the odometry up to it: the update is about the odometry frame of these.
-    pub reset_counter: u32,
-    /// Pose of the odometry frame in the map: a turn about the vertical and a shift. `None` while it is not known.
-    pub pose_m_o: Option<Isometry3<f64>>,
-    /// Whether the frame was searched for at all: others add nothing to those before.
-    pub is_searched: bool,
-    /// The place that was seen again, if one was.
-    pub sighting: Option<Sighting>,
-    /// Keyframes of the map.
-    pub keyframes: u32,
-    /// Places seen again so far.
-    pub sightings: u32,
-    /// Loops that count now.
-    pub loops_used: u32,
-}
-
-/// What belongs to a node of the graph.
-#[derive(Clone, Copy, Debug)]
-struct NodeInfo {
-    stamp: Timestamp,
-    reset_counter: u32,
-    /// Slot of the keyframe in the map.
-    slot: Option<usize>,
-    keyframe_id: u32,
-    /// Pose in the odometry frame as it was first known: that of the causal trajectory.
-    first_pose_o_b: Isometry3<f64>,
-}
 
 /// Makes the map. Everything is allocated at construction.
 pub struct Mapper {
@@ -251,6 +171,7 @@ impl Mapper {
             if progress.steps > 0 {
                 self.move_keyframes();
             }
+            self.map.tend(TENDED_PER_CALL[usize::from(!is_searched)]);
         }
         self.sightings += u32::from(sighting.is_some());
         MapUpdate {
@@ -275,6 +196,7 @@ impl Mapper {
         if self.segment.is_some_and(|s| !s.is_placed) {
             self.forget_unplaced();
         }
+        self.map.tend(usize::MAX);
     }
 
     /// Pose of the odometry frame in the map, as the newest node has it.
@@ -300,44 +222,6 @@ impl Mapper {
             is_placed: self.map.is_empty() && self.graph.nodes().len() == 1,
             since_node: Matrix4::zeros(),
             known_until: solved.stamp,
-        }
-    }
-
-    /// Takes out what was never found in the map.
-    fn forget_unplaced(&mut self) {
-        while let Some(last) = self.graph.nodes().len().checked_sub(1)
-            && !self.graph.nodes()[last].is_placed
-        {
-            if let Some(slot) = self.infos[last].slot {
-                self.map.remove(slot);
-            }
-            self.remove_node(last);
-        }
-    }
-
-    /// What the window knows better by now of keyframes that are nodes.
-    fn refresh(&mut self, solved: &SolvedFrame) {
-        for keyframe in &solved.keyframes {
-            let known = self
-                .infos
-                .iter()
-                .rposition(|i| i.stamp == keyframe.stamp && i.reset_counter == solved.reset_counter);
-            if let Some(node) = known {
-                self.graph.set_odometry(node, keyframe.pose_o_b);
-                self.keep_lines(node, keyframe, solved);
-            }
-        }
-    }
-
-    /// The lines that a keyframe hosts, as the window knows them now.
-    fn keep_lines(&mut self, node: usize, host: &SnapshotKeyframe, solved: &SolvedFrame) {
-        let Some(slot) = self.infos[node].slot else { return };
-        let Some(keyframe) = self.map.keyframe(slot) else { return };
-        let pose_o_c = host.pose_o_b * keyframe.pose_b_c;
-        let hosted = || solved.lines.iter().filter(|line| line.host == host.stamp);
-        // The window forgets a line that is out of view, the map does not.
-        if hosted().count() >= self.map.lines(slot).len() {
-            self.map.set_lines(slot, hosted().map(|line| MapLine::new(&pose_o_c, &line.ends_o)));
         }
     }
 
@@ -406,99 +290,6 @@ impl Mapper {
             }
         }
         sighting
-    }
-
-    fn sighting_of(&self, found: &Located) -> Sighting {
-        let seen = self.map.keyframes().find(|(_, k)| k.id == found.keyframe_id).map(|(_, k)| k);
-        let pose_m_k = seen.map_or_else(Isometry3::identity, |k| k.pose_m_b);
-        Sighting {
-            keyframe_id: found.keyframe_id,
-            keyframe_stamp: seen.map(|k| k.stamp).unwrap_or_default(),
-            pose_k_b: pose_m_k.inverse() * found.pose_m_b,
-            inliers: found.inliers as u32,
-            sigma_m: found.sigma_m(),
-        }
-    }
-
-    /// Adds a node, and the edge from the one before it.
-    fn add_node(
-        &mut self,
-        segment: &mut Segment,
-        solved: &SolvedFrame,
-        pose_o_b: &Isometry3<f64>,
-    ) -> Option<usize> {
-        let before = self.infos.len() - 1;
-        let continues = self.infos[before].reset_counter == segment.reset_counter;
-        self.make_room();
-        let before = self.infos.len().checked_sub(1).filter(|_| continues);
-        let waiting = Isometry3::translation(WAITING_ROOM_M, 0.0, 0.0);
-        let pose_m_o = match before.filter(|_| segment.is_placed) {
-            Some(before) => self.graph.correction(before)?,
-            None if segment.is_placed => Isometry3::identity(),
-            None => waiting,
-        };
-        let node = Node {
-            segment: segment.number,
-            is_placed: segment.is_placed,
-            ..Node::new(*pose_o_b, &pose_m_o, before.is_none())
-        };
-        let info = NodeInfo {
-            stamp: solved.stamp,
-            reset_counter: segment.reset_counter,
-            slot: None,
-            keyframe_id: u32::MAX,
-            first_pose_o_b: *pose_o_b,
-        };
-        let index = self.push_node(node, info)?;
-        if let Some(before) = before {
-            let information = segment.information_since_node(&self.graph.nodes()[before], pose_o_b);
-            let edge = Edge::of_odometry(self.graph.nodes(), before, index, information);
-            self.graph.add_sequential(edge);
-        }
-        segment.since_node = Matrix4::zeros();
-        Some(index)
-    }
-
-    /// Whether the map has nearly the same view from where a frame was located.
-    fn has_view(&self, found: &Located, keyframe: &Keyframe) -> bool {
-        let seen = self.map.keyframes().find(|(_, k)| k.id == found.keyframe_id);
-        seen.is_some_and(|(_, seen)| {
-            let here = Keyframe::new(0, keyframe.stamp, found.pose_m_b, keyframe.pose_b_c);
-            view_distance(seen, &here) < self.options.spacing_m
-        })
-    }
-
-    /// A full graph loses its oldest node that is no keyframe of the map, or else its oldest.
-    fn make_room(&mut self) {
-        if self.infos.len() < self.options.max_keyframes + EXTRA_NODES {
-            return;
-        }
-        let without_view = (1..self.infos.len()).find(|&k| self.infos[k].slot.is_none());
-        let gone = without_view.unwrap_or(1);
-        if let Some(slot) = self.infos[gone].slot {
-            self.map.remove(slot);
-        }
-        self.remove_node(gone);
-    }
-
-    fn push_node(&mut self, node: Node, info: NodeInfo) -> Option<usize> {
-        let index = self.graph.add_node(node)?;
-        self.infos.push(info);
-        Some(index)
-    }
-
-    fn remove_node(&mut self, node: usize) {
-        self.graph.remove_node(node);
-        self.infos.remove(node);
-    }
-
-    /// The keyframes go where the graph has their nodes.
-    fn move_keyframes(&mut self) {
-        for (node, info) in self.graph.nodes().iter().zip(&self.infos) {
-            if let Some(slot) = info.slot {
-                self.map.set_pose(slot, node.pose_m_b());
-            }
-        }
     }
 }
 

@@ -108,7 +108,7 @@ fn drift_m(first: &Node, newest: &Node) -> f64 {
 mod tests {
     use super::*;
     use crate::places::graph::Edge;
-    use crate::places::mapper::NodeInfo;
+    use crate::places::mapper::nodes::NodeInfo;
     use nalgebra::Matrix4;
     use plumbline_config::Config;
 

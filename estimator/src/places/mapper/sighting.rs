@@ -1,10 +1,12 @@
 //! A place seen again becomes an edge of the graph, and places a segment of which nothing was known.
 
+use super::nodes::NodeInfo;
 use super::segment::Segment;
-use super::{Mapper, NodeInfo};
+use super::{Mapper, Sighting};
 use crate::places::graph::edge::{turn, yaw_of};
 use crate::places::graph::{Edge, LoopRefused, Node};
 use crate::places::locate::Located;
+use crate::places::map::{Keyframe, view_distance};
 use nalgebra::{Isometry3, Matrix4, SMatrix, UnitQuaternion, Vector3};
 
 /// Inliers, before guiding and in all, with which a sighting is beyond doubt: it needs no other to agree with it.
@@ -34,6 +36,27 @@ impl Mapper {
             self.move_keyframes();
         }
         true
+    }
+
+    pub(super) fn sighting_of(&self, found: &Located) -> Sighting {
+        let seen = self.map.keyframes().find(|(_, k)| k.id == found.keyframe_id).map(|(_, k)| k);
+        let pose_m_k = seen.map_or_else(Isometry3::identity, |k| k.pose_m_b);
+        Sighting {
+            keyframe_id: found.keyframe_id,
+            keyframe_stamp: seen.map(|k| k.stamp).unwrap_or_default(),
+            pose_k_b: pose_m_k.inverse() * found.pose_m_b,
+            inliers: found.inliers as u32,
+            sigma_m: found.sigma_m(),
+        }
+    }
+
+    /// Whether the map has nearly the same view from where a frame was located.
+    pub(super) fn has_view(&self, found: &Located, keyframe: &Keyframe) -> bool {
+        let seen = self.map.keyframes().find(|(_, k)| k.id == found.keyframe_id);
+        seen.is_some_and(|(_, seen)| {
+            let here = Keyframe::new(0, keyframe.stamp, found.pose_m_b, keyframe.pose_b_c);
+            view_distance(seen, &here) < self.options.spacing_m
+        })
     }
 }
 

@@ -7,9 +7,12 @@
 //! Landmarks hang on their keyframe (direction and inverse depth in its left camera), so a corrected pose moves them
 //! along.
 
+mod links;
+
 use super::feature::Feature;
 use super::index::{Candidate, Index, IndexOptions, Votes};
 use super::line::MapLine;
+use links::UNCOVERED;
 use nalgebra::{Isometry3, Vector3};
 use plumbline_config::Timestamp;
 
@@ -21,15 +24,6 @@ pub const MAX_LINES: usize = 48;
 const TURN_PER_METRE: f64 = 0.52;
 /// Keyframes further than this from each other, by [`view_distance`], share nothing that could be matched, m.
 pub(super) const MAX_NEIGHBOUR_DISTANCE: f64 = 2.0;
-/// Points of a keyframe that are looked for in another to tell how much they share.
-const SHARED_SAMPLES: usize = 48;
-/// Keyframes that share fewer of these are no neighbours.
-const MIN_SHARED: usize = 12;
-/// Ratio of the depth of a point in two keyframes beyond which it does not look alike.
-const MAX_DEPTH_RATIO: f64 = 2.0;
-
-/// Of a keyframe that no other covers.
-const UNCOVERED: (f64, usize) = (f64::INFINITY, usize::MAX);
 
 /// How much a map may hold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -111,6 +105,10 @@ pub struct PlaceMap {
     index: Index,
     /// Distance to the most similar other keyframe, and its slot, for the rule of forgetting.
     covered: Vec<(f64, usize)>,
+    /// Where cover and neighbours of each were found out: the pose of its left camera in the map.
+    linked_at: Vec<Isometry3<f64>>,
+    /// Where the search goes on for keyframes that have moved since.
+    next_tended: usize,
     next_id: u32,
     len: usize,
 }
@@ -144,6 +142,8 @@ impl PlaceMap {
             lines: vec![MapLine::default(); keyframes * MAX_LINES],
             index: Index::new(keyframes, features, options),
             covered: vec![UNCOVERED; keyframes],
+            linked_at: vec![Isometry3::identity(); keyframes],
+            next_tended: 0,
             next_id: 0,
             len: 0,
         }
@@ -230,7 +230,7 @@ impl PlaceMap {
         Some(slot)
     }
 
-    /// Moves a keyframe.
+    /// Moves a keyframe. What covers it, and its neighbours, are found out anew by [`Self::tend`].
     pub fn set_pose(&mut self, slot: usize, pose_m_b: Isometry3<f64>) {
         if let Some(keyframe) = self.keyframes.get_mut(slot).and_then(Option::as_mut) {
             keyframe.pose_m_b = pose_m_b;
@@ -273,14 +273,7 @@ impl PlaceMap {
         self.index.remove(slot, &self.features[start..start + usize::from(self.counts[slot])]);
         (self.counts[slot], self.line_counts[slot]) = (0, 0);
         self.len -= 1;
-        for other in self.keyframes.iter_mut().flatten() {
-            other.neighbours.retain(|n| usize::from(*n) != slot);
-        }
-        for other in 0..self.keyframes.len() {
-            if self.keyframes[other].is_some() && self.covered[other].1 == slot {
-                self.measure_cover(other);
-            }
-        }
+        self.unlink(slot);
     }
 
     /// The keyframe goes that is most like another one; of such a pair the one with fewer features, then the older.
@@ -296,93 +289,6 @@ impl PlaceMap {
         if let Some(slot) = worst {
             self.remove(slot);
         }
-    }
-
-    /// Finds out what covers a new keyframe, and what it covers.
-    fn update_cover(&mut self, slot: usize) {
-        self.measure_cover(slot);
-        let new = &self.poses_m_c[slot];
-        for (other, covered) in self.covered.iter_mut().enumerate() {
-            if other == slot || self.keyframes[other].is_none() {
-                continue;
-            }
-            if let Some(distance) = view_distance_within(new, &self.poses_m_c[other], covered.0) {
-                *covered = (distance, slot);
-            }
-        }
-    }
-
-    fn measure_cover(&mut self, slot: usize) {
-        let mut covered = UNCOVERED;
-        for other in (0..self.keyframes.len()).filter(|&o| o != slot && self.keyframes[o].is_some()) {
-            let (a, b) = (&self.poses_m_c[slot], &self.poses_m_c[other]);
-            if let Some(distance) = view_distance_within(a, b, covered.0) {
-                covered = (distance, other);
-            }
-        }
-        self.covered[slot] = covered;
-    }
-
-    /// Finds the neighbours of a new keyframe, and makes it theirs.
-    fn link(&mut self, slot: usize) {
-        let mut best: heapless::Vec<(usize, usize), { MAX_NEIGHBOURS + 1 }> = heapless::Vec::new();
-        for (other, _) in self.keyframes().filter(|(other, _)| *other != slot) {
-            let (a, b) = (&self.poses_m_c[slot], &self.poses_m_c[other]);
-            if view_distance_within(a, b, MAX_NEIGHBOUR_DISTANCE).is_none() {
-                continue;
-            }
-            // What cannot enter the list need not be counted in full.
-            let least = if best.len() < MAX_NEIGHBOURS { MIN_SHARED } else { best[best.len() - 1].0 + 1 };
-            let Some(shared) = self.shared_at_least(least, slot, other) else { continue };
-            let at = best.iter().position(|(s, _)| *s < shared).unwrap_or(best.len());
-            let _ = best.insert(at, (shared, other));
-            best.truncate(MAX_NEIGHBOURS);
-        }
-        for &(_, other) in &best {
-            self.make_neighbour(slot, other);
-            self.make_neighbour(other, slot);
-        }
-    }
-
-    /// How much two keyframes share, by the one that shares less, if that is at least so much.
-    fn shared_at_least(&self, least: usize, a: usize, b: usize) -> Option<usize> {
-        let forth = self.shared(a, b);
-        if forth < least {
-            return None;
-        }
-        Some(forth.min(self.shared(b, a))).filter(|shared| *shared >= least)
-    }
-
-    /// Puts a keyframe among the neighbours of another, by what they share; the weakest goes where there is no room.
-    fn make_neighbour(&mut self, slot: usize, other: usize) {
-        let share = |n: usize| self.shared(slot, n).min(self.shared(n, slot));
-        let Some(keyframe) = &self.keyframes[slot] else { return };
-        let shared = share(other);
-        let weaker = keyframe.neighbours.iter().position(|n| share(usize::from(*n)) < shared);
-        let at = weaker.unwrap_or(keyframe.neighbours.len());
-        let Some(keyframe) = &mut self.keyframes[slot] else { return };
-        if at < MAX_NEIGHBOURS {
-            keyframe.neighbours.truncate(MAX_NEIGHBOURS - 1);
-            let _ = keyframe.neighbours.insert(at, other as u16);
-        }
-    }
-
-    /// How many of a sample of the points of one keyframe lie in the view of another.
-    fn shared(&self, of: usize, within: usize) -> usize {
-        let Some(b) = self.keyframe(within) else { return 0 };
-        let pose = self.poses_m_c[within].inverse() * self.poses_m_c[of];
-        let points = self.features(of).iter().filter(|f| f.is_point()).take(SHARED_SAMPLES);
-        points
-            .filter(|f| {
-                let p = f.position_c();
-                let q = pose * nalgebra::Point3::from(p);
-                let ratio = q.z / p.z;
-                ratio > 1.0 / MAX_DEPTH_RATIO
-                    && ratio < MAX_DEPTH_RATIO
-                    && (q.x / q.z).abs() <= f64::from(b.field[0])
-                    && (q.y / q.z).abs() <= f64::from(b.field[1])
-            })
-            .count()
     }
 }
 

@@ -6,6 +6,12 @@
 //! determined. Of groups that speak for different places the one with the most evidence is believed, if none other comes
 //! near it: a map may hold two places that look alike.
 
+mod found;
+mod options;
+
+pub use found::{Attempt, Doubt, Located};
+pub use options::LocatorOptions;
+
 use super::feature::Feature;
 use super::guide::Guide;
 use super::index::{Candidate, Votes};
@@ -17,66 +23,10 @@ use nalgebra::{Isometry3, Matrix6};
 
 /// Keyframes of a group at most: the candidate and its neighbours.
 const MAX_GROUP: usize = 4;
-/// Poses that differ by no more than this are of one place, m and rad.
-const SAME_POSE: (f64, f64) = (0.3, 0.09);
 /// Groups that can be verified at most, whatever the options say.
 const MAX_GROUPS: usize = 32;
 /// The image is divided into so many columns and rows to tell how widely inliers are spread.
 const SPREAD: [usize; 2] = [4, 3];
-
-/// What is asked of a pose before it is believed, and the work that is spent.
-#[derive(Clone, Debug, PartialEq)]
-pub struct LocatorOptions {
-    /// Groups that are verified at most.
-    pub max_candidates: usize,
-    /// Groups with less than this share of the best score are not verified.
-    pub min_relative_score: f32,
-    /// Least number of inliers.
-    pub min_inliers: usize,
-    /// Of the matches before guiding, so many must be inliers.
-    pub min_inlier_share: f64,
-    /// Least [evidence](Located::evidence): the inliers before guiding were found without knowing where to look, and
-    /// prove the more for it.
-    pub min_evidence: f64,
-    /// A group that speaks for another place must have less than this share of the evidence.
-    pub max_rival_share: f64,
-    /// Fields of a 4x3 grid over the image that hold inliers, at least.
-    pub min_spread: usize,
-    /// Largest standard deviation of the position in its worst direction, m.
-    pub max_sigma_m: f64,
-    /// The same of the attitude, rad.
-    pub max_sigma_rad: f64,
-    /// Inliers err alike (one calibration, patches seen from one side), so no more than this count as independent of
-    /// each other.
-    pub max_independent: f64,
-    /// Points of the map that a query is matched with, at most.
-    pub max_points: usize,
-    /// Standard deviation of the keyframes' own positions against each other, m: added to what is found.
-    pub map_sigma_m: f64,
-    /// The same of their attitudes, rad.
-    pub map_sigma_rad: f64,
-}
-
-impl Default for LocatorOptions {
-    fn default() -> Self {
-        Self {
-            max_candidates: 6,
-            min_relative_score: 0.2,
-            min_inliers: 15,
-            min_inlier_share: 0.25,
-            min_evidence: 15.0,
-            max_rival_share: 0.7,
-            min_spread: 4,
-            max_sigma_m: 0.08,
-            max_sigma_rad: 0.03,
-            // This, and the errors of poses by motion capture, were found as `docs/places.md` tells.
-            max_independent: 30.0,
-            max_points: 1600,
-            map_sigma_m: 0.005,
-            map_sigma_rad: 0.004,
-        }
-    }
-}
 
 /// A frame to be located.
 #[derive(Clone, Copy)]
@@ -89,109 +39,6 @@ pub struct Query<'a> {
     pub gravity: Option<Gravity>,
     /// Seed of the samples: the number of the frame.
     pub seed: u64,
-}
-
-/// A pose found.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Located {
-    /// Pose of the body in the map.
-    pub pose_m_b: Isometry3<f64>,
-    /// Covariance of position (0..3, in `M`) and attitude (3..6, right perturbation, rad).
-    pub covariance: Matrix6<f64>,
-    /// Number of the keyframe by which it was found.
-    pub keyframe_id: u32,
-    /// Matches that agree with it.
-    pub inliers: usize,
-    /// Matches before guiding.
-    pub matches: usize,
-    /// Of those, inliers.
-    pub first_inliers: usize,
-    /// Fields of the grid over the image with inliers.
-    pub spread: usize,
-    /// Mean square of the whitened residuals.
-    pub variance: f64,
-}
-
-impl Located {
-    /// What speaks for the pose: inliers found without knowing where to look, and a quarter of those found with it.
-    #[must_use]
-    pub fn evidence(&self) -> f64 {
-        evidence(self.first_inliers, self.inliers)
-    }
-
-    /// Standard deviation of the position in its worst direction, m.
-    #[must_use]
-    pub fn sigma_m(&self) -> f64 {
-        self.covariance.fixed_view::<3, 3>(0, 0).symmetric_eigenvalues().max().max(0.0).sqrt()
-    }
-
-    /// Standard deviation of the attitude about its worst axis, rad.
-    #[must_use]
-    pub fn sigma_rad(&self) -> f64 {
-        self.covariance.fixed_view::<3, 3>(3, 3).symmetric_eigenvalues().max().max(0.0).sqrt()
-    }
-}
-
-/// Why a pose was not believed, or none was found.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Doubt {
-    /// No pose agrees with enough matches.
-    NoPose,
-    /// What fits after guided matching does not determine a pose.
-    Undetermined,
-    /// Too few inliers.
-    Inliers,
-    /// Too few of the matches are inliers.
-    InlierShare,
-    /// Too few inliers were found without knowing where to look.
-    Evidence,
-    /// The inliers lie in a small part of the image.
-    Spread,
-    /// The position is not known well enough.
-    Position,
-    /// The attitude is not known well enough.
-    Attitude,
-    /// Another group speaks for another place, with nearly as much evidence.
-    Rival,
-}
-
-/// What became of a group that was verified.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Attempt {
-    /// Number of its keyframe.
-    pub keyframe_id: u32,
-    /// How much it looks like the frame.
-    pub score: f32,
-    /// Matches before guiding.
-    pub matches: usize,
-    /// Of those, inliers.
-    pub first_inliers: usize,
-    /// Matches that agree with the pose after guiding.
-    pub inliers: usize,
-    /// The pose of the body in the map, where one was found.
-    pub pose_m_b: Option<Isometry3<f64>>,
-    /// Why it was not believed; `None` when it was.
-    pub doubt: Option<Doubt>,
-}
-
-impl Attempt {
-    /// What speaks for its pose.
-    #[must_use]
-    pub fn evidence(&self) -> f64 {
-        evidence(self.first_inliers, self.inliers)
-    }
-
-    fn agrees_with(&self, found: &Located) -> bool {
-        self.pose_m_b.is_some_and(|pose| {
-            (pose.translation.vector - found.pose_m_b.translation.vector).norm() <= SAME_POSE.0
-                && pose.rotation.angle_to(&found.pose_m_b.rotation) <= SAME_POSE.1
-        })
-    }
-}
-
-/// Inliers before guiding, and a quarter of those after it.
-fn evidence(first_inliers: usize, inliers: usize) -> f64 {
-    first_inliers as f64 + 0.25 * inliers as f64
 }
 
 /// Locates frames. Everything is allocated at construction.

@@ -1,0 +1,75 @@
+//! What a call of the mapper needs, and what it found.
+
+use crate::exchange::{Feedback, SolvedFrame};
+use crate::places::images::FrameImages;
+use nalgebra::Isometry3;
+use plumbline_config::{Timestamp, ValidSetup};
+
+/// What a call needs: a solved frame and its images.
+#[derive(Clone, Debug)]
+pub struct PlaceJob {
+    /// The frame.
+    pub solved: SolvedFrame,
+    /// Extrinsics of the cameras as they were known.
+    pub pose_b_c: [Isometry3<f64>; 2],
+    /// Its images.
+    pub images: FrameImages,
+}
+
+impl PlaceJob {
+    /// An empty one, with room for the images of the setup.
+    #[must_use]
+    pub fn new(setup: &ValidSetup) -> Self {
+        Self {
+            solved: SolvedFrame::default(),
+            pose_b_c: [Isometry3::identity(); 2],
+            images: FrameImages::new(setup),
+        }
+    }
+
+    /// Takes what the window said of the frame.
+    pub fn describe(&mut self, feedback: &Feedback) {
+        self.solved.clone_from(&feedback.solved);
+        self.pose_b_c = feedback.pose_b_c;
+    }
+}
+
+/// A place seen again.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sighting {
+    /// Number of the keyframe that was seen again.
+    pub keyframe_id: u32,
+    /// When that was taken.
+    pub keyframe_stamp: Timestamp,
+    /// Matches that agree.
+    pub inliers: u32,
+    /// Standard deviation of the position found, in its worst direction, m.
+    pub sigma_m: f64,
+    /// Pose of the body in that of the keyframe.
+    pub pose_k_b: Isometry3<f64>,
+}
+
+/// What a call found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MapUpdate {
+    /// Which frame of the window it is about, counted from 0.
+    pub index: u64,
+    /// Its sequence number.
+    pub sequence: u64,
+    /// When it was taken.
+    pub stamp: Timestamp,
+    /// Resets of the odometry up to it: the update is about the odometry frame of these.
+    pub reset_counter: u32,
+    /// Pose of the odometry frame in the map: a turn about the vertical and a shift. `None` while it is not known.
+    pub pose_m_o: Option<Isometry3<f64>>,
+    /// Whether the frame was searched for at all: others add nothing to those before.
+    pub is_searched: bool,
+    /// The place that was seen again, if one was.
+    pub sighting: Option<Sighting>,
+    /// Keyframes of the map.
+    pub keyframes: u32,
+    /// Places seen again so far.
+    pub sightings: u32,
+    /// Loops that count now.
+    pub loops_used: u32,
+}
