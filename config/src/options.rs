@@ -9,6 +9,7 @@
 
 mod autopilot;
 mod estimator;
+mod frames;
 mod imu_driver;
 mod lines;
 mod network;
@@ -24,6 +25,7 @@ mod vehicle;
 
 pub use autopilot::{AutopilotClock, AutopilotConfig, AutopilotEndpoint, LostPose};
 pub use estimator::{EstimatorConfig, HealthConfig, InitialConfig, PointsConfig, WindowConfig};
+pub use frames::FramesConfig;
 pub use imu_driver::{ImuDriverConfig, ImuEndpoint, ImuProtocol, MavlinkImu};
 pub use lines::LinesConfig;
 pub use network::{Commands, Link, LoginConfig, NetworkConfig, TlsConfig};
@@ -119,6 +121,8 @@ pub struct DriverConfig {
     pub imu: ImuDriverConfig,
     /// Cameras of the Linux kernel.
     pub v4l2: V4l2Config,
+    /// Frames of a program of the user's own.
+    pub frames: FramesConfig,
 }
 
 impl Default for DriverConfig {
@@ -128,6 +132,7 @@ impl Default for DriverConfig {
             pair_tolerance_s: 0.002,
             imu: ImuDriverConfig::default(),
             v4l2: V4l2Config::default(),
+            frames: FramesConfig::default(),
         }
     }
 }

@@ -7,6 +7,7 @@ use crate::euroc::imu::{IMU_COLUMNS, ImuRecord, parse_imu_row};
 use crate::euroc::pairing::{self, IMAGE_COLUMNS, ImageRow, parse_image_row};
 use crate::euroc::table::{Stamped, Table, read_rows};
 use crate::euroc::truth::{TRUTH_COLUMNS, parse_truth_row};
+use crate::frame_socket::Header;
 use crate::iio::layout::{Storage, parse_matrix};
 use crate::inertial::{FramingFigures, LinkFigures};
 use crate::serial::Stream;
@@ -110,6 +111,23 @@ pub fn mjpeg(data: &[u8]) {
 /// When it is not.
 pub fn camera_buffer(data: &[u8]) {
     camera::buffer(data);
+}
+
+/// What stands before the images of a frame that a program sends: what is accepted fits the rig, and is written the same.
+///
+/// # Panics
+/// When it does not, or is not.
+pub fn frame_header(data: &[u8]) {
+    let rig_px = [(752, 480), (640, 400)];
+    let mut bytes = [0; Header::BYTES];
+    bytes.iter_mut().zip(data).for_each(|(to, from)| *to = *from);
+    if let Ok(header) = Header::decode(&bytes, rig_px) {
+        assert_eq!(header.encode(), bytes);
+        let fits = |k: usize| {
+            header.sizes_px[k] == (0, 0) || header.sizes_px[k] == (rig_px[k].0 as u32, rig_px[k].1 as u32)
+        };
+        assert!(fits(0) && fits(1) && header.valid() != [false, false]);
+    }
 }
 
 /// A serial line with our own protocol.
@@ -258,6 +276,11 @@ mod tests {
     #[test]
     fn fuzz_camera_buffer() {
         over_seeds_and_mutations("camera_buffer", 5000, super::camera_buffer);
+    }
+
+    #[test]
+    fn fuzz_frame_header() {
+        over_seeds_and_mutations("frame_header", 5000, super::frame_header);
     }
 
     #[test]

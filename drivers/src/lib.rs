@@ -1,4 +1,4 @@
-//! Where samples come from: replay of EuRoC data sets, a simulator and live inertial sensors, behind the traits of
+//! Where samples come from: replay of EuRoC data sets, a simulator, live cameras and inertial sensors, behind the traits of
 //! [`source`].
 //!
 //! A driver never learns what its samples are for; it hands them out in order of measurement time, with
@@ -8,6 +8,7 @@ pub mod clock;
 pub mod error;
 pub mod euroc;
 pub mod faults;
+pub mod frame_socket;
 #[cfg(any(test, feature = "fuzzing"))]
 #[doc(hidden)]
 pub mod fuzzing;
@@ -28,9 +29,10 @@ pub mod v4l2;
 pub use error::DriverError;
 pub use euroc::{EurocDataset, EurocImu, EurocOptions, EurocStereo};
 pub use faults::{FaultySource, FrameFaults, LostCamera};
+pub use frame_socket::{SocketFigures, SocketMonitor, SocketStereo};
 pub use iio::IioImu;
 pub use inertial::{ImuFigures, ImuMonitor};
-pub use live::{LiveImu, open_imu};
+pub use live::{CameraMonitor, LiveCameras, LiveImu, open_cameras, open_imu};
 pub use prefetch::Prefetch;
 pub use serial::SerialImu;
 pub use source::{Faults, ImuReading, ImuSource, StereoFrame, StereoSource};

@@ -1,12 +1,15 @@
-//! The live inertial sensor that a configuration names, whichever it is.
+//! The live sensors that a configuration names, whichever they are.
 
+use crate::frame_socket::{SocketMonitor, SocketStereo};
 use crate::iio::IioImu;
 use crate::inertial::ImuMonitor;
 use crate::serial::{SerialImu, TriggerEvent};
-use crate::{DriverError, ImuSource, StopFlag};
+use crate::v4l2::{V4l2Monitor, V4l2Options, V4l2Stereo};
+use crate::{DriverError, ImuSource, StereoSource, StopFlag};
 use plumbline_config::Config;
 use plumbline_config::options::ImuEndpoint;
 use rtrb::Consumer;
+use std::path::Path;
 
 /// A live inertial sensor and what belongs to it.
 pub struct LiveImu {
@@ -41,9 +44,62 @@ pub fn open_imu(config: &Config, stop: &StopFlag) -> Result<Option<LiveImu>, Dri
     }))
 }
 
+/// Live cameras and what belongs to them.
+pub struct LiveCameras {
+    /// Their frames, stamped by the host's monotonic clock. It waits for cameras that are missing, and ends when the flag
+    /// that it was opened with is set.
+    pub source: Box<dyn StereoSource>,
+    /// What becomes of them, for whoever tells of it.
+    pub monitor: CameraMonitor,
+}
+
+/// Figures of live cameras while another thread reads them.
+#[derive(Clone, Debug)]
+pub enum CameraMonitor {
+    /// Of cameras of the kernel.
+    V4l2(V4l2Monitor),
+    /// Of a program that sends frames.
+    Socket(SocketMonitor),
+}
+
+impl CameraMonitor {
+    /// Why left and right camera bring nothing, as far as they do not.
+    #[must_use]
+    pub fn trouble(&self) -> [Option<String>; 2] {
+        match self {
+            Self::V4l2(monitor) => monitor.trouble(),
+            Self::Socket(monitor) => [monitor.trouble(), None],
+        }
+    }
+}
+
+/// Opens the cameras of `driver.v4l2`, or the socket of `driver.frames`; none where neither is configured.
+///
+/// # Errors
+/// When a device that is there cannot do what is asked of it, or the socket cannot be made. Cameras that are not there are
+/// waited for.
+pub fn open_cameras(config: &Config, stop: &StopFlag) -> Result<Option<LiveCameras>, DriverError> {
+    if let Some(options) = V4l2Options::for_config(config) {
+        let cameras = V4l2Stereo::open(&options, stop.clone())?;
+        let monitor = CameraMonitor::V4l2(cameras.monitor());
+        return Ok(Some(LiveCameras { source: Box::new(cameras), monitor }));
+    }
+    let (listen, Some(first)) = (&config.driver.frames.listen, config.camera.first()) else {
+        return Ok(None);
+    };
+    if listen.is_empty() {
+        return Ok(None);
+    }
+    let sizes_px = [0, 1].map(|k| config.camera.get(k).map_or((0, 0), |c| (c.width_px, c.height_px)));
+    let frames = SocketStereo::open(Path::new(listen), sizes_px, first.rate_hz, stop.clone())?;
+    let monitor = CameraMonitor::Socket(frames.monitor());
+    Ok(Some(LiveCameras { source: Box::new(frames), monitor }))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use plumbline_config::camera::Distortion;
     use plumbline_config::options::{CameraConfig, ImuConfig};
 
     fn config(connect: &str) -> Config {
@@ -76,6 +132,28 @@ mod tests {
         let mut config = config("serial:///dev/nobody_has_this:921600");
         config.driver.imu.trigger_cameras = true;
         assert!(open_imu(&config, &StopFlag::new()).unwrap().unwrap().triggers.is_some());
+    }
+
+    #[test]
+    fn cameras_are_those_that_are_named_or_none() {
+        let mut config = config("");
+        assert!(open_cameras(&config, &StopFlag::new()).unwrap().is_none());
+        config.camera.push(CameraConfig {
+            width_px: 64,
+            height_px: 48,
+            rate_hz: 20.0,
+            focal_px: [40.0; 2],
+            centre_px: [31.5, 23.5],
+            distortion: Distortion::Equidistant { k1: 0.0, k2: 0.0, k3: 0.0, k4: 0.0 },
+            pose_b_c: std::array::from_fn(|i| std::array::from_fn(|j| if i == j { 1.0 } else { 0.0 })),
+        });
+        let folder = tempfile::tempdir().unwrap();
+        config.driver.frames.listen = folder.path().join("frames").display().to_string();
+        let cameras = open_cameras(&config, &StopFlag::new()).unwrap().unwrap();
+        assert!(cameras.monitor.trouble()[0].as_ref().is_some_and(|why| why.contains("nobody sends")));
+        config.driver.v4l2.left = "/dev/v4l/by-path/nobody-has-this".into();
+        let cameras = open_cameras(&config, &StopFlag::new()).unwrap().unwrap();
+        assert!(cameras.monitor.trouble()[0].as_ref().is_some_and(|why| why.contains("driver.v4l2.left")));
     }
 
     #[test]

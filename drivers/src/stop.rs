@@ -20,6 +20,12 @@ impl StopFlag {
         Self::default()
     }
 
+    /// The same as a flag that somebody else sets, such as the handler of a signal.
+    #[must_use]
+    pub fn of(flag: Arc<AtomicBool>) -> Self {
+        Self(flag)
+    }
+
     /// Asks every holder to end.
     pub fn stop(&self) {
         self.0.store(true, Ordering::Release);
@@ -42,5 +48,9 @@ mod tests {
         let held = ours.clone();
         ours.stop();
         assert!(held.is_stopped() && !theirs.is_stopped());
+        let flag = Arc::new(AtomicBool::new(false));
+        let of_flag = StopFlag::of(Arc::clone(&flag));
+        flag.store(true, Ordering::Release);
+        assert!(of_flag.is_stopped());
     }
 }

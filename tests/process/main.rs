@@ -8,6 +8,7 @@ mod digests;
 mod errors;
 mod example;
 mod exit_status;
+mod hardware;
 mod host;
 mod import;
 mod lines;

@@ -231,6 +231,17 @@ fn controls_of_cameras_have_a_name_and_a_number() {
 }
 
 #[test]
+fn frames_come_over_one_way() {
+    assert_eq!(refused(|c| c.driver.frames.listen = "/run/plumbline/frames".into()), []);
+    check("driver.frames.listen", "absolute path", |c| c.driver.frames.listen = "frames".into());
+    check("driver.frames.listen", "107 bytes", |c| c.driver.frames.listen = format!("/{:0>107}", ""));
+    check("driver.frames.listen", "driver.v4l2", |c| {
+        c.driver.frames.listen = "/run/plumbline/frames".into();
+        c.driver.v4l2.left = "/dev/video0".into();
+    });
+}
+
+#[test]
 fn inertial_sensors_have_an_address_and_a_line_that_is_fast_enough() {
     for bad in [
         "/dev/ttyS0",

@@ -1,9 +1,10 @@
 //! Validation: which values are refused. Ranges of single numbers are a table in [`ranges`]; here is what
 //! concerns several values at a time, and [`extrinsics`], [`network`], [`autopilot`],
-//! [`imu_driver`], [`ros`] and [`v4l2`].
+//! [`frames`], [`imu_driver`], [`ros`] and [`v4l2`].
 
 mod autopilot;
 mod extrinsics;
+mod frames;
 mod imu_driver;
 mod network;
 mod ranges;
@@ -65,6 +66,7 @@ impl Config {
         imu_driver::check(self, &mut found);
         ros::check(self, &mut found);
         v4l2::check(self, &mut found);
+        frames::check(self, &mut found);
         check_processors(self, &mut found);
         found
     }

@@ -197,6 +197,8 @@ impl ImuSource for IioImu {
                 self.post.put(monotonic_ns(), || figures);
             }
             if self.stop.is_stopped() {
+                let figures = self.figures();
+                self.post.last(figures);
                 return Ok(None);
             }
             self.exchange();

@@ -147,6 +147,7 @@ impl ImuSource for SerialImu {
             let Self { post, stream, port, .. } = self;
             post.put(monotonic_ns(), || stream.figures(port.figures()));
             if self.stop.is_stopped() {
+                self.post.last(self.stream.figures(self.port.figures()));
                 return Ok(None);
             }
             self.exchange();

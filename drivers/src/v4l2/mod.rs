@@ -19,11 +19,11 @@ mod jpeg;
 mod keeper;
 mod list;
 mod node;
-mod numbering;
+pub(crate) mod numbering;
 mod offers;
 mod pairing;
 mod sequence;
-mod stamp;
+pub(crate) mod stamp;
 mod stereo;
 mod sys;
 

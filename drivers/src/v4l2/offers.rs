@@ -33,6 +33,24 @@ fn hertz((numerator, denominator): (u32, u32)) -> f64 {
 }
 
 impl Rates {
+    /// Frames a second, each rate that is listed; empty for a range.
+    #[must_use]
+    pub fn listed_hz(&self) -> Vec<f64> {
+        match self {
+            Self::Listed(intervals) => intervals.iter().map(|interval| hertz(*interval)).collect(),
+            Self::Between(..) => Vec::new(),
+        }
+    }
+
+    /// Fewest and most frames a second of a range.
+    #[must_use]
+    pub fn range_hz(&self) -> Option<(f64, f64)> {
+        match self {
+            Self::Listed(_) => None,
+            Self::Between(shortest, longest) => Some((hertz(*longest), hertz(*shortest))),
+        }
+    }
+
     /// The interval to ask for: the listed one that is nearest, or exactly that of the rate.
     pub(crate) fn nearest(&self, rate_hz: f64) -> (u32, u32) {
         let off = |interval: &(u32, u32)| (hertz(*interval) / rate_hz - 1.0).abs();
@@ -133,6 +151,8 @@ mod tests {
         let between = Rates::Between((1, 120), (1, 1));
         assert_eq!(between.nearest(22.5), (1000, 22_500));
         assert_eq!(between.to_string(), "1 to 120 Hz");
+        assert_eq!((between.range_hz(), between.listed_hz()), (Some((1.0, 120.0)), Vec::new()));
+        assert_eq!((listed.range_hz(), listed.listed_hz().len()), (None, 4));
         assert_eq!(Rates::Listed(Vec::new()).nearest(20.0), (1000, 20_000));
     }
 }

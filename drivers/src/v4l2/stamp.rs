@@ -6,6 +6,7 @@
 //! stands for the end of the frame.
 
 use super::sys::abi::{FLAG_SOURCE_MASK, FLAG_SOURCE_START};
+use rustix::time::{ClockId, Timespec, clock_gettime};
 
 /// A stamp this close to a clock is of that clock, ns: images come within a second, and clocks differ by far more.
 const NEAR_NS: i64 = 10_000_000_000;
@@ -19,6 +20,15 @@ pub(crate) struct Arrival {
     pub(crate) monotonic_ns: i64,
     /// CLOCK_REALTIME, ns.
     pub(crate) system_ns: i64,
+}
+
+/// The clocks of this computer.
+pub(crate) fn clocks() -> Arrival {
+    let ns = |id| {
+        let Timespec { tv_sec, tv_nsec } = clock_gettime(id);
+        tv_sec * 1_000_000_000 + tv_nsec
+    };
+    Arrival { monotonic_ns: ns(ClockId::Monotonic), system_ns: ns(ClockId::Realtime) }
 }
 
 /// Where a stamp came from.

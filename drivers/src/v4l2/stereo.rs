@@ -6,13 +6,13 @@ use super::figures::{V4l2Figures, V4l2Monitor};
 use super::keeper::{Exposures, Keeper};
 use super::numbering::Numbering;
 use super::pairing::{Next, Pairing, Side, Waiting};
-use super::stamp::{Arrival, Exposure};
+use super::stamp::{Exposure, clocks};
 use crate::stop::StopFlag;
 use crate::{DriverError, Faults, StereoFrame, StereoSource};
 use plumbline_config::options::{PairBy, V4l2Config};
 use plumbline_config::{Config, Timestamp};
 use rustix::event::{PollFd, PollFlags, poll};
-use rustix::time::{ClockId, Timespec, clock_gettime};
+use rustix::time::Timespec;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
@@ -280,15 +280,6 @@ impl V4l2Stereo {
             self.figures.max_jitter_ms = self.figures.max_jitter_ms.max(jitter_ms);
         }
     }
-}
-
-/// The clocks of this computer.
-fn clocks() -> Arrival {
-    let ns = |id| {
-        let Timespec { tv_sec, tv_nsec } = clock_gettime(id);
-        tv_sec * 1_000_000_000 + tv_nsec
-    };
-    Arrival { monotonic_ns: ns(ClockId::Monotonic), system_ns: ns(ClockId::Realtime) }
 }
 
 fn is_bad(fd: &PollFd<'_>) -> bool {

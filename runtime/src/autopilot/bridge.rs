@@ -1,10 +1,11 @@
 //! The pipeline's side of the bridge, and its thread.
 
-use super::clock::{StampClock, Stamps};
+use super::clock::StampClock;
 use super::frames::Frames;
 use super::handover::{Handover, Signals, handover_ring};
 use super::link::{Link, LinkError};
 use super::sender::{BridgeFigures, Sender};
+use crate::pipeline::Stamps;
 use crate::pipeline::listener::{Listener, Producer, Subscriber};
 use crate::schedule::host::raise_priority;
 use crate::schedule::ring::Writer;

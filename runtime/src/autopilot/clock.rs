@@ -1,16 +1,8 @@
 //! Measurement times on this host's monotonic clock.
 
+use crate::pipeline::Stamps;
 use crate::schedule::ticker::Monotonic;
 use plumbline_config::Timestamp;
-
-/// Whose the stamps of the samples are.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stamps {
-    /// Of this host's monotonic clock.
-    OfHost,
-    /// Of a recording or simulation that is played against the clock.
-    Replayed,
-}
 
 /// The smallest delay is taken over one to two times of this, ns.
 const WINDOW_NS: i64 = 5_000_000_000;

@@ -28,5 +28,4 @@ pub mod status;
 pub mod timesync;
 
 pub use bridge::{Bridge, BridgeError};
-pub use clock::Stamps;
 pub use sender::BridgeFigures;

@@ -43,7 +43,11 @@ fn is_usage(cause: &(dyn Error + 'static)) -> bool {
     if let Some(error) = cause.downcast_ref::<DriverError>() {
         let is_usage = matches!(
             error,
-            DriverError::Scenario(_) | DriverError::Missing { .. } | DriverError::Refused { .. }
+            DriverError::Scenario(_)
+                | DriverError::Missing { .. }
+                | DriverError::Refused { .. }
+                | DriverError::Device { .. }
+                | DriverError::ImuAddress(_)
         );
         return is_usage;
     }

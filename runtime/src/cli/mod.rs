@@ -11,9 +11,11 @@ pub mod choice;
 mod config;
 #[cfg(feature = "ground")]
 mod demo;
+pub mod devices;
 mod doctor;
 pub mod evaluate;
 mod exit_status;
+pub mod fly;
 #[cfg(feature = "ground")]
 mod ground;
 mod keys;
@@ -66,6 +68,8 @@ fn examples() -> String {
         "Examples:
 {ground}  plumbline replay V1_01_easy --trajectory out.tum  a EuRoC data set as fast as it goes
   plumbline replay sim:hall --duration 20           a simulated flight, not written to disk
+  plumbline devices                                 the cameras and IMUs that are plugged in
+  plumbline fly --config drone.toml                 live, with them
   plumbline replay V1_01_easy --record log.mcap     the same, recorded
   plumbline verify log.mcap                         is the recorded flight what comes out again?
   plumbline evaluate out.tum V1_01_easy             its errors, as evo_ape and evo_rpe give them
@@ -81,6 +85,8 @@ enum Command {
     /// Fly a simulated vehicle at 1x, and publish it on the loopback interface.
     #[cfg(feature = "ground")]
     Demo(demo::DemoArgs),
+    /// Fly live, from the cameras and the IMU that a configuration names.
+    Fly(fly::FlyArgs),
     /// Run the estimator over a recorded or simulated flight.
     Replay(Box<replay::ReplayArgs>),
     /// Execute a recorded flight again, and compare every output bit for bit.
@@ -117,6 +123,8 @@ enum Command {
     Sweep(sweep::SweepArgs),
     /// Measure what the standard load costs on this machine, and compare with another time.
     Bench(bench::BenchArgs),
+    /// List cameras (formats, rates, controls), serial ports and inertial sensors by the names that a configuration takes.
+    Devices(devices::DevicesArgs),
     /// Check whether this host and a configuration are fit for a flight.
     Doctor(doctor::DoctorArgs),
     /// Check a configuration file, print a preset, or import a calibration.
@@ -146,6 +154,7 @@ fn run(command: Command) -> anyhow::Result<()> {
     match command {
         #[cfg(feature = "ground")]
         Command::Demo(args) => demo::run(&args),
+        Command::Fly(args) => fly::run(&args),
         Command::Replay(args) => replay::run(&args),
         Command::Verify(args) => verify::run(&args),
         Command::Log(args) => log::run(&args),
@@ -164,6 +173,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Ablation(args) => ablation::run(&args),
         Command::Sweep(args) => sweep::run(&args),
         Command::Bench(args) => bench::run(&args),
+        Command::Devices(args) => devices::run(&args),
         Command::Doctor(args) => doctor::run(&args),
         Command::Config(args) => config::run(&args),
         Command::Completions { shell } => {

@@ -4,7 +4,6 @@ use super::plot::flown_subject;
 use super::progress::Progress;
 use super::scenario::{ScenarioArgs, parse_scene};
 use super::{Usage, check_outputs, load_config, parse_range, say, stop_on_signal};
-use crate::autopilot::Stamps;
 use crate::evaluate::load_trajectory;
 use crate::flight::plausibility::Finding;
 use crate::flight::plausibility::watch::Watch;
@@ -16,7 +15,7 @@ use crate::flight::{
 use crate::log::WhenFull;
 use crate::log::source::LogEnd;
 use crate::net::Endpoints;
-use crate::pipeline::{Control, RunOptions};
+use crate::pipeline::{Control, RunOptions, Stamps};
 use crate::places::{MapContents, read_known_map, write_map};
 use crate::plot;
 use crate::report::Report;
@@ -326,6 +325,9 @@ fn start_outputs(args: &ReplayArgs, flight: &Flight, control: &Arc<Control>) -> 
             tracing::warn!("--publish: nobody can be reached: give --listen or --connect, or network.listen");
         }
         outputs.publish(config, &endpoints, control)?;
+        if config.ros.enabled {
+            outputs.publish_ros(config, &endpoints.vehicle, Stamps::Replayed)?;
+        }
     }
     Ok(outputs)
 }

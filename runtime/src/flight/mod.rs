@@ -4,12 +4,15 @@
 //! flight is handed to while it goes on (recorder, network, ROS 2, autopilot) is put together in [`outputs`].
 
 mod cache;
+pub mod capture;
 pub mod error;
 pub mod open;
 pub mod outputs;
 pub mod overrides;
 pub mod plausibility;
 pub mod run;
+pub mod sensor_watch;
+pub mod sensors;
 pub mod states;
 #[cfg(test)]
 mod tests;
@@ -20,10 +23,12 @@ pub use open::{Cut, is_log, open_dataset, open_log, open_simulation, scenario_co
 pub use outputs::Outputs;
 pub use overrides::with_overrides;
 pub use run::{Flown, fly};
+pub use sensors::{LiveSensors, open_sensors};
 pub use trajectory::{CausalPose, CausalTrajectory, KeptStates, OdometryTrajectory};
 
 use crate::log::KnownMap;
 use crate::log::source::LogEnd;
+use crate::pipeline::Stamps;
 use nalgebra::Isometry3;
 use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::simulator::Simulator;
@@ -50,6 +55,8 @@ pub struct Flight {
     pub log_end: Option<LogEnd>,
     /// A map that the flight goes on with.
     pub map: Option<KnownMap>,
+    /// Whose the stamps of its samples are.
+    pub stamps: Stamps,
 }
 
 impl Flight {

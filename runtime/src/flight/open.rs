@@ -5,6 +5,7 @@ use super::plausibility::missing_camera;
 use super::{Flight, FlightError, Truth};
 use crate::log::LogReader;
 use crate::log::source::{LogEnd, LogImu, LogStereo};
+use crate::pipeline::Stamps;
 use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::{Config, ConfigError, ValidConfig, import};
 use plumbline_drivers::simulator::{Scenario, Simulator, scaled_config};
@@ -69,6 +70,7 @@ pub fn open_dataset(
         findings,
         log_end: None,
         map: None,
+        stamps: Stamps::Replayed,
     })
 }
 
@@ -104,6 +106,7 @@ pub fn open_log(
         findings: Vec::new(),
         log_end: Some(end),
         map: None,
+        stamps: Stamps::Replayed,
     })
 }
 
@@ -159,6 +162,7 @@ pub fn open_simulation(
         findings: Vec::new(),
         log_end: None,
         map: None,
+        stamps: Stamps::Replayed,
     })
 }
 

@@ -2,12 +2,12 @@
 //! threads that produce, and has a thread of its own for the rest.
 
 use super::FlightError;
-use crate::autopilot::{Bridge, BridgeFigures, Stamps};
+use crate::autopilot::{Bridge, BridgeFigures};
 use crate::log::recorder::RecorderSummary;
 use crate::log::{Recorder, WhenFull};
 use crate::net::{Endpoints, Publisher};
 use crate::pipeline::listener::Subscriber;
-use crate::pipeline::{Control, RunError};
+use crate::pipeline::{Control, RunError, Stamps};
 use crate::places::MapSaver;
 use crate::ros::RosOutput;
 use plumbline_config::ValidConfig;
@@ -44,8 +44,7 @@ impl Outputs {
         Ok(())
     }
 
-    /// Puts the vehicle on the network, and on that of ROS 2 where the configuration enables it. `control` takes the
-    /// commands that come from there.
+    /// Puts the vehicle on the network. `control` takes the commands that come from there.
     ///
     /// # Errors
     /// When the session cannot be opened.
@@ -56,9 +55,20 @@ impl Outputs {
         control: &Arc<Control>,
     ) -> Result<(), FlightError> {
         self.publisher = Some(Publisher::start(config, endpoints, Arc::clone(control))?);
-        if config.ros.enabled {
-            self.ros = Some(RosOutput::start(&config.ros, &endpoints.vehicle, config.vehicle.rot_v_b())?);
-        }
+        Ok(())
+    }
+
+    /// Puts `vehicle` on the network of ROS 2; `stamps` are those of the samples.
+    ///
+    /// # Errors
+    /// When no thread can be had.
+    pub fn publish_ros(
+        &mut self,
+        config: &ValidConfig,
+        vehicle: &str,
+        stamps: Stamps,
+    ) -> Result<(), FlightError> {
+        self.ros = Some(RosOutput::start(&config.ros, vehicle, config.vehicle.rot_v_b(), stamps)?);
         Ok(())
     }
 

@@ -1,9 +1,9 @@
 //! The run of a flight, from its first sample to its last.
 
-use super::trajectory::{CausalPose, CausalTrajectory, MAX_RESERVED_FRAMES};
+use super::trajectory::{CausalPose, CausalTrajectory, LIVE_FRAMES, MAX_RESERVED_FRAMES};
 use super::{Flight, FlightError, Truth};
 use crate::pipeline::listener::{Several, Subscriber};
-use crate::pipeline::{self, Control, Outcome, RunOptions, Streams};
+use crate::pipeline::{self, Control, Outcome, RunOptions, Stamps, Streams};
 use plumbline_config::ValidConfig;
 use plumbline_drivers::StampedPose;
 use plumbline_estimator::places::mapper::Passing;
@@ -20,7 +20,7 @@ pub struct Flown {
     pub threads: usize,
     /// Times, counts and digests.
     pub outcome: Outcome,
-    /// Every pose as it was known when its frame came.
+    /// Every pose as it was known when its frame came; of live sensors the first 36,000.
     pub poses: Vec<CausalPose>,
 }
 
@@ -55,12 +55,15 @@ pub fn fly(
     control: &Control,
     subscribers: Vec<&mut dyn Subscriber>,
 ) -> Result<Flown, FlightError> {
-    let Flight { config, imu, stereo, truth, name, map, .. } = flight;
+    let Flight { config, imu, stereo, truth, name, map, stamps, .. } = flight;
     let expected = stereo.expected_frames().and_then(|frames| usize::try_from(frames).ok());
-    let mut trajectory = CausalTrajectory::with_room_for(expected.unwrap_or(0).min(MAX_RESERVED_FRAMES));
+    let mut trajectory = match stamps {
+        Stamps::OfHost => CausalTrajectory::of_first(LIVE_FRAMES),
+        Stamps::Replayed => CausalTrajectory::with_room_for(expected.unwrap_or(0).min(MAX_RESERVED_FRAMES)),
+    };
     let mut everyone: Vec<&mut dyn Subscriber> = vec![&mut trajectory];
     everyone.extend(subscribers.into_iter().map(|subscriber| subscriber as &mut dyn Subscriber));
-    let streams = Streams { imu, stereo, map: map.map(|known| known.map) };
+    let streams = Streams { imu, stereo, map: map.map(|known| known.map), stamps };
     let outcome = pipeline::run(&config, streams, options, control, &mut Several(everyone))?;
     Ok(Flown { name, config, truth, threads: options.threads, outcome, poses: trajectory.into_poses() })
 }

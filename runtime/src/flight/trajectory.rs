@@ -16,6 +16,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// Room for poses is made beforehand for up to so many frames: two hours at 20 Hz.
 pub(super) const MAX_RESERVED_FRAMES: usize = 144_000;
 
+/// Poses of live sensors that are kept: half an hour at 20 Hz, longer than batteries last; 15 MB.
+pub(super) const LIVE_FRAMES: usize = 36_000;
+
 /// One pose as it was known when its frame came.
 #[derive(Clone, Debug)]
 pub struct CausalPose {
@@ -33,7 +36,10 @@ pub struct CausalPose {
 
 /// Keeps the pose of every frame.
 #[derive(Debug)]
-pub struct CausalTrajectory(Storage<CausalPose>);
+pub struct CausalTrajectory {
+    storage: Storage<CausalPose>,
+    most: usize,
+}
 
 impl CausalTrajectory {
     /// With room for the poses of so many frames, resident from now on: a long flight does not grow.
@@ -46,20 +52,28 @@ impl CausalTrajectory {
             reset_counter: 0,
             pose_m_o: None,
         };
-        Self(Storage::with_room_for(frames, blank))
+        Self { storage: Storage::with_room_for(frames, blank), most: usize::MAX }
+    }
+
+    /// The same for the first so many poses of a flight that may last for ever.
+    #[must_use]
+    pub fn of_first(frames: usize) -> Self {
+        Self { most: frames, ..Self::with_room_for(frames) }
     }
 
     /// The poses in order, after the run.
     #[must_use]
     pub fn into_poses(self) -> Vec<CausalPose> {
-        self.0.into_entries()
+        self.storage.into_entries()
     }
 }
 
 impl Subscriber for CausalTrajectory {
     fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
         match producer {
-            Producer::Window => Box::new(CausalListener { poses: self.0.lend(), pose_m_o: None }),
+            Producer::Window => {
+                Box::new(CausalListener { poses: self.storage.lend(), most: self.most, pose_m_o: None })
+            }
             _ => Box::new(()),
         }
     }
@@ -68,6 +82,7 @@ impl Subscriber for CausalTrajectory {
 /// Joins what one thread tells of a frame: first where the odometry lies in the map, then the estimate.
 struct CausalListener {
     poses: Lent<CausalPose>,
+    most: usize,
     pose_m_o: Option<Isometry3<f64>>,
 }
 
@@ -77,7 +92,7 @@ impl Listener for CausalListener {
     }
 
     fn estimate(&mut self, estimate: &Estimate, _frame_ms: f64) {
-        if estimate.has_pose() {
+        if estimate.has_pose() && self.poses.entries.len() < self.most {
             self.poses.entries.push(CausalPose {
                 stamp: estimate.stamp,
                 pose_o_b: estimate.pose_o_b,

@@ -48,6 +48,16 @@ pub struct RunOptions {
     pub threads: usize,
 }
 
+/// Whose the stamps of the samples are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Stamps {
+    /// Of this host's monotonic clock: live sensors. What arrives is due.
+    OfHost,
+    /// Of a recording or simulation, which is played against the clock in a live run.
+    #[default]
+    Replayed,
+}
+
 /// The sensors of a run, and what is known beforehand.
 pub struct Streams {
     /// Inertial samples.
@@ -56,6 +66,8 @@ pub struct Streams {
     pub stereo: Box<dyn StereoSource>,
     /// Keyframes of a map that the flight goes on with, of the limits of [`Mapper::limits`].
     pub map: Option<PlaceMap>,
+    /// Whose their stamps are.
+    pub stamps: Stamps,
 }
 
 /// The map at the end of a run.

@@ -2,11 +2,12 @@
 
 pub mod accuracy;
 pub mod places;
+pub mod sensors;
 
 use crate::autopilot::BridgeFigures;
-use crate::flight::Flown;
 use crate::flight::outputs::OutputFigures;
 use crate::flight::plausibility::Finding;
+use crate::flight::{Flown, LiveSensors};
 use crate::log::recorder::RecorderSummary;
 use crate::pipeline::digest::config_hash;
 use crate::pipeline::{LiveFigures, Outcome};
@@ -14,6 +15,7 @@ use crate::schedule::times::Percentiles;
 use accuracy::Accuracy;
 use places::Places;
 use plumbline_drivers::Faults;
+use sensors::Sensors;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -57,6 +59,9 @@ pub struct Report {
     /// How a live run kept its time.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub live: Option<LiveFigures>,
+    /// What the sensors of a live flight brought.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sensors: Option<Sensors>,
     /// Points, means per frame.
     pub points: Points,
     /// Line segments of the left image, means per frame.
@@ -153,6 +158,7 @@ impl Report {
             stage_ms: stages_ms(outcome),
             odometry_handout_us: f.handout_us.percentiles(),
             live: outcome.live.clone(),
+            sensors: None,
             points: Points { tracked: per_frame(f.points.0), in_window: per_frame(f.points.1) },
             lines: Lines {
                 raw: per_frame(f.lines.raw),
@@ -179,6 +185,14 @@ impl Report {
     #[must_use]
     pub fn with(self, outputs: OutputFigures) -> Self {
         Self { recording: outputs.recording, autopilot: outputs.autopilot, ..self }
+    }
+
+    /// The same with what live sensors brought; what their threads allocated counts.
+    #[must_use]
+    pub fn of_sensors(self, sensors: &LiveSensors) -> Self {
+        let sensors = Sensors::of(sensors);
+        let allocations = sensors.imu.stream.allocations + sensors.cameras.stream.allocations;
+        Self { hot_path_allocations: self.hot_path_allocations + allocations, sensors: Some(sensors), ..self }
     }
 
     /// The same with what was found wrong on the way.
@@ -230,6 +244,7 @@ impl Report {
             "odometry", h.p50, h.p99, h.max
         ));
         lines.extend(self.live.iter().flat_map(live_lines));
+        lines.extend(self.sensors.iter().flat_map(Sensors::lines));
         lines.push(format!(
             "{:<18}{:.0} MB at most, {} allocations in the hot path",
             "memory", self.peak_rss_mb, self.hot_path_allocations

@@ -5,7 +5,10 @@ use super::messages::{Frames, Time};
 use super::names::{self, Node, Topic};
 use crate::net::pace::Pace;
 use crate::net::{NetError, now_ns};
+use crate::pipeline::Stamps;
+use crate::schedule::ticker::Monotonic;
 use nalgebra::{Isometry3, UnitQuaternion};
+use plumbline_config::Timestamp;
 use plumbline_config::options::{RosConfig, RosStamp};
 use plumbline_estimator::{Odometry, TrackingState};
 use serde::Serialize;
@@ -24,6 +27,7 @@ const TF_DEPTH: u32 = 100;
 pub struct RosNode {
     options: RosConfig,
     rot_v_b: UnitQuaternion<f64>,
+    stamps: Stamps,
     odom: TopicPublisher,
     pose: TopicPublisher,
     tf: Option<TopicPublisher>,
@@ -42,6 +46,7 @@ impl RosNode {
         options: &RosConfig,
         vehicle: &str,
         rot_v_b: UnitQuaternion<f64>,
+        stamps: Stamps,
     ) -> Result<Self, NetError> {
         let node = Node {
             domain_id: options.domain_id,
@@ -63,7 +68,7 @@ impl RosNode {
         // Zero means every sample here.
         let rate_hz = if options.rate_hz > 0.0 { options.rate_hz } else { f64::INFINITY };
         let pace = Pace::new(rate_hz);
-        Ok(Self { options: options.clone(), rot_v_b, odom, pose, tf, pace, _node: token })
+        Ok(Self { options: options.clone(), rot_v_b, stamps, odom, pose, tf, pace, _node: token })
     }
 
     /// Publishes an odometry, if it is due and has a pose, with where its frame lies in the map, if that is known. What
@@ -74,7 +79,7 @@ impl RosNode {
         }
         let now_ns = now_ns();
         let stamp = match self.options.stamp {
-            RosStamp::Measurement => Time::from_nanos(odometry.stamp.as_nanos()),
+            RosStamp::Measurement => Time::from_nanos(self.on_system_clock(odometry.stamp, now_ns)),
             RosStamp::Publication => Time::from_nanos(now_ns),
         };
         let frames = Frames {
@@ -89,6 +94,15 @@ impl RosNode {
         self.pose.put(&frames.pose(odometry, stamp), now_ns).await;
         if let Some(tf) = &mut self.tf {
             tf.put(&frames.transforms(odometry, pose_m_o, stamp), now_ns).await;
+        }
+    }
+
+    /// A time of measurement as ROS expects it; recordings keep theirs.
+    fn on_system_clock(&self, stamp: Timestamp, now_ns: i64) -> i64 {
+        let age_ns = Monotonic::now().0.saturating_sub(stamp.as_nanos());
+        match self.stamps {
+            Stamps::OfHost => now_ns.saturating_sub(age_ns),
+            Stamps::Replayed => stamp.as_nanos(),
         }
     }
 }

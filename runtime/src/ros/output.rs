@@ -5,6 +5,7 @@ use super::publisher::RosPublisher;
 use crate::net::NetError;
 use crate::net::rings::{LaneReader, LaneWriter, lane};
 use crate::net::task_bell::TaskBell;
+use crate::pipeline::Stamps;
 use crate::pipeline::listener::{Listener, Producer, Subscriber};
 use nalgebra::UnitQuaternion;
 use plumbline_config::options::RosConfig;
@@ -37,15 +38,21 @@ struct Shared {
 }
 
 impl RosOutput {
-    /// Begins to look for the router; returns at once. `rot_v_b` takes coordinates from the IMU to the vehicle.
+    /// Begins to look for the router; returns at once. `rot_v_b` takes coordinates from the IMU to the vehicle,
+    /// `stamps` says whose those of the odometry are.
     ///
     /// # Errors
     /// When no thread can be had.
-    pub fn start(options: &RosConfig, vehicle: &str, rot_v_b: UnitQuaternion<f64>) -> Result<Self, NetError> {
+    pub fn start(
+        options: &RosConfig,
+        vehicle: &str,
+        rot_v_b: UnitQuaternion<f64>,
+        stamps: Stamps,
+    ) -> Result<Self, NetError> {
         let shared = Arc::new(Shared { bell: TaskBell::new()?, stop: AtomicBool::new(false) });
         let (writer, reader, _) = lane(ODOMETRY_RING);
         let (map_writer, map_reader, _) = lane(MAP_RING);
-        let publisher = RosPublisher::start(options, vehicle, rot_v_b)?;
+        let publisher = RosPublisher::start(options, vehicle, rot_v_b, stamps)?;
         // Zenoh wants a runtime of several threads, and uses one.
         let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
         let theirs = Arc::clone(&shared);

@@ -6,6 +6,7 @@
 
 use super::node::RosNode;
 use crate::net::NetError;
+use crate::pipeline::Stamps;
 use nalgebra::UnitQuaternion;
 use plumbline_config::options::RosConfig;
 use plumbline_estimator::Odometry;
@@ -24,6 +25,7 @@ pub struct RosPublisher {
     options: RosConfig,
     vehicle: String,
     rot_v_b: UnitQuaternion<f64>,
+    stamps: Stamps,
     /// The newest word on where the odometry lies in the map.
     map: Option<MapEstimate>,
     state: State,
@@ -42,7 +44,12 @@ impl RosPublisher {
     ///
     /// # Errors
     /// When no thread can be had.
-    pub fn start(options: &RosConfig, vehicle: &str, rot_v_b: UnitQuaternion<f64>) -> Result<Self, NetError> {
+    pub fn start(
+        options: &RosConfig,
+        vehicle: &str,
+        rot_v_b: UnitQuaternion<f64>,
+        stamps: Stamps,
+    ) -> Result<Self, NetError> {
         let (sender, receiver) = oneshot::channel();
         let router = options.router.clone();
         // Zenoh holds its caller until the router is there, which may be never: it gets a thread that nobody
@@ -51,7 +58,7 @@ impl RosPublisher {
             let _ = sender.send(open(&router));
         })?;
         let state = State::Waiting(Instant::now(), false, receiver);
-        Ok(Self { options: options.clone(), vehicle: vehicle.to_owned(), rot_v_b, map: None, state })
+        Ok(Self { options: options.clone(), vehicle: vehicle.to_owned(), rot_v_b, stamps, map: None, state })
     }
 
     /// Takes where the odometry lies in the map: it goes out with the odometry.
@@ -85,7 +92,8 @@ impl RosPublisher {
     async fn connected(&self, session: Result<Session, NetError>) -> State {
         let declared = async {
             let session = session?;
-            let node = RosNode::declare(&session, &self.options, &self.vehicle, self.rot_v_b).await?;
+            let node =
+                RosNode::declare(&session, &self.options, &self.vehicle, self.rot_v_b, self.stamps).await?;
             Ok::<_, NetError>(State::Connected(session, Box::new(node)))
         };
         declared.await.unwrap_or_else(|error| {

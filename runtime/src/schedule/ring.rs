@@ -102,6 +102,12 @@ impl<T> Reader<T> {
         self.ring.pop().ok()
     }
 
+    /// Entries that it has room for.
+    #[must_use]
+    pub fn capacity(&self) -> usize {
+        self.ring.buffer().capacity()
+    }
+
     /// Entries that wait.
     #[must_use]
     pub fn waiting(&self) -> usize {

@@ -15,7 +15,7 @@ use super::writer::Limits;
 use super::{LogError, LogReader};
 use crate::pipeline::digest::config_hash;
 use crate::pipeline::listener::Subscriber;
-use crate::pipeline::{self, Control, Outcome, RunOptions, Streams};
+use crate::pipeline::{self, Control, Outcome, RunOptions, Stamps, Streams};
 use mcap::records::Metadata;
 use mcap::{MessageStream, WriteOptions};
 use plumbline_config::options::{ImageRecording, KeepPolicy};
@@ -44,7 +44,12 @@ fn flight_of_seed(seed: u64) -> Flight {
     let scenario =
         Scenario { scene: Scene::Room, seed, duration_s: 1.0, resolution_scale: 0.3, ..Scenario::default() };
     let simulator = Simulator::new(&config(), &scenario).unwrap();
-    let streams = Streams { imu: Box::new(simulator.imu()), stereo: Box::new(simulator.stereo()), map: None };
+    let streams = Streams {
+        imu: Box::new(simulator.imu()),
+        stereo: Box::new(simulator.stereo()),
+        map: None,
+        stamps: Stamps::Replayed,
+    };
     let mut config = simulator.config().clone();
     config.estimator.points.cell_px = 28;
     Flight { config: config.validated("test").unwrap(), streams }

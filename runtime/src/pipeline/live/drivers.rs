@@ -8,7 +8,7 @@ use crate::schedule::tasks::TaskId;
 use crate::schedule::ticker::Monotonic;
 use plumbline_drivers::{Faults, ImuReading, ImuSource, StereoFrame, StereoSource};
 
-/// A frame that arrives later than this after its time was late at its source, ms.
+/// A recorded frame that arrives later than this after its time was late at its source, ms; one of a camera after a period.
 const LATE_AT_SOURCE_MS: f64 = 5.0;
 
 /// A source that is further behind than this passes over the frames that are overdue, periods.
@@ -30,7 +30,10 @@ pub struct ImuTask {
 impl ImuTask {
     /// Reads the stream to its end. A recorded one is read ahead: the tick takes what is due.
     pub fn run(mut self, shared: &Shared<'_>) -> Faults {
-        let mut next = self.first;
+        let mut next = match self.first.take() {
+            Some(first) => Some(first),
+            None => self.next(shared),
+        };
         while let Some(reading) = next {
             while !self.readings.has_room() && !self.readings.is_closed() && !shared.is_stopped() {
                 std::thread::sleep(shared.table.row(TaskId::Imu).period);
@@ -38,12 +41,16 @@ impl ImuTask {
             if shared.is_stopped() || self.readings.push(reading).is_err() {
                 break;
             }
-            next = self.source.next_reading().unwrap_or_else(|error| {
-                shared.fail(RunError::Driver(error));
-                None
-            });
+            next = self.next(shared);
         }
         self.source.faults()
+    }
+
+    fn next(&mut self, shared: &Shared<'_>) -> Option<ImuReading> {
+        self.source.next_reading().unwrap_or_else(|error| {
+            shared.fail(RunError::Driver(error));
+            None
+        })
     }
 }
 
@@ -78,7 +85,10 @@ impl CameraTask {
     /// Reads the stream to its end.
     pub fn run(mut self, shared: &Shared<'_>) -> CameraEnd {
         self.bell.listen();
-        let overdue_ms = OVERDUE_PERIODS * shared.table.row(TaskId::Camera).period.as_secs_f64() * 1e3;
+        let period_ms = shared.table.row(TaskId::Camera).period.as_secs_f64() * 1e3;
+        let overdue_ms = OVERDUE_PERIODS * period_ms;
+        // Exposure, readout and the way here take their time.
+        let late_at_source_ms = if shared.is_of_sensors() { period_ms } else { LATE_AT_SOURCE_MS };
         while let Some(mut frame) = self.empty_frame(shared) {
             match self.source.next_frame(&mut frame) {
                 Ok(true) => {}
@@ -92,7 +102,7 @@ impl CameraTask {
             due.sleep_until();
             let at = Monotonic::now();
             let late_ms = at.ms_since(due);
-            self.kept.late += u64::from(late_ms > LATE_AT_SOURCE_MS);
+            self.kept.late += u64::from(late_ms > late_at_source_ms);
             self.kept.latest_ms = self.kept.latest_ms.max(late_ms);
             if late_ms > overdue_ms {
                 self.kept.overdue += self.source.skip_to(shared.data_time(at));

@@ -15,8 +15,8 @@ use plumbline_config::Timestamp;
 use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::Feedback;
 
-/// How often [`NAP`] a frame waits for its samples: a tick that the host holds up for a moment catches up.
-const SAMPLE_NAPS: u32 = 4;
+/// How often [`NAP`] a frame waits for its samples: a tick or a line that is held up for a fifth of a second catches up.
+const SAMPLE_NAPS: u32 = 6;
 
 /// What the task counts and times.
 pub struct FrontEndFigures {
@@ -170,7 +170,7 @@ impl FrontEndTask {
 
     /// Waits for a frame; of several the newest. Also, how many were refused for it.
     fn newest_frame(&mut self) -> Option<(Arrival, u64)> {
-        let FrontEndRings { bell, arrivals, .. } = &mut self.rings;
+        let FrontEndRings { bell, arrivals, samples, .. } = &mut self.rings;
         let mut newest = loop {
             if let Some(arrival) = bell.wait(NAP, || arrivals.pop()) {
                 break arrival;
@@ -178,6 +178,7 @@ impl FrontEndTask {
             if arrivals.is_closed() {
                 return None;
             }
+            keep_room(&mut self.stage, samples, &mut self.newest_imu);
         };
         let mut shed = 0;
         while let Some(newer) = self.rings.arrivals.pop() {
@@ -229,5 +230,17 @@ impl FrontEndTask {
             *if rung > before { &mut self.figures.steps_down } else { &mut self.figures.steps_up } += 1;
             shared.set_rung(rung);
         }
+    }
+}
+
+/// While no frame comes, the older half of the readings that wait is given to the estimator, which forgets what it has no
+/// use for: a camera that comes after minutes finds the newest.
+fn keep_room(stage: &mut FrontStage, samples: &mut Reader<ImuReading>, newest: &mut Timestamp) {
+    let half = samples.capacity() / 2;
+    while samples.waiting() > half
+        && let Some(reading) = samples.pop()
+    {
+        *newest = (*newest).max(reading.sample.stamp);
+        stage.add(&reading);
     }
 }

@@ -10,7 +10,8 @@
 //!           └───────────────────────────> listeners: frames, orders
 //! ```
 //!
-//! Everything that the clock decides is decided in two places: [`front_end`] takes the newest frame and
+//! A recording is held back until its samples are due, and the tick is released on their grid. What live sensors bring is
+//! due: the tick is woken by a reading. Everything that the clock decides is decided in two places: [`front_end`] takes the newest frame and
 //! chooses its rung (and goes on without samples that do not come), [`tick`] corrects the odometry by what has
 //! arrived. A watchdog beside them names who is silent. [`wiring`] joins the tasks; the caller's thread waits for
 //! their end, and nothing passes through it.
@@ -32,15 +33,15 @@ use super::places::PlacesStage;
 use super::stages::{self, FrontStage, WindowStage};
 use super::team::Team;
 use super::tick::TickStage;
-use super::{Control, DriverFaults, Outcome, PlacesEnd, RunError, Streams};
+use super::{Control, DriverFaults, Outcome, PlacesEnd, RunError, Stamps, Streams};
 use crate::schedule::host::Host;
 use crate::schedule::tasks::{TaskId, TaskTable};
 use drivers::CameraEnd;
 use front_end::FrontEndEnd;
-use plumbline_config::ValidConfig;
+use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::Faults;
 use plumbline_estimator::places::PlaceMap;
-use shared::Shared;
+use shared::{Origin, Pace, Shared};
 use std::sync::Arc;
 use std::thread::ScopedJoinHandle;
 use std::time::Duration;
@@ -97,13 +98,21 @@ impl Live {
     /// When a driver cannot go on, a thread is refused, or a task ended by a fault.
     pub fn run(
         self,
-        Streams { mut imu, stereo, .. }: Streams,
+        Streams { mut imu, stereo, stamps, .. }: Streams,
         control: &Control,
     ) -> Result<Outcome, RunError> {
         let Self { config, speed, team, host, stages, listener } = self;
-        let first = imu.next_reading()?;
-        let first_stamp = first.as_ref().map(|reading| reading.sample.stamp);
-        let shared = Shared::new(TaskTable::new(&config, speed), host, control, first_stamp, speed);
+        let (first, origin) = match stamps {
+            // Sensors may be missing yet.
+            Stamps::OfHost => (None, Origin::of_host()),
+            Stamps::Replayed => {
+                let first = imu.next_reading()?;
+                let stamp = first.as_ref().map(|reading| reading.sample.stamp);
+                (first, Origin::soon(stamp.unwrap_or(Timestamp::MIN)))
+            }
+        };
+        let pace = Pace { stamps, origin, speed };
+        let shared = Shared::new(TaskTable::new(&config, speed), host, control, pace);
         let tasks = Tasks::new(&config, Sensors { imu, first, stereo }, stages);
         let ended = run_tasks(&shared, tasks, &team, listener);
         match shared.into_failure() {

@@ -1,6 +1,6 @@
 //! What all tasks of a live run share: the time of data on the clock, signs of life, and who ends the run.
 
-use super::super::{Control, RunError};
+use super::super::{Control, RunError, Stamps};
 use crate::schedule::host::Host;
 use crate::schedule::ladder::Rung;
 use crate::schedule::tasks::{TaskId, TaskTable};
@@ -24,14 +24,37 @@ pub struct Origin {
     pub due: Monotonic,
 }
 
+impl Origin {
+    /// Of samples that are stamped by this host's clock.
+    pub fn of_host() -> Self {
+        let now = Monotonic::now();
+        Self { stamp: Timestamp::from_nanos(now.0), due: now }
+    }
+
+    /// Of a recording whose sample of `stamp` is due soon.
+    pub fn soon(stamp: Timestamp) -> Self {
+        Self { stamp, due: Monotonic::now().plus_nanos(START_DELAY_NS) }
+    }
+}
+
+/// How the time of data follows that of the clock.
+#[derive(Clone, Copy, Debug)]
+pub struct Pace {
+    /// Whose the stamps are.
+    pub stamps: Stamps,
+    /// Where both times meet.
+    pub origin: Origin,
+    /// Multiple of real time.
+    pub speed: f64,
+}
+
 /// What all tasks of a run share.
 pub struct Shared<'a> {
     pub table: TaskTable,
     pub heartbeats: Heartbeats,
     pub control: &'a Control,
-    pub origin: Origin,
+    pub pace: Pace,
     host: Arc<Host>,
-    speed: f64,
     /// What the window took for its last frame, ms, as the bits of an `f64`.
     window_ms: AtomicU64,
     /// Level of the rung of the ladder.
@@ -40,22 +63,14 @@ pub struct Shared<'a> {
 }
 
 impl<'a> Shared<'a> {
-    /// Of a run whose sample of `first` is due soon, at `speed` times real time.
-    pub fn new(
-        table: TaskTable,
-        host: Arc<Host>,
-        control: &'a Control,
-        first: Option<Timestamp>,
-        speed: f64,
-    ) -> Self {
-        let due = Monotonic::now().plus_nanos(START_DELAY_NS);
+    /// Of a run at this pace.
+    pub fn new(table: TaskTable, host: Arc<Host>, control: &'a Control, pace: Pace) -> Self {
         Self {
             table,
             heartbeats: Heartbeats::default(),
             control,
-            origin: Origin { stamp: first.unwrap_or(Timestamp::MIN), due },
+            pace,
             host,
-            speed,
             window_ms: AtomicU64::default(),
             rung: AtomicU8::default(),
             failure: Mutex::default(),
@@ -64,14 +79,27 @@ impl<'a> Shared<'a> {
 
     /// When data of `stamp` are due.
     pub fn due(&self, stamp: Timestamp) -> Monotonic {
-        let data_ns = stamp.nanos_since(self.origin.stamp) as f64;
-        self.origin.due.plus_nanos((data_ns / self.speed) as i64)
+        let Pace { stamps, origin, speed } = self.pace;
+        match stamps {
+            Stamps::OfHost => Monotonic(stamp.as_nanos()),
+            Stamps::Replayed => {
+                origin.due.plus_nanos((stamp.nanos_since(origin.stamp) as f64 / speed) as i64)
+            }
+        }
+    }
+
+    /// Whether samples come from sensors: what is there is due, however their clocks were guessed.
+    pub fn is_of_sensors(&self) -> bool {
+        self.pace.stamps == Stamps::OfHost
     }
 
     /// The time of data that are due at `at`.
     pub fn data_time(&self, at: Monotonic) -> Timestamp {
-        let wall_ns = (at.0 - self.origin.due.0) as f64;
-        self.origin.stamp.plus_nanos((wall_ns * self.speed) as i64)
+        let Pace { stamps, origin, speed } = self.pace;
+        match stamps {
+            Stamps::OfHost => Timestamp::from_nanos(at.0),
+            Stamps::Replayed => origin.stamp.plus_nanos(((at.0 - origin.due.0) as f64 * speed) as i64),
+        }
     }
 
     pub fn is_stopped(&self) -> bool {

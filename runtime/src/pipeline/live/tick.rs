@@ -1,8 +1,10 @@
 //! The task of the tick: at every release, what is due becomes odometry. Only the inertial driver goes before it.
+//!
+//! Releases follow the grid of a recording; live sensors have grids of their own, and a reading releases the tick.
 
 use super::super::tick::TickStage;
 use super::shared::Shared;
-use crate::schedule::ring::{Reader, Writer};
+use crate::schedule::ring::{Bell, Reader, Writer};
 use crate::schedule::tasks::TaskId;
 use crate::schedule::ticker::{Monotonic, Ticker};
 use crate::schedule::times::Times;
@@ -37,19 +39,22 @@ pub struct TickEnd {
 /// The tick as a task.
 pub struct TickTask {
     stage: TickStage,
-    readings: Reader<ImuReading>,
-    corrections: Reader<Estimate>,
-    samples: Writer<ImuReading>,
+    rings: TickRings,
     figures: TickTaskFigures,
 }
 
+/// What joins the tick to the other tasks.
+pub struct TickRings {
+    pub readings: Reader<ImuReading>,
+    pub corrections: Reader<Estimate>,
+    /// To the front-end.
+    pub samples: Writer<ImuReading>,
+    /// Rung by the writers of the readers.
+    pub bell: Bell,
+}
+
 impl TickTask {
-    pub fn new(
-        stage: TickStage,
-        readings: Reader<ImuReading>,
-        corrections: Reader<Estimate>,
-        samples: Writer<ImuReading>,
-    ) -> Self {
+    pub fn new(stage: TickStage, rings: TickRings) -> Self {
         let figures = TickTaskFigures {
             ticks: 0,
             missed: 0,
@@ -58,14 +63,23 @@ impl TickTask {
             latency_ms: Times::of_ms(),
             deepest: 0,
         };
-        Self { stage, readings, corrections, samples, figures }
+        Self { stage, rings, figures }
     }
 
     /// Ticks until the readings end.
     pub fn run(mut self, shared: &Shared<'_>) -> TickEnd {
-        let first = shared.origin.due.plus_nanos(PHASE_NS);
+        match shared.is_of_sensors() {
+            true => self.tick_on_arrival(shared),
+            false => self.tick_on_grid(shared),
+        }
+        self.figures.deepest = self.rings.readings.deepest();
+        TickEnd { stage: self.stage, figures: self.figures }
+    }
+
+    fn tick_on_grid(&mut self, shared: &Shared<'_>) {
+        let first = shared.pace.origin.due.plus_nanos(PHASE_NS);
         let mut ticker = Ticker::new(first, shared.table.row(TaskId::Tick).period);
-        while !shared.is_stopped() && !self.readings.is_closed() {
+        while !shared.is_stopped() && !self.rings.readings.is_closed() {
             let release = ticker.wait();
             shared.heartbeats.busy(TaskId::Tick);
             self.figures.ticks += 1;
@@ -73,26 +87,38 @@ impl TickTask {
             self.figures.late_ms.record(release.late_ms);
             self.take_due(shared);
         }
-        self.figures.deepest = self.readings.deepest();
-        TickEnd { stage: self.stage, figures: self.figures }
+    }
+
+    /// Wakes up for every reading, and once a period without: the watchdog, and systemd, hear of it while the sensor is
+    /// away.
+    fn tick_on_arrival(&mut self, shared: &Shared<'_>) {
+        self.rings.bell.listen();
+        let period = shared.table.row(TaskId::Tick).period;
+        while !shared.is_stopped() && !self.rings.readings.is_closed() {
+            let TickRings { bell, readings, .. } = &self.rings;
+            let _ = bell.wait(period, || readings.peek().map(drop));
+            shared.heartbeats.busy(TaskId::Tick);
+            self.figures.ticks += 1;
+            self.take_due(shared);
+        }
     }
 
     /// Takes every reading that is due.
     fn take_due(&mut self, shared: &Shared<'_>) {
-        while let Some(estimate) = self.corrections.pop() {
+        while let Some(estimate) = self.rings.corrections.pop() {
             self.stage.correct_later(estimate);
         }
         let deadline_ms = shared.table.row(TaskId::Tick).deadline.as_secs_f64() * 1e3;
-        while let Some(reading) = self.readings.peek().copied()
-            && shared.due(reading.sample.stamp) <= Monotonic::now()
+        while let Some(reading) = self.rings.readings.peek().copied()
+            && (shared.is_of_sensors() || shared.due(reading.sample.stamp) <= Monotonic::now())
         {
-            self.readings.pop();
+            self.rings.readings.pop();
             self.stage.take(&reading);
             let latency_ms = Monotonic::now().ms_since(shared.due(reading.sample.stamp));
             self.figures.latency_ms.record(latency_ms);
             self.figures.deadline_misses += u64::from(latency_ms > deadline_ms);
             // Full, it is a minute behind: the front-end is gone, and has been named by the watchdog.
-            let _ = self.samples.push(reading);
+            let _ = self.rings.samples.push(reading);
         }
     }
 }

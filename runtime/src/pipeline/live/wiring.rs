@@ -10,7 +10,7 @@ use super::super::tick::TickStage;
 use super::drivers::{Arrival, CameraFigures, CameraTask, ImuTask};
 use super::front_end::{FrontEndRings, FrontEndTask};
 use super::places::{PlacesRings, PlacesTask};
-use super::tick::TickTask;
+use super::tick::{TickRings, TickTask};
 use super::window::WindowTask;
 use crate::schedule::ring::{Bell, Reader, Writer, ring};
 use plumbline_config::ValidConfig;
@@ -22,10 +22,11 @@ use plumbline_estimator::{Estimate, Feedback};
 const FRAME_POOL: usize = 4;
 /// Frames between front-end and window: one being tracked, one waiting, one being solved.
 const JOB_POOL: usize = 3;
-/// Readings that a replay driver is ahead of the clock, or a tick behind it: a quarter of a second at 200 Hz.
+/// Readings that a replay driver is ahead of the clock, or a tick behind it, s of them, and never fewer than these.
+const READING_RING_S: f64 = 0.3;
 const READING_RING: usize = 64;
-/// Readings that wait for the front-end: a minute at 200 Hz.
-const SAMPLE_RING: usize = 12_000;
+/// Readings that wait for the front-end, s of them.
+const SAMPLE_RING_S: f64 = 60.0;
 /// Estimates that wait to correct the odometry: three seconds at 20 Hz.
 const CORRECTION_RING: usize = 64;
 
@@ -119,10 +120,11 @@ struct Rings {
 impl Rings {
     /// Everything allocated for the configuration.
     fn new(config: &ValidConfig, bells: &Bells) -> Self {
+        let readings_in = |seconds: f64| (seconds * config.imu.rate_hz).ceil() as usize;
         let place_jobs = if config.estimator.places.enabled { PLACE_POOL } else { 0 };
         Self {
-            readings: Ring::new(READING_RING, &bells.tick),
-            samples: Ring::new(SAMPLE_RING, &bells.front_end),
+            readings: Ring::new(readings_in(READING_RING_S).max(READING_RING), &bells.tick),
+            samples: Ring::new(readings_in(SAMPLE_RING_S), &bells.front_end),
             arrivals: Ring::new(FRAME_POOL, &bells.front_end),
             empty: Ring::new(FRAME_POOL, &bells.camera)
                 .filled(FRAME_POOL, || StereoFrame::new(image_sizes(config))),
@@ -149,9 +151,12 @@ impl Tasks {
             imu: ImuTask { source: imu, first, readings: rings.readings.writer },
             tick: TickTask::new(
                 stages.tick,
-                rings.readings.reader,
-                rings.corrections.reader,
-                rings.samples.writer,
+                TickRings {
+                    readings: rings.readings.reader,
+                    corrections: rings.corrections.reader,
+                    samples: rings.samples.writer,
+                    bell: bells.tick,
+                },
             ),
             camera: CameraTask {
                 source: stereo,

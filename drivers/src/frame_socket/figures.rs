@@ -1,0 +1,118 @@
+//! What can be said of the program that sends, for whoever asks from another thread.
+
+use super::header::Refusal;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// What came over the socket.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SocketFigures {
+    /// Whether a program sends now.
+    pub is_connected: bool,
+    /// How often one connected.
+    pub connected: u64,
+    /// How often one went away.
+    pub lost: u64,
+    /// How often one was sent away, since what it sent was no frame of this rig.
+    pub refused: u64,
+    /// Frames that were handed out.
+    pub frames: u64,
+    /// Of these, with two images.
+    pub pairs: u64,
+    /// Frames with a stamp that is not after that of the frame before; not handed out.
+    pub disordered: u64,
+    /// Frames stamped by their arrival, since their stamp was of no clock of this computer, or of the future.
+    pub restamped: u64,
+    /// Time from stamp to arrival: mean of the last frames, ms.
+    pub delay_ms: f64,
+    /// The largest.
+    pub max_delay_ms: f64,
+}
+
+/// Why nobody sends. Words are made of it by whoever asks: the thread that reads allocates nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Trouble {
+    /// Nobody has connected.
+    Nobody,
+    /// The program went away between frames.
+    Gone,
+    /// It went away, or stopped, within a frame.
+    GoneWithin,
+    /// It was silent while another waited.
+    Silent,
+    /// It was sent away.
+    Refused(Refusal),
+}
+
+/// Shows the figures of a [`SocketStereo`](super::SocketStereo) to other threads. Copies show the same.
+#[derive(Clone, Debug)]
+pub struct SocketMonitor {
+    shared: Arc<Shared>,
+}
+
+#[derive(Debug)]
+struct Shared {
+    path: PathBuf,
+    rig_px: [(usize, usize); 2],
+    figures: Mutex<SocketFigures>,
+    trouble: Mutex<Option<Trouble>>,
+}
+
+/// What the lock holds is whole even after a panic elsewhere.
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl SocketMonitor {
+    /// Of the socket at `path`, for images of these sizes, px.
+    pub(super) fn new(path: &Path, rig_px: [(usize, usize); 2]) -> Self {
+        let shared = Shared {
+            path: path.to_owned(),
+            rig_px,
+            figures: Mutex::default(),
+            trouble: Mutex::new(Some(Trouble::Nobody)),
+        };
+        Self { shared: Arc::new(shared) }
+    }
+
+    /// The figures up to the last frame.
+    #[must_use]
+    pub fn figures(&self) -> SocketFigures {
+        *locked(&self.shared.figures)
+    }
+
+    /// Why nobody sends, as far as nobody does.
+    #[must_use]
+    pub fn trouble(&self) -> Option<String> {
+        let trouble = (*locked(&self.shared.trouble))?;
+        let words = match trouble {
+            Trouble::Nobody => "nobody sends frames yet".to_owned(),
+            Trouble::Gone => "the program that sent frames has gone".to_owned(),
+            Trouble::GoneWithin => "the program that sent frames stopped within one".to_owned(),
+            Trouble::Silent => "the program that sent frames was silent, and gave way to another".to_owned(),
+            Trouble::Refused(Refusal::Foreign) => {
+                "what was sent is no frame: see docs/frame-socket.md".to_owned()
+            }
+            Trouble::Refused(Refusal::Empty) => "a frame without images was sent".to_owned(),
+            Trouble::Refused(Refusal::Size(camera, (width, height))) => {
+                let (rig_width, rig_height) = self.shared.rig_px[camera];
+                format!(
+                    "an image of {width} x {height} px was sent, and camera[{camera}] has {rig_width} x \
+                     {rig_height}: send that size, or change the calibration"
+                )
+            }
+        };
+        Some(format!("{}: {words} (driver.frames.listen)", self.shared.path.display()))
+    }
+
+    /// Shows these from now on; where somebody is reading at the moment, the next ones.
+    pub(super) fn show(&self, figures: &SocketFigures) {
+        if let Ok(mut shown) = self.shared.figures.try_lock() {
+            *shown = *figures;
+        }
+    }
+
+    pub(super) fn set_trouble(&self, trouble: Option<Trouble>) {
+        *locked(&self.shared.trouble) = trouble;
+    }
+}

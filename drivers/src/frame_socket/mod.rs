@@ -1,0 +1,12 @@
+//! Frames that a program of the user's own sends over a Unix socket: one that knows a camera by its maker's SDK, or one
+//! that plays a recording. `docs/frame-socket.md` says what it sends; [`Header`] is that.
+//!
+//! The socket is ours: programs come and go as cameras do. Bytes are read straight into the images of a frame.
+
+mod figures;
+mod header;
+mod source;
+
+pub use figures::{SocketFigures, SocketMonitor};
+pub use header::{Header, MAGIC, Refusal};
+pub use source::SocketStereo;

@@ -1,0 +1,289 @@
+//! Hardware that plays a recording in real time: a microcontroller at a pseudo-terminal that speaks our serial protocol,
+//! on a clock of its own, and a program that sends frames to a socket.
+
+use nalgebra::Vector3;
+use plumbline_config::GrayImage;
+use plumbline_drivers::clock::monotonic_ns;
+use plumbline_drivers::frame_socket::Header;
+use plumbline_drivers::{
+    EurocDataset, EurocOptions, ImuReading, ImuSource as _, StereoFrame, StereoSource as _,
+};
+use plumbline_protocol::{Imu, MAX_FRAME, Message, Receiver, Time, encode};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fd::OwnedFd;
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use std::io::Write as _;
+use std::ops::Range;
+use std::os::unix::net::UnixStream;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+const MS: i64 = 1_000_000;
+/// From the middle of the exposure to when a frame is sent, ns.
+const READOUT_NS: i64 = 12 * MS;
+/// The crystal of the microcontroller runs faster than the host's by this share.
+const SKEW: f64 = 45e-6;
+
+/// A recording in memory.
+pub struct Recording {
+    /// All inertial samples.
+    pub readings: Vec<ImuReading>,
+    /// All frames.
+    pub frames: Vec<StereoFrame>,
+    /// Sizes of the images, px.
+    sizes_px: [(usize, usize); 2],
+}
+
+impl Recording {
+    /// That of a data set.
+    pub fn read(path: &Path) -> Self {
+        let dataset = EurocDataset::open(path, &EurocOptions::default()).unwrap();
+        let (mut imu, mut stereo) = (dataset.imu(), dataset.stereo());
+        let mut readings = Vec::new();
+        while let Some(reading) = imu.next_reading().unwrap() {
+            readings.push(reading);
+        }
+        let (mut frames, mut frame) = (Vec::new(), dataset.new_frame());
+        while stereo.next_frame(&mut frame).unwrap() {
+            frames.push(frame.clone());
+        }
+        Self { readings, frames, sizes_px: dataset.sizes_px() }
+    }
+}
+
+/// When the time of the recording is that of the host.
+#[derive(Clone, Copy, Debug)]
+pub struct Epoch {
+    /// Of the recording, ns.
+    data_ns: i64,
+    /// Of the host, ns.
+    host_ns: i64,
+}
+
+impl Epoch {
+    /// The first sample of `recording` is measured `ms` from now.
+    pub fn in_ms(recording: &Recording, ms: i64) -> Self {
+        let data_ns = recording.readings[0].sample.stamp.as_nanos();
+        Self { data_ns, host_ns: monotonic_ns() + ms * MS }
+    }
+
+    /// A time of the recording by the host's clock.
+    pub fn host(self, data_ns: i64) -> i64 {
+        data_ns - self.data_ns + self.host_ns
+    }
+
+    /// A time of the host in the recording.
+    pub fn data(self, host_ns: i64) -> i64 {
+        host_ns - self.host_ns + self.data_ns
+    }
+
+    /// By the clock of the microcontroller, which was started three seconds before the recording, ns.
+    fn device(self, host_ns: i64) -> u64 {
+        let since = host_ns - self.host_ns;
+        (3_000 * MS + since + (since as f64 * SKEW).round() as i64) as u64
+    }
+}
+
+/// Draws that are the same every time (SplitMix64).
+struct Draws(u64);
+
+impl Draws {
+    fn bits(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    fn below(&mut self, count: usize) -> usize {
+        (self.bits() % count as u64) as usize
+    }
+
+    /// In so many of a thousand cases.
+    fn per_mille(&mut self, count: u64) -> bool {
+        self.bits() % 1000 < count
+    }
+}
+
+/// What happens to the bytes on the way; times in s of the recording.
+#[derive(Clone, Debug)]
+pub struct Trouble {
+    /// So many of a thousand frames have noise before them.
+    pub noise_per_mille: u64,
+    /// So many of a thousand are changed, or cut off.
+    pub hit_per_mille: u64,
+    /// So many of a thousand come in two pieces.
+    pub split_per_mille: u64,
+    /// Every tenth of a second's worth is sent at once.
+    pub bursts_s: Range<f64>,
+    /// Nothing leaves.
+    pub stall_s: Range<f64>,
+}
+
+impl Trouble {
+    /// None.
+    pub fn none() -> Self {
+        Self {
+            noise_per_mille: 0,
+            hit_per_mille: 0,
+            split_per_mille: 0,
+            bursts_s: 0.0..0.0,
+            stall_s: 0.0..0.0,
+        }
+    }
+}
+
+/// A microcontroller at the end of a pseudo-terminal.
+pub struct Microcontroller {
+    master: OwnedFd,
+    receiver: Receiver,
+}
+
+impl Microcontroller {
+    /// Plugged in; `link` names the terminal's other end, as udev would.
+    pub fn plugged_in(link: &Path) -> Self {
+        let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+        rustix::io::ioctl_fionbio(&master, true).unwrap();
+        grantpt(&master).unwrap();
+        unlockpt(&master).unwrap();
+        let name = ptsname(&master, Vec::new()).unwrap().into_string().unwrap();
+        let _ = std::fs::remove_file(link);
+        std::os::unix::fs::symlink(name, link).unwrap();
+        Self { master, receiver: Receiver::new() }
+    }
+
+    /// Plays the samples of `which` in real time; those that were hit on the way, by their places in the recording.
+    pub fn play(
+        &mut self,
+        recording: &Recording,
+        epoch: Epoch,
+        which: Range<usize>,
+        trouble: &Trouble,
+    ) -> Vec<usize> {
+        let (mut draws, mut waiting, mut hit) = (Draws(5), Vec::new(), Vec::new());
+        let mut last_burst = 0;
+        for k in which {
+            let reading = &recording.readings[k];
+            let data_ns = reading.sample.stamp.as_nanos();
+            self.answer_until(epoch, epoch.host(data_ns));
+            waiting.extend(frame(reading, epoch.device(epoch.host(data_ns)), trouble, &mut draws, || {
+                hit.push(k)
+            }));
+            let s = (data_ns - epoch.data_ns) as f64 * 1e-9;
+            let burst = (s * 10.0) as i64;
+            let is_held = trouble.stall_s.contains(&s)
+                || trouble.bursts_s.contains(&s) && std::mem::replace(&mut last_burst, burst) == burst;
+            if is_held {
+                continue;
+            }
+            if draws.per_mille(trouble.split_per_mille) {
+                let rest = waiting.split_off(draws.below(waiting.len()));
+                self.send(&waiting);
+                waiting = rest;
+                std::thread::sleep(Duration::from_micros(150));
+            }
+            self.send(&waiting);
+            waiting.clear();
+        }
+        hit
+    }
+
+    /// Answers questions for the time as they come, until then.
+    fn answer_until(&mut self, epoch: Epoch, due_ns: i64) {
+        loop {
+            let left_ns = due_ns - monotonic_ns();
+            if left_ns <= 0 {
+                return;
+            }
+            let timeout = Timespec { tv_sec: left_ns / 1_000_000_000, tv_nsec: left_ns % 1_000_000_000 };
+            let ready = poll(&mut [PollFd::new(&self.master, PollFlags::IN)], Some(&timeout)).unwrap_or(0);
+            let mut bytes = [0; 64];
+            let Ok(count) = rustix::io::read(&self.master, &mut bytes) else {
+                // Nobody has the other end open: that is told at once, for ever.
+                if ready > 0 {
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+                continue;
+            };
+            let received_ns = epoch.device(monotonic_ns());
+            for byte in &bytes[..count] {
+                if let Some(Ok(Message::AskTime { asked_ns })) = self.receiver.push(*byte) {
+                    let sent_ns = epoch.device(monotonic_ns());
+                    let answer = Message::Time(Time { asked_ns, received_ns, sent_ns });
+                    self.send(encode(&answer, &mut [0; MAX_FRAME]));
+                }
+            }
+        }
+    }
+
+    /// Hands all bytes to the terminal; while nobody reads, what finds no room is lost.
+    fn send(&self, mut bytes: &[u8]) {
+        let patience = Instant::now() + Duration::from_millis(20);
+        while !bytes.is_empty() && Instant::now() < patience {
+            match rustix::io::write(&self.master, bytes) {
+                Ok(count) => bytes = &bytes[count..],
+                Err(_) => std::thread::sleep(Duration::from_millis(1)),
+            }
+        }
+    }
+}
+
+/// What is sent for a sample; `is_hit` is told where the frame itself was.
+fn frame(
+    reading: &ImuReading,
+    time_ns: u64,
+    trouble: &Trouble,
+    draws: &mut Draws,
+    is_hit: impl FnOnce(),
+) -> Vec<u8> {
+    let single = |v: &Vector3<f64>| [v.x, v.y, v.z].map(|x| x as f32);
+    let imu = Imu {
+        sequence: reading.sequence as u32,
+        time_ns,
+        gyro_rad_s: single(&reading.sample.gyro),
+        accel_m_s2: single(&reading.sample.accel),
+        temperature_c: Some(31.0),
+        ..Imu::default()
+    };
+    let mut buffer = [0; MAX_FRAME];
+    let mut frame = encode(&Message::Imu(imu), &mut buffer).to_vec();
+    let mut sent = Vec::new();
+    if draws.per_mille(trouble.noise_per_mille) {
+        sent.extend((0..draws.below(60)).map(|_| draws.bits() as u8));
+    }
+    if draws.per_mille(trouble.hit_per_mille) {
+        is_hit();
+        // Within the frame: the zeros around one are shared with its neighbours.
+        let place = 1 + draws.below(frame.len() - 2);
+        match draws.bits() % 2 {
+            0 => frame[place] ^= 1 << draws.below(8),
+            _ => frame.truncate(place),
+        }
+    }
+    sent.extend(frame);
+    sent
+}
+
+/// A program that sends the frames of `which` in real time to the socket at `path`, as soon as that is there.
+pub fn send_frames(path: &Path, recording: &Recording, epoch: Epoch, which: Range<usize>) {
+    let mut sender = loop {
+        match UnixStream::connect(path) {
+            Ok(sender) => break sender,
+            Err(_) => std::thread::sleep(Duration::from_millis(5)),
+        }
+    };
+    for (k, frame) in recording.frames.iter().enumerate().take(which.end).skip(which.start) {
+        let stamp_ns = epoch.host(frame.stamp.as_nanos());
+        let left_ns = stamp_ns + READOUT_NS - monotonic_ns();
+        std::thread::sleep(Duration::from_nanos(u64::try_from(left_ns).unwrap_or(0)));
+        let sizes_px = recording.sizes_px.map(|(width, height)| (width as u32, height as u32));
+        let header = Header { sequence: k as u64, stamp_ns, sizes_px };
+        let [left, right] = frame.images.each_ref().map(GrayImage::pixels);
+        for bytes in [&header.encode()[..], left, right] {
+            if sender.write_all(bytes).is_err() {
+                return;
+            }
+        }
+    }
+}
