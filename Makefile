@@ -70,7 +70,7 @@ doctests: ## the examples in the documentation of the code
 
 # The crates whose dependencies are few: these are compiled once more, in a folder of their own, so that this goes on
 # beside the build of the tests.
-CHECKED = --target-dir target/checked -p plumbline-config -p plumbline-estimator -p plumbline-drivers
+CHECKED = --target-dir target/checked -p plumbline-config -p plumbline-estimator -p plumbline-drivers -p plumbline-checkup
 
 checked: setup ## unit and property tests with overflow checks and debug assertions
 	$(CARGO) nextest run --cargo-profile checked --locked $(CHECKED) --all-features --lib $(ARGS)

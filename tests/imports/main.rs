@@ -58,10 +58,11 @@ const ESTIMATOR: &[&str] = &[
 /// Crates of ours that each crate may name.
 const CRATES: &[(&str, &[&str])] = &[
     ("config", &[]),
+    ("checkup", &["plumbline_config", "plumbline_estimator"]),
     ("drivers", &["plumbline_config", "plumbline_protocol"]),
     ("drivers/protocol", &[]),
     ("estimator", &["plumbline_config"]),
-    ("runtime", &["plumbline_config", "plumbline_drivers", "plumbline_estimator"]),
+    ("runtime", &["plumbline_config", "plumbline_checkup", "plumbline_drivers", "plumbline_estimator"]),
 ];
 
 /// Lines of the longest function of the runtime: one screen.

@@ -3,7 +3,7 @@
 use super::{plumbline, stderr};
 
 /// Every command that takes an input, with one that is not there.
-const MISSING: [&[&str]; 20] = [
+const MISSING: [&[&str]; 21] = [
     &["replay", "/nowhere/flight"],
     &["replay", "/nowhere/flight.mcap"],
     &["replay", "sim:room", "--path", "/nowhere/path.tum"],
@@ -17,6 +17,7 @@ const MISSING: [&[&str]; 20] = [
     &["lines", "/nowhere/image.png"],
     &["config", "/nowhere/config.toml"],
     &["doctor", "--config", "/nowhere/config.toml"],
+    &["doctor", "/nowhere/flight"],
     &["simulate", "OUT", "--config", "/nowhere/config.toml"],
     &["simulate", "OUT", "--path", "/nowhere/path.tum"],
     &["campaign", "--shared", "/nowhere"],
@@ -27,7 +28,7 @@ const MISSING: [&[&str]; 20] = [
 ];
 
 /// Wrong usage of every command.
-const WRONG: [&[&str]; 24] = [
+const WRONG: [&[&str]; 26] = [
     &[],
     &["fly-away"],
     &["replay"],
@@ -50,6 +51,8 @@ const WRONG: [&[&str]; 24] = [
     &["ablation", "flight.mcap"],
     &["bench", "--duration", "1"],
     &["doctor", "--config", "euroc", "--watch", "0"],
+    &["doctor", "--config", "euroc", "--seconds", "3"],
+    &["doctor", "sim:room", "--seconds", "0"],
     &["keys", "OUT", "--vehicle", "../x"],
     &["ground", "--connect", "nowhere"],
 ];

@@ -5,6 +5,7 @@ mod browser;
 mod cgroup;
 mod connections;
 mod digests;
+mod doctor;
 mod errors;
 mod example;
 mod exit_status;

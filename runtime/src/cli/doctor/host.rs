@@ -1,83 +1,56 @@
-//! `plumbline doctor`: whether this host and this configuration are fit for a flight.
+//! Whether this host and this configuration are fit for a flight.
 
-use super::{Usage, load_config, say};
-use crate::flight::with_overrides;
 use crate::schedule::bare_timer;
 use crate::schedule::host::{Refusal, limit_idle_latency, lock_memory, pin, raise_priority};
 use crate::schedule::tasks::{TaskId, TaskTable};
-use anyhow::Result;
-use clap::Args;
 use plumbline_config::Config;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 /// A bare timer later than this makes a tick late, ms.
 const LATE_MS: f64 = 1.0;
 
-/// Arguments of `plumbline doctor`.
-#[derive(Debug, Args)]
-pub struct DoctorArgs {
-    /// Configuration file or preset.
-    #[arg(long, default_value = "sim")]
-    pub config: PathBuf,
-    /// Change a key of the configuration, such as runtime.tick_cpus=[0]; may be repeated.
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    pub overrides: Vec<String>,
-    /// How long the timer of the host is watched, seconds.
-    #[arg(long, default_value_t = 2.0)]
-    pub watch: f64,
-}
-
 /// How a check came out.
-enum Verdict {
+pub(super) enum Verdict {
     Fine(String),
     /// A flight is possible, with this against it.
     Poor(String),
 }
 
-/// Runs the command: a line for each check.
-///
-/// # Errors
-/// When the configuration is refused.
-pub fn run(args: &DoctorArgs) -> Result<()> {
-    if !(args.watch > 0.0 && args.watch <= 3600.0) {
-        return Err(Usage("--watch: give up to 3600 seconds".into()).into());
+impl Verdict {
+    /// A mark, and what was found.
+    pub(super) fn told(&self) -> (&'static str, &str) {
+        match self {
+            Self::Fine(words) => ("ok", words),
+            Self::Poor(words) => ("poor", words),
+        }
     }
-    let Some(config) = load_config(Some(&args.config))? else { return Ok(()) };
-    let config = with_overrides(&config, &args.overrides)?;
-    let table = TaskTable::new(&config, 1.0);
+
+    pub(super) fn is_poor(&self) -> bool {
+        matches!(self, Self::Poor(_))
+    }
+}
+
+/// A check by its name.
+pub(super) type Check = (&'static str, Verdict);
+
+/// Every check; the timer of the host is watched for so long.
+pub(super) fn checks(config: &Config, table: &TaskTable, watch: Duration) -> Vec<Check> {
     // Held while the timer is watched, as in a flight.
     let awake = limit_idle_latency(config.runtime.idle_latency_us);
-    let mut poor = 0;
-    for (name, verdict) in [
-        ("configuration", configuration(&config)),
+    vec![
+        ("configuration", configuration(config)),
         ("processors", processors()),
-        ("real-time priority", priority(&table)),
+        ("real-time priority", priority(table)),
         ("locked memory", memory()),
-        ("pinning", pinning(&config)),
-        ("sleep", sleep(&config, awake.as_ref().err())),
+        ("pinning", pinning(config)),
+        ("sleep", sleep(config, awake.as_ref().err())),
         ("frequency governor", governor()),
         ("clock source", clock_source()),
         ("kernel", kernel()),
-        ("timer", timer(&config, &table, Duration::from_secs_f64(args.watch))),
-    ] {
-        let (mark, words) = match verdict {
-            Verdict::Fine(words) => ("ok  ", words),
-            Verdict::Poor(words) => {
-                poor += 1;
-                ("poor", words)
-            }
-        };
-        say(format_args!("{mark}  {name:<19} {words}"));
-    }
-    say(format_args!("\nTasks of a flight at these rates:\n{table}"));
-    match poor {
-        0 => say("Fit to fly."),
-        1 => say("Fit to fly, with one thing to mend."),
-        n => say(format_args!("Fit to fly, with {n} things to mend.")),
-    }
-    Ok(())
+        ("timer", timer(config, table, watch)),
+    ]
 }
 
 fn configuration(config: &Config) -> Verdict {

@@ -1,0 +1,270 @@
+//! Time offset and rotation between camera and IMU, by the rotation that images show.
+//!
+//! Between two images the camera turned by `omega_c`, the mean rate in its own axes; with the configured extrinsics that is
+//! `omega_b = R_bc omega_c`. The gyroscope's mean over the same time, moved by `tau`, is `g(tau)`. With its bias `b` and a
+//! small rotation `phi` of the extrinsics:
+//!
+//! `omega_b = g(tau) - b + phi x g(tau) + n`
+//!
+//! `tau` is sought on a grid, then all seven unknowns by Gauss-Newton with the Cauchy kernel. Their covariance says whether the
+//! motion was enough to know them.
+
+use crate::statistics::median;
+use crate::verdict::{Measure, Verdict};
+use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
+use plumbline_config::{Config, ImuSample, Timestamp};
+use plumbline_estimator::geometry::skew;
+
+/// Fewest rotations that are judged.
+const MIN_TURNS: usize = 60;
+/// Reach and step of the grid, s.
+const REACH_S: f64 = 0.1;
+const STEP_S: f64 = 0.002;
+/// Steps after the grid.
+const STEPS: usize = 10;
+/// Known to this standard deviation they are judged: s, rad.
+const KNOWN: (f64, f64) = (0.002, 0.006);
+/// Residuals of neighbouring images are not independent: standard deviations are taken this much larger.
+const INFLATED: f64 = 2.0;
+/// A time offset is minded from `sigma` of the configuration on, and too much from so many.
+const OFFSET: (f64, f64, f64) = (1.0, 2.0, 0.002);
+/// The same of the rotation.
+const ROTATION: (f64, f64, f64) = (1.0, 3.0, 0.006);
+/// Where this share of the scatter is left by the configured extrinsics, they are not those of the rig.
+const UNEXPLAINED: f64 = 0.5;
+/// Least scatter of the rates that is a motion, rad/s.
+const MIN_SCATTER: f64 = 0.05;
+
+/// A rotation that images showed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Turn {
+    /// Stamp of the first image.
+    pub from: Timestamp,
+    /// Stamp of the second.
+    pub to: Timestamp,
+    /// Mean rate between, in the left camera's axes, rad/s.
+    pub rate_c: Vector3<f64>,
+    /// Speed of the camera between, m/s.
+    pub speed_m_s: f64,
+}
+
+/// The gyroscope's rate over time, integrated.
+struct Gyro {
+    begin: Timestamp,
+    times_s: Vec<f64>,
+    angles: Vec<Vector3<f64>>,
+    rates: Vec<Vector3<f64>>,
+}
+
+impl Gyro {
+    fn new(samples: &[ImuSample]) -> Option<Self> {
+        let begin = samples.first()?.stamp;
+        let (mut times_s, mut angles, mut rates) = (Vec::new(), Vec::new(), Vec::<Vector3<f64>>::new());
+        let mut angle = Vector3::zeros();
+        for sample in samples {
+            let time_s = sample.stamp.seconds_since(begin);
+            if let (Some(last_s), Some(rate)) = (times_s.last(), rates.last()) {
+                let dt_s: f64 = time_s - last_s;
+                if dt_s <= 0.0 {
+                    continue;
+                }
+                angle += (rate + sample.gyro) * (0.5 * dt_s);
+            }
+            times_s.push(time_s);
+            angles.push(angle);
+            rates.push(sample.gyro);
+        }
+        Some(Self { begin, times_s, angles, rates })
+    }
+
+    /// Integrated angle and rate at a time; `None` outside the samples.
+    fn at(&self, time_s: f64) -> Option<(Vector3<f64>, Vector3<f64>)> {
+        let after = self.times_s.partition_point(|t| *t <= time_s);
+        let k = after.checked_sub(1).filter(|_| after < self.times_s.len())?;
+        let dt_s = time_s - self.times_s[k];
+        let share = dt_s / (self.times_s[k + 1] - self.times_s[k]);
+        let rate = self.rates[k].lerp(&self.rates[k + 1], share);
+        Some((self.angles[k] + (self.rates[k] + rate) * (0.5 * dt_s), rate))
+    }
+
+    /// Mean rate during a turn moved by `tau_s`, and its derivative by that.
+    fn during(&self, turn: &Turn, tau_s: f64) -> Option<(Vector3<f64>, Vector3<f64>)> {
+        let from_s = turn.from.seconds_since(self.begin) + tau_s;
+        let to_s = turn.to.seconds_since(self.begin) + tau_s;
+        let ((angle_a, rate_a), (angle_b, rate_b)) = (self.at(from_s)?, self.at(to_s)?);
+        let dt_s = to_s - from_s;
+        Some(((angle_b - angle_a) / dt_s, (rate_b - rate_a) / dt_s))
+    }
+}
+
+/// What agrees best.
+#[derive(Clone, Copy, Debug)]
+pub struct Agreement {
+    /// `t_imu = t_camera + offset`, s, and its standard deviation.
+    pub offset_s: (f64, f64),
+    /// Rotation that the configured extrinsics lack, in the body's axes, rad, and the standard deviation of the worst axis.
+    pub rotation_b: (Vector3<f64>, f64),
+    /// What the configured extrinsics leave at the best offset, rad/s, median.
+    pub residual_rad_s: f64,
+    /// Scatter of the rates, rad/s.
+    pub scatter_rad_s: f64,
+}
+
+type Normal = (SMatrix<f64, 7, 7>, SVector<f64, 7>, f64, f64);
+
+struct Problem<'a> {
+    turns: &'a [Turn],
+    gyro: Gyro,
+    rot_b_c: UnitQuaternion<f64>,
+}
+
+impl Problem<'_> {
+    /// Residuals `omega_b - (g - b + phi x g)` at `x = (phi, b, tau)` with their derivatives.
+    fn residuals(&self, x: &SVector<f64, 7>) -> Vec<(Vector3<f64>, SMatrix<f64, 3, 7>)> {
+        let (phi, bias) = (x.fixed_rows::<3>(0).into_owned(), x.fixed_rows::<3>(3).into_owned());
+        let residual = |turn: &Turn| {
+            let (rate, by_tau) = self.gyro.during(turn, x[6])?;
+            let r = self.rot_b_c * turn.rate_c - (rate - bias + phi.cross(&rate));
+            let mut jacobian = SMatrix::<f64, 3, 7>::zeros();
+            jacobian.fixed_columns_mut::<3>(0).copy_from(&skew(&rate));
+            jacobian.fixed_columns_mut::<3>(3).copy_from(&Matrix3::identity());
+            jacobian.fixed_columns_mut::<1>(6).copy_from(&-(by_tau + phi.cross(&by_tau)));
+            Some((r, jacobian))
+        };
+        self.turns.iter().filter_map(residual).collect()
+    }
+
+    /// Bias and cost (median of the residuals' norms) for no rotation and this offset.
+    fn cost(&self, tau_s: f64) -> Option<(f64, Vector3<f64>)> {
+        let mut x = SVector::<f64, 7>::zeros();
+        x[6] = tau_s;
+        let residuals = self.residuals(&x);
+        if residuals.len() < MIN_TURNS {
+            return None;
+        }
+        let axis = |k: usize| median(&residuals.iter().map(|(r, _)| r[k]).collect::<Vec<_>>());
+        let middle = Vector3::new(axis(0), axis(1), axis(2));
+        let sizes: Vec<f64> = residuals.iter().map(|(r, _)| (r - middle).norm()).collect();
+        Some((median(&sizes), -middle))
+    }
+
+    /// Normal equations, the scale of the residuals, and the sum of weights.
+    fn linearize(&self, x: &SVector<f64, 7>) -> Normal {
+        let residuals = self.residuals(x);
+        let sizes: Vec<f64> = residuals.iter().map(|(r, _)| r.norm()).collect();
+        let scale = (2.0 * median(&sizes)).max(1e-4);
+        let mut sums: Normal = (SMatrix::zeros(), SVector::zeros(), 0.0, 0.0);
+        for (r, jacobian) in &residuals {
+            let weight = 1.0 / (1.0 + r.norm_squared() / (scale * scale));
+            sums.0 += jacobian.transpose() * jacobian * weight;
+            sums.1 += jacobian.transpose() * r * weight;
+            sums.2 += weight * r.norm_squared() / 3.0;
+            sums.3 += weight;
+        }
+        sums
+    }
+}
+
+/// Time offset and rotation that agree best; `None` without enough motion that images and gyroscope saw.
+#[must_use]
+pub fn agreement(turns: &[Turn], samples: &[ImuSample], config: &Config) -> Option<Agreement> {
+    let rot_b_c = config.camera.first()?.pose_b_c().rotation;
+    let problem = Problem { turns, gyro: Gyro::new(samples)?, rot_b_c };
+    let (_, scatter) = crate::statistics::mean_and_spread(turns.iter().map(|turn| turn.rate_c));
+    let moved = turns.len() >= MIN_TURNS && scatter >= MIN_SCATTER;
+    if !moved {
+        return None;
+    }
+    let mut best: Option<(f64, f64, Vector3<f64>)> = None;
+    let steps = (REACH_S / STEP_S).round() as i32;
+    for k in -steps..=steps {
+        let tau_s = config.rig.time_offset_s + f64::from(k) * STEP_S;
+        if let Some((cost, bias)) = problem.cost(tau_s)
+            && best.is_none_or(|(least, ..)| cost < least)
+        {
+            best = Some((cost, tau_s, bias));
+        }
+    }
+    let (cost, tau_s, bias) = best?;
+    let mut x = SVector::<f64, 7>::zeros();
+    x.fixed_rows_mut::<3>(3).copy_from(&bias);
+    x[6] = tau_s;
+    for _ in 0..STEPS {
+        let (h, b, ..) = problem.linearize(&x);
+        x -= h.cholesky()?.solve(&b);
+    }
+    let (h, _, squares, weights) = problem.linearize(&x);
+    let variance = squares / weights.max(1.0);
+    let covariance = h.cholesky()?.inverse() * (variance * INFLATED * INFLATED);
+    let rotation = covariance.fixed_view::<3, 3>(0, 0).into_owned().symmetric_eigenvalues().max();
+    Some(Agreement {
+        offset_s: (x[6], covariance[(6, 6)].max(0.0).sqrt()),
+        rotation_b: (x.fixed_rows::<3>(0).into_owned(), rotation.max(0.0).sqrt()),
+        residual_rad_s: cost,
+        scatter_rad_s: scatter,
+    })
+}
+
+/// Judges both.
+#[must_use]
+pub fn judge(turns: &[Turn], samples: &[ImuSample], config: &Config) -> Vec<Measure> {
+    const NAMES: [&str; 2] = ["time offset", "camera-IMU rotation"];
+    const CURE: &str =
+        "turn the vehicle by hand about all three axes for ten seconds, in front of something with texture";
+    let Some(found) = agreement(turns, samples, config) else {
+        let why = format!("{} rotations that images show, or hardly any turning", turns.len());
+        return NAMES.map(|name| Measure::missing(name, &why, CURE)).to_vec();
+    };
+    // Of axes that are another's, or of images that show another motion, nothing is explained.
+    if found.residual_rad_s > UNEXPLAINED * found.scatter_rad_s {
+        let value = format!(
+            "images and gyroscope turn differently: {:.3} rad/s are left of {:.3}",
+            found.residual_rad_s, found.scatter_rad_s
+        );
+        let cure = "look at `camera.pose_b_c` (axes, or its inverse), at the order of the cameras, and at units of the gyroscope";
+        let figures = [("residual_rad_s", found.residual_rad_s), ("scatter_rad_s", found.scatter_rad_s)];
+        return NAMES.map(|name| Measure::new(name, Verdict::NotFit, value.clone(), cure, &figures)).to_vec();
+    }
+    vec![offset(NAMES[0], &found, config, CURE), rotation(NAMES[1], &found, config, CURE)]
+}
+
+fn offset(name: &'static str, found: &Agreement, config: &Config, more: &str) -> Measure {
+    let (offset_s, sigma_s) = found.offset_s;
+    let off_s = (offset_s - config.rig.time_offset_s).abs();
+    let prior_s = config.rig.time_offset_sigma_s.max(OFFSET.2);
+    let noise_s = 2.0 * sigma_s;
+    let value = format!(
+        "{:.1} ms within {:.1}, where `rig.time_offset_s` says {:.1} ms",
+        1e3 * offset_s,
+        1e3 * sigma_s,
+        1e3 * config.rig.time_offset_s
+    );
+    let figures = [("offset_ms", 1e3 * offset_s), ("sigma_ms", 1e3 * sigma_s), ("off_ms", 1e3 * off_s)];
+    if sigma_s > KNOWN.0 {
+        return Measure::new(name, Verdict::NotMeasured, value, more, &figures);
+    }
+    let verdict = Verdict::within(off_s, OFFSET.0 * prior_s + noise_s, OFFSET.1 * prior_s + noise_s);
+    let cure = format!("set `rig.time_offset_s = {offset_s:.4}`, or find out which stamp is of the arrival");
+    Measure::new(name, verdict, value, cure, &figures)
+}
+
+fn rotation(name: &'static str, found: &Agreement, config: &Config, more: &str) -> Measure {
+    let (phi, sigma) = found.rotation_b;
+    let angle = phi.norm();
+    let prior = config.rig.camera_imu_rotation_sigma_rad.max(ROTATION.2);
+    let value = format!(
+        "off by {:.2} degrees within {:.2} (about the body's axes {:.2} {:.2} {:.2})",
+        angle.to_degrees(),
+        sigma.to_degrees(),
+        phi.x.to_degrees(),
+        phi.y.to_degrees(),
+        phi.z.to_degrees()
+    );
+    let figures = [("off_deg", angle.to_degrees()), ("sigma_deg", sigma.to_degrees())];
+    if sigma > KNOWN.1 {
+        return Measure::new(name, Verdict::NotMeasured, value, more, &figures);
+    }
+    let verdict = Verdict::within(angle, ROTATION.0 * prior + sigma, ROTATION.1 * prior + sigma);
+    let cure = "calibrate camera against IMU again (`plumbline calibrate rig`): `camera.pose_b_c` is turned";
+    Measure::new(name, verdict, value, cure, &figures)
+}

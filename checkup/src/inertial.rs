@@ -1,0 +1,197 @@
+//! What an IMU says while the vehicle stands: gravity, its direction, the bias of the gyroscope. And axes that are stuck or at
+//! the end of their range.
+
+use crate::agreement::Turn;
+use crate::statistics::{mean_and_spread, median};
+use crate::verdict::{Measure, Verdict};
+use nalgebra::Vector3;
+use plumbline_config::options::ImuConfig;
+use plumbline_config::{Config, ImuSample, Timestamp};
+
+/// Length of a piece that is looked at for rest, s.
+const PIECE_S: f64 = 0.5;
+/// The vehicle rests while the gyroscope (rad/s) and the accelerometer (m/s²) scatter by less; a hand scatters by more.
+const STILL: (f64, f64) = (0.02, 0.35);
+/// ... and images turn (rad/s) and shift (m/s by the motion of the camera) by less.
+const STILL_IMAGES: (f64, f64) = (0.05, 0.05);
+/// Least time at rest, s.
+const MIN_REST_S: f64 = 1.0;
+/// Deviation of gravity's magnitude, m/s²: what a bias of the accelerometer at switch-on explains, and what nothing does.
+const GRAVITY: (f64, f64) = (0.4, 1.2);
+/// Tilt against `vehicle.imu_to_vehicle_deg`, degrees: a floor is level, grass is not.
+const TILT: (f64, f64) = (5.0, 20.0);
+/// An axis that repeats its value for so long is stuck, s, and so many samples.
+const STUCK: (f64, usize) = (0.5, 50);
+/// ... while another of its sensor changes from sample to sample in this share of them.
+const ALIVE: f64 = 0.5;
+/// This close to the end of the range counts as at it.
+const AT_END: f64 = 0.995;
+/// Share of samples at the end of the range.
+const SATURATED: (f64, f64) = (0.0, 0.002);
+
+/// What was measured at rest.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Rest {
+    /// Time at rest, s.
+    pub seconds: f64,
+    /// Mean of the gyroscope, rad/s.
+    pub gyro: Vector3<f64>,
+    /// Mean of the accelerometer, m/s².
+    pub accel: Vector3<f64>,
+}
+
+/// The pieces in which the vehicle rests, by the samples and by what images show.
+#[must_use]
+pub fn rest(samples: &[ImuSample], turns: &[Turn]) -> Rest {
+    let mut found = Rest::default();
+    let mut from = 0;
+    while let Some(first) = samples.get(from) {
+        let end = first.stamp.plus_seconds(PIECE_S);
+        let count = samples[from..].partition_point(|sample| sample.stamp < end);
+        let piece = &samples[from..from + count.max(1)];
+        from += count.max(1);
+        let span_s = piece[piece.len() - 1].stamp.seconds_since(first.stamp);
+        if span_s < 0.8 * PIECE_S || moved(turns, first.stamp, end) {
+            continue;
+        }
+        let (gyro, turning) = mean_and_spread(piece.iter().map(|sample| sample.gyro));
+        let (accel, shaking) = mean_and_spread(piece.iter().map(|sample| sample.accel));
+        if turning < STILL.0 && shaking < STILL.1 {
+            found.seconds += PIECE_S;
+            found.gyro += gyro * PIECE_S;
+            found.accel += accel * PIECE_S;
+        }
+    }
+    if found.seconds > 0.0 {
+        found.gyro /= found.seconds;
+        found.accel /= found.seconds;
+    }
+    found
+}
+
+/// Whether images show motion within a piece of time.
+fn moved(turns: &[Turn], begin: Timestamp, end: Timestamp) -> bool {
+    let within = turns.iter().filter(|turn| turn.to > begin && turn.from < end);
+    within.into_iter().any(|turn| turn.rate_c.norm() > STILL_IMAGES.0 || turn.speed_m_s > STILL_IMAGES.1)
+}
+
+/// Gravity, mounting and bias.
+#[must_use]
+pub fn at_rest(rest: &Rest, config: &Config) -> [Measure; 3] {
+    const NAMES: [&str; 3] = ["gravity", "mounting", "gyroscope bias"];
+    if rest.seconds < MIN_REST_S {
+        return NAMES.map(|name| {
+            let cure = "let the vehicle stand for three seconds, motors off";
+            Measure::missing(name, "the vehicle never stood still", cure)
+        });
+    }
+    [gravity(NAMES[0], rest, config), mounting(NAMES[1], rest, config), bias(NAMES[2], rest, config)]
+}
+
+fn gravity(name: &'static str, rest: &Rest, config: &Config) -> Measure {
+    let norm = rest.accel.norm();
+    let off = (norm - config.imu.gravity_m_s2).abs();
+    Measure::new(
+        name,
+        Verdict::within(off, GRAVITY.0, GRAVITY.1),
+        format!("{norm:.3} m/s² over {:.1} s at rest, off by {off:.3}", rest.seconds),
+        "calibrate the accelerometer (scale and bias); a factor of 9.8 or 1000 is a unit: m/s² is expected",
+        &[("norm_m_s2", norm), ("off_m_s2", off), ("rest_s", rest.seconds)],
+    )
+}
+
+fn mounting(name: &'static str, rest: &Rest, config: &Config) -> Measure {
+    let up_v = config.vehicle.rot_v_b() * rest.accel;
+    let tilt = up_v.angle(&Vector3::z()).to_degrees();
+    // Attitude of the vehicle: right side down and nose up are positive.
+    let roll = up_v.y.atan2(up_v.z).to_degrees();
+    let pitch = up_v.x.atan2(up_v.z).to_degrees();
+    Measure::new(
+        name,
+        Verdict::within(tilt, TILT.0, TILT.1),
+        format!("at rest the vehicle is tilted by {tilt:.1} degrees (roll {roll:.1}, pitch {pitch:.1})"),
+        "put the vehicle on a level floor; if it is, correct `vehicle.imu_to_vehicle_deg`",
+        &[("tilt_deg", tilt), ("roll_deg", roll), ("pitch_deg", pitch)],
+    )
+}
+
+fn bias(name: &'static str, rest: &Rest, config: &Config) -> Measure {
+    let norm = rest.gyro.norm();
+    // By axis, as the prior is.
+    let largest = rest.gyro.amax();
+    let (good, mind) =
+        (config.imu.gyro_bias_sigma_rad_s, config.estimator.health.max_gyro_bias_rad_s.max(0.1) * 0.6);
+    Measure::new(
+        name,
+        Verdict::within(largest, good, mind),
+        format!("{:.4} {:.4} {:.4} rad/s at rest", rest.gyro.x, rest.gyro.y, rest.gyro.z),
+        "let the sensor get warm and calibrate its gyroscope; a factor of 57 is a unit: rad/s is expected",
+        &[("norm_rad_s", norm), ("largest_rad_s", largest)],
+    )
+}
+
+/// Axes of both sensors as numbers, with their names.
+const AXES: [&str; 6] =
+    ["gyroscope x", "gyroscope y", "gyroscope z", "accelerometer x", "accelerometer y", "accelerometer z"];
+
+fn axis(sample: &ImuSample, axis: usize) -> f64 {
+    if axis < 3 { sample.gyro[axis] } else { sample.accel[axis - 3] }
+}
+
+/// Whether every axis lives, and how often one is at the end of its range.
+#[must_use]
+pub fn axes(samples: &[ImuSample], imu: &ImuConfig) -> Measure {
+    const NAME: &str = "IMU axes";
+    if samples.len() < STUCK.1 {
+        return Measure::missing(NAME, "too few samples", "see that the IMU delivers");
+    }
+    let longest = STUCK.1.max((STUCK.0 * rate_hz(samples)) as usize);
+    let stuck: Vec<&str> =
+        (0..AXES.len()).filter(|k| is_stuck(samples, *k, longest)).map(|k| AXES[k]).collect();
+    let at_end = |sample: &&ImuSample| {
+        sample.gyro.amax() >= AT_END * imu.gyro_range_rad_s
+            || sample.accel.amax() >= AT_END * imu.accel_range_m_s2
+    };
+    let saturated = samples.iter().filter(at_end).count();
+    let share = saturated as f64 / samples.len() as f64;
+    let figures = [("stuck_axes", stuck.len() as f64), ("saturated_samples", saturated as f64)];
+    if !stuck.is_empty() {
+        let value = format!("{} repeats its value", stuck.join(" and "));
+        let cure = "replace the sensor, or look at its bus: a register is read that no longer changes";
+        return Measure::new(NAME, Verdict::NotFit, value, cure, &figures);
+    }
+    Measure::new(
+        NAME,
+        Verdict::within(share, SATURATED.0, SATURATED.1),
+        format!("all six live, {saturated} of {} samples at the end of the range", samples.len()),
+        "choose a larger range of the sensor, damp its mounting, or correct `imu.gyro_range_rad_s` and `accel_range_m_s2`",
+        &figures,
+    )
+}
+
+fn rate_hz(samples: &[ImuSample]) -> f64 {
+    let intervals: Vec<f64> =
+        samples.windows(2).map(|pair| pair[1].stamp.seconds_since(pair[0].stamp)).collect();
+    1.0 / median(&intervals).max(1e-6)
+}
+
+/// Whether an axis repeats itself for `longest` samples in which another of its sensor lives.
+fn is_stuck(samples: &[ImuSample], k: usize, longest: usize) -> bool {
+    let others = if k < 3 { 0..3 } else { 3..6 };
+    let mut run = 0;
+    for (i, pair) in samples.windows(2).enumerate() {
+        run = if axis(&pair[0], k) == axis(&pair[1], k) { run + 1 } else { 0 };
+        if run >= longest {
+            let piece = &samples[i + 1 - run..=i + 1];
+            let changes = |other: usize| {
+                piece.windows(2).filter(|pair| axis(&pair[0], other) != axis(&pair[1], other)).count()
+            };
+            let lives = |other: usize| changes(other) as f64 >= ALIVE * run as f64;
+            if others.clone().filter(|other| *other != k).any(lives) {
+                return true;
+            }
+            run = 0;
+        }
+    }
+    false
+}

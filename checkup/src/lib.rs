@@ -1,0 +1,175 @@
+//! Whether the sensors of a rig are fit to fly, by what they deliver: a pure function of samples, images and configuration.
+//!
+//! [`Checkup`] is given what a minute of data brings, in any order between the sensors, and [`Checkup::report`] says for each
+//! thing that can be wrong what was measured, how bad that is, and what to do:
+//!
+//! | module | measures |
+//! |---|---|
+//! | [`timing`] | rates, jitter and gaps of both sensors |
+//! | [`inertial`] | gravity and mounting, bias of the gyroscope, stuck and saturated axes |
+//! | [`vibration`] | level and lines of the spectrum, and what they may be aliases of |
+//! | [`exposure`] | dark and burnt-out images, blur by rotation |
+//! | [`pair`] | epipolar error left to right, by matches that know nothing of the calibration |
+//! | [`motion`], [`agreement`] | time offset and rotation between camera and IMU, by the rotation that images show |
+//!
+//! What cannot be measured, since the data do not hold it, is said to be so, and is no verdict. There is no clock and no random
+//! number here: the same data give the same report.
+
+pub mod agreement;
+pub mod exposure;
+mod fft;
+pub mod inertial;
+pub mod motion;
+pub mod pair;
+mod statistics;
+pub mod timing;
+pub mod verdict;
+pub mod vibration;
+
+#[cfg(test)]
+mod tests;
+
+pub use verdict::{Measure, Report, Verdict};
+
+use agreement::Turn;
+use motion::MotionFinder;
+use pair::{PairFigures, PairMatcher};
+use plumbline_config::{Config, ImageView, ImuSample, Timestamp};
+use timing::Arrivals;
+
+/// Inertial samples that are kept: five minutes at 1 kHz. Later ones are left out.
+const MAX_SAMPLES: usize = 300_000;
+/// Frames whose stamps are kept.
+const MAX_FRAMES: usize = 60_000;
+/// Frames whose images are looked at: half a minute at 20 Hz, each a hundredth of a second of work.
+const MAX_SEEN: usize = 600;
+
+/// One frame as it comes: images that did not arrive are `None`.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame<'a> {
+    /// Counts frames of the sensor; a jump is a loss.
+    pub sequence: u64,
+    /// Measurement time by the camera's clock.
+    pub stamp: Timestamp,
+    /// Left and right image.
+    pub images: [Option<ImageView<'a>>; 2],
+}
+
+/// Gathers what sensors deliver, and judges it.
+pub struct Checkup {
+    config: Config,
+    samples: Vec<ImuSample>,
+    sequences: Vec<u64>,
+    frames: Arrivals,
+    /// Frames with both images, where both are configured.
+    whole: u64,
+    seen: usize,
+    brightness: exposure::Brightness,
+    matcher: Option<PairMatcher>,
+    pairs: PairFigures,
+    motion: Option<MotionFinder>,
+    turns: Vec<Turn>,
+}
+
+impl Checkup {
+    /// For the rig of a configuration.
+    #[must_use]
+    pub fn new(config: &Config) -> Self {
+        Self {
+            config: config.clone(),
+            samples: Vec::new(),
+            sequences: Vec::new(),
+            frames: Arrivals::default(),
+            whole: 0,
+            seen: 0,
+            brightness: exposure::Brightness::default(),
+            matcher: PairMatcher::new(config),
+            pairs: PairFigures::default(),
+            motion: MotionFinder::new(config),
+            turns: Vec::new(),
+        }
+    }
+
+    /// Takes an inertial sample with its number in the sensor's stream.
+    pub fn add_sample(&mut self, sequence: u64, sample: &ImuSample) {
+        if self.samples.len() < MAX_SAMPLES && sample.is_finite() {
+            self.samples.push(*sample);
+            self.sequences.push(sequence);
+        }
+    }
+
+    /// Takes a frame.
+    pub fn add_frame(&mut self, frame: &Frame<'_>) {
+        let arrived = [0, 1].map(|camera| frame.images[camera].is_some());
+        self.note_frame(frame.sequence, frame.stamp, arrived);
+        self.look_at(frame);
+    }
+
+    /// Takes note that a frame came, and which of its images, for one whose images there is no time to look at.
+    pub fn note_frame(&mut self, sequence: u64, stamp: Timestamp, arrived: [bool; 2]) {
+        if self.frames.stamps.len() < MAX_FRAMES {
+            self.frames.push(stamp, sequence);
+            let wanted = self.config.camera.len().min(2);
+            self.whole += u64::from(arrived[..wanted].iter().all(|is_there| *is_there));
+        }
+    }
+
+    /// Looks at the images of a frame that was taken note of. Such of another size than the configuration's are not seen.
+    pub fn look_at(&mut self, frame: &Frame<'_>) {
+        if self.has_seen_enough() {
+            return;
+        }
+        self.seen += 1;
+        for (camera, image) in frame.images.iter().enumerate() {
+            if let Some(image) = image {
+                self.brightness.add(camera, image);
+            }
+        }
+        let (Some(matcher), [Some(left), Some(right)]) = (&mut self.matcher, &frame.images) else { return };
+        if !matcher.find(left, right) {
+            return;
+        }
+        self.pairs.add(matcher.matches());
+        if let Some(motion) = &mut self.motion {
+            self.turns.extend(motion.next(frame.stamp, matcher.left(), matcher.matches()));
+        }
+    }
+
+    /// Whether images would be looked at that still come.
+    #[must_use]
+    pub fn has_seen_enough(&self) -> bool {
+        self.seen == MAX_SEEN
+    }
+
+    /// What was measured so far, and how good it is.
+    #[must_use]
+    pub fn report(&self) -> Report {
+        let config = &self.config;
+        let mut imu = Arrivals::default();
+        for (sample, sequence) in self.samples.iter().zip(&self.sequences) {
+            imu.push(sample.stamp, *sequence);
+        }
+        let rest = inertial::rest(&self.samples, &self.turns);
+        let mut measures = vec![
+            timing::judge(timing::Sensor::Imu, &imu, config.imu.rate_hz),
+            timing::judge(
+                timing::Sensor::Cameras,
+                &self.frames,
+                config.camera.first().map_or(0.0, |camera| camera.rate_hz),
+            ),
+        ];
+        measures.extend(
+            (config.camera.len() == 2).then(|| timing::judge_pairs(self.whole, self.frames.stamps.len())),
+        );
+        measures.push(inertial::axes(&self.samples, &config.imu));
+        measures.extend(inertial::at_rest(&rest, config));
+        measures.extend(vibration::judge(&self.samples, &config.imu));
+        measures.push(self.brightness.judge());
+        measures.push(exposure::blur(&self.samples, config));
+        measures.extend(self.matcher.as_ref().map(|_| self.pairs.judge(config)));
+        if self.motion.is_some() {
+            measures.extend(agreement::judge(&self.turns, &self.samples, config));
+        }
+        Report { measures }
+    }
+}

@@ -1,0 +1,214 @@
+use super::{assert_found, flight, lively, measure, told};
+use crate::Verdict;
+use nalgebra::{UnitQuaternion, Vector3};
+use plumbline_config::options::{CameraConfig, rows_from_isometry};
+use std::f64::consts::TAU;
+
+#[test]
+fn a_healthy_flight_is_fit_and_every_measure_is_good_or_not_in_the_data() {
+    let report = flight().report();
+    println!("{}", told(&report));
+    assert!(report.is_fit() && report.count(Verdict::Mind) == 0, "{}", told(&report));
+    // What this flight does not hold: an exposure, and turns about several axes.
+    let missing: Vec<_> = report.measures.iter().filter(|m| m.verdict == Verdict::NotMeasured).collect();
+    assert!(missing.iter().all(|m| ["blur", "camera-IMU rotation", "time offset"].contains(&m.name)));
+}
+
+#[test]
+fn a_healthy_lively_flight_tells_time_offset_and_rotation_too() {
+    let Some(lively) = lively() else { return };
+    let report = lively.report();
+    println!("{}", told(&report));
+    assert!(report.is_fit() && report.count(Verdict::Mind) == 0, "{}", told(&report));
+    let offset = measure(&report, "time offset");
+    let rotation = measure(&report, "camera-IMU rotation");
+    assert_eq!((offset.verdict, rotation.verdict), (Verdict::Good, Verdict::Good), "{}", told(&report));
+    for (measure, off, sigma) in [(offset, "off_ms", "sigma_ms"), (rotation, "off_deg", "sigma_deg")] {
+        let (off, sigma) = (measure.figure(off).unwrap(), measure.figure(sigma).unwrap());
+        assert!(off < 3.0 * sigma, "{}: {off} and sigma {sigma}", measure.name);
+    }
+}
+
+#[test]
+fn swapped_cameras_are_told() {
+    let swapped = flight().with(|data| data.frames.iter_mut().for_each(|(_, _, images)| images.swap(0, 1)));
+    let report = swapped.report();
+    assert_found(&report, "epipolar error", Verdict::NotFit, "swapped");
+}
+
+/// Turns a camera in the body.
+fn turn(camera: &mut CameraConfig, axis_b: Vector3<f64>, degrees: f64, about_itself: bool) {
+    let mut pose = camera.pose_b_c();
+    let turn = UnitQuaternion::from_scaled_axis(axis_b * degrees.to_radians());
+    if about_itself {
+        pose.rotation *= turn;
+    } else {
+        pose = nalgebra::Isometry3::from_parts(nalgebra::Translation3::identity(), turn) * pose;
+    }
+    camera.pose_b_c = rows_from_isometry(&pose);
+}
+
+#[test]
+fn a_degree_between_the_cameras_is_told_with_its_size() {
+    let report = flight().with(|data| turn(&mut data.config.camera[1], Vector3::x(), 1.0, true)).report();
+    assert_found(&report, "epipolar error", Verdict::NotFit, "calibrate the pair");
+    let pixels = measure(&report, "epipolar error").figure("median_px").unwrap();
+    let expected = flight().config.camera[0].focal_px[1] * 1_f64.to_radians().tan();
+    // Aside from the centre it is more, by the square of the distance.
+    assert!((1.0..1.15).contains(&(pixels / expected)), "{pixels} px for {expected}");
+}
+
+#[test]
+fn a_degree_between_cameras_and_imu_is_told_with_its_size() {
+    let Some(lively) = lively() else { return };
+    let axis = Vector3::new(1.0, -1.0, 1.0).normalize();
+    let turned =
+        lively.with(|data| data.config.camera.iter_mut().for_each(|camera| turn(camera, axis, 1.0, false)));
+    let report = turned.report();
+    assert_found(&report, "camera-IMU rotation", Verdict::Mind, "turned");
+    let degrees = measure(&report, "camera-IMU rotation").figure("off_deg").unwrap();
+    assert!((degrees - 1.0).abs() < 0.3, "{degrees}: {}", told(&report));
+    // The pair is as it was.
+    assert_eq!(measure(&report, "epipolar error").verdict, Verdict::Good);
+}
+
+#[test]
+fn twenty_milliseconds_between_the_clocks_are_told_to_the_millisecond() {
+    let Some(lively) = lively() else { return };
+    let shifted = lively.with(|data| {
+        data.frames.iter_mut().for_each(|(_, stamp, _)| *stamp = stamp.plus_seconds(0.02));
+    });
+    let report = shifted.report();
+    assert_found(&report, "time offset", Verdict::NotFit, "rig.time_offset_s");
+    let offset_ms = measure(&report, "time offset").figure("offset_ms").unwrap();
+    assert!((offset_ms + 20.0).abs() < 1.0, "{offset_ms}");
+}
+
+#[test]
+fn axes_of_another_assignment_explain_nothing() {
+    let Some(lively) = lively() else { return };
+    let turned = lively.with(|data| {
+        data.samples.iter_mut().for_each(|(_, sample)| {
+            sample.gyro = nalgebra::Vector3::new(sample.gyro.y, sample.gyro.z, sample.gyro.x)
+        });
+    });
+    assert_found(&turned.report(), "camera-IMU rotation", Verdict::NotFit, "pose_b_c");
+}
+
+#[test]
+fn a_rotor_at_180_hz_is_named_though_it_is_sampled_as_20() {
+    let mut shaken = flight().inertial();
+    let begin = shaken.samples[0].1.stamp;
+    for (_, sample) in &mut shaken.samples {
+        let wave = (TAU * 180.0 * sample.stamp.seconds_since(begin)).sin();
+        sample.accel += Vector3::new(2.0, 1.0, 3.0) * wave;
+    }
+    let report = shaken.report();
+    assert_found(&report, "vibration of the accelerometer", Verdict::NotFit, "180");
+    let found = measure(&report, "vibration of the accelerometer");
+    let (hz, rms) = (found.figure("line_hz").unwrap(), found.figure("line_rms").unwrap());
+    assert!((hz - 20.0).abs() < 1.0, "{hz}");
+    let expected = 14_f64.sqrt() / 2_f64.sqrt();
+    assert!((rms / expected - 1.0).abs() < 0.05, "{rms} m/s² for {expected}");
+    assert_eq!(measure(&report, "vibration of the gyroscope").verdict, Verdict::Good);
+}
+
+#[test]
+fn a_line_beside_half_the_rate_is_said_to_be_there() {
+    let mut shaken = flight().inertial();
+    let begin = shaken.samples[0].1.stamp;
+    for (_, sample) in &mut shaken.samples {
+        sample.gyro.x += 0.2 * (TAU * 104.0 * sample.stamp.seconds_since(begin)).sin();
+    }
+    assert_found(&shaken.report(), "vibration of the gyroscope", Verdict::NotFit, "near half the rate");
+}
+
+#[test]
+fn a_stuck_axis_is_named() {
+    let mut stuck = flight().inertial();
+    let held = stuck.samples[700].1.gyro.y;
+    stuck.samples[700..].iter_mut().for_each(|(_, sample)| sample.gyro.y = held);
+    assert_found(&stuck.report(), "IMU axes", Verdict::NotFit, "gyroscope y repeats");
+}
+
+#[test]
+fn samples_at_the_end_of_the_range_are_counted() {
+    let mut cut = flight().inertial();
+    cut.config.imu.accel_range_m_s2 = 30.0;
+    cut.samples.iter_mut().step_by(20).for_each(|(_, sample)| sample.accel.z = 30.0);
+    assert_found(&cut.report(), "IMU axes", Verdict::NotFit, "larger range");
+}
+
+#[test]
+fn dark_and_burnt_out_images_are_told() {
+    let scaled = |factor: f64| {
+        flight().with(|data| {
+            for (_, _, images) in &mut data.frames {
+                let pixels = images.iter_mut().flat_map(|image| image.pixels_mut());
+                pixels.for_each(|grey| *grey = (f64::from(*grey) * factor).min(255.0) as u8);
+            }
+        })
+    };
+    assert_found(&scaled(0.08).report(), "exposure", Verdict::NotFit, "dark");
+    assert_found(&scaled(6.0).report(), "exposure", Verdict::Mind, "burnt out");
+}
+
+#[test]
+fn a_long_exposure_is_told_with_what_is_allowed() {
+    let mut long = flight().inertial();
+    long.config.driver.v4l2.exposure_us = 30_000.0;
+    let report = long.report();
+    assert_found(&report, "blur", Verdict::Mind, "expose for at most");
+    let blur = measure(&report, "blur");
+    let allowed_ms = blur.figure("allowed_exposure_ms").unwrap();
+    long.config.driver.v4l2.exposure_us = 990.0 * allowed_ms;
+    assert_eq!(measure(&long.report(), "blur").verdict, Verdict::Good);
+}
+
+#[test]
+fn lost_samples_another_rate_and_stamps_that_run_backwards_are_told() {
+    let mut lossy = flight().inertial();
+    let mut count = 0;
+    lossy.samples.retain(|_| {
+        count += 1;
+        count % 20 != 0
+    });
+    assert_found(&lossy.report(), "IMU timing", Verdict::NotFit, "lose samples");
+
+    let mut slow = flight().inertial();
+    slow.config.imu.rate_hz = 400.0;
+    assert_found(&slow.report(), "IMU timing", Verdict::NotFit, "imu.rate_hz");
+
+    let mut back = flight().inertial();
+    back.samples.swap(500, 501);
+    assert_found(&back.report(), "IMU timing", Verdict::NotFit, "backwards");
+    assert_found(&back.report(), "camera timing", Verdict::NotFit, "0 samples came");
+}
+
+#[test]
+fn gravity_in_g_a_wrong_mounting_and_a_large_bias_are_told() {
+    let mut scaled = flight().inertial();
+    scaled.samples.iter_mut().for_each(|(_, sample)| sample.accel /= 9.806_65);
+    assert_found(&scaled.report(), "gravity", Verdict::NotFit, "m/s² is expected");
+
+    let mut turned = flight().inertial();
+    turned.config.vehicle.imu_to_vehicle_deg = [0.0, 0.0, 0.0];
+    assert_found(&turned.report(), "mounting", Verdict::NotFit, "imu_to_vehicle_deg");
+
+    let mut biased = flight().inertial();
+    biased.samples.iter_mut().for_each(|(_, sample)| sample.gyro.z += 0.4);
+    assert_found(&biased.report(), "gyroscope bias", Verdict::NotFit, "calibrate its gyroscope");
+}
+
+#[test]
+fn what_the_data_do_not_hold_is_no_verdict() {
+    let mut flying = flight().clone();
+    let begin = flying.samples[0].1.stamp;
+    flying.samples.retain(|(_, sample)| sample.stamp.seconds_since(begin) > 3.0);
+    flying.frames.retain(|(_, stamp, _)| stamp.seconds_since(begin) > 3.0);
+    let report = flying.report();
+    for name in ["gravity", "mounting", "gyroscope bias"] {
+        assert_eq!(measure(&report, name).verdict, Verdict::NotMeasured, "{}", told(&report));
+    }
+    assert!(report.is_fit(), "{}", told(&report));
+}

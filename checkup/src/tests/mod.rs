@@ -1,0 +1,97 @@
+//! Every fault that a rig can have, put into a simulated flight, is found by its name; the flight as it is, and a real
+//! recording, are fit.
+
+mod faults;
+mod recorded;
+
+use crate::{Checkup, Frame, Report, Verdict};
+use plumbline_config::{Config, GrayImage, ImuSample, Timestamp};
+use plumbline_drivers::simulator::{FlightPath, Scenario, Simulator};
+use plumbline_drivers::{ImuSource as _, StereoFrame};
+use std::sync::OnceLock;
+
+/// What sensors delivered.
+#[derive(Clone)]
+struct Data {
+    config: Config,
+    samples: Vec<(u64, ImuSample)>,
+    frames: Vec<(u64, Timestamp, [GrayImage; 2])>,
+}
+
+impl Data {
+    fn report(&self) -> Report {
+        let mut checkup = Checkup::new(&self.config);
+        self.samples.iter().for_each(|(sequence, sample)| checkup.add_sample(*sequence, sample));
+        for (sequence, stamp, images) in &self.frames {
+            let [left, right] = images;
+            let images = [Some(left.view()), Some(right.view())];
+            checkup.add_frame(&Frame { sequence: *sequence, stamp: *stamp, images });
+        }
+        checkup.report()
+    }
+
+    /// What comes of another configuration, or of other data.
+    fn with(&self, change: impl FnOnce(&mut Self)) -> Self {
+        let mut changed = self.clone();
+        change(&mut changed);
+        changed
+    }
+
+    /// The same without its images, where a fault concerns the inertial samples alone.
+    fn inertial(&self) -> Self {
+        Self { config: self.config.clone(), samples: self.samples.clone(), frames: Vec::new() }
+    }
+}
+
+/// The take-off of the built-in flight: at rest, then in motion, mostly about one axis.
+fn flight() -> &'static Data {
+    static FLIGHT: OnceLock<Data> = OnceLock::new();
+    FLIGHT.get_or_init(|| simulated(FlightPath::Demo, 0.0, 6.0))
+}
+
+/// A lively flight along a real trajectory, which turns about all axes; `None` where that is not there.
+fn lively() -> Option<&'static Data> {
+    static FLIGHT: OnceLock<Option<Data>> = OnceLock::new();
+    let fly = |path| simulated(FlightPath::Tum(path), 30.0, 7.0);
+    FLIGHT
+        .get_or_init(|| plumbline_test_support::shared("euroc/trajectories/V1_03_difficult.tum.gz").map(fly))
+        .as_ref()
+}
+
+/// A simulated flight in the room, at half the resolution.
+fn simulated(path: FlightPath, start_s: f64, duration_s: f64) -> Data {
+    let preset = Config::preset("sim").unwrap().into_inner();
+    let scenario = Scenario { path, start_s, duration_s, resolution_scale: 0.5, ..Scenario::default() };
+    let simulator = Simulator::new(&preset, &scenario).unwrap();
+    let (mut samples, mut imu) = (Vec::new(), simulator.imu());
+    while let Some(reading) = imu.next_reading().unwrap() {
+        samples.push((reading.sequence, reading.sample));
+    }
+    let mut scratch = simulator.scratch();
+    let mut frame = StereoFrame::new(simulator.image_sizes());
+    let frames = (0..simulator.frame_count()).map(|index| {
+        simulator.render_frame(index, &mut scratch, &mut frame);
+        (index, frame.stamp, frame.images.clone())
+    });
+    let frames = frames.collect();
+    Data { config: simulator.config().clone(), samples, frames }
+}
+
+/// The measure of this name, which is there.
+fn measure<'a>(report: &'a Report, name: &str) -> &'a crate::Measure {
+    report.measure(name).unwrap_or_else(|| panic!("{name} is looked at"))
+}
+
+fn told(report: &Report) -> String {
+    let line =
+        |m: &crate::Measure| format!("{:<13} {:<32} {} [{}]", m.verdict.to_string(), m.name, m.value, m.cure);
+    report.measures.iter().map(line).collect::<Vec<_>>().join("\n")
+}
+
+/// That a fault is found under this name, with these words in value or cure, and how bad it is.
+#[track_caller]
+fn assert_found(report: &Report, name: &str, at_least: Verdict, words: &str) {
+    let found = measure(report, name);
+    let text = format!("{} [{}]", found.value, found.cure);
+    assert!(found.verdict >= at_least && text.contains(words), "{}", told(report));
+}

@@ -1,0 +1,34 @@
+use super::{measure, told};
+use crate::{Checkup, Frame, Verdict};
+use plumbline_config::{Config, import};
+use plumbline_drivers::{EurocDataset, EurocOptions, ImuSource as _, StereoSource as _};
+
+#[test]
+fn the_real_clip_of_a_drone_that_stands_is_fit() {
+    let Some(clip) = plumbline_test_support::shared("euroc/V1_01_easy_clip") else { return };
+    let config = import::euroc_into(Config::preset("euroc").unwrap(), &clip).unwrap();
+    let dataset = EurocDataset::open(&clip, &EurocOptions::for_config(&config)).unwrap();
+    let mut checkup = Checkup::new(&config);
+    let (mut imu, mut stereo) = (dataset.imu(), dataset.stereo());
+    while let Some(reading) = imu.next_reading().unwrap() {
+        checkup.add_sample(reading.sequence, &reading.sample);
+    }
+    let mut frame = dataset.new_frame();
+    while stereo.next_frame(&mut frame).unwrap() {
+        let images = [frame.image(0), frame.image(1)];
+        checkup.add_frame(&Frame { sequence: frame.sequence, stamp: frame.stamp, images });
+    }
+    let report = checkup.report();
+    println!("{}", told(&report));
+    assert!(report.is_fit(), "{}", told(&report));
+    // The same figures as one computes by hand from the files: mean of the accelerometer at rest, and the calibration of
+    // the makers of the data set, whose residuals are 0.2 to 0.3 px.
+    let gravity = measure(&report, "gravity").figure("norm_m_s2").unwrap();
+    assert!((gravity - 9.8).abs() < 0.1, "{gravity}");
+    let epipolar = measure(&report, "epipolar error");
+    assert!(epipolar.figure("median_px").unwrap() < 0.5, "{}", told(&report));
+    assert_eq!(measure(&report, "mounting").verdict, Verdict::Good, "{}", told(&report));
+    for name in ["IMU timing", "camera timing", "stereo pairs", "IMU axes", "exposure"] {
+        assert_eq!(measure(&report, name).verdict, Verdict::Good, "{}", told(&report));
+    }
+}

@@ -1,0 +1,110 @@
+//! What was measured, how bad it is, and what to do.
+
+use std::fmt;
+
+/// How a measure came out, the mildest first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Verdict {
+    /// The data do not hold it.
+    NotMeasured,
+    /// As it should be.
+    Good,
+    /// A flight is possible, with this against it.
+    Mind,
+    /// Do not fly with this.
+    NotFit,
+}
+
+impl fmt::Display for Verdict {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::NotMeasured => "not measured",
+            Self::Good => "good",
+            Self::Mind => "mind",
+            Self::NotFit => "not fit",
+        })
+    }
+}
+
+impl Verdict {
+    /// [`Verdict::Good`] up to `good`, [`Verdict::Mind`] up to `mind`, and beyond (or no number) [`Verdict::NotFit`].
+    #[must_use]
+    pub fn within(value: f64, good: f64, mind: f64) -> Self {
+        if value <= good {
+            Self::Good
+        } else if value <= mind {
+            Self::Mind
+        } else {
+            Self::NotFit
+        }
+    }
+}
+
+/// One thing that was looked at.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Measure {
+    /// Its name, always the same.
+    pub name: &'static str,
+    /// What was measured, in words with units.
+    pub value: String,
+    /// How bad that is.
+    pub verdict: Verdict,
+    /// What to do, in one line; empty where it is good.
+    pub cure: String,
+    /// The same as numbers, with the unit at the end of each name.
+    pub figures: Vec<(&'static str, f64)>,
+}
+
+impl Measure {
+    /// A measure of these words; the cure of a good one is left out.
+    #[must_use]
+    pub fn new(
+        name: &'static str,
+        verdict: Verdict,
+        value: String,
+        cure: impl Into<String>,
+        figures: &[(&'static str, f64)],
+    ) -> Self {
+        let cure = if verdict == Verdict::Good { String::new() } else { cure.into() };
+        Self { name, value, verdict, cure, figures: figures.to_vec() }
+    }
+
+    /// Something that the data do not hold.
+    #[must_use]
+    pub fn missing(name: &'static str, why: &str, cure: &str) -> Self {
+        Self::new(name, Verdict::NotMeasured, why.to_owned(), cure, &[])
+    }
+
+    /// The figure of this name.
+    #[must_use]
+    pub fn figure(&self, name: &str) -> Option<f64> {
+        self.figures.iter().find(|(known, _)| *known == name).map(|(_, value)| *value)
+    }
+}
+
+/// Everything that was looked at, in a fixed order.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Report {
+    /// The measures.
+    pub measures: Vec<Measure>,
+}
+
+impl Report {
+    /// Whether nothing speaks against a flight.
+    #[must_use]
+    pub fn is_fit(&self) -> bool {
+        self.measures.iter().all(|measure| measure.verdict != Verdict::NotFit)
+    }
+
+    /// How many came out so.
+    #[must_use]
+    pub fn count(&self, verdict: Verdict) -> usize {
+        self.measures.iter().filter(|measure| measure.verdict == verdict).count()
+    }
+
+    /// The measure of this name.
+    #[must_use]
+    pub fn measure(&self, name: &str) -> Option<&Measure> {
+        self.measures.iter().find(|measure| measure.name == name)
+    }
+}

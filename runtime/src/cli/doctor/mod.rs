@@ -1,0 +1,172 @@
+//! `plumbline doctor`: whether this host, this configuration and these sensors are fit for a flight.
+//!
+//! Without a source it looks at the host ([`host`]); with one, or live, at what the sensors deliver ([`data`]), which is judged by
+//! the crate `plumbline-checkup`.
+
+mod data;
+mod host;
+
+use super::{Usage, load_config, say};
+use crate::flight::with_overrides;
+use crate::schedule::tasks::TaskTable;
+use anyhow::{Result, bail};
+use clap::Args;
+use plumbline_checkup::{Measure, Report, Verdict};
+use plumbline_config::Config;
+use serde_json::{Value, json};
+use std::path::PathBuf;
+use std::time::Duration;
+
+const EXAMPLES: &str = "Examples:
+  plumbline doctor --config my.toml             the host: priorities, memory, timer
+  plumbline doctor --config my.toml --live      and the configured sensors, for half a minute
+  plumbline doctor V1_01_easy                   what a recording says of its sensors
+  plumbline doctor log.mcap --json              the same of a flight log, for programs
+
+Let the vehicle stand for three seconds, then turn it by hand about all axes in front of something with texture: gravity and
+biases are measured at rest, time offset and rotation between camera and IMU in motion, vibration with motors running.
+Exit status 1 when something speaks against a flight.";
+
+/// Seconds of data that are looked at without `--seconds`.
+const SECONDS: f64 = 30.0;
+/// Longest time that may be asked for.
+const MAX_SECONDS: f64 = 3600.0;
+
+/// Arguments of `plumbline doctor`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct DoctorArgs {
+    /// Look at the data of a EuRoC data set, a flight log or a simulated flight (sim:room), rather than at this host.
+    pub source: Option<String>,
+    /// Configuration file or preset. Without one: the calibration of the source, for the host the preset `sim`.
+    #[arg(long)]
+    pub config: Option<PathBuf>,
+    /// Change a key of the configuration, such as runtime.tick_cpus=[0]; may be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub overrides: Vec<String>,
+    /// Look at what the configured sensors deliver, besides this host.
+    #[arg(long, requires = "config", conflicts_with = "source")]
+    pub live: bool,
+    /// How long the timer of the host is watched, seconds.
+    #[arg(long, default_value_t = 2.0)]
+    pub watch: f64,
+    /// How much of the data is looked at, seconds. Default 30.
+    #[arg(long, value_name = "N")]
+    pub seconds: Option<f64>,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Runs the command: a line for each check.
+///
+/// # Errors
+/// When the configuration is refused, the source cannot be used, or what it holds is not fit to fly.
+pub fn run(args: &DoctorArgs) -> Result<()> {
+    let is_length = |seconds: f64| seconds > 0.0 && seconds <= MAX_SECONDS;
+    if !is_length(args.watch) {
+        return Err(Usage("--watch: give up to 3600 seconds".into()).into());
+    }
+    let seconds = args.seconds.unwrap_or(SECONDS);
+    if !is_length(seconds) {
+        return Err(Usage("--seconds: give up to 3600 seconds".into()).into());
+    }
+    let config = load_config(args.config.as_deref())?;
+    if let Some(source) = &args.source {
+        let mut flight = data::open(source, config, seconds)?;
+        flight.config = with_overrides(&flight.config, &args.overrides)?;
+        return tell(args, None, Some((flight.name.clone(), data::examine(flight.into())?)));
+    }
+    if args.seconds.is_some() && !args.live {
+        return Err(Usage("--seconds: name a source whose data are looked at, or give --live".into()).into());
+    }
+    let config = config.map_or_else(|| Config::preset("sim"), Ok)?;
+    let config = with_overrides(&config, &args.overrides)?;
+    // Opened first: what is wrong with the configuration of the sensors is told at once.
+    let streams = args.live.then(|| data::open_live(&config, seconds)).transpose()?;
+    let report = streams.map(data::examine).transpose()?;
+    let table = TaskTable::new(&config, 1.0);
+    let checks = host::checks(&config, &table, Duration::from_secs_f64(args.watch));
+    tell(args, Some((checks, table)), report.map(|report| ("the configured sensors".to_owned(), report)))
+}
+
+/// What was found of the host, and of the sensors of a source.
+fn tell(
+    args: &DoctorArgs,
+    host: Option<(Vec<host::Check>, TaskTable)>,
+    sensors: Option<(String, Report)>,
+) -> Result<()> {
+    if args.json {
+        say(serde_json::to_string_pretty(&as_json(host.as_ref(), sensors.as_ref()))?);
+    } else {
+        host.iter().for_each(|(checks, table)| print_host(checks, table));
+        sensors.iter().for_each(|(name, report)| print(name, report));
+    }
+    let measures = sensors.iter().flat_map(|(_, report)| &report.measures);
+    let count = |verdict| measures.clone().filter(|measure| measure.verdict == verdict).count();
+    if count(Verdict::NotFit) > 0 {
+        let against = measures.filter(|measure| measure.verdict == Verdict::NotFit);
+        bail!("not fit to fly: {}", against.map(|measure| measure.name).collect::<Vec<_>>().join(", "));
+    }
+    if !args.json {
+        let poor =
+            host.iter().flat_map(|(checks, _)| checks).filter(|(_, verdict)| verdict.is_poor()).count();
+        say(format_args!("\n{}", fit(poor + count(Verdict::Mind))));
+    }
+    Ok(())
+}
+
+fn fit(to_mend: usize) -> String {
+    match to_mend {
+        0 => "Fit to fly.".to_owned(),
+        1 => "Fit to fly, with one thing to mend.".to_owned(),
+        n => format!("Fit to fly, with {n} things to mend."),
+    }
+}
+
+fn print_host(checks: &[host::Check], table: &TaskTable) {
+    for (name, verdict) in checks {
+        let (mark, words) = verdict.told();
+        say(format_args!("{mark:<4}  {name:<19} {words}"));
+    }
+    say(format_args!("\nTasks of a flight at these rates:\n{table}"));
+}
+
+/// A line for each measure, and its cure below it.
+fn print(name: &str, report: &Report) {
+    say(format_args!("{name}:"));
+    for measure in &report.measures {
+        say(format_args!("{:<13} {:<31} {}", measure.verdict, measure.name, measure.value));
+        if !measure.cure.is_empty() {
+            say(format_args!("{:<13} {:<31} -> {}", "", "", measure.cure));
+        }
+    }
+}
+
+fn as_json(host: Option<&(Vec<host::Check>, TaskTable)>, sensors: Option<&(String, Report)>) -> Value {
+    let mut all = json!({"fit": sensors.is_none_or(|(_, report)| report.is_fit())});
+    if let Some((checks, _)) = host {
+        let checks = checks.iter().map(|(name, verdict)| {
+            let (mark, words) = verdict.told();
+            json!({"name": name, "verdict": mark, "value": words})
+        });
+        all["host"] = checks.collect();
+    }
+    if let Some((name, report)) = sensors {
+        all["source"] = json!(name);
+        all["measures"] = report.measures.iter().map(measure_json).collect();
+    }
+    all
+}
+
+fn measure_json(measure: &Measure) -> Value {
+    let figures: serde_json::Map<String, Value> =
+        measure.figures.iter().map(|(name, value)| ((*name).to_owned(), json!(value))).collect();
+    json!({
+        "name": measure.name,
+        "verdict": measure.verdict.to_string(),
+        "value": measure.value,
+        "cure": measure.cure,
+        "figures": figures,
+    })
+}

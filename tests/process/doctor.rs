@@ -1,0 +1,53 @@
+//! `plumbline doctor` on data: a verdict for each thing, an exit status, and the same for programs.
+
+use super::{plumbline, stderr};
+use serde_json::Value;
+
+fn json(arguments: &[&str]) -> (Option<i32>, Value) {
+    let output = plumbline(arguments);
+    let text = String::from_utf8_lossy(&output.stdout);
+    let value = serde_json::from_str(&text).unwrap_or_else(|_| panic!("{text}{}", stderr(&output)));
+    (output.status.code(), value)
+}
+
+#[test]
+fn a_simulated_flight_is_fit_by_its_figures() {
+    let (status, report) = json(&["doctor", "sim:room", "--seconds", "3", "--json"]);
+    assert_eq!((status, &report["fit"]), (Some(0), &Value::Bool(true)), "{report:#}");
+    let measures = report["measures"].as_array().unwrap();
+    let of = |name: &str| measures.iter().find(|measure| measure["name"] == name).unwrap();
+    assert!(of("epipolar error")["figures"]["median_px"].as_f64().unwrap() < 0.3, "{report:#}");
+    assert!((of("gravity")["figures"]["norm_m_s2"].as_f64().unwrap() - 9.81).abs() < 0.2, "{report:#}");
+}
+
+#[test]
+fn live_sensors_that_are_not_there_are_told_after_the_time_that_was_given() {
+    let (left, imu) =
+        ("driver.v4l2.left=\"/dev/nobody-has-this\"", "driver.imu.connect=\"iio://nobody-has-this\"");
+    let arguments = ["doctor", "--config", "sim", "--live", "--seconds", "1", "--watch", "0.1", "--json"];
+    let (status, report) = json(&[&arguments[..], &["--set", left, "--set", imu]].concat());
+    assert_eq!((status, &report["fit"]), (Some(1), &Value::Bool(false)), "{report:#}");
+    let measures = report["measures"].as_array().unwrap();
+    for name in ["IMU timing", "camera timing"] {
+        let measure = measures.iter().find(|measure| measure["name"] == name).unwrap();
+        assert_eq!((&measure["verdict"], &measure["value"]), (&"not fit".into(), &"0 samples came".into()));
+    }
+    assert!(report["host"].as_array().is_some_and(|checks| checks.len() >= 10), "{report:#}");
+    let without = plumbline(&["doctor", "--config", "sim", "--live"]);
+    assert_eq!(without.status.code(), Some(2));
+    assert!(stderr(&without).contains("driver.imu.connect"), "{}", stderr(&without));
+}
+
+#[test]
+fn a_real_recording_is_fit_and_with_another_mounting_it_is_not() {
+    let Some(clip) = plumbline_test_support::shared("euroc/V1_01_easy_clip") else { return };
+    let clip = clip.to_str().unwrap();
+    let (status, report) = json(&["doctor", clip, "--json"]);
+    assert_eq!((status, &report["fit"]), (Some(0), &Value::Bool(true)), "{report:#}");
+
+    let output = plumbline(&["doctor", clip, "--set", "vehicle.imu_to_vehicle_deg=[0.0,0.0,0.0]"]);
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    assert!(text.contains("-> put the vehicle on a level floor"), "{text}");
+    assert_eq!(stderr(&output).trim(), "plumbline: not fit to fly: mounting");
+}
