@@ -85,10 +85,11 @@ soak: setup forget-skips ## long flights: memory, drift of time, restarts (SOAK_
 	$(call tell-skips,PLUMBLINE_SOAK_MINUTES=$(SOAK_MINUTES) \
 		$(CARGO) nextest run $(FLAGS) --workspace --profile soak --run-ignored all -E 'test(/soak/)' $(ARGS))
 
-vm: ## the cameras' driver behind a real kernel, in a virtual machine (VM_SECONDS=60)
+vm: ## the cameras' driver, and a flight with them, behind a real kernel in a virtual machine (VM_SECONDS=60)
 	@scripts/setup base
 	@scripts/vm setup
 	PLUMBLINE_VM_SECONDS=$(VM_SECONDS) $(CARGO) test $(FLAGS) -p plumbline-drivers --test vm -- --nocapture $(ARGS)
+	PLUMBLINE_VM_SECONDS=$(VM_SECONDS) $(CARGO) test $(FLAGS) -p plumbline --test process -- --nocapture virtual_machine $(ARGS)
 
 loops: setup ## simulated flights of two laps along recorded paths, with and without loops (PLUMBLINE_LOOP_SEEDS=1)
 	$(CARGO) nextest run $(FLAGS) --workspace --run-ignored only --no-capture -E 'test(=loops::two_laps_of_recorded_paths)' $(ARGS)

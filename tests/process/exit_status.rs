@@ -3,7 +3,7 @@
 use super::{plumbline, stderr};
 
 /// Every command that takes an input, with one that is not there.
-const MISSING: [&[&str]; 21] = [
+const MISSING: [&[&str]; 22] = [
     &["replay", "/nowhere/flight"],
     &["replay", "/nowhere/flight.mcap"],
     &["replay", "sim:room", "--path", "/nowhere/path.tum"],
@@ -11,6 +11,7 @@ const MISSING: [&[&str]; 21] = [
     &["replay", "FLIGHT", "--truth", "/nowhere/truth.tum"],
     &["replay", "sim:room", "--trajectory", "/nowhere/out.tum"],
     &["replay", "sim:room", "--record", "/nowhere/out.mcap"],
+    &["fly", "--config", "/nowhere/drone.toml"],
     &["verify", "/nowhere/flight.mcap"],
     &["log", "/nowhere/flight.mcap"],
     &["evaluate", "/nowhere/a.tum", "/nowhere/b.tum"],
@@ -28,7 +29,7 @@ const MISSING: [&[&str]; 21] = [
 ];
 
 /// Wrong usage of every command.
-const WRONG: [&[&str]; 26] = [
+const WRONG: [&[&str]; 29] = [
     &[],
     &["fly-away"],
     &["replay"],
@@ -45,6 +46,9 @@ const WRONG: [&[&str]; 26] = [
     &["replay", "FLIGHT", "--seed", "7"],
     &["replay", "FLIGHT", "--cache", "OUT"],
     &["replay", "FLIGHT", "--start", "5", "--stop", "4"],
+    &["fly"],
+    &["fly", "--config", "sim"],
+    &["fly", "--config", "sim", "--record", "/nowhere/log"],
     &["simulate", "OUT", "--scene", "moon"],
     &["evaluate", "a.tum"],
     &["campaign", "--scene", "moon"],

@@ -2,7 +2,7 @@
 //! on a clock of its own, and a program that sends frames to a socket.
 
 use nalgebra::Vector3;
-use plumbline_config::GrayImage;
+use plumbline_config::{GrayImage, ImuSample, Timestamp};
 use plumbline_drivers::clock::monotonic_ns;
 use plumbline_drivers::frame_socket::Header;
 use plumbline_drivers::{
@@ -48,6 +48,26 @@ impl Recording {
             frames.push(frame.clone());
         }
         Self { readings, frames, sizes_px: dataset.sizes_px() }
+    }
+}
+
+impl Recording {
+    /// An IMU that lies still for so long, without cameras.
+    pub fn at_rest(rate_hz: i64, seconds: i64) -> Self {
+        let mut draws = Draws(7);
+        let reading = |k: i64| {
+            let mut noise = || (draws.below(2001) as f64 - 1000.0) * 1e-6;
+            ImuReading {
+                sequence: k as u64,
+                sample: ImuSample {
+                    stamp: Timestamp::from_nanos(k * 1_000_000_000 / rate_hz),
+                    gyro: Vector3::new(noise(), noise(), noise()),
+                    accel: Vector3::new(noise(), noise(), 9.81 + noise()),
+                },
+            }
+        };
+        let readings = (0..seconds * rate_hz).map(reading).collect();
+        Self { readings, frames: Vec::new(), sizes_px: [(0, 0); 2] }
     }
 }
 
@@ -151,6 +171,24 @@ impl Microcontroller {
         let _ = std::fs::remove_file(link);
         std::os::unix::fs::symlink(name, link).unwrap();
         Self { master, receiver: Receiver::new() }
+    }
+
+    /// At the other end of a socket, as a virtual machine's serial port is.
+    pub fn at(socket: UnixStream) -> Self {
+        socket.set_nonblocking(true).unwrap();
+        Self { master: socket.into(), receiver: Receiver::new() }
+    }
+
+    /// Waits until somebody asks it anything; `false` when the other end has gone, or nobody did for so long.
+    pub fn is_asked_within(&self, patience: Duration) -> bool {
+        let end = Instant::now() + patience;
+        while Instant::now() < end {
+            match rustix::io::read(&self.master, &mut [0; 64]) {
+                Ok(count) => return count > 0,
+                Err(_) => std::thread::sleep(Duration::from_millis(5)),
+            }
+        }
+        false
     }
 
     /// Plays the samples of `which` in real time; those that were hit on the way, by their places in the recording.

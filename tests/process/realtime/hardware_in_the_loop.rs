@@ -257,7 +257,7 @@ fn soak_an_imu_at_1_khz_and_at_200_hz_in_the_loop_for_half_a_minute() {
         let [before, after] = ["rate_hz = 200.0", &format!("rate_hz = {rate_hz}.0")].map(str::to_owned);
         assert!(preset.contains(&before));
         std::fs::write(&config, preset.replacen(&before, &after, 1)).unwrap();
-        let rig = Rig::new(end_s, &["--config", config.to_str().unwrap()]);
+        let rig = Rig::new(end_s, &["--config", config.to_str().unwrap(), "--scale", "0.5"]);
         println!("{rate_hz} Hz");
         flown_and_replayed(&rig, end_s, &trouble()).assert_good();
     }

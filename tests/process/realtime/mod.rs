@@ -6,3 +6,4 @@ mod hardware_in_the_loop;
 mod links;
 mod live;
 mod restarts;
+mod virtual_machine;
