@@ -26,7 +26,7 @@ export NEXTEST_PROFILE ?= $(if $(CI),ci,default)
 
 # The steps are in order; cargo is parallel itself.
 .NOTPARALLEL:
-.PHONY: help demo build test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny soak loops digests bench doc doctests setup clean \
+.PHONY: help demo build calibration test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny soak loops digests bench doc doctests setup clean \
 	fuzz fuzz-all fuzz-smoke vm
 
 help: ## this list
@@ -39,6 +39,10 @@ demo: ## simulated flight with its ground station in the browser
 build: ## the product
 	@scripts/setup base
 	$(CARGO) build $(FLAGS) -p plumbline
+
+calibration: ## the product with `plumbline calibrate camera`, which needs OpenCV
+	@scripts/setup calibration
+	$(CARGO) build $(FLAGS) -p plumbline --features calibration
 
 # What tests skip is collected here, and printed at the end.
 export PLUMBLINE_SKIPPED := $(CURDIR)/target/skipped.txt

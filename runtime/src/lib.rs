@@ -11,6 +11,7 @@
 //! - who judges flights: [`evaluate`] compares trajectories, a [`report`] sums a flight up, a [`campaign`] flies many,
 //!   a [`sweep`] flies many settings, a [`mod@bench`] measures what they cost; a [`plot`] draws a flight, a [`picture`] what was
 //!   found in an image;
+//! - [`calibrate`] finds out about the sensors before a flight;
 //! - the [`ground`] watches from afar;
 //! - [`cli`] is the command line. Nothing but the binary imports it.
 //!
@@ -19,6 +20,7 @@
 pub mod alloc;
 pub mod autopilot;
 pub mod bench;
+pub mod calibrate;
 pub mod campaign;
 pub mod cli;
 pub mod evaluate;

@@ -30,6 +30,7 @@ const RUNTIME: &[&str] = &[
     "picture",
     "plot",
     "sweep",
+    "calibrate",
     "ground",
     "fuzzing",
     "cli",
@@ -62,7 +63,17 @@ const CRATES: &[(&str, &[&str])] = &[
     ("drivers", &["plumbline_config", "plumbline_protocol"]),
     ("drivers/protocol", &[]),
     ("estimator", &["plumbline_config"]),
-    ("runtime", &["plumbline_config", "plumbline_checkup", "plumbline_drivers", "plumbline_estimator"]),
+    (
+        "runtime",
+        &[
+            "plumbline_boards",
+            "plumbline_config",
+            "plumbline_checkup",
+            "plumbline_drivers",
+            "plumbline_estimator",
+        ],
+    ),
+    ("runtime/boards", &["plumbline_config"]),
 ];
 
 /// Lines of the longest function of the runtime: one screen.

@@ -107,3 +107,14 @@ fn wrong_tables_and_folders_come_with_a_cure_that_helps() {
     fails(&["ablation", "live.mcap"], 2, &["live.mcap", "data set that it was recorded from"]);
     fails(&["replay", "sim:room", "--speed", "-1"], 2, &["--speed: give a positive number"]);
 }
+
+#[test]
+fn calibrating_cameras_is_listed_and_without_opencv_says_how_to_build_with_it() {
+    let help = plumbline(&["calibrate", "--help"]);
+    assert!(String::from_utf8_lossy(&help.stdout).contains("make calibration"), "{}", stderr(&help));
+    let camera = ["calibrate", "camera", "nowhere", "--out", "my.toml", "--target"];
+    let with = |target| [camera.as_slice(), &[target]].concat();
+    let wrong = plumbline(&with("aprilgrid:6x6:88:0.3"));
+    assert!(wrong.status.code() == Some(2) && stderr(&wrong).contains("in metres"), "{}", stderr(&wrong));
+    fails(&with("aprilgrid:6x6:0.088:0.3"), 2, &["no OpenCV", "make calibration", "--features calibration"]);
+}

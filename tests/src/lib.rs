@@ -1,6 +1,7 @@
-//! What the system tests and the benchmarks share: where the shared data are, the flights they fly, and
+//! What the system tests and the benchmarks share: where the shared data are, the flights they fly, calibration boards, and
 //! detectors of line segments with the images to judge them by.
 
+pub mod boards;
 pub mod flow;
 pub mod lines;
 

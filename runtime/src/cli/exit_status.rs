@@ -5,6 +5,7 @@
 //! not be written. 1: everything else that went wrong.
 
 use super::Usage;
+use crate::calibrate::camera::ImagesError;
 use crate::flight::FlightError;
 use crate::log::LogError;
 use crate::net::NetError;
@@ -56,6 +57,13 @@ fn is_usage(cause: &(dyn Error + 'static)) -> bool {
             PlacesError::Driver(error) => is_usage(error),
             PlacesError::Map(error) => is_usage(error),
             PlacesError::Config(_) | PlacesError::Nothing(_) => true,
+        };
+    }
+    if let Some(error) = cause.downcast_ref::<ImagesError>() {
+        return match error {
+            ImagesError::Layout { .. } => true,
+            ImagesError::Io { source, .. } => is_usage(source),
+            ImagesError::Image(error) => is_usage(error),
         };
     }
     if let Some(error) = cause.downcast_ref::<MapFileError>() {

@@ -6,6 +6,7 @@
 pub mod ablation;
 pub mod access;
 mod bench;
+mod calibrate;
 pub mod campaign;
 pub mod choice;
 mod config;
@@ -125,6 +126,8 @@ enum Command {
     Bench(bench::BenchArgs),
     /// List cameras (formats, rates, controls), serial ports and inertial sensors by the names that a configuration takes.
     Devices(devices::DevicesArgs),
+    /// Calibrate the sensors: cameras by images of a board.
+    Calibrate(calibrate::CalibrateArgs),
     /// Check whether this host and a configuration are fit for a flight.
     Doctor(doctor::DoctorArgs),
     /// Check a configuration file, print a preset, or import a calibration.
@@ -174,6 +177,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Sweep(args) => sweep::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Devices(args) => devices::run(&args),
+        Command::Calibrate(args) => calibrate::run(&args),
         Command::Doctor(args) => doctor::run(&args),
         Command::Config(args) => config::run(&args),
         Command::Completions { shell } => {

@@ -4,13 +4,16 @@
 //! A [`Subject`] is what is shown, made of a trajectory or of a table of states, with the truth beside it where it is
 //! known; [`write()`] draws it. The `panels` say which curves there are, the `figure` where they stand, and the `raster`
 //! turns them into pixels; an SVG is drawn by the same code. The letters are Roboto (Apache-2.0), in the binary.
+//! [`write_lenses`] draws the cameras of a calibration in the same way.
 
 mod axes;
 mod figure;
+mod lenses;
 mod panels;
 mod raster;
 mod subject;
 
+pub use lenses::LensFigure;
 pub use subject::{Alignment, Subject};
 
 use crate::picture::{Picture, PictureError};
@@ -86,37 +89,60 @@ pub fn check_name(path: &Path) -> Result<(), PlotError> {
 /// # Errors
 /// When the ending is unknown, or the file cannot be written.
 pub fn write(subject: &Subject, path: &Path, size_px: (u32, u32)) -> Result<(), PlotError> {
+    write_drawing(&Drawing::Flight(subject), path, size_px)
+}
+
+/// Draws the cameras of a calibration below a title and a line of words, and writes the figure to `path`, whose ending says
+/// what it is.
+///
+/// # Errors
+/// When the ending is unknown, or the file cannot be written.
+pub fn write_lenses(cameras: &[LensFigure], words: (&str, &str), path: &Path) -> Result<(), PlotError> {
+    write_drawing(&Drawing::Lenses(cameras, words), path, lenses::size_px(cameras))
+}
+
+/// What a figure shows.
+enum Drawing<'a> {
+    Flight(&'a Subject),
+    Lenses(&'a [LensFigure], (&'a str, &'a str)),
+}
+
+fn write_drawing(drawing: &Drawing<'_>, path: &Path, size_px: (u32, u32)) -> Result<(), PlotError> {
     match Kind::of(path)? {
         Kind::Svg => {
-            let text = svg(subject, size_px)?;
+            let text = svg(drawing, size_px)?;
             std::fs::write(path, text).map_err(|source| PlotError::Io { path: path.into(), source })
         }
-        Kind::Png => Ok(png(subject, size_px)?.write_png(path)?),
+        Kind::Png => Ok(png(drawing, size_px)?.write_png(path)?),
     }
 }
 
-fn png(subject: &Subject, (width, height): (u32, u32)) -> Result<Picture, PlotError> {
+fn png(drawing: &Drawing<'_>, (width, height): (u32, u32)) -> Result<Picture, PlotError> {
     let mut picture = Picture::new(width as usize, height as usize, [255; 3]);
-    draw(subject, Raster::on(&mut picture))?;
+    draw(drawing, Raster::on(&mut picture))?;
     Ok(picture)
 }
 
 /// The figure as SVG: drawn on the fine surface, and shown in pixels.
-fn svg(subject: &Subject, (width, height): (u32, u32)) -> Result<String, PlotError> {
+fn svg(drawing: &Drawing<'_>, (width, height): (u32, u32)) -> Result<String, PlotError> {
     let mut text = String::new();
     let fine = (width * FINENESS as u32, height * FINENESS as u32);
-    draw(subject, SVGBackend::with_string(&mut text, fine))?;
+    draw(drawing, SVGBackend::with_string(&mut text, fine))?;
     let size_of = |(width, height): (u32, u32)| format!("width=\"{width}\" height=\"{height}\"");
     let head = format!("{} stroke-linejoin=\"round\" stroke-linecap=\"round\"", size_of((width, height)));
     Ok(text.replacen(&size_of(fine), &head, 1))
 }
 
-fn draw<B: DrawingBackend>(subject: &Subject, backend: B) -> Result<(), PlotError> {
+fn draw<B: DrawingBackend>(drawing: &Drawing<'_>, backend: B) -> Result<(), PlotError> {
     for (style, letters) in [(FontStyle::Normal, REGULAR), (FontStyle::Bold, MEDIUM)] {
         let refused = |_| PlotError::Drawing("its letters are damaged".into());
         register_font(FONT, style, letters).map_err(refused)?;
     }
     let area = backend.into_drawing_area();
-    figure::draw(subject, &area).map_err(|e| PlotError::Drawing(e.to_string()))?;
+    match drawing {
+        Drawing::Flight(subject) => figure::draw(subject, &area),
+        Drawing::Lenses(cameras, words) => lenses::draw(cameras, *words, &area),
+    }
+    .map_err(|e| PlotError::Drawing(e.to_string()))?;
     area.present().map_err(|e| PlotError::Drawing(e.to_string()))
 }

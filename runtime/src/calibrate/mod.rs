@@ -1,0 +1,3 @@
+//! Calibration of the sensors: of cameras by images of a board ([`camera`]).
+
+pub mod camera;

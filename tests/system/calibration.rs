@@ -1,0 +1,230 @@
+//! Cameras are calibrated by images of boards: real ones against the published values, rendered ones against the truth.
+
+use nalgebra::{Isometry3, Vector2, Vector3};
+use opencv::core::{Mat, Point2f, Point3f, Size, TermCriteria, TermCriteria_Type, Vector};
+use plumbline::calibrate::camera::images::{Images, read};
+use plumbline::calibrate::camera::result::Residual;
+use plumbline::calibrate::camera::{
+    CalibrateError, Calibration, Detector, LensKind, Pair, Target, calibrate, output, table,
+};
+use plumbline_boards::{chessboard, markers, refine};
+use plumbline_config::{CameraModel, Config, import};
+use plumbline_tests::boards::{Board, BoardCamera, poses};
+use plumbline_tests::shared;
+use std::path::Path;
+
+const OPENCV: Detector = Detector { markers, chessboard, refine };
+
+fn pairs_of(folder: &Path, most: usize) -> Vec<Pair> {
+    let images = Images::list(folder, most, false).unwrap();
+    let read = |file: &Option<std::path::PathBuf>| file.as_deref().map(|file| read(file).unwrap());
+    images
+        .moments
+        .iter()
+        .map(|m| Pair { name: m.name.clone(), images: m.files.each_ref().map(read) })
+        .collect()
+}
+
+fn calibrated(pairs: &[Pair], target: &str, kind: LensKind) -> Result<Calibration, CalibrateError> {
+    let result = calibrate(pairs, &target.parse().unwrap(), kind, &OPENCV, &mut || {});
+    if let Ok(calibration) = &result {
+        println!("{}{}", table::views(calibration), table::figures(calibration).join("\n"));
+        println!("{}", calibration.advice().join("\n"));
+    }
+    result
+}
+
+/// Distances of focal lengths and principal point from others, px, the larger ones.
+fn off_px(calibration: &Calibration, camera: usize, truth: &CameraModel) -> (f64, f64) {
+    let found = calibration.cameras[camera].model;
+    ((found.focal_px - truth.focal_px).amax(), (found.centre_px - truth.centre_px).amax())
+}
+
+#[test]
+fn real_images_give_the_published_calibration() {
+    let Some(root) = shared("euroc/aprilgrid") else { return };
+    let pairs = pairs_of(&root.join("euroc/aprilgrid"), 60);
+    assert_eq!(pairs.len(), 35);
+    let calibration = calibrated(&pairs, "aprilgrid:6x6:0.088:0.3", LensKind::RadialTangential).unwrap();
+    let base = Config::preset("euroc").unwrap();
+    let published = import::euroc_cameras_into(base.clone(), root.join("euroc/calibration")).unwrap();
+    for camera in 0..2 {
+        let (focal, centre) = off_px(&calibration, camera, &published.camera[camera].model());
+        println!("cam{camera}: {focal:.2} {centre:.2} px off");
+        assert!(focal < 1.5 && centre < 1.5, "cam{camera}: {focal} {centre} px");
+    }
+    assert!(calibration.rms_px < 0.26, "{} px", calibration.rms_px);
+    let pair = calibration.pair.unwrap();
+    assert!((pair.baseline_m - 0.11007).abs() < 0.0003, "{} m", pair.baseline_m);
+    // What is written is a configuration that is flown with.
+    let config = output::configuration(&base, &calibration, Some(20.0), "my.toml").unwrap();
+    let text = output::text(&config, &calibration, "euroc/aprilgrid", "euroc").unwrap();
+    let back = Config::from_toml_str(&text, "my.toml").unwrap();
+    assert_eq!(back.camera, config.camera);
+    let pose = |c: &Config| c.camera[0].pose_b_c().inverse() * c.camera[1].pose_b_c();
+    let between = pose(&back).inverse() * pose(&published);
+    assert!(between.rotation.angle() < 2e-3, "{} rad", between.rotation.angle());
+}
+
+#[test]
+fn a_board_that_is_not_the_one_of_the_images_is_refused_with_the_cure() {
+    let Some(root) = shared("euroc/aprilgrid") else { return };
+    let pairs = pairs_of(&root.join("euroc/aprilgrid"), 7);
+    let refusal = |pairs: &[Pair], target: &str| {
+        calibrated(pairs, target, LensKind::RadialTangential).unwrap_err().to_string()
+    };
+    for (target, cure) in [
+        ("aprilgrid:6x6:0.088:0.15", "numbers of --target"),
+        ("aprilgrid:5x6:0.088:0.3", "end at 29"),
+        ("chessboard:9x6:0.03", "inner corners"),
+        ("charuco:6x6:0.1:0.08", "kind of board"),
+    ] {
+        let message = refusal(&pairs, target);
+        assert!(message.contains(cure) && message.contains(target), "{target}: {message}");
+    }
+    let few = refusal(&pairs[..3], "aprilgrid:6x6:0.088:0.3");
+    assert!(few.contains("in 3 of 3 images") && few.contains("20 to 40"), "{few}");
+}
+
+fn camera(kind: LensKind, focal_px: [f64; 2], centre_px: [f64; 2], k: [f64; 4]) -> CameraModel {
+    CameraModel {
+        width_px: 640,
+        height_px: 480,
+        focal_px: Vector2::from(focal_px),
+        centre_px: Vector2::from(centre_px),
+        distortion: kind.distortion(k),
+    }
+}
+
+/// Pictures of a board by one camera, or by a second one beside it at `pose_c1_c0`.
+fn pictures(
+    board: &Board,
+    cameras: &[CameraModel],
+    pose_c1_c0: &Isometry3<f64>,
+    poses_c0_t: &[Isometry3<f64>],
+) -> Vec<Pair> {
+    let cameras: Vec<BoardCamera> = cameras.iter().map(|model| BoardCamera::new(*model)).collect();
+    let pair = |(k, pose): (usize, &Isometry3<f64>)| {
+        let left = cameras[0].take(board, pose, 7 + k as u64);
+        let right = cameras.get(1).map(|camera| camera.take(board, &(pose_c1_c0 * pose), 1007 + k as u64));
+        Pair { name: format!("{k:03}"), images: [Some(left), right] }
+    };
+    poses_c0_t.iter().enumerate().map(pair).collect()
+}
+
+/// Focal lengths to a thousandth, the principal point to 0.3 px, and both within what the calibration says of itself.
+fn assert_near(calibration: &Calibration, truth: &[CameraModel]) {
+    for (index, truth) in truth.iter().enumerate() {
+        let (focal, centre) = off_px(calibration, index, truth);
+        println!("cam{index}: {focal:.3} {centre:.3} px off");
+        assert!(focal < 1e-3 * truth.focal_px.min(), "cam{index}: {focal} px");
+        assert!(centre < 0.3, "cam{index}: {centre} px");
+    }
+}
+
+#[test]
+fn a_rendered_pair_before_an_aprilgrid_is_calibrated() {
+    let target: Target = "aprilgrid:6x6:0.088:0.3".parse().unwrap();
+    let board = Board::print(target, true);
+    let cameras = [
+        camera(LensKind::RadialTangential, [402.3, 401.1], [322.7, 236.4], [-0.27, 0.065, 3e-4, -2e-4]),
+        camera(LensKind::RadialTangential, [399.8, 400.6], [314.2, 243.9], [-0.26, 0.06, -2e-4, 1e-4]),
+    ];
+    let pose_c1_c0 = Isometry3::new(Vector3::new(-0.11, 0.001, -0.002), Vector3::new(0.012, -0.02, 0.004));
+    let poses = poses(&cameras[0], &board, 0.75, 0.55, 14);
+    let pairs = pictures(&board, &cameras, &pose_c1_c0, &poses);
+    let calibration = calibrated(&pairs, &target.to_string(), LensKind::RadialTangential).unwrap();
+    assert_near(&calibration, &cameras);
+    let pair = calibration.pair.unwrap();
+    let error = pair.pose_c0_c1 * pose_c1_c0;
+    assert!(error.translation.vector.norm() < 2e-4 && error.rotation.angle() < 5e-4, "{error}");
+    assert!(calibration.rms_px < 0.15 && calibration.views.len() == 14, "{} px", calibration.rms_px);
+}
+
+#[test]
+fn a_rendered_camera_before_a_charuco_board_is_calibrated() {
+    let target: Target = "charuco:9x6:0.06:0.045:5X5_100".parse().unwrap();
+    let lens = camera(LensKind::RadialTangential, [452.0, 453.4], [310.2, 247.1], [0.05, -0.08, 5e-4, -3e-4]);
+    for black_first in [true, false] {
+        let board = Board::print(target, black_first);
+        let poses = poses(&lens, &board, 0.5, 0.55, 20);
+        let pairs = pictures(&board, &[lens], &Isometry3::identity(), &poses);
+        let calibration = calibrated(&pairs, &target.to_string(), LensKind::RadialTangential).unwrap();
+        assert_near(&calibration, &[lens]);
+    }
+}
+
+#[test]
+fn a_rendered_fisheye_before_an_aprilgrid_is_calibrated() {
+    let target: Target = "aprilgrid:6x6:0.088:0.3".parse().unwrap();
+    let board = Board::print(target, true);
+    let lens = camera(LensKind::Equidistant, [231.5, 230.9], [317.4, 242.3], [-0.012, 0.008, -0.004, 0.001]);
+    let poses = poses(&lens, &board, 0.42, 0.5, 14);
+    let pairs = pictures(&board, &[lens], &Isometry3::identity(), &poses);
+    let calibration = calibrated(&pairs, &target.to_string(), LensKind::Equidistant).unwrap();
+    assert_near(&calibration, &[lens]);
+}
+
+#[test]
+fn a_rendered_pair_before_a_chessboard_is_calibrated_and_opencv_agrees() {
+    let target: Target = "chessboard:9x6:0.05".parse().unwrap();
+    let board = Board::print(target, true);
+    let cameras = [
+        camera(LensKind::RadialTangential, [430.0, 431.0], [325.0, 236.0], [-0.1, 0.03, 0.0, 0.0]),
+        camera(LensKind::RadialTangential, [428.0, 429.5], [312.0, 244.0], [-0.12, 0.04, 1e-4, 0.0]),
+    ];
+    let pose_c1_c0 = Isometry3::new(Vector3::new(-0.06, 0.0, 0.001), Vector3::new(0.0, 0.01, -0.003));
+    let poses = poses(&cameras[0], &board, 0.68, 0.55, 22);
+    let pairs = pictures(&board, &cameras, &pose_c1_c0, &poses);
+    let calibration = calibrated(&pairs, &target.to_string(), LensKind::RadialTangential).unwrap();
+    assert_near(&calibration, &cameras);
+    let error = calibration.pair.unwrap().pose_c0_c1 * pose_c1_c0;
+    assert!(error.translation.vector.norm() < 3e-4 && error.rotation.angle() < 1e-3, "{error}");
+    // The left camera by itself, and by OpenCV of the same corners.
+    let left: Vec<Pair> = pairs
+        .into_iter()
+        .map(|p| {
+            let [left, _] = p.images;
+            Pair { images: [left, None], ..p }
+        })
+        .collect();
+    let alone = calibrated(&left, &target.to_string(), LensKind::RadialTangential).unwrap();
+    let (rms_px, model) = by_opencv(&target, &alone);
+    assert!((alone.rms_px - rms_px).abs() < 1e-3, "{} {rms_px}", alone.rms_px);
+    let (focal, centre) = off_px(&alone, 0, &model);
+    assert!(focal < 0.02 && centre < 0.02, "{focal} {centre}");
+}
+
+/// OpenCV's calibration by the corners that ours is by.
+fn by_opencv(target: &Target, calibration: &Calibration) -> (f64, CameraModel) {
+    let points = target.corners_m();
+    let (mut objects, mut images) = (Vector::<Vector<Point3f>>::new(), Vector::<Vector<Point2f>>::new());
+    let mut rest = calibration.cameras[0].residuals.as_slice();
+    for view in &calibration.views {
+        let (corners, others) = rest.split_at(view.corners[0]);
+        let point = |r: &Residual| Point3f::new(points[r.number].x as f32, points[r.number].y as f32, 0.0);
+        objects.push(corners.iter().map(point).collect());
+        images.push(corners.iter().map(|r| Point2f::new(r.px.x as f32, r.px.y as f32)).collect());
+        rest = others;
+    }
+    let (mut k, mut d) = (Mat::default(), Mat::default());
+    let (mut rotations, mut translations) = (Vector::<Mat>::new(), Vector::<Mat>::new());
+    let model = calibration.cameras[0].model;
+    let size = Size::new(model.width_px as i32, model.height_px as i32);
+    let stop = TermCriteria_Type::COUNT as i32 + TermCriteria_Type::EPS as i32;
+    let rms_px = opencv::calib3d::calibrate_camera(
+        &objects,
+        &images,
+        size,
+        &mut k,
+        &mut d,
+        &mut rotations,
+        &mut translations,
+        opencv::calib3d::CALIB_FIX_K3,
+        TermCriteria::new(stop, 200, 1e-12).unwrap(),
+    )
+    .unwrap();
+    let at = |i: i32, j: i32| *opencv::prelude::MatTraitConst::at_2d::<f64>(&k, i, j).unwrap();
+    let focal_px = Vector2::new(at(0, 0), at(1, 1));
+    (rms_px, CameraModel { focal_px, centre_px: Vector2::new(at(0, 2), at(1, 2)), ..model })
+}
