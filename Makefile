@@ -95,8 +95,8 @@ vm: ## the cameras' driver, and a flight with them, behind a real kernel in a vi
 	PLUMBLINE_VM_SECONDS=$(VM_SECONDS) $(CARGO) test $(FLAGS) -p plumbline-drivers --test vm -- --nocapture $(ARGS)
 	PLUMBLINE_VM_SECONDS=$(VM_SECONDS) $(CARGO) test $(FLAGS) -p plumbline --test process -- --nocapture virtual_machine $(ARGS)
 
-loops: setup ## simulated flights of two laps along recorded paths, with and without loops (PLUMBLINE_LOOP_SEEDS=1)
-	$(CARGO) nextest run $(FLAGS) --workspace --run-ignored only --no-capture -E 'test(=loops::two_laps_of_recorded_paths)' $(ARGS)
+loops: setup ## simulated flights of two laps along recorded paths: what loops bring, and what is found (PLUMBLINE_LOOP_SEEDS=1)
+	$(CARGO) nextest run $(FLAGS) --workspace --profile soak --run-ignored only --no-capture -E 'test(/^loops::/)' $(ARGS)
 
 digests: setup ## writes tests/digests.toml anew, after a change of the estimator that is meant
 	$(CARGO) nextest run $(FLAGS) --workspace --run-ignored only -E 'test(=digests::record_digests)' $(ARGS)

@@ -8,8 +8,9 @@ use plumbline::report::Report;
 use plumbline_config::Timestamp;
 use plumbline_drivers::simulator::{FlightPath, Scenario, Scene, Twin};
 use plumbline_estimator::places::graph::{Edge, LoopRefused, PoseGraph};
-use plumbline_estimator::places::{MapPath, MapUpdate, Mapper};
+use plumbline_estimator::places::{IndexOptions, MapPath, MapUpdate, Mapper, PlaceMap};
 use plumbline_tests::shared;
+use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 /// A frame is a revisit when a keyframe at least this much older was taken from within so many metres, and looked the
@@ -71,6 +72,15 @@ impl Recognition {
             recognition.wrong += usize::from(!(apart(&seen, pose) < WRONG));
         }
         recognition
+    }
+}
+
+impl Recognition {
+    fn add(&mut self, other: &Self) {
+        self.revisits += other.revisits;
+        self.found += other.found;
+        self.sightings += other.sightings;
+        self.wrong += other.wrong;
     }
 }
 
@@ -280,6 +290,62 @@ fn two_laps_of_recorded_paths() {
         }
     }
     assert!(failures.is_empty(), "{failures:?}");
+}
+
+/// Seeds by which the words are drawn that features are filed by: each is another vocabulary.
+const WORD_SEEDS: [u64; 3] = [1, 2, 3];
+/// Seeds of the flights whose recall is measured, each along another path than the one before.
+const RECALL_SEEDS: std::ops::RangeInclusive<u64> = 1..=10;
+
+/// Two short laps along a recorded path.
+fn short_laps(folder: &Path, seed: u64) -> Scenario {
+    let (path, start_s, scene) = PATHS[seed as usize % PATHS.len()];
+    Scenario {
+        scene,
+        seed,
+        path: FlightPath::Tum(folder.join(format!("euroc/trajectories/{path}.tum.gz"))),
+        start_s,
+        duration_s: 12.0,
+        laps: 2,
+        resolution_scale: 0.6,
+        ..Scenario::default()
+    }
+}
+
+#[test]
+#[ignore = "a campaign of half an hour: make loops"]
+fn places_are_found_whatever_the_words_and_the_seed() {
+    let Some(shared) = shared("euroc/trajectories") else { return };
+    let mut sums = WORD_SEEDS.map(|words| (words, Recognition::default()));
+    println!("seed  words  revisits  found  sightings  wrong  contradicted");
+    for seed in RECALL_SEEDS {
+        // Rendered once for all words.
+        let frames = tempfile::tempdir().unwrap();
+        let scenario = short_laps(&shared, seed);
+        for (word_seed, sum) in &mut sums {
+            let mut flight = open_simulation(None, &scenario, false, 0.0, Some(frames.path())).unwrap();
+            let limits = Mapper::limits(flight.config.setup());
+            let map = PlaceMap::with_index(limits, &IndexOptions { word_seed: *word_seed });
+            flight.map = Some(plumbline::log::KnownMap { map, sha256: String::new() });
+            let (flown, updates) = flown(flight);
+            let recognition = Recognition::of(&flown, &updates);
+            let Recognition { revisits, found, sightings, wrong } = recognition;
+            let contradicted = flown.outcome.places.as_ref().unwrap().figures.contradicted;
+            println!(
+                "{seed:>4} {word_seed:>6} {revisits:>9} {found:>6} {sightings:>10} {wrong:>6} {contradicted:>13}"
+            );
+            sum.add(&recognition);
+        }
+    }
+    for (words, sum) in sums {
+        let share = 100 * sum.found / sum.revisits.max(1);
+        println!(
+            "words {words}: {} of {} revisits found, {share} %, {} wrong",
+            sum.found, sum.revisits, sum.wrong
+        );
+        assert_eq!(sum.wrong, 0, "words {words}");
+        assert!(sum.revisits >= 200 && share >= 70, "words {words}: {sum:?}");
+    }
 }
 
 #[test]

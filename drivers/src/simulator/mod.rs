@@ -38,10 +38,9 @@ mod tests;
 pub use effects::Effects;
 pub use imu::ImuEffects;
 pub use scenario::{FlightPath, Scenario, scaled_config};
-pub use scenes::Scene;
+pub use scenes::{Scene, Twin};
 pub use stereo::SimulatedStereo;
 pub use trajectory::{Motion, Trajectory};
-pub use twin::Twin;
 pub use world::Hit;
 
 use crate::{DriverError, Faults, FaultySource, ImuReading, ImuSource, StereoFrame, TruthState};

@@ -4,12 +4,20 @@ use super::builder::{Builder, Wall};
 use super::light::{Lamp, Lighting, bake};
 use super::pattern::Material;
 use super::solid::{Bounds, Solid};
-use super::twin::Twin;
 use super::world::{Finish, World};
 use nalgebra::Vector3;
 
 /// Height of the lowest pose above the floor, m: a drone on its legs.
 const GROUND_M: f64 = 0.13;
+
+/// How the second room looks like the first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Twin {
+    /// It is the same again, beside it.
+    Repeated,
+    /// It is the first in a mirror that stands between them.
+    Mirrored,
+}
 
 /// What the vehicle flies in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

@@ -2,7 +2,7 @@
 //! through the other.
 
 use super::light_map::LightMap;
-use super::scenes::{self, Scene};
+use super::scenes::{self, Scene, Twin};
 use super::solid::Bounds;
 use super::trajectory::Trajectory;
 use super::world::{Surface, World};
@@ -14,15 +14,6 @@ const STEP_S: f64 = 0.05;
 const WALL_DEPTH_M: f64 = 0.06;
 /// The floors of the rooms overlap by this, so that there is no gap, m.
 const OVERLAP_M: f64 = 0.01;
-
-/// How the second room looks like the first.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Twin {
-    /// It is the same again, beside it.
-    Repeated,
-    /// It is the first in a mirror that stands between them.
-    Mirrored,
-}
 
 /// Positions on a part of a flight: from when, and how long, s.
 pub(super) fn positions(flight: &Trajectory, (from_s, lap_s): (f64, f64)) -> Vec<Vector3<f64>> {
