@@ -1,4 +1,4 @@
-use super::{assert_found, flight, lively, measure, told};
+use super::{ALL, FEW, assert_found, flight, lively, measure, told};
 use crate::Verdict;
 use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::options::{CameraConfig, rows_from_isometry};
@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 
 #[test]
 fn a_healthy_flight_is_fit_and_every_measure_is_good_or_not_in_the_data() {
-    let report = flight().report();
+    let report = flight(ALL).report();
     println!("{}", told(&report));
     assert!(report.is_fit() && report.count(Verdict::Mind) == 0, "{}", told(&report));
     // What this flight does not hold: an exposure, and turns about several axes.
@@ -31,7 +31,8 @@ fn a_healthy_lively_flight_tells_time_offset_and_rotation_too() {
 
 #[test]
 fn swapped_cameras_are_told() {
-    let swapped = flight().with(|data| data.frames.iter_mut().for_each(|(_, _, images)| images.swap(0, 1)));
+    let swapped =
+        flight(FEW).with(|data| data.frames.iter_mut().for_each(|(_, _, images)| images.swap(0, 1)));
     let report = swapped.report();
     assert_found(&report, "epipolar error", Verdict::NotFit, "swapped");
 }
@@ -50,10 +51,10 @@ fn turn(camera: &mut CameraConfig, axis_b: Vector3<f64>, degrees: f64, about_its
 
 #[test]
 fn a_degree_between_the_cameras_is_told_with_its_size() {
-    let report = flight().with(|data| turn(&mut data.config.camera[1], Vector3::x(), 1.0, true)).report();
+    let report = flight(FEW).with(|data| turn(&mut data.config.camera[1], Vector3::x(), 1.0, true)).report();
     assert_found(&report, "epipolar error", Verdict::NotFit, "calibrate the pair");
     let pixels = measure(&report, "epipolar error").figure("median_px").unwrap();
-    let expected = flight().config.camera[0].focal_px[1] * 1_f64.to_radians().tan();
+    let expected = flight(0).config.camera[0].focal_px[1] * 1_f64.to_radians().tan();
     // Aside from the centre it is more, by the square of the distance.
     assert!((1.0..1.15).contains(&(pixels / expected)), "{pixels} px for {expected}");
 }
@@ -97,7 +98,7 @@ fn axes_of_another_assignment_explain_nothing() {
 
 #[test]
 fn a_rotor_at_180_hz_is_named_though_it_is_sampled_as_20() {
-    let mut shaken = flight().inertial();
+    let mut shaken = flight(0);
     let begin = shaken.samples[0].1.stamp;
     for (_, sample) in &mut shaken.samples {
         let wave = (TAU * 180.0 * sample.stamp.seconds_since(begin)).sin();
@@ -115,7 +116,7 @@ fn a_rotor_at_180_hz_is_named_though_it_is_sampled_as_20() {
 
 #[test]
 fn a_line_beside_half_the_rate_is_said_to_be_there() {
-    let mut shaken = flight().inertial();
+    let mut shaken = flight(0);
     let begin = shaken.samples[0].1.stamp;
     for (_, sample) in &mut shaken.samples {
         sample.gyro.x += 0.2 * (TAU * 104.0 * sample.stamp.seconds_since(begin)).sin();
@@ -125,7 +126,7 @@ fn a_line_beside_half_the_rate_is_said_to_be_there() {
 
 #[test]
 fn a_stuck_axis_is_named() {
-    let mut stuck = flight().inertial();
+    let mut stuck = flight(0);
     let held = stuck.samples[700].1.gyro.y;
     stuck.samples[700..].iter_mut().for_each(|(_, sample)| sample.gyro.y = held);
     assert_found(&stuck.report(), "IMU axes", Verdict::NotFit, "gyroscope y repeats");
@@ -133,7 +134,7 @@ fn a_stuck_axis_is_named() {
 
 #[test]
 fn samples_at_the_end_of_the_range_are_counted() {
-    let mut cut = flight().inertial();
+    let mut cut = flight(0);
     cut.config.imu.accel_range_m_s2 = 30.0;
     cut.samples.iter_mut().step_by(20).for_each(|(_, sample)| sample.accel.z = 30.0);
     assert_found(&cut.report(), "IMU axes", Verdict::NotFit, "larger range");
@@ -141,8 +142,9 @@ fn samples_at_the_end_of_the_range_are_counted() {
 
 #[test]
 fn dark_and_burnt_out_images_are_told() {
+    let seen = flight(FEW);
     let scaled = |factor: f64| {
-        flight().with(|data| {
+        seen.with(|data| {
             for (_, _, images) in &mut data.frames {
                 let pixels = images.iter_mut().flat_map(|image| image.pixels_mut());
                 pixels.for_each(|grey| *grey = (f64::from(*grey) * factor).min(255.0) as u8);
@@ -155,7 +157,7 @@ fn dark_and_burnt_out_images_are_told() {
 
 #[test]
 fn a_long_exposure_is_told_with_what_is_allowed() {
-    let mut long = flight().inertial();
+    let mut long = flight(0);
     long.config.driver.v4l2.exposure_us = 30_000.0;
     let report = long.report();
     assert_found(&report, "blur", Verdict::Mind, "expose for at most");
@@ -167,7 +169,7 @@ fn a_long_exposure_is_told_with_what_is_allowed() {
 
 #[test]
 fn lost_samples_another_rate_and_stamps_that_run_backwards_are_told() {
-    let mut lossy = flight().inertial();
+    let mut lossy = flight(0);
     let mut count = 0;
     lossy.samples.retain(|_| {
         count += 1;
@@ -175,11 +177,11 @@ fn lost_samples_another_rate_and_stamps_that_run_backwards_are_told() {
     });
     assert_found(&lossy.report(), "IMU timing", Verdict::NotFit, "lose samples");
 
-    let mut slow = flight().inertial();
+    let mut slow = flight(0);
     slow.config.imu.rate_hz = 400.0;
     assert_found(&slow.report(), "IMU timing", Verdict::NotFit, "imu.rate_hz");
 
-    let mut back = flight().inertial();
+    let mut back = flight(0);
     back.samples.swap(500, 501);
     assert_found(&back.report(), "IMU timing", Verdict::NotFit, "backwards");
     assert_found(&back.report(), "camera timing", Verdict::NotFit, "0 samples came");
@@ -187,22 +189,22 @@ fn lost_samples_another_rate_and_stamps_that_run_backwards_are_told() {
 
 #[test]
 fn gravity_in_g_a_wrong_mounting_and_a_large_bias_are_told() {
-    let mut scaled = flight().inertial();
+    let mut scaled = flight(0);
     scaled.samples.iter_mut().for_each(|(_, sample)| sample.accel /= 9.806_65);
     assert_found(&scaled.report(), "gravity", Verdict::NotFit, "m/s² is expected");
 
-    let mut turned = flight().inertial();
+    let mut turned = flight(0);
     turned.config.vehicle.imu_to_vehicle_deg = [0.0, 0.0, 0.0];
     assert_found(&turned.report(), "mounting", Verdict::NotFit, "imu_to_vehicle_deg");
 
-    let mut biased = flight().inertial();
+    let mut biased = flight(0);
     biased.samples.iter_mut().for_each(|(_, sample)| sample.gyro.z += 0.4);
     assert_found(&biased.report(), "gyroscope bias", Verdict::NotFit, "calibrate its gyroscope");
 }
 
 #[test]
 fn what_the_data_do_not_hold_is_no_verdict() {
-    let mut flying = flight().clone();
+    let mut flying = flight(ALL);
     let begin = flying.samples[0].1.stamp;
     flying.samples.retain(|(_, sample)| sample.stamp.seconds_since(begin) > 3.0);
     flying.frames.retain(|(_, stamp, _)| stamp.seconds_since(begin) > 3.0);

@@ -8,7 +8,6 @@ use crate::{Checkup, Frame, Report, Verdict};
 use plumbline_config::{Config, GrayImage, ImuSample, Timestamp};
 use plumbline_drivers::simulator::{FlightPath, Scenario, Simulator};
 use plumbline_drivers::{ImuSource as _, StereoFrame};
-use std::sync::OnceLock;
 
 /// What sensors delivered.
 #[derive(Clone)]
@@ -36,30 +35,27 @@ impl Data {
         change(&mut changed);
         changed
     }
-
-    /// The same without its images, where a fault concerns the inertial samples alone.
-    fn inertial(&self) -> Self {
-        Self { config: self.config.clone(), samples: self.samples.clone(), frames: Vec::new() }
-    }
 }
 
-/// The take-off of the built-in flight: at rest, then in motion, mostly about one axis.
-fn flight() -> &'static Data {
-    static FLIGHT: OnceLock<Data> = OnceLock::new();
-    FLIGHT.get_or_init(|| simulated(FlightPath::Demo, 0.0, 6.0))
+/// The take-off of the built-in flight: at rest, then in motion, mostly about one axis. With its first `frames` frames: where
+/// a fault concerns the inertial samples alone, none are rendered.
+fn flight(frames: usize) -> Data {
+    simulated(FlightPath::Demo, 0.0, 6.0, frames)
 }
+
+/// Frames that are enough where nothing has to move.
+const FEW: usize = 15;
+/// All frames.
+const ALL: usize = usize::MAX;
 
 /// A lively flight along a real trajectory, which turns about all axes; `None` where that is not there.
-fn lively() -> Option<&'static Data> {
-    static FLIGHT: OnceLock<Option<Data>> = OnceLock::new();
-    let fly = |path| simulated(FlightPath::Tum(path), 30.0, 7.0);
-    FLIGHT
-        .get_or_init(|| plumbline_test_support::shared("euroc/trajectories/V1_03_difficult.tum.gz").map(fly))
-        .as_ref()
+fn lively() -> Option<Data> {
+    let path = plumbline_test_support::shared("euroc/trajectories/V1_03_difficult.tum.gz")?;
+    Some(simulated(FlightPath::Tum(path), 30.0, 7.0, ALL))
 }
 
 /// A simulated flight in the room, at half the resolution.
-fn simulated(path: FlightPath, start_s: f64, duration_s: f64) -> Data {
+fn simulated(path: FlightPath, start_s: f64, duration_s: f64, frames: usize) -> Data {
     let preset = Config::preset("sim").unwrap().into_inner();
     let scenario = Scenario { path, start_s, duration_s, resolution_scale: 0.5, ..Scenario::default() };
     let simulator = Simulator::new(&preset, &scenario).unwrap();
@@ -67,10 +63,11 @@ fn simulated(path: FlightPath, start_s: f64, duration_s: f64) -> Data {
     while let Some(reading) = imu.next_reading().unwrap() {
         samples.push((reading.sequence, reading.sample));
     }
-    let mut scratch = simulator.scratch();
     let mut frame = StereoFrame::new(simulator.image_sizes());
-    let frames = (0..simulator.frame_count()).map(|index| {
-        simulator.render_frame(index, &mut scratch, &mut frame);
+    // Made when the first one is rendered: that paints the world.
+    let mut scratch = None;
+    let frames = (0..simulator.frame_count()).take(frames).map(|index| {
+        simulator.render_frame(index, scratch.get_or_insert_with(|| simulator.scratch()), &mut frame);
         (index, frame.stamp, frame.images.clone())
     });
     let frames = frames.collect();
