@@ -158,6 +158,8 @@ impl Trouble {
 pub struct Microcontroller {
     master: OwnedFd,
     receiver: Receiver,
+    /// Somebody at the other end has asked for the time.
+    is_heard: bool,
 }
 
 impl Microcontroller {
@@ -170,13 +172,13 @@ impl Microcontroller {
         let name = ptsname(&master, Vec::new()).unwrap().into_string().unwrap();
         let _ = std::fs::remove_file(link);
         std::os::unix::fs::symlink(name, link).unwrap();
-        Self { master, receiver: Receiver::new() }
+        Self { master, receiver: Receiver::new(), is_heard: false }
     }
 
     /// At the other end of a socket, as a virtual machine's serial port is.
     pub fn at(socket: UnixStream) -> Self {
         socket.set_nonblocking(true).unwrap();
-        Self { master: socket.into(), receiver: Receiver::new() }
+        Self { master: socket.into(), receiver: Receiver::new(), is_heard: false }
     }
 
     /// Waits until somebody asks it anything; `false` when the other end has gone, or nobody did for so long.
@@ -247,6 +249,7 @@ impl Microcontroller {
             let received_ns = epoch.device(monotonic_ns());
             for byte in &bytes[..count] {
                 if let Some(Ok(Message::AskTime { asked_ns })) = self.receiver.push(*byte) {
+                    self.is_heard = true;
                     let sent_ns = epoch.device(monotonic_ns());
                     let answer = Message::Time(Time { asked_ns, received_ns, sent_ns });
                     self.send(encode(&answer, &mut [0; MAX_FRAME]));
@@ -255,13 +258,15 @@ impl Microcontroller {
         }
     }
 
-    /// Hands all bytes to the terminal; while nobody reads, what finds no room is lost.
+    /// Hands all bytes to the terminal; while nobody has read yet, what finds no room is lost.
     fn send(&self, mut bytes: &[u8]) {
-        let patience = Instant::now() + Duration::from_millis(20);
+        let patience = Instant::now() + Duration::from_millis(if self.is_heard { 1000 } else { 20 });
         while !bytes.is_empty() && Instant::now() < patience {
             match rustix::io::write(&self.master, bytes) {
                 Ok(count) => bytes = &bytes[count..],
-                Err(_) => std::thread::sleep(Duration::from_millis(1)),
+                Err(rustix::io::Errno::AGAIN) => std::thread::sleep(Duration::from_millis(1)),
+                // The other end has gone.
+                Err(_) => return,
             }
         }
     }
