@@ -22,6 +22,7 @@ pub(crate) enum Purpose {
     ImageNoise,
     Flicker,
     Drop,
+    Hand,
 }
 
 /// A stream of draws.

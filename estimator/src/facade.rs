@@ -10,6 +10,7 @@ use crate::input::{FrameInput, ImuAdmission, ResetKind};
 use crate::lines::LineObservation;
 use crate::odometry::Odometer;
 use crate::propagator::Propagator;
+use crate::window::RigEstimate;
 use crate::work_budget::{InTurn, WorkBudget};
 use plumbline_config::{ImuSample, Timestamp, ValidSetup};
 
@@ -118,6 +119,12 @@ impl Estimator {
         let estimate = self.odometer.process(&self.tracked, point_probe, &mut self.feedback);
         self.propagator.correct(&estimate);
         estimate
+    }
+
+    /// The rig's calibration as refined by the frames so far, with its covariance: for who calibrates. `None` while there is
+    /// no pose.
+    pub fn rig_estimate(&mut self) -> Option<RigEstimate> {
+        self.odometer.rig_estimate()
     }
 
     /// The lines seen in the last frame, for display.

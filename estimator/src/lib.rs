@@ -78,6 +78,7 @@ pub use input::{FrameInput, ImuAdmission, ResetKind};
 pub use odometry::Odometer;
 pub use propagator::Propagator;
 pub use window::snapshot::MapSnapshot;
+pub use window::{RigCovariance, RigEstimate};
 pub use work_budget::{Fork, InTurn, WorkBudget};
 
 /// The example of the README is compiled.

@@ -12,6 +12,7 @@ mod builder;
 mod canvas;
 mod effects;
 mod facet;
+mod hand;
 mod imu;
 mod laps;
 mod lens;

@@ -9,11 +9,11 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vect
 use plumbline_config::Timestamp;
 
 /// Stamp of the first pose: far from zero, so that a confusion of stamp and duration shows.
-const BEGIN: Timestamp = Timestamp::from_nanos(10_000_000_000);
+pub(super) const BEGIN: Timestamp = Timestamp::from_nanos(10_000_000_000);
 /// Samples of the path that the spline is drawn through.
-const SAMPLE_STEP_S: f64 = 0.01;
+pub(super) const SAMPLE_STEP_S: f64 = 0.01;
 /// Time on the ground, s.
-const REST_S: f64 = 1.0;
+pub(super) const REST_S: f64 = 1.0;
 /// Time of the rise, s.
 const RISE_S: f64 = 2.5;
 /// Time from hovering to cruising, s.
@@ -43,7 +43,7 @@ fn sample(i: usize, pose_b_c: &Isometry3<f64>) -> StampedPose {
 }
 
 /// Attitude of a camera that looks along `heading_rad`, a little downwards.
-fn level_camera(heading_rad: f64) -> UnitQuaternion<f64> {
+pub(super) fn level_camera(heading_rad: f64) -> UnitQuaternion<f64> {
     // Camera axes in the world for heading 0: x right, y down, z forward.
     let level = Matrix3::new(0.0, 0.0, 1.0, -1.0, 0.0, 0.0, 0.0, -1.0, 0.0);
     let down = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), 0.08);
@@ -52,7 +52,7 @@ fn level_camera(heading_rad: f64) -> UnitQuaternion<f64> {
 }
 
 /// From 0 to 1 with two derivatives zero at both ends.
-fn smooth_step(x: f64) -> f64 {
+pub(super) fn smooth_step(x: f64) -> f64 {
     let x = x.clamp(0.0, 1.0);
     x * x * x * (10.0 + x * (6.0 * x - 15.0))
 }

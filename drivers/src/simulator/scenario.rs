@@ -1,7 +1,7 @@
 //! What is to be simulated.
 
 use super::twin::{self, Twins};
-use super::{Effects, ImuEffects, LEAD_S, Scene, Trajectory, laps, path};
+use super::{Effects, ImuEffects, LEAD_S, Scene, Trajectory, hand, laps, path};
 use crate::DriverError;
 use crate::tum::read_tum;
 use nalgebra::Vector3;
@@ -16,6 +16,9 @@ const MAX_DEMO_S: f64 = 7200.0;
 pub enum FlightPath {
     /// Take-off and figures of eight, for as long as is asked for.
     Demo,
+    /// Picked up, and moved and turned about all axes by hand, for as long as is asked for: how a rig is calibrated. The
+    /// seed says how.
+    HandHeld,
     /// Along the poses of a TUM file (plain or gzip), smoothed.
     Tum(PathBuf),
 }
@@ -77,7 +80,7 @@ impl Scenario {
                 "through two rooms there must be two laps",
             ),
             (
-                self.path != FlightPath::Demo || self.start_s + self.duration_s <= MAX_DEMO_S,
+                matches!(self.path, FlightPath::Tum(_)) || self.start_s + self.duration_s <= MAX_DEMO_S,
                 "the built-in flight lasts two hours at most; choose a shorter duration",
             ),
             ((0.1..=4.0).contains(&self.resolution_scale), "the resolution scale must be within 0.1 to 4"),
@@ -96,11 +99,11 @@ impl Scenario {
     }
 
     /// Whether a flight that differs in its duration alone has other images from the first frame on. Once along a file it
-    /// has the same ones, since scene and light surround the path of the whole file. The built-in path, and one in laps,
+    /// has the same ones, since scene and light surround the path of the whole file. The built-in paths, and one in laps,
     /// are drawn through samples up to where the flight ends, and walls and furniture keep clear of what is flown.
     #[must_use]
     pub fn frames_depend_on_duration(&self) -> bool {
-        self.path == FlightPath::Demo || self.laps > 1
+        !matches!(self.path, FlightPath::Tum(_)) || self.laps > 1
     }
 
     /// The whole path, and the rooms that it leads through where there are two.
@@ -123,12 +126,12 @@ impl Scenario {
 
     /// The path as it is given.
     fn once(&self, config: &Config) -> Result<Trajectory, DriverError> {
+        let length_s = (self.start_s + self.duration_s + 2.0 * LEAD_S).max(1.0);
+        let pose_b_c = config.camera[0].pose_b_c();
+        let too_short = || DriverError::Scenario("the built-in flight is too short".into());
         match &self.path {
-            FlightPath::Demo => {
-                let length = self.start_s + self.duration_s + 2.0 * LEAD_S;
-                path::demo(length.max(1.0), &config.camera[0].pose_b_c())
-                    .ok_or_else(|| DriverError::Scenario("the built-in flight is too short".into()))
-            }
+            FlightPath::Demo => path::demo(length_s, &pose_b_c).ok_or_else(too_short),
+            FlightPath::HandHeld => hand::hand_held(length_s, &pose_b_c, self.seed).ok_or_else(too_short),
             FlightPath::Tum(file) => Trajectory::from_poses(&read_tum(file)?).ok_or_else(|| {
                 DriverError::malformed(file, "needs at least eight poses in order of time to fly along")
             }),

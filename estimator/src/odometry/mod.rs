@@ -22,9 +22,9 @@ use crate::inertial::{ImuBuffer, ImuNoise};
 use crate::initial::{Gathering, MonoWorkspace};
 use crate::input::ResetKind;
 use crate::points::PointObservation;
-use crate::window::Window;
 use crate::window::snapshot::SnapshotKeyframe;
 use crate::window::state::{FrameTime, NavState};
+use crate::window::{RigEstimate, Window};
 use crate::work_budget::WorkBudget;
 use judgement::MIN_LANDMARKS_IN_VIEW;
 pub use judgement::ResetReason;
@@ -347,6 +347,11 @@ impl Odometer {
             }
             _ => health.insert(HealthBits::NOT_POSITIVE_DEFINITE),
         }
+    }
+
+    /// The rig's calibration as refined so far, with its covariance; `None` while there is no pose.
+    pub fn rig_estimate(&mut self) -> Option<RigEstimate> {
+        (self.phase == Phase::Running).then(|| self.window.rig_estimate()).flatten()
     }
 
     /// Starts anew: soft keeps the newest pose as the origin of the new start.

@@ -13,7 +13,9 @@
 //! - [`problem`], [`poses`], [`linearize`] with `hessian_blocks`, [`eliminate`], [`dense`], [`solve`]: normal
 //!   equations and their solution
 //! - [`triangulate`], [`triangulate_line`], [`keyframes`], [`marginalize`]: what enters and what leaves
+//! - [`calibration`]: how well the rig is known
 
+pub mod calibration;
 pub mod dense;
 pub mod eliminate;
 pub mod factor;
@@ -52,6 +54,7 @@ pub mod triangulate;
 pub mod triangulate_line;
 pub mod zero_velocity_factor;
 
+pub use calibration::{RigCovariance, RigEstimate};
 pub use options::Options;
 pub use state::MAX_FRAMES;
 

@@ -18,7 +18,8 @@ const FLICKER: f64 = 0.15;
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Simulated flight")]
 pub struct ScenarioArgs {
-    /// Where it goes: `demo` (take-off and figures of eight), or a TUM file (plain or .gz).
+    /// Where it goes: `demo` (take-off and figures of eight), `hand-held` (moved and turned about all axes, as for
+    /// `calibrate rig`), or a TUM file (plain or .gz).
     #[arg(long, default_value = "demo")]
     pub path: String,
     /// Start, seconds into the path, data set or log.
@@ -182,10 +183,10 @@ impl ScenarioArgs {
     /// # Errors
     /// When an argument makes no sense.
     pub fn scenario(&self, scene: Scene) -> Result<Scenario, Usage> {
-        let path = if self.path == "demo" {
-            FlightPath::Demo
-        } else {
-            FlightPath::Tum(Path::new(&self.path).into())
+        let path = match self.path.as_str() {
+            "demo" => FlightPath::Demo,
+            "hand-held" => FlightPath::HandHeld,
+            file => FlightPath::Tum(Path::new(file).into()),
         };
         let mut effects = Effects { time_offset_s: self.time_offset_ms * 1e-3, ..Effects::default() };
         self.faults.apply(&mut effects)?;
