@@ -2,8 +2,12 @@
 //!
 //! The same functions run over the checked-in seeds, and over seeded mutations of them, in the tests of this crate.
 
+use crate::bag::container::{Container, Step};
+use crate::bag::messages::{self, Kind};
+use crate::bag::pixels::{self, ImageDecoder};
+use crate::bag::topics::{self as bag_topics, BagTopics};
 use crate::euroc::image::gray_png;
-use crate::euroc::imu::{IMU_COLUMNS, ImuRecord, parse_imu_row};
+use crate::euroc::imu::{IMU_COLUMNS, ImuRecord, is_possible, parse_imu_row};
 use crate::euroc::pairing::{self, IMAGE_COLUMNS, ImageRow, parse_image_row};
 use crate::euroc::table::{Stamped, Table, read_rows};
 use crate::euroc::truth::{TRUTH_COLUMNS, parse_truth_row};
@@ -20,8 +24,8 @@ use crate::serial::vectornav::VectorNav;
 use crate::serial::xsens::Xsens;
 use crate::tum::{read_tum_from, write_pose};
 use crate::v4l2::fuzzing as camera;
-use plumbline_config::Timestamp;
 use plumbline_config::options::{ImuProtocol, MavlinkImu};
+use plumbline_config::{GrayImage, Timestamp};
 use plumbline_protocol::Settings;
 use std::path::Path;
 
@@ -250,6 +254,41 @@ pub fn iio_layout(data: &[u8]) {
     }
 }
 
+/// One message of a ROS 2 topic: as an inertial sample and as an image, which is made grey.
+///
+/// # Panics
+/// When a stamp is not that of its message.
+pub fn ros_messages(data: &[u8]) {
+    let stamp = messages::stamp(data);
+    if let Some(sample) = messages::imu(data) {
+        assert_eq!(Some(sample.stamp), stamp);
+        let _ = is_possible(&sample);
+    }
+    let mut decoder = ImageDecoder::default();
+    for kind in [Kind::Image, Kind::Compressed] {
+        let Some(message) = messages::image(kind, data) else { continue };
+        let size = pixels::size_px(&message).filter(|size| size.0 <= MAX_SIDE_PX && size.1 <= MAX_SIDE_PX);
+        if let Some((width, height)) = size {
+            let _ = decoder.decode(&message, &mut GrayImage::new(width, height));
+        }
+    }
+}
+
+/// A bag: every message that can be flown with, up to where it breaks off or is damaged.
+///
+/// # Panics
+/// When a message is of no topic.
+pub fn ros_bag(data: &[u8]) {
+    let mut container = Container::new(no_file(), data);
+    let (mut topics, mut payload) = (Vec::new(), Vec::new());
+    while let Ok(Step::Message(topic, kind)) = container.next(&mut topics, &mut payload) {
+        assert_eq!(topics[topic].kind, Some(kind));
+        ros_messages(&payload);
+    }
+    let named = BagTopics::default();
+    let _ = (bag_topics::cameras(&topics, &named, 2), bag_topics::imu(&topics, &named));
+}
+
 #[cfg(test)]
 #[path = "../../fuzz/smoke.rs"]
 mod smoke;
@@ -305,6 +344,16 @@ mod tests {
     #[test]
     fn fuzz_imu_xsens() {
         over_seeds_and_mutations("imu_xsens", 2000, super::imu_xsens);
+    }
+
+    #[test]
+    fn fuzz_ros_messages() {
+        over_seeds_and_mutations("ros_messages", 5000, super::ros_messages);
+    }
+
+    #[test]
+    fn fuzz_ros_bag() {
+        over_seeds_and_mutations("ros_bag", 2000, super::ros_bag);
     }
 
     #[test]

@@ -1,9 +1,10 @@
-//! Where samples come from: replay of EuRoC data sets, a simulator, live cameras and inertial sensors, behind the traits of
-//! [`source`].
+//! Where samples come from: replay of EuRoC data sets and ROS 2 bags, a simulator, live cameras and inertial sensors,
+//! behind the traits of [`source`].
 //!
 //! A driver never learns what its samples are for; it hands them out in order of measurement time, with
 //! what went missing counted.
 
+pub mod bag;
 pub mod clock;
 pub mod error;
 pub mod euroc;
@@ -26,6 +27,7 @@ pub mod truth;
 pub mod tum;
 pub mod v4l2;
 
+pub use bag::{BagDataset, BagStereo, BagTopics};
 pub use error::DriverError;
 pub use euroc::{EurocDataset, EurocImu, EurocOptions, EurocStereo};
 pub use faults::{FaultySource, FrameFaults, LostCamera};

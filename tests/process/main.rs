@@ -1,6 +1,7 @@
 //! System tests of the command: real processes, real files, a real Zenoh session.
 
 mod at_scale;
+mod bags;
 mod browser;
 mod cgroup;
 mod connections;

@@ -42,7 +42,7 @@ impl ImageReader {
             _ => NoImage::Corrupt,
         })?;
         file.take(MAX_FILE_BYTES).read_to_end(&mut self.file).map_err(|_| NoImage::Corrupt)?;
-        decode(&self.file, &mut self.channels, image).ok_or(NoImage::Corrupt)
+        decode_png(&self.file, &mut self.channels, image).ok_or(NoImage::Corrupt)
     }
 }
 
@@ -81,12 +81,13 @@ pub(crate) fn gray_png(
         return Err(malformed(&message));
     }
     let mut image = GrayImage::new(width, height);
-    decode(bytes, &mut Vec::new(), &mut image)
+    decode_png(bytes, &mut Vec::new(), &mut image)
         .ok_or_else(|| malformed("is cut off or damaged; copy or write it again"))?;
     Ok(image)
 }
 
-fn decode(file: &[u8], channels: &mut Vec<u8>, image: &mut GrayImage) -> Option<()> {
+/// Decodes the PNG image in `file` into `image`, whose size it must have; `channels` is used again for each.
+pub(crate) fn decode_png(file: &[u8], channels: &mut Vec<u8>, image: &mut GrayImage) -> Option<()> {
     let mut decoder = Decoder::new_with_limits(Cursor::new(file), Limits { bytes: MAX_DECODER_BYTES });
     decoder.set_transformations(Transformations::normalize_to_color8());
     let size = decoder.read_header_info().ok()?.size();
@@ -119,7 +120,7 @@ fn is_palette(bytes: &[u8]) -> bool {
 }
 
 /// Luma of ITU-R BT.601 in eighths of a bit: weights 77, 150, 29 of 256.
-fn luma(red: u8, green: u8, blue: u8) -> u8 {
+pub(crate) fn luma(red: u8, green: u8, blue: u8) -> u8 {
     let sum = 77 * u32::from(red) + 150 * u32::from(green) + 29 * u32::from(blue) + 128;
     (sum >> 8) as u8
 }
@@ -127,6 +128,11 @@ fn luma(red: u8, green: u8, blue: u8) -> u8 {
 /// Width and height by the header of a PNG file; `None` when it is none.
 pub(super) fn png_size(path: &Path) -> Option<(usize, usize)> {
     header_size(BufReader::new(File::open(path).ok()?))
+}
+
+/// The same of a file in memory.
+pub(crate) fn png_size_of(bytes: &[u8]) -> Option<(usize, usize)> {
+    header_size(Cursor::new(bytes))
 }
 
 fn header_size(file: impl BufRead + Seek) -> Option<(usize, usize)> {
@@ -151,7 +157,7 @@ mod tests {
 
     fn decoded(file: &[u8]) -> Option<Vec<u8>> {
         let mut image = GrayImage::new(4, 2);
-        decode(file, &mut Vec::new(), &mut image).map(|()| image.pixels().to_vec())
+        decode_png(file, &mut Vec::new(), &mut image).map(|()| image.pixels().to_vec())
     }
 
     #[test]
@@ -221,6 +227,6 @@ mod tests {
     #[test]
     fn another_size_is_refused_before_decoding() {
         let file = encode(ColorType::Grayscale, BitDepth::Eight, &[0; 8]);
-        assert_eq!(decode(&file, &mut Vec::new(), &mut GrayImage::new(2, 4)), None);
+        assert_eq!(decode_png(&file, &mut Vec::new(), &mut GrayImage::new(2, 4)), None);
     }
 }

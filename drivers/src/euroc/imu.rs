@@ -36,6 +36,12 @@ pub(crate) fn parse_imu_row(text: &str) -> Result<ImuSample, RowFault> {
     Ok(ImuSample { stamp, gyro, accel })
 }
 
+/// Whether a sample is of numbers that a sensor can give.
+pub(crate) fn is_possible(sample: &ImuSample) -> bool {
+    let is_within = |v: &Vector3<f64>, most: f64| v.iter().all(|x| x.abs() <= most);
+    is_within(&sample.gyro, MAX_GYRO_RAD_S) && is_within(&sample.accel, MAX_ACCEL_M_S2)
+}
+
 /// All samples of a data set with their sequence numbers, shared by the sources made of it.
 #[derive(Debug, Default)]
 pub(crate) struct ImuRecord {

@@ -36,7 +36,7 @@ use crate::{DriverError, Faults, StereoFrame, TruthState};
 use image::png_size;
 use imu::{IMU_COLUMNS, ImuRecord, parse_imu_row};
 use pairing::{FrameEntry, IMAGE_COLUMNS, ImageRow, Pairing, parse_image_row};
-use plumbline_config::{Config, Timestamp};
+use plumbline_config::{Config, ImuSample, Timestamp};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -125,7 +125,7 @@ impl EurocDataset {
         let handed_out = chosen_frames(&root, options, &frames)?;
         let (imu, imu_range) = if options.with_imu {
             let imu = read_imu(&root)?;
-            let range = imu_range(&root, &imu, &frames[handed_out.clone()])?;
+            let range = imu_range(&root.join("imu0/data.csv"), &imu, &frames[handed_out.clone()])?;
             (imu, range)
         } else {
             (ImuRecord::default(), 0..0)
@@ -241,6 +241,16 @@ fn read_images(folder: &Path) -> Result<Table<ImageRow>, DriverError> {
     read_table(&path, IMAGE_COLUMNS, parse_image_row)
 }
 
+/// All inertial samples of the data set at `path`, or of the table of inertial samples at `path`, in order of time.
+///
+/// # Errors
+/// When it is neither, or holds none.
+pub fn read_imu_samples(path: &Path) -> Result<Vec<ImuSample>, DriverError> {
+    let table = if path.is_dir() { find_root(path)?.join("imu0/data.csv") } else { path.to_owned() };
+    require_table(&table, "inertial samples")?;
+    Ok(read_table(&table, IMU_COLUMNS, parse_imu_row)?.rows)
+}
+
 fn read_imu(root: &Path) -> Result<ImuRecord, DriverError> {
     let path = root.join("imu0/data.csv");
     require_table(&path, "inertial samples")?;
@@ -296,10 +306,10 @@ fn pair(
 }
 
 /// The frames within both bounds of `options`; never none.
-fn chosen_frames(
+pub(crate) fn chosen_frames<F>(
     root: &Path,
     options: &EurocOptions,
-    frames: &[FrameEntry],
+    frames: &[FrameEntry<F>],
 ) -> Result<Range<usize>, DriverError> {
     let (first, last) = frames_span(frames);
     let count_before = |s: f64| frames.partition_point(|f| f.stamp.seconds_since(first) < s);
@@ -327,13 +337,17 @@ fn chosen_frames(
     Ok(chosen)
 }
 
-fn frames_span(frames: &[FrameEntry]) -> (Timestamp, Timestamp) {
-    let stamp = |frame: Option<&FrameEntry>| frame.map_or(Timestamp::default(), |f| f.stamp);
+pub(crate) fn frames_span<F>(frames: &[FrameEntry<F>]) -> (Timestamp, Timestamp) {
+    let stamp = |frame: Option<&FrameEntry<F>>| frame.map_or(Timestamp::default(), |f| f.stamp);
     (stamp(frames.first()), stamp(frames.last()))
 }
 
-/// The part of the inertial stream that belongs to `frames`.
-fn imu_range(root: &Path, imu: &ImuRecord, frames: &[FrameEntry]) -> Result<Range<usize>, DriverError> {
+/// The part of the inertial stream that belongs to `frames`; `file` names it in messages.
+pub(crate) fn imu_range<F>(
+    file: &Path,
+    imu: &ImuRecord,
+    frames: &[FrameEntry<F>],
+) -> Result<Range<usize>, DriverError> {
     let (first, last) = frames_span(frames);
     if !imu.range(first, last).is_empty() {
         return Ok(imu.range(first.plus_seconds(-IMU_BEFORE_S), last.plus_seconds(IMU_AFTER_S)));
@@ -343,5 +357,5 @@ fn imu_range(root: &Path, imu: &ImuRecord, frames: &[FrameEntry]) -> Result<Rang
         "the IMU was recorded from {imu_first} to {imu_last} s, the images from {first} to {last} s: no \
          sample among them; do the files belong together?"
     );
-    Err(DriverError::malformed(root.join("imu0/data.csv"), message))
+    Err(DriverError::malformed(file, message))
 }

@@ -5,15 +5,15 @@ use super::table::{Row, RowFault, Stamped};
 use plumbline_config::Timestamp;
 use std::path::{Component, Path};
 
-/// One row of a camera's `data.csv`.
+/// One image of a camera: a row of its `data.csv`, or a message of its topic.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct ImageRow {
+pub(crate) struct ImageRow<F = String> {
     pub(crate) stamp: Timestamp,
-    /// Name of the file within the camera's `data` folder.
-    pub(crate) file: String,
+    /// Name of the file within the camera's `data` folder, or number of the message.
+    pub(crate) file: F,
 }
 
-impl Stamped for ImageRow {
+impl<F> Stamped for ImageRow<F> {
     fn stamp(&self) -> Timestamp {
         self.stamp
     }
@@ -46,32 +46,32 @@ fn is_plain_name(name: &str) -> bool {
 
 /// One frame to hand out: what is to be read for it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct FrameEntry {
+pub(crate) struct FrameEntry<F = String> {
     /// Counts from the first frame of the data set, gaps included.
     pub(crate) sequence: u64,
     /// Time of the left image where there is one.
     pub(crate) stamp: Timestamp,
-    /// File names of left and right image.
-    pub(crate) files: [Option<String>; 2],
+    /// Files of left and right image.
+    pub(crate) files: [Option<F>; 2],
 }
 
 /// Frames of the whole data set.
 #[derive(Debug)]
-pub(crate) struct Pairing {
-    pub(crate) frames: Vec<FrameEntry>,
+pub(crate) struct Pairing<F = String> {
+    pub(crate) frames: Vec<FrameEntry<F>>,
     /// Right images before the first or after the last left one: not handed out.
     pub(crate) outside: u64,
 }
 
 /// Frames of a single camera.
-pub(crate) fn monocular(left: Vec<ImageRow>) -> Pairing {
+pub(crate) fn monocular<F>(left: Vec<ImageRow<F>>) -> Pairing<F> {
     let frames = left.into_iter().map(|row| entry(row.stamp, [Some(row.file), None])).collect();
     numbered(frames, 0)
 }
 
 /// Frames of two cameras: nearest stamps within `tolerance_ns`, each image used once. An image without a
 /// partner is a frame of its own; both lists are in order.
-pub(crate) fn stereo(left: Vec<ImageRow>, right: Vec<ImageRow>, tolerance_ns: i64) -> Pairing {
+pub(crate) fn stereo<F>(left: Vec<ImageRow<F>>, right: Vec<ImageRow<F>>, tolerance_ns: i64) -> Pairing<F> {
     let ends = left.first().zip(left.last()).map(|(first, last)| (first.stamp, last.stamp));
     let mut frames = Vec::with_capacity(left.len());
     let (mut left, mut right) = (left.into_iter().peekable(), right.into_iter().peekable());
@@ -99,18 +99,18 @@ pub(crate) fn stereo(left: Vec<ImageRow>, right: Vec<ImageRow>, tolerance_ns: i6
     numbered(frames, outside)
 }
 
-type Rows = std::iter::Peekable<std::vec::IntoIter<ImageRow>>;
+type Rows<F> = std::iter::Peekable<std::vec::IntoIter<ImageRow<F>>>;
 
 /// Pairs `l` with `r`, unless the next row of either side is closer to the other: then the passed-over
 /// image stands alone and the closer two are looked at.
-fn pair_closest(
-    mut l: ImageRow,
-    mut r: ImageRow,
-    left: &mut Rows,
-    right: &mut Rows,
-    frames: &mut Vec<FrameEntry>,
+fn pair_closest<F>(
+    mut l: ImageRow<F>,
+    mut r: ImageRow<F>,
+    left: &mut Rows<F>,
+    right: &mut Rows<F>,
+    frames: &mut Vec<FrameEntry<F>>,
 ) {
-    let apart = |l: &ImageRow, r: &ImageRow| l.stamp.nanos_since(r.stamp).saturating_abs();
+    let apart = |l: &ImageRow<F>, r: &ImageRow<F>| l.stamp.nanos_since(r.stamp).saturating_abs();
     loop {
         let now = apart(&l, &r);
         if let Some(closer) = right.next_if(|next| apart(&l, next) < now) {
@@ -124,19 +124,19 @@ fn pair_closest(
     }
 }
 
-fn left_only(row: ImageRow) -> FrameEntry {
+fn left_only<F>(row: ImageRow<F>) -> FrameEntry<F> {
     entry(row.stamp, [Some(row.file), None])
 }
 
-fn right_only(row: ImageRow) -> FrameEntry {
+fn right_only<F>(row: ImageRow<F>) -> FrameEntry<F> {
     entry(row.stamp, [None, Some(row.file)])
 }
 
-fn entry(stamp: Timestamp, files: [Option<String>; 2]) -> FrameEntry {
+fn entry<F>(stamp: Timestamp, files: [Option<F>; 2]) -> FrameEntry<F> {
     FrameEntry { sequence: 0, stamp, files }
 }
 
-fn numbered(mut frames: Vec<FrameEntry>, outside: u64) -> Pairing {
+fn numbered<F>(mut frames: Vec<FrameEntry<F>>, outside: u64) -> Pairing<F> {
     let period = median_period_ns(frames.iter().filter(|f| f.files[0].is_some()).map(|f| f.stamp));
     for i in 1..frames.len() {
         let gap = frames[i].stamp.nanos_since(frames[i - 1].stamp);

@@ -103,6 +103,16 @@ pub(crate) struct Table<T> {
     first_bad: Option<BadRow>,
 }
 
+impl<T: Stamped> Table<T> {
+    /// `rows` in order, of which `corrupt` more could not be read.
+    pub(crate) fn of(rows: Vec<T>, corrupt: u64) -> Self {
+        let mut table = Self { rows, corrupt, disordered: 0, first_bad: None };
+        drop_far_stamps(&mut table);
+        put_in_order(&mut table);
+        table
+    }
+}
+
 /// Reads the table at `path`, whose columns are `columns`; `parse` takes one row without line end.
 pub(crate) fn read_table<T: Stamped>(
     path: &Path,

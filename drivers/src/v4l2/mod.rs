@@ -15,7 +15,7 @@ mod figures;
 mod format;
 #[cfg(any(test, feature = "fuzzing"))]
 pub(crate) mod fuzzing;
-mod jpeg;
+pub(crate) mod jpeg;
 mod keeper;
 mod list;
 mod node;

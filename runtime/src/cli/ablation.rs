@@ -4,13 +4,14 @@
 use super::choice::FlightChoice;
 use super::{Usage, check_outputs, load_config, say, stop_on_signal};
 use crate::campaign::{Entry, Setup};
-use crate::flight::{fly, is_log, open_dataset, with_overrides};
+use crate::flight::{RecordingKind, fly, open_recording, recording_kind, with_overrides};
 use crate::pipeline::{Control, RunOptions};
 use crate::report::Report;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline_config::ValidConfig;
+use plumbline_drivers::BagTopics;
 use serde::Serialize;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -81,7 +82,8 @@ impl Subject {
     ) -> Result<Report> {
         match self {
             Self::Recorded(path) => {
-                let mut flight = open_dataset(path, config.cloned(), None, args.mono)?;
+                let mut flight =
+                    open_recording(path, config.cloned(), &BagTopics::default(), None, args.mono)?;
                 let control = Control::stopped_by(Arc::clone(stop));
                 flight.config = with_overrides(&flight.config, overrides)?;
                 let options = RunOptions { speed: None, threads: 1 };
@@ -158,7 +160,7 @@ pub fn run(args: &AblationArgs) -> Result<()> {
 }
 
 fn subjects(args: &AblationArgs) -> Result<Vec<Subject>> {
-    if let Some(log) = args.datasets.iter().find(|path| is_log(path)) {
+    if let Some(log) = args.datasets.iter().find(|path| recording_kind(path) == RecordingKind::Log) {
         let message = format!(
             "{}: is a flight log; give the data set that it was recorded from, since each variant flies its images anew",
             log.display()

@@ -34,6 +34,7 @@ mod router;
 pub mod scenario;
 pub mod simulate;
 pub mod sweep;
+pub mod topics;
 pub mod verify;
 
 use crate::net::audit;

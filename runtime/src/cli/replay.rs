@@ -3,6 +3,7 @@
 use super::plot::flown_subject;
 use super::progress::Progress;
 use super::scenario::{ScenarioArgs, parse_scene};
+use super::topics::TopicArgs;
 use super::{Usage, check_outputs, load_config, parse_range, say, stop_on_signal};
 use crate::evaluate::load_trajectory;
 use crate::flight::plausibility::Finding;
@@ -10,7 +11,7 @@ use crate::flight::plausibility::watch::Watch;
 use crate::flight::states::{StateRow, write_states};
 use crate::flight::{
     CausalPose, Cut, Flight, Flown, KeptStates, OdometryTrajectory, Outputs, Truth, fly, is_log,
-    open_dataset, open_log, open_simulation, plausibility, with_overrides,
+    open_recording, open_simulation, plausibility, with_overrides,
 };
 use crate::log::WhenFull;
 use crate::log::source::LogEnd;
@@ -37,7 +38,8 @@ const MAX_RESERVED_READINGS: f64 = 1_440_000.0;
 #[allow(rustdoc::broken_intra_doc_links)]
 #[derive(Debug, Args)]
 pub struct ReplayArgs {
-    /// A EuRoC data set, a flight log (.mcap), or a simulated flight: sim:room, sim:hall, sim:low-texture.
+    /// A EuRoC data set, a flight log or a ROS 2 bag (.mcap, or its directory), or a simulated flight: sim:room, sim:hall,
+    /// sim:low-texture.
     pub dataset: String,
     /// Configuration file or preset. Without one: the preset `euroc` with the data set's calibration, the
     /// configuration of the log, or the preset `sim`.
@@ -130,6 +132,9 @@ pub struct ReplayArgs {
     /// Print the report as JSON instead of the summary.
     #[arg(long)]
     pub json: bool,
+    /// Topics of a bag.
+    #[command(flatten)]
+    pub topics: TopicArgs,
     /// What is simulated.
     #[command(flatten)]
     pub scenario: ScenarioArgs,
@@ -287,10 +292,7 @@ fn open(args: &ReplayArgs) -> Result<Flight> {
     };
     let cut = Cut { frames, seconds: args.scenario.seconds(args.stop)? };
     let path = Path::new(&args.dataset);
-    let flight = match is_log(path) {
-        true => open_log(path, config, cut, args.mono)?,
-        false => open_dataset(path, config, cut, args.mono)?,
-    };
+    let flight = open_recording(path, config, &args.topics.names()?, cut, args.mono)?;
     if let Some(frames) = flight.stereo.expected_frames() {
         args.scenario.faults.check_begin_before(frames as f64 / flight.config.camera[0].rate_hz)?;
     }

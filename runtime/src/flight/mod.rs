@@ -19,7 +19,10 @@ mod tests;
 pub mod trajectory;
 
 pub use error::FlightError;
-pub use open::{Cut, is_log, open_dataset, open_log, open_simulation, scenario_config};
+pub use open::{
+    Cut, RecordingKind, inertial_samples, is_log, open_bag, open_dataset, open_log, open_recording,
+    open_simulation, recording_kind, scenario_config,
+};
 pub use outputs::Outputs;
 pub use overrides::with_overrides;
 pub use run::{Flown, fly};

@@ -1,15 +1,17 @@
-//! Opening what is flown: a data set, a flight log, or a simulated scenario.
+//! Opening what is flown: a data set, a flight log, a ROS 2 bag, or a simulated scenario.
 
 use super::cache;
-use super::plausibility::missing_camera;
+use super::plausibility::{Finding, missing_camera};
 use super::{Flight, FlightError, Truth};
-use crate::log::LogReader;
 use crate::log::source::{LogEnd, LogImu, LogStereo};
+use crate::log::{LogError, LogReader};
 use crate::pipeline::Stamps;
 use nalgebra::{UnitQuaternion, Vector3};
-use plumbline_config::{Config, ConfigError, ValidConfig, import};
+use plumbline_config::{Config, ConfigError, ImuSample, ValidConfig, import};
+use plumbline_drivers::bag::{is_bag, read_bag_imu};
+use plumbline_drivers::euroc::read_imu_samples;
 use plumbline_drivers::simulator::{Scenario, Simulator, scaled_config};
-use plumbline_drivers::{EurocDataset, EurocOptions, StampedPose};
+use plumbline_drivers::{BagDataset, BagTopics, EurocDataset, EurocOptions, ImuSource as _, StampedPose};
 use std::ops::Range;
 use std::path::Path;
 
@@ -110,14 +112,133 @@ pub fn open_log(
     })
 }
 
+/// What a recording is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RecordingKind {
+    /// A EuRoC data set, or nothing that is known.
+    Dataset,
+    /// One of our flight logs.
+    Log,
+    /// A ROS 2 bag.
+    Bag,
+}
+
+/// What is at `path`: an .mcap file is one of our logs where it says so, else a bag.
+#[must_use]
+pub fn recording_kind(path: &Path) -> RecordingKind {
+    let is_dataset = ["mav0", "cam0", "imu0"].iter().any(|name| path.join(name).is_dir());
+    if is_log(path) {
+        match LogReader::open(path) {
+            Err(LogError::NotALog { .. }) if path.is_file() => RecordingKind::Bag,
+            _ => RecordingKind::Log,
+        }
+    } else if !is_dataset && is_bag(path) {
+        RecordingKind::Bag
+    } else {
+        RecordingKind::Dataset
+    }
+}
+
+/// Opens a recorded flight, whatever it is: a EuRoC data set, a flight log or a ROS 2 bag, of which `topics` are flown.
+///
+/// # Errors
+/// When it is none of them, or cannot be used.
+pub fn open_recording(
+    path: &Path,
+    config: Option<ValidConfig>,
+    topics: &BagTopics,
+    cut: impl Into<Cut>,
+    mono: bool,
+) -> Result<Flight, FlightError> {
+    match recording_kind(path) {
+        RecordingKind::Log => open_log(path, config, cut, mono),
+        RecordingKind::Bag => open_bag(path, config, topics, cut, mono),
+        RecordingKind::Dataset => open_dataset(path, config, cut, mono),
+    }
+}
+
+/// Opens a ROS 2 bag. It does not say how its cameras were calibrated: there must be a configuration.
+///
+/// # Errors
+/// When there is none, or the bag cannot be used.
+pub fn open_bag(
+    path: &Path,
+    config: Option<ValidConfig>,
+    topics: &BagTopics,
+    cut: impl Into<Cut>,
+    mono: bool,
+) -> Result<Flight, FlightError> {
+    let Some(mut config) = config else {
+        // What can be said of the bag itself comes first.
+        read_bag_imu(path, topics)?;
+        let message = "is a ROS bag, which does not hold the calibration of its cameras on the IMU; give it with --config FILE";
+        return Err(FlightError::Invalid(format!("{}: {message}", path.display())));
+    };
+    let Cut { frames, seconds } = cut.into();
+    if mono {
+        config = with_cameras(&config, 1)?;
+    }
+    let options = EurocOptions { frames, seconds, ..EurocOptions::for_config(&config) };
+    let bag = BagDataset::open(path, topics, &options)?;
+    let mut findings = Vec::new();
+    if bag.cameras() < config.camera.len() {
+        let of = bag.camera_topics().join(", ");
+        findings.push(missing_camera(&format!("{} has images of one camera ({of})", path.display())));
+        config = with_cameras(&config, bag.cameras())?;
+    }
+    if bag.is_truncated() {
+        findings.push(Finding::new(
+            "the bag breaks off",
+            format!("{}: a file has no end", path.display()),
+            "that its recorder was killed",
+            "what comes before is sound; `mcap recover` repairs the file",
+        ));
+    }
+    Ok(Flight {
+        imu: Box::new(bag.imu()),
+        stereo: Box::new(bag.stereo()),
+        truth: Truth::None,
+        name: path.display().to_string(),
+        config,
+        findings,
+        log_end: None,
+        map: None,
+        stamps: Stamps::Replayed,
+    })
+}
+
+/// All inertial samples of a recording, in order of time, and the configuration that it holds, if it does: of a EuRoC data
+/// set or its table of inertial samples, of a flight log, or of a ROS 2 bag.
+///
+/// # Errors
+/// When there are none.
+pub fn inertial_samples(
+    path: &Path,
+    topics: &BagTopics,
+) -> Result<(Vec<ImuSample>, Option<ValidConfig>), FlightError> {
+    match recording_kind(path) {
+        RecordingKind::Dataset => return Ok((read_imu_samples(path)?, None)),
+        RecordingKind::Bag => return Ok((read_bag_imu(path, topics)?, None)),
+        RecordingKind::Log => {}
+    }
+    let mut imu = LogImu::open(path)?.ending_at(&LogEnd::default());
+    let mut samples = Vec::new();
+    while let Some(reading) = imu.next_reading()? {
+        samples.push(reading.sample);
+    }
+    Ok((samples, Some(LogReader::open(path)?.about().config.clone())))
+}
+
 /// Whether there can be a data set at `path` at all.
 fn check_dataset(path: &Path) -> Result<(), FlightError> {
     let message = if !path.exists() {
-        "does not exist; give the directory of a EuRoC data set, or sim:room, sim:hall, sim:low-texture"
+        "does not exist; give the directory of a EuRoC data set, a flight log or ROS 2 bag (.mcap), or sim:room, sim:hall, \
+         sim:low-texture"
     } else if !path.is_dir() {
-        "is not a directory; give the directory of a EuRoC data set (unpack it first) or a flight log (.mcap)"
+        "is not a directory; give the directory of a EuRoC data set (unpack it first), a flight log or a ROS 2 bag \
+         (.mcap)"
     } else if !["mav0", "cam0", "imu0"].iter().any(|name| path.join(name).is_dir()) {
-        "holds no mav0; give the directory of a EuRoC data set"
+        "holds no mav0 and no bag; give the directory of a EuRoC data set or of a ROS 2 bag"
     } else {
         return Ok(());
     };

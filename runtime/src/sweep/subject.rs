@@ -1,16 +1,16 @@
 //! What the cells of a sweep fly.
 
-use crate::flight::{Flight, FlightError, is_log, open_dataset, open_log, open_simulation};
+use crate::flight::{Flight, FlightError, open_recording, open_simulation};
 use plumbline_config::ValidConfig;
-use plumbline_drivers::StampedPose;
 use plumbline_drivers::simulator::Scenario;
+use plumbline_drivers::{BagTopics, StampedPose};
 use std::path::PathBuf;
 use std::sync::Arc;
 
 /// What is flown.
 #[derive(Clone, Debug)]
 pub enum Subject {
-    /// A EuRoC data set or a flight log.
+    /// A EuRoC data set, a flight log or a ROS 2 bag.
     Recorded {
         /// Its place.
         path: PathBuf,
@@ -34,8 +34,9 @@ impl Subject {
     pub fn open(&self, common: &Common, seed: Option<u64>) -> Result<Flight, FlightError> {
         let Common { config, mono, cache, .. } = common;
         match self {
-            Self::Recorded { path } if is_log(path) => open_log(path, config.clone(), None, *mono),
-            Self::Recorded { path } => open_dataset(path, config.clone(), None, *mono),
+            Self::Recorded { path } => {
+                open_recording(path, config.clone(), &BagTopics::default(), None, *mono)
+            }
             Self::Simulated { scenario, extrinsics_error_deg, .. } => {
                 let scenario = Scenario { seed: seed.unwrap_or(scenario.seed), ..(**scenario).clone() };
                 open_simulation(config.clone(), &scenario, *mono, *extrinsics_error_deg, cache.as_deref())

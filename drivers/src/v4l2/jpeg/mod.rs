@@ -51,6 +51,18 @@ pub enum JpegDamage {
     Short,
 }
 
+/// Width and height of the JPEG image in `bytes`, px; `None` for one that is not read.
+pub(crate) fn size_of(bytes: &[u8]) -> Option<(usize, usize)> {
+    let mut segments = Segments::new(bytes).ok()?;
+    while let Some((marker, payload)) = segments.next().ok()? {
+        if matches!(marker, segments::BASELINE | segments::EXTENDED) {
+            let frame = segments::frame(payload).ok()?;
+            return Some((frame.width, frame.height));
+        }
+    }
+    None
+}
+
 /// Tables of the image at hand, and where its luma is put together. Everything is allocated when it is made.
 pub(crate) struct LumaDecoder {
     width: usize,

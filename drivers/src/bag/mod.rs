@@ -1,0 +1,297 @@
+//! ROS 2 bags in MCAP files (`ros2 bag record -s mcap`): images and inertial samples as they were recorded elsewhere.
+//!
+//! [`BagDataset::open`] reads the whole bag once for the stamps of its messages: those of their headers, which are times of
+//! measurement, and not those of their arrival. Which topics are flown is in `topics`. From there on a bag is treated as a
+//! EuRoC data set is: paired by time, ordered, cut, with gaps numbered and what is wrong counted in [`Faults`]. The
+//! images are read when they are asked for (`stereo`). The bytes are understood in `files`, `container`, `cdr`, `messages`
+//! and `pixels`.
+
+pub(crate) mod cdr;
+pub(crate) mod container;
+mod files;
+pub(crate) mod messages;
+pub(crate) mod pixels;
+mod stereo;
+#[cfg(test)]
+mod tests;
+pub(crate) mod topics;
+
+pub use files::is_bag;
+pub use stereo::BagStereo;
+pub use topics::BagTopics;
+
+use crate::euroc::imu::{EurocImu, ImuRecord, is_possible};
+use crate::euroc::pairing::{self, FrameEntry, ImageRow};
+use crate::euroc::table::Table;
+use crate::euroc::{EurocOptions, chosen_frames, frames_span, imu_range};
+use crate::{DriverError, Faults};
+use container::{Messages, Topic};
+use files::bag_files;
+use messages::Kind;
+use plumbline_config::{ImuSample, Timestamp};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Messages that are looked at, at most: days of an IMU at 1 kHz.
+const MAX_MESSAGES: u64 = 200_000_000;
+
+/// An opened bag: stamps and inertial samples in memory, images on disk.
+#[derive(Debug)]
+pub struct BagDataset {
+    path: PathBuf,
+    files: Vec<PathBuf>,
+    sizes_px: Vec<(usize, usize)>,
+    /// Numbers of the cameras' topics.
+    cameras: Vec<usize>,
+    names: Vec<String>,
+    frames: Arc<[FrameEntry<u64>]>,
+    handed_out: Range<usize>,
+    image_faults: Faults,
+    imu: Arc<ImuRecord>,
+    imu_range: Range<usize>,
+    is_truncated: bool,
+}
+
+/// What one topic holds.
+#[derive(Debug, Default)]
+struct Content {
+    /// Messages so far, readable or not.
+    count: u64,
+    images: Vec<ImageRow<u64>>,
+    samples: Vec<ImuSample>,
+    size_px: Option<(usize, usize)>,
+    /// The encoding that cannot be read.
+    unknown: Option<String>,
+    corrupt: u64,
+}
+
+impl Content {
+    fn add(&mut self, kind: Kind, bytes: &[u8]) {
+        let number = self.count;
+        self.count += 1;
+        if kind == Kind::Imu {
+            match messages::imu(bytes).filter(is_possible) {
+                Some(sample) => self.samples.push(sample),
+                None => self.corrupt += 1,
+            }
+            return;
+        }
+        let Some(stamp) = messages::stamp(bytes) else {
+            self.corrupt += 1;
+            return;
+        };
+        if self.size_px.is_none()
+            && let Some(image) = messages::image(kind, bytes)
+        {
+            self.size_px = pixels::size_px(&image);
+            if let messages::ImageMessage::Raw { encoding, .. } = image
+                && !pixels::is_known(encoding)
+            {
+                self.unknown = Some(encoding.chars().filter(|c| !c.is_control()).take(40).collect());
+            }
+        }
+        self.images.push(ImageRow { stamp, file: number });
+    }
+}
+
+/// A bag read once.
+struct Index {
+    topics: Vec<Topic>,
+    contents: Vec<Content>,
+    is_truncated: bool,
+}
+
+impl Index {
+    fn read(path: &Path, files: &[PathBuf]) -> Result<Self, DriverError> {
+        let mut messages = Messages::new(files.iter().cloned());
+        let mut contents: Vec<Content> = Vec::new();
+        let mut count = 0;
+        while let Some(message) = messages.next()? {
+            if contents.len() <= message.topic {
+                contents.resize_with(message.topic + 1, Content::default);
+            }
+            contents[message.topic].add(message.kind, message.bytes);
+            count += 1;
+            if count > MAX_MESSAGES {
+                return Err(DriverError::malformed(path, "holds more messages than are read; split it"));
+            }
+        }
+        let topics = messages.topics().to_vec();
+        contents.resize_with(topics.len(), Content::default);
+        Ok(Self { topics, contents, is_truncated: messages.is_truncated })
+    }
+}
+
+impl BagDataset {
+    /// Opens the bag at `path`, an .mcap file or the directory of a recording; of `options` those of frames, times, sizes and
+    /// pairing hold as for a EuRoC data set.
+    ///
+    /// # Errors
+    /// When it is no such bag, is damaged, lacks a topic that is needed, or its images are not those of the configuration.
+    pub fn open(path: &Path, topics: &BagTopics, options: &EurocOptions) -> Result<Self, DriverError> {
+        let files = bag_files(path)?;
+        let Index { topics: all, mut contents, is_truncated } = Index::read(path, &files)?;
+        let refuse = |message: String| DriverError::missing(path, message);
+        let wanted = if options.sizes_px.is_empty() { 2 } else { options.sizes_px.len() };
+        let cameras = topics::cameras(&all, topics, wanted).map_err(refuse)?;
+        let (mut faults, mut sizes_px, mut rows) = (Faults::default(), Vec::new(), Vec::new());
+        for (camera, topic) in cameras.iter().enumerate() {
+            let content = std::mem::take(&mut contents[*topic]);
+            sizes_px.push(check_images(path, &all[*topic].name, camera, &content, options)?);
+            let table = Table::of(content.images, content.corrupt);
+            faults.corrupt += table.corrupt;
+            faults.disordered += table.disordered;
+            rows.push(table.rows);
+        }
+        let (frames, outside) = paired(path, rows, options)?;
+        faults.unpaired += outside;
+        let handed_out = chosen_frames(path, options, &frames)?;
+        let (imu, imu_range) = if options.with_imu {
+            let topic = topics::imu(&all, topics).map_err(refuse)?;
+            let imu = record(path, &all[topic].name, std::mem::take(&mut contents[topic]))?;
+            let range = imu_range(path, &imu, &frames[handed_out.clone()])?;
+            (imu, range)
+        } else {
+            (ImuRecord::default(), 0..0)
+        };
+        Ok(Self {
+            path: path.to_owned(),
+            files,
+            sizes_px,
+            names: cameras.iter().map(|topic| all[*topic].name.clone()).collect(),
+            cameras,
+            frames: frames.into(),
+            handed_out,
+            image_faults: faults,
+            imu: Arc::new(imu),
+            imu_range,
+            is_truncated,
+        })
+    }
+
+    /// Cameras in use: 1 or 2.
+    #[must_use]
+    pub fn cameras(&self) -> usize {
+        self.cameras.len()
+    }
+
+    /// Topics of the cameras in use.
+    #[must_use]
+    pub fn camera_topics(&self) -> &[String] {
+        &self.names
+    }
+
+    /// Image sizes in pixels; 0x0 for a camera that is not in use.
+    #[must_use]
+    pub fn sizes_px(&self) -> [(usize, usize); 2] {
+        [0, 1].map(|camera| self.sizes_px.get(camera).copied().unwrap_or_default())
+    }
+
+    /// Stamps of the first and the last frame that will be handed out.
+    #[must_use]
+    pub fn span(&self) -> (Timestamp, Timestamp) {
+        frames_span(&self.frames[self.handed_out.clone()])
+    }
+
+    /// Whether a file of the bag breaks off, as after a crash; what comes before is handed out.
+    #[must_use]
+    pub fn is_truncated(&self) -> bool {
+        self.is_truncated
+    }
+
+    /// The image stream, from its beginning.
+    #[must_use]
+    pub fn stereo(&self) -> BagStereo {
+        let frames = Arc::clone(&self.frames);
+        let messages = Messages::new(self.files.iter().cloned());
+        let names = self.names.clone();
+        BagStereo::new(&self.path, messages, names, frames, self.handed_out.clone(), self.image_faults)
+    }
+
+    /// The inertial stream, from 1 s before the first frame to 0.1 s after the last.
+    #[must_use]
+    pub fn imu(&self) -> EurocImu {
+        EurocImu::new(Arc::clone(&self.imu), self.imu_range.clone())
+    }
+}
+
+/// All inertial samples of the bag at `path`, in order of time, of the topic that is named or the only one.
+///
+/// # Errors
+/// When it is no bag, or it holds none.
+pub fn read_bag_imu(path: &Path, topics: &BagTopics) -> Result<Vec<ImuSample>, DriverError> {
+    let Index { topics: all, mut contents, .. } = Index::read(path, &bag_files(path)?)?;
+    let topic = topics::imu(&all, topics).map_err(|message| DriverError::missing(path, message))?;
+    let content = std::mem::take(&mut contents[topic]);
+    check_some(path, &all[topic].name, content.samples.is_empty())?;
+    Ok(Table::of(content.samples, content.corrupt).rows)
+}
+
+fn check_some(path: &Path, topic: &str, is_empty: bool) -> Result<(), DriverError> {
+    match is_empty {
+        false => Ok(()),
+        true => Err(DriverError::malformed(
+            path,
+            format!("{topic} holds no message that can be read; was it being published?"),
+        )),
+    }
+}
+
+fn record(path: &Path, topic: &str, content: Content) -> Result<ImuRecord, DriverError> {
+    check_some(path, topic, content.samples.is_empty())?;
+    Ok(ImuRecord::new(Table::of(content.samples, content.corrupt)))
+}
+
+/// The size of a camera's images, checked against the expected.
+fn check_images(
+    path: &Path,
+    topic: &str,
+    camera: usize,
+    content: &Content,
+    options: &EurocOptions,
+) -> Result<(usize, usize), DriverError> {
+    if let Some(encoding) = &content.unknown {
+        let message = format!(
+            "{topic} has images of encoding '{encoding}'; republish them in one of {}",
+            pixels::ENCODINGS
+        );
+        return Err(DriverError::malformed(path, message));
+    }
+    check_some(path, topic, content.images.is_empty() || content.size_px.is_none())?;
+    let found = content.size_px.unwrap_or_default();
+    match options.sizes_px.get(camera) {
+        Some(&expected) if expected != found => {
+            let message = format!(
+                "{topic} has images of {}x{}, but the configuration says {}x{} for camera {camera}; give the \
+                 configuration of this rig with --config",
+                found.0, found.1, expected.0, expected.1
+            );
+            Err(DriverError::malformed(path, message))
+        }
+        _ => Ok(found),
+    }
+}
+
+type Frames = Vec<FrameEntry<u64>>;
+
+fn paired(
+    path: &Path,
+    mut rows: Vec<Vec<ImageRow<u64>>>,
+    options: &EurocOptions,
+) -> Result<(Frames, u64), DriverError> {
+    let Some(right) = (rows.len() > 1).then(|| rows.remove(1)) else {
+        let pairing = pairing::monocular(rows.pop().unwrap_or_default());
+        return Ok((pairing.frames, pairing.outside));
+    };
+    let tolerance_ns = (options.pair_tolerance_s * 1e9).round() as i64;
+    let pairing = pairing::stereo(rows.pop().unwrap_or_default(), right, tolerance_ns.max(0));
+    if pairing.frames.iter().any(|frame| frame.files.iter().all(Option::is_some)) {
+        return Ok((pairing.frames, pairing.outside));
+    }
+    let message = format!(
+        "no left image has a partner within {} s; are the cameras triggered together? (driver.pair_tolerance_s)",
+        options.pair_tolerance_s
+    );
+    Err(DriverError::malformed(path, message))
+}

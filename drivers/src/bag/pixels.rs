@@ -1,0 +1,185 @@
+//! Grey pixels of the images in ROS messages.
+
+use super::messages::ImageMessage;
+use crate::euroc::image::{decode_png, luma, png_size_of};
+use crate::v4l2::jpeg::{LumaDecoder, size_of as jpeg_size_of};
+use plumbline_config::GrayImage;
+
+/// Longest side of an image, px.
+pub(crate) const MAX_SIDE_PX: usize = 8192;
+
+/// How a raw pixel is made grey.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Pixel {
+    /// One byte.
+    Grey,
+    /// The higher of two bytes.
+    Grey16,
+    /// Bytes in a pixel, and where red, green and blue stand in it.
+    Colour { bytes: usize, red: usize, green: usize, blue: usize },
+    /// One of two bytes: the luma of interleaved YUV.
+    Luma { at: usize },
+}
+
+impl Pixel {
+    fn of(encoding: &str) -> Option<Self> {
+        let colour = |bytes, red, green, blue| Some(Self::Colour { bytes, red, green, blue });
+        match encoding {
+            "mono8" | "8UC1" => Some(Self::Grey),
+            "mono16" | "16UC1" => Some(Self::Grey16),
+            "rgb8" => colour(3, 0, 1, 2),
+            "bgr8" | "8UC3" => colour(3, 2, 1, 0),
+            "rgba8" => colour(4, 0, 1, 2),
+            "bgra8" | "8UC4" => colour(4, 2, 1, 0),
+            "yuv422" | "uyvy" => Some(Self::Luma { at: 1 }),
+            "yuv422_yuy2" | "yuyv" => Some(Self::Luma { at: 0 }),
+            _ => None,
+        }
+    }
+
+    fn bytes(self) -> usize {
+        match self {
+            Self::Grey => 1,
+            Self::Grey16 | Self::Luma { .. } => 2,
+            Self::Colour { bytes, .. } => bytes,
+        }
+    }
+}
+
+/// Encodings of raw images that can be read, for messages.
+pub(crate) const ENCODINGS: &str =
+    "mono8, mono16, rgb8, bgr8, rgba8, bgra8, 8UC1, 8UC3, 8UC4, 16UC1, yuv422, yuv422_yuy2";
+
+/// Whether raw images of that encoding can be read.
+pub(crate) fn is_known(encoding: &str) -> bool {
+    Pixel::of(encoding).is_some()
+}
+
+/// Width and height, px; `None` for what is no image.
+pub(crate) fn size_px(message: &ImageMessage<'_>) -> Option<(usize, usize)> {
+    let size = match message {
+        ImageMessage::Raw { width, height, .. } => Some((*width, *height)),
+        ImageMessage::File(file) => png_size_of(file).or_else(|| jpeg_size_of(file)),
+    };
+    size.filter(|(width, height)| [width, height].iter().all(|side| (1..=MAX_SIDE_PX).contains(*side)))
+}
+
+/// Buffers that are used again for each image.
+#[derive(Debug, Default)]
+pub(crate) struct ImageDecoder {
+    channels: Vec<u8>,
+    jpeg: Option<((usize, usize), LumaDecoder)>,
+}
+
+impl ImageDecoder {
+    /// Writes the image of `message` into `image`, whose size it must have. Colour is weighed to grey (ITU-R BT.601), of 16
+    /// bits the upper 8 are kept. `None` where it is damaged, or of another kind or size.
+    pub(crate) fn decode(&mut self, message: &ImageMessage<'_>, image: &mut GrayImage) -> Option<()> {
+        match *message {
+            ImageMessage::Raw { width, height, encoding, is_big, step, data } => {
+                if (width, height) != (image.width(), image.height()) {
+                    return None;
+                }
+                raw(Pixel::of(encoding)?, is_big, step, data, image)
+            }
+            ImageMessage::File(file) if file.starts_with(&[0xff, 0xd8]) => self.jpeg(file, image),
+            ImageMessage::File(file) => decode_png(file, &mut self.channels, image),
+        }
+    }
+
+    fn jpeg(&mut self, file: &[u8], image: &mut GrayImage) -> Option<()> {
+        let size = (image.width(), image.height());
+        if self.jpeg.as_ref().is_none_or(|(of, _)| *of != size) {
+            self.jpeg = Some((size, LumaDecoder::new(size.0, size.1)));
+        }
+        let (_, decoder) = self.jpeg.as_mut()?;
+        let pixels = image.pixels_mut();
+        let row =
+            |y: usize, luma: &[u8]| pixels[y * size.0..(y + 1) * size.0].copy_from_slice(&luma[..size.0]);
+        decoder.decode(file, row).ok()
+    }
+}
+
+fn raw(pixel: Pixel, is_big: bool, step: usize, data: &[u8], image: &mut GrayImage) -> Option<()> {
+    let (width, height) = (image.width(), image.height());
+    let row_bytes = width.checked_mul(pixel.bytes())?;
+    if step < row_bytes || width == 0 {
+        return None;
+    }
+    let mut rows = data.chunks(step);
+    for to in image.pixels_mut().chunks_exact_mut(width).take(height) {
+        // The last row may end where its pixels do.
+        let from = rows.next()?.get(..row_bytes)?;
+        match pixel {
+            Pixel::Grey => to.copy_from_slice(from),
+            Pixel::Grey16 => {
+                let higher = usize::from(!is_big);
+                to.iter_mut().zip(from.chunks_exact(2)).for_each(|(to, two)| *to = two[higher]);
+            }
+            Pixel::Luma { at } => to.iter_mut().zip(from.chunks_exact(2)).for_each(|(to, two)| *to = two[at]),
+            Pixel::Colour { bytes, red, green, blue } => {
+                let grey = |p: &[u8]| luma(p[red], p[green], p[blue]);
+                to.iter_mut().zip(from.chunks_exact(bytes)).for_each(|(to, p)| *to = grey(p));
+            }
+        }
+    }
+    Some(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn decoded(encoding: &str, is_big: bool, step: usize, data: &[u8]) -> Option<Vec<u8>> {
+        let mut image = GrayImage::new(2, 2);
+        let message = ImageMessage::Raw { width: 2, height: 2, encoding, is_big, step, data };
+        ImageDecoder::default().decode(&message, &mut image).map(|()| image.pixels().to_vec())
+    }
+
+    #[test]
+    fn every_encoding_comes_out_grey() {
+        let grey = Some(vec![10, 20, 30, 40]);
+        assert_eq!(decoded("mono8", false, 2, &[10, 20, 30, 40]), grey);
+        assert_eq!(decoded("8UC1", false, 3, &[10, 20, 0, 30, 40]), grey, "rows further apart");
+        assert_eq!(decoded("mono16", false, 4, &[9, 10, 9, 20, 9, 30, 9, 40]), grey);
+        assert_eq!(decoded("16UC1", true, 4, &[10, 9, 20, 9, 30, 9, 40, 9]), grey);
+        assert_eq!(decoded("yuv422", false, 4, &[1, 10, 1, 20, 1, 30, 1, 40]), grey);
+        assert_eq!(decoded("yuv422_yuy2", false, 4, &[10, 1, 20, 1, 30, 1, 40, 1]), grey);
+        let rgb = [255, 0, 0, 0, 255, 0, 0, 0, 255, 9, 9, 9];
+        assert_eq!(decoded("rgb8", false, 6, &rgb), Some(vec![77, 149, 29, 9]));
+        assert_eq!(decoded("bgr8", false, 6, &rgb), Some(vec![29, 149, 77, 9]));
+        let rgba: Vec<u8> = rgb.chunks(3).flat_map(|p| [p[0], p[1], p[2], 200]).collect();
+        assert_eq!(decoded("rgba8", false, 8, &rgba), decoded("rgb8", false, 6, &rgb));
+        assert_eq!(decoded("bgra8", false, 8, &rgba), decoded("bgr8", false, 6, &rgb));
+    }
+
+    #[test]
+    fn what_is_too_short_too_narrow_or_unknown_is_no_image() {
+        assert_eq!(decoded("mono8", false, 2, &[10, 20, 30]), None);
+        assert_eq!(decoded("mono8", false, 1, &[10, 20, 30, 40]), None);
+        assert_eq!(decoded("bayer_rggb8", false, 2, &[10, 20, 30, 40]), None);
+        assert_eq!(decoded("mono8", false, 0, &[]), None);
+    }
+
+    #[test]
+    fn files_are_told_apart_by_how_they_begin() {
+        let pixels: Vec<u8> = (0..64 * 48).map(|k| (k % 251) as u8).collect();
+        let mut png = Vec::new();
+        let mut encoder = png::Encoder::new(&mut png, 64, 48);
+        encoder.set_color(png::ColorType::Grayscale);
+        encoder.write_header().unwrap().write_image_data(&pixels).unwrap();
+        let mut jpeg = Vec::new();
+        let encoder = jpeg_encoder::Encoder::new(&mut jpeg, 100);
+        encoder.encode(&pixels, 64, 48, jpeg_encoder::ColorType::Luma).unwrap();
+        let mut decoder = ImageDecoder::default();
+        for (file, tolerance) in [(&png, 0), (&jpeg, 6)] {
+            let message = ImageMessage::File(file);
+            assert_eq!(size_px(&message), Some((64, 48)));
+            let mut image = GrayImage::new(64, 48);
+            decoder.decode(&message, &mut image).unwrap();
+            assert!(image.pixels().iter().zip(&pixels).all(|(a, b)| a.abs_diff(*b) <= tolerance));
+            assert_eq!(decoder.decode(&message, &mut GrayImage::new(48, 64)), None, "another size");
+        }
+        assert_eq!(size_px(&ImageMessage::File(b"GIF89a")), None);
+    }
+}

@@ -1,0 +1,154 @@
+//! The image stream of a bag.
+
+use super::container::Messages;
+use super::messages::{self, Kind};
+use super::pixels::ImageDecoder;
+use crate::euroc::pairing::FrameEntry;
+use crate::{DriverError, Faults, StereoFrame, StereoSource};
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Images that wait for their turn, bytes: a bag whose cameras are further apart was not recorded in one go.
+const MAX_WAITING_BYTES: usize = 512 << 20;
+
+/// Hands out the frames of a [`BagDataset`](super::BagDataset), reading and decoding as it goes; a
+/// [`Prefetch`](crate::Prefetch) around it does so ahead of need.
+///
+/// A camera whose buffer in the frame is 0x0 is not read. An image that is corrupt is counted, and its frame handed out
+/// without it.
+pub struct BagStereo {
+    path: PathBuf,
+    messages: Messages,
+    frames: Arc<[FrameEntry<u64>]>,
+    rest: Range<usize>,
+    expected: u64,
+    /// Their topics.
+    topics: Vec<String>,
+    cameras: Vec<Camera>,
+    waiting_bytes: usize,
+    decoder: ImageDecoder,
+    last_sequence: Option<u64>,
+    faults: Faults,
+}
+
+/// The messages of one camera.
+struct Camera {
+    /// Messages read so far.
+    count: u64,
+    /// Numbers of the messages that are still to be handed out.
+    wanted: BTreeSet<u64>,
+    /// Those of them that were read.
+    waiting: BTreeMap<u64, (Kind, Vec<u8>)>,
+}
+
+impl BagStereo {
+    pub(super) fn new(
+        path: &Path,
+        messages: Messages,
+        topics: Vec<String>,
+        frames: Arc<[FrameEntry<u64>]>,
+        range: Range<usize>,
+        faults: Faults,
+    ) -> Self {
+        let camera = |camera: usize| {
+            let wanted = frames[range.clone()].iter().filter_map(|frame| frame.files[camera]).collect();
+            Camera { count: 0, wanted, waiting: BTreeMap::new() }
+        };
+        let cameras = (0..topics.len()).map(camera).collect();
+        Self {
+            path: path.to_owned(),
+            messages,
+            expected: range.len() as u64,
+            rest: range,
+            cameras,
+            topics,
+            frames,
+            waiting_bytes: 0,
+            decoder: ImageDecoder::default(),
+            last_sequence: None,
+            faults,
+        }
+    }
+
+    /// The message of that number of a camera; `None` if the bag ends before it.
+    fn take(&mut self, camera: usize, number: u64) -> Result<Option<(Kind, Vec<u8>)>, DriverError> {
+        while self.cameras[camera].count <= number {
+            if !self.read_on()? {
+                break;
+            }
+        }
+        let taken = self.cameras[camera].waiting.remove(&number);
+        self.waiting_bytes -= taken.as_ref().map_or(0, |(_, bytes)| bytes.len());
+        Ok(taken)
+    }
+
+    /// Reads one message; `false` at the end.
+    fn read_on(&mut self) -> Result<bool, DriverError> {
+        let Some((camera, kind, bytes)) = self.messages.next_of(&self.topics)? else { return Ok(false) };
+        let camera = &mut self.cameras[camera];
+        if camera.wanted.remove(&camera.count) {
+            self.waiting_bytes += bytes.len();
+            camera.waiting.insert(camera.count, (kind, bytes.to_vec()));
+        }
+        camera.count += 1;
+        if self.waiting_bytes > MAX_WAITING_BYTES {
+            let message = "its cameras are too far apart in the file to be flown; was it put together of two recordings?";
+            return Err(DriverError::malformed(&self.path, message));
+        }
+        Ok(true)
+    }
+
+    fn read_image(
+        &mut self,
+        entry: &FrameEntry<u64>,
+        camera: usize,
+        frame: &mut StereoFrame,
+    ) -> Result<(), DriverError> {
+        frame.valid[camera] = false;
+        let Some(number) = entry.files[camera] else { return Ok(()) };
+        let taken = self.take(camera, number)?;
+        let image = &mut frame.images[camera];
+        if image.pixels().is_empty() {
+            return Ok(());
+        }
+        let decoded = taken.as_ref().and_then(|(kind, bytes)| {
+            let message = messages::image(*kind, bytes)?;
+            self.decoder.decode(&message, image)
+        });
+        match decoded {
+            Some(()) => frame.valid[camera] = true,
+            None => self.faults.corrupt += 1,
+        }
+        Ok(())
+    }
+}
+
+impl StereoSource for BagStereo {
+    fn next_frame(&mut self, frame: &mut StereoFrame) -> Result<bool, DriverError> {
+        let frames = Arc::clone(&self.frames);
+        let Some(entry) = self.rest.next().and_then(|i| frames.get(i)) else { return Ok(false) };
+        if let Some(last) = self.last_sequence.replace(entry.sequence) {
+            self.faults.missing += entry.sequence - last - 1;
+        }
+        frame.sequence = entry.sequence;
+        frame.stamp = entry.stamp;
+        frame.valid = [false; 2];
+        for camera in 0..self.cameras.len() {
+            self.read_image(entry, camera, frame)?;
+        }
+        if self.cameras.len() == 2 && entry.files.iter().any(Option::is_none) {
+            self.faults.unpaired += 1;
+        }
+        Ok(true)
+    }
+
+    fn expected_frames(&self) -> Option<u64> {
+        Some(self.expected)
+    }
+
+    fn faults(&self) -> Faults {
+        self.faults
+    }
+}

@@ -1,0 +1,243 @@
+//! Bags written here, message by message, in either byte order and compressed or not.
+
+use super::*;
+use crate::{ImuSource as _, StereoFrame, StereoSource as _};
+use mcap::records::MessageHeader;
+use mcap::{Compression, WriteOptions};
+use nalgebra::Vector3;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufWriter;
+
+/// Bytes of a CDR message, by the rules of the standard.
+struct Encoder {
+    bytes: Vec<u8>,
+    is_little: bool,
+}
+
+impl Encoder {
+    fn new(is_little: bool) -> Self {
+        Self { bytes: vec![0, u8::from(is_little), 0, 0], is_little }
+    }
+
+    fn put<const N: usize>(&mut self, little: [u8; N]) {
+        while !(self.bytes.len() - 4).is_multiple_of(N) {
+            self.bytes.push(0xee);
+        }
+        let mut bytes = little;
+        if !self.is_little {
+            bytes.reverse();
+        }
+        self.bytes.extend(bytes);
+    }
+
+    fn u32(&mut self, value: u32) {
+        self.put(value.to_le_bytes());
+    }
+
+    fn f64(&mut self, value: f64) {
+        self.put(value.to_le_bytes());
+    }
+
+    fn sequence(&mut self, data: &[u8]) {
+        self.u32(data.len() as u32);
+        self.bytes.extend(data);
+    }
+
+    fn header(&mut self, stamp_ns: i64) {
+        self.u32((stamp_ns / 1_000_000_000) as u32);
+        self.u32((stamp_ns % 1_000_000_000) as u32);
+        self.sequence(b"odd\0");
+    }
+}
+
+fn imu_message(stamp_ns: i64, value: f64, is_little: bool) -> Vec<u8> {
+    let mut out = Encoder::new(is_little);
+    out.header(stamp_ns);
+    (0..13).for_each(|_| out.f64(-7.0));
+    (0..3).for_each(|k| out.f64(value + f64::from(k)));
+    (0..9).for_each(|_| out.f64(-7.0));
+    (0..3).for_each(|k| out.f64(10.0 * value + f64::from(k)));
+    (0..9).for_each(|_| out.f64(-7.0));
+    out.bytes
+}
+
+fn image_message(stamp_ns: i64, value: u8, is_little: bool) -> Vec<u8> {
+    let mut out = Encoder::new(is_little);
+    out.header(stamp_ns);
+    out.u32(2);
+    out.u32(4);
+    out.sequence(b"mono8\0");
+    out.put([0]);
+    out.u32(4);
+    out.sequence(&[value; 8]);
+    out.bytes
+}
+
+const MS: i64 = 1_000_000;
+/// Far from zero, as stamps are.
+const BEGIN: i64 = 1_403_715_273 * 1000 * MS;
+
+/// Writes messages of (topic, type, content) in this order.
+fn write(path: &Path, compression: Option<Compression>, messages: &[(&str, &str, Vec<u8>)]) {
+    let options = WriteOptions::new().compression(compression).chunk_size(Some(600)).profile("ros2");
+    let mut writer = options.create(BufWriter::new(File::create(path).unwrap())).unwrap();
+    let mut channels = BTreeMap::new();
+    for (sequence, (topic, type_name, content)) in (0..).zip(messages) {
+        let channel_id = *channels.entry(*topic).or_insert_with(|| {
+            let schema = writer.add_schema(type_name, "ros2msg", b"").unwrap();
+            writer.add_channel(schema, topic, "cdr", &BTreeMap::new()).unwrap()
+        });
+        // Times of arrival are those of nobody.
+        let header = MessageHeader { channel_id, sequence, log_time: 5, publish_time: 5 };
+        writer.write_to_known_channel(&header, content).unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+const IMAGE: &str = "sensor_msgs/msg/Image";
+const IMU: &str = "sensor_msgs/msg/Imu";
+
+/// Ten stereo pairs at 20 Hz and their samples at 200 Hz; the right images come late, one pair is missing, and two left
+/// images are out of order.
+fn messages(is_little: bool) -> Vec<(&'static str, &'static str, Vec<u8>)> {
+    let mut all = vec![("/rosout", "rcl_interfaces/msg/Log", vec![1, 2, 3])];
+    let mut late = Vec::new();
+    for k in (0..10_i64).filter(|k| *k != 4) {
+        for i in 0..10 {
+            let at = BEGIN + 50 * MS * k + 5 * MS * i;
+            all.push(("/imu0", IMU, imu_message(at, 0.01 * (10 * k + i) as f64, is_little)));
+        }
+        let k = if k == 7 {
+            8
+        } else if k == 8 {
+            7
+        } else {
+            k
+        };
+        let image =
+            |side: i64| image_message(BEGIN + 50 * MS * k + 1000 * side, (10 * k + side) as u8, is_little);
+        all.push(("/cam0/image_raw", IMAGE, image(0)));
+        late.push(("/cam1/image_raw", IMAGE, image(1)));
+        if late.len() > 2 {
+            all.push(late.remove(0));
+        }
+    }
+    all.extend(late);
+    all
+}
+
+fn options() -> EurocOptions {
+    EurocOptions { sizes_px: vec![(4, 2); 2], ..EurocOptions::default() }
+}
+
+/// Stamps, sequence numbers and grey values of all frames.
+fn frames(bag: &BagDataset) -> Vec<(i64, u64, [Option<u8>; 2])> {
+    let (mut source, mut frame) = (bag.stereo(), StereoFrame::new(bag.sizes_px()));
+    let mut all = Vec::new();
+    while source.next_frame(&mut frame).unwrap() {
+        let grey = [0, 1].map(|c| frame.valid[c].then(|| frame.images[c].pixels()[7]));
+        all.push(((frame.stamp.as_nanos() - BEGIN) / MS, frame.sequence, grey));
+    }
+    all
+}
+
+#[test]
+fn a_bag_is_handed_out_in_order_of_measurement_whatever_its_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bag.mcap");
+    for (is_little, compression) in
+        [(true, None), (false, None), (true, Some(Compression::Zstd)), (false, Some(Compression::Lz4))]
+    {
+        write(&path, compression, &messages(is_little));
+        let bag = BagDataset::open(&path, &BagTopics::default(), &options()).unwrap();
+        let expected: Vec<_> = (0..10_i64)
+            .filter(|k| *k != 4)
+            .map(|k| (50 * k, k as u64, [Some((10 * k) as u8), Some((10 * k + 1) as u8)]))
+            .collect();
+        assert_eq!(frames(&bag), expected);
+        assert_eq!((bag.cameras(), bag.image_faults.disordered, bag.is_truncated()), (2, 2, false));
+        let mut imu = bag.imu();
+        let first = imu.next_reading().unwrap().unwrap().sample;
+        assert_eq!((first.stamp.as_nanos(), first.gyro), (BEGIN, Vector3::new(0.0, 1.0, 2.0)));
+        let second = imu.next_reading().unwrap().unwrap().sample;
+        assert!((second.accel - Vector3::new(0.1, 1.1, 2.1)).norm() < 1e-12);
+        assert_eq!(1 + std::iter::from_fn(|| imu.next_reading().unwrap()).count(), 89);
+        assert_eq!(read_bag_imu(&path, &BagTopics::default()).unwrap().len(), 90);
+    }
+}
+
+#[test]
+fn a_cut_has_the_frames_of_the_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bag.mcap");
+    write(&path, None, &messages(true));
+    let options = EurocOptions { frames: Some(5..8), ..options() };
+    let bag = BagDataset::open(&path, &BagTopics::default(), &options).unwrap();
+    assert_eq!(frames(&bag).iter().map(|f| f.1).collect::<Vec<_>>(), [6, 7, 8]);
+    assert_eq!(bag.stereo().expected_frames(), Some(3));
+    let mono = EurocOptions { sizes_px: vec![(4, 2)], ..EurocOptions::default() };
+    let bag = BagDataset::open(&path, &BagTopics::default(), &mono).unwrap();
+    assert!(bag.cameras() == 1 && frames(&bag).iter().all(|f| f.2[0].is_some() && f.2[1].is_none()));
+}
+
+#[test]
+fn files_of_one_recording_follow_each_other() {
+    let folder = tempfile::tempdir().unwrap();
+    let all = messages(true);
+    let (first, second) = all.split_at(50);
+    write(&folder.path().join("b_9.mcap"), None, first);
+    write(&folder.path().join("b_10.mcap"), None, second);
+    let parts = BagDataset::open(folder.path(), &BagTopics::default(), &options()).unwrap();
+    let whole_path = folder.path().join("whole");
+    std::fs::create_dir(&whole_path).unwrap();
+    write(&whole_path.join("w.mcap"), None, &all);
+    let whole = BagDataset::open(&whole_path, &BagTopics::default(), &options()).unwrap();
+    assert_eq!(frames(&parts), frames(&whole));
+}
+
+#[test]
+fn what_breaks_off_is_read_up_to_there_and_what_is_bent_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bag.mcap");
+    write(&path, None, &messages(true));
+    let sound = std::fs::read(&path).unwrap();
+    std::fs::write(&path, &sound[..sound.len() * 6 / 10]).unwrap();
+    let bag = BagDataset::open(&path, &BagTopics::default(), &options()).unwrap();
+    assert!(bag.is_truncated() && (2..9).contains(&frames(&bag).len()));
+    let mut bent = sound.clone();
+    bent[sound.len() / 2] ^= 0x10;
+    std::fs::write(&path, &bent).unwrap();
+    let refused = BagDataset::open(&path, &BagTopics::default(), &options()).unwrap_err().to_string();
+    assert!(refused.contains("damaged") && refused.contains("bag.mcap"), "{refused}");
+    std::fs::write(&path, b"no bag at all, but long enough to be looked at").unwrap();
+    let refused = BagDataset::open(&path, &BagTopics::default(), &options()).unwrap_err().to_string();
+    assert!(refused.contains("is no MCAP file"), "{refused}");
+}
+
+#[test]
+fn refusals_name_topics_sizes_and_encodings() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bag.mcap");
+    write(&path, None, &messages(true));
+    let refusal = |topics: &BagTopics, options: &EurocOptions| {
+        BagDataset::open(&path, topics, options).unwrap_err().to_string()
+    };
+    let wrong = BagTopics { left: Some("/cam7/image_raw".into()), ..BagTopics::default() };
+    let words = refusal(&wrong, &options());
+    assert!(
+        words.contains("/cam7/image_raw") && words.contains("/cam0/image_raw (sensor_msgs/msg/Image)"),
+        "{words}"
+    );
+    let large = EurocOptions { sizes_px: vec![(752, 480); 2], ..EurocOptions::default() };
+    let words = refusal(&BagTopics::default(), &large);
+    assert!(words.contains("4x2") && words.contains("752x480") && words.contains("--config"), "{words}");
+    write(&path, None, &[("/imu0", IMU, imu_message(BEGIN, 0.0, true))]);
+    assert!(refusal(&BagTopics::default(), &options()).contains("holds no images"));
+    let mut bayer = image_message(BEGIN, 1, true);
+    let at = bayer.windows(5).position(|w| w == b"mono8").unwrap();
+    bayer[at..at + 5].copy_from_slice(b"bayer");
+    write(&path, None, &[("/image", IMAGE, bayer)]);
+    let words = refusal(&BagTopics::default(), &options());
+    assert!(words.contains("'bayer'") && words.contains("mono8, mono16"), "{words}");
+}

@@ -1,0 +1,37 @@
+//! The arguments that name the topics of a ROS 2 bag.
+
+use super::Usage;
+use clap::Args;
+use plumbline_drivers::BagTopics;
+
+/// Topics of a bag.
+#[derive(Clone, Debug, Default, Args)]
+pub struct TopicArgs {
+    /// A topic of a ROS 2 bag: left=/cam0/image_raw, right=... or imu=...; may be repeated. Without it they are looked for.
+    #[arg(long = "topic", value_name = "left|right|imu=NAME")]
+    topics: Vec<String>,
+}
+
+impl TopicArgs {
+    /// The names.
+    ///
+    /// # Errors
+    /// When an argument is not of that form.
+    pub fn names(&self) -> Result<BagTopics, Usage> {
+        let mut names = BagTopics::default();
+        for topic in &self.topics {
+            let named = topic.split_once('=').filter(|(_, name)| !name.trim().is_empty());
+            let (to, name) = match named {
+                Some(("left", name)) => (&mut names.left, name),
+                Some(("right", name)) => (&mut names.right, name),
+                Some(("imu", name)) => (&mut names.imu, name),
+                _ => {
+                    let message = format!("--topic '{topic}': write left=NAME, right=NAME or imu=NAME");
+                    return Err(Usage(message));
+                }
+            };
+            *to = Some(name.trim().to_owned());
+        }
+        Ok(names)
+    }
+}
