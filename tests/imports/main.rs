@@ -29,6 +29,7 @@ const RUNTIME: &[&str] = &[
     "bench",
     "picture",
     "plot",
+    "calibrate",
     "sweep",
     "calibrate",
     "ground",

@@ -3,6 +3,7 @@
 mod at_scale;
 mod bags;
 mod browser;
+mod calibrate;
 mod cgroup;
 mod connections;
 mod digests;

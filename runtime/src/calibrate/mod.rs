@@ -1,3 +1,9 @@
-//! Calibration of the sensors: of cameras by images of a board ([`camera`]).
+//! Calibration of the sensors: numbers of the configuration, measured from recordings.
+//!
+//! - [`camera`]: intrinsics, and the pose between two cameras, by images of a board.
+//! - [`imu`]: noise densities and bias walks of the inertial sensor, of a recording at rest.
+//! - [`rig`]: where the cameras sit on the IMU and how far their clocks are apart, of a recording in motion.
 
 pub mod camera;
+pub mod imu;
+pub mod rig;

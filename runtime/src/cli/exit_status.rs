@@ -6,6 +6,7 @@
 
 use super::Usage;
 use crate::calibrate::camera::ImagesError;
+use crate::calibrate::rig::RigError;
 use crate::flight::FlightError;
 use crate::log::LogError;
 use crate::net::NetError;
@@ -40,6 +41,9 @@ fn is_usage(cause: &(dyn Error + 'static)) -> bool {
     }
     if let Some(error) = cause.downcast_ref::<FlightError>() {
         return error.is_usage();
+    }
+    if let Some(RigError::Flight(error)) = cause.downcast_ref::<RigError>() {
+        return is_usage(error);
     }
     if let Some(error) = cause.downcast_ref::<DriverError>() {
         let is_usage = matches!(

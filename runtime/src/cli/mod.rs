@@ -131,6 +131,8 @@ enum Command {
     Calibrate(calibrate::CalibrateArgs),
     /// Check whether this host and a configuration are fit for a flight.
     Doctor(doctor::DoctorArgs),
+    /// Measure the sensors: noise of the IMU, cameras on the IMU.
+    Calibrate(calibrate::CalibrateArgs),
     /// Check a configuration file, print a preset, or import a calibration.
     Config(config::ConfigArgs),
     /// Print the completions for a shell.
@@ -180,6 +182,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Devices(args) => devices::run(&args),
         Command::Calibrate(args) => calibrate::run(&args),
         Command::Doctor(args) => doctor::run(&args),
+        Command::Calibrate(args) => calibrate::run(&args),
         Command::Config(args) => config::run(&args),
         Command::Completions { shell } => {
             let mut script = Vec::new();

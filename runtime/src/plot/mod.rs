@@ -9,11 +9,13 @@
 mod axes;
 mod figure;
 mod lenses;
+mod log_log;
 mod panels;
 mod raster;
 mod subject;
 
 pub use lenses::LensFigure;
+pub use log_log::{LogCurve, LogFigure, LogPanel};
 pub use subject::{Alignment, Subject};
 
 use crate::picture::{Picture, PictureError};
@@ -101,9 +103,18 @@ pub fn write_lenses(cameras: &[LensFigure], words: (&str, &str), path: &Path) ->
     write_drawing(&Drawing::Lenses(cameras, words), path, lenses::size_px(cameras))
 }
 
+/// Draws panels of curves on logarithmic axes, and writes the figure to `path`, whose ending says what it is.
+///
+/// # Errors
+/// When the ending is unknown, or the file cannot be written.
+pub fn write_log_log(figure: &LogFigure, path: &Path) -> Result<(), PlotError> {
+    write_drawing(&Drawing::LogLog(figure), path, SIZE_PX)
+}
+
 /// What a figure shows.
 enum Drawing<'a> {
     Flight(&'a Subject),
+    LogLog(&'a LogFigure),
     Lenses(&'a [LensFigure], (&'a str, &'a str)),
 }
 
@@ -141,6 +152,7 @@ fn draw<B: DrawingBackend>(drawing: &Drawing<'_>, backend: B) -> Result<(), Plot
     let area = backend.into_drawing_area();
     match drawing {
         Drawing::Flight(subject) => figure::draw(subject, &area),
+        Drawing::LogLog(figure) => figure.draw(&area),
         Drawing::Lenses(cameras, words) => lenses::draw(cameras, *words, &area),
     }
     .map_err(|e| PlotError::Drawing(e.to_string()))?;
