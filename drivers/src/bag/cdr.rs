@@ -90,12 +90,10 @@ mod tests {
     #[test]
     fn both_ends_are_read_and_alignment_counts_from_behind_the_header() {
         // A byte, then a number of four bytes at 4, a text, and one of eight at 16.
-        let little = [
-            0, 1, 0, 0, 7, 9, 9, 9, 1, 2, 0, 0, 3, 0, 0, 0, b'a', b'b', 0, 9, 0, 0, 0, 0, 0, 0, 0xf0, 0x3f,
-        ];
-        let big = [
-            0, 0, 0, 0, 7, 9, 9, 9, 0, 0, 2, 1, 0, 0, 0, 3, b'a', b'b', 0, 9, 0x3f, 0xf0, 0, 0, 0, 0, 0, 0,
-        ];
+        let little =
+            [0, 1, 0, 0, 7, 9, 9, 9, 1, 2, 0, 0, 3, 0, 0, 0, b'a', b'b', 0, 9, 0, 0, 0, 0, 0, 0, 0xf0, 0x3f];
+        let big =
+            [0, 0, 0, 0, 7, 9, 9, 9, 0, 0, 2, 1, 0, 0, 0, 3, b'a', b'b', 0, 9, 0x3f, 0xf0, 0, 0, 0, 0, 0, 0];
         for bytes in [little, big] {
             let mut cdr = Cdr::new(&bytes).unwrap();
             assert_eq!((cdr.u8(), cdr.u32(), cdr.text()), (Some(7), Some(513), Some("ab")));

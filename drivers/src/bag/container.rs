@@ -50,15 +50,15 @@ impl Messages {
         Self { rest, file: None, topics: Vec::new(), payload: Vec::new(), is_truncated: false }
     }
 
-    /// The next message of one of `names`: which of them, what it is, content.
+    /// The next message of one of `names`; its topic is numbered as there.
     ///
     /// # Errors
     /// As [`Self::next`].
-    pub(crate) fn next_of(&mut self, names: &[String]) -> Result<Option<(usize, Kind, &[u8])>, DriverError> {
+    pub(crate) fn next_of(&mut self, names: &[String]) -> Result<Option<Message<'_>>, DriverError> {
         loop {
             let Some(Message { topic, kind, .. }) = self.next()? else { return Ok(None) };
             if let Some(which) = names.iter().position(|name| *name == self.topics[topic].name) {
-                return Ok(Some((which, kind, &self.payload)));
+                return Ok(Some(Message { topic: which, kind, bytes: &self.payload }));
             }
         }
     }

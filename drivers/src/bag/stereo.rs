@@ -86,11 +86,11 @@ impl BagStereo {
 
     /// Reads one message; `false` at the end.
     fn read_on(&mut self) -> Result<bool, DriverError> {
-        let Some((camera, kind, bytes)) = self.messages.next_of(&self.topics)? else { return Ok(false) };
-        let camera = &mut self.cameras[camera];
+        let Some(message) = self.messages.next_of(&self.topics)? else { return Ok(false) };
+        let camera = &mut self.cameras[message.topic];
         if camera.wanted.remove(&camera.count) {
-            self.waiting_bytes += bytes.len();
-            camera.waiting.insert(camera.count, (kind, bytes.to_vec()));
+            self.waiting_bytes += message.bytes.len();
+            camera.waiting.insert(camera.count, (message.kind, message.bytes.to_vec()));
         }
         camera.count += 1;
         if self.waiting_bytes > MAX_WAITING_BYTES {
