@@ -236,7 +236,7 @@ fn put_together(
 ) -> Result<Fused, RigError> {
     let sigmas = Rig::sigmas(&config.rig, config.camera.len());
     let fused = if found.pieces.len() < LEAST_PIECES { None } else { fuse(&found.pieces, start, &sigmas) };
-    fused.ok_or_else(|| RigError::TooShort {
+    fused.ok_or(RigError::TooShort {
         span_s: found.span_s,
         pieces: found.pieces.len(),
         piece_s: options.piece_s,
