@@ -29,7 +29,6 @@ const RUNTIME: &[&str] = &[
     "bench",
     "picture",
     "plot",
-    "calibrate",
     "sweep",
     "calibrate",
     "ground",

@@ -127,12 +127,10 @@ enum Command {
     Bench(bench::BenchArgs),
     /// List cameras (formats, rates, controls), serial ports and inertial sensors by the names that a configuration takes.
     Devices(devices::DevicesArgs),
-    /// Calibrate the sensors: cameras by images of a board.
+    /// Calibrate the sensors: cameras by images of a board, noise of the IMU, cameras on the IMU.
     Calibrate(calibrate::CalibrateArgs),
     /// Check whether this host and a configuration are fit for a flight.
     Doctor(doctor::DoctorArgs),
-    /// Measure the sensors: noise of the IMU, cameras on the IMU.
-    Calibrate(calibrate::CalibrateArgs),
     /// Check a configuration file, print a preset, or import a calibration.
     Config(config::ConfigArgs),
     /// Print the completions for a shell.
@@ -182,7 +180,6 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Devices(args) => devices::run(&args),
         Command::Calibrate(args) => calibrate::run(&args),
         Command::Doctor(args) => doctor::run(&args),
-        Command::Calibrate(args) => calibrate::run(&args),
         Command::Config(args) => config::run(&args),
         Command::Completions { shell } => {
             let mut script = Vec::new();
