@@ -23,11 +23,13 @@ export VENV
 export PATH := $(CURDIR)/$(VENV)/bin:$(PATH)
 # On a build server every failure is shown.
 export NEXTEST_PROFILE ?= $(if $(CI),ci,default)
+# One more test at a time than there are processors: many wait for other processes most of the time.
+export NEXTEST_TEST_THREADS ?= $(shell echo $$(($$(nproc) + 1)))
 
 # The steps are in order; cargo is parallel itself.
 .NOTPARALLEL:
 .PHONY: help demo build calibration test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny soak loops digests bench doc doctests setup clean \
-	fuzz fuzz-all fuzz-smoke vm
+	fuzz fuzz-all fuzz-smoke vm checked-untimed checked-timed
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1\t/' | expand -t 20
@@ -50,18 +52,26 @@ export PLUMBLINE_SKIPPED := $(CURDIR)/target/skipped.txt
 tell-skips = status=0; $(1) || status=$$?; scripts/skipped; exit $$status
 
 test: setup fmt-check deny forget-skips ## format, lints, licences, documentation, and every test but the soak
-	$(MAKE) checked ARGS= >target/checked.log 2>&1 & checked=$$!; \
+	$(MAKE) checked-untimed ARGS= >target/checked.log 2>&1 & checked=$$!; \
 	status=0; $(MAKE) tests-built || status=$$?; \
 	wait $$checked || { cat target/checked.log; exit 1; }; \
 	tail -n 4 target/checked.log; exit $$status
-	$(MAKE) doctests tests
+	$(MAKE) checked-timed doctests tests
 
 forget-skips:
 	@mkdir -p target && rm -f $(PLUMBLINE_SKIPPED)
 
 # Each crate of ours is linted, and its documentation built, as it is compiled.
 LINTED = RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/scripts/rustc-clippy
-TESTS = $(FLAGS) --workspace --all-targets -E 'not kind(bench)'
+# The crates whose dependencies are few. All their tests run with overflow checks and debug assertions, in a folder of
+# their own, so that this goes on beside the build of the others.
+CHECKED_CRATES = plumbline-config plumbline-estimator plumbline-drivers plumbline-checkup
+CHECKED = --cargo-profile checked --locked --target-dir target/checked $(addprefix -p ,$(CHECKED_CRATES)) --all-features \
+	--lib --test '*' --examples
+# The others, on the build that is the product.
+TESTS = $(FLAGS) --workspace $(addprefix --exclude ,$(CHECKED_CRATES)) --all-targets -E 'not kind(bench)'
+# Tests that measure time, or use a whole machine: not beside a build.
+TIMED = test(/(^|::)realtime::/)
 
 tests-built:
 	$(LINTED) $(CARGO) nextest run $(TESTS) --no-run
@@ -72,12 +82,14 @@ tests:
 doctests: ## the examples in the documentation of the code
 	$(LINTED) $(CARGO) test $(FLAGS) --workspace --doc
 
-# The crates whose dependencies are few: these are compiled once more, in a folder of their own, so that this goes on
-# beside the build of the tests.
-CHECKED = --target-dir target/checked -p plumbline-config -p plumbline-estimator -p plumbline-drivers -p plumbline-checkup
+checked: setup ## the tests of the crates with few dependencies, with overflow checks and debug assertions
+	$(LINTED) $(CARGO) nextest run $(CHECKED) $(ARGS)
 
-checked: setup ## unit and property tests with overflow checks and debug assertions
-	$(CARGO) nextest run --cargo-profile checked --locked $(CHECKED) --all-features --lib $(ARGS)
+checked-untimed:
+	$(LINTED) $(CARGO) nextest run $(CHECKED) -E 'not $(TIMED)' $(ARGS)
+
+checked-timed:
+	$(LINTED) $(CARGO) nextest run $(CHECKED) -E '$(TIMED)' $(ARGS)
 
 check: forget-skips ## the tests alone, without the lints
 	@scripts/setup test

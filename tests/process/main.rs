@@ -1,7 +1,9 @@
 //! System tests of the command: real processes, real files, a real Zenoh session.
 
 mod at_scale;
+mod bags;
 mod browser;
+mod calibrate;
 mod cgroup;
 mod connections;
 mod digests;
