@@ -11,7 +11,7 @@ pub struct LocatorOptions {
     pub min_inliers: usize,
     /// Of the matches before guiding, so many must be inliers.
     pub min_inlier_share: f64,
-    /// Least [evidence](Located::evidence): the inliers before guiding were found without knowing where to look, and
+    /// Least [evidence](super::Located::evidence): the inliers before guiding were found without knowing where to look, and
     /// prove the more for it.
     pub min_evidence: f64,
     /// A group that speaks for another place must have less than this share of the evidence.
