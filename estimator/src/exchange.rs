@@ -95,7 +95,7 @@ pub struct KeyframeStep {
 }
 
 /// A frame that was solved, and what the window knew of its keyframes just then.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct SolvedFrame {
     /// Counts the frames that the window was given, from 0.
     pub index: u64,
@@ -115,22 +115,6 @@ pub struct SolvedFrame {
     pub steps: heapless::Vec<KeyframeStep, 2>,
     /// With a keyframe: the lines of the window as they are known now.
     pub lines: heapless::Vec<SnapshotLine, MAX_SOLVED_LINES>,
-}
-
-impl Default for SolvedFrame {
-    fn default() -> Self {
-        Self {
-            index: 0,
-            sequence: 0,
-            stamp: Timestamp::default(),
-            pose_o_b: None,
-            is_keyframe: false,
-            reset_counter: 0,
-            keyframes: heapless::Vec::new(),
-            steps: heapless::Vec::new(),
-            lines: heapless::Vec::new(),
-        }
-    }
 }
 
 impl Feedback {
