@@ -43,7 +43,7 @@ fn noise_of_a_standing_sensor_is_written_as_a_configuration_with_a_figure() {
         "sim",
     ]);
     assert!(output.status.success(), "{}", stderr(&output));
-    let said = String::from_utf8(output.stdout).unwrap();
+    let said = String::from_utf8(output.stdout.clone()).unwrap();
     assert!(said.contains("at rest from 0.0 s on for 90.2 s") && said.contains("gyroscope x"), "{said}");
     assert!(stderr(&output).contains("gyroscope: 90 s are too short"), "{}", stderr(&output));
     let written: toml::Table = std::fs::read_to_string(&out).unwrap().parse().unwrap();
