@@ -104,7 +104,7 @@ soak: setup forget-skips ## long flights: memory, drift of time, restarts (SOAK_
 vm: ## the cameras' driver, and a flight with them, behind a real kernel in a virtual machine (VM_SECONDS=60)
 	@scripts/setup base
 	@scripts/vm setup
-	PLUMBLINE_VM_SECONDS=$(VM_SECONDS) $(CARGO) test $(FLAGS) -p plumbline-drivers --test vm -- --nocapture $(ARGS)
+	PLUMBLINE_VM_SECONDS=$(VM_SECONDS) $(CARGO) test $(FLAGS) -p plumbline-drivers --test vm -- --nocapture --ignored realtime:: $(ARGS)
 	PLUMBLINE_VM_SECONDS=$(VM_SECONDS) $(CARGO) test $(FLAGS) -p plumbline --test process -- --nocapture virtual_machine $(ARGS)
 
 loops: setup ## simulated flights of two laps along recorded paths: what loops bring, and what is found (PLUMBLINE_LOOP_SEEDS=1)
