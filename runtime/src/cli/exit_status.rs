@@ -45,8 +45,13 @@ fn is_usage(cause: &(dyn Error + 'static)) -> bool {
     if let Some(RigError::Flight(error)) = cause.downcast_ref::<RigError>() {
         return is_usage(error);
     }
+    is_wrong_input(cause) || is_wrong_endpoint(cause)
+}
+
+/// Whether a recording, a device, images or a map cannot be what was meant.
+fn is_wrong_input(cause: &(dyn Error + 'static)) -> bool {
     if let Some(error) = cause.downcast_ref::<DriverError>() {
-        let is_usage = matches!(
+        return matches!(
             error,
             DriverError::Scenario(_)
                 | DriverError::Missing { .. }
@@ -54,7 +59,6 @@ fn is_usage(cause: &(dyn Error + 'static)) -> bool {
                 | DriverError::Device { .. }
                 | DriverError::ImuAddress(_)
         );
-        return is_usage;
     }
     if let Some(error) = cause.downcast_ref::<PlacesError>() {
         return match error {
@@ -70,22 +74,25 @@ fn is_usage(cause: &(dyn Error + 'static)) -> bool {
             ImagesError::Image(error) => is_usage(error),
         };
     }
-    if let Some(error) = cause.downcast_ref::<MapFileError>() {
-        return match error {
-            MapFileError::Read { source, .. } => is_usage(source),
-            MapFileError::Defect { defect, .. } => {
-                matches!(defect, MapDefect::Foreign | MapDefect::Version { .. })
-            }
-            MapFileError::Write { .. } => false,
-        };
+    match cause.downcast_ref::<MapFileError>() {
+        Some(MapFileError::Read { source, .. }) => is_usage(source),
+        Some(MapFileError::Defect { defect, .. }) => {
+            matches!(defect, MapDefect::Foreign | MapDefect::Version { .. })
+        }
+        Some(MapFileError::Write { .. }) | None => matches!(
+            cause.downcast_ref::<LogError>(),
+            Some(LogError::Exists { .. } | LogError::NotALog { .. })
+        ),
     }
-    if let Some(error) = cause.downcast_ref::<LogError>() {
-        return matches!(error, LogError::Exists { .. } | LogError::NotALog { .. });
-    }
+}
+
+/// Whether an endpoint or a key file cannot be what was meant.
+fn is_wrong_endpoint(cause: &(dyn Error + 'static)) -> bool {
     if let Some(error) = cause.downcast_ref::<NetError>() {
-        let is_usage =
-            matches!(error, NetError::Endpoint { .. } | NetError::File { .. } | NetError::Datagrams { .. });
-        return is_usage;
+        return matches!(
+            error,
+            NetError::Endpoint { .. } | NetError::File { .. } | NetError::Datagrams { .. }
+        );
     }
     match cause.downcast_ref::<KeysError>() {
         None | Some(KeysError::Certificate { .. }) => false,
