@@ -80,7 +80,8 @@ tests:
 	$(call tell-skips,$(LINTED) $(CARGO) nextest run $(TESTS) $(ARGS))
 
 doctests: ## the examples in the documentation of the code
-	$(LINTED) $(CARGO) test $(FLAGS) --workspace --doc
+	$(LINTED) $(CARGO) test $(FLAGS) --workspace $(addprefix --exclude ,$(CHECKED_CRATES)) --doc
+	$(LINTED) $(CARGO) test --profile checked --locked --target-dir target/checked $(addprefix -p ,$(CHECKED_CRATES)) --all-features --doc
 
 checked: setup ## the tests of the crates with few dependencies, with overflow checks and debug assertions
 	$(LINTED) $(CARGO) nextest run $(CHECKED) $(ARGS)
