@@ -79,6 +79,9 @@ pub struct FlyArgs {
     pub json: bool,
 }
 
+/// Logs that a folder may hold of one second.
+const MAX_LOGS_A_SECOND: usize = 10_000;
+
 /// Runs the command.
 ///
 /// # Errors
@@ -138,8 +141,14 @@ fn log_path(named: &Path, now: SystemTime) -> Result<PathBuf, Usage> {
         let (month, day) = (u8::from(date.month()), date.day());
         let (hour, minute, second) = time.as_hms();
         let year = date.year();
-        let name = format!("{year:04}-{month:02}-{day:02}T{hour:02}-{minute:02}-{second:02}Z.mcap");
-        return Ok(named.join(name));
+        let name = format!("{year:04}-{month:02}-{day:02}T{hour:02}-{minute:02}-{second:02}Z");
+        // A computer without a clock of its own may begin with the same second each time, and must fly all the same.
+        let numbered = (2..).map(|k| named.join(format!("{name}-{k}.mcap")));
+        let names = std::iter::once(named.join(format!("{name}.mcap"))).chain(numbered);
+        return names
+            .take(MAX_LOGS_A_SECOND)
+            .find(|path| !path.exists())
+            .ok_or_else(|| Usage(format!("--record {}: is full of logs of {name}", named.display())));
     }
     if !is_log(named) {
         let named = named.display();
@@ -287,6 +296,10 @@ mod tests {
         let now = SystemTime::UNIX_EPOCH + Duration::from_secs(1_763_813_106);
         let log = log_path(folder.path(), now).unwrap();
         assert_eq!(log, folder.path().join("2025-11-22T12-05-06Z.mcap"));
+        for next in ["2025-11-22T12-05-06Z-2.mcap", "2025-11-22T12-05-06Z-3.mcap"] {
+            std::fs::write(log_path(folder.path(), now).unwrap(), "").unwrap();
+            assert_eq!(log_path(folder.path(), now).unwrap(), folder.path().join(next));
+        }
         assert_eq!(log_path(Path::new("a.mcap"), now).unwrap(), Path::new("a.mcap"));
         assert!(log_path(Path::new("/nowhere/a"), now).unwrap_err().0.contains("folder that is there"));
     }

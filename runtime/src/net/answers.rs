@@ -315,9 +315,8 @@ impl Answers {
         let Some(mut saved) = self.vehicle.control.map_saves().ask() else {
             return Err("this flight keeps no map: start it with --save-map FILE".into());
         };
-        let before = saved.borrow_and_update().count;
-        match tokio::time::timeout(SAVE_PATIENCE, saved.wait_for(|now| now.count != before)).await {
-            Ok(Ok(now)) => match now.outcome.clone() {
+        match tokio::time::timeout(SAVE_PATIENCE, saved.changed()).await {
+            Ok(Ok(())) => match saved.borrow().clone() {
                 Some(Ok(keyframes)) => {
                     Ok(proto::MapSaved { keyframes, words: format!("{keyframes} keyframes saved") })
                 }

@@ -3,14 +3,8 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use tokio::sync::watch;
 
-/// What became of the requests up to now.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct MapSaved {
-    /// Saves so far, those that failed too.
-    pub count: u32,
-    /// Keyframes that the last one wrote, or why it wrote none.
-    pub outcome: Option<Result<u32, String>>,
-}
+/// What became of the last request: keyframes that were written, or why none were. `None` before the first.
+pub type MapSaved = Option<Result<u32, String>>;
 
 /// The desk between those who want the map kept and the one who writes it, from any thread.
 #[derive(Debug, Default)]
@@ -26,7 +20,7 @@ impl MapSaves {
         self.is_open.store(true, Ordering::Relaxed);
     }
 
-    /// Asks for the map; what becomes of it is told there. `None` when this flight keeps none.
+    /// Asks for the map; what becomes of it is the next change there. `None` when this flight keeps none.
     pub fn ask(&self) -> Option<watch::Receiver<MapSaved>> {
         if !self.is_open.load(Ordering::Relaxed) {
             return None;
@@ -43,9 +37,7 @@ impl MapSaves {
 
     /// Tells those who asked: how many keyframes were written, or why none were.
     pub fn tell(&self, outcome: Result<u32, String>) {
-        self.saved.send_modify(|saved| {
-            *saved = MapSaved { count: saved.count.wrapping_add(1), outcome: Some(outcome) };
-        });
+        self.saved.send_replace(Some(outcome));
     }
 }
 
@@ -64,9 +56,13 @@ mod tests {
     fn a_request_is_taken_once_and_its_outcome_told() {
         let saves = MapSaves::default();
         saves.open();
-        let mut told = saves.ask().unwrap();
+        let told = saves.ask().unwrap();
         assert!(saves.take() && !saves.take());
+        assert!(!told.has_changed().unwrap());
         saves.tell(Ok(7));
-        assert_eq!(*told.borrow_and_update(), MapSaved { count: 1, outcome: Some(Ok(7)) });
+        assert!(told.has_changed().unwrap());
+        assert_eq!(*told.borrow(), Some(Ok(7)));
+        // Who asks again waits for another.
+        assert!(!saves.ask().unwrap().has_changed().unwrap());
     }
 }
