@@ -102,7 +102,7 @@ soak: setup forget-skips ## long flights: memory, drift of time, restarts (SOAK_
 	$(call tell-skips,PLUMBLINE_SOAK_MINUTES=$(SOAK_MINUTES) \
 		$(CARGO) nextest run $(FLAGS) --workspace --profile soak --run-ignored all -E 'test(/soak/)' $(ARGS))
 
-vm: ## the cameras' driver, and a flight with them, behind a real kernel in a virtual machine (VM_SECONDS=60)
+vm: ## drivers of cameras and inertial sensors, and a flight, behind a real kernel in a virtual machine (VM_SECONDS=60)
 	@scripts/setup base
 	@scripts/vm setup
 	PLUMBLINE_VM_SECONDS=$(VM_SECONDS) $(CARGO) test $(FLAGS) -p plumbline-drivers --test vm -- --nocapture --ignored realtime:: $(ARGS)

@@ -4,10 +4,11 @@ use crate::frame_socket::{SocketMonitor, SocketStereo};
 use crate::iio::IioImu;
 use crate::inertial::ImuMonitor;
 use crate::serial::{SerialImu, TriggerEvent};
+use crate::trigger::{Exposure, TriggerMonitor, Triggered};
 use crate::v4l2::{V4l2Monitor, V4l2Options, V4l2Stereo};
 use crate::{DriverError, ImuSource, StereoSource, StopFlag};
 use plumbline_config::Config;
-use plumbline_config::options::ImuEndpoint;
+use plumbline_config::options::{ImuEndpoint, TriggerExposure};
 use rtrb::Consumer;
 use std::path::Path;
 
@@ -70,6 +71,34 @@ impl CameraMonitor {
             Self::V4l2(monitor) => monitor.trouble(),
             Self::Socket(monitor) => [monitor.trouble(), None],
         }
+    }
+}
+
+impl CameraMonitor {
+    /// Length of the left camera's exposure, ns, where its driver tells it.
+    #[must_use]
+    pub fn exposure_ns(&self) -> Option<i64> {
+        let exposure_ms = match self {
+            Self::V4l2(monitor) => monitor.figures().cameras[0].exposure_ms,
+            Self::Socket(_) => 0.0,
+        };
+        (exposure_ms > 0.0).then_some((exposure_ms * 1e6).round() as i64)
+    }
+}
+
+impl LiveCameras {
+    /// The same cameras, whose frames are stamped by these triggers, with figures of that; `config` says what a trigger's
+    /// pulse means.
+    #[must_use]
+    pub fn triggered(self, triggers: Consumer<TriggerEvent>, config: &Config) -> (Self, TriggerMonitor) {
+        let exposure = match config.driver.imu.trigger_exposure {
+            TriggerExposure::Pulse => Exposure::Pulse(self.monitor.clone()),
+            TriggerExposure::Camera => Exposure::Camera(self.monitor.clone()),
+        };
+        let rate_hz = config.camera.first().map_or(1.0, |camera| camera.rate_hz);
+        let source = Triggered::new(self.source, triggers, exposure, rate_hz);
+        let monitor = source.monitor();
+        (Self { source: Box::new(source), ..self }, monitor)
     }
 }
 

@@ -20,6 +20,8 @@ pub struct ImuDriverConfig {
     pub trigger_cameras: bool,
     /// How long the pulse of a trigger is, s.
     pub trigger_pulse_s: f64,
+    /// How long the exposure of a triggered camera is: frames are stamped by the trigger and half of it.
+    pub trigger_exposure: TriggerExposure,
 }
 
 impl Default for ImuDriverConfig {
@@ -31,8 +33,20 @@ impl Default for ImuDriverConfig {
             delay_s: 0.0,
             trigger_cameras: false,
             trigger_pulse_s: 0.001,
+            trigger_exposure: TriggerExposure::default(),
         }
     }
+}
+
+/// What says how long a triggered camera exposes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum TriggerExposure {
+    /// The pulse of the trigger, while which it exposes; where the microcontroller tells no length of it, the camera's driver.
+    #[default]
+    Pulse,
+    /// The camera's driver: the pulse only begins the exposure.
+    Camera,
 }
 
 /// What an inertial sensor speaks on a serial line.

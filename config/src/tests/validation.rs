@@ -1,6 +1,6 @@
 use super::euroc;
 use crate::camera::Distortion;
-use crate::options::{ImuProtocol, PairBy, TlsConfig, V4l2Format};
+use crate::options::{ImuProtocol, PairBy, TlsConfig, TriggerExposure, V4l2Format};
 use crate::shape::sample_for_tests;
 use crate::{Config, Violation};
 use serde::Deserialize;
@@ -286,6 +286,11 @@ fn cameras_are_triggered_by_a_microcontroller_alone_and_by_pulses_shorter_than_a
     check("driver.imu.trigger_pulse_s", "1 / camera.rate_hz", |c| {
         c.driver.imu.trigger_cameras = true;
         c.driver.imu.trigger_pulse_s = 0.06;
+    });
+    check("driver.imu.trigger_exposure", "\"pulse\"", |c| {
+        c.driver.imu.trigger_cameras = true;
+        c.driver.imu.trigger_exposure = TriggerExposure::Camera;
+        c.driver.frames.listen = "/run/frames".into();
     });
 }
 

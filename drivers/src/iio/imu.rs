@@ -176,8 +176,8 @@ impl IioImu {
             }
             (None, None) => poll(&mut [], Some(&PATIENCE)),
         };
-        if waited.is_ok_and(|count| count > 0) {
-            // A device that went away is told by reading from it.
+        // A device that went away is told by reading from it, and by nothing else: the kernel's poll is silent then.
+        if waited.is_ok() {
             self.gyro.read();
             if let Some((unit, _)) = &mut self.accel {
                 unit.read();

@@ -16,7 +16,7 @@ mod port;
 mod ports;
 pub mod protocol;
 #[cfg(test)]
-mod realtime;
+pub(crate) mod realtime;
 #[cfg(any(test, feature = "fuzzing"))]
 pub(crate) mod simulated;
 mod stream;

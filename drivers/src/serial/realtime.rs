@@ -20,7 +20,7 @@ const MS: i64 = 1_000_000;
 const TOLERANCE_NS: i64 = 200_000;
 
 /// The end of a pseudo-terminal that a device holds, and the name of the other.
-fn terminal() -> (OwnedFd, String) {
+pub(crate) fn terminal() -> (OwnedFd, String) {
     let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
     rustix::io::ioctl_fionbio(&master, true).unwrap();
     grantpt(&master).unwrap();
@@ -36,7 +36,7 @@ fn open(path: &str, protocol: ImuProtocol, rate_hz: i64, stop: &StopFlag) -> Ser
 }
 
 /// Sleeps up to a little before `due_ns`, and does not sleep any more then; how late it came, ns.
-fn wait_until(due_ns: i64, mut meanwhile: impl FnMut()) -> i64 {
+pub(crate) fn wait_until(due_ns: i64, mut meanwhile: impl FnMut()) -> i64 {
     loop {
         meanwhile();
         let left_ns = due_ns - monotonic_ns();
@@ -112,7 +112,7 @@ impl Player {
 }
 
 /// Hands all bytes to the terminal.
-fn send(master: &OwnedFd, mut bytes: &[u8]) {
+pub(crate) fn send(master: &OwnedFd, mut bytes: &[u8]) {
     while !bytes.is_empty() {
         match rustix::io::write(master, bytes) {
             Ok(count) => bytes = &bytes[count..],

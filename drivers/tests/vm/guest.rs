@@ -14,7 +14,7 @@ const SIZE: (usize, usize) = (640, 480);
 const RATE_HZ: f64 = 10.0;
 
 /// Whether this is the virtual machine; elsewhere these tests have nothing to look at.
-fn is_guest() -> bool {
+pub(crate) fn is_guest() -> bool {
     let is_guest = std::env::var_os("PLUMBLINE_GUEST").is_some();
     if !is_guest {
         println!("this is no virtual machine: run `make vm`");

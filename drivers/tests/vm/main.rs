@@ -1,9 +1,12 @@
-//! Cameras behind the real kernel, in a virtual machine: `scripts/vm` boots it, and runs this very program in it.
+//! Cameras and inertial sensors behind the real kernel, in a virtual machine: `scripts/vm` boots it, and runs this very
+//! program in it.
 //!
 //! The kernel's virtual cameras (`vivid`) stand for real ones: they stream, stamp, lose images and are unplugged as the
-//! kernel's rules say. What they cannot show, clocks and buses of real hardware, is told by the figures of a flight.
+//! kernel's rules say; so does a hub of HID sensors that the program plays to the kernel ([`hid`]). What they cannot show, clocks and buses of real hardware, is told by the figures of a flight.
 
 mod guest;
+mod guest_iio;
+mod hid;
 
 /// Alone on its host: emulation takes what there is of it.
 mod realtime {
@@ -22,7 +25,7 @@ mod realtime {
         let output = Command::new(&script)
             .arg("run")
             .arg(program)
-            .args(["guest::", "--ignored", "--nocapture", "--test-threads=1"])
+            .args(["guest", "--ignored", "--nocapture", "--test-threads=1"])
             .env("PLUMBLINE_GUEST", "1")
             .output()
             .expect("the script runs");
@@ -31,7 +34,8 @@ mod realtime {
         println!("{said}");
         assert!(output.status.success(), "{console}");
         // All of them ran.
-        let tests = include_str!("guest.rs").matches("#[ignore = ").count();
+        let guests = [include_str!("guest.rs"), include_str!("guest_iio.rs")];
+        let tests: usize = guests.iter().map(|guest| guest.matches("#[ignore = ").count()).sum();
         assert!(said.contains(&format!("{tests} passed; 0 failed")), "{console}");
     }
 }

@@ -26,7 +26,7 @@ pub use open::{
 pub use outputs::Outputs;
 pub use overrides::with_overrides;
 pub use run::{Flown, fly};
-pub use sensors::{LiveSensors, open_sensors};
+pub use sensors::{LiveSensors, open_cameras_alone, open_sensors};
 pub use trajectory::{CausalPose, CausalTrajectory, KeptStates, OdometryTrajectory};
 
 use crate::log::KnownMap;

@@ -2,8 +2,8 @@
 //! drivers some times a second; nothing of it is on the way of a sample.
 
 use super::sensors::LiveSensors;
-use plumbline_drivers::ImuFigures;
 use plumbline_drivers::inertial::LinkFigures;
+use plumbline_drivers::{ImuFigures, TriggerMonitor};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -54,6 +54,7 @@ impl Drop for SensorWatch {
 struct Told {
     cameras: [Option<String>; 2],
     imu: Option<String>,
+    triggers: Option<String>,
     bringing: Bringing,
 }
 
@@ -68,6 +69,8 @@ impl Told {
         let name = &sensors.imu.name;
         let words = trouble.map(|words| format!("{name}: {words} (driver.imu)"));
         tell(&mut self.imu, words, || format!("{name}: the IMU is there"));
+        let trouble = sensors.triggers.as_ref().and_then(TriggerMonitor::trouble);
+        tell(&mut self.triggers, trouble, || "frames are stamped by their triggers".to_owned());
     }
 }
 

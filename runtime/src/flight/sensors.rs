@@ -6,7 +6,8 @@ use crate::pipeline::Stamps;
 use plumbline_config::ValidConfig;
 use plumbline_config::options::{AutopilotEndpoint, ImuEndpoint};
 use plumbline_drivers::{
-    CameraMonitor, ImuMonitor, ImuSource, StereoSource, StopFlag, open_cameras, open_imu,
+    CameraMonitor, ImuMonitor, ImuSource, LiveCameras, StereoSource, StopFlag, TriggerMonitor, open_cameras,
+    open_imu,
 };
 
 /// What is known of the sensors of a flight while it goes on, and after it.
@@ -16,6 +17,8 @@ pub struct LiveSensors {
     pub imu: SensorView<ImuMonitor>,
     /// The cameras.
     pub cameras: SensorView<CameraMonitor>,
+    /// How their frames are stamped, where a microcontroller triggers them.
+    pub triggers: Option<TriggerMonitor>,
 }
 
 /// What is known of one of them.
@@ -42,20 +45,21 @@ impl<M> SensorView<M> {
 /// When the configuration names none, or what is there cannot be used. The message names the key or the device.
 pub fn open_sensors(config: &ValidConfig, stop: &StopFlag) -> Result<(Flight, LiveSensors), FlightError> {
     check_line(config)?;
-    let imu = open_imu(config, stop)?.ok_or_else(|| {
+    let mut imu = open_imu(config, stop)?.ok_or_else(|| {
         FlightError::Invalid(
             "driver.imu.connect is empty: say where the IMU is, serial://DEVICE:BAUD or iio://NAME \
              (`plumbline devices` lists what is there)"
                 .into(),
         )
     })?;
-    let cameras = open_cameras(config, stop)?.ok_or_else(|| {
-        FlightError::Invalid(
-            "driver.v4l2.left is empty, and so is driver.frames.listen: name the cameras (`plumbline devices` lists \
-             those that are there), or a socket for frames of your own"
-                .into(),
-        )
-    })?;
+    let cameras = open_cameras(config, stop)?.ok_or_else(no_cameras)?;
+    let (cameras, triggers) = match imu.triggers.take() {
+        Some(triggers) => {
+            let (cameras, monitor) = cameras.triggered(triggers, config);
+            (cameras, Some(monitor))
+        }
+        None => (cameras, None),
+    };
     let (source, meter) = Watched::<dyn ImuSource>::new(imu.source, config.imu.rate_hz);
     let imu = SensorView { name: config.driver.imu.connect.clone(), monitor: imu.monitor, meter };
     let (stereo, meter) = Watched::<dyn StereoSource>::new(cameras.source, config.camera[0].rate_hz);
@@ -71,7 +75,30 @@ pub fn open_sensors(config: &ValidConfig, stop: &StopFlag) -> Result<(Flight, Li
         map: None,
         stamps: Stamps::OfHost,
     };
-    Ok((flight, LiveSensors { imu, cameras }))
+    Ok((flight, LiveSensors { imu, cameras, triggers }))
+}
+
+/// Opens the cameras of `config` alone. A microcontroller that triggers them is kept at it until `stop` is set.
+///
+/// # Errors
+/// When the configuration names no cameras, or what is there cannot be used.
+pub fn open_cameras_alone(config: &ValidConfig, stop: &StopFlag) -> Result<LiveCameras, FlightError> {
+    let cameras = open_cameras(config, stop)?.ok_or_else(no_cameras)?;
+    if config.driver.imu.trigger_cameras
+        && let Some(mut imu) = open_imu(config, stop)?
+    {
+        // It hears what it is to do while its samples are read.
+        std::thread::spawn(move || while let Ok(Some(_)) = imu.source.next_reading() {});
+    }
+    Ok(cameras)
+}
+
+fn no_cameras() -> FlightError {
+    FlightError::Invalid(
+        "driver.v4l2.left is empty, and so is driver.frames.listen: name the cameras (`plumbline devices` lists those that \
+         are there), or a socket for frames of your own"
+            .into(),
+    )
 }
 
 fn cameras_name(config: &ValidConfig) -> String {

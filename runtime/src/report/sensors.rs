@@ -2,7 +2,7 @@
 
 use crate::flight::LiveSensors;
 use crate::flight::capture::{Pairs, StreamFigures};
-use plumbline_drivers::{CameraMonitor, ImuFigures, SocketFigures, V4l2Figures};
+use plumbline_drivers::{CameraMonitor, ImuFigures, SocketFigures, TriggerFigures, V4l2Figures};
 use serde::Serialize;
 
 /// The sensors of a live flight.
@@ -105,6 +105,30 @@ pub struct Cameras {
     /// A program that sends frames.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub socket: Option<Socket>,
+    /// How frames were stamped, where a microcontroller triggers the cameras.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub triggers: Option<Triggers>,
+}
+
+/// How frames of triggered cameras were stamped.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Triggers {
+    /// By their trigger.
+    pub by_trigger: u64,
+    /// By the triggers around theirs, whose message did not come.
+    pub predicted: u64,
+    /// By their driver less its usual delay.
+    pub by_delay: u64,
+    /// By their driver, since no trigger was ever known.
+    pub by_driver: u64,
+    /// Not handed out, since it was not known yet which triggers are theirs.
+    pub held_back: u64,
+    /// Not handed out, since number and time of their trigger contradicted each other.
+    pub doubtful: u64,
+    /// How often it was found out which trigger belongs to which frame.
+    pub found: u64,
+    /// The driver's stamp less the middle of the exposure, ms.
+    pub delay_ms: f64,
 }
 
 /// Cameras of the kernel.
@@ -177,7 +201,15 @@ impl Sensors {
         let trouble = sensors.cameras.monitor.trouble();
         Self {
             imu,
-            cameras: Cameras { name: sensors.cameras.name.clone(), stream, pairs, trouble, v4l2, socket },
+            cameras: Cameras {
+                name: sensors.cameras.name.clone(),
+                stream,
+                pairs,
+                trouble,
+                v4l2,
+                socket,
+                triggers: sensors.triggers.as_ref().map(|monitor| Triggers::of(&monitor.figures())),
+            },
         }
     }
 
@@ -204,15 +236,16 @@ impl Sensors {
                 "{:<18}handed out {:.1} ms after their middle of exposure in the median, {:.1} at p99",
                 "", cameras.stream.age_ms.p50, cameras.stream.age_ms.p99
             ),
-            format!(
-                "{:<18}{} samples, {} missing, {:.2} Hz, {}",
-                "IMU",
-                imu.stream.count,
-                imu.stream.missing,
-                imu.stream.rate_hz,
-                gaps(&imu.stream)
-            ),
         ];
+        lines.extend(cameras.triggers.iter().map(Triggers::line));
+        lines.push(format!(
+            "{:<18}{} samples, {} missing, {:.2} Hz, {}",
+            "IMU",
+            imu.stream.count,
+            imu.stream.missing,
+            imu.stream.rate_hz,
+            gaps(&imu.stream)
+        ));
         let clock = &imu.clock;
         lines.push(format!(
             "{:<18}handed out {:.2} ms after their measurement in the median, {:.2} at p99; its clock is {:+.1} ppm off",
@@ -281,6 +314,32 @@ impl V4l2 {
                 max_delay_ms: camera.max_delay_ms,
             }),
         }
+    }
+}
+
+impl Triggers {
+    fn of(figures: &TriggerFigures) -> Self {
+        Self {
+            by_trigger: figures.by_trigger,
+            predicted: figures.predicted,
+            by_delay: figures.by_delay,
+            by_driver: figures.by_driver,
+            held_back: figures.held_back,
+            doubtful: figures.doubtful,
+            found: figures.found,
+            delay_ms: figures.delay_ms,
+        }
+    }
+
+    fn line(&self) -> String {
+        format!(
+            "{:<18}{} stamped by their trigger, {} by those around it, {} without; the driver's stamps are {:.1} ms late",
+            "",
+            self.by_trigger,
+            self.predicted,
+            self.by_delay + self.by_driver,
+            self.delay_ms
+        )
     }
 }
 

@@ -1,0 +1,64 @@
+//! What can be said of frames and their triggers, for whoever asks from another thread.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// How frames were stamped.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct TriggerFigures {
+    /// Frames stamped by their trigger.
+    pub by_trigger: u64,
+    /// Frames stamped by the triggers around theirs, whose message did not come.
+    pub predicted: u64,
+    /// Frames stamped by their driver less its usual delay, since no trigger was known.
+    pub by_delay: u64,
+    /// Frames stamped by their driver, since no trigger has ever been known.
+    pub by_driver: u64,
+    /// Frames that were not handed out, since it was not known yet which triggers are theirs.
+    pub held_back: u64,
+    /// Frames that were not handed out, since number and time of their trigger contradicted each other.
+    pub doubtful: u64,
+    /// How often it was found out which trigger belongs to which frame.
+    pub found: u64,
+    /// The driver's stamp less the middle of the exposure in the mean, ms.
+    pub delay_ms: f64,
+    /// Frames in a row without a trigger, up to now.
+    pub without: u64,
+}
+
+/// So many frames in a row without a trigger are told.
+const TROUBLE: u64 = 20;
+
+/// Shows the figures of a [`Triggered`](super::Triggered) to other threads. Copies show the same.
+#[derive(Clone, Debug, Default)]
+pub struct TriggerMonitor(Arc<Mutex<TriggerFigures>>);
+
+impl TriggerMonitor {
+    /// The figures up to the last frame.
+    #[must_use]
+    pub fn figures(&self) -> TriggerFigures {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Why frames are not stamped by triggers, where they are not.
+    #[must_use]
+    pub fn trouble(&self) -> Option<String> {
+        let figures = self.figures();
+        (figures.without >= TROUBLE).then(|| {
+            let instead = match figures.by_driver {
+                0 => "by their driver less its usual delay",
+                _ => "by their driver",
+            };
+            format!(
+                "no triggers of the frames are known, which are stamped {instead}: does the microcontroller tell its triggers? \
+                 (driver.imu.trigger_cameras)"
+            )
+        })
+    }
+
+    /// Shows these from now on; where somebody is reading at the moment, the next ones.
+    pub(super) fn show(&self, figures: &TriggerFigures) {
+        if let Ok(mut shown) = self.0.try_lock() {
+            *shown = *figures;
+        }
+    }
+}
