@@ -78,11 +78,10 @@ impl CameraMonitor {
     /// Length of the left camera's exposure, ns, where its driver tells it.
     #[must_use]
     pub fn exposure_ns(&self) -> Option<i64> {
-        let exposure_ms = match self {
-            Self::V4l2(monitor) => monitor.figures().cameras[0].exposure_ms,
-            Self::Socket(_) => 0.0,
-        };
-        (exposure_ms > 0.0).then_some((exposure_ms * 1e6).round() as i64)
+        match self {
+            Self::V4l2(monitor) => monitor.exposure_ns(),
+            Self::Socket(_) => None,
+        }
     }
 }
 
@@ -91,9 +90,13 @@ impl LiveCameras {
     /// pulse means.
     #[must_use]
     pub fn triggered(self, triggers: Consumer<TriggerEvent>, config: &Config) -> (Self, TriggerMonitor) {
+        let cameras = match &self.monitor {
+            CameraMonitor::V4l2(monitor) => Some(monitor.clone()),
+            CameraMonitor::Socket(_) => None,
+        };
         let exposure = match config.driver.imu.trigger_exposure {
-            TriggerExposure::Pulse => Exposure::Pulse(self.monitor.clone()),
-            TriggerExposure::Camera => Exposure::Camera(self.monitor.clone()),
+            TriggerExposure::Pulse => Exposure::Pulse(cameras),
+            TriggerExposure::Camera => Exposure::Camera(cameras),
         };
         let rate_hz = config.camera.first().map_or(1.0, |camera| camera.rate_hz);
         let source = Triggered::new(self.source, triggers, exposure, rate_hz);

@@ -4,7 +4,6 @@
 use super::source::{Exposure, Triggered};
 use crate::clock::monotonic_ns;
 use crate::frame_socket::{Header, SocketStereo};
-use crate::live::CameraMonitor;
 use crate::random::{Draws, Purpose};
 use crate::serial::SerialImu;
 use crate::serial::realtime::{send, terminal, wait_until};
@@ -104,8 +103,7 @@ fn frames_of_triggered_cameras_are_stamped_by_the_edge_whatever_becomes_of_them_
     let driver = ImuDriverConfig { trigger_cameras: true, ..ImuDriverConfig::default() };
     let mut imu = SerialImu::at(&line, &driver, &imu_config(RATE_HZ as f64), 20.0, stop.clone()).unwrap();
     let socket = SocketStereo::open(&path, SIZES, 20.0, stop.clone()).unwrap();
-    let exposure = Exposure::Pulse(CameraMonitor::Socket(socket.monitor()));
-    let mut source = Triggered::new(socket, imu.take_triggers().unwrap(), exposure, 20.0);
+    let mut source = Triggered::new(socket, imu.take_triggers().unwrap(), Exposure::Pulse(None), 20.0);
     let (monitor, mut frame) = (source.monitor(), StereoFrame::new(SIZES));
     let device = Device {
         protocol: ImuProtocol::Plumbline,

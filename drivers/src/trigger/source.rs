@@ -2,8 +2,8 @@
 
 use super::figures::{TriggerFigures, TriggerMonitor};
 use super::matching::{Matched, Matching};
-use crate::live::CameraMonitor;
 use crate::serial::TriggerEvent;
+use crate::v4l2::V4l2Monitor;
 use crate::{DriverError, Faults, StereoFrame, StereoSource};
 use plumbline_config::Timestamp;
 use rtrb::Consumer;
@@ -15,18 +15,19 @@ const MS: f64 = 1e-6;
 /// How long the exposure of a triggered frame is.
 #[derive(Clone, Debug)]
 pub enum Exposure {
-    /// As long as the pulse; where that has no length, what the cameras' driver says.
-    Pulse(CameraMonitor),
-    /// What the cameras' driver says.
-    Camera(CameraMonitor),
+    /// As long as the pulse; where that has no length, what the cameras' driver says, if there is one.
+    Pulse(Option<V4l2Monitor>),
+    /// What the cameras' driver says, if there is one.
+    Camera(Option<V4l2Monitor>),
 }
 
 impl Exposure {
     fn half_ns(&self, pulse_ns: u32) -> i64 {
-        let by_camera = |monitor: &CameraMonitor| monitor.exposure_ns().unwrap_or(0) / 2;
         match self {
             Self::Pulse(_) if pulse_ns > 0 => i64::from(pulse_ns) / 2,
-            Self::Pulse(monitor) | Self::Camera(monitor) => by_camera(monitor),
+            Self::Pulse(cameras) | Self::Camera(cameras) => {
+                cameras.as_ref().and_then(V4l2Monitor::exposure_ns).unwrap_or(0) / 2
+            }
         }
     }
 }
