@@ -5,10 +5,9 @@
 //! IMU's white noise; that of the biases enters through the estimate it starts from.
 
 use crate::estimate::{Estimate, NavCovariance, Odometry, TrackingState};
-use crate::geometry::skew;
 use crate::inertial::{ImuNoise, Preintegration};
 use crate::window::state::NavState;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 use plumbline_config::{ImuSample, Timestamp, ValidSetup};
 use std::collections::VecDeque;
 
@@ -138,28 +137,12 @@ impl Propagator {
         {
             let mut step = Preintegration::new(&nav.bias_gyro, &nav.bias_accel);
             step.integrate(dt, &((last.gyro + sample.gyro) * 0.5), &last.accel, &sample.accel, &self.noise);
-            self.covariance = grown(&self.covariance, nav, &step);
+            self.covariance = nav.covariance_after(&self.covariance, &step);
             *nav = nav.after(&step, &self.gravity_o);
             self.stamp = sample.stamp;
         }
         self.newest = Some(*sample);
     }
-}
-
-/// Covariance after the motion `step` from `nav`: `F P F' + G Q G'`.
-fn grown(covariance: &NavCovariance, nav: &NavState, step: &Preintegration) -> NavCovariance {
-    let rot = nav.rot_o_b.to_rotation_matrix().into_inner();
-    let identity = Matrix3::identity();
-    let mut f = NavCovariance::identity();
-    f.fixed_view_mut::<3, 3>(0, 3).copy_from(&-(rot * skew(&step.delta_p)));
-    f.fixed_view_mut::<3, 3>(0, 6).copy_from(&(identity * step.dt_s));
-    f.fixed_view_mut::<3, 3>(3, 3).copy_from(&step.delta_rot.inverse().to_rotation_matrix().into_inner());
-    f.fixed_view_mut::<3, 3>(6, 3).copy_from(&-(rot * skew(&step.delta_v)));
-    let mut g = NavCovariance::zeros();
-    g.fixed_view_mut::<3, 3>(0, 0).copy_from(&rot);
-    g.fixed_view_mut::<3, 3>(3, 3).copy_from(&identity);
-    g.fixed_view_mut::<3, 3>(6, 6).copy_from(&rot);
-    f * covariance * f.transpose() + g * step.covariance * g.transpose()
 }
 
 #[cfg(test)]

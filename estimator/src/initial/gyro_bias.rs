@@ -50,13 +50,13 @@ impl Workspace {
 }
 
 /// The gyroscope bias, rad/s, that makes the epipolar geometry of `frames` agree best, pulled towards
-/// zero by its standard deviation `sigma_rad_s`; `None` without enough common points. `rot_b_c` takes directions
+/// what was `known` before by the standard deviation of that, rad/s; `None` without enough common points. `rot_b_c` takes directions
 /// from each camera to the body; `sigma_bearing` is the standard deviation of a bearing, rad.
 #[must_use]
 pub fn estimate(
     frames: &[GatheredFrame],
     rot_b_c: &[Matrix3<f64>; 2],
-    sigma_rad_s: f64,
+    (known, sigma_rad_s): (&Vector3<f64>, f64),
     sigma_bearing: f64,
     workspace: &mut Workspace,
 ) -> Option<Vector3<f64>> {
@@ -64,10 +64,10 @@ pub fn estimate(
     if workspace.pairs.is_empty() {
         return None;
     }
-    let mut bias = Vector3::zeros();
+    let mut bias = *known;
     for _ in 0..STEPS {
         let mut hessian = Matrix3::identity() / (sigma_rad_s * sigma_rad_s);
-        let mut gradient = bias / (sigma_rad_s * sigma_rad_s);
+        let mut gradient = (bias - known) / (sigma_rad_s * sigma_rad_s);
         for pair in &workspace.pairs {
             let bearings = &workspace.bearings[pair.bearings.clone()];
             let (h, g) = pair.linearize(bearings, &bias, sigma_bearing);

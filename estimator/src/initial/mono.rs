@@ -123,17 +123,18 @@ struct PointBlock {
     g_x: Vector3<f64>,
 }
 
-/// Solves for velocity and gravity over `frames`, biases removed beforehand (`bias_gyro`, rad/s); `None` when
+/// Solves for velocity and gravity over `frames`, `biases` removed beforehand (gyroscope rad/s, accelerometer
+/// m/s²); `None` when
 /// the views do not determine them. `pose_b_c` are the extrinsics `T_BC` of both cameras.
 #[must_use]
 pub fn align(
     frames: &[GatheredFrame],
     pose_b_c: &[Isometry3<f64>; 2],
-    bias_gyro: &Vector3<f64>,
+    biases: &(Vector3<f64>, Vector3<f64>),
     gravity_m_s2: f64,
     workspace: &mut Workspace,
 ) -> Option<Alignment> {
-    workspace.find_motions(frames, bias_gyro)?;
+    workspace.find_motions(frames, biases)?;
     workspace.place_cameras(pose_b_c);
     workspace.find_points(frames);
     let mut solution = Six::zeros();
@@ -153,16 +154,19 @@ pub fn align(
 }
 
 impl Workspace {
-    /// Motions from the first frame at the gyroscope bias given; `None` where one is not known.
-    fn find_motions(&mut self, frames: &[GatheredFrame], bias_gyro: &Vector3<f64>) -> Option<()> {
-        let zero = Vector3::zeros();
+    /// Motions from the first frame at the biases given; `None` where one is not known.
+    fn find_motions(
+        &mut self,
+        frames: &[GatheredFrame],
+        (bias_gyro, bias_accel): &(Vector3<f64>, Vector3<f64>),
+    ) -> Option<()> {
         self.motions.clear();
-        self.motions.push(Preintegration::new(bias_gyro, &zero));
+        self.motions.push(Preintegration::new(bias_gyro, bias_accel));
         for k in 1..frames.len() {
             let mut motion = joined_motion(frames, 0, k)?;
-            let corrected = motion.corrected(bias_gyro, &zero);
+            let corrected = motion.corrected(bias_gyro, bias_accel);
             (motion.delta_p, motion.delta_rot, motion.delta_v) = (corrected.p, corrected.rot, corrected.v);
-            motion.bias_gyro = *bias_gyro;
+            (motion.bias_gyro, motion.bias_accel) = (*bias_gyro, *bias_accel);
             self.motions.push(motion);
         }
         Some(())

@@ -20,7 +20,7 @@ const PLENTY_LANDMARKS: f64 = 60.0;
 pub enum ResetReason {
     /// Somebody asked for it.
     AskedFor(ResetKind),
-    /// Too few landmarks were in view for so long, s.
+    /// Too few landmarks were in view, or the equations could not be solved, for so long, s.
     Blind(f64),
     /// A state that is no number.
     NotFinite,
@@ -45,7 +45,7 @@ impl fmt::Display for ResetReason {
         match self {
             Self::AskedFor(ResetKind::Soft) => f.write_str("asked for, keeping the pose"),
             Self::AskedFor(ResetKind::Hard) => f.write_str("asked for, from the origin"),
-            Self::Blind(s) => write!(f, "too few landmarks in view for {s:.1} s (health.max_blind_s)"),
+            Self::Blind(s) => write!(f, "too few landmarks in view, or none that could be used, for {s:.1} s (health.max_blind_s)"),
             Self::NotFinite => f.write_str("the state is no number"),
             Self::Speed(x) => write!(f, "a speed of {x:.1} m/s (health.max_speed_m_s)"),
             Self::GyroBias(x) => write!(f, "a gyroscope bias of {x:.2} rad/s (health.max_gyro_bias_rad_s)"),
@@ -65,7 +65,9 @@ impl Odometer {
 
     /// Resets when the estimate cannot be right, or has been blind for too long.
     pub(super) fn judge(&mut self, stamp: Timestamp, health: &mut HealthBits) {
-        if self.landmarks_in_view() >= MIN_LANDMARKS_IN_VIEW {
+        // Equations that could not be solved tell as little as a black image.
+        let is_solved = !health.contains(HealthBits::NOT_POSITIVE_DEFINITE);
+        if is_solved && self.landmarks_in_view() >= MIN_LANDMARKS_IN_VIEW {
             self.last_seen = Some(stamp);
         }
         let velocity_sigma =
@@ -83,6 +85,8 @@ impl Odometer {
             self.reset(ResetKind::Soft);
             self.reset_reason = Some(reason);
             self.last_reset = Some(stamp);
+        } else if is_solved {
+            self.remember(stamp);
         }
     }
 

@@ -7,8 +7,11 @@
 
 mod judgement;
 pub mod measurements;
+mod memory;
 #[cfg(test)]
 mod poison_tests;
+#[cfg(test)]
+mod reset_tests;
 mod start;
 #[cfg(test)]
 mod synthetic;
@@ -29,6 +32,7 @@ use crate::work_budget::WorkBudget;
 use judgement::MIN_LANDMARKS_IN_VIEW;
 pub use judgement::ResetReason;
 use measurements::Measurer;
+use memory::Memory;
 use nalgebra::Vector3;
 use plumbline_config::options::HealthConfig;
 use plumbline_config::{CameraModel, Timestamp, ValidSetup};
@@ -88,6 +92,8 @@ pub struct Odometer {
     last_reset: Option<Timestamp>,
     /// Why the estimate was last started anew.
     pub reset_reason: Option<ResetReason>,
+    memory: Memory,
+    /// Where the next start begins, and the biases it begins with.
     origin: Option<NavState>,
     bias_memory: (Vector3<f64>, Vector3<f64>),
     covariance: NavCovariance,
@@ -136,6 +142,7 @@ impl Odometer {
             last_seen: None,
             last_reset: None,
             reset_reason: None,
+            memory: Memory::default(),
             origin: None,
             bias_memory: (Vector3::zeros(), Vector3::zeros()),
             covariance: NavCovariance::zeros(),
@@ -345,7 +352,19 @@ impl Odometer {
                 self.covariance = covariance;
                 self.time_offset_sigma_s = variance.max(0.0).sqrt();
             }
-            _ => health.insert(HealthBits::NOT_POSITIVE_DEFINITE),
+            _ => {
+                health.insert(HealthBits::NOT_POSITIVE_DEFINITE);
+                self.carry_covariance();
+            }
+        }
+    }
+
+    /// Where a frame tells nothing of how well it is known: as the one before it, and the motion since.
+    fn carry_covariance(&mut self) {
+        if let [.., before, newest] = &self.window.frames[..]
+            && let Some(inertial) = &newest.inertial
+        {
+            self.covariance = before.nav.covariance_after(&self.covariance, &inertial.motion);
         }
     }
 
@@ -354,13 +373,10 @@ impl Odometer {
         (self.phase == Phase::Running).then(|| self.window.rig_estimate()).flatten()
     }
 
-    /// Starts anew: soft keeps the newest pose as the origin of the new start.
+    /// Starts anew. Soft: from the newest pose that can be right, with its biases and calibration. Hard: from the origin,
+    /// with the calibration as configured.
     pub fn reset(&mut self, kind: ResetKind) {
-        let newest = self.window.frames.last().map(|f| f.nav.clone());
-        self.origin = match kind {
-            ResetKind::Soft => newest.or_else(|| self.origin.take()).filter(NavState::is_finite),
-            ResetKind::Hard => None,
-        };
+        self.prepare_start(kind);
         self.phase = Phase::Gathering;
         self.window.clear();
         self.gathering.clear();

@@ -44,6 +44,7 @@ impl Odometer {
         let Some(newest) = frames.last() else { return false };
         let stereo_tracks = newest.tracks.iter().filter(|t| t.measured.iter().all(Option::is_some)).count();
         let is_stereo = stereo_tracks >= MIN_STEREO_TRACKS;
+        let rig = self.window.rig.clone();
         let started = if is_stereo && frames.len() >= self.options.stereo_frames {
             self.start_stereo()
         } else if !is_stereo && self.is_mono_ready() {
@@ -52,6 +53,8 @@ impl Odometer {
             return false;
         };
         if !started {
+            // Nor is the calibration that led nowhere one to begin with.
+            self.window.rig = rig;
             self.window.clear();
         }
         started
@@ -76,8 +79,8 @@ impl Odometer {
 
     /// Mean displacement of common points in units of pixels, rotation taken out by the gyroscope.
     fn parallax_px(&self, from: &GatheredFrame, to: &GatheredFrame) -> f64 {
-        let zero = Vector3::zeros();
-        let (motion, _) = self.imu.preintegrate(from.time.stamp, to.time.stamp, &zero, &zero, &self.noise);
+        let (gyro, accel) = &self.bias_memory;
+        let (motion, _) = self.imu.preintegrate(from.time.stamp, to.time.stamp, gyro, accel, &self.noise);
         let rot_b_c = self.window.rig.pose_b_c(0).rotation;
         let rot_from_to = rot_b_c.inverse() * motion.delta_rot * rot_b_c;
         let (mut sum, mut count) = (0.0, 0.0);
@@ -103,7 +106,7 @@ impl Odometer {
             return false;
         };
         let bias_gyro = if self.zero_velocity.is_still() { gyro } else { self.bias_memory.0 };
-        let rot_o_b = stereo::attitude_from_gravity(&accel);
+        let rot_o_b = stereo::attitude_from_gravity(&(accel - self.bias_memory.1));
         let mut nav = NavState { rot_o_b, bias_gyro, bias_accel: self.bias_memory.1, ..NavState::default() };
         self.window.clear();
         for k in 0..count {
@@ -131,13 +134,13 @@ impl Odometer {
         let frames = self.gathering.frames();
         let sigma_bearing = self.options.sigma_px / self.focal_px;
         let MonoWorkspace { gyro_bias: of_bias, alignment: of_alignment } = &mut self.mono_workspace;
-        let bias_sigma = self.options.bias_gyro_sigma;
-        let Some(bias_gyro) = gyro_bias::estimate(frames, &rotations, bias_sigma, sigma_bearing, of_bias)
-        else {
+        let known = (&self.bias_memory.0, self.options.bias_gyro_sigma);
+        let Some(bias_gyro) = gyro_bias::estimate(frames, &rotations, known, sigma_bearing, of_bias) else {
             return false;
         };
+        let biases = (bias_gyro, self.bias_memory.1);
         let gravity_m_s2 = self.window.options.gravity_o.norm();
-        let Some(alignment) = mono::align(frames, &poses, &bias_gyro, gravity_m_s2, of_alignment) else {
+        let Some(alignment) = mono::align(frames, &poses, &biases, gravity_m_s2, of_alignment) else {
             return false;
         };
         if alignment.rms_sigmas > MAX_LINEAR_RMS_SIGMAS {
@@ -148,6 +151,7 @@ impl Odometer {
             rot_o_b: rot_o_b0,
             v_o_b: rot_o_b0 * alignment.v_b0,
             bias_gyro,
+            bias_accel: biases.1,
             ..NavState::default()
         };
 

@@ -219,7 +219,7 @@ impl Factor {
         Self { dim: 0, stride: capacity, u: vec![0.0; capacity * capacity] }
     }
 
-    /// Unknowns of the system last factored; 0 before the first.
+    /// Unknowns of the system last factored; 0 before the first, and after one that could not be.
     #[must_use]
     pub fn dim(&self) -> usize {
         self.dim
@@ -231,11 +231,11 @@ impl Factor {
     }
 
     /// Factors `H + damping diag(H)`; unknowns without any information are held at zero. `false` when the
-    /// matrix is not positive definite.
+    /// matrix is not positive definite: then nothing is factored, and [`Self::dim`] is 0.
     #[must_use]
     pub fn compute(&mut self, equations: &NormalEquations, damping: f64) -> bool {
         let dim = equations.dim;
-        self.dim = dim;
+        self.dim = 0;
         for i in 0..dim {
             let row = &mut self.u[i * self.stride + i..i * self.stride + dim];
             row.copy_from_slice(equations.row(i));
@@ -266,6 +266,7 @@ impl Factor {
                 }
             }
         }
+        self.dim = dim;
         true
     }
 

@@ -77,6 +77,9 @@ use state::{FrameTime, Mount, NavState, Rig, unknown_of_frame};
 /// An observation this far from its landmark is an outlier, in standard deviations.
 const OUTLIER_SIGMAS: f64 = 6.0;
 
+/// A refined calibration this far from the configured one, in standard deviations of that, is that of a diverged estimate.
+const RIG_SIGMAS: f64 = 4.0;
+
 /// The sliding window and all the memory it ever needs.
 #[derive(Clone, Debug)]
 pub struct Window {
@@ -104,6 +107,7 @@ pub struct Window {
     visual_step: Vec<f64>,
     rehosted: (Vec<PointLandmark>, Vec<LineLandmark>),
     outliers: Outliers,
+    configured_rig: Rig,
 }
 
 /// The frame whose pose defines the odometry frame, and the prior about it.
@@ -169,13 +173,17 @@ impl Window {
             rehosted: (Vec::with_capacity(points), Vec::with_capacity(lines)),
             outliers: Outliers::new(points, lines),
             options,
+            configured_rig: rig.clone(),
             rig,
         }
     }
 
-    /// Forgets frames, landmarks and prior; the rig's refined calibration stays, as uncertain as it was
-    /// configured.
+    /// Forgets frames, landmarks and prior. The rig's refined calibration stays, as uncertain as it was configured; unless
+    /// it has left what the configuration admits, which then holds again.
     pub fn clear(&mut self) {
+        if !self.rig.is_within(RIG_SIGMAS, &self.configured_rig, &self.options.rig_sigmas) {
+            self.restore_rig();
+        }
         self.frames.clear();
         self.points.clear();
         self.lines.clear();
@@ -184,6 +192,11 @@ impl Window {
         self.heading_votes = HeadingVotes::default();
         self.is_manhattan_in_sight = false;
         self.prior.start(&self.rig, &self.options.rig_sigmas);
+    }
+
+    /// The rig is as configured again.
+    pub fn restore_rig(&mut self) {
+        self.rig.clone_from(&self.configured_rig);
     }
 
     /// Makes the newest frame the origin: the prior is that of the rig, and that this frame is where it is now, with

@@ -103,19 +103,23 @@ impl Window {
         let mut linearizations = 1;
         loop {
             outcome.iterations += 1;
-            match self.step(damping) {
-                Some(decrease) if decrease < SMALL_DECREASE => return damping,
-                Some(_) => {}
-                None => {
-                    outcome.is_not_positive_definite = true;
-                    damping = more(damping);
-                }
+            let decrease = self.step(damping);
+            if decrease.is_some_and(|decrease| decrease < SMALL_DECREASE) {
+                return damping;
+            }
+            if decrease.is_none() {
+                outcome.is_not_positive_definite = true;
+                damping = more(damping);
             }
             if linearizations >= max_iterations {
                 return damping;
             }
             linearizations += 1;
             let cost = self.linearize(damping);
+            if decrease.is_none() {
+                // The same states, more damping: no step was taken that the cost could speak for.
+                continue;
+            }
             if cost > best.cost || !cost.is_finite() {
                 linearizations += 1;
                 self.restore(best);
@@ -213,8 +217,8 @@ impl Window {
     }
 
     /// Covariance of position, attitude and velocity of the newest frame (in the order of the error state, m, rad and
-    /// m/s in `O`), and variance of the time offset (s²), by the last factorization. `None` before the first, after a
-    /// cost that was no finite number, and where it is none itself.
+    /// m/s in `O`), and variance of the time offset (s²), by the last factorization. `None` before the first, where that
+    /// failed, after a cost that was no finite number, and where it is none itself.
     #[must_use]
     pub fn newest_covariance(&mut self) -> Option<(NavCovariance, f64)> {
         let newest = self.frames.len().checked_sub(1)?;

@@ -162,3 +162,40 @@ fn tracks_that_are_no_numbers_never_move_a_state() {
     let outcome = window.optimize(5);
     assert!(outcome.cost.is_finite() && window.frames.iter().all(|f| f.nav.is_finite()));
 }
+
+/// Makes the normal equations indefinite by two unknowns that nothing else speaks of: damping has to reach a half before
+/// they can be factored.
+fn spoil(window: &mut Window) {
+    let (i, k) = (Rig::P_B_C0, Rig::P_C0_C1);
+    window.options.rig_mask[i] = 0.0;
+    window.options.rig_mask[k] = 0.0;
+    window.refresh_anchor();
+    window.anchor = None;
+    let equations = &mut window.prior.equations;
+    for (row, column, value) in [(i, i, 1.0), (k, k, 1.0), (i, k, 1.5)] {
+        let before = equations.get(row, column);
+        equations.add(row, column, value - before);
+    }
+}
+
+#[test]
+fn equations_that_cannot_be_solved_are_damped_until_they_can() {
+    let mut window = Room { disturbance: 20.0, ..Room::default() }.window();
+    spoil(&mut window);
+    let (before, cost) = (states(&window), window.cost());
+    let outcome = window.optimize(6);
+    assert!(outcome.is_not_positive_definite, "they were indefinite");
+    assert!(states(&window) != before && outcome.cost < 0.9 * cost, "{cost} to {}", outcome.cost);
+}
+
+#[test]
+fn there_is_no_covariance_of_equations_that_could_not_be_factored() {
+    let mut window = Room::default().window();
+    let _ = window.optimize(2);
+    assert!(window.newest_covariance().is_some());
+    spoil(&mut window);
+    for iterations in [0, 2] {
+        assert!(window.optimize(iterations).is_not_positive_definite);
+        assert!(window.newest_covariance().is_none() && window.rig_estimate().is_none(), "{iterations}");
+    }
+}

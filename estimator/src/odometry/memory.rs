@@ -1,0 +1,81 @@
+//! What a start anew goes by: the newest states that were believed.
+//!
+//! A divergence is seen late: when a speed passes its bound, the states of the last second are wrong as well. So a state
+//! counts only once it has stood for a while, and the start after a divergence goes on from there.
+
+use super::Odometer;
+use super::judgement::MIN_LANDMARKS_IN_VIEW;
+use crate::input::ResetKind;
+use crate::window::state::{NavState, Rig};
+use nalgebra::Vector3;
+use plumbline_config::Timestamp;
+
+/// A state counts once it has stood for so long, s: an accelerometer that is wrong by its whole range drives the speed past
+/// any bound within a fraction of that.
+const PROOF_S: f64 = 1.0;
+
+/// A state that was believed, and the calibration it rests on.
+#[derive(Clone, Debug)]
+struct Believed {
+    stamp: Timestamp,
+    nav: NavState,
+    rig: Rig,
+}
+
+/// Two states that were believed, [`PROOF_S`] or more apart: with a frame each, the older one is one to two seconds old.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Memory {
+    older: Option<Believed>,
+    newer: Option<Believed>,
+}
+
+impl Memory {
+    /// Keeps a state that is believed, if the last one kept is old enough.
+    fn remember(&mut self, stamp: Timestamp, nav: &NavState, rig: &Rig) {
+        if self.newer.as_ref().is_none_or(|newer| stamp.seconds_since(newer.stamp) >= PROOF_S) {
+            self.older = self.newer.replace(Believed { stamp, nav: nav.clone(), rig: rig.clone() });
+        }
+    }
+
+    /// The state that has stood long enough; the only one there is, right after a start. The memory is empty afterwards.
+    fn take(&mut self) -> Option<Believed> {
+        let newer = self.newer.take();
+        self.older.take().or(newer)
+    }
+}
+
+impl Odometer {
+    /// Keeps the newest state, which was solved for, if it rests on landmarks.
+    pub(super) fn remember(&mut self, stamp: Timestamp) {
+        if self.landmarks_in_view() >= MIN_LANDMARKS_IN_VIEW
+            && let Some(newest) = self.window.frames.last()
+        {
+            self.memory.remember(stamp, &newest.nav, &self.window.rig);
+        }
+    }
+
+    /// Sets what the start after a reset goes by: pose, biases and calibration. Softly they are those of the newest state; of
+    /// the last one that had proved itself where the newest cannot be right; of the last start where there is none. A
+    /// hard reset forgets them.
+    pub(super) fn prepare_start(&mut self, kind: ResetKind) {
+        let proven = self.memory.take();
+        if kind == ResetKind::Hard {
+            self.origin = None;
+            self.bias_memory = (Vector3::zeros(), Vector3::zeros());
+            self.window.restore_rig();
+            return;
+        }
+        let Some(newest) = self.window.frames.last() else { return };
+        let nav = if self.is_plausible() {
+            newest.nav.clone()
+        } else if let Some(believed) = proven {
+            self.window.rig = believed.rig;
+            believed.nav
+        } else {
+            self.window.restore_rig();
+            return;
+        };
+        self.bias_memory = (nav.bias_gyro, nav.bias_accel);
+        self.origin = Some(nav);
+    }
+}

@@ -1,0 +1,185 @@
+//! Starts anew in flight: from where, with which biases, and on which calibration.
+
+use super::synthetic::{World, config, stamp};
+use super::*;
+use crate::geometry::exp_so3;
+use crate::window::state::Rig;
+use plumbline_config::ValidSetup;
+
+/// A flight, frame by frame.
+struct Flight {
+    world: World,
+    odometer: Odometer,
+    tracked: Tracked,
+    feedback: Feedback,
+    next_imu: u32,
+    next_frame: u32,
+    last: Option<Estimate>,
+}
+
+impl Flight {
+    fn new(setup: &ValidSetup) -> Self {
+        Self {
+            world: World::new(setup, 7, 300),
+            odometer: Odometer::new(setup),
+            tracked: Tracked::new(setup),
+            feedback: Feedback::new(setup),
+            next_imu: 0,
+            next_frame: 0,
+            last: None,
+        }
+    }
+
+    /// Time of the frame that was flown last, s.
+    fn t(&self) -> f64 {
+        0.15 + f64::from(self.next_frame) * 0.05
+    }
+
+    fn frame(&mut self, reset: Option<ResetKind>) -> &Estimate {
+        self.next_frame += 1;
+        let t = self.t();
+        self.tracked.samples.clear();
+        while f64::from(self.next_imu) * 0.005 <= t + 0.005 {
+            self.tracked.samples.push(self.world.imu(f64::from(self.next_imu) * 0.005, true));
+            self.next_imu += 1;
+        }
+        self.tracked.points = self.world.observe(t, [true; 2]);
+        self.tracked.sequence = u64::from(self.next_frame);
+        self.tracked.time = FrameTime { stamp: stamp(t), time_offset_s: 0.0 };
+        self.tracked.reset = reset;
+        self.last.insert(self.odometer.process(&self.tracked, &mut (), &mut self.feedback))
+    }
+
+    fn frames(&mut self, count: usize) -> &Estimate {
+        for _ in 1..count {
+            self.frame(None);
+        }
+        self.frame(None)
+    }
+
+    /// Frames until there is a pose; it.
+    fn until_pose(&mut self) -> Estimate {
+        for _ in 0..80 {
+            let estimate = self.frame(None);
+            if estimate.has_pose() {
+                return estimate.clone();
+            }
+        }
+        panic!("never starts: {:?}", self.last);
+    }
+
+    /// The position of the estimate against the truth, m, given that of a frame before.
+    fn error_m(&self, then: &(Estimate, f64)) -> f64 {
+        let (before, t) = then;
+        let now = self.last.as_ref().expect("has flown");
+        let (from, to) = (self.world.pose_o_b(*t), self.world.pose_o_b(self.t()));
+        let moved = (before.pose_o_b * from.inverse()).rotation
+            * (to.translation.vector - from.translation.vector);
+        (now.pose_o_b.translation.vector - before.pose_o_b.translation.vector - moved).norm()
+    }
+}
+
+/// Biases of the gyroscope as large as those of the sensor of EuRoC.
+fn biased(cameras: usize) -> Flight {
+    let mut flight = Flight::new(&config(cameras));
+    flight.world.bias_gyro = Vector3::new(-0.05, 0.08, 0.06);
+    flight
+}
+
+#[test]
+fn a_start_anew_begins_with_the_biases_that_were_known() {
+    for cameras in [1, 2] {
+        let mut flight = biased(cameras);
+        let bias = flight.world.bias_gyro;
+        let before = flight.frames(160).clone();
+        assert!((before.bias_gyro - bias).norm() < 2e-3, "{cameras}: {}", before.bias_gyro);
+        flight.frame(Some(ResetKind::Soft));
+        // The front-end predicts by it while there is no pose.
+        let heard = flight.feedback.bias_gyro;
+        assert!((heard - bias).norm() < 2e-3, "{cameras} cameras: the front-end is told {heard}");
+        let first = flight.until_pose();
+        let error = (first.bias_gyro - bias).norm();
+        assert!(error < 5e-3, "{cameras} cameras: the first pose has a bias off by {error}");
+    }
+}
+
+#[test]
+fn a_hard_reset_forgets_biases_and_calibration() {
+    let mut flight = biased(2);
+    let configured = Rig::of(&flight.world.config);
+    flight.frames(40);
+    // As an estimate that diverges leaves it.
+    flight.odometer.window.rig.pose_b_c0.rotation *= exp_so3(&Vector3::new(0.02, 0.0, 0.0));
+    flight.odometer.window.rig.time_offset_s += 0.01;
+    flight.frame(Some(ResetKind::Hard));
+    assert_eq!(flight.odometer.window.rig, configured);
+    assert_eq!(flight.odometer.window.prior.rig, configured);
+    assert_eq!(flight.feedback.pose_b_c[0], configured.pose_b_c0);
+    assert_eq!(flight.feedback.bias_gyro, Vector3::zeros());
+    let first = flight.until_pose();
+    assert!(first.pose_o_b.translation.vector.norm() < 0.05, "begins at the origin: {}", first.pose_o_b);
+}
+
+#[test]
+fn a_diverged_state_is_not_where_the_next_start_begins() {
+    let mut flight = biased(2);
+    let good = (flight.frames(100).clone(), flight.t());
+    let rig = flight.odometer.window.rig.clone();
+    let newest = flight.odometer.window.frames.last_mut().expect("flies");
+    newest.nav.p_o_b += Vector3::new(300.0, -2e6, 50.0);
+    newest.nav.v_o_b = Vector3::new(900.0, 0.0, 0.0);
+    newest.nav.bias_gyro = Vector3::new(0.4, 0.0, 0.0);
+    flight.odometer.window.rig.pose_b_c0.rotation *= exp_so3(&Vector3::new(0.3, 0.0, 0.0));
+    let (at, mut health) = (stamp(flight.t()), HealthBits::default());
+    flight.odometer.judge(at, &mut health);
+    assert!(matches!(flight.odometer.reset_reason, Some(ResetReason::Speed(_))));
+    let turned = flight.odometer.window.prior.rig.minus(&rig).fixed_rows::<3>(Rig::ROT_B_C0).norm();
+    assert!(turned < 0.01, "the next start would begin with cameras turned by {turned}");
+    flight.until_pose();
+    let error_m = flight.error_m(&good);
+    // The vehicle flies at up to 2 m/s, and the state that was believed is up to two seconds old.
+    assert!(error_m < 5.0, "the next start begins {error_m} m off");
+    assert!(flight.frames(20).reset_counter == 1, "and stays");
+}
+
+#[test]
+fn a_calibration_beyond_what_is_configured_is_never_begun_with() {
+    let mut flight = biased(2);
+    let configured = Rig::of(&flight.world.config);
+    flight.frames(40);
+    flight.odometer.window.rig.pose_b_c0.rotation *= exp_so3(&Vector3::new(0.3, 0.0, 0.0));
+    flight.odometer.reset(ResetKind::Soft);
+    assert_eq!(flight.odometer.window.prior.rig, configured);
+    // One that was refined within its bounds stays.
+    flight.until_pose();
+    flight.frames(20);
+    let refined = flight.odometer.window.rig.clone();
+    assert_ne!(refined, configured);
+    flight.odometer.reset(ResetKind::Soft);
+    assert_eq!(flight.odometer.window.prior.rig, refined);
+}
+
+#[test]
+fn frames_that_cannot_be_solved_are_known_less_and_less_well_and_end_in_a_start_anew() {
+    let mut flight = biased(2);
+    // The prior holds what has left the window by then.
+    let mut last = flight.frames(160).covariance;
+    let spoilt = (Rig::P_B_C0, Rig::ROT_B_C0);
+    flight.odometer.window.prior.equations.add(spoilt.0, spoilt.1, 1e30);
+    for k in 0..100 {
+        let estimate = flight.frame(None).clone();
+        if estimate.reset_counter > 0 {
+            break;
+        }
+        assert!(estimate.health.contains(HealthBits::NOT_POSITIVE_DEFINITE), "{k}: {estimate:?}");
+        let now = estimate.covariance;
+        for part in [0, 3, 6] {
+            let [now, then] = [&now, &last].map(|c| c.fixed_view::<3, 3>(part, part).trace());
+            assert!(now > then, "frame {k}, part {part}: {now} after {then}");
+        }
+        last = now;
+    }
+    let blind_s = flight.odometer.options.health.max_blind_s;
+    assert!(flight.frames(1 + (blind_s * 20.0) as usize / 20).reset_counter == 1, "is given up in the end");
+    flight.until_pose();
+}
