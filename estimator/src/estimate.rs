@@ -40,7 +40,7 @@ impl HealthBits {
     pub const LEFT_MISSING: Self = Self(1 << 7);
     /// The right image of a stereo rig is missing.
     pub const RIGHT_MISSING: Self = Self(1 << 8);
-    /// A stamp was not later than the one before.
+    /// The stamp of the frame does not follow those before: the frame was refused, and the state is that of the one before.
     pub const BAD_STAMP: Self = Self(1 << 9);
     /// An image has not the size that the configuration says.
     pub const BAD_IMAGE_SIZE: Self = Self(1 << 10);
@@ -119,10 +119,16 @@ pub struct Estimate {
 }
 
 impl Estimate {
-    /// Whether pose, velocity, biases and covariance are ones to use.
+    /// Whether pose, velocity, biases and covariance are ones to use, at the time of the frame.
     #[must_use]
     pub fn has_pose(&self) -> bool {
-        matches!(self.state, TrackingState::Tracking | TrackingState::Blind)
+        matches!(self.state, TrackingState::Tracking | TrackingState::Blind) && !self.is_refused()
+    }
+
+    /// Whether the frame was refused for its stamp: the state is that of the frame before, and there is no news in it.
+    #[must_use]
+    pub fn is_refused(&self) -> bool {
+        self.health.contains(HealthBits::BAD_STAMP)
     }
 
     /// The pose of the body in the odometry frame; `None` while there is none to use.

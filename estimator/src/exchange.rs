@@ -32,6 +32,8 @@ pub struct Tracked {
     pub time: FrameTime,
     /// A reset that comes before it.
     pub reset: Option<ResetKind>,
+    /// The clock of the sensors was set: the stamps of frame and samples have nothing to do with those before.
+    pub is_clock_set: bool,
     /// Inertial samples since the frame before, in order.
     pub samples: Vec<ImuSample>,
     /// Points seen, in order of track id.
@@ -54,6 +56,7 @@ impl Tracked {
             sequence: 0,
             time: FrameTime::default(),
             reset: None,
+            is_clock_set: false,
             samples: Vec::with_capacity(max_samples(setup)),
             points: Vec::with_capacity(setup.estimator.points.max_points),
             lines: Vec::with_capacity(2 * setup.estimator.lines.max_segments),

@@ -86,10 +86,8 @@ impl Estimator {
     /// Adds an inertial sample, and carries the newest estimate forward to its time: odometry at the rate of the
     /// IMU. `None` while there is no pose, and for a sample that is refused. Use it for every sample or for none.
     pub fn propagate(&mut self, sample: &ImuSample) -> Option<Odometry> {
-        match self.add_imu(sample) {
-            ImuAdmission::Accepted => self.propagator.tick(sample),
-            ImuAdmission::NotLater | ImuAdmission::NotFinite => None,
-        }
+        self.add_imu(sample);
+        self.propagator.tick(sample)
     }
 
     /// Inertial samples up to this time must have been added before the frame of `image_stamp` is: the stamp on
@@ -138,3 +136,7 @@ impl Estimator {
         self.front_end.reset(kind);
     }
 }
+
+#[cfg(test)]
+#[path = "facade_tests.rs"]
+mod tests;

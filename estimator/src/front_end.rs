@@ -2,8 +2,10 @@
 //!
 //! What it hears of the window comes by [`crate::exchange`], a frame late by rule.
 
+use crate::admission::{ImuDoor, StampGate, StampVerdict};
 use crate::estimate::{FrameFigures, HealthBits, StageProbe};
 use crate::exchange::{Feedback, Tracked, believable_offset, max_samples};
+use crate::inertial::buffer::IMU_MEMORY_S;
 use crate::inertial::{ImuBuffer, ImuNoise};
 use crate::input::{FrameInput, ImuAdmission, ResetKind};
 use crate::lines::{LineObservation, LineTracker};
@@ -18,6 +20,8 @@ use plumbline_config::{ImageView, ImuSample, Timestamp, ValidSetup};
 pub struct FrontEnd {
     points: PointTracker,
     lines: Option<LineTracker>,
+    door: ImuDoor,
+    stamps: StampGate,
     imu: ImuBuffer,
     noise: ImuNoise,
     arrived: Vec<ImuSample>,
@@ -46,6 +50,8 @@ impl FrontEnd {
         let mut front_end = Self {
             points: PointTracker::new(&setup.estimator.points, &models),
             lines: lines.enabled.then(|| LineTracker::new(lines, &models)),
+            door: ImuDoor::of(imu),
+            stamps: StampGate::of_frames(),
             imu: ImuBuffer::of(imu),
             noise: ImuNoise::of(imu),
             arrived: Vec::with_capacity(max_samples(setup)),
@@ -65,19 +71,32 @@ impl FrontEnd {
         front_end
     }
 
-    /// Adds an inertial sample: in order of time, each before the first frame that needs it.
+    /// Adds an inertial sample: in order of time, each before the first frame that needs it. What no sensor can have
+    /// measured, and stamps that do not follow those before, are refused: see [`crate::admission`].
     pub fn add_imu(&mut self, sample: &ImuSample) -> ImuAdmission {
-        if !sample.is_finite() {
-            return ImuAdmission::NotFinite;
+        let admission = self.door.admit(sample);
+        if !admission.is_accepted() {
+            return admission;
         }
-        if !self.imu.push(sample) {
-            return ImuAdmission::NotLater;
+        if admission == ImuAdmission::ClockSet {
+            self.arrived.retain(|earlier| earlier.stamp < sample.stamp);
         }
+        self.imu.push(sample);
         if self.arrived.len() == self.arrived.capacity() {
             self.arrived.remove(0);
         }
         self.arrived.push(*sample);
-        ImuAdmission::Accepted
+        admission
+    }
+
+    /// Whether a frame of `image_stamp` is worth waiting for its samples: it is later than the last, and not so far ahead
+    /// that its stamp must be wrong, unless those before it were as far.
+    #[must_use]
+    pub fn expects(&self, image_stamp: Timestamp) -> bool {
+        let stamp = self.imu_needed_until(image_stamp);
+        let latest = self.door.newest().or(self.stamps.newest());
+        let is_near = latest.is_none_or(|latest| stamp.seconds_since(latest) <= IMU_MEMORY_S);
+        self.stamps.is_later(stamp) && (is_near || self.stamps.is_running())
     }
 
     /// Samples up to this time must have been added before the frame of `image_stamp` is.
@@ -118,10 +137,16 @@ impl FrontEnd {
     pub fn reset(&mut self, kind: ResetKind) {
         self.asked_reset = Some(kind);
         self.forget();
+        if kind == ResetKind::Hard {
+            self.imu.clear();
+            self.door.clear();
+            self.stamps.clear();
+            self.last_stamp = None;
+        }
     }
 
-    /// Tracks a frame into `tracked`. An image of the wrong size counts as missing. Points are timed by the
-    /// first of `probes`, lines by the second.
+    /// Tracks a frame into `tracked`. An image of the wrong size counts as missing; a frame whose stamp does not follow those
+    /// before is not tracked ([`HealthBits::BAD_STAMP`]). Points are timed by the first of `probes`, lines by the second.
     pub fn track<P: StageProbe + Send>(
         &mut self,
         frame: &FrameInput<'_>,
@@ -134,10 +159,13 @@ impl FrontEnd {
         tracked.sequence = frame.sequence.unwrap_or(self.next_sequence);
         self.next_sequence = tracked.sequence.wrapping_add(1);
         tracked.time = FrameTime { stamp, time_offset_s: self.time_offset_s };
-        tracked.reset = self.asked_reset.take();
         tracked.budget = *budget;
         tracked.health = HealthBits::default();
         tracked.samples.clear();
+        if !self.admit(stamp, tracked) {
+            return;
+        }
+        tracked.reset = self.asked_reset.take();
         std::mem::swap(&mut tracked.samples, &mut self.arrived);
         let images = self.usable_images(frame, &mut tracked.health);
         let input = TrackerInput { images, rot_prev_cur: self.predicted_rotation(stamp) };
@@ -164,6 +192,25 @@ impl FrontEnd {
         self.last_stamp = Some(stamp);
         self.tracked = [(tracked.sequence, self.points.frame()), self.tracked[0]];
         self.write_observations(tracked);
+    }
+
+    /// Whether the frame of `stamp` is tracked; empties `tracked` where it is not. Its samples wait for the next one.
+    fn admit(&mut self, stamp: Timestamp, tracked: &mut Tracked) -> bool {
+        let verdict = self.stamps.admit(stamp, self.door.newest());
+        tracked.is_clock_set = verdict == StampVerdict::ClockSet;
+        if tracked.is_clock_set {
+            self.last_stamp = None;
+            self.forget();
+        }
+        let is_admitted = matches!(verdict, StampVerdict::Follows | StampVerdict::ClockSet);
+        if !is_admitted {
+            tracked.reset = None;
+            tracked.points.clear();
+            tracked.lines.clear();
+            tracked.figures = FrameFigures::default();
+            tracked.health.insert(HealthBits::BAD_STAMP);
+        }
+        is_admitted
     }
 
     /// The lines seen in the last frame, for display.

@@ -54,17 +54,32 @@ impl<'a> FrameInput<'a> {
 pub enum ImuAdmission {
     /// Accepted.
     Accepted,
+    /// Accepted: it follows samples that were refused for their stamps, whose clock has proved to run. Time goes on from
+    /// here.
+    ClockSet,
     /// Refused: not later than the newest sample.
     NotLater,
+    /// Refused: so much later than the newest sample that its stamp must be wrong.
+    FarAhead,
     /// Refused: a component is not a finite number.
     NotFinite,
+    /// Refused: a component is far beyond the sensor's range.
+    OutOfRange,
+}
+
+impl ImuAdmission {
+    /// Whether the sample counts.
+    #[must_use]
+    pub const fn is_accepted(self) -> bool {
+        matches!(self, Self::Accepted | Self::ClockSet)
+    }
 }
 
 /// How much a reset forgets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ResetKind {
-    /// The map and the window go, the pose stays: the new start continues from it.
+    /// The map and the window go; the pose stays, with biases and calibration: the new start continues from them.
     Soft,
-    /// Everything goes: the new start begins at the origin.
+    /// Everything goes, refined calibration, biases and stamps too: the new start begins at the origin.
     Hard,
 }

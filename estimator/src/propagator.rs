@@ -4,8 +4,10 @@
 //! [`crate::inertial::preintegration`]. The covariance of position, attitude and velocity grows by the
 //! IMU's white noise; that of the biases enters through the estimate it starts from.
 
+use crate::admission::ImuDoor;
 use crate::estimate::{Estimate, NavCovariance, Odometry, TrackingState};
 use crate::inertial::{ImuNoise, Preintegration};
+use crate::input::ImuAdmission;
 use crate::window::state::NavState;
 use nalgebra::Vector3;
 use plumbline_config::{ImuSample, Timestamp, ValidSetup};
@@ -21,6 +23,7 @@ const STALE_S: f64 = 0.5;
 pub struct Propagator {
     noise: ImuNoise,
     gravity_o: Vector3<f64>,
+    door: ImuDoor,
     samples: VecDeque<ImuSample>,
     capacity: usize,
     nav: Option<NavState>,
@@ -42,6 +45,7 @@ impl Propagator {
         Self {
             noise: ImuNoise::of(&setup.imu),
             gravity_o: Vector3::new(0.0, 0.0, -setup.imu.gravity_m_s2),
+            door: ImuDoor::of(&setup.imu),
             samples: VecDeque::with_capacity(capacity),
             capacity,
             nav: None,
@@ -57,12 +61,16 @@ impl Propagator {
     }
 
     /// Corrects by the estimate of a frame: the state is propagated anew from its time to the newest sample.
-    /// An estimate without a pose, or one that is not finite, ends the odometry until there is one again.
+    /// An estimate without a pose, one that is not finite, and one from before the samples that are kept, end the odometry
+    /// until there is another. That of a frame that was refused says nothing.
     pub fn correct(&mut self, estimate: &Estimate) {
+        if estimate.is_refused() {
+            return;
+        }
         self.state = estimate.state;
         self.quality = estimate.quality;
         self.reset_counter = estimate.reset_counter;
-        if !estimate.has_pose() {
+        if !estimate.has_pose() || !self.reaches_back_to(estimate.stamp) {
             self.nav = None;
             return;
         }
@@ -88,11 +96,28 @@ impl Propagator {
         }
     }
 
+    /// Whether a sample follows those before it: see [`crate::admission`].
+    #[must_use]
+    pub fn expects(&self, sample: &ImuSample) -> bool {
+        self.door.expects(sample)
+    }
+
+    /// Whether the samples that are kept lead on from `stamp`.
+    fn reaches_back_to(&self, stamp: Timestamp) -> bool {
+        self.samples.front().is_none_or(|first| first.stamp.seconds_since(stamp) <= STALE_S)
+    }
+
     /// Advances to an inertial sample; the odometry at its time, once there has been an estimate with a pose.
-    /// A sample that is not later than the last, or not finite, is passed over.
+    /// A sample that the front-end refuses is refused here too. Where the clock was set the odometry ends until there
+    /// is an estimate of the new time.
     pub fn tick(&mut self, sample: &ImuSample) -> Option<Odometry> {
-        if !sample.is_finite() || self.samples.back().is_some_and(|last| sample.stamp <= last.stamp) {
-            return None;
+        match self.door.admit(sample) {
+            ImuAdmission::Accepted => {}
+            ImuAdmission::ClockSet => {
+                self.samples.clear();
+                (self.nav, self.newest) = (None, None);
+            }
+            _ => return None,
         }
         if self.samples.len() == self.capacity {
             self.samples.pop_front();

@@ -46,6 +46,7 @@ const ESTIMATOR: &[&str] = &[
     "lines",
     "inertial",
     "input",
+    "admission",
     "window",
     "initial",
     "exchange",

@@ -3,6 +3,7 @@
 mod accuracy;
 mod calibration;
 mod clips;
+mod clocks;
 mod determinism;
 mod faults;
 mod flow;

@@ -52,10 +52,13 @@ impl ImuBuffer {
         }
     }
 
-    /// Appends a sample; `false` (and nothing done) when it is not later than the newest, or not finite.
+    /// Appends a sample of finite numbers. Those that are not earlier are forgotten: it is believed, they were wrong.
     pub fn push(&mut self, sample: &ImuSample) -> bool {
-        if !sample.is_finite() || self.samples.back().is_some_and(|last| sample.stamp <= last.stamp) {
+        if !sample.is_finite() {
             return false;
+        }
+        while self.samples.back().is_some_and(|last| sample.stamp <= last.stamp) {
+            self.samples.pop_back();
         }
         if self.samples.len() == self.capacity {
             self.samples.pop_front();
@@ -186,10 +189,12 @@ mod tests {
     }
 
     #[test]
-    fn samples_that_are_not_later_are_refused() {
+    fn a_sample_takes_the_place_of_those_that_are_not_earlier() {
         let mut buffer = buffer();
-        assert!(!buffer.push(&sample(0, 0.0)));
-        assert!(!buffer.push(&sample(99 * 5_000_000, 0.0)));
+        assert!(buffer.push(&sample(3_600_000_000_000, 0.5)));
+        assert!(buffer.push(&sample(98 * 5_000_000, 0.25)));
+        let newest: Vec<_> = buffer.iter().skip(97).map(|s| (s.stamp.as_nanos(), s.gyro.z)).collect();
+        assert_eq!(newest, [(97 * 5_000_000, 0.97), (98 * 5_000_000, 0.25)]);
     }
 
     #[test]

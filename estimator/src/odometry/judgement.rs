@@ -22,6 +22,10 @@ pub enum ResetReason {
     AskedFor(ResetKind),
     /// Too few landmarks were in view, or the equations could not be solved, for so long, s.
     Blind(f64),
+    /// No frame came for so long, s.
+    Hole(f64),
+    /// The clock of the sensors was set.
+    ClockSet,
     /// A state that is no number.
     NotFinite,
     /// A speed beyond what the configuration believes, m/s.
@@ -33,6 +37,12 @@ pub enum ResetReason {
 }
 
 impl ResetReason {
+    /// How much it forgets.
+    #[must_use]
+    pub fn kind(&self) -> ResetKind {
+        if let Self::AskedFor(kind) = self { *kind } else { ResetKind::Soft }
+    }
+
     /// Whether somebody asked for it.
     #[must_use]
     pub fn is_asked_for(&self) -> bool {
@@ -45,7 +55,12 @@ impl fmt::Display for ResetReason {
         match self {
             Self::AskedFor(ResetKind::Soft) => f.write_str("asked for, keeping the pose"),
             Self::AskedFor(ResetKind::Hard) => f.write_str("asked for, from the origin"),
-            Self::Blind(s) => write!(f, "too few landmarks in view, or none that could be used, for {s:.1} s (health.max_blind_s)"),
+            Self::Blind(s) => write!(
+                f,
+                "too few landmarks in view, or none that could be used, for {s:.1} s (health.max_blind_s)"
+            ),
+            Self::Hole(s) => write!(f, "no frame for {s:.1} s"),
+            Self::ClockSet => f.write_str("the clock of the sensors was set"),
             Self::NotFinite => f.write_str("the state is no number"),
             Self::Speed(x) => write!(f, "a speed of {x:.1} m/s (health.max_speed_m_s)"),
             Self::GyroBias(x) => write!(f, "a gyroscope bias of {x:.2} rad/s (health.max_gyro_bias_rad_s)"),
@@ -82,8 +97,7 @@ impl Odometer {
         let blind =
             blind_s.filter(|s| *s > self.options.health.max_blind_s && !is_held).map(ResetReason::Blind);
         if let Some(reason) = self.implausible().or(blind) {
-            self.reset(ResetKind::Soft);
-            self.reset_reason = Some(reason);
+            self.start_anew(reason);
             self.last_reset = Some(stamp);
         } else if is_solved {
             self.remember(stamp);

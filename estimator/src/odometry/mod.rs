@@ -7,14 +7,14 @@
 
 mod judgement;
 pub mod measurements;
-mod memory;
 #[cfg(test)]
 mod poison_tests;
+mod reset;
 #[cfg(test)]
 mod reset_tests;
 mod start;
 #[cfg(test)]
-mod synthetic;
+pub(crate) mod synthetic;
 #[cfg(test)]
 mod tests;
 pub mod zero_velocity;
@@ -23,7 +23,6 @@ use crate::estimate::{Estimate, FrameFigures, HealthBits, NavCovariance, Stage, 
 use crate::exchange::{Feedback, KeyframeStep, SolvedFrame, Tracked};
 use crate::inertial::{ImuBuffer, ImuNoise};
 use crate::initial::{Gathering, MonoWorkspace};
-use crate::input::ResetKind;
 use crate::points::PointObservation;
 use crate::window::snapshot::SnapshotKeyframe;
 use crate::window::state::{FrameTime, NavState};
@@ -32,10 +31,10 @@ use crate::work_budget::WorkBudget;
 use judgement::MIN_LANDMARKS_IN_VIEW;
 pub use judgement::ResetReason;
 use measurements::Measurer;
-use memory::Memory;
 use nalgebra::Vector3;
 use plumbline_config::options::HealthConfig;
 use plumbline_config::{CameraModel, Timestamp, ValidSetup};
+use reset::Memory;
 use zero_velocity::ZeroVelocityDetector;
 
 /// Landmarks in view below which the estimate is weak.
@@ -171,9 +170,12 @@ impl Odometer {
         probe: &mut impl StageProbe,
         feedback: &mut Feedback,
     ) -> Estimate {
+        if tracked.is_clock_set {
+            self.forget_time();
+            self.start_anew(ResetReason::ClockSet);
+        }
         if let Some(kind) = tracked.reset {
-            self.reset(kind);
-            self.reset_reason = Some(ResetReason::AskedFor(kind));
+            self.start_anew(ResetReason::AskedFor(kind));
         }
         for sample in &tracked.samples {
             self.imu.push(sample);
@@ -192,8 +194,11 @@ impl Odometer {
         let mut health = tracked.health;
         if self.last_stamp.is_some_and(|last| stamp <= last) {
             health.insert(HealthBits::BAD_STAMP);
+        }
+        if health.contains(HealthBits::BAD_STAMP) {
             return self.estimate(tracked, health, Solved::default());
         }
+        self.check_hole(stamp);
         if tracked.budget != WorkBudget::FULL {
             health.insert(HealthBits::DEGRADED);
         }
@@ -371,18 +376,6 @@ impl Odometer {
     /// The rig's calibration as refined so far, with its covariance; `None` while there is no pose.
     pub fn rig_estimate(&mut self) -> Option<RigEstimate> {
         (self.phase == Phase::Running).then(|| self.window.rig_estimate()).flatten()
-    }
-
-    /// Starts anew. Soft: from the newest pose that can be right, with its biases and calibration. Hard: from the origin,
-    /// with the calibration as configured.
-    pub fn reset(&mut self, kind: ResetKind) {
-        self.prepare_start(kind);
-        self.phase = Phase::Gathering;
-        self.window.clear();
-        self.gathering.clear();
-        self.measurer.clear();
-        self.zero_velocity.clear();
-        self.reset_counter += 1;
     }
 
     fn estimate(&self, tracked: &Tracked, health: HealthBits, solved: Solved) -> Estimate {

@@ -3,6 +3,7 @@
 use super::synthetic::{World, config, stamp};
 use super::*;
 use crate::geometry::exp_so3;
+use crate::input::ResetKind;
 use crate::window::state::Rig;
 use plumbline_config::ValidSetup;
 
@@ -73,8 +74,8 @@ impl Flight {
         let (before, t) = then;
         let now = self.last.as_ref().expect("has flown");
         let (from, to) = (self.world.pose_o_b(*t), self.world.pose_o_b(self.t()));
-        let moved = (before.pose_o_b * from.inverse()).rotation
-            * (to.translation.vector - from.translation.vector);
+        let moved =
+            (before.pose_o_b * from.inverse()).rotation * (to.translation.vector - from.translation.vector);
         (now.pose_o_b.translation.vector - before.pose_o_b.translation.vector - moved).norm()
     }
 }

@@ -169,17 +169,19 @@ impl Figures {
 
     /// One frame was estimated.
     pub fn frame(&mut self, estimate: &Estimate, cost: Cost) {
+        self.frames += 1;
+        if estimate.is_refused() {
+            // Its stamp is not one to reckon with.
+            self.frames_refused += 1;
+            return;
+        }
         let stamp = estimate.stamp;
         let first = *self.first_frame.get_or_insert(stamp);
-        self.frames += 1;
         self.span_s = stamp.seconds_since(first);
         self.frame_ms.record(cost.wall_ms);
         self.frame_cpu_ms.record(cost.cpu_ms);
         self.resets = estimate.reset_counter;
         self.time_offset_s = estimate.time_offset_s;
-        if estimate.health.contains(plumbline_estimator::HealthBits::BAD_STAMP) {
-            self.frames_refused += 1;
-        }
         self.points.0 += u64::from(estimate.figures.points_tracked);
         self.points.1 += u64::from(estimate.figures.points_in_window);
         self.lines.add(&estimate.figures);

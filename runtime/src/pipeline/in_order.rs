@@ -33,7 +33,10 @@ pub struct InOrder<'a> {
     next: Job,
     feedback: Feedback,
     places: Option<Places>,
-    waiting: VecDeque<ImuReading>,
+    /// Readings that wait, each with the newest time that is believed of them.
+    waiting: VecDeque<(ImuReading, Timestamp)>,
+    /// Readings in a frame's time.
+    readings_per_frame: usize,
     newest_imu: Timestamp,
 }
 
@@ -69,6 +72,7 @@ impl<'a> InOrder<'a> {
             next: Job::new(config),
             feedback: Feedback::new(config.setup()),
             waiting: VecDeque::with_capacity(MAX_WAITING),
+            readings_per_frame: (config.imu.rate_hz / config.camera[0].rate_hz).ceil() as usize,
             newest_imu: Timestamp::MIN,
         }
     }
@@ -92,8 +96,7 @@ impl<'a> InOrder<'a> {
         let mut frame = StereoFrame::new(sizes_px);
         self.window.figures.start();
         while !control.is_stopped() && stereo.next_frame(&mut frame)? {
-            let needed = self.front.needed_until(frame.stamp);
-            self.feed(imu.as_mut(), needed)?;
+            self.feed_for(imu.as_mut(), frame.stamp)?;
             if let Some(kind) = control.take_reset() {
                 self.front.reset(kind, frame.sequence);
             }
@@ -101,7 +104,7 @@ impl<'a> InOrder<'a> {
             self.front.release(&mut frame);
         }
         self.step(None);
-        self.feed(imu.as_mut(), Timestamp::MAX)?;
+        while self.feed_one(imu.as_mut())? {}
         let places = self.places.take().map(|places| PlacesEnd::new(places.stage, &self.window, 0));
         Ok(Outcome {
             places,
@@ -113,15 +116,38 @@ impl<'a> InOrder<'a> {
         })
     }
 
-    /// Takes readings until one reaches `needed`.
-    fn feed(&mut self, imu: &mut dyn ImuSource, needed: Timestamp) -> Result<(), DriverError> {
-        while self.newest_imu < needed {
-            let Some(reading) = imu.next_reading()? else { break };
-            self.newest_imu = self.newest_imu.max(reading.sample.stamp);
-            self.front.add(&reading);
-            self.tick_or_wait(reading);
+    /// Takes the readings that a frame needs; for one whose stamp is not believed, as many as come in a frame's time.
+    fn feed_for(&mut self, imu: &mut dyn ImuSource, image_stamp: Timestamp) -> Result<(), DriverError> {
+        if self.front.expects(image_stamp) {
+            let needed = self.front.needed_until(image_stamp);
+            return self.feed(imu, needed);
+        }
+        for _ in 0..self.readings_per_frame {
+            if !self.feed_one(imu)? {
+                break;
+            }
         }
         Ok(())
+    }
+
+    /// Takes readings until one reaches `needed`.
+    fn feed(&mut self, imu: &mut dyn ImuSource, needed: Timestamp) -> Result<(), DriverError> {
+        let mut newest = self.newest_imu;
+        // Where the clock is set back meanwhile, what is needed never comes.
+        while (newest..needed).contains(&self.newest_imu) && self.feed_one(imu)? {
+            newest = newest.max(self.newest_imu);
+        }
+        Ok(())
+    }
+
+    /// Takes the next reading; `false` when there is none.
+    fn feed_one(&mut self, imu: &mut dyn ImuSource) -> Result<bool, DriverError> {
+        let Some(reading) = imu.next_reading()? else { return Ok(false) };
+        if self.front.add(&reading) {
+            self.newest_imu = reading.sample.stamp;
+        }
+        self.tick_or_wait(reading);
+        Ok(true)
     }
 
     /// Gives the frame that was solved to the map.
@@ -138,15 +164,15 @@ impl<'a> InOrder<'a> {
         if self.waiting.len() == MAX_WAITING {
             self.step(None);
         }
-        self.waiting.push_back(reading);
+        self.waiting.push_back((reading, self.newest_imu));
         self.tick_waiting();
     }
 
     fn tick_waiting(&mut self) {
         let until =
             self.is_in_flight.then(|| self.in_flight.tracked.time.stamp.plus_nanos(CORRECTION_DELAY_NS));
-        while let Some(reading) = self.waiting.front()
-            && until.is_none_or(|until| reading.sample.stamp < until)
+        while let Some((reading, time)) = self.waiting.front()
+            && until.is_none_or(|until| *time < until)
         {
             self.tick.take(reading);
             self.waiting.pop_front();

@@ -14,9 +14,7 @@ use crate::schedule::ladder::Rung;
 use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::places::{MapUpdate, PlaceJob};
-use plumbline_estimator::{
-    Estimate, Feedback, Fork, FrameInput, FrontEnd, ImuAdmission, Odometer, ResetKind, Tracked,
-};
+use plumbline_estimator::{Estimate, Feedback, Fork, FrameInput, FrontEnd, Odometer, ResetKind, Tracked};
 
 /// A tracked frame on its way to the window.
 #[derive(Clone, Debug)]
@@ -75,10 +73,18 @@ impl FrontStage {
         }
     }
 
-    /// Takes an inertial reading.
-    pub fn add(&mut self, reading: &ImuReading) {
+    /// Takes an inertial reading; whether it counts, and its stamp with it.
+    pub fn add(&mut self, reading: &ImuReading) -> bool {
         self.readings += 1;
-        self.imu_refused += u64::from(self.front_end.add_imu(&reading.sample) != ImuAdmission::Accepted);
+        let is_accepted = self.front_end.add_imu(&reading.sample).is_accepted();
+        self.imu_refused += u64::from(!is_accepted);
+        is_accepted
+    }
+
+    /// Whether a frame of `image_stamp` is worth waiting for its readings.
+    #[must_use]
+    pub fn expects(&self, image_stamp: Timestamp) -> bool {
+        self.front_end.expects(image_stamp)
     }
 
     /// Readings up to this time must have been added before the frame of `image_stamp` is.

@@ -20,6 +20,10 @@ pub const WARM_UP_NS: i64 = 2_000_000_000;
 /// Estimates that wait to take effect: at most the frames within the delay, at any rate a camera may have.
 const MAX_PENDING: usize = 16;
 
+/// An estimate that has to wait for longer is of another time: the clock was set, ns. Frames are at most half a second ahead
+/// of the readings, or they are refused.
+const MAX_WAIT_NS: i64 = 1_000_000_000;
+
 /// What the tick counts and times.
 #[derive(Clone, Debug)]
 pub struct TickFigures {
@@ -67,8 +71,11 @@ impl TickStage {
         }
     }
 
-    /// Keeps an estimate until it is to take effect.
+    /// Keeps an estimate until it is to take effect; that of a refused frame has none.
     pub fn correct_later(&mut self, estimate: Estimate) {
+        if estimate.is_refused() {
+            return;
+        }
         if self.newest >= due(&estimate) {
             self.figures.late_corrections += 1;
         }
@@ -85,17 +92,14 @@ impl TickStage {
         let counting = (sample.stamp.nanos_since(first) > WARM_UP_NS).then(alloc::Count::begin);
         let watch = Stopwatch::start();
         self.figures.times.begin(Stage::Propagate);
-        while self.pending.front().is_some_and(|e| sample.stamp >= due(e)) {
-            if let Some(estimate) = self.pending.pop_front() {
-                self.propagator.correct(&estimate);
-                let frame = estimate.frame_sequence;
-                self.listener.correction(&CorrectionOrder { frame, readings_before: self.readings });
-            }
+        let is_believed = self.propagator.expects(sample);
+        if is_believed {
+            self.correct(sample.stamp);
+            self.newest = sample.stamp;
         }
         let odometry = self.propagator.tick(sample);
         self.figures.times.end(Stage::Propagate);
         self.readings += 1;
-        self.newest = self.newest.max(sample.stamp);
         if let Some(odometry) = &odometry {
             self.figures.handout_us.record(watch.elapsed_ms() * 1e3);
             self.digest.odometry(odometry);
@@ -103,6 +107,26 @@ impl TickStage {
         }
         self.listener.reading(reading);
         self.figures.allocations += counting.map_or(0, alloc::Count::end);
+    }
+
+    /// Whether a reading follows those before it. One that does not is refused, whenever it comes.
+    #[must_use]
+    pub fn expects(&self, reading: &ImuReading) -> bool {
+        self.propagator.expects(&reading.sample)
+    }
+
+    /// Corrects by the estimates that are due at `stamp`. Those of a time that the clock does not have any more are dropped.
+    fn correct(&mut self, stamp: Timestamp) {
+        while let Some(estimate) = self.pending.front() {
+            let wait_ns = due(estimate).nanos_since(stamp);
+            if (1..=MAX_WAIT_NS).contains(&wait_ns) {
+                return;
+            }
+            let Some(estimate) = self.pending.pop_front().filter(|_| wait_ns <= 0) else { continue };
+            self.propagator.correct(&estimate);
+            let frame = estimate.frame_sequence;
+            self.listener.correction(&CorrectionOrder { frame, readings_before: self.readings });
+        }
     }
 
     /// SHA-256 over the bits of all odometry so far.

@@ -7,6 +7,7 @@ use crate::schedule::ring::{Bell, Reader, Writer};
 use crate::schedule::tasks::TaskId;
 use crate::schedule::ticker::Monotonic;
 use plumbline_drivers::{Faults, ImuReading, ImuSource, StereoFrame, StereoSource};
+use plumbline_estimator::admission::{StampGate, StampVerdict};
 
 /// A recorded frame that arrives later than this after its time was late at its source, ms; one of a camera after a period.
 const LATE_AT_SOURCE_MS: f64 = 5.0;
@@ -68,6 +69,8 @@ pub struct CameraTask {
     pub bell: Bell,
     /// How the source kept its time.
     pub kept: CameraFigures,
+    /// The stamps of the frames: one that does not follow is not waited for.
+    pub stamps: StampGate,
 }
 
 /// How a source of frames kept its time.
@@ -99,12 +102,18 @@ impl CameraTask {
                 }
             }
             let due = shared.due(frame.stamp);
-            due.sleep_until();
+            let follows = matches!(
+                self.stamps.admit(frame.stamp, None),
+                StampVerdict::Follows | StampVerdict::ClockSet
+            );
+            if follows && !shared.is_of_sensors() {
+                due.sleep_until();
+            }
             let at = Monotonic::now();
             let late_ms = at.ms_since(due);
             self.kept.late += u64::from(late_ms > late_at_source_ms);
             self.kept.latest_ms = self.kept.latest_ms.max(late_ms);
-            if late_ms > overdue_ms {
+            if follows && late_ms > overdue_ms {
                 self.kept.overdue += self.source.skip_to(shared.data_time(at));
             }
             shared.heartbeats.give(TaskId::FrontEnd);

@@ -191,15 +191,26 @@ impl FrontEndTask {
         Some((newest, shed))
     }
 
-    /// Takes readings until one reaches the time that the frame needs.
+    /// Takes readings until one reaches the time that the frame needs; for one whose stamp is not believed, those there are.
     fn take_samples(&mut self, shared: &Shared<'_>, image_stamp: Timestamp) {
+        if !self.stage.expects(image_stamp) {
+            while let Some(reading) = self.rings.samples.pop() {
+                self.add(&reading);
+            }
+            return;
+        }
         let needed = self.stage.needed_until(image_stamp);
         while self.newest_imu < needed {
             let Some(reading) = self.next_reading(shared) else { return };
-            self.newest_imu = self.newest_imu.max(reading.sample.stamp);
-            self.stage.add(&reading);
+            self.add(&reading);
         }
         self.is_imu_silent = false;
+    }
+
+    fn add(&mut self, reading: &ImuReading) {
+        if self.stage.add(reading) {
+            self.newest_imu = reading.sample.stamp;
+        }
     }
 
     /// The next reading. `None` when there are no more, or none came for long: one frame waits long for an IMU that
@@ -240,7 +251,8 @@ fn keep_room(stage: &mut FrontStage, samples: &mut Reader<ImuReading>, newest: &
     while samples.waiting() > half
         && let Some(reading) = samples.pop()
     {
-        *newest = (*newest).max(reading.sample.stamp);
-        stage.add(&reading);
+        if stage.add(&reading) {
+            *newest = reading.sample.stamp;
+        }
     }
 }

@@ -103,14 +103,16 @@ impl TickTask {
         }
     }
 
-    /// Takes every reading that is due.
+    /// Takes every reading that is due, and what does not follow the one before: nothing waits for a stamp that is wrong.
     fn take_due(&mut self, shared: &Shared<'_>) {
         while let Some(estimate) = self.rings.corrections.pop() {
             self.stage.correct_later(estimate);
         }
         let deadline_ms = shared.table.row(TaskId::Tick).deadline.as_secs_f64() * 1e3;
         while let Some(reading) = self.rings.readings.peek().copied()
-            && (shared.is_of_sensors() || shared.due(reading.sample.stamp) <= Monotonic::now())
+            && (shared.is_of_sensors()
+                || shared.due(reading.sample.stamp) <= Monotonic::now()
+                || !self.stage.expects(&reading))
         {
             self.rings.readings.pop();
             self.stage.take(&reading);

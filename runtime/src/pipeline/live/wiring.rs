@@ -15,6 +15,7 @@ use super::window::WindowTask;
 use crate::schedule::ring::{Bell, Reader, Writer, ring};
 use plumbline_config::ValidConfig;
 use plumbline_drivers::{ImuReading, ImuSource, StereoFrame, StereoSource};
+use plumbline_estimator::admission::StampGate;
 use plumbline_estimator::places::{MapUpdate, PlaceJob};
 use plumbline_estimator::{Estimate, Feedback};
 
@@ -164,6 +165,7 @@ impl Tasks {
                 arrivals: rings.arrivals.writer,
                 bell: bells.camera,
                 kept: CameraFigures::default(),
+                stamps: StampGate::of_frames(),
             },
             front_end: FrontEndTask::new(
                 stages.front,

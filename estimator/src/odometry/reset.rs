@@ -1,10 +1,11 @@
-//! What a start anew goes by: the newest states that were believed.
+//! Starts anew, and what they go by: the newest states that were believed.
 //!
 //! A divergence is seen late: when a speed passes its bound, the states of the last second are wrong as well. So a state
 //! counts only once it has stood for a while, and the start after a divergence goes on from there.
 
-use super::Odometer;
 use super::judgement::MIN_LANDMARKS_IN_VIEW;
+use super::{Odometer, Phase, ResetReason};
+use crate::inertial::buffer::IMU_MEMORY_S;
 use crate::input::ResetKind;
 use crate::window::state::{NavState, Rig};
 use nalgebra::Vector3;
@@ -45,6 +46,42 @@ impl Memory {
 }
 
 impl Odometer {
+    /// Starts anew. Soft: from the newest pose that can be right, with its biases and calibration. Hard: from the origin,
+    /// with the calibration as configured.
+    pub fn reset(&mut self, kind: ResetKind) {
+        self.prepare_start(kind);
+        self.phase = Phase::Gathering;
+        self.window.clear();
+        self.gathering.clear();
+        self.measurer.clear();
+        self.zero_velocity.clear();
+        self.reset_counter += 1;
+        if kind == ResetKind::Hard {
+            self.forget_time();
+        }
+    }
+
+    /// Starts anew, and says why.
+    pub(super) fn start_anew(&mut self, reason: ResetReason) {
+        self.reset(reason.kind());
+        self.reset_reason = Some(reason);
+    }
+
+    /// Forgets all stamps: those that come have nothing to do with them.
+    pub(super) fn forget_time(&mut self) {
+        self.imu.clear();
+        (self.last_stamp, self.last_seen, self.last_reset) = (None, None, None);
+    }
+
+    /// Gives up a state that the inertial samples do not lead on from: they are kept for [`IMU_MEMORY_S`].
+    pub(super) fn check_hole(&mut self, stamp: Timestamp) {
+        let hole_s = self.last_stamp.map_or(0.0, |last| stamp.seconds_since(last));
+        if hole_s > IMU_MEMORY_S && self.phase == Phase::Running {
+            self.start_anew(ResetReason::Hole(hole_s));
+            self.last_reset = Some(stamp);
+        }
+    }
+
     /// Keeps the newest state, which was solved for, if it rests on landmarks.
     pub(super) fn remember(&mut self, stamp: Timestamp) {
         if self.landmarks_in_view() >= MIN_LANDMARKS_IN_VIEW
@@ -57,7 +94,7 @@ impl Odometer {
     /// Sets what the start after a reset goes by: pose, biases and calibration. Softly they are those of the newest state; of
     /// the last one that had proved itself where the newest cannot be right; of the last start where there is none. A
     /// hard reset forgets them.
-    pub(super) fn prepare_start(&mut self, kind: ResetKind) {
+    fn prepare_start(&mut self, kind: ResetKind) {
         let proven = self.memory.take();
         if kind == ResetKind::Hard {
             self.origin = None;
