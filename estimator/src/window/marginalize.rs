@@ -5,8 +5,10 @@
 //! on gets a new landmark in the newest keyframe, from observations that the prior has not seen; the
 //! baseline gives it a depth at once. With one camera it would have to wait for parallax: there a landmark
 //! that is still seen stays, hosted by another keyframe. A frame that neither hosts a landmark nor is in
-//! the prior goes without a trace, and the inertial factors around it are joined. Observations are used once:
-//! those that enter the prior leave the window.
+//! the prior goes without a trace, and the inertial factors around it are joined: such are the frames since the newest
+//! keyframe. The frames before the origin are in the prior's equations from the start on, though nothing is known of
+//! them there: the first of them to leave is eliminated, and fixes where the origin is linearized. Observations are used
+//! once: those that enter the prior leave the window.
 //!
 //! With two cameras the frames this touches keep their linearization points: first-estimates Jacobians
 //! (Huang et al. 2009; as in basalt and OKVIS), so that yaw and position of the whole stay unobservable.

@@ -92,6 +92,26 @@ fn a_frame_of_which_nothing_is_known_goes_without_a_trace() {
 }
 
 #[test]
+fn the_first_frame_before_the_origin_that_leaves_fixes_where_the_origin_is_linearized() {
+    // As after a start with two cameras: the newest frame is the origin, one in between is no keyframe.
+    let mut window = Room { frames: 4, sees: always, is_anchored: false, ..Room::default() }.window();
+    let zero = nalgebra::Vector3::zeros();
+    let sigmas = super::super::prior::AnchorSigmas {
+        position_m: 1e-3,
+        yaw_rad: 1e-3,
+        tilt_rad: 0.1,
+        velocity_m_s: 1.0,
+        bias_gyro_rad_s: 0.02,
+        bias_accel_m_s2: 0.1,
+    };
+    window.anchor_newest(&(zero, zero), &sigmas);
+    window.frames[1].is_keyframe = false;
+    window.remove_frame(1);
+    assert!(window.anchor.is_none());
+    assert!(window.frames.iter().all(|f| f.in_prior), "all of them are in the prior's equations");
+}
+
+#[test]
 fn a_living_track_gets_a_new_landmark_in_the_newest_keyframe() {
     let mut window = Room { frames: 5, sees: always, ..Room::default() }.window();
     let tracks = window.points.all().len();

@@ -201,7 +201,8 @@ impl Window {
 
     /// Makes the newest frame the origin: the prior is that of the rig, and that this frame is where it is now, with
     /// the standard deviations given and biases (gyroscope rad/s, accelerometer m/s²) about those given. Until something is marginalized the origin is linearized anew for every
-    /// solution, so that errors of the start leave no trace.
+    /// solution, so that errors of the start leave no trace. With one camera that lasts until the first keyframe leaves; with
+    /// two until the frame after the start, when one between the two keyframes of the start makes room.
     pub fn anchor_newest(&mut self, biases: &(Vector3<f64>, Vector3<f64>), sigmas: &AnchorSigmas) {
         self.anchor = Some(Anchor { frame: self.frames.len() - 1, biases: *biases, sigmas: *sigmas });
         self.refresh_anchor();
