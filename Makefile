@@ -28,7 +28,7 @@ export NEXTEST_TEST_THREADS ?= $(shell echo $$(($$(nproc) + 1)))
 
 # The steps are in order; cargo is parallel itself.
 .NOTPARALLEL:
-.PHONY: help demo build calibration test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny soak loops digests bench doc doctests setup clean \
+.PHONY: help demo build calibration test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny advisories soak loops digests bench doc doctests setup clean \
 	fuzz fuzz-all fuzz-smoke vm checked-untimed checked-timed
 
 help: ## this list
@@ -69,7 +69,8 @@ CHECKED_CRATES = plumbline-config plumbline-estimator plumbline-drivers plumblin
 CHECKED = --cargo-profile checked --locked --target-dir target/checked $(addprefix -p ,$(CHECKED_CRATES)) --all-features \
 	--lib --test '*' --examples
 # The others, on the build that is the product.
-TESTS = $(FLAGS) --workspace $(addprefix --exclude ,$(CHECKED_CRATES)) --all-targets -E 'not kind(bench)'
+TESTED = $(FLAGS) --workspace $(addprefix --exclude ,$(CHECKED_CRATES)) --all-targets
+TESTS = $(TESTED) -E 'not kind(bench)'
 # Tests that measure time, or use a whole machine: not beside a build.
 TIMED = test(/(^|::)realtime::/)
 
@@ -99,8 +100,9 @@ check: forget-skips ## the tests alone, without the lints
 lint: setup fmt-check deny clippy ## format, licences and lints, without the tests
 
 soak: setup forget-skips ## long flights: memory, drift of time, restarts (SOAK_MINUTES=30)
+	$(LINTED) $(CARGO) nextest run $(CHECKED) --profile soak --run-ignored only -E 'test(/soak/)' $(ARGS)
 	$(call tell-skips,PLUMBLINE_SOAK_MINUTES=$(SOAK_MINUTES) \
-		$(CARGO) nextest run $(FLAGS) --workspace --profile soak --run-ignored all -E 'test(/soak/)' $(ARGS))
+		$(LINTED) $(CARGO) nextest run $(TESTED) --profile soak --run-ignored all -E 'test(/soak/)' $(ARGS))
 
 vm: ## drivers of cameras and inertial sensors, and a flight, behind a real kernel in a virtual machine (VM_SECONDS=60)
 	@scripts/setup base
@@ -109,7 +111,7 @@ vm: ## drivers of cameras and inertial sensors, and a flight, behind a real kern
 	PLUMBLINE_VM_SECONDS=$(VM_SECONDS) $(CARGO) test $(FLAGS) -p plumbline --test process -- --nocapture virtual_machine $(ARGS)
 
 loops: setup ## simulated flights of two laps along recorded paths: what loops bring, and what is found (PLUMBLINE_LOOP_SEEDS=1)
-	$(CARGO) nextest run $(FLAGS) --workspace --profile soak --run-ignored only --no-capture -E 'test(/^loops::/)' $(ARGS)
+	$(LINTED) $(CARGO) nextest run $(TESTED) --profile soak --run-ignored only --no-capture -E 'test(/^loops::/)' $(ARGS)
 
 digests: setup ## writes tests/digests.toml anew, after a change of the estimator that is meant
 	$(CARGO) nextest run $(FLAGS) --workspace --run-ignored only -E 'test(=digests::record_digests)' $(ARGS)
@@ -145,6 +147,9 @@ fmt-check:
 clippy:
 	$(CARGO) clippy $(FLAGS) --workspace --all-targets -- -D warnings
 
-# Advisories are left out: their database is not on crates.io.
+# Advisories are apart: their database is not on crates.io, and changes from day to day.
 deny:
 	$(CARGO) deny --workspace --locked check bans licenses sources
+
+advisories: setup ## known vulnerabilities of the dependencies, but those listed with a reason in deny.toml (needs github.com)
+	$(CARGO) deny --workspace --locked check advisories

@@ -51,3 +51,14 @@ fn a_real_recording_is_fit_and_with_another_mounting_it_is_not() {
     assert!(text.contains("-> put the vehicle on a level floor"), "{text}");
     assert_eq!(stderr(&output).trim(), "plumbline: not fit to fly: mounting");
 }
+
+#[test]
+fn what_a_flight_needs_and_has_not_makes_it_not_fit() {
+    let host = ["doctor", "--config", "sim", "--watch", "0.1", "--json"];
+    let (status, report) = json(&[&host[..], &["--record", "/nowhere-at-all"]].concat());
+    assert_eq!((status, &report["fit"]), (Some(1), &Value::Bool(false)), "{report:#}");
+    let checks = report["host"].as_array().unwrap();
+    let of = |name: &str| checks.iter().find(|check| check["name"] == name).unwrap();
+    assert_eq!(of("disk")["verdict"], "not fit");
+    assert_eq!((&of("certificates")["verdict"], &of("autopilot")["verdict"]), (&"ok".into(), &"ok".into()));
+}

@@ -20,9 +20,9 @@ use std::fmt;
 use std::sync::atomic::Ordering;
 
 /// We are this component of the vehicle.
-const COMPONENT: u8 = MavComponent::MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY as u8;
+pub const COMPONENT: u8 = MavComponent::MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY as u8;
 /// The autopilot is this one.
-const AUTOPILOT: u8 = MavComponent::MAV_COMP_ID_AUTOPILOT1 as u8;
+pub const AUTOPILOT: u8 = MavComponent::MAV_COMP_ID_AUTOPILOT1 as u8;
 /// Between signs of life, ns.
 const HEARTBEAT_NS: i64 = 1_000_000_000;
 /// The autopilot is silent after this, ns.

@@ -1,5 +1,6 @@
 //! Whether this host and this configuration are fit for a flight.
 
+use super::verdict::{Check, Verdict};
 use crate::schedule::bare_timer;
 use crate::schedule::host::{Refusal, limit_idle_latency, lock_memory, pin, raise_priority};
 use crate::schedule::tasks::{TaskId, TaskTable};
@@ -10,30 +11,6 @@ use std::time::Duration;
 
 /// A bare timer later than this makes a tick late, ms.
 const LATE_MS: f64 = 1.0;
-
-/// How a check came out.
-pub(super) enum Verdict {
-    Fine(String),
-    /// A flight is possible, with this against it.
-    Poor(String),
-}
-
-impl Verdict {
-    /// A mark, and what was found.
-    pub(super) fn told(&self) -> (&'static str, &str) {
-        match self {
-            Self::Fine(words) => ("ok", words),
-            Self::Poor(words) => ("poor", words),
-        }
-    }
-
-    pub(super) fn is_poor(&self) -> bool {
-        matches!(self, Self::Poor(_))
-    }
-}
-
-/// A check by its name.
-pub(super) type Check = (&'static str, Verdict);
 
 /// Every check; the timer of the host is watched for so long.
 pub(super) fn checks(config: &Config, table: &TaskTable, watch: Duration) -> Vec<Check> {

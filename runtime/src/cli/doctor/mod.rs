@@ -1,10 +1,14 @@
 //! `plumbline doctor`: whether this host, this configuration and these sensors are fit for a flight.
 //!
-//! Without a source it looks at the host ([`host`]); with one, or live, at what the sensors deliver ([`data`]), which is judged by
-//! the crate `plumbline-checkup`.
+//! Without a source it looks at the host ([`host`]) and at what else a flight needs ([`certificates`], [`disk`], [`autopilot`]);
+//! with one, or live, at what the sensors deliver ([`data`]), which is judged by the crate `plumbline-checkup`.
 
+mod autopilot;
+mod certificates;
 mod data;
+mod disk;
 mod host;
+mod verdict;
 
 use super::{Usage, load_config, say};
 use crate::flight::with_overrides;
@@ -15,10 +19,13 @@ use plumbline_checkup::{Measure, Report, Verdict};
 use plumbline_config::Config;
 use serde_json::{Value, json};
 use std::path::PathBuf;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
+use verdict::Check;
 
 const EXAMPLES: &str = "Examples:
-  plumbline doctor --config my.toml             the host: priorities, memory, timer
+  plumbline doctor --config my.toml             the host: priorities, memory, timer; certificates; the autopilot
+  plumbline doctor --config my.toml --record /data
+                                                and whether the disk takes a recording
   plumbline doctor --config my.toml --live      and the configured sensors, for half a minute
   plumbline doctor V1_01_easy                   what a recording says of its sensors
   plumbline doctor log.mcap --json              the same of a flight log, for programs
@@ -47,6 +54,9 @@ pub struct DoctorArgs {
     /// Look at what the configured sensors deliver, besides this host.
     #[arg(long, requires = "config", conflicts_with = "source")]
     pub live: bool,
+    /// Folder that flights are recorded into: its room and its speed are tried.
+    #[arg(long, value_name = "FOLDER", conflicts_with = "source")]
+    pub record: Option<PathBuf>,
     /// How long the timer of the host is watched, seconds.
     #[arg(long, default_value_t = 2.0)]
     pub watch: f64,
@@ -86,14 +96,17 @@ pub fn run(args: &DoctorArgs) -> Result<()> {
     let streams = args.live.then(|| data::open_live(&config, seconds)).transpose()?;
     let report = streams.map(data::examine).transpose()?;
     let table = TaskTable::new(&config, 1.0);
-    let checks = host::checks(&config, &table, Duration::from_secs_f64(args.watch));
+    let mut checks = host::checks(&config, &table, Duration::from_secs_f64(args.watch));
+    checks.push(("certificates", certificates::check(&config.network.tls, SystemTime::now())));
+    checks.extend(args.record.as_ref().map(|folder| ("disk", disk::check(&config, folder))));
+    checks.push(("autopilot", autopilot::check(&config.autopilot)));
     tell(args, Some((checks, table)), report.map(|report| ("the configured sensors".to_owned(), report)))
 }
 
 /// What was found of the host, and of the sensors of a source.
 fn tell(
     args: &DoctorArgs,
-    host: Option<(Vec<host::Check>, TaskTable)>,
+    host: Option<(Vec<Check>, TaskTable)>,
     sensors: Option<(String, Report)>,
 ) -> Result<()> {
     if args.json {
@@ -102,18 +115,27 @@ fn tell(
         host.iter().for_each(|(checks, table)| print_host(checks, table));
         sensors.iter().for_each(|(name, report)| print(name, report));
     }
-    let measures = sensors.iter().flat_map(|(_, report)| &report.measures);
-    let count = |verdict| measures.clone().filter(|measure| measure.verdict == verdict).count();
-    if count(Verdict::NotFit) > 0 {
-        let against = measures.filter(|measure| measure.verdict == Verdict::NotFit);
-        bail!("not fit to fly: {}", against.map(|measure| measure.name).collect::<Vec<_>>().join(", "));
+    let (checks, measures) = (all_checks(host.as_ref()), all_measures(sensors.as_ref()));
+    let checks_against = checks.iter().filter(|(_, verdict)| verdict.is_not_fit()).map(|(name, _)| *name);
+    let measures_against = measures.iter().filter(|m| m.verdict == Verdict::NotFit).map(|m| m.name);
+    let against: Vec<&str> = checks_against.chain(measures_against).collect();
+    if !against.is_empty() {
+        bail!("not fit to fly: {}", against.join(", "));
     }
     if !args.json {
-        let poor =
-            host.iter().flat_map(|(checks, _)| checks).filter(|(_, verdict)| verdict.is_poor()).count();
-        say(format_args!("\n{}", fit(poor + count(Verdict::Mind))));
+        let poor = checks.iter().filter(|(_, verdict)| verdict.is_poor()).count();
+        let to_mind = measures.iter().filter(|m| m.verdict == Verdict::Mind).count();
+        say(format_args!("\n{}", fit(poor + to_mind)));
     }
     Ok(())
+}
+
+fn all_checks(host: Option<&(Vec<Check>, TaskTable)>) -> &[Check] {
+    host.map_or(&[], |(checks, _)| checks)
+}
+
+fn all_measures(sensors: Option<&(String, Report)>) -> &[Measure] {
+    sensors.map_or(&[], |(_, report)| &report.measures)
 }
 
 fn fit(to_mend: usize) -> String {
@@ -124,10 +146,10 @@ fn fit(to_mend: usize) -> String {
     }
 }
 
-fn print_host(checks: &[host::Check], table: &TaskTable) {
+fn print_host(checks: &[Check], table: &TaskTable) {
     for (name, verdict) in checks {
         let (mark, words) = verdict.told();
-        say(format_args!("{mark:<4}  {name:<19} {words}"));
+        say(format_args!("{mark:<7}  {name:<19} {words}"));
     }
     say(format_args!("\nTasks of a flight at these rates:\n{table}"));
 }
@@ -143,8 +165,9 @@ fn print(name: &str, report: &Report) {
     }
 }
 
-fn as_json(host: Option<&(Vec<host::Check>, TaskTable)>, sensors: Option<&(String, Report)>) -> Value {
-    let mut all = json!({"fit": sensors.is_none_or(|(_, report)| report.is_fit())});
+fn as_json(host: Option<&(Vec<Check>, TaskTable)>, sensors: Option<&(String, Report)>) -> Value {
+    let is_host_fit = !all_checks(host).iter().any(|(_, verdict)| verdict.is_not_fit());
+    let mut all = json!({"fit": is_host_fit && sensors.is_none_or(|(_, report)| report.is_fit())});
     if let Some((checks, _)) = host {
         let checks = checks.iter().map(|(name, verdict)| {
             let (mark, words) = verdict.told();

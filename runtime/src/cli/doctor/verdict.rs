@@ -1,0 +1,33 @@
+//! How a check of the host or of its equipment came out.
+
+/// How a check came out.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) enum Verdict {
+    Fine(String),
+    /// A flight is possible, with this against it.
+    Poor(String),
+    /// What was configured for a flight cannot be had.
+    NotFit(String),
+}
+
+impl Verdict {
+    /// A mark, and what was found.
+    pub(super) fn told(&self) -> (&'static str, &str) {
+        match self {
+            Self::Fine(words) => ("ok", words),
+            Self::Poor(words) => ("poor", words),
+            Self::NotFit(words) => ("not fit", words),
+        }
+    }
+
+    pub(super) fn is_poor(&self) -> bool {
+        matches!(self, Self::Poor(_))
+    }
+
+    pub(super) fn is_not_fit(&self) -> bool {
+        matches!(self, Self::NotFit(_))
+    }
+}
+
+/// A check by its name.
+pub(super) type Check = (&'static str, Verdict);
