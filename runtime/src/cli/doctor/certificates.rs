@@ -106,7 +106,7 @@ mod tests {
             renew: false,
         })
         .unwrap();
-        let (tls, now) = (tls(folder.path()), SystemTime::now());
+        let (tls, now) = (tls(folder.path()), SystemTime::now() + days(1) / 2);
         assert!(matches!(check(&tls, now), Verdict::Fine(words) if words.contains("89 more days")));
         assert!(matches!(check(&tls, now + days(70)), Verdict::Poor(words) if words.contains("--renew")));
         let expired = check(&tls, now + days(91));
