@@ -28,7 +28,7 @@ pub use estimator::{EstimatorConfig, HealthConfig, InitialConfig, PointsConfig, 
 pub use frames::FramesConfig;
 pub use imu_driver::{ImuDriverConfig, ImuEndpoint, ImuProtocol, MavlinkImu, TriggerExposure};
 pub use lines::LinesConfig;
-pub use network::{Commands, Link, LoginConfig, NetworkConfig, TlsConfig};
+pub use network::{Commands, Link, LoginConfig, NetworkConfig, TlsConfig, is_certificate_name};
 pub use places::PlacesConfig;
 pub use recorder::{ImageRecording, KeepPolicy, RecorderConfig};
 pub use ros::{RosConfig, RosDistribution, RosStamp};

@@ -274,6 +274,7 @@ fn sample() -> Table {
     config.network.listen = vec![String::new()];
     config.network.connect = vec![String::new()];
     config.driver.v4l2.controls = vec![String::new()];
+    config.network.tls.excluded = vec![String::new()];
     config.network.login.operators = vec![String::new()];
     config.runtime.tick_cpus = vec![0];
     config.runtime.work_cpus = vec![0];

@@ -22,6 +22,7 @@ mod plot;
 mod python;
 mod realtime;
 mod replay;
+mod roles;
 mod ros;
 mod security;
 mod sweep;

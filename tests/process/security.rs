@@ -80,7 +80,7 @@ fn network_access_follows_the_certificate() {
         assert_eq!(refused.status.code(), Some(1), "{}", said(&refused));
         assert!(said(&refused).contains("may not command"), "{}", said(&refused));
     }
-    let attempt = "access refused: viewer (tls on lo) may not query plumbline/drone/command/reset";
+    let attempt = "access refused: viewer.1 (tls on lo) may not query plumbline/drone/command/reset";
     eventually("the refusal is in the log", Duration::from_secs(3), || vehicle.words().contains(attempt));
     assert_eq!(vehicle.words().matches("access refused").count(), 1, "{}", vehicle.words());
     // A station with another authority's certificate, and one with none, hear nothing.

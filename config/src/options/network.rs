@@ -62,16 +62,16 @@ pub enum Link {
 pub enum Commands {
     /// Nobody.
     Nobody,
-    /// Processes of this host, and who shows an operator's certificate or name; nobody while the vehicle can be
-    /// reached by others.
+    /// Processes of this host, and who shows an operator's certificate; nobody while others can reach the vehicle without
+    /// one.
     #[default]
     Authenticated,
     /// Anybody who can reach the vehicle.
     Anybody,
 }
 
-/// Certificates for `tls/...` endpoints; empty paths for none. The role of a peer is the common name of its
-/// certificate: `vehicle`, `router`, `operator` or `viewer`, as `plumbline keys` makes them.
+/// Certificates for `tls/...` endpoints; empty paths for none. What a peer may do is said by the name of its certificate, such
+/// as `operator.1` or `vehicle:drone.2`, as `plumbline keys` makes them.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TlsConfig {
@@ -79,8 +79,10 @@ pub struct TlsConfig {
     pub authority: PathBuf,
     /// Our certificate, PEM file.
     pub certificate: PathBuf,
-    /// Its private key, PEM file.
+    /// Its private key, PEM file, which its owner alone may read.
     pub key: PathBuf,
+    /// Certificates that are not believed, by name: `operator.1` for one, `operator` for all of that holder.
+    pub excluded: Vec<String>,
 }
 
 impl TlsConfig {
@@ -89,6 +91,18 @@ impl TlsConfig {
     pub fn is_given(&self) -> bool {
         [&self.authority, &self.certificate, &self.key].iter().any(|path| !path.as_os_str().is_empty())
     }
+}
+
+/// Whether this names a certificate, such as `operator.1`, or all of a holder, such as `vehicle:drone`.
+#[must_use]
+pub fn is_certificate_name(text: &str) -> bool {
+    let (holder, number) = text.rsplit_once('.').unwrap_or((text, "1"));
+    let is_number = number.parse::<u32>().is_ok_and(|number| number > 0);
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_');
+    let is_vehicle = |name: &str| !name.is_empty() && name.chars().all(is_plain);
+    is_number
+        && (matches!(holder, "viewer" | "operator" | "router")
+            || holder.strip_prefix("vehicle:").is_some_and(is_vehicle))
 }
 
 /// Names and passwords, where certificates are too much. Without TLS they keep out the curious, not the
@@ -102,6 +116,6 @@ pub struct LoginConfig {
     pub password_file: PathBuf,
     /// File with a line `name:password` for everyone who may connect to us.
     pub users_file: PathBuf,
-    /// Names that may give commands.
+    /// Names that may give commands, where commands are taken.
     pub operators: Vec<String>,
 }

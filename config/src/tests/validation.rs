@@ -114,7 +114,12 @@ fn endpoints_name_protocol_host_and_port() {
 /// The three files of a certificate.
 fn certified(c: &mut Config) {
     let path = |name: &str| PathBuf::from("keys").join(name);
-    c.network.tls = TlsConfig { authority: path("ca.pem"), certificate: path("v.pem"), key: path("v.key") };
+    c.network.tls = TlsConfig {
+        authority: path("ca.pem"),
+        certificate: path("v.pem"),
+        key: path("v.key"),
+        excluded: Vec::new(),
+    };
 }
 
 #[test]
@@ -135,6 +140,16 @@ fn certificates_are_whole_and_there_where_an_endpoint_needs_them() {
         certified(c);
         c.network.tls.authority = PathBuf::new();
     });
+}
+
+#[test]
+fn certificates_that_are_excluded_have_names() {
+    for bad in ["", "pilot.1", "operator.0", "operator.x", "vehicle", "vehicle:.1", "vehicle:a/b", "op*"] {
+        check("network.tls.excluded[0]", "operator.1", |c| c.network.tls.excluded = vec![bad.into()]);
+    }
+    for good in ["operator.1", "viewer", "vehicle:hawk_2.12", "router.3", "vehicle:drone"] {
+        assert_eq!(refused(|c| c.network.tls.excluded = vec![good.into()]), []);
+    }
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Validation of names and addresses on the network.
 
 use crate::error::Violation;
-use crate::options::{LoginConfig, NetworkConfig, TlsConfig};
+use crate::options::{LoginConfig, NetworkConfig, TlsConfig, is_certificate_name};
 use std::path::Path;
 
 /// Longest vehicle name: it is part of every key on the wire.
@@ -32,7 +32,7 @@ pub(super) fn check(network: &NetworkConfig, found: &mut Vec<Violation>) {
 
 /// Certificates come together, and with endpoints that use them; names come with passwords.
 fn check_identity(network: &NetworkConfig, found: &mut Vec<Violation>) {
-    let TlsConfig { authority, certificate, key } = &network.tls;
+    let TlsConfig { authority, certificate, key, excluded } = &network.tls;
     for (name, path) in [("authority", authority), ("certificate", certificate), ("key", key)] {
         if network.tls.is_given() && is_empty(path) {
             let cure = "give all three files of [network.tls], as `plumbline keys` writes them, or none";
@@ -43,6 +43,11 @@ fn check_identity(network: &NetworkConfig, found: &mut Vec<Violation>) {
     if uses_tls && !network.tls.is_given() {
         let cure = "give the files that `plumbline keys` writes";
         found.push(Violation::new("network.tls", "is empty, but an endpoint begins with tls/", cure));
+    }
+    for (i, name) in excluded.iter().enumerate().filter(|(_, name)| !is_certificate_name(name)) {
+        let cure = "write the name that `plumbline keys` tells: operator.1 for one certificate, operator for all of them";
+        let reason = format!("{} names no certificate", shortened(name));
+        found.push(Violation::new(format!("network.tls.excluded[{i}]"), reason, cure));
     }
     let LoginConfig { user, password_file, users_file, operators } = &network.login;
     if user.is_empty() != is_empty(password_file) {

@@ -1,6 +1,7 @@
 //! `plumbline keys`: certificates for vehicles and ground stations.
 
 use super::say;
+use crate::net::certificate;
 use crate::net::keys::{self, ROLES, Request};
 use anyhow::Result;
 use clap::Args;
@@ -11,7 +12,8 @@ use std::path::PathBuf;
 pub struct KeysArgs {
     /// Folder of the files. An authority that is there already signs; without one it is made.
     pub folder: PathBuf,
-    /// Whose certificates are made: vehicle, router, operator (may command), viewer (may look). All without.
+    /// Whose certificates are made: vehicle (the one named drone), router, operator (may command), viewer (may look). All
+    /// without.
     #[arg(long, value_parser = ROLES)]
     pub role: Vec<String>,
     /// Make a certificate for the vehicle of this name, in vehicle-NAME.pem and vehicle-NAME.key; may be repeated.
@@ -44,10 +46,17 @@ pub fn run(args: &KeysArgs) -> Result<()> {
         renew: args.renew,
     };
     for file in keys::make(&request)? {
-        say(file.display());
+        let name = certificate::name_in(&file).filter(|name| certificate::parse(name).is_some());
+        match name {
+            Some(name) => say(format_args!("{} ({name})", file.display())),
+            None => say(file.display()),
+        }
     }
     if args.renew {
-        say("Give each holder its two new files, and restart it; the authority is the same.");
+        say(
+            "Give each holder its two new files, and restart it; the authority is the same. The old certificates are good \
+             until they end, unless they are excluded (network.tls.excluded, --excluded).",
+        );
     } else {
         say(format_args!(
             "Give each holder {} and its own two files; keep {} away from the field.",

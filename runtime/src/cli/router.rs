@@ -2,7 +2,7 @@
 
 use super::access::AccessArgs;
 use super::{Usage, say, stop_on_signal};
-use crate::net::{Endpoints, Mode, audit, diagnosis};
+use crate::net::{Endpoints, Mode, audit, diagnosis, security};
 use anyhow::Result;
 use clap::Args;
 use std::sync::atomic::Ordering;
@@ -38,6 +38,9 @@ pub fn run(args: &RouterArgs) -> Result<()> {
         Endpoints { mode: Mode::Router, ..args.access.endpoints("*", &args.listen, &args.connect) };
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
     let session = runtime.block_on(endpoints.open())?;
+    if let Some(exposure) = security::exposure(&endpoints) {
+        tracing::warn!("{exposure}");
+    }
     say(format_args!("routing on {}; Ctrl-C ends it", args.listen.join(", ")));
     let stop = stop_on_signal()?;
     while !stop.load(Ordering::Relaxed) {

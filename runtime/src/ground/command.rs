@@ -1,12 +1,16 @@
 //! Commands to a vehicle.
+//!
+//! Whoever says that it answers is asked, and only a reply under the vehicle's own key is believed: somebody who claims to
+//! answer everything neither takes the command away nor reports it done.
 
-use crate::net::{ROOT, proto, read};
+use crate::net::{ROOT, plain, proto, read};
 use prost::Message;
 use serde::Deserialize;
 use std::fmt;
 use std::time::{Duration, Instant};
 use zenoh::Session;
 use zenoh::qos::{CongestionControl, Priority};
+use zenoh::query::{ConsolidationMode, QueryTarget, Reply};
 
 /// Timeout of a reset, which waits for the next frame.
 const PATIENCE: Duration = Duration::from_secs(4);
@@ -60,9 +64,9 @@ pub async fn find(session: &Session, vehicle: &str) -> bool {
 /// # Errors
 /// The reason as text, when it refused or did not reply.
 pub async fn reset(session: &Session, vehicle: &str, kind: ResetWords) -> Result<String, String> {
-    let selector = format!("{ROOT}/{vehicle}/command/reset?kind={kind}");
-    let done: proto::ResetDone = command(session, &selector, PATIENCE).await?;
-    Ok(format!("{}: the counter is now {}", done.words, done.reset_counter))
+    let key = format!("{ROOT}/{vehicle}/command/reset");
+    let done: proto::ResetDone = command(session, &key, &format!("?kind={kind}"), PATIENCE).await?;
+    Ok(format!("{}: the counter is now {}", plain(&done.words), done.reset_counter))
 }
 
 /// Has a vehicle keep its map; returns its reply.
@@ -70,31 +74,49 @@ pub async fn reset(session: &Session, vehicle: &str, kind: ResetWords) -> Result
 /// # Errors
 /// The reason as text, when it refused or did not reply.
 pub async fn save_map(session: &Session, vehicle: &str) -> Result<String, String> {
-    let selector = format!("{ROOT}/{vehicle}/command/map_save");
-    let saved: proto::MapSaved = command(session, &selector, SAVE_PATIENCE).await?;
-    Ok(saved.words)
+    let key = format!("{ROOT}/{vehicle}/command/map_save");
+    let saved: proto::MapSaved = command(session, &key, "", SAVE_PATIENCE).await?;
+    Ok(plain(&saved.words))
 }
 
 /// Asks for something to be done, and returns what the vehicle replies.
 async fn command<T: Message + Default + read::Checked>(
     session: &Session,
-    selector: &str,
+    key: &str,
+    parameters: &str,
     patience: Duration,
 ) -> Result<T, String> {
     let question = session
-        .get(selector)
+        .get(format!("{key}{parameters}"))
+        .target(QueryTarget::All)
+        .consolidation(ConsolidationMode::None)
         .timeout(patience)
         .priority(Priority::InteractiveHigh)
         .congestion_control(CongestionControl::Block);
     let replies = question.await.map_err(|error| format!("the command could not be sent: {error}"))?;
-    let Ok(reply) = replies.recv_async().await else { return Err(SILENCE.into()) };
+    let mut refusal = None;
+    while let Ok(reply) = replies.recv_async().await {
+        match read_reply(&reply, key) {
+            Some(Ok(done)) => return Ok(done),
+            Some(Err(words)) => refusal = refusal.or(Some(words)),
+            None => {}
+        }
+    }
+    Err(refusal.unwrap_or_else(|| SILENCE.into()))
+}
+
+/// What a reply says; `None` when it is not the vehicle's, or none at all.
+fn read_reply<T: Message + Default + read::Checked>(reply: &Reply, key: &str) -> Option<Result<T, String>> {
     match reply.result() {
-        Ok(sample) => read::decode(&sample.payload().to_bytes())
-            .ok_or_else(|| "the vehicle's answer cannot be understood".into()),
+        Ok(sample) if sample.key_expr().as_str() != key => None,
+        Ok(sample) => Some(
+            read::decode(&sample.payload().to_bytes())
+                .ok_or_else(|| "the vehicle's answer cannot be understood".into()),
+        ),
         Err(error) => {
             let bytes = error.payload().to_bytes();
-            let words = String::from_utf8_lossy(&bytes[..bytes.len().min(MAX_WORDS)]).into_owned();
-            Err(if words == "Timeout" { SILENCE.into() } else { words })
+            let words = plain(&String::from_utf8_lossy(&bytes[..bytes.len().min(MAX_WORDS)]));
+            (words != "Timeout").then_some(Err(words))
         }
     }
 }

@@ -5,6 +5,7 @@
 //! refused: a query, a reply, a put or a delete. It is told once in [`AGAIN_AFTER`] for each peer, action and key.
 
 use super::decision::{self, DEEDS, Decision};
+use super::{ROOT, certificate};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::{Duration, Instant};
 
@@ -111,13 +112,12 @@ impl Refusals {
     fn refusal(&self, decision: &Decision<'_>) -> Refusal {
         let session = decision.session;
         // A key may hold anything, and this goes into a log.
-        let key = decision.key.chars().map(|c| if c.is_control() { '?' } else { c });
-        let key: String = key.take(MAX_KEY).collect();
+        let key: String = super::plain(decision.key).chars().take(MAX_KEY).collect();
         let known = self.peers.iter().find(|(known, _)| known == session);
         let peer = known.map_or_else(|| format!("session {session}"), |(_, peer)| peer.clone());
         let deed = decision.deed();
         let words = match decision.is_incoming {
-            true => format!("{peer} may not {deed} {key}"),
+            true => format!("{peer} may not {deed} {key}{}", advice(&peer, &key)),
             false => format!("{peer} is not sent: {deed} {key}"),
         };
         Refusal { words, is_attempt: decision.is_incoming && decision.action < DEEDS }
@@ -134,6 +134,16 @@ impl Refusals {
             }
         }
         refusals
+    }
+}
+
+/// What to do about a vehicle that is refused what is its own.
+fn advice(peer: &str, key: &str) -> String {
+    let holder = peer.split(' ').next().and_then(certificate::parse).map(|(holder, _)| holder);
+    let name = holder.and_then(certificate::vehicle_of);
+    match name.filter(|name| key.starts_with(&format!("{ROOT}/{name}/"))) {
+        Some(name) => format!("; --fleet {name} listens to it, unless its certificate is excluded"),
+        None => String::new(),
     }
 }
 
@@ -215,6 +225,17 @@ mod tests {
         log.named("ingress", key);
         log.line(&format!("Using cached result: {SESSION} is unauthorized to Query (ingress) on {key}"));
         assert_eq!(log.attempts(), [format!("viewer (tls on lo) may not query {key}")]);
+    }
+
+    #[test]
+    fn a_vehicle_that_is_not_listened_to_is_told_how_to() {
+        let mut log = Log::new();
+        for key in ["plumbline/hawk/odom", "plumbline/drone/odom"] {
+            let peer = "Interface(lo)+CertCommonName(vehicle:hawk.2)+Transport(Tls)+7";
+            log.line(&format!("7 on {peer} is unauthorized to Put (ingress) on {key}"));
+        }
+        let told = log.attempts();
+        assert_eq!(told.iter().filter(|words| words.contains("; --fleet hawk")).count(), 1, "{told:?}");
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Queries that a vehicle answers: trajectory, keyframes, corrected path, configuration, clock, reset, saving the map.
 //!
-//! Questions wait in a short queue and are answered one after the other by a task of their own: who asks much
-//! holds up nobody but those who ask. Answers travel with the quality of service of their question; ground stations
+//! Questions wait in a short queue and are answered one after the other by a thread of their own: who asks much
+//! holds up nobody but those who ask. Commands have a queue and a task of their own. Answers travel with the quality of service of their question; ground stations
 //! ask with one that drops them when the link is full, and ask again.
 //!
 //! Of several answers under one key a client keeps the newest, unless it asks for no consolidation. Where there can be
@@ -27,6 +27,8 @@ use zenoh::{Session, Wait};
 
 /// Questions that wait.
 const MAX_QUESTIONS: usize = 32;
+/// Commands that wait.
+const MAX_COMMANDS: usize = 8;
 /// Poses that are kept: half an hour at 20 Hz.
 const MAX_POSES: usize = 36_000;
 /// Poses in one answer.
@@ -125,11 +127,13 @@ pub fn lock(archive: &Mutex<Archive>) -> MutexGuard<'_, Archive> {
 /// # Errors
 /// When a key cannot be declared.
 pub async fn declare(session: &Session, answers: Answers) -> Result<(), NetError> {
-    let (questions, mut waiting) = mpsc::channel::<(Topic, Query)>(MAX_QUESTIONS);
+    let (questions, waiting) = mpsc::channel::<(Topic, Query)>(MAX_QUESTIONS);
+    let (commands, given) = mpsc::channel::<(Topic, Query)>(MAX_COMMANDS);
     for topic in Topic::ALL {
         let base = format!("{ROOT}/{}/{}", answers.vehicle.name, topic.key());
         let key = if topic.has_several_answers() { format!("{base}/**") } else { base.clone() };
-        let (questions, clock_key) = (questions.clone(), base);
+        let (queue, clock_key) =
+            (if topic.is_command() { commands.clone() } else { questions.clone() }, base);
         let failed = |error: zenoh::Error| NetError::Declare { key: key.clone(), message: error.to_string() };
         session
             .declare_queryable(&key)
@@ -137,7 +141,7 @@ pub async fn declare(session: &Session, answers: Answers) -> Result<(), NetError
                 if topic == Topic::Clock {
                     // A question about time does not wait behind others.
                     tell_time(&query, &clock_key);
-                } else if let Err(error) = questions.try_send((topic, query)) {
+                } else if let Err(error) = queue.try_send((topic, query)) {
                     let (_, query) = error.into_inner();
                     let _ = query.reply_err("busy: ask again later").wait();
                 }
@@ -147,24 +151,44 @@ pub async fn declare(session: &Session, answers: Answers) -> Result<(), NetError
             .map_err(failed)?;
     }
     let answers = Arc::new(answers);
-    // Bringing a map to the disk takes its time: other questions do not wait for it, and there is one at a time.
-    let saving = Arc::new(tokio::sync::Mutex::new(()));
-    tokio::spawn(async move {
-        while let Some((topic, query)) = waiting.recv().await {
-            if topic != Topic::MapSave {
-                answers.answer(topic, &query).await;
-            } else if let Ok(turn) = Arc::clone(&saving).try_lock_owned() {
-                let answers = Arc::clone(&answers);
-                tokio::spawn(async move {
-                    answers.answer(topic, &query).await;
-                    drop(turn);
-                });
-            } else {
-                let _ = query.reply_err("busy: the map is being saved").await;
-            }
-        }
-    });
+    answer_questions(Arc::clone(&answers), waiting)?;
+    tokio::spawn(obey(answers, given));
     Ok(())
+}
+
+/// Answers one question after the other, on a thread of its own: an answer travels as its question asked, and may wait for
+/// somebody who does not read.
+fn answer_questions(
+    answers: Arc<Answers>,
+    mut waiting: mpsc::Receiver<(Topic, Query)>,
+) -> std::io::Result<()> {
+    let runtime = tokio::runtime::Handle::current();
+    let thread = std::thread::Builder::new().name("plumbline-answers".into());
+    thread.spawn(move || {
+        while let Some((topic, query)) = waiting.blocking_recv() {
+            runtime.block_on(answers.answer(topic, &query));
+        }
+    })?;
+    Ok(())
+}
+
+/// Carries out commands, which wait behind no question. Bringing a map to the disk takes its time: a reset does not wait for
+/// it, and there is one at a time.
+async fn obey(answers: Arc<Answers>, mut given: mpsc::Receiver<(Topic, Query)>) {
+    let saving = Arc::new(tokio::sync::Mutex::new(()));
+    while let Some((topic, query)) = given.recv().await {
+        if topic != Topic::MapSave {
+            answers.answer(topic, &query).await;
+        } else if let Ok(turn) = Arc::clone(&saving).try_lock_owned() {
+            let answers = Arc::clone(&answers);
+            tokio::spawn(async move {
+                answers.answer(topic, &query).await;
+                drop(turn);
+            });
+        } else {
+            let _ = query.reply_err("busy: the map is being saved").await;
+        }
+    }
 }
 
 /// What can be asked.
@@ -200,6 +224,11 @@ impl Topic {
             Self::Reset => "command/reset",
             Self::MapSave => "command/map_save",
         }
+    }
+
+    /// Whether something is done.
+    fn is_command(self) -> bool {
+        matches!(self, Self::Reset | Self::MapSave)
     }
 
     /// Whether answers have keys of their own below the topic's.

@@ -129,11 +129,11 @@ pub fn plain_peer(peer: &str) -> String {
     };
     let [interface, certificate, user, transport] =
         ["Interface", "CertCommonName", "Username", "Transport"].map(&mut field);
-    let name = certificate.or(user).unwrap_or("a peer without a name");
+    let name = super::plain(certificate.or(user).unwrap_or("a peer without a name"));
     let transport = transport.map(str::to_lowercase);
     let on = interface.map(|interface| format!("on {interface}"));
     let way: Vec<String> = transport.into_iter().chain(on).collect();
-    if way.is_empty() { name.to_owned() } else { format!("{name} ({})", way.join(" ")) }
+    if way.is_empty() { name } else { format!("{name} ({})", way.join(" ")) }
 }
 
 #[cfg(test)]

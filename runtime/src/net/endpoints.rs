@@ -1,7 +1,7 @@
 //! Role, endpoints and credentials of a session.
 
 use super::error::NetError;
-use plumbline_config::options::{Link, LoginConfig, NetworkConfig, TlsConfig};
+use plumbline_config::options::{Commands, Link, LoginConfig, NetworkConfig, TlsConfig};
 
 /// An attempt to connect is given up after this, ms: over a link that was down, the next one succeeds sooner
 /// than the retransmissions of the last.
@@ -29,6 +29,8 @@ pub struct Endpoints {
     pub waits: bool,
     /// Name of the vehicle in the keys.
     pub vehicle: String,
+    /// Vehicles that are listened to, by the names of their certificates; a vehicle listens to none.
+    pub hears: Vec<String>,
     /// Endpoints to listen on.
     pub listen: Vec<String>,
     /// Endpoints to connect to.
@@ -39,6 +41,8 @@ pub struct Endpoints {
     pub scouting: bool,
     /// What the link can carry.
     pub link: Link,
+    /// Who may give commands.
+    pub commands: Commands,
     /// Certificates.
     pub tls: TlsConfig,
     /// Names and passwords.
@@ -59,14 +63,22 @@ impl Endpoints {
             mode: Mode::Peer,
             waits: false,
             vehicle: config.vehicle.clone(),
+            hears: Vec::new(),
             listen: config.listen.clone(),
             connect: config.connect.clone(),
             open_timeout_ms: OPEN_TIMEOUT_MS,
             scouting: config.scouting,
             link: config.link,
+            commands: config.commands,
             tls: config.tls.clone(),
             login: config.login.clone(),
         }
+    }
+
+    /// Whether this is a vehicle's own session.
+    #[must_use]
+    pub fn is_vehicle(&self) -> bool {
+        self.hears.is_empty()
     }
 
     /// The same, listening and connecting to more.
@@ -117,12 +129,33 @@ fn is_udp(endpoint: &str) -> bool {
     endpoint.starts_with("udp/")
 }
 
+/// Whether an endpoint such as `tcp/127.0.0.1:7447` is this host's alone.
+#[must_use]
+pub fn is_loopback(endpoint: &str) -> bool {
+    let address = endpoint.split_once('/').map_or(endpoint, |(_, address)| address);
+    let host = address.split(['?', '#']).next().and_then(|a| a.rsplit_once(':')).map_or("", |(host, _)| host);
+    let host = host.trim_start_matches('[').trim_end_matches(']');
+    host == "localhost" || host.parse::<std::net::IpAddr>().is_ok_and(|ip| ip.is_loopback())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     fn connecting_to(endpoints: &[&str]) -> Endpoints {
         Endpoints { connect: endpoints.iter().map(|e| (*e).to_owned()).collect(), ..Endpoints::default() }
+    }
+
+    #[test]
+    fn loopback_is_told_from_the_rest() {
+        for endpoint in ["tcp/127.0.0.1:7447", "tcp/localhost:1", "udp/[::1]:7447", "tls/127.1.2.3:7#a=b"] {
+            assert!(is_loopback(endpoint), "{endpoint}");
+        }
+        for endpoint in
+            ["tcp/0.0.0.0:7447", "tcp/[::]:7447", "tcp/10.0.0.1:7447", "tcp/localhost.evil:1", "x"]
+        {
+            assert!(!is_loopback(endpoint), "{endpoint}");
+        }
     }
 
     #[test]

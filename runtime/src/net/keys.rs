@@ -1,9 +1,10 @@
-//! A small certificate authority: certificates whose common name is the role of their holder.
+//! A small certificate authority: certificates whose common name says what their holder may do ([`super::certificate`]).
 //!
 //! The files of a role are `<role>.pem` and `<role>.key`, those of a vehicle by name `vehicle-<name>.pem` and
-//! `vehicle-<name>.key`; its certificate bears the name as its organizational unit. Files keep their names when they are
-//! renewed, so that no configuration changes.
+//! `vehicle-<name>.key`; `vehicle.pem` is for the vehicle `drone`. Files keep their names when they are renewed, so that no
+//! configuration changes; the number in the certificate's name grows, so that the old one can be excluded.
 
+use super::certificate::{self, DEFAULT_VEHICLE, MAX_NUMBER};
 use rcgen::{
     BasicConstraints, CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer,
     KeyPair, KeyUsagePurpose,
@@ -56,6 +57,14 @@ pub enum KeysError {
         /// The name.
         name: String,
     },
+    /// There are as many of a holder as are told apart.
+    #[error(
+        "{path}: is the last of {MAX_NUMBER} that are told apart; begin with a new authority in another folder"
+    )]
+    UsedUp {
+        /// The file.
+        path: PathBuf,
+    },
     /// A certificate cannot be made.
     #[error("{about}: {error}")]
     Certificate {
@@ -107,6 +116,14 @@ impl Holder {
         Ok(Self { role: "vehicle".into(), vehicle: Some(name.to_owned()) })
     }
 
+    /// Its name without the number.
+    fn name(&self) -> String {
+        match (self.role.as_str(), &self.vehicle) {
+            ("vehicle", name) => certificate::vehicle(name.as_deref().unwrap_or(DEFAULT_VEHICLE)),
+            (role, _) => role.to_owned(),
+        }
+    }
+
     /// Its files without their ending.
     fn stem(&self) -> String {
         self.vehicle.as_ref().map_or_else(|| self.role.clone(), |name| format!("{}-{name}", self.role))
@@ -144,7 +161,8 @@ pub fn make(request: &Request<'_>) -> Result<Vec<PathBuf>, KeysError> {
         let stem = holder.stem();
         let certificate = path(&format!("{stem}.pem"));
         let hosts = hosts(request, &certificate)?;
-        let (text, key) = signed(holder, &hosts, request.days, &issuer).map_err(about(&stem))?;
+        let name = certificate::common_name(&holder.name(), number(holder, &certificate)?);
+        let (text, key) = signed(&name, &hosts, request.days, &issuer).map_err(about(&stem))?;
         written.push(write(&path(&format!("{stem}.key")), &key, 0o600)?);
         written.push(write(&certificate, &text, 0o644)?);
     }
@@ -176,6 +194,16 @@ fn holders(request: &Request<'_>) -> Result<Vec<Holder>, KeysError> {
         return Err(KeysError::NothingToRenew { path: request.folder.to_owned() });
     }
     Ok(holders)
+}
+
+/// The number of a certificate: the one after that of the file that it replaces.
+fn number(holder: &Holder, path: &Path) -> Result<u32, KeysError> {
+    let name = certificate::name_in(path).unwrap_or_default();
+    let before = certificate::parse(&name).filter(|(other, _)| *other == holder.name());
+    match before.map_or(1, |(_, number)| number.saturating_add(1)) {
+        number if number > MAX_NUMBER => Err(KeysError::UsedUp { path: path.to_owned() }),
+        number => Ok(number),
+    }
 }
 
 /// The names of a certificate: those of the request, else of the one that is renewed, else this host's.
@@ -239,15 +267,12 @@ fn authority(days: u32) -> Result<(String, String), rcgen::Error> {
 }
 
 fn signed(
-    holder: &Holder,
+    name: &str,
     hosts: &[String],
     days: u32,
     issuer: &Issuer<'_, KeyPair>,
 ) -> Result<(String, String), rcgen::Error> {
-    let mut params = named(&holder.role, days);
-    if let Some(name) = &holder.vehicle {
-        params.distinguished_name.push(DnType::OrganizationalUnitName, name.as_str());
-    }
+    let mut params = named(name, days);
     params.subject_alt_names = CertificateParams::new(hosts.to_vec())?.subject_alt_names;
     params.key_usages = vec![KeyUsagePurpose::DigitalSignature];
     params.extended_key_usages =
@@ -295,6 +320,8 @@ mod tests {
         assert_eq!(make(&request(folder.path(), &second, &[])).unwrap().len(), 2);
         let error = make(&request(folder.path(), &second, &[])).unwrap_err().to_string();
         assert!(error.contains("operator.pem") && error.contains("--renew"), "{error}");
+        let name = |file: &str| certificate::name_in(&folder.path().join(file)).unwrap();
+        assert_eq!([name("vehicle.pem"), name("operator.pem")], ["vehicle:drone.1", "operator.1"]);
         let mode = std::fs::metadata(folder.path().join("vehicle.key")).unwrap().permissions().mode();
         assert_eq!(mode & 0o777, 0o600);
     }
@@ -319,6 +346,18 @@ mod tests {
     }
 
     #[test]
+    fn certificates_that_could_not_be_told_apart_are_not_made() {
+        let folder = tempfile::tempdir().unwrap();
+        let roles = strings(&["viewer"]);
+        make(&request(folder.path(), &roles, &[])).unwrap();
+        let renewed = Request { renew: true, ..request(folder.path(), &roles, &[]) };
+        for _ in 1..MAX_NUMBER {
+            make(&renewed).unwrap();
+        }
+        assert!(matches!(make(&renewed), Err(KeysError::UsedUp { .. })));
+    }
+
+    #[test]
     fn renewal_keeps_file_names_authority_and_hosts() {
         let folder = tempfile::tempdir().unwrap();
         let (roles, vehicles, hosts) =
@@ -329,6 +368,8 @@ mod tests {
         let renewed = Request { renew: true, ..request(folder.path(), &[], &[]) };
         assert_eq!(make(&renewed).unwrap().len(), 4);
         assert_eq!(read("authority.pem"), authority);
+        let name = |file: &str| certificate::name_in(&folder.path().join(file)).unwrap();
+        assert_eq!([name("router.pem"), name("vehicle-hawk.pem")], ["router.2", "vehicle:hawk.2"]);
         assert_ne!(read("vehicle-hawk.pem"), before);
         assert_eq!(hosts_of(&read("vehicle-hawk.pem")).unwrap(), hosts);
         let viewer = strings(&["viewer"]);

@@ -3,13 +3,14 @@
 //! Nothing here may hold up the estimator: it hands its results to rings that forget the oldest and count
 //! what they forgot ([`rings`]); a small Tokio runtime at normal priority does the rest ([`publisher`],
 //! [`publishers`], [`map`], [`answers`]), and Zenoh's own sends odometry ([`odometry`]). The wire format is `proto/plumbline/v1/plumbline.proto`; [`wire`] writes it, [`read`]
-//! turns it into what was meant, or refuses it. Who may connect and command is in [`security`]; why a connection
-//! cannot be made, in [`diagnosis`].
+//! turns it into what was meant, or refuses it. Who may connect is in [`security`], who may do what in
+//! [`roles`]; why a connection cannot be made, in [`diagnosis`].
 
 pub mod access;
 pub mod answers;
 pub mod audit;
 pub mod camera;
+pub mod certificate;
 pub mod datagrams;
 pub mod decision;
 mod declare;
@@ -28,6 +29,7 @@ pub mod publisher;
 pub mod publishers;
 pub mod read;
 pub mod rings;
+pub mod roles;
 pub mod security;
 mod session;
 pub mod task_bell;
@@ -54,4 +56,10 @@ pub const ROOT: &str = "plumbline";
 #[must_use]
 pub fn now_ns() -> i64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_nanos() as i64)
+}
+
+/// Words from the network as a terminal and a log may show them: without what controls a terminal.
+#[must_use]
+pub fn plain(words: &str) -> String {
+    words.chars().map(|c| if c.is_control() { '?' } else { c }).collect()
 }

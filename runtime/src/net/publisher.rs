@@ -55,6 +55,8 @@ impl Publisher {
         });
         if let Some(refusal) = &vehicle.refusal {
             tracing::info!("{refusal}");
+        } else if let Some(exposure) = security::exposure(endpoints) {
+            tracing::warn!("{exposure}");
         }
         let (rings, written, to_send) = Rings::new(config, rates.path_poses)?;
         let rings = Arc::new(rings);

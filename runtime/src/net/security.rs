@@ -1,59 +1,56 @@
-//! Who may connect, and who may do what: settings for Zenoh, and the rule for commands.
+//! Who may connect: settings for Zenoh, and where commands are refused whoever gives them.
 //!
-//! With certificates every link is mutual TLS, and the common name of a peer's certificate is its role:
-//! `vehicle` and `router` may publish, `operator` (and a router, which keeps the same rules) may command,
-//! `viewer` may look. With names and passwords those listed as operators may command. Processes of this host
-//! that come over plain TCP on the loopback interface may do everything.
+//! With certificates every link is mutual TLS, and the name of a peer's certificate says what it may do ([`super::roles`]). Over
+//! plain TCP nobody knows who speaks, and others read it: beyond this host, commands are refused there. This host is a
+//! listener on the loopback interface, and no more: behind a link that we opened there may be a router that listens openly.
 
-use super::ROOT;
+use super::certificate;
 use super::endpoints::Endpoints;
+pub use super::endpoints::is_loopback;
 use super::error::NetError;
+use super::roles;
 use plumbline_config::options::Commands;
 use serde_json::{Value, json};
 use std::fs::File;
 use std::io::Read as _;
+use std::os::unix::fs::MetadataExt as _;
 use std::path::Path;
 
-/// Common names of certificates that may command.
-pub const COMMANDERS: [&str; 2] = ["operator", "router"];
-/// Common names of certificates that may publish.
-pub const PUBLISHERS: [&str; 2] = ["vehicle", "router"];
 /// Longest password file that is read, bytes.
 const MAX_PASSWORD_BYTES: u64 = 4_096;
 
 /// Settings of Zenoh for certificates, passwords and access; empty when there are none.
 ///
 /// # Errors
-/// When a file cannot be read.
+/// When a file cannot be read, others may read a secret one, or the certificate is not this vehicle's.
 pub fn settings(endpoints: &Endpoints) -> Result<Vec<(&'static str, String)>, NetError> {
     let mut settings = Vec::new();
     let (tls, login) = (&endpoints.tls, &endpoints.login);
     if tls.is_given() {
-        let files = [
-            ("network.tls.authority", &tls.authority),
-            ("network.tls.certificate", &tls.certificate),
-            ("network.tls.key", &tls.key),
-        ];
-        for (key, path) in files {
-            readable(key, path)?;
-        }
+        readable("network.tls.authority", &tls.authority)?;
+        readable("network.tls.certificate", &tls.certificate)?;
+        secret("network.tls.key", &tls.key)?;
+        check_name(endpoints)?;
         settings.push(("transport/link/tls", tls_settings(endpoints).to_string()));
+        // Whoever is connected could have us connect to others, over plain TCP and to this host too.
+        settings.push(("scouting/gossip/autoconnect", "[]".into()));
     }
     let mut usrpwd = serde_json::Map::new();
     if !login.user.is_empty() {
+        secret("network.login.password_file", &login.password_file)?;
         let password = first_line("network.login.password_file", &login.password_file)?;
         usrpwd.insert("user".into(), json!(login.user));
         usrpwd.insert("password".into(), json!(password));
     }
     if has_users(endpoints) {
-        readable("network.login.users_file", &login.users_file)?;
+        secret("network.login.users_file", &login.users_file)?;
         usrpwd.insert("dictionary_file".into(), json!(login.users_file));
     }
     if !usrpwd.is_empty() {
         settings.push(("transport/auth/usrpwd", Value::Object(usrpwd).to_string()));
     }
     if tls.is_given() || has_users(endpoints) {
-        settings.push(("access_control", access(endpoints).to_string()));
+        settings.push(("access_control", roles::access(endpoints).to_string()));
     }
     Ok(settings)
 }
@@ -76,45 +73,6 @@ fn tls_settings(endpoints: &Endpoints) -> Value {
     })
 }
 
-/// Everybody may look; only some may command or publish. Of several subjects that fit a peer one that
-/// allows is enough.
-fn access(endpoints: &Endpoints) -> Value {
-    let with_certificates = endpoints.tls.is_given();
-    let commands = [format!("{ROOT}/*/command/**")];
-    let all = [format!("{ROOT}/**")];
-    let publishing = ["put", "delete", "declare_queryable", "reply", "liveliness_token"];
-    let rule = |id: &str, permission: &str, messages: &[&str], keys: &[String]| json!({"id": id, "permission": permission, "flows": ["ingress"], "messages": messages, "key_exprs": keys});
-    let mut rules = vec![
-        rule("no commands", "deny", &["query"], &commands),
-        rule("commands", "allow", &["query"], &commands),
-    ];
-    let mut subjects = vec![
-        json!({"id": "everybody"}),
-        json!({"id": "this host", "interfaces": ["lo"], "link_protocols": ["tcp"]}),
-    ];
-    let mut policies = vec![
-        json!({"rules": ["no commands"], "subjects": ["everybody"]}),
-        json!({"rules": ["commands"], "subjects": ["this host"]}),
-    ];
-    if with_certificates {
-        rules.push(rule("no publishing", "deny", &publishing, &all));
-        rules.push(rule("publishing", "allow", &publishing, &all));
-        subjects.push(json!({"id": "commanders", "cert_common_names": COMMANDERS}));
-        subjects.push(json!({"id": "publishers", "cert_common_names": PUBLISHERS}));
-        policies.push(json!({"rules": ["no publishing"], "subjects": ["everybody"]}));
-        policies.push(json!({"rules": ["publishing"], "subjects": ["this host", "publishers"]}));
-        policies.push(json!({"rules": ["commands"], "subjects": ["commanders"]}));
-    }
-    if !endpoints.login.operators.is_empty() {
-        subjects.push(json!({"id": "operators", "usernames": endpoints.login.operators}));
-        policies.push(json!({"rules": ["commands"], "subjects": ["operators"]}));
-    }
-    json!({
-        "enabled": true, "default_permission": "allow",
-        "rules": rules, "subjects": subjects, "policies": policies,
-    })
-}
-
 /// Why commands are refused whoever gives them; `None` when who may is left to the access rules.
 #[must_use]
 pub fn refusal(commands: Commands, endpoints: &Endpoints) -> Option<String> {
@@ -125,38 +83,80 @@ pub fn refusal(commands: Commands, endpoints: &Endpoints) -> Option<String> {
         }
         Commands::Authenticated => {}
     }
-    let cure =
-        "give certificates in [network.tls] and endpoints that begin with tls/, or set network.commands";
-    if endpoints.scouting && !endpoints.tls.is_given() && !has_users(endpoints) {
+    let cure = "others can read what is sent there, too; give certificates in [network.tls] and endpoints that begin \
+                with tls/, or set network.commands";
+    let has_certificates = endpoints.tls.is_given();
+    if endpoints.scouting && !has_certificates {
         return Some(format!("commands are refused: multicast scouting lets anybody in; {cure}"));
     }
-    let is_closed = |endpoint: &String| {
-        is_loopback(endpoint) || (endpoint.starts_with("tls/") && endpoints.tls.is_given())
-    };
-    if let Some(open) = endpoints.listen.iter().find(|e| !is_closed(e) && !has_users(endpoints)) {
+    let is_signed = |endpoint: &String| endpoint.starts_with("tls/") && has_certificates;
+    if let Some(open) = endpoints.listen.iter().find(|e| !is_loopback(e) && !is_signed(e)) {
         return Some(format!("commands are refused: anybody can connect to {open}; {cure}"));
     }
-    let open = endpoints.connect.iter().find(|e| !is_closed(e) && endpoints.login.user.is_empty());
-    open.map(|open| format!("commands are refused: nobody knows who commands through {open}; {cure}"))
+    let open = endpoints.connect.iter().find(|e| !is_signed(e));
+    open.map(|open| {
+        format!(
+            "commands are refused: nobody knows who commands through {open}, which others may reach; {cure}"
+        )
+    })
 }
 
-/// Whether an endpoint such as `tcp/127.0.0.1:7447` is this host's alone.
+/// What others can read, and do, over plain TCP and UDP; `None` where there is nothing of that.
 #[must_use]
-pub fn is_loopback(endpoint: &str) -> bool {
-    let address = endpoint.split_once('/').map_or(endpoint, |(_, address)| address);
-    let host = address.split(['?', '#']).next().and_then(|a| a.rsplit_once(':')).map_or("", |(host, _)| host);
-    let host = host.trim_start_matches('[').trim_end_matches(']');
-    host == "localhost" || host.parse::<std::net::IpAddr>().is_ok_and(|ip| ip.is_loopback())
+pub fn exposure(endpoints: &Endpoints) -> Option<String> {
+    let mut all = endpoints.listen.iter().chain(&endpoints.connect);
+    let open = all.find(|endpoint| !is_loopback(endpoint) && !endpoint.starts_with("tls/"))?;
+    Some(format!(
+        "{open}: others can read what is sent there, and answer in our name; certificates ([network.tls], or \
+         --authority, --certificate and --key) and tls/ keep them out"
+    ))
+}
+
+/// A vehicle whose certificate is for another would be believed by nobody.
+fn check_name(endpoints: &Endpoints) -> Result<(), NetError> {
+    if !endpoints.is_vehicle() {
+        return Ok(());
+    }
+    let vehicle = &endpoints.vehicle;
+    let path = &endpoints.tls.certificate;
+    let name = certificate::name_in(path).unwrap_or_default();
+    let is_ours = certificate::parse(&name)
+        .is_some_and(|(holder, _)| certificate::vehicle_of(holder) == Some(vehicle.as_str()));
+    if is_ours {
+        return Ok(());
+    }
+    let message = format!(
+        "is the certificate '{}', and nobody believes '{vehicle}' with it; make one with `plumbline keys FOLDER --vehicle \
+         {vehicle}` (vehicle.pem is for 'drone'), or set network.vehicle",
+        super::plain(&name)
+    );
+    Err(file_error("network.tls.certificate", path, &message))
 }
 
 fn file_error(key: &'static str, path: &Path, message: &str) -> NetError {
     NetError::File { path: path.to_owned(), key, message: message.to_owned() }
 }
 
-fn readable(key: &'static str, path: &Path) -> Result<(), NetError> {
+fn readable(key: &'static str, path: &Path) -> Result<std::fs::Metadata, NetError> {
     let cannot = |error: std::io::Error| file_error(key, path, &format!("cannot be read: {error}"));
-    let is_file = File::open(path).and_then(|file| file.metadata()).map_err(cannot)?.is_file();
-    if is_file { Ok(()) } else { Err(file_error(key, path, "is no file")) }
+    let metadata = File::open(path).and_then(|file| file.metadata()).map_err(cannot)?;
+    if metadata.is_file() { Ok(metadata) } else { Err(file_error(key, path, "is no file")) }
+}
+
+/// A file that its owner alone may read; a service may also read one of root's by its group.
+fn secret(key: &'static str, path: &Path) -> Result<(), NetError> {
+    /// Bits of the mode: the group may write or execute, others may do anything; and the group may read.
+    const OTHERS: u32 = 0o037;
+    const GROUP_READS: u32 = 0o040;
+    let metadata = readable(key, path)?;
+    let is_open =
+        metadata.mode() & OTHERS != 0 || (metadata.mode() & GROUP_READS != 0 && metadata.uid() != 0);
+    if !is_open {
+        return Ok(());
+    }
+    let mode = metadata.mode() & 0o777;
+    let message = format!("may be read by others (mode {mode:03o}); chmod 600 {}", path.display());
+    Err(file_error(key, path, &message))
 }
 
 fn first_line(key: &'static str, path: &Path) -> Result<String, NetError> {
@@ -171,54 +171,97 @@ fn first_line(key: &'static str, path: &Path) -> Result<String, NetError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::net::keys::{self, Request};
     use plumbline_config::options::{LoginConfig, TlsConfig};
+    use std::os::unix::fs::PermissionsExt as _;
 
     fn listening_on(endpoint: &str) -> Endpoints {
         Endpoints { listen: vec![endpoint.into()], ..Endpoints::default() }
     }
 
-    #[test]
-    fn loopback_is_told_from_the_rest() {
-        for endpoint in ["tcp/127.0.0.1:7447", "tcp/localhost:1", "udp/[::1]:7447", "tls/127.1.2.3:7#a=b"] {
-            assert!(is_loopback(endpoint), "{endpoint}");
-        }
-        for endpoint in
-            ["tcp/0.0.0.0:7447", "tcp/[::]:7447", "tcp/10.0.0.1:7447", "tcp/localhost.evil:1", "x"]
-        {
-            assert!(!is_loopback(endpoint), "{endpoint}");
-        }
+    fn connecting_to(endpoint: &str) -> Endpoints {
+        Endpoints { connect: vec![endpoint.into()], ..Endpoints::default() }
     }
 
     #[test]
     fn commands_are_refused_where_anybody_can_connect() {
         let open = listening_on("tcp/0.0.0.0:7447");
-        assert!(refusal(Commands::Authenticated, &open).unwrap().contains("tcp/0.0.0.0:7447"));
+        let words = refusal(Commands::Authenticated, &open).unwrap();
+        assert!(words.contains("tcp/0.0.0.0:7447") && words.contains("others can read"), "{words}");
         assert_eq!(refusal(Commands::Anybody, &open), None);
         let alone = listening_on("tcp/127.0.0.1:7447");
         assert_eq!(refusal(Commands::Authenticated, &alone), None);
         assert!(refusal(Commands::Nobody, &alone).is_some());
         assert!(refusal(Commands::Authenticated, &Endpoints { scouting: true, ..alone }).is_some());
-        let out = Endpoints { connect: vec!["tcp/10.0.0.1:7447".into()], ..Endpoints::default() };
-        assert!(refusal(Commands::Authenticated, &out).unwrap().contains("10.0.0.1"));
+        assert!(
+            refusal(Commands::Authenticated, &connecting_to("tcp/10.0.0.1:7447")).unwrap().contains("10.0")
+        );
     }
 
     #[test]
-    fn certificates_and_names_open_the_way_for_commands() {
-        let tls = TlsConfig { authority: "a".into(), certificate: "c".into(), key: "k".into() };
+    fn a_router_of_this_host_may_listen_openly() {
+        assert!(refusal(Commands::Authenticated, &connecting_to("tcp/127.0.0.1:7447")).is_some());
+        let tls = TlsConfig { authority: "a".into(), ..TlsConfig::default() };
+        let signed = Endpoints { tls, ..connecting_to("tls/127.0.0.1:7447") };
+        assert_eq!(refusal(Commands::Authenticated, &signed), None);
+    }
+
+    #[test]
+    fn certificates_open_the_way_for_commands_and_passwords_over_plain_tcp_do_not() {
+        let tls = TlsConfig { authority: "a".into(), ..TlsConfig::default() };
         let closed = Endpoints { tls: tls.clone(), ..listening_on("tls/0.0.0.0:7447") };
         assert_eq!(refusal(Commands::Authenticated, &closed), None);
         let half = Endpoints { tls, ..listening_on("tcp/0.0.0.0:7447") };
         assert!(refusal(Commands::Authenticated, &half).is_some());
-        let login = LoginConfig { users_file: "u".into(), ..LoginConfig::default() };
-        let named = Endpoints { login, ..listening_on("tcp/0.0.0.0:7447") };
-        assert_eq!(refusal(Commands::Authenticated, &named), None);
+        let login = LoginConfig { users_file: "u".into(), user: "anna".into(), ..LoginConfig::default() };
+        for endpoints in [listening_on("tcp/0.0.0.0:7447"), connecting_to("tcp/10.0.0.1:7447")] {
+            let named = Endpoints { login: login.clone(), ..endpoints };
+            assert!(refusal(Commands::Authenticated, &named).is_some());
+        }
+    }
+
+    #[test]
+    fn what_others_can_read_is_said() {
+        assert!(exposure(&listening_on("tcp/0.0.0.0:7447")).unwrap().contains("tcp/0.0.0.0:7447"));
+        assert!(exposure(&connecting_to("udp/10.0.0.1:7447")).is_some());
+        for endpoint in ["tcp/127.0.0.1:7447", "tls/0.0.0.0:7447"] {
+            assert_eq!(exposure(&listening_on(endpoint)), None);
+        }
     }
 
     #[test]
     fn a_missing_file_is_named_with_its_key() {
-        let tls = TlsConfig { authority: "/nowhere/ca.pem".into(), certificate: "c".into(), key: "k".into() };
+        let authority = "/nowhere/ca.pem".into();
+        let tls = TlsConfig { authority, ..TlsConfig::default() };
         let error = settings(&Endpoints { tls, ..Endpoints::default() }).unwrap_err().to_string();
         assert!(error.contains("/nowhere/ca.pem") && error.contains("network.tls.authority"), "{error}");
+    }
+
+    #[test]
+    fn a_key_that_others_may_read_is_refused_and_so_is_another_vehicles_certificate() {
+        let folder = tempfile::tempdir().unwrap();
+        let (folder, roles) = (folder.path(), ["vehicle".to_owned()]);
+        let request = Request { folder, roles: &roles, vehicles: &[], hosts: &[], days: 2, renew: false };
+        keys::make(&request).unwrap();
+        let file = |name: &str| folder.join(name);
+        let tls = TlsConfig {
+            authority: file("authority.pem"),
+            certificate: file("vehicle.pem"),
+            key: file("vehicle.key"),
+            ..TlsConfig::default()
+        };
+        let drone = Endpoints { tls, ..Endpoints::default() };
+        assert!(settings(&drone).is_ok());
+        let error = settings(&Endpoints { vehicle: "hawk".into(), ..drone.clone() }).unwrap_err().to_string();
+        assert!(error.contains("vehicle:drone.1") && error.contains("--vehicle hawk"), "{error}");
+        for (mode, is_refused) in [(0o644, true), (0o604, true), (0o620, true), (0o400, false)] {
+            std::fs::set_permissions(file("vehicle.key"), std::fs::Permissions::from_mode(mode)).unwrap();
+            let outcome = settings(&drone);
+            assert_eq!(outcome.is_err(), is_refused, "{mode:o}");
+            if let Err(error) = outcome {
+                assert!(error.to_string().contains("chmod 600"), "{error}");
+            }
+        }
     }
 
     #[test]
