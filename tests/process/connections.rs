@@ -2,7 +2,8 @@
 
 use super::vehicle::{PLUMBLINE, Running, eventually, free_port};
 use super::{fails, plumbline, stderr};
-use std::net::TcpListener;
+use std::io::{Read as _, Write as _};
+use std::net::{TcpListener, TcpStream};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -61,6 +62,37 @@ fn endpoints_that_cannot_work_are_wrong_usage() {
     let publish = ["replay", "sim:room", "--scale", "0.5", "--publish", "--listen", "tcp/x"];
     fails(&publish, 2, &["tcp/x", "names no port"]);
     fails(&["router", "--listen", "tcp/192.0.2.1:7447"], 2, &["192.0.2.1", "address of this host"]);
+}
+
+#[test]
+fn a_page_for_others_is_opened_by_no_name_that_somebody_made_to_point_there() {
+    let port = free_port();
+    let nobody = format!("tcp/127.0.0.1:{}", free_port());
+    let mut command = Command::new(PLUMBLINE);
+    command.args(["ground", "--plain", "--connect", &nobody, "--http", &format!("0.0.0.0:{port}")]);
+    let _station = Running::start(command);
+    eventually("the page is served", Duration::from_secs(10), || {
+        TcpStream::connect(("127.0.0.1", port)).is_ok()
+    });
+    let ask = |request: &str, host: &str, body: &str| {
+        let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
+        let length = body.len();
+        let head = format!(
+            "{request} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\nContent-Type: application/json\r\n\
+             Content-Length: {length}\r\n\r\n{body}"
+        );
+        stream.write_all(head.as_bytes()).unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        answer
+    };
+    let address = format!("127.0.0.1:{port}");
+    assert!(ask("GET /", &address, "").starts_with("HTTP/1.1 200"));
+    assert!(ask("GET /", &format!("192.168.1.7:{port}"), "").starts_with("HTTP/1.1 200"));
+    assert!(ask("GET /", &format!("evil.example:{port}"), "").starts_with("HTTP/1.1 403"));
+    // Without commands it records nothing either.
+    let answer = ask("POST /api/vehicles/drone/recording", &address, r#"{"on":true}"#);
+    assert!(answer.starts_with("HTTP/1.1 403") && answer.contains("--allow-commands"), "{answer}");
 }
 
 #[test]

@@ -26,6 +26,7 @@ mod roles;
 mod ros;
 mod security;
 mod sweep;
+mod terminal;
 mod usage;
 mod vehicle;
 

@@ -9,6 +9,7 @@ use crate::ground;
 use crate::ground::connection::Connection;
 use crate::ground::fleet::Fleet;
 use crate::net::Endpoints;
+use crate::net::certificate::DEFAULT_VEHICLE;
 use crate::pipeline::{Control, RunOptions};
 use crate::report::Report;
 use anyhow::Result;
@@ -104,13 +105,14 @@ impl Station {
     fn open(args: &DemoArgs, endpoint: &str) -> Result<Self> {
         let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
         let connect = vec![endpoint.to_owned()];
-        let endpoints = Endpoints { vehicle: "*".into(), connect, ..Endpoints::default() };
+        let hears = vec![DEFAULT_VEHICLE.to_owned()];
+        let endpoints = Endpoints { vehicle: "*".into(), hears, connect, ..Endpoints::default() };
         let fleet = Arc::new(Mutex::new(Fleet::default()));
         let (connection, address) = runtime.block_on(async {
             let connection = Connection::open(&endpoints, &fleet, false).await?;
             let page = ground::web::bind(args.http)
                 .or_else(|_| ground::web::bind(SocketAddr::new(args.http.ip(), 0)))?;
-            let address = ground::web::serve(page, fleet, connection.clone(), true).await?;
+            let address = ground::web::serve(page, fleet, connection.clone(), true, &[]).await?;
             Ok::<_, anyhow::Error>((connection, address))
         })?;
         Ok(Self { runtime, connection, address })

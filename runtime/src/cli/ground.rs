@@ -5,7 +5,7 @@ use super::{check_outputs, say, stop_on_signal};
 use crate::ground::connection::Connection;
 use crate::ground::fleet::Fleet;
 use crate::ground::{self, lock, view, web};
-use crate::net::{Endpoints, Mode, NetError, audit, diagnosis};
+use crate::net::{Endpoints, Mode, NetError, audit, diagnosis, security};
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use std::io::IsTerminal;
@@ -38,6 +38,9 @@ pub struct GroundArgs {
     /// Serve the page here.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8080")]
     pub http: SocketAddr,
+    /// Name by which other hosts may open the page, beside this host's addresses and its host name; may be repeated.
+    #[arg(long, value_name = "NAME", conflicts_with = "no_http")]
+    pub http_name: Vec<String>,
     /// Serve no page.
     #[arg(long, conflicts_with = "http")]
     pub no_http: bool,
@@ -87,6 +90,9 @@ pub fn run(args: &GroundArgs) -> Result<()> {
     check_outputs(&args.report)?;
     let endpoints = args.endpoints();
     endpoints.check()?;
+    if let Some(exposure) = security::exposure(&endpoints) {
+        tracing::warn!("{exposure}");
+    }
     let page = if args.no_http { None } else { Some(web::bind(args.http)?) };
     let fleet = Arc::new(Mutex::new(Fleet::default()));
     let stop = stop_on_signal()?;
@@ -99,7 +105,7 @@ pub fn run(args: &GroundArgs) -> Result<()> {
     let station = Background::start()?;
     let Some(line) = station.open(&endpoints, &fleet, args.json, &is_over)? else { return Ok(()) };
     if let Some(page) = page {
-        let address = station.serve(page, Arc::clone(&fleet), line.clone(), args.gives_commands())?;
+        let address = station.serve(page, Arc::clone(&fleet), line.clone(), args)?;
         if !args.json {
             say(format_args!("the page is at http://{address}"));
         }
@@ -166,9 +172,10 @@ impl Background {
         page: std::net::TcpListener,
         fleet: Arc<Mutex<Fleet>>,
         line: Connection,
-        commands: bool,
+        args: &GroundArgs,
     ) -> Result<SocketAddr> {
-        Ok(self.runtime().block_on(web::serve(page, fleet, line, commands))?)
+        let serving = web::serve(page, fleet, line, args.gives_commands(), &args.http_name);
+        Ok(self.runtime().block_on(serving)?)
     }
 
     /// Takes the station off the network, if that goes quickly.

@@ -148,7 +148,8 @@ pub fn main() -> ExitCode {
     match run(cli.command) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("plumbline: {}", one_line(&error));
+            // A terminal that is gone takes no words, and that is no reason to panic.
+            let _ = writeln!(std::io::stderr(), "plumbline: {}", one_line(&error));
             ExitCode::from(exit_status::exit_status(&error))
         }
     }
@@ -233,6 +234,7 @@ fn init_logs(verbose: u8) {
     let is_coloured =
         std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
     let lines = tracing_subscriber::fmt::layer()
+        .log_internal_errors(false)
         .with_writer(std::io::stderr)
         .with_ansi(is_coloured)
         .with_target(verbose > 0)

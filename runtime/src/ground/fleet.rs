@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-/// Vehicles that are kept; messages of more are refused and counted.
+/// Vehicles that are kept: another one takes the place of the one that least was heard of.
 pub const MAX_VEHICLES: usize = 64;
 /// Longest name of a vehicle, bytes.
 pub const MAX_NAME: usize = 64;
@@ -58,10 +58,11 @@ pub struct Fleet {
     pub vehicles: BTreeMap<String, Vehicle>,
     /// Messages that could not be decoded.
     pub malformed: u64,
-    /// Messages of vehicles beyond the limit, or with impossible names.
+    /// Messages of vehicles with impossible names, or beyond the limit while every place is kept.
     pub refused: u64,
     /// When the station started.
     pub start: Instant,
+    arrivals: u64,
     events: VecDeque<FleetEvent>,
     /// Events so far, those no longer kept included.
     pub event_count: u64,
@@ -74,6 +75,7 @@ impl Default for Fleet {
             malformed: 0,
             refused: 0,
             start: Instant::now(),
+            arrivals: 0,
             events: VecDeque::new(),
             event_count: 0,
         }
@@ -82,12 +84,28 @@ impl Default for Fleet {
 
 impl Fleet {
     fn vehicle(&mut self, name: &str) -> Option<&mut Vehicle> {
-        let is_known = self.vehicles.contains_key(name);
-        if !is_known && (self.vehicles.len() >= MAX_VEHICLES || name.len() > MAX_NAME) {
-            self.refused += 1;
-            return None;
+        if !self.vehicles.contains_key(name) {
+            if !is_name(name) || !self.make_room() {
+                self.refused += 1;
+                return None;
+            }
+            self.arrivals += 1;
+            self.vehicles.insert(name.to_owned(), Vehicle::arrived(self.arrivals));
         }
-        Some(self.vehicles.entry(name.to_owned()).or_default())
+        self.vehicles.get_mut(name)
+    }
+
+    /// Whether there is a place for another vehicle. Who invents names has as little heard of each as there are many: that a
+    /// real vehicle comes late, or others go on inventing, does not lock it out. Who is being recorded stays.
+    fn make_room(&mut self) -> bool {
+        if self.vehicles.len() < MAX_VEHICLES {
+            return true;
+        }
+        let others = self.vehicles.iter().filter(|(_, vehicle)| !vehicle.is_recording);
+        let least = others.min_by_key(|(_, vehicle)| (vehicle.heard(), vehicle.arrival));
+        let Some(name) = least.map(|(name, _)| name.clone()) else { return false };
+        self.vehicles.remove(&name);
+        true
     }
 
     /// Applies that the liveliness token of a vehicle appeared or disappeared.
@@ -216,6 +234,13 @@ impl Fleet {
     }
 }
 
+/// Whether a vehicle can have this name: it is one part of a key, and is shown in terminals.
+#[must_use]
+pub fn is_name(name: &str) -> bool {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_');
+    !name.is_empty() && name.len() <= MAX_NAME && name.chars().all(is_plain)
+}
+
 /// Locks the fleet, also after a thread has panicked while holding it.
 pub fn lock(fleet: &Mutex<Fleet>) -> MutexGuard<'_, Fleet> {
     fleet.lock().unwrap_or_else(PoisonError::into_inner)
@@ -306,12 +331,43 @@ mod tests {
     }
 
     #[test]
-    fn vehicles_beyond_the_limit_are_refused_and_counted() {
-        let mut fleet = Fleet::default();
-        (0..MAX_VEHICLES + 3).for_each(|k| fleet.alive(&format!("v{k}"), true));
-        fleet.alive(&"x".repeat(MAX_NAME + 1), true);
-        assert_eq!((fleet.vehicles.len(), fleet.refused), (MAX_VEHICLES, 4));
+    fn invented_names_lock_no_vehicle_out() {
+        let (mut fleet, now) = (Fleet::default(), Instant::now());
+        (0..MAX_VEHICLES).for_each(|k| fleet.alive(&format!("invented{k}"), true));
+        let hear = |fleet: &mut Fleet, sequence: u64| {
+            fleet.alive("drone", true);
+            fleet.odom("drone", &odom(sequence, 0.0, 0), 100, now, 0);
+        };
+        (0..3).for_each(|sequence| hear(&mut fleet, sequence));
+        // Names go on being invented, faster than the vehicle speaks.
+        for k in 0..1_000u64 {
+            fleet.alive(&format!("more{k}"), true);
+            fleet.odom(&format!("more{k}"), &odom(0, 0.0, 0), 100, now, 0);
+            if k.is_multiple_of(10) {
+                hear(&mut fleet, 3 + k / 10);
+            }
+        }
+        assert_eq!(fleet.vehicles.len(), MAX_VEHICLES);
+        assert_eq!(fleet.vehicles["drone"].odom.received, 103, "it was never thrown out");
         assert!(fleet.events_since(0).count() <= MAX_EVENTS);
+    }
+
+    #[test]
+    fn who_is_recorded_keeps_its_place() {
+        let mut fleet = Fleet::default();
+        fleet.alive("a", true);
+        fleet.vehicles.get_mut("a").unwrap().set_recording(true);
+        (0..2 * MAX_VEHICLES).for_each(|k| fleet.alive(&format!("v{k}"), true));
+        assert!(fleet.vehicles.contains_key("a"));
+    }
+
+    #[test]
+    fn impossible_names_are_refused_and_counted() {
+        let mut fleet = Fleet::default();
+        for name in ["", "\u{1b}[2J", "a b", "a\u{85}b", &"x".repeat(MAX_NAME + 1)] {
+            fleet.alive(name, true);
+        }
+        assert_eq!((fleet.vehicles.len(), fleet.refused), (0, 5));
     }
 
     #[test]

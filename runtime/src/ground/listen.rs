@@ -1,9 +1,10 @@
 //! Subscribes to the keys of vehicles and applies their messages to the fleet.
 
-use super::fleet::{Fleet, lock};
-use super::recover;
+use super::fleet::{Fleet, is_name, lock};
+use super::{READER_HAS_LEFT, recover};
 use crate::net::{Endpoints, NetError, ROOT, now_ns, proto, read, wire};
 use std::io::Write;
+use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 use zenoh::Session;
@@ -130,7 +131,7 @@ fn apply(
             .map(|message| lock(fleet).odom(vehicle, &message, size, now, received_ns)),
         Topic::State => read::decode::<proto::State>(bytes).map(|message| {
             lock(fleet).state(vehicle, &message, size, now);
-            if print_states {
+            if print_states && is_name(vehicle) {
                 print_state(vehicle, &message);
             }
         }),
@@ -171,8 +172,10 @@ fn print_state(vehicle: &str, message: &proto::State) {
         "reset_counter": header.reset_counter,
         "quality": header.quality,
     });
-    // A reader of the pipe that has closed it is not an error.
-    let _ = writeln!(std::io::stdout().lock(), "{line}");
+    // A reader of the pipe that has closed it is not an error: the command ends.
+    if writeln!(std::io::stdout().lock(), "{line}").is_err() {
+        READER_HAS_LEFT.store(true, Ordering::Relaxed);
+    }
 }
 
 #[cfg(any(test, feature = "fuzzing"))]

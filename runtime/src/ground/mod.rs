@@ -19,6 +19,7 @@ pub mod map;
 pub mod news;
 mod recover;
 pub mod report;
+mod terminal;
 pub mod track;
 pub mod vehicle;
 pub mod view;
@@ -37,14 +38,17 @@ const REDRAW: Duration = Duration::from_millis(100);
 /// Shown while no vehicle has been received.
 const NO_VEHICLE: &str = "no vehicle received yet";
 
-/// Waits until the station is to end.
+/// Nobody reads what is printed any more.
+static READER_HAS_LEFT: AtomicBool = AtomicBool::new(false);
+
+/// Waits until the station is to end, or nobody reads what it prints.
 pub fn wait(is_over: &impl Fn() -> bool) {
-    while !is_over() {
+    while !is_over() && !READER_HAS_LEFT.load(Ordering::Relaxed) {
         std::thread::sleep(REDRAW);
     }
 }
 
-/// Prints a line a second for each vehicle.
+/// Prints a line a second for each vehicle, as long as somebody reads them.
 ///
 /// # Errors
 /// When the output cannot be written.
@@ -57,16 +61,23 @@ pub fn print_lines(fleet: &Mutex<Fleet>, is_over: &impl Fn() -> bool) -> io::Res
         }
         next += Duration::from_secs(1);
         let lines = lock(fleet).lines(Instant::now());
-        let mut out = io::stdout().lock();
-        if lines.is_empty() {
-            writeln!(out, "{NO_VEHICLE}")?;
+        match print(&lines) {
+            Err(error) if terminal::is_gone(&error) => return Ok(()),
+            outcome => outcome?,
         }
-        for line in lines {
-            writeln!(out, "{line}")?;
-        }
-        out.flush()?;
     }
     Ok(())
+}
+
+fn print(lines: &[String]) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    if lines.is_empty() {
+        writeln!(out, "{NO_VEHICLE}")?;
+    }
+    for line in lines {
+        writeln!(out, "{line}")?;
+    }
+    out.flush()
 }
 
 /// Ends the view when a key says so.

@@ -6,10 +6,11 @@ use super::fleet::{Fleet, PastPoint, lock};
 use crate::net::answers::MAX_KEYFRAMES_PER_QUESTION;
 use crate::net::{ROOT, now_ns, proto, read};
 use nalgebra::Vector3;
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
+use tokio::task::JoinHandle;
 use zenoh::Session;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::ConsolidationMode;
@@ -29,26 +30,31 @@ const MAX_ANSWERS: usize = 256;
 
 /// Attends to every vehicle as long as the session is open.
 pub async fn run(session: Session, fleet: Arc<Mutex<Fleet>>) {
-    let mut attended = BTreeSet::new();
+    let mut attended: BTreeMap<String, JoinHandle<()>> = BTreeMap::new();
     while !session.is_closed() {
+        attended.retain(|_, task| !task.is_finished());
         let known: Vec<String> = lock(&fleet).vehicles.keys().cloned().collect();
         for name in known {
-            if attended.insert(name.clone()) {
-                tokio::spawn(attend(session.clone(), Arc::clone(&fleet), name));
-            }
+            let (session, fleet) = (&session, &fleet);
+            attended.entry(name).or_insert_with_key(|name| {
+                tokio::spawn(attend(session.clone(), Arc::clone(fleet), name.clone()))
+            });
         }
         tokio::time::sleep(PERIOD).await;
     }
 }
 
-/// Asks one vehicle for what is missing, one question after the other.
+/// Asks one vehicle for what is missing, one question after the other, as long as it is known.
 async fn attend(session: Session, fleet: Arc<Mutex<Fleet>>, name: String) {
     let (mut asked_clock, mut asked_past, mut missed_path) = (None::<Instant>, 0, None);
     while !session.is_closed() {
-        let wanted = lock(&fleet).vehicles.get(&name).filter(|vehicle| vehicle.is_alive).map(|vehicle| {
+        let wanted = {
+            let fleet = lock(&fleet);
+            let Some(vehicle) = fleet.vehicles.get(&name) else { return };
             let missing = vehicle.map.missing(MAX_KEYFRAMES_PER_QUESTION as u64);
-            (vehicle.appeared, vehicle.clock.len(), missing, vehicle.corrected.missing())
-        });
+            let wanted = (vehicle.appeared, vehicle.clock.len(), missing, vehicle.corrected.missing());
+            vehicle.is_alive.then_some(wanted)
+        };
         if let Some((appeared, exchanges, missing, path)) = wanted {
             let is_clock_due = asked_clock.is_none_or(|last| last.elapsed() >= CLOCK_PERIOD);
             if is_clock_due || exchanges < FIRST_EXCHANGES {

@@ -7,7 +7,7 @@ use super::corrected::Corrected;
 use super::map::Map;
 use super::news::StateNews;
 use super::track::{MAX_POSES, PoseSample, Samples, Track};
-use crate::net::{proto, read, wire};
+use crate::net::{plain, proto, read, wire};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -46,6 +46,8 @@ pub struct Details {
 pub struct Vehicle {
     /// Whether its liveliness token is there.
     pub is_alive: bool,
+    /// Which vehicle it was that the station heard of, counted from its start.
+    pub arrival: u64,
     /// Counts appearances on the network: after each, its past is queried.
     pub appeared: u64,
     /// Odometry.
@@ -119,6 +121,7 @@ impl Default for Vehicle {
     fn default() -> Self {
         Self {
             is_alive: false,
+            arrival: 0,
             appeared: 0,
             odom: Channel::default(),
             state: Channel::default(),
@@ -234,7 +237,7 @@ impl Vehicle {
         }
         self.bits = message.bits;
         self.health_words = wire::health_words(message.bits);
-        self.rung = (!message.rung_words.is_empty()).then(|| message.rung_words.clone());
+        self.rung = (!message.rung_words.is_empty()).then(|| plain(&message.rung_words));
         self.frame_ms = message.frame_ms;
         self.frame_rate_hz = message.frame_rate_hz;
         self.dropped = message.dropped;
@@ -325,6 +328,18 @@ impl Vehicle {
     #[must_use]
     pub fn map_words(&self) -> Option<String> {
         self.corrected.words(self.resets)
+    }
+
+    /// One that nothing was heard of yet.
+    #[must_use]
+    pub fn arrived(arrival: u64) -> Self {
+        Self { arrival, ..Self::default() }
+    }
+
+    /// Messages that were heard of it.
+    #[must_use]
+    pub fn heard(&self) -> u64 {
+        self.odom.received + self.state.received + self.health.received
     }
 
     /// Largest standard deviation of the position, m.

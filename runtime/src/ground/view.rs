@@ -4,6 +4,7 @@ mod above;
 mod horizon;
 
 use super::fleet::{Fleet, lock};
+use super::terminal::{Keyboard, is_gone};
 use super::vehicle::Vehicle;
 use super::{NO_VEHICLE, REDRAW, quit};
 use crossterm::event::{self, Event, KeyCode, KeyModifiers};
@@ -16,7 +17,7 @@ use ratatui::widgets::{Block, Paragraph};
 use std::io;
 use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Lines that one vehicle takes, border included.
 const VEHICLE_LINES: u16 = FIGURES + 2;
@@ -27,14 +28,15 @@ const MIN_HORIZON_COLUMNS: u16 = 78;
 /// Lines from which on the view from above is worth its place.
 const MIN_ABOVE_LINES: u16 = 6;
 
-/// Shows the fleet until `is_over`, or q, Escape or Ctrl-C.
+/// Shows the fleet until `is_over`, or q, Escape or Ctrl-C, or the terminal is gone.
 ///
 /// # Errors
 /// When the terminal cannot be used.
 pub fn show(fleet: &Mutex<Fleet>, is_over: &impl Fn() -> bool, stop: &AtomicBool) -> io::Result<()> {
+    let keyboard = Keyboard::open()?;
     let mut terminal = ratatui::try_init()?;
-    terminal.hide_cursor()?;
-    let outcome = (|| {
+    let outcome = (|| -> io::Result<bool> {
+        terminal.hide_cursor()?;
         while !is_over() {
             terminal.autoresize()?;
             // A terminal at the end of a slow line must not hold up what comes from the network.
@@ -42,20 +44,37 @@ pub fn show(fleet: &Mutex<Fleet>, is_over: &impl Fn() -> bool, stop: &AtomicBool
             terminal.flush()?;
             terminal.swap_buffers();
             terminal.backend_mut().flush()?;
-            if event::poll(REDRAW)?
-                && let Event::Key(key) = event::read()?
-            {
-                let interrupt =
-                    key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL);
-                if interrupt || matches!(key.code, KeyCode::Char('q') | KeyCode::Esc) {
-                    quit(stop);
-                }
+            if !keyboard.wait(REDRAW) {
+                return Ok(true);
             }
+            obey_keys(stop)?;
         }
-        Ok(())
+        Ok(false)
     })();
-    ratatui::restore();
-    outcome
+    let has_gone = match &outcome {
+        Ok(has_gone) => *has_gone,
+        Err(error) => is_gone(error),
+    };
+    if has_gone {
+        // Nothing is left to be restored, and nobody to be told so.
+        std::mem::forget(terminal);
+        quit(stop);
+        return Ok(());
+    }
+    let restored = ratatui::try_restore();
+    outcome.and(restored)
+}
+
+/// Takes the keys that were pressed.
+fn obey_keys(stop: &AtomicBool) -> io::Result<()> {
+    while event::poll(Duration::ZERO)? {
+        let Event::Key(key) = event::read()? else { continue };
+        let interrupt = key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL);
+        if interrupt || matches!(key.code, KeyCode::Char('q') | KeyCode::Esc) {
+            quit(stop);
+        }
+    }
+    Ok(())
 }
 
 /// Draws the fleet as of `now`.
@@ -161,7 +180,6 @@ mod tests {
     use crate::net::proto;
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
-    use std::time::Duration;
 
     /// A terminal of the usual width.
     const COLUMNS: u16 = 80;

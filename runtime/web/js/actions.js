@@ -49,7 +49,7 @@ export class Actions {
     }
     const recording = vehicle?.state.recording ?? {};
     const record = byId('record');
-    record.disabled = !vehicle || !isOpen || isBusy;
+    record.disabled = !vehicle || !isOpen || isBusy || !hello.commands;
     setAttribute(record, 'aria-pressed', recording.on === true);
     setText(byId('record-text'), recording.on ? 'Stop recording' : 'Record');
     setText(byId('recording-state'), recordingText(recording));

@@ -6,12 +6,14 @@ use super::super::fleet::Severity;
 use super::super::fleet::lock;
 use super::Station;
 use axum::Json;
+use axum::body::{Body, Bytes};
 use axum::extract::{Path, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use serde_json::json;
 use std::sync::Arc;
+use tokio::sync::OwnedSemaphorePermit;
 
 /// Body of a reset request.
 #[derive(Deserialize)]
@@ -33,6 +35,11 @@ fn unknown(vehicle: &str) -> Response {
     answer(StatusCode::NOT_FOUND, false, &format!("no vehicle {vehicle:?} was received"))
 }
 
+fn off() -> Response {
+    let text = "commands are off at this station: it serves other hosts; start it with --allow-commands";
+    answer(StatusCode::FORBIDDEN, false, text)
+}
+
 /// Resets a vehicle's estimate.
 pub async fn reset(
     State(station): State<Arc<Station>>,
@@ -40,8 +47,7 @@ pub async fn reset(
     Json(reset): Json<Reset>,
 ) -> Response {
     if !station.commands {
-        let text = "commands are off at this station: it serves other hosts; start it with --allow-commands";
-        return answer(StatusCode::FORBIDDEN, false, text);
+        return off();
     }
     let is_known = lock(&station.fleet).vehicles.contains_key(&vehicle);
     let Some(session) = station.connection.session().filter(|_| is_known) else {
@@ -65,11 +71,26 @@ pub async fn record(
     Path(vehicle): Path<String>,
     Json(record): Json<Record>,
 ) -> Response {
+    if !station.commands {
+        return off();
+    }
     match lock(&station.fleet).vehicles.get_mut(&vehicle) {
         Some(found) => found.set_recording(record.on),
         None => return unknown(&vehicle),
     }
     answer(StatusCode::OK, true, if record.on { "recording started" } else { "recording stopped" })
+}
+
+/// A file on its way, and the place that it takes.
+struct Download {
+    bytes: Vec<u8>,
+    _place: OwnedSemaphorePermit,
+}
+
+impl AsRef<[u8]> for Download {
+    fn as_ref(&self) -> &[u8] {
+        &self.bytes
+    }
 }
 
 /// A recording, or everything that is kept, as a file.
@@ -84,6 +105,10 @@ pub async fn download(
             false,
             "available are trajectory and recording, each as .tum, .csv or .mcap",
         );
+    };
+    // Held until the last byte is sent.
+    let Ok(place) = Arc::clone(&station.downloads).try_acquire_owned() else {
+        return answer(StatusCode::SERVICE_UNAVAILABLE, false, "other downloads are going on; try again");
     };
     let samples = match (what, lock(&station.fleet).vehicles.get(&vehicle)) {
         (_, None) => return unknown(&vehicle),
@@ -101,8 +126,8 @@ pub async fn download(
                 vehicle.chars().filter(|c| c.is_ascii_alphanumeric() || "-_".contains(*c)).collect();
             let disposition = format!("attachment; filename=\"{plain}-{what}.{}\"", format.ending());
             let kind = format.mime().to_owned();
-            ([(header::CONTENT_TYPE, kind), (header::CONTENT_DISPOSITION, disposition)], bytes)
-                .into_response()
+            let body = Body::from(Bytes::from_owner(Download { bytes, _place: place }));
+            ([(header::CONTENT_TYPE, kind), (header::CONTENT_DISPOSITION, disposition)], body).into_response()
         }
         Err(error) => answer(StatusCode::INTERNAL_SERVER_ERROR, false, &error.to_string()),
     }

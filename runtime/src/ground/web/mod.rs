@@ -17,6 +17,7 @@ use std::net::SocketAddr;
 use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, Mutex};
 use tokio::net::TcpListener;
+use tokio::sync::Semaphore;
 
 /// What the handlers share.
 pub struct Station {
@@ -32,7 +33,14 @@ pub struct Station {
     pub pages: AtomicU64,
     /// Where it is served.
     pub address: SocketAddr,
+    /// Names by which the page may be opened, beside the station's addresses.
+    pub names: Vec<String>,
+    /// Downloads that may go on at a time: each is made in memory.
+    pub downloads: Arc<Semaphore>,
 }
+
+/// Downloads at a time.
+const MAX_DOWNLOADS: usize = 2;
 
 /// Why the page is not served.
 #[derive(Debug, thiserror::Error)]
@@ -61,7 +69,8 @@ pub fn bind(address: SocketAddr) -> Result<std::net::TcpListener, ServeError> {
     Ok(listener)
 }
 
-/// Serves the page at a bound address until the runtime ends; returns that address.
+/// Serves the page at a bound address until the runtime ends; returns that address. Other hosts open it by an address of
+/// the station, by its host name, or by one of `names`.
 ///
 /// # Errors
 /// When the system refuses the socket.
@@ -70,11 +79,15 @@ pub async fn serve(
     fleet: Arc<Mutex<Fleet>>,
     connection: Connection,
     commands: bool,
+    names: &[String],
 ) -> Result<SocketAddr, ServeError> {
     let listener = TcpListener::from_std(listener)?;
     let address = listener.local_addr()?;
     let (malformed, pages) = (AtomicU64::new(0), AtomicU64::new(0));
-    let station = Arc::new(Station { fleet, connection, commands, malformed, pages, address });
+    let names = names.iter().cloned().chain(guard::own_names()).collect();
+    let downloads = Arc::new(Semaphore::new(MAX_DOWNLOADS));
+    let station =
+        Arc::new(Station { fleet, connection, commands, malformed, pages, address, names, downloads });
     let app = router(station);
     tokio::spawn(async move {
         if let Err(error) = axum::serve(listener, app).await {

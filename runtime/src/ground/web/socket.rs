@@ -137,6 +137,7 @@ impl Page {
         news.extend(fleet.events_since(self.events).map(|event| Message::text(messages::event(event))));
         self.events = fleet.event_count;
         let Self { places, cameras, .. } = self;
+        places.retain(|name, _| fleet.vehicles.contains_key(name));
         for name in fleet.vehicles.keys() {
             let place = places.entry(name.clone()).or_default();
             paths_and_maps(&fleet, name, place, &mut news);
