@@ -2,7 +2,7 @@
 
 use super::endpoints::{Endpoints, Mode};
 use super::error::NetError;
-use super::{diagnosis, security};
+use super::{diagnosis, read, security};
 use plumbline_config::options::Link;
 use zenoh::Session;
 
@@ -14,6 +14,14 @@ const RETRY_MS: (u64, u64) = (50, 200);
 /// Longest time that a message waits for space in the send queue before it is dropped, us. Odometry waits on the thread that
 /// empties the queue, so the time must be short.
 const PATIENCE_US: u64 = 5_000;
+/// Longest message that comes in, bytes. A vehicle hears short questions; a router passes on half an hour of poses in one
+/// answer. Each of the sixteen channels of a link (eight priorities, twice) may hold one that is not complete.
+const MAX_MESSAGE_BYTES: usize = 64 * 1024;
+const MAX_PASSED_BYTES: usize = 3 * 1024 * 1024;
+/// Links at a time, of a vehicle and of others, and those that have not shown who they are.
+const MAX_LINKS: usize = 32;
+const MAX_LINKS_ON_GROUND: usize = 160;
+const MAX_PENDING: usize = 32;
 /// Largest batch on a telemetry radio, bytes: messages behind it are delayed by its length.
 const RADIO_BATCH_BYTES: u64 = 1_200;
 
@@ -56,6 +64,12 @@ impl Endpoints {
             ("transport/link/tx/lease", LEASE_MS.to_string()),
             ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", PATIENCE_US.to_string()),
         ];
+        let (message_bytes, links) = self.bounds();
+        settings.extend([
+            ("transport/link/rx/max_message_size", message_bytes.to_string()),
+            ("transport/unicast/max_sessions", links.to_string()),
+            ("transport/unicast/accept_pending", MAX_PENDING.to_string()),
+        ]);
         if self.waits {
             settings.push(("connect/timeout_ms", "-1".into()));
         }
@@ -67,6 +81,15 @@ impl Endpoints {
             config.insert_json5(key, &value).map_err(failed)?;
         }
         zenoh::open(config).await.map_err(failed)
+    }
+
+    /// Longest message that is taken, bytes, and links at a time.
+    fn bounds(&self) -> (usize, usize) {
+        match (self.mode, self.is_vehicle()) {
+            (Mode::Router, _) => (MAX_PASSED_BYTES, MAX_LINKS_ON_GROUND),
+            (_, true) => (MAX_MESSAGE_BYTES, MAX_LINKS),
+            (_, false) => (read::MAX_MESSAGE_BYTES + MAX_MESSAGE_BYTES, MAX_LINKS_ON_GROUND),
+        }
     }
 
     /// Why a session cannot be opened: by its last attempt to connect where there was one, else as Zenoh says.

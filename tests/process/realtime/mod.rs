@@ -2,6 +2,7 @@
 //! the host itself stood still.
 
 mod autopilot;
+mod floods;
 mod hardware_in_the_loop;
 mod links;
 mod live;

@@ -87,6 +87,7 @@ mod tests {
             authority: file("authority.pem"),
             certificate: file("vehicle.pem"),
             key: file("vehicle.key"),
+            ..TlsConfig::default()
         }
     }
 

@@ -1,0 +1,113 @@
+//! Messages in masses, from somebody with a viewer's certificate. Part of `make soak`.
+
+use crate::roles::{attacker, make_keys};
+use crate::vehicle::{PLUMBLINE, Running, eventually, flight, free_port, render};
+use serde_json::Value;
+use std::path::Path;
+use std::process::Command;
+use std::time::Duration;
+use zenoh::qos::CongestionControl;
+
+/// Length of the flights, s.
+const FLIGHT_S: u32 = 90;
+/// Sent to the vehicle, and as much to the station, bytes.
+const FLOOD: usize = 4_000_000_000;
+/// Sizes of messages: more than anybody takes, and less.
+const SIZES: [usize; 2] = [1 << 20, 50_000];
+/// Memory that a process may grow by, MB.
+const MAX_GROWTH_MB: f64 = 20.0;
+
+fn resident_mb(process: &Running) -> f64 {
+    let status = std::fs::read_to_string(format!("/proc/{}/status", process.child.id())).unwrap();
+    let line = status.lines().find(|line| line.starts_with("VmRSS:")).unwrap();
+    line.split_whitespace().nth(1).unwrap().parse::<f64>().unwrap() / 1024.0
+}
+
+/// A vehicle and a station that listen, each with its certificate.
+fn start(folder: &Path, report: &Path) -> ([Running; 2], [String; 2]) {
+    let endpoints = [0, 1].map(|_| format!("tls/127.0.0.1:{}", free_port()));
+    let file = |name: &str| folder.join(name).display().to_string();
+    let mut vehicle = flight("drone", FLIGHT_S);
+    for (key, name) in
+        [("authority", "authority.pem"), ("certificate", "vehicle.pem"), ("key", "vehicle.key")]
+    {
+        vehicle.arg("--set").arg(format!("network.tls.{key}=\"{}\"", file(name)));
+    }
+    vehicle.args(["--listen", &endpoints[0], "--connect", &endpoints[1], "--report"]).arg(report);
+    let mut station = Command::new(PLUMBLINE);
+    station.args(["ground", "--plain", "--no-http", "--listen", &endpoints[1], "--authority"]);
+    station.args([
+        &file("authority.pem"),
+        "--certificate",
+        &file("operator.pem"),
+        "--key",
+        &file("operator.key"),
+    ]);
+    let station = Running::start(station);
+    ([Running::start(vehicle), station], endpoints)
+}
+
+/// p99 from sample to odometry of a flight that is over, ms.
+fn p99_ms(vehicle: &mut Running, report: &Path) -> f64 {
+    let _ = vehicle.child.wait();
+    let report: Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
+    let latency = &report["live"]["sample_to_odometry_ms"];
+    latency["p99"].as_f64().unwrap_or_else(|| panic!("{latency}"))
+}
+
+/// Throws messages at an endpoint, with keys that the role may not use.
+async fn flood(folder: &Path, endpoint: &str) {
+    let viewer = attacker(folder, "viewer", endpoint).await;
+    let keys = ["plumbline/drone/odom", "plumbline/drone/command/reset", "plumbline/**", "elsewhere"];
+    let mut sent = 0;
+    for k in 0.. {
+        let size = SIZES[k % 2];
+        let put = viewer.put(keys[k % keys.len()], vec![7u8; size]);
+        put.congestion_control(CongestionControl::Block).await.unwrap();
+        sent += size;
+        if sent >= FLOOD {
+            break;
+        }
+    }
+    let _ = viewer.close().await;
+}
+
+#[test]
+#[ignore = "minutes: `make soak`"]
+fn soak_network_messages_in_masses_grow_nobodys_memory_and_delay_no_odometry() {
+    render(FLIGHT_S);
+    let folder = tempfile::tempdir().unwrap();
+    make_keys(folder.path(), false);
+    let report = folder.path().join("report.json");
+    let ([mut vehicle, station], _) = start(folder.path(), &report);
+    let quiet_ms = p99_ms(&mut vehicle, &report);
+    drop(station);
+    let ([mut vehicle, station], endpoints) = start(folder.path(), &report);
+    std::thread::sleep(Duration::from_secs(8));
+    let before = [&vehicle, &station].map(resident_mb);
+    let theirs = folder.path().to_owned();
+    let floods = std::thread::spawn(move || {
+        let runtime =
+            tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
+        runtime.block_on(async {
+            tokio::join!(flood(&theirs, &endpoints[0]), flood(&theirs, &endpoints[1]));
+        });
+    });
+    let mut largest = before;
+    eventually("the flood is over", Duration::from_secs(u64::from(FLIGHT_S)), || {
+        let now = [&vehicle, &station].map(resident_mb);
+        largest = [0, 1].map(|k| largest[k].max(now[k]));
+        floods.is_finished()
+    });
+    floods.join().unwrap();
+    assert!(vehicle.child.try_wait().unwrap().is_none(), "the flight was over before: {}", vehicle.words());
+    let flooded_ms = p99_ms(&mut vehicle, &report);
+    println!(
+        "vehicle and station: {before:.1?} MB before, at most {largest:.1?} MB; p99 of odometry {quiet_ms:.2} ms, \
+         {flooded_ms:.2} ms while flooded"
+    );
+    for k in 0..2 {
+        assert!(largest[k] - before[k] <= MAX_GROWTH_MB, "{before:?} {largest:?}");
+    }
+    assert!(flooded_ms <= 1.2 * quiet_ms + 0.1, "{quiet_ms} {flooded_ms}");
+}
