@@ -316,9 +316,15 @@ pub fn send_frames(path: &Path, recording: &Recording, epoch: Epoch, which: Rang
             Err(_) => std::thread::sleep(Duration::from_millis(5)),
         }
     };
+    let mut has_begun = false;
     for (k, frame) in recording.frames.iter().enumerate().take(which.end).skip(which.start) {
         let stamp_ns = epoch.host(frame.stamp.as_nanos());
         let left_ns = stamp_ns + READOUT_NS - monotonic_ns();
+        // A camera keeps nothing for who comes later.
+        if !has_begun && left_ns < -50 * MS {
+            continue;
+        }
+        has_begun = true;
         std::thread::sleep(Duration::from_nanos(u64::try_from(left_ns).unwrap_or(0)));
         let sizes_px = recording.sizes_px.map(|(width, height)| (width as u32, height as u32));
         let header = Header { sequence: k as u64, stamp_ns, sizes_px };

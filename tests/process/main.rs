@@ -25,6 +25,8 @@ mod replay;
 mod roles;
 mod ros;
 mod security;
+#[cfg(feature = "sabotage")]
+mod supervisor;
 mod sweep;
 mod terminal;
 mod usage;

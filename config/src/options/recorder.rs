@@ -14,9 +14,11 @@ pub struct RecorderConfig {
     pub max_file_mb: usize,
     /// Size of all files of a flight together, MB (10^6 bytes): never exceeded.
     pub max_total_mb: usize,
-    /// Entries that wait for the recorder, at most; more are dropped and counted.
+    /// Entries that wait for the recorder, at most; more are dropped and counted. 0 has room for what comes in two and a half
+    /// seconds, so that a disk may pause for two.
     pub queue_entries: usize,
-    /// Stereo frames that wait for the recorder, at most; more are dropped and counted.
+    /// Stereo frames that wait for the recorder, at most; more are dropped and counted. 0 has room for those of two and a half
+    /// seconds.
     pub queue_frames: usize,
 }
 
@@ -49,8 +51,8 @@ impl Default for RecorderConfig {
             keep: KeepPolicy::Beginning,
             max_file_mb: 1024,
             max_total_mb: 16_384,
-            queue_entries: 4096,
-            queue_frames: 8,
+            queue_entries: 0,
+            queue_frames: 0,
         }
     }
 }

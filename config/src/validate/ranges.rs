@@ -109,8 +109,8 @@ const CONFIG_ROWS: &[Row<Config>] = &[
 
     ("recorder.max_file_mb",    |c| c.recorder.max_file_mb as f64,   32.0, 65_536.0,     "write it in MB (10^6 bytes)"),
     ("recorder.max_total_mb",   |c| c.recorder.max_total_mb as f64,  32.0, 16_777_216.0, "write it in MB (10^6 bytes)"),
-    ("recorder.queue_entries",  |c| c.recorder.queue_entries as f64, 64.0, 65_536.0,     COUNT),
-    ("recorder.queue_frames",   |c| c.recorder.queue_frames as f64,  1.0,  256.0,        COUNT),
+    ("recorder.queue_entries",  |c| c.recorder.queue_entries as f64, 0.0,  65_536.0,     COUNT),
+    ("recorder.queue_frames",   |c| c.recorder.queue_frames as f64,  0.0,  256.0,        COUNT),
 
     ("runtime.idle_latency_us", |c| c.runtime.idle_latency_us as f64, -1.0, 1e6, "write it in microseconds; 0 keeps processors awake, -1 leaves it to the system"),
 

@@ -20,6 +20,8 @@ const PLENTY_LANDMARKS: f64 = 60.0;
 pub enum ResetReason {
     /// Somebody asked for it.
     AskedFor(ResetKind),
+    /// Front-end or window ended by a fault of its own, and both were made anew.
+    Fault,
     /// Too few landmarks were in view, or the equations could not be solved, for so long, s.
     Blind(f64),
     /// No frame came for so long, s.
@@ -55,6 +57,7 @@ impl fmt::Display for ResetReason {
         match self {
             Self::AskedFor(ResetKind::Soft) => f.write_str("asked for, keeping the pose"),
             Self::AskedFor(ResetKind::Hard) => f.write_str("asked for, from the origin"),
+            Self::Fault => f.write_str("the front-end or the window ended by a fault of its own"),
             Self::Blind(s) => write!(
                 f,
                 "too few landmarks in view, or none that could be used, for {s:.1} s (health.max_blind_s)"

@@ -9,6 +9,7 @@ mod judgement;
 pub mod measurements;
 #[cfg(test)]
 mod poison_tests;
+mod renewal;
 mod reset;
 #[cfg(test)]
 mod reset_tests;
@@ -98,6 +99,8 @@ pub struct Odometer {
     covariance: NavCovariance,
     time_offset_sigma_s: f64,
     reset_counter: u32,
+    /// Resets that were counted before this odometer began.
+    first_counter: u32,
     mono_wait: usize,
     rate_b: Vector3<f64>,
     frames: u64,
@@ -147,6 +150,7 @@ impl Odometer {
             covariance: NavCovariance::zeros(),
             time_offset_sigma_s: setup.rig.time_offset_sigma_s,
             reset_counter: 0,
+            first_counter: 0,
             mono_wait: 0,
             rate_b: Vector3::zeros(),
             frames: 0,
@@ -386,7 +390,7 @@ impl Odometer {
         let state = match (running, in_view >= MIN_LANDMARKS_IN_VIEW) {
             (true, true) => TrackingState::Tracking,
             (true, false) => TrackingState::Blind,
-            (false, _) if self.reset_counter > 0 => TrackingState::Failed,
+            (false, _) if self.reset_counter > self.first_counter => TrackingState::Failed,
             (false, _) => TrackingState::Initialising,
         };
         Estimate {

@@ -9,10 +9,13 @@ use crate::pipeline::Stamps;
 use crate::pipeline::listener::{Listener, Producer, Subscriber};
 use crate::schedule::host::raise_priority;
 use crate::schedule::ring::Writer;
+use crate::schedule::tasks::TaskId;
 use crate::schedule::ticker::{Monotonic, Ticker};
+use crate::schedule::watchdog::Pulse;
 use nalgebra::UnitQuaternion;
 use plumbline_config::options::{AutopilotConfig, AutopilotEndpoint, VehicleConfig};
 use plumbline_estimator::{Estimate, Odometry, TrackingState};
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::thread::JoinHandle;
@@ -43,13 +46,14 @@ pub enum BridgeError {
 pub struct Bridge {
     signals: Arc<Signals>,
     thread: Option<JoinHandle<BridgeFigures>>,
+    pulse: Arc<Pulse>,
     /// Taken by the listener of the tick.
     tick: Option<TickListener>,
 }
 
 impl Bridge {
     /// Opens the line and begins to send, before frames where real-time priorities are wanted (`is_realtime`); the pilot
-    /// is told nothing before there is odometry.
+    /// is told nothing before there is odometry. A line that cannot be had yet is waited for in a flight with live sensors.
     ///
     /// # Errors
     /// When the address or device cannot be used.
@@ -59,23 +63,52 @@ impl Bridge {
         stamps: Stamps,
         is_realtime: bool,
     ) -> Result<Self, BridgeError> {
+        Self::start_counting(config, mounting, stamps, is_realtime, 0)
+    }
+
+    /// The same; resets are counted from `first_reset_counter` on.
+    ///
+    /// # Errors
+    /// As [`Self::start`].
+    pub fn start_counting(
+        config: &AutopilotConfig,
+        mounting: &VehicleConfig,
+        stamps: Stamps,
+        is_realtime: bool,
+        first_reset_counter: u32,
+    ) -> Result<Self, BridgeError> {
         let endpoint = AutopilotEndpoint::parse(&config.connect).map_err(BridgeError::Endpoint)?;
-        let link = Link::open(&endpoint)?;
+        let link = match stamps {
+            Stamps::OfHost => Link::open_patiently(&endpoint),
+            Stamps::Replayed => Link::open(&endpoint)?,
+        };
         let (signals, (writer, waiting)) = (Arc::new(Signals::default()), handover_ring());
         let frames = Frames::new(mounting);
-        let sender = Sender::new(config, link, frames);
+        let sender = Sender::new(config, link, frames, first_reset_counter);
         let period = Duration::from_secs_f64(1.0 / config.rate_hz);
         let theirs = Arc::clone(&signals);
+        let pulse = Arc::new(Pulse::new(TaskId::Autopilot));
+        let beating = Arc::clone(&pulse);
         let thread = std::thread::Builder::new().name("plumbline-pilot".into()).spawn(move || {
             if is_realtime {
                 // What the host refuses is told by the run.
                 let _ = raise_priority(PRIORITY);
             }
             let first = Monotonic::now().plus_nanos(period.as_nanos() as i64);
-            sender.run(&theirs, waiting, Ticker::new(first, period))
+            let run = || sender.run(&theirs, waiting, Ticker::new(first, period), &beating);
+            match catch_unwind(AssertUnwindSafe(run)) {
+                Ok(figures) => {
+                    beating.idle();
+                    figures
+                }
+                Err(fault) => {
+                    beating.die();
+                    resume_unwind(fault)
+                }
+            }
         })?;
         let tick = TickListener::new(Arc::clone(&signals), writer, frames, stamps);
-        Ok(Self { signals, thread: Some(thread), tick: Some(tick) })
+        Ok(Self { signals, thread: Some(thread), pulse, tick: Some(tick) })
     }
 
     /// Says that there will be no more odometry, and ends. The counts, unless the thread ended by a fault.
@@ -106,6 +139,10 @@ impl Subscriber for Bridge {
             (Producer::Window, _) => Box::new(WindowListener(Arc::clone(&self.signals))),
             _ => Box::new(()),
         }
+    }
+
+    fn pulses(&self, adopt: &mut dyn FnMut(Arc<Pulse>)) {
+        adopt(Arc::clone(&self.pulse));
     }
 }
 
@@ -281,6 +318,29 @@ mod realtime {
         assert_eq!((first.quality, first.time_usec), (-1, 0));
         let age_us = (Monotonic::now().0 + AHEAD_NS) / 1000 - last.time_usec as i64;
         assert!(last.quality == 80 && (-5000..60_000).contains(&age_us), "{age_us} us");
+    }
+
+    #[test]
+    fn on_an_open_port_the_odometry_goes_to_the_autopilot_and_to_nobody_else_who_speaks() {
+        let (autopilot, config) = Autopilot::new();
+        let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+        let config = AutopilotConfig { connect: format!("udpin://{port}"), ..config };
+        let _bridge = Bridge::start(&config, &VehicleConfig::default(), Stamps::Replayed, false).unwrap();
+        let station = UdpSocket::bind("127.0.0.1:0").unwrap();
+        station.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
+        let is_answered = |socket: &UdpSocket, (system_id, component_id): (_, u8)| {
+            (0..20).any(|_| {
+                let mut bytes = Vec::new();
+                let header = MavHeader { system_id, component_id, sequence: 0 };
+                let message = MavMessage::HEARTBEAT(mavlink::dialects::common::HEARTBEAT_DATA::default());
+                mavlink::write_v2_msg(&mut bytes, header, &message).unwrap();
+                socket.send_to(&bytes, port).unwrap();
+                socket.recv_from(&mut [0; 2048]).is_ok()
+            })
+        };
+        assert!(!is_answered(&station, (255, 190)), "a ground station");
+        assert!(!is_answered(&station, (2, 1)), "the autopilot of another vehicle");
+        assert!(is_answered(&autopilot.socket, (1, 1)));
     }
 
     #[test]

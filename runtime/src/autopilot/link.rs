@@ -4,6 +4,7 @@
 //! constant rate, and answer at once, needs to wait for both at a time. So the library reads and writes
 //! messages, and the line is a descriptor that `poll` can wait for.
 
+use super::awaited::Awaited;
 use super::inbox::CHUNK;
 use crate::schedule::ticker::Monotonic;
 use plumbline_config::options::AutopilotEndpoint;
@@ -62,6 +63,8 @@ pub enum Link {
     Udp(UdpLink),
     /// A serial device.
     Serial(SerialLink),
+    /// What is not to be had yet.
+    Awaited(Awaited<Box<Link>>),
 }
 
 impl Link {
@@ -75,6 +78,20 @@ impl Link {
             AutopilotEndpoint::UdpIn(address) => UdpLink::at(address).map(Self::Udp),
             AutopilotEndpoint::Serial(line) => SerialLink::open(&line.device, line.baud).map(Self::Serial),
         }
+    }
+
+    /// Opens the line, now or as soon as that can be done.
+    #[must_use]
+    pub fn open_patiently(endpoint: &AutopilotEndpoint) -> Self {
+        Self::open(endpoint).unwrap_or_else(|error| {
+            tracing::warn!("{error}; it is waited for");
+            let endpoint = endpoint.clone();
+            Self::Awaited(Awaited::search(move || {
+                let link = Self::open(&endpoint).ok()?;
+                tracing::warn!("autopilot: the line is there");
+                Some(Box::new(link))
+            }))
+        })
     }
 
     /// Waits for bytes until `until`; whether there are any.
@@ -94,6 +111,7 @@ impl Link {
         match self {
             Self::Udp(udp) => Some(udp.socket.as_fd()),
             Self::Serial(serial) => serial.file.as_ref().map(AsFd::as_fd),
+            Self::Awaited(_) => None,
         }
     }
 
@@ -102,6 +120,7 @@ impl Link {
         match self {
             Self::Udp(udp) => udp.read(into, now),
             Self::Serial(serial) => serial.read(into),
+            Self::Awaited(_) => 0,
         }
     }
 
@@ -114,9 +133,15 @@ impl Link {
 
     /// Sends a message; whether it was handed to the system, whole.
     pub fn send(&mut self, message: &[u8], now: Monotonic) -> bool {
+        if let Self::Awaited(awaited) = self
+            && let Some(link) = awaited.take()
+        {
+            *self = *link;
+        }
         match self {
             Self::Udp(udp) => udp.send(message),
             Self::Serial(serial) => serial.send(message, now),
+            Self::Awaited(_) => false,
         }
     }
 }
@@ -376,6 +401,28 @@ mod tests {
             link.read(&mut [0; CHUNK], Monotonic::now());
         }
         assert!(!link.send(&bytes, Monotonic::now()), "the device is gone");
+    }
+
+    #[test]
+    fn a_line_that_comes_late_is_taken() {
+        let folder = tempfile::tempdir().unwrap();
+        let device = folder.path().join("autopilot");
+        let endpoint = AutopilotEndpoint::parse(&format!("serial://{}:921600", device.display())).unwrap();
+        let mut link = Link::open_patiently(&endpoint);
+        assert!(!link.send(b"odometry", Monotonic::now()), "it is not there yet");
+        let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+        grantpt(&master).unwrap();
+        unlockpt(&master).unwrap();
+        let name = ptsname(&master, Vec::new()).unwrap().into_string().unwrap();
+        std::os::unix::fs::symlink(name, &device).unwrap();
+        let end = Instant::now() + Duration::from_secs(10);
+        while !link.send(b"odometry", Monotonic::now()) {
+            assert!(Instant::now() < end, "it never came");
+            link.wait(Monotonic::now().plus_nanos(10_000_000));
+        }
+        let mut there = [0; 8];
+        File::from(master).read_exact(&mut there).unwrap();
+        assert_eq!(&there, b"odometry");
     }
 
     #[test]

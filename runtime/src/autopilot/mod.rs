@@ -12,6 +12,7 @@
 //! smallest delay it sees; both would be wrong by the offset if we had added it already. With `clock =
 //! "autopilot"` both are of the autopilot's clock, found by our own TIMESYNC, for whoever converts nothing.
 
+pub mod awaited;
 pub mod bridge;
 pub mod clock;
 #[cfg(test)]

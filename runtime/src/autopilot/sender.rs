@@ -10,6 +10,7 @@ use super::timesync::TimeSync;
 use crate::schedule::ring::Reader;
 use crate::schedule::ticker::{Monotonic, Ticker};
 use crate::schedule::times::{Percentiles, Times};
+use crate::schedule::watchdog::Pulse;
 use mavlink::dialects::common::{
     HEARTBEAT_DATA, MavComponent, ODOMETRY_DATA, STATUSTEXT_DATA, TIMESYNC_DATA,
 };
@@ -79,6 +80,7 @@ pub struct Sender {
     lost_pose: LostPose,
     address: String,
     header: MavHeader,
+    first_reset_counter: u32,
     newest: Option<Handover>,
     /// What was last sent as good, for when there is nothing better.
     last: Option<VehicleOdometry>,
@@ -96,9 +98,9 @@ pub struct Sender {
 }
 
 impl Sender {
-    /// Of a line that is open.
+    /// Of a line; resets are counted from `first_reset_counter` on.
     #[must_use]
-    pub fn new(config: &AutopilotConfig, link: Link, frames: Frames) -> Self {
+    pub fn new(config: &AutopilotConfig, link: Link, frames: Frames, first_reset_counter: u32) -> Self {
         Self {
             link,
             frames,
@@ -106,6 +108,7 @@ impl Sender {
             lost_pose: config.lost_pose,
             address: config.connect.clone(),
             header: MavHeader { system_id: config.system_id, component_id: COMPONENT, sequence: 0 },
+            first_reset_counter,
             newest: None,
             last: None,
             timesync: TimeSync::default(),
@@ -127,11 +130,13 @@ impl Sender {
         signals: &Signals,
         mut waiting: Reader<Handover>,
         mut ticker: Ticker,
+        pulse: &Pulse,
     ) -> BridgeFigures {
         let mut inbox = Inbox::default();
         while !signals.stop.load(Ordering::Relaxed) {
             self.listen_until(ticker.due(), &mut inbox);
             let release = ticker.wait();
+            pulse.busy();
             self.figures.missed += release.missed;
             self.late_ms.record(release.late_ms);
             while let Some(newer) = waiting.pop() {
@@ -190,7 +195,8 @@ impl Sender {
     }
 
     fn send_odometry(&mut self, condition: Condition, now: Monotonic) {
-        let counter = self.newest.as_ref().map_or(0, |newest| newest.odometry.reset_counter);
+        let counter =
+            self.newest.as_ref().map_or(self.first_reset_counter, |newest| newest.odometry.reset_counter);
         let message = match (condition, &self.newest, &self.last) {
             (Condition::Tracking, Some(newest), Some(vehicle)) => {
                 let usec = self.stamp_usec(newest.measured).unwrap_or(0);
@@ -283,7 +289,10 @@ impl Sender {
             // Ourselves, through a router that sends back.
             return;
         }
-        self.link.confirm(now);
+        // A ground station or a camera on the same port is not who the odometry is for.
+        if sender == (self.header.system_id, AUTOPILOT) {
+            self.link.confirm(now);
+        }
         if self.heard.is_none() || !self.is_heard {
             tracing::info!("autopilot at {}: heard", self.address);
             self.announcer.repeat();

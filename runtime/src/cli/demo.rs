@@ -1,6 +1,7 @@
 //! `plumbline demo`: a simulated flight at real time, estimated live, published on the loopback interface, and
 //! watched by a ground station with its page.
 
+use super::exit_status::last_resort;
 use super::progress::{Glance, Progress};
 use super::scenario::parse_scene;
 use super::{Usage, stop_on_signal};
@@ -71,7 +72,7 @@ pub fn run(args: &DemoArgs) -> Result<()> {
     let endpoint = free_endpoint()?;
     let mut endpoints = Endpoints::of(&flight.config.network);
     endpoints.listen = vec![endpoint.clone()];
-    let control = Arc::new(Control::stopped_by(stop_on_signal()?));
+    let control = Arc::new(Control::stopped_by(stop_on_signal()?).with_last_resort(last_resort));
     let mut outputs = Outputs::default();
     outputs.publish(&flight.config, &endpoints, &control)?;
     println!(

@@ -2,7 +2,8 @@
 //!
 //! 0: what was asked for was done. 2: it was asked for wrongly, and asking again in the same way cannot help: arguments,
 //! configuration, endpoints, an input that is not there or is not of the kind that was asked for, an output that may
-//! not be written. 1: everything else that went wrong.
+//! not be written. 3: a task of a live flight ended or stands still by a fault of the program, so that the process is to be
+//! started again, as the systemd unit does. 1: everything else that went wrong.
 
 use super::Usage;
 use crate::calibrate::camera::ImagesError;
@@ -11,21 +12,42 @@ use crate::flight::FlightError;
 use crate::log::LogError;
 use crate::net::NetError;
 use crate::net::keys::KeysError;
+use crate::pipeline::RunError;
 use crate::places::frames::PlacesError;
 use crate::places::{MapDefect, MapFileError};
 use plumbline_config::ConfigError;
 use plumbline_drivers::DriverError;
 use std::error::Error;
 use std::io::ErrorKind;
+use std::time::Duration;
 
 /// The run failed.
 const FAILED: u8 = 1;
 /// Wrong usage or configuration, or an input that is not there.
 const USAGE: u8 = 2;
 
+/// A fault of the program ended a live flight.
+const FAULT: u8 = 3;
+/// A run that cannot go on has this long to end: to tell the autopilot, and to write its log.
+const LAST_WORDS: Duration = Duration::from_millis(400);
+
+/// Ends the process when a run that cannot go on does not end by itself, as one with a thread that spins cannot.
+pub fn last_resort() {
+    let ended = std::thread::Builder::new().name("last-resort".into()).spawn(|| {
+        std::thread::sleep(LAST_WORDS);
+        std::process::exit(FAULT.into());
+    });
+    if ended.is_err() {
+        std::process::exit(FAULT.into());
+    }
+}
+
 /// The exit status of a command that ended with `error`.
 #[must_use]
 pub fn exit_status(error: &anyhow::Error) -> u8 {
+    if error.chain().filter_map(|cause| cause.downcast_ref::<RunError>()).any(RunError::is_fault) {
+        return FAULT;
+    }
     if error.chain().any(is_usage) { USAGE } else { FAILED }
 }
 
@@ -119,5 +141,8 @@ mod tests {
         let wrong = NetError::Endpoint { endpoint: "x".into(), reason: "names no protocol".into() };
         assert_eq!(exit_status(&wrong.into()), 2);
         assert_eq!(exit_status(&anyhow!("no pose was found")), 1);
+        let fault = || RunError::Fault("tick");
+        assert_eq!(exit_status(&anyhow::Error::from(FlightError::from(fault())).context("fly")), 3);
+        assert_eq!(exit_status(&RunError::Stalled("window").into()), 3);
     }
 }

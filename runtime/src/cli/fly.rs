@@ -1,12 +1,15 @@
 //! `plumbline fly`: live, from the sensors that a configuration names.
 
+use super::exit_status::last_resort;
 use super::progress::{Glance, Progress};
 use super::{Usage, check_outputs, load_config, say, stop_on_signal};
 use crate::flight::plausibility::Finding;
 use crate::flight::plausibility::watch::Watch;
 use crate::flight::sensor_watch::SensorWatch;
-use crate::flight::{Flight, Flown, Outputs, fly, is_log, open_sensors, plausibility, with_overrides};
-use crate::log::WhenFull;
+use crate::flight::{
+    Flight, FlightError, Flown, Outputs, ResetCount, fly, is_log, open_sensors, plausibility, with_overrides,
+};
+use crate::log::{LogError, WhenFull};
 use crate::net::Endpoints;
 use crate::pipeline::{Control, RunOptions, Stamps};
 use crate::places::{MapContents, read_known_map, write_map};
@@ -68,6 +71,10 @@ pub struct FlyArgs {
     /// Publish over Zenoh: connect to this router or ground station too, beside network.connect.
     #[arg(long, value_name = "ENDPOINT")]
     pub connect: Vec<String>,
+    /// Keep here what is to outlast the program: the count of resets goes on from one start to the next. What systemd names
+    /// (STATE_DIRECTORY) without.
+    #[arg(long, value_name = "FOLDER")]
+    pub state: Option<PathBuf>,
     /// End after so many seconds; only when told to without.
     #[arg(long, value_name = "S")]
     pub duration: Option<f64>,
@@ -99,7 +106,9 @@ pub fn run(args: &FlyArgs) -> Result<()> {
     if let Some(path) = &args.map {
         flight.map = Some(read_known_map(path, Mapper::limits(config.setup()))?);
     }
-    let control = Arc::new(Control::stopped_by(Arc::clone(&stop)));
+    let mut resets = state_folder(args).map(|folder| ResetCount::resume(&folder));
+    flight.first_reset_counter = resets.as_ref().map_or(0, ResetCount::first);
+    let control = Arc::new(Control::stopped_by(Arc::clone(&stop)).with_last_resort(last_resort));
     let mut outputs = start_outputs(args, &flight, log.as_deref(), &control)?;
     let mut progress = start_progress()?;
     let mut watch = Watch::start(&config, true, Vec::new())?;
@@ -109,8 +118,12 @@ pub fn run(args: &FlyArgs) -> Result<()> {
     let mut subscribers = outputs.subscribers();
     subscribers.insert(0, &mut progress);
     subscribers.insert(0, &mut watch);
-    let flown = fly(flight, &options, &control, subscribers)?;
-    let outputs = outputs.finish();
+    if let Some(resets) = &mut resets {
+        subscribers.insert(0, resets);
+    }
+    // Also of a flight that a fault has ended the autopilot is told, and the log is written.
+    let (flown, outputs) = (fly(flight, &options, &control, subscribers), outputs.finish());
+    let flown = flown?;
     progress.finish();
     drop(sensor_watch);
     let is_over = end.is_some_and(End::has_come);
@@ -169,11 +182,10 @@ fn start_outputs(
     let config = &flight.config;
     let mut outputs = Outputs::default();
     if !config.autopilot.connect.is_empty() {
-        outputs.pilot(config, Stamps::OfHost)?;
+        outputs.pilot(flight)?;
     }
     if let Some(path) = log {
-        let known_map = flight.map.as_ref().map(|known| known.sha256.clone());
-        outputs.record(path, config, known_map, WhenFull::Drop)?;
+        record(&mut outputs, path, flight)?;
     }
     if let Some(path) = &args.save_map {
         outputs.save_map(path, control)?;
@@ -181,7 +193,7 @@ fn start_outputs(
     let endpoints = Endpoints::of(&config.network).and(&args.listen, &args.connect);
     let has_network = !endpoints.listen.is_empty() || !endpoints.connect.is_empty() || endpoints.scouting;
     if has_network {
-        outputs.publish(config, &endpoints, control)?;
+        outputs.publish_patiently(config, &endpoints, control)?;
     }
     if config.ros.enabled {
         outputs.publish_ros(config, &endpoints.vehicle, Stamps::OfHost)?;
@@ -193,6 +205,25 @@ fn start_outputs(
         );
     }
     Ok(outputs)
+}
+
+/// Records the flight; a disk that takes no log keeps nobody from flying.
+fn record(outputs: &mut Outputs, path: &Path, flight: &Flight) -> Result<(), FlightError> {
+    match outputs.record(path, flight, WhenFull::Drop) {
+        Err(FlightError::Log(error @ LogError::Io { .. })) => {
+            tracing::error!("{error}: this flight is not recorded");
+            Ok(())
+        }
+        outcome => outcome,
+    }
+}
+
+/// Where is kept what is to outlast the program, if anywhere.
+fn state_folder(args: &FlyArgs) -> Option<PathBuf> {
+    let of_systemd = || std::env::var("STATE_DIRECTORY").ok().filter(|names| !names.is_empty());
+    // Of several, the first.
+    let first = |names: String| names.split(':').next().map(PathBuf::from);
+    args.state.clone().or_else(|| of_systemd().and_then(first))
 }
 
 /// A line a second on a terminal; nothing elsewhere, where it would fill a journal.

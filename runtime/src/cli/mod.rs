@@ -1,6 +1,6 @@
 //! The command line: arguments in, exit status out.
 //!
-//! 0 success, 1 the run failed, 2 wrong usage or configuration ([`exit_status`]); a failure is one line on stderr that
+//! 0 success, 1 the run failed, 2 wrong usage or configuration, 3 a fault of the program in flight ([`exit_status`]); a failure is one line on stderr that
 //! names the file, the key or the device, and what to do.
 
 pub mod ablation;
@@ -22,6 +22,7 @@ mod ground;
 mod keys;
 pub mod lines;
 pub mod log;
+mod log_lines;
 mod map;
 pub mod plot;
 mod progress;
@@ -78,7 +79,8 @@ fn examples() -> String {
   plumbline plot out.tum --truth V1_01_easy --out flight.svg   the same as a picture
   plumbline lines image.png --out lines.png         the line segments of one image, as a picture
 
-Exit status: 0 success; 1 the run failed; 2 wrong usage or configuration, or an input that is not there."
+Exit status: 0 success; 1 the run failed; 2 wrong usage or configuration, or an input that is not there; 3 a task of a live
+flight ended by a fault of the program: start it again, as the systemd unit does."
     )
 }
 
@@ -145,7 +147,9 @@ enum Command {
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
     init_logs(cli.verbose);
-    match run(cli.command) {
+    let ended = run(cli.command);
+    log_lines::flush();
+    match ended {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             // A terminal that is gone takes no words, and that is no reason to panic.
@@ -235,7 +239,7 @@ fn init_logs(verbose: u8) {
         std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
     let lines = tracing_subscriber::fmt::layer()
         .log_internal_errors(false)
-        .with_writer(std::io::stderr)
+        .with_writer(log_lines::LogLines)
         .with_ansi(is_coloured)
         .with_target(verbose > 0)
         .without_time();
@@ -244,6 +248,8 @@ fn init_logs(verbose: u8) {
         .with(lines.with_filter(filter))
         .with(audit::Audit.with_filter(access))
         .init();
+    log_lines::start();
+    log_lines::take_panics();
 }
 
 /// A configuration file or preset, if one is named.

@@ -1,5 +1,6 @@
 //! `plumbline replay`: the estimator over a recorded or simulated flight.
 
+use super::exit_status::last_resort;
 use super::plot::flown_subject;
 use super::progress::Progress;
 use super::scenario::{ScenarioArgs, parse_scene};
@@ -156,15 +157,15 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     }
     check_mentions(args)?;
     let flight = prepared(open(args)?, args)?;
-    let control = Arc::new(Control::stopped_by(stop_on_signal()?));
+    let control = Arc::new(Control::stopped_by(stop_on_signal()?).with_last_resort(last_resort));
     let mut outputs = start_outputs(args, &flight, &control)?;
     let mut odometry = args.odometry.as_ref().map(|_| OdometryTrajectory::with_room_for(readings(&flight)));
     let wants_states = args.states.is_some() || args.plot.is_some();
     let mut states = wants_states.then(|| KeptStates::for_flight(&flight));
     let mut progress = Progress::bar(flight.stereo.expected_frames())?;
     let mut watch = Watch::start(&flight.config, args.speed.is_some(), flight.findings.clone())?;
-    let log_end = flight.log_end.clone();
-    let options = RunOptions { speed: args.speed, threads: usize::from(args.threads) };
+    let (log_end, threads) = (flight.log_end.clone(), usize::from(args.threads));
+    let options = RunOptions { speed: args.speed, threads };
     let mut subscribers = outputs.subscribers();
     subscribers.insert(0, &mut progress);
     if let Some(odometry) = &mut odometry {
@@ -174,10 +175,10 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
         subscribers.insert(0, states);
     }
     subscribers.insert(0, &mut watch);
-    let flown = fly(flight, &options, &control, subscribers)?;
-    // Before anything that takes time: an autopilot would be told that the estimator is silent.
-    let outputs = outputs.finish();
+    // The outputs end at once, or an autopilot would be told that the estimator is silent; also of a flight with a fault.
+    let (flown, outputs) = (fly(flight, &options, &control, subscribers), outputs.finish());
     progress.finish();
+    let flown = flown?;
     let warnings = warnings(watch.finish(), &flown, log_end.as_ref());
     let report = Report::new(&flown).with(outputs).warning_of(warnings);
     let odometry = odometry.map(OdometryTrajectory::into_poses);
@@ -191,8 +192,8 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
         std::fs::write(path, &json).with_context(|| format!("{}", path.display()))?;
     }
     say(if args.json { json } else { report.summary() });
-    let frames = report.frames;
-    anyhow::ensure!(report.completion > 0.0, "{}: no pose was found in {frames} frames", args.dataset);
+    let (dataset, frames) = (&args.dataset, report.frames);
+    anyhow::ensure!(report.completion > 0.0, "{dataset}: no pose was found in {frames} frames");
     if let Some(recording) = report.recording.as_ref().filter(|recording| recording.has_failed) {
         anyhow::bail!("the recording failed: {recording}");
     }
@@ -301,10 +302,10 @@ fn open(args: &ReplayArgs) -> Result<Flight> {
 
 /// Those who are told of the flight while it goes on.
 fn start_outputs(args: &ReplayArgs, flight: &Flight, control: &Arc<Control>) -> Result<Outputs> {
-    let (config, known_map) = (&flight.config, flight.map.as_ref().map(|known| known.sha256.clone()));
+    let config = &flight.config;
     let mut outputs = Outputs::default();
     if wants_autopilot(config, args)? {
-        outputs.pilot(config, Stamps::Replayed)?;
+        outputs.pilot(flight)?;
     }
     if let Some(path) = &args.record {
         if !is_log(path) {
@@ -313,7 +314,7 @@ fn start_outputs(args: &ReplayArgs, flight: &Flight, control: &Arc<Control>) -> 
         }
         // A live flight never waits for the recorder, one in virtual time loses nothing.
         let when_full = if args.speed.is_some() { WhenFull::Drop } else { WhenFull::Wait };
-        outputs.record(path, config, known_map, when_full)?;
+        outputs.record(path, flight, when_full)?;
     }
     if let Some(path) = &args.save_map {
         outputs.save_map(path, control)?;

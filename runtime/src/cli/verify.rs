@@ -89,8 +89,10 @@ fn objection(verified: &Verification, allow_incomplete: bool) -> Option<String> 
         return Some(format!("not bit-identical: {} outputs are not in the log", verified.not_recorded));
     }
     if !verified.complete && !allow_incomplete {
-        let words = "not complete, though identical as far as it goes; --allow-incomplete accepts that";
-        return Some(words.into());
+        let why = verified.damage.as_ref().map_or_else(String::new, |damage| format!(" ({damage})"));
+        let s = verified.executed_s;
+        let words = "not complete, though identical as far as it goes";
+        return Some(format!("{words}, for {s:.2} s{why}; --allow-incomplete accepts that"));
     }
     None
 }
@@ -116,8 +118,13 @@ fn summary(v: &Verification) -> String {
     let mut lines = vec![
         format!("{:<18}{verdict}", "verdict"),
         format!(
-            "{:<18}{} estimates, {} odometry outputs and {} poses in the map identical, from {} inertial samples",
-            "executed", v.estimates_identical, v.odometry_identical, v.map_poses_identical, v.readings
+            "{:<18}{:.2} s: {} estimates, {} odometry outputs and {} poses in the map identical, from {} inertial samples",
+            "executed",
+            v.executed_s,
+            v.estimates_identical,
+            v.odometry_identical,
+            v.map_poses_identical,
+            v.readings
         ),
     ];
     let mut note = |name: &str, words: String| lines.push(format!("{name:<18}{words}"));
@@ -126,6 +133,9 @@ fn summary(v: &Verification) -> String {
     }
     if v.truncated {
         note("truncated", "the log breaks off: the recorder was killed or could not write".into());
+    }
+    if let Some(damage) = &v.damage {
+        note("whole until there", damage.clone());
     }
     if v.ended_for_room {
         note("ended early", "the recording reached its size limit before the flight ended".into());

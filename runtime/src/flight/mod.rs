@@ -10,6 +10,7 @@ pub mod open;
 pub mod outputs;
 pub mod overrides;
 pub mod plausibility;
+pub mod reset_count;
 pub mod run;
 pub mod sensor_watch;
 pub mod sensors;
@@ -25,6 +26,7 @@ pub use open::{
 };
 pub use outputs::Outputs;
 pub use overrides::with_overrides;
+pub use reset_count::ResetCount;
 pub use run::{Flown, fly};
 pub use sensors::{LiveSensors, open_cameras_alone, open_sensors};
 pub use trajectory::{CausalPose, CausalTrajectory, KeptStates, OdometryTrajectory};
@@ -60,6 +62,8 @@ pub struct Flight {
     pub map: Option<KnownMap>,
     /// Whose the stamps of its samples are.
     pub stamps: Stamps,
+    /// Resets are counted from here on: there may have been a flight before that this one goes on with.
+    pub first_reset_counter: u32,
 }
 
 impl Flight {

@@ -73,6 +73,7 @@ pub fn open_dataset(
         log_end: None,
         map: None,
         stamps: Stamps::Replayed,
+        first_reset_counter: 0,
     })
 }
 
@@ -109,6 +110,7 @@ pub fn open_log(
         log_end: Some(end),
         map: None,
         stamps: Stamps::Replayed,
+        first_reset_counter: 0,
     })
 }
 
@@ -204,6 +206,7 @@ pub fn open_bag(
         log_end: None,
         map: None,
         stamps: Stamps::Replayed,
+        first_reset_counter: 0,
     })
 }
 
@@ -284,6 +287,7 @@ pub fn open_simulation(
         log_end: None,
         map: None,
         stamps: Stamps::Replayed,
+        first_reset_counter: 0,
     })
 }
 

@@ -1,7 +1,7 @@
 //! What a flight is handed to while it goes on: autopilot, network, ROS 2, map file, recorder. Each listens to the run on the
 //! threads that produce, and has a thread of its own for the rest.
 
-use super::FlightError;
+use super::{Flight, FlightError};
 use crate::autopilot::{Bridge, BridgeFigures};
 use crate::log::recorder::RecorderSummary;
 use crate::log::{Recorder, WhenFull};
@@ -34,13 +34,16 @@ pub struct OutputFigures {
 }
 
 impl Outputs {
-    /// Sends odometry to the autopilot that the configuration names.
+    /// Sends odometry to the autopilot that the flight's configuration names; in one with live sensors, as soon as that can be
+    /// done.
     ///
     /// # Errors
     /// When the address or device cannot be used.
-    pub fn pilot(&mut self, config: &ValidConfig, stamps: Stamps) -> Result<(), FlightError> {
-        self.bridge =
-            Some(Bridge::start(&config.autopilot, &config.vehicle, stamps, config.runtime.realtime)?);
+    pub fn pilot(&mut self, flight: &Flight) -> Result<(), FlightError> {
+        let (config, stamps, first) = (&flight.config, flight.stamps, flight.first_reset_counter);
+        let (autopilot, vehicle) = (&config.autopilot, &config.vehicle);
+        let bridge = Bridge::start_counting(autopilot, vehicle, stamps, config.runtime.realtime, first)?;
+        self.bridge = Some(bridge);
         Ok(())
     }
 
@@ -55,6 +58,21 @@ impl Outputs {
         control: &Arc<Control>,
     ) -> Result<(), FlightError> {
         self.publisher = Some(Publisher::start(config, endpoints, Arc::clone(control))?);
+        Ok(())
+    }
+
+    /// The same, as soon as the session can be opened: a port that is taken, or a network that is not there yet, keeps nobody
+    /// from flying.
+    ///
+    /// # Errors
+    /// When the endpoints cannot be what was meant.
+    pub fn publish_patiently(
+        &mut self,
+        config: &ValidConfig,
+        endpoints: &Endpoints,
+        control: &Arc<Control>,
+    ) -> Result<(), FlightError> {
+        self.publisher = Some(Publisher::start_patiently(config, endpoints, Arc::clone(control))?);
         Ok(())
     }
 
@@ -82,18 +100,14 @@ impl Outputs {
         Ok(())
     }
 
-    /// Records the flight at `path`; `known_map` is the SHA-256 of the map that it goes on with.
+    /// Records `flight` at `path`.
     ///
     /// # Errors
     /// When there is a log of that name, or its file cannot be created.
-    pub fn record(
-        &mut self,
-        path: &Path,
-        config: &ValidConfig,
-        known_map: Option<String>,
-        when_full: WhenFull,
-    ) -> Result<(), FlightError> {
-        self.recorder = Some(Recorder::start_with_map(path, config, known_map, when_full)?);
+    pub fn record(&mut self, path: &Path, flight: &Flight, when_full: WhenFull) -> Result<(), FlightError> {
+        let known_map = flight.map.as_ref().map(|known| known.sha256.clone());
+        let before = (known_map, flight.first_reset_counter);
+        self.recorder = Some(Recorder::start_going_on(path, &flight.config, before, when_full)?);
         Ok(())
     }
 

@@ -55,7 +55,7 @@ pub fn fly(
     control: &Control,
     subscribers: Vec<&mut dyn Subscriber>,
 ) -> Result<Flown, FlightError> {
-    let Flight { config, imu, stereo, truth, name, map, stamps, .. } = flight;
+    let Flight { config, imu, stereo, truth, name, map, stamps, first_reset_counter, .. } = flight;
     let expected = stereo.expected_frames().and_then(|frames| usize::try_from(frames).ok());
     let mut trajectory = match stamps {
         Stamps::OfHost => CausalTrajectory::of_first(LIVE_FRAMES),
@@ -63,7 +63,7 @@ pub fn fly(
     };
     let mut everyone: Vec<&mut dyn Subscriber> = vec![&mut trajectory];
     everyone.extend(subscribers.into_iter().map(|subscriber| subscriber as &mut dyn Subscriber));
-    let streams = Streams { imu, stereo, map: map.map(|known| known.map), stamps };
+    let streams = Streams { imu, stereo, map: map.map(|known| known.map), stamps, first_reset_counter };
     let outcome = pipeline::run(&config, streams, options, control, &mut Several(everyone))?;
     Ok(Flown { name, config, truth, threads: options.threads, outcome, poses: trajectory.into_poses() })
 }

@@ -74,6 +74,7 @@ pub fn open_sensors(config: &ValidConfig, stop: &StopFlag) -> Result<(Flight, Li
         log_end: None,
         map: None,
         stamps: Stamps::OfHost,
+        first_reset_counter: 0,
     };
     Ok((flight, LiveSensors { imu, cameras, triggers }))
 }

@@ -112,7 +112,8 @@ fn log_messages() -> Vec<(Channel, Vec<u8>)> {
         ),
         (
             Channel::ResetOrder,
-            encode::reset_order(&ResetOrder { kind: ResetKind::Soft, before_frame: 3 }).encode_to_vec(),
+            encode::reset_order(&ResetOrder { kind: ResetKind::Soft, before_frame: 3, is_renewal: true })
+                .encode_to_vec(),
         ),
         (Channel::MapOrder, encode::map_order(&map_order).encode_to_vec()),
         (Channel::MapEstimate, encode::map_estimate(&map_estimate).encode_to_vec()),

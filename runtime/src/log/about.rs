@@ -19,6 +19,8 @@ const FORMAT: &str = "1";
 const PLACES_TABLE: &str = "[estimator.places]";
 /// Key of [`About::known_map`].
 const KNOWN_MAP: &str = "known_map_sha256";
+/// Key of [`About::first_reset_counter`]; 0 where it is missing.
+const FIRST_RESET_COUNTER: &str = "first_reset_counter";
 
 /// The beginning of a part.
 #[derive(Clone, Debug)]
@@ -35,6 +37,8 @@ pub struct About {
     pub images: ImageRecording,
     /// SHA-256 of the map that the flight went on with, where it did.
     pub known_map: Option<String>,
+    /// Resets were counted from here on.
+    pub first_reset_counter: u32,
     /// What wrote the log.
     pub build: BuildId,
 }
@@ -54,6 +58,7 @@ impl About {
             config_hash: config_hash(config),
             images: config.recorder.images,
             known_map: None,
+            first_reset_counter: 0,
             build: BuildId::current().clone(),
         })
     }
@@ -80,6 +85,9 @@ impl About {
         .into();
         if let Some(hash) = &self.known_map {
             metadata.insert(KNOWN_MAP.into(), hash.clone());
+        }
+        if self.first_reset_counter > 0 {
+            metadata.insert(FIRST_RESET_COUNTER.into(), self.first_reset_counter.to_string());
         }
         self.build.write(&mut metadata);
         Ok(metadata)
@@ -117,6 +125,10 @@ impl About {
             config_hash: value("config_sha256")?.clone(),
             images,
             known_map: metadata.get(KNOWN_MAP).cloned(),
+            first_reset_counter: metadata
+                .get(FIRST_RESET_COUNTER)
+                .map_or(Ok(0), |text| text.parse())
+                .map_err(|_| "its first_reset_counter is no number")?,
             build: BuildId::read(metadata),
             config,
         })

@@ -7,7 +7,7 @@ use super::channel::Channel;
 use super::decode::FromLog;
 use super::reader::LogReader;
 use super::{LogError, image, proto};
-use crate::pipeline::orders::FrameOrder;
+use crate::pipeline::orders::{FrameOrder, Verdict};
 use plumbline_config::Timestamp;
 use plumbline_drivers::StereoFrame;
 use prost::Message as _;
@@ -17,12 +17,17 @@ use std::path::Path;
 /// Messages that may wait, bytes: a minute of raw images would be more.
 const MAX_WAITING_BYTES: usize = 512 << 20;
 
+/// Frames that may be refused before one that was lost is told of: a second of them, and more.
+const MAX_ORDERS_AHEAD: usize = 64;
+
 /// A place in a log for each kind of message.
 pub struct Cursor {
     reader: LogReader,
     wanted: &'static [Channel],
     waiting: [VecDeque<Vec<u8>>; Channel::ALL.len()],
     waiting_bytes: usize,
+    /// What is wrong with the log where it ceases to be whole.
+    damage: Option<String>,
 }
 
 impl Cursor {
@@ -32,7 +37,13 @@ impl Cursor {
     /// When it cannot be read or is no flight log.
     pub fn open(path: &Path, wanted: &'static [Channel]) -> Result<Self, LogError> {
         let reader = LogReader::open(path)?;
-        Ok(Self { reader, wanted, waiting: Default::default(), waiting_bytes: 0 })
+        Ok(Self { reader, wanted, waiting: Default::default(), waiting_bytes: 0, damage: None })
+    }
+
+    /// What is wrong with the log where it ceased to be whole, if it did: nothing after that is handed out.
+    #[must_use]
+    pub fn damage(&self) -> Option<&str> {
+        self.damage.as_deref()
     }
 
     /// The log.
@@ -74,6 +85,33 @@ impl Cursor {
         bytes.map(|b| FrameOrder::from_bytes(b).map_err(|e| self.bad(Channel::FrameOrder, e))).transpose()
     }
 
+    /// Whether a later order says that `frame`, whose order was just handed out, was lost by a fault: at most one more frame is
+    /// taken before it says so.
+    ///
+    /// # Errors
+    /// When the log cannot be read, or holds what is no order.
+    pub fn is_lost(&mut self, frame: u64) -> Result<bool, LogError> {
+        let (mut place, mut taken) = (0, 0);
+        loop {
+            while self.waiting[Channel::FrameOrder as usize].len() <= place {
+                if !self.read_on()? {
+                    return Ok(false);
+                }
+            }
+            let bytes = &self.waiting[Channel::FrameOrder as usize][place];
+            let order = FrameOrder::from_bytes(bytes).map_err(|e| self.bad(Channel::FrameOrder, e))?;
+            match order.verdict {
+                Verdict::Lost if order.frame == frame => return Ok(true),
+                Verdict::Taken { .. } => taken += 1,
+                Verdict::Lost | Verdict::Refused => {}
+            }
+            place += 1;
+            if taken == 2 || place == MAX_ORDERS_AHEAD {
+                return Ok(false);
+            }
+        }
+    }
+
     /// Writes the next frame into `frame`, with those of its images whose channels are wanted; its
     /// description, or `None` when there are no more.
     ///
@@ -112,13 +150,29 @@ impl Cursor {
     /// # Errors
     /// When the log cannot be read.
     pub fn read_to_end(&mut self) -> Result<(), LogError> {
-        while self.reader.next_message()?.is_some() {}
+        while self.damage.is_none() {
+            match self.reader.next_message() {
+                Ok(Some(_)) => {}
+                Ok(None) => break,
+                Err(error) => self.damage = Some(damage(error)?),
+            }
+        }
         Ok(())
     }
 
     /// Reads one message; `false` at the end.
     fn read_on(&mut self) -> Result<bool, LogError> {
-        let Some(message) = self.reader.next_message()? else { return Ok(false) };
+        if self.damage.is_some() {
+            return Ok(false);
+        }
+        let message = match self.reader.next_message() {
+            Ok(Some(message)) => message,
+            Ok(None) => return Ok(false),
+            Err(error) => {
+                self.damage = Some(damage(error)?);
+                return Ok(false);
+            }
+        };
         if self.wanted.contains(&message.channel) {
             self.waiting_bytes += message.payload.len();
             self.waiting[message.channel as usize].push_back(message.payload.to_vec());
@@ -140,5 +194,13 @@ impl Cursor {
     fn bad(&self, channel: Channel, what: &str) -> LogError {
         let reason = format!("{} holds {what}; it was not written by a recorder", channel.topic());
         LogError::unusable(self.reader.path(), reason)
+    }
+}
+
+/// The words of a damage; any other error is returned as it is.
+fn damage(error: LogError) -> Result<String, LogError> {
+    match error {
+        LogError::Damaged { .. } => Ok(error.to_string()),
+        other => Err(other),
     }
 }

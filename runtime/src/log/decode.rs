@@ -83,7 +83,11 @@ impl FromLog for FrameOrder {
 
     fn from_message(m: &proto::FrameOrder) -> Result<Self, &'static str> {
         let level = u8::try_from(m.level).map_err(|_| "a level out of range")?;
-        let verdict = if m.refused { Verdict::Refused } else { Verdict::Taken { level } };
+        let verdict = match (m.lost, m.refused) {
+            (true, _) => Verdict::Lost,
+            (false, true) => Verdict::Refused,
+            (false, false) => Verdict::Taken { level },
+        };
         Ok(Self { frame: m.frame, readings_before: m.readings_before, verdict })
     }
 }
@@ -105,7 +109,7 @@ impl FromLog for ResetOrder {
             Ok(proto::reset_order::Kind::Hard) => ResetKind::Hard,
             Ok(proto::reset_order::Kind::Unspecified) | Err(_) => return Err("an unknown kind of reset"),
         };
-        Ok(Self { kind, before_frame: m.before_frame })
+        Ok(Self { kind, before_frame: m.before_frame, is_renewal: m.renewal })
     }
 }
 

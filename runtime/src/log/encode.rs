@@ -46,11 +46,12 @@ pub fn imu(reading: &ImuReading) -> proto::Imu {
 /// What became of a frame.
 #[must_use]
 pub fn frame_order(order: &FrameOrder) -> proto::FrameOrder {
-    let (refused, level) = match order.verdict {
-        Verdict::Taken { level } => (false, u32::from(level)),
-        Verdict::Refused => (true, 0),
+    let (refused, lost, level) = match order.verdict {
+        Verdict::Taken { level } => (false, false, u32::from(level)),
+        Verdict::Refused => (true, false, 0),
+        Verdict::Lost => (false, true, 0),
     };
-    proto::FrameOrder { frame: order.frame, readings_before: order.readings_before, refused, level }
+    proto::FrameOrder { frame: order.frame, readings_before: order.readings_before, refused, level, lost }
 }
 
 /// When an estimate took effect.
@@ -66,7 +67,7 @@ pub fn reset_order(order: &ResetOrder) -> proto::ResetOrder {
         ResetKind::Soft => proto::reset_order::Kind::Soft,
         ResetKind::Hard => proto::reset_order::Kind::Hard,
     };
-    proto::ResetOrder { kind: kind.into(), before_frame: order.before_frame }
+    proto::ResetOrder { kind: kind.into(), before_frame: order.before_frame, renewal: order.is_renewal }
 }
 
 /// What became of a frame for the map.

@@ -14,6 +14,7 @@ use crate::pipeline::digest::Digest;
 use crate::pipeline::image_sizes;
 use crate::pipeline::orders::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder, Verdict};
 use crate::schedule::ladder::Rung;
+use plumbline_config::Timestamp;
 use plumbline_drivers::{ImuReading, StereoFrame, StereoSource};
 use plumbline_estimator::places::PlaceMap;
 use plumbline_estimator::{
@@ -43,6 +44,13 @@ pub struct Execution {
     correction: Option<CorrectionOrder>,
     reset: Option<ResetOrder>,
     pending: VecDeque<Estimate>,
+    /// The newest estimate, and the newest that has a pose.
+    newest: Option<Estimate>,
+    newest_pose: Option<Estimate>,
+    /// First and last reading.
+    span: Option<(Timestamp, Timestamp)>,
+    /// What the recorder says is missing.
+    gap: Option<String>,
     frame: StereoFrame,
     /// Estimates of the log and of the execution.
     pub estimates: Pairing<Estimate>,
@@ -89,9 +97,11 @@ impl Execution {
     pub fn new(log: Cursor, images: Option<Box<dyn StereoSource>>, known: Option<PlaceMap>) -> Self {
         let config = &log.reader().about().config;
         let frame = StereoFrame::new(image_sizes(config));
+        let mut odometer = Odometer::new(config.setup());
+        odometer.count_resets_from(log.reader().about().first_reset_counter);
         Self {
             front_end: FrontEnd::new(config.setup()),
-            odometer: Odometer::new(config.setup()),
+            odometer,
             tracked: Tracked::new(config.setup()),
             feedback: Feedback::new(config.setup()),
             map: MapExecution::new(config, known),
@@ -104,6 +114,10 @@ impl Execution {
             correction: None,
             reset: None,
             pending: VecDeque::new(),
+            newest: None,
+            newest_pose: None,
+            span: None,
+            gap: None,
             frame,
             estimates: Pairing::default(),
             odometry: Pairing::default(),
@@ -132,12 +146,16 @@ impl Execution {
     /// When the log cannot be read, lacks an input, or holds orders that cannot be followed.
     pub fn step(&mut self) -> Result<bool, LogError> {
         let reading = self.readings.get(self.ticked, &mut self.log)?;
-        self.check_complete()?;
+        if self.lacks_input() {
+            return Ok(false);
+        }
         self.take_outputs()?;
         let Some(reading) = reading else {
             self.finish()?;
             return Ok(false);
         };
+        let stamp = reading.sample.stamp;
+        self.span = Some(self.span.map_or((stamp, stamp), |(first, _)| (first, stamp)));
         self.correct()?;
         let odometry = self.propagator.tick(&reading.sample);
         self.ticked += 1;
@@ -165,15 +183,27 @@ impl Execution {
     }
 
     /// A log that lacks an input ends the execution: what comes after it cannot be made again.
-    fn check_complete(&self) -> Result<(), LogError> {
+    fn lacks_input(&mut self) -> bool {
         let dropped = self.log.reader().dropped();
-        if dropped.inputs() == 0 {
-            return Ok(());
+        if dropped.inputs() > 0 && self.gap.is_none() {
+            self.gap = Some(format!(
+                "the recorder dropped {dropped} there, so the rest cannot be executed again; record with longer queues \
+                 (recorder.queue_entries, recorder.queue_frames) or smaller images"
+            ));
         }
-        Err(self.unusable(format!(
-            "is incomplete: the recorder dropped {dropped}, so the flight cannot be executed again; record with \
-             longer queues (recorder.queue_entries, recorder.queue_frames) or smaller images"
-        )))
+        self.gap.is_some()
+    }
+
+    /// Why the execution ended before the log, if it did.
+    #[must_use]
+    pub fn break_off(&self) -> Option<&str> {
+        self.gap.as_deref().or(self.log.damage())
+    }
+
+    /// Time of data that was executed, s.
+    #[must_use]
+    pub fn span_s(&self) -> f64 {
+        self.span.map_or(0.0, |(first, last)| last.seconds_since(first))
     }
 
     /// Hands the recorded outputs that were read to the comparison.
@@ -265,11 +295,18 @@ impl Execution {
             self.refused += 1;
             return Ok(true);
         };
+        if self.log.is_lost(order.frame)? {
+            return Ok(true);
+        }
         if !self.find_frame(order.frame)? {
             return Ok(false);
         }
         let estimate = self.estimate(level)?;
         self.estimate_digest.estimate(&estimate);
+        self.newest = Some(estimate.clone());
+        if estimate.has_pose() {
+            self.newest_pose.clone_from(&self.newest);
+        }
         self.pending.push_back(estimate.clone());
         if self.pending.len() > MAX_PENDING {
             self.pending.pop_front();
@@ -308,9 +345,21 @@ impl Execution {
                 self.reset = self.log.next_waiting(Channel::ResetOrder)?;
             }
             let Some(order) = self.reset.filter(|order| order.before_frame <= frame) else { return Ok(()) };
-            self.front_end.reset(order.kind);
             self.reset = None;
+            if order.is_renewal {
+                self.renew();
+            } else {
+                self.front_end.reset(order.kind);
+            }
         }
+    }
+
+    /// Makes front-end and window anew, as the flight did after a fault.
+    fn renew(&mut self) {
+        let setup = self.log.reader().about().config.setup().clone();
+        self.front_end = FrontEnd::new(&setup);
+        self.odometer.renew(&setup, self.newest.as_ref(), self.newest_pose.as_ref());
+        self.feedback = Feedback::new(&setup);
     }
 
     /// Reads frames up to number `sequence`; `false` when the log ends before it.

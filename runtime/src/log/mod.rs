@@ -29,6 +29,7 @@ pub mod recorder;
 pub mod rig;
 pub mod seal;
 pub mod source;
+pub mod sync;
 pub mod verify;
 pub mod writer;
 

@@ -2,7 +2,7 @@
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -13,20 +13,63 @@ pub trait Medium: Write + Send {
     /// # Errors
     /// When the system refuses.
     fn cut(&mut self, bytes: u64) -> io::Result<()>;
-    /// Waits until everything is on the medium itself.
+    /// What waits, on another thread, until everything that was written before is on the medium itself, the name of the file
+    /// included.
+    ///
+    /// # Errors
+    /// When the system refuses.
+    fn syncer(&self) -> io::Result<Box<dyn Syncer>>;
+}
+
+/// Waits for a medium.
+pub trait Syncer: Send {
+    /// Waits until everything that was written before is on the medium itself.
     ///
     /// # Errors
     /// When the medium fails.
     fn sync(&mut self) -> io::Result<()>;
 }
 
-impl Medium for File {
-    fn cut(&mut self, bytes: u64) -> io::Result<()> {
-        self.set_len(bytes)
+/// A file and the folder that it is in.
+struct FileOnDisk {
+    file: File,
+    folder: PathBuf,
+}
+
+impl Write for FileOnDisk {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.file.write(bytes)
     }
 
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+impl Medium for FileOnDisk {
+    fn cut(&mut self, bytes: u64) -> io::Result<()> {
+        self.file.set_len(bytes)
+    }
+
+    fn syncer(&self) -> io::Result<Box<dyn Syncer>> {
+        Ok(Box::new(FileSyncer { file: self.file.try_clone()?, folder: Some(self.folder.clone()) }))
+    }
+}
+
+/// Syncs a file, and the folder that holds its name with it the first time.
+struct FileSyncer {
+    file: File,
+    folder: Option<PathBuf>,
+}
+
+impl Syncer for FileSyncer {
     fn sync(&mut self) -> io::Result<()> {
-        self.sync_data()
+        self.file.sync_data()?;
+        if let Some(folder) = &self.folder {
+            File::open(folder)?.sync_all()?;
+            self.folder = None;
+        }
+        Ok(())
     }
 }
 
@@ -36,6 +79,8 @@ type Open = Box<dyn FnMut(&Path) -> io::Result<Box<dyn Medium>> + Send>;
 /// Opens the parts of a log, one after the other.
 pub struct OpenPart {
     open: Open,
+    /// Of the part that was opened last, until somebody takes it.
+    newest: Option<Box<dyn Syncer>>,
     position: Arc<AtomicU64>,
 }
 
@@ -45,14 +90,15 @@ impl OpenPart {
     pub fn files() -> Self {
         Self::with(|path| {
             let file = OpenOptions::new().write(true).create_new(true).open(path)?;
-            Ok(Box::new(file))
+            let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+            Ok(Box::new(FileOnDisk { file, folder: folder.unwrap_or(Path::new(".")).to_owned() }))
         })
     }
 
     /// Opens whatever `open` makes of a path.
     #[must_use]
     pub fn with(open: impl FnMut(&Path) -> io::Result<Box<dyn Medium>> + Send + 'static) -> Self {
-        Self { open: Box::new(open), position: Arc::default() }
+        Self { open: Box::new(open), newest: None, position: Arc::default() }
     }
 
     /// Opens the part at `path`.
@@ -60,9 +106,16 @@ impl OpenPart {
     /// # Errors
     /// When the system refuses.
     pub fn open(&mut self, path: &Path) -> io::Result<PartFile> {
-        let medium = BufWriter::with_capacity(1 << 16, (self.open)(path)?);
+        let medium = (self.open)(path)?;
+        self.newest = Some(medium.syncer()?);
+        let medium = BufWriter::with_capacity(1 << 16, medium);
         self.position.store(0, Ordering::Relaxed);
         Ok(PartFile { medium, position: Arc::clone(&self.position) })
+    }
+
+    /// What waits for the medium of the part that was opened last; once for each part.
+    pub fn take_syncer(&mut self) -> Option<Box<dyn Syncer>> {
+        self.newest.take()
     }
 
     /// Bytes written to the part that was opened last.
@@ -85,7 +138,7 @@ impl PartFile {
     /// When the medium fails.
     pub fn close(mut self) -> io::Result<()> {
         self.medium.flush()?;
-        self.medium.get_mut().sync()
+        self.medium.get_ref().syncer()?.sync()
     }
 
     /// Drops what is buffered and shortens the file to `bytes`; a medium that refuses keeps its length.

@@ -9,6 +9,7 @@ use super::LogError;
 use super::about::About;
 use super::entry::{Dropped, Kind, LogEntry};
 use super::part_file::OpenPart;
+use super::sync::SyncThread;
 use super::writer::{Limits, LogWriter};
 use crate::pipeline::clock::CpuStopwatch;
 use crate::pipeline::event::Event;
@@ -34,6 +35,15 @@ const POLL: Duration = Duration::from_millis(5);
 const WAIT: Duration = Duration::from_micros(200);
 /// A chunk is completed at the latest after this time, also when no data come.
 const FLUSH_PERIOD: Duration = Duration::from_millis(500);
+
+/// The queue has room for so long, s: a disk that pauses for two seconds loses nothing.
+const QUEUE_S: f64 = 2.5;
+/// Entries that come with an inertial sample (itself, its odometry) and with a frame (itself, order, correction, estimate, pose in
+/// the map, orders of the map, now and then an event).
+const ENTRIES_PER_SAMPLE: f64 = 2.0;
+const ENTRIES_PER_FRAME: f64 = 8.0;
+/// And some more.
+const MARGIN: usize = 64;
 
 /// What becomes of an entry that finds the queue full.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -98,7 +108,14 @@ impl RecorderHandle {
         while self.0.is_running() {
             if let Some(free) = self.0.free_frames.pop() {
                 let full = std::mem::replace(frame, free);
-                return self.offer(LogEntry::Frame(full));
+                match self.0.entries.push(LogEntry::Frame(full)) {
+                    Ok(()) => return true,
+                    // No room: both get their buffers back, which would be gone for ever.
+                    Err(LogEntry::Frame(full)) => {
+                        let _ = self.0.free_frames.push(std::mem::replace(frame, full));
+                    }
+                    Err(_) => {}
+                }
             }
             if self.0.when_full == WhenFull::Drop {
                 break;
@@ -220,17 +237,18 @@ impl Recorder {
         Self::start_writing(writer, path, config, when_full)
     }
 
-    /// As [`Self::start`], of a flight that goes on with the map whose file has this SHA-256.
+    /// As [`Self::start`], of a flight that goes on with the map whose file has this SHA-256, and counts its resets from
+    /// `first_reset_counter` on.
     ///
     /// # Errors
     /// As [`Self::start`].
-    pub fn start_with_map(
+    pub fn start_going_on(
         path: &Path,
         config: &ValidConfig,
-        known_map: Option<String>,
+        (known_map, first_reset_counter): (Option<String>, u32),
         when_full: WhenFull,
     ) -> Result<Self, LogError> {
-        let about = About { known_map, ..About::new(config)? };
+        let about = About { known_map, first_reset_counter, ..About::new(config)? };
         let writer = LogWriter::create(path, about, Limits::of(&config.recorder), OpenPart::files())?;
         Self::start_writing(writer, path, config, when_full)
     }
@@ -241,9 +259,9 @@ impl Recorder {
         config: &ValidConfig,
         when_full: WhenFull,
     ) -> Result<Self, LogError> {
-        let frames = config.recorder.queue_frames.max(1);
+        let (entries, frames) = queue_lengths(config);
         let shared = Arc::new(Shared {
-            entries: ArrayQueue::new(config.recorder.queue_entries.max(1)),
+            entries: ArrayQueue::new(entries),
             free_frames: ArrayQueue::new(frames),
             dropped: Default::default(),
             is_running: AtomicBool::new(true),
@@ -251,13 +269,17 @@ impl Recorder {
             when_full,
         });
         for _ in 0..frames {
-            shared.free_frames.force_push(StereoFrame::new(image_sizes(config)));
+            let mut frame = StereoFrame::new(image_sizes(config));
+            // Touched now: a first touch in flight is a fault of the page.
+            frame.images.iter_mut().for_each(|image| image.pixels_mut().fill(1));
+            shared.free_frames.force_push(frame);
         }
+        let sync = SyncThread::start().map_err(LogError::Thread)?;
         let theirs = Arc::clone(&shared);
         let first = path.to_owned();
         let thread = std::thread::Builder::new()
             .name("recorder".into())
-            .spawn(move || record(&theirs, writer, first))
+            .spawn(move || record(&theirs, writer, sync, first))
             .map_err(LogError::Thread)?;
         Ok(Self { shared, thread, path: path.to_owned() })
     }
@@ -305,12 +327,22 @@ impl Drop for Running<'_> {
     }
 }
 
+/// Entries and frames that may wait.
+fn queue_lengths(config: &ValidConfig) -> (usize, usize) {
+    let (samples_hz, frames_hz) = (config.imu.rate_hz, config.camera[0].rate_hz);
+    let of_rate = |rate_hz: f64| (QUEUE_S * rate_hz).ceil() as usize;
+    let or = |configured: usize, of_rate: usize| if configured == 0 { of_rate } else { configured };
+    let entries = of_rate(ENTRIES_PER_SAMPLE * samples_hz + ENTRIES_PER_FRAME * frames_hz) + MARGIN;
+    (or(config.recorder.queue_entries, entries), or(config.recorder.queue_frames, of_rate(frames_hz)))
+}
+
 /// The recorder's thread.
-fn record(shared: &Shared, mut writer: LogWriter, path: PathBuf) -> RecorderSummary {
+fn record(shared: &Shared, mut writer: LogWriter, sync: SyncThread, path: PathBuf) -> RecorderSummary {
     let watch = CpuStopwatch::start();
     let running = Running(shared);
-    let failure = take_entries(shared, &mut writer).err();
+    let failure = take_entries(shared, &mut writer, &sync).err();
     drop(running);
+    sync.finish();
     if let Some(error) = &failure {
         tracing::warn!("{error}: recording ends here, the flight goes on");
         for (count, lost) in shared.dropped.iter().zip(writer.unsaved().0) {
@@ -335,9 +367,12 @@ fn record(shared: &Shared, mut writer: LogWriter, path: PathBuf) -> RecorderSumm
 }
 
 /// Writes entries until the flight ends or the disk does.
-fn take_entries(shared: &Shared, writer: &mut LogWriter) -> Result<(), LogError> {
+fn take_entries(shared: &Shared, writer: &mut LogWriter, sync: &SyncThread) -> Result<(), LogError> {
     let mut told = Dropped::default();
     let mut flushed = Instant::now();
+    if let Some(part) = writer.take_syncer() {
+        sync.follow(part);
+    }
     loop {
         // Looked at first: what was offered before it was set is in the queue.
         let is_finishing = shared.is_finishing.load(Ordering::Acquire);
@@ -348,6 +383,9 @@ fn take_entries(shared: &Shared, writer: &mut LogWriter) -> Result<(), LogError>
                 shared.free_frames.force_push(frame);
             }
             written?;
+            if let Some(part) = writer.take_syncer() {
+                sync.follow(part);
+            }
         }
         if is_finishing {
             tell_dropped(shared, writer, &mut told)?;

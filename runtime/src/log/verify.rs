@@ -68,6 +68,10 @@ pub struct Verification {
     pub not_executed: u64,
     /// The log breaks off: the recorder was killed, or could not write.
     pub truncated: bool,
+    /// The log is damaged, or lacks inputs: what is wrong, and where. Only what comes before was executed.
+    pub damage: Option<String>,
+    /// Time of data that was executed, s.
+    pub executed_s: f64,
     /// The log ends with the room that it was given, before the flight.
     pub ended_for_room: bool,
     /// SHA-256 over the bits of all estimates of the execution, as in a report.
@@ -121,7 +125,8 @@ pub fn verify(
 fn summed_up(mut execution: Execution, same_build: bool, config_hash: String) -> Verification {
     let log = execution.log().reader();
     let (ending, dropped, inputs_changed) = (log.ending(), log.dropped(), log.is_seal_broken());
-    let is_log_complete = ending == Ending::Flight;
+    let damage = execution.break_off().map(str::to_owned);
+    let is_log_complete = ending == Ending::Flight && damage.is_none();
     execution.estimates.finish(is_log_complete);
     execution.odometry.finish(is_log_complete);
     if let Some(map) = &mut execution.map {
@@ -148,6 +153,8 @@ fn summed_up(mut execution: Execution, same_build: bool, config_hash: String) ->
             + odometry.left_over()
             + map.map_or(0, |map| map.outputs.left_over()),
         truncated: ending == Ending::Truncated,
+        executed_s: execution.span_s(),
+        damage,
         ended_for_room: ending == Ending::Room,
         estimate_digest: estimate_digest.hex(),
         odometry_digest: odometry_digest.hex(),

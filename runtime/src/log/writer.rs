@@ -7,7 +7,7 @@ use super::channel::Channel;
 use super::entry::{Dropped, Kind, LogEntry};
 use super::narrate::Narrator;
 use super::part::Part;
-use super::part_file::OpenPart;
+use super::part_file::{OpenPart, Syncer};
 use super::parts::{existing_parts, part_path};
 use super::{LogError, encode, image, proto, rig};
 use mcap::McapError;
@@ -325,6 +325,11 @@ impl LogWriter {
             self.unsaved = Dropped::default();
         }
         self.sound(flushed)
+    }
+
+    /// What waits for the medium of the part under way; once for each part.
+    pub fn take_syncer(&mut self) -> Option<Box<dyn Syncer>> {
+        self.open.take_syncer()
     }
 
     /// Ends the log.

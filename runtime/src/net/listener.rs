@@ -21,6 +21,9 @@ pub struct TickListener {
 impl Listener for TickListener {
     fn odometry(&mut self, odometry: &Odometry) {
         self.odometry.push((odometry.clone(), now_ns()));
+        if self.rings.sends_odometry.load(Ordering::Relaxed) {
+            self.rings.odometry_pulse.give();
+        }
         self.rings.odometry_bell.ring();
     }
 }

@@ -58,9 +58,12 @@ impl OdometryPublisher {
                 Ok(bell) => bell,
                 Err(error) => return tracing::error!("no odometry is published: {error}"),
             };
+            rings.sends_odometry.store(true, Ordering::Relaxed);
             loop {
                 let is_last = rings.stop.load(Ordering::Relaxed);
+                rings.odometry_pulse.busy();
                 self.empty(&mut waiting).await;
+                rings.odometry_pulse.idle();
                 if is_last {
                     break;
                 }

@@ -6,16 +6,26 @@ use super::listener::{FrontEndListener, PlacesListener, TickListener, WindowList
 use super::pace::Rates;
 use super::proto;
 use super::publishers::Publishers;
-use super::rings::{LaneWriter, Rings};
+use super::rings::{LaneWriter, Rings, ToSend};
 use super::security;
 use super::vehicle::Vehicle;
 use crate::pipeline::Control;
 use crate::pipeline::listener::{Listener, Producer, Subscriber};
+use crate::schedule::watchdog::Pulse;
 use plumbline_config::ValidConfig;
 use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{Estimate, Odometry};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
 use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// A start that is patient waits this long for what is wrong with the endpoints.
+const BRIEFLY: Duration = Duration::from_millis(300);
+/// A session that cannot be opened is tried again this often.
+const RETRY: Duration = Duration::from_millis(500);
 
 /// What the window's thread fills: estimates with their times, ms, and where the odometry lies in the map.
 type EstimateLanes = (LaneWriter<(Estimate, f64)>, LaneWriter<MapEstimate>);
@@ -41,6 +51,28 @@ impl Publisher {
         endpoints: &Endpoints,
         control: Arc<Control>,
     ) -> Result<Self, NetError> {
+        Self::begin(config, endpoints, control, false)
+    }
+
+    /// The same, but a session that cannot be opened yet is tried again and again; returns at once when it is open, and soon in
+    /// any case.
+    ///
+    /// # Errors
+    /// When the endpoints cannot be what was meant.
+    pub fn start_patiently(
+        config: &ValidConfig,
+        endpoints: &Endpoints,
+        control: Arc<Control>,
+    ) -> Result<Self, NetError> {
+        Self::begin(config, endpoints, control, true)
+    }
+
+    fn begin(
+        config: &ValidConfig,
+        endpoints: &Endpoints,
+        control: Arc<Control>,
+        is_patient: bool,
+    ) -> Result<Self, NetError> {
         let rates = Rates::of(endpoints.link);
         let vehicle = Arc::new(Vehicle {
             name: endpoints.vehicle.clone(),
@@ -60,27 +92,28 @@ impl Publisher {
         }
         let (rings, written, to_send) = Rings::new(config, rates.path_poses)?;
         let rings = Arc::new(rings);
-        let (ready, wait) = std::sync::mpsc::sync_channel(1);
+        let (ready, wait) = sync_channel(1);
         let (theirs, endpoints) = (Arc::clone(&rings), endpoints.clone());
+        let start = Start { endpoints, vehicle, rates, is_patient, ready };
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(1)
             .thread_name("plumbline-net")
             .enable_all()
             .build()?;
         let thread = std::thread::Builder::new().name("plumbline-net".into()).spawn(move || {
-            runtime.block_on(async {
-                match Publishers::declare(&endpoints, vehicle, rates).await {
-                    Ok(publishers) => {
-                        let _ = ready.send(Ok(()));
-                        publishers.run(&theirs, to_send).await;
-                    }
-                    Err(error) => drop(ready.send(Err(error))),
-                }
-            });
+            let publish = start.publish(&theirs, to_send);
+            if catch_unwind(AssertUnwindSafe(|| runtime.block_on(publish))).is_err() {
+                theirs.pulse.die();
+            }
         })?;
-        let outcome = wait.recv().unwrap_or_else(|_| {
-            Err(NetError::Thread(std::io::Error::other("it ended before the session was open")))
-        });
+        let outcome = match wait.recv_timeout(if is_patient { BRIEFLY } else { Duration::MAX }) {
+            Ok(outcome) => outcome,
+            // It goes on trying.
+            Err(RecvTimeoutError::Timeout) => Ok(()),
+            Err(RecvTimeoutError::Disconnected) => {
+                Err(NetError::Thread(std::io::Error::other("it ended before the session was open")))
+            }
+        };
         outcome.map(|()| Self {
             rings,
             odometry: Some(written.odometry),
@@ -100,6 +133,75 @@ impl Publisher {
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
+    }
+}
+
+/// What the network's thread begins with.
+struct Start {
+    endpoints: Endpoints,
+    vehicle: Arc<Vehicle>,
+    rates: Rates,
+    is_patient: bool,
+    ready: SyncSender<Result<(), NetError>>,
+}
+
+impl Start {
+    /// Opens the session, says what became of that, and publishes until the flight is over.
+    async fn publish(self, rings: &Arc<Rings>, to_send: ToSend) {
+        let opened = match self.is_patient {
+            true => self.declare_patiently(rings).await,
+            false => self.declare().await.map(Some),
+        };
+        match opened {
+            Ok(publishers) => {
+                let _ = self.ready.send(Ok(()));
+                if let Some(publishers) = publishers {
+                    publishers.run(rings, to_send).await;
+                }
+            }
+            Err(error) => drop(self.ready.send(Err(error))),
+        }
+    }
+
+    async fn declare(&self) -> Result<Publishers, NetError> {
+        Publishers::declare(&self.endpoints, Arc::clone(&self.vehicle), self.rates).await
+    }
+
+    /// Opens the session as soon as that can be done; `None` when the flight is over before.
+    async fn declare_patiently(&self, rings: &Rings) -> Result<Option<Publishers>, NetError> {
+        let mut told = String::new();
+        loop {
+            let error = tokio::select! {
+                () = is_over(rings) => return Ok(None),
+                opened = self.declare() => match opened {
+                    Ok(publishers) => {
+                        if !told.is_empty() {
+                            tracing::warn!("the network is there");
+                        }
+                        return Ok(Some(publishers));
+                    }
+                    Err(error) => error,
+                },
+            };
+            // As a configuration that never flew: better told on the ground.
+            if matches!(error, NetError::Endpoint { .. } | NetError::File { .. } | NetError::Datagrams { .. })
+            {
+                return Err(error);
+            }
+            let words = error.to_string();
+            if told != words {
+                tracing::warn!("{words}; the flight goes on, and it is tried again");
+                told = words;
+            }
+            tokio::time::sleep(RETRY).await;
+        }
+    }
+}
+
+/// Waits until the flight is over.
+async fn is_over(rings: &Rings) {
+    while !rings.stop.load(Ordering::Relaxed) {
+        tokio::time::sleep(Duration::from_millis(20)).await;
     }
 }
 
@@ -125,5 +227,10 @@ impl Subscriber for Publisher {
             Producer::Places => Box::new(PlacesListener(rings)),
             Producer::Watchdog => Box::new(()),
         }
+    }
+
+    fn pulses(&self, adopt: &mut dyn FnMut(Arc<Pulse>)) {
+        adopt(Arc::clone(&self.rings.odometry_pulse));
+        adopt(Arc::clone(&self.rings.pulse));
     }
 }

@@ -140,9 +140,11 @@ impl Publishers {
                 Ok(bell) => drop(tokio::time::timeout(CHORES_PERIOD, bell.rung()).await),
                 Err(_) => tokio::time::sleep(CHORES_PERIOD).await,
             }
+            rings.pulse.busy();
             self.empty(rings, &mut to_send, &mut course).await;
             do_chores(&mut course);
         }
+        rings.pulse.idle();
         self.empty(rings, &mut to_send, &mut course).await;
         self.map.finish().await;
         if let Some(pictures) = pictures {

@@ -3,6 +3,8 @@
 use super::picture::Shot;
 use super::task_bell::TaskBell;
 use crate::schedule::ring::{Bell, Reader, Writer, ring};
+use crate::schedule::tasks::TaskId;
+use crate::schedule::watchdog::Pulse;
 use crossbeam_queue::ArrayQueue;
 use plumbline_config::ValidConfig;
 use plumbline_estimator::places::{MapEstimate, MapPath};
@@ -187,6 +189,12 @@ pub struct Rings {
     pub is_watched: AtomicBool,
     /// Step of the degradation ladder.
     pub rung: AtomicU8,
+    /// Signs of life of the task that sends odometry.
+    pub odometry_pulse: Arc<Pulse>,
+    /// There is such a task.
+    pub sends_odometry: AtomicBool,
+    /// Those of the thread that sends everything else.
+    pub pulse: Arc<Pulse>,
     /// Wakes the task that sends odometry.
     pub odometry_bell: TaskBell,
     /// Wakes who sends estimates and snapshots.
@@ -213,6 +221,9 @@ impl Rings {
             shots: Pool::new(SHOTS, || Shot::new(config)),
             is_watched: AtomicBool::new(false),
             rung: AtomicU8::new(0),
+            sends_odometry: AtomicBool::new(false),
+            odometry_pulse: Arc::new(Pulse::new(TaskId::Odometry)),
+            pulse: Arc::new(Pulse::new(TaskId::Network)),
             odometry_bell: TaskBell::new()?,
             bell: TaskBell::new()?,
             picture_bell: TaskBell::new()?,

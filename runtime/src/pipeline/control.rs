@@ -15,6 +15,8 @@ pub struct Control {
     stop: Arc<AtomicBool>,
     reset: AtomicU8,
     map_saves: MapSaves,
+    has_given_up: AtomicBool,
+    last_resort: Option<fn()>,
 }
 
 impl Control {
@@ -22,6 +24,23 @@ impl Control {
     #[must_use]
     pub fn stopped_by(stop: Arc<AtomicBool>) -> Self {
         Self { stop, ..Self::default() }
+    }
+
+    /// The same; a run that cannot go on calls `last_resort`, which is to end the process should the run not get to its
+    /// end: threads that stand still cannot be waited for.
+    #[must_use]
+    pub fn with_last_resort(self, last_resort: fn()) -> Self {
+        Self { last_resort: Some(last_resort), ..self }
+    }
+
+    /// The run cannot go on: ends it, one way or the other.
+    pub fn give_up(&self) {
+        self.stop();
+        if !self.has_given_up.swap(true, Ordering::Relaxed)
+            && let Some(last_resort) = self.last_resort
+        {
+            last_resort();
+        }
     }
 
     /// Asks the run to end.

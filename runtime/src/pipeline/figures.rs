@@ -74,6 +74,8 @@ pub struct Figures {
     pub imu_refused: u64,
     /// Resets.
     pub resets: u32,
+    /// Where they are counted from.
+    pub first_reset_counter: u32,
     /// Allocations and frees while estimating, after the warm-up.
     pub hot_path_allocations: u64,
     /// Data time from the first image to the first pose, s.
@@ -139,6 +141,7 @@ impl Default for Figures {
             poses: 0,
             imu_refused: 0,
             resets: 0,
+            first_reset_counter: 0,
             hot_path_allocations: 0,
             first_pose_s: None,
             span_s: 0.0,
@@ -180,7 +183,7 @@ impl Figures {
         self.span_s = stamp.seconds_since(first);
         self.frame_ms.record(cost.wall_ms);
         self.frame_cpu_ms.record(cost.cpu_ms);
-        self.resets = estimate.reset_counter;
+        self.resets = estimate.reset_counter.wrapping_sub(self.first_reset_counter);
         self.time_offset_s = estimate.time_offset_s;
         self.points.0 += u64::from(estimate.figures.points_tracked);
         self.points.1 += u64::from(estimate.figures.points_in_window);

@@ -84,7 +84,7 @@ impl<'a> InOrder<'a> {
     pub fn run(
         mut self,
         config: &ValidConfig,
-        Streams { mut imu, stereo, .. }: Streams,
+        Streams { mut imu, stereo, first_reset_counter, .. }: Streams,
         options: &RunOptions,
         control: &Control,
     ) -> Result<Outcome, RunError> {
@@ -94,6 +94,7 @@ impl<'a> InOrder<'a> {
             _ => Box::new(Prefetch::new(stereo, sizes_px, config.driver.image_queue)?),
         };
         let mut frame = StereoFrame::new(sizes_px);
+        self.window.count_resets_from(first_reset_counter);
         self.window.figures.start();
         while !control.is_stopped() && stereo.next_frame(&mut frame)? {
             self.feed_for(imu.as_mut(), frame.stamp)?;

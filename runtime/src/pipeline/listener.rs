@@ -11,10 +11,12 @@
 
 use super::event::Event;
 use super::orders::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder};
+use crate::schedule::watchdog::Pulse;
 use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::places::{MapEstimate, MapUpdate, Mapper};
 use plumbline_estimator::window::Window;
 use plumbline_estimator::{Estimate, MapSnapshot, Odometry, Tracked};
+use std::sync::Arc;
 
 /// A thread of a run that produces something. In virtual time one thread may be several of them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,6 +37,9 @@ pub enum Producer {
 pub trait Subscriber {
     /// The listener that moves to the thread of `producer`. A run asks once for each.
     fn listener(&mut self, producer: Producer) -> Box<dyn Listener>;
+
+    /// Hands over the heartbeats of its own threads, for the watchdog of a live run to look after.
+    fn pulses(&self, _adopt: &mut dyn FnMut(Arc<Pulse>)) {}
 }
 
 /// Takes what one thread of a run produces. What a listener does not ask for passes by.
@@ -107,6 +112,10 @@ pub struct Several<'a>(pub Vec<&'a mut dyn Subscriber>);
 impl Subscriber for Several<'_> {
     fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
         Box::new(Listeners(self.0.iter_mut().map(|subscriber| subscriber.listener(producer)).collect()))
+    }
+
+    fn pulses(&self, adopt: &mut dyn FnMut(Arc<Pulse>)) {
+        self.0.iter().for_each(|subscriber| subscriber.pulses(adopt));
     }
 }
 

@@ -68,6 +68,8 @@ pub struct Streams {
     pub map: Option<PlaceMap>,
     /// Whose their stamps are.
     pub stamps: Stamps,
+    /// Resets are counted from here on.
+    pub first_reset_counter: u32,
 }
 
 /// The map at the end of a run.
@@ -123,6 +125,17 @@ pub enum RunError {
     /// A task of the run ended by a fault of its own.
     #[error("the task {0} ended by a fault of its own; please report this with the flight's log")]
     Fault(&'static str),
+    /// A task of the run stands still.
+    #[error("the task {0} stands still and does not come back; please report this with the flight's log")]
+    Stalled(&'static str),
+}
+
+impl RunError {
+    /// Whether the same run, started again, may go on: the fault lies in the program, and not in what it was given.
+    #[must_use]
+    pub fn is_fault(&self) -> bool {
+        matches!(self, Self::Fault(_) | Self::Stalled(_))
+    }
 }
 
 /// Runs both streams to their end, or until `control` says so: live with a speed, else in virtual time. The listeners of

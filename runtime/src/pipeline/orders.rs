@@ -27,6 +27,8 @@ pub enum Verdict {
     },
     /// Refused: the estimator never saw it.
     Refused,
+    /// Lost: whoever worked on it ended by a fault of its own. Told after it may have been told that it was taken.
+    Lost,
 }
 
 /// When an estimate took effect on the odometry.
@@ -38,13 +40,15 @@ pub struct CorrectionOrder {
     pub readings_before: u64,
 }
 
-/// When a reset that somebody asked for took effect.
+/// When a reset took effect that somebody asked for, or that a fault of ours made necessary.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ResetOrder {
     /// How much was forgotten.
     pub kind: ResetKind,
     /// Sequence number of the first frame after it.
     pub before_frame: u64,
+    /// Front-end and window were made anew: one of them had ended by a fault of its own.
+    pub is_renewal: bool,
 }
 
 /// What became of a frame that was to be given to the map.

@@ -23,13 +23,15 @@ pub struct Job {
     pub tracked: Tracked,
     /// What that took.
     pub cost: Cost,
+    /// Whether the window is to be made anew before it: front-end or window ended by a fault of its own.
+    pub is_after_fault: bool,
 }
 
 impl Job {
     /// An empty one, with room for any frame.
     #[must_use]
     pub fn new(config: &ValidConfig) -> Self {
-        Self { tracked: Tracked::new(config.setup()), cost: Cost::default() }
+        Self { tracked: Tracked::new(config.setup()), cost: Cost::default(), is_after_fault: false }
     }
 }
 
@@ -44,6 +46,7 @@ fn measured<T>(count_allocations: bool, work: impl FnOnce() -> T) -> (T, Cost, u
 
 /// The front-end with its figures.
 pub struct FrontStage {
+    config: ValidConfig,
     listener: Box<dyn Listener>,
     front_end: FrontEnd,
     point_times: StageTimes,
@@ -62,6 +65,7 @@ impl FrontStage {
     #[must_use]
     pub fn new(config: &ValidConfig, listener: Box<dyn Listener>) -> Self {
         Self {
+            config: config.clone(),
             listener,
             front_end: FrontEnd::new(config.setup()),
             point_times: StageTimes::default(),
@@ -111,8 +115,19 @@ impl FrontStage {
 
     /// Starts anew before the frame of that sequence number.
     pub fn reset(&mut self, kind: ResetKind, before_frame: u64) {
-        self.listener.reset(&ResetOrder { kind, before_frame });
+        self.listener.reset(&ResetOrder { kind, before_frame, is_renewal: false });
         self.front_end.reset(kind);
+    }
+
+    /// Goes on with a fresh front-end, after a fault of this one or of the window. Of `lost` frames, in order, there will be
+    /// no estimate; `before_frame` is the first that there may be one of.
+    pub fn renew(&mut self, lost: impl Iterator<Item = u64>, before_frame: u64) {
+        for frame in lost {
+            let order = FrameOrder { frame, readings_before: self.readings, verdict: Verdict::Lost };
+            self.listener.order(&order);
+        }
+        self.listener.reset(&ResetOrder { kind: ResetKind::Soft, before_frame, is_renewal: true });
+        self.front_end = FrontEnd::new(self.config.setup());
     }
 
     /// Passes a frame over.
@@ -157,6 +172,10 @@ impl FrontStage {
 
 /// The window with its figures.
 pub struct WindowStage {
+    config: ValidConfig,
+    /// The newest estimate, and the newest that has a pose.
+    newest: Option<Estimate>,
+    newest_pose: Option<Estimate>,
     listener: Box<dyn Listener>,
     odometer: Odometer,
     digest: Digest,
@@ -176,6 +195,9 @@ impl WindowStage {
     #[must_use]
     pub fn new(config: &ValidConfig, listener: Box<dyn Listener>) -> Self {
         Self {
+            config: config.clone(),
+            newest: None,
+            newest_pose: None,
             listener,
             odometer: Odometer::new(config.setup()),
             digest: Digest::default(),
@@ -201,6 +223,17 @@ impl WindowStage {
         self.map.as_ref()
     }
 
+    /// Counts resets from here on. Before the first frame.
+    pub fn count_resets_from(&mut self, first: u32) {
+        self.odometer.count_resets_from(first);
+        (self.resets, self.figures.first_reset_counter) = (first, first);
+    }
+
+    /// Goes on with a fresh window from the newest pose, after a fault of this one or of the front-end: a reset.
+    pub fn renew(&mut self) {
+        self.odometer.renew(self.config.setup(), self.newest.as_ref(), self.newest_pose.as_ref());
+    }
+
     /// The estimate after a tracked frame, and what the window took for it; `feedback` is for the front-end.
     pub fn solve(&mut self, job: &Job, feedback: &mut Feedback) -> (Estimate, Cost) {
         let stamp = job.tracked.time.stamp;
@@ -212,6 +245,10 @@ impl WindowStage {
             estimate
         });
         let counting = is_warm.then(alloc::Count::begin);
+        self.newest = Some(estimate.clone());
+        if estimate.has_pose() {
+            self.newest_pose.clone_from(&self.newest);
+        }
         self.report_reset(&estimate);
         self.hand_out(&estimate, cost.plus(job.cost));
         self.allocations += allocations + counting.map_or(0, alloc::Count::end);

@@ -84,7 +84,11 @@ pub fn write_map(path: &Path, map: &MapContents) -> Result<(), MapFileError> {
     write_atomically(path, &bytes).map_err(|source| MapFileError::Write { path: path.into(), source })
 }
 
-fn write_atomically(path: &Path, bytes: &[u8]) -> io::Result<()> {
+/// Writes a file, replacing one of that name only when it is whole and on the disk.
+///
+/// # Errors
+/// When it cannot be written; the old file is left as it was.
+pub fn write_atomically(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let mut name = path.file_name().ok_or(io::ErrorKind::InvalidInput)?.to_owned();
     name.push(".partial");
     let partial = path.with_file_name(name);

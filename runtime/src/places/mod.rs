@@ -13,5 +13,5 @@ pub mod ply;
 mod saver;
 
 pub use codec::{MapContents, MapDefect, StoredKeyframe};
-pub use file::{MapFileError, read_known_map, read_map, write_map};
+pub use file::{MapFileError, read_known_map, read_map, write_atomically, write_map};
 pub use saver::MapSaver;

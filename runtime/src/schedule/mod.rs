@@ -7,6 +7,9 @@ pub mod bare_timer;
 pub mod host;
 pub mod ladder;
 pub mod ring;
+#[cfg(feature = "sabotage")]
+pub mod sabotage;
+pub mod supervisor;
 pub mod tasks;
 pub mod ticker;
 pub mod times;

@@ -10,8 +10,16 @@ use std::time::Duration;
 /// Ticks without an inertial rate to go by would be pointless: a rate is always given, and at least this.
 const SLOWEST_HZ: f64 = 1.0;
 
-/// Silence of the map that is no stall: it yields to everything else.
-const PLACES_STALL: Duration = Duration::from_secs(2);
+/// Silence of the map and of the network that is no stall: they yield to everything else.
+const YIELDING_STALL: Duration = Duration::from_secs(2);
+/// A task that is silent for this long does not come back, as far as anybody can wait: the process ends.
+const PATIENCE: Duration = Duration::from_millis(1500);
+/// The same of sensor and tick, whose silence systemd is told of at once, and ends by itself.
+const TICK_PATIENCE: Duration = Duration::from_secs(2);
+/// The network's thread looks at its rings this often at least.
+const NETWORK_PERIOD: Duration = Duration::from_millis(200);
+/// The watchdog looks this often.
+pub const WATCH_PERIOD: Duration = Duration::from_millis(10);
 
 /// A thread of a live run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,12 +36,30 @@ pub enum TaskId {
     Window,
     /// Recognizes places and makes the map.
     Places,
+    /// Sends odometry to the autopilot.
+    Autopilot,
+    /// Sends odometry to the network.
+    Odometry,
+    /// Sends everything else there.
+    Network,
+    /// Looks after the others.
+    Watchdog,
 }
 
 impl TaskId {
     /// All tasks, in the order of the data flow.
-    pub const ALL: [Self; 6] =
-        [Self::Imu, Self::Tick, Self::Camera, Self::FrontEnd, Self::Window, Self::Places];
+    pub const ALL: [Self; 10] = [
+        Self::Imu,
+        Self::Tick,
+        Self::Camera,
+        Self::FrontEnd,
+        Self::Window,
+        Self::Places,
+        Self::Autopilot,
+        Self::Odometry,
+        Self::Network,
+        Self::Watchdog,
+    ];
 }
 
 /// What a task does when it is late.
@@ -49,6 +75,17 @@ pub enum Overrun {
     Wait,
     /// Frames are passed over until it is done.
     PassOver,
+}
+
+/// What its death does to a flight.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Loss {
+    /// The process ends, to be started again: nothing here can replace it.
+    Process,
+    /// Front-end and window go on from a fresh estimator, a reset; the odometry goes on by the IMU meanwhile.
+    Estimate,
+    /// It is told, and the flight goes on without it.
+    Itself,
 }
 
 /// On which of the configured processors a task runs.
@@ -79,6 +116,11 @@ pub struct Task {
     pub deadline: Duration,
     /// Silence after which the watchdog calls it stalled.
     pub stall: Duration,
+    /// Silence after which the process ends: a thread cannot be stopped from outside. Of one that a flight can do without,
+    /// none.
+    pub patience: Option<Duration>,
+    /// What its death does to a flight.
+    pub loss: Loss,
     /// What it does when it is late.
     pub overrun: Overrun,
 }
@@ -95,6 +137,7 @@ impl TaskTable {
         let (sample, frame) = (period(config.imu.rate_hz), period(config.camera[0].rate_hz));
         let ms = Duration::from_millis;
         // A stalled stage is named within a tenth of a second of its silence: the watchdog looks every 10 ms.
+        let patience = |id| if matches!(id, TaskId::Imu | TaskId::Tick) { TICK_PATIENCE } else { PATIENCE };
         let stall = |usual: Duration| (usual + usual / 2).max(ms(80));
         let task = |id: TaskId, name, priority, period: Duration, budget, deadline, overrun| Task {
             id,
@@ -105,18 +148,39 @@ impl TaskTable {
             budget,
             deadline,
             stall: stall(period),
+            patience: Some(patience(id).max(3 * stall(period))),
+            loss: if matches!(id, TaskId::FrontEnd | TaskId::Window) {
+                Loss::Estimate
+            } else {
+                Loss::Process
+            },
             overrun,
         };
+        let yielding =
+            |task: Task| Task { stall: YIELDING_STALL, patience: None, loss: Loss::Itself, ..task };
+        let sent = Duration::from_secs_f64(1.0 / config.autopilot.rate_hz.max(SLOWEST_HZ));
+        let look = WATCH_PERIOD;
+        let (map, net) = (5 * frame, NETWORK_PERIOD);
         Self([
             task(TaskId::Imu, "imu", Some(85), sample, sample / 50, sample, Overrun::Wait),
             task(TaskId::Tick, "tick", Some(80), sample, sample / 10, sample / 5, Overrun::CatchUp),
             task(TaskId::Camera, "camera", None, frame, frame / 2, frame, Overrun::Wait),
             task(TaskId::FrontEnd, "front-end", Some(60), frame, frame / 2, frame, Overrun::Shed),
             task(TaskId::Window, "window", Some(50), frame, frame / 2, frame, Overrun::Degrade),
-            Task {
-                stall: PLACES_STALL,
-                ..task(TaskId::Places, "places", Some(40), 5 * frame, frame, 5 * frame, Overrun::PassOver)
-            },
+            yielding(task(TaskId::Places, "places", Some(40), map, frame, map, Overrun::PassOver)),
+            task(TaskId::Autopilot, "autopilot", Some(70), sent, sent / 50, sent, Overrun::CatchUp),
+            yielding(task(
+                TaskId::Odometry,
+                "odometry",
+                None,
+                sample,
+                sample / 10,
+                sample,
+                Overrun::PassOver,
+            )),
+            yielding(task(TaskId::Network, "network", None, net, sample, net, Overrun::Wait)),
+            // Above those whom it looks after: one that spins must not starve it. It looks, and is done.
+            task(TaskId::Watchdog, "watchdog", Some(90), look, look / 50, look, Overrun::CatchUp),
         ])
     }
 
@@ -178,6 +242,8 @@ mod tests {
         assert!(priority(TaskId::FrontEnd) > priority(TaskId::Window));
         assert_eq!(table.row(TaskId::Tick).period, Duration::from_millis(5));
         assert!(table.rows().all(|t| t.budget <= t.deadline && t.deadline <= t.period.max(t.stall)));
-        assert_eq!(table.to_string().lines().count(), 7);
+        assert_eq!(table.to_string().lines().count(), 1 + TaskId::ALL.len());
+        assert!(table.rows().all(|t| priority(TaskId::Watchdog) >= t.priority));
+        assert!(table.rows().all(|t| t.patience.is_none_or(|patience| patience > 2 * t.stall)));
     }
 }

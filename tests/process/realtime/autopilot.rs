@@ -20,17 +20,29 @@ const SILENT: &str = "Plumbline: lost, estimator is silent";
 const STOPPED: &str = "Plumbline: lost, stopped";
 
 /// The autopilot, in a process of its own.
-struct Autopilot {
+pub struct Autopilot {
     child: Child,
     said: BufReader<ChildStdout>,
-    url: String,
+    pub url: String,
 }
 
 impl Autopilot {
+    /// Until the bridge stops.
     fn start() -> Option<Self> {
+        Self::with(&["--seconds", "90"])
+    }
+
+    /// For so long, whoever stops and starts meanwhile.
+    #[cfg(feature = "sabotage")]
+    pub fn start_for(seconds: f64) -> Option<Self> {
+        Self::with(&["--seconds", &seconds.to_string(), "--linger", "1000"])
+    }
+
+    fn with(arguments: &[&str]) -> Option<Self> {
         let mut child = Command::new(interpreter("pymavlink")?)
             .arg(plumbline_test_support::workspace().join("tests/python/autopilot_peer.py"))
-            .args(["--ahead-ns", &AHEAD_NS.to_string(), "--seconds", "90"])
+            .args(["--ahead-ns", &AHEAD_NS.to_string()])
+            .args(arguments)
             .stdout(Stdio::piped())
             .spawn()
             .unwrap();
@@ -42,7 +54,7 @@ impl Autopilot {
     }
 
     /// What it got, once the bridge has stopped.
-    fn finish(mut self) -> Value {
+    pub fn finish(mut self) -> Value {
         let mut text = String::new();
         self.said.read_to_string(&mut text).unwrap();
         assert!(self.child.wait().unwrap().success());
@@ -51,7 +63,7 @@ impl Autopilot {
 }
 
 /// The IMU has x up, y right and z forward.
-const MOUNTING: &str = "vehicle.imu_to_vehicle_deg=[180.0, -90.0, 0.0]";
+pub const MOUNTING: &str = "vehicle.imu_to_vehicle_deg=[180.0, -90.0, 0.0]";
 
 /// A flight that begins in the middle of the rise, its frames rendered beforehand.
 struct Flight {
@@ -153,11 +165,11 @@ fn position(message: &Value) -> Vector {
     numbers(message, ["x", "y", "z"])
 }
 
-fn list(value: &Value) -> &Vec<Value> {
+pub fn list(value: &Value) -> &Vec<Value> {
     value.as_array().unwrap()
 }
 
-fn is_tracking(message: &Value) -> bool {
+pub fn is_tracking(message: &Value) -> bool {
     message["quality"].as_i64().unwrap() >= 0
 }
 
@@ -166,7 +178,7 @@ fn texts(got: &Value) -> Vec<&str> {
 }
 
 /// Gaps between arrivals, ms, in order of size.
-fn gaps_ms(odometry: &[Value]) -> Vec<f64> {
+pub fn gaps_ms(odometry: &[Value]) -> Vec<f64> {
     let at: Vec<f64> = odometry.iter().map(|m| m["at"].as_f64().unwrap()).collect();
     let mut gaps: Vec<f64> = at.windows(2).map(|pair| 1e3 * (pair[1] - pair[0])).collect();
     gaps.sort_by(f64::total_cmp);

@@ -23,13 +23,13 @@ const CONVERGED_S: f64 = 3.0;
 const FRAME_RATE_HZ: f64 = 20.0;
 
 /// A simulated flight as a data set with its configuration, and where `fly` finds its sensors.
-struct Rig {
+pub struct Rig {
     folder: tempfile::TempDir,
-    recording: Recording,
+    pub recording: Recording,
 }
 
 impl Rig {
-    fn new(duration_s: f64, more: &[&str]) -> Self {
+    pub fn new(duration_s: f64, more: &[&str]) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let [flight, config] =
             ["flight", "rig.toml"].map(|name| folder.path().join(name).display().to_string());
@@ -47,41 +47,48 @@ impl Rig {
         self.folder.path().join(name).display().to_string()
     }
 
-    fn path(&self, name: &str) -> PathBuf {
+    pub fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
-    /// `fly`, with the IMU at the link `imu` and frames over the socket `frames`.
-    fn fly(&self, more: &[&str]) -> Flying {
+    /// Where all of it is.
+    #[cfg(feature = "sabotage")]
+    pub fn folder(&self) -> &std::path::Path {
+        self.folder.path()
+    }
+
+    /// Makes `fly`, with the IMU at the link `imu` and frames over the socket `frames`, as often as it is asked to; what is said
+    /// is gathered.
+    pub fn commands(&self, more: Vec<String>) -> impl Fn() -> Command + Send + use<> {
         let imu = format!("driver.imu.connect=\"serial://{}:921600\"", self.at("imu"));
         let frames = format!("driver.frames.listen=\"{}\"", self.at("frames"));
-        let mut command = Command::new(env!("CARGO_BIN_EXE_plumbline"));
-        command.args([
-            "fly",
-            "--config",
-            &self.at("rig.toml"),
-            "--set",
-            &imu,
-            "--set",
-            &frames,
-            "--set",
-            AWAKE,
-        ]);
-        command.args(["--report", &self.at("report.json")]).args(more);
-        let said = std::fs::File::create(self.path("said")).unwrap();
-        Flying(command.stdout(Stdio::null()).stderr(said).spawn().unwrap())
+        let (config, report, said) = (self.at("rig.toml"), self.at("report.json"), self.path("said"));
+        move || {
+            let mut command = Command::new(env!("CARGO_BIN_EXE_plumbline"));
+            command.args(["fly", "--config", &config, "--set", &imu, "--set", &frames, "--set", AWAKE]);
+            command.args(["--report", &report]).args(&more);
+            let said = std::fs::File::options().create(true).append(true).open(&said).unwrap();
+            command.stdout(Stdio::null()).stderr(said);
+            command
+        }
+    }
+
+    /// `fly` on its way.
+    fn fly(&self, more: &[&str]) -> Flying {
+        let more = more.iter().map(|&argument| argument.to_owned()).collect();
+        Flying(self.commands(more)().spawn().unwrap())
     }
 
     fn report(&self) -> Value {
         serde_json::from_str(&std::fs::read_to_string(self.path("report.json")).unwrap()).unwrap()
     }
 
-    fn said(&self) -> String {
+    pub fn said(&self) -> String {
         std::fs::read_to_string(self.path("said")).unwrap()
     }
 
     /// Places of the samples in this part of the recording, s.
-    fn samples(&self, s: Range<f64>) -> Range<usize> {
+    pub fn samples(&self, s: Range<f64>) -> Range<usize> {
         let first = self.recording.readings[0].sample.stamp;
         let place = |s| self.recording.readings.partition_point(|r| r.sample.stamp.seconds_since(first) < s);
         place(s.start)..place(s.end)

@@ -6,5 +6,9 @@ mod floods;
 mod hardware_in_the_loop;
 mod links;
 mod live;
+#[cfg(feature = "sabotage")]
+mod restart_in_the_air;
 mod restarts;
+#[cfg(feature = "sabotage")]
+mod survival;
 mod virtual_machine;

@@ -94,6 +94,7 @@ impl Recording {
                 log_end: None,
                 map: None,
                 stamps: Stamps::Replayed,
+                first_reset_counter: 0,
             })
         };
         calibrate(config, options, &mut open, &mut |_, _| ())

@@ -127,7 +127,7 @@ fn fly_with_orders(flight: Flight, listener: &mut dyn Listener) {
         }
         let sequence = frame.sequence;
         if sequence == 12 {
-            listener.reset(&ResetOrder { kind: ResetKind::Soft, before_frame: sequence });
+            listener.reset(&ResetOrder { kind: ResetKind::Soft, before_frame: sequence, is_renewal: false });
             estimator.reset(ResetKind::Soft);
         }
         let refused = sequence % 5 == 4;

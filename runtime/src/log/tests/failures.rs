@@ -1,5 +1,5 @@
 use super::super::inventory;
-use super::super::part_file::Medium;
+use super::super::part_file::{Medium, Syncer};
 use super::super::reader::Ending;
 use super::*;
 use crate::log::LogEntry;
@@ -11,7 +11,7 @@ use std::io::{self, Write};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::sync::atomic::Ordering;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// A file on a disk that misbehaves.
 struct Trouble {
@@ -45,6 +45,15 @@ impl Medium for Trouble {
         self.file.set_len(bytes)
     }
 
+    fn syncer(&self) -> io::Result<Box<dyn Syncer>> {
+        Ok(Box::new(Nothing))
+    }
+}
+
+/// Nothing to wait for.
+struct Nothing;
+
+impl Syncer for Nothing {
     fn sync(&mut self) -> io::Result<()> {
         Ok(())
     }
@@ -111,6 +120,66 @@ fn what_finds_the_queue_full_is_counted_and_the_log_says_so() {
     assert!(summary.not_recorded >= refused, "{summary:?}");
     let inventory = inventory::take(&mut LogReader::open(&path).unwrap()).unwrap();
     assert_eq!(inventory.dropped.inputs(), refused);
-    let error = verified(&path).unwrap_err().to_string();
-    assert!(error.contains(&format!("dropped {refused} frames")), "{error}");
+    let v = verified(&path).unwrap();
+    let damage = v.damage.unwrap();
+    assert!(!v.complete && damage.contains(&format!("dropped {refused} frames")), "{damage}");
+}
+
+#[test]
+fn a_disk_that_pauses_for_two_seconds_loses_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight.mcap");
+    let is_stuck = Arc::new(AtomicBool::new(false));
+    let config = config();
+    let open = troubled(usize::MAX, &is_stuck, false);
+    let recorder = Recorder::start_on(open, NO_LIMITS, &path, &config, WhenFull::Drop).unwrap();
+    let handle = recorder.handle();
+    is_stuck.store(true, Ordering::SeqCst);
+    let event = || LogEntry::Event(Event::new(Timestamp::default(), Severity::Info, format_args!("on")));
+    let of_two_seconds = |rate_hz: f64| (2.0 * rate_hz) as usize;
+    let mut frame = StereoFrame::new([(64, 48), (0, 0)]);
+    for _ in 0..of_two_seconds(config.camera[0].rate_hz) {
+        assert!(handle.offer_frame(&mut frame));
+        // Orders, estimate and the like.
+        (0..7).for_each(|_| assert!(handle.offer(event())));
+    }
+    // Each with its odometry.
+    (0..2 * of_two_seconds(config.imu.rate_hz)).for_each(|_| assert!(handle.offer(event())));
+    is_stuck.store(false, Ordering::SeqCst);
+    assert_eq!(recorder.finish().not_recorded, 0);
+}
+
+#[test]
+fn frames_that_find_no_room_keep_their_buffers_and_are_recorded_again_when_there_is_some() {
+    let folder = tempfile::tempdir().unwrap();
+    let is_stuck = Arc::new(AtomicBool::new(false));
+    let small = |c: &mut Config| (c.recorder.queue_entries, c.recorder.queue_frames) = (64, 4);
+    let config = config().with("test", small).unwrap();
+    let open = troubled(usize::MAX, &is_stuck, false);
+    let path = folder.path().join("flight.mcap");
+    let recorder = Recorder::start_on(open, NO_LIMITS, &path, &config, WhenFull::Drop).unwrap();
+    let handle = recorder.handle();
+    is_stuck.store(true, Ordering::SeqCst);
+    let event = || LogEntry::Event(Event::new(Timestamp::default(), Severity::Info, format_args!("on")));
+    // Some of it the recorder takes before it meets the disk.
+    let mut full_since = Instant::now();
+    while full_since.elapsed() < Duration::from_millis(200) {
+        if handle.offer(event()) {
+            full_since = Instant::now();
+        }
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let mut frame = StereoFrame::new([(64, 48), (0, 0)]);
+    let size = frame.images[0].pixels().len();
+    for _ in 0..20 {
+        assert!(!handle.offer_frame(&mut frame));
+        assert_eq!(frame.images[0].pixels().len(), size, "the buffers are those of the frame");
+    }
+    is_stuck.store(false, Ordering::SeqCst);
+    let taken = (0..1000).filter(|_| {
+        std::thread::sleep(Duration::from_millis(5));
+        handle.offer_frame(&mut frame)
+    });
+    assert_eq!(taken.take(20).count(), 20, "buffers were lost");
+    let _ = recorder.finish();
 }

@@ -4,6 +4,7 @@ mod bounds;
 mod damage;
 mod execution;
 mod failures;
+mod realtime;
 mod rig;
 
 use super::about::METADATA_NAME;
@@ -49,6 +50,7 @@ fn flight_of_seed(seed: u64) -> Flight {
         stereo: Box::new(simulator.stereo()),
         map: None,
         stamps: Stamps::Replayed,
+        first_reset_counter: 0,
     };
     let mut config = simulator.config().clone();
     config.estimator.points.cell_px = 28;

@@ -37,6 +37,7 @@ impl ImuTask {
         };
         while let Some(reading) = next {
             while !self.readings.has_room() && !self.readings.is_closed() && !shared.is_stopped() {
+                shared.heartbeats.busy(TaskId::Imu);
                 std::thread::sleep(shared.table.row(TaskId::Imu).period);
             }
             if shared.is_stopped() || self.readings.push(reading).is_err() {
@@ -48,10 +49,14 @@ impl ImuTask {
     }
 
     fn next(&mut self, shared: &Shared<'_>) -> Option<ImuReading> {
-        self.source.next_reading().unwrap_or_else(|error| {
+        // A device may take its time.
+        shared.heartbeats.idle(TaskId::Imu);
+        let reading = self.source.next_reading().unwrap_or_else(|error| {
             shared.fail(RunError::Driver(error));
             None
-        })
+        });
+        shared.heartbeats.busy(TaskId::Imu);
+        reading
     }
 }
 
@@ -93,8 +98,9 @@ impl CameraTask {
         // Exposure, readout and the way here take their time.
         let late_at_source_ms = if shared.is_of_sensors() { period_ms } else { LATE_AT_SOURCE_MS };
         while let Some(mut frame) = self.empty_frame(shared) {
+            shared.heartbeats.idle(TaskId::Camera);
             match self.source.next_frame(&mut frame) {
-                Ok(true) => {}
+                Ok(true) => shared.heartbeats.busy(TaskId::Camera),
                 Ok(false) => break,
                 Err(error) => {
                     shared.fail(RunError::Driver(error));
@@ -107,6 +113,7 @@ impl CameraTask {
                 StampVerdict::Follows | StampVerdict::ClockSet
             );
             if follows && !shared.is_of_sensors() {
+                shared.heartbeats.idle(TaskId::Camera);
                 due.sleep_until();
             }
             let at = Monotonic::now();

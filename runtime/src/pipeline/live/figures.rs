@@ -45,6 +45,12 @@ pub struct LiveFigures {
     pub queue_depth: BTreeMap<&'static str, usize>,
     /// Stalls that the watchdog named.
     pub stalls: u64,
+    /// Tasks that ended by a fault of their own.
+    pub deaths: u64,
+    /// Fresh starts of the estimator after one.
+    pub renewals: u64,
+    /// Frames that were lost so.
+    pub frames_lost: u64,
     /// Growth of the resident memory after the first minute, MB; none in a shorter run.
     pub memory_growth_mb: Option<f64>,
 }
@@ -93,6 +99,9 @@ impl LiveFigures {
             ]
             .into(),
             stalls: ended.watchdog.stalls,
+            deaths: ended.watchdog.deaths,
+            renewals: front.renewals,
+            frames_lost: front.lost,
             memory_growth_mb: ended.watchdog.memory_growth_mb,
         }
     }

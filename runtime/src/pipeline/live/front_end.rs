@@ -6,14 +6,17 @@ use super::NAP;
 use super::drivers::Arrival;
 use super::places::PlacesRings;
 use super::shared::Shared;
+use super::wiring::JOB_POOL;
 use crate::schedule::ladder::{Ladder, Rung};
 use crate::schedule::ring::{Bell, Reader, Writer};
-use crate::schedule::tasks::TaskId;
+use crate::schedule::tasks::{TaskId, WATCH_PERIOD};
 use crate::schedule::ticker::Monotonic;
 use crate::schedule::times::Times;
 use plumbline_config::Timestamp;
 use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::Feedback;
+use std::collections::VecDeque;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// How often [`NAP`] a frame waits for its samples: a tick or a line that is held up for a fifth of a second catches up.
 const SAMPLE_NAPS: u32 = 6;
@@ -26,6 +29,10 @@ pub struct FrontEndFigures {
     pub passed_over: u64,
     /// Frames tracked before all their samples were there.
     pub short_of_samples: u64,
+    /// Frames that were lost by a fault.
+    pub lost: u64,
+    /// Fresh starts of the estimator after a fault.
+    pub renewals: u64,
     /// Frames not given to the map, which had fallen behind.
     pub places_passed_over: u64,
     /// Frames on each rung.
@@ -41,9 +48,9 @@ pub struct FrontEndFigures {
 }
 
 impl FrontEndFigures {
-    /// Frames that the estimator never saw.
+    /// Frames that were not estimated.
     pub fn refused(&self) -> u64 {
-        self.shed + self.passed_over
+        self.shed + self.passed_over + self.lost
     }
 }
 
@@ -79,7 +86,29 @@ pub struct FrontEndTask {
     is_imu_silent: bool,
     taken: u64,
     heard: u64,
+    /// In hand, where a fault does not lose them.
+    arrival: Option<Arrival>,
+    job: Option<Job>,
+    /// Frames that the window was given and has not answered for.
+    unheard: VecDeque<u64>,
+    /// The newest frame that it was given, or that was lost.
+    newest_taken: Option<u64>,
+    /// The estimator is to be made anew.
+    is_down: bool,
+    /// The window does not know of it yet.
+    is_renewal_due: bool,
     figures: FrontEndFigures,
+}
+
+/// How the task goes on.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Course {
+    /// With the next frame.
+    On,
+    /// From a fresh estimator: the window has ended by a fault of its own.
+    Anew,
+    /// Not at all: a neighbour is over.
+    Over,
 }
 
 impl FrontEndTask {
@@ -93,10 +122,18 @@ impl FrontEndTask {
             is_imu_silent: false,
             taken: 0,
             heard: 0,
+            arrival: None,
+            job: None,
+            unheard: VecDeque::with_capacity(JOB_POOL + 1),
+            newest_taken: None,
+            is_down: false,
+            is_renewal_due: false,
             figures: FrontEndFigures {
                 shed: 0,
                 passed_over: 0,
                 short_of_samples: 0,
+                lost: 0,
+                renewals: 0,
                 places_passed_over: 0,
                 on_rung: [0; Rung::ALL.len()],
                 steps_down: 0,
@@ -108,50 +145,143 @@ impl FrontEndTask {
         }
     }
 
-    /// Tracks frames until the camera has ended.
+    /// Tracks frames until the camera has ended. After a fault of its own, or of the window, it goes on from a fresh
+    /// estimator.
     pub fn run(mut self, shared: &Shared<'_>, team: &Team) -> FrontEndEnd {
         self.rings.bell.listen();
-        while self.await_feedback(shared) {
-            let Some((mut arrival, shed)) = self.newest_frame() else { break };
-            shared.heartbeats.busy(TaskId::FrontEnd);
-            let rung = self.ladder.rung();
-            self.figures.on_rung[usize::from(rung.level())] += 1;
-            if rung.admits(arrival.frame.sequence) {
-                self.take_samples(shared, arrival.frame.stamp);
-                let Some(mut job) = self.rings.spare.pop() else { break };
-                if let Some(kind) = shared.control.take_reset() {
-                    self.stage.reset(kind, arrival.frame.sequence);
+        loop {
+            match catch_unwind(AssertUnwindSafe(|| self.work(shared, team))) {
+                Ok(Course::Over) => break,
+                Ok(Course::On | Course::Anew) => {}
+                Err(_) => {
+                    shared.heartbeats.of(TaskId::FrontEnd).die();
+                    // One fault after the other must not starve anybody.
+                    std::thread::sleep(WATCH_PERIOD);
                 }
-                self.stage.track(&arrival.frame, rung, team, &mut job);
-                let longest_ms = job.cost.wall_ms.max(shared.window_ms());
-                self.figures.response_ms.record(Monotonic::now().ms_since(arrival.at));
-                self.taken += 1;
-                shared.heartbeats.give(TaskId::Window);
-                if self.rings.jobs.push(job).is_err() {
-                    break;
-                }
-                self.stage.release(&mut arrival.frame);
-                self.judge(shared, longest_ms, shed);
-            } else {
-                self.figures.passed_over += 1;
-                self.stage.refuse(&mut arrival.frame);
-                self.judge(shared, 0.0, shed);
             }
-            let _ = self.rings.empty.push(arrival.frame);
-            shared.heartbeats.idle(TaskId::FrontEnd);
+            if shared.is_stopped() {
+                break;
+            }
+            self.is_down = true;
         }
         self.figures.deepest_samples = self.rings.samples.deepest();
         self.figures.deepest_frames = self.rings.arrivals.deepest();
         FrontEndEnd { stage: self.stage, figures: self.figures }
     }
 
+    fn work(&mut self, shared: &Shared<'_>, team: &Team) -> Course {
+        if self.is_down && self.start_anew(shared) == Course::Over {
+            return Course::Over;
+        }
+        loop {
+            let course = self.work_on_frame(shared, team);
+            if course != Course::On {
+                return course;
+            }
+        }
+    }
+
+    fn work_on_frame(&mut self, shared: &Shared<'_>, team: &Team) -> Course {
+        let course = self.await_feedback(shared);
+        if course != Course::On {
+            return course;
+        }
+        let Some((arrival, shed)) = self.newest_frame() else { return Course::Over };
+        let arrival = self.arrival.insert(arrival);
+        let (sequence, stamp) = (arrival.frame.sequence, arrival.frame.stamp);
+        let rung = self.ladder.rung();
+        self.figures.on_rung[usize::from(rung.level())] += 1;
+        shared.heartbeats.busy(TaskId::FrontEnd);
+        let mut longest_ms = 0.0;
+        if rung.admits(sequence) {
+            self.take_samples(shared, stamp);
+            let Some(ms) = self.track(shared, team, rung) else {
+                return if shared.is_window_down() { Course::Anew } else { Course::Over };
+            };
+            longest_ms = ms;
+        } else if let Some(arrival) = &mut self.arrival {
+            self.figures.passed_over += 1;
+            self.stage.refuse(&mut arrival.frame);
+        }
+        self.judge(shared, longest_ms, shed);
+        if let Some(arrival) = self.arrival.take() {
+            let _ = self.rings.empty.push(arrival.frame);
+        }
+        shared.heartbeats.idle(TaskId::FrontEnd);
+        Course::On
+    }
+
+    /// Tracks the frame in hand and gives it to the window; the longest of the stages, ms. `None` when the window has gone.
+    fn track(&mut self, shared: &Shared<'_>, team: &Team, rung: Rung) -> Option<f64> {
+        if self.job.is_none() {
+            self.job = self.rings.spare.pop();
+        }
+        let Self { stage, arrival: Some(arrival), job: Some(job), .. } = self else { return None };
+        if let Some(kind) = shared.control.take_reset() {
+            stage.reset(kind, arrival.frame.sequence);
+        }
+        job.is_after_fault = std::mem::take(&mut self.is_renewal_due);
+        stage.track(&arrival.frame, rung, team, job);
+        let longest_ms = job.cost.wall_ms.max(shared.window_ms());
+        self.figures.response_ms.record(Monotonic::now().ms_since(arrival.at));
+        shared.heartbeats.give(TaskId::Window);
+        self.rings.jobs.push(self.job.take()?).ok()?;
+        self.taken += 1;
+        self.unheard.push_back(arrival.frame.sequence);
+        self.newest_taken = Some(arrival.frame.sequence);
+        stage.release(&mut arrival.frame);
+        Some(longest_ms)
+    }
+
+    /// Makes the estimator anew once the window has given back everything, and says which frames are lost.
+    fn start_anew(&mut self, shared: &Shared<'_>) -> Course {
+        let at_home = |spare: &Reader<Job>, job: &Option<Job>| spare.waiting() + usize::from(job.is_some());
+        while at_home(&self.rings.spare, &self.job) < JOB_POOL {
+            if shared.is_stopped() || self.rings.spare.is_closed() {
+                return Course::Over;
+            }
+            shared.heartbeats.busy(TaskId::FrontEnd);
+            let FrontEndRings { bell, spare, .. } = &self.rings;
+            let _ = bell.wait(NAP, || (at_home(spare, &self.job) == JOB_POOL).then_some(()));
+        }
+        while let Some(feedback) = self.rings.feedback.pop() {
+            self.unheard.retain(|frame| *frame != feedback.solved.sequence);
+            let _ = self.rings.blank.push(feedback);
+        }
+        if let Some(mut arrival) = self.arrival.take() {
+            let frame = arrival.frame.sequence;
+            if self.newest_taken < Some(frame) {
+                self.unheard.push_back(frame);
+                self.newest_taken = Some(frame);
+                // A log without it would lack an input.
+                self.stage.release(&mut arrival.frame);
+            }
+            let _ = self.rings.empty.push(arrival.frame);
+        }
+        self.figures.lost += self.unheard.len() as u64;
+        self.figures.renewals += 1;
+        let before_frame = self.newest_taken.map_or(0, |frame| frame + 1);
+        self.stage.renew(self.unheard.drain(..), before_frame);
+        (self.taken, self.heard) = (0, 0);
+        shared.forget_window_down();
+        (self.is_down, self.is_renewal_due) = (false, true);
+        shared.heartbeats.idle(TaskId::FrontEnd);
+        Course::On
+    }
+
     /// Takes what the window found out about the frame before the last, as the rule demands; waits for it.
-    /// `false` when the window has gone.
-    fn await_feedback(&mut self, shared: &Shared<'_>) -> bool {
-        while self.heard + 1 < self.taken {
+    fn await_feedback(&mut self, shared: &Shared<'_>) -> Course {
+        loop {
+            if shared.is_window_down() {
+                return Course::Anew;
+            }
+            if self.heard + 1 >= self.taken {
+                return Course::On;
+            }
             let FrontEndRings { bell, feedback, .. } = &mut self.rings;
             match bell.wait(NAP, || feedback.pop()) {
                 Some(feedback) => {
+                    self.unheard.pop_front();
                     self.stage.apply_feedback(&feedback);
                     if let Some(places) = &mut self.places {
                         let is_offered = places.offer(shared, &feedback, &mut self.stage);
@@ -160,12 +290,11 @@ impl FrontEndTask {
                     self.heard += 1;
                     let _ = self.rings.blank.push(feedback);
                 }
-                None if self.rings.feedback.is_closed() => return false,
+                None if self.rings.feedback.is_closed() => return Course::Over,
                 // It is the window that is late.
                 None => shared.heartbeats.busy(TaskId::FrontEnd),
             }
         }
-        true
     }
 
     /// Waits for a frame; of several the newest. Also, how many were refused for it.

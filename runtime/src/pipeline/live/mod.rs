@@ -36,6 +36,7 @@ use super::tick::TickStage;
 use super::{Control, DriverFaults, Outcome, PlacesEnd, RunError, Stamps, Streams};
 use crate::schedule::host::Host;
 use crate::schedule::tasks::{TaskId, TaskTable};
+use crate::schedule::watchdog::Heartbeats;
 use drivers::CameraEnd;
 use front_end::FrontEndEnd;
 use plumbline_config::{Timestamp, ValidConfig};
@@ -60,6 +61,7 @@ pub struct Live {
     team: Team,
     host: Arc<Host>,
     stages: Stages,
+    heartbeats: Heartbeats,
     /// Told by the watchdog.
     listener: Box<dyn Listener>,
 }
@@ -89,7 +91,9 @@ impl Live {
             places: PlacesStage::new(config, known, subscriber.listener(Producer::Places)),
         };
         let listener = subscriber.listener(Producer::Watchdog);
-        Ok(Self { config: config.clone(), speed, team, host, stages, listener })
+        let mut heartbeats = Heartbeats::default();
+        subscriber.pulses(&mut |pulse| heartbeats.adopt(pulse));
+        Ok(Self { config: config.clone(), speed, team, host, stages, heartbeats, listener })
     }
 
     /// Runs both streams to their end, or until `control` says so.
@@ -98,10 +102,11 @@ impl Live {
     /// When a driver cannot go on, a thread is refused, or a task ended by a fault.
     pub fn run(
         self,
-        Streams { mut imu, stereo, stamps, .. }: Streams,
+        Streams { mut imu, stereo, stamps, first_reset_counter, .. }: Streams,
         control: &Control,
     ) -> Result<Outcome, RunError> {
-        let Self { config, speed, team, host, stages, listener } = self;
+        let Self { config, speed, team, host, mut stages, heartbeats, listener } = self;
+        stages.window.count_resets_from(first_reset_counter);
         let (first, origin) = match stamps {
             // Sensors may be missing yet.
             Stamps::OfHost => (None, Origin::of_host()),
@@ -112,7 +117,7 @@ impl Live {
             }
         };
         let pace = Pace { stamps, origin, speed };
-        let shared = Shared::new(TaskTable::new(&config, speed), host, control, pace);
+        let shared = Shared::new(TaskTable::new(&config, speed), heartbeats, host, control, pace);
         let tasks = Tasks::new(&config, Sensors { imu, first, stereo }, stages);
         let ended = run_tasks(&shared, tasks, &team, listener);
         match shared.into_failure() {

@@ -3,12 +3,12 @@
 use super::super::{Control, RunError, Stamps};
 use crate::schedule::host::Host;
 use crate::schedule::ladder::Rung;
-use crate::schedule::tasks::{TaskId, TaskTable};
+use crate::schedule::tasks::{Loss, TaskId, TaskTable};
 use crate::schedule::ticker::Monotonic;
 use crate::schedule::watchdog::Heartbeats;
 use plumbline_config::Timestamp;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{Builder, Scope, ScopedJoinHandle};
 
@@ -59,20 +59,29 @@ pub struct Shared<'a> {
     window_ms: AtomicU64,
     /// Level of the rung of the ladder.
     rung: AtomicU8,
+    /// The window has ended by a fault of its own, and waits for a fresh start.
+    is_window_down: AtomicBool,
     failure: Mutex<Option<RunError>>,
 }
 
 impl<'a> Shared<'a> {
     /// Of a run at this pace.
-    pub fn new(table: TaskTable, host: Arc<Host>, control: &'a Control, pace: Pace) -> Self {
+    pub fn new(
+        table: TaskTable,
+        heartbeats: Heartbeats,
+        host: Arc<Host>,
+        control: &'a Control,
+        pace: Pace,
+    ) -> Self {
         Self {
             table,
-            heartbeats: Heartbeats::default(),
+            heartbeats,
             control,
             pace,
             host,
             window_ms: AtomicU64::default(),
             rung: AtomicU8::default(),
+            is_window_down: AtomicBool::default(),
             failure: Mutex::default(),
         }
     }
@@ -123,9 +132,33 @@ impl<'a> Shared<'a> {
         Rung::of_level(self.rung.load(Ordering::Relaxed)).unwrap_or_default()
     }
 
-    /// Keeps the first failure of a run.
+    /// The window has ended by a fault of its own: the front-end sees to a fresh start.
+    pub fn report_window_down(&self) {
+        self.is_window_down.store(true, Ordering::Release);
+    }
+
+    pub fn is_window_down(&self) -> bool {
+        self.is_window_down.load(Ordering::Acquire)
+    }
+
+    /// A fresh start is on its way to the window.
+    pub fn forget_window_down(&self) {
+        self.is_window_down.store(false, Ordering::Release);
+    }
+
+    /// Makes the calling thread the one of a task.
+    pub fn enter(&self, id: TaskId) {
+        self.host.enter(self.table.row(id));
+    }
+
+    /// Tells of a failure of a run, and keeps the first.
     pub fn fail(&self, error: RunError) {
         tracing::error!("{error}");
+        self.keep(error);
+    }
+
+    /// Keeps the first failure of a run. The watchdog tells of those of tasks.
+    fn keep(&self, error: RunError) {
         self.failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
     }
 
@@ -134,7 +167,22 @@ impl<'a> Shared<'a> {
         self.failure.into_inner().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Starts the thread of a task. Its fault ends the task, not the run: the odometry goes on.
+    /// A task has ended by a fault of its own: so does the run, where it cannot go on without.
+    pub fn lose(&self, id: TaskId) {
+        let row = self.table.row(id);
+        self.keep(RunError::Fault(row.name));
+        if row.loss == Loss::Process {
+            self.control.give_up();
+        }
+    }
+
+    /// A task does not come back: the run ends, and the process with it.
+    pub fn give_up(&self, id: TaskId) {
+        self.keep(RunError::Stalled(self.table.row(id).name));
+        self.control.give_up();
+    }
+
+    /// Starts the thread of a task.
     pub fn spawn<'scope, T: Send + 'scope>(
         &'scope self,
         scope: &'scope Scope<'scope, '_>,
@@ -147,8 +195,17 @@ impl<'a> Shared<'a> {
             .spawn_scoped(scope, move || {
                 self.host.enter(task);
                 let outcome = catch_unwind(AssertUnwindSafe(work));
-                self.heartbeats.idle(id);
-                outcome.map_err(|_| self.fail(RunError::Fault(task.name))).ok()
+                match outcome {
+                    Ok(outcome) => {
+                        self.heartbeats.idle(id);
+                        Some(outcome)
+                    }
+                    Err(_) => {
+                        self.heartbeats.of(id).die();
+                        self.lose(id);
+                        None
+                    }
+                }
             })
             .map_err(|error| RunError::Thread(error.to_string()))
     }

@@ -5,9 +5,10 @@ use super::shared::Shared;
 use crate::pipeline::event::{Event, Severity};
 use crate::pipeline::listener::Listener;
 use crate::schedule::ladder::Rung;
+use crate::schedule::supervisor::{Supervisor, Word};
+use crate::schedule::tasks::{Loss, TaskId, WATCH_PERIOD};
 use crate::schedule::ticker::Monotonic;
-use crate::schedule::watchdog::{Finding, WATCH_PERIOD, Watchdog};
-use sd_notify::NotifyState;
+use crate::schedule::watchdog::{Finding, Watchdog};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{Builder, Scope, ScopedJoinHandle};
 use std::time::Duration;
@@ -22,6 +23,8 @@ const LOOKS_PER_MEMORY: u32 = 100;
 pub struct WatchdogFigures {
     /// Stalls named.
     pub stalls: u64,
+    /// Tasks that ended by a fault of their own.
+    pub deaths: u64,
     /// Growth of the resident memory after it had settled, MB.
     pub memory_growth_mb: Option<f64>,
 }
@@ -42,7 +45,10 @@ impl WatchdogThread {
     ) -> Result<ScopedJoinHandle<'scope, WatchdogFigures>, RunError> {
         Builder::new()
             .name("watchdog".into())
-            .spawn_scoped(scope, move || self.watch(shared, listener))
+            .spawn_scoped(scope, move || {
+                shared.enter(TaskId::Watchdog);
+                self.watch(shared, listener)
+            })
             .map_err(|error| RunError::Thread(error.to_string()))
     }
 
@@ -55,23 +61,24 @@ impl WatchdogThread {
         let mut watchdog = Watchdog::default();
         let (start, mut settled_mb, mut peak_mb) = (Monotonic::now(), None, 0.0f64);
         let mut rung = Rung::Full;
-        let patience = sd_notify::watchdog_enabled();
-        tell_systemd(&[NotifyState::Ready]);
+        let supervisor = Supervisor::of_environment();
+        supervisor.tell(Word::Ready);
         let mut last_sign = start;
         for look in 0u32.. {
             if self.ended.load(Ordering::Relaxed) {
                 break;
             }
             let now = Monotonic::now();
+            shared.heartbeats.busy(TaskId::Watchdog);
             watchdog.look(&shared.table, &shared.heartbeats, now, |finding| {
                 report_finding(shared, &mut *listener, finding);
             });
             report_rung(shared, &mut *listener, &mut rung);
-            if let Some(patience) = patience
+            if let Some(patience) = supervisor.patience()
                 && !watchdog.is_critical()
                 && now.ms_since(last_sign) * 3e-3 > patience.as_secs_f64()
             {
-                tell_systemd(&[NotifyState::Watchdog]);
+                supervisor.tell(Word::Alive);
                 last_sign = now;
             }
             if look.is_multiple_of(LOOKS_PER_MEMORY)
@@ -84,9 +91,10 @@ impl WatchdogThread {
             std::thread::sleep(WATCH_PERIOD);
         }
         report_rung(shared, &mut *listener, &mut rung);
-        tell_systemd(&[NotifyState::Stopping]);
+        supervisor.tell(Word::Stopping);
         WatchdogFigures {
             stalls: watchdog.stalls(),
+            deaths: watchdog.deaths(),
             memory_growth_mb: settled_mb.map(|settled| peak_mb - settled),
         }
     }
@@ -113,31 +121,43 @@ fn report_rung(shared: &Shared<'_>, listener: &mut dyn Listener, told: &mut Rung
     }
 }
 
-/// Says what was found, in the log of the process and in that of the flight.
+/// Says what was found, in the log of the process and in that of the flight, and does what is to be done about it.
 fn report_finding(shared: &Shared<'_>, listener: &mut dyn Listener, finding: Finding) {
     let now = shared.data_time(Monotonic::now());
+    let mut tell = |severity: Severity, text: std::fmt::Arguments<'_>| {
+        match severity {
+            Severity::Error => tracing::error!("{text}"),
+            Severity::Warning | Severity::Info => tracing::warn!("{text}"),
+        }
+        listener.event(&Event::new(now, severity, text));
+    };
     match finding {
         Finding::Stalled(id, silence) => {
             let (name, ms) = (shared.table.row(id).name, silence.as_secs_f64() * 1e3);
-            tracing::error!("{name} is stalled: no sign of life for {ms:.0} ms");
-            listener.event(&Event::new(
-                now,
-                Severity::Error,
-                format_args!("{name} is stalled for {ms:.0} ms"),
-            ));
+            tell(Severity::Error, format_args!("{name} is stalled: no sign of life for {ms:.0} ms"));
+        }
+        Finding::Hopeless(id) => {
+            let name = shared.table.row(id).name;
+            tell(Severity::Error, format_args!("{name} does not come back: this process ends"));
+            shared.give_up(id);
+        }
+        Finding::Died(id) => {
+            let row = shared.table.row(id);
+            let consequence = match row.loss {
+                Loss::Process => "this process ends",
+                Loss::Estimate => "the estimate starts anew",
+                Loss::Itself => "the flight goes on without it",
+            };
+            let name = row.name;
+            tell(Severity::Error, format_args!("{name} ended by a fault of its own: {consequence}"));
+            if row.loss == Loss::Process {
+                shared.lose(id);
+            }
         }
         Finding::Recovered(id) => {
             let name = shared.table.row(id).name;
-            tracing::warn!("{name} is back");
-            listener.event(&Event::new(now, Severity::Info, format_args!("{name} is back")));
+            tell(Severity::Info, format_args!("{name} is back"));
         }
-    }
-}
-
-/// Without systemd this does nothing.
-fn tell_systemd(states: &[NotifyState<'_>]) {
-    if let Err(error) = sd_notify::notify(states) {
-        tracing::debug!("systemd is not to be reached: {error}");
     }
 }
 

@@ -11,7 +11,7 @@ use super::drivers::{Arrival, CameraFigures, CameraTask, ImuTask};
 use super::front_end::{FrontEndRings, FrontEndTask};
 use super::places::{PlacesRings, PlacesTask};
 use super::tick::{TickRings, TickTask};
-use super::window::WindowTask;
+use super::window::{WindowRings, WindowTask};
 use crate::schedule::ring::{Bell, Reader, Writer, ring};
 use plumbline_config::ValidConfig;
 use plumbline_drivers::{ImuReading, ImuSource, StereoFrame, StereoSource};
@@ -22,7 +22,7 @@ use plumbline_estimator::{Estimate, Feedback};
 /// Frames that are filled, wait or are tracked at a time.
 const FRAME_POOL: usize = 4;
 /// Frames between front-end and window: one being tracked, one waiting, one being solved.
-const JOB_POOL: usize = 3;
+pub const JOB_POOL: usize = 3;
 /// Readings that a replay driver is ahead of the clock, or a tick behind it, s of them, and never fewer than these.
 const READING_RING_S: f64 = 0.3;
 const READING_RING: usize = 64;
@@ -185,16 +185,18 @@ impl Tasks {
                     bell: bells.front_end,
                 },
             ),
-            window: WindowTask {
-                stage: stages.window,
-                jobs: rings.jobs.reader,
-                spare: rings.spare.writer,
-                blank: rings.blank.reader,
-                feedback: rings.feedback.writer,
-                corrections: rings.corrections.writer,
-                map_updates: rings.map_updates.reader,
-                bell: bells.window,
-            },
+            window: WindowTask::new(
+                stages.window,
+                WindowRings {
+                    jobs: rings.jobs.reader,
+                    spare: rings.spare.writer,
+                    blank: rings.blank.reader,
+                    feedback: rings.feedback.writer,
+                    corrections: rings.corrections.writer,
+                    map_updates: rings.map_updates.reader,
+                    bell: bells.window,
+                },
+            ),
             places: stages.places.map(|stage| PlacesTask {
                 stage,
                 jobs: rings.place_jobs.reader,
