@@ -146,6 +146,7 @@ fmt-check:
 
 clippy:
 	$(CARGO) clippy $(FLAGS) --workspace --all-targets -- -D warnings
+	$(CARGO) clippy $(FLAGS) --workspace --features plumbline/calibration -- -D warnings
 
 # Advisories are apart: their database is not on crates.io, and changes from day to day.
 deny:

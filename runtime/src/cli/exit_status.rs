@@ -92,6 +92,7 @@ fn is_wrong_input(cause: &(dyn Error + 'static)) -> bool {
     if let Some(error) = cause.downcast_ref::<ImagesError>() {
         return match error {
             ImagesError::Layout { .. } => true,
+            ImagesError::Write { .. } => false,
             ImagesError::Io { source, .. } => is_usage(source),
             ImagesError::Image(error) => is_usage(error),
         };

@@ -15,7 +15,8 @@ const LEAST_VIEWS: usize = 12;
 const MOST_FOCAL_SIGMA: f64 = 0.002;
 const MOST_CENTRE_SIGMA_PX: f64 = 1.0;
 const MOST_BASELINE_SIGMA: f64 = 0.005;
-const LEAST_TILT_DEG: f64 = 20.0;
+/// A board that is tilted by less tells little of the focal length.
+pub const LEAST_TILT_DEG: f64 = 20.0;
 
 /// Where a corner was seen, and how far from where it is projected to.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -223,15 +224,21 @@ fn camera_result<'a>(
 /// How many corners were seen in each of the [`CELLS`], row by row.
 #[must_use]
 pub fn cell_counts(model: &CameraModel, residuals: &[Residual]) -> Vec<usize> {
-    let [across, down] = CELLS;
-    let mut counts = vec![0; across * down];
+    let mut counts = vec![0; CELLS[0] * CELLS[1]];
     for Residual { px, .. } in residuals {
-        // A float to usize saturates, at 0 too.
-        let cell = |at: f64, size: usize, cells: usize| ((at + 0.5) / size as f64 * cells as f64) as usize;
-        let (x, y) = (cell(px.x, model.width_px, across), cell(px.y, model.height_px, down));
-        counts[y.min(down - 1) * across + x.min(across - 1)] += 1;
+        counts[cell_of(px, (model.width_px, model.height_px))] += 1;
     }
     counts
+}
+
+/// Which of the [`CELLS`] of an image of this size a place is in, px, counted row by row.
+#[must_use]
+pub fn cell_of(px: &Vector2<f64>, size_px: (usize, usize)) -> usize {
+    let [across, down] = CELLS;
+    // A float to usize saturates, at 0 too.
+    let cell = |at: f64, size: usize, cells: usize| ((at + 0.5) / size as f64 * cells as f64) as usize;
+    let (x, y) = (cell(px.x, size_px.0, across), cell(px.y, size_px.1, down));
+    y.min(down - 1) * across + x.min(across - 1)
 }
 
 fn pair_result(cameras: &Cameras, covariance: &SharedMatrix) -> PairResult {

@@ -1,5 +1,6 @@
 //! `plumbline calibrate camera`: images of a board in, a configuration, a table and a picture out.
 
+use super::live;
 use crate::calibrate::camera::images::{Images, Moment, read};
 use crate::calibrate::camera::recording::read_log;
 use crate::calibrate::camera::result::{CELLS, CameraResult};
@@ -14,6 +15,7 @@ use plumbline_config::Config;
 use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "Examples:
+  plumbline calibrate camera live --config drone.toml --target aprilgrid:6x6:0.088:0.3 --out my.toml
   plumbline calibrate camera recording --target aprilgrid:6x6:0.088:0.3 --out my.toml
   plumbline calibrate camera recording --target charuco:11x8:0.03:0.022:5X5_100 --out my.toml --rate 30
   plumbline calibrate camera recording --target chessboard:9x6:0.025 --mono --out my.toml
@@ -27,18 +29,23 @@ docs/calibration.md says what to print, how to move it, and what a good result l
 
 /// As many moments tell what there is to tell; more take longer.
 const MOST_IMAGES: u32 = 60;
+/// The source that is no file; a folder of that name is `./live`.
+const LIVE: &str = "live";
+const DEFAULT_BASE: &str = "euroc";
 
 /// Arguments of `plumbline calibrate camera`.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct CameraArgs {
-    /// A folder with cam0/ and, for two cameras, cam1/ (PNG, images of one time under one name), a EuRoC data set, or a
-    /// flight log (.mcap) that holds images.
+    /// A folder with cam0/ and, for two cameras, cam1/ (PNG, images of one time under one name), a EuRoC data set, a
+    /// flight log (.mcap) that holds images, or `live`: the cameras of --config, before which you move the board.
     #[arg(value_name = "SOURCE")]
     source: PathBuf,
     /// The board, such as aprilgrid:6x6:0.088:0.3; see below.
     #[arg(long, value_name = "BOARD")]
     target: Target,
+    #[command(flatten)]
+    live: live::LiveArgs,
     /// The configuration to write.
     #[arg(long, value_name = "OUT.toml")]
     out: PathBuf,
@@ -54,10 +61,11 @@ pub struct CameraArgs {
     /// Frames a second that the cameras will take in flight, Hz. Without it, those of the base.
     #[arg(long, value_name = "HZ")]
     rate: Option<f64>,
-    /// Configuration file or preset that all else is taken from, also where the left camera sits on the IMU.
-    #[arg(long, default_value = "euroc", value_name = "FILE|PRESET")]
-    base: PathBuf,
-    /// Moments that are used, at most: evenly from all that there are.
+    /// Configuration file or preset that all else is taken from, also where the left camera sits on the IMU. Without it,
+    /// that of --config, or the preset `euroc`.
+    #[arg(long, value_name = "FILE|PRESET")]
+    base: Option<PathBuf>,
+    /// Moments that are used, at most: evenly from all that there are, or the first that `live` keeps.
     #[arg(long, default_value_t = MOST_IMAGES, value_parser = clap::value_parser!(u32).range(5..=1000))]
     max_images: u32,
     /// Replace files of these names.
@@ -91,13 +99,17 @@ pub fn run(args: &CameraArgs) -> Result<()> {
     let detector = detector()?;
     let picture = args.picture.clone().unwrap_or_else(|| args.out.with_extension("png"));
     check(args, &picture)?;
-    let base = load_config(Some(&args.base))?.context("a base was named")?;
-    let calibration = calibrated(args, &detector)?;
+    let base_name = args.base_name();
+    let base = load_config(Some(&base_name))?.context("a base was named")?;
+    let (pairs, source) = match args.is_live() {
+        true => live::pairs(&args.live, &args.out, &args.wanted(&detector))?,
+        false => (read_pairs(args)?, args.source.display().to_string()),
+    };
+    let calibration = calibrated(args, &pairs, &detector).with_context(|| source.clone())?;
     say(table::views(&calibration));
     let origin = args.out.display().to_string();
     let config = output::configuration(&base, &calibration, args.rate, &origin)?;
-    let source = args.source.display().to_string();
-    let text = output::text(&config, &calibration, &source, &args.base.display().to_string())?;
+    let text = output::text(&config, &calibration, &source, &base_name.display().to_string())?;
     // What is written is what will be read.
     Config::from_toml_str(&text, &origin)?;
     draw(&calibration, &source, &picture)?;
@@ -123,6 +135,25 @@ fn detector() -> Result<Detector> {
     Err(Usage(message.into()).into())
 }
 
+impl CameraArgs {
+    /// Whether the images come from cameras.
+    fn is_live(&self) -> bool {
+        self.source.as_os_str() == LIVE
+    }
+
+    /// What is asked of live cameras.
+    fn wanted<'a>(&'a self, detector: &'a Detector) -> live::Wanted<'a> {
+        let (kind, most) = (self.lens.into(), self.max_images as usize);
+        live::Wanted { target: &self.target, kind, detector, mono: self.mono, most }
+    }
+
+    /// What all that is not calibrated is taken from.
+    fn base_name(&self) -> PathBuf {
+        let named = self.base.as_ref().or(self.live.config.as_ref());
+        named.cloned().unwrap_or_else(|| PathBuf::from(DEFAULT_BASE))
+    }
+}
+
 /// Refuses what could not be written or would be overwritten, before the work.
 fn check(args: &CameraArgs, picture: &PathBuf) -> Result<()> {
     plot::check_name(picture).map_err(|e| Usage(format!("--picture: {e}")))?;
@@ -130,6 +161,10 @@ fn check(args: &CameraArgs, picture: &PathBuf) -> Result<()> {
     if let Some(file) = [&args.out, picture].into_iter().find(|file| file.exists() && !args.overwrite) {
         let message = format!("{}: exists; name another file, or give --overwrite", file.display());
         return Err(Usage(message).into());
+    }
+    match args.is_live() {
+        true => live::check(&args.live, &args.out, args.overwrite)?,
+        false => live::check_absent(&args.live)?,
     }
     if args.rate.is_some_and(|rate| !(rate.is_finite() && rate > 0.0)) {
         return Err(Usage("--rate: give frames a second, such as 20".into()).into());
@@ -162,15 +197,14 @@ fn read_pairs(args: &CameraArgs) -> Result<Vec<Pair>> {
 }
 
 /// Calibrates under a bar of progress.
-fn calibrated(args: &CameraArgs, detector: &Detector) -> Result<Calibration> {
-    let pairs = read_pairs(args)?;
+fn calibrated(args: &CameraArgs, pairs: &[Pair], detector: &Detector) -> Result<Calibration> {
     let images: usize = pairs.iter().map(|pair| pair.images.iter().flatten().count()).sum();
     let bar = ProgressBar::new(images as u64);
     let template = "{bar:32} {pos}/{len} images  {elapsed} (eta {eta})";
     bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
-    let calibration = calibrate(&pairs, &args.target, args.lens.into(), detector, &mut || bar.inc(1));
+    let calibration = calibrate(pairs, &args.target, args.lens.into(), detector, &mut || bar.inc(1));
     bar.finish_and_clear();
-    calibration.with_context(|| args.source.display().to_string())
+    Ok(calibration?)
 }
 
 fn draw(calibration: &Calibration, source: &str, path: &Path) -> Result<()> {

@@ -2,6 +2,7 @@
 
 mod camera;
 mod imu;
+mod live;
 mod output;
 mod rig;
 
