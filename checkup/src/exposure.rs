@@ -89,9 +89,10 @@ impl Brightness {
     }
 }
 
-/// Blur by the rotation rates of the data, for the configured exposure; or the exposure that they allow.
+/// Blur by the rotation rates of the data, for the exposure that was told, s, or the configured one; or the exposure that they
+/// allow.
 #[must_use]
-pub fn blur(samples: &[ImuSample], config: &Config) -> Measure {
+pub fn blur(samples: &[ImuSample], config: &Config, told_s: Option<f64>) -> Measure {
     const NAME: &str = "blur";
     let rates: Vec<f64> = samples.iter().map(|sample| sample.gyro.norm()).collect();
     let rate = quantile(&rates, RATE_QUANTILE);
@@ -101,10 +102,10 @@ pub fn blur(samples: &[ImuSample], config: &Config) -> Measure {
         return Measure::missing(NAME, "the vehicle did not turn", "turn it by hand as fast as it will fly");
     }
     let allowed_ms = 1e3 * BLUR_PX.0 / (rate * focal_px);
-    let exposure_s = 1e-6 * config.driver.v4l2.exposure_us;
+    let exposure_s = told_s.unwrap_or(1e-6 * config.driver.v4l2.exposure_us);
     if exposure_s <= 0.0 {
         let value = format!(
-            "exposure not configured; at {rate:.2} rad/s up to {allowed_ms:.1} ms keep it below {} px",
+            "exposure neither told nor configured; at {rate:.2} rad/s up to {allowed_ms:.1} ms keep it below {} px",
             BLUR_PX.0
         );
         let cure = "set `driver.v4l2.exposure_us` for a known blur";

@@ -69,6 +69,7 @@ pub struct Checkup {
     pairs: PairFigures,
     motion: Option<MotionFinder>,
     turns: Vec<Turn>,
+    exposure_s: Option<f64>,
 }
 
 impl Checkup {
@@ -87,7 +88,13 @@ impl Checkup {
             pairs: PairFigures::default(),
             motion: MotionFinder::new(config),
             turns: Vec::new(),
+            exposure_s: None,
         }
+    }
+
+    /// Takes note of the exposure that the cameras' driver tells, s: it counts, and not the configured one.
+    pub fn tell_exposure(&mut self, exposure_s: f64) {
+        self.exposure_s = Some(exposure_s).filter(|exposure_s| exposure_s.is_finite() && *exposure_s > 0.0);
     }
 
     /// Takes an inertial sample with its number in the sensor's stream.
@@ -165,7 +172,7 @@ impl Checkup {
         measures.extend(inertial::at_rest(&rest, config));
         measures.extend(vibration::judge(&self.samples, &config.imu));
         measures.push(self.brightness.judge());
-        measures.push(exposure::blur(&self.samples, config));
+        measures.push(exposure::blur(&self.samples, config, self.exposure_s));
         measures.extend(self.matcher.as_ref().map(|_| self.pairs.judge(config)));
         if self.motion.is_some() {
             measures.extend(agreement::judge(&self.turns, &self.samples, config));

@@ -42,6 +42,19 @@ fn a_bag_of_the_clip_gives_the_estimates_of_the_clip_bit_for_bit() {
     let wrong = ["replay", &file, "--config", &config, "--topic", "imu=/imu9"];
     fails(&wrong, 2, &["/imu9", "/imu0 (sensor_msgs/msg/Imu)"]);
     fails(&["replay", &file, "--config", &config, "--topic", "up=/x"], 2, &["--topic", "left=NAME"]);
+    // What else takes recordings takes it: a checkup, a map, and images for a log that holds none.
+    let (poses, map, log) = (at("poses.tum"), at("bag.map"), at("log.mcap"));
+    let without = ["--record", &log, "--set", "recorder.images=none", "--trajectory", &poses];
+    for arguments in [
+        &["doctor", &file, "--config", &config][..],
+        &[&["replay", &file, "--config", &config], &without[..]].concat(),
+        &["verify", &log, "--images", &file],
+        &["map", "build", &file, "--config", &config, "--poses", &poses, "--out", &map],
+    ] {
+        let output = plumbline(arguments);
+        assert!(output.status.success(), "{arguments:?}: {}", stderr(&output));
+    }
+    fails(&["verify", &log, "--images", &file, "--topic", "left=/x"], 2, &["/x", "/cam0"]);
     let imu = plumbline(&["calibrate", "imu", &file, "--out", &at("imu.toml")]);
     assert!(imu.status.success(), "{}", stderr(&imu));
     assert!(stderr(&imu).contains("shaken"), "{}", stderr(&imu));

@@ -1,5 +1,5 @@
 use super::{ALL, FEW, assert_found, flight, lively, measure, told};
-use crate::Verdict;
+use crate::{Checkup, Verdict};
 use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::options::{CameraConfig, rows_from_isometry};
 use std::f64::consts::TAU;
@@ -165,6 +165,11 @@ fn a_long_exposure_is_told_with_what_is_allowed() {
     let allowed_ms = blur.figure("allowed_exposure_ms").unwrap();
     long.config.driver.v4l2.exposure_us = 990.0 * allowed_ms;
     assert_eq!(measure(&long.report(), "blur").verdict, Verdict::Good);
+    // What the driver tells counts.
+    let mut checkup = Checkup::new(&long.config);
+    long.samples.iter().for_each(|(sequence, sample)| checkup.add_sample(*sequence, sample));
+    checkup.tell_exposure(0.03);
+    assert_found(&checkup.report(), "blur", Verdict::Mind, "expose for at most");
 }
 
 #[test]

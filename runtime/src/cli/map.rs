@@ -1,8 +1,10 @@
 //! `plumbline map`: maps from images with known poses, images located in maps, what is in a map, and the map of a
 //! vehicle in flight.
 
+use super::topics::TopicArgs;
 use super::{Usage, check_outputs, load_config, say};
 use crate::evaluate::load_trajectory;
+use crate::flight::{RecordingKind, open_recording, recording_kind};
 use crate::places::build::{BuildOptions, LocatedFrame, build, locate};
 use crate::places::frames::{Choice, Frames};
 use crate::places::{MapContents, codec, merge, ply, read_map, write_map};
@@ -67,9 +69,9 @@ impl LimitArgs {
 /// The images, and which of them.
 #[derive(Debug, Args)]
 struct ImageArgs {
-    /// A EuRoC data set; its IMU may be missing.
+    /// A EuRoC data set (its IMU may be missing), a flight log with images, or a ROS 2 bag.
     dataset: PathBuf,
-    /// Configuration file or preset with the calibration of the cameras; that of the data set without.
+    /// Configuration file or preset with the calibration of the cameras; that of the data set or log without.
     #[arg(long)]
     config: Option<PathBuf>,
     /// Use every so many frames.
@@ -78,13 +80,21 @@ struct ImageArgs {
     /// The first frame that is used, counted from 0.
     #[arg(long, default_value_t = 0)]
     first: u32,
+    /// Topics of a bag.
+    #[command(flatten)]
+    topics: TopicArgs,
 }
 
 impl ImageArgs {
     fn open(&self, max_features: usize) -> Result<Frames> {
         let choice = Choice { every: self.every as usize, offset: self.first as usize };
         let options = ExtractorOptions { max_features, ..ExtractorOptions::default() };
-        Ok(Frames::open(&self.dataset, load_config(self.config.as_deref())?, choice, &options)?)
+        let config = load_config(self.config.as_deref())?;
+        if recording_kind(&self.dataset) == RecordingKind::Dataset {
+            return Ok(Frames::open(&self.dataset, config, choice, &options)?);
+        }
+        let flight = open_recording(&self.dataset, config, &self.topics.names()?, None, false)?;
+        Ok(Frames::of(flight.stereo, &flight.config, flight.config.camera.len(), choice, &options))
     }
 }
 

@@ -2,8 +2,9 @@
 
 mod many;
 
+use super::topics::TopicArgs;
 use super::{Usage, say};
-use crate::flight::open_dataset;
+use crate::flight::open_recording;
 use crate::log::verify::{Verification, verify};
 use crate::log::{KnownMap, LogReader};
 use crate::places::read_known_map;
@@ -29,9 +30,12 @@ pub struct VerifyArgs {
     /// are passed over.
     #[arg(value_name = "LOG.mcap", required = true)]
     pub logs: Vec<PathBuf>,
-    /// Take the images from this EuRoC data set: for a log that was recorded without them.
-    #[arg(long, value_name = "DATASET")]
+    /// Take the images from this EuRoC data set or ROS 2 bag: for a log that was recorded without them.
+    #[arg(long, value_name = "DATASET|BAG")]
     pub images: Option<PathBuf>,
+    /// Topics of that bag.
+    #[command(flatten)]
+    pub topics: TopicArgs,
     /// The map that the flight went on with (`replay --map`).
     #[arg(long, value_name = "FILE.map")]
     pub map: Option<PathBuf>,
@@ -62,7 +66,7 @@ pub fn run(args: &VerifyArgs) -> Result<()> {
 }
 
 fn run_one(args: &VerifyArgs, log: &Path) -> Result<()> {
-    let images = args.images.as_ref().map(|dataset| open_images(log, dataset)).transpose()?;
+    let images = args.images.as_ref().map(|dataset| open_images(args, log, dataset)).transpose()?;
     let bar = ProgressBar::new(STEPS);
     let template = "{bar:32} {percent} %  executing  {elapsed} (eta {eta})";
     bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
@@ -97,10 +101,10 @@ fn objection(verified: &Verification, allow_incomplete: bool) -> Option<String> 
     None
 }
 
-/// The frames of the data set, in the sizes of the log's cameras.
-fn open_images(log: &Path, dataset: &Path) -> Result<Box<dyn StereoSource>> {
+/// The frames of the data set or bag, in the sizes of the log's cameras.
+fn open_images(args: &VerifyArgs, log: &Path, dataset: &Path) -> Result<Box<dyn StereoSource>> {
     let config = LogReader::open(log)?.about().config.clone();
-    Ok(open_dataset(dataset, Some(config), None, false)?.stereo)
+    Ok(open_recording(dataset, Some(config), &args.topics.names()?, None, false)?.stereo)
 }
 
 /// The map, in the limits of the log's configuration.

@@ -1,11 +1,9 @@
-//! The stereo pairs of a data set, one by one, with their features: what maps are built from and located by.
+//! The stereo pairs of a recording, one by one, with their features: what maps are built from and located by.
 
 use super::file::MapFileError;
 use nalgebra::Vector3;
 use plumbline_config::{Config, ConfigError, Timestamp, ValidConfig, import};
-use plumbline_drivers::{
-    DriverError, EurocDataset, EurocOptions, EurocStereo, StereoFrame, StereoSource as _,
-};
+use plumbline_drivers::{DriverError, EurocDataset, EurocOptions, StereoFrame, StereoSource};
 use plumbline_estimator::image::Pyramid;
 use plumbline_estimator::places::Feature;
 use plumbline_estimator::places::extractor::{Extractor, ExtractorOptions, View};
@@ -52,9 +50,9 @@ impl Choice {
     }
 }
 
-/// The frames of a data set.
+/// The frames of a recording.
 pub struct Frames {
-    stereo: EurocStereo,
+    stereo: Box<dyn StereoSource>,
     frame: StereoFrame,
     pyramids: [Pyramid; 2],
     built: [bool; 2],
@@ -82,7 +80,20 @@ impl Frames {
         };
         let dataset =
             EurocDataset::open(path, &EurocOptions { with_imu: false, ..EurocOptions::for_config(&config) })?;
-        let cameras = config.camera.iter().take(dataset.cameras());
+        Ok(Self::of(Box::new(dataset.stereo()), &config, dataset.cameras(), choice, options))
+    }
+
+    /// The frames of a source with so many of the cameras of `config`.
+    #[must_use]
+    pub fn of(
+        stereo: Box<dyn StereoSource>,
+        config: &Config,
+        cameras: usize,
+        choice: Choice,
+        options: &ExtractorOptions,
+    ) -> Self {
+        let cameras = config.camera.iter().take(cameras);
+        let sizes = [0, 1].map(|k| cameras.clone().nth(k).map_or((0, 0), |c| (c.width_px, c.height_px)));
         let rig: Vec<_> = cameras
             .map(|c| {
                 let mut camera = RigCamera::new(c.model());
@@ -90,17 +101,16 @@ impl Frames {
                 camera
             })
             .collect();
-        let sizes = dataset.sizes_px();
-        Ok(Self {
-            stereo: dataset.stereo(),
-            frame: dataset.new_frame(),
+        Self {
+            stereo,
+            frame: StereoFrame::new(sizes),
             pyramids: sizes.map(|(width, height)| Pyramid::new(width, height, LEVELS)),
             built: [false; 2],
             rig,
             extractor: Extractor::new(sizes[0].0, sizes[0].1, options),
             choice,
             number: 0,
-        })
+        }
     }
 
     /// Frames that will be handed out.

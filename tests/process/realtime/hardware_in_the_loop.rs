@@ -57,11 +57,18 @@ impl Rig {
         self.folder.path()
     }
 
+    /// Settings that name the IMU at the link `imu` and the socket `frames`.
+    fn sensors(&self) -> [String; 2] {
+        [
+            format!("driver.imu.connect=\"serial://{}:921600\"", self.at("imu")),
+            format!("driver.frames.listen=\"{}\"", self.at("frames")),
+        ]
+    }
+
     /// Makes `fly`, with the IMU at the link `imu` and frames over the socket `frames`, as often as it is asked to; what is said
     /// is gathered.
     pub fn commands(&self, more: Vec<String>) -> impl Fn() -> Command + Send + use<> {
-        let imu = format!("driver.imu.connect=\"serial://{}:921600\"", self.at("imu"));
-        let frames = format!("driver.frames.listen=\"{}\"", self.at("frames"));
+        let [imu, frames] = self.sensors();
         let (config, report, said) = (self.at("rig.toml"), self.at("report.json"), self.path("said"));
         move || {
             let mut command = Command::new(env!("CARGO_BIN_EXE_plumbline"));
@@ -272,6 +279,35 @@ fn soak_an_imu_at_1_khz_and_at_200_hz_in_the_loop_for_half_a_minute() {
         flown_and_replayed(&rig, end_s, &trouble())
     });
     flown.iter().for_each(Compared::assert_good);
+}
+
+#[test]
+fn doctor_judges_the_sensors_that_are_plugged_in() {
+    let rig = Rig::new(8.2, &["--scale", "0.5"]);
+    let recording = &rig.recording;
+    let mut imu = Microcontroller::plugged_in(&rig.path("imu"));
+    let [imu_setting, frames_setting] = rig.sensors();
+    let mut doctor = Command::new(env!("CARGO_BIN_EXE_plumbline"));
+    doctor.args(["doctor", "--config", &rig.at("rig.toml"), "--set", &imu_setting, "--set", &frames_setting]);
+    doctor.args(["--live", "--seconds", "7", "--watch", "0.1", "--json"]);
+    let doctor = doctor.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let epoch = Epoch::in_ms(recording, 300);
+    let output = std::thread::scope(|scope| {
+        scope.spawn(|| send_frames(&rig.path("frames"), recording, epoch, rig.frames(0.0..8.0)));
+        scope.spawn(|| imu.play(recording, epoch, rig.samples(0.0..8.2), &Trouble::none()));
+        doctor.wait_with_output().unwrap()
+    });
+    let report: Value =
+        serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{}", stderr(&output)));
+    println!("{:#}", report["measures"]);
+    let of = |name: &str| report["measures"].as_array().unwrap().iter().find(|m| m["name"] == name).unwrap();
+    // The first seconds of a flight have no time at rest and few turns: what is there is good.
+    for name in ["IMU timing", "camera timing", "stereo pairs", "IMU axes", "exposure", "epipolar error"] {
+        assert_eq!(of(name)["verdict"], "good", "{:#}", of(name));
+    }
+    let figure = |name: &str, key: &str| of(name)["figures"][key].as_f64().unwrap();
+    assert!(figure("epipolar error", "median_px") < 0.3, "{report:#}");
+    assert_eq!(report["source"], "the configured sensors");
 }
 
 #[test]

@@ -1,12 +1,14 @@
 //! What a source delivers, given to the checkup: samples and frames are read on threads of their own.
 
 use super::super::scenario::parse_scene;
-use crate::flight::{Cut, Flight, is_log, open_dataset, open_log, open_sensors, open_simulation};
+use crate::flight::{Cut, Flight, open_recording, open_sensors, open_simulation};
 use anyhow::{Result, anyhow};
 use plumbline_checkup::{Checkup, Frame, Report};
 use plumbline_config::{Config, GrayImage, ImuSample, Timestamp, ValidConfig};
 use plumbline_drivers::simulator::Scenario;
-use plumbline_drivers::{DriverError, ImuSource, StereoFrame, StereoSource, StopFlag};
+use plumbline_drivers::{
+    BagTopics, CameraMonitor, DriverError, ImuSource, StereoFrame, StereoSource, StopFlag,
+};
 use std::path::Path;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::thread::{ScopedJoinHandle, scope};
@@ -22,16 +24,18 @@ const MAX_FRAMES: usize = 400_000;
 ///
 /// # Errors
 /// When it cannot be used.
-pub(super) fn open(source: &str, config: Option<ValidConfig>, seconds: f64) -> Result<Flight> {
+pub(super) fn open(
+    source: &str,
+    config: Option<ValidConfig>,
+    topics: &BagTopics,
+    seconds: f64,
+) -> Result<Flight> {
     if let Some(scene) = source.strip_prefix("sim:") {
         let scenario = Scenario { scene: parse_scene(scene)?, duration_s: seconds, ..Scenario::default() };
         return Ok(open_simulation(config, &scenario, false, 0.0, None)?);
     }
-    let (path, cut) = (Path::new(source), Cut { frames: None, seconds: 0.0..seconds });
-    Ok(match is_log(path) {
-        true => open_log(path, config, cut, false)?,
-        false => open_dataset(path, config, cut, false)?,
-    })
+    let cut = Cut { frames: None, seconds: 0.0..seconds };
+    Ok(open_recording(Path::new(source), config, topics, cut, false)?)
 }
 
 /// What is examined.
@@ -41,11 +45,13 @@ pub(super) struct Streams {
     stereo: Box<dyn StereoSource>,
     /// Live ones: for how long they are read, and what ends them.
     live: Option<(Duration, StopFlag)>,
+    /// What knows the exposure of live cameras.
+    monitor: Option<CameraMonitor>,
 }
 
 impl From<Flight> for Streams {
     fn from(Flight { config, imu, stereo, .. }: Flight) -> Self {
-        Self { config, imu, stereo, live: None }
+        Self { config, imu, stereo, live: None, monitor: None }
     }
 }
 
@@ -55,8 +61,9 @@ impl From<Flight> for Streams {
 /// When it names none, or one that is there cannot do what is asked of it.
 pub(super) fn open_live(config: &ValidConfig, seconds: f64) -> Result<Streams> {
     let stop = StopFlag::new();
-    let (flight, _) = open_sensors(config, &stop)?;
-    Ok(Streams { live: Some((Duration::from_secs_f64(seconds), stop)), ..Streams::from(flight) })
+    let (flight, sensors) = open_sensors(config, &stop)?;
+    let live = Some((Duration::from_secs_f64(seconds), stop));
+    Ok(Streams { live, monitor: Some(sensors.cameras.monitor), ..Streams::from(flight) })
 }
 
 /// A frame whose images are to be looked at.
@@ -75,7 +82,7 @@ type Note = (u64, Timestamp, [bool; 2]);
 /// # Errors
 /// When a stream breaks off.
 pub(super) fn examine(streams: Streams) -> Result<Report> {
-    let Streams { config, imu, stereo, live } = streams;
+    let Streams { config, imu, stereo, live, monitor } = streams;
     let mut checkup = Checkup::new(&config);
     let (send, receive) = sync_channel(QUEUE);
     let (frame, is_live) = (StereoFrame::new(sizes_px(&config)), live.is_some());
@@ -88,6 +95,9 @@ pub(super) fn examine(streams: Streams) -> Result<Report> {
         }
         for (sequence, sample) in ended(samples)? {
             checkup.add_sample(sequence, &sample);
+        }
+        if let Some(exposure_ns) = monitor.and_then(|monitor| monitor.exposure_ns()) {
+            checkup.tell_exposure(exposure_ns as f64 * 1e-9);
         }
         Ok(checkup.report())
     })

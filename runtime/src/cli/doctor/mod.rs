@@ -10,6 +10,7 @@ mod disk;
 mod host;
 mod verdict;
 
+use super::topics::TopicArgs;
 use super::{Usage, load_config, say};
 use crate::flight::with_overrides;
 use crate::schedule::tasks::TaskTable;
@@ -43,7 +44,8 @@ const MAX_SECONDS: f64 = 3600.0;
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct DoctorArgs {
-    /// Look at the data of a EuRoC data set, a flight log or a simulated flight (sim:room), rather than at this host.
+    /// Look at the data of a EuRoC data set, a flight log, a ROS 2 bag (with --config) or a simulated flight (sim:room), rather
+    /// than at this host.
     pub source: Option<String>,
     /// Configuration file or preset. Without one: the calibration of the source, for the host the preset `sim`.
     #[arg(long)]
@@ -63,6 +65,9 @@ pub struct DoctorArgs {
     /// How much of the data is looked at, seconds. Default 30.
     #[arg(long, value_name = "N")]
     pub seconds: Option<f64>,
+    /// Topics of a bag.
+    #[command(flatten)]
+    pub topics: TopicArgs,
     /// Print JSON.
     #[arg(long)]
     pub json: bool,
@@ -83,7 +88,7 @@ pub fn run(args: &DoctorArgs) -> Result<()> {
     }
     let config = load_config(args.config.as_deref())?;
     if let Some(source) = &args.source {
-        let mut flight = data::open(source, config, seconds)?;
+        let mut flight = data::open(source, config, &args.topics.names()?, seconds)?;
         flight.config = with_overrides(&flight.config, &args.overrides)?;
         return tell(args, None, Some((flight.name.clone(), data::examine(flight.into())?)));
     }
