@@ -112,7 +112,8 @@ pub struct Estimate {
     /// Errors and warnings.
     pub health: HealthBits,
     /// Counts resets. Where it changes the pose may jump by any amount; in between each frame corrects it by
-    /// millimetres with two cameras, now and then by some centimetres with one.
+    /// millimetres with two cameras, now and then by some centimetres with one. [`Odometry`] takes such corrections up at
+    /// a bounded rate.
     pub reset_counter: u32,
     /// Figures of this frame.
     pub figures: FrameFigures,
@@ -169,7 +170,8 @@ pub struct FrameFigures {
     pub is_keyframe: bool,
 }
 
-/// The newest state carried forward to an inertial sample (200 Hz).
+/// The newest state carried forward to an inertial sample (200 Hz). Between two resets it makes no steps: corrections enter at
+/// a bounded rate ([`crate::propagator::blend`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Odometry {
     /// Counts odometry outputs.
@@ -182,7 +184,7 @@ pub struct Odometry {
     pub v_o_b: Vector3<f64>,
     /// Angular rate of the body, bias removed, in `B`, rad/s.
     pub angular_rate_b: Vector3<f64>,
-    /// Covariance, grown since the last frame by the IMU's noise.
+    /// Covariance, grown since the last frame by the IMU's noise, and by the corrections that are still to enter.
     pub covariance: NavCovariance,
     /// As of the estimate it rests on.
     pub state: TrackingState,

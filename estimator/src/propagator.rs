@@ -2,13 +2,17 @@
 //!
 //! Between two samples the mean angular rate and the specific force of both ends hold, as in
 //! [`crate::inertial::preintegration`]. The covariance of position, attitude and velocity grows by the
-//! IMU's white noise; that of the biases enters through the estimate it starts from.
+//! IMU's white noise; that of the biases enters through the estimate it starts from. What an estimate corrects enters
+//! at a bounded rate ([`blend`]).
+
+pub mod blend;
 
 use crate::admission::ImuDoor;
 use crate::estimate::{Estimate, NavCovariance, Odometry, TrackingState};
 use crate::inertial::{ImuNoise, Preintegration};
 use crate::input::ImuAdmission;
 use crate::window::state::NavState;
+use blend::Blend;
 use nalgebra::Vector3;
 use plumbline_config::{ImuSample, Timestamp, ValidSetup};
 use std::collections::VecDeque;
@@ -28,6 +32,7 @@ pub struct Propagator {
     capacity: usize,
     nav: Option<NavState>,
     covariance: NavCovariance,
+    blend: Blend,
     stamp: Timestamp,
     estimated: Timestamp,
     newest: Option<ImuSample>,
@@ -50,6 +55,7 @@ impl Propagator {
             capacity,
             nav: None,
             covariance: NavCovariance::zeros(),
+            blend: Blend::default(),
             stamp: Timestamp::default(),
             estimated: Timestamp::default(),
             newest: None,
@@ -60,13 +66,15 @@ impl Propagator {
         }
     }
 
-    /// Corrects by the estimate of a frame: the state is propagated anew from its time to the newest sample.
+    /// Corrects by the estimate of a frame: the state is propagated anew from its time to the newest sample. What is told of it
+    /// moves there at a bounded rate, but after a reset.
     /// An estimate without a pose, one that is not finite, and one from before the samples that are kept, end the odometry
     /// until there is another. That of a frame that was refused says nothing.
     pub fn correct(&mut self, estimate: &Estimate) {
         if estimate.is_refused() {
             return;
         }
+        let told = self.told().filter(|_| estimate.reset_counter == self.reset_counter);
         self.state = estimate.state;
         self.quality = estimate.quality;
         self.reset_counter = estimate.reset_counter;
@@ -93,6 +101,22 @@ impl Propagator {
         for k in first..self.samples.len() {
             let sample = self.samples[k];
             self.advance(&sample);
+        }
+        self.begin_blend(told);
+    }
+
+    /// What is told of the state, and of which time.
+    fn told(&self) -> Option<(NavState, Timestamp)> {
+        self.nav.as_ref().map(|nav| (self.blend.told(nav), self.stamp))
+    }
+
+    /// Lets the state that was corrected go on from what was told of it before, unless it is of a start.
+    fn begin_blend(&mut self, told: Option<(NavState, Timestamp)>) {
+        self.blend = Blend::default();
+        if let (Some(nav), Some((mut told, stamp))) = (&self.nav, told) {
+            // Where samples are missing the estimate may be newer than what was told.
+            told.p_o_b += told.v_o_b * self.stamp.seconds_since(stamp);
+            self.blend.begin(&told, nav);
         }
     }
 
@@ -123,23 +147,25 @@ impl Propagator {
             self.samples.pop_front();
         }
         self.samples.push_back(*sample);
+        let before = self.stamp;
         self.advance(sample);
+        self.blend.advance(self.stamp.seconds_since(before));
         if !self.is_finite() {
             // A reading beyond all bounds, as far as it counts: the next estimate begins anew.
             self.nav = None;
         }
-        let nav = self.nav.as_ref()?;
-        if sample.stamp < self.stamp {
+        let (told, stamp) = self.told()?;
+        if sample.stamp < stamp {
             return None;
         }
         let is_stale = sample.stamp.seconds_since(self.estimated) > STALE_S;
         let odometry = Odometry {
             sequence: self.sequence,
             stamp: sample.stamp,
-            pose_o_b: nav.pose_o_b(),
-            v_o_b: nav.v_o_b,
-            angular_rate_b: sample.gyro - nav.bias_gyro,
-            covariance: self.covariance,
+            pose_o_b: told.pose_o_b(),
+            v_o_b: told.v_o_b,
+            angular_rate_b: sample.gyro - told.bias_gyro,
+            covariance: self.blend.covariance(&self.covariance),
             state: if is_stale { TrackingState::Blind } else { self.state },
             quality: if is_stale { self.quality.min(0) } else { self.quality },
             reset_counter: self.reset_counter,
@@ -265,6 +291,38 @@ mod tests {
                 assert!(odometry.len() == 200 && odometry.iter().all(is_finite), "{value} on axis {axis}");
             }
         }
+    }
+
+    #[test]
+    fn a_correction_enters_at_a_bounded_rate_and_that_of_a_reset_at_once() {
+        let mut propagator = Propagator::new(Config::preset("sim").expect("is valid").setup());
+        propagator.correct(&estimate());
+        let before = run(&mut propagator, 1000, |_, _| {}).pop().expect("flies");
+        let at = |seconds: i64, x: f64, reset_counter: u32| Estimate {
+            stamp: Timestamp::from_nanos(seconds * 1_000_000_000),
+            pose_o_b: Isometry3::translation(x, 0.0, 0.0),
+            reset_counter,
+            ..estimate()
+        };
+        propagator.correct(&at(2, 0.06, 0));
+        let after = run(&mut propagator, 2000, |_, _| {});
+        let x = |o: &Odometry| o.pose_o_b.translation.x;
+        let steps = std::iter::once(&before).chain(&after).zip(&after).map(|(a, b)| x(b) - x(a));
+        let largest = steps.fold(0.0, |most: f64, step| most.max(step.abs()));
+        assert!(largest <= blend::MAX_SPEED_M_S * 0.005 + 1e-6, "a step of {largest} m");
+        assert!(after[0].covariance[(0, 0)].sqrt() > 0.058, "it is told what is still to come");
+        assert!((x(&after[199]) - 0.06).abs() < 1e-4, "{} m in the end", x(&after[199]));
+        propagator.correct(&at(3, 5.0, 1));
+        assert!((x(&run(&mut propagator, 3000, |_, _| {})[0]) - 5.0).abs() < 1e-4, "a reset is told as one");
+    }
+
+    #[test]
+    fn an_estimate_from_before_the_samples_that_are_kept_ends_the_odometry() {
+        let mut propagator = Propagator::new(Config::preset("sim").expect("is valid").setup());
+        let _ = run(&mut propagator, 5000, |_, _| {});
+        let _ = run(&mut propagator, 6000, |_, _| {});
+        propagator.correct(&estimate());
+        assert!(run(&mut propagator, 7000, |_, _| {}).is_empty());
     }
 
     #[test]

@@ -1,9 +1,13 @@
 //! The real clips: a rig at rest in stereo, a flight with one camera.
 
 use plumbline::flight::{fly, open_dataset};
+use plumbline::pipeline::listener::{Listener, Producer, Subscriber};
 use plumbline::pipeline::{Control, RunOptions};
 use plumbline::report::Report;
+use plumbline_estimator::Odometry;
+use plumbline_estimator::propagator::blend::{MAX_SPEED_M_S, MAX_TURN_RAD_S};
 use plumbline_tests::shared;
+use std::sync::{Arc, Mutex};
 
 const OPTIONS: RunOptions = RunOptions { speed: None, threads: 2 };
 
@@ -28,7 +32,9 @@ fn one_camera_in_flight_finds_scale_and_keeps_it_with_and_without_lines() {
     let [with, without] = [true, false].map(|lines| {
         let mut flight = open_dataset(&shared.join("euroc/MH_05_mono_clip"), None, None, true).unwrap();
         flight.config = flight.config.with("test", |c| c.estimator.lines.enabled = lines).unwrap();
-        let flown = fly(flight, &OPTIONS, &Control::default(), vec![]).unwrap();
+        let mut steps = Steps::default();
+        let flown = fly(flight, &OPTIONS, &Control::default(), vec![&mut steps]).unwrap();
+        steps.are_within_what_is_promised();
         keeps_scale(&Report::new(&flown))
     });
     assert!(with <= without, "lines make it worse: {with:.4} m, without {without:.4} m");
@@ -43,4 +49,54 @@ fn keeps_scale(report: &Report) -> f64 {
     assert!(accuracy.ate_rmse_m <= 0.09);
     assert!(accuracy.scale_error_percent.abs() <= 2.0);
     accuracy.ate_rmse_m
+}
+
+/// The largest steps of the 200 Hz odometry: what moves from one message to the next beyond the motion that they tell.
+#[derive(Clone, Default)]
+struct Steps(Arc<Mutex<Largest>>);
+
+#[derive(Default)]
+struct Largest {
+    messages: u32,
+    position_m: f64,
+    turn_rad: f64,
+    last: Option<Odometry>,
+}
+
+impl Subscriber for Steps {
+    fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
+        match producer {
+            Producer::Tick => Box::new(self.clone()),
+            _ => Box::new(()),
+        }
+    }
+}
+
+impl Listener for Steps {
+    fn odometry(&mut self, now: &Odometry) {
+        let mut largest = self.0.lock().unwrap();
+        if let Some(last) = largest.last.replace(now.clone()).filter(|l| l.reset_counter == now.reset_counter)
+        {
+            let dt_s = now.stamp.seconds_since(last.stamp);
+            let moved = now.pose_o_b.translation.vector - last.pose_o_b.translation.vector;
+            let turned = last.pose_o_b.rotation.inverse() * now.pose_o_b.rotation;
+            let told_m = (last.v_o_b + now.v_o_b) * (0.5 * dt_s);
+            let told_rad = (last.angular_rate_b + now.angular_rate_b) * (0.5 * dt_s);
+            largest.messages += 1;
+            largest.position_m = largest.position_m.max((moved - told_m).norm());
+            largest.turn_rad = largest.turn_rad.max((turned.scaled_axis() - told_rad).norm());
+        }
+    }
+}
+
+impl Steps {
+    fn are_within_what_is_promised(&self) {
+        let largest = self.0.lock().unwrap();
+        let (messages, position_m, turn_rad) = (largest.messages, largest.position_m, largest.turn_rad);
+        let (mm, mrad) = (1e3 * position_m, 1e3 * turn_rad);
+        println!("steps of {messages} messages: at most {mm:.2} mm and {mrad:.3} mrad");
+        // The velocity may still be on its way too, by up to 0.1 m/s; the bias of the gyroscope is corrected at once.
+        assert!(messages > 1000 && position_m < (MAX_SPEED_M_S + 0.1) * 0.005, "{mm} mm");
+        assert!(turn_rad < MAX_TURN_RAD_S * 0.005 + 1e-4, "{mrad} mrad");
+    }
 }
