@@ -282,7 +282,7 @@ impl Execution {
         if let Some(map) = &mut self.map {
             map.work();
         }
-        self.reset_before(order.frame)?;
+        self.reset_before(order.frame, true)?;
         if order.readings_before < self.fed {
             return Err(self.unusable(format!("the order of frame {} comes too late", order.frame)));
         }
@@ -291,6 +291,7 @@ impl Execution {
             self.front_end.add_imu(&reading.sample);
             self.fed += 1;
         }
+        self.reset_before(order.frame, false)?;
         let Verdict::Taken { level } = order.verdict else {
             self.refused += 1;
             return Ok(true);
@@ -339,12 +340,17 @@ impl Execution {
         Ok(odometer.process(tracked, &mut (), feedback))
     }
 
-    fn reset_before(&mut self, frame: u64) -> Result<(), LogError> {
+    /// Follows the resets before a frame: a fresh start before the samples since the last frame are given, one that was asked for
+    /// when they have been, as in flight.
+    fn reset_before(&mut self, frame: u64, is_renewal: bool) -> Result<(), LogError> {
         loop {
             if self.reset.is_none() {
                 self.reset = self.log.next_waiting(Channel::ResetOrder)?;
             }
-            let Some(order) = self.reset.filter(|order| order.before_frame <= frame) else { return Ok(()) };
+            let Some(order) = self.reset.filter(|o| o.before_frame <= frame && o.is_renewal == is_renewal)
+            else {
+                return Ok(());
+            };
             self.reset = None;
             if order.is_renewal {
                 self.renew();

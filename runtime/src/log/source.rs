@@ -33,8 +33,8 @@ impl LogEnd {
         read: Result<Option<T>, LogError>,
     ) -> Result<Option<T>, DriverError> {
         match read {
-            Err(error @ LogError::Damaged { .. }) => {
-                self.set(error.to_string());
+            Ok(None) if cursor.damage().is_some() => {
+                self.set(cursor.damage().unwrap_or_default().to_owned());
                 Ok(None)
             }
             Ok(None) if cursor.reader().ending() == Ending::Truncated => {
