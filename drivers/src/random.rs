@@ -23,6 +23,8 @@ pub(crate) enum Purpose {
     Flicker,
     Drop,
     Hand,
+    Blow,
+    Garbage,
 }
 
 /// A stream of draws.

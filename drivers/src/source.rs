@@ -91,6 +91,16 @@ pub trait StereoSource: Send {
     fn faults(&self) -> Faults;
 }
 
+impl<S: ImuSource + ?Sized> ImuSource for Box<S> {
+    fn next_reading(&mut self) -> Result<Option<ImuReading>, DriverError> {
+        (**self).next_reading()
+    }
+
+    fn faults(&self) -> Faults {
+        (**self).faults()
+    }
+}
+
 impl<S: StereoSource + ?Sized> StereoSource for Box<S> {
     fn next_frame(&mut self, frame: &mut StereoFrame) -> Result<bool, DriverError> {
         (**self).next_frame(frame)

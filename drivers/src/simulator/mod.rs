@@ -25,6 +25,7 @@ mod scenario;
 mod scenes;
 mod solid;
 mod spline;
+mod station;
 mod stereo;
 mod texture;
 mod trajectory;

@@ -1,5 +1,6 @@
 //! What is to be simulated.
 
+use super::station::Station;
 use super::twin::{self, Twins};
 use super::{Effects, ImuEffects, LEAD_S, Scene, Trajectory, hand, laps, path};
 use crate::DriverError;
@@ -19,6 +20,12 @@ pub enum FlightPath {
     /// Picked up, and moved and turned about all axes by hand, for as long as is asked for: how a rig is calibrated. The
     /// seed says how.
     HandHeld,
+    /// Take-off and a hover that sways by centimetres.
+    Hover,
+    /// Take-off and a drift of 0.1 m/s to the left.
+    Drift,
+    /// At rest, until it is carried off by 1.5 m from 6.5 to 9.5 s, and put down.
+    Carried,
     /// Along the poses of a TUM file (plain or gzip), smoothed.
     Tum(PathBuf),
 }
@@ -132,6 +139,9 @@ impl Scenario {
         match &self.path {
             FlightPath::Demo => path::demo(length_s, &pose_b_c).ok_or_else(too_short),
             FlightPath::HandHeld => hand::hand_held(length_s, &pose_b_c, self.seed).ok_or_else(too_short),
+            FlightPath::Hover => Station::Hover.flight(length_s, &pose_b_c).ok_or_else(too_short),
+            FlightPath::Drift => Station::Drift.flight(length_s, &pose_b_c).ok_or_else(too_short),
+            FlightPath::Carried => Station::Carried.flight(length_s, &pose_b_c).ok_or_else(too_short),
             FlightPath::Tum(file) => Trajectory::from_poses(&read_tum(file)?).ok_or_else(|| {
                 DriverError::malformed(file, "needs at least eight poses in order of time to fly along")
             }),

@@ -10,6 +10,10 @@ use nalgebra::Vector3;
 /// Height of the lowest pose above the floor, m: a drone on its legs.
 const GROUND_M: f64 = 0.13;
 
+/// Distance of everything in the far scene, m, and size of its patterns against the usual one.
+const FAR_M: f64 = 80.0;
+const FAR_ZOOM: f64 = 40.0;
+
 /// How the second room looks like the first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Twin {
@@ -28,6 +32,8 @@ pub enum Scene {
     Hall,
     /// A room of plain painted walls: edges everywhere, points scarce.
     LowTexture,
+    /// High above everything: ground, walls and ceiling some 80 m away.
+    Far,
     /// Two furnished rooms that look alike, side by side: a lap through each.
     Rooms(Twin),
 }
@@ -47,6 +53,7 @@ pub(super) fn build_around(scene: Scene, seed: u64, flight: &Bounds, path: &[Vec
     let lighting = match scene {
         Scene::Room | Scene::Rooms(_) => room(&mut builder, flight),
         Scene::Hall => hall(&mut builder, flight),
+        Scene::Far => far(&mut builder, flight),
         Scene::LowTexture => plain_room(&mut builder, flight),
     };
     bake(&mut builder.surfaces, &builder.casters, &lighting);
@@ -215,6 +222,16 @@ fn hall(b: &mut Builder<'_>, flight: &Bounds) -> Lighting {
         }
     }
     Lighting { ambient: 95.0, step_m: 0.7, lamps }
+}
+
+/// Detail at every scale, sixty times as large as in a room, and as far away.
+fn far(b: &mut Builder<'_>, flight: &Bounds) -> Lighting {
+    let mut bounds = grown(flight, [FAR_M, FAR_M], FAR_M);
+    bounds.low.z -= FAR_M;
+    let look = |material| finish(material).zoomed(FAR_ZOOM);
+    let walls = [Material::Bricks, Material::Stones, Material::Concrete, Material::Posters].map(look);
+    b.shell(&bounds, look(Material::Stones), look(Material::Concrete), walls);
+    Lighting { ambient: 200.0, step_m: 8.0, lamps: Vec::new() }
 }
 
 fn pilasters(b: &mut Builder<'_>, wall: &Wall) {

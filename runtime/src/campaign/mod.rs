@@ -4,14 +4,17 @@
 //! simulated. Rendered frames can be kept on disk (see [`crate::flight`]), so that a change of the estimator is
 //! measured in a fraction of the time.
 
+mod fault;
 pub mod table;
 
-use crate::flight::{FlightError, fly, open_simulation, with_overrides};
+pub use fault::Fault;
+
+use crate::flight::{FlightError, Flown, Truth, fly, open_simulation, with_overrides};
 use crate::pipeline::{Control, RunOptions};
 use crate::report::Report;
+use crate::report::trust::Trust;
 use plumbline_config::ValidConfig;
-use plumbline_drivers::LostCamera;
-use plumbline_drivers::simulator::{Effects, FlightPath, Scenario, Scene};
+use plumbline_drivers::simulator::{FlightPath, Scenario, Scene};
 use std::path::{Path, PathBuf};
 
 /// Trajectories and where in them the vehicle is in full flight, s.
@@ -20,57 +23,6 @@ pub const PATHS: [(&str, f64); 4] =
 /// Scenes by name.
 pub const SCENES: [(&str, Scene); 3] =
     [("room", Scene::Room), ("hall", Scene::Hall), ("low-texture", Scene::LowTexture)];
-
-/// What goes wrong in a flight.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Fault {
-    /// Nothing.
-    None,
-    /// Both images black for 1.5 s.
-    Blackout,
-    /// 5 % of the frames lost.
-    Drops,
-    /// Left camera silent for 5 s.
-    LeftLost,
-    /// Right camera silent for 5 s.
-    RightLost,
-    /// Exposure jumps by 15 % from frame to frame.
-    Flicker,
-    /// Image stamps 8 ms early.
-    Offset,
-    /// Cameras turned by 1 degree against the calibration.
-    Extrinsics,
-}
-
-impl Fault {
-    /// All that can go wrong.
-    pub const ALL: [Self; 7] = [
-        Self::Blackout,
-        Self::Drops,
-        Self::LeftLost,
-        Self::RightLost,
-        Self::Flicker,
-        Self::Offset,
-        Self::Extrinsics,
-    ];
-
-    fn apply(self, effects: &mut Effects) {
-        let lost = |camera| Some(LostCamera { camera, span_s: 5.0..10.0 });
-        match self {
-            Self::None | Self::Extrinsics => {}
-            Self::Blackout => effects.blackout = Some((6.0, 7.5)),
-            Self::Drops => effects.frames.drop_probability = 0.05,
-            Self::LeftLost => effects.frames.lost_camera = lost(0),
-            Self::RightLost => effects.frames.lost_camera = lost(1),
-            Self::Flicker => effects.flicker = 0.15,
-            Self::Offset => effects.time_offset_s = 0.008,
-        }
-    }
-
-    fn extrinsics_error_deg(self) -> f64 {
-        if self == Self::Extrinsics { 1.0 } else { 0.0 }
-    }
-}
 
 /// How flights are flown.
 #[derive(Clone, Debug)]
@@ -121,7 +73,7 @@ impl Entry {
     #[must_use]
     pub fn with_fault(&self, fault: Fault) -> Self {
         let mut faulty = Self { fault, ..self.clone() };
-        fault.apply(&mut faulty.scenario.effects);
+        fault.shape(&mut faulty);
         faulty
     }
 
@@ -159,8 +111,16 @@ impl Entry {
             setup.cache.as_deref(),
         )?;
         flight.config = with_overrides(&flight.config, &setup.overrides)?;
+        let flight = self.fault.strike(flight, self.scenario.seed)?;
         let options = RunOptions { speed: None, threads: setup.threads };
-        Ok(Report::new(&fly(flight, &options, &Control::default(), vec![])?))
+        let flown = fly(flight, &options, &Control::default(), vec![])?;
+        Ok(Report { trust: self.trust(&flown), ..Report::new(&flown) })
+    }
+
+    /// Whether the estimate deserved its trust, where something went wrong.
+    fn trust(&self, flown: &Flown) -> Option<Trust> {
+        let Truth::Simulated(simulator) = &flown.truth else { return None };
+        Trust::of(&flown.poses, &flown.truth, simulator.frame_time(0), &self.fault.span_s()?)
     }
 
     /// Its row of the table.

@@ -3,6 +3,7 @@
 use super::{Entry, Fault, SCENES};
 use crate::report::Report;
 use crate::report::accuracy::Accuracy;
+use crate::report::trust::Trust;
 
 /// The head of the table.
 pub const TABLE_HEAD: &str = "\
@@ -33,6 +34,37 @@ pub fn row(entry: &Entry, report: &Report) -> String {
         ),
     ];
     format!("| {} |", cells.join(" | "))
+}
+
+/// The head of the table of faults.
+pub const TRUST_HEAD: &str = "\
+| fault | path | scene | seed | NEES during, mean / worst | 5 s after | recovery s | worst m | worst deg | resets | trust |
+|---|---|---|---|---|---|---|---|---|---|---|";
+
+/// The row of a flight in which something goes wrong; none where nothing does.
+#[must_use]
+pub fn trust_row(entry: &Entry, report: &Report) -> Option<String> {
+    entry.fault.span_s()?;
+    let trust = report.trust.as_ref();
+    let deserved = trust.is_some_and(Trust::is_deserved);
+    let cells = [
+        format!("{:?}", entry.fault),
+        entry.path.clone(),
+        entry.scene.to_owned(),
+        entry.scenario.seed.to_string(),
+        format!(
+            "{} / {}",
+            number(trust.and_then(|t| t.nees_during), 2),
+            number(trust.and_then(|t| t.worst_nees_during), 1)
+        ),
+        number(trust.and_then(|t| t.nees_after), 2),
+        trust.and_then(|t| t.recovery_s).map_or_else(|| "never".to_owned(), |s| format!("{s:.2}")),
+        number(trust.map(|t| t.worst_error_m), 3),
+        number(trust.map(|t| t.worst_error_deg), 2),
+        report.resets.to_string(),
+        if deserved { "deserved" } else { "FALSE" }.to_owned(),
+    ];
+    Some(format!("| {} |", cells.join(" | ")))
 }
 
 /// The means of each scene over its flights without a fault, and over all of these: a table of its own.

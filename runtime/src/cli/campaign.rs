@@ -2,7 +2,7 @@
 
 use super::choice::FlightChoice;
 use super::{Usage, check_outputs, load_config, one_line, say};
-use crate::campaign::table::{TABLE_HEAD, means};
+use crate::campaign::table::{TABLE_HEAD, TRUST_HEAD, means, trust_row};
 use crate::campaign::{Entry, Fault, Setup};
 use crate::flight::with_overrides;
 use crate::report::Report;
@@ -22,9 +22,13 @@ pub struct CampaignArgs {
     /// Start, seconds into the trajectory; else where the vehicle is in full flight.
     #[arg(long)]
     pub start: Option<f64>,
-    /// Fly each fault once on top, along the first trajectory in the first scene of the choice.
+    /// Fly each fault once on top, along the first trajectory in the first scene of the choice, and tell whether the
+    /// covariance could be trusted while it lasted and after it.
     #[arg(long)]
     pub faults: bool,
+    /// Of the faults only those whose names begin so, and no sound flight, such as blind,imugap.
+    #[arg(long, value_delimiter = ',', requires = "faults", value_name = "NAME")]
+    pub fault: Vec<String>,
     /// The left camera alone.
     #[arg(long)]
     pub mono: bool,
@@ -78,6 +82,10 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
     let flown = fly_all(&entries, &setup, usize::from(args.jobs));
     let reports = || entries.iter().zip(&flown).filter_map(|(e, r)| Some((e, r.as_ref()?)));
     say(format_args!("\n{}", means(reports())));
+    let faulty: Vec<_> = reports().filter_map(|(entry, report)| trust_row(entry, report)).collect();
+    if !faulty.is_empty() {
+        say(format_args!("\n{TRUST_HEAD}\n{}", faulty.join("\n")));
+    }
     if let Some(file) = &args.json {
         let rows: Vec<Row<'_>> = reports().map(json_row).collect();
         std::fs::write(file, serde_json::to_string_pretty(&rows)?).context(file.display().to_string())?;
@@ -130,10 +138,22 @@ fn entries(args: &CampaignArgs) -> Result<Vec<Entry>, Usage> {
     let mut entries = args.choice.entries(args.start)?;
     if args.faults {
         // With one camera there is no right one to lose, and without the left there is none.
-        let possible = |fault: &Fault| !(args.mono && matches!(fault, Fault::LeftLost | Fault::RightLost));
-        let faults = Fault::ALL.into_iter().filter(possible);
+        let possible = |fault: &Fault| !(args.mono && fault.needs_two_cameras());
+        let chosen = |fault: &Fault| {
+            let name = format!("{fault:?}").to_lowercase();
+            args.fault.is_empty() || args.fault.iter().any(|wanted| name.starts_with(&wanted.to_lowercase()))
+        };
+        let faults = Fault::ALL.into_iter().filter(possible).filter(chosen);
         let sound = entries[0].clone();
+        if !args.fault.is_empty() {
+            entries.clear();
+        }
         entries.extend(faults.map(|fault| sound.with_fault(fault)));
     }
-    Ok(entries)
+    match entries.is_empty() {
+        true => {
+            Err(Usage(format!("--fault: none is called {}; leave it out to see all", args.fault.join(", "))))
+        }
+        false => Ok(entries),
+    }
 }

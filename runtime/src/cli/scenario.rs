@@ -19,7 +19,7 @@ const FLICKER: f64 = 0.15;
 #[command(next_help_heading = "Simulated flight")]
 pub struct ScenarioArgs {
     /// Where it goes: `demo` (take-off and figures of eight), `hand-held` (moved and turned about all axes, as for
-    /// `calibrate rig`), or a TUM file (plain or .gz).
+    /// `calibrate rig`), `hover`, `drift` (slowly to the left), `carried` (from rest to rest), or a TUM file (plain or .gz).
     #[arg(long, default_value = "demo")]
     pub path: String,
     /// Start, seconds into the path, data set or log.
@@ -135,7 +135,8 @@ pub fn parse_scene(name: &str) -> Result<Scene, Usage> {
         "room" => Ok(Scene::Room),
         "hall" => Ok(Scene::Hall),
         "low-texture" | "low" => Ok(Scene::LowTexture),
-        other => Err(Usage(format!("no scene '{other}': choose room, hall or low-texture"))),
+        "far" => Ok(Scene::Far),
+        other => Err(Usage(format!("no scene '{other}': choose room, hall, low-texture or far"))),
     }
 }
 
@@ -186,6 +187,9 @@ impl ScenarioArgs {
         let path = match self.path.as_str() {
             "demo" => FlightPath::Demo,
             "hand-held" => FlightPath::HandHeld,
+            "hover" => FlightPath::Hover,
+            "drift" => FlightPath::Drift,
+            "carried" => FlightPath::Carried,
             file => FlightPath::Tum(Path::new(file).into()),
         };
         let mut effects = Effects { time_offset_s: self.time_offset_ms * 1e-3, ..Effects::default() };

@@ -103,9 +103,7 @@ struct Consistency {
 impl Consistency {
     fn of(known: &[(&CausalPose, Isometry3<f64>)]) -> Self {
         let (first, truth) = &known[0];
-        let turn = yaw_between(&first.pose_o_b.rotation, &truth.rotation);
-        let offset = first.pose_o_b.translation.vector - turn * truth.translation.vector;
-        let origin = Isometry3::from_parts(Translation3::from(offset), turn);
+        let origin = origin(&first.pose_o_b, truth);
         let mut result =
             Self { nees_ratio: None, final_error_m: 0.0, final_sigma_m: 0.0, max_error_sigmas: 0.0 };
         let (mut sum, mut count) = (0.0, 0.0);
@@ -123,6 +121,13 @@ impl Consistency {
         result.nees_ratio = (count > 0.0).then(|| sum / count);
         result
     }
+}
+
+/// Takes the world of `truth` to the odometry frame of `pose`, by position and yaw.
+pub(super) fn origin(pose: &Isometry3<f64>, truth: &Isometry3<f64>) -> Isometry3<f64> {
+    let turn = yaw_between(&pose.rotation, &truth.rotation);
+    let offset = pose.translation.vector - turn * truth.translation.vector;
+    Isometry3::from_parts(Translation3::from(offset), turn)
 }
 
 /// The rotation about z that brings `from` nearest to `to`.

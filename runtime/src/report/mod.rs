@@ -3,6 +3,7 @@
 pub mod accuracy;
 pub mod places;
 pub mod sensors;
+pub mod trust;
 
 use crate::autopilot::BridgeFigures;
 use crate::flight::outputs::OutputFigures;
@@ -18,6 +19,7 @@ use plumbline_drivers::Faults;
 use sensors::Sensors;
 use serde::Serialize;
 use std::collections::BTreeMap;
+use trust::Trust;
 
 /// Everything a run tells.
 #[derive(Clone, Debug, Serialize)]
@@ -68,6 +70,9 @@ pub struct Report {
     pub lines: Lines,
     /// Errors against the truth, where it is known.
     pub accuracy: Option<Accuracy>,
+    /// Whether the estimate deserved its trust about a fault, in the flights of a campaign.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub trust: Option<Trust>,
     /// `t_imu - t_camera` at the end, s.
     pub time_offset_s: f64,
     /// What the drivers survived.
@@ -170,6 +175,7 @@ impl Report {
                 cut_short: f.lines.cut_short,
             },
             accuracy,
+            trust: None,
             time_offset_s: f.time_offset_s,
             faults: [("imu", outcome.faults.imu.into()), ("cameras", outcome.faults.cameras.into())].into(),
             imu_refused: f.imu_refused,

@@ -1,0 +1,121 @@
+//! Paths on which little happens: a hover, a drift too slow to be seen far from everything, and a vehicle that is carried
+//! from one place of rest to another. The cameras look along the x axis of the world throughout, but while it is carried.
+
+use super::path::{BEGIN, REST_S, SAMPLE_STEP_S, level_camera, smooth_step};
+use super::trajectory::Trajectory;
+use crate::StampedPose;
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use std::f64::consts::TAU;
+
+/// Time of the rise, s.
+const RISE_S: f64 = 2.5;
+/// Height on the ground and in hover, m.
+const HEIGHT_M: [f64; 2] = [0.15, 1.4];
+/// What a good controller leaves: amplitude, m, and frequency, Hz, of each axis.
+const SWAY: [(f64, f64); 3] = [(0.03, 0.21), (0.025, 0.17), (0.015, 0.29)];
+/// The same of the attitude, rad.
+const WOBBLE: [(f64, f64); 3] = [(0.008, 0.53), (0.01, 0.37), (0.012, 0.11)];
+/// Velocity of the drift, m/s, and how long it takes to set in, s.
+const DRIFT_M_S: Vector3<f64> = Vector3::new(0.0, 0.1, 0.0);
+const DRIFT_RAMP_S: f64 = 3.0;
+/// When the vehicle is picked up and put down again, s after the beginning; how far off, m, and turned by what, rad.
+const CARRIED_S: [f64; 2] = [6.5, 9.5];
+const CARRIED_M: Vector3<f64> = Vector3::new(1.2, -0.9, 0.0);
+const CARRIED_RAD: f64 = 0.7;
+/// Height to which it is lifted on the way, m.
+const LIFT_M: f64 = 0.8;
+
+/// Which of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Station {
+    Hover,
+    Drift,
+    Carried,
+}
+
+impl Station {
+    /// The motion over `duration_s`, for a body whose left camera is mounted by `pose_b_c`.
+    pub(super) fn flight(self, duration_s: f64, pose_b_c: &Isometry3<f64>) -> Option<Trajectory> {
+        let count = (duration_s / SAMPLE_STEP_S).ceil() as usize;
+        let sample = |i: usize| {
+            let t = i as f64 * SAMPLE_STEP_S;
+            let (p, turn) = self.at(t);
+            let pose = Isometry3::from_parts(Translation3::from(p), turn * pose_b_c.rotation.inverse());
+            StampedPose { stamp: BEGIN.plus_seconds(t), pose }
+        };
+        Trajectory::from_poses(&(0..=count).map(sample).collect::<Vec<_>>())
+    }
+
+    /// Position of the body, and attitude of the camera.
+    fn at(self, t: f64) -> (Vector3<f64>, UnitQuaternion<f64>) {
+        let risen = smooth_step((t - REST_S) / RISE_S);
+        let up = Vector3::z() * (HEIGHT_M[0] + (HEIGHT_M[1] - HEIGHT_M[0]) * risen);
+        let swing = |of: [(f64, f64); 3]| {
+            Vector3::from_fn(|axis, _| risen * of[axis].0 * (TAU * of[axis].1 * t + axis as f64).sin())
+        };
+        match self {
+            Self::Hover => {
+                let turn = level_camera(0.0) * UnitQuaternion::from_scaled_axis(swing(WOBBLE));
+                (up + swing(SWAY), turn)
+            }
+            Self::Drift => (up + DRIFT_M_S * drifted_s(t), level_camera(0.0)),
+            Self::Carried => {
+                let x = (t - CARRIED_S[0]) / (CARRIED_S[1] - CARRIED_S[0]);
+                let moved = smooth_step(x);
+                let lift = 4.0 * LIFT_M * moved * (1.0 - moved);
+                let p = Vector3::z() * (HEIGHT_M[1] + lift) + CARRIED_M * moved;
+                (p, level_camera(CARRIED_RAD * moved))
+            }
+        }
+    }
+}
+
+/// Time of full drift so far, s: it sets in smoothly once the vehicle has risen.
+fn drifted_s(t: f64) -> f64 {
+    let since = t - REST_S - RISE_S;
+    let x = (since / DRIFT_RAMP_S).clamp(0.0, 1.0);
+    // The integral of x³ (10 - 15 x + 6 x²).
+    let ramp = x.powi(4) * (2.5 + x * (x - 3.0));
+    DRIFT_RAMP_S * ramp + (since - DRIFT_RAMP_S).max(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn speeds(station: Station, from_s: f64, to_s: f64) -> Vec<f64> {
+        let flight = station.flight(20.0, &Isometry3::identity()).unwrap();
+        let at = |k: usize| flight.motion_at(from_s + k as f64 * 0.05).v_w_b.norm();
+        (0..((to_s - from_s) / 0.05) as usize).map(at).collect()
+    }
+
+    #[test]
+    fn a_hover_stays_within_centimetres_and_is_never_quite_still() {
+        let flight = Station::Hover.flight(20.0, &Isometry3::identity()).unwrap();
+        let home = Vector3::new(0.0, 0.0, HEIGHT_M[1]);
+        for k in 400..1900 {
+            let motion = flight.motion_at(f64::from(k) * 0.01);
+            assert!((motion.pose_w_b.translation.vector - home).norm() < 0.06);
+        }
+        let speeds = speeds(Station::Hover, 4.0, 19.0);
+        assert!(speeds.iter().all(|v| *v < 0.09) && speeds.iter().sum::<f64>() > 0.03 * speeds.len() as f64);
+    }
+
+    #[test]
+    fn a_drift_is_slow_and_steady() {
+        assert!(speeds(Station::Drift, 8.0, 19.0).iter().all(|v| (v - 0.1).abs() < 1e-3));
+        let flight = Station::Drift.flight(20.0, &Isometry3::identity()).unwrap();
+        assert!((350..1900).all(|k| flight.motion_at(f64::from(k) * 0.01).a_w_b.norm() < 0.1));
+    }
+
+    #[test]
+    fn what_is_carried_rests_before_and_after_elsewhere() {
+        for (from_s, to_s) in [(0.5, 6.3), (9.7, 19.0)] {
+            assert!(speeds(Station::Carried, from_s, to_s).iter().all(|v| *v < 0.01));
+        }
+        let flight = Station::Carried.flight(20.0, &Isometry3::identity()).unwrap();
+        let [before, after] = [3.0, 15.0].map(|t| flight.motion_at(t).pose_w_b);
+        assert!((after.translation.vector - before.translation.vector - CARRIED_M).norm() < 0.01);
+        assert!((after.rotation.angle_to(&before.rotation) - CARRIED_RAD).abs() < 0.01);
+    }
+}
