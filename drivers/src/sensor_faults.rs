@@ -260,7 +260,7 @@ mod tests {
             frame.stamp = Timestamp::from_nanos(7_000_000_000 + self.0 as i64 * 50_000_000);
             frame.valid = [true; 2];
             for image in &mut frame.images {
-                let board = |k: usize| if (k + k / 40) % 2 == 0 { 40 } else { 200 };
+                let board = |k: usize| if (k + k / 40).is_multiple_of(2) { 40 } else { 200 };
                 image.pixels_mut().iter_mut().enumerate().for_each(|(k, pixel)| *pixel = board(k));
             }
             self.0 += 1;

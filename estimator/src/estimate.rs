@@ -1,6 +1,6 @@
 //! What the estimator says: one [`Estimate`] a frame, one [`Odometry`] an inertial sample.
 
-use nalgebra::{Isometry3, SMatrix, Vector3};
+use nalgebra::{Isometry3, SMatrix, SVector, Vector3};
 use plumbline_config::Timestamp;
 
 /// How far the estimator is.
@@ -36,9 +36,9 @@ impl HealthBits {
     pub const IMU_GAP: Self = Self(1 << 5);
     /// Frames are missing since the last frame.
     pub const FRAME_GAP: Self = Self(1 << 6);
-    /// The left image is missing.
+    /// The left image is missing, or shows nothing while the right one does: its lens is covered.
     pub const LEFT_MISSING: Self = Self(1 << 7);
-    /// The right image of a stereo rig is missing.
+    /// The right image of a stereo rig is missing, or shows nothing while the left one does.
     pub const RIGHT_MISSING: Self = Self(1 << 8);
     /// The stamp of the frame does not follow those before: the frame was refused, and the state is that of the one before.
     pub const BAD_STAMP: Self = Self(1 << 9);
@@ -48,9 +48,14 @@ impl HealthBits {
     pub const STATIONARY: Self = Self(1 << 11);
     /// The frame got less than the configured work.
     pub const DEGRADED: Self = Self(1 << 12);
+    /// Both cameras deliver, and hardly a point is found in both: the calibration of the pair is wrong, or a lens is
+    /// covered.
+    pub const CAMERAS_DISAGREE: Self = Self(1 << 13);
+    /// The images contradict the inertial sensor as a whole, and were believed.
+    pub const IMU_CONTRADICTED: Self = Self(1 << 14);
 
     /// Every bit with its name, for people.
-    pub const NAMES: [(Self, &'static str); 13] = [
+    pub const NAMES: [(Self, &'static str); 15] = [
         (Self::NOT_POSITIVE_DEFINITE, "not positive definite"),
         (Self::IMU_SATURATED, "IMU saturated"),
         (Self::NO_FEATURES, "no features"),
@@ -64,6 +69,8 @@ impl HealthBits {
         (Self::BAD_IMAGE_SIZE, "bad image size"),
         (Self::STATIONARY, "stationary"),
         (Self::DEGRADED, "degraded"),
+        (Self::CAMERAS_DISAGREE, "cameras disagree"),
+        (Self::IMU_CONTRADICTED, "IMU contradicted"),
     ];
 
     /// Sets the bits of `other`.
@@ -81,6 +88,9 @@ impl HealthBits {
 /// Covariance of position (0..3), attitude (3..6, right perturbation `R Exp(dtheta)`, rad) and
 /// velocity (6..9) in the odometry frame, against the first pose.
 pub type NavCovariance = SMatrix<f64, 9, 9>;
+
+/// Variances of the biases: gyroscope (0..3, rad²/s²) and accelerometer (3..6, m²/s⁴).
+pub type BiasVariances = SVector<f64, 6>;
 
 /// The estimate after one frame. Frames: `O` odometry (z up, origin at the first pose), `B` body.
 #[derive(Clone, Debug, PartialEq)]
@@ -101,6 +111,8 @@ pub struct Estimate {
     pub bias_accel: Vector3<f64>,
     /// Covariance of pose and velocity.
     pub covariance: NavCovariance,
+    /// Variances of the biases.
+    pub bias_variances: BiasVariances,
     /// `t_imu - t_camera` as refined online, s.
     pub time_offset_s: f64,
     /// Standard deviation of [`Self::time_offset_s`], s.
@@ -184,7 +196,8 @@ pub struct Odometry {
     pub v_o_b: Vector3<f64>,
     /// Angular rate of the body, bias removed, in `B`, rad/s.
     pub angular_rate_b: Vector3<f64>,
-    /// Covariance, grown since the last frame by the IMU's noise, and by the corrections that are still to enter.
+    /// Covariance, grown since the last frame by the IMU's noise, by what its biases may be, by what it did not measure,
+    /// and by the corrections that are still to enter.
     pub covariance: NavCovariance,
     /// As of the estimate it rests on.
     pub state: TrackingState,

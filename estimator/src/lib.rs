@@ -70,7 +70,8 @@ pub mod window;
 pub mod work_budget;
 
 pub use estimate::{
-    Estimate, FrameFigures, HealthBits, NavCovariance, Odometry, Stage, StageProbe, TrackingState,
+    BiasVariances, Estimate, FrameFigures, HealthBits, NavCovariance, Odometry, Stage, StageProbe,
+    TrackingState,
 };
 pub use exchange::{Feedback, Tracked};
 pub use facade::Estimator;

@@ -2,15 +2,17 @@
 //!
 //! Between two samples the mean angular rate and the specific force of both ends hold, as in
 //! [`crate::inertial::preintegration`]. The covariance of position, attitude and velocity grows by the
-//! IMU's white noise; that of the biases enters through the estimate it starts from. What an estimate corrects enters
-//! at a bounded rate ([`blend`]).
+//! IMU's white noise, by what is not known of its biases ([`crate::window::growth`]), and by what it did not measure
+//! while it was saturated or silent ([`crate::inertial::belief`]). What an estimate corrects enters at a bounded rate
+//! ([`blend`]).
 
 pub mod blend;
 
 use crate::admission::ImuDoor;
-use crate::estimate::{Estimate, NavCovariance, Odometry, TrackingState};
-use crate::inertial::{ImuNoise, Preintegration};
+use crate::estimate::{BiasVariances, Estimate, NavCovariance, Odometry, TrackingState};
+use crate::inertial::{BelievedSample, ImuNoise, Preintegration, SensorLimits};
 use crate::input::ImuAdmission;
+use crate::window::growth::GrowingCovariance;
 use crate::window::state::NavState;
 use blend::Blend;
 use nalgebra::Vector3;
@@ -26,16 +28,17 @@ const STALE_S: f64 = 0.5;
 #[derive(Clone, Debug)]
 pub struct Propagator {
     noise: ImuNoise,
+    limits: SensorLimits,
     gravity_o: Vector3<f64>,
     door: ImuDoor,
-    samples: VecDeque<ImuSample>,
+    samples: VecDeque<BelievedSample>,
     capacity: usize,
     nav: Option<NavState>,
-    covariance: NavCovariance,
+    covariance: GrowingCovariance,
     blend: Blend,
     stamp: Timestamp,
     estimated: Timestamp,
-    newest: Option<ImuSample>,
+    newest: Option<BelievedSample>,
     state: TrackingState,
     quality: i8,
     reset_counter: u32,
@@ -49,12 +52,13 @@ impl Propagator {
         let capacity = (MEMORY_S * setup.imu.rate_hz).ceil() as usize + 2;
         Self {
             noise: ImuNoise::of(&setup.imu),
+            limits: SensorLimits::of(&setup.imu),
             gravity_o: Vector3::new(0.0, 0.0, -setup.imu.gravity_m_s2),
             door: ImuDoor::of(&setup.imu),
             samples: VecDeque::with_capacity(capacity),
             capacity,
             nav: None,
-            covariance: NavCovariance::zeros(),
+            covariance: GrowingCovariance::new(NavCovariance::zeros(), &BiasVariances::zeros()),
             blend: Blend::default(),
             stamp: Timestamp::default(),
             estimated: Timestamp::default(),
@@ -89,18 +93,18 @@ impl Propagator {
             bias_gyro: estimate.bias_gyro,
             bias_accel: estimate.bias_accel,
         });
-        self.covariance = estimate.covariance;
+        self.covariance = GrowingCovariance::new(estimate.covariance, &estimate.bias_variances);
         if !self.is_finite() {
             self.nav = None;
             return;
         }
         self.stamp = estimate.stamp;
         self.estimated = estimate.stamp;
-        let first = self.samples.partition_point(|s| s.stamp <= estimate.stamp);
+        let first = self.samples.partition_point(|s| s.sample.stamp <= estimate.stamp);
         self.newest = first.checked_sub(1).map(|k| self.samples[k]);
         for k in first..self.samples.len() {
-            let sample = self.samples[k];
-            self.advance(&sample);
+            let believed = self.samples[k];
+            self.advance(&believed);
         }
         self.begin_blend(told);
     }
@@ -128,7 +132,7 @@ impl Propagator {
 
     /// Whether the samples that are kept lead on from `stamp`.
     fn reaches_back_to(&self, stamp: Timestamp) -> bool {
-        self.samples.front().is_none_or(|first| first.stamp.seconds_since(stamp) <= STALE_S)
+        self.samples.front().is_none_or(|first| first.sample.stamp.seconds_since(stamp) <= STALE_S)
     }
 
     /// Advances to an inertial sample; the odometry at its time, once there has been an estimate with a pose.
@@ -143,12 +147,13 @@ impl Propagator {
             }
             _ => return None,
         }
+        let believed = self.limits.believe(sample, self.samples.back());
         if self.samples.len() == self.capacity {
             self.samples.pop_front();
         }
-        self.samples.push_back(*sample);
+        self.samples.push_back(believed);
         let before = self.stamp;
-        self.advance(sample);
+        self.advance(&believed);
         self.blend.advance(self.stamp.seconds_since(before));
         if !self.is_finite() {
             // A reading beyond all bounds, as far as it counts: the next estimate begins anew.
@@ -164,8 +169,8 @@ impl Propagator {
             stamp: sample.stamp,
             pose_o_b: told.pose_o_b(),
             v_o_b: told.v_o_b,
-            angular_rate_b: sample.gyro - told.bias_gyro,
-            covariance: self.blend.covariance(&self.covariance),
+            angular_rate_b: believed.sample.gyro - told.bias_gyro,
+            covariance: self.blend.covariance(&self.covariance.nav),
             state: if is_stale { TrackingState::Blind } else { self.state },
             quality: if is_stale { self.quality.min(0) } else { self.quality },
             reset_counter: self.reset_counter,
@@ -176,23 +181,28 @@ impl Propagator {
 
     /// Whether the state carried, if there is one, is made of finite numbers.
     fn is_finite(&self) -> bool {
-        self.nav.as_ref().is_none_or(NavState::is_finite) && self.covariance.iter().all(|x| x.is_finite())
+        self.nav.as_ref().is_none_or(NavState::is_finite) && self.covariance.is_finite()
     }
 
-    /// Integrates from the present time to that of `sample`.
-    fn advance(&mut self, sample: &ImuSample) {
-        let dt = sample.stamp.seconds_since(self.stamp);
-        let last = self.newest.unwrap_or(*sample);
+    /// Integrates from the present time to that of `next`.
+    fn advance(&mut self, next: &BelievedSample) {
+        let last = self.newest.unwrap_or(*next);
+        let (from, to) = (&last.sample, &next.sample);
+        let dt = to.stamp.seconds_since(self.stamp);
         if dt > 0.0
             && let Some(nav) = &mut self.nav
         {
+            // The estimate may lie anywhere between two samples.
+            let apart = to.stamp.seconds_since(from.stamp).max(dt);
+            let saturated = last.saturated.or(next.saturated);
+            let noise = self.limits.noise_of_step(&self.noise, dt, apart, saturated);
             let mut step = Preintegration::new(&nav.bias_gyro, &nav.bias_accel);
-            step.integrate(dt, &((last.gyro + sample.gyro) * 0.5), &last.accel, &sample.accel, &self.noise);
-            self.covariance = nav.covariance_after(&self.covariance, &step);
+            step.integrate(dt, &((from.gyro + to.gyro) * 0.5), &from.accel, &to.accel, &noise);
+            self.covariance.grow(nav, &step, &self.noise);
             *nav = nav.after(&step, &self.gravity_o);
-            self.stamp = sample.stamp;
+            self.stamp = to.stamp;
         }
-        self.newest = Some(*sample);
+        self.newest = Some(*next);
     }
 }
 
@@ -213,6 +223,7 @@ mod tests {
             bias_gyro: Vector3::zeros(),
             bias_accel: Vector3::zeros(),
             covariance: NavCovariance::identity() * 1e-4,
+            bias_variances: BiasVariances::zeros(),
             time_offset_s: 0.0,
             time_offset_sigma_s: 0.0,
             pose_b_c0: Isometry3::identity(),
@@ -240,6 +251,46 @@ mod tests {
         assert_eq!(said(90), (TrackingState::Tracking, 90));
         assert_eq!(said(199), (TrackingState::Blind, 0));
         assert!(outputs[199].covariance[(0, 0)] > outputs[0].covariance[(0, 0)]);
+    }
+
+    /// Standard deviations of position and velocity, m and m/s, a second after `estimate`, of samples that `spoil` changes.
+    fn sigmas(estimate: &Estimate, spoil: fn(i64, &mut ImuSample), skips: fn(i64) -> bool) -> [f64; 2] {
+        let mut propagator = Propagator::new(Config::preset("sim").expect("is valid").setup());
+        propagator.correct(estimate);
+        let sample = |k: i64| {
+            let stamp = Timestamp::from_nanos((1000 + 5 * k) * 1_000_000);
+            let mut reading =
+                ImuSample { stamp, gyro: Vector3::zeros(), accel: Vector3::new(0.0, 0.0, 9.81) };
+            spoil(k, &mut reading);
+            reading
+        };
+        let odometry = (1..=200).filter(|k| !skips(*k)).filter_map(|k| propagator.tick(&sample(k)));
+        let odometry = odometry.reduce(|_, newest| newest);
+        let covariance = odometry.expect("there is a pose").covariance;
+        [covariance[(0, 0)].sqrt(), covariance[(6, 6)].sqrt()]
+    }
+
+    #[test]
+    fn biases_gaps_and_saturation_cost_certainty() {
+        let known = estimate();
+        let variances = BiasVariances::from_column_slice(&[0.0, 0.0, 0.0, 0.01, 0.01, 0.01]);
+        let unsure = Estimate { bias_variances: variances, ..known.clone() };
+        let [position_m, velocity_m_s] = sigmas(&known, |_, _| {}, |_| false);
+        assert!(position_m < 0.06 && velocity_m_s < 0.15, "{position_m} {velocity_m_s}");
+        // A bias of 0.1 m/s² is 0.1 m/s and 5 cm after a second.
+        let [of_bias_m, of_bias_m_s] = sigmas(&unsure, |_, _| {}, |_| false);
+        let hypot = |a: f64, b: f64| (a * a + b * b).sqrt();
+        assert!((of_bias_m / hypot(position_m, 0.05) - 1.0).abs() < 0.02, "{of_bias_m}");
+        assert!((of_bias_m_s / hypot(velocity_m_s, 0.1) - 1.0).abs() < 0.02, "{of_bias_m_s}");
+        let [_, of_gap_m_s] = sigmas(&known, |_, _| {}, |k| (80..120).contains(&k));
+        assert!(of_gap_m_s > 0.8, "0.2 s without a sample: {of_gap_m_s} m/s");
+        let hit = |k: i64, reading: &mut ImuSample| {
+            if (80..140).contains(&k) {
+                reading.accel = Vector3::new(156.9, -156.9, 156.9);
+            }
+        };
+        let [_, of_blow_m_s] = sigmas(&known, hit, |_| false);
+        assert!(of_blow_m_s > 2.0, "0.3 s at the end of the range: {of_blow_m_s} m/s");
     }
 
     fn is_finite(odometry: &Odometry) -> bool {

@@ -85,6 +85,7 @@ fn estimate(k: u32) -> Estimate {
         bias_gyro: nalgebra::Vector3::zeros(),
         bias_accel: nalgebra::Vector3::zeros(),
         covariance: NavCovariance::identity(),
+        bias_variances: nalgebra::SVector::zeros(),
         time_offset_s: 0.0,
         time_offset_sigma_s: 1e-3,
         pose_b_c0: nalgebra::Isometry3::identity(),

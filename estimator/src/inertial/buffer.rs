@@ -1,5 +1,6 @@
 //! The newest inertial samples, in order, in fixed memory.
 
+use super::belief::{BelievedSample, SensorLimits};
 use super::preintegration::{ImuNoise, Preintegration};
 use nalgebra::Vector3;
 use plumbline_config::options::ImuConfig;
@@ -8,10 +9,6 @@ use std::collections::VecDeque;
 
 /// Inertial samples are kept this long, s: the longest start and the longest gap between frames.
 pub const IMU_MEMORY_S: f64 = 10.0;
-/// Two samples further apart than this many nominal periods have lost samples between them.
-const GAP_PERIODS: f64 = 2.5;
-/// Noise densities grow by this factor across a gap: the motion inside it was not measured.
-const GAP_NOISE_FACTOR: f64 = 50.0;
 
 /// What an integration met on its way.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -25,11 +22,9 @@ pub struct Coverage {
 /// A ring of the newest samples. Full, it forgets the oldest.
 #[derive(Clone, Debug)]
 pub struct ImuBuffer {
-    samples: VecDeque<ImuSample>,
+    samples: VecDeque<BelievedSample>,
     capacity: usize,
-    period_s: f64,
-    gyro_limit: f64,
-    accel_limit: f64,
+    limits: SensorLimits,
 }
 
 impl ImuBuffer {
@@ -39,16 +34,14 @@ impl ImuBuffer {
         Self::new(IMU_MEMORY_S, imu.rate_hz, imu.gyro_range_rad_s, imu.accel_range_m_s2)
     }
 
-    /// Room for `seconds` of samples at `rate_hz`; samples at 99 % of a range count as saturated.
+    /// Room for `seconds` of samples at `rate_hz`; saturated readings are kept as [`super::belief`] says.
     #[must_use]
     pub fn new(seconds: f64, rate_hz: f64, gyro_range_rad_s: f64, accel_range_m_s2: f64) -> Self {
         let capacity = (seconds * rate_hz).ceil() as usize + 2;
         Self {
             samples: VecDeque::with_capacity(capacity),
             capacity,
-            period_s: 1.0 / rate_hz,
-            gyro_limit: 0.99 * gyro_range_rad_s,
-            accel_limit: 0.99 * accel_range_m_s2,
+            limits: SensorLimits::new(rate_hz, gyro_range_rad_s, accel_range_m_s2),
         }
     }
 
@@ -57,19 +50,19 @@ impl ImuBuffer {
         if !sample.is_finite() {
             return false;
         }
-        while self.samples.back().is_some_and(|last| sample.stamp <= last.stamp) {
+        while self.samples.back().is_some_and(|last| sample.stamp <= last.sample.stamp) {
             self.samples.pop_back();
         }
         if self.samples.len() == self.capacity {
             self.samples.pop_front();
         }
-        self.samples.push_back(*sample);
+        self.samples.push_back(self.limits.believe(sample, self.samples.back()));
         true
     }
 
     /// The samples, oldest first.
     pub fn iter(&self) -> impl Iterator<Item = &ImuSample> {
-        self.samples.iter()
+        self.samples.iter().map(|believed| &believed.sample)
     }
 
     /// Forgets everything.
@@ -83,8 +76,9 @@ impl ImuBuffer {
     pub fn mean(&self, from: Timestamp, to: Timestamp) -> Option<(Vector3<f64>, Vector3<f64>)> {
         let mut sum = (Vector3::zeros(), Vector3::zeros());
         let mut count = 0.0;
-        let first = self.samples.partition_point(|s| s.stamp < from);
-        for s in self.samples.range(first..).take_while(|s| s.stamp <= to) {
+        let first = self.samples.partition_point(|s| s.sample.stamp < from);
+        let samples = self.samples.range(first..).map(|believed| &believed.sample);
+        for s in samples.take_while(|s| s.stamp <= to) {
             sum.0 += s.gyro;
             sum.1 += s.accel;
             count += 1.0;
@@ -106,8 +100,8 @@ impl ImuBuffer {
         let mut result = Preintegration::new(bias_gyro, bias_accel);
         let mut coverage = Coverage::default();
         let mut previous = self.at(from);
-        let first = self.samples.partition_point(|s| s.stamp <= from);
-        for sample in self.samples.range(first..).take_while(|s| s.stamp < to) {
+        let first = self.samples.partition_point(|s| s.sample.stamp <= from);
+        for sample in self.samples.range(first..).take_while(|s| s.sample.stamp < to) {
             self.step(&mut result, &mut coverage, &mut previous, *sample, noise);
         }
         if let Some(last) = self.at(to) {
@@ -120,51 +114,54 @@ impl ImuBuffer {
         &self,
         result: &mut Preintegration,
         coverage: &mut Coverage,
-        previous: &mut Option<ImuSample>,
-        sample: ImuSample,
+        previous: &mut Option<BelievedSample>,
+        next: BelievedSample,
         noise: &ImuNoise,
     ) {
         if let Some(last) = *previous {
-            let dt = sample.stamp.seconds_since(last.stamp);
-            let uncovered = self.distance_to_samples(last.stamp) + self.distance_to_samples(sample.stamp);
-            let is_gap = dt > GAP_PERIODS * self.period_s || uncovered > GAP_PERIODS * self.period_s;
-            coverage.has_gap |= is_gap;
-            coverage.is_saturated |=
-                sample.gyro.amax() > self.gyro_limit || sample.accel.amax() > self.accel_limit;
-            let factor = if is_gap { GAP_NOISE_FACTOR } else { 1.0 };
-            let gyro = (last.gyro + sample.gyro) * 0.5;
-            let accel_last = last.accel;
+            let saturated = last.saturated.or(next.saturated);
+            let (from, to) = (&last.sample, &next.sample);
+            let dt = to.stamp.seconds_since(from.stamp);
+            let uncovered = self.distance_to_samples(from.stamp) + self.distance_to_samples(to.stamp);
+            let apart = dt.max(uncovered);
+            coverage.has_gap |= self.limits.is_gap(apart);
+            coverage.is_saturated |= saturated.is_any();
             if dt > 0.0 {
-                result.integrate(dt, &gyro, &accel_last, &sample.accel, &noise.scaled(factor));
+                let noise = self.limits.noise_of_step(noise, dt, apart, saturated);
+                result.integrate(dt, &((from.gyro + to.gyro) * 0.5), &from.accel, &to.accel, &noise);
             }
         }
-        *previous = Some(sample);
+        *previous = Some(next);
     }
 
     /// How far outside the buffered time a stamp lies, s.
     fn distance_to_samples(&self, stamp: Timestamp) -> f64 {
         match (self.samples.front(), self.samples.back()) {
             (Some(first), Some(last)) => {
-                first.stamp.seconds_since(stamp).max(stamp.seconds_since(last.stamp)).max(0.0)
+                let before = first.sample.stamp.seconds_since(stamp);
+                before.max(stamp.seconds_since(last.sample.stamp)).max(0.0)
             }
             _ => f64::INFINITY,
         }
     }
 
     /// The sample at `stamp`: interpolated inside, the nearest one outside.
-    fn at(&self, stamp: Timestamp) -> Option<ImuSample> {
-        let next = self.samples.partition_point(|s| s.stamp < stamp);
+    fn at(&self, stamp: Timestamp) -> Option<BelievedSample> {
+        let next = self.samples.partition_point(|s| s.sample.stamp < stamp);
         let after = self.samples.get(next);
         let before = if next > 0 { self.samples.get(next - 1) } else { None };
-        let (gyro, accel) = match (before, after) {
-            (Some(a), Some(b)) => {
+        let (gyro, accel, saturated) = match (before, after) {
+            (
+                Some(BelievedSample { sample: a, saturated }),
+                Some(BelievedSample { sample: b, saturated: next }),
+            ) => {
                 let share = stamp.seconds_since(a.stamp) / b.stamp.seconds_since(a.stamp);
-                (a.gyro.lerp(&b.gyro, share), a.accel.lerp(&b.accel, share))
+                (a.gyro.lerp(&b.gyro, share), a.accel.lerp(&b.accel, share), saturated.or(*next))
             }
-            (Some(s), None) | (None, Some(s)) => (s.gyro, s.accel),
+            (Some(s), None) | (None, Some(s)) => (s.sample.gyro, s.sample.accel, s.saturated),
             (None, None) => return None,
         };
-        Some(ImuSample { stamp, gyro, accel })
+        Some(BelievedSample { sample: ImuSample { stamp, gyro, accel }, saturated })
     }
 }
 
@@ -234,6 +231,60 @@ mod tests {
         let (pre, coverage) = holed.preintegrate(from, to, &zero, &zero, &noise);
         assert!(coverage.has_gap);
         assert!(pre.covariance[(0, 0)] > 10.0 * whole.covariance[(0, 0)]);
+    }
+
+    #[test]
+    fn a_gap_is_as_uncertain_with_a_quiet_sensor_as_with_a_noisy_one() {
+        let mut holed = ImuBuffer::new(1.0, 200.0, 10.0, 100.0);
+        (0..20).chain(60..100).for_each(|k| _ = holed.push(&sample(k * 5_000_000, 0.0)));
+        let (from, to) = (Timestamp::from_nanos(0), Timestamp::from_nanos(400_000_000));
+        let zero = Vector3::zeros();
+        let sigmas = [1e-5, 1e-4, 1e-3].map(|density| {
+            let noise = ImuNoise {
+                gyro_density: density,
+                accel_density: 10.0 * density,
+                gyro_walk: 0.0,
+                accel_walk: 0.0,
+            };
+            let (motion, coverage) = holed.preintegrate(from, to, &zero, &zero, &noise);
+            assert!(coverage.has_gap);
+            [0, 3, 6].map(|k| motion.covariance[(k, k)].sqrt())
+        });
+        for [position_m, turn_rad, gain_m_s] in sigmas {
+            // 0.2 s in which a vehicle may turn by ten degrees and gain a metre per second.
+            assert!((0.15..0.3).contains(&turn_rad), "{turn_rad} rad");
+            assert!(
+                (0.8..2.0).contains(&gain_m_s) && (0.1..0.5).contains(&position_m),
+                "{gain_m_s} {position_m}"
+            );
+        }
+    }
+
+    #[test]
+    fn saturated_readings_cost_certainty_and_do_not_count() {
+        let at_an_end = |k: i64| if k % 2 == 0 { 10.0 } else { -10.0 };
+        let fill = |is_hit: fn(i64) -> bool| {
+            let mut buffer = ImuBuffer::new(1.0, 200.0, 10.0, 100.0);
+            for k in 0..100 {
+                buffer.push(&sample(k * 5_000_000, if is_hit(k) { at_an_end(k / 3) } else { 0.1 }));
+            }
+            buffer
+        };
+        let noise = ImuNoise { gyro_density: 1e-3, accel_density: 1e-2, gyro_walk: 0.0, accel_walk: 0.0 };
+        let zero = Vector3::zeros();
+        let between = |buffer: &ImuBuffer, from: i64, to: i64| {
+            let stamp = |nanos| Timestamp::from_nanos(nanos);
+            buffer.preintegrate(stamp(from), stamp(to), &zero, &zero, &noise)
+        };
+        let (hit, whole) = (fill(|k| (40..60).contains(&k)), fill(|_| false));
+        let (motion, coverage) = between(&hit, 100_000_000, 400_000_000);
+        let (sound, _) = between(&whole, 100_000_000, 400_000_000);
+        assert!(coverage.is_saturated);
+        assert!(motion.delta_rot.angle_to(&sound.delta_rot) < 1e-9, "the last good reading stands in");
+        assert!(motion.covariance[(5, 5)].sqrt() > 0.05, "{}", motion.covariance[(5, 5)].sqrt());
+        // An interval between two samples of which one is saturated, and one that is not concerned.
+        assert!(between(&hit, 196_000_000, 199_000_000).1.is_saturated);
+        assert_eq!(between(&hit, 100_000_000, 190_000_000), between(&whole, 100_000_000, 190_000_000));
     }
 
     #[test]

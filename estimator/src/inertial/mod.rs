@@ -1,7 +1,10 @@
-//! Inertial measurements: the sample buffer and preintegration between two times.
+//! Inertial measurements: the sample buffer and preintegration between two times, and
+//! how far readings are to be believed.
 
+pub mod belief;
 pub mod buffer;
 pub mod preintegration;
 
+pub use belief::{BelievedSample, Saturation, SensorLimits};
 pub use buffer::ImuBuffer;
 pub use preintegration::{ImuNoise, Preintegration};

@@ -38,12 +38,6 @@ impl ImuNoise {
             accel_walk: config.accel_bias_walk,
         }
     }
-
-    /// White noise larger by `factor`.
-    #[must_use]
-    pub fn scaled(&self, factor: f64) -> Self {
-        Self { gyro_density: self.gyro_density * factor, accel_density: self.accel_density * factor, ..*self }
-    }
 }
 
 /// The motion between two times as the IMU measured it, independent of the state at either.

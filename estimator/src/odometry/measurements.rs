@@ -3,14 +3,15 @@
 
 use crate::lines::{ImageLine, LineObservation};
 use crate::points::PointObservation;
+use crate::window::landmark::LandmarkStore;
 use crate::window::line::LineMeasurement;
-use crate::window::reprojection::PointMeasurement;
+use crate::window::reprojection::{InversePoint, PointMeasurement};
 use crate::window::{LineTrack, PointTrack, TrackMeasurement};
 use nalgebra::{Matrix2, Vector2, Vector3};
 use plumbline_config::CameraModel;
 use plumbline_config::options::{LinesConfig, PointsConfig};
 
-/// Fewest points by which whether the image stands still is judged.
+/// Fewest points by which whether the image stands still is judged, and how far away it is.
 const MIN_FLOW_POINTS: usize = 12;
 
 /// Turns the points of one frame into measurements, remembering those of the frame before.
@@ -143,6 +144,23 @@ impl Measurer {
             *values.select_nth_unstable_by(count / 2, f64::total_cmp).1
         };
         Some(MedianFlow { px: Vector2::new(median(0), median(1)), count })
+    }
+
+    /// Median depth of the measured points, m, each in the camera that hosts it; infinite where too few have one.
+    #[must_use]
+    pub fn median_depth_m(&mut self, landmarks: &LandmarkStore<InversePoint>) -> f64 {
+        let Self { measurements, flow: [inverse_depths, _], .. } = self;
+        inverse_depths.clear();
+        for track in measurements.iter() {
+            let landmark = landmarks.of_track(track.track_id).map(|index| &landmarks.all()[index]);
+            inverse_depths.extend(landmark.filter(|l| l.is_triangulated).map(|l| l.feature.rho));
+        }
+        let count = inverse_depths.len();
+        if count < MIN_FLOW_POINTS {
+            return f64::INFINITY;
+        }
+        let median = *inverse_depths.select_nth_unstable_by(count / 2, f64::total_cmp).1;
+        if median > 0.0 { 1.0 / median } else { f64::INFINITY }
     }
 
     /// Keeps the points for the next frame.

@@ -5,8 +5,10 @@
 //! health, make room. It sees no image: points come from [`crate::points`], lines from [`crate::lines`], or
 //! both from a test.
 
+mod inherited;
 mod judgement;
 pub mod measurements;
+mod pair;
 #[cfg(test)]
 mod poison_tests;
 mod renewal;
@@ -18,9 +20,13 @@ mod start;
 pub(crate) mod synthetic;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod trust_tests;
 pub mod zero_velocity;
 
-use crate::estimate::{Estimate, FrameFigures, HealthBits, NavCovariance, Stage, StageProbe, TrackingState};
+use crate::estimate::{
+    BiasVariances, Estimate, FrameFigures, HealthBits, NavCovariance, Stage, StageProbe, TrackingState,
+};
 use crate::exchange::{Feedback, KeyframeStep, SolvedFrame, Tracked};
 use crate::inertial::{ImuBuffer, ImuNoise};
 use crate::initial::{Gathering, MonoWorkspace};
@@ -29,10 +35,12 @@ use crate::window::snapshot::SnapshotKeyframe;
 use crate::window::state::{FrameTime, NavState};
 use crate::window::{RigEstimate, Window};
 use crate::work_budget::WorkBudget;
+use inherited::Inherited;
 use judgement::MIN_LANDMARKS_IN_VIEW;
 pub use judgement::ResetReason;
 use measurements::Measurer;
 use nalgebra::Vector3;
+use pair::PairWatch;
 use plumbline_config::options::HealthConfig;
 use plumbline_config::{CameraModel, Timestamp, ValidSetup};
 use reset::Memory;
@@ -86,6 +94,7 @@ pub struct Odometer {
     gathering: Gathering,
     mono_workspace: MonoWorkspace,
     zero_velocity: ZeroVelocityDetector,
+    pair: PairWatch,
     phase: Phase,
     last_stamp: Option<Timestamp>,
     last_seen: Option<Timestamp>,
@@ -97,6 +106,8 @@ pub struct Odometer {
     origin: Option<NavState>,
     bias_memory: (Vector3<f64>, Vector3<f64>),
     covariance: NavCovariance,
+    bias_variances: BiasVariances,
+    inherited: Inherited,
     time_offset_sigma_s: f64,
     reset_counter: u32,
     /// Resets that were counted before this odometer began.
@@ -138,7 +149,8 @@ impl Odometer {
             measurer: Measurer::new(cameras, &setup.estimator.points, &setup.estimator.lines),
             gathering: Gathering::new(gathered, points),
             mono_workspace: MonoWorkspace::new(gathered, points),
-            zero_velocity: ZeroVelocityDetector::new(rate_hz),
+            zero_velocity: ZeroVelocityDetector::new(rate_hz, setup.left().focal_px[0]),
+            pair: PairWatch::new(setup.camera.len(), rate_hz),
             phase: Phase::Gathering,
             last_stamp: None,
             last_seen: None,
@@ -148,6 +160,8 @@ impl Odometer {
             origin: None,
             bias_memory: (Vector3::zeros(), Vector3::zeros()),
             covariance: NavCovariance::zeros(),
+            bias_variances: BiasVariances::zeros(),
+            inherited: Inherited::default(),
             time_offset_sigma_s: setup.rig.time_offset_sigma_s,
             reset_counter: 0,
             first_counter: 0,
@@ -261,7 +275,9 @@ impl Odometer {
         }
     }
 
-    fn check_points(&self, observations: &[PointObservation], health: &mut HealthBits) {
+    fn check_points(&mut self, observations: &[PointObservation], health: &mut HealthBits) {
+        let shared = observations.iter().filter(|o| o.px.iter().all(Option::is_some)).count();
+        self.pair.update(observations.len(), shared, health);
         match observations.len() {
             0 => health.insert(HealthBits::NO_FEATURES),
             n if n < FEW_LANDMARKS => health.insert(HealthBits::LOW_FEATURES),
@@ -288,7 +304,11 @@ impl Odometer {
         self.measurer.measure_lines(&tracked.lines, &outliers.lines, &rate_c);
         let flow = self.measurer.median_flow(observations);
         let known_bias = (self.phase == Phase::Running).then_some(&bias_gyro);
-        self.zero_velocity.update(flow, imu_mean, known_bias, self.options.gravity_m_s2);
+        let depth_m = match self.phase {
+            Phase::Running => self.measurer.median_depth_m(&self.window.points),
+            Phase::Gathering => 0.0,
+        };
+        self.zero_velocity.update(flow, imu_mean, known_bias, self.options.gravity_m_s2, depth_m);
         if self.zero_velocity.is_still() {
             health.insert(HealthBits::STATIONARY);
         }
@@ -311,6 +331,7 @@ impl Odometer {
             self.phase = Phase::Running;
             self.last_seen = Some(stamp);
             self.gathering.clear();
+            self.begin_with_inheritance(stamp);
             self.refresh_covariance(health);
             self.note_keyframes();
             return Solved { iterations: 0, is_keyframe: true };
@@ -342,39 +363,21 @@ impl Odometer {
         self.window.triangulate(false);
         self.window.predict_rates(&self.rate_b);
         self.window.update_manhattan(self.measurer.lines());
-        let outcome = self.window.optimize(self.options.max_iterations.min(max_iterations));
+        let max_iterations = self.options.max_iterations.min(max_iterations);
+        let outcome = self.window.optimize(max_iterations);
         if outcome.is_not_positive_definite {
             health.insert(HealthBits::NOT_POSITIVE_DEFINITE);
         }
-        self.window.remove_outliers();
+        if self.window.is_newest_doubtful() && self.window.doubt_newest_motion(max_iterations) {
+            health.insert(HealthBits::IMU_CONTRADICTED);
+        }
+        self.window.remove_minority();
         self.refresh_covariance(health);
         if is_keyframe {
             self.note_keyframes();
         }
         self.judge(stamp, health);
         Solved { iterations: outcome.iterations, is_keyframe }
-    }
-
-    fn refresh_covariance(&mut self, health: &mut HealthBits) {
-        match self.window.newest_covariance() {
-            Some((covariance, variance)) if (0..9).all(|k| covariance[(k, k)] > 0.0) => {
-                self.covariance = covariance;
-                self.time_offset_sigma_s = variance.max(0.0).sqrt();
-            }
-            _ => {
-                health.insert(HealthBits::NOT_POSITIVE_DEFINITE);
-                self.carry_covariance();
-            }
-        }
-    }
-
-    /// Where a frame tells nothing of how well it is known: as the one before it, and the motion since.
-    fn carry_covariance(&mut self) {
-        if let [.., before, newest] = &self.window.frames[..]
-            && let Some(inertial) = &newest.inertial
-        {
-            self.covariance = before.nav.covariance_after(&self.covariance, &inertial.motion);
-        }
     }
 
     /// The rig's calibration as refined so far, with its covariance; `None` while there is no pose.
@@ -402,6 +405,7 @@ impl Odometer {
             bias_gyro: nav.bias_gyro,
             bias_accel: nav.bias_accel,
             covariance: self.covariance,
+            bias_variances: self.bias_variances,
             time_offset_s: self.window.rig.time_offset_s,
             time_offset_sigma_s: self.time_offset_sigma_s,
             pose_b_c0: self.window.rig.pose_b_c0,

@@ -49,6 +49,7 @@ impl Odometer {
     /// Starts anew. Soft: from the newest pose that can be right, with its biases and calibration. Hard: from the origin,
     /// with the calibration as configured.
     pub fn reset(&mut self, kind: ResetKind) {
+        self.bequeath(kind);
         self.prepare_start(kind);
         self.phase = Phase::Gathering;
         self.window.clear();

@@ -109,6 +109,7 @@ impl Odometer {
         let rot_o_b = stereo::attitude_from_gravity(&(accel - self.bias_memory.1));
         let mut nav = NavState { rot_o_b, bias_gyro, bias_accel: self.bias_memory.1, ..NavState::default() };
         self.window.clear();
+        self.window.options.begin_with(self.window.options.cameras);
         for k in 0..count {
             let frame = &self.gathering.frames()[k];
             if let Some(motion) = &frame.motion {
@@ -160,6 +161,8 @@ impl Odometer {
         let last = frames.len() - 1;
         let chosen = move |k: usize| k * last / (count - 1);
         self.window.clear();
+        // Be it that a pair sees nothing in common: as long as this estimate lives, its scale is that of one camera.
+        self.window.options.begin_with(1);
         for k in 0..count {
             let index = chosen(k);
             let frame = &self.gathering.frames()[index];

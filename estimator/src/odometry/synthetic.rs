@@ -57,6 +57,8 @@ pub struct World {
     pub bias_accel: Vector3<f64>,
     pub sigma_px: f64,
     pub is_at_rest: bool,
+    /// Velocity of what is not quite at rest, m/s: reached at 5 s.
+    pub drift_m_s: Vector3<f64>,
     /// True time offset, `t_imu - t_camera`, s.
     pub time_offset_s: f64,
     /// True poses of the cameras in the body.
@@ -86,6 +88,7 @@ impl World {
             bias_accel: normal.vector(0.05),
             sigma_px: 0.3,
             is_at_rest: false,
+            drift_m_s: Vector3::zeros(),
             time_offset_s: 0.0,
             pose_b_c: config.camera.iter().map(CameraConfig::pose_b_c).collect(),
             cameras: config.camera.iter().map(CameraConfig::model).collect(),
@@ -96,11 +99,13 @@ impl World {
 
     /// True pose of the body.
     pub fn pose_o_b(&self, t: f64) -> Isometry3<f64> {
-        let t = if self.is_at_rest { 0.0 } else { t };
-        let p = Vector3::new(1.5 * (0.9 * t).sin(), 1.5 * (0.7 * t).cos() - 1.5, 0.5 * (1.3 * t).sin());
-        let yaw = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.8 * (0.4 * t).sin() + 0.2 * t);
-        let tilt = exp_so3(&Vector3::new(0.15 * (1.1 * t).sin(), 0.12 * (1.7 * t).cos(), 0.0));
-        Isometry3::from_parts(Translation3::from(p), yaw * tilt)
+        if self.is_at_rest {
+            // Speeds up evenly from 2 s to 5 s.
+            let (ramp_s, since_s) = ((t - 2.0).clamp(0.0, 3.0), (t - 5.0).max(0.0));
+            let way = self.drift_m_s * (ramp_s * ramp_s / 6.0 + since_s);
+            return Isometry3::translation(way.x, way.y, way.z) * swung(0.0);
+        }
+        swung(t)
     }
 
     /// The inertial sample at `t`, with biases and noise.
@@ -146,6 +151,14 @@ impl World {
         }
         seen
     }
+}
+
+/// The pose on a path that swings and turns.
+fn swung(t: f64) -> Isometry3<f64> {
+    let p = Vector3::new(1.5 * (0.9 * t).sin(), 1.5 * (0.7 * t).cos() - 1.5, 0.5 * (1.3 * t).sin());
+    let yaw = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.8 * (0.4 * t).sin() + 0.2 * t);
+    let tilt = exp_so3(&Vector3::new(0.15 * (1.1 * t).sin(), 0.12 * (1.7 * t).cos(), 0.0));
+    Isometry3::from_parts(Translation3::from(p), yaw * tilt)
 }
 
 /// A stamp `t` seconds after an arbitrary origin.

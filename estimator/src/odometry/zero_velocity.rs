@@ -9,6 +9,11 @@ use nalgebra::{Vector2, Vector3};
 /// Common motion of the image between two frames at rest stays below this, px: ten times what noise
 /// leaves in the median of a hundred points.
 const MAX_FLOW_PX: f64 = 0.06;
+/// A limit below this is lost in the noise, px.
+const MIN_FLOW_PX: f64 = 0.03;
+/// A vehicle that moves faster than this is not taken for one at rest, m/s: where things are far away the image has to be
+/// the stiller, and beyond some fifteen metres it does not tell.
+const MAX_OVERLOOKED_M_S: f64 = 0.02;
 /// Sum of the common motion since the vehicle came to rest, px.
 const MAX_DRIFT_PX: f64 = 1.0;
 /// Angular rate at rest, bias removed, rad/s.
@@ -24,16 +29,29 @@ const MIN_FRAMES_TO_BE_STILL: u32 = 2;
 #[derive(Clone, Debug)]
 pub struct ZeroVelocityDetector {
     frames_to_be_still: u32,
+    /// Flow per velocity of a thing a metre away, px per frame and m/s.
+    px_per_m_s: f64,
     frames: u32,
     drift_px: Vector2<f64>,
 }
 
 impl ZeroVelocityDetector {
-    /// For a camera of `rate_hz` frames a second.
+    /// For a camera of `rate_hz` frames a second and a focal length of `focal_px`.
     #[must_use]
-    pub fn new(rate_hz: f64) -> Self {
+    pub fn new(rate_hz: f64, focal_px: f64) -> Self {
         let frames = (TIME_TO_BE_STILL_S * rate_hz).round() as u32;
-        Self { frames_to_be_still: frames.max(MIN_FRAMES_TO_BE_STILL), frames: 0, drift_px: Vector2::zeros() }
+        Self {
+            frames_to_be_still: frames.max(MIN_FRAMES_TO_BE_STILL),
+            px_per_m_s: focal_px / rate_hz,
+            frames: 0,
+            drift_px: Vector2::zeros(),
+        }
+    }
+
+    /// Largest flow of a vehicle at rest that sees things at `depth_m`; `None` where the image does not tell.
+    fn flow_limit_px(&self, depth_m: f64) -> Option<f64> {
+        let overlooked_px = MAX_OVERLOOKED_M_S * self.px_per_m_s / depth_m;
+        Some(overlooked_px.min(MAX_FLOW_PX)).filter(|limit_px| *limit_px >= MIN_FLOW_PX)
     }
 
     /// Forgets how long the vehicle has stood still.
@@ -43,20 +61,22 @@ impl ZeroVelocityDetector {
     }
 
     /// Judges the image motion, mean angular rate (rad/s) and specific force (m/s²) since the last frame.
-    /// `bias_gyro` is `None` before it is known.
+    /// `bias_gyro` is `None` before it is known. `depth_m` is that of what is seen: 0 before it is known, infinite where
+    /// nothing is.
     pub fn update(
         &mut self,
         flow: Option<MedianFlow>,
         imu_mean: Option<(Vector3<f64>, Vector3<f64>)>,
         bias_gyro: Option<&Vector3<f64>>,
         gravity_m_s2: f64,
+        depth_m: f64,
     ) {
-        let is_quiet = match (flow, imu_mean) {
-            (Some(flow), Some((gyro, accel))) => {
+        let is_quiet = match (flow, imu_mean, self.flow_limit_px(depth_m)) {
+            (Some(flow), Some((gyro, accel)), Some(limit_px)) => {
                 let rate = bias_gyro.map_or(0.0, |b| (gyro - b).norm());
                 self.drift_px += flow.px;
-                flow.px.amax() < MAX_FLOW_PX
-                    && self.drift_px.amax() < MAX_DRIFT_PX
+                flow.px.amax() < limit_px
+                    && self.drift_px.amax() < MAX_DRIFT_PX * (limit_px / MAX_FLOW_PX)
                     && rate < MAX_RATE_RAD_S
                     && (accel.norm() - gravity_m_s2).abs() < MAX_FORCE_ERROR_M_S2
             }
@@ -82,15 +102,37 @@ mod tests {
 
     /// Frames of rest until the detector says so, from the second frame on.
     fn frames_until_still(rate_hz: f64) -> u32 {
-        let mut detector = ZeroVelocityDetector::new(rate_hz);
+        let mut detector = ZeroVelocityDetector::new(rate_hz, 458.0);
         let flow = Some(MedianFlow { px: Vector2::new(0.01, -0.01), count: 100 });
         let mean = Some((Vector3::zeros(), Vector3::new(0.0, 0.0, 9.81)));
         (1..1000)
             .find(|_| {
-                detector.update(flow, mean, None, 9.81);
+                detector.update(flow, mean, None, 9.81, 0.0);
                 detector.is_still()
             })
             .expect("rest is seen")
+    }
+
+    /// Whether a drift of `speed_m_s` past things at `depth_m` is taken for rest within ten seconds.
+    fn is_taken_for_rest(speed_m_s: f64, depth_m: f64) -> bool {
+        let (rate_hz, focal_px) = (20.0, 458.0);
+        let mut detector = ZeroVelocityDetector::new(rate_hz, focal_px);
+        let px = Vector2::new(focal_px * speed_m_s / depth_m / rate_hz, 0.0);
+        let mean = Some((Vector3::zeros(), Vector3::new(0.0, 0.0, 9.81)));
+        (0..200).any(|_| {
+            detector.update(Some(MedianFlow { px, count: 100 }), mean, None, 9.81, depth_m);
+            detector.is_still()
+        })
+    }
+
+    #[test]
+    fn a_slow_drift_far_from_everything_is_no_rest() {
+        for depth_m in [0.5, 2.0, 5.0, 10.0, 20.0, 80.0, 1000.0, f64::INFINITY] {
+            for speed_m_s in [0.021, 0.05, 0.1, 0.5] {
+                assert!(!is_taken_for_rest(speed_m_s, depth_m), "{speed_m_s} m/s at {depth_m} m");
+            }
+        }
+        assert!([0.5, 2.0, 5.0, 10.0].iter().all(|depth_m| is_taken_for_rest(0.0, *depth_m)));
     }
 
     #[test]

@@ -4,6 +4,7 @@
 //! Rows are contiguous, so that the inner loops run over neighbouring memory.
 
 use super::state::{MAX_FRAMES, unknown_of_frame};
+use nalgebra::{SMatrix, SVector};
 
 /// `H d = -b` with `H` symmetric: the normal equations of a step `d`.
 #[derive(Clone, Debug)]
@@ -270,6 +271,19 @@ impl Factor {
         true
     }
 
+    /// Variances of the last `N` unknowns, the diagonal of the inverse of `H`; `None` where there are fewer. They need
+    /// no more than the last corner of the factor: `(U'U)⁻¹` ends in `V V'`, with `V` the inverse of that corner.
+    #[must_use]
+    pub fn last_variances<const N: usize>(&self) -> Option<SVector<f64, N>> {
+        let first = self.dim.checked_sub(N)?;
+        let corner = SMatrix::<f64, N, N>::from_fn(|i, j| match i <= j {
+            true => self.u[(first + i) * self.stride + first + j],
+            false => 0.0,
+        });
+        let inverse = corner.solve_upper_triangular(&SMatrix::<f64, N, N>::identity())?;
+        Some(SVector::from_fn(|k, _| inverse.row(k).norm_squared()))
+    }
+
     /// Solves `H x = rhs` in place.
     pub fn solve(&self, x: &mut [f64]) {
         let (dim, stride) = (self.dim, self.stride);
@@ -361,6 +375,21 @@ mod tests {
         let after = solution(&eq);
         for k in (0..8).filter(|k| *k != 3) {
             assert!((after[k] - before[k]).abs() < 1e-12, "{k}");
+        }
+    }
+
+    #[test]
+    fn the_last_variances_are_those_of_the_inverse() {
+        let eq = system(20);
+        let mut factor = Factor::new(30);
+        assert!(factor.last_variances::<6>().is_none());
+        assert!(factor.compute(&eq, 0.0));
+        let variances = factor.last_variances::<6>().unwrap();
+        for k in 0..6 {
+            let mut x = vec![0.0; 20];
+            x[14 + k] = 1.0;
+            factor.solve(&mut x);
+            assert!((x[14 + k] / variances[k] - 1.0).abs() < 1e-9, "{k}");
         }
     }
 

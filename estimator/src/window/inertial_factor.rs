@@ -18,6 +18,10 @@ use crate::geometry::{exp_so3, log_so3, right_jacobian, right_jacobian_inverse, 
 use crate::inertial::{ImuNoise, Preintegration};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
+/// How fast a vehicle turns and how much force it feels at most, whatever its sensor says.
+const MOST_RATE_RAD_S: f64 = 10.0;
+const MOST_FORCE_M_S2: f64 = 50.0;
+
 /// A 15x15 block.
 pub type FrameMatrix = SMatrix<f64, FRAME_DIM, FRAME_DIM>;
 /// A 15-vector.
@@ -43,6 +47,25 @@ impl InertialFactor {
     #[must_use]
     pub fn followed_by(&self, next: &Self, noise: &ImuNoise) -> Self {
         Self::new(self.motion.followed_by(&next.motion), noise)
+    }
+
+    /// The factor of the same motion, of which next to nothing is known but how long it took: a vehicle may have turned and
+    /// sped up in it as far as one can.
+    #[must_use]
+    pub fn loosened(&self, noise: &ImuNoise) -> Self {
+        let dt = self.motion.dt_s;
+        let mut motion = self.motion.clone();
+        let sigmas = [
+            (NavState::P, 0.5 * MOST_FORCE_M_S2 * dt * dt),
+            (NavState::ROT, MOST_RATE_RAD_S * dt),
+            (NavState::V, MOST_FORCE_M_S2 * dt),
+        ];
+        for (part, sigma) in sigmas {
+            for k in part..part + 3 {
+                motion.covariance[(k, k)] += sigma * sigma;
+            }
+        }
+        Self::new(motion, noise)
     }
 
     /// Information matrix of the residual; `None` when the covariance of the motion cannot be inverted.
@@ -222,6 +245,21 @@ mod tests {
         assert!((motion - SMatrix::<f64, 9, 9>::identity()).norm() < 1e-6);
         let walk = NOISE.gyro_walk.powi(2) * factor.motion.dt_s;
         assert!((information[(NavState::BIAS_GYRO, NavState::BIAS_GYRO)] * walk - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_loosened_motion_says_what_it_said_and_hardly_counts() {
+        let (factor, loose) = (factor(), factor().loosened(&NOISE));
+        assert_eq!(
+            (factor.motion.delta_p, factor.motion.delta_rot),
+            (loose.motion.delta_p, loose.motion.delta_rot)
+        );
+        let information = |f: &InertialFactor, k: usize| f.information().expect("is regular")[(k, k)];
+        for k in 0..9 {
+            assert!(information(&loose, k) < 1.0 / 0.2_f64.powi(2), "{k}: {}", information(&loose, k));
+        }
+        let bias = NavState::BIAS_GYRO;
+        assert_eq!(information(&loose, bias).to_bits(), information(&factor, bias).to_bits());
     }
 
     #[test]

@@ -132,7 +132,7 @@ fn with_one_camera_a_living_landmark_stays_with_another_host() {
         [true, false]
     }
     let mut window = Room { frames: 5, sees: left, disturbance: 0.0, ..Room::default() }.window();
-    window.options.cameras = 1;
+    window.options.keeps_landmarks = true;
     let (points, lines) = window.triangulated();
     assert!(points > 10 && lines > 5);
     let cost = window.cost();

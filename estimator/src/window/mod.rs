@@ -12,15 +12,18 @@
 //! - [`manhattan`] with `heading_votes`, `structural_lines`: verticals and vanishing directions
 //! - [`problem`], [`poses`], [`linearize`] with `hessian_blocks`, [`eliminate`], [`dense`], [`solve`]: normal
 //!   equations and their solution
+//! - `doubt`: a frame that is contradicted as a whole
 //! - [`triangulate`], [`triangulate_line`], [`keyframes`], [`marginalize`]: what enters and what leaves
-//! - [`calibration`]: how well the rig is known
+//! - [`calibration`]: how well the rig is known; [`growth`]: how fast a state is forgotten without images
 
 pub mod calibration;
 pub mod dense;
+mod doubt;
 pub mod eliminate;
 pub mod factor;
 pub mod feature;
 pub mod frame;
+pub mod growth;
 mod heading_votes;
 mod hessian_blocks;
 pub mod inertial_factor;
@@ -108,6 +111,8 @@ pub struct Window {
     rehosted: (Vec<PointLandmark>, Vec<LineLandmark>),
     outliers: Outliers,
     configured_rig: Rig,
+    /// Frames on end that most of what they saw contradicted.
+    doubted: u32,
 }
 
 /// The frame whose pose defines the odometry frame, and the prior about it.
@@ -172,6 +177,7 @@ impl Window {
             visual_step: vec![0.0; unknowns],
             rehosted: (Vec::with_capacity(points), Vec::with_capacity(lines)),
             outliers: Outliers::new(points, lines),
+            doubted: 0,
             options,
             configured_rig: rig.clone(),
             rig,
@@ -188,6 +194,7 @@ impl Window {
         self.points.clear();
         self.lines.clear();
         self.anchor = None;
+        self.doubted = 0;
         self.manhattan.heading_rad = None;
         self.heading_votes = HeadingVotes::default();
         self.is_manhattan_in_sight = false;
@@ -325,10 +332,14 @@ impl Window {
 
     /// Removes observations that do not fit, and landmarks that are left with less than two views.
     pub fn remove_outliers(&mut self) {
+        self.remove_what_does_not_fit(false);
+    }
+
+    fn remove_what_does_not_fit(&mut self, spares: bool) {
         let Self { rig, manhattan, frames, points, lines, linearizer, options, outliers, .. } = self;
         let problem = Problem { rig, frames, points: &[], lines: &[], manhattan, options };
-        tracks::remove_outliers(points, &linearizer.poses, &problem, &mut outliers.points);
-        tracks::remove_outliers(lines, &linearizer.poses, &problem, &mut outliers.lines);
+        tracks::remove_outliers(points, &linearizer.poses, &problem, spares, &mut outliers.points);
+        tracks::remove_outliers(lines, &linearizer.poses, &problem, spares, &mut outliers.lines);
     }
 
     /// Tracks whose newest observation did not fit, since [`Self::clear_outliers`].

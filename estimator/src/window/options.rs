@@ -10,8 +10,7 @@ use plumbline_config::ValidSetup;
 const MIN_PARALLAX_SIGMAS: f64 = 6.0;
 /// Inverse depth known to 1/50 m, parallax or not: a point beyond 50 m has no depth, but a bearing as good as any.
 const MAX_SIGMA_RHO: f64 = 0.02;
-/// What the zero-velocity detector may overlook: at 20 Hz and 2 m depth the detector's limit of 0.06 px, for a focal
-/// length of some 460 px, is 0.5 cm/s.
+/// What the zero-velocity detector may overlook ([`crate::odometry::zero_velocity`]).
 const STILL_SIGMA_M_S: f64 = 0.01;
 
 /// Options of the window.
@@ -39,6 +38,9 @@ pub struct Options {
     pub max_sigma_rho: f64,
     /// Cameras of the rig.
     pub cameras: usize,
+    /// Landmarks that are still seen get another host when theirs goes, since they would have to wait for parallax anew:
+    /// with one camera, or a start with one.
+    pub keeps_landmarks: bool,
     /// Jacobians of frames in the prior stay at their first estimates.
     pub first_estimates: bool,
     /// Gravity in the odometry frame, m/s².
@@ -71,6 +73,7 @@ impl Options {
             min_parallax_sigmas: MIN_PARALLAX_SIGMAS,
             max_sigma_rho: MAX_SIGMA_RHO,
             cameras: config.camera.len(),
+            keeps_landmarks: config.camera.len() == 1,
             first_estimates: config.camera.len() > 1,
             gravity_o: Vector3::new(0.0, 0.0, -config.imu.gravity_m_s2),
             imu_noise: ImuNoise::of(&config.imu),
@@ -78,5 +81,12 @@ impl Options {
             rig_sigmas,
             rig_mask: rig_sigmas.map(|sigma| if sigma > 0.0 { 1.0 } else { 0.0 }),
         }
+    }
+
+    /// The estimate begins with depths from the baseline of so many cameras: from one camera's motion alone the scale of the
+    /// first estimates is off by percents, and Jacobians must not stay there.
+    pub fn begin_with(&mut self, cameras: usize) {
+        self.keeps_landmarks = cameras == 1;
+        self.first_estimates = cameras > 1;
     }
 }

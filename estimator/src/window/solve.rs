@@ -11,7 +11,7 @@ use super::state::{
     FRAME_DIM, HEADING, MAX_FRAMES, NavState, RIG_DIM, Rig, unknown_of_frame, unknown_of_visual,
     visual_of_frame,
 };
-use crate::estimate::NavCovariance;
+use crate::estimate::{BiasVariances, NavCovariance};
 use nalgebra::SVector;
 
 /// A step that lowers the cost by less than this (in squared standard deviations) ends the iteration: it
@@ -240,6 +240,15 @@ impl Window {
         self.factor.solve(&mut self.solution[..dim]);
         let symmetric = (covariance + covariance.transpose()) * 0.5;
         symmetric.iter().all(|x| x.is_finite()).then_some((symmetric, self.solution[Rig::TIME_OFFSET]))
+    }
+
+    /// Variances of the biases of the newest frame by the last factorization; `None` as of [`Self::newest_covariance`].
+    #[must_use]
+    pub fn newest_bias_variances(&self) -> Option<BiasVariances> {
+        // They are the last of all unknowns.
+        let is_whole = self.factor.dim() == unknown_of_frame(self.frames.len());
+        let variances: BiasVariances = self.factor.last_variances().filter(|_| is_whole)?;
+        variances.iter().all(|x| x.is_finite()).then_some(variances)
     }
 }
 

@@ -6,7 +6,6 @@
 //! ([`NavState::P`] and following). *Visual* unknowns are those that images depend on: rig, heading, and of each
 //! frame the pose.
 
-use crate::estimate::NavCovariance;
 use crate::geometry::{exp_so3, log_so3, skew};
 use crate::inertial::Preintegration;
 use nalgebra::{Isometry3, Matrix3, SVector, Translation3, UnitQuaternion, Vector3};
@@ -122,23 +121,6 @@ impl NavState {
     pub fn is_finite(&self) -> bool {
         let vectors = [&self.p_o_b, &self.v_o_b, &self.bias_gyro, &self.bias_accel];
         vectors.into_iter().flatten().chain(self.rot_o_b.coords.iter()).all(|x| x.is_finite())
-    }
-
-    /// `covariance` of position, attitude and velocity at this state, after the motion `step` from it: `F P F' + G Q G'`.
-    #[must_use]
-    pub fn covariance_after(&self, covariance: &NavCovariance, step: &Preintegration) -> NavCovariance {
-        let rot = self.rot_o_b.to_rotation_matrix().into_inner();
-        let identity = Matrix3::identity();
-        let mut f = NavCovariance::identity();
-        f.fixed_view_mut::<3, 3>(0, 3).copy_from(&-(rot * skew(&step.delta_p)));
-        f.fixed_view_mut::<3, 3>(0, 6).copy_from(&(identity * step.dt_s));
-        f.fixed_view_mut::<3, 3>(3, 3).copy_from(&step.delta_rot.inverse().to_rotation_matrix().into_inner());
-        f.fixed_view_mut::<3, 3>(6, 3).copy_from(&-(rot * skew(&step.delta_v)));
-        let mut g = NavCovariance::zeros();
-        g.fixed_view_mut::<3, 3>(0, 0).copy_from(&rot);
-        g.fixed_view_mut::<3, 3>(3, 3).copy_from(&identity);
-        g.fixed_view_mut::<3, 3>(6, 6).copy_from(&rot);
-        f * covariance * f.transpose() + g * step.covariance * g.transpose()
     }
 
     /// The state after the motion `pre`, at this state's biases (Forster et al. 2017, equation 26, solved for the

@@ -7,6 +7,9 @@ use super::problem::Problem;
 use super::triangulate::Triangulation;
 use super::{OUTLIER_SIGMAS, TrackMeasurement};
 
+/// Observations of a frame by which it is judged as a whole, at least.
+const MIN_WITNESSES: usize = 12;
+
 fn add_observations<F: Feature>(
     landmark: &mut Landmark<F>,
     frame: u8,
@@ -72,15 +75,61 @@ pub(super) fn keep(result: Triangulation, track_id: u32, outliers: &mut Vec<u32>
     is_good
 }
 
-/// Removes observations that do not fit, and landmarks that are left with less than two views.
+/// How the observations of the newest frame fit their landmarks.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Verdict {
+    /// Observations of landmarks with a depth.
+    pub(super) seen: usize,
+    /// Of these, those that do not fit.
+    pub(super) wrong: usize,
+}
+
+impl Verdict {
+    /// That of both kinds of features.
+    pub(super) fn and(self, other: Self) -> Self {
+        Self { seen: self.seen + other.seen, wrong: self.wrong + other.wrong }
+    }
+
+    /// Whether most of enough witnesses contradict: then the frame is wrong, and not what was seen in it.
+    pub(super) fn is_mistrial(self) -> bool {
+        self.seen >= MIN_WITNESSES && 2 * self.wrong > self.seen
+    }
+}
+
+/// Judges the observations of the newest frame.
+pub(super) fn judge<F: Feature>(store: &LandmarkStore<F>, poses: &Poses, problem: &Problem<'_>) -> Verdict {
+    let newest = problem.frames.len().saturating_sub(1) as u8;
+    let mut verdict = Verdict::default();
+    for landmark in store.all().iter().filter(|l| l.is_triangulated && l.host != newest) {
+        for o in landmark.observations.iter().rev().take_while(|o| o.frame == newest) {
+            verdict.seen += 1;
+            verdict.wrong += usize::from(!fits(poses, problem, landmark, o));
+        }
+    }
+    verdict
+}
+
+/// Whether an observation lies within [`OUTLIER_SIGMAS`] of its landmark.
+fn fits<F: Feature>(
+    poses: &Poses,
+    problem: &Problem<'_>,
+    landmark: &Landmark<F>,
+    o: &Observation<F::Measurement>,
+) -> bool {
+    const LIMIT: f64 = OUTLIER_SIGMAS * OUTLIER_SIGMAS;
+    poses.residual(problem, landmark, o, None).is_some_and(|r| r.norm_squared() < LIMIT)
+}
+
+/// Removes observations that do not fit, and landmarks that are left with less than two views. With `spares_newest` the
+/// observations of the newest frame stay whether they fit or not.
 pub(super) fn remove_outliers<F: Feature>(
     store: &mut LandmarkStore<F>,
     poses: &Poses,
     problem: &Problem<'_>,
+    spares_newest: bool,
     outliers: &mut Vec<u32>,
 ) {
     let newest = problem.frames.len().saturating_sub(1) as u8;
-    let limit = OUTLIER_SIGMAS * OUTLIER_SIGMAS;
     store.retain(|landmark| {
         if !landmark.is_triangulated {
             return true;
@@ -88,8 +137,8 @@ pub(super) fn remove_outliers<F: Feature>(
         let mut kept = heapless::Vec::new();
         let mut host_fits = true;
         for o in &landmark.observations {
-            let r = poses.residual(problem, landmark, o, None);
-            if r.is_some_and(|r| r.norm_squared() < limit) {
+            let is_spared = spares_newest && o.frame == newest && landmark.host != newest;
+            if is_spared || fits(poses, problem, landmark, o) {
                 let _ = kept.push(*o);
             } else if o.frame == landmark.host && o.camera == landmark.host_camera {
                 host_fits = false;

@@ -148,3 +148,67 @@ fn an_observation_that_is_no_number_never_fits() {
         assert_eq!(landmark.observations.len(), 6);
     }
 }
+
+/// A window of five frames whose measurements fit, the newest pose turned by `turn_rad` about the camera's axes, and the
+/// observations of `moved` tracks in the newest frame shifted.
+fn newest_astray(turn_rad: f64, moved: u32) -> super::super::Window {
+    let mut window = Room { frames: 5, sees: always, disturbance: 0.0, ..Room::default() }.window();
+    let newest = window.frames.last_mut().expect("has frames");
+    newest.nav.rot_o_b *=
+        crate::geometry::exp_so3(&nalgebra::Vector3::new(0.4, -0.3, 0.5).map(|x| x * turn_rad));
+    for landmark in window.points.all_mut().iter_mut().filter(|l| l.track_id < moved) {
+        landmark.observations.iter_mut().filter(|o| o.frame == 4).for_each(|o| o.measured.xy.x += 0.05);
+    }
+    let _ = window.linearize(0.0);
+    window
+}
+
+#[test]
+fn one_wrong_prediction_does_not_remove_all_that_is_seen() {
+    let mut window = newest_astray(0.2, 0);
+    let before = window.points.all().len();
+    assert!(window.is_newest_doubtful());
+    window.remove_minority();
+    assert!(window.outliers().points.is_empty() && window.outliers().lines.is_empty());
+    assert_eq!(window.points.all().len(), before);
+    assert!(window.points.all().iter().all(|l| l.observations.len() == 10));
+}
+
+#[test]
+fn what_is_contradicted_for_many_frames_goes() {
+    let mut window = newest_astray(0.2, 0);
+    for _ in 0..super::super::doubt::MAX_DOUBTED_FRAMES {
+        window.remove_minority();
+        assert!(window.outliers().points.is_empty());
+    }
+    window.remove_minority();
+    assert!(window.outliers().points.len() > 20);
+}
+
+#[test]
+fn a_minority_that_moves_is_removed_as_ever() {
+    let mut window = newest_astray(0.0, 6);
+    assert!(!window.is_newest_doubtful());
+    window.remove_minority();
+    let mut moved: Vec<u32> = window.outliers().points.clone();
+    moved.dedup();
+    assert_eq!(moved, [0, 1, 2, 3, 4, 5]);
+}
+
+#[test]
+fn images_that_agree_with_each_other_outvote_one_motion_that_contradicts_them() {
+    let mut window = newest_astray(0.0, 0);
+    let truth = window.frames.last().expect("has frames").nav.clone();
+    let lie = crate::geometry::exp_so3(&nalgebra::Vector3::new(0.1, 0.0, 0.05));
+    let newest = window.frames.last_mut().expect("has frames");
+    let mut motion = newest.inertial.as_ref().expect("has a motion").motion.clone();
+    motion.delta_rot *= lie;
+    newest.inertial = Some(super::super::InertialFactor::new(motion, &window.options.imu_noise));
+    newest.nav.rot_o_b *= lie;
+    let _ = window.optimize(8);
+    assert!(window.is_newest_doubtful(), "the motion alone keeps it where it is");
+    assert!(window.doubt_newest_motion(8));
+    let found = &window.frames.last().expect("has frames").nav;
+    assert!(found.rot_o_b.angle_to(&truth.rot_o_b) < 5e-3, "{}", found.rot_o_b.angle_to(&truth.rot_o_b));
+    assert!((found.p_o_b - truth.p_o_b).norm() < 1e-2);
+}

@@ -35,6 +35,7 @@ pub(super) fn estimate(state: TrackingState) -> Estimate {
         bias_gyro: Vector3::zeros(),
         bias_accel: Vector3::zeros(),
         covariance: odometry.covariance,
+        bias_variances: nalgebra::SVector::zeros(),
         time_offset_s: 0.0,
         time_offset_sigma_s: 0.0,
         pose_b_c0: Isometry3::identity(),

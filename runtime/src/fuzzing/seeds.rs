@@ -13,7 +13,7 @@ use plumbline_config::{Config, GrayImage, ImuSample, Timestamp};
 use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{
-    Estimate, FrameFigures, HealthBits, NavCovariance, Odometry, ResetKind, TrackingState,
+    BiasVariances, Estimate, FrameFigures, HealthBits, NavCovariance, Odometry, ResetKind, TrackingState,
 };
 use prost::Message as _;
 use std::collections::BTreeMap;
@@ -53,6 +53,7 @@ fn estimate() -> Estimate {
         bias_gyro: Vector3::x() * 0.01,
         bias_accel: Vector3::y() * 0.02,
         covariance,
+        bias_variances: BiasVariances::repeat(1e-6),
         time_offset_s: 0.001,
         time_offset_sigma_s: 0.0001,
         pose_b_c0: Isometry3::translation(0.1, 0.0, 0.0),

@@ -8,7 +8,7 @@ use plumbline_config::{ImuSample, Timestamp};
 use plumbline_drivers::ImuReading;
 use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{
-    Estimate, FrameFigures, HealthBits, NavCovariance, Odometry, ResetKind, TrackingState,
+    BiasVariances, Estimate, FrameFigures, HealthBits, NavCovariance, Odometry, ResetKind, TrackingState,
 };
 use prost::Message;
 
@@ -44,6 +44,15 @@ fn pose(values: &[f64]) -> Result<Isometry3<f64>, &'static str> {
     // As it was: normalising would change bits.
     let rotation = UnitQuaternion::new_unchecked(Quaternion::new(qw, qx, qy, qz));
     Ok(Isometry3::from_parts(Vector3::new(x, y, z).into(), rotation))
+}
+
+/// None in logs from before there were any: those of a sensor whose biases are known.
+fn bias_variances(values: &[f64]) -> Result<BiasVariances, &'static str> {
+    match values.len() {
+        0 => Ok(BiasVariances::zeros()),
+        6 => Ok(BiasVariances::from_column_slice(values)),
+        _ => Err("the variances of the biases are not six numbers"),
+    }
 }
 
 fn covariance(values: &[f64]) -> Result<NavCovariance, &'static str> {
@@ -156,6 +165,7 @@ impl FromLog for Estimate {
             bias_gyro: vector(&m.bias_gyro)?,
             bias_accel: vector(&m.bias_accel)?,
             covariance: covariance(&m.covariance)?,
+            bias_variances: bias_variances(&m.bias_variances)?,
             time_offset_s,
             time_offset_sigma_s,
             pose_b_c0: pose(&m.pose_b_c0)?,

@@ -122,6 +122,7 @@ pub fn estimate(e: &Estimate) -> proto::Estimate {
         health_bits: e.health.0,
         reset_counter: e.reset_counter,
         figures: Some(figures(&e.figures)),
+        bias_variances: e.bias_variances.iter().copied().collect(),
     }
 }
 

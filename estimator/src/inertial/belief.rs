@@ -1,0 +1,193 @@
+//! What of an inertial sensor's readings is to be believed, and how far: at the ends of its range, and where samples are
+//! missing.
+//!
+//! A reading at the end of the range says nothing but that the truth is out there: the last one within the range stands
+//! in for it, as uncertain as half the range. Between two samples that are far apart the motion is taken for steady; what
+//! it may have been otherwise grows with their distance, and has nothing to do with the noise of the sensor.
+
+use super::ImuNoise;
+use plumbline_config::ImuSample;
+use plumbline_config::options::ImuConfig;
+
+/// Two samples further apart than this many nominal periods have lost samples between them.
+const GAP_PERIODS: f64 = 2.5;
+/// Readings beyond this share of the range count as being at its end.
+const SATURATED_SHARE: f64 = 0.99;
+/// Standard deviation of what a saturated sensor would have read, as a share of its range.
+const SATURATED_SIGMA_SHARE: f64 = 0.5;
+/// How fast angular rate and specific force of a vehicle in flight change, rad/s² and m/s³: the ground truth of EuRoC's
+/// difficult sequences, one standard deviation, rounded up.
+const CHANGE_OF_RATE_RAD_S2: f64 = 10.0;
+const CHANGE_OF_FORCE_M_S3: f64 = 50.0;
+/// However long samples are missing, they would not have been further off than this, rad/s and m/s².
+const MAX_RATE_ERROR_RAD_S: f64 = 2.0;
+const MAX_FORCE_ERROR_M_S2: f64 = 8.0;
+
+/// Which readings of a sample are at the end of their range.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Saturation {
+    /// The angular rate.
+    pub gyro: bool,
+    /// The specific force.
+    pub accel: bool,
+}
+
+impl Saturation {
+    /// Whether anything is.
+    #[must_use]
+    pub fn is_any(self) -> bool {
+        self.gyro || self.accel
+    }
+
+    /// What is in either.
+    #[must_use]
+    pub fn or(self, other: Self) -> Self {
+        Self { gyro: self.gyro || other.gyro, accel: self.accel || other.accel }
+    }
+}
+
+/// A sample as it is believed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BelievedSample {
+    /// The readings; those of before where the sensor was saturated.
+    pub sample: ImuSample,
+    /// Which of them stand in for others.
+    pub saturated: Saturation,
+}
+
+/// The limits of an inertial sensor.
+#[derive(Clone, Copy, Debug)]
+pub struct SensorLimits {
+    period_s: f64,
+    gyro_range: f64,
+    accel_range: f64,
+}
+
+impl SensorLimits {
+    /// Of a sensor of `rate_hz` with the ranges given, rad/s and m/s².
+    #[must_use]
+    pub fn new(rate_hz: f64, gyro_range: f64, accel_range: f64) -> Self {
+        Self { period_s: 1.0 / rate_hz, gyro_range, accel_range }
+    }
+
+    /// Of a configured sensor.
+    #[must_use]
+    pub fn of(imu: &ImuConfig) -> Self {
+        Self::new(imu.rate_hz, imu.gyro_range_rad_s, imu.accel_range_m_s2)
+    }
+
+    /// What to believe of a sample that follows `last`.
+    #[must_use]
+    pub fn believe(&self, sample: &ImuSample, last: Option<&BelievedSample>) -> BelievedSample {
+        let saturated = Saturation {
+            gyro: sample.gyro.amax() > SATURATED_SHARE * self.gyro_range,
+            accel: sample.accel.amax() > SATURATED_SHARE * self.accel_range,
+        };
+        let mut believed = BelievedSample { sample: *sample, saturated };
+        if let Some(last) = last {
+            if saturated.gyro {
+                believed.sample.gyro = last.sample.gyro;
+            }
+            if saturated.accel {
+                believed.sample.accel = last.sample.accel;
+            }
+        }
+        believed
+    }
+
+    /// Whether samples are missing within `dt_s`.
+    #[must_use]
+    pub fn is_gap(&self, dt_s: f64) -> bool {
+        dt_s > GAP_PERIODS * self.period_s
+    }
+
+    /// The noise of a step of `dt_s` seconds, which lies `apart_s` from the samples that it goes by or as far between two of
+    /// them, and at whose ends something is `saturated`; that of the sensor, `noise`, where all is well.
+    #[must_use]
+    pub fn noise_of_step(
+        &self,
+        noise: &ImuNoise,
+        dt_s: f64,
+        apart_s: f64,
+        saturated: Saturation,
+    ) -> ImuNoise {
+        let mut of_step = *noise;
+        // A mean over the step that is off by sigma has the density sigma sqrt(dt).
+        let mut add = |gyro_sigma: f64, accel_sigma: f64| {
+            of_step.gyro_density = of_step.gyro_density.hypot(gyro_sigma * dt_s.sqrt());
+            of_step.accel_density = of_step.accel_density.hypot(accel_sigma * dt_s.sqrt());
+        };
+        if self.is_gap(apart_s) {
+            let rate = (0.5 * CHANGE_OF_RATE_RAD_S2 * apart_s).min(MAX_RATE_ERROR_RAD_S);
+            let force = (0.5 * CHANGE_OF_FORCE_M_S3 * apart_s).min(MAX_FORCE_ERROR_M_S2);
+            add(rate, force);
+        }
+        if saturated.gyro {
+            add(SATURATED_SIGMA_SHARE * self.gyro_range, 0.0);
+        }
+        if saturated.accel {
+            add(0.0, SATURATED_SIGMA_SHARE * self.accel_range);
+        }
+        of_step
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector3;
+    use plumbline_config::Timestamp;
+
+    const LIMITS: SensorLimits = SensorLimits { period_s: 0.005, gyro_range: 10.0, accel_range: 100.0 };
+    const NOISE: ImuNoise =
+        ImuNoise { gyro_density: 1e-4, accel_density: 1e-3, gyro_walk: 0.0, accel_walk: 0.0 };
+
+    fn sample(rate: f64, force: f64) -> ImuSample {
+        let stamp = Timestamp::from_nanos(0);
+        ImuSample { stamp, gyro: Vector3::x() * rate, accel: Vector3::z() * force }
+    }
+
+    #[test]
+    fn a_reading_at_the_end_of_its_range_is_the_last_one_within_it_and_the_other_one_stays() {
+        let before = LIMITS.believe(&sample(1.0, 9.8), None);
+        let spun = LIMITS.believe(&sample(-9.95, 12.0), Some(&before));
+        assert_eq!(
+            (spun.sample, spun.saturated),
+            (sample(1.0, 12.0), Saturation { gyro: true, accel: false })
+        );
+        let hit = LIMITS.believe(&sample(-3.0, 100.0), Some(&spun));
+        assert_eq!(
+            (hit.sample, hit.saturated),
+            (sample(-3.0, 12.0), Saturation { gyro: false, accel: true })
+        );
+    }
+
+    #[test]
+    fn where_all_is_well_the_noise_is_that_of_the_sensor_bit_for_bit() {
+        assert_eq!(LIMITS.noise_of_step(&NOISE, 0.005, 0.005, Saturation::default()), NOISE);
+    }
+
+    #[test]
+    fn what_was_not_measured_is_as_uncertain_as_a_vehicle_is_agile_whatever_the_sensors_noise() {
+        for dt_s in [0.05_f64, 0.2] {
+            let of_gap = LIMITS.noise_of_step(&NOISE, dt_s, dt_s, Saturation::default());
+            // Standard deviations of the turn and of the change of velocity over the gap.
+            let turn = of_gap.gyro_density * dt_s.sqrt();
+            let gain = of_gap.accel_density * dt_s.sqrt();
+            assert!((turn - 5.0 * dt_s * dt_s).abs() < 1e-3 && (gain - 25.0 * dt_s * dt_s).abs() < 1e-2);
+        }
+        let long = LIMITS.noise_of_step(&NOISE, 10.0, 10.0, Saturation::default());
+        assert!((long.gyro_density * 10.0_f64.sqrt() - 20.0).abs() < 1e-6);
+        // A short step long after the last sample goes by a reading that is as old.
+        let late = LIMITS.noise_of_step(&NOISE, 0.05, 0.5, Saturation::default());
+        assert!((late.gyro_density / 0.05_f64.sqrt() - 2.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn a_saturated_step_is_uncertain_by_half_the_range() {
+        let saturated = Saturation { gyro: true, accel: false };
+        let noise = LIMITS.noise_of_step(&NOISE, 0.005, 0.005, saturated);
+        assert!((noise.gyro_density / 0.005_f64.sqrt() - 5.0).abs() < 1e-3);
+        assert_eq!(noise.accel_density.to_bits(), NOISE.accel_density.hypot(0.0).to_bits());
+    }
+}

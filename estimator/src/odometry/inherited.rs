@@ -1,0 +1,223 @@
+//! How well the newest state is known, and what is not known of the odometry frame after a start anew.
+//!
+//! A soft reset goes on from the last pose. How well that was known against the first pose stays: the new window knows
+//! where it is against its own start, to a millimetre; the covariance that is given out is the sum. The way between the last
+//! pose and the start anew was not measured at all.
+//!
+//! A start anew takes over position and yaw, since gravity tells the rest. With `C` the covariance of their errors, a state
+//! at `p` with attitude `R` and velocity `v` has the error `dp + dyaw z x (p - p0)`, `R' z dyaw` and `dyaw z x v`.
+
+use super::Odometer;
+use crate::estimate::{HealthBits, NavCovariance};
+use crate::input::ResetKind;
+use crate::window::growth::GrowingCovariance;
+use crate::window::state::NavState;
+use nalgebra::{Matrix4, SMatrix, Vector3};
+use plumbline_config::Timestamp;
+
+/// How much a vehicle speeds up, and how fast it turns, while nobody looks, m/s² and rad/s.
+const UNSEEN_ACCELERATION_M_S2: f64 = 2.0;
+const UNSEEN_RATE_RAD_S: f64 = 0.5;
+/// Nothing is further off than this, m and rad: beyond it, it is unknown all the same.
+const MOST_M: f64 = 1e3;
+const MOST_RAD: f64 = std::f64::consts::PI;
+
+/// The uncertainty of the last pose of all, when it was, and how fast it went.
+#[derive(Clone, Debug)]
+struct Last {
+    stamp: Timestamp,
+    covariance: Matrix4<f64>,
+    speed_m_s: f64,
+    rate_rad_s: f64,
+}
+
+/// What estimates inherit from those before the last reset.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Inherited {
+    last: Option<Last>,
+    /// Covariance of position, m, and yaw, rad, of the start anew, and where it was.
+    origin: Option<(Matrix4<f64>, Vector3<f64>)>,
+}
+
+impl Inherited {
+    /// Nothing: a start from the origin.
+    pub(super) fn forget(&mut self) {
+        *self = Self::default();
+    }
+
+    /// The estimate is given up at the state `nav` of `stamp`, which was known as `covariance` says, while the vehicle turned
+    /// by `rate_rad_s`.
+    pub(super) fn leave(
+        &mut self,
+        stamp: Timestamp,
+        nav: &NavState,
+        rate_rad_s: f64,
+        covariance: &NavCovariance,
+    ) {
+        let mut by_state = SMatrix::<f64, 4, 9>::zeros();
+        by_state.fixed_view_mut::<3, 3>(0, NavState::P).fill_with_identity();
+        let up_b = nav.rot_o_b.inverse() * Vector3::z();
+        by_state.fixed_view_mut::<1, 3>(3, NavState::ROT).copy_from(&up_b.transpose());
+        let of_pose = by_state * covariance * by_state.transpose();
+        let velocity_sigma = covariance.fixed_view::<3, 3>(NavState::V, NavState::V).trace().max(0.0).sqrt();
+        let speed_m_s = nav.v_o_b.norm() + velocity_sigma;
+        let is_sound = of_pose.iter().all(|x| x.is_finite()) && speed_m_s.is_finite();
+        self.last = Some(match is_sound {
+            true => Last { stamp, covariance: of_pose, speed_m_s, rate_rad_s },
+            false => Last { stamp, covariance: unknown(), speed_m_s: 0.0, rate_rad_s: 0.0 },
+        });
+        self.origin = None;
+    }
+
+    /// The start anew is at `p_o_b`, at `stamp`.
+    pub(super) fn begin(&mut self, stamp: Timestamp, p_o_b: &Vector3<f64>) {
+        let Some(last) = &self.last else { return };
+        let dt = stamp.seconds_since(last.stamp).max(0.0);
+        let way_m = (last.speed_m_s * dt + 0.5 * UNSEEN_ACCELERATION_M_S2 * dt * dt).min(MOST_M);
+        let turn_rad = ((last.rate_rad_s + UNSEEN_RATE_RAD_S) * dt).min(MOST_RAD);
+        let mut covariance = last.covariance;
+        for k in 0..3 {
+            covariance[(k, k)] += way_m * way_m;
+        }
+        covariance[(3, 3)] += turn_rad * turn_rad;
+        self.origin = Some((covariance, *p_o_b));
+    }
+
+    /// `covariance` of the state `nav` against the start anew, made that against the first pose of all.
+    pub(super) fn added_to(&self, covariance: NavCovariance, nav: &NavState) -> NavCovariance {
+        let Some((of_origin, p_o_b)) = &self.origin else { return covariance };
+        let up = Vector3::z();
+        let mut by_origin = SMatrix::<f64, 9, 4>::zeros();
+        by_origin.fixed_view_mut::<3, 3>(NavState::P, 0).fill_with_identity();
+        by_origin.fixed_view_mut::<3, 1>(NavState::P, 3).copy_from(&up.cross(&(nav.p_o_b - p_o_b)));
+        by_origin.fixed_view_mut::<3, 1>(NavState::ROT, 3).copy_from(&(nav.rot_o_b.inverse() * up));
+        by_origin.fixed_view_mut::<3, 1>(NavState::V, 3).copy_from(&up.cross(&nav.v_o_b));
+        covariance + by_origin * of_origin * by_origin.transpose()
+    }
+}
+
+impl Odometer {
+    /// Takes the covariance of the newest frame from the window.
+    pub(super) fn refresh_covariance(&mut self, health: &mut HealthBits) {
+        match self.window.newest_covariance() {
+            Some((covariance, variance)) if (0..9).all(|k| covariance[(k, k)] > 0.0) => {
+                let nav = self.window.frames.last().map(|f| &f.nav);
+                self.covariance = nav.map_or(covariance, |nav| self.inherited.added_to(covariance, nav));
+                self.time_offset_sigma_s = variance.max(0.0).sqrt();
+                self.bias_variances = self.window.newest_bias_variances().unwrap_or(self.bias_variances);
+            }
+            _ => {
+                health.insert(HealthBits::NOT_POSITIVE_DEFINITE);
+                self.carry_covariance();
+            }
+        }
+    }
+
+    /// Where a frame tells nothing of how well it is known: as the one before it, and the motion since.
+    fn carry_covariance(&mut self) {
+        if let [.., before, newest] = &self.window.frames[..]
+            && let Some(inertial) = &newest.inertial
+        {
+            let mut grown = GrowingCovariance::new(self.covariance, &self.bias_variances);
+            grown.grow(&before.nav, &inertial.motion, &self.noise);
+            self.covariance = grown.nav;
+        }
+    }
+
+    /// A start anew is no better known than the pose that it goes on from.
+    pub(super) fn begin_with_inheritance(&mut self, stamp: Timestamp) {
+        if let Some(frame) = self.window.frames.last() {
+            self.inherited.begin(stamp, &frame.nav.p_o_b);
+        }
+    }
+
+    /// Keeps how well the newest pose was known, for a start that goes on from it; `kind` says whether one does.
+    pub(super) fn bequeath(&mut self, kind: ResetKind) {
+        match (kind, self.window.frames.last()) {
+            (ResetKind::Hard, _) => self.inherited.forget(),
+            (ResetKind::Soft, Some(frame)) => {
+                self.inherited.leave(frame.stamp, &frame.nav, self.rate_b.norm(), &self.covariance)
+            }
+            (ResetKind::Soft, None) => {}
+        }
+    }
+}
+
+fn unknown() -> Matrix4<f64> {
+    let m2 = MOST_M * MOST_M;
+    Matrix4::from_diagonal(&nalgebra::Vector4::new(m2, m2, m2, MOST_RAD * MOST_RAD))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::exp_so3;
+
+    fn at(nanos: i64) -> Timestamp {
+        Timestamp::from_nanos(nanos)
+    }
+
+    fn state() -> NavState {
+        let rot_o_b = exp_so3(&Vector3::new(0.3, -0.2, 0.9));
+        NavState {
+            p_o_b: Vector3::new(3.0, 1.0, 2.0),
+            rot_o_b,
+            v_o_b: Vector3::new(1.0, 0.0, 0.0),
+            ..NavState::default()
+        }
+    }
+
+    #[test]
+    fn a_start_from_the_origin_inherits_nothing() {
+        let covariance = NavCovariance::identity() * 1e-6;
+        let mut inherited = Inherited::default();
+        inherited.begin(at(0), &Vector3::zeros());
+        assert_eq!(inherited.added_to(covariance, &state()), covariance);
+        inherited.leave(at(0), &state(), 0.0, &NavCovariance::identity());
+        inherited.forget();
+        inherited.begin(at(1), &Vector3::zeros());
+        assert_eq!(inherited.added_to(covariance, &state()), covariance);
+    }
+
+    #[test]
+    fn a_start_anew_is_no_better_known_than_the_pose_before_it() {
+        let nav = state();
+        let before = NavCovariance::identity() * 0.04;
+        let mut inherited = Inherited::default();
+        inherited.leave(at(0), &nav, 0.0, &before);
+        inherited.begin(at(0), &nav.p_o_b);
+        let after = inherited.added_to(NavCovariance::identity() * 1e-6, &nav);
+        for k in 0..3 {
+            assert!((after[(k, k)] - 0.04).abs() < 1e-4, "{k}");
+        }
+        let up_b = nav.rot_o_b.inverse() * Vector3::z();
+        let yaw = (up_b.transpose() * after.fixed_view::<3, 3>(3, 3) * up_b)[0];
+        assert!((yaw - 0.04).abs() < 1e-4);
+        // Ten metres on, the yaw of the origin weighs.
+        let far = NavState { p_o_b: nav.p_o_b + Vector3::new(10.0, 0.0, 0.0), ..nav.clone() };
+        assert!(inherited.added_to(NavCovariance::zeros(), &far)[(1, 1)] > 4.0);
+        assert!(after.cholesky().is_some());
+    }
+
+    #[test]
+    fn the_way_in_between_was_not_measured() {
+        let nav = state();
+        let mut inherited = Inherited::default();
+        inherited.leave(at(0), &nav, 1.5, &(NavCovariance::identity() * 1e-6));
+        inherited.begin(at(2_000_000_000), &nav.p_o_b);
+        let sigma_m = inherited.added_to(NavCovariance::zeros(), &nav)[(0, 0)].sqrt();
+        assert!((5.9..6.2).contains(&sigma_m), "2 s at 1 m/s, and 2 m/s² on top: {sigma_m}");
+        let of_turn =
+            inherited.added_to(NavCovariance::zeros(), &nav).fixed_view::<3, 3>(3, 3).trace().sqrt();
+        assert!((of_turn - std::f64::consts::PI).abs() < 1e-6, "two turns of 2 rad: any heading");
+    }
+
+    #[test]
+    fn what_was_no_covariance_is_as_good_as_unknown() {
+        let mut inherited = Inherited::default();
+        inherited.leave(at(0), &state(), 0.0, &NavCovariance::from_element(f64::NAN));
+        inherited.begin(at(0), &Vector3::zeros());
+        let after = inherited.added_to(NavCovariance::zeros(), &state());
+        assert!(after.iter().all(|x| x.is_finite()) && after[(0, 0)] > 1e5);
+    }
+}

@@ -1,0 +1,195 @@
+//! No false confidence: while sensors fail and after it, errors stay within what the covariance says.
+
+use super::synthetic::{World, config, stamp};
+use super::*;
+use crate::geometry::{log_so3, yaw_of};
+use crate::input::ResetKind;
+use nalgebra::{Isometry3, SVector, UnitQuaternion};
+use plumbline_config::ImuSample;
+use std::ops::Range;
+
+/// What happens to the sensors.
+#[derive(Clone, Copy)]
+struct Trouble {
+    /// What becomes of an inertial sample at a time; `None` where it is lost.
+    imu: fn(f64, ImuSample) -> Option<ImuSample>,
+    /// Which cameras see.
+    alive: fn(f64) -> [bool; 2],
+    /// A soft reset that somebody asks for, s.
+    reset_s: Option<f64>,
+}
+
+const NONE: Trouble = Trouble { imu: |_, sample| Some(sample), alive: |_| [true; 2], reset_s: None };
+
+/// One pose against the truth.
+struct Judged {
+    time_s: f64,
+    nees: f64,
+    error_m: f64,
+    health: HealthBits,
+    resets: u32,
+}
+
+/// Flies through the world, the truth brought to the first pose by position and yaw.
+fn fly(world: &mut World, duration_s: f64, trouble: &Trouble) -> Vec<Judged> {
+    let mut odometer = Odometer::new(&world.config);
+    let (mut tracked, mut feedback) = (Tracked::new(&world.config), Feedback::new(&world.config));
+    let mut origin: Option<Isometry3<f64>> = None;
+    let (mut judged, mut next_imu) = (Vec::new(), 0u32);
+    // A track that is told to be wrong ends, and its point is tracked anew.
+    let points = world.points_o.len() as u32;
+    let mut ended = vec![0u32; world.points_o.len()];
+    for k in 0..(duration_s * 20.0) as u32 {
+        let t = 0.2 + f64::from(k) * 0.05;
+        while f64::from(next_imu) * 0.005 <= t + 0.0051 {
+            let sample_s = f64::from(next_imu) * 0.005;
+            tracked.samples.extend((trouble.imu)(sample_s, world.imu(sample_s, true)));
+            next_imu += 1;
+        }
+        tracked.points = world.observe(t, (trouble.alive)(t));
+        feedback.wrong_points.dedup();
+        feedback.wrong_points.iter().for_each(|id| ended[(id % points) as usize] = id / points + 1);
+        tracked.points.iter_mut().for_each(|o| o.track_id += points * ended[o.track_id as usize]);
+        tracked.points.sort_by_key(|o| o.track_id);
+        tracked.sequence = u64::from(k);
+        tracked.time = FrameTime { stamp: stamp(t), time_offset_s: 0.0 };
+        tracked.reset = trouble.reset_s.filter(|at| (t - at).abs() < 0.02).map(|_| ResetKind::Soft);
+        let estimate = odometer.process(&tracked, &mut (), &mut feedback);
+        tracked.samples.clear();
+        let Some(pose) = estimate.pose() else { continue };
+        let truth = world.pose_o_b(t);
+        let expected = *origin.get_or_insert_with(|| anchored(pose, &truth)) * truth;
+        let mut error = SVector::<f64, 6>::zeros();
+        let p_error = pose.translation.vector - expected.translation.vector;
+        error.fixed_rows_mut::<3>(0).copy_from(&p_error);
+        error.fixed_rows_mut::<3>(3).copy_from(&log_so3(&(expected.rotation.inverse() * pose.rotation)));
+        let covariance = estimate.covariance.fixed_view::<6, 6>(0, 0) + nalgebra::Matrix6::identity() * 1e-10;
+        judged.push(Judged {
+            time_s: t,
+            nees: (error.transpose() * covariance.try_inverse().unwrap() * error)[0] / 6.0,
+            error_m: p_error.norm(),
+            health: estimate.health,
+            resets: estimate.reset_counter,
+        });
+    }
+    judged
+}
+
+fn anchored(pose: &Isometry3<f64>, truth: &Isometry3<f64>) -> Isometry3<f64> {
+    let yaw = yaw_of(&(pose.rotation * truth.rotation.inverse()));
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw);
+    Isometry3::from_parts((pose.translation.vector - turn * truth.translation.vector).into(), turn)
+}
+
+/// Mean NEES over a span of time.
+fn mean_nees(judged: &[Judged], span_s: Range<f64>) -> f64 {
+    let within: Vec<f64> = judged.iter().filter(|j| span_s.contains(&j.time_s)).map(|j| j.nees).collect();
+    assert!(!within.is_empty(), "no pose in {span_s:?}");
+    within.iter().sum::<f64>() / within.len() as f64
+}
+
+/// Asserts that nobody who believed the covariance was deceived, during the trouble or five seconds after it.
+fn assert_honest(name: &str, judged: &[Judged], span_s: &Range<f64>) {
+    let during = mean_nees(judged, span_s.start..span_s.end + 1.0);
+    let after = mean_nees(judged, span_s.end + 4.5..span_s.end + 5.5);
+    let worst_m = judged.iter().map(|j| j.error_m).fold(0.0, f64::max);
+    let resets = judged.last().map_or(0, |j| j.resets);
+    println!("{name}: NEES {during:.2} during, {after:.2} after, worst {worst_m:.3} m, {resets} resets");
+    assert!(during <= 10.0 && after <= 3.0, "{name}: NEES {during:.2} during, {after:.2} after");
+}
+
+fn has(judged: &[Judged], span_s: Range<f64>, bit: HealthBits) -> bool {
+    judged.iter().any(|j| span_s.contains(&j.time_s) && j.health.contains(bit))
+}
+
+fn is_in(t: f64, begins: [f64; 3], length_s: f64) -> bool {
+    begins.iter().any(|begin| (*begin..begin + length_s).contains(&t))
+}
+
+#[test]
+fn gaps_of_fifty_and_of_two_hundred_milliseconds() {
+    let fifty: fn(f64, ImuSample) -> Option<ImuSample> =
+        |t, sample| (!is_in(t, [6.0, 7.0, 8.0], 0.05)).then_some(sample);
+    let two_hundred: fn(f64, ImuSample) -> Option<ImuSample> =
+        |t, sample| (!is_in(t, [6.0, 7.0, 8.0], 0.2)).then_some(sample);
+    for seed in [1, 2] {
+        for (name, imu) in [("50 ms", fifty), ("200 ms", two_hundred)] {
+            let judged = fly(&mut World::new(&config(2), seed, 500), 14.2, &Trouble { imu, ..NONE });
+            assert_honest(name, &judged, &(6.0..8.2));
+            assert!(has(&judged, 6.0..6.3, HealthBits::IMU_GAP));
+        }
+    }
+}
+
+#[test]
+fn a_sensor_at_the_ends_of_its_range_for_a_third_of_a_second() {
+    let imu: fn(f64, ImuSample) -> Option<ImuSample> = |t, sample| {
+        // A pattern without a mean.
+        let mixed = ((t * 200.0).round() as u32).wrapping_mul(2_654_435_769);
+        let sign = |k: u32| if (mixed >> (8 + k)) & 1 == 0 { 1.0 } else { -1.0 };
+        let ends = |scale: f64| Vector3::new(sign(0), sign(3), sign(7)) * scale;
+        let hit = ImuSample { gyro: ends(17.0), accel: ends(150.0), ..sample };
+        Some(if (6.0..6.3).contains(&t) { hit } else { sample })
+    };
+    for seed in [1, 2] {
+        let judged = fly(&mut World::new(&config(2), seed, 500), 12.2, &Trouble { imu, ..NONE });
+        assert_honest("saturated", &judged, &(6.0..6.3));
+        assert!(has(&judged, 6.0..6.4, HealthBits::IMU_SATURATED));
+    }
+}
+
+#[test]
+fn two_samples_that_lie_are_over_within_three_tenths_of_a_second() {
+    let imu: fn(f64, ImuSample) -> Option<ImuSample> = |t, sample| {
+        let lie = ImuSample { gyro: sample.gyro + Vector3::new(9.0, -7.0, 8.0), ..sample };
+        Some(if (6.0..6.008).contains(&t) { lie } else { sample })
+    };
+    for seed in [1, 2] {
+        let judged = fly(&mut World::new(&config(2), seed, 500), 12.2, &Trouble { imu, ..NONE });
+        // Nobody knows who lies until the next frame has spoken.
+        let after = mean_nees(&judged, 6.3..7.3);
+        println!(
+            "lie: NEES {after:.2} after, worst {:.3} m",
+            judged.iter().map(|j| j.error_m).fold(0.0, f64::max)
+        );
+        assert!(after <= 3.0 && judged.iter().all(|j| j.error_m < 0.5), "NEES {after:.2}");
+        assert!(has(&judged, 6.0..6.2, HealthBits::IMU_CONTRADICTED));
+    }
+}
+
+#[test]
+fn blind_for_longer_than_an_estimate_lives_and_then_started_anew() {
+    let alive: fn(f64) -> [bool; 2] = |t| [!(5.0..11.0).contains(&t); 2];
+    for seed in [1, 2] {
+        let judged = fly(&mut World::new(&config(2), seed, 500), 17.0, &Trouble { alive, ..NONE });
+        assert!(judged.last().unwrap().resets > 0);
+        // Blind, and the second in which it starts anew where nobody saw it go.
+        let during = mean_nees(&judged, 5.0..12.0);
+        println!("blind: NEES {during:.2} until a second after");
+        assert!(during <= 3.0, "NEES {during:.2}");
+    }
+}
+
+#[test]
+fn a_soft_reset_in_flight_forgets_nothing_of_what_is_not_known() {
+    for seed in [1, 2] {
+        let trouble = Trouble { reset_s: Some(6.2), ..NONE };
+        let judged = fly(&mut World::new(&config(2), seed, 500), 12.2, &trouble);
+        assert_eq!(judged.last().unwrap().resets, 1);
+        assert_honest("reset", &judged, &(6.2..6.3));
+    }
+}
+
+#[test]
+fn a_slow_drift_far_from_everything_is_no_rest() {
+    for seed in [1, 2] {
+        let mut world = World::new(&config(2), seed, 500);
+        world.points_o.iter_mut().for_each(|p| *p *= 3.0);
+        world.is_at_rest = true;
+        world.drift_m_s = Vector3::new(0.008, 0.04, 0.0);
+        world.sigma_px = 0.1;
+        let judged = fly(&mut world, 20.0, &NONE);
+        assert!(!has(&judged, 6.0..20.0, HealthBits::STATIONARY));
+        assert_honest("drift", &judged, &(6.0..14.0));
+    }
+}

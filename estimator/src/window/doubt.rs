@@ -1,0 +1,69 @@
+//! A frame that most of what it sees contradicts: then the frame is wrong, and not what was seen in it.
+//!
+//! One wrong motion (a blow, a sample that lies) puts the newest frame where nothing fits. Dropping what does not fit would
+//! drop all that is seen, and with it what could set the frame right.
+
+use super::Window;
+use super::frame::Frame;
+use super::inertial_factor::InertialFactor;
+use super::problem::Problem;
+use super::state::NavState;
+use super::tracks;
+use crate::geometry::{exp_so3, log_so3};
+
+/// Frames on end whose observations are spared though most of them do not fit. What lasts longer is no slip of the
+/// prediction: something else moves, and fills the view.
+pub(super) const MAX_DOUBTED_FRAMES: u32 = 3;
+
+impl Window {
+    /// Removes observations that do not fit, and landmarks that are left with less than two views; but those of the newest
+    /// frame stay where most of them do not fit, for a few frames on end: see [`Self::is_newest_doubtful`].
+    pub fn remove_minority(&mut self) {
+        let is_doubtful = self.is_newest_doubtful();
+        self.doubted = if is_doubtful { self.doubted.saturating_add(1) } else { 0 };
+        self.remove_what_does_not_fit(is_doubtful && self.doubted <= MAX_DOUBTED_FRAMES);
+    }
+
+    /// Whether most of what the newest frame sees contradicts where it is taken to be, at the poses last linearized or
+    /// costed. One thing seen that does not fit is wrong; where most do not, the pose is.
+    #[must_use]
+    pub fn is_newest_doubtful(&self) -> bool {
+        let Self { rig, manhattan, frames, points, lines, linearizer, options, .. } = self;
+        let problem = Problem { rig, frames, points: &[], lines: &[], manhattan, options };
+        let of_points = tracks::judge(points, &linearizer.poses, &problem);
+        of_points.and(tracks::judge(lines, &linearizer.poses, &problem)).is_mistrial()
+    }
+
+    /// Solves anew without the motion that leads to the newest frame, which its images contradict: the inertial sensor was
+    /// hit, or lied. Whether the images agree among each other then; if not, the motion counts again.
+    pub fn doubt_newest_motion(&mut self, max_iterations: usize) -> bool {
+        let Some(Frame { inertial: Some(inertial), nav, .. }) = self.frames.last() else { return false };
+        let (believed, nav) = (inertial.clone(), nav.clone());
+        let loose = believed.loosened(&self.options.imu_noise);
+        self.replace_newest(loose, self.steady_newest().unwrap_or_else(|| nav.clone()));
+        let _ = self.optimize(max_iterations);
+        if !self.is_newest_doubtful() {
+            return true;
+        }
+        self.replace_newest(believed, nav);
+        let _ = self.optimize(max_iterations);
+        false
+    }
+
+    /// Where the newest frame would be if the vehicle had gone on as it did between the two before.
+    fn steady_newest(&self) -> Option<NavState> {
+        let [.., a, b, newest] = &self.frames[..] else { return None };
+        let dt = newest.stamp.seconds_since(b.stamp);
+        let turn = log_so3(&(a.nav.rot_o_b.inverse() * b.nav.rot_o_b));
+        let turn = exp_so3(&(turn * (dt / b.stamp.seconds_since(a.stamp))));
+        let p_o_b = b.nav.p_o_b + b.nav.v_o_b * dt;
+        Some(NavState { p_o_b, rot_o_b: b.nav.rot_o_b * turn, ..b.nav.clone() })
+    }
+
+    fn replace_newest(&mut self, motion: InertialFactor, nav: NavState) {
+        if let Some(newest) = self.frames.last_mut() {
+            newest.inertial = Some(motion);
+            newest.nav = nav;
+        }
+    }
+}
