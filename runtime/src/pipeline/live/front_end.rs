@@ -6,7 +6,6 @@ use super::NAP;
 use super::drivers::Arrival;
 use super::places::PlacesRings;
 use super::shared::Shared;
-use super::wiring::JOB_POOL;
 use crate::schedule::ladder::{Ladder, Rung};
 use crate::schedule::ring::{Bell, Reader, Writer};
 use crate::schedule::tasks::{TaskId, WATCH_PERIOD};
@@ -18,6 +17,8 @@ use plumbline_estimator::Feedback;
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
+/// Frames between front-end and window: one being tracked, one waiting, one being solved.
+pub const JOB_POOL: usize = 3;
 /// How often [`NAP`] a frame waits for its samples: a tick or a line that is held up for a fifth of a second catches up.
 const SAMPLE_NAPS: u32 = 6;
 

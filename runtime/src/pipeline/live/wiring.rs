@@ -8,7 +8,7 @@ use super::super::places::{PlaceChoice, PlacesStage};
 use super::super::stages::{FrontStage, Job, WindowStage};
 use super::super::tick::TickStage;
 use super::drivers::{Arrival, CameraFigures, CameraTask, ImuTask};
-use super::front_end::{FrontEndRings, FrontEndTask};
+use super::front_end::{FrontEndRings, FrontEndTask, JOB_POOL};
 use super::places::{PlacesRings, PlacesTask};
 use super::tick::{TickRings, TickTask};
 use super::window::{WindowRings, WindowTask};
@@ -21,8 +21,6 @@ use plumbline_estimator::{Estimate, Feedback};
 
 /// Frames that are filled, wait or are tracked at a time.
 const FRAME_POOL: usize = 4;
-/// Frames between front-end and window: one being tracked, one waiting, one being solved.
-pub const JOB_POOL: usize = 3;
 /// Readings that a replay driver is ahead of the clock, or a tick behind it, s of them, and never fewer than these.
 const READING_RING_S: f64 = 0.3;
 const READING_RING: usize = 64;
@@ -159,14 +157,7 @@ impl Tasks {
                     bell: bells.tick,
                 },
             ),
-            camera: CameraTask {
-                source: stereo,
-                empty: rings.empty.reader,
-                arrivals: rings.arrivals.writer,
-                bell: bells.camera,
-                kept: CameraFigures::default(),
-                stamps: StampGate::of_frames(),
-            },
+            camera: camera(stereo, rings.empty.reader, rings.arrivals.writer, bells.camera),
             front_end: FrontEndTask::new(
                 stages.front,
                 stages.places.is_some().then_some(PlacesRings {
@@ -206,4 +197,14 @@ impl Tasks {
             }),
         }
     }
+}
+
+fn camera(
+    source: Box<dyn StereoSource>,
+    empty: Reader<StereoFrame>,
+    arrivals: Writer<Arrival>,
+    bell: Bell,
+) -> CameraTask {
+    let (kept, stamps) = (CameraFigures::default(), StampGate::of_frames());
+    CameraTask { source, empty, arrivals, bell, kept, stamps }
 }
