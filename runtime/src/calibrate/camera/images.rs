@@ -158,7 +158,7 @@ pub fn read(file: &Path) -> Result<GrayImage, ImagesError> {
     Ok(read_gray_png(file, SIDES_PX)?)
 }
 
-/// Makes the folder, with `cam0/` and, for two cameras, `cam1/`, that pairs are kept in with [`write`]. Images of an earlier
+/// Makes the folder, with `cam0/` and, for two cameras, `cam1/`, that pairs are kept in with [`write()`]. Images of an earlier
 /// calibration are deleted with `replace`; nothing else ever is.
 ///
 /// # Errors
