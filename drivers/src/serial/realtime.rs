@@ -35,6 +35,9 @@ fn open(path: &str, protocol: ImuProtocol, rate_hz: i64, stop: &StopFlag) -> Ser
     SerialImu::at(&line, &driver, &imu_config(rate_hz as f64), 20.0, stop.clone()).unwrap()
 }
 
+/// A microcontroller is interrupted by a question; here it waits for so long at most, ns.
+const NAP_NS: i64 = 100_000;
+
 /// Sleeps up to a little before `due_ns`, and does not sleep any more then; how late it came, ns.
 pub(crate) fn wait_until(due_ns: i64, mut meanwhile: impl FnMut()) -> i64 {
     loop {
@@ -44,7 +47,7 @@ pub(crate) fn wait_until(due_ns: i64, mut meanwhile: impl FnMut()) -> i64 {
             return -left_ns;
         }
         if left_ns > 400_000 {
-            thread::sleep(Duration::from_nanos((left_ns - 300_000).min(MS) as u64));
+            thread::sleep(Duration::from_nanos((left_ns - 300_000).min(NAP_NS) as u64));
         }
     }
 }
