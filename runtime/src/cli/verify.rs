@@ -135,6 +135,9 @@ fn summary(v: &Verification) -> String {
     if v.frames_refused > 0 {
         note("refused in flight", format!("{} frames", v.frames_refused));
     }
+    if v.map_ends_at_fault {
+        note("map", "executed up to the first fault of the program alone".into());
+    }
     if v.truncated {
         note("truncated", "the log breaks off: the recorder was killed or could not write".into());
     }

@@ -282,6 +282,12 @@ impl<T: Output> Pairing<T> {
         self.compare();
     }
 
+    /// What has no partner yet shall not be compared.
+    pub fn forget(&mut self) {
+        self.recorded.clear();
+        self.executed.clear();
+    }
+
     /// Recorded outputs that nothing was compared with.
     #[must_use]
     pub fn left_over(&self) -> u64 {

@@ -366,6 +366,9 @@ impl Execution {
         self.front_end = FrontEnd::new(&setup);
         self.odometer.renew(&setup, self.newest.as_ref(), self.newest_pose.as_ref());
         self.feedback = Feedback::new(&setup);
+        if let Some(map) = &mut self.map {
+            map.end();
+        }
     }
 
     /// Reads frames up to number `sequence`; `false` when the log ends before it.

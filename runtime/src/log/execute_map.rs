@@ -29,6 +29,7 @@ pub struct MapExecution {
     /// The newest frame whose recorded output was read.
     recorded: Option<u64>,
     follower: MapFollower,
+    is_ended: bool,
     /// Poses of the odometry in the map, of the log and of the execution.
     pub outputs: Pairing<MapEstimate>,
     /// Bits of all of the execution.
@@ -50,13 +51,31 @@ impl MapExecution {
             estimates: VecDeque::new(),
             recorded: None,
             follower: MapFollower::default(),
+            is_ended: false,
             outputs: Pairing::default(),
             digest: Digest::default(),
         })
     }
 
+    /// A fault of the program ends it: what front-end and window had in hand when they died may have reached the map or not,
+    /// and the log does not say.
+    pub fn end(&mut self) {
+        (self.is_ended, self.has_job) = (true, false);
+        self.estimates.clear();
+        self.outputs.forget();
+    }
+
+    /// Whether it has ended before the log.
+    #[must_use]
+    pub fn is_ended(&self) -> bool {
+        self.is_ended
+    }
+
     /// An order of the log.
     pub fn order(&mut self, order: &MapOrder) {
+        if self.is_ended {
+            return;
+        }
         match order.verdict {
             MapVerdict::PassedOver => self.passed_over.push_back(order.frame),
             MapVerdict::Applied { at_frame } => self.applied.push_back((order.frame, at_frame)),
@@ -65,7 +84,7 @@ impl MapExecution {
 
     /// The front-end has tracked a frame and heard `feedback` about the one before it.
     pub fn offer(&mut self, feedback: &Feedback, front_end: &mut FrontEnd) {
-        if self.choice.takes(feedback) {
+        if !self.is_ended && self.choice.takes(feedback) {
             self.job.describe(feedback);
             front_end.exchange_images(feedback.solved.sequence, &mut self.job.images);
             self.has_job = true;
@@ -90,15 +109,17 @@ impl MapExecution {
 
     /// An estimate came out.
     pub fn executed(&mut self, estimate: &Estimate) {
-        if self.estimates.len() < MAX_WAITING {
+        if !self.is_ended && self.estimates.len() < MAX_WAITING {
             self.estimates.push_back(estimate.clone());
         }
     }
 
     /// The next output of the log.
     pub fn recorded(&mut self, output: MapEstimate) {
-        self.recorded = Some(output.frame_sequence);
-        self.outputs.recorded(output);
+        if !self.is_ended {
+            self.recorded = Some(output.frame_sequence);
+            self.outputs.recorded(output);
+        }
     }
 
     /// Finds where the odometry lies in the map for all frames of which the log has said everything.

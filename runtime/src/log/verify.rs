@@ -7,6 +7,7 @@ use super::compare::Difference;
 use super::cursor::Cursor;
 use super::entry::{Dropped, Kind};
 use super::execute::Execution;
+use super::execute_map::MapExecution;
 use super::known::{KnownMap, known_map};
 use super::reader::Ending;
 use plumbline_config::options::ImageRecording;
@@ -78,7 +79,10 @@ pub struct Verification {
     pub estimate_digest: String,
     /// SHA-256 over the bits of all odometry of the execution, as in a report.
     pub odometry_digest: String,
-    /// SHA-256 over the bits of the pose of the odometry in the map, as in a report; `None` where places were off.
+    /// Whether the map was executed up to a fault of the program alone.
+    pub map_ends_at_fault: bool,
+    /// SHA-256 over the bits of the pose of the odometry in the map, as in a report; `None` where places were off, or where
+    /// the map ends at a fault.
     pub map_digest: Option<String>,
     /// The recording was made by this very executable.
     pub same_build: bool,
@@ -147,7 +151,8 @@ fn summed_up(mut execution: Execution, same_build: bool, config_hash: String) ->
         estimates_identical: estimates.identical,
         odometry_identical: odometry.identical,
         map_poses_identical: map.map_or(0, |map| map.outputs.identical),
-        map_digest: map.map(|map| map.digest.hex()),
+        map_ends_at_fault: map.is_some_and(MapExecution::is_ended),
+        map_digest: map.filter(|map| !map.is_ended()).map(|map| map.digest.hex()),
         not_recorded,
         not_executed: estimates.left_over()
             + odometry.left_over()
