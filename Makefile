@@ -102,7 +102,7 @@ lint: setup fmt-check deny clippy ## format, licences and lints, without the tes
 soak: setup forget-skips ## long flights: memory, drift of time, restarts (SOAK_MINUTES=30)
 	$(LINTED) $(CARGO) nextest run $(CHECKED) --profile soak --run-ignored only -E 'test(/soak/)' $(ARGS)
 	$(call tell-skips,PLUMBLINE_SOAK_MINUTES=$(SOAK_MINUTES) \
-		$(LINTED) $(CARGO) nextest run $(TESTED) --profile soak --run-ignored all -E 'test(/soak/) | test(/^faults::/)' $(ARGS))
+		$(LINTED) $(CARGO) nextest run $(TESTED) --profile soak --run-ignored all -E 'test(/soak/) | test(/^faults::/) | test(/^calibration::/)' $(ARGS))
 
 vm: ## drivers of cameras and inertial sensors, and a flight, behind a real kernel in a virtual machine (VM_SECONDS=60)
 	@scripts/setup base
