@@ -69,10 +69,7 @@ fn a_right_camera_turned_by_two_degrees() {
     is_honest(Fault::RightTurned);
 }
 
-/// Faults that still deceive, by docs/experiments.md: they are told of, and do not fail.
-const DECEIVE: [Fault; 3] = [Fault::Blind, Fault::FarOnly, Fault::Kidnapped];
-
-/// Every fault at full resolution.
+/// Every fault at full resolution. Which ones still deceive stands in docs/experiments.md.
 #[test]
 #[ignore = "minutes; run by `make soak`"]
 fn soak_no_fault_gives_false_confidence() {
@@ -86,7 +83,7 @@ fn soak_no_fault_gives_false_confidence() {
         // A hover lasts to the end: what comes after it is short.
         let is_during = trust.nees_during.is_none_or(|nees| nees <= MAX_NEES_DURING);
         let is_honest = trust.is_deserved() || (fault == Fault::Hover && is_during);
-        if !(is_honest || DECEIVE.contains(&fault)) {
+        if !is_honest {
             deceived.push(format!("{fault:?}: {trust:?}"));
         }
     }

@@ -74,7 +74,7 @@ fn a_process_that_is_killed_in_flight_comes_back_and_the_autopilot_learns_of_the
         assert!(verified.status.success(), "{}", stderr(&verified));
         let verified: Value = serde_json::from_slice(&verified.stdout).unwrap();
         assert_eq!(verified["truncated"], is_cut, "{}: {verified}", log.display());
-        assert!(verified["estimates_identical"].as_u64().unwrap() > 5, "{}: {verified}", log.display());
+        assert!(verified["estimates_identical"].as_u64().unwrap() > 20, "{}: {verified}", log.display());
     }
 }
 
