@@ -65,14 +65,8 @@ impl Facet {
         (furthest > 0.0 && inside(&self.s) && inside(&self.t)).then_some(furthest)
     }
 
-    /// Inverse depth at a bearing, if the facet is there.
-    #[inline]
-    pub(super) fn depth_at(&self, x: f32, y: f32) -> Option<f32> {
-        let (s, t, w) = (linear(&self.s, x, y), linear(&self.t, x, y), linear(&self.w, x, y));
-        (w > 0.0 && s >= 0.0 && t >= 0.0 && s <= w && t <= w).then_some(w)
-    }
-
-    /// Puts the facet, as number `index`, into a row of a tile wherever it is the nearest so far.
+    /// Puts the facet, as number `index`, into the bearings of a row of a tile, or of the rays of a pixel, wherever it is the
+    /// nearest so far.
     #[inline]
     pub(super) fn cover_row(
         &self,

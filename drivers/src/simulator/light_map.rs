@@ -22,7 +22,9 @@ impl LightMap {
     pub(super) fn at(&self, s: f32, t: f32) -> f32 {
         let x = s.clamp(0.0, 1.0) * (self.columns - 1) as f32;
         let y = t.clamp(0.0, 1.0) * (self.rows - 1) as f32;
-        let (column, row) = ((x as usize).min(self.columns - 2), (y as usize).min(self.rows - 2));
+        // By way of a signed word, which one instruction makes of a float.
+        let (column, row) = (x as i32 as usize, y as i32 as usize);
+        let (column, row) = (column.min(self.columns - 2), row.min(self.rows - 2));
         let (fx, fy) = (x - column as f32, y - row as f32);
         let first = row * self.columns + column;
         let upper = &self.values[first..first + 2];

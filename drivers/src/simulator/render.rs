@@ -17,13 +17,13 @@ const TILE_FACETS: usize = 30;
 /// Facets that share one pixel, at most.
 const PIXEL_FACETS: usize = 16;
 /// Rays through a pixel on an edge: a 4x4 grid, sheared so that edges along rows, columns and diagonals
-/// meet the rays one after another.
-const RAYS: [[f32; 2]; 16] = rays();
+/// meet the rays one after another. As many as a tile has columns, so that both are covered in the same way.
+const RAYS: [[f32; 2]; TILE] = rays();
 
-const fn rays() -> [[f32; 2]; 16] {
-    let mut all = [[0.0; 2]; 16];
+const fn rays() -> [[f32; 2]; TILE] {
+    let mut all = [[0.0; 2]; TILE];
     let mut i = 0;
-    while i < 16 {
+    while i < TILE {
         let (column, row) = ((i % 4) as f32, (i / 4) as f32);
         all[i] = [(column * 4.0 + row - 7.5) / 16.0, (row * 4.0 + (3.0 - column) - 7.5) / 16.0];
         i += 1;
@@ -150,8 +150,7 @@ impl Renderer {
             let tile = Tile { step: &steps[column], facets: &tiles[column] };
             let near = around.map(|row| &row[run * RUN..][..pixels.len() + 2]);
             let id = near[1][1];
-            let differs = near.iter().flat_map(|row| row.iter()).fold(0, |d, n| d | (n ^ id));
-            if differs == 0 && id != NONE && pixels.len() == RUN {
+            if pixels.len() == RUN && id != NONE && near.iter().all(|row| all_are(row, id)) {
                 pixels.copy_from_slice(&self.facets[id as usize].shade(world, &x, &y, tile.step));
             } else {
                 self.shade_pieces(world, &near, (&x, &y), &tile, pixels);
@@ -235,23 +234,17 @@ impl Renderer {
         let step = tile.step;
         let mut candidates = [NONE; PIXEL_FACETS];
         let count = self.candidates(ids, at, tile, &mut candidates);
-        // Rays and sum of their bearings, per candidate.
-        let mut shares = [[0.0_f32; 3]; PIXEL_FACETS];
-        for [right, down] in RAYS {
-            let x = at[0] + right * step[0] + down * step[2];
-            let y = at[1] + right * step[1] + down * step[3];
-            let (mut best, mut depth) = (count, 0.0);
-            for (k, &id) in candidates[..count].iter().enumerate() {
-                if let Some(w) = self.facets[id as usize].depth_at(x, y)
-                    && w > depth
-                {
-                    (best, depth) = (k, w);
-                }
-            }
-            if best < count {
-                let share = &mut shares[best];
-                *share = [share[0] + 1.0, share[1] + x, share[2] + y];
-            }
+        let x = RAYS.map(|[right, down]| at[0] + right * step[0] + down * step[2]);
+        let y = RAYS.map(|[right, down]| at[1] + right * step[1] + down * step[3]);
+        let (mut depth, mut seen) = ([0.0; TILE], [PIXEL_FACETS as u32; TILE]);
+        for (k, &id) in candidates[..count].iter().enumerate() {
+            self.facets[id as usize].cover_row(k as u32, &x, &y, &mut depth, &mut seen);
+        }
+        // Rays and sum of their bearings, per candidate; the last are those of the rays that meet none.
+        let mut shares = [[0.0_f32; 3]; PIXEL_FACETS + 1];
+        for (&k, (x, y)) in seen.iter().zip(x.iter().zip(&y)) {
+            let share = &mut shares[k as usize];
+            *share = [share[0] + 1.0, share[1] + x, share[2] + y];
         }
         let (mut sum, mut total) = (0.0, 0.0);
         for (share, &id) in shares.iter().zip(&candidates[..count]).filter(|(share, _)| share[0] > 0.0) {
@@ -278,4 +271,11 @@ fn select(facets: &[Facet], from: impl Iterator<Item = u16>, span: &Span, into: 
         }
     }
     into.retain(|&index| span.range(&facets[index as usize].w)[1] >= behind);
+}
+
+/// Whether a run and its neighbours in one row all see facet `id`.
+#[inline]
+fn all_are(row: &[u16], id: u16) -> bool {
+    let Ok(row) = <&[u16; RUN + 2]>::try_from(row) else { return false };
+    row.iter().fold(0, |differs, n| differs | (n ^ id)) == 0
 }

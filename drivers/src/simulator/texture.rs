@@ -29,6 +29,7 @@ struct Level {
     /// Side minus one; the side is a power of two.
     mask: i32,
     shift: u32,
+    /// By blocks of 4x4, each of one line of the processor's cache: neighbours in any direction are mostly there already.
     quads: Vec<u32>,
 }
 
@@ -58,23 +59,30 @@ impl Texture {
     #[inline]
     pub(super) fn sample<const N: usize>(&self, footprints: &Footprints<N>) -> [f32; N] {
         let plan = footprints.plan(self.levels.len() - 1);
-        let mut out = [0.0; N];
-        for (i, out) in out.iter_mut().enumerate() {
-            let low = plan.level[i] as usize;
-            let (fine, coarse) = (&self.levels[low], &self.levels[(low + 1).min(self.levels.len() - 1)]);
-            let (mut sum_fine, mut sum_coarse) = (0_u32, 0_u32);
-            if plan.part[i] < 1.0 {
-                plan.each_tap(i, |x, y| sum_fine += fine.bilinear(x, y));
-            }
-            if plan.part[i] > 0.0 {
-                // The same place on the next level: p / 2 - 1/4.
-                let half = |p: i32| p.wrapping_sub(HALF) >> 1;
-                plan.each_tap(i, |x, y| sum_coarse += coarse.bilinear(half(x), half(y)));
-            }
-            let blend = sum_fine as f32 + (sum_coarse as f32 - sum_fine as f32) * plan.part[i];
-            *out = blend / (65536 * plan.taps[i]) as f32;
+        if plan.level.iter().all(|&level| level == plan.level[0]) {
+            return self.blend(&plan);
         }
-        out
+        std::array::from_fn(|i| self.blend(&plan.lane(i))[0])
+    }
+
+    /// Means over footprints whose samples are all on the same two levels.
+    #[inline]
+    fn blend<const N: usize>(&self, plan: &Plan<N>) -> [f32; N] {
+        let low = plan.level[0] as usize;
+        let (fine, coarse) = (&self.levels[low], &self.levels[(low + 1).min(self.levels.len() - 1)]);
+        let (mut sum_fine, mut sum_coarse) = ([0; N], [0; N]);
+        if plan.part.iter().any(|&part| part < 1.0) {
+            sum_fine = fine.sums(plan, |p| p);
+        }
+        if plan.part.iter().any(|&part| part > 0.0) {
+            // The same place on the next level: p / 2 - 1/4.
+            sum_coarse = coarse.sums(plan, |p| p.wrapping_sub(HALF) >> 1);
+        }
+        std::array::from_fn(|i| {
+            let sum_fine = if plan.part[i] < 1.0 { sum_fine[i] as i32 as f32 } else { 0.0 };
+            let blend = sum_fine + (sum_coarse[i] as i32 as f32 - sum_fine) * plan.part[i];
+            blend / (65536 * plan.taps[i]) as i32 as f32
+        })
     }
 }
 
@@ -103,13 +111,17 @@ struct Plan<const N: usize> {
 }
 
 impl<const N: usize> Plan<N> {
+    /// One of the footprints.
     #[inline]
-    fn each_tap(&self, i: usize, mut take: impl FnMut(i32, i32)) {
-        let (mut x, mut y) = (self.x[i], self.y[i]);
-        for _ in 0..self.taps[i] {
-            take(x, y);
-            // Lanes that nobody looks at may hold anything.
-            (x, y) = (x.wrapping_add(self.step_x[i]), y.wrapping_add(self.step_y[i]));
+    fn lane(&self, i: usize) -> Plan<1> {
+        Plan {
+            level: [self.level[i]],
+            part: [self.part[i]],
+            taps: [self.taps[i]],
+            x: [self.x[i]],
+            y: [self.y[i]],
+            step_x: [self.step_x[i]],
+            step_y: [self.step_y[i]],
         }
     }
 }
@@ -128,6 +140,7 @@ impl<const N: usize> Footprints<N> {
             step_y: [0; N],
         };
         let last = last_level as f32;
+        let side = (1_u32 << last_level) as f32;
         for i in 0..N {
             let right = self.u_right[i] * self.u_right[i] + self.v_right[i] * self.v_right[i];
             let down = self.u_down[i] * self.u_down[i] + self.v_down[i] * self.v_down[i];
@@ -140,23 +153,34 @@ impl<const N: usize> Footprints<N> {
             let area = (self.u_right[i] * self.v_down[i] - self.v_right[i] * self.u_down[i]).abs();
             let narrow = area / longest;
             // Rounded, not rounded up: what the samples do not resolve is left to the level.
-            let taps = (longest / narrow.max(1.0) + 0.5).clamp(1.0, MAX_TAPS) as i32 as f32;
+            let taps = (longest / narrow.max(1.0) + 0.5).max(1.0).min(MAX_TAPS).floor();
             let level = log2((SHARPNESS * narrow.max(longest / taps)).max(1.0)).min(last);
-            let low = level as i32;
+            let low = level.floor();
             let share = 1.0 / taps;
-            let scale = f32::from_bits(((127 + FRACTION_BITS - low) as u32) << 23);
+            let scale = f32::from_bits(((127 + FRACTION_BITS - whole(low)) as u32) << 23);
             let back = 0.5 * (taps - 1.0) * share;
-            plan.level[i] = low;
+            plan.level[i] = whole(low);
             // Blended over the middle half of the way between levels; elsewhere one of them will do.
-            plan.part[i] = (2.0 * (level - low as f32) - 0.5).clamp(0.0, 1.0);
-            plan.taps[i] = taps as i32 as u32;
-            plan.x[i] = (((self.u[i] - major_u * back) * scale).floor() as i32).wrapping_sub(HALF);
-            plan.y[i] = (((self.v[i] - major_v * back) * scale).floor() as i32).wrapping_sub(HALF);
-            plan.step_x[i] = (major_u * share * scale + 0.5).floor() as i32;
-            plan.step_y[i] = (major_v * share * scale + 0.5).floor() as i32;
+            plan.part[i] = (2.0 * (level - low) - 0.5).clamp(0.0, 1.0);
+            plan.taps[i] = whole(taps) as u32;
+            // The side of the level, in the same units as the places on it.
+            let period = side * scale;
+            let place = |p: f32| whole(p.floor() - period * (p.floor() / period).floor());
+            plan.x[i] = place((self.u[i] - major_u * back) * scale).wrapping_sub(HALF);
+            plan.y[i] = place((self.v[i] - major_v * back) * scale).wrapping_sub(HALF);
+            plan.step_x[i] = place(major_u * share * scale + 0.5);
+            plan.step_y[i] = place(major_v * share * scale + 0.5);
         }
         plan
     }
+}
+
+/// The integer that `x` holds, of less than 2^22: its last bits once it is added to a number whose last bit is worth one.
+/// `x as i32` would be made number by number, since it saturates.
+#[inline]
+fn whole(x: f32) -> i32 {
+    const ONES: f32 = 12_582_912.0;
+    (x + ONES).to_bits().wrapping_sub(ONES.to_bits()) as i32
 }
 
 /// Binary logarithm, exact at powers of two, continuous and rising between (error below 0.09).
@@ -173,30 +197,49 @@ impl Level {
             let value = values[(y % side) * side + x % side];
             (value * 255.0).round().clamp(0.0, 255.0) as u32
         };
-        let mut quads = Vec::with_capacity(side * side);
-        for y in 0..side {
-            for x in 0..side {
-                // Even bytes: left column (upper, lower); odd bytes: right column.
-                let left = byte(x, y) | byte(x, y + 1) << 16;
-                let right = byte(x + 1, y) | byte(x + 1, y + 1) << 16;
-                quads.push(left | right << 8);
-            }
+        let shift = side.trailing_zeros();
+        let mut quads = vec![0; (side * side).max(16)];
+        for (y, x) in (0..side).flat_map(|y| (0..side).map(move |x| (y, x))) {
+            // Even bytes: left column (upper, lower); odd bytes: right column.
+            let left = byte(x, y) | byte(x, y + 1) << 16;
+            let right = byte(x + 1, y) | byte(x + 1, y + 1) << 16;
+            quads[quad_at(x as u32, y as u32, shift) as usize] = left | right << 8;
         }
-        Self { mask: side as i32 - 1, shift: side.trailing_zeros(), quads }
+        Self { mask: side as i32 - 1, shift, quads }
     }
 
-    /// Bilinear value times 65536, at a place with [`FRACTION_BITS`] fractional bits.
+    /// Sums, of the samples of each footprint, of the bilinear values times 65536; `there` takes a place to this level.
+    /// Everything but the reading goes side by side.
     #[inline]
-    fn bilinear(&self, x: i32, y: i32) -> u32 {
-        let (fx, fy) = ((x & 255) as u32, (y & 255) as u32);
-        let column = (x >> FRACTION_BITS) & self.mask;
-        let row = (y >> FRACTION_BITS) & self.mask;
-        let quad = self.quads[((row as usize) << self.shift) | column as usize];
-        let left = quad & 0x00ff_00ff;
-        let right = (quad >> 8) & 0x00ff_00ff;
-        let mixed = left * (256 - fx) + right * fx;
-        (mixed & 0xffff) * (256 - fy) + (mixed >> 16) * fy
+    fn sums<const N: usize>(&self, plan: &Plan<N>, there: impl Fn(i32) -> i32) -> [u32; N] {
+        let mut sums = [0; N];
+        let (mut x, mut y) = (plan.x, plan.y);
+        for tap in 0..plan.taps.iter().fold(0, |most, &taps| taps.max(most)) {
+            let (mut at, mut right, mut down) = ([0; N], [0; N], [0; N]);
+            for i in 0..N {
+                let (x, y) = (there(x[i]), there(y[i]));
+                (right[i], down[i]) = ((x & 255) as u32, (y & 255) as u32);
+                let (column, row) = ((x >> FRACTION_BITS) & self.mask, (y >> FRACTION_BITS) & self.mask);
+                at[i] = quad_at(column as u32, row as u32, self.shift);
+            }
+            let quads = at.map(|at| self.quads[at as usize & (self.quads.len() - 1)]);
+            for i in 0..N {
+                let (left, next) = (quads[i] & 0x00ff_00ff, (quads[i] >> 8) & 0x00ff_00ff);
+                let mixed = left * (256 - right[i]) + next * right[i];
+                let value = (mixed & 0xffff) * (256 - down[i]) + (mixed >> 16) * down[i];
+                sums[i] += if tap < plan.taps[i] { value } else { 0 };
+                // Lanes that nobody looks at may hold anything.
+                (x[i], y[i]) = (x[i].wrapping_add(plan.step_x[i]), y[i].wrapping_add(plan.step_y[i]));
+            }
+        }
+        sums
     }
+}
+
+/// Where the quad of a texel stands in a level of side `2^shift`.
+#[inline]
+fn quad_at(x: u32, y: u32, shift: u32) -> u32 {
+    (y >> 2) << (shift + 2) | (x >> 2) << 4 | (y & 3) << 2 | (x & 3)
 }
 
 fn halve(side: usize, values: &[f32]) -> Vec<f32> {
