@@ -23,8 +23,8 @@ export VENV
 export PATH := $(CURDIR)/$(VENV)/bin:$(PATH)
 # On a build server every failure is shown.
 export NEXTEST_PROFILE ?= $(if $(CI),ci,default)
-# One more test at a time than there are processors: many wait for other processes most of the time.
-export NEXTEST_TEST_THREADS ?= $(shell echo $$(($$(nproc) + 1)))
+# As many tests at a time as there are processors, so that one that measures time has a processor of its own.
+export NEXTEST_TEST_THREADS ?= $(shell nproc)
 
 # The steps are in order; cargo is parallel itself.
 .NOTPARALLEL:
@@ -68,6 +68,8 @@ LINTED = RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/scripts/rustc-clippy
 CHECKED_CRATES = plumbline-config plumbline-estimator plumbline-drivers plumbline-checkup
 CHECKED = --cargo-profile checked --locked --target-dir target/checked $(addprefix -p ,$(CHECKED_CRATES)) --all-features \
 	--lib --test '*' --examples
+# Linted with their tests and all their features there, so not once more on the way to the product.
+tests-built tests: export PLUMBLINE_LINTED = $(CHECKED_CRATES)
 # The others, on the build that is the product.
 TESTED = $(FLAGS) --workspace $(addprefix --exclude ,$(CHECKED_CRATES)) --all-targets
 TESTS = $(TESTED) -E 'not kind(bench)'
