@@ -153,7 +153,7 @@ impl<const N: usize> Footprints<N> {
             let area = (self.u_right[i] * self.v_down[i] - self.v_right[i] * self.u_down[i]).abs();
             let narrow = area / longest;
             // Rounded, not rounded up: what the samples do not resolve is left to the level.
-            let taps = (longest / narrow.max(1.0) + 0.5).max(1.0).min(MAX_TAPS).floor();
+            let taps = (longest / narrow.max(1.0) + 0.5).clamp(1.0, MAX_TAPS).floor();
             let level = log2((SHARPNESS * narrow.max(longest / taps)).max(1.0)).min(last);
             let low = level.floor();
             let share = 1.0 / taps;

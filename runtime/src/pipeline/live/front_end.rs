@@ -85,6 +85,8 @@ pub struct FrontEndTask {
     ladder: Ladder,
     newest_imu: Timestamp,
     is_imu_silent: bool,
+    /// Frames that came while an earlier one waited for its samples. The work did not take too long: they are taken in turn.
+    came_meanwhile: usize,
     taken: u64,
     heard: u64,
     /// In hand, where a fault does not lose them.
@@ -121,6 +123,7 @@ impl FrontEndTask {
             ladder: Ladder::default(),
             newest_imu: Timestamp::MIN,
             is_imu_silent: false,
+            came_meanwhile: 0,
             taken: 0,
             heard: 0,
             arrival: None,
@@ -195,7 +198,9 @@ impl FrontEndTask {
         shared.heartbeats.busy(TaskId::FrontEnd);
         let mut longest_ms = 0.0;
         if rung.admits(sequence) {
+            let waiting = self.rings.arrivals.waiting();
             self.take_samples(shared, stamp);
+            self.came_meanwhile += self.rings.arrivals.waiting().saturating_sub(waiting);
             let Some(ms) = self.track(shared, team, rung) else {
                 return if shared.is_window_down() { Course::Anew } else { Course::Over };
             };
@@ -263,7 +268,7 @@ impl FrontEndTask {
         self.figures.renewals += 1;
         let before_frame = self.newest_taken.map_or(0, |frame| frame + 1);
         self.stage.renew(self.unheard.drain(..), before_frame);
-        (self.taken, self.heard) = (0, 0);
+        (self.taken, self.heard, self.came_meanwhile) = (0, 0, 0);
         shared.forget_window_down();
         (self.is_down, self.is_renewal_due) = (false, true);
         shared.heartbeats.idle(TaskId::FrontEnd);
@@ -298,7 +303,8 @@ impl FrontEndTask {
         }
     }
 
-    /// Waits for a frame; of several the newest. Also, how many were refused for it.
+    /// Waits for a frame; of several the newest, unless they only wait because samples came late. Also, how many were
+    /// refused for it.
     fn newest_frame(&mut self) -> Option<(Arrival, u64)> {
         let FrontEndRings { bell, arrivals, samples, .. } = &mut self.rings;
         let mut newest = loop {
@@ -310,6 +316,10 @@ impl FrontEndTask {
             }
             keep_room(&mut self.stage, samples, &mut self.newest_imu);
         };
+        if self.came_meanwhile > 0 {
+            self.came_meanwhile -= 1;
+            return Some((newest, 0));
+        }
         let mut shed = 0;
         while let Some(newer) = self.rings.arrivals.pop() {
             let mut older = std::mem::replace(&mut newest, newer);
