@@ -100,22 +100,39 @@ impl ImuBuffer {
         let mut result = Preintegration::new(bias_gyro, bias_accel);
         let mut coverage = Coverage::default();
         let mut previous = self.at(from);
+        let mut hole_s = self.hole_around(from);
         let first = self.samples.partition_point(|s| s.sample.stamp <= from);
         for sample in self.samples.range(first..).take_while(|s| s.sample.stamp < to) {
-            self.step(&mut result, &mut coverage, &mut previous, *sample, noise);
+            self.step(&mut result, &mut coverage, &mut previous, (*sample, hole_s), noise);
+            hole_s = 0.0;
         }
         if let Some(last) = self.at(to) {
-            self.step(&mut result, &mut coverage, &mut previous, last, noise);
+            let hole_s = hole_s.max(self.hole_around(to));
+            self.step(&mut result, &mut coverage, &mut previous, (last, hole_s), noise);
         }
         (result, coverage)
     }
 
+    /// How far the samples are apart between which `stamp` lies, s; 0 at a sample, and outside of them.
+    fn hole_around(&self, stamp: Timestamp) -> f64 {
+        let next = self.samples.partition_point(|s| s.sample.stamp < stamp);
+        let before = next.checked_sub(1).and_then(|k| self.samples.get(k));
+        match (before, self.samples.get(next)) {
+            (Some(before), Some(after)) if after.sample.stamp > stamp => {
+                after.sample.stamp.seconds_since(before.sample.stamp)
+            }
+            _ => 0.0,
+        }
+    }
+
+    /// Integrates from `previous` to `next`. An end that lies between two samples is worth as little as they are far apart:
+    /// `hole_s`, s.
     fn step(
         &self,
         result: &mut Preintegration,
         coverage: &mut Coverage,
         previous: &mut Option<BelievedSample>,
-        next: BelievedSample,
+        (next, hole_s): (BelievedSample, f64),
         noise: &ImuNoise,
     ) {
         if let Some(last) = *previous {
@@ -123,7 +140,7 @@ impl ImuBuffer {
             let (from, to) = (&last.sample, &next.sample);
             let dt = to.stamp.seconds_since(from.stamp);
             let uncovered = self.distance_to_samples(from.stamp) + self.distance_to_samples(to.stamp);
-            let apart = dt.max(uncovered);
+            let apart = dt.max(uncovered).max(hole_s);
             coverage.has_gap |= self.limits.is_gap(apart);
             coverage.is_saturated |= saturated.is_any();
             if dt > 0.0 {
@@ -258,6 +275,27 @@ mod tests {
                 "{gain_m_s} {position_m}"
             );
         }
+    }
+
+    #[test]
+    fn what_lies_within_a_hole_is_as_uncertain_as_the_hole_is_long_however_short_it_is() {
+        let mut holed = ImuBuffer::new(1.0, 200.0, 10.0, 100.0);
+        (0..20).chain(200..240).for_each(|k| _ = holed.push(&sample(k * 5_000_000, 0.0)));
+        let noise = ImuNoise { gyro_density: 1e-4, accel_density: 1e-3, gyro_walk: 0.0, accel_walk: 0.0 };
+        let zero = Vector3::zeros();
+        let between = |from_ms: i64, to_ms: i64| {
+            let at = |ms: i64| Timestamp::from_nanos(ms * 1_000_000);
+            holed.preintegrate(at(from_ms), at(to_ms), &zero, &zero, &noise)
+        };
+        // 0.9 s long: the rate may be off by 2 rad/s anywhere in it, the force by 8 m/s².
+        for (from_ms, to_ms) in [(400, 450), (500, 510), (98, 148), (950, 1000)] {
+            let (motion, coverage) = between(from_ms, to_ms);
+            let dt_s = (to_ms - from_ms) as f64 * 1e-3;
+            let [turn_rad, gain_m_s] = [3, 6].map(|k: usize| motion.covariance[(k, k)].sqrt());
+            assert!(coverage.has_gap && turn_rad > 1.9 * dt_s, "{from_ms} ms: {turn_rad} rad");
+            assert!(gain_m_s > 7.5 * dt_s, "{from_ms} ms: {gain_m_s} m/s");
+        }
+        assert!(!between(0, 95).1.has_gap && !between(1000, 1100).1.has_gap);
     }
 
     #[test]

@@ -114,7 +114,7 @@ impl Odometer {
     }
 
     /// Where a frame tells nothing of how well it is known: as the one before it, and the motion since.
-    fn carry_covariance(&mut self) {
+    pub(super) fn carry_covariance(&mut self) {
         if let [.., before, newest] = &self.window.frames[..]
             && let Some(inertial) = &newest.inertial
         {

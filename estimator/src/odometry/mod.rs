@@ -51,6 +51,10 @@ const FEW_LANDMARKS: usize = 20;
 /// Frames further apart than this many periods have lost frames between them.
 const FRAME_GAP_PERIODS: f64 = 1.5;
 
+/// Where inertial samples were missing, fewer points than these that are known from before do not prove where the vehicle is: a
+/// few false matches agree with any motion. As many as a start rests on.
+const MIN_WITNESSES_OF_GAP: usize = 12;
+
 /// Options of start and health, in the units of their use.
 #[derive(Clone, Debug)]
 struct Options {
@@ -372,7 +376,11 @@ impl Odometer {
             health.insert(HealthBits::IMU_CONTRADICTED);
         }
         self.window.remove_minority();
-        self.refresh_covariance(health);
+        if coverage.has_gap && connected < MIN_WITNESSES_OF_GAP {
+            self.carry_covariance();
+        } else {
+            self.refresh_covariance(health);
+        }
         if is_keyframe {
             self.note_keyframes();
         }

@@ -15,11 +15,14 @@ struct Trouble {
     imu: fn(f64, ImuSample) -> Option<ImuSample>,
     /// Which cameras see.
     alive: fn(f64) -> [bool; 2],
+    /// What becomes of the points of a frame.
+    points: fn(f64, &mut Vec<PointObservation>),
     /// A soft reset that somebody asks for, s.
     reset_s: Option<f64>,
 }
 
-const NONE: Trouble = Trouble { imu: |_, sample| Some(sample), alive: |_| [true; 2], reset_s: None };
+const NONE: Trouble =
+    Trouble { imu: |_, sample| Some(sample), alive: |_| [true; 2], points: |_, _| {}, reset_s: None };
 
 /// One pose against the truth.
 struct Judged {
@@ -47,6 +50,7 @@ fn fly(world: &mut World, duration_s: f64, trouble: &Trouble) -> Vec<Judged> {
             next_imu += 1;
         }
         tracked.points = world.observe(t, (trouble.alive)(t));
+        (trouble.points)(t, &mut tracked.points);
         feedback.wrong_points.dedup();
         feedback.wrong_points.iter().for_each(|id| ended[(id % points) as usize] = id / points + 1);
         tracked.points.iter_mut().for_each(|o| o.track_id += points * ended[o.track_id as usize]);
@@ -154,6 +158,29 @@ fn two_samples_that_lie_are_over_within_three_tenths_of_a_second() {
         );
         assert!(after <= 3.0 && judged.iter().all(|j| j.error_m < 0.5), "NEES {after:.2}");
         assert!(has(&judged, 6.0..6.2, HealthBits::IMU_CONTRADICTED));
+    }
+}
+
+#[test]
+fn a_few_false_matches_after_a_hole_deceive_nobody() {
+    let imu: fn(f64, ImuSample) -> Option<ImuSample> =
+        |t, sample| (!(6.0..6.55).contains(&t)).then_some(sample);
+    let alive: fn(f64) -> [bool; 2] = |t| [!(5.98..6.48).contains(&t); 2];
+    // Of the first frame after it a handful of points is known, all of them taken for others as far to the side.
+    let points: fn(f64, &mut Vec<PointObservation>) = |t, points| {
+        if (t - 6.5).abs() < 0.02 {
+            points.truncate(5);
+            for point in points.iter_mut() {
+                point.px.iter_mut().flatten().for_each(|px| px.x += 60.0);
+                point.xy.iter_mut().flatten().for_each(|xy| xy.x += 60.0 / 458.0);
+            }
+        }
+    };
+    for seed in [1, 2] {
+        let trouble = Trouble { imu, alive, points, ..NONE };
+        let judged = fly(&mut World::new(&config(2), seed, 500), 12.2, &trouble);
+        assert_honest("false matches", &judged, &(6.0..6.55));
+        assert!(judged.iter().any(|j| j.error_m > 0.1 && j.time_s < 6.6), "the matches did lead astray");
     }
 }
 
