@@ -176,15 +176,7 @@ impl Preintegration {
         let delta = next.corrected(&self.bias_gyro, &self.bias_accel);
         let rot = self.delta_rot.to_rotation_matrix().into_inner();
         let dt = next.dt_s;
-        let mut a = SMatrix::<f64, 9, 9>::identity();
-        a.fixed_view_mut::<3, 3>(0, 3).copy_from(&(-rot * skew(&delta.p)));
-        a.fixed_view_mut::<3, 3>(0, 6).copy_from(&(Matrix3::identity() * dt));
-        a.fixed_view_mut::<3, 3>(3, 3).copy_from(&delta.rot.inverse().to_rotation_matrix().into_inner());
-        a.fixed_view_mut::<3, 3>(6, 3).copy_from(&(-rot * skew(&delta.v)));
-        let mut b = SMatrix::<f64, 9, 9>::zeros();
-        b.fixed_view_mut::<3, 3>(0, 0).copy_from(&rot);
-        b.fixed_view_mut::<3, 3>(3, 3).copy_from(&Matrix3::identity());
-        b.fixed_view_mut::<3, 3>(6, 6).copy_from(&rot);
+        let (a, b) = self.transition(next);
         Self {
             dt_s: self.dt_s + dt,
             delta_p: self.delta_p + self.delta_v * dt + rot * delta.p,
@@ -194,6 +186,23 @@ impl Preintegration {
             by_bias: a * self.by_bias + b * next.by_bias,
             ..*self
         }
+    }
+
+    /// How errors of this interval (first) and of `next` (second) act on both together.
+    #[must_use]
+    pub fn transition(&self, next: &Self) -> (SMatrix<f64, 9, 9>, SMatrix<f64, 9, 9>) {
+        let delta = next.corrected(&self.bias_gyro, &self.bias_accel);
+        let rot = self.delta_rot.to_rotation_matrix().into_inner();
+        let mut a = SMatrix::<f64, 9, 9>::identity();
+        a.fixed_view_mut::<3, 3>(0, 3).copy_from(&(-rot * skew(&delta.p)));
+        a.fixed_view_mut::<3, 3>(0, 6).copy_from(&(Matrix3::identity() * next.dt_s));
+        a.fixed_view_mut::<3, 3>(3, 3).copy_from(&delta.rot.inverse().to_rotation_matrix().into_inner());
+        a.fixed_view_mut::<3, 3>(6, 3).copy_from(&(-rot * skew(&delta.v)));
+        let mut b = SMatrix::<f64, 9, 9>::zeros();
+        b.fixed_view_mut::<3, 3>(0, 0).copy_from(&rot);
+        b.fixed_view_mut::<3, 3>(3, 3).copy_from(&Matrix3::identity());
+        b.fixed_view_mut::<3, 3>(6, 6).copy_from(&rot);
+        (a, b)
     }
 }
 

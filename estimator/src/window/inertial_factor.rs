@@ -10,8 +10,10 @@
 //! ```
 //!
 //! in m, rad, m/s, rad/s and m/s²; `dp`, `dR`, `dv` are the preintegrated motion at the biases of frame `i`. The
-//! residual is weighed by its information matrix, which depends on the measurements alone and is computed once.
+//! residual is weighed by its information matrix, which depends on the measurements alone and is computed once. What biases
+//! that walk do to a long motion is in it too (`super::bias_walk`).
 
+use super::bias_walk::BiasWalk;
 use super::factor::Linearization;
 use super::state::{FRAME_DIM, NavState};
 use crate::geometry::{exp_so3, log_so3, right_jacobian, right_jacobian_inverse, skew};
@@ -21,6 +23,9 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 /// How fast a vehicle turns and how much force it feels at most, whatever its sensor says.
 const MOST_RATE_RAD_S: f64 = 10.0;
 const MOST_FORCE_M_S2: f64 = 50.0;
+/// Biases are taken for steady within a motion that is not longer than this, s. Frames that see something become keyframes
+/// sooner; what is longer is a blind flight, over which their walk outweighs the white noise.
+const STEADY_BIASES_S: f64 = 2.5;
 
 /// A 15x15 block.
 pub type FrameMatrix = SMatrix<f64, FRAME_DIM, FRAME_DIM>;
@@ -32,6 +37,7 @@ pub type FrameVector = SVector<f64, FRAME_DIM>;
 pub struct InertialFactor {
     /// The motion from the earlier frame to the later.
     pub motion: Preintegration,
+    walk: BiasWalk,
     information: Option<FrameMatrix>,
 }
 
@@ -39,14 +45,21 @@ impl InertialFactor {
     /// The factor of a motion measured with the sensor noise given.
     #[must_use]
     pub fn new(motion: Preintegration, noise: &ImuNoise) -> Self {
-        let information = information(&motion, noise);
-        Self { motion, information }
+        Self::with_walk(motion, BiasWalk::default(), noise)
+    }
+
+    fn with_walk(motion: Preintegration, walk: BiasWalk, noise: &ImuNoise) -> Self {
+        let is_long = motion.dt_s > STEADY_BIASES_S;
+        let of_walk = is_long.then(|| walk.information(&motion, noise)).flatten();
+        let information = of_walk.or_else(|| information(&motion, noise));
+        Self { motion, walk, information }
     }
 
     /// The factor over this interval and `next`.
     #[must_use]
     pub fn followed_by(&self, next: &Self, noise: &ImuNoise) -> Self {
-        Self::new(self.motion.followed_by(&next.motion), noise)
+        let walk = self.walk.followed_by(&self.motion, (&next.walk, &next.motion), noise);
+        Self::with_walk(self.motion.followed_by(&next.motion), walk, noise)
     }
 
     /// The factor of the same motion, of which next to nothing is known but how long it took: a vehicle may have turned and
@@ -157,10 +170,11 @@ fn linearize(
     set(BIAS_ACCEL, &identity);
 }
 
+/// Integration is exact to about a micrometre per step: keeps the covariance of one step regular.
+pub(super) const FLOOR: f64 = 1e-14;
+
 /// Information matrix of the residual; `None` when the covariance of the motion cannot be inverted.
 fn information(motion: &Preintegration, noise: &ImuNoise) -> Option<FrameMatrix> {
-    // Integration is exact to about a micrometre per step: keeps the covariance of one step regular.
-    const FLOOR: f64 = 1e-14;
     let covariance = motion.covariance + SMatrix::<f64, 9, 9>::identity() * FLOOR;
     let inverse = covariance.cholesky()?.inverse();
     let mut information = FrameMatrix::zeros();

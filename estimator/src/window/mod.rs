@@ -14,8 +14,9 @@
 //!   equations and their solution
 //! - `doubt`: a frame that is contradicted as a whole
 //! - [`triangulate`], [`triangulate_line`], [`keyframes`], [`marginalize`]: what enters and what leaves
-//! - [`calibration`]: how well the rig is known; [`growth`]: how fast a state is forgotten without images
+//! - [`calibration`]: how well the rig is known; [`growth`], `bias_walk`: how fast a state is forgotten without images
 
+mod bias_walk;
 pub mod calibration;
 pub mod dense;
 mod doubt;
