@@ -220,3 +220,16 @@ fn a_slow_drift_far_from_everything_is_no_rest() {
         assert_honest("drift", &judged, &(6.0..14.0));
     }
 }
+
+#[test]
+fn a_start_in_full_flight_that_sees_only_far_things_finds_its_scale_and_knows_how_well() {
+    for seed in [2, 3] {
+        let mut world = World::new(&config(2), seed, 500);
+        world.points_o.iter_mut().for_each(|p| *p *= 8.0);
+        world.sigma_px = 0.2;
+        let judged = fly(&mut world, 10.2, &NONE);
+        assert_honest("far", &judged, &(0.3..4.7));
+        let worst_m = judged.iter().map(|j| j.error_m).fold(0.0, f64::max);
+        assert!(worst_m < 0.5, "{worst_m} m; everything is 40 m away or more");
+    }
+}

@@ -6,9 +6,9 @@
 //! baseline gives it a depth at once. With one camera it would have to wait for parallax: there a landmark
 //! that is still seen stays, hosted by another keyframe. A frame that neither hosts a landmark nor is in
 //! the prior goes without a trace, and the inertial factors around it are joined: such are the frames since the newest
-//! keyframe. The frames before the origin are in the prior's equations from the start on, though nothing is known of
-//! them there: the first of them to leave is eliminated, and fixes where the origin is linearized. Observations are used
-//! once: those that enter the prior leave the window.
+//! keyframe, and those before the origin, which have room in the prior's equations though nothing is known of them there.
+//! So a start fixes its linearization when its first keyframe leaves, and not while its tilt is still off by degrees.
+//! Observations are used once: those that enter the prior leave the window.
 //!
 //! With two cameras the frames this touches keep their linearization points: first-estimates Jacobians
 //! (Huang et al. 2009; as in basalt and OKVIS), so that yaw and position of the whole stay unobservable.
@@ -33,10 +33,20 @@ impl Window {
         }
         let hosts =
             hosted(&self.points, index).next().is_some() || hosted(&self.lines, index).next().is_some();
-        if index < self.prior.frames() || hosts {
+        if self.is_in_prior(index) || hosts {
             self.rehost_and_marginalize(index, newest_keyframe);
         }
         self.close_gap(index);
+    }
+
+    /// Whether the prior holds information about frame `index`. Before anything has left the window it speaks of the origin
+    /// alone, though its equations have room for the frames before that. (With one camera Jacobians are not fixed there: the
+    /// start is left as it is.)
+    fn is_in_prior(&self, index: usize) -> bool {
+        match &self.anchor {
+            Some(anchor) if self.options.first_estimates => index == anchor.frame,
+            _ => index < self.prior.frames(),
+        }
     }
 
     /// Landmarks of frame `index` that are still seen get another host among the frames that remain.
@@ -106,6 +116,13 @@ impl Window {
     /// Takes frame `index` out: joins the motions around it, renumbers, hosts surviving tracks anew.
     fn close_gap(&mut self, index: usize) {
         let removed = self.frames.remove(index);
+        if let Some(anchor) = &mut self.anchor
+            && index < anchor.frame
+            && self.options.first_estimates
+        {
+            anchor.frame -= 1;
+            self.refresh_anchor();
+        }
         if let Some(next) = self.frames.get_mut(index) {
             next.inertial = match (removed.inertial, next.inertial.take()) {
                 (Some(a), Some(b)) => Some(a.followed_by(&b, &self.options.imu_noise)),

@@ -92,9 +92,9 @@ fn a_frame_of_which_nothing_is_known_goes_without_a_trace() {
 }
 
 #[test]
-fn the_first_frame_before_the_origin_that_leaves_fixes_where_the_origin_is_linearized() {
-    // As after a start with two cameras: the newest frame is the origin, one in between is no keyframe.
-    let mut window = Room { frames: 4, sees: always, is_anchored: false, ..Room::default() }.window();
+fn frames_before_the_origin_go_without_a_trace_and_the_first_keyframe_fixes_where_it_is_linearized() {
+    // As after a start with two cameras: the newest frame is the origin, those in between are no keyframes.
+    let mut window = Room { frames: 5, sees: always, is_anchored: false, ..Room::default() }.window();
     let zero = nalgebra::Vector3::zeros();
     let sigmas = super::super::prior::AnchorSigmas {
         position_m: 1e-3,
@@ -105,10 +105,17 @@ fn the_first_frame_before_the_origin_that_leaves_fixes_where_the_origin_is_linea
         bias_accel_m_s2: 0.1,
     };
     window.anchor_newest(&(zero, zero), &sigmas);
-    window.frames[1].is_keyframe = false;
-    window.remove_frame(1);
-    assert!(window.anchor.is_none());
-    assert!(window.frames.iter().all(|f| f.in_prior), "all of them are in the prior's equations");
+    for frame in [1, 1] {
+        window.frames[frame].is_keyframe = false;
+        window.remove_frame(frame);
+    }
+    let anchor = window.anchor.as_ref().expect("the origin is still linearized anew for every solution");
+    assert_eq!((anchor.frame, window.prior.frames(), window.frames.len()), (2, 3, 3));
+    assert!(window.frames.iter().all(|f| !f.in_prior));
+    let outcome = window.optimize(5);
+    assert!(outcome.cost.is_finite() && !outcome.is_not_positive_definite, "{outcome:?}");
+    window.remove_frame(0);
+    assert!(window.anchor.is_none(), "until something is marginalized");
 }
 
 #[test]

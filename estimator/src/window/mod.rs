@@ -71,7 +71,7 @@ use landmark::{LandmarkStore, LineLandmark, PointLandmark};
 use line::{HostedLine, LineMeasurement};
 use linearize::Linearizer;
 use manhattan::{Manhattan, ManhattanOptions};
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{SVector, UnitQuaternion, Vector3};
 use plumbline_config::ValidSetup;
 use prior::{AnchorSigmas, Prior};
 use problem::Problem;
@@ -114,6 +114,10 @@ pub struct Window {
     configured_rig: Rig,
     /// Frames on end that most of what they saw contradicted.
     doubted: u32,
+    /// What a solution that ended before its time still asked of the newest frame: m, rad, m/s.
+    unfinished: Option<SVector<f64, 9>>,
+    /// Damping after a rejected step.
+    first_damping: f64,
 }
 
 /// The frame whose pose defines the odometry frame, and the prior about it.
@@ -179,6 +183,8 @@ impl Window {
             rehosted: (Vec::with_capacity(points), Vec::with_capacity(lines)),
             outliers: Outliers::new(points, lines),
             doubted: 0,
+            unfinished: None,
+            first_damping: solve::FIRST_DAMPING,
             options,
             configured_rig: rig.clone(),
             rig,
@@ -196,6 +202,8 @@ impl Window {
         self.lines.clear();
         self.anchor = None;
         self.doubted = 0;
+        self.unfinished = None;
+        self.first_damping = solve::FIRST_DAMPING;
         self.manhattan.heading_rad = None;
         self.heading_votes = HeadingVotes::default();
         self.is_manhattan_in_sight = false;
@@ -209,8 +217,7 @@ impl Window {
 
     /// Makes the newest frame the origin: the prior is that of the rig, and that this frame is where it is now, with
     /// the standard deviations given and biases (gyroscope rad/s, accelerometer m/s²) about those given. Until something is marginalized the origin is linearized anew for every
-    /// solution, so that errors of the start leave no trace. With one camera that lasts until the first keyframe leaves; with
-    /// two until the frame after the start, when one between the two keyframes of the start makes room.
+    /// solution, so that errors of the start leave no trace: until the first keyframe leaves.
     pub fn anchor_newest(&mut self, biases: &(Vector3<f64>, Vector3<f64>), sigmas: &AnchorSigmas) {
         self.anchor = Some(Anchor { frame: self.frames.len() - 1, biases: *biases, sigmas: *sigmas });
         self.refresh_anchor();

@@ -18,8 +18,10 @@ use nalgebra::SVector;
 /// is far below what noise adds to the cost of a single observation.
 const SMALL_DECREASE: f64 = 0.02;
 /// Damping after a rejected step, its growth by further ones and its decay by accepted ones.
-const FIRST_DAMPING: f64 = 1e-3;
+pub(super) const FIRST_DAMPING: f64 = 1e-3;
 const DAMPING_GROWTH: f64 = 30.0;
+/// Less damping than this after a rejected step is none.
+const LEAST_DAMPING: f64 = 1e-8;
 const DAMPING_DECAY: f64 = 0.1;
 /// Position, attitude and velocity: the parts of a frame's state whose covariance is given out.
 const COVARIANCE_DIM: usize = NavState::BIAS_GYRO;
@@ -71,6 +73,7 @@ impl Window {
     /// there is no covariance, and the outcome is [`Outcome::is_not_positive_definite`].
     pub fn optimize(&mut self, max_iterations: usize) -> Outcome {
         self.refresh_anchor();
+        self.unfinished = None;
         let mut outcome = Outcome::default();
         let first = self.linearize(0.0);
         if !first.is_finite() {
@@ -92,7 +95,35 @@ impl Window {
             let _ = self.linearize(0.0);
             outcome.is_not_positive_definite |= !self.factor.compute(&self.linearizer.equations, 0.0);
         }
+        // With one camera, whose scale hardly shows, bolder steps follow noise.
+        if self.options.first_estimates {
+            let is_unfinished = damping > 0.0 && !outcome.is_not_positive_definite;
+            self.unfinished = is_unfinished.then(|| self.remaining_step());
+            self.adapt_damping(damping, last <= best.cost);
+        }
         outcome
+    }
+
+    /// The step of the newest frame that the equations last factored ask for.
+    fn remaining_step(&mut self) -> SVector<f64, COVARIANCE_DIM> {
+        let gradient = self.linearizer.equations.gradient();
+        let dim = gradient.len();
+        for (x, g) in self.solution.iter_mut().zip(gradient) {
+            *x = -g;
+        }
+        self.factor.solve(&mut self.solution[..dim]);
+        let base = unknown_of_frame(self.frames.len() - 1);
+        SVector::from_column_slice(&self.solution[base..base + COVARIANCE_DIM])
+    }
+
+    /// Where solutions on end need damping, the next one begins with as much as served the last: a few steps a frame do not
+    /// find it anew each time.
+    fn adapt_damping(&mut self, damping: f64, is_lower: bool) {
+        self.first_damping = match (damping > 0.0, is_lower) {
+            (false, _) => FIRST_DAMPING,
+            (true, true) => (self.first_damping / DAMPING_GROWTH).max(LEAST_DAMPING),
+            (true, false) => (self.first_damping * DAMPING_GROWTH).min(FIRST_DAMPING),
+        };
     }
 
     /// Steps from the states just linearized and saved, at least one; returns the damping at the end. `best` are the
@@ -109,7 +140,7 @@ impl Window {
             }
             if decrease.is_none() {
                 outcome.is_not_positive_definite = true;
-                damping = more(damping);
+                damping = self.more(damping);
             }
             if linearizations >= max_iterations {
                 return damping;
@@ -123,7 +154,7 @@ impl Window {
             if cost > best.cost || !cost.is_finite() {
                 linearizations += 1;
                 self.restore(best);
-                damping = more(damping);
+                damping = self.more(damping);
                 let _ = self.linearize(damping);
             } else {
                 damping *= DAMPING_DECAY;
@@ -190,6 +221,11 @@ impl Window {
         Some(decrease)
     }
 
+    /// Damping after one more rejected step.
+    fn more(&self, damping: f64) -> f64 {
+        if damping == 0.0 { self.first_damping } else { damping * DAMPING_GROWTH }
+    }
+
     fn save(&mut self, cost: f64) -> Saved {
         self.backup.rig.clone_from(&self.rig);
         self.backup.heading_rad = self.manhattan.heading_rad;
@@ -217,7 +253,8 @@ impl Window {
     }
 
     /// Covariance of position, attitude and velocity of the newest frame (in the order of the error state, m, rad and
-    /// m/s in `O`), and variance of the time offset (s²), by the last factorization. `None` before the first, where that
+    /// m/s in `O`), and variance of the time offset (s²), by the last factorization. Where a solution ended before its time,
+    /// what it still asked for counts as one standard deviation. `None` before the first, where that
     /// failed, after a cost that was no finite number, and where it is none itself.
     #[must_use]
     pub fn newest_covariance(&mut self) -> Option<(NavCovariance, f64)> {
@@ -238,7 +275,10 @@ impl Window {
         self.solution[..dim].fill(0.0);
         self.solution[Rig::TIME_OFFSET] = 1.0;
         self.factor.solve(&mut self.solution[..dim]);
-        let symmetric = (covariance + covariance.transpose()) * 0.5;
+        let mut symmetric = (covariance + covariance.transpose()) * 0.5;
+        if let Some(step) = &self.unfinished {
+            symmetric += step * step.transpose();
+        }
         symmetric.iter().all(|x| x.is_finite()).then_some((symmetric, self.solution[Rig::TIME_OFFSET]))
     }
 
@@ -250,11 +290,6 @@ impl Window {
         let variances: BiasVariances = self.factor.last_variances().filter(|_| is_whole)?;
         variances.iter().all(|x| x.is_finite()).then_some(variances)
     }
-}
-
-/// Damping after one more rejected step.
-fn more(damping: f64) -> f64 {
-    if damping == 0.0 { FIRST_DAMPING } else { damping * DAMPING_GROWTH }
 }
 
 /// Gives every landmark that took part its step, given that of rig and poses.
