@@ -1,7 +1,7 @@
 //! Lines of the log on their way to stderr: written by a thread of their own, so that a terminal or a journal that stands still
 //! holds up nobody. What finds no room is counted, and told when there is room again.
 
-use crossbeam_queue::ArrayQueue;
+use crate::schedule::queue::Queue;
 use std::io::{self, Write};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -15,19 +15,19 @@ const LINES: usize = 512;
 const PATIENCE: Duration = Duration::from_millis(300);
 
 /// Lines that wait, and those who were counted.
-struct Queue {
-    lines: ArrayQueue<Vec<u8>>,
+struct Waiting {
+    lines: Queue<Vec<u8>>,
     offered: AtomicU64,
     lost: AtomicU64,
     written: AtomicU64,
     writer: OnceLock<Thread>,
 }
 
-static QUEUE: OnceLock<Queue> = OnceLock::new();
+static WAITING: OnceLock<Waiting> = OnceLock::new();
 
-fn queue() -> &'static Queue {
-    QUEUE.get_or_init(|| Queue {
-        lines: ArrayQueue::new(LINES),
+fn waiting() -> &'static Waiting {
+    WAITING.get_or_init(|| Waiting {
+        lines: Queue::new(LINES),
         offered: AtomicU64::new(0),
         lost: AtomicU64::new(0),
         written: AtomicU64::new(0),
@@ -43,17 +43,17 @@ pub struct LogLines;
 pub fn start() {
     let spawned = std::thread::Builder::new().name("log-lines".into()).spawn(write_all);
     if let Ok(thread) = spawned {
-        let _ = queue().writer.set(thread.thread().clone());
+        let _ = waiting().writer.set(thread.thread().clone());
     }
 }
 
 /// Waits until what was said so far is written, but not for long.
 pub fn flush() {
-    let (queue, end) = (queue(), Instant::now() + PATIENCE);
-    if queue.writer.get().is_none() {
+    let (waiting, end) = (waiting(), Instant::now() + PATIENCE);
+    if waiting.writer.get().is_none() {
         return;
     }
-    while queue.written.load(Ordering::Acquire) < queue.offered.load(Ordering::Acquire)
+    while waiting.written.load(Ordering::Acquire) < waiting.offered.load(Ordering::Acquire)
         && Instant::now() < end
     {
         std::thread::sleep(Duration::from_millis(1));
@@ -61,18 +61,18 @@ pub fn flush() {
 }
 
 fn write_all() {
-    let queue = queue();
+    let waiting = waiting();
     let mut told = 0;
     loop {
-        while let Some(line) = queue.lines.pop() {
-            let lost = queue.lost.load(Ordering::Relaxed);
+        while let Some(line) = waiting.lines.pop() {
+            let lost = waiting.lost.load(Ordering::Relaxed);
             let mut stderr = io::stderr().lock();
             if lost > told {
                 let _ = writeln!(stderr, "({} lines of the log are missing here)", lost - told);
                 told = lost;
             }
             let _ = stderr.write_all(&line);
-            queue.written.fetch_add(1, Ordering::Release);
+            waiting.written.fetch_add(1, Ordering::Release);
         }
         std::thread::park();
     }
@@ -103,15 +103,15 @@ impl Write for Line {
 
 impl Drop for Line {
     fn drop(&mut self) {
-        let (queue, line) = (queue(), std::mem::take(&mut self.0));
+        let (waiting, line) = (waiting(), std::mem::take(&mut self.0));
         if line.is_empty() {
             return;
         }
-        match queue.lines.push(line) {
-            Ok(()) => queue.offered.fetch_add(1, Ordering::Release),
-            Err(_) => queue.lost.fetch_add(1, Ordering::Relaxed),
+        match waiting.lines.push(line) {
+            Ok(()) => waiting.offered.fetch_add(1, Ordering::Release),
+            Err(_) => waiting.lost.fetch_add(1, Ordering::Relaxed),
         };
-        if let Some(writer) = queue.writer.get() {
+        if let Some(writer) = waiting.writer.get() {
             writer.unpark();
         }
     }
@@ -139,7 +139,7 @@ mod tests {
         let begun = Instant::now();
         (0..3 * LINES).for_each(|k| drop(writeln!(LogLines.make_writer(), "line {k}")));
         assert!(begun.elapsed() < Duration::from_secs(5));
-        assert!(queue().lost.load(Ordering::Relaxed) >= 2 * LINES as u64);
+        assert!(waiting().lost.load(Ordering::Relaxed) >= 2 * LINES as u64);
         flush();
     }
 }

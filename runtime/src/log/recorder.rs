@@ -16,7 +16,7 @@ use crate::pipeline::event::Event;
 use crate::pipeline::image_sizes;
 use crate::pipeline::listener::{Listener, Producer, Subscriber};
 use crate::pipeline::orders::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder};
-use crossbeam_queue::ArrayQueue;
+use crate::schedule::queue::Queue;
 use plumbline_config::ValidConfig;
 use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::places::MapEstimate;
@@ -56,8 +56,9 @@ pub enum WhenFull {
 
 /// What producers and recorder have in common.
 struct Shared {
-    entries: ArrayQueue<LogEntry>,
-    free_frames: ArrayQueue<StereoFrame>,
+    entries: Queue<LogEntry>,
+    /// Filled by the recorder's thread, emptied by the front-end.
+    free_frames: Queue<StereoFrame>,
     dropped: [AtomicU64; Kind::NAMES.len()],
     is_running: AtomicBool,
     is_finishing: AtomicBool,
@@ -106,16 +107,11 @@ impl RecorderHandle {
     /// the frame stays as it is and `false` says that it was dropped.
     pub fn offer_frame(&self, frame: &mut StereoFrame) -> bool {
         while self.0.is_running() {
-            if let Some(free) = self.0.free_frames.pop() {
-                let full = std::mem::replace(frame, free);
-                match self.0.entries.push(LogEntry::Frame(full)) {
-                    Ok(()) => return true,
-                    // No room: both get their buffers back, which would be gone for ever.
-                    Err(LogEntry::Frame(full)) => {
-                        let _ = self.0.free_frames.push(std::mem::replace(frame, full));
-                    }
-                    Err(_) => {}
-                }
+            if let Some(place) = self.0.entries.place()
+                && let Some(free) = self.0.free_frames.pop()
+            {
+                place.fill(LogEntry::Frame(std::mem::replace(frame, free)));
+                return true;
             }
             if self.0.when_full == WhenFull::Drop {
                 break;
@@ -261,8 +257,8 @@ impl Recorder {
     ) -> Result<Self, LogError> {
         let (entries, frames) = queue_lengths(config);
         let shared = Arc::new(Shared {
-            entries: ArrayQueue::new(entries),
-            free_frames: ArrayQueue::new(frames),
+            entries: Queue::new(entries),
+            free_frames: Queue::new(frames),
             dropped: Default::default(),
             is_running: AtomicBool::new(true),
             is_finishing: AtomicBool::new(false),
@@ -272,7 +268,7 @@ impl Recorder {
             let mut frame = StereoFrame::new(image_sizes(config));
             // Touched now: a first touch in flight is a fault of the page.
             frame.images.iter_mut().for_each(|image| image.pixels_mut().fill(1));
-            shared.free_frames.force_push(frame);
+            let _ = shared.free_frames.push(frame);
         }
         let sync = SyncThread::start().map_err(LogError::Thread)?;
         let theirs = Arc::clone(&shared);
@@ -380,7 +376,7 @@ fn take_entries(shared: &Shared, writer: &mut LogWriter, sync: &SyncThread) -> R
             tell_dropped(shared, writer, &mut told)?;
             let written = writer.write(&entry);
             if let LogEntry::Frame(frame) = entry {
-                shared.free_frames.force_push(frame);
+                let _ = shared.free_frames.push(frame);
             }
             written?;
             if let Some(part) = writer.take_syncer() {

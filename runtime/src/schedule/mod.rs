@@ -6,6 +6,7 @@
 pub mod bare_timer;
 pub mod host;
 pub mod ladder;
+pub mod queue;
 pub mod ring;
 #[cfg(feature = "sabotage")]
 pub mod sabotage;

@@ -6,7 +6,7 @@
 use super::{Finding, Glimpse, Plausibility};
 use crate::pipeline::event::{Event, MAX_EVENT_BYTES, Severity};
 use crate::pipeline::listener::{Listener, Producer, Subscriber};
-use crossbeam_queue::ArrayQueue;
+use crate::schedule::queue::Queue;
 use plumbline_config::{Config, ImuSample};
 use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::{Estimate, HealthBits};
@@ -36,34 +36,28 @@ enum Item {
 }
 
 struct Shared {
-    items: ArrayQueue<Item>,
-    free: ArrayQueue<Glimpse>,
+    items: Queue<Item>,
+    /// Filled by the thread that looks, emptied by the front-end.
+    free: Queue<Glimpse>,
     may_wait: bool,
     has_seen_enough: AtomicBool,
     is_over: AtomicBool,
 }
 
 impl Shared {
-    /// Hands over; what finds no room in a live run comes back.
-    fn offer(&self, item: Item) -> Option<Item> {
-        let mut item = item;
-        loop {
-            match self.items.push(item) {
-                Ok(()) => return None,
-                Err(refused) if self.may_wait && !self.is_over.load(Ordering::Relaxed) => {
-                    item = refused;
-                    std::thread::sleep(WAIT);
-                }
-                Err(refused) => return Some(refused),
-            }
+    /// Hands over; what finds no room in a live run is left out.
+    fn offer(&self, item: Item) {
+        if let Some(place) = self.await_room(|| self.items.place()) {
+            place.fill(item);
         }
     }
 
-    fn free_glimpse(&self) -> Option<Glimpse> {
+    /// What `get` gives, in a run that may wait as soon as it gives something.
+    fn await_room<R>(&self, mut get: impl FnMut() -> Option<R>) -> Option<R> {
         loop {
-            match self.free.pop() {
+            match get() {
                 None if self.may_wait && !self.is_over.load(Ordering::Relaxed) => std::thread::sleep(WAIT),
-                glimpse => return glimpse,
+                room => return room,
             }
         }
     }
@@ -83,14 +77,14 @@ impl Watch {
     pub fn start(config: &Config, is_live: bool, known: Vec<Finding>) -> std::io::Result<Self> {
         let sizes = [0, 1].map(|k| config.camera.get(k).map_or((0, 0), |c| (c.width_px, c.height_px)));
         let shared = Arc::new(Shared {
-            items: ArrayQueue::new(QUEUE),
-            free: ArrayQueue::new(FRAMES),
+            items: Queue::new(QUEUE),
+            free: Queue::new(FRAMES),
             may_wait: !is_live,
             has_seen_enough: AtomicBool::new(false),
             is_over: AtomicBool::new(false),
         });
         for _ in 0..FRAMES {
-            shared.free.force_push(Glimpse::new(sizes));
+            let _ = shared.free.push(Glimpse::new(sizes));
         }
         let (theirs, plausibility) = (Arc::clone(&shared), Plausibility::new(config, is_live));
         let thread = std::thread::Builder::new()
@@ -138,15 +132,15 @@ impl Listener for Ear {
         if self.0.has_seen_enough.load(Ordering::Relaxed) {
             return;
         }
-        let Some(mut glimpse) = self.0.free_glimpse() else { return };
+        // The place first: a copy that found none would have to go back.
+        let Some(place) = self.0.await_room(|| self.0.items.place()) else { return };
+        let Some(mut glimpse) = self.0.await_room(|| self.0.free.pop()) else { return };
         glimpse.stamp = frame.stamp;
         glimpse.valid = frame.valid;
         for (thumbnail, image) in glimpse.images.iter_mut().zip(&frame.images) {
             thumbnail.take(image);
         }
-        if let Some(Item::Frame(glimpse)) = self.0.offer(Item::Frame(glimpse)) {
-            self.0.free.force_push(glimpse);
-        }
+        place.fill(Item::Frame(glimpse));
     }
 
     fn estimate(&mut self, estimate: &Estimate, _frame_ms: f64) {
@@ -181,7 +175,7 @@ fn look(shared: &Shared, mut plausibility: Plausibility, known: Vec<Finding>) ->
                 Item::Reset(reason) => plausibility.add_reset(&reason),
                 Item::Frame(glimpse) => {
                     plausibility.add_frame(&glimpse);
-                    shared.free.force_push(glimpse);
+                    let _ = shared.free.push(glimpse);
                     shared.has_seen_enough.store(plausibility.has_seen_enough(), Ordering::Relaxed);
                 }
             }
