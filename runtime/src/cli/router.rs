@@ -2,6 +2,7 @@
 
 use super::access::AccessArgs;
 use super::{Usage, say, stop_on_signal};
+use crate::net::memory::{MAX_HELD_BY_ROUTER, SessionMemory};
 use crate::net::{Endpoints, Mode, audit, diagnosis, security};
 use anyhow::Result;
 use clap::Args;
@@ -10,6 +11,8 @@ use std::time::Duration;
 
 /// Refusals are said this often.
 const CHORES_PERIOD: Duration = Duration::from_millis(200);
+/// A session that cannot be opened anew is tried again this often.
+const RETRY: Duration = Duration::from_millis(500);
 
 /// Arguments of `plumbline router`.
 #[derive(Debug, Args)]
@@ -37,7 +40,8 @@ pub fn run(args: &RouterArgs) -> Result<()> {
     let endpoints =
         Endpoints { mode: Mode::Router, ..args.access.endpoints("*", &args.listen, &args.connect) };
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
-    let session = runtime.block_on(endpoints.open())?;
+    let mut memory = SessionMemory::begin(MAX_HELD_BY_ROUTER, 0);
+    let mut session = runtime.block_on(endpoints.open())?;
     if let Some(exposure) = security::exposure(&endpoints) {
         tracing::warn!("{exposure}");
     }
@@ -47,6 +51,18 @@ pub fn run(args: &RouterArgs) -> Result<()> {
         std::thread::sleep(CHORES_PERIOD);
         audit::log_refusals();
         diagnosis::report_failures();
+        if memory.is_too_much(0) {
+            let _ = runtime.block_on(async { session.close().await });
+            memory = SessionMemory::begin(MAX_HELD_BY_ROUTER, 0);
+            session = loop {
+                match runtime.block_on(endpoints.open()) {
+                    Ok(session) => break session,
+                    Err(_) if stop.load(Ordering::Relaxed) => return Ok(()),
+                    Err(error) => tracing::warn!("{error}; it is tried again"),
+                }
+                std::thread::sleep(RETRY);
+            };
+        }
     }
     let _ = runtime.block_on(async { session.close().await });
     Ok(())

@@ -84,6 +84,12 @@ impl Archive {
         });
     }
 
+    /// What it holds, bytes.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        self.poses.capacity() * size_of::<PastPose>() + self.keyframes.bytes() + self.path.capacity()
+    }
+
     /// Poses from `from` to before `to`, at least `step_ns` apart, in answers of at most `size` poses.
     fn trajectory(&self, wanted: &Range<i64>, step_ns: i64, size: usize) -> Vec<proto::Trajectory> {
         let mut next_ns = i64::MIN;

@@ -66,34 +66,32 @@ impl Listener for PlacesListener {
 pub struct FrontEndListener {
     rings: Arc<Rings>,
     pace: Pace,
-    /// Notes on a frame whose image is still to come.
-    pending: Option<Box<Shot>>,
+    /// Changes places with one of the ring when it is whole.
+    shot: Shot,
+    /// It has notes on a frame whose image is still to come.
+    is_pending: bool,
 }
 
 impl FrontEndListener {
-    /// Takes pictures at `camera_hz` at most, while somebody looks.
+    /// Takes pictures at `camera_hz` at most, while somebody looks; `shot` has room for any.
     #[must_use]
-    pub fn new(rings: Arc<Rings>, camera_hz: f64) -> Self {
-        Self { rings, pace: Pace::new(camera_hz), pending: None }
+    pub fn new(rings: Arc<Rings>, camera_hz: f64, shot: Shot) -> Self {
+        Self { rings, pace: Pace::new(camera_hz), shot, is_pending: false }
     }
 }
 
 impl Listener for FrontEndListener {
     fn tracked(&mut self, tracked: &Tracked) {
-        if !self.rings.is_watched.load(Ordering::Relaxed) || !self.pace.admits(tracked.time.stamp) {
-            return;
-        }
-        self.pending = self.pending.take().or_else(|| self.rings.shots.spare());
-        if let Some(shot) = &mut self.pending {
-            shot.note(tracked);
+        if self.rings.is_watched.load(Ordering::Relaxed) && self.pace.admits(tracked.time.stamp) {
+            self.shot.note(tracked);
+            self.is_pending = true;
         }
     }
 
     fn frame(&mut self, frame: &mut StereoFrame) {
-        if self.pending.as_mut().is_some_and(|shot| shot.expose(frame))
-            && let Some(shot) = self.pending.take()
-        {
-            self.rings.shots.offer(shot);
+        if self.is_pending && self.shot.expose(frame) {
+            self.is_pending = false;
+            self.rings.shots.fill(|waiting| std::mem::swap(waiting, &mut self.shot));
             self.rings.picture_bell.ring();
         }
     }

@@ -22,6 +22,7 @@ pub mod keyframes;
 pub mod keys;
 pub mod listener;
 pub mod map;
+pub mod memory;
 pub mod odometry;
 pub mod pace;
 pub mod picture;

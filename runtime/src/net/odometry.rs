@@ -12,7 +12,7 @@ use super::{ROOT, wire};
 use plumbline_estimator::Odometry;
 use prost::Message as _;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use tokio::task::JoinHandle;
 use zenoh::Session;
 use zenoh::key_expr::OwnedKeyExpr;
@@ -33,7 +33,7 @@ pub struct OdometryPublisher {
 }
 
 impl OdometryPublisher {
-    /// Declares the key; odometry goes in `datagrams` while there are any.
+    /// Declares the key; odometry goes in `datagrams` while there are any. Messages are numbered from `first` on.
     ///
     /// # Errors
     /// When Zenoh refuses the key.
@@ -42,30 +42,43 @@ impl OdometryPublisher {
         vehicle: &str,
         datagrams: Option<Datagrams>,
         rate_hz: f64,
+        first: u64,
     ) -> Result<Self, NetError> {
         let publisher = declare_publisher(session, vehicle, KEY.0, KEY.1, Priority::RealTime).await?;
         let name = format!("{ROOT}/{vehicle}/{}", KEY.0);
         let refused =
             |error: zenoh::Error| NetError::Declare { key: name.clone(), message: error.to_string() };
         let key = OwnedKeyExpr::new(name.clone()).map_err(refused)?;
-        Ok(Self { publisher, key, datagrams, pace: Pace::new(rate_hz), sequence: 0 })
+        Ok(Self { publisher, key, datagrams, pace: Pace::new(rate_hz), sequence: first })
     }
 
-    /// Empties the ring until the flight is over.
-    pub fn spawn(mut self, rings: Arc<Rings>, mut waiting: LaneReader<(Odometry, i64)>) -> JoinHandle<()> {
+    /// Empties the ring until the flight is over, or the session (`is_closing`). Gives back the ring, and the next number.
+    pub fn spawn(
+        mut self,
+        rings: Arc<Rings>,
+        mut waiting: LaneReader<(Odometry, i64)>,
+        is_closing: Arc<AtomicBool>,
+    ) -> JoinHandle<(LaneReader<(Odometry, i64)>, u64)> {
         ZRuntime::TX.spawn(async move {
             let bell = match rings.odometry_bell.listen() {
                 Ok(bell) => bell,
-                Err(error) => return tracing::error!("no odometry is published: {error}"),
+                Err(error) => {
+                    tracing::error!("no odometry is published: {error}");
+                    return (waiting, self.sequence);
+                }
             };
             rings.sends_odometry.store(true, Ordering::Relaxed);
             loop {
-                let is_last = rings.stop.load(Ordering::Relaxed);
+                let is_last = rings.stop.load(Ordering::Relaxed) || is_closing.load(Ordering::Relaxed);
+                if is_last {
+                    // Nobody gives work any more to who will not do it.
+                    rings.sends_odometry.store(false, Ordering::Relaxed);
+                }
                 rings.odometry_pulse.busy();
                 self.empty(&mut waiting).await;
                 rings.odometry_pulse.idle();
                 if is_last {
-                    break;
+                    return (waiting, self.sequence);
                 }
                 bell.rung().await;
             }

@@ -4,8 +4,9 @@ use super::endpoints::Endpoints;
 use super::error::NetError;
 use super::listener::{FrontEndListener, PlacesListener, TickListener, WindowListener};
 use super::pace::Rates;
+use super::picture::Shot;
 use super::proto;
-use super::publishers::Publishers;
+use super::publishers::{Course, End, Publishers};
 use super::rings::{LaneWriter, Rings, ToSend};
 use super::security;
 use super::vehicle::Vehicle;
@@ -37,7 +38,8 @@ pub struct Publisher {
     /// Taken by the listeners of the run.
     odometry: Option<LaneWriter<(Odometry, i64)>>,
     estimates: Option<EstimateLanes>,
-    camera_hz: f64,
+    /// At this rate, and the memory of one picture.
+    pictures: Option<(f64, Shot)>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -118,7 +120,7 @@ impl Publisher {
             rings,
             odometry: Some(written.odometry),
             estimates: Some((written.estimates, written.places)),
-            camera_hz: rates.camera_hz,
+            pictures: Some((rates.camera_hz, Shot::new(config))),
             thread: Some(thread),
         })
     }
@@ -147,33 +149,45 @@ struct Start {
 
 impl Start {
     /// Opens the session, says what became of that, and publishes until the flight is over.
-    async fn publish(self, rings: &Arc<Rings>, to_send: ToSend) {
+    async fn publish(self, rings: &Arc<Rings>, mut to_send: ToSend) {
+        let mut course = Course::new(&self.rates);
         let opened = match self.is_patient {
-            true => self.declare_patiently(rings).await,
-            false => self.declare().await.map(Some),
+            true => self.declare_patiently(rings, &course).await,
+            false => self.declare(&course).await.map(Some),
         };
-        match opened {
+        let mut publishers = match opened {
             Ok(publishers) => {
                 let _ = self.ready.send(Ok(()));
-                if let Some(publishers) = publishers {
-                    publishers.run(rings, to_send).await;
-                }
+                publishers
             }
-            Err(error) => drop(self.ready.send(Err(error))),
+            Err(error) => return drop(self.ready.send(Err(error))),
+        };
+        while let Some(session) = publishers {
+            if session.run(rings, &mut to_send, &mut course).await == End::FlightIsOver {
+                return;
+            }
+            publishers = match self.declare_patiently(rings, &course).await {
+                Ok(publishers) => publishers,
+                Err(error) => return tracing::error!("the flight goes on without the network: {error}"),
+            };
         }
     }
 
-    async fn declare(&self) -> Result<Publishers, NetError> {
-        Publishers::declare(&self.endpoints, Arc::clone(&self.vehicle), self.rates).await
+    async fn declare(&self, course: &Course) -> Result<Publishers, NetError> {
+        Publishers::declare(&self.endpoints, Arc::clone(&self.vehicle), self.rates, course).await
     }
 
     /// Opens the session as soon as that can be done; `None` when the flight is over before.
-    async fn declare_patiently(&self, rings: &Rings) -> Result<Option<Publishers>, NetError> {
+    async fn declare_patiently(
+        &self,
+        rings: &Rings,
+        course: &Course,
+    ) -> Result<Option<Publishers>, NetError> {
         let mut told = String::new();
         loop {
             let error = tokio::select! {
                 () = is_over(rings) => return Ok(None),
-                opened = self.declare() => match opened {
+                opened = self.declare(course) => match opened {
                     Ok(publishers) => {
                         if !told.is_empty() {
                             tracing::warn!("the network is there");
@@ -223,7 +237,10 @@ impl Subscriber for Publisher {
                 Some((estimates, places)) => Box::new(WindowListener { rings, estimates, places }),
                 None => Box::new(()),
             },
-            Producer::FrontEnd => Box::new(FrontEndListener::new(rings, self.camera_hz)),
+            Producer::FrontEnd => match self.pictures.take() {
+                Some((camera_hz, shot)) => Box::new(FrontEndListener::new(rings, camera_hz, shot)),
+                None => Box::new(()),
+            },
             Producer::Places => Box::new(PlacesListener(rings)),
             Producer::Watchdog => Box::new(()),
         }

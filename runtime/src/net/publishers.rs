@@ -16,6 +16,7 @@ use super::endpoints::Endpoints;
 use super::error::NetError;
 use super::health::{Circumstances, HealthFeed};
 use super::map::MapPublisher;
+use super::memory::{MAX_HELD, SessionMemory};
 use super::odometry::OdometryPublisher;
 use super::pace::{Pace, Rates};
 use super::rings::{Rings, ToSend};
@@ -25,7 +26,7 @@ use crate::schedule::ladder::Rung;
 use nalgebra::UnitQuaternion;
 use plumbline_estimator::{Estimate, MapSnapshot};
 use prost::Message;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
@@ -54,16 +55,45 @@ pub struct Publishers {
     rot_v_b: UnitQuaternion<f64>,
     archive: Arc<Mutex<Archive>>,
     resets: watch::Sender<u32>,
+    memory: SessionMemory,
 }
 
-/// Counters and pace of the messages.
-struct Course {
+/// What a flight keeps where its session is opened anew: counters and pace of the messages, and what is answered.
+pub struct Course {
     feed: HealthFeed,
     state: Pace,
     scene: Pace,
+    odometry: u64,
     states: u64,
     scenes: u64,
     chores: Instant,
+    archive: Arc<Mutex<Archive>>,
+}
+
+impl Course {
+    /// Of a flight that begins.
+    #[must_use]
+    pub fn new(rates: &Rates) -> Self {
+        Self {
+            feed: HealthFeed::new(rates.health_period()),
+            state: Pace::new(rates.state_hz),
+            scene: Pace::new(rates.scene_hz),
+            odometry: 0,
+            states: 0,
+            scenes: 0,
+            chores: Instant::now(),
+            archive: Arc::new(Mutex::new(Archive::new(rates.keyframe_landmarks))),
+        }
+    }
+}
+
+/// Why publishing has ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// There is nothing more to publish.
+    FlightIsOver,
+    /// The session holds too much ([`super::memory`]).
+    TooMuchHeld,
 }
 
 impl Publishers {
@@ -75,18 +105,21 @@ impl Publishers {
         endpoints: &Endpoints,
         vehicle: Arc<Vehicle>,
         rates: Rates,
+        course: &Course,
     ) -> Result<Self, NetError> {
+        let archive = Arc::clone(&course.archive);
+        let memory = SessionMemory::begin(MAX_HELD, lock(&archive).bytes());
         let (streams, datagrams) = endpoints.split()?;
         let session = streams.open().await?;
         let datagrams = datagrams.map(|datagrams| Datagrams::start(&datagrams, &session));
         let (resets, newest_reset) = watch::channel(0);
-        let archive = Arc::new(Mutex::new(Archive::new(rates.keyframe_landmarks)));
         let answers =
             Answers { vehicle: Arc::clone(&vehicle), archive: Arc::clone(&archive), resets: newest_reset };
         answers::declare(&session, answers).await?;
         let declare =
             |name, schema, priority| declare_publisher(&session, &vehicle.name, name, schema, priority);
-        let odometry = OdometryPublisher::declare(&session, &vehicle.name, datagrams, rates.odom_hz).await?;
+        let (name, hz) = (&vehicle.name, rates.odom_hz);
+        let odometry = OdometryPublisher::declare(&session, name, datagrams, hz, course.odometry).await?;
         let state = declare("state", "State", Priority::DataHigh).await?;
         let health = declare("health", "Health", Priority::InteractiveHigh).await?;
         let keyframe = declare("map/keyframe", "Keyframe", Priority::Data).await?;
@@ -115,45 +148,59 @@ impl Publishers {
             rates,
             archive,
             resets,
+            memory,
         })
     }
 
-    /// Sends what the rings hold until the flight is over, then once more.
-    pub async fn run(mut self, rings: &Arc<Rings>, mut to_send: ToSend) {
-        let odometry = self.odometry.take().zip(to_send.odometry.take());
-        let odometry = odometry.map(|(publisher, odometry)| publisher.spawn(Arc::clone(rings), odometry));
+    /// Sends what the rings hold until the flight is over, or the session holds too much, then once more.
+    pub async fn run(mut self, rings: &Arc<Rings>, to_send: &mut ToSend, course: &mut Course) -> End {
+        let is_closing = Arc::new(AtomicBool::new(false));
+        let odometry =
+            self.odometry.take().zip(to_send.odometry.take()).map(|(publisher, waiting)| {
+                publisher.spawn(Arc::clone(rings), waiting, Arc::clone(&is_closing))
+            });
         let pictures = self
             .camera
             .take()
             .map(|camera| tokio::spawn(camera::serve(camera, Arc::clone(rings), self.rates)));
-        let mut course = Course {
-            feed: HealthFeed::new(self.rates.health_period()),
-            state: Pace::new(self.rates.state_hz),
-            scene: Pace::new(self.rates.scene_hz),
-            states: 0,
-            scenes: 0,
-            chores: Instant::now(),
-        };
         let bell = rings.bell.listen();
-        while !rings.stop.load(Ordering::Relaxed) {
+        let mut is_too_much = false;
+        while !rings.stop.load(Ordering::Relaxed) && !is_too_much {
             match &bell {
                 Ok(bell) => drop(tokio::time::timeout(CHORES_PERIOD, bell.rung()).await),
                 Err(_) => tokio::time::sleep(CHORES_PERIOD).await,
             }
             rings.pulse.busy();
-            self.empty(rings, &mut to_send, &mut course).await;
-            do_chores(&mut course);
+            self.empty(rings, to_send, course).await;
+            is_too_much = self.do_chores(course);
         }
         rings.pulse.idle();
-        self.empty(rings, &mut to_send, &mut course).await;
+        self.empty(rings, to_send, course).await;
         self.map.finish().await;
         if let Some(pictures) = pictures {
             pictures.abort();
         }
-        if let Some(odometry) = odometry {
-            let _ = odometry.await;
+        is_closing.store(true, Ordering::Relaxed);
+        rings.odometry_bell.ring();
+        if let Some(odometry) = odometry
+            && let Ok((waiting, next)) = odometry.await
+        {
+            (to_send.odometry, course.odometry) = (Some(waiting), next);
         }
         let _ = self.session.close().await;
+        if is_too_much { End::TooMuchHeld } else { End::FlightIsOver }
+    }
+
+    /// Tells what was refused; whether the session holds too much.
+    fn do_chores(&self, course: &mut Course) -> bool {
+        if course.chores.elapsed() < CHORES_PERIOD {
+            return false;
+        }
+        course.chores = Instant::now();
+        audit::log_refusals();
+        diagnosis::report_failures();
+        let kept = lock(&self.archive).bytes();
+        self.memory.is_too_much(kept)
     }
 
     /// Sends what the rings hold. A message that cannot be sent is dropped, by its quality of service; receivers see a gap
@@ -203,13 +250,5 @@ impl Publishers {
             let _ = self.scene.put(wire::scene(snapshot, course.scenes, now_ns()).encode_to_vec()).await;
             course.scenes += 1;
         }
-    }
-}
-
-fn do_chores(course: &mut Course) {
-    if course.chores.elapsed() >= CHORES_PERIOD {
-        course.chores = Instant::now();
-        audit::log_refusals();
-        diagnosis::report_failures();
     }
 }

@@ -5,12 +5,11 @@ use super::task_bell::TaskBell;
 use crate::schedule::ring::{Bell, Reader, Writer, ring};
 use crate::schedule::tasks::TaskId;
 use crate::schedule::watchdog::Pulse;
-use crossbeam_queue::ArrayQueue;
 use plumbline_config::ValidConfig;
 use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_estimator::{Estimate, MapSnapshot, Odometry};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
 
 /// Odometry that waits for the network: a quarter of a second.
 const ODOMETRY_RING: usize = 50;
@@ -94,58 +93,82 @@ impl LaneLosses {
     }
 }
 
-/// A ring of large entries that are made once: an entry is filled in place, read, and goes back.
+/// Large entries that are made once: one is filled in place, read in place, and free again. One thread fills, one reads;
+/// neither waits for the other, since nobody stops at a slot that the other is in.
 #[derive(Debug)]
 pub struct Pool<T> {
-    spare: ArrayQueue<Box<T>>,
-    filled: ArrayQueue<Box<T>>,
+    slots: Vec<Slot<T>>,
+    /// Entries filled so far.
+    filled: AtomicU64,
     dropped: AtomicU64,
 }
 
+#[derive(Debug)]
+struct Slot<T> {
+    /// That of the entry, the first is 1; 0 when there is nothing to read.
+    number: AtomicU64,
+    entry: Mutex<T>,
+}
+
+impl<T> Slot<T> {
+    /// Whether there is something to read.
+    fn number(&self) -> u64 {
+        self.number.load(Ordering::Acquire)
+    }
+
+    /// The entry, unless the other thread is at it.
+    fn enter(&self) -> Option<MutexGuard<'_, T>> {
+        match self.entry.try_lock() {
+            Ok(entry) => Some(entry),
+            // A thread died at it: it is filled anew.
+            Err(TryLockError::Poisoned(entry)) => Some(entry.into_inner()),
+            Err(TryLockError::WouldBlock) => None,
+        }
+    }
+}
+
 impl<T> Pool<T> {
-    /// `count` entries.
+    /// `count` entries, at least two: while one is read another is filled.
     #[must_use]
     pub fn new(count: usize, make: impl Fn() -> T) -> Self {
-        let pool = Self {
-            spare: ArrayQueue::new(count),
-            filled: ArrayQueue::new(count),
-            dropped: AtomicU64::new(0),
-        };
-        for _ in 0..count {
-            let _ = pool.spare.push(Box::new(make()));
-        }
-        pool
+        let slot = |_| Slot { number: AtomicU64::new(0), entry: Mutex::new(make()) };
+        let slots = (0..count.max(2)).map(slot).collect();
+        Self { slots, filled: AtomicU64::new(0), dropped: AtomicU64::new(0) }
     }
 
-    /// Fills an entry; without a spare one the oldest that waits is taken, and counted. Nothing is
-    /// allocated.
+    /// Fills an entry; without a free one the oldest that waits is taken, and counted. Nothing is allocated.
     pub fn fill(&self, fill: impl FnOnce(&mut T)) {
-        let entry = self.spare.pop().or_else(|| {
-            let oldest = self.filled.pop();
-            self.dropped.fetch_add(1, Ordering::Relaxed);
-            oldest
-        });
-        let Some(mut entry) = entry else { return };
-        fill(&mut entry);
-        let _ = self.filled.push(entry);
+        // One that the reader is at is passed over; it is at one only.
+        let mut busy = self.slots.len();
+        for _ in 0..2 {
+            let others = self.slots.iter().enumerate().filter(|(k, _)| *k != busy);
+            let Some((k, slot)) = others.min_by_key(|(_, slot)| slot.number()) else { return };
+            let Some(mut entry) = slot.enter() else {
+                busy = k;
+                continue;
+            };
+            self.dropped.fetch_add(u64::from(slot.number() != 0), Ordering::Relaxed);
+            slot.number.store(0, Ordering::Release);
+            fill(&mut entry);
+            slot.number.store(self.filled.fetch_add(1, Ordering::Relaxed) + 1, Ordering::Release);
+            return;
+        }
+        self.dropped.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Takes a spare entry to fill at leisure; `None` when all wait to be read.
-    pub fn spare(&self) -> Option<Box<T>> {
-        self.spare.pop()
-    }
-
-    /// Offers a filled entry.
-    pub fn offer(&self, entry: Box<T>) {
-        let _ = self.filled.push(entry);
-    }
-
-    /// Reads the oldest entry, which then goes back.
+    /// Reads the oldest entry, which is free then.
     pub fn read<R>(&self, read: impl FnOnce(&mut T) -> R) -> Option<R> {
-        let mut entry = self.filled.pop()?;
-        let result = read(&mut entry);
-        let _ = self.spare.push(entry);
-        Some(result)
+        for _ in 0..self.slots.len() {
+            let waiting = self.slots.iter().filter(|slot| slot.number() != 0);
+            let slot = waiting.min_by_key(|slot| slot.number())?;
+            // Where it is being filled anew right now it is the newest soon.
+            if let Some(mut entry) = slot.enter().filter(|_| slot.number() != 0) {
+                let result = read(&mut entry);
+                slot.number.store(0, Ordering::Release);
+                return Some(result);
+            }
+        }
+        None
     }
 
     /// Entries that were not read in time.
@@ -283,6 +306,22 @@ mod tests {
         assert_eq!(pool.read(|entry| entry[0]), Some(3));
         assert_eq!(pool.read(|entry| entry[0]), Some(4));
         assert_eq!(pool.read(|entry| entry[0]), None);
-        assert!(pool.spare().is_some());
+    }
+
+    #[test]
+    fn whoever_fills_passes_over_what_is_being_read_and_over_what_a_death_has_left() {
+        let pool = Pool::new(2, || 0);
+        pool.fill(|entry| *entry = 1);
+        let seen = pool.read(|entry| {
+            (2..5).for_each(|k| pool.fill(|other| *other = k));
+            *entry
+        });
+        assert_eq!((seen, pool.read(|entry| *entry), pool.read(|entry| *entry)), (Some(1), Some(4), None));
+        assert_eq!(pool.dropped(), 2);
+        let died =
+            std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| pool.fill(|_| panic!("on purpose"))));
+        assert!(died.is_err());
+        (5..7).for_each(|k| pool.fill(|entry| *entry = k));
+        assert_eq!((pool.read(|entry| *entry), pool.read(|entry| *entry)), (Some(5), Some(6)));
     }
 }

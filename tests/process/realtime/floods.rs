@@ -5,6 +5,7 @@ use crate::vehicle::{PLUMBLINE, Running, eventually, flight, free_port, render};
 use serde_json::Value;
 use std::path::Path;
 use std::process::Command;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use zenoh::qos::CongestionControl;
 
@@ -16,11 +17,23 @@ const FLOOD: usize = 4_000_000_000;
 const SIZES: [usize; 2] = [1 << 20, 50_000];
 /// Memory that a process may grow by, MB.
 const MAX_GROWTH_MB: f64 = 20.0;
+/// Keys that a peer declares, and their length, bytes: three times what a vehicle lets a session hold.
+const KEYS: usize = 10_000;
+const KEY_BYTES: usize = 30_000;
+/// What a session may hold (`net::memory`), and what comes until that is noticed, MB.
+const MAX_DECLARED_MB: f64 = 96.0 + 84.0;
 
 fn resident_mb(process: &Running) -> f64 {
     let status = std::fs::read_to_string(format!("/proc/{}/status", process.child.id())).unwrap();
     let line = status.lines().find(|line| line.starts_with("VmRSS:")).unwrap();
     line.split_whitespace().nth(1).unwrap().parse::<f64>().unwrap() / 1024.0
+}
+
+/// What this host has sent to itself, bytes.
+fn looped_bytes() -> usize {
+    let devices = std::fs::read_to_string("/proc/net/dev").unwrap();
+    let lo = devices.lines().find_map(|line| line.trim().strip_prefix("lo:")).unwrap();
+    lo.split_whitespace().next().unwrap().parse().unwrap()
 }
 
 /// A vehicle and a station that listen, each with its certificate.
@@ -85,7 +98,7 @@ fn soak_network_messages_in_masses_grow_nobodys_memory_and_delay_no_odometry() {
     let ([mut vehicle, station], endpoints) = start(folder.path(), &report);
     std::thread::sleep(Duration::from_secs(8));
     let before = [&vehicle, &station].map(resident_mb);
-    let theirs = folder.path().to_owned();
+    let (theirs, looped) = (folder.path().to_owned(), looped_bytes());
     let floods = std::thread::spawn(move || {
         let runtime =
             tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
@@ -100,6 +113,8 @@ fn soak_network_messages_in_masses_grow_nobodys_memory_and_delay_no_odometry() {
         floods.is_finished()
     });
     floods.join().unwrap();
+    let thrown = looped_bytes() - looped;
+    assert!(thrown >= 2 * FLOOD, "{thrown} bytes went over the line");
     assert!(vehicle.child.try_wait().unwrap().is_none(), "the flight was over before: {}", vehicle.words());
     let flooded_ms = p99_ms(&mut vehicle, &report);
     println!(
@@ -110,4 +125,63 @@ fn soak_network_messages_in_masses_grow_nobodys_memory_and_delay_no_odometry() {
         assert!(largest[k] - before[k] <= MAX_GROWTH_MB, "{before:?} {largest:?}");
     }
     assert!(flooded_ms <= 1.2 * quiet_ms + 0.1, "{quiet_ms} {flooded_ms}");
+}
+
+/// Watches keys without end, for as long as `is_over` says.
+async fn watch_without_end(folder: &Path, endpoint: &str, is_over: &AtomicBool) {
+    let viewer = attacker(folder, "viewer", endpoint).await;
+    let mut watched = Vec::new();
+    for k in 0..KEYS {
+        let key = format!("plumbline/drone/{}/{k}", "x".repeat(KEY_BYTES));
+        watched.push(viewer.declare_subscriber(key).callback(|_| ()).await.unwrap());
+    }
+    // It declares them all again whenever it is let in again.
+    while !is_over.load(Ordering::Relaxed) {
+        tokio::time::sleep(Duration::from_millis(100)).await;
+    }
+    let _ = viewer.close().await;
+}
+
+#[test]
+#[ignore = "half a minute: `make soak`"]
+fn soak_network_keys_without_end_cost_the_links_and_not_the_memory() {
+    render(30);
+    let folder = tempfile::tempdir().unwrap();
+    make_keys(folder.path(), false);
+    let endpoint = format!("tls/127.0.0.1:{}", free_port());
+    let file = |name: &str| folder.path().join(name).display().to_string();
+    let mut vehicle = flight("drone", 30);
+    for (key, name) in
+        [("authority", "authority.pem"), ("certificate", "vehicle.pem"), ("key", "vehicle.key")]
+    {
+        vehicle.arg("--set").arg(format!("network.tls.{key}=\"{}\"", file(name)));
+    }
+    vehicle.args(["--listen", &endpoint]);
+    let mut vehicle = Running::start(vehicle);
+    std::thread::sleep(Duration::from_secs(6));
+    let before = resident_mb(&vehicle);
+    let is_over = AtomicBool::new(false);
+    let mut largest = before;
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
+    std::thread::scope(|scope| {
+        let attack = scope.spawn(|| runtime.block_on(watch_without_end(folder.path(), &endpoint, &is_over)));
+        for _ in 0..150 {
+            largest = largest.max(resident_mb(&vehicle));
+            std::thread::sleep(Duration::from_millis(100));
+        }
+        is_over.store(true, Ordering::Relaxed);
+        attack.join().unwrap();
+    });
+    let words = vehicle.words();
+    println!("{before:.1} MB before, at most {largest:.1} MB; {words}");
+    assert!(words.contains("the network holds"), "{words}");
+    assert!(largest - before < MAX_DECLARED_MB, "{before} {largest}");
+    assert!(vehicle.child.try_wait().unwrap().is_none(), "it flies: {words}");
+    // Who is honest is let in again.
+    let asked = runtime.block_on(async {
+        let operator = attacker(folder.path(), "operator", &endpoint).await;
+        let reply = operator.get("plumbline/drone/config").await.unwrap().recv_async().await;
+        reply.is_ok_and(|reply| reply.into_result().is_ok())
+    });
+    assert!(asked, "{}", vehicle.words());
 }
