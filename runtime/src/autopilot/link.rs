@@ -6,6 +6,7 @@
 
 use super::awaited::Awaited;
 use super::inbox::CHUNK;
+use super::words::News;
 use crate::schedule::ticker::Monotonic;
 use plumbline_config::options::AutopilotEndpoint;
 use plumbline_drivers::serial::open_line;
@@ -131,6 +132,14 @@ impl Link {
         }
     }
 
+    /// What became of the line since the last time.
+    pub fn news(&mut self) -> Option<News> {
+        match self {
+            Self::Serial(serial) => serial.news.take(),
+            Self::Udp(_) | Self::Awaited(_) => None,
+        }
+    }
+
     /// Sends a message; whether it was handed to the system, whole.
     pub fn send(&mut self, message: &[u8], now: Monotonic) -> bool {
         if let Self::Awaited(awaited) = self
@@ -227,6 +236,8 @@ pub struct SerialLink {
     tried: Monotonic,
     /// The rest of a message that the device had no room for.
     rest: Vec<u8>,
+    /// What became of the device, and was not told yet.
+    news: Option<News>,
 }
 
 impl SerialLink {
@@ -234,7 +245,8 @@ impl SerialLink {
         let file = open_device(device, baud)
             .map_err(|source| LinkError::Device { device: device.to_owned(), source })?;
         let rest = Vec::with_capacity(CHUNK);
-        Ok(Self { device: device.to_owned(), baud, file: Some(file), tried: Monotonic::now(), rest })
+        let device = device.to_owned();
+        Ok(Self { device, baud, file: Some(file), tried: Monotonic::now(), rest, news: None })
     }
 
     fn read(&mut self, into: &mut [u8; CHUNK]) -> usize {
@@ -284,8 +296,7 @@ impl SerialLink {
     }
 
     fn close(&mut self, error: Option<std::io::Error>) {
-        let reason = error.map_or_else(|| "it hung up".into(), |error| error.to_string());
-        tracing::warn!("autopilot at {}: the device went away ({reason}); looking for it", self.device);
+        self.news = Some(News::Gone(error.and_then(|error| error.raw_os_error())));
         self.file = None;
     }
 
@@ -297,7 +308,7 @@ impl SerialLink {
         self.file = open_device(&self.device, self.baud).ok();
         if self.file.is_some() {
             self.rest.clear();
-            tracing::info!("autopilot at {}: the device is back", self.device);
+            self.news = Some(News::Back);
         }
     }
 }
@@ -401,6 +412,7 @@ mod tests {
             link.read(&mut [0; CHUNK], Monotonic::now());
         }
         assert!(!link.send(&bytes, Monotonic::now()), "the device is gone");
+        assert!(matches!(link.news(), Some(News::Gone(_))) && link.news().is_none(), "that is told once");
     }
 
     #[test]

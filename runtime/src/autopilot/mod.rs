@@ -4,7 +4,7 @@
 //! newest as `ODOMETRY` on absolute deadlines ([`sender`]), whatever the estimator does:
 //! while there is none, quality says -1 and the covariance is no number. [`frames`] turns it into LOCAL_FRD and
 //! BODY_FRD, [`message`] fills the fields, [`status`] decides what is tracking and what the pilot is told.
-//! [`link`] is the line, [`inbox`] what comes in from it, [`timesync`] finds the autopilot's clock, and
+//! [`words`] tells people. [`link`] is the line, [`inbox`] what comes in from it, [`timesync`] finds the autopilot's clock, and
 //! [`clock`] the time at which replayed data were measured.
 //!
 //! **Whose time.** `time_usec` and our answers to TIMESYNC are always of the same clock. By default it is this
@@ -27,6 +27,7 @@ pub mod message;
 pub mod sender;
 pub mod status;
 pub mod timesync;
+pub mod words;
 
 pub use bridge::{Bridge, BridgeError};
 pub use sender::BridgeFigures;

@@ -7,7 +7,8 @@ use super::link::Link;
 use super::message;
 use super::status::{Announcer, Condition, Reason, STALE_NS};
 use super::timesync::TimeSync;
-use crate::schedule::ring::Reader;
+use super::words::{News, teller};
+use crate::schedule::ring::{Reader, Writer};
 use crate::schedule::ticker::{Monotonic, Ticker};
 use crate::schedule::times::{Percentiles, Times};
 use crate::schedule::watchdog::Pulse;
@@ -78,7 +79,7 @@ pub struct Sender {
     frames: Frames,
     clock: AutopilotClock,
     lost_pose: LostPose,
-    address: String,
+    words: Writer<News>,
     header: MavHeader,
     first_reset_counter: u32,
     newest: Option<Handover>,
@@ -106,7 +107,7 @@ impl Sender {
             frames,
             clock: config.clock,
             lost_pose: config.lost_pose,
-            address: config.connect.clone(),
+            words: teller(config.connect.clone()),
             header: MavHeader { system_id: config.system_id, component_id: COMPONENT, sequence: 0 },
             first_reset_counter,
             newest: None,
@@ -238,13 +239,21 @@ impl Sender {
         }
     }
 
-    /// Tells people once when the autopilot is not heard, and when it is.
+    /// Tells people once when the autopilot is not heard, and what became of the line.
     fn watch(&mut self, now: Monotonic) {
         let since = self.heard.unwrap_or(self.began);
         if self.is_heard && now.0.saturating_sub(since.0) > SILENCE_NS {
             self.is_heard = false;
-            tracing::warn!("autopilot at {}: nothing is heard of it; odometry goes on", self.address);
+            self.tell(News::Silent);
         }
+        if let Some(news) = self.link.news() {
+            self.tell(news);
+        }
+    }
+
+    /// What finds no room is not worth waiting for.
+    fn tell(&mut self, news: News) {
+        let _ = self.words.push(news);
     }
 
     /// `at` by the clock that stamps the odometry, microseconds.
@@ -294,7 +303,7 @@ impl Sender {
             self.link.confirm(now);
         }
         if self.heard.is_none() || !self.is_heard {
-            tracing::info!("autopilot at {}: heard", self.address);
+            self.tell(News::Heard);
             self.announcer.repeat();
         }
         (self.heard, self.is_heard) = (Some(now), true);
@@ -328,11 +337,7 @@ impl Sender {
         let was_locked = self.timesync.offset_ns().is_some();
         self.timesync.answer(t.tc1, t.ts1, now);
         if let Some(offset) = self.timesync.offset_ns().filter(|_| !was_locked) {
-            tracing::info!(
-                "autopilot at {}: its clock is {:.3} ms ahead",
-                self.address,
-                offset as f64 * 1e-6
-            );
+            self.tell(News::Clock(offset));
         }
     }
 
