@@ -1,5 +1,5 @@
 //! Starts a command, and starts it again, by the rules of our systemd unit: readiness, watchdog, restarts and their limit, as
-//! systemd.service(5) has them. Containers have no systemd.
+//! systemd.service(5) has them. Containers have no systemd running; where one can be booted `realtime/systemd.rs` does.
 
 use std::collections::BTreeMap;
 use std::os::unix::net::UnixDatagram;

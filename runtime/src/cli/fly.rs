@@ -2,7 +2,7 @@
 
 use super::exit_status::last_resort;
 use super::progress::{Glance, Progress};
-use super::{Usage, check_outputs, load_config, say, stop_on_signal};
+use super::{Usage, check_outputs, load_config, say_within, stop_on_signal};
 use crate::flight::plausibility::Finding;
 use crate::flight::plausibility::watch::Watch;
 use crate::flight::sensor_watch::SensorWatch;
@@ -88,6 +88,8 @@ pub struct FlyArgs {
 
 /// Logs that a folder may hold of one second.
 const MAX_LOGS_A_SECOND: usize = 10_000;
+/// The summary of a flight that is over waits so long for the terminal.
+const PATIENCE: Duration = Duration::from_secs(1);
 
 /// Runs the command.
 ///
@@ -286,7 +288,7 @@ fn write_outputs(args: &FlyArgs, flown: &Flown, report: &Report) -> Result<()> {
     if let Some(path) = &args.report {
         std::fs::write(path, &json).with_context(|| format!("{}", path.display()))?;
     }
-    say(if args.json { json } else { report.summary() });
+    say_within(PATIENCE, if args.json { json } else { report.summary() });
     Ok(())
 }
 

@@ -47,6 +47,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 /// Deterministic real-time stereo visual-inertial odometry.
 #[derive(Debug, Parser)]
@@ -152,12 +153,16 @@ pub fn main() -> ExitCode {
     match ended {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            // A terminal that is gone takes no words, and that is no reason to panic.
-            let _ = writeln!(std::io::stderr(), "plumbline: {}", one_line(&error));
+            // A terminal that is gone takes no words, and that is no reason to panic; nor is one that stands still.
+            let words = format!("plumbline: {}\n", one_line(&error));
+            within(PATIENCE, move || drop(std::io::stderr().write_all(words.as_bytes())));
             ExitCode::from(exit_status::exit_status(&error))
         }
     }
 }
+
+/// The last words of a command wait so long for the terminal.
+const PATIENCE: Duration = Duration::from_secs(1);
 
 fn run(command: Command) -> anyhow::Result<()> {
     match command {
@@ -199,6 +204,23 @@ fn run(command: Command) -> anyhow::Result<()> {
 pub fn say(line: impl Display) {
     if writeln!(std::io::stdout(), "{line}").is_err() {
         std::process::exit(1);
+    }
+}
+
+/// The same, but a terminal that stands still, or a reader that does not read, is waited for no longer than `patience`.
+pub fn say_within(patience: Duration, line: String) {
+    within(patience, move || say(line));
+}
+
+/// Waits for `speak`, but not for longer than `patience`: the process ends, whoever reads it.
+fn within(patience: Duration, speak: impl FnOnce() + Send + 'static) {
+    let (tell, told) = std::sync::mpsc::channel();
+    let speak = move || {
+        speak();
+        let _ = tell.send(());
+    };
+    if std::thread::Builder::new().name("last-words".into()).spawn(speak).is_ok() {
+        let _ = told.recv_timeout(patience);
     }
 }
 

@@ -8,10 +8,12 @@ use nalgebra::{Isometry3, Vector3};
 use plumbline_config::Timestamp;
 use plumbline_estimator::Estimate;
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// The terminal is brought up to date this often.
 const REDRAW: Duration = Duration::from_millis(100);
+/// The end of a run waits so long for the terminal.
+const PATIENCE: Duration = Duration::from_secs(1);
 /// Estimates that wait to be drawn; what finds no room is not drawn.
 const RING: usize = 256;
 
@@ -78,11 +80,14 @@ impl Progress {
         Self::start(show, move || theirs.finish_and_clear())
     }
 
-    /// After the run: waits until everything is drawn.
+    /// After the run: waits until everything is drawn, but not for a terminal that stands still.
     pub fn finish(mut self) {
         self.writer = None;
         if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
+            let end = Instant::now() + PATIENCE;
+            while !thread.is_finished() && Instant::now() < end {
+                std::thread::sleep(Duration::from_millis(2));
+            }
         }
     }
 }

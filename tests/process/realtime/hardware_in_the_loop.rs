@@ -88,7 +88,7 @@ impl Rig {
         Flying(self.commands(more)().spawn().unwrap())
     }
 
-    fn report(&self) -> Value {
+    pub fn report(&self) -> Value {
         serde_json::from_str(&std::fs::read_to_string(self.path("report.json")).unwrap()).unwrap()
     }
 
@@ -104,7 +104,7 @@ impl Rig {
     }
 
     /// Frames in this part of the recording, s.
-    fn frames(&self, s: Range<f64>) -> Range<usize> {
+    pub fn frames(&self, s: Range<f64>) -> Range<usize> {
         let first = self.recording.readings[0].sample.stamp;
         let place = |s| self.recording.frames.partition_point(|f| f.stamp.seconds_since(first) < s);
         place(s.start)..place(s.end)

@@ -10,5 +10,9 @@ mod live;
 mod restart_in_the_air;
 mod restarts;
 #[cfg(feature = "sabotage")]
+mod stalls;
+#[cfg(feature = "sabotage")]
 mod survival;
+#[cfg(feature = "sabotage")]
+mod systemd;
 mod virtual_machine;

@@ -20,7 +20,8 @@ const MAX_RESTART_S: f64 = 3.0;
 /// What the autopilot is told of while the estimator begins anew, s: the odometry goes on by the IMU.
 const MAX_BLIND_S: f64 = 0.5;
 
-fn flight(sabotage: &str, duration_s: u32, more: &[&str]) -> Command {
+/// A flight with faults, recorded beforehand and flown in real time.
+pub fn flight(sabotage: &str, duration_s: u32, more: &[&str]) -> Command {
     let mut command = Command::new(PLUMBLINE);
     let duration = duration_s.to_string();
     command.args(["replay", "sim:room", "--start", "2", "--scale", "0.5", "--no-lines", "--speed", "1"]);

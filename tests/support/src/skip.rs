@@ -32,11 +32,17 @@ pub enum Need {
     ReferenceProcessor,
     /// qemu, and Debian's kernel for it (`scripts/vm setup`).
     VirtualMachine,
+    /// systemd, and root to boot it in namespaces.
+    Systemd,
+    /// Root to mount file systems.
+    Mounts,
+    /// Real-time priorities, by root or a limit.
+    RealtimePriority,
 }
 
 impl Need {
     /// All of them.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 14] = [
         Self::SharedData,
         Self::Python,
         Self::Chromium,
@@ -48,6 +54,9 @@ impl Need {
         Self::Parallel,
         Self::ReferenceProcessor,
         Self::VirtualMachine,
+        Self::Systemd,
+        Self::Mounts,
+        Self::RealtimePriority,
     ];
 
     /// Its name on the list of allowed skips.
@@ -65,6 +74,9 @@ impl Need {
             Self::Parallel => "parallel",
             Self::ReferenceProcessor => "reference-processor",
             Self::VirtualMachine => "virtual-machine",
+            Self::Systemd => "systemd",
+            Self::Mounts => "mounts",
+            Self::RealtimePriority => "realtime-priority",
         }
     }
 }
