@@ -3,8 +3,9 @@
 use crate::roles::{attacker, make_keys};
 use crate::vehicle::{PLUMBLINE, Running, eventually, flight, free_port, render};
 use serde_json::Value;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use zenoh::qos::CongestionControl;
@@ -17,9 +18,10 @@ const FLOOD: usize = 4_000_000_000;
 const SIZES: [usize; 2] = [1 << 20, 50_000];
 /// Memory that a process may grow by, MB.
 const MAX_GROWTH_MB: f64 = 20.0;
-/// Keys that a peer declares, and their length, bytes: three times what a vehicle lets a session hold.
-const KEYS: usize = 10_000;
-const KEY_BYTES: usize = 30_000;
+/// Peers at a time, keys that each declares, and their length, bytes: twice what a vehicle lets a session hold.
+const PEERS: usize = 8;
+const KEYS: usize = 400;
+const KEY_BYTES: usize = 60_000;
 /// What a session may hold (`net::memory`), and what comes until that is noticed, MB.
 const MAX_DECLARED_MB: f64 = 96.0 + 84.0;
 
@@ -127,17 +129,17 @@ fn soak_network_messages_in_masses_grow_nobodys_memory_and_delay_no_odometry() {
     assert!(flooded_ms <= 1.2 * quiet_ms + 0.1, "{quiet_ms} {flooded_ms}");
 }
 
-/// Watches keys without end, for as long as `is_over` says.
-async fn watch_without_end(folder: &Path, endpoint: &str, is_over: &AtomicBool) {
-    let viewer = attacker(folder, "viewer", endpoint).await;
+/// Watches keys without end, until it is over; declares them all again whenever it is let in again.
+async fn watch_without_end(folder: PathBuf, endpoint: String, is_over: Arc<AtomicBool>) {
+    let viewer = attacker(&folder, "viewer", &endpoint).await;
     let mut watched = Vec::new();
-    for k in 0..KEYS {
-        let key = format!("plumbline/drone/{}/{k}", "x".repeat(KEY_BYTES));
-        watched.push(viewer.declare_subscriber(key).callback(|_| ()).await.unwrap());
-    }
-    // It declares them all again whenever it is let in again.
     while !is_over.load(Ordering::Relaxed) {
-        tokio::time::sleep(Duration::from_millis(100)).await;
+        if watched.len() < KEYS {
+            let key = format!("plumbline/drone/{}/{}", "x".repeat(KEY_BYTES), watched.len());
+            watched.push(viewer.declare_subscriber(key).callback(|_| ()).await.unwrap());
+        } else {
+            tokio::time::sleep(Duration::from_millis(100)).await;
+        }
     }
     let _ = viewer.close().await;
 }
@@ -160,18 +162,17 @@ fn soak_network_keys_without_end_cost_the_links_and_not_the_memory() {
     let mut vehicle = Running::start(vehicle);
     std::thread::sleep(Duration::from_secs(6));
     let before = resident_mb(&vehicle);
-    let is_over = AtomicBool::new(false);
+    let is_over = Arc::new(AtomicBool::new(false));
     let mut largest = before;
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
-    std::thread::scope(|scope| {
-        let attack = scope.spawn(|| runtime.block_on(watch_without_end(folder.path(), &endpoint, &is_over)));
-        for _ in 0..150 {
-            largest = largest.max(resident_mb(&vehicle));
-            std::thread::sleep(Duration::from_millis(100));
-        }
-        is_over.store(true, Ordering::Relaxed);
-        attack.join().unwrap();
-    });
+    let attack = || watch_without_end(folder.path().to_owned(), endpoint.clone(), Arc::clone(&is_over));
+    let attacks: Vec<_> = (0..PEERS).map(|_| runtime.spawn(attack())).collect();
+    for _ in 0..150 {
+        largest = largest.max(resident_mb(&vehicle));
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    is_over.store(true, Ordering::Relaxed);
+    attacks.into_iter().for_each(|attack| drop(runtime.block_on(attack)));
     let words = vehicle.words();
     println!("{before:.1} MB before, at most {largest:.1} MB; {words}");
     assert!(words.contains("the network holds"), "{words}");
