@@ -33,9 +33,7 @@ impl Patch {
     pub fn dot(&self, other: &Self) -> f32 {
         let mut lanes = [0.0f32; LANES];
         for (a, b) in self.0.as_chunks::<LANES>().0.iter().zip(other.0.as_chunks::<LANES>().0) {
-            for k in 0..LANES {
-                lanes[k] += a[k] * b[k];
-            }
+            add_products(&mut lanes, a, b);
         }
         sum_lanes(lanes)
     }
@@ -45,9 +43,7 @@ impl Patch {
     pub fn sum(&self) -> f32 {
         let mut lanes = [0.0f32; LANES];
         for a in self.0.as_chunks::<LANES>().0 {
-            for k in 0..LANES {
-                lanes[k] += a[k];
-            }
+            add(&mut lanes, a);
         }
         sum_lanes(lanes)
     }
@@ -66,12 +62,27 @@ impl Patch {
         let others = others.map(|o| o.0.as_chunks::<LANES>().0);
         for (i, a) in self.0.as_chunks::<LANES>().0.iter().enumerate() {
             for (lane, other) in lanes.iter_mut().zip(&others) {
-                for k in 0..LANES {
-                    lane[k] += a[k] * other[i][k];
-                }
+                add_products(lane, a, &other[i]);
             }
         }
         lanes.map(sum_lanes)
+    }
+}
+
+/// `lanes += a * b`, lane by lane. A function of its own, whose sums lie in memory: where they are many values in
+/// registers, the compiler takes them one by one.
+#[inline(never)]
+fn add_products(lanes: &mut [f32; LANES], a: &[f32; LANES], b: &[f32; LANES]) {
+    for k in 0..LANES {
+        lanes[k] += a[k] * b[k];
+    }
+}
+
+/// `lanes += a`, in the same way.
+#[inline(never)]
+fn add(lanes: &mut [f32; LANES], a: &[f32; LANES]) {
+    for k in 0..LANES {
+        lanes[k] += a[k];
     }
 }
 
@@ -166,6 +177,16 @@ pub fn sample_warped<const N: usize>(
     true
 }
 
+/// The whole part of a coordinate from 0 to 2²², as the conversion of the language gives it. That one takes care of all other
+/// numbers too, one lane at a time.
+#[inline(always)]
+pub(crate) fn whole(x: f32) -> i32 {
+    /// From here on the numbers of 24 bits are the whole ones: a sum rounds to the nearest.
+    const WHOLE: f32 = (1 << 23) as f32;
+    let nearest = ((x + WHOLE).to_bits() & 0x7F_FFFF) as i32;
+    nearest - i32::from(nearest as f32 > x)
+}
+
 /// `N` samples along a line through `middle` (plane coordinates) in steps of `step`.
 #[inline(always)]
 fn sample_line<const N: usize>(plane: &Plane<'_>, middle: [f32; 2], step: [f32; 2]) -> [f32; N] {
@@ -174,7 +195,7 @@ fn sample_line<const N: usize>(plane: &Plane<'_>, middle: [f32; 2], step: [f32; 
     for i in 0..WIDE {
         let d = i as f32 - half;
         let (x, y) = ((middle[0] + step[0] * d).max(0.0), (middle[1] + step[1] * d).max(0.0));
-        let (column, row) = (x as i32, y as i32);
+        let (column, row) = (whole(x), whole(y));
         (fx[i], fy[i]) = (x - column as f32, y - row as f32);
         start[i] = row * plane.columns as i32 + column;
     }
@@ -245,6 +266,16 @@ mod tests {
                 assert!((a[c] - b[c]).abs() < 1e-2, "{} {}", a[c], b[c]);
                 // Rounding to 8 bits and the curvature of the texture.
                 assert!((f64::from(a[c]) - truth).abs() < 3.0, "{} {truth}", a[c]);
+            }
+        }
+    }
+
+    #[test]
+    fn the_whole_part_is_that_of_the_language() {
+        for k in 0..200_000_u32 {
+            let x = (f64::from(k) * 0.371_234_567).powf(1.2) as f32;
+            for x in [x, x.floor(), x.next_down().max(0.0), x.floor() + 0.5, x.floor().next_down().max(0.0)] {
+                assert_eq!(whole(x), x as i32, "{x}");
             }
         }
     }

@@ -198,10 +198,11 @@ impl Gradients {
         mark_ridges(&row.magnitude[inner.clone()], &row.is_horizontal[inner], around, threshold, out);
         // Seeds are every fourth ridge of a steep edge by its row, of a flat one by its column.
         let wanted = if y.is_multiple_of(SEED_STEP) { FLAT_SEEDS | STEEP } else { FLAT_SEEDS };
-        for (chunk, flags) in out.chunks(8).enumerate() {
-            let mut eight = [0; 8];
-            eight[..flags.len()].copy_from_slice(flags);
-            let mut bits = u64::from_le_bytes(eight) & wanted;
+        let (whole, rest) = out.as_chunks::<8>();
+        let mut last = [0; 8];
+        last[..rest.len()].copy_from_slice(rest);
+        for (chunk, eight) in whole.iter().chain([&last]).enumerate() {
+            let mut bits = u64::from_le_bytes(*eight) & wanted;
             while bits != 0 {
                 let k = bits.trailing_zeros() as usize / 8;
                 bits &= bits - 1;

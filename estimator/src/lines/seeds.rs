@@ -4,7 +4,8 @@
 //! where it is equal. Ridges are probed while their neighbourhood is in the cache, before they are ordered;
 //! of an image with too many only the strongest are.
 
-use super::gradient::{Gradients, SCALE};
+use super::gradient::{Gradients, Pixel, SCALE};
+use crate::image::patch::whole;
 use nalgebra::Vector2;
 use plumbline_config::ImageView;
 
@@ -136,25 +137,51 @@ fn is_promising(gradients: &Gradients, seed: &Seed, threshold: i16) -> bool {
     let squared_norm = gradient.norm_squared();
     let direction = Vector2::new(gradient.y, -gradient.x) / squared_norm.sqrt().max(f32::MIN_POSITIVE);
     let (x, y) = (f32::from(seed.x) + 0.5, f32::from(seed.y) + 0.5);
-    let mut index = [0_i32; PROBES];
-    for (index, px) in index.iter_mut().zip(PROBES_PX) {
-        let column = (x + direction.x * px).max(0.0).min(right) as i32;
-        let row = (y + direction.y * px).max(0.0).min(bottom) as i32;
-        *index = row * width as i32 + column;
+    let (mut columns, mut rows) = ([0; PROBES], [0; PROBES]);
+    probe_places(x, direction.x, right, &mut columns);
+    probe_places(y, direction.y, bottom, &mut rows);
+    let mut probes = [Pixel::default(); PROBES];
+    for k in 0..PROBES {
+        probes[k] = pixels[(rows[k] * width as i32 + columns[k]) as usize];
     }
-    let mut probes = [[0.0_f32; PROBES]; 2];
-    for (k, &index) in index.iter().enumerate() {
-        let (gx, gy) = pixels[index as usize].gradient();
-        (probes[0][k], probes[1][k]) = (f32::from(gx), f32::from(gy));
+    let (mut gx, mut gy) = ([0.0; PROBES], [0.0; PROBES]);
+    components(&probes, &mut gx, &mut gy);
+    let mut is_alike = [0; PROBES];
+    compare(&gradient, [&gx, &gy], threshold, &mut is_alike);
+    is_alike.iter().sum::<u32>() >= MIN_ALIKE
+}
+
+// The steps of a probe, all lanes at once. They are functions of their own, whose results lie in memory: where they are many
+// values in registers, the compiler takes them one by one.
+
+/// Coordinates of the probes along one axis, at most `last`.
+#[inline(never)]
+fn probe_places(start: f32, direction: f32, last: f32, out: &mut [i32; PROBES]) {
+    for k in 0..PROBES {
+        out[k] = whole((start + direction * PROBES_PX[k]).max(0.0).min(last));
     }
+}
+
+/// The gradients of pixels, by components.
+#[inline(never)]
+fn components(pixels: &[Pixel; PROBES], gx: &mut [f32; PROBES], gy: &mut [f32; PROBES]) {
+    for k in 0..PROBES {
+        gx[k] = f32::from(pixels[k].gradient().0);
+    }
+    for k in 0..PROBES {
+        gy[k] = f32::from(pixels[k].gradient().1);
+    }
+}
+
+/// 1 where a probe has a gradient like that of the seed.
+#[inline(never)]
+fn compare(seed: &Vector2<f32>, [gx, gy]: [&[f32; PROBES]; 2], threshold: i16, out: &mut [u32; PROBES]) {
     let least = (MIN_PROBE_SHARE * f32::from(threshold)).powi(2);
-    let limit = MIN_PROBE_COS2 * squared_norm;
-    let mut alike = 0;
-    for (gx, gy) in probes[0].iter().zip(&probes[1]) {
-        let (dot, squared) = (gradient.x * gx + gradient.y * gy, gx * gx + gy * gy);
-        alike += u32::from((dot > 0.0) & (squared > least) & (dot * dot > limit * squared));
+    let limit = MIN_PROBE_COS2 * seed.norm_squared();
+    for k in 0..PROBES {
+        let (dot, squared) = (seed.x * gx[k] + seed.y * gy[k], gx[k] * gx[k] + gy[k] * gy[k]);
+        out[k] = u32::from((dot > 0.0) & (squared > least) & (dot * dot > limit * squared));
     }
-    alike >= MIN_ALIKE
 }
 
 #[cfg(test)]

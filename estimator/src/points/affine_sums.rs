@@ -47,35 +47,58 @@ fn row(patch: &Patch, r: usize) -> &Columns {
     &patch.0.as_chunks::<SIDE>().0[r]
 }
 
+/// Adds the products of two rows, with the weights 1 and `dy`. A function of its own, whose sums lie in memory: where they
+/// are many values in registers, the compiler takes them one by one.
+#[inline(never)]
+fn add_weighted([one, by_dy]: [&mut Columns; 2], a: &Columns, b: &Columns, dy: f32) {
+    let mut p = [0.0; SIDE];
+    for c in 0..SIDE {
+        p[c] = a[c] * b[c];
+    }
+    for c in 0..SIDE {
+        one[c] += p[c];
+    }
+    for c in 0..SIDE {
+        by_dy[c] += p[c] * dy;
+    }
+}
+
 /// `J^T v`.
 pub(super) fn products(gx: &Patch, gy: &Patch, v: &Patch) -> AffineVector {
     let (mut x, mut x_dy) = ([0.0f32; SIDE], [0.0f32; SIDE]);
     let (mut y, mut y_dy) = ([0.0f32; SIDE], [0.0f32; SIDE]);
     for (r, dy) in OFFSET.iter().enumerate() {
-        let (gx, gy, v) = (row(gx, r), row(gy, r), row(v, r));
-        for c in 0..SIDE {
-            let (px, py) = (gx[c] * v[c], gy[c] * v[c]);
-            x[c] += px;
-            y[c] += py;
-            x_dy[c] += px * dy;
-            y_dy[c] += py * dy;
-        }
+        let v = row(v, r);
+        add_weighted([&mut x, &mut x_dy], row(gx, r), v, *dy);
+        add_weighted([&mut y, &mut y_dy], row(gy, r), v, *dy);
     }
     AffineVector::from([sum(&x), sum(&y), sum(&by_offset(&x)), sum(&x_dy), sum(&by_offset(&y)), sum(&y_dy)])
+}
+
+/// As [`add_weighted`], with the weights 1, `dy` and `dy²`.
+#[inline(never)]
+fn add_moments([one, dy1, dy2]: [&mut Columns; 3], a: &Columns, b: &Columns, dy: f32) {
+    let mut p = [0.0; SIDE];
+    for c in 0..SIDE {
+        p[c] = a[c] * b[c];
+    }
+    for c in 0..SIDE {
+        one[c] += p[c];
+    }
+    p.iter_mut().for_each(|p| *p *= dy);
+    for c in 0..SIDE {
+        dy1[c] += p[c];
+    }
+    for c in 0..SIDE {
+        dy2[c] += p[c] * dy;
+    }
 }
 
 /// Sums of a product of gradients with the weights `1, dx, dy, dx², dx dy, dy²`.
 fn second_moments(a: &Patch, b: &Patch) -> [f32; 6] {
     let (mut one, mut dy1, mut dy2) = ([0.0f32; SIDE], [0.0f32; SIDE], [0.0f32; SIDE]);
     for (r, dy) in OFFSET.iter().enumerate() {
-        let (a, b) = (row(a, r), row(b, r));
-        for c in 0..SIDE {
-            let p = a[c] * b[c];
-            let p_dy = p * dy;
-            one[c] += p;
-            dy1[c] += p_dy;
-            dy2[c] += p_dy * dy;
-        }
+        add_moments([&mut one, &mut dy1, &mut dy2], row(a, r), row(b, r), *dy);
     }
     let dx1 = by_offset(&one);
     [sum(&one), sum(&dx1), sum(&dy1), sum(&by_offset(&dx1)), sum(&by_offset(&dy1)), sum(&dy2)]
