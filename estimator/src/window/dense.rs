@@ -4,7 +4,7 @@
 //! Rows are contiguous, so that the inner loops run over neighbouring memory.
 
 use super::state::{MAX_FRAMES, unknown_of_frame};
-use nalgebra::{SMatrix, SVector};
+use nalgebra::SMatrix;
 
 /// `H d = -b` with `H` symmetric: the normal equations of a step `d`.
 #[derive(Clone, Debug)]
@@ -271,23 +271,48 @@ impl Factor {
         true
     }
 
-    /// Variances of the last `N` unknowns, the diagonal of the inverse of `H`; `None` where there are fewer. They need
+    /// Covariance of the last `N` unknowns, the last block of the inverse of `H`; `None` where there are fewer. It needs
     /// no more than the last corner of the factor: `(U'U)⁻¹` ends in `V V'`, with `V` the inverse of that corner.
     #[must_use]
-    pub fn last_variances<const N: usize>(&self) -> Option<SVector<f64, N>> {
+    pub fn last_covariance<const N: usize>(&self) -> Option<SMatrix<f64, N, N>> {
         let first = self.dim.checked_sub(N)?;
         let corner = SMatrix::<f64, N, N>::from_fn(|i, j| match i <= j {
             true => self.u[(first + i) * self.stride + first + j],
             false => 0.0,
         });
         let inverse = corner.solve_upper_triangular(&SMatrix::<f64, N, N>::identity())?;
-        Some(SVector::from_fn(|k, _| inverse.row(k).norm_squared()))
+        Some(inverse * inverse.transpose())
+    }
+
+    /// Variance of unknown `k` (below [`Self::dim`]); `memory` has room for all unknowns. It is the squared norm of
+    /// `U'⁻¹ e_k`.
+    #[must_use]
+    pub fn variance(&self, k: usize, memory: &mut [f64]) -> f64 {
+        let x = &mut memory[..self.dim];
+        x.fill(0.0);
+        x[k] = 1.0;
+        self.solve_lower(x, k);
+        x[k..].iter().map(|x| x * x).sum()
     }
 
     /// Solves `H x = rhs` in place.
     pub fn solve(&self, x: &mut [f64]) {
         let (dim, stride) = (self.dim, self.stride);
-        for i in 0..dim {
+        self.solve_lower(x, 0);
+        for i in (0..dim).rev() {
+            let row = &self.u[i * stride..i * stride + dim];
+            let mut sum = x[i];
+            for j in i + 1..dim {
+                sum -= row[j] * x[j];
+            }
+            x[i] = sum / row[i];
+        }
+    }
+
+    /// Solves `U' x = rhs` in place, where `rhs` is zero before `first`.
+    fn solve_lower(&self, x: &mut [f64], first: usize) {
+        let (dim, stride) = (self.dim, self.stride);
+        for i in first..dim {
             let row = &self.u[i * stride..i * stride + dim];
             x[i] /= row[i];
             let xi = x[i];
@@ -296,14 +321,6 @@ impl Factor {
                     x[j] -= row[j] * xi;
                 }
             }
-        }
-        for i in (0..dim).rev() {
-            let row = &self.u[i * stride..i * stride + dim];
-            let mut sum = x[i];
-            for j in i + 1..dim {
-                sum -= row[j] * x[j];
-            }
-            x[i] = sum / row[i];
         }
     }
 }
@@ -379,17 +396,22 @@ mod tests {
     }
 
     #[test]
-    fn the_last_variances_are_those_of_the_inverse() {
+    fn covariances_are_those_of_the_inverse() {
         let eq = system(20);
         let mut factor = Factor::new(30);
-        assert!(factor.last_variances::<6>().is_none());
+        assert!(factor.last_covariance::<6>().is_none());
         assert!(factor.compute(&eq, 0.0));
-        let variances = factor.last_variances::<6>().unwrap();
-        for k in 0..6 {
+        let covariance = factor.last_covariance::<6>().unwrap();
+        let mut memory = [7.0; 30];
+        for k in 0..20 {
             let mut x = vec![0.0; 20];
-            x[14 + k] = 1.0;
+            x[k] = 1.0;
             factor.solve(&mut x);
-            assert!((x[14 + k] / variances[k] - 1.0).abs() < 1e-9, "{k}");
+            assert!((factor.variance(k, &mut memory) / x[k] - 1.0).abs() < 1e-9, "{k}");
+            for i in 14..20 {
+                let expected = if k >= 14 { covariance[(i - 14, k - 14)] } else { x[i] };
+                assert!((x[i] - expected).abs() < 1e-9, "{i}, {k}");
+            }
         }
     }
 

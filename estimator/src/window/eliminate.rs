@@ -1,11 +1,13 @@
 //! Elimination of a landmark from the normal equations (Schur complement), and its back-substitution.
 
 use super::dense::NormalEquations;
-use super::state::{GLOBAL_DIM, MAX_FRAMES, visual_of_frame};
+use super::state::{GLOBAL_DIM, MAX_VISUAL, visual_of_frame};
 use nalgebra::{SMatrix, SVector};
 
-/// Most unknowns that one landmark touches: the globals and every pose.
-pub(super) const MAX_VISUAL: usize = visual_of_frame(MAX_FRAMES);
+/// Most degrees of freedom of a landmark: those of a line.
+pub(super) const MAX_LANDMARK_DIM: usize = 4;
+/// Memory of an elimination.
+pub(super) type Scratch = [[f64; MAX_VISUAL]; MAX_LANDMARK_DIM];
 
 /// What the elimination of a landmark leaves for its back-substitution.
 #[derive(Clone, Debug)]
@@ -47,9 +49,9 @@ pub(super) fn eliminate<const D: usize>(
     entry: &Eliminated<D>,
     l: &SMatrix<f64, D, D>,
     span: (usize, usize),
+    y: &mut Scratch,
 ) {
     let (start, end) = (visual_of_frame(span.0), visual_of_frame(span.1 + 1));
-    let mut y = [[0.0; MAX_VISUAL]; D];
     let mut z = [0.0; D];
     for r in 0..D {
         let inverse = 1.0 / l[(r, r)];

@@ -4,6 +4,8 @@ use super::*;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 const FRAMES: usize = 4;
+/// What an elimination before this one may have left.
+const SCRATCH: Scratch = [[7.0; MAX_VISUAL]; MAX_LANDMARK_DIM];
 
 /// A landmark that spans frames 1 to 2, and the rest of the system.
 fn landmark() -> (NormalEquations, Eliminated<3>, Matrix3<f64>) {
@@ -39,7 +41,7 @@ fn what_is_left_is_the_schur_complement() {
     let w = mixed(&entry);
     let inverse = DMatrix::from_column_slice(3, 3, entry.inverse.as_slice());
     let gradient = DVector::from_column_slice(entry.gradient.as_slice());
-    eliminate(&mut visual, &entry, &own.cholesky().expect("is definite").l(), (1, 2));
+    eliminate(&mut visual, &entry, &own.cholesky().expect("is definite").l(), (1, 2), &mut SCRATCH.clone());
     let (left, left_b) = full(&visual);
     let expected = &h - w.transpose() * &inverse * &w;
     assert!((left - &expected).norm() < 1e-12 * expected.norm());
@@ -50,7 +52,7 @@ fn what_is_left_is_the_schur_complement() {
 fn frames_outside_its_span_are_not_touched() {
     let (mut visual, entry, own) = landmark();
     let (h, b) = full(&visual);
-    eliminate(&mut visual, &entry, &own.cholesky().expect("is definite").l(), (1, 2));
+    eliminate(&mut visual, &entry, &own.cholesky().expect("is definite").l(), (1, 2), &mut SCRATCH.clone());
     let (left, left_b) = full(&visual);
     for k in (visual_of_frame(0)..visual_of_frame(1)).chain(visual_of_frame(3)..visual_of_frame(4)) {
         assert_eq!(left.row(k), h.row(k));

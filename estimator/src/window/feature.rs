@@ -4,6 +4,7 @@
 //! [`super::line`]). A line along a direction of the Manhattan world has one more factor
 //! ([`super::manhattan_factor`]).
 
+use super::camera_poses::{CameraPose, CameraView};
 use super::factor::Linearization;
 use super::manhattan::Manhattan;
 use super::state::{Mount, NavState};
@@ -27,7 +28,7 @@ impl BodyPose {
     }
 }
 
-/// Where a factor looks from and to.
+/// From which body and camera a landmark is looked at, and from which it is hosted.
 #[derive(Clone, Copy, Debug)]
 pub struct View<'a> {
     /// Pose of the host's body.
@@ -40,15 +41,23 @@ pub struct View<'a> {
     pub target_mount: &'a Mount,
 }
 
+impl View<'_> {
+    /// Poses of the host's and the observer's camera, from a pivot.
+    #[must_use]
+    pub fn cameras(&self, pivot_o: &Vector3<f64>) -> [CameraPose; 2] {
+        [(self.host, self.host_mount), (self.target, self.target_mount)]
+            .map(|(body, mount)| CameraPose::of(body, mount, pivot_o))
+    }
+}
+
 /// Derivatives of a residual of two components by everything it depends on.
 #[derive(Clone, Debug)]
 pub struct Jacobians<const D: usize> {
-    /// By the host's pose (position, attitude), 2x6.
-    pub host: SMatrix<f64, 2, 6>,
-    /// By the observer's pose, 2x6.
-    pub target: SMatrix<f64, 2, 6>,
-    /// By the rig (12 of extrinsics, time offset), 2x13.
-    pub rig: SMatrix<f64, 2, 13>,
+    /// By a step of the host's camera (position, attitude, [`super::camera_poses`]), 2x6. By a step of the observer's it is
+    /// the same with the other sign.
+    pub camera: SMatrix<f64, 2, 6>,
+    /// By the time offset.
+    pub time_offset: Vector2<f64>,
     /// By the landmark's own parameters, 2xD.
     pub landmark: SMatrix<f64, 2, D>,
 }
@@ -57,28 +66,23 @@ impl<const D: usize> Jacobians<D> {
     /// All zero, to be filled by a factor.
     #[must_use]
     pub fn zeros() -> Self {
-        Self {
-            host: SMatrix::zeros(),
-            target: SMatrix::zeros(),
-            rig: SMatrix::zeros(),
-            landmark: SMatrix::zeros(),
-        }
+        Self { camera: SMatrix::zeros(), time_offset: Vector2::zeros(), landmark: SMatrix::zeros() }
     }
 }
 
 /// Derivatives of a residual against a direction of the Manhattan world.
 #[derive(Clone, Debug)]
 pub struct StructuralJacobians<J> {
-    /// By the host's pose, the rig and the line; no observer takes part.
+    /// By the host's camera and the line; no observer takes part.
     pub feature: J,
     /// By the heading of the Manhattan world.
     pub heading: Vector2<f64>,
 }
 
 /// A request for the Jacobians of an observation, to be taken as seen from a view.
-pub type ViewLinearization<'a, J> = Linearization<'a, &'a View<'a>, J>;
-/// A request for the Jacobians against a direction, to be taken at a pose of the host's body.
-pub type StructuralLinearization<'a, J> = Linearization<'a, &'a BodyPose, StructuralJacobians<J>>;
+pub type ViewLinearization<'a, J> = Linearization<'a, CameraView<'a>, J>;
+/// A request for the Jacobians against a direction, to be taken at a pose of the host's camera.
+pub type StructuralLinearization<'a, J> = Linearization<'a, &'a CameraPose, StructuralJacobians<J>>;
 
 /// Parameters of a landmark in its host camera.
 pub trait Feature: Copy + Debug + PartialEq {
@@ -91,7 +95,7 @@ pub trait Feature: Copy + Debug + PartialEq {
     /// `time_offset_step_s` is `td - td_frame`. `None` where the observer cannot see it.
     fn residual(
         &self,
-        view: &View<'_>,
+        view: CameraView<'_>,
         measured: &Self::Measurement,
         time_offset_step_s: f64,
         linearization: Option<ViewLinearization<'_, Self::Jacobians>>,
@@ -115,8 +119,7 @@ pub trait Feature: Copy + Debug + PartialEq {
     fn structural_residual(
         &self,
         _manhattan: &Manhattan,
-        _host: &BodyPose,
-        _mount: &Mount,
+        _host: &CameraPose,
         _linearization: Option<StructuralLinearization<'_, Self::Jacobians>>,
     ) -> Option<Vector2<f64>> {
         None

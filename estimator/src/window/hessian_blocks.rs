@@ -1,43 +1,51 @@
 //! The Hessian blocks (`J'J` and `J'r`) of one landmark, summed over its observations, in rows as wide as the vector
 //! unit likes.
 //!
-//! Every observation touches the rig, the host's pose and the landmark: these blocks are kept in one small dense
-//! matrix and moved to the normal equations once per landmark. The blocks of the frame that made the observation go
-//! there at once.
+//! Every observation touches the time offset, the landmark, and the host's and the observer's camera alike
+//! ([`super::camera_poses`]): one product of two short rows is all of its blocks. Those of the host are summed in one
+//! small dense matrix and moved to the normal equations once per landmark; those of the camera that made the
+//! observation go there at once.
 
+use super::camera_poses::Lifts;
 use super::dense::NormalEquations;
-use super::eliminate::Eliminated;
+use super::eliminate::{Eliminated, MAX_LANDMARK_DIM};
 use super::feature::Jacobians;
-use super::options::Options;
-use super::state::{HEADING, POSE_DIM, RIG_DIM, visual_of_frame};
+use super::state::{CAMERA_HEADING, CAMERA_TIME_OFFSET, HEADING, POSE_DIM, unknown_of_camera};
 use nalgebra::{SMatrix, Vector2};
 
-/// Most degrees of freedom of a landmark: those of a line.
-const MAX_LANDMARK_DIM: usize = 4;
-/// Columns of the blocks that all observations of a landmark share: rig, host, landmark, residual. They are
-/// a multiple of the vector width.
-const COMMON: usize = 24;
-const AT_HOST: usize = RIG_DIM;
-const AT_LANDMARK: usize = AT_HOST + POSE_DIM;
+/// Columns of an observation: camera, time offset, landmark, residual. They are a multiple of the vector width.
+const COLUMNS: usize = 12;
+const AT_TIME: usize = POSE_DIM;
+const AT_LANDMARK: usize = AT_TIME + 1;
 const AT_RESIDUAL: usize = AT_LANDMARK + MAX_LANDMARK_DIM;
 
-/// `J'J` and `J'r` of one landmark over what its observations have in common.
-pub(super) struct LandmarkHessian<const D: usize>([[f64; COMMON]; AT_RESIDUAL]);
+/// `J'J` and `J'r` of observations, by the host's camera, the time offset and the landmark.
+#[derive(Clone, Debug)]
+pub(super) struct Blocks<const D: usize>([[f64; COLUMNS]; AT_RESIDUAL]);
 
-impl<const D: usize> Default for LandmarkHessian<D> {
+impl<const D: usize> Default for Blocks<D> {
     fn default() -> Self {
-        Self([[0.0; COMMON]; AT_RESIDUAL])
+        Self([[0.0; COLUMNS]; AT_RESIDUAL])
     }
 }
 
-impl<const D: usize> LandmarkHessian<D> {
-    /// Adds two rows of (rig, host, landmark, residual).
-    pub(super) fn add(&mut self, rows: &[[f64; COMMON]; 2]) {
-        for (i, to) in self.0[..AT_LANDMARK + D].iter_mut().enumerate() {
+impl<const D: usize> Blocks<D> {
+    /// The products of two rows.
+    pub(super) fn of(rows: &[[f64; COLUMNS]; 2]) -> Self {
+        let mut blocks = Self::default();
+        for (i, to) in blocks.0[..AT_LANDMARK + D].iter_mut().enumerate() {
             let (a, b) = (rows[0][i], rows[1][i]);
             for (k, to) in to.iter_mut().enumerate() {
-                *to += a * rows[0][k] + b * rows[1][k];
+                *to = a * rows[0][k] + b * rows[1][k];
             }
+        }
+        blocks
+    }
+
+    /// Adds those of another observation.
+    pub(super) fn add(&mut self, other: &Self) {
+        for (to, from) in self.0[..AT_LANDMARK + D].iter_mut().zip(&other.0) {
+            add_to(to, from);
         }
     }
 
@@ -46,46 +54,71 @@ impl<const D: usize> LandmarkHessian<D> {
         SMatrix::from_fn(|i, k| self.0[AT_LANDMARK + i][AT_LANDMARK + k])
     }
 
-    /// Moves the blocks to the visual equations and the landmark's row.
-    pub(super) fn flush(&self, visual: &mut NormalEquations, entry: &mut Eliminated<D>, host: usize) {
-        let at = visual_of_frame(host);
-        for (i, blocks) in self.0[..AT_LANDMARK].iter().enumerate() {
-            let to = if i < AT_HOST { i } else { at + i - AT_HOST };
-            let row = visual.row_mut(to);
-            if i < AT_HOST {
-                add_to(&mut row[..RIG_DIM - i], &blocks[i..RIG_DIM]);
-                add_to(&mut row[at - i..at - i + POSE_DIM], &blocks[AT_HOST..AT_LANDMARK]);
-            } else {
-                add_to(&mut row[..AT_LANDMARK - i], &blocks[i..AT_LANDMARK]);
-            }
-            visual.gradient_mut()[to] += blocks[AT_RESIDUAL];
+    /// Moves the sums over all observations to the equations of the cameras and, lifted, to the landmark's rows; `host`
+    /// is its camera.
+    pub(super) fn flush(
+        &self,
+        cameras: &mut NormalEquations,
+        (entry, lifts): (&mut Eliminated<D>, &Lifts),
+        host: usize,
+    ) {
+        let at = unknown_of_camera(host);
+        for i in 0..POSE_DIM {
+            add_to(&mut cameras.row_mut(at + i)[..POSE_DIM - i], &self.0[i][i..POSE_DIM]);
+            cameras.gradient_mut()[at + i] += self.0[i][AT_RESIDUAL];
         }
+        let time = &self.0[AT_TIME];
+        let row = cameras.row_mut(CAMERA_TIME_OFFSET);
+        row[0] += time[AT_TIME];
+        add_to(&mut row[at - CAMERA_TIME_OFFSET..][..POSE_DIM], &time[..POSE_DIM]);
+        cameras.gradient_mut()[CAMERA_TIME_OFFSET] += time[AT_RESIDUAL];
         for (k, row) in entry.by_visual.iter_mut().enumerate() {
             let blocks = &self.0[AT_LANDMARK + k];
-            add_to(&mut row[..RIG_DIM], &blocks[..RIG_DIM]);
-            add_to(&mut row[at..at + POSE_DIM], &blocks[AT_HOST..AT_LANDMARK]);
+            lifts.add_lifted(host, &std::array::from_fn(|k| blocks[k]), row);
+            lifts.add_time_offset(blocks[AT_TIME], row);
             entry.gradient[k] = blocks[AT_RESIDUAL];
+        }
+    }
+
+    /// Adds the blocks of `target`, the camera that made one observation, to those of the host.
+    pub(super) fn add_target(
+        &self,
+        cameras: &mut NormalEquations,
+        (entry, lifts): (&mut Eliminated<D>, &Lifts),
+        (host, target): (usize, usize),
+    ) {
+        let at = unknown_of_camera(target);
+        let (first, second) = (unknown_of_camera(host.min(target)), unknown_of_camera(host.max(target)));
+        for (i, blocks) in self.0[..POSE_DIM].iter().enumerate() {
+            add_to(&mut cameras.row_mut(at + i)[..POSE_DIM - i], &blocks[i..POSE_DIM]);
+            // It is symmetric: the same in either order.
+            let row = &mut cameras.row_mut(first + i)[second - first - i..];
+            subtract_from(&mut row[..POSE_DIM], &blocks[..POSE_DIM]);
+            cameras.gradient_mut()[at + i] -= blocks[AT_RESIDUAL];
+        }
+        let row = cameras.row_mut(CAMERA_TIME_OFFSET);
+        subtract_from(&mut row[at - CAMERA_TIME_OFFSET..][..POSE_DIM], &self.0[AT_TIME][..POSE_DIM]);
+        for (row, blocks) in entry.by_visual.iter_mut().zip(&self.0[AT_LANDMARK..]) {
+            lifts.add_lifted(target, &std::array::from_fn(|k| -blocks[k]), row);
         }
     }
 }
 
-/// Adds the blocks of the Manhattan world's heading, from the same two rows.
+/// Adds the blocks of the Manhattan world's heading, from two rows of a landmark of the camera `host`.
 pub(super) fn add_heading<const D: usize>(
-    visual: &mut NormalEquations,
+    cameras: &mut NormalEquations,
     entry: &mut Eliminated<D>,
-    rows: &[[f64; COMMON]; 2],
+    rows: &[[f64; COLUMNS]; 2],
     heading: &Vector2<f64>,
     host: usize,
 ) {
     let mixed = |k: usize| heading[0] * rows[0][k] + heading[1] * rows[1][k];
-    for k in 0..RIG_DIM {
-        visual.add(k, HEADING, mixed(k));
+    let row = cameras.row_mut(CAMERA_HEADING);
+    row[0] += heading.norm_squared();
+    for (k, to) in row[unknown_of_camera(host) - CAMERA_HEADING..][..POSE_DIM].iter_mut().enumerate() {
+        *to += mixed(k);
     }
-    visual.add(HEADING, HEADING, heading.norm_squared());
-    for k in 0..POSE_DIM {
-        visual.add(HEADING, visual_of_frame(host) + k, mixed(AT_HOST + k));
-    }
-    visual.gradient_mut()[HEADING] += mixed(AT_RESIDUAL);
+    cameras.gradient_mut()[CAMERA_HEADING] += mixed(AT_RESIDUAL);
     for (k, row) in entry.by_visual.iter_mut().enumerate() {
         row[HEADING] += mixed(AT_LANDMARK + k);
     }
@@ -97,68 +130,34 @@ fn add_to(to: &mut [f64], from: &[f64]) {
     }
 }
 
-/// The two rows of an observation that it shares with others, times `scale`.
-pub(super) fn common_rows<const D: usize>(
+fn subtract_from(to: &mut [f64], from: &[f64]) {
+    for (to, from) in to.iter_mut().zip(from) {
+        *to -= from;
+    }
+}
+
+/// The two rows of an observation, times `scale`. In the camera that hosts it (`is_host_free` is false) a landmark
+/// has no derivative by the camera's pose.
+pub(super) fn rows<const D: usize>(
     j: &Jacobians<D>,
     r: &Vector2<f64>,
     scale: f64,
     is_host_free: bool,
-    options: &Options,
-) -> [[f64; COMMON]; 2] {
-    let mut rows = [[0.0; COMMON]; 2];
+) -> [[f64; COLUMNS]; 2] {
+    let mut rows = [[0.0; COLUMNS]; 2];
     for (d, row) in rows.iter_mut().enumerate() {
-        for (k, (to, mask)) in row.iter_mut().zip(options.rig_mask.iter()).enumerate() {
-            *to = j.rig[(d, k)] * mask * scale;
-        }
-        // Seen from its host frame, a landmark has no derivative by that frame's pose.
         if is_host_free {
-            for k in 0..POSE_DIM {
-                row[AT_HOST + k] = j.host[(d, k)] * scale;
+            for (k, to) in row[..POSE_DIM].iter_mut().enumerate() {
+                *to = j.camera[(d, k)] * scale;
             }
         }
+        row[AT_TIME] = j.time_offset[d] * scale;
         for k in 0..D {
             row[AT_LANDMARK + k] = j.landmark[(d, k)] * scale;
         }
         row[AT_RESIDUAL] = r[d] * scale;
     }
     rows
-}
-
-/// Adds the blocks of the observing frame `target`, from the rows of one observation and its `jacobian` by that
-/// frame's pose.
-pub(super) fn add_target<const D: usize>(
-    visual: &mut NormalEquations,
-    entry: &mut Eliminated<D>,
-    rows: &[[f64; COMMON]; 2],
-    jacobian: &SMatrix<f64, 2, 6>,
-    scale: f64,
-    (host, target): (usize, usize),
-) {
-    let (at_host, at) = (visual_of_frame(host), visual_of_frame(target));
-    let t: [[f64; POSE_DIM]; 2] = [0, 1].map(|d| std::array::from_fn(|k| jacobian[(d, k)] * scale));
-    let outer = |a: f64, b: f64| -> [f64; POSE_DIM] { std::array::from_fn(|k| a * t[0][k] + b * t[1][k]) };
-    for i in 0..RIG_DIM {
-        let row = visual.row_mut(i);
-        add_to(&mut row[at - i..at - i + POSE_DIM], &outer(rows[0][i], rows[1][i]));
-    }
-    for i in 0..POSE_DIM {
-        add_to(&mut visual.row_mut(at + i)[..POSE_DIM - i], &outer(t[0][i], t[1][i])[i..]);
-        if host < target {
-            let row = visual.row_mut(at_host + i);
-            let from = at - at_host - i;
-            add_to(&mut row[from..from + POSE_DIM], &outer(rows[0][AT_HOST + i], rows[1][AT_HOST + i]));
-        } else {
-            let row = visual.row_mut(at + i);
-            let from = at_host - at - i;
-            for k in 0..POSE_DIM {
-                row[from + k] += t[0][i] * rows[0][AT_HOST + k] + t[1][i] * rows[1][AT_HOST + k];
-            }
-        }
-        visual.gradient_mut()[at + i] += t[0][i] * rows[0][AT_RESIDUAL] + t[1][i] * rows[1][AT_RESIDUAL];
-    }
-    for (k, row) in entry.by_visual.iter_mut().enumerate() {
-        add_to(&mut row[at..at + POSE_DIM], &outer(rows[0][AT_LANDMARK + k], rows[1][AT_LANDMARK + k]));
-    }
 }
 
 #[cfg(test)]

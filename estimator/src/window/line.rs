@@ -17,17 +17,15 @@
 //! r_i = w_i (z_i' n / |n.xy| + rate_i (td - td_frame))
 //! ```
 //!
-//! Equations 10 and 11 give the derivatives by the camera's pose; here they go through body and extrinsics,
-//! with right perturbations.
+//! Equations 10 and 11 give the derivatives by the camera's pose; here it is moved in `O` ([`super::camera_poses`]).
 
-use super::feature::{
-    BodyPose, Estimated, Feature, Jacobians, StructuralLinearization, View, ViewLinearization,
-};
+use super::camera_poses::{CameraPose, CameraView};
+use super::feature::{Estimated, Feature, Jacobians, StructuralLinearization, View, ViewLinearization};
 use super::manhattan::{Axis, Manhattan};
 use super::manhattan_factor::{self, StructuralLine};
-use super::state::{Mount, NavState, Rig};
-use crate::geometry::{exp_so3, skew};
-use nalgebra::{Matrix2x3, Matrix3, Matrix3x4, SMatrix, Vector2, Vector3, Vector4};
+use super::state::NavState;
+use crate::geometry::exp_so3;
+use nalgebra::{Matrix2x3, Matrix3, Matrix3x4, Vector2, Vector3, Vector4};
 
 /// Smallest share of `n` in the image plane. Below it the plane of the line meets the image a thousand units
 /// out; a line through the camera has no plane at all.
@@ -126,10 +124,8 @@ impl Pluecker {
     }
 }
 
-/// The line on its way from host to observer; `o` is the odometry frame moved to the observer's body.
+/// The line in the observer's body and camera.
 struct Path {
-    bh: Pluecker,
-    o: Pluecker,
     bt: Pluecker,
     ct: Pluecker,
 }
@@ -170,7 +166,7 @@ impl HostedLine {
         let o = bh.moved(&view.host.rot_o_b, &(view.host.p_o_b - view.target.p_o_b));
         let bt = o.moved_back(&view.target.rot_o_b, &Vector3::zeros());
         let ct = bt.moved_back(&view.target_mount.rot_b_c, &view.target_mount.p_b_c);
-        Path { bh, o, bt, ct }
+        Path { bt, ct }
     }
 
     /// Normal and direction of the line in the observer's camera.
@@ -190,51 +186,38 @@ impl HostedLine {
         (n, v)
     }
 
-    /// Jacobians of the residual into `j`; `None` where the observer's plane has no trace in its image.
-    fn linearize(&self, view: &View<'_>, measured: &LineMeasurement, j: &mut Jacobians<4>) -> Option<()> {
-        let Path { bh, o, bt, ct } = self.path(view);
-        let mut by_ct = measured.distances_by_normal(&ct.n)?;
-        for (mut row, weight) in by_ct.row_iter_mut().zip(measured.weights) {
-            row *= weight;
-        }
-        let (host_mount, target_mount) = (view.host_mount, view.target_mount);
-        // Derivatives by (n, v) of the line in each frame on the way back from the observer to the host.
-        let by_bt = by_ct * target_mount.rot_b_c.transpose();
-        let by_bt_v = -by_bt * skew(&target_mount.p_b_c);
-        let (by_o, by_o_v) =
-            (by_bt * view.target.rot_o_b.transpose(), by_bt_v * view.target.rot_o_b.transpose());
-        let p = view.host.p_o_b - view.target.p_o_b;
-        let (by_bh, by_bh_v) = (by_o * view.host.rot_o_b, (by_o * skew(&p) + by_o_v) * view.host.rot_o_b);
-        let (by_ch, by_ch_v) =
-            (by_bh * host_mount.rot_b_c, (by_bh * skew(&host_mount.p_b_c) + by_bh_v) * host_mount.rot_b_c);
+    /// The line in `O`, from the pivot, and in the observing camera.
+    fn in_cameras(&self, view: CameraView<'_>) -> [Pluecker; 2] {
+        let o = self.pluecker().moved(&view.host.rot_o_c, &view.host.p_o_c);
+        [o, o.moved_back(&view.target.rot_o_c, &view.target.p_o_c)]
+    }
 
-        let by_shift = by_o * skew(&o.v);
-        j.host.fixed_view_mut::<2, 3>(0, NavState::P).copy_from(&-by_shift);
-        j.host
-            .fixed_view_mut::<2, 3>(0, NavState::ROT)
-            .copy_from(&-(by_bh * skew(&bh.n) + by_bh_v * skew(&bh.v)));
-        j.target.fixed_view_mut::<2, 3>(0, NavState::P).copy_from(&by_shift);
-        j.target
-            .fixed_view_mut::<2, 3>(0, NavState::ROT)
-            .copy_from(&(by_bt * skew(&bt.n) + by_bt_v * skew(&bt.v)));
-
-        let ch = self.pluecker();
-        let mut by_host_mount = SMatrix::<f64, 2, 6>::zeros();
-        by_host_mount.fixed_view_mut::<2, 3>(0, NavState::P).copy_from(&-(by_bh * skew(&bh.v)));
-        by_host_mount
-            .fixed_view_mut::<2, 3>(0, NavState::ROT)
-            .copy_from(&-(by_ch * skew(&ch.n) + by_ch_v * skew(&ch.v)));
-        let mut by_target_mount = SMatrix::<f64, 2, 6>::zeros();
-        by_target_mount.fixed_view_mut::<2, 3>(0, NavState::P).copy_from(&(by_bt * skew(&bt.v)));
-        by_target_mount.fixed_view_mut::<2, 3>(0, NavState::ROT).copy_from(&(by_ct * skew(&ct.n)));
-        j.rig
-            .fixed_view_mut::<2, 12>(0, 0)
-            .copy_from(&(by_host_mount * host_mount.by_rig + by_target_mount * target_mount.by_rig));
-        j.rig[(0, Rig::TIME_OFFSET)] = measured.weights[0] * measured.rates[0];
-        j.rig[(1, Rig::TIME_OFFSET)] = measured.weights[1] * measured.rates[1];
-
+    /// Jacobians of the residual into `j`; `None` where the observer's plane has no trace in its image. A step
+    /// `(t, theta)` of the host's camera moves the line's normal in `O` by `theta x n + t x v`, its direction by `theta x v`.
+    fn linearize(
+        &self,
+        view: CameraView<'_>,
+        measured: &LineMeasurement,
+        j: &mut Jacobians<4>,
+    ) -> Option<()> {
+        let [o, c] = self.in_cameras(view);
+        let by_c = measured.distances_by_normal(&c.n)?;
         let (n, v) = self.by_parameters();
-        j.landmark = by_ch * n + by_ch_v * v;
+        let CameraView { host, target } = view;
+        let arm = host.p_o_c - target.p_o_c;
+        for d in 0..2 {
+            let by_o = target.rot_o_c * by_c.row(d).transpose() * measured.weights[d];
+            let by_o_v = target.p_o_c.cross(&by_o);
+            let (by_p, by_rot) = (o.v.cross(&by_o), o.n.cross(&by_o) + o.v.cross(&by_o_v));
+            for k in 0..3 {
+                j.camera[(d, NavState::P + k)] = by_p[k];
+                j.camera[(d, NavState::ROT + k)] = by_rot[k];
+            }
+            let by_h = host.rot_o_c.tr_mul(&by_o);
+            let by_h_v = host.rot_o_c.tr_mul(&by_o.cross(&arm));
+            j.landmark.set_row(d, &(by_h.transpose() * n + by_h_v.transpose() * v));
+            j.time_offset[d] = measured.weights[d] * measured.rates[d];
+        }
         Some(())
     }
 }
@@ -246,12 +229,12 @@ impl Feature for HostedLine {
     #[inline]
     fn residual(
         &self,
-        view: &View<'_>,
+        view: CameraView<'_>,
         measured: &LineMeasurement,
         time_offset_step_s: f64,
         linearization: Option<ViewLinearization<'_, Jacobians<4>>>,
     ) -> Option<Vector2<f64>> {
-        let n = self.path(view).ct.n;
+        let n = self.in_cameras(view)[1].n;
         // The edge has a sense: seen the other way round it lies behind the camera.
         if n.dot(&measured.normal()) <= 0.0 {
             return None;
@@ -273,7 +256,7 @@ impl Feature for HostedLine {
         rate_b: &Vector3<f64>,
         v_b: &Vector3<f64>,
     ) -> Option<LineMeasurement> {
-        let Path { bt, ct, .. } = self.path(view);
+        let Path { bt, ct } = self.path(view);
         let rate = Pluecker { n: -rate_b.cross(&bt.n) - v_b.cross(&bt.v), v: -rate_b.cross(&bt.v) };
         let n_rate = rate.moved_back(&view.target_mount.rot_b_c, &view.target_mount.p_b_c).n;
         Some(LineMeasurement { rates: measured.rates_of(&ct.n, &n_rate)?, ..*measured })
@@ -287,12 +270,11 @@ impl Feature for HostedLine {
     fn structural_residual(
         &self,
         manhattan: &Manhattan,
-        host: &BodyPose,
-        mount: &Mount,
+        host: &CameraPose,
         linearization: Option<StructuralLinearization<'_, Jacobians<4>>>,
     ) -> Option<Vector2<f64>> {
         let line = StructuralLine { axes: &self.axes, axis: self.axis? };
-        manhattan_factor::residual(manhattan, line, host, mount, linearization)
+        manhattan_factor::residual(manhattan, line, host, linearization)
     }
 }
 

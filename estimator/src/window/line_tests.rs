@@ -1,6 +1,6 @@
 use super::super::factor::Linearization;
 use super::super::state::{NavState, Rig};
-use super::super::test_views::{isometry, vector, with_view};
+use super::super::test_views::{Lifted, isometry, vector, with_cameras, with_view};
 use super::*;
 use nalgebra::{Isometry3, SVector};
 use proptest::prelude::*;
@@ -22,8 +22,12 @@ impl Scene {
         with_view(&self.rig, (&self.host, &self.target), self.cameras, use_it)
     }
 
+    fn with_cameras<T>(&self, use_it: impl FnOnce(CameraView<'_>) -> T) -> T {
+        with_cameras(&self.rig, (&self.host, &self.target), self.cameras, use_it)
+    }
+
     fn residual(&self) -> Option<Vector2<f64>> {
-        self.with_view(|view| self.line.residual(view, &self.measured, self.step_s(), None))
+        self.with_cameras(|view| self.line.residual(view, &self.measured, self.step_s(), None))
     }
 
     fn step_s(&self) -> f64 {
@@ -31,13 +35,15 @@ impl Scene {
     }
 
     /// Residual and Jacobians by one call.
-    fn linearized(&self) -> (Vector2<f64>, Jacobians<4>) {
+    fn linearized(&self) -> (Vector2<f64>, Jacobians<4>, Lifted) {
         let mut jacobians = Jacobians::zeros();
-        let residual = self.with_view(|view| {
+        let residual = self.with_cameras(|view| {
             let request = Linearization { at: view, jacobians: &mut jacobians };
             self.line.residual(view, &self.measured, self.step_s(), Some(request))
         });
-        (residual.expect("is seen"), jacobians)
+        let poses = (&self.host, Some(&self.target));
+        let lifted = Lifted::of(&jacobians, &self.rig, poses, self.cameras);
+        (residual.expect("is seen"), jacobians, lifted)
     }
 }
 
@@ -105,7 +111,7 @@ fn is_close(analytic: &Vector2<f64>, numeric: &Vector2<f64>) -> bool {
 proptest! {
     #[test]
     fn jacobians_agree_with_numeric_differentiation(scene in scenes()) {
-        let (r, j) = scene.linearized();
+        let (r, j, lifted) = scene.linearized();
         prop_assert_eq!(Some(r), scene.residual(), "the same with and without Jacobians");
         let nav = |s: &NavState, k: usize, h: f64| {
             let mut d = SVector::<f64, 15>::zeros();
@@ -114,9 +120,9 @@ proptest! {
         };
         for k in 0..6 {
             let by_host = numeric(&scene, |s, h| s.host = nav(&s.host, k, h));
-            prop_assert!(is_close(&j.host.column(k).into(), &by_host), "host {k}");
+            prop_assert!(is_close(&lifted.host.column(k).into(), &by_host), "host {k}");
             let by_target = numeric(&scene, |s, h| s.target = nav(&s.target, k, h));
-            prop_assert!(is_close(&j.target.column(k).into(), &by_target), "target {k}");
+            prop_assert!(is_close(&lifted.target.column(k).into(), &by_target), "target {k}");
         }
         for k in 0..13 {
             let by_rig = numeric(&scene, |s, h| {
@@ -124,7 +130,7 @@ proptest! {
                 d[k] = h;
                 s.rig = s.rig.plus(&d);
             });
-            prop_assert!(is_close(&j.rig.column(k).into(), &by_rig), "rig {k}");
+            prop_assert!(is_close(&lifted.rig.column(k).into(), &by_rig), "rig {k}");
         }
         for k in 0..4 {
             let by_line = numeric(&scene, |s, h| {

@@ -1,20 +1,25 @@
 //! Linearization: factors at the present states become normal equations, landmarks eliminated.
 //!
-//! Each landmark's small block is eliminated as soon as its observations are summed ([`super::eliminate`]).
+//! Landmarks are linearized in the poses of the cameras, and the sum of all is lifted to rig and frames once
+//! ([`super::camera_poses`]). Each landmark's small block is eliminated as soon as its observations are summed
+//! ([`super::eliminate`]).
 //! Jacobians of frames in the prior are taken at their first estimates, residuals always at the present
 //! state.
 
+use super::camera_poses::{Lifts, MAX_CAMERA};
 use super::dense::NormalEquations;
-use super::eliminate::{Eliminated, MAX_VISUAL, eliminate};
+use super::eliminate::{Eliminated, MAX_LANDMARK_DIM, Scratch, eliminate};
 use super::factor::{Linearization, cauchy};
 use super::feature::{Estimated, Feature, Jacobians, StructuralJacobians};
-use super::hessian_blocks::{LandmarkHessian, add_heading, add_target, common_rows};
+use super::hessian_blocks::{Blocks, add_heading, rows};
 use super::inertial_factor::FrameMatrix;
 use super::landmark::Landmark;
 use super::options::Options;
 use super::poses::Poses;
 use super::problem::Problem;
-use super::state::{FRAME_DIM, Rig, unknown_of_frame, unknown_of_visual, visual_of_frame};
+use super::state::{
+    FRAME_DIM, MAX_VISUAL, Rig, unknown_of_camera, unknown_of_frame, unknown_of_visual, visual_of_frame,
+};
 use super::zero_velocity_factor::zero_velocity;
 use nalgebra::{SMatrix, Vector2};
 
@@ -27,6 +32,9 @@ pub struct Linearizer {
     /// The normal equations of rig and frames.
     pub equations: NormalEquations,
     visual: NormalEquations,
+    cameras: NormalEquations,
+    lifts: Lifts,
+    scratch: Scratch,
     /// One entry for each point, in the order of the store.
     pub points: Vec<Eliminated<3>>,
     /// The same for each line.
@@ -42,6 +50,9 @@ impl Linearizer {
         Self {
             equations: NormalEquations::new(unknowns),
             visual: NormalEquations::new(MAX_VISUAL),
+            cameras: NormalEquations::new(MAX_CAMERA),
+            lifts: Lifts::default(),
+            scratch: [[0.0; MAX_VISUAL]; MAX_LANDMARK_DIM],
             points: vec![Eliminated::empty(); points],
             lines: vec![Eliminated::empty(); lines],
             poses: Poses::new(rig),
@@ -53,19 +64,23 @@ impl Linearizer {
         let frames = problem.frames.len();
         self.equations.reset(unknown_of_frame(frames));
         self.visual.reset(visual_of_frame(frames));
+        self.cameras.reset(unknown_of_camera(problem.options.cameras * frames));
         self.poses.refresh(problem.rig, problem.frames, problem.options.first_estimates);
+        self.poses.lift(&mut self.lifts, frames, problem.options);
     }
 
     /// Adds point `index` of the problem and eliminates it, its own block damped; returns its robust cost.
     pub fn add_point(&mut self, problem: &Problem<'_>, index: usize, damping: f64) -> f64 {
-        let Self { points, visual, poses, .. } = self;
-        add_landmark(visual, &mut points[index], poses, problem, &problem.points[index], damping)
+        let Self { points, visual, cameras, poses, lifts, scratch, .. } = self;
+        let equations = Equations { visual, cameras, lifts, scratch };
+        add_landmark(equations, &mut points[index], poses, problem, &problem.points[index], damping)
     }
 
     /// The same for line `index`.
     pub fn add_line(&mut self, problem: &Problem<'_>, index: usize, damping: f64) -> f64 {
-        let Self { lines, visual, poses, .. } = self;
-        add_landmark(visual, &mut lines[index], poses, problem, &problem.lines[index], damping)
+        let Self { lines, visual, cameras, poses, lifts, scratch, .. } = self;
+        let equations = Equations { visual, cameras, lifts, scratch };
+        add_landmark(equations, &mut lines[index], poses, problem, &problem.lines[index], damping)
     }
 
     /// Adds the inertial factor that leads to frame `index`; returns its cost.
@@ -102,6 +117,7 @@ impl Linearizer {
 
     /// Moves the equations of the landmarks, reduced to rig, heading and poses, into the normal equations.
     pub fn finish(&mut self) {
+        self.lifts.lift(&self.cameras, &mut self.visual);
         for i in 0..self.visual.dim() {
             let to = unknown_of_visual(i);
             for (k, value) in self.visual.row(i).iter().enumerate() {
@@ -148,28 +164,23 @@ impl Linearizer {
     }
 }
 
-/// Adds that a landmark lies along a direction of the Manhattan world, if it does; returns its robust cost.
-fn add_structural<F: Estimated<D>, const D: usize>(
-    visual: &mut NormalEquations,
-    entry: &mut Eliminated<D>,
-    hessian: &mut LandmarkHessian<D>,
-    poses: &Poses,
-    problem: &Problem<'_>,
-    landmark: &Landmark<F>,
-) -> f64 {
-    let mut j = StructuralJacobians { feature: Jacobians::zeros(), heading: Vector2::zeros() };
-    let Some(r) = poses.structural_residual(problem, landmark, Some(&mut j)) else { return 0.0 };
-    let (cost, weight) = cauchy(r.norm_squared(), problem.options.cauchy_scale);
-    let scale = weight.sqrt();
-    let rows = common_rows(&j.feature, &r, scale, true, problem.options);
-    hessian.add(&rows);
-    add_heading(visual, entry, &rows, &(j.heading * scale), usize::from(landmark.host));
-    cost
+/// Where landmarks go: their own blocks to the equations of the cameras, what elimination takes away to those of rig,
+/// heading and poses.
+struct Equations<'a> {
+    visual: &'a mut NormalEquations,
+    cameras: &'a mut NormalEquations,
+    lifts: &'a Lifts,
+    scratch: &'a mut Scratch,
+}
+
+/// Number of a camera of a frame among all cameras of the window.
+fn camera_of(problem: &Problem<'_>, frame: u8, camera: u8) -> usize {
+    usize::from(frame) * problem.options.cameras + usize::from(camera)
 }
 
 /// Adds a landmark and eliminates it, its own block damped; returns its robust cost.
 fn add_landmark<F: Estimated<D>, const D: usize>(
-    visual: &mut NormalEquations,
+    equations: Equations<'_>,
     entry: &mut Eliminated<D>,
     poses: &Poses,
     problem: &Problem<'_>,
@@ -180,38 +191,59 @@ fn add_landmark<F: Estimated<D>, const D: usize>(
     if !landmark.is_triangulated {
         return 0.0;
     }
-    let dim = visual_of_frame(problem.frames.len());
+    let Equations { visual, cameras, lifts, scratch } = equations;
+    let host = camera_of(problem, landmark.host, landmark.host_camera);
+    let dim = visual.dim();
     for row in &mut entry.by_visual {
         row[..dim].fill(0.0);
     }
-    let mut hessian = LandmarkHessian::<D>::default();
-    let host = usize::from(landmark.host);
+    let mut sums = Blocks::<D>::default();
     let mut cost = 0.0;
-    let mut span = (host, host);
+    let mut span = (usize::from(landmark.host), usize::from(landmark.host));
     let mut j = Jacobians::zeros();
     for observation in &landmark.observations {
         let Some(r) = poses.residual(problem, landmark, observation, Some(&mut j)) else { continue };
+        let target = camera_of(problem, observation.frame, observation.camera);
         let frame = usize::from(observation.frame);
+        span = (span.0.min(frame), span.1.max(frame));
         let (c, weight) = cauchy(r.norm_squared(), problem.options.cauchy_scale);
         cost += c;
-        span = (span.0.min(frame), span.1.max(frame));
-        let scale = weight.sqrt();
-        let rows = common_rows(&j, &r, scale, host != frame, problem.options);
-        hessian.add(&rows);
-        if host != frame {
-            add_target(visual, entry, &rows, &j.target, scale, (host, frame));
+        let blocks = Blocks::of(&rows(&j, &r, weight.sqrt(), host != target));
+        sums.add(&blocks);
+        if host != target {
+            blocks.add_target(cameras, (entry, lifts), (host, target));
         }
     }
-    cost += add_structural(visual, entry, &mut hessian, poses, problem, landmark);
-    hessian.flush(visual, entry, host);
-    let mut h_ll = hessian.landmark() + SMatrix::<f64, D, D>::identity() * LANDMARK_REGULARIZATION;
+    cost += add_structural(cameras, entry, &mut sums, poses, problem, landmark);
+    sums.flush(cameras, (entry, lifts), host);
+    let mut h_ll = sums.landmark() + SMatrix::<f64, D, D>::identity() * LANDMARK_REGULARIZATION;
     for k in 0..D {
         h_ll[(k, k)] *= 1.0 + damping;
     }
     let Some(cholesky) = h_ll.cholesky() else { return cost };
     entry.inverse = cholesky.inverse();
     entry.is_used = true;
-    eliminate(visual, entry, &cholesky.l(), span);
+    eliminate(visual, entry, &cholesky.l(), span, scratch);
+    cost
+}
+
+/// Adds that a landmark lies along a direction of the Manhattan world, if it does; returns its robust cost.
+fn add_structural<F: Estimated<D>, const D: usize>(
+    cameras: &mut NormalEquations,
+    entry: &mut Eliminated<D>,
+    sums: &mut Blocks<D>,
+    poses: &Poses,
+    problem: &Problem<'_>,
+    landmark: &Landmark<F>,
+) -> f64 {
+    let mut j = StructuralJacobians { feature: Jacobians::zeros(), heading: Vector2::zeros() };
+    let Some(r) = poses.structural_residual(problem, landmark, Some(&mut j)) else { return 0.0 };
+    let (cost, weight) = cauchy(r.norm_squared(), problem.options.cauchy_scale);
+    let scale = weight.sqrt();
+    let rows = rows(&j.feature, &r, scale, true);
+    sums.add(&Blocks::of(&rows));
+    let host = camera_of(problem, landmark.host, landmark.host_camera);
+    add_heading(cameras, entry, &rows, &(j.heading * scale), host);
     cost
 }
 

@@ -4,7 +4,7 @@
 //! its host camera ([`super::line`]): out of the plane of line and camera, and across the line in that plane.
 //!
 //! ```text
-//! r = [u1 u3]' R_CB R_BO d / sigma
+//! r = [u1 u3]' R_CO d / sigma
 //! ```
 //!
 //! It is a prior on the line's direction, not a measurement taken a second time; `sigma` is how truly edges are
@@ -12,11 +12,11 @@
 //! that found it, but it does not drift: while structural lines are seen, neither does yaw. Turning `O` about
 //! gravity turns the heading and all frames alike, so that yaw of the whole stays unobservable.
 
-use super::feature::{BodyPose, Jacobians, StructuralJacobians, StructuralLinearization};
+use super::camera_poses::CameraPose;
+use super::feature::{Jacobians, StructuralJacobians, StructuralLinearization};
 use super::manhattan::{Axis, Manhattan};
-use super::state::{Mount, NavState};
-use crate::geometry::skew;
-use nalgebra::{Matrix2x3, Matrix2x4, Matrix3, SMatrix, Vector2, Vector3};
+use super::state::NavState;
+use nalgebra::{Matrix2x4, Matrix3, Vector2, Vector3};
 
 /// A landmark line along a direction of the Manhattan world.
 #[derive(Clone, Copy, Debug)]
@@ -33,46 +33,39 @@ pub struct StructuralLine<'a> {
 pub fn residual(
     manhattan: &Manhattan,
     line: StructuralLine<'_>,
-    host: &BodyPose,
-    mount: &Mount,
+    host: &CameraPose,
     linearization: Option<StructuralLinearization<'_, Jacobians<4>>>,
 ) -> Option<Vector2<f64>> {
     let d_o = manhattan.direction_o(line.axis)?;
     let sigma_rad = manhattan.options.sigma_rad;
     if let Some(request) = linearization {
-        linearize(line, (&d_o, sigma_rad), request.at, mount, request.jacobians);
+        linearize(line, (&d_o, sigma_rad), request.at, request.jacobians);
     }
-    let d_u = along_axes(line.axes, mount, &host.rot_o_b.tr_mul(&d_o));
+    let d_u = line.axes.tr_mul(&host.rot_o_c.tr_mul(&d_o));
     Some(Vector2::new(d_u.x, d_u.z) / sigma_rad)
-}
-
-/// The direction `d_b` of the host's body along the three axes of a line.
-fn along_axes(axes: &Matrix3<f64>, mount: &Mount, d_b: &Vector3<f64>) -> Vector3<f64> {
-    axes.tr_mul(&mount.rot_b_c.tr_mul(d_b))
 }
 
 /// Jacobians of the residual against the direction `d_o` of standard deviation `sigma_rad`.
 fn linearize(
     line: StructuralLine<'_>,
     (d_o, sigma_rad): (&Vector3<f64>, f64),
-    host: &BodyPose,
-    mount: &Mount,
+    host: &CameraPose,
     StructuralJacobians { feature: j, heading }: &mut StructuralJacobians<Jacobians<4>>,
 ) {
-    let d_b = host.rot_o_b.tr_mul(d_o);
-    let d_u = along_axes(line.axes, mount, &d_b);
-    let (u1, u3) = (line.axes.column(0), line.axes.column(2));
-    let by_c = Matrix2x3::from_rows(&[u1.transpose(), u3.transpose()]) / sigma_rad;
-    let by_b = by_c * mount.rot_b_c.transpose();
+    let d_u = line.axes.tr_mul(&host.rot_o_c.tr_mul(d_o));
     *j = Jacobians::zeros();
-    j.host.fixed_view_mut::<2, 3>(0, NavState::ROT).copy_from(&(by_b * skew(&d_b)));
-    let mut by_mount = SMatrix::<f64, 2, 6>::zeros();
-    by_mount.fixed_view_mut::<2, 3>(0, NavState::ROT).copy_from(&(by_c * skew(&mount.rot_b_c.tr_mul(&d_b))));
-    j.rig.fixed_view_mut::<2, 12>(0, 0).copy_from(&(by_mount * mount.by_rig));
+    for (d, axis) in [0, 2].into_iter().enumerate() {
+        // The axis in `O`: a step of the host's camera turns it, and the position does not matter.
+        let by_o = host.rot_o_c * line.axes.column(axis) / sigma_rad;
+        let by_rot = by_o.cross(d_o);
+        for k in 0..3 {
+            j.camera[(d, NavState::ROT + k)] = by_rot[k];
+        }
+        // A horizontal direction turns with the heading; for verticals this is exactly zero.
+        heading[d] = by_o.dot(&Vector3::z().cross(d_o));
+    }
     let (x, y, z) = (d_u.x, d_u.y, d_u.z);
     j.landmark = Matrix2x4::new(0.0, -z, y, 0.0, -y, x, 0.0, 0.0) / sigma_rad;
-    // A horizontal direction turns with the heading; for verticals this is exactly zero.
-    *heading = by_b * host.rot_o_b.tr_mul(&Vector3::z().cross(d_o));
 }
 
 #[cfg(test)]

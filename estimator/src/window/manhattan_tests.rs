@@ -3,7 +3,7 @@ use super::super::feature::Estimated;
 use super::super::line::HostedLine;
 use super::super::manhattan::ManhattanOptions;
 use super::super::state::{NavState, Rig};
-use super::super::test_views::{isometry, vector};
+use super::super::test_views::{Lifted, isometry, vector};
 use super::*;
 use nalgebra::{SVector, Vector4};
 use proptest::prelude::*;
@@ -20,18 +20,19 @@ struct Scene {
 
 impl Scene {
     fn residual(&self) -> Vector2<f64> {
-        let mount = Mount::of(&self.rig, self.camera);
-        residual(&self.manhattan, structural(&self.line), &BodyPose::of(&self.host), &mount, None)
-            .expect("has a direction")
+        let host = Lifted::camera(&self.rig, &self.host, self.camera);
+        residual(&self.manhattan, structural(&self.line), &host, None).expect("has a direction")
     }
 
     /// Residual and Jacobians by one call.
-    fn linearized(&self) -> (Vector2<f64>, StructuralJacobians<Jacobians<4>>) {
-        let (host, mount) = (BodyPose::of(&self.host), Mount::of(&self.rig, self.camera));
+    fn linearized(&self) -> (Vector2<f64>, StructuralJacobians<Jacobians<4>>, Lifted) {
+        let host = Lifted::camera(&self.rig, &self.host, self.camera);
         let mut jacobians = StructuralJacobians { feature: Jacobians::zeros(), heading: Vector2::zeros() };
         let request = Linearization { at: &host, jacobians: &mut jacobians };
-        let r = residual(&self.manhattan, structural(&self.line), &host, &mount, Some(request));
-        (r.expect("has a direction"), jacobians)
+        let r = residual(&self.manhattan, structural(&self.line), &host, Some(request));
+        let poses = (&self.host, None);
+        let lifted = Lifted::of(&jacobians.feature, &self.rig, poses, (self.camera, self.camera));
+        (r.expect("has a direction"), jacobians, lifted)
     }
 }
 
@@ -90,7 +91,7 @@ fn turn_all(scene: &mut Scene, h: f64) {
 proptest! {
     #[test]
     fn jacobians_agree_with_numeric_differentiation(scene in scenes()) {
-        let (r, StructuralJacobians { feature: j, heading: by_heading }) = scene.linearized();
+        let (r, StructuralJacobians { feature: j, heading: by_heading }, lifted) = scene.linearized();
         prop_assert_eq!(r, scene.residual(), "the same with and without Jacobians");
         for k in 0..6 {
             let by_host = numeric(&scene, |s, h| {
@@ -98,7 +99,7 @@ proptest! {
                 d[k] = h;
                 s.host = s.host.plus(&d);
             });
-            prop_assert!(is_close(&j.host.column(k).into(), &by_host), "host {k}");
+            prop_assert!(is_close(&lifted.host.column(k).into(), &by_host), "host {k}");
         }
         for k in 0..13 {
             let by_rig = numeric(&scene, |s, h| {
@@ -106,7 +107,7 @@ proptest! {
                 d[k] = h;
                 s.rig = s.rig.plus(&d);
             });
-            prop_assert!(is_close(&j.rig.column(k).into(), &by_rig), "rig {k}");
+            prop_assert!(is_close(&lifted.rig.column(k).into(), &by_rig), "rig {k}");
         }
         for k in 0..4 {
             let by_line = numeric(&scene, |s, h| {
@@ -125,9 +126,9 @@ proptest! {
         // By the Jacobians as well, and wherever the heading has been linearized.
         let mut scene = scene;
         scene.manhattan.turn(elsewhere);
-        let StructuralJacobians { feature: j, heading: by_heading } = scene.linearized().1;
+        let (_, StructuralJacobians { heading: by_heading, .. }, lifted) = scene.linearized();
         let up_b = scene.host.rot_o_b.inverse() * Vector3::z();
-        let by_yaw = j.host.fixed_view::<2, 3>(0, 3) * up_b;
+        let by_yaw = lifted.host.fixed_view::<2, 3>(0, 3) * up_b;
         prop_assert!((by_yaw + by_heading).norm() < 1e-9 * (1.0 + by_yaw.norm()));
     }
 }
@@ -185,12 +186,7 @@ fn what_is_switched_off_says_nothing() {
     let manhattan = Manhattan { options: off, heading_rad: Some(0.7) };
     assert!(Axis::ALL.iter().all(|axis| manhattan.direction_o(*axis).is_none()));
     let line = seen(Vector3::z(), Some(Axis::Vertical));
-    let host = BodyPose { rot_o_b: Matrix3::identity(), p_o_b: Vector3::zeros() };
-    let rig = Rig {
-        pose_b_c0: nalgebra::Isometry3::identity(),
-        pose_c0_c1: nalgebra::Isometry3::identity(),
-        time_offset_s: 0.0,
-    };
-    assert!(residual(&manhattan, structural(&line), &host, &Mount::of(&rig, 0), None).is_none());
+    let host = CameraPose { rot_o_c: Matrix3::identity(), p_o_c: Vector3::zeros() };
+    assert!(residual(&manhattan, structural(&line), &host, None).is_none());
     assert_eq!(axis_of(&manhattan, &line), None);
 }

@@ -10,14 +10,15 @@
 //!   factors, each with its residual and its Jacobians ([`factor`])
 //! - `tracks`: how tracks become landmarks
 //! - [`manhattan`] with `heading_votes`, `structural_lines`: verticals and vanishing directions
-//! - [`problem`], [`poses`], [`linearize`] with `hessian_blocks`, [`eliminate`], [`dense`], [`solve`]: normal
-//!   equations and their solution
+//! - [`problem`], [`poses`], [`camera_poses`], [`linearize`] with `hessian_blocks`, [`eliminate`], [`dense`],
+//!   [`solve`]: normal equations and their solution
 //! - `doubt`: a frame that is contradicted as a whole
 //! - [`triangulate`], [`triangulate_line`], [`keyframes`], [`marginalize`]: what enters and what leaves
 //! - [`calibration`]: how well the rig is known; [`growth`], `bias_walk`: how fast a state is forgotten without images
 
 mod bias_walk;
 pub mod calibration;
+pub mod camera_poses;
 pub mod dense;
 mod doubt;
 pub mod eliminate;

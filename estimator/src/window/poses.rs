@@ -1,10 +1,12 @@
 //! Poses of bodies and cameras as matrices, at the present states and at those of the Jacobians, and what follows
 //! from them for the landmarks.
 
+use super::camera_poses::{CameraPose, CameraView, Lifts};
 use super::factor::Linearization;
 use super::feature::{BodyPose, Feature, StructuralJacobians, View};
 use super::frame::Frame;
 use super::landmark::{Landmark, Observation};
+use super::options::Options;
 use super::problem::Problem;
 use super::state::{MAX_FRAMES, Mount, Rig};
 use nalgebra::{Matrix3, Vector2, Vector3};
@@ -15,6 +17,10 @@ pub struct Poses {
     now: Vec<BodyPose>,
     first: Vec<BodyPose>,
     mounts: [Mount; 2],
+    /// Position in `O` that those of the cameras are relative to, m.
+    pivot_o: Vector3<f64>,
+    cameras_now: Vec<[CameraPose; 2]>,
+    cameras_first: Vec<[CameraPose; 2]>,
 }
 
 impl Poses {
@@ -22,10 +28,15 @@ impl Poses {
     #[must_use]
     pub fn new(rig: &Rig) -> Self {
         let body = BodyPose { rot_o_b: Matrix3::identity(), p_o_b: Vector3::zeros() };
+        let mounts = [Mount::of(rig, 0), Mount::of(rig, 1)];
+        let cameras = [0, 1].map(|k| CameraPose::of(&body, &mounts[k], &Vector3::zeros()));
         Self {
             now: vec![body.clone(); MAX_FRAMES],
             first: vec![body; MAX_FRAMES],
-            mounts: [Mount::of(rig, 0), Mount::of(rig, 1)],
+            mounts,
+            pivot_o: Vector3::zeros(),
+            cameras_now: vec![cameras.clone(); MAX_FRAMES],
+            cameras_first: vec![cameras; MAX_FRAMES],
         }
     }
 
@@ -36,40 +47,59 @@ impl Poses {
             self.now[k] = BodyPose::of(&frame.nav);
             self.first[k] = BodyPose::of(frame.jacobian_state(first_estimates));
         }
+        self.pivot_o = frames.last().map_or_else(Vector3::zeros, |frame| frame.nav.p_o_b);
+        let Self { now, first, mounts, pivot_o, cameras_now, cameras_first } = self;
+        let of = |body: &BodyPose| [0, 1].map(|k| CameraPose::of(body, &mounts[k], pivot_o));
+        for k in 0..frames.len() {
+            cameras_now[k] = of(&now[k]);
+            cameras_first[k] = of(&first[k]);
+        }
+    }
+
+    /// How the cameras of the first `frames` frames follow from frames and rig, at the states of the Jacobians.
+    pub fn lift(&self, lifts: &mut Lifts, frames: usize, options: &Options) {
+        let mounts = &self.mounts[..options.cameras];
+        lifts.refresh(&self.first[..frames], mounts, &self.pivot_o, &options.rig_mask);
     }
 
     /// The residual of one observation at the present states, in standard deviations, and on request its
     /// Jacobians. `None` where the observer cannot see the landmark.
     #[must_use]
     #[inline]
-    pub fn residual<F: Feature>(
-        &self,
+    pub fn residual<'a, F: Feature>(
+        &'a self,
         problem: &Problem<'_>,
         landmark: &Landmark<F>,
         observation: &Observation<F::Measurement>,
-        jacobians: Option<&mut F::Jacobians>,
+        jacobians: Option<&'a mut F::Jacobians>,
     ) -> Option<Vector2<f64>> {
-        let (frame, camera) = (usize::from(observation.frame), observation.camera);
+        let (frame, camera) = (usize::from(observation.frame), usize::from(observation.camera));
         let step_s = problem.rig.time_offset_s - problem.frames[frame].time_offset_s;
-        let now = self.view(&self.now, landmark, frame, camera);
-        let first = self.view(&self.first, landmark, frame, camera);
-        let linearization = jacobians.map(|jacobians| Linearization { at: &first, jacobians });
-        landmark.feature.residual(&now, &observation.measured, step_s, linearization)
+        let (host, host_camera) = (usize::from(landmark.host), usize::from(landmark.host_camera));
+        let view = |poses: &'a [[CameraPose; 2]]| CameraView {
+            host: &poses[host][host_camera],
+            target: &poses[frame][camera],
+        };
+        let linearization =
+            jacobians.map(|jacobians| Linearization { at: view(&self.cameras_first), jacobians });
+        landmark.feature.residual(view(&self.cameras_now), &observation.measured, step_s, linearization)
     }
 
     /// The residual of a landmark against the direction of the Manhattan world along which it lies, and on request
     /// its Jacobians.
     #[must_use]
     #[inline]
-    pub fn structural_residual<F: Feature>(
-        &self,
+    pub fn structural_residual<'a, F: Feature>(
+        &'a self,
         problem: &Problem<'_>,
         landmark: &Landmark<F>,
-        jacobians: Option<&mut StructuralJacobians<F::Jacobians>>,
+        jacobians: Option<&'a mut StructuralJacobians<F::Jacobians>>,
     ) -> Option<Vector2<f64>> {
-        let (host, mount) = (usize::from(landmark.host), &self.mounts[usize::from(landmark.host_camera)]);
-        let linearization = jacobians.map(|jacobians| Linearization { at: &self.first[host], jacobians });
-        landmark.feature.structural_residual(problem.manhattan, &self.now[host], mount, linearization)
+        let (host, camera) = (usize::from(landmark.host), usize::from(landmark.host_camera));
+        let at = &self.cameras_first[host][camera];
+        let linearization = jacobians.map(|jacobians| Linearization { at, jacobians });
+        let now = &self.cameras_now[host][camera];
+        landmark.feature.structural_residual(problem.manhattan, now, linearization)
     }
 
     /// Predicts how fast the observations of frame `index` move through the image, from the frame's velocity and its

@@ -1,24 +1,24 @@
 //! The reprojection factor of a point in inverse depth.
 //!
-//! A landmark is the bearing `b = (x, y, 1)` and the inverse depth `rho` in the camera that hosts it. In
-//! the observing camera it lies along (scaled by `rho`, so that points at infinity are no exception)
+//! A landmark is the bearing `b = (x, y, 1)` and the inverse depth `rho` in the camera that hosts it. With the
+//! poses `(R, p)` of the cameras it lies, in the observing one, along (scaled by `rho`, so that points at infinity are no
+//! exception)
 //!
 //! ```text
-//! q_bh = R_bc_h b + rho p_bc_h          host body
-//! q_o  = R_h q_bh + rho p_h             odometry frame
-//! q_bt = R_t' (q_o - rho p_t)           observing body
-//! q_ct = R_bc_t' (q_bt - rho p_bc_t)    observing camera
-//! r    = W (q_ct.xy / q_ct.z - z + (td - td_frame) dz/dt)
+//! q_o = R_h b + rho p_h         odometry frame
+//! q_c = R_t' (q_o - rho p_t)    observing camera
+//! r   = W (q_c.xy / q_c.z - z + (td - td_frame) dz/dt)
 //! ```
 //!
+//! A step `(t, theta)` of the host's camera moves `q_o` by `rho t + theta x q_o` ([`super::camera_poses`]).
 //! `W` takes normalized coordinates to pixels over their standard deviation at the observed place, so
-//! `r` is in standard deviations. Perturbations are right ones. Source: the landmark of VINS-Mono (Qin et
+//! `r` is in standard deviations. Source: the landmark of VINS-Mono (Qin et
 //! al. 2018, section V) with the bearing estimated as well, as in basalt (Usenko et al. 2019).
 
+use super::camera_poses::CameraView;
 use super::feature::{Estimated, Feature, Jacobians, View, ViewLinearization};
-use super::state::{NavState, Rig};
-use crate::geometry::skew;
-use nalgebra::{Matrix2, Matrix2x3, SMatrix, Vector2, Vector3};
+use super::state::NavState;
+use nalgebra::{Matrix2, Vector2, Vector3};
 
 /// Smallest forward component of `q_ct`: the landmark is in front of the observing camera.
 const MIN_FORWARD: f64 = 0.02;
@@ -47,67 +47,63 @@ pub struct PointMeasurement {
     pub weight: Matrix2<f64>,
 }
 
-/// Intermediate directions of a landmark on its way from host to observer.
+/// The landmark on its way from host to observer.
 struct Path {
-    q_bh: Vector3<f64>,
-    q_bt: Vector3<f64>,
-    q_ct: Vector3<f64>,
+    q_o: Vector3<f64>,
+    q_c: Vector3<f64>,
 }
 
-/// The landmark on its way from host to observer.
-fn path(view: &View<'_>, point: &InversePoint) -> Path {
+fn path(view: CameraView<'_>, point: &InversePoint) -> Path {
+    let CameraView { host, target } = view;
+    let q_o = host.rot_o_c * Vector3::new(point.xy.x, point.xy.y, 1.0) + host.p_o_c * point.rho;
+    let q_c = target.rot_o_c.tr_mul(&(q_o - target.p_o_c * point.rho));
+    Path { q_o, q_c }
+}
+
+/// Its direction in the observer's body and camera.
+fn seen(view: &View<'_>, point: &InversePoint) -> [Vector3<f64>; 2] {
     let b = Vector3::new(point.xy.x, point.xy.y, 1.0);
     let q_bh = view.host_mount.rot_b_c * b + view.host_mount.p_b_c * point.rho;
     let q_o = view.host.rot_o_b * q_bh + (view.host.p_o_b - view.target.p_o_b) * point.rho;
     let q_bt = view.target.rot_o_b.tr_mul(&q_o);
-    let q_ct = view.target_mount.rot_b_c.tr_mul(&(q_bt - view.target_mount.p_b_c * point.rho));
-    Path { q_bh, q_bt, q_ct }
+    [q_bt, view.target_mount.rot_b_c.tr_mul(&(q_bt - view.target_mount.p_b_c * point.rho))]
 }
 
 impl InversePoint {
     /// Where the observer sees the landmark, in normalized coordinates; `None` behind it.
     #[must_use]
-    pub fn project(&self, view: &View<'_>) -> Option<Vector2<f64>> {
-        let q = path(view, self).q_ct;
+    pub fn project(&self, view: CameraView<'_>) -> Option<Vector2<f64>> {
+        let q = path(view, self).q_c;
         (q.z > MIN_FORWARD).then(|| Vector2::new(q.x / q.z, q.y / q.z))
     }
 
     /// Jacobians of the residual into `j`; `None` behind the observer.
-    fn linearize(&self, view: &View<'_>, measured: &PointMeasurement, j: &mut Jacobians<3>) -> Option<()> {
-        let Path { q_bh, q_bt, q_ct } = path(view, self);
-        if q_ct.z <= MIN_FORWARD {
+    fn linearize(
+        &self,
+        view: CameraView<'_>,
+        measured: &PointMeasurement,
+        j: &mut Jacobians<3>,
+    ) -> Option<()> {
+        let Path { q_o, q_c } = path(view, self);
+        if q_c.z <= MIN_FORWARD {
             return None;
         }
-        let iz = 1.0 / q_ct.z;
-        let projection = Matrix2x3::new(iz, 0.0, -q_ct.x * iz * iz, 0.0, iz, -q_ct.y * iz * iz);
-        let by_ct = measured.weight * projection;
-        let by_bt = by_ct * view.target_mount.rot_b_c.transpose();
-        let by_o = by_bt * view.target.rot_o_b.transpose();
-        let by_bh = by_o * view.host.rot_o_b;
-        let b = Vector3::new(self.xy.x, self.xy.y, 1.0);
-        let by_b = by_bh * view.host_mount.rot_b_c;
-
-        j.host.fixed_view_mut::<2, 3>(0, NavState::P).copy_from(&(by_o * self.rho));
-        j.host.fixed_view_mut::<2, 3>(0, NavState::ROT).copy_from(&-(by_bh * skew(&q_bh)));
-        j.target.fixed_view_mut::<2, 3>(0, NavState::P).copy_from(&(by_o * -self.rho));
-        j.target.fixed_view_mut::<2, 3>(0, NavState::ROT).copy_from(&(by_bt * skew(&q_bt)));
-
-        let mut host_mount = SMatrix::<f64, 2, 6>::zeros();
-        host_mount.fixed_view_mut::<2, 3>(0, NavState::P).copy_from(&(by_bh * self.rho));
-        host_mount.fixed_view_mut::<2, 3>(0, NavState::ROT).copy_from(&-(by_b * skew(&b)));
-        let mut target_mount = SMatrix::<f64, 2, 6>::zeros();
-        target_mount.fixed_view_mut::<2, 3>(0, NavState::P).copy_from(&(by_bt * -self.rho));
-        target_mount.fixed_view_mut::<2, 3>(0, NavState::ROT).copy_from(&(by_ct * skew(&q_ct)));
-        j.rig
-            .fixed_view_mut::<2, 12>(0, 0)
-            .copy_from(&(host_mount * view.host_mount.by_rig + target_mount * view.target_mount.by_rig));
-        j.rig.set_column(Rig::TIME_OFFSET, &(measured.weight * measured.xy_rate));
-
-        let p_ho = view.host.rot_o_b * view.host_mount.p_b_c + view.host.p_o_b - view.target.p_o_b;
-        let p_ct =
-            view.target_mount.rot_b_c.tr_mul(&(view.target.rot_o_b.tr_mul(&p_ho) - view.target_mount.p_b_c));
-        j.landmark.fixed_columns_mut::<2>(0).copy_from(&by_b.fixed_columns::<2>(0));
-        j.landmark.set_column(2, &(by_ct * p_ct));
+        let CameraView { host, target } = view;
+        let iz = 1.0 / q_c.z;
+        let arm = host.p_o_c - target.p_o_c;
+        for d in 0..2 {
+            let (wx, wy) = (measured.weight[(d, 0)] * iz, measured.weight[(d, 1)] * iz);
+            let by_c = Vector3::new(wx, wy, -(wx * q_c.x + wy * q_c.y) * iz);
+            let by_o = target.rot_o_c * by_c;
+            let (by_p, by_rot, by_b) = (by_o * self.rho, q_o.cross(&by_o), host.rot_o_c.tr_mul(&by_o));
+            for k in 0..3 {
+                j.camera[(d, NavState::P + k)] = by_p[k];
+                j.camera[(d, NavState::ROT + k)] = by_rot[k];
+            }
+            (j.landmark[(d, 0)], j.landmark[(d, 1)]) = (by_b.x, by_b.y);
+            j.landmark[(d, 2)] = by_o.dot(&arm);
+        }
+        j.time_offset = measured.weight * measured.xy_rate;
         Some(())
     }
 }
@@ -119,7 +115,7 @@ impl Feature for InversePoint {
     #[inline]
     fn residual(
         &self,
-        view: &View<'_>,
+        view: CameraView<'_>,
         measured: &PointMeasurement,
         time_offset_step_s: f64,
         linearization: Option<ViewLinearization<'_, Jacobians<3>>>,
@@ -139,7 +135,7 @@ impl Feature for InversePoint {
         rate_b: &Vector3<f64>,
         v_b: &Vector3<f64>,
     ) -> Option<PointMeasurement> {
-        let Path { q_bt, q_ct, .. } = path(view, self);
+        let [q_bt, q_ct] = seen(view, self);
         if q_ct.z <= MIN_FORWARD {
             return None;
         }
@@ -148,7 +144,7 @@ impl Feature for InversePoint {
     }
 
     fn hosted_by_target(&self, view: &View<'_>) -> Option<Self> {
-        let q = path(view, self).q_ct;
+        let [_, q] = seen(view, self);
         (q.z > MIN_FORWARD).then(|| Self { xy: Vector2::new(q.x / q.z, q.y / q.z), rho: self.rho / q.z })
     }
 }

@@ -1,6 +1,6 @@
 use super::super::factor::Linearization;
 use super::super::state::{NavState, Rig};
-use super::super::test_views::{isometry, with_view};
+use super::super::test_views::{Lifted, isometry, with_cameras};
 use super::*;
 use nalgebra::{Isometry3, SVector};
 use proptest::prelude::*;
@@ -17,12 +17,12 @@ struct Scene {
 }
 
 impl Scene {
-    fn with_view<T>(&self, use_it: impl FnOnce(&View<'_>) -> T) -> T {
-        with_view(&self.rig, (&self.host, &self.target), self.cameras, use_it)
+    fn with_cameras<T>(&self, use_it: impl FnOnce(CameraView<'_>) -> T) -> T {
+        with_cameras(&self.rig, (&self.host, &self.target), self.cameras, use_it)
     }
 
     fn residual(&self) -> Vector2<f64> {
-        self.with_view(|view| self.point.residual(view, &self.measured, self.step_s(), None)).unwrap()
+        self.with_cameras(|view| self.point.residual(view, &self.measured, self.step_s(), None)).unwrap()
     }
 
     fn step_s(&self) -> f64 {
@@ -30,13 +30,15 @@ impl Scene {
     }
 
     /// Residual and Jacobians by one call.
-    fn linearized(&self) -> (Vector2<f64>, Jacobians<3>) {
+    fn linearized(&self) -> (Vector2<f64>, Jacobians<3>, Lifted) {
         let mut jacobians = Jacobians::zeros();
-        let residual = self.with_view(|view| {
+        let residual = self.with_cameras(|view| {
             let request = Linearization { at: view, jacobians: &mut jacobians };
             self.point.residual(view, &self.measured, self.step_s(), Some(request))
         });
-        (residual.unwrap(), jacobians)
+        let poses = (&self.host, Some(&self.target));
+        let lifted = Lifted::of(&jacobians, &self.rig, poses, self.cameras);
+        (residual.unwrap(), jacobians, lifted)
     }
 }
 
@@ -81,7 +83,7 @@ fn numeric(scene: &Scene, perturb: impl Fn(&mut Scene, f64)) -> Vector2<f64> {
 proptest! {
     #[test]
     fn jacobians_agree_with_numeric_differentiation(scene in scene()) {
-        let (r, j) = scene.linearized();
+        let (r, j, lifted) = scene.linearized();
         prop_assert_eq!(r, scene.residual(), "the same with and without Jacobians");
         let tolerance = 1e-2;
         for k in 0..6 {
@@ -89,14 +91,14 @@ proptest! {
             d[k] = 1.0;
             let by_host = numeric(&scene, |s, h| s.host = s.host.plus(&(d * h)));
             let by_target = numeric(&scene, |s, h| s.target = s.target.plus(&(d * h)));
-            prop_assert!((by_host - j.host.column(k)).norm() < tolerance, "host {k}");
-            prop_assert!((by_target - j.target.column(k)).norm() < tolerance, "target {k}");
+            prop_assert!((by_host - lifted.host.column(k)).norm() < tolerance, "host {k}");
+            prop_assert!((by_target - lifted.target.column(k)).norm() < tolerance, "target {k}");
         }
         for k in 0..13 {
             let mut d = SVector::<f64, 13>::zeros();
             d[k] = 1.0;
             let by_rig = numeric(&scene, |s, h| s.rig = s.rig.plus(&(d * h)));
-            prop_assert!((by_rig - j.rig.column(k)).norm() < tolerance, "rig {k}");
+            prop_assert!((by_rig - lifted.rig.column(k)).norm() < tolerance, "rig {k}");
         }
         let by_x = numeric(&scene, |s, h| s.point.xy.x += h);
         let by_y = numeric(&scene, |s, h| s.point.xy.y += h);

@@ -3,6 +3,7 @@
 use super::Window;
 use super::eliminate::Eliminated;
 use super::feature::Estimated;
+use super::inertial_factor::FrameMatrix;
 use super::landmark::LandmarkStore;
 use super::line::HostedLine;
 use super::problem::Problem;
@@ -258,37 +259,27 @@ impl Window {
     /// failed, after a cost that was no finite number, and where it is none itself.
     #[must_use]
     pub fn newest_covariance(&mut self) -> Option<(NavCovariance, f64)> {
-        let newest = self.frames.len().checked_sub(1)?;
-        let base = unknown_of_frame(newest);
-        let dim = unknown_of_frame(newest + 1);
-        if self.factor.dim() != dim {
-            return None;
-        }
-        let mut covariance = NavCovariance::zeros();
-        for column in 0..COVARIANCE_DIM {
-            self.solution[..dim].fill(0.0);
-            self.solution[base + column] = 1.0;
-            self.factor.solve(&mut self.solution[..dim]);
-            let rows = &self.solution[base..base + COVARIANCE_DIM];
-            covariance.set_column(column, &SVector::<f64, COVARIANCE_DIM>::from_column_slice(rows));
-        }
-        self.solution[..dim].fill(0.0);
-        self.solution[Rig::TIME_OFFSET] = 1.0;
-        self.factor.solve(&mut self.solution[..dim]);
-        let mut symmetric = (covariance + covariance.transpose()) * 0.5;
+        let of_frame = self.covariance_of_newest()?;
+        let mut covariance = of_frame.fixed_view::<COVARIANCE_DIM, COVARIANCE_DIM>(0, 0).into_owned();
         if let Some(step) = &self.unfinished {
-            symmetric += step * step.transpose();
+            covariance += step * step.transpose();
         }
-        symmetric.iter().all(|x| x.is_finite()).then_some((symmetric, self.solution[Rig::TIME_OFFSET]))
+        let time_offset = self.factor.variance(Rig::TIME_OFFSET, &mut self.solution);
+        covariance.iter().all(|x| x.is_finite()).then_some((covariance, time_offset))
     }
 
     /// Variances of the biases of the newest frame by the last factorization; `None` as of [`Self::newest_covariance`].
     #[must_use]
     pub fn newest_bias_variances(&self) -> Option<BiasVariances> {
-        // They are the last of all unknowns.
-        let is_whole = self.factor.dim() == unknown_of_frame(self.frames.len());
-        let variances: BiasVariances = self.factor.last_variances().filter(|_| is_whole)?;
+        let of_frame = self.covariance_of_newest()?;
+        let variances = BiasVariances::from_fn(|k, _| of_frame[(COVARIANCE_DIM + k, COVARIANCE_DIM + k)]);
         variances.iter().all(|x| x.is_finite()).then_some(variances)
+    }
+
+    /// Covariance of the newest frame's state: its unknowns are the last of all.
+    fn covariance_of_newest(&self) -> Option<FrameMatrix> {
+        let is_whole = self.factor.dim() == unknown_of_frame(self.frames.len());
+        self.factor.last_covariance().filter(|_| is_whole && !self.frames.is_empty())
     }
 }
 

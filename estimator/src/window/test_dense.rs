@@ -3,11 +3,12 @@
 use super::Window;
 use super::dense::NormalEquations;
 use super::factor::{Linearization, cauchy};
-use super::feature::{BodyPose, Estimated, Jacobians, StructuralJacobians, View};
+use super::feature::{Estimated, Jacobians, StructuralJacobians};
 use super::inertial_factor::FrameMatrix;
 use super::landmark::Landmark;
 use super::linearize::LANDMARK_REGULARIZATION;
-use super::state::{FRAME_DIM, HEADING, Mount, NavState, RIG_DIM, unknown_of_frame};
+use super::state::{FRAME_DIM, HEADING, NavState, RIG_DIM, unknown_of_frame};
+use super::test_views::{Lifted, with_cameras};
 use nalgebra::{DMatrix, DVector, Vector2};
 
 /// The whole problem of a window with nothing eliminated, from the factors one by one: `H d = -b` over rig, heading,
@@ -114,17 +115,19 @@ fn add_landmark<F: Estimated<D>, const D: usize>(
     if !landmark.is_triangulated {
         return;
     }
-    let mounts = [Mount::of(&window.rig, 0), Mount::of(&window.rig, 1)];
     let first_estimates = window.options.first_estimates;
     let host = usize::from(landmark.host);
-    let mut add = |j: &Jacobians<D>, r: &Vector2<f64>, target: usize, heading: Option<&Vector2<f64>>| {
+    let mut add = |(j, lifted): (&Jacobians<D>, &Lifted),
+                   r: &Vector2<f64>,
+                   target: usize,
+                   heading: Option<&Vector2<f64>>| {
         let weight = cauchy(r.norm_squared(), window.options.cauchy_scale).1.sqrt();
         for d in 0..2 {
             let row = |m: &[f64]| -> Vec<f64> { m.iter().map(|x| x * weight).collect() };
-            let masked = j.rig.row(d).component_mul(&window.options.rig_mask.transpose());
+            let masked = lifted.rig.row(d).component_mul(&window.options.rig_mask.transpose());
             let by_rig: Vec<f64> = masked.iter().map(|x| x * weight).collect();
-            let by_host: Vec<f64> = j.host.row(d).iter().map(|x| x * weight).collect();
-            let by_target: Vec<f64> = j.target.row(d).iter().map(|x| x * weight).collect();
+            let by_host: Vec<f64> = lifted.host.row(d).iter().map(|x| x * weight).collect();
+            let by_target: Vec<f64> = lifted.target.row(d).iter().map(|x| x * weight).collect();
             let by_landmark: Vec<f64> = j.landmark.row(d).iter().map(|x| x * weight).collect();
             let by_heading = row(&[heading.map_or(0.0, |h| h[d])]);
             rows.add(
@@ -139,40 +142,31 @@ fn add_landmark<F: Estimated<D>, const D: usize>(
             );
         }
     };
-    let body = |nav: &NavState| BodyPose::of(nav);
-    let first = |k: usize| body(window.frames[k].jacobian_state(first_estimates));
+    let first = |k: usize| window.frames[k].jacobian_state(first_estimates);
+    let host_camera = usize::from(landmark.host_camera);
     for o in &landmark.observations {
         let target = usize::from(o.frame);
-        let poses = [body(&window.frames[host].nav), body(&window.frames[target].nav)];
-        let firsts = [first(host), first(target)];
-        let view = |poses: &[BodyPose; 2], use_it: &mut dyn FnMut(&View<'_>)| {
-            use_it(&View {
-                host: &poses[0],
-                host_mount: &mounts[usize::from(landmark.host_camera)],
-                target: &poses[1],
-                target_mount: &mounts[usize::from(o.camera)],
-            });
-        };
+        let cameras = (host_camera, usize::from(o.camera));
         let step_s = window.rig.time_offset_s - window.frames[target].time_offset_s;
         let mut j = Jacobians::zeros();
-        let mut r = None;
-        view(&firsts, &mut |at| {
-            let _ = landmark.feature.residual(
-                at,
-                &o.measured,
-                step_s,
-                Some(Linearization { at, jacobians: &mut j }),
-            );
+        with_cameras(&window.rig, (first(host), first(target)), cameras, |at| {
+            let request = Linearization { at, jacobians: &mut j };
+            let _ = landmark.feature.residual(at, &o.measured, step_s, Some(request));
         });
-        view(&poses, &mut |now| r = landmark.feature.residual(now, &o.measured, step_s, None));
-        add(&j, &r.expect("is seen"), target, None);
+        let navs = (&window.frames[host].nav, &window.frames[target].nav);
+        let r = with_cameras(&window.rig, navs, cameras, |now| {
+            landmark.feature.residual(now, &o.measured, step_s, None)
+        });
+        let lifted = Lifted::of(&j, &window.rig, (first(host), Some(first(target))), cameras);
+        add((&j, &lifted), &r.expect("is seen"), target, None);
     }
     let mut j = StructuralJacobians { feature: Jacobians::zeros(), heading: Vector2::zeros() };
-    let request = Linearization { at: &first(host), jacobians: &mut j };
-    let mount = &mounts[usize::from(landmark.host_camera)];
-    let now = body(&window.frames[host].nav);
-    if let Some(r) = landmark.feature.structural_residual(&window.manhattan, &now, mount, Some(request)) {
-        add(&j.feature, &r, host, Some(&j.heading));
+    let host_then = Lifted::camera(&window.rig, first(host), host_camera);
+    let request = Linearization { at: &host_then, jacobians: &mut j };
+    let now = Lifted::camera(&window.rig, &window.frames[host].nav, host_camera);
+    if let Some(r) = landmark.feature.structural_residual(&window.manhattan, &now, Some(request)) {
+        let lifted = Lifted::of(&j.feature, &window.rig, (first(host), None), (host_camera, host_camera));
+        add((&j.feature, &lifted), &r, host, Some(&j.heading));
     }
     for k in 0..D {
         rows.add(0.0, &[(at + k, &[LANDMARK_REGULARIZATION.sqrt()])]);

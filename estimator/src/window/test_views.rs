@@ -1,9 +1,10 @@
 //! Random poses and views for the tests of the factors.
 
-use super::feature::{BodyPose, View};
+use super::camera_poses::{CameraPose, CameraView, Lift};
+use super::feature::{BodyPose, Jacobians, View};
 use super::state::{Mount, NavState, Rig};
 use crate::geometry::exp_so3;
-use nalgebra::{Isometry3, Translation3, Vector3};
+use nalgebra::{Isometry3, SMatrix, SVector, Translation3, Vector3};
 use proptest::prelude::*;
 
 pub fn vector(scale: f64) -> impl Strategy<Value = Vector3<f64>> {
@@ -28,4 +29,58 @@ pub fn with_view<T>(
         target: &BodyPose::of(target),
         target_mount: &Mount::of(rig, cameras.1),
     })
+}
+
+/// The same as poses of the cameras, from a pivot some way off.
+pub fn with_cameras<T>(
+    rig: &Rig,
+    (host, target): (&NavState, &NavState),
+    cameras: (usize, usize),
+    use_it: impl FnOnce(CameraView<'_>) -> T,
+) -> T {
+    let [host, target] = with_view(rig, (host, target), cameras, |view| view.cameras(&PIVOT_O));
+    use_it(CameraView { host: &host, target: &target })
+}
+
+/// What the cameras of random views are told relative to.
+pub const PIVOT_O: Vector3<f64> = Vector3::new(0.7, -1.1, 0.4);
+
+/// Derivatives of a residual by host, observer and rig.
+#[derive(Clone, Debug)]
+pub struct Lifted {
+    pub host: SMatrix<f64, 2, 6>,
+    pub target: SMatrix<f64, 2, 6>,
+    pub rig: SMatrix<f64, 2, 13>,
+}
+
+impl Lifted {
+    /// Those that follow from the derivatives `j` by the cameras; without an observer (`None`) the host's alone.
+    pub fn of<const D: usize>(
+        j: &Jacobians<D>,
+        rig: &Rig,
+        (host, target): (&NavState, Option<&NavState>),
+        cameras: (usize, usize),
+    ) -> Self {
+        let lift = |nav: &NavState, camera: usize| {
+            let all = SVector::from_element(1.0);
+            let lift = Lift::of(&BodyPose::of(nav), &Mount::of(rig, camera), &PIVOT_O, &all);
+            (lift.by_frame(), lift.by_rig())
+        };
+        let (by_host, by_rig) = lift(host, cameras.0);
+        let mut lifted = Self { host: j.camera * by_host, target: SMatrix::zeros(), rig: SMatrix::zeros() };
+        lifted.rig.fixed_columns_mut::<12>(0).copy_from(&(j.camera * by_rig));
+        if let Some(target) = target {
+            let (by_target, by_rig) = lift(target, cameras.1);
+            lifted.target = -j.camera * by_target;
+            let mut to = lifted.rig.fixed_columns_mut::<12>(0);
+            to -= j.camera * by_rig;
+        }
+        lifted.rig.set_column(Rig::TIME_OFFSET, &j.time_offset);
+        lifted
+    }
+
+    /// Poses of the cameras as in [`with_cameras`].
+    pub fn camera(rig: &Rig, nav: &NavState, camera: usize) -> CameraPose {
+        CameraPose::of(&BodyPose::of(nav), &Mount::of(rig, camera), &PIVOT_O)
+    }
 }

@@ -1,5 +1,6 @@
 //! Inverse depth of a landmark from two or more views, and the change of its host.
 
+use super::camera_poses::CameraView;
 use super::feature::{BodyPose, Feature, View};
 use super::frame::Frame;
 use super::landmark::{Landmark, Observation, PointLandmark};
@@ -46,7 +47,7 @@ impl Scene<'_> {
         &self,
         landmark: &Landmark<F>,
         o: &Observation<F::Measurement>,
-        use_it: impl FnOnce(&View<'_>, f64) -> T,
+        use_it: impl FnOnce(CameraView<'_>, f64) -> T,
     ) -> T {
         let target = &self.frames[usize::from(o.frame)];
         let view = View {
@@ -55,7 +56,9 @@ impl Scene<'_> {
             target: &BodyPose::of(&target.nav),
             target_mount: &self.mounts[usize::from(o.camera)],
         };
-        use_it(&view, self.time_offset_s - target.time_offset_s)
+        let [host, observer] = view.cameras(&target.nav.p_o_b);
+        let view = CameraView { host: &host, target: &observer };
+        use_it(view, self.time_offset_s - target.time_offset_s)
     }
 }
 

@@ -1,3 +1,4 @@
+use super::super::camera_poses::CameraView;
 use super::super::frame::Frame;
 use super::super::state::{Mount, NavState, Rig};
 use super::super::test_views::with_view;
@@ -127,7 +128,8 @@ fn an_edge_seen_from_its_own_line_is_not_compared() {
         weights: [1.0; 2],
     };
     let residual = with_view(&rig(), (&frames[0].nav, &frames[1].nav), (0, 0), |view| {
-        line.residual(view, &measured, 0.0, None)
+        let [host, target] = &view.cameras(&Vector3::zeros());
+        line.residual(CameraView { host, target }, &measured, 0.0, None)
     });
     assert!(residual.is_none());
 }
