@@ -11,11 +11,12 @@
 //! with `F`, `G` of [`Preintegration::transition`]. Covariances of `x` and of `x` with `w` are carried along; that of `w` is
 //! `walk² dt`. It is the growth of [`super::growth`], from biases that are known.
 
-use super::inertial_factor::{FLOOR, FrameMatrix};
-use super::state::NavState;
+use super::state::{FrameMatrix, NavState};
 use crate::inertial::{ImuNoise, Preintegration};
 use nalgebra::SMatrix;
 
+/// Integration is exact to about a micrometre per step: keeps the covariance of one step regular.
+pub(super) const FLOOR: f64 = 1e-14;
 /// Least variance of a walk.
 const LEAST_WALK: f64 = 1e-16;
 

@@ -14,10 +14,9 @@
 //! mixed derivatives of each, `WL`.
 
 use super::dense::NormalEquations;
-use super::feature::BodyPose;
 use super::state::{
-    CAMERA_GLOBALS, CAMERA_HEADING, CAMERA_TIME_OFFSET, HEADING, MAX_FRAMES, MAX_VISUAL, Mount, NavState,
-    POSE_DIM, RIG_DIM, Rig, unknown_of_camera, visual_of_frame,
+    BodyPose, CAMERA_GLOBALS, CAMERA_HEADING, CAMERA_TIME_OFFSET, HEADING, MAX_FRAMES, MAX_VISUAL, Mount,
+    NavState, POSE_DIM, RIG_DIM, Rig, unknown_of_camera, visual_of_frame,
 };
 use crate::geometry::skew;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};

@@ -7,26 +7,9 @@
 use super::camera_poses::{CameraPose, CameraView};
 use super::factor::Linearization;
 use super::manhattan::Manhattan;
-use super::state::{Mount, NavState};
+use super::state::{BodyPose, Mount};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 use std::fmt::Debug;
-
-/// A body pose with its rotation as a matrix.
-#[derive(Clone, Debug)]
-pub struct BodyPose {
-    /// Takes coordinates from `B` to `O`.
-    pub rot_o_b: Matrix3<f64>,
-    /// Position of `B` in `O`, m.
-    pub p_o_b: Vector3<f64>,
-}
-
-impl BodyPose {
-    /// The pose of a state.
-    #[must_use]
-    pub fn of(nav: &NavState) -> Self {
-        Self { rot_o_b: nav.rot_o_b.to_rotation_matrix().into_inner(), p_o_b: nav.p_o_b }
-    }
-}
 
 /// From which body and camera a landmark is looked at, and from which it is hosted.
 #[derive(Clone, Copy, Debug)]

@@ -1,5 +1,5 @@
 use super::super::camera_poses::{Lift, MAX_CAMERA};
-use super::super::feature::BodyPose;
+use super::super::state::BodyPose;
 use super::super::state::{MAX_VISUAL, Mount, NavState, Rig, visual_of_frame};
 use super::super::test_dense::full;
 use super::super::test_room::scatter;

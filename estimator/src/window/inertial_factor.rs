@@ -13,9 +13,9 @@
 //! residual is weighed by its information matrix, which depends on the measurements alone and is computed once. What biases
 //! that walk do to a long motion is in it too (`super::bias_walk`).
 
-use super::bias_walk::BiasWalk;
+use super::bias_walk::{BiasWalk, FLOOR};
 use super::factor::Linearization;
-use super::state::{FRAME_DIM, NavState};
+use super::state::{FRAME_DIM, FrameMatrix, FrameVector, NavState};
 use crate::geometry::{exp_so3, log_so3, right_jacobian, right_jacobian_inverse, skew};
 use crate::inertial::{ImuNoise, Preintegration};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
@@ -26,11 +26,6 @@ const MOST_FORCE_M_S2: f64 = 50.0;
 /// Biases are taken for steady within a motion that is not longer than this, s. Frames that see something become keyframes
 /// sooner; what is longer is a blind flight, over which their walk outweighs the white noise.
 const STEADY_BIASES_S: f64 = 2.5;
-
-/// A 15x15 block.
-pub type FrameMatrix = SMatrix<f64, FRAME_DIM, FRAME_DIM>;
-/// A 15-vector.
-pub type FrameVector = SVector<f64, FRAME_DIM>;
 
 /// The preintegrated motion between two frames, with the weight of its residual.
 #[derive(Clone, Debug)]
@@ -169,9 +164,6 @@ fn linearize(
     set(BIAS_GYRO, &identity);
     set(BIAS_ACCEL, &identity);
 }
-
-/// Integration is exact to about a micrometre per step: keeps the covariance of one step regular.
-pub(super) const FLOOR: f64 = 1e-14;
 
 /// Information matrix of the residual; `None` when the covariance of the motion cannot be inverted.
 fn information(motion: &Preintegration, noise: &ImuNoise) -> Option<FrameMatrix> {

@@ -12,13 +12,13 @@ use super::eliminate::{Eliminated, MAX_LANDMARK_DIM, Scratch, eliminate};
 use super::factor::{Linearization, cauchy};
 use super::feature::{Estimated, Feature, Jacobians, StructuralJacobians};
 use super::hessian_blocks::{Blocks, add_heading, rows};
-use super::inertial_factor::FrameMatrix;
 use super::landmark::Landmark;
 use super::options::Options;
 use super::poses::Poses;
 use super::problem::Problem;
 use super::state::{
-    FRAME_DIM, MAX_VISUAL, Rig, unknown_of_camera, unknown_of_frame, unknown_of_visual, visual_of_frame,
+    FRAME_DIM, FrameMatrix, MAX_VISUAL, Rig, unknown_of_camera, unknown_of_frame, unknown_of_visual,
+    visual_of_frame,
 };
 use super::zero_velocity_factor::zero_velocity;
 use nalgebra::{SMatrix, Vector2};

@@ -3,12 +3,12 @@
 
 use super::camera_poses::{CameraPose, CameraView, Lifts};
 use super::factor::Linearization;
-use super::feature::{BodyPose, Feature, StructuralJacobians, View};
+use super::feature::{Feature, StructuralJacobians, View};
 use super::frame::Frame;
 use super::landmark::{Landmark, Observation};
 use super::options::Options;
 use super::problem::Problem;
-use super::state::{MAX_FRAMES, Mount, Rig};
+use super::state::{BodyPose, MAX_FRAMES, Mount, Rig};
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 /// Poses and extrinsics of the window, refreshed whenever its states have changed.

@@ -3,13 +3,12 @@
 use super::Window;
 use super::eliminate::Eliminated;
 use super::feature::Estimated;
-use super::inertial_factor::FrameMatrix;
 use super::landmark::LandmarkStore;
 use super::line::HostedLine;
 use super::problem::Problem;
 use super::reprojection::InversePoint;
 use super::state::{
-    FRAME_DIM, HEADING, MAX_FRAMES, NavState, RIG_DIM, Rig, unknown_of_frame, unknown_of_visual,
+    FRAME_DIM, FrameMatrix, HEADING, MAX_FRAMES, NavState, RIG_DIM, Rig, unknown_of_frame, unknown_of_visual,
     visual_of_frame,
 };
 use crate::estimate::{BiasVariances, NavCovariance};

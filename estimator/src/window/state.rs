@@ -9,12 +9,16 @@
 
 use crate::geometry::{exp_so3, log_so3, skew};
 use crate::inertial::Preintegration;
-use nalgebra::{Isometry3, Matrix3, SVector, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
 use plumbline_config::options::RigConfig;
 use plumbline_config::{MAX_WINDOW_FRAMES, Timestamp, ValidSetup};
 
 /// Dimension of a frame's error state.
 pub const FRAME_DIM: usize = 15;
+/// A 15x15 block.
+pub type FrameMatrix = SMatrix<f64, FRAME_DIM, FRAME_DIM>;
+/// A 15-vector.
+pub type FrameVector = SVector<f64, FRAME_DIM>;
 /// Dimension of the pose within it.
 pub const POSE_DIM: usize = 6;
 /// Dimension of the rig's error state: left camera against body (position, attitude), right camera
@@ -257,6 +261,23 @@ impl Rig {
         }
         sigmas[Self::TIME_OFFSET] = rig.time_offset_sigma_s;
         sigmas
+    }
+}
+
+/// A body pose with its rotation as a matrix.
+#[derive(Clone, Debug)]
+pub struct BodyPose {
+    /// Takes coordinates from `B` to `O`.
+    pub rot_o_b: Matrix3<f64>,
+    /// Position of `B` in `O`, m.
+    pub p_o_b: Vector3<f64>,
+}
+
+impl BodyPose {
+    /// The pose of a state.
+    #[must_use]
+    pub fn of(nav: &NavState) -> Self {
+        Self { rot_o_b: nav.rot_o_b.to_rotation_matrix().into_inner(), p_o_b: nav.p_o_b }
     }
 }
 

@@ -4,10 +4,9 @@ use super::Window;
 use super::dense::NormalEquations;
 use super::factor::{Linearization, cauchy};
 use super::feature::{Estimated, Jacobians, StructuralJacobians};
-use super::inertial_factor::FrameMatrix;
 use super::landmark::Landmark;
 use super::linearize::LANDMARK_REGULARIZATION;
-use super::state::{FRAME_DIM, HEADING, NavState, RIG_DIM, unknown_of_frame};
+use super::state::{FRAME_DIM, FrameMatrix, HEADING, NavState, RIG_DIM, unknown_of_frame};
 use super::test_views::{Lifted, with_cameras};
 use nalgebra::{DMatrix, DVector, Vector2};
 

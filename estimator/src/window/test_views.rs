@@ -1,8 +1,8 @@
 //! Random poses and views for the tests of the factors.
 
 use super::camera_poses::{CameraPose, CameraView, Lift};
-use super::feature::{BodyPose, Jacobians, View};
-use super::state::{Mount, NavState, Rig};
+use super::feature::{Jacobians, View};
+use super::state::{BodyPose, Mount, NavState, Rig};
 use crate::geometry::exp_so3;
 use nalgebra::{Isometry3, SMatrix, SVector, Translation3, Vector3};
 use proptest::prelude::*;

@@ -1,12 +1,12 @@
 //! Inverse depth of a landmark from two or more views, and the change of its host.
 
 use super::camera_poses::CameraView;
-use super::feature::{BodyPose, Feature, View};
+use super::feature::{Feature, View};
 use super::frame::Frame;
 use super::landmark::{Landmark, Observation, PointLandmark};
 use super::options::Options;
 use super::reprojection::InversePoint;
-use super::state::Mount;
+use super::state::{BodyPose, Mount};
 use nalgebra::{Matrix3, Vector3};
 
 /// Where a triangulated landmark must be found again in its observations, in standard deviations.

@@ -65,7 +65,7 @@ fn features_are_made_without_an_allocation() {
 }
 
 /// Time that a keyframe takes of its thread.
-mod time {
+mod realtime {
     use super::super::flight::{KEYFRAMES, Mapper, fly, shots};
     use super::{Building, tour};
 
