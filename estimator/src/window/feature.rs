@@ -8,7 +8,7 @@ use super::camera_poses::{CameraPose, CameraView};
 use super::factor::Linearization;
 use super::manhattan::Manhattan;
 use super::state::{BodyPose, Mount};
-use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{SMatrix, SVector, Vector2, Vector3};
 use std::fmt::Debug;
 
 /// From which body and camera a landmark is looked at, and from which it is hosted.

@@ -15,10 +15,10 @@
 
 use super::bias_walk::{BiasWalk, FLOOR};
 use super::factor::Linearization;
-use super::state::{FRAME_DIM, FrameMatrix, FrameVector, NavState};
+use super::state::{FrameMatrix, FrameVector, NavState};
 use crate::geometry::{exp_so3, log_so3, right_jacobian, right_jacobian_inverse, skew};
 use crate::inertial::{ImuNoise, Preintegration};
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, SMatrix, Vector3};
 
 /// How fast a vehicle turns and how much force it feels at most, whatever its sensor says.
 const MOST_RATE_RAD_S: f64 = 10.0;
@@ -182,6 +182,7 @@ fn information(motion: &Preintegration, noise: &ImuNoise) -> Option<FrameMatrix>
 
 #[cfg(test)]
 mod tests {
+    use super::super::state::FRAME_DIM;
     use super::*;
     use proptest::prelude::*;
 
