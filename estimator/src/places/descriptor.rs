@@ -29,6 +29,16 @@ impl Descriptor {
         let [e, f, g, h] = other.0;
         (a ^ e).count_ones() + (b ^ f).count_ones() + (c ^ g).count_ones() + (d ^ h).count_ones()
     }
+
+    /// Its bytes, the lowest first.
+    #[must_use]
+    pub fn bytes(&self) -> [u8; BITS / 8] {
+        let mut bytes = [0; BITS / 8];
+        for (to, word) in bytes.chunks_exact_mut(8).zip(self.0) {
+            to.copy_from_slice(&word.to_le_bytes());
+        }
+        bytes
+    }
 }
 
 /// How a patch lies in the image.

@@ -3,7 +3,7 @@
 //! A pair counts when each is the other's nearest by descriptor, and no feature *of another place* is nearly as near
 //! (Lowe's ratio test). The same corner may stand in several of the keyframes: those are one place, and no rivals.
 
-use super::descriptor::Descriptor;
+use super::descriptor::{BITS, Descriptor};
 use super::feature::Feature;
 use super::map::PlaceMap;
 use nalgebra::{Matrix3, Vector3};
@@ -53,39 +53,58 @@ pub struct Match {
     pub ratio: f32,
 }
 
-/// Points that are compared with a feature at a time: two registers of AVX2, four of NEON.
-const LANES: usize = 8;
+/// Points that are compared with a feature at a time: a register of AVX2, two of NEON.
+const LANES: usize = 32;
+/// Bytes of a descriptor.
+const BYTES: usize = BITS / 8;
 
-/// Some points, word by word of their descriptors, so that the compiler compares all of them with a feature at once.
+/// Some points, byte by byte of their descriptors, so that the compiler compares all of them with a feature at once.
 #[derive(Clone, Copy, Debug)]
 struct Block {
-    words: [[u64; LANES]; 4],
+    bytes: [[u8; LANES]; BYTES],
     /// Bits in which each differs from the feature of the query that is nearest to it so far, and that feature.
-    nearest_distance: [u64; LANES],
+    nearest_distance: [u8; LANES],
     nearest_query: [u32; LANES],
 }
 
 impl Block {
     /// The points of some descriptors; where there are fewer than it has room for, the rest is never near.
     fn of(descriptors: &[Descriptor]) -> Self {
-        let word = |w: usize, lane: usize| descriptors.get(lane).map_or(0, |d| d.0[w]);
-        let limit = |lane: usize| if lane < descriptors.len() { u64::MAX } else { 0 };
-        Self {
-            words: std::array::from_fn(|w| std::array::from_fn(|lane| word(w, lane))),
-            nearest_distance: std::array::from_fn(limit),
-            nearest_query: [NONE; LANES],
+        let mut block =
+            Self { bytes: [[0; LANES]; BYTES], nearest_distance: [0; LANES], nearest_query: [NONE; LANES] };
+        for (lane, descriptor) in descriptors.iter().enumerate() {
+            block.nearest_distance[lane] = u8::MAX;
+            for (byte, value) in descriptor.bytes().into_iter().enumerate() {
+                block.bytes[byte][lane] = value;
+            }
         }
+        block
     }
 
+    /// Bits in which each point differs; all 256 of them count as 255.
+    // Plain loops become the same instructions with debug assertions as without; iterators do not.
+    #[allow(clippy::needless_range_loop)]
     #[inline]
-    fn distances(&self, descriptor: &Descriptor) -> [u64; LANES] {
-        let mut distances = [0; LANES];
-        for (words, word) in self.words.iter().zip(&descriptor.0) {
-            for (distance, other) in distances.iter_mut().zip(words) {
-                *distance += u64::from((word ^ other).count_ones());
+    fn distances(&self, descriptor: &[u8; BYTES]) -> [u8; LANES] {
+        let mut distances = [0_u8; LANES];
+        for byte in 0..BYTES {
+            for lane in 0..LANES {
+                let differing = (self.bytes[byte][lane] ^ descriptor[byte]).count_ones() as u8;
+                distances[lane] = distances[lane].saturating_add(differing);
             }
         }
         distances
+    }
+
+    /// Whether a point is nearer than one of two limits: one for all, and its own.
+    #[allow(clippy::needless_range_loop)]
+    #[inline]
+    fn is_any_nearer(&self, distances: &[u8; LANES], limit: u8) -> bool {
+        let mut any = false;
+        for lane in 0..LANES {
+            any |= (distances[lane] < limit) | (distances[lane] < self.nearest_distance[lane]);
+        }
+        any
     }
 }
 
@@ -193,12 +212,10 @@ impl Matcher {
         self.nearest.clear();
         for (i, feature) in query.iter().enumerate().take(self.nearest.capacity()) {
             let mut nearest = Nearest { point: NONE, distance: u32::MAX, second: u32::MAX };
+            let bytes = feature.descriptor.bytes();
             for (b, block) in self.blocks.iter_mut().enumerate() {
-                let distances = block.distances(&feature.descriptor);
-                let second = u64::from(nearest.second);
-                let is_of_use = distances.iter().fold(false, |any, d| any | (*d < second))
-                    | distances.iter().zip(&block.nearest_distance).fold(false, |any, (d, n)| any | (d < n));
-                if !is_of_use {
+                let distances = block.distances(&bytes);
+                if !block.is_any_nearer(&distances, u8::try_from(nearest.second).unwrap_or(u8::MAX)) {
                     continue;
                 }
                 let count = LANES.min(self.points.len() - b * LANES);
@@ -206,7 +223,7 @@ impl Matcher {
                     if distance < block.nearest_distance[lane] {
                         (block.nearest_distance[lane], block.nearest_query[lane]) = (distance, i as u32);
                     }
-                    nearest.consider((b * LANES + lane) as u32, distance as u32, &self.points);
+                    nearest.consider((b * LANES + lane) as u32, u32::from(distance), &self.points);
                 }
             }
             self.nearest.push(nearest);
