@@ -102,7 +102,7 @@ check: forget-skips ## the tests alone, without the lints
 lint: setup fmt-check deny clippy ## format, licences and lints, without the tests
 
 soak: setup forget-skips ## long flights: memory, drift of time, restarts (SOAK_MINUTES=30)
-	$(LINTED) $(CARGO) nextest run $(CHECKED) --profile soak --run-ignored only -E 'test(/soak/)' $(ARGS)
+	$(LINTED) $(CARGO) nextest run $(FLAGS) --workspace --test places --profile soak --run-ignored only -E 'test(/soak/)' $(ARGS)
 	$(call tell-skips,PLUMBLINE_SOAK_MINUTES=$(SOAK_MINUTES) \
 		$(LINTED) $(CARGO) nextest run $(TESTED) --profile soak --run-ignored all -E 'test(/soak/) | test(/^faults::/) | test(/^calibration::/)' $(ARGS))
 
