@@ -13,6 +13,8 @@ SOAK_MINUTES ?= 30
 # What `make fuzz` runs, and for how long.
 TARGET ?=
 SECONDS ?= 60
+# The processor that packages are for, as Debian names it: amd64 or arm64.
+ARCH ?= $(shell dpkg --print-architecture)
 # How long `make vm` lets the cameras fly, s.
 VM_SECONDS ?= 60
 
@@ -29,7 +31,7 @@ export NEXTEST_TEST_THREADS ?= $(shell nproc)
 # The steps are in order; cargo is parallel itself.
 .NOTPARALLEL:
 .PHONY: help demo build calibration test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny advisories soak loops digests bench doc doctests setup clean \
-	fuzz fuzz-all fuzz-smoke vm checked-untimed checked-timed
+	fuzz fuzz-all fuzz-smoke vm deb tarball packages deb-test checked-untimed checked-timed
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1\t/' | expand -t 20
@@ -45,6 +47,29 @@ build: ## the product
 calibration: ## the product with `plumbline calibrate camera`, which needs OpenCV
 	@scripts/setup calibration
 	$(CARGO) build $(FLAGS) -p plumbline --features calibration
+
+# `cargo build` of the product for ARCH.
+PRODUCT = $(CARGO) build $(FLAGS) -p plumbline $(if $(filter $(ARCH),$(shell dpkg --print-architecture)),,--target $(TRIPLE_$(ARCH)))
+TRIPLE_amd64 = x86_64-unknown-linux-gnu
+TRIPLE_arm64 = aarch64-unknown-linux-gnu
+
+deb: ## Debian package in target/package (ARCH=arm64 for 64-bit ARM)
+	@scripts/setup package $(ARCH)
+	$(PRODUCT)
+	scripts/package deb $(ARCH)
+
+tarball: ## the same as an archive for other systems with the GNU C library (ARCH=arm64)
+	@scripts/setup package $(ARCH)
+	$(PRODUCT)
+	scripts/package tarball $(ARCH)
+
+packages: ## lists the packages that were made: sizes, contents, what they depend on
+	scripts/package list
+
+deb-test: ## the package of ARCH: lintian; installed, flown, removed and purged in a fresh Debian (SUITE=bookworm)
+	@scripts/setup package $(ARCH)
+	@scripts/setup deb-test
+	scripts/deb-test $(ARCH)
 
 # What tests skip is collected here, and printed at the end.
 export PLUMBLINE_SKIPPED := $(CURDIR)/target/skipped.txt

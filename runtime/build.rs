@@ -1,4 +1,5 @@
-//! Compiles the wire format and the log's, no protoc needed; and notes what was built from what.
+//! Compiles the wire format and the log's, no protoc needed; notes what was built from what; and compiles what looks at the
+//! processor before anything else runs.
 
 use prost::Message;
 use std::path::Path;
@@ -20,11 +21,35 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     note("PLUMBLINE_TARGET", std::env::var("TARGET").ok());
     note("PLUMBLINE_TARGET_FEATURES", std::env::var("CARGO_CFG_TARGET_FEATURE").ok());
     let compiler = std::env::var("RUSTC").unwrap_or_else(|_| "rustc".into());
+    look_at_processor(&compiler, Path::new(&out))?;
     note("PLUMBLINE_RUSTC", output(&compiler, &["--version"]));
     // Grows with every commit; without git there is none to follow.
     if let Some(log) = git(&["rev-parse", "--git-path", "logs/HEAD"]).filter(|log| Path::new(log).exists()) {
         println!("cargo:rerun-if-changed={log}");
     }
+    Ok(())
+}
+
+/// `early/processor.rs`, for the oldest x86-64, into the command; other processors have one level only.
+fn look_at_processor(compiler: &str, out: &Path) -> Result<(), Box<dyn std::error::Error>> {
+    const SOURCE: &str = "early/processor.rs";
+    println!("cargo:rerun-if-changed={SOURCE}");
+    let of_target = |name: &str| std::env::var(format!("CARGO_CFG_TARGET_{name}")).unwrap_or_default();
+    if (of_target("ARCH").as_str(), of_target("OS").as_str()) != ("x86_64", "linux") {
+        return Ok(());
+    }
+    let object = out.join("processor.o");
+    let mut command = Command::new(compiler);
+    command.args(["--edition=2024", "--crate-name=processor", "--crate-type=lib", "--target"]);
+    command.arg(std::env::var("TARGET")?).arg(SOURCE).arg(format!("--emit=obj={}", object.display()));
+    command.args(
+        ["target-cpu=x86-64", "opt-level=2", "panic=abort", "codegen-units=1"].map(|o| format!("-C{o}")),
+    );
+    command.args(["-Dwarnings"]).env("PLUMBLINE_TARGET_FEATURES", of_target("FEATURE"));
+    if !command.status()?.success() {
+        return Err(format!("{SOURCE} was not compiled").into());
+    }
+    println!("cargo:rustc-link-arg-bins={}", object.display());
     Ok(())
 }
 

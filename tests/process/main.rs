@@ -14,6 +14,7 @@ mod exit_status;
 mod hardware;
 mod host;
 mod import;
+mod install;
 mod lines;
 mod log;
 mod maps;

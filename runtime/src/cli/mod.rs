@@ -23,6 +23,7 @@ mod keys;
 pub mod lines;
 pub mod log;
 mod log_lines;
+mod man;
 mod map;
 pub mod plot;
 mod progress;
@@ -49,9 +50,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// Deterministic real-time stereo visual-inertial odometry.
+/// Deterministic real-time visual-inertial odometry for drones.
 #[derive(Debug, Parser)]
-#[command(name = "plumbline", version, about, after_help = examples())]
+#[command(name = "plumbline", version, after_help = examples())]
 struct Cli {
     /// More log messages (-v, -vv); the environment variable RUST_LOG overrides it.
     #[arg(short, long, action = clap::ArgAction::Count, global = true)]
@@ -141,6 +142,8 @@ enum Command {
         /// The shell.
         shell: clap_complete::Shell,
     },
+    /// Write the manual pages of all commands into a folder, for `man`.
+    Man(man::ManArgs),
 }
 
 /// Runs the command line of this process.
@@ -197,6 +200,7 @@ fn run(command: Command) -> anyhow::Result<()> {
             say(String::from_utf8_lossy(&script).trim_end());
             Ok(())
         }
+        Command::Man(args) => man::run(Cli::command(), &args),
     }
 }
 

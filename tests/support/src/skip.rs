@@ -32,6 +32,8 @@ pub enum Need {
     ReferenceProcessor,
     /// qemu, and Debian's kernel for it (`scripts/vm setup`).
     VirtualMachine,
+    /// qemu for programs of other processors (`qemu-user-static`).
+    UserEmulation,
     /// systemd, and root to boot it in namespaces.
     Systemd,
     /// Root to mount file systems.
@@ -42,7 +44,7 @@ pub enum Need {
 
 impl Need {
     /// All of them.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::SharedData,
         Self::Python,
         Self::Chromium,
@@ -54,6 +56,7 @@ impl Need {
         Self::Parallel,
         Self::ReferenceProcessor,
         Self::VirtualMachine,
+        Self::UserEmulation,
         Self::Systemd,
         Self::Mounts,
         Self::RealtimePriority,
@@ -74,6 +77,7 @@ impl Need {
             Self::Parallel => "parallel",
             Self::ReferenceProcessor => "reference-processor",
             Self::VirtualMachine => "virtual-machine",
+            Self::UserEmulation => "user-emulation",
             Self::Systemd => "systemd",
             Self::Mounts => "mounts",
             Self::RealtimePriority => "realtime-priority",

@@ -1,0 +1,92 @@
+//! What comes with a package: manual pages, completions; and a processor that is too old.
+
+use super::{plumbline, stderr};
+use plumbline_test_support::{Need, skip};
+use std::path::Path;
+use std::process::{Command, Output};
+
+/// The commands that `plumbline COMMAND... --help` names.
+fn commands_below(path: &[&str]) -> Vec<String> {
+    let output = plumbline(&[path, &["--help"]].concat());
+    let help = String::from_utf8(output.stdout).unwrap();
+    let Some((_, list)) = help.split_once("\nCommands:\n") else { return Vec::new() };
+    let (list, _) = list.split_once("\n\n").unwrap();
+    let names = list.lines().filter(|line| !line.starts_with("   "));
+    let names = names.filter_map(|line| line.split_whitespace().next());
+    names.filter(|name| *name != "help").map(str::to_owned).collect()
+}
+
+/// Looks at the pages of a command and of all below it; how many there are.
+fn pages_of(folder: &Path, path: &[&str]) -> usize {
+    let name = [&["plumbline"], path].concat().join("-");
+    let page = std::fs::read_to_string(folder.join(format!("{name}.1"))).unwrap();
+    let escaped = name.replace('-', "\\-");
+    assert!(page.contains(&format!(".SH NAME\n{escaped} \\- ")), "{page}");
+    assert!(page.contains("\n.SH SYNOPSIS\n") && page.contains("\n.SH DESCRIPTION\n"), "{page}");
+    assert_eq!(page.matches("\n.EX\n").count(), page.matches("\n.EE\n").count(), "{page}");
+    let below = commands_below(path);
+    1 + below.iter().map(|command| pages_of(folder, &[path, &[command.as_str()]].concat())).sum::<usize>()
+}
+
+#[test]
+fn every_command_has_a_manual_page_and_no_page_is_left_of_another() {
+    let folder = tempfile::tempdir().unwrap();
+    let pages = folder.path().join("new/man1");
+    let output = plumbline(&["man", pages.to_str().unwrap()]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let found = pages_of(&pages, &[]);
+    assert_eq!(found, std::fs::read_dir(&pages).unwrap().count());
+    assert!(found > 30, "{found} pages");
+}
+
+#[test]
+fn completions_know_every_command() {
+    for shell in ["bash", "zsh", "fish"] {
+        let output = plumbline(&["completions", shell]);
+        assert!(output.status.success(), "{}", stderr(&output));
+        let script = String::from_utf8(output.stdout).unwrap();
+        for command in commands_below(&[]) {
+            assert!(script.contains(&command), "{shell} knows nothing of {command}");
+        }
+    }
+}
+
+/// `plumbline --version` on another processor; without qemu nothing.
+fn on_processor(name: &str) -> Option<Output> {
+    if cfg!(not(all(target_arch = "x86_64", target_feature = "avx2"))) {
+        skip(Need::ReferenceProcessor, "this build is for older processors, or for others");
+        return None;
+    }
+    let mut command = Command::new("qemu-x86_64-static");
+    command.args(["-cpu", name, env!("CARGO_BIN_EXE_plumbline"), "--version"]);
+    match command.output() {
+        Ok(output) => Some(output),
+        Err(error) => {
+            skip(Need::UserEmulation, format!("qemu-x86_64-static: {error}"));
+            None
+        }
+    }
+}
+
+#[test]
+fn a_processor_that_is_too_old_is_told_what_it_lacks_before_it_meets_an_instruction_that_it_does_not_know() {
+    for (name, lacks) in
+        [("Nehalem", "movbe xsave avx f16c fma avx2 bmi1 bmi2 lzcnt"), ("IvyBridge", "movbe fma avx2")]
+    {
+        let Some(output) = on_processor(name) else { return };
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(2), "{name}: {:?} {said}", output.status);
+        assert!(said.contains(lacks) && said.contains("RUSTFLAGS="), "{name}: {said}");
+        assert!(output.stdout.is_empty());
+    }
+}
+
+#[test]
+fn the_oldest_processor_that_is_promised_runs_it() {
+    let Some(output) = on_processor("Haswell") else { return };
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert_eq!(
+        String::from_utf8_lossy(&output.stdout).trim(),
+        concat!("plumbline ", env!("CARGO_PKG_VERSION"))
+    );
+}
