@@ -8,6 +8,7 @@
 //! Sources: Brown (1966) as in OpenCV's `projectPoints` for radial-tangential; Kannala and Brandt (2006)
 //! as in OpenCV's `fisheye` for equidistant.
 
+use crate::Portable;
 use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -73,9 +74,11 @@ impl Distortion {
     pub fn is_regular(&self, xy: &Vector2<f64>) -> bool {
         let r2 = xy.norm_squared();
         match *self {
-            Self::RadialTangential { k1, k2, .. } => r2 < fold_radius_squared(k1, k2).min(MAX_RADIUS_SQUARED),
+            Self::RadialTangential { k1, k2, .. } => {
+                r2 < fold_radius_squared(k1, k2).at_most(MAX_RADIUS_SQUARED)
+            }
             Self::Equidistant { k1, k2, k3, k4 } => {
-                r2 < MAX_RADIUS_SQUARED && is_growing(r2.sqrt().atan(), [k1, k2, k3, k4])
+                r2 < MAX_RADIUS_SQUARED && is_growing(libm::atan(r2.sqrt()), [k1, k2, k3, k4])
             }
         }
     }
@@ -136,7 +139,7 @@ fn distort_equidistant(xy: &Vector2<f64>, k: [f64; 4]) -> (Vector2<f64>, Matrix2
     if r < 1e-8 {
         return (*xy, Matrix2::identity());
     }
-    let theta = r.atan();
+    let theta = libm::atan(r);
     let scale = theta * theta_scale(theta, k) / r;
     let d_theta_d_by_r = d_theta_d(theta, k) / (1.0 + r * r);
     let d_scale_by_r = (d_theta_d_by_r - scale) / r;
@@ -185,13 +188,13 @@ fn undistort_equidistant(target: &Vector2<f64>, k: [f64; 4]) -> Option<Vector2<f
         return Some(*target);
     }
     let theta = newton_theta(theta_d, k)?;
-    is_growing(theta, k).then(|| target * (theta.tan() / theta_d))
+    is_growing(theta, k).then(|| target * (libm::tan(theta) / theta_d))
 }
 
 /// Solves `theta * theta_scale(theta) = theta_d` within a bracket that Newton's method may not leave.
 fn newton_theta(theta_d: f64, k: [f64; 4]) -> Option<f64> {
     let (mut low, mut high) = (0.0, MAX_THETA_RAD);
-    let mut theta = theta_d.min(MAX_THETA_RAD);
+    let mut theta = theta_d.at_most(MAX_THETA_RAD);
     for _ in 0..UNDISTORT_STEPS {
         let error = theta * theta_scale(theta, k) - theta_d;
         if error.abs() < UNDISTORT_TOLERANCE {

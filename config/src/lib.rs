@@ -49,6 +49,8 @@
 //! # Ok::<(), plumbline_config::ConfigError>(())
 //! ```
 
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
+
 pub mod camera;
 mod error;
 #[cfg(any(all(test, feature = "toml", feature = "yaml"), feature = "fuzzing"))]
@@ -60,6 +62,7 @@ pub mod import;
 #[cfg(feature = "toml")]
 mod load;
 pub mod options;
+mod portable;
 #[cfg(feature = "toml")]
 mod presets;
 pub mod sample;
@@ -75,6 +78,7 @@ pub use camera::CameraModel;
 pub use error::{ConfigError, Violation};
 pub use image::{GrayImage, ImageError, ImageView};
 pub use options::{Config, EstimatorSetup};
+pub use portable::Portable;
 #[cfg(feature = "toml")]
 pub use presets::{PRESETS, preset_text};
 pub use sample::ImuSample;

@@ -6,7 +6,7 @@
 
 use crate::random::{Draws, Purpose};
 use crate::{DriverError, Faults, StereoFrame, StereoSource};
-use plumbline_config::Timestamp;
+use plumbline_config::{Portable, Timestamp};
 use std::ops::Range;
 
 /// Gain of an image never falls below this.
@@ -54,7 +54,7 @@ impl FrameFaults {
         match self.flicker > 0.0 {
             true => {
                 let jump = self.flicker * Draws::new(seed, Purpose::Flicker, sequence).normal();
-                (1.0 + jump).max(MIN_GAIN)
+                (1.0 + jump).at_least(MIN_GAIN)
             }
             false => 1.0,
         }

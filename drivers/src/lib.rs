@@ -4,6 +4,8 @@
 //! A driver never learns what its samples are for; it hands them out in order of measurement time, with
 //! what went missing counted.
 
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
+
 pub mod bag;
 pub mod clock;
 pub mod error;

@@ -151,7 +151,7 @@ fn fog(image: &mut GrayImage, radius_px: f64) {
     let clear = |u: usize, v: usize| {
         let x = u as f64 - 0.5 * width as f64;
         let y = v as f64 - 0.5 * height as f64;
-        let beyond = (x.hypot(y) / radius_px - 1.0) / FOG_EDGE;
+        let beyond = (libm::hypot(x, y) / radius_px - 1.0) / FOG_EDGE;
         1.0 - beyond.clamp(0.0, 1.0)
     };
     for (v, row) in image.pixels_mut().chunks_mut(width.max(1)).enumerate() {

@@ -23,7 +23,7 @@ pub fn exp_so3(phi: &Vector3<f64>) -> UnitQuaternion<f64> {
         let a2 = angle * angle;
         (1.0 - a2 / 8.0, 0.5 - a2 / 48.0)
     } else {
-        let (sin, cos) = (0.5 * angle).sin_cos();
+        let (sin, cos) = libm::sincos(0.5 * angle);
         (cos, sin / angle)
     };
     UnitQuaternion::new_normalize(Quaternion::new(w, phi.x * scale, phi.y * scale, phi.z * scale))
@@ -38,7 +38,7 @@ pub fn log_so3(rot: &UnitQuaternion<f64>) -> Vector3<f64> {
     if sin < SMALL_ANGLE_RAD {
         return v * (2.0 + sin * sin / 3.0);
     }
-    v * (2.0 * sin.atan2(w) / sin)
+    v * (2.0 * libm::atan2(sin, w) / sin)
 }
 
 /// `Jr`: `Exp(phi + d) ~ Exp(phi) Exp(Jr(phi) d)`.
@@ -50,7 +50,8 @@ pub fn right_jacobian(phi: &Vector3<f64>) -> Matrix3<f64> {
         return Matrix3::identity() - s * 0.5 + s * s / 6.0;
     }
     let a2 = angle * angle;
-    Matrix3::identity() - s * ((1.0 - angle.cos()) / a2) + s * s * ((angle - angle.sin()) / (a2 * angle))
+    Matrix3::identity() - s * ((1.0 - libm::cos(angle)) / a2)
+        + s * s * ((angle - libm::sin(angle)) / (a2 * angle))
 }
 
 /// The inverse of [`right_jacobian`]: `Log(Exp(phi) Exp(d)) ~ phi + Jr^-1(phi) d`. Singular at `2 pi`.
@@ -63,7 +64,7 @@ pub fn right_jacobian_inverse(phi: &Vector3<f64>) -> Matrix3<f64> {
     }
     let a2 = angle * angle;
     let half = 0.5 * angle;
-    Matrix3::identity() + s * 0.5 + s * s * ((1.0 - half * half.cos() / half.sin()) / a2)
+    Matrix3::identity() + s * 0.5 + s * s * ((1.0 - half * libm::cos(half) / libm::sin(half)) / a2)
 }
 
 /// The shortest rotation that takes the direction of `from` to that of `to`; about the x axis where they
@@ -79,7 +80,7 @@ pub fn rotation_between(from: &Vector3<f64>, to: &Vector3<f64>) -> UnitQuaternio
 #[must_use]
 pub fn yaw_of(rot_o_b: &UnitQuaternion<f64>) -> f64 {
     let q = rot_o_b.quaternion();
-    let half = if q.w < 0.0 { (-q.k).atan2(-q.w) } else { q.k.atan2(q.w) };
+    let half = if q.w < 0.0 { libm::atan2(-q.k, -q.w) } else { libm::atan2(q.k, q.w) };
     2.0 * half
 }
 

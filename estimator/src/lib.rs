@@ -51,6 +51,8 @@
 //! carries it forward at the rate of the IMU. [`facade`] runs all of it in turn on one thread. What the first two
 //! hand each other is in [`exchange`]: executors with threads to spare follow its rule and get the same bits.
 
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
+
 pub mod admission;
 pub mod estimate;
 pub mod exchange;

@@ -16,7 +16,7 @@ use crate::window::growth::GrowingCovariance;
 use crate::window::state::NavState;
 use blend::Blend;
 use nalgebra::Vector3;
-use plumbline_config::{ImuSample, Timestamp, ValidSetup};
+use plumbline_config::{ImuSample, Portable, Timestamp, ValidSetup};
 use std::collections::VecDeque;
 
 /// Samples are kept this long, s: an estimate must arrive within it.
@@ -193,7 +193,7 @@ impl Propagator {
             && let Some(nav) = &mut self.nav
         {
             // The estimate may lie anywhere between two samples.
-            let apart = to.stamp.seconds_since(from.stamp).max(dt);
+            let apart = to.stamp.seconds_since(from.stamp).at_least(dt);
             let saturated = last.saturated.or(next.saturated);
             let noise = self.limits.noise_of_step(&self.noise, dt, apart, saturated);
             let mut step = Preintegration::new(&nav.bias_gyro, &nav.bias_accel);

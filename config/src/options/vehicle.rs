@@ -54,7 +54,7 @@ mod tests {
 
     /// Angles of `up_v` against the vehicle's z: roll (right wing down) and pitch (nose up), degrees.
     fn tilt_deg(up_v: &Vector3<f64>) -> [f64; 2] {
-        [up_v.y.atan2(up_v.z), (up_v.x / up_v.norm()).asin()].map(f64::to_degrees)
+        [libm::atan2(up_v.y, up_v.z), libm::asin(up_v.x / up_v.norm())].map(f64::to_degrees)
     }
 
     #[test]
@@ -65,7 +65,7 @@ mod tests {
         let [roll, pitch] = tilt_deg(&up_v);
         assert!(roll.abs() < 2.0 && pitch.abs() < 1.0, "roll {roll} pitch {pitch}");
         let optical_axis_v = config.vehicle.rot_v_b() * config.camera[0].pose_b_c().rotation * Vector3::z();
-        let azimuth_deg = optical_axis_v.y.atan2(optical_axis_v.x).to_degrees();
+        let azimuth_deg = libm::atan2(optical_axis_v.y, optical_axis_v.x).to_degrees();
         assert!(azimuth_deg.abs() < 2.0, "{azimuth_deg}");
     }
 

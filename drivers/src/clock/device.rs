@@ -2,6 +2,7 @@
 
 use super::envelope::Envelope;
 use super::round_trip::{RoundTrip, RoundTrips};
+use plumbline_config::Portable;
 
 /// Samples are handed out once the arrivals span this, ns; by then the line is good to a few microseconds where the
 /// transport is, and to its own jitter where it is not.
@@ -221,7 +222,7 @@ impl DeviceClock {
             return false;
         }
         self.figures.late += u64::from(late_ns >= COUNTED_LATE_NS);
-        self.figures.latest_ms = self.figures.latest_ms.max(late_ns as f64 * 1e-6);
+        self.figures.latest_ms = self.figures.latest_ms.at_least(late_ns as f64 * 1e-6);
         let since_ns = *self.patience.since_ns.get_or_insert_with(|| {
             self.patience.least_ns = i64::MAX;
             arrival_ns

@@ -6,7 +6,7 @@ use crate::stop::StopFlag;
 use crate::v4l2::numbering::Numbering;
 use crate::v4l2::stamp::{self, Source};
 use crate::{DriverError, Faults, StereoFrame, StereoSource};
-use plumbline_config::Timestamp;
+use plumbline_config::{Portable, Timestamp};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::AsFd;
 use std::fs::Permissions;
@@ -213,7 +213,7 @@ impl SocketStereo {
         figures.pairs += u64::from(frame.valid == [true; 2]);
         let gain = if figures.frames == 1 { 1.0 } else { DELAY_GAIN };
         figures.delay_ms += gain * (delay_ms - figures.delay_ms);
-        figures.max_delay_ms = figures.max_delay_ms.max(delay_ms);
+        figures.max_delay_ms = figures.max_delay_ms.at_least(delay_ms);
         self.monitor.show(figures);
     }
 }

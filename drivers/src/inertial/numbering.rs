@@ -1,5 +1,7 @@
 //! Numbers for samples, so that losses show: by the device's own counter where there is one, else by time.
 
+use plumbline_config::Portable;
+
 /// Intervals that the period is the median of.
 const INTERVALS: usize = 31;
 /// An interval of so many periods lacks a sample.
@@ -55,7 +57,7 @@ impl Numbering {
         if steps > 1 {
             self.figures.missing += steps - 1;
             self.figures.gaps += 1;
-            self.figures.longest_gap_ms = self.figures.longest_gap_ms.max(interval_ns as f64 * 1e-6);
+            self.figures.longest_gap_ms = self.figures.longest_gap_ms.at_least(interval_ns as f64 * 1e-6);
         }
         self.intervals_ns[self.seen % INTERVALS] = interval_ns;
         self.seen = self.seen.wrapping_add(1);

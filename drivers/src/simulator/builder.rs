@@ -6,6 +6,7 @@ use super::solid::{Bounds, Solid};
 use super::world::{Finish, Surface};
 use crate::random::{Draws, Purpose};
 use nalgebra::Vector3;
+use plumbline_config::Portable;
 use std::f64::consts::FRAC_PI_2;
 
 /// Least distance of furniture from the flight path, m.
@@ -34,7 +35,7 @@ pub(super) struct Wall {
 impl Wall {
     /// Heading of `along`, rad.
     pub(super) fn yaw(&self) -> f64 {
-        self.along.y.atan2(self.along.x)
+        libm::atan2(self.along.y, self.along.x)
     }
 
     /// Unit normal, into the room.
@@ -207,7 +208,7 @@ impl<'a> Builder<'a> {
         }
         let [a, b] = whole.axes();
         let frame = Finish::of(Material::Wood).toned(0.05, 0.7);
-        let boards = (size[2] / 0.42).floor().max(2.0) as usize;
+        let boards = (size[2] / 0.42).floor().at_least(2.0) as usize;
         let gap = size[2] / boards as f64;
         let back = foot - b * (whole.half.y - 0.01);
         self.stand(&Solid::standing(back, [size[0], 0.02, size[2]], yaw), frame);

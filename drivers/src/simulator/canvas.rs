@@ -1,6 +1,7 @@
 //! Painting of repeated patterns: smooth noise and anti-aliased shapes on a square that wraps around.
 
 use crate::random::{Draws, Purpose};
+use plumbline_config::Portable;
 
 /// A square of values around `[0, 1]` that continues on its other side.
 #[derive(Clone, Debug)]
@@ -75,11 +76,11 @@ impl Canvas {
 
     /// Paints a box with half extents `half`, turned by `angle`.
     pub(super) fn paint_box(&mut self, centre: [f32; 2], half: [f32; 2], angle: f32, level: f32) {
-        let (sin, cos) = angle.sin_cos();
+        let (sin, cos) = libm::sincosf(angle);
         let reach = (half[0] * half[0] + half[1] * half[1]).sqrt();
         self.paint(centre, reach, level, |x, y| {
             let (u, v) = (cos * x + sin * y, cos * y - sin * x);
-            (u.abs() - half[0]).max(v.abs() - half[1])
+            (u.abs() - half[0]).at_least(v.abs() - half[1])
         });
     }
 
@@ -90,9 +91,10 @@ impl Canvas {
 
     /// Paints a regular triangle of circumscribed radius `radius`, turned by `angle`.
     pub(super) fn paint_triangle(&mut self, centre: [f32; 2], radius: f32, angle: f32, level: f32) {
-        let sides = [0.0, 1.0, 2.0].map(|k| (angle + k * std::f32::consts::TAU / 3.0).sin_cos());
+        let sides = [0.0, 1.0, 2.0].map(|k| libm::sincosf(angle + k * std::f32::consts::TAU / 3.0));
         self.paint(centre, radius, level, |x, y| {
-            sides.iter().map(|(s, c)| c * x + s * y).fold(f32::MIN, f32::max) - 0.5 * radius
+            sides.iter().map(|(s, c)| c * x + s * y).fold(f32::MIN, |most, x: f32| x.at_least(most))
+                - 0.5 * radius
         });
     }
 
@@ -108,8 +110,8 @@ impl Canvas {
         for _ in 0..count {
             let centre = self.place();
             // Density of radii falling with their third power: equal cover for each octave.
-            let (low, high) = (radius[0].powi(-2), radius[1].powi(-2));
-            let size = self.range(high, low).powf(-0.5);
+            let [low, high] = radius.map(|r| 1.0 / (r * r));
+            let size = 1.0 / self.range(high, low).sqrt();
             let (level, angle) = (self.range(levels[0], levels[1]), self.range(0.0, 6.3));
             match self.draws.index(4) {
                 0 => self.paint_disc(centre, size, level),

@@ -6,7 +6,7 @@
 use crate::FrameFaults;
 use crate::random::{Draws, Purpose};
 use nalgebra::Vector2;
-use plumbline_config::CameraModel;
+use plumbline_config::{CameraModel, Portable};
 use std::f64::consts::TAU;
 
 /// Normal values drawn ahead; rows of noise are pieces of this table.
@@ -88,8 +88,8 @@ impl Effects {
             return 0.0;
         }
         let flicker = self.flicker * Draws::new(seed, Purpose::Flicker, index).normal();
-        let drift = self.exposure_drift * (TAU * time_s / self.exposure_drift_period_s).sin();
-        self.gain * (1.0 + flicker + drift).max(0.05)
+        let drift = self.exposure_drift * libm::sin(TAU * time_s / self.exposure_drift_period_s);
+        self.gain * (1.0 + flicker + drift).at_least(0.05)
     }
 }
 
@@ -116,9 +116,9 @@ impl Sensor {
             vignette: vignette(model, effects.vignetting),
             noise,
             seed,
-            read_variance: effects.read_noise.powi(2) as f32,
+            read_variance: effects.read_noise.squared() as f32,
             shot_noise: effects.shot_noise as f32,
-            blur: (0.5 * effects.lens_blur_px.clamp(0.0, 0.7).powi(2)) as f32,
+            blur: (0.5 * effects.lens_blur_px.clamp(0.0, 0.7).squared()) as f32,
         }
     }
 
@@ -155,7 +155,7 @@ impl Sensor {
 fn vignette(model: &CameraModel, loss: f64) -> Vec<f32> {
     let (width, height) = (model.width_px, model.height_px);
     let centre = Vector2::new(width as f64 - 1.0, height as f64 - 1.0) * 0.5;
-    let farthest = centre.norm_squared().max(1.0);
+    let farthest = centre.norm_squared().at_least(1.0);
     let share = |u: usize, v: usize| {
         let r2 = (Vector2::new(u as f64, v as f64) - centre).norm_squared() / farthest;
         (1.0 - loss * r2 * (0.5 + 0.5 * r2)) as f32

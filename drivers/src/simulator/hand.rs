@@ -35,7 +35,7 @@ impl Swing {
     }
 
     fn at(&self, t_s: f64) -> f64 {
-        self.0.iter().map(|(amplitude, hz, phase)| amplitude * (TAU * hz * t_s + phase).sin()).sum()
+        self.0.iter().map(|(amplitude, hz, phase)| amplitude * libm::sin(TAU * hz * t_s + phase)).sum()
     }
 }
 

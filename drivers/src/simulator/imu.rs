@@ -142,7 +142,7 @@ impl ImuModel {
         Vector3::from_fn(|axis, _| {
             let angle = TAU * self.effects.vibration_hz * t_s;
             let phases = self.phases[sensor][axis];
-            (angle + phases[0]).sin() + 0.5 * (2.0 * angle + phases[1]).sin()
+            libm::sin(angle + phases[0]) + 0.5 * libm::sin(2.0 * angle + phases[1])
         })
     }
 }

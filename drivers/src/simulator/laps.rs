@@ -3,6 +3,7 @@
 use super::Trajectory;
 use crate::StampedPose;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use plumbline_config::Portable;
 
 /// Samples of the path that the spline is drawn through.
 const SAMPLE_STEP_S: f64 = 0.01;
@@ -24,7 +25,7 @@ pub(super) fn laps(
     let (first, last) = (flight.motion_at(from_s).pose_w_b, flight.motion_at(from_s + lap_s).pose_w_b);
     let distance = (last.translation.vector - first.translation.vector - shift).norm();
     let angle = last.rotation.angle_to(&first.rotation);
-    let way_s = SHORTEST_WAY_S.max(distance / SPEED.0).max(angle / SPEED.1) + 2.0 * FADE_S;
+    let way_s = SHORTEST_WAY_S.at_least(distance / SPEED.0).at_least(angle / SPEED.1) + 2.0 * FADE_S;
     // Whole samples, so that every lap is sampled at the same places.
     let round_s = ((lap_s + way_s) / SAMPLE_STEP_S).ceil() * SAMPLE_STEP_S;
     let way_s = round_s - lap_s;
@@ -51,7 +52,7 @@ fn way_back(
     (t, way_s): (f64, f64),
     shift: &Vector3<f64>,
 ) -> Isometry3<f64> {
-    let faded = |t: f64| FADE_S * (1.0 - (-t / FADE_S).exp());
+    let faded = |t: f64| FADE_S * (1.0 - libm::exp(-t / FADE_S));
     let carried = |at_s: f64, by_s: f64| {
         let motion = flight.motion_at(at_s);
         let p = motion.pose_w_b.translation.vector + motion.v_w_b * by_s;

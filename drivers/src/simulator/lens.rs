@@ -5,7 +5,7 @@
 //! inverse has the bearing NaN, which no surface covers.
 
 use nalgebra::{Isometry3, Vector2, Vector3};
-use plumbline_config::CameraModel;
+use plumbline_config::{CameraModel, Portable};
 
 /// Side of a tile, px.
 pub(super) const TILE: usize = 16;
@@ -24,8 +24,8 @@ impl Span {
 
     fn joined(self, other: &Self) -> Self {
         Self {
-            x: [self.x[0].min(other.x[0]), self.x[1].max(other.x[1])],
-            y: [self.y[0].min(other.y[0]), self.y[1].max(other.y[1])],
+            x: [self.x[0].at_most(other.x[0]), self.x[1].at_least(other.x[1])],
+            y: [self.y[0].at_most(other.y[0]), self.y[1].at_least(other.y[1])],
         }
     }
 
@@ -34,7 +34,7 @@ impl Span {
     pub(super) fn range(&self, f: &[f32; 3]) -> [f32; 2] {
         let (ax, bx) = (f[0] * self.x[0], f[0] * self.x[1]);
         let (ay, by) = (f[1] * self.y[0], f[1] * self.y[1]);
-        [f[2] + ax.min(bx) + ay.min(by), f[2] + ax.max(bx) + ay.max(by)]
+        [f[2] + ax.at_most(bx) + ay.at_most(by), f[2] + ax.at_least(bx) + ay.at_least(by)]
     }
 }
 
@@ -131,7 +131,7 @@ fn border(bearing: &impl Fn(f64, f64) -> Vector2<f64>, u: [usize; 2], v: [usize;
     }
     // The outline is sampled: an extreme between samples is missed by less than this share.
     let grow = |r: [f32; 2]| {
-        let extra = 0.01 * (r[1] - r[0]).max(0.0);
+        let extra = 0.01 * (r[1] - r[0]).at_least(0.0);
         [r[0] - extra, r[1] + extra]
     };
     Span { x: grow(span.x), y: grow(span.y) }

@@ -7,6 +7,7 @@ use super::light_map::LightMap;
 use super::solid::Solid;
 use super::world::Surface;
 use nalgebra::Vector3;
+use plumbline_config::Portable;
 
 /// Most points of a map along one edge.
 const MAX_POINTS: usize = 64;
@@ -56,8 +57,8 @@ fn expose(surfaces: &mut [Surface]) {
         sum += size * f64::from(values.iter().sum::<f32>()) / values.len() as f64;
         area += size;
     }
-    let mean = (sum / area.max(1e-9)) as f32;
-    let shape = |x: f32| 1.0 - (-x).exp();
+    let mean = (sum / area.at_least(1e-9)) as f32;
+    let shape = |x: f32| 1.0 - libm::expf(-x);
     for surface in surfaces.iter_mut().filter(lit) {
         for value in &mut surface.light.values {
             *value = MEAN_LEVEL * shape(*value / mean) / shape(1.0);
@@ -95,7 +96,7 @@ fn brightness(point: &Vector3<f64>, normal: &Vector3<f64>, casters: &[Solid], li
         if cosine <= 0.0 {
             continue;
         }
-        let light = lamp.strength * cosine / (1.0 + (distance / lamp.reach_m).powi(2));
+        let light = lamp.strength * cosine / (1.0 + (distance / lamp.reach_m).squared());
         if light > MIN_LIGHT && !casters.iter().any(|solid| solid.blocks(point, &lamp.p_w)) {
             sum += light;
         }

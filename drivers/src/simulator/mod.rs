@@ -50,7 +50,7 @@ use effects::Sensor;
 use imu::ImuModel;
 use lens::Lens;
 use nalgebra::{Isometry3, Vector2};
-use plumbline_config::{Config, GrayImage, Timestamp};
+use plumbline_config::{Config, GrayImage, Portable, Timestamp};
 use render::Renderer;
 use std::sync::Arc;
 use world::World;
@@ -116,7 +116,7 @@ impl Simulator {
             first_frame.plus_seconds(-LEAD_S),
             first_frame.plus_seconds(duration_s + LEAD_S),
         );
-        let frames = (duration_s * config.camera[0].rate_hz - 1e-6).ceil().max(1.0) as u64;
+        let frames = (duration_s * config.camera[0].rate_hz - 1e-6).ceil().at_least(1.0) as u64;
         let scenario = scenario.clone();
         let inner = Inner { config, scenario, flight, world, cameras, imu, first_frame, frames };
         Ok(Self { inner: Arc::new(inner) })

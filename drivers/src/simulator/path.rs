@@ -6,7 +6,7 @@
 use super::trajectory::Trajectory;
 use crate::StampedPose;
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
-use plumbline_config::Timestamp;
+use plumbline_config::{Portable, Timestamp};
 
 /// Stamp of the first pose: far from zero, so that a confusion of stamp and duration shows.
 pub(super) const BEGIN: Timestamp = Timestamp::from_nanos(10_000_000_000);
@@ -61,20 +61,21 @@ pub(super) fn smooth_step(x: f64) -> f64 {
 fn phase(t: f64) -> f64 {
     let x = (t - REST_S - 0.8 * RISE_S) / RAMP_S;
     let held = x.clamp(0.0, 1.0);
-    let ramp = held.powi(4) * (2.5 + held * (held - 3.0));
-    PHASE_RATE * RAMP_S * (ramp + (x - 1.0).max(0.0))
+    let ramp = held.squared().squared() * (2.5 + held * (held - 3.0));
+    PHASE_RATE * RAMP_S * (ramp + (x - 1.0).at_least(0.0))
 }
 
 fn heading(t: f64) -> f64 {
     let p = phase(t);
-    0.5 * p + 1.2 * (1.5 * p).sin()
+    0.5 * p + 1.2 * libm::sin(1.5 * p)
 }
 
 fn position(t: f64) -> Vector3<f64> {
     let p = phase(t);
     let rise = smooth_step((t - REST_S) / RISE_S);
-    let height = HEIGHT_M[0] + (HEIGHT_M[1] - HEIGHT_M[0]) * rise + 0.35 * (0.5 * p).sin();
-    Vector3::new(2.5 * p.sin(), 2.6 * p.sin() * p.cos(), height)
+    let height = HEIGHT_M[0] + (HEIGHT_M[1] - HEIGHT_M[0]) * rise + 0.35 * libm::sin(0.5 * p);
+    let (sin, cos) = libm::sincos(p);
+    Vector3::new(2.5 * sin, 2.6 * sin * cos, height)
 }
 
 #[cfg(test)]

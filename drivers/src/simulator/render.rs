@@ -9,6 +9,7 @@ use super::facet::{Facet, RUN};
 use super::lens::{BLOCK, Lens, Span, TILE};
 use super::world::World;
 use nalgebra::Isometry3;
+use plumbline_config::Portable;
 
 /// No facet.
 const NONE: u16 = u16::MAX;
@@ -266,7 +267,7 @@ fn select(facets: &[Facet], from: impl Iterator<Item = u16>, span: &Span, into: 
         if let Some(nearest) = facet.nearest_within(span)
             && nearest >= behind
         {
-            behind = behind.max(facet.covers(span).unwrap_or(0.0));
+            behind = behind.at_least(facet.covers(span).unwrap_or(0.0));
             into.push(index);
         }
     }

@@ -6,7 +6,7 @@ use super::{Effects, ImuEffects, LEAD_S, Scene, Trajectory, hand, laps, path};
 use crate::DriverError;
 use crate::tum::read_tum;
 use nalgebra::Vector3;
-use plumbline_config::{Config, Timestamp};
+use plumbline_config::{Config, Portable, Timestamp};
 use std::path::PathBuf;
 
 /// Longest built-in flight, s: its curve is held in memory.
@@ -120,7 +120,7 @@ impl Scenario {
             return Ok((once, None));
         }
         let rest_s = once.end().seconds_since(once.begin()) - self.start_s - LEAD_S;
-        let lap = (self.start_s, (self.duration_s + LEAD_S).min(rest_s));
+        let lap = (self.start_s, (self.duration_s + LEAD_S).at_most(rest_s));
         let twins = match self.scene {
             Scene::Rooms(kind) => Some(Twins::new(kind, &twin::positions(&once, lap))),
             _ => None,
@@ -133,7 +133,7 @@ impl Scenario {
 
     /// The path as it is given.
     fn once(&self, config: &Config) -> Result<Trajectory, DriverError> {
-        let length_s = (self.start_s + self.duration_s + 2.0 * LEAD_S).max(1.0);
+        let length_s = (self.start_s + self.duration_s + 2.0 * LEAD_S).at_least(1.0);
         let pose_b_c = config.camera[0].pose_b_c();
         let too_short = || DriverError::Scenario("the built-in flight is too short".into());
         match &self.path {
@@ -163,7 +163,7 @@ impl Scenario {
                 self.start_s
             )));
         }
-        Ok((first, duration_s.min(rest_s)))
+        Ok((first, duration_s.at_most(rest_s)))
     }
 }
 

@@ -6,6 +6,7 @@ use super::pattern::Material;
 use super::solid::{Bounds, Solid};
 use super::world::{Finish, World};
 use nalgebra::Vector3;
+use plumbline_config::Portable;
 
 /// Height of the lowest pose above the floor, m: a drone on its legs.
 const GROUND_M: f64 = 0.13;
@@ -68,7 +69,7 @@ fn grown(flight: &Bounds, sides_m: [f64; 2], above_m: f64) -> Bounds {
 /// Ceiling panels that shine, in a grid of about `pitch_m`, and their lamps.
 fn ceiling_lights(b: &mut Builder<'_>, bounds: &Bounds, pitch_m: f64, lamp: (f64, f64)) -> Vec<Lamp> {
     let size = bounds.high - bounds.low;
-    let count = [0, 1].map(|k| (size[k] / pitch_m).round().max(1.0));
+    let count = [0, 1].map(|k| (size[k] / pitch_m).round().at_least(1.0));
     let mut lamps = Vec::new();
     for i in 0..count[0] as usize {
         for j in 0..count[1] as usize {
@@ -87,8 +88,8 @@ fn ceiling_lights(b: &mut Builder<'_>, bounds: &Bounds, pitch_m: f64, lamp: (f64
 /// Pictures in a grid over a wall, at most `size_m` wide.
 fn pictures(b: &mut Builder<'_>, wall: &Wall, size_m: f64, chance: f64) {
     let cell = 1.35 * size_m;
-    let columns = (wall.length / cell).floor().max(1.0);
-    let rows = ((wall.height - 0.3) / cell).floor().max(1.0);
+    let columns = (wall.length / cell).floor().at_least(1.0);
+    let rows = ((wall.height - 0.3) / cell).floor().at_least(1.0);
     for i in 0..columns as usize {
         for j in 0..rows as usize {
             if b.draws.unit() > chance {
@@ -101,7 +102,7 @@ fn pictures(b: &mut Builder<'_>, wall: &Wall, size_m: f64, chance: f64) {
             let kind = [Material::Posters, Material::Labels, Material::Stones][b.draws.index(3)];
             let look = finish(kind).zoomed(b.draws.range(0.5, 1.3));
             let (dark, bright) = (b.draws.range(0.0, 0.15), b.draws.range(0.75, 1.05));
-            b.attach(&wall.panel(at, z.max(0.05), size, 0.03), look.toned(dark as f32, bright as f32));
+            b.attach(&wall.panel(at, z.at_least(0.05), size, 0.03), look.toned(dark as f32, bright as f32));
         }
     }
 }
@@ -115,7 +116,8 @@ fn floor_place(b: &mut Builder<'_>, bounds: &Bounds, inset_m: f64) -> Vector3<f6
 
 /// A place before a wall, `depth_m` from it to the centre.
 fn wall_place(b: &mut Builder<'_>, wall: &Wall, width_m: f64, depth_m: f64) -> Vector3<f64> {
-    let at = b.draws.range(0.5 * width_m + 0.1, (wall.length - 0.5 * width_m - 0.1).max(0.5 * width_m + 0.2));
+    let at =
+        b.draws.range(0.5 * width_m + 0.1, (wall.length - 0.5 * width_m - 0.1).at_least(0.5 * width_m + 0.2));
     wall.origin + wall.along * at + wall.inward() * depth_m
 }
 
@@ -187,7 +189,7 @@ fn carpets(b: &mut Builder<'_>, bounds: &Bounds, count: usize) {
 
 fn hall(b: &mut Builder<'_>, flight: &Bounds) -> Lighting {
     let mut bounds = grown(flight, [7.0, 4.5], 3.5);
-    bounds.high.z = bounds.high.z.max(bounds.low.z + 7.0);
+    bounds.high.z = bounds.high.z.at_least(bounds.low.z + 7.0);
     let walls = [
         finish(Material::Bricks).zoomed(2.0),
         finish(Material::Concrete).zoomed(2.5),
@@ -235,7 +237,7 @@ fn far(b: &mut Builder<'_>, flight: &Bounds) -> Lighting {
 }
 
 fn pilasters(b: &mut Builder<'_>, wall: &Wall) {
-    let count = (wall.length / 5.0).floor().max(1.0);
+    let count = (wall.length / 5.0).floor().at_least(1.0);
     for i in 0..count as usize {
         let at = (i as f64 + 0.5) * wall.length / count - 0.3;
         b.attach(&wall.panel(at, 0.0, [0.6, wall.height], 0.35), finish(Material::Tiles).zoomed(1.3));
@@ -244,7 +246,7 @@ fn pilasters(b: &mut Builder<'_>, wall: &Wall) {
 
 fn beams(b: &mut Builder<'_>, bounds: &Bounds) {
     let size = bounds.high - bounds.low;
-    let count = (size.x / 4.0).floor().max(1.0);
+    let count = (size.x / 4.0).floor().at_least(1.0);
     for i in 0..count as usize {
         let x = bounds.low.x + (i as f64 + 0.5) * size.x / count;
         let foot = Vector3::new(x, bounds.low.y + 0.5 * size.y, bounds.high.z - 0.5);
@@ -317,7 +319,7 @@ fn plain_wall(b: &mut Builder<'_>, wall: &Wall, number: usize) {
     let dark = finish(Material::Paint).toned(0.0, 0.5);
     skirting(b, wall, finish(Material::Paint).toned(0.0, 0.62));
     b.attach(&wall.panel(0.0, 1.05, [wall.length, 0.07], 0.03), trim);
-    let count = (wall.length / 0.95).floor().max(2.0);
+    let count = (wall.length / 0.95).floor().at_least(2.0);
     let pitch = wall.length / count;
     for i in 0..count as usize {
         let at = (i as f64) * pitch;
@@ -327,13 +329,13 @@ fn plain_wall(b: &mut Builder<'_>, wall: &Wall, number: usize) {
         }
         if (i + number).is_multiple_of(4) && wall.height > 2.0 {
             let pane = finish(Material::Paint).toned(0.0, 0.3 + 0.12 * (i % 3) as f32);
-            let (w, h) = (pitch - 0.2, (wall.height - 1.55).min(1.1));
+            let (w, h) = (pitch - 0.2, (wall.height - 1.55).at_most(1.1));
             b.attach(&wall.panel(at + 0.1, 1.3, [w, h], 0.01), pane);
             frame(b, wall, [at + 0.1, 1.3], [w, h], 0.06, trim);
             b.attach(&wall.panel(at + 0.1 + 0.5 * w - 0.02, 1.3, [0.04, h], 0.03), trim);
             b.attach(&wall.panel(at + 0.1, 1.3 + 0.6 * h, [w, 0.035], 0.028), trim);
         } else if (i + number) % 4 == 2 {
-            let (w, h) = (pitch - 0.2, (wall.height - 1.5).min(1.1));
+            let (w, h) = (pitch - 0.2, (wall.height - 1.5).at_most(1.1));
             frame(b, wall, [at + 0.1, 1.3], [w, h], 0.03, dark);
             let field = finish(Material::Paint).toned(0.0, 0.6);
             b.attach(&wall.panel(at + 0.1 + 0.3 * w, 1.3 + 0.3 * h, [0.4 * w, 0.4 * h], 0.012), field);

@@ -1,6 +1,7 @@
 //! Boxes: what furniture is made of, and what it must keep clear of.
 
 use nalgebra::Vector3;
+use plumbline_config::Portable;
 
 /// An axis-aligned box, m.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,7 +46,7 @@ impl Solid {
 
     /// Directions of the box's x and y.
     pub(super) fn axes(&self) -> [Vector3<f64>; 2] {
-        let (sin, cos) = self.yaw.sin_cos();
+        let (sin, cos) = libm::sincos(self.yaw);
         [Vector3::new(cos, sin, 0.0), Vector3::new(-sin, cos, 0.0)]
     }
 
@@ -62,8 +63,8 @@ impl Solid {
         let (mut enter, mut leave) = (0.0_f64, 1.0_f64);
         for k in 0..3 {
             let (p, q) = ((-self.half[k] - from[k]) / way[k], (self.half[k] - from[k]) / way[k]);
-            enter = enter.max(p.min(q));
-            leave = leave.min(p.max(q));
+            enter = enter.at_least(p.at_most(q));
+            leave = leave.at_most(p.at_least(q));
         }
         enter < leave
     }

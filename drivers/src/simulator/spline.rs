@@ -5,6 +5,8 @@
 //! small weight on third differences of the coefficients, which bridges gaps in the samples with a
 //! curve of little jerk. The normal equations have half-bandwidth 5 and are solved by banded LDL'.
 
+use plumbline_config::Portable;
+
 /// Coefficients that act on one segment.
 pub(super) const ORDER: usize = 6;
 /// Weight of the third differences against one sample per segment: small enough not to bend the
@@ -54,7 +56,7 @@ pub(super) struct Jet<const D: usize> {
 impl<const D: usize> Spline<D> {
     /// The smoothest curve near `samples` (times in `[0, end_s]`), knots about `step_s` apart.
     pub(super) fn fit(samples: &[(f64, [f64; D])], end_s: f64, step_s: f64) -> Self {
-        let segments = (end_s / step_s).ceil().max(1.0) as usize;
+        let segments = (end_s / step_s).ceil().at_least(1.0) as usize;
         let step_s = end_s / segments as f64;
         let mut system = Banded::new(segments + ORDER - 1);
         for (t, value) in samples {
@@ -88,7 +90,7 @@ impl<const D: usize> Spline<D> {
 
 fn locate(t_s: f64, step_s: f64, segments: usize) -> (usize, f64) {
     let at = t_s / step_s;
-    let segment = (at.max(0.0) as usize).min(segments - 1);
+    let segment = (at.at_least(0.0) as usize).min(segments - 1);
     (segment, at - segment as f64)
 }
 

@@ -5,6 +5,7 @@ use super::path::{BEGIN, REST_S, SAMPLE_STEP_S, level_camera, smooth_step};
 use super::trajectory::Trajectory;
 use crate::StampedPose;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use plumbline_config::Portable;
 use std::f64::consts::TAU;
 
 /// Time of the rise, s.
@@ -51,7 +52,7 @@ impl Station {
         let risen = smooth_step((t - REST_S) / RISE_S);
         let up = Vector3::z() * (HEIGHT_M[0] + (HEIGHT_M[1] - HEIGHT_M[0]) * risen);
         let swing = |of: [(f64, f64); 3]| {
-            Vector3::from_fn(|axis, _| risen * of[axis].0 * (TAU * of[axis].1 * t + axis as f64).sin())
+            Vector3::from_fn(|axis, _| risen * of[axis].0 * libm::sin(TAU * of[axis].1 * t + axis as f64))
         };
         match self {
             Self::Hover => {
@@ -75,8 +76,8 @@ fn drifted_s(t: f64) -> f64 {
     let since = t - REST_S - RISE_S;
     let x = (since / DRIFT_RAMP_S).clamp(0.0, 1.0);
     // The integral of x³ (10 - 15 x + 6 x²).
-    let ramp = x.powi(4) * (2.5 + x * (x - 3.0));
-    DRIFT_RAMP_S * ramp + (since - DRIFT_RAMP_S).max(0.0)
+    let ramp = x.squared().squared() * (2.5 + x * (x - 3.0));
+    DRIFT_RAMP_S * ramp + (since - DRIFT_RAMP_S).at_least(0.0)
 }
 
 #[cfg(test)]

@@ -5,6 +5,8 @@
 //! (trilinear) and takes several samples along the longer axis of the pixel's footprint (anisotropic),
 //! so oblique surfaces are as sharp across the view as they should be, and none shimmers.
 
+use plumbline_config::Portable;
+
 /// Most samples along the footprint.
 const MAX_TAPS: f32 = 8.0;
 /// The level is chosen for a footprint of this share of the true one: bilinear look-up blurs by itself,
@@ -149,12 +151,12 @@ impl<const N: usize> Footprints<N> {
                 if wide { self.u_right[i] } else { self.u_down[i] },
                 if wide { self.v_right[i] } else { self.v_down[i] },
             );
-            let longest = right.max(down).sqrt().max(1e-6);
+            let longest = right.at_least(down).sqrt().at_least(1e-6);
             let area = (self.u_right[i] * self.v_down[i] - self.v_right[i] * self.u_down[i]).abs();
             let narrow = area / longest;
             // Rounded, not rounded up: what the samples do not resolve is left to the level.
-            let taps = (longest / narrow.max(1.0) + 0.5).clamp(1.0, MAX_TAPS).floor();
-            let level = log2((SHARPNESS * narrow.max(longest / taps)).max(1.0)).min(last);
+            let taps = (longest / narrow.at_least(1.0) + 0.5).clamp(1.0, MAX_TAPS).floor();
+            let level = log2((SHARPNESS * narrow.at_least(longest / taps)).at_least(1.0)).at_most(last);
             let low = level.floor();
             let share = 1.0 / taps;
             let scale = f32::from_bits(((127 + FRACTION_BITS - whole(low)) as u32) << 23);

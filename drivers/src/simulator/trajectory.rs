@@ -8,7 +8,7 @@
 use super::spline::Spline;
 use crate::StampedPose;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
-use plumbline_config::Timestamp;
+use plumbline_config::{Portable, Timestamp};
 
 /// Distance of the knots: passes a drone's motion (up to about 8 Hz) and little of a tracker's noise.
 const KNOT_STEP_S: f64 = 0.06;
@@ -58,7 +58,7 @@ impl Trajectory {
         let (begin, end) = (poses[0].stamp, poses[poses.len() - 1].stamp);
         let end_s = end.seconds_since(begin);
         let times: Vec<f64> = poses.iter().map(|p| p.stamp.seconds_since(begin)).collect();
-        let step_s = KNOT_STEP_S.max(SAMPLES_PER_KNOT * median_interval(&times));
+        let step_s = KNOT_STEP_S.at_least(SAMPLES_PER_KNOT * median_interval(&times));
         let positions = zip(&times, &without_jumps(&times, poses));
         let attitudes = zip(&times, &continuous_quaternions(poses));
         Some(Self {

@@ -6,7 +6,7 @@ use super::pairing::{Pairing, Side, Waiting};
 use super::sequence::Sequence;
 use super::stamp::{self, Arrival, Exposure, Source};
 use super::sys::queue::Filled;
-use plumbline_config::GrayImage;
+use plumbline_config::{GrayImage, Portable};
 use rustix::fd::AsFd as _;
 use rustix::fd::BorrowedFd;
 use std::collections::VecDeque;
@@ -173,7 +173,7 @@ impl Camera {
         let delay_ms = delay_ns as f64 * MS;
         let gain = if figures.images == 1 { 1.0 } else { DELAY_GAIN };
         figures.delay_ms += gain * (delay_ms - figures.delay_ms);
-        figures.max_delay_ms = figures.max_delay_ms.max(delay_ms);
+        figures.max_delay_ms = figures.max_delay_ms.at_least(delay_ms);
     }
 
     fn give_back(&mut self, filled: Filled) {

@@ -7,6 +7,7 @@ use super::sys::abi::{
     ID_EXPOSURE_AUTO_PRIORITY, ID_GAIN, NEXT_CONTROL,
 };
 use super::sys::calls;
+use plumbline_config::Portable;
 use plumbline_config::options::{V4l2Config, V4l2Control};
 use rustix::fd::{AsFd, BorrowedFd, OwnedFd};
 use rustix::io::Errno;
@@ -203,7 +204,7 @@ fn apply_exposure(fd: BorrowedFd<'_>, options: &V4l2Config) -> Result<(), Contro
             )));
         }
     };
-    let steps = (options.exposure_us / unit_us).round().max(1.0);
+    let steps = (options.exposure_us / unit_us).round().at_least(1.0);
     let (least, most, _) = info.range;
     if steps < least as f64 || steps > most as f64 {
         return Err(ControlError::Refused(format!(

@@ -10,7 +10,7 @@ use super::stamp::{Exposure, clocks};
 use crate::stop::StopFlag;
 use crate::{DriverError, Faults, StereoFrame, StereoSource};
 use plumbline_config::options::{PairBy, V4l2Config};
-use plumbline_config::{Config, Timestamp};
+use plumbline_config::{Config, Portable, Timestamp};
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::time::Timespec;
 use std::path::PathBuf;
@@ -277,7 +277,7 @@ impl V4l2Stereo {
         self.figures.apart += u64::from(apart_ns.abs() > self.tolerance_ns);
         if let Some(offset_ns) = self.pairing.offset_ns() {
             let jitter_ms = (apart_ns - offset_ns).abs() as f64 * MS;
-            self.figures.max_jitter_ms = self.figures.max_jitter_ms.max(jitter_ms);
+            self.figures.max_jitter_ms = self.figures.max_jitter_ms.at_least(jitter_ms);
         }
     }
 }

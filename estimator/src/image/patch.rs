@@ -6,6 +6,7 @@
 
 use super::Plane;
 use nalgebra::{Matrix2, Vector2};
+use plumbline_config::Portable;
 
 /// Samples along a side of a patch: wide enough for an affine fit, small enough to lie on one surface;
 /// `SIDE * SIDE` is a multiple of [`LANES`].
@@ -194,7 +195,7 @@ fn sample_line<const N: usize>(plane: &Plane<'_>, middle: [f32; 2], step: [f32; 
     let (mut fx, mut fy, mut start) = ([0.0f32; WIDE], [0.0f32; WIDE], [0i32; WIDE]);
     for i in 0..WIDE {
         let d = i as f32 - half;
-        let (x, y) = ((middle[0] + step[0] * d).max(0.0), (middle[1] + step[1] * d).max(0.0));
+        let (x, y) = ((middle[0] + step[0] * d).at_least(0.0), (middle[1] + step[1] * d).at_least(0.0));
         let (column, row) = (whole(x), whole(y));
         (fx[i], fy[i]) = (x - column as f32, y - row as f32);
         start[i] = row * plane.columns as i32 + column;

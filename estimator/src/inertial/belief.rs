@@ -6,8 +6,8 @@
 //! it may have been otherwise grows with their distance, and has nothing to do with the noise of the sensor.
 
 use super::ImuNoise;
-use plumbline_config::ImuSample;
 use plumbline_config::options::ImuConfig;
+use plumbline_config::{ImuSample, Portable};
 
 /// Two samples further apart than this many nominal periods have lost samples between them.
 const GAP_PERIODS: f64 = 2.5;
@@ -114,12 +114,12 @@ impl SensorLimits {
         let mut of_step = *noise;
         // A mean over the step that is off by sigma has the density sigma sqrt(dt).
         let mut add = |gyro_sigma: f64, accel_sigma: f64| {
-            of_step.gyro_density = of_step.gyro_density.hypot(gyro_sigma * dt_s.sqrt());
-            of_step.accel_density = of_step.accel_density.hypot(accel_sigma * dt_s.sqrt());
+            of_step.gyro_density = libm::hypot(of_step.gyro_density, gyro_sigma * dt_s.sqrt());
+            of_step.accel_density = libm::hypot(of_step.accel_density, accel_sigma * dt_s.sqrt());
         };
         if self.is_gap(apart_s) {
-            let rate = (0.5 * CHANGE_OF_RATE_RAD_S2 * apart_s).min(MAX_RATE_ERROR_RAD_S);
-            let force = (0.5 * CHANGE_OF_FORCE_M_S3 * apart_s).min(MAX_FORCE_ERROR_M_S2);
+            let rate = (0.5 * CHANGE_OF_RATE_RAD_S2 * apart_s).at_most(MAX_RATE_ERROR_RAD_S);
+            let force = (0.5 * CHANGE_OF_FORCE_M_S3 * apart_s).at_most(MAX_FORCE_ERROR_M_S2);
             add(rate, force);
         }
         if saturated.gyro {

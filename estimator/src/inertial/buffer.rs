@@ -4,7 +4,7 @@ use super::belief::{BelievedSample, SensorLimits};
 use super::preintegration::{ImuNoise, Preintegration};
 use nalgebra::Vector3;
 use plumbline_config::options::ImuConfig;
-use plumbline_config::{ImuSample, Timestamp};
+use plumbline_config::{ImuSample, Portable, Timestamp};
 use std::collections::VecDeque;
 
 /// Inertial samples are kept this long, s: the longest start and the longest gap between frames.
@@ -107,7 +107,7 @@ impl ImuBuffer {
             hole_s = 0.0;
         }
         if let Some(last) = self.at(to) {
-            let hole_s = hole_s.max(self.hole_around(to));
+            let hole_s = hole_s.at_least(self.hole_around(to));
             self.step(&mut result, &mut coverage, &mut previous, (last, hole_s), noise);
         }
         (result, coverage)
@@ -140,7 +140,7 @@ impl ImuBuffer {
             let (from, to) = (&last.sample, &next.sample);
             let dt = to.stamp.seconds_since(from.stamp);
             let uncovered = self.distance_to_samples(from.stamp) + self.distance_to_samples(to.stamp);
-            let apart = dt.max(uncovered).max(hole_s);
+            let apart = dt.at_least(uncovered).at_least(hole_s);
             coverage.has_gap |= self.limits.is_gap(apart);
             coverage.is_saturated |= saturated.is_any();
             if dt > 0.0 {
@@ -156,7 +156,7 @@ impl ImuBuffer {
         match (self.samples.front(), self.samples.back()) {
             (Some(first), Some(last)) => {
                 let before = first.sample.stamp.seconds_since(stamp);
-                before.max(stamp.seconds_since(last.sample.stamp)).max(0.0)
+                before.at_least(stamp.seconds_since(last.sample.stamp)).at_least(0.0)
             }
             _ => f64::INFINITY,
         }

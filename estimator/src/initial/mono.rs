@@ -20,6 +20,7 @@ use super::{GatheredFrame, find_track};
 use crate::inertial::Preintegration;
 use crate::window::reprojection::PointMeasurement;
 use nalgebra::{Isometry3, Matrix2x3, Matrix3, SMatrix, SVector, Vector2, Vector3};
+use plumbline_config::Portable;
 use std::ops::Range;
 
 /// Rounds of re-weighting by depth.
@@ -295,7 +296,7 @@ impl Workspace {
                 let (v0, g0) = (s.fixed_rows::<3>(0), s.fixed_rows::<3>(3));
                 let p_camera = at.p_constant + v0 * at.dt + g0 * (0.5 * at.dt * at.dt);
                 let depth_m = (at.rot_c_b0 * (p_b0 - p_camera)).z;
-                view.depth_m = depth_m.abs().max(MIN_DEPTH_M);
+                view.depth_m = depth_m.abs().at_least(MIN_DEPTH_M);
                 let (by_x, by_s, constant) = equations(at, &view.measured.xy);
                 let r = view.measured.weight * (by_x * p_b0 + by_s * s + constant) / view.depth_m;
                 let squared = r.norm_squared();
@@ -304,7 +305,7 @@ impl Workspace {
                 } else {
                     WEIGHT_BEHIND
                 };
-                sum += squared.min(MAX_SQUARED_RESIDUAL);
+                sum += squared.at_most(MAX_SQUARED_RESIDUAL);
                 count += 1;
             }
         }

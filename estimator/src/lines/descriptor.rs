@@ -11,6 +11,7 @@
 use super::gradient::{BORDER, Gradients};
 use super::segment::Segment;
 use nalgebra::Vector2;
+use plumbline_config::Portable;
 
 /// Bands across the segment.
 const BANDS: usize = 9;
@@ -49,7 +50,7 @@ pub struct Describer {
 
 impl Default for Describer {
     fn default() -> Self {
-        let gauss = |d: f64, sigma: f64| (-0.5 * d * d / (sigma * sigma)).exp() as f32;
+        let gauss = |d: f64, sigma: f64| libm::exp(-0.5 * d * d / (sigma * sigma)) as f32;
         let centred = |k: usize, n: usize| k as f64 - 0.5 * (n as f64 - 1.0);
         Self {
             row_weight: std::array::from_fn(|k| gauss(centred(k, ROWS), 0.5 * ROWS as f64)),
@@ -107,7 +108,7 @@ impl Describer {
         for i in 0..SUMS {
             let m = mean[i] / weights;
             figures[i] = m;
-            figures[SUMS + i] = (square[i] / weights - m * m).max(0.0).sqrt();
+            figures[SUMS + i] = (square[i] / weights - m * m).at_least(0.0).sqrt();
         }
         figures
     }
@@ -116,13 +117,13 @@ impl Describer {
 /// Gradients at the stations of a row, nearest pixels; beyond the image those at its edge.
 fn sample_row(gradients: &Gradients, start: Vector2<f32>, step: Vector2<f32>) -> [[f32; STATIONS]; 2] {
     let width = gradients.width();
-    let right = (width - BORDER - 1) as f32;
-    let bottom = (gradients.height() - BORDER - 1) as f32;
+    let right = (width - BORDER - 1) as i32;
+    let bottom = (gradients.height() - BORDER - 1) as i32;
     let mut index = [0_i32; STATIONS];
     for (i, index) in index.iter_mut().enumerate() {
-        let x = (start.x + step.x * i as f32).max(BORDER as f32).min(right) + 0.5;
-        let y = (start.y + step.y * i as f32).max(BORDER as f32).min(bottom) + 0.5;
-        *index = y as i32 * width as i32 + x as i32;
+        let x = (start.x + step.x * i as f32 + 0.5) as i32;
+        let y = (start.y + step.y * i as f32 + 0.5) as i32;
+        *index = y.max(BORDER as i32).min(bottom) * width as i32 + x.max(BORDER as i32).min(right);
     }
     let mut samples = [[0.0; STATIONS]; 2];
     for (i, &index) in index.iter().enumerate() {
@@ -146,10 +147,11 @@ fn directed_sums(
         for lane in 0..LANES {
             let (x, y) = (gx[chunk * LANES + lane], gy[chunk * LANES + lane]);
             let (a, b) = (across.x * x + across.y * y, along.x * x + along.y * y);
-            lanes[0][lane] += a.max(0.0);
-            lanes[1][lane] += (-a).max(0.0);
-            lanes[2][lane] += b.max(0.0);
-            lanes[3][lane] += (-b).max(0.0);
+            let (left, forward) = (a.at_least(0.0), b.at_least(0.0));
+            lanes[0][lane] += left;
+            lanes[1][lane] += left - a;
+            lanes[2][lane] += forward;
+            lanes[3][lane] += forward - b;
         }
     }
     lanes.map(|lane| lane.iter().sum())

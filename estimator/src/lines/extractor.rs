@@ -14,8 +14,8 @@ use super::seeds::Seeds;
 use super::segment::Segment;
 use super::validation::Validation;
 use crate::work_budget::WorkBudget;
-use plumbline_config::ImageView;
 use plumbline_config::options::LinesConfig;
+use plumbline_config::{ImageView, Portable};
 
 /// One ridge may be probed for so many visits of the budget.
 const VISITS_PER_PROBED: usize = 2;
@@ -141,7 +141,7 @@ impl LineExtractor {
     }
 
     fn threshold(&self) -> i16 {
-        (self.options.min_gradient as f32 * SCALE).min(f32::from(i16::MAX)) as i16
+        (self.options.min_gradient as f32 * SCALE).at_most(f32::from(i16::MAX)) as i16
     }
 
     /// Grows segments until the seeds or the budget are spent.

@@ -5,6 +5,7 @@
 
 use super::measurement::ImageLine;
 use nalgebra::{Rotation3, Vector2, Vector3};
+use plumbline_config::Portable;
 
 /// Cosine of the largest angle between a prediction and a segment (10 degrees).
 const MIN_COS: f64 = 0.984_8;
@@ -32,7 +33,7 @@ impl Expected {
     #[must_use]
     pub fn new(ends_xy: &[Vector2<f64>; 2], gate: f64) -> Self {
         let d = ends_xy[1] - ends_xy[0];
-        let length = d.norm().max(f64::MIN_POSITIVE);
+        let length = d.norm().at_least(f64::MIN_POSITIVE);
         Self { start: ends_xy[0], direction: d / length, length, gate }
     }
 
@@ -54,8 +55,8 @@ impl Expected {
 /// Share of the shorter of two segments that lies beside the other.
 fn overlap(start: &Vector2<f64>, direction: &Vector2<f64>, length: f64, ends: &[Vector2<f64>; 2]) -> f64 {
     let [a, b] = ends.map(|end| direction.dot(&(end - start)));
-    let (low, high) = (a.min(b), a.max(b));
-    (high.min(length) - low.max(0.0)) / (high - low).min(length).max(f64::MIN_POSITIVE)
+    let (low, high) = (a.at_most(b), a.at_least(b));
+    (high.at_most(length) - low.at_least(0.0)) / (high - low).at_most(length).at_least(f64::MIN_POSITIVE)
 }
 
 /// A left segment as the right camera may see it.
@@ -88,7 +89,7 @@ impl StereoGate {
             return None;
         }
         let d = far[1].xy() / far[1].z - far[0].xy() / far[0].z;
-        Some(StereoExpected { far, direction: d / d.norm().max(f64::MIN_POSITIVE) })
+        Some(StereoExpected { far, direction: d / d.norm().at_least(f64::MIN_POSITIVE) })
     }
 
     /// Whether a right segment may be the same edge: the planes of both meet in front of the cameras, where
@@ -122,7 +123,7 @@ impl StereoGate {
             *to = met.xy() / met.z;
         }
         let length = (seen[1] - seen[0]).norm();
-        overlap(&seen[0], &((seen[1] - seen[0]) / length.max(f64::MIN_POSITIVE)), length, &right.ends_xy)
+        overlap(&seen[0], &((seen[1] - seen[0]) / length.at_least(f64::MIN_POSITIVE)), length, &right.ends_xy)
             >= MIN_OVERLAP
     }
 }

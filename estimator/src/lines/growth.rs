@@ -9,6 +9,7 @@ use super::fit::LineMoments;
 use super::gradient::{BORDER, Gradients, SCALE};
 use super::segment::Place;
 use nalgebra::Vector2;
+use plumbline_config::Portable;
 
 /// Largest distance of an edge pixel from the line so far, px.
 const TOLERANCE_PX: f32 = 1.0;
@@ -308,7 +309,7 @@ impl Course<'_> {
 
 /// Direction of an edge with this gradient: the brighter side is on the right (rows go down).
 fn along(gradient: &Vector2<f32>) -> Vector2<f32> {
-    Vector2::new(gradient.y, -gradient.x) / gradient.norm().max(f32::MIN_POSITIVE)
+    Vector2::new(gradient.y, -gradient.x) / gradient.norm().at_least(f32::MIN_POSITIVE)
 }
 
 /// Direction of the gradient of an edge along `direction`: the inverse of [`along`].

@@ -3,7 +3,7 @@
 use super::fit::LineMoments;
 use super::segment::Segment;
 use nalgebra::Vector2;
-use plumbline_config::CameraModel;
+use plumbline_config::{CameraModel, Portable};
 
 /// A straight edge in ideal normalized coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,7 +41,7 @@ impl ImageLine {
     #[must_use]
     pub fn direction(&self) -> Vector2<f64> {
         let d = self.ends_xy[1] - self.ends_xy[0];
-        d / d.norm().max(f64::MIN_POSITIVE)
+        d / d.norm().at_least(f64::MIN_POSITIVE)
     }
 }
 

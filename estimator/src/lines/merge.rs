@@ -11,6 +11,7 @@
 use super::filter::clearest_first;
 use super::segment::{NODES, Place, Segment};
 use nalgebra::Vector2;
+use plumbline_config::Portable;
 use plumbline_config::options::LinesConfig;
 
 /// Most segments that become one.
@@ -72,7 +73,7 @@ impl Merger {
             return segments[k];
         }
         let mean = members.iter().map(|m| m.1).sum::<f32>() / members.len() as f32;
-        let limit = mean.min(MAX_ANGLE_DEG.to_radians()).max(self.min_angle);
+        let limit = mean.at_most(MAX_ANGLE_DEG.to_radians()).at_least(self.min_angle);
         members.retain(|m| m.1 <= limit);
         for _ in 0..MAX_FITS {
             let Some(joint) = self.fit(segments, k, &members) else { break };
@@ -148,7 +149,7 @@ impl Rectangle {
         }
         let direction = segment.direction();
         let cos = self.direction.dot(&direction);
-        (cos > 0.0).then(|| self.direction.perp(&direction).abs().atan2(cos))
+        (cos > 0.0).then(|| libm::atan2f(self.direction.perp(&direction).abs(), cos))
     }
 }
 

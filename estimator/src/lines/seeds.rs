@@ -7,7 +7,7 @@
 use super::gradient::{Gradients, Pixel, SCALE};
 use crate::image::patch::whole;
 use nalgebra::Vector2;
-use plumbline_config::ImageView;
+use plumbline_config::{ImageView, Portable};
 
 /// Seeds are ordered by their gradient in whole grey levels per pixel, as far as this.
 const BUCKETS: usize = 256;
@@ -135,7 +135,7 @@ fn is_promising(gradients: &Gradients, seed: &Seed, threshold: i16) -> bool {
     let pixels = gradients.pixels();
     let gradient = pixels[usize::from(seed.y) * width + usize::from(seed.x)].vector();
     let squared_norm = gradient.norm_squared();
-    let direction = Vector2::new(gradient.y, -gradient.x) / squared_norm.sqrt().max(f32::MIN_POSITIVE);
+    let direction = Vector2::new(gradient.y, -gradient.x) / squared_norm.sqrt().at_least(f32::MIN_POSITIVE);
     let (x, y) = (f32::from(seed.x) + 0.5, f32::from(seed.y) + 0.5);
     let (mut columns, mut rows) = ([0; PROBES], [0; PROBES]);
     probe_places(x, direction.x, right, &mut columns);
@@ -158,7 +158,7 @@ fn is_promising(gradients: &Gradients, seed: &Seed, threshold: i16) -> bool {
 #[inline(never)]
 fn probe_places(start: f32, direction: f32, last: f32, out: &mut [i32; PROBES]) {
     for k in 0..PROBES {
-        out[k] = whole((start + direction * PROBES_PX[k]).max(0.0).min(last));
+        out[k] = whole((start + direction * PROBES_PX[k]).at_least(0.0).at_most(last));
     }
 }
 
@@ -176,7 +176,7 @@ fn components(pixels: &[Pixel; PROBES], gx: &mut [f32; PROBES], gy: &mut [f32; P
 /// 1 where a probe has a gradient like that of the seed.
 #[inline(never)]
 fn compare(seed: &Vector2<f32>, [gx, gy]: [&[f32; PROBES]; 2], threshold: i16, out: &mut [u32; PROBES]) {
-    let least = (MIN_PROBE_SHARE * f32::from(threshold)).powi(2);
+    let least = (MIN_PROBE_SHARE * f32::from(threshold)).squared();
     let limit = MIN_PROBE_COS2 * seed.norm_squared();
     for k in 0..PROBES {
         let (dot, squared) = (seed.x * gx[k] + seed.y * gy[k], gx[k] * gx[k] + gy[k] * gy[k]);

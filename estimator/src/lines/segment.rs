@@ -2,6 +2,7 @@
 
 use super::fit::LineMoments;
 use nalgebra::Vector2;
+use plumbline_config::Portable;
 
 /// Places along a segment at which its edge is kept, so that it can be undistorted before it is fitted.
 pub const NODES: usize = 8;
@@ -55,7 +56,7 @@ impl Segment {
     #[must_use]
     pub fn direction(&self) -> Vector2<f32> {
         let d = self.end - self.start;
-        d / d.norm().max(f32::MIN_POSITIVE)
+        d / d.norm().at_least(f32::MIN_POSITIVE)
     }
 
     /// The line through edge places by total least squares, from the first to the last of them along
@@ -74,7 +75,7 @@ impl Segment {
         let (mut first, mut last) = (f32::INFINITY, f32::NEG_INFINITY);
         for place in places {
             let s = along.dot(&(place.px - centroid));
-            (first, last) = (first.min(s), last.max(s));
+            (first, last) = (s.at_most(first), s.at_least(last));
         }
         let length = last - first;
         if length.is_nan() || length <= 0.0 {

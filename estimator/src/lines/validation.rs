@@ -25,10 +25,10 @@ impl Validation {
     pub fn new(width: usize, height: usize) -> Self {
         let mut ln_factorial = vec![0.0; MAX_LENGTH + 1];
         for n in 1..=MAX_LENGTH {
-            ln_factorial[n] = ln_factorial[n - 1] + (n as f64).ln();
+            ln_factorial[n] = ln_factorial[n - 1] + libm::log(n as f64);
         }
         // From any pixel to any other; segments grown here have one width, where LSD counts several.
-        let ln_tests = 2.0 * ((width * height) as f64).ln();
+        let ln_tests = 2.0 * libm::log((width * height) as f64);
         Self { ln_factorial, ln_tests }
     }
 
@@ -44,7 +44,7 @@ impl Validation {
     fn ln_tail(&self, n: usize, k: usize) -> f64 {
         let (p, q) = (ALIGNED_BY_CHANCE, 1.0 - ALIGNED_BY_CHANCE);
         let ln_choose = self.ln_factorial[n] - self.ln_factorial[k] - self.ln_factorial[n - k];
-        let first = ln_choose + k as f64 * p.ln() + (n - k) as f64 * q.ln();
+        let first = ln_choose + k as f64 * libm::log(p) + (n - k) as f64 * libm::log(q);
         // Terms fall at least geometrically beyond the mean: their sum, relative to the first.
         let (mut sum, mut term) = (1.0, 1.0);
         for i in k..n {
@@ -54,7 +54,7 @@ impl Validation {
                 break;
             }
         }
-        first + sum.ln()
+        first + libm::log(sum)
     }
 }
 

@@ -13,7 +13,7 @@ use crate::input::ResetKind;
 use crate::window::growth::GrowingCovariance;
 use crate::window::state::NavState;
 use nalgebra::{Matrix4, SMatrix, Vector3};
-use plumbline_config::Timestamp;
+use plumbline_config::{Portable, Timestamp};
 
 /// How much a vehicle speeds up, and how fast it turns, while nobody looks, m/s² and rad/s.
 const UNSEEN_ACCELERATION_M_S2: f64 = 2.0;
@@ -59,7 +59,8 @@ impl Inherited {
         let up_b = nav.rot_o_b.inverse() * Vector3::z();
         by_state.fixed_view_mut::<1, 3>(3, NavState::ROT).copy_from(&up_b.transpose());
         let of_pose = by_state * covariance * by_state.transpose();
-        let velocity_sigma = covariance.fixed_view::<3, 3>(NavState::V, NavState::V).trace().max(0.0).sqrt();
+        let velocity_sigma =
+            covariance.fixed_view::<3, 3>(NavState::V, NavState::V).trace().at_least(0.0).sqrt();
         let speed_m_s = nav.v_o_b.norm() + velocity_sigma;
         let is_sound = of_pose.iter().all(|x| x.is_finite()) && speed_m_s.is_finite();
         self.last = Some(match is_sound {
@@ -72,9 +73,9 @@ impl Inherited {
     /// The start anew is at `p_o_b`, at `stamp`.
     pub(super) fn begin(&mut self, stamp: Timestamp, p_o_b: &Vector3<f64>) {
         let Some(last) = &self.last else { return };
-        let dt = stamp.seconds_since(last.stamp).max(0.0);
-        let way_m = (last.speed_m_s * dt + 0.5 * UNSEEN_ACCELERATION_M_S2 * dt * dt).min(MOST_M);
-        let turn_rad = ((last.rate_rad_s + UNSEEN_RATE_RAD_S) * dt).min(MOST_RAD);
+        let dt = stamp.seconds_since(last.stamp).at_least(0.0);
+        let way_m = (last.speed_m_s * dt + 0.5 * UNSEEN_ACCELERATION_M_S2 * dt * dt).at_most(MOST_M);
+        let turn_rad = ((last.rate_rad_s + UNSEEN_RATE_RAD_S) * dt).at_most(MOST_RAD);
         let mut covariance = last.covariance;
         for k in 0..3 {
             covariance[(k, k)] += way_m * way_m;
@@ -103,7 +104,7 @@ impl Odometer {
             Some((covariance, variance)) if (0..9).all(|k| covariance[(k, k)] > 0.0) => {
                 let nav = self.window.frames.last().map(|f| &f.nav);
                 self.covariance = nav.map_or(covariance, |nav| self.inherited.added_to(covariance, nav));
-                self.time_offset_sigma_s = variance.max(0.0).sqrt();
+                self.time_offset_sigma_s = variance.at_least(0.0).sqrt();
                 self.bias_variances = self.window.newest_bias_variances().unwrap_or(self.bias_variances);
             }
             _ => {

@@ -6,7 +6,7 @@ use crate::input::ResetKind;
 use crate::window::feature::Feature;
 use crate::window::landmark::{Landmark, LandmarkStore};
 use crate::window::state::NavState;
-use plumbline_config::Timestamp;
+use plumbline_config::{Portable, Timestamp};
 use std::cmp::Ordering;
 use std::fmt;
 
@@ -88,8 +88,10 @@ impl Odometer {
         if is_solved && self.landmarks_in_view() >= MIN_LANDMARKS_IN_VIEW {
             self.last_seen = Some(stamp);
         }
-        let velocity_sigma =
-            (NavState::V..NavState::V + 3).map(|k| self.covariance[(k, k)]).fold(0.0, f64::max).sqrt();
+        let velocity_sigma = (NavState::V..NavState::V + 3)
+            .map(|k| self.covariance[(k, k)])
+            .fold(0.0, |most, x: f64| x.at_least(most))
+            .sqrt();
         if velocity_sigma > self.options.health.max_velocity_sigma_m_s {
             health.insert(HealthBits::VELOCITY_UNCERTAIN);
         }
@@ -135,11 +137,13 @@ impl Odometer {
 
     /// 0..=100 from landmarks in view and the certainty of the velocity.
     pub(super) fn quality(&self, in_view: usize) -> i8 {
-        let by_landmarks = (in_view as f64 / PLENTY_LANDMARKS).min(1.0);
-        let velocity_sigma =
-            (NavState::V..NavState::V + 3).map(|k| self.covariance[(k, k)]).fold(0.0, f64::max).sqrt();
+        let by_landmarks = (in_view as f64 / PLENTY_LANDMARKS).at_most(1.0);
+        let velocity_sigma = (NavState::V..NavState::V + 3)
+            .map(|k| self.covariance[(k, k)])
+            .fold(0.0, |most, x: f64| x.at_least(most))
+            .sqrt();
         let by_velocity = (1.0 - velocity_sigma / self.options.health.max_velocity_sigma_m_s).clamp(0.0, 1.0);
-        (100.0 * by_landmarks.min(by_velocity)).round() as i8
+        (100.0 * by_landmarks.at_most(by_velocity)).round() as i8
     }
 }
 

@@ -1,6 +1,7 @@
 //! Whether the cameras of a pair see the same things: if not, their calibration is wrong, or something covers a lens.
 
 use crate::estimate::HealthBits;
+use plumbline_config::Portable;
 
 /// Points in view below which nothing is said of the pair.
 const MIN_POINTS: usize = 20;
@@ -22,7 +23,7 @@ impl PairWatch {
     /// Of so many cameras of `rate_hz` frames a second.
     #[must_use]
     pub fn new(cameras: usize, rate_hz: f64) -> Self {
-        Self { cameras, frames_to_tell: (TIME_TO_TELL_S * rate_hz).round().max(1.0) as u32, frames: 0 }
+        Self { cameras, frames_to_tell: (TIME_TO_TELL_S * rate_hz).round().at_least(1.0) as u32, frames: 0 }
     }
 
     /// Takes the number of points of a frame, and of those that both cameras see; says so in `health` once the cameras have

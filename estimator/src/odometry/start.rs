@@ -8,6 +8,7 @@ use crate::window::MAX_FRAMES;
 use crate::window::prior::AnchorSigmas;
 use crate::window::state::NavState;
 use nalgebra::Vector3;
+use plumbline_config::Portable;
 
 /// Solver steps of a start: far from the solution, and only once.
 const START_ITERATIONS: usize = 12;
@@ -73,7 +74,7 @@ impl Odometer {
         }
         let middle = &frames[frames.len() / 2];
         self.mono_wait = MONO_RETRY_FRAMES;
-        self.parallax_px(middle, newest).max(self.parallax_px(first, newest))
+        self.parallax_px(middle, newest).at_least(self.parallax_px(first, newest))
             >= self.options.mono_min_parallax_px
     }
 

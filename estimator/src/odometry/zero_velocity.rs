@@ -5,6 +5,7 @@
 
 use super::measurements::MedianFlow;
 use nalgebra::{Vector2, Vector3};
+use plumbline_config::Portable;
 
 /// Common motion of the image between two frames at rest stays below this, px: ten times what noise
 /// leaves in the median of a hundred points.
@@ -51,7 +52,7 @@ impl ZeroVelocityDetector {
     /// Largest flow of a vehicle at rest that sees things at `depth_m`; `None` where the image does not tell.
     fn flow_limit_px(&self, depth_m: f64) -> Option<f64> {
         let overlooked_px = MAX_OVERLOOKED_M_S * self.px_per_m_s / depth_m;
-        Some(overlooked_px.min(MAX_FLOW_PX)).filter(|limit_px| *limit_px >= MIN_FLOW_PX)
+        Some(overlooked_px.at_most(MAX_FLOW_PX)).filter(|limit_px| *limit_px >= MIN_FLOW_PX)
     }
 
     /// Forgets how long the vehicle has stood still.

@@ -6,6 +6,7 @@
 
 use super::descriptor::Descriptor;
 use nalgebra::{Matrix3, Vector2, Vector3};
+use plumbline_config::Portable;
 
 /// Points whose inverse depth is known worse than this, relative, are of no use as points of a map.
 const MAX_RELATIVE_SIGMA: f32 = 0.25;
@@ -54,7 +55,7 @@ impl Feature {
     #[must_use]
     pub fn covariance_c(&self) -> Matrix3<f64> {
         let depth = 1.0 / f64::from(self.inverse_depth);
-        let across = (f64::from(self.sigma_xy) * depth).powi(2);
+        let across = (f64::from(self.sigma_xy) * depth).squared();
         let along = self.ray_c() * (depth * depth * f64::from(self.sigma_inverse_depth));
         Matrix3::from_diagonal(&Vector3::new(across, across, 0.0)) + along * along.transpose()
     }

@@ -154,7 +154,7 @@ impl Index {
         for (i, feature) in features.iter().enumerate() {
             self.walk(&feature.descriptor, &mut votes.compared);
             self.vote(i as u32, &feature.descriptor, stored, votes);
-            let weight = (1.0 + keyframes / votes.touched.len().max(1) as f32).ln();
+            let weight = libm::log1pf(keyframes / votes.touched.len().max(1) as f32);
             for &slot in &votes.touched {
                 let distance = votes.voted[slot as usize].1 as f32;
                 votes.scores[slot as usize] += weight * (1.0 - distance / (MAX_VOTE_DISTANCE + 1) as f32);

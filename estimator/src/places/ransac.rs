@@ -167,5 +167,5 @@ fn samples_needed(inliers: usize, matches: usize, size: usize) -> usize {
     if sound >= 1.0 {
         return 1;
     }
-    ((1.0 - CONFIDENCE).ln() / (1.0 - sound).ln()).ceil() as usize
+    (libm::log(1.0 - CONFIDENCE) / libm::log(1.0 - sound)).ceil() as usize
 }

@@ -17,6 +17,7 @@ use super::feature::Feature;
 use super::matching::{MapPoint, Match};
 use crate::geometry::{exp_so3, skew};
 use nalgebra::{Isometry3, Matrix3, Matrix6, SMatrix, SVector, UnitQuaternion, Vector3};
+use plumbline_config::Portable;
 
 /// Steps of a refinement.
 const MAX_STEPS: usize = 8;
@@ -150,9 +151,9 @@ impl<'a> Viewpoint<'a> {
         let by_q = Matrix3::new(w, 0.0, -q.x * w * w, 0.0, w, -q.y * w * w, 0.0, 0.0, -w * w);
         let by_b = by_q * self.matrix_c_b;
         let by_m = by_b * self.matrix_b_m;
-        let across = f64::from(seen.sigma_xy).powi(2);
+        let across = f64::from(seen.sigma_xy).squared();
         let along =
-            if seen.has_depth() { f64::from(seen.sigma_inverse_depth).powi(2) } else { UNKNOWN_DEPTH };
+            if seen.has_depth() { f64::from(seen.sigma_inverse_depth).squared() } else { UNKNOWN_DEPTH };
         let covariance = Matrix3::from_diagonal(&Vector3::new(across, across, along))
             + by_m * point.covariance_m * by_m.transpose();
         let information = covariance.try_inverse()?;
@@ -195,7 +196,7 @@ impl Problem<'_> {
         if let Some(gravity) = &self.gravity {
             let up = pose_m_b.rotation.inverse() * Vector3::z();
             let (error, by_theta) = (up - gravity.up_b, skew(&up));
-            let weighted = by_theta.transpose() / gravity.sigma_rad.powi(2);
+            let weighted = by_theta.transpose() / gravity.sigma_rad.squared();
             let mut corner = h.fixed_view_mut::<3, 3>(3, 3);
             corner += weighted * by_theta;
             let mut lower = g.fixed_rows_mut::<3>(3);

@@ -14,6 +14,7 @@
 use crate::image::Plane;
 use crate::image::patch::{AREA, FRAMED, LANES, Patch, sample_patch, split_framed, sum_lanes};
 use nalgebra::{Matrix2, Vector2};
+use plumbline_config::Portable;
 
 /// Least standard deviation of a patch that can be aligned, grey levels: below it there is only rounding.
 const MIN_CONTRAST: f32 = 0.7;
@@ -153,7 +154,7 @@ impl TranslationTemplate {
 
     /// Root mean square residual that belongs to a correlation: `|r|^2 = 2 E (1 - zncc)`.
     fn rms(&self, zncc: f32) -> f32 {
-        (2.0 * self.energy * (1.0 - zncc).max(0.0) / AREA as f32).sqrt()
+        (2.0 * self.energy * (1.0 - zncc).at_least(0.0) / AREA as f32).sqrt()
     }
 
     /// One pass over the current patch: its moments and `J'^T I`.

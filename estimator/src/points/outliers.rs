@@ -8,6 +8,7 @@
 //! `dtheta`) while the gate closes. At rest every residual is below the gate, whatever `t` is.
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
+use plumbline_config::Portable;
 
 /// Random pairs tried: with half of the points wrong, all fail with a probability of 1e-5.
 const HYPOTHESES: usize = 40;
@@ -117,7 +118,7 @@ impl OutlierFilter {
 
     /// Sum of squared residuals, each cut off at the gate (MSAC, Torr and Zisserman 2000).
     fn cost(&self, motion: &Motion, gate: f64) -> f64 {
-        self.pairs.iter().map(|p| motion.residual(p).powi(2).min(gate * gate)).sum()
+        self.pairs.iter().map(|p| motion.residual(p).squared().at_most(gate * gate)).sum()
     }
 
     /// The best of many pairs of points, refined.
@@ -177,7 +178,7 @@ impl OutlierFilter {
 
 /// Weight of the prior on the rotation, in units of the squared angle of a point.
 fn prior(focal_px: f64, rotation_sigma: f64) -> f64 {
-    (POINT_SIGMA_PX / focal_px / rotation_sigma).powi(2)
+    (POINT_SIGMA_PX / focal_px / rotation_sigma).squared()
 }
 
 /// One Gauss-Newton step on the points within the gate: unknowns are `dtheta` and two tangents of `t`.

@@ -5,7 +5,7 @@
 //! `rho = 0` that is the infinite homography.
 
 use nalgebra::{Isometry3, Matrix2, Matrix2x3, Rotation3, UnitQuaternion, Vector2, Vector3};
-use plumbline_config::CameraModel;
+use plumbline_config::{CameraModel, Portable};
 
 /// Normalized coordinates this much further out than the image's corners are not projected: there the
 /// distortion polynomial may fold back into the image.
@@ -51,7 +51,7 @@ impl RigCamera {
         let field = corners
             .iter()
             .map(|&c| model.unproject(&Vector2::from(c)).map_or(DEFAULT_FIELD, |xy| xy.norm()))
-            .fold(0.0, f64::max);
+            .fold(0.0, |most, x: f64| x.at_least(most));
         Self { model, pose_b_c: Isometry3::identity(), field: field * FIELD_MARGIN }
     }
 

@@ -15,6 +15,7 @@ use super::align::Moments;
 use crate::image::patch::{AREA, FRAMED, HALF, Patch, sample_patch, sample_warped, split_framed};
 use crate::image::{Plane, Pyramid};
 use nalgebra::{Matrix2, Vector2};
+use plumbline_config::Portable;
 
 /// Side of the stored patch, px: a patch at an angle of 45 degrees and twice the size.
 const STORED_SIDE: usize = 40;
@@ -204,7 +205,7 @@ impl AffineTemplate {
                 break;
             }
         }
-        out.rms = (2.0 * self.energy * (1.0 - out.zncc).max(0.0) / AREA as f32).sqrt();
+        out.rms = (2.0 * self.energy * (1.0 - out.zncc).at_least(0.0) / AREA as f32).sqrt();
         out.warp = to_template.try_inverse()? * out.warp;
         Some(to_template - Matrix2::identity())
     }
@@ -223,7 +224,7 @@ impl AffineTemplate {
         let gradient = projection * moments.gain;
         let step = self.inverse_hessian * gradient;
         let zncc = moments.zncc + step.dot(&gradient) / (2.0 * self.energy);
-        Some((step, zncc.min(1.0)))
+        Some((step, zncc.at_most(1.0)))
     }
 }
 

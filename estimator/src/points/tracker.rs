@@ -17,7 +17,7 @@ use crate::image::Pyramid;
 use crate::work_budget::Fork;
 use nalgebra::{Isometry3, UnitQuaternion, Vector2};
 use plumbline_config::options::PointsConfig;
-use plumbline_config::{CameraModel, ImageView};
+use plumbline_config::{CameraModel, ImageView, Portable};
 
 /// New points a frame beside a full set of tracks; bounds the worst frame.
 const MAX_NEW_BESIDE_TRACKS: usize = 60;
@@ -354,7 +354,7 @@ impl PointTracker {
             let (older, rest) = self.store.tracks.split_at_mut(i);
             let Some(px) = rest[0].px[leading] else { continue };
             let close = |t: &Track| {
-                t.px[leading].is_some_and(|q| (q - px).norm_squared() < MIN_SEPARATION_PX.powi(2))
+                t.px[leading].is_some_and(|q| (q - px).norm_squared() < MIN_SEPARATION_PX.squared())
             };
             rest[0].lost |= older.iter().any(|t| !t.lost && close(t));
         }

@@ -12,6 +12,7 @@
 use crate::estimate::NavCovariance;
 use crate::window::state::{FRAME_DIM, NavState};
 use nalgebra::SVector;
+use plumbline_config::Portable;
 
 /// Time constant of the decay, s: that of a frame at 20 Hz.
 const TIME_CONSTANT_S: f64 = 0.05;
@@ -66,12 +67,12 @@ impl Blend {
 
     /// `dt_s` later: the offset has shrunk.
     pub fn advance(&mut self, dt_s: f64) {
-        let share = 1.0 - (-dt_s / TIME_CONSTANT_S).exp();
+        let share = 1.0 - libm::exp(-dt_s / TIME_CONSTANT_S);
         for (part, max_rate) in PARTS {
             let mut offset = self.offset.fixed_rows_mut::<3>(part);
             let size = offset.norm();
             if size > 0.0 {
-                offset *= 1.0 - share.min(max_rate * dt_s / size);
+                offset *= 1.0 - share.at_most(max_rate * dt_s / size);
             }
         }
     }

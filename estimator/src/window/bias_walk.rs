@@ -14,6 +14,7 @@
 use super::state::{FrameMatrix, NavState};
 use crate::inertial::{ImuNoise, Preintegration};
 use nalgebra::SMatrix;
+use plumbline_config::Portable;
 
 /// Integration is exact to about a micrometre per step: keeps the covariance of one step regular.
 pub(super) const FLOOR: f64 = 1e-14;
@@ -59,7 +60,7 @@ impl BiasWalk {
         covariance.fixed_view_mut::<9, 6>(0, biases).copy_from(&self.with_biases);
         covariance.fixed_view_mut::<6, 9>(biases, 0).copy_from(&self.with_biases.transpose());
         for (k, variance) in variances(noise, motion.dt_s).iter().enumerate() {
-            covariance[(biases + k, biases + k)] = variance.max(LEAST_WALK);
+            covariance[(biases + k, biases + k)] = variance.at_least(LEAST_WALK);
         }
         Some(covariance.cholesky()?.inverse())
     }

@@ -18,7 +18,7 @@ pub struct Linearization<'a, P, J> {
 pub fn cauchy(squared: f64, scale: f64) -> (f64, f64) {
     let c2 = scale * scale;
     let ratio = squared / c2;
-    (0.5 * c2 * ratio.ln_1p(), 1.0 / (1.0 + ratio))
+    (0.5 * c2 * libm::log1p(ratio), 1.0 / (1.0 + ratio))
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@
 //! one heading vote alike, all others (and edges that are not horizontal) scatter. Votes fade over seconds.
 
 use nalgebra::Vector3;
+use plumbline_config::Portable;
 use std::f64::consts::FRAC_PI_2;
 
 /// Bins over 90 degrees.
@@ -61,7 +62,7 @@ impl HeadingVotes {
         if !has_heading {
             return;
         }
-        let place = bins_of(n_o.x.atan2(-n_o.y));
+        let place = bins_of(libm::atan2(n_o.x, -n_o.y));
         let bin = (place as usize).min(BINS - 1);
         let weight = length_rad * slope;
         self.votes[bin] += weight;
@@ -78,7 +79,7 @@ impl HeadingVotes {
                 best = bin;
             }
         }
-        let is_peak = self.support(best) > (MIN_SHARE * self.total).max(MIN_VOTES);
+        let is_peak = self.support(best) > (MIN_SHARE * self.total).at_least(MIN_VOTES);
         let is_lost = present_rad.is_none_or(|heading| {
             let bin = (bins_of(heading) as usize).min(BINS - 1);
             self.support(bin) < LOST_SHARE * self.total
@@ -118,7 +119,7 @@ mod tests {
 
     /// Normal of the plane through the camera and a horizontal edge of this heading, seen `up` above the horizon.
     fn plane(heading_rad: f64, up: f64) -> Vector3<f64> {
-        let along = Vector3::new(heading_rad.cos(), heading_rad.sin(), 0.0);
+        let along = Vector3::new(libm::cos(heading_rad), libm::sin(heading_rad), 0.0);
         let side = Vector3::new(-along.y, along.x, 0.0);
         along.cross(&(side + Vector3::z() * up)).normalize()
     }

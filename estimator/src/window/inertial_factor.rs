@@ -19,6 +19,7 @@ use super::state::{FrameMatrix, FrameVector, NavState};
 use crate::geometry::{exp_so3, log_so3, right_jacobian, right_jacobian_inverse, skew};
 use crate::inertial::{ImuNoise, Preintegration};
 use nalgebra::{Matrix3, SMatrix, Vector3};
+use plumbline_config::Portable;
 
 /// How fast a vehicle turns and how much force it feels at most, whatever its sensor says.
 const MOST_RATE_RAD_S: f64 = 10.0;
@@ -171,7 +172,7 @@ fn information(motion: &Preintegration, noise: &ImuNoise) -> Option<FrameMatrix>
     let inverse = covariance.cholesky()?.inverse();
     let mut information = FrameMatrix::zeros();
     information.fixed_view_mut::<9, 9>(0, 0).copy_from(&inverse);
-    let walk = |density: f64| 1.0 / (density * density * motion.dt_s).max(1e-16);
+    let walk = |density: f64| 1.0 / (density * density * motion.dt_s).at_least(1e-16);
     for k in 0..3 {
         let (gyro, accel) = (NavState::BIAS_GYRO + k, NavState::BIAS_ACCEL + k);
         information[(gyro, gyro)] = walk(noise.gyro_walk);

@@ -143,11 +143,11 @@ impl HostedLine {
         let across = v - u1 * u1.dot(v);
         let u2 = across.try_normalize(1e-12)?;
         let axes = Matrix3::from_columns(&[u1, u2, u1.cross(&u2)]);
-        Some(Self { axes, phi: across.norm().atan2(n.norm()), axis: None })
+        Some(Self { axes, phi: libm::atan2(across.norm(), n.norm()), axis: None })
     }
 
     fn pluecker(&self) -> Pluecker {
-        let (sin, cos) = self.phi.sin_cos();
+        let (sin, cos) = libm::sincos(self.phi);
         Pluecker { n: self.axes.column(0) * cos, v: self.axes.column(1) * sin }
     }
 
@@ -178,7 +178,7 @@ impl HostedLine {
 
     /// Derivatives of `n` and `v` by the four parameters.
     fn by_parameters(&self) -> (Matrix3x4<f64>, Matrix3x4<f64>) {
-        let (sin, cos) = self.phi.sin_cos();
+        let (sin, cos) = libm::sincos(self.phi);
         let [u1, u2, u3] = [0, 1, 2].map(|k| self.axes.column(k).into_owned());
         let zero = Vector3::zeros();
         let n = Matrix3x4::from_columns(&[zero, -u3 * cos, u2 * cos, -u1 * sin]);

@@ -73,7 +73,7 @@ impl Manhattan {
         if axis == Axis::Vertical {
             return self.options.verticals.then(Vector3::z);
         }
-        let (sin, cos) = self.heading_rad.filter(|_| self.options.vanishing_directions)?.sin_cos();
+        let (sin, cos) = libm::sincos(self.heading_rad.filter(|_| self.options.vanishing_directions)?);
         Some(match axis {
             Axis::Across => Vector3::new(-sin, cos, 0.0),
             _ => Vector3::new(cos, sin, 0.0),

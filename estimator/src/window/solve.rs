@@ -13,6 +13,7 @@ use super::state::{
 };
 use crate::estimate::{BiasVariances, NavCovariance};
 use nalgebra::SVector;
+use plumbline_config::Portable;
 
 /// A step that lowers the cost by less than this (in squared standard deviations) ends the iteration: it
 /// is far below what noise adds to the cost of a single observation.
@@ -121,8 +122,8 @@ impl Window {
     fn adapt_damping(&mut self, damping: f64, is_lower: bool) {
         self.first_damping = match (damping > 0.0, is_lower) {
             (false, _) => FIRST_DAMPING,
-            (true, true) => (self.first_damping / DAMPING_GROWTH).max(LEAST_DAMPING),
-            (true, false) => (self.first_damping * DAMPING_GROWTH).min(FIRST_DAMPING),
+            (true, true) => (self.first_damping / DAMPING_GROWTH).at_least(LEAST_DAMPING),
+            (true, false) => (self.first_damping * DAMPING_GROWTH).at_most(FIRST_DAMPING),
         };
     }
 

@@ -7,6 +7,7 @@ use super::line::{HostedLine, LineMeasurement};
 use super::options::Options;
 use super::triangulate::{Scene, Triangulation, camera_pose, consistent};
 use nalgebra::{Matrix4, Vector3, Vector4};
+use plumbline_config::Portable;
 
 /// Planes that meet at less than this angle are one plane within noise, rad.
 const MIN_PLANE_ANGLE: f64 = 0.004;
@@ -35,8 +36,9 @@ pub fn triangulate_line(landmark: &mut LineLandmark, scene: &Scene<'_>, options:
         return Triangulation::Waiting;
     };
     let Some(covariance) = information.try_inverse() else { return Triangulation::Waiting };
-    let (slope_sigma, phi_sigma) = (covariance[(0, 0)].max(0.0).sqrt(), covariance[(3, 3)].max(0.0).sqrt());
-    let inverse_distance = landmark.feature.phi.tan();
+    let (slope_sigma, phi_sigma) =
+        (covariance[(0, 0)].at_least(0.0).sqrt(), covariance[(3, 3)].at_least(0.0).sqrt());
+    let inverse_distance = libm::tan(landmark.feature.phi);
     let is_wide = phi_sigma * MIN_PARALLAX_SIGMAS < inverse_distance && slope_sigma < MAX_SLOPE_SIGMA;
     if !is_wide {
         return Triangulation::Waiting;

@@ -3,6 +3,7 @@
 use super::dense::NormalEquations;
 use super::frame::Frame;
 use super::state::{NavState, unknown_of_frame};
+use plumbline_config::Portable;
 
 /// Cost of the velocity of a frame at rest, in squared standard deviations, for a velocity of standard deviation
 /// `sigma_m_s`. On request its normal equations are added to `linearization`, the frame being that of the index
@@ -18,7 +19,7 @@ pub fn zero_velocity(
     let v = &frame.nav.v_o_b;
     let Some((equations, index)) = linearization else {
         // Rounded otherwise than below, as it always was: estimates are compared bit for bit.
-        return 0.5 * v.norm_squared() / sigma_m_s.powi(2);
+        return 0.5 * v.norm_squared() / sigma_m_s.squared();
     };
     let information = 1.0 / (sigma_m_s * sigma_m_s);
     let at = unknown_of_frame(index) + NavState::V;

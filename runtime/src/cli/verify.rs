@@ -157,7 +157,7 @@ fn summary(v: &Verification) -> String {
         note("inputs", "CHANGED after they were recorded".into());
     }
     if !v.same_build {
-        note("warning", "recorded by another build: bits are promised for one and the same binary".into());
+        note("warning", "recorded by another build: bits are promised for the same sources alone".into());
     }
     if v.difference.is_none() {
         note("estimate digest", v.estimate_digest[..16].into());

@@ -6,6 +6,8 @@
 //! against the clock on threads of its own; what the clock decides there is written down as [`orders`]. When
 //! nothing had to be refused or came late, both give the same bits.
 
+#![deny(clippy::disallowed_methods)]
+
 pub mod clock;
 mod control;
 pub mod digest;

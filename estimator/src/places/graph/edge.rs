@@ -208,7 +208,7 @@ pub fn turn(yaw: f64) -> UnitQuaternion<f64> {
 #[must_use]
 pub fn yaw_of(rotation: &UnitQuaternion<f64>) -> f64 {
     let m: Rotation3<f64> = rotation.to_rotation_matrix();
-    (m[(1, 0)] - m[(0, 1)]).atan2(m[(0, 0)] + m[(1, 1)])
+    libm::atan2(m[(1, 0)] - m[(0, 1)], m[(0, 0)] + m[(1, 1)])
 }
 
 /// An angle between minus and plus half a turn.

@@ -1,6 +1,7 @@
 //! What was found, what speaks for it, and why it was not believed.
 
 use nalgebra::{Isometry3, Matrix6};
+use plumbline_config::Portable;
 
 /// Poses that differ by no more than this are of one place, m and rad.
 const SAME_POSE: (f64, f64) = (0.3, 0.09);
@@ -36,13 +37,13 @@ impl Located {
     /// Standard deviation of the position in its worst direction, m.
     #[must_use]
     pub fn sigma_m(&self) -> f64 {
-        self.covariance.fixed_view::<3, 3>(0, 0).symmetric_eigenvalues().max().max(0.0).sqrt()
+        self.covariance.fixed_view::<3, 3>(0, 0).symmetric_eigenvalues().max().at_least(0.0).sqrt()
     }
 
     /// Standard deviation of the attitude about its worst axis, rad.
     #[must_use]
     pub fn sigma_rad(&self) -> f64 {
-        self.covariance.fixed_view::<3, 3>(3, 3).symmetric_eigenvalues().max().max(0.0).sqrt()
+        self.covariance.fixed_view::<3, 3>(3, 3).symmetric_eigenvalues().max().at_least(0.0).sqrt()
     }
 }
 

@@ -11,6 +11,7 @@ mod options;
 
 pub use found::{Attempt, Doubt, Located};
 pub use options::LocatorOptions;
+use plumbline_config::Portable;
 
 use super::feature::Feature;
 use super::guide::Guide;
@@ -226,8 +227,8 @@ impl Locator {
         let many = self.guide.matches().len() as f64 / self.options.max_independent;
         let mut covariance = refined.covariance * larger * if many > 1.0 { many } else { 1.0 };
         for i in 0..3 {
-            covariance[(i, i)] += self.options.map_sigma_m.powi(2);
-            covariance[(i + 3, i + 3)] += self.options.map_sigma_rad.powi(2);
+            covariance[(i, i)] += self.options.map_sigma_m.squared();
+            covariance[(i + 3, i + 3)] += self.options.map_sigma_rad.squared();
         }
         covariance
     }
@@ -266,7 +267,7 @@ fn spread(features: &[Feature], matches: &[Match]) -> usize {
         let xy = &features[item.query as usize].xy;
         let place = |axis: usize| {
             let [low, high] = span[axis];
-            let cell = (xy[axis] - low) / (high - low).max(1e-6) * SPREAD[axis] as f32;
+            let cell = (xy[axis] - low) / (high - low).at_least(1e-6) * SPREAD[axis] as f32;
             (cell as usize).min(SPREAD[axis] - 1)
         };
         fields |= 1 << (place(1) * SPREAD[0] + place(0));

@@ -7,7 +7,7 @@ use super::MapUpdate;
 use crate::estimate::Estimate;
 use crate::places::graph::edge::{turn, wrapped, yaw_of};
 use nalgebra::Isometry3;
-use plumbline_config::Timestamp;
+use plumbline_config::{Portable, Timestamp};
 
 /// Time in which two thirds of a correction are taken up, s.
 const TIME_CONSTANT_S: f64 = 1.0;
@@ -59,11 +59,11 @@ impl MapFollower {
     /// The map as of an estimate.
     pub fn follow(&mut self, estimate: &Estimate) -> MapEstimate {
         self.begin_odometry_frame(estimate.reset_counter);
-        let dt_s = self.last.map_or(0.0, |last| estimate.stamp.seconds_since(last)).max(0.0);
+        let dt_s = self.last.map_or(0.0, |last| estimate.stamp.seconds_since(last)).at_least(0.0);
         self.last = Some(estimate.stamp);
         self.present = match (self.present, self.target) {
             (Some(present), Some(target)) => {
-                let share = 1.0 - (-dt_s / TIME_CONSTANT_S).exp();
+                let share = 1.0 - libm::exp(-dt_s / TIME_CONSTANT_S);
                 Some(approached(&present, &target, &estimate.pose_o_b, share))
             }
             // What was not known before is told as it is.

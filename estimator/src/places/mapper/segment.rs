@@ -4,7 +4,7 @@ use crate::exchange::SolvedFrame;
 use crate::places::graph::Node;
 use crate::places::graph::edge::chained;
 use nalgebra::{Isometry3, Matrix4, Vector4};
-use plumbline_config::Timestamp;
+use plumbline_config::{Portable, Timestamp};
 
 /// What odometry is taken to drift by where the window did not say, m per root of a metre, and least.
 const DRIFT_M: (f64, f64) = (0.02, 0.005);
@@ -48,7 +48,7 @@ impl Segment {
         }
         let length = (pose_o_b.translation.vector - before.pose_o_b.translation.vector).norm();
         let sigma = |(per_root, least): (f64, f64)| least + per_root * length.sqrt();
-        let (position, heading) = (sigma(DRIFT_M).powi(-2), sigma(DRIFT_RAD).powi(-2));
+        let (position, heading) = (1.0 / sigma(DRIFT_M).squared(), 1.0 / sigma(DRIFT_RAD).squared());
         Matrix4::from_diagonal(&Vector4::new(position, position, position, heading))
     }
 }

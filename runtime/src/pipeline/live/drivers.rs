@@ -6,6 +6,7 @@ use super::shared::Shared;
 use crate::schedule::ring::{Bell, Reader, Writer};
 use crate::schedule::tasks::TaskId;
 use crate::schedule::ticker::Monotonic;
+use plumbline_config::Portable;
 use plumbline_drivers::{Faults, ImuReading, ImuSource, StereoFrame, StereoSource};
 use plumbline_estimator::admission::{StampGate, StampVerdict};
 
@@ -119,7 +120,7 @@ impl CameraTask {
             let at = Monotonic::now();
             let late_ms = at.ms_since(due);
             self.kept.late += u64::from(late_ms > late_at_source_ms);
-            self.kept.latest_ms = self.kept.latest_ms.max(late_ms);
+            self.kept.latest_ms = self.kept.latest_ms.at_least(late_ms);
             if follows && late_ms > overdue_ms {
                 self.kept.overdue += self.source.skip_to(shared.data_time(at));
             }

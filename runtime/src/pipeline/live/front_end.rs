@@ -11,7 +11,7 @@ use crate::schedule::ring::{Bell, Reader, Writer};
 use crate::schedule::tasks::{TaskId, WATCH_PERIOD};
 use crate::schedule::ticker::Monotonic;
 use crate::schedule::times::Times;
-use plumbline_config::Timestamp;
+use plumbline_config::{Portable, Timestamp};
 use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::Feedback;
 use std::collections::VecDeque;
@@ -228,7 +228,7 @@ impl FrontEndTask {
         }
         job.is_after_fault = std::mem::take(&mut self.is_renewal_due);
         stage.track(&arrival.frame, rung, team, job);
-        let longest_ms = job.cost.wall_ms.max(shared.window_ms());
+        let longest_ms = job.cost.wall_ms.at_least(shared.window_ms());
         self.figures.response_ms.record(Monotonic::now().ms_since(arrival.at));
         shared.heartbeats.give(TaskId::Window);
         self.rings.jobs.push(self.job.take()?).ok()?;

@@ -9,6 +9,7 @@ use crate::schedule::supervisor::{Supervisor, Word};
 use crate::schedule::tasks::{Loss, TaskId, WATCH_PERIOD};
 use crate::schedule::ticker::Monotonic;
 use crate::schedule::watchdog::{Finding, Watchdog};
+use plumbline_config::Portable;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{Builder, Scope, ScopedJoinHandle};
 use std::time::Duration;
@@ -86,7 +87,7 @@ impl WatchdogThread {
                 && let Some(mb) = resident_mb()
             {
                 settled_mb.get_or_insert(mb);
-                peak_mb = peak_mb.max(mb);
+                peak_mb = peak_mb.at_least(mb);
             }
             std::thread::sleep(WATCH_PERIOD);
         }
