@@ -69,7 +69,7 @@ fn a_right_camera_turned_by_two_degrees() {
     is_honest(Fault::RightTurned);
 }
 
-/// Every fault at full resolution. Which ones still deceive stands in docs/experiments.md.
+/// Every fault at full resolution; the figures stand in docs/benchmarks.md.
 #[test]
 #[ignore = "minutes; run by `make soak`"]
 fn soak_no_fault_gives_false_confidence() {

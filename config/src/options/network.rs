@@ -19,6 +19,8 @@ pub struct NetworkConfig {
     pub link: Link,
     /// Offer camera pictures, where the link can carry them.
     pub camera: bool,
+    /// What a session may hold in memory before all links are closed and opened anew, MB.
+    pub max_memory_mb: u32,
     /// Who may give commands.
     pub commands: Commands,
     /// Certificates.
@@ -36,6 +38,7 @@ impl Default for NetworkConfig {
             scouting: false,
             link: Link::Lan,
             camera: true,
+            max_memory_mb: 96,
             commands: Commands::Authenticated,
             tls: TlsConfig::default(),
             login: LoginConfig::default(),

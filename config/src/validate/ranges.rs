@@ -112,6 +112,8 @@ const CONFIG_ROWS: &[Row<Config>] = &[
     ("recorder.queue_entries",  |c| c.recorder.queue_entries as f64, 0.0,  65_536.0,     COUNT),
     ("recorder.queue_frames",   |c| c.recorder.queue_frames as f64,  0.0,  256.0,        COUNT),
 
+    ("network.max_memory_mb",   |c| f64::from(c.network.max_memory_mb),  8.0, 4096.0,     "write it in MB (10^6 bytes)"),
+
     ("runtime.idle_latency_us", |c| c.runtime.idle_latency_us as f64, -1.0, 1e6, "write it in microseconds; 0 keeps processors awake, -1 leaves it to the system"),
 
     ("vehicle.imu_to_vehicle_deg[0]", |c| c.vehicle.imu_to_vehicle_deg[0], -180.0, 180.0, DEGREES),

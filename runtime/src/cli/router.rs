@@ -2,7 +2,7 @@
 
 use super::access::AccessArgs;
 use super::{Usage, say, stop_on_signal};
-use crate::net::memory::{MAX_HELD_BY_ROUTER, SessionMemory};
+use crate::net::memory::{MAX_HELD_BY_ROUTER_MB, SessionMemory};
 use crate::net::{Endpoints, Mode, audit, diagnosis, security};
 use anyhow::Result;
 use clap::Args;
@@ -40,7 +40,7 @@ pub fn run(args: &RouterArgs) -> Result<()> {
     let endpoints =
         Endpoints { mode: Mode::Router, ..args.access.endpoints("*", &args.listen, &args.connect) };
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
-    let mut memory = SessionMemory::begin(MAX_HELD_BY_ROUTER, 0);
+    let mut memory = SessionMemory::begin(MAX_HELD_BY_ROUTER_MB, 0);
     let mut session = runtime.block_on(endpoints.open())?;
     if let Some(exposure) = security::exposure(&endpoints) {
         tracing::warn!("{exposure}");
@@ -53,7 +53,7 @@ pub fn run(args: &RouterArgs) -> Result<()> {
         diagnosis::report_failures();
         if memory.is_too_much(0) {
             let _ = runtime.block_on(async { session.close().await });
-            memory = SessionMemory::begin(MAX_HELD_BY_ROUTER, 0);
+            memory = SessionMemory::begin(MAX_HELD_BY_ROUTER_MB, 0);
             session = loop {
                 match runtime.block_on(endpoints.open()) {
                     Ok(session) => break session,

@@ -41,6 +41,8 @@ pub struct Endpoints {
     pub scouting: bool,
     /// What the link can carry.
     pub link: Link,
+    /// What a vehicle's session may hold in memory, MB (10^6 bytes).
+    pub max_memory_mb: u32,
     /// Who may give commands.
     pub commands: Commands,
     /// Certificates.
@@ -69,6 +71,7 @@ impl Endpoints {
             open_timeout_ms: OPEN_TIMEOUT_MS,
             scouting: config.scouting,
             link: config.link,
+            max_memory_mb: config.max_memory_mb,
             commands: config.commands,
             tls: config.tls.clone(),
             login: config.login.clone(),

@@ -6,11 +6,9 @@
 
 use crate::alloc::held_by_network;
 
-/// On a vehicle, bytes: three times what 32 links hold that do as they should, 1 MB each for what is sent, received and not
-/// complete yet.
-pub const MAX_HELD: usize = 96 << 20;
-/// On a router, which has 160 links, and passes on longer messages.
-pub const MAX_HELD_BY_ROUTER: usize = 512 << 20;
+/// On a router, which has 160 links, and passes on longer messages, MB (10^6 bytes). A vehicle's is configured: three times what
+/// 32 links hold that do as they should, 1 MB each for what is sent, received and not complete yet.
+pub const MAX_HELD_BY_ROUTER_MB: u32 = 512;
 
 /// What a session holds since it was opened.
 #[derive(Clone, Copy, Debug)]
@@ -20,11 +18,11 @@ pub struct SessionMemory {
 }
 
 impl SessionMemory {
-    /// To be made before the session is opened: it may hold `max` bytes. Of what the network's threads hold, `kept` are kept
+    /// To be made before the session is opened: it may hold `max_mb`, MB (10^6 bytes). Of what the network's threads hold, `kept` are kept
     /// beyond the session.
     #[must_use]
-    pub fn begin(max: usize, kept: usize) -> Self {
-        Self { before: held_beside(kept), max: i64::try_from(max).unwrap_or(i64::MAX) }
+    pub fn begin(max_mb: u32, kept: usize) -> Self {
+        Self { before: held_beside(kept), max: i64::from(max_mb) * 1_000_000 }
     }
 
     /// Whether it holds more than it may; says so then.
@@ -35,7 +33,7 @@ impl SessionMemory {
         if is_too_much {
             tracing::warn!(
                 "the network holds {} MB: somebody who is let in declares or begins too much; all links are closed, and opened anew",
-                held >> 20
+                held / 1_000_000
             );
         }
         is_too_much

@@ -16,7 +16,7 @@ use super::endpoints::Endpoints;
 use super::error::NetError;
 use super::health::{Circumstances, HealthFeed};
 use super::map::MapPublisher;
-use super::memory::{MAX_HELD, SessionMemory};
+use super::memory::SessionMemory;
 use super::odometry::OdometryPublisher;
 use super::pace::{Pace, Rates};
 use super::rings::{Rings, ToSend};
@@ -108,7 +108,7 @@ impl Publishers {
         course: &Course,
     ) -> Result<Self, NetError> {
         let archive = Arc::clone(&course.archive);
-        let memory = SessionMemory::begin(MAX_HELD, lock(&archive).bytes());
+        let memory = SessionMemory::begin(endpoints.max_memory_mb, lock(&archive).bytes());
         let (streams, datagrams) = endpoints.split()?;
         let session = streams.open().await?;
         let datagrams = datagrams.map(|datagrams| Datagrams::start(&datagrams, &session));
