@@ -66,7 +66,7 @@ tarball: ## the same as an archive for other systems with the GNU C library (ARC
 packages: ## lists the packages that were made: sizes, contents, what they depend on
 	scripts/package list
 
-deb-test: ## the package of ARCH: lintian; installed, flown, removed and purged in a fresh Debian (SUITE=bookworm)
+deb-test: ## the package of ARCH: lintian; installed, flown, removed and purged in a fresh Debian (SUITE=trixie)
 	@scripts/setup package $(ARCH)
 	@scripts/setup deb-test
 	scripts/deb-test $(ARCH)
