@@ -30,7 +30,7 @@ export NEXTEST_TEST_THREADS ?= $(shell nproc)
 
 # The steps are in order; cargo is parallel itself.
 .NOTPARALLEL:
-.PHONY: help demo build calibration test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny advisories soak loops digests bench doc doctests setup clean \
+.PHONY: help demo build calibration test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny advisories soak loops digests bench bench-instructions doc doctests setup clean \
 	fuzz fuzz-all fuzz-smoke vm deb tarball packages deb-test checked-untimed checked-timed
 
 help: ## this list
@@ -155,6 +155,10 @@ fuzz-smoke: ## every fuzz target for 5000 runs; `make test` runs their seeds and
 
 bench: setup ## benchmarks of the stages
 	$(CARGO) bench --locked -p plumbline-tests $(ARGS)
+
+bench-instructions: ## instructions of a frame by stage against tests/instructions.json (ARGS=--save writes them anew; needs valgrind)
+	@scripts/setup base
+	@scripts/bench-instructions $(ARGS)
 
 fmt: ## format the sources
 	$(CARGO) fmt --all

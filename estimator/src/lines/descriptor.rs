@@ -8,8 +8,9 @@
 //! Each row is sampled at [`STATIONS`] places from end to end, however long the segment is: a descriptor
 //! costs the same for all.
 
-use super::gradient::{BORDER, Gradients};
+use super::gradient::{BORDER, Gradients, Pixel};
 use super::segment::Segment;
+use crate::image::patch::whole;
 use nalgebra::Vector2;
 use plumbline_config::Portable;
 
@@ -117,21 +118,42 @@ impl Describer {
 /// Gradients at the stations of a row, nearest pixels; beyond the image those at its edge.
 fn sample_row(gradients: &Gradients, start: Vector2<f32>, step: Vector2<f32>) -> [[f32; STATIONS]; 2] {
     let width = gradients.width();
-    let right = (width - BORDER - 1) as i32;
-    let bottom = (gradients.height() - BORDER - 1) as i32;
-    let mut index = [0_i32; STATIONS];
-    for (i, index) in index.iter_mut().enumerate() {
-        let x = (start.x + step.x * i as f32 + 0.5) as i32;
-        let y = (start.y + step.y * i as f32 + 0.5) as i32;
-        *index = y.max(BORDER as i32).min(bottom) * width as i32 + x.max(BORDER as i32).min(right);
+    let right = (width - BORDER - 1) as f32;
+    let bottom = (gradients.height() - BORDER - 1) as f32;
+    let (mut columns, mut rows) = ([0; STATIONS], [0; STATIONS]);
+    stations(start.x, step.x, right, &mut columns);
+    stations(start.y, step.y, bottom, &mut rows);
+    let pixels = gradients.pixels();
+    let mut seen = [Pixel::default(); STATIONS];
+    for i in 0..STATIONS {
+        seen[i] = pixels[(rows[i] * width as i32 + columns[i]) as usize];
     }
     let mut samples = [[0.0; STATIONS]; 2];
-    for (i, &index) in index.iter().enumerate() {
-        let (gx, gy) = gradients.at(index as usize);
-        samples[0][i] = f32::from(gx);
-        samples[1][i] = f32::from(gy);
-    }
+    let [gx, gy] = &mut samples;
+    components(&seen, gx, gy);
     samples
+}
+
+// Functions of their own, whose results lie in memory: where they are many values in registers, the compiler takes them one
+// by one.
+
+/// Nearest pixels of the stations along one axis, from [`BORDER`] to `last`.
+#[inline(never)]
+fn stations(start: f32, step: f32, last: f32, out: &mut [i32; STATIONS]) {
+    for (i, out) in out.iter_mut().enumerate() {
+        *out = whole((start + step * i as f32).at_least(BORDER as f32).at_most(last) + 0.5);
+    }
+}
+
+/// The gradients of pixels, by components.
+#[inline(never)]
+fn components(pixels: &[Pixel; STATIONS], gx: &mut [f32; STATIONS], gy: &mut [f32; STATIONS]) {
+    for i in 0..STATIONS {
+        gx[i] = f32::from(pixels[i].gradient().0);
+    }
+    for i in 0..STATIONS {
+        gy[i] = f32::from(pixels[i].gradient().1);
+    }
 }
 
 /// Sums of the positive and negative parts across and along; in lanes, so that the order of the sums is

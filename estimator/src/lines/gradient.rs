@@ -96,14 +96,15 @@ pub struct Gradients {
 #[derive(Clone, Debug)]
 struct RidgeRow {
     magnitude: Vec<i16>,
-    is_horizontal: Vec<bool>,
+    /// 1 or 0, as wide as a magnitude: what is compared together fills one register.
+    is_horizontal: Vec<i16>,
 }
 
 impl Gradients {
     /// For images of `width` x `height` px.
     #[must_use]
     pub fn new(width: usize, height: usize) -> Self {
-        let ridge_row = RidgeRow { magnitude: vec![0; width], is_horizontal: vec![false; width] };
+        let ridge_row = RidgeRow { magnitude: vec![0; width], is_horizontal: vec![0; width] };
         Self {
             width,
             height,
@@ -277,21 +278,21 @@ fn differentiate(sum: &[i16], difference: &[i16], out: &mut [Pixel], ridges: &mu
         let (ax, ay) = (gx.abs(), gy.abs());
         out[i] = Pixel { gx, gy };
         to[i] = magnitude(ax, ay);
-        is_horizontal[i] = ax >= ay;
+        is_horizontal[i] = i16::from(ax >= ay);
     }
 }
 
 /// 1 where the gradient is mostly horizontal and the pixel a ridge, 2 where it is mostly vertical, else 0.
 /// `around` are the pixels to the left, right, above and below; of two equal ones the first is the ridge.
-fn mark_ridges(m: &[i16], is_horizontal: &[bool], around: [&[i16]; 4], threshold: i16, out: &mut [u8]) {
+fn mark_ridges(m: &[i16], is_horizontal: &[i16], around: [&[i16]; 4], threshold: i16, out: &mut [u8]) {
     let n = out.len();
     let (m, is_horizontal) = (&m[..n], &is_horizontal[..n]);
     let [left, right, up, down] = around.map(|row| &row[..n]);
     for i in 0..n {
         let is_above = m[i] > threshold;
-        let in_row = is_above & is_horizontal[i] & (m[i] > left[i]) & (m[i] >= right[i]);
-        let in_column = is_above & !is_horizontal[i] & (m[i] > up[i]) & (m[i] >= down[i]);
-        out[i] = u8::from(in_row) | (u8::from(in_column) << 1);
+        let in_row = i16::from(is_above & (m[i] > left[i]) & (m[i] >= right[i])) & is_horizontal[i];
+        let in_column = i16::from(is_above & (m[i] > up[i]) & (m[i] >= down[i])) & (is_horizontal[i] ^ 1);
+        out[i] = (in_row | (in_column << 1)) as u8;
     }
 }
 

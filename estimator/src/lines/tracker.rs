@@ -247,7 +247,9 @@ impl LineTracker {
         }
     }
 
-    /// Finds the tracks in the left image.
+    /// Finds the tracks in the left image. Not inlined, nor is [`Self::pair`]: `make bench-instructions` tells stages apart by
+    /// their functions.
+    #[inline(never)]
     fn continue_tracks(&mut self) {
         let Self { views, matcher, tracks, descriptors, expected, is_taken, figures, .. } = self;
         let Some(left) = views.first() else { return };
@@ -301,6 +303,7 @@ impl LineTracker {
     }
 
     /// Finds the left segments in the right image.
+    #[inline(never)]
     fn pair(&mut self) {
         let Self { views, matcher, partner, figures, .. } = self;
         let Some(left) = views.first() else { return };

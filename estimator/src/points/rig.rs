@@ -62,7 +62,7 @@ impl RigCamera {
     }
 
     /// Pixel of a direction in this camera, and its derivative by the normalized coordinates.
-    fn project(&self, p_c: &Vector3<f64>) -> Option<(Vector2<f64>, Matrix2<f64>, Vector2<f64>)> {
+    pub(super) fn project(&self, p_c: &Vector3<f64>) -> Option<(Vector2<f64>, Matrix2<f64>, Vector2<f64>)> {
         if p_c.z < 1e-3 {
             return None;
         }

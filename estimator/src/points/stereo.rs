@@ -8,7 +8,7 @@
 use super::flow::{FlowOptions, template_at, track_patch};
 use super::rig::{Baseline, RigCamera, predict};
 use crate::image::Pyramid;
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::{Matrix2, Vector2, Vector3};
 
 /// Nearest depth searched, m: at half a metre the patch of two cameras 0.1 m apart is still alike.
 pub const NEAREST_M: f64 = 0.3;
@@ -110,8 +110,9 @@ impl StereoPair<'_> {
     /// Pixel in the other camera of the point at `xy` (normalized) and `inverse_depth`, 1/m; `None` behind it.
     #[must_use]
     pub fn transfer(&self, xy: &Vector2<f64>, inverse_depth: f64) -> Option<Vector2<f64>> {
-        let shift = self.baseline.translation * inverse_depth;
-        predict(self.from.0, self.to.0, xy, &self.baseline.rotation, &shift).map(|p| p.px)
+        let p_to = self.baseline.rotation * Vector3::new(xy.x, xy.y, 1.0)
+            + self.baseline.translation * inverse_depth;
+        self.to.0.project(&p_to).map(|(px, ..)| px)
     }
 
     /// The two best local maxima of the correlation along the epipolar curve.
