@@ -31,7 +31,7 @@ export NEXTEST_TEST_THREADS ?= $(shell nproc)
 # The steps are in order; cargo is parallel itself.
 .NOTPARALLEL:
 .PHONY: help demo build calibration test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny advisories soak loops digests bench bench-instructions doc doctests setup clean \
-	fuzz fuzz-all fuzz-smoke vm deb tarball packages deb-test checked-untimed checked-timed
+	fuzz fuzz-all fuzz-smoke vm arm64 deb tarball packages deb-test checked-untimed checked-timed
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1\t/' | expand -t 20
@@ -62,6 +62,17 @@ tarball: ## the same as an archive for other systems with the GNU C library (ARC
 	@scripts/setup package $(ARCH)
 	$(PRODUCT)
 	scripts/package tarball $(ARCH)
+
+# What starts a program for 64-bit ARM on this machine.
+QEMU_arm64 = qemu-aarch64-static -L /usr/aarch64-linux-gnu
+
+arm64: setup ## the product for 64-bit ARM; under qemu its tests pass, its flights have the same bits, and logs verify both ways
+	@scripts/setup arm64
+	$(CARGO) build $(FLAGS) -p plumbline --target $(TRIPLE_arm64)
+	CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_RUNNER="$(QEMU_arm64)" $(CARGO) test $(FLAGS) --target $(TRIPLE_arm64) \
+		-p plumbline-config -p plumbline-estimator --lib -- --skip realtime::
+	PLUMBLINE_OTHER="$(QEMU_arm64) target/$(TRIPLE_arm64)/release/plumbline" $(CARGO) nextest run $(TESTED) \
+		--profile soak --run-ignored only --no-capture -E 'test(/^other_processor::/)' $(ARGS)
 
 packages: ## lists the packages that were made: sizes, contents, what they depend on
 	scripts/package list

@@ -19,6 +19,7 @@ mod lines;
 mod log;
 mod maps;
 mod network;
+mod other_processor;
 mod plot;
 mod python;
 mod realtime;
