@@ -30,7 +30,7 @@ export NEXTEST_TEST_THREADS ?= $(shell nproc)
 
 # The steps are in order; cargo is parallel itself.
 .NOTPARALLEL:
-.PHONY: help demo build calibration test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny advisories soak loops digests bench bench-instructions doc doctests setup clean \
+.PHONY: help demo build calibration test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny advisories soak loops digests bench bench-instructions doc doctests setup tools clean \
 	fuzz fuzz-all fuzz-smoke vm arm64 deb tarball packages deb-test checked-untimed checked-timed
 
 help: ## this list
@@ -72,7 +72,7 @@ arm64: setup ## the product for 64-bit ARM; under qemu its tests pass, its fligh
 	CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_RUNNER="$(QEMU_arm64)" $(CARGO) test $(FLAGS) --target $(TRIPLE_arm64) \
 		-p plumbline-config -p plumbline-estimator --lib -- --skip realtime::
 	PLUMBLINE_OTHER="$(QEMU_arm64) target/$(TRIPLE_arm64)/release/plumbline" $(CARGO) nextest run $(TESTED) \
-		--profile soak --run-ignored only --no-capture -E 'test(/^other_processor::/)' $(ARGS)
+		--profile soak --run-ignored only --no-capture -E '$(ALL) and test(/^other_processor::/)' $(ARGS)
 
 packages: ## lists the packages that were made: sizes, contents, what they depend on
 	scripts/package list
@@ -87,9 +87,11 @@ export PLUMBLINE_SKIPPED := $(CURDIR)/target/skipped.txt
 # The last line of a recipe is $(call tell-skips,COMMAND), which fails as COMMAND does.
 tell-skips = status=0; $(1) || status=$$?; scripts/skipped; exit $$status
 
-test: setup fmt-check deny forget-skips ## format, lints, licences, documentation, and every test but the soak
+test: tools fmt-check deny forget-skips ## format, lints, licences, documentation, and every test but the soak
+	scripts/setup python >target/python.log 2>&1 & python=$$!; \
 	$(MAKE) checked-untimed ARGS= >target/checked.log 2>&1 & checked=$$!; \
 	status=0; $(MAKE) tests-built || status=$$?; \
+	wait $$python || { cat target/python.log; exit 1; }; \
 	wait $$checked || { cat target/checked.log; exit 1; }; \
 	tail -n 4 target/checked.log; exit $$status
 	$(MAKE) checked-timed doctests tests
@@ -108,7 +110,9 @@ CHECKED = --cargo-profile checked --locked --target-dir target/checked $(addpref
 tests-built tests: export PLUMBLINE_LINTED = $(CHECKED_CRATES)
 # The others, on the build that is the product.
 TESTED = $(FLAGS) --workspace $(addprefix --exclude ,$(CHECKED_CRATES)) --all-targets
-TESTS = $(TESTED) -E 'not kind(bench)'
+# Benchmarks cannot list themselves as nextest asks.
+ALL = not kind(bench)
+TESTS = $(TESTED) -E '$(ALL)'
 # Tests that measure time, or use a whole machine: not beside a build.
 TIMED = test(/(^|::)realtime::/)
 
@@ -140,7 +144,7 @@ lint: setup fmt-check deny clippy ## format, licences and lints, without the tes
 soak: setup forget-skips ## long flights: memory, drift of time, restarts (SOAK_MINUTES=30)
 	$(LINTED) $(CARGO) nextest run $(FLAGS) --workspace --test places --profile soak --run-ignored only -E 'test(/soak/)' $(ARGS)
 	$(call tell-skips,PLUMBLINE_SOAK_MINUTES=$(SOAK_MINUTES) \
-		$(LINTED) $(CARGO) nextest run $(TESTED) --profile soak --run-ignored all -E 'test(/soak/) | test(/^faults::/) | test(/^calibration::/)' $(ARGS))
+		$(LINTED) $(CARGO) nextest run $(TESTED) --profile soak --run-ignored all -E '$(ALL) and (test(/soak/) | test(/^faults::/) | test(/^calibration::/))' $(ARGS))
 
 vm: ## drivers of cameras and inertial sensors, and a flight, behind a real kernel in a virtual machine (VM_SECONDS=60)
 	@scripts/setup base
@@ -149,7 +153,7 @@ vm: ## drivers of cameras and inertial sensors, and a flight, behind a real kern
 	PLUMBLINE_VM_SECONDS=$(VM_SECONDS) $(CARGO) test $(FLAGS) -p plumbline --test process -- --nocapture virtual_machine $(ARGS)
 
 loops: setup ## simulated flights of two laps along recorded paths: what loops bring, and what is found (PLUMBLINE_LOOP_SEEDS=1)
-	$(LINTED) $(CARGO) nextest run $(TESTED) --profile soak --run-ignored only --no-capture -E 'test(/^loops::/)' $(ARGS)
+	$(LINTED) $(CARGO) nextest run $(TESTED) --profile soak --run-ignored only --no-capture -E '$(ALL) and test(/^loops::/)' $(ARGS)
 
 digests: setup ## writes tests/digests.toml anew, after a change of the estimator that is meant
 	$(CARGO) nextest run $(FLAGS) --workspace --run-ignored only -E 'test(=digests::record_digests)' $(ARGS)
@@ -182,6 +186,10 @@ clean: ## remove what was built
 
 setup: ## install what tests and lints need
 	@scripts/setup test
+
+# The Python packages alone are wanted by tests only, and come while others are built.
+tools:
+	@scripts/setup tools
 
 fmt-check:
 	$(CARGO) fmt --all --check
