@@ -110,6 +110,11 @@ impl Guard {
 
 /// A session without rules, with the certificate of a role.
 pub async fn attacker(folder: &Path, role: &str, connect: &str) -> Session {
+    try_to_connect(folder, role, connect).await.unwrap()
+}
+
+/// The same, where it may not be let in, or nobody listens at the moment.
+pub async fn try_to_connect(folder: &Path, role: &str, connect: &str) -> zenoh::Result<Session> {
     let tls = certificates(folder, role);
     let tls = serde_json::json!({
         "root_ca_certificate": tls.authority, "enable_mtls": true,
@@ -124,7 +129,7 @@ pub async fn attacker(folder: &Path, role: &str, connect: &str) -> Session {
     ] {
         config.insert_json5(key, &value).unwrap();
     }
-    zenoh::open(config).await.unwrap()
+    zenoh::open(config).await
 }
 
 /// Words that arrived.
