@@ -4,12 +4,21 @@
 //! cargo run --release -p plumbline-estimator --example counted_flight -- room FRAMES
 //! ```
 //!
-//! Scenes are `room`, `hall` and `low-texture`; a third argument `--points` leaves lines out. The first run renders the
-//! frames into the file FRAMES, those after it fly them.
+//! Scenes are `room`, `hall` and `low-texture`; of a third argument `--points` leaves lines out, and `--places` looks for the
+//! places of the frames instead. The first run renders the frames into the file FRAMES, those after it fly them.
 
 use plumbline_drivers::simulator::{FlightPath, Scenario, Scene, Simulator};
 use plumbline_drivers::{ImuSource, StereoFrame, StereoSource};
+use plumbline_estimator::config::options::CameraConfig;
 use plumbline_estimator::config::{Config, ValidConfig};
+use plumbline_estimator::image::Pyramid;
+use plumbline_estimator::places::extractor::View;
+use plumbline_estimator::places::index::Votes;
+use plumbline_estimator::places::refine::Gravity;
+use plumbline_estimator::places::{
+    Extractor, ExtractorOptions, Feature, Keyframe, Locator, LocatorOptions, MapLimits, PlaceMap, Query,
+};
+use plumbline_estimator::points::rig::RigCamera;
 use plumbline_estimator::{Estimator, FrameInput, ImageView};
 use std::error::Error;
 
@@ -28,33 +37,47 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let mut config = Config::preset("sim")?.into_inner();
     let file = arguments.next().ok_or("name a file for the frames")?;
-    config.estimator.lines.enabled = match arguments.next().as_deref() {
-        None => true,
-        Some("--points") => false,
-        Some(other) => return Err(format!("{other}: is not known; there is --points").into()),
+    let choice = arguments.next();
+    let is_of_places = match choice.as_deref() {
+        None | Some("--points") => false,
+        Some("--places") => true,
+        Some(other) => {
+            return Err(format!("{other}: is not known; there are --points and --places").into());
+        }
     };
+    config.estimator.lines.enabled = choice.is_none();
     let config = config.validated("counted flight")?;
     let duration_s = FRAMES as f64 / config.camera[0].rate_hz;
     let path = FlightPath::Demo;
     let scenario = Scenario { scene, path, start_s: START_S, duration_s, ..Scenario::default() };
     let simulator = Simulator::new(&config, &scenario)?;
-    match std::fs::read(&file) {
-        Ok(pixels) => println!("{} frames with a pose", fly(&config, &simulator, &pixels)?),
-        Err(_) => std::fs::write(&file, rendered(&simulator)?)?,
+    let Ok(pixels) = std::fs::read(&file) else { return Ok(std::fs::write(&file, rendered(&simulator)?)?) };
+    let [left, right] = simulator.image_sizes().map(|(width, height)| width * height);
+    if pixels.len() != FRAMES * (left + right) {
+        return Err("the file holds other frames; remove it".into());
+    }
+    let pairs = pixels.chunks_exact(left + right).map(|pair| pair.split_at(left));
+    if is_of_places {
+        println!("{} frames whose place was found", look_for_places(&config, &simulator, pairs)?);
+    } else {
+        println!("{} frames with a pose", fly(&config, &simulator, pairs)?);
     }
     Ok(())
 }
 
+/// The pixels of a stereo pair, left and right.
+type Pair<'a> = (&'a [u8], &'a [u8]);
+
 /// Flies, and counts the frames with a pose.
-fn fly(config: &ValidConfig, simulator: &Simulator, pixels: &[u8]) -> Result<usize, Box<dyn Error>> {
+fn fly<'a>(
+    config: &ValidConfig,
+    simulator: &Simulator,
+    pairs: impl Iterator<Item = Pair<'a>>,
+) -> Result<usize, Box<dyn Error>> {
     let (mut imu, sizes) = (simulator.imu(), simulator.image_sizes());
-    let bytes = sizes.map(|(width, height)| width * height);
-    if pixels.len() != FRAMES * (bytes[0] + bytes[1]) {
-        return Err("the file holds other frames; remove it".into());
-    }
     let mut estimator = Estimator::new(config.setup());
     let mut poses = 0;
-    for (number, pair) in (0..).zip(pixels.chunks_exact(bytes[0] + bytes[1])) {
+    for (number, (left, right)) in (0..).zip(pairs) {
         let stamp = simulator.frame_stamp(number);
         let needed = estimator.imu_needed_until(stamp);
         while let Some(reading) = imu.next_reading()? {
@@ -63,12 +86,66 @@ fn fly(config: &ValidConfig, simulator: &Simulator, pixels: &[u8]) -> Result<usi
                 break;
             }
         }
-        let (left, right) = pair.split_at(bytes[0]);
         let view = |side: usize, pixels| ImageView::new(sizes[side].0, sizes[side].1, sizes[side].0, pixels);
         let estimate = estimator.add_frame(&FrameInput::stereo(stamp, view(0, left)?, view(1, right)?));
         poses += usize::from(estimate.pose().is_some());
     }
     Ok(poses)
+}
+
+/// Looks for each frame in the map of those before it, and adds it, at its true pose; counts those that were found.
+fn look_for_places<'a>(
+    config: &ValidConfig,
+    simulator: &Simulator,
+    pairs: impl Iterator<Item = Pair<'a>>,
+) -> Result<usize, Box<dyn Error>> {
+    let (sizes, options) = (simulator.image_sizes(), &config.estimator);
+    let camera = |c: &CameraConfig| {
+        let mut camera = RigCamera::new(c.model());
+        camera.pose_b_c = c.pose_b_c();
+        camera
+    };
+    let rig: Vec<_> = config.camera.iter().map(camera).collect();
+    let pose_b_c = rig[0].pose_b_c;
+    let mut pyramids =
+        sizes.map(|(width, height)| Pyramid::new(width, height, options.points.pyramid_levels));
+    let features = options.places.max_features;
+    let of_extractor = ExtractorOptions { max_features: features, ..ExtractorOptions::default() };
+    let mut extractor = Extractor::new(sizes[0].0, sizes[0].1, &of_extractor);
+    let mut map = PlaceMap::new(MapLimits { keyframes: FRAMES, features });
+    let (mut votes, mut locator) =
+        (Votes::new(FRAMES), Locator::new(&LocatorOptions::default(), FRAMES, features));
+    let (mut candidates, mut found) = (0, 0);
+    for (number, (left, right)) in (0..).zip(pairs) {
+        for (pyramid, (pixels, (width, height))) in
+            pyramids.iter_mut().zip([left, right].into_iter().zip(sizes))
+        {
+            pyramid.build(&ImageView::new(width, height, width, pixels)?);
+        }
+        let stamp = simulator.frame_stamp(number);
+        let keyframe = Keyframe::new(0, stamp, simulator.ground_truth(stamp).pose_w_b, pose_b_c);
+        let [left, right] = [0, 1].map(|k| (&rig[k], &pyramids[k]));
+        let features = extractor.extract(&View { left, right: Some(right), up_c: Some(keyframe.up_c()) });
+        let gravity = Some(Gravity { up_b: pose_b_c.rotation * keyframe.up_c(), sigma_rad: 0.004 });
+        candidates += query(&map, features, &mut votes);
+        found +=
+            usize::from(locate(&map, &Query { features, pose_b_c, gravity, seed: number }, &mut locator));
+        map.add(keyframe, features);
+    }
+    println!("{candidates} candidates");
+    Ok(found)
+}
+
+/// A stage by itself: how many keyframes of the map look like a frame.
+#[inline(never)]
+fn query(map: &PlaceMap, features: &[Feature], votes: &mut Votes) -> usize {
+    map.query(features, |_| true, votes).len()
+}
+
+/// A stage by itself: the same, and the verification of those that look most alike.
+#[inline(never)]
+fn locate(map: &PlaceMap, query: &Query<'_>, locator: &mut Locator) -> bool {
+    locator.locate(map, query, |_| true).is_some()
 }
 
 /// The pixels of all frames, left before right.
