@@ -1,10 +1,9 @@
-//! Dense symmetric systems in fixed memory: accumulate, factor, solve, eliminate.
+//! Dense symmetric systems in fixed memory: accumulate and eliminate. [`super::factorization`] solves them.
 //!
 //! The matrix is square, row-major, with a fixed stride; only its upper triangle is read or written.
 //! Rows are contiguous, so that the inner loops run over neighbouring memory.
 
 use super::state::{MAX_FRAMES, unknown_of_frame};
-use nalgebra::SMatrix;
 
 /// `H d = -b` with `H` symmetric: the normal equations of a step `d`.
 #[derive(Clone, Debug)]
@@ -205,132 +204,13 @@ impl NormalEquations {
 /// Largest number of unknowns of any system here: rig, heading and [`MAX_FRAMES`] frames.
 pub const MAX_UNKNOWNS: usize = unknown_of_frame(MAX_FRAMES);
 
-/// `H = U'U` of a damped copy of the normal equations, in fixed memory.
-#[derive(Clone, Debug)]
-pub struct Factor {
-    dim: usize,
-    stride: usize,
-    u: Vec<f64>,
-}
-
-impl Factor {
-    /// Room for `capacity` unknowns.
-    #[must_use]
-    pub fn new(capacity: usize) -> Self {
-        Self { dim: 0, stride: capacity, u: vec![0.0; capacity * capacity] }
-    }
-
-    /// Unknowns of the system last factored; 0 before the first, and after one that could not be.
-    #[must_use]
-    pub fn dim(&self) -> usize {
-        self.dim
-    }
-
-    /// Forgets what was factored.
-    pub fn clear(&mut self) {
-        self.dim = 0;
-    }
-
-    /// Factors `H + damping diag(H)`; unknowns without any information are held at zero. `false` when the
-    /// matrix is not positive definite: then nothing is factored, and [`Self::dim`] is 0.
-    #[must_use]
-    pub fn compute(&mut self, equations: &NormalEquations, damping: f64) -> bool {
-        let dim = equations.dim;
-        self.dim = 0;
-        for i in 0..dim {
-            let row = &mut self.u[i * self.stride + i..i * self.stride + dim];
-            row.copy_from_slice(equations.row(i));
-            if row[0] == 0.0 {
-                row[0] = 1.0;
-            }
-            row[0] += damping * row[0];
-        }
-        for k in 0..dim {
-            let (head, tail) = self.u.split_at_mut((k + 1) * self.stride);
-            let pivot_row = &mut head[k * self.stride..k * self.stride + dim];
-            let pivot = pivot_row[k];
-            // A NaN pivot must fail as well.
-            if !(pivot > 0.0 && pivot.is_finite()) {
-                return false;
-            }
-            let scale = 1.0 / pivot.sqrt();
-            for u in &mut pivot_row[k..] {
-                *u *= scale;
-            }
-            for (offset, row) in tail.chunks_mut(self.stride).take(dim - k - 1).enumerate() {
-                let i = k + 1 + offset;
-                let factor = pivot_row[i];
-                if factor != 0.0 {
-                    for (h, u) in row[i..dim].iter_mut().zip(&pivot_row[i..]) {
-                        *h -= factor * u;
-                    }
-                }
-            }
-        }
-        self.dim = dim;
-        true
-    }
-
-    /// Covariance of the last `N` unknowns, the last block of the inverse of `H`; `None` where there are fewer. It needs
-    /// no more than the last corner of the factor: `(U'U)⁻¹` ends in `V V'`, with `V` the inverse of that corner.
-    #[must_use]
-    pub fn last_covariance<const N: usize>(&self) -> Option<SMatrix<f64, N, N>> {
-        let first = self.dim.checked_sub(N)?;
-        let corner = SMatrix::<f64, N, N>::from_fn(|i, j| match i <= j {
-            true => self.u[(first + i) * self.stride + first + j],
-            false => 0.0,
-        });
-        let inverse = corner.solve_upper_triangular(&SMatrix::<f64, N, N>::identity())?;
-        Some(inverse * inverse.transpose())
-    }
-
-    /// Variance of unknown `k` (below [`Self::dim`]); `memory` has room for all unknowns. It is the squared norm of
-    /// `U'⁻¹ e_k`.
-    #[must_use]
-    pub fn variance(&self, k: usize, memory: &mut [f64]) -> f64 {
-        let x = &mut memory[..self.dim];
-        x.fill(0.0);
-        x[k] = 1.0;
-        self.solve_lower(x, k);
-        x[k..].iter().map(|x| x * x).sum()
-    }
-
-    /// Solves `H x = rhs` in place.
-    pub fn solve(&self, x: &mut [f64]) {
-        let (dim, stride) = (self.dim, self.stride);
-        self.solve_lower(x, 0);
-        for i in (0..dim).rev() {
-            let row = &self.u[i * stride..i * stride + dim];
-            let mut sum = x[i];
-            for j in i + 1..dim {
-                sum -= row[j] * x[j];
-            }
-            x[i] = sum / row[i];
-        }
-    }
-
-    /// Solves `U' x = rhs` in place, where `rhs` is zero before `first`.
-    fn solve_lower(&self, x: &mut [f64], first: usize) {
-        let (dim, stride) = (self.dim, self.stride);
-        for i in first..dim {
-            let row = &self.u[i * stride..i * stride + dim];
-            x[i] /= row[i];
-            let xi = x[i];
-            if xi != 0.0 {
-                for j in i + 1..dim {
-                    x[j] -= row[j] * xi;
-                }
-            }
-        }
-    }
-}
-
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
+    use super::super::factorization::tests::solution;
     use super::*;
 
     /// A well-conditioned symmetric system of `n` unknowns.
-    fn system(n: usize) -> NormalEquations {
+    pub(in crate::window) fn system(n: usize) -> NormalEquations {
         let mut eq = NormalEquations::new(n + 3);
         eq.reset(n);
         for i in 0..n {
@@ -341,25 +221,6 @@ mod tests {
             eq.gradient_mut()[i] = (i as f64).sin();
         }
         eq
-    }
-
-    fn solution(eq: &NormalEquations) -> Vec<f64> {
-        let mut factor = Factor::new(eq.stride);
-        assert!(factor.compute(eq, 0.0));
-        let mut x: Vec<f64> = eq.gradient().iter().map(|b| -b).collect();
-        factor.solve(&mut x);
-        x
-    }
-
-    #[test]
-    fn the_solution_satisfies_the_equations() {
-        let eq = system(20);
-        let x = solution(&eq);
-        let mut hx = vec![0.0; 20];
-        eq.multiply(&x, &mut hx);
-        for (hx, b) in hx.iter().zip(eq.gradient()) {
-            assert!((hx + b).abs() < 1e-12);
-        }
     }
 
     #[test]
@@ -375,15 +236,6 @@ mod tests {
     }
 
     #[test]
-    fn an_indefinite_matrix_is_a_value_not_a_panic() {
-        let mut eq = system(5);
-        eq.add(2, 2, -10.0);
-        assert!(!Factor::new(8).compute(&eq, 0.0));
-        eq.add(2, 2, f64::NAN);
-        assert!(!Factor::new(8).compute(&eq, 0.0));
-    }
-
-    #[test]
     fn a_released_unknown_leaves_the_others_as_known_as_they_were() {
         let mut eq = system(8);
         let before = solution(&eq);
@@ -393,33 +245,5 @@ mod tests {
         for k in (0..8).filter(|k| *k != 3) {
             assert!((after[k] - before[k]).abs() < 1e-12, "{k}");
         }
-    }
-
-    #[test]
-    fn covariances_are_those_of_the_inverse() {
-        let eq = system(20);
-        let mut factor = Factor::new(30);
-        assert!(factor.last_covariance::<6>().is_none());
-        assert!(factor.compute(&eq, 0.0));
-        let covariance = factor.last_covariance::<6>().unwrap();
-        let mut memory = [7.0; 30];
-        for k in 0..20 {
-            let mut x = vec![0.0; 20];
-            x[k] = 1.0;
-            factor.solve(&mut x);
-            assert!((factor.variance(k, &mut memory) / x[k] - 1.0).abs() < 1e-9, "{k}");
-            for i in 14..20 {
-                let expected = if k >= 14 { covariance[(i - 14, k - 14)] } else { x[i] };
-                assert!((x[i] - expected).abs() < 1e-9, "{i}, {k}");
-            }
-        }
-    }
-
-    #[test]
-    fn unknowns_without_information_stay_at_zero() {
-        let mut eq = system(5);
-        eq.grow(8);
-        let x = solution(&eq);
-        assert_eq!(&x[5..], &[0.0; 3]);
     }
 }

@@ -1,97 +1,102 @@
 //! Elimination of a landmark from the normal equations (Schur complement), and its back-substitution.
 
-use super::dense::NormalEquations;
-use super::state::{GLOBAL_DIM, MAX_VISUAL, visual_of_frame};
+use super::motions::{GLOBALS, MAX_MOTIONS, MotionEquations, MotionRow, motion_of_frame};
+use super::tiles::{LANES, dot, subtract_products};
 use nalgebra::{SMatrix, SVector};
 
 /// Most degrees of freedom of a landmark: those of a line.
 pub(super) const MAX_LANDMARK_DIM: usize = 4;
-/// Memory of an elimination.
-pub(super) type Scratch = [[f64; MAX_VISUAL]; MAX_LANDMARK_DIM];
 
 /// What the elimination of a landmark leaves for its back-substitution.
 #[derive(Clone, Debug)]
 pub struct Eliminated<const D: usize> {
-    /// Inverse of the landmark's own block.
-    pub(super) inverse: SMatrix<f64, D, D>,
-    /// Gradient by the landmark.
-    pub(super) gradient: SVector<f64, D>,
-    /// Mixed derivatives by the landmark and by rig and poses.
-    pub(super) by_visual: [[f64; MAX_VISUAL]; D],
+    /// Factor `L` of the landmark's own block `LL'`.
+    lower: SMatrix<f64, D, D>,
+    /// `W`, the mixed derivatives by the landmark and by the motions, with the gradient in the column of the residual; once
+    /// it is eliminated `L⁻¹W`.
+    pub(super) rows: [MotionRow; D],
+    /// The columns in use of the frames that see it.
+    frames: (usize, usize),
     /// Whether the landmark took part.
     pub is_used: bool,
 }
 
 impl<const D: usize> Eliminated<D> {
     pub(super) fn empty() -> Self {
-        Self {
-            inverse: SMatrix::zeros(),
-            gradient: SVector::zeros(),
-            by_visual: [[0.0; MAX_VISUAL]; D],
-            is_used: false,
+        let rows = [[0.0; MAX_MOTIONS]; D];
+        Self { lower: SMatrix::zeros(), rows, frames: (GLOBALS, GLOBALS), is_used: false }
+    }
+
+    /// Starts anew, with `dim` columns.
+    pub(super) fn reset(&mut self, dim: usize) {
+        self.is_used = false;
+        for row in &mut self.rows {
+            row[GLOBALS..dim.next_multiple_of(LANES)].fill(0.0);
         }
     }
 
-    /// The landmark's step, given that of rig and poses (in visual order).
+    /// The landmark's step, given those of the motions, with a one for the residual.
     #[must_use]
-    pub fn step(&self, visual: &[f64]) -> SVector<f64, D> {
-        let mut rhs = self.gradient;
-        for (k, row) in self.by_visual.iter().enumerate() {
-            rhs[k] += row.iter().zip(visual).map(|(w, d)| w * d).sum::<f64>();
+    pub fn step(&self, motions: &MotionRow) -> SVector<f64, D> {
+        let (start, end) = self.frames;
+        let mut x = SVector::<f64, D>::zeros();
+        for (x, row) in x.iter_mut().zip(&self.rows) {
+            *x = -(dot(&row[..GLOBALS], &motions[..GLOBALS]) + dot(&row[start..end], &motions[start..end]));
         }
-        -(self.inverse * rhs)
+        for k in (0..D).rev() {
+            for i in k + 1..D {
+                x[k] -= self.lower[(i, k)] * x[i];
+            }
+            x[k] /= self.lower[(k, k)];
+        }
+        x
     }
-}
 
-/// Schur complement of one landmark: `V -= Y'Y` with `Y = L^-1 W`, over the frames it spans.
-pub(super) fn eliminate<const D: usize>(
-    visual: &mut NormalEquations,
-    entry: &Eliminated<D>,
-    l: &SMatrix<f64, D, D>,
-    span: (usize, usize),
-    y: &mut Scratch,
-) {
-    let (start, end) = (visual_of_frame(span.0), visual_of_frame(span.1 + 1));
-    let mut z = [0.0; D];
-    for r in 0..D {
-        let inverse = 1.0 / l[(r, r)];
-        let (above, row) = y.split_at_mut(r);
-        let row = &mut row[0];
-        for range in [0..GLOBAL_DIM, start..end] {
-            row[range.clone()].copy_from_slice(&entry.by_visual[r][range.clone()]);
-            for (s, above) in above.iter().enumerate() {
-                let factor = l[(r, s)];
-                for (to, from) in row[range.clone()].iter_mut().zip(&above[range.clone()]) {
-                    *to -= factor * from;
+    /// Eliminates a landmark of the frames `first` to `last` whose mixed derivatives have been summed, and whose own block
+    /// is `own`: `V -= Y'Y` with `Y = L⁻¹W`. Without effect where the block is not positive definite.
+    pub(super) fn eliminate(
+        &mut self,
+        equations: &mut MotionEquations,
+        own: SMatrix<f64, D, D>,
+        (first, last): (usize, usize),
+    ) {
+        let Some(cholesky) = own.cholesky() else { return };
+        self.is_used = true;
+        self.lower = cholesky.l();
+        let (start, end) = (motion_of_frame(first) / LANES, motion_of_frame(last + 1).div_ceil(LANES));
+        self.frames = (start * LANES, end * LANES);
+        self.divide(start * LANES, end * LANES);
+        let globals = GLOBALS / LANES;
+        let rows = equations.rows.as_chunks_mut::<LANES>().0;
+        for (n, to) in rows[..globals].iter_mut().enumerate() {
+            subtract_products(to, &self.rows, n * LANES, (n..globals).chain(start..end));
+        }
+        for (n, to) in rows[..end].iter_mut().enumerate().skip(start) {
+            subtract_products(to, &self.rows, n * LANES, n..end);
+        }
+    }
+
+    /// `W` becomes `L⁻¹W`.
+    fn divide(&mut self, start: usize, end: usize) {
+        for r in 0..D {
+            let (above, row) = self.rows.split_at_mut(r);
+            let inverse = 1.0 / self.lower[(r, r)];
+            for range in [0..GLOBALS, start..end] {
+                let row = row[0][range.clone()].as_chunks_mut::<LANES>().0;
+                for (n, to) in row.iter_mut().enumerate() {
+                    for (s, above) in above.iter().enumerate() {
+                        let from = &above[range.clone()].as_chunks::<LANES>().0[n];
+                        let factor = self.lower[(r, s)];
+                        for k in 0..LANES {
+                            to[k] -= factor * from[k];
+                        }
+                    }
+                    for x in to {
+                        *x *= inverse;
+                    }
                 }
             }
-            row[range].iter_mut().for_each(|to| *to *= inverse);
         }
-        z[r] = (entry.gradient[r] - (0..r).map(|s| l[(r, s)] * z[s]).sum::<f64>()) * inverse;
-    }
-    for i in (0..GLOBAL_DIM).chain(start..end) {
-        let column: [f64; D] = std::array::from_fn(|r| y[r][i]);
-        let row = visual.row_mut(i);
-        for range in [i..GLOBAL_DIM, start.max(i)..end] {
-            if range.start < range.end {
-                let to = &mut row[range.start - i..range.end - i];
-                subtract_products(to, &column, std::array::from_fn(|r| &y[r][range.clone()]));
-            }
-        }
-        visual.gradient_mut()[i] -= column.iter().zip(&z).map(|(y, z)| y * z).sum::<f64>();
-    }
-}
-
-/// `to -= sum of column[r] * rows[r]`.
-fn subtract_products<const D: usize>(to: &mut [f64], column: &[f64; D], rows: [&[f64]; D]) {
-    let n = to.len();
-    let rows = rows.map(|row| &row[..n]);
-    for k in 0..n {
-        let mut sum = 0.0;
-        for r in 0..D {
-            sum += column[r] * rows[r][k];
-        }
-        to[k] -= sum;
     }
 }
 

@@ -21,6 +21,47 @@ pub fn cauchy(squared: f64, scale: f64) -> (f64, f64) {
     (0.5 * c2 * libm::log1p(ratio), 1.0 / (1.0 + ratio))
 }
 
+/// The costs of residuals by Cauchy's kernel, summed: a product takes the place of most of the logarithms.
+#[derive(Clone, Debug)]
+pub struct RobustSum {
+    squared_scale: f64,
+    product: f64,
+    logarithms: f64,
+}
+
+impl RobustSum {
+    /// Products and factors beyond this are taken the logarithm of: below it, no product overflows.
+    const LARGE: f64 = 1e150;
+
+    /// Nothing yet; `scale` is that of the kernel, in standard deviations.
+    #[must_use]
+    pub fn new(scale: f64) -> Self {
+        Self { squared_scale: scale * scale, product: 1.0, logarithms: 0.0 }
+    }
+
+    /// Adds the cost of a squared residual (in squared standard deviations); returns its weight.
+    #[inline]
+    pub fn add(&mut self, squared: f64) -> f64 {
+        let factor = 1.0 + squared / self.squared_scale;
+        if factor < Self::LARGE {
+            self.product *= factor;
+        } else {
+            self.logarithms += libm::log(factor);
+        }
+        if self.product > Self::LARGE {
+            self.logarithms += libm::log(self.product);
+            self.product = 1.0;
+        }
+        1.0 / factor
+    }
+
+    /// The sum.
+    #[must_use]
+    pub fn cost(&self) -> f64 {
+        0.5 * self.squared_scale * (self.logarithms + libm::log(self.product))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -33,6 +74,26 @@ mod tests {
                 / (squared + h - (squared - h).max(0.0));
             assert!((2.0 * slope - cauchy(squared, 2.0).1).abs() < 1e-5, "{squared}");
         }
+    }
+
+    #[test]
+    fn a_sum_is_that_of_the_costs_however_large_they_are() {
+        for count in [0, 1, 2000] {
+            let mut sum = RobustSum::new(1.7);
+            let mut costs = 0.0;
+            for k in 0..count {
+                let squared = [0.0, 1e-7, 0.3, 12.0, 1e9, 1e200, f64::MAX][k % 7];
+                let (cost, weight) = cauchy(squared, 1.7);
+                costs += cost;
+                assert_eq!(sum.add(squared).to_bits(), weight.to_bits());
+            }
+            assert!((sum.cost() - costs).abs() <= 1e-12 * costs, "{} instead of {costs}", sum.cost());
+        }
+        let mut sum = RobustSum::new(1.0);
+        sum.add(f64::INFINITY);
+        assert!(!sum.cost().is_finite());
+        sum.add(f64::NAN);
+        assert!(sum.cost().is_nan());
     }
 
     #[test]

@@ -7,6 +7,7 @@
 use super::camera_poses::{CameraPose, CameraView};
 use super::factor::Linearization;
 use super::manhattan::Manhattan;
+use super::quad::Quad;
 use super::state::{BodyPose, Mount};
 use nalgebra::{SMatrix, SVector, Vector2, Vector3};
 use std::fmt::Debug;
@@ -33,12 +34,18 @@ impl View<'_> {
     }
 }
 
+/// Derivative by a motion ([`super::motions`]): for both components, by position and by attitude, each with a lane more.
+pub type MotionJacobian = [[Quad; 2]; 2];
+
 /// Derivatives of a residual of two components by everything it depends on.
 #[derive(Clone, Debug)]
 pub struct Jacobians<const D: usize> {
-    /// By a step of the host's camera (position, attitude, [`super::camera_poses`]), 2x6. By a step of the observer's it is
-    /// the same with the other sign.
-    pub camera: SMatrix<f64, 2, 6>,
+    /// By a motion of the host's camera in `O`. By one of the observer's it is the same with the other sign.
+    pub camera: MotionJacobian,
+    /// The same by a motion of the host's camera in its own axes.
+    pub host: MotionJacobian,
+    /// The same in the axes of the observer's: a motion of that camera has the other sign.
+    pub target: MotionJacobian,
     /// By the time offset.
     pub time_offset: Vector2<f64>,
     /// By the landmark's own parameters, 2xD.
@@ -49,7 +56,14 @@ impl<const D: usize> Jacobians<D> {
     /// All zero, to be filled by a factor.
     #[must_use]
     pub fn zeros() -> Self {
-        Self { camera: SMatrix::zeros(), time_offset: Vector2::zeros(), landmark: SMatrix::zeros() }
+        let zero = [[[0.0; 4]; 2]; 2];
+        Self {
+            camera: zero,
+            host: zero,
+            target: zero,
+            time_offset: Vector2::zeros(),
+            landmark: SMatrix::zeros(),
+        }
     }
 }
 
@@ -74,15 +88,45 @@ pub trait Feature: Copy + Debug + PartialEq {
     /// Derivatives of its residuals: [`Jacobians`].
     type Jacobians;
 
-    /// Difference of prediction and measurement in standard deviations, and on request its Jacobians;
+    /// Where a landmark is in `O`, and what else its observations have in common.
+    type Placed: Debug;
+
+    /// Where the landmark is with its host camera at `host`.
+    fn placed(&self, host: &CameraPose) -> Self::Placed;
+
+    /// Difference of prediction and measurement in standard deviations, as seen from `target`;
     /// `time_offset_step_s` is `td - td_frame`. `None` where the observer cannot see it.
+    fn residual_of(
+        placed: &Self::Placed,
+        target: &CameraPose,
+        measured: &Self::Measurement,
+        time_offset_step_s: f64,
+    ) -> Option<Vector2<f64>>;
+
+    /// The measurement with its weights times `scale`: residual and Jacobians are so much larger.
+    fn weighed(measured: &Self::Measurement, scale: f64) -> Self::Measurement;
+
+    /// Writes the Jacobians of that as seen from `view`, by whose host the landmark has been placed.
+    fn linearize(
+        placed: &Self::Placed,
+        view: CameraView<'_>,
+        measured: &Self::Measurement,
+        jacobians: &mut Self::Jacobians,
+    ) -> Option<()>;
+
+    /// Residual of an observation and, on request, its Jacobians.
     fn residual(
         &self,
         view: CameraView<'_>,
         measured: &Self::Measurement,
         time_offset_step_s: f64,
         linearization: Option<ViewLinearization<'_, Self::Jacobians>>,
-    ) -> Option<Vector2<f64>>;
+    ) -> Option<Vector2<f64>> {
+        if let Some(Linearization { at, jacobians }) = linearization {
+            Self::linearize(&self.placed(at.host), at, measured, jacobians)?;
+        }
+        Self::residual_of(&self.placed(view.host), view.target, measured, time_offset_step_s)
+    }
 
     /// The measurement with its rate of change as an observer with angular rate `rate_b` (rad/s) and
     /// velocity `v_b` (m/s), both in its body frame, would see it.

@@ -17,15 +17,15 @@
 //! r_i = w_i (z_i' n / |n.xy| + rate_i (td - td_frame))
 //! ```
 //!
-//! Equations 10 and 11 give the derivatives by the camera's pose; here it is moved in `O` ([`super::camera_poses`]).
+//! Equations 10 and 11 give the derivatives by the camera's pose; here it is moved in `O` and on its mount ([`super::motions`]).
 
 use super::camera_poses::{CameraPose, CameraView};
-use super::feature::{Estimated, Feature, Jacobians, StructuralLinearization, View, ViewLinearization};
+use super::feature::{Estimated, Feature, Jacobians, StructuralLinearization, View};
 use super::manhattan::{Axis, Manhattan};
 use super::manhattan_factor::{self, StructuralLine};
-use super::state::NavState;
+use super::quad::quad;
 use crate::geometry::exp_so3;
-use nalgebra::{Matrix2x3, Matrix3, Matrix3x4, Vector2, Vector3, Vector4};
+use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3, Vector4};
 
 /// Smallest share of `n` in the image plane. Below it the plane of the line meets the image a thousand units
 /// out; a line through the camera has no plane at all.
@@ -118,9 +118,14 @@ impl Pluecker {
         Self { n: rot * self.n + p.cross(&v), v }
     }
 
+    /// The normal in a frame with `x' = rot' (x - p)`.
+    fn normal_from(&self, rot: &Matrix3<f64>, p: &Vector3<f64>) -> Vector3<f64> {
+        rot.tr_mul(&(self.n - p.cross(&self.v)))
+    }
+
     /// In a frame with `x' = rot' (x - p)`.
     fn moved_back(&self, rot: &Matrix3<f64>, p: &Vector3<f64>) -> Self {
-        Self { n: rot.tr_mul(&(self.n - p.cross(&self.v))), v: rot.tr_mul(&self.v) }
+        Self { n: self.normal_from(rot, p), v: rot.tr_mul(&self.v) }
     }
 }
 
@@ -175,66 +180,47 @@ impl HostedLine {
         let ct = self.path(view).ct;
         (ct.n, ct.v)
     }
+}
 
-    /// Derivatives of `n` and `v` by the four parameters.
-    fn by_parameters(&self) -> (Matrix3x4<f64>, Matrix3x4<f64>) {
-        let (sin, cos) = libm::sincos(self.phi);
-        let [u1, u2, u3] = [0, 1, 2].map(|k| self.axes.column(k).into_owned());
-        let zero = Vector3::zeros();
-        let n = Matrix3x4::from_columns(&[zero, -u3 * cos, u2 * cos, -u1 * sin]);
-        let v = Matrix3x4::from_columns(&[u3 * sin, zero, -u1 * sin, u2 * cos]);
-        (n, v)
-    }
+/// A landmark in its host's camera and in `O`, from the pivot.
+#[derive(Clone, Copy, Debug)]
+pub struct PlacedLine {
+    axes: Matrix3<f64>,
+    /// Sine and cosine of `phi`.
+    sin_cos: (f64, f64),
+    h: Pluecker,
+    o: Pluecker,
+}
 
-    /// The line in `O`, from the pivot, and in the observing camera.
-    fn in_cameras(&self, view: CameraView<'_>) -> [Pluecker; 2] {
-        let o = self.pluecker().moved(&view.host.rot_o_c, &view.host.p_o_c);
-        [o, o.moved_back(&view.target.rot_o_c, &view.target.p_o_c)]
-    }
-
-    /// Jacobians of the residual into `j`; `None` where the observer's plane has no trace in its image. A step
-    /// `(t, theta)` of the host's camera moves the line's normal in `O` by `theta x n + t x v`, its direction by `theta x v`.
-    fn linearize(
-        &self,
-        view: CameraView<'_>,
-        measured: &LineMeasurement,
-        j: &mut Jacobians<4>,
-    ) -> Option<()> {
-        let [o, c] = self.in_cameras(view);
-        let by_c = measured.distances_by_normal(&c.n)?;
-        let (n, v) = self.by_parameters();
-        let CameraView { host, target } = view;
-        let arm = host.p_o_c - target.p_o_c;
-        for d in 0..2 {
-            let by_o = target.rot_o_c * by_c.row(d).transpose() * measured.weights[d];
-            let by_o_v = target.p_o_c.cross(&by_o);
-            let (by_p, by_rot) = (o.v.cross(&by_o), o.n.cross(&by_o) + o.v.cross(&by_o_v));
-            for k in 0..3 {
-                j.camera[(d, NavState::P + k)] = by_p[k];
-                j.camera[(d, NavState::ROT + k)] = by_rot[k];
-            }
-            let by_h = host.rot_o_c.tr_mul(&by_o);
-            let by_h_v = host.rot_o_c.tr_mul(&by_o.cross(&arm));
-            j.landmark.set_row(d, &(by_h.transpose() * n + by_h_v.transpose() * v));
-            j.time_offset[d] = measured.weights[d] * measured.rates[d];
-        }
-        Some(())
+impl PlacedLine {
+    /// Derivative by the four parameters, where those by `n` and `v` in the host's camera are given.
+    fn by_parameters(&self, by_n: &Vector3<f64>, by_v: &Vector3<f64>) -> [f64; 4] {
+        let (sin, cos) = self.sin_cos;
+        // A turn of the axes by d moves u1 by d2 u3 - d3 u2 (with the other sign), u2 by d1 u3 - d3 u1.
+        let (n, v) = (self.axes.tr_mul(by_n), self.axes.tr_mul(by_v));
+        [v.z * sin, -n.z * cos, n.y * cos - v.x * sin, v.y * cos - n.x * sin]
     }
 }
 
 impl Feature for HostedLine {
     type Measurement = LineMeasurement;
     type Jacobians = Jacobians<4>;
+    type Placed = PlacedLine;
+
+    fn placed(&self, host: &CameraPose) -> PlacedLine {
+        let (sin, cos) = libm::sincos(self.phi);
+        let h = Pluecker { n: self.axes.column(0) * cos, v: self.axes.column(1) * sin };
+        PlacedLine { axes: self.axes, sin_cos: (sin, cos), h, o: h.moved(&host.rot_o_c, &host.p_o_c) }
+    }
 
     #[inline]
-    fn residual(
-        &self,
-        view: CameraView<'_>,
+    fn residual_of(
+        placed: &PlacedLine,
+        target: &CameraPose,
         measured: &LineMeasurement,
         time_offset_step_s: f64,
-        linearization: Option<ViewLinearization<'_, Jacobians<4>>>,
     ) -> Option<Vector2<f64>> {
-        let n = self.in_cameras(view)[1].n;
+        let n = placed.o.normal_from(&target.rot_o_c, &target.p_o_c);
         // The edge has a sense: seen the other way round it lies behind the camera.
         if n.dot(&measured.normal()) <= 0.0 {
             return None;
@@ -242,10 +228,43 @@ impl Feature for HostedLine {
         let [a, b] = measured.distances(&n)?;
         let [wa, wb] = measured.weights;
         let [ra, rb] = measured.rates.map(|rate| rate * time_offset_step_s);
-        if let Some(request) = linearization {
-            self.linearize(request.at, measured, request.jacobians)?;
-        }
         Some(Vector2::new(wa * (a + ra), wb * (b + rb)))
+    }
+
+    #[inline]
+    fn weighed(measured: &LineMeasurement, scale: f64) -> LineMeasurement {
+        LineMeasurement { weights: measured.weights.map(|weight| weight * scale), ..*measured }
+    }
+
+    /// `None` where the observer's plane has no trace in its image. In the axes of a camera a motion `(t, theta)` moves the
+    /// line's normal there by `theta x n + t x v`, its direction by `theta x v`, as in `O`.
+    fn linearize(
+        placed: &PlacedLine,
+        CameraView { host, target }: CameraView<'_>,
+        measured: &LineMeasurement,
+        j: &mut Jacobians<4>,
+    ) -> Option<()> {
+        let PlacedLine { h, o, .. } = placed;
+        let c = o.moved_back(&target.rot_o_c, &target.p_o_c);
+        let by_n = measured.distances_by_normal(&c.n)?;
+        let arm = host.p_o_c - target.p_o_c;
+        for d in 0..2 {
+            let by_c = by_n.row(d).transpose() * measured.weights[d];
+            let by_o = target.rot_o_c * by_c;
+            let by_o_v = target.p_o_c.cross(&by_o);
+            let by_h = host.rot_o_c.tr_mul(&by_o);
+            let by_h_v = host.rot_o_c.tr_mul(&by_o.cross(&arm));
+            let turn = o.n.cross(&by_o) + o.v.cross(&by_o_v);
+            j.camera[d] = [quad(&o.v.cross(&by_o)), quad(&turn)];
+            let turn = h.n.cross(&by_h) + h.v.cross(&by_h_v);
+            j.host[d] = [quad(&h.v.cross(&by_h)), quad(&turn)];
+            j.target[d] = [quad(&c.v.cross(&by_c)), quad(&c.n.cross(&by_c))];
+            for (k, by) in placed.by_parameters(&by_h, &by_h_v).into_iter().enumerate() {
+                j.landmark[(d, k)] = by;
+            }
+            j.time_offset[d] = measured.weights[d] * measured.rates[d];
+        }
+        Some(())
     }
 
     /// In the body frame `n' = -w x n - velocity x v` and `v' = -w x v`.

@@ -1,25 +1,23 @@
 //! Linearization: factors at the present states become normal equations, landmarks eliminated.
 //!
-//! Landmarks are linearized in the poses of the cameras, and the sum of all is lifted to rig and frames once
-//! ([`super::camera_poses`]). Each landmark's small block is eliminated as soon as its observations are summed
+//! Landmarks are linearized in motions of cameras and frames, and the sum of all is lifted to rig and frames once
+//! ([`super::motions`]). Each landmark's small block is eliminated as soon as its observations are summed
 //! ([`super::eliminate`]).
 //! Jacobians of frames in the prior are taken at their first estimates, residuals always at the present
 //! state.
 
-use super::camera_poses::{Lifts, MAX_CAMERA};
+use super::camera_sums::CameraSums;
 use super::dense::NormalEquations;
-use super::eliminate::{Eliminated, MAX_LANDMARK_DIM, Scratch, eliminate};
-use super::factor::{Linearization, cauchy};
+use super::eliminate::Eliminated;
+use super::factor::{Linearization, RobustSum};
 use super::feature::{Estimated, Feature, Jacobians, StructuralJacobians};
-use super::hessian_blocks::{Blocks, add_heading, rows};
 use super::landmark::Landmark;
+use super::landmark_sums::{LandmarkSums, Rows};
+use super::motions::{Lifts, MotionEquations};
 use super::options::Options;
 use super::poses::Poses;
 use super::problem::Problem;
-use super::state::{
-    FRAME_DIM, FrameMatrix, MAX_VISUAL, Rig, unknown_of_camera, unknown_of_frame, unknown_of_visual,
-    visual_of_frame,
-};
+use super::state::{FRAME_DIM, FrameMatrix, Rig, unknown_of_frame};
 use super::zero_velocity_factor::zero_velocity;
 use nalgebra::{SMatrix, Vector2};
 
@@ -31,10 +29,8 @@ pub(super) const LANDMARK_REGULARIZATION: f64 = 1e-6;
 pub struct Linearizer {
     /// The normal equations of rig and frames.
     pub equations: NormalEquations,
-    visual: NormalEquations,
-    cameras: NormalEquations,
-    lifts: Lifts,
-    scratch: Scratch,
+    landmarks: LandmarkEquations,
+    pub(super) lifts: Lifts,
     /// One entry for each point, in the order of the store.
     pub points: Vec<Eliminated<3>>,
     /// The same for each line.
@@ -49,10 +45,8 @@ impl Linearizer {
     pub fn new(unknowns: usize, points: usize, lines: usize, rig: &Rig) -> Self {
         Self {
             equations: NormalEquations::new(unknowns),
-            visual: NormalEquations::new(MAX_VISUAL),
-            cameras: NormalEquations::new(MAX_CAMERA),
+            landmarks: LandmarkEquations::default(),
             lifts: Lifts::default(),
-            scratch: [[0.0; MAX_VISUAL]; MAX_LANDMARK_DIM],
             points: vec![Eliminated::empty(); points],
             lines: vec![Eliminated::empty(); lines],
             poses: Poses::new(rig),
@@ -63,24 +57,23 @@ impl Linearizer {
     pub fn begin(&mut self, problem: &Problem<'_>) {
         let frames = problem.frames.len();
         self.equations.reset(unknown_of_frame(frames));
-        self.visual.reset(visual_of_frame(frames));
-        self.cameras.reset(unknown_of_camera(problem.options.cameras * frames));
+        self.landmarks.motions.reset(frames);
+        self.landmarks.cameras.reset(frames, problem.options.cameras);
+        self.landmarks.costs = RobustSum::new(problem.options.cauchy_scale);
         self.poses.refresh(problem.rig, problem.frames, problem.options.first_estimates);
         self.poses.lift(&mut self.lifts, frames, problem.options);
     }
 
-    /// Adds point `index` of the problem and eliminates it, its own block damped; returns its robust cost.
-    pub fn add_point(&mut self, problem: &Problem<'_>, index: usize, damping: f64) -> f64 {
-        let Self { points, visual, cameras, poses, lifts, scratch, .. } = self;
-        let equations = Equations { visual, cameras, lifts, scratch };
-        add_landmark(equations, &mut points[index], poses, problem, &problem.points[index], damping)
+    /// Adds point `index` of the problem and eliminates it, its own block damped.
+    pub fn add_point(&mut self, problem: &Problem<'_>, index: usize, damping: f64) {
+        let Self { points, landmarks, poses, lifts, .. } = self;
+        landmarks.add(&mut points[index], (poses, lifts), problem, &problem.points[index], damping);
     }
 
     /// The same for line `index`.
-    pub fn add_line(&mut self, problem: &Problem<'_>, index: usize, damping: f64) -> f64 {
-        let Self { lines, visual, cameras, poses, lifts, scratch, .. } = self;
-        let equations = Equations { visual, cameras, lifts, scratch };
-        add_landmark(equations, &mut lines[index], poses, problem, &problem.lines[index], damping)
+    pub fn add_line(&mut self, problem: &Problem<'_>, index: usize, damping: f64) {
+        let Self { lines, landmarks, poses, lifts, .. } = self;
+        landmarks.add(&mut lines[index], (poses, lifts), problem, &problem.lines[index], damping);
     }
 
     /// Adds the inertial factor that leads to frame `index`; returns its cost.
@@ -95,8 +88,8 @@ impl Linearizer {
         let r = factor.residual([&from.nav, &to.nav], &problem.options.gravity_o, Some(linearization));
         let [by_from, by_to] = jacobians;
         let (row, column) = (unknown_of_frame(index - 1), unknown_of_frame(index));
-        let weighted_from = by_from.tr_mul(information);
-        let weighted_to = by_to.tr_mul(information);
+        // The information is symmetric; whole columns of a product are quicker than products of columns.
+        let [weighted_from, weighted_to] = [&by_from, &by_to].map(|by| by.transpose() * information);
         self.equations.add_block(row, row, &(weighted_from * by_from));
         self.equations.add_block(row, column, &(weighted_from * by_to));
         self.equations.add_block(column, column, &(weighted_to * by_to));
@@ -115,24 +108,22 @@ impl Linearizer {
         zero_velocity(&problem.frames[index], sigma, Some((&mut self.equations, index)))
     }
 
-    /// Moves the equations of the landmarks, reduced to rig, heading and poses, into the normal equations.
-    pub fn finish(&mut self) {
-        self.lifts.lift(&self.cameras, &mut self.visual);
-        for i in 0..self.visual.dim() {
-            let to = unknown_of_visual(i);
-            for (k, value) in self.visual.row(i).iter().enumerate() {
-                self.equations.add(to, unknown_of_visual(i + k), *value);
-            }
-            self.equations.gradient_mut()[to] += self.visual.gradient()[i];
-        }
+    /// Moves the equations of the landmarks into the normal equations; returns their robust cost.
+    pub fn finish(&mut self) -> f64 {
+        let LandmarkEquations { motions, cameras, costs } = &mut self.landmarks;
+        cameras.finish(&self.lifts, motions);
+        motions.lift(&self.lifts, &mut self.equations);
+        costs.cost()
     }
 
     /// The robust cost of all factors but the prior, without linearizing.
     #[must_use]
     pub fn cost(&mut self, problem: &Problem<'_>) -> f64 {
         self.poses.refresh(problem.rig, problem.frames, problem.options.first_estimates);
-        let mut cost = 0.0;
-        cost += self.cost_of(problem, problem.points) + self.cost_of(problem, problem.lines);
+        let mut costs = RobustSum::new(problem.options.cauchy_scale);
+        self.add_costs(problem, problem.points, &mut costs);
+        self.add_costs(problem, problem.lines, &mut costs);
+        let mut cost = costs.cost();
         let Options { gravity_o, still_sigma_m_s, .. } = problem.options;
         for (index, frame) in problem.frames.iter().enumerate() {
             if let (Some(factor), true) = (&frame.inertial, index > 0)
@@ -146,31 +137,41 @@ impl Linearizer {
         cost
     }
 
-    /// Robust cost of landmarks at the poses last refreshed.
-    fn cost_of<F: Feature>(&self, problem: &Problem<'_>, landmarks: &[Landmark<F>]) -> f64 {
-        let scale = problem.options.cauchy_scale;
-        let mut cost = 0.0;
+    /// Adds the robust costs of landmarks at the poses last refreshed.
+    fn add_costs<F: Feature>(&self, problem: &Problem<'_>, landmarks: &[Landmark<F>], costs: &mut RobustSum) {
         for landmark in landmarks.iter().filter(|l| l.is_triangulated) {
+            let placed = self.poses.placed(landmark);
             for observation in &landmark.observations {
-                if let Some(r) = self.poses.residual(problem, landmark, observation, None) {
-                    cost += cauchy(r.norm_squared(), scale).0;
+                if let Some(r) = self.poses.residual::<F>(problem, &placed, observation) {
+                    costs.add(r.norm_squared());
                 }
             }
             if let Some(r) = self.poses.structural_residual(problem, landmark, None) {
-                cost += cauchy(r.norm_squared(), scale).0;
+                costs.add(r.norm_squared());
             }
         }
-        cost
     }
 }
 
-/// Where landmarks go: their own blocks to the equations of the cameras, what elimination takes away to those of rig,
-/// heading and poses.
-struct Equations<'a> {
-    visual: &'a mut NormalEquations,
-    cameras: &'a mut NormalEquations,
-    lifts: &'a Lifts,
-    scratch: &'a mut Scratch,
+/// Where landmarks go.
+#[derive(Clone, Debug)]
+struct LandmarkEquations {
+    /// What elimination takes away, and in the end all of it.
+    motions: MotionEquations,
+    /// What observations tell of the cameras.
+    cameras: CameraSums,
+    costs: RobustSum,
+}
+
+impl Default for LandmarkEquations {
+    /// Room for any window.
+    fn default() -> Self {
+        Self {
+            motions: MotionEquations::default(),
+            cameras: CameraSums::default(),
+            costs: RobustSum::new(1.0),
+        }
+    }
 }
 
 /// Number of a camera of a frame among all cameras of the window.
@@ -178,73 +179,66 @@ fn camera_of(problem: &Problem<'_>, frame: u8, camera: u8) -> usize {
     usize::from(frame) * problem.options.cameras + usize::from(camera)
 }
 
-/// Adds a landmark and eliminates it, its own block damped; returns its robust cost.
-fn add_landmark<F: Estimated<D>, const D: usize>(
-    equations: Equations<'_>,
-    entry: &mut Eliminated<D>,
-    poses: &Poses,
-    problem: &Problem<'_>,
-    landmark: &Landmark<F>,
-    damping: f64,
-) -> f64 {
-    entry.is_used = false;
-    if !landmark.is_triangulated {
-        return 0.0;
-    }
-    let Equations { visual, cameras, lifts, scratch } = equations;
-    let host = camera_of(problem, landmark.host, landmark.host_camera);
-    let dim = visual.dim();
-    for row in &mut entry.by_visual {
-        row[..dim].fill(0.0);
-    }
-    let mut sums = Blocks::<D>::default();
-    let mut cost = 0.0;
-    let mut span = (usize::from(landmark.host), usize::from(landmark.host));
-    let mut j = Jacobians::zeros();
-    for observation in &landmark.observations {
-        let Some(r) = poses.residual(problem, landmark, observation, Some(&mut j)) else { continue };
-        let target = camera_of(problem, observation.frame, observation.camera);
-        let frame = usize::from(observation.frame);
-        span = (span.0.min(frame), span.1.max(frame));
-        let (c, weight) = cauchy(r.norm_squared(), problem.options.cauchy_scale);
-        cost += c;
-        let blocks = Blocks::of(&rows(&j, &r, weight.sqrt(), host != target));
-        sums.add(&blocks);
-        if host != target {
-            blocks.add_target(cameras, (entry, lifts), (host, target));
+impl LandmarkEquations {
+    /// Adds a landmark and eliminates it, its own block damped.
+    fn add<F: Estimated<D>, const D: usize>(
+        &mut self,
+        entry: &mut Eliminated<D>,
+        (poses, lifts): (&Poses, &Lifts),
+        problem: &Problem<'_>,
+        landmark: &Landmark<F>,
+        damping: f64,
+    ) {
+        entry.reset(self.motions.dim());
+        if !landmark.is_triangulated {
+            return;
         }
+        let host = camera_of(problem, landmark.host, landmark.host_camera);
+        self.cameras.begin_host(host, lifts, &mut self.motions);
+        let (now, first) = (poses.placed(landmark), poses.placed_first(landmark));
+        let mut sums = LandmarkSums::<D>::default();
+        let mut span = (usize::from(landmark.host), usize::from(landmark.host));
+        let (mut j, mut rows) = (Jacobians::zeros(), Rows::ZERO);
+        for observation in &landmark.observations {
+            let Some(r) = poses.residual::<F>(problem, &now, observation) else { continue };
+            let weight = self.costs.add(r.norm_squared());
+            let scale = weight.sqrt();
+            if poses.linearize(landmark, &first, (observation, scale), &mut j).is_none() {
+                continue;
+            }
+            let target = camera_of(problem, observation.frame, observation.camera);
+            let frame = usize::from(observation.frame);
+            span = (span.0.min(frame), span.1.max(frame));
+            let cameras = (landmark.host_camera, observation.camera);
+            rows.set(&j, &(r * scale), cameras, host == target);
+            self.cameras.add(target, &rows.by_camera);
+            sums.add(&rows, Some(frame), entry);
+        }
+        self.add_structural(entry, &mut sums, poses, problem, landmark);
+        let mut own = sums.finish(entry, usize::from(landmark.host));
+        own += SMatrix::<f64, D, D>::identity() * LANDMARK_REGULARIZATION;
+        for k in 0..D {
+            own[(k, k)] *= 1.0 + damping;
+        }
+        entry.eliminate(&mut self.motions, own, span);
     }
-    cost += add_structural(cameras, entry, &mut sums, poses, problem, landmark);
-    sums.flush(cameras, (entry, lifts), host);
-    let mut h_ll = sums.landmark() + SMatrix::<f64, D, D>::identity() * LANDMARK_REGULARIZATION;
-    for k in 0..D {
-        h_ll[(k, k)] *= 1.0 + damping;
-    }
-    let Some(cholesky) = h_ll.cholesky() else { return cost };
-    entry.inverse = cholesky.inverse();
-    entry.is_used = true;
-    eliminate(visual, entry, &cholesky.l(), span, scratch);
-    cost
-}
 
-/// Adds that a landmark lies along a direction of the Manhattan world, if it does; returns its robust cost.
-fn add_structural<F: Estimated<D>, const D: usize>(
-    cameras: &mut NormalEquations,
-    entry: &mut Eliminated<D>,
-    sums: &mut Blocks<D>,
-    poses: &Poses,
-    problem: &Problem<'_>,
-    landmark: &Landmark<F>,
-) -> f64 {
-    let mut j = StructuralJacobians { feature: Jacobians::zeros(), heading: Vector2::zeros() };
-    let Some(r) = poses.structural_residual(problem, landmark, Some(&mut j)) else { return 0.0 };
-    let (cost, weight) = cauchy(r.norm_squared(), problem.options.cauchy_scale);
-    let scale = weight.sqrt();
-    let rows = rows(&j.feature, &r, scale, true);
-    sums.add(&Blocks::of(&rows));
-    let host = camera_of(problem, landmark.host, landmark.host_camera);
-    add_heading(cameras, entry, &rows, &(j.heading * scale), host);
-    cost
+    /// Adds that a landmark lies along a direction of the Manhattan world, if it does.
+    fn add_structural<F: Estimated<D>, const D: usize>(
+        &mut self,
+        entry: &mut Eliminated<D>,
+        sums: &mut LandmarkSums<D>,
+        poses: &Poses,
+        problem: &Problem<'_>,
+        landmark: &Landmark<F>,
+    ) {
+        let mut j = StructuralJacobians { feature: Jacobians::zeros(), heading: Vector2::zeros() };
+        let Some(r) = poses.structural_residual(problem, landmark, Some(&mut j)) else { return };
+        let scale = self.costs.add(r.norm_squared()).sqrt();
+        let rows = Rows::structural(&j, &r, scale, landmark.host_camera);
+        self.cameras.add_structural(&rows.by_camera);
+        sums.add(&rows, None, entry);
+    }
 }
 
 #[cfg(test)]

@@ -80,16 +80,15 @@ fn steps_of_frames_and_landmarks_are_those_that_solve_the_dense_system() {
     for (k, value) in step.iter().enumerate() {
         assert!(off(k, *value) < 1e-7, "unknown {k}: {value} instead of {}", expected[k]);
     }
-    let visual: Vec<f64> =
-        (0..visual_of_frame(window.frames.len())).map(|k| step[unknown_of_visual(k)]).collect();
+    let motions = window.linearizer.lifts.motions_of(&step);
     let mut landmarks = 0;
     for (at, entry) in dense.points.iter().zip(&window.linearizer.points).filter(|(_, e)| e.is_used) {
         landmarks += 1;
-        entry.step(&visual).iter().enumerate().for_each(|(k, d)| assert!(off(at + k, *d) < 1e-7, "point"));
+        entry.step(&motions).iter().enumerate().for_each(|(k, d)| assert!(off(at + k, *d) < 1e-7, "point"));
     }
     for (at, entry) in dense.lines.iter().zip(&window.linearizer.lines).filter(|(_, e)| e.is_used) {
         landmarks += 1;
-        entry.step(&visual).iter().enumerate().for_each(|(k, d)| assert!(off(at + k, *d) < 1e-7, "line"));
+        entry.step(&motions).iter().enumerate().for_each(|(k, d)| assert!(off(at + k, *d) < 1e-7, "line"));
     }
     let (points, lines) = window.triangulated();
     assert_eq!(landmarks, points + lines, "all of them take part");

@@ -15,7 +15,7 @@
 use super::camera_poses::CameraPose;
 use super::feature::{Jacobians, StructuralJacobians, StructuralLinearization};
 use super::manhattan::{Axis, Manhattan};
-use super::state::NavState;
+use super::quad::quad;
 use nalgebra::{Matrix2x4, Matrix3, Vector2, Vector3};
 
 /// A landmark line along a direction of the Manhattan world.
@@ -52,15 +52,15 @@ fn linearize(
     host: &CameraPose,
     StructuralJacobians { feature: j, heading }: &mut StructuralJacobians<Jacobians<4>>,
 ) {
-    let d_u = line.axes.tr_mul(&host.rot_o_c.tr_mul(d_o));
+    let d_h = host.rot_o_c.tr_mul(d_o);
+    let d_u = line.axes.tr_mul(&d_h);
     *j = Jacobians::zeros();
     for (d, axis) in [0, 2].into_iter().enumerate() {
-        // The axis in `O`: a step of the host's camera turns it, and the position does not matter.
-        let by_o = host.rot_o_c * line.axes.column(axis) / sigma_rad;
-        let by_rot = by_o.cross(d_o);
-        for k in 0..3 {
-            j.camera[(d, NavState::ROT + k)] = by_rot[k];
-        }
+        // The axis in `O`: a motion of the host's camera turns it, and the position does not matter.
+        let by_h = line.axes.column(axis) / sigma_rad;
+        let by_o = host.rot_o_c * by_h;
+        j.camera[d] = [[0.0; 4], quad(&by_o.cross(d_o))];
+        j.host[d] = [[0.0; 4], quad(&by_h.cross(&d_h))];
         // A horizontal direction turns with the heading; for verticals this is exactly zero.
         heading[d] = by_o.dot(&Vector3::z().cross(d_o));
     }

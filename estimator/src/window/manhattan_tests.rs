@@ -186,7 +186,7 @@ fn what_is_switched_off_says_nothing() {
     let manhattan = Manhattan { options: off, heading_rad: Some(0.7) };
     assert!(Axis::ALL.iter().all(|axis| manhattan.direction_o(*axis).is_none()));
     let line = seen(Vector3::z(), Some(Axis::Vertical));
-    let host = CameraPose { rot_o_c: Matrix3::identity(), p_o_c: Vector3::zeros() };
+    let host = CameraPose::new(Matrix3::identity(), Vector3::zeros());
     assert!(residual(&manhattan, structural(&line), &host, None).is_none());
     assert_eq!(axis_of(&manhattan, &line), None);
 }

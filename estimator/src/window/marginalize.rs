@@ -80,15 +80,15 @@ impl Window {
         }
         for k in 0..problem.points.len() {
             if usize::from(problem.points[k].host) == index {
-                let _ = linearizer.add_point(&problem, k, 0.0);
+                linearizer.add_point(&problem, k, 0.0);
             }
         }
         for k in 0..problem.lines.len() {
             if usize::from(problem.lines[k].host) == index {
-                let _ = linearizer.add_line(&problem, k, 0.0);
+                linearizer.add_line(&problem, k, 0.0);
             }
         }
-        linearizer.finish();
+        let _ = linearizer.finish();
         for frame in &mut frames[..covered] {
             if !frame.in_prior {
                 frame.in_prior = true;

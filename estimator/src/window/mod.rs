@@ -10,8 +10,8 @@
 //!   factors, each with its residual and its Jacobians ([`factor`])
 //! - `tracks`: how tracks become landmarks
 //! - [`manhattan`] with `heading_votes`, `structural_lines`: verticals and vanishing directions
-//! - [`problem`], [`poses`], [`camera_poses`], [`linearize`] with `hessian_blocks`, [`eliminate`], [`dense`],
-//!   [`solve`]: normal equations and their solution
+//! - [`problem`], [`poses`], [`camera_poses`], [`motions`], [`linearize`] with `camera_sums` and `landmark_sums`,
+//!   [`eliminate`], [`dense`], [`factorization`], [`solve`]: normal equations and their solution
 //! - `doubt`: a frame that is contradicted as a whole
 //! - [`triangulate`], [`triangulate_line`], [`keyframes`], [`marginalize`]: what enters and what leaves
 //! - [`calibration`]: how well the rig is known; [`growth`], `bias_walk`: how fast a state is forgotten without images
@@ -19,29 +19,33 @@
 mod bias_walk;
 pub mod calibration;
 pub mod camera_poses;
+mod camera_sums;
 pub mod dense;
 mod doubt;
 pub mod eliminate;
 pub mod factor;
+pub mod factorization;
 pub mod feature;
 pub mod frame;
 pub mod growth;
 mod heading_votes;
-mod hessian_blocks;
 pub mod inertial_factor;
 pub mod keyframes;
 pub mod landmark;
+mod landmark_sums;
 pub mod line;
 pub mod linearize;
 pub mod manhattan;
 pub mod manhattan_factor;
 pub mod marginalize;
+pub mod motions;
 #[cfg(test)]
 mod null_space_tests;
 pub mod options;
 pub mod poses;
 pub mod prior;
 pub mod problem;
+mod quad;
 pub mod relative;
 pub mod reprojection;
 pub mod snapshot;
@@ -54,6 +58,7 @@ mod test_dense;
 mod test_room;
 #[cfg(test)]
 mod test_views;
+mod tiles;
 mod tracks;
 pub mod triangulate;
 pub mod triangulate_line;
@@ -106,10 +111,9 @@ pub struct Window {
     heading_votes: HeadingVotes,
     is_manhattan_in_sight: bool,
     linearizer: Linearizer,
-    factor: dense::Factor,
+    factor: factorization::Factor,
     backup: solve::Backup,
     solution: Vec<f64>,
-    visual_step: Vec<f64>,
     rehosted: (Vec<PointLandmark>, Vec<LineLandmark>),
     outliers: Outliers,
     configured_rig: Rig,
@@ -177,10 +181,9 @@ impl Window {
             prior: Prior::new(unknowns, &rig),
             anchor: None,
             linearizer: Linearizer::new(unknowns, points, lines, &rig),
-            factor: dense::Factor::new(unknowns),
+            factor: factorization::Factor::new(unknowns),
             backup: solve::Backup::new(points, lines, &rig),
             solution: vec![0.0; unknowns],
-            visual_step: vec![0.0; unknowns],
             rehosted: (Vec::with_capacity(points), Vec::with_capacity(lines)),
             outliers: Outliers::new(points, lines),
             doubted: 0,

@@ -1,11 +1,12 @@
 //! Poses of bodies and cameras as matrices, at the present states and at those of the Jacobians, and what follows
 //! from them for the landmarks.
 
-use super::camera_poses::{CameraPose, CameraView, Lifts};
+use super::camera_poses::{CameraPose, CameraView};
 use super::factor::Linearization;
 use super::feature::{Feature, StructuralJacobians, View};
 use super::frame::Frame;
 use super::landmark::{Landmark, Observation};
+use super::motions::Lifts;
 use super::options::Options;
 use super::problem::Problem;
 use super::state::{BodyPose, MAX_FRAMES, Mount, Rig};
@@ -56,33 +57,56 @@ impl Poses {
         }
     }
 
-    /// How the cameras of the first `frames` frames follow from frames and rig, at the states of the Jacobians.
+    /// How the motions of the first `frames` frames and of the cameras follow from frames and rig, at the states of the Jacobians.
     pub fn lift(&self, lifts: &mut Lifts, frames: usize, options: &Options) {
         let mounts = &self.mounts[..options.cameras];
         lifts.refresh(&self.first[..frames], mounts, &self.pivot_o, &options.rig_mask);
     }
 
-    /// The residual of one observation at the present states, in standard deviations, and on request its
-    /// Jacobians. `None` where the observer cannot see the landmark.
+    /// Where a landmark is by the present pose of its host.
+    #[inline]
+    pub fn placed<F: Feature>(&self, landmark: &Landmark<F>) -> F::Placed {
+        let (host, camera) = (usize::from(landmark.host), usize::from(landmark.host_camera));
+        landmark.feature.placed(&self.cameras_now[host][camera])
+    }
+
+    /// Where it is by the pose of its host at which Jacobians are taken.
+    #[inline]
+    pub fn placed_first<F: Feature>(&self, landmark: &Landmark<F>) -> F::Placed {
+        let (host, camera) = (usize::from(landmark.host), usize::from(landmark.host_camera));
+        landmark.feature.placed(&self.cameras_first[host][camera])
+    }
+
+    /// The residual of one observation of a landmark that is [`Self::placed`], in standard deviations. `None` where the
+    /// observer cannot see it.
     #[must_use]
     #[inline]
-    pub fn residual<'a, F: Feature>(
-        &'a self,
+    pub fn residual<F: Feature>(
+        &self,
         problem: &Problem<'_>,
-        landmark: &Landmark<F>,
+        placed: &F::Placed,
         observation: &Observation<F::Measurement>,
-        jacobians: Option<&'a mut F::Jacobians>,
     ) -> Option<Vector2<f64>> {
         let (frame, camera) = (usize::from(observation.frame), usize::from(observation.camera));
         let step_s = problem.rig.time_offset_s - problem.frames[frame].time_offset_s;
-        let (host, host_camera) = (usize::from(landmark.host), usize::from(landmark.host_camera));
-        let view = |poses: &'a [[CameraPose; 2]]| CameraView {
-            host: &poses[host][host_camera],
-            target: &poses[frame][camera],
+        F::residual_of(placed, &self.cameras_now[frame][camera], &observation.measured, step_s)
+    }
+
+    /// The Jacobians of that, times `scale`, of a landmark that is [`Self::placed_first`].
+    #[inline]
+    pub fn linearize<F: Feature>(
+        &self,
+        landmark: &Landmark<F>,
+        placed: &F::Placed,
+        (observation, scale): (&Observation<F::Measurement>, f64),
+        jacobians: &mut F::Jacobians,
+    ) -> Option<()> {
+        let pose = |frame: u8, camera: u8| &self.cameras_first[usize::from(frame)][usize::from(camera)];
+        let view = CameraView {
+            host: pose(landmark.host, landmark.host_camera),
+            target: pose(observation.frame, observation.camera),
         };
-        let linearization =
-            jacobians.map(|jacobians| Linearization { at: view(&self.cameras_first), jacobians });
-        landmark.feature.residual(view(&self.cameras_now), &observation.measured, step_s, linearization)
+        F::linearize(placed, view, &F::weighed(&observation.measured, scale), jacobians)
     }
 
     /// The residual of a landmark against the direction of the Manhattan world along which it lies, and on request

@@ -10,14 +10,14 @@
 //! r   = W (q_c.xy / q_c.z - z + (td - td_frame) dz/dt)
 //! ```
 //!
-//! A step `(t, theta)` of the host's camera moves `q_o` by `rho t + theta x q_o` ([`super::camera_poses`]).
+//! A motion `(t, theta)` of the host's camera moves `q_o` by `rho t + theta x q_o` ([`super::motions`]).
 //! `W` takes normalized coordinates to pixels over their standard deviation at the observed place, so
 //! `r` is in standard deviations. Source: the landmark of VINS-Mono (Qin et
 //! al. 2018, section V) with the bearing estimated as well, as in basalt (Usenko et al. 2019).
 
-use super::camera_poses::CameraView;
-use super::feature::{Estimated, Feature, Jacobians, View, ViewLinearization};
-use super::state::NavState;
+use super::camera_poses::{CameraPose, CameraView};
+use super::feature::{Estimated, Feature, Jacobians, View};
+use super::quad::{Quad, cross, dot3, quad, scaled};
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 /// Smallest forward component of `q_ct`: the landmark is in front of the observing camera.
@@ -47,20 +47,28 @@ pub struct PointMeasurement {
     pub weight: Matrix2<f64>,
 }
 
-/// The landmark on its way from host to observer.
-struct Path {
-    q_o: Vector3<f64>,
-    q_c: Vector3<f64>,
+/// A landmark in `O`, from the pivot.
+#[derive(Clone, Copy, Debug)]
+pub struct PlacedPoint {
+    /// Its bearing in the host's camera.
+    bearing: Quad,
+    rho: f64,
+    q_o: Quad,
 }
 
-fn path(view: CameraView<'_>, point: &InversePoint) -> Path {
-    let CameraView { host, target } = view;
-    let q_o = host.rot_o_c * Vector3::new(point.xy.x, point.xy.y, 1.0) + host.p_o_c * point.rho;
-    let q_c = target.rot_o_c.tr_mul(&(q_o - target.p_o_c * point.rho));
-    Path { q_o, q_c }
+impl PlacedPoint {
+    #[inline(always)]
+    fn seen_from(&self, target: &CameraPose) -> Quad {
+        let p = quad(&target.p_o_c);
+        let mut q = self.q_o;
+        for k in 0..4 {
+            q[k] -= p[k] * self.rho;
+        }
+        target.lanes.transpose_times(&q)
+    }
 }
 
-/// Its direction in the observer's body and camera.
+/// Direction of a landmark in the observer's body and camera.
 fn seen(view: &View<'_>, point: &InversePoint) -> [Vector3<f64>; 2] {
     let b = Vector3::new(point.xy.x, point.xy.y, 1.0);
     let q_bh = view.host_mount.rot_b_c * b + view.host_mount.p_b_c * point.rho;
@@ -73,58 +81,72 @@ impl InversePoint {
     /// Where the observer sees the landmark, in normalized coordinates; `None` behind it.
     #[must_use]
     pub fn project(&self, view: CameraView<'_>) -> Option<Vector2<f64>> {
-        let q = path(view, self).q_c;
-        (q.z > MIN_FORWARD).then(|| Vector2::new(q.x / q.z, q.y / q.z))
-    }
-
-    /// Jacobians of the residual into `j`; `None` behind the observer.
-    fn linearize(
-        &self,
-        view: CameraView<'_>,
-        measured: &PointMeasurement,
-        j: &mut Jacobians<3>,
-    ) -> Option<()> {
-        let Path { q_o, q_c } = path(view, self);
-        if q_c.z <= MIN_FORWARD {
-            return None;
-        }
-        let CameraView { host, target } = view;
-        let iz = 1.0 / q_c.z;
-        let arm = host.p_o_c - target.p_o_c;
-        for d in 0..2 {
-            let (wx, wy) = (measured.weight[(d, 0)] * iz, measured.weight[(d, 1)] * iz);
-            let by_c = Vector3::new(wx, wy, -(wx * q_c.x + wy * q_c.y) * iz);
-            let by_o = target.rot_o_c * by_c;
-            let (by_p, by_rot, by_b) = (by_o * self.rho, q_o.cross(&by_o), host.rot_o_c.tr_mul(&by_o));
-            for k in 0..3 {
-                j.camera[(d, NavState::P + k)] = by_p[k];
-                j.camera[(d, NavState::ROT + k)] = by_rot[k];
-            }
-            (j.landmark[(d, 0)], j.landmark[(d, 1)]) = (by_b.x, by_b.y);
-            j.landmark[(d, 2)] = by_o.dot(&arm);
-        }
-        j.time_offset = measured.weight * measured.xy_rate;
-        Some(())
+        let [x, y, z, _] = self.placed(view.host).seen_from(view.target);
+        (z > MIN_FORWARD).then(|| Vector2::new(x / z, y / z))
     }
 }
 
 impl Feature for InversePoint {
     type Measurement = PointMeasurement;
     type Jacobians = Jacobians<3>;
+    type Placed = PlacedPoint;
 
     #[inline]
-    fn residual(
-        &self,
-        view: CameraView<'_>,
+    fn placed(&self, host: &CameraPose) -> PlacedPoint {
+        let bearing = Vector3::new(self.xy.x, self.xy.y, 1.0);
+        let q_o = host.rot_o_c * bearing + host.p_o_c * self.rho;
+        PlacedPoint { bearing: quad(&bearing), rho: self.rho, q_o: quad(&q_o) }
+    }
+
+    #[inline]
+    fn residual_of(
+        placed: &PlacedPoint,
+        target: &CameraPose,
         measured: &PointMeasurement,
         time_offset_step_s: f64,
-        linearization: Option<ViewLinearization<'_, Jacobians<3>>>,
     ) -> Option<Vector2<f64>> {
-        let predicted = self.project(view)?;
-        if let Some(request) = linearization {
-            self.linearize(request.at, measured, request.jacobians)?;
+        let [x, y, z, _] = placed.seen_from(target);
+        if z <= MIN_FORWARD {
+            return None;
         }
+        let predicted = Vector2::new(x, y) * (1.0 / z);
         Some(measured.weight * (predicted - measured.xy + measured.xy_rate * time_offset_step_s))
+    }
+
+    #[inline]
+    fn weighed(measured: &PointMeasurement, scale: f64) -> PointMeasurement {
+        PointMeasurement { weight: measured.weight * scale, ..*measured }
+    }
+
+    /// In the axes of a camera a motion `(t, theta)` moves the landmark there by `rho t + theta x q`, as in `O`.
+    #[inline]
+    fn linearize(
+        placed: &PlacedPoint,
+        CameraView { host, target }: CameraView<'_>,
+        measured: &PointMeasurement,
+        j: &mut Jacobians<3>,
+    ) -> Option<()> {
+        let PlacedPoint { bearing, rho, q_o } = placed;
+        let q_c = placed.seen_from(target);
+        let [x, y, z, _] = q_c;
+        if z <= MIN_FORWARD {
+            return None;
+        }
+        let iz = 1.0 / z;
+        let arm = quad(&(host.p_o_c - target.p_o_c));
+        for d in 0..2 {
+            let (wx, wy) = (measured.weight[(d, 0)] * iz, measured.weight[(d, 1)] * iz);
+            let by_c = [wx, wy, -(wx * x + wy * y) * iz, 0.0];
+            let by_o = target.lanes.times(&by_c);
+            let by_h = host.lanes.transpose_times(&by_o);
+            j.camera[d] = [scaled(&by_o, *rho), cross(q_o, &by_o)];
+            j.host[d] = [scaled(&by_h, *rho), cross(bearing, &by_h)];
+            j.target[d] = [scaled(&by_c, *rho), cross(&q_c, &by_c)];
+            (j.landmark[(d, 0)], j.landmark[(d, 1)]) = (by_h[0], by_h[1]);
+            j.landmark[(d, 2)] = dot3(&by_o, &arm);
+        }
+        j.time_offset = measured.weight * measured.xy_rate;
+        Some(())
     }
 
     /// `q_ct' = R_bc_t' (-w x q_bt - rho v)`.

@@ -5,12 +5,10 @@ use super::eliminate::Eliminated;
 use super::feature::Estimated;
 use super::landmark::LandmarkStore;
 use super::line::HostedLine;
+use super::motions::MotionRow;
 use super::problem::Problem;
 use super::reprojection::InversePoint;
-use super::state::{
-    FRAME_DIM, FrameMatrix, HEADING, MAX_FRAMES, NavState, RIG_DIM, Rig, unknown_of_frame, unknown_of_visual,
-    visual_of_frame,
-};
+use super::state::{FRAME_DIM, FrameMatrix, HEADING, MAX_FRAMES, NavState, RIG_DIM, Rig, unknown_of_frame};
 use crate::estimate::{BiasVariances, NavCovariance};
 use nalgebra::SVector;
 use plumbline_config::Portable;
@@ -177,13 +175,12 @@ impl Window {
             cost += linearizer.add_zero_velocity(&problem, index);
         }
         for index in 0..problem.points.len() {
-            cost += linearizer.add_point(&problem, index, damping);
+            linearizer.add_point(&problem, index, damping);
         }
         for index in 0..problem.lines.len() {
-            cost += linearizer.add_line(&problem, index, damping);
+            linearizer.add_line(&problem, index, damping);
         }
-        linearizer.finish();
-        cost
+        cost + linearizer.finish()
     }
 
     /// The cost at the present states.
@@ -213,12 +210,9 @@ impl Window {
             let at = unknown_of_frame(k);
             frame.nav = frame.nav.plus(&SVector::from_column_slice(&self.solution[at..at + FRAME_DIM]));
         }
-        let visual = visual_of_frame(self.frames.len());
-        for k in 0..visual {
-            self.visual_step[k] = self.solution[unknown_of_visual(k)];
-        }
-        move_landmarks(&mut self.points, &self.linearizer.points, &self.visual_step[..visual]);
-        move_landmarks(&mut self.lines, &self.linearizer.lines, &self.visual_step[..visual]);
+        let motions = self.linearizer.lifts.motions_of(&self.solution[..dim]);
+        move_landmarks(&mut self.points, &self.linearizer.points, &motions);
+        move_landmarks(&mut self.lines, &self.linearizer.lines, &motions);
         Some(decrease)
     }
 
@@ -283,15 +277,15 @@ impl Window {
     }
 }
 
-/// Gives every landmark that took part its step, given that of rig and poses.
+/// Gives every landmark that took part its step, given those of the motions.
 fn move_landmarks<F: Estimated<D>, const D: usize>(
     store: &mut LandmarkStore<F>,
     eliminated: &[Eliminated<D>],
-    visual_step: &[f64],
+    motions: &MotionRow,
 ) {
     for (landmark, entry) in store.all_mut().iter_mut().zip(eliminated) {
         if entry.is_used {
-            landmark.feature = landmark.feature.plus(&entry.step(visual_step));
+            landmark.feature = landmark.feature.plus(&entry.step(motions));
         }
     }
 }

@@ -4,8 +4,8 @@
 //! section III). All of them in order, as in the normal equations: rig ([`Rig::P_B_C0`] and following), heading of
 //! the Manhattan world ([`HEADING`]), then for each frame position, attitude, velocity and biases
 //! ([`NavState::P`] and following). *Visual* unknowns are those that images depend on: rig, heading, and of each
-//! frame the pose. While landmarks are linearized, the unknowns are those of the *cameras*: time offset
-//! ([`CAMERA_TIME_OFFSET`]), heading ([`CAMERA_HEADING`]), and the pose of each camera ([`super::camera_poses`]).
+//! frame the pose. While landmarks are linearized, the unknowns are *motions*: of each camera on its mount, and of each
+//! frame in `O` ([`super::motions`]).
 
 use crate::geometry::{exp_so3, log_so3, skew};
 use crate::inertial::Preintegration;
@@ -45,19 +45,6 @@ pub const fn visual_of_frame(index: usize) -> usize {
 
 /// Most visual unknowns.
 pub const MAX_VISUAL: usize = visual_of_frame(MAX_FRAMES);
-
-/// Place of the time offset among the unknowns of the cameras.
-pub const CAMERA_TIME_OFFSET: usize = 0;
-/// Place of the heading among them.
-pub const CAMERA_HEADING: usize = 1;
-/// Unknowns before those of the cameras' poses.
-pub const CAMERA_GLOBALS: usize = 2;
-
-/// Place of the pose of camera `index` among the unknowns of the cameras; they are counted frame by frame.
-#[must_use]
-pub const fn unknown_of_camera(index: usize) -> usize {
-    CAMERA_GLOBALS + POSE_DIM * index
-}
 
 /// Place of a visual unknown among all unknowns.
 #[must_use]

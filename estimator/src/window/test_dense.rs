@@ -6,6 +6,7 @@ use super::factor::{Linearization, cauchy};
 use super::feature::{Estimated, Jacobians, StructuralJacobians};
 use super::landmark::Landmark;
 use super::linearize::LANDMARK_REGULARIZATION;
+use super::motions::MotionEquations;
 use super::state::{FRAME_DIM, FrameMatrix, HEADING, NavState, RIG_DIM, unknown_of_frame};
 use super::test_views::{Lifted, with_cameras};
 use nalgebra::{DMatrix, DVector, Vector2};
@@ -218,6 +219,12 @@ fn add_prior(h: &mut DMatrix<f64>, b: &mut DVector<f64>, window: &Window) {
     to += prior_h;
     let mut to = b.rows_mut(0, dim);
     to += moved;
+}
+
+/// The normal equations of motions as a full matrix, the gradient in the row and the column of the residual.
+pub fn full_motions(equations: &MotionEquations) -> DMatrix<f64> {
+    let dim = equations.dim();
+    DMatrix::from_fn(dim, dim, |i, k| equations.rows[i.min(k)][i.max(k)])
 }
 
 /// The normal equations of a window as a full matrix and a vector.

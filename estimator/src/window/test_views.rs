@@ -1,10 +1,11 @@
 //! Random poses and views for the tests of the factors.
 
-use super::camera_poses::{CameraPose, CameraView, Lift};
+use super::camera_poses::{CameraPose, CameraView};
 use super::feature::{Jacobians, View};
+use super::motions::{frame_motion, on_mount};
 use super::state::{BodyPose, Mount, NavState, Rig};
 use crate::geometry::exp_so3;
-use nalgebra::{Isometry3, SMatrix, SVector, Translation3, Vector3};
+use nalgebra::{Isometry3, SMatrix, Translation3, Vector3};
 use proptest::prelude::*;
 
 pub fn vector(scale: f64) -> impl Strategy<Value = Vector3<f64>> {
@@ -54,28 +55,27 @@ pub struct Lifted {
 }
 
 impl Lifted {
-    /// Those that follow from the derivatives `j` by the cameras; without an observer (`None`) the host's alone.
+    /// Those that follow from the derivatives `j` by motions; without an observer (`None`) the host's alone.
     pub fn of<const D: usize>(
         j: &Jacobians<D>,
         rig: &Rig,
         (host, target): (&NavState, Option<&NavState>),
         cameras: (usize, usize),
     ) -> Self {
-        let lift = |nav: &NavState, camera: usize| {
-            let all = SVector::from_element(1.0);
-            let lift = Lift::of(&BodyPose::of(nav), &Mount::of(rig, camera), &PIVOT_O, &all);
-            (lift.by_frame(), lift.by_rig())
-        };
-        let (by_host, by_rig) = lift(host, cameras.0);
-        let mut lifted = Self { host: j.camera * by_host, target: SMatrix::zeros(), rig: SMatrix::zeros() };
-        lifted.rig.fixed_columns_mut::<12>(0).copy_from(&(j.camera * by_rig));
+        let time_offset = &j.time_offset;
+        let by_frame = |nav: &NavState| frame_motion(&BodyPose::of(nav), &PIVOT_O);
+        let by_rig = |camera: usize| on_mount(&Mount::of(rig, camera));
+        let j = [&j.camera, &j.host, &j.target]
+            .map(|by| SMatrix::<f64, 2, 6>::from_fn(|d, k| by[d][k / 3][k % 3]));
+        let mut lifted =
+            Self { host: j[0] * by_frame(host), target: SMatrix::zeros(), rig: SMatrix::zeros() };
+        lifted.rig.fixed_columns_mut::<12>(0).copy_from(&(j[1] * by_rig(cameras.0)));
         if let Some(target) = target {
-            let (by_target, by_rig) = lift(target, cameras.1);
-            lifted.target = -j.camera * by_target;
+            lifted.target = -j[0] * by_frame(target);
             let mut to = lifted.rig.fixed_columns_mut::<12>(0);
-            to -= j.camera * by_rig;
+            to -= j[2] * by_rig(cameras.1);
         }
-        lifted.rig.set_column(Rig::TIME_OFFSET, &j.time_offset);
+        lifted.rig.set_column(Rig::TIME_OFFSET, time_offset);
         lifted
     }
 

@@ -101,9 +101,10 @@ pub(super) fn judge<F: Feature>(store: &LandmarkStore<F>, poses: &Poses, problem
     let newest = problem.frames.len().saturating_sub(1) as u8;
     let mut verdict = Verdict::default();
     for landmark in store.all().iter().filter(|l| l.is_triangulated && l.host != newest) {
+        let placed = poses.placed(landmark);
         for o in landmark.observations.iter().rev().take_while(|o| o.frame == newest) {
             verdict.seen += 1;
-            verdict.wrong += usize::from(!fits(poses, problem, landmark, o));
+            verdict.wrong += usize::from(!fits::<F>(poses, problem, &placed, o));
         }
     }
     verdict
@@ -113,11 +114,11 @@ pub(super) fn judge<F: Feature>(store: &LandmarkStore<F>, poses: &Poses, problem
 fn fits<F: Feature>(
     poses: &Poses,
     problem: &Problem<'_>,
-    landmark: &Landmark<F>,
+    placed: &F::Placed,
     o: &Observation<F::Measurement>,
 ) -> bool {
     const LIMIT: f64 = OUTLIER_SIGMAS * OUTLIER_SIGMAS;
-    poses.residual(problem, landmark, o, None).is_some_and(|r| r.norm_squared() < LIMIT)
+    poses.residual::<F>(problem, placed, o).is_some_and(|r| r.norm_squared() < LIMIT)
 }
 
 /// Removes observations that do not fit, and landmarks that are left with less than two views. With `spares_newest` the
@@ -134,11 +135,12 @@ pub(super) fn remove_outliers<F: Feature>(
         if !landmark.is_triangulated {
             return true;
         }
+        let placed = poses.placed(landmark);
         let mut kept = heapless::Vec::new();
         let mut host_fits = true;
         for o in &landmark.observations {
             let is_spared = spares_newest && o.frame == newest && landmark.host != newest;
-            if is_spared || fits(poses, problem, landmark, o) {
+            if is_spared || fits::<F>(poses, problem, &placed, o) {
                 let _ = kept.push(*o);
             } else if o.frame == landmark.host && o.camera == landmark.host_camera {
                 host_fits = false;

@@ -1,0 +1,211 @@
+//! The Hessian blocks (`J'J` and `J'r`) of observations by the motions of cameras, the time offset and the heading, summed
+//! over the landmarks before anything is done with them.
+//!
+//! Moved alike in `O`, host and observer see the same: so the derivative of a reprojection by the observer's camera is
+//! that by the host's with the other sign, and the products of one short row are all of an observation's blocks. They are
+//! summed for each pair of cameras. Landmarks come in runs of the same host: the sums of its pairs are moved on when
+//! the next host begins.
+
+use super::motions::{
+    GLOBALS, Lifts, MAX_MOTIONS, MotionEquations, MotionRow, RESIDUAL, TIME_OFFSET, WORLD_HEADING, motion_at,
+    motion_of_camera, motion_of_frame,
+};
+use super::state::{MAX_FRAMES, POSE_DIM};
+use super::tiles::{LANES, add_times};
+
+/// Columns of an observation: motion of the host's camera in `O`, time offset (or heading), residual.
+pub(super) const COLUMNS: usize = 8;
+const AT_OTHER: usize = POSE_DIM;
+const AT_RESIDUAL: usize = AT_OTHER + 1;
+/// Most cameras of all frames.
+const MAX_CAMERAS: usize = 2 * MAX_FRAMES;
+
+/// Both rows of an observation by its columns.
+pub(super) type CameraRows = [[f64; COLUMNS]; 2];
+
+/// Products of columns, summed; the upper triangle counts.
+#[derive(Clone, Debug)]
+struct Products([[f64; COLUMNS]; COLUMNS]);
+
+impl Products {
+    const ZERO: Self = Self([[0.0; COLUMNS]; COLUMNS]);
+
+    #[inline]
+    fn add(&mut self, [a, b]: &CameraRows) {
+        for (i, to) in self.0.iter_mut().enumerate() {
+            for k in i / LANES * LANES..COLUMNS {
+                to[k] += a[i] * a[k] + b[i] * b[k];
+            }
+        }
+    }
+
+    /// Those by the motion, a whole symmetric block.
+    fn motion(&self) -> [[f64; POSE_DIM]; POSE_DIM] {
+        std::array::from_fn(|i| std::array::from_fn(|k| self.0[i.min(k)][i.max(k)]))
+    }
+}
+
+/// Sums over observations by pairs of cameras, and rows of the normal equations by each camera's motion in `O`.
+#[derive(Clone, Debug)]
+pub struct CameraSums {
+    host: usize,
+    /// By the observing camera.
+    pairs: Vec<Products>,
+    is_seen: [bool; MAX_CAMERAS],
+    structure: Products,
+    is_structural: bool,
+    rows: Vec<[MotionRow; POSE_DIM]>,
+}
+
+impl Default for CameraSums {
+    /// Room for any window.
+    fn default() -> Self {
+        Self {
+            host: 0,
+            pairs: vec![Products::ZERO; MAX_CAMERAS],
+            is_seen: [false; MAX_CAMERAS],
+            structure: Products::ZERO,
+            is_structural: false,
+            rows: vec![[[0.0; MAX_MOTIONS]; POSE_DIM]; MAX_CAMERAS],
+        }
+    }
+}
+
+impl CameraSums {
+    /// Starts anew with the cameras of `frames`, `cameras` of each.
+    pub(super) fn reset(&mut self, frames: usize, cameras: usize) {
+        let dim = motion_of_frame(frames).next_multiple_of(LANES);
+        for row in self.rows[..frames * cameras].iter_mut().flatten() {
+            row[..dim].fill(0.0);
+        }
+    }
+
+    /// The landmarks that follow are hosted by camera `host` (of all).
+    pub(super) fn begin_host(&mut self, host: usize, lifts: &Lifts, equations: &mut MotionEquations) {
+        if host != self.host {
+            self.flush(lifts, equations);
+            self.host = host;
+        }
+    }
+
+    /// Adds an observation by camera `target`.
+    #[inline]
+    pub(super) fn add(&mut self, target: usize, rows: &CameraRows) {
+        self.pairs[target].add(rows);
+        self.is_seen[target] = true;
+    }
+
+    /// Adds a comparison with a direction of the Manhattan world: the heading in the place of the time offset, no observer.
+    pub(super) fn add_structural(&mut self, rows: &CameraRows) {
+        self.structure.add(rows);
+        self.is_structural = true;
+    }
+
+    /// Adds all sums to `equations`.
+    pub(super) fn finish(&mut self, lifts: &Lifts, equations: &mut MotionEquations) {
+        self.flush(lifts, equations);
+        let dim = equations.dim().next_multiple_of(LANES);
+        for (camera, rows) in self.rows[..lifts.in_o.len()].iter().enumerate() {
+            let at = motion_of_frame(camera / lifts.cameras);
+            for (k, row) in rows.iter().enumerate() {
+                add_times(&mut equations.rows[at + k][GLOBALS..dim], 1.0, &row[GLOBALS..dim]);
+                for global in [TIME_OFFSET, WORLD_HEADING, RESIDUAL] {
+                    equations.rows[global][at + k] += row[global];
+                }
+            }
+            let on_mount = motion_of_camera(camera % lifts.cameras);
+            for (row, by) in rows.iter().zip(&lifts.in_o[camera]) {
+                for (k, by) in by.iter().enumerate() {
+                    add_times(&mut equations.rows[on_mount + k][..dim], *by, &row[..dim]);
+                }
+            }
+        }
+    }
+
+    /// Moves the sums of the present host to the rows of its cameras.
+    fn flush(&mut self, lifts: &Lifts, equations: &mut MotionEquations) {
+        for target in 0..MAX_CAMERAS {
+            if std::mem::take(&mut self.is_seen[target]) {
+                let products = std::mem::replace(&mut self.pairs[target], Products::ZERO);
+                add_squares(equations, &products, TIME_OFFSET);
+                if target != self.host {
+                    self.add_pair(target, &products, lifts);
+                }
+            }
+        }
+        if std::mem::take(&mut self.is_structural) {
+            let products = std::mem::replace(&mut self.structure, Products::ZERO);
+            add_squares(equations, &products, WORLD_HEADING);
+            let host = self.host;
+            let own = times(&products.motion(), &lifts.in_o[host]);
+            for (i, row) in self.rows[host].iter_mut().enumerate() {
+                add(motion_at(row, motion_of_camera(host % lifts.cameras)), &own[i]);
+                add(motion_at(row, motion_of_frame(host / lifts.cameras)), &products.motion()[i]);
+                row[WORLD_HEADING] += products.0[i][AT_OTHER];
+                row[RESIDUAL] += products.0[i][AT_RESIDUAL];
+            }
+        }
+    }
+
+    /// Rows of host and observer: a motion of either is that of its frame and that on its mount.
+    fn add_pair(&mut self, target: usize, products: &Products, lifts: &Lifts) {
+        let host = self.host;
+        let motion = products.motion();
+        let [by_host, by_target] = [host, target].map(|camera| times(&motion, &lifts.in_o[camera]));
+        let frames = [host, target].map(|camera| motion_of_frame(camera / lifts.cameras));
+        for i in 0..POSE_DIM {
+            let mut globals = [0.0; GLOBALS];
+            add(motion_at(&mut globals, motion_of_camera(host % lifts.cameras)), &by_host[i]);
+            subtract(motion_at(&mut globals, motion_of_camera(target % lifts.cameras)), &by_target[i]);
+            globals[TIME_OFFSET] = products.0[i][AT_OTHER];
+            globals[RESIDUAL] = products.0[i][AT_RESIDUAL];
+            for (camera, sign) in [(host, 1.0), (target, -1.0)] {
+                add_times(&mut self.rows[camera][i][..GLOBALS], sign, &globals);
+            }
+            let [of_host, of_target] = frames;
+            let row = &mut self.rows[host][i];
+            add(motion_at(row, of_host), &motion[i]);
+            subtract(motion_at(row, of_target), &motion[i]);
+            let row = &mut self.rows[target][i];
+            add(motion_at(row, of_target), &motion[i]);
+            subtract(motion_at(row, of_host), &motion[i]);
+        }
+    }
+}
+
+/// What an observation tells of the time offset, or of the heading, alone.
+fn add_squares(equations: &mut MotionEquations, products: &Products, at: usize) {
+    equations.rows[at][at] += products.0[AT_OTHER][AT_OTHER];
+    equations.rows[at][RESIDUAL] += products.0[AT_OTHER][AT_RESIDUAL];
+}
+
+/// `a b`.
+fn times(a: &[[f64; POSE_DIM]; POSE_DIM], b: &[[f64; POSE_DIM]; POSE_DIM]) -> [[f64; POSE_DIM]; POSE_DIM] {
+    a.map(|row| {
+        let mut out = [0.0; POSE_DIM];
+        for (factor, b) in row.iter().zip(b) {
+            for k in 0..POSE_DIM {
+                out[k] += factor * b[k];
+            }
+        }
+        out
+    })
+}
+
+#[inline]
+fn add(to: &mut [f64; POSE_DIM], from: &[f64; POSE_DIM]) {
+    for k in 0..POSE_DIM {
+        to[k] += from[k];
+    }
+}
+
+#[inline]
+fn subtract(to: &mut [f64; POSE_DIM], from: &[f64; POSE_DIM]) {
+    for k in 0..POSE_DIM {
+        to[k] -= from[k];
+    }
+}
+
+#[cfg(test)]
+#[path = "camera_sums_tests.rs"]
+mod tests;

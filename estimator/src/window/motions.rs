@@ -1,0 +1,349 @@
+//! Motions: the unknowns in which landmarks are linearized and eliminated, and the lift of their normal equations to
+//! rig and frames.
+//!
+//! A motion `(t, theta)` of a frame moves its body, cameras and all, in `O` about a pivot `c` near the window, which
+//! keeps the numbers small however far the flight has led; one of a camera moves it on its mount, in its own axes:
+//!
+//! ```text
+//! R_ob <- Exp(theta) R_ob      p_ob - c <- Exp(theta) (p_ob - c) + t
+//! R_bc <- R_bc Exp(theta)      p_bc <- p_bc + R_bc t
+//! ```
+//!
+//! What a camera sees changes alike whichever of its frame and its mount is moved so that it ends up in the same place, and
+//! a landmark's derivatives by both are a few products of what its factor has at hand: no matrix of derivatives is
+//! applied for a landmark. The sum of all is lifted once, `M'HM` and `M'b`, with the matrix `M` of the motions' derivatives
+//! by rig and frames ([`Lifts`]).
+//!
+//! The gradient is one more column, that of the residuals ([`RESIDUAL`]): what is done to the matrix is done to it as well.
+
+use super::dense::NormalEquations;
+use super::state::{
+    BodyPose, HEADING, MAX_FRAMES, Mount, NavState, POSE_DIM, RIG_DIM, Rig, unknown_of_frame,
+};
+use super::tiles::{LANES, add_times};
+use crate::geometry::skew;
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+
+/// Place of the time offset: after the motions of both cameras.
+pub const TIME_OFFSET: usize = 2 * POSE_DIM;
+/// Place of the heading of the Manhattan world.
+pub const WORLD_HEADING: usize = TIME_OFFSET + 1;
+/// Place of the residual.
+pub const RESIDUAL: usize = WORLD_HEADING + 1;
+/// Columns before those of the frames.
+pub const GLOBALS: usize = 16;
+/// Most columns.
+pub const MAX_MOTIONS: usize = motion_of_frame(MAX_FRAMES).next_multiple_of(LANES);
+/// A row by all motions.
+pub type MotionRow = [f64; MAX_MOTIONS];
+/// Degrees of freedom of the rig's extrinsics: as many as those of the motions of its cameras.
+const EXTRINSICS_DIM: usize = Rig::TIME_OFFSET;
+
+/// Place of the motion of camera 0 or 1 on its mount.
+#[must_use]
+pub const fn motion_of_camera(camera: usize) -> usize {
+    POSE_DIM * camera
+}
+
+/// Place of the motion of frame `index`.
+#[must_use]
+pub const fn motion_of_frame(index: usize) -> usize {
+    GLOBALS + POSE_DIM * index
+}
+
+/// The six entries of a row at a motion.
+#[inline]
+pub(super) fn motion_at(row: &mut [f64], at: usize) -> &mut [f64; POSE_DIM] {
+    (&mut row[at..at + POSE_DIM]).try_into().expect("has six entries")
+}
+
+/// Motion in `O` about the pivot by one in the axes of what lies at `p`, from the pivot, and `rot` takes to `O`.
+fn in_o(rot: &Matrix3<f64>, p: &Vector3<f64>) -> SMatrix<f64, POSE_DIM, POSE_DIM> {
+    let mut by = SMatrix::<f64, POSE_DIM, POSE_DIM>::zeros();
+    by.fixed_view_mut::<3, 3>(NavState::P, NavState::P).copy_from(rot);
+    by.fixed_view_mut::<3, 3>(NavState::P, NavState::ROT).copy_from(&(skew(p) * rot));
+    by.fixed_view_mut::<3, 3>(NavState::ROT, NavState::ROT).copy_from(rot);
+    by
+}
+
+/// How motions follow from rig and frames, and those of cameras in `O` from those on their mounts: derivatives, in rows.
+#[derive(Clone, Debug)]
+pub struct Lifts {
+    /// Motion of each camera in `O` by that on its mount; frame by frame, the left camera first.
+    pub(super) in_o: Vec<[[f64; POSE_DIM]; POSE_DIM]>,
+    /// Cameras of a frame.
+    pub(super) cameras: usize,
+    /// Motion of each frame by its attitude, rows widened to a multiple of the vector width; by its position it is the identity.
+    by_attitude: Vec<[[f64; LANES]; POSE_DIM]>,
+    /// Motions of the cameras by the extrinsics.
+    by_rig: [[f64; EXTRINSICS_DIM]; EXTRINSICS_DIM],
+    /// 0 where the time offset is held fixed, and 1 where it is not.
+    by_time_offset: f64,
+}
+
+impl Default for Lifts {
+    /// Room for any window.
+    fn default() -> Self {
+        Self {
+            in_o: Vec::with_capacity(2 * MAX_FRAMES),
+            cameras: 1,
+            by_attitude: Vec::with_capacity(MAX_FRAMES),
+            by_rig: [[0.0; EXTRINSICS_DIM]; EXTRINSICS_DIM],
+            by_time_offset: 0.0,
+        }
+    }
+}
+
+impl Lifts {
+    /// Takes over the poses of the frames' bodies at which Jacobians are taken, and the unknowns of the rig that `rig_mask`
+    /// admits.
+    pub fn refresh(
+        &mut self,
+        bodies: &[BodyPose],
+        mounts: &[Mount],
+        pivot_o: &Vector3<f64>,
+        rig_mask: &SVector<f64, RIG_DIM>,
+    ) {
+        self.cameras = mounts.len();
+        self.by_time_offset = rig_mask[Rig::TIME_OFFSET];
+        self.by_rig = [[0.0; EXTRINSICS_DIM]; EXTRINSICS_DIM];
+        for (camera, mount) in mounts.iter().enumerate() {
+            let by_rig = on_mount(mount);
+            for (i, row) in self.by_rig[motion_of_camera(camera)..].iter_mut().take(POSE_DIM).enumerate() {
+                *row = std::array::from_fn(|k| by_rig[(i, k)] * rig_mask[k]);
+            }
+        }
+        self.in_o.clear();
+        self.by_attitude.clear();
+        for body in bodies {
+            let by_frame = frame_motion(body, pivot_o);
+            let row = |i| std::array::from_fn(|k| if k < 3 { by_frame[(i, NavState::ROT + k)] } else { 0.0 });
+            self.by_attitude.push(std::array::from_fn(row));
+            for mount in mounts {
+                let (rot, p) =
+                    (body.rot_o_b * mount.rot_b_c, body.rot_o_b * mount.p_b_c + body.p_o_b - pivot_o);
+                let by = in_o(&rot, &p);
+                self.in_o.push(std::array::from_fn(|i| std::array::from_fn(|k| by[(i, k)])));
+            }
+        }
+    }
+
+    /// The motions of a step of all unknowns, with a one for the residual.
+    #[must_use]
+    pub fn motions_of(&self, step: &[f64]) -> MotionRow {
+        let mut motions = [0.0; MAX_MOTIONS];
+        for (to, row) in motions.iter_mut().zip(&self.by_rig) {
+            *to = row.iter().zip(step).map(|(by, x)| by * x).sum();
+        }
+        motions[TIME_OFFSET] = self.by_time_offset * step[Rig::TIME_OFFSET];
+        motions[WORLD_HEADING] = step[HEADING];
+        motions[RESIDUAL] = 1.0;
+        for (frame, by_attitude) in self.by_attitude.iter().enumerate() {
+            let at = unknown_of_frame(frame);
+            let (p, turn) = (&step[at + NavState::P..], &step[at + NavState::ROT..]);
+            let to = motion_at(&mut motions, motion_of_frame(frame));
+            for (to, row) in to.iter_mut().zip(by_attitude) {
+                *to = row[0] * turn[0] + row[1] * turn[1] + row[2] * turn[2];
+            }
+            for k in 0..3 {
+                to[k] += p[k];
+            }
+        }
+        motions
+    }
+
+    /// A row by motions as one by extrinsics, time offset, heading and poses, in the same places.
+    fn lift_columns(&self, row: &mut [f64], from: usize) {
+        if from < EXTRINSICS_DIM {
+            let mut lifted = [0.0; EXTRINSICS_DIM];
+            for (x, by) in row.iter().zip(&self.by_rig) {
+                for k in 0..EXTRINSICS_DIM {
+                    lifted[k] += x * by[k];
+                }
+            }
+            row[..EXTRINSICS_DIM].copy_from_slice(&lifted);
+        }
+        row[TIME_OFFSET] *= self.by_time_offset;
+        let first = from.saturating_sub(GLOBALS) / POSE_DIM;
+        for (frame, by_attitude) in self.by_attitude.iter().enumerate().skip(first) {
+            let motion = motion_at(row, motion_of_frame(frame));
+            let mut lifted = [0.0; LANES];
+            for (x, by) in motion.iter().zip(by_attitude) {
+                for k in 0..LANES {
+                    lifted[k] += x * by[k];
+                }
+            }
+            motion[NavState::ROT..].copy_from_slice(&lifted[..3]);
+        }
+    }
+}
+
+/// Motion of a camera on its mount by the extrinsics.
+pub(super) fn on_mount(mount: &Mount) -> SMatrix<f64, POSE_DIM, EXTRINSICS_DIM> {
+    let mut by_rig = mount.by_rig;
+    let by_p = mount.rot_b_c.tr_mul(&mount.by_rig.fixed_rows::<3>(NavState::P));
+    by_rig.fixed_rows_mut::<3>(NavState::P).copy_from(&by_p);
+    by_rig
+}
+
+/// Motion of a frame by its pose.
+pub(super) fn frame_motion(body: &BodyPose, pivot_o: &Vector3<f64>) -> SMatrix<f64, POSE_DIM, POSE_DIM> {
+    let mut by = in_o(&body.rot_o_b, &(body.p_o_b - pivot_o));
+    by.fixed_view_mut::<3, 3>(NavState::P, NavState::P).copy_from(&Matrix3::identity());
+    by
+}
+
+/// The normal equations of motions, the gradient in the column of the residual. Of the symmetric matrix the upper triangle counts.
+#[derive(Clone, Debug)]
+pub struct MotionEquations {
+    dim: usize,
+    pub(super) rows: Vec<MotionRow>,
+}
+
+impl Default for MotionEquations {
+    /// Room for any window.
+    fn default() -> Self {
+        Self { dim: GLOBALS, rows: vec![[0.0; MAX_MOTIONS]; MAX_MOTIONS] }
+    }
+}
+
+impl MotionEquations {
+    /// Starts anew with the motions of `frames`.
+    pub fn reset(&mut self, frames: usize) {
+        self.dim = motion_of_frame(frames);
+        for row in &mut self.rows[..self.dim] {
+            row[..self.dim.next_multiple_of(LANES)].fill(0.0);
+        }
+    }
+
+    /// Columns in use.
+    #[must_use]
+    pub fn dim(&self) -> usize {
+        self.dim
+    }
+
+    /// Adds them to those of all unknowns. They are used up.
+    pub fn lift(&mut self, lifts: &Lifts, equations: &mut NormalEquations) {
+        let dim = self.dim;
+        self.complete_blocks();
+        for (i, row) in self.rows[..dim].iter_mut().enumerate() {
+            lifts.lift_columns(&mut row[..dim], i);
+        }
+        self.lift_rows_of_rig(lifts);
+        for (frame, by_attitude) in lifts.by_attitude.iter().enumerate() {
+            self.lift_rows_of_frame(frame, by_attitude);
+        }
+        for i in (0..RESIDUAL).chain(GLOBALS..dim) {
+            let to = unknown_of_motion(i);
+            let row = equations.row_mut(to);
+            for k in i.min(RESIDUAL)..RESIDUAL {
+                row[k - i] += self.rows[i][k];
+            }
+            for frame in i.saturating_sub(GLOBALS) / POSE_DIM..(dim - GLOBALS) / POSE_DIM {
+                let (at, first) =
+                    (motion_of_frame(frame), i.saturating_sub(motion_of_frame(frame)).min(POSE_DIM));
+                let from = &self.rows[i][at + first..at + POSE_DIM];
+                let at = unknown_of_frame(frame) + first - to;
+                for (to, from) in row[at..].iter_mut().zip(from) {
+                    *to += from;
+                }
+            }
+            let gradient = if i < RESIDUAL { self.rows[i][RESIDUAL] } else { self.rows[RESIDUAL][i] };
+            equations.gradient_mut()[to] += gradient;
+        }
+    }
+
+    /// Writes the lower triangles of the blocks on the diagonal: what is lifted together is needed whole.
+    fn complete_blocks(&mut self) {
+        let frames = (GLOBALS..self.dim).step_by(POSE_DIM).map(|at| at..at + POSE_DIM);
+        for block in std::iter::once(0..EXTRINSICS_DIM).chain(frames) {
+            for i in block.clone() {
+                for k in block.start..i {
+                    self.rows[i][k] = self.rows[k][i];
+                }
+            }
+        }
+    }
+
+    fn lift_rows_of_rig(&mut self, lifts: &Lifts) {
+        let dim = self.dim.next_multiple_of(LANES);
+        let motions: [MotionRow; EXTRINSICS_DIM] = std::array::from_fn(|i| self.rows[i]);
+        for (k, to) in self.rows[..EXTRINSICS_DIM].iter_mut().enumerate() {
+            to[..dim].fill(0.0);
+            for (row, by) in motions.iter().zip(&lifts.by_rig) {
+                if by[k] != 0.0 {
+                    add_times(&mut to[..dim], by[k], &row[..dim]);
+                }
+            }
+        }
+        let dim = self.dim;
+        self.rows[TIME_OFFSET][..dim].iter_mut().for_each(|x| *x *= lifts.by_time_offset);
+    }
+
+    fn lift_rows_of_frame(&mut self, frame: usize, by_attitude: &[[f64; LANES]; POSE_DIM]) {
+        let at = motion_of_frame(frame);
+        let range = at / LANES * LANES..self.dim.next_multiple_of(LANES);
+        let (positions, turns) = self.rows[at..at + POSE_DIM].split_at_mut(NavState::ROT);
+        let motions: [MotionRow; 3] = std::array::from_fn(|i| turns[i]);
+        for (k, to) in turns.iter_mut().enumerate() {
+            to[range.clone()].fill(0.0);
+            for (row, by) in positions.iter().chain(&motions).zip(by_attitude) {
+                add_times(&mut to[range.clone()], by[k], &row[range.clone()]);
+            }
+        }
+    }
+}
+
+/// Place among all unknowns of what has the place `motion` once it is lifted.
+fn unknown_of_motion(motion: usize) -> usize {
+    match motion.checked_sub(GLOBALS) {
+        Some(k) => unknown_of_frame(k / POSE_DIM) + k % POSE_DIM,
+        None => motion,
+    }
+}
+
+/// Two frames of a stereo rig for tests.
+#[cfg(test)]
+pub(super) mod test_lifts {
+    use super::*;
+    use crate::window::test_room::scatter;
+    use nalgebra::DMatrix;
+    use plumbline_config::Config;
+
+    pub(in crate::window) const FRAMES: usize = 2;
+
+    /// One unknown of the rig is held fixed. The same as one dense matrix, motions by all unknowns.
+    pub(in crate::window) fn lifts() -> (Lifts, DMatrix<f64>) {
+        let rig = Rig::of(Config::preset("sim").expect("is good").setup());
+        let mounts = [Mount::of(&rig, 0), Mount::of(&rig, 1)];
+        let mut mask = SVector::<f64, RIG_DIM>::from_element(1.0);
+        mask[Rig::P_C0_C1] = 0.0;
+        let pivot_o = Vector3::new(0.2, 0.3, -0.1);
+        let mut step = SVector::<f64, 15>::zeros();
+        let bodies: Vec<_> = (0..FRAMES as u32)
+            .map(|k| {
+                step.iter_mut().zip(100 * k..).for_each(|(x, seed)| *x = scatter(seed));
+                BodyPose::of(&NavState::default().plus(&step))
+            })
+            .collect();
+        let mut lifts = Lifts::default();
+        lifts.refresh(&bodies, &mounts, &pivot_o, &mask);
+        let mut by = DMatrix::zeros(motion_of_frame(FRAMES), unknown_of_frame(FRAMES));
+        for (camera, mount) in mounts.iter().enumerate() {
+            by.view_mut((motion_of_camera(camera), 0), (POSE_DIM, EXTRINSICS_DIM))
+                .copy_from(&on_mount(mount));
+        }
+        by.column_mut(Rig::P_C0_C1).fill(0.0);
+        by[(TIME_OFFSET, Rig::TIME_OFFSET)] = 1.0;
+        by[(WORLD_HEADING, HEADING)] = 1.0;
+        for (frame, body) in bodies.iter().enumerate() {
+            let at = (motion_of_frame(frame), unknown_of_frame(frame));
+            by.view_mut(at, (POSE_DIM, POSE_DIM)).copy_from(&frame_motion(body, &pivot_o));
+        }
+        (lifts, by)
+    }
+}
+
+#[cfg(test)]
+#[path = "motions_tests.rs"]
+mod tests;
