@@ -144,10 +144,18 @@ impl Sensor {
                 let level = light * vignette * gain;
                 let noise =
                     if noisy { noise * (self.read_variance + self.shot_noise * level).sqrt() } else { 0.0 };
-                *pixel = (level + noise + 0.5).clamp(0.0, 255.0) as u8;
+                *pixel = truncated(level + noise + 0.5);
             }
         }
     }
+}
+
+/// The whole part of a grey level, kept within 0 to 255. `x as u8` would be made pixel by pixel, since it saturates; the
+/// last bits of a number that is added to one whose last bit is worth one are those of the whole number.
+#[inline]
+fn truncated(level: f32) -> u8 {
+    const ONES: f32 = 8_388_608.0;
+    (level.at_least(0.0).at_most(255.0).floor() + ONES).to_bits() as u8
 }
 
 /// Share of the light per pixel: falls with the fourth power of the distance from the image's centre,

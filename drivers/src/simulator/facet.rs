@@ -17,8 +17,8 @@ pub(super) const RUN: usize = 8;
 /// A surface as one image sees it: linear functions `[by x, by y, constant]` of the bearing.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Facet {
-    s: [f32; 3],
-    t: [f32; 3],
+    pub(super) s: [f32; 3],
+    pub(super) t: [f32; 3],
     pub(super) w: [f32; 3],
     pub(super) surface: u32,
 }
@@ -54,17 +54,6 @@ impl Facet {
         (nearest > 0.0 && may_be_in(&self.s) && may_be_in(&self.t)).then_some(nearest)
     }
 
-    /// Least inverse depth within `span` when the facet covers all of it.
-    #[inline]
-    pub(super) fn covers(&self, span: &Span) -> Option<f32> {
-        let inside = |f: &[f32; 3]| {
-            let rest = [self.w[0] - f[0], self.w[1] - f[1], self.w[2] - f[2]];
-            span.range(f)[0] >= 0.0 && span.range(&rest)[0] >= 0.0
-        };
-        let furthest = span.range(&self.w)[0];
-        (furthest > 0.0 && inside(&self.s) && inside(&self.t)).then_some(furthest)
-    }
-
     /// Puts the facet, as number `index`, into the bearings of a row of a tile, or of the rays of a pixel, wherever it is the
     /// nearest so far.
     #[inline]
@@ -91,8 +80,8 @@ impl Facet {
     pub(super) fn shade(&self, world: &World, x: &[f32; RUN], y: &[f32; RUN], step: &[f32; 4]) -> [f32; RUN] {
         let (mut values, s, t) = self.albedo(world, x, y, step);
         // Light is smooth: its ends will do for the few pixels of a run.
-        let light = &world.surfaces[self.surface as usize].light;
-        let (first, last) = (light.at(s[0], t[0]), light.at(s[RUN - 1], t[RUN - 1]));
+        let light = &world.light[self.surface as usize];
+        let [first, last] = light.at(&[s[0], s[RUN - 1]], &[t[0], t[RUN - 1]]);
         let slope = (last - first) / (RUN - 1) as f32;
         for (i, value) in values.iter_mut().enumerate() {
             *value *= first + slope * i as f32;
@@ -109,10 +98,9 @@ impl Facet {
         step: &[f32; 4],
     ) -> [f32; N] {
         let (mut values, s, t) = self.albedo(world, x, y, step);
-        let light = &world.surfaces[self.surface as usize].light;
-        for (value, (s, t)) in values.iter_mut().zip(s.iter().zip(&t)) {
-            *value *= light.at(*s, *t);
-        }
+        let light = &world.light[self.surface as usize];
+        let light = light.at(&s, &t);
+        values.iter_mut().zip(light).for_each(|(value, light)| *value *= light);
         values
     }
 

@@ -1,5 +1,7 @@
 //! The light that falls on a surface, as a coarse grid.
 
+use plumbline_config::Portable;
+
 /// Brightness (grey levels of a white surface) on a grid over a surface.
 #[derive(Clone, Debug, Default)]
 pub(super) struct LightMap {
@@ -16,21 +18,57 @@ impl LightMap {
     pub(super) fn uniform(value: f32) -> Self {
         Self { columns: 2, rows: 2, values: vec![value; 4] }
     }
+}
 
-    /// Brightness at `(s, t)`, both within 0 to 1.
+/// The same, ready to be looked up.
+#[derive(Clone, Debug)]
+pub(super) struct LightTable {
+    /// Cells in a row and in a column.
+    size: [f32; 2],
+    /// By rows: brightness at a cell's first corner and how much more it is at the second, and so at its other end.
+    cells: Vec<[f32; 4]>,
+}
+
+/// A float of this size holds whole numbers.
+const ONES: f32 = 8_388_608.0;
+
+impl LightTable {
+    /// Of a map.
+    pub(super) fn new(map: &LightMap) -> Self {
+        let (columns, rows) = (map.columns - 1, map.rows - 1);
+        let corner = |row: usize, column: usize| map.values[row * map.columns + column];
+        let half = |row, column| [corner(row, column), corner(row, column + 1) - corner(row, column)];
+        let places = (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column)));
+        let cells = places.map(|(row, column)| {
+            let ([a, rise_a], [b, rise_b]) = (half(row, column), half(row + 1, column));
+            [a, rise_a, b, rise_b]
+        });
+        Self { size: [columns as f32, rows as f32], cells: cells.collect() }
+    }
+
+    /// Brightness at places `(s, t)`, all within 0 to 1.
     #[inline]
-    pub(super) fn at(&self, s: f32, t: f32) -> f32 {
-        let x = s.clamp(0.0, 1.0) * (self.columns - 1) as f32;
-        let y = t.clamp(0.0, 1.0) * (self.rows - 1) as f32;
-        // By way of a signed word, which one instruction makes of a float.
-        let (column, row) = (x as i32 as usize, y as i32 as usize);
-        let (column, row) = (column.min(self.columns - 2), row.min(self.rows - 2));
-        let (fx, fy) = (x - column as f32, y - row as f32);
-        let first = row * self.columns + column;
-        let upper = &self.values[first..first + 2];
-        let lower = &self.values[first + self.columns..first + self.columns + 2];
-        let a = upper[0] + (upper[1] - upper[0]) * fx;
-        let b = lower[0] + (lower[1] - lower[0]) * fx;
-        a + (b - a) * fy
+    pub(super) fn at<const N: usize>(&self, s: &[f32; N], t: &[f32; N]) -> [f32; N] {
+        let (mut fx, mut fy, mut cells) = ([0.0; N], [0.0; N], [0; N]);
+        for i in 0..N {
+            let (x, y) = (s[i].clamp(0.0, 1.0) * self.size[0], t[i].clamp(0.0, 1.0) * self.size[1]);
+            let column = x.floor().at_most(self.size[0] - 1.0);
+            let row = y.floor().at_most(self.size[1] - 1.0);
+            (fx[i], fy[i]) = (x - column, y - row);
+            // The last bits of a number that is added to one whose last bit is worth one are those of the whole number.
+            cells[i] = (row * self.size[0] + column + ONES).to_bits() ^ ONES.to_bits();
+        }
+        let mut corners = [[0.0; N]; 4];
+        for i in 0..N {
+            let cell = self.cells[cells[i] as usize];
+            for k in 0..4 {
+                corners[k][i] = cell[k];
+            }
+        }
+        let [a, rise_a, b, rise_b] = corners;
+        std::array::from_fn(|i| {
+            let (a, b) = (a[i] + rise_a[i] * fx[i], b[i] + rise_b[i] * fx[i]);
+            a + (b - a) * fy[i]
+        })
     }
 }

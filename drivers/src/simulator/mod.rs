@@ -23,6 +23,8 @@ mod pattern;
 mod render;
 mod scenario;
 mod scenes;
+mod select;
+mod shade;
 mod solid;
 mod spline;
 mod station;
@@ -34,6 +36,8 @@ mod world;
 
 #[cfg(test)]
 mod fixture;
+#[cfg(test)]
+mod pictures;
 #[cfg(test)]
 mod tests;
 

@@ -58,7 +58,7 @@ pub(super) fn build_around(scene: Scene, seed: u64, flight: &Bounds, path: &[Vec
         Scene::LowTexture => plain_room(&mut builder, flight),
     };
     bake(&mut builder.surfaces, &builder.casters, &lighting);
-    World { surfaces: builder.surfaces }
+    World::new(builder.surfaces)
 }
 
 fn grown(flight: &Bounds, sides_m: [f64; 2], above_m: f64) -> Bounds {

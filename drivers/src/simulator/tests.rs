@@ -165,7 +165,7 @@ fn by_rays(simulator: &Simulator, pose_w_c: &Isometry3<f64>, px: &Vector2<f64>) 
         };
         let value = surface.finish.material.texture().sample(&spot)[0] / 255.0;
         let albedo = surface.finish.dark + (surface.finish.bright - surface.finish.dark) * value;
-        sum += f64::from(albedo * surface.light.at(s, t)) / 64.0;
+        sum += f64::from(albedo * world.light[hit.surface].at(&[s], &[t])[0]) / 64.0;
     }
     Some(sum)
 }

@@ -61,30 +61,32 @@ impl Texture {
     #[inline]
     pub(super) fn sample<const N: usize>(&self, footprints: &Footprints<N>) -> [f32; N] {
         let plan = footprints.plan(self.levels.len() - 1);
-        if plan.level.iter().all(|&level| level == plan.level[0]) {
-            return self.blend(&plan);
-        }
-        std::array::from_fn(|i| self.blend(&plan.lane(i))[0])
-    }
-
-    /// Means over footprints whose samples are all on the same two levels.
-    #[inline]
-    fn blend<const N: usize>(&self, plan: &Plan<N>) -> [f32; N] {
-        let low = plan.level[0] as usize;
-        let (fine, coarse) = (&self.levels[low], &self.levels[(low + 1).min(self.levels.len() - 1)]);
-        let (mut sum_fine, mut sum_coarse) = ([0; N], [0; N]);
+        let (mut fine, mut coarse) = ([0; N], [0; N]);
         if plan.part.iter().any(|&part| part < 1.0) {
-            sum_fine = fine.sums(plan, |p| p);
+            fine = self.sums::<N, false>(&plan);
         }
         if plan.part.iter().any(|&part| part > 0.0) {
-            // The same place on the next level: p / 2 - 1/4.
-            sum_coarse = coarse.sums(plan, |p| p.wrapping_sub(HALF) >> 1);
+            coarse = self.sums::<N, true>(&plan);
         }
         std::array::from_fn(|i| {
-            let sum_fine = if plan.part[i] < 1.0 { sum_fine[i] as i32 as f32 } else { 0.0 };
-            let blend = sum_fine + (sum_coarse[i] as i32 as f32 - sum_fine) * plan.part[i];
+            let fine = if plan.part[i] < 1.0 { fine[i] as i32 as f32 } else { 0.0 };
+            let blend = fine + (coarse[i] as i32 as f32 - fine) * plan.part[i];
             blend / (65536 * plan.taps[i]) as i32 as f32
         })
+    }
+
+    /// Sums, of the samples of each footprint on its level or on the `NEXT`, of the bilinear values times 65536.
+    #[inline]
+    fn sums<const N: usize, const NEXT: bool>(&self, plan: &Plan<N>) -> [u32; N] {
+        let number = |i: usize| (plan.level[i] as usize + usize::from(NEXT)).min(self.levels.len() - 1);
+        if plan.level.iter().all(|&level| level == plan.level[0]) {
+            let level = &self.levels[number(0)];
+            let (shift, mask) = (level.shift, level.mask);
+            return plan.sums::<NEXT>(|_| (shift, mask), |_, at| level.quad(at));
+        }
+        let levels: [&Level; N] = std::array::from_fn(|i| &self.levels[number(i)]);
+        let (shifts, masks) = (levels.map(|level| level.shift), levels.map(|level| level.mask));
+        plan.sums::<NEXT>(|i| (shifts[i], masks[i]), |i, at| levels[i].quad(at))
     }
 }
 
@@ -113,18 +115,44 @@ struct Plan<const N: usize> {
 }
 
 impl<const N: usize> Plan<N> {
-    /// One of the footprints.
+    /// Sums, of the samples of each footprint, of the bilinear values times 65536; `shape` tells shift and mask of the level
+    /// of a lane, `quad` reads from it. Everything but the reading goes side by side.
     #[inline]
-    fn lane(&self, i: usize) -> Plan<1> {
-        Plan {
-            level: [self.level[i]],
-            part: [self.part[i]],
-            taps: [self.taps[i]],
-            x: [self.x[i]],
-            y: [self.y[i]],
-            step_x: [self.step_x[i]],
-            step_y: [self.step_y[i]],
+    fn sums<const NEXT: bool>(
+        &self,
+        shape: impl Fn(usize) -> (u32, i32),
+        quad: impl Fn(usize, u32) -> u32,
+    ) -> [u32; N] {
+        // The same place on the next level: p / 2 - 1/4.
+        let there = |p: i32| if NEXT { p.wrapping_sub(HALF) >> 1 } else { p };
+        let most = self.taps.iter().fold(0, |most, &taps| taps.max(most)) as usize;
+        // In memory, since the compiler would reckon one by one what is read one by one.
+        let mut places = [[0; N]; MAX_TAPS as usize];
+        let (mut x, mut y) = (self.x, self.y);
+        for places in places.iter_mut().take(most) {
+            for i in 0..N {
+                let (shift, mask) = shape(i);
+                let (column, row) =
+                    ((there(x[i]) >> FRACTION_BITS) & mask, (there(y[i]) >> FRACTION_BITS) & mask);
+                places[i] = quad_at(column as u32, row as u32, shift);
+                // Lanes that nobody looks at may hold anything.
+                (x[i], y[i]) = (x[i].wrapping_add(self.step_x[i]), y[i].wrapping_add(self.step_y[i]));
+            }
         }
+        let mut sums = [0; N];
+        (x, y) = (self.x, self.y);
+        for (tap, places) in (0..).zip(places.iter().take(most)) {
+            let quads: [u32; N] = std::array::from_fn(|i| quad(i, places[i]));
+            for i in 0..N {
+                let (right, down) = ((there(x[i]) & 255) as u32, (there(y[i]) & 255) as u32);
+                let (left, next) = (quads[i] & 0x00ff_00ff, (quads[i] >> 8) & 0x00ff_00ff);
+                let mixed = left * (256 - right) + next * right;
+                let value = (mixed & 0xffff) * (256 - down) + (mixed >> 16) * down;
+                sums[i] += if tap < self.taps[i] { value } else { 0 };
+                (x[i], y[i]) = (x[i].wrapping_add(self.step_x[i]), y[i].wrapping_add(self.step_y[i]));
+            }
+        }
+        sums
     }
 }
 
@@ -166,8 +194,8 @@ impl<const N: usize> Footprints<N> {
             plan.part[i] = (2.0 * (level - low) - 0.5).clamp(0.0, 1.0);
             plan.taps[i] = whole(taps) as u32;
             // The side of the level, in the same units as the places on it.
-            let period = side * scale;
-            let place = |p: f32| whole(p.floor() - period * (p.floor() / period).floor());
+            let (period, frequency) = (side * scale, f32::from_bits(TWICE_ONE - (side * scale).to_bits()));
+            let place = |p: f32| whole(p.floor() - period * (p.floor() * frequency).floor());
             plan.x[i] = place((self.u[i] - major_u * back) * scale).wrapping_sub(HALF);
             plan.y[i] = place((self.v[i] - major_v * back) * scale).wrapping_sub(HALF);
             plan.step_x[i] = place(major_u * share * scale + 0.5);
@@ -176,6 +204,9 @@ impl<const N: usize> Footprints<N> {
         plan
     }
 }
+
+/// Bits of 1 and of 1 again: less those of a power of two, the bits of its reciprocal.
+const TWICE_ONE: u32 = 2 * 1.0_f32.to_bits();
 
 /// The integer that `x` holds, of less than 2^22: its last bits once it is added to a number whose last bit is worth one.
 /// `x as i32` would be made number by number, since it saturates.
@@ -210,31 +241,10 @@ impl Level {
         Self { mask: side as i32 - 1, shift, quads }
     }
 
-    /// Sums, of the samples of each footprint, of the bilinear values times 65536; `there` takes a place to this level.
-    /// Everything but the reading goes side by side.
+    /// The texel that stands at `at`, with its neighbours.
     #[inline]
-    fn sums<const N: usize>(&self, plan: &Plan<N>, there: impl Fn(i32) -> i32) -> [u32; N] {
-        let mut sums = [0; N];
-        let (mut x, mut y) = (plan.x, plan.y);
-        for tap in 0..plan.taps.iter().fold(0, |most, &taps| taps.max(most)) {
-            let (mut at, mut right, mut down) = ([0; N], [0; N], [0; N]);
-            for i in 0..N {
-                let (x, y) = (there(x[i]), there(y[i]));
-                (right[i], down[i]) = ((x & 255) as u32, (y & 255) as u32);
-                let (column, row) = ((x >> FRACTION_BITS) & self.mask, (y >> FRACTION_BITS) & self.mask);
-                at[i] = quad_at(column as u32, row as u32, self.shift);
-            }
-            let quads = at.map(|at| self.quads[at as usize & (self.quads.len() - 1)]);
-            for i in 0..N {
-                let (left, next) = (quads[i] & 0x00ff_00ff, (quads[i] >> 8) & 0x00ff_00ff);
-                let mixed = left * (256 - right[i]) + next * right[i];
-                let value = (mixed & 0xffff) * (256 - down[i]) + (mixed >> 16) * down[i];
-                sums[i] += if tap < plan.taps[i] { value } else { 0 };
-                // Lanes that nobody looks at may hold anything.
-                (x[i], y[i]) = (x[i].wrapping_add(plan.step_x[i]), y[i].wrapping_add(plan.step_y[i]));
-            }
-        }
-        sums
+    fn quad(&self, at: u32) -> u32 {
+        self.quads[at as usize]
     }
 }
 

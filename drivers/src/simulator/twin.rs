@@ -61,7 +61,7 @@ impl Twins {
             }
             Twin::Mirrored => open.iter().map(|s| self.mirrored_surface(s)).collect(),
         };
-        World { surfaces: open.into_iter().chain(second).collect() }
+        World::new(open.into_iter().chain(second).collect())
     }
 
     /// A place in the mirror.

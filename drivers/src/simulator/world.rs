@@ -2,7 +2,7 @@
 //!
 //! Frame `W`: z up, metres. A surface is seen from the side its normal points to.
 
-use super::light_map::LightMap;
+use super::light_map::{LightMap, LightTable};
 use super::pattern::Material;
 use nalgebra::Vector3;
 
@@ -94,9 +94,17 @@ pub struct Hit {
 #[derive(Debug)]
 pub(super) struct World {
     pub(super) surfaces: Vec<Surface>,
+    /// Light of each surface.
+    pub(super) light: Vec<LightTable>,
 }
 
 impl World {
+    /// Of surfaces with their light.
+    pub(super) fn new(surfaces: Vec<Surface>) -> Self {
+        let light = surfaces.iter().map(|surface| LightTable::new(&surface.light)).collect();
+        Self { surfaces, light }
+    }
+
     /// Paints what the surfaces are made of, so that nobody waits for it later.
     pub(super) fn paint(&self) {
         for surface in &self.surfaces {
