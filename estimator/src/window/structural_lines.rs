@@ -4,6 +4,9 @@
 use super::manhattan::Axis;
 use super::{LineTrack, Window};
 
+/// Landmark lines that are vertical only together.
+const MIN_VERTICALS: usize = 2;
+
 impl Window {
     /// Finds the heading of the Manhattan world and the landmark lines along its directions, with the newest frame's
     /// `lines`, by the present estimates.
@@ -19,10 +22,20 @@ impl Window {
             landmark.feature.axis =
                 manhattan.axis_of(&landmark.feature.axes, landmark.feature.axis, &rot_o_c);
         }
+        if !self.verticals_agree() {
+            self.forget(|axis| axis == Axis::Vertical);
+        }
         self.is_manhattan_in_sight = self.horizontals_agree();
         if !self.is_manhattan_in_sight {
-            self.forget_horizontals();
+            self.forget(|axis| axis != Axis::Vertical);
         }
+    }
+
+    /// Whether more than one landmark line is vertical: a single one may be any edge that nearly is, and would tilt the
+    /// whole window.
+    fn verticals_agree(&self) -> bool {
+        let known = self.lines.all().iter().filter(|l| l.is_triangulated);
+        known.filter(|l| l.feature.axis == Some(Axis::Vertical)).count() >= MIN_VERTICALS
     }
 
     /// Whether enough of the landmark lines that are not vertical lie along or across the heading: among edges of
@@ -42,10 +55,11 @@ impl Window {
         members >= min_members && others <= most_others
     }
 
-    fn forget_horizontals(&mut self) {
+    /// Lines along such a direction belong to none from now on.
+    fn forget(&mut self, is_forgotten: impl Fn(Axis) -> bool) {
         for landmark in self.lines.all_mut() {
             let axis = &mut landmark.feature.axis;
-            *axis = axis.filter(|axis| *axis == Axis::Vertical);
+            *axis = axis.filter(|axis| !is_forgotten(*axis));
         }
     }
 
@@ -62,7 +76,7 @@ impl Window {
             self.manhattan.heading_rad = Some(heading);
             self.prior.begin_manhattan_heading(heading);
             self.is_manhattan_in_sight = false;
-            self.forget_horizontals();
+            self.forget(|axis| axis != Axis::Vertical);
         }
     }
 

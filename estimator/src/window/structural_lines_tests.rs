@@ -36,6 +36,11 @@ fn measure(pose_o_c: &Isometry3<f64>, edge: &[Vector3<f64>; 2]) -> LineMeasureme
 
 /// A window of four keyframes in the room, all its edges landmarks with a depth.
 fn window() -> Window {
+    window_of(&edges())
+}
+
+/// The same with these edges.
+fn window_of(edges: &[[Vector3<f64>; 2]]) -> Window {
     let mut window = Window::new(Config::preset("sim").expect("is good").setup());
     window.clear();
     let look = Rotation3::from_matrix_unchecked(Matrix3::new(0.0, 0.0, 1.0, -1.0, 0.0, 0.0, 0.0, -1.0, 0.0));
@@ -52,10 +57,10 @@ fn window() -> Window {
         window.push_frame(FrameTime { stamp, time_offset_s: 0.0 }, nav.clone(), None, false);
         let poses = [0, 1].map(|camera| nav.pose_o_b() * window.rig.pose_b_c(camera));
         let tracks: Vec<LineTrack> = (0..)
-            .zip(edges())
+            .zip(edges)
             .map(|(track_id, edge)| TrackMeasurement {
                 track_id,
-                measured: poses.map(|p| Some(measure(&p, &edge))),
+                measured: poses.map(|p| Some(measure(&p, edge))),
             })
             .collect();
         window.observe(&[], &tracks);
@@ -77,6 +82,17 @@ fn turn_of(window: &Window) -> Vec<f64> {
         turn[at + 6..at + 9].copy_from_slice(Vector3::z().cross(&nav.v_o_b).as_slice());
     }
     turn
+}
+
+#[test]
+fn a_vertical_edge_alone_is_no_structure() {
+    let at = |y: f64, z: f64| Vector3::new(3.5, y, z);
+    let verticals = [[at(-0.4, -0.5), at(-0.4, 0.5)], [at(0.6, -0.5), at(0.6, 0.5)]];
+    for (count, expected) in [(1, 0), (2, 2)] {
+        let mut window = window_of(&verticals[..count]);
+        window.update_manhattan(&[]);
+        assert_eq!(window.structural_lines(), expected, "of {count} vertical edges");
+    }
 }
 
 #[test]
