@@ -136,6 +136,16 @@ impl<'a> ImageView<'a> {
         &self.pixels[y * self.stride..][..self.width]
     }
 
+    /// The grey level at column `x` of row `y`.
+    ///
+    /// # Panics
+    /// When the buffer ends before it; a column beyond `width` is padding.
+    #[must_use]
+    #[inline]
+    pub fn pixel(&self, x: usize, y: usize) -> u8 {
+        self.pixels[y * self.stride + x]
+    }
+
     /// The rows from top to bottom, `width` pixels each.
     pub fn rows(&self) -> impl ExactSizeIterator<Item = &'a [u8]> + use<'a> {
         let view = *self;

@@ -8,7 +8,7 @@
 //! Each row is sampled at [`STATIONS`] places from end to end, however long the segment is: a descriptor
 //! costs the same for all.
 
-use super::gradient::{BORDER, Gradients, Pixel};
+use super::gradient::{BORDER, Gradients, Pixel, halved_px};
 use super::segment::Segment;
 use crate::image::patch::whole;
 use nalgebra::Vector2;
@@ -16,8 +16,8 @@ use plumbline_config::Portable;
 
 /// Bands across the segment.
 const BANDS: usize = 9;
-/// Rows of a band, a pixel apart.
-const BAND_ROWS: usize = 5;
+/// Rows of a band, a pixel of the halved image apart.
+const BAND_ROWS: usize = 3;
 const ROWS: usize = BANDS * BAND_ROWS;
 /// Samples of a row.
 const STATIONS: usize = 16;
@@ -81,11 +81,12 @@ impl Describer {
     fn row_sums(&self, gradients: &Gradients, segment: &Segment) -> [[f32; SUMS]; ROWS] {
         let along = segment.direction();
         let across = Vector2::new(-along.y, along.x);
-        let step = (segment.end - segment.start) / (STATIONS - 1) as f32;
+        let [start, end] = [&segment.start, &segment.end].map(halved_px);
+        let step = (end - start) / (STATIONS - 1) as f32;
         let mut rows = [[0.0; SUMS]; ROWS];
         for (k, (row, weight)) in rows.iter_mut().zip(self.row_weight).enumerate() {
             let offset = k as f32 - 0.5 * (ROWS as f32 - 1.0);
-            let samples = sample_row(gradients, segment.start + across * offset, step);
+            let samples = sample_row(gradients, start + across * offset, step);
             *row = directed_sums(&samples, &along, &across).map(|sum| sum * weight);
         }
         rows

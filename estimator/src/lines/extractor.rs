@@ -1,18 +1,20 @@
 //! The extractor: an image in, its straight edges out, in bounded time and without allocation.
 //!
 //! Seeds are ridges of the gradient, strongest first ([`super::gradient`], [`super::seeds`]); from each free
-//! one a segment grows ([`super::growth`]), which must be long and meaningful ([`super::validation`]) to stay.
+//! one a segment grows ([`super::growth`]), all at half the resolution. Those that are long enough by the paper's length filter
+//! ([`super::filter`]) are found anew in the whole image, from end to end ([`super::refine`]), and must be meaningful there
+//! ([`super::validation`]); the paper's merging follows ([`super::merge`]).
 //! The idea of strongest-first growth and of validation is LSD's (Grompone von Gioi et al. 2012), that of
-//! following ridges Edge Drawing's (Topal and Akinlar 2012) and ELSED's (Suarez et al. 2022). The paper's
-//! length filter and merging follow ([`super::filter`], [`super::merge`]).
+//! following ridges Edge Drawing's (Topal and Akinlar 2012) and ELSED's (Suarez et al. 2022).
 
 use super::filter;
-use super::gradient::{Gradients, SCALE};
+use super::gradient::{Gradients, REDUCTION, SCALE};
 use super::growth::Growth;
 use super::merge::Merger;
+use super::refine::Refiner;
 use super::seeds::Seeds;
 use super::segment::Segment;
-use super::validation::Validation;
+use super::validation::{ALIGNED_BY_CHANCE, ALIGNED_BY_CHANCE_AT_HALF, Validation};
 use crate::work_budget::WorkBudget;
 use plumbline_config::options::LinesConfig;
 use plumbline_config::{ImageView, Portable};
@@ -21,13 +23,17 @@ use plumbline_config::{ImageView, Portable};
 const VISITS_PER_PROBED: usize = 2;
 /// A segment has at least this share of edge pixels between its ends.
 const MIN_DENSITY: f32 = 0.7;
+/// At half the resolution noise is half: as much contrast as this share of the least gradient is enough to look closer.
+const SHARE_AT_HALF: f32 = 0.7;
+/// What a segment may gain at its ends is this much at least, px: one so much too short is looked at in the whole image.
+const MAY_GAIN_PX: f32 = 4.0;
 
 /// Work and outcome of one image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ExtractionFigures {
-    /// Segments found.
+    /// Segments found at half the resolution.
     pub raw: u32,
-    /// Segments that the length filter left.
+    /// Segments that the length filter left and the whole image confirmed.
     pub kept: u32,
     /// Segments after merging.
     pub merged: u32,
@@ -41,10 +47,14 @@ pub struct ExtractionFigures {
 #[derive(Clone, Debug)]
 pub struct LineExtractor {
     options: LinesConfig,
+    width: usize,
+    height: usize,
     gradients: Gradients,
     growth: Growth,
+    validation_at_half: Validation,
     validation: Validation,
     merger: Merger,
+    refiner: Refiner,
     seeds: Seeds,
     raw: Vec<Segment>,
     kept: Vec<Segment>,
@@ -58,11 +68,16 @@ impl LineExtractor {
     /// For images of `width` x `height` px, allocated for its lifetime.
     #[must_use]
     pub fn new(width: usize, height: usize, options: &LinesConfig) -> Self {
+        let (halved_width, halved_height) = (width / REDUCTION, height / REDUCTION);
         Self {
+            width,
+            height,
             gradients: Gradients::new(width, height),
-            growth: Growth::new(width, height),
-            validation: Validation::new(width, height),
+            growth: Growth::new(halved_width, halved_height),
+            validation_at_half: Validation::new(halved_width, halved_height, ALIGNED_BY_CHANCE_AT_HALF),
+            validation: Validation::new(width, height, ALIGNED_BY_CHANCE),
             merger: Merger::new(options),
+            refiner: Refiner::new(width, height),
             seeds: Seeds::new(width, height, options.max_visits / VISITS_PER_PROBED),
             raw: Vec::with_capacity(options.max_raw),
             kept: Vec::with_capacity(options.max_raw),
@@ -86,13 +101,13 @@ impl LineExtractor {
         &self.gradients
     }
 
-    /// Segments of the last image as they were found, strongest seed first.
+    /// Segments of the last image as they were found at half the resolution, strongest seed first.
     #[must_use]
     pub fn raw(&self) -> &[Segment] {
         &self.raw
     }
 
-    /// Segments of the last image that are long enough, clearest first.
+    /// Segments of the last image that are long enough, as they lie in the whole image, clearest first.
     #[must_use]
     pub fn kept(&self) -> &[Segment] {
         &self.kept
@@ -113,20 +128,13 @@ impl LineExtractor {
     /// The segments of an image, clearest first; `None`, and nothing is changed, when its size is not the
     /// extractor's.
     pub fn extract(&mut self, image: &ImageView<'_>) -> Option<&[Segment]> {
-        if image.width() != self.gradients.width() || image.height() != self.gradients.height() {
+        if image.width() != self.width || image.height() != self.height {
             return None;
         }
         let threshold = self.threshold();
         self.seeds.find(&mut self.gradients, image, threshold);
         self.find();
-        self.kept.clear();
-        if self.options.length_filter {
-            let least = filter::min_length_px(self.raw.len(), image.width(), image.height());
-            self.kept.extend(self.raw.iter().filter(|s| s.length() >= least));
-        } else {
-            self.kept.extend_from_slice(&self.raw);
-        }
-        filter::clearest_first(&mut self.kept);
+        self.keep(image);
         self.merged.clear();
         if self.options.merge {
             self.merger.merge(&self.kept, &mut self.merged);
@@ -140,8 +148,27 @@ impl LineExtractor {
         Some(&self.merged)
     }
 
+    /// Finds those that are long enough in the whole image.
+    fn keep(&mut self, image: &ImageView<'_>) {
+        let filtered = match self.options.length_filter {
+            true => filter::min_length_px(self.raw.len(), image.width(), image.height()),
+            false => 0.0,
+        };
+        let least = filtered.at_least(self.options.min_raw_length_px as f32);
+        self.kept.clear();
+        for coarse in self.raw.iter().filter(|s| s.length() + MAY_GAIN_PX >= least) {
+            if let Some(refined) = self.refiner.refine(image, coarse)
+                && refined.segment.length() >= least
+                && self.validation.is_meaningful(refined.steps, refined.segment.support as usize)
+            {
+                self.kept.push(refined.segment);
+            }
+        }
+        filter::clearest_first(&mut self.kept);
+    }
+
     fn threshold(&self) -> i16 {
-        (self.options.min_gradient as f32 * SCALE).at_most(f32::from(i16::MAX)) as i16
+        (SHARE_AT_HALF * self.options.min_gradient as f32 * SCALE).at_most(f32::from(i16::MAX)) as i16
     }
 
     /// Grows segments until the seeds or the budget are spent.
@@ -171,13 +198,10 @@ impl LineExtractor {
 
     fn segment_at(&mut self, seed: u32, threshold: i16) -> Option<Segment> {
         let grown = self.growth.grow(&mut self.gradients, seed, threshold);
-        // Along the diagonal a segment is longer than its steps by the root of two.
-        let may_be_long = grown.steps as f64 * std::f64::consts::SQRT_2 >= self.options.min_raw_length_px;
         let is_dense = grown.support as f32 >= MIN_DENSITY * grown.steps as f32;
-        if !may_be_long || !is_dense || !self.validation.is_meaningful(grown.steps, grown.support) {
+        if !is_dense || !self.validation_at_half.is_meaningful(grown.steps, grown.support) {
             return None;
         }
-        let segment = Segment::through(self.growth.places(), &grown.direction)?;
-        (f64::from(segment.length()) >= self.options.min_raw_length_px).then_some(segment)
+        Some(Segment::through(self.growth.places(), &grown.direction)?.whole())
     }
 }

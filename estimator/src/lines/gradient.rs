@@ -1,8 +1,11 @@
-//! Image gradients and the ridges of their magnitude.
+//! Image gradients and the ridges of their magnitude, at half the resolution of the image.
 //!
-//! The image is smoothed by the binomial filter `[1 4 6 4 1] / 16` in both directions (sigma 1 px) and
-//! differentiated by Sobel's operator. All arithmetic is in 16-bit integers with [`SCALE`] steps per grey
-//! level and pixel, written in whole rows that the compiler vectorises; the bits are the same at any width.
+//! Edges are found in an image of half the size, whose pixels are the sums of four: a quarter of the pixels and half the
+//! way along each edge, and half the noise; where an edge lies to a fraction of a pixel the whole image tells
+//! ([`super::refine`]). The halved image is smoothed by the binomial filter `[1 2 1] / 4` in both directions (with the sums,
+//! sigma 1.5 px of the whole image) and differentiated by Sobel's operator. All arithmetic is in 16-bit integers with
+//! [`SCALE`] steps per grey level and halved pixel, written in whole rows that the compiler vectorises; the bits are
+//! the same at any width.
 //!
 //! A ridge is a pixel whose magnitude exceeds the threshold and that of its two neighbours along the
 //! dominant axis of its gradient: where an edge may pass. Ridges are found while the rows are still in the
@@ -14,14 +17,16 @@ use plumbline_config::ImageView;
 
 /// Steps of a stored gradient per grey level and pixel: 16 of smoothing times 8 of Sobel's weights.
 pub const SCALE: f32 = 128.0;
-/// Ridges are looked for this far from the image's edge, px: there the filters see the image alone.
-pub const BORDER: usize = 3;
+/// Ridges are looked for this far from the image's edge, halved px: there the filters see the image alone.
+pub const BORDER: usize = 2;
+/// Pixels of the image to one of the halved image, in either direction.
+pub const REDUCTION: usize = 2;
 /// Of the ridges of an edge one in this many is a seed: a segment is much longer than that.
-const SEED_STEP: usize = 4;
+const SEED_STEP: usize = 8;
 /// Ridge flags of eight pixels from column `BORDER + 8 k` on: those of steep edges, and those of flat ones at
 /// every [`SEED_STEP`]th column.
 const STEEP: u64 = 0x0101_0101_0101_0101;
-const FLAT_SEEDS: u64 = 0x0000_0200_0000_0200;
+const FLAT_SEEDS: u64 = 0x0000_0002_0000_0000;
 
 /// The gradient of a pixel; the lowest bit of either component holds a mark of the growth instead.
 #[derive(Clone, Copy, Debug, Default)]
@@ -76,14 +81,28 @@ impl Pixel {
     }
 }
 
-/// Gradients of one image, and the memory that computing them needs.
+/// A place of the halved image, px, in the image.
+#[must_use]
+pub fn whole_px(px: &Vector2<f32>) -> Vector2<f32> {
+    px.map(|v| REDUCTION as f32 * v + 0.5 * (REDUCTION as f32 - 1.0))
+}
+
+/// A place of the image, px, in the halved image: the inverse of [`whole_px`].
+#[must_use]
+pub fn halved_px(px: &Vector2<f32>) -> Vector2<f32> {
+    px.map(|v| (v - 0.5 * (REDUCTION as f32 - 1.0)) / REDUCTION as f32)
+}
+
+/// Gradients of one image at half its resolution, and the memory that computing them needs.
 #[derive(Clone, Debug)]
 pub struct Gradients {
     width: usize,
     height: usize,
     pixels: Vec<Pixel>,
-    /// The last five rows, smoothed horizontally.
-    blurred: [Vec<u16>; 5],
+    /// One row of the halved image: sums of four pixels.
+    halved: Vec<u16>,
+    /// The last three rows, smoothed horizontally.
+    blurred: [Vec<u16>; 3],
     /// The last three rows, smoothed.
     smooth: [Vec<i16>; 3],
     /// Vertical sums and differences of the three.
@@ -101,14 +120,16 @@ struct RidgeRow {
 }
 
 impl Gradients {
-    /// For images of `width` x `height` px.
+    /// For images of `width` x `height` px, at least `4 BORDER` of each.
     #[must_use]
     pub fn new(width: usize, height: usize) -> Self {
+        let (width, height) = (width / REDUCTION, height / REDUCTION);
         let ridge_row = RidgeRow { magnitude: vec![0; width], is_horizontal: vec![0; width] };
         Self {
             width,
             height,
             pixels: vec![Pixel::default(); width * height],
+            halved: vec![0; width],
             blurred: std::array::from_fn(|_| vec![0; width]),
             smooth: std::array::from_fn(|_| vec![0; width]),
             sums: std::array::from_fn(|_| vec![0; width]),
@@ -117,13 +138,13 @@ impl Gradients {
         }
     }
 
-    /// Width of the image, px.
+    /// Width of the halved image, px.
     #[must_use]
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Height of the image, px.
+    /// Height of the halved image, px.
     #[must_use]
     pub fn height(&self) -> usize {
         self.height
@@ -159,27 +180,27 @@ impl Gradients {
     ) {
         let (width, height) = (self.width, self.height);
         let last = height - 1;
-        for y in 0..height + 4 {
+        for y in 0..height + 3 {
             if y < height {
-                blur_row(image.row(y), &mut self.blurred[y % 5]);
+                let pair = [image.row(REDUCTION * y), image.row(REDUCTION * y + 1)];
+                halve_rows(pair, &mut self.halved);
+                blur_row(&self.halved, &mut self.blurred[y % 3]);
             }
-            // Smoothed row `y - 2` needs the blurred rows up to `y`; beyond the edge the last row repeats.
-            if let Some(centre) = y.checked_sub(2).filter(|&c| c < height) {
-                let near =
-                    |d: isize| &self.blurred[(centre as isize + d).clamp(0, last as isize) as usize % 5];
-                let rows = [near(-2), near(-1), near(0), near(1), near(2)];
-                blur_columns(rows.map(Vec::as_slice), &mut self.smooth[centre % 3]);
+            // Smoothed row `y - 1` needs the blurred rows up to `y`; beyond the edge the last row repeats.
+            if let Some(centre) = y.checked_sub(1).filter(|&c| c < height) {
+                let rows = [centre.saturating_sub(1), centre, (centre + 1).min(last)];
+                blur_columns(rows.map(|k| self.blurred[k % 3].as_slice()), &mut self.smooth[centre % 3]);
             }
-            // Gradients of row `y - 3` need the smoothed rows up to `y - 2`.
-            if let Some(centre) = y.checked_sub(3).filter(|&c| c > 0 && c < last) {
+            // Gradients of row `y - 2` need the smoothed rows up to `y - 1`.
+            if let Some(centre) = y.checked_sub(2).filter(|&c| c > 0 && c < last) {
                 let rows = [centre - 1, centre, centre + 1].map(|k| self.smooth[k % 3].as_slice());
                 let [sum, difference] = &mut self.sums;
                 combine_rows(rows, sum, difference);
                 let span = centre * width..(centre + 1) * width;
                 differentiate(sum, difference, &mut self.pixels[span], &mut self.ridges[centre % 3]);
             }
-            // Ridges of row `y - 4` need the magnitudes up to `y - 3`.
-            if let Some(centre) = y.checked_sub(4).filter(|&c| c >= BORDER && c + BORDER < height) {
+            // Ridges of row `y - 3` need the magnitudes up to `y - 2`.
+            if let Some(centre) = y.checked_sub(3).filter(|&c| c >= BORDER && c + BORDER < height) {
                 self.find_ridges(centre, threshold, &mut found);
             }
         }
@@ -221,36 +242,36 @@ fn magnitude(ax: i16, ay: i16) -> i16 {
     most + (least >> 2) + (least >> 3)
 }
 
-/// Horizontal half of the smoothing: sums of at most `16 * 255`; beyond the edge the last pixel repeats.
-fn blur_row(row: &[u8], out: &mut [u16]) {
-    let n = row.len();
-    let at = |x: isize| u16::from(row[x.clamp(0, n as isize - 1) as usize]);
-    let weighted = |x: usize| {
-        let x = x as isize;
-        at(x - 2) + at(x + 2) + 4 * (at(x - 1) + at(x + 1)) + 6 * at(x)
-    };
-    for x in [0, 1, n - 2, n - 1] {
-        out[x] = weighted(x);
+/// Sums of two by two pixels, at most `4 * 255`.
+fn halve_rows(rows: [&[u8]; 2], out: &mut [u16]) {
+    let n = out.len();
+    // Two neighbours in one word, the left one in the low byte.
+    let [a, b] = rows.map(|row| &row.as_chunks::<2>().0[..n]);
+    for i in 0..n {
+        let (above, below) = (u16::from_le_bytes(a[i]), u16::from_le_bytes(b[i]));
+        out[i] = (above & 0xFF) + (above >> 8) + (below & 0xFF) + (below >> 8);
     }
-    let inner = n - 4;
-    let (a, b, c, d, e) = (&row[..inner], &row[1..], &row[2..], &row[3..], &row[4..]);
-    let (b, c, d, e) = (&b[..inner], &c[..inner], &d[..inner], &e[..inner]);
-    let out = &mut out[2..2 + inner];
+}
+
+/// Horizontal half of the smoothing: sums of at most `16 * 255`; beyond the edge the last pixel repeats.
+fn blur_row(row: &[u16], out: &mut [u16]) {
+    let n = row.len();
+    let inner = n - 2;
+    (out[0], out[n - 1]) = (3 * row[0] + row[1], row[n - 2] + 3 * row[n - 1]);
+    let (a, b, c) = (&row[..inner], &row[1..1 + inner], &row[2..2 + inner]);
+    let out = &mut out[1..1 + inner];
     for i in 0..inner {
-        let outer = u16::from(a[i]) + u16::from(e[i]);
-        let near = u16::from(b[i]) + u16::from(d[i]);
-        out[i] = outer + 4 * near + 6 * u16::from(c[i]);
+        out[i] = a[i] + 2 * b[i] + c[i];
     }
 }
 
 /// Vertical half: 16 steps per grey level.
-fn blur_columns(rows: [&[u16]; 5], out: &mut [i16]) {
+fn blur_columns(rows: [&[u16]; 3], out: &mut [i16]) {
     let n = out.len();
-    let [a, b, c, d, e] = rows.map(|r| &r[..n]);
+    let [a, b, c] = rows.map(|r| &r[..n]);
     for i in 0..n {
-        // At most 256 * 255, which a u16 holds.
-        let sum = a[i] + e[i] + 4 * (b[i] + d[i]) + 6 * c[i];
-        out[i] = (sum >> 4) as i16;
+        // At most 64 * 255, which a u16 holds.
+        out[i] = ((a[i] + 2 * b[i] + c[i]) >> 2) as i16;
     }
 }
 
@@ -304,15 +325,16 @@ mod tests {
 
     /// The same by the definition, one pixel at a time.
     fn reference(image: &GrayImage, x: usize, y: usize) -> (i16, i16) {
-        const BINOMIAL: [i32; 5] = [1, 4, 6, 4, 1];
-        let (width, height) = (image.width() as i32, image.height() as i32);
+        const BINOMIAL: [i32; 3] = [1, 2, 1];
+        let (width, height) = (image.width() as i32 / 2, image.height() as i32 / 2);
         let pixel = |x: i32, y: i32| {
-            let (x, y) = (x.clamp(0, width - 1), y.clamp(0, height - 1));
-            i32::from(image.pixels()[(y * width + x) as usize])
+            let (x, y) = (2 * x.clamp(0, width - 1), 2 * y.clamp(0, height - 1));
+            let at = |x: i32, y: i32| i32::from(image.pixels()[y as usize * image.width() + x as usize]);
+            at(x, y) + at(x + 1, y) + at(x, y + 1) + at(x + 1, y + 1)
         };
         let smooth = |x: i32, y: i32| -> i32 {
-            let row = |y: i32| (0..5).map(|i| BINOMIAL[i as usize] * pixel(x + i - 2, y)).sum::<i32>();
-            (0..5).map(|j| BINOMIAL[j as usize] * row(y + j - 2)).sum::<i32>() >> 4
+            let row = |y: i32| (0..3).map(|i| BINOMIAL[i as usize] * pixel(x + i - 1, y)).sum::<i32>();
+            (0..3).map(|j| BINOMIAL[j as usize] * row(y + j - 1)).sum::<i32>() >> 2
         };
         let (x, y) = (x as i32, y as i32);
         let gx = |y: i32| smooth(x + 1, y) - smooth(x - 1, y);
@@ -323,12 +345,13 @@ mod tests {
 
     #[test]
     fn rows_at_once_give_the_bits_of_the_definition() {
-        for (width, height) in [(64, 64), (75, 66)] {
+        for (width, height) in [(64, 64), (75, 67)] {
             let image = Texture::new(3).render(width, height);
             let mut gradients = Gradients::new(width, height);
             gradients.compute(&image.view(), i16::MAX, |_, _, _| {});
+            let (width, height) = (width / 2, height / 2);
             for y in 1..height - 1 {
-                for x in 2..width - 2 {
+                for x in 1..width - 1 {
                     assert_eq!(gradients.at(y * width + x), reference(&image, x, y), "at {x}, {y}");
                 }
             }
@@ -343,9 +366,9 @@ mod tests {
         let mut gradients = Gradients::new(width, height);
         let mut ridges = Vec::new();
         gradients.compute(&image.view(), 1000, |x, _, _| ridges.push(x));
-        let at_edge = gradients.pixels()[20 * width + 31].magnitude();
+        let at_edge = gradients.pixels()[10 * width / 2 + 15].magnitude();
         assert!(f32::from(at_edge) / SCALE > 60.0);
         assert!(gradients.pixels().iter().all(|p| p.magnitude() >= 0));
-        assert!(!ridges.is_empty() && ridges.iter().all(|&x| x == 31));
+        assert!(!ridges.is_empty() && ridges.iter().all(|&x| x == 15));
     }
 }

@@ -12,17 +12,17 @@ use nalgebra::Vector2;
 use plumbline_config::Portable;
 
 /// Largest distance of an edge pixel from the line so far, px.
-const TOLERANCE_PX: f32 = 1.0;
+const TOLERANCE_PX: f32 = 0.6;
 /// Squared cosine of the largest angle between the gradient and the normal of the line (22.5 degrees).
 const MIN_COS2: f32 = 0.853_553_4;
 /// Longest gap, px.
-const MAX_GAP: usize = 4;
+const MAX_GAP: usize = 2;
 /// Longest gap before the line is fitted, px.
 const MAX_EARLY_GAP: usize = 1;
 /// The line is fitted from this many pixels on; before it follows the mean gradient.
-const FIT_FROM: usize = 10;
+const FIT_FROM: usize = 8;
 /// A run of fewer pixels behind the last gap is cut off.
-const MIN_LAST_RUN: usize = 4;
+const MIN_LAST_RUN: usize = 3;
 /// An edge that turns this far from its major axis has ended.
 const MAX_SLOPE: f32 = 1.3;
 

@@ -2,11 +2,13 @@
 //!
 //! A reader starts at [`LineExtractor`]. What an image goes through:
 //!
-//! 1. [`gradient`]: smoothed gradients and the ridges of their magnitude, [`seeds`]: the promising ones;
-//! 2. [`growth`]: edges followed from the strongest ridges, [`validation`]: those that are no chance;
-//! 3. [`filter`] and [`merge`]: the paper's adaptive length threshold and joining of broken segments;
-//! 4. [`descriptor`], [`gates`] and [`matching`]: the same edge in the frame before and in the other camera;
-//! 5. [`measurement`]: its line without the distortion of the lens.
+//! 1. [`gradient`]: smoothed gradients at half the resolution and the ridges of their magnitude, [`seeds`]: the promising ones;
+//! 2. [`growth`]: edges followed from the strongest ridges;
+//! 3. [`filter`]: those that are too short by the paper's adaptive threshold are left out; [`refine`]: where the others lie in
+//!    the whole image, from end to end; [`validation`]: those that are no chance;
+//! 4. [`merge`]: broken segments are joined;
+//! 5. [`descriptor`], [`gates`] and [`matching`]: the same edge in the frame before and in the other camera;
+//! 6. [`measurement`]: its line without the distortion of the lens.
 //!
 //! [`LineTracker`] does all of this for each frame of one or two cameras.
 
@@ -20,6 +22,7 @@ pub mod growth;
 pub mod matching;
 pub mod measurement;
 pub mod merge;
+pub mod refine;
 pub mod seeds;
 pub mod segment;
 pub mod tracker;

@@ -1,6 +1,7 @@
 //! A line segment in an image.
 
 use super::fit::LineMoments;
+use super::gradient::{REDUCTION, whole_px};
 use nalgebra::Vector2;
 use plumbline_config::Portable;
 
@@ -37,6 +38,17 @@ impl Segment {
     #[must_use]
     pub fn length(&self) -> f32 {
         (self.end - self.start).norm()
+    }
+
+    /// A segment of the halved image in the coordinates of the image.
+    #[must_use]
+    pub(super) fn whole(mut self) -> Self {
+        (self.start, self.end) = (whole_px(&self.start), whole_px(&self.end));
+        self.nodes
+            .iter_mut()
+            .for_each(|node| *node = Node { px: whole_px(&node.px), weight: node.weight * REDUCTION as f32 });
+        self.support *= REDUCTION as f32;
+        self
     }
 
     /// How clear the segment is: long and of high contrast. Of two segments of one length the stronger is more

@@ -6,7 +6,9 @@
 
 /// Probability that the gradient of a pixel of noise is aligned with a given edge: 1/8 by the tolerance of
 /// [`super::growth`] (22.5 degrees to either side), and more as the steepest of three pixels is taken.
-const ALIGNED_BY_CHANCE: f64 = 0.2;
+pub const ALIGNED_BY_CHANCE: f64 = 0.2;
+/// The same for a first judgement at half the resolution, on half the pixels, which shall lose nothing.
+pub const ALIGNED_BY_CHANCE_AT_HALF: f64 = 0.1;
 /// Longest segment that is judged by its true length, px; a longer one is judged as this long.
 const MAX_LENGTH: usize = 1024;
 
@@ -17,19 +19,21 @@ pub struct Validation {
     ln_factorial: Vec<f64>,
     /// Logarithm of the number of segments that the image could hold.
     ln_tests: f64,
+    /// Probability that a pixel of noise is aligned.
+    chance: f64,
 }
 
 impl Validation {
-    /// For images of `width` x `height`.
+    /// For images of `width` x `height`; a pixel of noise is aligned with the probability `chance`.
     #[must_use]
-    pub fn new(width: usize, height: usize) -> Self {
+    pub fn new(width: usize, height: usize, chance: f64) -> Self {
         let mut ln_factorial = vec![0.0; MAX_LENGTH + 1];
         for n in 1..=MAX_LENGTH {
             ln_factorial[n] = ln_factorial[n - 1] + libm::log(n as f64);
         }
         // From any pixel to any other; segments grown here have one width, where LSD counts several.
         let ln_tests = 2.0 * libm::log((width * height) as f64);
-        Self { ln_factorial, ln_tests }
+        Self { ln_factorial, ln_tests, chance }
     }
 
     /// Whether `aligned` of `length` pixels mean an edge: fewer than one false alarm an image.
@@ -42,7 +46,7 @@ impl Validation {
 
     /// Logarithm of the probability of `k` or more aligned pixels among `n`.
     fn ln_tail(&self, n: usize, k: usize) -> f64 {
-        let (p, q) = (ALIGNED_BY_CHANCE, 1.0 - ALIGNED_BY_CHANCE);
+        let (p, q) = (self.chance, 1.0 - self.chance);
         let ln_choose = self.ln_factorial[n] - self.ln_factorial[k] - self.ln_factorial[n - k];
         let first = ln_choose + k as f64 * libm::log(p) + (n - k) as f64 * libm::log(q);
         // Terms fall at least geometrically beyond the mean: their sum, relative to the first.
@@ -64,7 +68,7 @@ mod tests {
 
     #[test]
     fn the_tail_is_that_of_the_binomial_distribution() {
-        let validation = Validation::new(752, 480);
+        let validation = Validation::new(752, 480, ALIGNED_BY_CHANCE);
         // 4 or more of 5 at p = 0.2: 5 * 0.2^4 * 0.8 + 0.2^5.
         let expected: f64 = 5.0 * 0.2_f64.powi(4) * 0.8 + 0.2_f64.powi(5);
         assert!((validation.ln_tail(5, 4) - expected.ln()).abs() < 1e-9);
@@ -72,7 +76,7 @@ mod tests {
 
     #[test]
     fn long_aligned_runs_are_edges_and_short_or_broken_ones_are_not() {
-        let validation = Validation::new(752, 480);
+        let validation = Validation::new(752, 480, ALIGNED_BY_CHANCE);
         assert!(validation.is_meaningful(20, 20) && validation.is_meaningful(100, 70));
         assert!(!validation.is_meaningful(12, 12) && !validation.is_meaningful(60, 25));
         assert!(validation.is_meaningful(5000, 4000) && !validation.is_meaningful(5000, 500));

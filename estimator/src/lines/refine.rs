@@ -1,0 +1,359 @@
+//! Where exactly an edge lies: segments found at half the resolution are fitted to the whole image.
+//!
+//! Along its major axis a segment is crossed at every pixel. Each crossing is a profile of the image along the minor
+//! axis, differentiated by `[-1 -4 -5 0 5 4 1]` (the binomial filter `[1 4 6 4 1]` and `[-1 0 1]`); the edge is its steepest
+//! place near to where it is expected, to a fraction of a pixel by a parabola. From its ends the edge is followed further
+//! while it is found: at half the resolution it ends early, and breaks at what is small. The new segment is the line through
+//! all these places by total least squares.
+
+use super::segment::{Place, Segment};
+use nalgebra::{Matrix3, Vector2, Vector3};
+use plumbline_config::{ImageView, Portable};
+
+/// Pixels of a profile, and the place of its middle.
+const PROFILE: usize = 16;
+const MIDDLE: usize = 6;
+/// Reach of the filter, px.
+const FILTER: usize = 3;
+/// The steepest place may lie this far from the middle, px; the parabola needs a neighbour to either side.
+const REACH: usize = 1;
+/// Differentiated places of a profile.
+const SLOPES: usize = 8;
+/// Response of the filter to a ramp of one grey level per pixel.
+const FILTER_GAIN: f32 = 32.0;
+/// A crossing counts where it is at least this steep, as a share of the gradient at half the resolution: a third of what
+/// an edge has there.
+const MIN_SHARE: f32 = 0.25;
+/// A crossing further than this from the curve through all of them is that of another edge, px.
+const MAX_OFF_PX: f32 = 0.4;
+/// The same beyond the ends, where the curve is continued, px.
+const MAX_OFF_BEYOND_PX: f32 = 0.6;
+/// An edge is followed this far beyond its ends, px, over gaps of at most [`MAX_GAP`].
+const MAX_BEYOND: usize = 48;
+const MAX_GAP: usize = 2;
+/// From this length on the lens bends an edge enough to be seen, px along the major axis.
+const BENT_FROM_PX: f32 = 60.0;
+/// Parts of a segment, or crossings, that a bent curve needs.
+const BENT_FROM_PLACES: usize = 5;
+/// At least this share of the crossings from end to end is found.
+const MIN_FOUND: f32 = 0.7;
+
+/// A segment of the whole image.
+#[derive(Clone, Copy, Debug)]
+pub struct Refined {
+    /// Its line, ends and nodes; each crossing is one of its support.
+    pub segment: Segment,
+    /// Pixels along the major axis from end to end: as many crossings could have been found.
+    pub steps: usize,
+}
+
+/// Refines segments. Everything is allocated at construction.
+#[derive(Clone, Debug)]
+pub struct Refiner {
+    crossings: Vec<Crossing>,
+    places: Vec<Place>,
+}
+
+/// Where an edge is crossed: coordinates along the major and the minor axis, px, and the gradient, grey levels per pixel.
+#[derive(Clone, Copy, Debug)]
+struct Crossing {
+    major: f32,
+    minor: f32,
+    strength: f32,
+}
+
+impl Refiner {
+    /// For images of `width` x `height` px.
+    #[must_use]
+    pub fn new(width: usize, height: usize) -> Self {
+        let room = width.max(height) + 2 * MAX_BEYOND;
+        Self { crossings: Vec::with_capacity(room), places: Vec::with_capacity(room) }
+    }
+
+    /// Where the edge of `coarse` lies in the image; `None` where it is not seen. `coarse` is in pixels of the whole image, its
+    /// strength in grey levels per halved pixel.
+    pub fn refine(&mut self, image: &ImageView<'_>, coarse: &Segment) -> Option<Refined> {
+        let edge = Edge::of(image, coarse);
+        let (a, b) = (edge.axes(&coarse.start).0, edge.axes(&coarse.end).0);
+        let (first, last) = (a.at_most(b), a.at_least(b));
+        let (centre, is_long) = (0.5 * (first + last), last - first >= BENT_FROM_PX);
+        let expected = edge.curve_of(coarse, centre, is_long)?;
+        self.crossings.clear();
+        for major in first.ceil() as isize..=last.floor() as isize {
+            self.crossings.extend(edge.cross(&expected, major));
+        }
+        let is_bent = is_long && self.crossings.len() >= BENT_FROM_PLACES;
+        let places = self.crossings.iter().map(|c| (c.major, c.minor, 1.0));
+        let curve = Curve::through(places, centre, is_bent)?;
+        self.crossings.retain(|c| curve.distance(c) <= MAX_OFF_PX);
+        let (lowest, highest) =
+            (self.crossings.first()?.major as isize, self.crossings.last()?.major as isize);
+        let lowest = self.follow(&edge, &curve, lowest, -1);
+        let highest = self.follow(&edge, &curve, highest, 1);
+        let steps = (highest - lowest) as usize + 1;
+        if (self.crossings.len() as f32) < MIN_FOUND * steps as f32 {
+            return None;
+        }
+        self.places.clear();
+        self.places.extend(self.crossings.iter().map(|c| edge.place(c)));
+        Segment::through(&self.places, &coarse.direction()).map(|segment| Refined { segment, steps })
+    }
+
+    /// Follows the edge beyond its end at `major`; where it ends now.
+    fn follow(&mut self, edge: &Edge<'_>, curve: &Curve, mut major: isize, step: isize) -> isize {
+        let (mut end, mut gap) = (major, 0);
+        for _ in 0..MAX_BEYOND {
+            major += step;
+            match edge.cross(curve, major).filter(|c| curve.distance(c) <= MAX_OFF_BEYOND_PX) {
+                Some(crossing) => {
+                    self.crossings.push(crossing);
+                    (end, gap) = (major, 0);
+                }
+                None if gap == MAX_GAP => break,
+                None => gap += 1,
+            }
+        }
+        end
+    }
+}
+
+/// The course of an edge, which the lens may bend: `minor = c0 + c1 t + c2 t^2` with `t = major - centre`.
+#[derive(Clone, Copy, Debug)]
+struct Curve {
+    centre: f32,
+    coefficients: [f32; 3],
+}
+
+impl Curve {
+    /// Of least squared distances along the minor axis from places `(major, minor, weight)`; straight unless `is_bent`.
+    fn through(places: impl Iterator<Item = (f32, f32, f32)>, centre: f32, is_bent: bool) -> Option<Self> {
+        // Moments of t up to the fourth order, and of minor with t up to the second.
+        let (mut m, mut r) = ([0.0; 5], [0.0; 3]);
+        for (major, minor, weight) in places {
+            let [t, y, w] = [major - centre, minor, weight].map(f64::from);
+            let powers = [w, w * t, w * t * t];
+            for k in 0..3 {
+                m[k] += powers[k];
+                r[k] += powers[k] * y;
+            }
+            m[3] += powers[2] * t;
+            m[4] += powers[2] * t * t;
+        }
+        let coefficients = if is_bent {
+            let normal = Matrix3::new(m[0], m[1], m[2], m[1], m[2], m[3], m[2], m[3], m[4]);
+            normal.try_inverse()? * Vector3::from(r)
+        } else {
+            let determinant = m[0] * m[2] - m[1] * m[1];
+            (determinant > 1e-9).then_some(())?;
+            Vector3::new(m[2] * r[0] - m[1] * r[1], m[0] * r[1] - m[1] * r[0], 0.0) / determinant
+        };
+        Some(Self { centre, coefficients: coefficients.cast::<f32>().into() })
+    }
+
+    fn at(&self, major: f32) -> f32 {
+        let (t, [c0, c1, c2]) = (major - self.centre, self.coefficients);
+        c0 + t * (c1 + t * c2)
+    }
+
+    /// Distance of a crossing along the minor axis, px.
+    fn distance(&self, crossing: &Crossing) -> f32 {
+        (crossing.minor - self.at(crossing.major)).abs()
+    }
+}
+
+/// What is crossed.
+#[derive(Clone, Copy, Debug)]
+struct Edge<'a> {
+    image: &'a ImageView<'a>,
+    /// The major axis is that of the rows: y.
+    is_steep: bool,
+    /// 1 where the image brightens along the minor axis, else -1.
+    sign: i16,
+    /// Least response of the filter.
+    threshold: i16,
+}
+
+impl<'a> Edge<'a> {
+    fn of(image: &'a ImageView<'a>, segment: &Segment) -> Self {
+        let direction = segment.direction();
+        let is_steep = direction.y.abs() > direction.x.abs();
+        // The gradient points to the right of the direction.
+        let is_brighter = if is_steep { direction.y < 0.0 } else { direction.x > 0.0 };
+        let sign = if is_brighter { 1 } else { -1 };
+        Self { image, is_steep, sign, threshold: (MIN_SHARE * FILTER_GAIN * segment.strength) as i16 }
+    }
+
+    /// Coordinates along the major and the minor axis.
+    fn axes(&self, px: &Vector2<f32>) -> (f32, f32) {
+        if self.is_steep { (px.y, px.x) } else { (px.x, px.y) }
+    }
+
+    fn place(&self, c: &Crossing) -> Place {
+        let px = if self.is_steep { Vector2::new(c.minor, c.major) } else { Vector2::new(c.major, c.minor) };
+        Place { px, weight: 1.0, strength: c.strength }
+    }
+
+    /// The curve through the nodes of a segment.
+    fn curve_of(&self, segment: &Segment, centre: f32, is_long: bool) -> Option<Curve> {
+        let nodes = segment.nodes.iter().filter(|node| node.weight > 0.0);
+        let is_bent = is_long && nodes.clone().count() >= BENT_FROM_PLACES;
+        let places = nodes.map(|node| {
+            let (major, minor) = self.axes(&node.px);
+            (major, minor, node.weight)
+        });
+        Curve::through(places, centre, is_bent)
+    }
+
+    /// Crosses the edge at a pixel of the major axis, near to where `expected` has it.
+    fn cross(&self, expected: &Curve, major: isize) -> Option<Crossing> {
+        let (width, height) = (self.image.width(), self.image.height());
+        let (majors, minors) = if self.is_steep { (height, width) } else { (width, height) };
+        let row = usize::try_from(major).ok().filter(|&m| m < majors)?;
+        let nearest = (expected.at(major as f32) + 0.5).at_least(0.0) as usize;
+        let from = nearest.checked_sub(MIDDLE).filter(|from| from + PROFILE <= minors)?;
+        let mut profile = [0; PROFILE];
+        self.read(row, from, &mut profile);
+        let (offset, response) = self.steepest(&profile)?;
+        let minor = nearest as f32 + offset;
+        Some(Crossing { major: major as f32, minor, strength: response / FILTER_GAIN })
+    }
+
+    /// Pixels along the minor axis from `minor` on.
+    fn read(&self, major: usize, minor: usize, profile: &mut [i16; PROFILE]) {
+        if self.is_steep {
+            let row = &self.image.row(major)[minor..minor + PROFILE];
+            for k in 0..PROFILE {
+                profile[k] = i16::from(row[k]);
+            }
+        } else {
+            for (k, level) in profile.iter_mut().enumerate().take(SLOPES + 2 * FILTER) {
+                *level = i16::from(self.image.pixel(major, minor + k));
+            }
+        }
+    }
+
+    /// Distance of the steepest place from the middle of a profile, and the response there, if it is near and steep enough.
+    fn steepest(&self, profile: &[i16; PROFILE]) -> Option<(f32, f32)> {
+        let mut slopes = [0; SLOPES];
+        differentiate(profile, self.sign, &mut slopes);
+        const CENTRE: usize = MIDDLE - FILTER;
+        let mut best = CENTRE;
+        // From the middle outward: of two alike the nearer.
+        for d in 1..=REACH {
+            for k in [CENTRE - d, CENTRE + d] {
+                if slopes[k] > slopes[best] {
+                    best = k;
+                }
+            }
+        }
+        let (before, top, after) = (slopes[best - 1], slopes[best], slopes[best + 1]);
+        if top <= self.threshold || before > top || after > top {
+            return None;
+        }
+        let (a, b, c) = (f32::from(before), f32::from(top), f32::from(after));
+        let curvature = a - 2.0 * b + c;
+        let shift = if curvature < 0.0 { 0.5 * (a - c) / curvature } else { 0.0 };
+        Some((best as f32 - CENTRE as f32 + shift, b))
+    }
+}
+
+/// Response of the filter, at most `10 * 255`, at [`SLOPES`] places of a profile from number [`FILTER`] on.
+#[inline(never)]
+fn differentiate(profile: &[i16; PROFILE], sign: i16, slopes: &mut [i16; SLOPES]) {
+    for k in 0..SLOPES {
+        let [far, near, next] =
+            [profile[k + 6] - profile[k], profile[k + 5] - profile[k + 1], profile[k + 4] - profile[k + 2]];
+        slopes[k] = sign * (far + 4 * near + 5 * next);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::segment::{NODES, Node};
+    use super::*;
+    use plumbline_config::GrayImage;
+
+    const SIZE: (usize, usize) = (160, 120);
+
+    /// Brighter on one side of the curve `minor = f(major)` between columns (or rows) 30 and 100, with a ramp of 2 px.
+    fn image(is_steep: bool, f: impl Fn(f64) -> f64) -> GrayImage {
+        let level = |i: usize| {
+            let (x, y) = ((i % SIZE.0) as f64, (i / SIZE.0) as f64);
+            let (major, minor) = if is_steep { (y, x) } else { (x, y) };
+            let is_edge = (30.0..=100.0).contains(&major);
+            let side = if is_edge { (0.5 * (minor - f(major)) + 0.5).clamp(0.0, 1.0) } else { 0.0 };
+            (60.0 + 80.0 * side) as u8
+        };
+        GrayImage::from_pixels(SIZE.0, SIZE.1, (0..SIZE.0 * SIZE.1).map(level).collect()).expect("size")
+    }
+
+    /// What half the resolution may make of it: half a pixel off, and short at both ends.
+    fn coarse(is_steep: bool, f: impl Fn(f64) -> f64) -> Segment {
+        let px = |major: f64| {
+            let minor = f(major) + if (major as i32).rem_euclid(8) < 4 { 0.5 } else { -0.5 };
+            let px = if is_steep { Vector2::new(minor, major) } else { Vector2::new(major, minor) };
+            px.cast::<f32>()
+        };
+        let (first, last) = (36.0, 94.0);
+        let nodes = std::array::from_fn(|k| {
+            let major = first + (last - first) * (k as f64 + 0.5) / NODES as f64;
+            Node { px: px(major), weight: 7.0 }
+        });
+        // Brighter on the right in an image whose rows go down.
+        let (start, end) = if is_steep { (px(last), px(first)) } else { (px(first), px(last)) };
+        Segment { start, end, nodes, strength: 40.0, support: 58.0 }
+    }
+
+    #[test]
+    fn an_edge_is_found_to_a_fraction_of_a_pixel_and_from_end_to_end() {
+        for is_steep in [false, true] {
+            for slope in [-0.8, -0.13, 0.0, 0.37] {
+                let f = |major: f64| 60.3 + slope * (major - 65.0);
+                let image = image(is_steep, f);
+                let mut refiner = Refiner::new(SIZE.0, SIZE.1);
+                let refined = refiner.refine(&image.view(), &coarse(is_steep, f)).expect("is seen");
+                assert!((70..=74).contains(&refined.steps), "{} steps", refined.steps);
+                for node in refined.segment.nodes {
+                    let px = node.px.cast::<f64>();
+                    let (major, minor) = if is_steep { (px.y, px.x) } else { (px.x, px.y) };
+                    let off = minor - f(major);
+                    assert!(off.abs() < 0.1, "{slope}: {off} px off");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn an_edge_that_the_lens_bends_is_followed_along_its_bend() {
+        let f = |major: f64| 60.3 + 0.2 * (major - 65.0) + 0.001 * (major - 65.0) * (major - 65.0);
+        let image = image(false, f);
+        let mut refiner = Refiner::new(SIZE.0, SIZE.1);
+        let coarse =
+            Segment { start: Vector2::new(33.0, 54.9), end: Vector2::new(97.0, 67.7), ..coarse(false, f) };
+        let refined = refiner.refine(&image.view(), &coarse).expect("is seen");
+        assert!(refined.segment.support >= 68.0, "{} of 71 are crossed", refined.segment.support);
+        let bend = refined.segment.nodes.map(|n| f64::from(n.px.y) - f(f64::from(n.px.x)));
+        assert!(bend.iter().all(|off| off.abs() < 0.15), "{bend:?}");
+    }
+
+    #[test]
+    fn what_is_not_in_the_image_is_no_segment() {
+        let f = |major: f64| 60.3 + 0.37 * (major - 65.0);
+        let flat = GrayImage::from_pixels(SIZE.0, SIZE.1, vec![90; SIZE.0 * SIZE.1]).expect("size");
+        let mut refiner = Refiner::new(SIZE.0, SIZE.1);
+        assert!(refiner.refine(&flat.view(), &coarse(false, f)).is_none());
+        // Nor is an edge whose other side is the brighter one.
+        let turned = Segment { start: coarse(false, f).end, end: coarse(false, f).start, ..coarse(false, f) };
+        assert!(refiner.refine(&image(false, f).view(), &turned).is_none());
+    }
+
+    #[test]
+    fn segments_at_the_rim_of_the_image_are_looked_at_within_it() {
+        let mut refiner = Refiner::new(SIZE.0, SIZE.1);
+        for f in [|_: f64| 2.0, |_: f64| 118.5, |major: f64| 1.2 * (major - 90.0)] {
+            for is_steep in [false, true] {
+                let _ = refiner.refine(&image(is_steep, f).view(), &coarse(is_steep, f));
+            }
+        }
+    }
+}
