@@ -19,6 +19,9 @@ const FILTER: usize = 3;
 const REACH: usize = 1;
 /// Differentiated places of a profile.
 const SLOPES: usize = 8;
+/// Pixels of a profile that have a say in its steepest place: read one by one they are not read in vain.
+const READ_FROM: usize = MIDDLE - FILTER - REACH - 1;
+const READ_TO: usize = MIDDLE + FILTER + REACH + 2;
 /// Response of the filter to a ramp of one grey level per pixel.
 const FILTER_GAIN: f32 = 32.0;
 /// A crossing counts where it is at least this steep, as a share of the gradient at half the resolution: a third of what
@@ -226,8 +229,8 @@ impl<'a> Edge<'a> {
                 profile[k] = i16::from(row[k]);
             }
         } else {
-            for (k, level) in profile.iter_mut().enumerate().take(SLOPES + 2 * FILTER) {
-                *level = i16::from(self.image.pixel(major, minor + k));
+            for k in READ_FROM..READ_TO {
+                profile[k] = i16::from(self.image.pixel(major, minor + k));
             }
         }
     }
@@ -236,24 +239,21 @@ impl<'a> Edge<'a> {
     fn steepest(&self, profile: &[i16; PROFILE]) -> Option<(f32, f32)> {
         let mut slopes = [0; SLOPES];
         differentiate(profile, self.sign, &mut slopes);
-        const CENTRE: usize = MIDDLE - FILTER;
-        let mut best = CENTRE;
-        // From the middle outward: of two alike the nearer.
-        for d in 1..=REACH {
-            for k in [CENTRE - d, CENTRE + d] {
-                if slopes[k] > slopes[best] {
-                    best = k;
-                }
-            }
-        }
-        let (before, top, after) = (slopes[best - 1], slopes[best], slopes[best + 1]);
+        const FIRST: usize = MIDDLE - FILTER - REACH - 1;
+        let [a, b, c, d, e] = [0, 1, 2, 3, 4].map(|k| slopes[FIRST + k]);
+        // Of two alike the middle one, then the one before.
+        let (before, top, after, at) = match (c >= b && c >= d, b >= d) {
+            (true, _) => (b, c, d, 0.0),
+            (false, true) => (a, b, c, -1.0),
+            (false, false) => (c, d, e, 1.0),
+        };
         if top <= self.threshold || before > top || after > top {
             return None;
         }
         let (a, b, c) = (f32::from(before), f32::from(top), f32::from(after));
         let curvature = a - 2.0 * b + c;
         let shift = if curvature < 0.0 { 0.5 * (a - c) / curvature } else { 0.0 };
-        Some((best as f32 - CENTRE as f32 + shift, b))
+        Some((at + shift, b))
     }
 }
 

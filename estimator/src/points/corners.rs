@@ -241,6 +241,9 @@ impl ScoreMap {
         let mut limit = floor;
         for y in 1..self.height - 1 {
             let row = &self.scores[y * self.width..(y + 1) * self.width];
+            if !has_above(row, limit) {
+                continue;
+            }
             for (x, &score) in row[..self.width - 1].iter().enumerate().skip(1) {
                 if score > limit && self.is_maximum(x, y) && allowed(x - 1, y - 1) {
                     limit = score;
@@ -295,6 +298,12 @@ fn score_row(columns: [&[i32]; 3], scores: &mut [f32]) {
         }
         chunk.copy_from_slice(&lesser[..chunk.len()]);
     }
+}
+
+/// Whether one of the scores exceeds `limit`: most rows have none, and all lanes at once tell.
+#[inline(never)]
+fn has_above(scores: &[f32], limit: f32) -> bool {
+    scores.iter().fold(false, |found, score| found | (*score > limit))
 }
 
 /// Sums over `2 WINDOW + 1` neighbours.
