@@ -71,8 +71,8 @@ arm64: setup ## the product for 64-bit ARM; under qemu its tests pass, its fligh
 	$(CARGO) build $(FLAGS) -p plumbline --target $(TRIPLE_arm64)
 	CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_RUNNER="$(QEMU_arm64)" $(CARGO) test $(FLAGS) --target $(TRIPLE_arm64) \
 		-p plumbline-config -p plumbline-estimator --lib -- --skip realtime::
-	PLUMBLINE_OTHER="$(QEMU_arm64) target/$(TRIPLE_arm64)/release/plumbline" $(CARGO) nextest run $(TESTED) \
-		--profile soak --run-ignored only --no-capture -E '$(ALL) and test(/^other_processor::/)' $(ARGS)
+	PLUMBLINE_OTHER="$(QEMU_arm64) target/$(TRIPLE_arm64)/release/plumbline" $(CARGO) nextest run $(filter-out --all-targets,$(TESTED)) \
+		--test process --profile soak --run-ignored only --no-capture -E 'test(/^other_processor::/)' $(ARGS)
 
 packages: ## lists the packages that were made: sizes, contents, what they depend on
 	scripts/package list
