@@ -229,8 +229,8 @@ impl<'a> Edge<'a> {
                 profile[k] = i16::from(row[k]);
             }
         } else {
-            for k in READ_FROM..READ_TO {
-                profile[k] = i16::from(self.image.pixel(major, minor + k));
+            for (k, level) in profile[READ_FROM..READ_TO].iter_mut().enumerate() {
+                *level = i16::from(self.image.pixel(major, minor + READ_FROM + k));
             }
         }
     }
@@ -239,8 +239,8 @@ impl<'a> Edge<'a> {
     fn steepest(&self, profile: &[i16; PROFILE]) -> Option<(f32, f32)> {
         let mut slopes = [0; SLOPES];
         differentiate(profile, self.sign, &mut slopes);
-        const FIRST: usize = MIDDLE - FILTER - REACH - 1;
-        let [a, b, c, d, e] = [0, 1, 2, 3, 4].map(|k| slopes[FIRST + k]);
+        // Five slopes, the first from the first of these pixels on.
+        let [a, b, c, d, e] = [0, 1, 2, 3, 4].map(|k| slopes[READ_FROM + k]);
         // Of two alike the middle one, then the one before.
         let (before, top, after, at) = match (c >= b && c >= d, b >= d) {
             (true, _) => (b, c, d, 0.0),
