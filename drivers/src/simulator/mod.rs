@@ -10,6 +10,7 @@
 
 mod builder;
 mod canvas;
+mod cover;
 mod effects;
 mod facet;
 mod hand;

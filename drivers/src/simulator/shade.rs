@@ -4,9 +4,9 @@
 //! enough samples of a facet for a run: one of a pixel that sees a single facet, and one for each facet that an edge pixel
 //! shares itself between.
 
+use super::cover::{Cover, NONE, TILE_FACETS};
 use super::facet::RUN;
 use super::lens::{Lens, Span, TILE};
-use super::render::{Cover, NONE, TILE_FACETS};
 use super::select::Selection;
 use super::world::World;
 
