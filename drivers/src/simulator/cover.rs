@@ -107,9 +107,7 @@ impl Cover {
         let (width, height) = (lens.model.width_px, lens.model.height_px);
         let (column, v0) = (tile % lens.columns, tile / lens.columns * TILE);
         let count = TILE.min(width - column * TILE);
-        for v in v0..(v0 + TILE).min(height) {
-            let bearings = lens.row(v);
-            let (x, y) = (&bearings.0[column], &bearings.1[column]);
+        for (v, [x, y]) in (v0..height).zip(lens.bearings(tile)) {
             let mut depth = [0.0_f32; TILE];
             let mut id = [u32::from(NONE); TILE];
             for &index in &self.chosen {

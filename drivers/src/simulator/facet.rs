@@ -7,7 +7,7 @@
 //! camera and evaluated in single precision.
 
 use super::lens::{Span, TILE};
-use super::texture::Footprints;
+use super::texture::{Footprints, Plan, Texture};
 use super::world::{Surface, World};
 use nalgebra::{Isometry3, Matrix3};
 
@@ -75,50 +75,23 @@ impl Facet {
         }
     }
 
-    /// Brightness of a run of pixels of bearings `(x, y)` and of `step` (see [`Lens::steps`]).
+    /// How a run of pixels of bearings `(x, y)` and of `step` (see [`Lens::steps`]) samples its texture, and where on the
+    /// surface the pixels lie (`s`, `t`).
+    ///
+    /// [`Lens::steps`]: super::lens::Lens::steps
     #[inline]
-    pub(super) fn shade(&self, world: &World, x: &[f32; RUN], y: &[f32; RUN], step: &[f32; 4]) -> [f32; RUN] {
-        let (mut values, s, t) = self.albedo(world, x, y, step);
-        // Light is smooth: its ends will do for the few pixels of a run.
-        let light = &world.light[self.surface as usize];
-        let [first, last] = light.at(&[s[0], s[RUN - 1]], &[t[0], t[RUN - 1]]);
-        let slope = (last - first) / (RUN - 1) as f32;
-        for (i, value) in values.iter_mut().enumerate() {
-            *value *= first + slope * i as f32;
-        }
-        values
-    }
-
-    /// As [`Self::shade`], for pixels anywhere.
-    pub(super) fn shade_exactly<const N: usize>(
+    pub(super) fn plan(
         &self,
         world: &World,
-        x: &[f32; N],
-        y: &[f32; N],
+        [x, y]: [&[f32; RUN]; 2],
         step: &[f32; 4],
-    ) -> [f32; N] {
-        let (mut values, s, t) = self.albedo(world, x, y, step);
-        let light = &world.light[self.surface as usize];
-        let light = light.at(&s, &t);
-        values.iter_mut().zip(light).for_each(|(value, light)| *value *= light);
-        values
-    }
-
-    /// Albedo of pixels, and where on the surface they lie (`s`, `t`).
-    #[inline]
-    fn albedo<const N: usize>(
-        &self,
-        world: &World,
-        x: &[f32; N],
-        y: &[f32; N],
-        step: &[f32; 4],
-    ) -> ([f32; N], [f32; N], [f32; N]) {
+    ) -> (Plan<RUN>, [[f32; RUN]; 2]) {
         let surface = &world.surfaces[self.surface as usize];
         let [columns, rows] = surface.texels;
-        let (mut s, mut t) = ([0.0; N], [0.0; N]);
-        let zero = [0.0; N];
+        let zero = [0.0; RUN];
+        let (mut s, mut t) = (zero, zero);
         let mut f = Footprints { u: zero, v: zero, u_right: zero, v_right: zero, u_down: zero, v_down: zero };
-        for i in 0..N {
+        for i in 0..RUN {
             let z = 1.0 / linear(&self.w, x[i], y[i]);
             s[i] = linear(&self.s, x[i], y[i]) * z;
             t[i] = linear(&self.t, x[i], y[i]) * z;
@@ -132,10 +105,35 @@ impl Facet {
             f.v_right[i] = (vx * step[0] + vy * step[1]) * scale_v;
             f.v_down[i] = (vx * step[2] + vy * step[3]) * scale_v;
         }
-        let finish = &surface.finish;
-        let mut values = finish.material.texture().sample(&f);
+        (self.texture(world).plan(&f), [s, t])
+    }
+
+    /// What the surface is made of.
+    #[inline]
+    pub(super) fn texture(&self, world: &World) -> &'static Texture {
+        world.surfaces[self.surface as usize].finish.material.texture()
+    }
+
+    /// Light of a run of pixels side by side at places `(s, t)`. It is smooth: its ends will do for the few pixels of a run.
+    #[inline]
+    pub(super) fn light_along(&self, world: &World, [s, t]: &[[f32; RUN]; 2]) -> [f32; RUN] {
+        let light = &world.light[self.surface as usize];
+        let [first, last] = light.at(&[s[0], s[RUN - 1]], &[t[0], t[RUN - 1]]);
+        let slope = (last - first) / (RUN - 1) as f32;
+        std::array::from_fn(|i| first + slope * i as f32)
+    }
+
+    /// As [`Self::light_along`], for pixels anywhere.
+    #[inline]
+    pub(super) fn light_at(&self, world: &World, [s, t]: &[[f32; RUN]; 2]) -> [f32; RUN] {
+        world.light[self.surface as usize].at(s, t)
+    }
+
+    /// Brightness in `light` of places where the pattern has `values`.
+    #[inline]
+    pub(super) fn lit(&self, world: &World, values: &[f32; RUN], light: &[f32; RUN]) -> [f32; RUN] {
+        let finish = &world.surfaces[self.surface as usize].finish;
         let contrast = (finish.bright - finish.dark) / 255.0;
-        values.iter_mut().for_each(|value| *value = finish.dark + contrast * *value);
-        (values, s, t)
+        std::array::from_fn(|i| (finish.dark + contrast * values[i]) * light[i])
     }
 }

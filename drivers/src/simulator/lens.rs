@@ -44,9 +44,8 @@ pub(super) struct Lens {
     pub(super) model: CameraModel,
     /// Takes coordinates from the camera to the body.
     pub(super) pose_b_c: Isometry3<f64>,
-    /// Bearings, row-major in runs of a tile's width; NaN beyond the image.
-    x: Vec<[f32; TILE]>,
-    y: Vec<[f32; TILE]>,
+    /// Bearings, x and y, of each row of a tile, tile after tile; NaN beyond the image.
+    bearings: Vec<[[f32; TILE]; 2]>,
     /// Tiles in a row of tiles.
     pub(super) columns: usize,
     /// Rows of tiles.
@@ -66,13 +65,12 @@ impl Lens {
         let bearing =
             |u: f64, v: f64| model.unproject(&Vector2::new(u, v)).unwrap_or(Vector2::new(f64::NAN, f64::NAN));
         let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
-        let mut x = vec![[f32::NAN; TILE]; columns * height];
-        let mut y = x.clone();
+        let mut bearings = vec![[[f32::NAN; TILE]; 2]; columns * rows * TILE];
         for v in 0..height {
             for u in 0..width {
                 let b = bearing(u as f64, v as f64);
-                x[v * columns + u / TILE][u % TILE] = b.x as f32;
-                y[v * columns + u / TILE][u % TILE] = b.y as f32;
+                let [x, y] = &mut bearings[(v / TILE * columns + u / TILE) * TILE + v % TILE];
+                (x[u % TILE], y[u % TILE]) = (b.x as f32, b.y as f32);
             }
         }
         let (mut tiles, mut steps) = (Vec::new(), Vec::new());
@@ -86,14 +84,13 @@ impl Lens {
             steps.push([right.x, right.y, down.x, down.y].map(|s| s as f32));
         }
         let all = tiles.iter().fold(Span::EMPTY, |a, b| a.joined(b));
-        Self { model, pose_b_c, x, y, columns, rows, tiles, steps, all }
+        Self { model, pose_b_c, bearings, columns, rows, tiles, steps, all }
     }
 
-    /// Bearings of row `v`.
+    /// Bearings, x and y, of the rows of a tile.
     #[inline]
-    pub(super) fn row(&self, v: usize) -> (&[[f32; TILE]], &[[f32; TILE]]) {
-        let range = v * self.columns..(v + 1) * self.columns;
-        (&self.x[range.clone()], &self.y[range])
+    pub(super) fn bearings(&self, tile: usize) -> &[[[f32; TILE]; 2]] {
+        &self.bearings[tile * TILE..][..TILE]
     }
 
     /// Bounds of a block of tiles.

@@ -8,6 +8,7 @@
 //! Frames: `W` world (z up), `B` body (the inertial sensor's own), `C0` and `C1` cameras. Times are those
 //! of the trajectory's file; images begin [`LEAD_S`] after it, so that inertial samples surround them.
 
+mod batch;
 mod builder;
 mod canvas;
 mod cover;
@@ -21,6 +22,7 @@ mod light;
 mod light_map;
 mod path;
 mod pattern;
+mod prefetch;
 mod render;
 mod scenario;
 mod scenes;

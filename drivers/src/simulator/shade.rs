@@ -4,6 +4,7 @@
 //! enough samples of a facet for a run: one of a pixel that sees a single facet, and one for each facet that an edge pixel
 //! shares itself between.
 
+use super::batch::{Batch, Target};
 use super::cover::{Cover, NONE, TILE_FACETS};
 use super::facet::RUN;
 use super::lens::{Lens, Span, TILE};
@@ -70,6 +71,7 @@ pub(super) struct Shader {
     touched: Vec<u16>,
     samples: Vec<Sample>,
     pixels: Vec<Pixel>,
+    batch: Batch,
     /// Facets of a tile that has edges.
     known: Selection,
 }
@@ -104,6 +106,7 @@ impl Shader {
             touched: Vec::with_capacity(surfaces + SAMPLES / RUN),
             samples: Vec::with_capacity(SAMPLES),
             pixels: Vec::with_capacity(TILE * TILE),
+            batch: Batch::new(PIXEL_FACETS),
             known: Selection::new(TILE_FACETS),
         }
     }
@@ -114,9 +117,8 @@ impl Shader {
         let (width, height) = (lens.model.width_px, lens.model.height_px);
         let (column, v0) = (tile % lens.columns, tile / lens.columns * TILE);
         let mut rays = None;
-        for v in v0..(v0 + TILE).min(height) {
-            let bearings = lens.row(v);
-            let (x, y) = (bearings.0[column].as_chunks::<RUN>().0, bearings.1[column].as_chunks::<RUN>().0);
+        for (v, [x, y]) in (v0..height).zip(lens.bearings(tile)) {
+            let (x, y) = (x.as_chunks::<RUN>().0, y.as_chunks::<RUN>().0);
             let is_edge = view.cover.edges[v * lens.columns + column].as_chunks::<RUN>().0;
             let row = &view.cover.row(lens, v + 1)[1..];
             for (k, is_edge) in is_edge.iter().enumerate() {
@@ -124,22 +126,23 @@ impl Shader {
                 if u >= width {
                     break;
                 }
+                let place = (v * width + u) as u32;
                 if none(is_edge) {
-                    let values = view.cover.facets[row[u] as usize].shade(view.world, &x[k], &y[k], step);
-                    out[v * width + u..][..RUN].copy_from_slice(&values);
+                    self.batch.add(row[u], &x[k], &y[k], Target::Pixels(place));
+                    self.shade_full(view, step, out);
                     continue;
                 }
                 let rays = rays.get_or_insert_with(|| self.know(view, tile));
                 for i in 0..RUN.min(width - u) {
                     let at = [x[k][i], y[k][i]];
                     if is_edge[i] == 0 {
-                        self.add(view, step, row[u + i], at, 1.0);
+                        self.add(row[u + i], at, 1.0);
                     } else {
                         let ids = view.cover.around(lens, u + i, v);
-                        self.add_edge(view, rays, step, &ids, at);
+                        self.add_edge(view, rays, &ids, at);
                     }
-                    let place = (v * width + u + i) as u32;
-                    self.pixels.push(Pixel { place, end: self.samples.len() as u16 });
+                    self.shade_full(view, step, out);
+                    self.pixels.push(Pixel { place: place + i as u32, end: self.samples.len() as u16 });
                 }
             }
         }
@@ -154,7 +157,7 @@ impl Shader {
 
     /// Adds a sample of facet `id`.
     #[inline]
-    fn add(&mut self, view: &View<'_>, step: &[f32; 4], id: u16, at: [f32; 2], share: f32) {
+    fn add(&mut self, id: u16, at: [f32; 2], share: f32) {
         let waiting = &mut self.waiting[id as usize];
         let k = waiting.count % RUN;
         (waiting.x[k], waiting.y[k], waiting.sample[k]) = (at[0], at[1], self.samples.len() as u16);
@@ -164,17 +167,34 @@ impl Shader {
         waiting.count = k + 1;
         self.samples.push(Sample { share, value: 0.0 });
         if k + 1 == RUN {
-            self.shade_waiting(view, step, id);
+            self.batch_waiting(id);
         }
     }
 
-    fn shade_waiting(&mut self, view: &View<'_>, step: &[f32; 4], id: u16) {
+    fn batch_waiting(&mut self, id: u16) {
         let waiting = &mut self.waiting[id as usize];
-        let values = view.cover.facets[id as usize].shade_exactly(view.world, &waiting.x, &waiting.y, step);
-        for (sample, value) in waiting.sample.iter().zip(values).take(waiting.count) {
-            self.samples[*sample as usize].value = value;
-        }
+        self.batch.add(id, &waiting.x, &waiting.y, Target::Samples(waiting.sample, waiting.count));
         waiting.count = 0;
+    }
+
+    /// Shades the batch if it is full.
+    #[inline]
+    fn shade_full(&mut self, view: &View<'_>, step: &[f32; 4], out: &mut [f32]) {
+        if self.batch.is_full() {
+            self.shade_batch(view, step, out);
+        }
+    }
+
+    fn shade_batch(&mut self, view: &View<'_>, step: &[f32; 4], out: &mut [f32]) {
+        let samples = &mut self.samples;
+        self.batch.shade(view.world, &view.cover.facets, step, |target, values| match target {
+            Target::Pixels(place) => out[*place as usize..][..RUN].copy_from_slice(values),
+            Target::Samples(numbers, count) => {
+                for (number, value) in numbers.iter().zip(values).take(*count) {
+                    samples[*number as usize].value = *value;
+                }
+            }
+        });
     }
 
     /// Shades what still waits, and sums the samples of each pixel.
@@ -186,9 +206,11 @@ impl Shader {
                 let (x, y) = (waiting.x[0], waiting.y[0]);
                 waiting.x[waiting.count..].fill(x);
                 waiting.y[waiting.count..].fill(y);
-                self.shade_waiting(view, step, id);
+                self.batch_waiting(id);
+                self.shade_full(view, step, out);
             }
         }
+        self.shade_batch(view, step, out);
         let mut begin = 0;
         for pixel in &self.pixels {
             let (mut sum, mut total) = (0.0, 0.0);
@@ -204,7 +226,7 @@ impl Shader {
     }
 
     /// Adds the samples of a pixel that several facets may share.
-    fn add_edge(&mut self, view: &View<'_>, rays: &Rays, step: &[f32; 4], ids: &[[u16; 3]; 3], at: [f32; 2]) {
+    fn add_edge(&mut self, view: &View<'_>, rays: &Rays, ids: &[[u16; 3]; 3], at: [f32; 2]) {
         let mut candidates = [NONE; PIXEL_FACETS];
         let count = self.candidates(ids, at, &rays.reach, &mut candidates);
         let (x, y) = (Rays::from(at[0], &rays.x), Rays::from(at[1], &rays.y));
@@ -217,7 +239,7 @@ impl Shader {
             let (share, sums) = share(k as u32, &seen, &x, &y);
             if share > 0 {
                 let share_px = share as f32;
-                self.add(view, step, id, sums.map(|sum| sum / share_px), share_px);
+                self.add(id, sums.map(|sum| sum / share_px), share_px);
                 left -= share;
             }
             if left == 0 {

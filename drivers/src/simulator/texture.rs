@@ -5,6 +5,7 @@
 //! (trilinear) and takes several samples along the longer axis of the pixel's footprint (anisotropic),
 //! so oblique surfaces are as sharp across the view as they should be, and none shimmers.
 
+use super::prefetch::prefetch;
 use plumbline_config::Portable;
 
 /// Most samples along the footprint.
@@ -17,34 +18,32 @@ const FRACTION_BITS: i32 = 8;
 /// Half a texel.
 const HALF: i32 = 1 << (FRACTION_BITS - 1);
 
+/// Texels that a row of a level is longer by than its side: the first one again, and as many as keep rows one below another
+/// from taking the same places of the processor's cache.
+const PADDING: u32 = 32;
+/// Bytes of a texel and the one below it, which stand together: with those to their right, a bilinear look-up is one read.
+const PAIR: u32 = 2;
+
 /// A square grey pattern, repeated in both directions, with its pyramid.
-///
-/// A texel is stored with its right, lower and lower-right neighbours in one word: a bilinear look-up is
-/// one read.
 #[derive(Clone, Debug)]
 pub(super) struct Texture {
-    levels: Vec<Level>,
-}
-
-#[derive(Clone, Debug)]
-struct Level {
-    /// Side minus one; the side is a power of two.
-    mask: i32,
-    shift: u32,
-    /// By blocks of 4x4, each of one line of the processor's cache: neighbours in any direction are mostly there already.
-    quads: Vec<u32>,
+    /// Levels, less one.
+    last_level: u32,
+    /// Pairs by rows, the coarsest level first.
+    pairs: Vec<u8>,
 }
 
 impl Texture {
     /// Builds the pyramid of `side * side` values in `[0, 1]`; `side` is a power of two.
     pub(super) fn new(side: usize, values: &[f32]) -> Self {
         assert!(side.is_power_of_two() && values.len() == side * side, "a texture is a square of 2^n");
-        let mut levels = Vec::new();
+        let last_level = side.trailing_zeros();
+        let mut pairs = vec![0; (PAIR * first_texel(2 * side as u32)) as usize];
         let (mut side, mut values) = (side, values.to_vec());
         loop {
-            levels.push(Level::new(side, &values));
+            fill(&mut pairs[(PAIR * first_texel(side as u32)) as usize..], side, &values);
             if side == 1 {
-                return Self { levels };
+                return Self { last_level, pairs };
             }
             values = halve(side, &values);
             side /= 2;
@@ -54,39 +53,97 @@ impl Texture {
     /// Memory of the pyramid, bytes.
     #[cfg(test)]
     pub(super) fn bytes(&self) -> usize {
-        self.levels.iter().map(|level| 4 * level.quads.len()).sum()
+        self.pairs.len()
     }
 
     /// Means of the pattern over `N` footprints, 0 to 255.
-    #[inline]
+    #[cfg(test)]
     pub(super) fn sample<const N: usize>(&self, footprints: &Footprints<N>) -> [f32; N] {
-        let plan = footprints.plan(self.levels.len() - 1);
-        let (mut fine, mut coarse) = ([0; N], [0; N]);
-        if plan.part.iter().any(|&part| part < 1.0) {
-            fine = self.sums::<N, false>(&plan);
+        let (plan, mut places) = (self.plan(footprints), Places::default());
+        self.locate(&plan, &mut places);
+        self.means(&plan, &places)
+    }
+
+    /// How footprints are sampled.
+    #[inline]
+    pub(super) fn plan<const N: usize>(&self, footprints: &Footprints<N>) -> Plan<N> {
+        footprints.plan(self.last_level)
+    }
+
+    /// Finds where a plan reads, and asks for it ahead.
+    #[inline]
+    pub(super) fn locate<const N: usize>(&self, plan: &Plan<N>, into: &mut Places<N>) {
+        if plan.needs_level() {
+            self.locate_on::<N, false>(plan, &mut into.level);
         }
-        if plan.part.iter().any(|&part| part > 0.0) {
-            coarse = self.sums::<N, true>(&plan);
+        if plan.needs_next() {
+            self.locate_on::<N, true>(plan, &mut into.next);
+        }
+    }
+
+    #[inline]
+    fn locate_on<const N: usize, const NEXT: bool>(&self, plan: &Plan<N>, into: &mut Taps<N>) {
+        let (mut masks, mut first, mut strides) = ([0; N], [0; N], [0; N]);
+        for i in 0..N {
+            let level = (plan.level[i] as u32 + u32::from(NEXT)).min(self.last_level);
+            let side = 1 << (self.last_level - level);
+            (masks[i], first[i], strides[i]) = (side - 1, PAIR * first_texel(side), PAIR * (side + PADDING));
+        }
+        let (mut x, mut y) = (plan.x, plan.y);
+        for places in into.iter_mut().take(plan.most_taps()) {
+            for i in 0..N {
+                let (column, row) =
+                    (there::<NEXT>(x[i]) >> FRACTION_BITS, there::<NEXT>(y[i]) >> FRACTION_BITS);
+                let (column, row) = (column as u32 & masks[i], row as u32 & masks[i]);
+                places[i] = first[i] + row * strides[i] + PAIR * column;
+                // Lanes that nobody looks at may hold anything.
+                (x[i], y[i]) = (x[i].wrapping_add(plan.step_x[i]), y[i].wrapping_add(plan.step_y[i]));
+            }
+            places.iter().for_each(|place| prefetch(&self.pairs, *place as usize));
+        }
+    }
+
+    /// Means of the pattern, 0 to 255, over the footprints of a plan that reads at `places`.
+    #[inline]
+    pub(super) fn means<const N: usize>(&self, plan: &Plan<N>, places: &Places<N>) -> [f32; N] {
+        let (mut level, mut next) = ([0; N], [0; N]);
+        if plan.needs_level() {
+            level = self.sums::<N, false>(plan, &places.level);
+        }
+        if plan.needs_next() {
+            next = self.sums::<N, true>(plan, &places.next);
         }
         std::array::from_fn(|i| {
-            let fine = if plan.part[i] < 1.0 { fine[i] as i32 as f32 } else { 0.0 };
-            let blend = fine + (coarse[i] as i32 as f32 - fine) * plan.part[i];
+            let level = if plan.part[i] < 1.0 { level[i] as i32 as f32 } else { 0.0 };
+            let blend = level + (next[i] as i32 as f32 - level) * plan.part[i];
             blend / (65536 * plan.taps[i]) as i32 as f32
         })
     }
 
-    /// Sums, of the samples of each footprint on its level or on the `NEXT`, of the bilinear values times 65536.
+    /// Sums, of the samples of each footprint, of the bilinear values times 65536.
     #[inline]
-    fn sums<const N: usize, const NEXT: bool>(&self, plan: &Plan<N>) -> [u32; N] {
-        let number = |i: usize| (plan.level[i] as usize + usize::from(NEXT)).min(self.levels.len() - 1);
-        if plan.level.iter().all(|&level| level == plan.level[0]) {
-            let level = &self.levels[number(0)];
-            let (shift, mask) = (level.shift, level.mask);
-            return plan.sums::<NEXT>(|_| (shift, mask), |_, at| level.quad(at));
+    fn sums<const N: usize, const NEXT: bool>(&self, plan: &Plan<N>, places: &Taps<N>) -> [u32; N] {
+        let mut sums = [0; N];
+        let (mut x, mut y) = (plan.x, plan.y);
+        for (tap, places) in (0..).zip(places.iter().take(plan.most_taps())) {
+            let quads = places.map(|place| self.quad(place));
+            for i in 0..N {
+                let (right, down) = ((there::<NEXT>(x[i]) & 255) as u32, (there::<NEXT>(y[i]) & 255) as u32);
+                let (upper, lower) = (quads[i] & 0x00ff_00ff, (quads[i] >> 8) & 0x00ff_00ff);
+                let mixed = upper * (256 - down) + lower * down;
+                let value = (mixed & 0xffff) * (256 - right) + (mixed >> 16) * right;
+                sums[i] += if tap < plan.taps[i] { value } else { 0 };
+                (x[i], y[i]) = (x[i].wrapping_add(plan.step_x[i]), y[i].wrapping_add(plan.step_y[i]));
+            }
         }
-        let levels: [&Level; N] = std::array::from_fn(|i| &self.levels[number(i)]);
-        let (shifts, masks) = (levels.map(|level| level.shift), levels.map(|level| level.mask));
-        plan.sums::<NEXT>(|i| (shifts[i], masks[i]), |i, at| levels[i].quad(at))
+        sums
+    }
+
+    /// The texel that stands at byte `at`, the one below it, and those to their right, from the lowest byte on.
+    #[inline]
+    fn quad(&self, at: u32) -> u32 {
+        let quad = &self.pairs[at as usize..][..4];
+        u32::from_le_bytes([quad[0], quad[1], quad[2], quad[3]])
     }
 }
 
@@ -104,7 +161,8 @@ pub(super) struct Footprints<const N: usize> {
 
 /// How footprints are sampled: level and share of the next, number of samples, the first one's place on
 /// the level and the step to the next (with [`FRACTION_BITS`] fractional bits).
-struct Plan<const N: usize> {
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Plan<const N: usize> {
     level: [i32; N],
     part: [f32; N],
     taps: [u32; N],
@@ -114,52 +172,56 @@ struct Plan<const N: usize> {
     step_y: [i32; N],
 }
 
+/// Where each sample of `N` footprints stands, see [`Texture::quad`].
+type Taps<const N: usize> = [[u32; N]; MAX_TAPS as usize];
+
+/// Where a plan reads on its level and on the next.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Places<const N: usize> {
+    level: Taps<N>,
+    next: Taps<N>,
+}
+
+impl<const N: usize> Default for Places<N> {
+    fn default() -> Self {
+        let none = [[0; N]; MAX_TAPS as usize];
+        Self { level: none, next: none }
+    }
+}
+
+/// The same place on the `NEXT` level, p / 2 - 1/4, or on this one.
+#[inline]
+fn there<const NEXT: bool>(p: i32) -> i32 {
+    if NEXT { p.wrapping_sub(HALF) >> 1 } else { p }
+}
+
 impl<const N: usize> Plan<N> {
-    /// Sums, of the samples of each footprint, of the bilinear values times 65536; `shape` tells shift and mask of the level
-    /// of a lane, `quad` reads from it. Everything but the reading goes side by side.
+    /// That nothing is read for.
+    pub(super) const NONE: Self = {
+        let none = [0; N];
+        Self { level: none, part: [0.0; N], taps: [0; N], x: none, y: none, step_x: none, step_y: none }
+    };
+
     #[inline]
-    fn sums<const NEXT: bool>(
-        &self,
-        shape: impl Fn(usize) -> (u32, i32),
-        quad: impl Fn(usize, u32) -> u32,
-    ) -> [u32; N] {
-        // The same place on the next level: p / 2 - 1/4.
-        let there = |p: i32| if NEXT { p.wrapping_sub(HALF) >> 1 } else { p };
-        let most = self.taps.iter().fold(0, |most, &taps| taps.max(most)) as usize;
-        // In memory, since the compiler would reckon one by one what is read one by one.
-        let mut places = [[0; N]; MAX_TAPS as usize];
-        let (mut x, mut y) = (self.x, self.y);
-        for places in places.iter_mut().take(most) {
-            for i in 0..N {
-                let (shift, mask) = shape(i);
-                let (column, row) =
-                    ((there(x[i]) >> FRACTION_BITS) & mask, (there(y[i]) >> FRACTION_BITS) & mask);
-                places[i] = quad_at(column as u32, row as u32, shift);
-                // Lanes that nobody looks at may hold anything.
-                (x[i], y[i]) = (x[i].wrapping_add(self.step_x[i]), y[i].wrapping_add(self.step_y[i]));
-            }
-        }
-        let mut sums = [0; N];
-        (x, y) = (self.x, self.y);
-        for (tap, places) in (0..).zip(places.iter().take(most)) {
-            let quads: [u32; N] = std::array::from_fn(|i| quad(i, places[i]));
-            for i in 0..N {
-                let (right, down) = ((there(x[i]) & 255) as u32, (there(y[i]) & 255) as u32);
-                let (left, next) = (quads[i] & 0x00ff_00ff, (quads[i] >> 8) & 0x00ff_00ff);
-                let mixed = left * (256 - right) + next * right;
-                let value = (mixed & 0xffff) * (256 - down) + (mixed >> 16) * down;
-                sums[i] += if tap < self.taps[i] { value } else { 0 };
-                (x[i], y[i]) = (x[i].wrapping_add(self.step_x[i]), y[i].wrapping_add(self.step_y[i]));
-            }
-        }
-        sums
+    fn needs_level(&self) -> bool {
+        self.part.iter().fold(false, |any, &part| any | (part < 1.0))
+    }
+
+    #[inline]
+    fn needs_next(&self) -> bool {
+        self.part.iter().fold(false, |any, &part| any | (part > 0.0))
+    }
+
+    #[inline]
+    fn most_taps(&self) -> usize {
+        self.taps.iter().fold(0, |most, &taps| taps.max(most)) as usize
     }
 }
 
 impl<const N: usize> Footprints<N> {
     /// Lane by lane without branches, so that it vectorises.
     #[inline]
-    fn plan(&self, last_level: usize) -> Plan<N> {
+    fn plan(&self, last_level: u32) -> Plan<N> {
         let mut plan = Plan {
             level: [0; N],
             part: [0.0; N],
@@ -224,34 +286,22 @@ fn log2(x: f32) -> f32 {
     exponent as f32 + ((bits & 0x007f_ffff) as f32) / 8_388_608.0
 }
 
-impl Level {
-    fn new(side: usize, values: &[f32]) -> Self {
-        let byte = |x: usize, y: usize| {
-            let value = values[(y % side) * side + x % side];
-            (value * 255.0).round().clamp(0.0, 255.0) as u32
-        };
-        let shift = side.trailing_zeros();
-        let mut quads = vec![0; (side * side).max(16)];
-        for (y, x) in (0..side).flat_map(|y| (0..side).map(move |x| (y, x))) {
-            // Even bytes: left column (upper, lower); odd bytes: right column.
-            let left = byte(x, y) | byte(x, y + 1) << 16;
-            let right = byte(x + 1, y) | byte(x + 1, y + 1) << 16;
-            quads[quad_at(x as u32, y as u32, shift) as usize] = left | right << 8;
-        }
-        Self { mask: side as i32 - 1, shift, quads }
-    }
-
-    /// The texel that stands at `at`, with its neighbours.
-    #[inline]
-    fn quad(&self, at: u32) -> u32 {
-        self.quads[at as usize]
-    }
+/// Texels of all levels that are smaller than one of `side`: a third of the square of it, rounded down, and the paddings.
+#[inline]
+fn first_texel(side: u32) -> u32 {
+    ((side * side - 1) & 0x5555_5555) + (side - 1) * PADDING
 }
 
-/// Where the quad of a texel stands in a level of side `2^shift`.
-#[inline]
-fn quad_at(x: u32, y: u32, shift: u32) -> u32 {
-    (y >> 2) << (shift + 2) | (x >> 2) << 4 | (y & 3) << 2 | (x & 3)
+/// Writes the pairs of a level.
+fn fill(pairs: &mut [u8], side: usize, values: &[f32]) {
+    let byte =
+        |x: usize, y: usize| (values[(y % side) * side + x % side] * 255.0).round().clamp(0.0, 255.0) as u8;
+    let stride = PAIR as usize * (side + PADDING as usize);
+    for (y, row) in pairs.chunks_exact_mut(stride).take(side).enumerate() {
+        for (x, pair) in row.as_chunks_mut().0.iter_mut().take(side + 1).enumerate() {
+            *pair = [byte(x, y), byte(x, y + 1)];
+        }
+    }
 }
 
 fn halve(side: usize, values: &[f32]) -> Vec<f32> {
