@@ -11,7 +11,7 @@ use plumbline_config::{Config, ImageView};
 use plumbline_estimator::image::Pyramid;
 use plumbline_estimator::points::align::TranslationTemplate;
 use plumbline_estimator::points::corners::{CornerDetector, Demand};
-use plumbline_estimator::points::flow::{FlowOptions, template_at, track_patch};
+use plumbline_estimator::points::flow::{FlowOptions, prepare_at, track_patch};
 use plumbline_estimator::points::rig::{Baseline, RigCamera};
 
 /// Corners of a frame.
@@ -123,7 +123,9 @@ impl PairMatcher {
 
     fn find_one(&self, px: &Vector2<f32>) -> Option<PairMatch> {
         let scale = 1.0 / (1_u32 << self.level) as f32;
-        let template = template_at(&self.pyramids[0], self.level, &(px * scale), &Matrix2::identity())?;
+        let mut template = TranslationTemplate::empty();
+        let upright = Matrix2::identity();
+        prepare_at(&self.pyramids[0], self.level, &(px * scale), &upright, &mut template).then_some(())?;
         let guess = self.search(&template, &(px * scale))? / scale;
         let flow = |from: usize, at: &Vector2<f32>, to: usize, guess: &Vector2<f32>, top_level: usize| {
             let options = FlowOptions { top_level, max_iterations: ITERATIONS };

@@ -31,65 +31,62 @@ impl Patch {
 
     /// `sum_i self_i * other_i`.
     #[must_use]
+    #[inline(never)]
     pub fn dot(&self, other: &Self) -> f32 {
-        let mut lanes = [0.0f32; LANES];
-        for (a, b) in self.0.as_chunks::<LANES>().0.iter().zip(other.0.as_chunks::<LANES>().0) {
-            add_products(&mut lanes, a, b);
-        }
-        sum_lanes(lanes)
+        let [sum] = sums(|i| [self.0[i] * other.0[i]]);
+        sum
     }
 
     /// `sum_i self_i`.
     #[must_use]
+    #[inline(never)]
     pub fn sum(&self) -> f32 {
-        let mut lanes = [0.0f32; LANES];
-        for a in self.0.as_chunks::<LANES>().0 {
-            add(&mut lanes, a);
-        }
-        sum_lanes(lanes)
+        let [sum] = sums(|i| [self.0[i]]);
+        sum
     }
 
     /// Takes the mean out, and returns it.
     pub fn centre(&mut self) -> f32 {
         let mean = self.sum() * (1.0 / AREA as f32);
-        self.0.iter_mut().for_each(|x| *x -= mean);
+        self.subtract(mean);
         mean
     }
 
-    /// `sum_i self_i * others_ki` for all `k`, reading `self` once.
-    #[must_use]
-    pub fn dots<const K: usize>(&self, others: [&Self; K]) -> [f32; K] {
-        let mut lanes = [[0.0f32; LANES]; K];
-        let others = others.map(|o| o.0.as_chunks::<LANES>().0);
-        for (i, a) in self.0.as_chunks::<LANES>().0.iter().enumerate() {
-            for (lane, other) in lanes.iter_mut().zip(&others) {
-                add_products(lane, a, &other[i]);
+    /// Takes `level` off every sample.
+    pub fn subtract(&mut self, level: f32) {
+        self.0.iter_mut().for_each(|x| *x -= level);
+    }
+
+    /// Its rows, to be written.
+    fn rows_mut(&mut self) -> &mut [[f32; SIDE]] {
+        self.0.as_chunks_mut::<SIDE>().0
+    }
+}
+
+/// Sums of `K` values of a sample over all samples, in [`LANES`] lanes. The samples of one lane are summed in the inner loop,
+/// so that the compiler unrolls it and makes a vector of several lanes; with the lanes inside, it takes the sums apart. Its
+/// callers are not inlined: this must not depend on what stands around it.
+#[inline(always)]
+#[allow(clippy::needless_range_loop)]
+pub fn sums<const K: usize>(values: impl Fn(usize) -> [f32; K]) -> [f32; K] {
+    let mut lanes = [[0.0f32; LANES]; K];
+    for k in 0..LANES {
+        let mut sums = [0.0f32; K];
+        for i in 0..AREA / LANES {
+            let values = values(i * LANES + k);
+            for j in 0..K {
+                sums[j] += values[j];
             }
         }
-        lanes.map(sum_lanes)
+        for j in 0..K {
+            lanes[j][k] = sums[j];
+        }
     }
-}
-
-/// `lanes += a * b`, lane by lane. A function of its own, whose sums lie in memory: where they are many values in
-/// registers, the compiler takes them one by one.
-#[inline(never)]
-fn add_products(lanes: &mut [f32; LANES], a: &[f32; LANES], b: &[f32; LANES]) {
-    for k in 0..LANES {
-        lanes[k] += a[k] * b[k];
-    }
-}
-
-/// `lanes += a`, in the same way.
-#[inline(never)]
-fn add(lanes: &mut [f32; LANES], a: &[f32; LANES]) {
-    for k in 0..LANES {
-        lanes[k] += a[k];
-    }
+    lanes.map(sum_lanes)
 }
 
 /// Adds the lanes up pairwise: one fixed order.
-#[must_use]
-pub fn sum_lanes(lanes: [f32; LANES]) -> f32 {
+fn sum_lanes(lanes: [f32; LANES]) -> f32 {
     let mut eight = [0.0f32; LANES / 2];
     for k in 0..LANES / 2 {
         eight[k] = lanes[k] + lanes[k + LANES / 2];
@@ -119,35 +116,41 @@ pub fn sample_upright<const N: usize>(
     if !inside {
         return false;
     }
-    let (column, row) = (x as usize, y as usize);
+    let (column, row) = (whole(x), whole(y));
     let (fx, fy) = (x - column as f32, y - row as f32);
-    let mut rows = plane.pixels[row * plane.columns..].chunks_exact(plane.columns);
-    let mut next = || {
-        let pixels = rows.next().and_then(|r| r[column..].first_chunk::<{ WIDE + 1 }>());
-        pixels.map_or([0.0; WIDE], |p| interpolate_row(p, fx))
-    };
-    let mut above = next();
-    for out_row in out.iter_mut() {
-        let below = next();
-        let mut wide = [0.0; WIDE];
-        for i in 0..WIDE {
-            wide[i] = above[i] + fy * (below[i] - above[i]);
+    let mut from = row as usize * plane.columns + column as usize;
+    let mut last = [0.0; N];
+    for line in out.iter_mut() {
+        if !interpolate_row(plane, from, fx, line) {
+            return false;
         }
-        out_row.copy_from_slice(&wide[..N]);
-        above = below;
+        from += plane.columns;
+    }
+    if !interpolate_row(plane, from, fx, &mut last) {
+        return false;
+    }
+    // Each row with the one below, which is still as it was.
+    let flat = out.as_flattened_mut();
+    for i in 0..N * (N - 1) {
+        flat[i] += fy * (flat[i + N] - flat[i]);
+    }
+    for (above, below) in flat[N * (N - 1)..].iter_mut().zip(last) {
+        *above += fy * (below - *above);
     }
     true
 }
 
-/// Values between neighbours.
+/// Values between neighbours from the pixel `from` on; `false` where the plane ends.
 #[inline(always)]
-fn interpolate_row(row: &[u8; WIDE + 1], fx: f32) -> [f32; WIDE] {
-    let mut out = [0.0; WIDE];
-    for i in 0..WIDE {
+fn interpolate_row<const N: usize>(plane: &Plane<'_>, from: usize, fx: f32, out: &mut [f32; N]) -> bool {
+    let Some(row) = plane.pixels.get(from..).and_then(|p| p.first_chunk::<{ WIDE + 1 }>()) else {
+        return false;
+    };
+    for i in 0..N {
         let a = f32::from(row[i]);
         out[i] = a + fx * (f32::from(row[i + 1]) - a);
     }
-    out
+    true
 }
 
 /// As [`sample_upright`], with the grid's offsets `d` from the centre taken to the offsets `warp * d`.
@@ -173,7 +176,7 @@ pub fn sample_warped<const N: usize>(
     for (r, out_row) in out.iter_mut().enumerate() {
         let dy = r as f32 - half;
         let middle = [x + warp[(0, 1)] * dy, y + warp[(1, 1)] * dy];
-        *out_row = sample_line(plane, middle, [warp[(0, 0)], warp[(1, 0)]]);
+        sample_line(plane, middle, [warp[(0, 0)], warp[(1, 0)]], out_row);
     }
     true
 }
@@ -190,59 +193,56 @@ pub(crate) fn whole(x: f32) -> i32 {
 
 /// `N` samples along a line through `middle` (plane coordinates) in steps of `step`.
 #[inline(always)]
-fn sample_line<const N: usize>(plane: &Plane<'_>, middle: [f32; 2], step: [f32; 2]) -> [f32; N] {
+fn sample_line<const N: usize>(plane: &Plane<'_>, middle: [f32; 2], step: [f32; 2], out: &mut [f32; N]) {
     let half = (N as f32 - 1.0) / 2.0;
-    let (mut fx, mut fy, mut start) = ([0.0f32; WIDE], [0.0f32; WIDE], [0i32; WIDE]);
+    let (mut fx, mut fy, mut start) = ([0.0f32; WIDE], [0.0f32; WIDE], [0u32; WIDE]);
     for i in 0..WIDE {
         let d = i as f32 - half;
         let (x, y) = ((middle[0] + step[0] * d).at_least(0.0), (middle[1] + step[1] * d).at_least(0.0));
         let (column, row) = (whole(x), whole(y));
         (fx[i], fy[i]) = (x - column as f32, y - row as f32);
-        start[i] = row * plane.columns as i32 + column;
+        start[i] = row as u32 * plane.columns as u32 + column as u32;
     }
     // Two neighbours in one load each, the left one in the low byte.
     let (mut above, mut below) = ([0u16; WIDE], [0u16; WIDE]);
+    let under = &plane.pixels[plane.columns..];
+    let over = &plane.pixels[..under.len()];
     for i in 0..N {
-        let from = start[i] as usize;
-        let square = &plane.pixels[from..from + plane.columns + 2];
-        above[i] = u16::from_le_bytes([square[0], square[1]]);
-        below[i] = u16::from_le_bytes([square[plane.columns], square[plane.columns + 1]]);
+        let pair = start[i] as usize..start[i] as usize + 2;
+        let (over, under) = (&over[pair.clone()], &under[pair]);
+        above[i] = u16::from_le_bytes([over[0], over[1]]);
+        below[i] = u16::from_le_bytes([under[0], under[1]]);
     }
-    let mut out = [0.0; WIDE];
+    let mut all = [0.0; WIDE];
     for i in 0..WIDE {
         let between = |pair: u16| {
             let left = (pair & 0xFF) as f32;
             left + fx[i] * ((pair >> 8) as f32 - left)
         };
         let (top, bottom) = (between(above[i]), between(below[i]));
-        out[i] = top + fy[i] * (bottom - top);
+        all[i] = top + fy[i] * (bottom - top);
     }
-    *out.first_chunk::<N>().expect("N <= WIDE")
+    out.copy_from_slice(&all[..N]);
 }
 
 /// Samples a patch upright; `false` when it leaves the plane.
 pub fn sample_patch(plane: &Plane<'_>, centre: &Vector2<f32>, out: &mut Patch) -> bool {
-    let mut rows = [[0.0; SIDE]; SIDE];
-    let inside = sample_upright(plane, centre, &mut rows);
-    out.0.copy_from_slice(rows.as_flattened());
-    inside
+    out.rows_mut().first_chunk_mut::<SIDE>().is_some_and(|rows| sample_upright(plane, centre, rows))
 }
 
 /// The inner patch of a framed one, and its gradient by central differences (grey levels per px).
-#[must_use]
-pub fn split_framed(framed: &[[f32; FRAMED]; FRAMED]) -> [Patch; 3] {
-    let mut out = [Patch::ZERO; 3];
-    let [intensity, gx, gy] = &mut out;
-    for r in 0..SIDE {
+pub fn split_framed(framed: &[[f32; FRAMED]; FRAMED], intensity: &mut Patch, gradient: [&mut Patch; 2]) {
+    let [gx, gy] = gradient.map(Patch::rows_mut);
+    for (r, intensity) in intensity.rows_mut().iter_mut().enumerate() {
         let (above, row, below) = (&framed[r], &framed[r + 1], &framed[r + 2]);
+        intensity.copy_from_slice(&row[1..=SIDE]);
         for c in 0..SIDE {
-            let i = r * SIDE + c;
-            intensity.0[i] = row[c + 1];
-            gx.0[i] = 0.5 * (row[c + 2] - row[c]);
-            gy.0[i] = 0.5 * (below[c + 1] - above[c + 1]);
+            gx[r][c] = 0.5 * (row[c + 2] - row[c]);
+        }
+        for c in 0..SIDE {
+            gy[r][c] = 0.5 * (below[c + 1] - above[c + 1]);
         }
     }
-    out
 }
 
 #[cfg(test)]

@@ -43,65 +43,70 @@ fn by_offset(columns: &Columns) -> Columns {
     std::array::from_fn(|c| columns[c] * OFFSET[c])
 }
 
-fn row(patch: &Patch, r: usize) -> &Columns {
-    &patch.0.as_chunks::<SIDE>().0[r]
-}
-
-/// Adds the products of two rows, with the weights 1 and `dy`. A function of its own, whose sums lie in memory: where they
-/// are many values in registers, the compiler takes them one by one.
-#[inline(never)]
-fn add_weighted([one, by_dy]: [&mut Columns; 2], a: &Columns, b: &Columns, dy: f32) {
-    let mut p = [0.0; SIDE];
-    for c in 0..SIDE {
-        p[c] = a[c] * b[c];
-    }
-    for c in 0..SIDE {
-        one[c] += p[c];
-    }
-    for c in 0..SIDE {
-        by_dy[c] += p[c] * dy;
-    }
-}
+/// Columns that are summed together, which the compiler makes one vector (or two).
+const WIDTH: usize = 8;
 
 /// `J^T v`.
+#[inline(never)]
 pub(super) fn products(gx: &Patch, gy: &Patch, v: &Patch) -> AffineVector {
-    let (mut x, mut x_dy) = ([0.0f32; SIDE], [0.0f32; SIDE]);
-    let (mut y, mut y_dy) = ([0.0f32; SIDE], [0.0f32; SIDE]);
-    for (r, dy) in OFFSET.iter().enumerate() {
-        let v = row(v, r);
-        add_weighted([&mut x, &mut x_dy], row(gx, r), v, *dy);
-        add_weighted([&mut y, &mut y_dy], row(gy, r), v, *dy);
-    }
-    AffineVector::from([sum(&x), sum(&y), sum(&by_offset(&x)), sum(&x_dy), sum(&by_offset(&y)), sum(&y_dy)])
+    let mut sums = [[0.0; SIDE]; 4];
+    add_up_products::<0>(gx, gy, v, &mut sums);
+    add_up_products::<{ SIDE - WIDTH }>(gx, gy, v, &mut sums);
+    let [x, x_dy, y, y_dy] = &sums;
+    AffineVector::from([sum(x), sum(y), sum(&by_offset(x)), sum(x_dy), sum(&by_offset(y)), sum(y_dy)])
 }
 
-/// As [`add_weighted`], with the weights 1, `dy` and `dy²`.
-#[inline(never)]
-fn add_moments([one, dy1, dy2]: [&mut Columns; 3], a: &Columns, b: &Columns, dy: f32) {
-    let mut p = [0.0; SIDE];
-    for c in 0..SIDE {
-        p[c] = a[c] * b[c];
-    }
-    for c in 0..SIDE {
-        one[c] += p[c];
-    }
-    p.iter_mut().for_each(|p| *p *= dy);
-    for c in 0..SIDE {
-        dy1[c] += p[c];
-    }
-    for c in 0..SIDE {
-        dy2[c] += p[c] * dy;
+/// Column sums from the column `FIRST` on: of `gx v` and of `gy v`, each with the weights 1 and `dy`. Those in the middle are
+/// summed twice, to the same bits: 8 and 4 columns would take as many instructions. As in [`crate::image::patch::sums`], the
+/// samples of a column are the inner loop.
+#[inline(always)]
+#[allow(clippy::needless_range_loop)]
+fn add_up_products<const FIRST: usize>(gx: &Patch, gy: &Patch, v: &Patch, sums: &mut [Columns; 4]) {
+    for c in FIRST..FIRST + WIDTH {
+        let mut s = [0.0f32; 4];
+        for r in 0..SIDE {
+            let i = r * SIDE + c;
+            let (x, y) = (gx.0[i] * v.0[i], gy.0[i] * v.0[i]);
+            s[0] += x;
+            s[1] += x * OFFSET[r];
+            s[2] += y;
+            s[3] += y * OFFSET[r];
+        }
+        for j in 0..4 {
+            sums[j][c] = s[j];
+        }
     }
 }
 
 /// Sums of a product of gradients with the weights `1, dx, dy, dx², dx dy, dy²`.
+#[inline(never)]
 fn second_moments(a: &Patch, b: &Patch) -> [f32; 6] {
-    let (mut one, mut dy1, mut dy2) = ([0.0f32; SIDE], [0.0f32; SIDE], [0.0f32; SIDE]);
-    for (r, dy) in OFFSET.iter().enumerate() {
-        add_moments([&mut one, &mut dy1, &mut dy2], row(a, r), row(b, r), *dy);
+    let mut sums = [[0.0; SIDE]; 3];
+    add_up_moments::<0>(a, b, &mut sums);
+    add_up_moments::<{ SIDE - WIDTH }>(a, b, &mut sums);
+    let [one, dy1, dy2] = &sums;
+    let dx1 = by_offset(one);
+    [sum(one), sum(&dx1), sum(dy1), sum(&by_offset(&dx1)), sum(&by_offset(dy1)), sum(dy2)]
+}
+
+/// As [`add_up_products`], of `a b` with the weights 1, `dy` and `dy²`.
+#[inline(always)]
+#[allow(clippy::needless_range_loop)]
+fn add_up_moments<const FIRST: usize>(a: &Patch, b: &Patch, sums: &mut [Columns; 3]) {
+    for c in FIRST..FIRST + WIDTH {
+        let mut s = [0.0f32; 3];
+        for r in 0..SIDE {
+            let i = r * SIDE + c;
+            let p = a.0[i] * b.0[i];
+            let by_dy = p * OFFSET[r];
+            s[0] += p;
+            s[1] += by_dy;
+            s[2] += by_dy * OFFSET[r];
+        }
+        for j in 0..3 {
+            sums[j][c] = s[j];
+        }
     }
-    let dx1 = by_offset(&one);
-    [sum(&one), sum(&dx1), sum(&dy1), sum(&by_offset(&dx1)), sum(&by_offset(&dy1)), sum(&dy2)]
 }
 
 /// `J^T J`.

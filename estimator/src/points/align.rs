@@ -12,7 +12,7 @@
 //! which one pass over the sampled patch gives.
 
 use crate::image::Plane;
-use crate::image::patch::{AREA, FRAMED, LANES, Patch, sample_patch, split_framed, sum_lanes};
+use crate::image::patch::{AREA, FRAMED, Patch, sample_patch, split_framed, sums};
 use nalgebra::{Matrix2, Vector2};
 use plumbline_config::Portable;
 
@@ -83,39 +83,47 @@ pub struct TranslationTemplate {
 }
 
 impl TranslationTemplate {
-    /// Prepares a patch given with its rim; `None` without texture in both directions.
+    /// A template of nothing, to be filled by [`Self::prepare`].
     #[must_use]
-    pub fn new(framed: &[[f32; FRAMED]; FRAMED]) -> Option<Self> {
-        let [mut intensity, gradient_x, gradient_y] = split_framed(framed);
-        let mean = intensity.centre();
-        let energy = intensity.dot(&intensity);
+    pub const fn empty() -> Self {
+        Self {
+            intensity: Patch::ZERO,
+            gradient_x: Patch::ZERO,
+            gradient_y: Patch::ZERO,
+            column_sums: Vector2::new(0.0, 0.0),
+            correlations: Vector2::new(0.0, 0.0),
+            mean: 0.0,
+            energy: 0.0,
+            inverse_hessian: Matrix2::new(0.0, 0.0, 0.0, 0.0),
+        }
+    }
+
+    /// Prepares a patch given with its rim, in place: a template is too large to be moved for each patch. `false`, and of no
+    /// use, without texture in both directions.
+    #[must_use]
+    pub fn prepare(&mut self, framed: &[[f32; FRAMED]; FRAMED]) -> bool {
+        let Self { intensity, gradient_x, gradient_y, .. } = self;
+        split_framed(framed, intensity, [gradient_x, gradient_y]);
+        self.mean = intensity.centre();
+        let energy = intensity.dot(intensity);
         if energy < MIN_CONTRAST * MIN_CONTRAST * AREA as f32 {
-            return None;
+            return false;
         }
         let column_sums = Vector2::new(gradient_x.sum(), gradient_y.sum());
-        let correlations = Vector2::from(intensity.dots([&gradient_x, &gradient_y]));
-        let [raw_xx, raw_xy] = gradient_x.dots([&gradient_x, &gradient_y]);
-        let raw = Matrix2::new(raw_xx, raw_xy, raw_xy, gradient_y.dot(&gradient_y));
-        let hessian = raw
+        let [correlation_x, correlation_y, xx, xy, yy] = products(intensity, gradient_x, gradient_y);
+        let correlations = Vector2::new(correlation_x, correlation_y);
+        let hessian = Matrix2::new(xx, xy, xy, yy)
             - column_sums * column_sums.transpose() / AREA as f32
             - correlations * correlations.transpose() / energy;
         let (xx, xy, yy) = (hessian[(0, 0)], hessian[(0, 1)], hessian[(1, 1)]);
         let lesser = 0.5 * ((xx + yy) - ((xx - yy) * (xx - yy) + 4.0 * xy * xy).sqrt());
         if lesser < MIN_STIFFNESS * AREA as f32 {
-            return None;
+            return false;
         }
         let determinant = xx * yy - xy * xy;
-        let inverse_hessian = Matrix2::new(yy, -xy, -xy, xx) / determinant;
-        Some(Self {
-            intensity,
-            gradient_x,
-            gradient_y,
-            column_sums,
-            correlations,
-            mean,
-            energy,
-            inverse_hessian,
-        })
+        self.inverse_hessian = Matrix2::new(yy, -xy, -xy, xx) / determinant;
+        (self.column_sums, self.correlations, self.energy) = (column_sums, correlations, energy);
+        true
     }
 
     /// Finds the patch in `plane`, starting at `start`; `None` when it leaves the plane, runs away or meets
@@ -159,26 +167,29 @@ impl TranslationTemplate {
 
     /// One pass over the current patch: its moments and `J'^T I`.
     fn compare(&self, current: &Patch) -> Option<(Moments, Vector2<f32>)> {
-        let mut lanes = [[0.0f32; LANES]; 5];
-        let chunks = |p: &'_ Patch, i: usize| -> [f32; LANES] { p.0.as_chunks::<LANES>().0[i] };
-        for i in 0..AREA / LANES {
-            let values = chunks(current, i);
-            let (gx, gy) = (chunks(&self.gradient_x, i), chunks(&self.gradient_y, i));
-            let template = chunks(&self.intensity, i);
-            for k in 0..LANES {
-                // Taking the template's mean out keeps the sums small and so exact.
-                let v = values[k] - self.mean;
-                lanes[0][k] += v;
-                lanes[1][k] += v * v;
-                lanes[2][k] += v * gx[k];
-                lanes[3][k] += v * gy[k];
-                lanes[4][k] += v * template[k];
-            }
-        }
-        let [sum, square, x, y, correlation] = lanes.map(sum_lanes);
+        let [sum, square, x, y, correlation] = self.sums(current);
         let projection = Vector2::new(x, y)
             - self.column_sums * (sum / AREA as f32)
             - self.correlations * (correlation / self.energy);
         Moments::new(sum, square, correlation, self.energy).map(|m| (m, projection))
     }
+
+    /// Sums over the current patch `v`, less the template's mean: `v`, `v²`, `v gx`, `v gy`, `v T`.
+    #[inline(never)]
+    fn sums(&self, current: &Patch) -> [f32; 5] {
+        sums(|i| {
+            // Taking the template's mean out keeps the sums small and so exact.
+            let v = current.0[i] - self.mean;
+            [v, v * v, v * self.gradient_x.0[i], v * self.gradient_y.0[i], v * self.intensity.0[i]]
+        })
+    }
+}
+
+/// Sums of `T gx`, `T gy`, `gx²`, `gx gy`, `gy²`.
+#[inline(never)]
+fn products(intensity: &Patch, gx: &Patch, gy: &Patch) -> [f32; 5] {
+    sums(|i| {
+        let (t, x, y) = (intensity.0[i], gx.0[i], gy.0[i]);
+        [t * x, t * y, x * x, x * y, y * y]
+    })
 }

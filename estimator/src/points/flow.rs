@@ -42,6 +42,7 @@ pub fn track_patch(
 ) -> Option<Alignment> {
     let to_from = warp.try_inverse()?;
     let mut px = *guess_px;
+    let mut template = TranslationTemplate::empty();
     let top = options.top_level.min(from.level_count() - 1).min(to.level_count() - 1);
     for level in (1..=top).rev() {
         let scale = 1.0 / (1u32 << level) as f32;
@@ -53,7 +54,9 @@ pub fn track_patch(
         if !is_inside(from, level, &(from_px * scale)) || !is_inside(to, level, &(px * scale)) {
             continue;
         }
-        let Some(template) = template_at(from, level, &(from_px * scale), &to_from) else { continue };
+        if !prepare_at(from, level, &(from_px * scale), &to_from, &mut template) {
+            continue;
+        }
         // A coarse level that fails is left out: a finer one may still find the patch from the guess.
         let found = template.align(&to.plane(level), &(px * scale), &limits);
         if let Some(found) = found.filter(|f| f.zncc >= MIN_COARSE_ZNCC) {
@@ -65,7 +68,8 @@ pub fn track_patch(
         tolerance_px: TOLERANCE_PX.0,
         max_move_px: MAX_MOVE_PX,
     };
-    template_at(from, 0, from_px, &to_from)?.align(&to.plane(0), &px, &limits)
+    prepare_at(from, 0, from_px, &to_from, &mut template).then_some(())?;
+    template.align(&to.plane(0), &px, &limits)
 }
 
 /// Whether a patch at `px` of `level` lies in the image but for [`MAX_OVERHANG_PX`].
@@ -75,14 +79,16 @@ fn is_inside(pyramid: &Pyramid, level: usize, px: &Vector2<f32>) -> bool {
     px.x >= margin && px.y >= margin && px.x < width as f32 - margin && px.y < height as f32 - margin
 }
 
-/// The template around `px` of `level`, with offsets in the target taken to offsets here by `warp`.
+/// Makes `template` the one around `px` of `level`, with offsets in the target taken to offsets here by `warp`; `false` when
+/// it leaves the image or has no texture.
 #[must_use]
-pub fn template_at(
+pub fn prepare_at(
     from: &Pyramid,
     level: usize,
     px: &Vector2<f32>,
     warp: &Matrix2<f32>,
-) -> Option<TranslationTemplate> {
+    template: &mut TranslationTemplate,
+) -> bool {
     let mut framed = [[0.0; FRAMED]; FRAMED];
     let plane = from.plane(level);
     let inside = if (warp - Matrix2::identity()).amax() < NEGLIGIBLE_WARP {
@@ -90,5 +96,5 @@ pub fn template_at(
     } else {
         sample_warped(&plane, px, warp, &mut framed)
     };
-    if inside { TranslationTemplate::new(&framed) } else { None }
+    inside && template.prepare(&framed)
 }

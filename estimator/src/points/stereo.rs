@@ -5,7 +5,8 @@
 //! full resolution. A match must win clearly, return to where it started, lie on its epipolar line and
 //! before the cameras.
 
-use super::flow::{FlowOptions, template_at, track_patch};
+use super::align::TranslationTemplate;
+use super::flow::{FlowOptions, prepare_at, track_patch};
 use super::rig::{Baseline, RigCamera, predict};
 use crate::image::Pyramid;
 use nalgebra::{Matrix2, Vector2, Vector3};
@@ -126,7 +127,10 @@ impl StereoPair<'_> {
         let level = SEARCH_LEVEL.min(self.to.1.level_count() - 1).min(self.from.1.level_count() - 1);
         let scale = 1.0 / (1u32 << level) as f32;
         let Some(back) = warp.try_inverse() else { return out };
-        let Some(template) = template_at(self.from.1, level, &(px * scale), &back) else { return out };
+        let mut template = TranslationTemplate::empty();
+        if !prepare_at(self.from.1, level, &(px * scale), &back, &mut template) {
+            return out;
+        }
         let plane = self.to.1.plane(level);
         let steps = self.step_count(scale);
         // The correlation of the last two places, to see a local maximum pass.

@@ -12,7 +12,7 @@
 
 use super::affine_sums::{AffineMatrix, AffineVector, UNKNOWNS, gram, products};
 use super::align::Moments;
-use crate::image::patch::{AREA, FRAMED, HALF, Patch, sample_patch, sample_warped, split_framed};
+use crate::image::patch::{AREA, FRAMED, HALF, Patch, sample_patch, sample_warped, split_framed, sums};
 use crate::image::{Plane, Pyramid};
 use nalgebra::{Matrix2, Vector2};
 use plumbline_config::Portable;
@@ -123,8 +123,9 @@ impl ReferencePatch {
         let plane = pyramid.plane(0);
         let mut out =
             Refinement { px: *start, warp: *warp, zncc: -1.0, rms: f32::MAX, last_step_px: f32::MAX };
+        let mut template = AffineTemplate::empty();
         for _ in 0..limits.max_linearizations {
-            let template = AffineTemplate::new(&self.plane(), &self.fraction, &out.warp)?;
+            template.prepare(&self.plane(), &self.fraction, &out.warp)?;
             let change = template.align(&plane, start, &mut out, limits)?;
             if change.amax() * HALF < RELINEARIZE_PX {
                 break;
@@ -157,26 +158,43 @@ struct AffineTemplate {
 }
 
 impl AffineTemplate {
-    fn new(reference: &Plane<'_>, fraction: &Vector2<f32>, warp: &Matrix2<f32>) -> Option<Self> {
+    fn empty() -> Self {
+        Self {
+            intensity: Patch::ZERO,
+            gradient: [Patch::ZERO; 2],
+            column_sums: AffineVector::zeros(),
+            correlations: AffineVector::zeros(),
+            mean: 0.0,
+            energy: 0.0,
+            inverse_hessian: AffineMatrix::zeros(),
+        }
+    }
+
+    /// Prepares the reference in place: a template is too large to be moved for each patch. `None`, and of no use, where it
+    /// has no texture or the warp is not sound.
+    fn prepare(&mut self, reference: &Plane<'_>, fraction: &Vector2<f32>, warp: &Matrix2<f32>) -> Option<()> {
+        /// For sums of gradients without a factor.
+        const ONE: Patch = Patch([1.0; AREA]);
         is_sound(warp).then_some(())?;
         let mut framed = [[0.0; FRAMED]; FRAMED];
         sample_warped(reference, fraction, &warp.try_inverse()?, &mut framed).then_some(())?;
-        let [mut intensity, gx, gy] = split_framed(&framed);
-        let mean = intensity.centre();
-        let energy = intensity.dot(&intensity);
-        if energy < MIN_ENERGY {
+        let Self { intensity, gradient: [gx, gy], .. } = self;
+        split_framed(&framed, intensity, [gx, gy]);
+        self.mean = intensity.centre();
+        self.energy = intensity.dot(intensity);
+        if self.energy < MIN_ENERGY {
             return None;
         }
-        let column_sums = products(&gx, &gy, &Patch([1.0; AREA]));
-        let correlations = products(&gx, &gy, &intensity);
-        let mut hessian = gram(&gx, &gy);
-        hessian -= column_sums * column_sums.transpose() / AREA as f32;
-        hessian -= correlations * correlations.transpose() / energy;
+        self.column_sums = products(gx, gy, const { &ONE });
+        self.correlations = products(gx, gy, intensity);
+        let mut hessian = gram(gx, gy);
+        hessian -= self.column_sums * self.column_sums.transpose() / AREA as f32;
+        hessian -= self.correlations * self.correlations.transpose() / self.energy;
         for i in 2..UNKNOWNS {
             hessian[(i, i)] += WARP_PRIOR;
         }
-        let inverse_hessian = hessian.cholesky()?.inverse();
-        Some(Self { intensity, gradient: [gx, gy], column_sums, correlations, mean, energy, inverse_hessian })
+        self.inverse_hessian = hessian.cholesky()?.inverse();
+        Some(())
     }
 
     /// Iterates the position in `out`; its warp follows at the end. Returns the change of the warp.
@@ -191,6 +209,7 @@ impl AffineTemplate {
         let mut to_template = Matrix2::identity();
         for _ in 0..limits.max_iterations {
             sample_patch(plane, &out.px, &mut current).then_some(())?;
+            current.subtract(self.mean);
             let (step, zncc) = self.step(&current)?;
             let edge = 1.0 / HALF;
             to_template = Matrix2::identity() + Matrix2::new(step[2], step[3], step[4], step[5]) * edge;
@@ -210,21 +229,24 @@ impl AffineTemplate {
         Some(to_template - Matrix2::identity())
     }
 
-    /// The Gauss-Newton step, and the correlation after the step to first order:
-    /// `|r|^2 = 2 E (1 - zncc)` falls by `delta^T J^T r`.
-    fn step(&self, current: &Patch) -> Option<(AffineVector, f32)> {
-        let mut centred = *current;
-        centred.0.iter_mut().for_each(|v| *v -= self.mean);
-        let [square, correlation] = centred.dots([&centred, &self.intensity]);
-        let sum = centred.sum();
+    /// The Gauss-Newton step from the current patch less the template's mean, and the correlation after the step to first
+    /// order: `|r|^2 = 2 E (1 - zncc)` falls by `delta^T J^T r`.
+    fn step(&self, centred: &Patch) -> Option<(AffineVector, f32)> {
+        let [sum, square, correlation] = self.sums(centred);
         let moments = Moments::new(sum, square, correlation, self.energy)?;
-        let projection = products(&self.gradient[0], &self.gradient[1], &centred)
+        let projection = products(&self.gradient[0], &self.gradient[1], centred)
             - self.column_sums * (sum / AREA as f32)
             - self.correlations * (correlation / self.energy);
         let gradient = projection * moments.gain;
         let step = self.inverse_hessian * gradient;
         let zncc = moments.zncc + step.dot(&gradient) / (2.0 * self.energy);
         Some((step, zncc.at_most(1.0)))
+    }
+
+    /// Sums over a patch `v`: `v`, `v²`, `v T`.
+    #[inline(never)]
+    fn sums(&self, v: &Patch) -> [f32; 3] {
+        sums(|i| [v.0[i], v.0[i] * v.0[i], v.0[i] * self.intensity.0[i]])
     }
 }
 
