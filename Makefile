@@ -169,7 +169,7 @@ fuzz-smoke: ## every fuzz target for 5000 runs; `make test` runs their seeds and
 	@scripts/fuzz all runs=5000
 
 bench: setup ## benchmarks of the stages
-	$(CARGO) bench --locked -p plumbline-tests $(ARGS)
+	$(CARGO) bench --locked -p plumbline-tests -p plumbline-drivers $(ARGS)
 
 bench-instructions: ## instructions of a frame by stage against tests/instructions.json (ARGS=--save writes them anew; needs valgrind)
 	@scripts/setup base

@@ -4,7 +4,7 @@
 //! cargo run --release -p plumbline-drivers --example counted_render -- room
 //! ```
 //!
-//! Scenes are `room`, `hall` and `low-texture`; a second argument `--perfect` leaves out what optics and sensor do.
+//! Scenes are `room`, `hall`, `low-texture` and `far`; a second argument `--perfect` leaves out what optics and sensor do.
 
 use plumbline_config::Config;
 use plumbline_drivers::StereoFrame;
@@ -20,12 +20,8 @@ const ROUNDS: usize = 9;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
-    let scene = match arguments.next().as_deref() {
-        Some("room") => Scene::Room,
-        Some("hall") => Scene::Hall,
-        Some("low-texture") => Scene::LowTexture,
-        _ => return Err("name a scene: room, hall or low-texture".into()),
-    };
+    let scene = arguments.next().and_then(|name| Scene::named(&name));
+    let scene = scene.ok_or("name a scene: room, hall, low-texture or far")?;
     let (effects, rounds) = match arguments.next().as_deref() {
         None => (Effects::default(), ROUNDS),
         Some("--perfect") => (Effects::none(), ROUNDS),

@@ -4,7 +4,7 @@
 //! cargo run --release -p plumbline-estimator --example counted_flight -- room FRAMES
 //! ```
 //!
-//! Scenes are `room`, `hall` and `low-texture`; of a third argument `--points` leaves lines out, and `--places` looks for the
+//! Scenes are `room`, `hall`, `low-texture` and `far`; of a third argument `--points` leaves lines out, and `--places` looks for the
 //! places of the frames instead. The first run renders the frames into the file FRAMES, those after it fly them.
 
 use plumbline_drivers::simulator::{FlightPath, Scenario, Scene, Simulator};
@@ -29,12 +29,8 @@ const FRAMES: usize = 40;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
-    let scene = match arguments.next().as_deref() {
-        Some("room") => Scene::Room,
-        Some("hall") => Scene::Hall,
-        Some("low-texture") => Scene::LowTexture,
-        _ => return Err("name a scene: room, hall or low-texture".into()),
-    };
+    let scene = arguments.next().and_then(|name| Scene::named(&name));
+    let scene = scene.ok_or("name a scene: room, hall, low-texture or far")?;
     let mut config = Config::preset("sim")?.into_inner();
     let file = arguments.next().ok_or("name a file for the frames")?;
     let choice = arguments.next();

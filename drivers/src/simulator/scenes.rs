@@ -39,6 +39,20 @@ pub enum Scene {
     Rooms(Twin),
 }
 
+impl Scene {
+    /// The scene that is called `room`, `hall`, `low-texture` or `far`; others are made of those.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        match name {
+            "room" => Some(Self::Room),
+            "hall" => Some(Self::Hall),
+            "low-texture" => Some(Self::LowTexture),
+            "far" => Some(Self::Far),
+            _ => None,
+        }
+    }
+}
+
 const fn finish(material: Material) -> Finish {
     Finish::of(material)
 }

@@ -131,13 +131,9 @@ impl FaultArgs {
 /// # Errors
 /// When there is none.
 pub fn parse_scene(name: &str) -> Result<Scene, Usage> {
-    match name {
-        "room" => Ok(Scene::Room),
-        "hall" => Ok(Scene::Hall),
-        "low-texture" | "low" => Ok(Scene::LowTexture),
-        "far" => Ok(Scene::Far),
-        other => Err(Usage(format!("no scene '{other}': choose room, hall, low-texture or far"))),
-    }
+    let full_name = if name == "low" { "low-texture" } else { name };
+    Scene::named(full_name)
+        .ok_or_else(|| Usage(format!("no scene '{name}': choose room, hall, low-texture or far")))
 }
 
 impl ScenarioArgs {
