@@ -110,7 +110,7 @@ fn measure_description(
             group.bench_function(format!("description of {}", clearest.len()), |b| b.iter(describe_all));
         }
     }
-    let mut matcher = Matcher::new(&options);
+    let mut matcher = Matcher::new(&options, 2 * options.max_segments);
     group.bench_function("matching, every pair admitted", |b| {
         b.iter(|| matcher.pairs(&described[0], &described[1], |_, _| true).len());
     });

@@ -8,7 +8,8 @@ use serde::{Deserialize, Serialize};
 pub struct LinesConfig {
     /// Whether lines are extracted and used at all.
     pub enabled: bool,
-    /// Smallest gradient of an edge pixel, grey levels per pixel.
+    /// Smallest gradient of an edge pixel, grey levels per pixel. Edges are found at half the resolution: there 0.7 of it counts,
+    /// per halved pixel.
     pub min_gradient: f64,
     /// Shortest raw segment, px.
     pub min_raw_length_px: f64,
@@ -26,7 +27,8 @@ pub struct LinesConfig {
     pub max_visits: usize,
     /// Raw segments of an image, at most.
     pub max_raw: usize,
-    /// Segments of an image that are described and matched, at most: the longest.
+    /// Segments of an image that are placed in the whole image, described and matched, at most: the clearest, long and of high
+    /// contrast.
     pub max_segments: usize,
     /// Largest Hamming distance of a match, of 256 bits.
     pub max_hamming: u32,
@@ -57,7 +59,7 @@ impl Default for LinesConfig {
             merge_angle_deg: 2.0,
             max_visits: 24_000,
             max_raw: 1000,
-            max_segments: 120,
+            max_segments: 48,
             max_hamming: 60,
             max_hamming_ratio: 0.75,
             max_landmarks: 120,

@@ -10,7 +10,6 @@
 
 use super::gradient::{BORDER, Gradients, Pixel, halved_px};
 use super::segment::Segment;
-use crate::image::patch::whole;
 use nalgebra::Vector2;
 use plumbline_config::Portable;
 
@@ -21,6 +20,8 @@ const BAND_ROWS: usize = 3;
 const ROWS: usize = BANDS * BAND_ROWS;
 /// Samples of a row.
 const STATIONS: usize = 16;
+/// Sums of a row run in so many lanes.
+const LANES: usize = STATIONS / 2;
 /// Figures of a row: gradient across and along, positive and negative.
 const SUMS: usize = 4;
 /// Figures of a band: means and standard deviations.
@@ -67,12 +68,9 @@ impl Describer {
         let rows = self.row_sums(gradients, segment);
         let bands: [[f32; FIGURES]; BANDS] = std::array::from_fn(|band| self.band(&rows, band));
         let mut words = [0_u64; 4];
-        let mut bit = 0;
-        for (i, j) in (0..BANDS).flat_map(|i| (i + 1..BANDS).map(move |j| (i, j))).take(PAIRS) {
-            for (a, b) in bands[i].iter().zip(&bands[j]) {
-                words[bit / 64] |= u64::from(a > b) << (bit % 64);
-                bit += 1;
-            }
+        let pairs = (0..BANDS).flat_map(|i| (i + 1..BANDS).map(move |j| (i, j))).take(PAIRS);
+        for (k, (i, j)) in pairs.enumerate() {
+            words[k / 8] |= u64::from(exceeding(&bands[i], &bands[j])) << (FIGURES * (k % 8));
         }
         Descriptor(words)
     }
@@ -82,12 +80,15 @@ impl Describer {
         let along = segment.direction();
         let across = Vector2::new(-along.y, along.x);
         let [start, end] = [&segment.start, &segment.end].map(halved_px);
-        let step = (end - start) / (STATIONS - 1) as f32;
+        let first = start - across * (0.5 * (ROWS as f32 - 1.0));
+        let grid = Grid::new(gradients, &first, &((end - start) / (STATIONS - 1) as f32), &across);
         let mut rows = [[0.0; SUMS]; ROWS];
+        let (mut places, mut gx, mut gy) = ([0; STATIONS], [0.0; STATIONS], [0.0; STATIONS]);
         for (k, (row, weight)) in rows.iter_mut().zip(self.row_weight).enumerate() {
-            let offset = k as f32 - 0.5 * (ROWS as f32 - 1.0);
-            let samples = sample_row(gradients, start + across * offset, step);
-            *row = directed_sums(&samples, &along, &across).map(|sum| sum * weight);
+            grid.row(k as i32, &mut places);
+            let seen = places.map(|place| gradients.pixels()[place as usize]);
+            components(&seen, &mut gx, &mut gy);
+            *row = directed_sums(&gx, &gy, [&across, &along]).map(|sum| sum * weight);
         }
         rows
     }
@@ -116,35 +117,49 @@ impl Describer {
     }
 }
 
-/// Gradients at the stations of a row, nearest pixels; beyond the image those at its edge.
-fn sample_row(gradients: &Gradients, start: Vector2<f32>, step: Vector2<f32>) -> [[f32; STATIONS]; 2] {
-    let width = gradients.width();
-    let right = (width - BORDER - 1) as f32;
-    let bottom = (gradients.height() - BORDER - 1) as f32;
-    let (mut columns, mut rows) = ([0; STATIONS], [0; STATIONS]);
-    stations(start.x, step.x, right, &mut columns);
-    stations(start.y, step.y, bottom, &mut rows);
-    let pixels = gradients.pixels();
-    let mut seen = [Pixel::default(); STATIONS];
-    for i in 0..STATIONS {
-        seen[i] = pixels[(rows[i] * width as i32 + columns[i]) as usize];
+/// The stations of all rows in an image: their nearest pixels; beyond the image those at its edge.
+struct Grid {
+    /// Of each axis: coordinates of the first station, steps along and across, and the last pixel; in parts of a pixel.
+    first: [i32; 2],
+    along: [i32; 2],
+    across: [i32; 2],
+    last: [i32; 2],
+    width: i32,
+}
+
+impl Grid {
+    /// Bits of a part of a pixel.
+    const FRACTION: u32 = 12;
+
+    fn new(gradients: &Gradients, first: &Vector2<f32>, along: &Vector2<f32>, across: &Vector2<f32>) -> Self {
+        let parts = |v: &Vector2<f32>| [v.x, v.y].map(|v| (v * (1 << Self::FRACTION) as f32) as i32);
+        let last = [gradients.width(), gradients.height()].map(|side| (side - BORDER - 1) as i32);
+        let half = Vector2::new(0.5, 0.5);
+        Self {
+            first: parts(&(first + half)),
+            along: parts(along),
+            across: parts(across),
+            last,
+            width: gradients.width() as i32,
+        }
     }
-    let mut samples = [[0.0; STATIONS]; 2];
-    let [gx, gy] = &mut samples;
-    components(&seen, gx, gy);
-    samples
+
+    /// Indices of the pixels of a row.
+    #[inline(never)]
+    fn row(&self, row: i32, out: &mut [i32; STATIONS]) {
+        let from = [0, 1].map(|axis| self.first[axis] + self.across[axis] * row);
+        for (i, out) in out.iter_mut().enumerate() {
+            let [x, y] = [0, 1].map(|axis| {
+                let parts = from[axis] + self.along[axis] * i as i32;
+                (parts >> Self::FRACTION).max(BORDER as i32).min(self.last[axis])
+            });
+            *out = y * self.width + x;
+        }
+    }
 }
 
 // Functions of their own, whose results lie in memory: where they are many values in registers, the compiler takes them one
 // by one.
-
-/// Nearest pixels of the stations along one axis, from [`BORDER`] to `last`.
-#[inline(never)]
-fn stations(start: f32, step: f32, last: f32, out: &mut [i32; STATIONS]) {
-    for (i, out) in out.iter_mut().enumerate() {
-        *out = whole((start + step * i as f32).at_least(BORDER as f32).at_most(last) + 0.5);
-    }
-}
 
 /// The gradients of pixels, by components.
 #[inline(never)]
@@ -157,27 +172,56 @@ fn components(pixels: &[Pixel; STATIONS], gx: &mut [f32; STATIONS], gy: &mut [f3
     }
 }
 
-/// Sums of the positive and negative parts across and along; in lanes, so that the order of the sums is
-/// that of the vector unit, written out.
-fn directed_sums(
-    [gx, gy]: &[[f32; STATIONS]; 2],
-    along: &Vector2<f32>,
-    across: &Vector2<f32>,
-) -> [f32; SUMS] {
-    const LANES: usize = 8;
-    let mut lanes = [[0.0_f32; LANES]; SUMS];
-    for chunk in 0..STATIONS / LANES {
-        for lane in 0..LANES {
-            let (x, y) = (gx[chunk * LANES + lane], gy[chunk * LANES + lane]);
-            let (a, b) = (across.x * x + across.y * y, along.x * x + along.y * y);
-            let (left, forward) = (a.at_least(0.0), b.at_least(0.0));
-            lanes[0][lane] += left;
-            lanes[1][lane] += left - a;
-            lanes[2][lane] += forward;
-            lanes[3][lane] += forward - b;
-        }
+/// The component of the gradients along an axis, its magnitude, and both added up by lanes. A loop for each: with more than
+/// one outcome it is not made a vector's.
+#[inline(never)]
+fn project(
+    gx: &[f32; STATIONS],
+    gy: &[f32; STATIONS],
+    axis: &Vector2<f32>,
+    [sums, sizes]: [&mut [f32; LANES]; 2],
+) {
+    let (mut components, mut magnitudes) = ([0.0; STATIONS], [0.0; STATIONS]);
+    for k in 0..STATIONS {
+        components[k] = axis.x * gx[k] + axis.y * gy[k];
     }
-    lanes.map(|lane| lane.iter().sum())
+    for k in 0..STATIONS {
+        magnitudes[k] = components[k].abs();
+    }
+    for k in 0..LANES {
+        sums[k] = components[k] + components[k + LANES];
+    }
+    for k in 0..LANES {
+        sizes[k] = magnitudes[k] + magnitudes[k + LANES];
+    }
+}
+
+/// The sum of the lanes, in the order of a vector unit.
+fn sum(lanes: &[f32; LANES]) -> f32 {
+    let [a, b, c, d]: [f32; LANES / 2] = std::array::from_fn(|k| lanes[k] + lanes[k + LANES / 2]);
+    (a + c) + (b + d)
+}
+
+/// Sums of the positive and negative parts of the gradients across and along.
+fn directed_sums(gx: &[f32; STATIONS], gy: &[f32; STATIONS], axes: [&Vector2<f32>; 2]) -> [f32; SUMS] {
+    let mut out = [0.0; SUMS];
+    for (parts, axis) in out.as_chunks_mut::<2>().0.iter_mut().zip(axes) {
+        let (mut sums, mut sizes) = ([0.0; LANES], [0.0; LANES]);
+        project(gx, gy, axis, [&mut sums, &mut sizes]);
+        let (sum, size) = (sum(&sums), sum(&sizes));
+        *parts = [0.5 * (size + sum), 0.5 * (size - sum)];
+    }
+    out
+}
+
+/// Which figures of one band exceed those of another, a bit each.
+#[inline(never)]
+fn exceeding(a: &[f32; FIGURES], b: &[f32; FIGURES]) -> u8 {
+    let mut bits = [0_u32; FIGURES];
+    for k in 0..FIGURES {
+        bits[k] = u32::from(a[k] > b[k]) << k;
+    }
+    bits.iter().fold(0, |all, bit| all | bit) as u8
 }
 
 #[cfg(test)]

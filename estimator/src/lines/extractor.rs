@@ -1,9 +1,9 @@
 //! The extractor: an image in, its straight edges out, in bounded time and without allocation.
 //!
 //! Seeds are ridges of the gradient, strongest first ([`super::gradient`], [`super::seeds`]); from each free
-//! one a segment grows ([`super::growth`]), all at half the resolution. Those that are long enough by the paper's length filter
-//! ([`super::filter`]) are found anew in the whole image, from end to end ([`super::refine`]), and must be meaningful there
-//! ([`super::validation`]); the paper's merging follows ([`super::merge`]).
+//! one a segment grows ([`super::growth`]), all at half the resolution. Of those that are long enough by the paper's length
+//! filter ([`super::filter`]) the clearest are found anew in the whole image, from end to end ([`super::refine`]), and must be
+//! meaningful there ([`super::validation`]); the paper's merging follows ([`super::merge`]).
 //! The idea of strongest-first growth and of validation is LSD's (Grompone von Gioi et al. 2012), that of
 //! following ridges Edge Drawing's (Topal and Akinlar 2012) and ELSED's (Suarez et al. 2022).
 
@@ -33,7 +33,7 @@ const MAY_GAIN_PX: f32 = 4.0;
 pub struct ExtractionFigures {
     /// Segments found at half the resolution.
     pub raw: u32,
-    /// Segments that the length filter left and the whole image confirmed.
+    /// The clearest of those that the length filter left, as far as the whole image confirmed them.
     pub kept: u32,
     /// Segments after merging.
     pub merged: u32,
@@ -57,6 +57,7 @@ pub struct LineExtractor {
     refiner: Refiner,
     seeds: Seeds,
     raw: Vec<Segment>,
+    candidates: Vec<Segment>,
     kept: Vec<Segment>,
     merged: Vec<Segment>,
     figures: ExtractionFigures,
@@ -80,6 +81,7 @@ impl LineExtractor {
             refiner: Refiner::new(width, height),
             seeds: Seeds::new(width, height, options.max_visits / VISITS_PER_PROBED),
             raw: Vec::with_capacity(options.max_raw),
+            candidates: Vec::with_capacity(options.max_raw),
             kept: Vec::with_capacity(options.max_raw),
             merged: Vec::with_capacity(options.max_raw),
             figures: ExtractionFigures::default(),
@@ -141,25 +143,28 @@ impl LineExtractor {
         } else {
             self.merged.extend_from_slice(&self.kept);
         }
-        self.merged.truncate(self.max_segments);
         self.figures.raw = self.raw.len() as u32;
         self.figures.kept = self.kept.len() as u32;
         self.figures.merged = self.merged.len() as u32;
         Some(&self.merged)
     }
 
-    /// Finds those that are long enough in the whole image.
+    /// Finds the clearest of those that are long enough in the whole image.
     fn keep(&mut self, image: &ImageView<'_>) {
         let filtered = match self.options.length_filter {
             true => filter::min_length_px(self.raw.len(), image.width(), image.height()),
             false => 0.0,
         };
         let least = filtered.at_least(self.options.min_raw_length_px as f32);
+        self.candidates.clear();
+        self.candidates.extend(self.raw.iter().filter(|s| s.length() + MAY_GAIN_PX >= least));
+        filter::clearest_first(&mut self.candidates);
+        self.candidates.truncate(self.max_segments);
         self.kept.clear();
-        for coarse in self.raw.iter().filter(|s| s.length() + MAY_GAIN_PX >= least) {
+        for coarse in &self.candidates {
             if let Some(refined) = self.refiner.refine(image, coarse)
                 && refined.segment.length() >= least
-                && self.validation.is_meaningful(refined.steps, refined.segment.support as usize)
+                && self.validation.is_meaningful(refined.tried, refined.found)
             {
                 self.kept.push(refined.segment);
             }

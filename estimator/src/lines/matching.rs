@@ -37,10 +37,9 @@ pub struct Matcher {
 }
 
 impl Matcher {
-    /// With room for as many tracks as segments of two images that the options admit.
+    /// With room for `room` tracks or segments on either side.
     #[must_use]
-    pub fn new(options: &LinesConfig) -> Self {
-        let room = 2 * options.max_segments;
+    pub fn new(options: &LinesConfig, room: usize) -> Self {
         Self {
             max_hamming: options.max_hamming,
             max_ratio: options.max_hamming_ratio,

@@ -1,6 +1,6 @@
 //! Where exactly an edge lies: segments found at half the resolution are fitted to the whole image.
 //!
-//! Along its major axis a segment is crossed at every pixel. Each crossing is a profile of the image along the minor
+//! Along its major axis a segment is crossed at most [`MAX_CROSSINGS`] times. Each crossing is a profile of the image along the minor
 //! axis, differentiated by `[-1 -4 -5 0 5 4 1]` (the binomial filter `[1 4 6 4 1]` and `[-1 0 1]`); the edge is its steepest
 //! place near to where it is expected, to a fraction of a pixel by a parabola. From its ends the edge is followed further
 //! while it is found: at half the resolution it ends early, and breaks at what is small. The new segment is the line through
@@ -38,16 +38,21 @@ const MAX_GAP: usize = 2;
 const BENT_FROM_PX: f32 = 60.0;
 /// Parts of a segment, or crossings, that a bent curve needs.
 const BENT_FROM_PLACES: usize = 5;
+/// A segment is crossed so often from end to end, at most: places twice as dense say little more, and the work of a segment
+/// has a bound.
+const MAX_CROSSINGS: f32 = 48.0;
 /// At least this share of the crossings from end to end is found.
 const MIN_FOUND: f32 = 0.7;
 
 /// A segment of the whole image.
 #[derive(Clone, Copy, Debug)]
 pub struct Refined {
-    /// Its line, ends and nodes; each crossing is one of its support.
+    /// Its line, ends and nodes; its support are the pixels along the major axis that the crossings stand for.
     pub segment: Segment,
-    /// Pixels along the major axis from end to end: as many crossings could have been found.
-    pub steps: usize,
+    /// Crossings looked for from end to end.
+    pub tried: usize,
+    /// Crossings found.
+    pub found: usize,
 }
 
 /// Refines segments. Everything is allocated at construction.
@@ -57,12 +62,14 @@ pub struct Refiner {
     places: Vec<Place>,
 }
 
-/// Where an edge is crossed: coordinates along the major and the minor axis, px, and the gradient, grey levels per pixel.
+/// Where an edge is crossed: coordinates along the major and the minor axis, px, the gradient, grey levels per pixel, and the
+/// pixels along the major axis that it stands for.
 #[derive(Clone, Copy, Debug)]
 struct Crossing {
     major: f32,
     minor: f32,
     strength: f32,
+    weight: f32,
 }
 
 impl Refiner {
@@ -82,8 +89,10 @@ impl Refiner {
         let (centre, is_long) = (0.5 * (first + last), last - first >= BENT_FROM_PX);
         let expected = edge.curve_of(coarse, centre, is_long)?;
         self.crossings.clear();
-        for major in first.ceil() as isize..=last.floor() as isize {
-            self.crossings.extend(edge.cross(&expected, major));
+        let stride = (((last - first) / MAX_CROSSINGS).ceil() as usize).max(1);
+        for major in (first.ceil() as isize..=last.floor() as isize).step_by(stride) {
+            let crossing = edge.cross(&expected, major);
+            self.crossings.extend(crossing.map(|c| Crossing { weight: stride as f32, ..c }));
         }
         let is_bent = is_long && self.crossings.len() >= BENT_FROM_PLACES;
         let places = self.crossings.iter().map(|c| (c.major, c.minor, 1.0));
@@ -91,26 +100,26 @@ impl Refiner {
         self.crossings.retain(|c| curve.distance(c) <= MAX_OFF_PX);
         let (lowest, highest) =
             (self.crossings.first()?.major as isize, self.crossings.last()?.major as isize);
-        let lowest = self.follow(&edge, &curve, lowest, -1);
-        let highest = self.follow(&edge, &curve, highest, 1);
-        let steps = (highest - lowest) as usize + 1;
-        if (self.crossings.len() as f32) < MIN_FOUND * steps as f32 {
+        let beyond = self.follow(&edge, &curve, lowest, -1) + self.follow(&edge, &curve, highest, 1);
+        let tried = (highest - lowest) as usize / stride + 1 + beyond;
+        let found = self.crossings.len();
+        if (found as f32) < MIN_FOUND * tried as f32 {
             return None;
         }
         self.places.clear();
         self.places.extend(self.crossings.iter().map(|c| edge.place(c)));
-        Segment::through(&self.places, &coarse.direction()).map(|segment| Refined { segment, steps })
+        Segment::through(&self.places, &coarse.direction()).map(|segment| Refined { segment, tried, found })
     }
 
-    /// Follows the edge beyond its end at `major`; where it ends now.
-    fn follow(&mut self, edge: &Edge<'_>, curve: &Curve, mut major: isize, step: isize) -> isize {
-        let (mut end, mut gap) = (major, 0);
-        for _ in 0..MAX_BEYOND {
+    /// Follows the edge beyond its end at `major`, pixel by pixel; how far.
+    fn follow(&mut self, edge: &Edge<'_>, curve: &Curve, mut major: isize, step: isize) -> usize {
+        let (mut end, mut gap) = (0, 0);
+        for beyond in 1..=MAX_BEYOND {
             major += step;
             match edge.cross(curve, major).filter(|c| curve.distance(c) <= MAX_OFF_BEYOND_PX) {
                 Some(crossing) => {
                     self.crossings.push(crossing);
-                    (end, gap) = (major, 0);
+                    (end, gap) = (beyond, 0);
                 }
                 None if gap == MAX_GAP => break,
                 None => gap += 1,
@@ -193,7 +202,7 @@ impl<'a> Edge<'a> {
 
     fn place(&self, c: &Crossing) -> Place {
         let px = if self.is_steep { Vector2::new(c.minor, c.major) } else { Vector2::new(c.major, c.minor) };
-        Place { px, weight: 1.0, strength: c.strength }
+        Place { px, weight: c.weight, strength: c.strength }
     }
 
     /// The curve through the nodes of a segment.
@@ -218,7 +227,7 @@ impl<'a> Edge<'a> {
         self.read(row, from, &mut profile);
         let (offset, response) = self.steepest(&profile)?;
         let minor = nearest as f32 + offset;
-        Some(Crossing { major: major as f32, minor, strength: response / FILTER_GAIN })
+        Some(Crossing { major: major as f32, minor, strength: response / FILTER_GAIN, weight: 1.0 })
     }
 
     /// Pixels along the minor axis from `minor` on.
@@ -312,7 +321,8 @@ mod tests {
                 let image = image(is_steep, f);
                 let mut refiner = Refiner::new(SIZE.0, SIZE.1);
                 let refined = refiner.refine(&image.view(), &coarse(is_steep, f)).expect("is seen");
-                assert!((70..=74).contains(&refined.steps), "{} steps", refined.steps);
+                let support = refined.segment.support;
+                assert!((70.0..=74.0).contains(&support), "{support} px");
                 for node in refined.segment.nodes {
                     let px = node.px.cast::<f64>();
                     let (major, minor) = if is_steep { (px.y, px.x) } else { (px.x, px.y) };

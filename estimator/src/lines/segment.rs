@@ -2,6 +2,7 @@
 
 use super::fit::LineMoments;
 use super::gradient::{REDUCTION, whole_px};
+use crate::image::patch::whole;
 use nalgebra::Vector2;
 use plumbline_config::Portable;
 
@@ -94,9 +95,10 @@ impl Segment {
             return None;
         }
         let mut nodes = [Node::default(); NODES];
+        let nodes_per_px = NODES as f32 / length;
         for place in places {
-            let s = (along.dot(&(place.px - centroid)) - first) / length;
-            let node = &mut nodes[((s * NODES as f32) as usize).min(NODES - 1)];
+            let part = whole((along.dot(&(place.px - centroid)) - first) * nodes_per_px);
+            let node = &mut nodes[(part as usize).min(NODES - 1)];
             node.px += place.px * place.weight;
             node.weight += place.weight;
         }

@@ -138,11 +138,12 @@ impl LineTracker {
     /// A tracker for one or two cameras (left first).
     #[must_use]
     pub fn new(options: &LinesConfig, cameras: &[CameraModel]) -> Self {
-        let room = 2 * options.max_segments;
+        // Each segment of the frames in which a track may be missed may have begun one.
+        let room = (1 + MAX_MISSED as usize) * options.max_segments;
         Self {
             views: cameras.iter().take(2).map(|c| View::new(*c, options)).collect(),
             describer: Describer::default(),
-            matcher: Matcher::new(options),
+            matcher: Matcher::new(options, room),
             tracks: Vec::with_capacity(room),
             descriptors: Vec::with_capacity(room),
             expected: Vec::with_capacity(room),

@@ -9,8 +9,10 @@ use nalgebra::Vector2;
 
 /// Half the window of the structure tensor: 7x7 px, the core of the tracked patch.
 const WINDOW: usize = 3;
+/// Rows of the window.
+const ROWS: usize = 2 * WINDOW + 1;
 /// Pixels of the window.
-const WINDOW_AREA: i32 = ((2 * WINDOW + 1) * (2 * WINDOW + 1)) as i32;
+const WINDOW_AREA: i32 = (ROWS * ROWS) as i32;
 /// Score of a corner that is nothing but noise: white noise of one grey level has 0.5, and the best of a
 /// cell's thousand windows about twice that.
 const NOISE_SCORE: f32 = 1.2;
@@ -18,7 +20,7 @@ const NOISE_SCORE: f32 = 1.2;
 const POOR_SHARE: f32 = 0.6;
 /// New points keep this distance from others, in cells.
 const MIN_DISTANCE_CELLS: f32 = 0.4;
-/// Scores computed at a time: two AVX2 registers.
+/// Pixels worked on at a time: two AVX2 registers of whole numbers.
 const LANES: usize = 16;
 /// Empty cells looked at in a frame that has half of its points: bounds the work where much of the image is
 /// without texture and stays empty.
@@ -178,30 +180,36 @@ fn coprime_step(count: usize) -> usize {
     (count * 618 / 1000..count).find(|&s| is_coprime(s)).unwrap_or(1)
 }
 
-/// Scores of a rectangle and of one pixel around it.
+/// Whole numbers of neighbouring pixels.
+type Lanes = [i32; LANES];
+
+/// Scores of a rectangle and of one pixel around it. All rows are as long as whole vectors, so that none is worked on pixel by
+/// pixel.
 #[derive(Clone, Debug)]
 struct ScoreMap {
-    /// Row length of all buffers.
-    stride: usize,
-    /// Products of the gradients, one row: `gx gx`, `gx gy`, `gy gy`; ring of window rows.
-    products: [Vec<i32>; 3],
+    /// The last three rows of the image.
+    pixels: [Vec<u8>; 3],
+    /// Products of the gradients, `gx gx`, `gx gy`, `gy gy`, of the rows of the window.
+    products: [Vec<[Lanes; 3]>; ROWS],
     /// Sums of the products over the window's rows.
     columns: [Vec<i32>; 3],
     scores: Vec<f32>,
+    /// Scores of a row.
+    stride: usize,
     width: usize,
     height: usize,
 }
 
 impl ScoreMap {
     fn new(cell_px: usize) -> Self {
-        // A whole chunk may start within the last few pixels.
-        let stride = cell_px + 2 * (WINDOW + 1) + LANES;
-        let rows = 2 * WINDOW + 1;
+        let stride = (cell_px + 2).next_multiple_of(LANES);
+        let span = span_of(stride);
         Self {
+            pixels: std::array::from_fn(|_| vec![0; span + 2]),
+            products: std::array::from_fn(|_| vec![[[0; LANES]; 3]; span / LANES]),
+            columns: std::array::from_fn(|_| vec![0; span]),
+            scores: vec![0.0; stride * (cell_px + 2)],
             stride,
-            products: std::array::from_fn(|_| vec![0; stride * rows]),
-            columns: std::array::from_fn(|_| vec![0; stride]),
-            scores: vec![0.0; (cell_px + 2) * (cell_px + 2)],
             width: 0,
             height: 0,
         }
@@ -210,28 +218,46 @@ impl ScoreMap {
     /// Scores of the rectangle at `from` of `size` (image pixels), and of its neighbours.
     fn compute(&mut self, plane: &Plane<'_>, from: [usize; 2], size: [usize; 2]) {
         (self.width, self.height) = (size[0] + 2, size[1] + 2);
-        let span = self.width + 2 * WINDOW;
-        // The first pixel whose gradient is needed, in coordinates of the plane.
-        let left = from[0] + plane.origin - WINDOW - 1;
-        let top = from[1] + plane.origin - WINDOW - 1;
-        let rows = 2 * WINDOW + 1;
-        self.columns.iter_mut().for_each(|c| c.fill(0));
-        for y in 0..self.height + 2 * WINDOW {
-            let slot = (y % rows) * self.stride;
-            let row = |dy: usize| &plane.pixels[(top + y + dy - 1) * plane.columns + left - 1..][..span + 2];
-            let [xx, xy, yy] = &mut self.products;
-            let out = [&mut xx[slot..slot + span], &mut xy[slot..slot + span], &mut yy[slot..slot + span]];
-            replace_row(
-                [row(0), row(1), row(2)],
-                out,
-                self.columns.each_mut().map(|c| &mut c[..span]),
-                y >= rows,
-            );
-            if y + 1 >= rows {
-                let sums = self.columns.each_ref().map(Vec::as_slice);
-                let start = (y + 1 - rows) * self.width;
-                score_row(sums, &mut self.scores[start..start + self.width]);
+        self.stride = self.width.next_multiple_of(LANES);
+        // The first pixel that has a say, in coordinates of the plane.
+        let [left, top] = from.map(|first| first + plane.origin - WINDOW - 2);
+        self.columns.iter_mut().for_each(|sums| sums.fill(0));
+        self.products.iter_mut().for_each(|row| row.fill([[0; LANES]; 3]));
+        let seen = self.width + 2 * WINDOW + 2;
+        for y in 0..self.height + 2 * WINDOW + 2 {
+            self.pixels[y % 3][..seen]
+                .copy_from_slice(&plane.pixels[(top + y) * plane.columns + left..][..seen]);
+            if y >= 2 {
+                self.replace_row(y - 2);
             }
+            if y >= 2 * WINDOW + 2 {
+                self.score_row(y - 2 * WINDOW - 2);
+            }
+        }
+    }
+
+    /// Puts the products of a row in the place of those of the row that leaves the window.
+    fn replace_row(&mut self, y: usize) {
+        let Self { pixels, products, columns: [xx, xy, yy], stride, .. } = self;
+        let [above, middle, below] = [0, 1, 2].map(|dy| &pixels[(y + dy) % 3]);
+        // All as long as each other, so that their bounds are checked once.
+        let n = span_of(*stride) / LANES;
+        let [right, left] = [2, 0].map(|first| &vectors(middle, first)[..n]);
+        let [below, above] = [below, above].map(|row| &vectors(row, 1)[..n]);
+        let old = &mut products[y % ROWS][..n];
+        let [xx, xy, yy] = [xx, xy, yy].map(|sums| &mut sums.as_chunks_mut().0[..n]);
+        for k in 0..n {
+            let pixels = [&right[k], &left[k], &below[k], &above[k]];
+            replace(pixels, &mut old[k], &mut xx[k], &mut xy[k], &mut yy[k]);
+        }
+    }
+
+    fn score_row(&mut self, y: usize) {
+        let row = &mut self.scores[y * self.stride..][..self.stride];
+        let [xx, xy, yy] = self.columns.each_ref().map(|sums| &sums[..span_of(self.stride)]);
+        for (k, scores) in row.as_chunks_mut().0.iter_mut().enumerate() {
+            let at = k * LANES;
+            score(&xx[at..], &xy[at..], &yy[at..], scores);
         }
     }
 
@@ -240,7 +266,7 @@ impl ScoreMap {
         let mut best = None;
         let mut limit = floor;
         for y in 1..self.height - 1 {
-            let row = &self.scores[y * self.width..(y + 1) * self.width];
+            let row = &self.scores[y * self.stride..][..self.width];
             if !has_above(row, limit) {
                 continue;
             }
@@ -255,48 +281,64 @@ impl ScoreMap {
     }
 
     fn is_maximum(&self, x: usize, y: usize) -> bool {
-        let centre = self.scores[y * self.width + x];
+        let centre = self.scores[y * self.stride + x];
         (y - 1..=y + 1).all(|v| {
-            self.scores[v * self.width + x - 1..=v * self.width + x + 1].iter().all(|&s| s <= centre)
+            self.scores[v * self.stride + x - 1..=v * self.stride + x + 1].iter().all(|&s| s <= centre)
         })
     }
 }
 
-/// Puts a row's gradient products in the place of the row that leaves the window, and updates the sums.
-fn replace_row(rows: [&[u8]; 3], products: [&mut [i32]; 3], columns: [&mut [i32]; 3], full: bool) {
-    let n = products[0].len();
-    let [above, middle, below] = rows.map(|r| &r[..n + 2]);
-    let [xx, xy, yy] = products.map(|p| &mut p[..n]);
-    let [sum_xx, sum_xy, sum_yy] = columns.map(|c| &mut c[..n]);
-    let keep = i32::from(full);
-    for i in 0..n {
-        let gx = i32::from(middle[i + 2]) - i32::from(middle[i]);
-        let gy = i32::from(below[i + 1]) - i32::from(above[i + 1]);
-        let (new_xx, new_xy, new_yy) = (gx * gx, gx * gy, gy * gy);
-        sum_xx[i] += new_xx - keep * xx[i];
-        sum_xy[i] += new_xy - keep * xy[i];
-        sum_yy[i] += new_yy - keep * yy[i];
-        (xx[i], xy[i], yy[i]) = (new_xx, new_xy, new_yy);
+/// Pixels of a row of products from which a row of `stride` scores is summed, in whole vectors.
+fn span_of(stride: usize) -> usize {
+    (stride + 2 * WINDOW).next_multiple_of(LANES)
+}
+
+/// Pixels of a row from number `first` on.
+fn vectors(row: &[u8], first: usize) -> &[[u8; LANES]] {
+    row[first..].as_chunks().0
+}
+
+// Functions of their own, whose results lie in memory: where they are many values in registers, the compiler takes them one
+// by one.
+
+/// Puts the products of a vector of gradients, by the pixels around,, in the place of `old` ones, and
+/// brings their sums up to date.
+#[inline(never)]
+fn replace(
+    [right, left, below, above]: [&[u8; LANES]; 4],
+    old: &mut [Lanes; 3],
+    xx: &mut Lanes,
+    xy: &mut Lanes,
+    yy: &mut Lanes,
+) {
+    let gx: Lanes = std::array::from_fn(|i| i32::from(right[i]) - i32::from(left[i]));
+    let gy: Lanes = std::array::from_fn(|i| i32::from(below[i]) - i32::from(above[i]));
+    for i in 0..LANES {
+        let new = gx[i] * gx[i];
+        xx[i] += new - old[0][i];
+        old[0][i] = new;
+    }
+    for i in 0..LANES {
+        let new = gx[i] * gy[i];
+        xy[i] += new - old[1][i];
+        old[1][i] = new;
+    }
+    for i in 0..LANES {
+        let new = gy[i] * gy[i];
+        yy[i] += new - old[2][i];
+        old[2][i] = new;
     }
 }
 
-/// Scores from column sums: the lesser eigenvalue of the window's mean structure tensor.
-fn score_row(columns: [&[i32]; 3], scores: &mut [f32]) {
+/// Scores from column sums, as many as windows of a vector of scores cover: the lesser eigenvalue of the window's mean structure tensor.
+#[inline(never)]
+fn score(xx: &[i32], xy: &[i32], yy: &[i32], scores: &mut [f32; LANES]) {
     // The differences above are over two pixels, so their products are four times too large.
     const NORM: f32 = 1.0 / (4 * WINDOW_AREA) as f32;
-    for (i, chunk) in scores.chunks_mut(LANES).enumerate() {
-        let mut tensor = [[0.0f32; LANES]; 3];
-        for (out, column) in tensor.iter_mut().zip(columns) {
-            // The buffers are long enough for a whole last chunk.
-            *out = window_sums(&column[i * LANES..i * LANES + LANES + 2 * WINDOW]).map(|s| s as f32 * NORM);
-        }
-        let [xx, xy, yy] = tensor;
-        let mut lesser = [0.0; LANES];
-        for k in 0..LANES {
-            let difference = xx[k] - yy[k];
-            lesser[k] = 0.5 * (xx[k] + yy[k] - (difference * difference + 4.0 * xy[k] * xy[k]).sqrt());
-        }
-        chunk.copy_from_slice(&lesser[..chunk.len()]);
+    let [xx, xy, yy] = [xx, xy, yy].map(|columns| window_sums(columns).map(|sum| sum as f32 * NORM));
+    for k in 0..LANES {
+        let difference = xx[k] - yy[k];
+        scores[k] = 0.5 * (xx[k] + yy[k] - (difference * difference + 4.0 * xy[k] * xy[k]).sqrt());
     }
 }
 
@@ -307,13 +349,13 @@ fn has_above(scores: &[f32], limit: f32) -> bool {
 }
 
 /// Sums over `2 WINDOW + 1` neighbours.
-#[inline]
-fn window_sums(column: &[i32]) -> [i32; LANES] {
+#[inline(always)]
+fn window_sums(columns: &[i32]) -> Lanes {
+    let columns = &columns[..LANES + 2 * WINDOW];
     let mut sums = [0; LANES];
     for k in 0..=2 * WINDOW {
-        let shifted = &column[k..k + LANES];
         for i in 0..LANES {
-            sums[i] += shifted[i];
+            sums[i] += columns[k + i];
         }
     }
     sums

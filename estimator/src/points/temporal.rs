@@ -9,6 +9,8 @@ use nalgebra::{Matrix2, Rotation3, Vector2, Vector3};
 
 /// Least correlation with the patch of the previous frame.
 const MIN_FLOW_ZNCC: f32 = 0.7;
+/// Correlation of a reference that is looked for at the predicted place, without the flow's opinion.
+const SURE_ZNCC: f32 = 0.95;
 /// A last step longer than this at full resolution means no convergence, px.
 const MAX_LAST_STEP_PX: f32 = 0.1;
 /// The reference corrects the flow by no more than this, px: further away lies another feature.
@@ -80,18 +82,53 @@ impl Transition<'_> {
         let (px, xy) = (track.px[c]?, track.xy[c]?);
         let turned = predict(self.camera, self.camera, &xy, &self.rot_cur_prev, &Vector3::zeros())?;
         let guess = turned.px + track.flow_px[c] * f64::from(self.frames);
-        let flowed = self.flow(&px.cast(), &guess.cast(), &turned.warp).or_else(|| {
-            // The point may have stopped: once more without its own velocity.
-            let moved = track.flow_px[c].norm() > 1.0;
-            moved.then(|| self.flow(&px.cast(), &turned.px.cast(), &turned.warp)).flatten()
+        let outcome = self.recognise(track, reference, &guess, &turned).or_else(|| {
+            let flowed = self.flow(&px.cast(), &guess.cast(), &turned.warp).or_else(|| {
+                // The point may have stopped: once more without its own velocity.
+                let moved = track.flow_px[c].norm() > 1.0;
+                moved.then(|| self.flow(&px.cast(), &turned.px.cast(), &turned.warp)).flatten()
+            })?;
+            self.settle(track, reference, &px, &flowed, &turned)
         })?;
-        let outcome = self.settle(track, reference, &px, &flowed, &turned)?;
         let now = track.px[c]?;
         self.camera.model.contains(&now, self.border_px).then_some(())?;
         track.xy[c] = Some(self.camera.model.unproject(&now)?);
         track.flow_px[c] = (now - turned.px) / f64::from(self.frames);
         track.came_by = Some((c, xy));
         Some(outcome)
+    }
+
+    /// Most points are where their motion so far and the gyroscope predict them, and the reference is seen there again: then
+    /// there is no need to walk down the pyramid. Only where the other camera will contradict a mistake.
+    fn recognise(
+        &self,
+        track: &mut Track,
+        reference: &ReferencePatch,
+        guess: &Vector2<f64>,
+        turned: &Prediction,
+    ) -> Option<Followed> {
+        let is_steady =
+            self.use_reference && self.frames == 1 && track.stereo.is_some() && track.strange == 0;
+        is_steady.then_some(())?;
+        let c = self.index;
+        let warp = turned.warp * track.warp[c];
+        let refined = reference.refine(self.current, &guess.cast(), &warp, &self.limits())?;
+        let is_sure = refined.zncc >= SURE_ZNCC && refined.last_step_px < MAX_LAST_STEP_PX;
+        is_sure.then(|| {
+            track.warp[1 - c] = turned.warp * track.warp[1 - c];
+            track.px[c] = Some(refined.px.cast());
+            track.warp[c] = refined.warp;
+            Followed::Refined
+        })
+    }
+
+    fn limits(&self) -> RefineLimits {
+        RefineLimits {
+            max_iterations: self.max_iterations,
+            max_linearizations: 2,
+            max_move_px: MAX_CORRECTION_PX,
+            max_warp_change: MAX_WARP_CHANGE,
+        }
     }
 
     fn flow(&self, px: &Vector2<f32>, guess: &Vector2<f32>, warp: &Matrix2<f32>) -> Option<Vector2<f32>> {
@@ -115,15 +152,9 @@ impl Transition<'_> {
         let predicted_warp = turned.warp * track.warp[c];
         // The other camera turns with this one.
         track.warp[1 - c] = turned.warp * track.warp[1 - c];
-        let limits = RefineLimits {
-            max_iterations: self.max_iterations,
-            max_linearizations: 2,
-            max_move_px: MAX_CORRECTION_PX,
-            max_warp_change: MAX_WARP_CHANGE,
-        };
         let refined = self
             .use_reference
-            .then(|| reference.refine(self.current, flowed, &predicted_warp, &limits))
+            .then(|| reference.refine(self.current, flowed, &predicted_warp, &self.limits()))
             .flatten()
             .filter(|r| is_recognised(r.zncc, r.rms, r.last_step_px));
         if let Some(refined) = refined {
