@@ -31,7 +31,7 @@ export NEXTEST_TEST_THREADS ?= $(shell nproc)
 # The steps are in order; cargo is parallel itself.
 .NOTPARALLEL:
 .PHONY: help demo build calibration test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny advisories soak loops digests bench bench-instructions doc doctests setup tools clean \
-	fuzz fuzz-all fuzz-smoke vm arm64 deb tarball packages deb-test checked-untimed checked-timed
+	fuzz fuzz-all fuzz-smoke vm arm64 oldest deb tarball packages deb-test checked-untimed checked-timed
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1\t/' | expand -t 20
@@ -63,16 +63,29 @@ tarball: ## the same as an archive for other systems with the GNU C library (ARC
 	$(PRODUCT)
 	scripts/package tarball $(ARCH)
 
-# What starts a program for 64-bit ARM on this machine.
-QEMU_arm64 = qemu-aarch64-static -L /usr/aarch64-linux-gnu
+# What starts a program for 64-bit ARM on this machine: as on the first of that kind, so that no instruction of later ones is in it.
+QEMU_arm64 = qemu-aarch64-static -cpu cortex-a53 -L /usr/aarch64-linux-gnu
 
-arm64: setup ## the product for 64-bit ARM; under qemu its tests pass, its flights have the same bits, and logs verify both ways
+# Every test of the two crates, as it is compiled for the product: an emulator is slow enough without overflow checks.
+arm64: setup ## the product for 64-bit ARM; under qemu its flights have the same bits, logs verify both ways, and the estimator's tests pass
 	@scripts/setup arm64
 	$(CARGO) build $(FLAGS) -p plumbline --target $(TRIPLE_arm64)
-	CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_RUNNER="$(QEMU_arm64)" $(CARGO) test $(FLAGS) --target $(TRIPLE_arm64) \
-		-p plumbline-config -p plumbline-estimator --lib -- --skip realtime::
-	PLUMBLINE_OTHER="$(QEMU_arm64) target/$(TRIPLE_arm64)/release/plumbline" $(CARGO) nextest run $(filter-out --all-targets,$(TESTED)) \
-		--test process --profile soak --run-ignored only --no-capture -E 'test(/^other_processor::/)' $(ARGS)
+	PLUMBLINE_OTHER="$(QEMU_arm64) target/$(TRIPLE_arm64)/release/plumbline" $(OTHER_PROCESSOR)
+	CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_RUNNER="$(QEMU_arm64)" $(CARGO) nextest run $(FLAGS) --target $(TRIPLE_arm64) \
+		-p plumbline-config -p plumbline-estimator --all-features --lib --profile soak --success-output never -E 'not $(TIMED)' $(ARGS)
+
+# The oldest x86-64 that qemu knows: SSE3 and no more.
+QEMU_oldest = qemu-x86_64-static -cpu Opteron_G1
+OLDEST = target/oldest/release/plumbline
+
+oldest: setup ## the product for every x86-64, without AVX2: it runs on the oldest, its flights have the same bits, and logs verify both ways
+	RUSTFLAGS="-C target-cpu=x86-64" $(CARGO) build $(FLAGS) -p plumbline --target-dir target/oldest
+	$(QEMU_oldest) $(OLDEST) replay sim:room --start 2 --duration 1 --scale 0.5
+	PLUMBLINE_OTHER=$(OLDEST) $(OTHER_PROCESSOR)
+
+# The build that PLUMBLINE_OTHER starts, against that of this machine.
+OTHER_PROCESSOR = $(CARGO) nextest run $(filter-out --all-targets,$(TESTED)) --test process \
+	--profile soak --run-ignored only --success-output never -E 'test(/^other_processor::/)' $(ARGS)
 
 packages: ## lists the packages that were made: sizes, contents, what they depend on
 	scripts/package list

@@ -1,4 +1,4 @@
-//! A build for another processor has the same bits, and each executes what the other has recorded: `make arm64`.
+//! A build for another processor has the same bits, and each executes what the other has recorded: `make arm64`, `make oldest`.
 //!
 //! `PLUMBLINE_OTHER` is the command line that starts the other build, an emulator before it as a rule.
 
@@ -12,8 +12,8 @@ fn here() -> Command {
 }
 
 fn other() -> Command {
-    let line =
-        std::env::var("PLUMBLINE_OTHER").expect("PLUMBLINE_OTHER starts the other build: `make arm64`");
+    let line = std::env::var("PLUMBLINE_OTHER")
+        .expect("PLUMBLINE_OTHER starts the other build: `make arm64`, `make oldest`");
     let mut words = line.split_whitespace();
     let mut command = Command::new(words.next().expect("a command"));
     command.args(words).current_dir(plumbline_test_support::workspace());
@@ -28,33 +28,45 @@ fn is_as_recorded(name: &str) {
 }
 
 #[test]
-#[ignore = "needs another build: `make arm64`"]
+#[ignore = "needs another build: `make arm64`, `make oldest`"]
 fn digest_of_the_v1_01_clip() {
     is_as_recorded("v1_01_clip");
 }
 
 #[test]
-#[ignore = "needs another build: `make arm64`"]
+#[ignore = "needs another build: `make arm64`, `make oldest`"]
 fn digest_of_the_mh_05_mono_clip() {
     is_as_recorded("mh_05_mono_clip");
 }
 
 #[test]
-#[ignore = "needs another build: `make arm64`"]
+#[ignore = "needs another build: `make arm64`, `make oldest`"]
 fn digest_of_a_room() {
     is_as_recorded("room");
 }
 
 #[test]
-#[ignore = "needs another build: `make arm64`"]
+#[ignore = "needs another build: `make arm64`, `make oldest`"]
 fn digest_of_a_hall() {
     is_as_recorded("hall");
 }
 
 #[test]
-#[ignore = "needs another build: `make arm64`"]
+#[ignore = "needs another build: `make arm64`, `make oldest`"]
 fn digest_of_low_texture() {
     is_as_recorded("low_texture");
+}
+
+#[test]
+#[ignore = "needs another build: `make arm64`, `make oldest`"]
+fn digest_of_a_room_with_one_camera() {
+    is_as_recorded("room_mono");
+}
+
+#[test]
+#[ignore = "needs another build: `make arm64`, `make oldest`"]
+fn digest_of_a_room_with_faults() {
+    is_as_recorded("room_with_faults");
 }
 
 fn succeeds(mut command: Command, arguments: &[&OsStr]) -> serde_json::Value {
@@ -78,13 +90,13 @@ fn is_verified(recorder: Command, verifier: Command, folder: &Path) {
 }
 
 #[test]
-#[ignore = "needs another build: `make arm64`"]
+#[ignore = "needs another build: `make arm64`, `make oldest`"]
 fn a_log_recorded_here_is_verified_there() {
     is_verified(here(), other(), tempfile::tempdir().unwrap().path());
 }
 
 #[test]
-#[ignore = "needs another build: `make arm64`"]
+#[ignore = "needs another build: `make arm64`, `make oldest`"]
 fn a_log_recorded_there_is_verified_here() {
     is_verified(other(), here(), tempfile::tempdir().unwrap().path());
 }
