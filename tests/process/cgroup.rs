@@ -6,8 +6,9 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// The slice of time that a quota is of, us.
-const PERIOD_US: u32 = 5000;
+/// The slice of time that a quota is of, us: not that of the samples, which would all wait or none. The kernel refuses less
+/// than a millisecond of it.
+const PERIOD_US: u32 = 4000;
 /// In a version 2 group: the threads of its processes that are to be held still.
 const THREADS: &str = "threads";
 
@@ -25,7 +26,7 @@ pub struct Group {
 }
 
 impl Group {
-    /// A group whose processes together get `share` of one processor, in slices of 5 ms.
+    /// A group whose processes together get `share` of one processor, in slices of 4 ms.
     pub fn with_quota(name: &str, share: f64) -> Option<Self> {
         let quota_us = (f64::from(PERIOD_US) * share) as u32;
         let set = |group: Self| -> io::Result<Self> {
