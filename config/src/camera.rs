@@ -74,14 +74,17 @@ impl Distortion {
     pub fn is_regular(&self, xy: &Vector2<f64>) -> bool {
         let r2 = xy.norm_squared();
         match *self {
-            Self::RadialTangential { k1, k2, .. } => {
-                r2 < fold_radius_squared(k1, k2).at_most(MAX_RADIUS_SQUARED)
-            }
+            Self::RadialTangential { k1, k2, .. } => r2 < regular_radius_squared(k1, k2),
             Self::Equidistant { k1, k2, k3, k4 } => {
                 r2 < MAX_RADIUS_SQUARED && is_growing(libm::atan(r2.sqrt()), [k1, k2, k3, k4])
             }
         }
     }
+}
+
+/// Square of the radius within which the radial model is regular.
+fn regular_radius_squared(k1: f64, k2: f64) -> f64 {
+    fold_radius_squared(k1, k2).at_most(MAX_RADIUS_SQUARED)
 }
 
 /// Square of the smallest radius at which `d/dr (r + k1 r³ + k2 r⁵) = 1 + 3 k1 r² + 5 k2 r⁴` is zero;
@@ -147,38 +150,40 @@ fn distort_equidistant(xy: &Vector2<f64>, k: [f64; 4]) -> (Vector2<f64>, Matrix2
     (xy * scale, Matrix2::identity() * scale + xy * unit.transpose() * d_scale_by_r)
 }
 
-impl Distortion {
-    /// Newton's method from the distorted coordinates; a step is halved while it leaves the regular part
-    /// or increases the error, so that the solution is on the branch of the centre or there is none.
-    fn undistort_newton(&self, target: &Vector2<f64>) -> Option<Vector2<f64>> {
-        if !target.iter().all(|x| x.is_finite()) {
-            return None;
-        }
-        let mut xy = if self.is_regular(target) { *target } else { Vector2::zeros() };
-        let (distorted, mut jacobian) = self.distort(&xy);
-        let mut error = distorted - target;
-        for _ in 0..UNDISTORT_STEPS {
-            if error.norm() < UNDISTORT_TOLERANCE {
-                return (jacobian.determinant() > 0.0).then_some(xy);
-            }
-            let mut step = jacobian.try_inverse()? * error;
-            let mut halvings = 0;
-            (xy, error, jacobian) = loop {
-                let candidate = xy - step;
-                let (distorted, jacobian) = self.distort(&candidate);
-                let remaining = distorted - target;
-                if self.is_regular(&candidate) && remaining.norm() < error.norm() {
-                    break (candidate, remaining, jacobian);
-                }
-                if halvings == UNDISTORT_HALVINGS {
-                    return None;
-                }
-                halvings += 1;
-                step *= 0.5;
-            };
-        }
-        None
+/// Newton's method from the distorted coordinates; a step is halved while it leaves the regular part or increases the
+/// error, so that the solution is on the branch of the centre or there is none.
+fn undistort_radtan(target: &Vector2<f64>, [k1, k2, p1, p2]: [f64; 4]) -> Option<Vector2<f64>> {
+    if !target.iter().all(|x| x.is_finite()) {
+        return None;
     }
+    let reach = regular_radius_squared(k1, k2);
+    let error_of = |xy: &Vector2<f64>| {
+        let (distorted, jacobian) = distort_radtan(xy, k1, k2, p1, p2);
+        let error = distorted - target;
+        (error, error.norm(), jacobian)
+    };
+    let mut xy = if target.norm_squared() < reach { *target } else { Vector2::zeros() };
+    let (mut error, mut size, mut jacobian) = error_of(&xy);
+    for _ in 0..UNDISTORT_STEPS {
+        if size < UNDISTORT_TOLERANCE {
+            return (jacobian.determinant() > 0.0).then_some(xy);
+        }
+        let mut step = jacobian.try_inverse()? * error;
+        let mut halvings = 0;
+        (xy, error, size, jacobian) = loop {
+            let candidate = xy - step;
+            let (remaining, smaller, jacobian) = error_of(&candidate);
+            if candidate.norm_squared() < reach && smaller < size {
+                break (candidate, remaining, smaller, jacobian);
+            }
+            if halvings == UNDISTORT_HALVINGS {
+                return None;
+            }
+            halvings += 1;
+            step *= 0.5;
+        };
+    }
+    None
 }
 
 /// The angle `theta` of a distorted one, by Newton's method in one dimension, and its direction.
@@ -265,7 +270,7 @@ impl CameraModel {
     pub fn unproject(&self, px: &Vector2<f64>) -> Option<Vector2<f64>> {
         let target = (px - self.centre_px).component_div(&self.focal_px);
         match self.distortion {
-            Distortion::RadialTangential { .. } => self.distortion.undistort_newton(&target),
+            Distortion::RadialTangential { k1, k2, p1, p2 } => undistort_radtan(&target, [k1, k2, p1, p2]),
             Distortion::Equidistant { k1, k2, k3, k4 } => undistort_equidistant(&target, [k1, k2, k3, k4]),
         }
     }
