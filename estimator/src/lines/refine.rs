@@ -13,15 +13,6 @@ use plumbline_config::{ImageView, Portable};
 /// Pixels of a profile, and the place of its middle.
 const PROFILE: usize = 16;
 const MIDDLE: usize = 6;
-/// Reach of the filter, px.
-const FILTER: usize = 3;
-/// The steepest place may lie this far from the middle, px; the parabola needs a neighbour to either side.
-const REACH: usize = 1;
-/// Differentiated places of a profile.
-const SLOPES: usize = 8;
-/// Pixels of a profile that have a say in its steepest place: read one by one they are not read in vain.
-const READ_FROM: usize = MIDDLE - FILTER - REACH - 1;
-const READ_TO: usize = MIDDLE + FILTER + REACH + 2;
 /// Response of the filter to a ramp of one grey level per pixel.
 const FILTER_GAIN: f32 = 32.0;
 /// A crossing counts where it is at least this steep, as a share of the gradient at half the resolution: a third of what
@@ -180,9 +171,9 @@ struct Edge<'a> {
     /// The major axis is that of the rows: y.
     is_steep: bool,
     /// 1 where the image brightens along the minor axis, else -1.
-    sign: i16,
+    sign: i32,
     /// Least response of the filter.
-    threshold: i16,
+    threshold: i32,
 }
 
 impl<'a> Edge<'a> {
@@ -192,7 +183,7 @@ impl<'a> Edge<'a> {
         // The gradient points to the right of the direction.
         let is_brighter = if is_steep { direction.y < 0.0 } else { direction.x > 0.0 };
         let sign = if is_brighter { 1 } else { -1 };
-        Self { image, is_steep, sign, threshold: (MIN_SHARE * FILTER_GAIN * segment.strength) as i16 }
+        Self { image, is_steep, sign, threshold: (MIN_SHARE * FILTER_GAIN * segment.strength) as i32 }
     }
 
     /// Coordinates along the major and the minor axis.
@@ -223,56 +214,39 @@ impl<'a> Edge<'a> {
         let row = usize::try_from(major).ok().filter(|&m| m < majors)?;
         let nearest = (expected.at(major as f32) + 0.5).at_least(0.0) as usize;
         let from = nearest.checked_sub(MIDDLE).filter(|from| from + PROFILE <= minors)?;
-        let mut profile = [0; PROFILE];
-        self.read(row, from, &mut profile);
-        let (offset, response) = self.steepest(&profile)?;
+        let (offset, response) = if self.is_steep {
+            let levels = &self.image.row(row)[from..from + PROFILE];
+            self.steepest(|k| levels[k])
+        } else {
+            self.steepest(|k| self.image.pixel(row, from + k))
+        }?;
         let minor = nearest as f32 + offset;
         Some(Crossing { major: major as f32, minor, strength: response / FILTER_GAIN, weight: 1.0 })
     }
 
-    /// Pixels along the minor axis from `minor` on.
-    fn read(&self, major: usize, minor: usize, profile: &mut [i16; PROFILE]) {
-        if self.is_steep {
-            let row = &self.image.row(major)[minor..minor + PROFILE];
-            for k in 0..PROFILE {
-                profile[k] = i16::from(row[k]);
-            }
-        } else {
-            for (k, level) in profile[READ_FROM..READ_TO].iter_mut().enumerate() {
-                *level = i16::from(self.image.pixel(major, minor + READ_FROM + k));
-            }
-        }
-    }
-
-    /// Distance of the steepest place from the middle of a profile, and the response there, if it is near and steep enough.
-    fn steepest(&self, profile: &[i16; PROFILE]) -> Option<(f32, f32)> {
-        let mut slopes = [0; SLOPES];
-        differentiate(profile, self.sign, &mut slopes);
-        // Five slopes, the first from the first of these pixels on.
-        let [a, b, c, d, e] = [0, 1, 2, 3, 4].map(|k| slopes[READ_FROM + k]);
+    /// Distance of the steepest place from the middle of a profile of [`PROFILE`] grey levels, and the response there, if it
+    /// is near and steep enough.
+    #[inline(always)]
+    fn steepest(&self, level: impl Fn(usize) -> u8) -> Option<(f32, f32)> {
+        // The response at a place so far from the middle: at most `10 * 255`.
+        let slope = |offset: isize| {
+            let at = |k: isize| i32::from(level((MIDDLE as isize + offset + k) as usize));
+            self.sign * (at(3) - at(-3) + 4 * (at(2) - at(-2)) + 5 * (at(1) - at(-1)))
+        };
+        let (b, c, d) = (slope(-1), slope(0), slope(1));
         // Of two alike the middle one, then the one before.
         let (before, top, after, at) = match (c >= b && c >= d, b >= d) {
             (true, _) => (b, c, d, 0.0),
-            (false, true) => (a, b, c, -1.0),
-            (false, false) => (c, d, e, 1.0),
+            (false, true) => (slope(-2), b, c, -1.0),
+            (false, false) => (c, d, slope(2), 1.0),
         };
         if top <= self.threshold || before > top || after > top {
             return None;
         }
-        let (a, b, c) = (f32::from(before), f32::from(top), f32::from(after));
+        let [a, b, c] = [before, top, after].map(|response| response as f32);
         let curvature = a - 2.0 * b + c;
         let shift = if curvature < 0.0 { 0.5 * (a - c) / curvature } else { 0.0 };
         Some((at + shift, b))
-    }
-}
-
-/// Response of the filter, at most `10 * 255`, at [`SLOPES`] places of a profile from number [`FILTER`] on.
-#[inline(never)]
-fn differentiate(profile: &[i16; PROFILE], sign: i16, slopes: &mut [i16; SLOPES]) {
-    for k in 0..SLOPES {
-        let [far, near, next] =
-            [profile[k + 6] - profile[k], profile[k + 5] - profile[k + 1], profile[k + 4] - profile[k + 2]];
-        slopes[k] = sign * (far + 4 * near + 5 * next);
     }
 }
 
