@@ -49,14 +49,6 @@ impl Pixel {
         Vector2::new(f32::from(gx), f32::from(gy))
     }
 
-    /// Its magnitude, in steps: `max + 3/8 min` of the components, at most 7 % off the Euclidean norm and
-    /// exactly proportional to it across one edge.
-    #[must_use]
-    pub fn magnitude(self) -> i16 {
-        let (gx, gy) = self.gradient();
-        magnitude(gx.abs(), gy.abs())
-    }
-
     /// Whether the pixel belongs to a segment, or lies beside one that does.
     #[must_use]
     pub fn is_taken(self) -> bool {
@@ -107,16 +99,12 @@ pub struct Gradients {
     smooth: [Vec<i16>; 3],
     /// Vertical sums and differences of the three.
     sums: [Vec<i16>; 2],
-    /// The last three rows of magnitudes, and whether the gradient is mostly horizontal.
-    ridges: [RidgeRow; 3],
+    /// Magnitudes of all pixels: of most that growth looks at it asks for nothing else.
+    magnitudes: Vec<i16>,
+    /// Whether the gradient is mostly horizontal, of the last three rows; 1 or 0, as wide as a magnitude: what is compared
+    /// together fills one register.
+    is_horizontal: [Vec<i16>; 3],
     is_ridge: Vec<u8>,
-}
-
-#[derive(Clone, Debug)]
-struct RidgeRow {
-    magnitude: Vec<i16>,
-    /// 1 or 0, as wide as a magnitude: what is compared together fills one register.
-    is_horizontal: Vec<i16>,
 }
 
 impl Gradients {
@@ -124,7 +112,6 @@ impl Gradients {
     #[must_use]
     pub fn new(width: usize, height: usize) -> Self {
         let (width, height) = (width / REDUCTION, height / REDUCTION);
-        let ridge_row = RidgeRow { magnitude: vec![0; width], is_horizontal: vec![0; width] };
         Self {
             width,
             height,
@@ -133,7 +120,8 @@ impl Gradients {
             blurred: std::array::from_fn(|_| vec![0; width]),
             smooth: std::array::from_fn(|_| vec![0; width]),
             sums: std::array::from_fn(|_| vec![0; width]),
-            ridges: std::array::from_fn(|_| ridge_row.clone()),
+            magnitudes: vec![0; width * height],
+            is_horizontal: std::array::from_fn(|_| vec![0; width]),
             is_ridge: vec![0; width],
         }
     }
@@ -154,6 +142,12 @@ impl Gradients {
     #[must_use]
     pub fn at(&self, index: usize) -> (i16, i16) {
         self.pixels[index].gradient()
+    }
+
+    /// Magnitudes of the gradients, row by row, in steps.
+    #[must_use]
+    pub fn magnitudes(&self) -> &[i16] {
+        &self.magnitudes
     }
 
     /// All pixels, row by row.
@@ -197,7 +191,8 @@ impl Gradients {
                 let [sum, difference] = &mut self.sums;
                 combine_rows(rows, sum, difference);
                 let span = centre * width..(centre + 1) * width;
-                differentiate(sum, difference, &mut self.pixels[span], &mut self.ridges[centre % 3]);
+                let (pixels, magnitudes) = (&mut self.pixels[span.clone()], &mut self.magnitudes[span]);
+                differentiate(sum, difference, pixels, magnitudes, &mut self.is_horizontal[centre % 3]);
             }
             // Ridges of row `y - 3` need the magnitudes up to `y - 2`.
             if let Some(centre) = y.checked_sub(3).filter(|&c| c >= BORDER && c + BORDER < height) {
@@ -209,15 +204,15 @@ impl Gradients {
     fn find_ridges(&mut self, y: usize, threshold: i16, found: &mut impl FnMut(usize, usize, i16)) {
         let width = self.width;
         let inner = BORDER..width - BORDER;
-        let [up, row, down] = [y - 1, y, y + 1].map(|k| &self.ridges[k % 3]);
+        let [up, row, down] = [y - 1, y, y + 1].map(|k| &self.magnitudes[k * width..(k + 1) * width]);
         let around = [
-            &row.magnitude[BORDER - 1..width - BORDER - 1],
-            &row.magnitude[BORDER + 1..width - BORDER + 1],
-            &up.magnitude[inner.clone()],
-            &down.magnitude[inner.clone()],
+            &row[BORDER - 1..width - BORDER - 1],
+            &row[BORDER + 1..width - BORDER + 1],
+            &up[inner.clone()],
+            &down[inner.clone()],
         ];
         let out = &mut self.is_ridge[..inner.len()];
-        mark_ridges(&row.magnitude[inner.clone()], &row.is_horizontal[inner], around, threshold, out);
+        mark_ridges(&row[inner.clone()], &self.is_horizontal[y % 3][inner], around, threshold, out);
         // Seeds are every fourth ridge of a steep edge by its row, of a flat one by its column.
         let wanted = if y.is_multiple_of(SEED_STEP) { FLAT_SEEDS | STEEP } else { FLAT_SEEDS };
         let (whole, rest) = out.as_chunks::<8>();
@@ -229,13 +224,14 @@ impl Gradients {
                 let k = bits.trailing_zeros() as usize / 8;
                 bits &= bits - 1;
                 let x = BORDER + chunk * 8 + k;
-                found(x, y, row.magnitude[x]);
+                found(x, y, row[x]);
             }
         }
     }
 }
 
-/// Magnitude of a gradient by the absolute values of its components.
+/// Magnitude of a gradient by the absolute values of its components, in steps: `max + 3/8 min`, at most 7 % off the
+/// Euclidean norm and exactly proportional to it across one edge.
 #[inline(always)]
 fn magnitude(ax: i16, ay: i16) -> i16 {
     let (most, least) = (ax.max(ay), ax.min(ay));
@@ -287,18 +283,24 @@ fn combine_rows(rows: [&[i16]; 3], sum: &mut [i16], difference: &mut [i16]) {
 }
 
 /// Horizontal parts, and the magnitude; the outermost pixels have none.
-fn differentiate(sum: &[i16], difference: &[i16], out: &mut [Pixel], ridges: &mut RidgeRow) {
+fn differentiate(
+    sum: &[i16],
+    difference: &[i16],
+    out: &mut [Pixel],
+    magnitudes: &mut [i16],
+    is_horizontal: &mut [i16],
+) {
     let inner = sum.len() - 2;
     let (left, right) = (&sum[..inner], &sum[2..2 + inner]);
     let (a, b, c) = (&difference[..inner], &difference[1..1 + inner], &difference[2..2 + inner]);
     let out = &mut out[1..1 + inner];
-    let to = &mut ridges.magnitude[1..1 + inner];
-    let is_horizontal = &mut ridges.is_horizontal[1..1 + inner];
+    let magnitudes = &mut magnitudes[1..1 + inner];
+    let is_horizontal = &mut is_horizontal[1..1 + inner];
     for i in 0..inner {
         let (gx, gy) = ((right[i] - left[i]) & !1, (a[i] + 2 * b[i] + c[i]) & !1);
         let (ax, ay) = (gx.abs(), gy.abs());
         out[i] = Pixel { gx, gy };
-        to[i] = magnitude(ax, ay);
+        magnitudes[i] = magnitude(ax, ay);
         is_horizontal[i] = i16::from(ax >= ay);
     }
 }
@@ -366,9 +368,9 @@ mod tests {
         let mut gradients = Gradients::new(width, height);
         let mut ridges = Vec::new();
         gradients.compute(&image.view(), 1000, |x, _, _| ridges.push(x));
-        let at_edge = gradients.pixels()[10 * width / 2 + 15].magnitude();
+        let at_edge = gradients.magnitudes()[10 * width / 2 + 15];
         assert!(f32::from(at_edge) / SCALE > 60.0);
-        assert!(gradients.pixels().iter().all(|p| p.magnitude() >= 0));
+        assert!(gradients.magnitudes().iter().all(|&m| m >= 0));
         assert!(!ridges.is_empty() && ridges.iter().all(|&x| x == 15));
     }
 }

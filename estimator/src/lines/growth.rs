@@ -217,17 +217,17 @@ impl Growth {
         if nearest < BORDER as isize || nearest >= course.limit_minor() {
             return None;
         }
-        let pixels = course.gradients.pixels();
-        let centre = course.index(major, nearest);
-        let at = |k: usize| pixels[centre + k * self.across - 2 * self.across].magnitude();
+        let magnitudes = course.gradients.magnitudes();
+        let first = course.index(major, nearest) - 2 * self.across;
+        let at = |k: usize| magnitudes[first + k * self.across];
         let (low, mid, high) = (at(1), at(2), at(3));
         let (peak, before, top, after) = match (mid >= low && mid >= high, low > high) {
             (true, _) => (2, low, mid, high),
             (false, true) => (1, at(0), low, mid),
             (false, false) => (3, mid, high, at(4)),
         };
-        let index = centre + peak * self.across - 2 * self.across;
-        let pixel = pixels[index];
+        let index = first + peak * self.across;
+        let pixel = course.gradients.pixels()[index];
         if top <= course.threshold || before > top || after > top || pixel.is_taken() {
             return None;
         }
