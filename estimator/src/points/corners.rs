@@ -11,11 +11,14 @@ use nalgebra::Vector2;
 const WINDOW: usize = 3;
 /// Rows of the window.
 const ROWS: usize = 2 * WINDOW + 1;
-/// Pixels of the window.
-const WINDOW_AREA: i32 = (ROWS * ROWS) as i32;
+/// What sums over a window are divided by: its pixels, and four, as differences over two pixels have products four times
+/// too large.
+const AREA: f32 = (4 * ROWS * ROWS) as f32;
 /// Score of a corner that is nothing but noise: white noise of one grey level has 0.5, and the best of a
 /// cell's thousand windows about twice that.
 const NOISE_SCORE: f32 = 1.2;
+/// More than a score can be too great by rounding: the greatest is 16256.
+const ROUNDING: f32 = 0.01;
 /// Weak corners are taken until this share of the wanted points is reached.
 const POOR_SHARE: f32 = 0.6;
 /// New points keep this distance from others, in cells.
@@ -29,6 +32,9 @@ const MIN_CELLS: usize = 40;
 const CELLS_PER_POINT: usize = 3;
 /// Largest side of a cell, px: bounds the work buffers.
 const MAX_CELL_PX: usize = 128;
+/// Most scores of a row of a cell and of its neighbours, and pixels of a row from which they are summed.
+const MAX_STRIDE: usize = (MAX_CELL_PX + 2).next_multiple_of(LANES);
+const MAX_SPAN: usize = span_of(MAX_STRIDE / LANES);
 
 /// A corner found.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -82,7 +88,7 @@ impl CornerDetector {
             next_cell: 0,
             stride: coprime_step(cells),
             corners: Vec::with_capacity(cells),
-            map: ScoreMap::new(cell_px),
+            map: ScoreMap::EMPTY,
         }
     }
 
@@ -157,14 +163,17 @@ impl CornerDetector {
             (start < end).then_some((start, end))
         };
         let ((x0, x1), (y0, y1)) = (span(column, self.width)?, span(row, self.height)?);
-        self.map.compute(plane, [x0, y0], [x1 - x0, y1 - y0]);
+        let place = |x: usize, y: usize| Vector2::new((x0 + x) as f32, (y0 + y) as f32);
         let distance = MIN_DISTANCE_CELLS * self.cell_px as f32;
-        self.map
-            .best(NOISE_SCORE, |x, y| {
-                let px = Vector2::new((x0 + x) as f32, (y0 + y) as f32);
-                existing.iter().all(|other| (other - px).norm_squared() >= distance * distance)
-            })
-            .map(|(x, y, score)| Corner { px: Vector2::new((x0 + x) as f32, (y0 + y) as f32), score })
+        // All of them, without an end at the first that is near: many at a time.
+        let is_free = |x: usize, y: usize| {
+            let px = place(x, y);
+            existing
+                .iter()
+                .fold(true, |free, other| free & ((other - px).norm_squared() >= distance * distance))
+        };
+        let (x, y, score) = self.map.best(plane, [x0, y0], [x1 - x0, y1 - y0], is_free)?;
+        Some(Corner { px: place(x, y), score })
     }
 }
 
@@ -183,169 +192,162 @@ fn coprime_step(count: usize) -> usize {
 /// Whole numbers of neighbouring pixels.
 type Lanes = [i32; LANES];
 
-/// Scores of a rectangle and of one pixel around it. All rows are as long as whole vectors, so that none is worked on pixel by
-/// pixel.
+/// Scores of a rectangle and of one pixel around it, row by row. All rows are as long as whole vectors, so that none is worked
+/// on pixel by pixel; what lies beyond the rectangle then is of no account.
 #[derive(Clone, Debug)]
 struct ScoreMap {
-    /// The last three rows of the image.
-    pixels: [Vec<u8>; 3],
-    /// Products of the gradients, `gx gx`, `gx gy`, `gy gy`, of the rows of the window.
-    products: [Vec<[Lanes; 3]>; ROWS],
-    /// Sums of the products over the window's rows.
-    columns: [Vec<i32>; 3],
-    scores: Vec<f32>,
-    /// Scores of a row.
-    stride: usize,
-    width: usize,
-    height: usize,
+    /// Sums over the window's rows of the products of gradients, `gx gx`, `gx gy`, `gy gy`.
+    columns: [[i32; MAX_SPAN]; 3],
+    /// The last three rows of scores, each with a place before and after for neighbours. One that cannot be the best is zero.
+    scores: [[f32; MAX_STRIDE + 2]; 3],
 }
 
 impl ScoreMap {
-    fn new(cell_px: usize) -> Self {
-        let stride = (cell_px + 2).next_multiple_of(LANES);
-        let span = span_of(stride);
-        Self {
-            pixels: std::array::from_fn(|_| vec![0; span + 2]),
-            products: std::array::from_fn(|_| vec![[[0; LANES]; 3]; span / LANES]),
-            columns: std::array::from_fn(|_| vec![0; span]),
-            scores: vec![0.0; stride * (cell_px + 2)],
-            stride,
-            width: 0,
-            height: 0,
-        }
-    }
+    const EMPTY: Self = Self { columns: [[0; MAX_SPAN]; 3], scores: [[0.0; MAX_STRIDE + 2]; 3] };
 
-    /// Scores of the rectangle at `from` of `size` (image pixels), and of its neighbours.
-    fn compute(&mut self, plane: &Plane<'_>, from: [usize; 2], size: [usize; 2]) {
-        (self.width, self.height) = (size[0] + 2, size[1] + 2);
-        self.stride = self.width.next_multiple_of(LANES);
-        // The first pixel that has a say, in coordinates of the plane.
+    /// The best local maximum of the score, above that of noise, that `is_free` accepts in the rectangle at `from` of `size`
+    /// (image pixels), in coordinates within it. The plane is one with a rim.
+    fn best(
+        &mut self,
+        plane: &Plane<'_>,
+        from: [usize; 2],
+        size: [usize; 2],
+        is_free: impl Fn(usize, usize) -> bool,
+    ) -> Option<(usize, usize, f32)> {
+        let [width, height] = size;
+        let vectors = (width + 2).div_ceil(LANES);
+        // The first pixel that has a say.
         let [left, top] = from.map(|first| first + plane.origin - WINDOW - 2);
-        self.columns.iter_mut().for_each(|sums| sums.fill(0));
-        self.products.iter_mut().for_each(|row| row.fill([[0; LANES]; 3]));
-        let seen = self.width + 2 * WINDOW + 2;
-        for y in 0..self.height + 2 * WINDOW + 2 {
-            self.pixels[y % 3][..seen]
-                .copy_from_slice(&plane.pixels[(top + y) * plane.columns + left..][..seen]);
-            if y >= 2 {
-                self.replace_row(y - 2);
-            }
-            if y >= 2 * WINDOW + 2 {
-                self.score_row(y - 2 * WINDOW - 2);
-            }
-        }
-    }
-
-    /// Puts the products of a row in the place of those of the row that leaves the window.
-    fn replace_row(&mut self, y: usize) {
-        let Self { pixels, products, columns: [xx, xy, yy], stride, .. } = self;
-        let [above, middle, below] = [0, 1, 2].map(|dy| &pixels[(y + dy) % 3]);
-        // All as long as each other, so that their bounds are checked once.
-        let n = span_of(*stride) / LANES;
-        let [right, left] = [2, 0].map(|first| &vectors(middle, first)[..n]);
-        let [below, above] = [below, above].map(|row| &vectors(row, 1)[..n]);
-        let old = &mut products[y % ROWS][..n];
-        let [xx, xy, yy] = [xx, xy, yy].map(|sums| &mut sums.as_chunks_mut().0[..n]);
-        for k in 0..n {
-            let pixels = [&right[k], &left[k], &below[k], &above[k]];
-            replace(pixels, &mut old[k], &mut xx[k], &mut xy[k], &mut yy[k]);
-        }
-    }
-
-    fn score_row(&mut self, y: usize) {
-        let row = &mut self.scores[y * self.stride..][..self.stride];
-        let [xx, xy, yy] = self.columns.each_ref().map(|sums| &sums[..span_of(self.stride)]);
-        for (k, scores) in row.as_chunks_mut().0.iter_mut().enumerate() {
-            let at = k * LANES;
-            score(&xx[at..], &xy[at..], &yy[at..], scores);
-        }
-    }
-
-    /// The best local maximum above `floor` that `allowed` accepts (coordinates within the rectangle).
-    fn best(&self, floor: f32, allowed: impl Fn(usize, usize) -> bool) -> Option<(usize, usize, f32)> {
-        let mut best = None;
-        let mut limit = floor;
-        for y in 1..self.height - 1 {
-            let row = &self.scores[y * self.stride..][..self.width];
-            if !has_above(row, limit) {
-                continue;
-            }
-            for (x, &score) in row[..self.width - 1].iter().enumerate().skip(1) {
-                if score > limit && self.is_maximum(x, y) && allowed(x - 1, y - 1) {
-                    limit = score;
-                    best = Some((x - 1, y - 1, score));
+        let pixels = &plane.pixels[top * plane.columns + left..];
+        self.columns = [[0; MAX_SPAN]; 3];
+        let (mut best, mut limit) = (None, NOISE_SCORE);
+        // Vectors with a score above the limit in the last row, one bit each.
+        let mut last_above = 0;
+        for y in 0..height + 2 * WINDOW + 2 {
+            self.replace_row(pixels, plane.columns, y, vectors);
+            let Some(scored) = y.checked_sub(2 * WINDOW) else { continue };
+            let above = std::mem::replace(&mut last_above, self.score_row(scored, vectors, limit));
+            // A row is looked at when the one below has its scores.
+            let Some(row) = scored.checked_sub(2) else { continue };
+            for k in ones(above) {
+                for x in ones(self.maxima(row, k * LANES, limit)).map(|lane| k * LANES + lane) {
+                    let score = self.scores[(row + 1) % 3][x + 1];
+                    if (1..=width).contains(&x) && score > limit && is_free(x - 1, row) {
+                        limit = score;
+                        best = Some((x - 1, row, score));
+                    }
                 }
             }
         }
         best
     }
 
-    fn is_maximum(&self, x: usize, y: usize) -> bool {
-        let centre = self.scores[y * self.stride + x];
-        (y - 1..=y + 1).all(|v| {
-            self.scores[v * self.stride + x - 1..=v * self.stride + x + 1].iter().all(|&s| s <= centre)
-        })
+    /// Puts a row in the place of the one that leaves the window. `pixels` begin above the first row, `step` from one row
+    /// to the next.
+    fn replace_row(&mut self, pixels: &[u8], step: usize, y: usize, vectors: usize) {
+        /// Pixels without a gradient, before there is a row to leave the window.
+        const NONE: [u8; MAX_SPAN + 2] = [0; MAX_SPAN + 2];
+        let span = span_of(vectors);
+        let around = |y: usize| [0, 1, 2].map(|dy| &pixels[(y + dy) * step..][..span + 2]);
+        let old = y.checked_sub(ROWS).map_or([&NONE[..span + 2]; 3], around);
+        let [xx, xy, yy] = self.columns.each_mut().map(|sums| &mut sums[..span]);
+        replace(around(y), old, xx, xy, yy);
+    }
+
+    /// Scores a row; which vectors have a score above `limit`.
+    fn score_row(&mut self, y: usize, vectors: usize, limit: f32) -> u32 {
+        let least = ((limit - ROUNDING) * AREA) as i32;
+        let [xx, xy, yy] = &self.columns;
+        let scores = self.scores[y % 3][1..].as_chunks_mut().0;
+        let mut above = 0;
+        for (k, scores) in scores.iter_mut().enumerate().take(vectors) {
+            let at = k * LANES;
+            if are_promising(&xx[at..], &yy[at..], least) {
+                above |= u32::from(score(&xx[at..], &xy[at..], &yy[at..], limit, scores)) << k;
+            } else {
+                *scores = [0.0; LANES];
+            }
+        }
+        above
+    }
+
+    /// Which scores of a vector at `x`, of the row below `y`, are local maxima above `limit`, one bit each.
+    fn maxima(&self, y: usize, x: usize, limit: f32) -> u32 {
+        let [above, row, below] = [0, 1, 2].map(|dy| &self.scores[(y + dy) % 3][x..]);
+        maxima(above, row, below, limit)
     }
 }
 
-/// Pixels of a row of products from which a row of `stride` scores is summed, in whole vectors.
-fn span_of(stride: usize) -> usize {
-    (stride + 2 * WINDOW).next_multiple_of(LANES)
+/// Pixels of a row of products from which a row of so many vectors of scores is summed, in whole vectors.
+const fn span_of(vectors: usize) -> usize {
+    (vectors * LANES + 2 * WINDOW).next_multiple_of(LANES)
 }
 
-/// Pixels of a row from number `first` on.
-fn vectors(row: &[u8], first: usize) -> &[[u8; LANES]] {
-    row[first..].as_chunks().0
+/// Places of the ones of a number.
+fn ones(mut bits: u32) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let place = (bits != 0).then(|| bits.trailing_zeros() as usize)?;
+        bits &= bits - 1;
+        Some(place)
+    })
 }
 
 // Functions of their own, whose results lie in memory: where they are many values in registers, the compiler takes them one
 // by one.
 
-/// Puts the products of a vector of gradients, by the pixels around,, in the place of `old` ones, and
-/// brings their sums up to date.
+/// Adds to sums the products of the gradients of a row, by the rows of pixels above, of it and below, which reach one beyond it on
+/// both sides; and takes those of an `old` one away.
 #[inline(never)]
-fn replace(
-    [right, left, below, above]: [&[u8; LANES]; 4],
-    old: &mut [Lanes; 3],
-    xx: &mut Lanes,
-    xy: &mut Lanes,
-    yy: &mut Lanes,
-) {
-    let gx: Lanes = std::array::from_fn(|i| i32::from(right[i]) - i32::from(left[i]));
-    let gy: Lanes = std::array::from_fn(|i| i32::from(below[i]) - i32::from(above[i]));
-    for i in 0..LANES {
-        let new = gx[i] * gx[i];
-        xx[i] += new - old[0][i];
-        old[0][i] = new;
-    }
-    for i in 0..LANES {
-        let new = gx[i] * gy[i];
-        xy[i] += new - old[1][i];
-        old[1][i] = new;
-    }
-    for i in 0..LANES {
-        let new = gy[i] * gy[i];
-        yy[i] += new - old[2][i];
-        old[2][i] = new;
+fn replace(new: [&[u8]; 3], old: [&[u8]; 3], xx: &mut [i32], xy: &mut [i32], yy: &mut [i32]) {
+    let n = xx.len();
+    let [new, old] = [new, old].map(|pixels| pixels.map(|row| &row[..n + 2]));
+    let (xy, yy) = (&mut xy[..n], &mut yy[..n]);
+    for i in 0..n {
+        let gradient = |[above, row, below]: [&[u8]; 3]| {
+            (i32::from(row[i + 2]) - i32::from(row[i]), i32::from(below[i + 1]) - i32::from(above[i + 1]))
+        };
+        let ((gx, gy), (old_x, old_y)) = (gradient(new), gradient(old));
+        xx[i] += gx * gx - old_x * old_x;
+        xy[i] += gx * gy - old_x * old_y;
+        yy[i] += gy * gy - old_y * old_y;
     }
 }
 
-/// Scores from column sums, as many as windows of a vector of scores cover: the lesser eigenvalue of the window's mean structure tensor.
+/// Whether a vector of scores can have one whose sums exceed `least`: the lesser eigenvalue is no greater than the lesser
+/// entry of the diagonal. Most have none.
 #[inline(never)]
-fn score(xx: &[i32], xy: &[i32], yy: &[i32], scores: &mut [f32; LANES]) {
-    // The differences above are over two pixels, so their products are four times too large.
-    const NORM: f32 = 1.0 / (4 * WINDOW_AREA) as f32;
+fn are_promising(xx: &[i32], yy: &[i32], least: i32) -> bool {
+    let [xx, yy] = [xx, yy].map(window_sums);
+    (0..LANES).fold(false, |found, k| found | (xx[k].min(yy[k]) > least))
+}
+
+/// Scores from column sums, as many as windows of a vector of scores cover: the lesser eigenvalue of the window's mean
+/// structure tensor. Whether one exceeds `limit`.
+#[inline(never)]
+fn score(xx: &[i32], xy: &[i32], yy: &[i32], limit: f32, scores: &mut [f32; LANES]) -> bool {
+    const NORM: f32 = 1.0 / AREA;
     let [xx, xy, yy] = [xx, xy, yy].map(|columns| window_sums(columns).map(|sum| sum as f32 * NORM));
     for k in 0..LANES {
         let difference = xx[k] - yy[k];
         scores[k] = 0.5 * (xx[k] + yy[k] - (difference * difference + 4.0 * xy[k] * xy[k]).sqrt());
     }
+    scores.iter().fold(false, |found, score| found | (*score > limit))
 }
 
-/// Whether one of the scores exceeds `limit`: most rows have none, and all lanes at once tell.
+/// Which of a vector of scores, the second of `row` and those after, exceed `limit` and are no less than any neighbour.
 #[inline(never)]
-fn has_above(scores: &[f32], limit: f32) -> bool {
-    scores.iter().fold(false, |found, score| found | (*score > limit))
+fn maxima(above: &[f32], row: &[f32], below: &[f32], limit: f32) -> u32 {
+    let [above, row, below] = [above, row, below].map(|scores| &scores[..LANES + 2]);
+    let mut bits = [0u32; LANES];
+    for k in 0..LANES {
+        let centre = row[k + 1];
+        let mut is_maximum = centre > limit;
+        for d in 0..3 {
+            is_maximum &= (above[k + d] <= centre) & (row[k + d] <= centre) & (below[k + d] <= centre);
+        }
+        bits[k] = u32::from(is_maximum) << k;
+    }
+    bits.iter().fold(0, |all, bit| all | bit)
 }
 
 /// Sums over `2 WINDOW + 1` neighbours.
