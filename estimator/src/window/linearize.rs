@@ -11,7 +11,7 @@ use super::dense::NormalEquations;
 use super::eliminate::Eliminated;
 use super::factor::{Linearization, RobustSum};
 use super::feature::{Estimated, Feature, Jacobians, StructuralJacobians};
-use super::landmark::Landmark;
+use super::landmark::{Landmark, MAX_OBSERVATIONS};
 use super::landmark_sums::{LandmarkSums, Rows};
 use super::motions::{Lifts, MotionEquations};
 use super::options::Options;
@@ -198,11 +198,16 @@ impl LandmarkEquations {
         let (now, first) = (poses.placed(landmark), poses.placed_first(landmark));
         let mut sums = LandmarkSums::<D>::default();
         let mut span = (usize::from(landmark.host), usize::from(landmark.host));
-        let (mut j, mut rows) = (Jacobians::zeros(), Rows::ZERO);
+        // Residuals and weights first: divisions and roots of one need not wait for those of another.
+        let mut seen = heapless::Vec::<_, MAX_OBSERVATIONS>::new();
         for observation in &landmark.observations {
             let Some(r) = poses.residual::<F>(problem, &now, observation) else { continue };
-            let weight = self.costs.add(r.norm_squared());
-            let scale = weight.sqrt();
+            let scale = self.costs.add(r.norm_squared()).sqrt();
+            // There is room for all.
+            let _ = seen.push((observation, r * scale, scale));
+        }
+        let (mut j, mut rows) = (Jacobians::zeros(), Rows::ZERO);
+        for &(observation, r, scale) in &seen {
             if poses.linearize(landmark, &first, (observation, scale), &mut j).is_none() {
                 continue;
             }
@@ -210,7 +215,7 @@ impl LandmarkEquations {
             let frame = usize::from(observation.frame);
             span = (span.0.min(frame), span.1.max(frame));
             let cameras = (landmark.host_camera, observation.camera);
-            rows.set(&j, &(r * scale), cameras, host == target);
+            rows.set(&j, &r, cameras, host == target);
             self.cameras.add(target, &rows.by_camera);
             sums.add(&rows, Some(frame), entry);
         }

@@ -110,7 +110,10 @@ impl Feature for InversePoint {
             return None;
         }
         let predicted = Vector2::new(x, y) * (1.0 / z);
-        Some(measured.weight * (predicted - measured.xy + measured.xy_rate * time_offset_step_s))
+        let off = predicted - measured.xy + measured.xy_rate * time_offset_step_s;
+        let weight = &measured.weight;
+        // Written out: the general product is a loop that keeps its sums in memory.
+        Some(Vector2::new(weight.m11 * off.x + weight.m12 * off.y, weight.m21 * off.x + weight.m22 * off.y))
     }
 
     #[inline]
