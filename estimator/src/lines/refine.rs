@@ -228,11 +228,7 @@ impl<'a> Edge<'a> {
     /// is near and steep enough.
     #[inline(always)]
     fn steepest(&self, level: impl Fn(usize) -> u8) -> Option<(f32, f32)> {
-        // The response at a place so far from the middle: at most `10 * 255`.
-        let slope = |offset: isize| {
-            let at = |k: isize| i32::from(level((MIDDLE as isize + offset + k) as usize));
-            self.sign * (at(3) - at(-3) + 4 * (at(2) - at(-2)) + 5 * (at(1) - at(-1)))
-        };
+        let slope = |offset| self.sign * slope(&level, offset);
         let (b, c, d) = (slope(-1), slope(0), slope(1));
         // Of two alike the middle one, then the one before.
         let (before, top, after, at) = match (c >= b && c >= d, b >= d) {
@@ -248,6 +244,13 @@ impl<'a> Edge<'a> {
         let shift = if curvature < 0.0 { 0.5 * (a - c) / curvature } else { 0.0 };
         Some((at + shift, b))
     }
+}
+
+/// Response of the filter to a profile, so far from its middle: at most `10 * 255`.
+#[inline(always)]
+fn slope(level: &impl Fn(usize) -> u8, offset: isize) -> i32 {
+    let at = |k: isize| i32::from(level((MIDDLE as isize + offset + k) as usize));
+    at(3) - at(-3) + 4 * (at(2) - at(-2)) + 5 * (at(1) - at(-1))
 }
 
 #[cfg(test)]
