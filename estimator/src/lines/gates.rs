@@ -18,6 +18,21 @@ const MIN_EPIPOLAR_SINE: f64 = 0.1;
 /// Rays that part by less than this are parallel within noise, 1/m.
 const INVERSE_DEPTH_MARGIN: f64 = 0.02;
 
+/// A segment that is compared with many: what all comparisons have in common is worked out once.
+#[derive(Clone, Copy, Debug)]
+pub struct Candidate {
+    ends_xy: [Vector2<f64>; 2],
+    direction: Vector2<f64>,
+}
+
+impl Candidate {
+    /// A segment, ready to be compared.
+    #[must_use]
+    pub fn of(line: &ImageLine) -> Self {
+        Self { ends_xy: line.ends_xy, direction: line.direction() }
+    }
+}
+
 /// Where an edge is expected.
 #[derive(Clone, Copy, Debug)]
 pub struct Expected {
@@ -39,16 +54,16 @@ impl Expected {
 
     /// Signed distance of a segment's middle from the expected line, normalized coordinates.
     #[must_use]
-    pub fn offset_of(&self, line: &ImageLine) -> f64 {
-        self.direction.perp(&((line.ends_xy[0] + line.ends_xy[1]) * 0.5 - self.start))
+    pub fn offset_of(&self, ends_xy: &[Vector2<f64>; 2]) -> f64 {
+        self.direction.perp(&((ends_xy[0] + ends_xy[1]) * 0.5 - self.start))
     }
 
     /// Whether a segment may be the edge.
     #[must_use]
-    pub fn admits(&self, line: &ImageLine) -> bool {
-        self.direction.dot(&line.direction()) > MIN_COS
-            && self.offset_of(line).abs() <= self.gate
-            && overlap(&self.start, &self.direction, self.length, &line.ends_xy) >= MIN_OVERLAP
+    pub fn admits(&self, segment: &Candidate) -> bool {
+        self.direction.dot(&segment.direction) > MIN_COS
+            && self.offset_of(&segment.ends_xy).abs() <= self.gate
+            && overlap(&self.start, &self.direction, self.length, &segment.ends_xy) >= MIN_OVERLAP
     }
 }
 
@@ -65,6 +80,18 @@ pub struct StereoExpected {
     /// Directions of the two ends at infinity.
     far: [Vector3<f64>; 2],
     direction: Vector2<f64>,
+}
+
+/// A right segment, ready to be compared.
+#[derive(Clone, Copy, Debug)]
+pub struct StereoCandidate {
+    segment: Candidate,
+    /// Unit normal of the plane through the segment and the camera.
+    plane: Vector3<f64>,
+    /// Component of the baseline along it, m.
+    baseline: f64,
+    /// The segment is aslant to the epipolar lines, so that its depth shows.
+    is_aslant: bool,
 }
 
 /// The way from the left camera to the right.
@@ -92,23 +119,30 @@ impl StereoGate {
         Some(StereoExpected { far, direction: d / d.norm().at_least(f64::MIN_POSITIVE) })
     }
 
+    /// A right segment, ready to be compared.
+    #[must_use]
+    pub fn candidate(&self, line: &ImageLine) -> StereoCandidate {
+        let [a, b] = line.ends_xy.map(|xy| Vector3::new(xy.x, xy.y, 1.0));
+        let plane = a.cross(&b).normalize();
+        let baseline = self.translation.dot(&plane);
+        let is_aslant = (baseline / self.translation.norm()).abs() > MIN_EPIPOLAR_SINE;
+        StereoCandidate { segment: Candidate::of(line), plane, baseline, is_aslant }
+    }
+
     /// Whether a right segment may be the same edge: the planes of both meet in front of the cameras, where
     /// both see it.
     #[must_use]
-    pub fn admits(&self, left: &StereoExpected, right: &ImageLine) -> bool {
-        let direction = right.direction();
-        if left.direction.dot(&direction) < MIN_COS_STEREO {
+    pub fn admits(&self, left: &StereoExpected, right: &StereoCandidate) -> bool {
+        let StereoCandidate { segment, plane, baseline, is_aslant } = right;
+        if left.direction.dot(&segment.direction) < MIN_COS_STEREO {
             return false;
         }
-        let [a, b] = right.ends_xy.map(|xy| Vector3::new(xy.x, xy.y, 1.0));
-        let plane = a.cross(&b).normalize();
-        let along = self.translation.dot(&plane) / self.translation.norm();
         let mut seen = [Vector2::zeros(); 2];
         for (to, q) in seen.iter_mut().zip(&left.far) {
             // The ray `q + rho t` meets the right plane.
-            let rho = if along.abs() > MIN_EPIPOLAR_SINE {
-                -q.dot(&plane) / self.translation.dot(&plane)
-            } else if q.dot(&plane).abs() <= self.gate * q.z {
+            let rho = if *is_aslant {
+                -q.dot(plane) / baseline
+            } else if q.dot(plane).abs() <= self.gate * q.z {
                 0.0
             } else {
                 return false;
@@ -123,8 +157,8 @@ impl StereoGate {
             *to = met.xy() / met.z;
         }
         let length = (seen[1] - seen[0]).norm();
-        overlap(&seen[0], &((seen[1] - seen[0]) / length.at_least(f64::MIN_POSITIVE)), length, &right.ends_xy)
-            >= MIN_OVERLAP
+        let direction = (seen[1] - seen[0]) / length.at_least(f64::MIN_POSITIVE);
+        overlap(&seen[0], &direction, length, &segment.ends_xy) >= MIN_OVERLAP
     }
 }
 
@@ -139,11 +173,12 @@ mod tests {
     #[test]
     fn an_edge_is_expected_where_it_was_and_in_its_sense() {
         let expected = Expected::new(&[Vector2::new(0.0, 0.0), Vector2::new(0.0, 0.4)], 0.03);
-        assert!(expected.admits(&line((0.01, 0.05), (0.02, 0.5))));
-        assert!(!expected.admits(&line((0.01, 0.5), (0.02, 0.05))), "the other edge of the bar");
-        assert!(!expected.admits(&line((0.05, 0.05), (0.05, 0.5))), "too far off");
-        assert!(!expected.admits(&line((0.0, 0.5), (0.0, 0.9))), "beyond its end");
-        assert!((expected.offset_of(&line((0.01, 0.1), (0.01, 0.2))) + 0.01).abs() < 1e-12);
+        let admits = |line: &ImageLine| expected.admits(&Candidate::of(line));
+        assert!(admits(&line((0.01, 0.05), (0.02, 0.5))));
+        assert!(!admits(&line((0.01, 0.5), (0.02, 0.05))), "the other edge of the bar");
+        assert!(!admits(&line((0.05, 0.05), (0.05, 0.5))), "too far off");
+        assert!(!admits(&line((0.0, 0.5), (0.0, 0.9))), "beyond its end");
+        assert!((expected.offset_of(&line((0.01, 0.1), (0.01, 0.2)).ends_xy) + 0.01).abs() < 1e-12);
     }
 
     #[test]
@@ -154,7 +189,9 @@ mod tests {
             max_inverse_depth: 5.0,
             gate: 0.005,
         };
-        let admits = |l: &ImageLine, r: &ImageLine| gate.expect(l).is_some_and(|e| gate.admits(&e, r));
+        let admits = |l: &ImageLine, r: &ImageLine| {
+            gate.expect(l).is_some_and(|e| gate.admits(&e, &gate.candidate(r)))
+        };
         let left = line((0.1, -0.2), (0.12, 0.3));
         // Two metres away: 0.055 to the left.
         assert!(admits(&left, &line((0.045, -0.2), (0.065, 0.3))));

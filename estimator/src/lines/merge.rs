@@ -137,14 +137,17 @@ impl Rectangle {
 
     fn contains(&self, px: &Vector2<f32>) -> bool {
         let d = px - self.middle;
-        self.direction.dot(&d).abs() <= self.half_length && self.direction.perp(&d).abs() <= self.half_width
+        (self.direction.dot(&d).abs() <= self.half_length)
+            & (self.direction.perp(&d).abs() <= self.half_width)
     }
 
     /// Angle to a segment with an end or its middle inside, rad; `None` for others, and for those of
     /// opposite direction.
     fn admits(&self, segment: &Segment) -> Option<f32> {
-        let is_inside = [segment.start, segment.end, segment.middle()].iter().any(|px| self.contains(px));
-        if !is_inside {
+        // All three without a branch: where most are outside, which one is not is anybody's guess.
+        let [start, end, middle] =
+            [segment.start, segment.end, segment.middle()].map(|px| self.contains(&px));
+        if !(start | end | middle) {
             return None;
         }
         let direction = segment.direction();

@@ -6,7 +6,7 @@
 
 use super::descriptor::{Describer, Descriptor};
 use super::extractor::{ExtractionFigures, LineExtractor};
-use super::gates::{Expected, StereoGate};
+use super::gates::{Candidate, Expected, StereoCandidate, StereoGate};
 use super::matching::Matcher;
 use super::measurement::ImageLine;
 use super::segment::Segment;
@@ -61,6 +61,7 @@ struct View {
     is_new: bool,
     segments: Vec<Segment>,
     lines: Vec<ImageLine>,
+    candidates: Vec<Candidate>,
     descriptors: Vec<Descriptor>,
 }
 
@@ -74,6 +75,7 @@ impl View {
             is_new: false,
             segments: Vec::with_capacity(room),
             lines: Vec::with_capacity(room),
+            candidates: Vec::with_capacity(room),
             descriptors: Vec::with_capacity(room),
         }
     }
@@ -81,6 +83,7 @@ impl View {
     fn extract(&mut self, image: Option<&ImageView<'_>>) {
         self.segments.clear();
         self.lines.clear();
+        self.candidates.clear();
         self.descriptors.clear();
         self.is_new = image.is_some_and(|i| self.extractor.extract(i).is_some());
         if self.is_new {
@@ -88,6 +91,7 @@ impl View {
                 if let Some(line) = ImageLine::of(segment, &self.model) {
                     self.segments.push(*segment);
                     self.lines.push(line);
+                    self.candidates.push(Candidate::of(&line));
                 }
             }
         }
@@ -126,6 +130,8 @@ pub struct LineTracker {
     tracks: Vec<Track>,
     descriptors: Vec<Descriptor>,
     expected: Vec<Option<Expected>>,
+    /// The right segments.
+    candidates: Vec<StereoCandidate>,
     is_taken: Vec<bool>,
     partner: Vec<Option<u16>>,
     observations: Vec<LineObservation>,
@@ -147,6 +153,7 @@ impl LineTracker {
             tracks: Vec::with_capacity(room),
             descriptors: Vec::with_capacity(room),
             expected: Vec::with_capacity(room),
+            candidates: Vec::with_capacity(room),
             is_taken: Vec::with_capacity(room),
             partner: Vec::with_capacity(room),
             observations: Vec::with_capacity(room),
@@ -256,13 +263,14 @@ impl LineTracker {
         let Some(left) = views.first() else { return };
         is_taken.clear();
         is_taken.resize(left.segments.len(), false);
-        let admits = |i: usize, j: usize| expected[i].as_ref().is_some_and(|e| e.admits(&left.lines[j]));
+        let admits = |i: usize, j: usize| expected[i].as_ref().is_some_and(|e| e.admits(&left.candidates[j]));
         for &(i, j) in matcher.pairs(descriptors, &left.descriptors, admits) {
             let (i, j) = (usize::from(i), usize::from(j));
             let track = &mut tracks[i];
             let line = &left.lines[j];
-            track.drift =
-                Some(Expected::new(&track.ends_xy, 0.0).offset_of(line) / f64::from(1 + track.missed));
+            track.drift = Some(
+                Expected::new(&track.ends_xy, 0.0).offset_of(&line.ends_xy) / f64::from(1 + track.missed),
+            );
             track.ends_xy = line.ends_xy;
             track.seen = Some(j as u16);
             track.age += 1;
@@ -306,7 +314,7 @@ impl LineTracker {
     /// Finds the left segments in the right image.
     #[inline(never)]
     fn pair(&mut self) {
-        let Self { views, matcher, partner, figures, .. } = self;
+        let Self { views, matcher, candidates, partner, figures, .. } = self;
         let Some(left) = views.first() else { return };
         partner.clear();
         partner.resize(left.segments.len(), None);
@@ -318,12 +326,14 @@ impl LineTracker {
             max_inverse_depth: 1.0 / MIN_DEPTH_M,
             gate: GATE_EPIPOLAR_PX / right.focal_px(),
         };
+        candidates.clear();
+        candidates.extend(right.lines.iter().map(|line| gate.candidate(line)));
         let mut expected = (usize::MAX, None);
         let admits = |i: usize, j: usize| {
             if expected.0 != i {
                 expected = (i, gate.expect(&left.lines[i]));
             }
-            expected.1.is_some_and(|e| gate.admits(&e, &right.lines[j]))
+            expected.1.is_some_and(|e| gate.admits(&e, &candidates[j]))
         };
         for &(i, j) in matcher.pairs(&left.descriptors, &right.descriptors, admits) {
             partner[usize::from(i)] = Some(j);
