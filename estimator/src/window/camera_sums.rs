@@ -124,51 +124,56 @@ impl CameraSums {
 
     /// Moves the sums of the present host to the rows of its cameras.
     fn flush(&mut self, lifts: &Lifts, equations: &mut MotionEquations) {
-        for target in 0..MAX_CAMERAS {
-            if std::mem::take(&mut self.is_seen[target]) {
-                let products = std::mem::replace(&mut self.pairs[target], Products::ZERO);
-                add_squares(equations, &products, TIME_OFFSET);
-                if target != self.host {
-                    self.add_pair(target, &products, lifts);
+        let Self { host, pairs, is_seen, structure, is_structural, rows } = self;
+        let host = *host;
+        for (target, products) in pairs.iter_mut().enumerate() {
+            if std::mem::take(&mut is_seen[target]) {
+                add_squares(equations, products, TIME_OFFSET);
+                if target != host {
+                    add_pair(rows, [host, target], products, lifts);
                 }
+                *products = Products::ZERO;
             }
         }
-        if std::mem::take(&mut self.is_structural) {
-            let products = std::mem::replace(&mut self.structure, Products::ZERO);
-            add_squares(equations, &products, WORLD_HEADING);
-            let host = self.host;
-            let own = times(&products.motion(), &lifts.in_o[host]);
-            for (i, row) in self.rows[host].iter_mut().enumerate() {
+        if std::mem::take(is_structural) {
+            add_squares(equations, structure, WORLD_HEADING);
+            let motion = structure.motion();
+            let own = times(&motion, &lifts.in_o[host]);
+            for (i, row) in rows[host].iter_mut().enumerate() {
                 add(motion_at(row, motion_of_camera(host % lifts.cameras)), &own[i]);
-                add(motion_at(row, motion_of_frame(host / lifts.cameras)), &products.motion()[i]);
-                row[WORLD_HEADING] += products.0[i][AT_OTHER];
-                row[RESIDUAL] += products.0[i][AT_RESIDUAL];
+                add(motion_at(row, motion_of_frame(host / lifts.cameras)), &motion[i]);
+                row[WORLD_HEADING] += structure.0[i][AT_OTHER];
+                row[RESIDUAL] += structure.0[i][AT_RESIDUAL];
             }
+            *structure = Products::ZERO;
         }
     }
+}
 
-    /// Rows of host and observer: a motion of either is that of its frame and that on its mount.
-    fn add_pair(&mut self, target: usize, products: &Products, lifts: &Lifts) {
-        let host = self.host;
-        let motion = products.motion();
-        let [by_host, by_target] = [host, target].map(|camera| times(&motion, &lifts.in_o[camera]));
-        let frames = [host, target].map(|camera| motion_of_frame(camera / lifts.cameras));
-        for i in 0..POSE_DIM {
-            let mut globals = [0.0; GLOBALS];
-            add(motion_at(&mut globals, motion_of_camera(host % lifts.cameras)), &by_host[i]);
-            subtract(motion_at(&mut globals, motion_of_camera(target % lifts.cameras)), &by_target[i]);
-            globals[TIME_OFFSET] = products.0[i][AT_OTHER];
-            globals[RESIDUAL] = products.0[i][AT_RESIDUAL];
-            for (camera, sign) in [(host, 1.0), (target, -1.0)] {
-                add_times(&mut self.rows[camera][i][..GLOBALS], sign, &globals);
-            }
-            let [of_host, of_target] = frames;
-            let row = &mut self.rows[host][i];
-            add(motion_at(row, of_host), &motion[i]);
-            subtract(motion_at(row, of_target), &motion[i]);
-            let row = &mut self.rows[target][i];
-            add(motion_at(row, of_target), &motion[i]);
-            subtract(motion_at(row, of_host), &motion[i]);
+/// Rows of host and observer: a motion of either is that of its frame and that on its mount.
+fn add_pair(
+    rows: &mut [[MotionRow; POSE_DIM]],
+    [host, target]: [usize; 2],
+    products: &Products,
+    lifts: &Lifts,
+) {
+    let motion = products.motion();
+    let [by_host, by_target] = [host, target].map(|camera| times(&motion, &lifts.in_o[camera]));
+    // All six before any is read again: they are written in pieces, and would be waited for.
+    let globals: [[f64; GLOBALS]; POSE_DIM] = std::array::from_fn(|i| {
+        let mut globals = [0.0; GLOBALS];
+        add(motion_at(&mut globals, motion_of_camera(host % lifts.cameras)), &by_host[i]);
+        subtract(motion_at(&mut globals, motion_of_camera(target % lifts.cameras)), &by_target[i]);
+        globals[TIME_OFFSET] = products.0[i][AT_OTHER];
+        globals[RESIDUAL] = products.0[i][AT_RESIDUAL];
+        globals
+    });
+    for ([own, other], sign) in [([host, target], 1.0), ([target, host], -1.0)] {
+        let [of_own, of_other] = [own, other].map(|camera| motion_of_frame(camera / lifts.cameras));
+        for (i, row) in rows[own].iter_mut().enumerate() {
+            add_times(&mut row[..GLOBALS], sign, &globals[i]);
+            add(motion_at(row, of_own), &motion[i]);
+            subtract(motion_at(row, of_other), &motion[i]);
         }
     }
 }
