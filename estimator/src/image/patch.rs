@@ -97,6 +97,8 @@ fn sum_lanes(lanes: [f32; LANES]) -> f32 {
 
 /// Values of a row that are worked out together, needed or not: two AVX2 registers.
 const WIDE: usize = 16;
+/// Lines whose neighbours are read before any of them is blended.
+const BLOCK: usize = 4;
 
 /// Samples an upright `N` x `N` grid of pixel distance, `N <= 16`, centred at `centre` (image coordinates of
 /// the plane); `false` when it leaves the plane.
@@ -173,10 +175,17 @@ pub fn sample_warped<const N: usize>(
     if !inside {
         return false;
     }
-    for (r, out_row) in out.iter_mut().enumerate() {
-        let dy = r as f32 - half;
-        let middle = [x + warp[(0, 1)] * dy, y + warp[(1, 1)] * dy];
-        sample_line(plane, middle, [warp[(0, 0)], warp[(1, 0)]], out_row);
+    // Neighbours are written one by one and read together: what is read at once after it was written would be waited for.
+    let mut lines = [Line::EMPTY; BLOCK];
+    for (block, out) in out.chunks_mut(BLOCK).enumerate() {
+        for (k, line) in lines.iter_mut().enumerate().take(out.len()) {
+            let dy = (block * BLOCK + k) as f32 - half;
+            let middle = [x + warp[(0, 1)] * dy, y + warp[(1, 1)] * dy];
+            line.read::<N>(plane, middle, [warp[(0, 0)], warp[(1, 0)]]);
+        }
+        for (line, out) in lines.iter().zip(out) {
+            line.blend(out);
+        }
     }
     true
 }
@@ -191,38 +200,55 @@ pub(crate) fn whole(x: f32) -> i32 {
     nearest - i32::from(nearest as f32 > x)
 }
 
-/// `N` samples along a line through `middle` (plane coordinates) in steps of `step`.
-#[inline(always)]
-fn sample_line<const N: usize>(plane: &Plane<'_>, middle: [f32; 2], step: [f32; 2], out: &mut [f32; N]) {
-    let half = (N as f32 - 1.0) / 2.0;
-    let (mut fx, mut fy, mut start) = ([0.0f32; WIDE], [0.0f32; WIDE], [0u32; WIDE]);
-    for i in 0..WIDE {
-        let d = i as f32 - half;
-        let (x, y) = ((middle[0] + step[0] * d).at_least(0.0), (middle[1] + step[1] * d).at_least(0.0));
-        let (column, row) = (whole(x), whole(y));
-        (fx[i], fy[i]) = (x - column as f32, y - row as f32);
-        start[i] = row as u32 * plane.columns as u32 + column as u32;
+/// Samples along a line: of each the neighbours above and below, the left one in the low byte, and the place between them.
+#[derive(Clone, Copy)]
+struct Line {
+    above: [u16; WIDE],
+    below: [u16; WIDE],
+    fx: [f32; WIDE],
+    fy: [f32; WIDE],
+}
+
+impl Line {
+    const EMPTY: Self = Self { above: [0; WIDE], below: [0; WIDE], fx: [0.0; WIDE], fy: [0.0; WIDE] };
+
+    /// Reads `N` samples along a line through `middle` (plane coordinates) in steps of `step`.
+    #[inline(always)]
+    fn read<const N: usize>(&mut self, plane: &Plane<'_>, middle: [f32; 2], step: [f32; 2]) {
+        let half = (N as f32 - 1.0) / 2.0;
+        let mut start = [0u32; WIDE];
+        for (i, start) in start.iter_mut().enumerate() {
+            let d = i as f32 - half;
+            let (x, y) = ((middle[0] + step[0] * d).at_least(0.0), (middle[1] + step[1] * d).at_least(0.0));
+            let (column, row) = (whole(x), whole(y));
+            (self.fx[i], self.fy[i]) = (x - column as f32, y - row as f32);
+            *start = row as u32 * plane.columns as u32 + column as u32;
+        }
+        // Two neighbours in one load each.
+        let under = &plane.pixels[plane.columns..];
+        let over = &plane.pixels[..under.len()];
+        for (i, start) in start.iter().enumerate().take(N) {
+            let pair = *start as usize..*start as usize + 2;
+            let (over, under) = (&over[pair.clone()], &under[pair]);
+            self.above[i] = u16::from_le_bytes([over[0], over[1]]);
+            self.below[i] = u16::from_le_bytes([under[0], under[1]]);
+        }
     }
-    // Two neighbours in one load each, the left one in the low byte.
-    let (mut above, mut below) = ([0u16; WIDE], [0u16; WIDE]);
-    let under = &plane.pixels[plane.columns..];
-    let over = &plane.pixels[..under.len()];
-    for i in 0..N {
-        let pair = start[i] as usize..start[i] as usize + 2;
-        let (over, under) = (&over[pair.clone()], &under[pair]);
-        above[i] = u16::from_le_bytes([over[0], over[1]]);
-        below[i] = u16::from_le_bytes([under[0], under[1]]);
+
+    /// Interpolates.
+    #[inline(always)]
+    fn blend<const N: usize>(&self, out: &mut [f32; N]) {
+        let mut all = [0.0; WIDE];
+        for (i, blended) in all.iter_mut().enumerate() {
+            let between = |pair: u16| {
+                let left = (pair & 0xFF) as f32;
+                left + self.fx[i] * ((pair >> 8) as f32 - left)
+            };
+            let (top, bottom) = (between(self.above[i]), between(self.below[i]));
+            *blended = top + self.fy[i] * (bottom - top);
+        }
+        out.copy_from_slice(&all[..N]);
     }
-    let mut all = [0.0; WIDE];
-    for i in 0..WIDE {
-        let between = |pair: u16| {
-            let left = (pair & 0xFF) as f32;
-            left + fx[i] * ((pair >> 8) as f32 - left)
-        };
-        let (top, bottom) = (between(above[i]), between(below[i]));
-        all[i] = top + fy[i] * (bottom - top);
-    }
-    out.copy_from_slice(&all[..N]);
 }
 
 /// Samples a patch upright; `false` when it leaves the plane.

@@ -8,7 +8,7 @@
 //! Each row is sampled at [`STATIONS`] places from end to end, however long the segment is: a descriptor
 //! costs the same for all.
 
-use super::gradient::{BORDER, Gradients, Pixel, halved_px};
+use super::gradient::{BORDER, Gradients, components, halved_px};
 use super::segment::Segment;
 use nalgebra::Vector2;
 use plumbline_config::Portable;
@@ -83,11 +83,18 @@ impl Describer {
         let first = start - across * (0.5 * (ROWS as f32 - 1.0));
         let grid = Grid::new(gradients, &first, &((end - start) / (STATIONS - 1) as f32), &across);
         let mut rows = [[0.0; SUMS]; ROWS];
-        let (mut places, mut gx, mut gy) = ([0; STATIONS], [0.0; STATIONS], [0.0; STATIONS]);
-        for (k, (row, weight)) in rows.iter_mut().zip(self.row_weight).enumerate() {
+        let mut seen = [[0; STATIONS]; ROWS];
+        // All of them before any is read: pixels are written one by one, and read together.
+        for (k, seen) in seen.iter_mut().enumerate() {
+            let mut places = [0; STATIONS];
             grid.row(k as i32, &mut places);
-            let seen = places.map(|place| gradients.pixels()[place as usize]);
-            components(&seen, &mut gx, &mut gy);
+            for (word, place) in seen.iter_mut().zip(places) {
+                *word = gradients.pixels()[place as usize].word();
+            }
+        }
+        let (mut gx, mut gy) = ([0.0; STATIONS], [0.0; STATIONS]);
+        for (row, (seen, weight)) in rows.iter_mut().zip(seen.iter().zip(self.row_weight)) {
+            components(seen, &mut gx, &mut gy);
             *row = directed_sums(&gx, &gy, [&across, &along]).map(|sum| sum * weight);
         }
         rows
@@ -160,17 +167,6 @@ impl Grid {
 
 // Functions of their own, whose results lie in memory: where they are many values in registers, the compiler takes them one
 // by one.
-
-/// The gradients of pixels, by components.
-#[inline(never)]
-fn components(pixels: &[Pixel; STATIONS], gx: &mut [f32; STATIONS], gy: &mut [f32; STATIONS]) {
-    for i in 0..STATIONS {
-        gx[i] = f32::from(pixels[i].gradient().0);
-    }
-    for i in 0..STATIONS {
-        gy[i] = f32::from(pixels[i].gradient().1);
-    }
-}
 
 /// The component of the gradients along an axis, its magnitude, and both added up by lanes. A loop for each: with more than
 /// one outcome it is not made a vector's.

@@ -49,6 +49,12 @@ impl Pixel {
         Vector2::new(f32::from(gx), f32::from(gy))
     }
 
+    /// All of it in one word, for [`components`]: x in the lower half.
+    #[must_use]
+    pub fn word(self) -> u32 {
+        u32::from(self.gx as u16) | u32::from(self.gy as u16) << 16
+    }
+
     /// Whether the pixel belongs to a segment, or lies beside one that does.
     #[must_use]
     pub fn is_taken(self) -> bool {
@@ -70,6 +76,18 @@ impl Pixel {
     pub fn give_back(&mut self) {
         self.gx &= !1;
         self.gy |= 1;
+    }
+}
+
+/// The gradients of pixels given by their words, by components. A function of its own, whose results lie in memory: where they
+/// are many values in registers, the compiler takes them one by one.
+#[inline(never)]
+pub fn components<const N: usize>(words: &[u32; N], gx: &mut [f32; N], gy: &mut [f32; N]) {
+    for k in 0..N {
+        gx[k] = ((words[k] << 16) as i32 >> 16 & !1) as f32;
+    }
+    for k in 0..N {
+        gy[k] = (words[k] as i32 >> 16 & !1) as f32;
     }
 }
 

@@ -4,7 +4,7 @@
 //! where it is equal. Ridges are probed while their neighbourhood is in the cache, before they are ordered;
 //! of an image with too many only the strongest are.
 
-use super::gradient::{Gradients, Pixel, REDUCTION, SCALE};
+use super::gradient::{Gradients, REDUCTION, SCALE, components};
 use crate::image::patch::whole;
 use nalgebra::Vector2;
 use plumbline_config::{ImageView, Portable};
@@ -140,9 +140,9 @@ fn is_promising(gradients: &Gradients, seed: &Seed, threshold: i16) -> bool {
     let (mut columns, mut rows) = ([0; PROBES], [0; PROBES]);
     probe_places(x, direction.x, right, &mut columns);
     probe_places(y, direction.y, bottom, &mut rows);
-    let mut probes = [Pixel::default(); PROBES];
+    let mut probes = [0; PROBES];
     for k in 0..PROBES {
-        probes[k] = pixels[(rows[k] * width as i32 + columns[k]) as usize];
+        probes[k] = pixels[(rows[k] * width as i32 + columns[k]) as usize].word();
     }
     let (mut gx, mut gy) = ([0.0; PROBES], [0.0; PROBES]);
     components(&probes, &mut gx, &mut gy);
@@ -159,17 +159,6 @@ fn is_promising(gradients: &Gradients, seed: &Seed, threshold: i16) -> bool {
 fn probe_places(start: f32, direction: f32, last: f32, out: &mut [i32; PROBES]) {
     for k in 0..PROBES {
         out[k] = whole((start + direction * PROBES_PX[k]).at_least(0.0).at_most(last));
-    }
-}
-
-/// The gradients of pixels, by components.
-#[inline(never)]
-fn components(pixels: &[Pixel; PROBES], gx: &mut [f32; PROBES], gy: &mut [f32; PROBES]) {
-    for k in 0..PROBES {
-        gx[k] = f32::from(pixels[k].gradient().0);
-    }
-    for k in 0..PROBES {
-        gy[k] = f32::from(pixels[k].gradient().1);
     }
 }
 
