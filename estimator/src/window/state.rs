@@ -3,9 +3,8 @@
 //! Unknowns are steps of the error state, with right perturbations `R <- R Exp(dtheta)` (Forster et al. 2017,
 //! section III). All of them in order, as in the normal equations: rig ([`Rig::P_B_C0`] and following), heading of
 //! the Manhattan world ([`HEADING`]), then for each frame position, attitude, velocity and biases
-//! ([`NavState::P`] and following). *Visual* unknowns are those that images depend on: rig, heading, and of each
-//! frame the pose. While landmarks are linearized, the unknowns are *motions*: of each camera on its mount, and of each
-//! frame in `O` ([`super::motions`]).
+//! ([`NavState::P`] and following). While landmarks are linearized, the unknowns are *motions*: of each camera on its
+//! mount, and of each frame in `O` ([`super::motions`]).
 
 use crate::geometry::{exp_so3, log_so3, skew};
 use crate::inertial::Preintegration;
@@ -35,26 +34,6 @@ pub const MAX_FRAMES: usize = MAX_WINDOW_FRAMES + 1;
 #[must_use]
 pub const fn unknown_of_frame(index: usize) -> usize {
     GLOBAL_DIM + FRAME_DIM * index
-}
-
-/// Place of the pose of frame `index` among the visual unknowns.
-#[must_use]
-pub const fn visual_of_frame(index: usize) -> usize {
-    GLOBAL_DIM + POSE_DIM * index
-}
-
-/// Most visual unknowns.
-pub const MAX_VISUAL: usize = visual_of_frame(MAX_FRAMES);
-
-/// Place of a visual unknown among all unknowns.
-#[must_use]
-pub const fn unknown_of_visual(visual: usize) -> usize {
-    if visual < GLOBAL_DIM {
-        visual
-    } else {
-        let k = visual - GLOBAL_DIM;
-        unknown_of_frame(k / POSE_DIM) + k % POSE_DIM
-    }
 }
 
 /// Position, attitude, velocity and biases of the body at one time.
