@@ -30,7 +30,7 @@ export NEXTEST_TEST_THREADS ?= $(shell nproc)
 
 # The steps are in order; cargo is parallel itself.
 .NOTPARALLEL:
-.PHONY: help demo build calibration test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny advisories soak loops digests bench bench-instructions doc doctests setup tools clean \
+.PHONY: help demo build calibration test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny advisories soak loops digests bench bench-instructions bench-against doc doctests setup tools clean \
 	fuzz fuzz-all fuzz-smoke vm arm64 oldest deb tarball packages deb-test checked-untimed checked-timed
 
 help: ## this list
@@ -187,6 +187,10 @@ bench: setup ## benchmarks of the stages
 bench-instructions: ## instructions of a frame by stage against tests/instructions.json (ARGS=--save writes them anew; needs valgrind)
 	@scripts/setup base
 	@scripts/bench-instructions $(ARGS)
+
+bench-against: ## times of a frame against another revision, in turns on one core: REV=d8cfd9a
+	@scripts/setup base
+	@scripts/bench-against $(REV) $(ARGS)
 
 fmt: ## format the sources
 	$(CARGO) fmt --all
