@@ -30,11 +30,11 @@ export NEXTEST_TEST_THREADS ?= $(shell nproc)
 
 # The steps are in order; cargo is parallel itself.
 .NOTPARALLEL:
-.PHONY: help demo build calibration test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny advisories soak loops digests bench bench-instructions bench-against doc doctests setup tools clean \
+.PHONY: help demo build calibration test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny advisories soak loops digests bench bench-instructions bench-against count-arm64 doc doctests setup tools clean \
 	fuzz fuzz-all fuzz-smoke vm arm64 oldest deb tarball packages deb-test checked-untimed checked-timed
 
 help: ## this list
-	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1\t/' | expand -t 20
+	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  make \1\t/' | expand -t 28
 
 demo: ## simulated flight with its ground station in the browser
 	@scripts/setup base
@@ -187,6 +187,10 @@ bench: setup ## benchmarks of the stages
 bench-instructions: ## instructions of a frame by stage against tests/instructions.json (ARGS=--save writes them anew; needs valgrind)
 	@scripts/setup base
 	@scripts/bench-instructions $(ARGS)
+
+count-arm64: ## instructions of a frame on 64-bit ARM by kind, counted under qemu
+	@scripts/setup count-arm64
+	@scripts/count-arm64
 
 bench-against: ## times of a frame against another revision, in turns on one core: REV=d8cfd9a
 	@scripts/setup base

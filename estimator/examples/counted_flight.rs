@@ -4,8 +4,9 @@
 //! cargo run --release -p plumbline-estimator --example counted_flight -- room FRAMES
 //! ```
 //!
-//! Scenes are `room`, `hall`, `low-texture` and `far`; of a third argument `--points` leaves lines out, and `--places` looks for the
-//! places of the frames instead. The first run renders the frames into the file FRAMES, those after it fly them.
+//! Scenes are `room`, `hall`, `low-texture` and `far`. Options come after them: `--points` leaves lines out, `--places` looks for the
+//! places of the frames instead, `--twice` does it again from the beginning. The first run renders the frames into the file FRAMES,
+//! those after it fly them.
 
 use plumbline_drivers::simulator::{FlightPath, Scenario, Scene, Simulator};
 use plumbline_drivers::{ImuSource, StereoFrame, StereoSource};
@@ -33,15 +34,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     let scene = scene.ok_or("name a scene: room, hall, low-texture or far")?;
     let mut config = Config::preset("sim")?.into_inner();
     let file = arguments.next().ok_or("name a file for the frames")?;
-    let choice = arguments.next();
-    let is_of_places = match choice.as_deref() {
-        None | Some("--points") => false,
-        Some("--places") => true,
-        Some(other) => {
-            return Err(format!("{other}: is not known; there are --points and --places").into());
-        }
-    };
-    config.estimator.lines.enabled = choice.is_none();
+    let options: Vec<String> = arguments.collect();
+    if let Some(other) = options.iter().find(|o| !["--points", "--places", "--twice"].contains(&o.as_str())) {
+        return Err(format!("{other}: is not known; there are --points, --places and --twice").into());
+    }
+    let [is_of_points, is_of_places, is_again] =
+        ["--points", "--places", "--twice"].map(|option| options.iter().any(|o| o == option));
+    config.estimator.lines.enabled = !(is_of_points || is_of_places);
     let config = config.validated("counted flight")?;
     let duration_s = FRAMES as f64 / config.camera[0].rate_hz;
     let path = FlightPath::Demo;
@@ -53,10 +52,12 @@ fn main() -> Result<(), Box<dyn Error>> {
         return Err("the file holds other frames; remove it".into());
     }
     let pairs = pixels.chunks_exact(left + right).map(|pair| pair.split_at(left));
-    if is_of_places {
-        println!("{} frames whose place was found", look_for_places(&config, &simulator, pairs)?);
-    } else {
-        println!("{} frames with a pose", fly(&config, &simulator, pairs)?);
+    for _ in 0..1 + u8::from(is_again) {
+        if is_of_places {
+            println!("{} frames whose place was found", look_for_places(&config, &simulator, pairs.clone())?);
+        } else {
+            println!("{} frames with a pose", fly(&config, &simulator, pairs.clone())?);
+        }
     }
     Ok(())
 }

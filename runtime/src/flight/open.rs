@@ -235,8 +235,8 @@ pub fn inertial_samples(
 /// Whether there can be a data set at `path` at all.
 fn check_dataset(path: &Path) -> Result<(), FlightError> {
     let message = if !path.exists() {
-        "does not exist; give the directory of a EuRoC data set, a flight log or ROS 2 bag (.mcap), or sim:room, sim:hall, \
-         sim:low-texture"
+        "does not exist; give the directory of a EuRoC data set, or a flight log or ROS 2 bag (.mcap). Without data, \
+         `plumbline replay sim:room` flies a simulated flight, and `plumbline simulate FOLDER` writes one as a data set"
     } else if !path.is_dir() {
         "is not a directory; give the directory of a EuRoC data set (unpack it first), a flight log or a ROS 2 bag \
          (.mcap)"
