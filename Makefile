@@ -192,7 +192,7 @@ count-arm64: ## instructions of a frame on 64-bit ARM by kind, counted under qem
 	@scripts/setup count-arm64
 	@scripts/count-arm64
 
-bench-against: ## times of a frame against another revision, in turns on one core: REV=d8cfd9a
+bench-against: ## times of a frame against another revision, in turns: REV=d8cfd9a
 	@scripts/setup base
 	@scripts/bench-against $(REV) $(ARGS)
 

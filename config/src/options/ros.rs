@@ -58,7 +58,7 @@ pub enum RosDistribution {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RosStamp {
-    /// The measurement, on the sensors' time axis. ROS expects it to be the system clock's.
+    /// The measurement: live by the system clock, as ROS expects; of a recording or a simulation by its own time.
     Measurement,
     /// The publication, by the system clock: for sensors whose time is another.
     Publication,

@@ -27,7 +27,7 @@ pub struct KeysArgs {
     /// authority stays the same: who has its certificate needs nothing new.
     #[arg(long)]
     pub renew: bool,
-    /// Days of validity.
+    /// Days of validity of the certificates. An authority that is made lasts ten years.
     #[arg(long, default_value_t = 90, value_parser = clap::value_parser!(u32).range(1..=3650))]
     pub days: u32,
 }

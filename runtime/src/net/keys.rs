@@ -26,6 +26,8 @@ pub const DEFAULT_HOSTS: [&str; 2] = ["localhost", "127.0.0.1"];
 pub const AUTHORITY: &str = "authority.pem";
 /// File of the authority's private key.
 pub const AUTHORITY_KEY: &str = "authority.key";
+/// How long an authority lasts, days: renewal leaves it as it is, so that who has its certificate needs nothing new.
+const AUTHORITY_DAYS: u32 = 3650;
 
 /// Why there are no keys.
 #[derive(Debug, Error)]
@@ -149,7 +151,7 @@ pub fn make(request: &Request<'_>) -> Result<Vec<PathBuf>, KeysError> {
     }
     std::fs::create_dir_all(request.folder).map_err(|error| file_error(request.folder, error))?;
     if !path(AUTHORITY_KEY).exists() {
-        let (certificate, key) = authority(request.days).map_err(about("the authority"))?;
+        let (certificate, key) = authority().map_err(about("the authority"))?;
         written.push(write(&path(AUTHORITY_KEY), &key, 0o600)?);
         written.push(write(&path(AUTHORITY), &certificate, 0o644)?);
     }
@@ -258,8 +260,8 @@ fn named(name: &str, days: u32) -> CertificateParams {
     params
 }
 
-fn authority(days: u32) -> Result<(String, String), rcgen::Error> {
-    let mut params = named("Plumbline authority", days);
+fn authority() -> Result<(String, String), rcgen::Error> {
+    let mut params = named("Plumbline authority", AUTHORITY_DAYS);
     params.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
     params.key_usages = vec![KeyUsagePurpose::KeyCertSign, KeyUsagePurpose::CrlSign];
     let key = KeyPair::generate()?;
@@ -324,6 +326,20 @@ mod tests {
         assert_eq!([name("vehicle.pem"), name("operator.pem")], ["vehicle:drone.1", "operator.1"]);
         let mode = std::fs::metadata(folder.path().join("vehicle.key")).unwrap().permissions().mode();
         assert_eq!(mode & 0o777, 0o600);
+    }
+
+    #[test]
+    fn the_authority_outlives_the_certificates_that_it_signs() {
+        let folder = tempfile::tempdir().unwrap();
+        make(&request(folder.path(), &strings(&["viewer"]), &[])).unwrap();
+        let days = |name: &str| {
+            let pem = std::fs::read(folder.path().join(name)).unwrap();
+            let (_, block) = x509_parser::pem::parse_x509_pem(&pem).unwrap();
+            let validity = block.parse_x509().unwrap().validity().clone();
+            (validity.not_after - validity.not_before).unwrap().whole_days()
+        };
+        // Both begin a day before they are made.
+        assert_eq!([days("viewer.pem"), days("authority.pem")], [3, i64::from(AUTHORITY_DAYS) + 1]);
     }
 
     #[test]

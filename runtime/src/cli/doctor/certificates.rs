@@ -11,6 +11,9 @@ use std::time::SystemTime;
 /// A certificate that ends sooner is told of, days.
 const SOON_DAYS: i64 = 30;
 const DAY_S: i64 = 86_400;
+/// What is done about a certificate that ends, and about an authority.
+const RENEW: &str = "renew it with `plumbline keys FOLDER --renew`";
+const BEGIN_ANEW: &str = "make another authority, with new certificates, by `plumbline keys NEW_FOLDER`";
 /// Longest file that is read, bytes.
 const MAX_BYTES: u64 = 65_536;
 /// What others may do with a file.
@@ -25,19 +28,19 @@ pub(super) fn check(tls: &TlsConfig, now: SystemTime) -> Verdict {
     if let Err(words) = private_key(&tls.key) {
         return Verdict::NotFit(words);
     }
-    let mut least_days = i64::MAX;
-    for path in [&tls.authority, &tls.certificate] {
-        match days_left(path, now_s) {
-            Ok(days) => least_days = least_days.min(days),
+    let mut least = (i64::MAX, &tls.certificate, RENEW);
+    for (path, cure) in [(&tls.authority, BEGIN_ANEW), (&tls.certificate, RENEW)] {
+        match days_left(path, now_s, cure) {
+            Ok(days) if days < least.0 => least = (days, path, cure),
+            Ok(_) => {}
             Err(words) => return Verdict::NotFit(words),
         }
     }
-    if least_days < SOON_DAYS {
-        return Verdict::Poor(format!(
-            "valid for {least_days} more days; renew them with `plumbline keys FOLDER --renew`"
-        ));
+    let (days, path, cure) = least;
+    if days < SOON_DAYS {
+        return Verdict::Poor(format!("{}: valid for {days} more days; {cure}", path.display()));
     }
-    Verdict::Fine(format!("valid for {least_days} more days"))
+    Verdict::Fine(format!("valid for {days} more days"))
 }
 
 /// A key that others may read is no secret.
@@ -51,8 +54,8 @@ fn private_key(path: &Path) -> Result<(), String> {
     Ok(())
 }
 
-/// Whole days until a certificate ends.
-fn days_left(path: &Path, now_s: i64) -> Result<i64, String> {
+/// Whole days until a certificate ends; why it is of no use, with the `cure` for one that has ended.
+fn days_left(path: &Path, now_s: i64, cure: &str) -> Result<i64, String> {
     let named = path.display();
     let mut pem = Vec::new();
     File::open(path)
@@ -69,7 +72,7 @@ fn days_left(path: &Path, now_s: i64) -> Result<i64, String> {
     }
     let left_s = validity.not_after.timestamp() - now_s;
     if left_s < 0 {
-        return Err(format!("{named}: expired {}; `plumbline keys FOLDER --renew`", validity.not_after));
+        return Err(format!("{named}: expired {}; {cure}", validity.not_after));
     }
     Ok(left_s / DAY_S)
 }
@@ -111,7 +114,8 @@ mod tests {
         assert!(matches!(check(&tls, now), Verdict::Fine(words) if words.contains("89 more days")));
         assert!(matches!(check(&tls, now + days(70)), Verdict::Poor(words) if words.contains("--renew")));
         let expired = check(&tls, now + days(91));
-        assert!(matches!(&expired, Verdict::NotFit(words) if words.contains("expired")), "{expired:?}");
+        let is_of_vehicle = |words: &str| words.contains("vehicle.pem: expired") && words.contains("--renew");
+        assert!(matches!(&expired, Verdict::NotFit(words) if is_of_vehicle(words)), "{expired:?}");
         let early = check(&tls, now - days(3));
         assert!(matches!(&early, Verdict::NotFit(words) if words.contains("clock")), "{early:?}");
         std::fs::set_permissions(&tls.key, Permissions::from_mode(0o644)).unwrap();
