@@ -61,7 +61,7 @@ proptest! {
 }
 
 #[test]
-fn a_frame_s_unknowns_are_its_pose_first_and_leave_no_gap() {
+fn unknowns_of_a_frame_begin_with_its_pose_and_leave_no_gap() {
     assert_eq!([NavState::V, NavState::BIAS_ACCEL + 3, Rig::TIME_OFFSET + 1], [POSE_DIM, FRAME_DIM, RIG_DIM]);
     assert_eq!([unknown_of_frame(0), unknown_of_frame(1)], [HEADING + 1, HEADING + 1 + FRAME_DIM]);
 }

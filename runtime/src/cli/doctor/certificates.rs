@@ -116,6 +116,10 @@ mod tests {
         let expired = check(&tls, now + days(91));
         let is_of_vehicle = |words: &str| words.contains("vehicle.pem: expired") && words.contains("--renew");
         assert!(matches!(&expired, Verdict::NotFit(words) if is_of_vehicle(words)), "{expired:?}");
+        let ended = check(&tls, now + days(3660));
+        let is_of_authority =
+            |words: &str| words.contains("authority.pem: expired") && words.contains("NEW_FOLDER");
+        assert!(matches!(&ended, Verdict::NotFit(words) if is_of_authority(words)), "{ended:?}");
         let early = check(&tls, now - days(3));
         assert!(matches!(&early, Verdict::NotFit(words) if words.contains("clock")), "{early:?}");
         std::fs::set_permissions(&tls.key, Permissions::from_mode(0o644)).unwrap();
