@@ -150,6 +150,9 @@ pub struct RigConfig {
     pub camera_camera_rotation_sigma_rad: f64,
     /// Position of the right camera against the left, m.
     pub camera_camera_translation_sigma_m: f64,
+    /// Time in which the refined calibration loses a careful calibration's accuracy again, s: 1 mm and 0.3 mrad against the
+    /// IMU, 0.05 mm and 0.1 mrad between the cameras, 0.3 ms. Keeps systematic errors from becoming certainty. 0: never.
+    pub memory_s: f64,
 }
 
 impl Default for RigConfig {
@@ -161,6 +164,7 @@ impl Default for RigConfig {
             camera_imu_translation_sigma_m: 0.004,
             camera_camera_rotation_sigma_rad: 0.001,
             camera_camera_translation_sigma_m: 0.0005,
+            memory_s: 30.0,
         }
     }
 }

@@ -38,6 +38,7 @@ const SETUP_ROWS: &[Row<EstimatorSetup>] = &[
     ("rig.camera_imu_translation_sigma_m",     |c| c.rig.camera_imu_translation_sigma_m,     0.0,  0.5,  METRES),
     ("rig.camera_camera_rotation_sigma_rad",   |c| c.rig.camera_camera_rotation_sigma_rad,   0.0,  0.1,  RAD),
     ("rig.camera_camera_translation_sigma_m",  |c| c.rig.camera_camera_translation_sigma_m,  0.0,  0.1,  METRES),
+    ("rig.memory_s",                           |c| c.rig.memory_s,                           0.0,  1e6,  SECONDS),
 
     ("estimator.points.max_points",              |c| c.estimator.points.max_points as f64,               8.0,  2000.0, COUNT),
     ("estimator.points.cell_px",                 |c| c.estimator.points.cell_px as f64,                  8.0,  128.0,  PX),

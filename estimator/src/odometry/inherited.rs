@@ -1,7 +1,7 @@
 //! How well the newest state is known, and what is not known of the odometry frame after a start anew.
 //!
 //! A soft reset goes on from the last pose. How well that was known against the first pose stays: the new window knows
-//! where it is against its own start, to a millimetre; the covariance that is given out is the sum. The way between the last
+//! where it is against its own start; the covariance that is given out is the sum. The way between the last
 //! pose and the start anew was not measured at all.
 //!
 //! A start anew takes over position and yaw, since gravity tells the rest. With `C` the covariance of their errors, a state
@@ -112,6 +112,16 @@ impl Odometer {
                 self.carry_covariance();
             }
         }
+    }
+
+    /// Standard deviation of roll and pitch of the newest state, rad: the larger variance is at most twice the mean that is
+    /// taken. No yaw is in it.
+    pub(super) fn tilt_sigma_rad(&self) -> f64 {
+        let Some(frame) = self.window.frames.last() else { return f64::INFINITY };
+        let up_b = frame.nav.rot_o_b.inverse() * Vector3::z();
+        let of_attitude = self.covariance.fixed_view::<3, 3>(NavState::ROT, NavState::ROT);
+        let of_tilt = of_attitude.trace() - up_b.dot(&(of_attitude * up_b));
+        (0.5 * of_tilt).at_least(0.0).sqrt()
     }
 
     /// Where a frame tells nothing of how well it is known: as the one before it, and the motion since.

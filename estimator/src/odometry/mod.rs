@@ -50,6 +50,8 @@ use zero_velocity::ZeroVelocityDetector;
 const FEW_LANDMARKS: usize = 20;
 /// Frames further apart than this many periods have lost frames between them.
 const FRAME_GAP_PERIODS: f64 = 1.5;
+/// Samples whose mean is the angular rate of a frame reach back this far, s: two or three of them, against vibration.
+const RATE_SPAN_S: f64 = 0.01;
 
 /// Where inertial samples were missing, fewer points than these that are known from before do not prove where the vehicle is: a
 /// few false matches agree with any motion. As many as a start rests on.
@@ -301,7 +303,7 @@ impl Odometer {
         let bias_gyro = self.biases().0;
         let rate_b = imu_mean.map_or_else(Vector3::zeros, |(gyro, _)| gyro - bias_gyro);
         let rate_c = [0, 1].map(|c| self.window.rig.pose_b_c(c).rotation.inverse() * rate_b);
-        self.rate_b = rate_b;
+        self.rate_b = self.rate_at(stamp, &bias_gyro).unwrap_or(rate_b);
         // The front-end does not know the outliers of the frame before yet.
         let outliers = self.window.outliers();
         self.measurer.measure_points(observations, &outliers.points, &rate_c);
@@ -317,6 +319,13 @@ impl Odometer {
             health.insert(HealthBits::STATIONARY);
         }
         self.measurer.remember(observations);
+    }
+
+    /// Angular rate of the body at `stamp`, bias removed, rad/s: by the newest samples, so that the image rates predicted
+    /// by it, and with them the Jacobian of the time offset, are those of the frame and not of the interval before it.
+    fn rate_at(&self, stamp: Timestamp, bias_gyro: &Vector3<f64>) -> Option<Vector3<f64>> {
+        let (gyro, _) = self.imu.mean(stamp.plus_seconds(-RATE_SPAN_S), stamp)?;
+        Some(gyro - bias_gyro)
     }
 
     /// Before the first state: gathers the frame and tries to start.
@@ -366,7 +375,7 @@ impl Odometer {
         self.window.clear_outliers();
         self.window.triangulate(false);
         self.window.predict_rates(&self.rate_b);
-        self.window.update_manhattan(self.measurer.lines());
+        self.window.update_manhattan(self.measurer.lines(), self.tilt_sigma_rad());
         let max_iterations = self.options.max_iterations.min(max_iterations);
         let outcome = self.window.optimize(max_iterations);
         if outcome.is_not_positive_definite {

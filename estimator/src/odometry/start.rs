@@ -29,8 +29,9 @@ const LEVELLING_BEFORE_S: f64 = 0.1;
 /// free to choose, so that any value will do which is small beside the motion; while the tilt still moves by
 /// degrees, a tight yaw would resist it through the curvature of rotations.
 const LOOSE_ORIGIN_M_RAD: f64 = 0.02;
-/// The same once the solution is found, about which it is made tight: a millimetre, a milliradian.
-const TIGHT_ORIGIN_M_RAD: f64 = 1e-3;
+/// Tight sigma of the origin once the solution is found, m and rad. Position and yaw of the first pose define `O` and have
+/// no error: this is far below anything measured against them.
+const TIGHT_ORIGIN_M_RAD: f64 = 1e-5;
 /// Tilt taken from the specific force, rad: a vehicle that accelerates by 5 m/s² leans by as much.
 const TILT_SIGMA_RAD: f64 = 0.5;
 /// Nothing is known of the velocity; vehicles are no faster than this, m/s.

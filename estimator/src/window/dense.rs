@@ -157,6 +157,16 @@ impl NormalEquations {
         self.b[k] = 0.0;
     }
 
+    /// Lets unknown `k` walk: an independent error of the `variance` given is added to it. The others stay as well known as
+    /// they were, and what ties them to `k` weakens ([`super::rig_walk`]).
+    pub fn walk(&mut self, k: usize, variance: f64) {
+        let mut column = [0.0; MAX_UNKNOWNS];
+        for (j, c) in column.iter_mut().enumerate().take(self.dim) {
+            *c = self.get(k, j);
+        }
+        self.subtract_outer(&column, variance / (1.0 + variance * column[k]), self.b[k]);
+    }
+
     /// The Schur complement of the unknowns `range`; what is left in their own rows has no meaning.
     fn subtract(&mut self, range: std::ops::Range<usize>, floor: f64) {
         let mut column = [0.0; MAX_UNKNOWNS];

@@ -91,6 +91,9 @@ pub trait Feature: Copy + Debug + PartialEq {
     /// Where a landmark is in `O`, and what else its observations have in common.
     type Placed: Debug;
 
+    /// Forgets to which direction of the Manhattan world the landmark belongs: nothing, for a point.
+    fn forget_structure(&mut self) {}
+
     /// Where the landmark is with its host camera at `host`.
     fn placed(&self, host: &CameraPose) -> Self::Placed;
 

@@ -207,6 +207,10 @@ impl Feature for HostedLine {
     type Jacobians = Jacobians<4>;
     type Placed = PlacedLine;
 
+    fn forget_structure(&mut self) {
+        self.axis = None;
+    }
+
     fn placed(&self, host: &CameraPose) -> PlacedLine {
         let (sin, cos) = libm::sincos(self.phi);
         let h = Pluecker { n: self.axes.column(0) * cos, v: self.axes.column(1) * sin };

@@ -58,13 +58,15 @@ pub struct Manhattan {
     pub options: ManhattanOptions,
     /// Heading in `O` modulo 90 degrees, rad; `None` while no horizontal direction is known.
     pub heading_rad: Option<f64>,
+    /// Number of vertical landmark lines in the window.
+    pub verticals: usize,
 }
 
 impl Manhattan {
     /// No horizontal direction as yet.
     #[must_use]
     pub fn new(options: ManhattanOptions) -> Self {
-        Self { options, heading_rad: None }
+        Self { options, heading_rad: None, verticals: 0 }
     }
 
     /// Unit vector of a direction in `O`; `None` where it is unknown or not used.
@@ -78,6 +80,14 @@ impl Manhattan {
             Axis::Across => Vector3::new(-sin, cos, 0.0),
             _ => Vector3::new(cos, sin, 0.0),
         })
+    }
+
+    /// Standard deviation of a line from the direction `axis`, rad. Walls lean together: all verticals weigh as much as one
+    /// edge. The heading takes up what horizontal edges have in common.
+    #[must_use]
+    pub fn sigma_rad(&self, axis: Axis) -> f64 {
+        let sharing = if axis == Axis::Vertical { self.verticals.max(1) } else { 1 };
+        self.options.sigma_rad * (sharing as f64).sqrt()
     }
 
     /// The heading after the step `d`, rad, where there is one.

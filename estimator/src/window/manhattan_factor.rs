@@ -8,7 +8,8 @@
 //! ```
 //!
 //! It is a prior on the line's direction, not a measurement taken a second time; `sigma` is how truly edges are
-//! built. Verticals hold roll and pitch. The heading is never known better than the yaw of the frames
+//! built ([`Manhattan::sigma_rad`]). It acts while the line is in the window and never enters the prior of what has left.
+//! Verticals hold roll and pitch. The heading is never known better than the yaw of the frames
 //! that found it, but it does not drift: while structural lines are seen, neither does yaw. Turning `O` about
 //! gravity turns the heading and all frames alike, so that yaw of the whole stays unobservable.
 
@@ -37,7 +38,7 @@ pub fn residual(
     linearization: Option<StructuralLinearization<'_, Jacobians<4>>>,
 ) -> Option<Vector2<f64>> {
     let d_o = manhattan.direction_o(line.axis)?;
-    let sigma_rad = manhattan.options.sigma_rad;
+    let sigma_rad = manhattan.sigma_rad(line.axis);
     if let Some(request) = linearization {
         linearize(line, (&d_o, sigma_rad), request.at, request.jacobians);
     }

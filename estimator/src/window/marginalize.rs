@@ -101,6 +101,8 @@ impl Window {
         prior.replace(equations, (rig, manhattan), frames);
         let at = unknown_of_frame(index);
         prior.equations.eliminate(at..at + FRAME_DIM, PIVOT_FLOOR);
+        self.walk_rig();
+        let frames = &mut self.frames;
         frames[index].inertial = None;
         if let Some(next) = frames.get_mut(index + 1) {
             next.inertial = None;
@@ -146,8 +148,10 @@ fn last_seen<F: Feature>(store: &LandmarkStore<F>, index: usize) -> usize {
     seen.max().unwrap_or(0)
 }
 
-/// Takes from the landmarks of frame `index` the observations that the prior must not see: those outside
-/// keyframes, and those in the newest keyframe, where a living track is hosted anew.
+/// Takes from the landmarks of frame `index` what the prior must not see: observations outside keyframes, observations in
+/// the newest keyframe, where a living track is hosted anew, and the structural factor. The error of that factor is the
+/// lean of a wall, which all hosts of a line and all lines of the wall share: counted with each of them it would become
+/// certainty.
 fn split_observations<F: Feature>(
     store: &mut LandmarkStore<F>,
     rehosted: &mut Vec<Landmark<F>>,
@@ -164,6 +168,7 @@ fn split_observations<F: Feature>(
         {
             rehosted.push(moved);
         }
+        landmark.feature.forget_structure();
         landmark.observations.retain(|o| {
             let frame = usize::from(o.frame);
             frames[frame].is_keyframe && Some(frame) != heir

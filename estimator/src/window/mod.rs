@@ -14,7 +14,7 @@
 //!   [`eliminate`], [`dense`], [`factorization`], [`solve`]: normal equations and their solution
 //! - `doubt`: a frame that is contradicted as a whole
 //! - [`triangulate`], [`triangulate_line`], [`keyframes`], [`marginalize`]: what enters and what leaves
-//! - [`calibration`]: how well the rig is known; [`growth`], `bias_walk`: how fast a state is forgotten without images
+//! - [`calibration`]: how well the rig is known; `rig_walk`: how slowly that is forgotten; [`growth`], `bias_walk`: how fast a state is forgotten without images
 
 mod bias_walk;
 pub mod calibration;
@@ -48,6 +48,7 @@ pub mod problem;
 mod quad;
 pub mod relative;
 pub mod reprojection;
+mod rig_walk;
 pub mod snapshot;
 pub mod solve;
 pub mod state;
@@ -82,6 +83,7 @@ use plumbline_config::ValidSetup;
 use prior::{AnchorSigmas, Prior};
 use problem::Problem;
 use reprojection::{InversePoint, PointMeasurement};
+use rig_walk::RigWalk;
 use state::{FrameTime, Mount, NavState, Rig, unknown_of_frame};
 
 /// An observation this far from its landmark is an outlier, in standard deviations.
@@ -123,6 +125,7 @@ pub struct Window {
     unfinished: Option<SVector<f64, 9>>,
     /// Damping after a rejected step.
     first_damping: f64,
+    rig_walk: RigWalk,
 }
 
 /// The frame whose pose defines the odometry frame, and the prior about it.
@@ -189,6 +192,7 @@ impl Window {
             doubted: 0,
             unfinished: None,
             first_damping: solve::FIRST_DAMPING,
+            rig_walk: RigWalk::new(config.rig.memory_s),
             options,
             configured_rig: rig.clone(),
             rig,
@@ -211,6 +215,7 @@ impl Window {
         self.manhattan.heading_rad = None;
         self.heading_votes = HeadingVotes::default();
         self.is_manhattan_in_sight = false;
+        self.rig_walk.clear();
         self.prior.start(&self.rig, &self.options.rig_sigmas);
     }
 

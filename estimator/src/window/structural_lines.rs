@@ -6,11 +6,14 @@ use super::{LineTrack, Window};
 
 /// Landmark lines that are vertical only together.
 const MIN_VERTICALS: usize = 2;
+/// Tilt known worse than this selects lines that agree with its error, rad: the gate of the plane of a vertical.
+const MAX_TILT_SIGMA_RAD: f64 = 0.006;
 
 impl Window {
     /// Finds the heading of the Manhattan world and the landmark lines along its directions, with the newest frame's
-    /// `lines`, by the present estimates.
-    pub fn update_manhattan(&mut self, lines: &[LineTrack]) {
+    /// `lines`, by the present estimates. Verticals are taken while roll and pitch are known to [`MAX_TILT_SIGMA_RAD`]:
+    /// `tilt_sigma_rad` is their standard deviation.
+    pub fn update_manhattan(&mut self, lines: &[LineTrack], tilt_sigma_rad: f64) {
         if self.manhattan.options.vanishing_directions {
             self.discover(lines);
         }
@@ -22,9 +25,10 @@ impl Window {
             landmark.feature.axis =
                 manhattan.axis_of(&landmark.feature.axes, landmark.feature.axis, &rot_o_c);
         }
-        if !self.verticals_agree() {
+        if tilt_sigma_rad > MAX_TILT_SIGMA_RAD || !self.verticals_agree() {
             self.forget(|axis| axis == Axis::Vertical);
         }
+        self.manhattan.verticals = self.verticals();
         self.is_manhattan_in_sight = self.horizontals_agree();
         if !self.is_manhattan_in_sight {
             self.forget(|axis| axis != Axis::Vertical);
@@ -34,8 +38,12 @@ impl Window {
     /// Whether more than one landmark line is vertical: a single one may be any edge that nearly is, and would tilt the
     /// whole window.
     fn verticals_agree(&self) -> bool {
+        self.verticals() >= MIN_VERTICALS
+    }
+
+    fn verticals(&self) -> usize {
         let known = self.lines.all().iter().filter(|l| l.is_triangulated);
-        known.filter(|l| l.feature.axis == Some(Axis::Vertical)).count() >= MIN_VERTICALS
+        known.filter(|l| l.feature.axis == Some(Axis::Vertical)).count()
     }
 
     /// Whether enough of the landmark lines that are not vertical lie along or across the heading: among edges of

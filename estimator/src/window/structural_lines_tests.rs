@@ -7,6 +7,8 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector2, Vector3};
 use plumbline_config::{Config, Timestamp};
 
 const HEADING_RAD: f64 = 0.4;
+/// Tilt as known in flight.
+const KNOWN_TILT_RAD: f64 = 0.001;
 
 /// Ends of the edges of a room, m in `O`: verticals, along and across the heading, before a camera that looks
 /// along x.
@@ -90,7 +92,7 @@ fn a_vertical_edge_alone_is_no_structure() {
     let verticals = [[at(-0.4, -0.5), at(-0.4, 0.5)], [at(0.6, -0.5), at(0.6, 0.5)]];
     for (count, expected) in [(1, 0), (2, 2)] {
         let mut window = window_of(&verticals[..count]);
-        window.update_manhattan(&[]);
+        window.update_manhattan(&[], KNOWN_TILT_RAD);
         assert_eq!(window.structural_lines(), expected, "of {count} vertical edges");
     }
 }
@@ -99,7 +101,7 @@ fn a_vertical_edge_alone_is_no_structure() {
 fn every_edge_of_a_room_finds_its_direction() {
     let mut window = window();
     window.manhattan.heading_rad = Some(HEADING_RAD);
-    window.update_manhattan(&[]);
+    window.update_manhattan(&[], KNOWN_TILT_RAD);
     assert_eq!(window.structural_lines(), edges().len());
     for line in window.lines.all() {
         assert_eq!(line.feature.axis, Some(Axis::ALL[line.track_id as usize % 3]), "{}", line.track_id);
@@ -111,7 +113,7 @@ fn a_few_edges_that_fit_by_chance_are_no_structure() {
     let mut window = window();
     window.manhattan.heading_rad = Some(HEADING_RAD);
     window.lines.retain(|line| line.track_id % 3 == 0 || line.track_id < 6);
-    window.update_manhattan(&[]);
+    window.update_manhattan(&[], KNOWN_TILT_RAD);
     let horizontals =
         window.lines.all().iter().filter(|l| l.feature.axis.is_some_and(|a| a != Axis::Vertical));
     assert_eq!(horizontals.count(), 0);
@@ -123,7 +125,7 @@ fn yaw_of_everything_stays_unobservable_in_window_and_prior() {
     let mut window = window();
     window.manhattan.heading_rad = Some(HEADING_RAD);
     window.prior.begin_manhattan_heading(HEADING_RAD);
-    window.update_manhattan(&[]);
+    window.update_manhattan(&[], KNOWN_TILT_RAD);
     let information_along = |equations: &super::super::dense::NormalEquations, turn: &[f64]| {
         let mut product = vec![0.0; equations.dim()];
         equations.multiply(turn, &mut product);
@@ -139,4 +141,45 @@ fn yaw_of_everything_stays_unobservable_in_window_and_prior() {
     let turn = turn_of(&window);
     let leak = information_along(&window.prior.equations, &turn[..window.prior.equations.dim()]);
     assert!(leak < 1e-6, "prior: {leak}");
+}
+
+#[test]
+fn structural_factors_never_enter_the_prior() {
+    let mut structural = window();
+    structural.manhattan.heading_rad = Some(HEADING_RAD);
+    structural.update_manhattan(&[], KNOWN_TILT_RAD);
+    let mut plain = structural.clone();
+    plain.forget(|_| true);
+    assert!(structural.structural_lines() > 0 && plain.structural_lines() == 0);
+    for window in [&mut structural, &mut plain] {
+        window.remove_frame(0);
+    }
+    let [a, b] = [&structural, &plain].map(|window| &window.prior.equations);
+    assert!(a.dim() == b.dim() && a.dim() > GLOBAL_DIM);
+    for i in 0..a.dim() {
+        assert_eq!(a.row(i), b.row(i), "row {i}");
+    }
+    // The lines that go on are structural still.
+    assert!(structural.lines.all().iter().any(|line| line.feature.axis.is_some()));
+}
+
+#[test]
+fn a_wall_of_many_verticals_weighs_as_much_as_one() {
+    let mut window = window();
+    window.update_manhattan(&[], KNOWN_TILT_RAD);
+    let count = window.manhattan.verticals;
+    assert!(count >= 2, "{count}");
+    let information = count as f64 / window.manhattan.sigma_rad(Axis::Vertical).powi(2);
+    let of_one = 1.0 / window.manhattan.options.sigma_rad.powi(2);
+    assert!((information / of_one - 1.0).abs() < 1e-12);
+    assert_eq!(window.manhattan.sigma_rad(Axis::Along), window.manhattan.options.sigma_rad);
+}
+
+#[test]
+fn verticals_wait_until_the_tilt_is_known_better_than_their_gate() {
+    let mut window = window();
+    window.update_manhattan(&[], 0.028);
+    assert_eq!((window.manhattan.verticals, window.structural_lines()), (0, 0));
+    window.update_manhattan(&[], KNOWN_TILT_RAD);
+    assert!(window.manhattan.verticals >= 2);
 }
