@@ -273,6 +273,9 @@ mod tests {
     fn readings_that_no_sensor_has_are_refused_and_leave_no_stamp() {
         let noise = ((1e-3, 1e-5), (1e-2, 1e-3));
         let imu = ImuConfig {
+            gyro_error_sigma_rad_s: 0.0,
+            accel_error_sigma_m_s2: 0.0,
+            error_time_s: 1.5,
             gyro_range_rad_s: 17.0,
             accel_range_m_s2: 150.0,
             ..ImuConfig::with_noise(200.0, noise.0, noise.1)

@@ -29,13 +29,19 @@ pub struct ImuNoise {
 
 impl ImuNoise {
     /// The noise model that a configuration describes.
+    ///
+    /// A coloured error of standard deviation `sigma` and correlation time `tau` (Gauss-Markov) changes within `t << tau` by
+    /// `sigma sqrt(2 t / tau)`: like a walk of density `sigma sqrt(2 / tau)`. The window is not much longer than `tau`, and
+    /// takes that walk for part of the bias. It differs from white noise, whose effect averages out, and from the walk of
+    /// the switch-on bias, which is slower by an order of magnitude.
     #[must_use]
     pub fn of(config: &ImuConfig) -> Self {
+        let coloured = |sigma: f64| sigma * (2.0 / config.error_time_s).sqrt();
         Self {
             gyro_density: config.gyro_noise_density,
             accel_density: config.accel_noise_density,
-            gyro_walk: config.gyro_bias_walk,
-            accel_walk: config.accel_bias_walk,
+            gyro_walk: libm::hypot(config.gyro_bias_walk, coloured(config.gyro_error_sigma_rad_s)),
+            accel_walk: libm::hypot(config.accel_bias_walk, coloured(config.accel_error_sigma_m_s2)),
         }
     }
 }

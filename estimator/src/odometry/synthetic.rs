@@ -41,6 +41,9 @@ pub fn config(cameras: usize) -> ValidSetup {
     let camera = [0.055, -0.055][..cameras].iter().map(|y| camera(*y)).collect();
     let noise = ((1.7e-4, 2e-5), (2e-3, 3e-3));
     let imu = ImuConfig {
+        gyro_error_sigma_rad_s: 0.0,
+        accel_error_sigma_m_s2: 0.0,
+        error_time_s: 1.5,
         gyro_range_rad_s: 17.0,
         accel_range_m_s2: 150.0,
         accel_bias_sigma_m_s2: 0.1,

@@ -60,7 +60,7 @@ fn scenes() -> impl Strategy<Value = Scene> {
                 },
                 camera,
                 line: HostedLine { axis: Some(Axis::ALL[axis]), ..line },
-                manhattan: Manhattan { options: options(), heading_rad: Some(heading) },
+                manhattan: Manhattan { options: options(), heading_rad: Some(heading), verticals: 0 },
             })
         },
     )
@@ -156,7 +156,7 @@ fn level() -> Matrix3<f64> {
 
 #[test]
 fn lines_belong_to_the_direction_they_have() {
-    let manhattan = Manhattan { options: options(), heading_rad: Some(0.7) };
+    let manhattan = Manhattan { options: options(), heading_rad: Some(0.7), verticals: 0 };
     let heading = |degrees: f64| {
         let (sin, cos) = (0.7 + degrees.to_radians()).sin_cos();
         Vector3::new(cos, sin, 0.0)
@@ -174,7 +174,7 @@ fn lines_belong_to_the_direction_they_have() {
 
 #[test]
 fn a_line_at_the_edge_of_the_gate_does_not_come_and_go() {
-    let manhattan = Manhattan { options: options(), heading_rad: Some(0.7) };
+    let manhattan = Manhattan { options: options(), heading_rad: Some(0.7), verticals: 0 };
     let v = Vector3::new(0.7_f64.cos(), 0.7_f64.sin(), 0.01);
     assert_eq!(axis_of(&manhattan, &seen(v, None)), None);
     assert_eq!(axis_of(&manhattan, &seen(v, Some(Axis::Along))), Some(Axis::Along));
@@ -183,7 +183,7 @@ fn a_line_at_the_edge_of_the_gate_does_not_come_and_go() {
 #[test]
 fn what_is_switched_off_says_nothing() {
     let off = ManhattanOptions { verticals: false, vanishing_directions: false, ..options() };
-    let manhattan = Manhattan { options: off, heading_rad: Some(0.7) };
+    let manhattan = Manhattan { options: off, heading_rad: Some(0.7), verticals: 0 };
     assert!(Axis::ALL.iter().all(|axis| manhattan.direction_o(*axis).is_none()));
     let line = seen(Vector3::z(), Some(Axis::Vertical));
     let host = CameraPose::new(Matrix3::identity(), Vector3::zeros());

@@ -123,7 +123,7 @@ mod tests {
     #[test]
     fn the_rig_is_never_better_known_than_its_memory_allows() {
         let second = |k: i64| Timestamp::from_nanos(k * 1_000_000_000);
-        for (memory_s, most) in [(30.0, 2.0), (0.0, 1e-3)] {
+        for memory_s in [30.0, 0.0] {
             let mut window = Room::default().window();
             window.rig_walk = RigWalk::new(memory_s);
             let k = Rig::ROT_B_C0;
@@ -136,7 +136,7 @@ mod tests {
             let sigma = window.prior.equations.get(k, k).powf(-0.5) / 3e-4;
             // Steady state: variance = sqrt(q / information rate), here 30^-1/4 = 0.43 floors.
             let expected = if memory_s > 0.0 { 0.43 } else { 600.0_f64.powf(-0.5) };
-            assert!((sigma / expected - 1.0).abs() < 0.15 && sigma < most.max(0.1), "{memory_s}: {sigma}");
+            assert!((sigma / expected - 1.0).abs() < 0.15, "{memory_s}: {sigma}");
         }
     }
 
