@@ -16,6 +16,7 @@ mod reset;
 #[cfg(test)]
 mod reset_tests;
 mod start;
+mod steps;
 #[cfg(test)]
 pub(crate) mod synthetic;
 #[cfg(test)]
@@ -44,6 +45,7 @@ use pair::PairWatch;
 use plumbline_config::options::HealthConfig;
 use plumbline_config::{CameraModel, Timestamp, ValidSetup};
 use reset::Memory;
+pub use steps::StepCorrelation;
 use zero_velocity::ZeroVelocityDetector;
 
 /// Landmarks in view below which the estimate is weak.
@@ -120,6 +122,8 @@ pub struct Odometer {
     rate_b: Vector3<f64>,
     frames: u64,
     solved: SolvedFrame,
+    keeps_steps: bool,
+    step: Option<StepCorrelation>,
 }
 
 impl Odometer {
@@ -173,6 +177,8 @@ impl Odometer {
             rate_b: Vector3::zeros(),
             frames: 0,
             solved: SolvedFrame::default(),
+            keeps_steps: false,
+            step: None,
             window,
         }
     }
@@ -227,6 +233,7 @@ impl Odometer {
         self.check_points(&tracked.points, &mut health);
         probe.begin(Stage::Window);
         self.measure(tracked, &mut health);
+        self.step = None;
         let solved = match self.phase {
             Phase::Running => self.run(tracked.time, tracked.budget.max_iterations, &mut health),
             Phase::Gathering => self.gather(tracked.time, &mut health),
@@ -380,6 +387,7 @@ impl Odometer {
             self.carry_covariance();
         } else {
             self.refresh_covariance(health);
+            self.note_step();
         }
         if is_keyframe {
             self.note_keyframes();
