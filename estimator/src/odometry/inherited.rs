@@ -91,15 +91,12 @@ impl Inherited {
         covariance + by_origin * of_origin * by_origin.transpose()
     }
 
-    /// What the errors of position and yaw of two states have in common by the start anew.
-    pub(super) fn correlation(&self, from: &NavState, to: &NavState) -> Matrix4<f64> {
+    /// Covariance of position and yaw that the state `nav` has by the start anew.
+    pub(super) fn of_pose(&self, nav: &NavState) -> Matrix4<f64> {
         let Some((of_origin, p_o_b)) = &self.origin else { return Matrix4::zeros() };
-        let by_origin = |nav: &NavState| {
-            let mut carried = Matrix4::identity();
-            carried.fixed_view_mut::<3, 1>(0, 3).copy_from(&Vector3::z().cross(&(nav.p_o_b - p_o_b)));
-            carried
-        };
-        by_origin(from) * of_origin * by_origin(to).transpose()
+        let mut carried = Matrix4::identity();
+        carried.fixed_view_mut::<3, 1>(0, 3).copy_from(&Vector3::z().cross(&(nav.p_o_b - p_o_b)));
+        carried * of_origin * carried.transpose()
     }
 }
 

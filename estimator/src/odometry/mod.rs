@@ -45,7 +45,7 @@ use pair::PairWatch;
 use plumbline_config::options::HealthConfig;
 use plumbline_config::{CameraModel, Timestamp, ValidSetup};
 use reset::Memory;
-pub use steps::StepCorrelation;
+pub use steps::StepCovariance;
 use zero_velocity::ZeroVelocityDetector;
 
 /// Landmarks in view below which the estimate is weak.
@@ -123,7 +123,7 @@ pub struct Odometer {
     frames: u64,
     solved: SolvedFrame,
     keeps_steps: bool,
-    step: Option<StepCorrelation>,
+    step: Option<StepCovariance>,
 }
 
 impl Odometer {

@@ -1,5 +1,5 @@
-//! How the errors of a published pose and of one about a second before hang together: what a judge of steps must know
-//! beside the covariances of both.
+//! How well the window knows the newest pose against one about a second before: what a judge of steps must know beside the
+//! covariances that were published with both.
 
 use super::Odometer;
 use nalgebra::Matrix4;
@@ -9,28 +9,31 @@ use plumbline_config::Timestamp;
 const STEP_S: f64 = 1.0;
 const TOLERANCE_S: f64 = 0.3;
 
-/// Correlation of the errors of two poses.
+/// Covariances of a step by the window of its later pose. All are of errors of position (0..3, m) and of yaw (3, rad) in `O`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct StepCorrelation {
+pub struct StepCovariance {
     /// Time of the earlier pose.
     pub from: Timestamp,
     /// Time of the later pose.
     pub to: Timestamp,
-    /// `E[x_from x_to']` with `x` the error of position (0..3, m) and of yaw (3, rad), in `O`.
+    /// Covariance of way and turn between the two, in the axes of `O` as the earlier pose has them.
     pub covariance: Matrix4<f64>,
+    /// Covariance of the earlier pose as it is known now.
+    pub of_from: Matrix4<f64>,
+    /// Covariance of the later pose.
+    pub of_to: Matrix4<f64>,
 }
 
 impl Odometer {
-    /// Correlates each new pose with the one about a second before, for [`Self::step_correlation`]. Default: no. Estimates stay the same
-    /// bits.
+    /// Keeps covariances of steps, for [`Self::step_covariance`]. Default: no. Estimates stay the same bits.
     pub fn keep_steps(&mut self, keeps: bool) {
         self.keeps_steps = keeps;
     }
 
-    /// Correlation of the newest pose with one about a second before; `None` unless [`Self::keep_steps`] was asked for it,
-    /// where the window holds no frame of that time, and without a covariance.
+    /// Covariance of the step to the newest pose from one about a second before; `None` unless [`Self::keep_steps`] was asked
+    /// for it, where the window holds no frame of that time, and without a covariance.
     #[must_use]
-    pub fn step_correlation(&self) -> Option<&StepCorrelation> {
+    pub fn step_covariance(&self) -> Option<&StepCovariance> {
         self.step.as_ref()
     }
 
@@ -39,7 +42,7 @@ impl Odometer {
         self.step = self.keeps_steps.then(|| self.newest_step()).flatten();
     }
 
-    fn newest_step(&mut self) -> Option<StepCorrelation> {
+    fn newest_step(&mut self) -> Option<StepCovariance> {
         let newest = self.window.frames.len().checked_sub(1)?;
         let to = self.window.frames[newest].stamp;
         let off_s = |k: &usize| (to.seconds_since(self.window.frames[*k].stamp) - STEP_S).abs();
@@ -47,9 +50,11 @@ impl Odometer {
         if off_s(&from) > TOLERANCE_S {
             return None;
         }
-        let of_window = self.window.correlation(from, newest)?;
+        let covariance = self.window.relative_covariance(from, newest)?;
+        let [of_from, of_to] = [self.window.covariance_in_o(from)?, self.window.covariance_in_o(newest)?];
         let [from, newest] = [from, newest].map(|k| &self.window.frames[k]);
-        let covariance = of_window + self.inherited.correlation(&from.nav, &newest.nav);
-        Some(StepCorrelation { from: from.stamp, to, covariance })
+        let [by_from, by_to] = [from, newest].map(|frame| self.inherited.of_pose(&frame.nav));
+        let (of_from, of_to) = (of_from + by_from, of_to + by_to);
+        Some(StepCovariance { from: from.stamp, to, covariance, of_from, of_to })
     }
 }

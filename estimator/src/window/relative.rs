@@ -19,31 +19,31 @@ struct Row {
 }
 
 impl Window {
-    /// `E[x_from x_to']` with `x` the errors of position (0..3, m) and of yaw (3, rad) of a frame in `O`, by the last
-    /// factorization. `None` as of [`Self::relative_covariance`].
-    pub fn correlation(&mut self, from: usize, to: usize) -> Option<Matrix4<f64>> {
+    /// Covariance of position (0..3, m²) and yaw (3, rad²) of a frame in `O`, by the last factorization. `None` as of
+    /// [`Self::relative_covariance`].
+    pub fn covariance_in_o(&mut self, frame: usize) -> Option<Matrix4<f64>> {
         let dim = unknown_of_frame(self.frames.len());
         if self.factor.dim() != dim {
             return None;
         }
-        let up_b = |nav: &NavState| nav.rot_o_b.inverse() * Vector3::z();
-        let (up_from, up_to) = (up_b(&self.frames.get(from)?.nav), up_b(&self.frames.get(to)?.nav));
-        let (at_from, at_to) = (unknown_of_frame(from), unknown_of_frame(to));
+        let up_b = self.frames.get(frame)?.nav.rot_o_b.inverse() * Vector3::z();
+        let (at_p, at_rot) = (unknown_of_frame(frame) + NavState::P, unknown_of_frame(frame) + NavState::ROT);
         let mut covariance = Matrix4::zeros();
         for column in 0..4 {
             let solution = &mut self.solution[..dim];
             solution.fill(0.0);
             match column {
-                3 => solution[at_to + NavState::ROT..][..3].copy_from_slice(up_to.as_slice()),
-                axis => solution[at_to + NavState::P + axis] = 1.0,
+                3 => solution[at_rot..at_rot + 3].copy_from_slice(up_b.as_slice()),
+                axis => solution[at_p + axis] = 1.0,
             }
             self.factor.solve(solution);
             for axis in 0..3 {
-                covariance[(axis, column)] = solution[at_from + NavState::P + axis];
-                covariance[(3, column)] += up_from[axis] * solution[at_from + NavState::ROT + axis];
+                covariance[(axis, column)] = solution[at_p + axis];
+                covariance[(3, column)] += up_b[axis] * solution[at_rot + axis];
             }
         }
-        covariance.iter().all(|x| x.is_finite()).then_some(covariance)
+        let symmetric = (covariance + covariance.transpose()) * 0.5;
+        symmetric.iter().all(|x| x.is_finite()).then_some(symmetric)
     }
 
     /// Covariance of way (0..3, m²) and turn about the vertical (3, rad²) from frame `from` to frame `to`, by the last
@@ -136,18 +136,19 @@ mod tests {
     }
 
     #[test]
-    fn the_correlation_of_two_frames_gives_their_step() {
+    fn the_covariance_of_the_newest_frame_is_the_published_one() {
         let mut window = Room::default().window();
         let _ = window.optimize(5);
-        let (from, to) = (window.frames.len() - 2, window.frames.len() - 1);
-        let mut of = |a: usize, b: usize| window.correlation(a, b).unwrap();
-        let (of_from, of_to, mixed) = (of(from, from), of(to, to), of(from, to));
-        let [a, b] = [from, to].map(|k| window.frames[k].nav.p_o_b);
-        let mut f = Matrix4::identity();
-        f.fixed_view_mut::<3, 1>(0, 3).copy_from(&Vector3::z().cross(&(b - a)));
-        let step = of_to + f * of_from * f.transpose() - f * mixed - (f * mixed).transpose();
-        let expected = window.relative_covariance(from, to).unwrap();
-        assert!((step - expected).norm() < 1e-6 * expected.norm(), "{step} {expected}");
+        let last = window.frames.len() - 1;
+        let covariance = window.covariance_in_o(last).unwrap();
+        let (whole, _) = window.newest_covariance().unwrap();
+        let up_b = window.frames[last].nav.rot_o_b.inverse() * Vector3::z();
+        let yaw = (up_b.transpose() * whole.fixed_view::<3, 3>(3, 3) * up_b)[0];
+        assert!((covariance[(3, 3)] / yaw - 1.0).abs() < 1e-6);
+        for k in 0..3 {
+            assert!((covariance[(k, k)] / whole[(k, k)] - 1.0).abs() < 1e-6, "{k}");
+        }
+        assert!(window.covariance_in_o(last + 1).is_none());
     }
 
     #[test]

@@ -1,12 +1,12 @@
 //! What a flight published of its states, kept to be judged by the truth: every estimate, every few samples of odometry,
-//! and how the errors of estimates a second apart hang together.
+//! and how well each is known against the one a second before.
 
 use super::trajectory::{Lent, MAX_RESERVED_FRAMES, Storage};
 use crate::pipeline::listener::{Listener, Producer, Solved, Subscriber};
 use nalgebra::{Isometry3, Vector3};
 use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_estimator::estimate::{NavCovariance, TrackingState};
-use plumbline_estimator::odometry::StepCorrelation;
+use plumbline_estimator::odometry::StepCovariance;
 use plumbline_estimator::{Estimate, Odometry};
 
 /// Odometry is kept at about this rate, Hz. It is no fraction of 20 Hz, so that all ages of the last correction are met
@@ -47,8 +47,8 @@ pub struct Published {
     pub estimates: Vec<PublishedState>,
     /// Odometry that had a pose, every few samples.
     pub odometry: Vec<PublishedState>,
-    /// Correlations of estimates about a second apart.
-    pub steps: Vec<StepCorrelation>,
+    /// Covariances of steps between estimates about a second apart.
+    pub steps: Vec<StepCovariance>,
 }
 
 /// Keeps what a flight publishes.
@@ -56,7 +56,7 @@ pub struct Published {
 pub struct PublishedStates {
     estimates: Storage<PublishedState>,
     odometry: Storage<PublishedState>,
-    steps: Storage<StepCorrelation>,
+    steps: Storage<StepCovariance>,
     /// One of so many samples of odometry is kept.
     one_of: u64,
 }
@@ -73,7 +73,7 @@ impl PublishedStates {
         Self {
             estimates: Storage::with_room_for(frames, PublishedState::blank()),
             odometry: Storage::with_room_for(kept, PublishedState::blank()),
-            steps: Storage::with_room_for(frames, StepCorrelation::default()),
+            steps: Storage::with_room_for(frames, StepCovariance::default()),
             one_of: one_of as u64,
         }
     }
@@ -103,7 +103,7 @@ impl Subscriber for PublishedStates {
 
 struct OfEstimates {
     states: Lent<PublishedState>,
-    steps: Lent<StepCorrelation>,
+    steps: Lent<StepCovariance>,
 }
 
 impl Listener for OfEstimates {

@@ -13,7 +13,7 @@ use super::event::Event;
 use super::orders::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder};
 use crate::schedule::watchdog::Pulse;
 use plumbline_drivers::{ImuReading, StereoFrame};
-use plumbline_estimator::odometry::StepCorrelation;
+use plumbline_estimator::odometry::StepCovariance;
 use plumbline_estimator::places::{MapEstimate, MapUpdate, Mapper};
 use plumbline_estimator::window::Window;
 use plumbline_estimator::{Estimate, MapSnapshot, Odometry, Tracked};
@@ -45,7 +45,7 @@ pub trait Subscriber {
 
 /// Takes what one thread of a run produces. What a listener does not ask for passes by.
 pub trait Listener: Send {
-    /// Whether [`Solved::step`] is wanted, which costs the window a percent of a frame. Asked once, before the run.
+    /// Whether [`Solved::step`] is wanted, which costs the window a few percent of a frame. Asked once, before the run.
     fn keeps_steps(&self) -> bool {
         false
     }
@@ -83,8 +83,8 @@ pub trait Listener: Send {
 pub struct Solved<'a> {
     /// The estimate.
     pub estimate: &'a Estimate,
-    /// How its errors and those of the estimate about a second before hang together, where a listener keeps steps.
-    pub step: Option<&'a StepCorrelation>,
+    /// Covariance of the step from the estimate about a second before, where a listener keeps steps.
+    pub step: Option<&'a StepCovariance>,
     pub(super) window: &'a Window,
 }
 

@@ -245,7 +245,7 @@ impl WindowStage {
             let estimate = odometer.process(&job.tracked, times, feedback);
             listener.solved(&Solved {
                 estimate: &estimate,
-                step: odometer.step_correlation(),
+                step: odometer.step_covariance(),
                 window: &odometer.window,
             });
             estimate

@@ -15,10 +15,11 @@
 //!   holds because a window anchors position and yaw at the first pose that it gives out: what happens later is
 //!   independent of the anchor. Neither a wide anchor nor what a restart inherits makes the figure small.
 //! - step: the way and the turn about the vertical from pose `i` to pose `j`, about a second later, `x_j - F x_i` in the
-//!   axes of `O` as pose `i` has them, each pose as it was published. Its covariance is
-//!   `X_j + F X_i F' - F C - C' F'`, with `C = E[x_i x_j']` from the window that held both frames when pose `j` was published.
-//!   Estimates of one smoother obey this exactly: what a published pose was corrected by since depends on the data alone,
-//!   of which the error of `x_j` is independent.
+//!   axes of `O` as pose `i` has them, each pose as it was published. With `Y_i`, `Y_j` the covariances of both poses in the
+//!   window at the time of pose `j`, and `W` that of the way between them, its covariance is
+//!   `W + F (X_i - Y_i)+ F' + (X_j - Y_j)+`. `X_i - Y_i` is the covariance of what pose `i` was corrected by since: it depends
+//!   on the data alone, of which the errors that remain are independent. `X_j - Y_j` is what odometry adds to the estimate.
+//!   `+` leaves out negative parts, where a later window claims to know less than an earlier one did.
 
 use super::nees;
 use crate::flight::{PublishedState, TrueState};
@@ -26,6 +27,7 @@ use nalgebra::{
     Isometry3, Matrix2, Matrix3, Matrix4, SMatrix, SVector, Translation3, UnitQuaternion, Vector2, Vector3,
     Vector4,
 };
+use plumbline_estimator::odometry::StepCovariance;
 
 /// An error and the covariance that is claimed for it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -99,13 +101,21 @@ pub fn since_start(first: Known<'_>, pose: Known<'_>) -> Claim<4> {
     Claim { error: motion_error(first, pose), covariance }
 }
 
-/// Error of the way (m) and of the turn about the vertical (rad) between two poses, where `correlation` is `E[x_from x_to']`.
+/// Error of the way (m) and of the turn about the vertical (rad) between two published poses.
 #[must_use]
-pub fn step(from: Known<'_>, to: Known<'_>, correlation: &Matrix4<f64>) -> Claim<4> {
+pub fn step(from: Known<'_>, to: Known<'_>, known: &StepCovariance) -> Claim<4> {
     let f = carried(from.0, to.0);
-    let mixed = f * correlation;
-    let ends = gauge_covariance(to.0) + f * gauge_covariance(from.0) * f.transpose();
-    Claim { error: motion_error(from, to), covariance: ends - mixed - mixed.transpose() }
+    let of_from = positive_part(gauge_covariance(from.0) - known.of_from);
+    let of_to = positive_part(gauge_covariance(to.0) - known.of_to);
+    let covariance = known.covariance + f * of_from * f.transpose() + of_to;
+    Claim { error: motion_error(from, to), covariance }
+}
+
+/// A symmetric matrix without its negative eigenvalues.
+fn positive_part(matrix: Matrix4<f64>) -> Matrix4<f64> {
+    let eigen = ((matrix + matrix.transpose()) * 0.5).symmetric_eigen();
+    let kept = eigen.eigenvalues.map(|value| value.max(0.0));
+    eigen.eigenvectors * Matrix4::from_diagonal(&kept) * eigen.eigenvectors.transpose()
 }
 
 /// `x_to - F x_from`, with the truth brought to `from` by position and yaw.

@@ -4,7 +4,7 @@ use super::errors::{Claim, since_start, step, tilt, velocity};
 use super::{Consistency, consistency};
 use crate::flight::{Published, PublishedState, TrueState, Truth};
 use plumbline_config::Timestamp;
-use plumbline_estimator::odometry::StepCorrelation;
+use plumbline_estimator::odometry::StepCovariance;
 use serde::{Deserialize, Serialize};
 
 /// Position and yaw are judged from this long after the start of their frame, s: at the start the error is zero by
@@ -72,7 +72,7 @@ fn known(poses: &[PublishedState], truth: &Truth) -> Vec<(PublishedState, TrueSt
     poses.iter().filter_map(|pose| Some((pose.clone(), truth.state_at(pose.stamp)?))).collect()
 }
 
-fn judged(poses: &[(PublishedState, TrueState)], steps: &[StepCorrelation], near_s: f64) -> Nees {
+fn judged(poses: &[(PublishedState, TrueState)], steps: &[StepCovariance], near_s: f64) -> Nees {
     let mut position = Sum::<3>::default();
     let mut yaw = Sum::<1>::default();
     let (mut tilts, mut speeds, mut beginning) =
@@ -108,15 +108,15 @@ fn judged(poses: &[(PublishedState, TrueState)], steps: &[StepCorrelation], near
 
 fn judged_steps(
     poses: &[(PublishedState, TrueState)],
-    steps: &[StepCorrelation],
+    steps: &[StepCovariance],
     near_s: f64,
 ) -> Option<Consistency> {
     let mut sum = Sum::<4>::default();
-    for correlation in steps {
-        let ends = nearest(poses, correlation.from, near_s).zip(nearest(poses, correlation.to, near_s));
+    for known in steps {
+        let ends = nearest(poses, known.from, near_s).zip(nearest(poses, known.to, near_s));
         let Some(((from, true_from), (to, true_to))) = ends else { continue };
         if from.reset_counter == to.reset_counter {
-            sum.add(&step((from, true_from), (to, true_to), &correlation.covariance));
+            sum.add(&step((from, true_from), (to, true_to), known));
         }
     }
     sum.figure()

@@ -1,12 +1,13 @@
 //! Errors drawn from a covariance come to a ratio of one; whatever the odometry frame, and however little is known of it.
 
+use super::errors::step;
 use super::flown::FlightConsistency;
 use super::mean_ratio_bounds;
 use crate::evaluate::noise::Noise;
 use crate::flight::{Published, PublishedState, TrueState, Truth};
 use nalgebra::{Isometry3, Matrix4, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
 use plumbline_config::Timestamp;
-use plumbline_estimator::odometry::StepCorrelation;
+use plumbline_estimator::odometry::StepCovariance;
 
 const FLIGHTS: u32 = 1000;
 
@@ -42,7 +43,7 @@ fn flight(
     counter: u32,
     frame_sigma: f64,
     deviations: f64,
-) -> ([PublishedState; 2], [TrueState; 2], StepCorrelation) {
+) -> ([PublishedState; 2], [TrueState; 2], StepCovariance) {
     let random_pose = |noise: &mut Noise| {
         Isometry3::from_parts(
             Translation3::from(drawn::<3>(noise) * 3.0),
@@ -100,7 +101,14 @@ fn flight(
     }
     let mut carried = Matrix4::identity();
     carried.fixed_view_mut::<3, 1>(0, 3).copy_from(&Vector3::z().cross(&(poses[1].translation.vector - p0)));
-    let step = StepCorrelation { from: stamp(0), to: stamp(1), covariance: of_frame * carried.transpose() };
+    let own = roots[1] * roots[1].transpose();
+    let mut by_state = SMatrix::<f64, 4, 9>::zeros();
+    by_state.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();
+    let up_b = poses[1].rotation.inverse() * Vector3::z();
+    by_state.fixed_view_mut::<1, 3>(3, 3).copy_from(&up_b.transpose());
+    let covariance: Matrix4<f64> = by_state * own * by_state.transpose();
+    let of_to = covariance + carried * of_frame * carried.transpose();
+    let step = StepCovariance { from: stamp(0), to: stamp(1), covariance, of_from: of_frame, of_to };
     let pair = |mut list: Vec<PublishedState>| [list.remove(0), list.remove(0)];
     (pair(states), [truths[0], truths[1]], step)
 }
@@ -110,10 +118,10 @@ fn judged(frame_sigma: f64, deviations: f64) -> FlightConsistency {
     let mut published = Published::default();
     let mut truth = Vec::new();
     for counter in 0..FLIGHTS {
-        let (states, truths, step) = flight(&mut noise, counter, frame_sigma, deviations);
+        let (states, truths, known) = flight(&mut noise, counter, frame_sigma, deviations);
         published.estimates.extend(states.clone());
         published.odometry.extend(states);
-        published.steps.push(step);
+        published.steps.push(known);
         truth.extend(truths);
     }
     FlightConsistency::of(&published, &Truth::Recorded(truth)).unwrap()
@@ -152,11 +160,25 @@ fn twice_the_error_has_four_times_the_ratio() {
 #[test]
 fn without_a_true_velocity_none_is_judged() {
     let mut noise = Noise::new(3);
-    let (states, mut truths, step) = flight(&mut noise, 0, 1e-3, 1.0);
+    let (states, mut truths, known) = flight(&mut noise, 0, 1e-3, 1.0);
     truths.iter_mut().for_each(|truth| truth.v_w_b = None);
-    let published = Published { estimates: states.to_vec(), odometry: Vec::new(), steps: vec![step] };
+    let published = Published { estimates: states.to_vec(), odometry: Vec::new(), steps: vec![known] };
     let result = FlightConsistency::of(&published, &Truth::Recorded(truths.to_vec())).unwrap();
     assert!(result.estimates.velocity.is_none() && result.estimates.tilt.is_some());
     assert!(result.odometry.tilt.is_none());
     assert!(FlightConsistency::of(&published, &Truth::None).is_none());
+}
+
+#[test]
+fn a_published_pose_that_was_corrected_since_makes_its_step_uncertain() {
+    let mut noise = Noise::new(3);
+    let (states, truths, known) = flight(&mut noise, 0, 1e-3, 1.0);
+    let claim = |known: &StepCovariance| step((&states[0], &truths[0]), (&states[1], &truths[1]), known);
+    let scale = known.covariance.norm();
+    assert!((claim(&known).covariance - known.covariance).norm() < 1e-6 * scale);
+    let better = StepCovariance { of_from: known.of_from * 0.5, ..known };
+    assert!(claim(&better).covariance[(0, 0)] > known.covariance[(0, 0)] + 0.4 * known.of_from[(0, 0)]);
+    // A window that claims to know less than before takes nothing away.
+    let worse = StepCovariance { of_from: known.of_from * 2.0, ..known };
+    assert!((claim(&worse).covariance - known.covariance).norm() < 1e-6 * scale);
 }
