@@ -7,7 +7,7 @@ use crate::campaign::table::{TABLE_HEAD, TRUST_HEAD, consistency, means, trust_r
 use crate::campaign::{Entry, Fault, Setup};
 use crate::flight::with_overrides;
 use crate::report::Report;
-use crate::report::paired::Variant;
+use crate::report::paired::{Comparison, Variant};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use plumbline_config::Config;
@@ -54,8 +54,8 @@ pub struct CampaignArgs {
     #[arg(long, value_name = "OUT.json")]
     pub json: Option<PathBuf>,
     /// Compare with a variant, flight by flight: means, mean paired differences and their bootstrap intervals of 95 %. A
-    /// variant is a change of the configuration, key=value,key=value on top of --set, and every flight is flown with it too;
-    /// or a file of --json with the same flights, such as those of another build. May be repeated.
+    /// variant is a change of the configuration, key=value,key=value on top of --set, with which every flight is flown too.
+    /// Or a file of --json with the same flights as another build flew them: that is "before" then. May be repeated.
     #[arg(long, value_name = "KEY=VALUE,...|FILE.json")]
     pub against: Vec<String>,
     /// With --against: write the comparison (JSON).
@@ -135,20 +135,22 @@ fn compare(
     args: &CampaignArgs,
     against: &[Against],
 ) -> Result<()> {
-    let mut variants = vec![variant(paired::name(&args.overrides), entries, flown)?];
+    let here = variant(paired::name(&args.overrides), entries, flown)?;
+    let mut comparisons = Vec::new();
     for other in against {
-        variants.push(match other {
-            Against::File(variant) => variant.clone(),
+        comparisons.push(match other {
+            Against::File(before) => Comparison::of(before, &here),
             Against::Changes(changes) => {
                 let name = paired::name(changes);
                 say(format_args!("\n{name}\n\n{TABLE_HEAD}"));
                 let overrides = args.overrides.iter().chain(changes).cloned().collect();
                 let setup = Setup { overrides, ..setup.clone() };
-                variant(name, entries, &fly_all(entries, &setup, usize::from(args.jobs)))?
+                let flown = fly_all(entries, &setup, usize::from(args.jobs));
+                Comparison::of(&here, &variant(name, entries, &flown)?)
             }
         });
     }
-    paired::say_and_write(&variants, args.paired_json.as_deref())
+    paired::say_and_write(&comparisons, args.paired_json.as_deref())
 }
 
 /// Flies the entries, `jobs` at a time, and prints each as it lands; the reports are in the order of the

@@ -84,24 +84,29 @@ pub fn variants(results: &[CellResult]) -> Vec<Variant> {
     settings.iter().map(of_setting).collect()
 }
 
-/// Compares every variant with the first, prints the tables, and writes them to `json`.
+/// Compares every setting of a sweep with the first.
+#[must_use]
+pub fn with_first(variants: &[Variant]) -> Vec<Comparison> {
+    match variants {
+        [base, others @ ..] => others.iter().map(|other| Comparison::of(base, other)).collect(),
+        [] => Vec::new(),
+    }
+}
+
+/// Prints comparisons as tables, and writes them to `json`.
 ///
 /// # Errors
 /// When there is nothing to compare, or the file cannot be written.
-pub fn say_and_write(variants: &[Variant], json: Option<&Path>) -> Result<()> {
-    let comparisons: Vec<Comparison> = match variants {
-        [base, others @ ..] => others.iter().map(|other| Comparison::of(base, other)).collect(),
-        [] => Vec::new(),
-    };
+pub fn say_and_write(comparisons: &[Comparison], json: Option<&Path>) -> Result<()> {
     ensure!(
         !comparisons.is_empty(),
         Usage("there is one variant only, and nothing to compare it with".into())
     );
-    for comparison in &comparisons {
+    for comparison in comparisons {
         say(format_args!("\n{}", comparison.markdown()));
     }
     if let Some(path) = json {
-        let text = serde_json::to_string_pretty(&comparisons)?;
+        let text = serde_json::to_string_pretty(comparisons)?;
         std::fs::write(path, text).with_context(|| path.display().to_string())?;
     }
     let unpaired = comparisons.iter().find(|comparison| comparison.flights == 0);

@@ -297,7 +297,8 @@ fn outcome(result: &CellResult) -> String {
 fn sum_up(results: &[CellResult], args: &SweepArgs) -> Result<()> {
     say(table::table(results));
     if args.paired || args.paired_json.is_some() {
-        paired::say_and_write(&paired::variants(results), args.paired_json.as_deref())?;
+        let comparisons = paired::with_first(&paired::variants(results));
+        paired::say_and_write(&comparisons, args.paired_json.as_deref())?;
     }
     if let Some(path) = &args.out {
         std::fs::write(path, table::csv(results)).with_context(|| path.display().to_string())?;
