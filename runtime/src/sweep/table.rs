@@ -314,7 +314,7 @@ mod tests {
         let text = csv(&results);
         assert_eq!(text.lines().count(), 19);
         assert!(
-            text.starts_with("cell,estimator.points.sigma_px,estimator.lines.enabled,data_set,seed,frames,")
+            text.starts_with("cell,estimator.points.sigma_px,estimator.lines.enabled,data_set,seed,start_s,")
         );
         assert!(
             text.lines().nth(1).unwrap().starts_with("0,0.3,true,V1_01,,,100,0.98,0,0.5,0.3,3,"),
