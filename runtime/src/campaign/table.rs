@@ -1,7 +1,7 @@
 //! The results of a campaign as Markdown: a row a flight, then the means of each scene.
 
 use super::{Entry, Fault, SCENES};
-use crate::evaluate::{FlightConsistency, Nees};
+use crate::evaluate::{FlightConsistency, Nees, Output};
 use crate::report::Report;
 use crate::report::accuracy::Accuracy;
 use crate::report::trust::Trust;
@@ -39,7 +39,7 @@ pub fn row(entry: &Entry, report: &Report) -> String {
 }
 
 /// The five figures of an output.
-fn nees(report: &Report, of: fn(&FlightConsistency) -> &Nees) -> String {
+fn nees(report: &Report, of: Output) -> String {
     let ratios = report.consistency.as_ref().map_or([None; 5], |consistency| of(consistency).ratios());
     ratios.map(|ratio| number(ratio, 2)).join(" / ")
 }
@@ -116,13 +116,11 @@ fn mean_row<'a>(name: &str, reports: impl Iterator<Item = &'a Report>) -> Option
 pub fn consistency<'a>(reports: impl IntoIterator<Item = &'a Report>) -> String {
     let all: Vec<&FlightConsistency> =
         reports.into_iter().filter_map(|report| report.consistency.as_ref()).collect();
-    let outputs: [(&str, fn(&FlightConsistency) -> &Nees); 2] =
-        [("estimates", |c| &c.estimates), ("odometry", |c| &c.odometry)];
     let mut lines = vec![
         format!("| NEES, mean (worst flight) | flights | {} |", Nees::NAMES.join(" | ")),
         format!("|---|---|{}", "---|".repeat(Nees::NAMES.len())),
     ];
-    for (name, of) in outputs {
+    for (name, of) in FlightConsistency::OUTPUTS {
         let cells = (0..Nees::NAMES.len()).map(|k| {
             let ratios = || all.iter().filter_map(|consistency| of(consistency).ratios()[k]);
             format!("{} ({})", number(mean(ratios()), 2), number(ratios().reduce(f64::max), 2))

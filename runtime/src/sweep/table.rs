@@ -1,7 +1,7 @@
 //! What a sweep came to: a row a setting, the best first and marked, and everything as CSV.
 
 use super::{CellResult, Figures};
-use crate::evaluate::{FlightConsistency, Nees};
+use crate::evaluate::{FlightConsistency, Nees, Output};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
@@ -52,7 +52,7 @@ impl Means {
 }
 
 /// The figure `k` of [`Nees::NAMES`].
-fn ratio(figures: &Figures, of: fn(&FlightConsistency) -> &Nees, k: usize) -> Option<f64> {
+fn ratio(figures: &Figures, of: Output, k: usize) -> Option<f64> {
     figures.consistency.as_ref().and_then(|consistency| of(consistency).ratios()[k])
 }
 
@@ -197,10 +197,10 @@ pub fn csv(results: &[CellResult]) -> String {
         "estimate_digest",
         "error",
     ];
-    const OUTPUTS: [(&str, fn(&FlightConsistency) -> &Nees); 2] =
-        [("estimates", |c| &c.estimates), ("odometry", |c| &c.odometry)];
     let keys = keys(results);
-    let nees = OUTPUTS.iter().flat_map(|(output, _)| Nees::NAMES.map(|name| format!("nees_{name}_{output}")));
+    let nees = FlightConsistency::OUTPUTS
+        .iter()
+        .flat_map(|(output, _)| Nees::NAMES.map(|name| format!("nees_{name}_{output}")));
     let head = ["cell"].into_iter().chain(keys).chain(COLUMNS).map(str::to_owned).chain(nees);
     let head: Vec<String> = head.map(|name| quoted(&name)).collect();
     let mut text = head.join(",") + "\n";
@@ -223,7 +223,7 @@ pub fn csv(results: &[CellResult]) -> String {
             result.figures.as_ref().map_or_else(String::new, |f| f.estimate_digest.clone()),
             result.error.clone().unwrap_or_default(),
         ];
-        let nees = OUTPUTS.iter().flat_map(|(_, of)| {
+        let nees = FlightConsistency::OUTPUTS.iter().flat_map(|(_, of)| {
             let of_cell = move |k: usize| number(result.figures.as_ref().and_then(|f| ratio(f, *of, k)));
             (0..Nees::NAMES.len()).map(of_cell)
         });

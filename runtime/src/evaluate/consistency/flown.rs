@@ -24,6 +24,9 @@ pub struct FlightConsistency {
     pub odometry: Nees,
 }
 
+/// Figures of one output of a flight.
+pub type Output = fn(&FlightConsistency) -> &Nees;
+
 /// Figures of one output; `None` where the truth is unknown or nothing could be judged. [`super::errors`] has the
 /// definitions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -55,6 +58,9 @@ impl Nees {
 }
 
 impl FlightConsistency {
+    /// Both outputs with their names.
+    pub const OUTPUTS: [(&str, Output); 2] = [("estimates", |c| &c.estimates), ("odometry", |c| &c.odometry)];
+
     /// Judges what was published by the truth; `None` where no truth is known.
     #[must_use]
     pub fn of(published: &Published, truth: &Truth) -> Option<Self> {

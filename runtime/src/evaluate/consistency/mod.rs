@@ -9,7 +9,7 @@
 pub mod errors;
 pub mod flown;
 
-pub use flown::{FlightConsistency, Nees};
+pub use flown::{FlightConsistency, Nees, Output};
 
 use nalgebra::{Isometry3, SMatrix, SVector, Vector6};
 use serde::{Deserialize, Serialize};
