@@ -29,7 +29,7 @@ const MISSING: [&[&str]; 22] = [
 ];
 
 /// Wrong usage of every command.
-const WRONG: [&[&str]; 29] = [
+const WRONG: [&[&str]; 31] = [
     &[],
     &["fly-away"],
     &["replay"],
@@ -52,6 +52,8 @@ const WRONG: [&[&str]; 29] = [
     &["simulate", "OUT", "--scene", "moon"],
     &["evaluate", "a.tum"],
     &["campaign", "--scene", "moon"],
+    &["campaign", "--against", "nonsense"],
+    &["campaign", "--against", "no.such.key=1"],
     &["ablation", "flight.mcap"],
     &["bench", "--duration", "1"],
     &["doctor", "--config", "euroc", "--watch", "0"],

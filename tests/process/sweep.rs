@@ -37,11 +37,14 @@ fn two_at_a_time_one_at_a_time_and_cell_by_cell_are_the_same() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (both, single, apart) = (at("both.csv"), at("single.csv"), at("apart"));
-    let table = succeeds(&sweep(&["--jobs", "2", "--out", &both]));
+    let table = succeeds(&sweep(&["--jobs", "2", "--out", &both, "--paired"]));
+    assert!(table.contains("\n| ATE mm | 2 | ") && table.contains("8 are needed to decide"), "{table}");
     assert!(table.contains("| estimator.lines.enabled |") && table.matches('*').count() >= 1, "{table}");
     succeeds(&sweep(&["--jobs", "1", "--out", &single]));
     let listed = succeeds(&sweep(&["--list"]));
     assert_eq!(listed.lines().count(), 4, "{listed}");
+    let starts = succeeds(&sweep(&["--list", "--starts", "3,3.5"]));
+    assert!(starts.lines().count() == 8 && starts.contains("from 3.5 s"), "{starts}");
     // Backwards: no cell knows of another.
     for cell in ["3", "2", "1", "0"] {
         succeeds(&sweep(&["--cell", cell, "--cells", &apart]));

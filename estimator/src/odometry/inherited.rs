@@ -87,14 +87,28 @@ impl Inherited {
     /// `covariance` of the state `nav` against the start anew, made that against the first pose of all.
     pub(super) fn added_to(&self, covariance: NavCovariance, nav: &NavState) -> NavCovariance {
         let Some((of_origin, p_o_b)) = &self.origin else { return covariance };
-        let up = Vector3::z();
-        let mut by_origin = SMatrix::<f64, 9, 4>::zeros();
-        by_origin.fixed_view_mut::<3, 3>(NavState::P, 0).fill_with_identity();
-        by_origin.fixed_view_mut::<3, 1>(NavState::P, 3).copy_from(&up.cross(&(nav.p_o_b - p_o_b)));
-        by_origin.fixed_view_mut::<3, 1>(NavState::ROT, 3).copy_from(&(nav.rot_o_b.inverse() * up));
-        by_origin.fixed_view_mut::<3, 1>(NavState::V, 3).copy_from(&up.cross(&nav.v_o_b));
+        let by_origin = by_origin(nav, p_o_b);
         covariance + by_origin * of_origin * by_origin.transpose()
     }
+
+    /// Covariance of position and yaw that the state `nav` has by the start anew.
+    pub(super) fn of_pose(&self, nav: &NavState) -> Matrix4<f64> {
+        let Some((of_origin, p_o_b)) = &self.origin else { return Matrix4::zeros() };
+        let mut carried = Matrix4::identity();
+        carried.fixed_view_mut::<3, 1>(0, 3).copy_from(&Vector3::z().cross(&(nav.p_o_b - p_o_b)));
+        carried * of_origin * carried.transpose()
+    }
+}
+
+/// What an error of position and yaw at `p_o_b` makes of the state `nav`.
+fn by_origin(nav: &NavState, p_o_b: &Vector3<f64>) -> SMatrix<f64, 9, 4> {
+    let up = Vector3::z();
+    let mut by_origin = SMatrix::<f64, 9, 4>::zeros();
+    by_origin.fixed_view_mut::<3, 3>(NavState::P, 0).fill_with_identity();
+    by_origin.fixed_view_mut::<3, 1>(NavState::P, 3).copy_from(&up.cross(&(nav.p_o_b - p_o_b)));
+    by_origin.fixed_view_mut::<3, 1>(NavState::ROT, 3).copy_from(&(nav.rot_o_b.inverse() * up));
+    by_origin.fixed_view_mut::<3, 1>(NavState::V, 3).copy_from(&up.cross(&nav.v_o_b));
+    by_origin
 }
 
 impl Odometer {

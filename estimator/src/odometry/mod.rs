@@ -16,6 +16,7 @@ mod reset;
 #[cfg(test)]
 mod reset_tests;
 mod start;
+mod steps;
 #[cfg(test)]
 pub(crate) mod synthetic;
 #[cfg(test)]
@@ -44,6 +45,7 @@ use pair::PairWatch;
 use plumbline_config::options::HealthConfig;
 use plumbline_config::{CameraModel, Timestamp, ValidSetup};
 use reset::Memory;
+pub use steps::StepCovariance;
 use zero_velocity::ZeroVelocityDetector;
 
 /// Landmarks in view below which the estimate is weak.
@@ -122,6 +124,8 @@ pub struct Odometer {
     rate_b: Vector3<f64>,
     frames: u64,
     solved: SolvedFrame,
+    keeps_steps: bool,
+    step: Option<StepCovariance>,
 }
 
 impl Odometer {
@@ -175,6 +179,8 @@ impl Odometer {
             rate_b: Vector3::zeros(),
             frames: 0,
             solved: SolvedFrame::default(),
+            keeps_steps: false,
+            step: None,
             window,
         }
     }
@@ -229,6 +235,7 @@ impl Odometer {
         self.check_points(&tracked.points, &mut health);
         probe.begin(Stage::Window);
         self.measure(tracked, &mut health);
+        self.step = None;
         let solved = match self.phase {
             Phase::Running => self.run(tracked.time, tracked.budget.max_iterations, &mut health),
             Phase::Gathering => self.gather(tracked.time, &mut health),
@@ -389,6 +396,7 @@ impl Odometer {
             self.carry_covariance();
         } else {
             self.refresh_covariance(health);
+            self.note_step();
         }
         if is_keyframe {
             self.note_keyframes();

@@ -18,6 +18,7 @@ impl Odometer {
         let mut fresh = Self::new(setup);
         fresh.count_resets_from(reset_counter);
         fresh.frames = self.frames;
+        fresh.keeps_steps = self.keeps_steps;
         fresh.reset_reason = Some(ResetReason::Fault);
         fresh.origin = newest_pose.map(nav_of).filter(NavState::is_finite);
         if let Some(nav) = &fresh.origin {

@@ -19,6 +19,33 @@ struct Row {
 }
 
 impl Window {
+    /// Covariance of position (0..3, m²) and yaw (3, rad²) of a frame in `O`, by the last factorization. `None` as of
+    /// [`Self::relative_covariance`].
+    pub fn covariance_in_o(&mut self, frame: usize) -> Option<Matrix4<f64>> {
+        let dim = unknown_of_frame(self.frames.len());
+        if self.factor.dim() != dim {
+            return None;
+        }
+        let up_b = self.frames.get(frame)?.nav.rot_o_b.inverse() * Vector3::z();
+        let (at_p, at_rot) = (unknown_of_frame(frame) + NavState::P, unknown_of_frame(frame) + NavState::ROT);
+        let mut covariance = Matrix4::zeros();
+        for column in 0..4 {
+            let solution = &mut self.solution[..dim];
+            solution.fill(0.0);
+            match column {
+                3 => solution[at_rot..at_rot + 3].copy_from_slice(up_b.as_slice()),
+                axis => solution[at_p + axis] = 1.0,
+            }
+            self.factor.solve(solution);
+            for axis in 0..3 {
+                covariance[(axis, column)] = solution[at_p + axis];
+                covariance[(3, column)] += up_b[axis] * solution[at_rot + axis];
+            }
+        }
+        let symmetric = (covariance + covariance.transpose()) * 0.5;
+        symmetric.iter().all(|x| x.is_finite()).then_some(symmetric)
+    }
+
     /// Covariance of way (0..3, m²) and turn about the vertical (3, rad²) from frame `from` to frame `to`, by the last
     /// factorization. `None` before the first, for frames that are not there, and where it is none.
     pub fn relative_covariance(&mut self, from: usize, to: usize) -> Option<Matrix4<f64>> {
@@ -106,6 +133,22 @@ mod tests {
                 assert!((numeric[k] - row[kind][axis]).abs() < 1e-7, "row {k}, state {which} {kind} {axis}");
             }
         }
+    }
+
+    #[test]
+    fn the_covariance_of_the_newest_frame_is_the_published_one() {
+        let mut window = Room::default().window();
+        let _ = window.optimize(5);
+        let last = window.frames.len() - 1;
+        let covariance = window.covariance_in_o(last).unwrap();
+        let (whole, _) = window.newest_covariance().unwrap();
+        let up_b = window.frames[last].nav.rot_o_b.inverse() * Vector3::z();
+        let yaw = (up_b.transpose() * whole.fixed_view::<3, 3>(3, 3) * up_b)[0];
+        assert!((covariance[(3, 3)] / yaw - 1.0).abs() < 1e-6);
+        for k in 0..3 {
+            assert!((covariance[(k, k)] / whole[(k, k)] - 1.0).abs() < 1e-6, "{k}");
+        }
+        assert!(window.covariance_in_o(last + 1).is_none());
     }
 
     #[test]

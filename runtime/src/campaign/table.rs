@@ -1,14 +1,15 @@
 //! The results of a campaign as Markdown: a row a flight, then the means of each scene.
 
 use super::{Entry, Fault, SCENES};
+use crate::evaluate::{FlightConsistency, Nees, Output};
 use crate::report::Report;
 use crate::report::accuracy::Accuracy;
 use crate::report::trust::Trust;
 
 /// The head of the table.
 pub const TABLE_HEAD: &str = "\
-| path | scene | fault | seed | frames | completion % | first pose s | distance m | ATE m | ATE % | yaw deg/min | NEES | resets | frame cpu ms p50 / p99 / max |
-|---|---|---|---|---|---|---|---|---|---|---|---|---|---|";
+| path | scene | fault | seed | frames | completion % | first pose s | distance m | ATE m | ATE % | yaw deg/min | NEES position / tilt / yaw / velocity / steps | the same of the odometry | resets | frame cpu ms p50 / p99 / max |
+|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|";
 
 /// The row of a flight.
 #[must_use]
@@ -26,7 +27,8 @@ pub fn row(entry: &Entry, report: &Report) -> String {
         number(accuracy.map(|a| a.ate_rmse_m), 4),
         number(accuracy.map(|a| a.ate_percent), 3),
         number(accuracy.and_then(|a| a.yaw_drift_deg_per_min), 2),
-        number(accuracy.and_then(|a| a.nees_ratio), 2),
+        nees(report, |c| &c.estimates),
+        nees(report, |c| &c.odometry),
         report.resets.to_string(),
         format!(
             "{:.1} / {:.1} / {:.1}",
@@ -34,6 +36,12 @@ pub fn row(entry: &Entry, report: &Report) -> String {
         ),
     ];
     format!("| {} |", cells.join(" | "))
+}
+
+/// The five figures of an output.
+fn nees(report: &Report, of: Output) -> String {
+    let ratios = report.consistency.as_ref().map_or([None; 5], |consistency| of(consistency).ratios());
+    ratios.map(|ratio| number(ratio, 2)).join(" / ")
 }
 
 /// The head of the table of faults.
@@ -72,9 +80,9 @@ pub fn trust_row(entry: &Entry, report: &Report) -> Option<String> {
 pub fn means<'a>(flights: impl IntoIterator<Item = (&'a Entry, &'a Report)>) -> String {
     let sound: Vec<_> = flights.into_iter().filter(|(entry, _)| entry.fault == Fault::None).collect();
     let mut lines = vec![
-        "| scene | flights | with poses | mean ATE % | worst ATE % | mean yaw deg/min | mean NEES | resets | mean frame cpu ms p50 |"
+        "| scene | flights | with poses | mean ATE % | worst ATE % | mean yaw deg/min | resets | mean frame cpu ms p50 |"
             .to_owned(),
-        "|---|---|---|---|---|---|---|---|---|".to_owned(),
+        "|---|---|---|---|---|---|---|---|".to_owned(),
     ];
     for (name, _) in SCENES {
         lines.extend(mean_row(name, sound.iter().filter(|(e, _)| e.scene == name).map(|(_, r)| *r)));
@@ -97,11 +105,29 @@ fn mean_row<'a>(name: &str, reports: impl Iterator<Item = &'a Report>) -> Option
         number(mean_of(&|a| Some(a.ate_percent)), 4),
         number(accuracies.iter().map(|a| a.ate_percent).reduce(f64::max), 4),
         number(mean_of(&|a| a.yaw_drift_deg_per_min.map(f64::abs)), 2),
-        number(mean_of(&|a| a.nees_ratio), 2),
         reports.iter().map(|r| r.resets).sum::<u32>().to_string(),
         number(mean(reports.iter().map(|r| r.frame_cpu_ms.p50)), 1),
     ];
     Some(format!("| {} |", cells.join(" | ")))
+}
+
+/// Mean and worst NEES of each figure over all flights, with a fault or without: a table of its own.
+#[must_use]
+pub fn consistency<'a>(reports: impl IntoIterator<Item = &'a Report>) -> String {
+    let all: Vec<&FlightConsistency> =
+        reports.into_iter().filter_map(|report| report.consistency.as_ref()).collect();
+    let mut lines = vec![
+        format!("| NEES, mean (worst flight) | flights | {} |", Nees::NAMES.join(" | ")),
+        format!("|---|---|{}", "---|".repeat(Nees::NAMES.len())),
+    ];
+    for (name, of) in FlightConsistency::OUTPUTS {
+        let cells = (0..Nees::NAMES.len()).map(|k| {
+            let ratios = || all.iter().filter_map(|consistency| of(consistency).ratios()[k]);
+            format!("{} ({})", number(mean(ratios()), 2), number(ratios().reduce(f64::max), 2))
+        });
+        lines.push(format!("| {name} | {} | {} |", all.len(), cells.collect::<Vec<_>>().join(" | ")));
+    }
+    lines.join("\n")
 }
 
 fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {

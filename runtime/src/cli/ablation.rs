@@ -170,7 +170,7 @@ fn subjects(args: &AblationArgs) -> Result<Vec<Subject>> {
     if !args.datasets.is_empty() {
         return Ok(args.datasets.iter().cloned().map(Subject::Recorded).collect());
     }
-    let mut entries = args.choice.entries(None)?;
+    let mut entries = args.choice.entries(&[])?;
     for entry in &mut entries {
         entry.scenario.laps = args.laps;
     }

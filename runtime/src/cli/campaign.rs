@@ -1,11 +1,13 @@
 //! `plumbline campaign`: the built-in set of simulated flights, tabulated.
 
 use super::choice::FlightChoice;
+use super::paired::{self, Against};
 use super::{Usage, check_outputs, load_config, one_line, say};
-use crate::campaign::table::{TABLE_HEAD, TRUST_HEAD, means, trust_row};
+use crate::campaign::table::{TABLE_HEAD, TRUST_HEAD, consistency, means, trust_row};
 use crate::campaign::{Entry, Fault, Setup};
 use crate::flight::with_overrides;
 use crate::report::Report;
+use crate::report::paired::{Comparison, Variant};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use plumbline_config::Config;
@@ -19,9 +21,9 @@ pub struct CampaignArgs {
     /// Which flights.
     #[command(flatten)]
     pub choice: FlightChoice,
-    /// Start, seconds into the trajectory; else where the vehicle is in full flight.
-    #[arg(long)]
-    pub start: Option<f64>,
+    /// Starts, seconds into the trajectory; every flight is flown from each. Default: where the vehicle is in full flight.
+    #[arg(long, value_delimiter = ',', value_name = "S,S")]
+    pub start: Vec<f64>,
     /// Fly each fault once on top, along the first trajectory in the first scene of the choice, and tell whether the
     /// covariance could be trusted while it lasted and after it.
     #[arg(long)]
@@ -51,6 +53,14 @@ pub struct CampaignArgs {
     /// Write all reports (JSON).
     #[arg(long, value_name = "OUT.json")]
     pub json: Option<PathBuf>,
+    /// Compare with a variant, flight by flight: means, mean paired differences and their bootstrap intervals of 95 %. A
+    /// variant is a change of the configuration, key=value,key=value on top of --set, with which every flight is flown too.
+    /// Or a file of --json with the same flights as another build flew them: that is "before" then. May be repeated.
+    #[arg(long, value_name = "KEY=VALUE,...|FILE.json")]
+    pub against: Vec<String>,
+    /// With --against: write the comparison (JSON).
+    #[arg(long, value_name = "OUT.json", requires = "against")]
+    pub paired_json: Option<PathBuf>,
 }
 
 #[derive(Serialize)]
@@ -59,6 +69,8 @@ struct Row<'a> {
     scene: &'a str,
     fault: String,
     seed: u64,
+    start_s: f64,
+    duration_s: f64,
     report: &'a Report,
 }
 
@@ -67,9 +79,11 @@ struct Row<'a> {
 /// # Errors
 /// When a flight cannot be simulated.
 pub fn run(args: &CampaignArgs) -> Result<()> {
-    check_outputs(&args.json)?;
+    check_outputs(args.json.iter().chain(&args.paired_json))?;
     let config = load_config(args.config.as_deref())?.map_or_else(|| Config::preset("sim"), Ok)?;
     with_overrides(&config, &args.overrides)?;
+    let against = args.against.iter().map(|text| Against::parse(text, &config, &args.overrides));
+    let against = against.collect::<Result<Vec<_>>>()?;
     let entries = entries(args)?;
     let setup = Setup {
         config: Some(config),
@@ -82,6 +96,7 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
     let flown = fly_all(&entries, &setup, usize::from(args.jobs));
     let reports = || entries.iter().zip(&flown).filter_map(|(e, r)| Some((e, r.as_ref()?)));
     say(format_args!("\n{}", means(reports())));
+    say(format_args!("\n{}", consistency(reports().map(|(_, report)| report))));
     let faulty: Vec<_> = reports().filter_map(|(entry, report)| trust_row(entry, report)).collect();
     if !faulty.is_empty() {
         say(format_args!("\n{TRUST_HEAD}\n{}", faulty.join("\n")));
@@ -90,6 +105,9 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
         let rows: Vec<Row<'_>> = reports().map(json_row).collect();
         std::fs::write(file, serde_json::to_string_pretty(&rows)?).context(file.display().to_string())?;
     }
+    if !against.is_empty() {
+        compare(&entries, &flown, &setup, args, &against)?;
+    }
     let failed = flown.iter().filter(|report| report.is_none()).count();
     ensure!(failed == 0, "{failed} of {} flights could not be flown", entries.len());
     Ok(())
@@ -97,7 +115,42 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
 
 fn json_row<'a>((entry, report): (&'a Entry, &'a Report)) -> Row<'a> {
     let fault = format!("{:?}", entry.fault);
-    Row { path: &entry.path, scene: entry.scene, fault, seed: entry.scenario.seed, report }
+    let scenario = &entry.scenario;
+    let (start_s, duration_s) = (scenario.start_s, scenario.duration_s);
+    Row { path: &entry.path, scene: entry.scene, fault, seed: scenario.seed, start_s, duration_s, report }
+}
+
+/// The reports of a variant, for pairing.
+fn variant(name: String, entries: &[Entry], flown: &[Option<Report>]) -> Result<Variant> {
+    let rows = entries.iter().zip(flown).filter_map(|(e, r)| Some(json_row((e, r.as_ref()?))));
+    let rows: Vec<serde_json::Value> = rows.map(serde_json::to_value).collect::<Result<_, _>>()?;
+    Ok(Variant::of_rows(name, &rows))
+}
+
+/// Flies or reads what is to be compared, and compares.
+fn compare(
+    entries: &[Entry],
+    flown: &[Option<Report>],
+    setup: &Setup,
+    args: &CampaignArgs,
+    against: &[Against],
+) -> Result<()> {
+    let here = variant(paired::name(&args.overrides), entries, flown)?;
+    let mut comparisons = Vec::new();
+    for other in against {
+        comparisons.push(match other {
+            Against::File(before) => Comparison::of(before, &here),
+            Against::Changes(changes) => {
+                let name = paired::name(changes);
+                say(format_args!("\n{name}\n\n{TABLE_HEAD}"));
+                let overrides = args.overrides.iter().chain(changes).cloned().collect();
+                let setup = Setup { overrides, ..setup.clone() };
+                let flown = fly_all(entries, &setup, usize::from(args.jobs));
+                Comparison::of(&here, &variant(name, entries, &flown)?)
+            }
+        });
+    }
+    paired::say_and_write(&comparisons, args.paired_json.as_deref())
 }
 
 /// Flies the entries, `jobs` at a time, and prints each as it lands; the reports are in the order of the
@@ -135,7 +188,7 @@ fn fly_all(entries: &[Entry], setup: &Setup, jobs: usize) -> Vec<Option<Report>>
 }
 
 fn entries(args: &CampaignArgs) -> Result<Vec<Entry>, Usage> {
-    let mut entries = args.choice.entries(args.start)?;
+    let mut entries = args.choice.entries(&args.start)?;
     if args.faults {
         // With one camera there is no right one to lose, and without the left there is none.
         let possible = |fault: &Fault| !(args.mono && fault.needs_two_cameras());

@@ -22,7 +22,7 @@ pub struct FlightChoice {
     #[arg(long, value_delimiter = ',')]
     pub path: Vec<String>,
     /// Seeds to fly with.
-    #[arg(long, value_delimiter = ',', default_value = "1")]
+    #[arg(long, visible_alias = "seeds", value_delimiter = ',', default_value = "1")]
     pub seed: Vec<u64>,
     /// Length of each simulated flight, seconds.
     #[arg(long, default_value_t = 15.0)]
@@ -30,20 +30,24 @@ pub struct FlightChoice {
 }
 
 impl FlightChoice {
-    /// The flights, without a fault, from `start_s` into the trajectory or where the vehicle is in full
+    /// The flights, without a fault, from each of `starts_s` into the trajectory or, without any, where the vehicle is in full
     /// flight; never none.
     ///
     /// # Errors
     /// When a name is unknown, or the trajectories are not there.
-    pub fn entries(&self, start_s: Option<f64>) -> Result<Vec<Entry>, Usage> {
+    pub fn entries(&self, starts_s: &[f64]) -> Result<Vec<Entry>, Usage> {
         let folder = trajectories(self.shared.as_deref())?;
         let (paths, scenes) = (paths(&self.path, &folder)?, scenes(&self.scene)?);
         let mut entries = Vec::new();
         for scene in scenes {
             for (path, full_flight_s) in &paths {
-                let start = (path.as_str(), start_s.unwrap_or(*full_flight_s));
-                let new = |&seed| Entry::new(&folder, start, scene, seed, self.duration, Fault::None);
-                entries.extend(self.seed.iter().map(new));
+                let starts_s =
+                    if starts_s.is_empty() { std::slice::from_ref(full_flight_s) } else { starts_s };
+                for start_s in starts_s {
+                    let start = (path.as_str(), *start_s);
+                    let new = |&seed| Entry::new(&folder, start, scene, seed, self.duration, Fault::None);
+                    entries.extend(self.seed.iter().map(new));
+                }
             }
         }
         Ok(entries)

@@ -25,6 +25,7 @@ pub mod log;
 mod log_lines;
 mod man;
 mod map;
+mod paired;
 pub mod plot;
 mod progress;
 #[cfg(feature = "ground")]

@@ -111,7 +111,7 @@ fn subject(args: &PlotArgs) -> Result<(Option<Subject>, Vec<plumbline_drivers::S
 
 /// Flies a data set or a simulated flight as it is.
 fn flown(name: &str) -> Result<(Vec<StateRow>, Truth)> {
-    let flight = sweep::subject(name, None)?.open(&Default::default(), None)?;
+    let flight = sweep::subject(name, None)?.open(&Default::default(), None, None)?;
     let control = Control::stopped_by(stop_on_signal()?);
     let mut states = KeptStates::for_flight(&flight);
     let mut progress = Progress::bar(flight.stereo.expected_frames())?;

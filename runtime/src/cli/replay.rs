@@ -250,7 +250,7 @@ fn prepared(mut flight: Flight, args: &ReplayArgs) -> Result<Flight> {
         flight.config = flight.config.with("--no-lines", |config| config.estimator.lines.enabled = false)?;
     }
     if let Some(file) = &args.truth {
-        flight.truth = Truth::Recorded(load_trajectory(file)?);
+        flight.truth = Truth::of_poses(&load_trajectory(file)?);
     }
     if args.no_loop {
         flight.config = flight.config.with("--no-loop", |config| config.estimator.places.enabled = false)?;

@@ -1,7 +1,7 @@
 //! `plumbline sweep`: settings of the configuration, on data sets, on all cores.
 
 use super::scenario::{ScenarioArgs, parse_scene};
-use super::{Usage, check_outputs, load_config, say, stop_on_signal};
+use super::{Usage, check_outputs, load_config, paired, say, stop_on_signal};
 use crate::campaign::PATHS;
 use crate::cli::choice::trajectories;
 use crate::evaluate::load_trajectory;
@@ -17,7 +17,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 const EXAMPLES: &str = "Examples:
   plumbline sweep --set estimator.points.sigma_px=0.3,0.4,0.5 V1_01_easy MH_05_difficult --out results.csv
-  plumbline sweep --set estimator.lines.enabled=true,false 'sim:room?path=demo&duration=10' --seeds 1..3
+  plumbline sweep --set estimator.lines.enabled=true,false 'sim:room?path=demo&duration=10' --seeds 1..8 --paired
+  plumbline sweep MH_05_mono_clip --starts 0,0.5,1,1.5,2,2.5,3,3.5,4
 
 As an array of jobs, on any engine (see docs/at-scale.md):
   plumbline sweep ... --list                       print the cells, one a line, numbered from 0
@@ -42,6 +43,16 @@ pub struct SweepArgs {
     /// Seeds of simulated flights, such as 1,2,5 or 1..3 (that is 1, 2 and 3).
     #[arg(long, value_parser = parse_seeds, value_name = "SEEDS")]
     pub seeds: Option<Seeds>,
+    /// Starts, seconds into each data set or path, such as 0,0.5,1: each flight is flown from each of them to its end.
+    #[arg(long, value_delimiter = ',', value_name = "S,S")]
+    pub starts: Vec<f64>,
+    /// Compare each setting with the first, flight by flight: means, mean paired differences and their bootstrap intervals
+    /// of 95 %. At least eight flights are needed to decide.
+    #[arg(long)]
+    pub paired: bool,
+    /// Write the paired comparison (JSON).
+    #[arg(long, value_name = "OUT.json")]
+    pub paired_json: Option<PathBuf>,
     /// Configuration file or preset that the settings change. Without one, as for `plumbline replay`.
     #[arg(long)]
     pub config: Option<PathBuf>,
@@ -109,9 +120,9 @@ fn parse_seeds(text: &str) -> Result<Seeds, String> {
 /// # Errors
 /// When an argument makes no sense, a cell cannot be flown or written, or cells are missing.
 pub fn run(args: &SweepArgs) -> Result<()> {
-    check_outputs(&args.out)?;
+    check_outputs(args.out.iter().chain(&args.paired_json))?;
     if let Some(folder) = &args.collect {
-        return sum_up(&cell::collect(folder)?, args.out.as_deref());
+        return sum_up(&cell::collect(folder)?, args);
     }
     let plan = plan(args)?;
     let cells = plan.cells();
@@ -127,7 +138,7 @@ pub fn run(args: &SweepArgs) -> Result<()> {
     }
     fly_missing(&cells, args, &folder, &stop)?;
     let results = cells.iter().filter_map(|cell| cell.kept_or_failed(&folder).transpose());
-    sum_up(&results.collect::<Result<Vec<_>, _>>()?, args.out.as_deref())
+    sum_up(&results.collect::<Result<Vec<_>, _>>()?, args)
 }
 
 /// The folder of finished cells.
@@ -155,7 +166,11 @@ fn plan(args: &SweepArgs) -> Result<Plan> {
         cache: args.cache.clone(),
     };
     let base = common.config.clone().map_or_else(|| Config::preset("euroc"), Ok)?;
+    if let Some(start_s) = args.starts.iter().find(|s| !(s.is_finite() && **s >= 0.0)) {
+        bail!(Usage(format!("--starts: {start_s} is no start; give seconds from the first frame")));
+    }
     let plan = Plan::new(axes, subjects, seeds, common).map_err(|e| Usage(e.to_string()))?;
+    let plan = plan.from_starts(args.starts.clone());
     for setting in plan.settings() {
         with_overrides(&base, &setting)?;
     }
@@ -279,9 +294,13 @@ fn outcome(result: &CellResult) -> String {
 }
 
 /// Prints the table, writes the list, and says what is missing or failed.
-fn sum_up(results: &[CellResult], out: Option<&Path>) -> Result<()> {
+fn sum_up(results: &[CellResult], args: &SweepArgs) -> Result<()> {
     say(table::table(results));
-    if let Some(path) = out {
+    if args.paired || args.paired_json.is_some() {
+        let comparisons = paired::with_first(&paired::variants(results));
+        paired::say_and_write(&comparisons, args.paired_json.as_deref())?;
+    }
+    if let Some(path) = &args.out {
         std::fs::write(path, table::csv(results)).with_context(|| path.display().to_string())?;
     }
     let of = results.first().map_or(0, |result| result.of);

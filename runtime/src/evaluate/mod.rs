@@ -7,10 +7,11 @@
 
 mod align;
 mod associate;
-mod consistency;
+pub mod consistency;
 mod delta;
 mod drift;
 mod error;
+pub mod paired;
 mod relative;
 mod stats;
 
@@ -21,7 +22,9 @@ mod noise;
 
 pub use align::{AlignmentMode, Similarity, align, aligned};
 pub use associate::{Pairs, associate};
-pub use consistency::{Consistency, consistency, mean_ratio_bounds, nees, pose_error};
+pub use consistency::{
+    Consistency, FlightConsistency, Nees, Output, consistency, mean_ratio_bounds, nees, pose_error,
+};
 pub use delta::Delta;
 pub use drift::{Drift, completion, coverage, drift, path_length_m, yaw_drift_deg_per_min};
 pub use error::{EvaluateError, Side};

@@ -10,6 +10,7 @@ pub mod open;
 pub mod outputs;
 pub mod overrides;
 pub mod plausibility;
+pub mod published;
 pub mod reset_count;
 pub mod run;
 pub mod sensor_watch;
@@ -18,6 +19,7 @@ pub mod states;
 #[cfg(test)]
 mod tests;
 pub mod trajectory;
+pub mod truth;
 
 pub use error::FlightError;
 pub use open::{
@@ -26,21 +28,18 @@ pub use open::{
 };
 pub use outputs::Outputs;
 pub use overrides::with_overrides;
+pub use published::{Published, PublishedState};
 pub use reset_count::ResetCount;
 pub use run::{Flown, fly};
 pub use sensors::{LiveSensors, open_cameras_alone, open_sensors};
 pub use trajectory::{CausalPose, CausalTrajectory, KeptStates, OdometryTrajectory};
+pub use truth::{TrueState, Truth};
 
 use crate::log::KnownMap;
 use crate::log::source::LogEnd;
 use crate::pipeline::Stamps;
-use nalgebra::Isometry3;
-use plumbline_config::{Timestamp, ValidConfig};
-use plumbline_drivers::simulator::Simulator;
-use plumbline_drivers::{FaultySource, FrameFaults, ImuSource, StampedPose, StereoSource};
-
-/// Ground truth further from a stamp than this is none, ns.
-const TRUTH_TOLERANCE_NS: i64 = 5_000_000;
+use plumbline_config::ValidConfig;
+use plumbline_drivers::{FaultySource, FrameFaults, ImuSource, StereoSource};
 
 /// Streams, configuration and truth of one flight.
 pub struct Flight {
@@ -74,47 +73,5 @@ impl Flight {
             return self;
         }
         Self { stereo: Box::new(FaultySource::new(self.stereo, faults, seed)), ..self }
-    }
-}
-
-/// Where the vehicle really was.
-pub enum Truth {
-    /// Nobody knows.
-    None,
-    /// Measured.
-    Recorded(Vec<StampedPose>),
-    /// Simulated: known at any time.
-    Simulated(Simulator),
-}
-
-impl Truth {
-    /// The true pose at `stamp`, if known.
-    #[must_use]
-    pub fn pose_at(&self, stamp: Timestamp) -> Option<Isometry3<f64>> {
-        match self {
-            Self::None => None,
-            Self::Simulated(simulator) => Some(simulator.ground_truth(stamp).pose_w_b),
-            Self::Recorded(states) => {
-                let after = states.partition_point(|s| s.stamp < stamp);
-                let near =
-                    [after.checked_sub(1), Some(after)].into_iter().flatten().filter_map(|k| states.get(k));
-                near.min_by_key(|s| s.stamp.nanos_since(stamp).abs())
-                    .filter(|s| s.stamp.nanos_since(stamp).abs() <= TRUTH_TOLERANCE_NS)
-                    .map(|s| s.pose)
-            }
-        }
-    }
-
-    /// The true poses as they were measured, or at the `stamps` where they are known at any time; empty if nobody knows.
-    #[must_use]
-    pub fn poses(&self, stamps: impl IntoIterator<Item = Timestamp>) -> Vec<StampedPose> {
-        match self {
-            Self::None => Vec::new(),
-            Self::Recorded(poses) => poses.clone(),
-            Self::Simulated(_) => {
-                let at = |stamp| Some(StampedPose { stamp, pose: self.pose_at(stamp)? });
-                stamps.into_iter().filter_map(at).collect()
-            }
-        }
     }
 }

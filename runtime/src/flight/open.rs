@@ -11,7 +11,7 @@ use plumbline_config::{Config, ConfigError, ImuSample, ValidConfig, import};
 use plumbline_drivers::bag::{is_bag, read_bag_imu};
 use plumbline_drivers::euroc::read_imu_samples;
 use plumbline_drivers::simulator::{Scenario, Simulator, scaled_config};
-use plumbline_drivers::{BagDataset, BagTopics, EurocDataset, EurocOptions, ImuSource as _, StampedPose};
+use plumbline_drivers::{BagDataset, BagTopics, EurocDataset, EurocOptions, ImuSource as _};
 use std::ops::Range;
 use std::path::Path;
 
@@ -60,9 +60,7 @@ pub fn open_dataset(
         findings.push(missing_camera(&format!("{} holds no cam1", path.display())));
         config = with_cameras(&config, dataset.cameras())?;
     }
-    let truth = dataset.ground_truth()?.map_or(Truth::None, |states| {
-        Truth::Recorded(states.iter().map(|s| StampedPose { stamp: s.stamp, pose: s.pose_w_b }).collect())
-    });
+    let truth = dataset.ground_truth()?.map_or(Truth::None, |states| Truth::of_states(&states));
     Ok(Flight {
         imu: Box::new(dataset.imu()),
         stereo: Box::new(dataset.stereo()),

@@ -1,5 +1,6 @@
 //! The run of a flight, from its first sample to its last.
 
+use super::published::{Published, PublishedStates};
 use super::trajectory::{CausalPose, CausalTrajectory, LIVE_FRAMES, MAX_RESERVED_FRAMES};
 use super::{Flight, FlightError, Truth};
 use crate::pipeline::listener::{Several, Subscriber};
@@ -22,6 +23,8 @@ pub struct Flown {
     pub outcome: Outcome,
     /// Every pose as it was known when its frame came; of live sensors the first 36,000.
     pub poses: Vec<CausalPose>,
+    /// States as they were published, to be judged by the truth; of replayed and simulated flights whose truth is known.
+    pub published: Option<Published>,
 }
 
 impl Flown {
@@ -61,9 +64,14 @@ pub fn fly(
         Stamps::OfHost => CausalTrajectory::of_first(LIVE_FRAMES),
         Stamps::Replayed => CausalTrajectory::with_room_for(expected.unwrap_or(0).min(MAX_RESERVED_FRAMES)),
     };
+    let is_judged = stamps == Stamps::Replayed && !matches!(truth, Truth::None);
+    let mut published = is_judged.then(|| PublishedStates::with_room_for(expected.unwrap_or(0), &config));
     let mut everyone: Vec<&mut dyn Subscriber> = vec![&mut trajectory];
+    everyone.extend(published.as_mut().map(|published| published as &mut dyn Subscriber));
     everyone.extend(subscribers.into_iter().map(|subscriber| subscriber as &mut dyn Subscriber));
     let streams = Streams { imu, stereo, map: map.map(|known| known.map), stamps, first_reset_counter };
     let outcome = pipeline::run(&config, streams, options, control, &mut Several(everyone))?;
-    Ok(Flown { name, config, truth, threads: options.threads, outcome, poses: trajectory.into_poses() })
+    let published = published.map(PublishedStates::into_published);
+    let poses = trajectory.into_poses();
+    Ok(Flown { name, config, truth, threads: options.threads, outcome, poses, published })
 }

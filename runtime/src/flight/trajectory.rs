@@ -180,29 +180,29 @@ impl Listener for Lent<StampedPose> {
 
 /// Where entries are before and after the run.
 #[derive(Debug)]
-struct Storage<T>(Arc<Mutex<Vec<T>>>);
+pub(super) struct Storage<T>(Arc<Mutex<Vec<T>>>);
 
 impl<T: Clone> Storage<T> {
-    fn with_room_for(count: usize, blank: T) -> Self {
+    pub(super) fn with_room_for(count: usize, blank: T) -> Self {
         // Written once, so that every page is there.
         let mut entries = vec![blank; count];
         entries.clear();
         Self(Arc::new(Mutex::new(entries)))
     }
 
-    fn lend(&self) -> Lent<T> {
+    pub(super) fn lend(&self) -> Lent<T> {
         let entries = std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner));
         Lent { entries, home: Arc::clone(&self.0) }
     }
 
-    fn into_entries(self) -> Vec<T> {
+    pub(super) fn into_entries(self) -> Vec<T> {
         std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
 }
 
 /// Entries on the thread that fills them. They come home when the thread is done.
-struct Lent<T> {
-    entries: Vec<T>,
+pub(super) struct Lent<T> {
+    pub(super) entries: Vec<T>,
     home: Arc<Mutex<Vec<T>>>,
 }
 

@@ -13,6 +13,7 @@ use super::event::Event;
 use super::orders::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder};
 use crate::schedule::watchdog::Pulse;
 use plumbline_drivers::{ImuReading, StereoFrame};
+use plumbline_estimator::odometry::StepCovariance;
 use plumbline_estimator::places::{MapEstimate, MapUpdate, Mapper};
 use plumbline_estimator::window::Window;
 use plumbline_estimator::{Estimate, MapSnapshot, Odometry, Tracked};
@@ -44,6 +45,10 @@ pub trait Subscriber {
 
 /// Takes what one thread of a run produces. What a listener does not ask for passes by.
 pub trait Listener: Send {
+    /// Whether [`Solved::step`] is wanted, which costs the window a few percent of a frame. Asked once, before the run.
+    fn keeps_steps(&self) -> bool {
+        false
+    }
     /// An inertial sample, as the odometry is given it.
     fn reading(&mut self, _reading: &ImuReading) {}
     /// A frame that is done with, taken or refused. The listener may keep its buffers and leave others of the
@@ -78,6 +83,8 @@ pub trait Listener: Send {
 pub struct Solved<'a> {
     /// The estimate.
     pub estimate: &'a Estimate,
+    /// Covariance of the step from the estimate about a second before, where a listener keeps steps.
+    pub step: Option<&'a StepCovariance>,
     pub(super) window: &'a Window,
 }
 
@@ -122,6 +129,10 @@ impl Subscriber for Several<'_> {
 struct Listeners(Vec<Box<dyn Listener>>);
 
 impl Listener for Listeners {
+    fn keeps_steps(&self) -> bool {
+        self.0.iter().any(|listener| listener.keeps_steps())
+    }
+
     fn reading(&mut self, reading: &ImuReading) {
         self.0.iter_mut().for_each(|listener| listener.reading(reading));
     }

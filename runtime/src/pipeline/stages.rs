@@ -194,12 +194,14 @@ impl WindowStage {
     /// Everything allocated for the configuration.
     #[must_use]
     pub fn new(config: &ValidConfig, listener: Box<dyn Listener>) -> Self {
+        let mut odometer = Odometer::new(config.setup());
+        odometer.keep_steps(listener.keeps_steps());
         Self {
             config: config.clone(),
             newest: None,
             newest_pose: None,
             listener,
-            odometer: Odometer::new(config.setup()),
+            odometer,
             digest: Digest::default(),
             first: None,
             figures: Figures::default(),
@@ -241,7 +243,11 @@ impl WindowStage {
         let Self { listener, odometer, times, .. } = self;
         let (estimate, cost, allocations) = measured(is_warm, || {
             let estimate = odometer.process(&job.tracked, times, feedback);
-            listener.solved(&Solved { estimate: &estimate, window: &odometer.window });
+            listener.solved(&Solved {
+                estimate: &estimate,
+                step: odometer.step_covariance(),
+                window: &odometer.window,
+            });
             estimate
         });
         let counting = is_warm.then(alloc::Count::begin);

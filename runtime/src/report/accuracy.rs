@@ -1,10 +1,11 @@
 //! Errors of a causal trajectory against the truth at the same times.
 
+use crate::evaluate::consistency::errors::frame_of;
 use crate::evaluate::{
     AlignmentMode, Pairs, align, aligned, nees, path_length_m, pose_error, yaw_drift_deg_per_min,
 };
 use crate::flight::{CausalPose, Truth};
-use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::Isometry3;
 use plumbline_drivers::StampedPose;
 use serde::Serialize;
 
@@ -26,8 +27,8 @@ pub struct Accuracy {
     pub scale_error_percent: f64,
     /// Growth of the yaw error.
     pub yaw_drift_deg_per_min: Option<f64>,
-    /// Mean normalized squared error of the pose over its expectation; the truth is brought to the first
-    /// pose by position and yaw.
+    /// Mean normalized squared error of the whole pose, as its covariance is published, over its expectation; the truth is
+    /// brought to the first pose by position and yaw. [`crate::evaluate::FlightConsistency`] judges its parts.
     pub nees_ratio: Option<f64>,
     /// Position error at the end with that alignment, m.
     pub final_error_m: f64,
@@ -103,7 +104,7 @@ struct Consistency {
 impl Consistency {
     fn of(known: &[(&CausalPose, Isometry3<f64>)]) -> Self {
         let (first, truth) = &known[0];
-        let origin = origin(&first.pose_o_b, truth);
+        let origin = frame_of(&first.pose_o_b, truth);
         let mut result =
             Self { nees_ratio: None, final_error_m: 0.0, final_sigma_m: 0.0, max_error_sigmas: 0.0 };
         let (mut sum, mut count) = (0.0, 0.0);
@@ -121,18 +122,4 @@ impl Consistency {
         result.nees_ratio = (count > 0.0).then(|| sum / count);
         result
     }
-}
-
-/// Takes the world of `truth` to the odometry frame of `pose`, by position and yaw.
-pub(super) fn origin(pose: &Isometry3<f64>, truth: &Isometry3<f64>) -> Isometry3<f64> {
-    let turn = yaw_between(&pose.rotation, &truth.rotation);
-    let offset = pose.translation.vector - turn * truth.translation.vector;
-    Isometry3::from_parts(Translation3::from(offset), turn)
-}
-
-/// The rotation about z that brings `from` nearest to `to`.
-fn yaw_between(to: &UnitQuaternion<f64>, from: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
-    let relative = to * from.inverse();
-    let angle = 2.0 * relative.k.atan2(relative.w);
-    UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle)
 }

@@ -1,11 +1,13 @@
 //! The report of a run: one JSON object, and the same for people.
 
 pub mod accuracy;
+pub mod paired;
 pub mod places;
 pub mod sensors;
 pub mod trust;
 
 use crate::autopilot::BridgeFigures;
+use crate::evaluate::{FlightConsistency, Nees};
 use crate::flight::outputs::OutputFigures;
 use crate::flight::plausibility::Finding;
 use crate::flight::{Flown, LiveSensors};
@@ -70,6 +72,8 @@ pub struct Report {
     pub lines: Lines,
     /// Errors against the truth, where it is known.
     pub accuracy: Option<Accuracy>,
+    /// NEES over its expectation, of estimates and odometry, where the truth is known: 1 is honest, above is overconfident.
+    pub consistency: Option<FlightConsistency>,
     /// Whether the estimate deserved its trust about a fault, in the flights of a campaign.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trust: Option<Trust>,
@@ -175,6 +179,7 @@ impl Report {
                 cut_short: f.lines.cut_short,
             },
             accuracy,
+            consistency: flown.published.as_ref().and_then(|p| FlightConsistency::of(p, &flown.truth)),
             trust: None,
             time_offset_s: f.time_offset_s,
             faults: [("imu", outcome.faults.imu.into()), ("cameras", outcome.faults.cameras.into())].into(),
@@ -227,12 +232,12 @@ impl Report {
                 "accuracy", a.ate_rmse_m, a.distance_m, a.ate_percent, a.max_error_m, a.scale_error_percent
             ));
             lines.push(format!(
-                "{:<18}yaw drift {:+.2} deg/min, NEES {:.2} of its expectation",
+                "{:<18}yaw drift {:+.2} deg/min",
                 "",
-                a.yaw_drift_deg_per_min.unwrap_or(f64::NAN),
-                a.nees_ratio.unwrap_or(f64::NAN)
+                a.yaw_drift_deg_per_min.unwrap_or(f64::NAN)
             ));
         }
+        lines.extend(self.consistency.iter().flat_map(consistency_lines));
         lines.extend(self.places.as_ref().map(Places::line));
         let p = &self.frame_ms;
         lines.push(format!(
@@ -270,6 +275,22 @@ impl Report {
 fn stages_ms(outcome: &Outcome) -> BTreeMap<&'static str, Percentiles> {
     let places = outcome.places.iter().map(|places| ("places", places.figures.percentiles()));
     outcome.figures.stages.all().map(|(stage, p)| (stage.name(), p)).chain(places).collect()
+}
+
+/// Consistency of estimates and odometry, for people.
+fn consistency_lines(consistency: &FlightConsistency) -> [String; 2] {
+    let line = |nees: &Nees| {
+        let figures = Nees::NAMES.iter().zip(nees.ratios());
+        let parts = figures.map(|(name, ratio)| match ratio {
+            Some(ratio) => format!("{name} {ratio:.2}"),
+            None => format!("{name} unknown"),
+        });
+        parts.collect::<Vec<_>>().join(", ")
+    };
+    [
+        format!("{:<18}NEES over its expectation: {}", "estimates", line(&consistency.estimates)),
+        format!("{:<18}the same of the odometry: {}", "", line(&consistency.odometry)),
+    ]
 }
 
 /// How a live run kept its time, for people.

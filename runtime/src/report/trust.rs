@@ -1,6 +1,6 @@
 //! Whether an estimate deserves the trust that its covariance asks for, while something goes wrong and after it.
 
-use super::accuracy::origin;
+use crate::evaluate::consistency::errors::frame_of;
 use crate::evaluate::{nees, pose_error};
 use crate::flight::{CausalPose, Truth};
 use plumbline_config::Timestamp;
@@ -74,7 +74,7 @@ impl Trust {
 
 fn judged(poses: &[CausalPose], truth: &Truth, first: Timestamp) -> Option<Vec<Judged>> {
     let start = poses.iter().find_map(|pose| Some((pose.pose_o_b, truth.pose_at(pose.stamp)?)))?;
-    let pose_o_w = origin(&start.0, &start.1);
+    let pose_o_w = frame_of(&start.0, &start.1);
     let judge = |pose: &CausalPose| {
         let error = pose_error(&pose.pose_o_b, &(pose_o_w * truth.pose_at(pose.stamp)?));
         Some(Judged {
@@ -112,7 +112,7 @@ mod tests {
     fn trust(error_m: impl Fn(f64) -> Option<f64>) -> Trust {
         let stamp = |k: i64| Timestamp::from_nanos(k * 50_000_000);
         let at = |x: f64| Isometry3::from_parts(Vector3::new(x, 0.0, 0.0).into(), Default::default());
-        let truth = (0..400).map(|k| StampedPose { stamp: stamp(k), pose: at(0.0) }).collect();
+        let truth: Vec<_> = (0..400).map(|k| StampedPose { stamp: stamp(k), pose: at(0.0) }).collect();
         let pose = |k: i64| {
             Some(CausalPose {
                 stamp: stamp(k),
@@ -123,7 +123,7 @@ mod tests {
             })
         };
         let poses: Vec<_> = (0..400).filter_map(pose).collect();
-        Trust::of(&poses, &Truth::Recorded(truth), stamp(0), &(5.0..7.0)).unwrap()
+        Trust::of(&poses, &Truth::of_poses(&truth), stamp(0), &(5.0..7.0)).unwrap()
     }
 
     #[test]

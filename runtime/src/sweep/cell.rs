@@ -2,6 +2,7 @@
 
 use super::SweepError;
 use super::subject::{Common, Subject};
+use crate::evaluate::FlightConsistency;
 use crate::flight::{FlightError, Truth, fly, with_overrides};
 use crate::log::build_id::BuildId;
 use crate::pipeline::digest::config_hash;
@@ -26,6 +27,8 @@ pub struct Cell {
     pub subject: Subject,
     /// The seed, of a simulated flight.
     pub seed: Option<u64>,
+    /// Start in the data set or path, s; `None` for its own.
+    pub start_s: Option<f64>,
     pub(super) common: Arc<Common>,
 }
 
@@ -46,6 +49,9 @@ pub struct CellResult {
     pub subject: String,
     /// The seed, of a simulated flight.
     pub seed: Option<u64>,
+    /// Start in the data set or path, s; `None` for its own.
+    #[serde(default)]
+    pub start_s: Option<f64>,
     /// The figures; `None` if it could not be flown.
     pub figures: Option<Figures>,
     /// Why it could not be flown.
@@ -71,8 +77,8 @@ pub struct Figures {
     pub ate_percent: Option<f64>,
     /// Growth of the yaw error, degrees a minute.
     pub yaw_drift_deg_per_min: Option<f64>,
-    /// Mean normalized squared error of the pose over its expectation.
-    pub nees_ratio: Option<f64>,
+    /// NEES over its expectation, of estimates and odometry.
+    pub consistency: Option<FlightConsistency>,
     /// Computation of a frame, median, ms of processor time.
     pub frame_cpu_ms_p50: f64,
     /// The same, 99th percentile.
@@ -92,7 +98,7 @@ impl Figures {
             ate_rmse_m: accuracy.map(|a| a.ate_rmse_m),
             ate_percent: accuracy.map(|a| a.ate_percent),
             yaw_drift_deg_per_min: accuracy.and_then(|a| a.yaw_drift_deg_per_min),
-            nees_ratio: accuracy.and_then(|a| a.nees_ratio),
+            consistency: report.consistency.clone(),
             frame_cpu_ms_p50: report.frame_cpu_ms.p50,
             frame_cpu_ms_p99: report.frame_cpu_ms.p99,
             estimate_digest: report.estimate_digest.clone(),
@@ -106,7 +112,8 @@ impl Cell {
     pub fn describe(&self) -> String {
         let setting = if self.setting.is_empty() { "as configured".into() } else { self.setting.join(" ") };
         let seed = self.seed.map_or_else(String::new, |seed| format!("\tseed {seed}"));
-        format!("{setting}\t{}{seed}", self.subject.name())
+        let start = self.start_s.map_or_else(String::new, |s| format!("\tfrom {s} s"));
+        format!("{setting}\t{}{seed}{start}", self.subject.name())
     }
 
     /// Flies it; `None` if `stop` was set meanwhile. A flight that cannot be flown is a result too.
@@ -128,6 +135,7 @@ impl Cell {
             setting: self.setting.clone(),
             subject: self.subject.name(),
             seed: self.seed,
+            start_s: self.start_s,
             figures: report.as_ref().map(Figures::of),
             error,
             report: report.and_then(|report| serde_json::to_value(report).ok()),
@@ -135,10 +143,10 @@ impl Cell {
     }
 
     fn report(&self, stop: &Arc<AtomicBool>) -> Result<Report, FlightError> {
-        let mut flight = self.subject.open(&self.common, self.seed)?;
+        let mut flight = self.subject.open(&self.common, self.seed, self.start_s)?;
         flight.config = with_overrides(&flight.config, &self.setting)?;
         if let (Some(truth), Subject::Recorded { .. }) = (&self.common.truth, &self.subject) {
-            flight.truth = Truth::Recorded(truth.to_vec());
+            flight.truth = Truth::of_poses(truth);
         }
         // One thread a flight: the cores are shared among the cells.
         let options = RunOptions { speed: None, threads: 1 };
@@ -158,6 +166,9 @@ impl Cell {
         let config = config.as_ref().map(|config| config_hash(config));
         let text = format!("{subject:?} {:?} {:?} {mono} {config:?}", self.setting, self.seed);
         let mut hash = Sha256::new_with_prefix(text.as_bytes());
+        if let Some(start_s) = self.start_s {
+            hash.update(start_s.to_le_bytes());
+        }
         for pose in truth.iter().flat_map(|poses| poses.iter()) {
             hash.update(pose.stamp.as_nanos().to_le_bytes());
             pose.pose.translation.vector.iter().for_each(|value| hash.update(value.to_le_bytes()));
@@ -274,7 +285,7 @@ pub(super) mod tests {
             ate_rmse_m: Some(ate_rmse_m),
             ate_percent: Some(10.0 * ate_rmse_m),
             yaw_drift_deg_per_min: Some(0.1),
-            nees_ratio: Some(1.2),
+            consistency: None,
             frame_cpu_ms_p50: 7.0,
             frame_cpu_ms_p99: 11.0,
             estimate_digest: "ab".into(),
@@ -287,6 +298,7 @@ pub(super) mod tests {
             setting: cell.setting.clone(),
             subject: cell.subject.name(),
             seed: cell.seed,
+            start_s: cell.start_s,
             figures: Some(figures),
             error: None,
             report: None,
@@ -314,6 +326,13 @@ pub(super) mod tests {
         std::fs::write(cells[3].path(folder.path()), "{}").unwrap();
         let message = cells[3].kept(folder.path()).unwrap_err().to_string();
         assert!(message.contains("cell-3.json: is no result of a cell"), "{message}");
+    }
+
+    #[test]
+    fn another_start_is_another_cell() {
+        let cell = plan().cells().remove(0);
+        let later = Cell { start_s: Some(0.5), ..cell.clone() };
+        assert_ne!(cell.asked(), later.asked());
     }
 
     #[test]

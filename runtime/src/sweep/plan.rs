@@ -57,6 +57,8 @@ pub struct Plan {
     subjects: Vec<Subject>,
     /// Seeds of simulated flights; each one's own if there are none.
     seeds: Vec<u64>,
+    /// Starts in the data set or path, s; each one's own if there are none.
+    starts: Vec<f64>,
     common: Arc<Common>,
 }
 
@@ -76,7 +78,13 @@ impl Plan {
                 return Err(SweepError::DoubleAxis(axis.key.clone()));
             }
         }
-        Ok(Self { axes, subjects, seeds, common: Arc::new(common) })
+        Ok(Self { axes, subjects, seeds, starts: Vec::new(), common: Arc::new(common) })
+    }
+
+    /// The sweep with every flight begun at each of `starts`, s into the data set or path.
+    #[must_use]
+    pub fn from_starts(self, starts: Vec<f64>) -> Self {
+        Self { starts, ..self }
     }
 
     /// Every setting, as changes `key=value` of the configuration; the last axis turns fastest.
@@ -108,17 +116,24 @@ impl Plan {
                 Subject::Simulated { .. } => self.seeds.iter().map(|s| (subject, Some(*s))).collect(),
             })
             .collect();
+        let starts: Vec<Option<f64>> = match self.starts.is_empty() {
+            true => vec![None],
+            false => self.starts.iter().copied().map(Some).collect(),
+        };
+        let flights: Vec<_> =
+            flights.iter().flat_map(|flight| starts.iter().map(move |start_s| (*flight, *start_s))).collect();
         let settings = self.settings();
         let of = settings.len() * flights.len();
         let pairs = settings.iter().flat_map(|s| flights.iter().map(move |flight| (s, flight)));
         pairs
             .enumerate()
-            .map(|(index, (setting, (subject, seed)))| Cell {
+            .map(|(index, (setting, ((subject, seed), start_s)))| Cell {
                 index,
                 of,
                 setting: setting.clone(),
                 subject: (*subject).clone(),
                 seed: *seed,
+                start_s: *start_s,
                 common: Arc::clone(&self.common),
             })
             .collect()
@@ -165,6 +180,15 @@ pub(super) mod tests {
         assert_eq!((cells[3].seed, cells[4].seed, cells[5].seed), (None, Some(5), Some(6)));
         assert!(plan().cell(17).is_ok());
         assert!(plan().cell(18).unwrap_err().to_string().contains("cells 0 to 17"));
+    }
+
+    #[test]
+    fn every_flight_is_begun_at_every_start() {
+        let cells = plan().from_starts(vec![0.0, 0.5]).cells();
+        assert_eq!(cells.len(), 3 * 2 * (1 + 2) * 2);
+        assert_eq!((cells[0].start_s, cells[1].start_s, cells[1].seed), (Some(0.0), Some(0.5), None));
+        let names: std::collections::BTreeSet<String> = cells.iter().map(Cell::describe).collect();
+        assert_eq!(names.len(), cells.len());
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! What the cells of a sweep fly.
 
-use crate::flight::{Flight, FlightError, open_recording, open_simulation};
+use crate::flight::{Cut, Flight, FlightError, open_recording, open_simulation};
 use plumbline_config::ValidConfig;
 use plumbline_drivers::simulator::Scenario;
 use plumbline_drivers::{BagTopics, StampedPose};
@@ -27,18 +27,26 @@ pub enum Subject {
 }
 
 impl Subject {
-    /// Opens it, ready to run; a simulated flight with `seed` in place of its own.
+    /// Opens it, ready to run; a simulated flight with `seed` in place of its own, any from `start_s` on where that is given.
     ///
     /// # Errors
     /// When it cannot be read or simulated.
-    pub fn open(&self, common: &Common, seed: Option<u64>) -> Result<Flight, FlightError> {
+    pub fn open(
+        &self,
+        common: &Common,
+        seed: Option<u64>,
+        start_s: Option<f64>,
+    ) -> Result<Flight, FlightError> {
         let Common { config, mono, cache, .. } = common;
         match self {
             Self::Recorded { path } => {
-                open_recording(path, config.clone(), &BagTopics::default(), None, *mono)
+                let cut = start_s.map(|start_s| Cut { frames: None, seconds: start_s..f64::INFINITY });
+                let cut = cut.unwrap_or_else(|| None.into());
+                open_recording(path, config.clone(), &BagTopics::default(), cut, *mono)
             }
             Self::Simulated { scenario, extrinsics_error_deg, .. } => {
-                let scenario = Scenario { seed: seed.unwrap_or(scenario.seed), ..(**scenario).clone() };
+                let (seed, start_s) = (seed.unwrap_or(scenario.seed), start_s.unwrap_or(scenario.start_s));
+                let scenario = Scenario { seed, start_s, ..(**scenario).clone() };
                 open_simulation(config.clone(), &scenario, *mono, *extrinsics_error_deg, cache.as_deref())
             }
         }

@@ -1,6 +1,7 @@
 //! What a sweep came to: a row a setting, the best first and marked, and everything as CSV.
 
 use super::{CellResult, Figures};
+use crate::evaluate::{FlightConsistency, Nees, Output};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
@@ -15,7 +16,8 @@ struct Means {
     completion: f64,
     resets: u64,
     yaw_drift_deg_per_min: Option<f64>,
-    nees_ratio: Option<f64>,
+    estimates: [Option<f64>; 5],
+    odometry: [Option<f64>; 5],
     frame_cpu_ms_p50: Option<f64>,
 }
 
@@ -33,7 +35,8 @@ impl Means {
             completion: mean_of(&|f| Some(f.completion)).unwrap_or(0.0),
             resets: figures.iter().map(|f| u64::from(f.resets)).sum(),
             yaw_drift_deg_per_min: mean_of(&|f| f.yaw_drift_deg_per_min.map(f64::abs)),
-            nees_ratio: mean_of(&|f| f.nees_ratio),
+            estimates: std::array::from_fn(|k| mean_of(&|f| ratio(f, |c| &c.estimates, k))),
+            odometry: std::array::from_fn(|k| mean_of(&|f| ratio(f, |c| &c.odometry, k))),
             frame_cpu_ms_p50: mean_of(&|f| Some(f.frame_cpu_ms_p50)),
         }
     }
@@ -46,6 +49,11 @@ impl Means {
             .then(error(self).total_cmp(&error(other)))
             .then(other.completion.total_cmp(&self.completion))
     }
+}
+
+/// The figure `k` of [`Nees::NAMES`].
+fn ratio(figures: &Figures, of: Output, k: usize) -> Option<f64> {
+    figures.consistency.as_ref().and_then(|consistency| of(consistency).ratios()[k])
 }
 
 fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
@@ -74,14 +82,15 @@ pub fn table(results: &[CellResult]) -> String {
 }
 
 fn overview(keys: &[&str], settings: &[(&[String], Means)]) -> String {
-    const COLUMNS: [&str; 9] = [
+    const COLUMNS: [&str; 10] = [
         "flights",
         "failed",
         "ATE %",
         "worst ATE %",
         "ATE m",
         "yaw deg/min",
-        "NEES",
+        "NEES position / tilt / yaw / velocity / steps",
+        "the same of the odometry",
         "resets",
         "frame cpu ms p50",
     ];
@@ -99,7 +108,8 @@ fn overview(keys: &[&str], settings: &[(&[String], Means)]) -> String {
             number(m.worst_percent, 4),
             number(m.ate_rmse_m, 4),
             number(m.yaw_drift_deg_per_min, 2),
-            number(m.nees_ratio, 2),
+            m.estimates.map(|ratio| number(ratio, 2)).join(" / "),
+            m.odometry.map(|ratio| number(ratio, 2)).join(" / "),
             m.resets.to_string(),
             number(m.frame_cpu_ms_p50, 1),
         ];
@@ -174,6 +184,7 @@ pub fn csv(results: &[CellResult]) -> String {
     const COLUMNS: [&str; 14] = [
         "data_set",
         "seed",
+        "start_s",
         "frames",
         "completion",
         "resets",
@@ -181,14 +192,17 @@ pub fn csv(results: &[CellResult]) -> String {
         "ate_rmse_m",
         "ate_percent",
         "yaw_drift_deg_per_min",
-        "nees_ratio",
         "frame_cpu_ms_p50",
         "frame_cpu_ms_p99",
         "estimate_digest",
         "error",
     ];
     let keys = keys(results);
-    let head: Vec<String> = ["cell"].into_iter().chain(keys).chain(COLUMNS).map(quoted).collect();
+    let nees = FlightConsistency::OUTPUTS
+        .iter()
+        .flat_map(|(output, _)| Nees::NAMES.map(|name| format!("nees_{name}_{output}")));
+    let head = ["cell"].into_iter().chain(keys).chain(COLUMNS).map(str::to_owned).chain(nees);
+    let head: Vec<String> = head.map(|name| quoted(&name)).collect();
     let mut text = head.join(",") + "\n";
     for result in results {
         let number = |value: Option<f64>| value.map_or_else(String::new, |v| v.to_string());
@@ -196,6 +210,7 @@ pub fn csv(results: &[CellResult]) -> String {
         let cells = [
             result.subject.clone(),
             result.seed.map_or_else(String::new, |seed| seed.to_string()),
+            number(result.start_s),
             figure(|f| Some(f.frames as f64)),
             figure(|f| Some(f.completion)),
             figure(|f| Some(f64::from(f.resets))),
@@ -203,14 +218,18 @@ pub fn csv(results: &[CellResult]) -> String {
             figure(|f| f.ate_rmse_m),
             figure(|f| f.ate_percent),
             figure(|f| f.yaw_drift_deg_per_min),
-            figure(|f| f.nees_ratio),
             figure(|f| Some(f.frame_cpu_ms_p50)),
             figure(|f| Some(f.frame_cpu_ms_p99)),
             result.figures.as_ref().map_or_else(String::new, |f| f.estimate_digest.clone()),
             result.error.clone().unwrap_or_default(),
         ];
+        let nees = FlightConsistency::OUTPUTS.iter().flat_map(|(_, of)| {
+            let of_cell = move |k: usize| number(result.figures.as_ref().and_then(|f| ratio(f, *of, k)));
+            (0..Nees::NAMES.len()).map(of_cell)
+        });
+        let values = values(&result.setting);
         let row: Vec<String> =
-            [result.cell.to_string()].into_iter().chain(values(&result.setting)).chain(cells).collect();
+            [result.cell.to_string()].into_iter().chain(values).chain(cells).chain(nees).collect();
         text += &row.iter().map(|cell| quoted(cell)).collect::<Vec<_>>().join(",");
         text.push('\n');
     }
@@ -295,12 +314,13 @@ mod tests {
         let text = csv(&results);
         assert_eq!(text.lines().count(), 19);
         assert!(
-            text.starts_with("cell,estimator.points.sigma_px,estimator.lines.enabled,data_set,seed,frames,")
+            text.starts_with("cell,estimator.points.sigma_px,estimator.lines.enabled,data_set,seed,start_s,")
         );
         assert!(
-            text.lines().nth(1).unwrap().starts_with("0,0.3,true,V1_01,,100,0.98,0,0.5,0.3,3,"),
+            text.lines().nth(1).unwrap().starts_with("0,0.3,true,V1_01,,,100,0.98,0,0.5,0.3,3,"),
             "{text}"
         );
-        assert!(text.lines().nth(2).unwrap().ends_with(",ab,\"cannot, \"\"really\"\"\""), "{text}");
+        assert!(text.lines().nth(2).unwrap().ends_with(",ab,\"cannot, \"\"really\"\"\",,,,,,,,,,"), "{text}");
+        assert!(text.lines().next().unwrap().contains(",nees_tilt_estimates,"), "{text}");
     }
 }

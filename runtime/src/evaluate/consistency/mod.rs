@@ -1,9 +1,18 @@
-//! Does the estimator know how wrong it is? Normalized estimation error squared, `eᵀ P⁻¹ e`: chi-squared
-//! with as many degrees of freedom as `e` has components, if `P` is the covariance of `e` (Bar-Shalom, Li
-//! and Kirubarajan 2001, section 5.4.2).
+//! Does the estimator know how wrong it is? Normalized estimation error squared (NEES), `e' P^-1 e`: chi-squared with as many
+//! degrees of freedom as `e` has components, if `P` is the covariance of `e` (Bar-Shalom, Li and Kirubarajan 2001, section
+//! 5.4.2). Figures are means over a flight, divided by their expectation: 1 is honest, above is overconfident, below is
+//! timid.
+//!
+//! [`errors`] defines the five errors that are judged apart: position, tilt, yaw, velocity, steps. [`flown`] goes over a
+//! flight.
+
+pub mod errors;
+pub mod flown;
+
+pub use flown::{FlightConsistency, Nees, Output};
 
 use nalgebra::{Isometry3, SMatrix, SVector, Vector6};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Normal quantile of 95 %, one-sided, and of 97.5 %.
 const Z_95: f64 = 1.644_853_626_951_472_7;
@@ -26,14 +35,18 @@ pub fn nees<const N: usize>(error: &SVector<f64, N>, covariance: &SMatrix<f64, N
 }
 
 /// How a run's errors fit its covariances.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Consistency {
     /// Mean NEES over its expectation: 1 is honest, above is overconfident, below is timid.
     pub mean_ratio: f64,
+    /// Largest NEES over its expectation.
+    pub worst_ratio: f64,
     /// Share of the errors within their 95 % ellipsoid.
     pub within_95: f64,
-    /// How many errors.
+    /// Number of errors.
     pub count: usize,
+    /// Number of errors left out because their covariance is not positive definite.
+    pub without_covariance: usize,
 }
 
 /// Sums up NEES values of `degrees` of freedom; `None` of an empty list.
@@ -43,10 +56,19 @@ pub fn consistency(values: &[f64], degrees: usize) -> Option<Consistency> {
         return None;
     }
     let count = values.len();
-    let limit = chi_squared_quantile(degrees as f64, Z_95);
+    let limit = chi_squared_95(degrees);
+    let worst = values.iter().copied().fold(0.0, f64::max) / degrees as f64;
     let within = values.iter().filter(|&&v| v <= limit).count();
     let mean_ratio = values.iter().sum::<f64>() / (count * degrees) as f64;
-    Some(Consistency { mean_ratio, within_95: within as f64 / count as f64, count })
+    let within_95 = within as f64 / count as f64;
+    Some(Consistency { mean_ratio, worst_ratio: worst, within_95, count, without_covariance: 0 })
+}
+
+/// Quantile of 95 % of chi-squared: tabulated for few degrees of freedom, where the approximation is off by 2 %.
+fn chi_squared_95(degrees: usize) -> f64 {
+    const TABLE: [f64; 6] = [3.841, 5.991, 7.815, 9.488, 11.070, 12.592];
+    let tabulated = degrees.checked_sub(1).and_then(|k| TABLE.get(k));
+    tabulated.copied().unwrap_or_else(|| chi_squared_quantile(degrees as f64, Z_95))
 }
 
 /// Bounds of 95 % of [`Consistency::mean_ratio`] for `count` independent errors of `degrees` of freedom.
@@ -65,7 +87,10 @@ fn chi_squared_quantile(degrees: f64, z: f64) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
+mod tests;
+
+#[cfg(test)]
+mod summary_tests {
     use super::*;
     use crate::evaluate::noise::Noise;
     use nalgebra::{Matrix6, Vector3};
