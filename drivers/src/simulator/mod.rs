@@ -23,7 +23,9 @@ mod light_map;
 mod path;
 mod pattern;
 mod prefetch;
+mod reconcile;
 mod render;
+mod samples;
 mod scenario;
 mod scenes;
 mod select;
@@ -46,6 +48,7 @@ mod tests;
 
 pub use effects::Effects;
 pub use imu::ImuEffects;
+pub use samples::Inertial;
 pub use scenario::{FlightPath, Scenario, scaled_config};
 pub use scenes::{Scene, Twin};
 pub use stereo::SimulatedStereo;
@@ -59,6 +62,7 @@ use lens::Lens;
 use nalgebra::{Isometry3, Vector2};
 use plumbline_config::{Config, GrayImage, Portable, Timestamp};
 use render::Renderer;
+use samples::{Recording, Samples};
 use std::sync::Arc;
 use world::World;
 
@@ -80,7 +84,7 @@ struct Inner {
     flight: Trajectory,
     world: World,
     cameras: Vec<(Lens, Sensor)>,
-    imu: ImuModel,
+    imu: Samples,
     first_frame: Timestamp,
     frames: u64,
 }
@@ -103,7 +107,16 @@ impl Simulator {
     pub fn new(config: &Config, scenario: &Scenario) -> Result<Self, DriverError> {
         scenario.check(config)?;
         let config = scaled_config(config, scenario.resolution_scale);
-        let (flight, twins) = scenario.flight(&config)?;
+        let (flight, twins, recording) = match (&scenario.inertial, &scenario.path) {
+            (Inertial::Recorded(samples), FlightPath::Tum(poses)) => {
+                let (recording, flight) = Recording::read(samples, poses, &config.imu)?;
+                (flight, None, Some(recording))
+            }
+            _ => {
+                let (flight, twins) = scenario.flight(&config)?;
+                (flight, twins, None)
+            }
+        };
         let (first_frame, duration_s) = scenario.window(&flight)?;
         let path: Vec<_> = flight.positions(PATH_STEP_S).collect();
         let world = match &twins {
@@ -116,13 +129,16 @@ impl Simulator {
             (Lens::new(model, camera.pose_b_c()), sensor)
         });
         let cameras = cameras.collect();
-        let imu = ImuModel::new(
-            &config.imu,
-            scenario.imu,
-            scenario.seed,
-            first_frame.plus_seconds(-LEAD_S),
-            first_frame.plus_seconds(duration_s + LEAD_S),
-        );
+        let imu = match recording {
+            Some(recording) => Samples::Recorded(recording.around(first_frame, duration_s)),
+            None => Samples::Simulated(ImuModel::new(
+                &config.imu,
+                scenario.imu,
+                scenario.seed,
+                first_frame.plus_seconds(-LEAD_S),
+                first_frame.plus_seconds(duration_s + LEAD_S),
+            )),
+        };
         let frames = (duration_s * config.camera[0].rate_hz - 1e-6).ceil().at_least(1.0) as u64;
         let scenario = scenario.clone();
         let inner = Inner { config, scenario, flight, world, cameras, imu, first_frame, frames };

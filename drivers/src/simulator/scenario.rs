@@ -2,7 +2,7 @@
 
 use super::station::Station;
 use super::twin::{self, Twins};
-use super::{Effects, ImuEffects, LEAD_S, Scene, Trajectory, hand, laps, path};
+use super::{Effects, ImuEffects, Inertial, LEAD_S, Scene, Trajectory, hand, laps, path};
 use crate::DriverError;
 use crate::tum::read_tum;
 use nalgebra::Vector3;
@@ -51,6 +51,8 @@ pub struct Scenario {
     pub effects: Effects,
     /// What happens to the inertial samples.
     pub imu: ImuEffects,
+    /// Where the inertial samples come from.
+    pub inertial: Inertial,
 }
 
 impl Default for Scenario {
@@ -65,6 +67,7 @@ impl Default for Scenario {
             resolution_scale: 1.0,
             effects: Effects::default(),
             imu: ImuEffects::default(),
+            inertial: Inertial::default(),
         }
     }
 }
@@ -89,6 +92,15 @@ impl Scenario {
             (
                 matches!(self.path, FlightPath::Tum(_)) || self.start_s + self.duration_s <= MAX_DEMO_S,
                 "the built-in flight lasts two hours at most; choose a shorter duration",
+            ),
+            (
+                self.inertial == Inertial::Simulated
+                    || self.laps == 1 && matches!(self.path, FlightPath::Tum(_)),
+                "recorded inertial samples need the recorded path they belong to, flown once",
+            ),
+            (
+                self.inertial == Inertial::Simulated || self.imu == ImuEffects::default(),
+                "recorded inertial samples have the errors of their sensor; leave simulated ones out",
             ),
             ((0.1..=4.0).contains(&self.resolution_scale), "the resolution scale must be within 0.1 to 4"),
             (e.time_offset_s.abs() <= 0.9 * LEAD_S, "the time offset must be below 0.09 s"),

@@ -12,6 +12,8 @@ use plumbline_config::{Portable, Timestamp};
 
 /// Distance of the knots: passes a drone's motion (up to about 8 Hz) and little of a tracker's noise.
 const KNOT_STEP_S: f64 = 0.06;
+/// Distance of the knots where every sample counts: passes motion up to about 30 Hz.
+const CLOSE_KNOT_STEP_S: f64 = 0.015;
 /// At least this many samples for each knot interval.
 const SAMPLES_PER_KNOT: f64 = 1.5;
 /// Half width of the median that says what the velocity between two samples should have been.
@@ -52,21 +54,25 @@ impl Trajectory {
     /// may end elsewhere than the record does.
     #[must_use]
     pub fn from_poses(poses: &[StampedPose]) -> Option<Self> {
-        if poses.len() < 8 || poses.windows(2).any(|pair| pair[0].stamp >= pair[1].stamp) {
-            return None;
+        let times = times(poses)?;
+        Some(Self::fitted(poses, &times, &without_jumps(&times, poses), KNOT_STEP_S))
+    }
+
+    /// The flight close to `poses`, which have neither noise nor jumps; `None` as [`Self::from_poses`] has it.
+    pub(super) fn through(poses: &[StampedPose]) -> Option<Self> {
+        let positions: Vec<[f64; 3]> = poses.iter().map(|p| p.pose.translation.vector.into()).collect();
+        Some(Self::fitted(poses, &times(poses)?, &positions, CLOSE_KNOT_STEP_S))
+    }
+
+    fn fitted(poses: &[StampedPose], times: &[f64], positions: &[[f64; 3]], step_s: f64) -> Self {
+        let end_s = times[times.len() - 1];
+        let step_s = step_s.at_least(SAMPLES_PER_KNOT * median_interval(times));
+        Self {
+            begin: poses[0].stamp,
+            end: poses[poses.len() - 1].stamp,
+            position: Spline::fit(&zip(times, positions), end_s, step_s),
+            attitude: Spline::fit(&zip(times, &continuous_quaternions(poses)), end_s, step_s),
         }
-        let (begin, end) = (poses[0].stamp, poses[poses.len() - 1].stamp);
-        let end_s = end.seconds_since(begin);
-        let times: Vec<f64> = poses.iter().map(|p| p.stamp.seconds_since(begin)).collect();
-        let step_s = KNOT_STEP_S.at_least(SAMPLES_PER_KNOT * median_interval(&times));
-        let positions = zip(&times, &without_jumps(&times, poses));
-        let attitudes = zip(&times, &continuous_quaternions(poses));
-        Some(Self {
-            begin,
-            end,
-            position: Spline::fit(&positions, end_s, step_s),
-            attitude: Spline::fit(&attitudes, end_s, step_s),
-        })
     }
 
     /// First time of the flight.
@@ -107,6 +113,14 @@ impl Trajectory {
         let count = (self.end.seconds_since(self.begin) / interval_s) as usize;
         (0..=count).map(move |i| self.position.jet(i as f64 * interval_s).value.into())
     }
+}
+
+/// Times of the poses since the first, s; `None` for fewer than eight or when they do not rise.
+fn times(poses: &[StampedPose]) -> Option<Vec<f64>> {
+    if poses.len() < 8 || poses.windows(2).any(|pair| pair[0].stamp >= pair[1].stamp) {
+        return None;
+    }
+    Some(poses.iter().map(|p| p.stamp.seconds_since(poses[0].stamp)).collect())
 }
 
 fn zip<const D: usize>(times: &[f64], values: &[[f64; D]]) -> Vec<(f64, [f64; D])> {

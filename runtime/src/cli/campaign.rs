@@ -7,7 +7,7 @@ use crate::campaign::{Entry, Fault, Setup};
 use crate::flight::with_overrides;
 use crate::report::Report;
 use anyhow::{Context, Result, ensure};
-use clap::Args;
+use clap::{Args, ValueEnum};
 use plumbline_config::Config;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -22,6 +22,10 @@ pub struct CampaignArgs {
     /// Start, seconds into the trajectory; else where the vehicle is in full flight.
     #[arg(long)]
     pub start: Option<f64>,
+    /// Inertial samples: simulated, or recorded along the paths, as they are: V1_01, V1_02, V2_01, V2_02, MH_01, MH_03 and
+    /// MH_04 then, with the preset euroc.
+    #[arg(long, value_enum, default_value_t = ImuChoice::Simulated)]
+    pub imu: ImuChoice,
     /// Fly each fault once on top, along the first trajectory in the first scene of the choice, and tell whether the
     /// covariance could be trusted while it lasted and after it.
     #[arg(long)]
@@ -53,6 +57,15 @@ pub struct CampaignArgs {
     pub json: Option<PathBuf>,
 }
 
+/// Where inertial samples come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ImuChoice {
+    /// Made of the path.
+    Simulated,
+    /// Recorded along the path.
+    Recorded,
+}
+
 #[derive(Serialize)]
 struct Row<'a> {
     path: &'a str,
@@ -68,7 +81,8 @@ struct Row<'a> {
 /// When a flight cannot be simulated.
 pub fn run(args: &CampaignArgs) -> Result<()> {
     check_outputs(&args.json)?;
-    let config = load_config(args.config.as_deref())?.map_or_else(|| Config::preset("sim"), Ok)?;
+    let preset = if args.imu == ImuChoice::Recorded { "euroc" } else { "sim" };
+    let config = load_config(args.config.as_deref())?.map_or_else(|| Config::preset(preset), Ok)?;
     with_overrides(&config, &args.overrides)?;
     let entries = entries(args)?;
     let setup = Setup {
@@ -135,7 +149,10 @@ fn fly_all(entries: &[Entry], setup: &Setup, jobs: usize) -> Vec<Option<Report>>
 }
 
 fn entries(args: &CampaignArgs) -> Result<Vec<Entry>, Usage> {
-    let mut entries = args.choice.entries(args.start)?;
+    let mut entries = match args.imu {
+        ImuChoice::Simulated => args.choice.entries(args.start)?,
+        ImuChoice::Recorded => args.choice.recorded_entries(args.start)?,
+    };
     if args.faults {
         // With one camera there is no right one to lose, and without the left there is none.
         let possible = |fault: &Fault| !(args.mono && fault.needs_two_cameras());

@@ -2,10 +2,10 @@
 
 use super::{Usage, parse_range};
 use clap::Args;
-use plumbline_drivers::simulator::{Effects, FlightPath, Scenario, Scene};
+use plumbline_drivers::simulator::{Effects, FlightPath, Inertial, Scenario, Scene};
 use plumbline_drivers::{FrameFaults, LostCamera};
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Exposure with `--motion-blur`, s.
 const BLUR_EXPOSURE_S: f64 = 0.008;
@@ -22,6 +22,11 @@ pub struct ScenarioArgs {
     /// `calibrate rig`), `hover`, `drift` (slowly to the left), `carried` (from rest to rest), or a TUM file (plain or .gz).
     #[arg(long, default_value = "demo")]
     pub path: String,
+    /// Inertial samples: `simulated`, or `recorded`: those that were recorded along the path, as they are (--path
+    /// .../trajectories/NAME.tum.gz takes them from .../imu/NAME.csv.gz; or give the file). The path is made to agree with
+    /// them.
+    #[arg(long, value_name = "simulated|recorded|FILE", default_value = "simulated")]
+    pub imu: String,
     /// Start, seconds into the path, data set or log.
     #[arg(long, value_name = "S", default_value_t = 0.0)]
     pub start: f64,
@@ -144,6 +149,7 @@ impl ScenarioArgs {
     pub fn check_recorded(&self) -> Result<(), Usage> {
         let given = [
             ("--path", self.path != "demo"),
+            ("--imu", self.imu != "simulated"),
             ("--laps", self.laps != 1),
             ("--seed", self.seed != 1 && self.faults.are_none()),
             ("--scale", self.scale != 1.0),
@@ -204,9 +210,27 @@ impl ScenarioArgs {
             seed: self.seed,
             resolution_scale: self.scale,
             effects,
+            inertial: self.inertial(),
             ..Scenario::default()
         })
     }
+
+    fn inertial(&self) -> Inertial {
+        match self.imu.as_str() {
+            "simulated" => Inertial::Simulated,
+            "recorded" => Inertial::Recorded(recorded_along(Path::new(&self.path))),
+            file => Inertial::Recorded(file.into()),
+        }
+    }
+}
+
+/// The file of the samples that were recorded along the trajectory `path`, in the folders of the shared data.
+#[must_use]
+pub fn recorded_along(path: &Path) -> PathBuf {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let name = name.split_once(".tum").map_or(&*name, |(name, _)| name);
+    let folder = path.parent().and_then(Path::parent).unwrap_or_else(|| Path::new(".."));
+    folder.join("imu").join(format!("{name}.csv.gz"))
 }
 
 fn span(flag: &str, text: &str) -> Result<Range<f64>, Usage> {

@@ -10,7 +10,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::{Config, ConfigError, ImuSample, ValidConfig, import};
 use plumbline_drivers::bag::{is_bag, read_bag_imu};
 use plumbline_drivers::euroc::read_imu_samples;
-use plumbline_drivers::simulator::{Scenario, Simulator, scaled_config};
+use plumbline_drivers::simulator::{Inertial, Scenario, Simulator, scaled_config};
 use plumbline_drivers::{BagDataset, BagTopics, EurocDataset, EurocOptions, ImuSource as _, StampedPose};
 use std::ops::Range;
 use std::path::Path;
@@ -261,7 +261,7 @@ pub fn open_simulation(
     extrinsics_error_deg: f64,
     rendered: Option<&Path>,
 ) -> Result<Flight, FlightError> {
-    let config = scenario_config(config, mono)?;
+    let config = scenario_config(Some(config.map_or_else(|| preset_for(scenario), Ok)?), mono)?;
     let simulator = Simulator::new(&config, scenario).map_err(FlightError::Simulation)?;
     if !extrinsics_error_deg.is_finite() || extrinsics_error_deg.abs() > 30.0 {
         let message =
@@ -289,6 +289,15 @@ pub fn open_simulation(
         stamps: Stamps::Replayed,
         first_reset_counter: 0,
     })
+}
+
+/// The preset for a flight of which no configuration is given: `sim`, or `euroc` where the inertial samples are real ones.
+///
+/// # Errors
+/// Never, as long as the presets are valid.
+pub fn preset_for(scenario: &Scenario) -> Result<ValidConfig, FlightError> {
+    let name = if scenario.inertial == Inertial::Simulated { "sim" } else { "euroc" };
+    Ok(Config::preset(name)?)
 }
 
 /// The rig to simulate: the given one, or the preset `sim`; with `mono` its left camera alone.

@@ -1,0 +1,121 @@
+//! Where the inertial samples of a simulated flight come from: made of its motion, or recorded.
+
+use super::LEAD_S;
+use super::imu::{Biases, ImuModel};
+use super::reconcile::{Reconciled, reconcile};
+use super::trajectory::Trajectory;
+use crate::DriverError;
+use crate::euroc::imu::{IMU_COLUMNS, parse_imu_row};
+use crate::euroc::table::read_table;
+use crate::tum::read_tum;
+use plumbline_config::options::ImuConfig;
+use plumbline_config::{ImuSample, Timestamp};
+use std::path::{Path, PathBuf};
+
+/// The rate of recorded samples may be off the configured one by this share.
+const RATE_TOLERANCE: f64 = 0.02;
+
+/// Source of the inertial samples of a simulated flight.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum Inertial {
+    /// Derivatives of the path, with the errors of [`ImuEffects`](super::ImuEffects).
+    #[default]
+    Simulated,
+    /// Samples recorded along the path (columns of EuRoC's `imu0/data.csv`, plain or gzip), as they are. The path, a TUM file,
+    /// is made to agree with them first.
+    Recorded(PathBuf),
+}
+
+/// The inertial samples of a flight.
+#[derive(Debug)]
+pub(super) enum Samples {
+    Simulated(ImuModel),
+    Recorded(Recording),
+}
+
+impl Samples {
+    /// Number of samples of the flight.
+    pub(super) fn len(&self) -> u64 {
+        match self {
+            Self::Simulated(model) => model.len(),
+            Self::Recorded(recording) => recording.samples.len() as u64,
+        }
+    }
+
+    /// Measurement time of sample `k`, below [`Self::len`].
+    pub(super) fn stamp(&self, k: u64) -> Timestamp {
+        match self {
+            Self::Simulated(model) => model.stamp(k),
+            Self::Recorded(recording) => recording.samples[k as usize].stamp,
+        }
+    }
+
+    /// Biases at `stamp`.
+    pub(super) fn biases(&self, stamp: Timestamp) -> Biases {
+        match self {
+            Self::Simulated(model) => model.biases(stamp),
+            Self::Recorded(recording) => recording.biases,
+        }
+    }
+
+    /// Sample `k`, below [`Self::len`].
+    pub(super) fn sample(&self, k: u64, flight: &Trajectory) -> ImuSample {
+        match self {
+            Self::Simulated(model) => model.sample(k, flight),
+            Self::Recorded(recording) => recording.samples[k as usize],
+        }
+    }
+}
+
+/// Recorded samples.
+#[derive(Clone, Debug)]
+pub(super) struct Recording {
+    samples: Vec<ImuSample>,
+    /// Means over the whole recording.
+    biases: Biases,
+}
+
+impl Recording {
+    /// The samples of `file`, and the flight along the path of `poses` that agrees with them.
+    pub(super) fn read(
+        file: &Path,
+        poses: &Path,
+        imu: &ImuConfig,
+    ) -> Result<(Self, Trajectory), DriverError> {
+        let (samples, reconciled) = read_reconciled(file, poses, imu)?;
+        let biases = Biases { gyro: reconciled.bias_gyro, accel: reconciled.bias_accel };
+        let samples = samples[reconciled.within].to_vec();
+        Ok((Self { samples, biases }, reconciled.flight))
+    }
+
+    /// The samples around the frames from `first_frame` on, `duration_s` long.
+    pub(super) fn around(mut self, first_frame: Timestamp, duration_s: f64) -> Self {
+        let from = first_frame.plus_seconds(-LEAD_S);
+        let to = first_frame.plus_seconds(duration_s + LEAD_S);
+        self.samples.retain(|s| (from..=to).contains(&s.stamp));
+        self
+    }
+}
+
+/// The samples of `file`, reconciled with the path of `poses`.
+fn read_reconciled(
+    file: &Path,
+    poses: &Path,
+    imu: &ImuConfig,
+) -> Result<(Vec<ImuSample>, Reconciled), DriverError> {
+    let samples = read_table(file, IMU_COLUMNS, parse_imu_row)?.rows;
+    let span_s = match samples.as_slice() {
+        [first, .., last] => last.stamp.seconds_since(first.stamp),
+        _ => 0.0,
+    };
+    let rate_hz = (samples.len() as f64 - 1.0) / span_s;
+    let is_expected = (rate_hz / imu.rate_hz - 1.0).abs() < RATE_TOLERANCE;
+    if !is_expected {
+        let message =
+            format!("holds {rate_hz:.1} samples a second; set imu.rate_hz, now {}, to that", imu.rate_hz);
+        return Err(DriverError::malformed(file, message));
+    }
+    let reconciled = reconcile(&read_tum(poses)?, &samples, imu.gravity_m_s2)
+        .map_err(|why| DriverError::malformed(file, format!("does not fit {}: {why}", poses.display())))?;
+    Ok((samples, reconciled))
+}
