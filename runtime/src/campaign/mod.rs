@@ -86,6 +86,13 @@ impl Entry {
         self
     }
 
+    /// The same flight with a calibration drawn around the true one, with `multiple` of the stated standard deviations.
+    #[must_use]
+    pub fn with_calibration_error(mut self, multiple: f64) -> Self {
+        self.scenario.calibration_error = multiple;
+        self
+    }
+
     /// The same flight with something going wrong.
     #[must_use]
     pub fn with_fault(&self, fault: Fault) -> Self {

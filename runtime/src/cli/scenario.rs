@@ -2,10 +2,12 @@
 
 use super::{Usage, parse_range};
 use clap::Args;
-use plumbline_drivers::simulator::{Effects, FlightPath, Inertial, Scenario, Scene};
+use plumbline_drivers::simulator::{
+    Effects, FlightPath, ImuError, Inertial, Scenario, Scene, recorded_along,
+};
 use plumbline_drivers::{FrameFaults, LostCamera};
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Exposure with `--motion-blur`, s.
 const BLUR_EXPOSURE_S: f64 = 0.008;
@@ -13,6 +15,15 @@ const BLUR_EXPOSURE_S: f64 = 0.008;
 const DEFAULT_DURATION_S: f64 = 20.0;
 /// Relative standard deviation of the gain with `--flicker`.
 const FLICKER: f64 = 0.15;
+
+/// The help text of an option that takes errors of inertial sensors.
+#[must_use]
+pub fn imu_error_help() -> String {
+    let kinds = ImuError::help().replace('\n', "\n  ");
+    format!(
+        "Error of the simulated inertial sensor, such as force:0.07:2. A dose left out is the one in brackets. May be repeated.\n\n  {kinds}"
+    )
+}
 
 /// A simulated flight.
 #[derive(Clone, Debug, Args)]
@@ -27,6 +38,14 @@ pub struct ScenarioArgs {
     /// them.
     #[arg(long, value_name = "simulated|recorded|FILE", default_value = "simulated")]
     pub imu: String,
+    /// Error of the simulated inertial sensor, such as force:0.07:2; a dose left out is the one in brackets. May be repeated.
+    #[arg(long, value_name = "NAME[:DOSE...]", value_delimiter = ',', long_help = imu_error_help())]
+    pub imu_error: Vec<ImuError>,
+    /// The estimator believes a calibration that is drawn around the true one, by the seed, with K times the standard
+    /// deviations that the configuration states under [rig] (before --set).
+    #[allow(rustdoc::broken_intra_doc_links)]
+    #[arg(long, value_name = "K", default_value_t = 0.0)]
+    pub calibration_error: f64,
     /// Start, seconds into the path, data set or log.
     #[arg(long, value_name = "S", default_value_t = 0.0)]
     pub start: f64,
@@ -150,6 +169,8 @@ impl ScenarioArgs {
         let given = [
             ("--path", self.path != "demo"),
             ("--imu", self.imu != "simulated"),
+            ("--imu-error", !self.imu_error.is_empty()),
+            ("--calibration-error", self.calibration_error != 0.0),
             ("--laps", self.laps != 1),
             ("--seed", self.seed != 1 && self.faults.are_none()),
             ("--scale", self.scale != 1.0),
@@ -201,7 +222,7 @@ impl ScenarioArgs {
         }
         let duration_s = self.duration.unwrap_or(DEFAULT_DURATION_S);
         self.faults.check_begin_before(duration_s)?;
-        Ok(Scenario {
+        let mut scenario = Scenario {
             scene,
             path,
             start_s: self.start,
@@ -211,8 +232,11 @@ impl ScenarioArgs {
             resolution_scale: self.scale,
             effects,
             inertial: self.inertial(),
+            calibration_error: self.calibration_error,
             ..Scenario::default()
-        })
+        };
+        self.imu_error.iter().for_each(|error| error.apply(&mut scenario));
+        Ok(scenario)
     }
 
     fn inertial(&self) -> Inertial {
@@ -222,15 +246,6 @@ impl ScenarioArgs {
             file => Inertial::Recorded(file.into()),
         }
     }
-}
-
-/// The file of the samples that were recorded along the trajectory `path`, in the folders of the shared data.
-#[must_use]
-pub fn recorded_along(path: &Path) -> PathBuf {
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let name = name.split_once(".tum").map_or(&*name, |(name, _)| name);
-    let folder = path.parent().and_then(Path::parent).unwrap_or_else(|| Path::new(".."));
-    folder.join("imu").join(format!("{name}.csv.gz"))
 }
 
 fn span(flag: &str, text: &str) -> Result<Range<f64>, Usage> {

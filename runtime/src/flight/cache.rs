@@ -7,7 +7,7 @@
 use super::FlightError;
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline_config::GrayImage;
-use plumbline_drivers::simulator::{FlightPath, Inertial, Scenario, Simulator};
+use plumbline_drivers::simulator::{FlightPath, ImuEffects, Inertial, Scenario, Simulator};
 use plumbline_drivers::{DriverError, Faults, FaultySource, FrameFaults, StereoFrame, StereoSource};
 use sha2::{Digest as _, Sha256};
 use std::fs::{File, OpenOptions};
@@ -70,11 +70,17 @@ fn key(simulator: &Simulator, scenario: &Scenario) -> Result<String, FlightError
         sound.path = FlightPath::Demo;
         add(file)?;
     }
-    // The path is made to agree with samples that were recorded along it; otherwise images know nothing of samples.
-    if let Inertial::Recorded(file) = &scenario.inertial {
-        sound.inertial = Inertial::Recorded("".into());
-        add(file)?;
-    }
+    // The path is made to agree with samples that were recorded along it; otherwise images know nothing of samples, nor of what
+    // is believed of the rig.
+    sound.inertial = match &scenario.inertial {
+        Inertial::Recorded(file) => {
+            add(file)?;
+            Inertial::Recorded("".into())
+        }
+        Inertial::Simulated | Inertial::Residual(_) => Inertial::Simulated,
+    };
+    sound.imu = ImuEffects::default();
+    sound.calibration_error = 0.0;
     hash.update(format!("{RENDERER_VERSION} {sound:?} {cameras:?}"));
     Ok(hash.finalize().iter().take(12).map(|b| format!("{b:02x}")).collect())
 }

@@ -10,7 +10,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::{Config, ConfigError, ImuSample, ValidConfig, import};
 use plumbline_drivers::bag::{is_bag, read_bag_imu};
 use plumbline_drivers::euroc::read_imu_samples;
-use plumbline_drivers::simulator::{Inertial, Scenario, Simulator, scaled_config};
+use plumbline_drivers::simulator::{Scenario, Simulator, draw_calibration};
 use plumbline_drivers::{BagDataset, BagTopics, EurocDataset, EurocOptions, ImuSource as _, StampedPose};
 use std::ops::Range;
 use std::path::Path;
@@ -249,7 +249,7 @@ fn check_dataset(path: &Path) -> Result<(), FlightError> {
 }
 
 /// Prepares a simulated flight. The estimator's cameras are turned against the true ones by
-/// `extrinsics_error_deg`. With `rendered`, a folder, its frames are read from there, and rendered first if they are
+/// `extrinsics_error_deg`, after what the scenario says of the calibration. With `rendered`, a folder, its frames are read from there, and rendered first if they are
 /// not there yet.
 ///
 /// # Errors
@@ -269,10 +269,13 @@ pub fn open_simulation(
         return Err(FlightError::Invalid(message));
     }
     let scale = scenario.resolution_scale;
-    let mut config = scaled_config(&config, scale);
+    let mut config = scenario.rig(&config);
     let cell_px = config.estimator.points.cell_px as f64 * scale;
     config.estimator.points.cell_px = (cell_px.round() as usize).max(SMALLEST_CELL_PX);
     turn_cameras(&mut config, extrinsics_error_deg.to_radians());
+    if scenario.calibration_error > 0.0 {
+        draw_calibration(&mut config, scenario.calibration_error, scenario.seed);
+    }
     let config = config.validated("the rig at this scale and with this error of the extrinsics")?;
     Ok(Flight {
         imu: Box::new(simulator.imu()),
@@ -296,7 +299,7 @@ pub fn open_simulation(
 /// # Errors
 /// Never, as long as the presets are valid.
 pub fn preset_for(scenario: &Scenario) -> Result<ValidConfig, FlightError> {
-    let name = if scenario.inertial == Inertial::Simulated { "sim" } else { "euroc" };
+    let name = if scenario.has_recorded_samples() { "euroc" } else { "sim" };
     Ok(Config::preset(name)?)
 }
 
