@@ -34,8 +34,8 @@ pub struct Kind {
     pub about: &'static str,
     /// Its doses, in order.
     pub doses: &'static [Dose],
-    /// First doses with which a campaign flies it.
-    cases: &'static [f64],
+    /// Doses with which a campaign flies it, the first ones of each.
+    cases: &'static [&'static [f64]],
     apply: fn(&mut Scenario, &[f64; DOSES]),
 }
 
@@ -45,7 +45,7 @@ pub static KINDS: [Kind; 8] = [
         name: "force",
         about: "Coloured error of the accelerometer (Gauss-Markov, each axis by itself)",
         doses: &[dose("standard deviation, m/s²", 0.03, 10.0), dose("correlation time, s", 2.0, 1000.0)],
-        cases: &[0.03, 0.07],
+        cases: &[&[0.03], &[0.07]],
         apply: |scenario, [sigma, time_s, _]| {
             scenario.imu.force_sigma_m_s2 = *sigma;
             scenario.imu.force_time_s = *time_s;
@@ -55,21 +55,21 @@ pub static KINDS: [Kind; 8] = [
         name: "scale",
         about: "Scale error of every axis of both sensors, of drawn signs",
         doses: &[dose("%", 0.5, 20.0)],
-        cases: &[0.5],
+        cases: &[&[]],
         apply: |scenario, [percent, ..]| scenario.imu.scale_error = 0.01 * percent,
     },
     Kind {
         name: "misalignment",
         about: "Every axis of both sensors tilted in a drawn direction",
         doses: &[dose("mrad", 3.0, 200.0)],
-        cases: &[3.0],
+        cases: &[&[]],
         apply: |scenario, [mrad, ..]| scenario.imu.misalignment_rad = 1e-3 * mrad,
     },
     Kind {
         name: "g-sensitivity",
         about: "Gyroscope that feels forces; 0.3e-3 is typical of industrial sensors, 1e-3 to 2e-3 of a flight controller's",
         doses: &[dose("rad/s per g", 1e-3, 0.1)],
-        cases: &[1e-3],
+        cases: &[&[]],
         apply: |scenario, [rad_s_per_g, ..]| scenario.imu.g_sensitivity_rad_s_per_g = *rad_s_per_g,
     },
     Kind {
@@ -81,7 +81,7 @@ pub static KINDS: [Kind; 8] = [
             dose("frequency, Hz", 120.0, 2000.0),
             dose("amplitude of the gyroscope, rad/s", 0.0, 10.0),
         ],
-        cases: &[5.0, 30.0],
+        cases: &[&[5.0, 120.0], &[5.0, 97.0], &[30.0, 120.0], &[30.0, 173.0]],
         apply: |scenario, [accel, hz, gyro]| {
             scenario.imu.vibration_accel_m_s2 = *accel;
             scenario.imu.vibration_gyro_rad_s = *gyro;
@@ -93,7 +93,7 @@ pub static KINDS: [Kind; 8] = [
         name: "clipping",
         about: "An accelerometer of 2 g that vibrates so hard that this share of its samples is clipped",
         doses: &[dose("% of the samples", 5.0, 50.0)],
-        cases: &[5.0],
+        cases: &[&[]],
         apply: |scenario, [percent, ..]| {
             scenario.imu.clipped_share = 0.01 * percent;
             scenario.imu.vibration_wander = ROTOR_WANDER;
@@ -101,16 +101,22 @@ pub static KINDS: [Kind; 8] = [
     },
     Kind {
         name: "knock",
-        about: "A knock that moves the vehicle within 20 ms, in a drawn direction",
-        doses: &[dose("mm", 20.0, 1000.0), dose("time after the first frame, s", KNOCK_AT_S, 1e6)],
-        cases: &[5.0, 20.0],
-        apply: |scenario, [mm, at_s, _]| scenario.knock = Some(Knock { at_s: *at_s, distance_m: 1e-3 * mm }),
+        about: "A knock that moves the vehicle, path and images, in a drawn direction; samples at 200 Hz miss the shorter ones",
+        doses: &[
+            dose("mm", 20.0, 1000.0),
+            dose("length, ms", 15.0, 1000.0),
+            dose("time after the first frame, s", KNOCK_AT_S, 1e6),
+        ],
+        cases: &[&[5.0], &[20.0]],
+        apply: |scenario, [mm, ms, at_s]| {
+            scenario.knock = Some(Knock { at_s: *at_s, length_s: 1e-3 * ms, distance_m: 1e-3 * mm });
+        },
     },
     Kind {
         name: "residual",
         about: "What the samples recorded along the path (euroc/imu) hold above 10 Hz and the path does not",
         doses: &[dose("multiple of what was recorded", 1.0, 100.0)],
-        cases: &[1.0],
+        cases: &[&[]],
         apply: |scenario, [multiple, ..]| {
             scenario.imu.residual_scale = *multiple;
             if let FlightPath::Tum(path) = &scenario.path {
@@ -135,9 +141,9 @@ impl ImuError {
     /// The errors with which a campaign flies.
     pub fn cases() -> impl Iterator<Item = Self> {
         KINDS.iter().flat_map(|kind| {
-            kind.cases.iter().map(move |first| {
+            kind.cases.iter().map(move |doses| {
                 let mut error = Self::of(kind);
-                error.doses[0] = *first;
+                error.doses[..doses.len()].copy_from_slice(doses);
                 error
             })
         })

@@ -175,7 +175,7 @@ fn stated_share_of_samples_is_clipped() {
 fn knock_moves_truth_and_samples_alike() {
     let mut flight = fixture::standing(4.0);
     let still = flight.clone();
-    flight.knock(flight.begin().plus_seconds(2.0), 0.005, 1);
+    flight.knock(flight.begin().plus_seconds(2.0), 0.02, 0.005, 1);
     let moved = |t: f64| {
         (flight.motion_at(t).pose_w_b.translation.vector - still.motion_at(t).pose_w_b.translation.vector)
             .norm()
@@ -193,7 +193,7 @@ fn knock_moves_truth_and_samples_alike() {
     assert!((p.norm() - 0.005).abs() < 2e-5, "{}", p.norm());
     // A knock of 20 mm is beyond the range of the sensor.
     let mut hard = still.clone();
-    hard.knock(still.begin().plus_seconds(2.0), 0.02, 1);
+    hard.knock(still.begin().plus_seconds(2.0), 0.02, 0.02, 1);
     let most = (0..400).map(|k| hard.motion_at(2.0 + f64::from(k) * 1e-4).a_w_b.norm()).fold(0.0, f64::max);
     assert!((250.0..320.0).contains(&most), "{most}");
 }

@@ -138,7 +138,8 @@ impl Simulator {
             None => Samples::Simulated(scenario.sensor(&config, &flight, first_frame, duration_s)?),
         };
         if let Some(knock) = &scenario.knock {
-            flight.knock(first_frame.plus_seconds(knock.at_s), knock.distance_m, scenario.seed);
+            let at = first_frame.plus_seconds(knock.at_s);
+            flight.knock(at, knock.length_s, knock.distance_m, scenario.seed);
         }
         let frames = (duration_s * config.camera[0].rate_hz - 1e-6).ceil().at_least(1.0) as u64;
         let scenario = scenario.clone();

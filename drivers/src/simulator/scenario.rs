@@ -68,6 +68,8 @@ pub struct Scenario {
 pub struct Knock {
     /// When, s after the first frame (and up to one sample later, by the seed).
     pub at_s: f64,
+    /// How long the push lasts, s.
+    pub length_s: f64,
     /// How far, m; the direction is drawn.
     pub distance_m: f64,
 }
@@ -126,8 +128,8 @@ impl Scenario {
                 "the residual of recorded inertial samples needs the recorded path they belong to",
             ),
             (
-                self.knock.is_none_or(|knock| knock.at_s >= 0.0 && knock.distance_m.is_finite()),
-                "the knock must come after the first frame",
+                self.knock.is_none_or(|k| k.at_s >= 0.0 && k.length_s >= 1e-3 && k.distance_m.is_finite()),
+                "the knock must come after the first frame and last for a millisecond or more",
             ),
             (
                 (0.0..=10.0).contains(&self.calibration_error),

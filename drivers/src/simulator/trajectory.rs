@@ -25,8 +25,6 @@ const JUMP_M_S: f64 = 0.4;
 /// Samples further apart than this are not searched for jumps.
 const JUMP_MAX_INTERVAL_S: f64 = 0.02;
 
-/// Length of a knock, s.
-const KNOCK_S: f64 = 0.02;
 /// A knock falls anywhere between two samples at 200 Hz.
 const KNOCK_PHASE_S: f64 = 0.005;
 
@@ -57,16 +55,17 @@ pub struct Trajectory {
 #[derive(Clone, Debug)]
 struct Push {
     begin_s: f64,
+    length_s: f64,
     displacement_w: Vector3<f64>,
 }
 
 impl Push {
     /// Displacement, velocity and acceleration at `t_s`: a step of the fifth degree, without acceleration at its ends.
     fn at(&self, t_s: f64) -> [Vector3<f64>; 3] {
-        let x = ((t_s - self.begin_s) / KNOCK_S).clamp(0.0, 1.0);
+        let x = ((t_s - self.begin_s) / self.length_s).clamp(0.0, 1.0);
         let value = x * x * x * (10.0 + x * (6.0 * x - 15.0));
-        let first = 30.0 * x * x * (1.0 - x) * (1.0 - x) / KNOCK_S;
-        let second = 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / (KNOCK_S * KNOCK_S);
+        let first = 30.0 * x * x * (1.0 - x) * (1.0 - x) / self.length_s;
+        let second = 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / (self.length_s * self.length_s);
         [value, first, second].map(|share| self.displacement_w * share)
     }
 }
@@ -101,13 +100,13 @@ impl Trajectory {
         }
     }
 
-    /// Moves the vehicle by `distance_m` within [`KNOCK_S`] from `at` on, or up to 5 ms later; `seed` says how much later, and
-    /// in which direction.
-    pub(super) fn knock(&mut self, at: Timestamp, distance_m: f64, seed: u64) {
+    /// Moves the vehicle by `distance_m` within `length_s` from `at` on, or up to 5 ms later; `seed` says how much later, and in
+    /// which direction.
+    pub(super) fn knock(&mut self, at: Timestamp, length_s: f64, distance_m: f64, seed: u64) {
         let mut draws = Draws::new(seed, Purpose::Knock, 0);
         let begin_s = at.seconds_since(self.begin) + draws.range(0.0, KNOCK_PHASE_S);
         let direction = Vector3::from_fn(|_, _| draws.normal()).normalize();
-        self.knock = Some(Push { begin_s, displacement_w: direction * distance_m });
+        self.knock = Some(Push { begin_s, length_s, displacement_w: direction * distance_m });
     }
 
     /// First time of the flight.

@@ -226,3 +226,31 @@ fn imu_errors(wanted: &[String]) -> Result<Vec<ImuError>, Usage> {
 fn imu_error(text: &str) -> Result<ImuError, Usage> {
     text.parse().map_err(Usage)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Command {
+        #[command(flatten)]
+        args: CampaignArgs,
+    }
+
+    /// Names of the faults that a command line asks for.
+    fn chosen(line: &str) -> Vec<String> {
+        let args = Command::parse_from(["campaign"].into_iter().chain(line.split_whitespace())).args;
+        faults(&args).unwrap().into_iter().map(Fault::name).collect()
+    }
+
+    #[test]
+    fn errors_of_the_sensor_are_chosen_by_name_and_dose() {
+        assert_eq!(chosen("--faults --fault force"), ["force:0.03:2", "force:0.07:2"]);
+        assert_eq!(chosen("--faults --fault force:0.05:1,blackout"), ["force:0.05:1", "Blackout"]);
+        assert!(chosen("--faults").contains(&"clipping:5".to_owned()));
+        assert!(!chosen("--faults --imu recorded").iter().any(|name| name.contains(':')));
+        assert!(imu_errors(&["force:x".to_owned()]).is_err());
+        assert_eq!(imu_errors(&["all".to_owned()]).unwrap().len(), Fault::inertial().count());
+    }
+}
