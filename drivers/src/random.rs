@@ -25,6 +25,11 @@ pub(crate) enum Purpose {
     Hand,
     Blow,
     Garbage,
+    Wander,
+    ForceError,
+    SensorAxes,
+    Knock,
+    Calibration,
 }
 
 /// A stream of draws.

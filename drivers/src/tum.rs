@@ -14,7 +14,7 @@ use std::io::{BufRead, BufReader, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 /// First bytes of a gzip file.
-const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
+pub(crate) const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 /// Digits of a time that are looked at; nine before and nine after the point are in use today.
 const MAX_TIME_DIGITS: usize = 30;
 /// A quaternion printed with three decimals is still normal to this.

@@ -6,6 +6,8 @@
 
 use crate::DriverError;
 use crate::text_lines::{Line, Lines};
+use crate::tum::GZIP_MAGIC;
+use flate2::read::MultiGzDecoder;
 use plumbline_config::Timestamp;
 use std::fmt;
 use std::fs::File;
@@ -113,14 +115,18 @@ impl<T: Stamped> Table<T> {
     }
 }
 
-/// Reads the table at `path`, whose columns are `columns`; `parse` takes one row without line end.
+/// Reads the table at `path`, plain or gzip, whose columns are `columns`; `parse` takes one row without line end.
 pub(crate) fn read_table<T: Stamped>(
     path: &Path,
     columns: &str,
     parse: impl Fn(&str) -> Result<T, RowFault>,
 ) -> Result<Table<T>, DriverError> {
-    let file = File::open(path).map_err(|e| DriverError::io(path, e))?;
-    read_rows(path, columns, BufReader::new(file), parse)
+    let mut reader = BufReader::new(File::open(path).map_err(|e| DriverError::io(path, e))?);
+    let start = reader.fill_buf().map_err(|e| DriverError::io(path, e))?;
+    if start.starts_with(&GZIP_MAGIC) {
+        return read_rows(path, columns, BufReader::new(MultiGzDecoder::new(reader)), parse);
+    }
+    read_rows(path, columns, reader, parse)
 }
 
 /// Reads the table from `reader`; `path` names it in messages.

@@ -4,13 +4,24 @@
 //! `g_w = (0, 0, -g)`; the discrete noise is `density * sqrt(rate)`, the biases walk by
 //! `walk * sqrt(dt)` per sample. Readings beyond the sensor's range are clamped to it. Sample `k` is a
 //! pure function of the seed and of `k`.
+//!
+//! What else real sensors do, each off by default ([`ImuEffects`]): `omega_b` becomes `M_g omega_b + S f`, and the specific
+//! force `f` becomes `M_a f + c`, where `M_g` and `M_a` hold scale and misalignment, `S` the sensitivity of the gyroscope to
+//! forces, and `c` is a Gauss-Markov process.
 
-use super::trajectory::Trajectory;
+use super::trajectory::{Motion, Trajectory};
 use crate::random::{Draws, Purpose};
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Timestamp};
 use std::f64::consts::TAU;
+
+/// Range of an accelerometer that clips: 2 g, the smallest that is sold.
+pub const CLIPPED_RANGE_M_S2: f64 = 19.6;
+/// One g of a data sheet, m/s².
+const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
+/// Slow changes of the rotors' speed: periods, s.
+const WANDER_PERIODS_S: [f64; 3] = [1.3, 2.9, 7.1];
 
 /// What the inertial sensor adds to the truth.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,6 +40,23 @@ pub struct ImuEffects {
     pub vibration_gyro_rad_s: f64,
     /// Frequency of the rotors, Hz; its first harmonic is present at half the amplitude.
     pub vibration_hz: f64,
+    /// Standard deviation of that frequency over some seconds, relative.
+    pub vibration_wander: f64,
+    /// Standard deviation of the coloured error of each axis of the accelerometer, m/s²; 0 for none.
+    pub force_sigma_m_s2: f64,
+    /// Time in which the correlation of that error falls to 1/e, s.
+    pub force_time_s: f64,
+    /// Scale error of every axis of both sensors, relative; the signs are drawn.
+    pub scale_error: f64,
+    /// Angle by which every axis of both sensors is tilted, rad; the directions are drawn.
+    pub misalignment_rad: f64,
+    /// What every axis of the gyroscope shows under a force along a drawn direction, rad/s per g.
+    pub g_sensitivity_rad_s_per_g: f64,
+    /// Share of the samples that an accelerometer of [`CLIPPED_RANGE_M_S2`] clips, by a vibration as hard as that takes; 0 for
+    /// the configured range.
+    pub clipped_share: f64,
+    /// Multiple of the residual of recorded samples ([`Inertial::Residual`](super::Inertial::Residual)) that is added.
+    pub residual_scale: f64,
 }
 
 impl Default for ImuEffects {
@@ -41,6 +69,14 @@ impl Default for ImuEffects {
             vibration_accel_m_s2: 0.0,
             vibration_gyro_rad_s: 0.0,
             vibration_hz: 87.0,
+            vibration_wander: 0.0,
+            force_sigma_m_s2: 0.0,
+            force_time_s: 1.0,
+            scale_error: 0.0,
+            misalignment_rad: 0.0,
+            g_sensitivity_rad_s_per_g: 0.0,
+            clipped_share: 0.0,
+            residual_scale: 0.0,
         }
     }
 }
@@ -78,6 +114,13 @@ pub(super) struct ImuModel {
     biases: Vec<Biases>,
     /// Phases of the vibration: gyroscope and accelerometer, three axes, two harmonics.
     phases: [[[f64; 2]; 3]; 2],
+    /// Phases of the slow changes of its frequency.
+    wander: [f64; 3],
+    axes: Option<Axes>,
+    /// Coloured error of the accelerometer at every sample, m/s²; empty for none.
+    coloured: Vec<Vector3<f64>>,
+    /// What recorded samples hold above the path; empty for none.
+    residual: Vec<Residual>,
 }
 
 impl ImuModel {
@@ -93,7 +136,31 @@ impl ImuModel {
         let mut draws = Draws::new(seed, Purpose::Vibration, 0);
         let phases = [(); 2].map(|()| [(); 3].map(|()| [(); 2].map(|()| draws.range(0.0, TAU))));
         let biases = walk(config, &effects, seed, count);
-        Self { config: config.clone(), effects, seed, begin, biases, phases }
+        let mut draws = Draws::new(seed, Purpose::Wander, 0);
+        let wander = [(); 3].map(|()| draws.range(0.0, TAU));
+        let axes = Axes::of(&effects, seed);
+        let coloured = coloured(config, &effects, seed, count);
+        let config = config.clone();
+        Self { config, effects, seed, begin, biases, phases, wander, axes, coloured, residual: Vec::new() }
+    }
+
+    /// The same sensor with `residual` in its samples, one after the other and over again.
+    pub(super) fn with_residual(mut self, residual: Vec<Residual>) -> Self {
+        self.residual = residual;
+        self
+    }
+
+    /// The same sensor, shaken so hard along `flight` that it clips the share of samples that its effects ask for.
+    pub(super) fn clipping(mut self, flight: &Trajectory) -> Self {
+        if self.effects.clipped_share > 0.0 {
+            self.effects.vibration_accel_m_s2 = super::clipping::amplitude(&self, flight);
+        }
+        self
+    }
+
+    /// Share of the samples to be clipped, and the range, m/s².
+    pub(super) fn clipped(&self) -> (f64, f64) {
+        (self.effects.clipped_share, self.config.accel_range_m_s2)
     }
 
     /// Number of samples of the flight.
@@ -120,8 +187,7 @@ impl ImuModel {
         let stamp = self.stamp(k);
         let motion = flight.motion(stamp);
         let biases = self.biases[k as usize];
-        let up = Vector3::new(0.0, 0.0, self.config.gravity_m_s2);
-        let force = motion.pose_w_b.rotation.inverse_transform_vector(&(motion.a_w_b + up));
+        let (omega, force) = self.felt(k, &motion);
         let mut draws = Draws::new(self.seed, Purpose::ImuNoise, k);
         let root_rate = self.config.rate_hz.sqrt() * self.effects.noise_scale;
         let t = stamp.seconds_since(self.begin);
@@ -132,19 +198,116 @@ impl ImuModel {
         let clamp = |v: Vector3<f64>, range: f64| v.map(|x| x.clamp(-range, range));
         ImuSample {
             stamp,
-            gyro: clamp(motion.omega_b + biases.gyro + gyro_noise + shake_gyro, self.config.gyro_range_rad_s),
+            gyro: clamp(omega + biases.gyro + gyro_noise + shake_gyro, self.config.gyro_range_rad_s),
             accel: clamp(force + biases.accel + accel_noise + shake_accel, self.config.accel_range_m_s2),
         }
     }
 
+    /// The specific force at rest or in `motion`, m/s².
+    pub(super) fn force(&self, motion: &Motion) -> Vector3<f64> {
+        let up = Vector3::new(0.0, 0.0, self.config.gravity_m_s2);
+        motion.pose_w_b.rotation.inverse_transform_vector(&(motion.a_w_b + up))
+    }
+
+    /// Angular rate and specific force at sample `k` as the sensor has them before biases, noise and vibration.
+    fn felt(&self, k: u64, motion: &Motion) -> (Vector3<f64>, Vector3<f64>) {
+        let (mut omega, mut force) = (motion.omega_b, self.force(motion));
+        if let Some(axes) = &self.axes {
+            (omega, force) = (axes.gyro * omega + axes.gyro_by_force * force, axes.accel * force);
+        }
+        if let Some(error) = self.coloured.get(k as usize) {
+            force += error;
+        }
+        if !self.residual.is_empty() {
+            let residual = &self.residual[k as usize % self.residual.len()];
+            omega += self.effects.residual_scale * residual.gyro;
+            force += self.effects.residual_scale * residual.accel;
+        }
+        (omega, force)
+    }
+
+    /// Phase that the rotors are ahead, at `t_s`, of rotors of constant speed.
+    fn ahead(&self, t_s: f64) -> f64 {
+        if self.effects.vibration_wander == 0.0 {
+            return 0.0;
+        }
+        let rms = (2.0_f64 / 3.0).sqrt();
+        let waves = WANDER_PERIODS_S.iter().zip(&self.wander);
+        let integral: f64 =
+            waves.map(|(period_s, phase)| -libm::cos(TAU * t_s / period_s + phase) * period_s / TAU).sum();
+        TAU * self.effects.vibration_hz * self.effects.vibration_wander * rms * integral
+    }
+
     /// Vibration of unit amplitude, sensor 0 gyroscope, 1 accelerometer.
-    fn vibration(&self, t_s: f64, sensor: usize) -> Vector3<f64> {
+    pub(super) fn vibration(&self, t_s: f64, sensor: usize) -> Vector3<f64> {
+        let ahead = self.ahead(t_s);
         Vector3::from_fn(|axis, _| {
-            let angle = TAU * self.effects.vibration_hz * t_s;
+            let angle = TAU * self.effects.vibration_hz * t_s + ahead;
             let phases = self.phases[sensor][axis];
             libm::sin(angle + phases[0]) + 0.5 * libm::sin(2.0 * angle + phases[1])
         })
     }
+}
+
+/// Difference between a recorded sample and the path that it was recorded along.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Residual {
+    /// rad/s.
+    pub(super) gyro: Vector3<f64>,
+    /// m/s².
+    pub(super) accel: Vector3<f64>,
+}
+
+/// Scale, misalignment and sensitivity to forces.
+#[derive(Debug)]
+struct Axes {
+    gyro: Matrix3<f64>,
+    accel: Matrix3<f64>,
+    /// rad/s per m/s².
+    gyro_by_force: Matrix3<f64>,
+}
+
+impl Axes {
+    /// `None` for a sensor without such errors.
+    fn of(effects: &ImuEffects, seed: u64) -> Option<Self> {
+        let g_sensitivity = effects.g_sensitivity_rad_s_per_g / STANDARD_GRAVITY_M_S2;
+        if effects.scale_error == 0.0 && effects.misalignment_rad == 0.0 && g_sensitivity == 0.0 {
+            return None;
+        }
+        let mut draws = Draws::new(seed, Purpose::SensorAxes, 0);
+        let mut matrix = || {
+            let mut matrix = Matrix3::identity();
+            for axis in 0..3 {
+                let sign = if draws.unit() < 0.5 { -1.0 } else { 1.0 };
+                let direction = draws.range(0.0, TAU);
+                matrix[(axis, axis)] += sign * effects.scale_error;
+                matrix[(axis, (axis + 1) % 3)] += effects.misalignment_rad * libm::cos(direction);
+                matrix[(axis, (axis + 2) % 3)] += effects.misalignment_rad * libm::sin(direction);
+            }
+            matrix
+        };
+        let (gyro, accel) = (matrix(), matrix());
+        let directions = [(); 3].map(|()| normal3(&mut draws).normalize().transpose());
+        let gyro_by_force = Matrix3::from_rows(&directions) * g_sensitivity;
+        Some(Self { gyro, accel, gyro_by_force })
+    }
+}
+
+/// The Gauss-Markov process of the accelerometer at `count` samples; empty for none.
+fn coloured(config: &ImuConfig, effects: &ImuEffects, seed: u64, count: usize) -> Vec<Vector3<f64>> {
+    if effects.force_sigma_m_s2 == 0.0 {
+        return Vec::new();
+    }
+    let kept = libm::exp(-1.0 / (config.rate_hz * effects.force_time_s));
+    let fresh = effects.force_sigma_m_s2 * (1.0 - kept * kept).sqrt();
+    let mut draws = Draws::new(seed, Purpose::ForceError, 0);
+    let mut now = normal3(&mut draws) * effects.force_sigma_m_s2;
+    let mut step = |_| {
+        let error = now;
+        now = now * kept + normal3(&mut draws) * fresh;
+        error
+    };
+    (0..count).map(&mut step).collect()
 }
 
 fn normal3(draws: &mut Draws) -> Vector3<f64> {
@@ -169,87 +332,5 @@ fn walk(config: &ImuConfig, effects: &ImuEffects, seed: u64, count: usize) -> Ve
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::simulator::fixture;
-    use nalgebra::UnitQuaternion;
-
-    fn model(effects: ImuEffects, flight: &Trajectory, rate_hz: f64) -> ImuModel {
-        let config = ImuConfig { rate_hz, ..fixture::config().imu };
-        ImuModel::new(&config, effects, 3, flight.begin(), flight.end())
-    }
-
-    #[test]
-    fn at_rest_it_feels_gravity_upwards() {
-        let flight = fixture::standing(2.0);
-        let sample = model(ImuEffects::none(), &flight, 200.0).sample(100, &flight);
-        let up_b = flight.motion_at(0.5).pose_w_b.rotation.inverse() * Vector3::new(0.0, 0.0, 9.81);
-        assert!((sample.accel - up_b).norm() < 1e-6);
-        assert!(sample.gyro.norm() < 1e-6);
-    }
-
-    #[test]
-    fn integrated_finely_it_gives_the_truth() {
-        let flight = fixture::wobble(4.0);
-        let imu = model(ImuEffects::none(), &flight, 4000.0);
-        let dt = 1.0 / 4000.0;
-        let first = flight.motion(imu.stamp(0));
-        let (mut q, mut v, mut p) = (first.pose_w_b.rotation, first.v_w_b, first.pose_w_b.translation.vector);
-        for k in 0..imu.len() - 1 {
-            let (a, b) = (imu.sample(k, &flight), imu.sample(k + 1, &flight));
-            let next = q * UnitQuaternion::from_scaled_axis((a.gyro + b.gyro) * (0.5 * dt));
-            let gravity = Vector3::new(0.0, 0.0, -9.81);
-            let acceleration = (q * a.accel + next * b.accel) * 0.5 + gravity;
-            p += v * dt + acceleration * (0.5 * dt * dt);
-            v += acceleration * dt;
-            q = next;
-        }
-        let last = flight.motion(imu.stamp(imu.len() - 1));
-        assert!((p - last.pose_w_b.translation.vector).norm() < 1e-4);
-        assert!((v - last.v_w_b).norm() < 1e-4);
-        assert!(q.angle_to(&last.pose_w_b.rotation) < 1e-5);
-    }
-
-    #[test]
-    fn noise_has_the_configured_density() {
-        let flight = fixture::standing(50.0);
-        let quiet = ImuEffects { noise_scale: 1.0, ..ImuEffects::none() };
-        let imu = model(quiet, &flight, 200.0);
-        let mean_square = (0..imu.len()).map(|k| imu.sample(k, &flight).gyro.norm_squared()).sum::<f64>()
-            / (3.0 * imu.len() as f64);
-        let expected = fixture::config().imu.gyro_noise_density * 200.0_f64.sqrt();
-        assert!((mean_square.sqrt() / expected - 1.0).abs() < 0.02);
-    }
-
-    #[test]
-    fn biases_are_in_the_samples_and_in_the_truth() {
-        let flight = fixture::standing(5.0);
-        let effects = ImuEffects { noise_scale: 0.0, ..ImuEffects::default() };
-        let imu = model(effects, &flight, 200.0);
-        let sample = imu.sample(500, &flight);
-        let biases = imu.biases(sample.stamp);
-        assert!((sample.gyro - biases.gyro).norm() < 1e-6 && biases.gyro.norm() > 1e-3);
-        let start = imu.biases(imu.stamp(0));
-        assert!((start.accel - biases.accel).norm() > 1e-6, "the bias walks");
-    }
-
-    #[test]
-    fn vibration_shakes_the_samples() {
-        let flight = fixture::standing(2.0);
-        let effects = ImuEffects { vibration_accel_m_s2: 3.0, ..ImuEffects::none() };
-        let imu = model(effects, &flight, 200.0);
-        let still = model(ImuEffects::none(), &flight, 200.0);
-        let most = (0..imu.len())
-            .map(|k| (imu.sample(k, &flight).accel - still.sample(k, &flight).accel).amax())
-            .fold(0.0, f64::max);
-        assert!((2.0..4.6).contains(&most));
-    }
-
-    #[test]
-    fn readings_stay_within_range() {
-        let flight = fixture::standing(1.0);
-        let config = ImuConfig { accel_range_m_s2: 5.0, ..fixture::config().imu };
-        let imu = ImuModel::new(&config, ImuEffects::none(), 1, flight.begin(), flight.end());
-        assert!(imu.sample(0, &flight).accel.amax() <= 5.0);
-    }
-}
+#[path = "imu_tests.rs"]
+mod tests;

@@ -10,12 +10,15 @@
 
 mod batch;
 mod builder;
+mod calibration;
 mod canvas;
+mod clipping;
 mod cover;
 mod effects;
 mod facet;
 mod hand;
 mod imu;
+mod imu_errors;
 mod laps;
 mod lens;
 mod light;
@@ -23,7 +26,9 @@ mod light_map;
 mod path;
 mod pattern;
 mod prefetch;
+mod reconcile;
 mod render;
+mod samples;
 mod scenario;
 mod scenes;
 mod select;
@@ -44,9 +49,12 @@ mod pictures;
 #[cfg(test)]
 mod tests;
 
+pub use calibration::draw_calibration;
 pub use effects::Effects;
-pub use imu::ImuEffects;
-pub use scenario::{FlightPath, Scenario, scaled_config};
+pub use imu::{CLIPPED_RANGE_M_S2, ImuEffects};
+pub use imu_errors::{Dose, ImuError, KINDS, Kind};
+pub use samples::{Inertial, recorded_along};
+pub use scenario::{FlightPath, Knock, Scenario, scaled_config};
 pub use scenes::{Scene, Twin};
 pub use stereo::SimulatedStereo;
 pub use trajectory::{Motion, Trajectory};
@@ -54,11 +62,11 @@ pub use world::Hit;
 
 use crate::{DriverError, Faults, FaultySource, ImuReading, ImuSource, StereoFrame, TruthState};
 use effects::Sensor;
-use imu::ImuModel;
 use lens::Lens;
 use nalgebra::{Isometry3, Vector2};
 use plumbline_config::{Config, GrayImage, Portable, Timestamp};
 use render::Renderer;
+use samples::{Recording, Samples};
 use std::sync::Arc;
 use world::World;
 
@@ -80,7 +88,7 @@ struct Inner {
     flight: Trajectory,
     world: World,
     cameras: Vec<(Lens, Sensor)>,
-    imu: ImuModel,
+    imu: Samples,
     first_frame: Timestamp,
     frames: u64,
 }
@@ -102,8 +110,17 @@ impl Simulator {
     /// When the trajectory cannot be read, or the scenario asks for what it does not hold.
     pub fn new(config: &Config, scenario: &Scenario) -> Result<Self, DriverError> {
         scenario.check(config)?;
-        let config = scaled_config(config, scenario.resolution_scale);
-        let (flight, twins) = scenario.flight(&config)?;
+        let config = scenario.rig(config);
+        let (mut flight, twins, recording) = match (&scenario.inertial, &scenario.path) {
+            (Inertial::Recorded(samples), FlightPath::Tum(poses)) => {
+                let (recording, flight) = Recording::read(samples, poses, &config.imu)?;
+                (flight, None, Some(recording))
+            }
+            _ => {
+                let (flight, twins) = scenario.flight(&config)?;
+                (flight, twins, None)
+            }
+        };
         let (first_frame, duration_s) = scenario.window(&flight)?;
         let path: Vec<_> = flight.positions(PATH_STEP_S).collect();
         let world = match &twins {
@@ -116,13 +133,14 @@ impl Simulator {
             (Lens::new(model, camera.pose_b_c()), sensor)
         });
         let cameras = cameras.collect();
-        let imu = ImuModel::new(
-            &config.imu,
-            scenario.imu,
-            scenario.seed,
-            first_frame.plus_seconds(-LEAD_S),
-            first_frame.plus_seconds(duration_s + LEAD_S),
-        );
+        let imu = match recording {
+            Some(recording) => Samples::Recorded(recording.around(first_frame, duration_s)),
+            None => Samples::Simulated(scenario.sensor(&config, &flight, first_frame, duration_s)?),
+        };
+        if let Some(knock) = &scenario.knock {
+            let at = first_frame.plus_seconds(knock.at_s);
+            flight.knock(at, knock.length_s, knock.distance_m, scenario.seed);
+        }
         let frames = (duration_s * config.camera[0].rate_hz - 1e-6).ceil().at_least(1.0) as u64;
         let scenario = scenario.clone();
         let inner = Inner { config, scenario, flight, world, cameras, imu, first_frame, frames };

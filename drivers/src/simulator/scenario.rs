@@ -1,8 +1,10 @@
 //! What is to be simulated.
 
+use super::imu::{CLIPPED_RANGE_M_S2, ImuModel};
+use super::samples::residual;
 use super::station::Station;
 use super::twin::{self, Twins};
-use super::{Effects, ImuEffects, LEAD_S, Scene, Trajectory, hand, laps, path};
+use super::{Effects, ImuEffects, Inertial, LEAD_S, Scene, Trajectory, hand, laps, path};
 use crate::DriverError;
 use crate::tum::read_tum;
 use nalgebra::Vector3;
@@ -51,6 +53,25 @@ pub struct Scenario {
     pub effects: Effects,
     /// What happens to the inertial samples.
     pub imu: ImuEffects,
+    /// Where the inertial samples come from.
+    pub inertial: Inertial,
+    /// A knock that moves the vehicle.
+    pub knock: Option<Knock>,
+    /// The rig that the estimator believes is drawn around the true one, with this multiple of the standard deviations that
+    /// `[rig]` states; 0 for the true one.
+    pub calibration_error: f64,
+}
+
+/// A knock: the vehicle is moved by a smooth and very short push, so that images, samples and truth agree, but for what the
+/// inertial sensor's samples miss of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Knock {
+    /// When, s after the first frame (and up to one sample later, by the seed).
+    pub at_s: f64,
+    /// How long the push lasts, s.
+    pub length_s: f64,
+    /// How far, m; the direction is drawn.
+    pub distance_m: f64,
 }
 
 impl Default for Scenario {
@@ -65,6 +86,9 @@ impl Default for Scenario {
             resolution_scale: 1.0,
             effects: Effects::default(),
             imu: ImuEffects::default(),
+            inertial: Inertial::default(),
+            knock: None,
+            calibration_error: 0.0,
         }
     }
 }
@@ -90,6 +114,27 @@ impl Scenario {
                 matches!(self.path, FlightPath::Tum(_)) || self.start_s + self.duration_s <= MAX_DEMO_S,
                 "the built-in flight lasts two hours at most; choose a shorter duration",
             ),
+            (
+                self.inertial == Inertial::Simulated
+                    || self.laps == 1 && matches!(self.path, FlightPath::Tum(_)),
+                "recorded inertial samples need the recorded path they belong to, flown once",
+            ),
+            (
+                !self.has_recorded_samples() || self.imu == ImuEffects::default() && self.knock.is_none(),
+                "recorded inertial samples have the errors of their sensor; leave simulated ones out",
+            ),
+            (
+                self.imu.residual_scale == 0.0 || self.inertial != Inertial::Simulated,
+                "the residual of recorded inertial samples needs the recorded path they belong to",
+            ),
+            (
+                self.knock.is_none_or(|k| k.at_s >= 0.0 && k.length_s >= 1e-3 && k.distance_m.is_finite()),
+                "the knock must come after the first frame and last for a millisecond or more",
+            ),
+            (
+                (0.0..=10.0).contains(&self.calibration_error),
+                "the calibration error must be within 0 to 10 standard deviations",
+            ),
             ((0.1..=4.0).contains(&self.resolution_scale), "the resolution scale must be within 0.1 to 4"),
             (e.time_offset_s.abs() <= 0.9 * LEAD_S, "the time offset must be below 0.09 s"),
             ((0.0..=LEAD_S).contains(&e.exposure_s), "the exposure must be within 0 to 0.1 s"),
@@ -111,6 +156,22 @@ impl Scenario {
     #[must_use]
     pub fn frames_depend_on_duration(&self) -> bool {
         !matches!(self.path, FlightPath::Tum(_)) || self.laps > 1
+    }
+
+    /// Whether the inertial samples are recorded ones, with which the path is made to agree.
+    #[must_use]
+    pub fn has_recorded_samples(&self) -> bool {
+        matches!(self.inertial, Inertial::Recorded(_))
+    }
+
+    /// The rig that is simulated: `config` at the scenario's resolution, with the range of its accelerometer.
+    #[must_use]
+    pub fn rig(&self, config: &Config) -> Config {
+        let mut rig = scaled_config(config, self.resolution_scale);
+        if self.imu.clipped_share > 0.0 {
+            rig.imu.accel_range_m_s2 = CLIPPED_RANGE_M_S2;
+        }
+        rig
     }
 
     /// The whole path, and the rooms that it leads through where there are two.
@@ -146,6 +207,23 @@ impl Scenario {
                 DriverError::malformed(file, "needs at least eight poses in order of time to fly along")
             }),
         }
+    }
+
+    /// The sensor along `flight`, around frames of `duration_s` from `first_frame` on.
+    pub(super) fn sensor(
+        &self,
+        config: &Config,
+        flight: &Trajectory,
+        first_frame: Timestamp,
+        duration_s: f64,
+    ) -> Result<ImuModel, DriverError> {
+        let begin = first_frame.plus_seconds(-LEAD_S);
+        let end = first_frame.plus_seconds(duration_s + LEAD_S);
+        let sensor = ImuModel::new(&config.imu, self.imu, self.seed, begin, end).clipping(flight);
+        Ok(match &self.inertial {
+            Inertial::Residual(file) => sensor.with_residual(residual(file, flight, &config.imu, begin)?),
+            _ => sensor,
+        })
     }
 
     /// First image and duration (s).

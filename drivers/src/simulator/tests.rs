@@ -1,7 +1,7 @@
 //! Tests of the whole simulator.
 
 use super::*;
-use crate::FrameFaults;
+use crate::{FrameFaults, ImuReading};
 
 /// `PLUMBLINE_GALLERY=DIR cargo test --release -- --ignored gallery` writes pictures to look at.
 #[test]
@@ -439,4 +439,76 @@ fn corner_cells(image: &GrayImage) -> usize {
             inner(y).any(|v| inner(x).any(|u| score(u, v) > 12.0))
         })
         .count()
+}
+
+/// All inertial samples of a flight of three seconds along V1_02, with the samples recorded along it as `inertial` says.
+fn recorded_flight(inertial: impl Fn(std::path::PathBuf) -> Inertial) -> Option<Vec<ImuReading>> {
+    let path = plumbline_test_support::shared("euroc/trajectories/V1_02_medium.tum.gz")?;
+    let inertial = inertial(recorded_along(&path));
+    let residual_scale = if matches!(inertial, Inertial::Residual(_)) { 1.0 } else { 0.0 };
+    let scenario = Scenario {
+        path: FlightPath::Tum(path),
+        start_s: 15.0,
+        duration_s: 3.0,
+        inertial,
+        imu: ImuEffects { residual_scale, ..ImuEffects::default() },
+        ..Scenario::default()
+    };
+    let simulator = Simulator::new(&fixture::config(), &scenario).unwrap();
+    let mut imu = simulator.imu();
+    Some(std::iter::from_fn(|| imu.next_reading().unwrap()).collect())
+}
+
+#[test]
+fn recorded_samples_are_handed_out_as_they_are() {
+    let Some(flown) = recorded_flight(Inertial::Recorded) else { return };
+    let file = plumbline_test_support::shared("euroc/imu/V1_02_medium.csv.gz").unwrap();
+    let table = crate::euroc::table::read_table(&file, "", crate::euroc::imu::parse_imu_row).unwrap();
+    let from = table.rows.iter().position(|row| *row == flown[0].sample).unwrap();
+    assert!((638..=642).contains(&flown.len()), "{}", flown.len());
+    assert!(flown.iter().zip(&table.rows[from..]).all(|(reading, row)| reading.sample == *row));
+}
+
+#[test]
+fn residual_of_recorded_samples_is_fast_and_as_strong_as_recorded() {
+    let Some(shaken) = recorded_flight(Inertial::Residual) else { return };
+    let plain = recorded_flight(|_| Inertial::Simulated).unwrap();
+    let rms = |values: &[f64]| (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt();
+    for (of, expected) in [(0, 0.02..0.06), (1, 0.5..1.5)] {
+        let value = |reading: &ImuReading| [reading.sample.gyro, reading.sample.accel][of].x;
+        let added: Vec<f64> = shaken.iter().zip(&plain).map(|(a, b)| value(a) - value(b)).collect();
+        let slow: Vec<f64> = added.chunks_exact(40).map(|c| c.iter().sum::<f64>() / 40.0).collect();
+        assert!(expected.contains(&rms(&added)), "{}", rms(&added));
+        assert!(rms(&slow) < 0.05 * rms(&added), "{} {}", rms(&slow), rms(&added));
+    }
+}
+
+#[test]
+fn recorded_samples_take_no_simulated_errors() {
+    let scenario = Scenario {
+        path: FlightPath::Tum("path.tum".into()),
+        inertial: Inertial::Recorded("imu.csv".into()),
+        imu: ImuEffects { scale_error: 0.01, ..ImuEffects::default() },
+        ..Scenario::default()
+    };
+    let error = Simulator::new(&fixture::config(), &scenario).unwrap_err();
+    assert!(error.to_string().contains("errors of their sensor"), "{error}");
+}
+
+#[test]
+fn knock_moves_images_but_not_the_world() {
+    let base = Scenario { duration_s: 2.0, resolution_scale: 0.2, ..Scenario::default() };
+    let knocked =
+        Scenario { knock: Some(Knock { at_s: 1.0, length_s: 0.015, distance_m: 0.02 }), ..base.clone() };
+    let [plain, knocked] = [base, knocked].map(|s| Simulator::new(&fixture::config(), &s).unwrap());
+    let image = |simulator: &Simulator, index: u64| {
+        let (mut image, mut scratch) = (GrayImage::new(1, 1), simulator.scratch());
+        simulator.render_camera(index, 0, &mut scratch, &mut image);
+        image
+    };
+    assert!(image(&plain, 19) == image(&knocked, 19));
+    assert!(image(&plain, 21) != image(&knocked, 21));
+    let p =
+        |simulator: &Simulator| simulator.ground_truth(simulator.frame_time(21)).pose_w_b.translation.vector;
+    assert!(((p(&plain) - p(&knocked)).norm() - 0.02).abs() < 1e-9);
 }

@@ -4,7 +4,7 @@ use super::Entry;
 use crate::flight::{Flight, FlightError};
 use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::{Config, ValidConfig};
-use plumbline_drivers::simulator::{FlightPath, Scene};
+use plumbline_drivers::simulator::{FlightPath, ImuError, Scene};
 use plumbline_drivers::{ClockFault, FaultyImages, FaultyImu, ImageFaults, ImuFaults, LostCamera};
 use std::ops::Range;
 
@@ -70,10 +70,26 @@ pub enum Fault {
     Covered,
     /// Both lenses covered while the vehicle is carried from one place of rest to another.
     Kidnapped,
+    /// An error of the inertial sensor.
+    Inertial(ImuError),
 }
 
 impl Fault {
-    /// All that can go wrong.
+    /// The errors of inertial sensors, in their usual doses.
+    pub fn inertial() -> impl Iterator<Item = Self> {
+        ImuError::cases().map(Self::Inertial)
+    }
+
+    /// What it is called.
+    #[must_use]
+    pub fn name(self) -> String {
+        match self {
+            Self::Inertial(error) => error.to_string(),
+            other => format!("{other:?}"),
+        }
+    }
+
+    /// All that can go wrong, but for errors of inertial sensors.
     pub const ALL: [Self; 21] = [
         Self::Blackout,
         Self::Drops,
@@ -118,6 +134,7 @@ impl Fault {
             Self::HourAhead | Self::Garbage => lasting(FRAME_S),
             Self::SetBack => lasting(0.5),
             Self::Kidnapped => Some(5.5..10.0),
+            Self::Inertial(_) => lasting(4.0),
             Self::Hover => lasting(HOVER_S),
             Self::FarDrift => lasting(DRIFT_S),
             Self::LeftLost | Self::RightLost | Self::Blind | Self::TenPoints | Self::Covered => lasting(5.0),
@@ -142,6 +159,7 @@ impl Fault {
             Self::RightLost => effects.frames.lost_camera = self.lost(1),
             Self::Flicker => effects.flicker = 0.15,
             Self::Offset => effects.time_offset_s = 0.008,
+            Self::Inertial(error) => error.apply(scenario),
             _ => {}
         }
         let elsewhere = match self {
@@ -166,8 +184,11 @@ impl Fault {
 
     /// Whether the flight is as long as it is asked for, and may end soon after the fault.
     fn is_of_any_length(self) -> bool {
-        use Fault::{Blackout, Drops, Extrinsics, Flicker, LeftLost, None, Offset, RightLost};
-        matches!(self, None | Blackout | Drops | LeftLost | RightLost | Flicker | Offset | Extrinsics)
+        use Fault::{Blackout, Drops, Extrinsics, Flicker, Inertial, LeftLost, None, Offset, RightLost};
+        matches!(
+            self,
+            None | Blackout | Drops | LeftLost | RightLost | Flicker | Offset | Extrinsics | Inertial(_)
+        )
     }
 
     fn lost(self, camera: usize) -> Option<LostCamera> {

@@ -14,12 +14,22 @@ use crate::pipeline::{Control, RunOptions};
 use crate::report::Report;
 use crate::report::trust::Trust;
 use plumbline_config::ValidConfig;
-use plumbline_drivers::simulator::{FlightPath, Scenario, Scene};
+use plumbline_drivers::simulator::{FlightPath, Inertial, Scenario, Scene};
 use std::path::{Path, PathBuf};
 
 /// Trajectories and where in them the vehicle is in full flight, s.
 pub const PATHS: [(&str, f64); 4] =
     [("V1_02_medium", 15.0), ("V2_02_medium", 15.0), ("MH_04_difficult", 20.0), ("V1_03_difficult", 15.0)];
+/// Trajectories with the samples of their inertial sensor, and where in them the vehicle is in flight, s.
+pub const RECORDED_PATHS: [(&str, f64); 7] = [
+    ("V1_01_easy", 15.0),
+    ("V1_02_medium", 15.0),
+    ("V2_01_easy", 15.0),
+    ("V2_02_medium", 15.0),
+    ("MH_01_easy", 50.0),
+    ("MH_03_medium", 25.0),
+    ("MH_04_difficult", 20.0),
+];
 /// Scenes by name.
 pub const SCENES: [(&str, Scene); 3] =
     [("room", Scene::Room), ("hall", Scene::Hall), ("low-texture", Scene::LowTexture)];
@@ -67,6 +77,20 @@ impl Entry {
         let scenario =
             Scenario { scene, path: FlightPath::Tum(file), start_s, duration_s, seed, ..Scenario::default() };
         Self { path: path.to_owned(), scene: scene_name, fault: Fault::None, scenario }.with_fault(fault)
+    }
+
+    /// The same flight with the inertial samples of `folder` that were recorded along its path.
+    #[must_use]
+    pub fn with_recorded_imu(mut self, folder: &Path) -> Self {
+        self.scenario.inertial = Inertial::Recorded(folder.join(format!("{}.csv.gz", self.path)));
+        self
+    }
+
+    /// The same flight with a calibration drawn around the true one, with `multiple` of the stated standard deviations.
+    #[must_use]
+    pub fn with_calibration_error(mut self, multiple: f64) -> Self {
+        self.scenario.calibration_error = multiple;
+        self
     }
 
     /// The same flight with something going wrong.

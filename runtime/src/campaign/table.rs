@@ -18,7 +18,7 @@ pub fn row(entry: &Entry, report: &Report) -> String {
     let cells = [
         entry.path.clone(),
         entry.scene.to_owned(),
-        format!("{:?}", entry.fault),
+        entry.fault.name(),
         entry.scenario.seed.to_string(),
         report.frames.to_string(),
         format!("{:.1}", 100.0 * report.completion),
@@ -56,7 +56,7 @@ pub fn trust_row(entry: &Entry, report: &Report) -> Option<String> {
     let trust = report.trust.as_ref();
     let deserved = trust.is_some_and(Trust::is_deserved);
     let cells = [
-        format!("{:?}", entry.fault),
+        entry.fault.name(),
         entry.path.clone(),
         entry.scene.to_owned(),
         entry.scenario.seed.to_string(),
@@ -71,6 +71,51 @@ pub fn trust_row(entry: &Entry, report: &Report) -> Option<String> {
         number(trust.map(|t| t.worst_error_deg), 2),
         report.resets.to_string(),
         if deserved { "deserved" } else { "FALSE" }.to_owned(),
+    ];
+    Some(format!("| {} |", cells.join(" | ")))
+}
+
+/// The head of the table of errors of inertial sensors.
+pub const RATIO_HEAD: &str = "\
+| error of the inertial sensor | flights | mean ATE % | mean ATE % without | ratio of the means | ratio, median / worst | worst flight |
+|---|---|---|---|---|---|---|";
+
+/// A row for each error of an inertial sensor: errors of its flights beside those of the same flights without it.
+#[must_use]
+pub fn ratio_rows<'a>(flights: impl IntoIterator<Item = (&'a Entry, &'a Report)>) -> Vec<String> {
+    let flights: Vec<_> = flights.into_iter().collect();
+    let mut errors: Vec<Fault> = Vec::new();
+    for (entry, _) in &flights {
+        if matches!(entry.fault, Fault::Inertial(_)) && !errors.contains(&entry.fault) {
+            errors.push(entry.fault);
+        }
+    }
+    errors.into_iter().filter_map(|error| ratio_row(error, &flights)).collect()
+}
+
+fn ratio_row(error: Fault, flights: &[(&Entry, &Report)]) -> Option<String> {
+    let ate = |report: &Report| report.accuracy.as_ref().map(|a| a.ate_percent);
+    let sound = |entry: &Entry| {
+        let is_same = |other: &Entry| {
+            let of = |e: &Entry| (e.path.clone(), e.scene, e.scenario.seed);
+            other.fault == Fault::None && of(other) == of(entry)
+        };
+        flights.iter().find(|(other, _)| is_same(other)).and_then(|(_, report)| ate(report))
+    };
+    let with_error = flights.iter().filter(|(entry, _)| entry.fault == error);
+    let mut pairs: Vec<(f64, f64, &Entry)> =
+        with_error.filter_map(|(entry, report)| Some((ate(report)?, sound(entry)?, *entry))).collect();
+    pairs.sort_by(|a, b| (a.0 / a.1).total_cmp(&(b.0 / b.1)));
+    let (worst, median) = (pairs.last()?, &pairs[pairs.len() / 2]);
+    let [with, without] = [mean(pairs.iter().map(|p| p.0)), mean(pairs.iter().map(|p| p.1))];
+    let cells = [
+        error.name(),
+        pairs.len().to_string(),
+        number(with, 4),
+        number(without, 4),
+        number(with.zip(without).map(|(with, without)| with / without), 2),
+        format!("{:.2} / {:.2}", median.0 / median.1, worst.0 / worst.1),
+        format!("{} {} {}", worst.2.path, worst.2.scene, worst.2.scenario.seed),
     ];
     Some(format!("| {} |", cells.join(" | ")))
 }

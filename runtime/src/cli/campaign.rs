@@ -2,15 +2,17 @@
 
 use super::choice::FlightChoice;
 use super::paired::{self, Against};
+use super::scenario::imu_error_help;
 use super::{Usage, check_outputs, load_config, one_line, say};
-use crate::campaign::table::{TABLE_HEAD, TRUST_HEAD, consistency, means, trust_row};
+use crate::campaign::table::{RATIO_HEAD, TABLE_HEAD, TRUST_HEAD, consistency, means, ratio_rows, trust_row};
 use crate::campaign::{Entry, Fault, Setup};
 use crate::flight::with_overrides;
 use crate::report::Report;
 use crate::report::paired::{Comparison, Variant};
 use anyhow::{Context, Result, ensure};
-use clap::Args;
+use clap::{Args, ValueEnum};
 use plumbline_config::Config;
+use plumbline_drivers::simulator::ImuError;
 use serde::Serialize;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -24,13 +26,27 @@ pub struct CampaignArgs {
     /// Starts, seconds into the trajectory; every flight is flown from each. Default: where the vehicle is in full flight.
     #[arg(long, value_delimiter = ',', value_name = "S,S")]
     pub start: Vec<f64>,
+    /// Inertial samples: simulated, or recorded along the paths, as they are: V1_01, V1_02, V2_01, V2_02, MH_01, MH_03 and
+    /// MH_04 then, with the preset euroc.
+    #[arg(long, value_enum, default_value_t = ImuChoice::Simulated)]
+    pub imu: ImuChoice,
     /// Fly each fault once on top, along the first trajectory in the first scene of the choice, and tell whether the
     /// covariance could be trusted while it lasted and after it.
     #[arg(long)]
     pub faults: bool,
-    /// Of the faults only those whose names begin so, and no sound flight, such as blind,imugap.
+    /// Of the faults only those whose names begin so, and no sound flight, such as blind,imugap; errors of inertial sensors with
+    /// doses too, such as force:0.05:1 (see --imu-error), beside the sound flights.
     #[arg(long, value_delimiter = ',', requires = "faults", value_name = "NAME")]
     pub fault: Vec<String>,
+    /// Fly every flight of the choice with this error of the inertial sensor too, such as force:0.07:2, and compare; `all` for
+    /// every one in its usual doses. May be repeated.
+    #[arg(long, value_name = "NAME[:DOSE...]", value_delimiter = ',', long_help = imu_error_help())]
+    pub imu_error: Vec<String>,
+    /// Believe calibrations that are drawn around the true one, by the seed, with K times the standard deviations that the
+    /// configuration states under [rig] (before --set).
+    #[allow(rustdoc::broken_intra_doc_links)]
+    #[arg(long, value_name = "K", default_value_t = 0.0)]
+    pub calibration_error: f64,
     /// The left camera alone.
     #[arg(long)]
     pub mono: bool,
@@ -63,6 +79,15 @@ pub struct CampaignArgs {
     pub paired_json: Option<PathBuf>,
 }
 
+/// Where inertial samples come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ImuChoice {
+    /// Made of the path.
+    Simulated,
+    /// Recorded along the path.
+    Recorded,
+}
+
 #[derive(Serialize)]
 struct Row<'a> {
     path: &'a str,
@@ -80,7 +105,8 @@ struct Row<'a> {
 /// When a flight cannot be simulated.
 pub fn run(args: &CampaignArgs) -> Result<()> {
     check_outputs(args.json.iter().chain(&args.paired_json))?;
-    let config = load_config(args.config.as_deref())?.map_or_else(|| Config::preset("sim"), Ok)?;
+    let preset = if args.imu == ImuChoice::Recorded { "euroc" } else { "sim" };
+    let config = load_config(args.config.as_deref())?.map_or_else(|| Config::preset(preset), Ok)?;
     with_overrides(&config, &args.overrides)?;
     let against = args.against.iter().map(|text| Against::parse(text, &config, &args.overrides));
     let against = against.collect::<Result<Vec<_>>>()?;
@@ -101,6 +127,10 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
     if !faulty.is_empty() {
         say(format_args!("\n{TRUST_HEAD}\n{}", faulty.join("\n")));
     }
+    let ratios = ratio_rows(reports());
+    if !ratios.is_empty() {
+        say(format_args!("\n{RATIO_HEAD}\n{}", ratios.join("\n")));
+    }
     if let Some(file) = &args.json {
         let rows: Vec<Row<'_>> = reports().map(json_row).collect();
         std::fs::write(file, serde_json::to_string_pretty(&rows)?).context(file.display().to_string())?;
@@ -114,7 +144,7 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
 }
 
 fn json_row<'a>((entry, report): (&'a Entry, &'a Report)) -> Row<'a> {
-    let fault = format!("{:?}", entry.fault);
+    let fault = entry.fault.name();
     let scenario = &entry.scenario;
     let (start_s, duration_s) = (scenario.start_s, scenario.duration_s);
     Row { path: &entry.path, scene: entry.scene, fault, seed: scenario.seed, start_s, duration_s, report }
@@ -188,25 +218,92 @@ fn fly_all(entries: &[Entry], setup: &Setup, jobs: usize) -> Vec<Option<Report>>
 }
 
 fn entries(args: &CampaignArgs) -> Result<Vec<Entry>, Usage> {
-    let mut entries = args.choice.entries(&args.start)?;
+    let mut entries = match args.imu {
+        ImuChoice::Simulated => args.choice.entries(&args.start)?,
+        ImuChoice::Recorded => args.choice.recorded_entries(&args.start)?,
+    };
+    if args.calibration_error > 0.0 {
+        entries =
+            entries.into_iter().map(|entry| entry.with_calibration_error(args.calibration_error)).collect();
+    }
+    let sound = entries.clone();
     if args.faults {
-        // With one camera there is no right one to lose, and without the left there is none.
-        let possible = |fault: &Fault| !(args.mono && fault.needs_two_cameras());
-        let chosen = |fault: &Fault| {
-            let name = format!("{fault:?}").to_lowercase();
-            args.fault.is_empty() || args.fault.iter().any(|wanted| name.starts_with(&wanted.to_lowercase()))
-        };
-        let faults = Fault::ALL.into_iter().filter(possible).filter(chosen);
-        let sound = entries[0].clone();
-        if !args.fault.is_empty() {
+        let faults = faults(args)?;
+        if !args.fault.is_empty() && !faults.iter().any(|fault| matches!(fault, Fault::Inertial(_))) {
             entries.clear();
         }
-        entries.extend(faults.map(|fault| sound.with_fault(fault)));
+        entries.extend(faults.into_iter().map(|fault| sound[0].with_fault(fault)));
+    }
+    for error in imu_errors(&args.imu_error)? {
+        entries.extend(sound.iter().map(|entry| entry.with_fault(Fault::Inertial(error))));
     }
     match entries.is_empty() {
         true => {
             Err(Usage(format!("--fault: none is called {}; leave it out to see all", args.fault.join(", "))))
         }
         false => Ok(entries),
+    }
+}
+
+/// The faults that are asked for.
+fn faults(args: &CampaignArgs) -> Result<Vec<Fault>, Usage> {
+    // With one camera there is no right one to lose, and without the left there is none.
+    let possible = |fault: &Fault| !(args.mono && fault.needs_two_cameras());
+    // Recorded samples have the errors of their sensor.
+    let errors = Fault::inertial().filter(|_| args.imu == ImuChoice::Simulated);
+    let usual: Vec<Fault> = Fault::ALL.into_iter().chain(errors).filter(possible).collect();
+    if args.fault.is_empty() {
+        return Ok(usual);
+    }
+    let mut chosen = Vec::new();
+    for wanted in &args.fault {
+        if wanted.contains(':') {
+            chosen.push(Fault::Inertial(imu_error(wanted)?));
+            continue;
+        }
+        let begins = |fault: &&Fault| fault.name().to_lowercase().starts_with(&wanted.to_lowercase());
+        chosen.extend(usual.iter().filter(begins));
+    }
+    Ok(chosen)
+}
+
+/// The errors of the inertial sensor that every flight is flown with.
+fn imu_errors(wanted: &[String]) -> Result<Vec<ImuError>, Usage> {
+    let errors = wanted.iter().map(|text| match text.as_str() {
+        "all" => Ok(ImuError::cases().collect()),
+        one => imu_error(one).map(|error| vec![error]),
+    });
+    Ok(errors.collect::<Result<Vec<_>, Usage>>()?.into_iter().flatten().collect())
+}
+
+fn imu_error(text: &str) -> Result<ImuError, Usage> {
+    text.parse().map_err(Usage)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Command {
+        #[command(flatten)]
+        args: CampaignArgs,
+    }
+
+    /// Names of the faults that a command line asks for.
+    fn chosen(line: &str) -> Vec<String> {
+        let args = Command::parse_from(["campaign"].into_iter().chain(line.split_whitespace())).args;
+        faults(&args).unwrap().into_iter().map(Fault::name).collect()
+    }
+
+    #[test]
+    fn errors_of_the_sensor_are_chosen_by_name_and_dose() {
+        assert_eq!(chosen("--faults --fault force"), ["force:0.03:2", "force:0.07:2"]);
+        assert_eq!(chosen("--faults --fault force:0.05:1,blackout"), ["force:0.05:1", "Blackout"]);
+        assert!(chosen("--faults").contains(&"clipping:5".to_owned()));
+        assert!(!chosen("--faults --imu recorded").iter().any(|name| name.contains(':')));
+        assert!(imu_errors(&["force:x".to_owned()]).is_err());
+        assert_eq!(imu_errors(&["all".to_owned()]).unwrap().len(), Fault::inertial().count());
     }
 }

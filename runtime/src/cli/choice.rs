@@ -1,7 +1,7 @@
 //! Which of the built-in simulated flights a command flies.
 
 use super::Usage;
-use crate::campaign::{Entry, Fault, PATHS, SCENES};
+use crate::campaign::{Entry, Fault, PATHS, RECORDED_PATHS, SCENES};
 use clap::Args;
 use plumbline_drivers::simulator::Scene;
 use std::path::{Path, PathBuf};
@@ -36,8 +36,22 @@ impl FlightChoice {
     /// # Errors
     /// When a name is unknown, or the trajectories are not there.
     pub fn entries(&self, starts_s: &[f64]) -> Result<Vec<Entry>, Usage> {
+        self.entries_along(&PATHS, starts_s)
+    }
+
+    /// The flights with the inertial samples that were recorded along their paths; else as [`Self::entries`].
+    ///
+    /// # Errors
+    /// As [`Self::entries`].
+    pub fn recorded_entries(&self, starts_s: &[f64]) -> Result<Vec<Entry>, Usage> {
+        let imu = trajectories(self.shared.as_deref())?.with_file_name("imu");
+        let entries = self.entries_along(&RECORDED_PATHS, starts_s)?;
+        Ok(entries.into_iter().map(|entry| entry.with_recorded_imu(&imu)).collect())
+    }
+
+    fn entries_along(&self, built_in: &[(&str, f64)], starts_s: &[f64]) -> Result<Vec<Entry>, Usage> {
         let folder = trajectories(self.shared.as_deref())?;
-        let (paths, scenes) = (paths(&self.path, &folder)?, scenes(&self.scene)?);
+        let (paths, scenes) = (paths(&self.path, built_in, &folder)?, scenes(&self.scene)?);
         let mut entries = Vec::new();
         for scene in scenes {
             for (path, full_flight_s) in &paths {
@@ -66,10 +80,14 @@ pub(super) fn trajectories(shared: Option<&Path>) -> Result<PathBuf, Usage> {
 }
 
 /// The trajectories of the choice with their starts, s; never empty.
-fn paths(wanted: &[String], trajectories: &Path) -> Result<Vec<(String, f64)>, Usage> {
+fn paths(
+    wanted: &[String],
+    built_in: &[(&str, f64)],
+    trajectories: &Path,
+) -> Result<Vec<(String, f64)>, Usage> {
     let built_in = |prefix: &str| {
-        let paths = PATHS.into_iter().filter(|(name, _)| name.starts_with(prefix));
-        paths.map(|(name, start_s)| (name.to_owned(), start_s)).collect::<Vec<_>>()
+        let paths = built_in.iter().filter(|(name, _)| name.starts_with(prefix));
+        paths.map(|(name, start_s)| ((*name).to_owned(), *start_s)).collect::<Vec<_>>()
     };
     if wanted.is_empty() {
         return Ok(built_in(""));
@@ -105,13 +123,13 @@ mod tests {
     #[test]
     fn names_choose_and_unknown_names_are_refused() {
         let none = Path::new("/nowhere");
-        assert_eq!(paths(&[], none).unwrap().len(), PATHS.len());
-        let chosen = paths(&["V1".into()], none).unwrap();
+        assert_eq!(paths(&[], &PATHS, none).unwrap().len(), PATHS.len());
+        let chosen = paths(&["V1".into()], &PATHS, none).unwrap();
         assert_eq!(
             chosen.iter().map(|p| p.0.as_str()).collect::<Vec<_>>(),
             ["V1_02_medium", "V1_03_difficult"]
         );
-        assert!(paths(&["V9".into()], none).unwrap_err().0.contains("'V9'"));
+        assert!(paths(&["V9".into()], &PATHS, none).unwrap_err().0.contains("'V9'"));
         assert_eq!(scenes(&["low".into(), "hall".into()]).unwrap().len(), 2);
         assert!(scenes(&["moon".into()]).unwrap_err().0.contains("moon"));
     }

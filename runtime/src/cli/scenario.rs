@@ -2,7 +2,9 @@
 
 use super::{Usage, parse_range};
 use clap::Args;
-use plumbline_drivers::simulator::{Effects, FlightPath, Scenario, Scene};
+use plumbline_drivers::simulator::{
+    Effects, FlightPath, ImuError, Inertial, Scenario, Scene, recorded_along,
+};
 use plumbline_drivers::{FrameFaults, LostCamera};
 use std::ops::Range;
 use std::path::Path;
@@ -14,6 +16,15 @@ const DEFAULT_DURATION_S: f64 = 20.0;
 /// Relative standard deviation of the gain with `--flicker`.
 const FLICKER: f64 = 0.15;
 
+/// The help text of an option that takes errors of inertial sensors.
+#[must_use]
+pub fn imu_error_help() -> String {
+    let kinds = ImuError::help().replace('\n', "\n  ");
+    format!(
+        "Error of the simulated inertial sensor, such as force:0.07:2. A dose left out is the one in brackets. May be repeated.\n\n  {kinds}"
+    )
+}
+
 /// A simulated flight.
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Simulated flight")]
@@ -22,6 +33,19 @@ pub struct ScenarioArgs {
     /// `calibrate rig`), `hover`, `drift` (slowly to the left), `carried` (from rest to rest), or a TUM file (plain or .gz).
     #[arg(long, default_value = "demo")]
     pub path: String,
+    /// Inertial samples: `simulated`, or `recorded`: those that were recorded along the path, as they are (--path
+    /// .../trajectories/NAME.tum.gz takes them from .../imu/NAME.csv.gz; or give the file). The path is made to agree with
+    /// them.
+    #[arg(long, value_name = "simulated|recorded|FILE", default_value = "simulated")]
+    pub imu: String,
+    /// Error of the simulated inertial sensor, such as force:0.07:2; a dose left out is the one in brackets. May be repeated.
+    #[arg(long, value_name = "NAME[:DOSE...]", value_delimiter = ',', long_help = imu_error_help())]
+    pub imu_error: Vec<ImuError>,
+    /// The estimator believes a calibration that is drawn around the true one, by the seed, with K times the standard
+    /// deviations that the configuration states under [rig] (before --set).
+    #[allow(rustdoc::broken_intra_doc_links)]
+    #[arg(long, value_name = "K", default_value_t = 0.0)]
+    pub calibration_error: f64,
     /// Start, seconds into the path, data set or log.
     #[arg(long, value_name = "S", default_value_t = 0.0)]
     pub start: f64,
@@ -144,6 +168,9 @@ impl ScenarioArgs {
     pub fn check_recorded(&self) -> Result<(), Usage> {
         let given = [
             ("--path", self.path != "demo"),
+            ("--imu", self.imu != "simulated"),
+            ("--imu-error", !self.imu_error.is_empty()),
+            ("--calibration-error", self.calibration_error != 0.0),
             ("--laps", self.laps != 1),
             ("--seed", self.seed != 1 && self.faults.are_none()),
             ("--scale", self.scale != 1.0),
@@ -195,7 +222,7 @@ impl ScenarioArgs {
         }
         let duration_s = self.duration.unwrap_or(DEFAULT_DURATION_S);
         self.faults.check_begin_before(duration_s)?;
-        Ok(Scenario {
+        let mut scenario = Scenario {
             scene,
             path,
             start_s: self.start,
@@ -204,8 +231,20 @@ impl ScenarioArgs {
             seed: self.seed,
             resolution_scale: self.scale,
             effects,
+            inertial: self.inertial(),
+            calibration_error: self.calibration_error,
             ..Scenario::default()
-        })
+        };
+        self.imu_error.iter().for_each(|error| error.apply(&mut scenario));
+        Ok(scenario)
+    }
+
+    fn inertial(&self) -> Inertial {
+        match self.imu.as_str() {
+            "simulated" => Inertial::Simulated,
+            "recorded" => Inertial::Recorded(recorded_along(Path::new(&self.path))),
+            file => Inertial::Recorded(file.into()),
+        }
     }
 }
 

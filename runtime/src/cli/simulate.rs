@@ -2,7 +2,7 @@
 
 use super::scenario::{ScenarioArgs, parse_scene};
 use super::{load_config, say};
-use crate::flight::scenario_config;
+use crate::flight::{preset_for, scenario_config};
 use anyhow::{Context, Result};
 use clap::Args;
 use indicatif::ProgressBar;
@@ -37,8 +37,9 @@ pub struct SimulateArgs {
 /// # Errors
 /// When the scenario is impossible or the data set cannot be written.
 pub fn run(args: &SimulateArgs) -> Result<()> {
-    let config = scenario_config(load_config(args.config.as_deref())?, args.mono)?;
     let scenario = args.scenario.scenario(parse_scene(&args.scene)?)?;
+    let config = load_config(args.config.as_deref())?.map_or_else(|| preset_for(&scenario), Ok)?;
+    let config = scenario_config(Some(config), args.mono)?;
     let simulator = Simulator::new(&config, &scenario).context("the flight cannot be simulated")?;
     let bar = ProgressBar::new(simulator.frame_count());
     let (mut stereo, mut imu) = (simulator.stereo(), simulator.imu());

@@ -7,7 +7,7 @@
 use super::FlightError;
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline_config::GrayImage;
-use plumbline_drivers::simulator::{FlightPath, Scenario, Simulator};
+use plumbline_drivers::simulator::{FlightPath, ImuEffects, Inertial, Scenario, Simulator};
 use plumbline_drivers::{DriverError, Faults, FaultySource, FrameFaults, StereoFrame, StereoSource};
 use sha2::{Digest as _, Sha256};
 use std::fs::{File, OpenOptions};
@@ -59,12 +59,28 @@ fn key(simulator: &Simulator, scenario: &Scenario) -> Result<String, FlightError
         sound.duration_s = 0.0;
     }
     let mut hash = Sha256::new();
+    // What files hold counts, and not their names.
+    let mut add = |file: &Path| {
+        let bytes = std::fs::read(file);
+        bytes
+            .map(|bytes| hash.update(bytes))
+            .map_err(|source| FlightError::Cache { path: file.into(), source })
+    };
     if let FlightPath::Tum(file) = &scenario.path {
-        // What the file holds counts, and not its name.
         sound.path = FlightPath::Demo;
-        let poses = std::fs::read(file);
-        hash.update(poses.map_err(|source| FlightError::Cache { path: file.clone(), source })?);
+        add(file)?;
     }
+    // The path is made to agree with samples that were recorded along it; otherwise images know nothing of samples, nor of what
+    // is believed of the rig.
+    sound.inertial = match &scenario.inertial {
+        Inertial::Recorded(file) => {
+            add(file)?;
+            Inertial::Recorded("".into())
+        }
+        Inertial::Simulated | Inertial::Residual(_) => Inertial::Simulated,
+    };
+    sound.imu = ImuEffects::default();
+    sound.calibration_error = 0.0;
     hash.update(format!("{RENDERER_VERSION} {sound:?} {cameras:?}"));
     Ok(hash.finalize().iter().take(12).map(|b| format!("{b:02x}")).collect())
 }

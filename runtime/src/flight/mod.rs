@@ -24,7 +24,7 @@ pub mod truth;
 pub use error::FlightError;
 pub use open::{
     Cut, RecordingKind, inertial_samples, is_log, open_bag, open_dataset, open_log, open_recording,
-    open_simulation, recording_kind, scenario_config,
+    open_simulation, preset_for, recording_kind, scenario_config,
 };
 pub use outputs::Outputs;
 pub use overrides::with_overrides;

@@ -10,8 +10,8 @@ use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::{Config, ConfigError, ImuSample, ValidConfig, import};
 use plumbline_drivers::bag::{is_bag, read_bag_imu};
 use plumbline_drivers::euroc::read_imu_samples;
-use plumbline_drivers::simulator::{Scenario, Simulator, scaled_config};
-use plumbline_drivers::{BagDataset, BagTopics, EurocDataset, EurocOptions, ImuSource as _};
+use plumbline_drivers::simulator::{Scenario, Simulator, draw_calibration, scaled_config};
+use plumbline_drivers::{BagDataset, BagTopics, EurocDataset, EurocOptions, ImuSource as _, StampedPose};
 use std::ops::Range;
 use std::path::Path;
 
@@ -247,7 +247,7 @@ fn check_dataset(path: &Path) -> Result<(), FlightError> {
 }
 
 /// Prepares a simulated flight. The estimator's cameras are turned against the true ones by
-/// `extrinsics_error_deg`. With `rendered`, a folder, its frames are read from there, and rendered first if they are
+/// `extrinsics_error_deg`, after what the scenario says of the calibration. With `rendered`, a folder, its frames are read from there, and rendered first if they are
 /// not there yet.
 ///
 /// # Errors
@@ -259,7 +259,7 @@ pub fn open_simulation(
     extrinsics_error_deg: f64,
     rendered: Option<&Path>,
 ) -> Result<Flight, FlightError> {
-    let config = scenario_config(config, mono)?;
+    let config = scenario_config(Some(config.map_or_else(|| preset_for(scenario), Ok)?), mono)?;
     let simulator = Simulator::new(&config, scenario).map_err(FlightError::Simulation)?;
     if !extrinsics_error_deg.is_finite() || extrinsics_error_deg.abs() > 30.0 {
         let message =
@@ -267,10 +267,13 @@ pub fn open_simulation(
         return Err(FlightError::Invalid(message));
     }
     let scale = scenario.resolution_scale;
-    let mut config = scaled_config(&config, scale);
+    let mut config = scenario.rig(&config);
     let cell_px = config.estimator.points.cell_px as f64 * scale;
     config.estimator.points.cell_px = (cell_px.round() as usize).max(SMALLEST_CELL_PX);
     turn_cameras(&mut config, extrinsics_error_deg.to_radians());
+    if scenario.calibration_error > 0.0 {
+        draw_calibration(&mut config, scenario.calibration_error, scenario.seed);
+    }
     let config = config.validated("the rig at this scale and with this error of the extrinsics")?;
     Ok(Flight {
         imu: Box::new(simulator.imu()),
@@ -287,6 +290,15 @@ pub fn open_simulation(
         stamps: Stamps::Replayed,
         first_reset_counter: 0,
     })
+}
+
+/// The preset for a flight of which no configuration is given: `sim`, or `euroc` where the inertial samples are real ones.
+///
+/// # Errors
+/// Never, as long as the presets are valid.
+pub fn preset_for(scenario: &Scenario) -> Result<ValidConfig, FlightError> {
+    let name = if scenario.has_recorded_samples() { "euroc" } else { "sim" };
+    Ok(Config::preset(name)?)
 }
 
 /// The rig to simulate: the given one, or the preset `sim`; with `mono` its left camera alone.

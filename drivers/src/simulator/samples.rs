@@ -1,0 +1,175 @@
+//! Where the inertial samples of a simulated flight come from: made of its motion, or recorded.
+
+use super::LEAD_S;
+use super::imu::{Biases, ImuModel, Residual};
+use super::reconcile::reconcile;
+use super::spline::Spline;
+use super::trajectory::Trajectory;
+use crate::DriverError;
+use crate::euroc::imu::{IMU_COLUMNS, parse_imu_row};
+use crate::euroc::table::read_table;
+use crate::tum::read_tum;
+use nalgebra::Vector3;
+use plumbline_config::options::ImuConfig;
+use plumbline_config::{ImuSample, Timestamp};
+use std::path::{Path, PathBuf};
+
+/// The rate of recorded samples may be off the configured one by this share.
+const RATE_TOLERANCE: f64 = 0.02;
+/// Knots of a spline that passes what is below 10 Hz, s.
+const FAST_KNOT_S: f64 = 0.05;
+/// Fewest samples that a residual is made of.
+const MIN_RESIDUALS: usize = 200;
+
+/// Source of the inertial samples of a simulated flight.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum Inertial {
+    /// Derivatives of the path, with the errors of [`ImuEffects`](super::ImuEffects).
+    #[default]
+    Simulated,
+    /// Samples recorded along the path (columns of EuRoC's `imu0/data.csv`, plain or gzip), as they are. The path, a TUM file,
+    /// is made to agree with them first.
+    Recorded(PathBuf),
+    /// As simulated, with what samples recorded along the path hold above 10 Hz and the path does not.
+    Residual(PathBuf),
+}
+
+/// The file of the samples that were recorded along the trajectory `path`, in the folders of the shared data:
+/// `.../imu/NAME.csv.gz` for `.../trajectories/NAME.tum.gz`.
+#[must_use]
+pub fn recorded_along(path: &Path) -> PathBuf {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let name = name.split_once(".tum").map_or(&*name, |(name, _)| name);
+    let folder = path.parent().and_then(Path::parent).unwrap_or_else(|| Path::new(".."));
+    folder.join("imu").join(format!("{name}.csv.gz"))
+}
+
+/// The inertial samples of a flight.
+#[derive(Debug)]
+pub(super) enum Samples {
+    Simulated(ImuModel),
+    Recorded(Recording),
+}
+
+impl Samples {
+    /// Number of samples of the flight.
+    pub(super) fn len(&self) -> u64 {
+        match self {
+            Self::Simulated(model) => model.len(),
+            Self::Recorded(recording) => recording.samples.len() as u64,
+        }
+    }
+
+    /// Measurement time of sample `k`, below [`Self::len`].
+    pub(super) fn stamp(&self, k: u64) -> Timestamp {
+        match self {
+            Self::Simulated(model) => model.stamp(k),
+            Self::Recorded(recording) => recording.samples[k as usize].stamp,
+        }
+    }
+
+    /// Biases at `stamp`.
+    pub(super) fn biases(&self, stamp: Timestamp) -> Biases {
+        match self {
+            Self::Simulated(model) => model.biases(stamp),
+            Self::Recorded(recording) => recording.biases,
+        }
+    }
+
+    /// Sample `k`, below [`Self::len`].
+    pub(super) fn sample(&self, k: u64, flight: &Trajectory) -> ImuSample {
+        match self {
+            Self::Simulated(model) => model.sample(k, flight),
+            Self::Recorded(recording) => recording.samples[k as usize],
+        }
+    }
+}
+
+/// Recorded samples.
+#[derive(Clone, Debug)]
+pub(super) struct Recording {
+    samples: Vec<ImuSample>,
+    /// Means over the whole recording.
+    biases: Biases,
+}
+
+impl Recording {
+    /// The samples of `file`, and the flight along the path of `poses` that agrees with them.
+    pub(super) fn read(
+        file: &Path,
+        poses: &Path,
+        imu: &ImuConfig,
+    ) -> Result<(Self, Trajectory), DriverError> {
+        let samples = read_samples(file, imu)?;
+        let reconciled = reconcile(&read_tum(poses)?, &samples, imu.gravity_m_s2).map_err(|why| {
+            DriverError::malformed(file, format!("does not fit {}: {why}", poses.display()))
+        })?;
+        let biases = Biases { gyro: reconciled.bias_gyro, accel: reconciled.bias_accel };
+        let samples = samples[reconciled.within].to_vec();
+        Ok((Self { samples, biases }, reconciled.flight))
+    }
+
+    /// The samples around the frames from `first_frame` on, `duration_s` long.
+    pub(super) fn around(mut self, first_frame: Timestamp, duration_s: f64) -> Self {
+        let from = first_frame.plus_seconds(-LEAD_S);
+        let to = first_frame.plus_seconds(duration_s + LEAD_S);
+        self.samples.retain(|s| (from..=to).contains(&s.stamp));
+        self
+    }
+}
+
+/// What the samples of `file` hold above 10 Hz and `path`, along which they were recorded, does not; from `begin` on, and
+/// then from the first one on.
+pub(super) fn residual(
+    file: &Path,
+    path: &Trajectory,
+    imu: &ImuConfig,
+    begin: Timestamp,
+) -> Result<Vec<Residual>, DriverError> {
+    let mut samples = read_samples(file, imu)?;
+    samples.retain(|s| (path.begin()..=path.end()).contains(&s.stamp));
+    if samples.len() < MIN_RESIDUALS {
+        return Err(DriverError::malformed(
+            file,
+            "holds no samples of the path; give those recorded along it",
+        ));
+    }
+    let up = Vector3::new(0.0, 0.0, imu.gravity_m_s2);
+    let rest = |s: &ImuSample| {
+        let motion = path.motion(s.stamp);
+        let force = motion.pose_w_b.rotation.inverse_transform_vector(&(motion.a_w_b + up));
+        (s.gyro - motion.omega_b, s.accel - force)
+    };
+    let times: Vec<f64> = samples.iter().map(|s| s.stamp.seconds_since(samples[0].stamp)).collect();
+    let rests: Vec<_> = samples.iter().map(rest).collect();
+    let gyro = fast(&times, rests.iter().map(|(gyro, _)| *gyro));
+    let accel = fast(&times, rests.iter().map(|(_, accel)| *accel));
+    let mut residual: Vec<_> =
+        gyro.into_iter().zip(accel).map(|(gyro, accel)| Residual { gyro, accel }).collect();
+    residual.rotate_left(samples.partition_point(|s| s.stamp < begin) % samples.len());
+    Ok(residual)
+}
+
+/// The fast part of `values`: what a spline that passes 10 Hz leaves.
+fn fast(times: &[f64], values: impl Iterator<Item = Vector3<f64>>) -> Vec<Vector3<f64>> {
+    let values: Vec<(f64, [f64; 3])> = times.iter().copied().zip(values.map(Into::into)).collect();
+    let slow = Spline::fit(&values, times[times.len() - 1], FAST_KNOT_S);
+    values.iter().map(|(t, v)| Vector3::from(*v) - Vector3::from(slow.jet(*t).value)).collect()
+}
+
+/// The samples of `file`, of the rate that `imu` says.
+fn read_samples(file: &Path, imu: &ImuConfig) -> Result<Vec<ImuSample>, DriverError> {
+    let samples = read_table(file, IMU_COLUMNS, parse_imu_row)?.rows;
+    let span_s = match samples.as_slice() {
+        [first, .., last] => last.stamp.seconds_since(first.stamp),
+        _ => 0.0,
+    };
+    let rate_hz = (samples.len() as f64 - 1.0) / span_s;
+    let is_expected = (rate_hz / imu.rate_hz - 1.0).abs() < RATE_TOLERANCE;
+    if !is_expected {
+        let message =
+            format!("holds {rate_hz:.1} samples a second; set imu.rate_hz, now {}, to that", imu.rate_hz);
+        return Err(DriverError::malformed(file, message));
+    }
+    Ok(samples)
+}
