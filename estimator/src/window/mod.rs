@@ -48,6 +48,7 @@ pub mod problem;
 mod quad;
 pub mod relative;
 pub mod reprojection;
+pub mod sighting;
 pub mod snapshot;
 pub mod solve;
 pub mod state;
