@@ -266,7 +266,13 @@ mod tests {
     use super::*;
     use crate::estimate::{FrameFigures, HealthBits};
     use nalgebra::Isometry3;
-    use plumbline_config::Config;
+    use plumbline_config::{Config, ValidConfig};
+
+    /// The rig of the tests, whose readings repeat.
+    fn sensor_without_noise() -> ValidConfig {
+        let config = Config::preset("sim").expect("is valid");
+        config.with("test", |c| c.imu.stuck_after_s = 0.0).expect("is valid")
+    }
 
     fn estimate() -> Estimate {
         Estimate {
@@ -291,7 +297,7 @@ mod tests {
 
     #[test]
     fn odometry_without_news_of_the_cameras_goes_on_and_says_that_it_is_blind() {
-        let config = Config::preset("sim").expect("is valid");
+        let config = sensor_without_noise();
         let mut propagator = Propagator::new(config.setup());
         propagator.correct(&estimate());
         let outputs: Vec<_> = (1..=200)
@@ -310,7 +316,7 @@ mod tests {
 
     /// Standard deviations of position and velocity, m and m/s, a second after `estimate`, of samples that `spoil` changes.
     fn sigmas(estimate: &Estimate, spoil: fn(i64, &mut ImuSample), skips: fn(i64) -> bool) -> [f64; 2] {
-        let mut propagator = Propagator::new(Config::preset("sim").expect("is valid").setup());
+        let mut propagator = Propagator::new(sensor_without_noise().setup());
         propagator.correct(estimate);
         let sample = |k: i64| {
             let stamp = Timestamp::from_nanos((1000 + 5 * k) * 1_000_000);
@@ -380,7 +386,7 @@ mod tests {
     fn readings_that_are_no_numbers_or_beyond_all_bounds_never_reach_the_odometry() {
         for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e200, -1e300, f64::MAX] {
             for axis in 0..6 {
-                let mut propagator = Propagator::new(Config::preset("sim").expect("is valid").setup());
+                let mut propagator = Propagator::new(sensor_without_noise().setup());
                 propagator.correct(&estimate());
                 let odometry = run(&mut propagator, 1000, |k, reading| {
                     let part = if axis < 3 { &mut reading.gyro } else { &mut reading.accel };
@@ -401,7 +407,7 @@ mod tests {
 
     #[test]
     fn a_correction_enters_at_a_bounded_rate_and_that_of_a_reset_at_once() {
-        let mut propagator = Propagator::new(Config::preset("sim").expect("is valid").setup());
+        let mut propagator = Propagator::new(sensor_without_noise().setup());
         propagator.correct(&estimate());
         let before = run(&mut propagator, 1000, |_, _| {}).pop().expect("flies");
         let at = |seconds: i64, x: f64, reset_counter: u32| Estimate {
@@ -424,7 +430,7 @@ mod tests {
 
     #[test]
     fn an_estimate_from_before_the_samples_that_are_kept_ends_the_odometry() {
-        let mut propagator = Propagator::new(Config::preset("sim").expect("is valid").setup());
+        let mut propagator = Propagator::new(sensor_without_noise().setup());
         let _ = run(&mut propagator, 5000, |_, _| {});
         let _ = run(&mut propagator, 6000, |_, _| {});
         propagator.correct(&estimate());
@@ -442,7 +448,7 @@ mod tests {
                 |e, x| e.covariance[(3, 3)] = x,
             ];
             for (which, poison) in poisons.iter().enumerate() {
-                let mut propagator = Propagator::new(Config::preset("sim").expect("is valid").setup());
+                let mut propagator = Propagator::new(sensor_without_noise().setup());
                 let mut bad = estimate();
                 poison(&mut bad, value);
                 propagator.correct(&bad);

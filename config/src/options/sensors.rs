@@ -87,8 +87,8 @@ pub struct ImuConfig {
     /// Largest specific force the sensor can report, m/s².
     #[serde(default = "default_accel_range")]
     pub accel_range_m_s2: f64,
-    /// A sensor whose three axes repeat their readings bit for bit for this long does not measure, s; 0 switches the watch off,
-    /// for sensors without noise or with steps coarser than their noise.
+    /// A sensor whose three axes repeat their readings bit for bit for this long does not measure, s; shorter if the vehicle
+    /// moves meanwhile. 0 switches the watch off, for sensors without noise.
     #[serde(default = "default_stuck_after")]
     pub stuck_after_s: f64,
     /// Standard deviation of the gyroscope bias at switch-on, rad/s.
@@ -129,7 +129,7 @@ fn default_accel_range() -> f64 {
     156.9
 }
 fn default_stuck_after() -> f64 {
-    0.05
+    0.1
 }
 fn default_gyro_bias_sigma() -> f64 {
     0.1

@@ -1,10 +1,10 @@
 //! Readings that repeat: a sensor whose numbers stay bit for bit the same has ceased to measure.
 //!
 //! The noise of a sensor changes the last bits of every reading. In 20 minutes of recorded flight (242,000 samples of an
-//! ADIS16448 at 200 Hz, EuRoC) one axis repeated itself five times on end at most, and all three of a sensor twice. So
-//! three axes that repeat for [`plumbline_config::options::ImuConfig::stuck_after_s`] (ten samples at 200 Hz) are stuck. One
-//! axis alone may stand still on a coarse sensor at rest: it is stuck if it repeats for twice as long while another axis of
-//! the same sensor moves.
+//! ADIS16448 at 200 Hz, EuRoC) one axis repeated itself four times on end at most, and all three of a sensor once. But a coarse
+//! sensor at rest may repeat itself for longer. So a sensor is stuck if all its axes repeat for
+//! [`plumbline_config::options::ImuConfig::stuck_after_s`]. A share of that time is enough if the other sensor repeats
+//! itself as well, or if some axis proves meanwhile that the vehicle moves. With such a proof one axis alone is enough.
 //!
 //! What is not measured is replaced by no rotation, or by the last force, and is as uncertain as a vehicle is agile.
 
@@ -13,8 +13,10 @@ use nalgebra::Vector3;
 use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Timestamp};
 
-/// One axis alone repeats this many times as long as all three before it counts as stuck.
-const AXIS_SHARE: i64 = 2;
+/// Shares of the time that are enough for a sensor, and for one axis, if the vehicle moves: at 200 Hz and by default six and
+/// twelve samples.
+const MOVING_SHARE: f64 = 0.3;
+const AXIS_SHARE: f64 = 0.6;
 /// Fewer repetitions than this prove nothing, however far apart the samples are.
 const MIN_REPEATS: u32 = 5;
 /// Another axis that has moved by this much proves that the vehicle is not at rest, rad/s and m/s²: twenty steps of a coarse
@@ -66,63 +68,49 @@ impl Unmeasured {
     }
 }
 
+/// The readings of both sensors, gyroscope first.
+type Readings = [Vector3<f64>; 2];
+
 /// The repetitions of one axis.
 #[derive(Clone, Copy, Debug)]
 struct Axis {
-    /// First sample of the present value.
+    /// First sample of the present value, and what both sensors read then.
     since: Timestamp,
-    /// All axes of the sensor in that sample.
-    reference: Vector3<f64>,
+    reference: Readings,
     /// Samples that repeated it.
     repeats: u32,
     /// Whether another axis has moved since.
     others_moved: bool,
 }
 
-/// The repetitions of one sensor of three axes.
-#[derive(Clone, Debug)]
-struct SensorWatch {
-    moved: f64,
-    axes: Option<[Axis; 3]>,
-}
-
-impl SensorWatch {
-    fn new(moved: f64) -> Self {
-        Self { moved, axes: None }
+impl Axis {
+    fn new(stamp: Timestamp, readings: &Readings) -> Self {
+        Self { since: stamp, reference: *readings, repeats: 0, others_moved: false }
     }
 
-    /// Takes a reading; returns since when the sensor is stuck, if it is.
-    fn update(&mut self, stamp: Timestamp, reading: &Vector3<f64>, stuck_after_ns: i64) -> Option<Timestamp> {
-        let fresh = Axis { since: stamp, reference: *reading, repeats: 0, others_moved: false };
-        let axes = self.axes.get_or_insert([fresh; 3]);
-        let (mut newest_change, mut least_repeats) = (Timestamp::MIN, u32::MAX);
-        let mut stuck_axis: Option<Timestamp> = None;
-        for (k, axis) in axes.iter_mut().enumerate() {
-            if reading[k].to_bits() != axis.reference[k].to_bits() || stamp < axis.since {
-                *axis = fresh;
-            } else {
-                axis.repeats = axis.repeats.saturating_add(1);
-            }
-            axis.others_moved |= (reading - axis.reference).amax() > self.moved;
-            newest_change = newest_change.max(axis.since);
-            least_repeats = least_repeats.min(axis.repeats);
-            let is_long = stamp.nanos_since(axis.since) >= AXIS_SHARE * stuck_after_ns;
-            if axis.others_moved && is_long && axis.repeats >= MIN_REPEATS {
-                stuck_axis = Some(stuck_axis.map_or(axis.since, |since| since.min(axis.since)));
-            }
+    /// Takes the readings of `stamp`; the axis is component `k` of `sensor`.
+    fn update(&mut self, stamp: Timestamp, readings: &Readings, sensor: usize, k: usize) {
+        if readings[sensor][k] != self.reference[sensor][k] || stamp < self.since {
+            *self = Self::new(stamp, readings);
+            return;
         }
-        let is_frozen =
-            stamp.nanos_since(newest_change) >= stuck_after_ns && least_repeats >= MIN_REPEATS;
-        if is_frozen { Some(stuck_axis.map_or(newest_change, |s| s.min(newest_change))) } else { stuck_axis }
+        self.repeats = self.repeats.saturating_add(1);
+        self.others_moved |= (readings[0] - self.reference[0]).amax() > MOVED_RAD_S
+            || (readings[1] - self.reference[1]).amax() > MOVED_M_S2;
+    }
+
+    /// Whether it has repeated itself for so long.
+    fn repeats_for(&self, stamp: Timestamp, ns: i64) -> bool {
+        self.repeats >= MIN_REPEATS && stamp.nanos_since(self.since) >= ns
     }
 }
 
 /// Follows the readings of an inertial sensor, and reports which of its sensors are stuck.
 #[derive(Clone, Debug)]
 pub struct StuckWatch {
-    stuck_after_ns: i64,
-    gyro: SensorWatch,
-    accel: SensorWatch,
+    /// Time that is enough for a sensor at rest, for one that moves, and for one axis, ns; 0 for never.
+    enough_ns: [i64; 3],
+    axes: Option<[[Axis; 3]; 2]>,
 }
 
 /// Since when the sensors are stuck.
@@ -153,11 +141,7 @@ impl StuckWatch {
     /// A watch for readings that repeat for `stuck_after_s`; never if that is 0.
     #[must_use]
     pub fn new(stuck_after_s: f64) -> Self {
-        Self {
-            stuck_after_ns: (stuck_after_s * 1e9) as i64,
-            gyro: SensorWatch::new(MOVED_RAD_S),
-            accel: SensorWatch::new(MOVED_M_S2),
-        }
+        Self { enough_ns: [1.0, MOVING_SHARE, AXIS_SHARE].map(|share| (share * stuck_after_s * 1e9) as i64), axes: None }
     }
 
     /// A watch for a configured sensor.
@@ -168,18 +152,30 @@ impl StuckWatch {
 
     /// Forgets all readings.
     pub fn clear(&mut self) {
-        (self.gyro.axes, self.accel.axes) = (None, None);
+        self.axes = None;
     }
 
     /// Takes a sample; returns since when each sensor is stuck.
     pub fn update(&mut self, sample: &ImuSample) -> StuckSince {
-        if self.stuck_after_ns == 0 {
+        let [at_rest, moving, of_axis] = self.enough_ns;
+        if at_rest == 0 {
             return StuckSince::default();
         }
-        StuckSince {
-            gyro: self.gyro.update(sample.stamp, &sample.gyro, self.stuck_after_ns),
-            accel: self.accel.update(sample.stamp, &sample.accel, self.stuck_after_ns),
+        let (stamp, readings) = (sample.stamp, [sample.gyro, sample.accel]);
+        let sensors = self.axes.get_or_insert([[Axis::new(stamp, &readings); 3]; 2]);
+        for (sensor, axes) in sensors.iter_mut().enumerate() {
+            (0..3).for_each(|k| axes[k].update(stamp, &readings, sensor, k));
         }
+        let all_repeat = |axes: &[Axis; 3], ns: i64| axes.iter().all(|axis| axis.repeats_for(stamp, ns));
+        let is_frozen = sensors.iter().all(|axes| all_repeat(axes, moving));
+        let [gyro, accel] = sensors.each_ref().map(|axes| {
+            let moves = axes.iter().all(|axis| axis.others_moved);
+            let is_stuck = all_repeat(axes, at_rest) || (all_repeat(axes, moving) && (moves || is_frozen));
+            let whole = axes.iter().map(|axis| axis.since).max().filter(|_| is_stuck);
+            let stuck = axes.iter().filter(|axis| axis.others_moved && axis.repeats_for(stamp, of_axis));
+            stuck.map(|axis| axis.since).chain(whole).min()
+        });
+        StuckSince { gyro, accel }
     }
 }
 
@@ -195,7 +191,7 @@ mod tests {
 
     /// Readings that change in every sample, as `spoil` changes them, and what is said of each.
     fn watch(count: u32, spoil: impl Fn(u32, &mut ImuSample)) -> Vec<StuckSince> {
-        let mut watch = StuckWatch::new(0.05);
+        let mut watch = StuckWatch::new(0.1);
         let mut next = |k: u32| {
             let x = libm::sin(f64::from(k * k));
             let gyro = Vector3::new(x, -x, 0.5 * x) * 0.1;
@@ -214,24 +210,35 @@ mod tests {
     #[test]
     fn a_gyroscope_at_zero_is_stuck_since_its_first_zero() {
         let said = watch(200, |k, s| s.gyro *= f64::from(u8::from(k < 100)));
-        assert!(said[..110].iter().all(|s| *s == NEVER));
-        assert!(said[110..].iter().all(|s| s.gyro == Some(at(100)) && s.accel.is_none()));
-        assert_eq!(said[110].at(at(100)), Unmeasured::default(), "the first of them may be real");
-        assert_eq!(said[110].at(at(101)), Unmeasured { gyro: true, accel: false });
+        assert!(said[..106].iter().all(|s| *s == NEVER));
+        assert!(said[106..].iter().all(|s| s.gyro == Some(at(100)) && s.accel.is_none()));
+        assert_eq!(said[106].at(at(100)), Unmeasured::default(), "the first of them may be real");
+        assert_eq!(said[106].at(at(101)), Unmeasured { gyro: true, accel: false });
     }
 
     #[test]
     fn one_stuck_axis_takes_twice_as_long_and_a_change_ends_it() {
         let said = watch(300, |k, s| s.accel.y = if (100..200).contains(&k) { 1.0 } else { s.accel.y });
-        assert!(said[..120].iter().chain(&said[200..]).all(|s| *s == NEVER));
-        assert!(said[120..200].iter().all(|s| s.accel == Some(at(100)) && s.gyro.is_none()));
+        assert!(said[..112].iter().chain(&said[200..]).all(|s| *s == NEVER));
+        assert!(said[112..200].iter().all(|s| s.accel == Some(at(100)) && s.gyro.is_none()));
     }
 
     #[test]
-    fn a_coarse_axis_at_rest_is_not_stuck() {
+    fn a_sensor_that_repeats_all_it_reads_is_stuck_though_nothing_moves() {
+        let said = watch(200, |k, s| {
+            if k >= 100 {
+                (s.gyro, s.accel) = (Vector3::x(), Vector3::z());
+            }
+        });
+        assert!(said[..106].iter().all(|s| *s == NEVER));
+        assert!(said[106..].iter().all(|s| s.unmeasured() == Unmeasured::BOTH));
+    }
+
+    #[test]
+    fn a_coarse_sensor_at_rest_is_not_stuck() {
         // One axis goes to and fro between two steps of the sensor, the others stand.
         let rest = |k: u32, s: &mut ImuSample| {
-            s.gyro = Vector3::new(1e-3 * f64::from(k / 3 % 2), 2e-3, -1e-3);
+            s.gyro = Vector3::new(1e-3 * f64::from(k / 15 % 2), 2e-3, -1e-3);
             s.accel = Vector3::new(0.0, 5e-3 * f64::from(k / 2 % 2), 9.81);
         };
         assert!(watch(1000, rest).iter().all(|s| *s == NEVER));

@@ -28,8 +28,10 @@ const AGREES_RAD: f64 = 1.5e-3;
 /// than `sigma_px`.
 const AGREES_SIGMAS: f64 = 5.0;
 const SIGHTING_SHARE: f64 = 0.5;
-/// Frames on end that contradict the gyroscope before it is not believed; one, for this long after a hole in a stream, s.
-const FRAMES_TO_CONTRADICT: u32 = 3;
+/// Frames on end that contradict the gyroscope before it is not believed. One is enough if it differs by so many times as
+/// much, and for so long after a hole in a stream, s.
+const FRAMES_TO_CONTRADICT: u32 = 2;
+const PLAIN: f64 = 4.0;
 const SUSPICIOUS_S: f64 = 1.0;
 /// Frames on end that agree before it is believed again: half a second at 20 Hz, and twice as many if somebody was named.
 const FRAMES_TO_AGREE: u32 = 10;
@@ -42,10 +44,11 @@ const MAX_MATCHED: usize = 12;
 const LAG_STEPS: i64 = 60;
 const LAG_STEP_NS: i64 = 10_000_000;
 const MIN_LAG_STEPS: i64 = 4;
-/// At the right delay turns and gyroscope differ by less than this, rad (root of the mean square); at all others of the
-/// other sign, and at none, by as many times more.
+/// At the right delay turns and gyroscope differ by less than this, rad (root of the mean square); at none, and at those of
+/// the other sign, by so many times more than there, or than what tracks leave, rad.
 const MATCHES_RAD: f64 = 1.5e-3;
-const MATCH_CONTRAST: f64 = 2.5;
+const MATCH_CONTRAST: f64 = 1.7;
+const MATCH_NOISE_RAD: f64 = 3e-4;
 /// A contradiction without a name is a dispute after this time, s.
 const DISPUTE_S: f64 = 1.0;
 /// Quality while it is not known which of the sensors is wrong, or while the images are late.
@@ -62,6 +65,8 @@ struct Turn {
     to: Timestamp,
     /// Rotation vector from the earlier to the later body, rad.
     seen: Vector3<f64>,
+    /// Whether frames are missing in between.
+    skips_frames: bool,
 }
 
 /// The integral of the gyroscope's readings up to a sample.
@@ -78,8 +83,8 @@ struct Angle {
 enum Culprit {
     /// Not known yet.
     Unknown,
-    /// Inertial samples are late.
-    Imu,
+    /// Inertial samples are late by so many seconds.
+    Imu(f64),
     /// Images are late by so many seconds.
     Images(f64),
     /// It could not be found out.
@@ -107,8 +112,9 @@ pub(super) struct SeenTurn {
     pub(super) sigma_rad: f64,
     /// Present bias of the gyroscope, rad/s.
     pub(super) bias_gyro: Vector3<f64>,
-    /// Frames or samples are missing since the frame before.
-    pub(super) is_after_hole: bool,
+    /// Frames, or samples, are missing since the frame before.
+    pub(super) skips_frames: bool,
+    pub(super) skips_samples: bool,
 }
 
 /// Compares the turns of frames with the gyroscope.
@@ -123,7 +129,8 @@ pub(super) struct RotationWatch {
     /// Frames on end that contradict, and when the first of them began.
     contradicting: u32,
     first: Timestamp,
-    suspicious_until: Option<Timestamp>,
+    /// When a hole in a stream began, and until when it is thought of.
+    suspicious: Option<(Timestamp, Timestamp)>,
     contradiction: Option<Contradiction>,
     /// Standard deviation of the position that disputes have left, m, and of the attitude, rad.
     left_m: f64,
@@ -142,7 +149,7 @@ impl RotationWatch {
             turns: Deque::new(),
             contradicting: 0,
             first: Timestamp::default(),
-            suspicious_until: None,
+            suspicious: None,
             contradiction: None,
             left_m: 0.0,
             left_rad: 0.0,
@@ -159,7 +166,7 @@ impl RotationWatch {
     /// Forgets turns and contradiction: the estimate starts anew.
     pub(super) fn forget_turns(&mut self) {
         self.turns.clear();
-        (self.contradicting, self.contradiction, self.suspicious_until) = (0, None, None);
+        (self.contradicting, self.contradiction, self.suspicious) = (0, None, None);
         (self.left_m, self.left_rad) = (0.0, 0.0);
     }
 
@@ -209,31 +216,32 @@ impl RotationWatch {
     /// Takes the turn of a frame; returns since when inertial samples are not to be believed, once that begins.
     pub(super) fn update(&mut self, frame: &SeenTurn) -> Option<Timestamp> {
         let [from, to] = frame.span;
-        let turn = Turn { from, to, seen: frame.seen };
+        let turn = Turn { from, to, seen: frame.seen, skips_frames: frame.skips_frames };
         if self.turns.is_full() {
             self.turns.pop_front();
         }
         let _ = self.turns.push_back(turn);
-        if frame.is_after_hole {
-            self.suspicious_until = Some(to.plus_seconds(SUSPICIOUS_S));
+        if frame.skips_frames || frame.skips_samples {
+            let begun = self.suspicious.filter(|(_, until)| from <= *until).map_or(from, |(begun, _)| begun);
+            self.suspicious = Some((begun, to.plus_seconds(SUSPICIOUS_S)));
         }
         let bias_gyro = self.contradiction.map_or(frame.bias_gyro, |c| c.bias_gyro);
         let difference = self.difference(&turn, 0, &bias_gyro)?;
         let dt_s = to.seconds_since(from);
         let sigma = libm::hypot(self.gyro_density * dt_s.sqrt(), SIGHTING_SHARE * frame.sigma_rad);
-        let contradicts = difference.norm() > AGREES_RAD.at_least(AGREES_SIGMAS * sigma);
+        let excess = difference.norm() / AGREES_RAD.at_least(AGREES_SIGMAS * sigma);
         match self.contradiction {
             Some(_) => {
-                self.settle(contradicts, &turn);
+                self.settle(excess > 1.0, &turn);
                 None
             }
-            None => self.suspect(contradicts, frame),
+            None => self.suspect(excess, frame),
         }
     }
 
     /// Before a contradiction: whether it begins, and since when.
-    fn suspect(&mut self, contradicts: bool, frame: &SeenTurn) -> Option<Timestamp> {
-        if !contradicts {
+    fn suspect(&mut self, excess: f64, frame: &SeenTurn) -> Option<Timestamp> {
+        if excess <= 1.0 {
             self.contradicting = 0;
             return None;
         }
@@ -242,18 +250,18 @@ impl RotationWatch {
             self.first = from;
         }
         self.contradicting += 1;
-        let is_suspicious = self.suspicious_until.is_some_and(|until| to <= until);
-        let enough = if is_suspicious { 1 } else { FRAMES_TO_CONTRADICT };
+        let hole = self.suspicious.filter(|(_, until)| to <= *until);
+        let enough = if hole.is_some() || excess > PLAIN { 1 } else { FRAMES_TO_CONTRADICT };
         if self.contradicting < enough {
             return None;
         }
         self.contradiction = Some(Contradiction {
-            since: self.first,
+            since: hole.map_or(self.first, |(begun, _)| begun.min(self.first)),
             culprit: Culprit::Unknown,
             bias_gyro: frame.bias_gyro,
             agreeing: 0,
         });
-        Some(self.first)
+        self.contradiction.map(|contradiction| contradiction.since)
     }
 
     /// Within a contradiction: who is to blame, and whether it is over.
@@ -262,7 +270,7 @@ impl RotationWatch {
         let dt_s = turn.to.seconds_since(turn.from);
         if matches!(contradiction.culprit, Culprit::Unknown | Culprit::Disputed) {
             if let Some(lag_s) = self.lag_s(&contradiction) {
-                contradiction.culprit = if lag_s > 0.0 { Culprit::Imu } else { Culprit::Images(-lag_s) };
+                contradiction.culprit = if lag_s > 0.0 { Culprit::Imu(lag_s) } else { Culprit::Images(-lag_s) };
             } else if turn.to.seconds_since(contradiction.since) > DISPUTE_S {
                 contradiction.culprit = Culprit::Disputed;
                 self.left_m += DISPUTED_M_S * dt_s;
@@ -271,15 +279,29 @@ impl RotationWatch {
         }
         if contradicts {
             contradiction.agreeing = 0;
-        } else if turn.seen.norm() > PROVES_RAD || contradiction.culprit == Culprit::Unknown {
+        } else if self.proves_agreement(turn, &contradiction) {
             contradiction.agreeing += 1;
         }
-        let named = matches!(contradiction.culprit, Culprit::Imu | Culprit::Images(_));
+        let named = matches!(contradiction.culprit, Culprit::Imu(_) | Culprit::Images(_));
         let is_over = contradiction.agreeing >= FRAMES_TO_AGREE * if named { 2 } else { 1 };
         self.contradiction = (!is_over).then_some(contradiction);
         if is_over {
             self.contradicting = 0;
         }
+    }
+
+    /// Whether a turn that agrees with the gyroscope would not do so anyway.
+    fn proves_agreement(&self, turn: &Turn, contradiction: &Contradiction) -> bool {
+        let lag_s = match contradiction.culprit {
+            Culprit::Unknown => return true,
+            Culprit::Disputed => return turn.seen.norm() > PROVES_RAD,
+            Culprit::Imu(lag_s) => lag_s,
+            Culprit::Images(late_s) => -late_s,
+        };
+        // The gyroscope of a later time is known for an earlier turn only.
+        let lag_ns = (lag_s * 1e9) as i64;
+        let known = self.turns.iter().rev().find_map(|t| self.difference(t, lag_ns, &contradiction.bias_gyro));
+        known.is_some_and(|difference| difference.norm() > 2.0 * AGREES_RAD)
     }
 
     /// How much later the gyroscope measured what the images saw, s, if that explains the contradiction.
@@ -300,7 +322,8 @@ impl RotationWatch {
         let (rms, steps) = best;
         let rivals = if steps < 0 { [others[1], others[2]] } else { [others[0], others[1]] };
         // What cannot be compared for a hole in the samples is no rival.
-        let is_clear = rivals.iter().all(|rival| *rival >= MATCHES_RAD.at_least(MATCH_CONTRAST * rms));
+        let least = MATCH_CONTRAST * rms.at_least(MATCH_NOISE_RAD);
+        let is_clear = rivals.iter().all(|rival| *rival >= least);
         let is_found = steps.abs() >= MIN_LAG_STEPS && rms < MATCHES_RAD && is_clear;
         is_found.then(|| (steps * LAG_STEP_NS) as f64 * 1e-9)
     }
@@ -308,7 +331,7 @@ impl RotationWatch {
     /// Root of the mean squared difference of the newest turns since the contradiction from the gyroscope `lag_ns` later.
     fn rms_at(&self, lag_ns: i64, contradiction: &Contradiction) -> Option<f64> {
         let (mut sum, mut count) = (0.0, 0);
-        for turn in self.turns.iter().rev().filter(|turn| turn.from >= contradiction.since) {
+        for turn in self.turns.iter().rev().filter(|turn| turn.from >= contradiction.since && !turn.skips_frames) {
             let Some(difference) = self.difference(turn, lag_ns, &contradiction.bias_gyro) else { continue };
             sum += difference.norm_squared();
             count += 1;
@@ -329,7 +352,7 @@ impl RotationWatch {
         let Some(contradiction) = &self.contradiction else { return };
         health.insert(match contradiction.culprit {
             Culprit::Unknown => HealthBits::IMU_CONTRADICTED,
-            Culprit::Imu => HealthBits::IMU_LATE,
+            Culprit::Imu(_) => HealthBits::IMU_LATE,
             Culprit::Images(_) => HealthBits::IMAGES_LATE,
             Culprit::Disputed => HealthBits::ROTATION_DISPUTED,
         });
@@ -338,7 +361,7 @@ impl RotationWatch {
     /// The quality of an estimate that would have `quality` if the sensors agreed.
     pub(super) fn bounded(&self, quality: i8) -> i8 {
         match self.contradiction.map(|c| c.culprit) {
-            None | Some(Culprit::Imu) => quality,
+            None | Some(Culprit::Imu(_)) => quality,
             Some(_) => quality.min(DISPUTED_QUALITY),
         }
     }

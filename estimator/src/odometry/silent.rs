@@ -47,7 +47,8 @@ impl Odometer {
                 seen: log_so3(&(before.nav.rot_o_b.inverse() * sighting.rot_o_b)),
                 sigma_rad: sighting.rotation_sigma_rad,
                 bias_gyro: before.nav.bias_gyro,
-                is_after_hole: coverage.has_gap || health.contains(HealthBits::FRAME_GAP),
+                skips_frames: health.contains(HealthBits::FRAME_GAP),
+                skips_samples: coverage.has_gap,
             });
             if let Some(since) = since {
                 self.imu.distrust(since);
