@@ -141,7 +141,10 @@ impl StuckWatch {
     /// A watch for readings that repeat for `stuck_after_s`; never if that is 0.
     #[must_use]
     pub fn new(stuck_after_s: f64) -> Self {
-        Self { enough_ns: [1.0, MOVING_SHARE, AXIS_SHARE].map(|share| (share * stuck_after_s * 1e9) as i64), axes: None }
+        Self {
+            enough_ns: [1.0, MOVING_SHARE, AXIS_SHARE].map(|share| (share * stuck_after_s * 1e9) as i64),
+            axes: None,
+        }
     }
 
     /// A watch for a configured sensor.
@@ -256,6 +259,8 @@ mod tests {
         let noise = ImuNoise { gyro_density: 1e-4, accel_density: 1e-3, gyro_walk: 1e-5, accel_walk: 1e-4 };
         assert_eq!(Unmeasured::default().noise(noise), noise);
         let of_gyro = Unmeasured { gyro: true, accel: false }.noise(noise);
-        assert!(of_gyro.gyro_density > 0.5 && of_gyro.accel_density.to_bits() == noise.accel_density.to_bits());
+        assert!(
+            of_gyro.gyro_density > 0.5 && of_gyro.accel_density.to_bits() == noise.accel_density.to_bits()
+        );
     }
 }

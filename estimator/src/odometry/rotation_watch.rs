@@ -270,7 +270,8 @@ impl RotationWatch {
         let dt_s = turn.to.seconds_since(turn.from);
         if matches!(contradiction.culprit, Culprit::Unknown | Culprit::Disputed) {
             if let Some(lag_s) = self.lag_s(&contradiction) {
-                contradiction.culprit = if lag_s > 0.0 { Culprit::Imu(lag_s) } else { Culprit::Images(-lag_s) };
+                contradiction.culprit =
+                    if lag_s > 0.0 { Culprit::Imu(lag_s) } else { Culprit::Images(-lag_s) };
             } else if turn.to.seconds_since(contradiction.since) > DISPUTE_S {
                 contradiction.culprit = Culprit::Disputed;
                 self.left_m += DISPUTED_M_S * dt_s;
@@ -300,7 +301,8 @@ impl RotationWatch {
         };
         // The gyroscope of a later time is known for an earlier turn only.
         let lag_ns = (lag_s * 1e9) as i64;
-        let known = self.turns.iter().rev().find_map(|t| self.difference(t, lag_ns, &contradiction.bias_gyro));
+        let known =
+            self.turns.iter().rev().find_map(|t| self.difference(t, lag_ns, &contradiction.bias_gyro));
         known.is_some_and(|difference| difference.norm() > 2.0 * AGREES_RAD)
     }
 
@@ -331,7 +333,9 @@ impl RotationWatch {
     /// Root of the mean squared difference of the newest turns since the contradiction from the gyroscope `lag_ns` later.
     fn rms_at(&self, lag_ns: i64, contradiction: &Contradiction) -> Option<f64> {
         let (mut sum, mut count) = (0.0, 0);
-        for turn in self.turns.iter().rev().filter(|turn| turn.from >= contradiction.since && !turn.skips_frames) {
+        for turn in
+            self.turns.iter().rev().filter(|turn| turn.from >= contradiction.since && !turn.skips_frames)
+        {
             let Some(difference) = self.difference(turn, lag_ns, &contradiction.bias_gyro) else { continue };
             sum += difference.norm_squared();
             count += 1;

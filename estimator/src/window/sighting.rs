@@ -66,7 +66,8 @@ impl Window {
             let step = of_step.cholesky()?.solve(&-gradient);
             hessian = of_step;
             p += rot * step.fixed_rows::<3>(0);
-            rot = UnitQuaternion::new_normalize((rot * exp_so3(&step.fixed_rows::<3>(3).into())).into_inner());
+            rot =
+                UnitQuaternion::new_normalize((rot * exp_so3(&step.fixed_rows::<3>(3).into())).into_inner());
         }
         let agrees = |ray: &&Ray| {
             let seen = residual(ray, &mounts, (&rot, &p));
@@ -107,7 +108,9 @@ impl Window {
         let Some(newest) = self.frames.len().checked_sub(1) else { return rays };
         let is_seen = |l: &&PointLandmark| {
             let last = l.observations.last();
-            l.is_triangulated && usize::from(l.host) != newest && last.is_some_and(|o| usize::from(o.frame) == newest)
+            l.is_triangulated
+                && usize::from(l.host) != newest
+                && last.is_some_and(|o| usize::from(o.frame) == newest)
         };
         let seen = || self.points.all().iter().filter(is_seen);
         let stride = seen().count().div_ceil(MAX_RAYS).max(1);
@@ -147,9 +150,7 @@ fn residual(
     let seen = q_c.xy() / q_c.z;
     let off = seen - ray.xy;
     let r = Vector2::new(ray.weight[0].dot(&off), ray.weight[1].dot(&off));
-    let by_point = ray.weight.map(|w| {
-        mount.rot_b_c * (Vector3::new(w.x, w.y, -w.dot(&seen)) / q_c.z)
-    });
+    let by_point = ray.weight.map(|w| mount.rot_b_c * (Vector3::new(w.x, w.y, -w.dot(&seen)) / q_c.z));
     Some((r, by_point, q_b))
 }
 

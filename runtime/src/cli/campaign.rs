@@ -2,7 +2,7 @@
 
 use super::choice::FlightChoice;
 use super::{Usage, check_outputs, load_config, one_line, say};
-use crate::campaign::table::{TABLE_HEAD, TRUST_HEAD, means, trust_row};
+use crate::campaign::table::{SILENCE_HEAD, TABLE_HEAD, TRUST_HEAD, means, silence_row, trust_row};
 use crate::campaign::{Entry, Fault, Setup};
 use crate::flight::with_overrides;
 use crate::report::Report;
@@ -26,7 +26,7 @@ pub struct CampaignArgs {
     /// covariance could be trusted while it lasted and after it.
     #[arg(long)]
     pub faults: bool,
-    /// Of the faults only those whose names begin so, and no sound flight, such as blind,imugap.
+    /// Of the faults only those whose names begin so, and no sound flight, such as blind,imu-gap.
     #[arg(long, value_delimiter = ',', requires = "faults", value_name = "NAME")]
     pub fault: Vec<String>,
     /// The left camera alone.
@@ -86,6 +86,10 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
     if !faulty.is_empty() {
         say(format_args!("\n{TRUST_HEAD}\n{}", faulty.join("\n")));
     }
+    let silent: Vec<_> = reports().filter_map(|(entry, report)| silence_row(entry, report)).collect();
+    if !silent.is_empty() {
+        say(format_args!("\n{SILENCE_HEAD}\n{}", silent.join("\n")));
+    }
     if let Some(file) = &args.json {
         let rows: Vec<Row<'_>> = reports().map(json_row).collect();
         std::fs::write(file, serde_json::to_string_pretty(&rows)?).context(file.display().to_string())?;
@@ -141,7 +145,8 @@ fn entries(args: &CampaignArgs) -> Result<Vec<Entry>, Usage> {
         let possible = |fault: &Fault| !(args.mono && fault.needs_two_cameras());
         let chosen = |fault: &Fault| {
             let name = format!("{fault:?}").to_lowercase();
-            args.fault.is_empty() || args.fault.iter().any(|wanted| name.starts_with(&wanted.to_lowercase()))
+            args.fault.is_empty()
+                || args.fault.iter().any(|wanted| name.starts_with(&wanted.to_lowercase().replace('-', "")))
         };
         let faults = Fault::ALL.into_iter().filter(possible).filter(chosen);
         let sound = entries[0].clone();

@@ -3,6 +3,7 @@
 pub mod accuracy;
 pub mod places;
 pub mod sensors;
+pub mod silence;
 pub mod trust;
 
 use crate::autopilot::BridgeFigures;
@@ -18,6 +19,7 @@ use places::Places;
 use plumbline_drivers::Faults;
 use sensors::Sensors;
 use serde::Serialize;
+use silence::Silence;
 use std::collections::BTreeMap;
 use trust::Trust;
 
@@ -73,6 +75,9 @@ pub struct Report {
     /// Whether the estimate deserved its trust about a fault, in the flights of a campaign.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trust: Option<Trust>,
+    /// What became of the estimate of a sensor that failed in silence, in the flights of a campaign.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub silence: Option<Silence>,
     /// `t_imu - t_camera` at the end, s.
     pub time_offset_s: f64,
     /// What the drivers survived.
@@ -176,6 +181,7 @@ impl Report {
             },
             accuracy,
             trust: None,
+            silence: None,
             time_offset_s: f.time_offset_s,
             faults: [("imu", outcome.faults.imu.into()), ("cameras", outcome.faults.cameras.into())].into(),
             imu_refused: f.imu_refused,
