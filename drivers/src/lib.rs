@@ -40,7 +40,7 @@ pub use iio::IioImu;
 pub use inertial::{ImuFigures, ImuMonitor};
 pub use live::{CameraMonitor, LiveCameras, LiveImu, open_cameras, open_imu};
 pub use prefetch::Prefetch;
-pub use sensor_faults::{ClockFault, FaultyImages, FaultyImu, ImageFaults, ImuFaults};
+pub use sensor_faults::{ClockFault, FaultyImages, FaultyImu, ImageFaults, ImuFaults, StuckFault};
 pub use serial::SerialImu;
 pub use source::{Faults, ImuReading, ImuSource, StereoFrame, StereoSource};
 pub use stop::StopFlag;

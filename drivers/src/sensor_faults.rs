@@ -7,7 +7,7 @@
 use crate::random::{Draws, Purpose};
 use crate::{DriverError, Faults, ImuReading, ImuSource, LostCamera, StereoFrame, StereoSource};
 use nalgebra::Vector3;
-use plumbline_config::{GrayImage, Timestamp};
+use plumbline_config::{GrayImage, ImuSample, Timestamp};
 use std::ops::Range;
 
 /// Stamps that are wrong for a time.
@@ -19,6 +19,17 @@ pub struct ClockFault {
     pub step_s: f64,
 }
 
+/// Readings that stay what they are.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StuckFault {
+    /// When.
+    pub span_s: Range<f64>,
+    /// Which axes: gyroscope x, y, z, accelerometer x, y, z.
+    pub axes: [bool; 6],
+    /// Whether they read zero; what they read last before it otherwise.
+    pub at_zero: bool,
+}
+
 /// What goes wrong with inertial samples.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ImuFaults {
@@ -28,6 +39,8 @@ pub struct ImuFaults {
     pub saturated_s: Option<Range<f64>>,
     /// The ends of the range, rad/s and m/s².
     pub range: [f64; 2],
+    /// Readings that stay what they are.
+    pub stuck: Option<StuckFault>,
     /// Stamps that are wrong.
     pub clock: Option<ClockFault>,
 }
@@ -41,6 +54,8 @@ pub struct ImageFaults {
     pub garbage_s: Option<Range<f64>>,
     /// Fog on both lenses: contrast is left within so many pixels of the middle alone, and fades there.
     pub fog: Option<(Range<f64>, f64)>,
+    /// Cameras that deliver their first image of this time again and again.
+    pub frozen: Option<(Range<f64>, [bool; 2])>,
     /// Stamps that are wrong.
     pub clock: Option<ClockFault>,
 }
@@ -66,13 +81,33 @@ pub struct FaultyImu<S> {
     seed: u64,
     first: Option<Timestamp>,
     missing: u64,
+    /// The last readings before they were stuck.
+    last: ImuSample,
 }
 
 impl<S: ImuSource> FaultyImu<S> {
     /// `source` with `plan`, whose draws are those of `seed`.
     #[must_use]
     pub fn new(source: S, plan: ImuFaults, seed: u64) -> Self {
-        Self { source, plan, seed, first: None, missing: 0 }
+        let zero = Vector3::zeros();
+        let last = ImuSample { stamp: Timestamp::default(), gyro: zero, accel: zero };
+        Self { source, plan, seed, first: None, missing: 0, last }
+    }
+
+    /// Holds the axes that are stuck at `time_s`.
+    fn hold(&mut self, sample: &mut ImuSample, time_s: f64) {
+        let Some(stuck) = &self.plan.stuck else { return };
+        if !stuck.span_s.contains(&time_s) {
+            self.last = *sample;
+            return;
+        }
+        for k in (0..6).filter(|k| stuck.axes[*k]) {
+            let (part, last) = match k {
+                0..3 => (&mut sample.gyro, &self.last.gyro),
+                _ => (&mut sample.accel, &self.last.accel),
+            };
+            part[k % 3] = if stuck.at_zero { 0.0 } else { last[k % 3] };
+        }
     }
 
     fn saturate(&self, reading: &mut ImuReading) {
@@ -97,6 +132,7 @@ impl<S: ImuSource> ImuSource for FaultyImu<S> {
             if self.plan.saturated_s.as_ref().is_some_and(|span| span.contains(&time_s)) {
                 self.saturate(&mut reading);
             }
+            self.hold(&mut reading.sample, time_s);
             reading.sample.stamp = shifted(reading.sample.stamp, &self.plan.clock, time_s);
             return Ok(Some(reading));
         }
@@ -116,13 +152,26 @@ pub struct FaultyImages<S> {
     plan: ImageFaults,
     seed: u64,
     first: Option<Timestamp>,
+    /// The images that come again and again.
+    frozen: Option<[GrayImage; 2]>,
 }
 
 impl<S: StereoSource> FaultyImages<S> {
     /// `source` with `plan`, whose draws are those of `seed`.
     #[must_use]
     pub fn new(source: S, plan: ImageFaults, seed: u64) -> Self {
-        Self { source, plan, seed, first: None }
+        Self { source, plan, seed, first: None, frozen: None }
+    }
+
+    /// Delivers the first images of the time in which cameras are frozen again.
+    fn freeze(&mut self, frame: &mut StereoFrame, time_s: f64) {
+        let Some((span, cameras)) = &self.plan.frozen else { return };
+        if span.contains(&time_s) {
+            let frozen = self.frozen.get_or_insert_with(|| frame.images.clone());
+            for camera in (0..2).filter(|camera| cameras[*camera]) {
+                frame.images[camera].clone_from(&frozen[camera]);
+            }
+        }
     }
 
     fn spoil(&self, frame: &mut StereoFrame, time_s: f64) {
@@ -170,6 +219,7 @@ impl<S: StereoSource> StereoSource for FaultyImages<S> {
         let first = *self.first.get_or_insert(frame.stamp);
         let time_s = frame.stamp.seconds_since(first);
         self.spoil(frame, time_s);
+        self.freeze(frame, time_s);
         frame.stamp = shifted(frame.stamp, &self.plan.clock, time_s);
         Ok(true)
     }
@@ -241,6 +291,26 @@ mod tests {
     }
 
     #[test]
+    fn stuck_axes_hold_what_they_read_last_and_the_others_go_on() {
+        let stuck = |at_zero, axes| Some(StuckFault { span_s: 0.5..0.75, axes, at_zero });
+        let axes = [false, false, false, true, false, true];
+        // The draws of the ends of the range make readings that change.
+        let changing =
+            ImuFaults { saturated_s: Some(0.0..2.0), range: [17.0, 150.0], ..ImuFaults::default() };
+        let (sound, _) = readings(changing.clone(), 1);
+        for at_zero in [false, true] {
+            let (all, _) = readings(ImuFaults { stuck: stuck(at_zero, axes), ..changing.clone() }, 1);
+            for (a, b) in sound.iter().zip(&all) {
+                let is_held = (100..150).contains(&a.sequence);
+                let held = if at_zero { Vector3::zeros() } else { sound[99].sample.accel };
+                let x = if is_held { held.x } else { a.sample.accel.x };
+                assert_eq!((b.sample.accel.x, b.sample.accel.y), (x, a.sample.accel.y), "{}", a.sequence);
+                assert_eq!(b.sample.gyro, a.sample.gyro);
+            }
+        }
+    }
+
+    #[test]
     fn a_clock_is_wrong_for_a_time() {
         let clock = Some(ClockFault { span_s: 0.5..0.505, step_s: 3600.0 });
         let (all, _) = readings(ImuFaults { clock, ..ImuFaults::default() }, 1);
@@ -260,7 +330,8 @@ mod tests {
             frame.stamp = Timestamp::from_nanos(7_000_000_000 + self.0 as i64 * 50_000_000);
             frame.valid = [true; 2];
             for image in &mut frame.images {
-                let board = |k: usize| if (k + k / 40).is_multiple_of(2) { 40 } else { 200 };
+                let shade = (self.0 % 7) as u8;
+                let board = |k: usize| if (k + k / 40).is_multiple_of(2) { 40 + shade } else { 200 + shade };
                 image.pixels_mut().iter_mut().enumerate().for_each(|(k, pixel)| *pixel = board(k));
             }
             self.0 += 1;
@@ -293,6 +364,17 @@ mod tests {
             let dark =
                 frame.images.each_ref().map(|image| image.pixels().iter().all(|p| *p == COVERED_LEVEL));
             assert_eq!((dark, frame.valid), ([(10..20).contains(&frame.sequence), false], [true; 2]));
+        }
+    }
+
+    #[test]
+    fn a_frozen_camera_repeats_an_image_and_the_other_one_sees() {
+        let sound = frames(ImageFaults::default());
+        let frozen =
+            frames(ImageFaults { frozen: Some((0.5..1.0, [true, false])), ..ImageFaults::default() });
+        for (k, (a, b)) in sound.iter().zip(&frozen).enumerate() {
+            let left = if (10..20).contains(&k) { &sound[10] } else { a };
+            assert!(b.images[0] == left.images[0] && b.images[1] == a.images[1], "{k}");
         }
     }
 

@@ -53,9 +53,23 @@ impl HealthBits {
     pub const CAMERAS_DISAGREE: Self = Self(1 << 13);
     /// The images contradict the inertial sensor as a whole, and were believed.
     pub const IMU_CONTRADICTED: Self = Self(1 << 14);
+    /// The gyroscope, or one of its axes, repeats its readings: it does not measure, and was not believed.
+    pub const GYRO_STUCK: Self = Self(1 << 16);
+    /// The accelerometer, or one of its axes, repeats its readings: it does not measure, and was not believed.
+    pub const ACCEL_STUCK: Self = Self(1 << 17);
+    /// The left image is bit for bit the one before: it counts as missing.
+    pub const LEFT_FROZEN: Self = Self(1 << 18);
+    /// The right image is bit for bit the one before: it counts as missing.
+    pub const RIGHT_FROZEN: Self = Self(1 << 19);
+    /// The inertial samples show the rotation that the images showed earlier: their stamps are late. They are not believed.
+    pub const IMU_LATE: Self = Self(1 << 20);
+    /// The images show the rotation that the gyroscope measured earlier: their stamps are late. The covariance covers it.
+    pub const IMAGES_LATE: Self = Self(1 << 21);
+    /// Gyroscope and images have contradicted each other for a while, and neither can be named: the covariance covers it.
+    pub const ROTATION_DISPUTED: Self = Self(1 << 22);
 
     /// Every bit with its name, for people.
-    pub const NAMES: [(Self, &'static str); 15] = [
+    pub const NAMES: [(Self, &'static str); 22] = [
         (Self::NOT_POSITIVE_DEFINITE, "not positive definite"),
         (Self::IMU_SATURATED, "IMU saturated"),
         (Self::NO_FEATURES, "no features"),
@@ -71,6 +85,13 @@ impl HealthBits {
         (Self::DEGRADED, "degraded"),
         (Self::CAMERAS_DISAGREE, "cameras disagree"),
         (Self::IMU_CONTRADICTED, "IMU contradicted"),
+        (Self::GYRO_STUCK, "gyroscope stuck"),
+        (Self::ACCEL_STUCK, "accelerometer stuck"),
+        (Self::LEFT_FROZEN, "left image frozen"),
+        (Self::RIGHT_FROZEN, "right image frozen"),
+        (Self::IMU_LATE, "IMU late"),
+        (Self::IMAGES_LATE, "images late"),
+        (Self::ROTATION_DISPUTED, "rotation disputed"),
     ];
 
     /// Sets the bits of `other`.

@@ -80,6 +80,10 @@ pub struct Feedback {
     pub time_offset_s: f64,
     /// Bias of the gyroscope, rad/s.
     pub bias_gyro: Vector3<f64>,
+    /// Mean angular rate of the body since the frame before, rad/s: it predicts turns that no gyroscope measures.
+    pub turn_rate_b: Vector3<f64>,
+    /// Whether inertial samples are not believed, since they contradict the images.
+    pub distrusts_imu: bool,
     /// Resets so far.
     pub reset_counter: u32,
     /// The frame that was solved, as places want to know it.
@@ -132,6 +136,8 @@ impl Feedback {
             pose_b_c: [pose(0), pose(1)],
             time_offset_s: setup.rig.time_offset_s,
             bias_gyro: Vector3::zeros(),
+            turn_rate_b: Vector3::zeros(),
+            distrusts_imu: false,
             reset_counter: 0,
             solved: SolvedFrame::default(),
         }

@@ -5,6 +5,8 @@
 use crate::admission::{ImuDoor, StampGate, StampVerdict};
 use crate::estimate::{FrameFigures, HealthBits, StageProbe};
 use crate::exchange::{Feedback, Tracked, believable_offset, max_samples};
+use crate::geometry::exp_so3;
+use crate::image::frozen::FrozenWatch;
 use crate::inertial::buffer::IMU_MEMORY_S;
 use crate::inertial::{ImuBuffer, ImuNoise};
 use crate::input::{FrameInput, ImuAdmission, ResetKind};
@@ -32,6 +34,9 @@ pub struct FrontEnd {
     next_sequence: u64,
     time_offset_s: f64,
     bias_gyro: Vector3<f64>,
+    turn_rate_b: Vector3<f64>,
+    distrusts_imu: bool,
+    frozen: FrozenWatch,
     reset_counter: u32,
     asked_reset: Option<ResetKind>,
     had_lines: bool,
@@ -62,6 +67,9 @@ impl FrontEnd {
             next_sequence: 0,
             time_offset_s: 0.0,
             bias_gyro: Vector3::zeros(),
+            turn_rate_b: Vector3::zeros(),
+            distrusts_imu: false,
+            frozen: FrozenWatch::new(setup),
             reset_counter: 0,
             asked_reset: None,
             had_lines: false,
@@ -121,6 +129,8 @@ impl FrontEnd {
         }
         self.time_offset_s = believable_offset(feedback.time_offset_s);
         self.bias_gyro = feedback.bias_gyro;
+        self.turn_rate_b = feedback.turn_rate_b;
+        self.distrusts_imu = feedback.distrusts_imu;
     }
 
     /// Gives away the images of frame `sequence`, for those of `images`. They are there between the tracking of the next
@@ -145,7 +155,8 @@ impl FrontEnd {
         }
     }
 
-    /// Tracks a frame into `tracked`. An image of the wrong size counts as missing; a frame whose stamp does not follow those
+    /// Tracks a frame into `tracked`. An image of the wrong size counts as missing, and so does one
+    /// that repeats the one before; a frame whose stamp does not follow those
     /// before is not tracked ([`HealthBits::BAD_STAMP`]). Points are timed by the first of `probes`, lines by the second.
     pub fn track<P: StageProbe + Send>(
         &mut self,
@@ -237,12 +248,18 @@ impl FrontEnd {
         self.had_lines = budget.lines;
     }
 
-    /// Rotation of the body from the frame before to `stamp` by the gyroscope, `R_prev_cur`.
+    /// Rotation of the body from the frame before to `stamp` by the gyroscope, `R_prev_cur`; where it does not measure, or is not
+    /// believed, by the rate of the frames before.
     fn predicted_rotation(&self, stamp: Timestamp) -> UnitQuaternion<f64> {
         let Some(last) = self.last_stamp.filter(|last| stamp > *last) else {
             return UnitQuaternion::identity();
         };
-        self.imu.preintegrate(last, stamp, &self.bias_gyro, &Vector3::zeros(), &self.noise).0.delta_rot
+        let (motion, coverage) =
+            self.imu.preintegrate(last, stamp, &self.bias_gyro, &Vector3::zeros(), &self.noise);
+        match coverage.unmeasured.gyro || self.distrusts_imu {
+            true => exp_so3(&(self.turn_rate_b * stamp.seconds_since(last))),
+            false => motion.delta_rot,
+        }
     }
 
     /// Copies the observations and figures of the frame to `tracked`.
@@ -268,16 +285,21 @@ impl FrontEnd {
     }
 
     fn usable_images<'a>(
-        &self,
+        &mut self,
         frame: &FrameInput<'a>,
         health: &mut HealthBits,
     ) -> [Option<ImageView<'a>>; 2] {
         let mut images = [None, None];
         let missing = [HealthBits::LEFT_MISSING, HealthBits::RIGHT_MISSING];
+        let frozen = [HealthBits::LEFT_FROZEN, HealthBits::RIGHT_FROZEN];
         for camera in 0..self.cameras {
             match frame.images[camera] {
                 Some(image) if (image.width(), image.height()) == self.sizes_px[camera] => {
-                    images[camera] = Some(image)
+                    if self.frozen.is_repeated(camera, &image) && !is_blank(&image) {
+                        health.insert(frozen[camera]);
+                    } else {
+                        images[camera] = Some(image);
+                    }
                 }
                 Some(_) => health.insert(HealthBits::BAD_IMAGE_SIZE),
                 None => health.insert(missing[camera]),

@@ -9,13 +9,14 @@
 pub mod blend;
 
 use crate::admission::ImuDoor;
-use crate::estimate::{BiasVariances, Estimate, NavCovariance, Odometry, TrackingState};
-use crate::inertial::{BelievedSample, ImuNoise, Preintegration, SensorLimits};
+use crate::estimate::{BiasVariances, Estimate, HealthBits, NavCovariance, Odometry, TrackingState};
+use crate::geometry::log_so3;
+use crate::inertial::{BelievedSample, ImuNoise, Preintegration, SensorLimits, StuckWatch, Unmeasured};
 use crate::input::ImuAdmission;
 use crate::window::growth::GrowingCovariance;
 use crate::window::state::NavState;
 use blend::Blend;
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::{ImuSample, Portable, Timestamp, ValidSetup};
 use std::collections::VecDeque;
 
@@ -39,6 +40,12 @@ pub struct Propagator {
     stamp: Timestamp,
     estimated: Timestamp,
     newest: Option<BelievedSample>,
+    watch: StuckWatch,
+    /// What is not believed of the samples, whatever they read.
+    distrusted: Unmeasured,
+    /// Attitude of the last estimate, its time, and the mean rate between the last two, rad/s in `B`.
+    turned: Option<(UnitQuaternion<f64>, Timestamp)>,
+    rate_b: Vector3<f64>,
     state: TrackingState,
     quality: i8,
     reset_counter: u32,
@@ -63,6 +70,10 @@ impl Propagator {
             stamp: Timestamp::default(),
             estimated: Timestamp::default(),
             newest: None,
+            watch: StuckWatch::of(&setup.imu),
+            distrusted: Unmeasured::default(),
+            turned: None,
+            rate_b: Vector3::zeros(),
             state: TrackingState::Initialising,
             quality: -1,
             reset_counter: 0,
@@ -78,6 +89,7 @@ impl Propagator {
         if estimate.is_refused() {
             return;
         }
+        self.follow_turn(estimate);
         let told = self.told().filter(|_| estimate.reset_counter == self.reset_counter);
         self.state = estimate.state;
         self.quality = estimate.quality;
@@ -101,12 +113,28 @@ impl Propagator {
         self.stamp = estimate.stamp;
         self.estimated = estimate.stamp;
         let first = self.samples.partition_point(|s| s.sample.stamp <= estimate.stamp);
+        let are_stamps_late =
+            [HealthBits::IMU_LATE, HealthBits::IMAGES_LATE].iter().any(|bit| estimate.health.contains(*bit));
+        self.distrusted = if are_stamps_late { Unmeasured::BOTH } else { Unmeasured::default() };
+        self.samples.range_mut(first..).for_each(|believed| believed.distrust(self.distrusted));
         self.newest = first.checked_sub(1).map(|k| self.samples[k]);
         for k in first..self.samples.len() {
             let believed = self.samples[k];
             self.advance(&believed);
         }
         self.begin_blend(told);
+    }
+
+    /// Follows the rate of the estimates, which stands in for that of a gyroscope that does not measure.
+    fn follow_turn(&mut self, estimate: &Estimate) {
+        let now = (estimate.pose_o_b.rotation, estimate.stamp);
+        self.rate_b = match self.turned.filter(|_| estimate.reset_counter == self.reset_counter) {
+            Some((before, stamp)) if now.1 > stamp => {
+                log_so3(&(before.inverse() * now.0)) / now.1.seconds_since(stamp)
+            }
+            _ => Vector3::zeros(),
+        };
+        self.turned = estimate.has_pose().then_some(now);
     }
 
     /// What is told of the state, and of which time.
@@ -143,11 +171,12 @@ impl Propagator {
             ImuAdmission::Accepted => {}
             ImuAdmission::ClockSet => {
                 self.samples.clear();
+                self.watch.clear();
                 (self.nav, self.newest) = (None, None);
             }
             _ => return None,
         }
-        let believed = self.limits.believe(sample, self.samples.back());
+        let believed = self.believe(sample);
         if self.samples.len() == self.capacity {
             self.samples.pop_front();
         }
@@ -169,7 +198,10 @@ impl Propagator {
             stamp: sample.stamp,
             pose_o_b: told.pose_o_b(),
             v_o_b: told.v_o_b,
-            angular_rate_b: believed.sample.gyro - told.bias_gyro,
+            angular_rate_b: match believed.unmeasured.gyro {
+                true => self.rate_b,
+                false => believed.sample.gyro - told.bias_gyro,
+            },
             covariance: self.blend.covariance(&self.covariance.nav),
             state: if is_stale { TrackingState::Blind } else { self.state },
             quality: if is_stale { self.quality.min(0) } else { self.quality },
@@ -177,6 +209,19 @@ impl Propagator {
         };
         self.sequence += 1;
         Some(odometry)
+    }
+
+    /// The sample as it is believed. Those before it that a stuck sensor repeated lose belief: the next estimate goes by that.
+    fn believe(&mut self, sample: &ImuSample) -> BelievedSample {
+        let stuck = self.watch.update(sample);
+        if stuck.unmeasured().is_any() {
+            for believed in &mut self.samples {
+                believed.distrust(stuck.at(believed.sample.stamp));
+            }
+        }
+        let mut believed = self.limits.believe(sample, self.samples.back());
+        believed.distrust(stuck.unmeasured().or(self.distrusted));
+        believed
     }
 
     /// Whether the state carried, if there is one, is made of finite numbers.
@@ -196,8 +241,18 @@ impl Propagator {
             let apart = to.stamp.seconds_since(from.stamp).at_least(dt);
             let saturated = last.saturated.or(next.saturated);
             let noise = self.limits.noise_of_step(&self.noise, dt, apart, saturated);
+            let unmeasured = last.unmeasured.or(next.unmeasured);
+            let noise = unmeasured.noise(noise);
+            let (mut gyro, mut accels) = ((from.gyro + to.gyro) * 0.5, [from.accel, to.accel]);
+            if unmeasured.gyro {
+                gyro = self.rate_b + nav.bias_gyro;
+            }
+            if unmeasured.accel {
+                // A steady velocity.
+                accels = [nav.rot_o_b.inverse() * -self.gravity_o + nav.bias_accel; 2];
+            }
             let mut step = Preintegration::new(&nav.bias_gyro, &nav.bias_accel);
-            step.integrate(dt, &((from.gyro + to.gyro) * 0.5), &from.accel, &to.accel, &noise);
+            step.integrate(dt, &gyro, &accels[0], &accels[1], &noise);
             self.covariance.grow(nav, &step, &self.noise);
             *nav = nav.after(&step, &self.gravity_o);
             self.stamp = to.stamp;
@@ -211,7 +266,13 @@ mod tests {
     use super::*;
     use crate::estimate::{FrameFigures, HealthBits};
     use nalgebra::Isometry3;
-    use plumbline_config::Config;
+    use plumbline_config::{Config, ValidConfig};
+
+    /// The rig of the tests, whose readings repeat.
+    fn sensor_without_noise() -> ValidConfig {
+        let config = Config::preset("sim").expect("is valid");
+        config.with("test", |c| c.imu.stuck_after_s = 0.0).expect("is valid")
+    }
 
     fn estimate() -> Estimate {
         Estimate {
@@ -236,7 +297,7 @@ mod tests {
 
     #[test]
     fn odometry_without_news_of_the_cameras_goes_on_and_says_that_it_is_blind() {
-        let config = Config::preset("sim").expect("is valid");
+        let config = sensor_without_noise();
         let mut propagator = Propagator::new(config.setup());
         propagator.correct(&estimate());
         let outputs: Vec<_> = (1..=200)
@@ -255,7 +316,7 @@ mod tests {
 
     /// Standard deviations of position and velocity, m and m/s, a second after `estimate`, of samples that `spoil` changes.
     fn sigmas(estimate: &Estimate, spoil: fn(i64, &mut ImuSample), skips: fn(i64) -> bool) -> [f64; 2] {
-        let mut propagator = Propagator::new(Config::preset("sim").expect("is valid").setup());
+        let mut propagator = Propagator::new(sensor_without_noise().setup());
         propagator.correct(estimate);
         let sample = |k: i64| {
             let stamp = Timestamp::from_nanos((1000 + 5 * k) * 1_000_000);
@@ -325,7 +386,7 @@ mod tests {
     fn readings_that_are_no_numbers_or_beyond_all_bounds_never_reach_the_odometry() {
         for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e200, -1e300, f64::MAX] {
             for axis in 0..6 {
-                let mut propagator = Propagator::new(Config::preset("sim").expect("is valid").setup());
+                let mut propagator = Propagator::new(sensor_without_noise().setup());
                 propagator.correct(&estimate());
                 let odometry = run(&mut propagator, 1000, |k, reading| {
                     let part = if axis < 3 { &mut reading.gyro } else { &mut reading.accel };
@@ -346,7 +407,7 @@ mod tests {
 
     #[test]
     fn a_correction_enters_at_a_bounded_rate_and_that_of_a_reset_at_once() {
-        let mut propagator = Propagator::new(Config::preset("sim").expect("is valid").setup());
+        let mut propagator = Propagator::new(sensor_without_noise().setup());
         propagator.correct(&estimate());
         let before = run(&mut propagator, 1000, |_, _| {}).pop().expect("flies");
         let at = |seconds: i64, x: f64, reset_counter: u32| Estimate {
@@ -369,7 +430,7 @@ mod tests {
 
     #[test]
     fn an_estimate_from_before_the_samples_that_are_kept_ends_the_odometry() {
-        let mut propagator = Propagator::new(Config::preset("sim").expect("is valid").setup());
+        let mut propagator = Propagator::new(sensor_without_noise().setup());
         let _ = run(&mut propagator, 5000, |_, _| {});
         let _ = run(&mut propagator, 6000, |_, _| {});
         propagator.correct(&estimate());
@@ -387,7 +448,7 @@ mod tests {
                 |e, x| e.covariance[(3, 3)] = x,
             ];
             for (which, poison) in poisons.iter().enumerate() {
-                let mut propagator = Propagator::new(Config::preset("sim").expect("is valid").setup());
+                let mut propagator = Propagator::new(sensor_without_noise().setup());
                 let mut bad = estimate();
                 poison(&mut bad, value);
                 propagator.correct(&bad);

@@ -137,6 +137,9 @@ pub struct HealthConfig {
     pub max_accel_bias_m_s2: f64,
     /// No automatic reset within this time after the last one, s.
     pub reset_holdoff_s: f64,
+    /// An image that repeats the one before bit for bit counts as missing. `false` for cameras without noise, whose images
+    /// repeat while the vehicle stands.
+    pub refuse_repeated_images: bool,
 }
 
 impl Default for HealthConfig {
@@ -148,6 +151,7 @@ impl Default for HealthConfig {
             max_gyro_bias_rad_s: 0.5,
             max_accel_bias_m_s2: 2.0,
             reset_holdoff_s: 2.0,
+            refuse_repeated_images: true,
         }
     }
 }

@@ -97,6 +97,10 @@ pub struct ImuConfig {
     /// Largest specific force the sensor can report, m/s².
     #[serde(default = "default_accel_range")]
     pub accel_range_m_s2: f64,
+    /// A sensor whose three axes repeat their readings bit for bit for this long does not measure, s; shorter if the vehicle
+    /// moves meanwhile. 0 switches the watch off, for sensors without noise.
+    #[serde(default = "default_stuck_after")]
+    pub stuck_after_s: f64,
     /// Standard deviation of the gyroscope bias at switch-on, rad/s.
     #[serde(default = "default_gyro_bias_sigma")]
     pub gyro_bias_sigma_rad_s: f64,
@@ -123,6 +127,7 @@ impl ImuConfig {
             error_time_s: default_error_time(),
             gyro_range_rad_s: default_gyro_range(),
             accel_range_m_s2: default_accel_range(),
+            stuck_after_s: default_stuck_after(),
             gyro_bias_sigma_rad_s: default_gyro_bias_sigma(),
             accel_bias_sigma_m_s2: default_accel_bias_sigma(),
             gravity_m_s2: default_gravity(),
@@ -145,6 +150,9 @@ fn default_gyro_range() -> f64 {
 }
 fn default_accel_range() -> f64 {
     156.9
+}
+fn default_stuck_after() -> f64 {
+    0.1
 }
 fn default_gyro_bias_sigma() -> f64 {
     0.1

@@ -31,6 +31,7 @@ const SETUP_ROWS: &[Row<EstimatorSetup>] = &[
     ("imu.error_time_s",            |c| c.imu.error_time_s,            0.05, 100.0,  SECONDS),
     ("imu.gyro_range_rad_s",        |c| c.imu.gyro_range_rad_s,        1.0,  100.0,  "write it in rad/s (1000 deg/s = 17.45 rad/s)"),
     ("imu.accel_range_m_s2",        |c| c.imu.accel_range_m_s2,        15.0, 2000.0, "write it in m/s² (16 g = 156.9 m/s²)"),
+    ("imu.stuck_after_s",           |c| c.imu.stuck_after_s,           0.0,  10.0,   "write it in seconds, 0 to switch it off"),
     ("imu.gyro_bias_sigma_rad_s",   |c| c.imu.gyro_bias_sigma_rad_s,   1e-6, 1.0,    "write it in rad/s (1 deg/s = 0.01745 rad/s)"),
     ("imu.accel_bias_sigma_m_s2",   |c| c.imu.accel_bias_sigma_m_s2,   1e-6, 5.0,    "write it in m/s² (1 mg = 0.00981 m/s²)"),
     ("imu.gravity_m_s2",            |c| c.imu.gravity_m_s2,            9.7,  9.9,    "write the positive magnitude on Earth in m/s², about 9.81"),

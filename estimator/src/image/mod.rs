@@ -1,5 +1,6 @@
 //! Images as the trackers want them: 8-bit pyramids and interpolated patches.
 
+pub mod frozen;
 pub mod patch;
 pub mod pyramid;
 #[cfg(test)]

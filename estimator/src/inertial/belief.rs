@@ -5,7 +5,8 @@
 //! in for it, as uncertain as half the range. Between two samples that are far apart the motion is taken for steady; what
 //! it may have been otherwise grows with their distance, and has nothing to do with the noise of the sensor.
 
-use super::ImuNoise;
+use super::{ImuNoise, Unmeasured};
+use nalgebra::Vector3;
 use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Portable};
 
@@ -53,6 +54,18 @@ pub struct BelievedSample {
     pub sample: ImuSample,
     /// Which of them stand in for others.
     pub saturated: Saturation,
+    /// Which sensors did not measure at all: see [`super::stuck`].
+    pub unmeasured: Unmeasured,
+}
+
+impl BelievedSample {
+    /// Takes the readings of `unmeasured` sensors away: they stand for no rotation, and for the force that they repeat.
+    pub fn distrust(&mut self, unmeasured: Unmeasured) {
+        self.unmeasured = self.unmeasured.or(unmeasured);
+        if unmeasured.gyro {
+            self.sample.gyro = Vector3::zeros();
+        }
+    }
 }
 
 /// The limits of an inertial sensor.
@@ -83,7 +96,7 @@ impl SensorLimits {
             gyro: sample.gyro.amax() > SATURATED_SHARE * self.gyro_range,
             accel: sample.accel.amax() > SATURATED_SHARE * self.accel_range,
         };
-        let mut believed = BelievedSample { sample: *sample, saturated };
+        let mut believed = BelievedSample { sample: *sample, saturated, unmeasured: Unmeasured::default() };
         if let Some(last) = last {
             if saturated.gyro {
                 believed.sample.gyro = last.sample.gyro;
@@ -135,7 +148,6 @@ impl SensorLimits {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::Vector3;
     use plumbline_config::Timestamp;
 
     const LIMITS: SensorLimits = SensorLimits { period_s: 0.005, gyro_range: 10.0, accel_range: 100.0 };

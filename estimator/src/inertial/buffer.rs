@@ -2,6 +2,7 @@
 
 use super::belief::{BelievedSample, SensorLimits};
 use super::preintegration::{ImuNoise, Preintegration};
+use super::stuck::{StuckWatch, Unmeasured};
 use nalgebra::Vector3;
 use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Portable, Timestamp};
@@ -17,6 +18,8 @@ pub struct Coverage {
     pub has_gap: bool,
     /// A sample was at the end of the sensor's range.
     pub is_saturated: bool,
+    /// The sensors that did not measure throughout.
+    pub unmeasured: Unmeasured,
 }
 
 /// A ring of the newest samples. Full, it forgets the oldest.
@@ -25,16 +28,24 @@ pub struct ImuBuffer {
     samples: VecDeque<BelievedSample>,
     capacity: usize,
     limits: SensorLimits,
+    watch: StuckWatch,
+    stuck: Unmeasured,
+    /// What is not believed of the samples that come, whatever they read.
+    distrusted: Unmeasured,
+    /// Samples later than this are believed less than when they came.
+    revised_since: Option<Timestamp>,
 }
 
 impl ImuBuffer {
     /// Room for [`IMU_MEMORY_S`] of a sensor's samples.
     #[must_use]
     pub fn of(imu: &ImuConfig) -> Self {
-        Self::new(IMU_MEMORY_S, imu.rate_hz, imu.gyro_range_rad_s, imu.accel_range_m_s2)
+        let buffer = Self::new(IMU_MEMORY_S, imu.rate_hz, imu.gyro_range_rad_s, imu.accel_range_m_s2);
+        Self { watch: StuckWatch::of(imu), ..buffer }
     }
 
-    /// Room for `seconds` of samples at `rate_hz`; saturated readings are kept as [`super::belief`] says.
+    /// Room for `seconds` of samples at `rate_hz`; saturated readings are kept as [`super::belief`] says. Readings that repeat
+    /// are believed.
     #[must_use]
     pub fn new(seconds: f64, rate_hz: f64, gyro_range_rad_s: f64, accel_range_m_s2: f64) -> Self {
         let capacity = (seconds * rate_hz).ceil() as usize + 2;
@@ -42,6 +53,10 @@ impl ImuBuffer {
             samples: VecDeque::with_capacity(capacity),
             capacity,
             limits: SensorLimits::new(rate_hz, gyro_range_rad_s, accel_range_m_s2),
+            watch: StuckWatch::new(0.0),
+            stuck: Unmeasured::default(),
+            distrusted: Unmeasured::default(),
+            revised_since: None,
         }
     }
 
@@ -56,8 +71,61 @@ impl ImuBuffer {
         if self.samples.len() == self.capacity {
             self.samples.pop_front();
         }
-        self.samples.push_back(self.limits.believe(sample, self.samples.back()));
+        let mut believed = self.limits.believe(sample, self.samples.back());
+        let stuck = self.watch.update(sample);
+        let unmeasured = stuck.unmeasured();
+        self.stuck = unmeasured;
+        if unmeasured.is_any() {
+            self.revise(stuck.gyro, Unmeasured { gyro: true, accel: false });
+            self.revise(stuck.accel, Unmeasured { gyro: false, accel: true });
+        }
+        believed.distrust(unmeasured.or(self.distrusted));
+        self.samples.push_back(believed);
         true
+    }
+
+    /// Takes away what `unmeasured` sensors read after `since`, as far as it was believed.
+    fn revise(&mut self, since: Option<Timestamp>, unmeasured: Unmeasured) {
+        let Some(since) = since else { return };
+        let is_new = |believed: &&mut BelievedSample| {
+            believed.sample.stamp > since && believed.unmeasured.or(unmeasured) != believed.unmeasured
+        };
+        let mut is_revised = false;
+        for believed in self.samples.iter_mut().rev().take_while(is_new) {
+            believed.distrust(unmeasured);
+            is_revised = true;
+        }
+        if is_revised {
+            self.revised_since = Some(self.revised_since.map_or(since, |earlier| earlier.min(since)));
+        }
+    }
+
+    /// The sensors that repeat their readings at the newest sample.
+    #[must_use]
+    pub fn stuck(&self) -> Unmeasured {
+        self.stuck
+    }
+
+    /// Whether the samples that are kept begin before `stamp`.
+    #[must_use]
+    pub fn reaches_back_to(&self, stamp: Timestamp) -> bool {
+        self.samples.front().is_some_and(|first| first.sample.stamp <= stamp)
+    }
+
+    /// Believes neither sensor after `since` and in all samples to come, until [`Self::trust`].
+    pub fn distrust(&mut self, since: Timestamp) {
+        self.distrusted = Unmeasured::BOTH;
+        self.revise(Some(since), Unmeasured::BOTH);
+    }
+
+    /// Believes the samples to come.
+    pub fn trust(&mut self) {
+        self.distrusted = Unmeasured::default();
+    }
+
+    /// The time after which samples have lost belief since the last call, if any have.
+    pub fn take_revision(&mut self) -> Option<Timestamp> {
+        self.revised_since.take()
     }
 
     /// The samples, oldest first.
@@ -68,6 +136,9 @@ impl ImuBuffer {
     /// Forgets everything.
     pub fn clear(&mut self) {
         self.samples.clear();
+        self.watch.clear();
+        (self.stuck, self.revised_since) = (Unmeasured::default(), None);
+        self.distrusted = Unmeasured::default();
     }
 
     /// Mean angular rate, rad/s, and specific force, m/s², of the samples in `[from, to]`, both in the body frame,
@@ -137,14 +208,17 @@ impl ImuBuffer {
     ) {
         if let Some(last) = *previous {
             let saturated = last.saturated.or(next.saturated);
+            let unmeasured = last.unmeasured.or(next.unmeasured);
             let (from, to) = (&last.sample, &next.sample);
             let dt = to.stamp.seconds_since(from.stamp);
             let uncovered = self.distance_to_samples(from.stamp) + self.distance_to_samples(to.stamp);
             let apart = dt.at_least(uncovered).at_least(hole_s);
             coverage.has_gap |= self.limits.is_gap(apart);
             coverage.is_saturated |= saturated.is_any();
+            coverage.unmeasured = coverage.unmeasured.or(unmeasured);
             if dt > 0.0 {
                 let noise = self.limits.noise_of_step(noise, dt, apart, saturated);
+                let noise = unmeasured.noise(noise);
                 result.integrate(dt, &((from.gyro + to.gyro) * 0.5), &from.accel, &to.accel, &noise);
             }
         }
@@ -167,18 +241,24 @@ impl ImuBuffer {
         let next = self.samples.partition_point(|s| s.sample.stamp < stamp);
         let after = self.samples.get(next);
         let before = if next > 0 { self.samples.get(next - 1) } else { None };
-        let (gyro, accel, saturated) = match (before, after) {
-            (
-                Some(BelievedSample { sample: a, saturated }),
-                Some(BelievedSample { sample: b, saturated: next }),
-            ) => {
-                let share = stamp.seconds_since(a.stamp) / b.stamp.seconds_since(a.stamp);
-                (a.gyro.lerp(&b.gyro, share), a.accel.lerp(&b.accel, share), saturated.or(*next))
+        let (before, after) = match (before, after) {
+            (Some(a), Some(b)) => (a, b),
+            (Some(s), None) | (None, Some(s)) => {
+                return Some(BelievedSample { sample: ImuSample { stamp, ..s.sample }, ..*s });
             }
-            (Some(s), None) | (None, Some(s)) => (s.sample.gyro, s.sample.accel, s.saturated),
             (None, None) => return None,
         };
-        Some(BelievedSample { sample: ImuSample { stamp, gyro, accel }, saturated })
+        let (a, b) = (&before.sample, &after.sample);
+        let share = stamp.seconds_since(a.stamp) / b.stamp.seconds_since(a.stamp);
+        Some(BelievedSample {
+            sample: ImuSample {
+                stamp,
+                gyro: a.gyro.lerp(&b.gyro, share),
+                accel: a.accel.lerp(&b.accel, share),
+            },
+            saturated: before.saturated.or(after.saturated),
+            unmeasured: before.unmeasured.or(after.unmeasured),
+        })
     }
 }
 

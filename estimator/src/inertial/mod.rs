@@ -4,7 +4,9 @@
 pub mod belief;
 pub mod buffer;
 pub mod preintegration;
+pub mod stuck;
 
 pub use belief::{BelievedSample, Saturation, SensorLimits};
 pub use buffer::ImuBuffer;
 pub use preintegration::{ImuNoise, Preintegration};
+pub use stuck::{StuckWatch, Unmeasured};

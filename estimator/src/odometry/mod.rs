@@ -15,6 +15,10 @@ mod renewal;
 mod reset;
 #[cfg(test)]
 mod reset_tests;
+mod rotation_watch;
+mod silent;
+#[cfg(test)]
+mod silent_tests;
 mod start;
 mod steps;
 #[cfg(test)]
@@ -45,6 +49,8 @@ use pair::PairWatch;
 use plumbline_config::options::HealthConfig;
 use plumbline_config::{CameraModel, Timestamp, ValidSetup};
 use reset::Memory;
+use rotation_watch::RotationWatch;
+use silent::report_stuck;
 pub use steps::StepCovariance;
 use zero_velocity::ZeroVelocityDetector;
 
@@ -103,6 +109,7 @@ pub struct Odometer {
     mono_workspace: MonoWorkspace,
     zero_velocity: ZeroVelocityDetector,
     pair: PairWatch,
+    rotation: RotationWatch,
     phase: Phase,
     last_stamp: Option<Timestamp>,
     last_seen: Option<Timestamp>,
@@ -161,6 +168,7 @@ impl Odometer {
             mono_workspace: MonoWorkspace::new(gathered, points),
             zero_velocity: ZeroVelocityDetector::new(rate_hz, setup.left().focal_px[0]),
             pair: PairWatch::new(setup.camera.len(), rate_hz),
+            rotation: RotationWatch::new(imu),
             phase: Phase::Gathering,
             last_stamp: None,
             last_seen: None,
@@ -209,6 +217,7 @@ impl Odometer {
         }
         for sample in &tracked.samples {
             self.imu.push(sample);
+            self.rotation.add(sample);
         }
         self.solved.keyframes.clear();
         self.solved.steps.clear();
@@ -258,6 +267,8 @@ impl Odometer {
         feedback.pose_b_c = [rig.pose_b_c(0), rig.pose_b_c(1)];
         feedback.time_offset_s = rig.time_offset_s;
         feedback.bias_gyro = self.biases().0;
+        feedback.turn_rate_b = self.turn_rate_b();
+        feedback.distrusts_imu = self.rotation.is_contradicted();
         feedback.reset_counter = self.reset_counter;
         self.solved.index = self.frames;
         self.solved.sequence = estimate.frame_sequence;
@@ -346,6 +357,12 @@ impl Odometer {
             health.insert(HealthBits::IMU_GAP);
             self.gathering.clear();
         }
+        if let Some((_, coverage)) = &motion
+            && (report_stuck(self.imu.stuck(), health) || coverage.unmeasured.is_any())
+        {
+            // A start needs gravity, and turns between its frames.
+            self.gathering.clear();
+        }
         self.gathering.push(time, self.measurer.points(), motion.map(|m| m.0));
         if self.try_start() {
             self.phase = Phase::Running;
@@ -375,6 +392,8 @@ impl Odometer {
         self.window.push_frame(time, nav, Some(motion), self.zero_velocity.is_still());
         let (tracks, lines) = (self.measurer.points(), self.measurer.lines());
         let connected = self.window.observe(tracks, lines);
+        self.judge_turn(coverage, health);
+        let (tracks, lines) = (self.measurer.points(), self.measurer.lines());
         let is_keyframe = self.window.needs_keyframe(connected, tracks.len());
         if is_keyframe {
             self.window.make_keyframe(tracks, lines);
@@ -429,12 +448,12 @@ impl Odometer {
             v_o_b: nav.v_o_b,
             bias_gyro: nav.bias_gyro,
             bias_accel: nav.bias_accel,
-            covariance: self.covariance,
+            covariance: self.stated_covariance(),
             bias_variances: self.bias_variances,
             time_offset_s: self.window.rig.time_offset_s,
             time_offset_sigma_s: self.time_offset_sigma_s,
             pose_b_c0: self.window.rig.pose_b_c0,
-            quality: if running { self.quality(in_view) } else { -1 },
+            quality: if running { self.rotation.bounded(self.quality(in_view)) } else { -1 },
             health,
             reset_counter: self.reset_counter,
             figures: FrameFigures {

@@ -29,7 +29,13 @@ impl PairWatch {
     /// Takes the number of points of a frame, and of those that both cameras see; says so in `health` once the cameras have
     /// disagreed for a while.
     pub fn update(&mut self, points: usize, shared: usize, health: &mut HealthBits) {
-        let missing = [HealthBits::LEFT_MISSING, HealthBits::RIGHT_MISSING, HealthBits::BAD_IMAGE_SIZE];
+        let missing = [
+            HealthBits::LEFT_MISSING,
+            HealthBits::RIGHT_MISSING,
+            HealthBits::LEFT_FROZEN,
+            HealthBits::RIGHT_FROZEN,
+            HealthBits::BAD_IMAGE_SIZE,
+        ];
         let is_pair = self.cameras > 1 && !missing.iter().any(|bit| health.contains(*bit));
         let disagree = is_pair && points >= MIN_POINTS && (shared as f64) < MIN_SHARED * points as f64;
         self.frames = if disagree { self.frames.saturating_add(1) } else { 0 };

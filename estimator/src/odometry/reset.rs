@@ -56,6 +56,8 @@ impl Odometer {
         self.gathering.clear();
         self.measurer.clear();
         self.zero_velocity.clear();
+        self.rotation.forget_turns();
+        self.imu.trust();
         self.reset_counter += 1;
         if kind == ResetKind::Hard {
             self.forget_time();
@@ -71,6 +73,7 @@ impl Odometer {
     /// Forgets all stamps: those that come have nothing to do with them.
     pub(super) fn forget_time(&mut self) {
         self.imu.clear();
+        self.rotation.clear();
         (self.last_stamp, self.last_seen, self.last_reset) = (None, None, None);
     }
 

@@ -10,31 +10,41 @@ use std::ops::Range;
 
 /// What happens to the sensors.
 #[derive(Clone, Copy)]
-struct Trouble {
+pub(super) struct Trouble {
     /// What becomes of an inertial sample at a time; `None` where it is lost.
-    imu: fn(f64, ImuSample) -> Option<ImuSample>,
+    pub(super) imu: fn(f64, ImuSample) -> Option<ImuSample>,
     /// Which cameras see.
-    alive: fn(f64) -> [bool; 2],
+    pub(super) alive: fn(f64) -> [bool; 2],
+    /// How old what the frame of a stamp sees is, s; `None` where no frame comes.
+    pub(super) age_s: fn(f64) -> Option<f64>,
     /// What becomes of the points of a frame.
-    points: fn(f64, &mut Vec<PointObservation>),
+    pub(super) points: fn(f64, &mut Vec<PointObservation>),
     /// A soft reset that somebody asks for, s.
-    reset_s: Option<f64>,
+    pub(super) reset_s: Option<f64>,
 }
 
-const NONE: Trouble =
-    Trouble { imu: |_, sample| Some(sample), alive: |_| [true; 2], points: |_, _| {}, reset_s: None };
+pub(super) const NONE: Trouble = Trouble {
+    imu: |_, sample| Some(sample),
+    alive: |_| [true; 2],
+    age_s: |_| Some(0.0),
+    points: |_, _| {},
+    reset_s: None,
+};
 
 /// One pose against the truth.
-struct Judged {
-    time_s: f64,
+pub(super) struct Judged {
+    pub(super) time_s: f64,
     nees: f64,
-    error_m: f64,
-    health: HealthBits,
+    pub(super) error_m: f64,
+    /// Errors of position and attitude along their largest, in standard deviations.
+    pub(super) sigmas: [f64; 2],
+    pub(super) quality: i8,
+    pub(super) health: HealthBits,
     resets: u32,
 }
 
 /// Flies through the world, the truth brought to the first pose by position and yaw.
-fn fly(world: &mut World, duration_s: f64, trouble: &Trouble) -> Vec<Judged> {
+pub(super) fn fly(world: &mut World, duration_s: f64, trouble: &Trouble) -> Vec<Judged> {
     let mut odometer = Odometer::new(&world.config);
     let (mut tracked, mut feedback) = (Tracked::new(&world.config), Feedback::new(&world.config));
     let mut origin: Option<Isometry3<f64>> = None;
@@ -42,14 +52,19 @@ fn fly(world: &mut World, duration_s: f64, trouble: &Trouble) -> Vec<Judged> {
     // A track that is told to be wrong ends, and its point is tracked anew.
     let points = world.points_o.len() as u32;
     let mut ended = vec![0u32; world.points_o.len()];
+    let mut waiting = std::collections::VecDeque::new();
     for k in 0..(duration_s * 20.0) as u32 {
         let t = 0.2 + f64::from(k) * 0.05;
         while f64::from(next_imu) * 0.005 <= t + 0.0051 {
             let sample_s = f64::from(next_imu) * 0.005;
-            tracked.samples.extend((trouble.imu)(sample_s, world.imu(sample_s, true)));
+            waiting.extend((trouble.imu)(sample_s, world.imu(sample_s, true)));
             next_imu += 1;
         }
-        tracked.points = world.observe(t, (trouble.alive)(t));
+        let Some(age_s) = (trouble.age_s)(t) else { continue };
+        while let Some(sample) = waiting.pop_front_if(|s: &mut ImuSample| s.stamp <= stamp(t + 0.0051)) {
+            tracked.samples.push(sample);
+        }
+        tracked.points = world.observe(t - age_s, (trouble.alive)(t));
         (trouble.points)(t, &mut tracked.points);
         feedback.wrong_points.dedup();
         feedback.wrong_points.iter().for_each(|id| ended[(id % points) as usize] = id / points + 1);
@@ -72,6 +87,12 @@ fn fly(world: &mut World, duration_s: f64, trouble: &Trouble) -> Vec<Judged> {
             time_s: t,
             nees: (error.transpose() * covariance.try_inverse().unwrap() * error)[0] / 6.0,
             error_m: p_error.norm(),
+            sigmas: [0, 3].map(|part| {
+                let error = error.fixed_rows::<3>(part).into_owned();
+                let covariance = covariance.fixed_view::<3, 3>(part, part).into_owned();
+                (error.transpose() * covariance.try_inverse().unwrap() * error)[0].sqrt()
+            }),
+            quality: estimate.quality,
             health: estimate.health,
             resets: estimate.reset_counter,
         });

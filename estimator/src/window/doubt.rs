@@ -51,7 +51,7 @@ impl Window {
     }
 
     /// Where the newest frame would be if the vehicle had gone on as it did between the two before.
-    fn steady_newest(&self) -> Option<NavState> {
+    pub fn steady_newest(&self) -> Option<NavState> {
         let [.., a, b, newest] = &self.frames[..] else { return None };
         let dt = newest.stamp.seconds_since(b.stamp);
         let turn = log_so3(&(a.nav.rot_o_b.inverse() * b.nav.rot_o_b));

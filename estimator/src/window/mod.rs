@@ -49,6 +49,7 @@ mod quad;
 pub mod relative;
 pub mod reprojection;
 mod rig_walk;
+pub mod sighting;
 pub mod snapshot;
 pub mod solve;
 pub mod state;

@@ -1,6 +1,7 @@
 //! What may go wrong in a flight of the campaign: when, and how it is brought about.
 
 use super::Entry;
+use super::silent::watched_s;
 use crate::flight::{Flight, FlightError};
 use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::{Config, ValidConfig};
@@ -70,6 +71,24 @@ pub enum Fault {
     Covered,
     /// Both lenses covered while the vehicle is carried from one place of rest to another.
     Kidnapped,
+    /// The gyroscope reads zero, from 10 s on as in all that follow.
+    GyroZero,
+    /// One axis of the gyroscope repeats its last reading.
+    GyroAxisStuck,
+    /// The accelerometer repeats its last reading.
+    AccelStuck,
+    /// The inertial sensor repeats its last sample with new stamps.
+    ImuFrozen,
+    /// Inertial samples are stamped 0.1 s late.
+    ImuLate100,
+    /// Inertial samples are stamped 0.5 s late.
+    ImuLate500,
+    /// The left camera repeats its last image.
+    ImageFrozen,
+    /// Both cameras repeat their last images.
+    ImagesFrozen,
+    /// Images are stamped 0.2 s late.
+    ImagesLate,
     /// An error of the inertial sensor.
     Inertial(ImuError),
 }
@@ -90,7 +109,7 @@ impl Fault {
     }
 
     /// All that can go wrong, but for errors of inertial sensors.
-    pub const ALL: [Self; 21] = [
+    pub const ALL: [Self; 30] = [
         Self::Blackout,
         Self::Drops,
         Self::LeftLost,
@@ -112,12 +131,24 @@ impl Fault {
         Self::Garbage,
         Self::Covered,
         Self::Kidnapped,
+        Self::GyroZero,
+        Self::GyroAxisStuck,
+        Self::AccelStuck,
+        Self::ImuFrozen,
+        Self::ImuLate100,
+        Self::ImuLate500,
+        Self::ImageFrozen,
+        Self::ImagesFrozen,
+        Self::ImagesLate,
     ];
 
     /// Whether it is about the other camera, so that one camera alone cannot have it.
     #[must_use]
     pub fn needs_two_cameras(self) -> bool {
-        matches!(self, Self::LeftLost | Self::RightLost | Self::RightTurned | Self::Covered)
+        matches!(
+            self,
+            Self::LeftLost | Self::RightLost | Self::RightTurned | Self::Covered | Self::ImageFrozen
+        )
     }
 
     /// When it lasts, s after the first frame; for what lasts throughout, from when the estimate should have settled.
@@ -144,6 +175,15 @@ impl Fault {
             | Self::Extrinsics
             | Self::RightTurned
             | Self::FarOnly => lasting(4.0),
+            Self::GyroZero
+            | Self::GyroAxisStuck
+            | Self::AccelStuck
+            | Self::ImuFrozen
+            | Self::ImuLate100
+            | Self::ImuLate500
+            | Self::ImageFrozen
+            | Self::ImagesFrozen
+            | Self::ImagesLate => Some(watched_s()),
         }
     }
 
@@ -231,7 +271,7 @@ impl Fault {
                 ImuFaults { clock: clock(BEGIN_S..BEGIN_S + 1.0 / config.imu.rate_hz, 3600.0), ..none }
             }
             Self::SetBack => ImuFaults { clock: self.span_s().and_then(|span| clock(span, -10.0)), ..none },
-            _ => none,
+            _ => self.silent_imu(),
         }
     }
 
@@ -244,7 +284,7 @@ impl Fault {
             Self::TenPoints => ImageFaults { fog: span.map(|span| (span, CLEAR_PX)), ..none },
             Self::HourAhead => ImageFaults { clock: span.and_then(|span| clock(span, 3600.0)), ..none },
             Self::SetBack => ImageFaults { clock: span.and_then(|span| clock(span, -10.0)), ..none },
-            _ => none,
+            _ => self.silent_images(),
         }
     }
 }

@@ -5,16 +5,22 @@
 //! measured in a fraction of the time.
 
 mod fault;
+mod silent;
 pub mod table;
 
 pub use fault::Fault;
+pub use silent::SILENT_FROM_S;
 
-use crate::flight::{FlightError, Flown, Truth, fly, open_simulation, with_overrides};
+use crate::flight::states::StateRow;
+use crate::flight::{FlightError, Flown, KeptStates, Truth, fly, open_simulation, with_overrides};
+use crate::pipeline::listener::Subscriber;
 use crate::pipeline::{Control, RunOptions};
 use crate::report::Report;
+use crate::report::silence::Silence;
 use crate::report::trust::Trust;
 use plumbline_config::ValidConfig;
 use plumbline_drivers::simulator::{FlightPath, Inertial, Scenario, Scene};
+use plumbline_estimator::HealthBits;
 use std::path::{Path, PathBuf};
 
 /// Trajectories and where in them the vehicle is in full flight, s.
@@ -137,14 +143,33 @@ impl Entry {
         flight.config = with_overrides(&flight.config, &setup.overrides)?;
         let flight = self.fault.strike(flight, self.scenario.seed)?;
         let options = RunOptions { speed: None, threads: setup.threads };
-        let flown = fly(flight, &options, &Control::default(), vec![])?;
-        Ok(Report { trust: self.trust(&flown), ..Report::new(&flown) })
+        let mut states = self.fault.is_silent().then(|| KeptStates::for_flight(&flight));
+        let subscribers = states.iter_mut().map(|states| states as &mut dyn Subscriber).collect();
+        let flown = fly(flight, &options, &Control::default(), subscribers)?;
+        let silence = states.and_then(|states| self.silence(&flown, &states.into_rows()));
+        Ok(Report { trust: self.trust(&flown), silence, ..Report::new(&flown) })
     }
 
     /// Whether the estimate deserved its trust, where something went wrong.
     fn trust(&self, flown: &Flown) -> Option<Trust> {
         let Truth::Simulated(simulator) = &flown.truth else { return None };
         Trust::of(&flown.poses, &flown.truth, simulator.frame_time(0), &self.fault.span_s()?)
+    }
+
+    /// What became of the estimate, where a sensor failed in silence.
+    fn silence(&self, flown: &Flown, rows: &[StateRow]) -> Option<Silence> {
+        let Truth::Simulated(simulator) = &flown.truth else { return None };
+        Silence::of(rows, &flown.truth, simulator.frame_time(0), SILENT_FROM_S)
+    }
+
+    /// Whether the sensor that failed in silence was named in time, and the estimates that could be used were as good as they
+    /// said.
+    #[must_use]
+    pub fn is_honest_of_silence(&self, report: &Report) -> bool {
+        let bits = self.fault.names();
+        let names: Vec<&str> =
+            HealthBits::NAMES.iter().filter(|(bit, _)| bits.contains(bit)).map(|(_, name)| *name).collect();
+        report.silence.as_ref().is_some_and(|silence| silence.is_honest(&names))
     }
 
     /// Its row of the table.

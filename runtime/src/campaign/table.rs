@@ -120,6 +120,36 @@ fn ratio_row(error: Fault, flights: &[(&Entry, &Report)]) -> Option<String> {
     Some(format!("| {} |", cells.join(" | ")))
 }
 
+/// The head of the table of sensors that fail in silence.
+pub const SILENCE_HEAD: &str = "\
+| fault | path | scene | seed | named after s | usable % | worst of these, sigma | m | worst of all, m | honest |
+|---|---|---|---|---|---|---|---|---|---|";
+
+/// The row of a flight in which a sensor fails in silence; none of another.
+#[must_use]
+pub fn silence_row(entry: &Entry, report: &Report) -> Option<String> {
+    if !entry.fault.is_silent() {
+        return None;
+    }
+    let silence = report.silence.as_ref();
+    let named: Vec<String> = silence.map_or_else(Vec::new, |silence| {
+        silence.named_s.iter().map(|(name, s)| format!("{name} {s:.2}")).collect()
+    });
+    let cells = [
+        entry.fault.name(),
+        entry.path.clone(),
+        entry.scene.to_owned(),
+        entry.scenario.seed.to_string(),
+        if named.is_empty() { "never".to_owned() } else { named.join(", ") },
+        number(silence.map(|s| 100.0 * s.usable), 0),
+        number(silence.map(|s| s.worst_sigmas), 1),
+        number(silence.map(|s| s.worst_usable_m), 3),
+        number(silence.map(|s| s.worst_m), 3),
+        if entry.is_honest_of_silence(report) { "yes" } else { "NO" }.to_owned(),
+    ];
+    Some(format!("| {} |", cells.join(" | ")))
+}
+
 /// The means of each scene over its flights without a fault, and over all of these: a table of its own.
 #[must_use]
 pub fn means<'a>(flights: impl IntoIterator<Item = (&'a Entry, &'a Report)>) -> String {

@@ -4,7 +4,9 @@ use super::choice::FlightChoice;
 use super::paired::{self, Against};
 use super::scenario::imu_error_help;
 use super::{Usage, check_outputs, load_config, one_line, say};
-use crate::campaign::table::{RATIO_HEAD, TABLE_HEAD, TRUST_HEAD, consistency, means, ratio_rows, trust_row};
+use crate::campaign::table::{
+    RATIO_HEAD, SILENCE_HEAD, TABLE_HEAD, TRUST_HEAD, consistency, means, ratio_rows, silence_row, trust_row,
+};
 use crate::campaign::{Entry, Fault, Setup};
 use crate::flight::with_overrides;
 use crate::report::Report;
@@ -34,7 +36,7 @@ pub struct CampaignArgs {
     /// covariance could be trusted while it lasted and after it.
     #[arg(long)]
     pub faults: bool,
-    /// Of the faults only those whose names begin so, and no sound flight, such as blind,imugap; errors of inertial sensors with
+    /// Of the faults only those whose names begin so, and no sound flight, such as blind,imu-gap; errors of inertial sensors with
     /// doses too, such as force:0.05:1 (see --imu-error), beside the sound flights.
     #[arg(long, value_delimiter = ',', requires = "faults", value_name = "NAME")]
     pub fault: Vec<String>,
@@ -130,6 +132,10 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
     let ratios = ratio_rows(reports());
     if !ratios.is_empty() {
         say(format_args!("\n{RATIO_HEAD}\n{}", ratios.join("\n")));
+    }
+    let silent: Vec<_> = reports().filter_map(|(entry, report)| silence_row(entry, report)).collect();
+    if !silent.is_empty() {
+        say(format_args!("\n{SILENCE_HEAD}\n{}", silent.join("\n")));
     }
     if let Some(file) = &args.json {
         let rows: Vec<Row<'_>> = reports().map(json_row).collect();
@@ -261,7 +267,8 @@ fn faults(args: &CampaignArgs) -> Result<Vec<Fault>, Usage> {
             chosen.push(Fault::Inertial(imu_error(wanted)?));
             continue;
         }
-        let begins = |fault: &&Fault| fault.name().to_lowercase().starts_with(&wanted.to_lowercase());
+        let wanted = wanted.to_lowercase().replace('-', "");
+        let begins = |fault: &&Fault| fault.name().to_lowercase().replace('-', "").starts_with(&wanted);
         chosen.extend(usual.iter().filter(begins));
     }
     Ok(chosen)

@@ -4,6 +4,7 @@ pub mod accuracy;
 pub mod paired;
 pub mod places;
 pub mod sensors;
+pub mod silence;
 pub mod trust;
 
 use crate::autopilot::BridgeFigures;
@@ -20,6 +21,7 @@ use places::Places;
 use plumbline_drivers::Faults;
 use sensors::Sensors;
 use serde::Serialize;
+use silence::Silence;
 use std::collections::BTreeMap;
 use trust::Trust;
 
@@ -77,6 +79,9 @@ pub struct Report {
     /// Whether the estimate deserved its trust about a fault, in the flights of a campaign.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trust: Option<Trust>,
+    /// What became of the estimate of a sensor that failed in silence, in the flights of a campaign.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub silence: Option<Silence>,
     /// `t_imu - t_camera` at the end, s.
     pub time_offset_s: f64,
     /// What the drivers survived.
@@ -181,6 +186,7 @@ impl Report {
             accuracy,
             consistency: flown.published.as_ref().and_then(|p| FlightConsistency::of(p, &flown.truth)),
             trust: None,
+            silence: None,
             time_offset_s: f.time_offset_s,
             faults: [("imu", outcome.faults.imu.into()), ("cameras", outcome.faults.cameras.into())].into(),
             imu_refused: f.imu_refused,

@@ -1,0 +1,397 @@
+//! Whether gyroscope and images agree about how the vehicle turns, and who is late if they do not.
+//!
+//! Of every frame the images alone tell the turn since the one before ([`crate::window::sighting`]), to some tenths of a
+//! milliradian. In clean and in recorded flights the gyroscope differs from it by less than a milliradian. Frames on end that
+//! differ by more contradict it, and the inertial samples are not believed any more, from the first of them on. A clock
+//! that jumps leaves a hole in its stream: right after one, a single frame is enough.
+//!
+//! Then the turns of the last frames are compared with what the gyroscope measured up to 0.6 s earlier or later. If they
+//! agree with the gyroscope of a later stamp, the stamps of the IMU are late; with that of an earlier one, those of the images
+//! are. Without such a time neither can be named, and the rotation is disputed.
+
+use crate::estimate::{HealthBits, NavCovariance};
+use crate::window::state::NavState;
+use heapless::Deque;
+use nalgebra::Vector3;
+use plumbline_config::options::ImuConfig;
+use plumbline_config::{ImuSample, Portable, Timestamp};
+use std::collections::VecDeque;
+
+/// Turns that are kept: those of 1.6 s at 20 Hz.
+const MAX_TURNS: usize = 32;
+/// Samples of the gyroscope are kept this long, s: the turns, and as much before them as images may be late.
+const MEMORY_S: f64 = 2.5;
+/// Gyroscope and images may differ by this in a frame, rad: twice the most of recorded and clean simulated flights, but for
+/// single frames.
+const AGREES_RAD: f64 = 1.5e-3;
+/// And by as many standard deviations of the difference. That of a sighting is half of what it says: tracks are better
+/// than `sigma_px`.
+const AGREES_SIGMAS: f64 = 5.0;
+const SIGHTING_SHARE: f64 = 0.5;
+/// Frames on end that contradict the gyroscope before it is not believed. One is enough if it differs by so many times as
+/// much, and for so long after a hole in a stream, s.
+const FRAMES_TO_CONTRADICT: u32 = 2;
+const PLAIN: f64 = 4.0;
+const SUSPICIOUS_S: f64 = 1.0;
+/// Frames on end that agree before it is believed again: half a second at 20 Hz, and twice as many if somebody was named.
+const FRAMES_TO_AGREE: u32 = 10;
+/// While the vehicle turns by less than this in a frame, rad, agreement proves nothing.
+const PROVES_RAD: f64 = 3e-3;
+/// Turns by which a delay is looked for, at least and at most.
+const MIN_MATCHED: usize = 6;
+const MAX_MATCHED: usize = 12;
+/// Delays that are tried: up to so many steps of so many nanoseconds either way, and the least that is called one.
+const LAG_STEPS: i64 = 60;
+const LAG_STEP_NS: i64 = 10_000_000;
+const MIN_LAG_STEPS: i64 = 4;
+/// At the right delay turns and gyroscope differ by less than this, rad (root of the mean square); at none, and at those of
+/// the other sign, by so many times more than there, or than what tracks leave, rad.
+const MATCHES_RAD: f64 = 1.5e-3;
+const MATCH_CONTRAST: f64 = 1.7;
+const MATCH_NOISE_RAD: f64 = 3e-4;
+/// A contradiction without a name is a dispute after this time, s.
+const DISPUTE_S: f64 = 1.0;
+/// Quality while it is not known which of the sensors is wrong, or while the images are late.
+const DISPUTED_QUALITY: i8 = 10;
+/// How fast the position may leave the estimate while nobody knows which sensor is wrong, m/s.
+const DISPUTED_M_S: f64 = 0.5;
+/// Samples further apart than this many periods have a hole between them.
+const HOLE_PERIODS: f64 = 2.5;
+
+/// A turn as the images of two frames tell it.
+#[derive(Clone, Copy, Debug)]
+struct Turn {
+    from: Timestamp,
+    to: Timestamp,
+    /// Rotation vector from the earlier to the later body, rad.
+    seen: Vector3<f64>,
+    /// Whether frames are missing in between.
+    skips_frames: bool,
+}
+
+/// The integral of the gyroscope's readings up to a sample.
+#[derive(Clone, Copy, Debug)]
+struct Angle {
+    stamp: Timestamp,
+    rad: Vector3<f64>,
+    /// Holes in the stream so far.
+    holes: u32,
+}
+
+/// Who is wrong.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Culprit {
+    /// Not known yet.
+    Unknown,
+    /// Inertial samples are late by so many seconds.
+    Imu(f64),
+    /// Images are late by so many seconds.
+    Images(f64),
+    /// It could not be found out.
+    Disputed,
+}
+
+/// A contradiction that lasts.
+#[derive(Clone, Copy, Debug)]
+struct Contradiction {
+    since: Timestamp,
+    culprit: Culprit,
+    /// The bias before it, rad/s.
+    bias_gyro: Vector3<f64>,
+    /// Frames on end that agree.
+    agreeing: u32,
+}
+
+/// What a frame says of its turn.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SeenTurn {
+    /// Of the frame before, and of this one.
+    pub(super) span: [Timestamp; 2],
+    /// The turn by the images, rad, and its standard deviation.
+    pub(super) seen: Vector3<f64>,
+    pub(super) sigma_rad: f64,
+    /// Present bias of the gyroscope, rad/s.
+    pub(super) bias_gyro: Vector3<f64>,
+    /// Frames, or samples, are missing since the frame before.
+    pub(super) skips_frames: bool,
+    pub(super) skips_samples: bool,
+}
+
+/// Compares the turns of frames with the gyroscope.
+#[derive(Clone, Debug)]
+pub(super) struct RotationWatch {
+    gyro_density: f64,
+    max_gap_ns: i64,
+    capacity: usize,
+    angles: VecDeque<Angle>,
+    last: Option<ImuSample>,
+    turns: Deque<Turn, MAX_TURNS>,
+    /// Frames on end that contradict, and when the first of them began.
+    contradicting: u32,
+    first: Timestamp,
+    /// When a hole in a stream began, and until when it is thought of.
+    suspicious: Option<(Timestamp, Timestamp)>,
+    contradiction: Option<Contradiction>,
+    /// Standard deviation of the position that disputes have left, m, and of the attitude, rad.
+    left_m: f64,
+    left_rad: f64,
+}
+
+impl RotationWatch {
+    pub(super) fn new(imu: &ImuConfig) -> Self {
+        let capacity = (MEMORY_S * imu.rate_hz).ceil() as usize + 2;
+        Self {
+            gyro_density: imu.gyro_noise_density,
+            max_gap_ns: (HOLE_PERIODS * 1e9 / imu.rate_hz) as i64,
+            capacity,
+            angles: VecDeque::with_capacity(capacity),
+            last: None,
+            turns: Deque::new(),
+            contradicting: 0,
+            first: Timestamp::default(),
+            suspicious: None,
+            contradiction: None,
+            left_m: 0.0,
+            left_rad: 0.0,
+        }
+    }
+
+    /// Forgets samples and turns, as after a clock was set.
+    pub(super) fn clear(&mut self) {
+        self.angles.clear();
+        self.last = None;
+        self.forget_turns();
+    }
+
+    /// Forgets turns and contradiction: the estimate starts anew.
+    pub(super) fn forget_turns(&mut self) {
+        self.turns.clear();
+        (self.contradicting, self.contradiction, self.suspicious) = (0, None, None);
+        (self.left_m, self.left_rad) = (0.0, 0.0);
+    }
+
+    /// Takes a sample of the gyroscope, as it was read.
+    pub(super) fn add(&mut self, sample: &ImuSample) {
+        let newest = self.angles.back().copied();
+        let mut angle = newest.unwrap_or(Angle { stamp: sample.stamp, rad: Vector3::zeros(), holes: 0 });
+        if let Some(last) = &self.last {
+            let gap_ns = sample.stamp.nanos_since(last.stamp);
+            if gap_ns <= 0 || gap_ns > self.max_gap_ns {
+                angle.holes += 1;
+            } else {
+                angle.rad += (last.gyro + sample.gyro) * (0.5e-9 * gap_ns as f64);
+            }
+            if gap_ns <= 0 {
+                self.angles.clear();
+            }
+        }
+        angle.stamp = sample.stamp;
+        if self.angles.len() == self.capacity {
+            self.angles.pop_front();
+        }
+        self.angles.push_back(angle);
+        self.last = Some(*sample);
+    }
+
+    /// The angle at `stamp`; `None` where there are no samples.
+    fn angle_at(&self, stamp: Timestamp) -> Option<(Vector3<f64>, u32)> {
+        let next = self.angles.partition_point(|a| a.stamp < stamp);
+        let after = self.angles.get(next)?;
+        if after.stamp == stamp {
+            return Some((after.rad, after.holes));
+        }
+        let before = self.angles.get(next.checked_sub(1)?)?;
+        let share = stamp.seconds_since(before.stamp) / after.stamp.seconds_since(before.stamp);
+        (before.holes == after.holes).then(|| (before.rad.lerp(&after.rad, share), after.holes))
+    }
+
+    /// What the gyroscope measured in the time of a turn, `lag_ns` later, against `turn`; `None` without samples throughout.
+    fn difference(&self, turn: &Turn, lag_ns: i64, bias_gyro: &Vector3<f64>) -> Option<Vector3<f64>> {
+        let (from, holes) = self.angle_at(turn.from.plus_nanos(lag_ns))?;
+        let (to, holes_after) = self.angle_at(turn.to.plus_nanos(lag_ns))?;
+        let measured = to - from - bias_gyro * turn.to.seconds_since(turn.from);
+        (holes == holes_after).then(|| turn.seen - measured)
+    }
+
+    /// Takes the turn of a frame; returns since when inertial samples are not to be believed, once that begins.
+    pub(super) fn update(&mut self, frame: &SeenTurn) -> Option<Timestamp> {
+        let [from, to] = frame.span;
+        let turn = Turn { from, to, seen: frame.seen, skips_frames: frame.skips_frames };
+        if self.turns.is_full() {
+            self.turns.pop_front();
+        }
+        let _ = self.turns.push_back(turn);
+        if frame.skips_frames || frame.skips_samples {
+            let begun = self.suspicious.filter(|(_, until)| from <= *until).map_or(from, |(begun, _)| begun);
+            self.suspicious = Some((begun, to.plus_seconds(SUSPICIOUS_S)));
+        }
+        let bias_gyro = self.contradiction.map_or(frame.bias_gyro, |c| c.bias_gyro);
+        let difference = self.difference(&turn, 0, &bias_gyro)?;
+        let dt_s = to.seconds_since(from);
+        let sigma = libm::hypot(self.gyro_density * dt_s.sqrt(), SIGHTING_SHARE * frame.sigma_rad);
+        let excess = difference.norm() / AGREES_RAD.at_least(AGREES_SIGMAS * sigma);
+        match self.contradiction {
+            Some(_) => {
+                self.settle(excess > 1.0, &turn);
+                None
+            }
+            None => self.suspect(excess, frame),
+        }
+    }
+
+    /// Before a contradiction: whether it begins, and since when.
+    fn suspect(&mut self, excess: f64, frame: &SeenTurn) -> Option<Timestamp> {
+        if excess <= 1.0 {
+            self.contradicting = 0;
+            return None;
+        }
+        let [from, to] = frame.span;
+        if self.contradicting == 0 {
+            self.first = from;
+        }
+        self.contradicting += 1;
+        let hole = self.suspicious.filter(|(_, until)| to <= *until);
+        let enough = if hole.is_some() || excess > PLAIN { 1 } else { FRAMES_TO_CONTRADICT };
+        if self.contradicting < enough {
+            return None;
+        }
+        self.contradiction = Some(Contradiction {
+            since: hole.map_or(self.first, |(begun, _)| begun.min(self.first)),
+            culprit: Culprit::Unknown,
+            bias_gyro: frame.bias_gyro,
+            agreeing: 0,
+        });
+        self.contradiction.map(|contradiction| contradiction.since)
+    }
+
+    /// Within a contradiction: who is to blame, and whether it is over.
+    fn settle(&mut self, contradicts: bool, turn: &Turn) {
+        let Some(mut contradiction) = self.contradiction else { return };
+        let dt_s = turn.to.seconds_since(turn.from);
+        if matches!(contradiction.culprit, Culprit::Unknown | Culprit::Disputed) {
+            if let Some(lag_s) = self.lag_s(&contradiction) {
+                contradiction.culprit =
+                    if lag_s > 0.0 { Culprit::Imu(lag_s) } else { Culprit::Images(-lag_s) };
+            } else if turn.to.seconds_since(contradiction.since) > DISPUTE_S {
+                contradiction.culprit = Culprit::Disputed;
+                self.left_m += DISPUTED_M_S * dt_s;
+                self.left_rad += turn.seen.norm();
+            }
+        }
+        if contradicts {
+            contradiction.agreeing = 0;
+        } else if self.proves_agreement(turn, &contradiction) {
+            contradiction.agreeing += 1;
+        }
+        let named = matches!(contradiction.culprit, Culprit::Imu(_) | Culprit::Images(_));
+        let is_over = contradiction.agreeing >= FRAMES_TO_AGREE * if named { 2 } else { 1 };
+        self.contradiction = (!is_over).then_some(contradiction);
+        if is_over {
+            self.contradicting = 0;
+        }
+    }
+
+    /// Whether a turn that agrees with the gyroscope would not do so anyway.
+    fn proves_agreement(&self, turn: &Turn, contradiction: &Contradiction) -> bool {
+        let lag_s = match contradiction.culprit {
+            Culprit::Unknown => return true,
+            Culprit::Disputed => return turn.seen.norm() > PROVES_RAD,
+            Culprit::Imu(lag_s) => lag_s,
+            Culprit::Images(late_s) => -late_s,
+        };
+        // The gyroscope of a later time is known for an earlier turn only.
+        let lag_ns = (lag_s * 1e9) as i64;
+        let known =
+            self.turns.iter().rev().find_map(|t| self.difference(t, lag_ns, &contradiction.bias_gyro));
+        known.is_some_and(|difference| difference.norm() > 2.0 * AGREES_RAD)
+    }
+
+    /// How much later the gyroscope measured what the images saw, s, if that explains the contradiction.
+    fn lag_s(&self, contradiction: &Contradiction) -> Option<f64> {
+        let (mut best, mut others) = ((f64::INFINITY, 0), [f64::INFINITY; 3]);
+        for steps in -LAG_STEPS..=LAG_STEPS {
+            let Some(rms) = self.rms_at(steps * LAG_STEP_NS, contradiction) else { continue };
+            if rms < best.0 {
+                best = (rms, steps);
+            }
+            let side = match steps {
+                _ if steps <= -MIN_LAG_STEPS => 0,
+                _ if steps >= MIN_LAG_STEPS => 2,
+                _ => 1,
+            };
+            others[side] = others[side].at_most(rms);
+        }
+        let (rms, steps) = best;
+        let rivals = if steps < 0 { [others[1], others[2]] } else { [others[0], others[1]] };
+        // What cannot be compared for a hole in the samples is no rival.
+        let least = MATCH_CONTRAST * rms.at_least(MATCH_NOISE_RAD);
+        let is_clear = rivals.iter().all(|rival| *rival >= least);
+        let is_found = steps.abs() >= MIN_LAG_STEPS && rms < MATCHES_RAD && is_clear;
+        is_found.then(|| (steps * LAG_STEP_NS) as f64 * 1e-9)
+    }
+
+    /// Root of the mean squared difference of the newest turns since the contradiction from the gyroscope `lag_ns` later.
+    fn rms_at(&self, lag_ns: i64, contradiction: &Contradiction) -> Option<f64> {
+        let (mut sum, mut count) = (0.0, 0);
+        for turn in
+            self.turns.iter().rev().filter(|turn| turn.from >= contradiction.since && !turn.skips_frames)
+        {
+            let Some(difference) = self.difference(turn, lag_ns, &contradiction.bias_gyro) else { continue };
+            sum += difference.norm_squared();
+            count += 1;
+            if count == MAX_MATCHED {
+                break;
+            }
+        }
+        (count >= MIN_MATCHED).then(|| (sum / count as f64).sqrt())
+    }
+
+    /// Whether the inertial samples are not believed.
+    pub(super) fn is_contradicted(&self) -> bool {
+        self.contradiction.is_some()
+    }
+
+    /// Says in `health` what was found.
+    pub(super) fn report(&self, health: &mut HealthBits) {
+        let Some(contradiction) = &self.contradiction else { return };
+        health.insert(match contradiction.culprit {
+            Culprit::Unknown => HealthBits::IMU_CONTRADICTED,
+            Culprit::Imu(_) => HealthBits::IMU_LATE,
+            Culprit::Images(_) => HealthBits::IMAGES_LATE,
+            Culprit::Disputed => HealthBits::ROTATION_DISPUTED,
+        });
+    }
+
+    /// The quality of an estimate that would have `quality` if the sensors agreed.
+    pub(super) fn bounded(&self, quality: i8) -> i8 {
+        match self.contradiction.map(|c| c.culprit) {
+            None | Some(Culprit::Imu(_)) => quality,
+            Some(_) => quality.min(DISPUTED_QUALITY),
+        }
+    }
+
+    /// What the covariance of the state `nav`, which turns by `rate_b`, does not know of.
+    pub(super) fn added_covariance(&self, nav: &NavState, rate_b: &Vector3<f64>) -> Option<NavCovariance> {
+        let late_s = match self.contradiction.map(|c| c.culprit) {
+            Some(Culprit::Images(late_s)) => late_s,
+            _ => 0.0,
+        };
+        if late_s == 0.0 && self.left_m == 0.0 && self.left_rad == 0.0 {
+            return None;
+        }
+        let mut added = NavCovariance::zeros();
+        let mut add = |part: usize, off: &Vector3<f64>, sigma: f64| {
+            let mut block = off * off.transpose();
+            (0..3).for_each(|k| block[(k, k)] += sigma * sigma);
+            added.fixed_view_mut::<3, 3>(part, part).copy_from(&block);
+        };
+        add(NavState::P, &(nav.v_o_b * late_s), self.left_m);
+        add(NavState::ROT, &(rate_b * late_s), self.left_rad);
+        add(NavState::V, &Vector3::zeros(), nav.v_o_b.norm() * rate_b.norm() * late_s);
+        Some(added)
+    }
+}
+
+#[cfg(test)]
+#[path = "rotation_watch_tests.rs"]
+mod tests;

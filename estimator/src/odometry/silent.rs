@@ -1,0 +1,98 @@
+//! Sensors that fail without a word: what they say is not believed, and the estimate goes on with what is left.
+//!
+//! A sensor that repeats its readings is found by [`crate::inertial::stuck`], samples or images with late stamps by
+//! [`super::rotation_watch`]. Either way the samples lose belief from the moment on at which it began: the motions between the
+//! frames of the window since then are integrated anew, and the newest frame begins where its images place it.
+
+use super::Odometer;
+use super::rotation_watch::SeenTurn;
+use crate::estimate::{HealthBits, NavCovariance};
+use crate::geometry::log_so3;
+use crate::inertial::Unmeasured;
+use crate::inertial::buffer::Coverage;
+use nalgebra::Vector3;
+use plumbline_config::Timestamp;
+
+/// Reports stuck sensors in `health`; returns whether there are any.
+pub(super) fn report_stuck(stuck: Unmeasured, health: &mut HealthBits) -> bool {
+    for (is_stuck, bit) in [(stuck.gyro, HealthBits::GYRO_STUCK), (stuck.accel, HealthBits::ACCEL_STUCK)] {
+        if is_stuck {
+            health.insert(bit);
+        }
+    }
+    stuck.is_any()
+}
+
+impl Odometer {
+    /// Judges the inertial samples that lead to the newest frame, `coverage` being what was met on the way, by what the frame
+    /// sees.
+    pub(super) fn judge_turn(&mut self, coverage: Coverage, health: &mut HealthBits) {
+        let stuck = self.imu.stuck();
+        report_stuck(stuck, health);
+        if stuck.gyro {
+            // Its name is known.
+            self.rotation.forget_turns();
+        }
+        let start = match (coverage.unmeasured.is_any(), self.window.frames.last()) {
+            (_, None) => return,
+            (true, Some(newest)) => self.window.steady_newest().unwrap_or_else(|| newest.nav.clone()),
+            (false, Some(newest)) => newest.nav.clone(),
+        };
+        let sighting = self.window.sight_newest(&start);
+        if let Some(sighting) = sighting.filter(|_| !stuck.gyro)
+            && let [.., before, newest] = &self.window.frames[..]
+        {
+            let since = self.rotation.update(&SeenTurn {
+                span: [before.stamp, newest.stamp],
+                seen: log_so3(&(before.nav.rot_o_b.inverse() * sighting.rot_o_b)),
+                sigma_rad: sighting.rotation_sigma_rad,
+                bias_gyro: before.nav.bias_gyro,
+                skips_frames: health.contains(HealthBits::FRAME_GAP),
+                skips_samples: coverage.has_gap,
+            });
+            if let Some(since) = since {
+                self.imu.distrust(since);
+            }
+        }
+        if !self.rotation.is_contradicted() {
+            self.imu.trust();
+        }
+        self.rotation.report(health);
+        if let Some(since) = self.imu.take_revision() {
+            self.integrate_anew(since);
+        }
+        if coverage.unmeasured.is_any() || self.rotation.is_contradicted() {
+            match sighting {
+                Some(sighting) => self.window.place_newest(&sighting),
+                None => self.window.place_newest_at(start),
+            }
+        }
+    }
+
+    /// Integrates the motions of the window that end after `since` anew, as far as their samples are kept.
+    fn integrate_anew(&mut self, since: Timestamp) {
+        for k in 1..self.window.frames.len() {
+            let (before, frame) = (&self.window.frames[k - 1], &self.window.frames[k]);
+            if frame.stamp <= since || frame.inertial.is_none() || !self.imu.reaches_back_to(before.stamp) {
+                continue;
+            }
+            let (gyro, accel) = (&before.nav.bias_gyro, &before.nav.bias_accel);
+            let (motion, _) = self.imu.preintegrate(before.stamp, frame.stamp, gyro, accel, &self.noise);
+            self.window.replace_motion(k, motion);
+        }
+    }
+
+    /// Mean angular rate between the two newest frames, rad/s in `B`.
+    pub(super) fn turn_rate_b(&self) -> Vector3<f64> {
+        let [.., before, newest] = &self.window.frames[..] else { return Vector3::zeros() };
+        let dt_s = newest.stamp.seconds_since(before.stamp);
+        log_so3(&(before.nav.rot_o_b.inverse() * newest.nav.rot_o_b)) / dt_s
+    }
+
+    /// The covariance of the newest frame, with what sensors that contradict each other may hide.
+    pub(super) fn stated_covariance(&self) -> NavCovariance {
+        let Some(newest) = self.window.frames.last() else { return self.covariance };
+        let added = self.rotation.added_covariance(&newest.nav, &self.turn_rate_b());
+        added.map_or(self.covariance, |added| self.covariance + added)
+    }
+}

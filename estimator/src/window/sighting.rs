@@ -1,0 +1,176 @@
+//! The pose of the newest frame by its images alone: what they say where the inertial sensor is not to be trusted.
+//!
+//! Landmarks stay where the window has them; position and attitude of the newest frame are solved for by Gauss-Newton steps
+//! on one observation of each, with the reprojection residual of [`super::reprojection`]. A Cauchy kernel whose scale
+//! shrinks from step to step finds the majority from twenty pixels away.
+
+use super::Window;
+use super::inertial_factor::InertialFactor;
+use super::landmark::PointLandmark;
+use super::state::{Mount, NavState};
+use crate::geometry::exp_so3;
+use crate::inertial::Preintegration;
+use nalgebra::{Matrix6, UnitQuaternion, Vector2, Vector3, Vector6};
+use plumbline_config::Portable;
+
+/// Observations that are looked at, at most: as many as tell the attitude to a fraction of a milliradian.
+const MAX_RAYS: usize = 64;
+/// Scale of the kernel in each step, in standard deviations of an observation.
+const SCALES: [f64; 5] = [50.0, 15.0, 5.0, 3.0, 3.0];
+/// An observation this far from its landmark does not agree, in standard deviations.
+const AGREES_SIGMAS: f64 = 6.0;
+/// Fewest observations that agree, and their least share of all.
+const MIN_AGREEING: usize = 12;
+const MIN_SHARE: f64 = 0.6;
+/// Forward component of a ray, scaled by the inverse depth, below which it is not seen.
+const MIN_FORWARD: f64 = 0.02;
+
+/// Where the images of a frame place it among the landmarks.
+#[derive(Clone, Copy, Debug)]
+pub struct Sighting {
+    /// Attitude: takes coordinates from `B` to `O`.
+    pub rot_o_b: UnitQuaternion<f64>,
+    /// Position of `B` in `O`, m.
+    pub p_o_b: Vector3<f64>,
+    /// Standard deviation of the attitude, the landmarks taken for exact, rad.
+    pub rotation_sigma_rad: f64,
+}
+
+/// One landmark, and where a camera of the newest frame sees it.
+#[derive(Clone, Copy, Debug)]
+struct Ray {
+    /// The landmark in `O`, scaled by its inverse depth.
+    q_o: Vector3<f64>,
+    rho: f64,
+    camera: usize,
+    xy: Vector2<f64>,
+    /// Rows of the square root of the information.
+    weight: [Vector2<f64>; 2],
+}
+
+type Rays = heapless::Vec<Ray, MAX_RAYS>;
+
+impl Window {
+    /// The pose of the newest frame by its points alone, found from `start`; `None` where too few of them agree.
+    #[must_use]
+    pub fn sight_newest(&self, start: &NavState) -> Option<Sighting> {
+        let mounts = [Mount::of(&self.rig, 0), Mount::of(&self.rig, 1)];
+        let rays = self.rays(&mounts);
+        if rays.len() < MIN_AGREEING {
+            return None;
+        }
+        let (mut rot, mut p) = (start.rot_o_b, start.p_o_b);
+        let mut hessian = Matrix6::zeros();
+        for scale in SCALES {
+            let (of_step, gradient) = normal_equations(&rays, &mounts, (&rot, &p), scale);
+            let step = of_step.cholesky()?.solve(&-gradient);
+            hessian = of_step;
+            p += rot * step.fixed_rows::<3>(0);
+            rot =
+                UnitQuaternion::new_normalize((rot * exp_so3(&step.fixed_rows::<3>(3).into())).into_inner());
+        }
+        let agrees = |ray: &&Ray| {
+            let seen = residual(ray, &mounts, (&rot, &p));
+            seen.is_some_and(|(r, _, _)| r.norm_squared() < AGREES_SIGMAS.squared())
+        };
+        let agreeing = rays.iter().filter(agrees).count();
+        if agreeing < MIN_AGREEING || (agreeing as f64) < MIN_SHARE * rays.len() as f64 {
+            return None;
+        }
+        let covariance = hessian.cholesky()?.inverse();
+        let variance = (3..6).map(|k| covariance[(k, k)]).fold(0.0, |most, x: f64| x.at_least(most));
+        Some(Sighting { rot_o_b: rot, p_o_b: p, rotation_sigma_rad: variance.sqrt() })
+    }
+
+    /// Puts the newest frame where its images place it, at the velocity of the frame before.
+    pub fn place_newest(&mut self, sighting: &Sighting) {
+        if let [.., before, newest] = &mut self.frames[..] {
+            (newest.nav.rot_o_b, newest.nav.p_o_b) = (sighting.rot_o_b, sighting.p_o_b);
+            newest.nav.v_o_b = before.nav.v_o_b;
+        }
+    }
+
+    /// Puts the newest frame at `nav`.
+    pub fn place_newest_at(&mut self, nav: NavState) {
+        if let Some(newest) = self.frames.last_mut() {
+            newest.nav = nav;
+        }
+    }
+
+    /// Another motion leads to frame `index`.
+    pub fn replace_motion(&mut self, index: usize, motion: Preintegration) {
+        self.frames[index].inertial = Some(InertialFactor::new(motion, &self.options.imu_noise));
+    }
+
+    /// Observations of landmarks with a depth by the newest frame, one of each, evenly chosen among them.
+    fn rays(&self, mounts: &[Mount; 2]) -> Rays {
+        let mut rays = Rays::new();
+        let Some(newest) = self.frames.len().checked_sub(1) else { return rays };
+        let is_seen = |l: &&PointLandmark| {
+            let last = l.observations.last();
+            l.is_triangulated
+                && usize::from(l.host) != newest
+                && last.is_some_and(|o| usize::from(o.frame) == newest)
+        };
+        let seen = || self.points.all().iter().filter(is_seen);
+        let stride = seen().count().div_ceil(MAX_RAYS).max(1);
+        for landmark in seen().step_by(stride) {
+            let mut observations = landmark.observations.iter();
+            let Some(observation) = observations.find(|o| usize::from(o.frame) == newest) else { continue };
+            let host = &self.frames[usize::from(landmark.host)].nav;
+            let mount = &mounts[usize::from(landmark.host_camera)];
+            let point = &landmark.feature;
+            let q_b = mount.rot_b_c * Vector3::new(point.xy.x, point.xy.y, 1.0) + mount.p_b_c * point.rho;
+            let weight = &observation.measured.weight;
+            let _ = rays.push(Ray {
+                q_o: host.rot_o_b * q_b + host.p_o_b * point.rho,
+                rho: point.rho,
+                camera: usize::from(observation.camera),
+                xy: observation.measured.xy,
+                weight: [0, 1].map(|row| Vector2::new(weight[(row, 0)], weight[(row, 1)])),
+            });
+        }
+        rays
+    }
+}
+
+/// Residual of a ray from a pose, in standard deviations, its derivatives by the point in the body, and that point; `None`
+/// where the landmark is not in front of the camera.
+fn residual(
+    ray: &Ray,
+    mounts: &[Mount; 2],
+    (rot, p): (&UnitQuaternion<f64>, &Vector3<f64>),
+) -> Option<(Vector2<f64>, [Vector3<f64>; 2], Vector3<f64>)> {
+    let mount = &mounts[ray.camera];
+    let q_b = rot.inverse_transform_vector(&(ray.q_o - p * ray.rho));
+    let q_c = mount.rot_b_c.tr_mul(&(q_b - mount.p_b_c * ray.rho));
+    if q_c.z < MIN_FORWARD {
+        return None;
+    }
+    let seen = q_c.xy() / q_c.z;
+    let off = seen - ray.xy;
+    let r = Vector2::new(ray.weight[0].dot(&off), ray.weight[1].dot(&off));
+    let by_point = ray.weight.map(|w| mount.rot_b_c * (Vector3::new(w.x, w.y, -w.dot(&seen)) / q_c.z));
+    Some((r, by_point, q_b))
+}
+
+/// Hessian and gradient by position and attitude, both in the body, with a Cauchy kernel of `scale`.
+fn normal_equations(
+    rays: &Rays,
+    mounts: &[Mount; 2],
+    pose: (&UnitQuaternion<f64>, &Vector3<f64>),
+    scale: f64,
+) -> (Matrix6<f64>, Vector6<f64>) {
+    let (mut hessian, mut gradient) = (Matrix6::zeros(), Vector6::zeros());
+    for ray in rays {
+        let Some((r, by_point, q_b)) = residual(ray, mounts, pose) else { continue };
+        let weight = 1.0 / (1.0 + r.norm_squared() / (scale * scale));
+        for (residual, by_point) in [r.x, r.y].into_iter().zip(by_point) {
+            let (by_p, by_rot) = (by_point * -ray.rho, by_point.cross(&q_b));
+            let row = Vector6::new(by_p.x, by_p.y, by_p.z, by_rot.x, by_rot.y, by_rot.z);
+            hessian += row * row.transpose() * weight;
+            gradient += row * (residual * weight);
+        }
+    }
+    (hessian, gradient)
+}
