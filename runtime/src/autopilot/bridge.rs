@@ -14,7 +14,7 @@ use crate::schedule::ticker::{Monotonic, Ticker};
 use crate::schedule::watchdog::Pulse;
 use nalgebra::UnitQuaternion;
 use plumbline_config::options::{AutopilotConfig, AutopilotEndpoint, VehicleConfig};
-use plumbline_estimator::{Estimate, Odometry, TrackingState};
+use plumbline_estimator::{Estimate, Odometry};
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -52,8 +52,8 @@ pub struct Bridge {
 }
 
 impl Bridge {
-    /// Opens the line and begins to send, before frames where real-time priorities are wanted (`is_realtime`); the pilot
-    /// is told nothing before there is odometry. A line that cannot be had yet is waited for in a flight with live sensors.
+    /// Opens the line and begins to send, before frames where real-time priorities are wanted (`is_realtime`); nothing but
+    /// signs of life before there is odometry. A line that cannot be had yet is waited for in a flight with live sensors.
     ///
     /// # Errors
     /// When the address or device cannot be used.
@@ -63,20 +63,6 @@ impl Bridge {
         stamps: Stamps,
         is_realtime: bool,
     ) -> Result<Self, BridgeError> {
-        Self::start_counting(config, mounting, stamps, is_realtime, 0)
-    }
-
-    /// The same; resets are counted from `first_reset_counter` on.
-    ///
-    /// # Errors
-    /// As [`Self::start`].
-    pub fn start_counting(
-        config: &AutopilotConfig,
-        mounting: &VehicleConfig,
-        stamps: Stamps,
-        is_realtime: bool,
-        first_reset_counter: u32,
-    ) -> Result<Self, BridgeError> {
         let endpoint = AutopilotEndpoint::parse(&config.connect).map_err(BridgeError::Endpoint)?;
         let link = match stamps {
             Stamps::OfHost => Link::open_patiently(&endpoint),
@@ -84,7 +70,7 @@ impl Bridge {
         };
         let (signals, (writer, waiting)) = (Arc::new(Signals::default()), handover_ring());
         let frames = Frames::new(mounting);
-        let sender = Sender::new(config, link, frames, first_reset_counter);
+        let sender = Sender::new(config, link, frames);
         let period = Duration::from_secs_f64(1.0 / config.rate_hz);
         let theirs = Arc::clone(&signals);
         let pulse = Arc::new(Pulse::new(TaskId::Autopilot));
@@ -107,7 +93,7 @@ impl Bridge {
                 }
             }
         })?;
-        let tick = TickListener::new(Arc::clone(&signals), writer, frames, stamps);
+        let tick = TickListener::new(writer, frames, stamps);
         Ok(Self { signals, thread: Some(thread), pulse, tick: Some(tick) })
     }
 
@@ -149,7 +135,6 @@ impl Subscriber for Bridge {
 /// Hears odometry.
 #[derive(Debug)]
 struct TickListener {
-    signals: Arc<Signals>,
     writer: Writer<Handover>,
     frames: Frames,
     clock: StampClock,
@@ -157,8 +142,8 @@ struct TickListener {
 }
 
 impl TickListener {
-    fn new(signals: Arc<Signals>, writer: Writer<Handover>, frames: Frames, stamps: Stamps) -> Self {
-        Self { signals, writer, frames, clock: StampClock::new(stamps), rot_l_o: None }
+    fn new(writer: Writer<Handover>, frames: Frames, stamps: Stamps) -> Self {
+        Self { writer, frames, clock: StampClock::new(stamps), rot_l_o: None }
     }
 }
 
@@ -168,18 +153,15 @@ impl Listener for TickListener {
         let rot_l_o = *self.rot_l_o.get_or_insert_with(|| self.frames.local_frame(&odometry.pose_o_b));
         // Without room the autopilot's thread is a third of a second behind, and finds enough.
         let _ = self.writer.push(Handover { odometry: odometry.clone(), measured, rot_l_o });
-        self.signals.has_pose.store(true, Ordering::Relaxed);
     }
 }
 
-/// Hears of an estimate that is given up.
+/// Notes resets: the odometry from before one is given up, before the tick is corrected.
 struct WindowListener(Arc<Signals>);
 
 impl Listener for WindowListener {
     fn estimate(&mut self, estimate: &Estimate, _frame_ms: f64) {
-        if estimate.state == TrackingState::Failed {
-            self.0.has_pose.store(false, Ordering::Relaxed);
-        }
+        self.0.estimated(estimate.reset_counter);
     }
 }
 
@@ -190,6 +172,7 @@ mod realtime {
     use mavlink::dialects::common::{MavMessage, ODOMETRY_DATA, TIMESYNC_DATA};
     use mavlink::{MavHeader, MavlinkReader, MavlinkVersion};
     use plumbline_config::options::AutopilotClock;
+    use plumbline_estimator::TrackingState;
     use std::net::UdpSocket;
     use std::time::Instant;
 
@@ -265,10 +248,9 @@ mod realtime {
         let (mut autopilot, config) = Autopilot::new();
         let mut bridge = Bridge::start(&config, &VehicleConfig::default(), Stamps::Replayed, false).unwrap();
         let mut tick = bridge.listener(Producer::Tick);
-        let began = Instant::now();
         autopilot.fly(Duration::from_millis(500), || {});
-        assert!(autopilot.odometry.iter().all(|(_, message)| message.x.is_nan()));
-        assert!(autopilot.qualities().iter().all(|q| *q == -1));
+        assert!(autopilot.odometry.is_empty(), "nothing is sent before the first pose");
+        let began = Instant::now();
         autopilot.fly(Duration::from_millis(1200), || tick.odometry(&fresh()));
         let (_, newest) = autopilot.odometry.last().unwrap().clone();
         assert_eq!((newest.quality, newest.reset_counter), (80, 2));
@@ -277,11 +259,11 @@ mod realtime {
         assert!(autopilot.qualities().iter().filter(|q| **q == 80).count() > 40);
         autopilot.fly(Duration::from_millis(1500), || {});
         let lost = autopilot.odometry.last().unwrap().1.clone();
-        assert!(
-            lost.quality == -1 && lost.x.is_nan() && lost.pose_covariance[0].is_nan() && lost.vx.is_nan()
-        );
+        assert_eq!((lost.quality, lost.x, lost.vx), (-1, newest.x, 0.0));
+        assert!(lost.pose_covariance[0] > 1e5);
         assert!(autopilot.qualities().iter().filter(|q| **q == -1).count() >= 30);
-        let ran = began.elapsed().as_secs_f64();
+        // For half a second nothing new comes, and nothing is sent twice.
+        let ran = began.elapsed().as_secs_f64() - 0.5;
         let figures = bridge.stop().unwrap();
         assert!((figures.odometry as f64 / ran / 40.0 - 1.0).abs() < 0.1, "{figures:?} in {ran} s");
         autopilot.fly(Duration::from_millis(100), || {});
@@ -293,29 +275,23 @@ mod realtime {
     }
 
     #[test]
-    fn a_failed_estimate_is_lost_at_once() {
-        let (signals, (writer, waiting)) = (Arc::new(Signals::default()), handover_ring());
-        let frames = Frames::new(&VehicleConfig::default());
-        let mut tick = TickListener::new(Arc::clone(&signals), writer, frames, Stamps::Replayed);
+    fn a_reset_is_known_before_the_odometry_follows_it() {
+        let signals = Arc::new(Signals::default());
+        assert_eq!(signals.resets(), None);
         let mut window = WindowListener(Arc::clone(&signals));
-        tick.odometry(&fresh());
-        assert!(signals.has_pose.load(Ordering::Relaxed));
         window.estimate(&estimate(TrackingState::Failed), 10.0);
-        assert!(!signals.has_pose.load(Ordering::Relaxed));
-        tick.odometry(&fresh());
-        assert!(signals.has_pose.load(Ordering::Relaxed), "the next odometry ends it");
-        assert_eq!(waiting.waiting(), 2);
+        assert_eq!(signals.resets(), Some(2));
     }
 
     #[test]
-    fn by_the_autopilots_clock_odometry_is_lost_until_that_is_known_and_then_stamped_by_it() {
+    fn by_the_autopilots_clock_nothing_is_sent_before_that_is_known() {
         let (mut autopilot, config) = Autopilot::new();
         let config = AutopilotConfig { clock: AutopilotClock::Autopilot, ..config };
         let mut bridge = Bridge::start(&config, &VehicleConfig::default(), Stamps::Replayed, false).unwrap();
         let mut tick = bridge.listener(Producer::Tick);
         autopilot.fly(Duration::from_millis(2500), || tick.odometry(&fresh()));
         let (first, last) = (&autopilot.odometry[0].1, &autopilot.odometry.last().unwrap().1);
-        assert_eq!((first.quality, first.time_usec), (-1, 0));
+        assert!(first.quality == 80 && first.time_usec as i64 > AHEAD_NS / 1000, "{first:?}");
         let age_us = (Monotonic::now().0 + AHEAD_NS) / 1000 - last.time_usec as i64;
         assert!(last.quality == 80 && (-5000..60_000).contains(&age_us), "{age_us} us");
     }
