@@ -29,12 +29,11 @@ pub const MAX_TURN_RAD_S: f64 = 0.1;
 /// The velocity, m/s²: a tenth of gravity.
 pub const MAX_ACCELERATION_M_S2: f64 = 1.0;
 
-/// Largest correction of the position that is blended, m: half a second of it. What autopilots assume a position to be
-/// worth by default (0.1 m); the largest correction in flight without a fault is 6 cm.
-pub const MAX_OFFSET_M: f64 = 0.1;
+/// Largest correction of the position that is blended, m. The largest in a flight without a fault is 11 cm, with one camera.
+pub const MAX_OFFSET_M: f64 = 0.15;
 /// The same of the attitude, rad: 2.9 degrees.
 pub const MAX_OFFSET_RAD: f64 = 0.05;
-/// The same of the velocity, m/s.
+/// The same of the velocity, m/s: the noise that autopilots assume for it by default.
 pub const MAX_OFFSET_M_S: f64 = 0.1;
 
 /// Position, attitude and velocity, in the order of the error state.
@@ -147,7 +146,7 @@ mod tests {
     fn takes_a_large_correction_at_once() {
         let nav = turned(0.0);
         let wrong = [
-            NavState { p_o_b: Vector3::new(0.0, 0.11, 0.0), ..turned(0.0) },
+            NavState { p_o_b: Vector3::new(0.0, 0.16, 0.0), ..turned(0.0) },
             turned(0.06),
             NavState { v_o_b: Vector3::new(0.0, 0.0, -0.12), ..turned(0.0) },
             NavState { v_o_b: Vector3::new(f64::NAN, 0.0, 0.0), ..turned(0.0) },
