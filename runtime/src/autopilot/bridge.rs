@@ -14,7 +14,7 @@ use crate::schedule::ticker::{Monotonic, Ticker};
 use crate::schedule::watchdog::Pulse;
 use nalgebra::UnitQuaternion;
 use plumbline_config::options::{AutopilotConfig, AutopilotEndpoint, VehicleConfig};
-use plumbline_estimator::{Estimate, Odometry};
+use plumbline_estimator::{Estimate, Odometry, TrackingState};
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -93,7 +93,7 @@ impl Bridge {
                 }
             }
         })?;
-        let tick = TickListener::new(writer, frames, stamps);
+        let tick = TickListener::new(Arc::clone(&signals), writer, frames, stamps);
         Ok(Self { signals, thread: Some(thread), pulse, tick: Some(tick) })
     }
 
@@ -135,6 +135,7 @@ impl Subscriber for Bridge {
 /// Hears odometry.
 #[derive(Debug)]
 struct TickListener {
+    signals: Arc<Signals>,
     writer: Writer<Handover>,
     frames: Frames,
     clock: StampClock,
@@ -142,8 +143,8 @@ struct TickListener {
 }
 
 impl TickListener {
-    fn new(writer: Writer<Handover>, frames: Frames, stamps: Stamps) -> Self {
-        Self { writer, frames, clock: StampClock::new(stamps), rot_l_o: None }
+    fn new(signals: Arc<Signals>, writer: Writer<Handover>, frames: Frames, stamps: Stamps) -> Self {
+        Self { signals, writer, frames, clock: StampClock::new(stamps), rot_l_o: None }
     }
 }
 
@@ -153,15 +154,18 @@ impl Listener for TickListener {
         let rot_l_o = *self.rot_l_o.get_or_insert_with(|| self.frames.local_frame(&odometry.pose_o_b));
         // Without room the autopilot's thread is a third of a second behind, and finds enough.
         let _ = self.writer.push(Handover { odometry: odometry.clone(), measured, rot_l_o });
+        self.signals.has_pose.store(true, Ordering::Relaxed);
     }
 }
 
-/// Notes resets: the odometry from before one is given up, before the tick is corrected.
+/// Notes an estimate that is given up.
 struct WindowListener(Arc<Signals>);
 
 impl Listener for WindowListener {
     fn estimate(&mut self, estimate: &Estimate, _frame_ms: f64) {
-        self.0.estimated(estimate.reset_counter);
+        if estimate.state == TrackingState::Failed {
+            self.0.has_pose.store(false, Ordering::Relaxed);
+        }
     }
 }
 
@@ -172,7 +176,6 @@ mod realtime {
     use mavlink::dialects::common::{MavMessage, ODOMETRY_DATA, TIMESYNC_DATA};
     use mavlink::{MavHeader, MavlinkReader, MavlinkVersion};
     use plumbline_config::options::AutopilotClock;
-    use plumbline_estimator::TrackingState;
     use std::net::UdpSocket;
     use std::time::Instant;
 
@@ -275,12 +278,18 @@ mod realtime {
     }
 
     #[test]
-    fn a_reset_is_known_before_the_odometry_follows_it() {
-        let signals = Arc::new(Signals::default());
-        assert_eq!(signals.resets(), None);
+    fn a_failed_estimate_is_lost_at_once() {
+        let (signals, (writer, waiting)) = (Arc::new(Signals::default()), handover_ring());
+        let frames = Frames::new(&VehicleConfig::default());
+        let mut tick = TickListener::new(Arc::clone(&signals), writer, frames, Stamps::Replayed);
         let mut window = WindowListener(Arc::clone(&signals));
+        tick.odometry(&fresh());
+        assert!(signals.has_pose.load(Ordering::Relaxed));
         window.estimate(&estimate(TrackingState::Failed), 10.0);
-        assert_eq!(signals.resets(), Some(2));
+        assert!(!signals.has_pose.load(Ordering::Relaxed));
+        tick.odometry(&fresh());
+        assert!(signals.has_pose.load(Ordering::Relaxed), "the next odometry ends it");
+        assert_eq!(waiting.waiting(), 2);
     }
 
     #[test]

@@ -38,11 +38,11 @@ impl Feed {
         self.newest = Some(newer);
     }
 
-    /// Condition of the newest odometry at `now`. `resets` is the count of the newest estimate, where it is known: odometry from
-    /// before a reset is lost at once. `has_stamp` says whether a time can be brought to the clock that stamps.
+    /// Condition of the newest odometry at `now`. `has_pose` is false when the estimate was given up after that odometry: it is then
+    /// lost at once. `has_stamp` says whether a time can be brought to the clock that stamps.
     pub fn condition(
         &mut self,
-        resets: Option<u32>,
+        has_pose: bool,
         now: Monotonic,
         has_stamp: impl Fn(Monotonic) -> bool,
     ) -> Condition {
@@ -50,7 +50,7 @@ impl Feed {
         if now.0.saturating_sub(measured.0) > STALE_NS {
             return Condition::Lost(Reason::Silent);
         }
-        if resets.is_some_and(|resets| resets != odometry.reset_counter) {
+        if !has_pose {
             return Condition::Lost(Reason::Failed);
         }
         if !has_stamp(*measured) {
@@ -109,9 +109,9 @@ mod tests {
     }
 
     /// What is sent at `now`, ms.
-    fn sent(feed: &mut Feed, resets: Option<u32>, now_ms: i64) -> Option<ODOMETRY_DATA> {
+    fn sent(feed: &mut Feed, has_pose: bool, now_ms: i64) -> Option<ODOMETRY_DATA> {
         let now = Monotonic(now_ms * MS);
-        let condition = feed.condition(resets, now, |_| true);
+        let condition = feed.condition(has_pose, now, |_| true);
         feed.message(condition, now, |at| Some((at.0 / 1000) as u64))
     }
 
@@ -130,21 +130,21 @@ mod tests {
     #[test]
     fn sends_nothing_before_the_first_pose() {
         let mut feed = feed(LostPose::Last);
-        assert!((0..100).all(|k| sent(&mut feed, None, 25 * k).is_none()));
+        assert!((0..100).all(|k| sent(&mut feed, true, 25 * k).is_none()));
         taken(&mut feed, 2500, Odometry { state: TrackingState::Blind, quality: 0, ..odometry() });
-        assert!(sent(&mut feed, None, 2501).is_none(), "nor before one that can be used");
+        assert!(sent(&mut feed, true, 2501).is_none(), "nor before one that can be used");
     }
 
     #[test]
     fn a_missed_tick_repeats_no_stamp() {
         let mut feed = feed(LostPose::Last);
         taken(&mut feed, 100, odometry());
-        assert_eq!(sent(&mut feed, None, 102).unwrap().time_usec, 100_000);
-        assert_eq!(sent(&mut feed, None, 127), None);
+        assert_eq!(sent(&mut feed, true, 102).unwrap().time_usec, 100_000);
+        assert_eq!(sent(&mut feed, true, 127), None);
         taken(&mut feed, 130, odometry());
-        assert_eq!(sent(&mut feed, None, 152).unwrap().time_usec, 130_000);
+        assert_eq!(sent(&mut feed, true, 152).unwrap().time_usec, 130_000);
         // Silence ends in messages that say so, each with a time of its own.
-        let after: Vec<_> = (1..80).filter_map(|k| sent(&mut feed, None, 152 + 25 * k)).collect();
+        let after: Vec<_> = (1..80).filter_map(|k| sent(&mut feed, true, 152 + 25 * k)).collect();
         assert!(after.len() > 50 && after.iter().all(|m| m.quality == -1));
         assert!(after.windows(2).all(|pair| pair[1].time_usec > pair[0].time_usec));
     }
@@ -159,24 +159,24 @@ mod tests {
         for lost in lost {
             let mut feed = feed(LostPose::Last);
             taken(&mut feed, 100, odometry());
-            let good = sent(&mut feed, None, 101).unwrap();
+            let good = sent(&mut feed, true, 101).unwrap();
             taken(&mut feed, 125, lost);
-            let message = sent(&mut feed, None, 126).unwrap();
+            let message = sent(&mut feed, true, 126).unwrap();
             assert_eq!((message.quality, message.x, message.q), (-1, good.x, good.q));
             assert!(is_finite(&message) && is_finite(&good));
         }
     }
 
     #[test]
-    fn odometry_from_before_a_reset_is_lost_at_once() {
+    fn odometry_of_an_estimate_that_was_given_up_is_lost_at_once() {
         let mut feed = feed(LostPose::Last);
         taken(&mut feed, 100, odometry());
-        assert_eq!(sent(&mut feed, Some(2), 101).unwrap().quality, 80);
+        assert_eq!(sent(&mut feed, true, 101).unwrap().quality, 80);
         taken(&mut feed, 125, odometry());
-        let lost = sent(&mut feed, Some(3), 126).unwrap();
+        let lost = sent(&mut feed, false, 126).unwrap();
         assert_eq!((lost.quality, lost.reset_counter), (-1, 2), "the old pose under its own count");
         taken(&mut feed, 150, Odometry { reset_counter: 3, jumps: 1, ..odometry() });
-        let restarted = sent(&mut feed, Some(3), 151).unwrap();
+        let restarted = sent(&mut feed, true, 151).unwrap();
         assert_eq!((restarted.quality, restarted.reset_counter), (80, 4));
     }
 
@@ -184,7 +184,7 @@ mod tests {
     fn a_feed_told_to_be_silent_sends_nothing_while_lost() {
         let mut feed = feed(LostPose::None);
         taken(&mut feed, 100, odometry());
-        assert!(sent(&mut feed, None, 101).is_some());
-        assert!((0..80).all(|k| sent(&mut feed, None, 125 + 25 * k).is_none()));
+        assert!(sent(&mut feed, true, 101).is_some());
+        assert!((0..80).all(|k| sent(&mut feed, true, 125 + 25 * k).is_none()));
     }
 }

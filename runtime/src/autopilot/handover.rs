@@ -4,7 +4,7 @@ use crate::schedule::ring::{Bell, Reader, Writer, ring};
 use crate::schedule::ticker::Monotonic;
 use nalgebra::UnitQuaternion;
 use plumbline_estimator::Odometry;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::AtomicBool;
 
 /// Odometry that waits for the autopilot's thread, which takes the newest: a third of a second at 200 Hz.
 const RING: usize = 64;
@@ -27,33 +27,17 @@ pub fn handover_ring() -> (Writer<Handover>, Reader<Handover>) {
     ring(RING, &Bell::default())
 }
 
-/// Stands for a reset counter before the first estimate.
-const UNKNOWN: u64 = u64::MAX;
-
 /// What is true right now.
 #[derive(Debug)]
 pub struct Signals {
-    /// Reset counter of the newest estimate.
-    resets: AtomicU64,
+    /// Cleared when the estimate is given up, set by the next odometry.
+    pub has_pose: AtomicBool,
     /// Set once, at the end.
     pub stop: AtomicBool,
 }
 
 impl Default for Signals {
     fn default() -> Self {
-        Self { resets: AtomicU64::new(UNKNOWN), stop: AtomicBool::new(false) }
-    }
-}
-
-impl Signals {
-    /// Notes the reset counter of the newest estimate.
-    pub fn estimated(&self, reset_counter: u32) {
-        self.resets.store(reset_counter.into(), Ordering::Relaxed);
-    }
-
-    /// Reset counter of the newest estimate; `None` before the first.
-    #[must_use]
-    pub fn resets(&self) -> Option<u32> {
-        u32::try_from(self.resets.load(Ordering::Relaxed)).ok()
+        Self { has_pose: AtomicBool::new(true), stop: AtomicBool::new(false) }
     }
 }

@@ -136,7 +136,7 @@ impl Sender {
                 self.feed.take(newer);
             }
             let now = Monotonic::now();
-            let condition = self.condition(signals.resets(), now);
+            let condition = self.condition(signals.has_pose.load(Ordering::Relaxed), now);
             self.ask_for_the_time();
             self.send_odometry(condition, now);
             self.send_others(condition, now);
@@ -163,9 +163,9 @@ impl Sender {
     }
 
     /// Condition of the newest odometry.
-    fn condition(&mut self, resets: Option<u32>, now: Monotonic) -> Condition {
+    fn condition(&mut self, has_pose: bool, now: Monotonic) -> Condition {
         let (clock, timesync) = (self.clock, &self.timesync);
-        self.feed.condition(resets, now, |at| stamp_usec(clock, timesync, at).is_some())
+        self.feed.condition(has_pose, now, |at| stamp_usec(clock, timesync, at).is_some())
     }
 
     fn send_odometry(&mut self, condition: Condition, now: Monotonic) {

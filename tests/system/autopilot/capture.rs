@@ -6,7 +6,7 @@ use nalgebra::UnitQuaternion;
 use plumbline::autopilot::feed::Feed;
 use plumbline::autopilot::frames::Frames;
 use plumbline::autopilot::handover::Handover;
-use plumbline::flight::Truth;
+use plumbline::flight::{Flight, Truth};
 use plumbline::pipeline::listener::{Listener, Producer, Subscriber};
 use plumbline::pipeline::{Control, RunOptions};
 use plumbline::schedule::ticker::Monotonic;
@@ -14,6 +14,7 @@ use plumbline_config::{ImuSample, Timestamp, ValidConfig};
 use plumbline_drivers::ImuReading;
 use plumbline_drivers::simulator::{Scenario, Simulator};
 use plumbline_estimator::Odometry;
+use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 /// Everything that an autopilot on board would have had.
@@ -31,17 +32,22 @@ pub struct Captured {
 
 /// Flies `scenario` as fast as it goes, and captures it.
 pub fn capture(scenario: &Scenario) -> Captured {
-    let mut flight = plumbline::flight::open_simulation(None, scenario, false, 0.0, None).unwrap();
-    let set = |c: &mut plumbline_config::Config| c.estimator.places.enabled = false;
-    flight.config = flight.config.with("test", set).unwrap();
+    let flight = opened(scenario, None);
     let config = flight.config.clone();
     let mut tap = Tap::new(&config);
     let options = RunOptions { speed: None, threads: 2 };
     let flown = plumbline::flight::fly(flight, &options, &Control::default(), vec![&mut tap]).unwrap();
     let Truth::Simulated(simulator) = flown.truth else { panic!("a simulated flight") };
-    let taken = std::mem::take(&mut *tap.0.lock().unwrap());
-    let Taken { samples, odometry, messages, .. } = taken;
+    let (samples, odometry, messages) = tap.into_parts();
     Captured { config, simulator, samples, odometry, messages }
+}
+
+/// A simulated flight without a map; its frames are kept in `frames`, a folder.
+pub fn opened(scenario: &Scenario, frames: Option<&Path>) -> Flight {
+    let mut flight = plumbline::flight::open_simulation(None, scenario, false, 0.0, frames).unwrap();
+    let set = |c: &mut plumbline_config::Config| c.estimator.places.enabled = false;
+    flight.config = flight.config.with("test", set).unwrap();
+    flight
 }
 
 #[derive(Default)]
@@ -60,16 +66,23 @@ struct Sending {
     due: Option<Timestamp>,
 }
 
+/// Listens to the odometry.
 #[derive(Clone)]
-struct Tap(Arc<Mutex<Taken>>);
+pub struct Tap(Arc<Mutex<Taken>>);
 
 impl Tap {
-    fn new(config: &ValidConfig) -> Self {
+    pub fn new(config: &ValidConfig) -> Self {
         let (autopilot, frames) = (&config.autopilot, Frames::new(&config.vehicle));
         let feed = Feed::new(frames, autopilot.lost_pose);
         let period_ns = (1e9 / autopilot.rate_hz) as i64;
         let sending = Some(Sending { frames, feed, rot_l_o: None, period_ns, due: None });
         Self(Arc::new(Mutex::new(Taken { sending, ..Taken::default() })))
+    }
+
+    /// Samples, odometry and messages.
+    pub fn into_parts(self) -> (Vec<ImuSample>, Vec<Odometry>, Vec<(Timestamp, ODOMETRY_DATA)>) {
+        let taken = std::mem::take(&mut *self.0.lock().unwrap());
+        (taken.samples, taken.odometry, taken.messages)
     }
 }
 
@@ -104,7 +117,7 @@ impl Listener for Tap {
         }
         sending.due = Some(due.plus_nanos(sending.period_ns));
         let now = Monotonic(stamp.as_nanos());
-        let condition = sending.feed.condition(None, now, |_| true);
+        let condition = sending.feed.condition(true, now, |_| true);
         let message = sending.feed.message(condition, now, |at| u64::try_from(at.0 / 1000).ok());
         taken.messages.extend(message.map(|message| (stamp, message)));
     }

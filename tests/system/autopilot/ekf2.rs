@@ -59,6 +59,21 @@ pub fn run(captured: &Captured, delay_ms: f64) -> Course {
             continue;
         }
         count(&filter, &mut seen, &mut course);
+        if course.judged.len() % 100 == 0 {
+            let t = captured.simulator.ground_truth(stamp);
+            let v_f = rot_f_b * (t.pose_w_b.rotation.inverse() * t.v_w_b);
+            let (q, v) = (rotation(filter.quaternion()), vector(filter.velocity_ned()));
+            eprintln!(
+                "DBG {} est {:?} true {:?} rpy {:?} ba {:?} bg {:?} st {:?}",
+                stamp,
+                (q.inverse() * v).as_slice(),
+                v_f.as_slice(),
+                q.euler_angles(),
+                filter.accel_bias(),
+                filter.gyro_bias(),
+                filter.control_status()
+            );
+        }
         if let Some(origin) = &origin {
             course.judged.push(origin.judge(captured, &filter, stamp, is_tracked));
         }
@@ -82,7 +97,8 @@ fn filter() -> Ekf<'static> {
 
 /// What PX4 makes of a message before it reaches EKF2: variances are at least the noise of the parameters.
 fn sample(m: &ODOMETRY_DATA, delay_ms: f64) -> ExtVisionSample {
-    let at_least = |covariance: &[f32], places: [usize; 3], floor: f32| places.map(|k| covariance[k].max(floor));
+    let at_least =
+        |covariance: &[f32], places: [usize; 3], floor: f32| places.map(|k| covariance[k].max(floor));
     let time_us = (m.time_usec as f64 - 1e3 * delay_ms) as u64;
     let mut sample = ExtVisionSample::new(
         time_us,

@@ -2,6 +2,7 @@
 
 mod capture;
 mod ekf2;
+mod udp;
 
 use self::ekf2::Course;
 use capture::{Captured, capture};
@@ -111,8 +112,7 @@ fn soak_blackouts_of_six_to_nine_seconds_mislead_px4_in_nothing() {
 
 #[test]
 fn px4_rejects_nothing_of_a_flight_through_the_room_and_finds_no_delay() {
-    let captured =
-        capture(&Scenario { duration_s: 20.0, resolution_scale: 0.5, ..Scenario::default() });
+    let captured = capture(&Scenario { duration_s: 20.0, resolution_scale: 0.5, ..Scenario::default() });
     let rms = |delay_ms: f64| {
         let course = ekf2::run(&captured, delay_ms);
         let settled = course.judged.iter().skip(course.judged.len() / 4);
@@ -122,10 +122,31 @@ fn px4_rejects_nothing_of_a_flight_through_the_room_and_finds_no_delay() {
     };
     let delays = [-10.0, -5.0, 0.0, 5.0, 10.0, 20.0].map(|delay| (delay, rms(delay)));
     for (delay_ms, (rms_m_s, end_m, rejected, fused)) in delays {
-        println!("delay {delay_ms:+} ms: velocity {rms_m_s:.4} m/s, ends {end_m:.4} m off, {rejected} of {fused} rejected");
+        println!(
+            "delay {delay_ms:+} ms: velocity {rms_m_s:.4} m/s, ends {end_m:.4} m off, {rejected} of {fused} rejected"
+        );
     }
     let best = delays.iter().min_by(|a, b| a.1.0.total_cmp(&b.1.0)).expect("there are some");
     assert_eq!(best.0, 0.0, "the stamps are off");
     let (_, end_m, rejected, fused) = best.1;
     assert!(rejected == 0 && fused > 1000 && end_m < 0.02, "{rejected} of {fused}, {end_m} m");
+}
+
+mod realtime {
+    use super::*;
+
+    #[test]
+    #[ignore = "half a minute, and a machine that keeps up: `make soak`"]
+    fn soak_px4_follows_the_bridge_over_udp_through_a_blackout() {
+        let folder = tempfile::tempdir().unwrap();
+        let scenario = Scenario {
+            start_s: 4.0,
+            duration_s: 18.0,
+            resolution_scale: 0.5,
+            effects: Effects { blackout: Some((DARK_S, DARK_S + 7.0)), ..Effects::default() },
+            ..Scenario::default()
+        };
+        let captured = udp::capture_live(&scenario, folder.path());
+        survives("over UDP in real time", &captured).unwrap();
+    }
 }
