@@ -1,5 +1,6 @@
 //! What the estimator says: one [`Estimate`] a frame, one [`Odometry`] an inertial sample.
 
+use crate::origin::OriginUncertainty;
 use nalgebra::{Isometry3, SMatrix, SVector, Vector3};
 use plumbline_config::Timestamp;
 
@@ -9,11 +10,11 @@ pub enum TrackingState {
     /// Gathering data; there is no pose yet.
     #[default]
     Initialising,
-    /// Estimating from images and IMU.
+    /// Estimating from images and IMU; the velocity is known.
     Tracking,
-    /// Estimating from the IMU alone: no landmark is in view.
+    /// Estimating from the IMU alone: no landmark is in view, or the velocity is not known again yet.
     Blind,
-    /// The estimate was given up; a new start is under way.
+    /// The estimate was given up; a new start is under way, and its velocity is not known yet.
     Failed,
 }
 
@@ -30,7 +31,7 @@ impl HealthBits {
     pub const NO_FEATURES: Self = Self(1 << 2);
     /// Fewer point features than a sound estimate needs.
     pub const LOW_FEATURES: Self = Self(1 << 3);
-    /// The velocity is more uncertain than the configuration allows.
+    /// The velocity in the body is more uncertain than the configuration allows.
     pub const VELOCITY_UNCERTAIN: Self = Self(1 << 4);
     /// Inertial samples are missing since the last frame.
     pub const IMU_GAP: Self = Self(1 << 5);
@@ -132,6 +133,8 @@ pub struct Estimate {
     pub bias_accel: Vector3<f64>,
     /// Covariance of pose and velocity.
     pub covariance: NavCovariance,
+    /// Share of [`Self::covariance`] that comes from before the last reset.
+    pub origin: OriginUncertainty,
     /// Variances of the biases.
     pub bias_variances: BiasVariances,
     /// `t_imu - t_camera` as refined online, s.
@@ -144,7 +147,7 @@ pub struct Estimate {
     pub quality: i8,
     /// Errors and warnings.
     pub health: HealthBits,
-    /// Counts resets. Where it changes the pose may jump by any amount; in between each frame corrects it by
+    /// Number of resets. Where it changes the pose may jump by any amount; in between each frame corrects it by
     /// millimetres with two cameras, now and then by some centimetres with one. [`Odometry`] takes such corrections up at
     /// a bounded rate.
     pub reset_counter: u32,
@@ -203,8 +206,8 @@ pub struct FrameFigures {
     pub is_keyframe: bool,
 }
 
-/// The newest state carried forward to an inertial sample (200 Hz). Between two resets it makes no steps: corrections enter at
-/// a bounded rate ([`crate::propagator::blend`]).
+/// The newest state carried forward to an inertial sample (200 Hz). Corrections enter at a bounded rate
+/// ([`crate::propagator::blend`]); a step is made only where [`Self::reset_counter`] or [`Self::jumps`] changes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Odometry {
     /// Counts odometry outputs.
@@ -226,6 +229,31 @@ pub struct Odometry {
     pub quality: i8,
     /// As of the estimate it rests on.
     pub reset_counter: u32,
+    /// Number of steps within the same odometry frame since the beginning: corrections too large for a bounded rate, and
+    /// odometry that resumed after an interruption without a reset.
+    pub jumps: u32,
+    /// Share of [`Self::covariance`] that comes from before the last reset.
+    pub origin: OriginUncertainty,
+}
+
+impl Odometry {
+    /// Number of steps of any kind so far: resets and jumps. A filter that integrates the odometry restarts from it where
+    /// this changes.
+    #[must_use]
+    pub fn steps(&self) -> u32 {
+        self.reset_counter.wrapping_add(self.jumps)
+    }
+
+    /// Covariance against the start after the last reset, in the order of [`NavCovariance`]. For a receiver that is
+    /// informed of resets, and takes the start for its new origin.
+    #[must_use]
+    pub fn covariance_since_reset(&self) -> NavCovariance {
+        let (p_o_b, rot_o_b) = (&self.pose_o_b.translation.vector, &self.pose_o_b.rotation);
+        match self.origin.share(p_o_b, rot_o_b, &self.v_o_b) {
+            Some(share) => self.covariance - share,
+            None => self.covariance,
+        }
+    }
 }
 
 /// Stages of a frame's computation, named as in the report.

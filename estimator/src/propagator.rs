@@ -3,8 +3,8 @@
 //! Between two samples the mean angular rate and the specific force of both ends hold, as in
 //! [`crate::inertial::preintegration`]. The covariance of position, attitude and velocity grows by the
 //! IMU's white noise, by what is not known of its biases ([`crate::window::growth`]), and by what it did not measure
-//! while it was saturated or silent ([`crate::inertial::belief`]). What an estimate corrects enters at a bounded rate
-//! ([`blend`]).
+//! while it was saturated or silent ([`crate::inertial::belief`]). What an estimate corrects enters at a bounded rate, or, where
+//! it is large, at once ([`blend`]).
 
 pub mod blend;
 
@@ -13,6 +13,7 @@ use crate::estimate::{BiasVariances, Estimate, HealthBits, NavCovariance, Odomet
 use crate::geometry::log_so3;
 use crate::inertial::{BelievedSample, ImuNoise, Preintegration, SensorLimits, StuckWatch, Unmeasured};
 use crate::input::ImuAdmission;
+use crate::origin::OriginUncertainty;
 use crate::window::growth::GrowingCovariance;
 use crate::window::state::NavState;
 use blend::Blend;
@@ -36,6 +37,7 @@ pub struct Propagator {
     capacity: usize,
     nav: Option<NavState>,
     covariance: GrowingCovariance,
+    origin: OriginUncertainty,
     blend: Blend,
     stamp: Timestamp,
     estimated: Timestamp,
@@ -49,6 +51,9 @@ pub struct Propagator {
     state: TrackingState,
     quality: i8,
     reset_counter: u32,
+    jumps: u32,
+    /// Reset counter of the last odometry that was handed out, which the next one follows.
+    followed: Option<u32>,
     sequence: u64,
 }
 
@@ -66,6 +71,7 @@ impl Propagator {
             capacity,
             nav: None,
             covariance: GrowingCovariance::new(NavCovariance::zeros(), &BiasVariances::zeros()),
+            origin: OriginUncertainty::default(),
             blend: Blend::default(),
             stamp: Timestamp::default(),
             estimated: Timestamp::default(),
@@ -77,12 +83,14 @@ impl Propagator {
             state: TrackingState::Initialising,
             quality: -1,
             reset_counter: 0,
+            jumps: 0,
+            followed: None,
             sequence: 0,
         }
     }
 
-    /// Corrects by the estimate of a frame: the state is propagated anew from its time to the newest sample. What is told of it
-    /// moves there at a bounded rate, but after a reset.
+    /// Corrects by the estimate of a frame: the state is propagated anew from its time to the newest sample. What is published
+    /// of it moves there at a bounded rate. A large correction, a reset, and the end of an interruption take effect at once.
     /// An estimate without a pose, one that is not finite, and one from before the samples that are kept, end the odometry
     /// until there is another. That of a frame that was refused says nothing.
     pub fn correct(&mut self, estimate: &Estimate) {
@@ -106,6 +114,7 @@ impl Propagator {
             bias_accel: estimate.bias_accel,
         });
         self.covariance = GrowingCovariance::new(estimate.covariance, &estimate.bias_variances);
+        self.origin.clone_from(&estimate.origin);
         if !self.is_finite() {
             self.nav = None;
             return;
@@ -142,13 +151,20 @@ impl Propagator {
         self.nav.as_ref().map(|nav| (self.blend.told(nav), self.stamp))
     }
 
-    /// Lets the state that was corrected go on from what was told of it before, unless it is of a start.
+    /// Lets the state that was corrected go on from what was published of it before, unless it is of a start. A step without a
+    /// reset is counted, once for each odometry that others have.
     fn begin_blend(&mut self, told: Option<(NavState, Timestamp)>) {
         self.blend = Blend::default();
-        if let (Some(nav), Some((mut told, stamp))) = (&self.nav, told) {
-            // Where samples are missing the estimate may be newer than what was told.
-            told.p_o_b += told.v_o_b * self.stamp.seconds_since(stamp);
-            self.blend.begin(&told, nav);
+        let is_continued = match (&self.nav, told) {
+            (Some(nav), Some((mut told, stamp))) => {
+                // Where samples are missing the estimate may be newer than what was told.
+                told.p_o_b += told.v_o_b * self.stamp.seconds_since(stamp);
+                self.blend.begin(&told, nav)
+            }
+            _ => false,
+        };
+        if !is_continued && self.followed.take() == Some(self.reset_counter) {
+            self.jumps = self.jumps.wrapping_add(1);
         }
     }
 
@@ -206,7 +222,10 @@ impl Propagator {
             state: if is_stale { TrackingState::Blind } else { self.state },
             quality: if is_stale { self.quality.min(0) } else { self.quality },
             reset_counter: self.reset_counter,
+            jumps: self.jumps,
+            origin: self.origin.clone(),
         };
+        self.followed = Some(self.reset_counter);
         self.sequence += 1;
         Some(odometry)
     }
@@ -284,6 +303,7 @@ mod tests {
             bias_gyro: Vector3::zeros(),
             bias_accel: Vector3::zeros(),
             covariance: NavCovariance::identity() * 1e-4,
+            origin: OriginUncertainty::default(),
             bias_variances: BiasVariances::zeros(),
             time_offset_s: 0.0,
             time_offset_sigma_s: 0.0,
@@ -425,7 +445,37 @@ mod tests {
         assert!(after[0].covariance[(0, 0)].sqrt() > 0.058, "it is told what is still to come");
         assert!((x(&after[199]) - 0.06).abs() < 1e-4, "{} m in the end", x(&after[199]));
         propagator.correct(&at(3, 5.0, 1));
-        assert!((x(&run(&mut propagator, 3000, |_, _| {})[0]) - 5.0).abs() < 1e-4, "a reset is told as one");
+        let reset = run(&mut propagator, 3000, |_, _| {});
+        assert!((x(&reset[0]) - 5.0).abs() < 1e-4, "a reset is told as one");
+        assert!(after.iter().chain(&reset).all(|o| o.jumps == 0) && reset[0].steps() == 1);
+    }
+
+    #[test]
+    fn a_large_correction_is_taken_at_once_and_counted() {
+        let mut propagator = Propagator::new(Config::preset("sim").expect("is valid").setup());
+        propagator.correct(&estimate());
+        run(&mut propagator, 1000, |_, _| {});
+        // The first estimate after darkness, which knew nothing of the velocity, and the next, which does.
+        let mut right = Estimate { stamp: Timestamp::from_nanos(2_000_000_000), ..estimate() };
+        right.v_o_b = Vector3::new(1.2, 0.0, 0.0);
+        propagator.correct(&right);
+        let after = run(&mut propagator, 2000, |_, _| {});
+        assert!((after[0].v_o_b.x - 1.2).abs() < 1e-3, "{}", after[0].v_o_b);
+        assert!(after.iter().all(|o| (o.reset_counter, o.jumps, o.steps()) == (0, 1, 1)));
+    }
+
+    #[test]
+    fn odometry_that_resumes_without_a_reset_is_counted_as_a_step() {
+        let mut propagator = Propagator::new(Config::preset("sim").expect("is valid").setup());
+        propagator.correct(&estimate());
+        assert!(run(&mut propagator, 1000, |_, _| {}).iter().all(|o| o.jumps == 0));
+        propagator.correct(&Estimate { state: TrackingState::Failed, ..estimate() });
+        assert!(run(&mut propagator, 2000, |_, _| {}).is_empty());
+        let mut next = estimate();
+        next.stamp = Timestamp::from_nanos(3_000_000_000);
+        propagator.correct(&next);
+        propagator.correct(&next);
+        assert!(run(&mut propagator, 3000, |_, _| {}).iter().all(|o| o.jumps == 1));
     }
 
     #[test]

@@ -70,6 +70,8 @@ fn send_at_200_hz(tick: &mut dyn Listener, seconds: u32, phase: Duration) {
             state: TrackingState::Tracking,
             quality: 90,
             reset_counter: 0,
+            jumps: 0,
+            origin: plumbline_estimator::OriginUncertainty::default(),
         });
     }
 }
@@ -85,6 +87,7 @@ fn estimate(k: u32) -> Estimate {
         bias_gyro: nalgebra::Vector3::zeros(),
         bias_accel: nalgebra::Vector3::zeros(),
         covariance: NavCovariance::identity(),
+        origin: plumbline_estimator::OriginUncertainty::default(),
         bias_variances: nalgebra::SVector::zeros(),
         time_offset_s: 0.0,
         time_offset_sigma_s: 1e-3,

@@ -1,6 +1,7 @@
 //! System tests that need the libraries, one module a behaviour.
 
 mod accuracy;
+mod autopilot;
 mod calibration;
 mod clips;
 mod clocks;

@@ -9,13 +9,13 @@ use serde::{Deserialize, Serialize};
 pub struct AutopilotConfig {
     /// Where the autopilot is, as [`AutopilotEndpoint::parse`] reads it; empty for none.
     pub connect: String,
-    /// Odometry messages a second, whatever the estimator does.
+    /// Odometry messages a second.
     pub rate_hz: f64,
     /// The vehicle's MAVLink system, which the bridge is a component of.
     pub system_id: u32,
     /// Whose clock stamps the odometry.
     pub clock: AutopilotClock,
-    /// What stands for the pose while there is none.
+    /// Messages while the odometry is lost.
     pub lost_pose: LostPose,
 }
 
@@ -31,15 +31,16 @@ pub enum AutopilotClock {
     Autopilot,
 }
 
-/// What stands for the pose while there is none.
+/// Messages while the odometry is lost.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum LostPose {
-    /// No number at all: nothing that an autopilot could fuse, whatever it heeds.
+    /// The last pose with quality -1 and a large covariance.
     #[default]
-    Nan,
-    /// The last that was known, for an autopilot that heeds the quality.
     Last,
+    /// No message, for an autopilot that heeds neither quality nor covariance. Configurations of before 2026 call it `nan`.
+    #[serde(alias = "nan")]
+    None,
 }
 
 impl Default for AutopilotConfig {

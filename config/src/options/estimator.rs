@@ -127,7 +127,8 @@ impl Default for InitialConfig {
 pub struct HealthConfig {
     /// Speed above which the estimate is taken for diverged, m/s.
     pub max_speed_m_s: f64,
-    /// Standard deviation of the velocity above which it is taken for diverged, m/s.
+    /// Standard deviation of the velocity in the body at which the quality is 0, m/s. After a start, nothing is published until
+    /// it is below a tenth of this.
     pub max_velocity_sigma_m_s: f64,
     /// Flight without any visual landmark that is survived on the IMU alone, s.
     pub max_blind_s: f64,

@@ -4,12 +4,14 @@
 //! where it is against its own start; the covariance that is given out is the sum. The way between the last
 //! pose and the start anew was not measured at all.
 //!
-//! A start anew takes over position and yaw, since gravity tells the rest. With `C` the covariance of their errors, a state
-//! at `p` with attitude `R` and velocity `v` has the error `dp + dyaw z x (p - p0)`, `R' z dyaw` and `dyaw z x v`.
+//! A start anew takes over position and yaw, since gravity gives the rest ([`crate::origin`]). The position is that of the last
+//! pose; the yaw is carried on by the gyroscope, where it measured all the way.
 
 use super::Odometer;
-use crate::estimate::{HealthBits, NavCovariance};
+use crate::estimate::{BiasVariances, HealthBits, NavCovariance};
+use crate::inertial::ImuNoise;
 use crate::input::ResetKind;
+use crate::origin::OriginUncertainty;
 use crate::window::growth::GrowingCovariance;
 use crate::window::state::NavState;
 use nalgebra::{Matrix4, SMatrix, Vector3};
@@ -35,8 +37,8 @@ struct Last {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Inherited {
     last: Option<Last>,
-    /// Covariance of position, m, and yaw, rad, of the start anew, and where it was.
-    origin: Option<(Matrix4<f64>, Vector3<f64>)>,
+    /// Uncertainty of the start anew.
+    origin: OriginUncertainty,
 }
 
 impl Inherited {
@@ -67,48 +69,65 @@ impl Inherited {
             true => Last { stamp, covariance: of_pose, speed_m_s, rate_rad_s },
             false => Last { stamp, covariance: unknown(), speed_m_s: 0.0, rate_rad_s: 0.0 },
         });
-        self.origin = None;
+        self.origin = OriginUncertainty::default();
     }
 
-    /// The start anew is at `p_o_b`, at `stamp`.
-    pub(super) fn begin(&mut self, stamp: Timestamp, p_o_b: &Vector3<f64>) {
+    /// The start anew is at `p_o_b`, at `stamp`; `gyro` is what measured the turn since the last pose, if it did all the way.
+    pub(super) fn begin(&mut self, stamp: Timestamp, p_o_b: &Vector3<f64>, gyro: Option<Gyro>) {
         let Some(last) = &self.last else { return };
         let dt = stamp.seconds_since(last.stamp).at_least(0.0);
         let way_m = (last.speed_m_s * dt + 0.5 * UNSEEN_ACCELERATION_M_S2 * dt * dt).at_most(MOST_M);
-        let turn_rad = ((last.rate_rad_s + UNSEEN_RATE_RAD_S) * dt).at_most(MOST_RAD);
+        let unseen_rad = (last.rate_rad_s + UNSEEN_RATE_RAD_S) * dt;
+        let turn_rad = gyro.map_or(unseen_rad, |gyro| gyro.turn_sigma_rad(dt)).at_most(MOST_RAD);
         let mut covariance = last.covariance;
         for k in 0..3 {
             covariance[(k, k)] += way_m * way_m;
         }
         covariance[(3, 3)] += turn_rad * turn_rad;
-        self.origin = Some((covariance, *p_o_b));
+        self.origin = OriginUncertainty { covariance, p_o_b: *p_o_b };
     }
 
     /// `covariance` of the state `nav` against the start anew, made that against the first pose of all.
     pub(super) fn added_to(&self, covariance: NavCovariance, nav: &NavState) -> NavCovariance {
-        let Some((of_origin, p_o_b)) = &self.origin else { return covariance };
-        let by_origin = by_origin(nav, p_o_b);
-        covariance + by_origin * of_origin * by_origin.transpose()
+        match self.origin.share(&nav.p_o_b, &nav.rot_o_b, &nav.v_o_b) {
+            Some(share) => covariance + share,
+            None => covariance,
+        }
     }
 
     /// Covariance of position and yaw that the state `nav` has by the start anew.
     pub(super) fn of_pose(&self, nav: &NavState) -> Matrix4<f64> {
-        let Some((of_origin, p_o_b)) = &self.origin else { return Matrix4::zeros() };
         let mut carried = Matrix4::identity();
-        carried.fixed_view_mut::<3, 1>(0, 3).copy_from(&Vector3::z().cross(&(nav.p_o_b - p_o_b)));
-        carried * of_origin * carried.transpose()
+        carried.fixed_view_mut::<3, 1>(0, 3).copy_from(&Vector3::z().cross(&(nav.p_o_b - self.origin.p_o_b)));
+        carried * self.origin.covariance * carried.transpose()
+    }
+
+    /// Uncertainty of the start anew against the first pose of all.
+    pub(super) fn origin(&self) -> &OriginUncertainty {
+        &self.origin
     }
 }
 
-/// What an error of position and yaw at `p_o_b` makes of the state `nav`.
-fn by_origin(nav: &NavState, p_o_b: &Vector3<f64>) -> SMatrix<f64, 9, 4> {
-    let up = Vector3::z();
-    let mut by_origin = SMatrix::<f64, 9, 4>::zeros();
-    by_origin.fixed_view_mut::<3, 3>(NavState::P, 0).fill_with_identity();
-    by_origin.fixed_view_mut::<3, 1>(NavState::P, 3).copy_from(&up.cross(&(nav.p_o_b - p_o_b)));
-    by_origin.fixed_view_mut::<3, 1>(NavState::ROT, 3).copy_from(&(nav.rot_o_b.inverse() * up));
-    by_origin.fixed_view_mut::<3, 1>(NavState::V, 3).copy_from(&up.cross(&nav.v_o_b));
-    by_origin
+/// How well the gyroscope measures a turn about the vertical.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Gyro {
+    /// Standard deviation of the bias, rad/s.
+    bias_sigma_rad_s: f64,
+    /// Density of the white noise, rad/s/√Hz.
+    density: f64,
+}
+
+impl Gyro {
+    /// Quality of a gyroscope of this noise whose biases are known by these variances.
+    pub(super) fn new(noise: &ImuNoise, biases: &BiasVariances) -> Self {
+        let largest = (0..3).map(|k| biases[k]).fold(0.0, |most, x: f64| x.at_least(most));
+        Self { bias_sigma_rad_s: largest.sqrt(), density: noise.gyro_density }
+    }
+
+    fn turn_sigma_rad(self, dt_s: f64) -> f64 {
+        let (by_bias, by_noise) = (self.bias_sigma_rad_s * dt_s, self.density * dt_s.sqrt());
+        (by_bias * by_bias + by_noise * by_noise).sqrt()
+    }
 }
 
 impl Odometer {
@@ -151,8 +170,9 @@ impl Odometer {
 
     /// A start anew is no better known than the pose that it goes on from.
     pub(super) fn begin_with_inheritance(&mut self, stamp: Timestamp) {
+        let gyro = self.heading_is_carried.then(|| Gyro::new(&self.noise, &self.bias_variances));
         if let Some(frame) = self.window.frames.last() {
-            self.inherited.begin(stamp, &frame.nav.p_o_b);
+            self.inherited.begin(stamp, &frame.nav.p_o_b, gyro);
         }
     }
 
@@ -196,11 +216,11 @@ mod tests {
     fn a_start_from_the_origin_inherits_nothing() {
         let covariance = NavCovariance::identity() * 1e-6;
         let mut inherited = Inherited::default();
-        inherited.begin(at(0), &Vector3::zeros());
+        inherited.begin(at(0), &Vector3::zeros(), None);
         assert_eq!(inherited.added_to(covariance, &state()), covariance);
         inherited.leave(at(0), &state(), 0.0, &NavCovariance::identity());
         inherited.forget();
-        inherited.begin(at(1), &Vector3::zeros());
+        inherited.begin(at(1), &Vector3::zeros(), None);
         assert_eq!(inherited.added_to(covariance, &state()), covariance);
     }
 
@@ -210,7 +230,7 @@ mod tests {
         let before = NavCovariance::identity() * 0.04;
         let mut inherited = Inherited::default();
         inherited.leave(at(0), &nav, 0.0, &before);
-        inherited.begin(at(0), &nav.p_o_b);
+        inherited.begin(at(0), &nav.p_o_b, None);
         let after = inherited.added_to(NavCovariance::identity() * 1e-6, &nav);
         for k in 0..3 {
             assert!((after[(k, k)] - 0.04).abs() < 1e-4, "{k}");
@@ -229,7 +249,7 @@ mod tests {
         let nav = state();
         let mut inherited = Inherited::default();
         inherited.leave(at(0), &nav, 1.5, &(NavCovariance::identity() * 1e-6));
-        inherited.begin(at(2_000_000_000), &nav.p_o_b);
+        inherited.begin(at(2_000_000_000), &nav.p_o_b, None);
         let sigma_m = inherited.added_to(NavCovariance::zeros(), &nav)[(0, 0)].sqrt();
         assert!((5.9..6.2).contains(&sigma_m), "2 s at 1 m/s, and 2 m/s² on top: {sigma_m}");
         let of_turn =
@@ -241,7 +261,7 @@ mod tests {
     fn what_was_no_covariance_is_as_good_as_unknown() {
         let mut inherited = Inherited::default();
         inherited.leave(at(0), &state(), 0.0, &NavCovariance::from_element(f64::NAN));
-        inherited.begin(at(0), &Vector3::zeros());
+        inherited.begin(at(0), &Vector3::zeros(), None);
         let after = inherited.added_to(NavCovariance::zeros(), &state());
         assert!(after.iter().all(|x| x.is_finite()) && after[(0, 0)] > 1e5);
     }

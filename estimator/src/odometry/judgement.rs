@@ -3,17 +3,31 @@
 use super::Odometer;
 use crate::estimate::HealthBits;
 use crate::input::ResetKind;
+use crate::origin::body_velocity_covariance;
 use crate::window::feature::Feature;
 use crate::window::landmark::{Landmark, LandmarkStore};
-use crate::window::state::NavState;
 use plumbline_config::{Portable, Timestamp};
 use std::cmp::Ordering;
 use std::fmt;
 
 /// Fewest landmarks in view that hold an estimate against drift.
 pub(super) const MIN_LANDMARKS_IN_VIEW: usize = 5;
+/// Share of `health.max_velocity_sigma_m_s` below which the velocity is known: 0.2 m/s by default. A clean start has 0.01 to
+/// 0.08; where a start found no motion between frames at all, it has the 20 m/s that it began with.
+const KNOWN_VELOCITY: f64 = 0.1;
 /// Landmarks in view that give full quality.
 const PLENTY_LANDMARKS: f64 = 60.0;
+
+/// What is known of the velocity since the last start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Velocity {
+    /// Nothing that could be used; there is no estimate to publish.
+    NotYet,
+    /// Images and inertial samples determine it.
+    Known,
+    /// It was known, and is carried on by the inertial sensor since landmarks were lost.
+    NoMore,
+}
 
 /// Why an estimate was given up and started anew.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,11 +102,8 @@ impl Odometer {
         if is_solved && self.landmarks_in_view() >= MIN_LANDMARKS_IN_VIEW {
             self.last_seen = Some(stamp);
         }
-        let velocity_sigma = (NavState::V..NavState::V + 3)
-            .map(|k| self.covariance[(k, k)])
-            .fold(0.0, |most, x: f64| x.at_least(most))
-            .sqrt();
-        if velocity_sigma > self.options.health.max_velocity_sigma_m_s {
+        self.judge_velocity();
+        if self.velocity_sigma_m_s() > self.options.health.max_velocity_sigma_m_s {
             health.insert(HealthBits::VELOCITY_UNCERTAIN);
         }
         let is_held = self
@@ -104,9 +115,27 @@ impl Odometer {
         if let Some(reason) = self.implausible().or(blind) {
             self.start_anew(reason);
             self.last_reset = Some(stamp);
-        } else if is_solved {
+        } else if is_solved && self.velocity != Velocity::NotYet {
             self.remember(stamp);
         }
+    }
+
+    /// Decides whether the velocity is known: after a start and after blindness not before images have determined it.
+    pub(super) fn judge_velocity(&mut self) {
+        let is_certain =
+            self.velocity_sigma_m_s() < KNOWN_VELOCITY * self.options.health.max_velocity_sigma_m_s;
+        self.velocity = match (self.landmarks_in_view() >= MIN_LANDMARKS_IN_VIEW, self.velocity) {
+            (true, _) if is_certain => Velocity::Known,
+            (false, Velocity::Known) => Velocity::NoMore,
+            (_, before) => before,
+        };
+    }
+
+    /// Largest standard deviation of the velocity along the axes of the body, m/s.
+    fn velocity_sigma_m_s(&self) -> f64 {
+        let Some(nav) = self.window.frames.last().map(|frame| &frame.nav) else { return 0.0 };
+        let covariance = body_velocity_covariance(&self.covariance, &nav.rot_o_b, &nav.v_o_b);
+        (0..3).map(|k| covariance[(k, k)]).fold(0.0, |most, x: f64| x.at_least(most)).sqrt()
     }
 
     /// Whether speed and biases are ones that a vehicle can have.
@@ -135,14 +164,11 @@ impl Odometer {
         }
     }
 
-    /// 0..=100 from landmarks in view and the certainty of the velocity.
+    /// 0..=100 from landmarks in view and the certainty of the velocity in the body.
     pub(super) fn quality(&self, in_view: usize) -> i8 {
         let by_landmarks = (in_view as f64 / PLENTY_LANDMARKS).at_most(1.0);
-        let velocity_sigma = (NavState::V..NavState::V + 3)
-            .map(|k| self.covariance[(k, k)])
-            .fold(0.0, |most, x: f64| x.at_least(most))
-            .sqrt();
-        let by_velocity = (1.0 - velocity_sigma / self.options.health.max_velocity_sigma_m_s).clamp(0.0, 1.0);
+        let by_velocity =
+            (1.0 - self.velocity_sigma_m_s() / self.options.health.max_velocity_sigma_m_s).clamp(0.0, 1.0);
         (100.0 * by_landmarks.at_most(by_velocity)).round() as i8
     }
 }

@@ -41,8 +41,8 @@ use crate::window::state::{FrameTime, NavState};
 use crate::window::{RigEstimate, Window};
 use crate::work_budget::WorkBudget;
 use inherited::Inherited;
-use judgement::MIN_LANDMARKS_IN_VIEW;
 pub use judgement::ResetReason;
+use judgement::Velocity;
 use measurements::Measurer;
 use nalgebra::Vector3;
 use pair::PairWatch;
@@ -123,6 +123,9 @@ pub struct Odometer {
     covariance: NavCovariance,
     bias_variances: BiasVariances,
     inherited: Inherited,
+    /// Whether the gyroscope has turned [`Self::origin`] on since the last pose, without a gap.
+    heading_is_carried: bool,
+    velocity: Velocity,
     time_offset_sigma_s: f64,
     reset_counter: u32,
     /// Resets that were counted before this odometer began.
@@ -180,6 +183,8 @@ impl Odometer {
             covariance: NavCovariance::zeros(),
             bias_variances: BiasVariances::zeros(),
             inherited: Inherited::default(),
+            heading_is_carried: false,
+            velocity: Velocity::NotYet,
             time_offset_sigma_s: setup.rig.time_offset_sigma_s,
             reset_counter: 0,
             first_counter: 0,
@@ -363,13 +368,16 @@ impl Odometer {
             // A start needs gravity, and turns between its frames.
             self.gathering.clear();
         }
+        self.carry_heading(stamp);
         self.gathering.push(time, self.measurer.points(), motion.map(|m| m.0));
         if self.try_start() {
             self.phase = Phase::Running;
+            self.velocity = Velocity::NotYet;
             self.last_seen = Some(stamp);
             self.gathering.clear();
             self.begin_with_inheritance(stamp);
             self.refresh_covariance(health);
+            self.judge_velocity();
             self.note_keyframes();
             return Solved { iterations: 0, is_keyframe: true };
         }
@@ -434,12 +442,13 @@ impl Odometer {
         let nav = self.window.frames.last().map(|f| f.nav.clone()).unwrap_or_default();
         let in_view = self.landmarks_in_view();
         let (points, lines) = self.window.triangulated();
-        let state = match (running, in_view >= MIN_LANDMARKS_IN_VIEW) {
-            (true, true) => TrackingState::Tracking,
-            (true, false) => TrackingState::Blind,
-            (false, _) if self.reset_counter > self.first_counter => TrackingState::Failed,
-            (false, _) => TrackingState::Initialising,
+        let state = match self.velocity {
+            Velocity::Known if running => TrackingState::Tracking,
+            Velocity::NoMore if running => TrackingState::Blind,
+            _ if self.reset_counter > self.first_counter => TrackingState::Failed,
+            _ => TrackingState::Initialising,
         };
+        let has_pose = matches!(state, TrackingState::Tracking | TrackingState::Blind);
         Estimate {
             frame_sequence: tracked.sequence,
             stamp: tracked.time.stamp,
@@ -449,11 +458,12 @@ impl Odometer {
             bias_gyro: nav.bias_gyro,
             bias_accel: nav.bias_accel,
             covariance: self.stated_covariance(),
+            origin: self.inherited.origin().clone(),
             bias_variances: self.bias_variances,
             time_offset_s: self.window.rig.time_offset_s,
             time_offset_sigma_s: self.time_offset_sigma_s,
             pose_b_c0: self.window.rig.pose_b_c0,
-            quality: if running { self.rotation.bounded(self.quality(in_view)) } else { -1 },
+            quality: if has_pose { self.rotation.bounded(self.quality(in_view)) } else { -1 },
             health,
             reset_counter: self.reset_counter,
             figures: FrameFigures {

@@ -13,6 +13,7 @@ struct Flight {
     odometer: Odometer,
     tracked: Tracked,
     feedback: Feedback,
+    is_dark: bool,
     next_imu: u32,
     next_frame: u32,
     last: Option<Estimate>,
@@ -25,6 +26,7 @@ impl Flight {
             odometer: Odometer::new(setup),
             tracked: Tracked::new(setup),
             feedback: Feedback::new(setup),
+            is_dark: false,
             next_imu: 0,
             next_frame: 0,
             last: None,
@@ -44,7 +46,7 @@ impl Flight {
             self.tracked.samples.push(self.world.imu(f64::from(self.next_imu) * 0.005, true));
             self.next_imu += 1;
         }
-        self.tracked.points = self.world.observe(t, [true; 2]);
+        self.tracked.points = self.world.observe(t, [!self.is_dark; 2]);
         self.tracked.sequence = u64::from(self.next_frame);
         self.tracked.time = FrameTime { stamp: stamp(t), time_offset_s: 0.0 };
         self.tracked.reset = reset;
@@ -78,6 +80,49 @@ impl Flight {
             (before.pose_o_b * from.inverse()).rotation * (to.translation.vector - from.translation.vector);
         (now.pose_o_b.translation.vector - before.pose_o_b.translation.vector - moved).norm()
     }
+}
+
+/// Velocity of the body in its own axes at `t`.
+fn true_velocity_b(world: &World, t: f64) -> Vector3<f64> {
+    let h = 1e-4;
+    let way = world.pose_o_b(t + h).translation.vector - world.pose_o_b(t - h).translation.vector;
+    world.pose_o_b(t).rotation.inverse() * (way / (2.0 * h))
+}
+
+#[test]
+fn the_first_pose_after_darkness_knows_velocity_and_heading() {
+    let mut flight = biased(2);
+    let before = flight.frames(100).clone();
+    let turned = before.pose_o_b.rotation * flight.world.pose_o_b(flight.t()).rotation.inverse();
+    flight.is_dark = true;
+    assert_eq!(flight.frames(140).state, TrackingState::Failed);
+    flight.is_dark = false;
+    let first = flight.until_pose();
+    assert_eq!((first.state, first.reset_counter), (TrackingState::Tracking, 1));
+    let v_b = first.pose_o_b.rotation.inverse() * first.v_o_b;
+    let error_m_s = (v_b - true_velocity_b(&flight.world, flight.t())).norm();
+    assert!(error_m_s < 0.15, "the first velocity is off by {error_m_s} m/s");
+    assert!(flight.odometer.quality(100) > 80, "{}", flight.odometer.quality(100));
+    // The gyroscope went on measuring in the dark.
+    let expected = turned * flight.world.pose_o_b(flight.t()).rotation;
+    let angle_deg = first.pose_o_b.rotation.angle_to(&expected).to_degrees();
+    assert!(angle_deg < 1.0, "heading and tilt off by {angle_deg} degrees");
+    let share = first.origin.covariance[(3, 3)].sqrt().to_degrees();
+    assert!(share < 3.0, "a heading that was measured is known to {share} degrees");
+}
+
+#[test]
+fn a_start_without_a_known_velocity_publishes_no_pose() {
+    let mut flight = biased(2);
+    flight.frames(20);
+    flight.odometer.velocity = super::judgement::Velocity::NotYet;
+    flight.odometer.covariance = NavCovariance::identity() * 400.0;
+    flight.odometer.judge_velocity();
+    let unknown = flight.odometer.estimate(&flight.tracked, HealthBits::default(), Solved::default());
+    assert_eq!((unknown.state, unknown.quality), (TrackingState::Initialising, -1));
+    assert!(!unknown.has_pose());
+    // The next frame knows it.
+    assert_eq!(flight.frame(None).state, TrackingState::Tracking);
 }
 
 /// Biases of the gyroscope as large as those of the sensor of EuRoC.

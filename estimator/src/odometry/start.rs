@@ -42,14 +42,13 @@ const MONO_RETRY_FRAMES: usize = 4;
 impl Odometer {
     /// Tries to start from the frames gathered so far; whether there is a first state now.
     pub(super) fn try_start(&mut self) -> bool {
-        let frames = self.gathering.frames();
-        let Some(newest) = frames.last() else { return false };
-        let stereo_tracks = newest.tracks.iter().filter(|t| t.measured.iter().all(Option::is_some)).count();
-        let is_stereo = stereo_tracks >= MIN_STEREO_TRACKS;
+        let Some(newest) = self.gathering.frames().last() else { return false };
+        let is_stereo = has_stereo(newest);
         let rig = self.window.rig.clone();
-        let started = if is_stereo && frames.len() >= self.options.stereo_frames {
-            self.start_stereo()
-        } else if !is_stereo && self.is_mono_ready() {
+        let started = if is_stereo {
+            let Some(count) = self.stereo_span() else { return false };
+            self.start_stereo(count)
+        } else if self.is_mono_ready() {
             self.start_mono()
         } else {
             return false;
@@ -60,6 +59,16 @@ impl Odometer {
             self.window.clear();
         }
         started
+    }
+
+    /// Number of newest frames that a start with two cameras takes: so many that `stereo_frames` of them, the oldest among them,
+    /// have enough stereo tracks. A black frame does not count, since it says nothing of the velocity. `None` while there are
+    /// too few.
+    fn stereo_span(&self) -> Option<usize> {
+        let wanted = self.options.stereo_frames.min(MAX_FRAMES - 1);
+        let newest_first = self.gathering.frames().iter().rev().enumerate();
+        let (before, _) = newest_first.filter(|(_, frame)| has_stereo(frame)).nth(wanted - 1)?;
+        Some(before + 1).filter(|count| *count < MAX_FRAMES)
     }
 
     /// Enough time and parallax since the oldest gathered frame, and not tried just before.
@@ -97,8 +106,7 @@ impl Odometer {
         if count < MIN_MONO_TRACKS as f64 { 0.0 } else { sum / count * self.focal_px }
     }
 
-    fn start_stereo(&mut self) -> bool {
-        let count = self.options.stereo_frames.min(MAX_FRAMES - 1);
+    fn start_stereo(&mut self, count: usize) -> bool {
         while self.gathering.frames().len() > count {
             self.gathering.drop_oldest();
         }
@@ -196,17 +204,15 @@ impl Odometer {
             bias_accel_m_s2: self.options.bias_accel_sigma,
         };
         let tight = AnchorSigmas { position_m: TIGHT_ORIGIN_M_RAD, yaw_rad: TIGHT_ORIGIN_M_RAD, ..loose };
-        let (p_o_b, yaw) =
-            self.origin.as_ref().map_or((Vector3::zeros(), 0.0), |o| (o.p_o_b, yaw_of(&o.rot_o_b)));
         for _ in 0..START_ROUNDS {
-            self.window.move_newest_to(&p_o_b, yaw);
+            self.move_to_origin();
             self.window.anchor_newest(&self.bias_memory, &loose);
             self.window.triangulate(true);
             let _ = self.window.optimize(START_ITERATIONS);
             self.window.remove_outliers();
             self.window.predict_all_rates();
         }
-        self.window.move_newest_to(&p_o_b, yaw);
+        self.move_to_origin();
         self.window.anchor_newest(&self.bias_memory, &tight);
         let outcome = self.window.optimize(START_ITERATIONS);
         let observations: usize =
@@ -216,4 +222,26 @@ impl Odometer {
             && outcome.cost < MAX_MEAN_COST * observations as f64
             && self.is_plausible()
     }
+
+    /// Moves the window so that the newest frame has the position and the heading of the pose that the start goes on from;
+    /// the origin and a yaw of zero, where there is none.
+    fn move_to_origin(&mut self) {
+        let Some(newest) = self.window.frames.last() else { return };
+        match &self.origin {
+            Some(origin) => {
+                // The twist between the two attitudes: their tilts may differ, and do not count.
+                let turn_rad = yaw_of(&(origin.rot_o_b * newest.nav.rot_o_b.inverse()));
+                let p_o_b = origin.p_o_b;
+                let yaw_rad = yaw_of(&newest.nav.rot_o_b) + turn_rad;
+                self.window.move_newest_to(&p_o_b, yaw_rad);
+            }
+            None => self.window.move_newest_to(&Vector3::zeros(), 0.0),
+        }
+    }
+}
+
+/// Whether a frame has enough tracks that both cameras see.
+fn has_stereo(frame: &GatheredFrame) -> bool {
+    let seen_by_both = frame.tracks.iter().filter(|t| t.measured.iter().all(Option::is_some)).count();
+    seen_by_both >= MIN_STEREO_TRACKS
 }

@@ -8,6 +8,10 @@
 //!
 //! The offset decays exponentially, so that small corrections are in before the next frame, but no part of it faster than
 //! its bound. As it is known it counts as an error that the covariance has to cover.
+//!
+//! A correction that would be published as an error for long is not one to smooth: velocity above all, which a filter integrates
+//! while it is wrong. Beyond [`MAX_OFFSET_M`], [`MAX_OFFSET_RAD`] or [`MAX_OFFSET_M_S`] the state is published as it is, at once,
+//! and the step is counted ([`crate::Odometry::jumps`]), so that a filter restarts from it.
 
 use crate::estimate::NavCovariance;
 use crate::window::state::{FRAME_DIM, NavState};
@@ -25,11 +29,21 @@ pub const MAX_TURN_RAD_S: f64 = 0.1;
 /// The velocity, m/s²: a tenth of gravity.
 pub const MAX_ACCELERATION_M_S2: f64 = 1.0;
 
+/// Largest correction of the position that is blended, m. The largest in a flight without a fault is 11 cm, with one camera.
+pub const MAX_OFFSET_M: f64 = 0.15;
+/// The same of the attitude, rad: 2.9 degrees.
+pub const MAX_OFFSET_RAD: f64 = 0.05;
+/// The same of the velocity, m/s: the noise that autopilots assume for it by default.
+pub const MAX_OFFSET_M_S: f64 = 0.1;
+
 /// Position, attitude and velocity, in the order of the error state.
 const DIM: usize = NavState::BIAS_GYRO;
-/// Parts of the offset, and how fast each may shrink, in its unit a second.
-const PARTS: [(usize, f64); 3] =
-    [(NavState::P, MAX_SPEED_M_S), (NavState::ROT, MAX_TURN_RAD_S), (NavState::V, MAX_ACCELERATION_M_S2)];
+/// Parts of the offset, how fast each may shrink, in its unit a second, and how large it may be.
+const PARTS: [(usize, f64, f64); 3] = [
+    (NavState::P, MAX_SPEED_M_S, MAX_OFFSET_M),
+    (NavState::ROT, MAX_TURN_RAD_S, MAX_OFFSET_RAD),
+    (NavState::V, MAX_ACCELERATION_M_S2, MAX_OFFSET_M_S),
+];
 
 /// What has been told of the state, against what is known of it.
 #[derive(Clone, Debug)]
@@ -46,9 +60,17 @@ impl Default for Blend {
 }
 
 impl Blend {
-    /// The state is another now, of which `told` has been told.
-    pub fn begin(&mut self, told: &NavState, nav: &NavState) {
+    /// The state was corrected to `nav`; `told` is what was published of it. Returns whether the correction is blended:
+    /// beyond the bounds it is taken at once, and nothing of it is left.
+    pub fn begin(&mut self, told: &NavState, nav: &NavState) -> bool {
         self.offset = told.minus(nav).fixed_rows::<DIM>(0).into_owned();
+        // What is no number is not within its bound.
+        let is_small =
+            PARTS.iter().all(|(part, _, largest)| self.offset.fixed_rows::<3>(*part).norm() <= *largest);
+        if !is_small {
+            self.offset.fill(0.0);
+        }
+        is_small
     }
 
     /// What is to be told of a state.
@@ -68,7 +90,7 @@ impl Blend {
     /// `dt_s` later: the offset has shrunk.
     pub fn advance(&mut self, dt_s: f64) {
         let share = 1.0 - libm::exp(-dt_s / TIME_CONSTANT_S);
-        for (part, max_rate) in PARTS {
+        for (part, max_rate, _) in PARTS {
             let mut offset = self.offset.fixed_rows_mut::<3>(part);
             let size = offset.norm();
             if size > 0.0 {
@@ -92,10 +114,10 @@ mod tests {
 
     #[test]
     fn what_was_told_is_told_until_time_passes() {
-        let (told, nav) = (turned(0.1), NavState { p_o_b: Vector3::new(0.1, 0.2, 0.3), ..turned(0.05) });
+        let (told, nav) = (turned(0.04), NavState { p_o_b: Vector3::new(0.05, 0.02, 0.03), ..turned(0.0) });
         let mut blend = Blend::default();
         assert_eq!(blend.told(&nav), nav);
-        blend.begin(&told, &nav);
+        assert!(blend.begin(&told, &nav));
         assert!(blend.told(&nav).minus(&told).norm() < 1e-12);
         blend.advance(0.0);
         assert!(blend.told(&nav).minus(&told).norm() < 1e-12);
@@ -104,20 +126,37 @@ mod tests {
     #[test]
     fn no_part_is_corrected_faster_than_its_bound_and_all_of_it_in_the_end() {
         let (told, nav) = (NavState { p_o_b: Vector3::new(0.06, 0.0, 0.0), ..turned(0.03) }, turned(0.0));
-        let told = NavState { v_o_b: Vector3::new(0.0, -0.3, 0.1), ..told };
+        let told = NavState { v_o_b: Vector3::new(0.0, -0.09, 0.03), ..told };
         let mut blend = Blend::default();
-        blend.begin(&told, &nav);
+        assert!(blend.begin(&told, &nav));
         let mut before = blend.told(&nav);
         for _ in 0..200 {
             blend.advance(DT_S);
             let now = blend.told(&nav);
             let step = now.minus(&before);
-            for (part, max_rate) in PARTS {
+            for (part, max_rate, _) in PARTS {
                 assert!(step.fixed_rows::<3>(part).norm() <= max_rate * DT_S * (1.0 + 1e-9));
             }
             before = now;
         }
         assert!(before.minus(&nav).norm() < 1e-3, "{}", before.minus(&nav));
+    }
+
+    #[test]
+    fn takes_a_large_correction_at_once() {
+        let nav = turned(0.0);
+        let wrong = [
+            NavState { p_o_b: Vector3::new(0.0, 0.16, 0.0), ..turned(0.0) },
+            turned(0.06),
+            NavState { v_o_b: Vector3::new(0.0, 0.0, -0.12), ..turned(0.0) },
+            NavState { v_o_b: Vector3::new(f64::NAN, 0.0, 0.0), ..turned(0.0) },
+        ];
+        for told in wrong {
+            let mut blend = Blend::default();
+            assert!(!blend.begin(&told, &nav), "{told:?}");
+            assert_eq!(blend.told(&nav), nav);
+            assert_eq!(blend.covariance(&NavCovariance::zeros()), NavCovariance::zeros());
+        }
     }
 
     #[test]

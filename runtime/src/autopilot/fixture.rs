@@ -2,7 +2,9 @@
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use plumbline_config::Timestamp;
-use plumbline_estimator::{Estimate, FrameFigures, HealthBits, NavCovariance, Odometry, TrackingState};
+use plumbline_estimator::{
+    Estimate, FrameFigures, HealthBits, NavCovariance, Odometry, OriginUncertainty, TrackingState,
+};
 
 /// A vehicle in flight, turned and moving in all axes, with a full covariance.
 pub(super) fn odometry() -> Odometry {
@@ -20,6 +22,8 @@ pub(super) fn odometry() -> Odometry {
         state: TrackingState::Tracking,
         quality: 80,
         reset_counter: 2,
+        jumps: 0,
+        origin: OriginUncertainty::default(),
     }
 }
 
@@ -35,6 +39,7 @@ pub(super) fn estimate(state: TrackingState) -> Estimate {
         bias_gyro: Vector3::zeros(),
         bias_accel: Vector3::zeros(),
         covariance: odometry.covariance,
+        origin: OriginUncertainty::default(),
         bias_variances: nalgebra::SVector::zeros(),
         time_offset_s: 0.0,
         time_offset_sigma_s: 0.0,

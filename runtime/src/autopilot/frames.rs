@@ -52,7 +52,8 @@ impl Frames {
         half_turn_about_x() * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -heading)
     }
 
-    /// `odometry` in the frames of the autopilot.
+    /// `odometry` in the frames of the autopilot. The covariance is that since the last reset: the autopilot is informed of
+    /// resets, and takes the pose after one for its new reference.
     #[must_use]
     pub fn convert(&self, odometry: &Odometry, rot_l_o: &UnitQuaternion<f64>) -> VehicleOdometry {
         let rot_o_b = odometry.pose_o_b.rotation;
@@ -66,6 +67,7 @@ impl Frames {
         let mut pose = SMatrix::<f64, 6, 9>::zeros();
         pose.fixed_view_mut::<3, 3>(0, 0).copy_from(&matrix(rot_l_o));
         pose.fixed_view_mut::<3, 3>(3, 3).copy_from(&matrix(&(rot_l_o * rot_o_b)));
+        let covariance = odometry.covariance_since_reset();
         let rot_f_b = matrix(&self.rot_f_b);
         let mut velocity = SMatrix::<f64, 3, 9>::zeros();
         velocity.fixed_view_mut::<3, 3>(0, 3).copy_from(&(rot_f_b * v_b.cross_matrix()));
@@ -74,8 +76,8 @@ impl Frames {
             pose_l_f,
             v_f: self.rot_f_b * v_b,
             angular_rate_f: self.rot_f_b * odometry.angular_rate_b,
-            pose_covariance: pose * odometry.covariance * pose.transpose(),
-            velocity_covariance: velocity * odometry.covariance * velocity.transpose(),
+            pose_covariance: pose * covariance * pose.transpose(),
+            velocity_covariance: velocity * covariance * velocity.transpose(),
         }
     }
 }
@@ -179,6 +181,20 @@ mod tests {
         assert_near(&(mounted([0.0, 90.0, 0.0]).rot_f_b * Vector3::x()), [0.0, 0.0, 1.0]);
         // Rolled right by a right angle, the IMU's y points up.
         assert_near(&(mounted([90.0, 0.0, 0.0]).rot_f_b * Vector3::y()), [0.0, 0.0, -1.0]);
+    }
+
+    #[test]
+    fn what_was_not_known_before_a_reset_does_not_count() {
+        let frames = mounted([20.0, -35.0, 110.0]);
+        let mut o = odometry();
+        let rot_l_o = frames.local_frame(&level_pose(0.7));
+        let known = frames.convert(&o, &rot_l_o);
+        o.origin.covariance = nalgebra::Matrix4::from_diagonal(&nalgebra::Vector4::new(49.0, 49.0, 9.0, 6.0));
+        let (rot, p) = (o.pose_o_b.rotation, o.pose_o_b.translation.vector);
+        o.covariance += o.origin.share(&p, &rot, &o.v_o_b).unwrap();
+        let told = frames.convert(&o, &rot_l_o);
+        assert!((told.pose_covariance - known.pose_covariance).norm() < 1e-9);
+        assert!((told.velocity_covariance - known.velocity_covariance).norm() < 1e-9);
     }
 
     /// The state moved by an error of position, attitude (right perturbation) and velocity.

@@ -5,23 +5,28 @@ use mavlink::dialects::common::{
     HEARTBEAT_DATA, MavAutopilot, MavEstimatorType, MavFrame, MavModeFlag, MavSeverity, MavState, MavType,
     ODOMETRY_DATA, STATUSTEXT_DATA,
 };
-use nalgebra::{Matrix6, UnitQuaternion};
-use plumbline_config::options::LostPose;
+use nalgebra::{Matrix3, Matrix6, UnitQuaternion};
 
 /// Entries of the upper triangle of a 6x6 matrix, row by row.
 type Triangle = [f32; 21];
 
 /// Quality of odometry that is no such thing.
 const FAILED: i8 = -1;
+/// Standard deviation of the angular rate, rad/s: white noise of a small gyroscope at 200 Hz, and its bias.
+const RATE_SIGMA_RAD_S: f64 = 0.02;
+/// Standard deviations while the odometry is lost, m or m/s and rad: so large that a filter which fuses the message all the same
+/// is not moved by it. PX4 puts its own noise, a small one, in the place of a covariance that is NaN.
+const LOST_SIGMA_M: f64 = 1e3;
+const LOST_SIGMA_RAD: f64 = 3.2;
 /// Version of the MAVLink protocol in a heartbeat.
 const MAVLINK_VERSION: u8 = 3;
 
-/// Odometry while the estimator is tracking. `quality` is 0 to 100; MAVLink's 0 stands for unknown, so the
-/// worst is 1.
+/// Odometry while the estimator is tracking. `quality` is 1 to 100: MAVLink's 0 stands for an unknown one.
 #[must_use]
 pub fn tracking(v: &VehicleOdometry, time_usec: u64, quality: i8, reset_counter: u32) -> ODOMETRY_DATA {
-    let mut rates = Matrix6::from_element(f64::NAN);
+    let mut rates = Matrix6::zeros();
     rates.fixed_view_mut::<3, 3>(0, 0).copy_from(&v.velocity_covariance);
+    rates.fixed_view_mut::<3, 3>(3, 3).copy_from(&(Matrix3::identity() * RATE_SIGMA_RAD_S.powi(2)));
     let [vx, vy, vz] = v.v_f.map(|x| x as f32).into();
     let [rollspeed, pitchspeed, yawspeed] = v.angular_rate_f.map(|x| x as f32).into();
     ODOMETRY_DATA {
@@ -33,52 +38,34 @@ pub fn tracking(v: &VehicleOdometry, time_usec: u64, quality: i8, reset_counter:
         yawspeed,
         pose_covariance: triangle(&v.pose_covariance),
         velocity_covariance: triangle(&rates),
-        quality: quality.clamp(1, 100),
+        quality: quality.clamp(FAILED, 100),
         ..pose(v, time_usec, reset_counter)
     }
 }
 
-/// What goes on while there is no odometry: the last pose that was known, or none, with no velocity and no
-/// covariance.
+/// The last pose that was known, standing still, while the odometry is lost: quality -1, and a covariance that is worth nothing.
 #[must_use]
-pub fn lost(
-    last: Option<&VehicleOdometry>,
-    time_usec: u64,
-    reset_counter: u32,
-    lost_pose: LostPose,
-) -> ODOMETRY_DATA {
-    let message = match last.filter(|_| lost_pose == LostPose::Last) {
-        Some(v) => pose(v, time_usec, reset_counter),
-        None => ODOMETRY_DATA {
-            x: f32::NAN,
-            y: f32::NAN,
-            z: f32::NAN,
-            q: [f32::NAN; 4],
-            ..empty(time_usec, reset_counter)
-        },
-    };
-    ODOMETRY_DATA { quality: FAILED, ..message }
+pub fn lost(last: &VehicleOdometry, time_usec: u64, reset_counter: u32) -> ODOMETRY_DATA {
+    let variances = [LOST_SIGMA_M, LOST_SIGMA_RAD].map(|sigma| sigma * sigma);
+    let covariance = Matrix6::from_fn(|i, j| if i == j { variances[i / 3] } else { 0.0 });
+    ODOMETRY_DATA {
+        quality: FAILED,
+        pose_covariance: triangle(&covariance),
+        velocity_covariance: triangle(&covariance),
+        ..pose(last, time_usec, reset_counter)
+    }
 }
 
 fn pose(v: &VehicleOdometry, time_usec: u64, reset_counter: u32) -> ODOMETRY_DATA {
     let [x, y, z] = v.pose_l_f.translation.vector.map(|x| x as f32).into();
-    ODOMETRY_DATA { x, y, z, q: wxyz(&v.pose_l_f.rotation), ..empty(time_usec, reset_counter) }
-}
-
-/// Frames, estimator and counter, and no number that anybody could fuse.
-fn empty(time_usec: u64, reset_counter: u32) -> ODOMETRY_DATA {
     ODOMETRY_DATA {
         time_usec,
         frame_id: MavFrame::MAV_FRAME_LOCAL_FRD,
         child_frame_id: MavFrame::MAV_FRAME_BODY_FRD,
-        vx: f32::NAN,
-        vy: f32::NAN,
-        vz: f32::NAN,
-        rollspeed: f32::NAN,
-        pitchspeed: f32::NAN,
-        yawspeed: f32::NAN,
-        pose_covariance: [f32::NAN; 21],
-        velocity_covariance: [f32::NAN; 21],
+        x,
+        y,
+        z,
+        q: wxyz(&v.pose_l_f.rotation),
         // The field has eight bits, the counter wraps around in it.
         reset_counter: (reset_counter % 256) as u8,
         estimator_type: MavEstimatorType::MAV_ESTIMATOR_TYPE_VIO,
@@ -158,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn covariances_are_upper_triangles_by_rows_and_what_is_not_estimated_is_none() {
+    fn covariances_are_upper_triangles_by_rows_and_finite() {
         let v = vehicle();
         let read = through_the_wire(tracking(&v, 1, 80, 0));
         let diagonal = [0, 6, 11, 15, 18, 20];
@@ -171,30 +158,28 @@ mod tests {
             assert_eq!(read.velocity_covariance[place], v.velocity_covariance[(k, k)] as f32);
         }
         assert_eq!(read.velocity_covariance[7], v.velocity_covariance[(1, 2)] as f32);
-        let rates = [3, 4, 5, 8, 9, 10, 12, 13, 14, 15, 16, 17, 18, 19, 20];
-        assert!(rates.into_iter().all(|k| read.velocity_covariance[k].is_nan()));
+        assert!([15, 18, 20].into_iter().all(|k| read.velocity_covariance[k] > 1e-4));
+        assert!(read.velocity_covariance.iter().all(|x| x.is_finite()));
     }
 
     #[test]
-    fn lost_odometry_keeps_the_last_pose_and_nothing_that_could_be_fused() {
+    fn lost_odometry_keeps_the_last_pose_and_is_worth_nothing() {
         let v = vehicle();
-        let read = through_the_wire(lost(Some(&v), 5, 258, LostPose::Last));
+        let read = through_the_wire(lost(&v, 5, 258));
         assert_eq!((read.quality, read.reset_counter), (-1, 2));
         assert_eq!(read.x, v.pose_l_f.translation.x as f32);
-        let unknown = [read.vx, read.vy, read.vz, read.rollspeed, read.pitchspeed, read.yawspeed];
-        assert!(unknown.iter().all(|x| x.is_nan()));
-        assert!(read.pose_covariance.iter().chain(&read.velocity_covariance).all(|x| x.is_nan()));
-        for none in [lost(Some(&v), 5, 0, LostPose::Nan), lost(None, 5, 0, LostPose::Last)] {
-            let read = through_the_wire(none);
-            assert!(read.x.is_nan() && read.q[0].is_nan());
-            assert_eq!(read.frame_id, MavFrame::MAV_FRAME_LOCAL_FRD);
+        assert_eq!([read.vx, read.vy, read.vz, read.rollspeed, read.pitchspeed, read.yawspeed], [0.0; 6]);
+        for place in [0, 6, 11] {
+            assert!(read.pose_covariance[place] > 1e5 && read.velocity_covariance[place] > 1e5);
         }
+        assert!([15, 18, 20].into_iter().all(|place| read.pose_covariance[place] > 9.0));
+        assert!(read.pose_covariance.iter().chain(&read.velocity_covariance).all(|x| x.is_finite()));
     }
 
     #[test]
-    fn the_worst_quality_that_tracks_is_not_unknown() {
+    fn a_quality_that_is_none_is_not_lifted() {
         let v = vehicle();
-        assert_eq!(tracking(&v, 1, 0, 0).quality, 1);
+        assert_eq!(tracking(&v, 1, 0, 0).quality, 0);
         assert_eq!(tracking(&v, 1, 100, 0).quality, 100);
     }
 

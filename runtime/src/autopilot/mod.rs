@@ -1,8 +1,8 @@
 //! The bridge to the vehicle's autopilot (PX4, ArduPilot): odometry by MAVLink, at a constant rate.
 //!
 //! The tick leaves its odometry in a ring ([`handover`]; [`bridge`] listens to the run); a thread of its own sends the
-//! newest as `ODOMETRY` on absolute deadlines ([`sender`]), whatever the estimator does:
-//! while there is none, quality says -1 and the covariance is no number. [`frames`] turns it into LOCAL_FRD and
+//! newest as `ODOMETRY` on absolute deadlines ([`sender`]). [`feed`] decides which message that is: nothing before the first
+//! pose, quality -1 while the odometry is lost, never a number that is not finite. [`frames`] turns it into LOCAL_FRD and
 //! BODY_FRD, [`message`] fills the fields, [`status`] decides what is tracking and what the pilot is told.
 //! [`words`] tells people. [`link`] is the line, [`inbox`] what comes in from it, [`timesync`] finds the autopilot's clock, and
 //! [`clock`] the time at which replayed data were measured.
@@ -15,6 +15,7 @@
 pub mod awaited;
 pub mod bridge;
 pub mod clock;
+pub mod feed;
 #[cfg(test)]
 mod fixture;
 pub mod frames;

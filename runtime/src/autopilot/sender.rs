@@ -1,11 +1,12 @@
 //! The bridge's thread: sends on its deadlines, and answers in between.
 
-use super::frames::{Frames, VehicleOdometry};
+use super::feed::Feed;
+use super::frames::Frames;
 use super::handover::{Handover, Signals};
 use super::inbox::{CHUNK, Inbox, Received};
 use super::link::Link;
 use super::message;
-use super::status::{Announcer, Condition, Reason, STALE_NS};
+use super::status::{Announcer, Condition};
 use super::timesync::TimeSync;
 use super::words::{News, teller};
 use crate::schedule::ring::{Reader, Writer};
@@ -16,7 +17,7 @@ use mavlink::dialects::common::{
     HEARTBEAT_DATA, MavComponent, ODOMETRY_DATA, STATUSTEXT_DATA, TIMESYNC_DATA,
 };
 use mavlink::{MAVLinkV2MessageRaw, MavHeader, MessageData};
-use plumbline_config::options::{AutopilotClock, AutopilotConfig, LostPose};
+use plumbline_config::options::{AutopilotClock, AutopilotConfig};
 use serde::Serialize;
 use std::fmt;
 use std::sync::atomic::Ordering;
@@ -76,15 +77,10 @@ impl fmt::Display for BridgeFigures {
 /// Owns the line.
 pub struct Sender {
     link: Link,
-    frames: Frames,
+    feed: Feed,
     clock: AutopilotClock,
-    lost_pose: LostPose,
     words: Writer<News>,
     header: MavHeader,
-    first_reset_counter: u32,
-    newest: Option<Handover>,
-    /// What was last sent as good, for when there is nothing better.
-    last: Option<VehicleOdometry>,
     timesync: TimeSync,
     /// Whose answers count, where several answer.
     time_source: Option<(u32, u8)>,
@@ -99,19 +95,15 @@ pub struct Sender {
 }
 
 impl Sender {
-    /// Of a line; resets are counted from `first_reset_counter` on.
+    /// A sender that has sent nothing.
     #[must_use]
-    pub fn new(config: &AutopilotConfig, link: Link, frames: Frames, first_reset_counter: u32) -> Self {
+    pub fn new(config: &AutopilotConfig, link: Link, frames: Frames) -> Self {
         Self {
             link,
-            frames,
+            feed: Feed::new(frames, config.lost_pose),
             clock: config.clock,
-            lost_pose: config.lost_pose,
             words: teller(config.connect.clone()),
             header: MavHeader { system_id: config.system_id, component_id: COMPONENT, sequence: 0 },
-            first_reset_counter,
-            newest: None,
-            last: None,
             timesync: TimeSync::default(),
             time_source: None,
             announcer: Announcer::default(),
@@ -141,7 +133,7 @@ impl Sender {
             self.figures.missed += release.missed;
             self.late_ms.record(release.late_ms);
             while let Some(newer) = waiting.pop() {
-                self.newest = Some(newer);
+                self.feed.take(newer);
             }
             let now = Monotonic::now();
             let condition = self.condition(signals.has_pose.load(Ordering::Relaxed), now);
@@ -170,45 +162,18 @@ impl Sender {
         }
     }
 
-    /// How the newest odometry is.
+    /// Condition of the newest odometry.
     fn condition(&mut self, has_pose: bool, now: Monotonic) -> Condition {
-        let Some(newest) = &self.newest else { return Condition::Starting };
-        if now.0.saturating_sub(newest.measured.0) > STALE_NS {
-            return Condition::Lost(Reason::Silent);
-        }
-        if !has_pose {
-            return Condition::Lost(Reason::Failed);
-        }
-        if self.stamp_usec(newest.measured).is_none() {
-            return Condition::Lost(Reason::NoClock);
-        }
-        let condition = Condition::of(newest.odometry.state);
-        if condition != Condition::Tracking || newest.odometry.quality < 0 {
-            let failed = Condition::Lost(Reason::Failed);
-            return if condition == Condition::Tracking { failed } else { condition };
-        }
-        let vehicle = self.frames.convert(&newest.odometry, &newest.rot_l_o);
-        if !vehicle.is_finite() {
-            return Condition::Lost(Reason::NotFinite);
-        }
-        self.last = Some(vehicle);
-        Condition::Tracking
+        let (clock, timesync) = (self.clock, &self.timesync);
+        self.feed.condition(has_pose, now, |at| stamp_usec(clock, timesync, at).is_some())
     }
 
     fn send_odometry(&mut self, condition: Condition, now: Monotonic) {
-        let counter =
-            self.newest.as_ref().map_or(self.first_reset_counter, |newest| newest.odometry.reset_counter);
-        let message = match (condition, &self.newest, &self.last) {
-            (Condition::Tracking, Some(newest), Some(vehicle)) => {
-                let usec = self.stamp_usec(newest.measured).unwrap_or(0);
-                message::tracking(vehicle, usec, newest.odometry.quality, counter)
-            }
-            // A time of the wrong clock could be taken for a small delay and be believed from then on; zero cannot.
-            _ => {
-                message::lost(self.last.as_ref(), self.stamp_usec(now).unwrap_or(0), counter, self.lost_pose)
-            }
-        };
-        if self.send::<ODOMETRY_DATA>(&message, now) {
+        let (clock, timesync) = (self.clock, &self.timesync);
+        let message = self.feed.message(condition, now, |at| stamp_usec(clock, timesync, at));
+        if let Some(message) = message
+            && self.send::<ODOMETRY_DATA>(&message, now)
+        {
             self.figures.odometry += 1;
             self.figures.invalid += u64::from(message.quality < 0);
         }
@@ -254,18 +219,6 @@ impl Sender {
     /// What finds no room is not worth waiting for.
     fn tell(&mut self, news: News) {
         let _ = self.words.push(news);
-    }
-
-    /// `at` by the clock that stamps the odometry, microseconds.
-    fn stamp_usec(&self, at: Monotonic) -> Option<u64> {
-        self.stamp_ns(at).and_then(|ns| u64::try_from(ns / 1000).ok())
-    }
-
-    fn stamp_ns(&self, at: Monotonic) -> Option<i64> {
-        match self.clock {
-            AutopilotClock::Companion => Some(at.0),
-            AutopilotClock::Autopilot => self.timesync.offset_ns().map(|offset| at.0.saturating_add(offset)),
-        }
     }
 
     fn send<D: MessageData>(&mut self, data: &D, now: Monotonic) -> bool {
@@ -344,10 +297,22 @@ impl Sender {
     /// Tells the time by which the odometry is stamped, as soon as there is one.
     fn answer(&mut self, ts1: i64, (system_id, component_id): (u32, u8)) {
         let now = Monotonic::now();
-        if let Some(tc1) = self.stamp_ns(now).filter(|ns| *ns > 0) {
+        if let Some(tc1) = stamp_ns(self.clock, &self.timesync, now).filter(|ns| *ns > 0) {
             let target_system = u8::try_from(system_id).unwrap_or(0);
             let answer = TIMESYNC_DATA { tc1, ts1, target_system, target_component: component_id };
             self.send::<TIMESYNC_DATA>(&answer, now);
         }
+    }
+}
+
+/// `at` by the clock that stamps the odometry, microseconds.
+fn stamp_usec(clock: AutopilotClock, timesync: &TimeSync, at: Monotonic) -> Option<u64> {
+    stamp_ns(clock, timesync, at).and_then(|ns| u64::try_from(ns / 1000).ok())
+}
+
+fn stamp_ns(clock: AutopilotClock, timesync: &TimeSync, at: Monotonic) -> Option<i64> {
+    match clock {
+        AutopilotClock::Companion => Some(at.0),
+        AutopilotClock::Autopilot => timesync.offset_ns().map(|offset| at.0.saturating_add(offset)),
     }
 }

@@ -31,6 +31,8 @@ pub enum Reason {
     Blind,
     /// The estimate was given up.
     Failed,
+    /// Its velocity is not known well enough.
+    Uncertain,
     /// It holds something that is no number.
     NotFinite,
     /// The autopilot's clock, which is to stamp it, is not known.
@@ -67,6 +69,7 @@ impl Condition {
             Self::Lost(Reason::Silent) => (warning, "Plumbline: lost, estimator is silent"),
             Self::Lost(Reason::Blind) => (warning, "Plumbline: lost, no features"),
             Self::Lost(Reason::Failed) => (warning, "Plumbline: lost, starting anew"),
+            Self::Lost(Reason::Uncertain) => (warning, "Plumbline: lost, velocity is uncertain"),
             Self::Lost(Reason::NotFinite) => (warning, "Plumbline: lost, estimate is no number"),
             Self::Lost(Reason::NoClock) => (warning, "Plumbline: lost, no TIMESYNC answers"),
             Self::Stopped => (warning, "Plumbline: lost, stopped"),
@@ -147,7 +150,14 @@ mod tests {
 
     #[test]
     fn all_words_fit_into_a_message() {
-        let reasons = [Reason::Silent, Reason::Blind, Reason::Failed, Reason::NotFinite, Reason::NoClock];
+        let reasons = [
+            Reason::Silent,
+            Reason::Blind,
+            Reason::Failed,
+            Reason::Uncertain,
+            Reason::NotFinite,
+            Reason::NoClock,
+        ];
         let conditions =
             reasons.map(Condition::Lost).into_iter().chain([Condition::Tracking, Condition::Stopped]);
         assert!(conditions.map(|c| c.words().unwrap().1).all(|words| words.len() <= 50));

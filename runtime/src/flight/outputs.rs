@@ -40,9 +40,9 @@ impl Outputs {
     /// # Errors
     /// When the address or device cannot be used.
     pub fn pilot(&mut self, flight: &Flight) -> Result<(), FlightError> {
-        let (config, stamps, first) = (&flight.config, flight.stamps, flight.first_reset_counter);
+        let (config, stamps) = (&flight.config, flight.stamps);
         let (autopilot, vehicle) = (&config.autopilot, &config.vehicle);
-        let bridge = Bridge::start_counting(autopilot, vehicle, stamps, config.runtime.realtime, first)?;
+        let bridge = Bridge::start(autopilot, vehicle, stamps, config.runtime.realtime)?;
         self.bridge = Some(bridge);
         Ok(())
     }

@@ -8,7 +8,7 @@
 use crate::pipeline::listener::{Listener, Producer, Subscriber};
 use crate::places::write_atomically;
 use crate::schedule::ticker::Monotonic;
-use plumbline_estimator::Estimate;
+use plumbline_estimator::{Estimate, Odometry};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -35,6 +35,8 @@ pub struct ResetCount {
 struct Shared {
     path: PathBuf,
     newest: AtomicU32,
+    /// Steps of the odometry without a reset, which autopilots are told as resets.
+    jumps: AtomicU32,
     is_over: AtomicBool,
 }
 
@@ -44,7 +46,12 @@ impl ResetCount {
     pub fn resume(folder: &Path) -> Self {
         let path = folder.join(FILE);
         let first = read(&path);
-        let shared = Shared { path, newest: AtomicU32::new(first), is_over: AtomicBool::new(false) };
+        let shared = Shared {
+            path,
+            newest: AtomicU32::new(first),
+            jumps: AtomicU32::new(0),
+            is_over: AtomicBool::new(false),
+        };
         let shared = Arc::new(shared);
         let theirs = Arc::clone(&shared);
         let spawned = std::thread::Builder::new().name("reset-count".into()).spawn(move || keep(&theirs));
@@ -74,6 +81,7 @@ impl Subscriber for ResetCount {
     fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
         match producer {
             Producer::Window => Box::new(WindowListener(Arc::clone(&self.shared))),
+            Producer::Tick => Box::new(TickListener(Arc::clone(&self.shared))),
             _ => Box::new(()),
         }
     }
@@ -87,12 +95,20 @@ impl Listener for WindowListener {
     }
 }
 
+struct TickListener(Arc<Shared>);
+
+impl Listener for TickListener {
+    fn odometry(&mut self, odometry: &Odometry) {
+        self.0.jumps.store(odometry.jumps, Ordering::Relaxed);
+    }
+}
+
 /// The thread that writes.
 fn keep(shared: &Shared) {
     let (mut reserved, mut has_warned) = (None, false);
     loop {
         let is_over = shared.is_over.load(Ordering::Relaxed);
-        let newest = shared.newest.load(Ordering::Relaxed);
+        let newest = shared.newest.load(Ordering::Relaxed).wrapping_add(shared.jumps.load(Ordering::Relaxed));
         let next = match is_over {
             true => newest.wrapping_add(1),
             false => newest.wrapping_add(RESERVED),
@@ -163,6 +179,16 @@ mod tests {
         assert_eq!(second.first(), 3);
         drop(second);
         assert_eq!(ResetCount::resume(folder.path()).first(), 4);
+    }
+
+    #[test]
+    fn steps_without_a_reset_count_as_well() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut first = ResetCount::resume(folder.path());
+        told(&mut first, 2);
+        first.shared.jumps.store(3, Ordering::Relaxed);
+        drop(first);
+        assert_eq!(ResetCount::resume(folder.path()).first(), 6);
     }
 
     #[test]

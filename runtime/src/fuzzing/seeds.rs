@@ -39,6 +39,8 @@ fn odometry() -> Odometry {
         state: TrackingState::Tracking,
         quality: 80,
         reset_counter: 2,
+        jumps: 0,
+        origin: plumbline_estimator::OriginUncertainty::default(),
     }
 }
 
@@ -53,6 +55,7 @@ fn estimate() -> Estimate {
         bias_gyro: Vector3::x() * 0.01,
         bias_accel: Vector3::y() * 0.02,
         covariance,
+        origin: plumbline_estimator::OriginUncertainty::default(),
         bias_variances: BiasVariances::repeat(1e-6),
         time_offset_s: 0.001,
         time_offset_sigma_s: 0.0001,

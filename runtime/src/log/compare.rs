@@ -75,6 +75,8 @@ impl Output for Estimate {
             bias_gyro,
             bias_accel,
             covariance,
+            // Not recorded: its share is in the covariance.
+            origin: _,
             bias_variances,
             time_offset_s,
             time_offset_sigma_s,
@@ -194,6 +196,9 @@ impl Output for Odometry {
             state,
             quality,
             reset_counter,
+            jumps,
+            // Not recorded: its share is in the covariance.
+            origin: _,
         } = self;
         vec![
             ("sequence", Whole(*sequence as i64)),
@@ -206,6 +211,7 @@ impl Output for Odometry {
             ("state", Whole(*state as i64)),
             ("quality", Whole((*quality).into())),
             ("reset_counter", Whole((*reset_counter).into())),
+            ("jumps", Whole((*jumps).into())),
         ]
     }
 }

@@ -8,7 +8,8 @@ use plumbline_config::{ImuSample, Timestamp};
 use plumbline_drivers::ImuReading;
 use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{
-    BiasVariances, Estimate, FrameFigures, HealthBits, NavCovariance, Odometry, ResetKind, TrackingState,
+    BiasVariances, Estimate, FrameFigures, HealthBits, NavCovariance, Odometry, OriginUncertainty, ResetKind,
+    TrackingState,
 };
 use prost::Message;
 
@@ -165,6 +166,8 @@ impl FromLog for Estimate {
             bias_gyro: vector(&m.bias_gyro)?,
             bias_accel: vector(&m.bias_accel)?,
             covariance: covariance(&m.covariance)?,
+            // Its share is in the covariance.
+            origin: OriginUncertainty::default(),
             bias_variances: bias_variances(&m.bias_variances)?,
             time_offset_s,
             time_offset_sigma_s,
@@ -209,6 +212,9 @@ impl FromLog for Odometry {
             state: state(m.state)?,
             quality: quality(m.quality)?,
             reset_counter: m.reset_counter,
+            jumps: m.jumps,
+            // Its share is in the covariance.
+            origin: OriginUncertainty::default(),
         })
     }
 }

@@ -157,6 +157,7 @@ pub fn odometry(o: &Odometry) -> proto::Odometry {
         state: state(o.state),
         quality: i32::from(o.quality),
         reset_counter: o.reset_counter,
+        jumps: o.jumps,
     }
 }
 

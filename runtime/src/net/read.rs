@@ -190,6 +190,8 @@ mod tests {
             state: TrackingState::Tracking,
             quality: 80,
             reset_counter: 2,
+            jumps: 0,
+            origin: plumbline_estimator::OriginUncertainty::default(),
         }
     }
 

@@ -77,6 +77,7 @@ pub fn odom(o: &Odometry, sequence: u64, published_ns: i64) -> proto::Odom {
         velocity_o_b: vector(&o.v_o_b),
         angular_rate_b: vector(&o.angular_rate_b),
         sigmas: sigmas(&o.covariance),
+        jumps: o.jumps,
     }
 }
 

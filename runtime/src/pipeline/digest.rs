@@ -38,7 +38,7 @@ impl Digest {
         self.vector(&o.v_o_b);
         self.vector(&o.angular_rate_b);
         self.covariance(&o.covariance);
-        self.integer(i64::from(o.reset_counter));
+        self.integer(i64::from(o.steps()));
     }
 
     /// Adds where the odometry lies in the map.

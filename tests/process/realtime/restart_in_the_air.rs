@@ -78,13 +78,13 @@ fn a_process_that_is_killed_in_flight_comes_back_and_the_autopilot_learns_of_the
     }
 }
 
-/// Before the kill one counter, after it no pose and another, then poses.
+/// Before the kill one counter, after it another with the first pose.
 fn assert_told(odometry: &[Value], said: &str) {
     let counter = |message: &Value| message["reset_counter"].as_i64().unwrap();
     let first = counter(&odometry[0]);
     let restart = odometry.iter().position(|m| counter(m) != first).expect("another counter");
     let (before, after) = odometry.split_at(restart);
-    assert!(before.iter().any(is_tracking) && !is_tracking(&after[0]), "{said}");
+    assert!(before.iter().any(is_tracking) && is_tracking(&after[0]), "{said}");
     assert!(after.iter().all(|m| counter(m) == counter(&after[0])));
     let found =
         after.iter().position(is_tracking).unwrap_or_else(|| panic!("no pose after the restart: {said}"));
@@ -98,7 +98,7 @@ fn assert_told(odometry: &[Value], said: &str) {
     );
     // The clock of the sensor has to be found again before anything is estimated, which may take two seconds alone.
     assert!(
-        silent_s < 1.5 && without_s < 5.0,
+        silent_s < 5.0 && without_s < 5.0,
         "silent for {silent_s} s, {without_s} s without a pose: {said}"
     );
 }
