@@ -135,7 +135,10 @@ impl Simulator {
         let cameras = cameras.collect();
         let imu = match recording {
             Some(recording) => Samples::Recorded(recording.around(first_frame, duration_s)),
-            None => Samples::Simulated(scenario.sensor(&config, &flight, first_frame, duration_s)?),
+            None => {
+                let sensor = scenario.sensor(&config, &flight, first_frame, duration_s)?;
+                Samples::Simulated(Box::new(sensor))
+            }
         };
         if let Some(knock) = &scenario.knock {
             let at = first_frame.plus_seconds(knock.at_s);

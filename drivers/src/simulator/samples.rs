@@ -47,7 +47,7 @@ pub fn recorded_along(path: &Path) -> PathBuf {
 /// The inertial samples of a flight.
 #[derive(Debug)]
 pub(super) enum Samples {
-    Simulated(ImuModel),
+    Simulated(Box<ImuModel>),
     Recorded(Recording),
 }
 
