@@ -273,7 +273,7 @@ impl Odometer {
         feedback.time_offset_s = rig.time_offset_s;
         feedback.bias_gyro = self.biases().0;
         feedback.turn_rate_b = self.turn_rate_b();
-        feedback.distrusts_imu = self.rotation.is_contradicted();
+        feedback.distrusts_imu = self.rotation.is_distrusting();
         feedback.reset_counter = self.reset_counter;
         self.solved.index = self.frames;
         self.solved.sequence = estimate.frame_sequence;

@@ -5,7 +5,10 @@
 //! differ by more contradict it, and the inertial samples are not believed any more, from the first of them on. A clock
 //! that jumps leaves a hole in its stream: right after one, a single frame is enough.
 //!
-//! Then the turns of the last frames are compared with what the gyroscope measured up to 0.6 s earlier or later. If they
+//! After a hole of the inertial samples they are on probation: not believed until three frames agree which would not if the
+//! samples were late by a tenth of a second.
+//!
+//! In a contradiction the turns of the last frames are compared with what the gyroscope measured up to 0.6 s earlier or later. If they
 //! agree with the gyroscope of a later stamp, the stamps of the IMU are late; with that of an earlier one, those of the images
 //! are. Without such a time neither can be named, and the rotation is disputed.
 
@@ -55,6 +58,13 @@ const DISPUTE_S: f64 = 1.0;
 const DISPUTED_QUALITY: i8 = 10;
 /// How fast the position may leave the estimate while nobody knows which sensor is wrong, m/s.
 const DISPUTED_M_S: f64 = 0.5;
+/// Samples after a hole of this length are on probation, ns, for so long at most, s.
+const PROBATION_HOLE_NS: i64 = 40_000_000;
+const PROBATION_S: f64 = 1.0;
+/// Frames that end it: they agree, and turn otherwise than the vehicle did a tenth of a second before, by this, rad.
+const FRAMES_TO_PROVE: u32 = 3;
+const PROVING_TURN_RAD: f64 = 3e-3;
+const PROVING_NS: i64 = 90_000_000;
 /// Samples further apart than this many periods have a hole between them.
 const HOLE_PERIODS: f64 = 2.5;
 
@@ -102,6 +112,18 @@ struct Contradiction {
     agreeing: u32,
 }
 
+/// Inertial samples after a hole, which may be late.
+#[derive(Clone, Copy, Debug)]
+struct Probation {
+    /// Beginning of the hole, and when it is over at the latest.
+    since: Timestamp,
+    until: Timestamp,
+    /// Whether it has been reported.
+    is_known: bool,
+    /// Frames that agreed.
+    proven: u32,
+}
+
 /// What a frame says of its turn.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SeenTurn {
@@ -132,6 +154,7 @@ pub(super) struct RotationWatch {
     /// When a hole in a stream began, and until when it is thought of.
     suspicious: Option<(Timestamp, Timestamp)>,
     contradiction: Option<Contradiction>,
+    probation: Option<Probation>,
     /// Standard deviation of the position that disputes have left, m, and of the attitude, rad.
     left_m: f64,
     left_rad: f64,
@@ -151,6 +174,7 @@ impl RotationWatch {
             first: Timestamp::default(),
             suspicious: None,
             contradiction: None,
+            probation: None,
             left_m: 0.0,
             left_rad: 0.0,
         }
@@ -168,6 +192,7 @@ impl RotationWatch {
         self.turns.clear();
         (self.contradicting, self.contradiction, self.suspicious) = (0, None, None);
         (self.left_m, self.left_rad) = (0.0, 0.0);
+        self.probation = None;
     }
 
     /// Takes a sample of the gyroscope, as it was read.
@@ -180,6 +205,10 @@ impl RotationWatch {
                 angle.holes += 1;
             } else {
                 angle.rad += (last.gyro + sample.gyro) * (0.5e-9 * gap_ns as f64);
+            }
+            if gap_ns > PROBATION_HOLE_NS {
+                let (since, until) = (last.stamp, sample.stamp.plus_seconds(PROBATION_S));
+                self.probation = Some(Probation { since, until, is_known: false, proven: 0 });
             }
             if gap_ns <= 0 {
                 self.angles.clear();
@@ -225,18 +254,43 @@ impl RotationWatch {
             let begun = self.suspicious.filter(|(_, until)| from <= *until).map_or(from, |(begun, _)| begun);
             self.suspicious = Some((begun, to.plus_seconds(SUSPICIOUS_S)));
         }
+        let begun = self.begin_probation();
         let bias_gyro = self.contradiction.map_or(frame.bias_gyro, |c| c.bias_gyro);
-        let difference = self.difference(&turn, 0, &bias_gyro)?;
+        let Some(difference) = self.difference(&turn, 0, &bias_gyro) else { return begun };
         let dt_s = to.seconds_since(from);
         let sigma = libm::hypot(self.gyro_density * dt_s.sqrt(), SIGHTING_SHARE * frame.sigma_rad);
         let excess = difference.norm() / AGREES_RAD.at_least(AGREES_SIGMAS * sigma);
-        match self.contradiction {
+        self.prove(excess <= 1.0, &turn);
+        let contradicted = match self.contradiction {
             Some(_) => {
                 self.settle(excess > 1.0, &turn);
                 None
             }
             None => self.suspect(excess, frame),
-        }
+        };
+        contradicted.or(begun)
+    }
+
+    /// Since when samples are on probation, if that is news.
+    fn begin_probation(&mut self) -> Option<Timestamp> {
+        let probation = self.probation.as_mut().filter(|probation| !probation.is_known)?;
+        probation.is_known = true;
+        Some(probation.since)
+    }
+
+    /// Ends the probation where enough turns prove that samples are not late, and where it has lasted long enough.
+    fn prove(&mut self, agrees: bool, turn: &Turn) {
+        let Some(mut probation) = self.probation else { return };
+        let earlier = self.turns.iter().rev().find(|t| turn.to.nanos_since(t.to) >= PROVING_NS);
+        let is_other = earlier.is_some_and(|t| (t.seen - turn.seen).norm() > PROVING_TURN_RAD);
+        probation.proven += u32::from(agrees && is_other);
+        let is_over = probation.proven >= FRAMES_TO_PROVE || turn.to > probation.until;
+        self.probation = (!is_over).then_some(probation);
+    }
+
+    /// Ends the probation: nothing is seen by which samples could prove themselves.
+    pub(super) fn end_probation(&mut self) {
+        self.probation = None;
     }
 
     /// Before a contradiction: whether it begins, and since when.
@@ -347,8 +401,8 @@ impl RotationWatch {
     }
 
     /// Whether the inertial samples are not believed.
-    pub(super) fn is_contradicted(&self) -> bool {
-        self.contradiction.is_some()
+    pub(super) fn is_distrusting(&self) -> bool {
+        self.contradiction.is_some() || self.probation.is_some_and(|probation| probation.is_known)
     }
 
     /// Says in `health` what was found.

@@ -1,1 +1,134 @@
+//! Gyroscope and images that agree, and those that are late, on a flight whose turns are known.
 
+use super::*;
+
+/// When something goes wrong, s.
+const BEGIN_S: f64 = 5.0;
+
+fn at(t: f64) -> Timestamp {
+    Timestamp::from_nanos((t * 1e9).round() as i64)
+}
+
+/// Integral of the angular rate of the vehicle, rad.
+fn angle(t: f64) -> Vector3<f64> {
+    Vector3::new(-0.6 * libm::cos(1.3 * t), 0.4 * libm::sin(1.9 * t), -0.3 * libm::cos(2.7 * t))
+}
+
+fn rate(t: f64) -> Vector3<f64> {
+    (angle(t + 1e-5) - angle(t - 1e-5)) / 2e-5
+}
+
+/// What goes wrong.
+#[derive(Clone, Copy, Default)]
+struct Wrong {
+    imu_late_s: f64,
+    images_late_s: f64,
+    /// Factor of the rate.
+    scale: f64,
+    /// Until when, s.
+    until_s: f64,
+}
+
+const NOTHING: Wrong = Wrong { imu_late_s: 0.0, images_late_s: 0.0, scale: 1.0, until_s: f64::INFINITY };
+
+/// Flies for twelve seconds; of each frame its time, what is said of it and the quality left of 90.
+fn fly(wrong: Wrong) -> Vec<(f64, HealthBits, i8)> {
+    let imu = ImuConfig::with_noise(200.0, (1.7e-4, 2e-5), (2e-3, 3e-3));
+    let mut watch = RotationWatch::new(&imu);
+    let is_wrong = |t: f64| (BEGIN_S..wrong.until_s).contains(&t);
+    let (mut next, mut last_s, mut said) = (0u32, None, Vec::new());
+    for k in 0..240 {
+        let t = f64::from(k) * 0.05;
+        loop {
+            let true_s = f64::from(next) * 0.005;
+            let late_s = if is_wrong(true_s) { wrong.imu_late_s } else { 0.0 };
+            if true_s + late_s > t + 1e-9 {
+                break;
+            }
+            let gyro = rate(true_s) * if is_wrong(true_s) { wrong.scale } else { 1.0 };
+            watch.add(&ImuSample { stamp: at(true_s + late_s), gyro, accel: Vector3::zeros() });
+            next += 1;
+        }
+        // No image comes while those that were late already would.
+        let age_s = if is_wrong(t) { wrong.images_late_s } else { 0.0 };
+        if is_wrong(t) && t < BEGIN_S + age_s {
+            continue;
+        }
+        if let Some((last_s, last_age_s)) = last_s {
+            let noise = angle(f64::from(k * k)) * 2e-4;
+            let frame = SeenTurn {
+                span: [at(last_s), at(t)],
+                seen: angle(t - age_s) - angle(last_s - last_age_s) + noise,
+                sigma_rad: 4e-4,
+                bias_gyro: Vector3::zeros(),
+                skips_frames: t - last_s > 0.075,
+                skips_samples: watch
+                    .difference(
+                        &Turn { from: at(last_s), to: at(t), seen: noise, skips_frames: false },
+                        0,
+                        &noise,
+                    )
+                    .is_none(),
+            };
+            let _ = watch.update(&frame);
+        }
+        last_s = Some((t, age_s));
+        let mut health = HealthBits::default();
+        watch.report(&mut health);
+        said.push((t, health, watch.bounded(90)));
+    }
+    said
+}
+
+/// When a bit was up first, s after something went wrong.
+fn first_s(said: &[(f64, HealthBits, i8)], bit: HealthBits) -> Option<f64> {
+    said.iter().find(|(_, health, _)| health.contains(bit)).map(|(t, _, _)| t - BEGIN_S)
+}
+
+#[test]
+fn nothing_is_said_of_sensors_that_agree() {
+    assert!(
+        fly(NOTHING).iter().all(|(_, health, quality)| *health == HealthBits::default() && *quality == 90)
+    );
+}
+
+#[test]
+fn late_inertial_samples_are_named_within_a_second_and_leave_the_quality() {
+    for imu_late_s in [0.1, 0.2, 0.5] {
+        let said = fly(Wrong { imu_late_s, ..NOTHING });
+        assert!(
+            first_s(&said, HealthBits::IMU_LATE).is_some_and(|s| (0.0..1.0).contains(&s)),
+            "{imu_late_s}"
+        );
+        assert!(first_s(&said, HealthBits::IMAGES_LATE).is_none(), "{imu_late_s}");
+        assert!(
+            said.iter().all(|(_, health, quality)| *quality == 90 || !health.contains(HealthBits::IMU_LATE))
+        );
+    }
+}
+
+#[test]
+fn late_images_are_named_within_a_second_and_cost_the_quality() {
+    for images_late_s in [0.1, 0.2, 0.4] {
+        let said = fly(Wrong { images_late_s, ..NOTHING });
+        assert!(
+            first_s(&said, HealthBits::IMAGES_LATE).is_some_and(|s| (0.0..1.0).contains(&s)),
+            "{images_late_s}"
+        );
+        assert!(first_s(&said, HealthBits::IMU_LATE).is_none(), "{images_late_s}");
+        assert!(said.iter().all(|(t, _, quality)| *t < BEGIN_S || *quality < 20));
+    }
+}
+
+#[test]
+fn a_gyroscope_that_exaggerates_is_disputed_and_believed_again_when_it_agrees() {
+    let said = fly(Wrong { scale: 1.5, until_s: 8.0, ..NOTHING });
+    assert!(first_s(&said, HealthBits::ROTATION_DISPUTED).is_some_and(|s| s < 2.0));
+    assert!(
+        first_s(&said, HealthBits::IMU_LATE).is_none() && first_s(&said, HealthBits::IMAGES_LATE).is_none()
+    );
+    assert_eq!(
+        said.last().map(|(_, health, quality)| (*health, *quality)),
+        Some((HealthBits::default(), 90))
+    );
+}

@@ -39,6 +39,9 @@ impl Odometer {
             (false, Some(newest)) => newest.nav.clone(),
         };
         let sighting = self.window.sight_newest(&start);
+        if sighting.is_none() {
+            self.rotation.end_probation();
+        }
         if let Some(sighting) = sighting.filter(|_| !stuck.gyro)
             && let [.., before, newest] = &self.window.frames[..]
         {
@@ -54,14 +57,14 @@ impl Odometer {
                 self.imu.distrust(since);
             }
         }
-        if !self.rotation.is_contradicted() {
+        if !self.rotation.is_distrusting() {
             self.imu.trust();
         }
         self.rotation.report(health);
         if let Some(since) = self.imu.take_revision() {
             self.integrate_anew(since);
         }
-        if coverage.unmeasured.is_any() || self.rotation.is_contradicted() {
+        if coverage.unmeasured.is_any() || self.rotation.is_distrusting() {
             match sighting {
                 Some(sighting) => self.window.place_newest(&sighting),
                 None => self.window.place_newest_at(start),

@@ -14,8 +14,8 @@ const QUALITY_TO_USE: i8 = 20;
 pub const MAX_SIGMAS: f64 = 5.0;
 /// See [`MAX_SIGMAS`].
 pub const MAX_NAMELESS_S: f64 = 1.0;
-/// Frames at the beginning and the end of the fault belong to either side, s.
-const FRAME_S: f64 = 0.05;
+/// Inertial samples begin this long before the first frame at most, and so do their faults, s.
+const LEAD_S: f64 = 0.25;
 
 /// Health bits that name a sensor that failed in silence.
 pub const NAMES: [HealthBits; 7] = [
@@ -50,7 +50,7 @@ impl Silence {
     pub fn of(rows: &[StateRow], truth: &Truth, first: Timestamp, begin_s: f64) -> Option<Self> {
         let start = rows.iter().find_map(|row| Some((row.nav?.pose_o_b, truth.pose_at(row.stamp)?)))?;
         let pose_o_w = origin(&start.0, &start.1);
-        let since = |row: &&StateRow| row.stamp.seconds_since(first) >= begin_s - 0.5 * FRAME_S;
+        let since = |row: &&StateRow| row.stamp.seconds_since(first) >= begin_s - LEAD_S;
         let first_s = |bit: HealthBits| {
             let row = rows.iter().find(|row| row.health.contains(bit))?;
             Some(row.stamp.seconds_since(first) - begin_s)
@@ -84,7 +84,7 @@ impl Silence {
     #[must_use]
     pub fn is_honest(&self, names: &[&str]) -> bool {
         let is_of_time = |(name, s): &&(&str, f64)| names.contains(name) && *s <= MAX_NAMELESS_S;
-        let is_early = self.named_s.iter().any(|(_, s)| *s < -FRAME_S);
+        let is_early = self.named_s.iter().any(|(_, s)| *s < -LEAD_S);
         self.worst_sigmas <= MAX_SIGMAS && !is_early && self.named_s.iter().any(|named| is_of_time(&named))
     }
 }
