@@ -15,6 +15,10 @@ const NOISE_M_S: f32 = 0.05;
 /// Smallest that PX4 allows; EKF2 of 2025 takes it for a variance.
 const NOISE_YAW: f32 = 0.05;
 const MIN_QUALITY: i32 = 1;
+/// Time for which the vehicle stands before the flight, s: an autopilot finds its tilt so.
+const REST_S: f64 = 20.0;
+/// Added to all stamps, so that those before the flight are positive too, us.
+const LATER_US: i64 = 100_000_000;
 
 /// EKF2 at one inertial sample, against the truth.
 #[derive(Clone, Copy, Debug)]
@@ -41,8 +45,10 @@ pub struct Course {
 /// Runs EKF2 over a flight; it believes that vision is late by `delay_ms`.
 pub fn run(captured: &Captured, delay_ms: f64) -> Course {
     let mut filter = filter();
+    rest(&mut filter, captured);
     let mut course = Course { judged: Vec::new(), fused: 0, rejected: 0 };
     let rot_f_b = rot_f_b(captured);
+    let bias_gyro = captured.simulator.ground_truth(captured.samples[0].stamp).bias_gyro;
     let mut waiting = captured.messages.iter().peekable();
     let (mut origin, mut is_tracked, mut seen) = (None, false, [0u64; 4]);
     for pair in captured.samples.windows(2) {
@@ -54,26 +60,11 @@ pub fn run(captured: &Captured, delay_ms: f64) -> Course {
             }
             filter.set_ev_data(&sample(message, delay_ms));
         }
-        filter.set_imu_data(&imu(pair, &rot_f_b));
+        filter.set_imu_data(&imu(pair, &bias_gyro, &rot_f_b));
         if !filter.update() {
             continue;
         }
         count(&filter, &mut seen, &mut course);
-        if course.judged.len() % 100 == 0 {
-            let t = captured.simulator.ground_truth(stamp);
-            let v_f = rot_f_b * (t.pose_w_b.rotation.inverse() * t.v_w_b);
-            let (q, v) = (rotation(filter.quaternion()), vector(filter.velocity_ned()));
-            eprintln!(
-                "DBG {} est {:?} true {:?} rpy {:?} ba {:?} bg {:?} st {:?}",
-                stamp,
-                (q.inverse() * v).as_slice(),
-                v_f.as_slice(),
-                q.euler_angles(),
-                filter.accel_bias(),
-                filter.gyro_bias(),
-                filter.control_status()
-            );
-        }
         if let Some(origin) = &origin {
             course.judged.push(origin.judge(captured, &filter, stamp, is_tracked));
         }
@@ -91,15 +82,38 @@ fn filter() -> Ekf<'static> {
     params.set_ev_vel_noise(NOISE_M_S);
     params.set_ev_att_noise(NOISE_YAW);
     params.set_ev_quality_min(MIN_QUALITY);
-    filter.set_in_air_status(true);
     filter
+}
+
+/// The vehicle stands level in its first heading before the flight, and is then in the air.
+fn rest(filter: &mut Ekf<'_>, captured: &Captured) {
+    let first = captured.samples[0].stamp;
+    let truth = captured.simulator.ground_truth(first);
+    let rot_f_b = rot_f_b(captured);
+    let dt_s = 1.0 / captured.config.imu.rate_hz;
+    let up_f = -Vector3::z() * captured.config.imu.gravity_m_s2;
+    let turn = [0.0; 3];
+    let push: [f32; 3] = ((up_f + rot_f_b * truth.bias_accel) * dt_s).map(|x| x as f32).into();
+    filter.set_in_air_status(false);
+    filter.set_vehicle_at_rest(true);
+    for k in (0..(REST_S / dt_s) as i64).rev() {
+        let time_us = stamp_us(first.plus_seconds(-dt_s * k as f64));
+        filter.set_imu_data(&ImuSample::new(time_us, turn, push, dt_s as f32, dt_s as f32));
+        filter.update();
+    }
+    filter.set_vehicle_at_rest(false);
+    filter.set_in_air_status(true);
+}
+
+fn stamp_us(stamp: Timestamp) -> u64 {
+    (stamp.as_nanos() / 1000 + LATER_US) as u64
 }
 
 /// What PX4 makes of a message before it reaches EKF2: variances are at least the noise of the parameters.
 fn sample(m: &ODOMETRY_DATA, delay_ms: f64) -> ExtVisionSample {
     let at_least =
         |covariance: &[f32], places: [usize; 3], floor: f32| places.map(|k| covariance[k].max(floor));
-    let time_us = (m.time_usec as f64 - 1e3 * delay_ms) as u64;
+    let time_us = (m.time_usec as i64 + LATER_US - (1e3 * delay_ms) as i64) as u64;
     let mut sample = ExtVisionSample::new(
         time_us,
         [m.x, m.y, m.z],
@@ -114,15 +128,20 @@ fn sample(m: &ODOMETRY_DATA, delay_ms: f64) -> ExtVisionSample {
     sample
 }
 
-/// Turns what the IMU measured between two samples into the vehicle's axes.
-fn imu(pair: &[plumbline_config::ImuSample], rot_f_b: &UnitQuaternion<f64>) -> ImuSample {
+/// Turns what the IMU measured between two samples into the vehicle's axes. PX4 calibrates the gyroscope whenever the vehicle
+/// stands (`gyro_calibration`): `bias` is what that found.
+fn imu(
+    pair: &[plumbline_config::ImuSample],
+    bias: &Vector3<f64>,
+    rot_f_b: &UnitQuaternion<f64>,
+) -> ImuSample {
     let dt_s = pair[1].stamp.seconds_since(pair[0].stamp);
     let mean = |a: &Vector3<f64>, b: &Vector3<f64>| -> [f32; 3] {
         (rot_f_b * ((a + b) * (0.5 * dt_s))).map(|x| x as f32).into()
     };
-    let turn = mean(&pair[0].gyro, &pair[1].gyro);
+    let turn = mean(&(pair[0].gyro - bias), &(pair[1].gyro - bias));
     let push = mean(&pair[0].accel, &pair[1].accel);
-    ImuSample::new((pair[1].stamp.as_nanos() / 1000) as u64, turn, push, dt_s as f32, dt_s as f32)
+    ImuSample::new(stamp_us(pair[1].stamp), turn, push, dt_s as f32, dt_s as f32)
 }
 
 fn rot_f_b(captured: &Captured) -> UnitQuaternion<f64> {

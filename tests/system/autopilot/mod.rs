@@ -120,7 +120,8 @@ fn px4_rejects_nothing_of_a_flight_through_the_room_and_finds_no_delay() {
         let end_m = course.judged.last().expect("it flies").position_m;
         (f64::sqrt(sum / count), end_m, course.rejected, course.fused)
     };
-    let delays = [-10.0, -5.0, 0.0, 5.0, 10.0, 20.0].map(|delay| (delay, rms(delay)));
+    // Steps of its filter: it shifts the stamps by half of one itself.
+    let delays = [-10.0, 0.0, 10.0, 20.0].map(|delay| (delay, rms(delay)));
     for (delay_ms, (rms_m_s, end_m, rejected, fused)) in delays {
         println!(
             "delay {delay_ms:+} ms: velocity {rms_m_s:.4} m/s, ends {end_m:.4} m off, {rejected} of {fused} rejected"
