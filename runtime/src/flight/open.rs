@@ -11,7 +11,7 @@ use plumbline_config::{Config, ConfigError, ImuSample, ValidConfig, import};
 use plumbline_drivers::bag::{is_bag, read_bag_imu};
 use plumbline_drivers::euroc::read_imu_samples;
 use plumbline_drivers::simulator::{Scenario, Simulator, draw_calibration};
-use plumbline_drivers::{BagDataset, BagTopics, EurocDataset, EurocOptions, ImuSource as _, StampedPose};
+use plumbline_drivers::{BagDataset, BagTopics, EurocDataset, EurocOptions, ImuSource as _};
 use std::ops::Range;
 use std::path::Path;
 

@@ -1,6 +1,6 @@
 //! What becomes of an estimate when a sensor fails without a word: whether it is reported, and what can still be used.
 
-use super::accuracy::origin;
+use crate::evaluate::consistency::errors::frame_of;
 use crate::evaluate::pose_error;
 use crate::flight::Truth;
 use crate::flight::states::StateRow;
@@ -49,7 +49,7 @@ impl Silence {
     #[must_use]
     pub fn of(rows: &[StateRow], truth: &Truth, first: Timestamp, begin_s: f64) -> Option<Self> {
         let start = rows.iter().find_map(|row| Some((row.nav?.pose_o_b, truth.pose_at(row.stamp)?)))?;
-        let pose_o_w = origin(&start.0, &start.1);
+        let pose_o_w = frame_of(&start.0, &start.1);
         let since = |row: &&StateRow| row.stamp.seconds_since(first) >= begin_s - LEAD_S;
         let first_s = |bit: HealthBits| {
             let row = rows.iter().find(|row| row.health.contains(bit))?;
