@@ -36,6 +36,8 @@ const TIGHT_ORIGIN_M_RAD: f64 = 1e-5;
 const TILT_SIGMA_RAD: f64 = 0.5;
 /// Nothing is known of the velocity; vehicles are no faster than this, m/s.
 const VELOCITY_SIGMA_M_S: f64 = 20.0;
+/// Scale known worse than this, relative to itself, is not known: a start with one camera waits.
+const MAX_SCALE_SIGMA: f64 = 0.15;
 /// Frames between attempts of a monocular start.
 const MONO_RETRY_FRAMES: usize = 4;
 
@@ -190,7 +192,7 @@ impl Odometer {
         for frame in &mut self.window.frames {
             frame.is_keyframe = true;
         }
-        self.settle()
+        self.settle() && self.is_scale_known()
     }
 
     /// Solves the window from scratch, puts the odometry frame at the newest frame, and judges.
@@ -221,6 +223,18 @@ impl Odometer {
             && self.window.triangulated().0 >= MIN_STEREO_TRACKS
             && outcome.cost < MAX_MEAN_COST * observations as f64
             && self.is_plausible()
+    }
+
+    /// Whether the settled window knows its scale. One camera has it from changes of the velocity alone: at a constant one any
+    /// scale fits, with a bias to match, and the covariance says so.
+    fn is_scale_known(&mut self) -> bool {
+        let Some(v_o_b) = self.window.frames.last().map(|frame| frame.nav.v_o_b) else { return false };
+        let Some((covariance, _)) = self.window.newest_covariance() else { return false };
+        let of_velocity = covariance.fixed_view::<3, 3>(NavState::V, NavState::V);
+        let speed_m_s = v_o_b.norm();
+        let along = v_o_b.dot(&(of_velocity * v_o_b)).at_least(0.0).sqrt();
+        // `along` is the speed times its standard deviation.
+        along <= MAX_SCALE_SIGMA * speed_m_s * speed_m_s
     }
 
     /// Moves the window so that the newest frame has the position and the heading of the pose that the start goes on from;

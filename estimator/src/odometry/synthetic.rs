@@ -62,6 +62,8 @@ pub struct World {
     pub is_at_rest: bool,
     /// Velocity of what is not quite at rest, m/s: reached at 5 s.
     pub drift_m_s: Vector3<f64>,
+    /// Constant velocity of the whole flight, m/s, in place of the path that swings.
+    pub cruise_m_s: Option<Vector3<f64>>,
     /// True time offset, `t_imu - t_camera`, s.
     pub time_offset_s: f64,
     /// True poses of the cameras in the body.
@@ -92,6 +94,7 @@ impl World {
             sigma_px: 0.3,
             is_at_rest: false,
             drift_m_s: Vector3::zeros(),
+            cruise_m_s: None,
             time_offset_s: 0.0,
             pose_b_c: config.camera.iter().map(CameraConfig::pose_b_c).collect(),
             cameras: config.camera.iter().map(CameraConfig::model).collect(),
@@ -102,6 +105,10 @@ impl World {
 
     /// True pose of the body.
     pub fn pose_o_b(&self, t: f64) -> Isometry3<f64> {
+        if let Some(v) = self.cruise_m_s {
+            let way = v * t;
+            return Isometry3::translation(way.x, way.y, way.z) * swung(0.0);
+        }
         if self.is_at_rest {
             // Speeds up evenly from 2 s to 5 s.
             let (ramp_s, since_s) = ((t - 2.0).clamp(0.0, 3.0), (t - 5.0).max(0.0));

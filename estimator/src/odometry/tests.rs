@@ -179,6 +179,19 @@ fn monocular_flight_finds_its_scale() {
 }
 
 #[test]
+fn a_monocular_start_waits_while_the_velocity_is_constant() {
+    let mut world = World::new(&config(1), 2, 500);
+    world.cruise_m_s = Some(Vector3::new(0.0, 0.6, 0.0));
+    let flight = fly(&mut world, 6.0, both);
+    println!("{}", flight.summary());
+    assert_eq!(flight.first_pose_s, None);
+    // Two cameras have the scale from their baseline.
+    let mut world = World::new(&config(2), 2, 500);
+    world.cruise_m_s = Some(Vector3::new(0.0, 0.6, 0.0));
+    assert!(fly(&mut world, 6.0, both).first_pose_s.is_some());
+}
+
+#[test]
 fn no_frame_allocates_be_it_of_a_start_or_of_a_start_anew() {
     for (cameras, seed) in [(1, 2), (2, 4)] {
         let mut world = World::new(&config(cameras), seed, 500);
