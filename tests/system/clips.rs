@@ -75,8 +75,7 @@ impl Subscriber for Steps {
 impl Listener for Steps {
     fn odometry(&mut self, now: &Odometry) {
         let mut largest = self.0.lock().unwrap();
-        if let Some(last) = largest.last.replace(now.clone()).filter(|l| l.reset_counter == now.reset_counter)
-        {
+        if let Some(last) = largest.last.replace(now.clone()).filter(|l| l.steps() == now.steps()) {
             let dt_s = now.stamp.seconds_since(last.stamp);
             let moved = now.pose_o_b.translation.vector - last.pose_o_b.translation.vector;
             let turned = last.pose_o_b.rotation.inverse() * now.pose_o_b.rotation;

@@ -42,14 +42,26 @@ pub struct Course {
     pub rejected: usize,
 }
 
+/// The same messages with the true velocity: what EKF2 makes of a flight by itself.
+pub fn with_true_velocity(captured: &Captured) -> Vec<(Timestamp, ODOMETRY_DATA)> {
+    let rot_f_b = rot_f_b(captured);
+    let exact = |(sent, m): &(Timestamp, ODOMETRY_DATA)| {
+        let truth = captured.simulator.ground_truth(Timestamp::from_nanos(m.time_usec as i64 * 1000));
+        let v_f = rot_f_b * (truth.pose_w_b.rotation.inverse() * truth.v_w_b);
+        let [vx, vy, vz] = v_f.map(|x| x as f32).into();
+        (*sent, if m.quality > 0 { ODOMETRY_DATA { vx, vy, vz, ..m.clone() } } else { m.clone() })
+    };
+    captured.messages.iter().map(exact).collect()
+}
+
 /// Runs EKF2 over a flight; it believes that vision is late by `delay_ms`.
-pub fn run(captured: &Captured, delay_ms: f64) -> Course {
+pub fn run(captured: &Captured, messages: &[(Timestamp, ODOMETRY_DATA)], delay_ms: f64) -> Course {
     let mut filter = filter();
     rest(&mut filter, captured);
     let mut course = Course { judged: Vec::new(), fused: 0, rejected: 0 };
     let rot_f_b = rot_f_b(captured);
     let bias_gyro = captured.simulator.ground_truth(captured.samples[0].stamp).bias_gyro;
-    let mut waiting = captured.messages.iter().peekable();
+    let mut waiting = messages.iter().peekable();
     let (mut origin, mut is_tracked, mut seen) = (None, false, [0u64; 4]);
     for pair in captured.samples.windows(2) {
         let stamp = pair[1].stamp;
