@@ -133,7 +133,9 @@ impl Edge {
     pub(super) fn reversed(&self, nodes: &[Node]) -> Self {
         let (from, to) = (&nodes[self.to], &nodes[self.from]);
         let way = turn(-from.yaw) * (to.p_m_b - from.p_m_b);
-        Self { from: self.to, to: self.from, way, turn: wrapped(to.yaw - from.yaw), ..*self }
+        let back = wrapped(to.yaw - from.yaw);
+        let information = reversed(&self.information, &way, back);
+        Self { from: self.to, to: self.from, way, turn: back, information, ..*self }
     }
 
     /// A loop that ends at the node from which `to_heir` leads away, moved to where that leads to.
@@ -196,6 +198,17 @@ pub fn chained(first: &Matrix4<f64>, way: &Vector3<f64>, second: &Matrix4<f64>) 
     let mut by_first = Matrix4::identity();
     by_first.fixed_view_mut::<3, 1>(0, 3).copy_from(&Vector3::z().cross(way));
     by_first * first * by_first.transpose() + second
+}
+
+/// Information about way and turn of an edge, made that about the same edge the other way round, whose way is `way` and
+/// whose turn is `back`, rad: the forward way is `-Rz(-back) way`, and turns with an error of `back`.
+fn reversed(information: &Matrix4<f64>, way: &Vector3<f64>, back: f64) -> Matrix4<f64> {
+    let forward: Matrix3<f64> = *turn(-back).to_rotation_matrix().matrix();
+    let mut by_back = Matrix4::zeros();
+    by_back.fixed_view_mut::<3, 3>(0, 0).copy_from(&-forward);
+    by_back.fixed_view_mut::<3, 1>(0, 3).copy_from(&Vector3::z().cross(&(forward * way)));
+    by_back[(3, 3)] = -1.0;
+    by_back.transpose() * information * by_back
 }
 
 /// Rotation about the vertical.

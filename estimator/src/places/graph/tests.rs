@@ -314,3 +314,25 @@ fn a_segment_is_placed_by_a_loop_and_free_to_move_from_then_on() {
     assert!(graph.nodes().iter().all(|n| n.is_placed));
     assert!(flight.ate_m(&graph) < 0.2, "{}", flight.ate_m(&graph));
 }
+
+#[test]
+fn an_edge_the_other_way_round_says_as_much_about_where_its_ends_are() {
+    let flight = Flight::new(7);
+    let mut graph = flight.two_segments();
+    graph.add_loop(flight.closure(&graph, 40, Vector3::zeros(), 0.0), false).unwrap();
+    let nodes = graph.nodes().to_vec();
+    // Exact at these nodes, and better known across than along.
+    let information = Matrix4::from_diagonal(&Vector4::new(1e4, 4e2, 9e2, 1e5));
+    let mut edge = *graph.edges().last().unwrap();
+    let error = edge.error(&nodes[edge.from], &nodes[edge.to]);
+    edge = Edge { way: edge.way + error.xyz(), turn: edge.turn + error.w, information, ..edge };
+    let back = edge.reversed(&nodes);
+    assert!(back.distance2(&nodes) < 1e-12);
+    let mut moved = nodes;
+    moved[edge.to].p_m_b += Vector3::new(1e-4, -2e-4, 3e-4);
+    moved[edge.to].yaw += 2e-4;
+    moved[edge.from].p_m_b += Vector3::new(-2e-4, 1e-4, 1e-4);
+    moved[edge.from].yaw -= 1e-4;
+    let (forth, back) = (edge.distance2(&moved), back.distance2(&moved));
+    assert!((forth / back - 1.0).abs() < 2e-3, "{forth} against {back}");
+}
