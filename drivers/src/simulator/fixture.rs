@@ -47,6 +47,7 @@ pub(crate) fn config() -> Config {
         error_time_s: 1.5,
         gyro_range_rad_s: 17.4,
         accel_range_m_s2: 156.9,
+        stuck_after_s: 0.1,
         gyro_bias_sigma_rad_s: 0.1,
         accel_bias_sigma_m_s2: 0.3,
         gravity_m_s2: 9.81,

@@ -145,13 +145,16 @@ fn solve(
     Some(Sighting { rot_o_b: rot, p_o_b: p, rotation_sigma_rad: variance.sqrt() })
 }
 
+/// Residual of a ray, its derivatives by the point in the body, and that point.
+type Residual = (Vector2<f64>, [Vector3<f64>; 2], Vector3<f64>);
+
 /// Residual of a ray from a pose, in standard deviations, its derivatives by the point in the body, and that point; `None`
 /// where the landmark is not in front of the camera.
 fn residual(
     ray: &Ray,
     mounts: &[Mount; 2],
     (rot, p): (&UnitQuaternion<f64>, &Vector3<f64>),
-) -> Option<(Vector2<f64>, [Vector3<f64>; 2], Vector3<f64>)> {
+) -> Option<Residual> {
     let mount = &mounts[ray.camera];
     let q_b = rot.inverse_transform_vector(&(ray.q_o - p * ray.rho));
     let q_c = mount.rot_b_c.tr_mul(&(q_b - mount.p_b_c * ray.rho));
