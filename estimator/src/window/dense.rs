@@ -164,7 +164,10 @@ impl NormalEquations {
         for (j, c) in column.iter_mut().enumerate().take(self.dim) {
             *c = self.get(k, j);
         }
-        self.subtract_outer(&column, variance / (1.0 + variance * column[k]), self.b[k]);
+        // Equations that are not positive there have no covariance to add to, and must stay seen as such.
+        if column[k] > 0.0 {
+            self.subtract_outer(&column, variance / (1.0 + variance * column[k]), self.b[k]);
+        }
     }
 
     /// The Schur complement of the unknowns `range`; what is left in their own rows has no meaning.

@@ -100,7 +100,7 @@ mod tests {
     fn silence(error_m: f64, quality: i8, named_from_s: f64) -> Silence {
         let stamp = |k: i64| Timestamp::from_nanos(k * 50_000_000);
         let at = |x: f64| Isometry3::from_parts(Vector3::new(x, 0.0, 0.0).into(), Default::default());
-        let truth = (0..200).map(|k| StampedPose { stamp: stamp(k), pose: at(0.0) }).collect();
+        let truth: Vec<_> = (0..200).map(|k| StampedPose { stamp: stamp(k), pose: at(0.0) }).collect();
         let row = |k: i64| {
             let t = k as f64 * 0.05;
             let is_failed = t >= 5.0;
@@ -120,7 +120,7 @@ mod tests {
             StateRow { stamp: stamp(k), quality, health, nav: Some(nav), ..StateRow::default() }
         };
         let rows: Vec<_> = (0..200).map(row).collect();
-        Silence::of(&rows, &Truth::Recorded(truth), stamp(0), 5.0).unwrap()
+        Silence::of(&rows, &Truth::of_poses(&truth), stamp(0), 5.0).unwrap()
     }
 
     #[test]
