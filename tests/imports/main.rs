@@ -39,6 +39,7 @@ const RUNTIME: &[&str] = &[
 /// The modules of the estimator in the order of the data.
 const ESTIMATOR: &[&str] = &[
     "geometry",
+    "origin",
     "work_budget",
     "image",
     "estimate",

@@ -47,7 +47,7 @@ fn the_real_calibration_is_that_of_the_presets() {
     let Some(calibration) = plumbline_test_support::shared("euroc/calibration") else { return };
     let imported = import::euroc(&calibration).expect("is good");
     assert_eq!(imported.camera, euroc().camera);
-    let simulated = crate::Config::preset("sim").expect("is good").imu;
+    let simulated = crate::Config::preset("sim").expect("is good").imu.clone();
     // The simulator's bias at switch-on is smaller than a file of noise densities says.
     let accel_bias_sigma_m_s2 = imported.imu.accel_bias_sigma_m_s2;
     assert_eq!(imported.imu, crate::options::ImuConfig { accel_bias_sigma_m_s2, ..simulated });

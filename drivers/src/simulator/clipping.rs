@@ -1,25 +1,23 @@
 //! How hard a sensor must vibrate to clip a given share of its samples.
 
-use super::imu::ImuModel;
-use super::trajectory::Trajectory;
+use nalgebra::Vector3;
 
 /// Moments of the flight that are looked at: a prime number of milliseconds apart, so that they meet every phase.
 const STEP_S: f64 = 0.017;
 /// Halvings of the interval in which the amplitude lies: to a millionth of the range.
 const HALVINGS: usize = 20;
 
-/// Amplitude of the vibration (m/s²) at which the share of clipped samples along `flight` is that which `sensor` asks for; 0 if
-/// the flight alone clips more. The whole flight counts, so that a shorter part of it has the same samples.
-pub(super) fn amplitude(sensor: &ImuModel, flight: &Trajectory) -> f64 {
-    let (share, range) = sensor.clipped();
-    let span_s = flight.end().seconds_since(flight.begin());
+/// Amplitude of the vibration (m/s²) at which `share` of the samples of a flight of `span_s` seconds is beyond `range`, m/s²; 0 if
+/// the flight alone clips more. `force_and_shake` gives the specific force at a time of the flight, m/s², and the vibration of
+/// unit amplitude. The whole flight counts, so that a shorter part of it has the same samples.
+pub(super) fn amplitude(
+    share: f64,
+    range: f64,
+    span_s: f64,
+    force_and_shake: impl Fn(f64) -> (Vector3<f64>, Vector3<f64>),
+) -> f64 {
     let count = (span_s / STEP_S) as usize;
-    let moments: Vec<_> = (0..count)
-        .map(|k| {
-            let t = k as f64 * STEP_S;
-            (sensor.force(&flight.motion_at(t)), sensor.vibration(t, 1))
-        })
-        .collect();
+    let moments: Vec<_> = (0..count).map(|k| force_and_shake(k as f64 * STEP_S)).collect();
     let clipped = |amplitude: f64| {
         let beyond = moments.iter().filter(|(force, shake)| (force + shake * amplitude).amax() >= range);
         beyond.count() as f64 / count as f64

@@ -153,7 +153,13 @@ impl ImuModel {
     /// The same sensor, shaken so hard along `flight` that it clips the share of samples that its effects ask for.
     pub(super) fn clipping(mut self, flight: &Trajectory) -> Self {
         if self.effects.clipped_share > 0.0 {
-            self.effects.vibration_accel_m_s2 = super::clipping::amplitude(&self, flight);
+            self.effects.vibration_accel_m_s2 = {
+                let (share, range) = self.clipped();
+                let span_s = flight.end().seconds_since(flight.begin());
+                super::clipping::amplitude(share, range, span_s, |t| {
+                    (self.force(&flight.motion_at(t)), self.vibration(t, 1))
+                })
+            };
         }
         self
     }

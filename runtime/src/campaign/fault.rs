@@ -1,7 +1,6 @@
 //! What may go wrong in a flight of the campaign: when, and how it is brought about.
 
 use super::Entry;
-use super::silent::watched_s;
 use crate::flight::{Flight, FlightError};
 use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::{Config, ValidConfig};
@@ -11,6 +10,10 @@ use std::ops::Range;
 
 /// Faults begin here, s after the first frame.
 const BEGIN_S: f64 = 5.0;
+/// Sensors that fail in silence do so from here on, s after the first frame.
+pub const SILENT_FROM_S: f64 = 10.0;
+/// Time by which such a flight is judged at least, s.
+const SILENT_FOR_S: f64 = 4.0;
 /// A fault of one instant lasts for one frame, s.
 const FRAME_S: f64 = 0.05;
 /// After a fault the flight goes on for so long, s.
@@ -183,7 +186,7 @@ impl Fault {
             | Self::ImuLate500
             | Self::ImageFrozen
             | Self::ImagesFrozen
-            | Self::ImagesLate => Some(watched_s()),
+            | Self::ImagesLate => Some(SILENT_FROM_S..SILENT_FROM_S + SILENT_FOR_S),
         }
     }
 

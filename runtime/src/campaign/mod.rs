@@ -8,8 +8,7 @@ mod fault;
 mod silent;
 pub mod table;
 
-pub use fault::Fault;
-pub use silent::SILENT_FROM_S;
+pub use fault::{Fault, SILENT_FROM_S};
 
 use crate::flight::states::StateRow;
 use crate::flight::{FlightError, Flown, KeptStates, Truth, fly, open_simulation, with_overrides};

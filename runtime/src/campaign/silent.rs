@@ -1,19 +1,9 @@
 //! Sensors that fail without a word: faults that last from one moment to the end of the flight.
 
-use super::Fault;
+use super::fault::{Fault, SILENT_FROM_S};
 use plumbline_drivers::{ClockFault, ImageFaults, ImuFaults, StuckFault};
 use plumbline_estimator::HealthBits;
 use std::ops::Range;
-
-/// They begin here, s after the first frame.
-pub const SILENT_FROM_S: f64 = 10.0;
-/// Their figures are those of this time at least, s.
-const WATCHED_S: f64 = 4.0;
-
-/// When a silent fault lasts, as far as its figures go.
-pub(super) fn watched_s() -> Range<f64> {
-    SILENT_FROM_S..SILENT_FROM_S + WATCHED_S
-}
 
 /// When it lasts.
 fn lasting() -> Range<f64> {

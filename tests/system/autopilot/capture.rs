@@ -109,7 +109,7 @@ impl Listener for Tap {
     fn reading(&mut self, reading: &ImuReading) {
         let mut taken = self.0.lock().unwrap();
         let stamp = reading.sample.stamp;
-        taken.samples.push(reading.sample.clone());
+        taken.samples.push(reading.sample);
         let Some(sending) = &mut taken.sending else { return };
         let due = *sending.due.get_or_insert(stamp);
         if stamp < due {
