@@ -48,9 +48,14 @@ fn the_real_calibration_is_that_of_the_presets() {
     let imported = import::euroc(&calibration).expect("is good");
     assert_eq!(imported.camera, euroc().camera);
     let simulated = crate::Config::preset("sim").expect("is good").imu.clone();
-    // The simulator's bias at switch-on is smaller than a file of noise densities says.
-    let accel_bias_sigma_m_s2 = imported.imu.accel_bias_sigma_m_s2;
-    assert_eq!(imported.imu, crate::options::ImuConfig { accel_bias_sigma_m_s2, ..simulated });
+    // What a file of noise densities does not say is as of a real sensor; the simulated one is better.
+    let expected = crate::options::ImuConfig {
+        accel_bias_sigma_m_s2: imported.imu.accel_bias_sigma_m_s2,
+        gyro_error_sigma_rad_s: imported.imu.gyro_error_sigma_rad_s,
+        accel_error_sigma_m_s2: imported.imu.accel_error_sigma_m_s2,
+        ..simulated
+    };
+    assert_eq!(imported.imu, expected);
     assert_eq!(import::euroc_into(euroc(), &calibration).expect("is good"), euroc());
 }
 
