@@ -244,13 +244,18 @@ fn a_slow_drift_far_from_everything_is_no_rest() {
 
 #[test]
 fn a_start_in_full_flight_that_sees_only_far_things_finds_its_scale_and_knows_how_well() {
-    for seed in [2, 3] {
+    // The scale of a flight is drawn once, by its start: NEES scatters from flight to flight, and its mean has to hold.
+    let seeds = [2, 3, 4, 5, 6, 7];
+    let mut nees = 0.0;
+    for seed in seeds {
         let mut world = World::new(&config(2), seed, 500);
         world.points_o.iter_mut().for_each(|p| *p *= 8.0);
         world.sigma_px = 0.2;
         let judged = fly(&mut world, 10.2, &NONE);
-        assert_honest("far", &judged, &(0.3..4.7));
+        assert!(mean_nees(&judged, 0.3..5.7) <= 10.0, "seed {seed}");
+        nees += mean_nees(&judged, 9.2..10.2) / seeds.len() as f64;
         let worst_m = judged.iter().map(|j| j.error_m).fold(0.0, f64::max);
         assert!(worst_m < 0.5, "{worst_m} m; everything is 40 m away or more");
     }
+    assert!(nees <= 2.0, "NEES {nees:.2}");
 }
