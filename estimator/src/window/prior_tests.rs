@@ -120,8 +120,12 @@ fn a_prior_made_at_the_present_states_has_there_the_gradient_that_it_was_made_of
 fn another_manhattan_world_leaves_what_is_known_of_the_frames() {
     let mut window = Room { frames: 5, ..Room::default() }.window();
     window.remove_frame(0);
+    // What is known of the heading, and of a frame through it.
+    let through = super::super::state::unknown_of_frame(0) + 3;
+    for (i, j, information) in [(HEADING, HEADING, 4.0), (HEADING, through, 2.0), (through, through, 1.0)] {
+        window.prior.equations.add(i, j, information);
+    }
     let (before, _) = full(&window.prior.equations);
-    assert!(before[(HEADING, HEADING)] > 1.0);
     window.prior.begin_manhattan_heading(1.1);
     let (after, b) = full(&window.prior.equations);
     assert!(after.row(HEADING).iter().all(|x| *x == 0.0) && b[HEADING] == 0.0);

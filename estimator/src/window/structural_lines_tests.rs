@@ -126,14 +126,14 @@ fn yaw_of_everything_stays_unobservable_in_window_and_prior() {
     window.manhattan.heading_rad = Some(HEADING_RAD);
     window.prior.begin_manhattan_heading(HEADING_RAD);
     window.update_manhattan(&[], KNOWN_TILT_RAD);
+    let _ = window.linearize(0.0);
+    let scale = window.linearizer.equations.get(HEADING, HEADING);
+    assert!(scale > 1.0, "the heading is known relative to the frames");
     let information_along = |equations: &super::super::dense::NormalEquations, turn: &[f64]| {
         let mut product = vec![0.0; equations.dim()];
         equations.multiply(turn, &mut product);
-        let scale = equations.get(HEADING, HEADING);
-        assert!(scale > 1.0, "the heading is known relative to the frames");
         product.iter().fold(0.0, |most: f64, p| most.max(p.abs())) / scale
     };
-    let _ = window.linearize(0.0);
     let turn = turn_of(&window);
     let leak = information_along(&window.linearizer.equations, &turn);
     assert!(leak < 1e-9, "window: {leak}");
