@@ -94,13 +94,6 @@ fn without_a_manhattan_world_they_are_four_as_well() {
 #[test]
 fn they_stay_four_after_marginalization_although_the_states_have_moved() {
     let mut window = room().window();
-    // The prior holds no structure, and without structural lines the heading of the scene is no unknown.
-    window.lines.all_mut().iter_mut().for_each(|line| line.feature.axis = None);
-    let gauge = |window: &Window| {
-        let mut directions = gauge(window);
-        directions[(HEADING, 3)] = 0.0;
-        directions
-    };
     for removed in 0..3 {
         window.remove_frame(0);
         window.triangulate(false);
@@ -108,7 +101,8 @@ fn they_stay_four_after_marginalization_although_the_states_have_moved() {
         let _ = window.linearize(0.0);
         let what = format!("{} frames gone", removed + 1);
         let (whole, _) = full(&window.linearizer.equations);
-        assert_four(&whole, &gauge(&window), 1e-8, &what);
+        // No structure is in the prior: what gravity alone tells apart, tilt and bias, is known less well.
+        assert_four(&whole, &gauge(&window), 1e-9, &what);
         // The prior by itself does not know them either.
         let (prior, _) = full(&window.prior.equations);
         let directions = gauge(&window).rows(0, prior.nrows()).into_owned();
