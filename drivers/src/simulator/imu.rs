@@ -144,13 +144,13 @@ impl ImuModel {
         Self { config, effects, seed, begin, biases, phases, wander, axes, coloured, residual: Vec::new() }
     }
 
-    /// The same sensor with `residual` in its samples, one after the other and over again.
+    /// Sensor with `residual` in its samples, one after the other and over again.
     pub(super) fn with_residual(mut self, residual: Vec<Residual>) -> Self {
         self.residual = residual;
         self
     }
 
-    /// The same sensor, shaken so hard along `flight` that it clips the share of samples that its effects ask for.
+    /// Sensor shaken so hard along `flight` that it clips the share of samples that its effects ask for.
     pub(super) fn clipping(mut self, flight: &Trajectory) -> Self {
         if self.effects.clipped_share > 0.0 {
             self.effects.vibration_accel_m_s2 = {

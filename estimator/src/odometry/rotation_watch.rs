@@ -1,6 +1,6 @@
 //! Whether gyroscope and images agree about how the vehicle turns, and who is late if they do not.
 //!
-//! Of every frame the images alone tell the turn since the one before ([`crate::window::sighting`]), to some tenths of a
+//! The images alone give the turn of every frame since the one before ([`crate::window::sighting`]), to some tenths of a
 //! milliradian. In clean and in recorded flights the gyroscope differs from it by less than a milliradian. Frames on end that
 //! differ by more contradict it, and the inertial samples are not believed any more, from the first of them on. A clock
 //! that jumps leaves a hole in its stream: right after one, a single frame is enough.
@@ -88,7 +88,7 @@ struct Angle {
     holes: u32,
 }
 
-/// Who is wrong.
+/// Sensor that is wrong.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Culprit {
     /// Not known yet.
@@ -127,7 +127,7 @@ struct Probation {
 /// What a frame says of its turn.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SeenTurn {
-    /// Of the frame before, and of this one.
+    /// Values of the frame before, and of this one.
     pub(super) span: [Timestamp; 2],
     /// The turn by the images, rad, and its standard deviation.
     pub(super) seen: Vector3<f64>,

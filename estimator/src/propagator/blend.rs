@@ -31,9 +31,9 @@ pub const MAX_ACCELERATION_M_S2: f64 = 1.0;
 
 /// Largest correction of the position that is blended, m. The largest in a flight without a fault is 11 cm, with one camera.
 pub const MAX_OFFSET_M: f64 = 0.15;
-/// The same of the attitude, rad: 2.9 degrees.
+/// Bound of the attitude, rad: 2.9 degrees.
 pub const MAX_OFFSET_RAD: f64 = 0.05;
-/// The same of the velocity, m/s: the noise that autopilots assume for it by default.
+/// Bound of the velocity, m/s: the noise that autopilots assume for it by default.
 pub const MAX_OFFSET_M_S: f64 = 0.1;
 
 /// Position, attitude and velocity, in the order of the error state.

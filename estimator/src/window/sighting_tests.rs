@@ -11,7 +11,7 @@ fn room() -> (Window, NavState) {
     (window, newest)
 }
 
-/// The same state some centimetres and degrees away.
+/// State some centimetres and degrees away.
 fn displaced(nav: &NavState) -> NavState {
     let mut displaced = nav.clone();
     displaced.p_o_b += Vector3::new(0.04, -0.03, 0.02);

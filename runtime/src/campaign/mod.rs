@@ -84,14 +84,14 @@ impl Entry {
         Self { path: path.to_owned(), scene: scene_name, fault: Fault::None, scenario }.with_fault(fault)
     }
 
-    /// The same flight with the inertial samples of `folder` that were recorded along its path.
+    /// Flight with the inertial samples of `folder` that were recorded along its path.
     #[must_use]
     pub fn with_recorded_imu(mut self, folder: &Path) -> Self {
         self.scenario.inertial = Inertial::Recorded(folder.join(format!("{}.csv.gz", self.path)));
         self
     }
 
-    /// The same flight with a calibration drawn around the true one, with `multiple` of the stated standard deviations.
+    /// Flight with a calibration drawn around the true one, with `multiple` of the stated standard deviations.
     #[must_use]
     pub fn with_calibration_error(mut self, multiple: f64) -> Self {
         self.scenario.calibration_error = multiple;
