@@ -36,7 +36,7 @@ pub struct CampaignArgs {
     /// covariance could be trusted while it lasted and after it.
     #[arg(long)]
     pub faults: bool,
-    /// Of the faults only those whose names begin so, and no sound flight, such as blind,imu-gap; errors of inertial sensors with
+    /// Fly only the faults whose names begin so, and no sound flight, such as blind,imu-gap; errors of inertial sensors with
     /// doses too, such as force:0.05:1 (see --imu-error), beside the sound flights.
     #[arg(long, value_delimiter = ',', requires = "faults", value_name = "NAME")]
     pub fault: Vec<String>,

@@ -11,7 +11,7 @@ use std::path::Path;
 
 /// What a campaign is compared with.
 pub enum Against {
-    /// The same flights with these changes `key=value`.
+    /// Flights with these changes `key=value` on top.
     Changes(Vec<String>),
     /// Flights that were flown before.
     File(Variant),

@@ -44,7 +44,7 @@ pub struct Silence {
 }
 
 impl Silence {
-    /// Of the estimates `rows` of a flight, in which a sensor fails `begin_s` seconds after `first`; `None` without a pose
+    /// Judges the estimates `rows` of a flight, in which a sensor fails `begin_s` seconds after `first`; `None` without a pose
     /// whose truth is known.
     #[must_use]
     pub fn of(rows: &[StateRow], truth: &Truth, first: Timestamp, begin_s: f64) -> Option<Self> {

@@ -42,7 +42,7 @@ pub struct Course {
     pub rejected: usize,
 }
 
-/// The same messages with the true velocity: what EKF2 makes of a flight by itself.
+/// Messages with the true velocity in place of the estimated: what EKF2 makes of a flight by itself.
 pub fn with_true_velocity(captured: &Captured) -> Vec<(Timestamp, ODOMETRY_DATA)> {
     let rot_f_b = rot_f_b(captured);
     let exact = |(sent, m): &(Timestamp, ODOMETRY_DATA)| {
