@@ -19,7 +19,8 @@ pub fn over_seeds_and_mutations(name: &str, mutations: usize, target: impl Fn(&[
 
 /// The seeds of a target, in order of their names.
 fn seeds(name: &str) -> Vec<Vec<u8>> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz/seeds").join(name);
+    let above = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().map(|folder| folder.join("fuzz/seeds"));
+    let folder = above.into_iter().find(|folder| folder.is_dir()).expect("there are seeds").join(name);
     let listed = std::fs::read_dir(&folder).unwrap_or_else(|e| panic!("{}: {e}", folder.display()));
     let mut paths: Vec<PathBuf> = listed.map(|entry| entry.unwrap().path()).collect();
     paths.sort();

@@ -1,3 +1,3 @@
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|data: &[u8]| plumbline::fuzzing::map_file(data));
+libfuzzer_sys::fuzz_target!(|data: &[u8]| plumbline_flight::fuzzing::map_file(data));

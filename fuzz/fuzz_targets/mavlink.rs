@@ -1,3 +1,3 @@
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|data: &[u8]| plumbline::fuzzing::mavlink(data));
+libfuzzer_sys::fuzz_target!(|data: &[u8]| plumbline_flight::fuzzing::mavlink(data));

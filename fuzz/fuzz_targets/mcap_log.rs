@@ -1,3 +1,3 @@
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|data: &[u8]| plumbline::fuzzing::mcap_log(data));
+libfuzzer_sys::fuzz_target!(|data: &[u8]| plumbline_flight::fuzzing::mcap_log(data));

@@ -1,3 +1,3 @@
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|data: &[u8]| plumbline::fuzzing::network_messages(data));
+libfuzzer_sys::fuzz_target!(|data: &[u8]| plumbline_ground::fuzzing::network_messages(data));

@@ -1,3 +1,3 @@
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|data: &[u8]| plumbline::fuzzing::peer_endpoint(data));
+libfuzzer_sys::fuzz_target!(|data: &[u8]| plumbline_ground::fuzzing::peer_endpoint(data));

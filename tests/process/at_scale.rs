@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 fn script(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/at-scale").join(name)
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/at-scale").join(name)
 }
 
 /// Whether GNU parallel is here; says so if not.

@@ -17,7 +17,7 @@ fn digest(arguments: &[&str]) -> String {
 
 /// Writes the first frames of a data set as a bag.
 fn written(python: &Path, dataset: &str, out: &str, kind: &str, frames: &str) {
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/python/write_bag.py");
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/python/write_bag.py");
     let status = Command::new(python).arg(script).args([dataset, out, kind, frames]).status().unwrap();
     assert!(status.success(), "{out}");
 }

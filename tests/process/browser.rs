@@ -27,7 +27,7 @@ impl Browser {
             );
             return None;
         }
-        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/python/browser.py");
+        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/python/browser.py");
         let mut child = Command::new(interpreter("selenium")?)
             .arg(script)
             .stdin(Stdio::piped())
@@ -107,7 +107,7 @@ impl Drop for Browser {
 /// What the page computes without a browser: formats, geometry, the protocol, its store.
 #[test]
 fn modules_of_the_page_pass_their_own_tests() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("web/tests");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../ground/web/tests");
     let mut files: Vec<PathBuf> = folder.read_dir().unwrap().map(|entry| entry.unwrap().path()).collect();
     files.sort();
     assert!(!files.is_empty());

@@ -1,6 +1,6 @@
 //! What the host does to everybody, seen by timers that do nothing else: tests of time judge beyond it.
 
-use plumbline::schedule::bare_timer::{self, BareTimer};
+use plumbline_flight::schedule::bare_timer::{self, BareTimer};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 

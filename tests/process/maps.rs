@@ -3,10 +3,10 @@
 use crate::vehicle::{PLUMBLINE, Running, eventually, flight, free_port, render};
 use crate::{plumbline, stderr};
 use nalgebra::{Isometry3, Vector2};
-use plumbline::places::codec::encode;
-use plumbline::places::{MapContents, StoredKeyframe, read_map};
 use plumbline_config::Timestamp;
 use plumbline_estimator::places::{Descriptor, Feature};
+use plumbline_flight::places::codec::encode;
+use plumbline_flight::places::{MapContents, StoredKeyframe, read_map};
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Stdio};

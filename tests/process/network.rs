@@ -1,10 +1,10 @@
 //! What a vehicle publishes is what it computed: two processes and a Zenoh session between them.
 
 use super::vehicle::{PLUMBLINE, Running, flight, free_port, render};
-use plumbline::net::{Endpoints, Publisher};
-use plumbline::pipeline::listener::{Listener, Producer, Subscriber as _};
 use plumbline_config::{Config, Timestamp};
 use plumbline_estimator::{Estimate, NavCovariance, Odometry, TrackingState};
+use plumbline_flight::pipeline::listener::{Listener, Producer, Subscriber as _};
+use plumbline_link::net::{Endpoints, Publisher};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::io::{Read as _, Write as _};
@@ -128,7 +128,8 @@ fn a_client_with_default_settings_receives_every_answer() {
             while let Ok(reply) = replies.recv_async().await {
                 let sample = reply.into_result().unwrap_or_else(|e| panic!("{selector}: {e:?}"));
                 let bytes = sample.payload().to_bytes();
-                let message = <plumbline::net::proto::Trajectory as prost::Message>::decode(&*bytes).unwrap();
+                let message =
+                    <plumbline_link::net::proto::Trajectory as prost::Message>::decode(&*bytes).unwrap();
                 stamps.extend(message.stamps_ns);
                 count += 1;
             }
@@ -275,7 +276,7 @@ fn measured_latency(seconds: u32) -> Latency {
     let station = Station::start();
     let vehicle = Command::new(std::env::current_exe().unwrap())
         .args(["--exact", "network::a_vehicle_of_its_own", "--ignored"])
-        .env(plumbline::net::threads::VARIABLE, plumbline::net::threads::LAYOUT)
+        .env(plumbline_link::net::threads::VARIABLE, plumbline_link::net::threads::LAYOUT)
         .env(CONNECT, &station.endpoint)
         .env(SECONDS, seconds.to_string())
         .output()

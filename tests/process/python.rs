@@ -34,7 +34,7 @@ pub struct Program {
 
 impl Program {
     pub fn start(python: &Path, script: &str, arguments: &[&str]) -> Self {
-        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(script);
+        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(script);
         let mut child =
             Command::new(python).arg(script).args(arguments).stdout(Stdio::piped()).spawn().unwrap();
         let stdout = BufReader::new(child.stdout.take().unwrap());

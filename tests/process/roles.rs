@@ -2,11 +2,11 @@
 //! field by field. Whoever attacks is a session that obeys no rules of its own.
 
 use super::vehicle::free_port;
-use plumbline::ground::command::{self, ResetWords};
-use plumbline::net::keys::{self, Request};
-use plumbline::net::{Endpoints, Mode, Publisher};
 use plumbline_config::Config;
 use plumbline_config::options::{Commands, TlsConfig};
+use plumbline_ground::command::{self, ResetWords};
+use plumbline_link::net::keys::{self, Request};
+use plumbline_link::net::{Endpoints, Mode, Publisher};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -56,8 +56,8 @@ fn fields() -> Vec<Field> {
 
 /// The table of the documentation: the words of every field, by role.
 fn documented() -> BTreeMap<Field, Vec<String>> {
-    let text =
-        std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/security.md")).unwrap();
+    let text = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/security.md"))
+        .unwrap();
     let mut table = BTreeMap::new();
     for line in text.lines().filter(|line| line.starts_with('|')) {
         let cells: Vec<&str> =

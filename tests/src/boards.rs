@@ -1,9 +1,9 @@
 //! Images of calibration boards, rendered exactly: each pixel is the mean of what a few rays through it meet.
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector2, Vector3};
-use plumbline::calibrate::camera::Target;
 use plumbline_boards::marker_bits;
 use plumbline_config::{CameraModel, GrayImage};
+use plumbline_lab::calibrate::camera::Target;
 use std::f64::consts::PI;
 
 /// Rays to each side of a pixel, and how wide they are spread, px: a lens is not quite sharp.

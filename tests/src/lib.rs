@@ -5,8 +5,8 @@ pub mod boards;
 pub mod flow;
 pub mod lines;
 
-use plumbline::campaign::{Entry, Fault};
 use plumbline_drivers::simulator::Scene;
+use plumbline_lab::campaign::{Entry, Fault};
 use std::path::PathBuf;
 
 /// The folder of shared data where it holds `what`; else the test is to skip itself.

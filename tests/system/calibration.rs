@@ -2,21 +2,21 @@
 
 use nalgebra::{Isometry3, Vector2, Vector3};
 use opencv::core::{Mat, Point2f, Point3f, Size, TermCriteria, TermCriteria_Type, Vector};
-use plumbline::calibrate::camera::images::{Images, make_folder, read};
-use plumbline::calibrate::camera::live::{Gathering, LiveError, gather};
-use plumbline::calibrate::camera::recording::read_log;
-use plumbline::calibrate::camera::result::Residual;
-use plumbline::calibrate::camera::{
-    CalibrateError, Calibration, Detector, LensKind, Pair, Target, calibrate, output, table,
-};
-use plumbline::flight::open_cameras_alone;
-use plumbline::log::{Recorder, WhenFull};
 use plumbline_boards::{chessboard, markers, refine};
 use plumbline_config::options::ImageRecording;
 use plumbline_config::{CameraModel, Config, GrayImage, Timestamp, ValidConfig, import};
 use plumbline_drivers::clock::monotonic_ns;
 use plumbline_drivers::frame_socket::Header;
 use plumbline_drivers::{StereoFrame, StopFlag};
+use plumbline_flight::flight::open_cameras_alone;
+use plumbline_flight::log::{Recorder, WhenFull};
+use plumbline_lab::calibrate::camera::images::{Images, make_folder, read};
+use plumbline_lab::calibrate::camera::live::{Gathering, LiveError, gather};
+use plumbline_lab::calibrate::camera::recording::read_log;
+use plumbline_lab::calibrate::camera::result::Residual;
+use plumbline_lab::calibrate::camera::{
+    CalibrateError, Calibration, Detector, LensKind, Pair, Target, calibrate, output, table,
+};
 use plumbline_tests::boards::{Board, BoardCamera, poses};
 use plumbline_tests::shared;
 use std::io::Write as _;

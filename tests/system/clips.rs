@@ -1,11 +1,11 @@
 //! The real clips: a rig at rest in stereo, a flight with one camera.
 
-use plumbline::flight::{fly, open_dataset};
-use plumbline::pipeline::listener::{Listener, Producer, Subscriber};
-use plumbline::pipeline::{Control, RunOptions};
-use plumbline::report::Report;
 use plumbline_estimator::Odometry;
 use plumbline_estimator::propagator::blend::{MAX_SPEED_M_S, MAX_TURN_RAD_S};
+use plumbline_flight::flight::{fly, open_dataset};
+use plumbline_flight::pipeline::listener::{Listener, Producer, Subscriber};
+use plumbline_flight::pipeline::{Control, RunOptions};
+use plumbline_lab::report::Report;
 use plumbline_tests::shared;
 use std::sync::{Arc, Mutex};
 

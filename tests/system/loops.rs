@@ -1,14 +1,14 @@
 //! Places seen again in flight: what loops bring, how many are found, and that none is wrong.
 
 use nalgebra::{Isometry3, Matrix4, Vector3, Vector4};
-use plumbline::flight::{CausalPose, Flight, Flown, fly, open_simulation};
-use plumbline::pipeline::listener::{Listener, Mapped, Producer, Subscriber};
-use plumbline::pipeline::{Control, RunOptions};
-use plumbline::report::Report;
 use plumbline_config::Timestamp;
 use plumbline_drivers::simulator::{FlightPath, Scenario, Scene, Twin};
 use plumbline_estimator::places::graph::{Edge, LoopRefused, PoseGraph};
 use plumbline_estimator::places::{IndexOptions, MapPath, MapUpdate, Mapper, PlaceMap};
+use plumbline_flight::flight::{CausalPose, Flight, Flown, fly, open_simulation};
+use plumbline_flight::pipeline::listener::{Listener, Mapped, Producer, Subscriber};
+use plumbline_flight::pipeline::{Control, RunOptions};
+use plumbline_lab::report::Report;
 use plumbline_tests::shared;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -326,7 +326,7 @@ fn places_are_found_whatever_the_words_and_the_seed() {
             let mut flight = open_simulation(None, &scenario, false, 0.0, Some(frames.path())).unwrap();
             let limits = Mapper::limits(flight.config.setup());
             let map = PlaceMap::with_index(limits, &IndexOptions { word_seed: *word_seed });
-            flight.map = Some(plumbline::log::KnownMap { map, sha256: String::new() });
+            flight.map = Some(plumbline_flight::log::KnownMap { map, sha256: String::new() });
             let (flown, updates) = flown(flight);
             let recognition = Recognition::of(&flown, &updates);
             let Recognition { revisits, found, sightings, wrong } = recognition;
@@ -362,7 +362,7 @@ fn a_flight_that_goes_on_with_a_map_is_located_within_two_seconds_and_an_abducte
     scenario.seed = 1;
     scenario.effects.blackout = Some((9.0, 15.5));
     let mut flight = simulated(&scenario);
-    flight.map = Some(plumbline::log::KnownMap { map, sha256: String::new() });
+    flight.map = Some(plumbline_flight::log::KnownMap { map, sha256: String::new() });
     let (second, _) = flown(flight);
     let first_pose = second.poses[0].stamp;
     let is_known = |p: &&CausalPose| p.pose_m_o.is_some();

@@ -1,11 +1,11 @@
 //! Real images are found in a map of real images, and none in the wrong place.
 
 use nalgebra::{Isometry3, Vector3};
-use plumbline::places::build::{BuildOptions, LocatedFrame, build, locate};
-use plumbline::places::frames::{Choice, Frames};
 use plumbline_drivers::StampedPose;
 use plumbline_drivers::tum::read_tum;
 use plumbline_estimator::places::{ExtractorOptions, LocatorOptions, MapLimits, PlaceMap};
+use plumbline_flight::places::build::{BuildOptions, LocatedFrame, build, locate};
+use plumbline_flight::places::frames::{Choice, Frames};
 use plumbline_tests::shared;
 use std::path::Path;
 

@@ -2,7 +2,7 @@
 //! other tests.
 
 use super::accuracy::with_and_without_lines;
-use plumbline::campaign::{Fault, PATHS, SCENES};
+use plumbline_lab::campaign::{Fault, PATHS, SCENES};
 use plumbline_test_support::{SOAK_IN_FULL_MIN, soak_minutes};
 use plumbline_tests::entry;
 

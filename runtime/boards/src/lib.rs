@@ -2,7 +2,7 @@
 //! pixel.
 //!
 //! A crate of its own, so that what flies has no OpenCV in it: `plumbline` depends on this with its feature `calibration`
-//! alone. The functions take and give plain types, and know no board as a whole; that is `plumbline::calibrate::camera`.
+//! alone. The functions take and give plain types, and know no board as a whole; that is `plumbline_lab::calibrate::camera`.
 //! Written for OpenCV 4.6 with its contributed modules, as Debian 12 and Ubuntu 24.04 have it; `objdetect` of OpenCV 4.7 and
 //! later has these functions in other places.
 //!

@@ -4,11 +4,11 @@
 use crate::hardware::{Epoch, Microcontroller, Recording, Trouble, send_frames};
 use crate::realtime::live::AWAKE;
 use crate::{plumbline, stderr};
-use plumbline::evaluate::{EvaluateOptions, evaluate, load_trajectory};
-use plumbline::log::source::LogImu;
 use plumbline_config::Timestamp;
 use plumbline_drivers::tum::read_tum;
 use plumbline_drivers::{ImuSource as _, StampedPose};
+use plumbline_flight::log::source::LogImu;
+use plumbline_lab::evaluate::{EvaluateOptions, evaluate, load_trajectory};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::ops::Range;

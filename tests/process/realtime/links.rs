@@ -72,7 +72,7 @@ struct BadLink {
 impl BadLink {
     /// 10 % loss, 100 ms delay with 20 ms of jitter, 200 kbit/s, always the same.
     fn start(spaces: &Namespaces) -> Self {
-        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/python/bad_link.py");
+        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/python/bad_link.py");
         let mut child = Command::new("python3")
             .arg(script)
             .args(["1", "0.1", "100", "20", "200", &spaces.0[0], "10.77.0.1", &spaces.0[1], "10.77.0.2"])

@@ -3,17 +3,17 @@
 
 use mavlink::dialects::common::ODOMETRY_DATA;
 use nalgebra::UnitQuaternion;
-use plumbline::autopilot::feed::Feed;
-use plumbline::autopilot::frames::Frames;
-use plumbline::autopilot::handover::Handover;
-use plumbline::flight::{Flight, Truth};
-use plumbline::pipeline::listener::{Listener, Producer, Subscriber};
-use plumbline::pipeline::{Control, RunOptions};
-use plumbline::schedule::ticker::Monotonic;
 use plumbline_config::{ImuSample, Timestamp, ValidConfig};
 use plumbline_drivers::ImuReading;
 use plumbline_drivers::simulator::{Scenario, Simulator};
 use plumbline_estimator::Odometry;
+use plumbline_flight::autopilot::feed::Feed;
+use plumbline_flight::autopilot::frames::Frames;
+use plumbline_flight::autopilot::handover::Handover;
+use plumbline_flight::flight::{Flight, Truth};
+use plumbline_flight::pipeline::listener::{Listener, Producer, Subscriber};
+use plumbline_flight::pipeline::{Control, RunOptions};
+use plumbline_flight::schedule::ticker::Monotonic;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
@@ -36,7 +36,7 @@ pub fn capture(scenario: &Scenario) -> Captured {
     let config = flight.config.clone();
     let mut tap = Tap::new(&config);
     let options = RunOptions { speed: None, threads: 2 };
-    let flown = plumbline::flight::fly(flight, &options, &Control::default(), vec![&mut tap]).unwrap();
+    let flown = plumbline_flight::flight::fly(flight, &options, &Control::default(), vec![&mut tap]).unwrap();
     let Truth::Simulated(simulator) = flown.truth else { panic!("a simulated flight") };
     let (samples, odometry, messages) = tap.into_parts();
     Captured { config, simulator, samples, odometry, messages }
@@ -44,7 +44,7 @@ pub fn capture(scenario: &Scenario) -> Captured {
 
 /// A simulated flight without a map; its frames are kept in `frames`, a folder.
 pub fn opened(scenario: &Scenario, frames: Option<&Path>) -> Flight {
-    let mut flight = plumbline::flight::open_simulation(None, scenario, false, 0.0, frames).unwrap();
+    let mut flight = plumbline_flight::flight::open_simulation(None, scenario, false, 0.0, frames).unwrap();
     let set = |c: &mut plumbline_config::Config| c.estimator.places.enabled = false;
     flight.config = flight.config.with("test", set).unwrap();
     flight

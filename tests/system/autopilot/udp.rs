@@ -3,13 +3,13 @@
 use super::capture::{Captured, Tap, opened};
 use mavlink::dialects::common::{MavMessage, ODOMETRY_DATA};
 use mavlink::{MavlinkReader, MavlinkVersion};
-use plumbline::autopilot::Bridge;
-use plumbline::flight::{Truth, fly};
-use plumbline::pipeline::{Control, RunOptions, Stamps};
-use plumbline::schedule::ticker::Monotonic;
 use plumbline_config::Timestamp;
 use plumbline_drivers::simulator::Scenario;
 use plumbline_estimator::Odometry;
+use plumbline_flight::autopilot::Bridge;
+use plumbline_flight::flight::{Truth, fly};
+use plumbline_flight::pipeline::{Control, RunOptions, Stamps};
+use plumbline_flight::schedule::ticker::Monotonic;
 use std::net::UdpSocket;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};

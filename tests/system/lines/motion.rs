@@ -5,13 +5,13 @@
 //! estimator does it, others by their ends.
 
 use nalgebra::{Isometry3, Vector2, Vector3};
-use plumbline::campaign::Fault;
 use plumbline_config::camera::Distortion;
 use plumbline_config::{CameraModel, Config, GrayImage, Timestamp};
 use plumbline_drivers::simulator::{Scene, Simulator};
 use plumbline_estimator::lines::filter::clearest_first;
 use plumbline_estimator::lines::merge::Merger;
 use plumbline_estimator::lines::{ImageLine, LineExtractor, Segment};
+use plumbline_lab::campaign::Fault;
 use plumbline_tests::lines::detectors::unfiltered;
 use plumbline_tests::lines::{Detector, Line};
 use plumbline_tests::{entry, shared};

@@ -1,0 +1,103 @@
+//! Options that routers and ground stations share: who we are on the network, and whom we let in.
+
+use clap::Args;
+use plumbline_config::options::{LoginConfig, TlsConfig, is_certificate_name};
+use plumbline_link::net::Endpoints;
+use plumbline_link::net::certificate::{self, DEFAULT_VEHICLE};
+use std::path::{Path, PathBuf};
+
+/// Certificates, names and passwords.
+#[derive(Clone, Debug, Default, Args)]
+#[command(next_help_heading = "Access")]
+pub struct AccessArgs {
+    /// Certificate of the authority that signed everybody's (PEM), for endpoints that begin with tls/.
+    #[arg(long, value_name = "PEM", requires_all = ["certificate", "key"])]
+    pub authority: Option<PathBuf>,
+    /// Our certificate (PEM), as `plumbline keys` writes it; its name says what we may do.
+    #[arg(long, value_name = "PEM", requires = "authority")]
+    pub certificate: Option<PathBuf>,
+    /// Its private key (PEM), which its owner alone may read (chmod 600).
+    #[arg(long, value_name = "PEM", requires = "authority")]
+    pub key: Option<PathBuf>,
+    /// Vehicle that is listened to when it shows the certificate of that name; may be repeated. Those of drone, and of
+    /// vehicles whose certificates lie beside the authority's, are without.
+    #[arg(long = "fleet", value_name = "NAME", requires = "authority")]
+    pub fleet: Vec<String>,
+    /// Certificate that is not believed any more: operator.1, or operator for all of them; may be repeated.
+    #[arg(long, value_name = "NAME", requires = "authority", value_parser = certificate_name)]
+    pub excluded: Vec<String>,
+    /// Our name, where passwords are asked for.
+    #[arg(long, requires = "password_file")]
+    pub user: Option<String>,
+    /// File that holds our password on its first line.
+    #[arg(long, value_name = "FILE", requires = "user")]
+    pub password_file: Option<PathBuf>,
+    /// File with a line name:password for everyone who may connect to us.
+    #[arg(long, value_name = "FILE")]
+    pub users_file: Option<PathBuf>,
+    /// Name from the users file that may give commands; may be repeated.
+    #[arg(long, value_name = "NAME", requires = "users_file")]
+    pub operator: Vec<String>,
+}
+
+impl AccessArgs {
+    /// Where to listen and connect, with these keys; `vehicle` may be a pattern.
+    #[must_use]
+    pub fn endpoints(&self, vehicle: &str, listen: &[String], connect: &[String]) -> Endpoints {
+        let path = |path: &Option<PathBuf>| path.clone().unwrap_or_default();
+        Endpoints {
+            vehicle: vehicle.to_owned(),
+            hears: self.hears(vehicle),
+            listen: listen.to_vec(),
+            connect: connect.to_vec(),
+            tls: TlsConfig {
+                authority: path(&self.authority),
+                certificate: path(&self.certificate),
+                key: path(&self.key),
+                excluded: self.excluded.clone(),
+            },
+            login: LoginConfig {
+                user: self.user.clone().unwrap_or_default(),
+                password_file: path(&self.password_file),
+                users_file: path(&self.users_file),
+                operators: self.operator.clone(),
+            },
+            ..Endpoints::default()
+        }
+    }
+
+    /// The vehicles that are listened to, by the names of their certificates.
+    fn hears(&self, vehicle: &str) -> Vec<String> {
+        let mut names = self.fleet.clone();
+        names.push(DEFAULT_VEHICLE.to_owned());
+        if !vehicle.contains('*') {
+            names.push(vehicle.to_owned());
+        }
+        let here = |folder: &Path| if folder.as_os_str().is_empty() { ".".into() } else { folder.to_owned() };
+        let folder = self.authority.as_deref().and_then(Path::parent).map(here);
+        let files = folder.and_then(|folder| std::fs::read_dir(folder).ok()).into_iter().flatten().flatten();
+        for file in files {
+            let is_vehicles = file
+                .file_name()
+                .to_str()
+                .is_some_and(|name| name.starts_with("vehicle") && name.ends_with(".pem"));
+            let name = if is_vehicles { certificate::name_in(&file.path()) } else { None };
+            let holder = name.as_deref().and_then(certificate::parse).map(|(holder, _)| holder);
+            names.extend(holder.and_then(certificate::vehicle_of).map(str::to_owned));
+        }
+        names.sort();
+        names.dedup();
+        names.retain(|name| is_certificate_name(&certificate::vehicle(name)));
+        names
+    }
+}
+
+fn certificate_name(text: &str) -> Result<String, String> {
+    match is_certificate_name(text) {
+        true => Ok(text.to_owned()),
+        false => {
+            Err("write operator.1 for one certificate, operator for all of them, vehicle:NAME for a vehicle"
+                .into())
+        }
+    }
+}

@@ -1,0 +1,231 @@
+//! `plumbline calibrate camera`: images of a board in, a configuration, a table and a picture out.
+
+use super::live;
+use crate::{Usage, check_outputs, load_config, say};
+use anyhow::{Context as _, Result};
+use clap::{Args, ValueEnum};
+use indicatif::{ProgressBar, ProgressStyle};
+use plumbline_config::Config;
+use plumbline_flight::flight::is_log;
+use plumbline_lab::calibrate::camera::images::{Images, Moment, read};
+use plumbline_lab::calibrate::camera::recording::read_log;
+use plumbline_lab::calibrate::camera::result::{CELLS, CameraResult};
+use plumbline_lab::calibrate::camera::{
+    Calibration, Detector, LensKind, Pair, Target, calibrate, output, table,
+};
+use plumbline_lab::plot::{self, LensFigure};
+use std::path::{Path, PathBuf};
+
+const EXAMPLES: &str = "Examples:
+  plumbline calibrate camera live --config drone.toml --target aprilgrid:6x6:0.088:0.3 --out my.toml
+  plumbline calibrate camera recording --target aprilgrid:6x6:0.088:0.3 --out my.toml
+  plumbline calibrate camera recording --target charuco:11x8:0.03:0.022:5X5_100 --out my.toml --rate 30
+  plumbline calibrate camera recording --target chessboard:9x6:0.025 --mono --out my.toml
+
+Boards, lengths in metres, measured on the print:
+  aprilgrid:COLSxROWS:TAG:SPACING                Kalibr's grid: tags, side of a tag, gap over side
+  charuco:COLSxROWS:SQUARE:MARKER[:DICT]         squares; DICT as OpenCV calls it, 6X6_250 without
+  chessboard:COLSxROWS:SIZE                      inner corners, one less than squares; all of them in sight
+
+docs/calibration.md says what to print, how to move it, and what a good result looks like.";
+
+/// As many moments tell what there is to tell; more take longer.
+const MOST_IMAGES: u32 = 60;
+/// The source that is no file; a folder of that name is `./live`.
+const LIVE: &str = "live";
+const DEFAULT_BASE: &str = "euroc";
+
+/// Arguments of `plumbline calibrate camera`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct CameraArgs {
+    /// A folder with cam0/ and, for two cameras, cam1/ (PNG, images of one time under one name), a EuRoC data set, a
+    /// flight log (.mcap) that holds images, or `live`: the cameras of --config, before which you move the board.
+    #[arg(value_name = "SOURCE")]
+    source: PathBuf,
+    /// The board, such as aprilgrid:6x6:0.088:0.3; see below.
+    #[arg(long, value_name = "BOARD")]
+    target: Target,
+    #[command(flatten)]
+    live: live::LiveArgs,
+    /// The configuration to write.
+    #[arg(long, value_name = "OUT.toml")]
+    out: PathBuf,
+    /// The picture to write, .png or .svg: where corners were seen, and how far off they lie. Without it, a PNG beside OUT.
+    #[arg(long, value_name = "OUT.png|OUT.svg")]
+    picture: Option<PathBuf>,
+    /// The model of the lenses.
+    #[arg(long, value_enum, default_value_t = Lens::Radtan)]
+    lens: Lens,
+    /// The left camera alone.
+    #[arg(long)]
+    mono: bool,
+    /// Frames a second that the cameras will take in flight, Hz. Without it, those of the base.
+    #[arg(long, value_name = "HZ")]
+    rate: Option<f64>,
+    /// Configuration file or preset that all else is taken from, also where the left camera sits on the IMU. Without it,
+    /// that of --config, or the preset `euroc`.
+    #[arg(long, value_name = "FILE|PRESET")]
+    base: Option<PathBuf>,
+    /// Moments that are used, at most: evenly from all that there are, or the first that `live` keeps.
+    #[arg(long, default_value_t = MOST_IMAGES, value_parser = clap::value_parser!(u32).range(5..=1000))]
+    max_images: u32,
+    /// Replace files of these names.
+    #[arg(long)]
+    overwrite: bool,
+}
+
+/// A model of distortion as it is named.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Lens {
+    /// Radial and tangential: lenses up to some 100 degrees.
+    Radtan,
+    /// Fisheye.
+    Equidistant,
+}
+
+impl From<Lens> for LensKind {
+    fn from(lens: Lens) -> Self {
+        match lens {
+            Lens::Radtan => Self::RadialTangential,
+            Lens::Equidistant => Self::Equidistant,
+        }
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When there is no calibration, or it cannot be written.
+pub fn run(args: &CameraArgs) -> Result<()> {
+    let detector = detector()?;
+    let picture = args.picture.clone().unwrap_or_else(|| args.out.with_extension("png"));
+    check(args, &picture)?;
+    let base_name = args.base_name();
+    let base = load_config(Some(&base_name))?.context("a base was named")?;
+    let (pairs, source) = match args.is_live() {
+        true => live::pairs(&args.live, &args.out, &args.wanted(&detector))?,
+        false => (read_pairs(args)?, args.source.display().to_string()),
+    };
+    let calibration = calibrated(args, &pairs, &detector).with_context(|| source.clone())?;
+    say(table::views(&calibration));
+    let origin = args.out.display().to_string();
+    let config = output::configuration(&base, &calibration, args.rate, &origin)?;
+    let text = output::text(&config, &calibration, &source, &base_name.display().to_string())?;
+    // What is written is what will be read.
+    Config::from_toml_str(&text, &origin)?;
+    draw(&calibration, &source, &picture)?;
+    std::fs::write(&args.out, &text).with_context(|| origin.clone())?;
+    table::figures(&calibration).into_iter().for_each(say);
+    calibration.advice().iter().for_each(|advice| say(format_args!("advice     {advice}")));
+    say(format_args!("{origin}: written, valid; {}: written", picture.display()));
+    Ok(())
+}
+
+/// OpenCV's eyes.
+#[cfg(feature = "calibration")]
+fn detector() -> Result<Detector> {
+    use plumbline_boards::{chessboard, markers, refine};
+    Ok(Detector { markers, chessboard, refine })
+}
+
+/// This build has none.
+#[cfg(not(feature = "calibration"))]
+fn detector() -> Result<Detector> {
+    let message = "calibrate camera: this build has no OpenCV, which finds the boards; build one with `make calibration` \
+                   (cargo build --release -p plumbline --features calibration)";
+    Err(Usage(message.into()).into())
+}
+
+impl CameraArgs {
+    /// Whether the images come from cameras.
+    fn is_live(&self) -> bool {
+        self.source.as_os_str() == LIVE
+    }
+
+    /// What is asked of live cameras.
+    fn wanted<'a>(&'a self, detector: &'a Detector) -> live::Wanted<'a> {
+        let (kind, most) = (self.lens.into(), self.max_images as usize);
+        live::Wanted { target: &self.target, kind, detector, mono: self.mono, most }
+    }
+
+    /// What all that is not calibrated is taken from.
+    fn base_name(&self) -> PathBuf {
+        let named = self.base.as_ref().or(self.live.config.as_ref());
+        named.cloned().unwrap_or_else(|| PathBuf::from(DEFAULT_BASE))
+    }
+}
+
+/// Refuses what could not be written or would be overwritten, before the work.
+fn check(args: &CameraArgs, picture: &PathBuf) -> Result<()> {
+    plot::check_name(picture).map_err(|e| Usage(format!("--picture: {e}")))?;
+    check_outputs([&args.out, picture])?;
+    if let Some(file) = [&args.out, picture].into_iter().find(|file| file.exists() && !args.overwrite) {
+        let message = format!("{}: exists; name another file, or give --overwrite", file.display());
+        return Err(Usage(message).into());
+    }
+    match args.is_live() {
+        true => live::check(&args.live, &args.out, args.overwrite)?,
+        false => live::check_absent(&args.live)?,
+    }
+    if args.rate.is_some_and(|rate| !(rate.is_finite() && rate > 0.0)) {
+        return Err(Usage("--rate: give frames a second, such as 20".into()).into());
+    }
+    Ok(())
+}
+
+/// The images of a folder or of a flight log.
+fn read_pairs(args: &CameraArgs) -> Result<Vec<Pair>> {
+    let most = args.max_images as usize;
+    let (pairs, total) = if is_log(&args.source) {
+        let recorded = read_log(&args.source, most, args.mono)?;
+        (recorded.pairs, recorded.total)
+    } else {
+        let images = Images::list(&args.source, most, args.mono)?;
+        if images.cameras == 2 && images.unpaired > 0 {
+            say(format_args!("{} images are of one camera alone", images.unpaired));
+        }
+        let image = |file: &Option<PathBuf>| file.as_deref().map(read).transpose();
+        let pair = |moment: &Moment| {
+            let [left, right] = moment.files.each_ref().map(image);
+            Ok(Pair { name: moment.name.clone(), images: [left?, right?] })
+        };
+        (images.moments.iter().map(pair).collect::<Result<_>>()?, images.total)
+    };
+    if total > pairs.len() {
+        say(format_args!("{} of {total} moments, evenly spread (--max-images)", pairs.len()));
+    }
+    Ok(pairs)
+}
+
+/// Calibrates under a bar of progress.
+fn calibrated(args: &CameraArgs, pairs: &[Pair], detector: &Detector) -> Result<Calibration> {
+    let images: usize = pairs.iter().map(|pair| pair.images.iter().flatten().count()).sum();
+    let bar = ProgressBar::new(images as u64);
+    let template = "{bar:32} {pos}/{len} images  {elapsed} (eta {eta})";
+    bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let calibration = calibrate(pairs, &args.target, args.lens.into(), detector, &mut || bar.inc(1));
+    bar.finish_and_clear();
+    Ok(calibration?)
+}
+
+fn draw(calibration: &Calibration, source: &str, path: &Path) -> Result<()> {
+    let figure = |(index, camera): (usize, &CameraResult)| LensFigure {
+        name: format!("cam{index}"),
+        size_px: (camera.model.width_px, camera.model.height_px),
+        corners: camera.residuals.iter().map(|r| (r.px, r.error_px)).collect(),
+        cells: CELLS,
+        rms_px: camera.rms_px,
+    };
+    let cameras: Vec<LensFigure> = calibration.cameras.iter().enumerate().map(figure).collect();
+    let baseline = calibration.pair.map(|pair| format!("  \u{b7}  baseline {:.2} mm", pair.baseline_m * 1e3));
+    let words = format!(
+        "{} corners in {} views of {}  \u{b7}  {:.3} px RMS{}",
+        calibration.corners,
+        calibration.views.len(),
+        calibration.target,
+        calibration.rms_px,
+        baseline.unwrap_or_default()
+    );
+    Ok(plot::write_lenses(&cameras, (source, &words), path)?)
+}

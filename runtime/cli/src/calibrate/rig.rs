@@ -1,0 +1,98 @@
+//! `plumbline calibrate rig`: place and attitude of the cameras on the IMU, and their time offset.
+
+use super::super::topics::TopicArgs;
+use super::super::{Usage, load_config, say};
+use super::output;
+use anyhow::Result;
+use clap::Args;
+use indicatif::ProgressBar;
+use plumbline_flight::flight::open_recording;
+use plumbline_lab::calibrate::rig::{FoundRig, RigOptions, calibrate};
+use std::path::PathBuf;
+
+const EXAMPLES: &str = "Examples:
+  plumbline calibrate rig by-hand.mcap --config my.toml --out my-rig.toml
+  plumbline simulate by-hand --path hand-held --duration 60
+  plumbline calibrate rig by-hand --config sim --out rig.toml
+
+Record a minute or two: a second at rest, then turn and move the rig about all its axes, by 20 degrees and 20 cm to both sides
+once a second or two, with texture in view all the time and little motion blur. The cameras are calibrated before
+(`calibrate camera`): how they sit to each other stays as it is.";
+
+/// Arguments of `plumbline calibrate rig`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct RigArgs {
+    /// A recording moved by hand: a EuRoC data set, a flight log or a ROS 2 bag (.mcap).
+    pub source: PathBuf,
+    /// The configuration to write.
+    #[arg(long, value_name = "OUT.toml")]
+    pub out: PathBuf,
+    /// Configuration file or preset to begin with. Without one: the preset `euroc` with the data set's calibration, or that
+    /// of the log.
+    #[arg(long, value_name = "FILE|PRESET")]
+    pub config: Option<PathBuf>,
+    /// How far the attitude of the cameras may be off to begin with, one standard deviation, degrees.
+    #[arg(long, value_name = "DEG", default_value_t = 2.0)]
+    pub rotation_sigma_deg: f64,
+    /// How far their place may be off, one standard deviation, mm.
+    #[arg(long, value_name = "MM", default_value_t = 30.0)]
+    pub translation_sigma_mm: f64,
+    /// How far their time offset may be off, one standard deviation, ms.
+    #[arg(long, value_name = "MS", default_value_t = 10.0)]
+    pub time_offset_sigma_ms: f64,
+    /// Topics of a bag.
+    #[command(flatten)]
+    pub topics: TopicArgs,
+    /// Replace a file of that name.
+    #[arg(long)]
+    pub overwrite: bool,
+}
+
+impl RigArgs {
+    fn options(&self) -> Result<RigOptions, Usage> {
+        let positive = |name: &str, value: f64, most: f64| match value > 0.0 && value <= most {
+            true => Ok(value),
+            false => Err(Usage(format!("--{name} {value}: give a number above 0, up to {most}"))),
+        };
+        Ok(RigOptions {
+            rotation_sigma_rad: positive("rotation-sigma-deg", self.rotation_sigma_deg, 10.0)?.to_radians(),
+            translation_sigma_m: 1e-3 * positive("translation-sigma-mm", self.translation_sigma_mm, 500.0)?,
+            time_offset_sigma_s: 1e-3 * positive("time-offset-sigma-ms", self.time_offset_sigma_ms, 50.0)?,
+            ..RigOptions::default()
+        })
+    }
+}
+
+/// Runs the command.
+pub(super) fn run(args: &RigArgs) -> Result<()> {
+    output::check(&args.out, args.overwrite, &[])?;
+    let options = args.options()?;
+    let named = load_config(args.config.as_deref())?;
+    let topics = args.topics.names()?;
+    let first = open_recording(&args.source, named, &topics, None, false)?;
+    let (config, frames) = (first.config.clone(), first.stereo.expected_frames());
+    drop(first);
+    let bar = frames.map_or_else(ProgressBar::no_length, ProgressBar::new);
+    let mut open =
+        |config: &_| open_recording(&args.source, Some(Clone::clone(config)), &topics, None, false);
+    let mut progress = |pass: usize, frames: u64| {
+        bar.set_message(format!("pass {pass}"));
+        bar.set_position(frames);
+    };
+    let found = calibrate(&config, &options, &mut open, &mut progress);
+    bar.finish_and_clear();
+    let found =
+        found.map_err(|error| anyhow::Error::from(error).context(args.source.display().to_string()))?;
+    found.table().iter().for_each(say);
+    output::write(&args.out, &comment(args, &found), &found.config)
+}
+
+fn comment(args: &RigArgs, found: &FoundRig) -> String {
+    format!(
+        "# Made by `plumbline calibrate rig` of {}, {:.1} s.\n# Measured: camera.pose_b_c of the rig as a whole, and [rig].\n{}",
+        args.source.display(),
+        found.span_s,
+        found.covariance_comment()
+    )
+}

@@ -1,0 +1,316 @@
+//! `plumbline campaign`: the built-in set of simulated flights, tabulated.
+
+use super::choice::FlightChoice;
+use super::paired::{self, Against};
+use super::scenario::imu_error_help;
+use super::{Usage, check_outputs, load_config, one_line, say};
+use anyhow::{Context, Result, ensure};
+use clap::{Args, ValueEnum};
+use plumbline_config::Config;
+use plumbline_drivers::simulator::ImuError;
+use plumbline_flight::flight::with_overrides;
+use plumbline_lab::campaign::table::{
+    RATIO_HEAD, SILENCE_HEAD, TABLE_HEAD, TRUST_HEAD, consistency, means, ratio_rows, silence_row, trust_row,
+};
+use plumbline_lab::campaign::{Entry, Fault, Setup};
+use plumbline_lab::report::Report;
+use plumbline_lab::report::paired::{Comparison, Variant};
+use serde::Serialize;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Arguments of `plumbline campaign`.
+#[derive(Debug, Args)]
+pub struct CampaignArgs {
+    /// Which flights.
+    #[command(flatten)]
+    pub choice: FlightChoice,
+    /// Starts, seconds into the trajectory; every flight is flown from each. Default: where the vehicle is in full flight.
+    #[arg(long, value_delimiter = ',', value_name = "S,S")]
+    pub start: Vec<f64>,
+    /// Inertial samples: simulated, or recorded along the paths, as they are: V1_01, V1_02, V2_01, V2_02, MH_01, MH_03 and
+    /// MH_04 then, with the preset euroc.
+    #[arg(long, value_enum, default_value_t = ImuChoice::Simulated)]
+    pub imu: ImuChoice,
+    /// Fly each fault once on top, along the first trajectory in the first scene of the choice, and tell whether the
+    /// covariance could be trusted while it lasted and after it.
+    #[arg(long)]
+    pub faults: bool,
+    /// Fly only the faults whose names begin so, and no sound flight, such as blind,imu-gap; errors of inertial sensors with
+    /// doses too, such as force:0.05:1 (see --imu-error), beside the sound flights.
+    #[arg(long, value_delimiter = ',', requires = "faults", value_name = "NAME")]
+    pub fault: Vec<String>,
+    /// Fly every flight of the choice with this error of the inertial sensor too, such as force:0.07:2, and compare; `all` for
+    /// every one in its usual doses. May be repeated.
+    #[arg(long, value_name = "NAME[:DOSE...]", value_delimiter = ',', long_help = imu_error_help())]
+    pub imu_error: Vec<String>,
+    /// Believe calibrations that are drawn around the true one, by the seed, with K times the standard deviations that the
+    /// configuration states under [rig] (before --set).
+    #[allow(rustdoc::broken_intra_doc_links)]
+    #[arg(long, value_name = "K", default_value_t = 0.0)]
+    pub calibration_error: f64,
+    /// The left camera alone.
+    #[arg(long)]
+    pub mono: bool,
+    /// Configuration file or preset of the simulated rig and of the estimator.
+    #[arg(long)]
+    pub config: Option<PathBuf>,
+    /// Change a key of the estimator's configuration, such as estimator.points.sigma_px=0.3; may be
+    /// repeated. What is simulated stays the same.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub overrides: Vec<String>,
+    /// Keep rendered frames in this folder (about 220 MB for 15 s of stereo) and take them from there.
+    #[arg(long)]
+    pub cache: Option<PathBuf>,
+    /// Flights at a time.
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=64))]
+    pub jobs: u8,
+    /// 1 renders between frames, 2 ahead on another thread.
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=8))]
+    pub threads: u8,
+    /// Write all reports (JSON).
+    #[arg(long, value_name = "OUT.json")]
+    pub json: Option<PathBuf>,
+    /// Compare with a variant, flight by flight: means, mean paired differences and their bootstrap intervals of 95 %. A
+    /// variant is a change of the configuration, key=value,key=value on top of --set, with which every flight is flown too.
+    /// Or a file of --json with the same flights as another build flew them: that is "before" then. May be repeated.
+    #[arg(long, value_name = "KEY=VALUE,...|FILE.json")]
+    pub against: Vec<String>,
+    /// With --against: write the comparison (JSON).
+    #[arg(long, value_name = "OUT.json", requires = "against")]
+    pub paired_json: Option<PathBuf>,
+}
+
+/// Where inertial samples come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ImuChoice {
+    /// Made of the path.
+    Simulated,
+    /// Recorded along the path.
+    Recorded,
+}
+
+#[derive(Serialize)]
+struct Row<'a> {
+    path: &'a str,
+    scene: &'a str,
+    fault: String,
+    seed: u64,
+    start_s: f64,
+    duration_s: f64,
+    report: &'a Report,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When a flight cannot be simulated.
+pub fn run(args: &CampaignArgs) -> Result<()> {
+    check_outputs(args.json.iter().chain(&args.paired_json))?;
+    let preset = if args.imu == ImuChoice::Recorded { "euroc" } else { "sim" };
+    let config = load_config(args.config.as_deref())?.map_or_else(|| Config::preset(preset), Ok)?;
+    with_overrides(&config, &args.overrides)?;
+    let against = args.against.iter().map(|text| Against::parse(text, &config, &args.overrides));
+    let against = against.collect::<Result<Vec<_>>>()?;
+    let entries = entries(args)?;
+    let setup = Setup {
+        config: Some(config),
+        overrides: args.overrides.clone(),
+        mono: args.mono,
+        cache: args.cache.clone(),
+        threads: usize::from(args.threads),
+    };
+    say(TABLE_HEAD);
+    let flown = fly_all(&entries, &setup, usize::from(args.jobs));
+    let reports = || entries.iter().zip(&flown).filter_map(|(e, r)| Some((e, r.as_ref()?)));
+    say(format_args!("\n{}", means(reports())));
+    say(format_args!("\n{}", consistency(reports().map(|(_, report)| report))));
+    let faulty: Vec<_> = reports().filter_map(|(entry, report)| trust_row(entry, report)).collect();
+    if !faulty.is_empty() {
+        say(format_args!("\n{TRUST_HEAD}\n{}", faulty.join("\n")));
+    }
+    let ratios = ratio_rows(reports());
+    if !ratios.is_empty() {
+        say(format_args!("\n{RATIO_HEAD}\n{}", ratios.join("\n")));
+    }
+    let silent: Vec<_> = reports().filter_map(|(entry, report)| silence_row(entry, report)).collect();
+    if !silent.is_empty() {
+        say(format_args!("\n{SILENCE_HEAD}\n{}", silent.join("\n")));
+    }
+    if let Some(file) = &args.json {
+        let rows: Vec<Row<'_>> = reports().map(json_row).collect();
+        std::fs::write(file, serde_json::to_string_pretty(&rows)?).context(file.display().to_string())?;
+    }
+    if !against.is_empty() {
+        compare(&entries, &flown, &setup, args, &against)?;
+    }
+    let failed = flown.iter().filter(|report| report.is_none()).count();
+    ensure!(failed == 0, "{failed} of {} flights could not be flown", entries.len());
+    Ok(())
+}
+
+fn json_row<'a>((entry, report): (&'a Entry, &'a Report)) -> Row<'a> {
+    let fault = entry.fault.name();
+    let scenario = &entry.scenario;
+    let (start_s, duration_s) = (scenario.start_s, scenario.duration_s);
+    Row { path: &entry.path, scene: entry.scene, fault, seed: scenario.seed, start_s, duration_s, report }
+}
+
+/// The reports of a variant, for pairing.
+fn variant(name: String, entries: &[Entry], flown: &[Option<Report>]) -> Result<Variant> {
+    let rows = entries.iter().zip(flown).filter_map(|(e, r)| Some(json_row((e, r.as_ref()?))));
+    let rows: Vec<serde_json::Value> = rows.map(serde_json::to_value).collect::<Result<_, _>>()?;
+    Ok(Variant::of_rows(name, &rows))
+}
+
+/// Flies or reads what is to be compared, and compares.
+fn compare(
+    entries: &[Entry],
+    flown: &[Option<Report>],
+    setup: &Setup,
+    args: &CampaignArgs,
+    against: &[Against],
+) -> Result<()> {
+    let here = variant(paired::name(&args.overrides), entries, flown)?;
+    let mut comparisons = Vec::new();
+    for other in against {
+        comparisons.push(match other {
+            Against::File(before) => Comparison::of(before, &here),
+            Against::Changes(changes) => {
+                let name = paired::name(changes);
+                say(format_args!("\n{name}\n\n{TABLE_HEAD}"));
+                let overrides = args.overrides.iter().chain(changes).cloned().collect();
+                let setup = Setup { overrides, ..setup.clone() };
+                let flown = fly_all(entries, &setup, usize::from(args.jobs));
+                Comparison::of(&here, &variant(name, entries, &flown)?)
+            }
+        });
+    }
+    paired::say_and_write(&comparisons, args.paired_json.as_deref())
+}
+
+/// Flies the entries, `jobs` at a time, and prints each as it lands; the reports are in the order of the
+/// entries.
+fn fly_all(entries: &[Entry], setup: &Setup, jobs: usize) -> Vec<Option<Report>> {
+    let next = AtomicUsize::new(0);
+    let worker = || {
+        let mut flown = Vec::new();
+        let take = || {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            entries.get(index).map(|entry| (index, entry))
+        };
+        for (index, entry) in std::iter::from_fn(take) {
+            match entry.fly_as(setup) {
+                Ok(report) => {
+                    say(entry.row(&report));
+                    flown.push((index, report));
+                }
+                Err(error) => {
+                    eprintln!("plumbline: {} in {}: {}", entry.path, entry.scene, one_line(&error.into()));
+                }
+            }
+        }
+        flown
+    };
+    let mut reports = vec![None; entries.len()];
+    std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..jobs.min(entries.len())).map(|_| scope.spawn(worker)).collect();
+        for flown in workers {
+            let flown = flown.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+            flown.into_iter().for_each(|(index, report)| reports[index] = Some(report));
+        }
+    });
+    reports
+}
+
+fn entries(args: &CampaignArgs) -> Result<Vec<Entry>, Usage> {
+    let mut entries = match args.imu {
+        ImuChoice::Simulated => args.choice.entries(&args.start)?,
+        ImuChoice::Recorded => args.choice.recorded_entries(&args.start)?,
+    };
+    if args.calibration_error > 0.0 {
+        entries =
+            entries.into_iter().map(|entry| entry.with_calibration_error(args.calibration_error)).collect();
+    }
+    let sound = entries.clone();
+    if args.faults {
+        let faults = faults(args)?;
+        if !args.fault.is_empty() && !faults.iter().any(|fault| matches!(fault, Fault::Inertial(_))) {
+            entries.clear();
+        }
+        entries.extend(faults.into_iter().map(|fault| sound[0].with_fault(fault)));
+    }
+    for error in imu_errors(&args.imu_error)? {
+        entries.extend(sound.iter().map(|entry| entry.with_fault(Fault::Inertial(error))));
+    }
+    match entries.is_empty() {
+        true => {
+            Err(Usage(format!("--fault: none is called {}; leave it out to see all", args.fault.join(", "))))
+        }
+        false => Ok(entries),
+    }
+}
+
+/// The faults that are asked for.
+fn faults(args: &CampaignArgs) -> Result<Vec<Fault>, Usage> {
+    // With one camera there is no right one to lose, and without the left there is none.
+    let possible = |fault: &Fault| !(args.mono && fault.needs_two_cameras());
+    // Recorded samples have the errors of their sensor.
+    let errors = Fault::inertial().filter(|_| args.imu == ImuChoice::Simulated);
+    let usual: Vec<Fault> = Fault::ALL.into_iter().chain(errors).filter(possible).collect();
+    if args.fault.is_empty() {
+        return Ok(usual);
+    }
+    let mut chosen = Vec::new();
+    for wanted in &args.fault {
+        if wanted.contains(':') {
+            chosen.push(Fault::Inertial(imu_error(wanted)?));
+            continue;
+        }
+        let wanted = wanted.to_lowercase().replace('-', "");
+        let begins = |fault: &&Fault| fault.name().to_lowercase().replace('-', "").starts_with(&wanted);
+        chosen.extend(usual.iter().filter(begins));
+    }
+    Ok(chosen)
+}
+
+/// The errors of the inertial sensor that every flight is flown with.
+fn imu_errors(wanted: &[String]) -> Result<Vec<ImuError>, Usage> {
+    let errors = wanted.iter().map(|text| match text.as_str() {
+        "all" => Ok(ImuError::cases().collect()),
+        one => imu_error(one).map(|error| vec![error]),
+    });
+    Ok(errors.collect::<Result<Vec<_>, Usage>>()?.into_iter().flatten().collect())
+}
+
+fn imu_error(text: &str) -> Result<ImuError, Usage> {
+    text.parse().map_err(Usage)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Command {
+        #[command(flatten)]
+        args: CampaignArgs,
+    }
+
+    /// Names of the faults that a command line asks for.
+    fn chosen(line: &str) -> Vec<String> {
+        let args = Command::parse_from(["campaign"].into_iter().chain(line.split_whitespace())).args;
+        faults(&args).unwrap().into_iter().map(Fault::name).collect()
+    }
+
+    #[test]
+    fn errors_of_the_sensor_are_chosen_by_name_and_dose() {
+        assert_eq!(chosen("--faults --fault force"), ["force:0.03:2", "force:0.07:2"]);
+        assert_eq!(chosen("--faults --fault force:0.05:1,blackout"), ["force:0.05:1", "Blackout"]);
+        assert!(chosen("--faults").contains(&"clipping:5".to_owned()));
+        assert!(!chosen("--faults --imu recorded").iter().any(|name| name.contains(':')));
+        assert!(imu_errors(&["force:x".to_owned()]).is_err());
+        assert_eq!(imu_errors(&["all".to_owned()]).unwrap().len(), Fault::inertial().count());
+    }
+}

@@ -1,0 +1,136 @@
+//! Which of the built-in simulated flights a command flies.
+
+use super::Usage;
+use clap::Args;
+use plumbline_drivers::simulator::Scene;
+use plumbline_lab::campaign::{Entry, Fault, PATHS, RECORDED_PATHS, SCENES};
+use std::path::{Path, PathBuf};
+
+/// Where flights along trajectories that are not built in start, s.
+const OTHER_START_S: f64 = 15.0;
+
+/// Trajectories, scenes and seeds; every one of each is flown with every one of the others.
+#[derive(Clone, Debug, Args)]
+pub struct FlightChoice {
+    /// Folder with `euroc/trajectories`; else the environment variable PLUMBLINE_SHARED, else ../shared.
+    #[arg(long)]
+    pub shared: Option<PathBuf>,
+    /// Only scenes whose names begin so: room, hall, low-texture.
+    #[arg(long, value_delimiter = ',')]
+    pub scene: Vec<String>,
+    /// Only built-in trajectories whose names begin so, or any other one by its full name.
+    #[arg(long, value_delimiter = ',')]
+    pub path: Vec<String>,
+    /// Seeds to fly with.
+    #[arg(long, visible_alias = "seeds", value_delimiter = ',', default_value = "1")]
+    pub seed: Vec<u64>,
+    /// Length of each simulated flight, seconds.
+    #[arg(long, default_value_t = 15.0)]
+    pub duration: f64,
+}
+
+impl FlightChoice {
+    /// The flights, without a fault, from each of `starts_s` into the trajectory or, without any, where the vehicle is in full
+    /// flight; never none.
+    ///
+    /// # Errors
+    /// When a name is unknown, or the trajectories are not there.
+    pub fn entries(&self, starts_s: &[f64]) -> Result<Vec<Entry>, Usage> {
+        self.entries_along(&PATHS, starts_s)
+    }
+
+    /// The flights with the inertial samples that were recorded along their paths; else as [`Self::entries`].
+    ///
+    /// # Errors
+    /// As [`Self::entries`].
+    pub fn recorded_entries(&self, starts_s: &[f64]) -> Result<Vec<Entry>, Usage> {
+        let imu = trajectories(self.shared.as_deref())?.with_file_name("imu");
+        let entries = self.entries_along(&RECORDED_PATHS, starts_s)?;
+        Ok(entries.into_iter().map(|entry| entry.with_recorded_imu(&imu)).collect())
+    }
+
+    fn entries_along(&self, built_in: &[(&str, f64)], starts_s: &[f64]) -> Result<Vec<Entry>, Usage> {
+        let folder = trajectories(self.shared.as_deref())?;
+        let (paths, scenes) = (paths(&self.path, built_in, &folder)?, scenes(&self.scene)?);
+        let mut entries = Vec::new();
+        for scene in scenes {
+            for (path, full_flight_s) in &paths {
+                let starts_s =
+                    if starts_s.is_empty() { std::slice::from_ref(full_flight_s) } else { starts_s };
+                for start_s in starts_s {
+                    let start = (path.as_str(), *start_s);
+                    let new = |&seed| Entry::new(&folder, start, scene, seed, self.duration, Fault::None);
+                    entries.extend(self.seed.iter().map(new));
+                }
+            }
+        }
+        Ok(entries)
+    }
+}
+
+/// The folder of trajectories in the shared data: `shared`, else that of the environment, else `../shared`.
+pub(super) fn trajectories(shared: Option<&Path>) -> Result<PathBuf, Usage> {
+    let shared =
+        shared.map(Path::to_owned).or_else(|| std::env::var_os("PLUMBLINE_SHARED").map(PathBuf::from));
+    let folder = shared.unwrap_or_else(|| "../shared".into()).join("euroc/trajectories");
+    if folder.is_dir() {
+        return Ok(folder);
+    }
+    Err(Usage(format!("{}: no such folder; name the shared data with --shared", folder.display())))
+}
+
+/// The trajectories of the choice with their starts, s; never empty.
+fn paths(
+    wanted: &[String],
+    built_in: &[(&str, f64)],
+    trajectories: &Path,
+) -> Result<Vec<(String, f64)>, Usage> {
+    let built_in = |prefix: &str| {
+        let paths = built_in.iter().filter(|(name, _)| name.starts_with(prefix));
+        paths.map(|(name, start_s)| ((*name).to_owned(), *start_s)).collect::<Vec<_>>()
+    };
+    if wanted.is_empty() {
+        return Ok(built_in(""));
+    }
+    let mut paths = Vec::new();
+    for name in wanted {
+        let found = built_in(name);
+        let other = trajectories.join(format!("{name}.tum.gz"));
+        if !found.is_empty() {
+            paths.extend(found);
+        } else if other.is_file() {
+            paths.push((name.clone(), OTHER_START_S));
+        } else {
+            return Err(Usage(format!("--path: no trajectory '{name}', and no {}", other.display())));
+        }
+    }
+    Ok(paths)
+}
+
+/// The scenes of the choice; never empty.
+fn scenes(wanted: &[String]) -> Result<Vec<(&'static str, Scene)>, Usage> {
+    if let Some(name) = wanted.iter().find(|w| !SCENES.iter().any(|(name, _)| name.starts_with(w.as_str()))) {
+        return Err(Usage(format!("--scene: no scene '{name}': choose room, hall or low-texture")));
+    }
+    let chosen = |name: &str| wanted.is_empty() || wanted.iter().any(|w| name.starts_with(w.as_str()));
+    Ok(SCENES.into_iter().filter(|(name, _)| chosen(name)).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_choose_and_unknown_names_are_refused() {
+        let none = Path::new("/nowhere");
+        assert_eq!(paths(&[], &PATHS, none).unwrap().len(), PATHS.len());
+        let chosen = paths(&["V1".into()], &PATHS, none).unwrap();
+        assert_eq!(
+            chosen.iter().map(|p| p.0.as_str()).collect::<Vec<_>>(),
+            ["V1_02_medium", "V1_03_difficult"]
+        );
+        assert!(paths(&["V9".into()], &PATHS, none).unwrap_err().0.contains("'V9'"));
+        assert_eq!(scenes(&["low".into(), "hall".into()]).unwrap().len(), 2);
+        assert!(scenes(&["moon".into()]).unwrap_err().0.contains("moon"));
+    }
+}

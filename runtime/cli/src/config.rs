@@ -1,0 +1,197 @@
+//! `plumbline config`: check a configuration, print a preset, or make a configuration of calibration files.
+
+use super::{Usage, check_outputs, load_config, say};
+use anyhow::{Context, Result};
+use clap::{Args, Subcommand};
+use plumbline_config::{Config, ValidConfig, import};
+use plumbline_flight::pipeline::digest::config_hash;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+const EXAMPLES: &str = "Examples:
+  plumbline config euroc > my.toml         a preset, with a comment at every key, to begin with
+  plumbline config realsense-d455          one of a real rig: docs/rigs
+  plumbline config my.toml                 is it valid?
+  plumbline config import --camchain camchain.yaml --imu imu.yaml --out my.toml";
+
+const IMPORT_EXAMPLES: &str = "Examples:
+  plumbline config import --camchain camchain-imucam.yaml --imu imu.yaml --out my.toml
+  plumbline config import --euroc V1_01_easy --out my.toml
+  plumbline replay V1_01_easy --config my.toml
+
+Noise densities of a data sheet hold for a sensor at rest, and are too small in flight. If those of your files are of
+a data sheet, or of an Allan plot, give --inflate 10 (what Kalibr recommends; the preset euroc has 10 and 8).";
+
+/// Arguments of `plumbline config`.
+#[derive(Debug, Args)]
+#[command(args_conflicts_with_subcommands = true, after_help = EXAMPLES)]
+pub struct ConfigArgs {
+    #[command(subcommand)]
+    command: Option<ConfigCommand>,
+    #[arg(required = true, help = file_help())]
+    file: Option<String>,
+}
+
+/// Names every preset that there is.
+fn file_help() -> String {
+    format!(
+        "A configuration file to check, or the name of a preset to print: {}",
+        plumbline_config::PRESETS.join(", ")
+    )
+}
+
+#[derive(Debug, Subcommand)]
+enum ConfigCommand {
+    /// Make a configuration of the calibration by Kalibr, or of a EuRoC data set.
+    Import(ImportArgs),
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = IMPORT_EXAMPLES)]
+struct ImportArgs {
+    /// Cameras, extrinsics and time offset by Kalibr: camchain-imucam.yaml.
+    #[arg(long, value_name = "CAMCHAIN.yaml", requires = "imu", required_unless_present = "euroc")]
+    camchain: Option<PathBuf>,
+    /// Rate and noise of the IMU for Kalibr: imu.yaml.
+    #[arg(long, value_name = "IMU.yaml", requires = "camchain")]
+    imu: Option<PathBuf>,
+    /// A EuRoC data set, or a folder with its sensor.yaml files.
+    #[arg(long, value_name = "FOLDER", conflicts_with_all = ["camchain", "imu"])]
+    euroc: Option<PathBuf>,
+    /// The configuration to write.
+    #[arg(long, value_name = "OUT.toml")]
+    out: PathBuf,
+    /// Configuration file or preset that all else is taken from.
+    #[arg(long, default_value = "euroc", value_name = "FILE|PRESET")]
+    base: PathBuf,
+    /// Where the noise densities of the IMU come from.
+    #[arg(long, value_enum, default_value_t = Noise::Files)]
+    noise: Noise,
+    /// Multiply the white noise densities of the files by this.
+    #[arg(long, default_value_t = 1.0, value_name = "FACTOR")]
+    inflate: f64,
+    /// Frame rate of the cameras, Hz: Kalibr's files do not tell it. Without it, that of the base.
+    #[arg(long, value_name = "HZ", requires = "camchain")]
+    camera_rate: Option<f64>,
+    /// Replace a file of that name.
+    #[arg(long)]
+    overwrite: bool,
+}
+
+/// Whose noise model of the IMU is taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Noise {
+    /// That of the calibration files.
+    Files,
+    /// That of the base.
+    Base,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When a file cannot be used, or the configuration cannot be written.
+pub fn run(args: &ConfigArgs) -> Result<()> {
+    match (&args.command, &args.file) {
+        (Some(ConfigCommand::Import(args)), _) => import(args),
+        (None, Some(file)) => check(file),
+        (None, None) => Err(Usage("config: name a file or a preset".into()).into()),
+    }
+}
+
+fn check(file: &str) -> Result<()> {
+    if plumbline_config::PRESETS.contains(&file) {
+        say(plumbline_config::preset_text(file)?.trim_end());
+        return Ok(());
+    }
+    let config = Config::load(file)?;
+    say(format_args!("{file}: valid, {} camera(s), hash {}", config.camera.len(), config_hash(&config)));
+    Ok(())
+}
+
+fn import(args: &ImportArgs) -> Result<()> {
+    check_outputs([&args.out])?;
+    if args.out.exists() && !args.overwrite {
+        let message = format!("{}: exists; name another file, or give --overwrite", args.out.display());
+        return Err(Usage(message).into());
+    }
+    if !(args.inflate.is_finite() && args.inflate > 0.0) {
+        return Err(Usage("--inflate: give a positive number, such as 10".into()).into());
+    }
+    let config = imported(args)?;
+    let text = format!("{}{}", header(args), config.to_toml()?);
+    // What is written is what will be read.
+    let back = Config::from_toml_str(&text, &args.out.display().to_string())?;
+    std::fs::write(&args.out, &text).with_context(|| args.out.display().to_string())?;
+    say(summary(&back, &args.out));
+    Ok(())
+}
+
+/// The base with the calibration of the files.
+fn imported(args: &ImportArgs) -> Result<ValidConfig> {
+    let mut base = load_config(Some(&args.base))?.context("a base was named")?.into_inner();
+    if let Some(rate_hz) = args.camera_rate {
+        base.camera.iter_mut().for_each(|camera| camera.rate_hz = rate_hz);
+    }
+    let (config, own) = match (&args.camchain, &args.imu, &args.euroc) {
+        (Some(camchain), Some(imu), _) => {
+            (import::kalibr_into(base, camchain, imu)?, import::kalibr(camchain, imu)?)
+        }
+        (_, _, Some(folder)) => (import::euroc_into(base, folder)?, import::euroc(folder)?),
+        _ => return Err(Usage("config import: give --camchain and --imu, or --euroc".into()).into()),
+    };
+    let mut config = config.into_inner();
+    if args.noise == Noise::Files {
+        let imu = &mut config.imu;
+        imu.gyro_noise_density = own.imu.gyro_noise_density * args.inflate;
+        imu.accel_noise_density = own.imu.accel_noise_density * args.inflate;
+        imu.gyro_bias_walk = own.imu.gyro_bias_walk;
+        imu.accel_bias_walk = own.imu.accel_bias_walk;
+    }
+    Ok(config.validated(&args.out.display().to_string())?)
+}
+
+/// Says in the file where it comes from.
+fn header(args: &ImportArgs) -> String {
+    let files = [&args.camchain, &args.imu, &args.euroc].into_iter().flatten();
+    let mut text = String::from("# Made by `plumbline config import` of:\n");
+    for file in files {
+        let _ = writeln!(text, "#   {}", file.display());
+    }
+    let noise = match args.noise {
+        Noise::Base => "of the base".to_owned(),
+        Noise::Files => format!("of the files, white noise times {}", args.inflate),
+    };
+    let _ = writeln!(text, "# All else is of {}; noise densities {noise}.\n", args.base.display());
+    text
+}
+
+/// What came out, so that a wrong unit or a wrong file meets the eye.
+fn summary(config: &Config, out: &Path) -> String {
+    let mut lines = vec![format!("{}: written, valid, hash {}", out.display(), config_hash(config))];
+    for (index, camera) in config.camera.iter().enumerate() {
+        let p = camera.pose_b_c().translation.vector;
+        lines.push(format!(
+            "camera[{index}]   {}x{} px, {} Hz, focal {:.1} {:.1} px, at ({:.3} {:.3} {:.3}) m in the body",
+            camera.width_px,
+            camera.height_px,
+            camera.rate_hz,
+            camera.focal_px[0],
+            camera.focal_px[1],
+            p.x,
+            p.y,
+            p.z
+        ));
+    }
+    if let [left, right, ..] = config.camera.as_slice() {
+        let baseline = (left.pose_b_c().inverse() * right.pose_b_c()).translation.vector.norm();
+        lines.push(format!("baseline    {baseline:.4} m"));
+    }
+    let imu = &config.imu;
+    lines.push(format!(
+        "imu         {} Hz, noise {:e} rad/s/sqrt(Hz) and {:e} m/s^2/sqrt(Hz)",
+        imu.rate_hz, imu.gyro_noise_density, imu.accel_noise_density
+    ));
+    lines.push(format!("time offset {} s (t_imu - t_camera)", config.rig.time_offset_s));
+    lines.join("\n")
+}

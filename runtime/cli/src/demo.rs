@@ -1,0 +1,204 @@
+//! `plumbline demo`: a simulated flight at real time, estimated live, published on the loopback interface, and
+//! watched by a ground station with its page.
+
+use super::exit_status::last_resort;
+use super::progress::{Glance, Progress};
+use super::scenario::parse_scene;
+use super::{Usage, stop_on_signal};
+use anyhow::Result;
+use clap::Args;
+use nalgebra::Isometry3;
+use plumbline_drivers::StereoFrame;
+use plumbline_drivers::simulator::{Scenario, Simulator};
+use plumbline_flight::flight::{Outputs, Truth, fly, open_simulation, scenario_config};
+use plumbline_flight::pipeline::{Control, RunOptions};
+use plumbline_ground as ground;
+use plumbline_ground::connection::Connection;
+use plumbline_ground::fleet::Fleet;
+use plumbline_lab::report::Report;
+use plumbline_link::net::certificate::DEFAULT_VEHICLE;
+use plumbline_link::net::{Endpoints, Publisher};
+use std::io::{IsTerminal, Write};
+use std::net::{SocketAddr, TcpListener};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+/// First port that is tried.
+const FIRST_PORT: u16 = 7447;
+/// Ports that are tried.
+const PORTS: u16 = 20;
+/// Rendering a stereo frame may take this long beside an estimator on the other core.
+const RENDER_BUDGET: Duration = Duration::from_millis(45);
+/// Frames rendered to find out.
+const TRIAL_FRAMES: u64 = 4;
+
+/// Arguments of `plumbline demo`.
+#[derive(Debug, Args)]
+pub struct DemoArgs {
+    /// Length of the flight, seconds.
+    #[arg(long, default_value_t = 300.0)]
+    pub duration: f64,
+    /// What surrounds the flight: room, hall or low-texture.
+    #[arg(long, default_value = "room")]
+    pub scene: String,
+    /// Seed of everything random.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Serve the page here.
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8080")]
+    pub http: SocketAddr,
+    /// Size of the images against 752x480; chosen by what this machine can render in time without.
+    #[arg(long)]
+    pub resolution: Option<f64>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the flight cannot be simulated or no port is free.
+pub fn run(args: &DemoArgs) -> Result<()> {
+    let mut scenario = Scenario {
+        scene: parse_scene(&args.scene)?,
+        duration_s: args.duration,
+        seed: args.seed,
+        ..Scenario::default()
+    };
+    scenario.resolution_scale = match args.resolution {
+        Some(scale) => scale,
+        None => affordable_resolution(&scenario)?,
+    };
+    let flight = open_simulation(None, &scenario, false, 0.0, None)?;
+    let size = &flight.config.camera[0];
+    let endpoint = free_endpoint()?;
+    let mut endpoints = Endpoints::of(&flight.config.network);
+    endpoints.listen = vec![endpoint.clone()];
+    let control = Arc::new(Control::stopped_by(stop_on_signal()?).with_last_resort(last_resort));
+    let mut outputs = Outputs::default();
+    outputs.add(Publisher::start(&flight.config, &endpoints, Arc::clone(&control))?);
+    println!(
+        "Flying for {:.0} s in the {} with {}x{} stereo images.",
+        args.duration, args.scene, size.width_px, size.height_px
+    );
+    let station = Station::open(args, &endpoint)?;
+    println!("Look at http://{} (or from another terminal: plumbline ground --no-http)", station.address);
+    let mut status = Status::new(&flight.truth);
+    let mut progress = Progress::start(move |glance| status.show(glance), || {})?;
+    let options = RunOptions { speed: Some(1.0), threads: 2 };
+    let mut subscribers = outputs.subscribers();
+    subscribers.push(&mut progress);
+    let flown = fly(flight, &options, &control, subscribers)?;
+    outputs.finish();
+    progress.finish();
+    println!("\n{}", Report::new(&flown).summary());
+    station.close();
+    Ok(())
+}
+
+/// A ground station in this process: it knows of the flight what comes over the network.
+struct Station {
+    runtime: tokio::runtime::Runtime,
+    connection: Connection,
+    address: SocketAddr,
+}
+
+impl Station {
+    /// Connects to the vehicle at `endpoint`; a page address that is taken is replaced by a free one.
+    fn open(args: &DemoArgs, endpoint: &str) -> Result<Self> {
+        let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
+        let connect = vec![endpoint.to_owned()];
+        let hears = vec![DEFAULT_VEHICLE.to_owned()];
+        let endpoints = Endpoints { vehicle: "*".into(), hears, connect, ..Endpoints::default() };
+        let fleet = Arc::new(Mutex::new(Fleet::default()));
+        let (connection, address) = runtime.block_on(async {
+            let connection = Connection::open(&endpoints, &fleet, false).await?;
+            let page = ground::web::bind(args.http)
+                .or_else(|_| ground::web::bind(SocketAddr::new(args.http.ip(), 0)))?;
+            let address = ground::web::serve(page, fleet, connection.clone(), true, &[]).await?;
+            Ok::<_, anyhow::Error>((connection, address))
+        })?;
+        Ok(Self { runtime, connection, address })
+    }
+
+    fn close(self) {
+        self.runtime.block_on(self.connection.close());
+        self.runtime.shutdown_timeout(Duration::from_millis(500));
+    }
+}
+
+/// Full resolution if this machine renders it in time, else half.
+fn affordable_resolution(scenario: &Scenario) -> Result<f64> {
+    let config = scenario_config(None, false)?;
+    let simulator = Simulator::new(&config, scenario)?;
+    let (mut scratch, mut frame) = (simulator.scratch(), StereoFrame::new(simulator.image_sizes()));
+    let start = Instant::now();
+    for index in 0..TRIAL_FRAMES {
+        simulator.render_frame(index, &mut scratch, &mut frame);
+    }
+    let each = start.elapsed() / TRIAL_FRAMES as u32;
+    if each <= RENDER_BUDGET {
+        return Ok(1.0);
+    }
+    println!(
+        "This machine renders a stereo frame in {:.0} ms; the camera takes one every 50 ms: half resolution.",
+        each.as_secs_f64() * 1e3
+    );
+    Ok(0.5)
+}
+
+/// An endpoint on the loopback interface that nobody uses.
+fn free_endpoint() -> Result<String, Usage> {
+    (FIRST_PORT..FIRST_PORT + PORTS)
+        .find(|port| TcpListener::bind(("127.0.0.1", *port)).is_ok())
+        .map(|port| format!("tcp/127.0.0.1:{port}"))
+        .ok_or_else(|| Usage(format!("no free port from {FIRST_PORT} to {}", FIRST_PORT + PORTS - 1)))
+}
+
+/// A line a second: where the estimate is and how far from the truth.
+struct Status {
+    truth: Option<Simulator>,
+    origin: Option<Isometry3<f64>>,
+    next: Instant,
+    rewrites: bool,
+}
+
+impl Status {
+    fn new(truth: &Truth) -> Self {
+        let truth = match truth {
+            Truth::Simulated(simulator) => Some(simulator.clone()),
+            _ => None,
+        };
+        Self { truth, origin: None, next: Instant::now(), rewrites: std::io::stdout().is_terminal() }
+    }
+
+    /// Distance from the truth, brought to the first pose, m.
+    fn error_m(&mut self, glance: &Glance) -> Option<f64> {
+        let truth = self.truth.as_ref()?.ground_truth(glance.stamp).pose_w_b;
+        let origin = *self.origin.get_or_insert(glance.pose_o_b * truth.inverse());
+        Some(((origin * truth).translation.vector - glance.pose_o_b.translation.vector).norm())
+    }
+
+    fn show(&mut self, glance: &Glance) {
+        if !glance.has_pose {
+            return;
+        }
+        let error_m = self.error_m(glance).unwrap_or(f64::NAN);
+        if Instant::now() < self.next {
+            return;
+        }
+        self.next = Instant::now() + Duration::from_secs(1);
+        let p = glance.pose_o_b.translation.vector;
+        let line = format!(
+            "{:>7.1} {:>7.1} {:>7.1} m  speed {:.2} m/s  error {error_m:.3} m  points {}  quality {}  frame {:.1} ms",
+            p.x,
+            p.y,
+            p.z,
+            glance.v_o_b.norm(),
+            glance.points,
+            glance.quality,
+            glance.frame_ms
+        );
+        let mut out = std::io::stdout().lock();
+        let _ = if self.rewrites { write!(out, "\r{line}\x1b[K") } else { writeln!(out, "{line}") };
+        let _ = out.flush();
+    }
+}

@@ -1,0 +1,171 @@
+//! What a source delivers, given to the checkup: samples and frames are read on threads of their own.
+
+use super::super::scenario::parse_scene;
+use anyhow::{Result, anyhow};
+use plumbline_checkup::{Checkup, Frame, Report};
+use plumbline_config::{Config, GrayImage, ImuSample, Timestamp, ValidConfig};
+use plumbline_drivers::simulator::Scenario;
+use plumbline_drivers::{
+    BagTopics, CameraMonitor, DriverError, ImuSource, StereoFrame, StereoSource, StopFlag,
+};
+use plumbline_flight::flight::{Cut, Flight, open_recording, open_sensors, open_simulation};
+use std::path::Path;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::thread::{ScopedJoinHandle, scope};
+use std::time::{Duration, Instant};
+
+/// Frames that wait to be looked at.
+const QUEUE: usize = 4;
+/// Samples and frames that are taken in, at most.
+const MAX_SAMPLES: usize = 4_000_000;
+const MAX_FRAMES: usize = 400_000;
+
+/// Opens the beginning of a recording or of a simulated flight. Without a configuration its own calibration is in force.
+///
+/// # Errors
+/// When it cannot be used.
+pub(super) fn open(
+    source: &str,
+    config: Option<ValidConfig>,
+    topics: &BagTopics,
+    seconds: f64,
+) -> Result<Flight> {
+    if let Some(scene) = source.strip_prefix("sim:") {
+        let scenario = Scenario { scene: parse_scene(scene)?, duration_s: seconds, ..Scenario::default() };
+        return Ok(open_simulation(config, &scenario, false, 0.0, None)?);
+    }
+    let cut = Cut { frames: None, seconds: 0.0..seconds };
+    Ok(open_recording(Path::new(source), config, topics, cut, false)?)
+}
+
+/// What is examined.
+pub(super) struct Streams {
+    config: ValidConfig,
+    imu: Box<dyn ImuSource>,
+    stereo: Box<dyn StereoSource>,
+    /// Live ones: for how long they are read, and what ends them.
+    live: Option<(Duration, StopFlag)>,
+    /// What knows the exposure of live cameras.
+    monitor: Option<CameraMonitor>,
+}
+
+impl From<Flight> for Streams {
+    fn from(Flight { config, imu, stereo, .. }: Flight) -> Self {
+        Self { config, imu, stereo, live: None, monitor: None }
+    }
+}
+
+/// The sensors that a configuration names, to be read for so many seconds.
+///
+/// # Errors
+/// When it names none, or one that is there cannot do what is asked of it.
+pub(super) fn open_live(config: &ValidConfig, seconds: f64) -> Result<Streams> {
+    let stop = StopFlag::new();
+    let (flight, sensors) = open_sensors(config, &stop)?;
+    let live = Some((Duration::from_secs_f64(seconds), stop));
+    Ok(Streams { live, monitor: Some(sensors.cameras.monitor), ..Streams::from(flight) })
+}
+
+/// A frame whose images are to be looked at.
+struct Seen {
+    sequence: u64,
+    stamp: Timestamp,
+    images: [Option<GrayImage>; 2],
+}
+
+/// That a frame came, and which of its images.
+type Note = (u64, Timestamp, [bool; 2]);
+
+/// Reads streams to their end, and says how fit their sensors are. Live ones are read at their pace: a frame that comes while
+/// others wait to be looked at is taken note of alone.
+///
+/// # Errors
+/// When a stream breaks off.
+pub(super) fn examine(streams: Streams) -> Result<Report> {
+    let Streams { config, imu, stereo, live, monitor } = streams;
+    let mut checkup = Checkup::new(&config);
+    let (send, receive) = sync_channel(QUEUE);
+    let (frame, is_live) = (StereoFrame::new(sizes_px(&config)), live.is_some());
+    scope(|threads| {
+        let samples = threads.spawn(move || read_samples(imu));
+        let notes = threads.spawn(move || read_frames(stereo, frame, &send, is_live));
+        look(&mut checkup, &receive, live);
+        for (sequence, stamp, arrived) in ended(notes)? {
+            checkup.note_frame(sequence, stamp, arrived);
+        }
+        for (sequence, sample) in ended(samples)? {
+            checkup.add_sample(sequence, &sample);
+        }
+        if let Some(exposure_ns) = monitor.and_then(|monitor| monitor.exposure_ns()) {
+            checkup.tell_exposure(exposure_ns as f64 * 1e-9);
+        }
+        Ok(checkup.report())
+    })
+}
+
+fn sizes_px(config: &Config) -> [(usize, usize); 2] {
+    [0, 1].map(|k| config.camera.get(k).map_or((0, 0), |camera| (camera.width_px, camera.height_px)))
+}
+
+/// Looks at what comes until nothing comes any more; live streams are ended when their time is over.
+fn look(checkup: &mut Checkup, receive: &Receiver<Seen>, mut live: Option<(Duration, StopFlag)>) {
+    let begin = Instant::now();
+    loop {
+        let seen = match &live {
+            None => receive.recv().map_err(|_| RecvTimeoutError::Disconnected),
+            Some((length, _)) => receive.recv_timeout(length.saturating_sub(begin.elapsed())),
+        };
+        match seen {
+            Ok(seen) => {
+                let [left, right] = &seen.images;
+                let images = [left.as_ref().map(GrayImage::view), right.as_ref().map(GrayImage::view)];
+                checkup.look_at(&Frame { sequence: seen.sequence, stamp: seen.stamp, images });
+            }
+            Err(RecvTimeoutError::Disconnected) => return,
+            Err(RecvTimeoutError::Timeout) => {}
+        }
+        if live.as_ref().is_some_and(|(length, _)| begin.elapsed() >= *length)
+            && let Some((_, stop)) = live.take()
+        {
+            stop.stop();
+        }
+    }
+}
+
+/// What a thread brought.
+fn ended<T>(thread: ScopedJoinHandle<'_, Result<T, DriverError>>) -> Result<T> {
+    Ok(thread.join().map_err(|_| anyhow!("a thread that reads a sensor panicked"))??)
+}
+
+fn read_samples(mut source: Box<dyn ImuSource>) -> Result<Vec<(u64, ImuSample)>, DriverError> {
+    let mut samples = Vec::new();
+    while let Some(reading) = source.next_reading()? {
+        if samples.len() == MAX_SAMPLES {
+            break;
+        }
+        samples.push((reading.sequence, reading.sample));
+    }
+    Ok(samples)
+}
+
+fn read_frames(
+    mut source: Box<dyn StereoSource>,
+    mut frame: StereoFrame,
+    send: &SyncSender<Seen>,
+    is_live: bool,
+) -> Result<Vec<Note>, DriverError> {
+    let mut notes = Vec::new();
+    while notes.len() < MAX_FRAMES && source.next_frame(&mut frame)? {
+        notes.push((frame.sequence, frame.stamp, frame.valid));
+        let image = |camera: usize| frame.valid[camera].then(|| frame.images[camera].clone());
+        let seen = Seen { sequence: frame.sequence, stamp: frame.stamp, images: [image(0), image(1)] };
+        if is_live {
+            // Full: noted, and not looked at.
+            let _ = send.try_send(seen);
+        } else if send.send(seen).is_err() {
+            // Nobody listens any more when the checkup panicked, which is told where it is joined.
+            break;
+        }
+    }
+    Ok(notes)
+}

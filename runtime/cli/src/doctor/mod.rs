@@ -1,0 +1,200 @@
+//! `plumbline doctor`: whether this host, this configuration and these sensors are fit for a flight.
+//!
+//! Without a source it looks at the host ([`host`]) and at what else a flight needs ([`certificates`], [`disk`], [`autopilot`]);
+//! with one, or live, at what the sensors deliver ([`data`]), which is judged by the crate `plumbline-checkup`.
+
+mod autopilot;
+mod certificates;
+mod data;
+mod disk;
+mod host;
+mod verdict;
+
+use super::topics::TopicArgs;
+use super::{Usage, load_config, say};
+use anyhow::{Result, bail};
+use clap::Args;
+use plumbline_checkup::{Measure, Report, Verdict};
+use plumbline_config::Config;
+use plumbline_flight::flight::with_overrides;
+use plumbline_flight::schedule::tasks::TaskTable;
+use serde_json::{Value, json};
+use std::path::PathBuf;
+use std::time::{Duration, SystemTime};
+use verdict::Check;
+
+const EXAMPLES: &str = "Examples:
+  plumbline doctor --config my.toml             the host: priorities, memory, timer; certificates; the autopilot
+  plumbline doctor --config my.toml --record /data
+                                                and whether the disk takes a recording
+  plumbline doctor --config my.toml --live      and the configured sensors, for half a minute
+  plumbline doctor V1_01_easy                   what a recording says of its sensors
+  plumbline doctor log.mcap --json              the same of a flight log, for programs
+
+Let the vehicle stand for three seconds, then turn it by hand about all axes in front of something with texture: gravity and
+biases are measured at rest, time offset and rotation between camera and IMU in motion, vibration with motors running.
+Exit status 1 when something speaks against a flight.";
+
+/// Seconds of data that are looked at without `--seconds`.
+const SECONDS: f64 = 30.0;
+/// Longest time that may be asked for.
+const MAX_SECONDS: f64 = 3600.0;
+
+/// Arguments of `plumbline doctor`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct DoctorArgs {
+    /// Look at the data of a EuRoC data set, a flight log, a ROS 2 bag (with --config) or a simulated flight (sim:room), rather
+    /// than at this host.
+    pub source: Option<String>,
+    /// Configuration file or preset. Without one: the calibration of the source, for the host the preset `sim`.
+    #[arg(long)]
+    pub config: Option<PathBuf>,
+    /// Change a key of the configuration, such as runtime.tick_cpus=[0]; may be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub overrides: Vec<String>,
+    /// Look at what the configured sensors deliver, besides this host.
+    #[arg(long, requires = "config", conflicts_with = "source")]
+    pub live: bool,
+    /// Folder that flights are recorded into: its room and its speed are tried.
+    #[arg(long, value_name = "FOLDER", conflicts_with = "source")]
+    pub record: Option<PathBuf>,
+    /// How long the timer of the host is watched, seconds.
+    #[arg(long, default_value_t = 2.0)]
+    pub watch: f64,
+    /// How much of the data is looked at, seconds. Default 30.
+    #[arg(long, value_name = "N")]
+    pub seconds: Option<f64>,
+    /// Topics of a bag.
+    #[command(flatten)]
+    pub topics: TopicArgs,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Runs the command: a line for each check.
+///
+/// # Errors
+/// When the configuration is refused, the source cannot be used, or what it holds is not fit to fly.
+pub fn run(args: &DoctorArgs) -> Result<()> {
+    let is_length = |seconds: f64| seconds > 0.0 && seconds <= MAX_SECONDS;
+    if !is_length(args.watch) {
+        return Err(Usage("--watch: give up to 3600 seconds".into()).into());
+    }
+    let seconds = args.seconds.unwrap_or(SECONDS);
+    if !is_length(seconds) {
+        return Err(Usage("--seconds: give up to 3600 seconds".into()).into());
+    }
+    let config = load_config(args.config.as_deref())?;
+    if let Some(source) = &args.source {
+        let mut flight = data::open(source, config, &args.topics.names()?, seconds)?;
+        flight.config = with_overrides(&flight.config, &args.overrides)?;
+        return tell(args, None, Some((flight.name.clone(), data::examine(flight.into())?)));
+    }
+    if args.seconds.is_some() && !args.live {
+        return Err(Usage("--seconds: name a source whose data are looked at, or give --live".into()).into());
+    }
+    let config = config.map_or_else(|| Config::preset("sim"), Ok)?;
+    let config = with_overrides(&config, &args.overrides)?;
+    // Opened first: what is wrong with the configuration of the sensors is told at once.
+    let streams = args.live.then(|| data::open_live(&config, seconds)).transpose()?;
+    let report = streams.map(data::examine).transpose()?;
+    let table = TaskTable::new(&config, 1.0);
+    let mut checks = host::checks(&config, &table, Duration::from_secs_f64(args.watch));
+    checks.push(("certificates", certificates::check(&config.network.tls, SystemTime::now())));
+    checks.extend(args.record.as_ref().map(|folder| ("disk", disk::check(&config, folder))));
+    checks.push(("autopilot", autopilot::check(&config.autopilot)));
+    tell(args, Some((checks, table)), report.map(|report| ("the configured sensors".to_owned(), report)))
+}
+
+/// What was found of the host, and of the sensors of a source.
+fn tell(
+    args: &DoctorArgs,
+    host: Option<(Vec<Check>, TaskTable)>,
+    sensors: Option<(String, Report)>,
+) -> Result<()> {
+    if args.json {
+        say(serde_json::to_string_pretty(&as_json(host.as_ref(), sensors.as_ref()))?);
+    } else {
+        host.iter().for_each(|(checks, table)| print_host(checks, table));
+        sensors.iter().for_each(|(name, report)| print(name, report));
+    }
+    let (checks, measures) = (all_checks(host.as_ref()), all_measures(sensors.as_ref()));
+    let checks_against = checks.iter().filter(|(_, verdict)| verdict.is_not_fit()).map(|(name, _)| *name);
+    let measures_against = measures.iter().filter(|m| m.verdict == Verdict::NotFit).map(|m| m.name);
+    let against: Vec<&str> = checks_against.chain(measures_against).collect();
+    if !against.is_empty() {
+        bail!("not fit to fly: {}", against.join(", "));
+    }
+    if !args.json {
+        let poor = checks.iter().filter(|(_, verdict)| verdict.is_poor()).count();
+        let to_mind = measures.iter().filter(|m| m.verdict == Verdict::Mind).count();
+        say(format_args!("\n{}", fit(poor + to_mind)));
+    }
+    Ok(())
+}
+
+fn all_checks(host: Option<&(Vec<Check>, TaskTable)>) -> &[Check] {
+    host.map_or(&[], |(checks, _)| checks)
+}
+
+fn all_measures(sensors: Option<&(String, Report)>) -> &[Measure] {
+    sensors.map_or(&[], |(_, report)| &report.measures)
+}
+
+fn fit(to_mend: usize) -> String {
+    match to_mend {
+        0 => "Fit to fly.".to_owned(),
+        1 => "Fit to fly, with one thing to mend.".to_owned(),
+        n => format!("Fit to fly, with {n} things to mend."),
+    }
+}
+
+fn print_host(checks: &[Check], table: &TaskTable) {
+    for (name, verdict) in checks {
+        let (mark, words) = verdict.told();
+        say(format_args!("{mark:<7}  {name:<19} {words}"));
+    }
+    say(format_args!("\nTasks of a flight at these rates:\n{table}"));
+}
+
+/// A line for each measure, and its cure below it.
+fn print(name: &str, report: &Report) {
+    say(format_args!("{name}:"));
+    for measure in &report.measures {
+        say(format_args!("{:<13} {:<31} {}", measure.verdict, measure.name, measure.value));
+        if !measure.cure.is_empty() {
+            say(format_args!("{:<13} {:<31} -> {}", "", "", measure.cure));
+        }
+    }
+}
+
+fn as_json(host: Option<&(Vec<Check>, TaskTable)>, sensors: Option<&(String, Report)>) -> Value {
+    let is_host_fit = !all_checks(host).iter().any(|(_, verdict)| verdict.is_not_fit());
+    let mut all = json!({"fit": is_host_fit && sensors.is_none_or(|(_, report)| report.is_fit())});
+    if let Some((checks, _)) = host {
+        let checks = checks.iter().map(|(name, verdict)| {
+            let (mark, words) = verdict.told();
+            json!({"name": name, "verdict": mark, "value": words})
+        });
+        all["host"] = checks.collect();
+    }
+    if let Some((name, report)) = sensors {
+        all["source"] = json!(name);
+        all["measures"] = report.measures.iter().map(measure_json).collect();
+    }
+    all
+}
+
+fn measure_json(measure: &Measure) -> Value {
+    let figures: serde_json::Map<String, Value> =
+        measure.figures.iter().map(|(name, value)| ((*name).to_owned(), json!(value))).collect();
+    json!({
+        "name": measure.name,
+        "verdict": measure.verdict.to_string(),
+        "value": measure.value,
+        "cure": measure.cure,
+        "figures": figures,
+    })
+}

@@ -1,0 +1,114 @@
+//! `plumbline evaluate`: a trajectory against its ground truth.
+
+use super::say;
+use anyhow::Result;
+use clap::{Args, ValueEnum};
+use plumbline_lab::evaluate::{
+    AlignmentMode, Delta, EvaluateOptions, Evaluation, Statistics, evaluate, load_trajectory,
+};
+use std::path::PathBuf;
+
+/// Arguments of `plumbline evaluate`.
+#[derive(Debug, Args)]
+pub struct EvaluateArgs {
+    /// Estimated trajectory (TUM).
+    pub estimate: PathBuf,
+    /// Ground truth: TUM (plain or .gz), a EuRoC ground truth table, or a EuRoC data set.
+    pub truth: PathBuf,
+    /// Freedom of the alignment.
+    #[arg(long, value_enum, default_value_t = Align::Se3)]
+    pub align: Align,
+    /// Distance of relative errors in frames.
+    #[arg(long, default_value_t = 1, conflicts_with = "delta_m")]
+    pub delta_frames: usize,
+    /// Distance of relative errors in metres.
+    #[arg(long)]
+    pub delta_m: Option<f64>,
+    /// Relative errors from every pose, not only consecutive ones.
+    #[arg(long)]
+    pub all_pairs: bool,
+    /// Largest difference of the stamps of a pair, seconds.
+    #[arg(long, default_value_t = 0.01)]
+    pub max_difference: f64,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Freedom of the alignment.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Align {
+    /// As they are.
+    None,
+    /// First poses coincide.
+    Origin,
+    /// Position and yaw.
+    Yaw,
+    /// Position and attitude.
+    Se3,
+    /// Position, attitude and scale.
+    Sim3,
+}
+
+impl From<Align> for AlignmentMode {
+    fn from(align: Align) -> Self {
+        match align {
+            Align::None => Self::None,
+            Align::Origin => Self::Origin,
+            Align::Yaw => Self::Yaw,
+            Align::Se3 => Self::Se3,
+            Align::Sim3 => Self::Sim3,
+        }
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When a file cannot be read or the trajectories have too little in common.
+pub fn run(args: &EvaluateArgs) -> Result<()> {
+    let delta = args.delta_m.map_or(Delta::Frames(args.delta_frames), Delta::Metres);
+    let options = EvaluateOptions {
+        max_difference_s: args.max_difference,
+        alignment: args.align.into(),
+        delta,
+        all_pairs: args.all_pairs,
+    };
+    let result = evaluate(&load_trajectory(&args.estimate)?, &load_trajectory(&args.truth)?, &options)?;
+    if args.json {
+        say(format_args!("{}", serde_json::to_string_pretty(&result)?));
+    } else {
+        print(&result);
+    }
+    Ok(())
+}
+
+fn print(e: &Evaluation) {
+    say(format_args!("{:<14}{:>12}{:>12}{:>12}{:>12}{:>12}", "", "rmse", "mean", "median", "std", "max"));
+    let row = |name: &str, s: &Statistics| {
+        say(format_args!(
+            "{name:<14}{:>12.6}{:>12.6}{:>12.6}{:>12.6}{:>12.6}",
+            s.rmse, s.mean, s.median, s.std, s.max
+        ));
+    };
+    row("ATE [m]", &e.ate_m);
+    row("ATE [deg]", &e.ate_rotation_deg);
+    if let Some(rpe) = &e.rpe {
+        row("RPE [m]", &rpe.translation_m);
+        row("RPE [deg]", &rpe.rotation_deg);
+    }
+    say(format_args!(
+        "{} pairs over {:.2} m; {:.1} % of the reference's time has an estimate",
+        e.associated,
+        e.path_length_m,
+        100.0 * e.completion
+    ));
+    let percent = 100.0 * e.ate_m.rmse / e.path_length_m.max(1e-9);
+    let optional =
+        |x: Option<f64>, unit: &str| x.map_or_else(|| "unknown".into(), |x| format!("{x:+.3} {unit}"));
+    say(format_args!(
+        "ATE {percent:.3} % of the path; scale error {}; yaw drift {}",
+        optional(e.scale_error_percent, "%"),
+        optional(e.yaw_drift_deg_per_min, "deg/min")
+    ));
+}

@@ -1,0 +1,149 @@
+//! One rule for the exit status of every command.
+//!
+//! 0: what was asked for was done. 2: it was asked for wrongly, and asking again in the same way cannot help: arguments,
+//! configuration, endpoints, an input that is not there or is not of the kind that was asked for, an output that may
+//! not be written. 3: a task of a live flight ended or stands still by a fault of the program, so that the process is to be
+//! started again, as the systemd unit does. 1: everything else that went wrong.
+
+use super::Usage;
+use plumbline_config::ConfigError;
+use plumbline_drivers::DriverError;
+use plumbline_flight::flight::FlightError;
+use plumbline_flight::log::LogError;
+use plumbline_flight::pipeline::RunError;
+use plumbline_flight::places::frames::PlacesError;
+use plumbline_flight::places::{MapDefect, MapFileError};
+use plumbline_lab::calibrate::camera::ImagesError;
+use plumbline_lab::calibrate::rig::RigError;
+use plumbline_link::net::NetError;
+use plumbline_link::net::keys::KeysError;
+use std::error::Error;
+use std::io::ErrorKind;
+use std::time::Duration;
+
+/// The run failed.
+const FAILED: u8 = 1;
+/// Wrong usage or configuration, or an input that is not there.
+const USAGE: u8 = 2;
+
+/// A fault of the program ended a live flight.
+const FAULT: u8 = 3;
+/// A run that cannot go on has this long to end: to tell the autopilot, and to write its log.
+const LAST_WORDS: Duration = Duration::from_millis(400);
+
+/// Ends the process when a run that cannot go on does not end by itself, as one with a thread that spins cannot.
+pub fn last_resort() {
+    let ended = std::thread::Builder::new().name("last-resort".into()).spawn(|| {
+        std::thread::sleep(LAST_WORDS);
+        std::process::exit(FAULT.into());
+    });
+    if ended.is_err() {
+        std::process::exit(FAULT.into());
+    }
+}
+
+/// The exit status of a command that ended with `error`.
+#[must_use]
+pub fn exit_status(error: &anyhow::Error) -> u8 {
+    if error.chain().filter_map(|cause| cause.downcast_ref::<RunError>()).any(RunError::is_fault) {
+        return FAULT;
+    }
+    if error.chain().any(is_usage) { USAGE } else { FAILED }
+}
+
+fn is_usage(cause: &(dyn Error + 'static)) -> bool {
+    if cause.is::<Usage>() || cause.is::<ConfigError>() {
+        return true;
+    }
+    if let Some(error) = cause.downcast_ref::<std::io::Error>() {
+        return matches!(
+            error.kind(),
+            ErrorKind::NotFound | ErrorKind::IsADirectory | ErrorKind::NotADirectory
+        );
+    }
+    if let Some(error) = cause.downcast_ref::<FlightError>() {
+        return error.is_usage();
+    }
+    if let Some(RigError::Flight(error)) = cause.downcast_ref::<RigError>() {
+        return is_usage(error);
+    }
+    is_wrong_input(cause) || is_wrong_endpoint(cause)
+}
+
+/// Whether a recording, a device, images or a map cannot be what was meant.
+fn is_wrong_input(cause: &(dyn Error + 'static)) -> bool {
+    if let Some(error) = cause.downcast_ref::<DriverError>() {
+        return matches!(
+            error,
+            DriverError::Scenario(_)
+                | DriverError::Missing { .. }
+                | DriverError::Refused { .. }
+                | DriverError::Device { .. }
+                | DriverError::ImuAddress(_)
+        );
+    }
+    if let Some(error) = cause.downcast_ref::<PlacesError>() {
+        return match error {
+            PlacesError::Driver(error) => is_usage(error),
+            PlacesError::Map(error) => is_usage(error),
+            PlacesError::Config(_) | PlacesError::Nothing(_) => true,
+        };
+    }
+    if let Some(error) = cause.downcast_ref::<ImagesError>() {
+        return match error {
+            ImagesError::Layout { .. } => true,
+            ImagesError::Write { .. } => false,
+            ImagesError::Io { source, .. } => is_usage(source),
+            ImagesError::Image(error) => is_usage(error),
+        };
+    }
+    match cause.downcast_ref::<MapFileError>() {
+        Some(MapFileError::Read { source, .. }) => is_usage(source),
+        Some(MapFileError::Defect { defect, .. }) => {
+            matches!(defect, MapDefect::Foreign | MapDefect::Version { .. })
+        }
+        Some(MapFileError::Write { .. }) | None => matches!(
+            cause.downcast_ref::<LogError>(),
+            Some(LogError::Exists { .. } | LogError::NotALog { .. })
+        ),
+    }
+}
+
+/// Whether an endpoint or a key file cannot be what was meant.
+fn is_wrong_endpoint(cause: &(dyn Error + 'static)) -> bool {
+    if let Some(error) = cause.downcast_ref::<NetError>() {
+        return matches!(
+            error,
+            NetError::Endpoint { .. } | NetError::File { .. } | NetError::Datagrams { .. }
+        );
+    }
+    match cause.downcast_ref::<KeysError>() {
+        None | Some(KeysError::Certificate { .. }) => false,
+        Some(KeysError::File { error, .. }) => is_usage(error),
+        Some(_) => true,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use anyhow::{Context as _, anyhow};
+
+    #[test]
+    fn wrong_usage_is_told_from_a_run_that_failed_also_below_other_causes() {
+        let io = |kind: ErrorKind| anyhow::Error::from(std::io::Error::from(kind)).context("out.tum");
+        assert_eq!(exit_status(&io(ErrorKind::NotFound)), 2);
+        assert_eq!(exit_status(&io(ErrorKind::StorageFull)), 1);
+        let usage =
+            Err::<(), _>(Usage("--speed: give a positive number".into())).context("replay").unwrap_err();
+        assert_eq!(exit_status(&usage), 2);
+        let taken = NetError::Taken { endpoint: "tcp/127.0.0.1:7447".into() };
+        assert_eq!(exit_status(&taken.into()), 1);
+        let wrong = NetError::Endpoint { endpoint: "x".into(), reason: "names no protocol".into() };
+        assert_eq!(exit_status(&wrong.into()), 2);
+        assert_eq!(exit_status(&anyhow!("no pose was found")), 1);
+        let fault = || RunError::Fault("tick");
+        assert_eq!(exit_status(&anyhow::Error::from(FlightError::from(fault())).context("fly")), 3);
+        assert_eq!(exit_status(&RunError::Stalled("window").into()), 3);
+    }
+}

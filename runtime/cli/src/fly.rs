@@ -1,0 +1,353 @@
+//! `plumbline fly`: live, from the sensors that a configuration names.
+
+use super::exit_status::last_resort;
+use super::progress::{Glance, Progress};
+use super::{Usage, check_outputs, load_config, say_within, stop_on_signal};
+use anyhow::{Context, Result};
+use clap::Args;
+use plumbline_config::ValidConfig;
+use plumbline_drivers::tum::write_tum;
+use plumbline_drivers::{StampedPose, StopFlag};
+use plumbline_estimator::places::Mapper;
+use plumbline_flight::flight::plausibility::Finding;
+use plumbline_flight::flight::plausibility::watch::Watch;
+use plumbline_flight::flight::sensor_watch::SensorWatch;
+use plumbline_flight::flight::{
+    Flight, FlightError, Flown, Outputs, ResetCount, fly, is_log, open_sensors, plausibility, with_overrides,
+};
+use plumbline_flight::log::{LogError, WhenFull};
+use plumbline_flight::pipeline::{Control, RunOptions, Stamps};
+use plumbline_flight::places::{MapContents, read_known_map, write_map};
+use plumbline_lab::report::Report;
+use plumbline_link::net::{Endpoints, Publisher};
+use plumbline_link::ros::RosOutput;
+use std::io::{IsTerminal, Write as _};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant, SystemTime};
+
+/// Arguments of `plumbline fly`.
+// Help texts name tables of the configuration in brackets.
+#[allow(rustdoc::broken_intra_doc_links)]
+#[derive(Debug, Args)]
+#[command(after_help = "\
+The IMU is that of driver.imu, the cameras are those of driver.v4l2 or of driver.frames; `plumbline devices` lists what is
+there. Sensors may be missing at the start and may be unplugged in flight: they are taken as soon as they are there.
+Ctrl-C (SIGINT) or SIGTERM ends the flight, and the report is written.
+
+Examples:
+  plumbline devices                                    what is there, by the names that stay
+  plumbline config euroc > drone.toml                  every key with its comment: calibration, [driver.imu], [driver.v4l2]
+  plumbline doctor --config drone.toml                 is this computer fit for it?
+  plumbline fly --config drone.toml --record /var/log  a log of each flight, in a folder")]
+pub struct FlyArgs {
+    /// Configuration of the drone: its calibration, where its sensors are, and who is told.
+    #[arg(long)]
+    pub config: PathBuf,
+    /// Change a key of the configuration, such as driver.imu.delay_s=0.0025; may be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub overrides: Vec<String>,
+    /// Record the flight: in this file, or in a new one in this folder, named by the time (UTC). How much of it, the
+    /// configuration's [recorder] says.
+    #[arg(long, value_name = "LOG.mcap|FOLDER")]
+    pub record: Option<PathBuf>,
+    /// Write the report (JSON) at the end.
+    #[arg(long, value_name = "OUT.json")]
+    pub report: Option<PathBuf>,
+    /// Write the causal trajectory (TUM format) at the end: that of the first 36,000 frames.
+    #[arg(long, value_name = "OUT.tum")]
+    pub trajectory: Option<PathBuf>,
+    /// Go on with a map: poses are then known in its frame, once the place has been recognized.
+    #[arg(long, value_name = "IN.map")]
+    pub map: Option<PathBuf>,
+    /// Keep the map of the flight, that of --map included: at the end, and whenever `plumbline map save` asks for it.
+    #[arg(long, value_name = "OUT.map")]
+    pub save_map: Option<PathBuf>,
+    /// Publish over Zenoh: listen here too, beside network.listen, such as tcp/0.0.0.0:7447.
+    #[arg(long, value_name = "ENDPOINT")]
+    pub listen: Vec<String>,
+    /// Publish over Zenoh: connect to this router or ground station too, beside network.connect.
+    #[arg(long, value_name = "ENDPOINT")]
+    pub connect: Vec<String>,
+    /// Keep here what is to outlast the program: the count of resets goes on from one start to the next. What systemd names
+    /// (STATE_DIRECTORY) without.
+    #[arg(long, value_name = "FOLDER")]
+    pub state: Option<PathBuf>,
+    /// End after so many seconds; only when told to without.
+    #[arg(long, value_name = "S")]
+    pub duration: Option<f64>,
+    /// 1 tracks a frame on one thread, 2 and more share the work on it. The window is solved beside it in any case.
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=8))]
+    pub threads: u8,
+    /// Print the report as JSON instead of the summary.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Logs that a folder may hold of one second.
+const MAX_LOGS_A_SECOND: usize = 10_000;
+/// The summary of a flight that is over waits so long for the terminal.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// Runs the command.
+///
+/// # Errors
+/// When the configuration or a device cannot be used, or the run fails.
+pub fn run(args: &FlyArgs) -> Result<()> {
+    if args.duration.is_some_and(|s| !(s > 0.0 && s.is_finite())) {
+        return Err(Usage("--duration: give a positive number of seconds".into()).into());
+    }
+    check_outputs([&args.report, &args.trajectory, &args.save_map].into_iter().flatten())?;
+    let log = args.record.as_deref().map(|path| log_path(path, SystemTime::now())).transpose()?;
+    let config = config(args)?;
+    let stop = stop_on_signal()?;
+    let (mut flight, sensors) = open_sensors(&config, &StopFlag::of(Arc::clone(&stop)))
+        .with_context(|| format!("{}", args.config.display()))?;
+    if let Some(path) = &args.map {
+        flight.map = Some(read_known_map(path, Mapper::limits(config.setup()))?);
+    }
+    let mut resets = state_folder(args).map(|folder| ResetCount::resume(&folder));
+    flight.first_reset_counter = resets.as_ref().map_or(0, ResetCount::first);
+    let control = Arc::new(Control::stopped_by(Arc::clone(&stop)).with_last_resort(last_resort));
+    let mut outputs = start_outputs(args, &flight, log.as_deref(), &control)?;
+    let mut progress = start_progress()?;
+    let mut watch = Watch::start(&config, true, Vec::new())?;
+    let sensor_watch = SensorWatch::start(&sensors)?;
+    let end = args.duration.map(|s| End::after(Duration::from_secs_f64(s), &stop)).transpose()?;
+    let options = RunOptions { speed: Some(1.0), threads: usize::from(args.threads) };
+    let mut subscribers = outputs.subscribers();
+    subscribers.insert(0, &mut progress);
+    subscribers.insert(0, &mut watch);
+    if let Some(resets) = &mut resets {
+        subscribers.insert(0, resets);
+    }
+    // Also of a flight that a fault has ended the autopilot is told, and the log is written.
+    let (flown, outputs) = (fly(flight, &options, &control, subscribers), outputs.finish());
+    let flown = flown?;
+    progress.finish();
+    drop(sensor_watch);
+    let is_over = end.is_some_and(End::has_come);
+    let report = Report::new(&flown).with(outputs).of_sensors(&sensors).warning_of(warnings(watch, &flown));
+    write_outputs(args, &flown, &report)?;
+    let frames = report.frames;
+    anyhow::ensure!(
+        !is_over || report.completion > 0.0,
+        "no pose was found in {frames} frames: see `sensors` of the report"
+    );
+    if let Some(recording) = report.recording.as_ref().filter(|recording| recording.has_failed) {
+        anyhow::bail!("the recording failed: {recording}");
+    }
+    Ok(())
+}
+
+fn config(args: &FlyArgs) -> Result<ValidConfig> {
+    let config = load_config(Some(&args.config))?;
+    let config = config.ok_or_else(|| Usage("--config: name a configuration".into()))?;
+    Ok(with_overrides(&config, &args.overrides)?)
+}
+
+/// Where the flight is recorded: the file that was named, or a new one in the folder that was.
+fn log_path(named: &Path, now: SystemTime) -> Result<PathBuf, Usage> {
+    if named.is_dir() {
+        let now = time::OffsetDateTime::from(now);
+        let (date, time) = (now.date(), now.time());
+        let (month, day) = (u8::from(date.month()), date.day());
+        let (hour, minute, second) = time.as_hms();
+        let year = date.year();
+        let name = format!("{year:04}-{month:02}-{day:02}T{hour:02}-{minute:02}-{second:02}Z");
+        // A computer without a clock of its own may begin with the same second each time, and must fly all the same.
+        let numbered = (2..).map(|k| named.join(format!("{name}-{k}.mcap")));
+        let names = std::iter::once(named.join(format!("{name}.mcap"))).chain(numbered);
+        return names
+            .take(MAX_LOGS_A_SECOND)
+            .find(|path| !path.exists())
+            .ok_or_else(|| Usage(format!("--record {}: is full of logs of {name}", named.display())));
+    }
+    if !is_log(named) {
+        let named = named.display();
+        return Err(Usage(format!(
+            "--record {named}: name a file with the ending .mcap, or a folder that is there"
+        )));
+    }
+    Ok(named.to_owned())
+}
+
+/// Those whom the configuration names.
+fn start_outputs(
+    args: &FlyArgs,
+    flight: &Flight,
+    log: Option<&Path>,
+    control: &Arc<Control>,
+) -> Result<Outputs> {
+    let config = &flight.config;
+    let mut outputs = Outputs::default();
+    if !config.autopilot.connect.is_empty() {
+        outputs.pilot(flight)?;
+    }
+    if let Some(path) = log {
+        record(&mut outputs, path, flight)?;
+    }
+    if let Some(path) = &args.save_map {
+        outputs.save_map(path, control)?;
+    }
+    let endpoints = Endpoints::of(&config.network).and(&args.listen, &args.connect);
+    let has_network = !endpoints.listen.is_empty() || !endpoints.connect.is_empty() || endpoints.scouting;
+    if has_network {
+        outputs.add(Publisher::start_patiently(config, &endpoints, Arc::clone(control))?);
+    }
+    if config.ros.enabled {
+        let (vehicle, rot_v_b) = (&endpoints.vehicle, config.vehicle.rot_v_b());
+        outputs.add(RosOutput::start(&config.ros, vehicle, rot_v_b, Stamps::OfHost)?);
+    }
+    if !has_network && !config.ros.enabled && config.autopilot.connect.is_empty() && log.is_none() {
+        tracing::warn!(
+            "nobody hears of this flight: name an autopilot (autopilot.connect), a network (network.listen or --listen), or \
+             --record"
+        );
+    }
+    Ok(outputs)
+}
+
+/// Records the flight; a disk that takes no log keeps nobody from flying.
+fn record(outputs: &mut Outputs, path: &Path, flight: &Flight) -> Result<(), FlightError> {
+    match outputs.record(path, flight, WhenFull::Drop) {
+        Err(FlightError::Log(error @ LogError::Io { .. })) => {
+            tracing::error!("{error}: this flight is not recorded");
+            Ok(())
+        }
+        outcome => outcome,
+    }
+}
+
+/// Where is kept what is to outlast the program, if anywhere.
+fn state_folder(args: &FlyArgs) -> Option<PathBuf> {
+    let of_systemd = || std::env::var("STATE_DIRECTORY").ok().filter(|names| !names.is_empty());
+    // Of several, the first.
+    let first = |names: String| names.split(':').next().map(PathBuf::from);
+    args.state.clone().or_else(|| of_systemd().and_then(first))
+}
+
+/// A line a second on a terminal; nothing elsewhere, where it would fill a journal.
+fn start_progress() -> std::io::Result<Progress> {
+    let is_terminal = std::io::stdout().is_terminal();
+    let (mut next, mut end) = (Instant::now(), "");
+    let show = move |glance: &Glance| {
+        if !is_terminal || Instant::now() < next {
+            return;
+        }
+        next = Instant::now() + Duration::from_secs(1);
+        let mut out = std::io::stdout().lock();
+        let _ = write!(out, "\r{}\x1b[K", words(glance));
+        let _ = out.flush();
+    };
+    if is_terminal {
+        end = "\n";
+    }
+    Progress::start(show, move || print!("{end}"))
+}
+
+fn words(glance: &Glance) -> String {
+    let (frames, frame_ms) = (glance.frames, glance.frame_ms);
+    if !glance.has_pose {
+        return format!("no pose yet  frames {frames}  points {}  frame {frame_ms:.1} ms", glance.points);
+    }
+    let p = glance.pose_o_b.translation.vector;
+    format!(
+        "{:>7.2} {:>7.2} {:>7.2} m  speed {:.2} m/s  quality {}  points {}  frames {frames}  frame {frame_ms:.1} ms",
+        p.x,
+        p.y,
+        p.z,
+        glance.v_o_b.norm(),
+        glance.quality,
+        glance.points
+    )
+}
+
+/// All that is wrong with what was flown.
+fn warnings(watch: Watch, flown: &Flown) -> Vec<Finding> {
+    let mut warnings = watch.finish();
+    let faults = &flown.outcome.faults;
+    if let Some(finding) = plausibility::of_faults(faults.imu, faults.cameras) {
+        tracing::warn!("{finding}");
+        warnings.push(finding);
+    }
+    warnings
+}
+
+fn write_outputs(args: &FlyArgs, flown: &Flown, report: &Report) -> Result<()> {
+    if let Some(path) = &args.trajectory {
+        let poses: Vec<_> =
+            flown.poses.iter().map(|p| StampedPose { stamp: p.stamp, pose: p.pose_o_b }).collect();
+        write_tum(path, &poses)?;
+    }
+    if let (Some(path), Some(places)) = (&args.save_map, &flown.outcome.places) {
+        write_map(path, &MapContents::of(places.mapper.map()))?;
+    }
+    let json = serde_json::to_string_pretty(report)?;
+    if let Some(path) = &args.report {
+        std::fs::write(path, &json).with_context(|| format!("{}", path.display()))?;
+    }
+    say_within(PATIENCE, if args.json { json } else { report.summary() });
+    Ok(())
+}
+
+/// Ends a flight after a time.
+struct End {
+    cancel: Sender<()>,
+    thread: JoinHandle<bool>,
+}
+
+impl End {
+    fn after(time: Duration, stop: &Arc<AtomicBool>) -> std::io::Result<Self> {
+        let (cancel, cancelled) = channel();
+        let stop = Arc::clone(stop);
+        let thread = std::thread::Builder::new().name("end".into()).spawn(move || {
+            let has_come = cancelled.recv_timeout(time) == Err(RecvTimeoutError::Timeout);
+            if has_come {
+                stop.store(true, Ordering::Relaxed);
+            }
+            has_come
+        })?;
+        Ok(Self { cancel, thread })
+    }
+
+    /// Whether the time was over before anything else ended the flight.
+    fn has_come(self) -> bool {
+        drop(self.cancel);
+        self.thread.join().unwrap_or(false)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_log_is_named_or_gets_the_name_of_its_time() {
+        let folder = tempfile::tempdir().unwrap();
+        let now = SystemTime::UNIX_EPOCH + Duration::from_secs(1_763_813_106);
+        let log = log_path(folder.path(), now).unwrap();
+        assert_eq!(log, folder.path().join("2025-11-22T12-05-06Z.mcap"));
+        for next in ["2025-11-22T12-05-06Z-2.mcap", "2025-11-22T12-05-06Z-3.mcap"] {
+            std::fs::write(log_path(folder.path(), now).unwrap(), "").unwrap();
+            assert_eq!(log_path(folder.path(), now).unwrap(), folder.path().join(next));
+        }
+        assert_eq!(log_path(Path::new("a.mcap"), now).unwrap(), Path::new("a.mcap"));
+        assert!(log_path(Path::new("/nowhere/a"), now).unwrap_err().0.contains("folder that is there"));
+    }
+
+    #[test]
+    fn a_flight_ends_after_its_time_or_before() {
+        let stop = Arc::new(AtomicBool::new(false));
+        assert!(!End::after(Duration::from_secs(60), &stop).unwrap().has_come());
+        assert!(!stop.load(Ordering::Relaxed));
+        let end = End::after(Duration::from_millis(1), &stop).unwrap();
+        while !stop.load(Ordering::Relaxed) {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        assert!(end.has_come());
+    }
+}

@@ -1,0 +1,195 @@
+//! `plumbline ground`: watch vehicles from afar, in the browser and in the terminal.
+
+use super::access::AccessArgs;
+use super::{check_outputs, say, stop_on_signal};
+use anyhow::{Context, Result, bail};
+use clap::Args;
+use plumbline_ground::connection::Connection;
+use plumbline_ground::fleet::Fleet;
+use plumbline_ground::{self as ground, lock, view, web};
+use plumbline_link::net::{Endpoints, Mode, NetError, audit, diagnosis, security};
+use std::io::IsTerminal;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+/// Whether the command is over is looked at this often while the connection is opened.
+const LOOK: Duration = Duration::from_millis(100);
+/// What still goes on at the end may take this long.
+const END_PATIENCE: Duration = Duration::from_millis(300);
+/// Where a station looks when it is told nothing.
+const DEFAULT_CONNECT: &str = "tcp/127.0.0.1:7447";
+
+/// Arguments of `plumbline ground`.
+#[derive(Debug, Args)]
+pub struct GroundArgs {
+    /// Connect to a vehicle or router, such as tcp/192.168.1.7:7447; may be repeated.
+    /// [default: tcp/127.0.0.1:7447, unless --listen is given]
+    #[arg(long, value_name = "ENDPOINT")]
+    pub connect: Vec<String>,
+    /// Wait for vehicles here, such as tcp/0.0.0.0:7447; may be repeated.
+    #[arg(long, value_name = "ENDPOINT")]
+    pub listen: Vec<String>,
+    /// Only this vehicle.
+    #[arg(long, default_value = "*")]
+    pub vehicle: String,
+    /// Serve the page here.
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8080")]
+    pub http: SocketAddr,
+    /// Name by which other hosts may open the page, beside this host's addresses and its host name; may be repeated.
+    #[arg(long, value_name = "NAME", conflicts_with = "no_http")]
+    pub http_name: Vec<String>,
+    /// Serve no page.
+    #[arg(long, conflicts_with = "http")]
+    pub no_http: bool,
+    /// Let the page give commands though other hosts can open it.
+    #[arg(long)]
+    pub allow_commands: bool,
+    /// Let the page give no commands.
+    #[arg(long, conflicts_with = "allow_commands")]
+    pub no_commands: bool,
+    /// A line a second for each vehicle instead of the view.
+    #[arg(long)]
+    pub plain: bool,
+    /// One JSON object for each state received.
+    #[arg(long, conflicts_with = "plain")]
+    pub json: bool,
+    /// Write what was received, lost and delayed at the end (JSON).
+    #[arg(long, value_name = "OUT.json")]
+    pub report: Option<PathBuf>,
+    /// End after this time, seconds.
+    #[arg(long)]
+    pub duration: Option<f64>,
+    /// Who we are, and whom we let in.
+    #[command(flatten)]
+    pub access: AccessArgs,
+}
+
+impl GroundArgs {
+    fn endpoints(&self) -> Endpoints {
+        let is_silent = self.connect.is_empty() && self.listen.is_empty();
+        let connect = if is_silent { vec![DEFAULT_CONNECT.to_owned()] } else { self.connect.clone() };
+        let is_client = self.listen.is_empty() && connect.len() == 1;
+        let mode = if is_client { Mode::Client } else { Mode::Peer };
+        Endpoints { mode, ..self.access.endpoints(&self.vehicle, &self.listen, &connect) }
+    }
+
+    /// The page gives commands where only this host can open it, unless told otherwise.
+    fn gives_commands(&self) -> bool {
+        !self.no_commands && (self.allow_commands || self.http.ip().is_loopback())
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the network cannot be reached, the page not be served, or the terminal not be used.
+pub fn run(args: &GroundArgs) -> Result<()> {
+    check_outputs(&args.report)?;
+    let endpoints = args.endpoints();
+    endpoints.check()?;
+    if let Some(exposure) = security::exposure(&endpoints) {
+        tracing::warn!("{exposure}");
+    }
+    let page = if args.no_http { None } else { Some(web::bind(args.http)?) };
+    let fleet = Arc::new(Mutex::new(Fleet::default()));
+    let stop = stop_on_signal()?;
+    let end = args.duration.map(|s| Instant::now() + Duration::from_secs_f64(s.clamp(0.0, 1e6)));
+    let is_over = || {
+        audit::log_refusals();
+        diagnosis::report_failures();
+        stop.load(Ordering::Relaxed) || end.is_some_and(|end| Instant::now() >= end)
+    };
+    let station = Background::start()?;
+    let Some(line) = station.open(&endpoints, &fleet, args.json, &is_over)? else { return Ok(()) };
+    if let Some(page) = page {
+        let address = station.serve(page, Arc::clone(&fleet), line.clone(), args)?;
+        if !args.json {
+            say(format_args!("the page is at http://{address}"));
+        }
+    }
+    let outcome = if args.json {
+        ground::wait(&is_over);
+        Ok(())
+    } else if args.plain || !std::io::stdout().is_terminal() {
+        ground::print_lines(&fleet, &is_over)
+    } else {
+        view::show(&fleet, &is_over, &stop)
+    };
+    if let Some(path) = &args.report {
+        ground::report::write(path, &lock(&fleet)).with_context(|| format!("{}", path.display()))?;
+    }
+    station.close(&line);
+    outcome?;
+    if args.duration.is_some() && !stop.load(Ordering::Relaxed) && lock(&fleet).vehicles.is_empty() {
+        let cause = diagnosis::newest_failure().unwrap_or_else(|| {
+            "is a vehicle flying with --publish, and does it reach the same network?".into()
+        });
+        bail!("no vehicle was heard: {cause}");
+    }
+    Ok(())
+}
+
+/// The threads of the network and of the page. However the command ends, they end soon after: Zenoh waits for its first
+/// connection without letting go of its thread.
+struct Background(Option<tokio::runtime::Runtime>);
+
+impl Background {
+    fn start() -> std::io::Result<Self> {
+        let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
+        Ok(Self(Some(runtime)))
+    }
+
+    fn runtime(&self) -> &tokio::runtime::Runtime {
+        self.0.as_ref().unwrap_or_else(|| unreachable!("it is taken when the station is dropped"))
+    }
+
+    /// Opens the connection; `None` when the command is over before that is done.
+    fn open(
+        &self,
+        endpoints: &Endpoints,
+        fleet: &Arc<Mutex<Fleet>>,
+        print_states: bool,
+        is_over: &impl Fn() -> bool,
+    ) -> Result<Option<Connection>, NetError> {
+        let (endpoints, fleet) = (endpoints.clone(), Arc::clone(fleet));
+        let (done, opened) = std::sync::mpsc::sync_channel(1);
+        self.runtime().spawn(async move {
+            let _ = done.send(Connection::open(&endpoints, &fleet, print_states).await);
+        });
+        while !is_over() {
+            if let Ok(outcome) = opened.recv_timeout(LOOK) {
+                return outcome.map(Some);
+            }
+        }
+        Ok(None)
+    }
+
+    fn serve(
+        &self,
+        page: std::net::TcpListener,
+        fleet: Arc<Mutex<Fleet>>,
+        line: Connection,
+        args: &GroundArgs,
+    ) -> Result<SocketAddr> {
+        let serving = web::serve(page, fleet, line, args.gives_commands(), &args.http_name);
+        Ok(self.runtime().block_on(serving)?)
+    }
+
+    /// Takes the station off the network, if that goes quickly.
+    fn close(&self, line: &Connection) {
+        let line = line.clone();
+        let closing = self.runtime().spawn(async move { line.close().await });
+        let _ = self.runtime().block_on(async { tokio::time::timeout(END_PATIENCE, closing).await });
+    }
+}
+
+impl Drop for Background {
+    fn drop(&mut self) {
+        if let Some(runtime) = self.0.take() {
+            runtime.shutdown_timeout(END_PATIENCE);
+        }
+    }
+}

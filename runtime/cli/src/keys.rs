@@ -1,0 +1,68 @@
+//! `plumbline keys`: certificates for vehicles and ground stations.
+
+use super::say;
+use anyhow::Result;
+use clap::Args;
+use plumbline_link::net::certificate;
+use plumbline_link::net::keys::{self, ROLES, Request};
+use std::path::PathBuf;
+
+/// Arguments of `plumbline keys`.
+#[derive(Debug, Args)]
+pub struct KeysArgs {
+    /// Folder of the files. An authority that is there already signs; without one it is made.
+    pub folder: PathBuf,
+    /// Whose certificates are made: vehicle (the one named drone), router, operator (may command), viewer (may look). All
+    /// without.
+    #[arg(long, value_parser = ROLES)]
+    pub role: Vec<String>,
+    /// Make a certificate for the vehicle of this name, in vehicle-NAME.pem and vehicle-NAME.key; may be repeated.
+    #[arg(long, value_name = "NAME")]
+    pub vehicle: Vec<String>,
+    /// Name or address under which the holder can be reached; may be repeated.
+    /// [default: localhost and 127.0.0.1; with --renew those of the certificate that is renewed]
+    #[arg(long, value_name = "NAME")]
+    pub host: Vec<String>,
+    /// Replace certificates that are there, under the same file names: those of --role and --vehicle, else all. The
+    /// authority stays the same: who has its certificate needs nothing new.
+    #[arg(long)]
+    pub renew: bool,
+    /// Days of validity of the certificates. An authority that is made lasts ten years.
+    #[arg(long, default_value_t = 90, value_parser = clap::value_parser!(u32).range(1..=3650))]
+    pub days: u32,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When a file cannot be written.
+pub fn run(args: &KeysArgs) -> Result<()> {
+    let request = Request {
+        folder: &args.folder,
+        roles: &args.role,
+        vehicles: &args.vehicle,
+        hosts: &args.host,
+        days: args.days,
+        renew: args.renew,
+    };
+    for file in keys::make(&request)? {
+        let name = certificate::name_in(&file).filter(|name| certificate::parse(name).is_some());
+        match name {
+            Some(name) => say(format_args!("{} ({name})", file.display())),
+            None => say(file.display()),
+        }
+    }
+    if args.renew {
+        say(
+            "Give each holder its two new files, and restart it; the authority is the same. The old certificates are good \
+             until they end, unless they are excluded (network.tls.excluded, --excluded).",
+        );
+    } else {
+        say(format_args!(
+            "Give each holder {} and its own two files; keep {} away from the field.",
+            keys::AUTHORITY,
+            keys::AUTHORITY_KEY
+        ));
+    }
+    Ok(())
+}

@@ -1,0 +1,377 @@
+//! The command line: arguments in, exit status out.
+//!
+//! 0 success, 1 the run failed, 2 wrong usage or configuration, 3 a fault of the program in flight ([`exit_status`]); a failure is one line on stderr that
+//! names the file, the key or the device, and what to do.
+
+pub mod ablation;
+pub mod access;
+mod bench;
+mod calibrate;
+pub mod campaign;
+pub mod choice;
+mod config;
+#[cfg(feature = "ground")]
+mod demo;
+pub mod devices;
+mod doctor;
+pub mod evaluate;
+mod exit_status;
+pub mod fly;
+#[cfg(feature = "ground")]
+mod ground;
+mod keys;
+pub mod lines;
+pub mod log;
+mod log_lines;
+mod man;
+mod map;
+mod paired;
+pub mod plot;
+mod progress;
+#[cfg(feature = "ground")]
+mod remote;
+pub mod replay;
+#[cfg(feature = "ground")]
+mod reset;
+mod router;
+pub mod scenario;
+pub mod simulate;
+pub mod sweep;
+pub mod topics;
+pub mod verify;
+
+use clap::{CommandFactory, Parser, Subcommand};
+use plumbline_config::{Config, ConfigError, ValidConfig};
+use plumbline_link::net::audit;
+use std::fmt::Display;
+use std::io::{IsTerminal as _, Write as _};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+/// Deterministic real-time visual-inertial odometry for drones.
+#[derive(Debug, Parser)]
+#[command(name = "plumbline", version, after_help = examples())]
+struct Cli {
+    /// More log messages (-v, -vv); the environment variable RUST_LOG overrides it.
+    #[arg(short, long, action = clap::ArgAction::Count, global = true)]
+    verbose: u8,
+    #[command(subcommand)]
+    command: Command,
+}
+
+fn examples() -> String {
+    let ground = if cfg!(feature = "ground") {
+        "  plumbline demo                                    a simulated flight, live
+  plumbline ground --connect tcp/127.0.0.1:7447     watch the vehicles on a network
+"
+    } else {
+        ""
+    };
+    format!(
+        "Examples:
+{ground}  plumbline replay V1_01_easy --trajectory out.tum  a EuRoC data set as fast as it goes
+  plumbline replay sim:hall --duration 20           a simulated flight, not written to disk
+  plumbline devices                                 the cameras and IMUs that are plugged in
+  plumbline fly --config drone.toml                 live, with them
+  plumbline replay V1_01_easy --record log.mcap     the same, recorded
+  plumbline verify log.mcap                         is the recorded flight what comes out again?
+  plumbline evaluate out.tum V1_01_easy             its errors, as evo_ape and evo_rpe give them
+  plumbline plot out.tum --truth V1_01_easy --out flight.svg   the same as a picture
+  plumbline lines image.png --out lines.png         the line segments of one image, as a picture
+
+Exit status: 0 success; 1 the run failed; 2 wrong usage or configuration, or an input that is not there; 3 a task of a live
+flight ended by a fault of the program: start it again, as the systemd unit does."
+    )
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Fly a simulated vehicle at 1x, and publish it on the loopback interface.
+    #[cfg(feature = "ground")]
+    Demo(demo::DemoArgs),
+    /// Fly live, from the cameras and the IMU that a configuration names.
+    Fly(fly::FlyArgs),
+    /// Run the estimator over a recorded or simulated flight.
+    Replay(Box<replay::ReplayArgs>),
+    /// Execute a recorded flight again, and compare every output bit for bit.
+    Verify(verify::VerifyArgs),
+    /// Say what is in a flight log.
+    Log(log::LogArgs),
+    /// Write a simulated flight as a EuRoC data set.
+    Simulate(simulate::SimulateArgs),
+    /// Compare a trajectory with its ground truth.
+    Evaluate(evaluate::EvaluateArgs),
+    /// Draw a flight: its path over the truth, errors, covariance, velocity and biases over time.
+    Plot(plot::PlotArgs),
+    /// Extract the line segments of one image, and draw them.
+    Lines(lines::LinesArgs),
+    /// Make maps, find images in them, and say what is in them.
+    Map(map::MapArgs),
+    /// Watch vehicles over the network: a page for the browser, and a view in the terminal.
+    #[cfg(feature = "ground")]
+    Ground(ground::GroundArgs),
+    /// Pass messages on between vehicles and ground stations that cannot reach each other.
+    Router(router::RouterArgs),
+    /// Start the estimate of a vehicle anew, from afar.
+    #[cfg(feature = "ground")]
+    Reset(reset::ResetArgs),
+    /// Make certificates for vehicles and ground stations.
+    Keys(keys::KeysArgs),
+    /// Fly the built-in set of simulated flights and tabulate the errors: how good is the estimator, and what do
+    /// faults do to it? (To compare settings: `sweep`; to see what lines bring: `ablation`.)
+    Campaign(campaign::CampaignArgs),
+    /// Fly with points alone, with raw, filtered and merged line segments, and tabulate what each brings, over data
+    /// sets or the flights of `campaign`.
+    Ablation(ablation::AblationArgs),
+    /// Fly every setting of some keys on several data sets, on all cores, and tabulate the errors.
+    Sweep(sweep::SweepArgs),
+    /// Measure what the standard load costs on this machine, and compare with another time.
+    Bench(bench::BenchArgs),
+    /// List cameras (formats, rates, controls), serial ports and inertial sensors by the names that a configuration takes.
+    Devices(devices::DevicesArgs),
+    /// Calibrate the sensors: cameras by images of a board, noise of the IMU, cameras on the IMU.
+    Calibrate(calibrate::CalibrateArgs),
+    /// Check whether this host and a configuration are fit for a flight.
+    Doctor(doctor::DoctorArgs),
+    /// Check a configuration file, print a preset, or import a calibration.
+    Config(config::ConfigArgs),
+    /// Print the completions for a shell.
+    Completions {
+        /// The shell.
+        shell: clap_complete::Shell,
+    },
+    /// Write the manual pages of all commands into a folder, for `man`.
+    Man(man::ManArgs),
+}
+
+/// Runs the command line of this process.
+#[must_use]
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    init_logs(cli.verbose);
+    let ended = run(cli.command);
+    log_lines::flush();
+    match ended {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            // A terminal that is gone takes no words, and that is no reason to panic; nor is one that stands still.
+            let words = format!("plumbline: {}\n", one_line(&error));
+            within(PATIENCE, move || drop(std::io::stderr().write_all(words.as_bytes())));
+            ExitCode::from(exit_status::exit_status(&error))
+        }
+    }
+}
+
+/// The last words of a command wait so long for the terminal.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+fn run(command: Command) -> anyhow::Result<()> {
+    match command {
+        #[cfg(feature = "ground")]
+        Command::Demo(args) => demo::run(&args),
+        Command::Fly(args) => fly::run(&args),
+        Command::Replay(args) => replay::run(&args),
+        Command::Verify(args) => verify::run(&args),
+        Command::Log(args) => log::run(&args),
+        Command::Simulate(args) => simulate::run(&args),
+        Command::Evaluate(args) => evaluate::run(&args),
+        Command::Plot(args) => plot::run(&args),
+        Command::Lines(args) => lines::run(&args),
+        Command::Map(args) => map::run(&args),
+        #[cfg(feature = "ground")]
+        Command::Ground(args) => ground::run(&args),
+        Command::Router(args) => router::run(&args),
+        #[cfg(feature = "ground")]
+        Command::Reset(args) => reset::run(&args),
+        Command::Keys(args) => keys::run(&args),
+        Command::Campaign(args) => campaign::run(&args),
+        Command::Ablation(args) => ablation::run(&args),
+        Command::Sweep(args) => sweep::run(&args),
+        Command::Bench(args) => bench::run(&args),
+        Command::Devices(args) => devices::run(&args),
+        Command::Calibrate(args) => calibrate::run(&args),
+        Command::Doctor(args) => doctor::run(&args),
+        Command::Config(args) => config::run(&args),
+        Command::Completions { shell } => {
+            let mut script = Vec::new();
+            clap_complete::generate(shell, &mut Cli::command(), "plumbline", &mut script);
+            say(String::from_utf8_lossy(&script).trim_end());
+            Ok(())
+        }
+        Command::Man(args) => man::run(Cli::command(), &args),
+    }
+}
+
+/// Writes a line to stdout. A reader that has gone, as `head` does, ends the process: nobody listens.
+pub fn say(line: impl Display) {
+    if writeln!(std::io::stdout(), "{line}").is_err() {
+        std::process::exit(1);
+    }
+}
+
+/// The same, but a terminal that stands still, or a reader that does not read, is waited for no longer than `patience`.
+pub fn say_within(patience: Duration, line: String) {
+    within(patience, move || say(line));
+}
+
+/// Waits for `speak`, but not for longer than `patience`: the process ends, whoever reads it.
+fn within(patience: Duration, speak: impl FnOnce() + Send + 'static) {
+    let (tell, told) = std::sync::mpsc::channel();
+    let speak = move || {
+        speak();
+        let _ = tell.send(());
+    };
+    if std::thread::Builder::new().name("last-words".into()).spawn(speak).is_ok() {
+        let _ = told.recv_timeout(patience);
+    }
+}
+
+/// A failure of usage: exit status 2.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct Usage(pub String);
+
+/// The error and its causes on one line.
+pub fn one_line(error: &anyhow::Error) -> String {
+    let mut line = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        // A cause that its context already quotes says nothing new.
+        if !line.contains(&cause) {
+            if !line.is_empty() {
+                line.push_str(": ");
+            }
+            line.push_str(&cause);
+        }
+    }
+    line.split('\n').map(str::trim).filter(|part| !part.is_empty()).collect::<Vec<_>>().join("; ")
+}
+
+fn init_logs(verbose: u8) {
+    use tracing_subscriber::layer::SubscriberExt as _;
+    use tracing_subscriber::util::SubscriberInitExt as _;
+    use tracing_subscriber::{EnvFilter, Layer as _};
+
+    // Attempts to connect are many; the audit logs the cause of those that fail, and handshakes that were refused.
+    let default = [
+        "warn,zenoh::net::runtime::orchestrator=error,zenoh_link_tls::unicast=error",
+        "info,zenoh=warn,zenoh::net::runtime::orchestrator=error,zenoh_link_tls::unicast=error",
+        "debug",
+    ][usize::from(verbose.min(2))];
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(default));
+    // Colours are for people: https://no-color.org.
+    let is_coloured =
+        std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
+    let lines = tracing_subscriber::fmt::layer()
+        .log_internal_errors(false)
+        .with_writer(log_lines::LogLines)
+        .with_ansi(is_coloured)
+        .with_target(verbose > 0)
+        .without_time();
+    let access = tracing_subscriber::filter::Targets::new().with_targets(audit::TARGETS);
+    tracing_subscriber::registry()
+        .with(lines.with_filter(filter))
+        .with(audit::Audit.with_filter(access))
+        .init();
+    log_lines::start();
+    log_lines::take_panics();
+}
+
+/// A configuration file or preset, if one is named.
+///
+/// # Errors
+/// When it cannot be used.
+pub fn load_config(file: Option<&Path>) -> Result<Option<ValidConfig>, ConfigError> {
+    let Some(file) = file else { return Ok(None) };
+    match file.to_str() {
+        Some(name) if plumbline_config::PRESETS.contains(&name) => Config::preset(name).map(Some),
+        _ => Config::load(file).map(Some),
+    }
+}
+
+/// Refuses output files that could not be written, before the run rather than after it: what cannot be opened, and two
+/// outputs in one file.
+///
+/// # Errors
+/// When one cannot be opened for writing, or is named twice.
+pub fn check_outputs<'a>(files: impl IntoIterator<Item = &'a PathBuf>) -> Result<(), Usage> {
+    let mut seen: Vec<&PathBuf> = Vec::new();
+    for file in files {
+        let refuse = |why: &str| Err(Usage(format!("{}: {why}", file.display())));
+        if seen.contains(&file) {
+            return refuse("is named for two outputs; name two files");
+        }
+        seen.push(file);
+        let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
+        if folder.is_some_and(|folder| !folder.is_dir()) {
+            return refuse("its directory does not exist; create it first");
+        }
+        if file.is_dir() {
+            return refuse("is a directory; name a file to write");
+        }
+        if let Err(error) = try_writing(file) {
+            return refuse(&format!("cannot be written ({error}); name another file"));
+        }
+    }
+    Ok(())
+}
+
+/// Opens a file for writing and leaves it as it was.
+fn try_writing(file: &Path) -> std::io::Result<()> {
+    if file.exists() {
+        return std::fs::OpenOptions::new().append(true).open(file).map(drop);
+    }
+    std::fs::OpenOptions::new().write(true).create_new(true).open(file)?;
+    std::fs::remove_file(file)
+}
+
+/// Set by the first Ctrl-C or termination signal; a second one ends the process at once.
+///
+/// # Errors
+/// When no handler can be installed.
+pub fn stop_on_signal() -> anyhow::Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    ctrlc::set_handler(move || {
+        if flag.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+    })?;
+    Ok(stop)
+}
+
+/// `A..B`, both optional, as a pair.
+///
+/// # Errors
+/// When it is not a range.
+pub fn parse_range<T: std::str::FromStr + PartialOrd + Copy>(
+    text: &str,
+) -> Result<(Option<T>, Option<T>), String> {
+    let bad = || format!("'{text}' is no range: write A..B, such as 5..10");
+    let (from, to) = text.split_once("..").ok_or_else(bad)?;
+    let part = |s: &str| if s.is_empty() { Ok(None) } else { s.parse().map(Some).map_err(|_| bad()) };
+    let (from, to) = (part(from)?, part(to)?);
+    match (from, to) {
+        (Some(a), Some(b)) if a >= b => Err(format!("'{text}' is an empty range")),
+        range => Ok(range),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn ranges_are_half_open_and_checked() {
+        assert_eq!(parse_range::<f64>("5..7.5"), Ok((Some(5.0), Some(7.5))));
+        assert_eq!(parse_range::<usize>("3.."), Ok((Some(3), None)));
+        assert!(parse_range::<usize>("7..3").is_err() && parse_range::<usize>("x").is_err());
+    }
+}

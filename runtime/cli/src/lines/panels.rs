@@ -1,0 +1,126 @@
+//! Segments drawn over the image they were found in.
+
+use super::Layer;
+use plumbline_config::ImageView;
+use plumbline_estimator::lines::Segment;
+use plumbline_lab::picture::{GLYPH_HEIGHT, Picture, Rgb, text_width};
+
+/// The image is darkened to this share of its light.
+const BRIGHTNESS: f32 = 0.45;
+/// Images of this width have lines of one unit.
+const UNIT_WIDTH_PX: f32 = 752.0;
+const LINE_UNITS: f32 = 1.6;
+const DOT_UNITS: f32 = 1.6;
+const BACKGROUND: Rgb = [24, 26, 30];
+const CAPTION: Rgb = [236, 236, 236];
+const DOT: Rgb = [255, 255, 255];
+
+/// Colours of Okabe and Ito, which the colour-blind tell apart too, by hue and by light.
+fn colour(layer: Layer) -> Rgb {
+    match layer {
+        Layer::Raw => [86, 180, 233],
+        Layer::Kept => [230, 159, 0],
+        Layer::Merged => [240, 228, 66],
+    }
+}
+
+/// The darkened image with the segments of one layer, at the image's own size.
+pub(super) fn panel(image: &ImageView<'_>, layer: Layer, segments: &[Segment]) -> Picture {
+    let mut picture = Picture::new(image.width(), image.height(), BACKGROUND);
+    picture.gray(image, 0, 0, BRIGHTNESS);
+    let unit = (image.width().max(image.height()) as f32 / UNIT_WIDTH_PX).max(0.7);
+    for segment in segments {
+        picture.line(segment.start, segment.end, LINE_UNITS * unit, colour(layer));
+    }
+    // Above all lines, so that none hides where another one ends.
+    for end in segments.iter().flat_map(|s| [s.start, s.end]) {
+        picture.disc(end, DOT_UNITS * unit, DOT);
+    }
+    picture
+}
+
+/// A panel of each layer with its name and number above.
+pub(super) fn side_by_side(image: &ImageView<'_>, layers: [(Layer, &[Segment]); 3]) -> Picture {
+    let sizes = Sizes::of(image);
+    let mut picture = Picture::new(
+        layers.len() * (image.width() + sizes.gap) - sizes.gap,
+        sizes.strip + image.height(),
+        BACKGROUND,
+    );
+    for (k, (layer, segments)) in layers.into_iter().enumerate() {
+        let left = k * (image.width() + sizes.gap);
+        sizes.caption(&mut picture, left, image.width(), layer, segments.len());
+        picture.paste(&panel(image, layer, segments), left, sizes.strip);
+    }
+    picture
+}
+
+/// Sizes of what surrounds the images, px.
+struct Sizes {
+    /// A dot of the letters.
+    dot: usize,
+    /// Between panels.
+    gap: usize,
+    /// Height of the caption.
+    strip: usize,
+}
+
+impl Sizes {
+    fn of(image: &ImageView<'_>) -> Self {
+        let dot = (image.width() / 320).max(1);
+        Self { dot, gap: 4 * dot, strip: (GLYPH_HEIGHT + 8) * dot }
+    }
+
+    fn caption(&self, picture: &mut Picture, left: usize, width: usize, layer: Layer, count: usize) {
+        let (number, top) = (format!("{count}"), 4 * self.dot);
+        let name_left = left + 2 * self.dot;
+        let number_left = name_left + (text_width(layer.name()) + 6) * self.dot;
+        picture.text(layer.name(), name_left, top, self.dot, colour(layer));
+        picture.text(&number, number_left, top, self.dot, CAPTION);
+        let unit_left = number_left + (text_width(&number) + 6) * self.dot;
+        let unit = if count == 1 { "segment" } else { "segments" };
+        if unit_left + text_width(unit) * self.dot <= left + width {
+            picture.text(unit, unit_left, top, self.dot, CAPTION);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector2;
+    use plumbline_config::GrayImage;
+
+    fn segment() -> Segment {
+        let (start, end) = (Vector2::new(10.0, 20.0), Vector2::new(50.0, 20.0));
+        Segment { start, end, nodes: Default::default(), strength: 20.0, support: 40.0 }
+    }
+
+    #[test]
+    fn a_panel_shows_the_segment_its_ends_and_the_darkened_image() {
+        let image = GrayImage::from_pixels(64, 64, vec![100; 64 * 64]).unwrap();
+        let picture = panel(&image.view(), Layer::Raw, &[segment()]);
+        assert_eq!((picture.width(), picture.height()), (64, 64));
+        assert_eq!(picture.pixel(30, 20), Some(colour(Layer::Raw)));
+        assert_eq!((picture.pixel(10, 20), picture.pixel(50, 20)), (Some(DOT), Some(DOT)));
+        assert_eq!(picture.pixel(30, 40), Some([45; 3]));
+    }
+
+    #[test]
+    fn captions_stay_in_their_panels_at_any_size() {
+        for (width, height) in [(64, 64), (65, 300), (752, 480), (2000, 64)] {
+            let image = GrayImage::new(width, height);
+            let sizes = Sizes::of(&image.view());
+            let segments = vec![segment(); 120];
+            let layers = Layer::ALL.map(|layer| (layer, segments.as_slice()));
+            let picture = side_by_side(&image.view(), layers);
+            let size = (3 * width + 2 * sizes.gap, height + sizes.strip);
+            assert_eq!((picture.width(), picture.height()), size);
+            for x in [width, 2 * width + sizes.gap] {
+                for (x, y) in (x..x + sizes.gap).flat_map(|x| (0..size.1).map(move |y| (x, y))) {
+                    assert_eq!(picture.pixel(x, y), Some(BACKGROUND), "{width}x{height}: ({x} {y})");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,12 @@
+//! The `plumbline` command.
+
+use plumbline_flight::alloc::CountingAllocator;
+use std::process::ExitCode;
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+fn main() -> ExitCode {
+    plumbline_link::net::threads::lay_out();
+    plumbline::main()
+}

@@ -1,0 +1,134 @@
+//! What people see of a run while it goes on: drawn by a thread of its own from what a listener leaves in a ring. The
+//! threads of the run neither format nor print, and a terminal that stalls holds up nobody.
+
+use indicatif::{ProgressBar, ProgressStyle};
+use nalgebra::{Isometry3, Vector3};
+use plumbline_config::Timestamp;
+use plumbline_estimator::Estimate;
+use plumbline_flight::pipeline::listener::{Listener, Producer, Subscriber};
+use plumbline_flight::schedule::ring::{Bell, Reader, Writer, ring};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// The terminal is brought up to date this often.
+const REDRAW: Duration = Duration::from_millis(100);
+/// The end of a run waits so long for the terminal.
+const PATIENCE: Duration = Duration::from_secs(1);
+/// Estimates that wait to be drawn; what finds no room is not drawn.
+const RING: usize = 256;
+
+/// What is shown of an estimate.
+// The demo shows all of it.
+#[cfg_attr(not(feature = "ground"), allow(dead_code))]
+#[derive(Clone, Copy, Debug)]
+pub struct Glance {
+    /// Frames so far, this one included.
+    pub frames: u64,
+    /// Measurement time.
+    pub stamp: Timestamp,
+    /// Whether there is a pose.
+    pub has_pose: bool,
+    /// Pose of the body in the odometry frame.
+    pub pose_o_b: Isometry3<f64>,
+    /// Velocity of the body in the odometry frame, m/s.
+    pub v_o_b: Vector3<f64>,
+    /// Points tracked in the frame.
+    pub points: u32,
+    /// Quality in percent, -1 when failed.
+    pub quality: i8,
+    /// Computation of the frame, ms of wall time.
+    pub frame_ms: f64,
+}
+
+/// Shows a run to people.
+pub struct Progress {
+    writer: Option<Writer<Glance>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Progress {
+    /// Calls `show` for every estimate, on a thread of normal priority, until the run is over; then `end`.
+    ///
+    /// # Errors
+    /// When the system refuses a thread.
+    pub fn start(
+        show: impl FnMut(&Glance) + Send + 'static,
+        end: impl FnOnce() + Send + 'static,
+    ) -> std::io::Result<Self> {
+        let (writer, reader) = ring(RING, &Bell::default());
+        let thread =
+            std::thread::Builder::new().name("progress".into()).spawn(move || draw(reader, show, end))?;
+        Ok(Self { writer: Some(writer), thread: Some(thread) })
+    }
+
+    /// A bar of the frames out of those expected.
+    ///
+    /// # Errors
+    /// When the system refuses a thread.
+    pub fn bar(expected: Option<u64>) -> std::io::Result<Self> {
+        let bar = expected.map_or_else(ProgressBar::new_spinner, ProgressBar::new);
+        let template = "{bar:32} {pos}/{len} frames  {msg}  {elapsed} (eta {eta})";
+        bar.set_style(
+            ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()),
+        );
+        let theirs = bar.clone();
+        let show = move |glance: &Glance| {
+            let p = glance.pose_o_b.translation.vector;
+            bar.set_position(glance.frames);
+            bar.set_message(format!("({:.2} {:.2} {:.2}) m, {:.1} ms", p.x, p.y, p.z, glance.frame_ms));
+        };
+        Self::start(show, move || theirs.finish_and_clear())
+    }
+
+    /// After the run: waits until everything is drawn, but not for a terminal that stands still.
+    pub fn finish(mut self) {
+        self.writer = None;
+        if let Some(thread) = self.thread.take() {
+            let end = Instant::now() + PATIENCE;
+            while !thread.is_finished() && Instant::now() < end {
+                std::thread::sleep(Duration::from_millis(2));
+            }
+        }
+    }
+}
+
+fn draw(mut glances: Reader<Glance>, mut show: impl FnMut(&Glance), end: impl FnOnce()) {
+    while !glances.is_closed() {
+        while let Some(glance) = glances.pop() {
+            show(&glance);
+        }
+        std::thread::sleep(REDRAW);
+    }
+    end();
+}
+
+impl Subscriber for Progress {
+    fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
+        match self.writer.take_if(|_| producer == Producer::Window) {
+            Some(writer) => Box::new(WindowListener { writer, frames: 0 }),
+            None => Box::new(()),
+        }
+    }
+}
+
+/// Hears of estimates; only stores numbers.
+struct WindowListener {
+    writer: Writer<Glance>,
+    frames: u64,
+}
+
+impl Listener for WindowListener {
+    fn estimate(&mut self, estimate: &Estimate, frame_ms: f64) {
+        self.frames += 1;
+        let _ = self.writer.push(Glance {
+            frames: self.frames,
+            stamp: estimate.stamp,
+            has_pose: estimate.has_pose(),
+            pose_o_b: estimate.pose_o_b,
+            v_o_b: estimate.v_o_b,
+            points: estimate.figures.points_tracked,
+            quality: estimate.quality,
+            frame_ms,
+        });
+    }
+}

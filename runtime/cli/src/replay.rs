@@ -1,0 +1,411 @@
+//! `plumbline replay`: the estimator over a recorded or simulated flight.
+
+use super::exit_status::last_resort;
+use super::plot::flown_subject;
+use super::progress::Progress;
+use super::scenario::{ScenarioArgs, parse_scene};
+use super::topics::TopicArgs;
+use super::{Usage, check_outputs, load_config, parse_range, say, stop_on_signal};
+use anyhow::{Context, Result};
+use clap::Args;
+use plumbline_config::{Config, ValidConfig};
+use plumbline_drivers::StampedPose;
+use plumbline_drivers::tum::write_tum;
+use plumbline_estimator::places::Mapper;
+use plumbline_flight::flight::plausibility::Finding;
+use plumbline_flight::flight::plausibility::watch::Watch;
+use plumbline_flight::flight::states::{StateRow, write_states};
+use plumbline_flight::flight::{
+    CausalPose, Cut, Flight, Flown, KeptStates, OdometryTrajectory, Outputs, Truth, fly, is_log,
+    open_recording, open_simulation, plausibility, with_overrides,
+};
+use plumbline_flight::log::WhenFull;
+use plumbline_flight::log::source::LogEnd;
+use plumbline_flight::pipeline::{Control, RunOptions, Stamps};
+use plumbline_flight::places::{MapContents, read_known_map, write_map};
+use plumbline_lab::evaluate::load_trajectory;
+use plumbline_lab::plot;
+use plumbline_lab::report::Report;
+use plumbline_link::net::{Endpoints, Publisher};
+use plumbline_link::ros::RosOutput;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Room for odometry is made beforehand for up to so many samples: two hours at 200 Hz.
+const MAX_RESERVED_READINGS: f64 = 1_440_000.0;
+
+/// Arguments of `plumbline replay`.
+// Help texts name tables of the configuration in brackets.
+#[allow(rustdoc::broken_intra_doc_links)]
+#[derive(Debug, Args)]
+pub struct ReplayArgs {
+    /// A EuRoC data set, a flight log or a ROS 2 bag (.mcap, or its directory), or a simulated flight: sim:room, sim:hall,
+    /// sim:low-texture.
+    pub dataset: String,
+    /// Configuration file or preset. Without one: the preset `euroc` with the data set's calibration, the
+    /// configuration of the log, or the preset `sim`.
+    #[arg(long)]
+    pub config: Option<PathBuf>,
+    /// Change a key of the estimator's configuration, such as estimator.points.sigma_px=0.3; may be
+    /// repeated. What is simulated stays the same.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub overrides: Vec<String>,
+    /// Multiple of real time; as fast as it goes without.
+    #[arg(long, allow_hyphen_values = true)]
+    pub speed: Option<f64>,
+    /// 1 does everything in turn; 2 decodes ahead of need; 3 solves a frame while the next is tracked; 4 and
+    /// more share the work on a frame. The answer is the same.
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=8))]
+    pub threads: u8,
+    /// Write the causal trajectory (TUM format): each pose as it was known when its frame came.
+    #[arg(long, value_name = "OUT.tum")]
+    pub trajectory: Option<PathBuf>,
+    /// Write the trajectory in the map by all that was known at the end, loops closed (TUM format).
+    #[arg(long = "final", value_name = "OUT.tum")]
+    pub final_trajectory: Option<PathBuf>,
+    /// Write the causal trajectory in the map: each pose as it was known when its frame came, with the loops up to then
+    /// (TUM format).
+    #[arg(long, value_name = "OUT.tum")]
+    pub map_trajectory: Option<PathBuf>,
+    /// Go on with a map: from `map build`, `map merge` or --save-map. Poses are then known in its frame, once the place
+    /// has been recognized.
+    #[arg(long, value_name = "IN.map")]
+    pub map: Option<PathBuf>,
+    /// Keep the map of the flight, that of --map included: at the end, and whenever `plumbline map save` asks for it.
+    #[arg(long, value_name = "OUT.map")]
+    pub save_map: Option<PathBuf>,
+    /// Odometry alone: recognize no places, close no loops, make no map.
+    #[arg(long, conflicts_with_all = ["final_trajectory", "map_trajectory", "map", "save_map"])]
+    pub no_loop: bool,
+    /// Write the odometry at IMU rate (TUM format).
+    #[arg(long, value_name = "OUT.tum")]
+    pub odometry: Option<PathBuf>,
+    /// Write the 6x6 covariance of every pose (CSV).
+    #[arg(long, value_name = "OUT.csv")]
+    pub covariance: Option<PathBuf>,
+    /// Write everything the estimates hold, a row a frame (CSV): state, covariance diagonal, biases, refined extrinsics,
+    /// figures; the names of the columns have the units.
+    #[arg(long, value_name = "OUT.csv")]
+    pub states: Option<PathBuf>,
+    /// Draw the flight: path over the truth, errors, covariance, velocity and biases over time (.svg or .png).
+    #[arg(long, value_name = "OUT.svg|OUT.png")]
+    pub plot: Option<PathBuf>,
+    /// Record the flight, to be looked at in Foxglove and executed again by `verify`; how much of it, the
+    /// configuration's [recorder] says.
+    #[arg(long, value_name = "LOG.mcap")]
+    pub record: Option<PathBuf>,
+    /// Write the report (JSON).
+    #[arg(long, value_name = "OUT.json")]
+    pub report: Option<PathBuf>,
+    /// Ground truth of a data set that brings none: TUM (plain or .gz) or a EuRoC table.
+    #[arg(long, value_name = "FILE")]
+    pub truth: Option<PathBuf>,
+    /// Only these frames of a data set or log.
+    #[arg(long, value_name = "A..B")]
+    pub frames: Option<String>,
+    /// End here, seconds from the beginning of the data set, log or path; --start S is its beginning.
+    #[arg(long, value_name = "S", conflicts_with = "duration")]
+    pub stop: Option<f64>,
+    /// Keep the rendered frames of a simulated flight in this folder, and take them from there if they are.
+    /// A flight along a file (--path FILE) shares its frames with shorter and longer ones; the built-in flight is
+    /// rendered anew for each duration, since its room is built around what is flown.
+    #[arg(long, value_name = "FOLDER")]
+    pub cache: Option<PathBuf>,
+    /// The left camera alone.
+    #[arg(long)]
+    pub mono: bool,
+    /// Points and IMU alone, without lines.
+    #[arg(long)]
+    pub no_lines: bool,
+    /// Publish over Zenoh while flying, as the configuration's [network], --listen and --connect say.
+    #[arg(long)]
+    pub publish: bool,
+    /// With --publish: listen here, such as tcp/127.0.0.1:7447.
+    #[arg(long, value_name = "ENDPOINT", requires = "publish")]
+    pub listen: Vec<String>,
+    /// With --publish: connect to this router or ground station; udp/ beside another takes odometry alone.
+    #[arg(long, value_name = "ENDPOINT", requires = "publish")]
+    pub connect: Vec<String>,
+    /// With --speed: send odometry to an autopilot by MAVLink, such as udp://127.0.0.1:14540 or
+    /// serial:///dev/ttyS0:921600; how, the configuration's [autopilot] says.
+    #[arg(long, value_name = "udp://HOST:PORT")]
+    pub autopilot: Option<String>,
+    /// Print the report as JSON instead of the summary.
+    #[arg(long)]
+    pub json: bool,
+    /// Topics of a bag.
+    #[command(flatten)]
+    pub topics: TopicArgs,
+    /// What is simulated.
+    #[command(flatten)]
+    pub scenario: ScenarioArgs,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the flight cannot be opened, run or written.
+pub fn run(args: &ReplayArgs) -> Result<()> {
+    if args.speed.is_some_and(|s| !(s.is_finite() && s > 0.0)) {
+        return Err(Usage("--speed: give a positive number".into()).into());
+    }
+    let files = [&args.trajectory, &args.odometry, &args.covariance, &args.states, &args.plot];
+    let of_map = [&args.final_trajectory, &args.map_trajectory, &args.save_map];
+    check_outputs(files.into_iter().chain(of_map).chain([&args.report, &args.record]).flatten())?;
+    if let Some(path) = &args.plot {
+        plot::check_name(path).map_err(|e| Usage(format!("--plot: {e}")))?;
+    }
+    check_mentions(args)?;
+    let flight = prepared(open(args)?, args)?;
+    let control = Arc::new(Control::stopped_by(stop_on_signal()?).with_last_resort(last_resort));
+    let mut outputs = start_outputs(args, &flight, &control)?;
+    let mut odometry = args.odometry.as_ref().map(|_| OdometryTrajectory::with_room_for(readings(&flight)));
+    let wants_states = args.states.is_some() || args.plot.is_some();
+    let mut states = wants_states.then(|| KeptStates::for_flight(&flight));
+    let mut progress = Progress::bar(flight.stereo.expected_frames())?;
+    let mut watch = Watch::start(&flight.config, args.speed.is_some(), flight.findings.clone())?;
+    let (log_end, threads) = (flight.log_end.clone(), usize::from(args.threads));
+    let options = RunOptions { speed: args.speed, threads };
+    let mut subscribers = outputs.subscribers();
+    subscribers.insert(0, &mut progress);
+    if let Some(odometry) = &mut odometry {
+        subscribers.insert(0, odometry);
+    }
+    if let Some(states) = &mut states {
+        subscribers.insert(0, states);
+    }
+    subscribers.insert(0, &mut watch);
+    // The outputs end at once, or an autopilot would be told that the estimator is silent; also of a flight with a fault.
+    let (flown, outputs) = (fly(flight, &options, &control, subscribers), outputs.finish());
+    progress.finish();
+    let flown = flown?;
+    let warnings = warnings(watch.finish(), &flown, log_end.as_ref());
+    let report = Report::new(&flown).with(outputs).warning_of(warnings);
+    let odometry = odometry.map(OdometryTrajectory::into_poses);
+    write_trajectories(args, &flown.poses, odometry.as_deref())?;
+    write_map_outputs(args, &flown)?;
+    if let Some(states) = states {
+        write_state_outputs(args, &states.into_rows(), &flown.truth)?;
+    }
+    let json = serde_json::to_string_pretty(&report)?;
+    if let Some(path) = &args.report {
+        std::fs::write(path, &json).with_context(|| format!("{}", path.display()))?;
+    }
+    say(if args.json { json } else { report.summary() });
+    let (dataset, frames) = (&args.dataset, report.frames);
+    anyhow::ensure!(report.completion > 0.0, "{dataset}: no pose was found in {frames} frames");
+    if let Some(recording) = report.recording.as_ref().filter(|recording| recording.has_failed) {
+        anyhow::bail!("the recording failed: {recording}");
+    }
+    Ok(())
+}
+
+/// All that is wrong with what was flown; what shows only at the end is logged now.
+fn warnings(mut warnings: Vec<Finding>, flown: &Flown, log_end: Option<&LogEnd>) -> Vec<Finding> {
+    let faults = &flown.outcome.faults;
+    let late = plausibility::of_faults(faults.imu, faults.cameras).into_iter().chain(
+        log_end.and_then(LogEnd::words).map(|words| {
+            let seconds = flown.outcome.figures.span_s;
+            Finding::new(
+                "the log breaks off",
+                format!("{words}; {seconds:.2} s of data were flown"),
+                "that the flight or the recorder ended without closing the log",
+                "what comes before is sound; `plumbline log` says what it holds",
+            )
+        }),
+    );
+    for finding in late {
+        tracing::warn!("{finding}");
+        warnings.push(finding);
+    }
+    warnings
+}
+
+/// Refuses or mentions options that would be ignored.
+fn check_mentions(args: &ReplayArgs) -> Result<(), Usage> {
+    if args.dataset.starts_with("sim:") {
+        if args.frames.is_some() {
+            return Err(Usage(
+                "--frames: is for data sets and logs; give --start and --duration instead".into(),
+            ));
+        }
+        if args.truth.is_some() {
+            return Err(Usage("--truth: a simulated flight knows its truth; leave it out".into()));
+        }
+        return Ok(());
+    }
+    args.scenario.check_recorded()?;
+    if args.cache.is_some() {
+        return Err(Usage(
+            "--cache: is for simulated flights, whose frames are rendered; leave it out".into(),
+        ));
+    }
+    Ok(())
+}
+
+/// The flight with what the arguments change of it.
+fn prepared(mut flight: Flight, args: &ReplayArgs) -> Result<Flight> {
+    flight.config = with_overrides(&flight.config, &args.overrides)?;
+    if args.no_lines {
+        flight.config = flight.config.with("--no-lines", |config| config.estimator.lines.enabled = false)?;
+    }
+    if let Some(file) = &args.truth {
+        flight.truth = Truth::of_poses(&load_trajectory(file)?);
+    }
+    if args.no_loop {
+        flight.config = flight.config.with("--no-loop", |config| config.estimator.places.enabled = false)?;
+    }
+    if let Some(path) = &args.map {
+        flight.map = Some(read_known_map(path, Mapper::limits(flight.config.setup()))?);
+    }
+    if let Some(connect) = &args.autopilot {
+        let change = |config: &mut Config| config.autopilot.connect.clone_from(connect);
+        flight.config = flight.config.with("--autopilot", change)?;
+    }
+    Ok(flight)
+}
+
+/// Inertial samples to make room for.
+fn readings(flight: &Flight) -> usize {
+    let frames = flight.stereo.expected_frames().unwrap_or(0) as f64;
+    let per_frame = flight.config.imu.rate_hz / flight.config.camera[0].rate_hz;
+    (frames * per_frame).ceil().min(MAX_RESERVED_READINGS) as usize
+}
+
+fn open(args: &ReplayArgs) -> Result<Flight> {
+    let config = load_config(args.config.as_deref())?;
+    if let Some(scene) = args.dataset.strip_prefix("sim:") {
+        let mut scenario = args.scenario.clone();
+        if let Some(stop) = args.stop {
+            scenario.duration =
+                Some(scenario.seconds(Some(stop)).map(|seconds| seconds.end - seconds.start)?);
+        }
+        let scenario = scenario.scenario(parse_scene(scene)?)?;
+        let error_deg = args.scenario.extrinsics_error_deg;
+        return Ok(open_simulation(config, &scenario, args.mono, error_deg, args.cache.as_deref())?);
+    }
+    let frames = match &args.frames {
+        None => None,
+        Some(text) => {
+            let (from, to) = parse_range::<usize>(text).map_err(|e| Usage(format!("--frames: {e}")))?;
+            Some(from.unwrap_or(0)..to.unwrap_or(usize::MAX))
+        }
+    };
+    let cut = Cut { frames, seconds: args.scenario.seconds(args.stop)? };
+    let path = Path::new(&args.dataset);
+    let flight = open_recording(path, config, &args.topics.names()?, cut, args.mono)?;
+    if let Some(frames) = flight.stereo.expected_frames() {
+        args.scenario.faults.check_begin_before(frames as f64 / flight.config.camera[0].rate_hz)?;
+    }
+    Ok(flight.with_faults(args.scenario.faults.frame_faults()?, args.scenario.seed))
+}
+
+/// Those who are told of the flight while it goes on.
+fn start_outputs(args: &ReplayArgs, flight: &Flight, control: &Arc<Control>) -> Result<Outputs> {
+    let config = &flight.config;
+    let mut outputs = Outputs::default();
+    if wants_autopilot(config, args)? {
+        outputs.pilot(flight)?;
+    }
+    if let Some(path) = &args.record {
+        if !is_log(path) {
+            let message = format!("{}: name the log with the ending .mcap", path.display());
+            return Err(Usage(message).into());
+        }
+        // A live flight never waits for the recorder, one in virtual time loses nothing.
+        let when_full = if args.speed.is_some() { WhenFull::Drop } else { WhenFull::Wait };
+        outputs.record(path, flight, when_full)?;
+    }
+    if let Some(path) = &args.save_map {
+        outputs.save_map(path, control)?;
+    }
+    if !args.publish && config.ros.enabled {
+        tracing::warn!("ros.enabled is set, but without --publish nothing is sent to ROS 2");
+    }
+    if args.publish {
+        let endpoints = Endpoints::of(&config.network).and(&args.listen, &args.connect);
+        if endpoints.listen.is_empty() && endpoints.connect.is_empty() && !endpoints.scouting {
+            tracing::warn!("--publish: nobody can be reached: give --listen or --connect, or network.listen");
+        }
+        outputs.add(Publisher::start(config, &endpoints, Arc::clone(control))?);
+        if config.ros.enabled {
+            let (vehicle, rot_v_b) = (&endpoints.vehicle, config.vehicle.rot_v_b());
+            outputs.add(RosOutput::start(&config.ros, vehicle, rot_v_b, Stamps::Replayed)?);
+        }
+    }
+    Ok(outputs)
+}
+
+/// Whether an autopilot is named that can be told: it flies in real time, or not at all.
+fn wants_autopilot(config: &ValidConfig, args: &ReplayArgs) -> Result<bool, Usage> {
+    if config.autopilot.connect.is_empty() {
+        return Ok(false);
+    }
+    if args.speed.is_none() && args.autopilot.is_some() {
+        return Err(Usage("--autopilot: give --speed 1 too, an autopilot flies in real time".into()));
+    }
+    if args.speed.is_none() {
+        tracing::warn!("autopilot.connect is set, but without --speed 1 nothing is sent there");
+    }
+    Ok(args.speed.is_some())
+}
+
+/// Writes the trajectories that were asked for.
+fn write_trajectories(
+    args: &ReplayArgs,
+    poses: &[CausalPose],
+    odometry: Option<&[StampedPose]>,
+) -> Result<()> {
+    if let Some(path) = &args.trajectory {
+        let poses: Vec<_> = poses.iter().map(|p| StampedPose { stamp: p.stamp, pose: p.pose_o_b }).collect();
+        write_tum(path, &poses)?;
+    }
+    if let (Some(path), Some(odometry)) = (&args.odometry, odometry) {
+        write_tum(path, odometry)?;
+    }
+    if let Some(path) = &args.covariance {
+        write_covariances(path, poses)?;
+    }
+    Ok(())
+}
+
+/// Writes what was asked for of the map.
+fn write_map_outputs(args: &ReplayArgs, flown: &Flown) -> Result<()> {
+    if let Some(path) = &args.final_trajectory {
+        write_tum(path, &flown.final_poses())?;
+    }
+    if let Some(path) = &args.map_trajectory {
+        write_tum(path, &flown.poses_in_map())?;
+    }
+    if let (Some(path), Some(places)) = (&args.save_map, &flown.outcome.places) {
+        write_map(path, &MapContents::of(places.mapper.map()))?;
+    }
+    Ok(())
+}
+
+/// Writes the table of the states, and draws them.
+fn write_state_outputs(args: &ReplayArgs, rows: &[StateRow], truth: &Truth) -> Result<()> {
+    if let Some(path) = &args.states {
+        write_states(path, rows).with_context(|| format!("{}", path.display()))?;
+    }
+    let Some(path) = &args.plot else { return Ok(()) };
+    match flown_subject(&args.dataset, rows, truth)? {
+        Some(subject) => Ok(plot::write(&subject, path, plot::SIZE_PX)?),
+        // The end of the run says that there is no pose.
+        None => Ok(()),
+    }
+}
+
+fn write_covariances(path: &Path, poses: &[CausalPose]) -> Result<()> {
+    let mut text =
+        String::from("#timestamp [ns], 6x6 covariance of position [m] and attitude [rad] by rows\n");
+    for pose in poses {
+        let _ = write!(text, "{}", pose.stamp.as_nanos());
+        for value in pose.covariance.transpose().iter() {
+            let _ = write!(text, ",{value:.9e}");
+        }
+        text.push('\n');
+    }
+    std::fs::write(path, text).with_context(|| format!("{}", path.display()))
+}

@@ -1,0 +1,38 @@
+//! `plumbline reset`: starts the estimate of a vehicle anew, from afar.
+
+use super::remote::RemoteArgs;
+use anyhow::Result;
+use clap::{Args, ValueEnum};
+use plumbline_ground::command::{self, ResetWords};
+
+/// Arguments of `plumbline reset`.
+#[derive(Debug, Args)]
+pub struct ResetArgs {
+    /// The vehicle.
+    #[command(flatten)]
+    pub remote: RemoteArgs,
+    /// soft: a new start that keeps the pose; hard: a new start at the origin.
+    #[arg(long, value_enum, default_value = "soft")]
+    pub kind: Kind,
+}
+
+/// How much a reset discards.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Kind {
+    /// A new start that keeps the pose.
+    Soft,
+    /// A new start at the origin.
+    Hard,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the vehicle refuses or does not answer.
+pub fn run(args: &ResetArgs) -> Result<()> {
+    let kind = match args.kind {
+        Kind::Soft => ResetWords::Soft,
+        Kind::Hard => ResetWords::Hard,
+    };
+    args.remote.give(async |session, vehicle| command::reset(session, vehicle, kind).await)
+}

@@ -1,0 +1,69 @@
+//! `plumbline router`: a Zenoh router for vehicles and ground stations that cannot reach each other directly.
+
+use super::access::AccessArgs;
+use super::{Usage, say, stop_on_signal};
+use anyhow::Result;
+use clap::Args;
+use plumbline_link::net::memory::{MAX_HELD_BY_ROUTER_MB, SessionMemory};
+use plumbline_link::net::{Endpoints, Mode, audit, diagnosis, security};
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+/// Refusals are said this often.
+const CHORES_PERIOD: Duration = Duration::from_millis(200);
+/// A session that cannot be opened anew is tried again this often.
+const RETRY: Duration = Duration::from_millis(500);
+
+/// Arguments of `plumbline router`.
+#[derive(Debug, Args)]
+pub struct RouterArgs {
+    /// Listen here, such as tcp/127.0.0.1:7447 or tls/0.0.0.0:7447; may be repeated. udp/0.0.0.0:7447 beside
+    /// tcp/0.0.0.0:7447 takes odometry in datagrams.
+    #[arg(long, value_name = "ENDPOINT")]
+    pub listen: Vec<String>,
+    /// Connect to another router; may be repeated.
+    #[arg(long, value_name = "ENDPOINT")]
+    pub connect: Vec<String>,
+    /// Who we are, and whom we let in.
+    #[command(flatten)]
+    pub access: AccessArgs,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When an endpoint cannot be used.
+pub fn run(args: &RouterArgs) -> Result<()> {
+    if args.listen.is_empty() {
+        return Err(Usage("nowhere to listen: give --listen tcp/127.0.0.1:7447".into()).into());
+    }
+    let endpoints =
+        Endpoints { mode: Mode::Router, ..args.access.endpoints("*", &args.listen, &args.connect) };
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
+    let mut memory = SessionMemory::begin(MAX_HELD_BY_ROUTER_MB, 0);
+    let mut session = runtime.block_on(endpoints.open())?;
+    if let Some(exposure) = security::exposure(&endpoints) {
+        tracing::warn!("{exposure}");
+    }
+    say(format_args!("routing on {}; Ctrl-C ends it", args.listen.join(", ")));
+    let stop = stop_on_signal()?;
+    while !stop.load(Ordering::Relaxed) {
+        std::thread::sleep(CHORES_PERIOD);
+        audit::log_refusals();
+        diagnosis::report_failures();
+        if memory.is_too_much(0) {
+            let _ = runtime.block_on(async { session.close().await });
+            memory = SessionMemory::begin(MAX_HELD_BY_ROUTER_MB, 0);
+            session = loop {
+                match runtime.block_on(endpoints.open()) {
+                    Ok(session) => break session,
+                    Err(_) if stop.load(Ordering::Relaxed) => return Ok(()),
+                    Err(error) => tracing::warn!("{error}; it is tried again"),
+                }
+                std::thread::sleep(RETRY);
+            };
+        }
+    }
+    let _ = runtime.block_on(async { session.close().await });
+    Ok(())
+}

@@ -1,0 +1,61 @@
+//! `plumbline simulate`: a simulated flight as a EuRoC data set.
+
+use super::scenario::{ScenarioArgs, parse_scene};
+use super::{load_config, say};
+use anyhow::{Context, Result};
+use clap::Args;
+use indicatif::ProgressBar;
+use plumbline_drivers::euroc::{WriteInputs, WriteOptions, write};
+use plumbline_drivers::simulator::Simulator;
+use plumbline_flight::flight::{preset_for, scenario_config};
+use std::path::PathBuf;
+
+/// Arguments of `plumbline simulate`.
+#[derive(Debug, Args)]
+pub struct SimulateArgs {
+    /// Directory to write `mav0` into.
+    pub out_dir: PathBuf,
+    /// What surrounds the flight: room, hall or low-texture.
+    #[arg(long, default_value = "room")]
+    pub scene: String,
+    /// Configuration file or preset of the simulated rig.
+    #[arg(long)]
+    pub config: Option<PathBuf>,
+    /// The left camera alone.
+    #[arg(long)]
+    pub mono: bool,
+    /// Replace what is there.
+    #[arg(long)]
+    pub overwrite: bool,
+    /// What is simulated.
+    #[command(flatten)]
+    pub scenario: ScenarioArgs,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When the scenario is impossible or the data set cannot be written.
+pub fn run(args: &SimulateArgs) -> Result<()> {
+    let scenario = args.scenario.scenario(parse_scene(&args.scene)?)?;
+    let config = load_config(args.config.as_deref())?.map_or_else(|| preset_for(&scenario), Ok)?;
+    let config = scenario_config(Some(config), args.mono)?;
+    let simulator = Simulator::new(&config, &scenario).context("the flight cannot be simulated")?;
+    let bar = ProgressBar::new(simulator.frame_count());
+    let (mut stereo, mut imu) = (simulator.stereo(), simulator.imu());
+    let mut truth = simulator.truth();
+    let inputs =
+        WriteInputs { config: simulator.config(), stereo: &mut stereo, imu: &mut imu, truth: &mut truth };
+    let options = WriteOptions { overwrite: args.overwrite };
+    let written = write(&args.out_dir, inputs, options, &mut |p| bar.set_position(p.frames))?;
+    bar.finish_and_clear();
+    say(format_args!(
+        "{}: {} frames, {} images, {} inertial samples, {} true states",
+        args.out_dir.display(),
+        written.frames,
+        written.images,
+        written.imu_samples,
+        written.truth_rows
+    ));
+    Ok(())
+}

@@ -1,0 +1,350 @@
+//! `plumbline sweep`: settings of the configuration, on data sets, on all cores.
+
+use super::scenario::{ScenarioArgs, parse_scene};
+use super::{Usage, check_outputs, load_config, paired, say, stop_on_signal};
+use crate::choice::trajectories;
+use anyhow::{Context, Result, bail, ensure};
+use clap::{Args, Parser};
+use indicatif::{ProgressBar, ProgressStyle};
+use plumbline_config::Config;
+use plumbline_flight::flight::with_overrides;
+use plumbline_lab::campaign::PATHS;
+use plumbline_lab::evaluate::load_trajectory;
+use plumbline_lab::sweep::{Axis, Cell, CellResult, Common, Plan, Subject, cell, run, table};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+const EXAMPLES: &str = "Examples:
+  plumbline sweep --set estimator.points.sigma_px=0.3,0.4,0.5 V1_01_easy MH_05_difficult --out results.csv
+  plumbline sweep --set estimator.lines.enabled=true,false 'sim:room?path=demo&duration=10' --seeds 1..8 --paired
+  plumbline sweep MH_05_mono_clip --starts 0,0.5,1,1.5,2,2.5,3,3.5,4
+
+As an array of jobs, on any engine (see docs/at-scale.md):
+  plumbline sweep ... --list                       print the cells, one a line, numbered from 0
+  plumbline sweep ... --cell 4 --cells FOLDER      fly one of them, and write FOLDER/cell-4.json
+  plumbline sweep --collect FOLDER                 print the table of all that are there
+
+A simulated flight is named sim:room, sim:hall or sim:low-texture; after ? come options of `plumbline replay` without
+their dashes, joined by &, such as path=V1_02_medium, duration=20, start=15, seed=2, scale=0.5, motion-blur.
+Cells that were flown already are not flown again, so the same command goes on after an interruption.";
+
+/// Arguments of `plumbline sweep`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct SweepArgs {
+    /// EuRoC data sets, flight logs (.mcap), or simulated flights (sim:room?path=demo&duration=10).
+    #[arg(required_unless_present = "collect", value_name = "DATASET")]
+    pub datasets: Vec<String>,
+    /// A key of the configuration and the values to fly with; may be repeated, every value of one then meets every
+    /// value of the others.
+    #[arg(long = "set", value_name = "KEY=VALUE,VALUE...")]
+    pub axes: Vec<String>,
+    /// Seeds of simulated flights, such as 1,2,5 or 1..3 (that is 1, 2 and 3).
+    #[arg(long, value_parser = parse_seeds, value_name = "SEEDS")]
+    pub seeds: Option<Seeds>,
+    /// Starts, seconds into each data set or path, such as 0,0.5,1: each flight is flown from each of them to its end.
+    #[arg(long, value_delimiter = ',', value_name = "S,S")]
+    pub starts: Vec<f64>,
+    /// Compare each setting with the first, flight by flight: means, mean paired differences and their bootstrap intervals
+    /// of 95 %. At least eight flights are needed to decide.
+    #[arg(long)]
+    pub paired: bool,
+    /// Write the paired comparison (JSON).
+    #[arg(long, value_name = "OUT.json")]
+    pub paired_json: Option<PathBuf>,
+    /// Configuration file or preset that the settings change. Without one, as for `plumbline replay`.
+    #[arg(long)]
+    pub config: Option<PathBuf>,
+    /// Ground truth of data sets that bring none: TUM (plain or .gz) or a EuRoC table.
+    #[arg(long, value_name = "FILE")]
+    pub truth: Option<PathBuf>,
+    /// The left camera alone.
+    #[arg(long)]
+    pub mono: bool,
+    /// Keep rendered frames of simulated flights in this folder, and take them from there.
+    /// A flight along a file (--path FILE) shares its frames with shorter and longer ones; the built-in flight is
+    /// rendered anew for each duration, since its room is built around what is flown.
+    #[arg(long, value_name = "FOLDER")]
+    pub cache: Option<PathBuf>,
+    /// Folder with `euroc/trajectories`, for path=NAME; else the environment variable PLUMBLINE_SHARED, else ../shared.
+    #[arg(long)]
+    pub shared: Option<PathBuf>,
+    /// Flights at a time; as many as the machine has processors without. The results are the same.
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub jobs: Option<u16>,
+    /// Folder of the finished cells: that of --out with the ending .cells, or sweep.cells.
+    #[arg(long, value_name = "FOLDER")]
+    pub cells: Option<PathBuf>,
+    /// Write every cell with all its figures (CSV).
+    #[arg(long, value_name = "OUT.csv")]
+    pub out: Option<PathBuf>,
+    /// Print the cells, and fly none.
+    #[arg(long, conflicts_with_all = ["cell", "collect"])]
+    pub list: bool,
+    /// Fly this cell alone, and write its file.
+    #[arg(long, value_name = "K", conflicts_with = "collect")]
+    pub cell: Option<usize>,
+    /// Print the table of the cells in this folder, and fly none.
+    #[arg(long, value_name = "FOLDER", conflicts_with = "datasets")]
+    pub collect: Option<PathBuf>,
+}
+
+/// Seeds of simulated flights.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Seeds(Vec<u64>);
+
+/// `1,2,5` or `1..3`.
+fn parse_seeds(text: &str) -> Result<Seeds, String> {
+    const MOST: u64 = 10_000;
+    let bad = || format!("'{text}' is no list of seeds: write 1,2,5 or 1..3 (that is 1, 2 and 3)");
+    let number = |text: &str| text.trim().parse::<u64>().map_err(|_| bad());
+    let seeds: Vec<u64> = match text.split_once("..") {
+        Some((first, last)) => {
+            let (first, last) = (number(first)?, number(last)?);
+            if first > last || last - first >= MOST {
+                return Err(bad());
+            }
+            (first..=last).collect()
+        }
+        None => text.split(',').map(number).collect::<Result<_, _>>()?,
+    };
+    let mut distinct = seeds.clone();
+    distinct.sort_unstable();
+    distinct.dedup();
+    if distinct.len() == seeds.len() { Ok(Seeds(seeds)) } else { Err(format!("'{text}' has a seed twice")) }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When an argument makes no sense, a cell cannot be flown or written, or cells are missing.
+pub fn run(args: &SweepArgs) -> Result<()> {
+    check_outputs(args.out.iter().chain(&args.paired_json))?;
+    if let Some(folder) = &args.collect {
+        return sum_up(&cell::collect(folder)?, args);
+    }
+    let plan = plan(args)?;
+    let cells = plan.cells();
+    if args.list {
+        cells.iter().for_each(|cell| say(format_args!("{}\t{}", cell.index, cell.describe())));
+        return Ok(());
+    }
+    let folder = folder(args);
+    std::fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
+    let stop = stop_on_signal()?;
+    if let Some(index) = args.cell {
+        return fly_one(&plan.cell(index).map_err(|e| Usage(e.to_string()))?, &folder, &stop);
+    }
+    fly_missing(&cells, args, &folder, &stop)?;
+    let results = cells.iter().filter_map(|cell| cell.kept_or_failed(&folder).transpose());
+    sum_up(&results.collect::<Result<Vec<_>, _>>()?, args)
+}
+
+/// The folder of finished cells.
+fn folder(args: &SweepArgs) -> PathBuf {
+    let beside = |out: &PathBuf| out.with_extension("cells");
+    args.cells.clone().unwrap_or_else(|| args.out.as_ref().map_or_else(|| "sweep.cells".into(), beside))
+}
+
+/// The sweep that the arguments describe, every setting checked.
+fn plan(args: &SweepArgs) -> Result<Plan> {
+    let axes = args.axes.iter().map(|text| Axis::parse(text)).collect::<Result<Vec<_>, _>>();
+    let axes = axes.map_err(|e| Usage(e.to_string()))?;
+    let subjects =
+        args.datasets.iter().map(|name| subject(name, args.shared.as_deref())).collect::<Result<Vec<_>>>()?;
+    let seeds = args.seeds.as_ref().map_or_else(Vec::new, |seeds| seeds.0.clone());
+    if !seeds.is_empty() && !subjects.iter().any(|s| matches!(s, Subject::Simulated { .. })) {
+        bail!(Usage(
+            "--seeds: nothing is simulated here; name a flight such as sim:room, or leave it out".into()
+        ));
+    }
+    let common = Common {
+        config: load_config(args.config.as_deref())?,
+        truth: args.truth.as_ref().map(|file| load_trajectory(file)).transpose()?.map(Arc::new),
+        mono: args.mono,
+        cache: args.cache.clone(),
+    };
+    let base = common.config.clone().map_or_else(|| Config::preset("euroc"), Ok)?;
+    if let Some(start_s) = args.starts.iter().find(|s| !(s.is_finite() && **s >= 0.0)) {
+        bail!(Usage(format!("--starts: {start_s} is no start; give seconds from the first frame")));
+    }
+    let plan = Plan::new(axes, subjects, seeds, common).map_err(|e| Usage(e.to_string()))?;
+    let plan = plan.from_starts(args.starts.clone());
+    for setting in plan.settings() {
+        with_overrides(&base, &setting)?;
+    }
+    Ok(plan)
+}
+
+/// What the argument `name` says to fly.
+pub(super) fn subject(name: &str, shared: Option<&Path>) -> Result<Subject> {
+    let Some(simulated) = name.strip_prefix("sim:") else {
+        let path = PathBuf::from(name);
+        ensure!(path.exists(), Usage(format!("{name}: does not exist; give a data set, a log, or sim:room")));
+        return Ok(Subject::Recorded { path });
+    };
+    let (scene, options) = simulated.split_once('?').unwrap_or((simulated, ""));
+    let scene = parse_scene(scene)?;
+    let arguments = simulated_arguments(options, shared)?;
+    let parsed = Simulated::try_parse_from(arguments).map_err(|e| {
+        let text = e.to_string();
+        let first = text.lines().next().unwrap_or_default().trim_start_matches("error: ");
+        Usage(format!("{name}: {first}; options are those of `plumbline replay` for simulated flights"))
+    })?;
+    Ok(Subject::Simulated {
+        name: name.to_owned(),
+        scenario: Box::new(parsed.scenario.scenario(scene)?),
+        extrinsics_error_deg: parsed.scenario.extrinsics_error_deg,
+    })
+}
+
+/// The options of a simulated flight, as a command line of their own.
+#[derive(Debug, Parser)]
+#[command(no_binary_name = true, disable_help_flag = true)]
+struct Simulated {
+    #[command(flatten)]
+    scenario: ScenarioArgs,
+}
+
+/// `path=demo&motion-blur` as `--path=demo --motion-blur`. A path that is no file is the name of a trajectory in the
+/// shared data; a built-in one begins where the vehicle is in full flight.
+fn simulated_arguments(options: &str, shared: Option<&Path>) -> Result<Vec<String>> {
+    let mut arguments = Vec::new();
+    for option in options.split('&').filter(|option| !option.is_empty()) {
+        let named = option.strip_prefix("path=").filter(|path| *path != "demo" && !Path::new(path).exists());
+        let Some(name) = named else {
+            arguments.push(format!("--{option}"));
+            continue;
+        };
+        let file = trajectories(shared)?.join(format!("{name}.tum.gz"));
+        ensure!(file.is_file(), Usage(format!("path={name}: no such file, and no {}", file.display())));
+        arguments.push(format!("--path={}", file.display()));
+        let full_flight = PATHS.iter().find(|(built_in, _)| *built_in == name);
+        if let (Some((_, start_s)), false) = (full_flight, options.contains("start=")) {
+            arguments.push(format!("--start={start_s}"));
+        }
+    }
+    Ok(arguments)
+}
+
+/// Flies one cell, unless it is there already.
+fn fly_one(one: &Cell, folder: &Path, stop: &Arc<AtomicBool>) -> Result<()> {
+    let path = one.path(folder);
+    if one.kept(folder)?.is_some() {
+        say(format_args!("{}: is there already", path.display()));
+        return Ok(());
+    }
+    let result = one.fly(stop).context("stopped; the cell is not written")?;
+    cell::keep(&result, folder)?;
+    if let Some(error) = &result.error {
+        bail!("cell {}: {error}", one.index);
+    }
+    say(format_args!("{}: written, {}", path.display(), outcome(&result)));
+    Ok(())
+}
+
+/// Flies the cells that are not there yet.
+fn fly_missing(cells: &[Cell], args: &SweepArgs, folder: &Path, stop: &Arc<AtomicBool>) -> Result<()> {
+    let mut missing = Vec::new();
+    for cell in cells {
+        if cell.kept(folder)?.is_none() {
+            missing.push(cell.clone());
+        }
+    }
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let jobs = args.jobs.map_or(cores, usize::from);
+    let bar = progress_bar(cells.len(), cells.len() - missing.len());
+    let landed = |result: &CellResult| {
+        bar.inc(1);
+        let words = format!("cell {} of {}: {}", result.cell, result.of, outcome(result));
+        if bar.is_hidden() { eprintln!("{words}") } else { bar.set_message(words) }
+    };
+    run::fly_all(&missing, folder, jobs, stop, &landed)?;
+    bar.finish_and_clear();
+    if stop.load(Ordering::Relaxed) {
+        let there = cells.iter().filter(|cell| cell.path(folder).exists()).count();
+        bail!(
+            "stopped: {there} of {} cells are in {}; the same command flies the others",
+            cells.len(),
+            folder.display()
+        );
+    }
+    Ok(())
+}
+
+fn progress_bar(cells: usize, done: usize) -> ProgressBar {
+    let bar = ProgressBar::new(cells as u64).with_position(done as u64);
+    let template = "{bar:32} {pos}/{len} cells  {msg}  {elapsed} (eta {eta})";
+    bar.with_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()))
+}
+
+/// What became of a cell, in a few words.
+fn outcome(result: &CellResult) -> String {
+    match (&result.figures, &result.error) {
+        (_, Some(error)) => error.clone(),
+        (None, None) => "nothing".into(),
+        (Some(figures), None) => match figures.ate_rmse_m {
+            Some(ate_m) => format!("ATE {ate_m:.4} m, digest {}", &figures.estimate_digest[..16]),
+            None => {
+                format!("completion {:.3}, digest {}", figures.completion, &figures.estimate_digest[..16])
+            }
+        },
+    }
+}
+
+/// Prints the table, writes the list, and says what is missing or failed.
+fn sum_up(results: &[CellResult], args: &SweepArgs) -> Result<()> {
+    say(table::table(results));
+    if args.paired || args.paired_json.is_some() {
+        let comparisons = paired::with_first(&paired::variants(results));
+        paired::say_and_write(&comparisons, args.paired_json.as_deref())?;
+    }
+    if let Some(path) = &args.out {
+        std::fs::write(path, table::csv(results)).with_context(|| path.display().to_string())?;
+    }
+    let of = results.first().map_or(0, |result| result.of);
+    let missing: Vec<String> =
+        (0..of).filter(|k| results.iter().all(|r| r.cell != *k)).map(|k| k.to_string()).collect();
+    ensure!(missing.is_empty(), "{} of {of} cells are missing: {}", missing.len(), missing.join(","));
+    let failed: Vec<&CellResult> = results.iter().filter(|result| result.error.is_some()).collect();
+    if let Some(first) = failed.first() {
+        bail!("{} of {of} cells could not be flown; cell {}: {}", failed.len(), first.cell, outcome(first));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn seeds_are_a_list_or_a_range_with_both_ends() {
+        assert_eq!(parse_seeds("1..3"), Ok(Seeds(vec![1, 2, 3])));
+        assert_eq!(parse_seeds("7,2"), Ok(Seeds(vec![7, 2])));
+        for bad in ["3..1", "x", "1,,2", "0..99999999", "1,1"] {
+            assert!(parse_seeds(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn a_simulated_flight_takes_the_options_of_replay() {
+        let Ok(Subject::Simulated { scenario, extrinsics_error_deg, .. }) =
+            subject("sim:hall?duration=7.5&seed=3&motion-blur&blackout=2..3&extrinsics-error-deg=-1", None)
+        else {
+            panic!("is a simulated flight")
+        };
+        assert_eq!((scenario.duration_s, scenario.seed, extrinsics_error_deg), (7.5, 3, -1.0));
+        assert_eq!(scenario.effects.blackout, Some((2.0, 3.0)));
+        assert!(scenario.effects.exposure_s > 0.0);
+        for (bad, named) in [
+            ("sim:moon", "moon"),
+            ("sim:room?durations=3", "--durations"),
+            ("sim:room?duration=long", "long"),
+            ("/nowhere/at/all", "/nowhere/at/all"),
+        ] {
+            let message = subject(bad, None).unwrap_err().to_string();
+            assert!(message.contains(named) && !message.contains('\n'), "{message}");
+        }
+    }
+}

@@ -1,0 +1,166 @@
+//! `plumbline verify`: is what a flight log holds what comes out of its inputs?
+
+mod many;
+
+use super::topics::TopicArgs;
+use super::{Usage, say};
+use anyhow::{Result, bail};
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+use plumbline_drivers::StereoSource;
+use plumbline_estimator::places::Mapper;
+use plumbline_flight::flight::open_recording;
+use plumbline_flight::log::verify::{Verification, verify};
+use plumbline_flight::log::{KnownMap, LogReader};
+use plumbline_flight::places::read_known_map;
+use std::path::{Path, PathBuf};
+
+/// Steps of the progress bar.
+const STEPS: u64 = 1000;
+
+const EXAMPLES: &str = "Examples:
+  plumbline verify log.mcap                one log, with all that is to be told of it
+  plumbline verify flights/*.mcap --jobs 8 many logs, eight at a time, a row each; exit status 1 if any differs";
+
+/// Arguments of `plumbline verify`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct VerifyArgs {
+    /// Flight logs. The further parts of a log (LOG.1.mcap and so on) are found beside it; named themselves, they
+    /// are passed over.
+    #[arg(value_name = "LOG.mcap", required = true)]
+    pub logs: Vec<PathBuf>,
+    /// Take the images from this EuRoC data set or ROS 2 bag: for a log that was recorded without them.
+    #[arg(long, value_name = "DATASET|BAG")]
+    pub images: Option<PathBuf>,
+    /// Topics of that bag.
+    #[command(flatten)]
+    pub topics: TopicArgs,
+    /// The map that the flight went on with (`replay --map`).
+    #[arg(long, value_name = "FILE.map")]
+    pub map: Option<PathBuf>,
+    /// Succeed also when the log breaks off or lacks outputs, if what can be compared is identical.
+    #[arg(long)]
+    pub allow_incomplete: bool,
+    /// Logs at a time; as many as the machine has processors without.
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub jobs: Option<u16>,
+    /// Print JSON: an object for one log, a list for several.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When a log cannot be executed, is not bit-identical, or is not complete.
+pub fn run(args: &VerifyArgs) -> Result<()> {
+    if let [log] = args.logs.as_slice() {
+        return run_one(args, log);
+    }
+    if args.images.is_some() || args.map.is_some() {
+        let message = "--images and --map belong to one log; verify such logs one by one";
+        return Err(Usage(message.into()).into());
+    }
+    many::run(args)
+}
+
+fn run_one(args: &VerifyArgs, log: &Path) -> Result<()> {
+    let images = args.images.as_ref().map(|dataset| open_images(args, log, dataset)).transpose()?;
+    let bar = ProgressBar::new(STEPS);
+    let template = "{bar:32} {percent} %  executing  {elapsed} (eta {eta})";
+    bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let known = args.map.as_ref().map(|map| open_map(log, map)).transpose()?;
+    let verified = verify(log, images, known, &mut |done| bar.set_position((done * STEPS as f64) as u64));
+    bar.finish_and_clear();
+    let verified = verified?;
+    say(if args.json { serde_json::to_string_pretty(&verified)? } else { summary(&verified) });
+    match objection(&verified, args.allow_incomplete) {
+        Some(objection) => bail!("{}: {objection}", log.display()),
+        None => Ok(()),
+    }
+}
+
+/// What is to be said against a log, if anything.
+fn objection(verified: &Verification, allow_incomplete: bool) -> Option<String> {
+    if let Some(difference) = &verified.difference {
+        return Some(format!("not bit-identical: {difference}"));
+    }
+    if verified.inputs_changed {
+        return Some("not bit-identical: an input was changed after it was recorded".into());
+    }
+    if !verified.identical {
+        return Some(format!("not bit-identical: {} outputs are not in the log", verified.not_recorded));
+    }
+    if !verified.complete && !allow_incomplete {
+        let why = verified.damage.as_ref().map_or_else(String::new, |damage| format!(" ({damage})"));
+        let s = verified.executed_s;
+        let words = "not complete, though identical as far as it goes";
+        return Some(format!("{words}, for {s:.2} s{why}; --allow-incomplete accepts that"));
+    }
+    None
+}
+
+/// The frames of the data set or bag, in the sizes of the log's cameras.
+fn open_images(args: &VerifyArgs, log: &Path, dataset: &Path) -> Result<Box<dyn StereoSource>> {
+    let config = LogReader::open(log)?.about().config.clone();
+    Ok(open_recording(dataset, Some(config), &args.topics.names()?, None, false)?.stereo)
+}
+
+/// The map, in the limits of the log's configuration.
+fn open_map(log: &Path, map: &Path) -> Result<KnownMap> {
+    let config = LogReader::open(log)?.about().config.clone();
+    Ok(read_known_map(map, Mapper::limits(config.setup()))?)
+}
+
+fn summary(v: &Verification) -> String {
+    let verdict = match (v.identical, v.complete) {
+        (true, true) => "bit-identical",
+        (true, false) => "bit-identical as far as it goes",
+        (false, _) => "NOT bit-identical",
+    };
+    let mut lines = vec![
+        format!("{:<18}{verdict}", "verdict"),
+        format!(
+            "{:<18}{:.2} s: {} estimates, {} odometry outputs and {} poses in the map identical, from {} inertial samples",
+            "executed",
+            v.executed_s,
+            v.estimates_identical,
+            v.odometry_identical,
+            v.map_poses_identical,
+            v.readings
+        ),
+    ];
+    let mut note = |name: &str, words: String| lines.push(format!("{name:<18}{words}"));
+    if v.frames_refused > 0 {
+        note("refused in flight", format!("{} frames", v.frames_refused));
+    }
+    if v.map_ends_at_fault {
+        note("map", "executed up to the first fault of the program alone".into());
+    }
+    if v.truncated {
+        note("truncated", "the log breaks off: the recorder was killed or could not write".into());
+    }
+    if let Some(damage) = &v.damage {
+        note("whole until there", damage.clone());
+    }
+    if v.ended_for_room {
+        note("ended early", "the recording reached its size limit before the flight ended".into());
+    }
+    if v.not_recorded > 0 {
+        note("not in the log", format!("{} outputs came out that it does not hold", v.not_recorded));
+    }
+    if v.not_executed > 0 {
+        note("not compared", format!("{} recorded outputs, whose inputs it does not hold", v.not_executed));
+    }
+    if v.inputs_changed {
+        note("inputs", "CHANGED after they were recorded".into());
+    }
+    if !v.same_build {
+        note("warning", "recorded by another build: bits are promised for the same sources alone".into());
+    }
+    if v.difference.is_none() {
+        note("estimate digest", v.estimate_digest[..16].into());
+    }
+    lines.join("\n")
+}

@@ -1,0 +1,195 @@
+//! What the fuzzers call (`fuzz/`): each function takes any bytes, and a panic is a finding.
+//!
+//! The same functions run over the checked-in seeds, and over seeded mutations of them, in the tests of this crate.
+
+use crate::autopilot::inbox::{Inbox, Received};
+use crate::autopilot::timesync::TimeSync;
+use crate::log::channel::Channel;
+use crate::log::decode::FromLog;
+use crate::log::source::{LogImu, LogStereo};
+use crate::log::{LogReader, encode, image, proto};
+use crate::pipeline::orders::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder};
+use crate::places::codec;
+use crate::schedule::ticker::Monotonic;
+use plumbline_config::GrayImage;
+use plumbline_config::options::ImageRecording;
+use plumbline_drivers::{ImuReading, ImuSource as _, StereoFrame, StereoSource as _};
+use plumbline_estimator::places::MapEstimate;
+use plumbline_estimator::{Estimate, Odometry};
+use prost::Message as _;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+/// A flight log: read to its end, and as the sensors of a flight.
+///
+/// # Panics
+/// When more is read than there is, or a message does not come back as it was.
+pub fn mcap_log(data: &[u8]) {
+    let path = scratch_file();
+    std::fs::write(path, data).expect("there is room for a temporary file");
+    let Ok(mut reader) = LogReader::open(path) else { return };
+    while let Ok(Some(message)) = reader.next_message() {
+        log_message(message.channel, message.payload);
+    }
+    assert!(reader.read_bytes() <= reader.total_bytes());
+    if let Ok(mut imu) = LogImu::open(path) {
+        while let Ok(Some(_)) = imu.next_reading() {}
+    }
+    if let Ok(mut stereo) = LogStereo::open(path, None, false) {
+        let mut frame = StereoFrame::new([(8, 8); 2]);
+        while let Ok(true) = stereo.next_frame(&mut frame) {}
+    }
+}
+
+/// A map.
+///
+/// # Panics
+/// When what was read is not written again as the same bytes.
+pub fn map_file(data: &[u8]) {
+    if let Ok(map) = codec::decode(data) {
+        assert_eq!(codec::encode(&map), data);
+    }
+    // Past the checksum, which hides the rest from anything but whole maps.
+    let _ = codec::decode(&codec::sealed(data));
+}
+
+/// A file of this process in memory, where the system has such.
+fn scratch_file() -> &'static Path {
+    static FILE: OnceLock<PathBuf> = OnceLock::new();
+    FILE.get_or_init(|| {
+        let memory = PathBuf::from("/dev/shm");
+        let parent = if memory.is_dir() { memory } else { std::env::temp_dir() };
+        let folder = parent.join(format!("plumbline-fuzz-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).expect("a temporary folder can be made");
+        folder.join("flight.mcap")
+    })
+}
+
+/// A message of a log: the number of its channel, and its bytes.
+///
+/// # Panics
+/// When it does not come back as it was once it is written again.
+pub fn log_messages(data: &[u8]) {
+    let Some((channel, payload)) = data.split_first() else { return };
+    log_message(Channel::ALL[usize::from(*channel) % Channel::ALL.len()], payload);
+}
+
+fn log_message(channel: Channel, payload: &[u8]) {
+    match channel {
+        Channel::Imu => again::<ImuReading>(payload, |v| encode::imu(v).encode_to_vec()),
+        Channel::FrameOrder => again::<FrameOrder>(payload, |v| encode::frame_order(v).encode_to_vec()),
+        Channel::CorrectionOrder => {
+            again::<CorrectionOrder>(payload, |v| encode::correction_order(v).encode_to_vec());
+        }
+        Channel::ResetOrder => again::<ResetOrder>(payload, |v| encode::reset_order(v).encode_to_vec()),
+        Channel::MapOrder => again::<MapOrder>(payload, |v| encode::map_order(v).encode_to_vec()),
+        Channel::MapEstimate => again::<MapEstimate>(payload, |v| encode::map_estimate(v).encode_to_vec()),
+        Channel::Estimate => again::<Estimate>(payload, |v| encode::estimate(v).encode_to_vec()),
+        Channel::Odometry => again::<Odometry>(payload, |v| encode::odometry(v).encode_to_vec()),
+        Channel::Left | Channel::Right => {
+            let description = proto::Image { width_px: 8, height_px: 6, sha256: Vec::new() };
+            for images in [ImageRecording::Raw, ImageRecording::Png] {
+                let _ = image::decode(payload, images, &description, &mut GrayImage::new(8, 6));
+            }
+        }
+        Channel::Recording => {
+            if let Ok(recording) = proto::Recording::decode(payload) {
+                let _ = crate::log::decode::dropped(&recording);
+            }
+        }
+        Channel::Frame => drop(proto::Frame::decode(payload)),
+        Channel::Transform
+        | Channel::Pose
+        | Channel::Event
+        | Channel::LeftCalibration
+        | Channel::RightCalibration
+        | Channel::Mounting => {}
+    }
+}
+
+/// What is read of a message is written, read and written once more: both writings are the same.
+fn again<T: FromLog>(payload: &[u8], write: impl Fn(&T) -> Vec<u8>) {
+    let Ok(value) = T::from_bytes(payload) else { return };
+    let written = write(&value);
+    let Ok(back) = T::from_bytes(&written) else { panic!("what was written is refused: {written:?}") };
+    assert_eq!(write(&back), written);
+}
+
+/// Bytes from an autopilot: the first says how long the pieces are that the others come in. Messages are the same
+/// however they are cut, and the clock takes whatever they say.
+///
+/// # Panics
+/// When they are not.
+pub fn mavlink(data: &[u8]) {
+    let Some((piece, bytes)) = data.split_first() else { return };
+    let (whole, cut) = (received(bytes, bytes.len().max(1)), received(bytes, 1 + usize::from(*piece)));
+    assert_eq!(whole, cut);
+    let mut clock = TimeSync::default();
+    for (k, timesync) in (1i64..).zip(whole.iter().filter_map(|message| message.timesync.as_ref())) {
+        let asked = clock.request(Monotonic(k * 100_000_000));
+        let now = Monotonic(k * 100_000_000 + 1_000_000);
+        clock.answer(timesync.tc1, timesync.ts1, now);
+        clock.answer(timesync.tc1, asked.unwrap_or(timesync.ts1), now);
+        let _ = (clock.offset_ns(), clock.round_trip_ns());
+    }
+}
+
+fn received(bytes: &[u8], piece: usize) -> Vec<Received> {
+    let (mut inbox, mut messages) = (Inbox::default(), Vec::new());
+    for piece in bytes.chunks(piece) {
+        inbox.put(piece, |message| messages.push(message));
+    }
+    let figures = inbox.figures();
+    assert!(figures.passed_over <= bytes.len() as u64);
+    assert_eq!(figures.messages - figures.malformed, messages.len() as u64);
+    messages
+}
+
+#[cfg(test)]
+#[path = "../../../fuzz/smoke.rs"]
+mod smoke;
+
+#[cfg(test)]
+#[path = "../../../fuzz/fixture.rs"]
+mod fixture;
+
+#[cfg(test)]
+mod seeds;
+
+#[cfg(test)]
+mod tests {
+    use super::smoke::over_seeds_and_mutations;
+
+    #[test]
+    fn fuzz_seeds_of_logs_are_read_to_their_end() {
+        for name in ["plain", "chunks"] {
+            let seed = format!("{}/../../fuzz/seeds/mcap_log/{name}.mcap", env!("CARGO_MANIFEST_DIR"));
+            let mut reader = super::LogReader::open(seed.as_ref()).unwrap();
+            let mut channels = Vec::new();
+            while let Some(message) = reader.next_message().unwrap() {
+                channels.push(message.channel);
+            }
+            assert_eq!(channels.len(), 11, "{name}: {channels:?}");
+        }
+    }
+
+    #[test]
+    fn fuzz_mcap_log() {
+        over_seeds_and_mutations("mcap_log", 300, super::mcap_log);
+    }
+
+    #[test]
+    fn fuzz_map_file() {
+        over_seeds_and_mutations("map_file", 20_000, super::map_file);
+    }
+
+    #[test]
+    fn fuzz_log_messages() {
+        over_seeds_and_mutations("log_messages", 20_000, super::log_messages);
+    }
+
+    #[test]
+    fn fuzz_mavlink() {
+        over_seeds_and_mutations("mavlink", 5000, super::mavlink);
+    }
+}

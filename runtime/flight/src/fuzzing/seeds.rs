@@ -1,0 +1,129 @@
+//! Makes the seeds of the targets of this crate: `cargo nextest run -p plumbline-flight --run-ignored only fuzz_seeds`.
+
+use super::fixture::{STAMP, estimate, odometry, put};
+use crate::log::channel::Channel;
+use crate::log::{about::About, about::METADATA_NAME, encode, image, proto};
+use crate::pipeline::event::{Event, Severity};
+use crate::pipeline::orders::{CorrectionOrder, FrameOrder, MapOrder, MapVerdict, ResetOrder, Verdict};
+use mavlink::dialects::common::{HEARTBEAT_DATA, MavMessage, TIMESYNC_DATA};
+use mcap::records::{MessageHeader, Metadata};
+use nalgebra::{Isometry3, Vector3};
+use plumbline_config::options::ImageRecording;
+use plumbline_config::{Config, GrayImage, ImuSample, Timestamp};
+use plumbline_drivers::{ImuReading, StereoFrame};
+use plumbline_estimator::places::MapEstimate;
+use plumbline_estimator::{
+    BiasVariances, Estimate, FrameFigures, HealthBits, NavCovariance, Odometry, ResetKind, TrackingState,
+};
+use prost::Message as _;
+use std::collections::BTreeMap;
+use std::io::Cursor;
+
+fn imu() -> ImuReading {
+    let sample = ImuSample { stamp: STAMP, gyro: Vector3::zeros(), accel: Vector3::z() * 9.81 };
+    ImuReading { sequence: 4, sample }
+}
+
+/// A message of every channel, as a recorder writes it.
+fn log_messages() -> Vec<(Channel, Vec<u8>)> {
+    let picture = GrayImage::from_pixels(8, 6, (0..48).collect()).unwrap();
+    let frame = StereoFrame {
+        sequence: 3,
+        stamp: STAMP,
+        valid: [true; 2],
+        images: [picture.clone(), picture.clone()],
+    };
+    let picture = |images| {
+        let mut bytes = Vec::new();
+        image::encode(&picture, STAMP, "left", images, &mut bytes).unwrap();
+        bytes
+    };
+    let order = FrameOrder { frame: 3, readings_before: 9, verdict: Verdict::Taken { level: 1 } };
+    let map_order = MapOrder { frame: 3, verdict: MapVerdict::Applied { at_frame: 9 } };
+    let map_estimate = MapEstimate {
+        frame_sequence: 3,
+        stamp: STAMP,
+        pose_m_o: Some(Isometry3::translation(1.0, 2.0, 3.0)),
+        reset_counter: 1,
+        keyframes: 20,
+        sightings: 3,
+        loops_used: 2,
+    };
+    let event = Event::new(STAMP, Severity::Info, format_args!("tracking"));
+    let recording = proto::Recording { imu_dropped: 2, seal: vec![7; 32], ..proto::Recording::default() };
+    vec![
+        (Channel::Imu, encode::imu(&imu()).encode_to_vec()),
+        (Channel::Left, picture(ImageRecording::Png)),
+        (Channel::Right, picture(ImageRecording::Raw)),
+        (Channel::Frame, image::frame(&frame).encode_to_vec()),
+        (Channel::FrameOrder, encode::frame_order(&order).encode_to_vec()),
+        (
+            Channel::CorrectionOrder,
+            encode::correction_order(&CorrectionOrder { frame: 3, readings_before: 9 }).encode_to_vec(),
+        ),
+        (
+            Channel::ResetOrder,
+            encode::reset_order(&ResetOrder { kind: ResetKind::Soft, before_frame: 3, is_renewal: true })
+                .encode_to_vec(),
+        ),
+        (Channel::MapOrder, encode::map_order(&map_order).encode_to_vec()),
+        (Channel::MapEstimate, encode::map_estimate(&map_estimate).encode_to_vec()),
+        (Channel::Estimate, encode::estimate(&estimate()).encode_to_vec()),
+        (Channel::Odometry, encode::odometry(&odometry()).encode_to_vec()),
+        (Channel::Event, encode::event(&event).encode_to_vec()),
+        (Channel::Recording, recording.encode_to_vec()),
+    ]
+}
+
+/// A log in which bytes can change without a checksum to refuse them.
+fn log(with_chunks: bool) -> Vec<u8> {
+    let options = mcap::WriteOptions::new()
+        .compression(None)
+        .use_chunks(with_chunks)
+        .calculate_chunk_crcs(false)
+        .calculate_data_section_crc(false)
+        .calculate_summary_section_crc(false);
+    let mut file = Cursor::new(Vec::new());
+    let mut writer = options.create(&mut file).unwrap();
+    let mut metadata = About::new(&Config::preset("sim").unwrap()).unwrap().to_metadata().unwrap();
+    metadata.insert("flight".into(), "0123456789abcdef".into());
+    writer.write_metadata(&Metadata { name: METADATA_NAME.into(), metadata }).unwrap();
+    for (sequence, (channel, payload)) in (0u32..).zip(log_messages()) {
+        let id = writer.add_channel(0, channel.topic(), "protobuf", &BTreeMap::new()).unwrap();
+        let time_ns = STAMP.as_nanos() as u64;
+        let header = MessageHeader { channel_id: id, sequence, log_time: time_ns, publish_time: time_ns };
+        writer.write_to_known_channel(&header, &payload).unwrap();
+    }
+    writer.finish().unwrap();
+    drop(writer);
+    file.into_inner()
+}
+
+fn mavlink_bytes() -> Vec<u8> {
+    let header = mavlink::MavHeader { system_id: 1, component_id: 1, sequence: 3 };
+    let timesync =
+        |tc1, ts1| MavMessage::TIMESYNC(TIMESYNC_DATA { tc1, ts1, target_system: 0, target_component: 0 });
+    let mut bytes = vec![3];
+    for (k, message) in [timesync(0, 5), MavMessage::HEARTBEAT(HEARTBEAT_DATA::default()), timesync(900, 7)]
+        .iter()
+        .enumerate()
+    {
+        if k == 1 {
+            mavlink::write_v1_msg(&mut bytes, header, message).unwrap();
+        } else {
+            mavlink::write_v2_msg(&mut bytes, header, message).unwrap();
+        }
+    }
+    bytes
+}
+
+#[test]
+#[ignore = "writes the seeds of the fuzzers"]
+fn fuzz_seeds() {
+    put("mcap_log", "plain.mcap", &log(false));
+    put("mcap_log", "chunks.mcap", &log(true));
+    for (k, (channel, payload)) in log_messages().iter().enumerate() {
+        put("log_messages", &format!("{k:02}"), &[&[*channel as u8][..], payload].concat());
+    }
+    put("mavlink", "messages", &mavlink_bytes());
+}

@@ -1,0 +1,84 @@
+//! Requests to keep the map of a flight that goes on, and what became of them.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// What became of the last request: keyframes that were written, or why none were. `None` before the first.
+pub type MapSaved = Option<Result<u32, String>>;
+
+/// A request to keep the map: how often it had been kept before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MapRequest(u64);
+
+/// The desk between those who want the map kept and the one who writes it, from any thread.
+#[derive(Debug, Default)]
+pub struct MapSaves {
+    is_open: AtomicBool,
+    is_asked: AtomicBool,
+    /// How often a request has ended, and what became of the last.
+    saved: Mutex<(u64, MapSaved)>,
+}
+
+impl MapSaves {
+    /// Somebody writes maps from now on.
+    pub fn open(&self) {
+        self.is_open.store(true, Ordering::Relaxed);
+    }
+
+    /// Asks for the map; [`Self::outcome`] has what becomes of it. `None` when this flight keeps none.
+    pub fn ask(&self) -> Option<MapRequest> {
+        if !self.is_open.load(Ordering::Relaxed) {
+            return None;
+        }
+        let request = MapRequest(self.saved().0);
+        self.is_asked.store(true, Ordering::Relaxed);
+        Some(request)
+    }
+
+    /// What became of a request: `None` as long as nothing did. It does not wait.
+    #[must_use]
+    pub fn outcome(&self, request: MapRequest) -> MapSaved {
+        let saved = self.saved();
+        if saved.0 == request.0 { None } else { saved.1.clone() }
+    }
+
+    /// Whether the map was asked for since the last call.
+    pub fn take(&self) -> bool {
+        self.is_asked.swap(false, Ordering::Relaxed)
+    }
+
+    /// Tells those who asked: how many keyframes were written, or why none were.
+    pub fn tell(&self, outcome: Result<u32, String>) {
+        let mut saved = self.saved();
+        *saved = (saved.0 + 1, Some(outcome));
+    }
+
+    fn saved(&self) -> MutexGuard<'_, (u64, MapSaved)> {
+        self.saved.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nobody_can_ask_where_no_map_is_kept() {
+        let saves = MapSaves::default();
+        assert!(saves.ask().is_none());
+        assert!(!saves.take());
+    }
+
+    #[test]
+    fn a_request_is_taken_once_and_its_outcome_told() {
+        let saves = MapSaves::default();
+        saves.open();
+        let request = saves.ask().unwrap();
+        assert!(saves.take() && !saves.take());
+        assert_eq!(saves.outcome(request), None);
+        saves.tell(Ok(7));
+        assert_eq!(saves.outcome(request), Some(Ok(7)));
+        // Who asks again waits for another.
+        assert_eq!(saves.outcome(saves.ask().unwrap()), None);
+    }
+}

@@ -1,0 +1,173 @@
+//! From two sensor streams to estimates and odometry: the same answers in virtual time and live.
+//!
+//! Two executors run the same stages ([`stages`], [`tick`]). [`in_order`] goes as fast as it can, in the
+//! order that one rule gives: readings up to the time a frame needs, then the frame; its estimate corrects
+//! the odometry just before the first reading at or after its time plus [`CORRECTION_DELAY_NS`]. [`live`] runs
+//! against the clock on threads of its own; what the clock decides there is written down as [`orders`]. When
+//! nothing had to be refused or came late, both give the same bits.
+
+#![deny(clippy::disallowed_methods)]
+
+pub mod clock;
+mod control;
+pub mod digest;
+pub mod event;
+pub mod figures;
+mod in_order;
+pub mod listener;
+mod live;
+mod map_saves;
+pub mod orders;
+pub mod places;
+mod stages;
+mod team;
+mod tick;
+
+pub use control::Control;
+pub use live::LiveFigures;
+pub use map_saves::{MapRequest, MapSaved, MapSaves};
+pub use tick::CORRECTION_DELAY_NS;
+
+use crate::schedule::host::Host;
+use figures::Figures;
+use in_order::InOrder;
+use listener::Subscriber;
+use live::Live;
+use places::{PlacesFigures, PlacesStage};
+use plumbline_config::ValidConfig;
+use plumbline_drivers::{DriverError, Faults, ImuSource, StereoSource};
+use plumbline_estimator::places::{Mapper, PlaceMap};
+use stages::WindowStage;
+use std::sync::Arc;
+use team::Team;
+
+/// How a run goes.
+#[derive(Clone, Copy, Debug)]
+pub struct RunOptions {
+    /// Multiple of real time; `None` for as fast as it goes.
+    pub speed: Option<f64>,
+    /// 1 does everything in turn, 2 decodes or renders ahead, more share the work on a frame.
+    pub threads: usize,
+}
+
+/// Whose the stamps of the samples are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Stamps {
+    /// Of this host's monotonic clock: live sensors. What arrives is due.
+    OfHost,
+    /// Of a recording or simulation, which is played against the clock in a live run.
+    #[default]
+    Replayed,
+}
+
+/// The sensors of a run, and what is known beforehand.
+pub struct Streams {
+    /// Inertial samples.
+    pub imu: Box<dyn ImuSource>,
+    /// Frames.
+    pub stereo: Box<dyn StereoSource>,
+    /// Keyframes of a map that the flight goes on with, of the limits of [`Mapper::limits`].
+    pub map: Option<PlaceMap>,
+    /// Whose their stamps are.
+    pub stamps: Stamps,
+    /// Resets are counted from here on.
+    pub first_reset_counter: u32,
+}
+
+/// The map at the end of a run.
+pub struct PlacesEnd {
+    /// Keyframes, graph, and the way to correct a trajectory.
+    pub mapper: Mapper,
+    /// Times and counts.
+    pub figures: PlacesFigures,
+}
+
+impl PlacesEnd {
+    fn new(stage: PlacesStage, window: &WindowStage, passed_over: u64) -> Self {
+        let (mapper, times_ms) = stage.into_end();
+        let figures = window.map().map(|map| map.figures(times_ms, passed_over, &mapper));
+        Self { figures: figures.unwrap_or_default(), mapper }
+    }
+}
+
+/// What a run came to.
+pub struct Outcome {
+    /// Times and counts.
+    pub figures: Figures,
+    /// SHA-256 over the bits of all estimates.
+    pub estimate_digest: String,
+    /// SHA-256 over the bits of all odometry.
+    pub odometry_digest: String,
+    /// What the drivers survived.
+    pub faults: DriverFaults,
+    /// The map; `None` where places are switched off.
+    pub places: Option<PlacesEnd>,
+    /// What only a live run has.
+    pub live: Option<LiveFigures>,
+}
+
+/// What the drivers of a run survived.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct DriverFaults {
+    /// The inertial driver.
+    pub imu: Faults,
+    /// The driver of the cameras.
+    pub cameras: Faults,
+}
+
+/// Why a run ended early.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// A driver cannot go on.
+    #[error(transparent)]
+    Driver(#[from] DriverError),
+    /// The system refused a thread.
+    #[error("the system refuses a thread: {0}")]
+    Thread(String),
+    /// A task of the run ended by a fault of its own.
+    #[error("the task {0} ended by a fault of its own; please report this with the flight's log")]
+    Fault(&'static str),
+    /// A task of the run stands still.
+    #[error("the task {0} stands still and does not come back; please report this with the flight's log")]
+    Stalled(&'static str),
+}
+
+impl RunError {
+    /// Whether the same run, started again, may go on: the fault lies in the program, and not in what it was given.
+    #[must_use]
+    pub fn is_fault(&self) -> bool {
+        matches!(self, Self::Fault(_) | Self::Stalled(_))
+    }
+}
+
+/// Runs both streams to their end, or until `control` says so: live with a speed, else in virtual time. The listeners of
+/// `subscriber` are told of everything that passes.
+///
+/// # Errors
+/// When a driver cannot go on, or a thread cannot be had.
+pub fn run(
+    config: &ValidConfig,
+    mut streams: Streams,
+    options: &RunOptions,
+    control: &Control,
+    subscriber: &mut dyn Subscriber,
+) -> Result<Outcome, RunError> {
+    let refused = |error: rayon_core::ThreadPoolBuildError| RunError::Thread(error.to_string());
+    let helpers = options.threads.saturating_sub(1);
+    match options.speed {
+        None => {
+            let team = Team::new(helpers, || {}).map_err(refused)?;
+            let executor = InOrder::new(config, streams.map.take(), &team, subscriber);
+            team.lead(|| executor.run(config, streams, options, control))
+        }
+        Some(speed) => {
+            let host = Arc::new(Host::new(&config.runtime));
+            Live::new(config, speed, helpers, host, streams.map.take(), subscriber)?.run(streams, control)
+        }
+    }
+}
+
+/// Image sizes of the rig, px; (0, 0) for a camera that is not there.
+pub fn image_sizes(config: &ValidConfig) -> [(usize, usize); 2] {
+    [0, 1].map(|k| config.camera.get(k).map_or((0, 0), |c| (c.width_px, c.height_px)))
+}

@@ -1,0 +1,403 @@
+//! Everything received from all vehicles, in bounded memory.
+
+use super::vehicle::{Picture, Vehicle};
+use nalgebra::Vector3;
+use plumbline_link::net::proto;
+use serde::Serialize;
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+/// Vehicles that are kept: another one takes the place of the one that least was heard of.
+pub const MAX_VEHICLES: usize = 64;
+/// Longest name of a vehicle, bytes.
+pub const MAX_NAME: usize = 64;
+/// Events that are kept.
+const MAX_EVENTS: usize = 200;
+
+/// How much an event matters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Severity {
+    /// Information.
+    Info,
+    /// Needs attention.
+    Warning,
+    /// Needs action.
+    Error,
+}
+
+/// An entry of the list of events.
+#[derive(Clone, Debug, Serialize)]
+pub struct FleetEvent {
+    /// Vehicle that it concerns; `None` for the station.
+    pub vehicle: Option<String>,
+    /// Severity.
+    pub severity: Severity,
+    /// Time since the station started, s.
+    pub time_s: f64,
+    /// Description for people.
+    pub text: String,
+}
+
+/// A position from the trajectory that a vehicle keeps.
+#[derive(Clone, Copy, Debug)]
+pub struct PastPoint {
+    /// Measurement time, ns.
+    pub stamp_ns: i64,
+    /// Position of the body in the odometry frame of this count of resets.
+    pub p_o: Vector3<f64>,
+    /// Resets so far.
+    pub reset_counter: u32,
+}
+
+/// All vehicles, by name.
+#[derive(Clone, Debug)]
+pub struct Fleet {
+    /// The vehicles.
+    pub vehicles: BTreeMap<String, Vehicle>,
+    /// Messages that could not be decoded.
+    pub malformed: u64,
+    /// Messages of vehicles with impossible names, or beyond the limit while every place is kept.
+    pub refused: u64,
+    /// When the station started.
+    pub start: Instant,
+    arrivals: u64,
+    events: VecDeque<FleetEvent>,
+    /// Events so far, those no longer kept included.
+    pub event_count: u64,
+}
+
+impl Default for Fleet {
+    fn default() -> Self {
+        Self {
+            vehicles: BTreeMap::new(),
+            malformed: 0,
+            refused: 0,
+            start: Instant::now(),
+            arrivals: 0,
+            events: VecDeque::new(),
+            event_count: 0,
+        }
+    }
+}
+
+impl Fleet {
+    fn vehicle(&mut self, name: &str) -> Option<&mut Vehicle> {
+        if !self.vehicles.contains_key(name) {
+            if !is_name(name) || !self.make_room() {
+                self.refused += 1;
+                return None;
+            }
+            self.arrivals += 1;
+            self.vehicles.insert(name.to_owned(), Vehicle::arrived(self.arrivals));
+        }
+        self.vehicles.get_mut(name)
+    }
+
+    /// Whether there is a place for another vehicle. Who invents names has as little heard of each as there are many: that a
+    /// real vehicle comes late, or others go on inventing, does not lock it out. Who is being recorded stays.
+    fn make_room(&mut self) -> bool {
+        if self.vehicles.len() < MAX_VEHICLES {
+            return true;
+        }
+        let others = self.vehicles.iter().filter(|(_, vehicle)| !vehicle.is_recording);
+        let least = others.min_by_key(|(_, vehicle)| (vehicle.heard(), vehicle.arrival));
+        let Some(name) = least.map(|(name, _)| name.clone()) else { return false };
+        self.vehicles.remove(&name);
+        true
+    }
+
+    /// Applies that the liveliness token of a vehicle appeared or disappeared.
+    pub fn alive(&mut self, name: &str, is_alive: bool) {
+        let Some(vehicle) = self.vehicle(name) else { return };
+        let was_alive = std::mem::replace(&mut vehicle.is_alive, is_alive);
+        if is_alive && !was_alive {
+            vehicle.appear();
+            self.announce(Some(name), Severity::Info, "on the network".into());
+        } else if was_alive && !is_alive {
+            self.announce(Some(name), Severity::Error, "has left the network".into());
+        }
+    }
+
+    /// Counts a payload that could not be decoded.
+    pub fn malformed(&mut self) {
+        self.malformed += 1;
+    }
+
+    /// Applies odometry of `bytes`, received at `now_ns` by this host's clock.
+    pub fn odom(&mut self, name: &str, message: &proto::Odom, bytes: usize, now: Instant, now_ns: i64) {
+        self.update(name, now, |vehicle| vehicle.apply_odom(message, bytes, now, now_ns));
+    }
+
+    /// Applies an estimate of `bytes`.
+    pub fn state(&mut self, name: &str, message: &proto::State, bytes: usize, now: Instant) {
+        self.update(name, now, |vehicle| vehicle.apply_state(message, bytes, now));
+    }
+
+    /// Applies a health message of `bytes`.
+    pub fn health(&mut self, name: &str, message: &proto::Health, bytes: usize, now: Instant) {
+        self.update(name, now, |vehicle| vehicle.apply_health(message, bytes, now));
+    }
+
+    /// Applies a keyframe, published or queried.
+    pub fn keyframe(&mut self, name: &str, message: &proto::Keyframe) {
+        if let Some(vehicle) = self.vehicle(name) {
+            vehicle.map.insert(message);
+        }
+    }
+
+    /// Applies a correction of the map frame.
+    pub fn correction(&mut self, name: &str, message: &proto::MapCorrection) {
+        if let Some(vehicle) = self.vehicle(name) {
+            vehicle.corrected.apply_correction(message);
+        }
+    }
+
+    /// Applies a corrected path, published or queried.
+    pub fn map_path(&mut self, name: &str, message: &proto::MapPath) {
+        if let Some(vehicle) = self.vehicle(name) {
+            vehicle.corrected.apply_path(message);
+        }
+    }
+
+    /// Applies the keyframes and landmarks of the window.
+    pub fn scene(&mut self, name: &str, message: &proto::Scene) {
+        if let Some(vehicle) = self.vehicle(name) {
+            vehicle.map.set_scene(message);
+        }
+    }
+
+    /// Applies a camera image.
+    pub fn picture(&mut self, name: &str, message: proto::Picture) {
+        if let Some(vehicle) = self.vehicle(name) {
+            let version = vehicle.picture.as_ref().map_or(0, |picture| picture.version) + 1;
+            vehicle.picture = Some(Picture { message: Arc::new(message), version });
+        }
+    }
+
+    /// Applies the trajectory that a vehicle keeps, in order of time; only points since its last reset are used.
+    pub fn past(&mut self, name: &str, past: &[PastPoint]) {
+        if let Some(vehicle) = self.vehicle(name) {
+            let same = past.iter().filter(|point| point.reset_counter == vehicle.resets);
+            let path: Vec<_> = same.map(|point| (point.stamp_ns, point.p_o)).collect();
+            vehicle.track.fill(&path);
+        }
+    }
+
+    /// Applies `change` to a vehicle, and announces changes of its state, resets and work budget.
+    fn update(&mut self, name: &str, now: Instant, change: impl FnOnce(&mut Vehicle)) {
+        let Some(vehicle) = self.vehicle(name) else { return };
+        let before = (vehicle.resets, vehicle.rung.clone());
+        change(vehicle);
+        let after = (vehicle.resets, vehicle.rung.clone());
+        let state = vehicle.state_words;
+        if vehicle.state_news.is_due(state, now) {
+            let severity = match state {
+                "tracking" | "initialising" => Severity::Info,
+                "blind" => Severity::Warning,
+                _ => Severity::Error,
+            };
+            self.announce(Some(name), severity, state.to_owned());
+        }
+        if before.0 != after.0 {
+            self.announce(Some(name), Severity::Warning, format!("reset: the counter is now {}", after.0));
+        }
+        if let (Some(old), Some(new)) = (before.1, after.1)
+            && old != new
+        {
+            self.announce(Some(name), Severity::Warning, format!("work budget: {new}"));
+        }
+    }
+
+    /// Adds an event.
+    pub fn announce(&mut self, vehicle: Option<&str>, severity: Severity, text: String) {
+        if self.events.len() == MAX_EVENTS {
+            self.events.pop_front();
+        }
+        let time_s = self.start.elapsed().as_secs_f64();
+        self.events.push_back(FleetEvent { vehicle: vehicle.map(str::to_owned), severity, time_s, text });
+        self.event_count += 1;
+    }
+
+    /// Events from number `from` on.
+    pub fn events_since(&self, from: u64) -> impl Iterator<Item = &FleetEvent> {
+        let first = self.event_count - self.events.len() as u64;
+        let skip = usize::try_from(from.saturating_sub(first)).unwrap_or(usize::MAX);
+        self.events.iter().skip(skip)
+    }
+
+    /// A line for each vehicle.
+    #[must_use]
+    pub fn lines(&self, now: Instant) -> Vec<String> {
+        self.vehicles.iter().map(|(name, vehicle)| vehicle.line(name, now)).collect()
+    }
+}
+
+/// Whether a vehicle can have this name: it is one part of a key, and is shown in terminals.
+#[must_use]
+pub fn is_name(name: &str) -> bool {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_');
+    !name.is_empty() && name.len() <= MAX_NAME && name.chars().all(is_plain)
+}
+
+/// Locks the fleet, also after a thread has panicked while holding it.
+pub fn lock(fleet: &Mutex<Fleet>) -> MutexGuard<'_, Fleet> {
+    fleet.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::channel::STALE_AFTER;
+    use super::super::vehicle::LOST_AFTER;
+    use super::*;
+    use nalgebra::Isometry3;
+    use plumbline_link::net::wire;
+
+    fn odom(sequence: u64, x: f64, reset_counter: u32) -> proto::Odom {
+        proto::Odom {
+            header: Some(proto::Header {
+                sequence,
+                quality: 80,
+                reset_counter,
+                stamp_ns: sequence as i64 * 5_000_000,
+                ..proto::Header::default()
+            }),
+            state: proto::TrackingState::Tracking.into(),
+            pose: wire::pose(&Isometry3::translation(x, 0.0, 0.0)),
+            velocity_o_b: Some(proto::Vector3::default()),
+            ..proto::Odom::default()
+        }
+    }
+
+    fn texts(fleet: &Fleet) -> Vec<&str> {
+        fleet.events_since(0).map(|event| event.text.as_str()).collect()
+    }
+
+    #[test]
+    fn presence_follows_token_and_data() {
+        let (mut fleet, now) = (Fleet::default(), Instant::now());
+        fleet.alive("a", true);
+        assert_eq!(fleet.vehicles["a"].presence(now), "unknown");
+        fleet.odom("a", &odom(0, 0.0, 0), 100, now, 0);
+        let vehicle = &fleet.vehicles["a"];
+        assert_eq!(vehicle.presence(now), "tracking");
+        assert_eq!(vehicle.presence(now + STALE_AFTER * 2), "stale");
+        assert_eq!(vehicle.presence(now + LOST_AFTER * 2), "lost");
+        fleet.alive("a", false);
+        assert_eq!(fleet.vehicles["a"].presence(now), "lost");
+        assert_eq!(texts(&fleet), ["on the network", "tracking", "has left the network"]);
+    }
+
+    #[test]
+    fn a_reset_is_told_and_a_jump_begins_a_new_path() {
+        let (mut fleet, now) = (Fleet::default(), Instant::now());
+        for k in 0..100 {
+            fleet.odom("a", &odom(k, k as f64 * 0.1, 0), 100, now, 0);
+        }
+        assert!(fleet.vehicles["a"].track.len() > 50);
+        fleet.odom("a", &odom(100, 0.0, 1), 100, now, 0);
+        assert_eq!(fleet.vehicles["a"].track.len(), 1);
+        assert!(texts(&fleet).contains(&"reset: the counter is now 1"));
+    }
+
+    #[test]
+    fn a_partition_leaves_the_path_whole() {
+        let (mut fleet, now) = (Fleet::default(), Instant::now());
+        fleet.alive("a", true);
+        fleet.odom("a", &odom(0, 0.0, 0), 100, now, 0);
+        fleet.alive("a", false);
+        fleet.alive("a", true);
+        fleet.odom("a", &odom(4_000, 30.0, 0), 100, now, 0);
+        assert_eq!(fleet.vehicles["a"].track.len(), 2);
+        assert_eq!(fleet.vehicles["a"].odom.lost, 0);
+        let past = |k: i64, reset_counter| PastPoint {
+            stamp_ns: k * 1_000_000_000,
+            p_o: Vector3::new(k as f64, 0.0, 0.0),
+            reset_counter,
+        };
+        fleet.past("a", &(0..10).map(|k| past(k, 1)).chain((10..20).map(|k| past(k, 0))).collect::<Vec<_>>());
+        assert_eq!(fleet.vehicles["a"].track.len(), 12);
+    }
+
+    #[test]
+    fn a_vehicle_that_started_anew_begins_a_new_path() {
+        let (mut fleet, now) = (Fleet::default(), Instant::now());
+        fleet.odom("a", &odom(4_000, 30.0, 0), 100, now, 0);
+        let mut message = odom(0, 0.0, 0);
+        message.header.as_mut().unwrap().stamp_ns = 60_000_000_000;
+        fleet.odom("a", &message, 100, now, 0);
+        assert_eq!(fleet.vehicles["a"].track.len(), 1);
+    }
+
+    #[test]
+    fn invented_names_lock_no_vehicle_out() {
+        let (mut fleet, now) = (Fleet::default(), Instant::now());
+        (0..MAX_VEHICLES).for_each(|k| fleet.alive(&format!("invented{k}"), true));
+        let hear = |fleet: &mut Fleet, sequence: u64| {
+            fleet.alive("drone", true);
+            fleet.odom("drone", &odom(sequence, 0.0, 0), 100, now, 0);
+        };
+        (0..3).for_each(|sequence| hear(&mut fleet, sequence));
+        // Names go on being invented, faster than the vehicle speaks.
+        for k in 0..1_000u64 {
+            fleet.alive(&format!("more{k}"), true);
+            fleet.odom(&format!("more{k}"), &odom(0, 0.0, 0), 100, now, 0);
+            if k.is_multiple_of(10) {
+                hear(&mut fleet, 3 + k / 10);
+            }
+        }
+        assert_eq!(fleet.vehicles.len(), MAX_VEHICLES);
+        assert_eq!(fleet.vehicles["drone"].odom.received, 103, "it was never thrown out");
+        assert!(fleet.events_since(0).count() <= MAX_EVENTS);
+    }
+
+    #[test]
+    fn who_is_recorded_keeps_its_place() {
+        let mut fleet = Fleet::default();
+        fleet.alive("a", true);
+        fleet.vehicles.get_mut("a").unwrap().set_recording(true);
+        (0..2 * MAX_VEHICLES).for_each(|k| fleet.alive(&format!("v{k}"), true));
+        assert!(fleet.vehicles.contains_key("a"));
+    }
+
+    #[test]
+    fn impossible_names_are_refused_and_counted() {
+        let mut fleet = Fleet::default();
+        for name in ["", "\u{1b}[2J", "a b", "a\u{85}b", &"x".repeat(MAX_NAME + 1)] {
+            fleet.alive(name, true);
+        }
+        assert_eq!((fleet.vehicles.len(), fleet.refused), (0, 5));
+    }
+
+    #[test]
+    fn a_recording_holds_what_came_while_it_went_on() {
+        let (mut fleet, now) = (Fleet::default(), Instant::now());
+        for k in 0..30 {
+            if let Some(vehicle) = fleet.vehicles.get_mut("a") {
+                vehicle.set_recording((10..20).contains(&k));
+            }
+            fleet.odom("a", &odom(k, 0.0, 0), 100, now, 0);
+        }
+        let vehicle = &fleet.vehicles["a"];
+        assert!(!vehicle.is_recording);
+        assert_eq!(vehicle.recording.as_ref().unwrap().len(), 10);
+    }
+
+    #[test]
+    fn latency_is_brought_to_one_clock() {
+        let (mut fleet, now) = (Fleet::default(), Instant::now());
+        fleet.alive("a", true);
+        let ahead_ns = 3_600_000_000_000;
+        fleet.vehicles.get_mut("a").unwrap().clock.add(super::super::clock::Exchange {
+            asked_ns: 0,
+            received_ns: ahead_ns + 100,
+            answered_ns: ahead_ns + 100,
+            came_ns: 200,
+        });
+        let mut message = odom(0, 0.0, 0);
+        message.header.as_mut().unwrap().published_ns = ahead_ns + 1_000_000;
+        fleet.odom("a", &message, 100, now, 3_000_000);
+        assert!((fleet.vehicles["a"].latency_ms.unwrap() - 2.0).abs() < 1e-9);
+    }
+}

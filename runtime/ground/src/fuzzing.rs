@@ -1,0 +1,153 @@
+//! What the fuzzers send to a ground station: messages of vehicles, and words of pages.
+
+use super::clock::Exchange;
+use super::export::{Format, export};
+use super::fleet::lock;
+use super::fleet::{Fleet, PastPoint};
+use super::listen::apply_numbered;
+use super::recover::points;
+use super::web::{api, guard, socket};
+use axum::extract::ws::Message;
+use plumbline_link::net::{proto, read, security};
+use std::sync::Mutex;
+use std::time::Instant;
+
+/// Messages of a vehicle, one after the other: the number of the topic, the length as two bytes (little end first), and
+/// the payload. What they make of the station can be shown, told to a page and exported.
+///
+/// # Panics
+/// When a message is neither taken nor counted, or what a page is told is no JSON.
+pub fn network_messages(data: &[u8]) {
+    show(&lock(&heard(data)));
+}
+
+/// What a station knows after these messages.
+fn heard(data: &[u8]) -> Mutex<Fleet> {
+    let fleet = Mutex::new(Fleet::default());
+    let mut rest = data;
+    while let Some(([topic, low, high], after)) = rest.split_first_chunk() {
+        let length = usize::from(u16::from_le_bytes([*low, *high])).min(after.len());
+        let (payload, next) = after.split_at(length);
+        take(&fleet, *topic, payload);
+        rest = next;
+    }
+    fleet
+}
+
+/// A message of a topic, or the answer to a question.
+fn take(fleet: &Mutex<Fleet>, topic: u8, payload: &[u8]) {
+    match topic {
+        b'c' => {
+            let Some(clock) = read::decode::<proto::Clock>(payload) else { return };
+            let mut fleet = lock(fleet);
+            let Some(vehicle) = fleet.vehicles.get_mut("drone") else { return };
+            let (received_ns, answered_ns) = (clock.received_ns, clock.answered_ns);
+            vehicle.clock.add(Exchange { asked_ns: 0, received_ns, answered_ns, came_ns: 1_000_000 });
+        }
+        b't' => {
+            let Some(trajectory) = read::decode::<proto::Trajectory>(payload) else { return };
+            let mut past: Vec<PastPoint> = points(&trajectory).collect();
+            past.sort_by_key(|point| point.stamp_ns);
+            lock(fleet).past("drone", &past);
+        }
+        b'r' => drop(read::decode::<proto::ResetDone>(payload)),
+        b's' => drop(read::decode::<proto::MapSaved>(payload)),
+        topic => {
+            let count = |fleet: &Fleet| fleet.malformed + fleet.vehicles.len() as u64;
+            apply_numbered(fleet, topic, payload);
+            assert!(count(&lock(fleet)) >= 1);
+        }
+    }
+}
+
+fn show(fleet: &Fleet) {
+    let _ = fleet.lines(Instant::now());
+    for message in socket::everything(fleet) {
+        if let Message::Text(text) = message {
+            let told: serde_json::Value = serde_json::from_str(text.as_str()).expect("the page reads JSON");
+            assert!(told["type"].is_string());
+        }
+    }
+    for (name, vehicle) in &fleet.vehicles {
+        let _ = vehicle.map.missing(100);
+        for format in [Format::Tum, Format::Csv, Format::Mcap] {
+            assert!(export(name, &vehicle.poses.to_vec(), format).is_ok());
+        }
+    }
+}
+
+/// What a page says: on its web socket, as the body of a request, and as the host it was opened by.
+///
+/// # Panics
+/// When the name of another host passes for this one.
+pub fn web_socket(data: &[u8]) {
+    let Ok(text) = std::str::from_utf8(data) else { return };
+    let _ = socket::watched(text);
+    let _ = serde_json::from_str::<api::Reset>(text);
+    let _ = serde_json::from_str::<api::Record>(text);
+    let _ = text.split_once('.').and_then(|(_, ending)| Format::of(ending));
+    if guard::is_loopback(text) {
+        assert!(text.contains("localhost") || text.contains("127.") || text.contains("::"), "{text:?}");
+    }
+}
+
+/// An endpoint: what passes for this host's alone is this host's to Zenoh as well.
+///
+/// # Panics
+/// When it is not.
+pub fn peer_endpoint(data: &[u8]) {
+    let Ok(text) = std::str::from_utf8(data) else { return };
+    let is_ours = security::is_loopback(text);
+    let Ok(endpoint) = text.parse::<zenoh::config::EndPoint>() else { return };
+    if is_ours {
+        let address = endpoint.address();
+        let host = address.as_str().rsplit_once(':').map_or("", |(host, _)| host);
+        let host = host.trim_start_matches('[').trim_end_matches(']');
+        let ip = host.parse::<std::net::IpAddr>();
+        assert!(host == "localhost" || ip.is_ok_and(|ip| ip.is_loopback()), "{text:?}");
+    }
+}
+
+#[cfg(test)]
+#[path = "../../../fuzz/smoke.rs"]
+mod smoke;
+
+#[cfg(test)]
+#[path = "../../../fuzz/fixture.rs"]
+mod fixture;
+
+#[cfg(test)]
+mod seeds;
+
+#[cfg(test)]
+mod tests {
+    use super::smoke::over_seeds_and_mutations;
+    use super::*;
+
+    #[test]
+    fn fuzz_seeds_of_the_network_are_understood() {
+        let seed = include_bytes!("../../../fuzz/seeds/network_messages/all");
+        let fleet = heard(seed);
+        let fleet = lock(&fleet);
+        let vehicle = &fleet.vehicles["drone"];
+        assert_eq!((fleet.malformed, vehicle.map.len()), (0, 1));
+        assert!(
+            vehicle.picture.is_some() && vehicle.clock.round_trip_ns().is_some() && !vehicle.track.is_empty()
+        );
+    }
+
+    #[test]
+    fn fuzz_network_messages() {
+        over_seeds_and_mutations("network_messages", 2000, network_messages);
+    }
+
+    #[test]
+    fn fuzz_web_socket() {
+        over_seeds_and_mutations("web_socket", 20_000, web_socket);
+    }
+
+    #[test]
+    fn fuzz_peer_endpoint() {
+        over_seeds_and_mutations("peer_endpoint", 20_000, peer_endpoint);
+    }
+}

@@ -1,0 +1,187 @@
+//! The map received from a vehicle: keyframes with their landmarks, in bounded memory.
+
+use nalgebra::Isometry3;
+use plumbline_link::net::{proto, read};
+use std::collections::{BTreeMap, VecDeque};
+use std::ops::Range;
+
+/// Keyframes that are kept.
+pub const MAX_KEYFRAMES: usize = 5_000;
+/// Coordinates of landmarks that are kept.
+const MAX_NUMBERS: usize = 400_000;
+
+/// A keyframe with the landmarks that it hosts.
+#[derive(Clone, Debug)]
+pub struct MapKeyframe {
+    /// Pose of the body in the odometry frame.
+    pub pose_o_b: Isometry3<f64>,
+    /// Points, x y z in O.
+    pub points_o: Vec<f32>,
+    /// Lines, both ends, in O.
+    pub lines_o: Vec<f32>,
+}
+
+/// Keyframes and landmarks in the vehicle's window now.
+#[derive(Clone, Debug, Default)]
+pub struct Scene {
+    /// Keyframes.
+    pub keyframes: Vec<Isometry3<f64>>,
+    /// Points, x y z in O.
+    pub points_o: Vec<f32>,
+    /// Lines, both ends, in O.
+    pub lines_o: Vec<f32>,
+    /// Counts updates.
+    pub version: u64,
+}
+
+/// Keyframes by sequence number, and in the order of arrival.
+#[derive(Clone, Debug, Default)]
+pub struct Map {
+    keyframes: BTreeMap<u64, MapKeyframe>,
+    arrivals: VecDeque<u64>,
+    numbers: usize,
+    /// Keyframes received in this epoch.
+    pub arrived: u64,
+    /// Keyframes that the vehicle has, as it reports.
+    pub announced: u64,
+    /// Counts how often the map was cleared.
+    pub epoch: u64,
+    /// The window now.
+    pub scene: Scene,
+}
+
+impl Map {
+    /// Adds a keyframe; one that is known already is ignored.
+    pub fn insert(&mut self, message: &proto::Keyframe) {
+        let Some(sequence) = message.header.as_ref().map(|header| header.sequence) else { return };
+        let Some(pose_o_b) = message.pose.as_ref().and_then(read::isometry) else { return };
+        self.announced = self.announced.max(sequence.saturating_add(1));
+        if self.keyframes.contains_key(&sequence) {
+            return;
+        }
+        let (points_o, lines_o) = (message.points_o.clone(), message.lines_o.clone());
+        self.numbers += points_o.len() + lines_o.len();
+        self.keyframes.insert(sequence, MapKeyframe { pose_o_b, points_o, lines_o });
+        self.arrivals.push_back(sequence);
+        self.arrived += 1;
+        while self.keyframes.len() > MAX_KEYFRAMES || self.numbers > MAX_NUMBERS {
+            let Some(oldest) = self.arrivals.pop_front() else { break };
+            if let Some(gone) = self.keyframes.remove(&oldest) {
+                self.numbers -= gone.points_o.len() + gone.lines_o.len();
+            }
+        }
+    }
+
+    /// Replaces the window.
+    pub fn set_scene(&mut self, message: &proto::Scene) {
+        self.scene = Scene {
+            keyframes: message.keyframes.iter().filter_map(read::isometry).collect(),
+            points_o: message.points_o.clone(),
+            lines_o: message.lines_o.clone(),
+            version: self.scene.version + 1,
+        };
+    }
+
+    /// Discards all keyframes.
+    pub fn clear(&mut self) {
+        let version = self.scene.version + 1;
+        *self =
+            Self { epoch: self.epoch + 1, scene: Scene { version, ..Scene::default() }, ..Self::default() };
+    }
+
+    /// Keyframes kept.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.keyframes.len()
+    }
+
+    /// Whether there is none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.keyframes.is_empty()
+    }
+
+    /// The newest gap of at most `limit` keyframes that were announced and not received, among those that are kept.
+    #[must_use]
+    pub fn missing(&self, limit: u64) -> Option<Range<u64>> {
+        let oldest = self.announced.saturating_sub(MAX_KEYFRAMES as u64);
+        // Keyframes discarded for lack of memory are not queried again.
+        let oldest = if self.arrived > self.keyframes.len() as u64 {
+            self.keyframes.keys().next().copied().unwrap_or(oldest).max(oldest)
+        } else {
+            oldest
+        };
+        let last = (oldest..self.announced).rev().find(|sequence| !self.keyframes.contains_key(sequence))?;
+        let first = (oldest..=last)
+            .rev()
+            .take(usize::try_from(limit).unwrap_or(usize::MAX))
+            .take_while(|sequence| !self.keyframes.contains_key(sequence))
+            .last()?;
+        Some(first..last + 1)
+    }
+
+    /// Keyframes from arrival number `from` on, at most `limit`, and the number after the last of them.
+    #[must_use]
+    pub fn since(&self, from: u64, limit: usize) -> (u64, Vec<(u64, &MapKeyframe)>) {
+        let first = self.arrived - self.arrivals.len() as u64;
+        let from = from.clamp(first, self.arrived);
+        let skip = usize::try_from(from - first).unwrap_or(usize::MAX);
+        let some: Vec<_> = self
+            .arrivals
+            .iter()
+            .skip(skip)
+            .take(limit)
+            .filter_map(|sequence| Some((*sequence, self.keyframes.get(sequence)?)))
+            .collect();
+        let count = self.arrivals.len().saturating_sub(skip).min(limit) as u64;
+        (from + count, some)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use plumbline_link::net::wire;
+
+    fn keyframe(sequence: u64, points: usize) -> proto::Keyframe {
+        proto::Keyframe {
+            header: Some(proto::Header { sequence, ..proto::Header::default() }),
+            pose: wire::pose(&Isometry3::translation(sequence as f64, 0.0, 0.0)),
+            points_o: vec![1.0; 3 * points],
+            lines_o: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn what_is_missing_is_found_newest_gap_first() {
+        let mut map = Map::default();
+        assert_eq!(map.missing(64), None);
+        for sequence in [0, 1, 4, 5, 9] {
+            map.insert(&keyframe(sequence, 1));
+        }
+        assert_eq!(map.missing(64), Some(6..9));
+        assert_eq!(map.missing(2), Some(7..9));
+        (6..9).for_each(|sequence| map.insert(&keyframe(sequence, 1)));
+        assert_eq!(map.missing(64), Some(2..4));
+        map.announced = 12;
+        assert_eq!(map.missing(64), Some(10..12));
+    }
+
+    #[test]
+    fn late_keyframes_are_told_in_the_order_of_their_arrival() {
+        let mut map = Map::default();
+        [0, 3, 1, 1].into_iter().for_each(|sequence| map.insert(&keyframe(sequence, 1)));
+        let (next, some) = map.since(0, 2);
+        assert_eq!((next, some.iter().map(|(s, _)| *s).collect::<Vec<_>>()), (2, vec![0, 3]));
+        assert_eq!(map.since(next, 10).1.len(), 1);
+        assert!(map.since(3, 10).1.is_empty());
+    }
+
+    #[test]
+    fn memory_is_bounded_and_what_was_forgotten_is_not_asked_for_again() {
+        let mut map = Map::default();
+        (0..2_000).for_each(|sequence| map.insert(&keyframe(sequence, 100)));
+        assert!(map.len() <= MAX_NUMBERS / 300);
+        assert_eq!(map.missing(64), None);
+    }
+}

@@ -1,0 +1,151 @@
+//! Queries what subscriptions do not bring: a vehicle's clock, its path before and during interruptions, keyframes and
+//! the corrected path where they were lost on the link. One query at a time for each vehicle, each with a timeout, at low priority.
+
+use super::clock::Exchange;
+use super::fleet::{Fleet, PastPoint, lock};
+use nalgebra::Vector3;
+use plumbline_link::net::answers::MAX_KEYFRAMES_PER_QUESTION;
+use plumbline_link::net::{ROOT, now_ns, proto, read};
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+use tokio::task::JoinHandle;
+use zenoh::Session;
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::query::ConsolidationMode;
+
+/// How often is looked what is missing.
+const PERIOD: Duration = Duration::from_millis(500);
+/// How long an answer may take.
+const PATIENCE: Duration = Duration::from_secs(3);
+/// The clock is asked for this often once it is known.
+const CLOCK_PERIOD: Duration = Duration::from_secs(5);
+/// Exchanges in quick succession before that.
+const FIRST_EXCHANGES: usize = 4;
+/// The past is asked for in steps of this, ms.
+const PAST_STEP_MS: u32 = 1_000;
+/// Answers to one question that are read at most.
+const MAX_ANSWERS: usize = 256;
+
+/// Attends to every vehicle as long as the session is open.
+pub async fn run(session: Session, fleet: Arc<Mutex<Fleet>>) {
+    let mut attended: BTreeMap<String, JoinHandle<()>> = BTreeMap::new();
+    while !session.is_closed() {
+        attended.retain(|_, task| !task.is_finished());
+        let known: Vec<String> = lock(&fleet).vehicles.keys().cloned().collect();
+        for name in known {
+            let (session, fleet) = (&session, &fleet);
+            attended.entry(name).or_insert_with_key(|name| {
+                tokio::spawn(attend(session.clone(), Arc::clone(fleet), name.clone()))
+            });
+        }
+        tokio::time::sleep(PERIOD).await;
+    }
+}
+
+/// Asks one vehicle for what is missing, one question after the other, as long as it is known.
+async fn attend(session: Session, fleet: Arc<Mutex<Fleet>>, name: String) {
+    let (mut asked_clock, mut asked_past, mut missed_path) = (None::<Instant>, 0, None);
+    while !session.is_closed() {
+        let wanted = {
+            let fleet = lock(&fleet);
+            let Some(vehicle) = fleet.vehicles.get(&name) else { return };
+            let missing = vehicle.map.missing(MAX_KEYFRAMES_PER_QUESTION as u64);
+            let wanted = (vehicle.appeared, vehicle.clock.len(), missing, vehicle.corrected.missing());
+            vehicle.is_alive.then_some(wanted)
+        };
+        if let Some((appeared, exchanges, missing, path)) = wanted {
+            let is_clock_due = asked_clock.is_none_or(|last| last.elapsed() >= CLOCK_PERIOD);
+            if is_clock_due || exchanges < FIRST_EXCHANGES {
+                asked_clock = Some(Instant::now());
+                ask_clock(&session, &fleet, &name).await;
+            }
+            if appeared != asked_past && ask_past(&session, &fleet, &name).await {
+                asked_past = appeared;
+            }
+            if let Some(missing) = missing {
+                ask_keyframes(&session, &fleet, &name, missing).await;
+            }
+            // One that has just been announced is on its way.
+            if path.is_some() && std::mem::replace(&mut missed_path, path) == path {
+                ask_path(&session, &fleet, &name).await;
+            }
+        }
+        tokio::time::sleep(PERIOD).await;
+    }
+}
+
+async fn ask_clock(session: &Session, fleet: &Mutex<Fleet>, name: &str) {
+    let asked_ns = now_ns();
+    let selector = format!("{ROOT}/{name}/clock");
+    let answers = get::<proto::Clock>(session, fleet, &selector, Priority::RealTime).await;
+    let came_ns = now_ns();
+    if let (Some(clock), Some(vehicle)) = (answers.first(), lock(fleet).vehicles.get_mut(name)) {
+        let (received_ns, answered_ns) = (clock.received_ns, clock.answered_ns);
+        vehicle.clock.add(Exchange { asked_ns, received_ns, answered_ns, came_ns });
+    }
+}
+
+async fn ask_keyframes(session: &Session, fleet: &Mutex<Fleet>, name: &str, missing: Range<u64>) {
+    let selector = format!("{ROOT}/{name}/map/keyframe/**?from={};to={}", missing.start, missing.end);
+    for keyframe in get::<proto::Keyframe>(session, fleet, &selector, Priority::DataLow).await {
+        lock(fleet).keyframe(name, &keyframe);
+    }
+}
+
+async fn ask_path(session: &Session, fleet: &Mutex<Fleet>, name: &str) {
+    let selector = format!("{ROOT}/{name}/map/path");
+    for path in get::<proto::MapPath>(session, fleet, &selector, Priority::DataLow).await {
+        lock(fleet).map_path(name, &path);
+    }
+}
+
+/// Queries the path so far; returns whether a reply arrived.
+async fn ask_past(session: &Session, fleet: &Mutex<Fleet>, name: &str) -> bool {
+    let selector = format!("{ROOT}/{name}/trajectory/**?step_ms={PAST_STEP_MS}");
+    let answers = get::<proto::Trajectory>(session, fleet, &selector, Priority::DataLow).await;
+    let mut past: Vec<PastPoint> = answers.iter().flat_map(points).collect();
+    past.sort_by_key(|point| point.stamp_ns);
+    lock(fleet).past(name, &past);
+    !answers.is_empty()
+}
+
+pub(super) fn points(answer: &proto::Trajectory) -> impl Iterator<Item = PastPoint> {
+    let poses = answer.poses_o_b.chunks_exact(7).zip(&answer.reset_counters);
+    answer.stamps_ns.iter().zip(poses).map(|(stamp_ns, (pose, reset_counter))| PastPoint {
+        stamp_ns: *stamp_ns,
+        p_o: Vector3::new(pose[0], pose[1], pose[2]),
+        reset_counter: *reset_counter,
+    })
+}
+
+/// Replies to a query; those that cannot be decoded are counted.
+async fn get<M: prost::Message + Default + read::Checked>(
+    session: &Session,
+    fleet: &Mutex<Fleet>,
+    selector: &str,
+    priority: Priority,
+) -> Vec<M> {
+    let question = session
+        .get(selector)
+        .timeout(PATIENCE)
+        // Nothing has to be held back: each answer has a key of its own.
+        .consolidation(ConsolidationMode::None)
+        .priority(priority)
+        .congestion_control(CongestionControl::Drop);
+    let Ok(replies) = question.await else { return Vec::new() };
+    let mut answers = Vec::new();
+    while answers.len() < MAX_ANSWERS
+        && let Ok(reply) = replies.recv_async().await
+    {
+        let Ok(sample) = reply.result() else { continue };
+        let is_short = sample.payload().len() <= read::MAX_MESSAGE_BYTES;
+        let message = is_short.then(|| read::decode::<M>(&sample.payload().to_bytes())).flatten();
+        match message {
+            Some(message) => answers.push(message),
+            None => lock(fleet).malformed(),
+        }
+    }
+    answers
+}

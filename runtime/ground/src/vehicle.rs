@@ -1,0 +1,409 @@
+//! The state of one vehicle at the ground station.
+
+use super::attitude::Attitude;
+use super::channel::{Channel, Delays, Place};
+use super::clock::ClockEstimate;
+use super::corrected::Corrected;
+use super::map::Map;
+use super::news::StateNews;
+use super::track::{MAX_POSES, PoseSample, Samples, Track};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use plumbline_link::net::{plain, proto, read, wire};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// A vehicle without a message for so long is lost, even while its liveliness token is there.
+pub const LOST_AFTER: Duration = Duration::from_millis(1_500);
+/// Samples of a recording: an hour and a half at 200 Hz.
+const MAX_RECORDED: usize = 1_080_000;
+
+/// A camera image as it was received.
+#[derive(Clone, Debug)]
+pub struct Picture {
+    /// The message.
+    pub message: Arc<proto::Picture>,
+    /// Counts images.
+    pub version: u64,
+}
+
+/// Figures of an estimate beside its pose.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Details {
+    /// Upper triangle of the position's covariance, m^2: xx xy xz yy yz zz.
+    pub position_covariance: Option<[f64; 6]>,
+    /// Points tracked and in the window.
+    pub points: (u32, u32),
+    /// Lines tracked and in the window.
+    pub lines: (u32, u32),
+    /// Gyroscope bias, rad/s.
+    pub bias_gyro: Option<[f64; 3]>,
+    /// Accelerometer bias, m/s^2.
+    pub bias_accel: Option<[f64; 3]>,
+}
+
+/// One vehicle.
+#[derive(Clone, Debug)]
+pub struct Vehicle {
+    /// Whether its liveliness token is there.
+    pub is_alive: bool,
+    /// Which vehicle it was that the station heard of, counted from its start.
+    pub arrival: u64,
+    /// Counts appearances on the network: after each, its past is queried.
+    pub appeared: u64,
+    /// Odometry.
+    pub odom: Channel,
+    /// Estimates.
+    pub state: Channel,
+    /// Health.
+    pub health: Channel,
+    /// Delays of odometry.
+    pub delays: Delays,
+    /// Measurement time of the newest message, ns.
+    pub stamp_ns: i64,
+    /// Newest pose of the body in the odometry frame.
+    pub pose_o_b: Option<Isometry3<f64>>,
+    /// How the IMU is mounted: takes coordinates from `B` to the vehicle `V` (x forward, y left, z up). Unknown until
+    /// the vehicle has sent it.
+    pub rot_v_b: Option<UnitQuaternion<f64>>,
+    /// Where the odometry lies in the map, and the corrected path.
+    pub corrected: Corrected,
+    /// Newest velocity in O, m/s.
+    pub v_o_b: Vector3<f64>,
+    /// Newest angular rate in B, rad/s.
+    pub rate_b: Vector3<f64>,
+    /// Standard deviations of position (m), attitude (rad), velocity (m/s).
+    pub sigmas: [f64; 9],
+    /// Figures of the newest estimate.
+    pub details: Details,
+    /// 0 to 100; -1 while there is no valid estimate.
+    pub quality: i32,
+    /// Name of the tracking state.
+    pub state_words: &'static str,
+    /// Which of its changes were reported.
+    pub state_news: StateNews,
+    /// Resets.
+    pub resets: u32,
+    /// Health bits.
+    pub bits: u32,
+    /// Names of the bits that are set.
+    pub health_words: Vec<String>,
+    /// Work budget: name of the step of the degradation ladder.
+    pub rung: Option<String>,
+    /// Computation of a frame, ms.
+    pub frame_ms: f64,
+    /// Frames a second.
+    pub frame_rate_hz: f64,
+    /// Messages that the vehicle dropped before the network.
+    pub dropped: u64,
+    /// Whether the vehicle sends camera images to subscribers.
+    pub offers_camera: bool,
+    /// Delay from publication to reception, corrected for the clock offset, ms; smoothed.
+    pub latency_ms: Option<f64>,
+    /// Offset of its clock against this host's.
+    pub clock: ClockEstimate,
+    /// Its path.
+    pub track: Track,
+    /// It was reset, or restarted, since the newest point of the path.
+    is_new_path: bool,
+    /// Its poses.
+    pub poses: Samples,
+    /// Its map.
+    pub map: Map,
+    /// Newest picture.
+    pub picture: Option<Picture>,
+    /// The newest recording.
+    pub recording: Option<Samples>,
+    /// Whether it is going on.
+    pub is_recording: bool,
+}
+
+impl Default for Vehicle {
+    fn default() -> Self {
+        Self {
+            is_alive: false,
+            arrival: 0,
+            appeared: 0,
+            odom: Channel::default(),
+            state: Channel::default(),
+            health: Channel::default(),
+            delays: Delays::default(),
+            stamp_ns: 0,
+            pose_o_b: None,
+            rot_v_b: None,
+            corrected: Corrected::default(),
+            v_o_b: Vector3::zeros(),
+            rate_b: Vector3::zeros(),
+            sigmas: [0.0; 9],
+            details: Details::default(),
+            quality: 0,
+            state_words: "unknown",
+            state_news: StateNews::default(),
+            resets: 0,
+            bits: 0,
+            health_words: Vec::new(),
+            rung: None,
+            frame_ms: 0.0,
+            frame_rate_hz: 0.0,
+            dropped: 0,
+            offers_camera: false,
+            latency_ms: None,
+            clock: ClockEstimate::default(),
+            track: Track::default(),
+            is_new_path: false,
+            poses: Samples::new(MAX_POSES),
+            map: Map::default(),
+            picture: None,
+            recording: None,
+            is_recording: false,
+        }
+    }
+}
+
+impl Vehicle {
+    /// Handles that it has appeared on the network: statistics start again, and its past can be queried.
+    pub fn appear(&mut self) {
+        self.appeared += 1;
+        [&mut self.odom, &mut self.state, &mut self.health].into_iter().for_each(Channel::reappear);
+        self.clock = ClockEstimate::default();
+    }
+
+    /// Applies odometry of `bytes`, received at `now_ns` by this host's clock.
+    pub fn apply_odom(&mut self, message: &proto::Odom, bytes: usize, now: Instant, now_ns: i64) {
+        let Some(header) = &message.header else { return };
+        let place = self.odom.receive(header.sequence, header.published_ns, bytes, now);
+        if place == Place::Late {
+            return;
+        }
+        self.is_new_path |= place == Place::Restarted;
+        self.apply_header(header, message.state);
+        let offset_ns = self.clock.offset_ns().unwrap_or(0);
+        let delay_ns = now_ns.saturating_add(offset_ns).saturating_sub(header.published_ns);
+        self.delays.record(delay_ns);
+        let latency_ms = delay_ns as f64 * 1e-6;
+        self.latency_ms = Some(self.latency_ms.map_or(latency_ms, |old| old + 0.05 * (latency_ms - old)));
+        self.apply_motion(message.pose.as_ref(), message.velocity_o_b.as_ref());
+        if let Some(rate) = &message.angular_rate_b {
+            self.rate_b = Vector3::new(rate.x, rate.y, rate.z);
+        }
+        for (sigma, sent) in self.sigmas.iter_mut().zip(&message.sigmas) {
+            *sigma = *sent;
+        }
+        if self.is_recording {
+            self.record();
+        }
+    }
+
+    /// Applies an estimate of `bytes`.
+    pub fn apply_state(&mut self, message: &proto::State, bytes: usize, now: Instant) {
+        let Some(header) = &message.header else { return };
+        let is_newest = header.stamp_ns >= self.stamp_ns || self.odom.is_stale(now);
+        self.is_new_path |=
+            self.state.receive(header.sequence, header.published_ns, bytes, now) == Place::Restarted;
+        if is_newest {
+            self.apply_header(header, message.state);
+            self.apply_motion(message.pose.as_ref(), message.velocity_o_b.as_ref());
+        }
+        self.bits = message.health_bits;
+        self.health_words = wire::health_words(message.health_bits);
+        let three = |v: &Option<proto::Vector3>| v.as_ref().map(|v| [v.x, v.y, v.z]);
+        let c = &message.covariance;
+        self.details = Details {
+            position_covariance: (c.len() == 45).then(|| [c[0], c[1], c[2], c[9], c[10], c[17]]),
+            points: (message.points_tracked, message.points_in_window),
+            lines: (message.lines_tracked, message.lines_in_window),
+            bias_gyro: three(&message.bias_gyro),
+            bias_accel: three(&message.bias_accel),
+        };
+        if let Some(pose_o_b) = message.pose.as_ref().and_then(read::isometry).filter(|_| header.quality >= 0)
+        {
+            let velocity = message.velocity_o_b.unwrap_or_default();
+            self.poses.push(PoseSample {
+                stamp_ns: header.stamp_ns,
+                pose_o_b,
+                v_o_b: Vector3::new(velocity.x, velocity.y, velocity.z),
+                quality: header.quality,
+                reset_counter: header.reset_counter,
+            });
+        }
+    }
+
+    /// Applies a health message of `bytes`.
+    pub fn apply_health(&mut self, message: &proto::Health, bytes: usize, now: Instant) {
+        let Some(header) = &message.header else { return };
+        self.health.receive(header.sequence, header.published_ns, bytes, now);
+        // Odometry is newer than the frame of this message: taking both, the state would alternate.
+        if self.odom.is_stale(now) {
+            self.state_words = wire::state_words(message.state);
+        }
+        self.bits = message.bits;
+        self.health_words = wire::health_words(message.bits);
+        self.rung = (!message.rung_words.is_empty()).then(|| plain(&message.rung_words));
+        self.frame_ms = message.frame_ms;
+        self.frame_rate_hz = message.frame_rate_hz;
+        self.dropped = message.dropped;
+        self.offers_camera = message.offers_camera;
+        self.rot_v_b = message.rotation_v_b.as_ref().and_then(read::rotation);
+        if message.keyframes < self.map.announced {
+            self.map.clear();
+        }
+        self.map.announced = self.map.announced.max(message.keyframes);
+    }
+
+    fn apply_header(&mut self, header: &proto::Header, state: i32) {
+        self.stamp_ns = header.stamp_ns;
+        self.quality = header.quality.clamp(-1, 100);
+        self.is_new_path |= header.reset_counter != self.resets;
+        self.resets = header.reset_counter;
+        self.state_words = wire::state_words(state);
+    }
+
+    fn apply_motion(&mut self, pose: Option<&proto::Pose>, velocity: Option<&proto::Vector3>) {
+        if let Some(v) = velocity {
+            self.v_o_b = Vector3::new(v.x, v.y, v.z);
+        }
+        let Some(pose) = pose.and_then(read::isometry) else { return };
+        self.pose_o_b = Some(pose);
+        if self.quality < 0 {
+            return;
+        }
+        let p = pose.translation.vector;
+        // A jump without a reset is the distance flown during an interruption of the link.
+        let is_elsewhere = self.track.is_jump(&p) || self.track.is_past(self.stamp_ns);
+        if std::mem::take(&mut self.is_new_path) && is_elsewhere {
+            self.track.clear();
+        }
+        self.track.push(self.stamp_ns, &p);
+    }
+
+    /// Starts a new recording, or ends the current one.
+    pub fn set_recording(&mut self, is_on: bool) {
+        if is_on && !self.is_recording {
+            self.recording = Some(Samples::new(MAX_RECORDED));
+        }
+        self.is_recording = is_on;
+    }
+
+    fn record(&mut self) {
+        let (Some(recording), Some(pose_o_b)) = (&mut self.recording, self.pose_o_b) else { return };
+        recording.push(PoseSample {
+            stamp_ns: self.stamp_ns,
+            pose_o_b,
+            v_o_b: self.v_o_b,
+            quality: self.quality,
+            reset_counter: self.resets,
+        });
+    }
+
+    /// Time since the last message on any key.
+    #[must_use]
+    pub fn age(&self, now: Instant) -> Option<Duration> {
+        [&self.odom, &self.state, &self.health].into_iter().filter_map(|channel| channel.age(now)).min()
+    }
+
+    /// Its presence at `now`: "lost", "stale", "unknown", or the name of its tracking state.
+    #[must_use]
+    pub fn presence(&self, now: Instant) -> &'static str {
+        let is_silent = self.age(now).is_none_or(|age| age > LOST_AFTER);
+        if !self.is_alive || (is_silent && self.age(now).is_some()) {
+            return "lost";
+        }
+        if is_silent {
+            return "unknown";
+        }
+        let has_pose = self.state_words != "initialising" || self.odom.age(now).is_some();
+        if has_pose && self.odom.is_stale(now) && self.state.is_stale(now) {
+            "stale"
+        } else {
+            self.state_words
+        }
+    }
+
+    /// Takes coordinates from the odometry to the map frame; `None` while that is not known.
+    #[must_use]
+    pub fn pose_m_o(&self) -> Option<Isometry3<f64>> {
+        self.corrected.pose_m_o(self.resets)
+    }
+
+    /// The map as text; `None` where the vehicle has said nothing of one.
+    #[must_use]
+    pub fn map_words(&self) -> Option<String> {
+        self.corrected.words(self.resets)
+    }
+
+    /// One that nothing was heard of yet.
+    #[must_use]
+    pub fn arrived(arrival: u64) -> Self {
+        Self { arrival, ..Self::default() }
+    }
+
+    /// Messages that were heard of it.
+    #[must_use]
+    pub fn heard(&self) -> u64 {
+        self.odom.received + self.state.received + self.health.received
+    }
+
+    /// Largest standard deviation of the position, m.
+    #[must_use]
+    pub fn sigma_m(&self) -> f64 {
+        self.sigmas[..3].iter().copied().fold(0.0, f64::max)
+    }
+
+    /// Newest pose of the vehicle `V` in the odometry frame; its origin is the IMU's.
+    #[must_use]
+    pub fn pose_o_v(&self) -> Option<Isometry3<f64>> {
+        let (pose_o_b, rot_v_b) = (self.pose_o_b?, self.rot_v_b?);
+        Some(Isometry3::from_parts(pose_o_b.translation, pose_o_b.rotation * rot_v_b.inverse()))
+    }
+
+    /// Attitude of the vehicle; `None` without a pose, or while its mounting is unknown.
+    #[must_use]
+    pub fn attitude(&self) -> Option<Attitude> {
+        self.pose_o_v().map(|pose_o_v| Attitude::of(&pose_o_v.rotation))
+    }
+
+    /// Rates of roll (right wing going down), pitch (nose going up) and yaw (turning right), rad/s.
+    #[must_use]
+    pub fn attitude_rates(&self) -> Option<Vector3<f64>> {
+        let rate_v = self.rot_v_b? * self.rate_b;
+        Some(Vector3::new(rate_v.x, -rate_v.y, -rate_v.z))
+    }
+
+    /// Quality as text: percent, or "invalid" without a valid estimate.
+    #[must_use]
+    pub fn quality_words(&self) -> String {
+        if self.quality < 0 { "invalid".into() } else { format!("{} %", self.quality) }
+    }
+
+    /// Health as text: the faults, or "no faults".
+    #[must_use]
+    pub fn health_summary(&self) -> String {
+        if self.health_words.is_empty() { "no faults".into() } else { self.health_words.join(", ") }
+    }
+
+    /// Position, attitude, speed, rates and health in one line of text.
+    #[must_use]
+    pub fn line(&self, name: &str, now: Instant) -> String {
+        let p = self.pose_o_b.map_or_else(Vector3::zeros, |pose| pose.translation.vector);
+        let attitude = self.attitude().map_or_else(
+            || "unknown".to_owned(),
+            |a| format!("{:.1} {:.1} {:.1} deg", a.roll_deg, a.pitch_deg, a.heading_deg),
+        );
+        format!(
+            "{name}: {}, quality {}, position {:.3} {:.3} {:.3} m (1 sigma {:.3} m), roll pitch heading {attitude}, \
+             speed {:.2} m/s, odometry {:.0} Hz, state {:.0} Hz, latency {:.2} ms, lost {}, {}{}",
+            self.presence(now),
+            self.quality_words(),
+            p.x,
+            p.y,
+            p.z,
+            self.sigma_m(),
+            self.v_o_b.norm(),
+            self.odom.rate_hz(now),
+            self.state.rate_hz(now),
+            self.latency_ms.unwrap_or(0.0),
+            self.odom.lost + self.state.lost,
+            self.health_summary(),
+            self.map_words().map_or_else(String::new, |words| format!(", map: {words}")),
+        )
+    }
+}

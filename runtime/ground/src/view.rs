@@ -1,0 +1,252 @@
+//! The fleet drawn in a terminal.
+
+mod above;
+mod horizon;
+
+use super::fleet::{Fleet, lock};
+use super::terminal::{Keyboard, is_gone};
+use super::vehicle::Vehicle;
+use super::{NO_VEHICLE, REDRAW, quit};
+use crossterm::event::{self, Event, KeyCode, KeyModifiers};
+use ratatui::Frame;
+use ratatui::backend::Backend as _;
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::{Color, Modifier, Style};
+use ratatui::text::{Line, Span};
+use ratatui::widgets::{Block, Paragraph};
+use std::io;
+use std::sync::Mutex;
+use std::sync::atomic::AtomicBool;
+use std::time::{Duration, Instant};
+
+/// Lines that one vehicle takes, border included.
+const VEHICLE_LINES: u16 = FIGURES + 2;
+/// Lines of numbers: one more than the horizon has.
+const FIGURES: u16 = horizon::ROWS + 1;
+/// Columns within the border from which on a horizon leaves enough for the numbers.
+const MIN_HORIZON_COLUMNS: u16 = 78;
+/// Lines from which on the view from above is worth its place.
+const MIN_ABOVE_LINES: u16 = 6;
+
+/// Shows the fleet until `is_over`, or q, Escape or Ctrl-C, or the terminal is gone.
+///
+/// # Errors
+/// When the terminal cannot be used.
+pub fn show(fleet: &Mutex<Fleet>, is_over: &impl Fn() -> bool, stop: &AtomicBool) -> io::Result<()> {
+    let keyboard = Keyboard::open()?;
+    let mut terminal = ratatui::try_init()?;
+    let outcome = (|| -> io::Result<bool> {
+        terminal.hide_cursor()?;
+        while !is_over() {
+            terminal.autoresize()?;
+            // A terminal at the end of a slow line must not hold up what comes from the network.
+            draw(&mut terminal.get_frame(), &lock(fleet), Instant::now());
+            terminal.flush()?;
+            terminal.swap_buffers();
+            terminal.backend_mut().flush()?;
+            if !keyboard.wait(REDRAW) {
+                return Ok(true);
+            }
+            obey_keys(stop)?;
+        }
+        Ok(false)
+    })();
+    let has_gone = match &outcome {
+        Ok(has_gone) => *has_gone,
+        Err(error) => is_gone(error),
+    };
+    if has_gone {
+        // Nothing is left to be restored, and nobody to be told so.
+        std::mem::forget(terminal);
+        quit(stop);
+        return Ok(());
+    }
+    let restored = ratatui::try_restore();
+    outcome.and(restored)
+}
+
+/// Takes the keys that were pressed.
+fn obey_keys(stop: &AtomicBool) -> io::Result<()> {
+    while event::poll(Duration::ZERO)? {
+        let Event::Key(key) = event::read()? else { continue };
+        let interrupt = key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL);
+        if interrupt || matches!(key.code, KeyCode::Char('q') | KeyCode::Esc) {
+            quit(stop);
+        }
+    }
+    Ok(())
+}
+
+/// Draws the fleet as of `now`.
+pub fn draw(frame: &mut Frame<'_>, fleet: &Fleet, now: Instant) {
+    let mut rows = vec![Constraint::Length(VEHICLE_LINES); fleet.vehicles.len().max(1)];
+    rows.push(Constraint::Fill(1));
+    rows.push(Constraint::Length(1));
+    let areas = Layout::vertical(rows).split(frame.area());
+    if fleet.vehicles.is_empty() {
+        frame.render_widget(Paragraph::new(NO_VEHICLE).block(Block::bordered()), areas[0]);
+    }
+    for ((name, vehicle), area) in fleet.vehicles.iter().zip(areas.iter()) {
+        draw_vehicle(frame, name, vehicle, now, *area);
+    }
+    let above = areas[areas.len() - 2];
+    if above.height >= MIN_ABOVE_LINES {
+        above::draw(frame, fleet, above);
+    }
+    let foot =
+        format!(" q: quit   malformed messages: {}   refused messages: {}", fleet.malformed, fleet.refused);
+    frame.render_widget(Line::styled(foot, Style::new().add_modifier(Modifier::DIM)), areas[areas.len() - 1]);
+}
+
+/// Draws a vehicle: an artificial horizon, where there is room for it, and numbers.
+fn draw_vehicle(frame: &mut Frame<'_>, name: &str, vehicle: &Vehicle, now: Instant, area: Rect) {
+    let block = Block::bordered().title(title(name, vehicle, now));
+    let inner = block.inner(area);
+    frame.render_widget(block, area);
+    let attitude = vehicle.attitude().filter(|_| inner.width >= MIN_HORIZON_COLUMNS);
+    let text = if let Some(attitude) = &attitude {
+        horizon::draw(frame, attitude, inner);
+        let [_, text] =
+            Layout::horizontal([Constraint::Length(horizon::COLUMNS + 1), Constraint::Fill(1)]).areas(inner);
+        text
+    } else {
+        inner
+    };
+    frame.render_widget(Paragraph::new(figures(vehicle, now)), text);
+}
+
+fn title(name: &str, vehicle: &Vehicle, now: Instant) -> Line<'static> {
+    let presence = vehicle.presence(now);
+    let colour = match presence {
+        "tracking" => Color::Green,
+        "initialising" | "blind" => Color::Yellow,
+        _ => Color::Red,
+    };
+    Line::from(vec![
+        Span::raw(format!(" {name} ")),
+        Span::styled(presence.to_owned(), Style::new().fg(colour).add_modifier(Modifier::BOLD)),
+        Span::raw(format!("  quality {}  resets {} ", vehicle.quality_words(), vehicle.resets)),
+    ])
+}
+
+fn figures(vehicle: &Vehicle, now: Instant) -> Vec<Line<'static>> {
+    let position = vehicle.pose_o_b.map_or_else(
+        || "no pose".to_owned(),
+        |pose| {
+            let p = pose.translation.vector;
+            format!("{:+8.3} {:+8.3} {:+8.3} m  1σ {:.3} m", p.x, p.y, p.z, vehicle.sigma_m())
+        },
+    );
+    let attitude = vehicle.attitude().map_or_else(
+        || "unknown".to_owned(),
+        |a| {
+            let heading_deg = a.heading_deg.round() % 360.0;
+            format!("roll {:+6.1}°  pitch {:+5.1}°  heading {heading_deg:03}°", a.roll_deg, a.pitch_deg)
+        },
+    );
+    let v = vehicle.v_o_b;
+    let velocity = format!("{:+8.2} {:+8.2} {:+8.2} m/s  speed {:.2} m/s", v.x, v.y, v.z, v.norm());
+    let link = format!(
+        "odometry {:.0} Hz  state {:.0} Hz  latency {:.1} ms",
+        vehicle.odom.rate_hz(now),
+        vehicle.state.rate_hz(now),
+        vehicle.latency_ms.unwrap_or(0.0),
+    );
+    let health = format!(
+        "{}; frame {:.1} ms; lost {}, dropped {}",
+        vehicle.health_summary(),
+        vehicle.frame_ms,
+        vehicle.odom.lost + vehicle.state.lost,
+        vehicle.dropped
+    );
+    let label =
+        |text: &'static str| Span::styled(format!("{text:<10}"), Style::new().add_modifier(Modifier::DIM));
+    [
+        ("position", position),
+        ("attitude", attitude),
+        ("velocity", velocity),
+        ("link", link),
+        ("health", health),
+        ("map", vehicle.map_words().unwrap_or_else(|| "none received".to_owned())),
+    ]
+    .into_iter()
+    .map(|(name, text)| Line::from(vec![label(name), Span::raw(text)]))
+    .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use plumbline_link::net::proto;
+    use ratatui::Terminal;
+    use ratatui::backend::TestBackend;
+
+    /// A terminal of the usual width.
+    const COLUMNS: u16 = 80;
+
+    fn text(fleet: &Fleet, now: Instant) -> String {
+        let mut terminal = Terminal::new(TestBackend::new(COLUMNS, 20)).unwrap();
+        terminal.draw(|frame| draw(frame, fleet, now)).unwrap();
+        let buffer = terminal.backend().buffer();
+        buffer
+            .content()
+            .chunks(COLUMNS.into())
+            .map(|row| row.iter().map(|c| c.symbol()).collect::<String>() + "\n")
+            .collect()
+    }
+
+    #[test]
+    fn a_vehicle_is_shown_with_pose_attitude_quality_and_faults() {
+        let mut fleet = Fleet::default();
+        let now = Instant::now();
+        fleet.alive("drone", true);
+        let message = proto::Odom {
+            header: Some(proto::Header { sequence: 1, quality: 87, ..proto::Header::default() }),
+            state: proto::TrackingState::Tracking.into(),
+            pose: Some(proto::Pose {
+                position_o_b: Some(proto::Vector3 { x: 1.25, y: -2.5, z: 0.75 }),
+                rotation_o_b: Some(proto::Quaternion { x: 0.0, y: 0.0, z: 0.0, w: 1.0 }),
+            }),
+            velocity_o_b: Some(proto::Vector3 { x: 0.5, y: 0.0, z: 0.0 }),
+            ..proto::Odom::default()
+        };
+        fleet.odom("drone", &message, 100, now, 0);
+        let health = proto::Health {
+            header: message.header,
+            state: message.state,
+            bits: 1 << 3,
+            rotation_v_b: Some(proto::Quaternion { w: 1.0, ..proto::Quaternion::default() }),
+            ..proto::Health::default()
+        };
+        fleet.health("drone", &health, 100, now);
+        let header = Some(proto::Header::default());
+        fleet.correction("drone", &proto::MapCorrection { header, keyframes: 2, ..Default::default() });
+        let shown = text(&fleet, now);
+        let attitude = "roll   +0.0°  pitch  +0.0°  heading 000°";
+        for part in [
+            "drone",
+            "tracking",
+            "quality 87 %",
+            "+1.250",
+            "-2.500",
+            attitude,
+            "▄━━━━▄▄◆▄▄━━━━▄",
+            "1σ 0.000 m",
+            "speed 0.50 m/s",
+            "latency 0.0 ms",
+            "few features",
+            "map       2 keyframes, place in the map not known yet",
+            "from above",
+            "● drone",
+        ] {
+            assert!(shown.contains(part), "'{part}' is missing in\n{shown}");
+        }
+        assert!(text(&fleet, now + Duration::from_secs(1)).contains("stale"));
+        assert!(text(&fleet, now + Duration::from_secs(9)).contains("lost"));
+    }
+
+    #[test]
+    fn the_absence_of_vehicles_is_shown() {
+        assert!(text(&Fleet::default(), Instant::now()).contains(NO_VEHICLE));
+    }
+}

@@ -1,0 +1,106 @@
+//! What a browser may be made to do: pages of other origins get nothing, and nothing changes by a link.
+
+use super::Station;
+use axum::extract::{Request, State};
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use std::net::IpAddr;
+use std::sync::Arc;
+
+/// Longest body of a request, bytes.
+pub const MAX_BODY_BYTES: usize = 4_096;
+/// The page needs nothing but itself.
+const POLICY: &str = "default-src 'self'; img-src 'self' blob: data:; style-src 'self'; script-src 'self'; \
+                      connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
+
+/// Refuses requests that were made for another host or by another origin.
+pub async fn check(State(station): State<Arc<Station>>, request: Request, next: Next) -> Response {
+    let refusal = refusal(&station, request.method(), request.headers(), request.uri().path());
+    let mut response = match refusal {
+        Some(reason) => (StatusCode::FORBIDDEN, reason).into_response(),
+        None => next.run(request).await,
+    };
+    let headers = response.headers_mut();
+    headers.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(POLICY));
+    headers.insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
+    headers.insert(header::REFERRER_POLICY, HeaderValue::from_static("no-referrer"));
+    headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-cache"));
+    response
+}
+
+fn refusal(station: &Station, method: &Method, headers: &HeaderMap, path: &str) -> Option<&'static str> {
+    let host = text(headers, &header::HOST).unwrap_or_default();
+    // A name that somebody made to point here would let his page be of the same origin.
+    if station.address.ip().is_loopback() {
+        if !is_loopback(host) {
+            return Some("this station is served to its own host alone; open it by 127.0.0.1 or localhost\n");
+        }
+    } else if !is_loopback(host) && !is_ours(host, &station.names) {
+        return Some(
+            "open this station by its address or host name, or start it with --http-name and this name\n",
+        );
+    }
+    if *method == Method::GET && path != "/ws" {
+        return None;
+    }
+    let is_same = text(headers, &header::ORIGIN).is_none_or(|origin| origin == format!("http://{host}"));
+    if !is_same {
+        return Some("a page of another origin may not do this\n");
+    }
+    let is_json =
+        text(headers, &header::CONTENT_TYPE).is_some_and(|kind| kind.starts_with("application/json"));
+    (*method == Method::POST && !is_json).then_some("send application/json\n")
+}
+
+fn text<'a>(headers: &'a HeaderMap, name: &header::HeaderName) -> Option<&'a str> {
+    headers.get(name).and_then(|value| value.to_str().ok())
+}
+
+/// Whether a Host header such as `localhost:8080` names this host.
+pub fn is_loopback(host: &str) -> bool {
+    plumbline_link::net::security::is_loopback(host)
+        || plumbline_link::net::security::is_loopback(&format!("{host}:80"))
+}
+
+/// Whether a Host header such as `192.168.1.7:8080` is an address, or one of these names.
+fn is_ours(host: &str, names: &[String]) -> bool {
+    let is_port = |port: &str| port.bytes().all(|c| c.is_ascii_digit());
+    let name = host.rsplit_once(':').filter(|(_, port)| is_port(port)).map_or(host, |(name, _)| name);
+    let address = name.strip_prefix('[').and_then(|name| name.strip_suffix(']')).unwrap_or(name);
+    address.parse::<IpAddr>().is_ok() || names.iter().any(|other| other.eq_ignore_ascii_case(name))
+}
+
+/// The names of this host on its network.
+pub fn own_names() -> Vec<String> {
+    let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    let name = name.trim();
+    if name.is_empty() { Vec::new() } else { vec![name.to_owned(), format!("{name}.local")] }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{is_loopback, is_ours};
+
+    #[test]
+    fn hosts_are_told_apart() {
+        for host in ["localhost:8080", "127.0.0.1:8080", "127.0.0.1", "[::1]:8080", "localhost"] {
+            assert!(is_loopback(host), "{host}");
+        }
+        for host in ["evil.example:8080", "10.0.0.1:8080", "", "localhost.evil:8080"] {
+            assert!(!is_loopback(host), "{host}");
+        }
+    }
+
+    #[test]
+    fn a_station_for_others_is_opened_by_address_or_by_a_name_of_its_own() {
+        let names = ["tower".to_owned(), "tower.local".to_owned()];
+        for host in ["192.168.1.7:8080", "10.0.0.1", "[fe80::1]:8080", "tower:8080", "Tower.local"] {
+            assert!(is_ours(host, &names), "{host}");
+        }
+        for host in ["evil.example:8080", "tower.evil.example", "", "1.2.3.4.evil.example:8080", "10.0.0.1:x"]
+        {
+            assert!(!is_ours(host, &names), "{host}");
+        }
+    }
+}

@@ -1,0 +1,196 @@
+//! JSON messages to the page; `runtime/web/js` reads them.
+
+use super::super::corrected::Corrected;
+use super::super::fleet::{Fleet, FleetEvent};
+use super::super::map::{MapKeyframe, Scene};
+use super::super::vehicle::Vehicle;
+use nalgebra::Isometry3;
+use serde::Serialize;
+use serde_json::{Value, json};
+use std::time::Instant;
+
+/// A pose as x y z qx qy qz qw.
+fn pose(pose: &Isometry3<f64>) -> [f64; 7] {
+    let (p, q) = (pose.translation.vector, pose.rotation.coords);
+    [p.x, p.y, p.z, q.x, q.y, q.z, q.w]
+}
+
+/// The first message of a connection.
+#[must_use]
+pub fn hello(commands: bool) -> String {
+    json!({"type": "hello", "version": env!("CARGO_PKG_VERSION"), "commands": commands}).to_string()
+}
+
+/// The figures of every vehicle.
+#[must_use]
+pub fn fleet(fleet: &Fleet, web_malformed: u64, now: Instant) -> String {
+    let vehicles: Vec<Value> = fleet.vehicles.iter().map(|(name, v)| vehicle(name, v, now)).collect();
+    json!({
+        "type": "fleet",
+        "now_s": now.saturating_duration_since(fleet.start).as_secs_f64(),
+        "malformed": fleet.malformed + web_malformed,
+        "refused": fleet.refused,
+        "vehicles": vehicles,
+    })
+    .to_string()
+}
+
+fn vehicle(name: &str, v: &Vehicle, now: Instant) -> Value {
+    let s = &v.sigmas;
+    let largest = |k: usize| s[k..k + 3].iter().copied().fold(0.0, f64::max);
+    let in_map = v.pose_m_o().zip(v.pose_o_b).map(|(pose_m_o, pose_o_b)| pose(&(pose_m_o * pose_o_b)));
+    let recording = v.recording.as_ref().map_or((0, 0.0), |r| (r.len(), r.duration_s()));
+    json!({
+        "name": name,
+        "presence": v.presence(now),
+        "age_s": v.age(now).map(|age| age.as_secs_f64()),
+        "quality": v.quality,
+        "resets": v.resets,
+        "pose": v.pose_o_b.as_ref().map(pose),
+        "pose_map": in_map,
+        "correction": v.pose_m_o().as_ref().map(pose),
+        "map": v.map_words(),
+        "velocity": v.v_o_b.as_slice(),
+        "pose_vehicle": v.pose_o_v().as_ref().map(pose),
+        "attitude_deg": v.attitude().map(|a| [a.roll_deg, a.pitch_deg, a.heading_deg]),
+        "rate_deg_s": v.attitude_rates().map(|rates| <[f64; 3]>::from(rates.map(f64::to_degrees))),
+        "covariance": v.details.position_covariance,
+        "sigma": {
+            "position_m": largest(0), "attitude_deg": largest(3).to_degrees(), "velocity_m_s": largest(6),
+        },
+        "stamp_ns": v.stamp_ns.to_string(),
+        "words": v.health_words,
+        "bits": v.bits,
+        "rung": v.rung,
+        "frame_ms": v.frame_ms,
+        "frame_rate_hz": v.frame_rate_hz,
+        "points": {"tracked": v.details.points.0, "in_window": v.details.points.1},
+        "lines": {"tracked": v.details.lines.0, "in_window": v.details.lines.1},
+        "bias_gyro": v.details.bias_gyro,
+        "bias_accel": v.details.bias_accel,
+        "link": link(v, now),
+        "keyframes": {"have": v.map.len(), "total": v.map.announced},
+        "offers_camera": v.offers_camera,
+        "recording": {"on": v.is_recording, "samples": recording.0, "seconds": recording.1},
+    })
+}
+
+fn link(v: &Vehicle, now: Instant) -> Value {
+    let ms = |ns: i64| ns as f64 * 1e-6;
+    let channels = [&v.odom, &v.state, &v.health];
+    let live = channels.into_iter().filter(|channel| !channel.is_stale(now));
+    json!({
+        "odom_hz": v.odom.rate_hz(now),
+        "state_hz": v.state.rate_hz(now),
+        "latency_ms": v.latency_ms,
+        "latency_p99_ms": v.delays.quantile_ms(0.99),
+        "offset_ms": v.clock.offset_ns().map(ms),
+        "rtt_ms": v.clock.round_trip_ns().map(ms),
+        "lost": v.odom.lost + v.state.lost,
+        "dropped": v.dropped,
+        "bytes_s": live.map(|channel| channel.bytes_per_s).sum::<f64>(),
+        "quality": v.odom.arrived.map(|share| (100.0 * share).round()),
+    })
+}
+
+/// Points of a path.
+#[must_use]
+pub fn track(vehicle: &str, is_new: bool, points: &[[f64; 4]]) -> String {
+    // Millimetres and milliseconds are enough to look at.
+    let rounded: Vec<[f64; 4]> = points.iter().map(|p| p.map(|x| (x * 1e3).round() / 1e3)).collect();
+    json!({"type": "track", "vehicle": vehicle, "reset": is_new, "points": rounded}).to_string()
+}
+
+/// The corrected path in the map frame, piece by piece, and both ends of each loop.
+#[must_use]
+pub fn corrected(vehicle: &str, map: &Corrected) -> String {
+    // Millimetres are enough to look at.
+    let rounded = |p: &[f32; 3]| p.map(|x| (f64::from(x) * 1e3).round() / 1e3);
+    let pieces: Vec<Vec<[f64; 3]>> =
+        map.pieces().iter().map(|piece| piece.iter().map(rounded).collect()).collect();
+    let loops: Vec<[[f64; 3]; 2]> =
+        map.loops().iter().map(|ends| [rounded(&ends[0]), rounded(&ends[1])]).collect();
+    json!({"type": "corrected", "vehicle": vehicle, "pieces": pieces, "loops": loops}).to_string()
+}
+
+fn keyframe_row(id: u64, at: &Isometry3<f64>) -> Vec<f64> {
+    std::iter::once(id as f64).chain(pose(at)).collect()
+}
+
+/// Keyframes that no longer change.
+#[must_use]
+pub fn map(vehicle: &str, is_new: bool, keyframes: &[(u64, &MapKeyframe)]) -> String {
+    let rows: Vec<_> = keyframes.iter().map(|(id, k)| keyframe_row(*id, &k.pose_o_b)).collect();
+    let points: Vec<f32> = keyframes.iter().flat_map(|(_, k)| k.points_o.iter().copied()).collect();
+    let lines: Vec<f32> = keyframes.iter().flat_map(|(_, k)| k.lines_o.iter().copied()).collect();
+    json!({
+        "type": "map", "vehicle": vehicle, "reset": is_new, "keyframes": rows, "points": points, "lines": lines,
+    })
+    .to_string()
+}
+
+/// Keyframes and landmarks of the window.
+#[must_use]
+pub fn scene(vehicle: &str, scene: &Scene) -> String {
+    let rows: Vec<_> = (0u64..).zip(&scene.keyframes).map(|(id, pose)| keyframe_row(id, pose)).collect();
+    json!({
+        "type": "scene", "vehicle": vehicle, "keyframes": rows, "points": scene.points_o, "lines": scene.lines_o,
+    })
+    .to_string()
+}
+
+#[derive(Serialize)]
+struct Event<'a> {
+    r#type: &'static str,
+    #[serde(flatten)]
+    event: &'a FleetEvent,
+}
+
+/// An event.
+#[must_use]
+pub fn event(event: &FleetEvent) -> String {
+    serde_json::to_string(&Event { r#type: "event", event }).unwrap_or_default()
+}
+
+/// A camera image: length of a JSON header (u32, little-endian), the header, and the JPEG.
+#[must_use]
+pub fn picture(vehicle: &str, picture: &plumbline_link::net::proto::Picture) -> Vec<u8> {
+    let stamp_ns = picture.header.as_ref().map_or(0, |header| header.stamp_ns);
+    let header = json!({
+        "vehicle": vehicle, "stamp_ns": stamp_ns.to_string(),
+        "width": picture.width_px, "height": picture.height_px,
+        "points": picture.points, "lines": picture.lines,
+    })
+    .to_string();
+    let length = u32::try_from(header.len()).unwrap_or_default().to_le_bytes();
+    [&length[..], header.as_bytes(), &picture.jpeg].concat()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use plumbline_link::net::proto;
+
+    #[test]
+    fn a_vehicle_that_was_never_heard_has_no_numbers() {
+        let mut known = Fleet::default();
+        known.alive("drone", true);
+        let told: Value = serde_json::from_str(&fleet(&known, 2, Instant::now())).unwrap();
+        let vehicle = &told["vehicles"][0];
+        assert_eq!(vehicle["presence"], "unknown");
+        assert!(
+            vehicle["pose"].is_null() && vehicle["age_s"].is_null() && vehicle["link"]["rtt_ms"].is_null()
+        );
+        assert_eq!(told["malformed"], 2);
+    }
+
+    #[test]
+    fn a_picture_is_a_length_a_header_and_the_bytes() {
+        let sent = proto::Picture { jpeg: vec![0xff, 0xd8, 1], width_px: 4, ..proto::Picture::default() };
+        let bytes = picture("drone", &sent);
+        let length = u32::from_le_bytes(bytes[..4].try_into().unwrap()) as usize;
+        let header: Value = serde_json::from_slice(&bytes[4..4 + length]).unwrap();
+        assert_eq!((header["vehicle"].as_str(), header["width"].as_u64()), (Some("drone"), Some(4)));
+        assert_eq!(&bytes[4 + length..], [0xff, 0xd8, 1]);
+    }
+}

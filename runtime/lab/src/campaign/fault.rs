@@ -1,0 +1,308 @@
+//! What may go wrong in a flight of the campaign: when, and how it is brought about.
+
+use super::Entry;
+use nalgebra::{UnitQuaternion, Vector3};
+use plumbline_config::{Config, ValidConfig};
+use plumbline_drivers::simulator::{FlightPath, ImuError, Scene};
+use plumbline_drivers::{ClockFault, FaultyImages, FaultyImu, ImageFaults, ImuFaults, LostCamera};
+use plumbline_flight::flight::{Flight, FlightError};
+use std::ops::Range;
+
+/// Faults begin here, s after the first frame.
+const BEGIN_S: f64 = 5.0;
+/// Sensors that fail in silence do so from here on, s after the first frame.
+pub const SILENT_FROM_S: f64 = 10.0;
+/// Time by which such a flight is judged at least, s.
+const SILENT_FOR_S: f64 = 4.0;
+/// A fault of one instant lasts for one frame, s.
+const FRAME_S: f64 = 0.05;
+/// After a fault the flight goes on for so long, s.
+pub(super) const AFTERWARDS_S: f64 = 6.0;
+/// How long a hover and a slow drift are watched, s.
+const HOVER_S: f64 = 120.0;
+const DRIFT_S: f64 = 25.0;
+/// Angle by which cameras are turned, degrees: both as one rig, and the right one alone.
+const RIG_TURNED_DEG: f64 = 1.0;
+const RIGHT_TURNED_DEG: f64 = 2.0;
+/// Pixels around the middle that fog leaves clear: some ten points are found there.
+const CLEAR_PX: f64 = 62.0;
+
+/// What goes wrong in a flight.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fault {
+    /// Nothing.
+    None,
+    /// Both images black for 1.5 s.
+    Blackout,
+    /// 5 % of the frames lost.
+    Drops,
+    /// Left camera silent for 5 s.
+    LeftLost,
+    /// Right camera silent for 5 s.
+    RightLost,
+    /// Exposure jumps by 15 % from frame to frame.
+    Flicker,
+    /// Image stamps 8 ms early.
+    Offset,
+    /// Cameras turned by 1 degree against the calibration.
+    Extrinsics,
+    /// Three gaps of 50 ms in the inertial samples, a second apart.
+    ImuGap50,
+    /// The same of 200 ms.
+    ImuGap200,
+    /// Every inertial reading at an end of its range for 0.3 s.
+    Saturated,
+    /// The right camera turned by 2 degrees against the calibration.
+    RightTurned,
+    /// Both images black for 5 s.
+    Blind,
+    /// Nothing nearer than 80 m.
+    FarOnly,
+    /// Fog for 5 s, which leaves some ten points.
+    TenPoints,
+    /// Two minutes of hovering.
+    Hover,
+    /// A drift of 0.1 m/s, 80 m away from everything.
+    FarDrift,
+    /// One frame and one inertial sample stamped an hour ahead.
+    HourAhead,
+    /// Clocks ten seconds back for half a second.
+    SetBack,
+    /// One frame of noise.
+    Garbage,
+    /// The left lens covered for 5 s: its images come, and are dark.
+    Covered,
+    /// Both lenses covered while the vehicle is carried from one place of rest to another.
+    Kidnapped,
+    /// The gyroscope reads zero, from 10 s on as in all that follow.
+    GyroZero,
+    /// One axis of the gyroscope repeats its last reading.
+    GyroAxisStuck,
+    /// The accelerometer repeats its last reading.
+    AccelStuck,
+    /// The inertial sensor repeats its last sample with new stamps.
+    ImuFrozen,
+    /// Inertial samples are stamped 0.1 s late.
+    ImuLate100,
+    /// Inertial samples are stamped 0.5 s late.
+    ImuLate500,
+    /// The left camera repeats its last image.
+    ImageFrozen,
+    /// Both cameras repeat their last images.
+    ImagesFrozen,
+    /// Images are stamped 0.2 s late.
+    ImagesLate,
+    /// An error of the inertial sensor.
+    Inertial(ImuError),
+}
+
+impl Fault {
+    /// The errors of inertial sensors, in their usual doses.
+    pub fn inertial() -> impl Iterator<Item = Self> {
+        ImuError::cases().map(Self::Inertial)
+    }
+
+    /// What it is called.
+    #[must_use]
+    pub fn name(self) -> String {
+        match self {
+            Self::Inertial(error) => error.to_string(),
+            other => format!("{other:?}"),
+        }
+    }
+
+    /// All that can go wrong, but for errors of inertial sensors.
+    pub const ALL: [Self; 30] = [
+        Self::Blackout,
+        Self::Drops,
+        Self::LeftLost,
+        Self::RightLost,
+        Self::Flicker,
+        Self::Offset,
+        Self::Extrinsics,
+        Self::ImuGap50,
+        Self::ImuGap200,
+        Self::Saturated,
+        Self::RightTurned,
+        Self::Blind,
+        Self::FarOnly,
+        Self::TenPoints,
+        Self::Hover,
+        Self::FarDrift,
+        Self::HourAhead,
+        Self::SetBack,
+        Self::Garbage,
+        Self::Covered,
+        Self::Kidnapped,
+        Self::GyroZero,
+        Self::GyroAxisStuck,
+        Self::AccelStuck,
+        Self::ImuFrozen,
+        Self::ImuLate100,
+        Self::ImuLate500,
+        Self::ImageFrozen,
+        Self::ImagesFrozen,
+        Self::ImagesLate,
+    ];
+
+    /// Whether it is about the other camera, so that one camera alone cannot have it.
+    #[must_use]
+    pub fn needs_two_cameras(self) -> bool {
+        matches!(
+            self,
+            Self::LeftLost | Self::RightLost | Self::RightTurned | Self::Covered | Self::ImageFrozen
+        )
+    }
+
+    /// When it lasts, s after the first frame; for what lasts throughout, from when the estimate should have settled.
+    /// `None` where nothing goes wrong.
+    #[must_use]
+    pub fn span_s(self) -> Option<Range<f64>> {
+        let lasting = |s: f64| Some(BEGIN_S..BEGIN_S + s);
+        match self {
+            Self::None => None,
+            Self::Blackout => Some(6.0..7.5),
+            Self::ImuGap50 => lasting(2.05),
+            Self::ImuGap200 => lasting(2.2),
+            Self::Saturated => lasting(0.3),
+            Self::HourAhead | Self::Garbage => lasting(FRAME_S),
+            Self::SetBack => lasting(0.5),
+            Self::Kidnapped => Some(5.5..10.0),
+            Self::Inertial(_) => lasting(4.0),
+            Self::Hover => lasting(HOVER_S),
+            Self::FarDrift => lasting(DRIFT_S),
+            Self::LeftLost | Self::RightLost | Self::Blind | Self::TenPoints | Self::Covered => lasting(5.0),
+            Self::Drops
+            | Self::Flicker
+            | Self::Offset
+            | Self::Extrinsics
+            | Self::RightTurned
+            | Self::FarOnly => lasting(4.0),
+            Self::GyroZero
+            | Self::GyroAxisStuck
+            | Self::AccelStuck
+            | Self::ImuFrozen
+            | Self::ImuLate100
+            | Self::ImuLate500
+            | Self::ImageFrozen
+            | Self::ImagesFrozen
+            | Self::ImagesLate => Some(SILENT_FROM_S..SILENT_FROM_S + SILENT_FOR_S),
+        }
+    }
+
+    /// Makes the flight one in which it happens, and long enough to see what comes after.
+    pub(super) fn shape(self, entry: &mut Entry) {
+        let scenario = &mut entry.scenario;
+        let effects = &mut scenario.effects;
+        let dark = |span: Range<f64>| Some((span.start, span.end));
+        match self {
+            Self::Blackout | Self::Blind | Self::Kidnapped => effects.blackout = self.span_s().and_then(dark),
+            Self::Drops => effects.frames.drop_probability = 0.05,
+            Self::LeftLost => effects.frames.lost_camera = self.lost(0),
+            Self::RightLost => effects.frames.lost_camera = self.lost(1),
+            Self::Flicker => effects.flicker = 0.15,
+            Self::Offset => effects.time_offset_s = 0.008,
+            Self::Inertial(error) => error.apply(scenario),
+            _ => {}
+        }
+        let elsewhere = match self {
+            Self::Hover => Some(("hover", FlightPath::Hover)),
+            Self::FarDrift => Some(("drift", FlightPath::Drift)),
+            Self::Kidnapped => Some(("carried", FlightPath::Carried)),
+            _ => None,
+        };
+        if let Some((name, path)) = elsewhere {
+            name.clone_into(&mut entry.path);
+            scenario.path = path;
+            scenario.start_s = 0.0;
+        }
+        if matches!(self, Self::FarOnly | Self::FarDrift) {
+            entry.scene = "far";
+            scenario.scene = Scene::Far;
+        }
+        if let Some(span) = self.span_s().filter(|_| !self.is_of_any_length()) {
+            scenario.duration_s = scenario.duration_s.max(span.end + AFTERWARDS_S);
+        }
+    }
+
+    /// Whether the flight is as long as it is asked for, and may end soon after the fault.
+    fn is_of_any_length(self) -> bool {
+        use Fault::{Blackout, Drops, Extrinsics, Flicker, Inertial, LeftLost, None, Offset, RightLost};
+        matches!(
+            self,
+            None | Blackout | Drops | LeftLost | RightLost | Flicker | Offset | Extrinsics | Inertial(_)
+        )
+    }
+
+    fn lost(self, camera: usize) -> Option<LostCamera> {
+        self.span_s().map(|span_s| LostCamera { camera, span_s })
+    }
+
+    /// By how much both cameras are believed turned against the truth, degrees.
+    pub(super) fn extrinsics_error_deg(self) -> f64 {
+        if self == Self::Extrinsics { RIG_TURNED_DEG } else { 0.0 }
+    }
+
+    /// The flight with it in its streams and in what is believed of the rig; `seed` is that of its draws.
+    pub(super) fn strike(self, mut flight: Flight, seed: u64) -> Result<Flight, FlightError> {
+        let (imu, images) = (self.imu_faults(&flight.config), self.image_faults());
+        if imu != ImuFaults::default() {
+            flight.imu = Box::new(FaultyImu::new(flight.imu, imu, seed));
+        }
+        if images != ImageFaults::default() {
+            flight.stereo = Box::new(FaultyImages::new(flight.stereo, images, seed));
+        }
+        if self == Self::RightTurned {
+            flight.config = flight.config.with("the rig with its right camera turned", turn_right)?;
+        }
+        Ok(flight)
+    }
+
+    fn imu_faults(self, config: &ValidConfig) -> ImuFaults {
+        let gaps = |length_s: f64| (0..3).map(|k| BEGIN_S + f64::from(k)).map(|s| s..s + length_s).collect();
+        let none = ImuFaults::default();
+        match self {
+            Self::ImuGap50 => ImuFaults { gaps_s: gaps(0.05), ..none },
+            Self::ImuGap200 => ImuFaults { gaps_s: gaps(0.2), ..none },
+            Self::Saturated => ImuFaults {
+                saturated_s: self.span_s(),
+                range: [config.imu.gyro_range_rad_s, config.imu.accel_range_m_s2],
+                ..none
+            },
+            // One sample of the sensor.
+            Self::HourAhead => {
+                ImuFaults { clock: clock(BEGIN_S..BEGIN_S + 1.0 / config.imu.rate_hz, 3600.0), ..none }
+            }
+            Self::SetBack => ImuFaults { clock: self.span_s().and_then(|span| clock(span, -10.0)), ..none },
+            _ => self.silent_imu(),
+        }
+    }
+
+    fn image_faults(self) -> ImageFaults {
+        let none = ImageFaults::default();
+        let span = self.span_s();
+        match self {
+            Self::Covered => ImageFaults { covered: self.lost(0), ..none },
+            Self::Garbage => ImageFaults { garbage_s: span, ..none },
+            Self::TenPoints => ImageFaults { fog: span.map(|span| (span, CLEAR_PX)), ..none },
+            Self::HourAhead => ImageFaults { clock: span.and_then(|span| clock(span, 3600.0)), ..none },
+            Self::SetBack => ImageFaults { clock: span.and_then(|span| clock(span, -10.0)), ..none },
+            _ => self.silent_images(),
+        }
+    }
+}
+
+fn clock(span_s: Range<f64>, step_s: f64) -> Option<ClockFault> {
+    Some(ClockFault { span_s, step_s })
+}
+
+/// Turns the right camera alone about an oblique axis through itself.
+fn turn_right(config: &mut Config) {
+    let Some(camera) = config.camera.get_mut(1) else { return };
+    let axis = Vector3::new(0.62, 0.6, -0.5).normalize();
+    let turn = UnitQuaternion::from_scaled_axis(axis * RIGHT_TURNED_DEG.to_radians());
+    let mut pose = camera.pose_b_c();
+    pose.rotation *= turn;
+    let matrix = pose.to_homogeneous();
+    camera.pose_b_c = std::array::from_fn(|i| std::array::from_fn(|j| matrix[(i, j)]));
+}

@@ -1,0 +1,125 @@
+//! Errors of a causal trajectory against the truth at the same times.
+
+use crate::evaluate::consistency::errors::frame_of;
+use crate::evaluate::{
+    AlignmentMode, Pairs, align, aligned, nees, path_length_m, pose_error, yaw_drift_deg_per_min,
+};
+use nalgebra::Isometry3;
+use plumbline_drivers::StampedPose;
+use plumbline_flight::flight::{CausalPose, Truth};
+use serde::Serialize;
+
+/// Fewest poses with a truth that say anything.
+const MIN_POSES: usize = 10;
+
+/// Errors of one flight.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Accuracy {
+    /// Length of the true path, m.
+    pub distance_m: f64,
+    /// Root mean square position error after SE(3) alignment, m.
+    pub ate_rmse_m: f64,
+    /// The same over the distance, percent.
+    pub ate_percent: f64,
+    /// Largest position error after alignment, m.
+    pub max_error_m: f64,
+    /// Scale of the similarity that fits best, against 1, percent.
+    pub scale_error_percent: f64,
+    /// Growth of the yaw error.
+    pub yaw_drift_deg_per_min: Option<f64>,
+    /// Mean normalized squared error of the whole pose, as its covariance is published, over its expectation; the truth is
+    /// brought to the first pose by position and yaw. [`crate::evaluate::FlightConsistency`] judges its parts.
+    pub nees_ratio: Option<f64>,
+    /// Position error at the end with that alignment, m.
+    pub final_error_m: f64,
+    /// Its standard deviation by the covariance, m.
+    pub final_sigma_m: f64,
+    /// Largest position error over its standard deviation.
+    pub max_error_sigmas: f64,
+}
+
+impl Accuracy {
+    /// Compares poses with the truth; `None` where it is known for too few.
+    #[must_use]
+    pub fn of(poses: &[CausalPose], truth: &Truth) -> Option<Self> {
+        let known: Vec<(&CausalPose, Isometry3<f64>)> =
+            poses.iter().filter_map(|p| Some((p, truth.pose_at(p.stamp)?))).collect();
+        if known.len() < MIN_POSES {
+            return None;
+        }
+        let pairs = Pairs {
+            estimate: known.iter().map(|(p, _)| StampedPose { stamp: p.stamp, pose: p.pose_o_b }).collect(),
+            reference: known.iter().map(|(p, t)| StampedPose { stamp: p.stamp, pose: *t }).collect(),
+        };
+        let errors = errors_m(&pairs)?;
+        let ate_rmse_m = rms(&errors);
+        let distance_m = path_length_m(&pairs.reference);
+        let scale = align(&pairs, AlignmentMode::Sim3).map_or(1.0, |s| s.scale);
+        let consistency = Consistency::of(&known);
+        Some(Self {
+            distance_m,
+            ate_rmse_m,
+            ate_percent: 100.0 * ate_rmse_m / distance_m.max(1e-9),
+            max_error_m: errors.iter().copied().fold(0.0, f64::max),
+            scale_error_percent: 100.0 * (1.0 / scale - 1.0),
+            yaw_drift_deg_per_min: yaw_drift_deg_per_min(&pairs),
+            nees_ratio: consistency.nees_ratio,
+            final_error_m: consistency.final_error_m,
+            final_sigma_m: consistency.final_sigma_m,
+            max_error_sigmas: consistency.max_error_sigmas,
+        })
+    }
+}
+
+/// Root mean square position error of poses after SE(3) alignment, m; `None` where the truth is known for too few.
+#[must_use]
+pub fn ate_rmse_m(poses: &[StampedPose], truth: &Truth) -> Option<f64> {
+    let known = poses.iter().filter_map(|p| Some((*p, truth.pose_at(p.stamp)?)));
+    let (estimate, reference): (Vec<_>, Vec<_>) =
+        known.map(|(p, t)| (p, StampedPose { stamp: p.stamp, pose: t })).unzip();
+    let pairs = Pairs { estimate, reference };
+    (pairs.estimate.len() >= MIN_POSES).then(|| errors_m(&pairs).map(|errors| rms(&errors))).flatten()
+}
+
+/// Position errors after alignment, m.
+fn errors_m(pairs: &Pairs) -> Option<Vec<f64>> {
+    let fitted = aligned(pairs, &align(pairs, AlignmentMode::Se3).ok()?);
+    let error =
+        |(e, r): (&StampedPose, &StampedPose)| (e.pose.translation.vector - r.pose.translation.vector).norm();
+    Some(fitted.estimate.iter().zip(&fitted.reference).map(error).collect())
+}
+
+fn rms(errors: &[f64]) -> f64 {
+    (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt()
+}
+
+/// How the errors fit the covariances, the truth brought to the first pose by position and yaw.
+struct Consistency {
+    nees_ratio: Option<f64>,
+    final_error_m: f64,
+    final_sigma_m: f64,
+    max_error_sigmas: f64,
+}
+
+impl Consistency {
+    fn of(known: &[(&CausalPose, Isometry3<f64>)]) -> Self {
+        let (first, truth) = &known[0];
+        let origin = frame_of(&first.pose_o_b, truth);
+        let mut result =
+            Self { nees_ratio: None, final_error_m: 0.0, final_sigma_m: 0.0, max_error_sigmas: 0.0 };
+        let (mut sum, mut count) = (0.0, 0.0);
+        for (pose, truth) in known {
+            let error = pose_error(&pose.pose_o_b, &(origin * truth));
+            let sigma_m = pose.covariance.fixed_view::<3, 3>(0, 0).trace().max(0.0).sqrt();
+            result.final_error_m = error.fixed_rows::<3>(0).norm();
+            result.final_sigma_m = sigma_m;
+            result.max_error_sigmas = result.max_error_sigmas.max(result.final_error_m / sigma_m.max(1e-9));
+            if let Some(value) = nees(&error, &pose.covariance) {
+                sum += value / 6.0;
+                count += 1.0;
+            }
+        }
+        result.nees_ratio = (count > 0.0).then(|| sum / count);
+        result
+    }
+}

@@ -1,0 +1,328 @@
+//! The report of a run: one JSON object, and the same for people.
+
+pub mod accuracy;
+pub mod paired;
+pub mod places;
+pub mod sensors;
+pub mod silence;
+pub mod trust;
+
+use crate::evaluate::{FlightConsistency, Nees};
+use accuracy::Accuracy;
+use places::Places;
+use plumbline_drivers::Faults;
+use plumbline_flight::autopilot::BridgeFigures;
+use plumbline_flight::flight::outputs::OutputFigures;
+use plumbline_flight::flight::plausibility::Finding;
+use plumbline_flight::flight::{Flown, LiveSensors};
+use plumbline_flight::log::recorder::RecorderSummary;
+use plumbline_flight::pipeline::digest::config_hash;
+use plumbline_flight::pipeline::{LiveFigures, Outcome};
+use plumbline_flight::schedule::times::Percentiles;
+use sensors::Sensors;
+use serde::Serialize;
+use silence::Silence;
+use std::collections::BTreeMap;
+use trust::Trust;
+
+/// Everything a run tells.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    /// What was flown.
+    pub name: String,
+    /// Frames taken.
+    pub frames: u64,
+    /// Frames whose stamp was not later than the one before.
+    pub frames_refused: u64,
+    /// Data time from the first image to the first pose, s.
+    pub first_pose_s: Option<f64>,
+    /// Poses over frames.
+    pub completion: f64,
+    /// Data time over wall time.
+    pub realtime_factor: f64,
+    /// Largest resident memory of the process, MB.
+    pub peak_rss_mb: f64,
+    /// Resets of the estimate.
+    pub resets: u32,
+    /// Allocations and frees while estimating, after two seconds of data.
+    pub hot_path_allocations: u64,
+    /// Root mean square position error of the causal trajectory after SE(3) alignment, m.
+    pub ate_rmse_m: Option<f64>,
+    /// SHA-256 over the bits of all estimates.
+    pub estimate_digest: String,
+    /// SHA-256 over the bits of all odometry.
+    pub odometry_digest: String,
+    /// The map, where places are switched on.
+    pub places: Option<Places>,
+    /// Computation of a frame, ms of wall time.
+    pub frame_ms: Percentiles,
+    /// Computation of a frame, ms of processor time.
+    pub frame_cpu_ms: Percentiles,
+    /// Stages of the computation, ms.
+    pub stage_ms: BTreeMap<&'static str, Percentiles>,
+    /// From an inertial sample to its odometry, microseconds.
+    pub odometry_handout_us: Percentiles,
+    /// How a live run kept its time.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub live: Option<LiveFigures>,
+    /// What the sensors of a live flight brought.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sensors: Option<Sensors>,
+    /// Points, means per frame.
+    pub points: Points,
+    /// Line segments of the left image, means per frame.
+    pub lines: Lines,
+    /// Errors against the truth, where it is known.
+    pub accuracy: Option<Accuracy>,
+    /// NEES over its expectation, of estimates and odometry, where the truth is known: 1 is honest, above is overconfident.
+    pub consistency: Option<FlightConsistency>,
+    /// Whether the estimate deserved its trust about a fault, in the flights of a campaign.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub trust: Option<Trust>,
+    /// What became of the estimate of a sensor that failed in silence, in the flights of a campaign.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub silence: Option<Silence>,
+    /// `t_imu - t_camera` at the end, s.
+    pub time_offset_s: f64,
+    /// What the drivers survived.
+    pub faults: BTreeMap<&'static str, DriverFaults>,
+    /// Inertial samples that the estimator refused.
+    pub imu_refused: u64,
+    /// Threads of the run.
+    pub threads: usize,
+    /// SHA-256 of the configuration.
+    pub config_hash: String,
+    /// What the recorder wrote, where there was one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub recording: Option<RecorderSummary>,
+    /// What the autopilot was told, where there was one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub autopilot: Option<BridgeFigures>,
+    /// What cannot be right with the data, the calibration or the flight.
+    pub warnings: Vec<Finding>,
+}
+
+/// Points, means per frame.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Points {
+    /// Tracked in a frame.
+    pub tracked: f64,
+    /// Landmarks in the window.
+    pub in_window: f64,
+}
+
+/// Line segments, means per frame.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Lines {
+    /// Found in the left image.
+    pub raw: f64,
+    /// Long enough.
+    pub kept: f64,
+    /// After merging.
+    pub merged: f64,
+    /// Continuing a track.
+    pub matched: f64,
+    /// Line landmarks in the window.
+    pub in_window: f64,
+    /// Of these, along a direction of the structure.
+    pub in_structure: f64,
+    /// Images in the whole run, of both cameras, whose budget of work was spent.
+    pub cut_short: u64,
+}
+
+/// What one driver survived.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct DriverFaults {
+    missing: u64,
+    corrupt: u64,
+    disordered: u64,
+    unpaired: u64,
+}
+
+impl From<Faults> for DriverFaults {
+    fn from(f: Faults) -> Self {
+        Self { missing: f.missing, corrupt: f.corrupt, disordered: f.disordered, unpaired: f.unpaired }
+    }
+}
+
+impl Report {
+    /// The report of a flight, compared with the truth where that is known.
+    #[must_use]
+    pub fn new(flown: &Flown) -> Self {
+        let outcome = &flown.outcome;
+        let f = &outcome.figures;
+        let accuracy = Accuracy::of(&flown.poses, &flown.truth);
+        let per_frame = |sum: u64| sum as f64 / f.frames.max(1) as f64;
+        Self {
+            name: flown.name.clone(),
+            frames: f.frames,
+            frames_refused: f.frames_refused,
+            first_pose_s: f.first_pose_s,
+            completion: per_frame(f.poses),
+            realtime_factor: if f.wall_s > 0.0 { f.span_s / f.wall_s } else { 0.0 },
+            peak_rss_mb: peak_rss_mb().unwrap_or(0.0),
+            resets: f.resets,
+            hot_path_allocations: f.hot_path_allocations,
+            ate_rmse_m: accuracy.as_ref().map(|a| a.ate_rmse_m),
+            estimate_digest: outcome.estimate_digest.clone(),
+            odometry_digest: outcome.odometry_digest.clone(),
+            places: Places::of(flown),
+            frame_ms: f.frame_ms.percentiles(),
+            frame_cpu_ms: f.frame_cpu_ms.percentiles(),
+            stage_ms: stages_ms(outcome),
+            odometry_handout_us: f.handout_us.percentiles(),
+            live: outcome.live.clone(),
+            sensors: None,
+            points: Points { tracked: per_frame(f.points.0), in_window: per_frame(f.points.1) },
+            lines: Lines {
+                raw: per_frame(f.lines.raw),
+                kept: per_frame(f.lines.kept),
+                merged: per_frame(f.lines.merged),
+                matched: per_frame(f.lines.matched),
+                in_window: per_frame(f.lines.in_window),
+                in_structure: per_frame(f.lines.in_structure),
+                cut_short: f.lines.cut_short,
+            },
+            accuracy,
+            consistency: flown.published.as_ref().and_then(|p| FlightConsistency::of(p, &flown.truth)),
+            trust: None,
+            silence: None,
+            time_offset_s: f.time_offset_s,
+            faults: [("imu", outcome.faults.imu.into()), ("cameras", outcome.faults.cameras.into())].into(),
+            imu_refused: f.imu_refused,
+            threads: flown.threads,
+            config_hash: config_hash(&flown.config),
+            recording: None,
+            autopilot: None,
+            warnings: Vec::new(),
+        }
+    }
+
+    /// The same with what became of what was handed over.
+    #[must_use]
+    pub fn with(self, outputs: OutputFigures) -> Self {
+        Self { recording: outputs.recording, autopilot: outputs.autopilot, ..self }
+    }
+
+    /// The same with what live sensors brought; what their threads allocated counts.
+    #[must_use]
+    pub fn of_sensors(self, sensors: &LiveSensors) -> Self {
+        let sensors = Sensors::of(sensors);
+        let allocations = sensors.imu.stream.allocations + sensors.cameras.stream.allocations;
+        Self { hot_path_allocations: self.hot_path_allocations + allocations, sensors: Some(sensors), ..self }
+    }
+
+    /// The same with what was found wrong on the way.
+    #[must_use]
+    pub fn warning_of(self, warnings: Vec<Finding>) -> Self {
+        Self { warnings, ..self }
+    }
+
+    /// The report for people: a few aligned lines.
+    #[must_use]
+    pub fn summary(&self) -> String {
+        let mut lines = vec![
+            format!("{:<18}{}", "flight", self.name),
+            format!(
+                "{:<18}{} frames, {:.1} % with a pose, first after {}, {} resets",
+                "completion",
+                self.frames,
+                100.0 * self.completion,
+                self.first_pose_s.map_or_else(|| "never".into(), |s| format!("{s:.2} s")),
+                self.resets
+            ),
+        ];
+        if let Some(a) = &self.accuracy {
+            lines.push(format!(
+                "{:<18}ATE {:.4} m over {:.1} m ({:.3} %), largest {:.3} m, scale error {:+.2} %",
+                "accuracy", a.ate_rmse_m, a.distance_m, a.ate_percent, a.max_error_m, a.scale_error_percent
+            ));
+            lines.push(format!(
+                "{:<18}yaw drift {:+.2} deg/min",
+                "",
+                a.yaw_drift_deg_per_min.unwrap_or(f64::NAN)
+            ));
+        }
+        lines.extend(self.consistency.iter().flat_map(consistency_lines));
+        lines.extend(self.places.as_ref().map(Places::line));
+        let p = &self.frame_ms;
+        lines.push(format!(
+            "{:<18}median {:.1} ms, p99 {:.1}, largest {:.1}; {:.1} times real time",
+            "frame", p.p50, p.p99, p.max, self.realtime_factor
+        ));
+        let (points, l) = (&self.points, &self.lines);
+        lines.push(format!(
+            "{:<18}{:.0} points tracked, {:.0} landmarks; {:.0} lines, {:.0} tracked, {:.0} landmarks",
+            "features", points.tracked, points.in_window, l.merged, l.matched, l.in_window
+        ));
+        let h = &self.odometry_handout_us;
+        lines.push(format!(
+            "{:<18}median {:.0} us, p99 {:.0}, largest {:.0}",
+            "odometry", h.p50, h.p99, h.max
+        ));
+        lines.extend(self.live.iter().flat_map(live_lines));
+        lines.extend(self.sensors.iter().flat_map(Sensors::lines));
+        lines.push(format!(
+            "{:<18}{:.0} MB at most, {} allocations in the hot path",
+            "memory", self.peak_rss_mb, self.hot_path_allocations
+        ));
+        if let Some(recording) = &self.recording {
+            lines.push(format!("{:<18}{recording}", "recording"));
+        }
+        if let Some(autopilot) = &self.autopilot {
+            lines.push(format!("{:<18}{autopilot}", "autopilot"));
+        }
+        lines.push(format!("{:<18}{}", "estimate digest", &self.estimate_digest[..16]));
+        lines.join("\n")
+    }
+}
+
+/// Every stage by its name, that of the map too.
+fn stages_ms(outcome: &Outcome) -> BTreeMap<&'static str, Percentiles> {
+    let places = outcome.places.iter().map(|places| ("places", places.figures.percentiles()));
+    outcome.figures.stages.all().map(|(stage, p)| (stage.name(), p)).chain(places).collect()
+}
+
+/// Consistency of estimates and odometry, for people.
+fn consistency_lines(consistency: &FlightConsistency) -> [String; 2] {
+    let line = |nees: &Nees| {
+        let figures = Nees::NAMES.iter().zip(nees.ratios());
+        let parts = figures.map(|(name, ratio)| match ratio {
+            Some(ratio) => format!("{name} {ratio:.2}"),
+            None => format!("{name} unknown"),
+        });
+        parts.collect::<Vec<_>>().join(", ")
+    };
+    [
+        format!("{:<18}NEES over its expectation: {}", "estimates", line(&consistency.estimates)),
+        format!("{:<18}the same of the odometry: {}", "", line(&consistency.odometry)),
+    ]
+}
+
+/// How a live run kept its time, for people.
+fn live_lines(live: &LiveFigures) -> [String; 2] {
+    let late = &live.sample_to_odometry_ms;
+    [
+        format!(
+            "{:<18}sample to odometry median {:.2} ms, p99.9 {:.2}, largest {:.2}; {} of {} ticks missed",
+            "clock", late.percentiles.p50, late.p999, late.percentiles.max, live.ticks_missed, live.ticks
+        ),
+        format!(
+            "{:<18}{} frames shed, {} passed over, {} steps down the ladder, {} late corrections, {} stalls",
+            "",
+            live.frames_shed,
+            live.frames_passed_over,
+            live.steps_down,
+            live.late_corrections,
+            live.stalls
+        ),
+    ]
+}
+
+/// `VmHWM` of this process.
+fn peak_rss_mb() -> Option<f64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|l| l.starts_with("VmHWM:"))?;
+    let kilobytes: f64 = line.split_whitespace().nth(1)?.parse().ok()?;
+    Some(kilobytes / 1024.0)
+}

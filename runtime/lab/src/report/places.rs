@@ -1,0 +1,66 @@
+//! What the map brought: places seen again, loops, and the errors of the trajectories in the map.
+
+use super::accuracy::ate_rmse_m;
+use plumbline_flight::flight::Flown;
+use serde::Serialize;
+
+/// The map of a flight.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Places {
+    /// Keyframes of the map at the end.
+    pub keyframes: u32,
+    /// Places seen again.
+    pub sightings: u32,
+    /// Places that looked like one seen before, and were not believed because the odometry speaks against it.
+    pub contradicted: u32,
+    /// Loops that count at the end.
+    pub loops_used: u32,
+    /// Frames that the map was not given, because it was not done with the one before.
+    pub passed_over: u64,
+    /// What was found later than the rule says.
+    pub late: u64,
+    /// Poses that were known in the map when their frames came, over all poses.
+    pub localized: f64,
+    /// Root mean square position error of the causal trajectory in the map, after SE(3) alignment, m.
+    pub ate_map_rmse_m: Option<f64>,
+    /// The same of the trajectory by all that was known at the end.
+    pub ate_final_rmse_m: Option<f64>,
+    /// SHA-256 over the bits of the pose of the odometry in the map, frame by frame.
+    pub map_digest: String,
+}
+
+impl Places {
+    /// Of a flight; `None` where places are switched off.
+    #[must_use]
+    pub fn of(flown: &Flown) -> Option<Self> {
+        let figures = &flown.outcome.places.as_ref()?.figures;
+        let in_map = flown.poses_in_map();
+        Some(Self {
+            keyframes: figures.keyframes,
+            sightings: figures.sightings,
+            contradicted: figures.contradicted,
+            loops_used: figures.loops_used,
+            passed_over: figures.passed_over,
+            late: figures.late,
+            localized: in_map.len() as f64 / flown.poses.len().max(1) as f64,
+            ate_map_rmse_m: ate_rmse_m(&in_map, &flown.truth),
+            ate_final_rmse_m: ate_rmse_m(&flown.final_poses(), &flown.truth),
+            map_digest: figures.digest.clone(),
+        })
+    }
+
+    /// For people.
+    #[must_use]
+    pub fn line(&self) -> String {
+        let ate = |ate: Option<f64>| ate.map_or_else(String::new, |m| format!(", ATE {m:.4} m"));
+        format!(
+            "{:<18}{} keyframes, {} seen again, {} loops used; in the map{}, at the end{}",
+            "map",
+            self.keyframes,
+            self.sightings,
+            self.loops_used,
+            ate(self.ate_map_rmse_m),
+            ate(self.ate_final_rmse_m)
+        )
+    }
+}

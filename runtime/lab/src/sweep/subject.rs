@@ -1,0 +1,76 @@
+//! What the cells of a sweep fly.
+
+use plumbline_config::ValidConfig;
+use plumbline_drivers::simulator::Scenario;
+use plumbline_drivers::{BagTopics, StampedPose};
+use plumbline_flight::flight::{Cut, Flight, FlightError, open_recording, open_simulation};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// What is flown.
+#[derive(Clone, Debug)]
+pub enum Subject {
+    /// A EuRoC data set, a flight log or a ROS 2 bag.
+    Recorded {
+        /// Its place.
+        path: PathBuf,
+    },
+    /// A simulated flight.
+    Simulated {
+        /// What it is called: the argument that it was made of.
+        name: String,
+        /// What is simulated; each seed of the sweep replaces its own.
+        scenario: Box<Scenario>,
+        /// The estimator believes the cameras turned by this angle, degrees.
+        extrinsics_error_deg: f64,
+    },
+}
+
+impl Subject {
+    /// Opens it, ready to run; a simulated flight with `seed` in place of its own, any from `start_s` on where that is given.
+    ///
+    /// # Errors
+    /// When it cannot be read or simulated.
+    pub fn open(
+        &self,
+        common: &Common,
+        seed: Option<u64>,
+        start_s: Option<f64>,
+    ) -> Result<Flight, FlightError> {
+        let Common { config, mono, cache, .. } = common;
+        match self {
+            Self::Recorded { path } => {
+                let cut = start_s.map(|start_s| Cut { frames: None, seconds: start_s..f64::INFINITY });
+                let cut = cut.unwrap_or_else(|| None.into());
+                open_recording(path, config.clone(), &BagTopics::default(), cut, *mono)
+            }
+            Self::Simulated { scenario, extrinsics_error_deg, .. } => {
+                let (seed, start_s) = (seed.unwrap_or(scenario.seed), start_s.unwrap_or(scenario.start_s));
+                let scenario = Scenario { seed, start_s, ..(**scenario).clone() };
+                open_simulation(config.clone(), &scenario, *mono, *extrinsics_error_deg, cache.as_deref())
+            }
+        }
+    }
+
+    /// What it is called.
+    #[must_use]
+    pub fn name(&self) -> String {
+        match self {
+            Self::Recorded { path } => path.display().to_string(),
+            Self::Simulated { name, .. } => name.clone(),
+        }
+    }
+}
+
+/// What all cells have in common.
+#[derive(Clone, Debug, Default)]
+pub struct Common {
+    /// The configuration; without one that of the data set, of the log, or the preset `sim`.
+    pub config: Option<ValidConfig>,
+    /// Ground truth of data sets that bring none.
+    pub truth: Option<Arc<Vec<StampedPose>>>,
+    /// The left camera alone.
+    pub mono: bool,
+    /// Folder of rendered frames.
+    pub cache: Option<PathBuf>,
+}

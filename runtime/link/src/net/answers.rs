@@ -1,0 +1,453 @@
+//! Queries that a vehicle answers: trajectory, keyframes, corrected path, configuration, clock, reset, saving the map.
+//!
+//! Questions wait in a short queue and are answered one after the other by a thread of their own: who asks much
+//! holds up nobody but those who ask. Commands have a queue and a task of their own. Answers travel with the quality of service of their question; ground stations
+//! ask with one that drops them when the link is full, and ask again.
+//!
+//! Of several answers under one key a client keeps the newest, unless it asks for no consolidation. Where there can be
+//! several, each therefore has a key of its own below the one that was asked for (`trajectory/<stamp of its first
+//! pose>`, `map/keyframe/<sequence number>`), which a question ending in `/**` allows. A question for the exact key is
+//! answered by one message, or refused when one cannot hold the answer: nothing is lost in silence.
+
+use super::error::NetError;
+use super::keyframes::KeyframeHistory;
+use super::vehicle::Vehicle;
+use super::{ROOT, now_ns, proto, read};
+use plumbline_estimator::{Estimate, ResetKind};
+use prost::Message;
+use std::collections::VecDeque;
+use std::ops::Range;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use tokio::sync::{mpsc, watch};
+use zenoh::bytes::Encoding;
+use zenoh::key_expr::keyexpr;
+use zenoh::query::Query;
+use zenoh::{Session, Wait};
+
+/// Questions that wait.
+const MAX_QUESTIONS: usize = 32;
+/// Commands that wait.
+const MAX_COMMANDS: usize = 8;
+/// Poses that are kept: half an hour at 20 Hz.
+const MAX_POSES: usize = 36_000;
+/// Poses in one answer.
+const POSES_PER_ANSWER: usize = 500;
+/// Largest distance between poses that can be asked for, ms.
+const MAX_STEP_MS: i64 = 3_600_000;
+/// Keyframes in one answer to a question.
+pub const MAX_KEYFRAMES_PER_QUESTION: usize = 64;
+/// Timeout of a reset, which takes effect with the next frame.
+const RESET_PATIENCE: Duration = Duration::from_secs(2);
+
+/// Timeout of a map that is to be kept: it is copied with the next keyframe and brought to the disk.
+const SAVE_PATIENCE: Duration = Duration::from_secs(15);
+/// Whether the map was saved is looked at this often.
+const SAVE_GLANCE: Duration = Duration::from_millis(20);
+
+/// One pose of the past.
+#[derive(Clone, Copy, Debug)]
+struct PastPose {
+    stamp_ns: i64,
+    pose_o_b: [f64; 7],
+    reset_counter: u32,
+}
+
+/// What queries are answered from, filled by the publisher.
+#[derive(Debug)]
+pub struct Archive {
+    poses: VecDeque<PastPose>,
+    /// Keyframes that are final.
+    pub keyframes: KeyframeHistory,
+    /// The corrected path as it was last sent, encoded.
+    pub path: Vec<u8>,
+}
+
+impl Archive {
+    /// An empty one, for keyframes of at most so many landmarks of a kind.
+    #[must_use]
+    pub fn new(max_landmarks: usize) -> Self {
+        Self { poses: VecDeque::new(), keyframes: KeyframeHistory::new(max_landmarks), path: Vec::new() }
+    }
+
+    /// Remembers a pose.
+    pub fn remember(&mut self, estimate: &Estimate) {
+        if !estimate.has_pose() {
+            return;
+        }
+        let (p, q) = (estimate.pose_o_b.translation.vector, estimate.pose_o_b.rotation.coords);
+        if self.poses.len() == MAX_POSES {
+            self.poses.pop_front();
+        }
+        self.poses.push_back(PastPose {
+            stamp_ns: estimate.stamp.as_nanos(),
+            pose_o_b: [p.x, p.y, p.z, q.x, q.y, q.z, q.w],
+            reset_counter: estimate.reset_counter,
+        });
+    }
+
+    /// What it holds, bytes.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        self.poses.capacity() * size_of::<PastPose>() + self.keyframes.bytes() + self.path.capacity()
+    }
+
+    /// Poses from `from` to before `to`, at least `step_ns` apart, in answers of at most `size` poses.
+    fn trajectory(&self, wanted: &Range<i64>, step_ns: i64, size: usize) -> Vec<proto::Trajectory> {
+        let mut next_ns = i64::MIN;
+        let mut is_due = |pose: &&PastPose| {
+            let is_due = wanted.contains(&pose.stamp_ns) && pose.stamp_ns >= next_ns;
+            if is_due {
+                next_ns = pose.stamp_ns.saturating_add(step_ns);
+            }
+            is_due
+        };
+        let selected: Vec<&PastPose> = self.poses.iter().filter(&mut is_due).collect();
+        let answer = |poses: &[&PastPose]| proto::Trajectory {
+            stamps_ns: poses.iter().map(|p| p.stamp_ns).collect(),
+            poses_o_b: poses.iter().flat_map(|p| p.pose_o_b).collect(),
+            reset_counters: poses.iter().map(|p| p.reset_counter).collect(),
+        };
+        if selected.is_empty() {
+            return vec![answer(&[])];
+        }
+        selected.chunks(size).map(answer).collect()
+    }
+}
+
+/// What the answers are made of.
+pub struct Answers {
+    /// Who answers.
+    pub vehicle: Arc<Vehicle>,
+    /// Poses and keyframes.
+    pub archive: Arc<Mutex<Archive>>,
+    /// The newest count of resets.
+    pub resets: watch::Receiver<u32>,
+}
+
+/// Locks the archive, also after a thread has panicked while holding it.
+pub fn lock(archive: &Mutex<Archive>) -> MutexGuard<'_, Archive> {
+    archive.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Declares the queryables of a vehicle and answers until the session ends.
+///
+/// # Errors
+/// When a key cannot be declared.
+pub async fn declare(session: &Session, answers: Answers) -> Result<(), NetError> {
+    let (questions, waiting) = mpsc::channel::<(Topic, Query)>(MAX_QUESTIONS);
+    let (commands, given) = mpsc::channel::<(Topic, Query)>(MAX_COMMANDS);
+    for topic in Topic::ALL {
+        let base = format!("{ROOT}/{}/{}", answers.vehicle.name, topic.key());
+        let key = if topic.has_several_answers() { format!("{base}/**") } else { base.clone() };
+        let (queue, clock_key) =
+            (if topic.is_command() { commands.clone() } else { questions.clone() }, base);
+        let failed = |error: zenoh::Error| NetError::Declare { key: key.clone(), message: error.to_string() };
+        session
+            .declare_queryable(&key)
+            .callback(move |query| {
+                if topic == Topic::Clock {
+                    // A question about time does not wait behind others.
+                    tell_time(&query, &clock_key);
+                } else if let Err(error) = queue.try_send((topic, query)) {
+                    let (_, query) = error.into_inner();
+                    let _ = query.reply_err("busy: ask again later").wait();
+                }
+            })
+            .background()
+            .await
+            .map_err(failed)?;
+    }
+    let answers = Arc::new(answers);
+    answer_questions(Arc::clone(&answers), waiting)?;
+    tokio::spawn(obey(answers, given));
+    Ok(())
+}
+
+/// Answers one question after the other, on a thread of its own: an answer travels as its question asked, and may wait for
+/// somebody who does not read.
+fn answer_questions(
+    answers: Arc<Answers>,
+    mut waiting: mpsc::Receiver<(Topic, Query)>,
+) -> std::io::Result<()> {
+    let runtime = tokio::runtime::Handle::current();
+    let thread = std::thread::Builder::new().name("plumbline-answers".into());
+    thread.spawn(move || {
+        while let Some((topic, query)) = waiting.blocking_recv() {
+            runtime.block_on(answers.answer(topic, &query));
+        }
+    })?;
+    Ok(())
+}
+
+/// Carries out commands, which wait behind no question. Bringing a map to the disk takes its time: a reset does not wait for
+/// it, and there is one at a time.
+async fn obey(answers: Arc<Answers>, mut given: mpsc::Receiver<(Topic, Query)>) {
+    let saving = Arc::new(tokio::sync::Mutex::new(()));
+    while let Some((topic, query)) = given.recv().await {
+        if topic != Topic::MapSave {
+            answers.answer(topic, &query).await;
+        } else if let Ok(turn) = Arc::clone(&saving).try_lock_owned() {
+            let answers = Arc::clone(&answers);
+            tokio::spawn(async move {
+                answers.answer(topic, &query).await;
+                drop(turn);
+            });
+        } else {
+            let _ = query.reply_err("busy: the map is being saved").await;
+        }
+    }
+}
+
+/// What can be asked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Topic {
+    Trajectory,
+    Keyframes,
+    Path,
+    Config,
+    Clock,
+    Reset,
+    MapSave,
+}
+
+impl Topic {
+    const ALL: [Self; 7] = [
+        Self::Trajectory,
+        Self::Keyframes,
+        Self::Path,
+        Self::Config,
+        Self::Clock,
+        Self::Reset,
+        Self::MapSave,
+    ];
+
+    fn key(self) -> &'static str {
+        match self {
+            Self::Trajectory => "trajectory",
+            Self::Keyframes => "map/keyframe",
+            Self::Path => "map/path",
+            Self::Config => "config",
+            Self::Clock => "clock",
+            Self::Reset => "command/reset",
+            Self::MapSave => "command/map_save",
+        }
+    }
+
+    /// Whether something is done.
+    fn is_command(self) -> bool {
+        matches!(self, Self::Reset | Self::MapSave)
+    }
+
+    /// Whether answers have keys of their own below the topic's.
+    fn has_several_answers(self) -> bool {
+        matches!(self, Self::Trajectory | Self::Keyframes)
+    }
+}
+
+/// Where answers to a question may be sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Room {
+    /// Each under a key of its own.
+    Several,
+    /// One, under the key of the topic.
+    One,
+}
+
+impl Room {
+    fn of(query: &Query, base: &str) -> Self {
+        Self::allowed_by(query.key_expr(), base)
+    }
+
+    /// By the key that was asked for: only a pattern may include the keys below that of the topic.
+    fn allowed_by(asked: &keyexpr, base: &str) -> Self {
+        let includes = |key: &str| keyexpr::new(key).is_ok_and(|key| asked.intersects(key));
+        let is_topic_alone = includes(base) && !includes(&format!("{base}/0"));
+        if is_topic_alone { Self::One } else { Self::Several }
+    }
+}
+
+impl Answers {
+    async fn answer(&self, topic: Topic, query: &Query) {
+        let key = &format!("{ROOT}/{}/{}", self.vehicle.name, topic.key());
+        match topic {
+            Topic::Trajectory => {
+                let answers = self.trajectory(query, Room::of(query, key));
+                send_each(query, key, "plumbline.v1.Trajectory", answers).await;
+            }
+            Topic::Keyframes => {
+                let answers = self.keyframes(query, Room::of(query, key), key);
+                send_each(query, key, "plumbline.v1.Keyframe", answers).await;
+            }
+            Topic::Path => {
+                let path = lock(&self.archive).path.clone();
+                let answer = if path.is_empty() { Vec::new() } else { vec![path] };
+                send(query, key, "plumbline.v1.MapPath", Ok(answer)).await;
+            }
+            Topic::Config => {
+                let answer = vec![self.vehicle.configuration.encode_to_vec()];
+                send(query, key, "plumbline.v1.Configuration", Ok(answer)).await;
+            }
+            Topic::Clock => tell_time(query, key),
+            Topic::Reset => {
+                let outcome = self.reset(query, key).await;
+                if let Err(reason) = &outcome {
+                    tracing::warn!("a reset was refused: {reason}");
+                }
+                let answers = outcome.map(|done| vec![done.encode_to_vec()]);
+                send(query, key, "plumbline.v1.ResetDone", answers).await;
+            }
+            Topic::MapSave => {
+                let outcome = self.save_map(query, key).await;
+                if let Err(reason) = &outcome {
+                    tracing::warn!("the map was not saved: {reason}");
+                }
+                let answers = outcome.map(|done| vec![done.encode_to_vec()]);
+                send(query, key, "plumbline.v1.MapSaved", answers).await;
+            }
+        }
+    }
+
+    /// The trajectory that a question asks for, each answer with its stamp, ns.
+    fn trajectory(&self, query: &Query, room: Room) -> Result<Vec<(i64, Vec<u8>)>, String> {
+        let wanted = range(query, i64::MIN, i64::MAX)?;
+        let step_ns = number(query, "step_ms", 0i64)?.clamp(0, MAX_STEP_MS) * 1_000_000;
+        let size = if room == Room::One { MAX_POSES } else { POSES_PER_ANSWER };
+        let answers = lock(&self.archive).trajectory(&wanted, step_ns, size);
+        let numbered = |answer: &proto::Trajectory| {
+            (answer.stamps_ns.first().copied().unwrap_or_default(), answer.encode_to_vec())
+        };
+        Ok(answers.iter().map(numbered).collect())
+    }
+
+    /// The keyframes that a question asks for, each with its sequence number.
+    fn keyframes(&self, query: &Query, room: Room, key: &str) -> Result<Vec<(i64, Vec<u8>)>, String> {
+        let wanted = range(query, 0, u64::MAX)?;
+        let keyframes = lock(&self.archive).keyframes.get(wanted, MAX_KEYFRAMES_PER_QUESTION);
+        if room == Room::One && keyframes.len() > 1 {
+            return Err(format!(
+                "{} keyframes are wanted; ask for {key}/**, where each has its own key",
+                keyframes.len()
+            ));
+        }
+        let number = |bytes: &Vec<u8>| {
+            let header = read::decode::<proto::Keyframe>(bytes).and_then(|keyframe| keyframe.header);
+            header.map_or(0, |header| header.sequence as i64)
+        };
+        Ok(keyframes.into_iter().map(|bytes| (number(&bytes), bytes)).collect())
+    }
+
+    /// Whether a command may be carried out; the error is the reason as text.
+    fn check_command(&self, query: &Query, key: &str) -> Result<(), String> {
+        if query.key_expr().as_str() != key {
+            // A pattern would pass rules that name the command.
+            return Err(format!("a command needs its exact key: {key}"));
+        }
+        self.vehicle.refusal.clone().map_or(Ok(()), Err)
+    }
+
+    /// Has the map kept; the error is the reason as text.
+    async fn save_map(&self, query: &Query, key: &str) -> Result<proto::MapSaved, String> {
+        self.check_command(query, key)?;
+        let saves = self.vehicle.control.map_saves();
+        let Some(request) = saves.ask() else {
+            return Err("this flight keeps no map: start it with --save-map FILE".into());
+        };
+        let saved = async {
+            loop {
+                if let Some(outcome) = saves.outcome(request) {
+                    return outcome;
+                }
+                tokio::time::sleep(SAVE_GLANCE).await;
+            }
+        };
+        match tokio::time::timeout(SAVE_PATIENCE, saved).await {
+            Ok(outcome) => outcome.map(|keyframes| proto::MapSaved {
+                keyframes,
+                words: format!("{keyframes} keyframes saved"),
+            }),
+            Err(_) => Err("the map was asked for, but no keyframe has come since; is there a pose?".into()),
+        }
+    }
+
+    /// Carries out a reset; the error is the reason as text.
+    async fn reset(&self, query: &Query, key: &str) -> Result<proto::ResetDone, String> {
+        self.check_command(query, key)?;
+        let (kind, words) = match query.parameters().get("kind") {
+            Some("soft") => (ResetKind::Soft, "soft"),
+            Some("hard") => (ResetKind::Hard, "hard"),
+            _ => return Err("say ?kind=soft (keeps the pose) or ?kind=hard (starts at the origin)".into()),
+        };
+        let mut resets = self.resets.clone();
+        let before = *resets.borrow_and_update();
+        tracing::warn!("reset ({words}) on command");
+        self.vehicle.control.ask_reset(kind);
+        let is_done = tokio::time::timeout(RESET_PATIENCE, resets.wait_for(|now| *now != before)).await;
+        match is_done {
+            Ok(Ok(now)) => Ok(proto::ResetDone { reset_counter: *now, words: format!("{words} reset done") }),
+            _ => Err("the reset was asked for, but no frame has come since".into()),
+        }
+    }
+}
+
+/// A whole number of a question, such as `?from=5`.
+fn number<T: std::str::FromStr>(query: &Query, name: &str, default: T) -> Result<T, String> {
+    match query.parameters().get(name) {
+        None | Some("") => Ok(default),
+        Some(text) => text.parse().map_err(|_| format!("{name}={text:.40} is no whole number")),
+    }
+}
+
+/// The range `?from=..;to=..` of a question.
+fn range<T: std::str::FromStr>(query: &Query, first: T, last: T) -> Result<Range<T>, String> {
+    Ok(number(query, "from", first)?..number(query, "to", last)?)
+}
+
+/// Sends numbered answers: below our own `key`, or under it where nothing else was asked for.
+async fn send_each(query: &Query, key: &str, schema: &str, answers: Result<Vec<(i64, Vec<u8>)>, String>) {
+    let answers = match answers {
+        Ok(answers) => answers,
+        Err(reason) => return send(query, key, schema, Err(reason)).await,
+    };
+    let has_own_keys = Room::of(query, key) == Room::Several;
+    for (number, answer) in answers {
+        let own = if has_own_keys { format!("{key}/{number}") } else { key.to_owned() };
+        send(query, &own, schema, Ok(vec![answer])).await;
+    }
+}
+
+/// Sends the answers under our own `key`, whatever pattern was asked with.
+async fn send(query: &Query, key: &str, schema: &str, answers: Result<Vec<Vec<u8>>, String>) {
+    match answers {
+        Ok(answers) => {
+            for answer in answers {
+                let encoding = Encoding::APPLICATION_PROTOBUF.with_schema(schema);
+                let _ = query.reply(key, answer).encoding(encoding).await;
+            }
+        }
+        Err(reason) => drop(query.reply_err(reason).encoding(Encoding::TEXT_PLAIN).await),
+    }
+}
+
+fn tell_time(query: &Query, key: &str) {
+    let received_ns = now_ns();
+    let clock = proto::Clock { received_ns, answered_ns: now_ns() };
+    let encoding = Encoding::APPLICATION_PROTOBUF.with_schema("plumbline.v1.Clock");
+    let _ = query.reply(key, clock.encode_to_vec()).encoding(encoding).express(true).wait();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn several_answers_go_where_the_question_includes_their_keys() {
+        let room = |asked: &str| Room::allowed_by(keyexpr::new(asked).unwrap(), "plumbline/drone/trajectory");
+        for asked in ["plumbline/drone/trajectory", "plumbline/*/trajectory", "plumbline/drone/*"] {
+            assert_eq!(room(asked), Room::One, "{asked}");
+        }
+        for asked in ["plumbline/drone/trajectory/**", "plumbline/drone/trajectory/*", "plumbline/**"] {
+            assert_eq!(room(asked), Room::Several, "{asked}");
+        }
+    }
+}

@@ -1,0 +1,23 @@
+//! What queries to a vehicle are answered from.
+
+use super::proto;
+use nalgebra::UnitQuaternion;
+use plumbline_flight::pipeline::Control;
+use std::sync::Arc;
+
+/// What queries to a vehicle are answered from.
+#[derive(Debug)]
+pub struct Vehicle {
+    /// Its name in the keys.
+    pub name: String,
+    /// The configuration in force.
+    pub configuration: proto::Configuration,
+    /// Whether camera images are offered.
+    pub offers_camera: bool,
+    /// Takes coordinates from the IMU `B` to the vehicle `V` (x forward, y left, z up).
+    pub rot_v_b: UnitQuaternion<f64>,
+    /// Why commands are refused, if they are.
+    pub refusal: Option<String>,
+    /// Takes commands.
+    pub control: Arc<Control>,
+}

@@ -1,0 +1,152 @@
+//! ROS 2 as a listener of a run: odometry from the tick, and where it lies in the map from the window, over rings to a
+//! thread of its own.
+
+use super::publisher::RosPublisher;
+use crate::net::NetError;
+use crate::net::rings::{LaneReader, LaneWriter, lane};
+use crate::net::task_bell::TaskBell;
+use nalgebra::UnitQuaternion;
+use plumbline_config::options::RosConfig;
+use plumbline_estimator::Odometry;
+use plumbline_estimator::places::MapEstimate;
+use plumbline_flight::flight::Output;
+use plumbline_flight::pipeline::Stamps;
+use plumbline_flight::pipeline::listener::{Listener, Producer, Subscriber};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+
+/// Odometry that waits for the network: a quarter of a second.
+const ODOMETRY_RING: usize = 50;
+/// Words on where it lies in the map: only the newest counts.
+const MAP_RING: usize = 4;
+
+/// The way out to ROS 2, for one run.
+#[derive(Debug)]
+pub struct RosOutput {
+    shared: Arc<Shared>,
+    /// Taken by the listener of the tick.
+    odometry: Option<LaneWriter<Odometry>>,
+    /// Taken by that of the window.
+    map: Option<LaneWriter<MapEstimate>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+#[derive(Debug)]
+struct Shared {
+    bell: TaskBell,
+    stop: AtomicBool,
+}
+
+impl RosOutput {
+    /// Begins to look for the router; returns at once. `rot_v_b` takes coordinates from the IMU to the vehicle,
+    /// `stamps` says whose those of the odometry are.
+    ///
+    /// # Errors
+    /// When no thread can be had.
+    pub fn start(
+        options: &RosConfig,
+        vehicle: &str,
+        rot_v_b: UnitQuaternion<f64>,
+        stamps: Stamps,
+    ) -> Result<Self, NetError> {
+        let shared = Arc::new(Shared { bell: TaskBell::new()?, stop: AtomicBool::new(false) });
+        let (writer, reader, _) = lane(ODOMETRY_RING);
+        let (map_writer, map_reader, _) = lane(MAP_RING);
+        let publisher = RosPublisher::start(options, vehicle, rot_v_b, stamps)?;
+        // Zenoh wants a runtime of several threads, and uses one.
+        let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
+        let theirs = Arc::clone(&shared);
+        let thread = std::thread::Builder::new()
+            .name("plumbline-ros2".into())
+            .spawn(move || runtime.block_on(publish(publisher, reader, map_reader, &theirs)))?;
+        Ok(Self { shared, odometry: Some(writer), map: Some(map_writer), thread: Some(thread) })
+    }
+
+    /// Sends what is left, and takes the node off the network.
+    pub fn stop(mut self) {
+        self.end();
+    }
+
+    fn end(&mut self) {
+        self.shared.stop.store(true, Ordering::Relaxed);
+        self.shared.bell.ring();
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Drop for RosOutput {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+async fn publish(
+    mut publisher: RosPublisher,
+    mut waiting: LaneReader<Odometry>,
+    mut map: LaneReader<MapEstimate>,
+    shared: &Shared,
+) {
+    let bell = match shared.bell.listen() {
+        Ok(bell) => bell,
+        Err(error) => return tracing::error!("nothing is published to ROS 2: {error}"),
+    };
+    loop {
+        let is_last = shared.stop.load(Ordering::Relaxed);
+        while let Some(newest) = map.pop() {
+            publisher.follow(newest);
+        }
+        while let Some(odometry) = waiting.pop() {
+            publisher.odometry(&odometry).await;
+        }
+        if is_last {
+            return publisher.stop().await;
+        }
+        bell.rung().await;
+    }
+}
+
+impl Output for RosOutput {
+    fn stop(self: Box<Self>) {
+        Self::stop(*self);
+    }
+}
+
+impl Subscriber for RosOutput {
+    fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
+        let shared = Arc::clone(&self.shared);
+        match producer {
+            Producer::Tick => match self.odometry.take() {
+                Some(odometry) => Box::new(TickListener { shared, odometry }),
+                None => Box::new(()),
+            },
+            Producer::Window => match self.map.take() {
+                Some(map) => Box::new(WindowListener(map)),
+                None => Box::new(()),
+            },
+            Producer::FrontEnd | Producer::Places | Producer::Watchdog => Box::new(()),
+        }
+    }
+}
+
+struct TickListener {
+    shared: Arc<Shared>,
+    odometry: LaneWriter<Odometry>,
+}
+
+impl Listener for TickListener {
+    fn odometry(&mut self, odometry: &Odometry) {
+        self.odometry.push(odometry.clone());
+        self.shared.bell.ring();
+    }
+}
+
+struct WindowListener(LaneWriter<MapEstimate>);
+
+impl Listener for WindowListener {
+    fn map_estimate(&mut self, estimate: &MapEstimate) {
+        self.0.push(estimate.clone());
+    }
+}
