@@ -4,10 +4,10 @@
     pip install eclipse-zenoh grpcio-tools
     python examples/read_pose.py --connect tcp/127.0.0.1:7447        # while `make demo` flies
 
-The messages are those of runtime/proto/plumbline/v1/plumbline.proto. This script compiles them when it starts,
+The messages are those of runtime/link/proto/plumbline/v1/plumbline.proto. This script compiles them when it starts,
 with the compiler that grpcio-tools brings; your own program may as well keep what this writes:
 
-    python -m grpc_tools.protoc -Iruntime/proto --python_out=. plumbline/v1/plumbline.proto
+    python -m grpc_tools.protoc -Iruntime/link/proto --python_out=. plumbline/v1/plumbline.proto
 """
 
 import argparse
@@ -21,7 +21,7 @@ import time
 import zenoh
 from grpc_tools import protoc
 
-PROTO = pathlib.Path(__file__).resolve().parent.parent / "runtime" / "proto"
+PROTO = pathlib.Path(__file__).resolve().parent.parent / "runtime" / "link" / "proto"
 STATES = ["unknown", "initialising", "tracking", "blind", "failed"]
 
 

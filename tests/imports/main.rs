@@ -1,8 +1,6 @@
-//! Imports point down only: between the crates, between the modules of the runtime, and between those of the estimator.
-//!
-//! The order of the runtime's rooms is that of its crate documentation; the estimator's follows the flow of the data.
-//! Below the top of a crate no modules of one folder may import each other in a circle. A new module needs a place in
-//! the order here. Functions fit on a screen.
+//! What the compiler does not hold between the crates: within a crate no modules of one folder import each other in a
+//! circle, the modules of the estimator follow the flow of the data, no network is among what a flight is built from, and
+//! functions of the runtime fit on a screen.
 
 mod arrows;
 mod sources;
@@ -11,30 +9,7 @@ use arrows::{Arrows, against, arrows, circles};
 use sources::Sources;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-
-/// The modules of the runtime from the ground up. Each may import those before it.
-const RUNTIME: &[&str] = &[
-    "alloc",
-    "schedule",
-    "pipeline",
-    "log",
-    "net",
-    "autopilot",
-    "ros",
-    "places",
-    "flight",
-    "evaluate",
-    "report",
-    "campaign",
-    "bench",
-    "picture",
-    "plot",
-    "sweep",
-    "calibrate",
-    "ground",
-    "fuzzing",
-    "cli",
-];
+use std::process::Command;
 
 /// The modules of the estimator in the order of the data.
 const ESTIMATOR: &[&str] = &[
@@ -58,25 +33,23 @@ const ESTIMATOR: &[&str] = &[
     "facade",
 ];
 
-/// Crates of ours that each crate may name.
-const CRATES: &[(&str, &[&str])] = &[
-    ("config", &[]),
-    ("checkup", &["plumbline_config", "plumbline_estimator"]),
-    ("drivers", &["plumbline_config", "plumbline_protocol"]),
-    ("drivers/protocol", &[]),
-    ("estimator", &["plumbline_config"]),
-    (
-        "runtime",
-        &[
-            "plumbline_boards",
-            "plumbline_config",
-            "plumbline_checkup",
-            "plumbline_drivers",
-            "plumbline_estimator",
-        ],
-    ),
-    ("runtime/boards", &["plumbline_config"]),
+/// Our crates.
+const CRATES: &[&str] = &[
+    "config",
+    "drivers",
+    "drivers/protocol",
+    "estimator",
+    "runtime/boards",
+    "runtime/checkup",
+    "runtime/cli",
+    "runtime/flight",
+    "runtime/ground",
+    "runtime/lab",
+    "runtime/link",
 ];
+
+/// Libraries of networks, of which none has a part in a flight.
+const NETWORKS: &[&str] = &["axum", "hyper", "plumbline-link", "quinn", "rcgen", "rustls", "tokio", "zenoh"];
 
 /// Lines of the longest function of the runtime: one screen.
 const SCREEN: usize = 60;
@@ -95,20 +68,25 @@ fn top(sources: &Sources) -> Arrows {
 }
 
 #[test]
-fn crates_import_what_is_below_them() {
-    for (name, allowed) in CRATES {
-        for module in crate_of(name).modules.values() {
-            for other in module.crates.iter().filter(|other| other.starts_with("plumbline")) {
-                let file = module.file.display();
-                assert!(allowed.contains(&other.as_str()), "{name}/{file}: {name} -> {other} points up");
-            }
-        }
-    }
-}
-
-#[test]
-fn rooms_of_the_runtime_import_those_below_them() {
-    assert_eq!(against(RUNTIME, &top(&crate_of("runtime"))), Vec::<String>::new());
+fn a_flight_is_built_without_a_network() {
+    let mut tree = Command::new(env!("CARGO"));
+    tree.args([
+        "tree",
+        "-p",
+        "plumbline-flight",
+        "-e",
+        "normal",
+        "--prefix",
+        "none",
+        "--offline",
+        "--locked",
+    ]);
+    let tree = tree.current_dir(project()).output().unwrap();
+    let crates = String::from_utf8(tree.stdout).unwrap();
+    let names: BTreeSet<&str> = crates.lines().filter_map(|line| line.split(' ').next()).collect();
+    assert!(names.contains("plumbline-estimator"), "{}", String::from_utf8_lossy(&tree.stderr));
+    let networks: Vec<_> = NETWORKS.iter().filter(|name| names.contains(*name)).collect();
+    assert_eq!(networks, Vec::<&&str>::new());
 }
 
 #[test]
@@ -131,36 +109,17 @@ fn all_circles(name: &str) -> BTreeSet<String> {
 
 #[test]
 fn no_modules_of_a_folder_import_each_other_in_a_circle() {
-    let found: BTreeSet<String> = CRATES.iter().flat_map(|(name, _)| all_circles(name)).collect();
+    let found: BTreeSet<String> = CRATES.iter().flat_map(|name| all_circles(name)).collect();
     assert_eq!(found, BTreeSet::new());
 }
 
 #[test]
 fn functions_of_the_runtime_fit_on_a_screen() {
-    let mut functions = crate_of("runtime").functions;
+    let runtime = CRATES.iter().filter(|name| name.starts_with("runtime/"));
+    let mut functions: Vec<_> = runtime.flat_map(|name| crate_of(name).functions).collect();
     functions.sort_by_key(|function| std::cmp::Reverse(function.lines));
     functions.retain(|function| function.lines > SCREEN);
     assert_eq!(functions, Vec::new());
-}
-
-/// `PLUMBLINE_SOURCES=/another/checkout cargo test --test imports figures -- --ignored --nocapture`
-#[test]
-#[ignore = "prints figures, of this checkout or another"]
-fn figures() {
-    let root = std::env::var_os("PLUMBLINE_SOURCES").map_or_else(project, PathBuf::from);
-    for (name, _) in CRATES {
-        let sources = Sources::read(&root.join(name));
-        let in_top = circles(&top(&sources));
-        let all: usize = arrows(&sources).values().map(|arrows| circles(arrows).len()).sum();
-        let longest = sources.functions.iter().max_by_key(|function| function.lines);
-        println!("{name}: {} modules, {all} circles, at the top {in_top:?}", sources.modules.len());
-        for (path, arrows) in arrows(&sources) {
-            for circle in circles(&arrows) {
-                println!("  {}: {circle:?}", path.join("::"));
-            }
-        }
-        println!("  longest function {longest:?}");
-    }
 }
 
 /// Writes a crate of these files; its sources.

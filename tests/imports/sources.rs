@@ -18,8 +18,6 @@ pub struct Module {
     pub file: PathBuf,
     /// What it names with `use` or in passing, from the root of its own crate.
     pub names: BTreeSet<ModulePath>,
-    /// Crates that it names.
-    pub crates: BTreeSet<String>,
     /// Names that it hands on, with where they come from.
     reexports: BTreeMap<String, ModulePath>,
     /// Modules of which it hands on everything.
@@ -176,10 +174,7 @@ impl Reader {
                 [&base, &segments[ups..]].concat()
             }
             child if self.children.contains(child) => [&base, segments].concat(),
-            other => {
-                self.module.crates.insert(other.to_owned());
-                return None;
-            }
+            _ => return None,
         };
         self.module.names.insert(name.clone());
         Some(name)
@@ -231,7 +226,7 @@ impl<'ast> Visit<'ast> for Reader {
     fn visit_path(&mut self, path: &'ast syn::Path) {
         let segments: Vec<String> = path.segments.iter().map(|s| s.ident.to_string()).collect();
         let is_from_a_root = matches!(segments[0].as_str(), "crate" | "self" | "super");
-        if segments.len() > 1 && (is_from_a_root || segments[0].starts_with("plumbline")) {
+        if segments.len() > 1 && is_from_a_root {
             self.name(&segments);
         }
         visit::visit_path(self, path);

@@ -1,4 +1,4 @@
-//! JSON messages to the page; `runtime/web/js` reads them.
+//! JSON messages to the page; `runtime/ground/web/js` reads them.
 
 use super::super::corrected::Corrected;
 use super::super::fleet::{Fleet, FleetEvent};

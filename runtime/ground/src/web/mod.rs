@@ -1,6 +1,6 @@
 //! The web page of the ground station: one origin, everything embedded in the binary.
 //!
-//! The page (`runtime/web`) speaks to [`socket`] for what changes and to [`api`] for what one asks. Who may is in
+//! The page (`runtime/ground/web`) speaks to [`socket`] for what changes and to [`api`] for what one asks. Who may is in
 //! [`guard`].
 
 pub(super) mod api;
