@@ -9,12 +9,10 @@ use mavlink::dialects::common::{HEARTBEAT_DATA, MavMessage, TIMESYNC_DATA};
 use mcap::records::{MessageHeader, Metadata};
 use nalgebra::{Isometry3, Vector3};
 use plumbline_config::options::ImageRecording;
-use plumbline_config::{Config, GrayImage, ImuSample, Timestamp};
+use plumbline_config::{Config, GrayImage, ImuSample};
 use plumbline_drivers::{ImuReading, StereoFrame};
+use plumbline_estimator::ResetKind;
 use plumbline_estimator::places::MapEstimate;
-use plumbline_estimator::{
-    BiasVariances, Estimate, FrameFigures, HealthBits, NavCovariance, Odometry, ResetKind, TrackingState,
-};
 use prost::Message as _;
 use std::collections::BTreeMap;
 use std::io::Cursor;
