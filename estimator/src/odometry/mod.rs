@@ -6,6 +6,7 @@
 //! both from a test.
 
 mod inherited;
+mod innovation;
 mod judgement;
 pub mod measurements;
 mod pair;
@@ -136,6 +137,7 @@ pub struct Odometer {
     solved: SolvedFrame,
     keeps_steps: bool,
     step: Option<StepCovariance>,
+    innovations: innovation::Innovations,
 }
 
 impl Odometer {
@@ -194,6 +196,7 @@ impl Odometer {
             solved: SolvedFrame::default(),
             keeps_steps: false,
             step: None,
+            innovations: innovation::Innovations::default(),
             window,
         }
     }
@@ -397,6 +400,8 @@ impl Odometer {
             health.insert(HealthBits::IMU_SATURATED);
         }
         let nav = last.nav.after(&motion, &self.window.options.gravity_o);
+        let (predicted, before) = (nav.clone(), self.predict_innovation(&last.nav, &motion));
+        let dt_s = motion.dt_s;
         self.window.push_frame(time, nav, Some(motion), self.zero_velocity.is_still());
         let (tracks, lines) = (self.measurer.points(), self.measurer.lines());
         let connected = self.window.observe(tracks, lines);
@@ -425,6 +430,7 @@ impl Odometer {
             self.refresh_covariance(health);
             self.note_step();
         }
+        self.note_innovation(&predicted, before, dt_s);
         if is_keyframe {
             self.note_keyframes();
         }

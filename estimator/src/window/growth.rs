@@ -11,7 +11,7 @@
 //! with `P`, `C`, `S` the covariances of `x`, of `x` with `b`, and of `b`. How state and biases hang together where this
 //! begins is not known, and taken for not at all.
 
-use super::state::NavState;
+use super::state::{FrameMatrix, NavState};
 use crate::estimate::{BiasVariances, NavCovariance};
 use crate::geometry::skew;
 use crate::inertial::{ImuNoise, Preintegration};
@@ -31,6 +31,27 @@ impl GrowingCovariance {
     #[must_use]
     pub fn new(nav: NavCovariance, biases: &BiasVariances) -> Self {
         Self { nav, with_biases: SMatrix::zeros(), biases: SMatrix::from_diagonal(biases) }
+    }
+
+    /// That of a frame of the window, with the correlation of state and biases.
+    #[must_use]
+    pub fn of_joint(joint: &FrameMatrix) -> Self {
+        Self {
+            nav: joint.fixed_view::<9, 9>(0, 0).into_owned(),
+            with_biases: joint.fixed_view::<9, 6>(0, 9).into_owned(),
+            biases: joint.fixed_view::<6, 6>(9, 9).into_owned(),
+        }
+    }
+
+    /// All of it, in the order of [`NavState`].
+    #[must_use]
+    pub fn joint(&self) -> FrameMatrix {
+        let mut joint = FrameMatrix::zeros();
+        joint.fixed_view_mut::<9, 9>(0, 0).copy_from(&self.nav);
+        joint.fixed_view_mut::<9, 6>(0, 9).copy_from(&self.with_biases);
+        joint.fixed_view_mut::<6, 9>(9, 0).copy_from(&self.with_biases.transpose());
+        joint.fixed_view_mut::<6, 6>(9, 9).copy_from(&self.biases);
+        joint
     }
 
     /// Whether all of it is finite.
