@@ -1,81 +1,208 @@
-//! trace
+//! Scale of the accelerometer's noise by running normalized innovations.
+//!
+//! With consistent noise the correction `d` that a frame makes to the predicted state has the covariance by which the frame
+//! lowers that of the prediction, `P_predicted - P_updated` (Mohamed and Schwarz 1999, "Adaptive Kalman filtering for INS/GPS").
+//! Running means of `|d|²` and of that trace therefore have the ratio 1; about 0.25 with the cautious noise that presets state
+//! for images. Forces that the stated noise does not explain raise the ratio of the velocity. The noise of new inertial factors
+//! then grows, density and walk alike, until the ratio is back, and shrinks as slowly; never below what is stated. Images that
+//! contradict each other raise the ratio of the position too, and do not count.
+
 use super::Odometer;
-use crate::inertial::Preintegration;
+use crate::estimate::HealthBits;
+use crate::inertial::{ImuNoise, Preintegration};
 use crate::window::growth::GrowingCovariance;
 use crate::window::state::{FrameMatrix, NavState};
+use nalgebra::Vector3;
+use plumbline_config::Portable;
 
-#[derive(Clone, Debug)]
-pub(super) struct Innovations {
-    joint: Option<FrameMatrix>,
-    mean: [(f64, f64); 5],
-    scale2: [f64; 2],
-    base: Option<crate::inertial::ImuNoise>,
+/// Time constant of the running means, and of the scale, s.
+const MEMORY_S: f64 = 1.0;
+/// Ratio of the velocity up to which the stated noise is believed: twice that of clean flights.
+const BELIEVED_RATIO: f64 = 0.5;
+/// Share of the ratio of the position that the ratio of the velocity may have.
+const SHARE_OF_POSITION: f64 = 0.5;
+/// A single innovation counts as at most this multiple of what is expected: a knock is no noise.
+const MOST_IN_A_FRAME: f64 = 25.0;
+/// Largest change of the logarithm of the variance in a time constant.
+const MOST_LOG_CHANGE: f64 = 4.0;
+/// Largest variance, as a multiple of the stated one.
+const MOST_VARIANCE: f64 = 1e4;
+/// Variance from which it is reported.
+const REPORTED_VARIANCE: f64 = 4.0;
+
+/// Running means of squared innovations of a vector and of what is expected of them.
+#[derive(Clone, Copy, Debug, Default)]
+struct Innovations {
+    squared: f64,
+    expected: f64,
 }
-impl Default for Innovations {
-    fn default() -> Self {
-        Self { joint: None, mean: [(0.0, 0.0); 5], scale2: [1.0; 2], base: None }
+
+impl Innovations {
+    /// Takes an innovation; `share` is the weight of the newest.
+    fn add(&mut self, share: f64, squared: f64, expected: f64) {
+        let expected = expected.at_least(0.0);
+        let most = MOST_IN_A_FRAME * expected.at_least(self.expected);
+        self.squared += share * (squared.at_most(most) - self.squared);
+        self.expected += share * (expected - self.expected);
+    }
+
+    fn ratio(&self) -> f64 {
+        if self.expected > 0.0 { self.squared / self.expected } else { 0.0 }
     }
 }
 
-fn env(name: &str, default: f64) -> f64 {
-    std::env::var(name).ok().and_then(|s| s.parse().ok()).unwrap_or(default)
+/// Scale of the accelerometer's noise, and the covariance of the newest state by which innovations are judged.
+#[derive(Clone, Debug)]
+pub(super) struct NoiseScale {
+    stated: ImuNoise,
+    /// Variance against the stated one, 1 or more.
+    variance: f64,
+    position: Innovations,
+    velocity: Innovations,
+    /// Covariance of the newest state and its biases; `None` before the first.
+    newest: Option<FrameMatrix>,
+}
+
+/// A state before its frame was looked at.
+#[derive(Clone, Debug)]
+pub(super) struct Prediction {
+    pub(super) nav: NavState,
+    covariance: Option<FrameMatrix>,
+    dt_s: f64,
+}
+
+impl NoiseScale {
+    /// The noise as stated.
+    pub(super) fn new(stated: ImuNoise) -> Self {
+        let none = Innovations::default();
+        Self { stated, variance: 1.0, position: none, velocity: none, newest: None }
+    }
+
+    /// Forgets the state, as at a reset. The scale stays: it is the sensor's.
+    pub(super) fn forget_state(&mut self) {
+        *self = Self { variance: self.variance, ..Self::new(self.stated) };
+    }
+
+    /// Takes the correction `d` that lowered the covariance of a state from `before` to `after`.
+    fn add(&mut self, dt_s: f64, d: &[Vector3<f64>; 2], [before, after]: [&FrameMatrix; 2]) {
+        let gained = |part: usize| (part..part + 3).map(|k| before[(k, k)] - after[(k, k)]).sum::<f64>();
+        let share = (dt_s / MEMORY_S).at_most(1.0);
+        self.position.add(share, d[0].norm_squared(), gained(NavState::P));
+        self.velocity.add(share, d[1].norm_squared(), gained(NavState::V));
+        let believed = BELIEVED_RATIO.at_least(SHARE_OF_POSITION * self.position.ratio());
+        let excess = libm::log((self.velocity.ratio() / believed).at_least(1e-3));
+        let change = share * excess.clamp(-MOST_LOG_CHANGE, MOST_LOG_CHANGE);
+        self.variance = (self.variance * libm::exp(change)).clamp(1.0, MOST_VARIANCE);
+    }
+
+    /// The noise of new factors.
+    fn noise(&self) -> ImuNoise {
+        let sigma = self.variance.sqrt();
+        let ImuNoise { accel_density, accel_walk, .. } = self.stated;
+        ImuNoise { accel_density: accel_density * sigma, accel_walk: accel_walk * sigma, ..self.stated }
+    }
+
+    /// Whether the forces are plainly noisier than stated.
+    fn is_reported(&self) -> bool {
+        self.variance > REPORTED_VARIANCE
+    }
+
+    /// Covariance of the newest state, carried on by the `motion` from `nav`.
+    pub(super) fn carried(
+        &self,
+        nav: &NavState,
+        motion: &Preintegration,
+        noise: &ImuNoise,
+    ) -> Option<FrameMatrix> {
+        let mut grown = GrowingCovariance::of_frame(self.newest.as_ref()?);
+        grown.grow(nav, motion, noise);
+        Some(grown.of_all())
+    }
 }
 
 impl Odometer {
-    pub(super) fn predict_innovation(&self, nav: &NavState, motion: &Preintegration) -> Option<FrameMatrix> {
-        let joint = self.innovations.joint.as_ref()?;
-        let mut grown = GrowingCovariance::of_joint(joint);
-        grown.grow(nav, motion, &self.noise);
-        Some(grown.joint())
+    /// What is predicted of the frame at the end of `motion`.
+    pub(super) fn predict(&self, from: &NavState, motion: &Preintegration) -> Prediction {
+        Prediction {
+            nav: from.after(motion, &self.window.options.gravity_o),
+            covariance: self.noise_scale.carried(from, motion, &self.noise),
+            dt_s: motion.dt_s,
+        }
     }
 
-    pub(super) fn note_innovation(&mut self, predicted: &NavState, before: Option<FrameMatrix>, dt: f64) {
-        let joint = self.window.covariance_of_newest();
-        if let (Some(before), Some(after), Some(frame)) = (before, &joint, self.window.frames.last()) {
-            let d = frame.nav.minus(predicted);
-            let mut line = format!("INNOV {:.3}", frame.stamp.as_nanos() as f64 * 1e-9);
-            let alpha = dt / env("AD_MEAN", 1.0);
-            let it = &mut self.innovations;
-            for part in 0..5 {
-                let (mut sq, mut gain, mut post) = (0.0, 0.0, 0.0);
-                for k in 3 * part..3 * part + 3 {
-                    sq += d[k] * d[k];
-                    gain += before[(k, k)] - after[(k, k)];
-                    post += after[(k, k)];
-                }
-                let gain_c = gain.max(0.0);
-                let sq_c = sq.min(env("AD_CAP", 25.0) * gain_c.max(it.mean[part].1));
-                it.mean[part].0 += alpha * (sq_c - it.mean[part].0);
-                it.mean[part].1 += alpha * (gain_c - it.mean[part].1);
-                line += &format!(" {sq:.4e} {gain:.4e} {post:.4e}");
-            }
-            let n = |k: usize| it.mean[k].0 / it.mean[k].1.max(1e-30);
-            let ratios = [n(0), n(1), n(2), n(3), n(4)];
-            let tau = env("AD_TAU", 1.0);
-            let dead = env("AD_DEAD", 1.5);
-            let w = env("AD_V", 0.5);
-            let pair = [(ratios[1], ratios[3]), (ratios[2], ratios[4])];
-            for s in 0..2 {
-                let dead = if s == 0 { env("AD_GDEAD", 1.0) } else { dead };
-                let dead = dead.max(env("AD_P", 0.0) * ratios[0]);
-                let x = pair[s].0.max(1e-6).powf(w) * pair[s].1.max(1e-6).powf(1.0 - w) / dead;
-                let max = if s == 0 { env("AD_GMAX", 1.0) } else { env("AD_MAX", 1.0) };
-                it.scale2[s] = (it.scale2[s] * x.powf(dt / tau)).clamp(1.0, max * max);
-            }
-            let base = *it.base.get_or_insert(self.noise);
-            let [g, a] = it.scale2.map(f64::sqrt);
-            let white = env("AD_WHITE", 1.0);
-            let noise = crate::inertial::ImuNoise {
-                gyro_density: base.gyro_density * g.powf(white), accel_density: base.accel_density * a.powf(white),
-                gyro_walk: base.gyro_walk * g, accel_walk: base.accel_walk * a };
-            if max_on() { self.noise = noise; self.window.options.imu_noise = noise; }
-            if std::env::var("PLUMBLINE_TRACE").is_ok() {
-                for r in ratios { line += &format!(" {r:.3}"); }
-                line += &format!(" {g:.3} {a:.3}");
-                eprintln!("{line}");
+    /// Scales the inertial noise by what the newest frame corrected of its `prediction`.
+    pub(super) fn scale_noise(&mut self, prediction: &Prediction, health: &mut HealthBits) {
+        let after = self.window.covariance_of_newest().filter(|c| c.iter().all(|x| x.is_finite()));
+        // The scale of one camera comes from the forces: corrections of it would count as their noise.
+        let has_depth = self.window.options.cameras > 1;
+        let before = prediction.covariance.as_ref().filter(|c| has_depth && c.iter().all(|x| x.is_finite()));
+        if let (Some(before), Some(after), Some(newest)) = (before, &after, self.window.frames.last()) {
+            let (nav, expected) = (&newest.nav, &prediction.nav);
+            let d = [nav.p_o_b - expected.p_o_b, nav.v_o_b - expected.v_o_b];
+            if d.iter().flatten().all(|x| x.is_finite()) {
+                self.noise_scale.add(prediction.dt_s, &d, [before, after]);
             }
         }
-        self.innovations.joint = joint;
+        self.noise_scale.newest = after;
+        self.noise = self.noise_scale.noise();
+        self.window.options.imu_noise = self.noise;
+        if self.noise_scale.is_reported() {
+            health.insert(HealthBits::ACCEL_NOISY);
+        }
+    }
+
+    /// Keeps the prediction as the state's covariance where the frame tells nothing of it.
+    pub(super) fn keep_prediction(&mut self, prediction: Prediction) {
+        self.noise_scale.newest = prediction.covariance;
     }
 }
-fn max_on() -> bool { env("AD_MAX", 1.0) > 1.0 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const STATED: ImuNoise =
+        ImuNoise { gyro_density: 1e-4, accel_density: 1e-3, gyro_walk: 1e-5, accel_walk: 1e-4 };
+
+    /// Twenty seconds of frames whose corrections of position and velocity are these multiples of the expected ones.
+    fn after(position: f64, velocity: impl Fn(usize) -> f64) -> NoiseScale {
+        let mut scale = NoiseScale::new(STATED);
+        let (before, after) = (FrameMatrix::identity() * 2.0, FrameMatrix::identity());
+        for k in 0..400 {
+            let d = [position, velocity(k)].map(|multiple| Vector3::repeat(multiple));
+            scale.add(0.05, &d, [&before, &after]);
+        }
+        scale
+    }
+
+    #[test]
+    fn keeps_the_stated_noise_while_innovations_are_as_expected() {
+        let scale = after(0.5, |_| 0.5);
+        assert_eq!((scale.noise(), scale.is_reported()), (STATED, false));
+    }
+
+    #[test]
+    fn grows_with_velocities_that_the_stated_noise_does_not_explain() {
+        let scale = after(0.5, |_| 2.0);
+        assert!(scale.noise().accel_density > 5e-3 && scale.noise().accel_walk > 5e-4 && scale.is_reported());
+        assert_eq!(scale.noise().gyro_density.to_bits(), STATED.gyro_density.to_bits());
+        assert!(scale.variance <= MOST_VARIANCE);
+    }
+
+    #[test]
+    fn returns_to_the_stated_noise_afterwards() {
+        let scale = after(0.5, |k| if k < 100 { 2.0 } else { 0.3 });
+        assert_eq!(scale.noise(), STATED);
+    }
+
+    #[test]
+    fn a_single_knock_is_no_noise() {
+        let scale = after(0.5, |k| if k == 399 { 1e3 } else { 0.4 });
+        assert!(!scale.is_reported(), "{}", scale.variance);
+    }
+
+    #[test]
+    fn images_that_contradict_themselves_do_not_count() {
+        assert!(!after(3.0, |_| 2.0).is_reported());
+    }
+}

@@ -42,6 +42,7 @@ use crate::window::state::{FrameTime, NavState};
 use crate::window::{RigEstimate, Window};
 use crate::work_budget::WorkBudget;
 use inherited::Inherited;
+use innovation::NoiseScale;
 pub use judgement::ResetReason;
 use judgement::Velocity;
 use measurements::Measurer;
@@ -137,7 +138,7 @@ pub struct Odometer {
     solved: SolvedFrame,
     keeps_steps: bool,
     step: Option<StepCovariance>,
-    innovations: innovation::Innovations,
+    noise_scale: NoiseScale,
 }
 
 impl Odometer {
@@ -196,7 +197,7 @@ impl Odometer {
             solved: SolvedFrame::default(),
             keeps_steps: false,
             step: None,
-            innovations: innovation::Innovations::default(),
+            noise_scale: NoiseScale::new(ImuNoise::of(imu)),
             window,
         }
     }
@@ -399,9 +400,8 @@ impl Odometer {
         if coverage.is_saturated {
             health.insert(HealthBits::IMU_SATURATED);
         }
-        let nav = last.nav.after(&motion, &self.window.options.gravity_o);
-        let (predicted, before) = (nav.clone(), self.predict_innovation(&last.nav, &motion));
-        let dt_s = motion.dt_s;
+        let prediction = self.predict(&last.nav, &motion);
+        let nav = prediction.nav.clone();
         self.window.push_frame(time, nav, Some(motion), self.zero_velocity.is_still());
         let (tracks, lines) = (self.measurer.points(), self.measurer.lines());
         let connected = self.window.observe(tracks, lines);
@@ -426,11 +426,12 @@ impl Odometer {
         self.window.remove_minority();
         if coverage.has_gap && connected < MIN_WITNESSES_OF_GAP {
             self.carry_covariance();
+            self.keep_prediction(prediction);
         } else {
             self.refresh_covariance(health);
+            self.scale_noise(&prediction, health);
             self.note_step();
         }
-        self.note_innovation(&predicted, before, dt_s);
         if is_keyframe {
             self.note_keyframes();
         }
