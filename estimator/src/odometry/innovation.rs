@@ -95,6 +95,12 @@ impl NoiseScale {
         self.variance = (self.variance * libm::exp(change)).clamp(1.0, MOST_VARIANCE);
     }
 
+    /// Takes a motion of `dt_s` that the images contradicted as a whole: its innovation cannot be judged by what was predicted.
+    fn add_contradiction(&mut self, dt_s: f64) {
+        let share = (dt_s / MEMORY_S).at_most(1.0);
+        self.variance = (self.variance * libm::exp(share * MOST_LOG_CHANGE)).at_most(MOST_VARIANCE);
+    }
+
     /// The noise of new factors.
     fn noise(&self) -> ImuNoise {
         let sigma = self.variance.sqrt();
@@ -131,12 +137,20 @@ impl Odometer {
     }
 
     /// Scales the inertial noise by what the newest frame corrected of its `prediction`.
-    pub(super) fn scale_noise(&mut self, prediction: &Prediction, health: &mut HealthBits) {
+    pub(super) fn scale_noise(
+        &mut self,
+        prediction: &Prediction,
+        is_contradicted: bool,
+        health: &mut HealthBits,
+    ) {
         let after = self.window.covariance_of_newest().filter(|c| c.iter().all(|x| x.is_finite()));
         // The scale of one camera comes from the forces: corrections of it would count as their noise.
         let has_depth = self.window.options.cameras > 1;
         let before = prediction.covariance.as_ref().filter(|c| has_depth && c.iter().all(|x| x.is_finite()));
-        if let (Some(before), Some(after), Some(newest)) = (before, &after, self.window.frames.last()) {
+        if is_contradicted && has_depth {
+            self.noise_scale.add_contradiction(prediction.dt_s);
+        } else if let (Some(before), Some(after), Some(newest)) = (before, &after, self.window.frames.last())
+        {
             let (nav, expected) = (&newest.nav, &prediction.nav);
             let d = [nav.p_o_b - expected.p_o_b, nav.v_o_b - expected.v_o_b];
             if d.iter().flatten().all(|x| x.is_finite()) {
@@ -193,6 +207,15 @@ mod tests {
     fn returns_to_the_stated_noise_afterwards() {
         let scale = after(0.5, |k| if k < 100 { 2.0 } else { 0.3 });
         assert_eq!(scale.noise(), STATED);
+    }
+
+    #[test]
+    fn grows_with_motions_that_images_contradict_for_seconds() {
+        let mut scale = NoiseScale::new(STATED);
+        scale.add_contradiction(0.05);
+        assert!(!scale.is_reported());
+        (0..60).for_each(|_| scale.add_contradiction(0.05));
+        assert!((scale.variance - MOST_VARIANCE).abs() < 1e-9);
     }
 
     #[test]

@@ -420,7 +420,9 @@ impl Odometer {
         if outcome.is_not_positive_definite {
             health.insert(HealthBits::NOT_POSITIVE_DEFINITE);
         }
-        if self.window.is_newest_doubtful() && self.window.doubt_newest_motion(max_iterations) {
+        let is_contradicted =
+            self.window.is_newest_doubtful() && self.window.doubt_newest_motion(max_iterations);
+        if is_contradicted {
             health.insert(HealthBits::IMU_CONTRADICTED);
         }
         self.window.remove_minority();
@@ -429,7 +431,7 @@ impl Odometer {
             self.keep_prediction(prediction);
         } else {
             self.refresh_covariance(health);
-            self.scale_noise(&prediction, health);
+            self.scale_noise(&prediction, is_contradicted, health);
             self.note_step();
         }
         if is_keyframe {
