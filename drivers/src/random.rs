@@ -30,6 +30,7 @@ pub(crate) enum Purpose {
     SensorAxes,
     Knock,
     Calibration,
+    Lean,
 }
 
 /// A stream of draws.

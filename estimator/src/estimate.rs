@@ -54,6 +54,8 @@ impl HealthBits {
     pub const CAMERAS_DISAGREE: Self = Self(1 << 13);
     /// The images contradict the inertial sensor as a whole, and were believed.
     pub const IMU_CONTRADICTED: Self = Self(1 << 14);
+    /// Forces are noisier than the configuration states: twice the standard deviation or more is assumed.
+    pub const ACCEL_NOISY: Self = Self(1 << 15);
     /// The gyroscope, or one of its axes, repeats its readings: it does not measure, and was not believed.
     pub const GYRO_STUCK: Self = Self(1 << 16);
     /// The accelerometer, or one of its axes, repeats its readings: it does not measure, and was not believed.
@@ -70,7 +72,7 @@ impl HealthBits {
     pub const ROTATION_DISPUTED: Self = Self(1 << 22);
 
     /// Every bit with its name, for people.
-    pub const NAMES: [(Self, &'static str); 22] = [
+    pub const NAMES: [(Self, &'static str); 23] = [
         (Self::NOT_POSITIVE_DEFINITE, "not positive definite"),
         (Self::IMU_SATURATED, "IMU saturated"),
         (Self::NO_FEATURES, "no features"),
@@ -86,6 +88,7 @@ impl HealthBits {
         (Self::DEGRADED, "degraded"),
         (Self::CAMERAS_DISAGREE, "cameras disagree"),
         (Self::IMU_CONTRADICTED, "IMU contradicted"),
+        (Self::ACCEL_NOISY, "accelerometer noisy"),
         (Self::GYRO_STUCK, "gyroscope stuck"),
         (Self::ACCEL_STUCK, "accelerometer stuck"),
         (Self::LEFT_FROZEN, "left image frozen"),

@@ -123,10 +123,13 @@ impl Simulator {
         };
         let (first_frame, duration_s) = scenario.window(&flight)?;
         let path: Vec<_> = flight.positions(PATH_STEP_S).collect();
-        let world = match &twins {
+        let mut world = match &twins {
             Some(twins) => twins.build(scenario.seed, &path),
             None => scenes::build(scenario.scene, scenario.seed, &path),
         };
+        if scenario.lean_deg != 0.0 {
+            world.lean(scenario.lean_deg.to_radians(), scenario.seed, &path);
+        }
         let cameras = config.camera.iter().map(|camera| {
             let model = camera.model();
             let sensor = Sensor::new(&scenario.effects, &model, scenario.seed);

@@ -57,6 +57,9 @@ pub struct Scenario {
     pub inertial: Inertial,
     /// A knock that moves the vehicle.
     pub knock: Option<Knock>,
+    /// The whole scene leans by this angle from the vertical, degrees, towards a direction that the seed draws. Path and
+    /// gravity stay.
+    pub lean_deg: f64,
     /// The rig that the estimator believes is drawn around the true one, with this multiple of the standard deviations that
     /// `[rig]` states; 0 for the true one.
     pub calibration_error: f64,
@@ -88,6 +91,7 @@ impl Default for Scenario {
             imu: ImuEffects::default(),
             inertial: Inertial::default(),
             knock: None,
+            lean_deg: 0.0,
             calibration_error: 0.0,
         }
     }
@@ -135,6 +139,7 @@ impl Scenario {
                 (0.0..=10.0).contains(&self.calibration_error),
                 "the calibration error must be within 0 to 10 standard deviations",
             ),
+            (self.lean_deg.abs() <= 5.0, "the scene may lean by 5 degrees at most"),
             ((0.1..=4.0).contains(&self.resolution_scale), "the resolution scale must be within 0.1 to 4"),
             (e.time_offset_s.abs() <= 0.9 * LEAD_S, "the time offset must be below 0.09 s"),
             ((0.0..=LEAD_S).contains(&e.exposure_s), "the exposure must be within 0 to 0.1 s"),

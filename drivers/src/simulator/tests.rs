@@ -496,6 +496,25 @@ fn recorded_samples_take_no_simulated_errors() {
 }
 
 #[test]
+fn leaning_scene_tilts_about_the_path_and_leaves_truth_and_samples() {
+    let base = Scenario { duration_s: 2.0, resolution_scale: 0.2, ..Scenario::default() };
+    let leaning = Scenario { lean_deg: 0.2, ..base.clone() };
+    let [plain, leaning] = [base, leaning].map(|s| Simulator::new(&fixture::config(), &s).unwrap());
+    let at = plain.frame_time(10);
+    assert_eq!(plain.trajectory().at(at), leaning.trajectory().at(at));
+    assert_eq!(plain.imu().next_reading().unwrap(), leaning.imu().next_reading().unwrap());
+    let uprights = |s: &Simulator| {
+        let edges = s.inner.world.surfaces.iter().map(|surface| surface.edge_v.normalize());
+        edges.filter(|edge| edge.z.abs() > 0.999).collect::<Vec<_>>()
+    };
+    let (upright, leaning) = (uprights(&plain), uprights(&leaning));
+    assert!(upright.len() > 10 && upright.len() == leaning.len());
+    for (a, b) in upright.iter().zip(&leaning) {
+        assert!((a.angle(b).to_degrees() - 0.2).abs() < 1e-6);
+    }
+}
+
+#[test]
 fn knock_moves_images_but_not_the_world() {
     let base = Scenario { duration_s: 2.0, resolution_scale: 0.2, ..Scenario::default() };
     let knocked =

@@ -4,7 +4,9 @@
 
 use super::light_map::{LightMap, LightTable};
 use super::pattern::Material;
-use nalgebra::Vector3;
+use crate::random::{Draws, Purpose};
+use nalgebra::{UnitQuaternion, Vector3};
+use plumbline_config::Portable;
 
 /// How a surface looks: albedo goes from `dark` to `bright` along the values of the pattern.
 #[derive(Clone, Copy, Debug)]
@@ -103,6 +105,21 @@ impl World {
     pub(super) fn new(surfaces: Vec<Surface>) -> Self {
         let light = surfaces.iter().map(|surface| LightTable::new(&surface.light)).collect();
         Self { surfaces, light }
+    }
+
+    /// Tilts everything by `angle_rad` about a horizontal axis through the middle of `path`, in a direction that the seed
+    /// draws. Light stays as it was baked.
+    pub(super) fn lean(&mut self, angle_rad: f64, seed: u64, path: &[Vector3<f64>]) {
+        let centre = path.iter().sum::<Vector3<f64>>() / (path.len() as f64).at_least(1.0);
+        let heading = Draws::new(seed, Purpose::Lean, 0).range(0.0, std::f64::consts::TAU);
+        let axis = Vector3::new(libm::cos(heading), libm::sin(heading), 0.0);
+        let lean = UnitQuaternion::new(axis * angle_rad);
+        for surface in &mut self.surfaces {
+            surface.origin = centre + lean * (surface.origin - centre);
+            surface.edge_u = lean * surface.edge_u;
+            surface.edge_v = lean * surface.edge_v;
+            surface.normal = lean * surface.normal;
+        }
     }
 
     /// Paints what the surfaces are made of, so that nobody waits for it later.

@@ -8,8 +8,8 @@ use crate::window::line::LineMeasurement;
 use crate::window::reprojection::{InversePoint, PointMeasurement};
 use crate::window::{LineTrack, PointTrack, TrackMeasurement};
 use nalgebra::{Matrix2, Vector2, Vector3};
-use plumbline_config::CameraModel;
 use plumbline_config::options::{LinesConfig, PointsConfig};
+use plumbline_config::{CameraModel, Portable};
 
 /// Fewest points by which whether the image stands still is judged, and how far away it is.
 const MIN_FLOW_POINTS: usize = 12;
@@ -34,6 +34,10 @@ pub struct MedianFlow {
     /// Points they were taken over.
     pub count: usize,
 }
+
+/// Variances of a pixel for each of its patch's alignment, which takes the residuals of neighbouring pixels for independent.
+/// Measured: see docs/experiments.md.
+const PATCH_VARIANCES: f64 = 64.0;
 
 impl Measurer {
     /// For these cameras and features; allocates all it needs.
@@ -110,7 +114,7 @@ impl Measurer {
             for camera in 0..self.cameras.len() {
                 let Some(xy) = observation.xy[camera] else { continue };
                 let xy_rate = rotational_rate(&xy, &rate_c[camera]);
-                let weight = self.weight(camera, &xy);
+                let weight = self.weight(camera, &xy, &observation.covariance_px2[camera]);
                 measured[camera] = Some(PointMeasurement { xy, xy_rate, weight });
             }
             if measured.iter().any(Option::is_some) && self.measurements.len() < self.measurements.capacity()
@@ -171,9 +175,14 @@ impl Measurer {
         self.previous.sort_unstable_by_key(|o| o.track_id);
     }
 
-    /// Square root of the information of a point: pixels per unit over the standard deviation.
-    fn weight(&self, camera: usize, xy: &Vector2<f64>) -> Matrix2<f64> {
-        self.cameras[camera].project_normalized(xy).1 / self.sigma_px
+    /// Square root of the information of a point's normalized coordinates. The pixel's covariance is that of a point in good
+    /// texture, and that of its alignment with the reference patch, whose residuals hang together.
+    fn weight(&self, camera: usize, xy: &Vector2<f64>, of_patch_px2: &Matrix2<f32>) -> Matrix2<f64> {
+        let px_by_xy = self.cameras[camera].project_normalized(xy).1;
+        let covariance =
+            Matrix2::identity() * self.sigma_px.squared() + of_patch_px2.cast::<f64>() * PATCH_VARIANCES;
+        let root = covariance.cholesky().and_then(|root| root.l().try_inverse());
+        root.map_or_else(|| px_by_xy / self.sigma_px, |root| root * px_by_xy)
     }
 }
 

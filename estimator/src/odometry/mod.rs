@@ -6,6 +6,7 @@
 //! both from a test.
 
 mod inherited;
+mod innovation;
 mod judgement;
 pub mod measurements;
 mod pair;
@@ -41,6 +42,7 @@ use crate::window::state::{FrameTime, NavState};
 use crate::window::{RigEstimate, Window};
 use crate::work_budget::WorkBudget;
 use inherited::Inherited;
+use innovation::NoiseScale;
 pub use judgement::ResetReason;
 use judgement::Velocity;
 use measurements::Measurer;
@@ -136,6 +138,7 @@ pub struct Odometer {
     solved: SolvedFrame,
     keeps_steps: bool,
     step: Option<StepCovariance>,
+    noise_scale: NoiseScale,
 }
 
 impl Odometer {
@@ -194,6 +197,7 @@ impl Odometer {
             solved: SolvedFrame::default(),
             keeps_steps: false,
             step: None,
+            noise_scale: NoiseScale::new(ImuNoise::of(imu)),
             window,
         }
     }
@@ -396,7 +400,8 @@ impl Odometer {
         if coverage.is_saturated {
             health.insert(HealthBits::IMU_SATURATED);
         }
-        let nav = last.nav.after(&motion, &self.window.options.gravity_o);
+        let prediction = self.predict(&last.nav, &motion);
+        let nav = prediction.nav.clone();
         self.window.push_frame(time, nav, Some(motion), self.zero_velocity.is_still());
         let (tracks, lines) = (self.measurer.points(), self.measurer.lines());
         let connected = self.window.observe(tracks, lines);
@@ -415,14 +420,18 @@ impl Odometer {
         if outcome.is_not_positive_definite {
             health.insert(HealthBits::NOT_POSITIVE_DEFINITE);
         }
-        if self.window.is_newest_doubtful() && self.window.doubt_newest_motion(max_iterations) {
+        let is_contradicted =
+            self.window.is_newest_doubtful() && self.window.doubt_newest_motion(max_iterations);
+        if is_contradicted {
             health.insert(HealthBits::IMU_CONTRADICTED);
         }
         self.window.remove_minority();
         if coverage.has_gap && connected < MIN_WITNESSES_OF_GAP {
             self.carry_covariance();
+            self.keep_prediction(prediction);
         } else {
             self.refresh_covariance(health);
+            self.scale_noise(&prediction, is_contradicted, health);
             self.note_step();
         }
         if is_keyframe {

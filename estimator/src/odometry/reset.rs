@@ -53,6 +53,7 @@ impl Odometer {
         self.prepare_start(kind);
         self.phase = Phase::Gathering;
         self.window.clear();
+        self.noise_scale.forget_state();
         self.gathering.clear();
         self.measurer.clear();
         self.zero_velocity.clear();

@@ -144,7 +144,13 @@ impl World {
         let limit = self.config.estimator.points.max_points;
         let mut seen = Vec::new();
         for id in 0..self.points_o.len() {
-            let mut o = PointObservation { track_id: id as u32, age: 1, px: [None; 2], xy: [None; 2] };
+            let mut o = PointObservation {
+                track_id: id as u32,
+                age: 1,
+                px: [None; 2],
+                xy: [None; 2],
+                covariance_px2: Default::default(),
+            };
             for (c, alive) in cameras_alive.into_iter().enumerate().take(self.cameras.len()) {
                 let p_c = (pose_o_b * self.pose_b_c[c]).inverse() * nalgebra::Point3::from(self.points_o[id]);
                 let Some(px) = self.cameras[c].project(&p_c.coords) else { continue };

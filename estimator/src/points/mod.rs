@@ -26,7 +26,7 @@ mod tests;
 
 pub use tracker::{PointTracker, TrackerFigures, TrackerInput};
 
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 
 /// One tracked point in one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,4 +39,6 @@ pub struct PointObservation {
     pub px: [Option<Vector2<f64>>; 2],
     /// Ideal normalized coordinates in the left and right camera, where seen.
     pub xy: [Option<Vector2<f64>>; 2],
+    /// Covariance of the pixels against the reference patch, by its texture and its residual, px².
+    pub covariance_px2: [Matrix2<f32>; 2],
 }

@@ -15,6 +15,8 @@ const MAX_NEW_MOVE_PX: f32 = 1.5;
 const MAX_WARP_CHANGE: (f32, f32) = (0.2, 0.35);
 /// Nearest depth that a match may have, as a share of the nearest searched.
 const NEAREST_SHARE: f64 = 0.7;
+/// Standard deviation of a match that was not refined against the reference patch, px.
+const UNREFINED_SIGMA_PX: f32 = 0.3;
 
 /// Pairs tracks of one camera with the other.
 #[derive(Clone, Copy)]
@@ -47,22 +49,22 @@ impl Pairing<'_> {
         let warp = self.pair.warp_at(&xy, inverse_depth)? * track.warp[self.from];
         let near = (MAX_KNOWN_MOVE_PX, MAX_WARP_CHANGE.0);
         let refined = self.refine(reference, &guess.cast(), &track.warp[self.to], near);
-        let (px, warp) = refined.or_else(|| {
+        let found = refined.or_else(|| {
             // Its last warp may have been wrong: once more from that of the first camera.
             self.refine(reference, &guess.cast(), &warp, (MAX_KNOWN_MOVE_PX, MAX_WARP_CHANGE.1))
         })?;
-        self.accept(track, &xy, px, warp)
+        self.accept(track, &xy, found)
     }
 
     fn try_search(&self, track: &mut Track, reference: &ReferencePatch) -> Option<()> {
         let (px, xy) = (track.px[self.from]?, track.xy[self.from]?);
         let found = self.pair.find(&px.cast(), &xy)?;
         let warp = found.warp * track.warp[self.from];
-        let (px, warp) = self
+        let found = self
             .refine(reference, &found.px, &warp, (MAX_NEW_MOVE_PX, MAX_WARP_CHANGE.1))
-            .unwrap_or((found.px, warp));
+            .unwrap_or((found.px, warp, Matrix2::identity() * (UNREFINED_SIGMA_PX * UNREFINED_SIGMA_PX)));
         track.stereo = None;
-        self.accept(track, &xy, px, warp)
+        self.accept(track, &xy, found)
     }
 
     fn refine(
@@ -71,7 +73,7 @@ impl Pairing<'_> {
         start: &Vector2<f32>,
         warp: &Matrix2<f32>,
         (max_move_px, max_warp_change): (f32, f32),
-    ) -> Option<(Vector2<f32>, Matrix2<f32>)> {
+    ) -> Option<(Vector2<f32>, Matrix2<f32>, Matrix2<f32>)> {
         self.use_reference.then_some(())?;
         let limits = RefineLimits {
             max_iterations: self.pair.max_iterations,
@@ -80,7 +82,11 @@ impl Pairing<'_> {
             max_warp_change,
         };
         let refined = reference.refine(self.pair.to.1, start, warp, &limits)?;
-        is_recognised(refined.zncc, refined.rms, refined.last_step_px).then_some((refined.px, refined.warp))
+        is_recognised(refined.zncc, refined.rms, refined.last_step_px).then_some((
+            refined.px,
+            refined.warp,
+            refined.covariance_px2,
+        ))
     }
 
     /// Takes a match when it lies on its epipolar line, before the cameras, and well within the image.
@@ -88,8 +94,7 @@ impl Pairing<'_> {
         &self,
         track: &mut Track,
         xy: &Vector2<f64>,
-        px: Vector2<f32>,
-        warp: Matrix2<f32>,
+        (px, warp, covariance_px2): (Vector2<f32>, Matrix2<f32>, Matrix2<f32>),
     ) -> Option<()> {
         let camera = self.pair.to.0;
         let px = px.cast::<f64>();
@@ -108,6 +113,7 @@ impl Pairing<'_> {
         track.px[self.to] = Some(px);
         track.xy[self.to] = Some(xy_to);
         track.warp[self.to] = warp;
+        track.covariance_px2[self.to] = covariance_px2;
         Some(())
     }
 }

@@ -32,6 +32,8 @@ const TOLERANCE_PX: f32 = 0.01;
 const MAX_AREA_CHANGE: f32 = 3.0;
 /// Largest ratio between the warp's extent in one direction and in another.
 const MAX_STRETCH: f32 = 2.2;
+/// Least noise of a pixel, grey levels: rounding and interpolation.
+const MIN_NOISE: f32 = 1.0;
 /// Least energy of the template: as in [`super::align`], 0.7 grey levels.
 const MIN_ENERGY: f32 = 0.49 * AREA as f32;
 
@@ -48,6 +50,8 @@ pub struct Refinement {
     pub rms: f32,
     /// Length of the last step, px.
     pub last_step_px: f32,
+    /// Covariance of the position by the curvature of the template and the residual, px².
+    pub covariance_px2: Matrix2<f32>,
 }
 
 /// Work allowed for one refinement.
@@ -121,8 +125,14 @@ impl ReferencePatch {
         limits: &RefineLimits,
     ) -> Option<Refinement> {
         let plane = pyramid.plane(0);
-        let mut out =
-            Refinement { px: *start, warp: *warp, zncc: -1.0, rms: f32::MAX, last_step_px: f32::MAX };
+        let mut out = Refinement {
+            px: *start,
+            warp: *warp,
+            zncc: -1.0,
+            rms: f32::MAX,
+            last_step_px: f32::MAX,
+            covariance_px2: Matrix2::zeros(),
+        };
         let mut template = AffineTemplate::empty();
         for _ in 0..limits.max_linearizations {
             template.prepare(&self.plane(), &self.fraction, &out.warp)?;
@@ -226,6 +236,8 @@ impl AffineTemplate {
         }
         out.rms = (2.0 * self.energy * (1.0 - out.zncc).at_least(0.0) / AREA as f32).sqrt();
         out.warp = to_template.try_inverse()? * out.warp;
+        out.covariance_px2 = self.inverse_hessian.fixed_view::<2, 2>(0, 0)
+            * (out.rms * out.rms).at_least(MIN_NOISE * MIN_NOISE);
         Some(to_template - Matrix2::identity())
     }
 

@@ -25,6 +25,8 @@ const MAX_WARP_CHANGE: f32 = 0.13;
 const STRANGE_FRAMES: u32 = 2;
 /// Levels of the way back: the return starts close to where it should end.
 const RETURN_TOP_LEVEL: usize = 1;
+/// Random walk of the flow from frame to frame, px.
+const FLOW_SIGMA_PX: f32 = 0.1;
 
 /// Whether a patch is the reference seen again: correlated, or differing by no more than noise.
 pub(super) fn is_recognised(zncc: f32, rms: f32, last_step_px: f32) -> bool {
@@ -118,6 +120,7 @@ impl Transition<'_> {
             track.warp[1 - c] = turned.warp * track.warp[1 - c];
             track.px[c] = Some(refined.px.cast());
             track.warp[c] = refined.warp;
+            track.covariance_px2[c] = refined.covariance_px2;
             Followed::Refined
         })
     }
@@ -160,12 +163,14 @@ impl Transition<'_> {
         if let Some(refined) = refined {
             track.px[c] = Some(refined.px.cast());
             track.warp[c] = refined.warp;
+            track.covariance_px2[c] = refined.covariance_px2;
             track.strange = 0;
             return Some(Followed::Refined);
         }
         self.returns(&px.cast(), flowed, &turned.warp).then_some(())?;
         track.px[c] = Some(flowed.cast());
         track.warp[c] = predicted_warp;
+        track.covariance_px2[c] += Matrix2::identity() * (FLOW_SIGMA_PX * FLOW_SIGMA_PX);
         track.strange += 1;
         Some(if self.use_reference && track.strange >= STRANGE_FRAMES {
             Followed::Changed

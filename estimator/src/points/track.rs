@@ -76,6 +76,8 @@ pub(super) struct Track {
     pub xy: [Option<Vector2<f64>>; 2],
     /// Takes offsets in the reference patch to offsets in each camera's newest image.
     pub warp: [Matrix2<f32>; 2],
+    /// Covariance of each pixel against the reference patch, px².
+    pub covariance_px2: [Matrix2<f32>; 2],
     /// Flow that the rotation did not explain, px per frame, in each camera.
     pub flow_px: [Vector2<f64>; 2],
     /// Place of its reference patch in the store.
@@ -112,6 +114,7 @@ impl Track {
             px: [None; 2],
             xy: [None; 2],
             warp: [Matrix2::identity(); 2],
+            covariance_px2: [Matrix2::zeros(); 2],
             flow_px: [Vector2::zeros(); 2],
             slot,
             strange: 0,

@@ -397,8 +397,13 @@ impl PointTracker {
     fn observe(&mut self) {
         let is_new: [bool; 2] = std::array::from_fn(|c| self.views.get(c).is_some_and(|v| v.is_new));
         for track in &self.store.tracks {
-            let mut seen =
-                PointObservation { track_id: track.id, age: track.age, px: [None; 2], xy: [None; 2] };
+            let mut seen = PointObservation {
+                track_id: track.id,
+                age: track.age,
+                px: [None; 2],
+                xy: [None; 2],
+                covariance_px2: track.covariance_px2,
+            };
             for c in (0..2).filter(|&c| is_new[c]) {
                 (seen.px[c], seen.xy[c]) = (track.px[c], track.xy[c]);
             }

@@ -8,10 +8,9 @@
 //! C' = F C + GB S                   S' = S + walk² dt
 //! ```
 //!
-//! with `P`, `C`, `S` the covariances of `x`, of `x` with `b`, and of `b`. How state and biases hang together where this
-//! begins is not known, and taken for not at all.
+//! with `P`, `C`, `S` the covariances of `x`, of `x` with `b`, and of `b`.
 
-use super::state::NavState;
+use super::state::{FrameMatrix, NavState};
 use crate::estimate::{BiasVariances, NavCovariance};
 use crate::geometry::skew;
 use crate::inertial::{ImuNoise, Preintegration};
@@ -27,10 +26,32 @@ pub struct GrowingCovariance {
 }
 
 impl GrowingCovariance {
-    /// That of an estimate.
+    /// Covariance of an estimate, whose correlation of state and biases is not known and taken for none.
     #[must_use]
     pub fn new(nav: NavCovariance, biases: &BiasVariances) -> Self {
         Self { nav, with_biases: SMatrix::zeros(), biases: SMatrix::from_diagonal(biases) }
+    }
+
+    /// Covariance of a frame of the window, with the correlation of state and biases.
+    #[must_use]
+    pub fn of_frame(covariance: &FrameMatrix) -> Self {
+        Self {
+            nav: covariance.fixed_view::<9, 9>(0, 0).into_owned(),
+            with_biases: covariance.fixed_view::<9, 6>(0, NavState::BIAS_GYRO).into_owned(),
+            biases: covariance.fixed_view::<6, 6>(NavState::BIAS_GYRO, NavState::BIAS_GYRO).into_owned(),
+        }
+    }
+
+    /// Covariance of state and biases, in the order of [`NavState`].
+    #[must_use]
+    pub fn of_all(&self) -> FrameMatrix {
+        let biases = NavState::BIAS_GYRO;
+        let mut all = FrameMatrix::zeros();
+        all.fixed_view_mut::<9, 9>(0, 0).copy_from(&self.nav);
+        all.fixed_view_mut::<9, 6>(0, biases).copy_from(&self.with_biases);
+        all.fixed_view_mut::<6, 9>(biases, 0).copy_from(&self.with_biases.transpose());
+        all.fixed_view_mut::<6, 6>(biases, biases).copy_from(&self.biases);
+        all
     }
 
     /// Whether all of it is finite.

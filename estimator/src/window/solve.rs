@@ -271,7 +271,7 @@ impl Window {
     }
 
     /// Covariance of the newest frame's state: its unknowns are the last of all.
-    fn covariance_of_newest(&self) -> Option<FrameMatrix> {
+    pub(crate) fn covariance_of_newest(&self) -> Option<FrameMatrix> {
         let is_whole = self.factor.dim() == unknown_of_frame(self.frames.len());
         self.factor.last_covariance().filter(|_| is_whole && !self.frames.is_empty())
     }

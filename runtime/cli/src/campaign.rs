@@ -49,6 +49,9 @@ pub struct CampaignArgs {
     #[allow(rustdoc::broken_intra_doc_links)]
     #[arg(long, value_name = "K", default_value_t = 0.0)]
     pub calibration_error: f64,
+    /// Angle by which the whole scene of every flight leans from the vertical, degrees, in a direction drawn by the seed.
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_hyphen_values = true)]
+    pub lean_deg: f64,
     /// The left camera alone.
     #[arg(long)]
     pub mono: bool,
@@ -231,6 +234,9 @@ fn entries(args: &CampaignArgs) -> Result<Vec<Entry>, Usage> {
     if args.calibration_error > 0.0 {
         entries =
             entries.into_iter().map(|entry| entry.with_calibration_error(args.calibration_error)).collect();
+    }
+    for entry in &mut entries {
+        entry.scenario.lean_deg = args.lean_deg;
     }
     let sound = entries.clone();
     if args.faults {

@@ -46,6 +46,9 @@ pub struct ScenarioArgs {
     #[allow(rustdoc::broken_intra_doc_links)]
     #[arg(long, value_name = "K", default_value_t = 0.0)]
     pub calibration_error: f64,
+    /// Angle by which the whole scene leans from the vertical, degrees, in a direction drawn by the seed.
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_hyphen_values = true)]
+    pub lean_deg: f64,
     /// Start, seconds into the path, data set or log.
     #[arg(long, value_name = "S", default_value_t = 0.0)]
     pub start: f64,
@@ -171,6 +174,7 @@ impl ScenarioArgs {
             ("--imu", self.imu != "simulated"),
             ("--imu-error", !self.imu_error.is_empty()),
             ("--calibration-error", self.calibration_error != 0.0),
+            ("--lean-deg", self.lean_deg != 0.0),
             ("--laps", self.laps != 1),
             ("--seed", self.seed != 1 && self.faults.are_none()),
             ("--scale", self.scale != 1.0),
@@ -232,6 +236,7 @@ impl ScenarioArgs {
             resolution_scale: self.scale,
             effects,
             inertial: self.inertial(),
+            lean_deg: self.lean_deg,
             calibration_error: self.calibration_error,
             ..Scenario::default()
         };

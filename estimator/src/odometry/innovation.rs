@@ -1,0 +1,231 @@
+//! Scale of the accelerometer's noise by running normalized innovations.
+//!
+//! With consistent noise the correction `d` that a frame makes to the predicted state has the covariance by which the frame
+//! lowers that of the prediction, `P_predicted - P_updated` (Mohamed and Schwarz 1999, "Adaptive Kalman filtering for INS/GPS").
+//! Running means of `|d|²` and of that trace therefore have the ratio 1; about 0.25 with the cautious noise that presets state
+//! for images. Forces that the stated noise does not explain raise the ratio of the velocity. The noise of new inertial factors
+//! then grows, density and walk alike, until the ratio is back, and shrinks as slowly; never below what is stated. Images that
+//! contradict each other raise the ratio of the position too, and do not count.
+
+use super::Odometer;
+use crate::estimate::HealthBits;
+use crate::inertial::{ImuNoise, Preintegration};
+use crate::window::growth::GrowingCovariance;
+use crate::window::state::{FrameMatrix, NavState};
+use nalgebra::Vector3;
+use plumbline_config::Portable;
+
+/// Time constant of the running means, and of the scale, s.
+const MEMORY_S: f64 = 1.0;
+/// Ratio of the velocity up to which the stated noise is believed: twice that of clean flights.
+const BELIEVED_RATIO: f64 = 0.5;
+/// Share of the ratio of the position that the ratio of the velocity may have.
+const SHARE_OF_POSITION: f64 = 0.5;
+/// A single innovation counts as at most this multiple of what is expected: a knock is no noise.
+const MOST_IN_A_FRAME: f64 = 25.0;
+/// Largest change of the logarithm of the variance in a time constant.
+const MOST_LOG_CHANGE: f64 = 4.0;
+/// Largest variance, as a multiple of the stated one.
+const MOST_VARIANCE: f64 = 1e4;
+/// Variance from which it is reported.
+const REPORTED_VARIANCE: f64 = 4.0;
+
+/// Running means of squared innovations of a vector and of what is expected of them.
+#[derive(Clone, Copy, Debug, Default)]
+struct Innovations {
+    squared: f64,
+    expected: f64,
+}
+
+impl Innovations {
+    /// Takes an innovation; `share` is the weight of the newest.
+    fn add(&mut self, share: f64, squared: f64, expected: f64) {
+        let expected = expected.at_least(0.0);
+        let most = MOST_IN_A_FRAME * expected.at_least(self.expected);
+        self.squared += share * (squared.at_most(most) - self.squared);
+        self.expected += share * (expected - self.expected);
+    }
+
+    fn ratio(&self) -> f64 {
+        if self.expected > 0.0 { self.squared / self.expected } else { 0.0 }
+    }
+}
+
+/// Scale of the accelerometer's noise, and the covariance of the newest state by which innovations are judged.
+#[derive(Clone, Debug)]
+pub(super) struct NoiseScale {
+    stated: ImuNoise,
+    /// Variance against the stated one, 1 or more.
+    variance: f64,
+    position: Innovations,
+    velocity: Innovations,
+    /// Covariance of the newest state and its biases; `None` before the first.
+    newest: Option<FrameMatrix>,
+}
+
+/// A state before its frame was looked at.
+#[derive(Clone, Debug)]
+pub(super) struct Prediction {
+    pub(super) nav: NavState,
+    covariance: Option<FrameMatrix>,
+    dt_s: f64,
+}
+
+impl NoiseScale {
+    /// The noise as stated.
+    pub(super) fn new(stated: ImuNoise) -> Self {
+        let none = Innovations::default();
+        Self { stated, variance: 1.0, position: none, velocity: none, newest: None }
+    }
+
+    /// Forgets the state, as at a reset. The scale stays: it is the sensor's.
+    pub(super) fn forget_state(&mut self) {
+        *self = Self { variance: self.variance, ..Self::new(self.stated) };
+    }
+
+    /// Takes the correction `d` that lowered the covariance of a state from `before` to `after`.
+    fn add(&mut self, dt_s: f64, d: &[Vector3<f64>; 2], [before, after]: [&FrameMatrix; 2]) {
+        let gained = |part: usize| (part..part + 3).map(|k| before[(k, k)] - after[(k, k)]).sum::<f64>();
+        let share = (dt_s / MEMORY_S).at_most(1.0);
+        self.position.add(share, d[0].norm_squared(), gained(NavState::P));
+        self.velocity.add(share, d[1].norm_squared(), gained(NavState::V));
+        let believed = BELIEVED_RATIO.at_least(SHARE_OF_POSITION * self.position.ratio());
+        let excess = libm::log((self.velocity.ratio() / believed).at_least(1e-3));
+        let change = share * excess.clamp(-MOST_LOG_CHANGE, MOST_LOG_CHANGE);
+        self.variance = (self.variance * libm::exp(change)).clamp(1.0, MOST_VARIANCE);
+    }
+
+    /// Takes a motion of `dt_s` that the images contradicted as a whole: its innovation cannot be judged by what was predicted.
+    fn add_contradiction(&mut self, dt_s: f64) {
+        let share = (dt_s / MEMORY_S).at_most(1.0);
+        self.variance = (self.variance * libm::exp(share * MOST_LOG_CHANGE)).at_most(MOST_VARIANCE);
+    }
+
+    /// The noise of new factors.
+    fn noise(&self) -> ImuNoise {
+        let sigma = self.variance.sqrt();
+        let ImuNoise { accel_density, accel_walk, .. } = self.stated;
+        ImuNoise { accel_density: accel_density * sigma, accel_walk: accel_walk * sigma, ..self.stated }
+    }
+
+    /// Whether the forces are plainly noisier than stated.
+    fn is_reported(&self) -> bool {
+        self.variance > REPORTED_VARIANCE
+    }
+
+    /// Covariance of the newest state, carried on by the `motion` from `nav`.
+    pub(super) fn carried(
+        &self,
+        nav: &NavState,
+        motion: &Preintegration,
+        noise: &ImuNoise,
+    ) -> Option<FrameMatrix> {
+        let mut grown = GrowingCovariance::of_frame(self.newest.as_ref()?);
+        grown.grow(nav, motion, noise);
+        Some(grown.of_all())
+    }
+}
+
+impl Odometer {
+    /// What is predicted of the frame at the end of `motion`.
+    pub(super) fn predict(&self, from: &NavState, motion: &Preintegration) -> Prediction {
+        Prediction {
+            nav: from.after(motion, &self.window.options.gravity_o),
+            covariance: self.noise_scale.carried(from, motion, &self.noise),
+            dt_s: motion.dt_s,
+        }
+    }
+
+    /// Scales the inertial noise by what the newest frame corrected of its `prediction`.
+    pub(super) fn scale_noise(
+        &mut self,
+        prediction: &Prediction,
+        is_contradicted: bool,
+        health: &mut HealthBits,
+    ) {
+        let after = self.window.covariance_of_newest().filter(|c| c.iter().all(|x| x.is_finite()));
+        // The scale of one camera comes from the forces: corrections of it would count as their noise.
+        let has_depth = self.window.options.cameras > 1;
+        let before = prediction.covariance.as_ref().filter(|c| has_depth && c.iter().all(|x| x.is_finite()));
+        if is_contradicted && has_depth {
+            self.noise_scale.add_contradiction(prediction.dt_s);
+        } else if let (Some(before), Some(after), Some(newest)) = (before, &after, self.window.frames.last())
+        {
+            let (nav, expected) = (&newest.nav, &prediction.nav);
+            let d = [nav.p_o_b - expected.p_o_b, nav.v_o_b - expected.v_o_b];
+            if d.iter().flatten().all(|x| x.is_finite()) {
+                self.noise_scale.add(prediction.dt_s, &d, [before, after]);
+            }
+        }
+        self.noise_scale.newest = after;
+        self.noise = self.noise_scale.noise();
+        self.window.options.imu_noise = self.noise;
+        if self.noise_scale.is_reported() {
+            health.insert(HealthBits::ACCEL_NOISY);
+        }
+    }
+
+    /// Keeps the prediction as the state's covariance where the frame tells nothing of it.
+    pub(super) fn keep_prediction(&mut self, prediction: Prediction) {
+        self.noise_scale.newest = prediction.covariance;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const STATED: ImuNoise =
+        ImuNoise { gyro_density: 1e-4, accel_density: 1e-3, gyro_walk: 1e-5, accel_walk: 1e-4 };
+
+    /// Twenty seconds of frames whose corrections of position and velocity are these multiples of the expected ones.
+    fn after(position: f64, velocity: impl Fn(usize) -> f64) -> NoiseScale {
+        let mut scale = NoiseScale::new(STATED);
+        let (before, after) = (FrameMatrix::identity() * 2.0, FrameMatrix::identity());
+        for k in 0..400 {
+            let d = [position, velocity(k)].map(|multiple| Vector3::repeat(multiple));
+            scale.add(0.05, &d, [&before, &after]);
+        }
+        scale
+    }
+
+    #[test]
+    fn keeps_the_stated_noise_while_innovations_are_as_expected() {
+        let scale = after(0.5, |_| 0.5);
+        assert_eq!((scale.noise(), scale.is_reported()), (STATED, false));
+    }
+
+    #[test]
+    fn grows_with_velocities_that_the_stated_noise_does_not_explain() {
+        let scale = after(0.5, |_| 2.0);
+        assert!(scale.noise().accel_density > 5e-3 && scale.noise().accel_walk > 5e-4 && scale.is_reported());
+        assert_eq!(scale.noise().gyro_density.to_bits(), STATED.gyro_density.to_bits());
+        assert!(scale.variance <= MOST_VARIANCE);
+    }
+
+    #[test]
+    fn returns_to_the_stated_noise_afterwards() {
+        let scale = after(0.5, |k| if k < 100 { 2.0 } else { 0.3 });
+        assert_eq!(scale.noise(), STATED);
+    }
+
+    #[test]
+    fn grows_with_motions_that_images_contradict_for_seconds() {
+        let mut scale = NoiseScale::new(STATED);
+        scale.add_contradiction(0.05);
+        assert!(!scale.is_reported());
+        (0..60).for_each(|_| scale.add_contradiction(0.05));
+        assert!((scale.variance - MOST_VARIANCE).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_single_knock_is_no_noise() {
+        let scale = after(0.5, |k| if k == 399 { 1e3 } else { 0.4 });
+        assert!(!scale.is_reported(), "{}", scale.variance);
+    }
+
+    #[test]
+    fn images_that_contradict_themselves_do_not_count() {
+        assert!(!after(3.0, |_| 2.0).is_reported());
+    }
+}
