@@ -1,4 +1,4 @@
-//! Who may connect and command: real sessions with certificates, the right ones, wrong ones, and none.
+//! Authentication and authorization: real sessions with certificates, the right ones, wrong ones, and none.
 
 use super::vehicle::{PLUMBLINE, Running, eventually, flight, free_port, render};
 use std::path::Path;

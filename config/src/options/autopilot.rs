@@ -13,13 +13,13 @@ pub struct AutopilotConfig {
     pub rate_hz: f64,
     /// The vehicle's MAVLink system, which the bridge is a component of.
     pub system_id: u32,
-    /// Whose clock stamps the odometry.
+    /// Clock that stamps the odometry.
     pub clock: AutopilotClock,
     /// Messages while the odometry is lost.
     pub lost_pose: LostPose,
 }
 
-/// Whose clock stamps the odometry.
+/// Clock that stamps the odometry.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum AutopilotClock {

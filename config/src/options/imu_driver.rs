@@ -75,9 +75,9 @@ pub enum MavlinkImu {
     RawImu,
     /// Thousandths of g and of rad/s, stamps of a millisecond: the first IMU.
     ScaledImu,
-    /// The same of the second IMU.
+    /// SCALED_IMU2: the second IMU, in the units of SCALED_IMU.
     ScaledImu2,
-    /// The same of the third IMU.
+    /// SCALED_IMU3: the third IMU, in the units of SCALED_IMU.
     ScaledImu3,
 }
 
@@ -90,7 +90,7 @@ pub enum ImuEndpoint {
     Iio {
         /// Name, label or path of the device with the gyroscope.
         gyro: String,
-        /// The same of the accelerometer, where it is another.
+        /// Name, label or path of the device with the accelerometer; `None` if `gyro` has both.
         accel: Option<String>,
     },
 }

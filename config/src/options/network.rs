@@ -21,7 +21,7 @@ pub struct NetworkConfig {
     pub camera: bool,
     /// What a session may hold in memory before all links are closed and opened anew, MB.
     pub max_memory_mb: u32,
-    /// Who may give commands.
+    /// Clients that may give commands.
     pub commands: Commands,
     /// Certificates.
     pub tls: TlsConfig,
@@ -59,14 +59,14 @@ pub enum Link {
     Radio,
 }
 
-/// Who may give commands to a vehicle.
+/// Clients that may give commands to a vehicle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Commands {
-    /// Nobody.
+    /// No client.
     Nobody,
-    /// Processes of this host, and who shows an operator's certificate; nobody while others can reach the vehicle without
-    /// one.
+    /// Processes of this host, and operators with a certificate. Refused while an unauthenticated listener is open to
+    /// other hosts.
     #[default]
     Authenticated,
     /// Anybody who can reach the vehicle.

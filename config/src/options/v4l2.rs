@@ -56,7 +56,7 @@ pub enum V4l2Format {
     /// Luma of 8 bits, with chroma between.
     #[serde(rename = "YUYV")]
     Yuyv,
-    /// The same, chroma first.
+    /// Luma of 8 bits, with chroma between; the chroma comes first.
     #[serde(rename = "UYVY")]
     Uyvy,
     /// Luma of 8 bits, chroma after all of it.
@@ -74,7 +74,7 @@ pub enum PairBy {
     /// The nearest in time.
     #[default]
     Time,
-    /// The same number of frames since the first pair: for cameras that are triggered together.
+    /// Equal number of frames since the first pair: for cameras that are triggered together.
     Sequence,
 }
 

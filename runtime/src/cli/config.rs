@@ -78,12 +78,12 @@ struct ImportArgs {
     overwrite: bool,
 }
 
-/// Whose noise model of the IMU is taken.
+/// Source of the IMU noise model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Noise {
-    /// That of the calibration files.
+    /// Calibration files.
     Files,
-    /// That of the base.
+    /// Base configuration.
     Base,
 }
 

@@ -62,7 +62,7 @@ pub struct GroundArgs {
     /// End after this time, seconds.
     #[arg(long)]
     pub duration: Option<f64>,
-    /// Who we are, and whom we let in.
+    /// Own identity, and peers that are accepted.
     #[command(flatten)]
     pub access: AccessArgs,
 }

@@ -171,7 +171,7 @@ fn csv(extractor: &LineExtractor) -> String {
 mod tests {
     use super::*;
 
-    /// Of an image with one bright square.
+    /// Extractor after an image with one bright square.
     fn extractor() -> LineExtractor {
         let pixels = (0..128 * 128)
             .map(|i| if (30..98).contains(&(i % 128)) && (30..98).contains(&(i / 128)) { 200 } else { 40 });

@@ -212,7 +212,7 @@ pub fn say(line: impl Display) {
     }
 }
 
-/// The same, but a terminal that stands still, or a reader that does not read, is waited for no longer than `patience`.
+/// Writes a line to stdout, waiting at most `patience` for a stalled terminal or a reader that does not read.
 pub fn say_within(patience: Duration, line: String) {
     within(patience, move || say(line));
 }

@@ -61,8 +61,8 @@ impl Outputs {
         Ok(())
     }
 
-    /// The same, as soon as the session can be opened: a port that is taken, or a network that is not there yet, keeps nobody
-    /// from flying.
+    /// Starts publishing as soon as the session can be opened. A port in use, or a network that is not up yet, does not
+    /// delay the flight.
     ///
     /// # Errors
     /// When the endpoints cannot be what was meant.

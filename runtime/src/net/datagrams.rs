@@ -21,9 +21,9 @@ const OPEN_TIMEOUT_MS: u64 = 1_000;
 const ATTEMPT_PERIOD: Duration = Duration::from_millis(250);
 /// Where the stream gets through and datagrams do not, somebody stops them: attempts are rarer after this time.
 const PATIENCE: Duration = Duration::from_secs(15);
-/// So much rarer.
+/// Period of the rarer attempts.
 const RARE_PERIOD: Duration = Duration::from_secs(10);
-/// A link that has gone is noticed so much later.
+/// Period of the check for a disconnected link.
 const WATCH_PERIOD: Duration = Duration::from_millis(100);
 
 /// The way for odometry, open or not.

@@ -25,7 +25,7 @@ pub enum NetError {
         /// What is wrong, and what to do.
         reason: String,
     },
-    /// Somebody listens there already.
+    /// The port is already in use.
     #[error("{endpoint}: another process listens there; end it, or choose another port")]
     Taken {
         /// The endpoint.

@@ -56,7 +56,7 @@ impl Publisher {
         Self::begin(config, endpoints, control, false)
     }
 
-    /// The same, but a session that cannot be opened yet is tried again and again; returns at once when it is open, and soon in
+    /// Starts publishing, and retries if the session cannot be opened yet. Returns at once when it is open, and soon in
     /// any case.
     ///
     /// # Errors

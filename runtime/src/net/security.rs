@@ -1,8 +1,9 @@
-//! Who may connect: settings for Zenoh, and where commands are refused whoever gives them.
+//! Authentication: settings for Zenoh, and where commands are refused to every client.
 //!
-//! With certificates every link is mutual TLS, and the name of a peer's certificate says what it may do ([`super::roles`]). Over
-//! plain TCP nobody knows who speaks, and others read it: beyond this host, commands are refused there. This host is a
-//! listener on the loopback interface, and no more: behind a link that we opened there may be a router that listens openly.
+//! With certificates every link is mutual TLS, and the name of a peer's certificate is its role ([`super::roles`]).
+//! Over plain TCP a peer is unknown, and others can read the traffic: beyond this host, commands are refused there.
+//! Only a listener on the loopback interface counts as this host: behind a link that we opened there may be a router
+//! that listens openly.
 
 use super::certificate;
 use super::endpoints::Endpoints;

@@ -50,12 +50,12 @@ pub struct RunOptions {
     pub threads: usize,
 }
 
-/// Whose the stamps of the samples are.
+/// Clock domain of the sample timestamps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Stamps {
-    /// Of this host's monotonic clock: live sensors. What arrives is due.
+    /// This host's monotonic clock: live sensors. A sample is due when it arrives.
     OfHost,
-    /// Of a recording or simulation, which is played against the clock in a live run.
+    /// Clock of a recording or simulation, which is played against the host's clock in a live run.
     #[default]
     Replayed,
 }
@@ -68,9 +68,9 @@ pub struct Streams {
     pub stereo: Box<dyn StereoSource>,
     /// Keyframes of a map that the flight goes on with, of the limits of [`Mapper::limits`].
     pub map: Option<PlaceMap>,
-    /// Whose their stamps are.
+    /// Clock domain of the sample timestamps.
     pub stamps: Stamps,
-    /// Resets are counted from here on.
+    /// First value of the reset counter.
     pub first_reset_counter: u32,
 }
 

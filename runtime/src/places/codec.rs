@@ -44,7 +44,7 @@ pub enum MapDefect {
     /// It does not begin as a map does.
     #[error("is no map; give a file that `plumbline map build` or a flight has written")]
     Foreign,
-    /// Of another version.
+    /// Another format version.
     #[error(
         "is a map of format {found}, and this program reads format {VERSION}; build it again, or use the program that wrote it"
     )]

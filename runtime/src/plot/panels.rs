@@ -222,7 +222,7 @@ mod tests {
     use crate::flight::states::StateRow;
     use crate::flight::states::tests::row;
 
-    /// Of ten rows, the fourth and fifth of which have no pose.
+    /// Subject with ten rows; the fourth and fifth have no pose.
     fn subject() -> Subject {
         let rows: Vec<StateRow> = (0..10)
             .map(|k| StateRow {

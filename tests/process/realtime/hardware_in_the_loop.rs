@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 
 /// Largest error of a stamp once the clock of the sensor is known, ns.
 const STAMP_TOLERANCE_NS: i64 = 200_000;
-/// Of what is flown against what is replayed.
+/// Largest ratio of the position error in flight to that in replay.
 const MAX_ATE_RATIO: f64 = 1.1;
 /// Frames are sent once the clock of the sensor is known, s.
 const CONVERGED_S: f64 = 3.0;

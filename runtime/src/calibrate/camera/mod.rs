@@ -87,7 +87,7 @@ pub enum CalibrateError {
         camera: usize,
         /// Its size, px.
         found: (usize, usize),
-        /// That of the first image.
+        /// Size of the first image, px.
         expected: (usize, usize),
     },
     /// The board is not to be seen, or another one.

@@ -27,7 +27,7 @@ Boards, lengths in metres, measured on the print:
 
 docs/calibration.md says what to print, how to move it, and what a good result looks like.";
 
-/// As many moments tell what there is to tell; more take longer.
+/// Default limit of images: more take longer and add little.
 const MOST_IMAGES: u32 = 60;
 /// The source that is no file; a folder of that name is `./live`.
 const LIVE: &str = "live";
