@@ -28,8 +28,8 @@ pub struct ImuArgs {
     /// The configuration to write.
     #[arg(long, value_name = "OUT.toml")]
     pub out: PathBuf,
-    /// Configuration file or preset that all else is taken from. Without one: that of the log, or the preset `euroc`
-    /// with the data set's calibration where it has one.
+    /// Configuration file or preset for all other values. Default: that of the log, or the preset `euroc` with the
+    /// calibration of the data set, if it has one.
     #[arg(long, value_name = "FILE|PRESET")]
     pub config: Option<PathBuf>,
     /// Draw the Allan deviations (.svg or .png).
