@@ -182,7 +182,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         config.driver.frames.listen = folder.path().join("frames").display().to_string();
         let cameras = open_cameras(&config, &StopFlag::new()).unwrap().unwrap();
-        assert!(cameras.monitor.trouble()[0].as_ref().is_some_and(|why| why.contains("nobody sends")));
+        assert!(cameras.monitor.trouble()[0].as_ref().is_some_and(|why| why.contains("no program sends")));
         config.driver.v4l2.left = "/dev/v4l/by-path/nobody-has-this".into();
         let cameras = open_cameras(&config, &StopFlag::new()).unwrap().unwrap();
         assert!(cameras.monitor.trouble()[0].as_ref().is_some_and(|why| why.contains("driver.v4l2.left")));

@@ -30,7 +30,7 @@ fn a_station_that_hears_nobody_ends_on_a_signal() {
         command.args(["ground", "--no-http", "--plain", "--connect", &nobody]);
         let mut station = Running::start(command);
         eventually("it says what is the matter", Duration::from_secs(10), || {
-            station.words().contains("nobody listens there yet")
+            station.words().contains("no listener at that port yet")
         });
         Command::new("kill").args([signal, &station.child.id().to_string()]).status().unwrap();
         eventually("it ends", Duration::from_secs(5), || station.child.try_wait().unwrap().is_some());
@@ -41,9 +41,10 @@ fn a_station_that_hears_nobody_ends_on_a_signal() {
 #[test]
 fn a_station_that_heard_nobody_says_why_and_fails() {
     let nobody = format!("tcp/127.0.0.1:{}", free_port());
-    for (endpoint, words) in
-        [(nobody.as_str(), "nobody listens there"), ("tcp/no-such-host.invalid:7447", "host name is unknown")]
-    {
+    for (endpoint, words) in [
+        (nobody.as_str(), "no listener at that port"),
+        ("tcp/no-such-host.invalid:7447", "host name is unknown"),
+    ] {
         let output = plumbline(&["ground", "--no-http", "--json", "--connect", endpoint, "--duration", "3"]);
         let said = stderr(&output);
         assert_eq!(output.status.code(), Some(1), "{said}");

@@ -81,15 +81,17 @@ impl SocketMonitor {
         *locked(&self.shared.figures)
     }
 
-    /// Why nobody sends, as far as nobody does.
+    /// Why no program sends, as far as nobody does.
     #[must_use]
     pub fn trouble(&self) -> Option<String> {
         let trouble = (*locked(&self.shared.trouble))?;
         let words = match trouble {
-            Trouble::Nobody => "nobody sends frames yet".to_owned(),
-            Trouble::Gone => "the program that sent frames has gone".to_owned(),
-            Trouble::GoneWithin => "the program that sent frames stopped within one".to_owned(),
-            Trouble::Silent => "the program that sent frames was silent, and gave way to another".to_owned(),
+            Trouble::Nobody => "no program sends frames yet".to_owned(),
+            Trouble::Gone => "the program that sent frames has disconnected".to_owned(),
+            Trouble::GoneWithin => "the program that sent frames disconnected within a frame".to_owned(),
+            Trouble::Silent => {
+                "the program that sent frames was silent and was replaced by another".to_owned()
+            }
             Trouble::Refused(Refusal::Foreign) => {
                 "what was sent is no frame: see docs/frame-socket.md".to_owned()
             }

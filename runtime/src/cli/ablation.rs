@@ -162,7 +162,7 @@ pub fn run(args: &AblationArgs) -> Result<()> {
 fn subjects(args: &AblationArgs) -> Result<Vec<Subject>> {
     if let Some(log) = args.datasets.iter().find(|path| recording_kind(path) == RecordingKind::Log) {
         let message = format!(
-            "{}: is a flight log; give the data set that it was recorded from, since each variant flies its images anew",
+            "{}: is a flight log; give the data set that it was recorded from, since each variant needs its images",
             log.display()
         );
         return Err(Usage(message).into());

@@ -246,9 +246,10 @@ fn entries(args: &CampaignArgs) -> Result<Vec<Entry>, Usage> {
         entries.extend(sound.iter().map(|entry| entry.with_fault(Fault::Inertial(error))));
     }
     match entries.is_empty() {
-        true => {
-            Err(Usage(format!("--fault: none is called {}; leave it out to see all", args.fault.join(", "))))
-        }
+        true => Err(Usage(format!(
+            "--fault: no fault is named {}; leave out --fault to list all",
+            args.fault.join(", ")
+        ))),
         false => Ok(entries),
     }
 }

@@ -160,15 +160,14 @@ fn log_path(named: &Path, now: SystemTime) -> Result<PathBuf, Usage> {
         // A computer without a clock of its own may begin with the same second each time, and must fly all the same.
         let numbered = (2..).map(|k| named.join(format!("{name}-{k}.mcap")));
         let names = std::iter::once(named.join(format!("{name}.mcap"))).chain(numbered);
-        return names
-            .take(MAX_LOGS_A_SECOND)
-            .find(|path| !path.exists())
-            .ok_or_else(|| Usage(format!("--record {}: is full of logs of {name}", named.display())));
+        return names.take(MAX_LOGS_A_SECOND).find(|path| !path.exists()).ok_or_else(|| {
+            Usage(format!("--record {}: too many logs named {name}; name another folder", named.display()))
+        });
     }
     if !is_log(named) {
         let named = named.display();
         return Err(Usage(format!(
-            "--record {named}: name a file with the ending .mcap, or a folder that is there"
+            "--record {named}: name a file with the ending .mcap, or an existing folder"
         )));
     }
     Ok(named.to_owned())
@@ -202,7 +201,7 @@ fn start_outputs(
     }
     if !has_network && !config.ros.enabled && config.autopilot.connect.is_empty() && log.is_none() {
         tracing::warn!(
-            "nobody hears of this flight: name an autopilot (autopilot.connect), a network (network.listen or --listen), or \
+            "the flight has no outputs: name an autopilot (autopilot.connect), a network (network.listen or --listen), or \
              --record"
         );
     }
@@ -213,7 +212,7 @@ fn start_outputs(
 fn record(outputs: &mut Outputs, path: &Path, flight: &Flight) -> Result<(), FlightError> {
     match outputs.record(path, flight, WhenFull::Drop) {
         Err(FlightError::Log(error @ LogError::Io { .. })) => {
-            tracing::error!("{error}: this flight is not recorded");
+            tracing::error!("{error}: the flight is not recorded");
             Ok(())
         }
         outcome => outcome,

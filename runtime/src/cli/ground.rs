@@ -127,7 +127,7 @@ pub fn run(args: &GroundArgs) -> Result<()> {
         let cause = diagnosis::newest_failure().unwrap_or_else(|| {
             "is a vehicle flying with --publish, and does it reach the same network?".into()
         });
-        bail!("no vehicle was heard: {cause}");
+        bail!("no vehicle received: {cause}");
     }
     Ok(())
 }

@@ -187,7 +187,9 @@ fn run_locate(args: &LocateArgs) -> Result<()> {
     let contents = read_map(&args.map)?;
     let limits = contents.limits();
     if limits.keyframes == 0 {
-        return Err(Usage(format!("{}: holds no keyframe; build the map again", args.map.display())).into());
+        return Err(
+            Usage(format!("{}: contains no keyframe; build the map again", args.map.display())).into()
+        );
     }
     let map = contents.into_map(limits);
     let max_features = ExtractorOptions::default().max_features;

@@ -321,12 +321,14 @@ fn start_outputs(args: &ReplayArgs, flight: &Flight, control: &Arc<Control>) -> 
         outputs.save_map(path, control)?;
     }
     if !args.publish && config.ros.enabled {
-        tracing::warn!("ros.enabled is set, but without --publish nothing is sent to ROS 2");
+        tracing::warn!("ros.enabled is set but has no effect: publishing to ROS 2 needs --publish");
     }
     if args.publish {
         let endpoints = Endpoints::of(&config.network).and(&args.listen, &args.connect);
         if endpoints.listen.is_empty() && endpoints.connect.is_empty() && !endpoints.scouting {
-            tracing::warn!("--publish: nobody can be reached: give --listen or --connect, or network.listen");
+            tracing::warn!(
+                "--publish: no endpoint to publish on; give --listen or --connect, or set network.listen"
+            );
         }
         outputs.publish(config, &endpoints, control)?;
         if config.ros.enabled {
@@ -342,10 +344,10 @@ fn wants_autopilot(config: &ValidConfig, args: &ReplayArgs) -> Result<bool, Usag
         return Ok(false);
     }
     if args.speed.is_none() && args.autopilot.is_some() {
-        return Err(Usage("--autopilot: give --speed 1 too, an autopilot flies in real time".into()));
+        return Err(Usage("--autopilot: give --speed 1 too; an autopilot needs real time".into()));
     }
     if args.speed.is_none() {
-        tracing::warn!("autopilot.connect is set, but without --speed 1 nothing is sent there");
+        tracing::warn!("autopilot.connect is set but has no effect: it needs --speed 1");
     }
     Ok(args.speed.is_some())
 }

@@ -340,7 +340,7 @@ fn record(shared: &Shared, mut writer: LogWriter, sync: SyncThread, path: PathBu
     drop(running);
     sync.finish();
     if let Some(error) = &failure {
-        tracing::warn!("{error}: recording ends here, the flight goes on");
+        tracing::warn!("{error}: recording stopped, the flight continues");
         for (count, lost) in shared.dropped.iter().zip(writer.unsaved().0) {
             count.fetch_add(lost, Ordering::Relaxed);
         }

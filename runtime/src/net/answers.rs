@@ -290,7 +290,7 @@ impl Answers {
             Topic::Reset => {
                 let outcome = self.reset(query, key).await;
                 if let Err(reason) = &outcome {
-                    tracing::warn!("a reset was refused: {reason}");
+                    tracing::warn!("reset refused: {reason}");
                 }
                 let answers = outcome.map(|done| vec![done.encode_to_vec()]);
                 send(query, key, "plumbline.v1.ResetDone", answers).await;
@@ -298,7 +298,7 @@ impl Answers {
             Topic::MapSave => {
                 let outcome = self.save_map(query, key).await;
                 if let Err(reason) = &outcome {
-                    tracing::warn!("the map was not saved: {reason}");
+                    tracing::warn!("map not saved: {reason}");
                 }
                 let answers = outcome.map(|done| vec![done.encode_to_vec()]);
                 send(query, key, "plumbline.v1.MapSaved", answers).await;

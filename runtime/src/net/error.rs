@@ -26,7 +26,7 @@ pub enum NetError {
         reason: String,
     },
     /// The port is already in use.
-    #[error("{endpoint}: another process listens there; end it, or choose another port")]
+    #[error("{endpoint}: port already in use; stop the other process, or choose another port")]
     Taken {
         /// The endpoint.
         endpoint: String,

@@ -48,7 +48,7 @@ pub enum KeysError {
         path: PathBuf,
     },
     /// There is nothing to renew.
-    #[error("{path}: is not there, so it cannot be renewed; leave out --renew to make it")]
+    #[error("{path}: does not exist, so it cannot be renewed; leave out --renew to create it")]
     NothingToRenew {
         /// The file, or the folder without any.
         path: PathBuf,

@@ -63,7 +63,7 @@ impl OdometryPublisher {
             let bell = match rings.odometry_bell.listen() {
                 Ok(bell) => bell,
                 Err(error) => {
-                    tracing::error!("no odometry is published: {error}");
+                    tracing::error!("cannot publish odometry: {error}");
                     return (waiting, self.sequence);
                 }
             };

@@ -168,7 +168,11 @@ impl Start {
             }
             publishers = match self.declare_patiently(rings, &course).await {
                 Ok(publishers) => publishers,
-                Err(error) => return tracing::error!("the flight goes on without the network: {error}"),
+                Err(error) => {
+                    return tracing::error!(
+                        "cannot start the network: {error}; the flight continues without it"
+                    );
+                }
             };
         }
     }
@@ -190,7 +194,7 @@ impl Start {
                 opened = self.declare(course) => match opened {
                     Ok(publishers) => {
                         if !told.is_empty() {
-                            tracing::warn!("the network is there");
+                            tracing::warn!("the network is available");
                         }
                         return Ok(Some(publishers));
                     }
@@ -204,7 +208,7 @@ impl Start {
             }
             let words = error.to_string();
             if told != words {
-                tracing::warn!("{words}; the flight goes on, and it is tried again");
+                tracing::warn!("{words}; the flight continues, retrying");
                 told = words;
             }
             tokio::time::sleep(RETRY).await;

@@ -97,7 +97,7 @@ pub fn refusal(commands: Commands, endpoints: &Endpoints) -> Option<String> {
     let open = endpoints.connect.iter().find(|e| !is_signed(e));
     open.map(|open| {
         format!(
-            "commands are refused: nobody knows who commands through {open}, which others may reach; {cure}"
+            "commands are refused: {open} carries commands without authentication, and others may reach it; {cure}"
         )
     })
 }
@@ -127,7 +127,7 @@ fn check_name(endpoints: &Endpoints) -> Result<(), NetError> {
         return Ok(());
     }
     let message = format!(
-        "is the certificate '{}', and nobody believes '{vehicle}' with it; make one with `plumbline keys FOLDER --vehicle \
+        "belongs to '{}', so peers reject '{vehicle}' with it; make one with `plumbline keys FOLDER --vehicle \
          {vehicle}` (vehicle.pem is for 'drone'), or set network.vehicle",
         super::plain(&name)
     );

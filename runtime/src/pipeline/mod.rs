@@ -122,13 +122,13 @@ pub enum RunError {
     #[error(transparent)]
     Driver(#[from] DriverError),
     /// The system refused a thread.
-    #[error("the system refuses a thread: {0}")]
+    #[error("cannot start a thread: {0}; check the limits on threads and memory")]
     Thread(String),
     /// A task of the run ended by a fault of its own.
     #[error("the task {0} ended by a fault of its own; please report this with the flight's log")]
     Fault(&'static str),
     /// A task of the run stands still.
-    #[error("the task {0} stands still and does not come back; please report this with the flight's log")]
+    #[error("the task {0} is hung; please report this with the flight's log")]
     Stalled(&'static str),
 }
 

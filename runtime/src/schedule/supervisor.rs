@@ -53,7 +53,7 @@ impl Supervisor {
         let patience = number(PATIENCE_US).filter(|us| *us > 0 && is_for_us).map(Duration::from_micros);
         let socket = std::env::var_os(SOCKET).filter(|name| !name.is_empty()).and_then(|name| {
             let connected = connect(&name);
-            connected.inspect_err(|error| tracing::warn!("{SOCKET}: systemd cannot be told: {error}")).ok()
+            connected.inspect_err(|error| tracing::warn!("{SOCKET}: cannot notify systemd: {error}")).ok()
         });
         Self { socket, patience }
     }

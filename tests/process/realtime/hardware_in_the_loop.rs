@@ -367,10 +367,10 @@ fn sensors_that_are_missing_at_the_start_and_unplugged_in_flight_are_taken_when_
     assert_eq!((&cameras["socket"]["connected"], &cameras["gaps"]), (&2.into(), &1.into()), "{cameras}");
     assert!((missing - FRAME_RATE_HZ).abs() <= 2.0, "{cameras}");
     for words in [
-        "the IMU is not there",
+        "the IMU is missing",
         "the IMU is there",
-        "nobody sends frames yet",
-        "the program that sent frames has gone",
+        "no program sends frames yet",
+        "the program that sent frames has disconnected",
     ] {
         assert!(said.contains(words), "'{words}' is missing in {said}");
     }

@@ -81,7 +81,10 @@ pub(super) fn run(args: &ImuArgs) -> Result<()> {
     let mut written = Vec::new();
     let config =
         base.with("calibrate imu", |config| written = found.write_into(&mut config.imu, args.inflate))?;
-    anyhow::ensure!(written.len() > 1, "{name}: no noise was found, nothing is written");
+    anyhow::ensure!(
+        written.len() > 1,
+        "{name}: no noise could be estimated, so nothing is written; check that the recording is at rest"
+    );
     if let Some(path) = &args.plot {
         write_figure(&found, &name.to_string(), path)?;
     }

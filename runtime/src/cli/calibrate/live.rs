@@ -56,7 +56,7 @@ pub(super) fn check_absent(args: &LiveArgs) -> Result<(), Usage> {
 /// Refuses what makes no sense, before a camera is opened; the configuration will be written to `out`.
 pub(super) fn check(args: &LiveArgs, out: &Path, overwrite: bool) -> Result<(), Usage> {
     if args.config.is_none() {
-        return Err(Usage("live: name the configuration of the cameras with --config FILE".into()));
+        return Err(Usage("live: give the configuration of the cameras with --config FILE".into()));
     }
     if args.duration.is_some_and(|s| !(s > 0.0 && s <= MOST_S)) {
         return Err(Usage("--duration: give a positive number of seconds, such as 120".into()));
