@@ -100,7 +100,7 @@ fn a_page_for_others_is_opened_by_no_name_that_somebody_made_to_point_there() {
 fn a_port_that_is_taken_is_told() {
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let endpoint = format!("tcp/{}", taken.local_addr().unwrap());
-    fails(&["router", "--listen", &endpoint], 1, &[&endpoint, "another process listens there"]);
+    fails(&["router", "--listen", &endpoint], 1, &[&endpoint, "port already in use"]);
 }
 
 /// Options that name the files of a role.

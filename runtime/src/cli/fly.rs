@@ -333,7 +333,7 @@ mod tests {
             assert_eq!(log_path(folder.path(), now).unwrap(), folder.path().join(next));
         }
         assert_eq!(log_path(Path::new("a.mcap"), now).unwrap(), Path::new("a.mcap"));
-        assert!(log_path(Path::new("/nowhere/a"), now).unwrap_err().0.contains("folder that is there"));
+        assert!(log_path(Path::new("/nowhere/a"), now).unwrap_err().0.contains("existing folder"));
     }
 
     #[test]

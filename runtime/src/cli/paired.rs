@@ -132,9 +132,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("flown.json");
         std::fs::write(&path, "[]").unwrap();
-        assert!(read(&path).unwrap_err().to_string().contains("holds no report"));
+        assert!(read(&path).unwrap_err().to_string().contains("contains no report"));
         std::fs::write(&path, "{}").unwrap();
-        assert!(read(&path).unwrap_err().to_string().contains("is no file of `campaign --json`"));
+        assert!(read(&path).unwrap_err().to_string().contains("not a file of `campaign --json`"));
         std::fs::write(&path, r#"[{"path": "a", "seed": 1, "report": {"resets": 0}}]"#).unwrap();
         assert_eq!(read(&path).unwrap().len(), 1);
     }
