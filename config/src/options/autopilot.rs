@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct AutopilotConfig {
-    /// Where the autopilot is, as [`AutopilotEndpoint::parse`] reads it; empty for none.
+    /// Address of the autopilot, as [`AutopilotEndpoint::parse`] reads it; empty for none.
     pub connect: String,
     /// Odometry messages a second.
     pub rate_hz: f64,
@@ -55,7 +55,7 @@ impl Default for AutopilotConfig {
     }
 }
 
-/// Where an autopilot is.
+/// Address of an autopilot.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum AutopilotEndpoint {
     /// It listens at this host and port: `udp://HOST:PORT` (or `udpout:`).
