@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-/// Vehicles that are kept: another one takes the place of the one that least was heard of.
+/// Largest number of vehicles kept. A new one evicts the least recently heard vehicle.
 pub const MAX_VEHICLES: usize = 64;
 /// Longest name of a vehicle, bytes.
 pub const MAX_NAME: usize = 64;

@@ -116,8 +116,7 @@ pub struct Task {
     pub deadline: Duration,
     /// Silence after which the watchdog calls it stalled.
     pub stall: Duration,
-    /// Silence after which the process ends: a thread cannot be stopped from outside. Of one that a flight can do without,
-    /// none.
+    /// Silence after which the process ends: a thread cannot be stopped from outside. `None` for optional tasks.
     pub patience: Option<Duration>,
     /// What its death does to a flight.
     pub loss: Loss,
