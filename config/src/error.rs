@@ -22,7 +22,7 @@ impl Violation {
         Self { key: key.into(), line: None, reason: reason.into(), cure: cure.into() }
     }
 
-    /// The same with the line of the file.
+    /// Returns the violation with its line in the file.
     #[must_use]
     pub fn at_line(self, line: Option<usize>) -> Self {
         Self { line, ..self }
@@ -112,7 +112,7 @@ impl ConfigError {
         }
     }
 
-    /// The same with the line of every refused key, in the order of the file.
+    /// Returns the error with the line of every refused key, in the order of the file.
     #[cfg(feature = "toml")]
     pub(crate) fn with_lines(mut self, line_of: impl Fn(&str) -> Option<usize>) -> Self {
         if let Self::Invalid { violations, .. } = &mut self {

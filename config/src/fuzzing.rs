@@ -1,6 +1,6 @@
 //! What the fuzzers call (`fuzz/`): each function takes any bytes, and a panic is a finding.
 //!
-//! The same functions run over the checked-in seeds, and over seeded mutations of them, in the tests of this crate.
+//! The tests of this crate run these functions over the checked-in seeds, and over seeded mutations of them.
 
 use crate::import::{euroc_texts, kalibr_texts};
 use crate::options::{AutopilotEndpoint, ImuEndpoint, SerialLine};

@@ -4,7 +4,8 @@
 //! likes. What is here is a comparison or a product, so there is nothing to choose. In vectors too it is one
 //! instruction, or two.
 
-/// Of a floating-point number. Nothing here has a choice between zeros of unlike sign, or of how it rounds.
+/// Floating-point operations with one result on every processor: no choice between zeros of unlike sign, none in
+/// rounding.
 pub trait Portable: Copy {
     /// The number, or `limit` where that is not less. Of a number that is NaN, `limit`.
     #[must_use]

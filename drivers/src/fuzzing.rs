@@ -1,6 +1,6 @@
 //! What the fuzzers call (`fuzz/`): each function takes any bytes, and a panic is a finding.
 //!
-//! The same functions run over the checked-in seeds, and over seeded mutations of them, in the tests of this crate.
+//! The tests of this crate run these functions over the checked-in seeds, and over seeded mutations of them.
 
 use crate::bag::container::{Container, Step};
 use crate::bag::messages::{self, Kind};

@@ -57,9 +57,9 @@ pub struct LiveCameras {
 /// Figures of live cameras while another thread reads them.
 #[derive(Clone, Debug)]
 pub enum CameraMonitor {
-    /// Of cameras of the kernel.
+    /// Monitor of cameras driven by the kernel (V4L2).
     V4l2(V4l2Monitor),
-    /// Of a program that sends frames.
+    /// Monitor of a program that sends frames over a socket.
     Socket(SocketMonitor),
 }
 
@@ -86,8 +86,8 @@ impl CameraMonitor {
 }
 
 impl LiveCameras {
-    /// The same cameras, whose frames are stamped by these triggers, with figures of that; `config` says what a trigger's
-    /// pulse means.
+    /// Returns these cameras with frames stamped by `triggers`, and the monitor of the matching. `config` says what a
+    /// trigger pulse means.
     #[must_use]
     pub fn triggered(self, triggers: Consumer<TriggerEvent>, config: &Config) -> (Self, TriggerMonitor) {
         let cameras = match &self.monitor {
@@ -182,7 +182,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         config.driver.frames.listen = folder.path().join("frames").display().to_string();
         let cameras = open_cameras(&config, &StopFlag::new()).unwrap().unwrap();
-        assert!(cameras.monitor.trouble()[0].as_ref().is_some_and(|why| why.contains("nobody sends")));
+        assert!(cameras.monitor.trouble()[0].as_ref().is_some_and(|why| why.contains("no program sends")));
         config.driver.v4l2.left = "/dev/v4l/by-path/nobody-has-this".into();
         let cameras = open_cameras(&config, &StopFlag::new()).unwrap().unwrap();
         assert!(cameras.monitor.trouble()[0].as_ref().is_some_and(|why| why.contains("driver.v4l2.left")));

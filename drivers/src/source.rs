@@ -1,9 +1,9 @@
 //! What every driver is: a source of inertial samples and a source of stereo frames.
 //!
-//! The same two traits serve live hardware and replay: a source blocks until its next sample (replay
-//! returns at once), hands it out with its measurement time and a sequence number that counts what the
-//! sensor produced (a jump is a gap), and says when the stream has ended. What a source could repair or
-//! skip it counts in [`Faults`]; what it cannot go on from is a [`DriverError`].
+//! Live hardware and replay implement these two traits. A source blocks until its next sample (replay returns at once),
+//! and hands it out with its measurement time and a sequence number. The number counts what the sensor produced, so a
+//! jump is a gap. The source reports the end of the stream. What it could repair or skip it counts in [`Faults`]; what
+//! it cannot recover from is a [`DriverError`].
 
 use crate::DriverError;
 use plumbline_config::{GrayImage, ImageView, ImuSample, Timestamp};

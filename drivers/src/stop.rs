@@ -20,7 +20,7 @@ impl StopFlag {
         Self::default()
     }
 
-    /// The same as a flag that somebody else sets, such as the handler of a signal.
+    /// Wraps a flag that is set elsewhere, such as by a signal handler.
     #[must_use]
     pub fn of(flag: Arc<AtomicBool>) -> Self {
         Self(flag)

@@ -55,9 +55,9 @@ impl DmaBuffer {
 pub struct Shot {
     /// When both were taken, by the cameras' clock.
     pub stamp: Timestamp,
-    /// Of the left camera.
+    /// Image of the left camera.
     pub left: DmaBuffer,
-    /// Of the right camera.
+    /// Image of the right camera.
     pub right: DmaBuffer,
     /// Those since the shot before, a little beyond the exposure.
     pub samples: Vec<ImuSample>,

@@ -14,10 +14,10 @@ use plumbline_config::{ImuSample, Timestamp};
 const MAX_HOLE_NS: i64 = 500_000_000;
 /// Inertial samples follow one another within this, ns: at 100 Hz, the slowest sensors that fly, every fifth arrives.
 const IMU_STEP_NS: i64 = 50_000_000;
-/// For so long inertial samples must have followed one another for their clock to be believed anew, ns: longer than any
-/// burst of garbage on a line, and a tenth of the second in which the estimate is to be back.
+/// Inertial samples must have followed one another for this time before their clock is believed again, ns: longer than
+/// any burst of garbage on a line, and a tenth of the second within which the estimate must be back.
 const IMU_RUN_NS: i64 = 100_000_000;
-/// So many frames must have: two may be wrong by the same fault of a driver.
+/// Consecutive frames needed before their clock is believed again: two may be wrong by one fault of a driver.
 const FRAME_RUN: u32 = 3;
 /// Frames are old beyond this against the inertial samples, ns: their way through driver and front-end takes no second.
 const MAX_FRAME_AGE_NS: i64 = 1_000_000_000;
@@ -57,13 +57,13 @@ pub struct StampGate {
 }
 
 impl StampGate {
-    /// Of inertial samples.
+    /// Creates the gate for inertial samples.
     #[must_use]
     pub const fn of_imu() -> Self {
         Self { step_ns: IMU_STEP_NS, run_ns: IMU_RUN_NS, run_count: 2, newest: None, run: None }
     }
 
-    /// Of frames.
+    /// Creates the gate for frames.
     #[must_use]
     pub const fn of_frames() -> Self {
         Self { step_ns: MAX_HOLE_NS, run_ns: 0, run_count: FRAME_RUN, newest: None, run: None }

@@ -183,23 +183,23 @@ impl Estimate {
 pub struct FrameFigures {
     /// Points tracked in this frame.
     pub points_tracked: u32,
-    /// Of these, seen by both cameras.
+    /// Tracked points seen by both cameras.
     pub points_stereo: u32,
     /// Landmarks in the window after this frame.
     pub points_in_window: u32,
     /// Line segments found in the left image.
     pub lines_raw: u32,
-    /// Of these, long enough.
+    /// Line segments that are long enough.
     pub lines_kept: u32,
-    /// After merging.
+    /// Line segments after merging.
     pub lines_merged: u32,
-    /// Of these, continuing a track.
+    /// Merged line segments that continue a track.
     pub lines_matched: u32,
     /// Images whose line budget was spent before their last seed.
     pub lines_cut_short: u32,
     /// Line landmarks in the window after this frame.
     pub lines_in_window: u32,
-    /// Of these, along a direction of the structure.
+    /// Line landmarks in the window along a direction of the structure.
     pub lines_in_structure: u32,
     /// Keyframes in the window.
     pub keyframes: u32,

@@ -42,7 +42,7 @@ impl<'a> FrameInput<'a> {
         Self::new(stamp, [Some(image), None])
     }
 
-    /// The same with the number that the sensor gave it.
+    /// Returns the frame with the sequence number of its sensor.
     #[must_use]
     pub fn numbered(self, sequence: u64) -> Self {
         Self { sequence: Some(sequence), ..self }

@@ -30,7 +30,7 @@ fn a_station_that_hears_nobody_ends_on_a_signal() {
         command.args(["ground", "--no-http", "--plain", "--connect", &nobody]);
         let mut station = Running::start(command);
         eventually("it says what is the matter", Duration::from_secs(10), || {
-            station.words().contains("nobody listens there yet")
+            station.words().contains("no listener at that port yet")
         });
         Command::new("kill").args([signal, &station.child.id().to_string()]).status().unwrap();
         eventually("it ends", Duration::from_secs(5), || station.child.try_wait().unwrap().is_some());
@@ -41,9 +41,10 @@ fn a_station_that_hears_nobody_ends_on_a_signal() {
 #[test]
 fn a_station_that_heard_nobody_says_why_and_fails() {
     let nobody = format!("tcp/127.0.0.1:{}", free_port());
-    for (endpoint, words) in
-        [(nobody.as_str(), "nobody listens there"), ("tcp/no-such-host.invalid:7447", "host name is unknown")]
-    {
+    for (endpoint, words) in [
+        (nobody.as_str(), "no listener at that port"),
+        ("tcp/no-such-host.invalid:7447", "host name is unknown"),
+    ] {
         let output = plumbline(&["ground", "--no-http", "--json", "--connect", endpoint, "--duration", "3"]);
         let said = stderr(&output);
         assert_eq!(output.status.code(), Some(1), "{said}");
@@ -99,7 +100,7 @@ fn a_page_for_others_is_opened_by_no_name_that_somebody_made_to_point_there() {
 fn a_port_that_is_taken_is_told() {
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let endpoint = format!("tcp/{}", taken.local_addr().unwrap());
-    fails(&["router", "--listen", &endpoint], 1, &[&endpoint, "another process listens there"]);
+    fails(&["router", "--listen", &endpoint], 1, &[&endpoint, "port already in use"]);
 }
 
 /// Options that name the files of a role.

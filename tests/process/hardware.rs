@@ -35,7 +35,7 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// That of a data set.
+    /// Reads the recording of a data set.
     pub fn read(path: &Path) -> Self {
         let dataset = EurocDataset::open(path, &EurocOptions::default()).unwrap();
         let (mut imu, mut stereo) = (dataset.imu(), dataset.stereo());
@@ -74,9 +74,9 @@ impl Recording {
 /// When the time of the recording is that of the host.
 #[derive(Clone, Copy, Debug)]
 pub struct Epoch {
-    /// Of the recording, ns.
+    /// Time of the recording, ns.
     data_ns: i64,
-    /// Of the host, ns.
+    /// Time of the host, ns.
     host_ns: i64,
 }
 
@@ -129,11 +129,11 @@ impl Draws {
 /// What happens to the bytes on the way; times in s of the recording.
 #[derive(Clone, Debug)]
 pub struct Trouble {
-    /// So many of a thousand frames have noise before them.
+    /// Frames of a thousand with noise before them.
     pub noise_per_mille: u64,
-    /// So many of a thousand are changed, or cut off.
+    /// Frames of a thousand that are changed or cut off.
     pub hit_per_mille: u64,
-    /// So many of a thousand come in two pieces.
+    /// Frames of a thousand that arrive in two pieces.
     pub split_per_mille: u64,
     /// Every tenth of a second's worth is sent at once.
     pub bursts_s: Range<f64>,
@@ -158,7 +158,7 @@ impl Trouble {
 pub struct Microcontroller {
     master: OwnedFd,
     receiver: Receiver,
-    /// Somebody at the other end has asked for the time.
+    /// Set once the other end has asked for the time.
     is_heard: bool,
 }
 

@@ -102,7 +102,7 @@ fn a_disk_without_room_ends_the_recording_and_not_the_flight() {
     command.args(["-c", script, "bash", env!("CARGO_BIN_EXE_plumbline")]).args(FLIGHT).args([path, "--json"]);
     let flown = command.output().unwrap();
     assert_eq!(flown.status.code(), Some(1), "{}", stderr(&flown));
-    assert!(stderr(&flown).contains("recording ends here, the flight goes on"), "{}", stderr(&flown));
+    assert!(stderr(&flown).contains("recording stopped, the flight continues"), "{}", stderr(&flown));
     assert!(stderr(&flown).contains("the recording failed"), "{}", stderr(&flown));
     let report = json(&flown.stdout);
     assert_eq!(report["frames"], 60);

@@ -63,7 +63,7 @@ fn fly(python: &Path, changes: &[(&str, &str)], when: Machine) -> Seen {
     let mut words = BufReader::new(vehicle.stderr.take().unwrap());
     let mut told = String::new();
     let peer = before.unwrap_or_else(|| {
-        while !told.contains("it is waited for") {
+        while !told.contains("retrying until it is available") {
             assert!(words.read_line(&mut told).unwrap() > 0, "{told}");
         }
         start()

@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Of a unit without StartLimitIntervalSec and StartLimitBurst.
+/// Start limit of a unit without StartLimitIntervalSec and StartLimitBurst: s, starts.
 const START_LIMIT: (f64, usize) = (10.0, 5);
 
 /// What the unit file says.

@@ -52,7 +52,7 @@ fn lines_lower_the_error_where_texture_is_missing() {
     assert_eq!(with.hot_path_allocations, 0);
 }
 
-/// The same flight twice, its frames rendered once.
+/// Flies the flight with and without lines; its frames are rendered once.
 pub(crate) fn with_and_without_lines(entry: &Entry) -> [Report; 2] {
     let cache = tempfile::tempdir().unwrap();
     ["true", "false"].map(|enabled| {

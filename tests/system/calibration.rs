@@ -229,7 +229,7 @@ fn show(taken: &[Pair], socket: &Path, kept: &AtomicUsize) {
     }
 }
 
-/// The same pictures from a flight log.
+/// Returns the pictures as read back from a flight log.
 fn recorded(taken: &[Pair], cameras: &[CameraModel], folder: &Path) -> Vec<Pair> {
     let (config, log) = (rig(cameras, folder), folder.join("log.mcap"));
     let recorder = Recorder::start(&log, &config, WhenFull::Wait).unwrap();

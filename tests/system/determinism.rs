@@ -1,4 +1,4 @@
-//! The same input gives the same bits: again, under load, and with another number of threads.
+//! Equal input gives equal bits: again, under load, and with another number of threads.
 
 use plumbline_drivers::simulator::{Scenario, Scene};
 use plumbline_flight::flight::{fly, open_simulation};

@@ -49,7 +49,8 @@ fn extrinsics_one_degree_off() {
     survives(Fault::Extrinsics, 0.2, 4.0);
 }
 
-/// Flies as the campaign does; nobody who believed the covariance was deceived, and the estimate recovered at once.
+/// Flies as the campaign does, and asserts that errors were consistent with the covariance and that the estimate
+/// recovered at once.
 fn is_honest(fault: Fault) {
     let Some(entry) = entry("V1_02_medium", ("room", Scene::Room), 1, 15.0, fault) else { return };
     let report = entry.fly(None, false, None, 2).unwrap();

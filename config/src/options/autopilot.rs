@@ -7,19 +7,19 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct AutopilotConfig {
-    /// Where the autopilot is, as [`AutopilotEndpoint::parse`] reads it; empty for none.
+    /// Address of the autopilot, as [`AutopilotEndpoint::parse`] reads it; empty for none.
     pub connect: String,
     /// Odometry messages a second.
     pub rate_hz: f64,
     /// The vehicle's MAVLink system, which the bridge is a component of.
     pub system_id: u32,
-    /// Whose clock stamps the odometry.
+    /// Clock that stamps the odometry.
     pub clock: AutopilotClock,
     /// Messages while the odometry is lost.
     pub lost_pose: LostPose,
 }
 
-/// Whose clock stamps the odometry.
+/// Clock that stamps the odometry.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum AutopilotClock {
@@ -55,7 +55,7 @@ impl Default for AutopilotConfig {
     }
 }
 
-/// Where an autopilot is.
+/// Address of an autopilot.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum AutopilotEndpoint {
     /// It listens at this host and port: `udp://HOST:PORT` (or `udpout:`).

@@ -28,14 +28,14 @@ pub struct EstimatorConfig {
 pub struct PointsConfig {
     /// Most points tracked at a time.
     pub max_points: usize,
-    /// Side of the square detection cells, px: an empty cell gets a new point.
+    /// Side length of the square detection cells, px. An empty cell gets a new point.
     pub cell_px: usize,
     /// Smallest Shi-Tomasi score (lesser eigenvalue of the structure tensor per pixel, in squared grey
     /// levels per px²) of a new point.
     pub min_corner_score: f32,
     /// Pyramid levels, the full image included.
     pub pyramid_levels: usize,
-    /// Gauss-Newton steps per level and point, at most.
+    /// Largest number of Gauss-Newton steps per level and point.
     pub max_iterations: usize,
     /// Largest distance between a point and its forward-backward return, px.
     pub max_forward_backward_px: f32,
@@ -67,15 +67,15 @@ impl Default for PointsConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct WindowConfig {
-    /// Keyframes held.
+    /// Number of keyframes in the window.
     pub keyframes: usize,
-    /// Newest frames held beside the keyframes.
+    /// Number of newest frames in the window besides the keyframes.
     pub recent_frames: usize,
-    /// Landmarks held.
+    /// Largest number of point landmarks in the window.
     pub max_landmarks: usize,
     /// Gauss-Newton or Levenberg-Marquardt steps per frame, at most.
     pub max_iterations: usize,
-    /// A frame becomes a keyframe when less than this share of its points is linked to the window.
+    /// A frame becomes a keyframe if less than this share of its points is linked to the window.
     pub min_connected_ratio: f64,
     /// A frame becomes a keyframe at the latest after this time.
     pub max_keyframe_interval_s: f64,
@@ -107,9 +107,9 @@ impl Default for WindowConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct InitialConfig {
-    /// Stereo frames gathered before the first pose.
+    /// Number of stereo frames collected before the first pose.
     pub stereo_frames: usize,
-    /// Data gathered before the first monocular pose, s.
+    /// Duration of the data collected before the first monocular pose, s.
     pub mono_window_s: f64,
     /// Mean parallax (rotation taken out) that a monocular start needs, px.
     pub mono_min_parallax_px: f64,
@@ -125,18 +125,18 @@ impl Default for InitialConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct HealthConfig {
-    /// Speed above which the estimate is taken for diverged, m/s.
+    /// Speed above which the estimate counts as diverged, m/s.
     pub max_speed_m_s: f64,
     /// Standard deviation of the velocity in the body at which the quality is 0, m/s. After a start, nothing is published until
     /// it is below a tenth of this.
     pub max_velocity_sigma_m_s: f64,
-    /// Flight without any visual landmark that is survived on the IMU alone, s.
+    /// Longest time without visual landmarks that is bridged by the IMU alone, s.
     pub max_blind_s: f64,
-    /// Gyroscope bias above which the estimate is taken for diverged, rad/s.
+    /// Gyroscope bias above which the estimate counts as diverged, rad/s.
     pub max_gyro_bias_rad_s: f64,
-    /// Accelerometer bias above which the estimate is taken for diverged, m/s².
+    /// Accelerometer bias above which the estimate counts as diverged, m/s².
     pub max_accel_bias_m_s2: f64,
-    /// No automatic reset within this time after the last one, s.
+    /// Least time between automatic resets, s.
     pub reset_holdoff_s: f64,
     /// An image that repeats the one before bit for bit counts as missing. `false` for cameras without noise, whose images
     /// repeat while the vehicle stands.

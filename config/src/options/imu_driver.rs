@@ -7,18 +7,18 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ImuDriverConfig {
-    /// Where it is, as [`ImuEndpoint::parse`] reads it; empty for none.
+    /// Address, as [`ImuEndpoint::parse`] reads it; empty for none.
     pub connect: String,
-    /// What it speaks on a serial line.
+    /// Protocol on a serial line.
     pub protocol: ImuProtocol,
-    /// Which message of MAVLink carries the samples.
+    /// MAVLink message that carries the samples.
     pub mavlink_message: MavlinkImu,
-    /// Taken off every stamp, s: the sensor's filter, half of what it averages over, and the way here at its quickest
-    /// where the device does not answer questions for its time.
+    /// Delay subtracted from every stamp, s: that of the sensor's filter (half its averaging time), plus the shortest
+    /// transmission time if the device does not answer time requests.
     pub delay_s: f64,
     /// Have the microcontroller trigger the cameras at their rate (`protocol = "plumbline"`).
     pub trigger_cameras: bool,
-    /// How long the pulse of a trigger is, s.
+    /// Length of the trigger pulse, s.
     pub trigger_pulse_s: f64,
     /// How long the exposure of a triggered camera is: frames are stamped by the trigger and half of it.
     pub trigger_exposure: TriggerExposure,
@@ -38,18 +38,18 @@ impl Default for ImuDriverConfig {
     }
 }
 
-/// What says how long a triggered camera exposes.
+/// Source of the exposure time of a triggered camera.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum TriggerExposure {
-    /// The pulse of the trigger, while which it exposes; where the microcontroller tells no length of it, the camera's driver.
+    /// Exposure equals the trigger pulse; if the microcontroller does not report its length, the camera's driver does.
     #[default]
     Pulse,
     /// The camera's driver: the pulse only begins the exposure.
     Camera,
 }
 
-/// What an inertial sensor speaks on a serial line.
+/// Protocol of an inertial sensor on a serial line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ImuProtocol {
@@ -75,13 +75,13 @@ pub enum MavlinkImu {
     RawImu,
     /// Thousandths of g and of rad/s, stamps of a millisecond: the first IMU.
     ScaledImu,
-    /// The same of the second IMU.
+    /// SCALED_IMU2: the second IMU, in the units of SCALED_IMU.
     ScaledImu2,
-    /// The same of the third IMU.
+    /// SCALED_IMU3: the third IMU, in the units of SCALED_IMU.
     ScaledImu3,
 }
 
-/// Where an inertial sensor is.
+/// Address of an inertial sensor.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ImuEndpoint {
     /// At the other end of a serial line: `serial://DEVICE:BAUD`.
@@ -90,7 +90,7 @@ pub enum ImuEndpoint {
     Iio {
         /// Name, label or path of the device with the gyroscope.
         gyro: String,
-        /// The same of the accelerometer, where it is another.
+        /// Name, label or path of the device with the accelerometer; `None` if `gyro` has both.
         accel: Option<String>,
     },
 }

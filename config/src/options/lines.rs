@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct LinesConfig {
-    /// Whether lines are extracted and used at all.
+    /// Extract and use lines.
     pub enabled: bool,
     /// Smallest gradient of an edge pixel, grey levels per pixel. Edges are found at half the resolution: there 0.7 of it counts,
     /// per halved pixel.
@@ -19,22 +19,22 @@ pub struct LinesConfig {
     pub merge: bool,
     /// The outer rectangle of a segment is widened by this much across, px.
     pub merge_across_px: f64,
-    /// The outer rectangle of a segment is widened by this much along, px.
+    /// Widening of a segment's outer rectangle along the segment for joining, px.
     pub merge_along_px: f64,
     /// Floor of the angle threshold of merging, degrees.
     pub merge_angle_deg: f64,
     /// Work of an image, in edge pixels visited: when it is spent the strongest segments so far are used.
     pub max_visits: usize,
-    /// Raw segments of an image, at most.
+    /// Largest number of raw segments of an image.
     pub max_raw: usize,
-    /// Segments of an image that are placed in the whole image, described and matched, at most: the clearest, long and of high
-    /// contrast.
+    /// Largest number of segments of an image that are refined at full resolution, described and matched: the longest
+    /// of highest contrast.
     pub max_segments: usize,
     /// Largest Hamming distance of a match, of 256 bits.
     pub max_hamming: u32,
     /// Largest ratio of the distances of the best and the second best match.
     pub max_hamming_ratio: f64,
-    /// Line landmarks held by the window.
+    /// Largest number of line landmarks in the window.
     pub max_landmarks: usize,
     /// Standard deviation of the end points of a segment across it, px.
     pub sigma_px: f64,

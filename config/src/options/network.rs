@@ -1,9 +1,9 @@
-//! The network: who we are, whom we talk to, and who may say what.
+//! Network: identity, endpoints and permissions.
 
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// What is published over Zenoh. Listens nowhere unless told to.
+/// What is published over Zenoh. By default there is no listener.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct NetworkConfig {
@@ -19,9 +19,9 @@ pub struct NetworkConfig {
     pub link: Link,
     /// Offer camera pictures, where the link can carry them.
     pub camera: bool,
-    /// What a session may hold in memory before all links are closed and opened anew, MB.
+    /// Memory limit of the network session, MB. Beyond it all links are closed and reopened.
     pub max_memory_mb: u32,
-    /// Who may give commands.
+    /// Clients that may give commands.
     pub commands: Commands,
     /// Certificates.
     pub tls: TlsConfig,
@@ -59,30 +59,30 @@ pub enum Link {
     Radio,
 }
 
-/// Who may give commands to a vehicle.
+/// Clients that may give commands to a vehicle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Commands {
-    /// Nobody.
+    /// No client.
     Nobody,
-    /// Processes of this host, and who shows an operator's certificate; nobody while others can reach the vehicle without
-    /// one.
+    /// Processes of this host, and operators with a certificate. Refused while an unauthenticated listener is open to
+    /// other hosts.
     #[default]
     Authenticated,
-    /// Anybody who can reach the vehicle.
+    /// Every client that can reach the vehicle.
     Anybody,
 }
 
-/// Certificates for `tls/...` endpoints; empty paths for none. What a peer may do is said by the name of its certificate, such
-/// as `operator.1` or `vehicle:drone.2`, as `plumbline keys` makes them.
+/// Certificates for `tls/...` endpoints; empty paths for none. The name of a peer's certificate is its role, such as
+/// `operator.1` or `vehicle:drone.2`, as `plumbline keys` makes them.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TlsConfig {
-    /// Certificate of the authority that signed everybody's, PEM file.
+    /// Certificate of the common authority, PEM file.
     pub authority: PathBuf,
     /// Our certificate, PEM file.
     pub certificate: PathBuf,
-    /// Its private key, PEM file, which its owner alone may read.
+    /// Private key of the certificate, PEM file, readable by its owner only.
     pub key: PathBuf,
     /// Certificates that are not believed, by name: `operator.1` for one, `operator` for all of that holder.
     pub excluded: Vec<String>,
@@ -113,9 +113,9 @@ pub fn is_certificate_name(text: &str) -> bool {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct LoginConfig {
-    /// Our name, shown to whom we connect to; empty for none.
+    /// Own user name for outgoing connections; empty for none.
     pub user: String,
-    /// File that holds our password, alone on its first line.
+    /// File with the own password on its first line.
     pub password_file: PathBuf,
     /// File with a line `name:password` for everyone who may connect to us.
     pub users_file: PathBuf,

@@ -10,10 +10,9 @@ pub struct PlacesConfig {
     pub enabled: bool,
     /// Keyframes that the map holds; beyond, those go whose view others cover best. 27 kB each.
     pub max_keyframes: usize,
-    /// Features of a keyframe, at most.
+    /// Largest number of features of a keyframe.
     pub max_features: usize,
-    /// A keyframe is kept when its view differs by this much from the one before, m; a turn of 30 degrees counts as a
-    /// metre.
+    /// Least difference between the views of successive keyframes, m; a turn of 30 degrees counts as a metre.
     pub spacing_m: f64,
 }
 

@@ -10,14 +10,14 @@ pub struct RecorderConfig {
     pub images: ImageRecording,
     /// What is kept when the recording has reached `max_total_mb`.
     pub keep: KeepPolicy,
-    /// Size at which the next file is begun, MB (10^6 bytes).
+    /// Size at which a new file is started, MB (10^6 bytes).
     pub max_file_mb: usize,
-    /// Size of all files of a flight together, MB (10^6 bytes): never exceeded.
+    /// Largest size of all files of a flight together, MB (10^6 bytes).
     pub max_total_mb: usize,
-    /// Entries that wait for the recorder, at most; more are dropped and counted. 0 has room for what comes in two and a half
-    /// seconds, so that a disk may pause for two.
+    /// Length of the recorder's queue, entries; more are dropped and counted. 0 means room for two and a half seconds,
+    /// so that the disk may stall for two.
     pub queue_entries: usize,
-    /// Stereo frames that wait for the recorder, at most; more are dropped and counted. 0 has room for those of two and a half
+    /// Length of the recorder's queue, stereo frames; more are dropped and counted. 0 means room for two and a half
     /// seconds.
     pub queue_frames: usize,
 }
@@ -30,11 +30,11 @@ pub enum ImageRecording {
     None,
     /// Compressed without loss.
     Png,
-    /// As they are.
+    /// Uncompressed.
     Raw,
 }
 
-/// What is kept of a flight that is longer than the disk has room for.
+/// Part of a flight that is kept when the size limit is reached.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum KeepPolicy {

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RosConfig {
-    /// Whether anything of this is published.
+    /// Publish to ROS 2.
     pub enabled: bool,
     /// Endpoint of the router of `rmw_zenoh`. It may come and go: it is looked for until it is there.
     pub router: String,
@@ -29,7 +29,7 @@ pub struct RosConfig {
     pub body_frame: String,
     /// Messages of each topic a second; 0 for one with every inertial sample.
     pub rate_hz: f64,
-    /// What `header.stamp` says.
+    /// Time in `header.stamp`.
     pub stamp: RosStamp,
     /// Whether the transforms from `odom_frame` to `base_frame` and on to `body_frame`, and that from `map_frame` to
     /// `odom_frame`, go out on `/tf` too.

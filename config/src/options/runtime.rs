@@ -8,14 +8,14 @@ use serde::{Deserialize, Serialize};
 pub struct RuntimeConfig {
     /// Real-time priorities (SCHED_FIFO), as in the task table.
     pub realtime: bool,
-    /// Keep all memory resident.
+    /// Lock all memory (mlockall).
     pub lock_memory: bool,
     /// Longest time to wake up that an idle processor's state may have, us (the kernel's PM QoS, for all
     /// processors); 0 keeps them awake, -1 leaves it to the system.
     pub idle_latency_us: i64,
-    /// Processors of the tick, counted from 0; empty for any.
+    /// Processors for the tick, counted from 0; empty for any.
     pub tick_cpus: Vec<usize>,
-    /// Processors of front-end and window; empty for any.
+    /// Processors for front-end and window; empty for any.
     pub work_cpus: Vec<usize>,
 }
 

@@ -97,8 +97,8 @@ pub struct ImuConfig {
     /// Largest specific force the sensor can report, m/s².
     #[serde(default = "default_accel_range")]
     pub accel_range_m_s2: f64,
-    /// A sensor whose three axes repeat their readings bit for bit for this long does not measure, s; shorter if the vehicle
-    /// moves meanwhile. 0 switches the watch off, for sensors without noise.
+    /// A sensor counts as stuck when all three axes repeat their readings bit for bit for this time, s; sooner if the
+    /// vehicle moves. 0 disables the check, for sensors without noise.
     #[serde(default = "default_stuck_after")]
     pub stuck_after_s: f64,
     /// Standard deviation of the gyroscope bias at switch-on, rad/s.
@@ -174,13 +174,13 @@ pub struct RigConfig {
     pub time_offset_s: f64,
     /// Standard deviation of the time offset, s.
     pub time_offset_sigma_s: f64,
-    /// Rotation of the left camera against the IMU, rad.
+    /// Standard deviation of the rotation of the left camera relative to the IMU, rad.
     pub camera_imu_rotation_sigma_rad: f64,
-    /// Position of the left camera in the body, m.
+    /// Standard deviation of the position of the left camera in the body, m.
     pub camera_imu_translation_sigma_m: f64,
-    /// Rotation of the right camera against the left, rad.
+    /// Standard deviation of the rotation of the right camera relative to the left, rad.
     pub camera_camera_rotation_sigma_rad: f64,
-    /// Position of the right camera against the left, m.
+    /// Standard deviation of the position of the right camera relative to the left, m.
     pub camera_camera_translation_sigma_m: f64,
     /// Time in which the refined calibration loses a careful calibration's accuracy again, s: 1 mm and 0.3 mrad against the
     /// IMU, 0.05 mm and 0.1 mrad between the cameras, 0.3 ms. Keeps systematic errors from becoming certainty. 0: never.

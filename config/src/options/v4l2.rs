@@ -11,13 +11,13 @@ use serde::{Deserialize, Serialize};
 pub struct V4l2Config {
     /// Path of the left camera's device; empty for no camera of this kind.
     pub left: String,
-    /// Path of the right camera's device; empty for one camera, or where `left` gives both images.
+    /// Path of the right camera's device; empty for one camera, or if `left` delivers both images.
     pub right: String,
-    /// What the images are encoded as.
+    /// Pixel format of the images.
     pub format: V4l2Format,
-    /// How left and right images find each other.
+    /// Pairing of left and right images.
     pub pair_by: PairBy,
-    /// Buffers that a device fills in turn.
+    /// Number of buffers that a device fills in turn.
     pub buffers: usize,
     /// Exposure, us; 0 leaves it to the camera.
     pub exposure_us: f64,
@@ -56,7 +56,7 @@ pub enum V4l2Format {
     /// Luma of 8 bits, with chroma between.
     #[serde(rename = "YUYV")]
     Yuyv,
-    /// The same, chroma first.
+    /// Luma of 8 bits, with chroma between; the chroma comes first.
     #[serde(rename = "UYVY")]
     Uyvy,
     /// Luma of 8 bits, chroma after all of it.
@@ -74,7 +74,7 @@ pub enum PairBy {
     /// The nearest in time.
     #[default]
     Time,
-    /// The same number of frames since the first pair: for cameras that are triggered together.
+    /// Equal number of frames since the first pair: for cameras that are triggered together.
     Sequence,
 }
 

@@ -55,7 +55,7 @@ accelerometer_random_walk: 0.00086
 gyroscope_noise_density: 0.00016
 gyroscope_random_walk: 0.000022
 ";
-/// The same as Kalibr writes it among its results.
+/// IMU calibration as Kalibr writes it among its results.
 const IMU_RESULT: &str = "imu0:
   T_i_b:
   - [1.0, 0.0, 0.0, 0.0]

@@ -6,7 +6,7 @@ use crc::{CRC_32_ISO_HDLC, Crc};
 
 /// Longest body (type, payload, CRC) that is taken, bytes: room for payloads to grow.
 pub(crate) const MAX_BODY: usize = 96;
-/// The same in COBS, without the zeros around it.
+/// Length of the longest body in COBS, without the zeros around it, bytes.
 pub(crate) const MAX_ENCODED: usize = cobs::max_encoding_length(MAX_BODY);
 /// Longest frame, with the zero before it and the one after it, bytes.
 pub const MAX_FRAME: usize = MAX_ENCODED + 2;

@@ -41,7 +41,7 @@ pub struct Imu {
     pub gyro_rad_s: [f32; 3],
     /// Specific force in the IMU's axes, m/s² (at rest it points up).
     pub accel_m_s2: [f32; 3],
-    /// Of the sensor, degrees Celsius, to a hundredth; none where it was not read with this sample.
+    /// Temperature of the sensor, degrees Celsius, to a hundredth; `None` if it was not read with this sample.
     pub temperature_c: Option<f32>,
     /// What is wrong with the sample.
     pub flags: Flags,
@@ -71,7 +71,7 @@ pub struct Trigger {
     pub cameras: u8,
 }
 
-/// Who a device is.
+/// Identity of a device.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Hello {
     /// Version of the protocol, [`VERSION`].

@@ -14,7 +14,7 @@ const UNANSWERED_NS: i64 = 3_000_000_000;
 
 /// An arrival this much before it was possible says that the device's clock was set forward, ns.
 const EARLY_NS: i64 = 20_000_000;
-/// The same while the clock is being learnt.
+/// Limit of [`EARLY_NS`] while the clock is being learnt, ns.
 const EARLY_SETTLING_NS: i64 = 500_000_000;
 /// Samples of another time that are believed when they agree among themselves.
 const BELIEVED: u32 = 4;

@@ -130,7 +130,7 @@ pub(super) fn png_size(path: &Path) -> Option<(usize, usize)> {
     header_size(BufReader::new(File::open(path).ok()?))
 }
 
-/// The same of a file in memory.
+/// Width and height of a PNG file in memory; `None` if it is not a PNG.
 pub(crate) fn png_size_of(bytes: &[u8]) -> Option<(usize, usize)> {
     header_size(Cursor::new(bytes))
 }

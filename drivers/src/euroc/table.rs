@@ -218,7 +218,7 @@ pub(crate) struct Row<'a> {
 }
 
 impl<'a> Row<'a> {
-    /// Of one line.
+    /// Columns of one line.
     pub(crate) fn new(text: &'a str) -> Self {
         Self { columns: text.split(',').peekable(), read: 0 }
     }

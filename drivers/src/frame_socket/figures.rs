@@ -17,7 +17,7 @@ pub struct SocketFigures {
     pub refused: u64,
     /// Frames that were handed out.
     pub frames: u64,
-    /// Of these, with two images.
+    /// Frames handed out with two images.
     pub pairs: u64,
     /// Frames with a stamp that is not after that of the frame before; not handed out.
     pub disordered: u64,
@@ -29,10 +29,10 @@ pub struct SocketFigures {
     pub max_delay_ms: f64,
 }
 
-/// Why nobody sends. Words are made of it by whoever asks: the thread that reads allocates nothing.
+/// Reason why no frames arrive. The caller formats it: the thread that reads allocates nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Trouble {
-    /// Nobody has connected.
+    /// No program has connected.
     Nobody,
     /// The program went away between frames.
     Gone,
@@ -64,7 +64,7 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl SocketMonitor {
-    /// Of the socket at `path`, for images of these sizes, px.
+    /// Creates the monitor of the socket at `path`, for images of these sizes, px.
     pub(super) fn new(path: &Path, rig_px: [(usize, usize); 2]) -> Self {
         let shared = Shared {
             path: path.to_owned(),
@@ -81,15 +81,17 @@ impl SocketMonitor {
         *locked(&self.shared.figures)
     }
 
-    /// Why nobody sends, as far as nobody does.
+    /// Why no program sends, as far as nobody does.
     #[must_use]
     pub fn trouble(&self) -> Option<String> {
         let trouble = (*locked(&self.shared.trouble))?;
         let words = match trouble {
-            Trouble::Nobody => "nobody sends frames yet".to_owned(),
-            Trouble::Gone => "the program that sent frames has gone".to_owned(),
-            Trouble::GoneWithin => "the program that sent frames stopped within one".to_owned(),
-            Trouble::Silent => "the program that sent frames was silent, and gave way to another".to_owned(),
+            Trouble::Nobody => "no program sends frames yet".to_owned(),
+            Trouble::Gone => "the program that sent frames has disconnected".to_owned(),
+            Trouble::GoneWithin => "the program that sent frames disconnected within a frame".to_owned(),
+            Trouble::Silent => {
+                "the program that sent frames was silent and was replaced by another".to_owned()
+            }
             Trouble::Refused(Refusal::Foreign) => {
                 "what was sent is no frame: see docs/frame-socket.md".to_owned()
             }

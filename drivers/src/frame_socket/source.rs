@@ -54,7 +54,7 @@ enum Filled {
     Whole,
     Stopped,
     Gone,
-    /// Somebody else waits, and this one is silent.
+    /// Another program waits, and this one is silent.
     Yields,
 }
 

@@ -59,7 +59,7 @@ pub fn iio_devices() -> Vec<IioDeviceInfo> {
     devices_below(&IioRoots::default())
 }
 
-/// The same of other trees.
+/// Inertial devices below other roots than `/sys` and `/dev`, in order of their names.
 #[must_use]
 pub fn devices_below(roots: &IioRoots) -> Vec<IioDeviceInfo> {
     let Ok(listed) = std::fs::read_dir(&roots.sys) else { return Vec::new() };

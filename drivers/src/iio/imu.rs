@@ -40,7 +40,7 @@ impl IioImu {
         Self::open_below(&IioRoots::default(), driver, imu, stop)
     }
 
-    /// The same of other trees.
+    /// Opens the device below other roots than `/sys` and `/dev`.
     ///
     /// # Errors
     /// As [`Self::open`].
@@ -111,7 +111,7 @@ impl IioImu {
         }
     }
 
-    /// The same from any thread, as it was a moment ago.
+    /// Monitor of the figures for other threads; it lags by a moment.
     #[must_use]
     pub fn monitor(&self) -> ImuMonitor {
         self.post.monitor()

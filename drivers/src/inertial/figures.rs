@@ -63,7 +63,7 @@ pub struct ImuFigures {
 }
 
 impl ImuFigures {
-    /// The same in the words of all sources.
+    /// Returns the figures as the fault counters that all sources share.
     #[must_use]
     pub fn faults(&self) -> Faults {
         Faults {

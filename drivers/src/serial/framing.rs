@@ -15,15 +15,15 @@ const CAPACITY: usize = 4096 + LONGEST;
 /// What the bytes at hand begin with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scan {
-    /// A frame of so many bytes, its checksum right.
+    /// Complete frame of this many bytes, with the right checksum.
     Frame(usize),
-    /// What may become a frame when more comes.
+    /// Possible beginning of a frame: more bytes are needed.
     More,
-    /// So many bytes of which no frame begins with any.
+    /// Number of leading bytes that cannot start a frame.
     Noise(usize),
-    /// So many bytes that looked like a frame up to the checksum.
+    /// Number of bytes of a frame with a wrong checksum.
     BadChecksum(usize),
-    /// So many bytes that announce a frame of a length that there is not.
+    /// Number of bytes of a header with an impossible length.
     BadLength(usize),
 }
 
@@ -56,7 +56,7 @@ impl Deframer {
         &mut self.bytes[self.to..]
     }
 
-    /// So many bytes were written to [`Self::space`].
+    /// Registers `count` bytes that were written to [`Self::space`].
     pub fn advance(&mut self, count: usize) {
         let count = count.min(self.bytes.len() - self.to);
         self.to += count;

@@ -89,7 +89,7 @@ impl SerialImu {
         self.stream.figures(self.port.figures())
     }
 
-    /// The same from any thread, as it was a moment ago.
+    /// Monitor of the figures for other threads; it lags by a moment.
     #[must_use]
     pub fn monitor(&self) -> ImuMonitor {
         self.post.monitor()

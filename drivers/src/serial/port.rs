@@ -62,7 +62,7 @@ impl Port {
     /// Opens the device; one that is not there yet is waited for.
     ///
     /// # Errors
-    /// When what is there can never be the device: it is none, may not be opened, or somebody else has it.
+    /// When what is there can never be the device: it is none, may not be opened, or another program has it.
     pub fn open(line: &SerialLine) -> Result<Self, DriverError> {
         let mut port = Self {
             device: PathBuf::from(&line.device),
@@ -159,7 +159,7 @@ impl Port {
                 "this user may not open it; add the user to the group of the device (dialout) and log in again"
             }
             Errno::BUSY => {
-                "somebody else has it open; end that program, such as ModemManager or a serial console"
+                "another program has it open; close that program, such as ModemManager or a serial console"
             }
             _ => return DriverError::io(&self.device, error.into()),
         };

@@ -34,7 +34,7 @@ pub fn serial_ports() -> Vec<SerialPortInfo> {
     serial_ports_below(Path::new("/dev"), Path::new("/sys"))
 }
 
-/// The same of other trees.
+/// Serial ports below other trees than `/dev` and `/sys`, in order of their names.
 fn serial_ports_below(dev: &Path, sys: &Path) -> Vec<SerialPortInfo> {
     let by_id = links(&dev.join("serial/by-id"));
     let by_path = links(&dev.join("serial/by-path"));

@@ -138,7 +138,7 @@ impl Outgoing {
         &self.bytes[..self.length]
     }
 
-    /// So many bytes were taken by the line.
+    /// Removes the first `count` bytes: the line has taken them.
     pub fn sent(&mut self, count: usize) {
         let count = count.min(self.length);
         self.bytes.copy_within(count..self.length, 0);

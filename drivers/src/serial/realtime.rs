@@ -281,6 +281,6 @@ fn what_can_never_be_the_sensor_is_refused_with_the_cure() {
     let _first = open(&name, ImuProtocol::Xsens, 200, &StopFlag::new());
     // Root may open what others have for themselves.
     if !rustix::process::geteuid().is_root() {
-        assert!(refused(&name).contains("somebody else has it"));
+        assert!(refused(&name).contains("another program has it"));
     }
 }

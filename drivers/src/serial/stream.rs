@@ -69,7 +69,7 @@ impl Stream {
         self.deframer.space()
     }
 
-    /// So many bytes came.
+    /// Registers `count` bytes that were received into [`Self::space`].
     pub fn came(&mut self, count: usize) {
         self.deframer.advance(count);
     }

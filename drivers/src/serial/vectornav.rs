@@ -61,7 +61,7 @@ struct Header {
     groups: u8,
     /// Bytes up to the values.
     length: usize,
-    /// Of the values.
+    /// Bytes of the values.
     payload: usize,
 }
 

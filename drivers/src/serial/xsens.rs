@@ -15,7 +15,7 @@ use super::framing::{Scan, before_any};
 use super::protocol::{Content, DeviceSample, Protocol, TimeUnit, vector};
 
 const PREAMBLE: u8 = 0xFA;
-/// Who it is for: the host, on a line of one device.
+/// Bus identifier of the host on a line with one device.
 const BUS: u8 = 0xFF;
 const MT_DATA_2: u8 = 0x36;
 const EXTENDED: u8 = 0xFF;

@@ -1,4 +1,4 @@
-//! The same path several times over: at its end the flight goes smoothly back to its beginning.
+//! Repeats a path several times: at its end the flight returns smoothly to its beginning.
 
 use super::Trajectory;
 use crate::StampedPose;

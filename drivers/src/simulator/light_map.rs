@@ -14,13 +14,13 @@ pub(super) struct LightMap {
 }
 
 impl LightMap {
-    /// The same brightness everywhere.
+    /// Creates a map of one brightness.
     pub(super) fn uniform(value: f32) -> Self {
         Self { columns: 2, rows: 2, values: vec![value; 4] }
     }
 }
 
-/// The same, ready to be looked up.
+/// Light map prepared for lookup.
 #[derive(Clone, Debug)]
 pub(super) struct LightTable {
     /// Cells in a row and in a column.
@@ -33,7 +33,7 @@ pub(super) struct LightTable {
 const ONES: f32 = 8_388_608.0;
 
 impl LightTable {
-    /// Of a map.
+    /// Creates the table of a map.
     pub(super) fn new(map: &LightMap) -> Self {
         let (columns, rows) = (map.columns - 1, map.rows - 1);
         let corner = |row: usize, column: usize| map.values[row * map.columns + column];

@@ -45,7 +45,7 @@ pub struct Scenario {
     pub duration_s: f64,
     /// How often it is flown, one after the other, with a way back in between.
     pub laps: u32,
-    /// Of all that is random.
+    /// Seed of all random draws.
     pub seed: u64,
     /// Size of the images against the configured size, with the intrinsics to match.
     pub resolution_scale: f64,

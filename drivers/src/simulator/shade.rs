@@ -84,7 +84,7 @@ struct Rays {
 }
 
 impl Rays {
-    /// Of a tile with `step`, see [`Lens::steps`].
+    /// Creates the rays of a tile with `step`, see [`Lens::steps`].
     fn new(step: &[f32; 4]) -> Self {
         let along = |factors: [f32; 2]| [0, 1].map(|k| RAYS.map(|ray| ray[k] * factors[k]));
         let reach = [0, 1].map(|k| 0.5 * (step[k].abs() + step[k + 2].abs()));
@@ -286,7 +286,7 @@ fn none(edges: &[u16]) -> bool {
     edges.iter().fold(0, |any, edge| any | edge) == 0
 }
 
-/// Of the rays that see candidate `k`: their number, and the sums of their bearings, in the order of the rays.
+/// Returns the number of rays that see candidate `k`, and the sums of their bearings, in the order of the rays.
 #[inline]
 fn share(k: u32, seen: &[u32; TILE], x: &[f32; TILE], y: &[f32; TILE]) -> (u32, [f32; 2]) {
     let share = seen.iter().map(|id| u32::from(*id == k)).sum();

@@ -14,7 +14,7 @@ const RISE_S: f64 = 2.5;
 const HEIGHT_M: [f64; 2] = [0.15, 1.4];
 /// What a good controller leaves: amplitude, m, and frequency, Hz, of each axis.
 const SWAY: [(f64, f64); 3] = [(0.03, 0.21), (0.025, 0.17), (0.015, 0.29)];
-/// The same of the attitude, rad.
+/// Sway of the attitude about each axis: amplitude, rad, and frequency, Hz.
 const WOBBLE: [(f64, f64); 3] = [(0.008, 0.53), (0.01, 0.37), (0.012, 0.11)];
 /// Velocity of the drift, m/s, and how long it takes to set in, s.
 const DRIFT_M_S: Vector3<f64> = Vector3::new(0.0, 0.1, 0.0);

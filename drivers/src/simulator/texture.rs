@@ -189,7 +189,7 @@ impl<const N: usize> Default for Places<N> {
     }
 }
 
-/// The same place on the `NEXT` level, p / 2 - 1/4, or on this one.
+/// Maps a coordinate to the `NEXT` level, p / 2 - 1/4, or returns it as it is.
 #[inline]
 fn there<const NEXT: bool>(p: i32) -> i32 {
     if NEXT { p.wrapping_sub(HALF) >> 1 } else { p }

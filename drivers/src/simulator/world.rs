@@ -26,17 +26,17 @@ impl Finish {
         Self { material, zoom: 1.0, dark: 0.0, bright: 1.0, glow: 0.0 }
     }
 
-    /// The same with albedo between `dark` and `bright`.
+    /// Returns the finish with albedo between `dark` and `bright`.
     pub(super) const fn toned(self, dark: f32, bright: f32) -> Self {
         Self { dark, bright, ..self }
     }
 
-    /// The same with the pattern `zoom` times as large.
+    /// Returns the finish with its pattern enlarged by `zoom`.
     pub(super) const fn zoomed(self, zoom: f64) -> Self {
         Self { zoom, ..self }
     }
 
-    /// The same, shining by itself.
+    /// Returns the finish with light of its own.
     pub(super) const fn glowing(self, glow: f32) -> Self {
         Self { glow, ..self }
     }
@@ -101,7 +101,7 @@ pub(super) struct World {
 }
 
 impl World {
-    /// Of surfaces with their light.
+    /// Creates the world from surfaces and their light.
     pub(super) fn new(surfaces: Vec<Surface>) -> Self {
         let light = surfaces.iter().map(|surface| LightTable::new(&surface.light)).collect();
         Self { surfaces, light }

@@ -25,7 +25,7 @@ pub struct TriggerFigures {
     pub without: u64,
 }
 
-/// So many frames in a row without a trigger are told.
+/// Number of frames in a row without a trigger from which on it is reported.
 const TROUBLE: u64 = 20;
 
 /// Shows the figures of a [`Triggered`](super::Triggered) to other threads. Copies show the same.

@@ -36,7 +36,7 @@ const GAIN: f64 = 1.0 / 16.0;
 pub(crate) enum Matched {
     /// Its middle, by the trigger, ns.
     Trigger(i64),
-    /// The same, where the message of that trigger is missing.
+    /// Middle predicted for a missing trigger message, ns.
     Predicted(i64),
     /// The driver's stamp less its usual delay, ns: no trigger is known.
     Delay(i64),

@@ -239,7 +239,7 @@ pub(crate) struct ExposureProbe {
 }
 
 impl ExposureProbe {
-    /// Of this device, with another handle of it. `None` where it does not say its exposure.
+    /// Opens another handle of the device; `None` if the device does not report its exposure.
     pub(crate) fn new(fd: BorrowedFd<'_>, options: &V4l2Config) -> Option<Self> {
         let fd = rustix::io::fcntl_dupfd_cloexec(fd, 0).ok()?;
         let probe = Self { fd, row_us: options.row_us };

@@ -82,7 +82,8 @@ pub enum Arrangement {
 }
 
 impl Arrangement {
-    /// Of a format, from a device that gives both images or one.
+    /// Returns the arrangement of a format; `both` says whether the device delivers both images. `None` if the format
+    /// cannot.
     #[must_use]
     pub fn of(format: PixelFormat, both: bool) -> Option<Self> {
         match (format, both) {

@@ -23,7 +23,7 @@ pub(crate) struct Waiting {
 pub(crate) enum Next {
     /// Both belong together.
     Pair,
-    /// That of this camera has no partner.
+    /// The image of this camera has no partner.
     Alone(usize),
     /// A partner may still come, until this time, ns; `None` where there is nothing to wait with.
     Wait(Option<i64>),
@@ -56,7 +56,8 @@ const PERIOD_GAIN: f64 = 1.0 / 16.0;
 const MAX_PERIOD_RATIO: f64 = 10.0;
 /// Pairs in agreement that say how numbers belong together, and in disagreement that they no longer do.
 const AGREEING: u32 = 3;
-/// So many images alone in a row say the same: numbers may be apart so far that no partner comes in time.
+/// Number of unpaired images in a row after which the numbering is checked anew: numbers may be so far apart that no
+/// partner arrives in time.
 const LONELY: u32 = 8;
 
 /// Finds pairs.

@@ -77,13 +77,13 @@ pub struct SensorLimits {
 }
 
 impl SensorLimits {
-    /// Of a sensor of `rate_hz` with the ranges given, rad/s and m/s².
+    /// Limits of a sensor of `rate_hz` with the given ranges, rad/s and m/s².
     #[must_use]
     pub fn new(rate_hz: f64, gyro_range: f64, accel_range: f64) -> Self {
         Self { period_s: 1.0 / rate_hz, gyro_range, accel_range }
     }
 
-    /// Of a configured sensor.
+    /// Limits of a configured sensor.
     #[must_use]
     pub fn of(imu: &ImuConfig) -> Self {
         Self::new(imu.rate_hz, imu.gyro_range_rad_s, imu.accel_range_m_s2)

@@ -27,9 +27,9 @@ pub struct GatheredFrame {
 /// The memory of a start with one camera, allocated once.
 #[derive(Clone, Debug)]
 pub struct MonoWorkspace {
-    /// Of the gyroscope's bias.
+    /// Workspace of the gyroscope bias.
     pub gyro_bias: gyro_bias::Workspace,
-    /// Of velocity, gravity and scale.
+    /// Workspace of velocity, gravity and scale.
     pub alignment: mono::Workspace,
 }
 

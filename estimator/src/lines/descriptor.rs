@@ -126,7 +126,8 @@ impl Describer {
 
 /// The stations of all rows in an image: their nearest pixels; beyond the image those at its edge.
 struct Grid {
-    /// Of each axis: coordinates of the first station, steps along and across, and the last pixel; in parts of a pixel.
+    /// Coordinates of the first station, per axis, in parts of a pixel. The following fields are the steps along and
+    /// across, and the last pixel.
     first: [i32; 2],
     along: [i32; 2],
     across: [i32; 2],

@@ -21,7 +21,7 @@ pub const SCALE: f32 = 128.0;
 pub const BORDER: usize = 2;
 /// Pixels of the image to one of the halved image, in either direction.
 pub const REDUCTION: usize = 2;
-/// Of the ridges of an edge one in this many is a seed: a segment is much longer than that.
+/// One in this many ridges of an edge is a seed: a segment is much longer than that.
 const SEED_STEP: usize = 8;
 /// Ridge flags of eight pixels from column `BORDER + 8 k` on: those of steep edges, and those of flat ones at
 /// every [`SEED_STEP`]th column.
@@ -174,7 +174,7 @@ impl Gradients {
         &self.pixels
     }
 
-    /// The same, to be marked.
+    /// All pixels, row by row, to be marked.
     pub fn pixels_mut(&mut self) -> &mut [Pixel] {
         &mut self.pixels
     }
@@ -343,7 +343,7 @@ mod tests {
     use crate::image::synthetic::Texture;
     use plumbline_config::GrayImage;
 
-    /// The same by the definition, one pixel at a time.
+    /// Gradient by the definition, one pixel at a time.
     fn reference(image: &GrayImage, x: usize, y: usize) -> (i16, i16) {
         const BINOMIAL: [i32; 3] = [1, 2, 1];
         let (width, height) = (image.width() as i32 / 2, image.height() as i32 / 2);

@@ -20,7 +20,7 @@ const FILTER_GAIN: f32 = 32.0;
 const MIN_SHARE: f32 = 0.25;
 /// A crossing further than this from the curve through all of them is that of another edge, px.
 const MAX_OFF_PX: f32 = 0.4;
-/// The same beyond the ends, where the curve is continued, px.
+/// Limit of [`MAX_OFF_PX`] beyond the ends, where the curve is continued, px.
 const MAX_OFF_BEYOND_PX: f32 = 0.6;
 /// An edge is followed this far beyond its ends, px, over gaps of at most [`MAX_GAP`].
 const MAX_BEYOND: usize = 48;
@@ -128,7 +128,8 @@ struct Curve {
 }
 
 impl Curve {
-    /// Of least squared distances along the minor axis from places `(major, minor, weight)`; straight unless `is_bent`.
+    /// Fits the curve with the least squared distances along the minor axis to places `(major, minor, weight)`;
+    /// straight unless `is_bent`.
     fn through(places: impl Iterator<Item = (f32, f32, f32)>, centre: f32, is_bent: bool) -> Option<Self> {
         // Moments of t up to the fourth order, and of minor with t up to the second.
         let (mut m, mut r) = ([0.0; 5], [0.0; 3]);

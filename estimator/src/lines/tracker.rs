@@ -35,14 +35,14 @@ pub struct LineObservation {
     pub age: u32,
     /// The segment in the left and right image, distorted as measured, where seen.
     pub segments: [Option<Segment>; 2],
-    /// The same in ideal normalized coordinates of each camera.
+    /// Segments in ideal normalized coordinates of each camera, where seen.
     pub lines: [Option<ImageLine>; 2],
 }
 
 /// Counts of one frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LineFigures {
-    /// Of the left image.
+    /// Extraction figures of the left image.
     pub left: ExtractionFigures,
     /// Left segments that continue a track.
     pub matched: u32,

@@ -7,7 +7,7 @@
 /// Probability that the gradient of a pixel of noise is aligned with a given edge: 1/8 by the tolerance of
 /// [`super::growth`] (22.5 degrees to either side), and more as the steepest of three pixels is taken.
 pub const ALIGNED_BY_CHANCE: f64 = 0.2;
-/// The same for a first judgement at half the resolution, on half the pixels, which shall lose nothing.
+/// Probability of alignment by chance for a first test at half the resolution: on half the pixels, and without losses.
 pub const ALIGNED_BY_CHANCE_AT_HALF: f64 = 0.1;
 /// Longest segment that is judged by its true length, px; a longer one is judged as this long.
 const MAX_LENGTH: usize = 1024;

@@ -32,7 +32,7 @@ pub(super) enum Velocity {
 /// Why an estimate was given up and started anew.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ResetReason {
-    /// Somebody asked for it.
+    /// Requested by the operator or the application.
     AskedFor(ResetKind),
     /// Front-end or window ended by a fault of its own, and both were made anew.
     Fault,

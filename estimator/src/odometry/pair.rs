@@ -20,7 +20,7 @@ pub struct PairWatch {
 }
 
 impl PairWatch {
-    /// Of so many cameras of `rate_hz` frames a second.
+    /// Creates the watch for `cameras` cameras of `rate_hz` frames a second.
     #[must_use]
     pub fn new(cameras: usize, rate_hz: f64) -> Self {
         Self { cameras, frames_to_tell: (TIME_TO_TELL_S * rate_hz).round().at_least(1.0) as u32, frames: 0 }

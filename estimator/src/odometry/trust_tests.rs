@@ -113,7 +113,7 @@ fn mean_nees(judged: &[Judged], span_s: Range<f64>) -> f64 {
     within.iter().sum::<f64>() / within.len() as f64
 }
 
-/// Asserts that nobody who believed the covariance was deceived, during the trouble or five seconds after it.
+/// Asserts that the errors were consistent with the covariance, during the trouble and five seconds after it.
 fn assert_honest(name: &str, judged: &[Judged], span_s: &Range<f64>) {
     let during = mean_nees(judged, span_s.start..span_s.end + 1.0);
     let after = mean_nees(judged, span_s.end + 4.5..span_s.end + 5.5);

@@ -13,7 +13,7 @@ use nalgebra::{Matrix2, Vector2, Vector3};
 
 /// Pyramid levels on which corners are sought.
 const LEVELS: usize = 2;
-/// Of the features, those of the finer level at most: the coarser ones keep their share.
+/// Largest share of the features on the finer level: the coarser one keeps its share.
 const FINE_SHARE: f32 = 0.75;
 /// Half the window of the sub-pixel refinement, px of the level.
 const SUBPIXEL_WINDOW: i32 = 4;

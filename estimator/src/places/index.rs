@@ -240,7 +240,7 @@ mod tests {
         (0..FEATURES).map(|_| feature(Descriptor(std::array::from_fn(|_| random.next_bits())))).collect()
     }
 
-    /// The same with a tenth of the bits changed.
+    /// Returns the features with a tenth of their bits changed.
     fn seen_again(features: &[Feature], seed: u64) -> Vec<Feature> {
         let mut random = Random::new(seed);
         let mut noisy = |bits: u64| (0..64).fold(bits, |b, i| b ^ (u64::from(random.unit() < 0.1) << i));

@@ -72,7 +72,7 @@ pub(super) struct Track {
     pub age: u32,
     /// Pixel in the newest image of each camera, where seen.
     pub px: [Option<Vector2<f64>>; 2],
-    /// The same in normalized coordinates.
+    /// Normalized coordinates in the newest image of each camera, where seen.
     pub xy: [Option<Vector2<f64>>; 2],
     /// Takes offsets in the reference patch to offsets in each camera's newest image.
     pub warp: [Matrix2<f32>; 2],

@@ -45,15 +45,15 @@ const PARTS: [(usize, f64, f64); 3] = [
     (NavState::V, MAX_ACCELERATION_M_S2, MAX_OFFSET_M_S),
 ];
 
-/// What has been told of the state, against what is known of it.
+/// Difference between the published state and the estimated state.
 #[derive(Clone, Debug)]
 pub struct Blend {
-    /// Error-state step from the state to what is told of it.
+    /// Error-state step from the estimated state to the published one.
     offset: SVector<f64, DIM>,
 }
 
 impl Default for Blend {
-    /// Everything known is told.
+    /// The published state equals the estimated state.
     fn default() -> Self {
         Self { offset: SVector::zeros() }
     }

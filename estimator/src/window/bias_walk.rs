@@ -29,7 +29,7 @@ pub(super) struct BiasWalk {
 }
 
 impl BiasWalk {
-    /// That of `first` with this, followed by `next` with its own.
+    /// Returns the bias walk of `first` (with `self`) followed by `next` (with `of_next`).
     pub(super) fn followed_by(
         &self,
         first: &Preintegration,

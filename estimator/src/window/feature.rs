@@ -40,11 +40,12 @@ pub type MotionJacobian = [[Quad; 2]; 2];
 /// Derivatives of a residual of two components by everything it depends on.
 #[derive(Clone, Debug)]
 pub struct Jacobians<const D: usize> {
-    /// By a motion of the host's camera in `O`. By one of the observer's it is the same with the other sign.
+    /// By a motion of the host's camera in `O`. A motion of the observer's camera has the opposite sign.
     pub camera: MotionJacobian,
-    /// The same by a motion of the host's camera in its own axes.
+    /// By a motion of the host's camera, in the axes of that camera.
     pub host: MotionJacobian,
-    /// The same in the axes of the observer's: a motion of that camera has the other sign.
+    /// By a motion of the host's camera, in the axes of the observer's camera. A motion of the observer's camera has
+    /// the opposite sign.
     pub target: MotionJacobian,
     /// By the time offset.
     pub time_offset: Vector2<f64>,
@@ -141,7 +142,7 @@ pub trait Feature: Copy + Debug + PartialEq {
         v_b: &Vector3<f64>,
     ) -> Option<Self::Measurement>;
 
-    /// The same landmark hosted by the observer; `None` where it cannot see it.
+    /// Returns the landmark hosted by the observer instead; `None` if the observer cannot see it.
     fn hosted_by_target(&self, view: &View<'_>) -> Option<Self>;
 
     /// Difference from the direction of the Manhattan world along which it lies, in standard deviations, and on

@@ -19,7 +19,7 @@ use nalgebra::{Matrix3, SMatrix};
 /// Covariance of a state that is carried forward, and of its biases.
 #[derive(Clone, Debug)]
 pub struct GrowingCovariance {
-    /// Of position, attitude and velocity.
+    /// Covariance of position, attitude and velocity.
     pub nav: NavCovariance,
     with_biases: SMatrix<f64, 9, 6>,
     biases: SMatrix<f64, 6, 6>,

@@ -33,7 +33,7 @@ pub struct Linearizer {
     pub(super) lifts: Lifts,
     /// One entry for each point, in the order of the store.
     pub points: Vec<Eliminated<3>>,
-    /// The same for each line.
+    /// One entry for each line, in the order of the store.
     pub lines: Vec<Eliminated<4>>,
     /// Poses at which it works.
     pub(super) poses: Poses,
@@ -70,7 +70,7 @@ impl Linearizer {
         landmarks.add(&mut points[index], (poses, lifts), problem, &problem.points[index], damping);
     }
 
-    /// The same for line `index`.
+    /// Adds line `index` of the problem and eliminates it, its own block damped.
     pub fn add_line(&mut self, problem: &Problem<'_>, index: usize, damping: f64) {
         let Self { lines, landmarks, poses, lifts, .. } = self;
         landmarks.add(&mut lines[index], (poses, lifts), problem, &problem.lines[index], damping);

@@ -138,7 +138,7 @@ fn seen(v_o: Vector3<f64>, axis: Option<Axis>) -> HostedLine {
     seen_at(0.9, v_o, axis)
 }
 
-/// The same, `down_m` below the camera.
+/// A line of direction `v_o` that a level camera sees two metres off, `down_m` below the camera.
 fn seen_at(down_m: f64, v_o: Vector3<f64>, axis: Option<Axis>) -> HostedLine {
     let p_c = Vector3::new(0.4, down_m, 2.0);
     let v_c = level().transpose() * v_o;

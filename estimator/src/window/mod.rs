@@ -154,9 +154,9 @@ pub type LineTrack = TrackMeasurement<LineMeasurement>;
 /// Tracks whose newest observation does not fit.
 #[derive(Clone, Debug)]
 pub struct Outliers {
-    /// Of points.
+    /// Track ids of points.
     pub points: Vec<u32>,
-    /// Of lines.
+    /// Track ids of lines.
     pub lines: Vec<u32>,
 }
 
@@ -311,7 +311,7 @@ impl Window {
         }
     }
 
-    /// The same for all frames, their angular rates taken from the attitudes.
+    /// Sets the image rates of the observations of all frames; their angular rates are derived from the attitudes.
     pub fn predict_all_rates(&mut self) {
         for index in 0..self.frames.len() {
             let (from, to) = if index == 0 { (0, 1) } else { (index - 1, index) };

@@ -9,10 +9,10 @@
 //! R_bc <- R_bc Exp(theta)      p_bc <- p_bc + R_bc t
 //! ```
 //!
-//! What a camera sees changes alike whichever of its frame and its mount is moved so that it ends up in the same place, and
-//! a landmark's derivatives by both are a few products of what its factor has at hand: no matrix of derivatives is
-//! applied for a landmark. The sum of all is lifted once, `M'HM` and `M'b`, with the matrix `M` of the motions' derivatives
-//! by rig and frames ([`Lifts`]).
+//! A projection depends on the camera's pose only, so frame and extrinsics share one Jacobian. A landmark's derivatives
+//! by both are a few products of terms that its factor has computed: no matrix of derivatives is applied per landmark.
+//! The sum over all landmarks is lifted once, `M'HM` and `M'b`, with the matrix `M` of the motions' derivatives by rig
+//! and frames ([`Lifts`]).
 //!
 //! The gradient is one more column, that of the residuals ([`RESIDUAL`]): what is done to the matrix is done to it as well.
 

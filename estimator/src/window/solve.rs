@@ -60,8 +60,8 @@ impl Backup {
     }
 }
 
-/// Proof that the states of the present solution have been saved, and their cost. Without it nothing is restored:
-/// the backup may be that of another window.
+/// Token for a saved backup of the current states; holds their cost. Restoring requires it, since the backup could
+/// otherwise be that of another window.
 struct Saved {
     cost: f64,
 }

@@ -41,7 +41,7 @@ fn window() -> Window {
     window_of(&edges())
 }
 
-/// The same with these edges.
+/// A window of four keyframes in the room, with these edges as landmarks.
 fn window_of(edges: &[[Vector3<f64>; 2]]) -> Window {
     let mut window = Window::new(Config::preset("sim").expect("is good").setup());
     window.clear();

@@ -32,7 +32,7 @@ pub fn with_view<T>(
     })
 }
 
-/// The same as poses of the cameras, from a pivot some way off.
+/// Calls `use_it` with the view as poses of the cameras, from a pivot some way off.
 pub fn with_cameras<T>(
     rig: &Rig,
     (host, target): (&NavState, &NavState),

@@ -80,12 +80,12 @@ pub(super) fn keep(result: Triangulation, track_id: u32, outliers: &mut Vec<u32>
 pub(super) struct Verdict {
     /// Observations of landmarks with a depth.
     pub(super) seen: usize,
-    /// Of these, those that do not fit.
+    /// Observations that do not fit.
     pub(super) wrong: usize,
 }
 
 impl Verdict {
-    /// That of both kinds of features.
+    /// Adds the counts of another kind of features.
     pub(super) fn and(self, other: Self) -> Self {
         Self { seen: self.seen + other.seen, wrong: self.wrong + other.wrong }
     }

@@ -134,8 +134,8 @@ pub(super) fn consistent<F: Feature>(landmark: &Landmark<F>, scene: &Scene<'_>) 
     })
 }
 
-/// The same track hosted by frame `heir`, with its observations from there on; to be triangulated anew.
-/// `None` when the heir has not seen it, or nothing has since.
+/// Returns the track hosted by frame `heir`, with its observations from there on; it must be triangulated again. `None`
+/// if `heir` has not observed it, or no frame has since.
 #[must_use]
 pub fn moved_to<F: Feature>(landmark: &Landmark<F>, heir: usize) -> Option<Landmark<F>> {
     let heir = u8::try_from(heir).ok()?;

@@ -62,8 +62,8 @@ impl Said {
         println!("{name}: of {FRAMES} frames {} right, {} wrong", self.right, self.wrong.len());
     }
 
-    /// Of pairs of wrong poses one after the other, how many agree with each other as well as with the truth of the
-    /// way between: what a check among loops would let pass.
+    /// Counts pairs of consecutive wrong poses: those that agree with each other as well as with the true way between,
+    /// and all. The former would pass a consistency check among loops.
     fn agreeing(&self, frames: &[Shot]) -> (usize, usize) {
         let pairs = self.wrong.windows(2).filter(|w| w[1].0 == w[0].0 + 1);
         let (mut agree, mut count) = (0, 0);

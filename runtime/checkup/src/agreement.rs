@@ -26,9 +26,10 @@ const STEPS: usize = 10;
 const KNOWN: (f64, f64) = (0.002, 0.006);
 /// Residuals of neighbouring images are not independent: standard deviations are taken this much larger.
 const INFLATED: f64 = 2.0;
-/// A time offset is minded from `sigma` of the configuration on, and too much from so many.
+/// Limits of the time offset, as multiples of its configured `sigma`: doubtful beyond the first, bad beyond the second.
+/// The third is the least `sigma`, s.
 const OFFSET: (f64, f64, f64) = (1.0, 2.0, 0.002);
-/// The same of the rotation.
+/// Limits of the rotation, in the order of [`OFFSET`]; the third in rad.
 const ROTATION: (f64, f64, f64) = (1.0, 3.0, 0.006);
 /// Where this share of the scatter is left by the configured extrinsics, they are not those of the rig.
 const UNEXPLAINED: f64 = 0.5;

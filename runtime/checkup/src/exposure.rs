@@ -22,7 +22,7 @@ const LEAST_RATE: f64 = 0.05;
 /// Brightness of the images of both cameras.
 #[derive(Clone, Debug, Default)]
 pub struct Brightness {
-    /// Of each image: level of its brightest twentieth, its median, and the share that is burnt out.
+    /// Levels of each image: brightest twentieth, median, and share of saturated pixels.
     seen: [Vec<[f64; 3]>; 2],
 }
 

@@ -43,7 +43,7 @@ pub struct MotionFinder {
 }
 
 impl MotionFinder {
-    /// Of a rig with two cameras.
+    /// Creates the finder for a rig with two cameras; `None` for one camera.
     #[must_use]
     pub fn new(config: &Config) -> Option<Self> {
         let [left, _] = config.camera.as_slice() else { return None };

@@ -56,7 +56,7 @@ pub struct PairMatch {
     pub xy: Vector2<f64>,
     /// Distance of the right pixel from the epipolar line, px; positive below.
     pub epipolar_px: f64,
-    /// The same if left and right were exchanged, without a side.
+    /// Distance from the epipolar line if left and right were exchanged, px; without a sign.
     pub exchanged_px: f64,
     /// Inverse depth in the left camera, 1/m; negative where the rays diverge.
     pub inverse_depth: f64,
@@ -74,7 +74,7 @@ pub struct PairMatcher {
 }
 
 impl PairMatcher {
-    /// Of a rig with two cameras.
+    /// Creates the matcher for a rig with two cameras; `None` for one camera.
     #[must_use]
     pub fn new(config: &Config) -> Option<Self> {
         let [left, right] = config.camera.as_slice() else { return None };

@@ -51,7 +51,7 @@ pub struct Measure {
     pub verdict: Verdict,
     /// What to do, in one line; empty where it is good.
     pub cure: String,
-    /// The same as numbers, with the unit at the end of each name.
+    /// Measured values as numbers; each name ends with its unit.
     pub figures: Vec<(&'static str, f64)>,
 }
 

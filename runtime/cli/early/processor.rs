@@ -50,7 +50,7 @@ const fn feature(name: &'static str, register: Register, bit: u32, state: u64) -
     Feature { name, register, bit, state }
 }
 
-/// Of the levels x86-64-v2, v3 and v4.
+/// Processor features of the levels x86-64-v2, v3 and v4.
 static FEATURES: [Feature; 20] = [
     feature("sse3", Register::Basic, 0, NONE),
     feature("ssse3", Register::Basic, 9, NONE),

@@ -32,15 +32,15 @@ const LOOPS: [&str; 2] = ["+ loops, as flown", "+ loops, at the end"];
 /// Arguments of `plumbline ablation`.
 #[derive(Debug, Args)]
 pub struct AblationArgs {
-    /// EuRoC data sets. Without any: the built-in simulated flights.
+    /// EuRoC data sets. Default: the built-in simulated flights.
     pub datasets: Vec<PathBuf>,
     /// Which of the built-in flights.
     #[command(flatten)]
     pub choice: FlightChoice,
-    /// Fly each built-in flight so often, one lap after the other: loops need places that are seen again.
+    /// Laps of each built-in flight. Loops can be closed from the second lap on.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100))]
     pub laps: u32,
-    /// The left camera alone.
+    /// Use the left camera only.
     #[arg(long)]
     pub mono: bool,
     /// Configuration file or preset.
@@ -49,7 +49,7 @@ pub struct AblationArgs {
     /// Change a key of the estimator's configuration in all variants; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub overrides: Vec<String>,
-    /// Keep rendered frames in this folder and take them from there. Without it each variant renders anew.
+    /// Cache rendered frames in this folder. Default: each variant renders them again.
     #[arg(long)]
     pub cache: Option<PathBuf>,
     /// Write all reports (JSON).
@@ -162,7 +162,7 @@ pub fn run(args: &AblationArgs) -> Result<()> {
 fn subjects(args: &AblationArgs) -> Result<Vec<Subject>> {
     if let Some(log) = args.datasets.iter().find(|path| recording_kind(path) == RecordingKind::Log) {
         let message = format!(
-            "{}: is a flight log; give the data set that it was recorded from, since each variant flies its images anew",
+            "{}: is a flight log; give the data set that it was recorded from, since each variant needs its images",
             log.display()
         );
         return Err(Usage(message).into());

@@ -10,29 +10,29 @@ use std::path::{Path, PathBuf};
 #[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "Access")]
 pub struct AccessArgs {
-    /// Certificate of the authority that signed everybody's (PEM), for endpoints that begin with tls/.
+    /// Certificate of the common authority (PEM), for endpoints that begin with tls/.
     #[arg(long, value_name = "PEM", requires_all = ["certificate", "key"])]
     pub authority: Option<PathBuf>,
-    /// Our certificate (PEM), as `plumbline keys` writes it; its name says what we may do.
+    /// Own certificate (PEM), written by `plumbline keys`. Its name determines the role.
     #[arg(long, value_name = "PEM", requires = "authority")]
     pub certificate: Option<PathBuf>,
-    /// Its private key (PEM), which its owner alone may read (chmod 600).
+    /// Private key of the certificate (PEM), readable by its owner only (chmod 600).
     #[arg(long, value_name = "PEM", requires = "authority")]
     pub key: Option<PathBuf>,
-    /// Vehicle that is listened to when it shows the certificate of that name; may be repeated. Those of drone, and of
-    /// vehicles whose certificates lie beside the authority's, are without.
+    /// Vehicle to accept by the name of its certificate; may be repeated. Default: drone, and the vehicles whose
+    /// certificates are in the folder of the authority.
     #[arg(long = "fleet", value_name = "NAME", requires = "authority")]
     pub fleet: Vec<String>,
-    /// Certificate that is not believed any more: operator.1, or operator for all of them; may be repeated.
+    /// Revoked certificate: operator.1, or operator for all of that role; may be repeated.
     #[arg(long, value_name = "NAME", requires = "authority", value_parser = certificate_name)]
     pub excluded: Vec<String>,
-    /// Our name, where passwords are asked for.
+    /// Own user name, for peers that ask for a password.
     #[arg(long, requires = "password_file")]
     pub user: Option<String>,
-    /// File that holds our password on its first line.
+    /// File with the own password on its first line.
     #[arg(long, value_name = "FILE", requires = "user")]
     pub password_file: Option<PathBuf>,
-    /// File with a line name:password for everyone who may connect to us.
+    /// File with a line name:password for each user that may connect.
     #[arg(long, value_name = "FILE")]
     pub users_file: Option<PathBuf>,
     /// Name from the users file that may give commands; may be repeated.
@@ -66,7 +66,7 @@ impl AccessArgs {
         }
     }
 
-    /// The vehicles that are listened to, by the names of their certificates.
+    /// Vehicles that are accepted, by the names of their certificates.
     fn hears(&self, vehicle: &str) -> Vec<String> {
         let mut names = self.fleet.clone();
         names.push(DEFAULT_VEHICLE.to_owned());

@@ -12,10 +12,10 @@ pub struct BenchArgs {
     /// Length of the flight in each scene, seconds.
     #[arg(long, default_value_t = 20.0)]
     pub duration: f64,
-    /// Keep the rendered frames in this folder, and take them from there if they are.
+    /// Cache the rendered frames in this folder.
     #[arg(long, value_name = "FOLDER")]
     pub cache: Option<PathBuf>,
-    /// Write the figures, to compare with another time.
+    /// Write the figures, for a later --baseline.
     #[arg(long, value_name = "OUT.json")]
     pub save: Option<PathBuf>,
     /// Compare with figures written by --save.

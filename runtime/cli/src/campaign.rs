@@ -22,61 +22,63 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// Arguments of `plumbline campaign`.
 #[derive(Debug, Args)]
 pub struct CampaignArgs {
-    /// Which flights.
+    /// Choice of the flights.
     #[command(flatten)]
     pub choice: FlightChoice,
     /// Starts, seconds into the trajectory; every flight is flown from each. Default: where the vehicle is in full flight.
     #[arg(long, value_delimiter = ',', value_name = "S,S")]
     pub start: Vec<f64>,
-    /// Inertial samples: simulated, or recorded along the paths, as they are: V1_01, V1_02, V2_01, V2_02, MH_01, MH_03 and
-    /// MH_04 then, with the preset euroc.
+    /// Inertial samples: simulated, or recorded along the paths. Recorded ones exist for V1_01, V1_02, V2_01, V2_02,
+    /// MH_01, MH_03 and MH_04, and need the preset euroc.
     #[arg(long, value_enum, default_value_t = ImuChoice::Simulated)]
     pub imu: ImuChoice,
-    /// Fly each fault once on top, along the first trajectory in the first scene of the choice, and tell whether the
-    /// covariance could be trusted while it lasted and after it.
+    /// Also fly each fault once, along the first trajectory in the first scene of the choice, and report whether the
+    /// errors were consistent with the covariance during and after the fault.
     #[arg(long)]
     pub faults: bool,
-    /// Fly only the faults whose names begin so, and no sound flight, such as blind,imu-gap; errors of inertial sensors with
-    /// doses too, such as force:0.05:1 (see --imu-error), beside the sound flights.
+    /// Fly only faults with these name prefixes, such as blind,imu-gap, and no flight without a fault. Also takes
+    /// errors of inertial sensors with doses, such as force:0.05:1 (see --imu-error); these are flown beside the
+    /// flights without a fault.
     #[arg(long, value_delimiter = ',', requires = "faults", value_name = "NAME")]
     pub fault: Vec<String>,
-    /// Fly every flight of the choice with this error of the inertial sensor too, such as force:0.07:2, and compare; `all` for
-    /// every one in its usual doses. May be repeated.
+    /// Also fly every flight with this error of the inertial sensor, such as force:0.07:2, and compare; `all` for every
+    /// error in its usual doses. May be repeated.
     #[arg(long, value_name = "NAME[:DOSE...]", value_delimiter = ',', long_help = imu_error_help())]
     pub imu_error: Vec<String>,
-    /// Believe calibrations that are drawn around the true one, by the seed, with K times the standard deviations that the
-    /// configuration states under [rig] (before --set).
+    /// Give the estimator a calibration drawn (by the seed) around the true one, with K times the standard deviations
+    /// of the configuration's [rig] (before --set).
     #[allow(rustdoc::broken_intra_doc_links)]
     #[arg(long, value_name = "K", default_value_t = 0.0)]
     pub calibration_error: f64,
     /// Angle by which the whole scene of every flight leans from the vertical, degrees, in a direction drawn by the seed.
     #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_hyphen_values = true)]
     pub lean_deg: f64,
-    /// The left camera alone.
+    /// Use the left camera only.
     #[arg(long)]
     pub mono: bool,
     /// Configuration file or preset of the simulated rig and of the estimator.
     #[arg(long)]
     pub config: Option<PathBuf>,
-    /// Change a key of the estimator's configuration, such as estimator.points.sigma_px=0.3; may be
-    /// repeated. What is simulated stays the same.
+    /// Change a key of the estimator's configuration, such as estimator.points.sigma_px=0.3; may be repeated. The
+    /// simulated rig keeps its own values.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub overrides: Vec<String>,
-    /// Keep rendered frames in this folder (about 220 MB for 15 s of stereo) and take them from there.
+    /// Cache rendered frames in this folder (about 220 MB for 15 s of stereo).
     #[arg(long)]
     pub cache: Option<PathBuf>,
     /// Flights at a time.
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=64))]
     pub jobs: u8,
-    /// 1 renders between frames, 2 ahead on another thread.
+    /// Threads of a flight: 1 renders between frames, 2 renders ahead on another thread.
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=8))]
     pub threads: u8,
     /// Write all reports (JSON).
     #[arg(long, value_name = "OUT.json")]
     pub json: Option<PathBuf>,
-    /// Compare with a variant, flight by flight: means, mean paired differences and their bootstrap intervals of 95 %. A
-    /// variant is a change of the configuration, key=value,key=value on top of --set, with which every flight is flown too.
-    /// Or a file of --json with the same flights as another build flew them: that is "before" then. May be repeated.
+    /// Compare with a variant, flight by flight: means, mean paired differences and their bootstrap intervals of 95 %.
+    /// A variant is a change of the configuration, key=value,key=value on top of --set, with which every flight is
+    /// flown too. It can also be a file of --json from another build with the same flights, shown as "before". May be
+    /// repeated.
     #[arg(long, value_name = "KEY=VALUE,...|FILE.json")]
     pub against: Vec<String>,
     /// With --against: write the comparison (JSON).
@@ -250,9 +252,10 @@ fn entries(args: &CampaignArgs) -> Result<Vec<Entry>, Usage> {
         entries.extend(sound.iter().map(|entry| entry.with_fault(Fault::Inertial(error))));
     }
     match entries.is_empty() {
-        true => {
-            Err(Usage(format!("--fault: none is called {}; leave it out to see all", args.fault.join(", "))))
-        }
+        true => Err(Usage(format!(
+            "--fault: no fault is named {}; leave out --fault to list all",
+            args.fault.join(", ")
+        ))),
         false => Ok(entries),
     }
 }

@@ -12,13 +12,13 @@ const OTHER_START_S: f64 = 15.0;
 /// Trajectories, scenes and seeds; every one of each is flown with every one of the others.
 #[derive(Clone, Debug, Args)]
 pub struct FlightChoice {
-    /// Folder with `euroc/trajectories`; else the environment variable PLUMBLINE_SHARED, else ../shared.
+    /// Folder with `euroc/trajectories`. Default: $PLUMBLINE_SHARED, or ../shared.
     #[arg(long)]
     pub shared: Option<PathBuf>,
-    /// Only scenes whose names begin so: room, hall, low-texture.
+    /// Use only scenes with these name prefixes: room, hall, low-texture.
     #[arg(long, value_delimiter = ',')]
     pub scene: Vec<String>,
-    /// Only built-in trajectories whose names begin so, or any other one by its full name.
+    /// Use only built-in trajectories with these name prefixes, or any other trajectory by its full name.
     #[arg(long, value_delimiter = ',')]
     pub path: Vec<String>,
     /// Seeds to fly with.

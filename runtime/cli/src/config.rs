@@ -42,7 +42,7 @@ fn file_help() -> String {
 
 #[derive(Debug, Subcommand)]
 enum ConfigCommand {
-    /// Make a configuration of the calibration by Kalibr, or of a EuRoC data set.
+    /// Make a configuration from a calibration by Kalibr or a EuRoC data set.
     Import(ImportArgs),
 }
 
@@ -61,16 +61,16 @@ struct ImportArgs {
     /// The configuration to write.
     #[arg(long, value_name = "OUT.toml")]
     out: PathBuf,
-    /// Configuration file or preset that all else is taken from.
+    /// Configuration file or preset for all other values.
     #[arg(long, default_value = "euroc", value_name = "FILE|PRESET")]
     base: PathBuf,
-    /// Where the noise densities of the IMU come from.
+    /// Source of the IMU noise densities.
     #[arg(long, value_enum, default_value_t = Noise::Files)]
     noise: Noise,
     /// Multiply the white noise densities of the files by this.
     #[arg(long, default_value_t = 1.0, value_name = "FACTOR")]
     inflate: f64,
-    /// Frame rate of the cameras, Hz: Kalibr's files do not tell it. Without it, that of the base.
+    /// Frame rate of the cameras, Hz, which Kalibr's files lack. Default: that of the base.
     #[arg(long, value_name = "HZ", requires = "camchain")]
     camera_rate: Option<f64>,
     /// Replace a file of that name.
@@ -78,12 +78,12 @@ struct ImportArgs {
     overwrite: bool,
 }
 
-/// Whose noise model of the IMU is taken.
+/// Source of the IMU noise model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Noise {
-    /// That of the calibration files.
+    /// Calibration files.
     Files,
-    /// That of the base.
+    /// Base configuration.
     Base,
 }
 

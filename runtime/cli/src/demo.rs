@@ -38,16 +38,16 @@ pub struct DemoArgs {
     /// Length of the flight, seconds.
     #[arg(long, default_value_t = 300.0)]
     pub duration: f64,
-    /// What surrounds the flight: room, hall or low-texture.
+    /// Scene of the flight: room, hall or low-texture.
     #[arg(long, default_value = "room")]
     pub scene: String,
-    /// Seed of everything random.
+    /// Seed of all random draws.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Serve the page here.
+    /// Serve the web page at this address.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8080")]
     pub http: SocketAddr,
-    /// Size of the images against 752x480; chosen by what this machine can render in time without.
+    /// Size of the images relative to 752x480. Default: the largest of 1 and 0.5 that this machine renders in time.
     #[arg(long)]
     pub resolution: Option<f64>,
 }

@@ -15,7 +15,7 @@ pub struct EvaluateArgs {
     pub estimate: PathBuf,
     /// Ground truth: TUM (plain or .gz), a EuRoC ground truth table, or a EuRoC data set.
     pub truth: PathBuf,
-    /// Freedom of the alignment.
+    /// Degrees of freedom of the alignment.
     #[arg(long, value_enum, default_value_t = Align::Se3)]
     pub align: Align,
     /// Distance of relative errors in frames.
@@ -24,10 +24,10 @@ pub struct EvaluateArgs {
     /// Distance of relative errors in metres.
     #[arg(long)]
     pub delta_m: Option<f64>,
-    /// Relative errors from every pose, not only consecutive ones.
+    /// Relative errors from every pose, overlapping; without it, from consecutive poses.
     #[arg(long)]
     pub all_pairs: bool,
-    /// Largest difference of the stamps of a pair, seconds.
+    /// Largest difference between the stamps of associated poses, seconds.
     #[arg(long, default_value_t = 0.01)]
     pub max_difference: f64,
     /// Print JSON.
@@ -38,9 +38,9 @@ pub struct EvaluateArgs {
 /// Freedom of the alignment.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum Align {
-    /// As they are.
+    /// No alignment.
     None,
-    /// First poses coincide.
+    /// Align the first poses.
     Origin,
     /// Position and yaw.
     Yaw,

@@ -44,42 +44,42 @@ Examples:
   plumbline doctor --config drone.toml                 is this computer fit for it?
   plumbline fly --config drone.toml --record /var/log  a log of each flight, in a folder")]
 pub struct FlyArgs {
-    /// Configuration of the drone: its calibration, where its sensors are, and who is told.
+    /// Configuration file: calibration, sensors, outputs.
     #[arg(long)]
     pub config: PathBuf,
     /// Change a key of the configuration, such as driver.imu.delay_s=0.0025; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub overrides: Vec<String>,
-    /// Record the flight: in this file, or in a new one in this folder, named by the time (UTC). How much of it, the
-    /// configuration's [recorder] says.
+    /// Record the flight to this file, or to a new file in this folder, named by the time (UTC). The configuration's
+    /// [recorder] says what is recorded.
     #[arg(long, value_name = "LOG.mcap|FOLDER")]
     pub record: Option<PathBuf>,
     /// Write the report (JSON) at the end.
     #[arg(long, value_name = "OUT.json")]
     pub report: Option<PathBuf>,
-    /// Write the causal trajectory (TUM format) at the end: that of the first 36,000 frames.
+    /// Write the causal trajectory (TUM format) at the end: at most its first 36,000 frames.
     #[arg(long, value_name = "OUT.tum")]
     pub trajectory: Option<PathBuf>,
-    /// Go on with a map: poses are then known in its frame, once the place has been recognized.
+    /// Continue this map: once a place of it has been recognized, poses are given in its frame too.
     #[arg(long, value_name = "IN.map")]
     pub map: Option<PathBuf>,
-    /// Keep the map of the flight, that of --map included: at the end, and whenever `plumbline map save` asks for it.
+    /// Write the map of the flight, with that of --map, at the end and on each `plumbline map save`.
     #[arg(long, value_name = "OUT.map")]
     pub save_map: Option<PathBuf>,
-    /// Publish over Zenoh: listen here too, beside network.listen, such as tcp/0.0.0.0:7447.
+    /// Publish over Zenoh: listen on this endpoint besides network.listen, such as tcp/0.0.0.0:7447.
     #[arg(long, value_name = "ENDPOINT")]
     pub listen: Vec<String>,
-    /// Publish over Zenoh: connect to this router or ground station too, beside network.connect.
+    /// Publish over Zenoh: connect to this router or ground station besides network.connect.
     #[arg(long, value_name = "ENDPOINT")]
     pub connect: Vec<String>,
-    /// Keep here what is to outlast the program: the count of resets goes on from one start to the next. What systemd names
-    /// (STATE_DIRECTORY) without.
+    /// Folder for state kept across restarts, such as the reset counter. Default: `$STATE_DIRECTORY`, which systemd
+    /// sets.
     #[arg(long, value_name = "FOLDER")]
     pub state: Option<PathBuf>,
-    /// End after so many seconds; only when told to without.
+    /// Stop after S seconds. Default: run until SIGINT or SIGTERM.
     #[arg(long, value_name = "S")]
     pub duration: Option<f64>,
-    /// 1 tracks a frame on one thread, 2 and more share the work on it. The window is solved beside it in any case.
+    /// Threads that track a frame. The window is solved on a thread of its own in any case.
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=8))]
     pub threads: u8,
     /// Print the report as JSON instead of the summary.
@@ -89,7 +89,7 @@ pub struct FlyArgs {
 
 /// Logs that a folder may hold of one second.
 const MAX_LOGS_A_SECOND: usize = 10_000;
-/// The summary of a flight that is over waits so long for the terminal.
+/// Longest time that the summary of a flight waits for the terminal.
 const PATIENCE: Duration = Duration::from_secs(1);
 
 /// Runs the command.
@@ -161,15 +161,14 @@ fn log_path(named: &Path, now: SystemTime) -> Result<PathBuf, Usage> {
         // A computer without a clock of its own may begin with the same second each time, and must fly all the same.
         let numbered = (2..).map(|k| named.join(format!("{name}-{k}.mcap")));
         let names = std::iter::once(named.join(format!("{name}.mcap"))).chain(numbered);
-        return names
-            .take(MAX_LOGS_A_SECOND)
-            .find(|path| !path.exists())
-            .ok_or_else(|| Usage(format!("--record {}: is full of logs of {name}", named.display())));
+        return names.take(MAX_LOGS_A_SECOND).find(|path| !path.exists()).ok_or_else(|| {
+            Usage(format!("--record {}: too many logs named {name}; name another folder", named.display()))
+        });
     }
     if !is_log(named) {
         let named = named.display();
         return Err(Usage(format!(
-            "--record {named}: name a file with the ending .mcap, or a folder that is there"
+            "--record {named}: name a file with the ending .mcap, or an existing folder"
         )));
     }
     Ok(named.to_owned())
@@ -204,7 +203,7 @@ fn start_outputs(
     }
     if !has_network && !config.ros.enabled && config.autopilot.connect.is_empty() && log.is_none() {
         tracing::warn!(
-            "nobody hears of this flight: name an autopilot (autopilot.connect), a network (network.listen or --listen), or \
+            "the flight has no outputs: name an autopilot (autopilot.connect), a network (network.listen or --listen), or \
              --record"
         );
     }
@@ -215,7 +214,7 @@ fn start_outputs(
 fn record(outputs: &mut Outputs, path: &Path, flight: &Flight) -> Result<(), FlightError> {
     match outputs.record(path, flight, WhenFull::Drop) {
         Err(FlightError::Log(error @ LogError::Io { .. })) => {
-            tracing::error!("{error}: this flight is not recorded");
+            tracing::error!("{error}: the flight is not recorded");
             Ok(())
         }
         outcome => outcome,
@@ -336,7 +335,7 @@ mod tests {
             assert_eq!(log_path(folder.path(), now).unwrap(), folder.path().join(next));
         }
         assert_eq!(log_path(Path::new("a.mcap"), now).unwrap(), Path::new("a.mcap"));
-        assert!(log_path(Path::new("/nowhere/a"), now).unwrap_err().0.contains("folder that is there"));
+        assert!(log_path(Path::new("/nowhere/a"), now).unwrap_err().0.contains("existing folder"));
     }
 
     #[test]

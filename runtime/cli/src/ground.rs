@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 const LOOK: Duration = Duration::from_millis(100);
 /// What still goes on at the end may take this long.
 const END_PATIENCE: Duration = Duration::from_millis(300);
-/// Where a station looks when it is told nothing.
+/// Endpoint to connect to if none is given.
 const DEFAULT_CONNECT: &str = "tcp/127.0.0.1:7447";
 
 /// Arguments of `plumbline ground`.
@@ -32,37 +32,37 @@ pub struct GroundArgs {
     /// Wait for vehicles here, such as tcp/0.0.0.0:7447; may be repeated.
     #[arg(long, value_name = "ENDPOINT")]
     pub listen: Vec<String>,
-    /// Only this vehicle.
+    /// Watch this vehicle only.
     #[arg(long, default_value = "*")]
     pub vehicle: String,
-    /// Serve the page here.
+    /// Serve the web page at this address.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8080")]
     pub http: SocketAddr,
     /// Name by which other hosts may open the page, beside this host's addresses and its host name; may be repeated.
     #[arg(long, value_name = "NAME", conflicts_with = "no_http")]
     pub http_name: Vec<String>,
-    /// Serve no page.
+    /// Serve no web page.
     #[arg(long, conflicts_with = "http")]
     pub no_http: bool,
-    /// Let the page give commands though other hosts can open it.
+    /// Allow commands from the page even if other hosts can open it.
     #[arg(long)]
     pub allow_commands: bool,
-    /// Let the page give no commands.
+    /// Disable commands from the page.
     #[arg(long, conflicts_with = "allow_commands")]
     pub no_commands: bool,
-    /// A line a second for each vehicle instead of the view.
+    /// Print one line per second and vehicle instead of the view.
     #[arg(long)]
     pub plain: bool,
-    /// One JSON object for each state received.
+    /// Print a JSON object for each state received.
     #[arg(long, conflicts_with = "plain")]
     pub json: bool,
-    /// Write what was received, lost and delayed at the end (JSON).
+    /// At the end, write counts of received and lost messages, and their delays (JSON).
     #[arg(long, value_name = "OUT.json")]
     pub report: Option<PathBuf>,
-    /// End after this time, seconds.
+    /// Stop after this time, seconds. Default: run until SIGINT or SIGTERM.
     #[arg(long)]
     pub duration: Option<f64>,
-    /// Who we are, and whom we let in.
+    /// Own identity, and peers that are accepted.
     #[command(flatten)]
     pub access: AccessArgs,
 }
@@ -127,7 +127,7 @@ pub fn run(args: &GroundArgs) -> Result<()> {
         let cause = diagnosis::newest_failure().unwrap_or_else(|| {
             "is a vehicle flying with --publish, and does it reach the same network?".into()
         });
-        bail!("no vehicle was heard: {cause}");
+        bail!("no vehicle received: {cause}");
     }
     Ok(())
 }

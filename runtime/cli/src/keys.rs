@@ -10,10 +10,10 @@ use std::path::PathBuf;
 /// Arguments of `plumbline keys`.
 #[derive(Debug, Args)]
 pub struct KeysArgs {
-    /// Folder of the files. An authority that is there already signs; without one it is made.
+    /// Folder of the files. If it has no authority, one is created; otherwise that one signs.
     pub folder: PathBuf,
-    /// Whose certificates are made: vehicle (the one named drone), router, operator (may command), viewer (may look). All
-    /// without.
+    /// Role to make a certificate for: vehicle (the one named drone), router, operator (may give commands), viewer (may
+    /// watch); may be repeated. Default: all.
     #[arg(long, value_parser = ROLES)]
     pub role: Vec<String>,
     /// Make a certificate for the vehicle of this name, in vehicle-NAME.pem and vehicle-NAME.key; may be repeated.
@@ -23,8 +23,8 @@ pub struct KeysArgs {
     /// [default: localhost and 127.0.0.1; with --renew those of the certificate that is renewed]
     #[arg(long, value_name = "NAME")]
     pub host: Vec<String>,
-    /// Replace certificates that are there, under the same file names: those of --role and --vehicle, else all. The
-    /// authority stays the same: who has its certificate needs nothing new.
+    /// Replace existing certificates under their file names: those of --role and --vehicle. Default: all. The authority
+    /// is kept, so peers need no new file of it.
     #[arg(long)]
     pub renew: bool,
     /// Days of validity of the certificates. An authority that is made lasts ten years.

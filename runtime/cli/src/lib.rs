@@ -77,7 +77,7 @@ fn examples() -> String {
   plumbline devices                                 the cameras and IMUs that are plugged in
   plumbline fly --config drone.toml                 live, with them
   plumbline replay V1_01_easy --record log.mcap     the same, recorded
-  plumbline verify log.mcap                         is the recorded flight what comes out again?
+  plumbline verify log.mcap                         execute it again: are all outputs bit-identical?
   plumbline evaluate out.tum V1_01_easy             its errors, as evo_ape and evo_rpe give them
   plumbline plot out.tum --truth V1_01_easy --out flight.svg   the same as a picture
   plumbline lines image.png --out lines.png         the line segments of one image, as a picture
@@ -92,13 +92,13 @@ enum Command {
     /// Fly a simulated vehicle at 1x, and publish it on the loopback interface.
     #[cfg(feature = "ground")]
     Demo(demo::DemoArgs),
-    /// Fly live, from the cameras and the IMU that a configuration names.
+    /// Fly live with the configured cameras and IMU.
     Fly(fly::FlyArgs),
     /// Run the estimator over a recorded or simulated flight.
     Replay(Box<replay::ReplayArgs>),
     /// Execute a recorded flight again, and compare every output bit for bit.
     Verify(verify::VerifyArgs),
-    /// Say what is in a flight log.
+    /// List the contents of a flight log.
     Log(log::LogArgs),
     /// Write a simulated flight as a EuRoC data set.
     Simulate(simulate::SimulateArgs),
@@ -108,29 +108,30 @@ enum Command {
     Plot(plot::PlotArgs),
     /// Extract the line segments of one image, and draw them.
     Lines(lines::LinesArgs),
-    /// Make maps, find images in them, and say what is in them.
+    /// Build and join maps, locate images in them, and list their contents.
     Map(map::MapArgs),
-    /// Watch vehicles over the network: a page for the browser, and a view in the terminal.
+    /// Monitor vehicles over the network: a web page, and a view in the terminal.
     #[cfg(feature = "ground")]
     Ground(ground::GroundArgs),
-    /// Pass messages on between vehicles and ground stations that cannot reach each other.
+    /// Relay messages between vehicles and ground stations that cannot reach each other.
     Router(router::RouterArgs),
-    /// Start the estimate of a vehicle anew, from afar.
+    /// Reset the estimator of a vehicle over the network.
     #[cfg(feature = "ground")]
     Reset(reset::ResetArgs),
     /// Make certificates for vehicles and ground stations.
     Keys(keys::KeysArgs),
-    /// Fly the built-in set of simulated flights and tabulate the errors: how good is the estimator, and what do
-    /// faults do to it? (To compare settings: `sweep`; to see what lines bring: `ablation`.)
+    /// Fly the built-in set of simulated flights, with and without faults, and tabulate the errors. (To compare
+    /// settings: `sweep`; to measure the benefit of lines: `ablation`.)
     Campaign(campaign::CampaignArgs),
-    /// Fly with points alone, with raw, filtered and merged line segments, and tabulate what each brings, over data
-    /// sets or the flights of `campaign`.
+    /// Fly with points only, and with raw, filtered and merged line segments, and tabulate the accuracy of each, over
+    /// data sets or the flights of `campaign`.
     Ablation(ablation::AblationArgs),
-    /// Fly every setting of some keys on several data sets, on all cores, and tabulate the errors.
+    /// Fly every combination of settings on several data sets, on all cores, and tabulate the errors.
     Sweep(sweep::SweepArgs),
-    /// Measure what the standard load costs on this machine, and compare with another time.
+    /// Measure the cost of a standard load on this machine, and compare it with an earlier measurement.
     Bench(bench::BenchArgs),
-    /// List cameras (formats, rates, controls), serial ports and inertial sensors by the names that a configuration takes.
+    /// List cameras (formats, rates, controls), serial ports and inertial sensors by the names to use in a
+    /// configuration.
     Devices(devices::DevicesArgs),
     /// Calibrate the sensors: cameras by images of a board, noise of the IMU, cameras on the IMU.
     Calibrate(calibrate::CalibrateArgs),
@@ -165,7 +166,7 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// The last words of a command wait so long for the terminal.
+/// Longest time that the last output of a command waits for the terminal.
 const PATIENCE: Duration = Duration::from_secs(1);
 
 fn run(command: Command) -> anyhow::Result<()> {
@@ -212,7 +213,7 @@ pub fn say(line: impl Display) {
     }
 }
 
-/// The same, but a terminal that stands still, or a reader that does not read, is waited for no longer than `patience`.
+/// Writes a line to stdout, waiting at most `patience` for a stalled terminal or a reader that does not read.
 pub fn say_within(patience: Duration, line: String) {
     within(patience, move || say(line));
 }

@@ -17,7 +17,7 @@ use std::time::Instant;
 /// Sides of the images that are taken, px.
 const MIN_SIDE_PX: usize = 64;
 const MAX_SIDE_PX: usize = 4096;
-/// The median time of so many extractions is told: the first one meets cold caches.
+/// Number of extractions whose median time is reported: the first one has cold caches.
 const TIMED_RUNS: usize = 5;
 
 /// Arguments of `plumbline lines`.
@@ -28,14 +28,14 @@ pub struct LinesArgs {
     /// Write a picture of the segments (PNG): raw, kept and merged side by side.
     #[arg(long, value_name = "OUT.png")]
     pub out: Option<PathBuf>,
-    /// Draw this layer alone, at the image's own size.
+    /// Draw only this layer, at the size of the image.
     #[arg(long, value_enum, requires = "out")]
     pub layer: Option<Layer>,
-    /// Write the segments of all layers (CSV), in pixels; looking from x1,y1 to x2,y2 the brighter side
-    /// is on the right.
+    /// Write the segments of all layers (CSV), in pixels; seen from x1,y1 towards x2,y2, the brighter side is on the
+    /// right.
     #[arg(long, value_name = "OUT.csv")]
     pub csv: Option<PathBuf>,
-    /// Configuration file or preset, of which [estimator.lines] is used; the preset `euroc` without.
+    /// Configuration file or preset whose [estimator.lines] is used. Default: the preset `euroc`.
     #[arg(long)]
     pub config: Option<PathBuf>,
     /// Change a key of the configuration, such as estimator.lines.min_gradient=8; may be repeated.
@@ -171,7 +171,7 @@ fn csv(extractor: &LineExtractor) -> String {
 mod tests {
     use super::*;
 
-    /// Of an image with one bright square.
+    /// Extractor after an image with one bright square.
     fn extractor() -> LineExtractor {
         let pixels = (0..128 * 128)
             .map(|i| if (30..98).contains(&(i % 128)) && (30..98).contains(&(i / 128)) { 200 } else { 40 });

@@ -16,7 +16,7 @@ pub struct LogArgs {
     /// The flight log; its further parts (LOG.1.mcap and so on) are found beside it.
     #[arg(value_name = "LOG.mcap")]
     pub log: PathBuf,
-    /// Print the configuration that was in force, as TOML, and nothing else.
+    /// Print only the configuration of the flight, as TOML.
     #[arg(long)]
     pub config: bool,
 }

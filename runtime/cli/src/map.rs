@@ -25,37 +25,37 @@ pub struct MapArgs {
 
 #[derive(Debug, Subcommand)]
 enum MapCommand {
-    /// Have a vehicle that flies with --save-map write its map now.
+    /// Make a vehicle that flies with --save-map write its map now.
     #[cfg(feature = "ground")]
     Save(super::remote::RemoteArgs),
-    /// Make a map of stereo images whose poses are known.
+    /// Build a map from stereo images with known poses.
     Build(BuildArgs),
-    /// Find each image of a data set in a map, by itself.
+    /// Locate each image of a data set in a map, independently of the others.
     Locate(LocateArgs),
-    /// Say what is in a map.
+    /// List the contents of a map.
     Info {
         /// The map.
         map: PathBuf,
     },
-    /// Join two maps of one place: the second is found in the first.
+    /// Join two maps of one place, by locating the second in the first.
     Merge(MergeArgs),
-    /// Write the points and lines of a map as a point cloud.
+    /// Export the points and lines of a map as a point cloud.
     Export {
         /// The map.
         map: PathBuf,
-        /// Write the points, the keyframes' places, and lines as edges (PLY).
+        /// Output file (PLY): points, positions of the keyframes, and lines as edges.
         #[arg(long, value_name = "OUT.ply")]
         ply: PathBuf,
     },
 }
 
-/// How much a map may hold.
+/// Limits of a map.
 #[derive(Debug, Args)]
 struct LimitArgs {
-    /// Keyframes at most; beyond, those go whose view another covers best.
+    /// Largest number of keyframes. Beyond it, the keyframe whose view another covers best is dropped.
     #[arg(long, default_value_t = 2000, value_parser = clap::value_parser!(u32).range(1..=i64::from(codec::MAX_KEYFRAMES)))]
     max_keyframes: u32,
-    /// Features of a keyframe at most.
+    /// Largest number of features of a keyframe.
     #[arg(long, default_value_t = 400, value_parser = clap::value_parser!(u32).range(20..=i64::from(codec::MAX_FEATURES)))]
     max_features: u32,
 }
@@ -71,13 +71,13 @@ impl LimitArgs {
 struct ImageArgs {
     /// A EuRoC data set (its IMU may be missing), a flight log with images, or a ROS 2 bag.
     dataset: PathBuf,
-    /// Configuration file or preset with the calibration of the cameras; that of the data set or log without.
+    /// Configuration file or preset with the calibration of the cameras. Default: that of the data set or log.
     #[arg(long)]
     config: Option<PathBuf>,
-    /// Use every so many frames.
+    /// Use every Nth frame.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     every: u32,
-    /// The first frame that is used, counted from 0.
+    /// First frame to use, counted from 0.
     #[arg(long, default_value_t = 0)]
     first: u32,
     /// Topics of a bag.
@@ -109,8 +109,7 @@ struct BuildArgs {
     /// The map to be written.
     #[arg(long, value_name = "OUT.map")]
     out: PathBuf,
-    /// A frame becomes a keyframe when its view differs by so much from all others, m; a turn of 30 degrees counts
-    /// as a metre.
+    /// Least difference between the views of two keyframes, m; a turn of 30 degrees counts as a metre.
     #[arg(long, default_value_t = 0.2)]
     spacing: f64,
     #[command(flatten)]
@@ -123,10 +122,10 @@ struct LocateArgs {
     map: PathBuf,
     #[command(flatten)]
     images: ImageArgs,
-    /// Write the poses found (TUM format), in the map's frame.
+    /// Write the located poses (TUM format), in the frame of the map.
     #[arg(long, value_name = "OUT.tum")]
     trajectory: Option<PathBuf>,
-    /// Write a row for each frame (CSV): whether it was found, by which keyframe, inliers, standard deviations.
+    /// Write one row per frame (CSV): whether it was located, by which keyframe, inliers, standard deviations.
     #[arg(long, value_name = "OUT.csv")]
     csv: Option<PathBuf>,
 }
@@ -188,7 +187,9 @@ fn run_locate(args: &LocateArgs) -> Result<()> {
     let contents = read_map(&args.map)?;
     let limits = contents.limits();
     if limits.keyframes == 0 {
-        return Err(Usage(format!("{}: holds no keyframe; build the map again", args.map.display())).into());
+        return Err(
+            Usage(format!("{}: contains no keyframe; build the map again", args.map.display())).into()
+        );
     }
     let map = contents.into_map(limits);
     let max_features = ExtractorOptions::default().max_features;

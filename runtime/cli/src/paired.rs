@@ -55,9 +55,9 @@ fn read(path: &Path) -> Result<Variant> {
     let name = path.display().to_string();
     let text = std::fs::read_to_string(path).with_context(|| format!("--against {name}"))?;
     let rows: Vec<Value> = serde_json::from_str(&text)
-        .map_err(|e| Usage(format!("--against {name}: is no file of `campaign --json`: {e}")))?;
+        .map_err(|e| Usage(format!("--against {name}: not a file of `campaign --json`: {e}")))?;
     let variant = Variant::of_rows(name.clone(), &rows);
-    ensure!(!variant.is_empty(), Usage(format!("--against {name}: holds no report of a flight")));
+    ensure!(!variant.is_empty(), Usage(format!("--against {name}: contains no report of a flight")));
     Ok(variant)
 }
 
@@ -98,10 +98,7 @@ pub fn with_first(variants: &[Variant]) -> Vec<Comparison> {
 /// # Errors
 /// When there is nothing to compare, or the file cannot be written.
 pub fn say_and_write(comparisons: &[Comparison], json: Option<&Path>) -> Result<()> {
-    ensure!(
-        !comparisons.is_empty(),
-        Usage("there is one variant only, and nothing to compare it with".into())
-    );
+    ensure!(!comparisons.is_empty(), Usage("only one variant; give a second one to compare with".into()));
     for comparison in comparisons {
         say(format_args!("\n{}", comparison.markdown()));
     }
@@ -135,9 +132,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("flown.json");
         std::fs::write(&path, "[]").unwrap();
-        assert!(read(&path).unwrap_err().to_string().contains("holds no report"));
+        assert!(read(&path).unwrap_err().to_string().contains("contains no report"));
         std::fs::write(&path, "{}").unwrap();
-        assert!(read(&path).unwrap_err().to_string().contains("is no file of `campaign --json`"));
+        assert!(read(&path).unwrap_err().to_string().contains("not a file of `campaign --json`"));
         std::fs::write(&path, r#"[{"path": "a", "seed": 1, "report": {"resets": 0}}]"#).unwrap();
         assert_eq!(read(&path).unwrap().len(), 1);
     }

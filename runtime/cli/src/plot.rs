@@ -32,17 +32,17 @@ pub struct PlotArgs {
     /// or simulated flight (sim:room?duration=10), which is flown first.
     #[arg(value_name = "FLIGHT")]
     pub estimate: String,
-    /// Where the vehicle really was: TUM (plain or .gz), a EuRoC ground truth table, or a EuRoC data set.
+    /// Ground truth: TUM (plain or .gz), a EuRoC ground truth table, or a EuRoC data set.
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
     /// The picture to write: .svg or .png.
     #[arg(long, value_name = "OUT.svg|OUT.png")]
     pub out: PathBuf,
-    /// How the truth is brought to the estimate. Without it: at the first pose by position and yaw where there is a
-    /// covariance (it begins there), else over the whole flight by position and attitude (se3).
+    /// Alignment of the ground truth to the estimate. Default: at the first pose by position and yaw if there is a
+    /// covariance, otherwise over the whole flight by position and attitude (se3).
     #[arg(long, value_enum)]
     pub align: Option<Align>,
-    /// Words above the figure, in place of the name of the file.
+    /// Title of the figure. Default: the name of the file.
     #[arg(long)]
     pub title: Option<String>,
     /// Width and height, px.

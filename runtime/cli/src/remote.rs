@@ -16,7 +16,7 @@ pub struct RemoteArgs {
     /// Connect to the vehicle or a router; may be repeated.
     #[arg(long, value_name = "ENDPOINT", default_value = "tcp/127.0.0.1:7447")]
     pub connect: Vec<String>,
-    /// Who we are.
+    /// Own identity.
     #[command(flatten)]
     pub access: AccessArgs,
 }

@@ -32,7 +32,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Room for odometry is made beforehand for up to so many samples: two hours at 200 Hz.
+/// Largest number of odometry samples for which memory is allocated beforehand: two hours at 200 Hz.
 const MAX_RESERVED_READINGS: f64 = 1_440_000.0;
 
 /// Arguments of `plumbline replay`.
@@ -43,36 +43,36 @@ pub struct ReplayArgs {
     /// A EuRoC data set, a flight log or a ROS 2 bag (.mcap, or its directory), or a simulated flight: sim:room, sim:hall,
     /// sim:low-texture.
     pub dataset: String,
-    /// Configuration file or preset. Without one: the preset `euroc` with the data set's calibration, the
+    /// Configuration file or preset. Default: the preset `euroc` with the calibration of the data set, the
     /// configuration of the log, or the preset `sim`.
     #[arg(long)]
     pub config: Option<PathBuf>,
-    /// Change a key of the estimator's configuration, such as estimator.points.sigma_px=0.3; may be
-    /// repeated. What is simulated stays the same.
+    /// Change a key of the estimator's configuration, such as estimator.points.sigma_px=0.3; may be repeated. The
+    /// simulated rig keeps its own values.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub overrides: Vec<String>,
-    /// Multiple of real time; as fast as it goes without.
+    /// Playback speed relative to real time. Default: as fast as possible.
     #[arg(long, allow_hyphen_values = true)]
     pub speed: Option<f64>,
-    /// 1 does everything in turn; 2 decodes ahead of need; 3 solves a frame while the next is tracked; 4 and
-    /// more share the work on a frame. The answer is the same.
+    /// Threads: 1 runs all stages in turn; 2 decodes ahead; 3 solves a frame while the next is tracked; 4 and more
+    /// share the work on a frame. The result does not depend on it.
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=8))]
     pub threads: u8,
     /// Write the causal trajectory (TUM format): each pose as it was known when its frame came.
     #[arg(long, value_name = "OUT.tum")]
     pub trajectory: Option<PathBuf>,
-    /// Write the trajectory in the map by all that was known at the end, loops closed (TUM format).
+    /// Write the final trajectory in the map, with all loops closed (TUM format).
     #[arg(long = "final", value_name = "OUT.tum")]
     pub final_trajectory: Option<PathBuf>,
     /// Write the causal trajectory in the map: each pose as it was known when its frame came, with the loops up to then
     /// (TUM format).
     #[arg(long, value_name = "OUT.tum")]
     pub map_trajectory: Option<PathBuf>,
-    /// Go on with a map: from `map build`, `map merge` or --save-map. Poses are then known in its frame, once the place
-    /// has been recognized.
+    /// Continue a map written by `map build`, `map merge` or --save-map. Once a place of it has been recognized, poses
+    /// are given in its frame too.
     #[arg(long, value_name = "IN.map")]
     pub map: Option<PathBuf>,
-    /// Keep the map of the flight, that of --map included: at the end, and whenever `plumbline map save` asks for it.
+    /// Write the map of the flight, with that of --map, at the end and on each `plumbline map save`.
     #[arg(long, value_name = "OUT.map")]
     pub save_map: Option<PathBuf>,
     /// Odometry alone: recognize no places, close no loops, make no map.
@@ -84,38 +84,38 @@ pub struct ReplayArgs {
     /// Write the 6x6 covariance of every pose (CSV).
     #[arg(long, value_name = "OUT.csv")]
     pub covariance: Option<PathBuf>,
-    /// Write everything the estimates hold, a row a frame (CSV): state, covariance diagonal, biases, refined extrinsics,
-    /// figures; the names of the columns have the units.
+    /// Write all values of the estimates, one row per frame (CSV): state, covariance diagonal, biases, refined
+    /// extrinsics, figures. Column names end with the unit.
     #[arg(long, value_name = "OUT.csv")]
     pub states: Option<PathBuf>,
     /// Draw the flight: path over the truth, errors, covariance, velocity and biases over time (.svg or .png).
     #[arg(long, value_name = "OUT.svg|OUT.png")]
     pub plot: Option<PathBuf>,
-    /// Record the flight, to be looked at in Foxglove and executed again by `verify`; how much of it, the
-    /// configuration's [recorder] says.
+    /// Record the flight, to be viewed in Foxglove and executed again by `verify`. The configuration's [recorder] says
+    /// what is recorded.
     #[arg(long, value_name = "LOG.mcap")]
     pub record: Option<PathBuf>,
     /// Write the report (JSON).
     #[arg(long, value_name = "OUT.json")]
     pub report: Option<PathBuf>,
-    /// Ground truth of a data set that brings none: TUM (plain or .gz) or a EuRoC table.
+    /// Ground truth for a data set without one: TUM (plain or .gz) or a EuRoC table.
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
-    /// Only these frames of a data set or log.
+    /// Use only these frames of a data set or log.
     #[arg(long, value_name = "A..B")]
     pub frames: Option<String>,
-    /// End here, seconds from the beginning of the data set, log or path; --start S is its beginning.
+    /// Stop at this time, seconds from the beginning of the data set, log or path. --start sets where to begin.
     #[arg(long, value_name = "S", conflicts_with = "duration")]
     pub stop: Option<f64>,
-    /// Keep the rendered frames of a simulated flight in this folder, and take them from there if they are.
-    /// A flight along a file (--path FILE) shares its frames with shorter and longer ones; the built-in flight is
-    /// rendered anew for each duration, since its room is built around what is flown.
+    /// Cache the rendered frames of a simulated flight in this folder. A flight along a file (--path FILE) shares its
+    /// frames with shorter and longer ones; the built-in flight is rendered anew for each duration, since its room is
+    /// built around what is flown.
     #[arg(long, value_name = "FOLDER")]
     pub cache: Option<PathBuf>,
-    /// The left camera alone.
+    /// Use the left camera only.
     #[arg(long)]
     pub mono: bool,
-    /// Points and IMU alone, without lines.
+    /// Use points and IMU only, no lines.
     #[arg(long)]
     pub no_lines: bool,
     /// Publish over Zenoh while flying, as the configuration's [network], --listen and --connect say.
@@ -124,11 +124,12 @@ pub struct ReplayArgs {
     /// With --publish: listen here, such as tcp/127.0.0.1:7447.
     #[arg(long, value_name = "ENDPOINT", requires = "publish")]
     pub listen: Vec<String>,
-    /// With --publish: connect to this router or ground station; udp/ beside another takes odometry alone.
+    /// With --publish: connect to this router or ground station. An endpoint udp/ besides another carries odometry
+    /// only.
     #[arg(long, value_name = "ENDPOINT", requires = "publish")]
     pub connect: Vec<String>,
-    /// With --speed: send odometry to an autopilot by MAVLink, such as udp://127.0.0.1:14540 or
-    /// serial:///dev/ttyS0:921600; how, the configuration's [autopilot] says.
+    /// With --speed 1: send odometry to an autopilot over MAVLink, such as udp://127.0.0.1:14540 or
+    /// serial:///dev/ttyS0:921600. The configuration's [autopilot] holds the settings.
     #[arg(long, value_name = "udp://HOST:PORT")]
     pub autopilot: Option<String>,
     /// Print the report as JSON instead of the summary.
@@ -321,12 +322,14 @@ fn start_outputs(args: &ReplayArgs, flight: &Flight, control: &Arc<Control>) -> 
         outputs.save_map(path, control)?;
     }
     if !args.publish && config.ros.enabled {
-        tracing::warn!("ros.enabled is set, but without --publish nothing is sent to ROS 2");
+        tracing::warn!("ros.enabled is set but has no effect: publishing to ROS 2 needs --publish");
     }
     if args.publish {
         let endpoints = Endpoints::of(&config.network).and(&args.listen, &args.connect);
         if endpoints.listen.is_empty() && endpoints.connect.is_empty() && !endpoints.scouting {
-            tracing::warn!("--publish: nobody can be reached: give --listen or --connect, or network.listen");
+            tracing::warn!(
+                "--publish: no endpoint to publish on; give --listen or --connect, or set network.listen"
+            );
         }
         outputs.add(Publisher::start(config, &endpoints, Arc::clone(control))?);
         if config.ros.enabled {
@@ -343,10 +346,10 @@ fn wants_autopilot(config: &ValidConfig, args: &ReplayArgs) -> Result<bool, Usag
         return Ok(false);
     }
     if args.speed.is_none() && args.autopilot.is_some() {
-        return Err(Usage("--autopilot: give --speed 1 too, an autopilot flies in real time".into()));
+        return Err(Usage("--autopilot: give --speed 1 too; an autopilot needs real time".into()));
     }
     if args.speed.is_none() {
-        tracing::warn!("autopilot.connect is set, but without --speed 1 nothing is sent there");
+        tracing::warn!("autopilot.connect is set but has no effect: it needs --speed 1");
     }
     Ok(args.speed.is_some())
 }

@@ -11,7 +11,7 @@ pub struct ResetArgs {
     /// The vehicle.
     #[command(flatten)]
     pub remote: RemoteArgs,
-    /// soft: a new start that keeps the pose; hard: a new start at the origin.
+    /// Kind of reset: soft keeps the pose; hard restarts at the origin.
     #[arg(long, value_enum, default_value = "soft")]
     pub kind: Kind,
 }

@@ -24,7 +24,7 @@ pub struct RouterArgs {
     /// Connect to another router; may be repeated.
     #[arg(long, value_name = "ENDPOINT")]
     pub connect: Vec<String>,
-    /// Who we are, and whom we let in.
+    /// Own identity, and peers that are accepted.
     #[command(flatten)]
     pub access: AccessArgs,
 }

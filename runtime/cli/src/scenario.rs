@@ -29,20 +29,22 @@ pub fn imu_error_help() -> String {
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Simulated flight")]
 pub struct ScenarioArgs {
-    /// Where it goes: `demo` (take-off and figures of eight), `hand-held` (moved and turned about all axes, as for
-    /// `calibrate rig`), `hover`, `drift` (slowly to the left), `carried` (from rest to rest), or a TUM file (plain or .gz).
+    /// Path of the flight: `demo` (take-off and figures of eight), `hand-held` (moved and turned about all axes, as for
+    /// `calibrate rig`), `hover`, `drift` (slowly to the left), `carried` (from rest to rest), or a TUM file (plain or
+    /// .gz).
     #[arg(long, default_value = "demo")]
     pub path: String,
-    /// Inertial samples: `simulated`, or `recorded`: those that were recorded along the path, as they are (--path
-    /// .../trajectories/NAME.tum.gz takes them from .../imu/NAME.csv.gz; or give the file). The path is made to agree with
-    /// them.
+    /// Inertial samples: `simulated`, or `recorded` along the path and used unchanged (--path
+    /// .../trajectories/NAME.tum.gz takes them from .../imu/NAME.csv.gz; or give the file). The path is then adjusted
+    /// to agree with them.
     #[arg(long, value_name = "simulated|recorded|FILE", default_value = "simulated")]
     pub imu: String,
-    /// Error of the simulated inertial sensor, such as force:0.07:2; a dose left out is the one in brackets. May be repeated.
+    /// Error of the simulated inertial sensor, such as force:0.07:2. Without a dose, the one in brackets is used. May
+    /// be repeated.
     #[arg(long, value_name = "NAME[:DOSE...]", value_delimiter = ',', long_help = imu_error_help())]
     pub imu_error: Vec<ImuError>,
-    /// The estimator believes a calibration that is drawn around the true one, by the seed, with K times the standard
-    /// deviations that the configuration states under [rig] (before --set).
+    /// Give the estimator a calibration drawn (by the seed) around the true one, with K times the standard deviations
+    /// of the configuration's [rig] (before --set).
     #[allow(rustdoc::broken_intra_doc_links)]
     #[arg(long, value_name = "K", default_value_t = 0.0)]
     pub calibration_error: f64,
@@ -55,22 +57,22 @@ pub struct ScenarioArgs {
     /// Length of the flight, seconds. [default: 20 for a simulated flight, else to the end]
     #[arg(long, value_name = "S")]
     pub duration: Option<f64>,
-    /// Fly it so often, one lap after the other, with a smooth way back in between.
+    /// Number of laps, with a smooth way back in between.
     #[arg(long, default_value_t = 1)]
     pub laps: u32,
-    /// Seed of everything random: world, noise, biases.
+    /// Seed of all random draws: world, noise, biases.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Size of the images against the configured size.
+    /// Size of the images relative to the configured size.
     #[arg(long, default_value_t = 1.0)]
     pub scale: f64,
-    /// Motion blur of an exposure of 8 ms.
+    /// Simulate motion blur of an 8 ms exposure.
     #[arg(long)]
     pub motion_blur: bool,
-    /// Stamps of images early by this much, ms.
+    /// Make the stamps of images early by this time, ms.
     #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
     pub time_offset_ms: f64,
-    /// The estimator believes the cameras turned by this angle against the truth, degrees.
+    /// Give the estimator extrinsics rotated by this angle from the true ones, degrees.
     #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
     pub extrinsics_error_deg: f64,
     /// What goes wrong with frames.
@@ -82,16 +84,16 @@ pub struct ScenarioArgs {
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Faults, in any flight")]
 pub struct FaultArgs {
-    /// Both images black from A to B, seconds.
+    /// Make both images black from A to B, seconds.
     #[arg(long, value_name = "A..B")]
     pub blackout: Option<String>,
-    /// A camera that is silent for a time: left:A..B or right:A..B, seconds.
+    /// Drop the images of one camera for a time: left:A..B or right:A..B, seconds.
     #[arg(long, value_name = "SIDE:A..B")]
     pub lost_camera: Option<String>,
     /// Probability that a frame is lost.
     #[arg(long, default_value_t = 0.0)]
     pub drop_rate: f64,
-    /// Exposure that jumps from frame to frame.
+    /// Vary the exposure from frame to frame.
     #[arg(long)]
     pub flicker: bool,
 }

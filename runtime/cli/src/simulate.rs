@@ -15,16 +15,16 @@ use std::path::PathBuf;
 pub struct SimulateArgs {
     /// Directory to write `mav0` into.
     pub out_dir: PathBuf,
-    /// What surrounds the flight: room, hall or low-texture.
+    /// Scene of the flight: room, hall or low-texture.
     #[arg(long, default_value = "room")]
     pub scene: String,
     /// Configuration file or preset of the simulated rig.
     #[arg(long)]
     pub config: Option<PathBuf>,
-    /// The left camera alone.
+    /// Simulate the left camera only.
     #[arg(long)]
     pub mono: bool,
-    /// Replace what is there.
+    /// Replace an existing data set.
     #[arg(long)]
     pub overwrite: bool,
     /// What is simulated.

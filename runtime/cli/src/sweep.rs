@@ -36,14 +36,14 @@ pub struct SweepArgs {
     /// EuRoC data sets, flight logs (.mcap), or simulated flights (sim:room?path=demo&duration=10).
     #[arg(required_unless_present = "collect", value_name = "DATASET")]
     pub datasets: Vec<String>,
-    /// A key of the configuration and the values to fly with; may be repeated, every value of one then meets every
-    /// value of the others.
+    /// Key of the configuration with its values; may be repeated: all combinations of the values are flown.
     #[arg(long = "set", value_name = "KEY=VALUE,VALUE...")]
     pub axes: Vec<String>,
     /// Seeds of simulated flights, such as 1,2,5 or 1..3 (that is 1, 2 and 3).
     #[arg(long, value_parser = parse_seeds, value_name = "SEEDS")]
     pub seeds: Option<Seeds>,
-    /// Starts, seconds into each data set or path, such as 0,0.5,1: each flight is flown from each of them to its end.
+    /// Start times, seconds into each data set or path, such as 0,0.5,1. Each flight is flown from each start to its
+    /// end.
     #[arg(long, value_delimiter = ',', value_name = "S,S")]
     pub starts: Vec<f64>,
     /// Compare each setting with the first, flight by flight: means, mean paired differences and their bootstrap intervals
@@ -53,39 +53,39 @@ pub struct SweepArgs {
     /// Write the paired comparison (JSON).
     #[arg(long, value_name = "OUT.json")]
     pub paired_json: Option<PathBuf>,
-    /// Configuration file or preset that the settings change. Without one, as for `plumbline replay`.
+    /// Configuration file or preset that the settings change. Default: as for `plumbline replay`.
     #[arg(long)]
     pub config: Option<PathBuf>,
-    /// Ground truth of data sets that bring none: TUM (plain or .gz) or a EuRoC table.
+    /// Ground truth for data sets without one: TUM (plain or .gz) or a EuRoC table.
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
-    /// The left camera alone.
+    /// Use the left camera only.
     #[arg(long)]
     pub mono: bool,
-    /// Keep rendered frames of simulated flights in this folder, and take them from there.
-    /// A flight along a file (--path FILE) shares its frames with shorter and longer ones; the built-in flight is
-    /// rendered anew for each duration, since its room is built around what is flown.
+    /// Cache rendered frames of simulated flights in this folder. A flight along a file (--path FILE) shares its frames
+    /// with shorter and longer ones; the built-in flight is rendered anew for each duration, since its room is built
+    /// around what is flown.
     #[arg(long, value_name = "FOLDER")]
     pub cache: Option<PathBuf>,
-    /// Folder with `euroc/trajectories`, for path=NAME; else the environment variable PLUMBLINE_SHARED, else ../shared.
+    /// Folder with `euroc/trajectories`, for path=NAME. Default: $PLUMBLINE_SHARED, or ../shared.
     #[arg(long)]
     pub shared: Option<PathBuf>,
-    /// Flights at a time; as many as the machine has processors without. The results are the same.
+    /// Parallel flights. Default: the number of processors. The results do not depend on it.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub jobs: Option<u16>,
-    /// Folder of the finished cells: that of --out with the ending .cells, or sweep.cells.
+    /// Folder of the finished cells. Default: the name of --out with the ending .cells, or sweep.cells.
     #[arg(long, value_name = "FOLDER")]
     pub cells: Option<PathBuf>,
     /// Write every cell with all its figures (CSV).
     #[arg(long, value_name = "OUT.csv")]
     pub out: Option<PathBuf>,
-    /// Print the cells, and fly none.
+    /// List the cells without flying them.
     #[arg(long, conflicts_with_all = ["cell", "collect"])]
     pub list: bool,
-    /// Fly this cell alone, and write its file.
+    /// Fly only this cell, and write its file.
     #[arg(long, value_name = "K", conflicts_with = "collect")]
     pub cell: Option<usize>,
-    /// Print the table of the cells in this folder, and fly none.
+    /// Print the table of the cells in this folder without flying any.
     #[arg(long, value_name = "FOLDER", conflicts_with = "datasets")]
     pub collect: Option<PathBuf>,
 }

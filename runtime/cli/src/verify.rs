@@ -19,30 +19,30 @@ use std::path::{Path, PathBuf};
 const STEPS: u64 = 1000;
 
 const EXAMPLES: &str = "Examples:
-  plumbline verify log.mcap                one log, with all that is to be told of it
+  plumbline verify log.mcap                one log, with all details
   plumbline verify flights/*.mcap --jobs 8 many logs, eight at a time, a row each; exit status 1 if any differs";
 
 /// Arguments of `plumbline verify`.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct VerifyArgs {
-    /// Flight logs. The further parts of a log (LOG.1.mcap and so on) are found beside it; named themselves, they
-    /// are passed over.
+    /// Flight logs. The further parts of a log (LOG.1.mcap and so on) are found beside it; if they are named too, they
+    /// are skipped.
     #[arg(value_name = "LOG.mcap", required = true)]
     pub logs: Vec<PathBuf>,
-    /// Take the images from this EuRoC data set or ROS 2 bag: for a log that was recorded without them.
+    /// EuRoC data set or ROS 2 bag with the images, for a log that was recorded without them.
     #[arg(long, value_name = "DATASET|BAG")]
     pub images: Option<PathBuf>,
     /// Topics of that bag.
     #[command(flatten)]
     pub topics: TopicArgs,
-    /// The map that the flight went on with (`replay --map`).
+    /// Map that the flight continued (`replay --map`).
     #[arg(long, value_name = "FILE.map")]
     pub map: Option<PathBuf>,
-    /// Succeed also when the log breaks off or lacks outputs, if what can be compared is identical.
+    /// Accept a log that is truncated or lacks outputs, if all that can be compared is identical.
     #[arg(long)]
     pub allow_incomplete: bool,
-    /// Logs at a time; as many as the machine has processors without.
+    /// Parallel logs. Default: the number of processors.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub jobs: Option<u16>,
     /// Print JSON: an object for one log, a list for several.

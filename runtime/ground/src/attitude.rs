@@ -1,7 +1,8 @@
 //! Attitude of a vehicle as a pilot reads it: roll, pitch and heading.
 //!
-//! Of the vehicle `V` (x forward, y left, z up) against the odometry frame `O` (z up). These are the z-y-x Euler angles
-//! of the aerospace convention (forward, right, down), which MAVLink and every artificial horizon use.
+//! The angles are those of the vehicle frame `V` (x forward, y left, z up) relative to the odometry frame `O` (z up):
+//! z-y-x Euler angles of the aerospace convention (forward, right, down), which MAVLink and every artificial horizon
+//! use.
 
 use nalgebra::{UnitQuaternion, Vector3};
 

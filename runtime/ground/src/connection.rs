@@ -24,7 +24,7 @@ impl Connection {
         let connection = Self::default();
         match listen(endpoints, fleet, print_states).await {
             Err(NetError::Open { .. }) if endpoints.mode == Mode::Client => {
-                tracing::info!("nobody at {} yet; waiting", endpoints.connect.join(", "));
+                tracing::info!("no peer at {} yet; waiting", endpoints.connect.join(", "));
                 let endpoints = Endpoints { waits: true, ..endpoints.clone() };
                 tokio::spawn(connection.clone().wait(endpoints, Arc::clone(fleet), print_states));
             }

@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-/// Vehicles that are kept: another one takes the place of the one that least was heard of.
+/// Largest number of vehicles kept. A new one evicts the vehicle with the fewest received messages.
 pub const MAX_VEHICLES: usize = 64;
 /// Longest name of a vehicle, bytes.
 pub const MAX_NAME: usize = 64;
@@ -95,8 +95,9 @@ impl Fleet {
         self.vehicles.get_mut(name)
     }
 
-    /// Whether there is a place for another vehicle. Who invents names has as little heard of each as there are many: that a
-    /// real vehicle comes late, or others go on inventing, does not lock it out. Who is being recorded stays.
+    /// Makes room for another vehicle; `false` if there is none. The vehicle with the fewest received messages is
+    /// evicted, unless it is being recorded. A client that invents names has few messages under each, so it cannot lock
+    /// out a real vehicle that appears late.
     fn make_room(&mut self) -> bool {
         if self.vehicles.len() < MAX_VEHICLES {
             return true;

@@ -38,7 +38,7 @@ const REDRAW: Duration = Duration::from_millis(100);
 /// Shown while no vehicle has been received.
 const NO_VEHICLE: &str = "no vehicle received yet";
 
-/// Nobody reads what is printed any more.
+/// Set once the reader of stdout has closed it.
 static READER_HAS_LEFT: AtomicBool = AtomicBool::new(false);
 
 /// Waits until the station is to end, or nobody reads what it prints.

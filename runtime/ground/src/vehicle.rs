@@ -336,7 +336,7 @@ impl Vehicle {
         Self { arrival, ..Self::default() }
     }
 
-    /// Messages that were heard of it.
+    /// Number of messages received from the vehicle.
     #[must_use]
     pub fn heard(&self) -> u64 {
         self.odom.received + self.state.received + self.health.received

@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 
 /// Largest error of a stamp once the clock of the sensor is known, ns.
 const STAMP_TOLERANCE_NS: i64 = 200_000;
-/// Of what is flown against what is replayed.
+/// Largest ratio of the position error in flight to that in replay.
 const MAX_ATE_RATIO: f64 = 1.1;
 /// Frames are sent once the clock of the sensor is known, s.
 const CONVERGED_S: f64 = 3.0;
@@ -367,10 +367,10 @@ fn sensors_that_are_missing_at_the_start_and_unplugged_in_flight_are_taken_when_
     assert_eq!((&cameras["socket"]["connected"], &cameras["gaps"]), (&2.into(), &1.into()), "{cameras}");
     assert!((missing - FRAME_RATE_HZ).abs() <= 2.0, "{cameras}");
     for words in [
-        "the IMU is not there",
+        "the IMU is missing",
         "the IMU is there",
-        "nobody sends frames yet",
-        "the program that sent frames has gone",
+        "no program sends frames yet",
+        "the program that sent frames has disconnected",
     ] {
         assert!(said.contains(words), "'{words}' is missing in {said}");
     }

@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 const END_S: f64 = 9.0;
 const FRAMES_S: f64 = 2.5;
 const EVENT_S: f64 = 6.5;
-/// Of odometry at 40 Hz to the autopilot, ms.
+/// Longest gap of odometry sent to the autopilot at 40 Hz, ms.
 const MAX_GAP_MS: f64 = 100.0;
 /// Where programs of real-time priority leave nothing, the kernel keeps a twentieth of each second for all others, ours among
 /// those who wait meanwhile; and some more, ms.

@@ -153,7 +153,7 @@ fn a_dead_window_and_a_dead_front_end_cost_a_reset_and_the_odometry_goes_on() {
     assert!(verified.status.success(), "{}{}", String::from_utf8_lossy(&verified.stdout), stderr(&verified));
 }
 
-/// Of odometry as it was written, s of data.
+/// Longest gap between odometry stamps in a written trajectory, s of data.
 fn longest_gap_s(path: &Path) -> f64 {
     let text = std::fs::read_to_string(path).unwrap();
     let stamps: Vec<f64> = text

@@ -15,7 +15,7 @@ const KILLS: u32 = 8;
 struct Systemd {
     child: Child,
     folder: tempfile::TempDir,
-    /// Of systemd, on this side.
+    /// Process ID of systemd, on this side.
     pid: String,
 }
 

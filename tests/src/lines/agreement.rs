@@ -20,7 +20,7 @@ pub fn covered_share(lines: &[Line], others: &[Line]) -> f64 {
     if total > 0.0 { covered / total } else { 0.0 }
 }
 
-/// The same of a single segment.
+/// Share of a single segment that is covered by `others`.
 #[must_use]
 pub fn covered_share_of(line: &Line, others: &[Line]) -> f64 {
     let limit = WITHIN_DEG.to_radians();

@@ -84,9 +84,9 @@ pub enum Adversary {
     Grating(f64, f64),
     /// Rings of this period: edges that are never straight.
     Rings(f64),
-    /// So many segments of one pixel's width at random.
+    /// Number of random segments, one pixel wide.
     Lines(usize),
-    /// So many discs and rectangles at random, one over the other.
+    /// Number of random discs and rectangles, one over the other.
     Shapes(usize),
     /// This share of the pixels black or white, the others mid-grey.
     SaltAndPepper(f64),

@@ -15,7 +15,7 @@ use super::protocol::{Answer, Content, Outgoing, Protocol, Questions, TimeUnit};
 use plumbline_config::options::MavlinkImu;
 use wire::{Frame, Kind, MAX_WRITTEN};
 
-/// Who we are in the vehicle's system: MAV_COMP_ID_ONBOARD_COMPUTER.
+/// Our component ID in the vehicle's system: MAV_COMP_ID_ONBOARD_COMPUTER.
 const OUR_COMPONENT: u8 = 191;
 /// The rate of the samples is looked at this often, ns.
 const RATE_NS: i64 = 5_000_000_000;

@@ -61,7 +61,7 @@ impl Rig {
         }
     }
 
-    /// The same trigger and frame; those of `lost` are lost.
+    /// Feeds trigger and frame `n`, except those that `lost` names.
     fn both(&mut self, n: i64, lost: impl Fn(i64) -> [bool; 2]) -> Option<Result<i64, Matched>> {
         let [trigger, frame] = lost(n);
         if !trigger {

@@ -2,7 +2,7 @@
 
 use super::JpegDamage;
 
-/// So many bits there are at least after [`Bits::fill`].
+/// Least number of bits available after [`Bits::fill`].
 const FILLED: u32 = 32;
 
 pub(super) struct Bits<'a> {

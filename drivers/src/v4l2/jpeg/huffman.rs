@@ -78,7 +78,7 @@ pub(super) fn standard_dc() -> [Huffman; 4] {
     [tables[0].clone(), tables[1].clone(), tables[0].clone(), tables[1].clone()]
 }
 
-/// The same of coefficients.
+/// Codes of Annex K.3 for the AC coefficients: for luma in the even places, for chroma in the odd ones.
 pub(super) fn standard_ac() -> [Huffman; 4] {
     let tables = [table(&LUMA_AC_COUNTS, &LUMA_AC_SYMBOLS), table(&CHROMA_AC_COUNTS, &CHROMA_AC_SYMBOLS)];
     [tables[0].clone(), tables[1].clone(), tables[0].clone(), tables[1].clone()]

@@ -79,7 +79,7 @@ pub(crate) fn set_format(fd: BorrowedFd<'_>, value: &mut Format) -> Result<(), E
     call::<SET_FORMAT, _>(fd, value)
 }
 
-/// The same of a device with planes.
+/// Sets the format of a multi-planar device; `value` then holds what the driver has set.
 pub(crate) fn set_planar_format(fd: BorrowedFd<'_>, value: &mut PlanarFormat) -> Result<(), Errno> {
     const { assert!(size_of::<PlanarFormat>() == size_of::<Format>()) };
     call::<SET_FORMAT, _>(fd, value)

@@ -1,7 +1,8 @@
 //! Buffers that the kernel fills and lends: allocated and mapped once, then given to and fro.
 //!
-//! Whose a buffer is its token says: [`Queue::dequeue`] makes a [`Filled`], which is neither copied nor made elsewhere,
-//! and [`Queue::requeue`] takes it back. While there is one, the driver leaves that buffer alone, and its bytes can be read.
+//! A token owns each dequeued buffer: [`Queue::dequeue`] makes a [`Filled`], which is neither copied nor made
+//! elsewhere, and [`Queue::requeue`] takes it back. While the token exists, the driver does not write to the buffer, so
+//! its bytes can be read.
 
 use super::abi::FLAG_ERROR;
 use super::calls::{self, BufferState};
@@ -40,7 +41,8 @@ impl Mapping {
     /// The bytes.
     ///
     /// # Safety
-    /// Nobody writes to the buffer while they are lent: it is dequeued, and not queued again.
+    /// The caller ensures that nothing writes to the buffer while the bytes are borrowed: it is dequeued, and not
+    /// queued again.
     unsafe fn read(&self) -> &[u8] {
         // SAFETY: `start` and `bytes` are a mapping that lives as long as `self`; nobody writes, as the caller says.
         unsafe { std::slice::from_raw_parts(self.start.as_ptr(), self.bytes) }

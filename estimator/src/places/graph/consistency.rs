@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 
 /// What odometry drifts by, m per root of a metre of way.
 const DRIFT_M: f64 = 0.02;
-/// The same of the heading, rad per root of a metre of way.
+/// Drift of the odometry's heading, rad per root of a metre of way.
 const DRIFT_RAD: f64 = 0.002;
 /// Errors of both loops together count as this many of their standard deviations.
 const DEVIATIONS: f64 = 3.5;
@@ -17,7 +17,7 @@ const MIN_APART_M: f64 = 0.1;
 struct Between {
     /// In the odometry frame of the first, m.
     way: Vector3<f64>,
-    /// Of the second's odometry frame against that of the first, rad.
+    /// Yaw of the second's odometry frame relative to that of the first, rad.
     turn: f64,
 }
 

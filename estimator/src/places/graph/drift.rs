@@ -19,7 +19,7 @@ use nalgebra::{Matrix4, Vector3, Vector4};
 const INFLATION: f64 = 3.0;
 /// What odometry drifts by beside that, m per root of a metre of way.
 const DRIFT_M: f64 = 0.02;
-/// The same of the heading, rad.
+/// Drift of the odometry's heading, rad per root of a metre of way.
 const DRIFT_RAD: f64 = 0.002;
 /// What the ends of any way are out by, however short it is, m and rad: the first poses of a flight are known less well
 /// than the window says.
@@ -34,7 +34,7 @@ const CONFIRMED: usize = 2;
 pub(super) struct Way {
     /// In the odometry frame of the first, m.
     way: Vector3<f64>,
-    /// Of the second's odometry frame against that of the first, rad.
+    /// Yaw of the second's odometry frame relative to that of the first, rad.
     turn: f64,
     covariance: Matrix4<f64>,
 }
@@ -64,7 +64,7 @@ impl Way {
         Some(Self { way: edge.way, turn: edge.turn, covariance: edge.covariance()? })
     }
 
-    /// The same way back.
+    /// Returns the way back, with its covariance.
     fn reversed(&self) -> Self {
         let back = turn(-self.turn);
         let mut by_error = -Matrix4::identity();

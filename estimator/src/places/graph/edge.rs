@@ -128,7 +128,7 @@ impl Edge {
         Some(Self { to: next.to, way: self.way + way, turn, information, ..*self })
     }
 
-    /// The same edge the other way round, as the graph has its ends now.
+    /// Returns the edge in the other direction, with its ends where the graph has them now.
     #[must_use]
     pub(super) fn reversed(&self, nodes: &[Node]) -> Self {
         let (from, to) = (&nodes[self.to], &nodes[self.from]);

@@ -19,7 +19,7 @@ pub struct Located {
     pub inliers: usize,
     /// Matches before guiding.
     pub matches: usize,
-    /// Of those, inliers.
+    /// Matches before guiding that agree with the pose.
     pub first_inliers: usize,
     /// Fields of the grid over the image with inliers.
     pub spread: usize,
@@ -79,7 +79,7 @@ pub struct Attempt {
     pub score: f32,
     /// Matches before guiding.
     pub matches: usize,
-    /// Of those, inliers.
+    /// Matches before guiding that agree with the pose.
     pub first_inliers: usize,
     /// Matches that agree with the pose after guiding.
     pub inliers: usize,

@@ -9,7 +9,7 @@ pub struct LocatorOptions {
     pub min_relative_score: f32,
     /// Least number of inliers.
     pub min_inliers: usize,
-    /// Of the matches before guiding, so many must be inliers.
+    /// Least share of the matches before guiding that must be inliers.
     pub min_inlier_share: f64,
     /// Least [evidence](super::Located::evidence): the inliers before guiding were found without knowing where to look, and
     /// prove the more for it.
@@ -20,7 +20,7 @@ pub struct LocatorOptions {
     pub min_spread: usize,
     /// Largest standard deviation of the position in its worst direction, m.
     pub max_sigma_m: f64,
-    /// The same of the attitude, rad.
+    /// Largest standard deviation of the attitude in its worst direction, rad.
     pub max_sigma_rad: f64,
     /// Inliers err alike (one calibration, patches seen from one side), so no more than this count as independent of
     /// each other.
@@ -29,7 +29,7 @@ pub struct LocatorOptions {
     pub max_points: usize,
     /// Standard deviation of the keyframes' own positions against each other, m: added to what is found.
     pub map_sigma_m: f64,
-    /// The same of their attitudes, rad.
+    /// Standard deviation of the keyframes' own attitudes against each other, rad: added to what is found.
     pub map_sigma_rad: f64,
 }
 

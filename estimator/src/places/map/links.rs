@@ -12,7 +12,7 @@ const MAX_DEPTH_RATIO: f64 = 2.0;
 /// A keyframe that has moved by no more than this, by the view distance, keeps its neighbours, m.
 const MOVED_M: f64 = 0.03;
 
-/// Of a keyframe that no other covers.
+/// View distance and neighbour of a keyframe that no other keyframe covers.
 pub(super) const UNCOVERED: (f64, usize) = (f64::INFINITY, usize::MAX);
 
 impl PlaceMap {

@@ -8,7 +8,7 @@ use plumbline_config::{Portable, Timestamp};
 
 /// What odometry is taken to drift by where the window did not say, m per root of a metre, and least.
 const DRIFT_M: (f64, f64) = (0.02, 0.005);
-/// The same of the heading, rad.
+/// Assumed drift of the heading where the window reported none, rad per root of a metre, and least.
 const DRIFT_RAD: (f64, f64) = (0.002, 0.001);
 
 /// The segment that is being flown.

@@ -24,12 +24,12 @@ const EXAMPLES: &str = "Examples:
 
 Boards, lengths in metres, measured on the print:
   aprilgrid:COLSxROWS:TAG:SPACING                Kalibr's grid: tags, side of a tag, gap over side
-  charuco:COLSxROWS:SQUARE:MARKER[:DICT]         squares; DICT as OpenCV calls it, 6X6_250 without
+  charuco:COLSxROWS:SQUARE:MARKER[:DICT]         squares; DICT as OpenCV calls it, default 6X6_250
   chessboard:COLSxROWS:SIZE                      inner corners, one less than squares; all of them in sight
 
 docs/calibration.md says what to print, how to move it, and what a good result looks like.";
 
-/// As many moments tell what there is to tell; more take longer.
+/// Default limit of images: more take longer and add little.
 const MOST_IMAGES: u32 = 60;
 /// The source that is no file; a folder of that name is `./live`.
 const LIVE: &str = "live";
@@ -51,23 +51,23 @@ pub struct CameraArgs {
     /// The configuration to write.
     #[arg(long, value_name = "OUT.toml")]
     out: PathBuf,
-    /// The picture to write, .png or .svg: where corners were seen, and how far off they lie. Without it, a PNG beside OUT.
+    /// Picture to write (.png or .svg): positions of the corners and their residuals. Default: a PNG beside OUT.
     #[arg(long, value_name = "OUT.png|OUT.svg")]
     picture: Option<PathBuf>,
     /// The model of the lenses.
     #[arg(long, value_enum, default_value_t = Lens::Radtan)]
     lens: Lens,
-    /// The left camera alone.
+    /// Use the left camera only.
     #[arg(long)]
     mono: bool,
-    /// Frames a second that the cameras will take in flight, Hz. Without it, those of the base.
+    /// Frame rate of the cameras in flight, Hz. Default: that of the base.
     #[arg(long, value_name = "HZ")]
     rate: Option<f64>,
-    /// Configuration file or preset that all else is taken from, also where the left camera sits on the IMU. Without it,
-    /// that of --config, or the preset `euroc`.
+    /// Configuration file or preset for all other values, such as the pose of the left camera on the IMU. Default: that
+    /// of --config, or the preset `euroc`.
     #[arg(long, value_name = "FILE|PRESET")]
     base: Option<PathBuf>,
-    /// Moments that are used, at most: evenly from all that there are, or the first that `live` keeps.
+    /// Largest number of images (or pairs) used: evenly chosen from a recording, or the first that `live` keeps.
     #[arg(long, default_value_t = MOST_IMAGES, value_parser = clap::value_parser!(u32).range(5..=1000))]
     max_images: u32,
     /// Replace files of these names.

@@ -28,8 +28,8 @@ pub struct ImuArgs {
     /// The configuration to write.
     #[arg(long, value_name = "OUT.toml")]
     pub out: PathBuf,
-    /// Configuration file or preset that all else is taken from. Without one: that of the log, or the preset `euroc`
-    /// with the data set's calibration where it has one.
+    /// Configuration file or preset for all other values. Default: that of the log, or the preset `euroc` with the
+    /// calibration of the data set, if it has one.
     #[arg(long, value_name = "FILE|PRESET")]
     pub config: Option<PathBuf>,
     /// Draw the Allan deviations (.svg or .png).
@@ -81,7 +81,10 @@ pub(super) fn run(args: &ImuArgs) -> Result<()> {
     let mut written = Vec::new();
     let config =
         base.with("calibrate imu", |config| written = found.write_into(&mut config.imu, args.inflate))?;
-    anyhow::ensure!(written.len() > 1, "{name}: no noise was found, nothing is written");
+    anyhow::ensure!(
+        written.len() > 1,
+        "{name}: no noise could be estimated, so nothing is written; check that the recording is at rest"
+    );
     if let Some(path) = &args.plot {
         write_figure(&found, &name.to_string(), path)?;
     }

@@ -20,13 +20,13 @@ const MOST_S: f64 = 86_400.0;
 /// Arguments for live cameras alone.
 #[derive(Debug, Args)]
 pub(super) struct LiveArgs {
-    /// With `live`: the configuration that names the cameras, and that all else is taken from.
+    /// With `live`: configuration that names the cameras and supplies all other values.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// With `live`: end after so many seconds, if there is not enough before. Ctrl-C ends it too, and what was kept counts.
+    /// With `live`: stop after S seconds at the latest. Ctrl-C stops too; in both cases the pairs kept so far are used.
     #[arg(long, value_name = "S")]
     pub duration: Option<f64>,
-    /// With `live`: the folder that the pairs are kept in, for another calibration of them. Without it, beside OUT.
+    /// With `live`: folder to which the pairs are written, for a later calibration. Default: beside OUT.
     #[arg(long, value_name = "FOLDER")]
     pub images: Option<PathBuf>,
 }
@@ -56,7 +56,7 @@ pub(super) fn check_absent(args: &LiveArgs) -> Result<(), Usage> {
 /// Refuses what makes no sense, before a camera is opened; the configuration will be written to `out`.
 pub(super) fn check(args: &LiveArgs, out: &Path, overwrite: bool) -> Result<(), Usage> {
     if args.config.is_none() {
-        return Err(Usage("live: name the configuration of the cameras with --config FILE".into()));
+        return Err(Usage("live: give the configuration of the cameras with --config FILE".into()));
     }
     if args.duration.is_some_and(|s| !(s > 0.0 && s <= MOST_S)) {
         return Err(Usage("--duration: give a positive number of seconds, such as 120".into()));

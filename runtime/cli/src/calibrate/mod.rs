@@ -18,12 +18,12 @@ pub struct CalibrateArgs {
 
 #[derive(Debug, Subcommand)]
 enum CalibrateCommand {
-    /// Find intrinsics and the pose between two cameras by images of a board (needs a build with OpenCV: `make
+    /// Calibrate intrinsics, and the pose between two cameras, from images of a board (needs a build with OpenCV: `make
     /// calibration`).
     Camera(Box<camera::CameraArgs>),
-    /// Noise of the inertial sensor, of a recording at rest: densities and bias walks by the Allan deviation.
+    /// Estimate noise densities and bias random walks of the IMU from a recording at rest (Allan deviation).
     Imu(imu::ImuArgs),
-    /// Place and attitude of the cameras on the IMU and their time offset, of a recording moved by hand.
+    /// Calibrate the pose of the cameras on the IMU and their time offset from a recording moved by hand.
     Rig(rig::RigArgs),
 }
 

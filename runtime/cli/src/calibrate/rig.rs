@@ -28,17 +28,17 @@ pub struct RigArgs {
     /// The configuration to write.
     #[arg(long, value_name = "OUT.toml")]
     pub out: PathBuf,
-    /// Configuration file or preset to begin with. Without one: the preset `euroc` with the data set's calibration, or that
-    /// of the log.
+    /// Configuration file or preset to begin with. Default: the preset `euroc` with the calibration of the data set, or
+    /// the configuration of the log.
     #[arg(long, value_name = "FILE|PRESET")]
     pub config: Option<PathBuf>,
-    /// How far the attitude of the cameras may be off to begin with, one standard deviation, degrees.
+    /// Standard deviation of the initial attitude of the cameras, degrees.
     #[arg(long, value_name = "DEG", default_value_t = 2.0)]
     pub rotation_sigma_deg: f64,
-    /// How far their place may be off, one standard deviation, mm.
+    /// Standard deviation of the initial position of the cameras, mm.
     #[arg(long, value_name = "MM", default_value_t = 30.0)]
     pub translation_sigma_mm: f64,
-    /// How far their time offset may be off, one standard deviation, ms.
+    /// Standard deviation of the initial time offset, ms.
     #[arg(long, value_name = "MS", default_value_t = 10.0)]
     pub time_offset_sigma_ms: f64,
     /// Topics of a bag.

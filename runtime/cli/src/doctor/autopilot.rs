@@ -72,7 +72,7 @@ fn judge(config: &AutopilotConfig, heard: &BTreeSet<(u32, u8)>) -> Verdict {
         ));
     }
     Verdict::NotFit(format!(
-        "{address}: no message within {} s; see to the wiring, the baud rate, and that MAVLink is on at that port",
+        "{address}: no message within {} s; check the wiring, the baud rate, and that MAVLink is enabled on that port",
         PATIENCE_NS / 1_000_000_000
     ))
 }

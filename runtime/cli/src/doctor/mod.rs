@@ -28,8 +28,8 @@ const EXAMPLES: &str = "Examples:
   plumbline doctor --config my.toml --record /data
                                                 and whether the disk takes a recording
   plumbline doctor --config my.toml --live      and the configured sensors, for half a minute
-  plumbline doctor V1_01_easy                   what a recording says of its sensors
-  plumbline doctor log.mcap --json              the same of a flight log, for programs
+  plumbline doctor V1_01_easy                   check the sensor data of a recording
+  plumbline doctor log.mcap --json              check a flight log, print JSON
 
 Let the vehicle stand for three seconds, then turn it by hand about all axes in front of something with texture: gravity and
 biases are measured at rest, time offset and rotation between camera and IMU in motion, vibration with motors running.
@@ -44,25 +44,25 @@ const MAX_SECONDS: f64 = 3600.0;
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct DoctorArgs {
-    /// Look at the data of a EuRoC data set, a flight log, a ROS 2 bag (with --config) or a simulated flight (sim:room), rather
-    /// than at this host.
+    /// Check the data of a EuRoC data set, a flight log, a ROS 2 bag (with --config) or a simulated flight (sim:room)
+    /// instead of this host.
     pub source: Option<String>,
-    /// Configuration file or preset. Without one: the calibration of the source, for the host the preset `sim`.
+    /// Configuration file or preset. Default: the calibration of the source; for the host, the preset `sim`.
     #[arg(long)]
     pub config: Option<PathBuf>,
     /// Change a key of the configuration, such as runtime.tick_cpus=[0]; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub overrides: Vec<String>,
-    /// Look at what the configured sensors deliver, besides this host.
+    /// Check the data of the configured sensors, besides this host.
     #[arg(long, requires = "config", conflicts_with = "source")]
     pub live: bool,
-    /// Folder that flights are recorded into: its room and its speed are tried.
+    /// Recording folder: its free space and its speed are checked.
     #[arg(long, value_name = "FOLDER", conflicts_with = "source")]
     pub record: Option<PathBuf>,
-    /// How long the timer of the host is watched, seconds.
+    /// Duration of the check of the host's timer, seconds.
     #[arg(long, default_value_t = 2.0)]
     pub watch: f64,
-    /// How much of the data is looked at, seconds. Default 30.
+    /// Duration of the data to check, seconds. Default: 30.
     #[arg(long, value_name = "N")]
     pub seconds: Option<f64>,
     /// Topics of a bag.

@@ -33,7 +33,7 @@ impl<T: Send + 'static> Awaited<T> {
         };
         let spawned = std::thread::Builder::new().name("autopilot-link".into()).spawn(search);
         if let Err(error) = spawned {
-            tracing::error!("nobody looks for the autopilot's line: {error}");
+            tracing::error!("cannot watch for the autopilot's serial device: {error}");
         }
         Self { found, _wanted: wanted }
     }

@@ -28,7 +28,7 @@ const SILENCE_NS: i64 = 5_000_000_000;
 #[non_exhaustive]
 pub enum LinkError {
     /// The address is none, or its name is unknown.
-    #[error("autopilot at {address}: no such address ({reason}); check the name and that it can be resolved")]
+    #[error("autopilot at {address}: address not found ({reason}); check the name and the name service")]
     Address {
         /// As configured.
         address: String,
@@ -47,7 +47,7 @@ pub enum LinkError {
     },
     /// The device cannot be used.
     #[error(
-        "autopilot at {device}: the device cannot be used ({source}); check the path, its permissions (group dialout) and that nobody else has it open"
+        "autopilot at {device}: the device cannot be used ({source}); check the path, its permissions (group dialout), and that no other program has it open"
     )]
     Device {
         /// Path of the device.
@@ -85,11 +85,11 @@ impl Link {
     #[must_use]
     pub fn open_patiently(endpoint: &AutopilotEndpoint) -> Self {
         Self::open(endpoint).unwrap_or_else(|error| {
-            tracing::warn!("{error}; it is waited for");
+            tracing::warn!("{error}; retrying until it is available");
             let endpoint = endpoint.clone();
             Self::Awaited(Awaited::search(move || {
                 let link = Self::open(&endpoint).ok()?;
-                tracing::warn!("autopilot: the line is there");
+                tracing::warn!("autopilot: the serial device is available");
                 Some(Box::new(link))
             }))
         })

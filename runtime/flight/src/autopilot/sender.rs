@@ -39,7 +39,7 @@ const MAX_ANSWERS: usize = 8;
 pub struct BridgeFigures {
     /// `ODOMETRY` messages that the system took.
     pub odometry: u64,
-    /// Of these, without a valid pose: with quality -1.
+    /// Messages sent without a valid pose, with quality -1.
     pub invalid: u64,
     /// Messages of any kind that the system did not take.
     pub unsent: u64,
@@ -82,7 +82,7 @@ pub struct Sender {
     words: Writer<News>,
     header: MavHeader,
     timesync: TimeSync,
-    /// Whose answers count, where several answer.
+    /// System and component whose time answers count, if several answer.
     time_source: Option<(u32, u8)>,
     announcer: Announcer,
     heartbeat: Monotonic,

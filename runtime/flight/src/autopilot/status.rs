@@ -40,7 +40,7 @@ pub enum Reason {
 }
 
 impl Condition {
-    /// Of odometry in this state.
+    /// Returns the condition for odometry in this state.
     #[must_use]
     pub fn of(state: TrackingState) -> Self {
         match state {
@@ -100,7 +100,7 @@ impl Announcer {
         Some(words)
     }
 
-    /// Somebody new listens: what was said is said again.
+    /// Sends the last status again: a new listener has appeared.
     pub fn repeat(&mut self) {
         *self = Self::default();
     }

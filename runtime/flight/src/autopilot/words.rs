@@ -27,9 +27,9 @@ pub enum News {
 impl News {
     fn tell(self, address: &str) {
         match self {
-            Self::Heard => tracing::info!("autopilot at {address}: heard"),
+            Self::Heard => tracing::info!("autopilot at {address}: connected"),
             Self::Silent => {
-                tracing::warn!("autopilot at {address}: nothing is heard of it; odometry goes on");
+                tracing::warn!("autopilot at {address}: no messages received; still sending odometry");
             }
             Self::Clock(ns) => {
                 tracing::info!("autopilot at {address}: its clock is {:.3} ms ahead", ns as f64 * 1e-6);
@@ -37,9 +37,11 @@ impl News {
             Self::Gone(error) => {
                 let reason = error.map(std::io::Error::from_raw_os_error);
                 let reason = reason.map_or_else(|| "it hung up".into(), |error| error.to_string());
-                tracing::warn!("autopilot at {address}: the device went away ({reason}); looking for it");
+                tracing::warn!(
+                    "autopilot at {address}: the device was disconnected ({reason}); waiting for it to return"
+                );
             }
-            Self::Back => tracing::info!("autopilot at {address}: the device is back"),
+            Self::Back => tracing::info!("autopilot at {address}: the device is connected again"),
         }
     }
 }

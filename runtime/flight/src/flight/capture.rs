@@ -100,7 +100,7 @@ impl Meter {
     }
 }
 
-/// Nobody else takes the lock while the source runs.
+/// Meter shared with the report; uncontended while the source runs.
 #[derive(Clone, Debug)]
 pub struct SharedMeter(Arc<Mutex<(Meter, Pairs)>>);
 
@@ -139,7 +139,7 @@ pub struct Watched<S: ?Sized> {
 }
 
 impl<S: ?Sized> Watched<S> {
-    /// Of a source of this rate, with what will have been seen of it.
+    /// Wraps a source of this rate, and returns the meter of what it delivers.
     #[must_use]
     pub fn new(source: Box<S>, rate_hz: f64) -> (Self, SharedMeter) {
         let meter = SharedMeter::new(rate_hz);

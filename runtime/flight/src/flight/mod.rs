@@ -53,20 +53,20 @@ pub struct Flight {
     pub truth: Truth,
     /// What is flown, in a few words.
     pub name: String,
-    /// What is wrong with it by its looks.
+    /// Findings of the input check.
     pub findings: Vec<plausibility::Finding>,
-    /// How the log that is flown ends, where one is.
+    /// How the log that is replayed ends; `None` for other inputs.
     pub log_end: Option<LogEnd>,
-    /// A map that the flight goes on with.
+    /// Map that the flight continues; `None` if it starts without one.
     pub map: Option<KnownMap>,
-    /// Whose the stamps of its samples are.
+    /// Clock domain of the sample timestamps.
     pub stamps: Stamps,
-    /// Resets are counted from here on: there may have been a flight before that this one goes on with.
+    /// First value of the reset counter: greater than 0 if this flight continues an earlier one.
     pub first_reset_counter: u32,
 }
 
 impl Flight {
-    /// The same flight with `faults` in its frames, whose draws are those of `seed`.
+    /// Returns the flight with `faults` in its frames, drawn with `seed`.
     #[must_use]
     pub fn with_faults(self, faults: FrameFaults, seed: u64) -> Self {
         if faults.is_none() {

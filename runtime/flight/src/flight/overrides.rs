@@ -24,7 +24,7 @@ pub fn with_overrides(config: &ValidConfig, changes: &[String]) -> Result<ValidC
         .map_err(|error| without_lines(error).into())
 }
 
-/// The same refusal without lines: nobody has the file that they count in.
+/// Removes the line numbers of a refusal: the file that they refer to exists in memory only.
 fn without_lines(error: ConfigError) -> ConfigError {
     match error {
         ConfigError::Invalid { origin, violations } => {

@@ -55,7 +55,8 @@ impl ResetCount {
         let shared = Arc::new(shared);
         let theirs = Arc::clone(&shared);
         let spawned = std::thread::Builder::new().name("reset-count".into()).spawn(move || keep(&theirs));
-        let thread = spawned.inspect_err(|error| tracing::warn!("resets are not kept: {error}")).ok();
+        let thread =
+            spawned.inspect_err(|error| tracing::warn!("the reset counter is not saved: {error}")).ok();
         Self { first, shared, thread }
     }
 
@@ -147,7 +148,7 @@ fn read(path: &Path) -> u32 {
     };
     let number = text.split_whitespace().next().and_then(|word| word.parse().ok());
     number.filter(|next| line(*next) == text).unwrap_or_else(|| {
-        tracing::warn!("{}: damaged; resets are counted from another number on", path.display());
+        tracing::warn!("{}: damaged; reset counter reinitialized (state file unreadable)", path.display());
         (Monotonic::now().0 / 1_000_000_000) as u32
     })
 }

@@ -107,7 +107,7 @@ fn imu_trouble(figures: &ImuFigures, bringing: &mut Bringing, now: Instant) -> O
     if !figures.link.is_open {
         let why = figures.link.last_error.map(std::io::Error::from_raw_os_error);
         let why = why.map_or_else(String::new, |error| format!(" ({error})"));
-        return Some(format!("the IMU is not there{why}; it is waited for"));
+        return Some(format!("the IMU is missing{why}; waiting for it"));
     }
     if is_moving || now - since < PATIENCE {
         // Until it has brought something it counts as missing.

@@ -55,7 +55,7 @@ impl CausalTrajectory {
         Self { storage: Storage::with_room_for(frames, blank), most: usize::MAX }
     }
 
-    /// The same for the first so many poses of a flight that may last for ever.
+    /// Creates a trajectory that keeps the first `frames` poses of a flight of any length.
     #[must_use]
     pub fn of_first(frames: usize) -> Self {
         Self { most: frames, ..Self::with_room_for(frames) }

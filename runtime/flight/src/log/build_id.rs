@@ -28,7 +28,7 @@ pub struct BuildId {
 }
 
 impl BuildId {
-    /// Of this process. The first call reads the executable.
+    /// Returns the build of this process. The first call reads the executable.
     #[must_use]
     pub fn current() -> &'static Self {
         static CURRENT: OnceLock<BuildId> = OnceLock::new();

@@ -34,7 +34,7 @@ pub enum Channel {
     Odometry,
     /// Position of the body, to be drawn.
     Transform,
-    /// The same as a pose.
+    /// Pose of the body, to be drawn.
     Pose,
     /// Events.
     Event,

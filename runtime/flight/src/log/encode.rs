@@ -24,7 +24,7 @@ pub fn log_time(stamp: Timestamp) -> u64 {
     u64::try_from(stamp.as_nanos()).unwrap_or(0)
 }
 
-/// The same as Foxglove's messages carry it.
+/// Time of a message as Foxglove's messages carry it.
 #[must_use]
 pub fn timestamp(stamp: Timestamp) -> Option<prost_types::Timestamp> {
     let nanos = stamp.as_nanos();

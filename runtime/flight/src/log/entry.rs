@@ -87,19 +87,19 @@ impl Kind {
 pub struct Dropped(pub [u64; Kind::NAMES.len()]);
 
 impl Dropped {
-    /// Of one kind.
+    /// Dropped entries of one kind.
     #[must_use]
     pub fn of(&self, kind: Kind) -> u64 {
         self.0[kind as usize]
     }
 
-    /// Of all kinds.
+    /// Dropped entries of all kinds.
     #[must_use]
     pub fn total(&self) -> u64 {
         self.0.iter().sum()
     }
 
-    /// Of those that a re-execution needs.
+    /// Dropped entries of the kinds that a re-execution needs.
     #[must_use]
     pub fn inputs(&self) -> u64 {
         [Kind::Imu, Kind::Frame, Kind::Order].iter().map(|kind| self.of(*kind)).sum()

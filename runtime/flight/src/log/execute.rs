@@ -92,7 +92,8 @@ impl Readings {
 }
 
 impl Execution {
-    /// Of the log at the beginning of `log`, with the images of a data set or its own, and the map that it went on with.
+    /// Creates the execution of the log at the beginning of `log`, with the images of a data set or its own, and the
+    /// map that the flight continued.
     #[must_use]
     pub fn new(log: Cursor, images: Option<Box<dyn StereoSource>>, known: Option<PlaceMap>) -> Self {
         let config = &log.reader().about().config;

@@ -37,7 +37,8 @@ pub struct MapExecution {
 }
 
 impl MapExecution {
-    /// Of a flight with this configuration, which went on with the keyframes of `known`; `None` where places were off.
+    /// Creates the execution for a flight with this configuration, which continued the keyframes of `known`; `None` if
+    /// places were off.
     #[must_use]
     pub fn new(config: &ValidConfig, known: Option<PlaceMap>) -> Option<Self> {
         config.estimator.places.enabled.then(|| Self {

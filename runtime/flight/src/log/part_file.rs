@@ -79,7 +79,7 @@ type Open = Box<dyn FnMut(&Path) -> io::Result<Box<dyn Medium>> + Send>;
 /// Opens the parts of a log, one after the other.
 pub struct OpenPart {
     open: Open,
-    /// Of the part that was opened last, until somebody takes it.
+    /// Syncer of the part that was opened last, until it is taken.
     newest: Option<Box<dyn Syncer>>,
     position: Arc<AtomicU64>,
 }

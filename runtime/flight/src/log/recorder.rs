@@ -178,7 +178,7 @@ pub struct RecorderSummary {
     pub deleted_bytes: u64,
     /// Entries that were not recorded.
     pub not_recorded: u64,
-    /// The same in words.
+    /// Entries that were not recorded, as text.
     pub not_recorded_words: String,
     /// Why recording ended before the flight, if it did.
     pub ended_early: Option<String>,
@@ -218,7 +218,7 @@ impl Recorder {
         Self::start_on(OpenPart::files(), Limits::of(&config.recorder), path, config, when_full)
     }
 
-    /// The same with other limits, in files opened by `open`.
+    /// Starts a recorder with other limits, in files opened by `open`.
     ///
     /// # Errors
     /// As [`Self::start`].
@@ -340,7 +340,7 @@ fn record(shared: &Shared, mut writer: LogWriter, sync: SyncThread, path: PathBu
     drop(running);
     sync.finish();
     if let Some(error) = &failure {
-        tracing::warn!("{error}: recording ends here, the flight goes on");
+        tracing::warn!("{error}: recording stopped, the flight continues");
         for (count, lost) in shared.dropped.iter().zip(writer.unsaved().0) {
             count.fetch_add(lost, Ordering::Relaxed);
         }

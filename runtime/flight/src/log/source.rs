@@ -64,7 +64,7 @@ pub struct LogStereo {
 }
 
 impl LogImu {
-    /// Of the log at `path`.
+    /// Opens the log at `path`.
     ///
     /// # Errors
     /// When it cannot be read or is no flight log.
@@ -72,7 +72,7 @@ impl LogImu {
         Ok(Self { cursor: Cursor::open(path, &[Channel::Imu])?, end: LogEnd::default() })
     }
 
-    /// The same, which tells `end` how the log ends.
+    /// Returns the source; it reports to `end` how the log ends.
     #[must_use]
     pub fn ending_at(self, end: &LogEnd) -> Self {
         Self { end: end.clone(), ..self }
@@ -80,7 +80,7 @@ impl LogImu {
 }
 
 impl LogStereo {
-    /// Of the log at `path`, those within `frames`, counted from 0; with `mono` their left images alone.
+    /// Opens the log at `path`, limited to `frames`, counted from 0; with `mono` the left images alone.
     ///
     /// # Errors
     /// When it cannot be read, is no flight log, or holds no images.
@@ -100,13 +100,13 @@ impl LogStereo {
         Ok(Self { cursor, frames, seconds, first: None, next: 0, end: LogEnd::default() })
     }
 
-    /// The same with only the frames of these seconds, counted from the first frame.
+    /// Returns the source limited to the frames of these seconds, counted from the first frame.
     #[must_use]
     pub fn within_s(self, seconds: Range<f64>) -> Self {
         Self { seconds, ..self }
     }
 
-    /// The same, which tells `end` how the log ends.
+    /// Returns the source; it reports to `end` how the log ends.
     #[must_use]
     pub fn ending_at(self, end: &LogEnd) -> Self {
         Self { end: end.clone(), ..self }

@@ -38,7 +38,7 @@ impl SyncThread {
                 if let Some(Err(error)) = part.as_mut().map(|part| part.sync())
                     && !std::mem::replace(&mut has_warned, true)
                 {
-                    tracing::warn!("the log is not brought to its disk: {error}");
+                    tracing::warn!("cannot flush the log to disk: {error}");
                 }
             }
         })?;

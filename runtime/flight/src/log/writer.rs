@@ -25,9 +25,9 @@ const NEW_PART_BYTES: u64 = 128 << 10;
 /// How much is written.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
-    /// Of a part, bytes.
+    /// Largest size of a part, bytes.
     pub part_bytes: u64,
-    /// Of all parts, bytes.
+    /// Largest size of all parts together, bytes.
     pub total_bytes: u64,
     /// What to do at the limit.
     pub keep: KeepPolicy,

@@ -26,8 +26,8 @@ impl Control {
         Self { stop, ..Self::default() }
     }
 
-    /// The same; a run that cannot go on calls `last_resort`, which is to end the process should the run not get to its
-    /// end: threads that stand still cannot be waited for.
+    /// Sets `last_resort`, which a run that cannot continue calls. It must end the process if the run does not end by
+    /// itself: stalled threads cannot be joined.
     #[must_use]
     pub fn with_last_resort(self, last_resort: fn()) -> Self {
         Self { last_resort: Some(last_resort), ..self }

@@ -115,7 +115,7 @@ pub struct LineMoments {
     pub matched: u64,
     /// Line landmarks in the window.
     pub in_window: u64,
-    /// Of these, along a direction of the structure.
+    /// Line landmarks in the window along a direction of the structure.
     pub in_structure: u64,
     /// Images, of both cameras, whose budget was spent.
     pub cut_short: u64,

@@ -34,7 +34,7 @@ pub enum Producer {
     Watchdog,
 }
 
-/// Who wants to listen to a run.
+/// Subscriber to a run.
 pub trait Subscriber {
     /// The listener that moves to the thread of `producer`. A run asks once for each.
     fn listener(&mut self, producer: Producer) -> Box<dyn Listener>;
@@ -104,7 +104,7 @@ pub struct Mapped<'a> {
     pub mapper: &'a Mapper,
 }
 
-/// Nobody listens.
+/// Subscriber that ignores everything.
 impl Subscriber for () {
     fn listener(&mut self, _producer: Producer) -> Box<dyn Listener> {
         Box::new(())

@@ -20,7 +20,7 @@ pub struct MapSaves {
 }
 
 impl MapSaves {
-    /// Somebody writes maps from now on.
+    /// Accepts requests from now on: a thread that writes maps is running.
     pub fn open(&self) {
         self.is_open.store(true, Ordering::Relaxed);
     }

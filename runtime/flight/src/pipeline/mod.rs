@@ -50,12 +50,12 @@ pub struct RunOptions {
     pub threads: usize,
 }
 
-/// Whose the stamps of the samples are.
+/// Clock domain of the sample timestamps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Stamps {
-    /// Of this host's monotonic clock: live sensors. What arrives is due.
+    /// This host's monotonic clock: live sensors. A sample is due when it arrives.
     OfHost,
-    /// Of a recording or simulation, which is played against the clock in a live run.
+    /// Clock of a recording or simulation, which is played against the host's clock in a live run.
     #[default]
     Replayed,
 }
@@ -68,9 +68,9 @@ pub struct Streams {
     pub stereo: Box<dyn StereoSource>,
     /// Keyframes of a map that the flight goes on with, of the limits of [`Mapper::limits`].
     pub map: Option<PlaceMap>,
-    /// Whose their stamps are.
+    /// Clock domain of the sample timestamps.
     pub stamps: Stamps,
-    /// Resets are counted from here on.
+    /// First value of the reset counter.
     pub first_reset_counter: u32,
 }
 
@@ -122,13 +122,13 @@ pub enum RunError {
     #[error(transparent)]
     Driver(#[from] DriverError),
     /// The system refused a thread.
-    #[error("the system refuses a thread: {0}")]
+    #[error("cannot start a thread: {0}; check the limits on threads and memory")]
     Thread(String),
     /// A task of the run ended by a fault of its own.
     #[error("the task {0} ended by a fault of its own; please report this with the flight's log")]
     Fault(&'static str),
     /// A task of the run stands still.
-    #[error("the task {0} stands still and does not come back; please report this with the flight's log")]
+    #[error("the task {0} is hung; please report this with the flight's log")]
     Stalled(&'static str),
 }
 

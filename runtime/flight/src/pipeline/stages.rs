@@ -54,7 +54,7 @@ pub struct FrontStage {
     first: Option<Timestamp>,
     /// Inertial readings given so far.
     pub readings: u64,
-    /// Of these, refused.
+    /// Inertial readings refused by the estimator.
     pub imu_refused: u64,
     /// Allocations and frees after the warm-up.
     pub allocations: u64,

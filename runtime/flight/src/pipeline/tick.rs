@@ -29,7 +29,7 @@ const MAX_WAIT_NS: i64 = 1_000_000_000;
 pub struct TickFigures {
     /// From being given a reading to its odometry, microseconds.
     pub handout_us: Times,
-    /// The same as a stage of the computation.
+    /// Times of the tick as a stage of the computation.
     pub times: StageTimes,
     /// Allocations and frees after the warm-up.
     pub allocations: u64,

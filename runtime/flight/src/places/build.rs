@@ -25,9 +25,9 @@ pub struct BuildOptions {
 pub struct BuildFigures {
     /// Frames looked at.
     pub frames: usize,
-    /// Of these, without a pose.
+    /// Frames without a pose.
     pub without_pose: usize,
-    /// Of these, too much like a keyframe that was there.
+    /// Frames too similar to a keyframe of the map.
     pub too_near: usize,
 }
 

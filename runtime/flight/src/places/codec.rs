@@ -42,9 +42,9 @@ const ROTATION_TOLERANCE: f64 = 1e-6;
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MapDefect {
     /// It does not begin as a map does.
-    #[error("is no map; give a file that `plumbline map build` or a flight has written")]
+    #[error("not a map; give a file written by `plumbline map build` or a flight")]
     Foreign,
-    /// Of another version.
+    /// Another format version.
     #[error(
         "is a map of format {found}, and this program reads format {VERSION}; build it again, or use the program that wrote it"
     )]

@@ -27,7 +27,7 @@ pub enum MapFileError {
         source: io::Error,
     },
     /// The file cannot be written.
-    #[error("{}: cannot be written ({source}); the map that was there before is still there", path.display())]
+    #[error("{}: cannot be written ({source}); the previous map is unchanged", path.display())]
     Write {
         /// The file.
         path: PathBuf,

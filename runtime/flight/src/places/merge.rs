@@ -22,7 +22,7 @@ pub struct Fit {
     pub pose_a_b: Isometry3<f64>,
     /// Keyframes of the second map that were located in the first.
     pub located: usize,
-    /// Of these, how many agree with the transform.
+    /// Located keyframes that agree with the transform.
     pub agreeing: usize,
 }
 

@@ -58,8 +58,8 @@ fn write_each(contents: &Receiver<MapContents>, path: &Path, control: &Control) 
     for map in contents {
         let outcome = write_map(path, &map).map(|()| map.keyframes.len() as u32);
         match &outcome {
-            Ok(keyframes) => tracing::info!("the map was saved: {keyframes} keyframes in {}", path.display()),
-            Err(error) => tracing::error!("the map was not saved: {error}"),
+            Ok(keyframes) => tracing::info!("map saved: {keyframes} keyframes in {}", path.display()),
+            Err(error) => tracing::error!("map not saved: {error}"),
         }
         control.map_saves().tell(outcome.map_err(|error| error.to_string()));
     }

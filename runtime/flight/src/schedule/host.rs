@@ -35,7 +35,7 @@ pub enum Refusal {
     )]
     Memory(String),
     /// Not on the processor that was asked for.
-    #[error("processor {1} is not to be had ({0}): see runtime.tick_cpus and runtime.work_cpus")]
+    #[error("cannot use processor {1} ({0}); check runtime.tick_cpus and runtime.work_cpus")]
     Affinity(String, usize),
     /// Processors sleep as deeply as the system likes.
     #[error(

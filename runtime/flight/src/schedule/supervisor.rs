@@ -1,7 +1,7 @@
-//! Who started this process and looks after it: systemd, or whoever speaks its protocol.
+//! Supervisor of this process: systemd, or another program that speaks its protocol.
 //!
-//! A datagram that finds no room is dropped and comes again: the thread that tells of its life must wait for nobody, and the
-//! libraries for this do.
+//! A datagram that finds no room is dropped and sent again later: the thread that reports liveness must not block, and
+//! the libraries for this do.
 
 use std::ffi::OsStr;
 use std::io;
@@ -53,7 +53,7 @@ impl Supervisor {
         let patience = number(PATIENCE_US).filter(|us| *us > 0 && is_for_us).map(Duration::from_micros);
         let socket = std::env::var_os(SOCKET).filter(|name| !name.is_empty()).and_then(|name| {
             let connected = connect(&name);
-            connected.inspect_err(|error| tracing::warn!("{SOCKET}: systemd cannot be told: {error}")).ok()
+            connected.inspect_err(|error| tracing::warn!("{SOCKET}: cannot notify systemd: {error}")).ok()
         });
         Self { socket, patience }
     }

@@ -12,9 +12,9 @@ const SLOWEST_HZ: f64 = 1.0;
 
 /// Silence of the map and of the network that is no stall: they yield to everything else.
 const YIELDING_STALL: Duration = Duration::from_secs(2);
-/// A task that is silent for this long does not come back, as far as anybody can wait: the process ends.
+/// A task that is silent for this long is taken for hung: the process ends.
 const PATIENCE: Duration = Duration::from_millis(1500);
-/// The same of sensor and tick, whose silence systemd is told of at once, and ends by itself.
+/// Patience with sensor and tick: systemd is notified of their silence at once, and ends the process itself.
 const TICK_PATIENCE: Duration = Duration::from_secs(2);
 /// The network's thread looks at its rings this often at least.
 const NETWORK_PERIOD: Duration = Duration::from_millis(200);
@@ -116,8 +116,7 @@ pub struct Task {
     pub deadline: Duration,
     /// Silence after which the watchdog calls it stalled.
     pub stall: Duration,
-    /// Silence after which the process ends: a thread cannot be stopped from outside. Of one that a flight can do without,
-    /// none.
+    /// Silence after which the process ends: a thread cannot be stopped from outside. `None` for optional tasks.
     pub patience: Option<Duration>,
     /// What its death does to a flight.
     pub loss: Loss,

@@ -17,7 +17,7 @@ impl Monotonic {
         Self(time.tv_sec * NANOS_PER_SECOND + time.tv_nsec)
     }
 
-    /// So much later.
+    /// Returns the time `nanos` later.
     #[must_use]
     pub fn plus_nanos(self, nanos: i64) -> Self {
         Self(self.0.saturating_add(nanos))

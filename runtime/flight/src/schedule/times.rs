@@ -38,13 +38,13 @@ impl Times {
         Self { histogram, per_unit, max }
     }
 
-    /// Of milliseconds.
+    /// Histogram of times in milliseconds.
     #[must_use]
     pub fn of_ms() -> Self {
         Self::new(MAX_US, 1e3)
     }
 
-    /// Of microseconds.
+    /// Histogram of times in microseconds.
     #[must_use]
     pub fn of_us() -> Self {
         Self::new(MAX_NS, 1e3)

@@ -11,7 +11,7 @@ use std::time::Duration;
 
 /// The heartbeat of a task that waits, or is over.
 const IDLE: i64 = i64::MIN;
-/// That of one that has ended by a fault of its own.
+/// Heartbeat of a task that has ended by a fault of its own.
 const DEAD: i64 = i64::MIN + 1;
 
 /// The heartbeat of one task.
@@ -34,13 +34,13 @@ pub enum Sign {
 }
 
 impl Pulse {
-    /// That of a task that waits.
+    /// Creates the heartbeat of a task that waits.
     #[must_use]
     pub fn new(id: TaskId) -> Self {
         Self { id, beat: AtomicI64::new(IDLE), deaths: AtomicU32::new(0) }
     }
 
-    /// Whose it is.
+    /// Task of the heartbeat.
     #[must_use]
     pub fn id(&self) -> TaskId {
         self.id
@@ -104,7 +104,7 @@ impl Heartbeats {
         self.0[id as usize] = pulse;
     }
 
-    /// That of a task.
+    /// Returns the heartbeat of a task.
     #[must_use]
     pub fn of(&self, id: TaskId) -> &Pulse {
         &self.0[id as usize]

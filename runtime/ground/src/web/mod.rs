@@ -91,7 +91,7 @@ pub async fn serve(
     let app = router(station);
     tokio::spawn(async move {
         if let Err(error) = axum::serve(listener, app).await {
-            tracing::error!("the page is no longer served: {error}");
+            tracing::error!("the web page server has stopped: {error}");
         }
     });
     Ok(address)

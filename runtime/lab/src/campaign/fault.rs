@@ -48,7 +48,7 @@ pub enum Fault {
     Extrinsics,
     /// Three gaps of 50 ms in the inertial samples, a second apart.
     ImuGap50,
-    /// The same of 200 ms.
+    /// Three gaps of 200 ms in the inertial samples, a second apart.
     ImuGap200,
     /// Every inertial reading at an end of its range for 0.3 s.
     Saturated,

@@ -98,7 +98,7 @@ impl Entry {
         self
     }
 
-    /// The same flight with something going wrong.
+    /// Returns the flight with a fault.
     #[must_use]
     pub fn with_fault(&self, fault: Fault) -> Self {
         let mut faulty = Self { fault, ..self.clone() };

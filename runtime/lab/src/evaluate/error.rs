@@ -30,7 +30,7 @@ pub enum EvaluateError {
     #[error(transparent)]
     Read(#[from] DriverError),
     /// A trajectory has no poses.
-    #[error("the {0} holds no pose")]
+    #[error("the {0} contains no pose")]
     Empty(Side),
     /// A pose has a component that is not a finite number.
     #[error("pose {index} of the {side} is not finite")]
@@ -68,9 +68,9 @@ pub enum EvaluateError {
     )]
     Degenerate,
     /// No two poses are that far apart.
-    #[error("no two poses are {0} apart; choose a smaller delta")]
+    #[error("no two poses are {0} apart; give a smaller delta")]
     NoPairs(Delta),
     /// The distance of relative errors is not a positive number.
-    #[error("a delta of {0} makes no sense; it must be above zero")]
+    #[error("invalid delta {0}; it must be above zero")]
     BadDelta(Delta),
 }

@@ -1,4 +1,4 @@
-//! The same figures as evo on the same files.
+//! Checks the figures against those of evo on the same files.
 //!
 //! evo is looked for beside the Python of the tests, the real ground truth in the shared data.
 

@@ -243,7 +243,7 @@ mod tests {
         }
     }
 
-    /// Of ten rows, the fourth and fifth of which have no pose.
+    /// Subject with ten rows; the fourth and fifth have no pose.
     fn subject() -> Subject {
         let rows: Vec<StateRow> = (0..10)
             .map(|k| StateRow {

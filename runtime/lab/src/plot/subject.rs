@@ -130,7 +130,7 @@ impl Subject {
         self.samples.iter().any(|sample| sample.nav.is_some())
     }
 
-    /// The same with the truth beside it, brought into the odometry frame.
+    /// Adds the ground truth, aligned to the odometry frame.
     ///
     /// # Errors
     /// When the two have no time in common, or too little for the alignment.

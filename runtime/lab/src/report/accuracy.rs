@@ -19,7 +19,7 @@ pub struct Accuracy {
     pub distance_m: f64,
     /// Root mean square position error after SE(3) alignment, m.
     pub ate_rmse_m: f64,
-    /// The same over the distance, percent.
+    /// Root mean square position error over the distance, percent.
     pub ate_percent: f64,
     /// Largest position error after alignment, m.
     pub max_error_m: f64,

@@ -124,7 +124,7 @@ pub struct Lines {
     pub matched: f64,
     /// Line landmarks in the window.
     pub in_window: f64,
-    /// Of these, along a direction of the structure.
+    /// Line landmarks in the window along a direction of the structure.
     pub in_structure: f64,
     /// Images in the whole run, of both cameras, whose budget of work was spent.
     pub cut_short: u64,
@@ -198,13 +198,13 @@ impl Report {
         }
     }
 
-    /// The same with what became of what was handed over.
+    /// Adds the figures of recording and autopilot.
     #[must_use]
     pub fn with(self, outputs: OutputFigures) -> Self {
         Self { recording: outputs.recording, autopilot: outputs.autopilot, ..self }
     }
 
-    /// The same with what live sensors brought; what their threads allocated counts.
+    /// Adds the figures of live sensors; allocations of their threads count.
     #[must_use]
     pub fn of_sensors(self, sensors: &LiveSensors) -> Self {
         let sensors = Sensors::of(sensors);
@@ -212,7 +212,7 @@ impl Report {
         Self { hot_path_allocations: self.hot_path_allocations + allocations, sensors: Some(sensors), ..self }
     }
 
-    /// The same with what was found wrong on the way.
+    /// Sets the warnings found during the run.
     #[must_use]
     pub fn warning_of(self, warnings: Vec<Finding>) -> Self {
         Self { warnings, ..self }

@@ -23,14 +23,14 @@ pub struct Places {
     pub localized: f64,
     /// Root mean square position error of the causal trajectory in the map, after SE(3) alignment, m.
     pub ate_map_rmse_m: Option<f64>,
-    /// The same of the trajectory by all that was known at the end.
+    /// Root mean square position error of the trajectory by all that was known at the end, after SE(3) alignment, m.
     pub ate_final_rmse_m: Option<f64>,
     /// SHA-256 over the bits of the pose of the odometry in the map, frame by frame.
     pub map_digest: String,
 }
 
 impl Places {
-    /// Of a flight; `None` where places are switched off.
+    /// Figures of a flight; `None` if places are switched off.
     #[must_use]
     pub fn of(flown: &Flown) -> Option<Self> {
         let figures = &flown.outcome.places.as_ref()?.figures;

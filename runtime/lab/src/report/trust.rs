@@ -64,7 +64,7 @@ impl Trust {
         })
     }
 
-    /// Whether nobody who believed the covariance was deceived.
+    /// Whether the errors were consistent with the covariance.
     #[must_use]
     pub fn is_deserved(&self) -> bool {
         let during = self.nees_during.is_none_or(|nees| nees <= MAX_NEES_DURING);

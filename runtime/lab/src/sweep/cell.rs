@@ -73,7 +73,7 @@ pub struct Figures {
     pub first_pose_s: Option<f64>,
     /// Root mean square position error after SE(3) alignment, m.
     pub ate_rmse_m: Option<f64>,
-    /// The same over the distance, percent.
+    /// Root mean square position error over the distance, percent.
     pub ate_percent: Option<f64>,
     /// Growth of the yaw error, degrees a minute.
     pub yaw_drift_deg_per_min: Option<f64>,
@@ -81,7 +81,7 @@ pub struct Figures {
     pub consistency: Option<FlightConsistency>,
     /// Computation of a frame, median, ms of processor time.
     pub frame_cpu_ms_p50: f64,
-    /// The same, 99th percentile.
+    /// Computation of a frame, 99th percentile, ms of processor time.
     pub frame_cpu_ms_p99: f64,
     /// SHA-256 over the bits of all estimates.
     pub estimate_digest: String,
@@ -190,7 +190,7 @@ impl Cell {
         Ok(self.kept_or_failed(folder)?.filter(|result| result.error.is_none()))
     }
 
-    /// The same, also if it was flown in vain.
+    /// Reads the result even if the flight failed.
     ///
     /// # Errors
     /// As [`Self::kept`].

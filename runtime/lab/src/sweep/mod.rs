@@ -25,7 +25,7 @@ pub enum SweepError {
     #[error("--set: '{0}' is not of the form section.key=value,value")]
     BadAxis(String),
     /// A key is swept twice.
-    #[error("--set: '{0}' is there twice; give all its values at once, with commas")]
+    #[error("--set: '{0}' is given twice; give all its values at once, separated by commas")]
     DoubleAxis(String),
     /// The numbers of the cells do not go that far.
     #[error("there is no cell {cell}: this sweep has the cells 0 to {last}; --list prints them")]
@@ -44,7 +44,7 @@ pub enum SweepError {
         source: std::io::Error,
     },
     /// A file is not that of a cell.
-    #[error("{}: is no result of a cell ({reason}); delete it, and fly the cell again", path.display())]
+    #[error("{}: not the result of a cell ({reason}); delete it, and fly the cell again", path.display())]
     NotACell {
         /// The file.
         path: PathBuf,
@@ -52,13 +52,13 @@ pub enum SweepError {
         reason: String,
     },
     /// The folder holds cells of another sweep.
-    #[error("{}: is a cell of another sweep; name another folder with --cells, or delete it", path.display())]
+    #[error("{}: belongs to another sweep; name another folder with --cells, or delete it", path.display())]
     OtherSweep {
         /// The file.
         path: PathBuf,
     },
     /// The folder holds no cell.
-    #[error("{}: holds no cell-K.json; fly the cells first", path.display())]
+    #[error("{}: contains no cell-K.json; fly the cells first", path.display())]
     NoCells {
         /// The folder.
         path: PathBuf,

@@ -14,7 +14,7 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// Of `key=value,value`; commas within brackets and quotes belong to a value.
+    /// Parses `key=value,value`; commas within brackets and quotes belong to a value.
     ///
     /// # Errors
     /// When it is not of that form.

@@ -23,9 +23,9 @@ const MAX_KEY: usize = 200;
 /// Something that was refused.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Refusal {
-    /// Who may not do what.
+    /// Peer, action and key, as text.
     pub words: String,
-    /// Whether somebody tried to do something; otherwise it is Zenoh's bookkeeping about who listens to what.
+    /// Whether a peer attempted something; otherwise it is Zenoh's bookkeeping about subscriptions.
     pub is_attempt: bool,
 }
 

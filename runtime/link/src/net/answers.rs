@@ -4,10 +4,10 @@
 //! holds up nobody but those who ask. Commands have a queue and a task of their own. Answers travel with the quality of service of their question; ground stations
 //! ask with one that drops them when the link is full, and ask again.
 //!
-//! Of several answers under one key a client keeps the newest, unless it asks for no consolidation. Where there can be
+//! A client keeps the newest of several answers under one key, unless it asks for no consolidation. Where there can be
 //! several, each therefore has a key of its own below the one that was asked for (`trajectory/<stamp of its first
 //! pose>`, `map/keyframe/<sequence number>`), which a question ending in `/**` allows. A question for the exact key is
-//! answered by one message, or refused when one cannot hold the answer: nothing is lost in silence.
+//! answered by one message, or refused when one cannot hold the answer: nothing is lost silently.
 
 use super::error::NetError;
 use super::keyframes::KeyframeHistory;
@@ -117,7 +117,7 @@ impl Archive {
 
 /// What the answers are made of.
 pub struct Answers {
-    /// Who answers.
+    /// Vehicle that answers.
     pub vehicle: Arc<Vehicle>,
     /// Poses and keyframes.
     pub archive: Arc<Mutex<Archive>>,
@@ -292,7 +292,7 @@ impl Answers {
             Topic::Reset => {
                 let outcome = self.reset(query, key).await;
                 if let Err(reason) = &outcome {
-                    tracing::warn!("a reset was refused: {reason}");
+                    tracing::warn!("reset refused: {reason}");
                 }
                 let answers = outcome.map(|done| vec![done.encode_to_vec()]);
                 send(query, key, "plumbline.v1.ResetDone", answers).await;
@@ -300,7 +300,7 @@ impl Answers {
             Topic::MapSave => {
                 let outcome = self.save_map(query, key).await;
                 if let Err(reason) = &outcome {
-                    tracing::warn!("the map was not saved: {reason}");
+                    tracing::warn!("map not saved: {reason}");
                 }
                 let answers = outcome.map(|done| vec![done.encode_to_vec()]);
                 send(query, key, "plumbline.v1.MapSaved", answers).await;

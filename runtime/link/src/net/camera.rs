@@ -15,7 +15,7 @@ pub async fn serve(camera: Publisher<'static>, rings: Arc<Rings>, rates: Rates) 
     let (mut sequence, mut looked) = (0, None::<Instant>);
     let bell = match rings.picture_bell.listen() {
         Ok(bell) => bell,
-        Err(error) => return tracing::error!("no pictures are published: {error}"),
+        Err(error) => return tracing::error!("cannot publish pictures: {error}"),
     };
     loop {
         let _ = tokio::time::timeout(LOOK_PERIOD, bell.rung()).await;

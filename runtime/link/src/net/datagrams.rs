@@ -21,9 +21,9 @@ const OPEN_TIMEOUT_MS: u64 = 1_000;
 const ATTEMPT_PERIOD: Duration = Duration::from_millis(250);
 /// Where the stream gets through and datagrams do not, somebody stops them: attempts are rarer after this time.
 const PATIENCE: Duration = Duration::from_secs(15);
-/// So much rarer.
+/// Period of the rarer attempts.
 const RARE_PERIOD: Duration = Duration::from_secs(10);
-/// A link that has gone is noticed so much later.
+/// Period of the check for a disconnected link.
 const WATCH_PERIOD: Duration = Duration::from_millis(100);
 
 /// The way for odometry, open or not.
@@ -60,7 +60,7 @@ impl Drop for Datagrams {
 async fn keep_open(endpoints: Endpoints, stream: Session, tell: watch::Sender<Option<Session>>) {
     loop {
         let session = connected(&endpoints, &stream).await;
-        tracing::debug!("odometry goes in datagrams, by {:?}", endpoints.connect);
+        tracing::debug!("odometry is sent in datagrams, via {:?}", endpoints.connect);
         tell.send_replace(Some(session.clone()));
         while is_connected(&session).await {
             tokio::time::sleep(WATCH_PERIOD).await;
@@ -85,7 +85,7 @@ async fn connected(endpoints: &Endpoints, stream: &Session) -> Session {
                 let is_stopped = passed_by.is_some_and(|since| since.elapsed() > PATIENCE);
                 if is_stopped && !std::mem::replace(&mut is_told, true) {
                     let to = endpoints.connect.join(", ");
-                    tracing::warn!("{to}: datagrams do not get through; odometry goes with everything else");
+                    tracing::warn!("{to}: no connection for datagrams; odometry is sent with the other messages");
                 }
                 next = Instant::now() + if is_stopped { RARE_PERIOD } else { ATTEMPT_PERIOD };
             }

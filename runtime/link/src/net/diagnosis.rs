@@ -117,7 +117,7 @@ pub fn explain(endpoint: &str, reason: &str) -> String {
     let lower = words.to_lowercase();
     let says = |parts: &[&str]| parts.iter().any(|part| lower.contains(part));
     if says(&["connection refused"]) {
-        "nobody listens there yet; is the other side running, and is the port right?".into()
+        "no listener at that port yet; check that the other side is running, and the port".into()
     } else if says(&["lookup", "name or service not known", "no address associated", "name resolution"]) {
         "the host name is unknown; check its spelling, or give its address".into()
     } else if says(&["no route to host", "network is unreachable", "host is unreachable"]) {
@@ -287,7 +287,7 @@ mod tests {
     fn every_known_cause_has_a_cure() {
         let explained = |reason: &str| explain("tls/127.0.0.1:1", reason);
         for (reason, words) in [
-            ("Connection refused (os error 111)", "nobody listens there"),
+            ("Connection refused (os error 111)", "no listener at that port"),
             ("failed to lookup address information: Name or service not known", "host name is unknown"),
             ("invalid peer certificate: UnknownIssuer", "another authority"),
             ("invalid peer certificate: BadSignature", "another authority"),

@@ -43,7 +43,7 @@ pub struct Endpoints {
     pub link: Link,
     /// What a vehicle's session may hold in memory, MB (10^6 bytes).
     pub max_memory_mb: u32,
-    /// Who may give commands.
+    /// Clients that may give commands.
     pub commands: Commands,
     /// Certificates.
     pub tls: TlsConfig,
@@ -84,7 +84,7 @@ impl Endpoints {
         self.hears.is_empty()
     }
 
-    /// The same, listening and connecting to more.
+    /// Returns the endpoints with more to listen on and to connect to.
     #[must_use]
     pub fn and(mut self, listen: &[String], connect: &[String]) -> Self {
         self.listen.extend_from_slice(listen);

@@ -25,8 +25,8 @@ pub enum NetError {
         /// What is wrong, and what to do.
         reason: String,
     },
-    /// Somebody listens there already.
-    #[error("{endpoint}: another process listens there; end it, or choose another port")]
+    /// The port is already in use.
+    #[error("{endpoint}: port already in use; stop the other process, or choose another port")]
     Taken {
         /// The endpoint.
         endpoint: String,

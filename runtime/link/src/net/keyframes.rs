@@ -29,7 +29,7 @@ pub struct KeyframeHistory {
 }
 
 impl KeyframeHistory {
-    /// Of the landmarks of a keyframe, at most so many points and so many lines are told.
+    /// Creates the history; of each keyframe it publishes at most `max_landmarks` points and as many lines.
     #[must_use]
     pub fn new(max_landmarks: usize) -> Self {
         Self { max_landmarks, last: None, kept: VecDeque::new(), bytes: 0, next: 0 }

@@ -48,7 +48,7 @@ pub enum KeysError {
         path: PathBuf,
     },
     /// There is nothing to renew.
-    #[error("{path}: is not there, so it cannot be renewed; leave out --renew to make it")]
+    #[error("{path}: does not exist, so it cannot be renewed; leave out --renew to create it")]
     NothingToRenew {
         /// The file, or the folder without any.
         path: PathBuf,
@@ -98,7 +98,7 @@ pub struct Request<'a> {
     pub renew: bool,
 }
 
-/// Who a certificate is for.
+/// Holder of a certificate.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Holder {
     role: String,
@@ -171,7 +171,7 @@ pub fn make(request: &Request<'_>) -> Result<Vec<PathBuf>, KeysError> {
     Ok(written)
 }
 
-/// Who gets a certificate.
+/// Returns the holders that get a certificate.
 fn holders(request: &Request<'_>) -> Result<Vec<Holder>, KeysError> {
     let named = request.vehicles.iter().map(|name| Holder::vehicle(name)).collect::<Result<Vec<_>, _>>()?;
     let mut holders: Vec<Holder> = request.roles.iter().map(|role| Holder::role(role)).chain(named).collect();

@@ -32,7 +32,7 @@ impl SessionMemory {
         let is_too_much = held > self.max;
         if is_too_much {
             tracing::warn!(
-                "the network holds {} MB: somebody who is let in declares or begins too much; all links are closed, and opened anew",
+                "the network holds {} MB: an authenticated peer exceeded the memory limit; closing and reopening all links",
                 held / 1_000_000
             );
         }

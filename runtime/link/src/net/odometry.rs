@@ -63,7 +63,7 @@ impl OdometryPublisher {
             let bell = match rings.odometry_bell.listen() {
                 Ok(bell) => bell,
                 Err(error) => {
-                    tracing::error!("no odometry is published: {error}");
+                    tracing::error!("cannot publish odometry: {error}");
                     return (waiting, self.sequence);
                 }
             };
@@ -71,7 +71,7 @@ impl OdometryPublisher {
             loop {
                 let is_last = rings.stop.load(Ordering::Relaxed) || is_closing.load(Ordering::Relaxed);
                 if is_last {
-                    // Nobody gives work any more to who will not do it.
+                    // The task is shutting down: senders stop signalling it.
                     rings.sends_odometry.store(false, Ordering::Relaxed);
                 }
                 rings.odometry_pulse.busy();

@@ -57,7 +57,7 @@ impl Publisher {
         Self::begin(config, endpoints, control, false)
     }
 
-    /// The same, but a session that cannot be opened yet is tried again and again; returns at once when it is open, and soon in
+    /// Starts publishing, and retries if the session cannot be opened yet. Returns at once when it is open, and soon in
     /// any case.
     ///
     /// # Errors
@@ -169,7 +169,11 @@ impl Start {
             }
             publishers = match self.declare_patiently(rings, &course).await {
                 Ok(publishers) => publishers,
-                Err(error) => return tracing::error!("the flight goes on without the network: {error}"),
+                Err(error) => {
+                    return tracing::error!(
+                        "cannot start the network: {error}; the flight continues without it"
+                    );
+                }
             };
         }
     }
@@ -191,7 +195,7 @@ impl Start {
                 opened = self.declare(course) => match opened {
                     Ok(publishers) => {
                         if !told.is_empty() {
-                            tracing::warn!("the network is there");
+                            tracing::warn!("the network is available");
                         }
                         return Ok(Some(publishers));
                     }
@@ -205,7 +209,7 @@ impl Start {
             }
             let words = error.to_string();
             if told != words {
-                tracing::warn!("{words}; the flight goes on, and it is tried again");
+                tracing::warn!("{words}; the flight continues, retrying");
                 told = words;
             }
             tokio::time::sleep(RETRY).await;

@@ -71,7 +71,7 @@ pub struct Course {
 }
 
 impl Course {
-    /// Of a flight that begins.
+    /// Creates the state for the beginning of a flight.
     #[must_use]
     pub fn new(rates: &Rates) -> Self {
         Self {

@@ -38,7 +38,7 @@ pub struct LaneReader<T> {
     ring: Reader<T>,
     keep: usize,
     refused: Arc<AtomicU64>,
-    /// Of the refused, those that were noticed.
+    /// Refused entries that were noticed.
     noticed: u64,
     forgotten: Arc<AtomicU64>,
 }
@@ -105,7 +105,7 @@ pub struct Pool<T> {
 
 #[derive(Debug)]
 struct Slot<T> {
-    /// That of the entry, the first is 1; 0 when there is nothing to read.
+    /// Number of the entry, from 1 on; 0 if there is nothing to read.
     number: AtomicU64,
     entry: Mutex<T>,
 }
@@ -188,7 +188,7 @@ pub struct Written {
     pub places: LaneWriter<MapEstimate>,
 }
 
-/// The same, where it is read.
+/// Reading ends of [`Written`].
 #[derive(Debug)]
 pub struct ToSend {
     /// Odometry, with the time it was handed over, ns since 1970; taken by the task that sends it.

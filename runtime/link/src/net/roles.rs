@@ -1,4 +1,4 @@
-//! Who may do what: the rules of Zenoh's access control.
+//! Permissions of the roles: the rules of Zenoh's access control.
 //!
 //! What no rule allows is refused, in both directions. A rule matches a key expression only if it includes all of it, so
 //! `**` and `*/drone/odom` match none and are refused. With certificates the role of a peer is the name of its certificate

@@ -1,8 +1,9 @@
-//! Who may connect: settings for Zenoh, and where commands are refused whoever gives them.
+//! Authentication: settings for Zenoh, and where commands are refused to every client.
 //!
-//! With certificates every link is mutual TLS, and the name of a peer's certificate says what it may do ([`super::roles`]). Over
-//! plain TCP nobody knows who speaks, and others read it: beyond this host, commands are refused there. This host is a
-//! listener on the loopback interface, and no more: behind a link that we opened there may be a router that listens openly.
+//! With certificates every link is mutual TLS, and the name of a peer's certificate is its role ([`super::roles`]).
+//! Over plain TCP a peer is unknown, and others can read the traffic: beyond this host, commands are refused there.
+//! Only a listener on the loopback interface counts as this host: behind a link that we opened there may be a router
+//! that listens openly.
 
 use super::certificate;
 use super::endpoints::Endpoints;
@@ -96,7 +97,7 @@ pub fn refusal(commands: Commands, endpoints: &Endpoints) -> Option<String> {
     let open = endpoints.connect.iter().find(|e| !is_signed(e));
     open.map(|open| {
         format!(
-            "commands are refused: nobody knows who commands through {open}, which others may reach; {cure}"
+            "commands are refused: {open} carries commands without authentication, and others may reach it; {cure}"
         )
     })
 }
@@ -126,7 +127,7 @@ fn check_name(endpoints: &Endpoints) -> Result<(), NetError> {
         return Ok(());
     }
     let message = format!(
-        "is the certificate '{}', and nobody believes '{vehicle}' with it; make one with `plumbline keys FOLDER --vehicle \
+        "belongs to '{}', so peers reject '{vehicle}' with it; make one with `plumbline keys FOLDER --vehicle \
          {vehicle}` (vehicle.pem is for 'drone'), or set network.vehicle",
         super::plain(&name)
     );

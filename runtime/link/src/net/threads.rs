@@ -3,7 +3,7 @@
 
 /// Zenoh takes the layout of its threads from this variable only.
 pub const VARIABLE: &str = "ZENOH_RUNTIME";
-/// Who reads connections also accepts and opens them.
+/// Layout in which the threads that read connections also accept and open them.
 pub const LAYOUT: &str = "(acc: (handover: rx), net: (handover: rx))";
 
 /// Has connections read by the threads that watch them. To be called before there is any other thread; later, or where

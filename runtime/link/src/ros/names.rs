@@ -49,7 +49,7 @@ impl MessageType {
 pub struct Topic {
     /// Fully qualified, such as `/drone/odom`.
     pub name: String,
-    /// Of its messages.
+    /// Type of its messages.
     pub message: MessageType,
     /// Messages that a subscriber is advised to hold.
     pub depth: u32,

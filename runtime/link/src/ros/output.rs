@@ -91,7 +91,7 @@ async fn publish(
 ) {
     let bell = match shared.bell.listen() {
         Ok(bell) => bell,
-        Err(error) => return tracing::error!("nothing is published to ROS 2: {error}"),
+        Err(error) => return tracing::error!("cannot publish to ROS 2: {error}"),
     };
     loop {
         let is_last = shared.stop.load(Ordering::Relaxed);

@@ -77,7 +77,7 @@ impl RosPublisher {
                     if !*told && since.elapsed() > PATIENCE {
                         *told = true;
                         let router = &self.options.router;
-                        tracing::warn!("no router of ROS 2 at {router} yet; it is waited for");
+                        tracing::warn!("no router of ROS 2 at {router} yet; retrying until it is available");
                     }
                 }
             }
@@ -97,7 +97,7 @@ impl RosPublisher {
             Ok::<_, NetError>(State::Connected(session, Box::new(node)))
         };
         declared.await.unwrap_or_else(|error| {
-            tracing::warn!("nothing is published to ROS 2: {error}");
+            tracing::warn!("cannot publish to ROS 2: {error}");
             State::Failed
         })
     }

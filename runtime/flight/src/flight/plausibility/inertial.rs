@@ -9,7 +9,7 @@ const MAX_SAMPLES: usize = 4000;
 const MIN_SAMPLES: usize = 100;
 /// Median of the specific force in any flight, m/s^2; gravity alone is 9.8.
 const SPECIFIC_FORCE_M_S2: std::ops::Range<f64> = 6.5..15.0;
-/// The same in units of gravity, and in thousandths of it.
+/// Median of the specific force in any flight, in units of gravity, and in thousandths of it.
 const SPECIFIC_FORCE_G: std::ops::Range<f64> = 0.6..1.6;
 const SPECIFIC_FORCE_MG: std::ops::Range<f64> = 600.0..1600.0;
 /// Median of the rotation rate beyond which nothing flies, rad/s.
@@ -27,7 +27,7 @@ pub struct Magnitudes {
 }
 
 impl Magnitudes {
-    /// Of an IMU of that configured rate.
+    /// Magnitudes for an IMU of this configured rate.
     #[must_use]
     pub fn new(rate_hz: f64) -> Self {
         let room = || Vec::with_capacity(MAX_SAMPLES);

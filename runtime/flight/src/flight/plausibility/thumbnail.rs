@@ -60,7 +60,7 @@ impl Thumbnail {
         Self { width, height, shrink: 2 * self.shrink, pixels }
     }
 
-    /// The same less the mean of the surroundings of each pixel.
+    /// Returns the thumbnail less the mean of the surroundings of each pixel.
     #[must_use]
     pub fn detail(&self) -> Self {
         let (w, h, reach) = (self.width, self.height, SURROUNDINGS);

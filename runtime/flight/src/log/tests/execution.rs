@@ -166,7 +166,7 @@ fn what_the_clock_decided_is_followed() {
     assert!(!verified(&path).unwrap().identical);
 }
 
-/// Somebody who asks for a reset while frame 12 is on its way.
+/// Listener that asks for a reset while frame 12 is being processed.
 struct Asker(Arc<Control>);
 
 impl Subscriber for Asker {

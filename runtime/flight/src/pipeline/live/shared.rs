@@ -25,13 +25,13 @@ pub struct Origin {
 }
 
 impl Origin {
-    /// Of samples that are stamped by this host's clock.
+    /// Origin of samples that are stamped by this host's clock.
     pub fn of_host() -> Self {
         let now = Monotonic::now();
         Self { stamp: Timestamp::from_nanos(now.0), due: now }
     }
 
-    /// Of a recording whose sample of `stamp` is due soon.
+    /// Origin of a recording whose sample of `stamp` is due soon.
     pub fn soon(stamp: Timestamp) -> Self {
         Self { stamp, due: Monotonic::now().plus_nanos(START_DELAY_NS) }
     }
@@ -40,7 +40,7 @@ impl Origin {
 /// How the time of data follows that of the clock.
 #[derive(Clone, Copy, Debug)]
 pub struct Pace {
-    /// Whose the stamps are.
+    /// Clock domain of the sample timestamps.
     pub stamps: Stamps,
     /// Where both times meet.
     pub origin: Origin,
@@ -65,7 +65,7 @@ pub struct Shared<'a> {
 }
 
 impl<'a> Shared<'a> {
-    /// Of a run at this pace.
+    /// Creates the shared state of a run at this pace.
     pub fn new(
         table: TaskTable,
         heartbeats: Heartbeats,

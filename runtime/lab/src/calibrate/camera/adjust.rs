@@ -309,9 +309,10 @@ fn step(
 /// The covariance of the shared unknowns; rotations in rad about the axes of the left camera, the rest in px, m and the
 /// coefficients' own units. `None` where the views do not determine them.
 ///
-/// Of two estimates the larger variances: by the noise of the corners alone, and by how far each view by itself pulls (the
-/// cluster-robust sandwich of Liang and Zeger 1986, with a view as a cluster). The second is larger where errors of a view
-/// have a common cause, such as a bent board, motion blur or a lens model that does not fit.
+/// Computes two estimates and returns the larger variances. One uses the noise of the corners alone. The other uses how
+/// far each view pulls by itself (the cluster-robust sandwich of Liang and Zeger 1986, with a view as a cluster); it is
+/// larger where errors of a view have a common cause, such as a bent board, motion blur or a lens model that does not
+/// fit.
 #[must_use]
 pub fn covariance(points_m: &[Vector2<f64>], sights: &[Sight], adjusted: &Adjusted) -> Option<SharedMatrix> {
     let problem = Problem { points_m, sights };

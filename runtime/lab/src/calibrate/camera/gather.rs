@@ -88,7 +88,7 @@ pub struct Gatherer {
     points: Vec<Vector2<f64>>,
     turns: Vec<Vec<usize>>,
     kind: LensKind,
-    /// Of one camera or two, px.
+    /// Image sizes of one camera or two, px.
     sizes_px: Vec<(usize, usize)>,
     last: Option<(Timestamp, Sight)>,
     kept: Vec<Sight>,

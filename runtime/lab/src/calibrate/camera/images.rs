@@ -63,7 +63,7 @@ impl ImagesError {
 pub struct Moment {
     /// The name that both files share, without its ending.
     pub name: String,
-    /// Of the left and the right camera; `None` where there is no image.
+    /// Files of the left and the right camera; `None` if an image is missing.
     pub files: [Option<PathBuf>; 2],
 }
 
@@ -114,7 +114,7 @@ impl Images {
     }
 }
 
-/// As many as `most`, evenly spread.
+/// Selects at most `most` moments, evenly spread.
 fn spread(moments: Vec<Moment>, most: usize) -> Vec<Moment> {
     let count = moments.len();
     let chosen = moments.into_iter().enumerate().filter(|(k, _)| is_chosen(*k, count, most));

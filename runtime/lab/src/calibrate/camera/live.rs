@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Somebody is told how far it is at least this often.
+/// Longest time between progress reports.
 const TELL: Duration = Duration::from_millis(200);
 
 /// Why nothing was gathered.

@@ -87,7 +87,7 @@ pub enum CalibrateError {
         camera: usize,
         /// Its size, px.
         found: (usize, usize),
-        /// That of the first image.
+        /// Size of the first image, px.
         expected: (usize, usize),
     },
     /// The board is not to be seen, or another one.
@@ -122,7 +122,7 @@ pub enum CalibrateError {
     )]
     NothingShared,
     /// The corners are not those of the board.
-    #[error("the corners lie {misfit_px:.1} px from where those of {target} would be; {cure}")]
+    #[error("the corners are {misfit_px:.1} px from those of {target}; {cure}")]
     NoFit {
         /// The board that was looked for.
         target: Target,

@@ -16,9 +16,9 @@ pub struct AllanPoint {
     pub samples: usize,
     /// Allan variance, in the square of the rate's unit.
     pub variance: f64,
-    /// Equivalent degrees of freedom, if what is seen is white noise.
+    /// Equivalent degrees of freedom, assuming white noise.
     pub freedom_white: f64,
-    /// The same if it is a random walk.
+    /// Equivalent degrees of freedom, assuming a random walk.
     pub freedom_walk: f64,
 }
 

@@ -11,7 +11,7 @@ use super::allan::AllanPoint;
 const SHORTEST_S: f64 = 0.05;
 /// Steps of the search; it settles within ten.
 const STEPS: usize = 60;
-/// The walk is told from nothing when it is so many of its own standard deviations.
+/// The random walk is significant if it exceeds this many of its standard deviations.
 const SEEN_SIGMAS: f64 = 3.0;
 /// Overlapping averages of neighbouring octaves share samples, so that their variances are not independent: by this much
 /// the standard deviations of the fit grow (measured over simulated sensors, see the tests).

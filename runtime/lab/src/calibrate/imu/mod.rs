@@ -94,7 +94,7 @@ impl SensorNoise {
     }
 }
 
-/// Of three axes; `None` if one is missing.
+/// Root mean square of three axes; `None` if one is missing.
 fn root_mean_square(axes: &[Measured]) -> Option<Measured> {
     if axes.len() < 3 {
         return None;

@@ -44,7 +44,7 @@ pub struct Rest {
     pub missing: usize,
     /// Scatter within half a second at rest, by its median: gyroscope rad/s, accelerometer m/s².
     pub scatter: [f64; 2],
-    /// That of the quietest fifth of the recording.
+    /// Scatter of the quietest fifth of the recording: gyroscope rad/s, accelerometer m/s².
     pub quiet: [f64; 2],
 }
 

@@ -24,7 +24,7 @@ pub struct Excitation {
 }
 
 impl Excitation {
-    /// Of a recording; `None` of one without samples.
+    /// Measures the excitation of a recording; `None` if it has no samples.
     #[must_use]
     pub fn of(samples: &[ImuSample]) -> Option<Self> {
         let count = samples.len() as f64;
