@@ -501,7 +501,7 @@ fn leaning_scene_tilts_about_the_path_and_leaves_truth_and_samples() {
     let leaning = Scenario { lean_deg: 0.2, ..base.clone() };
     let [plain, leaning] = [base, leaning].map(|s| Simulator::new(&fixture::config(), &s).unwrap());
     let at = plain.frame_time(10);
-    assert_eq!(plain.trajectory().at(at), leaning.trajectory().at(at));
+    assert_eq!(plain.trajectory().motion(at).pose_w_b, leaning.trajectory().motion(at).pose_w_b);
     assert_eq!(plain.imu().next_reading().unwrap(), leaning.imu().next_reading().unwrap());
     let uprights = |s: &Simulator| {
         let edges = s.inner.world.surfaces.iter().map(|surface| surface.edge_v.normalize());
