@@ -26,7 +26,9 @@ fn stereo_from_a_directory_stays_where_it_stands() {
     assert!(poses.len() > 85, "{} poses of 95 frames", poses.len());
     let drift_m = (last.translation.vector - first.translation.vector).norm();
     assert!(drift_m < 0.005, "{drift_m} m");
-    assert!(last.rotation.angle_to(&first.rotation) < 0.2f64.to_radians());
+    // Tilt settles with the accelerometer's bias: the first pose has a standard deviation of 1 degree of it, and none of heading.
+    let turn_deg = (last.rotation * first.rotation.inverse()).scaled_axis().map(f64::to_degrees);
+    assert!(turn_deg.z.abs() < 0.1 && turn_deg.xy().norm() < 0.4, "{turn_deg}");
 }
 
 #[test]

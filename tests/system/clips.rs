@@ -2,7 +2,7 @@
 
 use plumbline_estimator::Odometry;
 use plumbline_estimator::propagator::blend::{MAX_SPEED_M_S, MAX_TURN_RAD_S};
-use plumbline_flight::flight::{fly, open_dataset};
+use plumbline_flight::flight::{Cut, fly, open_dataset};
 use plumbline_flight::pipeline::listener::{Listener, Producer, Subscriber};
 use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_lab::report::Report;
@@ -19,23 +19,35 @@ fn at_rest_nothing_drifts() {
     let (report, poses) = (Report::new(&flown), &flown.poses);
     assert!(poses.len() >= 90, "{} poses of {} frames", poses.len(), report.frames);
     assert_eq!(report.resets, 0);
-    let (first, last) = (&poses[0].pose_o_b, &poses[poses.len() - 1].pose_o_b);
+    let [first, last] = [0, poses.len() - 1].map(|k| &poses[k].pose_o_b);
     let drift_m = (last.translation.vector - first.translation.vector).norm();
-    let drift_deg = first.rotation.angle_to(&last.rotation).to_degrees();
-    println!("{} poses, drift {drift_m:.5} m and {drift_deg:.4} degrees", poses.len());
-    assert!(drift_m <= 0.005 && drift_deg <= 0.2);
+    let turn_deg = (last.rotation * first.rotation.inverse()).scaled_axis().map(f64::to_degrees);
+    // Tilt settles with the accelerometer's bias: the first pose has a standard deviation of 1 degree of it, and none of heading.
+    let (heading_deg, tilt_deg) = (turn_deg.z.abs(), turn_deg.xy().norm());
+    println!(
+        "{} poses, drift {drift_m:.5} m, heading {heading_deg:.4}, tilt {tilt_deg:.4} degrees",
+        poses.len()
+    );
+    assert!(drift_m <= 0.005 && heading_deg <= 0.1 && tilt_deg <= 0.4);
 }
 
 #[test]
 fn one_camera_in_flight_finds_scale_and_keeps_it_with_and_without_lines() {
     let Some(shared) = shared("euroc/MH_05_mono_clip") else { return };
+    // A single flight scatters by a fifth.
+    let starts_s = [0.0, 0.5, 1.0, 1.5, 2.0, 2.5];
     let [with, without] = [true, false].map(|lines| {
-        let mut flight = open_dataset(&shared.join("euroc/MH_05_mono_clip"), None, None, true).unwrap();
-        flight.config = flight.config.with("test", |c| c.estimator.lines.enabled = lines).unwrap();
-        let mut steps = Steps::default();
-        let flown = fly(flight, &OPTIONS, &Control::default(), vec![&mut steps]).unwrap();
-        steps.are_within_what_is_promised();
-        keeps_scale(&Report::new(&flown))
+        let errors_m = starts_s.map(|start_s| {
+            let clip = shared.join("euroc/MH_05_mono_clip");
+            let cut = Cut { frames: None, seconds: start_s..f64::INFINITY };
+            let mut flight = open_dataset(&clip, None, cut, true).unwrap();
+            flight.config = flight.config.with("test", |c| c.estimator.lines.enabled = lines).unwrap();
+            let mut steps = Steps::default();
+            let flown = fly(flight, &OPTIONS, &Control::default(), vec![&mut steps]).unwrap();
+            steps.are_within_what_is_promised();
+            keeps_scale(&Report::new(&flown))
+        });
+        errors_m.iter().sum::<f64>() / errors_m.len() as f64
     });
     assert!(with <= without, "lines make it worse: {with:.4} m, without {without:.4} m");
 }

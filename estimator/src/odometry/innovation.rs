@@ -27,6 +27,8 @@ const MOST_IN_A_FRAME: f64 = 25.0;
 const MOST_LOG_CHANGE: f64 = 4.0;
 /// Largest variance, as a multiple of the stated one.
 const MOST_VARIANCE: f64 = 1e4;
+/// Variance from which it applies.
+const APPLIED_VARIANCE: f64 = 1.5;
 /// Variance from which it is reported.
 const REPORTED_VARIANCE: f64 = 4.0;
 
@@ -101,8 +103,11 @@ impl NoiseScale {
         self.variance = (self.variance * libm::exp(share * MOST_LOG_CHANGE)).at_most(MOST_VARIANCE);
     }
 
-    /// The noise of new factors.
+    /// The noise of new factors: as stated, bit for bit, until that is plainly too little.
     fn noise(&self) -> ImuNoise {
+        if self.variance < APPLIED_VARIANCE {
+            return self.stated;
+        }
         let sigma = self.variance.sqrt();
         let ImuNoise { accel_density, accel_walk, .. } = self.stated;
         ImuNoise { accel_density: accel_density * sigma, accel_walk: accel_walk * sigma, ..self.stated }
@@ -136,20 +141,22 @@ impl Odometer {
         }
     }
 
-    /// Scales the inertial noise by what the newest frame corrected of its `prediction`.
+    /// Scales the inertial noise by what the newest frame corrected of its `prediction`. A motion that was not measured
+    /// throughout, or is not believed for another reason, tells nothing of the noise.
     pub(super) fn scale_noise(
         &mut self,
         prediction: &Prediction,
-        is_contradicted: bool,
+        (is_measured, is_contradicted): (bool, bool),
         health: &mut HealthBits,
     ) {
         let after = self.window.covariance_of_newest().filter(|c| c.iter().all(|x| x.is_finite()));
         // The scale of one camera comes from the forces: corrections of it would count as their noise.
-        let has_depth = self.window.options.cameras > 1;
-        let before = prediction.covariance.as_ref().filter(|c| has_depth && c.iter().all(|x| x.is_finite()));
-        if is_contradicted && has_depth {
+        let is_evidence = is_measured && self.window.options.cameras > 1 && !self.rotation.is_distrusting();
+        let before = prediction.covariance.as_ref().filter(|c| c.iter().all(|x| x.is_finite()));
+        if is_evidence && is_contradicted {
             self.noise_scale.add_contradiction(prediction.dt_s);
-        } else if let (Some(before), Some(after), Some(newest)) = (before, &after, self.window.frames.last())
+        } else if let (true, Some(before), Some(after), Some(newest)) =
+            (is_evidence, before, &after, self.window.frames.last())
         {
             let (nav, expected) = (&newest.nav, &prediction.nav);
             let d = [nav.p_o_b - expected.p_o_b, nav.v_o_b - expected.v_o_b];

@@ -431,7 +431,8 @@ impl Odometer {
             self.keep_prediction(prediction);
         } else {
             self.refresh_covariance(health);
-            self.scale_noise(&prediction, is_contradicted, health);
+            let is_measured = !coverage.has_gap && !coverage.unmeasured.is_any();
+            self.scale_noise(&prediction, (is_measured, is_contradicted), health);
             self.note_step();
         }
         if is_keyframe {

@@ -4,9 +4,11 @@
 //! [`super::line`]). A line along a direction of the Manhattan world has one more factor
 //! ([`super::manhattan_factor`]).
 
+use super::OUTLIER_SIGMAS;
 use super::camera_poses::{CameraPose, CameraView};
 use super::factor::Linearization;
 use super::manhattan::Manhattan;
+use super::options::Options;
 use super::quad::Quad;
 use super::state::{BodyPose, Mount};
 use nalgebra::{SMatrix, SVector, Vector2, Vector3};
@@ -94,6 +96,11 @@ pub trait Feature: Copy + Debug + PartialEq {
 
     /// Forgets to which direction of the Manhattan world the landmark belongs: nothing, for a point.
     fn forget_structure(&mut self) {}
+
+    /// Distance of an observation from its landmark beyond which it is an outlier, in standard deviations.
+    fn outlier_sigmas(_options: &Options) -> f64 {
+        OUTLIER_SIGMAS
+    }
 
     /// Where the landmark is with its host camera at `host`.
     fn placed(&self, host: &CameraPose) -> Self::Placed;

@@ -1,15 +1,19 @@
 //! The window's options in the units of its computations.
 
+use super::OUTLIER_SIGMAS;
 use super::state::{RIG_DIM, Rig};
 use crate::inertial::ImuNoise;
 use nalgebra::{SVector, Vector3};
-use plumbline_config::ValidSetup;
+use plumbline_config::{Portable, ValidSetup};
 
 /// Depth known to a sixth of itself: within that, the reprojection is nearly linear in the inverse depth, and the
 /// prior's Jacobians may stay at this first estimate.
 const MIN_PARALLAX_SIGMAS: f64 = 6.0;
 /// Inverse depth known to 1/50 m, parallax or not: a point beyond 50 m has no depth, but a bearing as good as any.
 const MAX_SIGMA_RHO: f64 = 0.02;
+/// A point this close to where it is expected is no outlier however sharp its texture: after a gap in the samples the
+/// expectation is off by more than texture tells.
+const OUTLIER_PX: f64 = 2.4;
 /// What the zero-velocity detector may overlook ([`crate::odometry::zero_velocity`]).
 const STILL_SIGMA_M_S: f64 = 0.01;
 
@@ -36,6 +40,8 @@ pub struct Options {
     pub min_parallax_sigmas: f64,
     /// ... or its inverse depth is known this well, 1/m.
     pub max_sigma_rho: f64,
+    /// See [`super::feature::Feature::outlier_sigmas`], for points.
+    pub point_outlier_sigmas: f64,
     /// Cameras of the rig.
     pub cameras: usize,
     /// Landmarks that are still seen get another host when theirs goes, since they would have to wait for parallax anew:
@@ -72,6 +78,7 @@ impl Options {
             max_rho: 1.0 / window.min_depth_m,
             min_parallax_sigmas: MIN_PARALLAX_SIGMAS,
             max_sigma_rho: MAX_SIGMA_RHO,
+            point_outlier_sigmas: OUTLIER_SIGMAS.at_least(OUTLIER_PX / config.estimator.points.sigma_px),
             cameras: config.camera.len(),
             keeps_landmarks: config.camera.len() == 1,
             first_estimates: config.camera.len() > 1,

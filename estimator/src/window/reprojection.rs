@@ -17,6 +17,7 @@
 
 use super::camera_poses::{CameraPose, CameraView};
 use super::feature::{Estimated, Feature, Jacobians, View};
+use super::options::Options;
 use super::quad::{Quad, cross, dot3, quad, scaled};
 use nalgebra::{Matrix2, Vector2, Vector3};
 
@@ -90,6 +91,10 @@ impl Feature for InversePoint {
     type Measurement = PointMeasurement;
     type Jacobians = Jacobians<3>;
     type Placed = PlacedPoint;
+
+    fn outlier_sigmas(options: &Options) -> f64 {
+        options.point_outlier_sigmas
+    }
 
     #[inline]
     fn placed(&self, host: &CameraPose) -> PlacedPoint {

@@ -1,11 +1,11 @@
 //! How tracks become landmarks, and what happens to those that do not fit.
 
+use super::TrackMeasurement;
 use super::feature::Feature;
 use super::landmark::{Landmark, LandmarkStore, Observation};
 use super::poses::Poses;
 use super::problem::Problem;
 use super::triangulate::Triangulation;
-use super::{OUTLIER_SIGMAS, TrackMeasurement};
 
 /// Observations of a frame by which it is judged as a whole, at least.
 const MIN_WITNESSES: usize = 12;
@@ -110,15 +110,15 @@ pub(super) fn judge<F: Feature>(store: &LandmarkStore<F>, poses: &Poses, problem
     verdict
 }
 
-/// Whether an observation lies within [`OUTLIER_SIGMAS`] of its landmark.
+/// Whether an observation lies within [`Feature::outlier_sigmas`] of its landmark.
 fn fits<F: Feature>(
     poses: &Poses,
     problem: &Problem<'_>,
     placed: &F::Placed,
     o: &Observation<F::Measurement>,
 ) -> bool {
-    const LIMIT: f64 = OUTLIER_SIGMAS * OUTLIER_SIGMAS;
-    poses.residual::<F>(problem, placed, o).is_some_and(|r| r.norm_squared() < LIMIT)
+    let limit = F::outlier_sigmas(problem.options);
+    poses.residual::<F>(problem, placed, o).is_some_and(|r| r.norm_squared() < limit * limit)
 }
 
 /// Removes observations that do not fit, and landmarks that are left with less than two views. With `spares_newest` the

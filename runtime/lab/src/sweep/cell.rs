@@ -325,7 +325,7 @@ pub(super) mod tests {
         }
         std::fs::write(cells[3].path(folder.path()), "{}").unwrap();
         let message = cells[3].kept(folder.path()).unwrap_err().to_string();
-        assert!(message.contains("cell-3.json: is no result of a cell"), "{message}");
+        assert!(message.contains("cell-3.json: not the result of a cell"), "{message}");
     }
 
     #[test]
