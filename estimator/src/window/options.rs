@@ -78,7 +78,7 @@ impl Options {
             max_rho: 1.0 / window.min_depth_m,
             min_parallax_sigmas: MIN_PARALLAX_SIGMAS,
             max_sigma_rho: MAX_SIGMA_RHO,
-            point_outlier_sigmas: OUTLIER_SIGMAS.at_least(OUTLIER_PX / config.estimator.points.sigma_px),
+            point_outlier_sigmas: point_outlier_sigmas(config),
             cameras: config.camera.len(),
             keeps_landmarks: config.camera.len() == 1,
             first_estimates: config.camera.len() > 1,
@@ -95,5 +95,13 @@ impl Options {
     pub fn begin_with(&mut self, cameras: usize) {
         self.keeps_landmarks = cameras == 1;
         self.first_estimates = cameras > 1;
+    }
+}
+
+/// With one camera a false depth is seen by few other observations: there the gate is the texture's.
+fn point_outlier_sigmas(config: &ValidSetup) -> f64 {
+    match config.camera.len() {
+        1 => OUTLIER_SIGMAS,
+        _ => OUTLIER_SIGMAS.at_least(OUTLIER_PX / config.estimator.points.sigma_px),
     }
 }
