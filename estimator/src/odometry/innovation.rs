@@ -190,7 +190,7 @@ mod tests {
         let mut scale = NoiseScale::new(STATED);
         let (before, after) = (FrameMatrix::identity() * 2.0, FrameMatrix::identity());
         for k in 0..400 {
-            let d = [position, velocity(k)].map(|multiple| Vector3::repeat(multiple));
+            let d = [position, velocity(k)].map(Vector3::repeat);
             scale.add(0.05, &d, [&before, &after]);
         }
         scale
