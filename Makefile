@@ -31,7 +31,7 @@ export NEXTEST_TEST_THREADS ?= $(shell nproc)
 # The steps are in order; cargo is parallel itself.
 .NOTPARALLEL:
 .PHONY: help demo build calibration test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny advisories soak loops digests bench bench-instructions bench-against count-arm64 doc doctests setup tools clean \
-	fuzz fuzz-all fuzz-smoke vm arm64 oldest deb tarball packages deb-test checked-untimed checked-timed
+	fuzz fuzz-all fuzz-smoke vm arm64 oldest deb tarball packages deb-test checked-untimed realtime
 
 help: ## this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  make \1\t/' | expand -t 28
@@ -100,14 +100,14 @@ export PLUMBLINE_SKIPPED := $(CURDIR)/target/skipped.txt
 # The last line of a recipe is $(call tell-skips,COMMAND), which fails as COMMAND does.
 tell-skips = status=0; $(1) || status=$$?; scripts/skipped; exit $$status
 
-test: tools fmt-check deny forget-skips ## format, lints, licences, documentation, and every test but the soak
+test: tools fmt-check deny forget-skips ## format, lints, licences, documentation, and every test but those of time and the soak
 	scripts/setup python >target/python.log 2>&1 & python=$$!; \
 	$(MAKE) checked-untimed ARGS= >target/checked.log 2>&1 & checked=$$!; \
 	status=0; $(MAKE) tests-built || status=$$?; \
 	wait $$python || { cat target/python.log; exit 1; }; \
 	wait $$checked || { cat target/checked.log; exit 1; }; \
 	tail -n 4 target/checked.log; exit $$status
-	$(MAKE) checked-timed doctests tests
+	$(MAKE) doctests tests
 
 forget-skips:
 	@mkdir -p target && rm -f $(PLUMBLINE_SKIPPED)
@@ -125,8 +125,8 @@ tests-built tests: export PLUMBLINE_LINTED = $(CHECKED_CRATES)
 TESTED = $(FLAGS) --workspace $(addprefix --exclude ,$(CHECKED_CRATES)) --all-targets
 # Benchmarks cannot list themselves as nextest asks.
 ALL = not kind(bench)
-TESTS = $(TESTED) -E '$(ALL)'
-# Tests that measure time, or use a whole machine: not beside a build.
+TESTS = $(TESTED) -E '$(ALL) & not $(TIMED)'
+# Tests that measure time, or use a whole machine: `make realtime`.
 TIMED = test(/(^|::)realtime::/)
 
 tests-built:
@@ -145,12 +145,13 @@ checked: setup ## the tests of the crates with few dependencies, with overflow c
 checked-untimed:
 	$(LINTED) $(CARGO) nextest run $(CHECKED) -E 'not $(TIMED)' $(ARGS)
 
-checked-timed:
+realtime: setup forget-skips ## the tests that measure time, before a release: nothing else may run on the machine
 	$(LINTED) $(CARGO) nextest run $(CHECKED) -E '$(TIMED)' $(ARGS)
+	$(call tell-skips,$(LINTED) $(CARGO) nextest run $(TESTED) -E '$(ALL) & $(TIMED)' $(ARGS))
 
-check: forget-skips ## the tests alone, without the lints
+check: forget-skips ## the tests of `make test` alone, without the lints
 	@scripts/setup test
-	$(call tell-skips,$(CARGO) nextest run $(FLAGS) --workspace $(ARGS))
+	$(call tell-skips,$(CARGO) nextest run $(FLAGS) --workspace -E 'not $(TIMED)' $(ARGS))
 
 lint: setup fmt-check deny clippy ## format, licences and lints, without the tests
 
