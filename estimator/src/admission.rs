@@ -276,6 +276,8 @@ mod tests {
             gyro_error_sigma_rad_s: 0.0,
             accel_error_sigma_m_s2: 0.0,
             error_time_s: 1.5,
+            gyro_scale_sigma: 0.0,
+            accel_scale_sigma: 0.0,
             gyro_range_rad_s: 17.0,
             accel_range_m_s2: 150.0,
             ..ImuConfig::with_noise(200.0, noise.0, noise.1)

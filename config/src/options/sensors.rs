@@ -81,8 +81,8 @@ pub struct ImuConfig {
     pub accel_noise_density: f64,
     /// Accelerometer bias random walk, m/s³/sqrt(Hz).
     pub accel_bias_walk: f64,
-    /// Standard deviation of the gyroscope's coloured error in flight, rad/s: scale and misalignment in turns, rectified
-    /// vibration. Neither white nor a constant bias. 0 for none.
+    /// Standard deviation of the gyroscope's coloured error in flight, rad/s, such as rectified vibration: neither white nor a
+    /// constant bias. 0 for none.
     #[serde(default = "default_gyro_error_sigma")]
     pub gyro_error_sigma_rad_s: f64,
     /// Standard deviation of the accelerometer's coloured error in flight, m/s². 0 for none.
@@ -91,6 +91,12 @@ pub struct ImuConfig {
     /// Correlation time of both, s (Gauss-Markov).
     #[serde(default = "default_error_time")]
     pub error_time_s: f64,
+    /// Share of an angular rate that the gyroscope's scale and alignment may be wrong by (one standard deviation).
+    #[serde(default = "default_gyro_scale_sigma")]
+    pub gyro_scale_sigma: f64,
+    /// Share of a specific force beyond gravity that the accelerometer's scale and alignment may be wrong by.
+    #[serde(default = "default_accel_scale_sigma")]
+    pub accel_scale_sigma: f64,
     /// Largest angular rate the sensor can report, rad/s.
     #[serde(default = "default_gyro_range")]
     pub gyro_range_rad_s: f64,
@@ -125,6 +131,8 @@ impl ImuConfig {
             gyro_error_sigma_rad_s: default_gyro_error_sigma(),
             accel_error_sigma_m_s2: default_accel_error_sigma(),
             error_time_s: default_error_time(),
+            gyro_scale_sigma: default_gyro_scale_sigma(),
+            accel_scale_sigma: default_accel_scale_sigma(),
             gyro_range_rad_s: default_gyro_range(),
             accel_range_m_s2: default_accel_range(),
             stuck_after_s: default_stuck_after(),
@@ -145,6 +153,13 @@ fn default_accel_error_sigma() -> f64 {
 }
 fn default_error_time() -> f64 {
     1.5
+}
+/// Scale and alignment of a sensor of a few grams after calibration by its maker.
+fn default_gyro_scale_sigma() -> f64 {
+    0.003
+}
+fn default_accel_scale_sigma() -> f64 {
+    0.005
 }
 fn default_gyro_range() -> f64 {
     17.4

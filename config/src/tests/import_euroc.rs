@@ -53,6 +53,8 @@ fn the_real_calibration_is_that_of_the_presets() {
         accel_bias_sigma_m_s2: imported.imu.accel_bias_sigma_m_s2,
         gyro_error_sigma_rad_s: imported.imu.gyro_error_sigma_rad_s,
         accel_error_sigma_m_s2: imported.imu.accel_error_sigma_m_s2,
+        gyro_scale_sigma: imported.imu.gyro_scale_sigma,
+        accel_scale_sigma: imported.imu.accel_scale_sigma,
         ..simulated
     };
     assert_eq!(imported.imu, expected);

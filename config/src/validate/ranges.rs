@@ -17,6 +17,7 @@ const METRES: &str = "write it in metres (is this in mm?)";
 const SECONDS: &str = "write it in seconds (is this in ms?)";
 const PX: &str = "write it in pixels";
 const COUNT: &str = "choose a count in the range";
+const SHARE: &str = "write it as a share (0.5 % = 0.005)";
 const CHOOSE: &str = "choose a value in the range";
 
 #[rustfmt::skip]
@@ -29,6 +30,8 @@ const SETUP_ROWS: &[Row<EstimatorSetup>] = &[
     ("imu.gyro_error_sigma_rad_s",  |c| c.imu.gyro_error_sigma_rad_s,  0.0,  0.5,    "write it in rad/s (1 deg/s = 0.01745 rad/s)"),
     ("imu.accel_error_sigma_m_s2",  |c| c.imu.accel_error_sigma_m_s2,  0.0,  5.0,    "write it in m/s² (1 mg = 0.00981 m/s²)"),
     ("imu.error_time_s",            |c| c.imu.error_time_s,            0.05, 100.0,  SECONDS),
+    ("imu.gyro_scale_sigma",        |c| c.imu.gyro_scale_sigma,        0.0,  0.1,    SHARE),
+    ("imu.accel_scale_sigma",       |c| c.imu.accel_scale_sigma,       0.0,  0.1,    SHARE),
     ("imu.gyro_range_rad_s",        |c| c.imu.gyro_range_rad_s,        1.0,  100.0,  "write it in rad/s (1000 deg/s = 17.45 rad/s)"),
     ("imu.accel_range_m_s2",        |c| c.imu.accel_range_m_s2,        15.0, 2000.0, "write it in m/s² (16 g = 156.9 m/s²)"),
     ("imu.stuck_after_s",           |c| c.imu.stuck_after_s,           0.0,  10.0,   "write it in seconds, 0 to switch it off"),

@@ -1,8 +1,9 @@
 //! What of an inertial sensor's readings is to be believed, and how far: at the ends of its range, and where samples are
 //! missing.
 //!
-//! A reading at the end of the range says nothing but that the truth is out there: the last one within the range stands
-//! in for it, as uncertain as half the range. Between two samples that are far apart the motion is taken for steady; what
+//! A reading at the end of the range says nothing but that the truth is out there, and is as uncertain as half the range. A
+//! force there is the best guess: vibration clips the same side again and again, and any other reading leans to the middle. For
+//! an angular rate the last one within the range stands in, since a wild one would throw the images' predictions off. Between two samples that are far apart the motion is taken for steady; what
 //! it may have been otherwise grows with their distance, and has nothing to do with the noise of the sensor.
 
 use super::{ImuNoise, Unmeasured};
@@ -50,9 +51,9 @@ impl Saturation {
 /// A sample as it is believed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BelievedSample {
-    /// The readings; those of before where the sensor was saturated.
+    /// The readings; that of before where the gyroscope was saturated.
     pub sample: ImuSample,
-    /// Which of them stand in for others.
+    /// Which of them are at the end of their range.
     pub saturated: Saturation,
     /// Which sensors did not measure at all: see [`super::stuck`].
     pub unmeasured: Unmeasured,
@@ -97,13 +98,10 @@ impl SensorLimits {
             accel: sample.accel.amax() > SATURATED_SHARE * self.accel_range,
         };
         let mut believed = BelievedSample { sample: *sample, saturated, unmeasured: Unmeasured::default() };
-        if let Some(last) = last {
-            if saturated.gyro {
-                believed.sample.gyro = last.sample.gyro;
-            }
-            if saturated.accel {
-                believed.sample.accel = last.sample.accel;
-            }
+        if let Some(last) = last
+            && saturated.gyro
+        {
+            believed.sample.gyro = last.sample.gyro;
         }
         believed
     }
@@ -151,8 +149,7 @@ mod tests {
     use plumbline_config::Timestamp;
 
     const LIMITS: SensorLimits = SensorLimits { period_s: 0.005, gyro_range: 10.0, accel_range: 100.0 };
-    const NOISE: ImuNoise =
-        ImuNoise { gyro_density: 1e-4, accel_density: 1e-3, gyro_walk: 0.0, accel_walk: 0.0 };
+    const NOISE: ImuNoise = ImuNoise { gyro_density: 1e-4, accel_density: 1e-3, ..ImuNoise::NONE };
 
     fn sample(rate: f64, force: f64) -> ImuSample {
         let stamp = Timestamp::from_nanos(0);
@@ -160,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reading_at_the_end_of_its_range_is_the_last_one_within_it_and_the_other_one_stays() {
+    fn a_rate_at_the_end_of_its_range_is_the_last_one_within_it_and_a_force_stays() {
         let before = LIMITS.believe(&sample(1.0, 9.8), None);
         let spun = LIMITS.believe(&sample(-9.95, 12.0), Some(&before));
         assert_eq!(
@@ -170,7 +167,7 @@ mod tests {
         let hit = LIMITS.believe(&sample(-3.0, 100.0), Some(&spun));
         assert_eq!(
             (hit.sample, hit.saturated),
-            (sample(-3.0, 12.0), Saturation { gyro: false, accel: true })
+            (sample(-3.0, 100.0), Saturation { gyro: false, accel: true })
         );
     }
 

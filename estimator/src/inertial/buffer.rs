@@ -294,7 +294,7 @@ mod tests {
     #[test]
     fn the_ends_of_an_interval_are_interpolated() {
         let (from, to) = (Timestamp::from_nanos(12_345_678), Timestamp::from_nanos(203_456_789));
-        let noise = ImuNoise { gyro_density: 1e-3, accel_density: 1e-2, gyro_walk: 0.0, accel_walk: 0.0 };
+        let noise = ImuNoise { gyro_density: 1e-3, accel_density: 1e-2, ..ImuNoise::NONE };
         let (pre, coverage) = buffer().preintegrate(from, to, &Vector3::zeros(), &Vector3::zeros(), &noise);
         assert_eq!(coverage, Coverage::default());
         assert!((pre.dt_s - to.seconds_since(from)).abs() < 1e-12);
@@ -321,7 +321,7 @@ mod tests {
         for k in (0..20).chain(30..60) {
             holed.push(&sample(k * 5_000_000, 0.0));
         }
-        let noise = ImuNoise { gyro_density: 1e-3, accel_density: 1e-2, gyro_walk: 0.0, accel_walk: 0.0 };
+        let noise = ImuNoise { gyro_density: 1e-3, accel_density: 1e-2, ..ImuNoise::NONE };
         let (from, to) = (Timestamp::from_nanos(0), Timestamp::from_nanos(250_000_000));
         let zero = Vector3::zeros();
         let (whole, _) = buffer().preintegrate(from, to, &zero, &zero, &noise);
@@ -337,12 +337,7 @@ mod tests {
         let (from, to) = (Timestamp::from_nanos(0), Timestamp::from_nanos(400_000_000));
         let zero = Vector3::zeros();
         let sigmas = [1e-5, 1e-4, 1e-3].map(|density| {
-            let noise = ImuNoise {
-                gyro_density: density,
-                accel_density: 10.0 * density,
-                gyro_walk: 0.0,
-                accel_walk: 0.0,
-            };
+            let noise = ImuNoise { gyro_density: density, accel_density: 10.0 * density, ..ImuNoise::NONE };
             let (motion, coverage) = holed.preintegrate(from, to, &zero, &zero, &noise);
             assert!(coverage.has_gap);
             [0, 3, 6].map(|k| motion.covariance[(k, k)].sqrt())
@@ -361,7 +356,7 @@ mod tests {
     fn what_lies_within_a_hole_is_as_uncertain_as_the_hole_is_long_however_short_it_is() {
         let mut holed = ImuBuffer::new(1.0, 200.0, 10.0, 100.0);
         (0..20).chain(200..240).for_each(|k| _ = holed.push(&sample(k * 5_000_000, 0.0)));
-        let noise = ImuNoise { gyro_density: 1e-4, accel_density: 1e-3, gyro_walk: 0.0, accel_walk: 0.0 };
+        let noise = ImuNoise { gyro_density: 1e-4, accel_density: 1e-3, ..ImuNoise::NONE };
         let zero = Vector3::zeros();
         let between = |from_ms: i64, to_ms: i64| {
             let at = |ms: i64| Timestamp::from_nanos(ms * 1_000_000);
@@ -388,7 +383,7 @@ mod tests {
             }
             buffer
         };
-        let noise = ImuNoise { gyro_density: 1e-3, accel_density: 1e-2, gyro_walk: 0.0, accel_walk: 0.0 };
+        let noise = ImuNoise { gyro_density: 1e-3, accel_density: 1e-2, ..ImuNoise::NONE };
         let zero = Vector3::zeros();
         let between = |buffer: &ImuBuffer, from: i64, to: i64| {
             let stamp = |nanos| Timestamp::from_nanos(nanos);
@@ -421,7 +416,7 @@ mod tests {
             refused += u32::from(!poisoned.push(&bad));
         }
         assert_eq!(refused, 100);
-        let noise = ImuNoise { gyro_density: 1e-3, accel_density: 1e-2, gyro_walk: 0.0, accel_walk: 0.0 };
+        let noise = ImuNoise { gyro_density: 1e-3, accel_density: 1e-2, ..ImuNoise::NONE };
         let (from, to) = (Timestamp::from_nanos(7_000_000), Timestamp::from_nanos(400_000_000));
         let zero = Vector3::zeros();
         let motions = [poisoned, buffer()].map(|b| b.preintegrate(from, to, &zero, &zero, &noise));
@@ -430,7 +425,7 @@ mod tests {
 
     #[test]
     fn stamps_at_the_ends_of_time_give_a_motion_of_finite_numbers() {
-        let noise = ImuNoise { gyro_density: 1e-3, accel_density: 1e-2, gyro_walk: 0.0, accel_walk: 0.0 };
+        let noise = ImuNoise { gyro_density: 1e-3, accel_density: 1e-2, ..ImuNoise::NONE };
         let zero = Vector3::zeros();
         let stamps =
             [Timestamp::MIN, Timestamp::from_nanos(0), Timestamp::from_nanos(250_000_000), Timestamp::MAX];

@@ -14,7 +14,14 @@ use crate::geometry::{exp_so3, right_jacobian, skew};
 use nalgebra::{Matrix3, SMatrix, UnitQuaternion, Vector3};
 use plumbline_config::options::ImuConfig;
 
-/// White noise and bias random walk of an inertial sensor, as densities.
+/// An error of scale or alignment counts as white noise of this correlation time, s: about as long as a motion keeps its
+/// direction.
+const MOTION_TIME_S: f64 = 0.5;
+
+/// Specific force of steady flight, m/s²: gravity.
+const USUAL_FORCE_M_S2: f64 = 9.81;
+
+/// White noise and bias random walk of an inertial sensor, as densities, and what grows with its readings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImuNoise {
     /// rad/s/sqrt(Hz)
@@ -25,9 +32,23 @@ pub struct ImuNoise {
     pub gyro_walk: f64,
     /// m/s³/sqrt(Hz)
     pub accel_walk: f64,
+    /// Share of an angular rate that scale and alignment may be wrong by.
+    pub gyro_scale: f64,
+    /// Share of a specific force beyond gravity that scale and alignment may be wrong by.
+    pub accel_scale: f64,
 }
 
 impl ImuNoise {
+    /// A perfect sensor.
+    pub const NONE: Self = Self {
+        gyro_density: 0.0,
+        accel_density: 0.0,
+        gyro_walk: 0.0,
+        accel_walk: 0.0,
+        gyro_scale: 0.0,
+        accel_scale: 0.0,
+    };
+
     /// The noise model that a configuration describes.
     ///
     /// A coloured error of standard deviation `sigma` and correlation time `tau` (Gauss-Markov) changes within `t << tau` by
@@ -42,7 +63,22 @@ impl ImuNoise {
             accel_density: config.accel_noise_density,
             gyro_walk: libm::hypot(config.gyro_bias_walk, coloured(config.gyro_error_sigma_rad_s)),
             accel_walk: libm::hypot(config.accel_bias_walk, coloured(config.accel_error_sigma_m_s2)),
+            gyro_scale: config.gyro_scale_sigma,
+            accel_scale: config.accel_scale_sigma,
         }
+    }
+
+    /// Variances of the mean angular rate and force of a step of `dt` in which these are `gyro` and `accel`. An error of
+    /// scale or alignment is constant, but as a vehicle moves its effect is not, and the bias takes what stays of it: noise
+    /// of standard deviation `sigma |omega|` and correlation time `tau` has the density `sigma |omega| sqrt(2 tau)`. Gravity
+    /// is the part that stays.
+    fn variances(&self, dt: f64, gyro: &Vector3<f64>, accel: &Vector3<f64>) -> (f64, f64) {
+        let relative = |scale: f64, reading: f64| scale * scale * reading * reading * (2.0 * MOTION_TIME_S);
+        let force = accel.norm() - USUAL_FORCE_M_S2;
+        (
+            (self.gyro_density * self.gyro_density + relative(self.gyro_scale, gyro.norm())) / dt,
+            (self.accel_density * self.accel_density + relative(self.accel_scale, force)) / dt,
+        )
     }
 }
 
@@ -114,7 +150,8 @@ impl Preintegration {
         // The force at the end turns with the step: half of it sees the gyroscope bias of this step.
         let jr_dt = right_jacobian(&phi) * dt;
         let rot_half_end = rot * skew(&end_in_start) * (0.5 * dt);
-        self.propagate_errors(dt, &step_rot, &rot, &rot_accel, &jr_dt, &rot_half_end, noise);
+        let variances = noise.variances(dt, &(phi / dt), &accel);
+        self.propagate_errors(dt, &step_rot, &rot, &rot_accel, &jr_dt, &rot_half_end, variances);
 
         let accel_in_first = self.delta_rot * accel;
         self.delta_p += self.delta_v * dt + accel_in_first * (0.5 * dt * dt);
@@ -133,7 +170,7 @@ impl Preintegration {
         rot_accel: &Matrix3<f64>,
         jr_dt: &Matrix3<f64>,
         rot_half_end: &Matrix3<f64>,
-        noise: &ImuNoise,
+        (gyro_var, accel_var): (f64, f64),
     ) {
         let identity = Matrix3::identity();
         let mut a = SMatrix::<f64, 9, 9>::identity();
@@ -151,8 +188,6 @@ impl Preintegration {
         b.fixed_view_mut::<3, 3>(0, 3).copy_from(&(mean_rot * (-0.5 * dt * dt)));
         b.fixed_view_mut::<3, 3>(6, 3).copy_from(&(mean_rot * -dt));
 
-        let gyro_var = noise.gyro_density * noise.gyro_density / dt;
-        let accel_var = noise.accel_density * noise.accel_density / dt;
         let mut weighted = b;
         weighted.fixed_columns_mut::<3>(0).scale_mut(gyro_var);
         weighted.fixed_columns_mut::<3>(3).scale_mut(accel_var);

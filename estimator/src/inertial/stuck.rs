@@ -256,7 +256,13 @@ mod tests {
 
     #[test]
     fn what_is_measured_has_the_noise_of_the_sensor_bit_for_bit() {
-        let noise = ImuNoise { gyro_density: 1e-4, accel_density: 1e-3, gyro_walk: 1e-5, accel_walk: 1e-4 };
+        let noise = ImuNoise {
+            gyro_density: 1e-4,
+            accel_density: 1e-3,
+            gyro_walk: 1e-5,
+            accel_walk: 1e-4,
+            ..ImuNoise::NONE
+        };
         assert_eq!(Unmeasured::default().noise(noise), noise);
         let of_gyro = Unmeasured { gyro: true, accel: false }.noise(noise);
         assert!(

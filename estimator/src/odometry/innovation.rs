@@ -1,11 +1,11 @@
 //! Scale of the accelerometer's noise by running normalized innovations.
 //!
-//! With consistent noise the correction `d` that a frame makes to the predicted state has the covariance by which the frame
+//! With consistent noise the correction `d` that a frame makes to the predicted velocity has the covariance by which the frame
 //! lowers that of the prediction, `P_predicted - P_updated` (Mohamed and Schwarz 1999, "Adaptive Kalman filtering for INS/GPS").
 //! Running means of `|d|²` and of that trace therefore have the ratio 1; about 0.25 with the cautious noise that presets state
-//! for images. Forces that the stated noise does not explain raise the ratio of the velocity. The noise of new inertial factors
-//! then grows, density and walk alike, until the ratio is back, and shrinks as slowly; never below what is stated. Images that
-//! contradict each other raise the ratio of the position too, and do not count.
+//! for images. Forces that the stated noise does not explain raise it. The noise of new inertial factors then grows, until
+//! the ratio is back, and shrinks more slowly; never below what is stated. It begins large: a tilt that was taken for certain
+//! before the first second had told what the forces are worth would stay in the prior.
 
 use super::Odometer;
 use crate::estimate::HealthBits;
@@ -15,22 +15,29 @@ use crate::window::state::{FrameMatrix, NavState};
 use nalgebra::Vector3;
 use plumbline_config::Portable;
 
-/// Time constant of the running means, and of the scale, s.
+/// Time constant of the running means, and of a scale that shrinks, s.
 const MEMORY_S: f64 = 1.0;
-/// Ratio of the velocity up to which the stated noise is believed: twice that of clean flights.
-const BELIEVED_RATIO: f64 = 0.5;
-/// Share of the ratio of the position that the ratio of the velocity may have.
-const SHARE_OF_POSITION: f64 = 0.5;
+/// How much faster the scale grows.
+const GROWTH: f64 = 4.0;
+/// Ratio up to which the noise is believed: half as much again as in clean flights.
+const BELIEVED_RATIO: f64 = 0.35;
 /// A single innovation counts as at most this multiple of what is expected: a knock is no noise.
 const MOST_IN_A_FRAME: f64 = 25.0;
 /// Largest change of the logarithm of the variance in a time constant.
 const MOST_LOG_CHANGE: f64 = 4.0;
-/// Largest variance, as a multiple of the stated one.
-const MOST_VARIANCE: f64 = 1e4;
+/// Variance at first, as a multiple of the stated one.
+const FIRST_VARIANCE: f64 = 100.0;
+/// Largest variance, as a multiple of the stated one: vibration of 30 m/s² against the noise of a data sheet.
+const MOST_VARIANCE: f64 = 1e7;
+/// Largest walk of the bias that a scale leads to, m/s³/sqrt(Hz): forces that last seconds, at most. With more the bias would
+/// follow the vibration to where it is taken for diverged.
+const MOST_WALK: f64 = 0.03;
 /// Variance from which it applies.
 const APPLIED_VARIANCE: f64 = 1.5;
-/// Variance from which it is reported.
+/// Variance from which it is reported, once it has been judged for [`REPORTED_AFTER_S`].
 const REPORTED_VARIANCE: f64 = 4.0;
+/// What it begins with has been forgotten by then, s.
+const REPORTED_AFTER_S: f64 = 3.0;
 
 /// Running means of squared innovations of a vector and of what is expected of them.
 #[derive(Clone, Copy, Debug, Default)]
@@ -59,7 +66,8 @@ pub(super) struct NoiseScale {
     stated: ImuNoise,
     /// Variance against the stated one, 1 or more.
     variance: f64,
-    position: Innovations,
+    /// Time it has been judged for, s.
+    judged_s: f64,
     velocity: Innovations,
     /// Covariance of the newest state and its biases; `None` before the first.
     newest: Option<FrameMatrix>,
@@ -74,33 +82,35 @@ pub(super) struct Prediction {
 }
 
 impl NoiseScale {
-    /// The noise as stated.
-    pub(super) fn new(stated: ImuNoise) -> Self {
-        let none = Innovations::default();
-        Self { stated, variance: 1.0, position: none, velocity: none, newest: None }
+    /// What is assumed of a sensor with `stated` noise before the first frame. With one camera the noise stays as stated.
+    pub(super) fn new(stated: ImuNoise, cameras: usize) -> Self {
+        let variance = if cameras > 1 { FIRST_VARIANCE } else { 1.0 };
+        Self { stated, variance, judged_s: 0.0, velocity: Innovations::default(), newest: None }
     }
 
     /// Forgets the state, as at a reset. The scale stays: it is the sensor's.
     pub(super) fn forget_state(&mut self) {
-        *self = Self { variance: self.variance, ..Self::new(self.stated) };
+        self.velocity = Innovations::default();
+        self.newest = None;
     }
 
-    /// Takes the correction `d` that lowered the covariance of a state from `before` to `after`.
-    fn add(&mut self, dt_s: f64, d: &[Vector3<f64>; 2], [before, after]: [&FrameMatrix; 2]) {
-        let gained = |part: usize| (part..part + 3).map(|k| before[(k, k)] - after[(k, k)]).sum::<f64>();
+    /// Takes the correction `d` of a velocity, m/s, that lowered the covariance of the state from `before` to `after`.
+    fn add(&mut self, dt_s: f64, d: &Vector3<f64>, [before, after]: [&FrameMatrix; 2]) {
+        let gained = (NavState::V..NavState::V + 3).map(|k| before[(k, k)] - after[(k, k)]).sum::<f64>();
         let share = (dt_s / MEMORY_S).at_most(1.0);
-        self.position.add(share, d[0].norm_squared(), gained(NavState::P));
-        self.velocity.add(share, d[1].norm_squared(), gained(NavState::V));
-        let believed = BELIEVED_RATIO.at_least(SHARE_OF_POSITION * self.position.ratio());
-        let excess = libm::log((self.velocity.ratio() / believed).at_least(1e-3));
-        let change = share * excess.clamp(-MOST_LOG_CHANGE, MOST_LOG_CHANGE);
+        self.velocity.add(share, d.norm_squared(), gained);
+        let excess = libm::log((self.velocity.ratio() / BELIEVED_RATIO).at_least(1e-3));
+        let gain = if excess > 0.0 { GROWTH } else { 1.0 };
+        let change = gain * share * excess.clamp(-MOST_LOG_CHANGE, MOST_LOG_CHANGE);
         self.variance = (self.variance * libm::exp(change)).clamp(1.0, MOST_VARIANCE);
+        self.judged_s += dt_s;
     }
 
     /// Takes a motion of `dt_s` that the images contradicted as a whole: its innovation cannot be judged by what was predicted.
     fn add_contradiction(&mut self, dt_s: f64) {
         let share = (dt_s / MEMORY_S).at_most(1.0);
         self.variance = (self.variance * libm::exp(share * MOST_LOG_CHANGE)).at_most(MOST_VARIANCE);
+        self.judged_s += dt_s;
     }
 
     /// The noise of new factors: as stated, bit for bit, until that is plainly too little.
@@ -110,12 +120,17 @@ impl NoiseScale {
         }
         let sigma = self.variance.sqrt();
         let ImuNoise { accel_density, accel_walk, .. } = self.stated;
-        ImuNoise { accel_density: accel_density * sigma, accel_walk: accel_walk * sigma, ..self.stated }
+        let most_walk = MOST_WALK.at_least(accel_walk);
+        ImuNoise {
+            accel_density: accel_density * sigma,
+            accel_walk: (accel_walk * sigma).at_most(most_walk),
+            ..self.stated
+        }
     }
 
     /// Whether the forces are plainly noisier than stated.
     fn is_reported(&self) -> bool {
-        self.variance > REPORTED_VARIANCE
+        self.variance > REPORTED_VARIANCE && self.judged_s > REPORTED_AFTER_S
     }
 
     /// Covariance of the newest state, carried on by the `motion` from `nav`.
@@ -158,9 +173,8 @@ impl Odometer {
         } else if let (true, Some(before), Some(after), Some(newest)) =
             (is_evidence, before, &after, self.window.frames.last())
         {
-            let (nav, expected) = (&newest.nav, &prediction.nav);
-            let d = [nav.p_o_b - expected.p_o_b, nav.v_o_b - expected.v_o_b];
-            if d.iter().flatten().all(|x| x.is_finite()) {
+            let d = newest.nav.v_o_b - prediction.nav.v_o_b;
+            if d.iter().all(|x| x.is_finite()) {
                 self.noise_scale.add(prediction.dt_s, &d, [before, after]);
             }
         }
@@ -182,57 +196,70 @@ impl Odometer {
 mod tests {
     use super::*;
 
-    const STATED: ImuNoise =
-        ImuNoise { gyro_density: 1e-4, accel_density: 1e-3, gyro_walk: 1e-5, accel_walk: 1e-4 };
+    const STATED: ImuNoise = ImuNoise {
+        gyro_density: 1e-4,
+        accel_density: 1e-3,
+        gyro_walk: 1e-5,
+        accel_walk: 1e-4,
+        ..ImuNoise::NONE
+    };
 
-    /// Twenty seconds of frames whose corrections of position and velocity are these multiples of the expected ones.
-    fn after(position: f64, velocity: impl Fn(usize) -> f64) -> NoiseScale {
-        let mut scale = NoiseScale::new(STATED);
+    /// Twenty seconds of frames whose corrections of the velocity are these multiples of the expected ones.
+    fn after(velocity: impl Fn(usize) -> f64) -> NoiseScale {
+        let mut scale = NoiseScale::new(STATED, 2);
         let (before, after) = (FrameMatrix::identity() * 2.0, FrameMatrix::identity());
         for k in 0..400 {
-            let d = [position, velocity(k)].map(Vector3::repeat);
-            scale.add(0.05, &d, [&before, &after]);
+            scale.add(0.05, &Vector3::repeat(velocity(k)), [&before, &after]);
         }
         scale
     }
 
     #[test]
-    fn keeps_the_stated_noise_while_innovations_are_as_expected() {
-        let scale = after(0.5, |_| 0.5);
+    fn begins_with_ten_times_the_stated_noise_and_one_camera_with_the_stated_one() {
+        let scale = NoiseScale::new(STATED, 2);
+        assert!(
+            (scale.noise().accel_density - 10.0 * STATED.accel_density).abs() < 1e-12 && !scale.is_reported()
+        );
+        assert_eq!(NoiseScale::new(STATED, 1).noise(), STATED);
+    }
+
+    #[test]
+    fn comes_to_the_stated_noise_while_innovations_are_as_expected() {
+        let scale = after(|_| 0.5);
         assert_eq!((scale.noise(), scale.is_reported()), (STATED, false));
     }
 
     #[test]
     fn grows_with_velocities_that_the_stated_noise_does_not_explain() {
-        let scale = after(0.5, |_| 2.0);
+        let scale = after(|_| 2.0);
         assert!(scale.noise().accel_density > 5e-3 && scale.noise().accel_walk > 5e-4 && scale.is_reported());
         assert_eq!(scale.noise().gyro_density.to_bits(), STATED.gyro_density.to_bits());
         assert!(scale.variance <= MOST_VARIANCE);
     }
 
     #[test]
+    fn the_bias_never_walks_as_fast_as_vibration() {
+        assert!((after(|_| 20.0).noise().accel_walk - MOST_WALK).abs() < 1e-12);
+    }
+
+    #[test]
     fn returns_to_the_stated_noise_afterwards() {
-        let scale = after(0.5, |k| if k < 100 { 2.0 } else { 0.3 });
+        let scale = after(|k| if k < 100 { 2.0 } else { 0.3 });
         assert_eq!(scale.noise(), STATED);
     }
 
     #[test]
     fn grows_with_motions_that_images_contradict_for_seconds() {
-        let mut scale = NoiseScale::new(STATED);
+        let mut scale = after(|_| 0.5);
         scale.add_contradiction(0.05);
         assert!(!scale.is_reported());
-        (0..60).for_each(|_| scale.add_contradiction(0.05));
-        assert!((scale.variance - MOST_VARIANCE).abs() < 1e-9);
+        (0..100).for_each(|_| scale.add_contradiction(0.05));
+        assert!((scale.variance / MOST_VARIANCE - 1.0).abs() < 1e-9);
     }
 
     #[test]
     fn a_single_knock_is_no_noise() {
-        let scale = after(0.5, |k| if k == 399 { 1e3 } else { 0.4 });
+        let scale = after(|k| if k == 399 { 1e3 } else { 0.4 });
         assert!(!scale.is_reported(), "{}", scale.variance);
-    }
-
-    #[test]
-    fn images_that_contradict_themselves_do_not_count() {
-        assert!(!after(3.0, |_| 2.0).is_reported());
     }
 }

@@ -197,7 +197,7 @@ impl Odometer {
             solved: SolvedFrame::default(),
             keeps_steps: false,
             step: None,
-            noise_scale: NoiseScale::new(ImuNoise::of(imu)),
+            noise_scale: NoiseScale::new(ImuNoise::of(imu), setup.camera.len()),
             window,
         }
     }

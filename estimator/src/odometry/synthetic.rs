@@ -44,6 +44,8 @@ pub fn config(cameras: usize) -> ValidSetup {
         gyro_error_sigma_rad_s: 0.0,
         accel_error_sigma_m_s2: 0.0,
         error_time_s: 1.5,
+        gyro_scale_sigma: 0.0,
+        accel_scale_sigma: 0.0,
         gyro_range_rad_s: 17.0,
         accel_range_m_s2: 150.0,
         accel_bias_sigma_m_s2: 0.1,

@@ -81,8 +81,13 @@ mod tests {
     use nalgebra::Vector3;
 
     /// Sensor of the preset `sim`.
-    const NOISE: ImuNoise =
-        ImuNoise { gyro_density: 1.7e-4, accel_density: 2e-3, gyro_walk: 1.9e-5, accel_walk: 3e-3 };
+    const NOISE: ImuNoise = ImuNoise {
+        gyro_density: 1.7e-4,
+        accel_density: 2e-3,
+        gyro_walk: 1.9e-5,
+        accel_walk: 3e-3,
+        ..ImuNoise::NONE
+    };
     const GRAVITY_O: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);
 
     /// `count` motions of 50 ms.

@@ -101,8 +101,7 @@ mod tests {
     use crate::geometry::{exp_so3, log_so3};
     use nalgebra::{SVector, Vector3};
 
-    const QUIET: ImuNoise =
-        ImuNoise { gyro_density: 1e-9, accel_density: 1e-9, gyro_walk: 0.0, accel_walk: 0.0 };
+    const QUIET: ImuNoise = ImuNoise { gyro_density: 1e-9, accel_density: 1e-9, ..ImuNoise::NONE };
     const GRAVITY_O: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);
 
     /// Flies two seconds in a curve from `nav`, 5 ms at a time.

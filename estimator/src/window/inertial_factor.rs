@@ -197,8 +197,13 @@ mod tests {
         }
     }
 
-    const NOISE: ImuNoise =
-        ImuNoise { gyro_density: 1e-3, accel_density: 1e-2, gyro_walk: 1e-5, accel_walk: 1e-4 };
+    const NOISE: ImuNoise = ImuNoise {
+        gyro_density: 1e-3,
+        accel_density: 1e-2,
+        gyro_walk: 1e-5,
+        accel_walk: 1e-4,
+        ..ImuNoise::NONE
+    };
     const GRAVITY_O: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);
 
     fn factor() -> InertialFactor {

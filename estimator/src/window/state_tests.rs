@@ -47,7 +47,7 @@ proptest! {
         // Free fall with a constant turn, in steps.
         let gravity_o = Vector3::new(0.0, 0.0, -9.81);
         let (rate, zero) = (Vector3::new(0.3, -0.2, 0.5), Vector3::zeros());
-        let noise = ImuNoise { gyro_density: 1e-3, accel_density: 1e-2, gyro_walk: 0.0, accel_walk: 0.0 };
+        let noise = ImuNoise { gyro_density: 1e-3, accel_density: 1e-2, ..ImuNoise::NONE };
         let mut motion = Preintegration::new(&nav.bias_gyro, &nav.bias_accel);
         for _ in 0..20 {
             motion.integrate(0.01, &(rate + nav.bias_gyro), &nav.bias_accel, &nav.bias_accel, &noise);

@@ -97,6 +97,8 @@ fn config() -> Config {
         gyro_error_sigma_rad_s: 0.0,
         accel_error_sigma_m_s2: 0.0,
         error_time_s: 1.5,
+        gyro_scale_sigma: 0.0,
+        accel_scale_sigma: 0.0,
         gyro_range_rad_s: 17.4,
         accel_range_m_s2: 156.9,
         stuck_after_s: 0.1,

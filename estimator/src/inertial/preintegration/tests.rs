@@ -1,8 +1,7 @@
 use super::*;
 use crate::geometry::log_so3;
 
-const NOISE: ImuNoise =
-    ImuNoise { gyro_density: 1.7e-3, accel_density: 2e-2, gyro_walk: 0.0, accel_walk: 0.0 };
+const NOISE: ImuNoise = ImuNoise { gyro_density: 1.7e-3, accel_density: 2e-2, ..ImuNoise::NONE };
 
 fn rate(t: f64) -> Vector3<f64> {
     Vector3::new(0.8 * (3.0 * t).sin(), -0.5 + 0.3 * t, 1.2 * (2.0 * t).cos())
