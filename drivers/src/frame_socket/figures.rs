@@ -1,13 +1,15 @@
 //! What can be said of the program that sends, for whoever asks from another thread.
 
 use super::header::Refusal;
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// What came over the socket.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct SocketFigures {
     /// Whether a program sends now.
+    #[serde(skip)]
     pub is_connected: bool,
     /// How often one connected.
     pub connected: u64,
@@ -16,16 +18,20 @@ pub struct SocketFigures {
     /// How often one was sent away, since what it sent was no frame of this rig.
     pub refused: u64,
     /// Frames that were handed out.
+    #[serde(skip)]
     pub frames: u64,
     /// Frames handed out with two images.
+    #[serde(skip)]
     pub pairs: u64,
     /// Frames with a stamp that is not after that of the frame before; not handed out.
     pub disordered: u64,
     /// Frames stamped by their arrival, since their stamp was of no clock of this computer, or of the future.
     pub restamped: u64,
     /// Time from stamp to arrival: mean of the last frames, ms.
+    #[serde(skip)]
     pub delay_ms: f64,
     /// The largest.
+    #[serde(skip)]
     pub max_delay_ms: f64,
 }
 

@@ -3,23 +3,26 @@
 use super::{LossFigures, WatchFigures};
 use crate::Faults;
 use crate::clock::ClockFigures;
+use serde::Serialize;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// How a device came and went.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct LinkFigures {
     /// Whether it is there.
+    #[serde(skip)]
     pub is_open: bool,
     /// How often it was opened.
     pub opened: u64,
     /// How often it went away.
     pub lost: u64,
     /// Why it is not there, as the system's number of the error.
+    #[serde(skip)]
     pub last_error: Option<i32>,
 }
 
 /// What came in as bytes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct FramingFigures {
     /// Bytes.
     pub bytes: u64,
@@ -33,10 +36,12 @@ pub struct FramingFigures {
     pub bad_lengths: u64,
 }
 
-/// What became of the samples of a live sensor.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+/// What became of the samples of a live sensor. Serialized as the report of a flight has it, which counts for itself what
+/// was handed out and lost.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct ImuFigures {
     /// Samples that were handed out.
+    #[serde(skip)]
     pub samples: u64,
     /// Samples that came while the clock of the device was being learnt: not handed out.
     pub settling: u64,
@@ -47,18 +52,24 @@ pub struct ImuFigures {
     /// Frames with the right checksum whose fields make no sense.
     pub malformed: u64,
     /// What the device's output lacks for samples, in words.
+    #[serde(skip)]
     pub lacking: Option<&'static str>,
     /// What was lost on the way.
+    #[serde(skip)]
     pub loss: LossFigures,
     /// What was wrong with samples.
+    #[serde(flatten)]
     pub watch: WatchFigures,
+    /// How the device came and went.
+    #[serde(flatten)]
+    pub link: LinkFigures,
     /// The device's clock; at its default where the kernel stamps by the host's.
     pub clock: ClockFigures,
-    /// How the device came and went.
-    pub link: LinkFigures,
     /// What came in as bytes, of a serial line.
+    #[serde(rename = "line")]
     pub framing: FramingFigures,
     /// Triggers of the cameras that nobody took in time.
+    #[serde(skip)]
     pub triggers_lost: u64,
 }
 

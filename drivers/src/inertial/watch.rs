@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 use plumbline_config::options::ImuConfig;
+use serde::Serialize;
 
 /// A component this near to the end of its range is at it: rounding of scales.
 const AT_END: f64 = 0.999;
@@ -17,7 +18,7 @@ const STEP_NS: i64 = 1_000_000_000;
 const POSSIBLE_C: std::ops::RangeInclusive<f64> = -60.0..=150.0;
 
 /// What was wrong with samples.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct WatchFigures {
     /// With an axis at the end of its range, by their numbers or by what the device says.
     pub saturated: u64,

@@ -1,9 +1,10 @@
 //! What can be said of frames and their triggers, for whoever asks from another thread.
 
+use serde::Serialize;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// How frames were stamped.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct TriggerFigures {
     /// Frames stamped by their trigger.
     pub by_trigger: u64,
@@ -22,6 +23,7 @@ pub struct TriggerFigures {
     /// The driver's stamp less the middle of the exposure in the mean, ms.
     pub delay_ms: f64,
     /// Frames in a row without a trigger, up to now.
+    #[serde(skip)]
     pub without: u64,
 }
 

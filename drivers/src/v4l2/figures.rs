@@ -1,11 +1,13 @@
 //! What can be said of the cameras while they run, for whoever asks from another thread.
 
+use serde::Serialize;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// What one camera did. Of a device that gives both images, the first camera's figures are the device's.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct CameraFigures {
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct V4l2CameraFigures {
     /// Whether it streams now.
+    #[serde(skip)]
     pub is_streaming: bool,
     /// Images that came whole.
     pub images: u64,
@@ -32,13 +34,15 @@ pub struct CameraFigures {
 }
 
 /// What the cameras did together.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct V4l2Figures {
     /// Left and right.
-    pub cameras: [CameraFigures; 2],
+    pub cameras: [V4l2CameraFigures; 2],
     /// Frames handed out.
+    #[serde(skip)]
     pub frames: u64,
     /// Frames of two images.
+    #[serde(skip)]
     pub pairs: u64,
     /// Pairs whose stamps are further from each other than `driver.pair_tolerance_s`: the cameras do not expose together,
     /// or their drivers' delays differ.
