@@ -166,8 +166,3 @@ pub fn run(
         }
     }
 }
-
-/// Image sizes of the rig, px; (0, 0) for a camera that is not there.
-pub fn image_sizes(config: &ValidConfig) -> [(usize, usize); 2] {
-    [0, 1].map(|k| config.camera.get(k).map_or((0, 0), |c| (c.width_px, c.height_px)))
-}

@@ -5,7 +5,7 @@ use crate::evaluate::{
     pose_error,
 };
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
-use plumbline_config::Timestamp;
+use plumbline_config::{Timestamp, median_by};
 use plumbline_drivers::StampedPose;
 use plumbline_flight::flight::states::{NavState, StateRow};
 
@@ -231,8 +231,7 @@ fn pose_at(poses: &[StampedPose], stamp: Timestamp) -> Option<Isometry3<f64>> {
 fn median_period_s(samples: &[Sample]) -> f64 {
     let mut periods: Vec<i64> =
         samples.windows(2).map(|pair| pair[1].stamp.nanos_since(pair[0].stamp)).collect();
-    periods.sort_unstable();
-    periods.get(periods.len() / 2).map_or(f64::INFINITY, |period| *period as f64 * 1e-9)
+    median_by(&mut periods, Ord::cmp).map_or(f64::INFINITY, |period| period as f64 * 1e-9)
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Each kind of nonsense gives its warning, and sound data give none.
 
 use super::*;
+use plumbline_config::options::image_sizes;
 use plumbline_drivers::simulator::{FlightPath, Scenario, Scene, Simulator};
 use plumbline_drivers::{EurocDataset, EurocOptions, ImuSource as _, StereoFrame, StereoSource};
 
@@ -11,7 +12,7 @@ fn looked_at(
     stereo: &mut dyn StereoSource,
     swap: bool,
 ) -> Vec<Finding> {
-    let sizes = [0, 1].map(|k| config.camera.get(k).map_or((0, 0), |c| (c.width_px, c.height_px)));
+    let sizes = image_sizes(&config.camera);
     let mut plausibility = Plausibility::new(config, false);
     samples.for_each(|sample| plausibility.add_sample(&sample));
     let (mut frame, mut glimpse) = (StereoFrame::new(sizes), Glimpse::new(sizes));

@@ -7,6 +7,7 @@ use super::{Finding, Glimpse, Plausibility};
 use crate::pipeline::event::{Event, MAX_EVENT_BYTES, Severity};
 use crate::pipeline::listener::{Listener, Producer, Subscriber};
 use crate::schedule::queue::Queue;
+use plumbline_config::options::image_sizes;
 use plumbline_config::{Config, ImuSample};
 use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::{Estimate, HealthBits};
@@ -75,7 +76,7 @@ impl Watch {
     /// # Errors
     /// When the system refuses a thread.
     pub fn start(config: &Config, is_live: bool, known: Vec<Finding>) -> std::io::Result<Self> {
-        let sizes = [0, 1].map(|k| config.camera.get(k).map_or((0, 0), |c| (c.width_px, c.height_px)));
+        let sizes = image_sizes(&config.camera);
         let shared = Arc::new(Shared {
             items: Queue::new(QUEUE),
             free: Queue::new(FRAMES),
