@@ -29,7 +29,7 @@ pub mod vibration;
 #[cfg(test)]
 mod tests;
 
-pub use verdict::{Measure, Report, Verdict};
+pub use verdict::{CheckupReport, Fitness, Measure};
 
 use agreement::Turn;
 use motion::MotionFinder;
@@ -150,7 +150,7 @@ impl Checkup {
 
     /// What was measured so far, and how good it is.
     #[must_use]
-    pub fn report(&self) -> Report {
+    pub fn report(&self) -> CheckupReport {
         let config = &self.config;
         let mut imu = Arrivals::default();
         for (sample, sequence) in self.samples.iter().zip(&self.sequences) {
@@ -177,6 +177,6 @@ impl Checkup {
         if self.motion.is_some() {
             measures.extend(agreement::judge(&self.turns, &self.samples, config));
         }
-        Report { measures }
+        CheckupReport { measures }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::super::scenario::parse_scene;
 use anyhow::{Result, anyhow};
-use plumbline_checkup::{Checkup, Frame, Report};
+use plumbline_checkup::{Checkup, CheckupReport, Frame};
 use plumbline_config::options::image_sizes;
 use plumbline_config::{GrayImage, ImuSample, Timestamp, ValidConfig};
 use plumbline_drivers::simulator::Scenario;
@@ -82,7 +82,7 @@ type Note = (u64, Timestamp, [bool; 2]);
 ///
 /// # Errors
 /// When a stream breaks off.
-pub(super) fn examine(streams: Streams) -> Result<Report> {
+pub(super) fn examine(streams: Streams) -> Result<CheckupReport> {
     let Streams { config, imu, stereo, live, monitor } = streams;
     let mut checkup = Checkup::new(&config);
     let (send, receive) = sync_channel(QUEUE);

@@ -7,7 +7,7 @@ use crate::evaluate::{
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use plumbline_config::{Timestamp, median_by};
 use plumbline_drivers::StampedPose;
-use plumbline_flight::flight::states::{NavState, StateRow};
+use plumbline_flight::flight::states::{RowState, StateRow};
 
 /// The truth is interpolated between poses up to this far apart, ns.
 const MAX_TRUTH_GAP_NS: i64 = 100_000_000;
@@ -43,7 +43,7 @@ pub(super) struct Sample {
     pub stamp: Timestamp,
     pub pose_o_b: Isometry3<f64>,
     /// The state, where the source has more than poses.
-    pub nav: Option<NavState>,
+    pub nav: Option<RowState>,
     /// A number that changes where the curve must break: after a reset or without a pose.
     pub piece: u32,
     /// Points tracked and lines matched, where known.

@@ -1,6 +1,6 @@
 //! The columns of the table: their names, and how a row is written.
 
-use super::{NavState, StateRow};
+use super::{RowState, StateRow};
 use nalgebra::{Isometry3, Vector3};
 use plumbline_estimator::{FrameFigures, TrackingState};
 use std::fmt::Write as _;
@@ -99,8 +99,8 @@ pub(super) fn write_row(line: &mut String, row: &StateRow) {
 }
 
 /// The numbers of a state in the order of [`STATE`].
-fn state_values(nav: &NavState) -> [f64; STATE.len()] {
-    let NavState { pose_o_b, v_o_b, bias_gyro, bias_accel, variances, .. } = nav;
+fn state_values(nav: &RowState) -> [f64; STATE.len()] {
+    let RowState { pose_o_b, v_o_b, bias_gyro, bias_accel, variances, .. } = nav;
     let mut values = [0.0; STATE.len()];
     let all = pose_values(pose_o_b)
         .into_iter()
