@@ -99,7 +99,8 @@ mod tests {
         for entry in std::fs::read_dir(folder).unwrap() {
             let path = entry.unwrap().path();
             let text = std::fs::read_to_string(&path).unwrap();
-            assert!(Config::from_toml_str(&text, "seed").is_ok(), "{}", path.display());
+            let read = Config::from_toml_str(&text, "seed");
+            assert!(read.is_ok(), "{}: {}", path.display(), read.unwrap_err());
         }
     }
 

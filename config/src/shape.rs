@@ -221,29 +221,15 @@ fn is_required(sample: &Table, general_key: &str) -> bool {
 
 /// The cure for an unknown key: the nearest known one, or all of them.
 fn suggestion(name: &str, shape: &Table) -> String {
-    let limit = name.chars().count().min(64) / 2;
-    let nearest = shape.keys().map(|key| (edits(name, key), key)).min();
+    // What is longer is no slip of a key.
+    let start: String = name.chars().take(64).collect();
+    let limit = start.chars().count() / 2;
+    let nearest = shape.keys().map(|key| (strsim::levenshtein(&start, key), key)).min();
     match nearest.filter(|(edits, key)| *edits <= limit || key.contains(name) || name.contains(key.as_str()))
     {
         Some((_, key)) => format!("did you mean `{key}`?"),
         None => format!("remove it; known here: {}", shape.keys().cloned().collect::<Vec<_>>().join(", ")),
     }
-}
-
-/// Levenshtein distance, of the first 64 characters.
-fn edits(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().take(64).collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, ca) in a.chars().take(64).enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, cb) in b.iter().enumerate() {
-            let replaced = diagonal + usize::from(ca != *cb);
-            diagonal = row[j + 1];
-            row[j + 1] = replaced.min(diagonal + 1).min(row[j] + 1);
-        }
-    }
-    row[b.len()]
 }
 
 fn wanted(shape: &Value) -> String {

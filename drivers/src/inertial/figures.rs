@@ -2,9 +2,9 @@
 
 use super::{LossFigures, WatchFigures};
 use crate::Faults;
+use crate::board::Board;
 use crate::clock::ClockFigures;
 use serde::Serialize;
-use std::sync::{Arc, Mutex, PoisonError};
 
 /// How a device came and went.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -88,13 +88,13 @@ impl ImuFigures {
 
 /// The figures of a sensor that runs on another thread, as they were a moment ago.
 #[derive(Clone, Debug, Default)]
-pub struct ImuMonitor(Arc<Mutex<ImuFigures>>);
+pub struct ImuMonitor(Board<ImuFigures>);
 
 impl ImuMonitor {
     /// The figures.
     #[must_use]
     pub fn read(&self) -> ImuFigures {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.0.read()
     }
 }
 
@@ -120,7 +120,7 @@ impl Post {
 
     /// Posts the last figures: whoever reads them after the end finds all.
     pub(crate) fn last(&mut self, figures: ImuFigures) {
-        *self.monitor.0.lock().unwrap_or_else(PoisonError::into_inner) = figures;
+        self.monitor.0.change(|shown| *shown = figures);
     }
 
     /// Posts what `figures` gives, some times a second.
@@ -128,8 +128,7 @@ impl Post {
         if !self.is_due(now_ns) {
             return;
         }
-        if let Ok(mut board) = self.monitor.0.try_lock() {
-            *board = figures();
+        if self.monitor.0.show(figures) {
             self.due_ns = now_ns.saturating_add(PERIOD_NS);
         }
     }
@@ -147,9 +146,8 @@ mod tests {
         post.put(0, of(1));
         post.put(PERIOD_NS - 1, of(2));
         assert_eq!(monitor.read().samples, 1);
-        let held = monitor.0.lock().unwrap();
-        post.put(PERIOD_NS, of(3));
-        drop(held);
+        // While somebody reads.
+        monitor.0.change(|_| post.put(PERIOD_NS, of(3)));
         assert_eq!(monitor.read().samples, 1);
         post.put(PERIOD_NS + 1, of(4));
         assert_eq!(monitor.read().samples, 4);

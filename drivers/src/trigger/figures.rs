@@ -1,7 +1,7 @@
 //! What can be said of frames and their triggers, for whoever asks from another thread.
 
+use crate::board::Board;
 use serde::Serialize;
-use std::sync::{Arc, Mutex, PoisonError};
 
 /// How frames were stamped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -32,13 +32,13 @@ const TROUBLE: u64 = 20;
 
 /// Shows the figures of a [`Triggered`](super::Triggered) to other threads. Copies show the same.
 #[derive(Clone, Debug, Default)]
-pub struct TriggerMonitor(Arc<Mutex<TriggerFigures>>);
+pub struct TriggerMonitor(Board<TriggerFigures>);
 
 impl TriggerMonitor {
     /// The figures up to the last frame.
     #[must_use]
     pub fn figures(&self) -> TriggerFigures {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.0.read()
     }
 
     /// Why frames are not stamped by triggers, where they are not.
@@ -59,8 +59,6 @@ impl TriggerMonitor {
 
     /// Shows these from now on; where somebody is reading at the moment, the next ones.
     pub(super) fn show(&self, figures: &TriggerFigures) {
-        if let Ok(mut shown) = self.0.try_lock() {
-            *shown = *figures;
-        }
+        self.0.show(|| *figures);
     }
 }

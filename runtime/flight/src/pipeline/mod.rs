@@ -107,7 +107,7 @@ pub struct Outcome {
 }
 
 /// What the drivers of a run survived.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, serde::Serialize)]
 pub struct DriverFaults {
     /// The inertial driver.
     pub imu: Faults,

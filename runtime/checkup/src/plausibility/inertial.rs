@@ -44,9 +44,17 @@ impl Magnitudes {
         }
     }
 
-    /// What cannot be right.
+    /// What cannot be right, the rate included.
     #[must_use]
     pub fn findings(&self) -> Vec<Finding> {
+        let mut findings = self.nonsense();
+        findings.extend(self.rate_finding().filter(|_| self.accel.len() >= MIN_SAMPLES));
+        findings
+    }
+
+    /// Columns and units that cannot be right.
+    #[must_use]
+    pub fn nonsense(&self) -> Vec<Finding> {
         let medians = [&self.accel, &self.gyro].map(|values| median(values.iter().copied()));
         let [Some(accel), Some(gyro)] = medians else { return Vec::new() };
         if self.accel.len() < MIN_SAMPLES {
@@ -67,7 +75,6 @@ impl Magnitudes {
         if gyro > MAX_MEDIAN_RATE_RAD_S {
             findings.push(super::rotation::in_degrees(&format!("median rate {gyro:.1}")));
         }
-        findings.extend(self.rate_finding());
         findings
     }
 

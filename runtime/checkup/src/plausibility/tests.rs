@@ -144,14 +144,6 @@ fn a_camera_that_never_delivers_and_the_reason_of_a_reset_are_told() {
 }
 
 #[test]
-fn faults_of_drivers_are_told_with_their_counts() {
-    assert_eq!(of_faults(Faults::default(), Faults { unpaired: 4, ..Faults::default() }), None);
-    let torn = Faults { missing: 2, corrupt: 3, ..Faults::default() };
-    let words = of_faults(Faults::default(), torn).unwrap().to_string();
-    assert!(words.contains("2 images or frames missing, 3 images that cannot be decoded"), "{words}");
-}
-
-#[test]
 fn frames_that_are_lost_are_told_in_a_live_flight_alone() {
     let config = Config::preset("sim").unwrap();
     for is_live in [false, true] {
