@@ -159,6 +159,23 @@ fn short_images_are_whole_with_or_without_what_follows() {
     assert_eq!(decoded(&[&bytes[..], &[0; 100]].concat(), (width, height)).unwrap(), luma);
 }
 
+/// Factors that no camera has, on data that are of other ones.
+#[test]
+fn no_sampling_of_components_ends_the_program() {
+    let size = (40, 24);
+    for color in [ColorType::Rgb, ColorType::Luma] {
+        let mut bytes = jpeg(size, color, |_| {});
+        let frame = bytes.windows(2).position(|two| two == [0xff, 0xc0]).unwrap();
+        let components = usize::from(bytes[frame + 9]);
+        let factors: Vec<u8> = (0..=5).flat_map(|h| (0..=5).map(move |v| h << 4 | v)).collect();
+        for k in 0..factors.len().pow(components.min(2) as u32) {
+            let of = [factors[k % factors.len()], factors[k / factors.len()], 0x11];
+            (0..components).for_each(|c| bytes[frame + 11 + 3 * c] = of[c]);
+            let _ = decoded(&bytes, size);
+        }
+    }
+}
+
 #[test]
 fn what_is_allocated_follows_from_the_size_of_the_camera_and_not_from_the_image() {
     let size = (320, 96);
