@@ -219,3 +219,22 @@ fn what_the_data_do_not_hold_is_no_verdict() {
     }
     assert!(report.is_fit(), "{}", told(&report));
 }
+
+#[test]
+fn units_and_columns_are_named_before_their_consequences() {
+    let in_g = flight(0).with(|data| data.samples.iter_mut().for_each(|(_, sample)| sample.accel /= 9.80665));
+    let report = in_g.report();
+    assert_found(&report, "units and columns", Fitness::NotFit, "in units of gravity");
+    let exchanged = flight(0).with(|data| {
+        data.samples.iter_mut().for_each(|(_, sample)| std::mem::swap(&mut sample.gyro, &mut sample.accel));
+    });
+    let report = exchanged.report();
+    assert_found(
+        &report,
+        "units and columns",
+        Fitness::NotFit,
+        "columns of gyroscope and accelerometer are swapped",
+    );
+    assert_eq!(report.measures[0].name, "units and columns");
+    assert!(flight(0).report().measure("units and columns").is_none());
+}
