@@ -90,7 +90,19 @@ mod smoke;
 
 #[cfg(test)]
 mod tests {
+    use super::Config;
     use super::smoke::over_seeds_and_mutations;
+
+    #[test]
+    fn seeds_of_configurations_are_accepted() {
+        let folder = plumbline_test_support::workspace().join("fuzz/seeds/config_toml");
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            let text = std::fs::read_to_string(&path).unwrap();
+            let read = Config::from_toml_str(&text, "seed");
+            assert!(read.is_ok(), "{}: {}", path.display(), read.unwrap_err());
+        }
+    }
 
     #[test]
     fn fuzz_config_toml() {

@@ -65,9 +65,11 @@ pub mod options;
 mod portable;
 #[cfg(feature = "toml")]
 mod presets;
+mod random;
 pub mod sample;
 #[cfg(feature = "toml")]
 mod shape;
+mod statistics;
 #[cfg(any(feature = "toml", feature = "yaml"))]
 mod text;
 pub mod time;
@@ -81,7 +83,9 @@ pub use options::{Config, EstimatorSetup};
 pub use portable::Portable;
 #[cfg(feature = "toml")]
 pub use presets::{PRESETS, preset_text};
+pub use random::Random;
 pub use sample::ImuSample;
+pub use statistics::{median, median_by};
 pub use time::Timestamp;
 pub use valid::{ValidConfig, ValidSetup};
 pub use validate::MAX_WINDOW_FRAMES;

@@ -221,29 +221,15 @@ fn is_required(sample: &Table, general_key: &str) -> bool {
 
 /// The cure for an unknown key: the nearest known one, or all of them.
 fn suggestion(name: &str, shape: &Table) -> String {
-    let limit = name.chars().count().min(64) / 2;
-    let nearest = shape.keys().map(|key| (edits(name, key), key)).min();
+    // What is longer is no slip of a key.
+    let start: String = name.chars().take(64).collect();
+    let limit = start.chars().count() / 2;
+    let nearest = shape.keys().map(|key| (strsim::levenshtein(&start, key), key)).min();
     match nearest.filter(|(edits, key)| *edits <= limit || key.contains(name) || name.contains(key.as_str()))
     {
         Some((_, key)) => format!("did you mean `{key}`?"),
         None => format!("remove it; known here: {}", shape.keys().cloned().collect::<Vec<_>>().join(", ")),
     }
-}
-
-/// Levenshtein distance, of the first 64 characters.
-fn edits(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().take(64).collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, ca) in a.chars().take(64).enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, cb) in b.iter().enumerate() {
-            let replaced = diagonal + usize::from(ca != *cb);
-            diagonal = row[j + 1];
-            row[j + 1] = replaced.min(diagonal + 1).min(row[j] + 1);
-        }
-    }
-    row[b.len()]
 }
 
 fn wanted(shape: &Value) -> String {
@@ -271,14 +257,34 @@ fn sample() -> Table {
     let text = presets::preset_text("euroc").expect("the preset exists");
     let mut config: Config = toml::from_str(text).expect("the presets are tested");
     config.camera[1].distortion = Distortion::Equidistant { k1: 0.0, k2: 0.0, k3: 0.0, k4: 0.0 };
-    config.network.listen = vec![String::new()];
-    config.network.connect = vec![String::new()];
-    config.driver.v4l2.controls = vec![String::new()];
-    config.network.tls.excluded = vec![String::new()];
-    config.network.login.operators = vec![String::new()];
-    config.runtime.tick_cpus = vec![0];
-    config.runtime.work_cpus = vec![0];
-    Table::try_from(&config).expect("the sample is plain data")
+    let mut sample = Table::try_from(&config).expect("the sample is plain data");
+    for path in empty_lists(&sample) {
+        for element in [Value::String(String::new()), Value::Float(0.0), Value::Integer(0)] {
+            *at_path(&mut sample, &path) = Value::Array(vec![element]);
+            if Config::deserialize(sample.clone()).is_ok() {
+                break;
+            }
+        }
+    }
+    sample
+}
+
+/// The empty lists in tables of tables, by the keys that lead to them.
+fn empty_lists(table: &Table) -> Vec<Vec<String>> {
+    let within = |(key, value): (&String, &Value)| {
+        let inner = match value {
+            Value::Table(inner) => empty_lists(inner),
+            Value::Array(list) if list.is_empty() => vec![Vec::new()],
+            _ => Vec::new(),
+        };
+        inner.into_iter().map(|rest| [vec![key.clone()], rest].concat()).collect::<Vec<_>>()
+    };
+    table.iter().flat_map(within).collect()
+}
+
+fn at_path<'a>(table: &'a mut Table, path: &[String]) -> &'a mut Value {
+    let (first, rest) = path.split_first().expect("a list has a key");
+    rest.iter().fold(&mut table[first], |value, key| &mut value[key])
 }
 
 #[cfg(test)]

@@ -101,7 +101,7 @@ pub fn tum(data: &[u8]) {
     assert_eq!(stamps(&back), stamps(&poses));
 }
 
-/// An image of a camera (JPEG): rows come in order and whole, an image that is accepted has all of them.
+/// An image of a camera (JPEG): one that is accepted has all of its rows.
 ///
 /// # Panics
 /// When they do not.

@@ -7,6 +7,7 @@
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 pub mod bag;
+mod board;
 pub mod clock;
 pub mod error;
 pub mod euroc;

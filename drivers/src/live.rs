@@ -8,7 +8,7 @@ use crate::trigger::{Exposure, TriggerMonitor, Triggered};
 use crate::v4l2::{V4l2Monitor, V4l2Options, V4l2Stereo};
 use crate::{DriverError, ImuSource, StereoSource, StopFlag};
 use plumbline_config::Config;
-use plumbline_config::options::{ImuEndpoint, TriggerExposure};
+use plumbline_config::options::{ImuEndpoint, TriggerExposure, image_sizes};
 use rtrb::Consumer;
 use std::path::Path;
 
@@ -122,8 +122,8 @@ pub fn open_cameras(config: &Config, stop: &StopFlag) -> Result<Option<LiveCamer
     if listen.is_empty() {
         return Ok(None);
     }
-    let sizes_px = [0, 1].map(|k| config.camera.get(k).map_or((0, 0), |c| (c.width_px, c.height_px)));
-    let frames = SocketStereo::open(Path::new(listen), sizes_px, first.rate_hz, stop.clone())?;
+    let frames =
+        SocketStereo::open(Path::new(listen), image_sizes(&config.camera), first.rate_hz, stop.clone())?;
     let monitor = CameraMonitor::Socket(frames.monitor());
     Ok(Some(LiveCameras { source: Box::new(frames), monitor }))
 }

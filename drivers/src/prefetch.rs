@@ -10,7 +10,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::{Builder, JoinHandle};
 
 /// What the worker reports, with the faults of the source up to then.
-enum Report {
+enum Delivery {
     Frame(StereoFrame, Faults),
     End(Faults),
     Failed(DriverError, Faults),
@@ -29,7 +29,7 @@ pub struct Prefetch {
 }
 
 struct Channels {
-    full: Receiver<Report>,
+    full: Receiver<Delivery>,
     empty: SyncSender<StereoFrame>,
 }
 
@@ -70,14 +70,14 @@ impl Prefetch {
 }
 
 /// The worker: fills empty frames until the stream ends, fails, or nobody reads any more.
-fn run(mut source: impl StereoSource, empty: &Receiver<StereoFrame>, full: &SyncSender<Report>) {
+fn run(mut source: impl StereoSource, empty: &Receiver<StereoFrame>, full: &SyncSender<Delivery>) {
     while let Ok(mut frame) = empty.recv() {
         let report = match source.next_frame(&mut frame) {
-            Ok(true) => Report::Frame(frame, source.faults()),
-            Ok(false) => Report::End(source.faults()),
-            Err(error) => Report::Failed(error, source.faults()),
+            Ok(true) => Delivery::Frame(frame, source.faults()),
+            Ok(false) => Delivery::End(source.faults()),
+            Err(error) => Delivery::Failed(error, source.faults()),
         };
-        let last = !matches!(report, Report::Frame(..));
+        let last = !matches!(report, Delivery::Frame(..));
         if full.send(report).is_err() || last {
             return;
         }
@@ -88,7 +88,7 @@ impl StereoSource for Prefetch {
     fn next_frame(&mut self, frame: &mut StereoFrame) -> Result<bool, DriverError> {
         let Some(channels) = &self.channels else { return Ok(false) };
         match channels.full.recv() {
-            Ok(Report::Frame(mut next, faults)) => {
+            Ok(Delivery::Frame(mut next, faults)) => {
                 self.faults = faults;
                 std::mem::swap(frame, &mut next);
                 if next.images.each_ref().map(|i| (i.width(), i.height())) != self.sizes_px {
@@ -98,12 +98,12 @@ impl StereoSource for Prefetch {
                 let _ = channels.empty.send(next);
                 Ok(true)
             }
-            Ok(Report::End(faults)) => {
+            Ok(Delivery::End(faults)) => {
                 self.faults = faults;
                 self.finish();
                 Ok(false)
             }
-            Ok(Report::Failed(error, faults)) => {
+            Ok(Delivery::Failed(error, faults)) => {
                 self.faults = faults;
                 self.finish();
                 Err(error)

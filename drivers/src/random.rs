@@ -1,13 +1,12 @@
 //! Seeded draws: every value is a pure function of a seed and of where it is used, so that nothing
 //! depends on the order in which frames, cameras or threads come.
 
-/// Mixes 64 bits (the finalizer of SplitMix64, Steele et al. 2014).
+use plumbline_config::Random;
+
+/// Mixes 64 bits.
 #[must_use]
 pub(crate) const fn mix(value: u64) -> u64 {
-    let mut z = value.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
+    Random::new(value).next_bits()
 }
 
 /// What a stream of draws is for; keeps streams of one seed apart.
@@ -35,25 +34,24 @@ pub(crate) enum Purpose {
 
 /// A stream of draws.
 #[derive(Clone, Debug)]
-pub(crate) struct Draws {
-    state: u64,
-}
+pub(crate) struct Draws(Random);
 
 impl Draws {
-    /// The stream of `seed` for `purpose`, number `index`.
+    /// The stream of `seed` for `purpose`, number `index`. The first draw is left out.
     pub(crate) const fn new(seed: u64, purpose: Purpose, index: u64) -> Self {
-        Self { state: mix(mix(mix(seed) ^ purpose as u64) ^ index) }
+        let mut random = Random::new(mix(mix(mix(seed) ^ purpose as u64) ^ index));
+        random.next_bits();
+        Self(random)
     }
 
     /// 64 random bits.
     pub(crate) const fn bits(&mut self) -> u64 {
-        self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        mix(self.state)
+        self.0.next_bits()
     }
 
     /// Uniform in `[0, 1)`.
     pub(crate) const fn unit(&mut self) -> f64 {
-        (self.bits() >> 11) as f64 / (1_u64 << 53) as f64
+        self.0.unit()
     }
 
     /// Uniform in `[low, high)`.

@@ -46,7 +46,7 @@ impl StereoFrame {
 }
 
 /// What a source survived, counted.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Faults {
     /// Samples or frames missing by the sequence numbers, the files or the stamps.
     pub missing: u64,

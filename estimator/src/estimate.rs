@@ -178,35 +178,62 @@ impl Estimate {
     }
 }
 
-/// Work and outcome figures of one frame.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct FrameFigures {
+/// Defines the figures of a frame from their names, so that a new one is written, read and compared everywhere.
+macro_rules! frame_figures {
+    ($($(#[$doc:meta])* $name:ident,)*) => {
+        /// Work and outcome figures of one frame.
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+        pub struct FrameFigures {
+            $($(#[$doc])* pub $name: u32,)*
+            /// Whether this frame became a keyframe.
+            pub is_keyframe: bool,
+        }
+
+        impl FrameFigures {
+            /// Names of all figures.
+            pub const NAMES: [&str; Self::COUNT] = [$(stringify!($name),)* "is_keyframe"];
+            const COUNT: usize = [$(stringify!($name)),*].len() + 1;
+
+            /// The figures as numbers, in the order of [`Self::NAMES`]; 1 for a keyframe.
+            #[must_use]
+            pub fn values(&self) -> [u32; Self::COUNT] {
+                [$(self.$name,)* self.is_keyframe.into()]
+            }
+
+            /// The figures of their numbers in the order of [`Self::NAMES`].
+            #[must_use]
+            pub fn of_values([$($name,)* is_keyframe]: [u32; Self::COUNT]) -> Self {
+                Self { $($name,)* is_keyframe: is_keyframe != 0 }
+            }
+        }
+    };
+}
+
+frame_figures! {
     /// Points tracked in this frame.
-    pub points_tracked: u32,
+    points_tracked,
     /// Tracked points seen by both cameras.
-    pub points_stereo: u32,
+    points_stereo,
     /// Landmarks in the window after this frame.
-    pub points_in_window: u32,
+    points_in_window,
     /// Line segments found in the left image.
-    pub lines_raw: u32,
+    lines_raw,
     /// Line segments that are long enough.
-    pub lines_kept: u32,
+    lines_kept,
     /// Line segments after merging.
-    pub lines_merged: u32,
+    lines_merged,
     /// Merged line segments that continue a track.
-    pub lines_matched: u32,
+    lines_matched,
     /// Images whose line budget was spent before their last seed.
-    pub lines_cut_short: u32,
+    lines_cut_short,
     /// Line landmarks in the window after this frame.
-    pub lines_in_window: u32,
+    lines_in_window,
     /// Line landmarks in the window along a direction of the structure.
-    pub lines_in_structure: u32,
+    lines_in_structure,
     /// Keyframes in the window.
-    pub keyframes: u32,
+    keyframes,
     /// Solver iterations.
-    pub iterations: u32,
-    /// Whether this frame became a keyframe.
-    pub is_keyframe: bool,
+    iterations,
 }
 
 /// The newest state carried forward to an inertial sample (200 Hz). Corrections enter at a bounded rate

@@ -16,6 +16,7 @@ use crate::points::{PointTracker, TrackerInput};
 use crate::window::state::FrameTime;
 use crate::work_budget::{Fork, WorkBudget};
 use nalgebra::{UnitQuaternion, Vector3};
+use plumbline_config::options::image_sizes;
 use plumbline_config::{ImageView, ImuSample, Timestamp, ValidSetup};
 
 /// Tracks points and lines through the images of the rig. Everything is allocated at construction.
@@ -49,7 +50,6 @@ impl FrontEnd {
     #[must_use]
     pub fn new(setup: &ValidSetup) -> Self {
         let models: Vec<_> = setup.camera.iter().map(|c| c.model()).collect();
-        let size = |k: usize| setup.camera.get(k).map_or((0, 0), |c| (c.width_px, c.height_px));
         let lines = &setup.estimator.lines;
         let imu = &setup.imu;
         let mut front_end = Self {
@@ -61,7 +61,7 @@ impl FrontEnd {
             noise: ImuNoise::of(imu),
             arrived: Vec::with_capacity(max_samples(setup)),
             cameras: models.len(),
-            sizes_px: [size(0), size(1)],
+            sizes_px: image_sizes(&setup.camera),
             max_points: setup.estimator.points.max_points,
             last_stamp: None,
             next_sequence: 0,

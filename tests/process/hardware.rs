@@ -2,7 +2,7 @@
 //! on a clock of its own, and a program that sends frames to a socket.
 
 use nalgebra::Vector3;
-use plumbline_config::{GrayImage, ImuSample, Timestamp};
+use plumbline_config::{GrayImage, ImuSample, Random, Timestamp};
 use plumbline_drivers::clock::monotonic_ns;
 use plumbline_drivers::frame_socket::Header;
 use plumbline_drivers::{
@@ -54,7 +54,7 @@ impl Recording {
 impl Recording {
     /// An IMU that lies still for so long, without cameras.
     pub fn at_rest(rate_hz: i64, seconds: i64) -> Self {
-        let mut draws = Draws(7);
+        let mut draws = Draws(Random::new(7));
         let reading = |k: i64| {
             let mut noise = || (draws.below(2001) as f64 - 1000.0) * 1e-6;
             ImuReading {
@@ -104,16 +104,12 @@ impl Epoch {
     }
 }
 
-/// Draws that are the same every time (SplitMix64).
-struct Draws(u64);
+/// Draws that are the same every time.
+struct Draws(Random);
 
 impl Draws {
     fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+        self.0.next_bits()
     }
 
     fn below(&mut self, count: usize) -> usize {
@@ -201,7 +197,7 @@ impl Microcontroller {
         which: Range<usize>,
         trouble: &Trouble,
     ) -> Vec<usize> {
-        let (mut draws, mut waiting, mut hit) = (Draws(5), Vec::new(), Vec::new());
+        let (mut draws, mut waiting, mut hit) = (Draws(Random::new(5)), Vec::new(), Vec::new());
         let mut last_burst = 0;
         for k in which {
             let reading = &recording.readings[k];

@@ -25,6 +25,12 @@ pub struct CameraConfig {
     pub pose_b_c: [[f64; 4]; 4],
 }
 
+/// Sizes of the images of left and right camera, px; (0, 0) for a camera that is not there.
+#[must_use]
+pub fn image_sizes(cameras: &[CameraConfig]) -> [(usize, usize); 2] {
+    [0, 1].map(|k| cameras.get(k).map_or((0, 0), |camera| (camera.width_px, camera.height_px)))
+}
+
 impl CameraConfig {
     /// The camera model of this calibration.
     #[must_use]

@@ -93,10 +93,8 @@ impl ImageDecoder {
             self.jpeg = Some((size, LumaDecoder::new(size.0, size.1)));
         }
         let (_, decoder) = self.jpeg.as_mut()?;
-        let pixels = image.pixels_mut();
-        let row =
-            |y: usize, luma: &[u8]| pixels[y * size.0..(y + 1) * size.0].copy_from_slice(&luma[..size.0]);
-        decoder.decode(file, row).ok()
+        image.pixels_mut().copy_from_slice(decoder.decode(file).ok()?);
+        Some(())
     }
 }
 

@@ -3,6 +3,7 @@
 use super::envelope::Envelope;
 use super::round_trip::{RoundTrip, RoundTrips};
 use plumbline_config::Portable;
+use serde::Serialize;
 
 /// Samples are handed out once the arrivals span this, ns; by then the line is good to a few microseconds where the
 /// transport is, and to its own jitter where it is not.
@@ -45,9 +46,10 @@ pub enum Stamped {
 }
 
 /// What is known of a device's clock.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct ClockFigures {
     /// Whether samples are handed out.
+    #[serde(skip)]
     pub is_settled: bool,
     /// The host's clock less the device's, ns.
     pub offset_ns: i64,

@@ -1,6 +1,6 @@
 //! The even grid of time on which a sensor samples: its period, and sequence numbers that show gaps.
 
-use plumbline_config::Timestamp;
+use plumbline_config::{Timestamp, median_by};
 
 /// A gap longer than this many periods means that a sample is missing between its ends.
 const GAP_PERIODS: f64 = 1.5;
@@ -8,11 +8,7 @@ const GAP_PERIODS: f64 = 1.5;
 /// Median distance of neighbouring stamps, ns; `None` below two stamps.
 pub(super) fn median_period_ns(stamps: impl Iterator<Item = Timestamp> + Clone) -> Option<i64> {
     let mut gaps: Vec<i64> = stamps.clone().zip(stamps.skip(1)).map(|(a, b)| b.nanos_since(a)).collect();
-    if gaps.is_empty() {
-        return None;
-    }
-    let middle = gaps.len() / 2;
-    Some(*gaps.select_nth_unstable(middle).1)
+    median_by(&mut gaps, Ord::cmp)
 }
 
 /// How far the sequence number goes on over a gap of `gap_ns`: 1 where nothing is missing.

@@ -8,7 +8,7 @@ use crate::DriverError;
 use crate::text_lines::{Line, Lines};
 use crate::tum::GZIP_MAGIC;
 use flate2::read::MultiGzDecoder;
-use plumbline_config::Timestamp;
+use plumbline_config::{Timestamp, median_by};
 use std::fmt;
 use std::fs::File;
 use std::io::{BufRead, BufReader};
@@ -189,11 +189,7 @@ fn check_share<T>(path: &Path, columns: &str, table: &Table<T>) -> Result<(), Dr
 
 fn drop_far_stamps<T: Stamped>(table: &mut Table<T>) {
     let mut stamps: Vec<Timestamp> = table.rows.iter().map(Stamped::stamp).collect();
-    if stamps.is_empty() {
-        return;
-    }
-    let middle = stamps.len() / 2;
-    let median = *stamps.select_nth_unstable(middle).1;
+    let Some(median) = median_by(&mut stamps, Ord::cmp) else { return };
     let before = table.rows.len();
     table.rows.retain(|row| row.stamp().nanos_since(median).saturating_abs() <= MAX_SPAN_NS);
     table.corrupt += (before - table.rows.len()) as u64;

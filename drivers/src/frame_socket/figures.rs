@@ -1,13 +1,16 @@
 //! What can be said of the program that sends, for whoever asks from another thread.
 
 use super::header::Refusal;
+use crate::board::Board;
+use serde::Serialize;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 
 /// What came over the socket.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct SocketFigures {
     /// Whether a program sends now.
+    #[serde(skip)]
     pub is_connected: bool,
     /// How often one connected.
     pub connected: u64,
@@ -16,16 +19,20 @@ pub struct SocketFigures {
     /// How often one was sent away, since what it sent was no frame of this rig.
     pub refused: u64,
     /// Frames that were handed out.
+    #[serde(skip)]
     pub frames: u64,
     /// Frames handed out with two images.
+    #[serde(skip)]
     pub pairs: u64,
     /// Frames with a stamp that is not after that of the frame before; not handed out.
     pub disordered: u64,
     /// Frames stamped by their arrival, since their stamp was of no clock of this computer, or of the future.
     pub restamped: u64,
     /// Time from stamp to arrival: mean of the last frames, ms.
+    #[serde(skip)]
     pub delay_ms: f64,
     /// The largest.
+    #[serde(skip)]
     pub max_delay_ms: f64,
 }
 
@@ -47,44 +54,33 @@ pub(super) enum Trouble {
 /// Shows the figures of a [`SocketStereo`](super::SocketStereo) to other threads. Copies show the same.
 #[derive(Clone, Debug)]
 pub struct SocketMonitor {
-    shared: Arc<Shared>,
-}
-
-#[derive(Debug)]
-struct Shared {
-    path: PathBuf,
+    path: Arc<PathBuf>,
     rig_px: [(usize, usize); 2],
-    figures: Mutex<SocketFigures>,
-    trouble: Mutex<Option<Trouble>>,
-}
-
-/// What the lock holds is whole even after a panic elsewhere.
-fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+    figures: Board<SocketFigures>,
+    trouble: Board<Option<Trouble>>,
 }
 
 impl SocketMonitor {
     /// Creates the monitor of the socket at `path`, for images of these sizes, px.
     pub(super) fn new(path: &Path, rig_px: [(usize, usize); 2]) -> Self {
-        let shared = Shared {
-            path: path.to_owned(),
+        Self {
+            path: Arc::new(path.to_owned()),
             rig_px,
-            figures: Mutex::default(),
-            trouble: Mutex::new(Some(Trouble::Nobody)),
-        };
-        Self { shared: Arc::new(shared) }
+            figures: Board::default(),
+            trouble: Board::new(Some(Trouble::Nobody)),
+        }
     }
 
     /// The figures up to the last frame.
     #[must_use]
     pub fn figures(&self) -> SocketFigures {
-        *locked(&self.shared.figures)
+        self.figures.read()
     }
 
     /// Why no program sends, as far as nobody does.
     #[must_use]
     pub fn trouble(&self) -> Option<String> {
-        let trouble = (*locked(&self.shared.trouble))?;
+        let trouble = self.trouble.read()?;
         let words = match trouble {
             Trouble::Nobody => "no program sends frames yet".to_owned(),
             Trouble::Gone => "the program that sent frames has disconnected".to_owned(),
@@ -97,24 +93,22 @@ impl SocketMonitor {
             }
             Trouble::Refused(Refusal::Empty) => "a frame without images was sent".to_owned(),
             Trouble::Refused(Refusal::Size(camera, (width, height))) => {
-                let (rig_width, rig_height) = self.shared.rig_px[camera];
+                let (rig_width, rig_height) = self.rig_px[camera];
                 format!(
                     "an image of {width} x {height} px was sent, and camera[{camera}] has {rig_width} x \
                      {rig_height}: send that size, or change the calibration"
                 )
             }
         };
-        Some(format!("{}: {words} (driver.frames.listen)", self.shared.path.display()))
+        Some(format!("{}: {words} (driver.frames.listen)", self.path.display()))
     }
 
     /// Shows these from now on; where somebody is reading at the moment, the next ones.
     pub(super) fn show(&self, figures: &SocketFigures) {
-        if let Ok(mut shown) = self.shared.figures.try_lock() {
-            *shown = *figures;
-        }
+        self.figures.show(|| *figures);
     }
 
     pub(super) fn set_trouble(&self, trouble: Option<Trouble>) {
-        *locked(&self.shared.trouble) = trouble;
+        self.trouble.change(|shown| *shown = trouble);
     }
 }

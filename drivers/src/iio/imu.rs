@@ -5,7 +5,9 @@ use super::layout::{Quantity, ScanValues};
 use super::merge::Merge;
 use super::unit::{Unit, UnitFigures, Wanted};
 use crate::clock::monotonic_ns;
-use crate::inertial::{FramingFigures, ImuFigures, ImuMonitor, LinkFigures, Numbering, Post, Verdict, Watch};
+use crate::inertial::{
+    FramingFigures, ImuFigures, ImuMonitor, LinkFigures, Numbering, Post, SampleVerdict, Watch,
+};
 use crate::{DriverError, Faults, ImuReading, ImuSource, StopFlag};
 use nalgebra::Vector3;
 use plumbline_config::options::{ImuConfig, ImuDriverConfig, ImuEndpoint};
@@ -148,7 +150,7 @@ impl IioImu {
     }
 
     fn reading(&mut self, stamp_ns: i64, gyro: Vector3<f64>, accel: Vector3<f64>) -> Option<ImuReading> {
-        if self.watch.look(&gyro, &accel, false) == Verdict::Drop {
+        if self.watch.look(&gyro, &accel, false) == SampleVerdict::Drop {
             return None;
         }
         self.samples += 1;

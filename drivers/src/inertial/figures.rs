@@ -2,24 +2,27 @@
 
 use super::{LossFigures, WatchFigures};
 use crate::Faults;
+use crate::board::Board;
 use crate::clock::ClockFigures;
-use std::sync::{Arc, Mutex, PoisonError};
+use serde::Serialize;
 
 /// How a device came and went.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct LinkFigures {
     /// Whether it is there.
+    #[serde(skip)]
     pub is_open: bool,
     /// How often it was opened.
     pub opened: u64,
     /// How often it went away.
     pub lost: u64,
     /// Why it is not there, as the system's number of the error.
+    #[serde(skip)]
     pub last_error: Option<i32>,
 }
 
 /// What came in as bytes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct FramingFigures {
     /// Bytes.
     pub bytes: u64,
@@ -33,10 +36,12 @@ pub struct FramingFigures {
     pub bad_lengths: u64,
 }
 
-/// What became of the samples of a live sensor.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+/// What became of the samples of a live sensor. Serialized as the report of a flight has it, which counts for itself what
+/// was handed out and lost.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct ImuFigures {
     /// Samples that were handed out.
+    #[serde(skip)]
     pub samples: u64,
     /// Samples that came while the clock of the device was being learnt: not handed out.
     pub settling: u64,
@@ -47,18 +52,24 @@ pub struct ImuFigures {
     /// Frames with the right checksum whose fields make no sense.
     pub malformed: u64,
     /// What the device's output lacks for samples, in words.
+    #[serde(skip)]
     pub lacking: Option<&'static str>,
     /// What was lost on the way.
+    #[serde(skip)]
     pub loss: LossFigures,
     /// What was wrong with samples.
+    #[serde(flatten)]
     pub watch: WatchFigures,
+    /// How the device came and went.
+    #[serde(flatten)]
+    pub link: LinkFigures,
     /// The device's clock; at its default where the kernel stamps by the host's.
     pub clock: ClockFigures,
-    /// How the device came and went.
-    pub link: LinkFigures,
     /// What came in as bytes, of a serial line.
+    #[serde(rename = "line")]
     pub framing: FramingFigures,
     /// Triggers of the cameras that nobody took in time.
+    #[serde(skip)]
     pub triggers_lost: u64,
 }
 
@@ -77,13 +88,13 @@ impl ImuFigures {
 
 /// The figures of a sensor that runs on another thread, as they were a moment ago.
 #[derive(Clone, Debug, Default)]
-pub struct ImuMonitor(Arc<Mutex<ImuFigures>>);
+pub struct ImuMonitor(Board<ImuFigures>);
 
 impl ImuMonitor {
     /// The figures.
     #[must_use]
     pub fn read(&self) -> ImuFigures {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.0.read()
     }
 }
 
@@ -109,7 +120,7 @@ impl Post {
 
     /// Posts the last figures: whoever reads them after the end finds all.
     pub(crate) fn last(&mut self, figures: ImuFigures) {
-        *self.monitor.0.lock().unwrap_or_else(PoisonError::into_inner) = figures;
+        self.monitor.0.change(|shown| *shown = figures);
     }
 
     /// Posts what `figures` gives, some times a second.
@@ -117,8 +128,7 @@ impl Post {
         if !self.is_due(now_ns) {
             return;
         }
-        if let Ok(mut board) = self.monitor.0.try_lock() {
-            *board = figures();
+        if self.monitor.0.show(figures) {
             self.due_ns = now_ns.saturating_add(PERIOD_NS);
         }
     }
@@ -136,9 +146,8 @@ mod tests {
         post.put(0, of(1));
         post.put(PERIOD_NS - 1, of(2));
         assert_eq!(monitor.read().samples, 1);
-        let held = monitor.0.lock().unwrap();
-        post.put(PERIOD_NS, of(3));
-        drop(held);
+        // While somebody reads.
+        monitor.0.change(|_| post.put(PERIOD_NS, of(3)));
         assert_eq!(monitor.read().samples, 1);
         post.put(PERIOD_NS + 1, of(4));
         assert_eq!(monitor.read().samples, 4);

@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 use plumbline_config::options::ImuConfig;
+use serde::Serialize;
 
 /// A component this near to the end of its range is at it: rounding of scales.
 const AT_END: f64 = 0.999;
@@ -17,7 +18,7 @@ const STEP_NS: i64 = 1_000_000_000;
 const POSSIBLE_C: std::ops::RangeInclusive<f64> = -60.0..=150.0;
 
 /// What was wrong with samples.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct WatchFigures {
     /// With an axis at the end of its range, by their numbers or by what the device says.
     pub saturated: u64,
@@ -33,7 +34,7 @@ pub struct WatchFigures {
 
 /// Whether a sample is to be handed out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
+pub enum SampleVerdict {
     /// It is, even if it is flagged.
     Use,
     /// It says nothing.
@@ -67,7 +68,7 @@ impl Watch {
     }
 
     /// Looks at a sample, rad/s and m/s²; `is_flagged` when the device itself says that a range was exceeded.
-    pub fn look(&mut self, gyro: &Vector3<f64>, accel: &Vector3<f64>, is_flagged: bool) -> Verdict {
+    pub fn look(&mut self, gyro: &Vector3<f64>, accel: &Vector3<f64>, is_flagged: bool) -> SampleVerdict {
         let is_sound = |v: &Vector3<f64>, range: f64| v.iter().all(|x| x.abs() <= IMPOSSIBLE * range);
         if !is_sound(gyro, self.gyro_range) || !is_sound(accel, self.accel_range) {
             return self.failed();
@@ -80,13 +81,13 @@ impl Watch {
         self.repeats = if is_repeated { self.repeats.saturating_add(1) } else { 0 };
         self.figures.stuck += u64::from(self.repeats >= STUCK);
         self.last = Some((*gyro, *accel));
-        Verdict::Use
+        SampleVerdict::Use
     }
 
     /// A sample that the device itself calls failed.
-    pub fn failed(&mut self) -> Verdict {
+    pub fn failed(&mut self) -> SampleVerdict {
         self.figures.impossible += 1;
-        Verdict::Drop
+        SampleVerdict::Drop
     }
 
     /// Looks at a temperature, degrees Celsius, of `stamp_ns`.
@@ -139,7 +140,7 @@ mod tests {
         for (gyro, accel, flag) in
             [(9.9, 99.0, false), (-10.0, 1.0, false), (1.0, 99.99, false), (1.0, 2.0, true)]
         {
-            assert_eq!(watch.look(&of(gyro), &of(accel), flag), Verdict::Use);
+            assert_eq!(watch.look(&of(gyro), &of(accel), flag), SampleVerdict::Use);
         }
         assert_eq!(watch.figures().saturated, 3);
     }
@@ -148,7 +149,7 @@ mod tests {
     fn what_no_sensor_can_measure_is_not_handed_out() {
         let mut watch = watch();
         for (gyro, accel) in [(15.1, 0.0), (0.0, -151.0), (f64::NAN, 0.0), (0.0, f64::INFINITY)] {
-            assert_eq!(watch.look(&of(gyro), &of(accel), false), Verdict::Drop);
+            assert_eq!(watch.look(&of(gyro), &of(accel), false), SampleVerdict::Drop);
         }
         assert_eq!(watch.figures(), WatchFigures { impossible: 4, ..WatchFigures::default() });
     }
@@ -157,10 +158,10 @@ mod tests {
     fn a_sensor_that_repeats_itself_is_stuck_and_one_that_rests_is_not() {
         let mut watch = watch();
         let look = |watch: &mut Watch, accel: f64| watch.look(&of(0.5), &of(accel), false);
-        assert!((0..30).all(|_| look(&mut watch, 9.8) == Verdict::Use));
+        assert!((0..30).all(|_| look(&mut watch, 9.8) == SampleVerdict::Use));
         assert_eq!(watch.figures().stuck, 20);
         // At rest the last bit of one axis goes to and fro.
-        assert!((1..31).all(|k| look(&mut watch, 9.8 + 1e-3 * f64::from(k % 3)) == Verdict::Use));
+        assert!((1..31).all(|k| look(&mut watch, 9.8 + 1e-3 * f64::from(k % 3)) == SampleVerdict::Use));
         assert_eq!(watch.figures().stuck, 20);
     }
 

@@ -4,7 +4,7 @@ use super::framing::Deframer;
 use super::protocol::{Answer, Content, DeviceSample, Outgoing, Protocol};
 use crate::ImuReading;
 use crate::clock::{DeviceClock, RoundTrip, Stamped, Unwrap};
-use crate::inertial::{ImuFigures, LinkFigures, Numbering, Verdict, Watch};
+use crate::inertial::{ImuFigures, LinkFigures, Numbering, SampleVerdict, Watch};
 use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Timestamp};
 use plumbline_protocol::Trigger;
@@ -144,7 +144,7 @@ impl Stream {
             true => self.watch.failed(),
             false => self.watch.look(&sample.gyro, &sample.accel, sample.is_saturated),
         };
-        if verdict == Verdict::Drop {
+        if verdict == SampleVerdict::Drop {
             return None;
         }
         self.figures.samples += 1;

@@ -21,7 +21,7 @@ use super::spline::Spline;
 use super::trajectory::{Motion, Trajectory};
 use crate::StampedPose;
 use nalgebra::{Isometry3, Matrix5, Matrix5x1, Translation3, UnitQuaternion, Vector3};
-use plumbline_config::{ImuSample, Timestamp};
+use plumbline_config::{ImuSample, Timestamp, median};
 
 /// Knots of the curve that leads from integrated rates to the attitudes of the path, s.
 const ATTITUDE_KNOT_S: f64 = 2.0;
@@ -109,8 +109,8 @@ fn offset_and_bias(path: &Trajectory, samples: &[ImuSample]) -> Result<(f64, Vec
     }
     let rate = |s: &ImuSample, by_s: f64| path.motion(s.stamp.plus_seconds(by_s)).omega_b;
     let differences: Vec<_> = samples.iter().map(|s| s.gyro - rate(s, 0.0)).collect();
-    let bias = Vector3::from_fn(|axis, _| median(differences.iter().map(|d| d[axis]).collect()));
-    let spread = median(differences.iter().map(|d| (d - bias).norm()).collect());
+    let bias = Vector3::from_fn(|axis, _| median(differences.iter().map(|d| d[axis])).unwrap_or(0.0));
+    let spread = median(differences.iter().map(|d| (d - bias).norm())).unwrap_or(0.0);
     if spread > MAX_RATE_DIFFERENCE_RAD_S {
         return Err(format!(
             "the rates of path and samples differ by {spread:.2} rad/s; is it another flight?"
@@ -127,16 +127,11 @@ fn offset_and_bias(path: &Trajectory, samples: &[ImuSample]) -> Result<(f64, Vec
         }
         above / below
     });
-    let offset_s = median(offsets.collect());
+    let offset_s = median(offsets).unwrap_or(0.0);
     if offset_s.abs() > MAX_OFFSET_S {
         return Err(format!("the clocks of path and samples differ by {:.1} ms", 1e3 * offset_s));
     }
     Ok((offset_s, bias))
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// Attitudes that turn as the gyroscope says, and stay with those of the path.

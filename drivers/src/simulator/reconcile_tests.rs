@@ -96,7 +96,7 @@ fn residuals(joined: &Reconciled, samples: &[ImuSample]) -> [f64; 4] {
     }
     errors[0].sort_by(f64::total_cmp);
     let late = errors[0][errors[0].len() * 95 / 100];
-    let [p, v, q] = errors.map(median);
+    let [p, v, q] = errors.map(|errors| median(errors).unwrap());
     [p, v, q, late]
 }
 

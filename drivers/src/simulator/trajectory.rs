@@ -9,7 +9,7 @@ use super::spline::Spline;
 use crate::StampedPose;
 use crate::random::{Draws, Purpose};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
-use plumbline_config::{Portable, Timestamp};
+use plumbline_config::{Portable, Timestamp, median};
 
 /// Distance of the knots: passes a drone's motion (up to about 8 Hz) and little of a tracker's noise.
 const KNOT_STEP_S: f64 = 0.06;
@@ -169,9 +169,7 @@ fn zip<const D: usize>(times: &[f64], values: &[[f64; D]]) -> Vec<(f64, [f64; D]
 }
 
 fn median_interval(times: &[f64]) -> f64 {
-    let mut intervals: Vec<f64> = times.windows(2).map(|t| t[1] - t[0]).collect();
-    intervals.sort_by(f64::total_cmp);
-    intervals[intervals.len() / 2]
+    median(times.windows(2).map(|t| t[1] - t[0])).unwrap_or(f64::NAN)
 }
 
 /// Quaternions x y z w, each on the side of its predecessor.
@@ -198,7 +196,7 @@ fn without_jumps(times: &[f64], poses: &[StampedPose]) -> Vec<[f64; 3]> {
     let mut out = vec![at.into()];
     for (i, velocity) in velocities.iter().enumerate() {
         let around = i.saturating_sub(MEDIAN_HALF_WIDTH)..(i + MEDIAN_HALF_WIDTH + 1).min(velocities.len());
-        let expected = median(&velocities[around]);
+        let expected = median_vector(&velocities[around]);
         let jump = interval(i) < JUMP_MAX_INTERVAL_S && (velocity - expected).norm() > JUMP_M_S;
         at += if jump { expected } else { *velocity } * interval(i);
         out.push(at.into());
@@ -206,17 +204,9 @@ fn without_jumps(times: &[f64], poses: &[StampedPose]) -> Vec<[f64; 3]> {
     out
 }
 
-/// Component-wise median.
-fn median(values: &[Vector3<f64>]) -> Vector3<f64> {
-    Vector3::from_fn(|axis, _| {
-        let mut sorted = [0.0; 2 * MEDIAN_HALF_WIDTH + 1];
-        let sorted = &mut sorted[..values.len()];
-        for (s, v) in sorted.iter_mut().zip(values) {
-            *s = v[axis];
-        }
-        sorted.sort_by(f64::total_cmp);
-        sorted[values.len() / 2]
-    })
+/// Median of each component.
+fn median_vector(values: &[Vector3<f64>]) -> Vector3<f64> {
+    Vector3::from_fn(|axis, _| median(values.iter().map(|v| v[axis])).unwrap_or(f64::NAN))
 }
 
 #[cfg(test)]

@@ -1,9 +1,10 @@
 //! What can be said of frames and their triggers, for whoever asks from another thread.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use crate::board::Board;
+use serde::Serialize;
 
 /// How frames were stamped.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct TriggerFigures {
     /// Frames stamped by their trigger.
     pub by_trigger: u64,
@@ -22,6 +23,7 @@ pub struct TriggerFigures {
     /// The driver's stamp less the middle of the exposure in the mean, ms.
     pub delay_ms: f64,
     /// Frames in a row without a trigger, up to now.
+    #[serde(skip)]
     pub without: u64,
 }
 
@@ -30,13 +32,13 @@ const TROUBLE: u64 = 20;
 
 /// Shows the figures of a [`Triggered`](super::Triggered) to other threads. Copies show the same.
 #[derive(Clone, Debug, Default)]
-pub struct TriggerMonitor(Arc<Mutex<TriggerFigures>>);
+pub struct TriggerMonitor(Board<TriggerFigures>);
 
 impl TriggerMonitor {
     /// The figures up to the last frame.
     #[must_use]
     pub fn figures(&self) -> TriggerFigures {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.0.read()
     }
 
     /// Why frames are not stamped by triggers, where they are not.
@@ -57,8 +59,6 @@ impl TriggerMonitor {
 
     /// Shows these from now on; where somebody is reading at the moment, the next ones.
     pub(super) fn show(&self, figures: &TriggerFigures) {
-        if let Ok(mut shown) = self.0.try_lock() {
-            *shown = *figures;
-        }
+        self.0.show(|| *figures);
     }
 }

@@ -1,7 +1,7 @@
 //! One device while it streams: its full buffers until they have found their partners, and what became of the others.
 
 use super::device::Stream;
-use super::figures::CameraFigures;
+use super::figures::V4l2CameraFigures;
 use super::pairing::{Pairing, Side, Waiting};
 use super::sequence::Sequence;
 use super::stamp::{self, Arrival, Exposure, Source};
@@ -39,7 +39,7 @@ pub(crate) struct Camera {
     /// When it began to stream, or the last image came, ns.
     pub(crate) last_sign_ns: i64,
     has_sent: bool,
-    pub(crate) figures: CameraFigures,
+    pub(crate) figures: V4l2CameraFigures,
 }
 
 impl Camera {
@@ -54,7 +54,7 @@ impl Camera {
             last_stamp_ns: i64::MIN,
             last_sign_ns: 0,
             has_sent: false,
-            figures: CameraFigures::default(),
+            figures: V4l2CameraFigures::default(),
         }
     }
 

@@ -1,5 +1,5 @@
-//! From the bytes of a driver's buffer to 8-bit grey images, in one pass and without memory of its own but what JPEG
-//! needs, which stands since the beginning.
+//! From the bytes of a driver's buffer to 8-bit grey images, in one pass and without memory of its own; JPEG is made grey
+//! first.
 
 use super::format::{Arrangement, PixelFormat};
 use super::jpeg::{JpegDamage, LumaDecoder};
@@ -65,7 +65,7 @@ impl RawLayout {
 #[derive(Debug)]
 pub struct Converter {
     layout: RawLayout,
-    jpeg: Option<Box<LumaDecoder>>,
+    jpeg: Option<LumaDecoder>,
 }
 
 impl Converter {
@@ -73,8 +73,7 @@ impl Converter {
     #[must_use]
     pub fn new(layout: RawLayout) -> Self {
         let width = layout.arrangement.device_width_px(layout.width_px);
-        let jpeg = (layout.format == PixelFormat::Mjpeg)
-            .then(|| Box::new(LumaDecoder::new(width, layout.height_px)));
+        let jpeg = (layout.format == PixelFormat::Mjpeg).then(|| LumaDecoder::new(width, layout.height_px));
         Self { layout, jpeg }
     }
 
@@ -85,7 +84,7 @@ impl Converter {
     }
 
     /// Writes the images that `bytes` hold into `images`: one, or left and right. Images of another size than the
-    /// layout says are made anew, and everything else without allocating.
+    /// layout says are made anew, and everything else but JPEG without allocating.
     ///
     /// # Errors
     /// When the bytes are no image; what the images hold is then of no use.
@@ -99,66 +98,61 @@ impl Converter {
                 *image = GrayImage::new(layout.width_px, layout.height_px);
             }
         }
+        let (layout, bytes) = match &mut self.jpeg {
+            Some(jpeg) => {
+                let stride = layout.arrangement.device_width_px(layout.width_px);
+                (RawLayout { format: PixelFormat::Grey, stride, ..layout }, jpeg.decode(bytes)?)
+            }
+            None => (layout, bytes),
+        };
+        check(&layout, bytes)?;
         match (layout.arrangement, images) {
-            (Arrangement::Single, [image]) => self.single(bytes, image),
-            (Arrangement::SideBySide, [left, right]) => self.halves(bytes, left, right),
-            (Arrangement::Interleaved, [left, right]) => self.interleaved(bytes, left, right),
+            (Arrangement::Single, [image]) => single(&layout, bytes, image),
+            (Arrangement::SideBySide, [left, right]) => halves(&layout, bytes, left, right),
+            (Arrangement::Interleaved, [left, right]) => interleaved(&layout, bytes, left, right),
             (arrangement, images) => panic!("{} images for {arrangement:?}", images.len()),
         }
-    }
-
-    fn single(&mut self, bytes: &[u8], image: &mut GrayImage) -> Result<(), Damage> {
-        let (layout, width) = (self.layout, self.layout.width_px);
-        if let Some(jpeg) = &mut self.jpeg {
-            let pixels = image.pixels_mut();
-            jpeg.decode(bytes, |y, row| pixels[y * width..][..width].copy_from_slice(&row[..width]))?;
-            return Ok(());
-        }
-        check(&layout, bytes)?;
-        if layout.format.bytes_per_pixel() == Some(1) && layout.stride == width {
-            image.pixels_mut().copy_from_slice(&bytes[..width * layout.height_px]);
-            return Ok(());
-        }
-        for (from, to) in rows(&layout, bytes).zip(image.pixels_mut().chunks_exact_mut(width.max(1))) {
-            luma_row(layout.format, from, to);
-        }
         Ok(())
     }
+}
 
-    fn halves(&mut self, bytes: &[u8], left: &mut GrayImage, right: &mut GrayImage) -> Result<(), Damage> {
-        let (layout, width) = (self.layout, self.layout.width_px);
-        if let Some(jpeg) = &mut self.jpeg {
-            let (left, right) = (left.pixels_mut(), right.pixels_mut());
-            jpeg.decode(bytes, |y, row| {
-                left[y * width..][..width].copy_from_slice(&row[..width]);
-                right[y * width..][..width].copy_from_slice(&row[width..2 * width]);
-            })?;
-            return Ok(());
-        }
-        check(&layout, bytes)?;
-        for ((from, left), right) in rows(&layout, bytes)
-            .zip(left.pixels_mut().chunks_exact_mut(width.max(1)))
-            .zip(right.pixels_mut().chunks_exact_mut(width.max(1)))
-        {
-            let (from_left, from_right) = from.split_at(from.len() / 2);
-            luma_row(layout.format, from_left, left);
-            luma_row(layout.format, from_right, right);
-        }
-        Ok(())
+fn single(layout: &RawLayout, bytes: &[u8], image: &mut GrayImage) {
+    let width = layout.width_px;
+    if layout.format.bytes_per_pixel() == Some(1) && layout.stride == width {
+        image.pixels_mut().copy_from_slice(&bytes[..width * layout.height_px]);
+        return;
     }
+    for (from, to) in rows(layout, bytes).zip(image.pixels_mut().chunks_exact_mut(width.max(1))) {
+        luma_row(layout.format, from, to);
+    }
+}
 
-    fn interleaved(&self, bytes: &[u8], left: &mut GrayImage, right: &mut GrayImage) -> Result<(), Damage> {
-        let (layout, width) = (self.layout, self.layout.width_px);
-        check(&layout, bytes)?;
-        for ((from, left), right) in rows(&layout, bytes)
-            .zip(left.pixels_mut().chunks_exact_mut(width.max(1)))
-            .zip(right.pixels_mut().chunks_exact_mut(width.max(1)))
-        {
-            for ((pair, left), right) in from.chunks_exact(2).zip(left).zip(right) {
-                (*left, *right) = (pair[0], pair[1]);
-            }
+/// Rows of a buffer with those of the two images that are made of it.
+fn rows_of_both<'a>(
+    layout: &RawLayout,
+    bytes: &'a [u8],
+    left: &'a mut GrayImage,
+    right: &'a mut GrayImage,
+) -> impl Iterator<Item = (&'a [u8], &'a mut [u8], &'a mut [u8])> {
+    let width = layout.width_px.max(1);
+    let left = left.pixels_mut().chunks_exact_mut(width);
+    let both = left.zip(right.pixels_mut().chunks_exact_mut(width));
+    rows(layout, bytes).zip(both).map(|(from, (left, right))| (from, left, right))
+}
+
+fn halves(layout: &RawLayout, bytes: &[u8], left: &mut GrayImage, right: &mut GrayImage) {
+    for (from, left, right) in rows_of_both(layout, bytes, left, right) {
+        let (from_left, from_right) = from.split_at(from.len() / 2);
+        luma_row(layout.format, from_left, left);
+        luma_row(layout.format, from_right, right);
+    }
+}
+
+fn interleaved(layout: &RawLayout, bytes: &[u8], left: &mut GrayImage, right: &mut GrayImage) {
+    for (from, left, right) in rows_of_both(layout, bytes, left, right) {
+        for ((pair, left), right) in from.chunks_exact(2).zip(left).zip(right) {
+            (*left, *right) = (pair[0], pair[1]);
         }
-        Ok(())
     }
 }
 

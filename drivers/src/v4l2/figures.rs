@@ -1,11 +1,13 @@
 //! What can be said of the cameras while they run, for whoever asks from another thread.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use crate::board::Board;
+use serde::Serialize;
 
 /// What one camera did. Of a device that gives both images, the first camera's figures are the device's.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct CameraFigures {
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct V4l2CameraFigures {
     /// Whether it streams now.
+    #[serde(skip)]
     pub is_streaming: bool,
     /// Images that came whole.
     pub images: u64,
@@ -32,13 +34,15 @@ pub struct CameraFigures {
 }
 
 /// What the cameras did together.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct V4l2Figures {
     /// Left and right.
-    pub cameras: [CameraFigures; 2],
+    pub cameras: [V4l2CameraFigures; 2],
     /// Frames handed out.
+    #[serde(skip)]
     pub frames: u64,
     /// Frames of two images.
+    #[serde(skip)]
     pub pairs: u64,
     /// Pairs whose stamps are further from each other than `driver.pair_tolerance_s`: the cameras do not expose together,
     /// or their drivers' delays differ.
@@ -54,31 +58,21 @@ pub struct V4l2Figures {
 /// Shows the figures of a [`V4l2Stereo`](super::V4l2Stereo) to other threads. Copies show the same.
 #[derive(Clone, Debug, Default)]
 pub struct V4l2Monitor {
-    shared: Arc<Shared>,
-}
-
-#[derive(Debug, Default)]
-struct Shared {
-    figures: Mutex<V4l2Figures>,
-    trouble: Mutex<[Option<String>; 2]>,
-}
-
-/// What the lock holds is whole even after a panic elsewhere.
-fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+    figures: Board<V4l2Figures>,
+    trouble: Board<[Option<String>; 2]>,
 }
 
 impl V4l2Monitor {
     /// The figures up to the last frame.
     #[must_use]
     pub fn figures(&self) -> V4l2Figures {
-        *locked(&self.shared.figures)
+        self.figures.read()
     }
 
     /// Why left and right camera do not stream, as far as they do not.
     #[must_use]
     pub fn trouble(&self) -> [Option<String>; 2] {
-        locked(&self.shared.trouble).clone()
+        self.trouble.read()
     }
 
     /// Length of the left camera's exposure, ns, where its driver tells it, or it was asked for.
@@ -90,12 +84,10 @@ impl V4l2Monitor {
 
     /// Shows these from now on; where somebody is reading at the moment, the next ones.
     pub(super) fn show(&self, figures: &V4l2Figures) {
-        if let Ok(mut shown) = self.shared.figures.try_lock() {
-            *shown = *figures;
-        }
+        self.figures.show(|| *figures);
     }
 
     pub(super) fn set_trouble(&self, camera: usize, trouble: Option<String>) {
-        locked(&self.shared.trouble)[camera] = trouble;
+        self.trouble.change(|shown| shown[camera] = trouble);
     }
 }

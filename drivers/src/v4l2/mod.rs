@@ -29,7 +29,7 @@ mod sys;
 
 pub use controls::{ControlInfo, ControlKind};
 pub use convert::{Converter, Damage, RawLayout};
-pub use figures::{CameraFigures, V4l2Figures, V4l2Monitor};
+pub use figures::{V4l2CameraFigures, V4l2Figures, V4l2Monitor};
 pub use format::{Arrangement, PixelFormat};
 pub use jpeg::JpegDamage;
 pub use list::{CameraInfo, FormatInfo, cameras};

@@ -1,36 +1,7 @@
 //! Test images with a known truth: a texture given by a formula, seen through any map of the plane.
 
 use nalgebra::Vector2;
-use plumbline_config::GrayImage;
-
-/// A small generator of pseudo-random numbers (SplitMix64, Steele et al. 2014).
-#[derive(Clone)]
-pub(crate) struct Random(pub u64);
-
-impl Random {
-    pub(crate) fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-
-    /// Uniform in `[0, 1)`.
-    pub(crate) fn unit(&mut self) -> f64 {
-        (self.next() >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    /// Uniform in `[low, high)`.
-    pub(crate) fn range(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.unit()
-    }
-
-    /// Nearly Gaussian, variance 1 (sum of twelve uniforms).
-    pub(crate) fn gaussian(&mut self) -> f64 {
-        (0..12).map(|_| self.unit()).sum::<f64>() - 6.0
-    }
-}
+use plumbline_config::{GrayImage, Random};
 
 /// A smooth random texture: a sum of plane waves of 7 to 80 px length, about 128 +- 35 grey levels.
 #[derive(Clone)]
@@ -48,7 +19,7 @@ const AMPLITUDE: f64 = 7.0;
 impl Texture {
     pub(crate) fn new(seed: u64) -> Self {
         const WAVES: usize = 48;
-        let mut random = Random(seed);
+        let mut random = Random::new(seed);
         let waves = (0..WAVES)
             .map(|_| {
                 let per_px = 1.0 / (7.0 * (80.0f64 / 7.0).powf(random.unit()));

@@ -94,7 +94,7 @@ pub struct Grown {
 
 /// The image an edge is followed in, and the axis along which.
 #[derive(Debug)]
-struct Course<'a> {
+struct Following<'a> {
     gradients: &'a mut Gradients,
     threshold: i16,
     /// The major axis is that of the rows: y.
@@ -147,7 +147,7 @@ impl Growth {
         let is_steep = direction.y.abs() > direction.x.abs();
         let start = Line::new(&point, direction, is_steep);
         self.across = if is_steep { 1 } else { width };
-        let mut course = Course { gradients, threshold, is_steep };
+        let mut course = Following { gradients, threshold, is_steep };
         let major = if is_steep { y } else { x } as isize;
         let (line, ahead) = self.follow(&mut course, start, major, 1);
         let back = match self.pixels.len() {
@@ -167,7 +167,7 @@ impl Growth {
     /// last pixel.
     fn follow(
         &mut self,
-        course: &mut Course<'_>,
+        course: &mut Following<'_>,
         mut line: Line,
         mut major: isize,
         step: isize,
@@ -211,7 +211,7 @@ impl Growth {
 
     /// The ridge at `major` nearest to the line, if there is one that fits.
     #[inline]
-    fn look(&self, course: &Course<'_>, line: &Line, major: isize) -> Option<(Place, usize)> {
+    fn look(&self, course: &Following<'_>, line: &Line, major: isize) -> Option<(Place, usize)> {
         let predicted = line.at(major);
         let nearest = (predicted + 0.5).floor() as isize;
         if nearest < BORDER as isize || nearest >= course.limit_minor() {
@@ -249,7 +249,7 @@ impl Growth {
 
     /// Takes a pixel, and those beside it, so that no second segment begins there.
     #[inline]
-    fn take(&mut self, course: &mut Course<'_>, place: Place, index: usize, step: usize) {
+    fn take(&mut self, course: &mut Following<'_>, place: Place, index: usize, step: usize) {
         self.gradient += course.gradients.pixels()[index].vector();
         self.moments.add(&place.px.cast(), 1.0);
         let marked = [index - self.across, index, index + self.across].map(|k| {
@@ -284,7 +284,7 @@ impl Growth {
     }
 }
 
-impl Course<'_> {
+impl Following<'_> {
     /// First coordinate beyond the image along the major axis.
     fn limit_major(&self) -> isize {
         let side = if self.is_steep { self.gradients.height() } else { self.gradients.width() };

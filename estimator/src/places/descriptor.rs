@@ -5,9 +5,9 @@
 //! Intensities are read from the pyramid level whose pixels are about an eighth of the patch's radius, which does the
 //! smoothing that BRIEF asks for, so no image is filtered or copied for it.
 
-use super::random::Random;
 use crate::image::Pyramid;
 use nalgebra::Vector2;
+use plumbline_config::Random;
 
 /// Bits of a descriptor.
 pub const BITS: usize = 256;

@@ -15,7 +15,7 @@
 
 use super::descriptor::{BITS, Descriptor};
 use super::feature::Feature;
-use super::random::Random;
+use plumbline_config::Random;
 
 /// Bits of a word.
 pub const WORD_BITS: usize = 20;
@@ -220,8 +220,8 @@ fn draw_bits(seed: u64) -> [u8; WORD_BITS] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::places::random::Random;
     use nalgebra::Vector2;
+    use plumbline_config::Random;
 
     const FEATURES: usize = 50;
 

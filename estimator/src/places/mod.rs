@@ -30,7 +30,6 @@ pub mod mapper;
 pub mod matching;
 pub mod p3p;
 mod polynomial;
-pub mod random;
 pub mod ransac;
 pub mod refine;
 pub mod upright;

@@ -68,7 +68,7 @@ fn triangle_frame(points: &[Vector3<f64>; 3]) -> Option<Matrix3<f64>> {
 mod tests {
     use super::*;
     use crate::geometry::exp_so3;
-    use crate::places::random::Random;
+    use plumbline_config::Random;
 
     #[test]
     fn the_true_pose_is_among_the_solutions() {

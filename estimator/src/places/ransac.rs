@@ -4,10 +4,10 @@
 //! Samples are drawn from a seed, and their number is bounded.
 
 use super::matching::Match;
-use super::random::Random;
 use super::refine::{Problem, Refined, Viewpoint};
 use super::{p3p, upright};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use plumbline_config::Random;
 
 /// Samples at most, of three points and of two.
 const MAX_SAMPLES: [usize; 2] = [400, 150];

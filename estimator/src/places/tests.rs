@@ -1,10 +1,10 @@
 //! Localisation as a whole, in worlds of points whose truth is known.
 
-use super::random::Random;
 use super::refine::Gravity;
 use super::*;
 use crate::geometry::exp_so3;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector2, Vector3, Vector6};
+use plumbline_config::Random;
 use plumbline_config::Timestamp;
 
 const FEATURES: usize = 200;

@@ -78,7 +78,7 @@ fn turn(from: &Vector2<f64>, to: &Vector2<f64>) -> Option<UnitQuaternion<f64>> {
 mod tests {
     use super::*;
     use crate::geometry::exp_so3;
-    use crate::places::random::Random;
+    use plumbline_config::Random;
 
     #[test]
     fn the_true_pose_is_among_the_solutions() {

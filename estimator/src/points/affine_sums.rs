@@ -126,11 +126,11 @@ pub(super) fn gram(gx: &Patch, gy: &Patch) -> AffineMatrix {
 mod tests {
     use super::*;
     use crate::image::patch::AREA;
-    use crate::image::synthetic::Random;
+    use plumbline_config::Random;
 
     #[test]
     fn the_sums_are_those_of_the_written_out_jacobian() {
-        let mut random = Random(4);
+        let mut random = Random::new(4);
         let mut patch = || Patch(std::array::from_fn(|_| random.range(-20.0, 20.0) as f32));
         let (gx, gy, v) = (patch(), patch(), patch());
         let jacobian = |i: usize| {

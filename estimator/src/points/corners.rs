@@ -366,11 +366,8 @@ fn window_sums(columns: &[i32]) -> Lanes {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::{
-        Pyramid,
-        synthetic::{Random, Texture},
-    };
-    use plumbline_config::GrayImage;
+    use crate::image::{Pyramid, synthetic::Texture};
+    use plumbline_config::{GrayImage, Random};
 
     fn detect(image: &GrayImage, existing: &[Vector2<f32>], demand: &Demand) -> Vec<Corner> {
         let mut pyramid = Pyramid::new(image.width(), image.height(), 1);
@@ -435,7 +432,7 @@ mod tests {
         let demand = Demand { wanted: 200, max_new: 200 };
         let corners = detect(&faint, &[], &demand);
         assert!(corners.len() >= 60, "{}", corners.len());
-        let mut random = Random(9);
+        let mut random = Random::new(9);
         let noise = texture.render_through(752, 480, |p| p, |_| 100.0 + 0.9 * random.gaussian());
         assert!(detect(&noise, &[], &demand).len() < 10);
         assert!(detect(&GrayImage::new(752, 480), &[], &demand).is_empty());

@@ -8,7 +8,7 @@
 //! `dtheta`) while the gate closes. At rest every residual is below the gate, whatever `t` is.
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
-use plumbline_config::Portable;
+use plumbline_config::{Portable, Random};
 
 /// Random pairs tried: with half of the points wrong, all fail with a probability of 1e-5.
 const HYPOTHESES: usize = 40;
@@ -98,7 +98,7 @@ impl OutlierFilter {
         for pair in &mut self.pairs {
             pair.current = rot_prev_cur * pair.current;
         }
-        let mut random = Sampler(seed);
+        let mut random = Random::new(seed);
         let narrow = self.narrow_search(focal_px, &mut random);
         let mut best = (narrow, self.count(&narrow, FINAL_PX / focal_px));
         if (best.1 as f64) < MIN_SHARE * self.pairs.len() as f64 {
@@ -122,11 +122,11 @@ impl OutlierFilter {
     }
 
     /// The best of many pairs of points, refined.
-    fn narrow_search(&self, focal_px: f64, random: &mut Sampler) -> Motion {
+    fn narrow_search(&self, focal_px: f64, random: &mut Random) -> Motion {
         let mut best =
             (Motion { rotation: UnitQuaternion::identity(), direction: Vector3::z() }, f64::INFINITY);
         for _ in 0..HYPOTHESES {
-            let [i, j] = [random.below(self.pairs.len()), random.below(self.pairs.len())];
+            let [i, j] = [draw(random, self.pairs.len()), draw(random, self.pairs.len())];
             let Some(direction) = self.direction_of(i, j) else { continue };
             let motion = Motion { rotation: UnitQuaternion::identity(), direction };
             let cost = self.cost(&motion, LOOSE_PX / focal_px);
@@ -138,10 +138,10 @@ impl OutlierFilter {
     }
 
     /// Samples of six points, each solved for direction and a rotation that may be far off.
-    fn wide_search(&self, focal_px: f64, random: &mut Sampler, so_far: (Motion, usize)) -> (Motion, usize) {
+    fn wide_search(&self, focal_px: f64, random: &mut Random, so_far: (Motion, usize)) -> (Motion, usize) {
         let mut best = so_far;
         for _ in 0..WIDE_HYPOTHESES {
-            let sample: [usize; WIDE_SAMPLE] = std::array::from_fn(|_| random.below(self.pairs.len()));
+            let sample: [usize; WIDE_SAMPLE] = std::array::from_fn(|_| draw(random, self.pairs.len()));
             let Some(direction) = self.direction_of(sample[0], sample[1]) else { continue };
             let mut motion = Motion { rotation: UnitQuaternion::identity(), direction };
             for _ in 0..4 {
@@ -234,23 +234,14 @@ fn tangents(direction: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
     (u, direction.cross(&u))
 }
 
-/// Pseudo-random indices (SplitMix64, Steele et al. 2014): the same on every run.
-struct Sampler(u64);
-
-impl Sampler {
-    fn below(&mut self, limit: usize) -> usize {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) % limit.max(1) as u64) as usize
-    }
+/// An index below `limit`, the same on every run.
+fn draw(random: &mut Random, limit: usize) -> usize {
+    (random.next_bits() % limit.max(1) as u64) as usize
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::synthetic::Random;
 
     const FOCAL: f64 = 458.0;
 
@@ -265,7 +256,7 @@ mod tests {
 
     /// How many good points were kept and how many bad ones, as shares.
     fn run(scene: &Scene, seed: u64) -> (f64, f64) {
-        let mut random = Random(seed);
+        let mut random = Random::new(seed);
         let mut filter = OutlierFilter::new(150);
         let mut is_wrong = Vec::new();
         filter.clear();

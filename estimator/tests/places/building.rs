@@ -6,7 +6,7 @@
 //! again, the comparisons have noise that grows with the distance and with the slant of the view.
 
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector2, Vector3};
-use plumbline_estimator::places::random::Random;
+use plumbline_config::Random;
 use plumbline_estimator::places::{Descriptor, Feature};
 
 /// Features of a frame at most.

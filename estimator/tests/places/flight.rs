@@ -3,10 +3,10 @@
 
 use super::building::{Building, FEATURES, Stop, pose_b_c};
 use nalgebra::{Isometry3, Matrix4, UnitQuaternion, Vector3, Vector4};
+use plumbline_config::Random;
 use plumbline_config::Timestamp;
 use plumbline_estimator::places::graph::{Edge, GraphLimits, Node, PoseGraph};
 use plumbline_estimator::places::index::Votes;
-use plumbline_estimator::places::random::Random;
 use plumbline_estimator::places::refine::Gravity;
 use plumbline_estimator::places::{
     Feature, Keyframe, Located, Locator, LocatorOptions, MapLimits, PlaceMap, Query,

@@ -3,7 +3,7 @@
 use super::building::{Building, Stop, held};
 use super::flight::{Shot, shots};
 use nalgebra::{Isometry3, Vector3};
-use plumbline_estimator::places::random::Random;
+use plumbline_config::Random;
 use plumbline_estimator::places::{Located, Locator, LocatorOptions, MapLimits, PlaceMap};
 use std::f64::consts::TAU;
 

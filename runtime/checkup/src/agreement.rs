@@ -10,7 +10,7 @@
 //! motion was enough to know them.
 
 use crate::statistics::median;
-use crate::verdict::{Measure, Verdict};
+use crate::verdict::{Fitness, Measure};
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 use plumbline_config::{Config, ImuSample, Timestamp};
 use plumbline_estimator::geometry::skew;
@@ -224,7 +224,7 @@ pub fn judge(turns: &[Turn], samples: &[ImuSample], config: &Config) -> Vec<Meas
         );
         let cure = "look at `camera.pose_b_c` (axes, or its inverse), at the order of the cameras, and at units of the gyroscope";
         let figures = [("residual_rad_s", found.residual_rad_s), ("scatter_rad_s", found.scatter_rad_s)];
-        return NAMES.map(|name| Measure::new(name, Verdict::NotFit, value.clone(), cure, &figures)).to_vec();
+        return NAMES.map(|name| Measure::new(name, Fitness::NotFit, value.clone(), cure, &figures)).to_vec();
     }
     vec![offset(NAMES[0], &found, config, CURE), rotation(NAMES[1], &found, config, CURE)]
 }
@@ -242,9 +242,9 @@ fn offset(name: &'static str, found: &Agreement, config: &Config, more: &str) ->
     );
     let figures = [("offset_ms", 1e3 * offset_s), ("sigma_ms", 1e3 * sigma_s), ("off_ms", 1e3 * off_s)];
     if sigma_s > KNOWN.0 {
-        return Measure::new(name, Verdict::NotMeasured, value, more, &figures);
+        return Measure::new(name, Fitness::NotMeasured, value, more, &figures);
     }
-    let verdict = Verdict::within(off_s, OFFSET.0 * prior_s + noise_s, OFFSET.1 * prior_s + noise_s);
+    let verdict = Fitness::within(off_s, OFFSET.0 * prior_s + noise_s, OFFSET.1 * prior_s + noise_s);
     let cure = format!("set `rig.time_offset_s = {offset_s:.4}`, or find out which stamp is of the arrival");
     Measure::new(name, verdict, value, cure, &figures)
 }
@@ -263,9 +263,9 @@ fn rotation(name: &'static str, found: &Agreement, config: &Config, more: &str) 
     );
     let figures = [("off_deg", angle.to_degrees()), ("sigma_deg", sigma.to_degrees())];
     if sigma > KNOWN.1 {
-        return Measure::new(name, Verdict::NotMeasured, value, more, &figures);
+        return Measure::new(name, Fitness::NotMeasured, value, more, &figures);
     }
-    let verdict = Verdict::within(angle, ROTATION.0 * prior + sigma, ROTATION.1 * prior + sigma);
+    let verdict = Fitness::within(angle, ROTATION.0 * prior + sigma, ROTATION.1 * prior + sigma);
     let cure = "calibrate camera against IMU again (`plumbline calibrate rig`): `camera.pose_b_c` is turned";
     Measure::new(name, verdict, value, cure, &figures)
 }

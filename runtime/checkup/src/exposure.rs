@@ -1,7 +1,7 @@
 //! Whether images are too dark or burnt out, and how much a turn would blur them.
 
 use crate::statistics::{median, quantile};
-use crate::verdict::{Measure, Verdict};
+use crate::verdict::{Fitness, Measure};
 use plumbline_config::{Config, ImageView, ImuSample};
 
 /// Every so many pixels of every so many rows are looked at.
@@ -66,20 +66,20 @@ impl Brightness {
         };
         let verdicts = [
             (
-                Verdict::within(-brightest, -DARK.0, -DARK.1),
+                Fitness::within(-brightest, -DARK.0, -DARK.1),
                 "dark: more light, a faster lens, more gain, or a longer exposure as far as blur allows",
             ),
             (
-                Verdict::within(burnt, BURNT.1, BURNT.2),
+                Fitness::within(burnt, BURNT.1, BURNT.2),
                 "burnt out: shorten the exposure, or let the camera choose it (`driver.v4l2.exposure_us = 0`)",
             ),
             (
-                if unequal > UNEQUAL { Verdict::Mind } else { Verdict::Good },
+                if unequal > UNEQUAL { Fitness::Mind } else { Fitness::Good },
                 "left and right differ in brightness: give both the same fixed exposure and gain, clean the lenses",
             ),
         ];
         let worst = verdicts.into_iter().rev().max_by_key(|(verdict, _)| *verdict);
-        let (verdict, cure) = worst.unwrap_or((Verdict::Good, ""));
+        let (verdict, cure) = worst.unwrap_or((Fitness::Good, ""));
         let value = format!(
             "brightest twentieth at {brightest:.0} of 255, {:.1} % burnt out, left and right differ by {unequal:.2}",
             100.0 * burnt
@@ -110,12 +110,12 @@ pub fn blur(samples: &[ImuSample], config: &Config, told_s: Option<f64>) -> Meas
         );
         let cure = "set `driver.v4l2.exposure_us` for a known blur";
         let figures = [("rate_rad_s", rate), ("allowed_exposure_ms", allowed_ms)];
-        return Measure::new(NAME, Verdict::NotMeasured, value, cure, &figures);
+        return Measure::new(NAME, Fitness::NotMeasured, value, cure, &figures);
     }
     let px = exposure_s * rate * focal_px;
     Measure::new(
         NAME,
-        Verdict::within(px, BLUR_PX.0, BLUR_PX.1),
+        Fitness::within(px, BLUR_PX.0, BLUR_PX.1),
         format!("{px:.1} px at {rate:.2} rad/s and {:.1} ms of exposure", 1e3 * exposure_s),
         format!("expose for at most {allowed_ms:.1} ms, with more light or gain; or turn more slowly"),
         &[("blur_px", px), ("rate_rad_s", rate), ("allowed_exposure_ms", allowed_ms)],

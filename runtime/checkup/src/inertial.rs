@@ -3,7 +3,7 @@
 
 use crate::agreement::Turn;
 use crate::statistics::{mean_and_spread, median};
-use crate::verdict::{Measure, Verdict};
+use crate::verdict::{Fitness, Measure};
 use nalgebra::Vector3;
 use plumbline_config::options::ImuConfig;
 use plumbline_config::{Config, ImuSample, Timestamp};
@@ -93,7 +93,7 @@ fn gravity(name: &'static str, rest: &Rest, config: &Config) -> Measure {
     let off = (norm - config.imu.gravity_m_s2).abs();
     Measure::new(
         name,
-        Verdict::within(off, GRAVITY.0, GRAVITY.1),
+        Fitness::within(off, GRAVITY.0, GRAVITY.1),
         format!("{norm:.3} m/s² over {:.1} s at rest, off by {off:.3}", rest.seconds),
         "calibrate the accelerometer (scale and bias); a factor of 9.8 or 1000 is a unit: m/s² is expected",
         &[("norm_m_s2", norm), ("off_m_s2", off), ("rest_s", rest.seconds)],
@@ -108,7 +108,7 @@ fn mounting(name: &'static str, rest: &Rest, config: &Config) -> Measure {
     let pitch = up_v.x.atan2(up_v.z).to_degrees();
     Measure::new(
         name,
-        Verdict::within(tilt, TILT.0, TILT.1),
+        Fitness::within(tilt, TILT.0, TILT.1),
         format!("at rest the vehicle is tilted by {tilt:.1} degrees (roll {roll:.1}, pitch {pitch:.1})"),
         "put the vehicle on a level floor; if it is, correct `vehicle.imu_to_vehicle_deg`",
         &[("tilt_deg", tilt), ("roll_deg", roll), ("pitch_deg", pitch)],
@@ -123,7 +123,7 @@ fn bias(name: &'static str, rest: &Rest, config: &Config) -> Measure {
         (config.imu.gyro_bias_sigma_rad_s, config.estimator.health.max_gyro_bias_rad_s.max(0.1) * 0.6);
     Measure::new(
         name,
-        Verdict::within(largest, good, mind),
+        Fitness::within(largest, good, mind),
         format!("{:.4} {:.4} {:.4} rad/s at rest", rest.gyro.x, rest.gyro.y, rest.gyro.z),
         "let the sensor get warm and calibrate its gyroscope; a factor of 57 is a unit: rad/s is expected",
         &[("norm_rad_s", norm), ("largest_rad_s", largest)],
@@ -158,11 +158,11 @@ pub fn axes(samples: &[ImuSample], imu: &ImuConfig) -> Measure {
     if !stuck.is_empty() {
         let value = format!("{} repeats its value", stuck.join(" and "));
         let cure = "replace the sensor, or look at its bus: a register is read that no longer changes";
-        return Measure::new(NAME, Verdict::NotFit, value, cure, &figures);
+        return Measure::new(NAME, Fitness::NotFit, value, cure, &figures);
     }
     Measure::new(
         NAME,
-        Verdict::within(share, SATURATED.0, SATURATED.1),
+        Fitness::within(share, SATURATED.0, SATURATED.1),
         format!("all six live, {saturated} of {} samples at the end of the range", samples.len()),
         "choose a larger range of the sensor, damp its mounting, or correct `imu.gyro_range_rad_s` and `accel_range_m_s2`",
         &figures,

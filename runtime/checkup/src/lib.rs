@@ -11,6 +11,7 @@
 //! | [`exposure`] | dark and burnt-out images, blur by rotation |
 //! | [`pair`] | epipolar error left to right, by matches that know nothing of the calibration |
 //! | [`motion`], [`agreement`] | time offset and rotation between camera and IMU, by the rotation that images show |
+//! | [`plausibility`] | units, columns and sides that cannot be right; of a flight too, while it goes on |
 //!
 //! What cannot be measured, since the data do not hold it, is said to be so, and is no verdict. There is no clock and no random
 //! number here: the same data give the same report.
@@ -21,6 +22,7 @@ mod fft;
 pub mod inertial;
 pub mod motion;
 pub mod pair;
+pub mod plausibility;
 mod statistics;
 pub mod timing;
 pub mod verdict;
@@ -29,11 +31,13 @@ pub mod vibration;
 #[cfg(test)]
 mod tests;
 
-pub use verdict::{Measure, Report, Verdict};
+pub use verdict::{CheckupReport, Fitness, Measure};
 
 use agreement::Turn;
 use motion::MotionFinder;
 use pair::{PairFigures, PairMatcher};
+use plausibility::Finding;
+use plausibility::inertial::Magnitudes;
 use plumbline_config::{Config, ImageView, ImuSample, Timestamp};
 use timing::Arrivals;
 
@@ -150,21 +154,25 @@ impl Checkup {
 
     /// What was measured so far, and how good it is.
     #[must_use]
-    pub fn report(&self) -> Report {
+    pub fn report(&self) -> CheckupReport {
         let config = &self.config;
         let mut imu = Arrivals::default();
         for (sample, sequence) in self.samples.iter().zip(&self.sequences) {
             imu.push(sample.stamp, *sequence);
         }
         let rest = inertial::rest(&self.samples, &self.turns);
-        let mut measures = vec![
+        let mut magnitudes = Magnitudes::new(config.imu.rate_hz);
+        self.samples.iter().for_each(|sample| magnitudes.add(sample));
+        let mut measures: Vec<Measure> =
+            magnitudes.nonsense().into_iter().map(Finding::into_measure).collect();
+        measures.extend([
             timing::judge(timing::Sensor::Imu, &imu, config.imu.rate_hz),
             timing::judge(
                 timing::Sensor::Cameras,
                 &self.frames,
                 config.camera.first().map_or(0.0, |camera| camera.rate_hz),
             ),
-        ];
+        ]);
         measures.extend(
             (config.camera.len() == 2).then(|| timing::judge_pairs(self.whole, self.frames.stamps.len())),
         );
@@ -177,6 +185,6 @@ impl Checkup {
         if self.motion.is_some() {
             measures.extend(agreement::judge(&self.turns, &self.samples, config));
         }
-        Report { measures }
+        CheckupReport { measures }
     }
 }

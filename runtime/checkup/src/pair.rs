@@ -5,7 +5,7 @@
 //! epipolar line, and on which side of infinity it lies: of swapped cameras all points are behind.
 
 use crate::statistics::{median, quantile};
-use crate::verdict::{Measure, Verdict};
+use crate::verdict::{Fitness, Measure};
 use nalgebra::{Matrix2, Vector2, Vector3};
 use plumbline_config::{Config, ImageView};
 use plumbline_estimator::image::Pyramid;
@@ -208,15 +208,15 @@ impl PairFigures {
         if self.errors_px.len() < MIN_MATCHES {
             let value = format!("{} matches in {} pairs", self.errors_px.len(), self.pairs);
             let cure = "look at something with texture, in light, one to five metres away, lenses clean and in focus";
-            return Measure::new(NAME, Verdict::NotMeasured, value, cure, &[]);
+            return Measure::new(NAME, Fitness::NotMeasured, value, cure, &[]);
         }
         let sizes: Vec<f64> = self.errors_px.iter().map(|error| error.abs()).collect();
         let (middle, tail, side) = (median(&sizes), quantile(&sizes, 0.95), median(&self.errors_px));
         let limit: f64 = config.estimator.points.max_epipolar_px.into();
         let behind = self.behind(config);
-        let wrong_side = Verdict::within(behind, BEHIND.0, BEHIND.1);
-        let mut verdict = Verdict::within(middle / limit, MEDIAN.0, MEDIAN.1);
-        verdict = verdict.max(if tail > TAIL * limit { Verdict::Mind } else { Verdict::Good });
+        let wrong_side = Fitness::within(behind, BEHIND.0, BEHIND.1);
+        let mut verdict = Fitness::within(middle / limit, MEDIAN.0, MEDIAN.1);
+        verdict = verdict.max(if tail > TAIL * limit { Fitness::Mind } else { Fitness::Good });
         let focal_px = config.camera.first().map_or(1.0, |camera| camera.focal_px[1]);
         let degrees = (side / focal_px).atan().to_degrees().abs();
         // Exchanged they agree: or, of a rectified pair, which agrees either way, all is behind.

@@ -12,8 +12,9 @@ pub(crate) fn quantile(values: &[f64], q: f64) -> f64 {
     *values.select_nth_unstable_by(at, f64::total_cmp).1
 }
 
+/// The median; not a number for none.
 pub(crate) fn median(values: &[f64]) -> f64 {
-    quantile(values, 0.5)
+    plumbline_config::median(values.iter().copied()).unwrap_or(f64::NAN)
 }
 
 /// Mean of vectors, and the norm of their standard deviation by axis.

@@ -1,7 +1,7 @@
 //! Rates, jitter and gaps, by the stamps and by the numbers of samples.
 
 use crate::statistics::{median, quantile};
-use crate::verdict::{Measure, Verdict};
+use crate::verdict::{Fitness, Measure};
 use plumbline_config::Timestamp;
 
 /// Fewest stamps that are judged.
@@ -56,7 +56,7 @@ pub fn judge(sensor: Sensor, arrivals: &Arrivals, nominal_hz: f64) -> Measure {
         let cure = format!("see that {device} can be reached (`plumbline devices`) and deliver");
         return Measure::new(
             name,
-            Verdict::NotFit,
+            Fitness::NotFit,
             value,
             cure,
             &[("samples", arrivals.stamps.len() as f64)],
@@ -77,25 +77,25 @@ pub fn judge(sensor: Sensor, arrivals: &Arrivals, nominal_hz: f64) -> Measure {
     let off = (rate / nominal_hz - 1.0).abs();
     let verdicts = [
         (
-            Verdict::within(off, RATE.0, RATE.1),
+            Fitness::within(off, RATE.0, RATE.1),
             format!("set `{key}` to the rate that is delivered, or the sensor to {nominal_hz} Hz"),
         ),
         (
-            Verdict::within(share, LOST.0, LOST.1),
+            Fitness::within(share, LOST.0, LOST.1),
             format!("look at cable, load and bandwidth: {device} lose samples, or the driver does"),
         ),
         (
-            if disordered > 0 { Verdict::NotFit } else { Verdict::Good },
+            if disordered > 0 { Fitness::NotFit } else { Fitness::Good },
             "stamps run backwards: find out whose clock they are of".to_owned(),
         ),
         (
-            Verdict::within(jitter / usual, JITTER.0, JITTER.1),
+            Fitness::within(jitter / usual, JITTER.0, JITTER.1),
             "stamps are of the arrival, not of the measurement: use the sensor's own time or a trigger"
                 .to_owned(),
         ),
     ];
     let worst = verdicts.into_iter().rev().max_by_key(|(verdict, _)| *verdict);
-    let (verdict, cure) = worst.unwrap_or((Verdict::Good, String::new()));
+    let (verdict, cure) = worst.unwrap_or((Fitness::Good, String::new()));
     let value = format!(
         "{rate:.1} Hz, 99 % within {:.2} ms, longest interval {:.0} ms, {lost:.0} of {} missing",
         1e3 * jitter,
@@ -119,7 +119,7 @@ pub fn judge_pairs(whole: u64, frames: usize) -> Measure {
     let share = half / (frames as f64).max(1.0);
     Measure::new(
         "stereo pairs",
-        Verdict::within(share, HALF_FRAMES.0, HALF_FRAMES.1),
+        Fitness::within(share, HALF_FRAMES.0, HALF_FRAMES.1),
         format!("{whole} of {frames} frames have both images"),
         "trigger both cameras together, or see why one of them loses images",
         &[("frames", frames as f64), ("without_partner", half)],

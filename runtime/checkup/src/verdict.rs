@@ -4,7 +4,7 @@ use std::fmt;
 
 /// How a measure came out, the mildest first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Verdict {
+pub enum Fitness {
     /// The data do not hold it.
     NotMeasured,
     /// As it should be.
@@ -15,7 +15,7 @@ pub enum Verdict {
     NotFit,
 }
 
-impl fmt::Display for Verdict {
+impl fmt::Display for Fitness {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(match self {
             Self::NotMeasured => "not measured",
@@ -26,8 +26,8 @@ impl fmt::Display for Verdict {
     }
 }
 
-impl Verdict {
-    /// [`Verdict::Good`] up to `good`, [`Verdict::Mind`] up to `mind`, and beyond (or no number) [`Verdict::NotFit`].
+impl Fitness {
+    /// [`Fitness::Good`] up to `good`, [`Fitness::Mind`] up to `mind`, and beyond (or no number) [`Fitness::NotFit`].
     #[must_use]
     pub fn within(value: f64, good: f64, mind: f64) -> Self {
         if value <= good {
@@ -48,7 +48,7 @@ pub struct Measure {
     /// What was measured, in words with units.
     pub value: String,
     /// How bad that is.
-    pub verdict: Verdict,
+    pub verdict: Fitness,
     /// What to do, in one line; empty where it is good.
     pub cure: String,
     /// Measured values as numbers; each name ends with its unit.
@@ -60,19 +60,19 @@ impl Measure {
     #[must_use]
     pub fn new(
         name: &'static str,
-        verdict: Verdict,
+        verdict: Fitness,
         value: String,
         cure: impl Into<String>,
         figures: &[(&'static str, f64)],
     ) -> Self {
-        let cure = if verdict == Verdict::Good { String::new() } else { cure.into() };
+        let cure = if verdict == Fitness::Good { String::new() } else { cure.into() };
         Self { name, value, verdict, cure, figures: figures.to_vec() }
     }
 
     /// Something that the data do not hold.
     #[must_use]
     pub fn missing(name: &'static str, why: &str, cure: &str) -> Self {
-        Self::new(name, Verdict::NotMeasured, why.to_owned(), cure, &[])
+        Self::new(name, Fitness::NotMeasured, why.to_owned(), cure, &[])
     }
 
     /// The figure of this name.
@@ -84,21 +84,21 @@ impl Measure {
 
 /// Everything that was looked at, in a fixed order.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Report {
+pub struct CheckupReport {
     /// The measures.
     pub measures: Vec<Measure>,
 }
 
-impl Report {
+impl CheckupReport {
     /// Whether nothing speaks against a flight.
     #[must_use]
     pub fn is_fit(&self) -> bool {
-        self.measures.iter().all(|measure| measure.verdict != Verdict::NotFit)
+        self.measures.iter().all(|measure| measure.verdict != Fitness::NotFit)
     }
 
     /// How many came out so.
     #[must_use]
-    pub fn count(&self, verdict: Verdict) -> usize {
+    pub fn count(&self, verdict: Fitness) -> usize {
         self.measures.iter().filter(|measure| measure.verdict == verdict).count()
     }
 

@@ -7,7 +7,7 @@
 
 use crate::fft::power;
 use crate::statistics::median;
-use crate::verdict::{Measure, Verdict};
+use crate::verdict::{Fitness, Measure};
 use plumbline_config::ImuSample;
 use plumbline_config::options::ImuConfig;
 use std::f64::consts::TAU;
@@ -162,9 +162,9 @@ fn judge_one(name: &'static str, spectrum: &Spectrum, configured: f64, loud: f64
     let (rate_hz, density) = (2.0 * spectrum.nyquist_hz(), spectrum.density());
     let lines = spectrum.lines();
     let ratio = density / configured;
-    let mut verdict = Verdict::within(ratio, LEVEL.0, LEVEL.1);
+    let mut verdict = Fitness::within(ratio, LEVEL.0, LEVEL.1);
     if lines.iter().any(|line| line.rms > loud) {
-        verdict = verdict.max(Verdict::Mind);
+        verdict = verdict.max(Fitness::Mind);
     }
     let mut value = format!(
         "{:.3} {unit} rms from {LOWEST_HZ:.0} to {:.0} Hz, {ratio:.1} times the configured noise",

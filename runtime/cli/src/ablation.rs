@@ -2,20 +2,18 @@
 //! on top.
 
 use super::choice::FlightChoice;
+use super::sweep::progress_bar;
 use super::{Usage, check_outputs, load_config, say, stop_on_signal};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use indicatif::{ProgressBar, ProgressStyle};
-use plumbline_config::ValidConfig;
-use plumbline_drivers::BagTopics;
-use plumbline_flight::flight::{RecordingKind, fly, open_recording, recording_kind, with_overrides};
-use plumbline_flight::pipeline::{Control, RunOptions};
-use plumbline_lab::campaign::{Entry, Setup};
+use plumbline_drivers::simulator::Scenario;
+use plumbline_flight::flight::{RecordingKind, recording_kind};
+use plumbline_lab::campaign::Entry;
 use plumbline_lab::report::Report;
+use plumbline_lab::sweep::{Common, Plan, Subject};
 use serde::Serialize;
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 
 /// What is compared: a name, and the changes of the configuration that make it.
 const VARIANTS: [(&str, &[&str]); 4] = [
@@ -57,47 +55,13 @@ pub struct AblationArgs {
     pub json: Option<PathBuf>,
 }
 
-/// One data set or simulated flight.
-enum Subject {
-    Recorded(PathBuf),
-    Simulated(Box<Entry>),
-}
-
-impl Subject {
-    fn name(&self) -> String {
-        match self {
-            Self::Recorded(path) => {
-                path.file_name().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into())
-            }
-            Self::Simulated(entry) => format!("{} {} {}", entry.path, entry.scene, entry.scenario.seed),
-        }
-    }
-
-    fn fly(
-        &self,
-        args: &AblationArgs,
-        config: Option<&ValidConfig>,
-        overrides: &[String],
-        stop: &Arc<AtomicBool>,
-    ) -> Result<Report> {
-        match self {
-            Self::Recorded(path) => {
-                let mut flight =
-                    open_recording(path, config.cloned(), &BagTopics::default(), None, args.mono)?;
-                let control = Control::stopped_by(Arc::clone(stop));
-                flight.config = with_overrides(&flight.config, overrides)?;
-                let options = RunOptions { speed: None, threads: 1 };
-                Ok(Report::new(&fly(flight, &options, &control, vec![])?))
-            }
-            Self::Simulated(entry) => Ok(entry.fly_as(&Setup {
-                config: config.cloned(),
-                overrides: overrides.to_vec(),
-                mono: args.mono,
-                cache: args.cache.clone(),
-                threads: 1,
-            })?),
-        }
-    }
+/// Name of a flight in the tables.
+fn name(subject: &Subject) -> String {
+    let file_name = match subject {
+        Subject::Recorded { path } => path.file_name(),
+        Subject::Simulated { .. } => None,
+    };
+    file_name.map_or_else(|| subject.name(), |name| name.to_string_lossy().into())
 }
 
 #[derive(Serialize)]
@@ -112,35 +76,14 @@ struct Row<'a> {
 /// When a flight cannot be opened or simulated.
 pub fn run(args: &AblationArgs) -> Result<()> {
     check_outputs(&args.json)?;
-    let config = load_config(args.config.as_deref())?;
     let subjects = subjects(args)?;
-    let stop = stop_on_signal()?;
-    let bar = ProgressBar::new((subjects.len() * VARIANTS.len()) as u64);
-    let template = "{bar:32} {pos}/{len} flights  {msg}  {elapsed} (eta {eta})";
-    bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
-    let mut flown: Vec<Vec<Report>> = Vec::new();
-    for subject in &subjects {
-        let mut reports = Vec::new();
-        for (variant, changes) in VARIANTS {
-            ensure!(!stop.load(Ordering::Relaxed), "stopped");
-            bar.set_message(format!("{}, {variant}", subject.name()));
-            let overrides: Vec<String> =
-                args.overrides.iter().cloned().chain(changes.iter().map(ToString::to_string)).collect();
-            reports.push(subject.fly(args, config.as_ref(), &overrides, &stop).context(subject.name())?);
-            ensure!(!stop.load(Ordering::Relaxed), "stopped");
-            bar.inc(1);
-        }
-        flown.push(reports);
-    }
-    bar.finish_and_clear();
-    let rows: Vec<Row<'_>> = subjects
-        .iter()
-        .zip(&flown)
-        .map(|(subject, reports)| Row {
-            flight: subject.name(),
-            variants: VARIANTS.iter().map(|(name, _)| *name).zip(reports).collect(),
-        })
-        .collect();
+    let names: Vec<String> = subjects.iter().map(name).collect();
+    let flown = fly_all(args, subjects)?;
+    let rows = names.into_iter().enumerate().map(|(k, flight)| {
+        let reports = flown.iter().skip(k).step_by(flown.len() / VARIANTS.len());
+        Row { flight, variants: VARIANTS.iter().map(|(name, _)| *name).zip(reports).collect() }
+    });
+    let rows: Vec<Row<'_>> = rows.collect();
     say(extraction_table(&rows));
     if rows.iter().any(has_truth) {
         say(format_args!("\n{}", accuracy_table(&rows)));
@@ -159,6 +102,29 @@ pub fn run(args: &AblationArgs) -> Result<()> {
     Ok(())
 }
 
+/// Reports of all flights in the first variant, then of all in the second, and so on.
+fn fly_all(args: &AblationArgs, subjects: Vec<Subject>) -> Result<Vec<Report>> {
+    let setting = |(_, changes): &(_, &[&str])| {
+        args.overrides.iter().cloned().chain(changes.iter().map(ToString::to_string)).collect()
+    };
+    let config = load_config(args.config.as_deref())?;
+    let common = Common { config, truth: None, mono: args.mono, cache: args.cache.clone() };
+    let cells = Plan::of_settings(VARIANTS.iter().map(setting).collect(), subjects, common).cells();
+    let stop = stop_on_signal()?;
+    let bar = progress_bar("flights", cells.len(), 0);
+    let mut reports = Vec::new();
+    for cell in &cells {
+        let (variant, _) = VARIANTS[cell.index * VARIANTS.len() / cells.len()];
+        bar.set_message(format!("{}, {variant}", name(&cell.subject)));
+        let report = cell.report(&stop);
+        ensure!(!stop.load(Ordering::Relaxed), "stopped");
+        reports.push(report.with_context(|| name(&cell.subject))?);
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    Ok(reports)
+}
+
 fn subjects(args: &AblationArgs) -> Result<Vec<Subject>> {
     if let Some(log) = args.datasets.iter().find(|path| recording_kind(path) == RecordingKind::Log) {
         let message = format!(
@@ -168,13 +134,14 @@ fn subjects(args: &AblationArgs) -> Result<Vec<Subject>> {
         return Err(Usage(message).into());
     }
     if !args.datasets.is_empty() {
-        return Ok(args.datasets.iter().cloned().map(Subject::Recorded).collect());
+        return Ok(args.datasets.iter().map(|path| Subject::Recorded { path: path.clone() }).collect());
     }
-    let mut entries = args.choice.entries(&[])?;
-    for entry in &mut entries {
-        entry.scenario.laps = args.laps;
-    }
-    Ok(entries.into_iter().map(|entry| Subject::Simulated(Box::new(entry))).collect())
+    let simulated = |entry: Entry| Subject::Simulated {
+        name: format!("{} {} {}", entry.path, entry.scene, entry.scenario.seed),
+        scenario: Box::new(Scenario { laps: args.laps, ..entry.scenario }),
+        extrinsics_error_deg: 0.0,
+    };
+    Ok(args.choice.entries(&[])?.into_iter().map(simulated).collect())
 }
 
 /// Whether the errors of a flight are known.

@@ -15,9 +15,9 @@ use plumbline_lab::campaign::table::{
 use plumbline_lab::campaign::{Entry, Fault, Setup};
 use plumbline_lab::report::Report;
 use plumbline_lab::report::paired::{Comparison, Variant};
+use plumbline_lab::sweep::run::fly_each;
 use serde::Serialize;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Arguments of `plumbline campaign`.
 #[derive(Debug, Args)]
@@ -197,35 +197,16 @@ fn compare(
 /// Flies the entries, `jobs` at a time, and prints each as it lands; the reports are in the order of the
 /// entries.
 fn fly_all(entries: &[Entry], setup: &Setup, jobs: usize) -> Vec<Option<Report>> {
-    let next = AtomicUsize::new(0);
-    let worker = || {
-        let mut flown = Vec::new();
-        let take = || {
-            let index = next.fetch_add(1, Ordering::Relaxed);
-            entries.get(index).map(|entry| (index, entry))
-        };
-        for (index, entry) in std::iter::from_fn(take) {
-            match entry.fly_as(setup) {
-                Ok(report) => {
-                    say(entry.row(&report));
-                    flown.push((index, report));
-                }
-                Err(error) => {
-                    eprintln!("plumbline: {} in {}: {}", entry.path, entry.scene, one_line(&error.into()));
-                }
-            }
+    fly_each(entries, jobs, |entry| match entry.fly_as(setup) {
+        Ok(report) => {
+            say(entry.row(&report));
+            Some(report)
         }
-        flown
-    };
-    let mut reports = vec![None; entries.len()];
-    std::thread::scope(|scope| {
-        let workers: Vec<_> = (0..jobs.min(entries.len())).map(|_| scope.spawn(worker)).collect();
-        for flown in workers {
-            let flown = flown.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
-            flown.into_iter().for_each(|(index, report)| reports[index] = Some(report));
+        Err(error) => {
+            eprintln!("plumbline: {} in {}: {}", entry.path, entry.scene, one_line(&error.into()));
+            None
         }
-    });
-    reports
+    })
 }
 
 fn entries(args: &CampaignArgs) -> Result<Vec<Entry>, Usage> {

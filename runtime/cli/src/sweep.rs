@@ -172,7 +172,7 @@ fn plan(args: &SweepArgs) -> Result<Plan> {
     let plan = Plan::new(axes, subjects, seeds, common).map_err(|e| Usage(e.to_string()))?;
     let plan = plan.from_starts(args.starts.clone());
     for setting in plan.settings() {
-        with_overrides(&base, &setting)?;
+        with_overrides(&base, setting)?;
     }
     Ok(plan)
 }
@@ -254,7 +254,7 @@ fn fly_missing(cells: &[Cell], args: &SweepArgs, folder: &Path, stop: &Arc<Atomi
     }
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = args.jobs.map_or(cores, usize::from);
-    let bar = progress_bar(cells.len(), cells.len() - missing.len());
+    let bar = progress_bar("cells", cells.len(), cells.len() - missing.len());
     let landed = |result: &CellResult| {
         bar.inc(1);
         let words = format!("cell {} of {}: {}", result.cell, result.of, outcome(result));
@@ -273,10 +273,11 @@ fn fly_missing(cells: &[Cell], args: &SweepArgs, folder: &Path, stop: &Arc<Atomi
     Ok(())
 }
 
-fn progress_bar(cells: usize, done: usize) -> ProgressBar {
-    let bar = ProgressBar::new(cells as u64).with_position(done as u64);
-    let template = "{bar:32} {pos}/{len} cells  {msg}  {elapsed} (eta {eta})";
-    bar.with_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()))
+/// The bar of a batch: how many of its `things` are done, and for how long.
+pub(super) fn progress_bar(things: &str, of: usize, done: usize) -> ProgressBar {
+    let bar = ProgressBar::new(of as u64).with_position(done as u64);
+    let template = format!("{{bar:32}} {{pos}}/{{len}} {things}  {{msg}}  {{elapsed}} (eta {{eta}})");
+    bar.with_style(ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar()))
 }
 
 /// What became of a cell, in a few words.

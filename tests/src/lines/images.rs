@@ -3,7 +3,7 @@
 use super::Line;
 use opencv::imgcodecs::{IMREAD_GRAYSCALE, imread};
 use opencv::prelude::*;
-use plumbline_config::GrayImage;
+use plumbline_config::{GrayImage, Random};
 use plumbline_drivers::{DriverError, EurocDataset, EurocOptions, StereoSource};
 use std::path::{Path, PathBuf};
 
@@ -203,24 +203,21 @@ fn draw_shape(image: &mut GrayImage, draws: &mut Draws) {
     }
 }
 
-/// Seeded draws (SplitMix64, Steele et al. 2014).
-struct Draws(u64);
+/// Seeded draws.
+struct Draws(Random);
 
 impl Draws {
     fn new(seed: u64) -> Self {
-        Self(seed.wrapping_mul(0x2545_f491_4f6c_dd1d))
+        Self(Random::new(seed.wrapping_mul(0x2545_f491_4f6c_dd1d)))
     }
 
     fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+        self.0.next_bits()
     }
 
     /// Uniform in `[0, 1)`.
     fn unit(&mut self) -> f64 {
-        (self.bits() >> 11) as f64 / (1_u64 << 53) as f64
+        self.0.unit()
     }
 
     fn below(&mut self, count: usize) -> usize {

@@ -34,8 +34,8 @@ pub struct Judged {
     pub position_m: f64,
 }
 
-/// Course of EKF2 through a flight.
-pub struct Course {
+/// FilterRun of EKF2 through a flight.
+pub struct FilterRun {
     pub judged: Vec<Judged>,
     /// Measurements of position, height, velocity and yaw that it took, and that it rejected.
     pub fused: usize,
@@ -55,10 +55,10 @@ pub fn with_true_velocity(captured: &Captured) -> Vec<(Timestamp, ODOMETRY_DATA)
 }
 
 /// Runs EKF2 over a flight; it believes that vision is late by `delay_ms`.
-pub fn run(captured: &Captured, messages: &[(Timestamp, ODOMETRY_DATA)], delay_ms: f64) -> Course {
+pub fn run(captured: &Captured, messages: &[(Timestamp, ODOMETRY_DATA)], delay_ms: f64) -> FilterRun {
     let mut filter = filter();
     rest(&mut filter, captured);
-    let mut course = Course { judged: Vec::new(), fused: 0, rejected: 0 };
+    let mut course = FilterRun { judged: Vec::new(), fused: 0, rejected: 0 };
     let rot_f_b = rot_f_b(captured);
     let bias_gyro = captured.simulator.ground_truth(captured.samples[0].stamp).bias_gyro;
     let mut waiting = messages.iter().peekable();
@@ -161,7 +161,7 @@ fn rot_f_b(captured: &Captured) -> UnitQuaternion<f64> {
 }
 
 /// Counts measurements as they are new.
-fn count(filter: &Ekf<'_>, seen: &mut [u64; 4], course: &mut Course) {
+fn count(filter: &Ekf<'_>, seen: &mut [u64; 4], course: &mut FilterRun) {
     let (position, height) = (filter.aid_src_ev_pos(), filter.aid_src_ev_hgt());
     let (velocity, yaw) = (filter.aid_src_ev_vel(), filter.aid_src_ev_yaw());
     let all = [

@@ -4,7 +4,7 @@ mod capture;
 mod ekf2;
 mod udp;
 
-use self::ekf2::Course;
+use self::ekf2::FilterRun;
 use capture::{Captured, capture};
 use nalgebra::Vector3;
 use plumbline_drivers::simulator::{Effects, FlightPath, Scenario, Scene};
@@ -45,7 +45,7 @@ fn odometry_errors(captured: &Captured) -> [f64; 2] {
 
 /// Largest errors of EKF2's velocity in the body, m/s, and yaw, degrees, while it is told odometry that tracks; not in the
 /// first second of all, while it starts, nor in the 200 ms that it waits after a silence.
-fn worst(captured: &Captured, course: &Course) -> [f64; 2] {
+fn worst(captured: &Captured, course: &FilterRun) -> [f64; 2] {
     let mut since = None;
     let mut worst = [0.0_f64; 2];
     let begin = captured.samples[0].stamp;

@@ -2,8 +2,8 @@
 
 use super::edge::turn;
 use super::*;
-use crate::places::random::Random;
 use nalgebra::{Isometry3, Matrix4, UnitQuaternion, Vector3, Vector4};
+use plumbline_config::Random;
 
 const NODES: usize = 200;
 /// Nodes of a lap.

@@ -2,13 +2,14 @@
 
 use super::scene::{Flight, HEIGHT, Scene, Shot, WIDTH, extrinsics, model, sway};
 use crate::image::Pyramid;
-use crate::image::synthetic::{Random, Texture};
+use crate::image::synthetic::Texture;
 use crate::points::corners::{CornerDetector, Demand};
 use crate::points::flow::{FlowOptions, track_patch};
 use crate::points::{PointObservation, TrackerInput};
 use crate::work_budget::InTurn;
 use nalgebra::{Isometry3, Matrix2, Point3, UnitQuaternion, Vector2};
 use plumbline_config::GrayImage;
+use plumbline_config::Random;
 use std::collections::BTreeMap;
 
 /// Compares observations with the truth: the point of a track is where its first ray met the scene.
@@ -54,7 +55,7 @@ fn flow_error(noise: f64, gain: f64, offset: f64) -> f64 {
     let shift = Vector2::new(6.37, -4.81);
     let mut errors = Vec::new();
     for seed in 0..4 {
-        let (texture, mut random) = (Texture::new(seed), Random(seed + 100));
+        let (texture, mut random) = (Texture::new(seed), Random::new(seed + 100));
         let mut pyramids = [Vector2::zeros(), shift].map(|s| {
             let (gain, offset) = if s == shift { (gain, offset) } else { (1.0, 0.0) };
             let mut tone = |g: f64| offset + gain * g + noise * random.gaussian();

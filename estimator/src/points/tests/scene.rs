@@ -1,9 +1,10 @@
 //! A rendered world with a known truth: a textured plane, seen by a moving stereo rig without distortion.
 
-use crate::image::synthetic::{Random, Texture};
+use crate::image::synthetic::Texture;
 use crate::points::{PointTracker, TrackerInput};
 use crate::work_budget::InTurn;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
+use plumbline_config::Random;
 use plumbline_config::camera::Distortion;
 use plumbline_config::options::PointsConfig;
 use plumbline_config::{CameraModel, GrayImage};
@@ -43,7 +44,7 @@ impl Scene {
 
     /// An image with gain, offset and noise of its own.
     pub(super) fn render(&self, pose_w_c: &Isometry3<f64>, gain: f64, offset: f64, seed: u64) -> GrayImage {
-        let mut random = Random(seed);
+        let mut random = Random::new(seed);
         let scale = FOCAL_PX / self.depth;
         self.texture.render_through(
             WIDTH,

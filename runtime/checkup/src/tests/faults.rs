@@ -1,5 +1,5 @@
 use super::{ALL, FEW, assert_found, flight, lively, measure, told};
-use crate::{Checkup, Verdict};
+use crate::{Checkup, Fitness};
 use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::options::{CameraConfig, rows_from_isometry};
 use std::f64::consts::TAU;
@@ -8,9 +8,9 @@ use std::f64::consts::TAU;
 fn a_healthy_flight_is_fit_and_every_measure_is_good_or_not_in_the_data() {
     let report = flight(ALL).report();
     println!("{}", told(&report));
-    assert!(report.is_fit() && report.count(Verdict::Mind) == 0, "{}", told(&report));
+    assert!(report.is_fit() && report.count(Fitness::Mind) == 0, "{}", told(&report));
     // What this flight does not hold: an exposure, and turns about several axes.
-    let missing: Vec<_> = report.measures.iter().filter(|m| m.verdict == Verdict::NotMeasured).collect();
+    let missing: Vec<_> = report.measures.iter().filter(|m| m.verdict == Fitness::NotMeasured).collect();
     assert!(missing.iter().all(|m| ["blur", "camera-IMU rotation", "time offset"].contains(&m.name)));
 }
 
@@ -19,10 +19,10 @@ fn a_healthy_lively_flight_tells_time_offset_and_rotation_too() {
     let Some(lively) = lively() else { return };
     let report = lively.report();
     println!("{}", told(&report));
-    assert!(report.is_fit() && report.count(Verdict::Mind) == 0, "{}", told(&report));
+    assert!(report.is_fit() && report.count(Fitness::Mind) == 0, "{}", told(&report));
     let offset = measure(&report, "time offset");
     let rotation = measure(&report, "camera-IMU rotation");
-    assert_eq!((offset.verdict, rotation.verdict), (Verdict::Good, Verdict::Good), "{}", told(&report));
+    assert_eq!((offset.verdict, rotation.verdict), (Fitness::Good, Fitness::Good), "{}", told(&report));
     for (measure, off, sigma) in [(offset, "off_ms", "sigma_ms"), (rotation, "off_deg", "sigma_deg")] {
         let (off, sigma) = (measure.figure(off).unwrap(), measure.figure(sigma).unwrap());
         assert!(off < 3.0 * sigma, "{}: {off} and sigma {sigma}", measure.name);
@@ -34,7 +34,7 @@ fn swapped_cameras_are_told() {
     let swapped =
         flight(FEW).with(|data| data.frames.iter_mut().for_each(|(_, _, images)| images.swap(0, 1)));
     let report = swapped.report();
-    assert_found(&report, "epipolar error", Verdict::NotFit, "swapped");
+    assert_found(&report, "epipolar error", Fitness::NotFit, "swapped");
 }
 
 /// Turns a camera in the body.
@@ -52,7 +52,7 @@ fn turn(camera: &mut CameraConfig, axis_b: Vector3<f64>, degrees: f64, about_its
 #[test]
 fn a_degree_between_the_cameras_is_told_with_its_size() {
     let report = flight(FEW).with(|data| turn(&mut data.config.camera[1], Vector3::x(), 1.0, true)).report();
-    assert_found(&report, "epipolar error", Verdict::NotFit, "calibrate the pair");
+    assert_found(&report, "epipolar error", Fitness::NotFit, "calibrate the pair");
     let pixels = measure(&report, "epipolar error").figure("median_px").unwrap();
     let expected = flight(0).config.camera[0].focal_px[1] * 1_f64.to_radians().tan();
     // Aside from the centre it is more, by the square of the distance.
@@ -66,11 +66,11 @@ fn a_degree_between_cameras_and_imu_is_told_with_its_size() {
     let turned =
         lively.with(|data| data.config.camera.iter_mut().for_each(|camera| turn(camera, axis, 1.0, false)));
     let report = turned.report();
-    assert_found(&report, "camera-IMU rotation", Verdict::Mind, "turned");
+    assert_found(&report, "camera-IMU rotation", Fitness::Mind, "turned");
     let degrees = measure(&report, "camera-IMU rotation").figure("off_deg").unwrap();
     assert!((degrees - 1.0).abs() < 0.3, "{degrees}: {}", told(&report));
     // The pair is as it was.
-    assert_eq!(measure(&report, "epipolar error").verdict, Verdict::Good);
+    assert_eq!(measure(&report, "epipolar error").verdict, Fitness::Good);
 }
 
 #[test]
@@ -80,7 +80,7 @@ fn twenty_milliseconds_between_the_clocks_are_told_to_the_millisecond() {
         data.frames.iter_mut().for_each(|(_, stamp, _)| *stamp = stamp.plus_seconds(0.02));
     });
     let report = shifted.report();
-    assert_found(&report, "time offset", Verdict::NotFit, "rig.time_offset_s");
+    assert_found(&report, "time offset", Fitness::NotFit, "rig.time_offset_s");
     let offset_ms = measure(&report, "time offset").figure("offset_ms").unwrap();
     assert!((offset_ms + 20.0).abs() < 1.0, "{offset_ms}");
 }
@@ -93,7 +93,7 @@ fn axes_of_another_assignment_explain_nothing() {
             sample.gyro = nalgebra::Vector3::new(sample.gyro.y, sample.gyro.z, sample.gyro.x)
         });
     });
-    assert_found(&turned.report(), "camera-IMU rotation", Verdict::NotFit, "pose_b_c");
+    assert_found(&turned.report(), "camera-IMU rotation", Fitness::NotFit, "pose_b_c");
 }
 
 #[test]
@@ -105,13 +105,13 @@ fn a_rotor_at_180_hz_is_named_though_it_is_sampled_as_20() {
         sample.accel += Vector3::new(2.0, 1.0, 3.0) * wave;
     }
     let report = shaken.report();
-    assert_found(&report, "vibration of the accelerometer", Verdict::NotFit, "180");
+    assert_found(&report, "vibration of the accelerometer", Fitness::NotFit, "180");
     let found = measure(&report, "vibration of the accelerometer");
     let (hz, rms) = (found.figure("line_hz").unwrap(), found.figure("line_rms").unwrap());
     assert!((hz - 20.0).abs() < 1.0, "{hz}");
     let expected = 14_f64.sqrt() / 2_f64.sqrt();
     assert!((rms / expected - 1.0).abs() < 0.05, "{rms} m/s² for {expected}");
-    assert_eq!(measure(&report, "vibration of the gyroscope").verdict, Verdict::Good);
+    assert_eq!(measure(&report, "vibration of the gyroscope").verdict, Fitness::Good);
 }
 
 #[test]
@@ -121,7 +121,7 @@ fn a_line_beside_half_the_rate_is_said_to_be_there() {
     for (_, sample) in &mut shaken.samples {
         sample.gyro.x += 0.2 * (TAU * 104.0 * sample.stamp.seconds_since(begin)).sin();
     }
-    assert_found(&shaken.report(), "vibration of the gyroscope", Verdict::NotFit, "near half the rate");
+    assert_found(&shaken.report(), "vibration of the gyroscope", Fitness::NotFit, "near half the rate");
 }
 
 #[test]
@@ -129,7 +129,7 @@ fn a_stuck_axis_is_named() {
     let mut stuck = flight(0);
     let held = stuck.samples[700].1.gyro.y;
     stuck.samples[700..].iter_mut().for_each(|(_, sample)| sample.gyro.y = held);
-    assert_found(&stuck.report(), "IMU axes", Verdict::NotFit, "gyroscope y repeats");
+    assert_found(&stuck.report(), "IMU axes", Fitness::NotFit, "gyroscope y repeats");
 }
 
 #[test]
@@ -137,7 +137,7 @@ fn samples_at_the_end_of_the_range_are_counted() {
     let mut cut = flight(0);
     cut.config.imu.accel_range_m_s2 = 30.0;
     cut.samples.iter_mut().step_by(20).for_each(|(_, sample)| sample.accel.z = 30.0);
-    assert_found(&cut.report(), "IMU axes", Verdict::NotFit, "larger range");
+    assert_found(&cut.report(), "IMU axes", Fitness::NotFit, "larger range");
 }
 
 #[test]
@@ -151,8 +151,8 @@ fn dark_and_burnt_out_images_are_told() {
             }
         })
     };
-    assert_found(&scaled(0.08).report(), "exposure", Verdict::NotFit, "dark");
-    assert_found(&scaled(6.0).report(), "exposure", Verdict::Mind, "burnt out");
+    assert_found(&scaled(0.08).report(), "exposure", Fitness::NotFit, "dark");
+    assert_found(&scaled(6.0).report(), "exposure", Fitness::Mind, "burnt out");
 }
 
 #[test]
@@ -160,16 +160,16 @@ fn a_long_exposure_is_told_with_what_is_allowed() {
     let mut long = flight(0);
     long.config.driver.v4l2.exposure_us = 30_000.0;
     let report = long.report();
-    assert_found(&report, "blur", Verdict::Mind, "expose for at most");
+    assert_found(&report, "blur", Fitness::Mind, "expose for at most");
     let blur = measure(&report, "blur");
     let allowed_ms = blur.figure("allowed_exposure_ms").unwrap();
     long.config.driver.v4l2.exposure_us = 990.0 * allowed_ms;
-    assert_eq!(measure(&long.report(), "blur").verdict, Verdict::Good);
+    assert_eq!(measure(&long.report(), "blur").verdict, Fitness::Good);
     // What the driver tells counts.
     let mut checkup = Checkup::new(&long.config);
     long.samples.iter().for_each(|(sequence, sample)| checkup.add_sample(*sequence, sample));
     checkup.tell_exposure(0.03);
-    assert_found(&checkup.report(), "blur", Verdict::Mind, "expose for at most");
+    assert_found(&checkup.report(), "blur", Fitness::Mind, "expose for at most");
 }
 
 #[test]
@@ -180,31 +180,31 @@ fn lost_samples_another_rate_and_stamps_that_run_backwards_are_told() {
         count += 1;
         count % 20 != 0
     });
-    assert_found(&lossy.report(), "IMU timing", Verdict::NotFit, "lose samples");
+    assert_found(&lossy.report(), "IMU timing", Fitness::NotFit, "lose samples");
 
     let mut slow = flight(0);
     slow.config.imu.rate_hz = 400.0;
-    assert_found(&slow.report(), "IMU timing", Verdict::NotFit, "imu.rate_hz");
+    assert_found(&slow.report(), "IMU timing", Fitness::NotFit, "imu.rate_hz");
 
     let mut back = flight(0);
     back.samples.swap(500, 501);
-    assert_found(&back.report(), "IMU timing", Verdict::NotFit, "backwards");
-    assert_found(&back.report(), "camera timing", Verdict::NotFit, "0 samples came");
+    assert_found(&back.report(), "IMU timing", Fitness::NotFit, "backwards");
+    assert_found(&back.report(), "camera timing", Fitness::NotFit, "0 samples came");
 }
 
 #[test]
 fn gravity_in_g_a_wrong_mounting_and_a_large_bias_are_told() {
     let mut scaled = flight(0);
     scaled.samples.iter_mut().for_each(|(_, sample)| sample.accel /= 9.806_65);
-    assert_found(&scaled.report(), "gravity", Verdict::NotFit, "m/s² is expected");
+    assert_found(&scaled.report(), "gravity", Fitness::NotFit, "m/s² is expected");
 
     let mut turned = flight(0);
     turned.config.vehicle.imu_to_vehicle_deg = [0.0, 0.0, 0.0];
-    assert_found(&turned.report(), "mounting", Verdict::NotFit, "imu_to_vehicle_deg");
+    assert_found(&turned.report(), "mounting", Fitness::NotFit, "imu_to_vehicle_deg");
 
     let mut biased = flight(0);
     biased.samples.iter_mut().for_each(|(_, sample)| sample.gyro.z += 0.4);
-    assert_found(&biased.report(), "gyroscope bias", Verdict::NotFit, "calibrate its gyroscope");
+    assert_found(&biased.report(), "gyroscope bias", Fitness::NotFit, "calibrate its gyroscope");
 }
 
 #[test]
@@ -215,7 +215,26 @@ fn what_the_data_do_not_hold_is_no_verdict() {
     flying.frames.retain(|(_, stamp, _)| stamp.seconds_since(begin) > 3.0);
     let report = flying.report();
     for name in ["gravity", "mounting", "gyroscope bias"] {
-        assert_eq!(measure(&report, name).verdict, Verdict::NotMeasured, "{}", told(&report));
+        assert_eq!(measure(&report, name).verdict, Fitness::NotMeasured, "{}", told(&report));
     }
     assert!(report.is_fit(), "{}", told(&report));
+}
+
+#[test]
+fn units_and_columns_are_named_before_their_consequences() {
+    let in_g = flight(0).with(|data| data.samples.iter_mut().for_each(|(_, sample)| sample.accel /= 9.80665));
+    let report = in_g.report();
+    assert_found(&report, "units and columns", Fitness::NotFit, "in units of gravity");
+    let exchanged = flight(0).with(|data| {
+        data.samples.iter_mut().for_each(|(_, sample)| std::mem::swap(&mut sample.gyro, &mut sample.accel));
+    });
+    let report = exchanged.report();
+    assert_found(
+        &report,
+        "units and columns",
+        Fitness::NotFit,
+        "columns of gyroscope and accelerometer are swapped",
+    );
+    assert_eq!(report.measures[0].name, "units and columns");
+    assert!(flight(0).report().measure("units and columns").is_none());
 }

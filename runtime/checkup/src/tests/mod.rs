@@ -4,7 +4,7 @@
 mod faults;
 mod recorded;
 
-use crate::{Checkup, Frame, Report, Verdict};
+use crate::{Checkup, CheckupReport, Fitness, Frame};
 use plumbline_config::{Config, GrayImage, ImuSample, Timestamp};
 use plumbline_drivers::simulator::{FlightPath, Scenario, Simulator};
 use plumbline_drivers::{ImuSource as _, StereoFrame};
@@ -18,7 +18,7 @@ struct Data {
 }
 
 impl Data {
-    fn report(&self) -> Report {
+    fn report(&self) -> CheckupReport {
         let mut checkup = Checkup::new(&self.config);
         self.samples.iter().for_each(|(sequence, sample)| checkup.add_sample(*sequence, sample));
         for (sequence, stamp, images) in &self.frames {
@@ -75,11 +75,11 @@ fn simulated(path: FlightPath, start_s: f64, duration_s: f64, frames: usize) -> 
 }
 
 /// The measure of this name, which is there.
-fn measure<'a>(report: &'a Report, name: &str) -> &'a crate::Measure {
+fn measure<'a>(report: &'a CheckupReport, name: &str) -> &'a crate::Measure {
     report.measure(name).unwrap_or_else(|| panic!("{name} is looked at"))
 }
 
-fn told(report: &Report) -> String {
+fn told(report: &CheckupReport) -> String {
     let line =
         |m: &crate::Measure| format!("{:<13} {:<32} {} [{}]", m.verdict.to_string(), m.name, m.value, m.cure);
     report.measures.iter().map(line).collect::<Vec<_>>().join("\n")
@@ -87,7 +87,7 @@ fn told(report: &Report) -> String {
 
 /// That a fault is found under this name, with these words in value or cure, and how bad it is.
 #[track_caller]
-fn assert_found(report: &Report, name: &str, at_least: Verdict, words: &str) {
+fn assert_found(report: &CheckupReport, name: &str, at_least: Fitness, words: &str) {
     let found = measure(report, name);
     let text = format!("{} [{}]", found.value, found.cure);
     assert!(found.verdict >= at_least && text.contains(words), "{}", told(report));

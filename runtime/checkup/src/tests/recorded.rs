@@ -1,5 +1,5 @@
 use super::{measure, told};
-use crate::{Checkup, Frame, Verdict};
+use crate::{Checkup, Fitness, Frame};
 use plumbline_config::{Config, import};
 use plumbline_drivers::{EurocDataset, EurocOptions, ImuSource as _, StereoSource as _};
 
@@ -27,8 +27,8 @@ fn the_real_clip_of_a_drone_that_stands_is_fit() {
     assert!((gravity - 9.8).abs() < 0.1, "{gravity}");
     let epipolar = measure(&report, "epipolar error");
     assert!(epipolar.figure("median_px").unwrap() < 0.5, "{}", told(&report));
-    assert_eq!(measure(&report, "mounting").verdict, Verdict::Good, "{}", told(&report));
+    assert_eq!(measure(&report, "mounting").verdict, Fitness::Good, "{}", told(&report));
     for name in ["IMU timing", "camera timing", "stereo pairs", "IMU axes", "exposure"] {
-        assert_eq!(measure(&report, name).verdict, Verdict::Good, "{}", told(&report));
+        assert_eq!(measure(&report, name).verdict, Fitness::Good, "{}", told(&report));
     }
 }

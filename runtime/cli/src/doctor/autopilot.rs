@@ -1,6 +1,6 @@
 //! Whether the autopilot answers.
 
-use super::verdict::Verdict;
+use super::verdict::CheckVerdict;
 use mavlink::MavHeader;
 use mavlink::dialects::common::{MavMessage, MavState};
 use plumbline_config::options::{AutopilotConfig, AutopilotEndpoint};
@@ -17,15 +17,15 @@ const PATIENCE_NS: i64 = 3_000_000_000;
 const HEARTBEAT_NS: i64 = 500_000_000;
 
 /// Listens for a message of the autopilot that is configured.
-pub(super) fn check(config: &AutopilotConfig) -> Verdict {
+pub(super) fn check(config: &AutopilotConfig) -> CheckVerdict {
     if config.connect.is_empty() {
-        return Verdict::Fine("none configured".into());
+        return CheckVerdict::Fine("none configured".into());
     }
     let link = AutopilotEndpoint::parse(&config.connect)
         .and_then(|endpoint| Link::open(&endpoint).map_err(|error| error.to_string()));
     match link {
         Ok(mut link) => judge(config, &heard(&mut link, config.system_id)),
-        Err(words) => Verdict::NotFit(words),
+        Err(words) => CheckVerdict::NotFit(words),
     }
 }
 
@@ -61,17 +61,17 @@ fn heartbeat(system_id: u32) -> Vec<u8> {
     bytes
 }
 
-fn judge(config: &AutopilotConfig, heard: &BTreeSet<(u32, u8)>) -> Verdict {
+fn judge(config: &AutopilotConfig, heard: &BTreeSet<(u32, u8)>) -> CheckVerdict {
     let (address, system_id) = (&config.connect, config.system_id);
     if heard.contains(&(system_id, AUTOPILOT)) {
-        return Verdict::Fine(format!("system {system_id} answers at {address}"));
+        return CheckVerdict::Fine(format!("system {system_id} answers at {address}"));
     }
     if let Some((other, _)) = heard.iter().find(|(_, component)| *component == AUTOPILOT) {
-        return Verdict::NotFit(format!(
+        return CheckVerdict::NotFit(format!(
             "{address}: system {other} answers, not {system_id}; set autopilot.system_id = {other}"
         ));
     }
-    Verdict::NotFit(format!(
+    CheckVerdict::NotFit(format!(
         "{address}: no message within {} s; check the wiring, the baud rate, and that MAVLink is enabled on that port",
         PATIENCE_NS / 1_000_000_000
     ))
@@ -83,7 +83,7 @@ mod tests {
     use std::net::UdpSocket;
 
     /// An autopilot of this system that answers the first datagram, or none.
-    fn verdict(answers_as: Option<u32>) -> Verdict {
+    fn verdict(answers_as: Option<u32>) -> CheckVerdict {
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
         let connect = format!("udp://{}", socket.local_addr().unwrap());
         let peer = std::thread::spawn(move || {
@@ -104,15 +104,17 @@ mod tests {
 
     #[test]
     fn an_autopilot_that_answers_is_named_and_another_system_too() {
-        assert!(matches!(verdict(Some(1)), Verdict::Fine(words) if words.contains("system 1 answers")));
+        assert!(matches!(verdict(Some(1)), CheckVerdict::Fine(words) if words.contains("system 1 answers")));
         assert!(
-            matches!(verdict(Some(7)), Verdict::NotFit(words) if words.contains("autopilot.system_id = 7"))
+            matches!(verdict(Some(7)), CheckVerdict::NotFit(words) if words.contains("autopilot.system_id = 7"))
         );
     }
 
     #[test]
     fn silence_is_not_fit_and_no_autopilot_is_fine() {
-        assert!(matches!(verdict(None), Verdict::NotFit(words) if words.contains("no message within 3 s")));
-        assert!(matches!(check(&AutopilotConfig::default()), Verdict::Fine(_)));
+        assert!(
+            matches!(verdict(None), CheckVerdict::NotFit(words) if words.contains("no message within 3 s"))
+        );
+        assert!(matches!(check(&AutopilotConfig::default()), CheckVerdict::Fine(_)));
     }
 }

@@ -2,8 +2,9 @@
 
 use super::super::scenario::parse_scene;
 use anyhow::{Result, anyhow};
-use plumbline_checkup::{Checkup, Frame, Report};
-use plumbline_config::{Config, GrayImage, ImuSample, Timestamp, ValidConfig};
+use plumbline_checkup::{Checkup, CheckupReport, Frame};
+use plumbline_config::options::image_sizes;
+use plumbline_config::{GrayImage, ImuSample, Timestamp, ValidConfig};
 use plumbline_drivers::simulator::Scenario;
 use plumbline_drivers::{
     BagTopics, CameraMonitor, DriverError, ImuSource, StereoFrame, StereoSource, StopFlag,
@@ -81,11 +82,11 @@ type Note = (u64, Timestamp, [bool; 2]);
 ///
 /// # Errors
 /// When a stream breaks off.
-pub(super) fn examine(streams: Streams) -> Result<Report> {
+pub(super) fn examine(streams: Streams) -> Result<CheckupReport> {
     let Streams { config, imu, stereo, live, monitor } = streams;
     let mut checkup = Checkup::new(&config);
     let (send, receive) = sync_channel(QUEUE);
-    let (frame, is_live) = (StereoFrame::new(sizes_px(&config)), live.is_some());
+    let (frame, is_live) = (StereoFrame::new(image_sizes(&config.camera)), live.is_some());
     scope(|threads| {
         let samples = threads.spawn(move || read_samples(imu));
         let notes = threads.spawn(move || read_frames(stereo, frame, &send, is_live));
@@ -101,10 +102,6 @@ pub(super) fn examine(streams: Streams) -> Result<Report> {
         }
         Ok(checkup.report())
     })
-}
-
-fn sizes_px(config: &Config) -> [(usize, usize); 2] {
-    [0, 1].map(|k| config.camera.get(k).map_or((0, 0), |camera| (camera.width_px, camera.height_px)))
 }
 
 /// Looks at what comes until nothing comes any more; live streams are ended when their time is over.

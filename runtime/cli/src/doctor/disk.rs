@@ -1,6 +1,6 @@
 //! Whether a folder has room for recordings, and takes them as fast as they come.
 
-use super::verdict::Verdict;
+use super::verdict::CheckVerdict;
 use plumbline_config::Config;
 use plumbline_config::options::{CameraConfig, ImageRecording};
 use std::fs::OpenOptions;
@@ -34,16 +34,16 @@ fn rate_mb_s(config: &Config) -> f64 {
 }
 
 /// Tries the folder.
-pub(super) fn check(config: &Config, folder: &Path) -> Verdict {
+pub(super) fn check(config: &Config, folder: &Path) -> CheckVerdict {
     let named = folder.display();
     let room_mb = match rustix::fs::statvfs(folder) {
         Ok(fs) => fs.f_bavail as f64 * fs.f_frsize as f64 / MB as f64,
-        Err(error) => return Verdict::NotFit(format!("{named}: {error}; name a folder that is there")),
+        Err(error) => return CheckVerdict::NotFit(format!("{named}: {error}; name a folder that is there")),
     };
     let speed_mb_s = if room_mb > (2 * TRIAL_MB) as f64 {
         match speed_mb_s(folder) {
             Ok(speed) => speed,
-            Err(error) => return Verdict::NotFit(format!("{named}: cannot be written ({error})")),
+            Err(error) => return CheckVerdict::NotFit(format!("{named}: cannot be written ({error})")),
         }
     } else {
         f64::NAN
@@ -52,29 +52,31 @@ pub(super) fn check(config: &Config, folder: &Path) -> Verdict {
 }
 
 /// `limit_mb` is what a recording takes at most; the speed is not a number where there was no room to try it.
-fn judge(rate_mb_s: f64, limit_mb: f64, room_mb: f64, speed_mb_s: f64) -> Verdict {
+fn judge(rate_mb_s: f64, limit_mb: f64, room_mb: f64, speed_mb_s: f64) -> CheckVerdict {
     let minutes = room_mb / rate_mb_s / 60.0;
     let words = format!(
         "room for {minutes:.0} minutes ({:.1} GB), takes {speed_mb_s:.0} MB/s, a recording needs {rate_mb_s:.1}",
         room_mb * 1e-3
     );
     if room_mb < LEAST_S * rate_mb_s {
-        return Verdict::NotFit(format!("{words}; make room"));
+        return CheckVerdict::NotFit(format!("{words}; make room"));
     }
     if speed_mb_s < rate_mb_s {
-        return Verdict::NotFit(format!(
+        return CheckVerdict::NotFit(format!(
             "{words}: frames would be lost; take a faster disk, or recorder.images = \"none\""
         ));
     }
     if speed_mb_s < RESERVE * rate_mb_s {
-        return Verdict::Poor(format!("{words}: little reserve; a faster disk loses nothing when it stalls"));
+        return CheckVerdict::Poor(format!(
+            "{words}: little reserve; a faster disk loses nothing when it stalls"
+        ));
     }
     if room_mb < limit_mb {
-        return Verdict::Poor(format!(
+        return CheckVerdict::Poor(format!(
             "{words}; recorder.max_total_mb = {limit_mb:.0} is more than there is room for"
         ));
     }
-    Verdict::Fine(words)
+    CheckVerdict::Fine(words)
 }
 
 /// Speed at which what is written reaches the disk, MB/s.
@@ -118,17 +120,21 @@ mod tests {
         assert!(verdict.told().1.contains("room for"), "{verdict:?}");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
         let nowhere = check(&Config::preset("sim").unwrap(), Path::new("/nowhere/at-all"));
-        assert!(matches!(&nowhere, Verdict::NotFit(words) if words.contains("/nowhere/at-all")));
+        assert!(matches!(&nowhere, CheckVerdict::NotFit(words) if words.contains("/nowhere/at-all")));
     }
 
     #[test]
     fn room_and_speed_are_judged_by_what_a_recording_needs() {
         let verdict = |room_mb: f64, speed: f64| judge(10.0, 16_000.0, room_mb, speed);
-        assert!(matches!(verdict(20_000.0, 100.0), Verdict::Fine(_)));
-        assert!(matches!(verdict(5_000.0, 100.0), Verdict::Poor(words) if words.contains("max_total_mb")));
-        assert!(matches!(verdict(20_000.0, 15.0), Verdict::Poor(words) if words.contains("reserve")));
-        assert!(matches!(verdict(20_000.0, 9.0), Verdict::NotFit(words) if words.contains("faster disk")));
-        assert!(matches!(verdict(500.0, 100.0), Verdict::NotFit(words) if words.contains("make room")));
-        assert!(matches!(verdict(100.0, f64::NAN), Verdict::NotFit(_)));
+        assert!(matches!(verdict(20_000.0, 100.0), CheckVerdict::Fine(_)));
+        assert!(
+            matches!(verdict(5_000.0, 100.0), CheckVerdict::Poor(words) if words.contains("max_total_mb"))
+        );
+        assert!(matches!(verdict(20_000.0, 15.0), CheckVerdict::Poor(words) if words.contains("reserve")));
+        assert!(
+            matches!(verdict(20_000.0, 9.0), CheckVerdict::NotFit(words) if words.contains("faster disk"))
+        );
+        assert!(matches!(verdict(500.0, 100.0), CheckVerdict::NotFit(words) if words.contains("make room")));
+        assert!(matches!(verdict(100.0, f64::NAN), CheckVerdict::NotFit(_)));
     }
 }

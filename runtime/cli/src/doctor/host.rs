@@ -1,6 +1,6 @@
 //! Whether this host and this configuration are fit for a flight.
 
-use super::verdict::{Check, Verdict};
+use super::verdict::{Check, CheckVerdict};
 use plumbline_config::Config;
 use plumbline_flight::schedule::bare_timer;
 use plumbline_flight::schedule::host::{Refusal, limit_idle_latency, lock_memory, pin, raise_priority};
@@ -30,49 +30,49 @@ pub(super) fn checks(config: &Config, table: &TaskTable, watch: Duration) -> Vec
     ]
 }
 
-fn configuration(config: &Config) -> Verdict {
+fn configuration(config: &Config) -> CheckVerdict {
     let hash = plumbline_flight::pipeline::digest::config_hash(config);
     let cameras = config.camera.len();
     let words = format!("valid, {cameras} camera(s), IMU at {} Hz, hash {}", config.imu.rate_hz, &hash[..16]);
     if cameras == 2 {
-        Verdict::Fine(words)
+        CheckVerdict::Fine(words)
     } else {
-        Verdict::Poor(format!("{words}; one camera finds its scale late"))
+        CheckVerdict::Poor(format!("{words}; one camera finds its scale late"))
     }
 }
 
-fn processors() -> Verdict {
+fn processors() -> CheckVerdict {
     match std::thread::available_parallelism().map_or(1, usize::from) {
-        1 => Verdict::Poor("one: front-end and window take turns; give the process two".into()),
-        n => Verdict::Fine(format!("{n}")),
+        1 => CheckVerdict::Poor("one: front-end and window take turns; give the process two".into()),
+        n => CheckVerdict::Fine(format!("{n}")),
     }
 }
 
 /// On a thread of its own: the priority goes with it.
-fn priority(table: &TaskTable) -> Verdict {
+fn priority(table: &TaskTable) -> CheckVerdict {
     let priority = table.row(TaskId::Tick).priority.unwrap_or(1);
     match std::thread::spawn(move || raise_priority(priority)).join() {
-        Ok(Ok(())) => Verdict::Fine(format!("SCHED_FIFO {priority}")),
-        Ok(Err(refusal)) => Verdict::Poor(refusal.to_string()),
-        Err(_) => Verdict::Poor("cannot be tried".into()),
+        Ok(Ok(())) => CheckVerdict::Fine(format!("SCHED_FIFO {priority}")),
+        Ok(Err(refusal)) => CheckVerdict::Poor(refusal.to_string()),
+        Err(_) => CheckVerdict::Poor("cannot be tried".into()),
     }
 }
 
-fn memory() -> Verdict {
+fn memory() -> CheckVerdict {
     match lock_memory() {
-        Ok(()) => Verdict::Fine("granted".into()),
-        Err(refusal) => Verdict::Poor(refusal.to_string()),
+        Ok(()) => CheckVerdict::Fine("granted".into()),
+        Err(refusal) => CheckVerdict::Poor(refusal.to_string()),
     }
 }
 
-fn pinning(config: &Config) -> Verdict {
+fn pinning(config: &Config) -> CheckVerdict {
     let wanted = [&config.runtime.tick_cpus, &config.runtime.work_cpus].map(Clone::clone);
     let outcome = std::thread::spawn(move || wanted.iter().try_for_each(|cpus| pin(cpus))).join();
     match outcome {
-        Ok(Ok(())) if config.runtime.tick_cpus.is_empty() => Verdict::Fine("none asked for".into()),
-        Ok(Ok(())) => Verdict::Fine(format!("tick on {:?}", config.runtime.tick_cpus)),
-        Ok(Err(refusal)) => Verdict::Poor(refusal.to_string()),
-        Err(_) => Verdict::Poor("cannot be tried".into()),
+        Ok(Ok(())) if config.runtime.tick_cpus.is_empty() => CheckVerdict::Fine("none asked for".into()),
+        Ok(Ok(())) => CheckVerdict::Fine(format!("tick on {:?}", config.runtime.tick_cpus)),
+        Ok(Err(refusal)) => CheckVerdict::Poor(refusal.to_string()),
+        Err(_) => CheckVerdict::Poor("cannot be tried".into()),
     }
 }
 
@@ -82,45 +82,45 @@ fn line_of(path: &str) -> Option<String> {
 }
 
 /// In a virtual machine even the shallowest sleep is left only when its host gets round to it.
-fn sleep(config: &Config, refusal: Option<&Refusal>) -> Verdict {
+fn sleep(config: &Config, refusal: Option<&Refusal>) -> CheckVerdict {
     let us = config.runtime.idle_latency_us;
     let is_virtual = line_of("/sys/devices/system/cpu/cpuidle/current_driver").as_deref() == Some("haltpoll");
     match refusal {
-        Some(refusal) => Verdict::Poor(refusal.to_string()),
-        None if is_virtual && us != 0 => Verdict::Poor(
+        Some(refusal) => CheckVerdict::Poor(refusal.to_string()),
+        None if is_virtual && us != 0 => CheckVerdict::Poor(
             "a virtual machine: runtime.idle_latency_us = 0 keeps its processors awake, and ticks in time"
                 .into(),
         ),
-        None if us < 0 => Verdict::Fine("left to the system".into()),
-        None if us == 0 => Verdict::Fine("processors stay awake in flight".into()),
-        None => Verdict::Fine(format!("processors wake up within {us} us in flight")),
+        None if us < 0 => CheckVerdict::Fine("left to the system".into()),
+        None if us == 0 => CheckVerdict::Fine("processors stay awake in flight".into()),
+        None => CheckVerdict::Fine(format!("processors wake up within {us} us in flight")),
     }
 }
 
-fn governor() -> Verdict {
+fn governor() -> CheckVerdict {
     match line_of("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor").as_deref() {
-        None => Verdict::Fine("not adjustable here".into()),
-        Some("performance") => Verdict::Fine("performance".into()),
-        Some(other) => {
-            Verdict::Poor(format!("{other}: set it to performance (cpupower frequency-set -g performance)"))
-        }
+        None => CheckVerdict::Fine("not adjustable here".into()),
+        Some("performance") => CheckVerdict::Fine("performance".into()),
+        Some(other) => CheckVerdict::Poor(format!(
+            "{other}: set it to performance (cpupower frequency-set -g performance)"
+        )),
     }
 }
 
-fn clock_source() -> Verdict {
+fn clock_source() -> CheckVerdict {
     match line_of("/sys/devices/system/clocksource/clocksource0/current_clocksource") {
         Some(name) if name.contains("hpet") || name.contains("acpi") || name == "jiffies" => {
-            Verdict::Poor(format!("{name} is slow to read; tsc or the architecture's own is better"))
+            CheckVerdict::Poor(format!("{name} is slow to read; tsc or the architecture's own is better"))
         }
-        Some(name) => Verdict::Fine(name),
-        None => Verdict::Fine("not told".into()),
+        Some(name) => CheckVerdict::Fine(name),
+        None => CheckVerdict::Fine("not told".into()),
     }
 }
 
-fn kernel() -> Verdict {
+fn kernel() -> CheckVerdict {
     let release = line_of("/proc/sys/kernel/osrelease").unwrap_or_else(|| "unknown".into());
     if line_of("/sys/kernel/realtime").as_deref() == Some("1") {
-        return Verdict::Fine(format!("{release}, PREEMPT_RT"));
+        return CheckVerdict::Fine(format!("{release}, PREEMPT_RT"));
     }
     let has = |path: &str, word: &str| line_of(path).is_some_and(|line| line.contains(word));
     let hint = if has("/proc/sys/kernel/version", "PREEMPT_DYNAMIC") && !has("/proc/cmdline", "preempt=full")
@@ -129,15 +129,15 @@ fn kernel() -> Verdict {
     } else {
         ""
     };
-    Verdict::Fine(format!("{release}, without PREEMPT_RT: see what the timer below says of it{hint}"))
+    CheckVerdict::Fine(format!("{release}, without PREEMPT_RT: see what the timer below says of it{hint}"))
 }
 
-fn timer(config: &Config, table: &TaskTable, watch: Duration) -> Verdict {
+fn timer(config: &Config, table: &TaskTable, watch: Duration) -> CheckVerdict {
     let (task, cpus) = (*table.row(TaskId::Tick), config.runtime.tick_cpus.clone());
     let timed = std::thread::spawn(move || {
         bare_timer::run(task.period, task.priority, &cpus, watch, &AtomicBool::new(false))
     });
-    let Ok(timer) = timed.join() else { return Verdict::Poor("cannot be tried".into()) };
+    let Ok(timer) = timed.join() else { return CheckVerdict::Poor("cannot be tried".into()) };
     let late = timer.late_ms.percentiles();
     let words = format!(
         "{} releases of a bare timer: late by {:.3} ms at the median, p99 {:.3}, p99.9 {:.3}, largest {:.3}",
@@ -148,9 +148,9 @@ fn timer(config: &Config, table: &TaskTable, watch: Duration) -> Verdict {
         late.max
     );
     if late.max <= LATE_MS {
-        Verdict::Fine(words)
+        CheckVerdict::Fine(words)
     } else {
-        Verdict::Poor(format!(
+        CheckVerdict::Poor(format!(
             "{words}; the host itself makes ticks late (other load, power saving, a virtual machine)"
         ))
     }

@@ -14,7 +14,7 @@ use super::topics::TopicArgs;
 use super::{Usage, load_config, say};
 use anyhow::{Result, bail};
 use clap::Args;
-use plumbline_checkup::{Measure, Report, Verdict};
+use plumbline_checkup::{CheckupReport, Fitness, Measure};
 use plumbline_config::Config;
 use plumbline_flight::flight::with_overrides;
 use plumbline_flight::schedule::tasks::TaskTable;
@@ -112,7 +112,7 @@ pub fn run(args: &DoctorArgs) -> Result<()> {
 fn tell(
     args: &DoctorArgs,
     host: Option<(Vec<Check>, TaskTable)>,
-    sensors: Option<(String, Report)>,
+    sensors: Option<(String, CheckupReport)>,
 ) -> Result<()> {
     if args.json {
         say(serde_json::to_string_pretty(&as_json(host.as_ref(), sensors.as_ref()))?);
@@ -122,14 +122,14 @@ fn tell(
     }
     let (checks, measures) = (all_checks(host.as_ref()), all_measures(sensors.as_ref()));
     let checks_against = checks.iter().filter(|(_, verdict)| verdict.is_not_fit()).map(|(name, _)| *name);
-    let measures_against = measures.iter().filter(|m| m.verdict == Verdict::NotFit).map(|m| m.name);
+    let measures_against = measures.iter().filter(|m| m.verdict == Fitness::NotFit).map(|m| m.name);
     let against: Vec<&str> = checks_against.chain(measures_against).collect();
     if !against.is_empty() {
         bail!("not fit to fly: {}", against.join(", "));
     }
     if !args.json {
         let poor = checks.iter().filter(|(_, verdict)| verdict.is_poor()).count();
-        let to_mind = measures.iter().filter(|m| m.verdict == Verdict::Mind).count();
+        let to_mind = measures.iter().filter(|m| m.verdict == Fitness::Mind).count();
         say(format_args!("\n{}", fit(poor + to_mind)));
     }
     Ok(())
@@ -139,7 +139,7 @@ fn all_checks(host: Option<&(Vec<Check>, TaskTable)>) -> &[Check] {
     host.map_or(&[], |(checks, _)| checks)
 }
 
-fn all_measures(sensors: Option<&(String, Report)>) -> &[Measure] {
+fn all_measures(sensors: Option<&(String, CheckupReport)>) -> &[Measure] {
     sensors.map_or(&[], |(_, report)| &report.measures)
 }
 
@@ -160,7 +160,7 @@ fn print_host(checks: &[Check], table: &TaskTable) {
 }
 
 /// A line for each measure, and its cure below it.
-fn print(name: &str, report: &Report) {
+fn print(name: &str, report: &CheckupReport) {
     say(format_args!("{name}:"));
     for measure in &report.measures {
         say(format_args!("{:<13} {:<31} {}", measure.verdict, measure.name, measure.value));
@@ -170,7 +170,7 @@ fn print(name: &str, report: &Report) {
     }
 }
 
-fn as_json(host: Option<&(Vec<Check>, TaskTable)>, sensors: Option<&(String, Report)>) -> Value {
+fn as_json(host: Option<&(Vec<Check>, TaskTable)>, sensors: Option<&(String, CheckupReport)>) -> Value {
     let is_host_fit = !all_checks(host).iter().any(|(_, verdict)| verdict.is_not_fit());
     let mut all = json!({"fit": is_host_fit && sensors.is_none_or(|(_, report)| report.is_fit())});
     if let Some((checks, _)) = host {

@@ -2,7 +2,7 @@
 
 /// How a check came out.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) enum Verdict {
+pub(super) enum CheckVerdict {
     Fine(String),
     /// A flight is possible, with this against it.
     Poor(String),
@@ -10,7 +10,7 @@ pub(super) enum Verdict {
     NotFit(String),
 }
 
-impl Verdict {
+impl CheckVerdict {
     /// A mark, and what was found.
     pub(super) fn told(&self) -> (&'static str, &str) {
         match self {
@@ -30,4 +30,4 @@ impl Verdict {
 }
 
 /// A check by its name.
-pub(super) type Check = (&'static str, Verdict);
+pub(super) type Check = (&'static str, CheckVerdict);

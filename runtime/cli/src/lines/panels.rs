@@ -3,7 +3,8 @@
 use super::Layer;
 use plumbline_config::ImageView;
 use plumbline_estimator::lines::Segment;
-use plumbline_lab::picture::{GLYPH_HEIGHT, Picture, Rgb, text_width};
+use plumbline_lab::picture::{Picture, Rgb};
+use plumbline_lab::plot::Caption;
 
 /// The image is darkened to this share of its light.
 const BRIGHTNESS: f32 = 0.45;
@@ -57,8 +58,8 @@ pub(super) fn side_by_side(image: &ImageView<'_>, layers: [(Layer, &[Segment]); 
 
 /// Sizes of what surrounds the images, px.
 struct Sizes {
-    /// A dot of the letters.
-    dot: usize,
+    /// A tenth of the letters.
+    unit: usize,
     /// Between panels.
     gap: usize,
     /// Height of the caption.
@@ -67,20 +68,22 @@ struct Sizes {
 
 impl Sizes {
     fn of(image: &ImageView<'_>) -> Self {
-        let dot = (image.width() / 320).max(1);
-        Self { dot, gap: 4 * dot, strip: (GLYPH_HEIGHT + 8) * dot }
+        let unit = (image.width() / 320).max(1);
+        Self { unit, gap: 4 * unit, strip: 15 * unit }
     }
 
     fn caption(&self, picture: &mut Picture, left: usize, width: usize, layer: Layer, count: usize) {
-        let (number, top) = (format!("{count}"), 4 * self.dot);
-        let name_left = left + 2 * self.dot;
-        let number_left = name_left + (text_width(layer.name()) + 6) * self.dot;
-        picture.text(layer.name(), name_left, top, self.dot, colour(layer));
-        picture.text(&number, number_left, top, self.dot, CAPTION);
-        let unit_left = number_left + (text_width(&number) + 6) * self.dot;
-        let unit = if count == 1 { "segment" } else { "segments" };
-        if unit_left + text_width(unit) * self.dot <= left + width {
-            picture.text(unit, unit_left, top, self.dot, CAPTION);
+        let things = if count == 1 { "segment" } else { "segments" };
+        let mut at = left + 2 * self.unit;
+        for (words, colour) in
+            [(layer.name(), colour(layer)), (&count.to_string(), CAPTION), (things, CAPTION)]
+        {
+            let caption = Caption::new(words, 10 * self.unit, colour);
+            if at + caption.width() > left + width {
+                return;
+            }
+            caption.draw(picture, at, self.strip / 2);
+            at += caption.width() + 6 * self.unit;
         }
     }
 }

@@ -5,6 +5,7 @@
 //! median.
 
 use crate::schedule::ticker::Monotonic;
+use plumbline_config::median_by;
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -137,8 +138,7 @@ impl TimeSync {
         let limit = quickest + quickest / 2 + QUICK_NS;
         let quick = self.samples.iter().filter(|s| s.round_trip_ns <= limit);
         let mut offsets: Vec<i64> = quick.map(|s| s.offset_ns).collect();
-        offsets.sort_unstable();
-        offsets.get(offsets.len() / 2).copied().unwrap_or(0)
+        median_by(&mut offsets, Ord::cmp).unwrap_or(0)
     }
 }
 

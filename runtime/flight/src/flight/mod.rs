@@ -66,6 +66,28 @@ pub struct Flight {
 }
 
 impl Flight {
+    /// A flight of these streams, without truth, map or earlier flight, whose samples are stamped already.
+    #[must_use]
+    pub fn new(
+        config: ValidConfig,
+        imu: Box<dyn ImuSource>,
+        stereo: Box<dyn StereoSource>,
+        name: String,
+    ) -> Self {
+        Self {
+            config,
+            imu,
+            stereo,
+            truth: Truth::None,
+            name,
+            findings: Vec::new(),
+            log_end: None,
+            map: None,
+            stamps: Stamps::Replayed,
+            first_reset_counter: 0,
+        }
+    }
+
     /// Returns the flight with `faults` in its frames, drawn with `seed`.
     #[must_use]
     pub fn with_faults(self, faults: FrameFaults, seed: u64) -> Self {

@@ -5,7 +5,6 @@ use super::plausibility::{Finding, missing_camera};
 use super::{Flight, FlightError, Truth};
 use crate::log::source::{LogEnd, LogImu, LogStereo};
 use crate::log::{LogError, LogReader};
-use crate::pipeline::Stamps;
 use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::{Config, ConfigError, ImuSample, ValidConfig, import};
 use plumbline_drivers::bag::{is_bag, read_bag_imu};
@@ -61,18 +60,9 @@ pub fn open_dataset(
         config = with_cameras(&config, dataset.cameras())?;
     }
     let truth = dataset.ground_truth()?.map_or(Truth::None, |states| Truth::of_states(&states));
-    Ok(Flight {
-        imu: Box::new(dataset.imu()),
-        stereo: Box::new(dataset.stereo()),
-        truth,
-        name: path.display().to_string(),
-        config,
-        findings,
-        log_end: None,
-        map: None,
-        stamps: Stamps::Replayed,
-        first_reset_counter: 0,
-    })
+    let name = path.display().to_string();
+    let flight = Flight::new(config, Box::new(dataset.imu()), Box::new(dataset.stereo()), name);
+    Ok(Flight { truth, findings, ..flight })
 }
 
 /// Whether `path` is that of a flight log.
@@ -98,18 +88,9 @@ pub fn open_log(
     }
     let (cut, end) = (cut.into(), LogEnd::default());
     let stereo = LogStereo::open(path, cut.frames, config.camera.len() == 1)?;
-    Ok(Flight {
-        imu: Box::new(LogImu::open(path)?.ending_at(&end)),
-        stereo: Box::new(stereo.within_s(cut.seconds).ending_at(&end)),
-        truth: Truth::None,
-        name: path.display().to_string(),
-        config,
-        findings: Vec::new(),
-        log_end: Some(end),
-        map: None,
-        stamps: Stamps::Replayed,
-        first_reset_counter: 0,
-    })
+    let imu = Box::new(LogImu::open(path)?.ending_at(&end));
+    let stereo = Box::new(stereo.within_s(cut.seconds).ending_at(&end));
+    Ok(Flight { log_end: Some(end), ..Flight::new(config, imu, stereo, path.display().to_string()) })
 }
 
 /// What a recording is.
@@ -194,18 +175,8 @@ pub fn open_bag(
             "what comes before is sound; `mcap recover` repairs the file",
         ));
     }
-    Ok(Flight {
-        imu: Box::new(bag.imu()),
-        stereo: Box::new(bag.stereo()),
-        truth: Truth::None,
-        name: path.display().to_string(),
-        config,
-        findings,
-        log_end: None,
-        map: None,
-        stamps: Stamps::Replayed,
-        first_reset_counter: 0,
-    })
+    let name = path.display().to_string();
+    Ok(Flight { findings, ..Flight::new(config, Box::new(bag.imu()), Box::new(bag.stereo()), name) })
 }
 
 /// All inertial samples of a recording, in order of time, and the configuration that it holds, if it does: of a EuRoC data
@@ -275,21 +246,13 @@ pub fn open_simulation(
         draw_calibration(&mut config, scenario.calibration_error, scenario.seed);
     }
     let config = config.validated("the rig at this scale and with this error of the extrinsics")?;
-    Ok(Flight {
-        imu: Box::new(simulator.imu()),
-        stereo: match rendered {
-            Some(folder) => cache::frames(folder, &simulator, scenario)?,
-            None => Box::new(simulator.stereo()),
-        },
-        name: format!("simulated flight, {:?}, seed {}", scenario.scene, scenario.seed),
-        truth: Truth::Simulated(simulator),
-        config,
-        findings: Vec::new(),
-        log_end: None,
-        map: None,
-        stamps: Stamps::Replayed,
-        first_reset_counter: 0,
-    })
+    let stereo = match rendered {
+        Some(folder) => cache::frames(folder, &simulator, scenario)?,
+        None => Box::new(simulator.stereo()),
+    };
+    let name = format!("simulated flight, {:?}, seed {}", scenario.scene, scenario.seed);
+    let flight = Flight::new(config, Box::new(simulator.imu()), stereo, name);
+    Ok(Flight { truth: Truth::Simulated(simulator), ..flight })
 }
 
 /// The preset for a flight of which no configuration is given: `sim`, or `euroc` where the inertial samples are real ones.

@@ -1,7 +1,7 @@
 //! Opening live sensors: the inertial sensor and the cameras that a configuration names.
 
 use super::capture::{Pairs, SharedMeter, StreamFigures, Watched};
-use super::{Flight, FlightError, Truth};
+use super::{Flight, FlightError};
 use crate::pipeline::Stamps;
 use plumbline_config::ValidConfig;
 use plumbline_config::options::{AutopilotEndpoint, ImuEndpoint};
@@ -64,18 +64,9 @@ pub fn open_sensors(config: &ValidConfig, stop: &StopFlag) -> Result<(Flight, Li
     let imu = SensorView { name: config.driver.imu.connect.clone(), monitor: imu.monitor, meter };
     let (stereo, meter) = Watched::<dyn StereoSource>::new(cameras.source, config.camera[0].rate_hz);
     let cameras = SensorView { name: cameras_name(config), monitor: cameras.monitor, meter };
-    let flight = Flight {
-        config: config.clone(),
-        imu: Box::new(source),
-        stereo: Box::new(stereo),
-        truth: Truth::None,
-        name: format!("live, {} and {}", cameras.name, imu.name),
-        findings: Vec::new(),
-        log_end: None,
-        map: None,
-        stamps: Stamps::OfHost,
-        first_reset_counter: 0,
-    };
+    let name = format!("live, {} and {}", cameras.name, imu.name);
+    let flight = Flight::new(config.clone(), Box::new(source), Box::new(stereo), name);
+    let flight = Flight { stamps: Stamps::OfHost, ..flight };
     Ok((flight, LiveSensors { imu, cameras, triggers }))
 }
 

@@ -105,7 +105,7 @@ impl Output for Estimate {
             ("health", Whole(health.0.into())),
             ("reset_counter", Whole((*reset_counter).into())),
         ];
-        fields.extend(figure_fields(figures).map(|(name, number)| (name, Whole(number))));
+        fields.extend(FrameFigures::NAMES.into_iter().zip(figures.values().map(|value| Whole(value.into()))));
         fields
     }
 }
@@ -138,40 +138,6 @@ impl Output for MapEstimate {
         }
         fields
     }
-}
-
-/// The figures of a frame, every one.
-fn figure_fields(figures: &FrameFigures) -> [(&'static str, i64); 13] {
-    let FrameFigures {
-        points_tracked,
-        points_stereo,
-        points_in_window,
-        lines_raw,
-        lines_kept,
-        lines_merged,
-        lines_matched,
-        lines_cut_short,
-        lines_in_window,
-        lines_in_structure,
-        keyframes,
-        iterations,
-        is_keyframe,
-    } = *figures;
-    [
-        ("points_tracked", points_tracked.into()),
-        ("points_stereo", points_stereo.into()),
-        ("points_in_window", points_in_window.into()),
-        ("lines_raw", lines_raw.into()),
-        ("lines_kept", lines_kept.into()),
-        ("lines_merged", lines_merged.into()),
-        ("lines_matched", lines_matched.into()),
-        ("lines_cut_short", lines_cut_short.into()),
-        ("lines_in_window", lines_in_window.into()),
-        ("lines_in_structure", lines_in_structure.into()),
-        ("keyframes", keyframes.into()),
-        ("iterations", iterations.into()),
-        ("is_keyframe", is_keyframe.into()),
-    ]
 }
 
 impl Output for Odometry {

@@ -11,10 +11,10 @@ use super::cursor::Cursor;
 use super::execute_map::MapExecution;
 use super::{LogError, image, proto};
 use crate::pipeline::digest::Digest;
-use crate::pipeline::image_sizes;
 use crate::pipeline::orders::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder, Verdict};
 use crate::schedule::ladder::Rung;
 use plumbline_config::Timestamp;
+use plumbline_config::options::image_sizes;
 use plumbline_drivers::{ImuReading, StereoFrame, StereoSource};
 use plumbline_estimator::places::PlaceMap;
 use plumbline_estimator::{
@@ -97,7 +97,7 @@ impl Execution {
     #[must_use]
     pub fn new(log: Cursor, images: Option<Box<dyn StereoSource>>, known: Option<PlaceMap>) -> Self {
         let config = &log.reader().about().config;
-        let frame = StereoFrame::new(image_sizes(config));
+        let frame = StereoFrame::new(image_sizes(&config.camera));
         let mut odometer = Odometer::new(config.setup());
         odometer.count_resets_from(log.reader().about().first_reset_counter);
         Self {

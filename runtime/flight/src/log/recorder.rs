@@ -13,11 +13,11 @@ use super::sync::SyncThread;
 use super::writer::{Limits, LogWriter};
 use crate::pipeline::clock::CpuStopwatch;
 use crate::pipeline::event::Event;
-use crate::pipeline::image_sizes;
 use crate::pipeline::listener::{Listener, Producer, Subscriber};
 use crate::pipeline::orders::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder};
 use crate::schedule::queue::Queue;
 use plumbline_config::ValidConfig;
+use plumbline_config::options::image_sizes;
 use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{Estimate, Odometry};
@@ -265,7 +265,7 @@ impl Recorder {
             when_full,
         });
         for _ in 0..frames {
-            let mut frame = StereoFrame::new(image_sizes(config));
+            let mut frame = StereoFrame::new(image_sizes(&config.camera));
             // Touched now: a first touch in flight is a fault of the page.
             frame.images.iter_mut().for_each(|image| image.pixels_mut().fill(1));
             let _ = shared.free_frames.push(frame);

@@ -9,8 +9,9 @@ use super::places::{PlaceChoice, PlacesStage};
 use super::stages::{self, FrontStage, Job, WindowStage};
 use super::team::Team;
 use super::tick::{CORRECTION_DELAY_NS, TickStage};
-use super::{Control, DriverFaults, Outcome, PlacesEnd, RunError, RunOptions, Streams, image_sizes};
+use super::{Control, DriverFaults, Outcome, PlacesEnd, RunError, RunOptions, Streams};
 use crate::schedule::ladder::Rung;
+use plumbline_config::options::image_sizes;
 use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::{DriverError, ImuReading, ImuSource, Prefetch, StereoFrame, StereoSource};
 use plumbline_estimator::places::{PlaceJob, PlaceMap};
@@ -88,7 +89,7 @@ impl<'a> InOrder<'a> {
         options: &RunOptions,
         control: &Control,
     ) -> Result<Outcome, RunError> {
-        let sizes_px = image_sizes(config);
+        let sizes_px = image_sizes(&config.camera);
         let mut stereo: Box<dyn StereoSource> = match options.threads {
             0 | 1 => stereo,
             _ => Box::new(Prefetch::new(stereo, sizes_px, config.driver.image_queue)?),

@@ -107,7 +107,7 @@ pub struct Outcome {
 }
 
 /// What the drivers of a run survived.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, serde::Serialize)]
 pub struct DriverFaults {
     /// The inertial driver.
     pub imu: Faults,
@@ -165,9 +165,4 @@ pub fn run(
             Live::new(config, speed, helpers, host, streams.map.take(), subscriber)?.run(streams, control)
         }
     }
-}
-
-/// Image sizes of the rig, px; (0, 0) for a camera that is not there.
-pub fn image_sizes(config: &ValidConfig) -> [(usize, usize); 2] {
-    [0, 1].map(|k| config.camera.get(k).map_or((0, 0), |c| (c.width_px, c.height_px)))
 }

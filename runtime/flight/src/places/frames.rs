@@ -2,6 +2,7 @@
 
 use super::file::MapFileError;
 use nalgebra::Vector3;
+use plumbline_config::options::image_sizes;
 use plumbline_config::{Config, ConfigError, Timestamp, ValidConfig, import};
 use plumbline_drivers::{DriverError, EurocDataset, EurocOptions, StereoFrame, StereoSource};
 use plumbline_estimator::image::Pyramid;
@@ -92,9 +93,10 @@ impl Frames {
         choice: Choice,
         options: &ExtractorOptions,
     ) -> Self {
-        let cameras = config.camera.iter().take(cameras);
-        let sizes = [0, 1].map(|k| cameras.clone().nth(k).map_or((0, 0), |c| (c.width_px, c.height_px)));
+        let cameras = &config.camera[..cameras.min(config.camera.len())];
+        let sizes = image_sizes(cameras);
         let rig: Vec<_> = cameras
+            .iter()
             .map(|c| {
                 let mut camera = RigCamera::new(c.model());
                 camera.pose_b_c = c.pose_b_c();

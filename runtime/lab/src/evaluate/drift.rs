@@ -2,6 +2,7 @@
 
 use super::Pairs;
 use super::relative::{relative_error, travelled_m};
+use plumbline_config::median_by;
 use plumbline_drivers::StampedPose;
 use serde::Serialize;
 use std::f64::consts::{PI, TAU};
@@ -115,11 +116,8 @@ pub fn coverage(estimate: &[StampedPose], reference: &[StampedPose]) -> f64 {
     let (estimate, reference) = (nanos(estimate), nanos(reference));
     let (Some(&first), Some(&last)) = (reference.first(), reference.last()) else { return 0.0 };
     let mut gaps: Vec<i64> = estimate.windows(2).map(|two| two[1].saturating_sub(two[0])).collect();
-    if gaps.is_empty() || last <= first {
-        return 0.0;
-    }
-    let middle = gaps.len() / 2;
-    let longest = *gaps.select_nth_unstable(middle).1 as f64 * INTERRUPTION_PERIODS;
+    let usual = median_by(&mut gaps, Ord::cmp).filter(|_| last > first);
+    let Some(longest) = usual.map(|gap| gap as f64 * INTERRUPTION_PERIODS) else { return 0.0 };
     let covered = |two: &[i64]| {
         let inside = two[1].min(last).saturating_sub(two[0].max(first));
         if two[1].saturating_sub(two[0]) as f64 <= longest { inside.max(0) as f64 } else { 0.0 }

@@ -5,6 +5,7 @@
 //! flights as in Hesterberg 2015, "What teachers should know about the bootstrap", section 5.3: without that an interval of
 //! eight flights is a quarter too narrow.
 
+use plumbline_config::Random;
 use serde::{Deserialize, Serialize};
 
 /// Resamplings of the flights. Percentiles move by less than a fiftieth of the interval from one seed to another.
@@ -42,7 +43,7 @@ impl PairedDifference {
             return None;
         }
         let (base_mean, mean) = means(pairs.iter());
-        let mut random = SplitMix(SEED);
+        let mut random = Random::new(SEED);
         let (mut differences, mut ratios) = (Vec::new(), Vec::new());
         for _ in 0..RESAMPLINGS {
             let (base, other) = means((0..flights).map(|_| &pairs[random.below(flights)]));
@@ -101,24 +102,6 @@ fn interval(mut values: Vec<f64>, tail: f64) -> [f64; 2] {
     let last = values.len() - 1;
     let low = (tail * last as f64).floor() as usize;
     [values[low], values[last - low]]
-}
-
-/// SplitMix64 (Steele et al. 2014).
-struct SplitMix(u64);
-
-impl SplitMix {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// A number below `bound`.
-    fn below(&mut self, bound: usize) -> usize {
-        ((u128::from(self.next()) * bound as u128) >> 64) as usize
-    }
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@
 //! [`write_lenses`] draws the cameras of a calibration in the same way.
 
 mod axes;
+mod caption;
 mod figure;
 mod lenses;
 mod log_log;
@@ -14,6 +15,7 @@ mod panels;
 mod raster;
 mod subject;
 
+pub use caption::Caption;
 pub use lenses::LensFigure;
 pub use log_log::{LogCurve, LogFigure, LogPanel};
 pub use subject::{Alignment, Subject};
@@ -144,11 +146,14 @@ fn svg(drawing: &Drawing<'_>, (width, height): (u32, u32)) -> Result<String, Plo
     Ok(text.replacen(&size_of(fine), &head, 1))
 }
 
+/// Makes the letters known to the plotting library.
+fn register_letters() -> Result<(), ()> {
+    let all = [(FontStyle::Normal, REGULAR), (FontStyle::Bold, MEDIUM)];
+    all.into_iter().try_for_each(|(style, letters)| register_font(FONT, style, letters).map_err(|_| ()))
+}
+
 fn draw<B: DrawingBackend>(drawing: &Drawing<'_>, backend: B) -> Result<(), PlotError> {
-    for (style, letters) in [(FontStyle::Normal, REGULAR), (FontStyle::Bold, MEDIUM)] {
-        let refused = |_| PlotError::Drawing("its letters are damaged".into());
-        register_font(FONT, style, letters).map_err(refused)?;
-    }
+    register_letters().map_err(|()| PlotError::Drawing("its letters are damaged".into()))?;
     let area = backend.into_drawing_area();
     match drawing {
         Drawing::Flight(subject) => figure::draw(subject, &area),

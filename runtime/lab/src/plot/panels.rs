@@ -3,7 +3,7 @@
 use super::subject::{Sample, Subject};
 use nalgebra::Vector3;
 use plotters::style::RGBColor;
-use plumbline_flight::flight::states::NavState;
+use plumbline_flight::flight::states::RowState;
 
 /// Vermilion, green and blue of Okabe and Ito for x, y and z: told apart by everybody, also in print.
 pub(super) const AXES: [RGBColor; 3] = [RGBColor(213, 94, 0), RGBColor(0, 145, 105), RGBColor(0, 114, 178)];
@@ -125,7 +125,7 @@ fn path_panels(subject: &Subject) -> Vec<Panel> {
 }
 
 fn state_panels(subject: &Subject) -> Vec<Panel> {
-    let state = |of: fn(&NavState) -> Vector3<f64>| three(subject, &move |s| s.nav.as_ref().map(of));
+    let state = |of: fn(&RowState) -> Vector3<f64>| three(subject, &move |s| s.nav.as_ref().map(of));
     let mut panels = vec![
         Panel::new("Velocity in O [m/s]", state(|n| n.v_o_b)),
         Panel::new("Gyroscope bias [mrad/s]", state(|n| n.bias_gyro * 1e3)),
@@ -228,7 +228,7 @@ mod tests {
         let vector = |k: f64| Vector3::new(seed + k, seed * 1e-7 - k, (seed + k).sin());
         StateRow {
             stamp: Timestamp::from_nanos((seed * 1e6) as i64),
-            nav: Some(NavState {
+            nav: Some(RowState {
                 pose_o_b: Isometry3::new(vector(1.0), vector(1.0) * 0.01),
                 v_o_b: vector(2.0),
                 bias_gyro: vector(3.0) * 1e-3,

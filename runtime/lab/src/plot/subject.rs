@@ -5,9 +5,9 @@ use crate::evaluate::{
     pose_error,
 };
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
-use plumbline_config::Timestamp;
+use plumbline_config::{Timestamp, median_by};
 use plumbline_drivers::StampedPose;
-use plumbline_flight::flight::states::{NavState, StateRow};
+use plumbline_flight::flight::states::{RowState, StateRow};
 
 /// The truth is interpolated between poses up to this far apart, ns.
 const MAX_TRUTH_GAP_NS: i64 = 100_000_000;
@@ -43,7 +43,7 @@ pub(super) struct Sample {
     pub stamp: Timestamp,
     pub pose_o_b: Isometry3<f64>,
     /// The state, where the source has more than poses.
-    pub nav: Option<NavState>,
+    pub nav: Option<RowState>,
     /// A number that changes where the curve must break: after a reset or without a pose.
     pub piece: u32,
     /// Points tracked and lines matched, where known.
@@ -231,8 +231,7 @@ fn pose_at(poses: &[StampedPose], stamp: Timestamp) -> Option<Isometry3<f64>> {
 fn median_period_s(samples: &[Sample]) -> f64 {
     let mut periods: Vec<i64> =
         samples.windows(2).map(|pair| pair[1].stamp.nanos_since(pair[0].stamp)).collect();
-    periods.sort_unstable();
-    periods.get(periods.len() / 2).map_or(f64::INFINITY, |period| *period as f64 * 1e-9)
+    median_by(&mut periods, Ord::cmp).map_or(f64::INFINITY, |period| period as f64 * 1e-9)
 }
 
 #[cfg(test)]

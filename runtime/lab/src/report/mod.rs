@@ -10,14 +10,13 @@ pub mod trust;
 use crate::evaluate::{FlightConsistency, Nees};
 use accuracy::Accuracy;
 use places::Places;
-use plumbline_drivers::Faults;
 use plumbline_flight::autopilot::BridgeFigures;
 use plumbline_flight::flight::outputs::OutputFigures;
 use plumbline_flight::flight::plausibility::Finding;
 use plumbline_flight::flight::{Flown, LiveSensors};
 use plumbline_flight::log::recorder::RecorderSummary;
 use plumbline_flight::pipeline::digest::config_hash;
-use plumbline_flight::pipeline::{LiveFigures, Outcome};
+use plumbline_flight::pipeline::{DriverFaults, LiveFigures, Outcome};
 use plumbline_flight::schedule::times::Percentiles;
 use sensors::Sensors;
 use serde::Serialize;
@@ -85,7 +84,7 @@ pub struct Report {
     /// `t_imu - t_camera` at the end, s.
     pub time_offset_s: f64,
     /// What the drivers survived.
-    pub faults: BTreeMap<&'static str, DriverFaults>,
+    pub faults: DriverFaults,
     /// Inertial samples that the estimator refused.
     pub imu_refused: u64,
     /// Threads of the run.
@@ -128,21 +127,6 @@ pub struct Lines {
     pub in_structure: f64,
     /// Images in the whole run, of both cameras, whose budget of work was spent.
     pub cut_short: u64,
-}
-
-/// What one driver survived.
-#[derive(Clone, Copy, Debug, Serialize)]
-pub struct DriverFaults {
-    missing: u64,
-    corrupt: u64,
-    disordered: u64,
-    unpaired: u64,
-}
-
-impl From<Faults> for DriverFaults {
-    fn from(f: Faults) -> Self {
-        Self { missing: f.missing, corrupt: f.corrupt, disordered: f.disordered, unpaired: f.unpaired }
-    }
 }
 
 impl Report {
@@ -188,7 +172,7 @@ impl Report {
             trust: None,
             silence: None,
             time_offset_s: f.time_offset_s,
-            faults: [("imu", outcome.faults.imu.into()), ("cameras", outcome.faults.cameras.into())].into(),
+            faults: outcome.faults,
             imu_refused: f.imu_refused,
             threads: flown.threads,
             config_hash: config_hash(&flown.config),

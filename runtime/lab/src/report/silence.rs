@@ -94,7 +94,7 @@ mod tests {
     use super::*;
     use nalgebra::{Isometry3, SVector, Vector3};
     use plumbline_drivers::StampedPose;
-    use plumbline_flight::flight::states::NavState;
+    use plumbline_flight::flight::states::RowState;
 
     /// Ten seconds at 20 Hz, 1 cm and 1 crad sure; from 5 s on off along x by `error_m`, with that quality and health.
     fn silence(error_m: f64, quality: i8, named_from_s: f64) -> Silence {
@@ -105,7 +105,7 @@ mod tests {
             let t = k as f64 * 0.05;
             let is_failed = t >= 5.0;
             let health = if t >= named_from_s { HealthBits::GYRO_STUCK } else { HealthBits::default() };
-            let nav = NavState {
+            let nav = RowState {
                 pose_o_b: at(if is_failed { error_m } else { 0.0 }),
                 v_o_b: Vector3::zeros(),
                 bias_gyro: Vector3::zeros(),

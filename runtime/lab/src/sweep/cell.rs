@@ -142,7 +142,11 @@ impl Cell {
         })
     }
 
-    fn report(&self, stop: &Arc<AtomicBool>) -> Result<Report, FlightError> {
+    /// Flies it for its report alone, which is of no use if `stop` was set meanwhile.
+    ///
+    /// # Errors
+    /// When it cannot be opened or flown.
+    pub fn report(&self, stop: &Arc<AtomicBool>) -> Result<Report, FlightError> {
         let mut flight = self.subject.open(&self.common, self.seed, self.start_s)?;
         flight.config = with_overrides(&flight.config, &self.setting)?;
         if let (Some(truth), Subject::Recorded { .. }) = (&self.common.truth, &self.subject) {

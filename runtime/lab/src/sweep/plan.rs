@@ -1,4 +1,4 @@
-//! Which cells a sweep has: the settings of its axes, times its data sets, times the seeds.
+//! Which cells a sweep has: its settings, times its data sets, times the seeds.
 
 use super::subject::{Common, Subject};
 use super::{Cell, SweepError};
@@ -50,10 +50,22 @@ fn split_values(text: &str) -> Vec<&str> {
     values
 }
 
+/// Every setting of some axes; the last axis turns fastest.
+fn settings(axes: &[Axis]) -> Vec<Vec<String>> {
+    axes.iter().fold(vec![Vec::new()], |settings, axis| {
+        let with = |setting: &Vec<String>, value: &String| {
+            let change = format!("{}={value}", axis.key);
+            setting.iter().cloned().chain([change]).collect()
+        };
+        settings.iter().flat_map(|s| axis.values.iter().map(move |v| with(s, v))).collect()
+    })
+}
+
 /// A sweep.
 #[derive(Clone, Debug)]
 pub struct Plan {
-    axes: Vec<Axis>,
+    /// Changes `key=value` of the configuration.
+    settings: Vec<Vec<String>>,
     subjects: Vec<Subject>,
     /// Seeds of simulated flights; each one's own if there are none.
     seeds: Vec<u64>,
@@ -78,7 +90,13 @@ impl Plan {
                 return Err(SweepError::DoubleAxis(axis.key.clone()));
             }
         }
-        Ok(Self { axes, subjects, seeds, starts: Vec::new(), common: Arc::new(common) })
+        Ok(Self { seeds, ..Self::of_settings(settings(&axes), subjects, common) })
+    }
+
+    /// A sweep over settings that need not be those of axes.
+    #[must_use]
+    pub fn of_settings(settings: Vec<Vec<String>>, subjects: Vec<Subject>, common: Common) -> Self {
+        Self { settings, subjects, seeds: Vec::new(), starts: Vec::new(), common: Arc::new(common) }
     }
 
     /// The sweep with every flight begun at each of `starts`, s into the data set or path.
@@ -87,19 +105,10 @@ impl Plan {
         Self { starts, ..self }
     }
 
-    /// Every setting, as changes `key=value` of the configuration; the last axis turns fastest.
+    /// Every setting, as changes `key=value` of the configuration.
     #[must_use]
-    pub fn settings(&self) -> Vec<Vec<String>> {
-        let mut settings = vec![Vec::new()];
-        for axis in &self.axes {
-            let with = |setting: &Vec<String>, value: &String| {
-                let mut longer = setting.clone();
-                longer.push(format!("{}={value}", axis.key));
-                longer
-            };
-            settings = settings.iter().flat_map(|s| axis.values.iter().map(move |v| with(s, v))).collect();
-        }
-        settings
+    pub fn settings(&self) -> &[Vec<String>] {
+        &self.settings
     }
 
     /// All cells; the number of a cell is its place here. Data sets that were recorded have no seeds.
@@ -122,9 +131,8 @@ impl Plan {
         };
         let flights: Vec<_> =
             flights.iter().flat_map(|flight| starts.iter().map(move |start_s| (*flight, *start_s))).collect();
-        let settings = self.settings();
-        let of = settings.len() * flights.len();
-        let pairs = settings.iter().flat_map(|s| flights.iter().map(move |flight| (s, flight)));
+        let of = self.settings.len() * flights.len();
+        let pairs = self.settings.iter().flat_map(|s| flights.iter().map(move |flight| (s, flight)));
         pairs
             .enumerate()
             .map(|(index, (setting, ((subject, seed), start_s)))| Cell {

@@ -3,10 +3,11 @@
 //! The listeners copy samples and shrunken images into memory that stands since before the run. In a live run what finds
 //! no room is left out; in virtual time the run waits, so that the findings are the same every time.
 
-use super::{Finding, Glimpse, Plausibility};
 use crate::pipeline::event::{Event, MAX_EVENT_BYTES, Severity};
 use crate::pipeline::listener::{Listener, Producer, Subscriber};
 use crate::schedule::queue::Queue;
+use plumbline_checkup::plausibility::{Finding, GIVEN_UP, Glimpse, Plausibility};
+use plumbline_config::options::image_sizes;
 use plumbline_config::{Config, ImuSample};
 use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::{Estimate, HealthBits};
@@ -75,7 +76,7 @@ impl Watch {
     /// # Errors
     /// When the system refuses a thread.
     pub fn start(config: &Config, is_live: bool, known: Vec<Finding>) -> std::io::Result<Self> {
-        let sizes = [0, 1].map(|k| config.camera.get(k).map_or((0, 0), |c| (c.width_px, c.height_px)));
+        let sizes = image_sizes(&config.camera);
         let shared = Arc::new(Shared {
             items: Queue::new(QUEUE),
             free: Queue::new(FRAMES),
@@ -208,5 +209,5 @@ fn tell(findings: Vec<Finding>, told: &mut Vec<Finding>) {
 
 /// Resets are told one by one: each has a reason of its own.
 fn is_reset_of_its_own(a: &Finding, b: &Finding) -> bool {
-    a.what == super::GIVEN_UP && a.evidence != b.evidence
+    a.what == GIVEN_UP && a.evidence != b.evidence
 }

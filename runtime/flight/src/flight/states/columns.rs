@@ -1,6 +1,6 @@
 //! The columns of the table: their names, and how a row is written.
 
-use super::{NavState, StateRow};
+use super::{RowState, StateRow};
 use nalgebra::{Isometry3, Vector3};
 use plumbline_estimator::{FrameFigures, TrackingState};
 use std::fmt::Write as _;
@@ -46,22 +46,6 @@ pub(super) const STATE: [&str; 35] = [
     "q_b_c0_z",
     "q_b_c0_w",
 ];
-/// Columns of the frame's figures: counts, and 1 for a keyframe.
-pub(super) const FIGURES: [&str; 13] = [
-    "points_tracked",
-    "points_stereo",
-    "points_in_window",
-    "lines_raw",
-    "lines_kept",
-    "lines_merged",
-    "lines_matched",
-    "lines_cut_short",
-    "lines_in_window",
-    "lines_in_structure",
-    "keyframes",
-    "iterations",
-    "is_keyframe",
-];
 /// The states of the estimator and what they are called.
 pub(super) const TRACKING: [(TrackingState, &str); 4] = [
     (TrackingState::Initialising, "initialising"),
@@ -72,7 +56,7 @@ pub(super) const TRACKING: [(TrackingState, &str); 4] = [
 
 /// All names in order.
 pub(super) fn names() -> impl Iterator<Item = &'static str> {
-    FRAME.into_iter().chain(STATE).chain(FIGURES)
+    FRAME.into_iter().chain(STATE).chain(FrameFigures::NAMES)
 }
 
 /// The first line of a table.
@@ -95,12 +79,12 @@ pub(super) fn write_row(line: &mut String, row: &StateRow) {
         Some(nav) => state_values(nav).iter().for_each(|value| _ = write!(line, ",{value}")),
         None => STATE.iter().for_each(|_| line.push(',')),
     }
-    figure_values(figures).iter().for_each(|value| _ = write!(line, ",{value}"));
+    figures.values().iter().for_each(|value| _ = write!(line, ",{value}"));
 }
 
 /// The numbers of a state in the order of [`STATE`].
-fn state_values(nav: &NavState) -> [f64; STATE.len()] {
-    let NavState { pose_o_b, v_o_b, bias_gyro, bias_accel, variances, .. } = nav;
+fn state_values(nav: &RowState) -> [f64; STATE.len()] {
+    let RowState { pose_o_b, v_o_b, bias_gyro, bias_accel, variances, .. } = nav;
     let mut values = [0.0; STATE.len()];
     let all = pose_values(pose_o_b)
         .into_iter()
@@ -115,39 +99,4 @@ fn state_values(nav: &NavState) -> [f64; STATE.len()] {
 fn pose_values(pose: &Isometry3<f64>) -> [f64; 7] {
     let (p, q) = (pose.translation.vector, pose.rotation.coords);
     [p.x, p.y, p.z, q.x, q.y, q.z, q.w]
-}
-
-/// The counts of a frame in the order of [`FIGURES`].
-fn figure_values(figures: &FrameFigures) -> [u32; FIGURES.len()] {
-    // Every field by name: one that is added to the figures must be added here.
-    let FrameFigures {
-        points_tracked,
-        points_stereo,
-        points_in_window,
-        lines_raw,
-        lines_kept,
-        lines_merged,
-        lines_matched,
-        lines_cut_short,
-        lines_in_window,
-        lines_in_structure,
-        keyframes,
-        iterations,
-        is_keyframe,
-    } = *figures;
-    [
-        points_tracked,
-        points_stereo,
-        points_in_window,
-        lines_raw,
-        lines_kept,
-        lines_merged,
-        lines_matched,
-        lines_cut_short,
-        lines_in_window,
-        lines_in_structure,
-        keyframes,
-        iterations,
-        u32::from(is_keyframe),
-    ]
 }

@@ -18,7 +18,7 @@ use std::path::Path;
 
 /// The state of the vehicle and of its sensors after a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct NavState {
+pub struct RowState {
     /// Pose of the body in the odometry frame.
     pub pose_o_b: Isometry3<f64>,
     /// Velocity of the body in the odometry frame, m/s.
@@ -55,7 +55,7 @@ pub struct StateRow {
     /// Resets so far.
     pub reset_counter: u32,
     /// The state; `None` while there is no pose.
-    pub nav: Option<NavState>,
+    pub nav: Option<RowState>,
     /// Work and outcome of the frame.
     pub figures: FrameFigures,
 }
@@ -66,7 +66,7 @@ impl StateRow {
     pub fn of(e: &Estimate) -> Self {
         let up_b = e.pose_o_b.rotation.inverse() * Vector3::z();
         let attitude = e.covariance.fixed_view::<3, 3>(3, 3);
-        let nav = || NavState {
+        let nav = || RowState {
             heading_variance: (up_b.transpose() * attitude * up_b)[0],
             pose_o_b: e.pose_o_b,
             v_o_b: e.v_o_b,
@@ -141,7 +141,7 @@ mod tests {
             quality: 99,
             health: HealthBits(0b1010),
             reset_counter: 2,
-            nav: Some(NavState {
+            nav: Some(RowState {
                 pose_o_b: pose(1.0),
                 v_o_b: vector(2.0),
                 bias_gyro: vector(3.0) * 1e-3,

@@ -1,7 +1,7 @@
 //! Reading a table of states back, strictly: what is not as it was written is refused with its line and column.
 
-use super::columns::{self, FIGURES, FRAME, STATE, TRACKING};
-use super::{NavState, StateRow};
+use super::columns::{self, FRAME, STATE, TRACKING};
+use super::{RowState, StateRow};
 use nalgebra::{Isometry3, Quaternion, SVector, Translation3, UnitQuaternion, Vector3};
 use plumbline_config::Timestamp;
 use plumbline_estimator::{FrameFigures, HealthBits};
@@ -175,12 +175,12 @@ fn parse_row(line: &str) -> Result<StateRow, String> {
     })
 }
 
-fn parse_nav(cells: &mut Cells<'_>, line: &str) -> Result<Option<NavState>, String> {
+fn parse_nav(cells: &mut Cells<'_>, line: &str) -> Result<Option<RowState>, String> {
     if line.split(',').skip(FRAME.len()).take(STATE.len()).all(str::is_empty) {
         STATE.iter().for_each(|_| _ = cells.next());
         return Ok(None);
     }
-    Ok(Some(NavState {
+    Ok(Some(RowState {
         pose_o_b: cells.pose()?,
         v_o_b: cells.vector()?,
         bias_gyro: cells.vector()?,
@@ -194,34 +194,9 @@ fn parse_nav(cells: &mut Cells<'_>, line: &str) -> Result<Option<NavState>, Stri
 }
 
 fn parse_figures(cells: &mut Cells<'_>) -> Result<FrameFigures, String> {
-    let mut counts = [0_u32; FIGURES.len()];
+    let mut counts = FrameFigures::default().values();
     for count in &mut counts {
         *count = cells.parse("a count")?;
     }
-    let [points_tracked, points_stereo, points_in_window, lines_raw, lines_kept, lines_merged, rest @ ..] =
-        counts;
-    let [
-        lines_matched,
-        lines_cut_short,
-        lines_in_window,
-        lines_in_structure,
-        keyframes,
-        iterations,
-        keyframe,
-    ] = rest;
-    Ok(FrameFigures {
-        points_tracked,
-        points_stereo,
-        points_in_window,
-        lines_raw,
-        lines_kept,
-        lines_merged,
-        lines_matched,
-        lines_cut_short,
-        lines_in_window,
-        lines_in_structure,
-        keyframes,
-        iterations,
-        is_keyframe: keyframe != 0,
-    })
+    Ok(FrameFigures::of_values(counts))
 }

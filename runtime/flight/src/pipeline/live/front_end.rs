@@ -105,7 +105,7 @@ pub struct FrontEndTask {
 
 /// How the task goes on.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Course {
+enum Step {
     /// With the next frame.
     On,
     /// From a fresh estimator: the window has ended by a fault of its own.
@@ -155,8 +155,8 @@ impl FrontEndTask {
         self.rings.bell.listen();
         loop {
             match catch_unwind(AssertUnwindSafe(|| self.work(shared, team))) {
-                Ok(Course::Over) => break,
-                Ok(Course::On | Course::Anew) => {}
+                Ok(Step::Over) => break,
+                Ok(Step::On | Step::Anew) => {}
                 Err(_) => {
                     shared.heartbeats.of(TaskId::FrontEnd).die();
                     // One fault after the other must not starve anybody.
@@ -173,24 +173,24 @@ impl FrontEndTask {
         FrontEndEnd { stage: self.stage, figures: self.figures }
     }
 
-    fn work(&mut self, shared: &Shared<'_>, team: &Team) -> Course {
-        if self.is_down && self.start_anew(shared) == Course::Over {
-            return Course::Over;
+    fn work(&mut self, shared: &Shared<'_>, team: &Team) -> Step {
+        if self.is_down && self.start_anew(shared) == Step::Over {
+            return Step::Over;
         }
         loop {
             let course = self.work_on_frame(shared, team);
-            if course != Course::On {
+            if course != Step::On {
                 return course;
             }
         }
     }
 
-    fn work_on_frame(&mut self, shared: &Shared<'_>, team: &Team) -> Course {
+    fn work_on_frame(&mut self, shared: &Shared<'_>, team: &Team) -> Step {
         let course = self.await_feedback(shared);
-        if course != Course::On {
+        if course != Step::On {
             return course;
         }
-        let Some((arrival, shed)) = self.newest_frame() else { return Course::Over };
+        let Some((arrival, shed)) = self.newest_frame() else { return Step::Over };
         let arrival = self.arrival.insert(arrival);
         let (sequence, stamp) = (arrival.frame.sequence, arrival.frame.stamp);
         let rung = self.ladder.rung();
@@ -202,7 +202,7 @@ impl FrontEndTask {
             self.take_samples(shared, stamp);
             self.came_meanwhile += self.rings.arrivals.waiting().saturating_sub(waiting);
             let Some(ms) = self.track(shared, team, rung) else {
-                return if shared.is_window_down() { Course::Anew } else { Course::Over };
+                return if shared.is_window_down() { Step::Anew } else { Step::Over };
             };
             longest_ms = ms;
         } else if let Some(arrival) = &mut self.arrival {
@@ -214,7 +214,7 @@ impl FrontEndTask {
             let _ = self.rings.empty.push(arrival.frame);
         }
         shared.heartbeats.idle(TaskId::FrontEnd);
-        Course::On
+        Step::On
     }
 
     /// Tracks the frame in hand and gives it to the window; the longest of the stages, ms. `None` when the window has gone.
@@ -240,11 +240,11 @@ impl FrontEndTask {
     }
 
     /// Makes the estimator anew once the window has given back everything, and says which frames are lost.
-    fn start_anew(&mut self, shared: &Shared<'_>) -> Course {
+    fn start_anew(&mut self, shared: &Shared<'_>) -> Step {
         let at_home = |spare: &Reader<Job>, job: &Option<Job>| spare.waiting() + usize::from(job.is_some());
         while at_home(&self.rings.spare, &self.job) < JOB_POOL {
             if shared.is_stopped() || self.rings.spare.is_closed() {
-                return Course::Over;
+                return Step::Over;
             }
             shared.heartbeats.busy(TaskId::FrontEnd);
             let FrontEndRings { bell, spare, .. } = &self.rings;
@@ -272,17 +272,17 @@ impl FrontEndTask {
         shared.forget_window_down();
         (self.is_down, self.is_renewal_due) = (false, true);
         shared.heartbeats.idle(TaskId::FrontEnd);
-        Course::On
+        Step::On
     }
 
     /// Takes what the window found out about the frame before the last, as the rule demands; waits for it.
-    fn await_feedback(&mut self, shared: &Shared<'_>) -> Course {
+    fn await_feedback(&mut self, shared: &Shared<'_>) -> Step {
         loop {
             if shared.is_window_down() {
-                return Course::Anew;
+                return Step::Anew;
             }
             if self.heard + 1 >= self.taken {
-                return Course::On;
+                return Step::On;
             }
             let FrontEndRings { bell, feedback, .. } = &mut self.rings;
             match bell.wait(NAP, || feedback.pop()) {
@@ -296,7 +296,7 @@ impl FrontEndTask {
                     self.heard += 1;
                     let _ = self.rings.blank.push(feedback);
                 }
-                None if self.rings.feedback.is_closed() => return Course::Over,
+                None if self.rings.feedback.is_closed() => return Step::Over,
                 // It is the window that is late.
                 None => shared.heartbeats.busy(TaskId::FrontEnd),
             }

@@ -3,7 +3,6 @@
 //! A ring has one writer and one reader. Frames, jobs and feedback go round between two tasks: what is done with goes
 //! back to be filled again, so that nothing is allocated in flight.
 
-use super::super::image_sizes;
 use super::super::places::{PlaceChoice, PlacesStage};
 use super::super::stages::{FrontStage, Job, WindowStage};
 use super::super::tick::TickStage;
@@ -14,6 +13,7 @@ use super::tick::{TickRings, TickTask};
 use super::window::{WindowRings, WindowTask};
 use crate::schedule::ring::{Bell, Reader, Writer, ring};
 use plumbline_config::ValidConfig;
+use plumbline_config::options::image_sizes;
 use plumbline_drivers::{ImuReading, ImuSource, StereoFrame, StereoSource};
 use plumbline_estimator::admission::StampGate;
 use plumbline_estimator::places::{MapUpdate, PlaceJob};
@@ -126,7 +126,7 @@ impl Rings {
             samples: Ring::new(readings_in(SAMPLE_RING_S), &bells.front_end),
             arrivals: Ring::new(FRAME_POOL, &bells.front_end),
             empty: Ring::new(FRAME_POOL, &bells.camera)
-                .filled(FRAME_POOL, || StereoFrame::new(image_sizes(config))),
+                .filled(FRAME_POOL, || StereoFrame::new(image_sizes(&config.camera))),
             jobs: Ring::new(JOB_POOL, &bells.window),
             spare: Ring::new(JOB_POOL, &bells.front_end).filled(JOB_POOL, || Job::new(config)),
             feedback: Ring::new(JOB_POOL, &bells.front_end),

@@ -1,6 +1,7 @@
 //! The images of a calibration from a flight log.
 
 use super::Pair;
+use plumbline_config::options::image_sizes;
 use plumbline_drivers::StereoFrame;
 use plumbline_flight::flight::{Flight, FlightError, open_log};
 use std::path::Path;
@@ -41,8 +42,7 @@ pub fn is_chosen(k: usize, total: usize, most: usize) -> bool {
 }
 
 fn each_frame(mut flight: Flight, mut take: impl FnMut(&StereoFrame)) -> Result<(), FlightError> {
-    let size = |camera: usize| flight.config.camera.get(camera).map_or((0, 0), |c| (c.width_px, c.height_px));
-    let mut frame = StereoFrame::new([size(0), size(1)]);
+    let mut frame = StereoFrame::new(image_sizes(&flight.config.camera));
     while flight.stereo.next_frame(&mut frame)? {
         take(&frame);
     }

@@ -5,7 +5,7 @@
 //! [`SCATTER`]: nobody pushed it. So a vehicle that stands with its rotors on is at rest, and [`Rest::is_shaken`].
 
 use nalgebra::Vector3;
-use plumbline_config::ImuSample;
+use plumbline_config::{ImuSample, median};
 use std::ops::Range;
 
 /// Length of the pieces, s.
@@ -131,10 +131,6 @@ fn longest_run(flags: &[bool]) -> Range<usize> {
         }
     }
     best
-}
-
-fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
-    quantile(values, 0.5)
 }
 
 fn quantile(values: impl Iterator<Item = f64>, part: f64) -> Option<f64> {

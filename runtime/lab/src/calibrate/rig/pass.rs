@@ -4,6 +4,7 @@
 //! that may be off. So the pieces are independent, and how they scatter tells what each of them does not know of
 //! its own errors: that tracks of one patch err together, and that Jacobians stay at first estimates.
 
+use plumbline_config::options::image_sizes;
 use plumbline_config::{ImuSample, Timestamp, ValidSetup};
 use plumbline_drivers::{Prefetch, StereoFrame, StereoSource};
 use plumbline_estimator::{Estimator, FrameInput, RigEstimate};
@@ -71,7 +72,7 @@ pub(super) fn pass(
     progress: &mut dyn FnMut(u64),
 ) -> Result<Pass, FlightError> {
     let Flight { mut imu, stereo, config, .. } = flight;
-    let sizes_px = plumbline_flight::pipeline::image_sizes(&config);
+    let sizes_px = image_sizes(&config.camera);
     let mut stereo = Prefetch::new(stereo, sizes_px, config.driver.image_queue)?;
     let mut frame = StereoFrame::new(sizes_px);
     let mut found = Pass::default();

@@ -5,8 +5,6 @@ use nalgebra::{Isometry3, UnitQuaternion};
 use plumbline_config::Config;
 use plumbline_drivers::simulator::{Effects, FlightPath, Scenario, Scene, Simulator, scaled_config};
 use plumbline_drivers::{DriverError, Faults, StereoFrame, StereoSource};
-use plumbline_flight::flight::Truth;
-use plumbline_flight::pipeline::Stamps;
 use std::sync::Arc;
 
 /// A recording in memory: rendered once, flown in every pass.
@@ -84,18 +82,9 @@ impl Recording {
 
     fn calibrate(&self, config: &ValidConfig, options: &RigOptions) -> Result<FoundRig, RigError> {
         let mut open = |config: &ValidConfig| {
-            Ok(Flight {
-                config: config.clone(),
-                imu: Box::new(self.simulator.imu()),
-                stereo: Box::new(Frames { frames: Arc::clone(&self.frames), next: 0 }),
-                truth: Truth::None,
-                name: "by hand".into(),
-                findings: Vec::new(),
-                log_end: None,
-                map: None,
-                stamps: Stamps::Replayed,
-                first_reset_counter: 0,
-            })
+            let frames = Frames { frames: Arc::clone(&self.frames), next: 0 };
+            let imu = Box::new(self.simulator.imu());
+            Ok(Flight::new(config.clone(), imu, Box::new(frames), "by hand".into()))
         };
         calibrate(config, options, &mut open, &mut |_, _| ())
     }

@@ -1,7 +1,7 @@
 //! The magnitudes of inertial samples: gravity is always there, and nobody turns at twenty radians a second for long.
 
 use super::Finding;
-use plumbline_config::{ImuSample, Timestamp};
+use plumbline_config::{ImuSample, Timestamp, median};
 
 /// Samples that are looked at: twenty seconds at 200 Hz.
 const MAX_SAMPLES: usize = 4000;
@@ -44,13 +44,22 @@ impl Magnitudes {
         }
     }
 
-    /// What cannot be right.
+    /// What cannot be right, the rate included.
     #[must_use]
     pub fn findings(&self) -> Vec<Finding> {
+        let mut findings = self.nonsense();
+        findings.extend(self.rate_finding().filter(|_| self.accel.len() >= MIN_SAMPLES));
+        findings
+    }
+
+    /// Columns and units that cannot be right.
+    #[must_use]
+    pub fn nonsense(&self) -> Vec<Finding> {
+        let medians = [&self.accel, &self.gyro].map(|values| median(values.iter().copied()));
+        let [Some(accel), Some(gyro)] = medians else { return Vec::new() };
         if self.accel.len() < MIN_SAMPLES {
             return Vec::new();
         }
-        let (accel, gyro) = (median(&self.accel), median(&self.gyro));
         if SPECIFIC_FORCE_M_S2.contains(&gyro) && accel < 0.5 * SPECIFIC_FORCE_M_S2.start {
             return vec![Finding::new(
                 "the gyroscope measures gravity and the accelerometer does not",
@@ -66,7 +75,6 @@ impl Magnitudes {
         if gyro > MAX_MEDIAN_RATE_RAD_S {
             findings.push(super::rotation::in_degrees(&format!("median rate {gyro:.1}")));
         }
-        findings.extend(self.rate_finding());
         findings
     }
 
@@ -100,10 +108,4 @@ fn not_gravity(accel: f64) -> Finding {
     };
     let evidence = format!("median magnitude {accel:.3}, gravity is 9.8 m/s^2");
     Finding::new("the accelerometer does not measure gravity", evidence, cause, cure)
-}
-
-fn median(values: &[f64]) -> f64 {
-    let mut values = values.to_vec();
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }

@@ -1,9 +1,7 @@
-//! A colour picture to draw on: smooth lines, dots and small text, written as PNG.
+//! A colour picture to draw on: smooth lines and dots, written as PNG.
 //!
 //! Coordinates are those of the estimator: pixel centres are at whole numbers. What lies outside is left
 //! out, so that nothing that is drawn can panic.
-
-mod font;
 
 use nalgebra::Vector2;
 use plumbline_config::ImageView;
@@ -12,8 +10,6 @@ use std::fs::File;
 use std::io::{BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
-
-pub use font::{GLYPH_HEIGHT, text_width};
 
 /// Red, green and blue.
 pub type Rgb = [u8; 3];
@@ -154,13 +150,6 @@ impl Picture {
         self.line(centre, centre, 2.0 * radius, colour);
     }
 
-    /// Writes text, its upper left corner at `left`, `top`, each dot of the letters `scale` pixels wide.
-    pub fn text(&mut self, text: &str, left: usize, top: usize, scale: usize, colour: Rgb) {
-        for (column, row) in font::dots(text) {
-            self.fill(left + column * scale, top + row * scale, scale, scale, colour);
-        }
-    }
-
     /// Writes the picture as a PNG file.
     ///
     /// # Errors
@@ -248,16 +237,14 @@ mod tests {
     }
 
     #[test]
-    fn gray_text_and_pictures_are_cut_at_the_rim() {
+    fn gray_and_pictures_are_cut_at_the_rim() {
         let image = GrayImage::from_pixels(4, 2, vec![200; 8]).unwrap();
         let mut picture = black();
         picture.gray(&image.view(), 22, 15, 0.5);
         assert_eq!((light(&picture, 21, 15), light(&picture, 22, 15), light(&picture, 23, 14)), (0, 100, 0));
-        picture.text("RAW 8", 3, 4, 2, WHITE);
-        picture.text("RAW 8", 20, 14, 3, WHITE);
         picture.paste(&Picture::new(5, 5, [9; 3]), 21, 13);
         picture.paste(&Picture::new(5, 5, [9; 3]), 100, 100);
-        assert_eq!((light(&picture, 21, 13), light(&picture, 23, 15), light(&picture, 3, 4)), (9, 9, 255));
+        assert_eq!((light(&picture, 21, 13), light(&picture, 23, 15)), (9, 9));
     }
 
     #[test]

@@ -6,6 +6,7 @@
 
 use super::Finding;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+use plumbline_config::median;
 
 /// Fewest rotations that are judged: five seconds at 20 Hz.
 const MIN_PAIRS: usize = 100;
@@ -146,12 +147,11 @@ impl Agreement {
             let (images, gyro) = (pair.rate_c.xy(), (self.rot_c_b * pair.gyro_b).xy());
             (gyro.norm() > STRONG_RATE_RAD_S).then(|| gyro.dot(&images) / gyro.norm_squared())
         };
-        let mut ratios: Vec<f64> = centred.iter().filter_map(ratio).collect();
+        let ratios: Vec<f64> = centred.iter().filter_map(ratio).collect();
         if ratios.len() < MIN_STRONG {
             return None;
         }
-        let middle = ratios.len() / 2;
-        let median = *ratios.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let median = median(ratios)?;
         (!FOCAL_RATIO.contains(&median)).then(|| {
             Finding::new(
                 "the images turn at another rate than the gyroscope",

@@ -1,6 +1,7 @@
 //! Each kind of nonsense gives its warning, and sound data give none.
 
 use super::*;
+use plumbline_config::options::image_sizes;
 use plumbline_drivers::simulator::{FlightPath, Scenario, Scene, Simulator};
 use plumbline_drivers::{EurocDataset, EurocOptions, ImuSource as _, StereoFrame, StereoSource};
 
@@ -11,7 +12,7 @@ fn looked_at(
     stereo: &mut dyn StereoSource,
     swap: bool,
 ) -> Vec<Finding> {
-    let sizes = [0, 1].map(|k| config.camera.get(k).map_or((0, 0), |c| (c.width_px, c.height_px)));
+    let sizes = image_sizes(&config.camera);
     let mut plausibility = Plausibility::new(config, false);
     samples.for_each(|sample| plausibility.add_sample(&sample));
     let (mut frame, mut glimpse) = (StereoFrame::new(sizes), Glimpse::new(sizes));
@@ -140,14 +141,6 @@ fn a_camera_that_never_delivers_and_the_reason_of_a_reset_are_told() {
     names(&plausibility.findings(), &["two cameras", "--mono"]);
     plausibility.add_reset("frame 7: reset 1: speed 51.0 m/s");
     assert!(plausibility.findings()[1].to_string().contains("speed 51.0 m/s"));
-}
-
-#[test]
-fn faults_of_drivers_are_told_with_their_counts() {
-    assert_eq!(of_faults(Faults::default(), Faults { unpaired: 4, ..Faults::default() }), None);
-    let torn = Faults { missing: 2, corrupt: 3, ..Faults::default() };
-    let words = of_faults(Faults::default(), torn).unwrap().to_string();
-    assert!(words.contains("2 images or frames missing, 3 images that cannot be decoded"), "{words}");
 }
 
 #[test]

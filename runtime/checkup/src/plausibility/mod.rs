@@ -1,0 +1,275 @@
+//! Whether what a flight is given can be right: units, columns, extrinsics, sides, focal lengths.
+//!
+//! An estimator takes nonsense for motion and goes on. What is looked at here are the data alone, in a bounded number
+//! of samples and of shrunken images from the beginning of a flight: the magnitudes of the inertial samples
+//! ([`inertial`]), the rotation that the images show against that of the gyroscope ([`rotation`]), and on which side
+//! of a pair near things are shifted ([`stereo`]). [`Plausibility`] is a pure function of what it is given; a run
+//! feeds it while it goes on. Nothing of it reaches an estimate.
+
+pub mod inertial;
+pub mod rotation;
+pub mod stereo;
+pub mod thumbnail;
+
+use crate::verdict::{Fitness, Measure};
+use inertial::Magnitudes;
+use nalgebra::Vector3;
+use plumbline_config::{Config, ImuSample, Timestamp};
+use plumbline_estimator::HealthBits;
+use rotation::{Agreement, RotationPair};
+use serde::Serialize;
+use std::collections::VecDeque;
+use std::fmt;
+use stereo::Sides;
+use thumbnail::{RotationFinder, Thumbnail};
+
+/// Rotations that are looked at: fifteen seconds at 20 Hz.
+const MAX_PAIRS: usize = 300;
+/// Images agree on a rotation from this correlation on.
+const MIN_CORRELATION: f64 = 0.7;
+/// Frames further apart than this are no neighbours, s.
+const MAX_GAP_S: f64 = 0.3;
+/// Rotations that wait for their inertial samples.
+const MAX_WAITING: usize = 64;
+/// Inertial samples that are kept for them.
+const MAX_RATES: usize = 4096;
+/// Frames after which a camera that never delivered is missed.
+const MISSED_AFTER: u64 = 40;
+/// A live flight that loses more than one frame in so many is told.
+const LOST_ONE_IN: u64 = 50;
+/// Resets whose reasons are told.
+const MAX_RESETS: usize = 16;
+
+/// What is said of a reset.
+pub const GIVEN_UP: &str = "the estimate was given up";
+
+/// Something that cannot be right, in words for people.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Finding {
+    /// What cannot be right.
+    pub what: String,
+    /// The figures that show it.
+    pub evidence: String,
+    /// What is probably the matter.
+    pub cause: String,
+    /// What to do.
+    pub cure: String,
+}
+
+impl Finding {
+    /// A finding of these words.
+    pub fn new(
+        what: impl Into<String>,
+        evidence: impl Into<String>,
+        cause: impl Into<String>,
+        cure: impl Into<String>,
+    ) -> Self {
+        Self { what: what.into(), evidence: evidence.into(), cause: cause.into(), cure: cure.into() }
+    }
+
+    /// The finding among the measures of a checkup.
+    pub(crate) fn into_measure(self) -> Measure {
+        let value = format!("{} ({})", self.what, self.evidence);
+        let cure = format!("probably {}; {}", self.cause, self.cure);
+        Measure::new("units and columns", Fitness::NotFit, value, cure, &[])
+    }
+}
+
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} ({}): probably {}; {}", self.what, self.evidence, self.cause, self.cure)
+    }
+}
+
+/// A frame, shrunken.
+#[derive(Clone, Debug)]
+pub struct Glimpse {
+    /// Measurement time by the camera's clock.
+    pub stamp: Timestamp,
+    /// Left and right image.
+    pub images: [Thumbnail; 2],
+    /// Which of them arrived.
+    pub valid: [bool; 2],
+}
+
+impl Glimpse {
+    /// Room for a frame of these image sizes.
+    #[must_use]
+    pub fn new(sizes_px: [(usize, usize); 2]) -> Self {
+        Self { stamp: Timestamp::MIN, images: sizes_px.map(Thumbnail::new), valid: [false; 2] }
+    }
+}
+
+/// A rotation that images showed, before the inertial samples of its time are there.
+struct Seen {
+    from: Timestamp,
+    to: Timestamp,
+    rate_c: Vector3<f64>,
+}
+
+/// Gathers what the data say, and judges it.
+pub struct Plausibility {
+    cameras: usize,
+    magnitudes: Magnitudes,
+    finder: Option<RotationFinder>,
+    agreement: Agreement,
+    sides: Option<Sides>,
+    last_frame: Option<Timestamp>,
+    waiting: VecDeque<Seen>,
+    rates: VecDeque<(Timestamp, Vector3<f64>)>,
+    frames: u64,
+    lost_frames: u64,
+    last_sequence: Option<u64>,
+    is_live: bool,
+    right_images: u64,
+    resets: Vec<Finding>,
+}
+
+impl Plausibility {
+    /// For flights of a configuration; in a live one frames must come in time.
+    #[must_use]
+    pub fn new(config: &Config, is_live: bool) -> Self {
+        let left = config.camera.first();
+        Self {
+            cameras: config.camera.len(),
+            magnitudes: Magnitudes::new(config.imu.rate_hz),
+            finder: left.map(|camera| RotationFinder::new(camera.model())),
+            agreement: Agreement::new(left.map(|camera| camera.pose_b_c().rotation).unwrap_or_default()),
+            sides: Sides::new(config),
+            last_frame: None,
+            waiting: VecDeque::with_capacity(MAX_WAITING),
+            rates: VecDeque::with_capacity(MAX_RATES),
+            frames: 0,
+            lost_frames: 0,
+            last_sequence: None,
+            is_live,
+            right_images: 0,
+            resets: Vec::new(),
+        }
+    }
+
+    /// Whether further frames would be of no use.
+    #[must_use]
+    pub fn has_seen_enough(&self) -> bool {
+        self.agreement.len() >= MAX_PAIRS
+    }
+
+    /// Takes an inertial sample.
+    pub fn add_sample(&mut self, sample: &ImuSample) {
+        self.magnitudes.add(sample);
+        if self.has_seen_enough() {
+            return;
+        }
+        if self.rates.len() == MAX_RATES {
+            self.rates.pop_front();
+        }
+        self.rates.push_back((sample.stamp, sample.gyro));
+        self.pair_up();
+    }
+
+    /// Takes a frame.
+    pub fn add_frame(&mut self, frame: &Glimpse) {
+        if self.has_seen_enough() {
+            return;
+        }
+        if let (Some(sides), [true, true]) = (&mut self.sides, frame.valid) {
+            sides.add(&frame.images);
+        }
+        let Some(finder) = &mut self.finder else { return };
+        if !frame.valid[0] {
+            finder.forget();
+            self.last_frame = None;
+            return;
+        }
+        let last = self.last_frame.replace(frame.stamp);
+        let found = finder.next(&frame.images[0]);
+        let (Some(from), Some((rot_last_now, correlation))) = (last, found) else { return };
+        let dt_s = frame.stamp.seconds_since(from);
+        if correlation < MIN_CORRELATION || !(dt_s > 0.0 && dt_s < MAX_GAP_S) {
+            return;
+        }
+        if self.waiting.len() == MAX_WAITING {
+            self.waiting.pop_front();
+        }
+        self.waiting.push_back(Seen { from, to: frame.stamp, rate_c: rot_last_now.scaled_axis() / dt_s });
+        self.pair_up();
+    }
+
+    /// Takes what an estimate says of the frame with this sequence number.
+    pub fn add_estimate(&mut self, sequence: u64, health: HealthBits) {
+        self.frames += 1;
+        let last = self.last_sequence.replace(sequence);
+        self.lost_frames += last.map_or(0, |last| sequence.saturating_sub(last + 1));
+        self.right_images += u64::from(self.cameras > 1 && !health.contains(HealthBits::RIGHT_MISSING));
+    }
+
+    /// Takes the reason of a reset.
+    pub fn add_reset(&mut self, reason: &str) {
+        if self.resets.len() < MAX_RESETS {
+            self.resets.push(Finding::new(
+                GIVEN_UP,
+                reason,
+                "wrong units or calibration where it happens soon after the start, else motion that the sensors do \
+                 not support",
+                "look at the other warnings; `plumbline doctor` checks the configuration",
+            ));
+        }
+    }
+
+    /// Joins rotations of the images with the mean rate of the gyroscope at the same time.
+    fn pair_up(&mut self) {
+        let newest = self.rates.back().map_or(Timestamp::MIN, |(stamp, _)| *stamp);
+        while self.waiting.front().is_some_and(|seen| seen.to <= newest) {
+            let Some(Seen { from, to, rate_c }) = self.waiting.pop_front() else { break };
+            while self.rates.front().is_some_and(|(stamp, _)| *stamp <= from) {
+                self.rates.pop_front();
+            }
+            let within = self.rates.iter().take_while(|(stamp, _)| *stamp <= to);
+            let (sum, count) =
+                within.fold((Vector3::zeros(), 0.0), |(sum, n), (_, gyro)| (sum + gyro, n + 1.0));
+            if count > 0.0 {
+                self.agreement.add(RotationPair { rate_c, gyro_b: sum / count });
+            }
+        }
+    }
+
+    /// What cannot be right, by all that was given so far, the most probable cause first.
+    #[must_use]
+    pub fn findings(&self) -> Vec<Finding> {
+        let mut findings = self.magnitudes.findings();
+        if findings.is_empty() {
+            findings.extend(self.agreement.finding());
+        }
+        if findings.is_empty() {
+            findings.extend(self.sides.as_ref().and_then(Sides::finding));
+        }
+        if self.cameras > 1 && self.frames >= MISSED_AFTER && self.right_images == 0 {
+            findings.push(missing_camera(&format!("none in {} frames", self.frames)));
+        }
+        let all = self.frames + self.lost_frames;
+        if self.is_live && self.frames >= MISSED_AFTER && self.lost_frames * LOST_ONE_IN > all {
+            findings.push(Finding::new(
+                "frames are lost",
+                format!("{} of {all}", self.lost_frames),
+                "a renderer, disk or processor that does not keep up with the camera",
+                "give --cache FOLDER or --scale 0.5 to a simulated flight, else less load or a smaller --speed",
+            ));
+        }
+        findings.extend(self.resets.iter().cloned());
+        findings
+    }
+}
+
+/// The right camera of the configuration delivers nothing.
+#[must_use]
+pub fn missing_camera(evidence: &str) -> Finding {
+    Finding::new(
+        "the configuration names two cameras, but no image of cam1 comes",
+        evidence,
+        "a camera that is not connected, or a data set without its folder cam1",
+        "bring cam1, or say --mono to fly on one camera",
+    )
+}
+
+#[cfg(test)]
+mod tests;
