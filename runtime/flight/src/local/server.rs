@@ -149,10 +149,10 @@ impl Server {
         while let Ok(Admission { stream, words }) = self.admissions.try_recv() {
             self.admit(stream, Rights::Link(words));
         }
-        for (place, answer) in self.commands.saved() {
-            if let Some(reader) = self.readers.get_mut(place).and_then(Option::as_mut) {
-                reader.outbox.push_kept(answer.encode());
-            }
+        if let Some((place, answer)) = self.commands.saved()
+            && let Some(reader) = self.readers.get_mut(place).and_then(Option::as_mut)
+        {
+            reader.outbox.push_kept(answer.encode());
         }
         self.flush();
     }

@@ -33,11 +33,11 @@ pub struct LinkDoor {
 }
 
 impl LinkDoor {
-    /// Serves `stream` with all rights; words of its reader go to `words`.
-    pub fn admit(&self, stream: UnixStream, words: Sender<LinkWord>) {
-        // After the end of the flight nobody is served.
-        let _ = self.admissions.send(Admission { stream, words: LinkWords(words) });
+    /// Serves `stream` with all rights; words of its reader go to `words`. Returns whether the flight still serves anybody.
+    pub fn admit(&self, stream: UnixStream, words: Sender<LinkWord>) -> bool {
+        let is_served = self.admissions.send(Admission { stream, words: LinkWords(words) }).is_ok();
         self.shared.bell.ring();
+        is_served
     }
 }
 
