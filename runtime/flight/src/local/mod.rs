@@ -21,6 +21,8 @@ pub mod record;
 pub mod request;
 mod server;
 mod socket;
+#[cfg(test)]
+mod tests;
 mod words;
 
 pub use client::{Client, ClientError, Record};

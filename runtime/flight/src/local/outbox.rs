@@ -43,6 +43,11 @@ impl Outbox {
         }
     }
 
+    /// Sets the bound from the next record on.
+    pub fn bound(&mut self, max_bytes: usize) {
+        self.max_bytes = max_bytes;
+    }
+
     /// Adds a record; the oldest ones make room for it.
     pub fn push(&mut self, record: &Arc<[u8]>) {
         self.bytes += record.len();

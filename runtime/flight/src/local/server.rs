@@ -26,9 +26,9 @@ use std::time::{Duration, Instant};
 
 /// Readers by the socket's path at a time.
 const MAX_READERS: usize = 128;
-/// Records that wait for one reader, bytes: a second and a half of everything but pictures.
-const OUTBOX_BYTES: usize = 1 << 20;
-/// Pictures that fit into an outbox.
+/// Records that wait for one reader, bytes: four seconds of odometry and estimates.
+const OUTBOX_BYTES: usize = 512 * 1024;
+/// Pictures that wait besides for a reader that wants them.
 const OUTBOX_PICTURES: usize = 2;
 /// At the end of the flight readers have so long to take what waits.
 const LAST_WORDS: Duration = Duration::from_millis(500);
@@ -55,7 +55,8 @@ pub struct Server {
     pause_end: Option<Instant>,
     admissions: Receiver<Admission>,
     readers: Vec<Option<Reader>>,
-    outbox_bytes: usize,
+    /// Bytes of the pictures that wait for one reader.
+    picture_bytes: usize,
     commands: Commands,
     configuration: Arc<[u8]>,
     newest_path: Option<MapPath>,
@@ -94,7 +95,7 @@ impl Server {
             pause_end: None,
             admissions,
             readers: Vec::new(),
-            outbox_bytes: OUTBOX_BYTES + OUTBOX_PICTURES * picture_bytes,
+            picture_bytes: OUTBOX_PICTURES * picture_bytes,
             commands: Commands::new(control),
             configuration: configuration.into(),
             newest_path: None,
@@ -188,7 +189,7 @@ impl Server {
         if !is_set || epoll::add(&self.epoll, &stream, data, EventFlags::IN).is_err() {
             return;
         }
-        let reader = Reader::new(stream, rights, self.outbox_bytes, self.shared.lost());
+        let reader = Reader::new(stream, rights, OUTBOX_BYTES, self.shared.lost());
         if place == self.readers.len() {
             self.readers.push(None);
         }
@@ -231,6 +232,8 @@ impl Server {
             }
         } else if let Some(answer) = self.commands.obey(place, reader, number, request) {
             reader.outbox.push_kept(answer.encode());
+            let pictures = if reader.pictures_mhz > 0 { self.picture_bytes } else { 0 };
+            reader.outbox.bound(OUTBOX_BYTES + pictures);
         }
     }
 
