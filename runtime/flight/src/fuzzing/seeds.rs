@@ -150,7 +150,15 @@ fn local_records() -> Vec<Vec<u8>> {
     let mut path = MapPath::new(0);
     path.poses.push(PathPose { stamp: STAMP, reset_counter: 1, pose_m_b: Isometry3::identity() });
     let configuration = local::Configuration { toml: "a = 1".into(), ..local::Configuration::default() };
-    let map = MapEstimate { frame_sequence: 3, stamp: STAMP, ..MapEstimate::default() };
+    let map = MapEstimate {
+        frame_sequence: 3,
+        stamp: STAMP,
+        pose_m_o: None,
+        reset_counter: 1,
+        keyframes: 20,
+        sightings: 3,
+        loops_used: 2,
+    };
     let answer = Answer { number: 4, status: Status::Refused, value: 0, words: "no".into() };
     let record = |kind: Kind, content: Vec<u8>| encoded(kind as u16, 1, |to| to.extend(content));
     let laid_out = |put: &dyn Fn(&mut Vec<u8>)| {
