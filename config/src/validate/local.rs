@@ -16,7 +16,8 @@ pub(super) fn check(local: &LocalConfig, found: &mut Vec<Violation>) {
     }
     if local.mode_bits().is_none() {
         let reason = format!("{:?} is no octal number of permissions", local.mode);
-        let cure = "give three octal digits, such as \"0660\" (owner and group) or \"0666\" (everyone may read)";
+        let cure =
+            "give three octal digits, such as \"0660\" (owner and group) or \"0666\" (everyone may read)";
         found.push(Violation::new("local.mode", reason, cure));
     }
     let is_plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');

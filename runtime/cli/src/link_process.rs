@@ -178,7 +178,8 @@ impl Keeper {
     fn refuse(&mut self, failure: Failure) {
         let words = failure.words.clone();
         let tell = self.tell.take();
-        let is_told = tell.is_some_and(|tell| tell.send(Start::Failed(LinkProcessError::Refused(failure))).is_ok());
+        let is_told =
+            tell.is_some_and(|tell| tell.send(Start::Failed(LinkProcessError::Refused(failure))).is_ok());
         if !is_told {
             tracing::error!("cannot start the network: {words}; the flight continues without it");
         }

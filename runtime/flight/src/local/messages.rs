@@ -92,7 +92,8 @@ pub fn window_of(m: &proto::Window) -> Result<MapSnapshot, &'static str> {
         host: stamp(host),
         ends_o: [Vector3::new(*a, *b, *c), Vector3::new(*d, *e, *f)],
     };
-    let point = |(host, p): (&i64, &[f64; PLACE])| SnapshotPoint { host: stamp(host), p_o: Vector3::from(*p) };
+    let point =
+        |(host, p): (&i64, &[f64; PLACE])| SnapshotPoint { host: stamp(host), p_o: Vector3::from(*p) };
     Ok(MapSnapshot {
         stamp: stamp(&m.stamp_ns),
         reset_counter: m.reset_counter,
@@ -196,7 +197,10 @@ mod tests {
         let sent = MapSnapshot {
             stamp: STAMP,
             reset_counter: 2,
-            keyframes: vec![SnapshotKeyframe { stamp: host, pose_o_b: Isometry3::translation(1.0, 2.0, 3.0) }],
+            keyframes: vec![SnapshotKeyframe {
+                stamp: host,
+                pose_o_b: Isometry3::translation(1.0, 2.0, 3.0),
+            }],
             points: vec![SnapshotPoint { host, p_o: Vector3::x() }],
             lines: vec![SnapshotLine { host, ends_o: [Vector3::y(), Vector3::z()] }],
         };

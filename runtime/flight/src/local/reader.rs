@@ -93,12 +93,17 @@ impl Reader {
         }
     }
 
-    /// Writes what it takes.
+    /// The system has room for it again.
+    pub fn has_room(&mut self) {
+        self.is_full = false;
+    }
+
+    /// Writes what it takes; nothing while it is full.
     ///
     /// # Errors
     /// When it has gone.
     pub fn flush(&mut self, upstream: u64) -> io::Result<()> {
-        if !self.outbox.is_empty() {
+        if !self.is_full && !self.outbox.is_empty() {
             let upstream = upstream.saturating_sub(self.upstream_before);
             self.is_full = !self.outbox.flush(&mut self.stream, upstream)?;
         }

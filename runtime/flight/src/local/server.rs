@@ -124,7 +124,13 @@ impl Server {
     }
 
     fn patience(&self) -> Duration {
-        if self.commands.is_saving() { GLANCE } else if self.pause_end.is_some() { PAUSE } else { IDLE }
+        if self.commands.is_saving() {
+            GLANCE
+        } else if self.pause_end.is_some() {
+            PAUSE
+        } else {
+            IDLE
+        }
     }
 
     fn wait(&self, events: &mut Vec<Event>, timeout: Duration) {
@@ -201,6 +207,9 @@ impl Server {
     fn read(&mut self, place: usize, flags: EventFlags) {
         let Some(slot) = self.readers.get_mut(place) else { return };
         let Some(mut reader) = slot.take() else { return };
+        if flags.contains(EventFlags::OUT) {
+            reader.has_room();
+        }
         let before = (reader.kinds, reader.pictures_mhz);
         let outcome = reader.read(|reader, request| self.obey(place, reader, request));
         let is_there = outcome.is_ok() && !flags.intersects(EventFlags::HUP | EventFlags::ERR);
@@ -285,8 +294,11 @@ impl Server {
             self.send(Kind::MapEstimate, |to| put(&encode::map_estimate(&estimate), to));
         }
         let shared = Arc::clone(&self.shared);
-        while shared.snapshots.read(|s| self.send(Kind::Window, |to| put(&messages::window(s), to))).is_some() {}
-        while shared.shots.read(|s| self.send(Kind::Picture, |to| put(&messages::picture(s), to))).is_some() {}
+        while shared.snapshots.read(|s| self.send(Kind::Window, |to| put(&messages::window(s), to))).is_some()
+        {
+        }
+        while shared.shots.read(|s| self.send(Kind::Picture, |to| put(&messages::picture(s), to))).is_some() {
+        }
         self.encode_path();
         let rung = shared.rung.load(Ordering::Relaxed);
         if rung != self.rung {
@@ -331,8 +343,7 @@ impl Server {
 
     /// The flight is over: readers have a while to take what waits.
     fn finish(mut self, events: &mut Vec<Event>) {
-        let end: Arc<[u8]> =
-            encoded(Kind::End as u16, 0, |to| to.extend(now_ns().to_le_bytes())).into();
+        let end: Arc<[u8]> = encoded(Kind::End as u16, 0, |to| to.extend(now_ns().to_le_bytes())).into();
         self.readers.iter_mut().flatten().for_each(|reader| reader.outbox.push_kept(Arc::clone(&end)));
         let patience_end = Instant::now() + LAST_WORDS;
         loop {

@@ -73,7 +73,8 @@ impl LocalSocket {
             version: env!("CARGO_PKG_VERSION").into(),
         };
         let shot = Shot::new(config);
-        let server = Server::new((Arc::clone(&shared), waiting), door, admitted, control, &configuration, &shot)?;
+        let server =
+            Server::new((Arc::clone(&shared), waiting), door, admitted, control, &configuration, &shot)?;
         let theirs = Arc::clone(&shared);
         let thread = std::thread::Builder::new().name("local-socket".into()).spawn(move || {
             if catch_unwind(AssertUnwindSafe(|| server.run())).is_err() {

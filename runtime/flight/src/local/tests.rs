@@ -164,7 +164,8 @@ fn what_is_no_request_is_refused_and_does_nothing() {
     stream.write_all(&Request::Alive.encode(5)).unwrap();
     let failed = Request::Failed(Failure { is_usage: false, words: "no".into() });
     stream.write_all(&failed.encode(6)).unwrap();
-    let statuses = [answer(&mut reader), answer(&mut reader), answer(&mut reader)].map(|a| (a.number, a.status));
+    let statuses =
+        [answer(&mut reader), answer(&mut reader), answer(&mut reader)].map(|a| (a.number, a.status));
     assert_eq!(statuses, [(4, Status::Malformed), (5, Status::Refused), (6, Status::Refused)]);
     // After a length beyond bounds nothing can be understood.
     stream.write_all(&Header { kind: 1, length: u32::MAX, ..Header::default() }.encode()).unwrap();

@@ -29,9 +29,8 @@ pub async fn serve(camera: Publisher<'static>, rings: Arc<Rings>, rates: Rates, 
                 was_watched = is_watched;
             }
         }
-        let encode = |shot: &mut Shot| {
-            picture::message(shot, rates.camera_width_px, rates.camera_quality, sequence)
-        };
+        let encode =
+            |shot: &mut Shot| picture::message(shot, rates.camera_width_px, rates.camera_quality, sequence);
         if let Some(message) = rings.shots.read(encode).flatten() {
             sequence += 1;
             let _ = camera.put(message).await;

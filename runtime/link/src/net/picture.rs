@@ -17,9 +17,7 @@ pub fn message(shot: &Shot, max_width_px: usize, quality: u8, sequence: u64) -> 
     let (columns, rows) = (u16::try_from(width).ok()?, u16::try_from(height).ok()?);
     let mut jpeg = Vec::new();
     let pixels = reduced(&shot.image, factor);
-    Encoder::new(&mut jpeg, quality.clamp(1, 100))
-        .encode(&pixels, columns, rows, ColorType::Luma)
-        .ok()?;
+    Encoder::new(&mut jpeg, quality.clamp(1, 100)).encode(&pixels, columns, rows, ColorType::Luma).ok()?;
     let scale = 1.0 / factor as f32;
     // The centre of pixel 0 is at 0: the reduced one's lies in the middle of its block.
     let place = |x: f32| (x + 0.5) * scale - 0.5;
