@@ -1,10 +1,14 @@
 //! The local socket and the network process: real flights, with readers of every kind.
 
 use super::vehicle::{PLUMBLINE, Running, eventually, flight, free_port, render};
+use plumbline_config::Config;
 use plumbline_estimator::ResetKind;
+use plumbline_flight::flight::Output as _;
 use plumbline_flight::local::record::Kinds;
 use plumbline_flight::local::request::{Request, Status};
-use plumbline_flight::local::{Client, Record};
+use plumbline_flight::local::{Client, LocalSocket, Record};
+use plumbline_flight::pipeline::Stamps;
+use plumbline_flight::pipeline::listener::{Producer, Subscriber as _};
 use plumbline_link::net::{Endpoints, now_ns};
 use plumbline_test_support::{Need, skip};
 use serde_json::Value;
@@ -115,7 +119,7 @@ fn costs_the_flight_nothing(fly: impl Fn() -> Value) {
 }
 
 /// Processes that the threads of a process have started.
-fn children(process: u32) -> Vec<u32> {
+pub fn children(process: u32) -> Vec<u32> {
     let threads = std::fs::read_dir(format!("/proc/{process}/task")).into_iter().flatten().flatten();
     let lists = threads.filter_map(|thread| std::fs::read_to_string(thread.path().join("children")).ok());
     lists.flat_map(|list| list.split_whitespace().map(|id| id.parse().unwrap()).collect::<Vec<_>>()).collect()
@@ -391,17 +395,21 @@ mod realtime {
         got
     }
 
-    /// Time from the tick to a reader alone with the flight.
+    /// From the thread that hands odometry over to a reader, on a host that has nothing else to do.
     #[test]
     #[ignore = "needs a quiet host: make soak"]
     fn soak_local_socket_latency_is_below_a_tenth_of_a_millisecond() {
-        let flight = Flight::new();
-        let mut command = Command::new(PLUMBLINE);
-        let with_network = flight.command();
-        command.args(with_network.get_args().filter(|argument| *argument != "--publish"));
-        let vehicle = Running::start(command);
-        let got = read_to_the_end(Client::new(connected(&flight.socket())), Instant::now());
-        flight.finish(vehicle);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("local");
+        let change = |config: &mut Config| config.local.path = path.display().to_string();
+        let config = Config::preset("sim").unwrap().with("test", change).unwrap();
+        let mut socket = LocalSocket::start(&config, Stamps::OfHost, Arc::default()).unwrap();
+        let reading = Client::new(connected(&path));
+        let reading = std::thread::spawn(move || read_to_the_end(reading, Instant::now()));
+        let mut tick = socket.listener(Producer::Tick);
+        crate::network::send_at_200_hz(|odometry| tick.odometry(&odometry), 20, Duration::from_millis(100));
+        Box::new(socket).stop();
+        let got = reading.join().unwrap();
         println!("{got:?}");
         assert!(got.p50_us <= 100.0 && got.p99_us <= 300.0, "{got:?}");
     }

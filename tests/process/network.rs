@@ -58,7 +58,7 @@ fn a_second_process_receives_what_was_computed() {
 }
 
 /// Sends what a fast vehicle sends, without the estimation behind it.
-fn send_at_200_hz(mut send: impl FnMut(Odometry), seconds: u32, phase: Duration) {
+pub fn send_at_200_hz(mut send: impl FnMut(Odometry), seconds: u32, phase: Duration) {
     let start = Instant::now() + phase;
     for k in 0..200 * seconds {
         let due = start + Duration::from_millis(5) * k;

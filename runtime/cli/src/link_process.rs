@@ -18,9 +18,9 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use thiserror::Error;
 
-/// Data that the process has without peers, bytes (10^6): stacks of its threads, Zenoh at rest, half an hour of poses and
-/// keyframes. Beside it is `network.max_memory_mb`.
-const BASE_MB: u64 = 192;
+/// Data that the process has without peers, MB (10^6 bytes): 25 for the stacks of its threads and Zenoh at rest, 40 for half an
+/// hour of poses and keyframes, and what snapshots and pictures take on their way. Beside it is `network.max_memory_mb`.
+const BASE_MB: u64 = 112;
 const MB: u64 = 1_000_000;
 /// A process that says nothing for so long after its start has failed.
 const BEGIN_PATIENCE: Duration = Duration::from_secs(10);

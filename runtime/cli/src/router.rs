@@ -13,7 +13,7 @@ use std::time::Duration;
 const CHORES_PERIOD: Duration = Duration::from_millis(200);
 /// Data that the process may have, bytes: 512 MB for its 160 links, three times what they hold that behave, and what it has
 /// without any. Beyond it the process ends; its unit starts it again (docs/security.md).
-const MAX_DATA_BYTES: u64 = 704_000_000;
+const MAX_DATA_BYTES: u64 = 576_000_000;
 
 /// Arguments of `plumbline router`.
 #[derive(Debug, Args)]

@@ -176,7 +176,7 @@ fn requests(bytes: &[u8], piece: usize) -> Vec<Numbered> {
         inbox.add(count);
         left = &left[count..];
         loop {
-            match inbox.next() {
+            match inbox.next_request() {
                 Ok(Some(request)) => got.push(request),
                 Ok(None) => break,
                 Err(TooLong) => return got,

@@ -127,7 +127,7 @@ impl Reader {
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
                 Err(error) => return Err(error),
             }
-            while let Some(request) = self.inbox.next().map_err(|TooLong| ErrorKind::InvalidData)? {
+            while let Some(request) = self.inbox.next_request().map_err(|TooLong| ErrorKind::InvalidData)? {
                 if let (Rights::Link(words), Some(word)) = (&self.rights, report(&request)) {
                     words.tell(word);
                 } else {

@@ -132,7 +132,7 @@ impl Default for Inbox {
 }
 
 impl Inbox {
-    /// Memory for the next bytes; never empty after [`Self::next`] has given all that is there.
+    /// Memory for the next bytes; never empty after [`Self::next_request`] has given all that is there.
     pub fn room(&mut self) -> &mut [u8] {
         &mut self.bytes[self.filled..]
     }
@@ -146,7 +146,7 @@ impl Inbox {
     ///
     /// # Errors
     /// When its length is beyond bounds: nothing after it can be understood.
-    pub fn next(&mut self) -> Result<Option<Numbered>, TooLong> {
+    pub fn next_request(&mut self) -> Result<Option<Numbered>, TooLong> {
         let Some((header, rest)) = self.bytes[..self.filled].split_first_chunk() else { return Ok(None) };
         let header = Header::decode(header);
         let length = header.length as usize;
@@ -229,7 +229,7 @@ mod tests {
         for piece in bytes.chunks(piece) {
             inbox.room()[..piece.len()].copy_from_slice(piece);
             inbox.add(piece.len());
-            while let Some(request) = inbox.next()? {
+            while let Some(request) = inbox.next_request()? {
                 got.push(request);
             }
         }
