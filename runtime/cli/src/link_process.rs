@@ -24,7 +24,9 @@ const BASE_MB: u64 = 112;
 const MB: u64 = 1_000_000;
 /// A process that says nothing for so long after its start has failed.
 const BEGIN_PATIENCE: Duration = Duration::from_secs(10);
-/// A start that is patient waits so long for what is wrong with the endpoints, from the first word of the process on.
+/// A start that is patient waits so long for the first word of the process, and from then on so long for what is wrong with
+/// the endpoints.
+const FIRST_WORD: Duration = Duration::from_secs(1);
 const BRIEFLY: Duration = Duration::from_millis(300);
 /// A process without a sign of life for so long hangs.
 const HUNG: Duration = Duration::from_secs(10);
@@ -99,7 +101,7 @@ enum Start {
 }
 
 fn outcome_of_start(told: &Receiver<Start>, is_patient: bool) -> Result<(), LinkProcessError> {
-    let mut patience = if is_patient { BEGIN_PATIENCE } else { Duration::MAX };
+    let mut patience = if is_patient { FIRST_WORD } else { Duration::MAX };
     loop {
         match told.recv_timeout(patience) {
             Ok(Start::Begun) if is_patient => patience = BRIEFLY,

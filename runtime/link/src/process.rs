@@ -75,6 +75,9 @@ pub enum LinkError {
     /// The flight's configuration is none of this version.
     #[error("the configuration of the flight cannot be used: {0}")]
     Config(#[from] ConfigError),
+    /// There is nowhere to publish.
+    #[error("no endpoint to publish on: give --listen or --connect, or set network.listen or ros.enabled")]
+    NoEndpoint,
     /// The socket cannot be used.
     #[error("the local socket cannot be used: {0}")]
     Io(#[from] io::Error),
@@ -84,7 +87,11 @@ impl LinkError {
     /// Whether another attempt with the same configuration cannot succeed.
     #[must_use]
     pub fn is_usage(&self) -> bool {
-        matches!(self, Self::Net(error) if error.is_usage()) || matches!(self, Self::Config(_))
+        match self {
+            Self::Net(error) => error.is_usage(),
+            Self::Config(_) | Self::NoEndpoint => true,
+            Self::Client(_) | Self::Io(_) => false,
+        }
     }
 }
 
@@ -177,6 +184,9 @@ impl Outputs {
             }
             false => None,
         };
+        if net.is_none() && ros.is_none() {
+            return Err(LinkError::NoEndpoint);
+        }
         Ok(Self { net, ros })
     }
 

@@ -51,7 +51,7 @@ pub struct Server {
     shared: Arc<Shared>,
     waiting: Waiting,
     door: Option<Door>,
-    /// Nobody is accepted before.
+    /// Time before which no reader is accepted.
     pause_end: Option<Instant>,
     admissions: Receiver<Admission>,
     readers: Vec<Option<Reader>>,
@@ -307,7 +307,7 @@ impl Server {
         }
     }
 
-    /// Of the paths that wait only the newest counts; it is kept for readers that come later.
+    /// Encodes the newest of the paths that wait, and keeps it for readers that come later.
     fn encode_path(&mut self) {
         let shared = Arc::clone(&self.shared);
         let mut is_new = false;
