@@ -12,6 +12,7 @@ mod estimator;
 mod frames;
 mod imu_driver;
 mod lines;
+mod local;
 mod network;
 mod places;
 mod recorder;
@@ -28,6 +29,7 @@ pub use estimator::{EstimatorConfig, HealthConfig, InitialConfig, PointsConfig, 
 pub use frames::FramesConfig;
 pub use imu_driver::{ImuDriverConfig, ImuEndpoint, ImuProtocol, MavlinkImu, TriggerExposure};
 pub use lines::LinesConfig;
+pub use local::LocalConfig;
 pub use network::{Commands, Link, LoginConfig, NetworkConfig, TlsConfig, is_certificate_name};
 pub use places::PlacesConfig;
 pub use recorder::{ImageRecording, KeepPolicy, RecorderConfig};
@@ -58,6 +60,9 @@ pub struct Config {
     /// Where samples come from.
     #[serde(default)]
     pub driver: DriverConfig,
+    /// Socket for programs of this computer.
+    #[serde(default)]
+    pub local: LocalConfig,
     /// What is published, and to whom.
     #[serde(default)]
     pub network: NetworkConfig,
@@ -88,6 +93,7 @@ impl Config {
             rig: RigConfig::default(),
             estimator: EstimatorConfig::default(),
             driver: DriverConfig::default(),
+            local: LocalConfig::default(),
             network: NetworkConfig::default(),
             ros: RosConfig::default(),
             runtime: RuntimeConfig::default(),

@@ -9,6 +9,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let files = ["plumbline/v1/log.proto", "foxglove/foxglove.proto"];
     let descriptors = protox::compile(files, ["proto"])?;
     prost_build::Config::new().compile_fds(descriptors)?;
+    // Beside the log's messages, which it carries.
+    let local = protox::compile(["plumbline/v1/local.proto"], ["proto"])?;
+    let mut messages = prost_build::Config::new();
+    messages.extern_path(".plumbline.v1.log", "crate::log::proto").compile_fds(local)?;
     let out = std::env::var("OUT_DIR")?;
     for (file, name) in [(files[0], "log"), (files[1], "foxglove")] {
         let mut compiler = protox::Compiler::new(["proto"])?;

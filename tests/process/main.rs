@@ -16,6 +16,7 @@ mod host;
 mod import;
 mod install;
 mod lines;
+mod local;
 mod log;
 mod maps;
 mod network;

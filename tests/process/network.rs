@@ -3,8 +3,11 @@
 use super::vehicle::{PLUMBLINE, Running, flight, free_port, render};
 use plumbline_config::{Config, Timestamp};
 use plumbline_estimator::{Estimate, NavCovariance, Odometry, TrackingState};
-use plumbline_flight::pipeline::listener::{Listener, Producer, Subscriber as _};
-use plumbline_link::net::{Endpoints, Publisher};
+use plumbline_flight::flight::Output as _;
+use plumbline_flight::local::LocalSocket;
+use plumbline_flight::pipeline::Stamps;
+use plumbline_flight::pipeline::listener::{Producer, Subscriber as _};
+use plumbline_link::net::{Endpoints, Feed, Publisher, now_ns};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::io::{Read as _, Write as _};
@@ -54,13 +57,13 @@ fn a_second_process_receives_what_was_computed() {
     assert!(same >= computed.len() * 9 / 10, "{same} of {} poses were received", computed.len());
 }
 
-/// A vehicle that sends what a fast one sends, without the estimation behind it.
-fn send_at_200_hz(tick: &mut dyn Listener, seconds: u32, phase: Duration) {
+/// Sends what a fast vehicle sends, without the estimation behind it.
+pub fn send_at_200_hz(mut send: impl FnMut(Odometry), seconds: u32, phase: Duration) {
     let start = Instant::now() + phase;
     for k in 0..200 * seconds {
         let due = start + Duration::from_millis(5) * k;
         std::thread::sleep(due.saturating_duration_since(Instant::now()));
-        tick.odometry(&Odometry {
+        send(Odometry {
             sequence: u64::from(k),
             stamp: Timestamp::from_nanos(1 + i64::from(k) * 5_000_000),
             pose_o_b: nalgebra::Isometry3::translation(f64::from(k) * 0.005, 0.0, 1.0),
@@ -104,12 +107,11 @@ fn a_client_with_default_settings_receives_every_answer() {
     const POSES: u32 = 600;
     let endpoint = format!("tcp/127.0.0.1:{}", free_port());
     let endpoints = Endpoints { listen: vec![endpoint.clone()], ..Endpoints::default() };
-    let mut publisher =
+    let (publisher, mut feed) =
         Publisher::start(&Config::preset("sim").unwrap(), &endpoints, Arc::default()).unwrap();
-    let mut window = publisher.listener(Producer::Window);
     for k in 0..POSES {
-        // Slowly enough for the ring between the run and the network.
-        window.estimate(&estimate(k), 1.0);
+        // Slowly enough for the ring between the flight and the network.
+        feed.estimate(estimate(k), 1.0);
         std::thread::sleep(Duration::from_millis(5));
     }
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
@@ -173,7 +175,7 @@ impl Station {
 fn watched(vehicles: u32, seconds: u32) -> Value {
     let station = Station::start();
     let config = Config::preset("sim").unwrap();
-    let mut publishers: Vec<Publisher> = (0..vehicles)
+    let mut publishers: Vec<(Publisher, Feed)> = (0..vehicles)
         .map(|k| {
             let endpoints = Endpoints {
                 vehicle: format!("v{k}"),
@@ -186,15 +188,14 @@ fn watched(vehicles: u32, seconds: u32) -> Value {
     // Until the subscriptions have gone round.
     std::thread::sleep(Duration::from_secs(2));
     std::thread::scope(|scope| {
-        for (k, publisher) in (0u32..).zip(&mut publishers) {
+        for (k, (_, feed)) in (0u32..).zip(&mut publishers) {
             let phase = Duration::from_micros(u64::from(k) * 5_000 / u64::from(vehicles));
-            let mut tick = publisher.listener(Producer::Tick);
-            scope.spawn(move || send_at_200_hz(&mut *tick, seconds, phase));
+            scope.spawn(move || send_at_200_hz(|o| feed.odometry(o, now_ns()), seconds, phase));
         }
     });
     std::thread::sleep(Duration::from_millis(500));
     let report = station.finish();
-    publishers.into_iter().for_each(Publisher::stop);
+    publishers.into_iter().for_each(|(publisher, _)| publisher.stop());
     report
 }
 
@@ -252,36 +253,28 @@ fn bare_hand_over(seconds: u32) -> Latency {
     Latency { p50: delays_ms[delays_ms.len() / 2], p99: delays_ms[delays_ms.len() * 99 / 100] }
 }
 
-/// Tell the process of [`a_vehicle_of_its_own`] where to connect to, and for how long to send.
-const CONNECT: &str = "PLUMBLINE_TEST_CONNECT";
-const SECONDS: &str = "PLUMBLINE_TEST_SECONDS";
-
-#[test]
-#[ignore = "a process of the tests of latency"]
-fn a_vehicle_of_its_own() {
-    let Ok(endpoint) = std::env::var(CONNECT) else { return };
-    let endpoints = Endpoints { vehicle: "v0".into(), connect: vec![endpoint], ..Endpoints::default() };
-    let mut publisher =
-        Publisher::start(&Config::preset("sim").unwrap(), &endpoints, Arc::default()).unwrap();
-    std::thread::sleep(Duration::from_secs(2));
-    let seconds = std::env::var(SECONDS).unwrap().parse().unwrap();
-    send_at_200_hz(&mut *publisher.listener(Producer::Tick), seconds, Duration::ZERO);
-    std::thread::sleep(Duration::from_millis(500));
-    publisher.stop();
-}
-
-/// From hand-over to the callback of the station's process; the threads of both are laid out as the command does it.
+/// From hand-over on the thread of a flight, over its local socket and the network process, to the callback of the station's
+/// process.
 fn measured_latency(seconds: u32) -> Latency {
     let bare = bare_hand_over(2);
     let station = Station::start();
-    let vehicle = Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "network::a_vehicle_of_its_own", "--ignored"])
-        .env(plumbline_link::net::threads::VARIABLE, plumbline_link::net::threads::LAYOUT)
-        .env(CONNECT, &station.endpoint)
-        .env(SECONDS, seconds.to_string())
-        .output()
-        .unwrap();
-    assert!(vehicle.status.success(), "{}", String::from_utf8_lossy(&vehicle.stdout));
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("local");
+    let change = |config: &mut Config| {
+        config.network.vehicle = "v0".into();
+        config.local.path = path.display().to_string();
+    };
+    let config = Config::preset("sim").unwrap().with("test", change).unwrap();
+    let mut socket = LocalSocket::start(&config, Stamps::OfHost, Arc::default()).unwrap();
+    let mut link = Command::new(PLUMBLINE);
+    link.arg("link").arg("--socket").arg(&path).args(["--connect", &station.endpoint]);
+    let link = Running::start(link);
+    std::thread::sleep(Duration::from_secs(3));
+    let mut tick = socket.listener(Producer::Tick);
+    send_at_200_hz(|odometry| tick.odometry(&odometry), seconds, Duration::ZERO);
+    std::thread::sleep(Duration::from_millis(500));
+    Box::new(socket).stop();
+    drop(link);
     let report = station.finish();
     let vehicle = &report["vehicles"]["v0"];
     assert_eq!(
@@ -290,7 +283,7 @@ fn measured_latency(seconds: u32) -> Latency {
     );
     let figure = |name: &str| vehicle["latency_ms"][name].as_f64().unwrap();
     let ours = Latency { p50: figure("p50"), p99: figure("p99") };
-    // Estimator to Zenoh's sender, to Zenoh's receiver: two.
+    // Flight to socket's thread, to the link's reader, to Zenoh's sender, to Zenoh's receiver: four.
     println!("to the callback: {ours:?} ms; one bare hand-over between threads on this host: {bare:?} ms");
     ours
 }
@@ -353,13 +346,12 @@ mod realtime {
         let (all, fast) = (Station::start(), Station::start_at(format!("udp/127.0.0.1:{}", free_port())));
         let connect = vec![all.endpoint.clone(), fast.endpoint.clone()];
         let endpoints = Endpoints { vehicle: "drone".into(), connect, ..Endpoints::default() };
-        let mut publisher =
+        let (publisher, mut feed) =
             Publisher::start(&Config::preset("sim").unwrap(), &endpoints, Arc::default()).unwrap();
         std::thread::sleep(Duration::from_secs(2));
-        let mut tick = publisher.listener(Producer::Tick);
-        send_at_200_hz(&mut *tick, 1, Duration::ZERO);
+        send_at_200_hz(|o| feed.odometry(o, now_ns()), 1, Duration::ZERO);
         let in_datagrams = fast.finish();
-        send_at_200_hz(&mut *tick, 1, Duration::ZERO);
+        send_at_200_hz(|o| feed.odometry(o, now_ns()), 1, Duration::ZERO);
         publisher.stop();
         let with_everything = all.finish();
         let received = |report: &Value| report["vehicles"]["drone"]["odom"]["received"].as_u64().unwrap();

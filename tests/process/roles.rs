@@ -378,7 +378,7 @@ fn network_an_excluded_certificate_does_nothing_and_the_next_one_of_its_holder_a
 /// A vehicle in this process, with nothing that it could reset.
 fn vehicle(endpoints: Endpoints) -> Publisher {
     let config = Config::preset("sim").unwrap();
-    Publisher::start(&config, &endpoints, Arc::default()).unwrap()
+    Publisher::start(&config, &endpoints, Arc::default()).unwrap().0
 }
 
 #[test]

@@ -19,7 +19,7 @@ pub struct NetworkConfig {
     pub link: Link,
     /// Offer camera pictures, where the link can carry them.
     pub camera: bool,
-    /// Memory limit of the network session, MB. Beyond it all links are closed and reopened.
+    /// Memory that peers may take of the network process, MB. Beyond it that process ends and is started again.
     pub max_memory_mb: u32,
     /// Clients that may give commands.
     pub commands: Commands,

@@ -408,3 +408,20 @@ fn every_number_has_a_range() {
     }
     assert!(tried > 300, "{tried}");
 }
+
+#[test]
+fn the_local_socket_has_a_path_permissions_and_a_group() {
+    for bad in ["local", "/run/", "/a\0b"] {
+        check("local.path", "/run/plumbline/local", |c| c.local.path = bad.into());
+    }
+    check("local.path", "longer than 100", |c| c.local.path = format!("/{}", "x".repeat(100)));
+    for bad in ["", "0o", "rw", "660 ", "1777", "+66"] {
+        check("local.mode", "\"0660\"", |c| c.local.mode = bad.into());
+    }
+    check("local.group", "plumbline", |c| c.local.group = "a b".into());
+    let good = |c: &mut Config| {
+        (c.local.path, c.local.mode, c.local.group) =
+            ("/run/plumbline/local".into(), "0o640".into(), "video".into());
+    };
+    assert_eq!(refused(good), []);
+}

@@ -1,11 +1,12 @@
 //! Validation: which values are refused. Ranges of single numbers are a table in [`ranges`]; here is what
 //! concerns several values at a time, and [`extrinsics`], [`network`], [`autopilot`],
-//! [`frames`], [`imu_driver`], [`ros`] and [`v4l2`].
+//! [`frames`], [`imu_driver`], [`local`], [`ros`] and [`v4l2`].
 
 mod autopilot;
 mod extrinsics;
 mod frames;
 mod imu_driver;
+mod local;
 mod network;
 mod ranges;
 mod ros;
@@ -61,6 +62,7 @@ impl Config {
         ranges::check_config(self, &mut found);
         check_pairing(self, &mut found);
         check_orders(&[order_of_recorder(self)], &mut found);
+        local::check(&self.local, &mut found);
         network::check(&self.network, &mut found);
         autopilot::check(&self.autopilot, &mut found);
         imu_driver::check(self, &mut found);

@@ -244,7 +244,7 @@ mod tests {
 
     #[test]
     fn returns_to_the_stated_noise_afterwards() {
-        let scale = after(|k| if k < 100 { 2.0 } else { 0.3 });
+        let scale = after(|k| if k < 40 { 2.0 } else { 0.3 });
         assert_eq!(scale.noise(), STATED);
     }
 

@@ -2,6 +2,7 @@
 //! watched by a ground station with its page.
 
 use super::exit_status::last_resort;
+use super::link_process::LinkProcess;
 use super::progress::{Glance, Progress};
 use super::scenario::parse_scene;
 use super::{Usage, stop_on_signal};
@@ -11,13 +12,15 @@ use nalgebra::Isometry3;
 use plumbline_drivers::StereoFrame;
 use plumbline_drivers::simulator::{Scenario, Simulator};
 use plumbline_flight::flight::{Outputs, Truth, fly, open_simulation, scenario_config};
+use plumbline_flight::local::LocalSocket;
 use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_ground as ground;
 use plumbline_ground::connection::Connection;
 use plumbline_ground::fleet::Fleet;
 use plumbline_lab::report::Report;
+use plumbline_link::net::Endpoints;
 use plumbline_link::net::certificate::DEFAULT_VEHICLE;
-use plumbline_link::net::{Endpoints, Publisher};
+use plumbline_link::process::LinkOptions;
 use std::io::{IsTerminal, Write};
 use std::net::{SocketAddr, TcpListener};
 use std::sync::{Arc, Mutex};
@@ -70,11 +73,12 @@ pub fn run(args: &DemoArgs) -> Result<()> {
     let flight = open_simulation(None, &scenario, false, 0.0, None)?;
     let size = &flight.config.camera[0];
     let endpoint = free_endpoint()?;
-    let mut endpoints = Endpoints::of(&flight.config.network);
-    endpoints.listen = vec![endpoint.clone()];
     let control = Arc::new(Control::stopped_by(stop_on_signal()?).with_last_resort(last_resort));
     let mut outputs = Outputs::default();
-    outputs.add(Publisher::start(&flight.config, &endpoints, Arc::clone(&control))?);
+    let socket = LocalSocket::start(&flight.config, flight.stamps, Arc::clone(&control))?;
+    let (door, listen) = (socket.link_door(), vec![endpoint.clone()]);
+    outputs.add(socket);
+    outputs.add(LinkProcess::start(door, &flight.config, LinkOptions { listen, ..LinkOptions::default() })?);
     println!(
         "Flying for {:.0} s in the {} with {}x{} stereo images.",
         args.duration, args.scene, size.width_px, size.height_px

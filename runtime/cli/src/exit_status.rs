@@ -6,9 +6,11 @@
 //! started again, as the systemd unit does. 1: everything else that went wrong.
 
 use super::Usage;
+use super::link_process::LinkProcessError;
 use plumbline_config::ConfigError;
 use plumbline_drivers::DriverError;
 use plumbline_flight::flight::FlightError;
+use plumbline_flight::local::LocalError;
 use plumbline_flight::log::LogError;
 use plumbline_flight::pipeline::RunError;
 use plumbline_flight::places::frames::PlacesError;
@@ -17,6 +19,7 @@ use plumbline_lab::calibrate::camera::ImagesError;
 use plumbline_lab::calibrate::rig::RigError;
 use plumbline_link::net::NetError;
 use plumbline_link::net::keys::KeysError;
+use plumbline_link::process::LinkError;
 use std::error::Error;
 use std::io::ErrorKind;
 use std::time::Duration;
@@ -27,7 +30,7 @@ const FAILED: u8 = 1;
 const USAGE: u8 = 2;
 
 /// A fault of the program ended a live flight.
-const FAULT: u8 = 3;
+pub const FAULT: u8 = 3;
 /// A run that cannot go on has this long to end: to tell the autopilot, and to write its log.
 const LAST_WORDS: Duration = Duration::from_millis(400);
 
@@ -112,10 +115,16 @@ fn is_wrong_input(cause: &(dyn Error + 'static)) -> bool {
 /// Whether an endpoint or a key file cannot be what was meant.
 fn is_wrong_endpoint(cause: &(dyn Error + 'static)) -> bool {
     if let Some(error) = cause.downcast_ref::<NetError>() {
-        return matches!(
-            error,
-            NetError::Endpoint { .. } | NetError::File { .. } | NetError::Datagrams { .. }
-        );
+        return error.is_usage();
+    }
+    if let Some(LinkProcessError::Refused(failure)) = cause.downcast_ref::<LinkProcessError>() {
+        return failure.is_usage;
+    }
+    if let Some(error) = cause.downcast_ref::<LocalError>() {
+        return !matches!(error, LocalError::Thread(_));
+    }
+    if let Some(error) = cause.downcast_ref::<LinkError>() {
+        return error.is_usage();
     }
     match cause.downcast_ref::<KeysError>() {
         None | Some(KeysError::Certificate { .. }) => false,

@@ -1,6 +1,7 @@
 //! `plumbline fly`: live, from the sensors that a configuration names.
 
 use super::exit_status::last_resort;
+use super::link_process::LinkProcess;
 use super::progress::{Glance, Progress};
 use super::{Usage, check_outputs, load_config, say_within, stop_on_signal};
 use anyhow::{Context, Result};
@@ -15,12 +16,12 @@ use plumbline_flight::flight::sensor_watch::SensorWatch;
 use plumbline_flight::flight::{
     Flight, FlightError, Flown, Outputs, ResetCount, fly, is_log, open_sensors, plausibility, with_overrides,
 };
+use plumbline_flight::local::LocalSocket;
 use plumbline_flight::log::{LogError, WhenFull};
-use plumbline_flight::pipeline::{Control, RunOptions, Stamps};
+use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_flight::places::{MapContents, read_known_map, write_map};
 use plumbline_lab::report::Report;
-use plumbline_link::net::{Endpoints, Publisher};
-use plumbline_link::ros::RosOutput;
+use plumbline_link::process::{LinkOptions, has_network};
 use std::io::{IsTerminal, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -192,16 +193,23 @@ fn start_outputs(
     if let Some(path) = &args.save_map {
         outputs.save_map(path, control)?;
     }
-    let endpoints = Endpoints::of(&config.network).and(&args.listen, &args.connect);
-    let has_network = !endpoints.listen.is_empty() || !endpoints.connect.is_empty() || endpoints.scouting;
-    if has_network {
-        outputs.add(Publisher::start_patiently(config, &endpoints, Arc::clone(control))?);
+    let link = LinkOptions {
+        listen: args.listen.clone(),
+        connect: args.connect.clone(),
+        publish: false,
+        is_patient: true,
+    };
+    let has_network = has_network(&config.network, &link) || config.ros.enabled;
+    if has_network || !config.local.path.is_empty() {
+        let socket = LocalSocket::start(config, flight.stamps, Arc::clone(control))?;
+        let door = socket.link_door();
+        outputs.add(socket);
+        if has_network {
+            outputs.add(LinkProcess::start(door, config, link)?);
+        }
     }
-    if config.ros.enabled {
-        let (vehicle, rot_v_b) = (&endpoints.vehicle, config.vehicle.rot_v_b());
-        outputs.add(RosOutput::start(&config.ros, vehicle, rot_v_b, Stamps::OfHost)?);
-    }
-    if !has_network && !config.ros.enabled && config.autopilot.connect.is_empty() && log.is_none() {
+    let is_heard = has_network || !config.local.path.is_empty();
+    if !is_heard && config.autopilot.connect.is_empty() && log.is_none() {
         tracing::warn!(
             "the flight has no outputs: name an autopilot (autopilot.connect), a network (network.listen or --listen), or \
              --record"

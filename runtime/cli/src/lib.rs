@@ -21,6 +21,8 @@ pub mod fly;
 mod ground;
 mod keys;
 pub mod lines;
+mod link;
+mod link_process;
 pub mod log;
 mod log_lines;
 mod man;
@@ -42,9 +44,10 @@ pub mod verify;
 
 use clap::{CommandFactory, Parser, Subcommand};
 use plumbline_config::{Config, ConfigError, ValidConfig};
-use plumbline_link::net::audit;
+use plumbline_link::net::{audit, threads};
 use std::fmt::Display;
 use std::io::{IsTerminal as _, Write as _};
+use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -115,6 +118,9 @@ enum Command {
     Ground(ground::GroundArgs),
     /// Relay messages between vehicles and ground stations that cannot reach each other.
     Router(router::RouterArgs),
+    /// Publish a flight that another process makes, read from its local socket. `fly` and `replay --publish` start this by
+    /// themselves.
+    Link(link::LinkArgs),
     /// Reset the estimator of a vehicle over the network.
     #[cfg(feature = "ground")]
     Reset(reset::ResetArgs),
@@ -148,10 +154,24 @@ enum Command {
     Man(man::ManArgs),
 }
 
+impl Command {
+    /// Whether messages reach this process over Zenoh as long as it runs.
+    fn has_network(&self) -> bool {
+        #[cfg(feature = "ground")]
+        if matches!(self, Self::Demo(_) | Self::Ground(_)) {
+            return true;
+        }
+        matches!(self, Self::Router(_) | Self::Link(_))
+    }
+}
+
 /// Runs the command line of this process.
 #[must_use]
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
+    if cli.command.has_network() {
+        lay_out_threads();
+    }
     init_logs(cli.verbose);
     let ended = run(cli.command);
     log_lines::flush();
@@ -163,6 +183,17 @@ pub fn main() -> ExitCode {
             within(PATIENCE, move || drop(std::io::stderr().write_all(words.as_bytes())));
             ExitCode::from(exit_status::exit_status(&error))
         }
+    }
+}
+
+/// Begins the program anew with the layout of Zenoh's threads in its environment, from which alone Zenoh takes it; where that
+/// cannot be done, it goes on with another layout.
+fn lay_out_threads() {
+    if std::env::var_os(threads::VARIABLE).is_none()
+        && let Ok(program) = std::env::current_exe()
+    {
+        let mut again = std::process::Command::new(program);
+        let _ = again.args(std::env::args_os().skip(1)).env(threads::VARIABLE, threads::LAYOUT).exec();
     }
 }
 
@@ -185,6 +216,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         #[cfg(feature = "ground")]
         Command::Ground(args) => ground::run(&args),
         Command::Router(args) => router::run(&args),
+        Command::Link(args) => link::run(&args),
         #[cfg(feature = "ground")]
         Command::Reset(args) => reset::run(&args),
         Command::Keys(args) => keys::run(&args),

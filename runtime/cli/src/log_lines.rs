@@ -130,6 +130,17 @@ pub fn take_panics() {
     }));
 }
 
+/// Ends the process with this status after the line of a panic, on whatever thread it was: what a library leaves behind there
+/// cannot be trusted, and whoever started the process starts it again.
+pub fn end_on_panic(status: u8) {
+    let say = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |info| {
+        say(info);
+        flush();
+        std::process::exit(status.into());
+    }));
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

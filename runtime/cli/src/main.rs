@@ -7,6 +7,5 @@ use std::process::ExitCode;
 static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 fn main() -> ExitCode {
-    plumbline_link::net::threads::lay_out();
     plumbline::main()
 }

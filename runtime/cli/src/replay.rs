@@ -1,6 +1,7 @@
 //! `plumbline replay`: the estimator over a recorded or simulated flight.
 
 use super::exit_status::last_resort;
+use super::link_process::LinkProcess;
 use super::plot::flown_subject;
 use super::progress::Progress;
 use super::scenario::{ScenarioArgs, parse_scene};
@@ -19,15 +20,15 @@ use plumbline_flight::flight::{
     CausalPose, Cut, Flight, Flown, KeptStates, OdometryTrajectory, Outputs, Truth, fly, is_log,
     open_recording, open_simulation, plausibility, with_overrides,
 };
+use plumbline_flight::local::LocalSocket;
 use plumbline_flight::log::WhenFull;
 use plumbline_flight::log::source::LogEnd;
-use plumbline_flight::pipeline::{Control, RunOptions, Stamps};
+use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_flight::places::{MapContents, read_known_map, write_map};
 use plumbline_lab::evaluate::load_trajectory;
 use plumbline_lab::plot;
 use plumbline_lab::report::Report;
-use plumbline_link::net::{Endpoints, Publisher};
-use plumbline_link::ros::RosOutput;
+use plumbline_link::process::{LinkOptions, has_network};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -324,20 +325,35 @@ fn start_outputs(args: &ReplayArgs, flight: &Flight, control: &Arc<Control>) -> 
     if !args.publish && config.ros.enabled {
         tracing::warn!("ros.enabled is set but has no effect: publishing to ROS 2 needs --publish");
     }
+    start_network(args, flight, control, &mut outputs)?;
+    Ok(outputs)
+}
+
+/// The local socket where one is named, and the network process where that is wanted.
+fn start_network(
+    args: &ReplayArgs,
+    flight: &Flight,
+    control: &Arc<Control>,
+    outputs: &mut Outputs,
+) -> Result<()> {
+    let config = &flight.config;
+    if !args.publish && config.local.path.is_empty() {
+        return Ok(());
+    }
+    let socket = LocalSocket::start(config, flight.stamps, Arc::clone(control))?;
+    let door = socket.link_door();
+    outputs.add(socket);
     if args.publish {
-        let endpoints = Endpoints::of(&config.network).and(&args.listen, &args.connect);
-        if endpoints.listen.is_empty() && endpoints.connect.is_empty() && !endpoints.scouting {
+        let (listen, connect) = (args.listen.clone(), args.connect.clone());
+        let link = LinkOptions { listen, connect, publish: false, is_patient: false };
+        if !has_network(&config.network, &link) {
             tracing::warn!(
                 "--publish: no endpoint to publish on; give --listen or --connect, or set network.listen"
             );
         }
-        outputs.add(Publisher::start(config, &endpoints, Arc::clone(control))?);
-        if config.ros.enabled {
-            let (vehicle, rot_v_b) = (&endpoints.vehicle, config.vehicle.rot_v_b());
-            outputs.add(RosOutput::start(&config.ros, vehicle, rot_v_b, Stamps::Replayed)?);
-        }
+        outputs.add(LinkProcess::start(door, config, LinkOptions { publish: true, ..link })?);
     }
-    Ok(outputs)
+    Ok(())
 }
 
 /// Whether an autopilot is named that can be told: it flies in real time, or not at all.

@@ -4,15 +4,16 @@ use super::access::AccessArgs;
 use super::{Usage, say, stop_on_signal};
 use anyhow::Result;
 use clap::Args;
-use plumbline_link::net::memory::{MAX_HELD_BY_ROUTER_MB, SessionMemory};
 use plumbline_link::net::{Endpoints, Mode, audit, diagnosis, security};
+use rustix::process::{Resource, Rlimit, setrlimit};
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 /// Refusals are said this often.
 const CHORES_PERIOD: Duration = Duration::from_millis(200);
-/// A session that cannot be opened anew is tried again this often.
-const RETRY: Duration = Duration::from_millis(500);
+/// Data that the process may have, bytes: 512 MB for its 160 links, three times what they hold that behave, and what it has
+/// without any. Beyond it the process ends; its unit starts it again (docs/security.md).
+const MAX_DATA_BYTES: u64 = 576_000_000;
 
 /// Arguments of `plumbline router`.
 #[derive(Debug, Args)]
@@ -40,8 +41,9 @@ pub fn run(args: &RouterArgs) -> Result<()> {
     let endpoints =
         Endpoints { mode: Mode::Router, ..args.access.endpoints("*", &args.listen, &args.connect) };
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
-    let mut memory = SessionMemory::begin(MAX_HELD_BY_ROUTER_MB, 0);
-    let mut session = runtime.block_on(endpoints.open())?;
+    let limit = Rlimit { current: Some(MAX_DATA_BYTES), maximum: Some(MAX_DATA_BYTES) };
+    setrlimit(Resource::Data, limit)?;
+    let session = runtime.block_on(endpoints.open())?;
     if let Some(exposure) = security::exposure(&endpoints) {
         tracing::warn!("{exposure}");
     }
@@ -51,18 +53,6 @@ pub fn run(args: &RouterArgs) -> Result<()> {
         std::thread::sleep(CHORES_PERIOD);
         audit::log_refusals();
         diagnosis::report_failures();
-        if memory.is_too_much(0) {
-            let _ = runtime.block_on(async { session.close().await });
-            memory = SessionMemory::begin(MAX_HELD_BY_ROUTER_MB, 0);
-            session = loop {
-                match runtime.block_on(endpoints.open()) {
-                    Ok(session) => break session,
-                    Err(_) if stop.load(Ordering::Relaxed) => return Ok(()),
-                    Err(error) => tracing::warn!("{error}; it is tried again"),
-                }
-                std::thread::sleep(RETRY);
-            };
-        }
     }
     let _ = runtime.block_on(async { session.close().await });
     Ok(())

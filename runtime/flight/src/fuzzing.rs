@@ -4,6 +4,8 @@
 
 use crate::autopilot::inbox::{Inbox, Received};
 use crate::autopilot::timesync::TimeSync;
+use crate::local::client::Records;
+use crate::local::request::{self, Numbered, Request, TooLong};
 use crate::log::channel::Channel;
 use crate::log::decode::FromLog;
 use crate::log::source::{LogImu, LogStereo};
@@ -145,13 +147,58 @@ fn received(bytes: &[u8], piece: usize) -> Vec<Received> {
     messages
 }
 
+/// Bytes of a reader of the local socket: the first says how long the pieces are that the others come in. Requests are the
+/// same however they are cut, and come back as they were.
+///
+/// # Panics
+/// When they are not.
+pub fn local_requests(data: &[u8]) {
+    let Some((piece, bytes)) = data.split_first() else { return };
+    let (whole, cut) = (requests(bytes, usize::MAX), requests(bytes, 1 + usize::from(*piece)));
+    assert_eq!(whole, cut);
+    for Numbered { number, request } in whole {
+        // The text of a failure is shortened, and what is no text replaced.
+        if let Some(request) = request.filter(|request| !matches!(request, Request::Failed(_))) {
+            let expected = Numbered { number, request: Some(request.clone()) };
+            assert_eq!(requests(&request.encode(number), 7), [expected]);
+        }
+    }
+}
+
+/// Requests up to the first that is too long.
+fn requests(bytes: &[u8], piece: usize) -> Vec<Numbered> {
+    let (mut inbox, mut got, mut left) = (request::Inbox::default(), Vec::new(), bytes);
+    while !left.is_empty() {
+        let room = inbox.room();
+        let count = left.len().min(piece).min(room.len());
+        assert!(count > 0, "there is room for a request");
+        room[..count].copy_from_slice(&left[..count]);
+        inbox.add(count);
+        left = &left[count..];
+        loop {
+            match inbox.next_request() {
+                Ok(Some(request)) => got.push(request),
+                Ok(None) => break,
+                Err(TooLong) => return got,
+            }
+        }
+    }
+    got
+}
+
+/// Bytes of a flight to a reader of the local socket: read to their end.
+pub fn local_records(data: &[u8]) {
+    let mut records = Records::new(data);
+    while records.next_record().is_ok() {}
+}
+
 #[cfg(test)]
 #[path = "../../../fuzz/smoke.rs"]
 mod smoke;
 
 #[cfg(test)]
 #[path = "../../../fuzz/fixture.rs"]
-mod fixture;
+pub(crate) mod fixture;
 
 #[cfg(test)]
 mod seeds;
@@ -191,5 +238,15 @@ mod tests {
     #[test]
     fn fuzz_mavlink() {
         over_seeds_and_mutations("mavlink", 5000, super::mavlink);
+    }
+
+    #[test]
+    fn fuzz_local_requests() {
+        over_seeds_and_mutations("local_requests", 20_000, super::local_requests);
+    }
+
+    #[test]
+    fn fuzz_local_records() {
+        over_seeds_and_mutations("local_records", 20_000, super::local_records);
     }
 }

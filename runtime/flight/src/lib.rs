@@ -4,10 +4,11 @@
 //!
 //! - [`alloc`] counts allocations; [`schedule`] makes a run a real-time one;
 //! - [`pipeline`] takes samples to estimates, in virtual time or live, and tells its listeners;
-//! - those who listen: [`log`] holds a run so that it can be executed again, [`autopilot`] sends it by MAVLink;
+//! - those who listen: [`log`] holds a run so that it can be executed again, [`autopilot`] sends it by MAVLink, [`local`]
+//!   serves other programs of this computer, the network process among them;
 //! - [`places`] are maps on disk, made of data sets and searched;
-//! - a [`flight`] puts sources, run and listeners together. What listens from elsewhere, such as the network, is handed in
-//!   by the caller ([`flight::Output`]).
+//! - a [`flight`] puts sources, run and listeners together. What else listens is handed in by the caller
+//!   ([`flight::Output`]).
 
 pub mod alloc;
 pub mod autopilot;
@@ -15,6 +16,7 @@ pub mod flight;
 #[cfg(any(test, feature = "fuzzing"))]
 #[doc(hidden)]
 pub mod fuzzing;
+pub mod local;
 pub mod log;
 pub mod pipeline;
 pub mod places;

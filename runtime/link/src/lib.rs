@@ -1,6 +1,7 @@
 //! What others can reach of a flight: [`net`] publishes it over Zenoh and answers questions, [`ros`] sends it to ROS 2.
 //!
-//! Both listen to a run, and are handed to it by who starts it.
+//! Both live in a process of their own ([`process`]), which reads the flight from its local socket and sends commands back.
 
 pub mod net;
+pub mod process;
 pub mod ros;

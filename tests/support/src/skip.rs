@@ -40,11 +40,15 @@ pub enum Need {
     Mounts,
     /// Real-time priorities, by root or a limit.
     RealtimePriority,
+    /// Root, to start a process as another user.
+    OtherUser,
+    /// A compiler for C (`cc`).
+    Compiler,
 }
 
 impl Need {
     /// All of them.
-    pub const ALL: [Self; 15] = [
+    pub const ALL: [Self; 17] = [
         Self::SharedData,
         Self::Python,
         Self::Chromium,
@@ -60,6 +64,8 @@ impl Need {
         Self::Systemd,
         Self::Mounts,
         Self::RealtimePriority,
+        Self::OtherUser,
+        Self::Compiler,
     ];
 
     /// Its name on the list of allowed skips.
@@ -81,6 +87,8 @@ impl Need {
             Self::Systemd => "systemd",
             Self::Mounts => "mounts",
             Self::RealtimePriority => "realtime-priority",
+            Self::OtherUser => "other-user",
+            Self::Compiler => "compiler",
         }
     }
 }

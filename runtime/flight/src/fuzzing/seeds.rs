@@ -1,6 +1,10 @@
 //! Makes the seeds of the targets of this crate: `cargo nextest run -p plumbline-flight --run-ignored only fuzz_seeds`.
 
 use super::fixture::{STAMP, estimate, odometry, put};
+use crate::local::messages::{self, proto as local};
+use crate::local::record::{Kind, Kinds, MAGIC, encoded};
+use crate::local::request::{Answer, Request, Status};
+use crate::local::{Failure, Shot, layout};
 use crate::log::channel::Channel;
 use crate::log::{about::About, about::METADATA_NAME, encode, image, proto};
 use crate::pipeline::event::{Event, Severity};
@@ -11,8 +15,10 @@ use nalgebra::{Isometry3, Vector3};
 use plumbline_config::options::ImageRecording;
 use plumbline_config::{Config, GrayImage, ImuSample};
 use plumbline_drivers::{ImuReading, StereoFrame};
-use plumbline_estimator::ResetKind;
-use plumbline_estimator::places::MapEstimate;
+use plumbline_estimator::places::mapper::path::PathPose;
+use plumbline_estimator::places::{MapEstimate, MapPath};
+use plumbline_estimator::window::snapshot::{SnapshotKeyframe, SnapshotLine, SnapshotPoint};
+use plumbline_estimator::{MapSnapshot, ResetKind};
 use prost::Message as _;
 use std::collections::BTreeMap;
 use std::io::Cursor;
@@ -115,6 +121,68 @@ fn mavlink_bytes() -> Vec<u8> {
     bytes
 }
 
+fn local_requests() -> Vec<u8> {
+    let failure = Failure { is_usage: true, words: "port already in use".into() };
+    let all = [
+        Request::Subscribe(Kinds::SUBSCRIBABLE),
+        Request::Reset(ResetKind::Hard),
+        Request::SaveMap,
+        Request::Watch(5_000),
+        Request::Ready,
+        Request::Failed(failure),
+        Request::Alive,
+    ];
+    (1..).zip(&all).flat_map(|(number, request)| request.encode(number)).collect()
+}
+
+/// A record of every kind.
+fn local_records() -> Vec<Vec<u8>> {
+    let picture = GrayImage::from_pixels(8, 6, (0..48).collect()).unwrap();
+    let (points, lines) = (vec![[1.0, 2.0, 3.0]], vec![[1.0, 2.0, 3.0, 4.0]]);
+    let shot = Shot { frame: 3, stamp: STAMP, image: picture, has_image: true, points, lines };
+    let snapshot = MapSnapshot {
+        stamp: STAMP,
+        reset_counter: 1,
+        keyframes: vec![SnapshotKeyframe { stamp: STAMP, pose_o_b: Isometry3::identity() }],
+        points: vec![SnapshotPoint { host: STAMP, p_o: Vector3::x() }],
+        lines: vec![SnapshotLine { host: STAMP, ends_o: [Vector3::y(), Vector3::z()] }],
+    };
+    let mut path = MapPath::new(0);
+    path.poses.push(PathPose { stamp: STAMP, reset_counter: 1, pose_m_b: Isometry3::identity() });
+    let configuration = local::Configuration { toml: "a = 1".into(), ..local::Configuration::default() };
+    let map = MapEstimate {
+        frame_sequence: 3,
+        stamp: STAMP,
+        pose_m_o: None,
+        reset_counter: 1,
+        keyframes: 20,
+        sightings: 3,
+        loops_used: 2,
+    };
+    let answer = Answer { number: 4, status: Status::Refused, value: 0, words: "no".into() };
+    let record = |kind: Kind, content: Vec<u8>| encoded(kind as u16, 1, |to| to.extend(content));
+    let laid_out = |put: &dyn Fn(&mut Vec<u8>)| {
+        let mut bytes = Vec::new();
+        put(&mut bytes);
+        bytes
+    };
+    vec![
+        record(Kind::Hello, [&MAGIC[..], &[1, 0, 0, 0, 0, 0, 0, 0]].concat()),
+        record(Kind::Lost, vec![7, 0, 0, 0, 0, 0, 0, 0]),
+        answer.encode(),
+        record(Kind::Odometry, laid_out(&|to| layout::put_odometry(&odometry(), 5, 1, to))),
+        record(Kind::Estimate, laid_out(&|to| layout::put_estimate(&estimate(), 5, to))),
+        record(Kind::Configuration, configuration.encode_to_vec()),
+        record(Kind::FullEstimate, messages::full_estimate(&estimate(), 3.5).encode_to_vec()),
+        record(Kind::MapEstimate, encode::map_estimate(&map).encode_to_vec()),
+        record(Kind::Window, messages::window(&snapshot).encode_to_vec()),
+        record(Kind::Path, messages::path(&path).encode_to_vec()),
+        record(Kind::Ladder, messages::ladder(2).encode_to_vec()),
+        record(Kind::Picture, messages::picture(&shot).encode_to_vec()),
+        record(Kind::End, vec![0; 8]),
+    ]
+}
+
 #[test]
 #[ignore = "writes the seeds of the fuzzers"]
 fn fuzz_seeds() {
@@ -124,4 +192,8 @@ fn fuzz_seeds() {
         put("log_messages", &format!("{k:02}"), &[&[*channel as u8][..], payload].concat());
     }
     put("mavlink", "messages", &mavlink_bytes());
+    put("local_requests", "all", &[&[5][..], &local_requests()].concat());
+    for (k, record) in local_records().iter().enumerate() {
+        put("local_records", &format!("{k:02}"), record);
+    }
 }

@@ -4,8 +4,12 @@
 //! Nothing here knows what the tasks compute; [`crate::pipeline`] puts both together.
 
 pub mod bare_timer;
+pub mod event_bell;
 pub mod host;
 pub mod ladder;
+pub mod lane;
+pub mod pace;
+pub mod pool;
 pub mod queue;
 pub mod ring;
 #[cfg(feature = "sabotage")]

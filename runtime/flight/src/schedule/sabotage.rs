@@ -54,8 +54,7 @@ fn plan(words: &str) -> Plan {
         "window" => TaskId::Window,
         "places" => TaskId::Places,
         "autopilot" => TaskId::Autopilot,
-        "odometry" => TaskId::Odometry,
-        "network" => TaskId::Network,
+        "socket" => TaskId::Local,
         "watchdog" => TaskId::Watchdog,
         _ => wrong(),
     };

@@ -10,14 +10,12 @@ use std::time::Duration;
 /// Ticks without an inertial rate to go by would be pointless: a rate is always given, and at least this.
 const SLOWEST_HZ: f64 = 1.0;
 
-/// Silence of the map and of the network that is no stall: they yield to everything else.
+/// Silence of the map and of the local socket that is no stall: they yield to everything else.
 const YIELDING_STALL: Duration = Duration::from_secs(2);
 /// A task that is silent for this long is taken for hung: the process ends.
 const PATIENCE: Duration = Duration::from_millis(1500);
 /// Patience with sensor and tick: systemd is notified of their silence at once, and ends the process itself.
 const TICK_PATIENCE: Duration = Duration::from_secs(2);
-/// The network's thread looks at its rings this often at least.
-const NETWORK_PERIOD: Duration = Duration::from_millis(200);
 /// The watchdog looks this often.
 pub const WATCH_PERIOD: Duration = Duration::from_millis(10);
 
@@ -38,17 +36,15 @@ pub enum TaskId {
     Places,
     /// Sends odometry to the autopilot.
     Autopilot,
-    /// Sends odometry to the network.
-    Odometry,
-    /// Sends everything else there.
-    Network,
+    /// Serves the readers of the local socket.
+    Local,
     /// Looks after the others.
     Watchdog,
 }
 
 impl TaskId {
     /// All tasks, in the order of the data flow.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 9] = [
         Self::Imu,
         Self::Tick,
         Self::Camera,
@@ -56,8 +52,7 @@ impl TaskId {
         Self::Window,
         Self::Places,
         Self::Autopilot,
-        Self::Odometry,
-        Self::Network,
+        Self::Local,
         Self::Watchdog,
     ];
 }
@@ -159,7 +154,7 @@ impl TaskTable {
             |task: Task| Task { stall: YIELDING_STALL, patience: None, loss: Loss::Itself, ..task };
         let sent = Duration::from_secs_f64(1.0 / config.autopilot.rate_hz.max(SLOWEST_HZ));
         let look = WATCH_PERIOD;
-        let (map, net) = (5 * frame, NETWORK_PERIOD);
+        let map = 5 * frame;
         Self([
             task(TaskId::Imu, "imu", Some(85), sample, sample / 50, sample, Overrun::Wait),
             task(TaskId::Tick, "tick", Some(80), sample, sample / 10, sample / 5, Overrun::CatchUp),
@@ -168,16 +163,7 @@ impl TaskTable {
             task(TaskId::Window, "window", Some(50), frame, frame / 2, frame, Overrun::Degrade),
             yielding(task(TaskId::Places, "places", Some(40), map, frame, map, Overrun::PassOver)),
             task(TaskId::Autopilot, "autopilot", Some(70), sent, sent / 50, sent, Overrun::CatchUp),
-            yielding(task(
-                TaskId::Odometry,
-                "odometry",
-                None,
-                sample,
-                sample / 10,
-                sample,
-                Overrun::PassOver,
-            )),
-            yielding(task(TaskId::Network, "network", None, net, sample, net, Overrun::Wait)),
+            yielding(task(TaskId::Local, "socket", None, sample, sample / 10, sample, Overrun::PassOver)),
             // Above those whom it looks after: one that spins must not starve it. It looks, and is done.
             task(TaskId::Watchdog, "watchdog", Some(90), look, look / 50, look, Overrun::CatchUp),
         ])

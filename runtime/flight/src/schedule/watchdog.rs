@@ -292,7 +292,7 @@ mod tests {
     fn a_task_that_does_not_come_back_is_given_up_and_one_that_may_be_missing_is_not() {
         let (heartbeats, mut watchdog) = (Heartbeats::default(), Watchdog::default());
         heartbeats.busy(TaskId::FrontEnd);
-        heartbeats.busy(TaskId::Network);
+        heartbeats.busy(TaskId::Local);
         let found = findings(&heartbeats, &mut watchdog, 400);
         let given_up: Vec<_> = found.iter().filter(|(_, f)| matches!(f, Finding::Hopeless(_))).collect();
         assert!(matches!(given_up[..], [(_, Finding::Hopeless(TaskId::FrontEnd))]), "{found:?}");

@@ -40,11 +40,6 @@ pub const MAX_KEYFRAMES_PER_QUESTION: usize = 64;
 /// Timeout of a reset, which takes effect with the next frame.
 const RESET_PATIENCE: Duration = Duration::from_secs(2);
 
-/// Timeout of a map that is to be kept: it is copied with the next keyframe and brought to the disk.
-const SAVE_PATIENCE: Duration = Duration::from_secs(15);
-/// Whether the map was saved is looked at this often.
-const SAVE_GLANCE: Duration = Duration::from_millis(20);
-
 /// One pose of the past.
 #[derive(Clone, Copy, Debug)]
 struct PastPose {
@@ -84,12 +79,6 @@ impl Archive {
             pose_o_b: [p.x, p.y, p.z, q.x, q.y, q.z, q.w],
             reset_counter: estimate.reset_counter,
         });
-    }
-
-    /// What it holds, bytes.
-    #[must_use]
-    pub fn bytes(&self) -> usize {
-        self.poses.capacity() * size_of::<PastPose>() + self.keyframes.bytes() + self.path.capacity()
     }
 
     /// Poses from `from` to before `to`, at least `step_ns` apart, in answers of at most `size` poses.
@@ -349,25 +338,8 @@ impl Answers {
     /// Has the map kept; the error is the reason as text.
     async fn save_map(&self, query: &Query, key: &str) -> Result<proto::MapSaved, String> {
         self.check_command(query, key)?;
-        let saves = self.vehicle.control.map_saves();
-        let Some(request) = saves.ask() else {
-            return Err("this flight keeps no map: start it with --save-map FILE".into());
-        };
-        let saved = async {
-            loop {
-                if let Some(outcome) = saves.outcome(request) {
-                    return outcome;
-                }
-                tokio::time::sleep(SAVE_GLANCE).await;
-            }
-        };
-        match tokio::time::timeout(SAVE_PATIENCE, saved).await {
-            Ok(outcome) => outcome.map(|keyframes| proto::MapSaved {
-                keyframes,
-                words: format!("{keyframes} keyframes saved"),
-            }),
-            Err(_) => Err("the map was asked for, but no keyframe has come since; is there a pose?".into()),
-        }
+        let keyframes = self.vehicle.commands.save_map().await?;
+        Ok(proto::MapSaved { keyframes, words: format!("{keyframes} keyframes saved") })
     }
 
     /// Carries out a reset; the error is the reason as text.
@@ -381,7 +353,7 @@ impl Answers {
         let mut resets = self.resets.clone();
         let before = *resets.borrow_and_update();
         tracing::warn!("reset ({words}) on command");
-        self.vehicle.control.ask_reset(kind);
+        self.vehicle.commands.ask_reset(kind)?;
         let is_done = tokio::time::timeout(RESET_PATIENCE, resets.wait_for(|now| *now != before)).await;
         match is_done {
             Ok(Ok(now)) => Ok(proto::ResetDone { reset_counter: *now, words: format!("{words} reset done") }),

@@ -1,18 +1,20 @@
 //! The camera key: images are compressed only while there are subscribers, in a task that does not delay odometry.
 
+use super::commands::Commands;
 use super::pace::Rates;
+use super::picture;
 use super::rings::Rings;
+use plumbline_flight::local::Shot;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 use zenoh::pubsub::Publisher;
 
 /// Period at which subscribers are counted.
 const LOOK_PERIOD: Duration = Duration::from_millis(200);
 
-/// Compresses and sends waiting images, and tells the run whether there are subscribers. Ends with the task.
-pub async fn serve(camera: Publisher<'static>, rings: Arc<Rings>, rates: Rates) {
-    let (mut sequence, mut looked) = (0, None::<Instant>);
+/// Compresses and sends waiting images, which the flight makes while there are subscribers. Ends with the task.
+pub async fn serve(camera: Publisher<'static>, rings: Arc<Rings>, rates: Rates, commands: Arc<Commands>) {
+    let (mut sequence, mut looked, mut was_watched) = (0, None::<Instant>, false);
     let bell = match rings.picture_bell.listen() {
         Ok(bell) => bell,
         Err(error) => return tracing::error!("cannot publish pictures: {error}"),
@@ -22,11 +24,13 @@ pub async fn serve(camera: Publisher<'static>, rings: Arc<Rings>, rates: Rates) 
         if looked.is_none_or(|looked| looked.elapsed() >= LOOK_PERIOD) {
             looked = Some(Instant::now());
             let is_watched = camera.matching_status().await.is_ok_and(|status| status.matching());
-            rings.is_watched.store(is_watched, Ordering::Relaxed);
+            if is_watched != was_watched {
+                commands.watch(if is_watched { rates.camera_hz } else { 0.0 });
+                was_watched = is_watched;
+            }
         }
-        let encode = |shot: &mut super::picture::Shot| {
-            shot.message(rates.camera_width_px, rates.camera_quality, sequence)
-        };
+        let encode =
+            |shot: &mut Shot| picture::message(shot, rates.camera_width_px, rates.camera_quality, sequence);
         if let Some(message) = rings.shots.read(encode).flatten() {
             sequence += 1;
             let _ = camera.put(message).await;

@@ -61,3 +61,11 @@ pub enum NetError {
     #[error("cannot start the network thread: {0}")]
     Thread(#[from] std::io::Error),
 }
+
+impl NetError {
+    /// Whether another attempt with the same configuration cannot succeed.
+    #[must_use]
+    pub fn is_usage(&self) -> bool {
+        matches!(self, Self::Endpoint { .. } | Self::File { .. } | Self::Datagrams { .. })
+    }
+}

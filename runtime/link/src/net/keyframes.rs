@@ -41,12 +41,6 @@ impl KeyframeHistory {
         self.next
     }
 
-    /// What those hold that are kept.
-    #[must_use]
-    pub fn bytes(&self) -> usize {
-        self.bytes
-    }
-
     /// Takes a snapshot; the messages of the keyframes that are final now.
     pub fn update(&mut self, snapshot: &MapSnapshot) -> Vec<Vec<u8>> {
         let mut messages = Vec::new();

@@ -1,8 +1,8 @@
 //! The network: what a vehicle publishes over Zenoh, what it answers, and how others read it.
 //!
-//! Nothing here may hold up the estimator: it hands its results to rings that forget the oldest and count
-//! what they forgot ([`rings`]); a small Tokio runtime at normal priority does the rest ([`publisher`],
-//! [`publishers`], [`map`], [`answers`]), and Zenoh's own sends odometry ([`odometry`]). The wire format is `proto/plumbline/v1/plumbline.proto`; [`wire`] writes it, [`read`]
+//! The records of a flight fill rings that forget the oldest and count what they forgot ([`feed`], [`rings`]); a small Tokio
+//! runtime empties them ([`publisher`], [`publishers`], [`map`], [`answers`]), and Zenoh's own sends odometry
+//! ([`odometry`]). Commands go back to the flight ([`commands`]). The wire format is `proto/plumbline/v1/plumbline.proto`; [`wire`] writes it, [`read`]
 //! turns it into what was meant, or refuses it. Who may connect is in [`security`], who may do what in
 //! [`roles`]; why a connection cannot be made, in [`diagnosis`].
 
@@ -11,18 +11,18 @@ pub mod answers;
 pub mod audit;
 pub mod camera;
 pub mod certificate;
+pub mod commands;
 pub mod datagrams;
 pub mod decision;
 mod declare;
 pub mod diagnosis;
 pub mod endpoints;
 pub mod error;
+pub mod feed;
 pub mod health;
 pub mod keyframes;
 pub mod keys;
-pub mod listener;
 pub mod map;
-pub mod memory;
 pub mod odometry;
 pub mod pace;
 pub mod picture;
@@ -38,8 +38,10 @@ pub mod threads;
 pub mod vehicle;
 pub mod wire;
 
+pub use commands::Commands;
 pub use endpoints::{Endpoints, Mode};
 pub use error::NetError;
+pub use feed::Feed;
 pub use publisher::Publisher;
 
 use std::time::{SystemTime, UNIX_EPOCH};

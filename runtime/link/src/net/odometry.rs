@@ -7,12 +7,13 @@ use super::datagrams::Datagrams;
 use super::declare::declare_publisher;
 use super::error::NetError;
 use super::pace::Pace;
-use super::rings::{LaneReader, Rings};
+use super::rings::Rings;
 use super::{ROOT, wire};
 use plumbline_estimator::Odometry;
+use plumbline_flight::schedule::lane::LaneReader;
 use prost::Message as _;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use tokio::task::JoinHandle;
 use zenoh::Session;
 use zenoh::key_expr::OwnedKeyExpr;
@@ -33,7 +34,7 @@ pub struct OdometryPublisher {
 }
 
 impl OdometryPublisher {
-    /// Declares the key; odometry goes in `datagrams` while there are any. Messages are numbered from `first` on.
+    /// Declares the key; odometry goes in `datagrams` while there are any.
     ///
     /// # Errors
     /// When Zenoh refuses the key.
@@ -42,43 +43,27 @@ impl OdometryPublisher {
         vehicle: &str,
         datagrams: Option<Datagrams>,
         rate_hz: f64,
-        first: u64,
     ) -> Result<Self, NetError> {
         let publisher = declare_publisher(session, vehicle, KEY.0, KEY.1, Priority::RealTime).await?;
         let name = format!("{ROOT}/{vehicle}/{}", KEY.0);
         let refused =
             |error: zenoh::Error| NetError::Declare { key: name.clone(), message: error.to_string() };
         let key = OwnedKeyExpr::new(name.clone()).map_err(refused)?;
-        Ok(Self { publisher, key, datagrams, pace: Pace::new(rate_hz), sequence: first })
+        Ok(Self { publisher, key, datagrams, pace: Pace::new(rate_hz), sequence: 0 })
     }
 
-    /// Empties the ring until the flight is over, or the session (`is_closing`). Gives back the ring, and the next number.
-    pub fn spawn(
-        mut self,
-        rings: Arc<Rings>,
-        mut waiting: LaneReader<(Odometry, i64)>,
-        is_closing: Arc<AtomicBool>,
-    ) -> JoinHandle<(LaneReader<(Odometry, i64)>, u64)> {
+    /// Empties the ring until the flight is over.
+    pub fn spawn(mut self, rings: Arc<Rings>, mut waiting: LaneReader<(Odometry, i64)>) -> JoinHandle<()> {
         ZRuntime::TX.spawn(async move {
             let bell = match rings.odometry_bell.listen() {
                 Ok(bell) => bell,
-                Err(error) => {
-                    tracing::error!("cannot publish odometry: {error}");
-                    return (waiting, self.sequence);
-                }
+                Err(error) => return tracing::error!("cannot publish odometry: {error}"),
             };
-            rings.sends_odometry.store(true, Ordering::Relaxed);
             loop {
-                let is_last = rings.stop.load(Ordering::Relaxed) || is_closing.load(Ordering::Relaxed);
-                if is_last {
-                    // The task is shutting down: senders stop signalling it.
-                    rings.sends_odometry.store(false, Ordering::Relaxed);
-                }
-                rings.odometry_pulse.busy();
+                let is_last = rings.stop.load(Ordering::Relaxed);
                 self.empty(&mut waiting).await;
-                rings.odometry_pulse.idle();
                 if is_last {
-                    return (waiting, self.sequence);
+                    return;
                 }
                 bell.rung().await;
             }

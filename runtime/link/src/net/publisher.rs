@@ -1,23 +1,18 @@
-//! A vehicle's presence on the network: hands what a run produces to the network thread, and never blocks the run.
+//! A vehicle's presence on the network: hands the records of its flight to the network thread.
 
+use super::commands::Commands;
 use super::endpoints::Endpoints;
 use super::error::NetError;
-use super::listener::{FrontEndListener, PlacesListener, TickListener, WindowListener};
+use super::feed::Feed;
 use super::pace::Rates;
-use super::picture::Shot;
 use super::proto;
-use super::publishers::{Course, End, Publishers};
-use super::rings::{LaneWriter, Rings, ToSend};
+use super::publishers::Publishers;
+use super::rings::{Rings, ToSend};
 use super::security;
 use super::vehicle::Vehicle;
 use plumbline_config::ValidConfig;
-use plumbline_estimator::places::MapEstimate;
-use plumbline_estimator::{Estimate, Odometry};
-use plumbline_flight::flight::Output;
-use plumbline_flight::pipeline::Control;
-use plumbline_flight::pipeline::listener::{Listener, Producer, Subscriber};
-use plumbline_flight::schedule::watchdog::Pulse;
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use plumbline_flight::local::Failure;
+use plumbline_flight::local::request::Request;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
@@ -29,18 +24,10 @@ const BRIEFLY: Duration = Duration::from_millis(300);
 /// A session that cannot be opened is tried again this often.
 const RETRY: Duration = Duration::from_millis(500);
 
-/// What the window's thread fills: estimates with their times, ms, and where the odometry lies in the map.
-type EstimateLanes = (LaneWriter<(Estimate, f64)>, LaneWriter<MapEstimate>);
-
-/// A vehicle's presence on the network, for one run.
+/// A vehicle's presence on the network, for one flight.
 #[derive(Debug)]
 pub struct Publisher {
     rings: Arc<Rings>,
-    /// Taken by the listeners of the run.
-    odometry: Option<LaneWriter<(Odometry, i64)>>,
-    estimates: Option<EstimateLanes>,
-    /// At this rate, and the memory of one picture.
-    pictures: Option<(f64, Shot)>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -52,9 +39,9 @@ impl Publisher {
     pub fn start(
         config: &ValidConfig,
         endpoints: &Endpoints,
-        control: Arc<Control>,
-    ) -> Result<Self, NetError> {
-        Self::begin(config, endpoints, control, false)
+        commands: Arc<Commands>,
+    ) -> Result<(Self, Feed), NetError> {
+        Self::begin(config, endpoints, commands, false)
     }
 
     /// Starts publishing, and retries if the session cannot be opened yet. Returns at once when it is open, and soon in
@@ -65,17 +52,17 @@ impl Publisher {
     pub fn start_patiently(
         config: &ValidConfig,
         endpoints: &Endpoints,
-        control: Arc<Control>,
-    ) -> Result<Self, NetError> {
-        Self::begin(config, endpoints, control, true)
+        commands: Arc<Commands>,
+    ) -> Result<(Self, Feed), NetError> {
+        Self::begin(config, endpoints, commands, true)
     }
 
     fn begin(
         config: &ValidConfig,
         endpoints: &Endpoints,
-        control: Arc<Control>,
+        commands: Arc<Commands>,
         is_patient: bool,
-    ) -> Result<Self, NetError> {
+    ) -> Result<(Self, Feed), NetError> {
         let rates = Rates::of(endpoints.link);
         let vehicle = Arc::new(Vehicle {
             name: endpoints.vehicle.clone(),
@@ -86,7 +73,7 @@ impl Publisher {
             offers_camera: config.network.camera,
             rot_v_b: config.vehicle.rot_v_b(),
             refusal: security::refusal(config.network.commands, endpoints),
-            control,
+            commands,
         });
         if let Some(refusal) = &vehicle.refusal {
             tracing::info!("{refusal}");
@@ -103,12 +90,9 @@ impl Publisher {
             .thread_name("plumbline-net")
             .enable_all()
             .build()?;
-        let thread = std::thread::Builder::new().name("plumbline-net".into()).spawn(move || {
-            let publish = start.publish(&theirs, to_send);
-            if catch_unwind(AssertUnwindSafe(|| runtime.block_on(publish))).is_err() {
-                theirs.pulse.die();
-            }
-        })?;
+        let thread = std::thread::Builder::new()
+            .name("plumbline-net".into())
+            .spawn(move || runtime.block_on(start.publish(&theirs, to_send)))?;
         let outcome = match wait.recv_timeout(if is_patient { BRIEFLY } else { Duration::MAX }) {
             Ok(outcome) => outcome,
             // It goes on trying.
@@ -117,13 +101,14 @@ impl Publisher {
                 Err(NetError::Thread(std::io::Error::other("it ended before the session was open")))
             }
         };
-        outcome.map(|()| Self {
-            rings,
-            odometry: Some(written.odometry),
-            estimates: Some((written.estimates, written.places)),
-            pictures: Some((rates.camera_hz, Shot::new(config))),
-            thread: Some(thread),
-        })
+        let feed = Feed {
+            rings: Arc::clone(&rings),
+            odometry: written.odometry,
+            estimates: written.estimates,
+            places: written.places,
+            path_poses: rates.path_poses,
+        };
+        outcome.map(|()| (Self { rings, thread: Some(thread) }, feed))
     }
 
     /// Sends what is left in the rings and closes the session.
@@ -150,49 +135,39 @@ struct Start {
 
 impl Start {
     /// Opens the session, says what became of that, and publishes until the flight is over.
-    async fn publish(self, rings: &Arc<Rings>, mut to_send: ToSend) {
-        let mut course = Course::new(&self.rates);
+    async fn publish(self, rings: &Arc<Rings>, to_send: ToSend) {
         let opened = match self.is_patient {
-            true => self.declare_patiently(rings, &course).await,
-            false => self.declare(&course).await.map(Some),
+            true => self.declare_patiently(rings).await,
+            false => self.declare().await.map(Some),
         };
-        let mut publishers = match opened {
+        match opened {
             Ok(publishers) => {
                 let _ = self.ready.send(Ok(()));
-                publishers
-            }
-            Err(error) => return drop(self.ready.send(Err(error))),
-        };
-        while let Some(session) = publishers {
-            if session.run(rings, &mut to_send, &mut course).await == End::FlightIsOver {
-                return;
-            }
-            publishers = match self.declare_patiently(rings, &course).await {
-                Ok(publishers) => publishers,
-                Err(error) => {
-                    return tracing::error!(
-                        "cannot start the network: {error}; the flight continues without it"
-                    );
+                if let Some(publishers) = publishers {
+                    publishers.run(rings, to_send).await;
                 }
-            };
+            }
+            Err(error) => {
+                let failure = Failure { is_usage: error.is_usage(), words: error.to_string() };
+                if self.ready.send(Err(error)).is_err() {
+                    // The start did not wait for it.
+                    self.vehicle.commands.report(&Request::Failed(failure));
+                }
+            }
         }
     }
 
-    async fn declare(&self, course: &Course) -> Result<Publishers, NetError> {
-        Publishers::declare(&self.endpoints, Arc::clone(&self.vehicle), self.rates, course).await
+    async fn declare(&self) -> Result<Publishers, NetError> {
+        Publishers::declare(&self.endpoints, Arc::clone(&self.vehicle), self.rates).await
     }
 
     /// Opens the session as soon as that can be done; `None` when the flight is over before.
-    async fn declare_patiently(
-        &self,
-        rings: &Rings,
-        course: &Course,
-    ) -> Result<Option<Publishers>, NetError> {
+    async fn declare_patiently(&self, rings: &Rings) -> Result<Option<Publishers>, NetError> {
         let mut told = String::new();
         loop {
             let error = tokio::select! {
                 () = is_over(rings) => return Ok(None),
-                opened = self.declare(course) => match opened {
+                opened = self.declare() => match opened {
                     Ok(publishers) => {
                         if !told.is_empty() {
                             tracing::warn!("the network is available");
@@ -203,8 +178,7 @@ impl Start {
                 },
             };
             // As a configuration that never flew: better told on the ground.
-            if matches!(error, NetError::Endpoint { .. } | NetError::File { .. } | NetError::Datagrams { .. })
-            {
+            if error.is_usage() {
                 return Err(error);
             }
             let words = error.to_string();
@@ -227,38 +201,5 @@ async fn is_over(rings: &Rings) {
 impl Drop for Publisher {
     fn drop(&mut self) {
         self.end();
-    }
-}
-
-impl Output for Publisher {
-    fn stop(self: Box<Self>) {
-        Self::stop(*self);
-    }
-}
-
-impl Subscriber for Publisher {
-    fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
-        let rings = Arc::clone(&self.rings);
-        match producer {
-            Producer::Tick => match self.odometry.take() {
-                Some(odometry) => Box::new(TickListener { rings, odometry }),
-                None => Box::new(()),
-            },
-            Producer::Window => match self.estimates.take() {
-                Some((estimates, places)) => Box::new(WindowListener { rings, estimates, places }),
-                None => Box::new(()),
-            },
-            Producer::FrontEnd => match self.pictures.take() {
-                Some((camera_hz, shot)) => Box::new(FrontEndListener::new(rings, camera_hz, shot)),
-                None => Box::new(()),
-            },
-            Producer::Places => Box::new(PlacesListener(rings)),
-            Producer::Watchdog => Box::new(()),
-        }
-    }
-
-    fn pulses(&self, adopt: &mut dyn FnMut(Arc<Pulse>)) {
-        adopt(Arc::clone(&self.rings.odometry_pulse));
-        adopt(Arc::clone(&self.rings.pulse));
     }
 }

@@ -10,23 +10,26 @@
 //! | `camera` | background | no | dropped |
 
 use super::answers::{self, Answers, Archive, lock};
+use super::commands::Commands;
 use super::datagrams::Datagrams;
 use super::declare::declare_publisher;
 use super::endpoints::Endpoints;
 use super::error::NetError;
 use super::health::{Circumstances, HealthFeed};
 use super::map::MapPublisher;
-use super::memory::SessionMemory;
 use super::odometry::OdometryPublisher;
 use super::pace::{Pace, Rates};
 use super::rings::{Rings, ToSend};
 use super::vehicle::Vehicle;
 use super::{ROOT, audit, camera, diagnosis, now_ns, wire};
 use nalgebra::UnitQuaternion;
+use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{Estimate, MapSnapshot};
+use plumbline_flight::local::request::Request;
 use plumbline_flight::schedule::ladder::Rung;
+use plumbline_flight::schedule::lane::LaneReader;
 use prost::Message;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
@@ -36,6 +39,8 @@ use zenoh::qos::Priority;
 
 /// Period at which refused accesses are logged.
 const CHORES_PERIOD: Duration = Duration::from_millis(200);
+/// Period of the signs of life.
+const ALIVE_PERIOD: Duration = Duration::from_secs(1);
 
 /// The vehicle's keys, declared.
 pub struct Publishers {
@@ -55,45 +60,33 @@ pub struct Publishers {
     rot_v_b: UnitQuaternion<f64>,
     archive: Arc<Mutex<Archive>>,
     resets: watch::Sender<u32>,
-    memory: SessionMemory,
+    commands: Arc<Commands>,
+    course: Course,
 }
 
-/// What a flight keeps where its session is opened anew: counters and pace of the messages, and what is answered.
-pub struct Course {
+/// Counters and pace of the messages.
+struct Course {
     feed: HealthFeed,
     state: Pace,
     scene: Pace,
-    odometry: u64,
     states: u64,
     scenes: u64,
     chores: Instant,
-    archive: Arc<Mutex<Archive>>,
+    alive: Instant,
 }
 
 impl Course {
-    /// Creates the state for the beginning of a flight.
-    #[must_use]
-    pub fn new(rates: &Rates) -> Self {
+    fn new(rates: &Rates) -> Self {
         Self {
             feed: HealthFeed::new(rates.health_period()),
             state: Pace::new(rates.state_hz),
             scene: Pace::new(rates.scene_hz),
-            odometry: 0,
             states: 0,
             scenes: 0,
             chores: Instant::now(),
-            archive: Arc::new(Mutex::new(Archive::new(rates.keyframe_landmarks))),
+            alive: Instant::now(),
         }
     }
-}
-
-/// Why publishing has ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum End {
-    /// There is nothing more to publish.
-    FlightIsOver,
-    /// The session holds too much ([`super::memory`]).
-    TooMuchHeld,
 }
 
 impl Publishers {
@@ -105,10 +98,8 @@ impl Publishers {
         endpoints: &Endpoints,
         vehicle: Arc<Vehicle>,
         rates: Rates,
-        course: &Course,
     ) -> Result<Self, NetError> {
-        let archive = Arc::clone(&course.archive);
-        let memory = SessionMemory::begin(endpoints.max_memory_mb, lock(&archive).bytes());
+        let archive = Arc::new(Mutex::new(Archive::new(rates.keyframe_landmarks)));
         let (streams, datagrams) = endpoints.split()?;
         let session = streams.open().await?;
         let datagrams = datagrams.map(|datagrams| Datagrams::start(&datagrams, &session));
@@ -119,7 +110,7 @@ impl Publishers {
         let declare =
             |name, schema, priority| declare_publisher(&session, &vehicle.name, name, schema, priority);
         let (name, hz) = (&vehicle.name, rates.odom_hz);
-        let odometry = OdometryPublisher::declare(&session, name, datagrams, hz, course.odometry).await?;
+        let odometry = OdometryPublisher::declare(&session, name, datagrams, hz).await?;
         let state = declare("state", "State", Priority::DataHigh).await?;
         let health = declare("health", "Health", Priority::InteractiveHigh).await?;
         let keyframe = declare("map/keyframe", "Keyframe", Priority::Data).await?;
@@ -148,86 +139,83 @@ impl Publishers {
             rates,
             archive,
             resets,
-            memory,
+            commands: Arc::clone(&vehicle.commands),
+            course: Course::new(&rates),
         })
     }
 
-    /// Sends what the rings hold until the flight is over, or the session holds too much, then once more.
-    pub async fn run(mut self, rings: &Arc<Rings>, to_send: &mut ToSend, course: &mut Course) -> End {
-        let is_closing = Arc::new(AtomicBool::new(false));
-        let odometry =
-            self.odometry.take().zip(to_send.odometry.take()).map(|(publisher, waiting)| {
-                publisher.spawn(Arc::clone(rings), waiting, Arc::clone(&is_closing))
-            });
-        let pictures = self
-            .camera
-            .take()
-            .map(|camera| tokio::spawn(camera::serve(camera, Arc::clone(rings), self.rates)));
+    /// Sends what the rings hold until the flight is over, then once more.
+    pub async fn run(mut self, rings: &Arc<Rings>, to_send: ToSend) {
+        let ToSend { odometry: waiting, mut estimates, mut places } = to_send;
+        let odometry = self.odometry.take().map(|publisher| publisher.spawn(Arc::clone(rings), waiting));
+        let pictures = self.camera.take().map(|camera| {
+            tokio::spawn(camera::serve(camera, Arc::clone(rings), self.rates, Arc::clone(&self.commands)))
+        });
         let bell = rings.bell.listen();
-        let mut is_too_much = false;
-        while !rings.stop.load(Ordering::Relaxed) && !is_too_much {
+        while !rings.stop.load(Ordering::Relaxed) {
             match &bell {
                 Ok(bell) => drop(tokio::time::timeout(CHORES_PERIOD, bell.rung()).await),
                 Err(_) => tokio::time::sleep(CHORES_PERIOD).await,
             }
-            rings.pulse.busy();
-            self.empty(rings, to_send, course).await;
-            is_too_much = self.do_chores(course);
+            self.empty(rings, &mut estimates, &mut places).await;
+            self.do_chores();
         }
-        rings.pulse.idle();
-        self.empty(rings, to_send, course).await;
+        self.empty(rings, &mut estimates, &mut places).await;
         self.map.finish().await;
         if let Some(pictures) = pictures {
             pictures.abort();
         }
-        is_closing.store(true, Ordering::Relaxed);
         rings.odometry_bell.ring();
-        if let Some(odometry) = odometry
-            && let Ok((waiting, next)) = odometry.await
-        {
-            (to_send.odometry, course.odometry) = (Some(waiting), next);
+        if let Some(odometry) = odometry {
+            let _ = odometry.await;
         }
         let _ = self.session.close().await;
-        if is_too_much { End::TooMuchHeld } else { End::FlightIsOver }
     }
 
-    /// Tells what was refused; whether the session holds too much.
-    fn do_chores(&self, course: &mut Course) -> bool {
-        if course.chores.elapsed() < CHORES_PERIOD {
-            return false;
+    /// Logs what was refused, and gives a sign of life to whoever started the process.
+    fn do_chores(&mut self) {
+        if self.course.chores.elapsed() < CHORES_PERIOD {
+            return;
         }
-        course.chores = Instant::now();
+        self.course.chores = Instant::now();
         audit::log_refusals();
         diagnosis::report_failures();
-        let kept = lock(&self.archive).bytes();
-        self.memory.is_too_much(kept)
+        if self.course.alive.elapsed() >= ALIVE_PERIOD {
+            self.course.alive = Instant::now();
+            self.commands.report(&Request::Alive);
+        }
     }
 
     /// Sends what the rings hold. A message that cannot be sent is dropped, by its quality of service; receivers see a gap
     /// in the sequence numbers.
-    async fn empty(&mut self, rings: &Rings, to_send: &mut ToSend, course: &mut Course) {
-        while let Some((estimate, frame_ms)) = to_send.estimates.pop() {
-            self.send_estimate(rings, course, &estimate, frame_ms).await;
+    async fn empty(
+        &mut self,
+        rings: &Rings,
+        estimates: &mut LaneReader<(Estimate, f64)>,
+        places: &mut LaneReader<MapEstimate>,
+    ) {
+        while let Some((estimate, frame_ms)) = estimates.pop() {
+            self.send_estimate(rings, &estimate, frame_ms).await;
         }
-        while let Some(estimate) = to_send.places.pop() {
+        while let Some(estimate) = places.pop() {
             self.map.follow(&estimate).await;
         }
         self.map.send_path(rings).await;
         while let Some(snapshot) = rings.snapshots.read(|snapshot| snapshot.clone()) {
-            self.send_snapshot(course, &snapshot).await;
+            self.send_snapshot(&snapshot).await;
         }
     }
 
-    async fn send_estimate(&self, rings: &Rings, course: &mut Course, estimate: &Estimate, frame_ms: f64) {
+    async fn send_estimate(&mut self, rings: &Rings, estimate: &Estimate, frame_ms: f64) {
         let keyframes = {
             let mut archive = lock(&self.archive);
             archive.remember(estimate);
             archive.keyframes.count()
         };
         self.resets.send_replace(estimate.reset_counter);
-        if course.state.admits(estimate.stamp) {
-            let _ = self.state.put(wire::state(estimate, course.states, now_ns()).encode_to_vec()).await;
-            course.states += 1;
+        if self.course.state.admits(estimate.stamp) {
+            let _ = self.state.put(wire::state(estimate, self.course.states, now_ns()).encode_to_vec()).await;
+            self.course.states += 1;
         }
         let around = Circumstances {
             dropped: rings.dropped(),
@@ -236,19 +224,19 @@ impl Publishers {
             offers_camera: self.offers_camera,
             rot_v_b: self.rot_v_b,
         };
-        if let Some(message) = course.feed.update(estimate, frame_ms, &around) {
+        if let Some(message) = self.course.feed.update(estimate, frame_ms, &around) {
             let _ = self.health.put(message.encode_to_vec()).await;
         }
     }
 
-    async fn send_snapshot(&self, course: &mut Course, snapshot: &MapSnapshot) {
+    async fn send_snapshot(&mut self, snapshot: &MapSnapshot) {
         let keyframes = lock(&self.archive).keyframes.update(snapshot);
         for message in keyframes {
             let _ = self.keyframe.put(message).await;
         }
-        if course.scene.admits(snapshot.stamp) {
-            let _ = self.scene.put(wire::scene(snapshot, course.scenes, now_ns()).encode_to_vec()).await;
-            course.scenes += 1;
+        if self.course.scene.admits(snapshot.stamp) {
+            let _ = self.scene.put(wire::scene(snapshot, self.course.scenes, now_ns()).encode_to_vec()).await;
+            self.course.scenes += 1;
         }
     }
 }

@@ -1,35 +1,30 @@
-//! Wakes a task of Tokio from a thread of a run.
+//! Wakes a task of Tokio from another thread.
 //!
-//! Tokio's own means take its locks, which a thread of normal priority may hold when a tick interrupts it. This is a
-//! counter of the kernel (`eventfd`): ringing is one system call that waits for nobody, and the task waits for the
-//! counter as for any file.
+//! Tokio's own means take its locks; ringing an [`EventBell`] takes none, and the task waits for it as for any file.
 
-use rustix::event::{EventfdFlags, eventfd};
-use rustix::io::Errno;
+use plumbline_flight::schedule::event_bell::EventBell;
 use std::io;
-use std::os::fd::OwnedFd;
 use tokio::io::unix::AsyncFd;
 
 /// The end that rings.
 #[derive(Debug)]
-pub struct TaskBell(OwnedFd);
+pub struct TaskBell(EventBell);
 
 impl TaskBell {
-    /// A bell that nobody hears yet; it remembers that it was rung.
+    /// Creates a bell; it remembers that it was rung.
     ///
     /// # Errors
     /// When the system has no more file descriptors.
     pub fn new() -> io::Result<Self> {
-        Ok(Self(eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC)?))
+        EventBell::new().map(Self)
     }
 
     /// Wakes the task, from any thread. Neither waits nor allocates.
     pub fn ring(&self) {
-        // Fails only when the count is at its limit: then the task has not heard the rings before either.
-        let _ = rustix::io::write(&self.0, &1u64.to_ne_bytes());
+        self.0.ring();
     }
 
-    /// The end that hears it; to be made within the runtime of the task.
+    /// The waiting end; to be made within the runtime of the task.
     ///
     /// # Errors
     /// When the system has no more file descriptors.
@@ -41,9 +36,9 @@ impl TaskBell {
     }
 }
 
-/// The end that hears the bell.
+/// The waiting end of the bell.
 #[derive(Debug)]
-pub struct BellListener(AsyncFd<OwnedFd>);
+pub struct BellListener(AsyncFd<EventBell>);
 
 impl BellListener {
     /// Waits until the bell has been rung since the last time. May be given up at any time.
@@ -51,9 +46,9 @@ impl BellListener {
         loop {
             // Fails only when the runtime ends, and the task with it.
             let Ok(mut ready) = self.0.readable().await else { return std::future::pending().await };
-            let was_rung = rustix::io::read(self.0.get_ref(), &mut [0; 8]) != Err(Errno::AGAIN);
+            let was_rung = self.0.get_ref().silence();
             ready.clear_ready();
-            // The runtime may tell of a ring once more that has been heard already.
+            // The runtime may wake the task once more for a ring that was taken already.
             if was_rung {
                 return;
             }

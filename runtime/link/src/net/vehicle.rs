@@ -1,8 +1,8 @@
 //! What queries to a vehicle are answered from.
 
+use super::commands::Commands;
 use super::proto;
 use nalgebra::UnitQuaternion;
-use plumbline_flight::pipeline::Control;
 use std::sync::Arc;
 
 /// What queries to a vehicle are answered from.
@@ -18,6 +18,6 @@ pub struct Vehicle {
     pub rot_v_b: UnitQuaternion<f64>,
     /// Why commands are refused, if they are.
     pub refusal: Option<String>,
-    /// Takes commands.
-    pub control: Arc<Control>,
+    /// Way of commands to the flight.
+    pub commands: Arc<Commands>,
 }

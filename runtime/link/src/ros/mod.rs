@@ -11,10 +11,10 @@
 //!   publishers, and what it attaches to a sample;
 //! - [`node`]: a node `plumbline` with its three publishers;
 //! - [`publisher`]: the session with the router of `rmw_zenoh` that it lives on;
-//! - [`output`]: the listener of a run that feeds it.
+//! - [`output`]: the thread that feeds it with the records of a flight.
 //!
-//! It stands above [`crate::net`], whose rings and pace it uses, and which does not know of it: who starts a flight
-//! starts both.
+//! It stands above [`crate::net`], whose rings and pace it uses, and which does not know of it:
+//! [`crate::process`] starts both.
 //!
 //! Source: `docs/design.md` of ros2/rmw_zenoh, and its `liveliness_utils.cpp` where that is not precise.
 
@@ -26,4 +26,4 @@ pub mod node;
 pub mod output;
 pub mod publisher;
 
-pub use output::RosOutput;
+pub use output::{RosFeed, RosOutput};

@@ -1,17 +1,14 @@
-//! ROS 2 as a listener of a run: odometry from the tick, and where it lies in the map from the window, over rings to a
-//! thread of its own.
+//! ROS 2 as an output of the records of a flight: odometry, and where it lies in the map, over rings to a thread of its own.
 
 use super::publisher::RosPublisher;
 use crate::net::NetError;
-use crate::net::rings::{LaneReader, LaneWriter, lane};
 use crate::net::task_bell::TaskBell;
 use nalgebra::UnitQuaternion;
 use plumbline_config::options::RosConfig;
 use plumbline_estimator::Odometry;
 use plumbline_estimator::places::MapEstimate;
-use plumbline_flight::flight::Output;
 use plumbline_flight::pipeline::Stamps;
-use plumbline_flight::pipeline::listener::{Listener, Producer, Subscriber};
+use plumbline_flight::schedule::lane::{LaneReader, LaneWriter, lane};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -25,10 +22,6 @@ const MAP_RING: usize = 4;
 #[derive(Debug)]
 pub struct RosOutput {
     shared: Arc<Shared>,
-    /// Taken by the listener of the tick.
-    odometry: Option<LaneWriter<Odometry>>,
-    /// Taken by that of the window.
-    map: Option<LaneWriter<MapEstimate>>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -49,7 +42,7 @@ impl RosOutput {
         vehicle: &str,
         rot_v_b: UnitQuaternion<f64>,
         stamps: Stamps,
-    ) -> Result<Self, NetError> {
+    ) -> Result<(Self, RosFeed), NetError> {
         let shared = Arc::new(Shared { bell: TaskBell::new()?, stop: AtomicBool::new(false) });
         let (writer, reader, _) = lane(ODOMETRY_RING);
         let (map_writer, map_reader, _) = lane(MAP_RING);
@@ -60,7 +53,8 @@ impl RosOutput {
         let thread = std::thread::Builder::new()
             .name("plumbline-ros2".into())
             .spawn(move || runtime.block_on(publish(publisher, reader, map_reader, &theirs)))?;
-        Ok(Self { shared, odometry: Some(writer), map: Some(map_writer), thread: Some(thread) })
+        let feed = RosFeed { shared: Arc::clone(&shared), odometry: writer, map: map_writer };
+        Ok((Self { shared, thread: Some(thread) }, feed))
     }
 
     /// Sends what is left, and takes the node off the network.
@@ -108,45 +102,23 @@ async fn publish(
     }
 }
 
-impl Output for RosOutput {
-    fn stop(self: Box<Self>) {
-        Self::stop(*self);
-    }
-}
-
-impl Subscriber for RosOutput {
-    fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
-        let shared = Arc::clone(&self.shared);
-        match producer {
-            Producer::Tick => match self.odometry.take() {
-                Some(odometry) => Box::new(TickListener { shared, odometry }),
-                None => Box::new(()),
-            },
-            Producer::Window => match self.map.take() {
-                Some(map) => Box::new(WindowListener(map)),
-                None => Box::new(()),
-            },
-            Producer::FrontEnd | Producer::Places | Producer::Watchdog => Box::new(()),
-        }
-    }
-}
-
-struct TickListener {
+/// Records of a flight on their way to ROS 2.
+#[derive(Debug)]
+pub struct RosFeed {
     shared: Arc<Shared>,
     odometry: LaneWriter<Odometry>,
+    map: LaneWriter<MapEstimate>,
 }
 
-impl Listener for TickListener {
-    fn odometry(&mut self, odometry: &Odometry) {
+impl RosFeed {
+    /// Takes odometry.
+    pub fn odometry(&mut self, odometry: &Odometry) {
         self.odometry.push(odometry.clone());
         self.shared.bell.ring();
     }
-}
 
-struct WindowListener(LaneWriter<MapEstimate>);
-
-impl Listener for WindowListener {
-    fn map_estimate(&mut self, estimate: &MapEstimate) {
-        self.0.push(estimate.clone());
+    /// Takes the pose of the odometry frame in the map.
+    pub fn map_estimate(&mut self, estimate: &MapEstimate) {
+        self.map.push(estimate.clone());
     }
 }

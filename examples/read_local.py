@@ -1,0 +1,50 @@
+#!/usr/bin/env python3
+"""Prints the odometry of a flight on this computer, from its local socket (docs/local-socket.md). Needs nothing but Python.
+
+    plumbline replay sim:room --speed 1 --set local.path=/tmp/plumbline
+    python examples/read_local.py /tmp/plumbline
+"""
+
+import socket
+import struct
+import sys
+
+HEADER = struct.Struct("<HHIQ")  # kind, version, length, sequence
+ODOMETRY = struct.Struct("<qqQ3d4d3d3d45dIIIBbH")  # the layout of kind 16
+HELLO, LOST, KIND_ODOMETRY, END = 1, 2, 16, 25
+STATES = ["initialising", "tracking", "blind", "failed"]
+
+
+def receive(flight, count):
+    """Exactly so many bytes; b"" at the end of the stream."""
+    data = b""
+    while len(data) < count:
+        piece = flight.recv(count - len(data))
+        if not piece:
+            return b""
+        data += piece
+    return data
+
+
+def main():
+    flight = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    flight.connect(sys.argv[1])
+    # Request 1: odometry alone. Without a request odometry and estimates come.
+    flight.sendall(HEADER.pack(1, 1, 8, 1) + struct.pack("<Q", 1 << KIND_ODOMETRY))
+    while header := receive(flight, HEADER.size):
+        kind, _, length, _ = HEADER.unpack(header)
+        content = receive(flight, length) if length else b""
+        if kind == HELLO and content[:8] != b"PLMBLCL1":
+            sys.exit("not the local socket of a flight")
+        elif kind == LOST:
+            print(f"lost {struct.unpack('<Q', content[:8])[0]}", flush=True)
+        elif kind == KIND_ODOMETRY:
+            # Later versions append fields.
+            o = ODOMETRY.unpack(content[: ODOMETRY.size])
+            stamp_s, position, state, quality = o[0] * 1e-9, o[3:6], STATES[o[-3]], o[-2]
+            print("%.3f s  %.3f %.3f %.3f m  %s  quality %d" % (stamp_s, *position, state, quality), flush=True)
+        elif kind == END:
+            break
+
+
+main()

@@ -1,0 +1,207 @@
+//! The other end of the socket: records as values, and requests.
+
+use super::layout;
+use super::messages::{self, proto};
+use super::picture::Shot;
+use super::record::{Header, Kind, MAGIC, MAX_RECORD_BYTES};
+use super::request::{Answer, Request};
+use plumbline_estimator::places::{MapEstimate, MapPath};
+use plumbline_estimator::{Estimate, MapSnapshot, Odometry};
+use prost::Message as _;
+use std::io::{self, BufReader, ErrorKind, Read, Write as _};
+use std::net::Shutdown;
+use std::os::unix::net::UnixStream;
+use thiserror::Error;
+
+/// Bytes that are read at a time.
+const BUFFER_BYTES: usize = 64 * 1024;
+
+/// What a flight sends.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Record {
+    /// Greeting; whether commands are taken.
+    Hello(bool),
+    /// Records that were lost so far.
+    Lost(u64),
+    /// Answer to a request.
+    Answer(Answer),
+    /// Odometry, and the time it was handed over, ns since 1970.
+    Odometry(Box<Odometry>, i64),
+    /// Configuration in force.
+    Configuration(proto::Configuration),
+    /// Estimate, and the computation of its frame, ms.
+    Estimate(Box<Estimate>, f64),
+    /// Pose of the odometry frame in the map.
+    MapEstimate(MapEstimate),
+    /// Keyframes and landmarks of the window.
+    Window(MapSnapshot),
+    /// Corrected path.
+    Path(MapPath),
+    /// Rung of the degradation ladder.
+    Ladder(u8),
+    /// Camera picture.
+    Picture(Shot),
+    /// End of the flight.
+    End,
+    /// Kind that this reader has no use for, or does not know.
+    Other(u16),
+}
+
+/// Why no record can be read.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum ClientError {
+    /// The other end has closed.
+    #[error("the flight has closed the socket")]
+    Closed,
+    /// It cannot be read.
+    #[error("the local socket cannot be read: {0}")]
+    Io(#[from] io::Error),
+    /// The other end sends what is no record of a flight.
+    #[error("the local socket sends what is no record of this version: {0}")]
+    Foreign(&'static str),
+}
+
+/// Records of a stream of bytes.
+#[derive(Debug)]
+pub struct Records<R> {
+    from: R,
+    content: Vec<u8>,
+}
+
+impl<R: Read> Records<R> {
+    /// Records that `from` sends.
+    pub fn new(from: R) -> Self {
+        Self { from, content: Vec::new() }
+    }
+
+    /// Waits for the next record.
+    ///
+    /// # Errors
+    /// When the stream has ended, cannot be read, or is none of a flight.
+    pub fn next_record(&mut self) -> Result<Record, ClientError> {
+        let mut header = [0; Header::BYTES];
+        self.fill(&mut header)?;
+        let header = Header::decode(&header);
+        let length = u64::from(header.length);
+        if length > MAX_RECORD_BYTES as u64 {
+            return Err(ClientError::Foreign("a record is too long"));
+        }
+        // Grows with what comes, not with what was announced.
+        self.content.clear();
+        let got = (&mut self.from).take(length).read_to_end(&mut self.content)?;
+        if (got as u64) < length {
+            return Err(ClientError::Closed);
+        }
+        record(&header, &self.content).map_err(ClientError::Foreign)
+    }
+
+    fn fill(&mut self, bytes: &mut [u8]) -> Result<(), ClientError> {
+        self.from.read_exact(bytes).map_err(|error| match error.kind() {
+            ErrorKind::UnexpectedEof | ErrorKind::ConnectionReset => ClientError::Closed,
+            _ => ClientError::Io(error),
+        })
+    }
+}
+
+/// Record in the content behind a header.
+fn record(header: &Header, content: &[u8]) -> Result<Record, &'static str> {
+    const SCHEMA: &str = "not a message of its schema";
+    let Some(kind) = Kind::of_number(header.kind) else { return Ok(Record::Other(header.kind)) };
+    Ok(match kind {
+        Kind::Hello => match content.split_first_chunk::<8>() {
+            Some((magic, [rights, ..])) if *magic == MAGIC => Record::Hello(rights & 1 != 0),
+            _ => return Err("not the greeting of a flight"),
+        },
+        Kind::Lost => {
+            let count = content.first_chunk().ok_or("a count is too short")?;
+            Record::Lost(u64::from_le_bytes(*count))
+        }
+        Kind::Result => Record::Answer(Answer::decode(header.sequence, content)?),
+        Kind::Odometry => {
+            let (odometry, handed_over_ns) = layout::odometry(content)?;
+            Record::Odometry(Box::new(odometry), handed_over_ns)
+        }
+        Kind::Configuration => {
+            Record::Configuration(proto::Configuration::decode(content).map_err(|_| SCHEMA)?)
+        }
+        Kind::FullEstimate => {
+            let message = proto::FullEstimate::decode(content).map_err(|_| SCHEMA)?;
+            let (estimate, frame_ms) = messages::estimate_of(&message)?;
+            Record::Estimate(Box::new(estimate), frame_ms)
+        }
+        Kind::MapEstimate => Record::MapEstimate(messages::map_estimate_of(content)?),
+        Kind::Window => {
+            let message = proto::Window::decode(content).map_err(|_| SCHEMA)?;
+            Record::Window(messages::window_of(&message)?)
+        }
+        Kind::Path => {
+            let message = proto::Path::decode(content).map_err(|_| SCHEMA)?;
+            Record::Path(messages::path_of(&message)?)
+        }
+        Kind::Ladder => {
+            let message = proto::Ladder::decode(content).map_err(|_| SCHEMA)?;
+            Record::Ladder(u8::try_from(message.level).map_err(|_| "a level out of range")?)
+        }
+        Kind::Picture => {
+            let message = proto::Picture::decode(content).map_err(|_| SCHEMA)?;
+            Record::Picture(messages::picture_of(message)?)
+        }
+        Kind::End => Record::End,
+        Kind::Estimate => Record::Other(header.kind),
+    })
+}
+
+/// Connection to a flight.
+#[derive(Debug)]
+pub struct Client {
+    records: Records<BufReader<UnixStream>>,
+}
+
+impl Client {
+    /// Client of a connected stream.
+    #[must_use]
+    pub fn new(stream: UnixStream) -> Self {
+        Self { records: Records::new(BufReader::with_capacity(BUFFER_BYTES, stream)) }
+    }
+
+    /// Waits for the next record.
+    ///
+    /// # Errors
+    /// When the flight has gone, or sends what is no record.
+    pub fn next_record(&mut self) -> Result<Record, ClientError> {
+        self.records.next_record()
+    }
+
+    /// Writing end, for another thread.
+    ///
+    /// # Errors
+    /// When the system has no more file descriptors.
+    pub fn requests(&self) -> io::Result<Requests> {
+        Ok(Requests { stream: self.records.from.get_ref().try_clone()?, number: 0 })
+    }
+}
+
+/// Writing end of a connection.
+#[derive(Debug)]
+pub struct Requests {
+    stream: UnixStream,
+    number: u64,
+}
+
+impl Requests {
+    /// Sends a request; its answer carries the number that is returned.
+    ///
+    /// # Errors
+    /// When the flight has gone.
+    pub fn send(&mut self, request: &Request) -> io::Result<u64> {
+        self.number += 1;
+        self.stream.write_all(&request.encode(self.number))?;
+        Ok(self.number)
+    }
+
+    /// Ends the connection, also for the thread that reads.
+    pub fn close(&self) {
+        let _ = self.stream.shutdown(Shutdown::Both);
+    }
+}

@@ -1,0 +1,227 @@
+//! Listeners on the threads of the run: they copy what readers want into memory that stands, and ring. Nothing blocks or
+//! allocates.
+
+use super::picture::Shot;
+use super::record::{Kind, Kinds};
+use crate::pipeline::listener::{Listener, Mapped, Solved};
+use crate::pipeline::orders::{FrameOrder, Verdict};
+use crate::schedule::event_bell::EventBell;
+use crate::schedule::lane::{LaneLosses, LaneReader, LaneWriter, lane};
+use crate::schedule::pace::Pace;
+use crate::schedule::pool::Pool;
+use crate::schedule::tasks::TaskId;
+use crate::schedule::watchdog::Pulse;
+use plumbline_config::ValidConfig;
+use plumbline_drivers::StereoFrame;
+use plumbline_estimator::places::{MapEstimate, MapPath};
+use plumbline_estimator::{Estimate, MapSnapshot, Odometry, Tracked};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicU64, Ordering};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// Odometry that waits for the socket: a quarter of a second.
+const ODOMETRY_LANE: usize = 50;
+/// Estimates that wait for the socket: two seconds.
+const ESTIMATE_LANE: usize = 40;
+/// Snapshots of the window that are filled, wait or are read: they come with keyframes, a few a second.
+const SNAPSHOTS: usize = 8;
+/// Corrected paths that are filled, wait or are read: only the newest counts.
+const PATHS: usize = 3;
+/// Poses, and loops, of a corrected path at most.
+const PATH_POSES: usize = 2_000;
+/// Pictures that are filled, wait or are read.
+const SHOTS: usize = 3;
+
+/// Host's clock, nanoseconds since 1970.
+pub fn now_ns() -> i64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_nanos() as i64)
+}
+
+/// An entry with the time it was handed over, ns since 1970.
+pub type Handed<T> = (T, i64);
+
+/// Writing ends, each for one thread of the run.
+#[derive(Debug)]
+pub struct Writers {
+    pub odometry: LaneWriter<Handed<Odometry>>,
+    /// With the computation of the frame, ms.
+    pub estimates: LaneWriter<Handed<(Estimate, f64)>>,
+    pub places: LaneWriter<MapEstimate>,
+}
+
+/// Reading ends of [`Writers`].
+#[derive(Debug)]
+pub struct Waiting {
+    pub odometry: LaneReader<Handed<Odometry>>,
+    pub estimates: LaneReader<Handed<(Estimate, f64)>>,
+    pub places: LaneReader<MapEstimate>,
+}
+
+/// State that the run and the socket's thread share.
+#[derive(Debug)]
+pub struct Shared {
+    /// Wakes the socket's thread.
+    pub bell: EventBell,
+    /// Heartbeat of the socket's thread.
+    pub pulse: Arc<Pulse>,
+    /// The flight is over.
+    pub stop: AtomicBool,
+    /// Rung of the degradation ladder.
+    pub rung: AtomicU8,
+    /// What the window holds, after each keyframe.
+    pub snapshots: Pool<MapSnapshot>,
+    /// The corrected path, after each keyframe of the map.
+    pub paths: Pool<MapPath>,
+    /// Pictures.
+    pub shots: Pool<Shot>,
+    /// Union of the kinds that the readers want.
+    wanted: AtomicU64,
+    /// Highest rate of pictures that a reader wants, mHz.
+    pictures_mhz: AtomicU32,
+    losses: [LaneLosses; 3],
+}
+
+impl Shared {
+    /// Everything allocated for the configuration.
+    ///
+    /// # Errors
+    /// When the system has no more file descriptors.
+    pub fn new(config: &ValidConfig) -> std::io::Result<(Self, Writers, Waiting)> {
+        let (odometry_in, odometry, odometry_losses) = lane(ODOMETRY_LANE);
+        let (estimates_in, estimates, estimate_losses) = lane(ESTIMATE_LANE);
+        let (places_in, places, place_losses) = lane(ESTIMATE_LANE);
+        let shared = Self {
+            bell: EventBell::new()?,
+            pulse: Arc::new(Pulse::new(TaskId::Local)),
+            stop: AtomicBool::new(false),
+            rung: AtomicU8::new(0),
+            snapshots: Pool::new(SNAPSHOTS, || MapSnapshot::new(config.setup())),
+            paths: Pool::new(PATHS, || MapPath::new(PATH_POSES)),
+            shots: Pool::new(SHOTS, || Shot::new(config)),
+            wanted: AtomicU64::new(0),
+            pictures_mhz: AtomicU32::new(0),
+            losses: [odometry_losses, estimate_losses, place_losses],
+        };
+        let writers = Writers { odometry: odometry_in, estimates: estimates_in, places: places_in };
+        Ok((shared, writers, Waiting { odometry, estimates, places }))
+    }
+
+    /// Sets what the readers want, and the highest rate of pictures among them, mHz.
+    pub fn want(&self, kinds: Kinds, pictures_mhz: u32) {
+        self.wanted.store(kinds.mask(), Ordering::Relaxed);
+        self.pictures_mhz.store(pictures_mhz, Ordering::Relaxed);
+    }
+
+    /// Records lost between the run and the socket's thread.
+    pub fn lost(&self) -> u64 {
+        self.losses.iter().map(LaneLosses::count).sum::<u64>() + self.snapshots.dropped()
+    }
+
+    fn wants(&self, kind: Kind) -> bool {
+        Kinds::of_mask(self.wanted.load(Ordering::Relaxed)).has(kind)
+    }
+
+    fn wake(&self) {
+        self.pulse.give();
+        self.bell.ring();
+    }
+}
+
+/// Copies odometry.
+pub struct TickListener(pub Arc<Shared>, pub LaneWriter<Handed<Odometry>>);
+
+impl Listener for TickListener {
+    fn odometry(&mut self, odometry: &Odometry) {
+        if self.0.wants(Kind::Odometry) {
+            self.1.push((odometry.clone(), now_ns()));
+            self.0.wake();
+        }
+    }
+}
+
+/// Copies estimates, the window, and the pose in the map.
+pub struct WindowListener {
+    pub shared: Arc<Shared>,
+    pub estimates: LaneWriter<Handed<(Estimate, f64)>>,
+    pub places: LaneWriter<MapEstimate>,
+}
+
+impl Listener for WindowListener {
+    fn solved(&mut self, solved: &Solved<'_>) {
+        let is_news = solved.estimate.figures.is_keyframe && solved.estimate.has_pose();
+        if is_news && self.shared.wants(Kind::Window) {
+            self.shared.snapshots.fill(|snapshot| solved.copy_to(snapshot));
+        }
+    }
+
+    fn estimate(&mut self, estimate: &Estimate, frame_ms: f64) {
+        // Odometry carries the health of the newest estimate.
+        if [Kind::Estimate, Kind::FullEstimate, Kind::Odometry].iter().any(|kind| self.shared.wants(*kind)) {
+            self.estimates.push(((estimate.clone(), frame_ms), now_ns()));
+            self.shared.wake();
+        }
+    }
+
+    fn map_estimate(&mut self, estimate: &MapEstimate) {
+        if self.shared.wants(Kind::MapEstimate) {
+            self.places.push(estimate.clone());
+        }
+    }
+}
+
+/// Copies the corrected path.
+pub struct PlacesListener(pub Arc<Shared>);
+
+impl Listener for PlacesListener {
+    fn mapped(&mut self, mapped: &Mapped<'_>) {
+        if self.0.wants(Kind::Path) {
+            self.0.paths.fill(|path| mapped.mapper.copy_path(path));
+            self.0.wake();
+        }
+    }
+}
+
+/// Takes pictures, and notes the rung of the ladder.
+pub struct FrontEndListener {
+    shared: Arc<Shared>,
+    pace: Pace,
+    pace_mhz: u32,
+    /// Changes places with one of the pool when it is whole.
+    shot: Shot,
+    /// It has notes on a frame whose image is still to come.
+    is_pending: bool,
+}
+
+impl FrontEndListener {
+    /// Listener that takes pictures while a reader wants them; `shot` has room for any.
+    pub fn new(shared: Arc<Shared>, shot: Shot) -> Self {
+        Self { shared, pace: Pace::new(0.0), pace_mhz: 0, shot, is_pending: false }
+    }
+}
+
+impl Listener for FrontEndListener {
+    fn tracked(&mut self, tracked: &Tracked) {
+        let mhz = self.shared.pictures_mhz.load(Ordering::Relaxed);
+        if mhz != self.pace_mhz {
+            (self.pace, self.pace_mhz) = (Pace::new(f64::from(mhz) * 1e-3), mhz);
+        }
+        if mhz > 0 && self.pace.admits(tracked.time.stamp) {
+            self.shot.note(tracked);
+            self.is_pending = true;
+        }
+    }
+
+    fn frame(&mut self, frame: &mut StereoFrame) {
+        if self.is_pending && self.shot.expose(frame) {
+            self.is_pending = false;
+            self.shared.shots.fill(|waiting| std::mem::swap(waiting, &mut self.shot));
+            self.shared.wake();
+        }
+    }
+
+    fn order(&mut self, order: &FrameOrder) {
+        if let Verdict::Taken { level } = order.verdict {
+            self.shared.rung.store(level, Ordering::Relaxed);
+        }
+    }
+}

@@ -1,0 +1,66 @@
+//! The local socket: a flight's odometry, estimates and more for programs of this computer, and commands from them.
+//!
+//! A Unix stream socket whose format is documented in `docs/local-socket.md`. Listeners on the threads of the run
+//! ([`listener`]) copy into wait-free lanes and pools; a thread of normal priority ([`server`]) encodes each record once and
+//! hands it to every reader that wants it. A reader has a bounded queue of its own ([`outbox`]): one that is slow loses the
+//! oldest records and is told how many, and delays nobody.
+//!
+//! [`record`] and [`layout`] are the format, [`messages`] the records that are protobuf, [`request`] what readers send;
+//! [`client`] is the other end.
+
+pub mod client;
+mod commands;
+mod door;
+pub mod layout;
+mod listener;
+pub mod messages;
+mod outbox;
+pub mod picture;
+mod reader;
+pub mod record;
+pub mod request;
+mod server;
+mod socket;
+#[cfg(test)]
+mod tests;
+mod words;
+
+pub use client::{Client, ClientError, Record};
+pub use picture::Shot;
+pub use request::Failure;
+pub use socket::{LinkDoor, LocalSocket};
+pub use words::LinkWord;
+
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// Why there can be no local socket.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum LocalError {
+    /// The socket cannot be made.
+    #[error("{}: the socket cannot be made: {source} ({key})", path.display())]
+    Socket {
+        /// Path of the socket.
+        path: PathBuf,
+        /// Key of the configuration that cannot be used.
+        key: &'static str,
+        /// Reason given by the system.
+        source: std::io::Error,
+    },
+    /// Something else is there.
+    #[error("{}: exists and is no socket; delete it, or let local.path name another path", path.display())]
+    NoSocket {
+        /// Path of the socket.
+        path: PathBuf,
+    },
+    /// Another process listens there.
+    #[error("{}: another process listens on it; end that, or let local.path name another path", path.display())]
+    InUse {
+        /// Path of the socket.
+        path: PathBuf,
+    },
+    /// The thread cannot be started, or there are no more file descriptors.
+    #[error("cannot start the thread of the local socket: {0}")]
+    Thread(#[from] std::io::Error),
+}

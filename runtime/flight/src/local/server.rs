@@ -1,0 +1,366 @@
+//! The socket's thread: encodes what the run hands over, once, and serves the readers. It waits for nobody.
+
+use super::commands::Commands;
+use super::door::Door;
+use super::listener::{Shared, Waiting, now_ns};
+use super::messages::{self, proto};
+use super::picture::Shot;
+use super::reader::{Reader, Rights};
+use super::record::{Kind, Kinds, MAX_RECORD_BYTES, encoded};
+use super::request::{Numbered, Request};
+use super::words::{Admission, LinkWord};
+use super::{LocalError, layout};
+use crate::log::encode;
+use crate::pipeline::Control;
+use plumbline_estimator::places::MapPath;
+use prost::Message;
+use rustix::buffer::spare_capacity;
+use rustix::event::Timespec;
+use rustix::event::epoll::{self, CreateFlags, Event, EventData, EventFlags};
+use rustix::fd::OwnedFd;
+use std::os::unix::net::UnixStream;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::Receiver;
+use std::time::{Duration, Instant};
+
+/// Readers by the socket's path at a time.
+const MAX_READERS: usize = 128;
+/// Records that wait for one reader, bytes: four seconds of odometry and estimates.
+const OUTBOX_BYTES: usize = 512 * 1024;
+/// Pictures that wait besides for a reader that wants them.
+const OUTBOX_PICTURES: usize = 2;
+/// At the end of the flight readers have so long to take what waits.
+const LAST_WORDS: Duration = Duration::from_millis(500);
+/// Where the system refuses another descriptor, nobody is accepted for so long.
+const PAUSE: Duration = Duration::from_millis(200);
+/// Whether a map was saved is looked at this often.
+const GLANCE: Duration = Duration::from_millis(20);
+/// The thread looks around at least this often.
+const IDLE: Duration = Duration::from_millis(500);
+/// Events that are taken at a time.
+const EVENTS: usize = 64;
+/// What an event is about: the bell, the listening socket, or the reader at a place.
+const BELL: u64 = 0;
+const DOOR: u64 = 1;
+const FIRST_READER: u64 = 2;
+
+/// The socket's thread.
+pub struct Server {
+    epoll: OwnedFd,
+    shared: Arc<Shared>,
+    waiting: Waiting,
+    door: Option<Door>,
+    /// Time before which no reader is accepted.
+    pause_end: Option<Instant>,
+    admissions: Receiver<Admission>,
+    readers: Vec<Option<Reader>>,
+    /// Bytes of the pictures that wait for one reader.
+    picture_bytes: usize,
+    commands: Commands,
+    configuration: Arc<[u8]>,
+    newest_path: Option<MapPath>,
+    health_bits: u32,
+    rung: u8,
+    sequences: [u64; Kind::End as usize + 1],
+}
+
+impl Server {
+    /// Server with nobody to serve; pictures are as large as `shot`.
+    ///
+    /// # Errors
+    /// When the system has no more file descriptors.
+    pub fn new(
+        (shared, waiting): (Arc<Shared>, Waiting),
+        door: Option<Door>,
+        admissions: Receiver<Admission>,
+        control: Arc<Control>,
+        configuration: &proto::Configuration,
+        shot: &Shot,
+    ) -> Result<Self, LocalError> {
+        let failed = |error: rustix::io::Errno| LocalError::Thread(error.into());
+        let epoll = epoll::create(CreateFlags::CLOEXEC).map_err(failed)?;
+        epoll::add(&epoll, &shared.bell, EventData::new_u64(BELL), EventFlags::IN).map_err(failed)?;
+        if let Some(door) = &door {
+            epoll::add(&epoll, &door.listener, EventData::new_u64(DOOR), EventFlags::IN).map_err(failed)?;
+        }
+        let configuration =
+            encoded(Kind::Configuration as u16, 0, |to| to.extend(configuration.encode_to_vec()));
+        let picture_bytes = shot.image.pixels().len().min(MAX_RECORD_BYTES);
+        Ok(Self {
+            epoll,
+            shared,
+            waiting,
+            door,
+            pause_end: None,
+            admissions,
+            readers: Vec::new(),
+            picture_bytes: OUTBOX_PICTURES * picture_bytes,
+            commands: Commands::new(control),
+            configuration: configuration.into(),
+            newest_path: None,
+            health_bits: 0,
+            rung: 0,
+            sequences: [0; Kind::End as usize + 1],
+        })
+    }
+
+    /// Serves until the flight is over, then sends what waits.
+    pub fn run(mut self) {
+        let mut events = Vec::with_capacity(EVENTS);
+        loop {
+            let is_last = self.shared.stop.load(Ordering::Acquire);
+            let timeout = if is_last { Duration::ZERO } else { self.patience() };
+            self.wait(&mut events, timeout);
+            self.shared.pulse.busy();
+            self.shared.bell.silence();
+            self.encode_all();
+            self.serve(&events);
+            self.shared.pulse.idle();
+            if is_last {
+                return self.finish(&mut events);
+            }
+        }
+    }
+
+    fn patience(&self) -> Duration {
+        if self.commands.is_saving() {
+            GLANCE
+        } else if self.pause_end.is_some() {
+            PAUSE
+        } else {
+            IDLE
+        }
+    }
+
+    fn wait(&self, events: &mut Vec<Event>, timeout: Duration) {
+        let timeout = Timespec { tv_sec: 0, tv_nsec: timeout.subsec_nanos().into() };
+        events.clear();
+        // An interrupted wait has no events.
+        let _ = epoll::wait(&self.epoll, spare_capacity(events), Some(&timeout));
+    }
+
+    /// Takes requests, hands out answers and records, and lets new readers in.
+    fn serve(&mut self, events: &[Event]) {
+        for event in events {
+            let (data, flags) = (event.data, event.flags);
+            match data.u64() {
+                BELL => {}
+                DOOR => self.accept(),
+                place => self.read(usize::try_from(place - FIRST_READER).unwrap_or(usize::MAX), flags),
+            }
+        }
+        if self.pause_end.take_if(|end| Instant::now() >= *end).is_some() {
+            self.listen(EventFlags::IN);
+        }
+        while let Ok(Admission { stream, words }) = self.admissions.try_recv() {
+            self.admit(stream, Rights::Link(words));
+        }
+        if let Some((place, answer)) = self.commands.saved()
+            && let Some(reader) = self.readers.get_mut(place).and_then(Option::as_mut)
+        {
+            reader.outbox.push_kept(answer.encode());
+        }
+        self.flush();
+    }
+
+    fn accept(&mut self) {
+        let Some(door) = &self.door else { return };
+        match door.listener.accept() {
+            Ok((stream, _)) if self.readers.iter().flatten().count() < MAX_READERS => {
+                let rights = door.rights(&stream);
+                self.admit(stream, rights);
+            }
+            // It is closed at once, and finds out.
+            Ok(_) => {}
+            Err(error) if error.kind() == std::io::ErrorKind::WouldBlock => {}
+            Err(_) => {
+                self.pause_end = Some(Instant::now() + PAUSE);
+                self.listen(EventFlags::empty());
+            }
+        }
+    }
+
+    /// Waits for new readers, or does not.
+    fn listen(&self, flags: EventFlags) {
+        if let Some(door) = &self.door {
+            let _ = epoll::modify(&self.epoll, &door.listener, EventData::new_u64(DOOR), flags);
+        }
+    }
+
+    fn admit(&mut self, stream: UnixStream, rights: Rights) {
+        let place = self.readers.iter().position(Option::is_none).unwrap_or(self.readers.len());
+        let data = EventData::new_u64(FIRST_READER + place as u64);
+        let is_set = stream.set_nonblocking(true).is_ok();
+        if !is_set || epoll::add(&self.epoll, &stream, data, EventFlags::IN).is_err() {
+            return;
+        }
+        let reader = Reader::new(stream, rights, OUTBOX_BYTES, self.shared.lost());
+        if place == self.readers.len() {
+            self.readers.push(None);
+        }
+        self.readers[place] = Some(reader);
+        self.note_wants();
+    }
+
+    /// Reads the requests of a reader, and carries them out; one that has gone is let go.
+    fn read(&mut self, place: usize, flags: EventFlags) {
+        let Some(slot) = self.readers.get_mut(place) else { return };
+        let Some(mut reader) = slot.take() else { return };
+        if flags.contains(EventFlags::OUT) {
+            reader.has_room();
+        }
+        let before = (reader.kinds, reader.pictures_mhz);
+        let outcome = reader.read(|reader, request| self.obey(place, reader, request));
+        let is_there = outcome.is_ok() && !flags.intersects(EventFlags::HUP | EventFlags::ERR);
+        let has_changed = !is_there || before != (reader.kinds, reader.pictures_mhz);
+        if is_there {
+            self.readers[place] = Some(reader);
+        } else {
+            self.commands.forget(place);
+        }
+        if has_changed {
+            self.note_wants();
+        }
+    }
+
+    fn obey(&mut self, place: usize, reader: &mut Reader, Numbered { number, request }: Numbered) {
+        if let Some(Request::Subscribe(kinds)) = request {
+            reader.kinds = kinds;
+            if kinds.has(Kind::Configuration) {
+                reader.outbox.push_kept(Arc::clone(&self.configuration));
+            }
+            if kinds.has(Kind::Ladder) {
+                reader.outbox.push_kept(self.ladder());
+            }
+            if let (true, Some(path)) = (kinds.has(Kind::Path), &self.newest_path) {
+                reader.outbox.push(&encode_path(path, self.sequences[Kind::Path as usize]));
+            }
+            if let Rights::Link(words) = &reader.rights {
+                words.tell(LinkWord::Begun);
+            }
+        } else if let Some(answer) = self.commands.obey(place, reader, number, request) {
+            reader.outbox.push_kept(answer.encode());
+            let pictures = if reader.pictures_mhz > 0 { self.picture_bytes } else { 0 };
+            reader.outbox.bound(OUTBOX_BYTES + pictures);
+        }
+    }
+
+    /// Tells the run what is wanted.
+    fn note_wants(&self) {
+        let readers = || self.readers.iter().flatten();
+        let kinds = readers().fold(Kinds::default(), |all, reader| all.and(reader.kinds));
+        self.shared.want(kinds, readers().map(|reader| reader.pictures_mhz).max().unwrap_or(0));
+    }
+
+    /// Writes what waits; readers that have gone are let go.
+    fn flush(&mut self) {
+        let (upstream, mut has_gone) = (self.shared.lost(), false);
+        for (place, slot) in self.readers.iter_mut().enumerate() {
+            let Some(reader) = slot else { continue };
+            let mut is_there = reader.flush(upstream).is_ok();
+            let interest = reader.wanted_interest();
+            if is_there && interest != reader.interest {
+                reader.interest = interest;
+                let data = EventData::new_u64(FIRST_READER + place as u64);
+                is_there = epoll::modify(&self.epoll, &reader.stream, data, interest).is_ok();
+            }
+            if !is_there {
+                *slot = None;
+                self.commands.forget(place);
+                has_gone = true;
+            }
+        }
+        if has_gone {
+            self.note_wants();
+        }
+    }
+
+    /// Encodes what the run has handed over, and gives it to those who want it.
+    fn encode_all(&mut self) {
+        while let Some((odometry, handed_over_ns)) = self.waiting.odometry.pop() {
+            let health_bits = self.health_bits;
+            let record = encoded(Kind::Odometry as u16, odometry.sequence, |to| {
+                layout::put_odometry(&odometry, handed_over_ns, health_bits, to);
+            });
+            self.offer(Kind::Odometry, record);
+        }
+        while let Some(((estimate, frame_ms), handed_over_ns)) = self.waiting.estimates.pop() {
+            self.health_bits = estimate.health.0;
+            self.send(Kind::Estimate, |to| layout::put_estimate(&estimate, handed_over_ns, to));
+            self.send(Kind::FullEstimate, |to| put(&messages::full_estimate(&estimate, frame_ms), to));
+        }
+        while let Some(estimate) = self.waiting.places.pop() {
+            self.send(Kind::MapEstimate, |to| put(&encode::map_estimate(&estimate), to));
+        }
+        let shared = Arc::clone(&self.shared);
+        while shared.snapshots.read(|s| self.send(Kind::Window, |to| put(&messages::window(s), to))).is_some()
+        {
+        }
+        while shared.shots.read(|s| self.send(Kind::Picture, |to| put(&messages::picture(s), to))).is_some() {
+        }
+        self.encode_path();
+        let rung = shared.rung.load(Ordering::Relaxed);
+        if rung != self.rung {
+            self.rung = rung;
+            self.offer(Kind::Ladder, self.ladder());
+        }
+    }
+
+    /// Encodes the newest of the paths that wait, and keeps it for readers that come later.
+    fn encode_path(&mut self) {
+        let shared = Arc::clone(&self.shared);
+        let mut is_new = false;
+        while shared.paths.read(|path| self.newest_path.get_or_insert_default().clone_from(path)).is_some() {
+            is_new = true;
+        }
+        if let Some(path) = self.newest_path.take_if(|_| is_new) {
+            self.send(Kind::Path, |to| put(&messages::path(&path), to));
+            self.newest_path = Some(path);
+        }
+    }
+
+    fn ladder(&self) -> Vec<u8> {
+        encoded(Kind::Ladder as u16, 0, |to| put(&messages::ladder(self.rung), to))
+    }
+
+    /// Encodes a record if a reader wants its kind.
+    fn send(&mut self, kind: Kind, fill: impl FnOnce(&mut Vec<u8>)) {
+        if self.readers.iter().flatten().any(|reader| reader.wants(kind)) {
+            let record = encoded(kind as u16, self.sequences[kind as usize], fill);
+            self.offer(kind, record);
+        }
+        self.sequences[kind as usize] += 1;
+    }
+
+    fn offer(&mut self, kind: Kind, record: Vec<u8>) {
+        if record.len() > MAX_RECORD_BYTES {
+            return;
+        }
+        let record: Arc<[u8]> = record.into();
+        self.readers.iter_mut().flatten().for_each(|reader| reader.offer(kind, &record));
+    }
+
+    /// The flight is over: readers have a while to take what waits.
+    fn finish(mut self, events: &mut Vec<Event>) {
+        let end: Arc<[u8]> = encoded(Kind::End as u16, 0, |to| to.extend(now_ns().to_le_bytes())).into();
+        self.readers.iter_mut().flatten().for_each(|reader| reader.outbox.push_kept(Arc::clone(&end)));
+        let patience_end = Instant::now() + LAST_WORDS;
+        loop {
+            self.flush();
+            let is_done = self.readers.iter().flatten().all(|reader| reader.outbox.is_empty());
+            if is_done || Instant::now() >= patience_end {
+                return;
+            }
+            self.wait(events, GLANCE);
+        }
+    }
+}
+
+fn put(message: &impl Message, to: &mut Vec<u8>) {
+    to.extend(message.encode_to_vec());
+}
+
+fn encode_path(path: &MapPath, sequence: u64) -> Arc<[u8]> {
+    encoded(Kind::Path as u16, sequence, |to| put(&messages::path(path), to)).into()
+}

@@ -1,0 +1,228 @@
+//! The socket as its readers see it.
+
+use super::record::{Header, Kind, Kinds, encoded};
+use super::request::{Answer, Failure, Request, Status};
+use super::{Client, ClientError, LinkWord, LocalSocket, Record};
+use crate::flight::Output as _;
+use crate::fuzzing::fixture;
+use crate::pipeline::listener::{Listener, Producer, Subscriber as _};
+use crate::pipeline::{Control, Stamps};
+use plumbline_config::{Config, ValidConfig};
+use plumbline_estimator::{Estimate, Odometry, ResetKind};
+use std::io::{Read as _, Write as _};
+use std::net::Shutdown;
+use std::os::unix::net::UnixStream;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::mpsc::channel;
+use std::time::{Duration, Instant};
+
+/// No reader waits longer.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// A flight that hands out what the test gives it.
+struct Flight {
+    socket: LocalSocket,
+    control: Arc<Control>,
+    tick: Box<dyn Listener>,
+    window: Box<dyn Listener>,
+    path: PathBuf,
+    sequence: u64,
+    _folder: tempfile::TempDir,
+}
+
+impl Flight {
+    fn start() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("local");
+        let change = |config: &mut Config| config.local.path = path.display().to_string();
+        let config: ValidConfig = Config::preset("sim").unwrap().with("test", change).unwrap();
+        let control = Arc::new(Control::default());
+        let mut socket = LocalSocket::start(&config, Stamps::Replayed, Arc::clone(&control)).unwrap();
+        let (tick, window) = (socket.listener(Producer::Tick), socket.listener(Producer::Window));
+        Self { socket, control, tick, window, path, sequence: 0, _folder: folder }
+    }
+
+    fn stream(&self) -> UnixStream {
+        let stream = UnixStream::connect(&self.path).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        stream
+    }
+
+    /// A reader that has been greeted.
+    fn reader(&self) -> Client {
+        let mut client = Client::new(self.stream());
+        assert_eq!(client.next_record().unwrap(), Record::Hello(true));
+        client
+    }
+
+    fn tick(&mut self) -> Odometry {
+        self.sequence += 1;
+        let odometry = Odometry { sequence: self.sequence, ..fixture::odometry() };
+        self.tick.odometry(&odometry);
+        odometry
+    }
+
+    fn end(self) {
+        Box::new(self.socket).stop();
+    }
+}
+
+fn answer(client: &mut Client) -> Answer {
+    loop {
+        if let Record::Answer(answer) = client.next_record().unwrap() {
+            return answer;
+        }
+    }
+}
+
+#[test]
+fn a_reader_receives_odometry_and_estimates_without_a_request() {
+    let mut flight = Flight::start();
+    let mut reader = flight.reader();
+    let sent = flight.tick();
+    let Record::Odometry(got, _) = reader.next_record().unwrap() else { panic!() };
+    assert_eq!(*got, sent);
+    flight.window.estimate(&fixture::estimate(), 3.5);
+    assert_eq!(reader.next_record().unwrap(), Record::Other(Kind::Estimate as u16));
+    flight.end();
+    assert_eq!(reader.next_record().unwrap(), Record::End);
+    assert!(matches!(reader.next_record(), Err(ClientError::Closed)));
+}
+
+#[test]
+fn a_reader_receives_what_it_subscribes_to_and_the_configuration_at_once() {
+    let mut flight = Flight::start();
+    let mut reader = flight.reader();
+    let kinds = Kinds::of(&[Kind::Configuration, Kind::FullEstimate, Kind::Ladder]);
+    reader.requests().unwrap().send(&Request::Subscribe(kinds)).unwrap();
+    let Record::Configuration(configuration) = reader.next_record().unwrap() else { panic!() };
+    assert!(configuration.toml.contains("[local]") && !configuration.stamps_of_host);
+    assert_eq!(reader.next_record().unwrap(), Record::Ladder(0));
+    flight.tick();
+    let sent = Estimate { origin: Default::default(), ..fixture::estimate() };
+    flight.window.estimate(&sent, 3.5);
+    assert_eq!(reader.next_record().unwrap(), Record::Estimate(Box::new(sent), 3.5));
+}
+
+#[test]
+fn a_reader_that_falls_behind_is_told_what_it_has_lost_and_the_others_lose_nothing() {
+    const RECORDS: u64 = 4_000;
+    let mut flight = Flight::start();
+    let (mut slow, mut quick) = (flight.reader(), flight.reader());
+    for _ in 0..RECORDS {
+        let sent = flight.tick();
+        let Record::Odometry(got, _) = quick.next_record().unwrap() else { panic!() };
+        assert_eq!(got.sequence, sent.sequence);
+    }
+    let (mut lost, mut got) = (0, Vec::new());
+    std::thread::scope(|scope| {
+        // At the end of the flight nobody is waited for long.
+        scope.spawn(move || flight.end());
+        loop {
+            match slow.next_record().unwrap() {
+                Record::Lost(count) => lost = count,
+                Record::Odometry(odometry, _) => got.push(odometry.sequence),
+                Record::End => break,
+                other => panic!("{other:?}"),
+            }
+        }
+    });
+    assert!(lost > 0 && lost + got.len() as u64 == RECORDS, "{lost} lost, {} received", got.len());
+    assert!(got.is_sorted() && got.ends_with(&[RECORDS]));
+}
+
+#[test]
+fn commands_reach_the_run_and_are_answered() {
+    let flight = Flight::start();
+    let mut reader = flight.reader();
+    let mut requests = reader.requests().unwrap();
+    let number = requests.send(&Request::Reset(ResetKind::Hard)).unwrap();
+    let done = answer(&mut reader);
+    assert_eq!((done.number, done.status), (number, Status::Done));
+    assert_eq!(flight.control.take_reset(), Some(ResetKind::Hard));
+    requests.send(&Request::SaveMap).unwrap();
+    let refused = answer(&mut reader);
+    assert_eq!(refused.status, Status::Failed);
+    assert!(refused.words.contains("--save-map"), "{}", refused.words);
+    flight.control.map_saves().open();
+    requests.send(&Request::SaveMap).unwrap();
+    requests.send(&Request::SaveMap).unwrap();
+    assert!(answer(&mut reader).words.contains("busy"));
+    assert!(flight.control.map_saves().take());
+    flight.control.map_saves().tell(Ok(7));
+    let saved = answer(&mut reader);
+    assert_eq!((saved.status, saved.value), (Status::Done, 7));
+}
+
+#[test]
+fn what_is_no_request_is_refused_and_does_nothing() {
+    let flight = Flight::start();
+    let mut stream = flight.stream();
+    let mut reader = Client::new(stream.try_clone().unwrap());
+    stream.write_all(&encoded(999, 4, |to| to.push(1))).unwrap();
+    stream.write_all(&Request::Alive.encode(5)).unwrap();
+    let failed = Request::Failed(Failure { is_usage: false, words: "no".into() });
+    stream.write_all(&failed.encode(6)).unwrap();
+    let statuses =
+        [answer(&mut reader), answer(&mut reader), answer(&mut reader)].map(|a| (a.number, a.status));
+    assert_eq!(statuses, [(4, Status::Malformed), (5, Status::Refused), (6, Status::Refused)]);
+    // After a length beyond bounds nothing can be understood.
+    stream.write_all(&Header { kind: 1, length: u32::MAX, ..Header::default() }.encode()).unwrap();
+    assert!(matches!(reader.next_record(), Err(ClientError::Closed)));
+    assert_eq!(flight.control.take_reset(), None);
+}
+
+#[test]
+fn a_reader_that_floods_requests_and_reads_nothing_is_not_read_from() {
+    let flight = Flight::start();
+    let mut stream = flight.stream();
+    stream.set_write_timeout(Some(Duration::from_millis(300))).unwrap();
+    let request = Request::Reset(ResetKind::Soft).encode(1);
+    let mut sent = 0;
+    while stream.write_all(&request).is_ok() {
+        sent += 1;
+        assert!(sent < 100_000, "its requests are read without end");
+    }
+    // The others are served.
+    let mut reader = flight.reader();
+    reader.requests().unwrap().send(&Request::Reset(ResetKind::Hard)).unwrap();
+    assert_eq!(answer(&mut reader).status, Status::Done);
+}
+
+#[test]
+fn readers_beyond_the_bound_are_turned_away_and_a_half_open_one_goes_on_reading() {
+    let mut flight = Flight::start();
+    let stream = flight.stream();
+    let mut half_open = Client::new(stream.try_clone().unwrap());
+    assert_eq!(half_open.next_record().unwrap(), Record::Hello(true));
+    stream.shutdown(Shutdown::Write).unwrap();
+    let readers: Vec<Client> = (1..128).map(|_| flight.reader()).collect();
+    let mut refused = flight.stream();
+    assert_eq!(refused.read(&mut [0]).unwrap(), 0);
+    drop(readers);
+    // There is room again as soon as it was noticed.
+    let end = Instant::now() + PATIENCE;
+    while Client::new(flight.stream()).next_record().is_err() {
+        assert!(Instant::now() < end);
+    }
+    let sent = flight.tick();
+    let Record::Odometry(got, _) = half_open.next_record().unwrap() else { panic!() };
+    assert_eq!(got.sequence, sent.sequence);
+}
+
+#[test]
+fn reports_of_the_network_process_reach_its_keeper() {
+    let flight = Flight::start();
+    let ((ours, theirs), (words, said)) = (UnixStream::pair().unwrap(), channel());
+    assert!(flight.socket.link_door().admit(ours, words));
+    let mut requests = Client::new(theirs).requests().unwrap();
+    requests.send(&Request::Subscribe(Kinds::DEFAULT)).unwrap();
+    requests.send(&Request::Ready).unwrap();
+    requests.send(&Request::Alive).unwrap();
+    for word in [LinkWord::Begun, LinkWord::Ready, LinkWord::Alive] {
+        assert_eq!(said.recv_timeout(PATIENCE).unwrap(), word);
+    }
+    requests.close();
+    assert!(said.recv_timeout(PATIENCE).is_err(), "its keeper learns that it has gone");
+}

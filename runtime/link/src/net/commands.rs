@@ -1,0 +1,115 @@
+//! Commands on their way back to the flight, over the local socket.
+
+use plumbline_estimator::ResetKind;
+use plumbline_flight::local::client::Requests;
+use plumbline_flight::local::request::{Answer, Request, Status};
+use std::collections::BTreeMap;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use tokio::sync::oneshot;
+
+/// Timeout of a map that is to be saved: the flight itself gives up after 15 s.
+const SAVE_PATIENCE: Duration = Duration::from_secs(17);
+/// Answers that are waited for at a time.
+const MAX_WAITING: usize = 64;
+
+/// Way of commands to the flight. By default there is no flight at its end: a reset is accepted and never done.
+#[derive(Debug, Default)]
+pub struct Commands(Mutex<State>);
+
+#[derive(Debug, Default)]
+struct State {
+    requests: Option<Requests>,
+    /// The flight refuses commands of this process.
+    is_refused: bool,
+    waiting: BTreeMap<u64, oneshot::Sender<Answer>>,
+}
+
+impl Commands {
+    /// Commands to the flight behind `requests`, which takes them or not.
+    #[must_use]
+    pub fn new(requests: Requests, may_command: bool) -> Self {
+        let state = State { requests: Some(requests), is_refused: !may_command, waiting: BTreeMap::new() };
+        Self(Mutex::new(state))
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Asks for a reset before the next frame.
+    ///
+    /// # Errors
+    /// When the flight takes no commands of this process: the reason as text.
+    pub fn ask_reset(&self, kind: ResetKind) -> Result<(), String> {
+        let mut state = self.state();
+        state.check()?;
+        state.send(&Request::Reset(kind));
+        Ok(())
+    }
+
+    /// Has the map saved; the number of its keyframes.
+    ///
+    /// # Errors
+    /// When it was not saved: the reason as text.
+    pub async fn save_map(&self) -> Result<u32, String> {
+        let answered = {
+            let mut state = self.state();
+            state.check()?;
+            let number = state.send(&Request::SaveMap);
+            let number = number.ok_or("this flight keeps no map: start it with --save-map FILE")?;
+            state.waiting.retain(|_, waiting| !waiting.is_closed());
+            if state.waiting.len() >= MAX_WAITING {
+                return Err("busy: ask again later".into());
+            }
+            let (answer, answered) = oneshot::channel();
+            state.waiting.insert(number, answer);
+            answered
+        };
+        match tokio::time::timeout(SAVE_PATIENCE, answered).await {
+            Ok(Ok(answer)) if answer.status == Status::Done => Ok(answer.value),
+            Ok(Ok(answer)) => Err(answer.words),
+            _ => Err("the flight does not answer".into()),
+        }
+    }
+
+    /// Asks for camera pictures at this rate, Hz; zero for none any more.
+    pub fn watch(&self, rate_hz: f64) {
+        self.state().send(&Request::Watch((rate_hz * 1e3) as u32));
+    }
+
+    /// Reports to whoever started this process.
+    pub fn report(&self, report: &Request) {
+        self.state().send(report);
+    }
+
+    /// Takes an answer of the flight.
+    pub fn take(&self, answer: Answer) {
+        if let Some(waiting) = self.state().waiting.remove(&answer.number) {
+            let _ = waiting.send(answer);
+        }
+    }
+
+    /// Ends the connection, also for the thread that reads.
+    pub fn close(&self) {
+        if let Some(requests) = &self.state().requests {
+            requests.close();
+        }
+    }
+}
+
+impl State {
+    fn check(&self) -> Result<(), String> {
+        match self.is_refused {
+            true => Err("the flight takes no commands of the network process: its user is neither that of the flight nor \
+                         in the group of the local socket"
+                .into()),
+            false => Ok(()),
+        }
+    }
+
+    /// Sends a request to the flight, if it is there; the number of the request.
+    fn send(&mut self, request: &Request) -> Option<u64> {
+        self.requests.as_mut()?.send(request).ok()
+    }
+}

@@ -1,0 +1,244 @@
+//! The network process: reads a flight from its local socket, publishes it, and brings commands back.
+
+use crate::net::{Commands, Endpoints, Feed, NetError, Publisher};
+use crate::ros::{RosFeed, RosOutput};
+use plumbline_config::options::NetworkConfig;
+use plumbline_config::{Config, ConfigError, ValidConfig};
+use plumbline_flight::local::messages::proto::Configuration;
+use plumbline_flight::local::record::{Kind, Kinds};
+use plumbline_flight::local::request::Request;
+use plumbline_flight::local::{Client, ClientError, Failure, Record};
+use plumbline_flight::pipeline::Stamps;
+use std::io;
+use std::os::unix::net::UnixStream;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+use thiserror::Error;
+
+/// A flight that says nothing for so long after the connection is none.
+const GREETING_PATIENCE: Duration = Duration::from_secs(5);
+/// The stop flag is looked at this often.
+const GLANCE: Duration = Duration::from_millis(50);
+/// Records that the network needs. Pictures are asked for while somebody looks.
+const WANTED: Kinds = Kinds::of(&[
+    Kind::Odometry,
+    Kind::Configuration,
+    Kind::FullEstimate,
+    Kind::MapEstimate,
+    Kind::Window,
+    Kind::Path,
+    Kind::Ladder,
+]);
+
+/// What the command line adds to the configuration of the flight.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct LinkOptions {
+    /// Endpoints to listen on besides `network.listen`.
+    pub listen: Vec<String>,
+    /// Endpoints to connect to besides `network.connect`.
+    pub connect: Vec<String>,
+    /// Open a session also without an endpoint.
+    pub publish: bool,
+    /// Retry a session that cannot be opened yet.
+    pub is_patient: bool,
+}
+
+/// Whether there is anything to publish over Zenoh.
+#[must_use]
+pub fn has_network(config: &NetworkConfig, options: &LinkOptions) -> bool {
+    let endpoints = Endpoints::of(config).and(&options.listen, &options.connect);
+    options.publish || !endpoints.listen.is_empty() || !endpoints.connect.is_empty() || endpoints.scouting
+}
+
+/// How the service of a flight ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ended {
+    /// The flight is over, and everything was sent.
+    FlightOver,
+    /// The flight has closed the socket without a word.
+    FlightGone,
+    /// It was asked to stop.
+    Stopped,
+}
+
+/// Why a flight cannot be served.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum LinkError {
+    /// The network cannot be used.
+    #[error(transparent)]
+    Net(#[from] NetError),
+    /// The flight's records cannot be read.
+    #[error(transparent)]
+    Client(#[from] ClientError),
+    /// The flight's configuration is none of this version.
+    #[error("the configuration of the flight cannot be used: {0}")]
+    Config(#[from] ConfigError),
+    /// There is nowhere to publish.
+    #[error("no endpoint to publish on: give --listen or --connect, or set network.listen or ros.enabled")]
+    NoEndpoint,
+    /// The socket cannot be used.
+    #[error("the local socket cannot be used: {0}")]
+    Io(#[from] io::Error),
+}
+
+impl LinkError {
+    /// Whether another attempt with the same configuration cannot succeed.
+    #[must_use]
+    pub fn is_usage(&self) -> bool {
+        match self {
+            Self::Net(error) => error.is_usage(),
+            Self::Config(_) | Self::NoEndpoint => true,
+            Self::Client(_) | Self::Io(_) => false,
+        }
+    }
+}
+
+/// Serves the flight behind `stream` until it is over or gone, or `stop` is set. What becomes of the start is reported to
+/// the flight.
+///
+/// # Errors
+/// When the flight cannot be understood, or the network not be used.
+pub fn serve(stream: UnixStream, options: &LinkOptions, stop: &AtomicBool) -> Result<Ended, LinkError> {
+    stream.set_read_timeout(Some(GREETING_PATIENCE))?;
+    let mut client = Client::new(stream.try_clone()?);
+    let mut requests = client.requests()?;
+    requests.send(&Request::Subscribe(WANTED))?;
+    let (configuration, may_command) = greeted(&mut client)?;
+    stream.set_read_timeout(None)?;
+    let commands = Arc::new(Commands::new(requests, may_command));
+    let outputs = match Outputs::start(&configuration, options, &commands) {
+        Ok(outputs) => outputs,
+        Err(error) => {
+            let failure = Failure { is_usage: error.is_usage(), words: error.to_string() };
+            commands.report(&Request::Failed(failure));
+            return Err(error);
+        }
+    };
+    commands.report(&Request::Ready);
+    Ok(until_the_end(&mut client, outputs, &commands, stop))
+}
+
+/// Reads up to the configuration; also whether the flight takes commands of this process.
+fn greeted(client: &mut Client) -> Result<(Configuration, bool), ClientError> {
+    let mut may_command = false;
+    loop {
+        match client.next_record()? {
+            Record::Hello(rights) => may_command = rights,
+            Record::Configuration(configuration) => return Ok((configuration, may_command)),
+            _ => {}
+        }
+    }
+}
+
+/// Hands out records until the flight or `stop` ends it; then what waits is sent.
+fn until_the_end(client: &mut Client, mut outputs: Outputs, commands: &Commands, stop: &AtomicBool) -> Ended {
+    let is_over = AtomicBool::new(false);
+    let ended = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            while !is_over.load(Ordering::Relaxed) && !stop.load(Ordering::Relaxed) {
+                std::thread::sleep(GLANCE);
+            }
+            // The reader below finds the end of the stream.
+            commands.close();
+        });
+        let ended = loop {
+            match client.next_record() {
+                Ok(Record::End) => break Ended::FlightOver,
+                Ok(record) => outputs.take(record, commands),
+                Err(error) => {
+                    if !matches!(error, ClientError::Closed) && !stop.load(Ordering::Relaxed) {
+                        tracing::warn!("{error}");
+                    }
+                    break Ended::FlightGone;
+                }
+            }
+        };
+        is_over.store(true, Ordering::Relaxed);
+        ended
+    });
+    outputs.stop();
+    if stop.load(Ordering::Relaxed) { Ended::Stopped } else { ended }
+}
+
+/// Ways out of the process.
+struct Outputs {
+    net: Option<(Publisher, Feed)>,
+    ros: Option<(RosOutput, RosFeed)>,
+}
+
+impl Outputs {
+    fn start(
+        configuration: &Configuration,
+        options: &LinkOptions,
+        commands: &Arc<Commands>,
+    ) -> Result<Self, LinkError> {
+        let config = Config::from_toml_str(&configuration.toml, "flight")?;
+        let net = Self::start_net(&config, options, commands)?;
+        let stamps = if configuration.stamps_of_host { Stamps::OfHost } else { Stamps::Replayed };
+        let ros = match config.ros.enabled {
+            true => {
+                let (vehicle, rot_v_b) = (&config.network.vehicle, config.vehicle.rot_v_b());
+                Some(RosOutput::start(&config.ros, vehicle, rot_v_b, stamps)?)
+            }
+            false => None,
+        };
+        if net.is_none() && ros.is_none() {
+            return Err(LinkError::NoEndpoint);
+        }
+        Ok(Self { net, ros })
+    }
+
+    fn start_net(
+        config: &ValidConfig,
+        options: &LinkOptions,
+        commands: &Arc<Commands>,
+    ) -> Result<Option<(Publisher, Feed)>, NetError> {
+        if !has_network(&config.network, options) {
+            return Ok(None);
+        }
+        let endpoints = Endpoints::of(&config.network).and(&options.listen, &options.connect);
+        let start = if options.is_patient { Publisher::start_patiently } else { Publisher::start };
+        start(config, &endpoints, Arc::clone(commands)).map(Some)
+    }
+
+    fn take(&mut self, record: Record, commands: &Commands) {
+        if let Some((_, ros)) = &mut self.ros {
+            match &record {
+                Record::Odometry(odometry, _) => ros.odometry(odometry),
+                Record::MapEstimate(estimate) => ros.map_estimate(estimate),
+                _ => {}
+            }
+        }
+        if let Record::Answer(answer) = record {
+            return commands.take(answer);
+        }
+        let Some((_, feed)) = &mut self.net else { return };
+        match record {
+            Record::Odometry(odometry, handed_over_ns) => feed.odometry(*odometry, handed_over_ns),
+            Record::Estimate(estimate, frame_ms) => feed.estimate(*estimate, frame_ms),
+            Record::MapEstimate(estimate) => feed.map_estimate(estimate),
+            Record::Window(snapshot) => feed.window(snapshot),
+            Record::Path(path) => feed.path(path),
+            Record::Picture(shot) => feed.picture(shot),
+            Record::Ladder(level) => feed.rung(level),
+            Record::Lost(count) => feed.lost(count),
+            Record::Hello(_)
+            | Record::Answer(_)
+            | Record::Configuration(_)
+            | Record::End
+            | Record::Other(_) => {}
+        }
+    }
+
+    /// Sends what waits, and closes the sessions.
+    fn stop(self) {
+        if let Some((publisher, _)) = self.net {
+            publisher.stop();
+        }
+        if let Some((ros, _)) = self.ros {
+            ros.stop();
+        }
+    }
+}
