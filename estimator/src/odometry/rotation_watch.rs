@@ -147,6 +147,8 @@ pub(super) struct RotationWatch {
     capacity: usize,
     angles: VecDeque<Angle>,
     last: Option<ImuSample>,
+    /// Latest stamp of a sample.
+    latest: Option<Timestamp>,
     turns: Deque<Turn, MAX_TURNS>,
     /// Frames on end that contradict, and when the first of them began.
     contradicting: u32,
@@ -169,6 +171,7 @@ impl RotationWatch {
             capacity,
             angles: VecDeque::with_capacity(capacity),
             last: None,
+            latest: None,
             turns: Deque::new(),
             contradicting: 0,
             first: Timestamp::default(),
@@ -183,7 +186,7 @@ impl RotationWatch {
     /// Forgets samples and turns, as after a clock was set.
     pub(super) fn clear(&mut self) {
         self.angles.clear();
-        self.last = None;
+        (self.last, self.latest) = (None, None);
         self.forget_turns();
     }
 
@@ -207,13 +210,16 @@ impl RotationWatch {
                 angle.rad += (last.gyro + sample.gyro) * (0.5e-9 * gap_ns as f64);
             }
             if gap_ns > PROBATION_HOLE_NS {
-                let (since, until) = (last.stamp, sample.stamp.plus_seconds(PROBATION_S));
+                // A clock that was set back for a while has not taken the samples before that with it.
+                let since = self.latest.filter(|latest| *latest < sample.stamp).unwrap_or(last.stamp);
+                let until = sample.stamp.plus_seconds(PROBATION_S);
                 self.probation = Some(Probation { since, until, is_known: false, proven: 0 });
             }
             if gap_ns <= 0 {
                 self.angles.clear();
             }
         }
+        self.latest = self.latest.max(Some(sample.stamp));
         angle.stamp = sample.stamp;
         if self.angles.len() == self.capacity {
             self.angles.pop_front();
