@@ -21,6 +21,8 @@ const MEMORY_S: f64 = 1.0;
 const GROWTH: f64 = 4.0;
 /// Ratio up to which the noise is believed: half as much again as in clean flights.
 const BELIEVED_RATIO: f64 = 0.35;
+/// Share of the ratio of the position that the ratio of the velocity may have: images that contradict each other raise both.
+const SHARE_OF_POSITION: f64 = 0.5;
 /// A single innovation counts as at most this multiple of what is expected: a knock is no noise.
 const MOST_IN_A_FRAME: f64 = 25.0;
 /// Largest change of the logarithm of the variance in a time constant.
@@ -68,6 +70,7 @@ pub(super) struct NoiseScale {
     variance: f64,
     /// Time it has been judged for, s.
     judged_s: f64,
+    position: Innovations,
     velocity: Innovations,
     /// Covariance of the newest state and its biases; `None` before the first.
     newest: Option<FrameMatrix>,
@@ -85,21 +88,25 @@ impl NoiseScale {
     /// What is assumed of a sensor with `stated` noise before the first frame. With one camera the noise stays as stated.
     pub(super) fn new(stated: ImuNoise, cameras: usize) -> Self {
         let variance = if cameras > 1 { FIRST_VARIANCE } else { 1.0 };
-        Self { stated, variance, judged_s: 0.0, velocity: Innovations::default(), newest: None }
+        let none = Innovations::default();
+        Self { stated, variance, judged_s: 0.0, position: none, velocity: none, newest: None }
     }
 
     /// Forgets the state, as at a reset. The scale stays: it is the sensor's.
     pub(super) fn forget_state(&mut self) {
-        self.velocity = Innovations::default();
+        (self.position, self.velocity) = Default::default();
         self.newest = None;
     }
 
-    /// Takes the correction `d` of a velocity, m/s, that lowered the covariance of the state from `before` to `after`.
-    fn add(&mut self, dt_s: f64, d: &Vector3<f64>, [before, after]: [&FrameMatrix; 2]) {
-        let gained = (NavState::V..NavState::V + 3).map(|k| before[(k, k)] - after[(k, k)]).sum::<f64>();
+    /// Takes the correction `d` of position, m, and velocity, m/s, that lowered the covariance of the state from `before` to
+    /// `after`.
+    fn add(&mut self, dt_s: f64, d: &[Vector3<f64>; 2], [before, after]: [&FrameMatrix; 2]) {
+        let gained = |part: usize| (part..part + 3).map(|k| before[(k, k)] - after[(k, k)]).sum::<f64>();
         let share = (dt_s / MEMORY_S).at_most(1.0);
-        self.velocity.add(share, d.norm_squared(), gained);
-        let excess = libm::log((self.velocity.ratio() / BELIEVED_RATIO).at_least(1e-3));
+        self.position.add(share, d[0].norm_squared(), gained(NavState::P));
+        self.velocity.add(share, d[1].norm_squared(), gained(NavState::V));
+        let believed = BELIEVED_RATIO.at_least(SHARE_OF_POSITION * self.position.ratio());
+        let excess = libm::log((self.velocity.ratio() / believed).at_least(1e-3));
         let gain = if excess > 0.0 { GROWTH } else { 1.0 };
         let change = gain * share * excess.clamp(-MOST_LOG_CHANGE, MOST_LOG_CHANGE);
         self.variance = (self.variance * libm::exp(change)).clamp(1.0, MOST_VARIANCE);
@@ -173,8 +180,9 @@ impl Odometer {
         } else if let (true, Some(before), Some(after), Some(newest)) =
             (is_evidence, before, &after, self.window.frames.last())
         {
-            let d = newest.nav.v_o_b - prediction.nav.v_o_b;
-            if d.iter().all(|x| x.is_finite()) {
+            let (nav, expected) = (&newest.nav, &prediction.nav);
+            let d = [nav.p_o_b - expected.p_o_b, nav.v_o_b - expected.v_o_b];
+            if d.iter().flatten().all(|x| x.is_finite()) {
                 self.noise_scale.add(prediction.dt_s, &d, [before, after]);
             }
         }
@@ -204,12 +212,14 @@ mod tests {
         ..ImuNoise::NONE
     };
 
-    /// Twenty seconds of frames whose corrections of the velocity are these multiples of the expected ones.
+    /// Twenty seconds of frames whose corrections of the velocity are these multiples of the expected ones, and of the position the
+    /// half.
     fn after(velocity: impl Fn(usize) -> f64) -> NoiseScale {
         let mut scale = NoiseScale::new(STATED, 2);
         let (before, after) = (FrameMatrix::identity() * 2.0, FrameMatrix::identity());
         for k in 0..400 {
-            scale.add(0.05, &Vector3::repeat(velocity(k)), [&before, &after]);
+            let d = [0.5, velocity(k)].map(Vector3::repeat);
+            scale.add(0.05, &d, [&before, &after]);
         }
         scale
     }
