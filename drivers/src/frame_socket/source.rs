@@ -2,6 +2,7 @@
 
 use super::figures::{SocketFigures, SocketMonitor, Trouble};
 use super::header::Header;
+use crate::clock::{StampFigures, StampProblem};
 use crate::stop::StopFlag;
 use crate::v4l2::numbering::Numbering;
 use crate::v4l2::stamp::{self, Source};
@@ -190,9 +191,16 @@ impl SocketStereo {
     fn hand_out(&mut self, header: &Header, frame: &mut StereoFrame) -> Option<()> {
         let now = stamp::clocks();
         let (stamp_ns, source) = stamp::on_monotonic_clock(header.stamp_ns, now);
-        self.figures.restamped += u64::from(source == Source::Arrival);
+        if source == Source::Arrival {
+            self.figures.restamped += 1;
+            let found = StampProblem::of_stamp(header.stamp_ns, now.monotonic_ns, now.system_ns);
+            StampFigures::note(&mut self.figures.problem, found);
+        }
         if stamp_ns <= self.last_stamp_ns {
             self.figures.disordered += 1;
+            let found = StampProblem::repeated(header.stamp_ns, now.monotonic_ns);
+            StampFigures::note(&mut self.figures.problem, found);
+            self.monitor.show(&self.figures);
             return None;
         }
         self.last_stamp_ns = stamp_ns;
