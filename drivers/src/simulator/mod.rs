@@ -240,7 +240,7 @@ impl Simulator {
         let height = sizes[0].1.max(sizes[1].1);
         let lenses = self.inner.cameras.iter().map(|(lens, _)| lens);
         let rows = lenses.clone().map(|lens| lens.rows).max().unwrap_or(1);
-        let is_rolling = self.inner.scenario.effects.readout_s > 0.0;
+        let is_rolling = self.inner.config.camera.iter().any(|camera| camera.readout_s > 0.0);
         RenderScratch {
             renderer: Renderer::new(self.inner.world.surfaces.len(), (width, height)),
             shots: Vec::with_capacity(rows),
@@ -322,12 +322,12 @@ impl Simulator {
         let lens = &self.inner.cameras[camera].0;
         let out = &mut exposure[..lens.model.width_px * lens.model.height_px];
         shots.clear();
-        let Some(rolled) = rolled.get_mut(camera) else {
+        let row_s = self.row_s(camera);
+        let Some(rolled) = rolled.get_mut(camera).filter(|_| row_s > 0.0) else {
             shots.push(self.shot(time, camera));
             renderer.render(&self.inner.world, lens, shots, out);
             return;
         };
-        let row_s = self.row_s(camera);
         let middle = 0.5 * (lens.model.height_px as f64 - 1.0);
         let first = 0.5 * (TILE as f64 - 1.0);
         let times =
@@ -344,7 +344,7 @@ impl Simulator {
     /// Time between two rows of a camera, s.
     fn row_s(&self, camera: usize) -> f64 {
         let height = self.inner.cameras[camera].0.model.height_px;
-        self.inner.scenario.effects.readout_s / (height as f64 - 1.0).at_least(1.0)
+        self.inner.config.camera[camera].readout_s / (height as f64 - 1.0).at_least(1.0)
     }
 
     /// A camera and what moves at `time`.

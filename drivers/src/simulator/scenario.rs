@@ -232,12 +232,15 @@ impl Scenario {
         matches!(self.inertial, Inertial::Recorded(_))
     }
 
-    /// The rig that is simulated: `config` at the scenario's resolution, with the range of its accelerometer.
+    /// The rig that is simulated: `config` at the scenario's resolution, with the range of its accelerometer and its readout.
     #[must_use]
     pub fn rig(&self, config: &Config) -> Config {
         let mut rig = scaled_config(config, self.resolution_scale);
         if self.imu.clipped_share > 0.0 {
             rig.imu.accel_range_m_s2 = CLIPPED_RANGE_M_S2;
+        }
+        if self.effects.readout_s > 0.0 {
+            rig.camera.iter_mut().for_each(|camera| camera.readout_s = self.effects.readout_s);
         }
         rig
     }
