@@ -120,10 +120,10 @@ pub fn run(args: &FlyArgs) -> Result<()> {
     let end = args.duration.map(|s| End::after(Duration::from_secs_f64(s), &stop)).transpose()?;
     let options = RunOptions { speed: Some(1.0), threads: usize::from(args.threads) };
     let mut subscribers = outputs.subscribers();
-    subscribers.insert(0, &mut progress);
-    subscribers.insert(0, &mut watch);
+    subscribers.push(&mut progress);
+    subscribers.push(&mut watch);
     if let Some(resets) = &mut resets {
-        subscribers.insert(0, resets);
+        subscribers.push(resets);
     }
     // Also of a flight that a fault has ended the autopilot is told, and the log is written.
     let (flown, outputs) = (fly(flight, &options, &control, subscribers), outputs.finish());
