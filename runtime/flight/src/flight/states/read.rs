@@ -13,6 +13,8 @@ use thiserror::Error;
 /// The longest line that is read, bytes; a real one has about 700.
 const MAX_LINE_BYTES: u64 = 1 << 14;
 /// How far a quaternion may be from length 1: it is written with all its digits.
+/// What is larger is no measurement, and cannot be drawn.
+const MAX_NUMBER: f64 = 1e15;
 const QUATERNION_NORM_TOLERANCE: f64 = 1e-6;
 
 /// Why a table of states cannot be read.
@@ -118,7 +120,7 @@ impl<'a> Cells<'a> {
 
     fn number(&mut self) -> Result<f64, String> {
         let (index, cell) = self.next();
-        let value = cell.parse().ok().filter(|value: &f64| value.is_finite());
+        let value = cell.parse().ok().filter(|value: &f64| value.abs() <= MAX_NUMBER);
         value.ok_or_else(|| wrong(index, cell, "a finite number"))
     }
 
