@@ -127,18 +127,22 @@ async fn get<M: prost::Message + Default + read::Checked>(
     selector: &str,
     priority: Priority,
 ) -> Vec<M> {
+    let (sender, mut replies) = tokio::sync::mpsc::channel(MAX_ANSWERS);
     let question = session
         .get(selector)
+        // What finds no room is not wanted. Zenoh's own channel would log each of them.
+        .callback(move |reply| drop(sender.try_send(reply)))
         .timeout(PATIENCE)
         // Nothing has to be held back: each answer has a key of its own.
         .consolidation(ConsolidationMode::None)
         .priority(priority)
         .congestion_control(CongestionControl::Drop);
-    let Ok(replies) = question.await else { return Vec::new() };
     let mut answers = Vec::new();
-    while answers.len() < MAX_ANSWERS
-        && let Ok(reply) = replies.recv_async().await
-    {
+    if question.await.is_err() {
+        return answers;
+    }
+    for _ in 0..MAX_ANSWERS {
+        let Some(reply) = replies.recv().await else { break };
         let Ok(sample) = reply.result() else { continue };
         let is_short = sample.payload().len() <= read::MAX_MESSAGE_BYTES;
         let message = is_short.then(|| read::decode::<M>(&sample.payload().to_bytes())).flatten();
