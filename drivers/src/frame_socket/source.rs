@@ -50,6 +50,8 @@ pub struct SocketStereo {
     last: Option<(u64, u64)>,
     stream: u64,
     last_stamp_ns: i64,
+    /// Newest stamp of this program that is of a clock of this computer, as it was sent.
+    newest_sent_ns: i64,
     numbering: Numbering,
     figures: SocketFigures,
     monitor: SocketMonitor,
@@ -99,6 +101,7 @@ impl SocketStereo {
             last: None,
             stream: 0,
             last_stamp_ns: i64::MIN,
+            newest_sent_ns: i64::MIN,
             numbering: Numbering::default(),
             figures: SocketFigures::default(),
             monitor: SocketMonitor::new(path, sizes_px),
@@ -130,6 +133,7 @@ impl SocketStereo {
         }
         self.sender = Some(sender);
         self.stream += 1;
+        self.newest_sent_ns = i64::MIN;
         self.figures.is_connected = true;
         self.figures.connected += 1;
         self.monitor.set_trouble(None);
@@ -212,6 +216,13 @@ impl SocketStereo {
     fn hand_out(&mut self, header: &Header, frame: &mut StereoFrame) -> Option<()> {
         let now = stamp::clocks();
         let (stamp_ns, source) = stamp::on_monotonic_clock(header.stamp_ns, now);
+        if source != Source::Arrival {
+            self.newest_sent_ns = self.newest_sent_ns.max(header.stamp_ns);
+        } else if header.stamp_ns <= self.newest_sent_ns {
+            // A frame of long ago once more, and no clock that was set: its arrival says nothing.
+            self.figures.disordered += 1;
+            return None;
+        }
         self.figures.restamped += u64::from(source == Source::Arrival);
         if stamp_ns <= self.last_stamp_ns {
             self.figures.disordered += 1;
@@ -491,6 +502,22 @@ mod tests {
         assert_eq!(rig.next(), (2, [3, 3], [true; 2]));
         let figures = rig.source.monitor().figures();
         assert_eq!((figures.restamped, figures.disordered, rig.source.faults().missing), (1, 1, 1));
+    }
+
+    #[test]
+    fn frames_that_are_sent_again_long_after_do_not_set_the_clock() {
+        let mut rig = rig();
+        let mut sender = UnixStream::connect(&rig.path).unwrap();
+        sender.write_all(&frame(1, 1, 15)).unwrap();
+        assert_eq!(rig.next().1, [1, 1]);
+        // A second of frames that are older than any on their way, over and over.
+        for k in 0..20 {
+            sender.write_all(&frame(k, 9, 11_000 - 50 * k as i64)).unwrap();
+        }
+        sender.write_all(&frame(2, 3, 0)).unwrap();
+        assert_eq!(rig.next().1, [3, 3]);
+        let figures = rig.source.monitor().figures();
+        assert_eq!((figures.restamped, figures.disordered), (0, 20));
     }
 
     #[test]
