@@ -23,6 +23,7 @@ mod network;
 mod other_processor;
 mod plot;
 mod python;
+mod raw;
 mod realtime;
 mod replay;
 mod roles;

@@ -3,7 +3,8 @@
 use super::exit_status::last_resort;
 use super::link_process::LinkProcess;
 use super::progress::{Glance, Progress};
-use super::{Usage, check_outputs, load_config, say_within, stop_on_signal};
+use super::signals::stop_in_flight;
+use super::{Usage, check_outputs, load_config, say_within};
 use anyhow::{Context, Result};
 use clap::Args;
 use plumbline_config::ValidConfig;
@@ -104,7 +105,7 @@ pub fn run(args: &FlyArgs) -> Result<()> {
     check_outputs([&args.report, &args.trajectory, &args.save_map].into_iter().flatten())?;
     let log = args.record.as_deref().map(|path| log_path(path, SystemTime::now())).transpose()?;
     let config = config(args)?;
-    let stop = stop_on_signal()?;
+    let stop = stop_in_flight()?;
     let (mut flight, sensors) = open_sensors(&config, &StopFlag::of(Arc::clone(&stop)))
         .with_context(|| format!("{}", args.config.display()))?;
     if let Some(path) = &args.map {

@@ -190,7 +190,9 @@ impl Fleet {
     fn update(&mut self, name: &str, now: Instant, change: impl FnOnce(&mut Vehicle)) {
         let Some(vehicle) = self.vehicle(name) else { return };
         let before = (vehicle.resets, vehicle.rung.clone());
+        let was_shared = vehicle.is_shared();
         change(vehicle);
+        let is_news = vehicle.is_shared() && !was_shared;
         let after = (vehicle.resets, vehicle.rung.clone());
         let state = vehicle.state_words;
         if vehicle.state_news.is_due(state, now) {
@@ -200,6 +202,11 @@ impl Fleet {
                 _ => Severity::Error,
             };
             self.announce(Some(name), severity, state.to_owned());
+        }
+        if is_news {
+            let words = "two vehicles publish under this name; set network.vehicle of one of them";
+            tracing::warn!("{name}: {words}");
+            self.announce(Some(name), Severity::Error, words.into());
         }
         if before.0 != after.0 {
             self.announce(Some(name), Severity::Warning, format!("reset: the counter is now {}", after.0));
@@ -254,6 +261,7 @@ mod tests {
     use super::*;
     use nalgebra::Isometry3;
     use plumbline_link::net::wire;
+    use std::time::Duration;
 
     fn odom(sequence: u64, x: f64, reset_counter: u32) -> proto::Odom {
         proto::Odom {
@@ -288,6 +296,17 @@ mod tests {
         fleet.alive("a", false);
         assert_eq!(fleet.vehicles["a"].presence(now), "lost");
         assert_eq!(texts(&fleet), ["on the network", "tracking", "has left the network"]);
+    }
+
+    #[test]
+    fn two_vehicles_of_one_name_are_told() {
+        let (mut fleet, start) = (Fleet::default(), Instant::now());
+        for k in 0..500_u64 {
+            let sequence = k / 2 + if k % 2 == 0 { 9_000 } else { 0 };
+            fleet.odom("a", &odom(sequence, 0.0, 0), 100, start + Duration::from_millis(5 * k), 0);
+        }
+        let told = texts(&fleet).iter().filter(|text| text.starts_with("two vehicles")).count();
+        assert_eq!(told, 1, "{:?}", texts(&fleet));
     }
 
     #[test]

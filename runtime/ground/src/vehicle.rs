@@ -294,6 +294,12 @@ impl Vehicle {
         });
     }
 
+    /// Whether two vehicles publish under its name.
+    #[must_use]
+    pub fn is_shared(&self) -> bool {
+        self.odom.is_shared || self.state.is_shared
+    }
+
     /// Time since the last message on any key.
     #[must_use]
     pub fn age(&self, now: Instant) -> Option<Duration> {

@@ -3,12 +3,13 @@
 //! Whoever has something to record holds a [`RecorderHandle`]. Entries are copied into a ring that stands
 //! before the flight begins; a frame changes places with one that is free. When the ring is full a live
 //! run drops the entry and counts it ([`WhenFull::Drop`]), a run in virtual time waits
-//! ([`WhenFull::Wait`]). When the disk fails the recording ends there and the flight goes on.
+//! ([`WhenFull::Wait`]). When the disk fails the recording ends there and the flight goes on. When there are no descriptors for
+//! the next part it waits for some, and what finds the queue full meanwhile is missing.
 
 use super::LogError;
 use super::about::About;
 use super::entry::LogEntry;
-use super::part_file::OpenPart;
+use super::part_file::{OpenPart, Patience};
 use super::sync::SyncThread;
 use super::writer::{Limits, LogWriter};
 use crate::pipeline::clock::CpuStopwatch;
@@ -172,6 +173,7 @@ impl fmt::Display for RecorderSummary {
 /// A recording that is going on.
 pub struct Recorder {
     shared: Arc<Shared>,
+    patience: Patience,
     thread: JoinHandle<RecorderSummary>,
     path: PathBuf,
 }
@@ -238,13 +240,13 @@ impl Recorder {
             let _ = shared.free_frames.push(frame);
         }
         let sync = SyncThread::start().map_err(LogError::Thread)?;
-        let theirs = Arc::clone(&shared);
+        let (theirs, patience) = (Arc::clone(&shared), writer.patience());
         let first = path.to_owned();
         let thread = std::thread::Builder::new()
             .name("recorder".into())
             .spawn(move || record(&theirs, writer, sync, first))
             .map_err(LogError::Thread)?;
-        Ok(Self { shared, thread, path: path.to_owned() })
+        Ok(Self { shared, patience, thread, path: path.to_owned() })
     }
 
     /// A handle for a producer.
@@ -257,6 +259,7 @@ impl Recorder {
     #[must_use]
     pub fn finish(self) -> RecorderSummary {
         self.shared.is_finishing.store(true, Ordering::Release);
+        self.patience.end();
         self.thread.thread().unpark();
         let mut summary = self.thread.join().unwrap_or_else(|_| RecorderSummary {
             path: self.path,
