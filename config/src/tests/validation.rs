@@ -1,6 +1,6 @@
 use super::euroc;
 use crate::camera::Distortion;
-use crate::options::{ImuProtocol, PairBy, TlsConfig, TriggerExposure, V4l2Format};
+use crate::options::{ImuProtocol, PairBy, TlsConfig, TriggerExposure, V4l2Format, VehicleConfig};
 use crate::shape::sample_for_tests;
 use crate::{Config, Violation};
 use serde::Deserialize;
@@ -197,7 +197,9 @@ fn autopilots_have_an_address_and_a_line_that_is_fast_enough() {
         c.autopilot.connect = "serial:///dev/ttyS0:57600".into();
     });
     check("autopilot.rate_hz", "30 to 50", |c| c.autopilot.rate_hz = 10.0);
-    check("vehicle.imu_to_vehicle_deg[1]", "degrees", |c| c.vehicle.imu_to_vehicle_deg[1] = 270.0);
+    check("vehicle.imu_to_vehicle_deg[1]", "degrees", |c| {
+        c.vehicle = VehicleConfig::mounted([0.0, 270.0, 0.0]);
+    });
 }
 
 /// Two devices, as they are listed.

@@ -6,7 +6,9 @@ use super::plot::flown_subject;
 use super::progress::Progress;
 use super::scenario::{ScenarioArgs, parse_scene};
 use super::topics::TopicArgs;
-use super::{Usage, check_outputs, load_config, parse_range, say, stop_on_signal};
+use super::{
+    Usage, check_maps, check_mounting, check_outputs, load_config, parse_range, say, stop_on_signal,
+};
 use anyhow::{Context, Result};
 use clap::Args;
 use plumbline_config::{Config, ValidConfig};
@@ -161,6 +163,7 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     }
     check_mentions(args)?;
     let flight = prepared(open(args)?, args)?;
+    check_maps(&flight.config, args.map.is_some(), args.save_map.is_some())?;
     let control = Arc::new(Control::stopped_by(stop_on_signal()?).with_last_resort(last_resort));
     let mut outputs = start_outputs(args, &flight, &control)?;
     let mut odometry = args.odometry.as_ref().map(|_| OdometryTrajectory::with_room_for(readings(&flight)));
@@ -345,6 +348,9 @@ fn start_network(
     let door = socket.link_door();
     outputs.add(socket);
     if args.publish {
+        if config.ros.enabled {
+            check_mounting(config)?;
+        }
         let (listen, connect) = (args.listen.clone(), args.connect.clone());
         let link = LinkOptions { listen, connect, publish: false, is_patient: false };
         if !has_network(&config.network, &link) {

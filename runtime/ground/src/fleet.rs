@@ -191,9 +191,13 @@ impl Fleet {
         let Some(vehicle) = self.vehicle(name) else { return };
         let before = (vehicle.resets, vehicle.rung.clone());
         let was_shared = vehicle.is_shared();
+        let known = std::mem::take(&mut vehicle.notices);
+        vehicle.notices.clone_from(&known);
         change(vehicle);
         let is_news = vehicle.is_shared() && !was_shared;
         let after = (vehicle.resets, vehicle.rung.clone());
+        let fresh: Vec<String> =
+            vehicle.notices.iter().filter(|notice| !known.contains(notice)).cloned().collect();
         let state = vehicle.state_words;
         if vehicle.state_news.is_due(state, now) {
             let severity = match state {
@@ -210,6 +214,9 @@ impl Fleet {
         }
         if before.0 != after.0 {
             self.announce(Some(name), Severity::Warning, format!("reset: the counter is now {}", after.0));
+        }
+        for notice in fresh {
+            self.announce(Some(name), Severity::Warning, notice);
         }
         if let (Some(old), Some(new)) = (before.1, after.1)
             && old != new

@@ -73,7 +73,7 @@ pub struct Tap(Arc<Mutex<Taken>>);
 
 impl Tap {
     pub fn new(config: &ValidConfig) -> Self {
-        let (autopilot, frames) = (&config.autopilot, Frames::new(&config.vehicle));
+        let (autopilot, frames) = (&config.autopilot, Frames::new(&config.vehicle.rot_v_b().unwrap()));
         let feed = Feed::new(frames, autopilot.lost_pose);
         let period_ns = (1e9 / autopilot.rate_hz) as i64;
         let sending = Some(Sending { frames, feed, rot_l_o: None, period_ns, due: None });

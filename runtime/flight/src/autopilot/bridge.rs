@@ -34,6 +34,13 @@ pub enum BridgeError {
     /// The configured address cannot be read.
     #[error("autopilot.connect: {0}")]
     Endpoint(String),
+    /// The mounting of the IMU is not known, and with it the attitude that the autopilot would receive.
+    #[error(
+        "{}, and the autopilot would receive a wrong attitude: {}",
+        VehicleConfig::UNKNOWN,
+        VehicleConfig::CURE
+    )]
+    Mounting,
     /// The line cannot be opened.
     #[error(transparent)]
     Link(#[from] LinkError),
@@ -57,20 +64,20 @@ impl Bridge {
     /// signs of life before there is odometry. A line that cannot be had yet is waited for in a flight with live sensors.
     ///
     /// # Errors
-    /// When the address or device cannot be used.
+    /// When the mounting is unknown, or the address or device cannot be used.
     pub fn start(
         config: &AutopilotConfig,
         mounting: &VehicleConfig,
         stamps: Stamps,
         is_realtime: bool,
     ) -> Result<Self, BridgeError> {
+        let frames = Frames::new(&mounting.rot_v_b().ok_or(BridgeError::Mounting)?);
         let endpoint = AutopilotEndpoint::parse(&config.connect).map_err(BridgeError::Endpoint)?;
         let link = match stamps {
             Stamps::OfHost => Link::open_patiently(&endpoint),
             Stamps::Replayed => Link::open(&endpoint)?,
         };
         let (signals, (writer, waiting)) = (Arc::new(Signals::default()), handover_ring());
-        let frames = Frames::new(mounting);
         let sender = Sender::new(config, link, frames);
         let period = Duration::from_secs_f64(1.0 / config.rate_hz);
         let theirs = Arc::clone(&signals);
@@ -254,7 +261,8 @@ mod realtime {
     #[test]
     fn odometry_goes_on_at_its_rate_while_the_estimator_comes_and_goes() {
         let (mut autopilot, config) = Autopilot::new();
-        let mut bridge = Bridge::start(&config, &VehicleConfig::default(), Stamps::Replayed, false).unwrap();
+        let mut bridge =
+            Bridge::start(&config, &VehicleConfig::mounted([0.0; 3]), Stamps::Replayed, false).unwrap();
         let mut tick = bridge.listener(Producer::Tick);
         autopilot.fly(Duration::from_millis(500), || {});
         assert!(autopilot.odometry.is_empty(), "nothing is sent before the first pose");
@@ -285,7 +293,7 @@ mod realtime {
     #[test]
     fn a_failed_estimate_is_lost_at_once() {
         let (signals, (writer, waiting)) = (Arc::new(Signals::default()), handover_ring());
-        let frames = Frames::new(&VehicleConfig::default());
+        let frames = Frames::new(&UnitQuaternion::identity());
         let mut tick = TickListener::new(Arc::clone(&signals), writer, frames, Stamps::Replayed);
         let mut window = WindowListener(Arc::clone(&signals));
         tick.said(&fresh());
@@ -302,7 +310,8 @@ mod realtime {
     fn by_the_autopilots_clock_nothing_is_sent_before_that_is_known() {
         let (mut autopilot, config) = Autopilot::new();
         let config = AutopilotConfig { clock: AutopilotClock::Autopilot, ..config };
-        let mut bridge = Bridge::start(&config, &VehicleConfig::default(), Stamps::Replayed, false).unwrap();
+        let mut bridge =
+            Bridge::start(&config, &VehicleConfig::mounted([0.0; 3]), Stamps::Replayed, false).unwrap();
         let mut tick = bridge.listener(Producer::Tick);
         autopilot.fly(Duration::from_millis(2500), || tick.said(&fresh()));
         let (first, last) = (&autopilot.odometry[0].1, &autopilot.odometry.last().unwrap().1);
@@ -316,7 +325,8 @@ mod realtime {
         let (autopilot, config) = Autopilot::new();
         let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
         let config = AutopilotConfig { connect: format!("udpin://{port}"), ..config };
-        let _bridge = Bridge::start(&config, &VehicleConfig::default(), Stamps::Replayed, false).unwrap();
+        let _bridge =
+            Bridge::start(&config, &VehicleConfig::mounted([0.0; 3]), Stamps::Replayed, false).unwrap();
         let station = UdpSocket::bind("127.0.0.1:0").unwrap();
         station.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
         let is_answered = |socket: &UdpSocket, (system_id, component_id): (_, u8)| {
@@ -337,7 +347,8 @@ mod realtime {
     #[test]
     fn noise_and_floods_from_outside_change_nothing() {
         let (mut autopilot, config) = Autopilot::new();
-        let mut bridge = Bridge::start(&config, &VehicleConfig::default(), Stamps::Replayed, false).unwrap();
+        let mut bridge =
+            Bridge::start(&config, &VehicleConfig::mounted([0.0; 3]), Stamps::Replayed, false).unwrap();
         let mut tick = bridge.listener(Producer::Tick);
         let from = std::iter::repeat_with(|| autopilot.socket.recv_from(&mut [0; 2048]))
             .take(100)

@@ -3,6 +3,7 @@
 
 use super::picture::Shot;
 use super::record::{Kind, Kinds};
+use super::sensors::SensorState;
 use crate::pipeline::listener::{Listener, View};
 use crate::schedule::event_bell::EventBell;
 use crate::schedule::lane::{LaneLosses, LaneReader, LaneWriter, lane};
@@ -67,6 +68,8 @@ pub struct Shared {
     pub stop: AtomicBool,
     /// Rung of the degradation ladder.
     pub rung: AtomicU8,
+    /// State of live sensors.
+    pub sensors: SensorState,
     /// What the window holds, after each keyframe.
     pub snapshots: Pool<MapSnapshot>,
     /// The corrected path, after each keyframe of the map.
@@ -94,6 +97,7 @@ impl Shared {
             pulse: Arc::new(Pulse::new(TaskId::Local)),
             stop: AtomicBool::new(false),
             rung: AtomicU8::new(0),
+            sensors: SensorState::default(),
             snapshots: Pool::new(SNAPSHOTS, || MapSnapshot::new(config.setup())),
             paths: Pool::new(PATHS, || MapPath::new(PATH_POSES)),
             shots: Pool::new(SHOTS, || Shot::new(config)),

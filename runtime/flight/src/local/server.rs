@@ -62,7 +62,9 @@ pub struct Server {
     newest_path: Option<MapPath>,
     health_bits: u32,
     rung: u8,
-    sequences: [u64; Kind::End as usize + 1],
+    /// Count of the changes of the sensors' state that were sent.
+    sensor_changes: u64,
+    sequences: [u64; Kind::LAST + 1],
 }
 
 impl Server {
@@ -101,7 +103,8 @@ impl Server {
             newest_path: None,
             health_bits: 0,
             rung: 0,
-            sequences: [0; Kind::End as usize + 1],
+            sensor_changes: 0,
+            sequences: [0; Kind::LAST + 1],
         })
     }
 
@@ -233,6 +236,13 @@ impl Server {
             if kinds.has(Kind::Ladder) {
                 reader.outbox.push_kept(self.ladder());
             }
+            if kinds.has(Kind::Sensors) {
+                let news = self.shared.sensors.newest();
+                let sequence = self.sequences[Kind::Sensors as usize];
+                reader.outbox.push_kept(encoded(Kind::Sensors as u16, sequence, |to| {
+                    put(&messages::sensors(&news), to);
+                }));
+            }
             if let (true, Some(path)) = (kinds.has(Kind::Path), &self.newest_path) {
                 reader.outbox.push(&encode_path(path, self.sequences[Kind::Path as usize]));
             }
@@ -300,6 +310,10 @@ impl Server {
         while shared.shots.read(|s| self.send(Kind::Picture, |to| put(&messages::picture(s), to))).is_some() {
         }
         self.encode_path();
+        if let Some((changes, news)) = shared.sensors.after(self.sensor_changes) {
+            self.sensor_changes = changes;
+            self.send(Kind::Sensors, |to| put(&messages::sensors(&news), to));
+        }
         let rung = shared.rung.load(Ordering::Relaxed);
         if rung != self.rung {
             self.rung = rung;

@@ -7,6 +7,7 @@ use super::listener::{
 };
 use super::messages::proto;
 use super::picture::Shot;
+use super::sensors::SensorBoard;
 use super::server::Server;
 use super::words::{Admission, LinkWord, LinkWords};
 use crate::flight::Output;
@@ -97,6 +98,12 @@ impl LocalSocket {
     #[must_use]
     pub fn link_door(&self) -> LinkDoor {
         LinkDoor { admissions: self.admissions.clone(), shared: Arc::clone(&self.shared) }
+    }
+
+    /// Where the state of live sensors is posted.
+    #[must_use]
+    pub fn sensor_board(&self) -> SensorBoard {
+        SensorBoard(Arc::clone(&self.shared))
     }
 
     fn end(&mut self) {

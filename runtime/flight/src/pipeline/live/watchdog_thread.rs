@@ -114,11 +114,16 @@ impl Drop for EndOnDrop<'_> {
 fn report_rung(shared: &Shared<'_>, listener: &mut dyn Listener, told: &mut Rung) {
     let rung = shared.rung();
     if rung != *told {
-        let words = if rung > *told { "the work does not fit" } else { "the work fits again" };
-        tracing::warn!("{words}: {}", rung.name());
         let now = shared.data_time(Monotonic::now());
-        let event = Event::new(now, Severity::Warning, format_args!("{words}: {}", rung.name()));
-        listener.said(&Said::Event(event));
+        let severity = if rung > *told {
+            tracing::warn!("the work does not fit: {}", rung.name());
+            Severity::Warning
+        } else {
+            tracing::info!("the work fits again: {}", rung.name());
+            Severity::Info
+        };
+        let words = if rung > *told { "the work does not fit" } else { "the work fits again" };
+        listener.said(&Said::Event(Event::new(now, severity, format_args!("{words}: {}", rung.name()))));
         *told = rung;
     }
 }
@@ -129,7 +134,8 @@ fn report_finding(shared: &Shared<'_>, listener: &mut dyn Listener, finding: Fin
     let mut tell = |severity: Severity, text: std::fmt::Arguments<'_>| {
         match severity {
             Severity::Error => tracing::error!("{text}"),
-            Severity::Warning | Severity::Info => tracing::warn!("{text}"),
+            Severity::Warning => tracing::warn!("{text}"),
+            Severity::Info => tracing::info!("{text}"),
         }
         listener.said(&Said::Event(Event::new(now, severity, text)));
     };
