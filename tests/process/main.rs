@@ -21,6 +21,7 @@ mod log;
 mod maps;
 mod network;
 mod other_processor;
+mod own_camera;
 mod plot;
 mod python;
 mod realtime;

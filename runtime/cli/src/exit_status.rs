@@ -17,6 +17,7 @@ use plumbline_flight::places::frames::PlacesError;
 use plumbline_flight::places::{MapDefect, MapFileError};
 use plumbline_lab::calibrate::camera::ImagesError;
 use plumbline_lab::calibrate::rig::RigError;
+use plumbline_lab::sweep::SweepError;
 use plumbline_link::net::NetError;
 use plumbline_link::net::keys::KeysError;
 use plumbline_link::process::LinkError;
@@ -84,6 +85,9 @@ fn is_wrong_input(cause: &(dyn Error + 'static)) -> bool {
                 | DriverError::Device { .. }
                 | DriverError::ImuAddress(_)
         );
+    }
+    if let Some(error) = cause.downcast_ref::<SweepError>() {
+        return matches!(error, SweepError::OtherSweep { .. });
     }
     if let Some(error) = cause.downcast_ref::<PlacesError>() {
         return match error {
