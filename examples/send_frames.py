@@ -13,6 +13,7 @@ import csv
 import pathlib
 import socket
 import struct
+import sys
 import time
 
 from PIL import Image
@@ -38,6 +39,8 @@ def frames(dataset, start_ns):
 
 def connect(path):
     """The socket of a flight, as soon as there is one."""
+    if not pathlib.Path(path).exists():
+        print(f"send_frames: waiting for plumbline to make {path}", file=sys.stderr)
     while True:
         try:
             plumbline = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)

@@ -13,7 +13,9 @@ import csv
 import os
 import pathlib
 import select
+import signal
 import struct
+import sys
 import time
 import tty
 import zlib
@@ -22,6 +24,8 @@ import zlib
 SAMPLE, IDENTITY, TIME, SETTINGS = 0x01, 0x03, 0x04, 0x05
 ASK_IDENTITY, ASK_TIME, SET = 0x81, 0x82, 0x83
 NO_TEMPERATURE = -32768
+# Ranges of the sensor, rad/s and m/s^2: those of [imu] in the configuration.
+GYRO_RANGE, ACCEL_RANGE = 17.4, 156.9
 
 
 def samples(dataset, start_ns):
@@ -73,8 +77,13 @@ class Device:
         if os.path.islink(link):
             os.unlink(link)
         os.symlink(os.ttyname(self.other_end), link)
+        self.link = link
         self.rate_hz = rate_hz
         self.received = b""
+
+    def unplug(self):
+        """The name goes with the device: the terminal's number is given to another program."""
+        os.unlink(self.link)
 
     def send(self, kind, payload):
         try:
@@ -98,7 +107,7 @@ class Device:
         if kind == ASK_TIME:
             self.send(TIME, payload[:8] + struct.pack("<QQ", received_ns, time.monotonic_ns()))
         elif kind == ASK_IDENTITY:
-            self.send(IDENTITY, struct.pack("<B3BQIff", 1, 0, 1, 0, 1, round(1000 * self.rate_hz), 34.9, 156.9))
+            self.send(IDENTITY, struct.pack("<B3BQIff", 1, 0, 1, 0, 1, round(1000 * self.rate_hz), GYRO_RANGE, ACCEL_RANGE))
         elif kind == SET:
             # The rate is the sensor's own, and there are no triggers.
             self.send(SETTINGS, struct.pack("<IIIB", round(1000 * self.rate_hz), 0, 0, 0))
@@ -113,11 +122,15 @@ def main():
     given = arguments.parse_args()
     device = Device(given.link, given.rate)
     start_ns = time.monotonic_ns() if given.start is None else round(given.start * 1e9)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     sent = 0
-    for stamp_ns, gyro, accel in samples(given.dataset, start_ns):
-        device.answer_until(stamp_ns)
-        device.send(SAMPLE, struct.pack("<IQ6fhB", sent, stamp_ns, *gyro, *accel, NO_TEMPERATURE, 0))
-        sent += 1
+    try:
+        for stamp_ns, gyro, accel in samples(given.dataset, start_ns):
+            device.answer_until(stamp_ns)
+            device.send(SAMPLE, struct.pack("<IQ6fhB", sent, stamp_ns, *gyro, *accel, NO_TEMPERATURE, 0))
+            sent += 1
+    finally:
+        device.unplug()
     print(f"send_imu: {sent} samples sent")
 
 

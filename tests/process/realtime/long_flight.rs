@@ -17,6 +17,7 @@ use std::io::Read as _;
 use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::process::{Child, Command};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// Lap, its way back and the frame rate of the flight that is repeated.
@@ -92,12 +93,16 @@ impl Drop for Flying {
 }
 
 /// What both processes and the log hold, over so many minutes.
-fn watch(flying: &mut Flying, log: &Path, minutes: f64) -> Vec<Glance> {
+fn watch(flying: &mut Flying, [log, said]: [&Path; 2], minutes: f64) -> Vec<Glance> {
     let (start, process) = (Instant::now(), flying.0.id());
     let mut glances = Vec::new();
     while start.elapsed().as_secs_f64() < 60.0 * minutes {
         std::thread::sleep(LOOK);
-        assert!(flying.0.try_wait().unwrap().is_none(), "the flight has ended");
+        assert!(
+            flying.0.try_wait().unwrap().is_none(),
+            "the flight has ended: {}",
+            std::fs::read_to_string(said).unwrap()
+        );
         let link = children(process).first().copied().expect("the network process is there");
         let log_mb = std::fs::metadata(log).unwrap().len() as f64 * 1e-6;
         let minutes = start.elapsed().as_secs_f64() / 60.0;
@@ -169,6 +174,15 @@ fn assert_steady_log(glances: &[Glance]) {
     assert!((end / settled - 1.0).abs() < 0.1, "{settled} {end}");
 }
 
+/// Ends what plays the sensors, whatever becomes of the test.
+struct Ends<'a>(&'a AtomicBool);
+
+impl Drop for Ends<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
 /// Reads the local socket until the flight ends, as a program on the vehicle does.
 fn read_local(path: &Path) {
     let mut reader = None;
@@ -187,13 +201,13 @@ fn soak_memory_descriptors_stamps_and_log_stay_flat_over_a_long_flight() {
     let rig = Rig::simulated(&["--start", "2", "--duration", LAP_S, "--laps", LAPS, "--scale", "0.3"]);
     let period_s = period_s(&rig.path("flight"));
     println!("a round takes {period_s:.2} s");
-    let [log, local, report, imu, frames] =
-        ["flight.mcap", "local", "report.json", "imu", "frames"].map(|name| rig.path(name));
+    let [log, local, report, imu, frames, said] =
+        ["flight.mcap", "local", "report.json", "imu", "frames", "said"].map(|name| rig.path(name));
     let set = |setting: String| ["--set".to_owned(), setting];
     let more = [
         set("estimator.lines.enabled=false".into()),
         set("recorder.images=\"none\"".into()),
-        set("runtime.idle_latency_us=-1".into()),
+        set("runtime.idle_latency_us=50".into()),
         set(format!("local.path=\"{}\"", local.display())),
         ["--listen".into(), format!("tcp/127.0.0.1:{}", free_port())],
         ["--record".into(), log.display().to_string()],
@@ -204,17 +218,23 @@ fn soak_memory_descriptors_stamps_and_log_stay_flat_over_a_long_flight() {
     let endless = Endless::new(rig.recording, period_s);
     let seconds = 60.0 * minutes + END_S;
     let [samples, images] = [1.0 / SAMPLE_RATE_HZ as f64, FRAME_PERIOD_S].map(|s| (seconds / s) as usize);
+    let is_over = AtomicBool::new(false);
+    let go_on = |_: &usize| !is_over.load(Ordering::Relaxed);
     let glances = std::thread::scope(|scope| {
+        let _ends = Ends(&is_over);
         scope.spawn(|| read_local(&local));
-        scope.spawn(|| imu.play_all(epoch, (0..samples).map(|k| (k, endless.reading(k))), &Trouble::none()));
+        scope.spawn(|| {
+            let readings = (0..samples).take_while(go_on).map(|k| (k, endless.reading(k)));
+            imu.play_all(epoch, readings, &Trouble::none())
+        });
         scope.spawn(|| {
             let each = |k| {
                 let (stamp, frame) = endless.frame(k);
                 (k, stamp, frame)
             };
-            send_all(&frames, endless.recording().sizes_px, epoch, (0..images).map(each));
+            send_all(&frames, endless.recording().sizes_px, epoch, (0..images).take_while(go_on).map(each));
         });
-        let glances = watch(&mut flying, &log, minutes);
+        let glances = watch(&mut flying, [&log, &said], minutes);
         assert!(Command::new("kill").args(["-INT", &flying.0.id().to_string()]).status().unwrap().success());
         assert!(flying.0.wait().unwrap().success());
         glances
