@@ -4,7 +4,7 @@ use super::{Usage, check_outputs, load_config, say};
 use anyhow::{Context, Result};
 use clap::{Args, Subcommand};
 use plumbline_config::{Config, ValidConfig, import};
-use plumbline_flight::pipeline::digest::config_hash;
+use plumbline_record::digest::config_hash;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 

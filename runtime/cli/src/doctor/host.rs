@@ -31,7 +31,7 @@ pub(super) fn checks(config: &Config, table: &TaskTable, watch: Duration) -> Vec
 }
 
 fn configuration(config: &Config) -> CheckVerdict {
-    let hash = plumbline_flight::pipeline::digest::config_hash(config);
+    let hash = plumbline_record::digest::config_hash(config);
     let cameras = config.camera.len();
     let words = format!("valid, {cameras} camera(s), IMU at {} Hz, hash {}", config.imu.rate_hz, &hash[..16]);
     if cameras == 2 {

@@ -1,12 +1,14 @@
 //! The other end of the socket: records as values, and requests.
 
-use super::layout;
 use super::messages::{self, proto};
 use super::picture::Shot;
 use super::record::{Header, Kind, MAGIC, MAX_RECORD_BYTES};
 use super::request::{Answer, Request};
 use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_estimator::{Estimate, MapSnapshot, Odometry};
+use plumbline_record::layout;
+use plumbline_record::protobuf::decode;
+use plumbline_record::said::FullEstimate;
 use prost::Message as _;
 use std::io::{self, BufReader, ErrorKind, Read, Write as _};
 use std::net::Shutdown;
@@ -126,11 +128,10 @@ fn record(header: &Header, content: &[u8]) -> Result<Record, &'static str> {
             Record::Configuration(proto::Configuration::decode(content).map_err(|_| SCHEMA)?)
         }
         Kind::FullEstimate => {
-            let message = proto::FullEstimate::decode(content).map_err(|_| SCHEMA)?;
-            let (estimate, frame_ms) = messages::estimate_of(&message)?;
+            let FullEstimate { estimate, frame_ms } = decode(content)?;
             Record::Estimate(Box::new(estimate), frame_ms)
         }
-        Kind::MapEstimate => Record::MapEstimate(messages::map_estimate_of(content)?),
+        Kind::MapEstimate => Record::MapEstimate(decode(content)?),
         Kind::Window => {
             let message = proto::Window::decode(content).map_err(|_| SCHEMA)?;
             Record::Window(messages::window_of(&message)?)

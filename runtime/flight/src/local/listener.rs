@@ -4,7 +4,6 @@
 use super::picture::Shot;
 use super::record::{Kind, Kinds};
 use crate::pipeline::listener::{Listener, Mapped, Solved};
-use crate::pipeline::orders::{FrameOrder, Verdict};
 use crate::schedule::event_bell::EventBell;
 use crate::schedule::lane::{LaneLosses, LaneReader, LaneWriter, lane};
 use crate::schedule::pace::Pace;
@@ -15,6 +14,7 @@ use plumbline_config::ValidConfig;
 use plumbline_drivers::StereoFrame;
 use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_estimator::{Estimate, MapSnapshot, Odometry, Tracked};
+use plumbline_record::orders::{FrameOrder, Verdict};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicU64, Ordering};
 use std::time::{SystemTime, UNIX_EPOCH};

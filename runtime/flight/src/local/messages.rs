@@ -1,15 +1,13 @@
 //! Records that are protobuf messages, and back. What does not fit together is refused.
 
 use super::picture::Shot;
-use crate::log::decode::FromLog as _;
-use crate::log::encode;
 use crate::schedule::ladder::Rung;
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 use plumbline_config::{GrayImage, Timestamp};
+use plumbline_estimator::MapSnapshot;
+use plumbline_estimator::places::MapPath;
 use plumbline_estimator::places::mapper::path::{LoopEnd, PathPose};
-use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_estimator::window::snapshot::{SnapshotKeyframe, SnapshotLine, SnapshotPoint};
-use plumbline_estimator::{Estimate, MapSnapshot};
 
 /// The generated messages of `local.proto`.
 #[allow(missing_docs, clippy::all, clippy::pedantic, rustdoc::all)]
@@ -37,29 +35,6 @@ fn groups<const N: usize, T: Copy>(numbers: &[T], count: usize) -> Result<&[[T; 
         (groups, []) if groups.len() == count => Ok(groups),
         _ => Err("lists of different lengths"),
     }
-}
-
-/// Message of an estimate whose computation took `frame_ms`.
-#[must_use]
-pub fn full_estimate(e: &Estimate, frame_ms: f64) -> proto::FullEstimate {
-    proto::FullEstimate { estimate: Some(encode::estimate(e)), frame_ms }
-}
-
-/// Estimate of a message, with the computation of its frame, ms.
-///
-/// # Errors
-/// When the message is none of a flight.
-pub fn estimate_of(m: &proto::FullEstimate) -> Result<(Estimate, f64), &'static str> {
-    let estimate = m.estimate.as_ref().ok_or("no estimate")?;
-    Ok((Estimate::from_message(estimate)?, m.frame_ms))
-}
-
-/// Pose in the map of a message of the log.
-///
-/// # Errors
-/// When the bytes are no such message.
-pub fn map_estimate_of(bytes: &[u8]) -> Result<MapEstimate, &'static str> {
-    MapEstimate::from_bytes(bytes)
 }
 
 /// Message of the window.

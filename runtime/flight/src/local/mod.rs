@@ -5,13 +5,12 @@
 //! hands it to every reader that wants it. A reader has a bounded queue of its own ([`outbox`]): one that is slow loses the
 //! oldest records and is told how many, and delays nobody.
 //!
-//! [`record`] and [`layout`] are the format, [`messages`] the records that are protobuf, [`request`] what readers send;
+//! [`record`] and [`plumbline_record::layout`] are the format, [`messages`] the records that are protobuf, [`request`] what readers send;
 //! [`client`] is the other end.
 
 pub mod client;
 mod commands;
 mod door;
-pub mod layout;
 mod listener;
 pub mod messages;
 mod outbox;

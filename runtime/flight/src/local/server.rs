@@ -1,5 +1,6 @@
 //! The socket's thread: encodes what the run hands over, once, and serves the readers. It waits for nobody.
 
+use super::LocalError;
 use super::commands::Commands;
 use super::door::Door;
 use super::listener::{Shared, Waiting, now_ns};
@@ -9,10 +10,10 @@ use super::reader::{Reader, Rights};
 use super::record::{Kind, Kinds, MAX_RECORD_BYTES, encoded};
 use super::request::{Numbered, Request};
 use super::words::{Admission, LinkWord};
-use super::{LocalError, layout};
-use crate::log::encode;
 use crate::pipeline::Control;
 use plumbline_estimator::places::MapPath;
+use plumbline_record::said::FullEstimate;
+use plumbline_record::{layout, protobuf};
 use prost::Message;
 use rustix::buffer::spare_capacity;
 use rustix::event::Timespec;
@@ -288,10 +289,11 @@ impl Server {
         while let Some(((estimate, frame_ms), handed_over_ns)) = self.waiting.estimates.pop() {
             self.health_bits = estimate.health.0;
             self.send(Kind::Estimate, |to| layout::put_estimate(&estimate, handed_over_ns, to));
-            self.send(Kind::FullEstimate, |to| put(&messages::full_estimate(&estimate, frame_ms), to));
+            let full = FullEstimate { estimate, frame_ms };
+            self.send(Kind::FullEstimate, |to| protobuf::append(&full, to));
         }
         while let Some(estimate) = self.waiting.places.pop() {
-            self.send(Kind::MapEstimate, |to| put(&encode::map_estimate(&estimate), to));
+            self.send(Kind::MapEstimate, |to| protobuf::append(&estimate, to));
         }
         let shared = Arc::clone(&self.shared);
         while shared.snapshots.read(|s| self.send(Kind::Window, |to| put(&messages::window(s), to))).is_some()

@@ -6,12 +6,9 @@
 //! handed to the comparison.
 
 use super::channel::Channel;
-use super::compare::Pairing;
 use super::cursor::Cursor;
 use super::execute_map::MapExecution;
-use super::{LogError, image, proto};
-use crate::pipeline::digest::Digest;
-use crate::pipeline::orders::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder, Verdict};
+use super::{LogError, image};
 use crate::schedule::ladder::Rung;
 use plumbline_config::Timestamp;
 use plumbline_config::options::image_sizes;
@@ -20,6 +17,10 @@ use plumbline_estimator::places::PlaceMap;
 use plumbline_estimator::{
     Estimate, Feedback, FrameInput, FrontEnd, InTurn, Odometer, Odometry, Propagator, Tracked,
 };
+use plumbline_record::compare::Pairing;
+use plumbline_record::digest::Digest;
+use plumbline_record::parts::FrameAbout;
+use plumbline_record::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder, Verdict};
 use std::collections::VecDeque;
 
 /// Estimates that may wait to take effect.
@@ -161,7 +162,7 @@ impl Execution {
         let odometry = self.propagator.tick(&reading.sample);
         self.ticked += 1;
         if let Some(odometry) = odometry {
-            self.odometry_digest.odometry(&odometry);
+            self.odometry_digest.add(&odometry);
             self.odometry.executed(odometry);
         }
         while self.log.peek_order()?.is_some_and(|order| order.readings_before <= self.ticked) {
@@ -304,7 +305,7 @@ impl Execution {
             return Ok(false);
         }
         let estimate = self.estimate(level)?;
-        self.estimate_digest.estimate(&estimate);
+        self.estimate_digest.add(&estimate);
         self.newest = Some(estimate.clone());
         if estimate.has_pose() {
             self.newest_pose.clone_from(&self.newest);
@@ -390,7 +391,7 @@ impl Execution {
     }
 
     /// Takes the images of the frame from the data set.
-    fn find_images(&mut self, description: &proto::Frame) -> Result<(), LogError> {
+    fn find_images(&mut self, description: &FrameAbout) -> Result<(), LogError> {
         let sequence = description.sequence;
         let Some(images) = &mut self.images else { return Ok(()) };
         let stamp = self.frame.stamp;

@@ -4,13 +4,13 @@
 //! passed over. Where the odometry lies in the map is found for a frame when the recorded one has been read: by then the
 //! log has said what took effect with it.
 
-use super::compare::Pairing;
-use crate::pipeline::digest::Digest;
-use crate::pipeline::orders::{MapOrder, MapVerdict};
 use crate::pipeline::places::PlaceChoice;
 use plumbline_config::ValidConfig;
 use plumbline_estimator::places::{MapEstimate, MapFollower, MapUpdate, Mapper, PlaceJob, PlaceMap};
 use plumbline_estimator::{Estimate, Feedback, FrontEnd};
+use plumbline_record::compare::Pairing;
+use plumbline_record::digest::Digest;
+use plumbline_record::{MapOrder, MapVerdict};
 use std::collections::VecDeque;
 
 /// Updates, and estimates, that may wait for what the log says of them.
@@ -134,7 +134,7 @@ impl MapExecution {
             let Some(estimate) = self.estimates.pop_front() else { break };
             self.apply(estimate.frame_sequence)?;
             let output = self.follower.follow(&estimate);
-            self.digest.map_estimate(&output);
+            self.digest.add(&output);
             self.outputs.executed(output);
         }
         Ok(())

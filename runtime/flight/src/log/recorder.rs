@@ -7,20 +7,20 @@
 
 use super::LogError;
 use super::about::About;
-use super::entry::{Dropped, Kind, LogEntry};
+use super::entry::LogEntry;
 use super::part_file::OpenPart;
 use super::sync::SyncThread;
 use super::writer::{Limits, LogWriter};
 use crate::pipeline::clock::CpuStopwatch;
-use crate::pipeline::event::Event;
 use crate::pipeline::listener::{Listener, Producer, Subscriber};
-use crate::pipeline::orders::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder};
 use crate::schedule::queue::Queue;
 use plumbline_config::ValidConfig;
 use plumbline_config::options::image_sizes;
 use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{Estimate, Odometry};
+use plumbline_record::said::FullEstimate;
+use plumbline_record::{CorrectionOrder, Dropped, Event, FrameOrder, Kind, MapOrder, ResetOrder, Said};
 use serde::Serialize;
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -103,6 +103,10 @@ impl RecorderHandle {
         false
     }
 
+    fn say(&self, said: Said) {
+        self.offer(LogEntry::Said(said));
+    }
+
     /// Takes the content of `frame`, and leaves the buffers of a free one in its place; when none is free
     /// the frame stays as it is and `false` says that it was dropped.
     pub fn offer_frame(&self, frame: &mut StereoFrame) -> bool {
@@ -125,7 +129,7 @@ impl RecorderHandle {
 
 impl Listener for RecorderHandle {
     fn reading(&mut self, reading: &ImuReading) {
-        self.offer(LogEntry::Imu(*reading));
+        self.say(Said::Imu(*reading));
     }
 
     fn frame(&mut self, frame: &mut StereoFrame) {
@@ -133,35 +137,35 @@ impl Listener for RecorderHandle {
     }
 
     fn order(&mut self, order: &FrameOrder) {
-        self.offer(LogEntry::Order(*order));
+        self.say(Said::Order(*order));
     }
 
     fn correction(&mut self, order: &CorrectionOrder) {
-        self.offer(LogEntry::Correction(*order));
+        self.say(Said::Correction(*order));
     }
 
     fn reset(&mut self, order: &ResetOrder) {
-        self.offer(LogEntry::Reset(*order));
+        self.say(Said::Reset(*order));
     }
 
     fn map_order(&mut self, order: &MapOrder) {
-        self.offer(LogEntry::MapOrder(*order));
+        self.say(Said::MapOrder(*order));
     }
 
     fn map_estimate(&mut self, estimate: &MapEstimate) {
-        self.offer(LogEntry::MapEstimate(estimate.clone()));
+        self.say(Said::MapEstimate(estimate.clone()));
     }
 
     fn estimate(&mut self, estimate: &Estimate, _frame_ms: f64) {
-        self.offer(LogEntry::Estimate(estimate.clone()));
+        self.say(Said::Estimate(FullEstimate { estimate: estimate.clone(), frame_ms: 0.0 }));
     }
 
     fn odometry(&mut self, odometry: &Odometry) {
-        self.offer(LogEntry::Odometry(odometry.clone()));
+        self.say(Said::Odometry(odometry.clone()));
     }
 
     fn event(&mut self, event: &Event) {
-        self.offer(LogEntry::Event(event.clone()));
+        self.say(Said::Event(event.clone()));
     }
 }
 

@@ -4,7 +4,7 @@
 //! frames are those of ROS ([`RosConfig`](plumbline_config::options::RosConfig)); cameras are named as their images are.
 
 use super::channel::Channel;
-use super::encode::{frame_transform, timestamp};
+use super::drawn::{frame_transform, timestamp};
 use super::foxglove;
 use nalgebra::{Isometry3, Translation3};
 use plumbline_config::camera::Distortion;

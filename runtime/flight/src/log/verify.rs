@@ -3,15 +3,15 @@
 use super::LogError;
 use super::build_id::BuildId;
 use super::channel::Channel;
-use super::compare::Difference;
 use super::cursor::Cursor;
-use super::entry::{Dropped, Kind};
 use super::execute::Execution;
 use super::execute_map::MapExecution;
 use super::known::{KnownMap, known_map};
 use super::reader::Ending;
 use plumbline_config::options::ImageRecording;
 use plumbline_drivers::StereoSource;
+use plumbline_record::compare::Difference;
+use plumbline_record::{Dropped, Kind};
 use serde::Serialize;
 use std::path::Path;
 

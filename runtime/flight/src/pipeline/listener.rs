@@ -9,14 +9,14 @@
 //! it counts and any reset before it, a correction before the reading that it precedes. Between threads nothing
 //! follows from it: each call makes sense by its own numbers.
 
-use super::event::Event;
-use super::orders::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder};
 use crate::schedule::watchdog::Pulse;
 use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::odometry::StepCovariance;
 use plumbline_estimator::places::{MapEstimate, MapUpdate, Mapper};
 use plumbline_estimator::window::Window;
 use plumbline_estimator::{Estimate, MapSnapshot, Odometry, Tracked};
+use plumbline_record::event::Event;
+use plumbline_record::orders::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder};
 use std::sync::Arc;
 
 /// A thread of a run that produces something. In virtual time one thread may be several of them.

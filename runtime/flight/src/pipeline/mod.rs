@@ -3,21 +3,18 @@
 //! Two executors run the same stages ([`stages`], [`tick`]). [`in_order`] goes as fast as it can, in the
 //! order that one rule gives: readings up to the time a frame needs, then the frame; its estimate corrects
 //! the odometry just before the first reading at or after its time plus [`CORRECTION_DELAY_NS`]. [`live`] runs
-//! against the clock on threads of its own; what the clock decides there is written down as [`orders`]. When
+//! against the clock on threads of its own; what the clock decides there is written down as orders ([`plumbline_record::orders`]). When
 //! nothing had to be refused or came late, both give the same bits.
 
 #![deny(clippy::disallowed_methods)]
 
 pub mod clock;
 mod control;
-pub mod digest;
-pub mod event;
 pub mod figures;
 mod in_order;
 pub mod listener;
 mod live;
 mod map_saves;
-pub mod orders;
 pub mod places;
 mod stages;
 mod team;

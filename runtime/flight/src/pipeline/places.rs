@@ -6,14 +6,14 @@
 //! not done: then that is an order ([`MapOrder`]), and an input of a re-execution.
 
 use super::clock::Stopwatch;
-use super::digest::Digest;
 use super::listener::{Listener, Mapped};
-use super::orders::{MapOrder, MapVerdict};
 use crate::schedule::times::{Percentiles, Times};
 use plumbline_config::ValidConfig;
 use plumbline_estimator::places::mapper::SEARCH_EVERY_FRAMES;
 use plumbline_estimator::places::{MapFollower, MapUpdate, Mapper, PlaceJob, PlaceMap};
 use plumbline_estimator::{Estimate, Feedback};
+use plumbline_record::digest::Digest;
+use plumbline_record::orders::{MapOrder, MapVerdict};
 use std::collections::VecDeque;
 
 /// Frames from a keyframe to the first estimate that knows what was found with it: longer than the search takes.
@@ -167,7 +167,7 @@ impl MapStage {
             listener.map_order(&MapOrder { frame: update.sequence, verdict });
         }
         let map_estimate = self.follower.follow(estimate);
-        self.digest.map_estimate(&map_estimate);
+        self.digest.add(&map_estimate);
         listener.map_estimate(&map_estimate);
     }
 

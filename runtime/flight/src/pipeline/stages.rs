@@ -1,11 +1,8 @@
 //! The two stages of a frame, with what they count and time. They are the same in every executor.
 
 use super::clock::{CpuStopwatch, Stopwatch};
-use super::digest::Digest;
-use super::event::{Event, Severity};
 use super::figures::{Cost, Figures, StageTimes};
 use super::listener::{Listener, Solved};
-use super::orders::{FrameOrder, MapOrder, MapVerdict, ResetOrder, Verdict};
 use super::places::MapStage;
 use super::team::Team;
 use super::tick::{TickStage, WARM_UP_NS};
@@ -15,6 +12,9 @@ use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::places::{MapUpdate, PlaceJob};
 use plumbline_estimator::{Estimate, Feedback, Fork, FrameInput, FrontEnd, Odometer, ResetKind, Tracked};
+use plumbline_record::digest::Digest;
+use plumbline_record::event::{Event, Severity};
+use plumbline_record::orders::{FrameOrder, MapOrder, MapVerdict, ResetOrder, Verdict};
 
 /// A tracked frame on its way to the window.
 #[derive(Clone, Debug)]
@@ -277,7 +277,7 @@ impl WindowStage {
     }
 
     fn hand_out(&mut self, estimate: &Estimate, cost: Cost) {
-        self.digest.estimate(estimate);
+        self.digest.add(estimate);
         self.figures.frame(estimate, cost);
         if let Some(map) = &mut self.map {
             map.follow(estimate, &mut *self.listener);

@@ -1,15 +1,15 @@
 //! The tick: every inertial reading becomes odometry, corrected by estimates at a fixed delay.
 
-use super::digest::Digest;
 use super::figures::StageTimes;
 use super::listener::Listener;
-use super::orders::CorrectionOrder;
 use crate::alloc;
 use crate::pipeline::clock::Stopwatch;
 use crate::schedule::times::Times;
 use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::ImuReading;
 use plumbline_estimator::{Estimate, Propagator, Stage, StageProbe};
+use plumbline_record::digest::Digest;
+use plumbline_record::orders::CorrectionOrder;
 use std::collections::VecDeque;
 
 /// An estimate takes effect on the odometry this long after its measurement, in data time: longer than the
@@ -102,7 +102,7 @@ impl TickStage {
         self.readings += 1;
         if let Some(odometry) = &odometry {
             self.figures.handout_us.record(watch.elapsed_ms() * 1e3);
-            self.digest.odometry(odometry);
+            self.digest.add(odometry);
             self.listener.odometry(odometry);
         }
         self.listener.reading(reading);

@@ -3,7 +3,6 @@
 //! The listeners copy samples and shrunken images into memory that stands since before the run. In a live run what finds
 //! no room is left out; in virtual time the run waits, so that the findings are the same every time.
 
-use crate::pipeline::event::{Event, MAX_EVENT_BYTES, Severity};
 use crate::pipeline::listener::{Listener, Producer, Subscriber};
 use crate::schedule::queue::Queue;
 use plumbline_checkup::plausibility::{Finding, GIVEN_UP, Glimpse, Plausibility};
@@ -11,6 +10,7 @@ use plumbline_config::options::image_sizes;
 use plumbline_config::{Config, ImuSample};
 use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::{Estimate, HealthBits};
+use plumbline_record::event::{Event, MAX_EVENT_BYTES, Severity};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;

@@ -1,15 +1,12 @@
-use super::super::compare::Pairing;
-use super::super::decode::FromLog;
-use super::super::proto;
 use super::super::reader::Ending;
 use super::*;
-use crate::log::encode;
 use crate::pipeline::listener::{Listener, Producer, Several};
-use crate::pipeline::orders::{CorrectionOrder, FrameOrder, ResetOrder, Verdict};
 use nalgebra::Vector3;
 use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::{Estimate, Estimator, FrameInput, Odometry, Propagator, ResetKind};
-use prost::Message as _;
+use plumbline_record::compare::Pairing;
+use plumbline_record::protobuf::{decode, encode};
+use plumbline_record::{CorrectionOrder, FrameOrder, ResetOrder, Verdict};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -45,9 +42,10 @@ fn one_bit_of_an_inertial_sample_changes_the_flight() {
     let (_folder, path, _) = recorded(ImageRecording::Png);
     rewritten(&path, Channel::Imu, |number, data| {
         if number == 60 {
-            let mut imu = proto::Imu::decode(data.as_slice()).unwrap();
-            imu.accel[1] = f64::from_bits(imu.accel[1].to_bits() ^ 1 << 30);
-            *data = imu.encode_to_vec();
+            let mut imu: ImuReading = decode(data).unwrap();
+            let accel = &mut imu.sample.accel[1];
+            *accel = f64::from_bits(accel.to_bits() ^ 1 << 30);
+            *data = encode(&imu);
         }
     });
     let v = verified(&path).unwrap();
@@ -61,9 +59,9 @@ fn a_changed_input_that_no_estimate_depends_on_is_found_too() {
     let (_folder, path, _) = recorded(ImageRecording::Png);
     rewritten(&path, Channel::Imu, |number, data| {
         if number == 60 {
-            let mut imu = proto::Imu::decode(data.as_slice()).unwrap();
+            let mut imu: ImuReading = decode(data).unwrap();
             imu.sequence += 1;
-            *data = imu.encode_to_vec();
+            *data = encode(&imu);
         }
     });
     let v = verified(&path).unwrap();
@@ -88,9 +86,9 @@ fn a_changed_output_is_named_with_both_values() {
     let (_folder, path, _) = recorded(ImageRecording::Png);
     rewritten(&path, Channel::Estimate, |number, data| {
         if number == 9 {
-            let mut estimate = proto::Estimate::decode(data.as_slice()).unwrap();
-            estimate.velocity_o_b[1] = f64::from_bits(estimate.velocity_o_b[1].to_bits() + 1);
-            *data = estimate.encode_to_vec();
+            let mut estimate: Estimate = decode(data).unwrap();
+            estimate.v_o_b[1] = f64::from_bits(estimate.v_o_b[1].to_bits() + 1);
+            *data = encode(&estimate);
         }
     });
     let v = verified(&path).unwrap();
@@ -158,9 +156,8 @@ fn what_the_clock_decided_is_followed() {
     // Another order of the same inputs is another flight.
     rewritten(&path, Channel::FrameOrder, |number, data| {
         if number == 9 {
-            let mut order = proto::FrameOrder::decode(data.as_slice()).unwrap();
-            order.refused = false;
-            *data = order.encode_to_vec();
+            let order: FrameOrder = decode(data).unwrap();
+            *data = encode(&FrameOrder { verdict: Verdict::Taken { level: 0 }, ..order });
         }
     });
     assert!(!verified(&path).unwrap().identical);
@@ -210,9 +207,8 @@ fn a_level_that_this_build_does_not_have_is_refused() {
     let (_folder, path, _) = recorded(ImageRecording::Png);
     rewritten(&path, Channel::FrameOrder, |number, data| {
         if number == 5 {
-            let mut order = proto::FrameOrder::decode(data.as_slice()).unwrap();
-            order.level = 9;
-            *data = order.encode_to_vec();
+            let order: FrameOrder = decode(data).unwrap();
+            *data = encode(&FrameOrder { verdict: Verdict::Taken { level: 9 }, ..order });
         }
     });
     assert!(verified(&path).unwrap_err().to_string().contains("level 9"));
@@ -222,7 +218,7 @@ fn a_level_that_this_build_does_not_have_is_refused() {
 fn zero_keeps_its_sign_and_what_is_no_number_its_bits() {
     let mut reading = flight().streams.imu.next_reading().unwrap().unwrap();
     reading.sample.gyro = Vector3::new(-0.0, 0.0, f64::from_bits(0x7ff8_0000_0000_1234));
-    let back = ImuReading::from_bytes(&encode::imu(&reading).encode_to_vec()).unwrap();
+    let back = decode::<ImuReading>(&encode(&reading)).unwrap();
     assert_eq!(back.sample.gyro.map(f64::to_bits), reading.sample.gyro.map(f64::to_bits));
 }
 
@@ -233,7 +229,7 @@ fn outputs_are_paired_by_their_numbers() {
     let mut odometry = Vec::new();
     while let Some(message) = reader.next_message().unwrap() {
         if message.channel == Channel::Odometry {
-            odometry.push(Odometry::from_bytes(message.payload).unwrap());
+            odometry.push(decode::<Odometry>(message.payload).unwrap());
         }
     }
     assert_eq!(reader.ending(), Ending::Flight);

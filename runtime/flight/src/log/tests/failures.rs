@@ -3,9 +3,9 @@ use super::super::part_file::{Medium, Syncer};
 use super::super::reader::Ending;
 use super::*;
 use crate::log::LogEntry;
-use crate::pipeline::event::{Event, Severity};
 use plumbline_config::{Config, Timestamp};
 use plumbline_drivers::StereoFrame;
+use plumbline_record::{Event, Said, Severity};
 use std::fs::OpenOptions;
 use std::io::{self, Write};
 use std::sync::Arc;
@@ -113,9 +113,11 @@ fn what_finds_the_queue_full_is_counted_and_the_log_says_so() {
     }
     assert!(refused > 40, "the disk is stuck, and two frames fit: {refused}");
     is_stuck.store(false, Ordering::SeqCst);
-    while !handle.offer(LogEntry::Event(Event::new(Timestamp::default(), Severity::Info, format_args!("on"))))
-    {
-    }
+    while !handle.offer(LogEntry::Said(Said::Event(Event::new(
+        Timestamp::default(),
+        Severity::Info,
+        format_args!("on"),
+    )))) {}
     let summary = recorder.finish();
     assert!(summary.not_recorded >= refused, "{summary:?}");
     let inventory = inventory::take(&mut LogReader::open(&path).unwrap()).unwrap();
@@ -135,7 +137,8 @@ fn a_disk_that_pauses_for_two_seconds_loses_nothing() {
     let recorder = Recorder::start_on(open, NO_LIMITS, &path, &config, WhenFull::Drop).unwrap();
     let handle = recorder.handle();
     is_stuck.store(true, Ordering::SeqCst);
-    let event = || LogEntry::Event(Event::new(Timestamp::default(), Severity::Info, format_args!("on")));
+    let event =
+        || LogEntry::Said(Said::Event(Event::new(Timestamp::default(), Severity::Info, format_args!("on"))));
     let of_two_seconds = |rate_hz: f64| (2.0 * rate_hz) as usize;
     let mut frame = StereoFrame::new([(64, 48), (0, 0)]);
     for _ in 0..of_two_seconds(config.camera[0].rate_hz) {
@@ -160,7 +163,8 @@ fn frames_that_find_no_room_keep_their_buffers_and_are_recorded_again_when_there
     let recorder = Recorder::start_on(open, NO_LIMITS, &path, &config, WhenFull::Drop).unwrap();
     let handle = recorder.handle();
     is_stuck.store(true, Ordering::SeqCst);
-    let event = || LogEntry::Event(Event::new(Timestamp::default(), Severity::Info, format_args!("on")));
+    let event =
+        || LogEntry::Said(Said::Event(Event::new(Timestamp::default(), Severity::Info, format_args!("on"))));
     // Some of it the recorder takes before it meets the disk.
     let mut full_since = Instant::now();
     while full_since.elapsed() < Duration::from_millis(200) {

@@ -2,7 +2,6 @@
 
 use super::super::RunError;
 use super::shared::Shared;
-use crate::pipeline::event::{Event, Severity};
 use crate::pipeline::listener::Listener;
 use crate::schedule::ladder::Rung;
 use crate::schedule::supervisor::{Supervisor, Word};
@@ -10,6 +9,7 @@ use crate::schedule::tasks::{Loss, TaskId, WATCH_PERIOD};
 use crate::schedule::ticker::Monotonic;
 use crate::schedule::watchdog::{Finding, Watchdog};
 use plumbline_config::Portable;
+use plumbline_record::event::{Event, Severity};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{Builder, Scope, ScopedJoinHandle};
 use std::time::Duration;
