@@ -24,6 +24,7 @@ mod maps;
 mod mounting;
 mod network;
 mod other_processor;
+mod own_camera;
 mod plot;
 mod python;
 mod raw;

@@ -431,3 +431,17 @@ fn the_local_socket_has_a_path_permissions_and_a_group() {
     };
     assert_eq!(refused(good), []);
 }
+
+/// -1 stands in the comment of the key, and in the message where the host refuses another value.
+#[test]
+fn the_idle_latency_may_be_negative_and_no_count_may() {
+    let preset = crate::preset_text("sim").unwrap();
+    let with = |before: &str, after: &str| {
+        assert!(preset.contains(before));
+        Config::from_toml_str(&preset.replacen(before, after, 1), "sim.toml")
+    };
+    let config = with("\nidle_latency_us = 50", "\nidle_latency_us = -1").unwrap();
+    assert_eq!(config.runtime.idle_latency_us, -1);
+    let refused = with("\nmax_keyframes = 1000", "\nmax_keyframes = -1").unwrap_err().to_string();
+    assert!(refused.contains("max_keyframes") && refused.contains("not a whole number"), "{refused}");
+}
