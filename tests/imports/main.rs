@@ -47,6 +47,7 @@ const CRATES: &[&str] = &[
     "runtime/ground",
     "runtime/lab",
     "runtime/link",
+    "runtime/record",
 ];
 
 /// Libraries of networks, of which none has a part in a flight.
