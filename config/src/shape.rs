@@ -21,6 +21,9 @@ const MOVED: &[(&str, &str)] = &[("autopilot.imu_to_vehicle_deg", "vehicle.imu_t
 /// Keys whose list of numbers may be a word instead, and that word.
 const WORDS: &[(&str, &str)] = &[("vehicle.imu_to_vehicle_deg", Mounting::UNKNOWN)];
 
+/// Keys whose whole number may be negative; all others are counts.
+const SIGNED: &[&str] = &["runtime.idle_latency_us"];
+
 /// A parsed text that still knows the lines of its keys.
 pub(crate) struct Document<'a> {
     lines: Lines,
@@ -177,7 +180,10 @@ impl Check<'_> {
             | (DeValue::String(_), Value::String(_))
             | (DeValue::Boolean(_), Value::Boolean(_)) => {}
             (DeValue::Integer(integer), Value::Integer(_)) => {
-                if u32::from_str_radix(&integer.as_str().replace('_', ""), integer.radix()).is_err() {
+                let digits = integer.as_str().replace('_', "");
+                let is_signed = SIGNED.contains(&at.general.as_str());
+                let is_negative = is_signed && i32::from_str_radix(&digits, integer.radix()).is_ok();
+                if !is_negative && u32::from_str_radix(&digits, integer.radix()).is_err() {
                     let reason = format!("{} is not a whole number from 0 to {}", integer.as_str(), u32::MAX);
                     self.refuse(at, reason, "write a count, without sign or unit");
                 }

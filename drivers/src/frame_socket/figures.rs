@@ -51,6 +51,8 @@ pub(super) enum Trouble {
     GoneWithin,
     /// It was silent while another waited.
     Silent,
+    /// It waits, and the system refuses its connection with this error.
+    NotAccepted(i32),
     /// It was sent away.
     Refused(Refusal),
 }
@@ -92,6 +94,10 @@ impl SocketMonitor {
             Trouble::Silent => {
                 "the program that sent frames was silent and was replaced by another".to_owned()
             }
+            Trouble::NotAccepted(error) => format!(
+                "a program waits and cannot be accepted ({}); retrying: close what else is open, or raise LimitNOFILE",
+                std::io::Error::from_raw_os_error(error)
+            ),
             Trouble::Refused(Refusal::Foreign) => {
                 "what was sent is no frame: see docs/frame-socket.md".to_owned()
             }

@@ -18,6 +18,7 @@ use plumbline_flight::places::{MapDefect, MapFileError};
 use plumbline_lab::calibrate::camera::ImagesError;
 use plumbline_lab::calibrate::rig::RigError;
 use plumbline_lab::evaluate::EvaluateError;
+use plumbline_lab::sweep::SweepError;
 use plumbline_link::net::NetError;
 use plumbline_link::net::keys::KeysError;
 use plumbline_link::process::LinkError;
@@ -88,6 +89,9 @@ fn is_wrong_input(cause: &(dyn Error + 'static)) -> bool {
                 | DriverError::Device { .. }
                 | DriverError::ImuAddress(_)
         );
+    }
+    if let Some(error) = cause.downcast_ref::<SweepError>() {
+        return matches!(error, SweepError::OtherSweep { .. });
     }
     if let Some(error) = cause.downcast_ref::<PlacesError>() {
         return match error {

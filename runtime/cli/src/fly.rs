@@ -4,7 +4,8 @@ use super::exit_status::last_resort;
 use super::fly_status::FlyStatus;
 use super::link_process::LinkProcess;
 use super::progress::{Glance, Progress};
-use super::{Usage, check_maps, check_mounting, check_outputs, load_config, say_within, stop_on_signal};
+use super::signals::stop_in_flight;
+use super::{Usage, check_maps, check_mounting, check_outputs, load_config, say_within};
 use anyhow::{Context, Result};
 use clap::Args;
 use plumbline_config::ValidConfig;
@@ -107,7 +108,7 @@ pub fn run(args: &FlyArgs) -> Result<()> {
     let log = args.record.as_deref().map(|path| log_path(path, SystemTime::now())).transpose()?;
     let config = config(args)?;
     check_maps(&config, args.map.is_some(), args.save_map.is_some())?;
-    let stop = stop_on_signal()?;
+    let stop = stop_in_flight()?;
     let (mut flight, sensors) = open_sensors(&config, &StopFlag::of(Arc::clone(&stop)))
         .with_context(|| format!("{}", args.config.display()))?;
     if let Some(path) = &args.map {
@@ -123,10 +124,10 @@ pub fn run(args: &FlyArgs) -> Result<()> {
     let end = args.duration.map(|s| End::after(Duration::from_secs_f64(s), &stop)).transpose()?;
     let options = RunOptions { speed: Some(1.0), threads: usize::from(args.threads) };
     let mut subscribers = outputs.subscribers();
-    subscribers.insert(0, &mut progress);
-    subscribers.insert(0, &mut watch);
+    subscribers.push(&mut progress);
+    subscribers.push(&mut watch);
     if let Some(resets) = &mut resets {
-        subscribers.insert(0, resets);
+        subscribers.push(resets);
     }
     // Also of a flight that a fault has ended the autopilot is told, and the log is written.
     let (flown, outputs) = (fly(flight, &options, &control, subscribers), outputs.finish());

@@ -40,10 +40,13 @@ pub mod replay;
 mod reset;
 mod router;
 pub mod scenario;
+mod signals;
 pub mod simulate;
 pub mod sweep;
 pub mod topics;
 pub mod verify;
+
+pub use signals::stop_on_signal;
 
 use clap::{CommandFactory, Parser, Subcommand};
 use plumbline_config::{Config, ConfigError, ValidConfig};
@@ -53,8 +56,6 @@ use std::io::{IsTerminal as _, Write as _};
 use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 /// Deterministic real-time visual-inertial odometry for drones.
@@ -404,21 +405,6 @@ fn try_writing(file: &Path) -> std::io::Result<()> {
     }
     std::fs::OpenOptions::new().write(true).create_new(true).open(file)?;
     std::fs::remove_file(file)
-}
-
-/// Set by the first Ctrl-C or termination signal; a second one ends the process at once.
-///
-/// # Errors
-/// When no handler can be installed.
-pub fn stop_on_signal() -> anyhow::Result<Arc<AtomicBool>> {
-    let stop = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&stop);
-    ctrlc::set_handler(move || {
-        if flag.swap(true, Ordering::Relaxed) {
-            std::process::exit(130);
-        }
-    })?;
-    Ok(stop)
 }
 
 /// `A..B`, both optional, as a pair.

@@ -4,9 +4,10 @@
 use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::{Isometry3, Vector3};
 use plumbline_config::Timestamp;
-use plumbline_estimator::Estimate;
 use plumbline_flight::pipeline::listener::{Listener, Producer, Subscriber};
 use plumbline_flight::schedule::ring::{Bell, Reader, Writer, ring};
+use plumbline_record::Said;
+use plumbline_record::said::FullEstimate;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -121,7 +122,8 @@ struct WindowListener {
 }
 
 impl Listener for WindowListener {
-    fn estimate(&mut self, estimate: &Estimate, frame_ms: f64) {
+    fn said(&mut self, said: &Said) {
+        let Said::Estimate(FullEstimate { estimate, frame_ms }) = said else { return };
         self.frames += 1;
         let _ = self.writer.push(Glance {
             frames: self.frames,
@@ -131,7 +133,7 @@ impl Listener for WindowListener {
             v_o_b: estimate.v_o_b,
             points: estimate.figures.points_tracked,
             quality: estimate.quality,
-            frame_ms,
+            frame_ms: *frame_ms,
         });
     }
 }

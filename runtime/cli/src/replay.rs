@@ -14,10 +14,11 @@ use clap::Args;
 use plumbline_config::{Config, ValidConfig};
 use plumbline_drivers::StampedPose;
 use plumbline_drivers::tum::write_tum;
+use plumbline_estimator::Estimate;
 use plumbline_estimator::places::Mapper;
 use plumbline_flight::flight::plausibility::Finding;
 use plumbline_flight::flight::plausibility::watch::Watch;
-use plumbline_flight::flight::states::{StateRow, write_states};
+use plumbline_flight::flight::states::write_states;
 use plumbline_flight::flight::{
     CausalPose, Cut, Flight, Flown, KeptStates, OdometryTrajectory, Outputs, Truth, fly, is_log,
     open_recording, open_simulation, plausibility, with_overrides,
@@ -173,14 +174,14 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     let (log_end, threads) = (flight.log_end.clone(), usize::from(args.threads));
     let options = RunOptions { speed: args.speed, threads };
     let mut subscribers = outputs.subscribers();
-    subscribers.insert(0, &mut progress);
+    subscribers.push(&mut progress);
     if let Some(odometry) = &mut odometry {
-        subscribers.insert(0, odometry);
+        subscribers.push(odometry);
     }
     if let Some(states) = &mut states {
-        subscribers.insert(0, states);
+        subscribers.push(states);
     }
-    subscribers.insert(0, &mut watch);
+    subscribers.push(&mut watch);
     // The outputs end at once, or an autopilot would be told that the estimator is silent; also of a flight with a fault.
     let (flown, outputs) = (fly(flight, &options, &control, subscribers), outputs.finish());
     progress.finish();
@@ -410,7 +411,7 @@ fn write_map_outputs(args: &ReplayArgs, flown: &Flown) -> Result<()> {
 }
 
 /// Writes the table of the states, and draws them.
-fn write_state_outputs(args: &ReplayArgs, rows: &[StateRow], truth: &Truth) -> Result<()> {
+fn write_state_outputs(args: &ReplayArgs, rows: &[Estimate], truth: &Truth) -> Result<()> {
     if let Some(path) = &args.states {
         write_states(path, rows).with_context(|| format!("{}", path.display()))?;
     }

@@ -14,7 +14,8 @@ use crate::schedule::ticker::{Monotonic, Ticker};
 use crate::schedule::watchdog::Pulse;
 use nalgebra::UnitQuaternion;
 use plumbline_config::options::{AutopilotConfig, AutopilotEndpoint, VehicleConfig};
-use plumbline_estimator::{Estimate, Odometry, TrackingState};
+use plumbline_estimator::TrackingState;
+use plumbline_record::Said;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -156,7 +157,8 @@ impl TickListener {
 }
 
 impl Listener for TickListener {
-    fn odometry(&mut self, odometry: &Odometry) {
+    fn said(&mut self, said: &Said) {
+        let Said::Odometry(odometry) = said else { return };
         let measured = self.clock.measured(odometry.stamp, Monotonic::now());
         let rot_l_o = *self.rot_l_o.get_or_insert_with(|| self.frames.local_frame(&odometry.pose_o_b));
         // Without room the autopilot's thread is a third of a second behind, and finds enough.
@@ -169,8 +171,10 @@ impl Listener for TickListener {
 struct WindowListener(Arc<Signals>);
 
 impl Listener for WindowListener {
-    fn estimate(&mut self, estimate: &Estimate, _frame_ms: f64) {
-        if estimate.state == TrackingState::Failed {
+    fn said(&mut self, said: &Said) {
+        if let Said::Estimate(full) = said
+            && full.estimate.state == TrackingState::Failed
+        {
             self.0.has_pose.store(false, Ordering::Relaxed);
         }
     }
@@ -183,6 +187,7 @@ mod realtime {
     use mavlink::dialects::common::{MavMessage, ODOMETRY_DATA, TIMESYNC_DATA};
     use mavlink::{MavHeader, MavlinkReader, MavlinkVersion};
     use plumbline_config::options::AutopilotClock;
+    use plumbline_record::said::FullEstimate;
     use std::net::UdpSocket;
     use std::time::Instant;
 
@@ -247,10 +252,10 @@ mod realtime {
     }
 
     /// Odometry as of now, by a clock of 1970.
-    fn fresh() -> Odometry {
+    fn fresh() -> Said {
         let mut fresh = odometry();
         fresh.stamp = plumbline_config::Timestamp::from_nanos(1_500_000_000_000_000_000 + Monotonic::now().0);
-        fresh
+        Said::Odometry(fresh)
     }
 
     #[test]
@@ -262,7 +267,7 @@ mod realtime {
         autopilot.fly(Duration::from_millis(500), || {});
         assert!(autopilot.odometry.is_empty(), "nothing is sent before the first pose");
         let began = Instant::now();
-        autopilot.fly(Duration::from_millis(1200), || tick.odometry(&fresh()));
+        autopilot.fly(Duration::from_millis(1200), || tick.said(&fresh()));
         let (_, newest) = autopilot.odometry.last().unwrap().clone();
         assert_eq!((newest.quality, newest.reset_counter), (80, 2));
         let age_us = Monotonic::now().0 / 1000 - newest.time_usec as i64;
@@ -291,11 +296,12 @@ mod realtime {
         let frames = Frames::new(&UnitQuaternion::identity());
         let mut tick = TickListener::new(Arc::clone(&signals), writer, frames, Stamps::Replayed);
         let mut window = WindowListener(Arc::clone(&signals));
-        tick.odometry(&fresh());
+        tick.said(&fresh());
         assert!(signals.has_pose.load(Ordering::Relaxed));
-        window.estimate(&estimate(TrackingState::Failed), 10.0);
+        let estimate = estimate(TrackingState::Failed);
+        window.said(&Said::Estimate(FullEstimate { estimate, frame_ms: 10.0 }));
         assert!(!signals.has_pose.load(Ordering::Relaxed));
-        tick.odometry(&fresh());
+        tick.said(&fresh());
         assert!(signals.has_pose.load(Ordering::Relaxed), "the next odometry ends it");
         assert_eq!(waiting.waiting(), 2);
     }
@@ -307,7 +313,7 @@ mod realtime {
         let mut bridge =
             Bridge::start(&config, &VehicleConfig::mounted([0.0; 3]), Stamps::Replayed, false).unwrap();
         let mut tick = bridge.listener(Producer::Tick);
-        autopilot.fly(Duration::from_millis(2500), || tick.odometry(&fresh()));
+        autopilot.fly(Duration::from_millis(2500), || tick.said(&fresh()));
         let (first, last) = (&autopilot.odometry[0].1, &autopilot.odometry.last().unwrap().1);
         assert!(first.quality == 80 && first.time_usec as i64 > AHEAD_NS / 1000, "{first:?}");
         let age_us = (Monotonic::now().0 + AHEAD_NS) / 1000 - last.time_usec as i64;
@@ -353,7 +359,7 @@ mod realtime {
         let began = Instant::now();
         std::thread::scope(|scope| {
             scope.spawn(|| flood.pour(Duration::from_millis(1500)));
-            autopilot.fly(Duration::from_millis(1500), || tick.odometry(&fresh()));
+            autopilot.fly(Duration::from_millis(1500), || tick.said(&fresh()));
         });
         let ran = began.elapsed().as_secs_f64();
         let figures = bridge.stop().unwrap();

@@ -12,7 +12,6 @@ use super::request::{Numbered, Request};
 use super::words::{Admission, LinkWord};
 use crate::pipeline::Control;
 use plumbline_estimator::places::MapPath;
-use plumbline_record::said::FullEstimate;
 use plumbline_record::{layout, protobuf};
 use prost::Message;
 use rustix::buffer::spare_capacity;
@@ -296,10 +295,9 @@ impl Server {
             });
             self.offer(Kind::Odometry, record);
         }
-        while let Some(((estimate, frame_ms), handed_over_ns)) = self.waiting.estimates.pop() {
-            self.health_bits = estimate.health.0;
-            self.send(Kind::Estimate, |to| layout::put_estimate(&estimate, handed_over_ns, to));
-            let full = FullEstimate { estimate, frame_ms };
+        while let Some((full, handed_over_ns)) = self.waiting.estimates.pop() {
+            self.health_bits = full.estimate.health.0;
+            self.send(Kind::Estimate, |to| layout::put_estimate(&full.estimate, handed_over_ns, to));
             self.send(Kind::FullEstimate, |to| protobuf::append(&full, to));
         }
         while let Some(estimate) = self.waiting.places.pop() {

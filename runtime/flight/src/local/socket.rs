@@ -16,9 +16,10 @@ use crate::pipeline::{Control, Stamps};
 use crate::schedule::lane::LaneWriter;
 use crate::schedule::watchdog::Pulse;
 use plumbline_config::ValidConfig;
+use plumbline_estimator::Odometry;
 use plumbline_estimator::places::MapEstimate;
-use plumbline_estimator::{Estimate, Odometry};
 use plumbline_record::digest::config_hash;
+use plumbline_record::said::FullEstimate;
 use std::os::unix::net::UnixStream;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -55,7 +56,7 @@ pub struct LocalSocket {
 }
 
 /// Writing ends of the window's thread.
-type EstimateWriters = (LaneWriter<Handed<(Estimate, f64)>>, LaneWriter<MapEstimate>);
+type EstimateWriters = (LaneWriter<Handed<FullEstimate>>, LaneWriter<MapEstimate>);
 
 impl LocalSocket {
     /// Makes the socket of `local.path`, where one is named, and serves its readers from a thread of normal priority.

@@ -30,6 +30,7 @@ pub fn fleet(fleet: &Fleet, web_malformed: u64, now: Instant) -> String {
         "now_s": now.saturating_duration_since(fleet.start).as_secs_f64(),
         "malformed": fleet.malformed + web_malformed,
         "refused": fleet.refused,
+        "network": fleet.network,
         "vehicles": vehicles,
     })
     .to_string()
@@ -179,6 +180,7 @@ mod tests {
     fn a_vehicle_that_was_never_heard_has_no_numbers() {
         let mut known = Fleet::default();
         known.alive("drone", true);
+        known.network = "Connecting to tcp/127.0.0.1:7447".into();
         let told: Value = serde_json::from_str(&fleet(&known, 2, Instant::now())).unwrap();
         let vehicle = &told["vehicles"][0];
         assert_eq!(vehicle["presence"], "unknown");
@@ -186,6 +188,7 @@ mod tests {
             vehicle["pose"].is_null() && vehicle["age_s"].is_null() && vehicle["link"]["rtt_ms"].is_null()
         );
         assert_eq!(told["malformed"], 2);
+        assert_eq!(told["network"], "Connecting to tcp/127.0.0.1:7447");
     }
 
     #[test]

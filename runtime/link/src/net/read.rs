@@ -1,5 +1,6 @@
 //! Decodes and validates messages from the network: whatever is malformed, too large or not finite is refused.
 
+use super::picture::jpeg_size;
 use super::proto;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use plumbline_estimator::HealthBits;
@@ -122,11 +123,11 @@ impl Checked for proto::MapPath {
 impl Checked for proto::Picture {
     fn is_sound(&self) -> bool {
         let sides = 1..=MAX_SIDE_PX;
-        // The browser decodes the rest; what does not begin as a JPEG is none.
+        // The browser decodes the rest, and makes room for the size that the JPEG itself says.
         self.header.is_some()
             && sides.contains(&self.width_px)
             && sides.contains(&self.height_px)
-            && self.jpeg.starts_with(&[0xff, 0xd8])
+            && jpeg_size(&self.jpeg) == Some((self.width_px, self.height_px))
             && places(&self.points, 3)
             && places(&self.lines, 4)
     }
@@ -279,7 +280,11 @@ mod tests {
             height_px: 240,
             ..proto::Picture::default()
         };
-        assert!(picture(vec![0xff, 0xd8, 0xff], 376).is_sound());
+        let head = |width: u16| {
+            [&[0xff, 0xd8, 0xff, 0xc0, 0, 11, 8, 0, 240][..], &width.to_be_bytes(), &[1, 1, 0x11, 0]].concat()
+        };
+        assert!(picture(head(376), 376).is_sound());
+        assert!(!picture(head(377), 376).is_sound() && !picture(head(8000), 8000).is_sound());
         assert!(!picture(b"<svg>".to_vec(), 376).is_sound());
         assert!(!picture(vec![0xff, 0xd8], 1 << 20).is_sound());
     }

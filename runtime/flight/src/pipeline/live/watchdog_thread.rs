@@ -9,7 +9,7 @@ use crate::schedule::tasks::{Loss, TaskId, WATCH_PERIOD};
 use crate::schedule::ticker::Monotonic;
 use crate::schedule::watchdog::{Finding, Watchdog};
 use plumbline_config::Portable;
-use plumbline_record::event::{Event, Severity};
+use plumbline_record::{Event, Said, Severity};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{Builder, Scope, ScopedJoinHandle};
 use std::time::Duration;
@@ -123,7 +123,7 @@ fn report_rung(shared: &Shared<'_>, listener: &mut dyn Listener, told: &mut Rung
             Severity::Info
         };
         let words = if rung > *told { "the work does not fit" } else { "the work fits again" };
-        listener.event(&Event::new(now, severity, format_args!("{words}: {}", rung.name())));
+        listener.said(&Said::Event(Event::new(now, severity, format_args!("{words}: {}", rung.name()))));
         *told = rung;
     }
 }
@@ -137,7 +137,7 @@ fn report_finding(shared: &Shared<'_>, listener: &mut dyn Listener, finding: Fin
             Severity::Warning => tracing::warn!("{text}"),
             Severity::Info => tracing::info!("{text}"),
         }
-        listener.event(&Event::new(now, severity, text));
+        listener.said(&Said::Event(Event::new(now, severity, text)));
     };
     match finding {
         Finding::Stalled(id, silence) => {
