@@ -10,6 +10,7 @@ use plumbline_flight::local::{Client, LocalSocket, Record};
 use plumbline_flight::pipeline::Stamps;
 use plumbline_flight::pipeline::listener::{Producer, Subscriber as _};
 use plumbline_link::net::{Endpoints, now_ns};
+use plumbline_record::Said;
 use plumbline_test_support::{Need, skip};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -423,7 +424,11 @@ mod realtime {
         let reading = Client::new(connected(&path));
         let reading = std::thread::spawn(move || read_to_the_end(reading, Instant::now()));
         let mut tick = socket.listener(Producer::Tick);
-        crate::network::send_at_200_hz(|odometry| tick.odometry(&odometry), 20, Duration::from_millis(100));
+        crate::network::send_at_200_hz(
+            |odometry| tick.said(&Said::Odometry(odometry)),
+            20,
+            Duration::from_millis(100),
+        );
         Box::new(socket).stop();
         let got = reading.join().unwrap();
         println!("{got:?}");

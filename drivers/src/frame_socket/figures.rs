@@ -2,6 +2,7 @@
 
 use super::header::Refusal;
 use crate::board::Board;
+use crate::clock::StampProblem;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -28,6 +29,9 @@ pub struct SocketFigures {
     pub disordered: u64,
     /// Frames stamped by their arrival, since their stamp was of no clock of this computer, or of the future.
     pub restamped: u64,
+    /// What is wrong with stamps, as far as anything is.
+    #[serde(skip)]
+    pub problem: Option<StampProblem>,
     /// Time from stamp to arrival: mean of the last frames, ms.
     #[serde(skip)]
     pub delay_ms: f64,

@@ -2,7 +2,7 @@
 
 use super::figures::{SocketFigures, SocketMonitor, Trouble};
 use super::header::Header;
-use crate::clock::monotonic_ns;
+use crate::clock::{StampFigures, StampProblem, monotonic_ns};
 use crate::stop::StopFlag;
 use crate::v4l2::numbering::Numbering;
 use crate::v4l2::stamp::{self, Source};
@@ -216,16 +216,22 @@ impl SocketStereo {
     fn hand_out(&mut self, header: &Header, frame: &mut StereoFrame) -> Option<()> {
         let now = stamp::clocks();
         let (stamp_ns, source) = stamp::on_monotonic_clock(header.stamp_ns, now);
+        let found = StampProblem::of_stamp(header.stamp_ns, now.monotonic_ns, now.system_ns);
         if source != Source::Arrival {
             self.newest_sent_ns = self.newest_sent_ns.max(header.stamp_ns);
         } else if header.stamp_ns <= self.newest_sent_ns {
             // A frame of long ago once more, and no clock that was set: its arrival says nothing.
             self.figures.disordered += 1;
             return None;
+        } else {
+            self.figures.restamped += 1;
+            StampFigures::note(&mut self.figures.problem, found);
         }
-        self.figures.restamped += u64::from(source == Source::Arrival);
         if stamp_ns <= self.last_stamp_ns {
             self.figures.disordered += 1;
+            let found = StampProblem::repeated(header.stamp_ns, now.monotonic_ns);
+            StampFigures::note(&mut self.figures.problem, found);
+            self.monitor.show(&self.figures);
             return None;
         }
         self.last_stamp_ns = stamp_ns;

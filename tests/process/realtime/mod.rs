@@ -7,6 +7,7 @@ mod floods;
 mod hardware_in_the_loop;
 mod links;
 mod live;
+mod long_flight;
 #[cfg(feature = "sabotage")]
 mod restart_in_the_air;
 mod restarts;

@@ -89,7 +89,7 @@ impl Link {
             let endpoint = endpoint.clone();
             Self::Awaited(Awaited::search(move || {
                 let link = Self::open(&endpoint).ok()?;
-                tracing::warn!("autopilot: the serial device is available");
+                tracing::info!("autopilot: the serial device is available");
                 Some(Box::new(link))
             }))
         })

@@ -9,7 +9,7 @@ use crate::pipeline::listener::{Listener, Producer, Subscriber};
 use crate::places::write_atomically;
 use crate::schedule::ticker::Monotonic;
 use plumbline_drivers::open_regular;
-use plumbline_estimator::{Estimate, Odometry};
+use plumbline_record::Said;
 use std::io::{ErrorKind, Read as _};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -84,26 +84,21 @@ impl Drop for ResetCount {
 impl Subscriber for ResetCount {
     fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
         match producer {
-            Producer::Window => Box::new(WindowListener(Arc::clone(&self.shared))),
-            Producer::Tick => Box::new(TickListener(Arc::clone(&self.shared))),
+            Producer::Window | Producer::Tick => Box::new(Counters(Arc::clone(&self.shared))),
             _ => Box::new(()),
         }
     }
 }
 
-struct WindowListener(Arc<Shared>);
+struct Counters(Arc<Shared>);
 
-impl Listener for WindowListener {
-    fn estimate(&mut self, estimate: &Estimate, _frame_ms: f64) {
-        self.0.newest.store(estimate.reset_counter, Ordering::Relaxed);
-    }
-}
-
-struct TickListener(Arc<Shared>);
-
-impl Listener for TickListener {
-    fn odometry(&mut self, odometry: &Odometry) {
-        self.0.jumps.store(odometry.jumps, Ordering::Relaxed);
+impl Listener for Counters {
+    fn said(&mut self, said: &Said) {
+        match said {
+            Said::Estimate(full) => self.0.newest.store(full.estimate.reset_counter, Ordering::Relaxed),
+            Said::Odometry(odometry) => self.0.jumps.store(odometry.jumps, Ordering::Relaxed),
+            _ => {}
+        }
     }
 }
 

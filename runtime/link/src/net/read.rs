@@ -18,6 +18,9 @@ const MAX_PATH: usize = 2_000;
 const MAX_SIDE_PX: u32 = 4_096;
 /// Longest text in a message, bytes.
 const MAX_WORDS: usize = 64;
+/// Most notices of a health message, and longest one, bytes.
+const MAX_NOTICES: usize = 16;
+const MAX_NOTICE: usize = 512;
 /// Largest coordinate that is accepted, m.
 const MAX_PLACE: f32 = 1e6;
 
@@ -63,6 +66,8 @@ impl Checked for proto::Health {
             && self.words.len() <= HealthBits::NAMES.len()
             && self.words.iter().all(is_short)
             && is_short(&self.rung_words)
+            && self.notices.len() <= MAX_NOTICES
+            && self.notices.iter().all(|notice| notice.len() <= MAX_NOTICE)
             && self.frame_rate_hz.is_finite()
             && self.frame_ms.is_finite()
             && self.rotation_v_b.as_ref().is_none_or(|q| rotation(q).is_some())
@@ -259,6 +264,10 @@ mod tests {
         assert!(health(None).is_sound(), "vehicles of before do not send it");
         assert!(health(Some(quaternion(&UnitQuaternion::identity()))).is_sound());
         assert!(!health(Some(proto::Quaternion::default())).is_sound());
+        let noticed =
+            |count, length| proto::Health { notices: vec!["x".repeat(length); count], ..health(None) };
+        assert!(noticed(MAX_NOTICES, MAX_NOTICE).is_sound());
+        assert!(!noticed(MAX_NOTICES + 1, 1).is_sound() && !noticed(1, MAX_NOTICE + 1).is_sound());
         assert!(!health(Some(proto::Quaternion { w: f64::NAN, ..Default::default() })).is_sound());
     }
 
