@@ -7,6 +7,7 @@ use super::effects::{Glare, LightSteps, Warming};
 use super::named::{Dose, Family, Kind, Named};
 use super::scenario::{IntrinsicsError, People, Surroundings};
 use super::{Effects, FlightPath};
+use plumbline_config::Portable;
 
 /// Variance of the photon noise per grey level at night: a fifth of the photons for each grey level.
 const NIGHT_SHOT_NOISE: f64 = 0.05;
@@ -123,7 +124,7 @@ const KINDS: &[Kind] = &[
         doses: &[Dose::new("period at a distance of 3 m, px of the preset sim at full size", 30.0, 500.0)],
         cases: &[&[10.0], &[30.0], &[60.0]],
         apply: |scenario, [px, ..]| {
-            scenario.surroundings = Surroundings::Repeated { period_px: px.max(1.0) };
+            scenario.surroundings = Surroundings::Repeated { period_px: px.at_least(1.0) };
         },
     },
     Kind {
@@ -151,7 +152,7 @@ const KINDS: &[Kind] = &[
         doses: &[Dose::new("times as fast", 1.5, 4.0)],
         cases: &[&[]],
         apply: |scenario, [times, ..]| {
-            let times = times.max(0.25);
+            let times = times.at_least(0.25);
             scenario.speed = times;
             scenario.start_s /= times;
             scenario.duration_s /= times;
