@@ -248,7 +248,7 @@ fn row(seed: f64) -> Estimate {
     let mut next = seed;
     let mut number = || {
         next += 0.37;
-        next.sin()
+        (next * 1.7).fract() + 0.1 * next.fract()
     };
     estimate.v_o_b.iter_mut().for_each(|x| *x = number());
     estimate.bias_gyro.iter_mut().for_each(|x| *x = 1e-3 * number());
