@@ -60,7 +60,7 @@ fn convert(camchain: &Document, imu: &Document, camera_rate_hz: f64) -> Result<C
         check_shifts(&second, time_offset_s)?;
     }
     let (imu_rate_hz, noise) = inertial(&imu.root())?;
-    Ok(Calibration { cameras, imu_rate_hz, noise, time_offset_s: Some(time_offset_s) })
+    Ok(Calibration { cameras, imu_rate_hz, noise, time_offset_s: Some(time_offset_s), mounting: None })
 }
 
 fn transform(node: &Node<'_>) -> Result<Isometry3<f64>, ConfigError> {
@@ -102,6 +102,7 @@ fn camera(node: &Node<'_>, pose_c_b: &Isometry3<f64>, rate_hz: f64) -> Result<Ca
         width_px,
         height_px,
         rate_hz: node.optional("rate_hz").map_or(Ok(rate_hz), |own| own.number())?,
+        readout_s: 0.0,
         focal_px,
         centre_px,
         distortion: distortion(node, "distortion_coeffs")?,

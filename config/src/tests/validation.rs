@@ -1,6 +1,6 @@
 use super::euroc;
 use crate::camera::Distortion;
-use crate::options::{ImuProtocol, PairBy, TlsConfig, TriggerExposure, V4l2Format};
+use crate::options::{ImuProtocol, PairBy, TlsConfig, TriggerExposure, V4l2Format, VehicleConfig};
 use crate::shape::sample_for_tests;
 use crate::{Config, Violation};
 use serde::Deserialize;
@@ -180,12 +180,16 @@ fn autopilots_have_an_address_and_a_line_that_is_fast_enough() {
         "serial://ttyS0:921600",
         "serial:///dev/ttyS0",
         "serial:///dev/ttyS0:1",
+        "udpin://0.0.0.0:14550?from=autopilot",
     ] {
         check("autopilot.connect", "serial:///dev/ttyS0:921600", |c| c.autopilot.connect = bad.into());
     }
     let goods = ["", "udp://127.0.0.1:14540", "udpout://[::1]:14540", "udpin://0.0.0.0:14550"];
-    for good in
-        goods.into_iter().chain(["serial:///dev/ttyS0:115200", "serial:///dev/serial/by-path/a:1:921600"])
+    let pinned = ["udpin://0.0.0.0:14550?from=192.168.1.10", "udpin://[::]:14550?from=fd00::1"];
+    for good in goods
+        .into_iter()
+        .chain(pinned)
+        .chain(["serial:///dev/ttyS0:115200", "serial:///dev/serial/by-path/a:1:921600"])
     {
         assert_eq!(refused(|c| c.autopilot.connect = good.into()), []);
     }
@@ -193,7 +197,9 @@ fn autopilots_have_an_address_and_a_line_that_is_fast_enough() {
         c.autopilot.connect = "serial:///dev/ttyS0:57600".into();
     });
     check("autopilot.rate_hz", "30 to 50", |c| c.autopilot.rate_hz = 10.0);
-    check("vehicle.imu_to_vehicle_deg[1]", "degrees", |c| c.vehicle.imu_to_vehicle_deg[1] = 270.0);
+    check("vehicle.imu_to_vehicle_deg[1]", "degrees", |c| {
+        c.vehicle = VehicleConfig::mounted([0.0, 270.0, 0.0]);
+    });
 }
 
 /// Two devices, as they are listed.

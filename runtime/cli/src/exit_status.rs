@@ -17,6 +17,7 @@ use plumbline_flight::places::frames::PlacesError;
 use plumbline_flight::places::{MapDefect, MapFileError};
 use plumbline_lab::calibrate::camera::ImagesError;
 use plumbline_lab::calibrate::rig::RigError;
+use plumbline_lab::evaluate::EvaluateError;
 use plumbline_lab::sweep::SweepError;
 use plumbline_link::net::NetError;
 use plumbline_link::net::keys::KeysError;
@@ -69,6 +70,9 @@ fn is_usage(cause: &(dyn Error + 'static)) -> bool {
         return error.is_usage();
     }
     if let Some(RigError::Flight(error)) = cause.downcast_ref::<RigError>() {
+        return is_usage(error);
+    }
+    if let Some(EvaluateError::Read(error)) = cause.downcast_ref::<EvaluateError>() {
         return is_usage(error);
     }
     is_wrong_input(cause) || is_wrong_endpoint(cause)

@@ -275,7 +275,7 @@ fn fly_missing(cells: &[Cell], args: &SweepArgs, folder: &Path, stop: &Arc<Atomi
     let bar = progress_bar("cells", cells.len(), cells.len() - missing.len());
     let landed = |result: &CellResult| {
         bar.inc(1);
-        let words = format!("cell {} of {}: {}", result.cell, result.of, outcome(result));
+        let words = format!("cell {} ({} cells): {}", result.cell, result.of, outcome(result));
         if bar.is_hidden() { eprintln!("{words}") } else { bar.set_message(words) }
     };
     run::fly_all(&missing, folder, jobs, stop, &landed)?;

@@ -193,8 +193,14 @@ impl Fleet {
     fn update(&mut self, name: &str, now: Instant, change: impl FnOnce(&mut Vehicle)) {
         let Some(vehicle) = self.vehicle(name) else { return };
         let before = (vehicle.resets, vehicle.rung.clone());
+        let was_shared = vehicle.is_shared();
+        let known = std::mem::take(&mut vehicle.notices);
+        vehicle.notices.clone_from(&known);
         change(vehicle);
+        let is_news = vehicle.is_shared() && !was_shared;
         let after = (vehicle.resets, vehicle.rung.clone());
+        let fresh: Vec<String> =
+            vehicle.notices.iter().filter(|notice| !known.contains(notice)).cloned().collect();
         let state = vehicle.state_words;
         if vehicle.state_news.is_due(state, now) {
             let severity = match state {
@@ -204,8 +210,16 @@ impl Fleet {
             };
             self.announce(Some(name), severity, state.to_owned());
         }
+        if is_news {
+            let words = "two vehicles publish under this name; set network.vehicle of one of them";
+            tracing::warn!("{name}: {words}");
+            self.announce(Some(name), Severity::Error, words.into());
+        }
         if before.0 != after.0 {
             self.announce(Some(name), Severity::Warning, format!("reset: the counter is now {}", after.0));
+        }
+        for notice in fresh {
+            self.announce(Some(name), Severity::Warning, notice);
         }
         if let (Some(old), Some(new)) = (before.1, after.1)
             && old != new
@@ -257,6 +271,7 @@ mod tests {
     use super::*;
     use nalgebra::Isometry3;
     use plumbline_link::net::wire;
+    use std::time::Duration;
 
     fn odom(sequence: u64, x: f64, reset_counter: u32) -> proto::Odom {
         proto::Odom {
@@ -291,6 +306,17 @@ mod tests {
         fleet.alive("a", false);
         assert_eq!(fleet.vehicles["a"].presence(now), "lost");
         assert_eq!(texts(&fleet), ["on the network", "tracking", "has left the network"]);
+    }
+
+    #[test]
+    fn two_vehicles_of_one_name_are_told() {
+        let (mut fleet, start) = (Fleet::default(), Instant::now());
+        for k in 0..500_u64 {
+            let sequence = k / 2 + if k % 2 == 0 { 9_000 } else { 0 };
+            fleet.odom("a", &odom(sequence, 0.0, 0), 100, start + Duration::from_millis(5 * k), 0);
+        }
+        let told = texts(&fleet).iter().filter(|text| text.starts_with("two vehicles")).count();
+        assert_eq!(told, 1, "{:?}", texts(&fleet));
     }
 
     #[test]

@@ -87,6 +87,10 @@ pub struct Vehicle {
     pub bits: u32,
     /// Names of the bits that are set.
     pub health_words: Vec<String>,
+    /// What is wrong beyond the bits, and what to do.
+    pub notices: Vec<String>,
+    /// Frames stamped by their arrival, frames dropped and samples dropped for their stamps.
+    pub bad_stamps: [u64; 3],
     /// Work budget: name of the step of the degradation ladder.
     pub rung: Option<String>,
     /// Computation of a frame, ms.
@@ -181,6 +185,8 @@ impl Default for Vehicle {
             resets: 0,
             bits: 0,
             health_words: Vec::new(),
+            notices: Vec::new(),
+            bad_stamps: [0; 3],
             rung: None,
             frame_ms: 0.0,
             frame_rate_hz: 0.0,
@@ -279,6 +285,8 @@ impl Vehicle {
         }
         self.bits = message.bits;
         self.health_words = wire::health_words(message.bits);
+        self.notices = message.notices.iter().map(|notice| plain(notice)).collect();
+        self.bad_stamps = [message.frames_restamped, message.frames_refused, message.samples_refused];
         self.rung = (!message.rung_words.is_empty()).then(|| plain(&message.rung_words));
         self.frame_ms = message.frame_ms;
         self.frame_rate_hz = message.frame_rate_hz;
@@ -339,6 +347,12 @@ impl Vehicle {
             quality: self.quality,
             reset_counter: self.resets,
         });
+    }
+
+    /// Whether two vehicles publish under its name.
+    #[must_use]
+    pub fn is_shared(&self) -> bool {
+        self.odom.is_shared || self.state.is_shared
     }
 
     /// Time since the last message on any key.
@@ -421,10 +435,12 @@ impl Vehicle {
         if self.quality < 0 { "invalid".into() } else { format!("{} %", self.quality) }
     }
 
-    /// Health as text: the faults, or "no faults".
+    /// Health as text: the faults and the first words of the notices, or "no faults".
     #[must_use]
     pub fn health_summary(&self) -> String {
-        if self.health_words.is_empty() { "no faults".into() } else { self.health_words.join(", ") }
+        let notices = self.notices.iter().map(|notice| notice.split(": ").next().unwrap_or(notice));
+        let all: Vec<&str> = self.health_words.iter().map(String::as_str).chain(notices).collect();
+        if all.is_empty() { "no faults".into() } else { all.join(", ") }
     }
 
     /// Position, attitude, speed, rates and health in one line of text.

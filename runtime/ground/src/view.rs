@@ -265,6 +265,18 @@ mod tests {
         ] {
             assert!(shown.contains(part), "'{part}' is missing in\n{shown}");
         }
+        // Without a mounting there is no attitude, and the operator learns why, once.
+        let notices = vec!["mounting unknown: set it".to_owned()];
+        let unmounted = proto::Health { rotation_v_b: None, notices, frames_restamped: 3, ..health };
+        fleet.health("drone", &unmounted, 100, now);
+        fleet.health("drone", &unmounted, 100, now);
+        let shown = text(&fleet, now);
+        assert!(
+            shown.contains("attitude  unknown") && shown.contains("few features, mounting unknown"),
+            "{shown}"
+        );
+        let announced = fleet.events_since(0).filter(|event| event.text == "mounting unknown: set it");
+        assert_eq!(announced.count(), 1);
         assert!(text(&fleet, now + Duration::from_secs(1)).contains("stale"));
         assert!(text(&fleet, now + Duration::from_secs(9)).contains("lost"));
     }

@@ -37,6 +37,8 @@ const AXES: [(&str, &str); 9] = [
 ];
 /// Columns of tables from before there were variances of biases and covariances in them.
 const FIRST_COLUMNS: usize = 54;
+/// Bound of what is read: a larger number is no measurement, and cannot be drawn.
+const MAX_NUMBER: f64 = 1e15;
 /// How far a quaternion may be from length 1: it is written with all its digits.
 const QUATERNION_NORM_TOLERANCE: f64 = 1e-6;
 
@@ -165,7 +167,7 @@ impl<'a> Cells<'a> {
     fn numbers(&mut self, count: usize) -> Result<Vec<f64>, String> {
         let number = |_| {
             let (index, cell) = self.next();
-            let value = cell.parse().ok().filter(|value: &f64| value.is_finite());
+            let value = cell.parse().ok().filter(|value: &f64| value.abs() <= MAX_NUMBER);
             value.ok_or_else(|| wrong(index, cell, "a finite number"))
         };
         (0..count).map(number).collect()

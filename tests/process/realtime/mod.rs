@@ -1,6 +1,7 @@
 //! Tests that measure time. `.config/nextest.toml` runs every module of this name alone, and tries its tests again where
 //! the host itself stood still.
 
+mod attacks;
 mod autopilot;
 mod floods;
 mod hardware_in_the_loop;

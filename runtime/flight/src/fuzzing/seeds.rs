@@ -4,7 +4,7 @@ use super::fixture::{STAMP, estimate, odometry, put};
 use crate::local::messages::{self, proto as local};
 use crate::local::record::{Kind, Kinds, MAGIC, encoded};
 use crate::local::request::{Answer, Request, Status};
-use crate::local::{Failure, Shot};
+use crate::local::{Failure, SensorNews, Shot};
 use crate::log::channel::Channel;
 use crate::log::{about::About, about::METADATA_NAME, drawn, image};
 use mavlink::dialects::common::{HEARTBEAT_DATA, MavMessage, TIMESYNC_DATA};
@@ -180,6 +180,7 @@ fn local_records() -> Vec<Vec<u8>> {
         record(Kind::Window, messages::window(&snapshot).encode_to_vec()),
         record(Kind::Path, messages::path(&path).encode_to_vec()),
         record(Kind::Ladder, messages::ladder(2).encode_to_vec()),
+        record(Kind::Sensors, messages::sensors(&SensorNews::default()).encode_to_vec()),
         record(Kind::Picture, messages::picture(&shot).encode_to_vec()),
         record(Kind::End, vec![0; 8]),
     ]

@@ -4,6 +4,7 @@ use super::messages::{self, proto};
 use super::picture::Shot;
 use super::record::{Header, Kind, MAGIC, MAX_RECORD_BYTES};
 use super::request::{Answer, Request};
+use super::sensors::SensorNews;
 use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_estimator::{Estimate, MapSnapshot, Odometry};
 use plumbline_record::layout;
@@ -41,6 +42,8 @@ pub enum Record {
     Path(MapPath),
     /// Rung of the degradation ladder.
     Ladder(u8),
+    /// State of live sensors.
+    Sensors(SensorNews),
     /// Camera picture.
     Picture(Shot),
     /// End of the flight.
@@ -143,6 +146,9 @@ fn record(header: &Header, content: &[u8]) -> Result<Record, &'static str> {
         Kind::Ladder => {
             let message = proto::Ladder::decode(content).map_err(|_| SCHEMA)?;
             Record::Ladder(u8::try_from(message.level).map_err(|_| "a level out of range")?)
+        }
+        Kind::Sensors => {
+            Record::Sensors(messages::sensors_of(proto::Sensors::decode(content).map_err(|_| SCHEMA)?))
         }
         Kind::Picture => {
             let message = proto::Picture::decode(content).map_err(|_| SCHEMA)?;

@@ -1,9 +1,11 @@
 //! Records that are protobuf messages, and back. What does not fit together is refused.
 
 use super::picture::Shot;
+use super::sensors::SensorNews;
 use crate::schedule::ladder::Rung;
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 use plumbline_config::{GrayImage, Timestamp};
+use plumbline_drivers::clock::StampFigures;
 use plumbline_estimator::MapSnapshot;
 use plumbline_estimator::places::MapPath;
 use plumbline_estimator::places::mapper::path::{LoopEnd, PathPose};
@@ -126,6 +128,31 @@ pub fn path_of(m: &proto::Path) -> Result<MapPath, &'static str> {
 pub fn ladder(level: u8) -> proto::Ladder {
     let name = Rung::of_level(level).unwrap_or(Rung::Full).name();
     proto::Ladder { level: level.into(), name: name.into() }
+}
+
+/// Message of live sensors.
+#[must_use]
+pub fn sensors(news: &SensorNews) -> proto::Sensors {
+    let stamps = |figures: &StampFigures| proto::Stamps {
+        used: figures.used,
+        restamped: figures.restamped,
+        refused: figures.refused,
+    };
+    proto::Sensors {
+        notices: news.notices.clone(),
+        frames: Some(stamps(&news.frames)),
+        samples: Some(stamps(&news.samples)),
+    }
+}
+
+/// Live sensors of a message.
+#[must_use]
+pub fn sensors_of(message: proto::Sensors) -> SensorNews {
+    let stamps = |m: Option<proto::Stamps>| {
+        let proto::Stamps { used, restamped, refused } = m.unwrap_or_default();
+        StampFigures { used, restamped, refused, problem: None }
+    };
+    SensorNews { notices: message.notices, frames: stamps(message.frames), samples: stamps(message.samples) }
 }
 
 /// Message of a picture.

@@ -18,6 +18,7 @@ pub mod picture;
 mod reader;
 pub mod record;
 pub mod request;
+pub mod sensors;
 mod server;
 mod socket;
 #[cfg(test)]
@@ -27,6 +28,7 @@ mod words;
 pub use client::{Client, ClientError, Record};
 pub use picture::Shot;
 pub use request::Failure;
+pub use sensors::{SensorBoard, SensorNews};
 pub use socket::{LinkDoor, LocalSocket};
 pub use words::LinkWord;
 

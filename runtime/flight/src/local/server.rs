@@ -12,7 +12,6 @@ use super::request::{Numbered, Request};
 use super::words::{Admission, LinkWord};
 use crate::pipeline::Control;
 use plumbline_estimator::places::MapPath;
-use plumbline_record::said::FullEstimate;
 use plumbline_record::{layout, protobuf};
 use prost::Message;
 use rustix::buffer::spare_capacity;
@@ -63,7 +62,9 @@ pub struct Server {
     newest_path: Option<MapPath>,
     health_bits: u32,
     rung: u8,
-    sequences: [u64; Kind::End as usize + 1],
+    /// Count of the changes of the sensors' state that were sent.
+    sensor_changes: u64,
+    sequences: [u64; Kind::LAST + 1],
 }
 
 impl Server {
@@ -102,7 +103,8 @@ impl Server {
             newest_path: None,
             health_bits: 0,
             rung: 0,
-            sequences: [0; Kind::End as usize + 1],
+            sensor_changes: 0,
+            sequences: [0; Kind::LAST + 1],
         })
     }
 
@@ -234,6 +236,13 @@ impl Server {
             if kinds.has(Kind::Ladder) {
                 reader.outbox.push_kept(self.ladder());
             }
+            if kinds.has(Kind::Sensors) {
+                let news = self.shared.sensors.newest();
+                let sequence = self.sequences[Kind::Sensors as usize];
+                reader.outbox.push_kept(encoded(Kind::Sensors as u16, sequence, |to| {
+                    put(&messages::sensors(&news), to);
+                }));
+            }
             if let (true, Some(path)) = (kinds.has(Kind::Path), &self.newest_path) {
                 reader.outbox.push(&encode_path(path, self.sequences[Kind::Path as usize]));
             }
@@ -286,10 +295,9 @@ impl Server {
             });
             self.offer(Kind::Odometry, record);
         }
-        while let Some(((estimate, frame_ms), handed_over_ns)) = self.waiting.estimates.pop() {
-            self.health_bits = estimate.health.0;
-            self.send(Kind::Estimate, |to| layout::put_estimate(&estimate, handed_over_ns, to));
-            let full = FullEstimate { estimate, frame_ms };
+        while let Some((full, handed_over_ns)) = self.waiting.estimates.pop() {
+            self.health_bits = full.estimate.health.0;
+            self.send(Kind::Estimate, |to| layout::put_estimate(&full.estimate, handed_over_ns, to));
             self.send(Kind::FullEstimate, |to| protobuf::append(&full, to));
         }
         while let Some(estimate) = self.waiting.places.pop() {
@@ -302,6 +310,10 @@ impl Server {
         while shared.shots.read(|s| self.send(Kind::Picture, |to| put(&messages::picture(s), to))).is_some() {
         }
         self.encode_path();
+        if let Some((changes, news)) = shared.sensors.after(self.sensor_changes) {
+            self.sensor_changes = changes;
+            self.send(Kind::Sensors, |to| put(&messages::sensors(&news), to));
+        }
         let rung = shared.rung.load(Ordering::Relaxed);
         if rung != self.rung {
             self.rung = rung;

@@ -10,11 +10,12 @@
 pub mod about;
 pub mod build_id;
 pub mod channel;
+mod comparison;
 pub mod cursor;
 pub mod drawn;
 pub mod entry;
 pub mod execute;
-mod execute_map;
+mod frames;
 pub mod image;
 pub mod inventory;
 mod known;

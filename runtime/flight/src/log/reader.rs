@@ -229,6 +229,7 @@ impl Part {
         let file = File::open(path).map_err(|e| LogError::io(path, e))?;
         let options = LinearReaderOptions::default()
             .with_prevalidate_chunk_crcs(true)
+            .with_check_finishes_after_end_magic(true)
             .with_record_length_limit(MAX_RECORD_BYTES);
         let mut part = Self {
             path: path.to_owned(),

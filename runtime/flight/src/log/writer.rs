@@ -7,7 +7,7 @@ use super::channel::Channel;
 use super::entry::LogEntry;
 use super::narrate::Narrator;
 use super::part::Part;
-use super::part_file::{OpenPart, Syncer};
+use super::part_file::{OpenPart, Patience, Syncer};
 use super::parts::{existing_parts, part_path};
 use super::{LogError, drawn, image, rig};
 use mcap::McapError;
@@ -325,6 +325,12 @@ impl LogWriter {
     /// What waits for the medium of the part under way; once for each part.
     pub fn take_syncer(&mut self) -> Option<Box<dyn Syncer>> {
         self.open.take_syncer()
+    }
+
+    /// What waits for descriptors; its end ends the waiting.
+    #[must_use]
+    pub fn patience(&self) -> Patience {
+        self.open.patience()
     }
 
     /// Ends the log.

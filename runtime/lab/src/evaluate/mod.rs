@@ -215,7 +215,7 @@ pub fn load_trajectory(path: &Path) -> Result<Vec<StampedPose>, EvaluateError> {
         let Some(found) = candidates.iter().find(|candidate| candidate.is_file()) else {
             let message =
                 format!("holds no mav0/{table}; give a trajectory file or a data set with ground truth");
-            return Err(DriverError::Malformed { path: path.into(), message }.into());
+            return Err(DriverError::Missing { path: path.into(), message }.into());
         };
         return truth_poses(found);
     }

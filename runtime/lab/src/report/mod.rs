@@ -89,6 +89,8 @@ pub struct Report {
     pub imu_refused: u64,
     /// Threads of the run.
     pub threads: usize,
+    /// Mounting of the IMU in the vehicle: roll, pitch and yaw, degrees; `null` if it is unknown.
+    pub imu_to_vehicle_deg: Option<[f64; 3]>,
     /// SHA-256 of the configuration.
     pub config_hash: String,
     /// What the recorder wrote, where there was one.
@@ -175,6 +177,7 @@ impl Report {
             faults: outcome.faults,
             imu_refused: f.imu_refused,
             threads: flown.threads,
+            imu_to_vehicle_deg: flown.config.vehicle.imu_to_vehicle_deg.degrees(),
             config_hash: config_hash(&flown.config),
             recording: None,
             autopilot: None,
@@ -255,6 +258,9 @@ impl Report {
         }
         if let Some(autopilot) = &self.autopilot {
             lines.push(format!("{:<18}{autopilot}", "autopilot"));
+        }
+        if self.imu_to_vehicle_deg.is_none() {
+            lines.push(format!("{:<18}unknown: the vehicle's attitude is not published", "mounting"));
         }
         lines.push(format!("{:<18}{}", "estimate digest", &self.estimate_digest[..16]));
         lines.join("\n")

@@ -9,8 +9,7 @@ use plumbline_record::{Event, Said, Severity};
 use std::fs::OpenOptions;
 use std::io::{self, Write};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 /// A file on a disk that misbehaves.
@@ -81,6 +80,56 @@ fn a_full_disk_ends_the_recording_and_not_the_flight() {
     assert_eq!(inventory.ending, Ending::Truncated);
     let v = verified(&path).unwrap();
     assert!(v.identical && v.truncated && v.estimates_identical > 3, "{v:?}");
+}
+
+/// Files that cannot be opened for want of descriptors while `is_short`, but for the first.
+fn short_of_descriptors(is_short: &Arc<AtomicBool>, tries: &Arc<AtomicUsize>) -> OpenPart {
+    let (is_short, tries) = (Arc::clone(is_short), Arc::clone(tries));
+    OpenPart::with(move |path| {
+        if tries.fetch_add(1, Ordering::SeqCst) > 0 && is_short.load(Ordering::SeqCst) {
+            return Err(io::Error::from_raw_os_error(24));
+        }
+        let file = OpenOptions::new().write(true).create_new(true).open(path)?;
+        Ok(Box::new(Trouble { file, room: usize::MAX, is_stuck: Arc::default(), panics: false }))
+    })
+}
+
+#[test]
+fn a_lack_of_descriptors_interrupts_the_recording_and_does_not_end_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight.mcap");
+    let (is_short, tries) = (Arc::new(AtomicBool::new(true)), Arc::new(AtomicUsize::new(0)));
+    let open = short_of_descriptors(&is_short, &tries);
+    let relief = std::thread::spawn(move || {
+        while tries.load(Ordering::SeqCst) < 4 {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        is_short.store(false, Ordering::SeqCst);
+    });
+    let limits = Limits { part_bytes: 600_000, ..NO_LIMITS };
+    let (_, summary) = record_on(open, limits, &path, ImageRecording::Raw);
+    relief.join().unwrap();
+    assert!(summary.ended_early.is_none() && summary.parts > 2 && summary.not_recorded == 0, "{summary:?}");
+    let v = verified(&path).unwrap();
+    assert!(v.identical && v.complete, "{v:?}");
+}
+
+#[test]
+fn the_end_of_a_flight_does_not_wait_for_descriptors() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight.mcap");
+    let (is_short, tries) = (Arc::new(AtomicBool::new(true)), Arc::new(AtomicUsize::new(0)));
+    let open = short_of_descriptors(&is_short, &tries);
+    let config = config();
+    let limits = Limits { part_bytes: 200_000, ..NO_LIMITS };
+    let recorder = Recorder::start_on(open, limits, &path, &config, WhenFull::Drop).unwrap();
+    let handle = recorder.handle();
+    let event =
+        || LogEntry::Said(Said::Event(Event::new(Timestamp::default(), Severity::Info, format_args!("on"))));
+    while tries.load(Ordering::SeqCst) < 3 {
+        handle.offer(event());
+    }
+    assert!(recorder.finish().ended_early.unwrap().contains("os error 24"));
 }
 
 #[test]

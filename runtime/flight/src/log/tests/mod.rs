@@ -42,8 +42,12 @@ fn flight() -> Flight {
 }
 
 fn flight_of_seed(seed: u64) -> Flight {
+    flight_of(seed, 1.0)
+}
+
+fn flight_of(seed: u64, duration_s: f64) -> Flight {
     let scenario =
-        Scenario { scene: Scene::Room, seed, duration_s: 1.0, resolution_scale: 0.3, ..Scenario::default() };
+        Scenario { scene: Scene::Room, seed, duration_s, resolution_scale: 0.3, ..Scenario::default() };
     let simulator = Simulator::new(&config(), &scenario).unwrap();
     let streams = Streams {
         imu: Box::new(simulator.imu()),
