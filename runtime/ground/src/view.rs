@@ -90,12 +90,9 @@ fn obey_keys(stop: &AtomicBool) -> io::Result<()> {
 /// Draws the fleet as of `now`, the log below it, and `about` in the last line.
 pub fn draw(frame: &mut Frame<'_>, fleet: &Fleet, log: &LogPane, about: &str, now: Instant) {
     let whole = frame.area();
-    let [upper, log_area, foot_area] = Layout::vertical([
-        Constraint::Fill(1),
-        Constraint::Length(log.rows(whole.height)),
-        Constraint::Length(1),
-    ])
-    .areas(whole);
+    let [upper, log_area, foot_area] =
+        Layout::vertical([Constraint::Fill(1), Constraint::Length(log.rows(whole)), Constraint::Length(1)])
+            .areas(whole);
     let mut rows = vec![Constraint::Length(VEHICLE_LINES); fleet.vehicles.len().max(1)];
     rows.push(Constraint::Fill(1));
     let areas = Layout::vertical(rows).split(upper);
@@ -114,10 +111,10 @@ pub fn draw(frame: &mut Frame<'_>, fleet: &Fleet, log: &LogPane, about: &str, no
     if log_area.height > 0 {
         log.draw(frame, log_area);
     }
-    let foot = format!(
-        " q: quit   malformed messages: {}   refused messages: {}   {about}",
-        fleet.malformed, fleet.refused
-    );
+    // What is counted comes last: a narrow terminal cuts it off.
+    let about = if about.is_empty() { String::new() } else { format!("   {about}") };
+    let counts = format!("malformed messages: {}   refused messages: {}", fleet.malformed, fleet.refused);
+    let foot = format!(" q: quit{about}   {counts}");
     frame.render_widget(Line::styled(foot, Style::new().add_modifier(Modifier::DIM)), foot_area);
 }
 

@@ -12,8 +12,10 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 const MAX_LINES: usize = 200;
 /// Characters of a line that are kept.
 const MAX_CHARS: usize = 2_000;
-/// Rows of the pane, border included: a quarter of the terminal, but within these.
+/// Most rows of the pane, border included: a quarter of the terminal, but within these.
 const ROWS: (u16, u16) = (4, 10);
+/// Rows and columns of the border.
+const BORDER: u16 = 2;
 /// Columns by which what does not fit into a row is set in.
 const INDENT: &str = "  ";
 
@@ -49,10 +51,18 @@ impl LogPane {
         self.locked().drain(..).collect()
     }
 
-    /// Rows that the pane takes of a terminal with this many; none without a line.
+    /// Rows that the pane takes of a terminal: as many as it has to show, up to a quarter; none without a line.
     #[must_use]
-    pub fn rows(&self, terminal: u16) -> u16 {
-        if self.locked().is_empty() { 0 } else { (terminal / 4).clamp(ROWS.0, ROWS.1) }
+    pub fn rows(&self, terminal: Rect) -> u16 {
+        let most = (terminal.height / 4).clamp(ROWS.0, ROWS.1);
+        let width = usize::from(terminal.width.saturating_sub(BORDER));
+        let lines = self.locked();
+        // Each line has a row at least.
+        let shown = lines.iter().rev().take(most.into());
+        match shown.map(|line| wrapped(line, width).len()).sum() {
+            0 => 0,
+            rows => u16::try_from(rows).unwrap_or(most).saturating_add(BORDER).min(most),
+        }
     }
 
     /// Draws the newest lines, as many as fit.
@@ -151,6 +161,11 @@ mod tests {
         (0..2 * MAX_LINES).for_each(|k| pane.push(format!("line {k}\n").as_bytes()));
         let lines = pane.take();
         assert_eq!((lines.len(), lines[0].as_str()), (MAX_LINES, "line 200"));
-        assert_eq!(pane.rows(40), 0, "without lines there is no pane");
+        let terminal = Rect::new(0, 0, 80, 40);
+        assert_eq!(pane.rows(terminal), 0, "without lines there is no pane");
+        pane.push(b"one");
+        assert_eq!(pane.rows(terminal), 3);
+        (0..20).for_each(|_| pane.push(b"more"));
+        assert_eq!(pane.rows(terminal), 10);
     }
 }

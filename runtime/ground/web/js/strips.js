@@ -13,7 +13,7 @@ export const STRIPS = [
   { title: 'Quality', unit: '%', columns: ['quality', 'link'], labels: ['estimate', 'link'], digits: 0, range: [-5, 105], shade: true },
   { title: 'Position 1σ', unit: 'm', columns: ['sigmaPosition'], labels: ['largest'], significant: true, zero: true, least: 0.01 },
   { title: 'Attitude 1σ', unit: '°', columns: ['sigmaAttitude'], labels: ['largest'], significant: true, zero: true, least: 0.1 },
-  { title: 'Computation, latency', unit: 'ms', columns: ['frameMs', 'latencyMs'], labels: ['frame', 'link'], digits: 1, zero: true, least: 1 },
+  { title: 'Frame, link time', unit: 'ms', columns: ['frameMs', 'latencyMs'], labels: ['frame', 'link'], digits: 1, zero: true, least: 1 },
   { title: 'Features tracked', unit: '', columns: ['points', 'lines'], labels: ['points', 'lines'], digits: 0, zero: true, least: 10 },
 ];
 
