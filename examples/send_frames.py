@@ -1,12 +1,14 @@
 #!/usr/bin/env python3
 """Sends stereo frames to `plumbline fly` over the socket of driver.frames (docs/frame-socket.md).
 
-Plays the images of a EuRoC data set in real time; replace `frames()` by the loop of your camera.
+Plays the images of a EuRoC data set in real time; replace `frames()` by the loop of your camera. The walk-through in
+docs/own-camera.md runs it beside send_imu.py: both stamp by CLOCK_MONOTONIC.
 
-    pip install opencv-python
+    pip install pillow
     send_frames.py V1_01_easy /run/plumbline/frames
 """
 
+import argparse
 import csv
 import pathlib
 import socket
@@ -14,32 +16,59 @@ import struct
 import sys
 import time
 
-import cv2
+from PIL import Image
 
 
-def frames(dataset):
-    """Number, time of measurement by CLOCK_MONOTONIC in ns, left and right image (8-bit grey)."""
+def rows(table):
+    with open(table) as file:
+        return [row for row in csv.reader(file) if row and not row[0].startswith("#")]
+
+
+def frames(dataset, start_ns):
+    """Number, middle of the exposure by CLOCK_MONOTONIC in ns, left and right image (8-bit grey), when it is there."""
     mav0 = pathlib.Path(dataset) / "mav0"
-    tables = [csv.reader(open(mav0 / cam / "data.csv")) for cam in ("cam0", "cam1")]
-    rows = [[row for row in table if not row[0].startswith("#")] for table in tables]
-    first, start = int(rows[0][0][0]), time.monotonic_ns()
-    for number, (left, right) in enumerate(zip(*rows)):
-        stamp = int(left[0]) - first + start
-        time.sleep(max(0, stamp - time.monotonic_ns()) * 1e-9)
-        paths = [mav0 / cam / "data" / row[1].strip() for cam, row in (("cam0", left), ("cam1", right))]
-        yield number, stamp, *(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in paths)
+    first_ns = int(rows(mav0 / "imu0" / "data.csv")[0][0])
+    tables = [rows(mav0 / camera / "data.csv") for camera in ("cam0", "cam1")]
+    for number, (left, right) in enumerate(zip(*tables)):
+        stamp_ns = int(left[0]) - first_ns + start_ns
+        paths = [mav0 / camera / "data" / row[1].strip() for camera, row in (("cam0", left), ("cam1", right))]
+        images = [Image.open(path).convert("L") for path in paths]
+        time.sleep(max(0, stamp_ns - time.monotonic_ns()) * 1e-9)
+        yield number, stamp_ns, *images
 
 
-def main(dataset, path):
-    plumbline = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    plumbline.connect(path)
-    for number, stamp, left, right in frames(dataset):
-        (left_height, left_width), (right_height, right_width) = left.shape, right.shape
-        sizes = (left_width, left_height, right_width, right_height)
-        plumbline.sendall(struct.pack("<8sQq4I", b"PLMBFRM1", number, stamp, *sizes))
-        plumbline.sendall(left.tobytes())
-        plumbline.sendall(right.tobytes())
+def connect(path):
+    """The socket of a flight, as soon as there is one."""
+    if not pathlib.Path(path).exists():
+        print(f"send_frames: waiting for plumbline to make {path}", file=sys.stderr)
+    while True:
+        try:
+            plumbline = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+            plumbline.connect(path)
+            return plumbline
+        except (FileNotFoundError, ConnectionRefusedError):
+            plumbline.close()
+            time.sleep(0.1)
+
+
+def main():
+    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments.add_argument("dataset", help="folder with mav0")
+    arguments.add_argument("socket", help="listen of [driver.frames]")
+    arguments.add_argument("--start", type=float, help="time of the first IMU sample, s of CLOCK_MONOTONIC (default: now)")
+    given = arguments.parse_args()
+    plumbline = connect(given.socket)
+    start_ns = time.monotonic_ns() if given.start is None else round(given.start * 1e9)
+    sent = 0
+    try:
+        for number, stamp_ns, left, right in frames(given.dataset, start_ns):
+            header = struct.pack("<8sQq4I", b"PLMBFRM1", number, stamp_ns, *left.size, *right.size)
+            plumbline.sendall(header + left.tobytes() + right.tobytes())
+            sent += 1
+    except (BrokenPipeError, ConnectionResetError):
+        raise SystemExit(f"send_frames: plumbline has disconnected after {sent} frames; it logs why")
+    print(f"send_frames: {sent} frames sent")
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:3])
+    main()

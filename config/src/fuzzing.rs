@@ -47,8 +47,9 @@ pub fn endpoint(data: &[u8]) {
     let Ok(text) = std::str::from_utf8(data) else { return };
     let _ = is_endpoint(text);
     match AutopilotEndpoint::parse(text) {
-        Ok(AutopilotEndpoint::Udp(address) | AutopilotEndpoint::UdpIn(address)) => {
-            assert!(text.ends_with(&address));
+        Ok(AutopilotEndpoint::Udp(address)) => assert!(text.ends_with(&address)),
+        Ok(AutopilotEndpoint::UdpIn { at, from }) => {
+            assert!(text.contains(&at) && text.contains("?from=") == from.is_some());
         }
         Ok(AutopilotEndpoint::Serial(line)) => serial_line(text, &line),
         Err(reason) => assert!(!reason.is_empty()),

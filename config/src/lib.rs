@@ -73,6 +73,8 @@ mod statistics;
 #[cfg(any(feature = "toml", feature = "yaml"))]
 mod text;
 pub mod time;
+#[cfg(feature = "toml")]
+mod unset;
 mod valid;
 mod validate;
 

@@ -39,7 +39,7 @@ pub use sensors::{CameraConfig, ImuConfig, RigConfig, image_sizes, isometry_from
 pub use serial_line::SerialLine;
 pub use setup::EstimatorSetup;
 pub use v4l2::{PairBy, V4l2Config, V4l2Control, V4l2Format};
-pub use vehicle::VehicleConfig;
+pub use vehicle::{Mounting, VehicleConfig};
 
 use serde::{Deserialize, Serialize};
 

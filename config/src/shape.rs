@@ -5,6 +5,7 @@
 
 use crate::camera::Distortion;
 use crate::error::{ConfigError, Violation};
+use crate::options::Mounting;
 use crate::text::{Lines, line_and_column};
 use crate::{Config, presets};
 use serde::Deserialize;
@@ -16,6 +17,12 @@ const VARIANT_KEY: &str = "model";
 
 /// Keys that stand elsewhere now: where they were, and where they are.
 const MOVED: &[(&str, &str)] = &[("autopilot.imu_to_vehicle_deg", "vehicle.imu_to_vehicle_deg")];
+
+/// Keys whose list of numbers may be a word instead, and that word.
+const WORDS: &[(&str, &str)] = &[("vehicle.imu_to_vehicle_deg", Mounting::UNKNOWN)];
+
+/// Keys whose whole number may be negative; all others are counts.
+const SIGNED: &[&str] = &["runtime.idle_latency_us"];
 
 /// A parsed text that still knows the lines of its keys.
 pub(crate) struct Document<'a> {
@@ -161,7 +168,9 @@ impl Check<'_> {
     }
 
     fn value(&mut self, at: &At, value: &Spanned<DeValue<'_>>, shapes: &[&Value]) {
+        let word = WORDS.iter().find(|(key, _)| *key == at.general).map(|(_, word)| *word);
         match (value.get_ref(), shapes[0]) {
+            (DeValue::String(text), Value::Array(_)) if word.is_some_and(|word| word == text) => {}
             (DeValue::Table(table), Value::Table(_)) => {
                 let tables: Vec<&Table> = shapes.iter().filter_map(|s| s.as_table()).collect();
                 self.table(at, table, &tables);
@@ -171,13 +180,18 @@ impl Check<'_> {
             | (DeValue::String(_), Value::String(_))
             | (DeValue::Boolean(_), Value::Boolean(_)) => {}
             (DeValue::Integer(integer), Value::Integer(_)) => {
-                if u32::from_str_radix(&integer.as_str().replace('_', ""), integer.radix()).is_err() {
+                let digits = integer.as_str().replace('_', "");
+                let is_signed = SIGNED.contains(&at.general.as_str());
+                let is_negative = is_signed && i32::from_str_radix(&digits, integer.radix()).is_ok();
+                if !is_negative && u32::from_str_radix(&digits, integer.radix()).is_err() {
                     let reason = format!("{} is not a whole number from 0 to {}", integer.as_str(), u32::MAX);
                     self.refuse(at, reason, "write a count, without sign or unit");
                 }
             }
             (other, shape) => {
-                let reason = format!("is {} where {} is expected", article(other.type_str()), wanted(shape));
+                let or = word.map_or_else(String::new, |word| format!(" or {word:?}"));
+                let reason =
+                    format!("is {} where {}{or} is expected", article(other.type_str()), wanted(shape));
                 self.refuse(at, reason, "correct the value");
             }
         }
@@ -223,7 +237,7 @@ fn is_required(sample: &Table, general_key: &str) -> bool {
 fn suggestion(name: &str, shape: &Table) -> String {
     // What is longer is no slip of a key.
     let start: String = name.chars().take(64).collect();
-    let limit = start.chars().count() / 2;
+    let limit = (start.chars().count() / 3).max(1);
     let nearest = shape.keys().map(|key| (strsim::levenshtein(&start, key), key)).min();
     match nearest.filter(|(edits, key)| *edits <= limit || key.contains(name) || name.contains(key.as_str()))
     {

@@ -1,5 +1,6 @@
 //! The live sensors that a configuration names, whichever they are.
 
+use crate::clock::StampFigures;
 use crate::frame_socket::{SocketMonitor, SocketStereo};
 use crate::iio::IioImu;
 use crate::inertial::ImuMonitor;
@@ -75,6 +76,31 @@ impl CameraMonitor {
 }
 
 impl CameraMonitor {
+    /// Stamps of the frames, and what is wrong with them.
+    #[must_use]
+    pub fn stamps(&self) -> StampFigures {
+        match self {
+            Self::V4l2(monitor) => {
+                let [left, right] = monitor.figures().cameras;
+                StampFigures {
+                    used: left.images + right.images,
+                    restamped: left.restamped + right.restamped,
+                    refused: left.disordered + right.disordered,
+                    problem: left.problem.or(right.problem),
+                }
+            }
+            Self::Socket(monitor) => {
+                let figures = monitor.figures();
+                StampFigures {
+                    used: figures.frames,
+                    restamped: figures.restamped,
+                    refused: figures.disordered,
+                    problem: figures.problem,
+                }
+            }
+        }
+    }
+
     /// Length of the left camera's exposure, ns, where its driver tells it.
     #[must_use]
     pub fn exposure_ns(&self) -> Option<i64> {

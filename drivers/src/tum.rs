@@ -17,6 +17,12 @@ use std::path::{Path, PathBuf};
 pub(crate) const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 /// Digits of a time that are looked at; nine before and nine after the point are in use today.
 const MAX_TIME_DIGITS: usize = 30;
+/// Poses that are read: five hours at 200 Hz. A gzip of two megabytes may hold ten times as many.
+const MAX_POSES: usize = 4_000_000;
+/// Lines that are read, comments included.
+const MAX_LINES: usize = 2 * MAX_POSES;
+/// A position further away than this is none, m: figures and sums of squares stay finite.
+const MAX_POSITION_M: f64 = 1e12;
 /// A quaternion printed with three decimals is still normal to this.
 const QUATERNION_NORM_TOLERANCE: f64 = 0.01;
 
@@ -54,6 +60,10 @@ fn read_poses(path: &Path, reader: impl BufRead) -> Result<Vec<StampedPose>, Dri
     let mut number = 0_usize;
     while let Some(line) = lines.next_line().map_err(|e| DriverError::io(path, e))? {
         number += 1;
+        if poses.len() == MAX_POSES || number > MAX_LINES {
+            let message = format!("holds more than {MAX_POSES} poses; cut it into shorter pieces");
+            return Err(DriverError::malformed(path, message));
+        }
         let pose = match line {
             Line::Text(text) if text.is_empty() || text.starts_with('#') => continue,
             Line::Text(text) => parse_pose(text),
@@ -84,6 +94,9 @@ fn parse_pose(text: &str) -> Result<StampedPose, &'static str> {
         return Err("more than 8 columns");
     }
     let [x, y, z, qx, qy, qz, qw] = values;
+    if [x, y, z].iter().any(|metres| metres.abs() > MAX_POSITION_M) {
+        return Err("the position is further away than 1e12 m");
+    }
     let rotation = unit_quaternion(qw, qx, qy, qz).ok_or("the quaternion is not of length 1")?;
     Ok(StampedPose { stamp, pose: Isometry3::from_parts(Translation3::new(x, y, z), rotation) })
 }

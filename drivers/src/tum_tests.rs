@@ -111,3 +111,23 @@ proptest! {
         let _ = read_poses(Path::new("x"), &bytes[..]);
     }
 }
+
+#[test]
+fn a_gzip_of_more_poses_than_any_flight_has_is_refused() {
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::fast());
+    // Comments count as well, and are read quickly.
+    let lines = format!("1 0 0 0 0 0 0 1\n{}", "#\n".repeat(1 << 17));
+    for _ in 0..70 {
+        encoder.write_all(lines.as_bytes()).unwrap();
+    }
+    let bytes = encoder.finish().unwrap();
+    assert!(bytes.len() < 1 << 20);
+    let error = read_tum_from(Path::new("bomb.tum.gz"), &bytes[..]).unwrap_err().to_string();
+    assert!(error.contains("more than 4000000 poses"), "{error}");
+}
+
+#[test]
+fn positions_beyond_all_measure_are_refused() {
+    let error = read_tum_from(Path::new("far.tum"), &b"1 1e308 0 0 0 0 0 1\n"[..]).unwrap_err().to_string();
+    assert!(error.contains("line 1: the position is further away"), "{error}");
+}

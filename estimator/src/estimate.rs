@@ -118,7 +118,7 @@ pub type NavCovariance = SMatrix<f64, 9, 9>;
 pub type BiasVariances = SVector<f64, 6>;
 
 /// The estimate after one frame. Frames: `O` odometry (z up, origin at the first pose), `B` body.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Estimate {
     /// Sequence number of the frame.
     pub frame_sequence: u64,
@@ -238,7 +238,7 @@ frame_figures! {
 
 /// The newest state carried forward to an inertial sample (200 Hz). Corrections enter at a bounded rate
 /// ([`crate::propagator::blend`]); a step is made only where [`Self::reset_counter`] or [`Self::jumps`] changes.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Odometry {
     /// Counts odometry outputs.
     pub sequence: u64,

@@ -1,4 +1,4 @@
-//! Compiles the format of the log, no protoc needed, and notes what was built from what.
+//! Compiles the messages of Foxglove and of the local socket, no protoc needed, and notes what was built from what.
 
 use prost::Message;
 use std::path::Path;
@@ -6,20 +6,22 @@ use std::process::Command;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("cargo:rerun-if-changed=proto");
-    let files = ["plumbline/v1/log.proto", "foxglove/foxglove.proto"];
-    let descriptors = protox::compile(files, ["proto"])?;
-    prost_build::Config::new().compile_fds(descriptors)?;
-    // Beside the log's messages, which it carries.
-    let local = protox::compile(["plumbline/v1/local.proto"], ["proto"])?;
-    let mut messages = prost_build::Config::new();
-    messages.extern_path(".plumbline.v1.log", "crate::log::proto").compile_fds(local)?;
-    let out = std::env::var("OUT_DIR")?;
-    for (file, name) in [(files[0], "log"), (files[1], "foxglove")] {
-        let mut compiler = protox::Compiler::new(["proto"])?;
-        compiler.include_imports(true).include_source_info(false).open_file(file)?;
-        let bytes = compiler.file_descriptor_set().encode_to_vec();
-        std::fs::write(Path::new(&out).join(format!("{name}.descriptors")), bytes)?;
+    println!("cargo:rerun-if-changed=../record/proto");
+    let file = "foxglove/foxglove.proto";
+    prost_build::Config::new().compile_fds(protox::compile([file], ["proto"])?)?;
+    let mut compiler = protox::Compiler::new(["proto"])?;
+    compiler.include_imports(true).include_source_info(false).open_file(file)?;
+    let bytes = compiler.file_descriptor_set().encode_to_vec();
+    std::fs::write(Path::new(&std::env::var("OUT_DIR")?).join("foxglove.descriptors"), bytes)?;
+    // Estimates are written by the tables of plumbline-record, as the log's messages are.
+    let mut local = protox::compile(["plumbline/v1/local.proto"], ["proto", "../record/proto"])?;
+    local.file.retain(|file| file.package() == "plumbline.v1.local");
+    for file in &mut local.file {
+        file.message_type.retain(|message| message.name() != "FullEstimate");
+        // Comments, which are found by the places of the messages.
+        file.source_code_info = None;
     }
+    prost_build::Config::new().compile_fds(local)?;
     note("PLUMBLINE_COMMIT", git(&["rev-parse", "--short=16", "HEAD"]));
     note("PLUMBLINE_TARGET", std::env::var("TARGET").ok());
     note("PLUMBLINE_TARGET_FEATURES", std::env::var("CARGO_CFG_TARGET_FEATURE").ok());

@@ -46,6 +46,7 @@ const CRATES: &[&str] = &[
     "runtime/ground",
     "runtime/lab",
     "runtime/link",
+    "runtime/record",
 ];
 
 /// Libraries of networks, of which none has a part in a flight.

@@ -77,6 +77,18 @@ impl Browser {
         println!("screenshot: {}", file.display());
     }
 
+    /// Keeps pictures of the page on a desk and on a phone.
+    fn screenshots(&mut self, name: &str) {
+        for (width, height) in [(1440, 900), (390, 844)] {
+            let size = json!({"do": "size", "width": width, "height": height, "touch": width < 500});
+            self.order(&size).unwrap();
+            // The canvas follows with the next picture.
+            std::thread::sleep(Duration::from_millis(700));
+            self.screenshot(&format!("{name}-{width}.png"));
+        }
+        self.order(&json!({"do": "size", "width": 1440, "height": 900})).unwrap();
+    }
+
     /// A number that the 3-D view says of what it draws.
     fn drawn(&mut self, what: &str) -> u32 {
         self.attribute("#view3d", &format!("data-{what}")).parse().unwrap_or(0)
@@ -131,8 +143,8 @@ fn check_attitude(browser: &mut Browser) {
     assert_eq!(browser.attribute("#horizon", "data-known"), "true");
 }
 
-/// Share of the window that the 3-D view has, pairs of panels and controls that overlap, figures that are cut off, and by
-/// how many pixels the page is too wide.
+/// Share of the window that the 3-D view has, pairs of panels and controls that overlap, figures that are cut off, labels
+/// that are not in the middle of their buttons, and by how many pixels the page is too wide.
 const LAYOUT: &str = r#"
     const view = document.getElementById('view3d').getBoundingClientRect();
     const boxes = [...document.querySelectorAll('.top > *, .panel, .readouts > div, .tools > *')]
@@ -149,22 +161,30 @@ const LAYOUT: &str = r#"
     }
     const cut = [...document.querySelectorAll('.facts dd, .readouts dd, .entry .state')]
       .filter((e) => e.checkVisibility() && e.scrollWidth > e.clientWidth + 1).map((e) => e.parentElement.textContent);
+    const high = [...document.querySelectorAll('.segments span')].filter((e) => e.checkVisibility()).filter((e) => {
+      const range = document.createRange();
+      range.selectNodeContents(e);
+      const [text, box] = [range.getBoundingClientRect(), e.getBoundingClientRect()];
+      return Math.abs(text.top + text.bottom - box.top - box.bottom) > 3;
+    }).map((e) => e.textContent);
     const share = (view.width * view.height) / (innerWidth * innerHeight);
-    return { share, overlaps, cut, excess: document.documentElement.scrollWidth - innerWidth };
+    return { share, overlaps, cut, high, excess: document.documentElement.scrollWidth - innerWidth };
 "#;
 
 fn check_layout(browser: &mut Browser) {
     for (width, height, least_share) in
         [(1440, 900, 0.55), (1920, 1080, 0.55), (1280, 720, 0.45), (390, 844, 0.0)]
     {
-        browser.order(&json!({"do": "size", "width": width, "height": height})).unwrap();
+        browser
+            .order(&json!({"do": "size", "width": width, "height": height, "touch": width < 500}))
+            .unwrap();
         // The canvas follows with the next picture.
         std::thread::sleep(Duration::from_millis(500));
         let layout = browser.order(&json!({"do": "script", "js": LAYOUT})).unwrap();
         let share = layout["share"].as_f64().unwrap();
         println!("{width}x{height}: the 3-D view has {:.1} % of the page", 100.0 * share);
         assert!(share >= least_share, "{width}x{height}: {layout}");
-        for what in ["overlaps", "cut"] {
+        for what in ["overlaps", "cut", "high"] {
             assert_eq!(layout[what], json!([]), "{width}x{height}: {layout}");
         }
         assert!(layout["excess"].as_f64().unwrap() <= 0.0, "{width}x{height}: {layout}");
@@ -331,9 +351,15 @@ mod realtime {
         eventually("the page is served", PATIENCE, || {
             browser.order(&json!({"do": "open", "url": url})).is_ok()
         });
-        eventually("the socket is open", PATIENCE, || {
-            browser.attribute("#connection", "data-state") == "open"
+        eventually("the socket is open, and nobody there", PATIENCE, || {
+            browser.attribute("#connection", "data-state") == "waiting"
         });
+        let tried = format!("Connecting to {endpoint}");
+        for place in ["#waiting", "#fleet-empty"] {
+            eventually("it is said what is tried", PATIENCE, || browser.text(place).contains(&tried));
+        }
+        assert_eq!(browser.text("#connection-text"), "No vehicle");
+        browser.screenshots("ground-waiting");
 
         let mut vehicle = fly();
         eventually("the vehicle is tracking", PATIENCE, || browser.presence() == "tracking");
@@ -344,6 +370,8 @@ mod realtime {
         eventually("its position changes", PATIENCE, || browser.text("#position") != position);
         eventually("its camera is seen", PATIENCE, || !browser.attribute("#camera", "data-stamp").is_empty());
         check_attitude(&mut browser);
+        assert_eq!(browser.attribute("#connection", "data-state"), "open");
+        assert!(browser.text("#legend").contains("landmarks of the map"), "{}", browser.text("#legend"));
         check_layout(&mut browser);
         browser.screenshot("ground-light.png");
 
@@ -354,6 +382,19 @@ mod realtime {
         eventually("the reset was done", PATIENCE, || browser.text("#resets").trim() == "1");
         eventually("the event is told", PATIENCE, || browser.text("#events").contains("reset"));
         eventually("it tracks again", PATIENCE, || browser.presence() == "tracking");
+
+        eventually("its map grows", PATIENCE, || browser.drawn("keyframes") > 5);
+        browser.screenshots("ground-before-reset");
+        let landmarks = browser.drawn("landmarks");
+        browser.click("#reset-hard");
+        eventually("the question is asked", PATIENCE, || !browser.text("#confirm-yes").is_empty());
+        browser.click("#confirm-yes");
+        eventually("the reset was done", PATIENCE, || browser.text("#resets").trim() == "2");
+        eventually("the old odometry frame is gone", PATIENCE, || {
+            browser.drawn("keyframes") == 0 && browser.drawn("landmarks") < landmarks / 4
+        });
+        eventually("a map of the new one grows", PATIENCE, || browser.drawn("keyframes") > 1);
+        browser.screenshots("ground-after-reset");
 
         vehicle.kill();
         let killed = Instant::now();

@@ -39,6 +39,27 @@ fn a_station_that_hears_nobody_ends_on_a_signal() {
 }
 
 #[test]
+fn a_flight_goes_on_when_its_terminal_is_closed() {
+    let folder = tempfile::tempdir().unwrap();
+    let frames = format!("driver.frames.listen=\"{}\"", folder.path().join("frames").display());
+    let mut command = Command::new(PLUMBLINE);
+    command.args(["fly", "--config", "euroc", "--set", &frames, "--set"]);
+    command.arg("driver.imu.connect=\"serial:///dev/nowhere:921600\"");
+    let mut flight = Running::start(command);
+    let signal = |flight: &Running, name: &str| {
+        Command::new("kill").args([name, &flight.child.id().to_string()]).status().unwrap();
+    };
+    eventually("it waits for its sensors", Duration::from_secs(20), || {
+        flight.words().contains("/dev/nowhere")
+    });
+    signal(&flight, "-HUP");
+    eventually("it says so", Duration::from_secs(10), || flight.words().contains("the flight continues"));
+    assert!(flight.child.try_wait().unwrap().is_none(), "{}", flight.words());
+    signal(&flight, "-TERM");
+    eventually("it ends", Duration::from_secs(10), || flight.child.try_wait().unwrap().is_some());
+}
+
+#[test]
 fn a_station_that_heard_nobody_says_why_and_fails() {
     let nobody = format!("tcp/127.0.0.1:{}", free_port());
     for (endpoint, words) in [

@@ -14,10 +14,27 @@ fn json(arguments: &[&str]) -> (Option<i32>, Value) {
 fn a_simulated_flight_is_fit_by_its_figures() {
     let (status, report) = json(&["doctor", "sim:room", "--seconds", "3", "--json"]);
     assert_eq!((status, &report["fit"]), (Some(0), &Value::Bool(true)), "{report:#}");
+    let open = report["not_looked_at"].to_string();
+    assert!(open.contains("this host") && open.contains("blur"), "{open}");
     let measures = report["measures"].as_array().unwrap();
     let of = |name: &str| measures.iter().find(|measure| measure["name"] == name).unwrap();
     assert!(of("epipolar error")["figures"]["median_px"].as_f64().unwrap() < 0.3, "{report:#}");
     assert!((of("gravity")["figures"]["norm_m_s2"].as_f64().unwrap() - 9.81).abs() < 0.2, "{report:#}");
+}
+
+#[test]
+fn a_verdict_covers_what_was_looked_at_alone() {
+    let host = plumbline(&["doctor", "--config", "sim", "--watch", "0.1"]);
+    let text = String::from_utf8_lossy(&host.stdout);
+    let last = text.trim_end().lines().last().unwrap();
+    assert!(
+        last.starts_with("This host is fit to fly") && last.contains("Not looked at: the sensors"),
+        "{last}"
+    );
+    let data = plumbline(&["doctor", "sim:room", "--seconds", "2"]);
+    let text = String::from_utf8_lossy(&data.stdout);
+    let last = text.trim_end().lines().last().unwrap();
+    assert!(last.starts_with("The sensors are fit to fly") && last.contains("time offset"), "{last}");
 }
 
 #[test]

@@ -31,7 +31,7 @@ pub struct Recording {
     /// All frames.
     pub frames: Vec<StereoFrame>,
     /// Sizes of the images, px.
-    sizes_px: [(usize, usize); 2],
+    pub sizes_px: [(usize, usize); 2],
 }
 
 impl Recording {
@@ -68,6 +68,50 @@ impl Recording {
         };
         let readings = (0..seconds * rate_hz).map(reading).collect();
         Self { readings, frames: Vec::new(), sizes_px: [(0, 0); 2] }
+    }
+}
+
+/// A recording of a vehicle that flies the same round again and again, without an end.
+pub struct Endless {
+    recording: Recording,
+    period_ns: i64,
+    /// Samples and frames of a period.
+    counts: [usize; 2],
+}
+
+impl Endless {
+    /// Repeats the first `period_s` of the recording, which ends where it began.
+    pub fn new(recording: Recording, period_s: f64) -> Self {
+        let period_ns = (period_s * 1e9).round() as i64;
+        let within = |stamp: Timestamp, first: Timestamp| stamp.nanos_since(first) < period_ns - MS / 2;
+        let (first_reading, first_frame) = (recording.readings[0].sample.stamp, recording.frames[0].stamp);
+        let samples = recording.readings.partition_point(|r| within(r.sample.stamp, first_reading));
+        let frames = recording.frames.partition_point(|f| within(f.stamp, first_frame));
+        Self { recording, period_ns, counts: [samples, frames] }
+    }
+
+    /// What is repeated.
+    pub fn recording(&self) -> &Recording {
+        &self.recording
+    }
+
+    /// Sample `k` since the start.
+    pub fn reading(&self, k: usize) -> ImuReading {
+        let mut reading = self.recording.readings[k % self.counts[0]];
+        reading.sequence = k as u64;
+        reading.sample.stamp = reading.sample.stamp.plus_nanos(self.rounds_ns(k, 0));
+        reading
+    }
+
+    /// Frame `k` since the start, and its stamp.
+    pub fn frame(&self, k: usize) -> (Timestamp, &StereoFrame) {
+        let frame = &self.recording.frames[k % self.counts[1]];
+        (frame.stamp.plus_nanos(self.rounds_ns(k, 1)), frame)
+    }
+
+    /// Time of the whole rounds before sample or frame `k`, ns.
+    fn rounds_ns(&self, k: usize, kind: usize) -> i64 {
+        (k / self.counts[kind]) as i64 * self.period_ns
     }
 }
 
@@ -197,13 +241,22 @@ impl Microcontroller {
         which: Range<usize>,
         trouble: &Trouble,
     ) -> Vec<usize> {
+        self.play_all(epoch, which.map(|k| (k, recording.readings[k])), trouble)
+    }
+
+    /// Plays numbered samples in real time; returns the numbers of those that were hit on the way.
+    pub fn play_all(
+        &mut self,
+        epoch: Epoch,
+        readings: impl Iterator<Item = (usize, ImuReading)>,
+        trouble: &Trouble,
+    ) -> Vec<usize> {
         let (mut draws, mut waiting, mut hit) = (Draws(Random::new(5)), Vec::new(), Vec::new());
         let mut last_burst = 0;
-        for k in which {
-            let reading = &recording.readings[k];
+        for (k, reading) in readings {
             let data_ns = reading.sample.stamp.as_nanos();
             self.answer_until(epoch, epoch.host(data_ns));
-            waiting.extend(frame(reading, epoch.device(epoch.host(data_ns)), trouble, &mut draws, || {
+            waiting.extend(frame(&reading, epoch.device(epoch.host(data_ns)), trouble, &mut draws, || {
                 hit.push(k)
             }));
             let s = (data_ns - epoch.data_ns) as f64 * 1e-9;
@@ -306,6 +359,17 @@ fn frame(
 
 /// A program that sends the frames of `which` in real time to the socket at `path`, as soon as that is there.
 pub fn send_frames(path: &Path, recording: &Recording, epoch: Epoch, which: Range<usize>) {
+    let frames = recording.frames.iter().enumerate().take(which.end).skip(which.start);
+    send_all(path, recording.sizes_px, epoch, frames.map(|(k, frame)| (k, frame.stamp, frame)));
+}
+
+/// A program that sends numbered frames, each with its stamp in the recording, as [`send_frames`] does.
+pub fn send_all<'a>(
+    path: &Path,
+    sizes_px: [(usize, usize); 2],
+    epoch: Epoch,
+    frames: impl Iterator<Item = (usize, Timestamp, &'a StereoFrame)>,
+) {
     let mut sender = loop {
         match UnixStream::connect(path) {
             Ok(sender) => break sender,
@@ -313,8 +377,8 @@ pub fn send_frames(path: &Path, recording: &Recording, epoch: Epoch, which: Rang
         }
     };
     let mut has_begun = false;
-    for (k, frame) in recording.frames.iter().enumerate().take(which.end).skip(which.start) {
-        let stamp_ns = epoch.host(frame.stamp.as_nanos());
+    for (k, stamp, frame) in frames {
+        let stamp_ns = epoch.host(stamp.as_nanos());
         let left_ns = stamp_ns + READOUT_NS - monotonic_ns();
         // A camera keeps nothing for who comes later.
         if !has_begun && left_ns < -50 * MS {
@@ -322,7 +386,7 @@ pub fn send_frames(path: &Path, recording: &Recording, epoch: Epoch, which: Rang
         }
         has_begun = true;
         std::thread::sleep(Duration::from_nanos(u64::try_from(left_ns).unwrap_or(0)));
-        let sizes_px = recording.sizes_px.map(|(width, height)| (width as u32, height as u32));
+        let sizes_px = sizes_px.map(|(width, height)| (width as u32, height as u32));
         let header = Header { sequence: k as u64, stamp_ns, sizes_px };
         let [left, right] = frame.images.each_ref().map(GrayImage::pixels);
         for bytes in [&header.encode()[..], left, right] {

@@ -56,7 +56,8 @@ fn kalibrs_files_become_a_configuration_that_is_valid_and_flies() {
     let (camchain, imu) = kalibr(folder.path());
     let out = folder.path().join("my.toml").to_str().unwrap().to_owned();
     let import = ["config", "import", "--camchain", &camchain, "--imu", &imu, "--out", &out];
-    let imported = plumbline(&[&import[..], &["--inflate", "10"]].concat());
+    let mounted = [&import[..], &["--imu-to-vehicle", "180,-70.3,0"]].concat();
+    let imported = plumbline(&[&mounted[..], &["--inflate", "10"]].concat());
     assert!(imported.status.success(), "{}", stderr(&imported));
     let told = String::from_utf8_lossy(&imported.stdout).into_owned();
     assert!(told.contains("752x480 px") && told.contains("baseline    0.110"), "{told}");
@@ -73,6 +74,7 @@ fn kalibrs_files_become_a_configuration_that_is_valid_and_flies() {
     assert!(flown.status.success(), "{}", stderr(&flown));
     // A file that is there is not replaced unasked.
     fails(&import, 2, &["my.toml", "--overwrite"]);
+    assert!(!told.contains("9999"), "digits that mean nothing: {told}");
 }
 
 #[test]
@@ -93,9 +95,11 @@ fn what_cannot_be_imported_is_named_with_file_key_and_cure() {
     let (camchain, imu) = kalibr(folder.path());
     let out = folder.path().join("my.toml").to_str().unwrap().to_owned();
     let import = |camchain: &str| {
-        ["config", "import", "--camchain", camchain, "--imu", &imu, "--out", &out].map(str::to_owned)
+        let mounted = ["--imu-to-vehicle", "unknown"];
+        let [a, b] = mounted;
+        ["config", "import", "--camchain", camchain, "--imu", &imu, "--out", &out, a, b].map(str::to_owned)
     };
-    let refused = |arguments: [String; 8], parts: &[&str]| {
+    let refused = |arguments: [String; 10], parts: &[&str]| {
         fails(&arguments.iter().map(String::as_str).collect::<Vec<_>>(), 2, parts);
     };
     refused(import("/nowhere/camchain.yaml"), &["/nowhere/camchain.yaml", "cannot be read"]);

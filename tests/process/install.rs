@@ -39,6 +39,40 @@ fn every_command_has_a_manual_page_and_no_page_is_left_of_another() {
     assert!(found > 30, "{found} pages");
 }
 
+/// The exposure that systemd finds of a unit of ours: 0 is none, 10 all.
+fn exposure(unit: &str) -> Option<f64> {
+    let root = tempfile::tempdir().unwrap();
+    let units = root.path().join("usr/lib/systemd/system");
+    std::fs::create_dir_all(&units).unwrap();
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../systemd").join(unit);
+    let text = std::fs::read_to_string(file).unwrap();
+    // What a unit starts has to be there.
+    for program in ["usr/local/bin/plumbline", "bin/chgrp", "bin/chmod"] {
+        let program = root.path().join(program);
+        std::fs::create_dir_all(program.parent().unwrap()).unwrap();
+        std::fs::copy("/bin/true", program).unwrap();
+    }
+    std::fs::write(units.join(unit), text).unwrap();
+    let mut command = Command::new("systemd-analyze");
+    command.arg("security").arg("--offline=true").arg(format!("--root={}", root.path().display()));
+    let output = command.args(["--no-pager", unit]).output();
+    let said =
+        output.as_ref().map_or(String::new(), |output| String::from_utf8_lossy(&output.stdout).into_owned());
+    let Some((_, found)) = said.split_once("exposure level for ") else {
+        skip(Need::Systemd, format!("systemd-analyze security: {output:?}"));
+        return None;
+    };
+    Some(found.split_whitespace().nth(1).unwrap().parse().unwrap())
+}
+
+#[test]
+fn units_can_do_little_beside_their_work() {
+    for unit in ["plumbline.service", "plumbline-link.service"] {
+        let Some(exposure) = exposure(unit) else { return };
+        assert!(exposure <= 3.0, "{unit}: {exposure}");
+    }
+}
+
 #[test]
 fn completions_know_every_command() {
     for shell in ["bash", "zsh", "fish"] {

@@ -10,6 +10,7 @@ use plumbline_flight::local::{Client, LocalSocket, Record};
 use plumbline_flight::pipeline::Stamps;
 use plumbline_flight::pipeline::listener::{Producer, Subscriber as _};
 use plumbline_link::net::{Endpoints, now_ns};
+use plumbline_record::Said;
 use plumbline_test_support::{Need, skip};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -94,12 +95,12 @@ fn undisturbed() -> (Value, Value) {
     DIGESTS.get_or_init(fly).clone()
 }
 
-fn digests(report: &Value) -> (Value, Value) {
+pub fn digests(report: &Value) -> (Value, Value) {
     (report["estimate_digest"].clone(), report["odometry_digest"].clone())
 }
 
 /// Whether a busy host has refused a frame, or let an estimate come late: then there is nothing to compare.
-fn was_disturbed(report: &Value) -> bool {
+pub fn was_disturbed(report: &Value) -> bool {
     let counts = ["frames_shed", "frames_short_of_samples", "steps_down", "late_corrections"];
     counts.iter().any(|key| report["live"][key].as_f64() != Some(0.0))
 }
@@ -315,14 +316,30 @@ mod realtime {
         const LONG_S: u32 = 60;
         render(LONG_S);
         let endpoint = format!("tcp/127.0.0.1:{}", free_port());
-        let mut command = super::flight("drone", LONG_S);
-        command.args(["--listen", &endpoint]);
-        let mut vehicle = Running::start(command);
-        std::thread::sleep(Duration::from_secs(1));
-        let silences_s = kill_again_and_again(&vehicle, &endpoint, 20);
-        println!("heard again after {silences_s:.2?} s");
-        assert!(silences_s.iter().all(|silence| *silence < 2.0), "{silences_s:?}");
-        assert!(vehicle.child.wait().unwrap().success(), "{}", vehicle.words());
+        let folder = tempfile::tempdir().unwrap();
+        let fly = |name: &str, times: usize| {
+            let (report, log) = (folder.path().join(format!("{name}.json")), folder.path().join(name));
+            let mut command = super::flight("drone", LONG_S);
+            command.args(["--listen", &endpoint, "--report"]).arg(&report).arg("--record").arg(&log);
+            let mut vehicle = Running::start(command);
+            std::thread::sleep(Duration::from_secs(1));
+            let silences_s = kill_again_and_again(&vehicle, &endpoint, times);
+            assert!(vehicle.child.wait().unwrap().success(), "{}", vehicle.words());
+            let verified = crate::plumbline(&["verify", log.to_str().unwrap()]);
+            assert!(verified.status.success(), "{}", crate::stderr(&verified));
+            let report: Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
+            println!(
+                "{name}: heard again after {silences_s:.2?} s; ticks late, ms: {}",
+                report["live"]["tick_late_ms"]
+            );
+            assert!(silences_s.iter().all(|silence| *silence < 2.0), "{silences_s:?}");
+            report
+        };
+        let (alone, killed) = (fly("alone.mcap", 0), fly("killed.mcap", 20));
+        // On a host that refuses frames there is nothing to compare; the logs are whole in any case.
+        let disturbed = [&alone, &killed].map(was_disturbed);
+        assert!(disturbed.contains(&true) || digests(&alone) == digests(&killed));
+        println!("refused or late frames: {disturbed:?}");
     }
 
     #[test]
@@ -407,7 +424,11 @@ mod realtime {
         let reading = Client::new(connected(&path));
         let reading = std::thread::spawn(move || read_to_the_end(reading, Instant::now()));
         let mut tick = socket.listener(Producer::Tick);
-        crate::network::send_at_200_hz(|odometry| tick.odometry(&odometry), 20, Duration::from_millis(100));
+        crate::network::send_at_200_hz(
+            |odometry| tick.said(&Said::Odometry(odometry)),
+            20,
+            Duration::from_millis(100),
+        );
         Box::new(socket).stop();
         let got = reading.join().unwrap();
         println!("{got:?}");

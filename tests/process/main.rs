@@ -1,6 +1,7 @@
 //! System tests of the command: real processes, real files, a real Zenoh session.
 
 mod at_scale;
+mod bad_input;
 mod bags;
 mod browser;
 mod calibrate;
@@ -16,13 +17,17 @@ mod host;
 mod import;
 mod install;
 mod lines;
+mod live_stamps;
 mod local;
 mod log;
 mod maps;
+mod mounting;
 mod network;
 mod other_processor;
+mod own_camera;
 mod plot;
 mod python;
+mod raw;
 mod realtime;
 mod replay;
 mod roles;

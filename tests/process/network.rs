@@ -8,6 +8,7 @@ use plumbline_flight::local::LocalSocket;
 use plumbline_flight::pipeline::Stamps;
 use plumbline_flight::pipeline::listener::{Producer, Subscriber as _};
 use plumbline_link::net::{Endpoints, Feed, Publisher, now_ns};
+use plumbline_record::Said;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::io::{Read as _, Write as _};
@@ -271,7 +272,7 @@ fn measured_latency(seconds: u32) -> Latency {
     let link = Running::start(link);
     std::thread::sleep(Duration::from_secs(3));
     let mut tick = socket.listener(Producer::Tick);
-    send_at_200_hz(|odometry| tick.odometry(&odometry), seconds, Duration::ZERO);
+    send_at_200_hz(|odometry| tick.said(&Said::Odometry(odometry)), seconds, Duration::ZERO);
     std::thread::sleep(Duration::from_millis(500));
     Box::new(socket).stop();
     drop(link);

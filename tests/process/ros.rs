@@ -46,16 +46,17 @@ fn fly(python: &Path, changes: &[(&str, &str)], when: Machine) -> Seen {
         ("network.vehicle", "\"drone-1\"".to_owned()),
         ("ros.enabled", "true".to_owned()),
         ("ros.router", format!("\"{endpoint}\"")),
-        ("vehicle.imu_to_vehicle_deg", "[180.0, -90.0, 0.0]".to_owned()),
     ];
     all.extend(changes.iter().map(|(key, value)| (*key, (*value).to_owned())));
     configuration(&config, &all);
     let files = ["--config", config.to_str().unwrap(), "--odometry", odometry.to_str().unwrap()];
+    // In the configuration the simulated vehicle's own mounting would take its place.
+    let mounting = ["--set", "vehicle.imu_to_vehicle_deg=[180.0, -90.0, 0.0]"];
     // The vehicle says that it waits after three seconds.
     let duration = if when == Machine::Before { "--duration=4" } else { "--duration=10" };
     let mut vehicle = Command::new(env!("CARGO_BIN_EXE_plumbline"));
     let mut vehicle = vehicle
-        .args([&FLIGHT[..], &files, &[duration]].concat())
+        .args([&FLIGHT[..], &files, &mounting, &[duration]].concat())
         .stdout(Stdio::null())
         .stderr(Stdio::piped())
         .spawn()

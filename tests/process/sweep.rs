@@ -110,6 +110,34 @@ fn an_interrupted_sweep_keeps_what_has_landed() {
     assert!(kept.len() >= 2 && kept.iter().all(whole));
 }
 
+/// What a first try leaves behind must not be in the way of a second one.
+#[test]
+fn a_second_sweep_with_other_values_needs_no_cleaning_up() {
+    let folder = tempfile::tempdir().unwrap();
+    let sweep = |values: &str, arguments: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_plumbline"));
+        command.current_dir(folder.path()).env("XDG_CACHE_HOME", folder.path().join("cache"));
+        let axis = format!("estimator.points.max_points={values}");
+        command.args(["sweep", "--set", &axis, "sim:room?start=3&duration=1&scale=0.3"]).args(arguments);
+        command.output().unwrap()
+    };
+    succeeds(&sweep("60", &[]));
+    succeeds(&sweep("60,70", &[]));
+    let left: Vec<_> = folder.path().read_dir().unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    assert_eq!(left, ["cache"], "nothing is left in the working folder");
+    assert_eq!(folder.path().join("cache/plumbline").read_dir().unwrap().count(), 0);
+    // Folders that were asked for stay, and the message says which and what to do.
+    succeeds(&sweep("60", &["--out", "first.csv"]));
+    let refused = sweep("60,70", &["--out", "first.csv"]);
+    assert_eq!(refused.status.code(), Some(2), "{}", stderr(&refused));
+    for part in ["first.cells/cell-0.json", "another sweep", "--cells", "delete first.cells"] {
+        assert!(stderr(&refused).contains(part), "'{part}' is missing in {}", stderr(&refused));
+    }
+    let unnamed = sweep("60", &["--cell", "0"]);
+    assert_eq!(unnamed.status.code(), Some(2));
+    assert!(stderr(&unnamed).contains("--cells"), "{}", stderr(&unnamed));
+}
+
 #[test]
 fn what_cannot_be_swept_is_said_before_anything_is_flown() {
     let folder = tempfile::tempdir().unwrap();

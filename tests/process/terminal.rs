@@ -37,8 +37,8 @@ impl Station {
     }
 }
 
-#[test]
-fn the_view_ends_with_its_terminal() {
+/// A pseudo-terminal of 24 rows and 80 columns: its controlling end, and three handles of the other.
+fn terminal() -> (File, [Stdio; 3]) {
     let controller = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
     grantpt(&controller).unwrap();
     unlockpt(&controller).unwrap();
@@ -48,8 +48,100 @@ fn the_view_ends_with_its_terminal() {
     let no_control = OFlags::NOCTTY.bits() as i32;
     let end =
         || Stdio::from(File::options().read(true).write(true).custom_flags(no_control).open(&path).unwrap());
-    let mut station = Station::start(&[], [end(), end(), end()]);
-    let mut controller = File::from(controller);
+    (File::from(controller), [end(), end(), end()])
+}
+
+/// What is on a terminal after these bytes: text, places of the cursor, and what is erased (ECMA-48). Lines move up where
+/// they are written below the last row.
+fn screen(bytes: &str) -> Vec<String> {
+    let mut rows = vec![vec![' '; 80]; 24];
+    let (mut row, mut column, mut chars) = (0, 0, bytes.chars());
+    while let Some(c) = chars.next() {
+        match c {
+            '\u{1b}' => {
+                if chars.next() != Some('[') {
+                    continue;
+                }
+                let mut parameters = String::new();
+                let end = chars.by_ref().find(|c| {
+                    let is_end = ('@'..='~').contains(c);
+                    if !is_end {
+                        parameters.push(*c);
+                    }
+                    is_end
+                });
+                let numbers: Vec<usize> = parameters.split(';').map(|n| n.parse().unwrap_or(1)).collect();
+                match end {
+                    Some('H') => {
+                        row = numbers[0].max(1) - 1;
+                        column = numbers.get(1).map_or(0, |n| n.max(&1) - 1);
+                    }
+                    Some('J') => rows = vec![vec![' '; 80]; 24],
+                    // The alternate screen.
+                    Some('h') if parameters.starts_with("?1049") => rows = vec![vec![' '; 80]; 24],
+                    _ => {}
+                }
+            }
+            '\r' => column = 0,
+            '\n' if row == 23 => {
+                rows.remove(0);
+                rows.push(vec![' '; 80]);
+            }
+            '\n' => row += 1,
+            c if !c.is_control() => {
+                rows[row.min(23)][column.min(79)] = c;
+                column += 1;
+            }
+            _ => {}
+        }
+    }
+    rows.into_iter().map(|row| row.into_iter().collect::<String>().trim_end().to_owned()).collect()
+}
+
+/// The station says in lines of the log why it hears nobody, while its view has the terminal.
+#[test]
+fn lines_of_the_log_do_not_tear_the_view() {
+    let (mut controller, ends) = terminal();
+    let mut station = Station::start(&[], ends);
+    let mut shown = String::new();
+    let mut read = |shown: &mut String| {
+        let mut bytes = [0; 4_096];
+        let count = controller.read(&mut bytes).unwrap();
+        shown.push_str(&String::from_utf8_lossy(&bytes[..count]));
+    };
+    let has_warning = |shown: &str| screen(shown).join("\n").contains("WARN tcp/127.0.0.1");
+    eventually("the warning is shown", PATIENCE, || {
+        read(&mut shown);
+        has_warning(&shown)
+    });
+    // A few pictures more.
+    eventually("what is tried is shown", PATIENCE, || {
+        read(&mut shown);
+        screen(&shown).join("\n").contains("Connecting to tcp/127.0.0.1")
+    });
+    let rows = screen(&shown);
+    println!("{}", rows.join("\n"));
+    let border = |row: &str, ends: [char; 2]| row.starts_with(ends[0]) && row.ends_with(ends[1]);
+    assert!(border(&rows[0], ['┌', '┐']) && rows[1].contains("no vehicle received yet"), "{rows:#?}");
+    let top = rows.iter().position(|row| row.starts_with("┌ log ")).expect("there is a pane");
+    assert!(border(&rows[22], ['└', '┘']), "{rows:#?}");
+    assert!(rows[top + 1..22].iter().all(|row| border(row, ['│', '│'])), "{rows:#?}");
+    assert!(rows[top + 1].contains("WARN") && rows[23].contains("q: quit"), "{rows:#?}");
+    // Afterwards the lines are in the terminal.
+    Command::new("kill").args(["-INT", &station.0.id().to_string()]).status().unwrap();
+    let restored = "\u{1b}[?1049l";
+    eventually("the lines are written", PATIENCE, || {
+        read(&mut shown);
+        shown.rsplit(restored).next().is_some_and(|after| after.contains("no listener at that port"))
+            && shown.contains(restored)
+    });
+    station.ends(0);
+}
+
+#[test]
+fn the_view_ends_with_its_terminal() {
+    let (mut controller, ends) = terminal();
+    let mut station = Station::start(&[], ends);
     let mut shown = String::new();
     eventually("the view is drawn", PATIENCE, || {
         let mut bytes = [0; 4_096];

@@ -2,7 +2,8 @@
 
     {"do": "open", "url": U}    {"do": "text", "css": S}    {"do": "attr", "css": S, "name": N}
     {"do": "click", "css": S}   {"do": "shot", "file": F}   {"do": "errors"}   {"do": "script", "js": J}
-    {"do": "size", "width": W, "height": H}     of the page without the browser's frame, in pixels
+    {"do": "size", "width": W, "height": H, "touch": T}     of the page without the browser's frame, in pixels; whether
+                                                            it is touched, as on a phone, or has a mouse
 
 The answer is {"value": ...} or {"error": "..."}. Ends with standard input.
 """
@@ -47,7 +48,9 @@ def carry_out(driver, order):
         case "shot":
             return driver.save_screenshot(order["file"])
         case "size":
-            metrics = {"width": order["width"], "height": order["height"], "deviceScaleFactor": 1, "mobile": False}
+            is_touched = order.get("touch", False)
+            driver.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": is_touched})
+            metrics = {"width": order["width"], "height": order["height"], "deviceScaleFactor": 1, "mobile": is_touched}
             return driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
         case "script":
             return driver.execute_script(order["js"])

@@ -6,6 +6,7 @@ use plumbline_flight::flight::{Cut, fly, open_dataset};
 use plumbline_flight::pipeline::listener::{Listener, Producer, Subscriber};
 use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_lab::report::Report;
+use plumbline_record::Said;
 use plumbline_tests::shared;
 use std::sync::{Arc, Mutex};
 
@@ -87,7 +88,8 @@ impl Subscriber for Steps {
 }
 
 impl Listener for Steps {
-    fn odometry(&mut self, now: &Odometry) {
+    fn said(&mut self, said: &Said) {
+        let Said::Odometry(now) = said else { return };
         let mut largest = self.0.lock().unwrap();
         if let Some(last) = largest.last.replace(now.clone()).filter(|l| l.steps() == now.steps()) {
             let dt_s = now.stamp.seconds_since(last.stamp);

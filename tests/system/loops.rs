@@ -6,7 +6,7 @@ use plumbline_drivers::simulator::{FlightPath, Scenario, Scene, Twin};
 use plumbline_estimator::places::graph::{Edge, LoopRefused, PoseGraph};
 use plumbline_estimator::places::{IndexOptions, MapPath, MapUpdate, Mapper, PlaceMap};
 use plumbline_flight::flight::{CausalPose, Flight, Flown, fly, open_simulation};
-use plumbline_flight::pipeline::listener::{Listener, Mapped, Producer, Subscriber};
+use plumbline_flight::pipeline::listener::{Listener, Producer, Subscriber, View};
 use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_lab::report::Report;
 use plumbline_tests::shared;
@@ -30,8 +30,10 @@ impl Subscriber for Updates {
 }
 
 impl Listener for Updates {
-    fn mapped(&mut self, mapped: &Mapped<'_>) {
-        self.0.lock().unwrap().push(*mapped.update);
+    fn shown(&mut self, view: View<'_>) {
+        if let View::Mapped(mapped) = view {
+            self.0.lock().unwrap().push(*mapped.update);
+        }
     }
 }
 

@@ -6,13 +6,15 @@
 use super::yaml::{Document, Node};
 use super::{Calibration, distortion, is_identity, pinhole, rigid, size_px};
 use crate::error::ConfigError;
-use crate::options::{CameraConfig, Config, rows_from_isometry};
+use crate::options::{CameraConfig, Config, Mounting, rows_from_isometry};
 use crate::valid::ValidConfig;
 use nalgebra::Isometry3;
 use std::path::{Path, PathBuf};
 
 /// Where the file of a sensor may lie, seen from the directory; `{}` is the sensor.
 const LAYOUTS: [&str; 3] = ["mav0/{}/sensor.yaml", "{}/sensor.yaml", "{}.yaml"];
+/// Key of the IMU's file that states its mounting: no part of the format, but written into simulated data sets.
+const MOUNTING_KEY: &str = "imu_to_vehicle_deg";
 const EXPECTED: &str = "mav0/cam0/sensor.yaml, cam0/sensor.yaml or cam0.yaml in it";
 
 /// Calibration of a data set: a directory with `mav0` in it, the `mav0` itself, or one with `cam0.yaml`,
@@ -52,12 +54,31 @@ pub fn euroc_cameras_into(
     config.validated(&directory.display().to_string())
 }
 
+/// Mounting of the IMU in the vehicle that a data set states; real ones state none.
+///
+/// # Errors
+/// When the file of the IMU is missing or malformed.
+pub fn euroc_mounting(directory: impl AsRef<Path>) -> Result<Option<Mounting>, ConfigError> {
+    let directory = directory.as_ref();
+    let layout = layout_of(directory)?;
+    mounting(&Document::read(&file(directory, layout, "imu0"))?.root())
+}
+
+fn mounting(imu: &Node<'_>) -> Result<Option<Mounting>, ConfigError> {
+    let Some(node) = imu.optional(MOUNTING_KEY) else { return Ok(None) };
+    match node.text() {
+        Ok(Mounting::UNKNOWN) => Ok(Some(Mounting::Unknown)),
+        _ => Ok(Some(Mounting::Known(node.numbers()?))),
+    }
+}
+
 fn read(directory: &Path) -> Result<Calibration, ConfigError> {
     let layout = layout_of(directory)?;
     let imu = Document::read(&file(directory, layout, "imu0"))?;
     let cameras = cameras(directory, layout, &pose(&imu.root())?)?;
     let (imu_rate_hz, noise) = inertial(&imu.root())?;
-    Ok(Calibration { cameras, imu_rate_hz, noise, time_offset_s: None })
+    let mounting = mounting(&imu.root())?;
+    Ok(Calibration { cameras, imu_rate_hz, noise, time_offset_s: None, mounting })
 }
 
 fn layout_of(directory: &Path) -> Result<&'static str, ConfigError> {
@@ -129,5 +150,8 @@ pub(crate) fn from_texts(cam0: &str, imu0: &str) -> Result<ValidConfig, ConfigEr
     let imu = Document::parse(imu0, "imu0")?;
     let cameras = vec![camera(&Document::parse(cam0, "cam0")?.root(), &pose(&imu.root())?)?];
     let (imu_rate_hz, noise) = inertial(&imu.root())?;
-    Calibration { cameras, imu_rate_hz, noise, time_offset_s: None }.into_config().validated("texts")
+    let mounting = mounting(&imu.root())?;
+    Calibration { cameras, imu_rate_hz, noise, time_offset_s: None, mounting }
+        .into_config()
+        .validated("texts")
 }

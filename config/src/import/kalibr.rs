@@ -60,7 +60,7 @@ fn convert(camchain: &Document, imu: &Document, camera_rate_hz: f64) -> Result<C
         check_shifts(&second, time_offset_s)?;
     }
     let (imu_rate_hz, noise) = inertial(&imu.root())?;
-    Ok(Calibration { cameras, imu_rate_hz, noise, time_offset_s: Some(time_offset_s) })
+    Ok(Calibration { cameras, imu_rate_hz, noise, time_offset_s: Some(time_offset_s), mounting: None })
 }
 
 fn transform(node: &Node<'_>) -> Result<Isometry3<f64>, ConfigError> {

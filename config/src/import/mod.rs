@@ -14,7 +14,7 @@ mod euroc;
 mod kalibr;
 mod yaml;
 
-pub use euroc::{euroc, euroc_cameras_into, euroc_into};
+pub use euroc::{euroc, euroc_cameras_into, euroc_into, euroc_mounting};
 pub use kalibr::{DEFAULT_CAMERA_RATE_HZ, kalibr, kalibr_into};
 
 #[cfg(any(test, feature = "fuzzing"))]
@@ -24,7 +24,7 @@ pub(crate) use kalibr::from_texts as kalibr_texts;
 
 use crate::camera::Distortion;
 use crate::error::ConfigError;
-use crate::options::{CameraConfig, Config, ImuConfig, isometry_from_rows};
+use crate::options::{CameraConfig, Config, ImuConfig, Mounting, VehicleConfig, isometry_from_rows};
 use crate::validate::pose_problem;
 use nalgebra::{Isometry3, Vector3};
 use yaml::Node;
@@ -36,6 +36,8 @@ struct Calibration {
     /// Gyroscope noise and walk, accelerometer noise and walk, in the order and units of [`ImuConfig`].
     noise: [f64; 4],
     time_offset_s: Option<f64>,
+    /// Mounting of the IMU in the vehicle, where the files state it.
+    mounting: Option<Mounting>,
 }
 
 impl Calibration {
@@ -51,8 +53,18 @@ impl Calibration {
         self.put_into(base)
     }
 
-    /// `base` with its calibration replaced, its noise model kept.
+    /// `base` with its calibration replaced, its noise model kept. The mounting is that of the files, or that of the base
+    /// where both are of the same rig; otherwise it is unknown.
     fn put_into(self, mut base: Config) -> Config {
+        let is_same_rig = match (base.camera.first(), self.cameras.first()) {
+            (Some(before), Some(now)) => agree(&before.pose_b_c(), &now.pose_b_c()),
+            _ => false,
+        };
+        base.vehicle = match self.mounting {
+            Some(imu_to_vehicle_deg) => VehicleConfig { imu_to_vehicle_deg },
+            None if is_same_rig => base.vehicle,
+            None => VehicleConfig::default(),
+        };
         base.camera = self.cameras;
         base.imu.rate_hz = self.imu_rate_hz;
         if let Some(time_offset_s) = self.time_offset_s {

@@ -2,6 +2,7 @@
 
 use super::serial_line::{SerialLine, split_address};
 use serde::{Deserialize, Serialize};
+use std::net::IpAddr;
 
 /// Odometry for PX4 or ArduPilot as MAVLink `ODOMETRY`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -60,14 +61,20 @@ impl Default for AutopilotConfig {
 pub enum AutopilotEndpoint {
     /// It listens at this host and port: `udp://HOST:PORT` (or `udpout:`).
     Udp(String),
-    /// It sends to this address and port of ours, and is answered there: `udpin://ADDRESS:PORT`.
-    UdpIn(String),
+    /// It sends to an address and port of ours, and is answered there: `udpin://ADDRESS:PORT`, or
+    /// `udpin://ADDRESS:PORT?from=HOST`.
+    UdpIn {
+        /// Our address and port.
+        at: String,
+        /// Address of the only host that is listened to.
+        from: Option<IpAddr>,
+    },
     /// It is at the other end of a serial line: `serial://DEVICE:BAUD`.
     Serial(SerialLine),
 }
 
 impl AutopilotEndpoint {
-    /// Reads `udp://HOST:PORT`, `udpin://ADDRESS:PORT` or `serial://DEVICE:BAUD`.
+    /// Reads `udp://HOST:PORT`, `udpin://ADDRESS:PORT`, `udpin://ADDRESS:PORT?from=HOST` or `serial://DEVICE:BAUD`.
     ///
     /// # Errors
     /// What is wrong with the text, in words.
@@ -75,11 +82,19 @@ impl AutopilotEndpoint {
         let (kind, rest) = split_address(text, "udp://, udpin:// or serial://")?;
         match kind.as_str() {
             "udp" | "udpout" => host_and_port(&rest).map(|()| Self::Udp(rest)),
-            "udpin" => host_and_port(&rest).map(|()| Self::UdpIn(rest)),
+            "udpin" => udp_in(&rest),
             "serial" => SerialLine::parse(&rest).map(Self::Serial),
             _ => Err(format!("{kind:?} is none of udp, udpin and serial")),
         }
     }
+}
+
+fn udp_in(text: &str) -> Result<AutopilotEndpoint, String> {
+    let (at, from) = text.split_once("?from=").map_or((text, None), |(at, from)| (at, Some(from)));
+    host_and_port(at)?;
+    let not_an_address = |from: &str| format!("{from:?} behind ?from= is no address such as 192.168.1.10");
+    let from = from.map(|from| from.parse().map_err(|_| not_an_address(from))).transpose()?;
+    Ok(AutopilotEndpoint::UdpIn { at: at.to_owned(), from })
 }
 
 /// Whether this is `HOST:PORT`; else what is wrong with it.

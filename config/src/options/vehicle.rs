@@ -3,22 +3,98 @@
 use nalgebra::UnitQuaternion;
 use serde::{Deserialize, Serialize};
 
-/// How the IMU is mounted in the vehicle. Ground station, autopilot and ROS 2 speak of the vehicle's attitude
+/// Mounting of the IMU in the vehicle. Ground station, autopilot and ROS 2 speak of the vehicle's attitude
 /// by it; the estimator does not depend on it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct VehicleConfig {
     /// Rotation from the IMU's axes `B` to the vehicle's axes `V` (x forward, y left, z up): roll, pitch and yaw
-    /// about these three axes, degrees; `Rz(yaw) Ry(pitch) Rx(roll)` takes coordinates from `B` to `V`.
-    pub imu_to_vehicle_deg: [f64; 3],
+    /// about these three axes, degrees; `Rz(yaw) Ry(pitch) Rx(roll)` takes coordinates from `B` to `V`. Or "unknown".
+    pub imu_to_vehicle_deg: Mounting,
+}
+
+/// Rotation from the IMU to the vehicle, as far as it is known.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "WrittenMounting", into = "WrittenMounting")]
+pub enum Mounting {
+    /// Not known: nothing that depends on the vehicle's attitude may start.
+    #[default]
+    Unknown,
+    /// Roll, pitch and yaw, degrees.
+    Known([f64; 3]),
+}
+
+/// A mounting as it is written in a file.
+#[derive(Serialize, Deserialize)]
+#[serde(untagged)]
+enum WrittenMounting {
+    Degrees([f64; 3]),
+    Word(String),
+}
+
+impl TryFrom<WrittenMounting> for Mounting {
+    type Error = String;
+
+    fn try_from(written: WrittenMounting) -> Result<Self, String> {
+        match written {
+            WrittenMounting::Degrees(degrees) => Ok(Self::Known(degrees)),
+            WrittenMounting::Word(word) if word == Self::UNKNOWN => Ok(Self::Unknown),
+            WrittenMounting::Word(word) => Err(format!("{word:?} is neither three angles nor \"unknown\"")),
+        }
+    }
+}
+
+impl From<Mounting> for WrittenMounting {
+    fn from(mounting: Mounting) -> Self {
+        match mounting {
+            Mounting::Known(degrees) => Self::Degrees(degrees),
+            Mounting::Unknown => Self::Word(Mounting::UNKNOWN.to_owned()),
+        }
+    }
+}
+
+impl Mounting {
+    /// Word of a configuration for a mounting that is not known.
+    pub const UNKNOWN: &'static str = "unknown";
+
+    /// Mounting of this rotation from the IMU to the vehicle; angles are rounded to a thousandth of a degree.
+    #[must_use]
+    pub fn of_rotation(rot_v_b: &UnitQuaternion<f64>) -> Self {
+        let (roll, pitch, yaw) = rot_v_b.euler_angles();
+        let rounded = |angle: f64| (angle.to_degrees() * 1e3).round() / 1e3;
+        // Adding zero turns -0 into 0.
+        Self::Known([roll, pitch, yaw].map(|angle| rounded(angle) + 0.0))
+    }
+
+    /// Roll, pitch and yaw, degrees, where they are known.
+    #[must_use]
+    pub fn degrees(&self) -> Option<[f64; 3]> {
+        match self {
+            Self::Known(degrees) => Some(*degrees),
+            Self::Unknown => None,
+        }
+    }
 }
 
 impl VehicleConfig {
-    /// `R_VB`: takes coordinates from the IMU's axes `B` to the vehicle's axes `V` (x forward, y left, z up).
+    /// Words of a message that refuses an unknown mounting: what is missing.
+    pub const UNKNOWN: &'static str = "vehicle.imu_to_vehicle_deg is \"unknown\"";
+    /// Words of a message that refuses an unknown mounting: what to do.
+    pub const CURE: &'static str = "set it to roll, pitch and yaw of the IMU in the vehicle, degrees, such as [180.0, 0.0, \
+                                    0.0]; `plumbline doctor --live` measures it";
+
+    /// Mounting by roll, pitch and yaw, degrees.
     #[must_use]
-    pub fn rot_v_b(&self) -> UnitQuaternion<f64> {
-        let [roll, pitch, yaw] = self.imu_to_vehicle_deg.map(f64::to_radians);
-        UnitQuaternion::from_euler_angles(roll, pitch, yaw)
+    pub fn mounted(imu_to_vehicle_deg: [f64; 3]) -> Self {
+        Self { imu_to_vehicle_deg: Mounting::Known(imu_to_vehicle_deg) }
+    }
+
+    /// `R_VB`: takes coordinates from the IMU's axes `B` to the vehicle's axes `V` (x forward, y left, z up). `None` if
+    /// the mounting is unknown.
+    #[must_use]
+    pub fn rot_v_b(&self) -> Option<UnitQuaternion<f64>> {
+        let [roll, pitch, yaw] = self.imu_to_vehicle_deg.degrees()?.map(f64::to_radians);
+        Some(UnitQuaternion::from_euler_angles(roll, pitch, yaw))
     }
 }
 
@@ -29,7 +105,7 @@ mod tests {
     use nalgebra::Vector3;
 
     fn rotated(imu_to_vehicle_deg: [f64; 3], v_b: [f64; 3]) -> Vector3<f64> {
-        VehicleConfig { imu_to_vehicle_deg }.rot_v_b() * Vector3::from(v_b)
+        VehicleConfig::mounted(imu_to_vehicle_deg).rot_v_b().unwrap() * Vector3::from(v_b)
     }
 
     fn assert_near(a: Vector3<f64>, b: [f64; 3]) {
@@ -52,6 +128,23 @@ mod tests {
         assert_near(turned([0.0, 0.0, 1.0]), [1.0, 0.0, 0.0]);
     }
 
+    #[test]
+    fn a_rotation_is_written_by_its_angles() {
+        let Mounting::Known(degrees) =
+            Mounting::of_rotation(&VehicleConfig::mounted([-168.527, -85.105, -10.032]).rot_v_b().unwrap())
+        else {
+            panic!("it is known")
+        };
+        for (angle, expected) in degrees.into_iter().zip([-168.527, -85.105, -10.032]) {
+            assert!((angle - expected).abs() < 2e-3, "{degrees:?}");
+        }
+    }
+
+    #[test]
+    fn a_mounting_that_nobody_has_set_is_unknown() {
+        assert_eq!(VehicleConfig::default().rot_v_b(), None);
+    }
+
     /// Angles of `up_v` against the vehicle's z: roll (right wing down) and pitch (nose up), degrees.
     fn tilt_deg(up_v: &Vector3<f64>) -> [f64; 2] {
         [libm::atan2(up_v.y, up_v.z), libm::asin(up_v.x / up_v.norm())].map(f64::to_degrees)
@@ -61,10 +154,11 @@ mod tests {
     fn the_vehicle_of_the_euroc_data_sets_is_level_at_rest_with_its_nose_where_the_cameras_look() {
         let config = Config::preset("euroc").unwrap();
         // What the accelerometer of V1_01_easy says at the end of the flight, on the ground: mean of a second, m/s².
-        let up_v = config.vehicle.rot_v_b() * Vector3::new(9.244, 0.293, -3.223);
+        let up_v = config.vehicle.rot_v_b().unwrap() * Vector3::new(9.244, 0.293, -3.223);
         let [roll, pitch] = tilt_deg(&up_v);
         assert!(roll.abs() < 2.0 && pitch.abs() < 1.0, "roll {roll} pitch {pitch}");
-        let optical_axis_v = config.vehicle.rot_v_b() * config.camera[0].pose_b_c().rotation * Vector3::z();
+        let optical_axis_v =
+            config.vehicle.rot_v_b().unwrap() * config.camera[0].pose_b_c().rotation * Vector3::z();
         let azimuth_deg = libm::atan2(optical_axis_v.y, optical_axis_v.x).to_degrees();
         assert!(azimuth_deg.abs() < 2.0, "{azimuth_deg}");
     }
@@ -72,7 +166,7 @@ mod tests {
     #[test]
     fn the_simulated_vehicle_looks_a_little_downwards() {
         let config = Config::preset("sim").unwrap();
-        let rot_v_c = config.vehicle.rot_v_b() * config.camera[0].pose_b_c().rotation;
+        let rot_v_c = config.vehicle.rot_v_b().unwrap() * config.camera[0].pose_b_c().rotation;
         // Camera axes: x right, y down, z forward, turned down by 0.08 rad.
         let (sin, cos) = 0.08_f64.sin_cos();
         for (axis_c, axis_v) in [

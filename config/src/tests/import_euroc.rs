@@ -1,7 +1,7 @@
 use super::{euroc, with};
 use crate::ConfigError;
 use crate::import::{self, euroc_texts};
-use crate::options::isometry_from_rows;
+use crate::options::{Mounting, isometry_from_rows};
 use std::fs;
 use std::path::Path;
 
@@ -133,4 +133,25 @@ fn what_is_wrong_is_named_by_file_and_key() {
     for text in ["", "7", "[1, 2]", "a: b"] {
         euroc_texts(text, IMU0).expect_err("is refused");
     }
+}
+
+#[test]
+fn a_mounting_is_stated_or_that_of_the_same_rig_or_unknown() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let stated = |imu: &str, cam: &str| {
+        write(folder.path(), "cam0/sensor.yaml", cam);
+        write(folder.path(), "imu0/sensor.yaml", imu);
+        let config = import::euroc_into(euroc(), folder.path()).expect("is good");
+        (config.vehicle.imu_to_vehicle_deg.degrees(), import::euroc_mounting(folder.path()).expect("is good"))
+    };
+    // The rig of the base, and one whose camera looks elsewhere.
+    assert_eq!(stated(IMU0, CAM0), (Some([180.0, -70.3, 0.0]), None));
+    let other = CAM0.replace("-0.999880929698, 0.00414029679422", "0.999880929698, -0.00414029679422");
+    let other = other.replace("0.0149672133247, 0.025715529948", "-0.0149672133247, -0.025715529948");
+    let other = other.replace("0.00375618835797, 0.999660727178", "-0.00375618835797, -0.999660727178");
+    assert_eq!(stated(IMU0, &other), (None, None));
+    let known = format!("{IMU0}imu_to_vehicle_deg: [1.0, 2.0, 3.0]\n");
+    assert_eq!(stated(&known, CAM0), (Some([1.0, 2.0, 3.0]), Some(Mounting::Known([1.0, 2.0, 3.0]))));
+    let unknown = format!("{IMU0}imu_to_vehicle_deg: unknown\n");
+    assert_eq!(stated(&unknown, CAM0), (None, Some(Mounting::Unknown)));
 }

@@ -60,6 +60,25 @@ fn an_unknown_key_suggests_the_nearest() {
 }
 
 #[test]
+fn a_key_that_is_like_none_suggests_none() {
+    let error = refused(&with(preset(), "max_iterations = ", "max_features = "));
+    let message = error.to_string();
+    assert!(message.contains("known here") && !message.contains("did you mean"), "{message}");
+}
+
+#[test]
+fn a_mounting_may_be_unknown_and_no_other_word() {
+    let degrees = "imu_to_vehicle_deg = [180.0, -70.3, 0.0]";
+    let unknown = with(preset(), degrees, "imu_to_vehicle_deg = \"unknown\"");
+    let config = Config::from_toml_str(&unknown, "drone.toml").expect("is good");
+    assert_eq!(config.vehicle.rot_v_b(), None);
+    let written = config.to_toml().expect("is plain data");
+    assert_eq!(Config::from_toml_str(&written, "written").expect("is good"), config);
+    let error = refused(&with(preset(), degrees, "imu_to_vehicle_deg = \"upright\"")).to_string();
+    assert!(error.contains("where a list of 3 numbers or \"unknown\" is expected"), "{error}");
+}
+
+#[test]
 fn all_violations_are_collected() {
     let text = with(preset(), "gravity_m_s2 = 9.81", "gravity_ms2 = 9.81");
     let text = with(&text, "scouting = false", "scouting = \"no\"");

@@ -60,7 +60,7 @@ fn the_right_camera_is_the_makers_baseline_to_the_right_of_the_left_one() {
 fn cameras_look_forward_and_stand_upright_in_the_vehicle() {
     for (name, ..) in RIGS {
         let config = rig(name);
-        let rot_v_c = config.vehicle.rot_v_b() * config.camera[0].pose_b_c().rotation;
+        let rot_v_c = config.vehicle.rot_v_b().unwrap() * config.camera[0].pose_b_c().rotation;
         // Camera axes x right, y down, z forward; vehicle axes x forward, y left, z up.
         for (axis_c, axis_v) in
             [(Vector3::x(), -Vector3::y()), (Vector3::y(), -Vector3::z()), (Vector3::z(), Vector3::x())]

@@ -1,6 +1,6 @@
 use super::euroc;
 use crate::camera::Distortion;
-use crate::options::{ImuProtocol, PairBy, TlsConfig, TriggerExposure, V4l2Format};
+use crate::options::{ImuProtocol, PairBy, TlsConfig, TriggerExposure, V4l2Format, VehicleConfig};
 use crate::shape::sample_for_tests;
 use crate::{Config, Violation};
 use serde::Deserialize;
@@ -180,12 +180,16 @@ fn autopilots_have_an_address_and_a_line_that_is_fast_enough() {
         "serial://ttyS0:921600",
         "serial:///dev/ttyS0",
         "serial:///dev/ttyS0:1",
+        "udpin://0.0.0.0:14550?from=autopilot",
     ] {
         check("autopilot.connect", "serial:///dev/ttyS0:921600", |c| c.autopilot.connect = bad.into());
     }
     let goods = ["", "udp://127.0.0.1:14540", "udpout://[::1]:14540", "udpin://0.0.0.0:14550"];
-    for good in
-        goods.into_iter().chain(["serial:///dev/ttyS0:115200", "serial:///dev/serial/by-path/a:1:921600"])
+    let pinned = ["udpin://0.0.0.0:14550?from=192.168.1.10", "udpin://[::]:14550?from=fd00::1"];
+    for good in goods
+        .into_iter()
+        .chain(pinned)
+        .chain(["serial:///dev/ttyS0:115200", "serial:///dev/serial/by-path/a:1:921600"])
     {
         assert_eq!(refused(|c| c.autopilot.connect = good.into()), []);
     }
@@ -193,7 +197,9 @@ fn autopilots_have_an_address_and_a_line_that_is_fast_enough() {
         c.autopilot.connect = "serial:///dev/ttyS0:57600".into();
     });
     check("autopilot.rate_hz", "30 to 50", |c| c.autopilot.rate_hz = 10.0);
-    check("vehicle.imu_to_vehicle_deg[1]", "degrees", |c| c.vehicle.imu_to_vehicle_deg[1] = 270.0);
+    check("vehicle.imu_to_vehicle_deg[1]", "degrees", |c| {
+        c.vehicle = VehicleConfig::mounted([0.0, 270.0, 0.0]);
+    });
 }
 
 /// Two devices, as they are listed.
@@ -424,4 +430,18 @@ fn the_local_socket_has_a_path_permissions_and_a_group() {
             ("/run/plumbline/local".into(), "0o640".into(), "video".into());
     };
     assert_eq!(refused(good), []);
+}
+
+/// -1 stands in the comment of the key, and in the message where the host refuses another value.
+#[test]
+fn the_idle_latency_may_be_negative_and_no_count_may() {
+    let preset = crate::preset_text("sim").unwrap();
+    let with = |before: &str, after: &str| {
+        assert!(preset.contains(before));
+        Config::from_toml_str(&preset.replacen(before, after, 1), "sim.toml")
+    };
+    let config = with("\nidle_latency_us = 50", "\nidle_latency_us = -1").unwrap();
+    assert_eq!(config.runtime.idle_latency_us, -1);
+    let refused = with("\nmax_keyframes = 1000", "\nmax_keyframes = -1").unwrap_err().to_string();
+    assert!(refused.contains("max_keyframes") && refused.contains("not a whole number"), "{refused}");
 }

@@ -33,6 +33,6 @@ pub(super) fn check(autopilot: &AutopilotConfig, found: &mut Vec<Violation>) {
                 refuse(reason, "use a faster line, such as 921600");
             }
         }
-        Ok(AutopilotEndpoint::Udp(_) | AutopilotEndpoint::UdpIn(_)) => {}
+        Ok(AutopilotEndpoint::Udp(_) | AutopilotEndpoint::UdpIn { .. }) => {}
     }
 }

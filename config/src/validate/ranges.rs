@@ -124,9 +124,9 @@ const CONFIG_ROWS: &[Row<Config>] = &[
 
     ("runtime.idle_latency_us", |c| c.runtime.idle_latency_us as f64, -1.0, 1e6, "write it in microseconds; 0 keeps processors awake, -1 leaves it to the system"),
 
-    ("vehicle.imu_to_vehicle_deg[0]", |c| c.vehicle.imu_to_vehicle_deg[0], -180.0, 180.0, DEGREES),
-    ("vehicle.imu_to_vehicle_deg[1]", |c| c.vehicle.imu_to_vehicle_deg[1], -180.0, 180.0, DEGREES),
-    ("vehicle.imu_to_vehicle_deg[2]", |c| c.vehicle.imu_to_vehicle_deg[2], -180.0, 180.0, DEGREES),
+    ("vehicle.imu_to_vehicle_deg[0]", |c| mounted(c)[0], -180.0, 180.0, DEGREES),
+    ("vehicle.imu_to_vehicle_deg[1]", |c| mounted(c)[1], -180.0, 180.0, DEGREES),
+    ("vehicle.imu_to_vehicle_deg[2]", |c| mounted(c)[2], -180.0, 180.0, DEGREES),
 
     ("autopilot.rate_hz",   |c| c.autopilot.rate_hz,               30.0, 50.0,   "write it in Hz; PX4 asks for 30 to 50"),
     ("autopilot.system_id", |c| f64::from(c.autopilot.system_id),  1.0,  255.0, "write the number of the vehicle, as its autopilot has it"),
@@ -140,6 +140,11 @@ const CAMERA_ROWS: &[Row<CameraConfig>] = &[
     ("focal_px[0]", |c| c.focal_px[0],      10.0, 2e4,    "write it in pixels (is this in mm?)"),
     ("focal_px[1]", |c| c.focal_px[1],      10.0, 2e4,    "write it in pixels (is this in mm?)"),
 ];
+
+/// Angles of the mounting; zeros where it is unknown.
+fn mounted(config: &Config) -> [f64; 3] {
+    config.vehicle.imu_to_vehicle_deg.degrees().unwrap_or_default()
+}
 
 /// Every number of the whole configuration out of its range, but for those of the estimator's setup.
 pub(super) fn check_config(config: &Config, found: &mut Vec<Violation>) {

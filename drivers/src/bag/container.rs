@@ -19,6 +19,11 @@ const MAX_RECORD_BYTES: usize = 256 << 20;
 const READ_BYTES: usize = 1 << 16;
 /// Most that is read at once, bytes: what a record says of its length may be invented.
 const MAX_READ_BYTES: usize = 4 << 20;
+/// Records in a row that are no messages: an index has one for each topic and chunk.
+const MAX_IDLE_RECORDS: u64 = 1_000_000;
+/// Records may be this many times as long as the compressed bytes that hold them. Images that are not black throughout are far
+/// below.
+const MAX_EXPANSION: u64 = 1_000;
 /// Topics and schemas that a bag may have.
 const MAX_TOPICS: usize = 4096;
 
@@ -123,6 +128,10 @@ pub(crate) struct Container<R> {
     /// Channels by their numbers, and the topics that they are.
     channels: BTreeMap<u16, usize>,
     read_bytes: u64,
+    /// Bytes of the records so far.
+    expanded_bytes: u64,
+    /// Records since the last message.
+    idle_records: u64,
 }
 
 impl<R: Read> Container<R> {
@@ -138,7 +147,15 @@ impl<R: Read> Container<R> {
             schemas: BTreeMap::new(),
             channels: BTreeMap::new(),
             read_bytes: 0,
+            expanded_bytes: 0,
+            idle_records: 0,
         }
+    }
+
+    /// Whether what is read is far more than the file can have been made of.
+    fn is_bomb(&self) -> bool {
+        let bound = (MAX_RECORD_BYTES as u64).saturating_add(self.read_bytes.saturating_mul(MAX_EXPANSION));
+        self.idle_records > MAX_IDLE_RECORDS || self.expanded_bytes > bound
     }
 
     /// The next message of a topic that can be flown with, into `payload`; topics that are met are added to `topics`.
@@ -154,10 +171,13 @@ impl<R: Read> Container<R> {
                 Some(Err(error)) => return Err(damaged(&self.path, self.read_bytes, &error)),
                 Some(Ok(LinearReadEvent::ReadRequest(bytes))) => bytes,
                 Some(Ok(LinearReadEvent::Record { opcode, data })) => {
+                    self.expanded_bytes += data.len() as u64;
+                    self.idle_records = if opcode == op::MESSAGE { 0 } else { self.idle_records + 1 };
                     let (schemas, channels) = (&mut self.schemas, &mut self.channels);
                     let taken = take(opcode, data, schemas, channels, topics, payload);
                     match taken.map_err(|error| damaged(&self.path, self.read_bytes, &error))? {
                         Some((topic, kind)) => return Ok(Step::Message(topic, kind)),
+                        None if self.is_bomb() => return Err(expands(&self.path, self.read_bytes)),
                         None => continue,
                     }
                 }
@@ -168,6 +188,13 @@ impl<R: Read> Container<R> {
             self.read_bytes += read as u64;
         }
     }
+}
+
+fn expands(path: &Path, read_bytes: u64) -> DriverError {
+    let message = format!(
+        "the first {read_bytes} bytes expand to far more records than a recording has; record it again without compression"
+    );
+    DriverError::malformed(path, message)
 }
 
 fn damaged(path: &Path, read_bytes: u64, error: &McapError) -> DriverError {

@@ -74,6 +74,39 @@ fn image_message(stamp_ns: i64, value: u8, is_little: bool) -> Vec<u8> {
     out.bytes
 }
 
+/// An MCAP file of one chunk, compressed by Zstandard, that holds these records.
+fn chunk_of(records: &[u8]) -> Vec<u8> {
+    let mut file = mcap::MAGIC.to_vec();
+    let compressed = zstd::bulk::compress(records, 1).unwrap();
+    let mut chunk = Vec::new();
+    for number in [0_u64, 0, records.len() as u64] {
+        chunk.extend(number.to_le_bytes());
+    }
+    // No CRC, and the name of the compression.
+    chunk.extend([0; 4]);
+    chunk.extend([&4_u32.to_le_bytes()[..], b"zstd"].concat());
+    chunk.extend((compressed.len() as u64).to_le_bytes());
+    chunk.extend(compressed);
+    file.push(mcap::records::op::CHUNK);
+    file.extend((chunk.len() as u64).to_le_bytes());
+    file.extend(chunk);
+    file
+}
+
+#[test]
+fn a_few_kilobytes_that_expand_to_millions_of_records_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bomb.mcap");
+    // Empty records of an unknown kind.
+    let record = [&[0xf0][..], &[0; 8]].concat();
+    let one = chunk_of(&record.repeat(1 << 20));
+    let chunk = &one[mcap::MAGIC.len()..];
+    std::fs::write(&path, [&one[..], chunk, chunk].concat()).unwrap();
+    assert!(path.metadata().unwrap().len() < 65_000);
+    let error = container::Messages::new([path]).next().unwrap_err().to_string();
+    assert!(error.contains("expand to far more records"), "{error}");
+}
+
 const MS: i64 = 1_000_000;
 /// Far from zero, as stamps are.
 const BEGIN: i64 = 1_403_715_273 * 1000 * MS;

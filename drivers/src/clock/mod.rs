@@ -17,6 +17,7 @@ mod envelope;
 mod host;
 mod hull;
 mod round_trip;
+mod stamps;
 #[cfg(test)]
 mod tests;
 
@@ -24,3 +25,4 @@ pub use counter::Unwrap;
 pub use device::{ClockFigures, DeviceClock, Stamped};
 pub use host::monotonic_ns;
 pub use round_trip::RoundTrip;
+pub use stamps::{Pace, StampDefect, StampFigures, StampProblem, TimeUnitName};

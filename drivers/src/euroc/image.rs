@@ -3,10 +3,9 @@
 //! The decoder is `png` of the image-rs project: 1.5 ms for a 752x480 grey EuRoC image on one core of
 //! the development host, where `zune-png` 0.5 took 2.8 ms.
 
-use crate::DriverError;
+use crate::{DriverError, open_regular};
 use plumbline_config::GrayImage;
 use png::{ColorType, Decoder, Limits, Transformations};
-use std::fs::File;
 use std::io::{BufRead, BufReader, Cursor, ErrorKind, Read, Seek};
 use std::ops::RangeInclusive;
 use std::path::Path;
@@ -37,7 +36,7 @@ impl ImageReader {
     /// (ITU-R BT.601), of 16 bits the upper 8 are kept.
     pub(super) fn read(&mut self, path: &Path, image: &mut GrayImage) -> Result<(), NoImage> {
         self.file.clear();
-        let file = File::open(path).map_err(|e| match e.kind() {
+        let file = open_regular(path).map_err(|e| match e.kind() {
             ErrorKind::NotFound => NoImage::Missing,
             _ => NoImage::Corrupt,
         })?;
@@ -54,7 +53,7 @@ pub fn read_gray_png(path: &Path, sides_px: RangeInclusive<usize>) -> Result<Gra
     if path.is_dir() {
         return Err(DriverError::missing(path, "is a directory; name a PNG image"));
     }
-    let file = File::open(path).map_err(|e| match e.kind() {
+    let file = open_regular(path).map_err(|e| match e.kind() {
         ErrorKind::NotFound => DriverError::missing(path, "does not exist; name a PNG image"),
         _ => DriverError::io(path, e),
     })?;
@@ -127,7 +126,7 @@ pub(crate) fn luma(red: u8, green: u8, blue: u8) -> u8 {
 
 /// Width and height by the header of a PNG file; `None` when it is none.
 pub(super) fn png_size(path: &Path) -> Option<(usize, usize)> {
-    header_size(BufReader::new(File::open(path).ok()?))
+    header_size(BufReader::new(open_regular(path).ok()?))
 }
 
 /// Width and height of a PNG file in memory; `None` if it is not a PNG.

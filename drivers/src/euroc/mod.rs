@@ -277,7 +277,7 @@ fn check_size(
                  use the calibration of this data set",
                 found.0, found.1, expected.0, expected.1
             );
-            Err(DriverError::malformed(folder, message))
+            Err(DriverError::refused(folder, message))
         }
         _ => Ok(found),
     }
@@ -315,13 +315,14 @@ pub(crate) fn chosen_frames<F>(
     let count_before = |s: f64| frames.partition_point(|f| f.stamp.seconds_since(first) < s);
     let within_s = count_before(options.seconds.start)..count_before(options.seconds.end);
     if within_s.is_empty() {
-        let message = format!(
-            "has {:.3} s of frames, of which {} to {} s holds none; choose others",
-            last.seconds_since(first),
-            options.seconds.start,
-            options.seconds.end
-        );
-        return Err(DriverError::malformed(root, message));
+        let Range { start, end } = options.seconds;
+        let part = match end.is_finite() {
+            true => format!("{start} to {end} s"),
+            false => format!("what comes after {start} s"),
+        };
+        let length_s = last.seconds_since(first);
+        let message = format!("has {length_s:.3} s of frames, of which {part} holds none; choose others");
+        return Err(DriverError::refused(root, message));
     }
     let wanted = options.frames.clone().unwrap_or(within_s.clone());
     let chosen = wanted.start.max(within_s.start)..wanted.end.min(within_s.end);
@@ -330,9 +331,9 @@ pub(crate) fn chosen_frames<F>(
             "has frames 0..{}, of which {}..{} holds none; choose others",
             frames.len(),
             wanted.start,
-            wanted.end
+            if wanted.end == usize::MAX { String::new() } else { wanted.end.to_string() }
         );
-        return Err(DriverError::malformed(root, message));
+        return Err(DriverError::refused(root, message));
     }
     Ok(chosen)
 }

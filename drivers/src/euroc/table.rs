@@ -29,6 +29,8 @@ pub(crate) enum RowFault {
     Unreadable,
     /// The first column is no whole number of nanoseconds.
     Stamp,
+    /// The first column is a number with a point: seconds.
+    Seconds,
     /// The row ends before this column.
     Missing(usize),
     /// This column is no finite number.
@@ -51,7 +53,7 @@ impl RowFault {
             (_, Some((_, name))) => {
                 format!("{} is separated by {name}; separate its columns by commas", quoted(text))
             }
-            (Self::Stamp, _) if column(1).contains('.') => format!(
+            (Self::Seconds, _) => format!(
                 "the time {} is no whole number of nanoseconds; if it is in seconds, multiply it by 1e9",
                 column(1)
             ),
@@ -79,6 +81,7 @@ fn quoted(text: &str) -> String {
 pub(crate) struct BadRow {
     line: usize,
     why: String,
+    is_in_seconds: bool,
 }
 
 impl fmt::Display for BadRow {
@@ -151,7 +154,12 @@ pub(crate) fn read_rows<T: Stamped>(
             Err(_) if at_top && is_header(text) => {}
             Err(fault) => {
                 table.corrupt += 1;
-                table.first_bad.get_or_insert_with(|| BadRow { line: number, why: fault.describe(text) });
+                let is_in_seconds = fault == RowFault::Seconds;
+                table.first_bad.get_or_insert_with(|| BadRow {
+                    line: number,
+                    why: fault.describe(text),
+                    is_in_seconds,
+                });
             }
         }
         at_top = false;
@@ -171,18 +179,23 @@ fn check_share<T>(path: &Path, columns: &str, table: &Table<T>) -> Result<(), Dr
     let (good, corrupt) = (table.rows.len() as u64, table.corrupt);
     let example = table.first_bad.as_ref().map_or_else(String::new, |bad| format!("; the first is {bad}"));
     let expected = format!("expected columns: {columns}");
+    // Another unit is another file than the one that is meant; torn rows are a file that has suffered.
+    let error = |message: String| match &table.first_bad {
+        Some(BadRow { is_in_seconds: true, .. }) => DriverError::refused(path, message),
+        _ => DriverError::malformed(path, message),
+    };
     if good == 0 {
         let what = match corrupt {
             0 => format!("has no rows; {expected}"),
             1 => format!("its only row is not readable{example}; {expected}"),
             _ => format!("none of {corrupt} rows is readable{example}; {expected}"),
         };
-        return Err(DriverError::malformed(path, what));
+        return Err(error(what));
     }
     // One torn line, as a recorder leaves it when the power goes, is no reason to refuse a short file.
     if corrupt > 1 && corrupt * CORRUPT_ROWS_ONE_IN > good + corrupt {
         let message = format!("{corrupt} of {} rows are corrupt{example}; {expected}", good + corrupt);
-        return Err(DriverError::malformed(path, message));
+        return Err(error(message));
     }
     Ok(())
 }
@@ -236,7 +249,10 @@ impl<'a> Row<'a> {
     /// The stamp in the next column, integer nanoseconds.
     pub(crate) fn stamp(&mut self) -> Result<Timestamp, RowFault> {
         let column = self.text().unwrap_or_default();
-        column.parse().map(Timestamp::from_nanos).map_err(|_| RowFault::Stamp)
+        column.parse().map(Timestamp::from_nanos).map_err(|_| match column.parse::<f64>() {
+            Ok(_) => RowFault::Seconds,
+            Err(_) => RowFault::Stamp,
+        })
     }
 
     /// The next `N` columns as finite numbers.

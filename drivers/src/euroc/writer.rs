@@ -5,7 +5,7 @@
 
 use crate::{DriverError, ImuSource, StereoFrame, StereoSource, TruthState};
 use plumbline_config::camera::Distortion;
-use plumbline_config::options::{CameraConfig, ImuConfig};
+use plumbline_config::options::{CameraConfig, ImuConfig, Mounting};
 use plumbline_config::{Config, GrayImage};
 use png::{BitDepth, ColorType, Compression, Encoder};
 use std::fmt::Write as _;
@@ -77,7 +77,7 @@ pub fn write(
     let mut written = Written::default();
     let cameras = &inputs.config.camera;
     write_images(&partial.folder, cameras, inputs.stereo, &mut written, progress)?;
-    written.imu_samples = write_imu(&partial.folder, &inputs.config.imu, inputs.imu)?;
+    written.imu_samples = write_imu(&partial.folder, inputs.config, inputs.imu)?;
     written.truth_rows = write_truth(&partial.folder, inputs.truth)?;
     partial.complete()?;
     Ok(written)
@@ -213,10 +213,10 @@ fn write_png(path: &Path, image: &GrayImage) -> Result<(), DriverError> {
     writer.finish().map_err(fail)
 }
 
-fn write_imu(root: &Path, config: &ImuConfig, source: &mut dyn ImuSource) -> Result<u64, DriverError> {
+fn write_imu(root: &Path, config: &Config, source: &mut dyn ImuSource) -> Result<u64, DriverError> {
     let folder = root.join("imu0");
     create_dir(&folder)?;
-    write_text(&folder.join("sensor.yaml"), &imu_yaml(config))?;
+    write_text(&folder.join("sensor.yaml"), &imu_yaml(&config.imu, config.vehicle.imu_to_vehicle_deg))?;
     let mut table = Out::create(folder.join("data.csv"))?;
     table.line(format_args!("{IMU_HEADER}"))?;
     let mut rows = 0;
@@ -286,7 +286,11 @@ fn camera_yaml(index: usize, camera: &CameraConfig) -> String {
     )
 }
 
-fn imu_yaml(imu: &ImuConfig) -> String {
+fn imu_yaml(imu: &ImuConfig, mounting: Mounting) -> String {
+    let mounting = match mounting {
+        Mounting::Known(degrees) => format!("{degrees:?}"),
+        Mounting::Unknown => Mounting::UNKNOWN.to_owned(),
+    };
     let identity = std::array::from_fn(|i| std::array::from_fn(|j| f64::from(u8::from(i == j))));
     format!(
         "# General sensor definitions.\nsensor_type: imu\ncomment: imu0\n\n\
@@ -295,7 +299,9 @@ fn imu_yaml(imu: &ImuConfig) -> String {
          gyroscope_noise_density: {} # [ rad / s / sqrt(Hz) ]\n\
          gyroscope_random_walk: {} # [ rad / s^2 / sqrt(Hz) ]\n\
          accelerometer_noise_density: {} # [ m / s^2 / sqrt(Hz) ]\n\
-         accelerometer_random_walk: {} # [ m / s^3 / sqrt(Hz) ]\n",
+         accelerometer_random_walk: {} # [ m / s^3 / sqrt(Hz) ]\n\n\
+         # Mounting in the vehicle: roll, pitch, yaw in degrees (vehicle.imu_to_vehicle_deg of Plumbline).\n\
+         imu_to_vehicle_deg: {mounting}\n",
         extrinsics_yaml(&identity),
         imu.rate_hz,
         imu.gyro_noise_density,

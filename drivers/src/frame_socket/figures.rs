@@ -2,6 +2,7 @@
 
 use super::header::Refusal;
 use crate::board::Board;
+use crate::clock::StampProblem;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -28,6 +29,9 @@ pub struct SocketFigures {
     pub disordered: u64,
     /// Frames stamped by their arrival, since their stamp was of no clock of this computer, or of the future.
     pub restamped: u64,
+    /// What is wrong with stamps, as far as anything is.
+    #[serde(skip)]
+    pub problem: Option<StampProblem>,
     /// Time from stamp to arrival: mean of the last frames, ms.
     #[serde(skip)]
     pub delay_ms: f64,
@@ -47,6 +51,8 @@ pub(super) enum Trouble {
     GoneWithin,
     /// It was silent while another waited.
     Silent,
+    /// It waits, and the system refuses its connection with this error.
+    NotAccepted(i32),
     /// It was sent away.
     Refused(Refusal),
 }
@@ -88,6 +94,10 @@ impl SocketMonitor {
             Trouble::Silent => {
                 "the program that sent frames was silent and was replaced by another".to_owned()
             }
+            Trouble::NotAccepted(error) => format!(
+                "a program waits and cannot be accepted ({}); retrying: close what else is open, or raise LimitNOFILE",
+                std::io::Error::from_raw_os_error(error)
+            ),
             Trouble::Refused(Refusal::Foreign) => {
                 "what was sent is no frame: see docs/frame-socket.md".to_owned()
             }

@@ -2,6 +2,7 @@
 
 use super::figures::{SocketFigures, SocketMonitor, Trouble};
 use super::header::Header;
+use crate::clock::{StampFigures, StampProblem, monotonic_ns};
 use crate::stop::StopFlag;
 use crate::v4l2::numbering::Numbering;
 use crate::v4l2::stamp::{self, Source};
@@ -14,11 +15,16 @@ use std::io::{ErrorKind, Read as _};
 use std::os::unix::fs::{FileTypeExt as _, PermissionsExt as _};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// A wait is cut into pieces of this length, to look at the stop flag, ns.
 const LOOK_NS: i64 = 20_000_000;
 /// A program that says nothing within a frame for so long is sent away, looks.
 const SILENT_LOOKS: u32 = 50;
+/// A frame is whole so long after its first byte, or its program is sent away, ns: in a second nothing that flies needs more.
+const WITHIN_NS: i64 = 2_000_000_000;
+/// Pause after a program could not be accepted, for want of descriptors or memory.
+const REFUSED_PAUSE: Duration = Duration::from_millis(100);
 /// One that is silent between frames gives way to another that waits after so long, looks.
 const GIVES_WAY_LOOKS: u32 = 150;
 /// Numbers that jump further, or back, count anew.
@@ -38,10 +44,14 @@ pub struct SocketStereo {
     sender: Option<UnixStream>,
     sizes_px: [(usize, usize); 2],
     period_ns: f64,
+    /// When the first byte of the frame came that is being read.
+    begun_ns: Option<i64>,
     /// Stream and number of the last frame.
     last: Option<(u64, u64)>,
     stream: u64,
     last_stamp_ns: i64,
+    /// Newest stamp of this program that is of a clock of this computer, as it was sent.
+    newest_sent_ns: i64,
     numbering: Numbering,
     figures: SocketFigures,
     monitor: SocketMonitor,
@@ -87,9 +97,11 @@ impl SocketStereo {
             sender: None,
             sizes_px,
             period_ns: 1e9 / rate_hz,
+            begun_ns: None,
             last: None,
             stream: 0,
             last_stamp_ns: i64::MIN,
+            newest_sent_ns: i64::MIN,
             numbering: Numbering::default(),
             figures: SocketFigures::default(),
             monitor: SocketMonitor::new(path, sizes_px),
@@ -105,12 +117,23 @@ impl SocketStereo {
 
     /// Takes whoever waits.
     fn accept(&mut self) -> bool {
-        let Ok((sender, _)) = self.listener.accept() else { return false };
+        let sender = match self.listener.accept() {
+            Ok((sender, _)) => sender,
+            Err(error) => {
+                // Whoever waits would be seen again at once.
+                if error.kind() != ErrorKind::WouldBlock {
+                    self.monitor.set_trouble(Some(Trouble::NotAccepted(error.raw_os_error().unwrap_or(0))));
+                    std::thread::sleep(REFUSED_PAUSE);
+                }
+                return false;
+            }
+        };
         if sender.set_nonblocking(true).is_err() {
             return false;
         }
         self.sender = Some(sender);
         self.stream += 1;
+        self.newest_sent_ns = i64::MIN;
         self.figures.is_connected = true;
         self.figures.connected += 1;
         self.monitor.set_trouble(None);
@@ -129,6 +152,7 @@ impl SocketStereo {
 
     /// Reads a frame; `None` when there is none to hand out (yet).
     fn receive(&mut self, frame: &mut StereoFrame) -> Option<()> {
+        self.begun_ns = None;
         let mut bytes = [0; Header::BYTES];
         self.filled(&mut bytes, true)?;
         let header = match Header::decode(&bytes, self.sizes_px) {
@@ -164,6 +188,7 @@ impl SocketStereo {
             match sender.read(buffer) {
                 Ok(0) => return Filled::Gone,
                 Ok(count) => {
+                    self.begun_ns.get_or_insert_with(monotonic_ns);
                     buffer = &mut buffer[count..];
                     silent = 0;
                 }
@@ -174,7 +199,8 @@ impl SocketStereo {
                     }
                     silent += u32::from(!wait(&*sender));
                     let may_be_silent = is_between && buffer.len() == whole;
-                    if !may_be_silent && silent > SILENT_LOOKS {
+                    let is_late = self.begun_ns.is_some_and(|begun| monotonic_ns() - begun > WITHIN_NS);
+                    if !may_be_silent && (silent > SILENT_LOOKS || is_late) {
                         return Filled::Gone;
                     }
                     if may_be_silent && silent > GIVES_WAY_LOOKS && is_ready(&self.listener) {
@@ -190,9 +216,22 @@ impl SocketStereo {
     fn hand_out(&mut self, header: &Header, frame: &mut StereoFrame) -> Option<()> {
         let now = stamp::clocks();
         let (stamp_ns, source) = stamp::on_monotonic_clock(header.stamp_ns, now);
-        self.figures.restamped += u64::from(source == Source::Arrival);
+        let found = StampProblem::of_stamp(header.stamp_ns, now.monotonic_ns, now.system_ns);
+        if source != Source::Arrival {
+            self.newest_sent_ns = self.newest_sent_ns.max(header.stamp_ns);
+        } else if header.stamp_ns <= self.newest_sent_ns {
+            // A frame of long ago once more, and no clock that was set: its arrival says nothing.
+            self.figures.disordered += 1;
+            return None;
+        } else {
+            self.figures.restamped += 1;
+            StampFigures::note(&mut self.figures.problem, found);
+        }
         if stamp_ns <= self.last_stamp_ns {
             self.figures.disordered += 1;
+            let found = StampProblem::repeated(header.stamp_ns, now.monotonic_ns);
+            StampFigures::note(&mut self.figures.problem, found);
+            self.monitor.show(&self.figures);
             return None;
         }
         self.last_stamp_ns = stamp_ns;
@@ -286,9 +325,7 @@ impl Drop for SocketStereo {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clock::monotonic_ns;
     use std::io::Write as _;
-    use std::time::Duration;
 
     const SIZES: [(usize, usize); 2] = [(64, 48), (32, 24)];
     const BYTES: usize = 64 * 48 + 32 * 24;
@@ -387,6 +424,53 @@ mod tests {
     }
 
     #[test]
+    fn a_program_that_drips_its_bytes_gives_way() {
+        let mut rig = rig();
+        let mut slow = UnixStream::connect(&rig.path).unwrap();
+        slow.write_all(&frame(1, 1, 0)[..100]).unwrap();
+        let path = rig.path.clone();
+        let programs = std::thread::spawn(move || {
+            let mut drops = 0;
+            while slow.write_all(&[0]).is_ok() {
+                drops += 1;
+                std::thread::sleep(Duration::from_millis(200));
+            }
+            let mut next = UnixStream::connect(&path).unwrap();
+            next.write_all(&frame(0, 3, 0)).unwrap();
+            (drops, next)
+        });
+        assert_eq!(rig.next().1, [3, 3]);
+        let (drops, _next) = programs.join().unwrap();
+        assert!(drops > 1, "it was sent away for its bytes, not for silence");
+        assert_eq!(rig.source.monitor().figures().lost, 1);
+    }
+
+    #[test]
+    fn a_program_that_cannot_be_accepted_is_reported_and_taken_later() {
+        use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+        let mut rig = rig();
+        let mut sender = UnixStream::connect(&rig.path).unwrap();
+        sender.write_all(&frame(1, 7, 0)).unwrap();
+        let limit = getrlimit(Resource::Nofile);
+        // No descriptor is free below the highest in use.
+        setrlimit(Resource::Nofile, Rlimit { current: Some(3), ..limit }).unwrap();
+        let (monitor, stop) = (rig.source.monitor(), rig.stop.clone());
+        let watcher = std::thread::spawn(move || {
+            loop {
+                let trouble = monitor.trouble().unwrap_or_default();
+                if trouble.contains("cannot be accepted") || stop.is_stopped() {
+                    setrlimit(Resource::Nofile, limit).unwrap();
+                    return trouble;
+                }
+                std::thread::sleep(Duration::from_millis(5));
+            }
+        });
+        assert_eq!(rig.next().1, [7, 7]);
+        assert!(watcher.join().unwrap().contains("os error 24"));
+        assert_eq!(rig.source.monitor().trouble(), None);
+    }
+
+    #[test]
     fn what_is_no_frame_of_this_rig_is_sent_away_with_the_reason() {
         for (bytes, says) in [
             (vec![b'x'; 64], "docs/frame-socket.md"),
@@ -424,6 +508,22 @@ mod tests {
         assert_eq!(rig.next(), (2, [3, 3], [true; 2]));
         let figures = rig.source.monitor().figures();
         assert_eq!((figures.restamped, figures.disordered, rig.source.faults().missing), (1, 1, 1));
+    }
+
+    #[test]
+    fn frames_that_are_sent_again_long_after_do_not_set_the_clock() {
+        let mut rig = rig();
+        let mut sender = UnixStream::connect(&rig.path).unwrap();
+        sender.write_all(&frame(1, 1, 15)).unwrap();
+        assert_eq!(rig.next().1, [1, 1]);
+        // A second of frames that are older than any on their way, over and over.
+        for k in 0..20 {
+            sender.write_all(&frame(k, 9, 11_000 - 50 * k as i64)).unwrap();
+        }
+        sender.write_all(&frame(2, 3, 0)).unwrap();
+        assert_eq!(rig.next().1, [3, 3]);
+        let figures = rig.source.monitor().figures();
+        assert_eq!((figures.restamped, figures.disordered), (0, 20));
     }
 
     #[test]

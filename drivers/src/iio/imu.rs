@@ -103,6 +103,7 @@ impl IioImu {
             loss: self.numbering.figures(),
             watch: self.watch.figures(),
             clock: self.gyro.clock(),
+            stamp_problem: units().find_map(Unit::stamp_problem),
             link,
             framing: FramingFigures {
                 bytes: sum(|figures| figures.bytes),

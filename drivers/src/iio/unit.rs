@@ -4,7 +4,7 @@ use super::devices::{IioDeviceInfo, IioRoots, find};
 use super::layout::{Layout, MAX_SCAN, Quantity, ScanValues};
 use super::setup;
 use crate::DriverError;
-use crate::clock::{ClockFigures, DeviceClock, Stamped, monotonic_ns};
+use crate::clock::{ClockFigures, DeviceClock, Pace, StampProblem, Stamped, monotonic_ns};
 use crate::inertial::LinkFigures;
 use rustix::fd::OwnedFd;
 use rustix::fs::{Mode, OFlags};
@@ -45,6 +45,7 @@ pub struct Unit {
     arrival_ns: i64,
     /// The device's clock, where the stamps are its own and not those of the host's monotonic clock.
     clock: DeviceClock,
+    pace: Pace,
     has_own_clock: bool,
     /// Stamps in a row that are not of the host's clock.
     strange: u32,
@@ -85,6 +86,7 @@ impl Unit {
             to: 0,
             arrival_ns: 0,
             clock: DeviceClock::new(false),
+            pace: Pace::default(),
             has_own_clock: false,
             strange: 0,
             last_ns: i64::MIN,
@@ -145,6 +147,11 @@ impl Unit {
         self.figures
     }
 
+    /// What is wrong with the stamps of the device, as far as anything is.
+    pub fn stamp_problem(&self) -> Option<StampProblem> {
+        self.pace.problem()
+    }
+
     /// The clock of the device, where its stamps are its own.
     pub fn clock(&self) -> ClockFigures {
         self.clock.figures()
@@ -152,6 +159,7 @@ impl Unit {
 
     /// The stamp of a scan on the host's clock, once it is known and after the one before.
     fn stamp(&mut self, kernel_ns: i64) -> Option<i64> {
+        self.pace.take(kernel_ns, self.arrival_ns);
         let stamp_ns = if self.has_own_clock {
             match self.clock.sample(kernel_ns, self.arrival_ns) {
                 Stamped::At(stamp_ns) => stamp_ns,

@@ -3,7 +3,7 @@
 use super::{LossFigures, WatchFigures};
 use crate::Faults;
 use crate::board::Board;
-use crate::clock::ClockFigures;
+use crate::clock::{ClockFigures, StampFigures, StampProblem};
 use serde::Serialize;
 
 /// How a device came and went.
@@ -60,6 +60,9 @@ pub struct ImuFigures {
     /// What was wrong with samples.
     #[serde(flatten)]
     pub watch: WatchFigures,
+    /// What is wrong with the stamps of the device, as far as anything is.
+    #[serde(skip)]
+    pub stamp_problem: Option<StampProblem>,
     /// How the device came and went.
     #[serde(flatten)]
     pub link: LinkFigures,
@@ -74,6 +77,17 @@ pub struct ImuFigures {
 }
 
 impl ImuFigures {
+    /// Stamps of the samples, and what is wrong with them.
+    #[must_use]
+    pub fn stamps(&self) -> StampFigures {
+        StampFigures {
+            used: self.samples,
+            restamped: 0,
+            refused: self.disordered + self.clock.refused,
+            problem: self.stamp_problem,
+        }
+    }
+
     /// Returns the figures as the fault counters that all sources share.
     #[must_use]
     pub fn faults(&self) -> Faults {

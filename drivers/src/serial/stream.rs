@@ -3,7 +3,7 @@
 use super::framing::Deframer;
 use super::protocol::{Answer, Content, DeviceSample, Outgoing, Protocol};
 use crate::ImuReading;
-use crate::clock::{DeviceClock, RoundTrip, Stamped, Unwrap};
+use crate::clock::{DeviceClock, Pace, RoundTrip, Stamped, Unwrap};
 use crate::inertial::{ImuFigures, LinkFigures, Numbering, SampleVerdict, Watch};
 use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Timestamp};
@@ -31,6 +31,7 @@ pub struct Stream {
     tick_ns: i64,
     counter: Unwrap,
     clock: DeviceClock,
+    pace: Pace,
     watch: Watch,
     numbering: Numbering,
     delay_ns: i64,
@@ -54,6 +55,7 @@ impl Stream {
             tick_ns: unit.tick_ns,
             counter: Unwrap::new(protocol.counter_bits()),
             clock: DeviceClock::new(protocol.asks_time()),
+            pace: Pace::default(),
             watch: Watch::new(imu),
             numbering: Numbering::new(imu.rate_hz),
             delay_ns,
@@ -115,6 +117,7 @@ impl Stream {
             loss: self.numbering.figures(),
             watch: self.watch.figures(),
             clock: self.clock.figures(),
+            stamp_problem: self.pace.problem(),
             framing: self.deframer.figures(),
             link,
             ..self.figures
@@ -129,6 +132,7 @@ impl Stream {
             self.figures.malformed += 1;
             return None;
         };
+        self.pace.take(device_ns, arrival_ns);
         let stamp_ns = match self.clock.sample(device_ns, arrival_ns) {
             Stamped::At(stamp_ns) => stamp_ns.saturating_sub(self.delay_ns),
             Stamped::Settling => {

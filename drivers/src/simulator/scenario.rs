@@ -7,12 +7,15 @@ use super::twin::{self, Twins};
 use super::{Effects, ImuEffects, Inertial, LEAD_S, Scene, Trajectory, hand, laps, path};
 use crate::DriverError;
 use crate::tum::read_tum;
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
+use plumbline_config::options::{Mounting, VehicleConfig};
 use plumbline_config::{Config, Portable, Timestamp};
 use std::path::PathBuf;
 
 /// Longest built-in flight, s: its curve is held in memory.
 const MAX_DEMO_S: f64 = 7200.0;
+/// Mountings this near to each other are the same, rad.
+const MOUNTED_RAD: f64 = 2e-3;
 
 /// Where the vehicle flies.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -169,10 +172,18 @@ impl Scenario {
         matches!(self.inertial, Inertial::Recorded(_))
     }
 
-    /// The rig that is simulated: `config` at the scenario's resolution, with the range of its accelerometer.
+    /// The rig that is simulated: `config` at the scenario's resolution, with the range of its accelerometer. On a built-in
+    /// path the vehicle is mounted around its left camera, and the mounting of the IMU follows; a file flies any vehicle.
     #[must_use]
     pub fn rig(&self, config: &Config) -> Config {
         let mut rig = scaled_config(config, self.resolution_scale);
+        if let (false, Some(left)) = (matches!(self.path, FlightPath::Tum(_)), rig.camera.first()) {
+            let rot_v_b = path::level_camera(0.0) * left.pose_b_c().rotation.inverse();
+            let is_so = |configured: UnitQuaternion<f64>| configured.angle_to(&rot_v_b) < MOUNTED_RAD;
+            if !rig.vehicle.rot_v_b().is_some_and(is_so) {
+                rig.vehicle = VehicleConfig { imu_to_vehicle_deg: Mounting::of_rotation(&rot_v_b) };
+            }
+        }
         if self.imu.clipped_share > 0.0 {
             rig.imu.accel_range_m_s2 = CLIPPED_RANGE_M_S2;
         }
@@ -309,6 +320,24 @@ mod tests {
     #[test]
     fn the_built_in_flight_is_another_one_for_each_duration() {
         assert!(!is_beginning(&simulator(&FlightPath::Demo, 4.0), &simulator(&FlightPath::Demo, 8.0)));
+    }
+
+    #[test]
+    fn the_mounting_of_a_simulated_vehicle_is_the_one_that_it_flies_with() {
+        let level = |preset: &str, path: &FlightPath| {
+            let config = Config::preset(preset).unwrap();
+            let scenario = Scenario { path: path.clone(), duration_s: 2.0, ..Scenario::default() };
+            let simulator = Simulator::new(&config, &scenario).unwrap();
+            let rot_v_b = simulator.config().vehicle.rot_v_b().unwrap();
+            let first =
+                simulator.ground_truth(simulator.frame_stamp(0)).pose_w_b.rotation * rot_v_b.inverse();
+            first.angle().to_degrees()
+        };
+        // The rig of EuRoC looks twenty degrees below the nose of its own vehicle, and hardly below that of the built-in flight.
+        for preset in ["sim", "euroc"] {
+            let degrees = level(preset, &FlightPath::Demo);
+            assert!(degrees < 0.5, "{preset}: {degrees} degrees at rest");
+        }
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! What can be said of the cameras while they run, for whoever asks from another thread.
 
 use crate::board::Board;
+use crate::clock::StampProblem;
 use serde::Serialize;
 
 /// What one camera did. Of a device that gives both images, the first camera's figures are the device's.
@@ -19,6 +20,9 @@ pub struct V4l2CameraFigures {
     pub disordered: u64,
     /// Images stamped by their arrival, since the driver's stamp was of no clock or of the future.
     pub restamped: u64,
+    /// What is wrong with stamps, as far as anything is.
+    #[serde(skip)]
+    pub problem: Option<StampProblem>,
     /// Images handed out without their partner.
     pub alone: u64,
     /// How often its stream was started.

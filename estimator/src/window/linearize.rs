@@ -14,8 +14,8 @@ use super::feature::{Estimated, Feature, Jacobians, StructuralJacobians};
 use super::landmark::{Landmark, MAX_OBSERVATIONS};
 use super::landmark_sums::{LandmarkSums, Rows};
 use super::motions::{Lifts, MotionEquations};
-use super::options::Options;
 use super::poses::Poses;
+use super::prior::Prior;
 use super::problem::Problem;
 use super::state::{FRAME_DIM, FrameMatrix, Rig, unknown_of_frame};
 use super::zero_velocity_factor::zero_velocity;
@@ -23,6 +23,97 @@ use nalgebra::{SMatrix, Vector2};
 
 /// Information that keeps the bearing of a landmark regular, in squared standard deviations of a pixel.
 pub(super) const LANDMARK_REGULARIZATION: f64 = 1e-6;
+
+/// What the factors of a window are evaluated for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Purpose {
+    /// Their cost alone.
+    Cost,
+    /// Normal equations, the landmarks' own blocks damped.
+    Equations {
+        /// Share of its diagonal that is added to a landmark's block.
+        damping: f64,
+    },
+    /// Normal equations of what speaks of a frame that leaves the window.
+    Leaving {
+        /// Its index.
+        frame: usize,
+    },
+}
+
+/// Factor of a frame, or of a frame and the one before it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum FrameFactor {
+    /// Inertial factor that leads to the frame.
+    Motion,
+    /// The vehicle stands still in the frame.
+    ZeroVelocity,
+}
+
+impl FrameFactor {
+    /// Factors of a frame in the order in which they are added, which the last bits of the sums depend on.
+    const fn all(purpose: Purpose) -> [Self; 2] {
+        match purpose {
+            Purpose::Leaving { .. } => [Self::ZeroVelocity, Self::Motion],
+            Purpose::Cost | Purpose::Equations { .. } => [Self::Motion, Self::ZeroVelocity],
+        }
+    }
+
+    /// Whether the factor of frame `index` is one of those that `purpose` needs.
+    fn is_wanted(self, index: usize, purpose: Purpose) -> bool {
+        let first = match self {
+            Self::Motion => index.saturating_sub(1),
+            Self::ZeroVelocity => index,
+        };
+        match purpose {
+            Purpose::Leaving { frame } => (first..=index).contains(&frame),
+            Purpose::Cost | Purpose::Equations { .. } => true,
+        }
+    }
+
+    /// Cost of the factor of frame `index`; its normal equations are added to `target`, if there is one.
+    fn evaluate(self, problem: &Problem<'_>, index: usize, target: Option<&mut NormalEquations>) -> f64 {
+        let target = target.map(|equations| (equations, index));
+        match self {
+            Self::Motion => motion(problem, index, target),
+            Self::ZeroVelocity => {
+                zero_velocity(&problem.frames[index], problem.options.still_sigma_m_s, target)
+            }
+        }
+    }
+}
+
+/// Cost of the inertial factor that leads to frame `index`, if there is one, in squared standard deviations. On request its
+/// normal equations are added to `linearization`.
+fn motion(problem: &Problem<'_>, index: usize, linearization: Option<(&mut NormalEquations, usize)>) -> f64 {
+    let Some(from) = index.checked_sub(1).map(|before| &problem.frames[before]) else { return 0.0 };
+    let to = &problem.frames[index];
+    let Some(factor) = &to.inertial else { return 0.0 };
+    let Some(information) = factor.information() else { return 0.0 };
+    let (states, gravity_o) = ([&from.nav, &to.nav], &problem.options.gravity_o);
+    let Some((equations, index)) = linearization else {
+        let r = factor.residual(states, gravity_o, None);
+        return 0.5 * (r.transpose() * information * r)[0];
+    };
+    let first = problem.options.first_estimates;
+    let mut jacobians = [FrameMatrix::zeros(); 2];
+    let at = [from.jacobian_state(first), to.jacobian_state(first)];
+    let r = factor.residual(states, gravity_o, Some(Linearization { at, jacobians: &mut jacobians }));
+    let [by_from, by_to] = jacobians;
+    let (row, column) = (unknown_of_frame(index - 1), unknown_of_frame(index));
+    // The information is symmetric; whole columns of a product are quicker than products of columns.
+    let [weighted_from, weighted_to] = [&by_from, &by_to].map(|by| by.transpose() * information);
+    equations.add_block(row, row, &(weighted_from * by_from));
+    equations.add_block(row, column, &(weighted_from * by_to));
+    equations.add_block(column, column, &(weighted_to * by_to));
+    let gradient = equations.gradient_mut();
+    let (g_from, g_to) = (weighted_from * r, weighted_to * r);
+    for k in 0..FRAME_DIM {
+        gradient[row + k] += g_from[k];
+        gradient[column + k] += g_to[k];
+    }
+    0.5 * (r.transpose() * information * r)[0]
+}
 
 /// Normal equations of a window with all the memory that making them needs.
 #[derive(Clone, Debug)]
@@ -54,7 +145,7 @@ impl Linearizer {
     }
 
     /// Starts anew with no information about the rig and the frames of `problem`.
-    pub fn begin(&mut self, problem: &Problem<'_>) {
+    fn begin(&mut self, problem: &Problem<'_>) {
         let frames = problem.frames.len();
         self.equations.reset(unknown_of_frame(frames));
         self.landmarks.motions.reset(frames);
@@ -64,77 +155,62 @@ impl Linearizer {
         self.poses.lift(&mut self.lifts, frames, problem.options);
     }
 
-    /// Adds point `index` of the problem and eliminates it, its own block damped.
-    pub fn add_point(&mut self, problem: &Problem<'_>, index: usize, damping: f64) {
-        let Self { points, landmarks, poses, lifts, .. } = self;
-        landmarks.add(&mut points[index], (poses, lifts), problem, &problem.points[index], damping);
-    }
-
-    /// Adds line `index` of the problem and eliminates it, its own block damped.
-    pub fn add_line(&mut self, problem: &Problem<'_>, index: usize, damping: f64) {
-        let Self { lines, landmarks, poses, lifts, .. } = self;
-        landmarks.add(&mut lines[index], (poses, lifts), problem, &problem.lines[index], damping);
-    }
-
-    /// Adds the inertial factor that leads to frame `index`; returns its cost.
-    pub fn add_motion(&mut self, problem: &Problem<'_>, index: usize) -> f64 {
-        let [from, to] = [&problem.frames[index - 1], &problem.frames[index]];
-        let Some(factor) = &to.inertial else { return 0.0 };
-        let Some(information) = factor.information() else { return 0.0 };
-        let first = problem.options.first_estimates;
-        let mut jacobians = [FrameMatrix::zeros(); 2];
-        let at = [from.jacobian_state(first), to.jacobian_state(first)];
-        let linearization = Linearization { at, jacobians: &mut jacobians };
-        let r = factor.residual([&from.nav, &to.nav], &problem.options.gravity_o, Some(linearization));
-        let [by_from, by_to] = jacobians;
-        let (row, column) = (unknown_of_frame(index - 1), unknown_of_frame(index));
-        // The information is symmetric; whole columns of a product are quicker than products of columns.
-        let [weighted_from, weighted_to] = [&by_from, &by_to].map(|by| by.transpose() * information);
-        self.equations.add_block(row, row, &(weighted_from * by_from));
-        self.equations.add_block(row, column, &(weighted_from * by_to));
-        self.equations.add_block(column, column, &(weighted_to * by_to));
-        let gradient = self.equations.gradient_mut();
-        let (g_from, g_to) = (weighted_from * r, weighted_to * r);
-        for k in 0..FRAME_DIM {
-            gradient[row + k] += g_from[k];
-            gradient[column + k] += g_to[k];
+    /// Evaluates every factor of the problem at its states; returns their cost, and leaves the normal equations unless the
+    /// cost alone is asked for. This is the only list of factors.
+    pub fn evaluate(&mut self, problem: &Problem<'_>, prior: &mut Prior, purpose: Purpose) -> f64 {
+        let is_cost = purpose == Purpose::Cost;
+        if is_cost {
+            self.poses.refresh(problem.rig, problem.frames, problem.options.first_estimates);
+        } else {
+            self.begin(problem);
         }
-        0.5 * (r.transpose() * information * r)[0]
+        let target = (!is_cost).then_some(&mut self.equations);
+        let prior = prior.evaluate((problem.rig, problem.manhattan), problem.frames, target);
+        let landmarks = self.evaluate_landmarks(problem, purpose);
+        // Sums have the order that they always had: estimates are compared bit for bit.
+        let (mut cost, rest) = if is_cost { (landmarks, prior) } else { (prior, landmarks) };
+        for index in 0..problem.frames.len() {
+            for factor in FrameFactor::all(purpose) {
+                if factor.is_wanted(index, purpose) {
+                    let target = (!is_cost).then_some(&mut self.equations);
+                    cost += factor.evaluate(problem, index, target);
+                }
+            }
+        }
+        if !is_cost {
+            self.lift_landmarks();
+        }
+        cost + rest
     }
 
-    /// Adds that the vehicle stands still in frame `index`, if it does; returns its cost.
-    pub fn add_zero_velocity(&mut self, problem: &Problem<'_>, index: usize) -> f64 {
-        let sigma = problem.options.still_sigma_m_s;
-        zero_velocity(&problem.frames[index], sigma, Some((&mut self.equations, index)))
+    /// Evaluates the factors of points and lines, each landmark eliminated; returns their robust cost.
+    fn evaluate_landmarks(&mut self, problem: &Problem<'_>, purpose: Purpose) -> f64 {
+        let (damping, host) = match purpose {
+            Purpose::Cost => {
+                let mut costs = RobustSum::new(problem.options.cauchy_scale);
+                self.add_costs(problem, problem.points, &mut costs);
+                self.add_costs(problem, problem.lines, &mut costs);
+                return costs.cost();
+            }
+            Purpose::Equations { damping } => (damping, None),
+            Purpose::Leaving { frame } => (0.0, Some(frame)),
+        };
+        let is_wanted = |by: u8| host.is_none_or(|host| usize::from(by) == host);
+        let Self { points, lines, landmarks, poses, lifts, .. } = self;
+        for (point, entry) in problem.points.iter().zip(points).filter(|(point, _)| is_wanted(point.host)) {
+            landmarks.add(entry, (poses, lifts), problem, point, damping);
+        }
+        for (line, entry) in problem.lines.iter().zip(lines).filter(|(line, _)| is_wanted(line.host)) {
+            landmarks.add(entry, (poses, lifts), problem, line, damping);
+        }
+        landmarks.costs.cost()
     }
 
-    /// Moves the equations of the landmarks into the normal equations; returns their robust cost.
-    pub fn finish(&mut self) -> f64 {
-        let LandmarkEquations { motions, cameras, costs } = &mut self.landmarks;
+    /// Moves the equations of the landmarks into the normal equations.
+    fn lift_landmarks(&mut self) {
+        let LandmarkEquations { motions, cameras, .. } = &mut self.landmarks;
         cameras.finish(&self.lifts, motions);
         motions.lift(&self.lifts, &mut self.equations);
-        costs.cost()
-    }
-
-    /// The robust cost of all factors but the prior, without linearizing.
-    #[must_use]
-    pub fn cost(&mut self, problem: &Problem<'_>) -> f64 {
-        self.poses.refresh(problem.rig, problem.frames, problem.options.first_estimates);
-        let mut costs = RobustSum::new(problem.options.cauchy_scale);
-        self.add_costs(problem, problem.points, &mut costs);
-        self.add_costs(problem, problem.lines, &mut costs);
-        let mut cost = costs.cost();
-        let Options { gravity_o, still_sigma_m_s, .. } = problem.options;
-        for (index, frame) in problem.frames.iter().enumerate() {
-            if let (Some(factor), true) = (&frame.inertial, index > 0)
-                && let Some(information) = factor.information()
-            {
-                let r = factor.residual([&problem.frames[index - 1].nav, &frame.nav], gravity_o, None);
-                cost += 0.5 * (r.transpose() * information * r)[0];
-            }
-            cost += zero_velocity(frame, *still_sigma_m_s, None);
-        }
-        cost
     }
 
     /// Adds the robust costs of landmarks at the poses last refreshed.

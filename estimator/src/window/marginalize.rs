@@ -20,8 +20,8 @@ use super::Window;
 use super::feature::Feature;
 use super::frame::Frame;
 use super::landmark::{Landmark, LandmarkStore};
+use super::linearize::Purpose;
 use super::prior::PIVOT_FLOOR;
-use super::problem::Problem;
 use super::state::{FRAME_DIM, unknown_of_frame};
 
 impl Window {
@@ -69,26 +69,9 @@ impl Window {
         split_observations(&mut self.points, &mut self.rehosted.0, &self.frames, (index, newest_keyframe));
         split_observations(&mut self.lines, &mut self.rehosted.1, &self.frames, (index, newest_keyframe));
         let covered = self.frames_touched(index);
-        let Self { rig, manhattan, frames, points, lines, prior, linearizer, options, .. } = self;
-        let problem = Problem { rig, frames, points: points.all(), lines: lines.all(), manhattan, options };
-        linearizer.begin(&problem);
-        let _ = prior.evaluate((rig, manhattan), frames, Some(&mut linearizer.equations));
-        // Without its inertial factors, what the prior knows of this frame would be lost to the others.
-        let _ = linearizer.add_zero_velocity(&problem, index);
-        for k in index.max(1)..(index + 2).min(frames.len()) {
-            let _ = linearizer.add_motion(&problem, k);
-        }
-        for k in 0..problem.points.len() {
-            if usize::from(problem.points[k].host) == index {
-                linearizer.add_point(&problem, k, 0.0);
-            }
-        }
-        for k in 0..problem.lines.len() {
-            if usize::from(problem.lines[k].host) == index {
-                linearizer.add_line(&problem, k, 0.0);
-            }
-        }
-        let _ = linearizer.finish();
+        // Its inertial factors too: else what the prior knows of this frame would be lost to the others.
+        let _ = self.evaluate(Purpose::Leaving { frame: index });
+        let Self { rig, manhattan, frames, prior, linearizer, .. } = self;
         for frame in &mut frames[..covered] {
             if !frame.in_prior {
                 frame.in_prior = true;

@@ -5,6 +5,7 @@ use super::eliminate::Eliminated;
 use super::feature::Estimated;
 use super::landmark::LandmarkStore;
 use super::line::HostedLine;
+use super::linearize::Purpose;
 use super::motions::MotionRow;
 use super::problem::Problem;
 use super::reprojection::InversePoint;
@@ -164,30 +165,19 @@ impl Window {
 
     /// Normal equations at the present states, landmarks damped; returns the cost.
     pub(super) fn linearize(&mut self, damping: f64) -> f64 {
-        let Self { rig, manhattan, frames, points, lines, prior, linearizer, options, .. } = self;
-        let problem = Problem { rig, frames, points: points.all(), lines: lines.all(), manhattan, options };
-        linearizer.begin(&problem);
-        let mut cost = prior.evaluate((rig, manhattan), frames, Some(&mut linearizer.equations));
-        for index in 0..frames.len() {
-            if index > 0 {
-                cost += linearizer.add_motion(&problem, index);
-            }
-            cost += linearizer.add_zero_velocity(&problem, index);
-        }
-        for index in 0..problem.points.len() {
-            linearizer.add_point(&problem, index, damping);
-        }
-        for index in 0..problem.lines.len() {
-            linearizer.add_line(&problem, index, damping);
-        }
-        cost + linearizer.finish()
+        self.evaluate(Purpose::Equations { damping })
     }
 
     /// The cost at the present states.
     pub(super) fn cost(&mut self) -> f64 {
+        self.evaluate(Purpose::Cost)
+    }
+
+    /// Every factor at the present states; returns the cost.
+    pub(super) fn evaluate(&mut self, purpose: Purpose) -> f64 {
         let Self { rig, manhattan, frames, points, lines, prior, linearizer, options, .. } = self;
         let problem = Problem { rig, frames, points: points.all(), lines: lines.all(), manhattan, options };
-        prior.evaluate((rig, manhattan), frames, None) + linearizer.cost(&problem)
+        linearizer.evaluate(&problem, prior, purpose)
     }
 
     /// Solves and applies one step; the decrease of the cost that it predicts, or `None` when the

@@ -24,6 +24,8 @@ const STEP_S: f64 = 0.002;
 const STEPS: usize = 10;
 /// Known to this standard deviation they are judged: s, rad.
 const KNOWN: (f64, f64) = (0.002, 0.006);
+/// What is off by this many standard deviations is judged, however large these are.
+const SIGNIFICANT: f64 = 5.0;
 /// Residuals of neighbouring images are not independent: standard deviations are taken this much larger.
 const INFLATED: f64 = 2.0;
 /// Limits of the time offset, as multiples of its configured `sigma`: doubtful beyond the first, bad beyond the second.
@@ -241,10 +243,11 @@ fn offset(name: &'static str, found: &Agreement, config: &Config, more: &str) ->
         1e3 * config.rig.time_offset_s
     );
     let figures = [("offset_ms", 1e3 * offset_s), ("sigma_ms", 1e3 * sigma_s), ("off_ms", 1e3 * off_s)];
-    if sigma_s > KNOWN.0 {
-        return Measure::new(name, Fitness::NotMeasured, value, more, &figures);
-    }
     let verdict = Fitness::within(off_s, OFFSET.0 * prior_s + noise_s, OFFSET.1 * prior_s + noise_s);
+    let is_known = sigma_s <= KNOWN.0 || verdict > Fitness::Good && off_s > SIGNIFICANT * sigma_s;
+    if !is_known {
+        return Measure::new(name, Fitness::Uncertain, value, more, &figures);
+    }
     let cure = format!("set `rig.time_offset_s = {offset_s:.4}`, or find out which stamp is of the arrival");
     Measure::new(name, verdict, value, cure, &figures)
 }
@@ -262,10 +265,12 @@ fn rotation(name: &'static str, found: &Agreement, config: &Config, more: &str) 
         phi.z.to_degrees()
     );
     let figures = [("off_deg", angle.to_degrees()), ("sigma_deg", sigma.to_degrees())];
-    if sigma > KNOWN.1 {
-        return Measure::new(name, Fitness::NotMeasured, value, more, &figures);
-    }
     let verdict = Fitness::within(angle, ROTATION.0 * prior + sigma, ROTATION.1 * prior + sigma);
+    // What is off by far more than it is uncertain needs no better measurement.
+    let is_known = sigma <= KNOWN.1 || verdict > Fitness::Good && angle > SIGNIFICANT * sigma;
+    if !is_known {
+        return Measure::new(name, Fitness::Uncertain, value, more, &figures);
+    }
     let cure = "calibrate camera against IMU again (`plumbline calibrate rig`): `camera.pose_b_c` is turned";
     Measure::new(name, verdict, value, cure, &figures)
 }

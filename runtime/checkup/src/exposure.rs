@@ -1,15 +1,14 @@
 //! Whether images are too dark or burnt out, and how much a turn would blur them.
 
+use crate::plausibility::thumbnail::Thumbnail;
 use crate::statistics::{median, quantile};
 use crate::verdict::{Fitness, Measure};
-use plumbline_config::{Config, ImageView, ImuSample};
+use plumbline_config::{Config, ImuSample};
 
-/// Every so many pixels of every so many rows are looked at.
-const STRIDE: usize = 4;
 /// Grey level of the brightest twentieth of a well exposed image is at least this, of one that can be used the other.
 const DARK: (f64, f64) = (70.0, 30.0);
 /// A pixel from this level on is burnt out, and this share of them is minded, or too much.
-const BURNT: (u8, f64, f64) = (250, 0.15, 0.5);
+const BURNT: (u8, f64, f64) = (250, 0.05, 0.5);
 /// Left and right differ by this factor in their median.
 const UNEQUAL: f64 = 1.6;
 /// Blur by rotation, px.
@@ -27,12 +26,10 @@ pub struct Brightness {
 }
 
 impl Brightness {
-    /// Takes an image of a camera.
-    pub fn add(&mut self, camera: usize, image: &ImageView<'_>) {
+    /// Takes a shrunken image of a camera.
+    pub fn add(&mut self, camera: usize, image: &Thumbnail) {
         let mut counts = [0_u32; 256];
-        for row in image.rows().step_by(STRIDE) {
-            row.iter().step_by(STRIDE).for_each(|grey| counts[usize::from(*grey)] += 1);
-        }
+        image.pixels.iter().for_each(|grey| counts[usize::from(*grey as u8)] += 1);
         let all: u32 = counts.iter().sum();
         let level = |share: f64| {
             let mut below = 0;
@@ -44,6 +41,12 @@ impl Brightness {
         };
         let burnt: u32 = counts[usize::from(BURNT.0)..].iter().sum();
         self.seen[camera].push([level(0.95), level(0.5), f64::from(burnt) / f64::from(all.max(1))]);
+    }
+
+    /// Frames of the left camera that were taken.
+    #[must_use]
+    pub fn frames(&self) -> usize {
+        self.seen[0].len()
     }
 
     /// Judges what was seen.

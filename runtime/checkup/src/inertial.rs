@@ -2,6 +2,7 @@
 //! the end of their range.
 
 use crate::agreement::Turn;
+use crate::mounting;
 use crate::statistics::{mean_and_spread, median};
 use crate::verdict::{Fitness, Measure};
 use nalgebra::Vector3;
@@ -18,8 +19,6 @@ const STILL_IMAGES: (f64, f64) = (0.05, 0.05);
 const MIN_REST_S: f64 = 1.0;
 /// Deviation of gravity's magnitude, m/s²: what a bias of the accelerometer at switch-on explains, and what nothing does.
 const GRAVITY: (f64, f64) = (0.4, 1.2);
-/// Tilt against `vehicle.imu_to_vehicle_deg`, degrees: a floor is level, grass is not.
-const TILT: (f64, f64) = (5.0, 20.0);
 /// An axis that repeats its value for so long is stuck, s, and so many samples.
 const STUCK: (f64, usize) = (0.5, 50);
 /// ... while another of its sensor changes from sample to sample in this share of them.
@@ -38,6 +37,10 @@ pub struct Rest {
     pub gyro: Vector3<f64>,
     /// Mean of the accelerometer, m/s².
     pub accel: Vector3<f64>,
+    /// End of the first time at rest.
+    pub first_end: Option<Timestamp>,
+    /// Sum of the accelerometer's means of its pieces, m/s²; its direction is the vertical.
+    pub first_accel: Vector3<f64>,
 }
 
 /// The pieces in which the vehicle rests, by the samples and by what images show.
@@ -57,6 +60,10 @@ pub fn rest(samples: &[ImuSample], turns: &[Turn]) -> Rest {
         let (gyro, turning) = mean_and_spread(piece.iter().map(|sample| sample.gyro));
         let (accel, shaking) = mean_and_spread(piece.iter().map(|sample| sample.accel));
         if turning < STILL.0 && shaking < STILL.1 {
+            if found.first_end.is_none_or(|before| first.stamp.seconds_since(before) < PIECE_S) {
+                found.first_end = Some(end);
+                found.first_accel += accel;
+            }
             found.seconds += PIECE_S;
             found.gyro += gyro * PIECE_S;
             found.accel += accel * PIECE_S;
@@ -77,15 +84,15 @@ fn moved(turns: &[Turn], begin: Timestamp, end: Timestamp) -> bool {
 
 /// Gravity, mounting and bias.
 #[must_use]
-pub fn at_rest(rest: &Rest, config: &Config) -> [Measure; 3] {
-    const NAMES: [&str; 3] = ["gravity", "mounting", "gyroscope bias"];
+pub fn at_rest(samples: &[ImuSample], rest: &Rest, config: &Config) -> [Measure; 3] {
+    const NAMES: [&str; 3] = ["gravity", mounting::NAME, "gyroscope bias"];
     if rest.seconds < MIN_REST_S {
         return NAMES.map(|name| {
             let cure = "let the vehicle stand for three seconds, motors off";
             Measure::missing(name, "the vehicle never stood still", cure)
         });
     }
-    [gravity(NAMES[0], rest, config), mounting(NAMES[1], rest, config), bias(NAMES[2], rest, config)]
+    [gravity(NAMES[0], rest, config), mounting::judge(samples, rest, config), bias(NAMES[2], rest, config)]
 }
 
 fn gravity(name: &'static str, rest: &Rest, config: &Config) -> Measure {
@@ -97,21 +104,6 @@ fn gravity(name: &'static str, rest: &Rest, config: &Config) -> Measure {
         format!("{norm:.3} m/s² over {:.1} s at rest, off by {off:.3}", rest.seconds),
         "calibrate the accelerometer (scale and bias); a factor of 9.8 or 1000 is a unit: m/s² is expected",
         &[("norm_m_s2", norm), ("off_m_s2", off), ("rest_s", rest.seconds)],
-    )
-}
-
-fn mounting(name: &'static str, rest: &Rest, config: &Config) -> Measure {
-    let up_v = config.vehicle.rot_v_b() * rest.accel;
-    let tilt = up_v.angle(&Vector3::z()).to_degrees();
-    // Attitude of the vehicle: right side down and nose up are positive.
-    let roll = up_v.y.atan2(up_v.z).to_degrees();
-    let pitch = up_v.x.atan2(up_v.z).to_degrees();
-    Measure::new(
-        name,
-        Fitness::within(tilt, TILT.0, TILT.1),
-        format!("at rest the vehicle is tilted by {tilt:.1} degrees (roll {roll:.1}, pitch {pitch:.1})"),
-        "put the vehicle on a level floor; if it is, correct `vehicle.imu_to_vehicle_deg`",
-        &[("tilt_deg", tilt), ("roll_deg", roll), ("pitch_deg", pitch)],
     )
 }
 

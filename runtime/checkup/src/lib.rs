@@ -6,12 +6,13 @@
 //! | module | measures |
 //! |---|---|
 //! | [`timing`] | rates, jitter and gaps of both sensors |
-//! | [`inertial`] | gravity and mounting, bias of the gyroscope, stuck and saturated axes |
+//! | [`inertial`] | gravity, bias of the gyroscope, stuck and saturated axes |
+//! | [`mounting`] | how the IMU is mounted in the vehicle, at rest and by a nod |
 //! | [`vibration`] | level and lines of the spectrum, and what they may be aliases of |
 //! | [`exposure`] | dark and burnt-out images, blur by rotation |
 //! | [`pair`] | epipolar error left to right, by matches that know nothing of the calibration |
 //! | [`motion`], [`agreement`] | time offset and rotation between camera and IMU, by the rotation that images show |
-//! | [`plausibility`] | units, columns and sides that cannot be right; of a flight too, while it goes on |
+//! | [`plausibility`] | units, columns, axes and sides that cannot be right; of a flight too, while it goes on |
 //!
 //! What cannot be measured, since the data do not hold it, is said to be so, and is no verdict. There is no clock and no random
 //! number here: the same data give the same report.
@@ -21,6 +22,7 @@ pub mod exposure;
 mod fft;
 pub mod inertial;
 pub mod motion;
+pub mod mounting;
 pub mod pair;
 pub mod plausibility;
 mod statistics;
@@ -36,8 +38,10 @@ pub use verdict::{CheckupReport, Fitness, Measure};
 use agreement::Turn;
 use motion::MotionFinder;
 use pair::{PairFigures, PairMatcher};
-use plausibility::Finding;
 use plausibility::inertial::Magnitudes;
+use plausibility::rotation::IN_DEGREES;
+use plausibility::{Finding, Glimpse, Seen, Sight};
+use plumbline_config::options::image_sizes;
 use plumbline_config::{Config, ImageView, ImuSample, Timestamp};
 use timing::Arrivals;
 
@@ -68,7 +72,9 @@ pub struct Checkup {
     /// Frames with both images, where both are configured.
     whole: u64,
     seen: usize,
-    brightness: exposure::Brightness,
+    glimpse: Glimpse,
+    sight: Sight,
+    rotations: Vec<Seen>,
     matcher: Option<PairMatcher>,
     pairs: PairFigures,
     motion: Option<MotionFinder>,
@@ -87,7 +93,9 @@ impl Checkup {
             frames: Arrivals::default(),
             whole: 0,
             seen: 0,
-            brightness: exposure::Brightness::default(),
+            glimpse: Glimpse::new(image_sizes(&config.camera)),
+            sight: Sight::new(config),
+            rotations: Vec::new(),
             matcher: PairMatcher::new(config),
             pairs: PairFigures::default(),
             motion: MotionFinder::new(config),
@@ -131,10 +139,14 @@ impl Checkup {
             return;
         }
         self.seen += 1;
+        self.glimpse.stamp = frame.stamp;
         for (camera, image) in frame.images.iter().enumerate() {
-            if let Some(image) = image {
-                self.brightness.add(camera, image);
-            }
+            self.glimpse.valid[camera] =
+                image.as_ref().is_some_and(|image| self.glimpse.images[camera].take_view(image));
+        }
+        let seen = self.sight.add(&self.glimpse);
+        if self.rotations.len() < plausibility::MAX_PAIRS {
+            self.rotations.extend(seen);
         }
         let (Some(matcher), [Some(left), Some(right)]) = (&mut self.matcher, &frame.images) else { return };
         if !matcher.find(left, right) {
@@ -161,10 +173,16 @@ impl Checkup {
             imu.push(sample.stamp, *sequence);
         }
         let rest = inertial::rest(&self.samples, &self.turns);
-        let mut magnitudes = Magnitudes::new(config.imu.rate_hz);
+        let mut magnitudes = Magnitudes::default();
         self.samples.iter().for_each(|sample| magnitudes.add(sample));
+        let agreement = plausibility::agreement_of(config, &self.rotations, &self.samples);
+        let nonsense = plausibility::nonsense(&magnitudes, &agreement, &self.sight);
+        let clocks = timing::two_clocks(&imu.stamps, &self.frames.stamps);
+        let are_samples_wrong =
+            !magnitudes.nonsense().is_empty() || nonsense.iter().any(|finding| finding.what == IN_DEGREES);
+        let consequences = consequences(are_samples_wrong, !nonsense.is_empty());
         let mut measures: Vec<Measure> =
-            magnitudes.nonsense().into_iter().map(Finding::into_measure).collect();
+            clocks.into_iter().chain(nonsense).map(Finding::into_measure).collect();
         measures.extend([
             timing::judge(timing::Sensor::Imu, &imu, config.imu.rate_hz),
             timing::judge(
@@ -177,14 +195,48 @@ impl Checkup {
             (config.camera.len() == 2).then(|| timing::judge_pairs(self.whole, self.frames.stamps.len())),
         );
         measures.push(inertial::axes(&self.samples, &config.imu));
-        measures.extend(inertial::at_rest(&rest, config));
+        measures.extend(inertial::at_rest(&self.samples, &rest, config));
         measures.extend(vibration::judge(&self.samples, &config.imu));
-        measures.push(self.brightness.judge());
+        measures.push(self.sight.brightness.judge());
         measures.push(exposure::blur(&self.samples, config, self.exposure_s));
         measures.extend(self.matcher.as_ref().map(|_| self.pairs.judge(config)));
         if self.motion.is_some() {
             measures.extend(agreement::judge(&self.turns, &self.samples, config));
         }
+        if config.camera.len() == 1 {
+            measures.extend(OF_PAIRS.map(|name| {
+                Measure::missing(
+                    name,
+                    "there is one camera",
+                    "give two cameras, or know it from a calibration",
+                )
+            }));
+        }
+        for measure in measures.iter_mut().filter(|measure| consequences.contains(&measure.name)) {
+            measure.verdict = Fitness::NotMeasured;
+            measure.cure = "put right what is named above, then measure again".into();
+        }
         CheckupReport { measures }
     }
+}
+
+/// Measures that need two cameras.
+const OF_PAIRS: [&str; 4] = ["stereo pairs", "epipolar error", "time offset", "camera-IMU rotation"];
+/// Measures of the inertial samples alone.
+const OF_SAMPLES: [&str; 7] = [
+    "IMU axes",
+    "gravity",
+    "mounting",
+    "gyroscope bias",
+    "vibration of the accelerometer",
+    "vibration of the gyroscope",
+    "blur",
+];
+/// Measures of images and samples together.
+const OF_BOTH: [&str; 2] = ["time offset", "camera-IMU rotation"];
+
+/// Measures that come out wrong while units, columns or sides are: their cures would mislead.
+fn consequences(are_samples_wrong: bool, is_anything_wrong: bool) -> Vec<&'static str> {
+    let samples = OF_SAMPLES.into_iter().filter(|_| are_samples_wrong);
+    samples.chain(OF_BOTH.into_iter().filter(|_| is_anything_wrong)).collect()
 }

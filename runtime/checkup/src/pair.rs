@@ -4,6 +4,7 @@
 //! correlation, and refined by flow to full resolution. Only then the calibration is asked how far the match is from the
 //! epipolar line, and on which side of infinity it lies: of swapped cameras all points are behind.
 
+use crate::plausibility::stereo;
 use crate::statistics::{median, quantile};
 use crate::verdict::{Fitness, Measure};
 use nalgebra::{Matrix2, Vector2, Vector3};
@@ -222,7 +223,7 @@ impl PairFigures {
         // Exchanged they agree: or, of a rectified pair, which agrees either way, all is behind.
         let are_exchanged = median(&self.exchanged_px) < EXCHANGED * middle || wrong_side > verdict;
         let cure = if are_exchanged {
-            "left and right are swapped (or squint): exchange `driver.v4l2.left` and `right`, or cam0 and cam1".to_owned()
+            format!("{} (or they squint); {}", stereo::SWAPPED, stereo::CURE)
         } else {
             format!(
                 "calibrate the pair again (`plumbline calibrate camera`); one camera looks {degrees:.2} degrees higher"

@@ -1,5 +1,6 @@
 //! Rates, jitter and gaps, by the stamps and by the numbers of samples.
 
+use crate::plausibility::Finding;
 use crate::statistics::{median, quantile};
 use crate::verdict::{Fitness, Measure};
 use plumbline_config::Timestamp;
@@ -14,6 +15,8 @@ const RATE: (f64, f64) = (0.02, 0.1);
 const LOST: (f64, f64) = (0.001, 0.02);
 /// Jitter against the interval, 99th percentile; estimators stamp by it, but drivers that jitter so mostly stamp by arrival.
 const JITTER: (f64, f64) = (0.3, f64::INFINITY);
+/// Streams this far apart have no time in common, s.
+const APART_S: f64 = 1.0;
 /// Share of frames that lack an image.
 const HALF_FRAMES: (f64, f64) = (0.005, 0.1);
 
@@ -36,6 +39,11 @@ pub struct Arrivals {
 }
 
 impl Arrivals {
+    /// Takes the stamp of a sample whose number does not matter.
+    pub fn push_stamp(&mut self, stamp: Timestamp) {
+        self.stamps.push(stamp);
+    }
+
     /// Takes a sample.
     pub fn push(&mut self, stamp: Timestamp, sequence: u64) {
         let last = self.last.replace(sequence);
@@ -44,13 +52,31 @@ impl Arrivals {
     }
 }
 
+/// Units that nanoseconds are mistaken for, and by how much a rate then is too high.
+const UNITS: [(&str, f64); 3] = [("microseconds", 1e3), ("milliseconds", 1e6), ("seconds", 1e9)];
+/// A rate within this factor of one in another unit is in that unit.
+const UNIT_FACTOR: f64 = 3.0;
+
+/// What is the matter with a stream.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Trouble {
+    Rate,
+    Loss,
+    Disorder,
+    Jitter,
+}
+
+/// Figures of a stream, and the worst thing about it.
+struct Stream {
+    value: String,
+    figures: Vec<(&'static str, f64)>,
+    worst: Option<(Fitness, Trouble, Finding)>,
+}
+
 /// Judges the stream of a sensor that is to deliver `nominal_hz` times a second.
 #[must_use]
 pub fn judge(sensor: Sensor, arrivals: &Arrivals, nominal_hz: f64) -> Measure {
-    let (name, key, device) = match sensor {
-        Sensor::Imu => ("IMU timing", "imu.rate_hz", "the IMU"),
-        Sensor::Cameras => ("camera timing", "camera.rate_hz", "the cameras"),
-    };
+    let (name, device) = sensor.names();
     if arrivals.stamps.len() < MIN_STAMPS {
         let value = format!("{} samples came", arrivals.stamps.len());
         let cure = format!("see that {device} can be reached (`plumbline devices`) and deliver");
@@ -62,54 +88,141 @@ pub fn judge(sensor: Sensor, arrivals: &Arrivals, nominal_hz: f64) -> Measure {
             &[("samples", arrivals.stamps.len() as f64)],
         );
     }
-    let intervals: Vec<f64> = arrivals.stamps.windows(2).map(|pair| pair[1].seconds_since(pair[0])).collect();
-    let disordered = intervals.iter().filter(|dt| **dt <= 0.0).count();
-    let usual = median(&intervals);
-    let rate = 1.0 / usual;
-    let lost_by_time: f64 =
-        intervals.iter().filter(|dt| **dt > GAP * usual).map(|dt| (dt / usual).round() - 1.0).sum();
-    let lost = lost_by_time.max(arrivals.lost_by_number as f64);
-    let share = lost / (lost + arrivals.stamps.len() as f64);
-    let regular: Vec<f64> =
-        intervals.iter().filter(|dt| **dt <= GAP * usual).map(|dt| (dt - usual).abs()).collect();
-    let jitter = quantile(&regular, 0.99);
-    let longest = quantile(&intervals, 1.0);
-    let off = (rate / nominal_hz - 1.0).abs();
-    let verdicts = [
-        (
-            Fitness::within(off, RATE.0, RATE.1),
-            format!("set `{key}` to the rate that is delivered, or the sensor to {nominal_hz} Hz"),
-        ),
-        (
-            Fitness::within(share, LOST.0, LOST.1),
-            format!("look at cable, load and bandwidth: {device} lose samples, or the driver does"),
-        ),
-        (
-            if disordered > 0 { Fitness::NotFit } else { Fitness::Good },
-            "stamps run backwards: find out whose clock they are of".to_owned(),
-        ),
-        (
-            Fitness::within(jitter / usual, JITTER.0, JITTER.1),
-            "stamps are of the arrival, not of the measurement: use the sensor's own time or a trigger"
-                .to_owned(),
-        ),
-    ];
-    let worst = verdicts.into_iter().rev().max_by_key(|(verdict, _)| *verdict);
-    let (verdict, cure) = worst.unwrap_or((Fitness::Good, String::new()));
-    let value = format!(
-        "{rate:.1} Hz, 99 % within {:.2} ms, longest interval {:.0} ms, {lost:.0} of {} missing",
-        1e3 * jitter,
-        1e3 * longest,
-        lost + arrivals.stamps.len() as f64
-    );
-    let figures = [
-        ("rate_hz", rate),
-        ("jitter_p99_ms", 1e3 * jitter),
-        ("longest_interval_ms", 1e3 * longest),
-        ("missing", lost),
-        ("disordered", disordered as f64),
-    ];
-    Measure::new(name, verdict, value, cure, &figures)
+    let stream = Stream::of(sensor, arrivals, nominal_hz);
+    let (verdict, cure) = match stream.worst {
+        Some((verdict, _, finding)) => (verdict, format!("{}: {}", finding.what, finding.advice())),
+        None => (Fitness::Good, String::new()),
+    };
+    Measure::new(name, verdict, stream.value, cure, &stream.figures)
+}
+
+/// What cannot be right about the stamps of a stream while a flight goes on: another rate or unit, or a wrong order. Losses and
+/// jitter are told elsewhere.
+#[must_use]
+pub fn finding(sensor: Sensor, arrivals: &Arrivals, nominal_hz: f64) -> Option<Finding> {
+    if arrivals.stamps.len() < MIN_STAMPS {
+        return None;
+    }
+    let (verdict, trouble, finding) = Stream::of(sensor, arrivals, nominal_hz).worst?;
+    let is_told = verdict == Fitness::NotFit && matches!(trouble, Trouble::Rate | Trouble::Disorder);
+    is_told.then_some(finding)
+}
+
+impl Sensor {
+    /// Name of its measure, and of the device.
+    fn names(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Imu => ("IMU timing", "the IMU"),
+            Self::Cameras => ("camera timing", "the cameras"),
+        }
+    }
+}
+
+impl Stream {
+    fn of(sensor: Sensor, arrivals: &Arrivals, nominal_hz: f64) -> Self {
+        let intervals: Vec<f64> =
+            arrivals.stamps.windows(2).map(|pair| pair[1].seconds_since(pair[0])).collect();
+        let disordered = intervals.iter().filter(|dt| **dt <= 0.0).count();
+        let usual = median(&intervals);
+        let rate = 1.0 / usual;
+        let lost_by_time: f64 =
+            intervals.iter().filter(|dt| **dt > GAP * usual).map(|dt| (dt / usual).round() - 1.0).sum();
+        let lost = lost_by_time.max(arrivals.lost_by_number as f64);
+        let share = lost / (lost + arrivals.stamps.len() as f64);
+        let regular: Vec<f64> =
+            intervals.iter().filter(|dt| **dt <= GAP * usual).map(|dt| (dt - usual).abs()).collect();
+        let jitter = quantile(&regular, 0.99);
+        let longest = quantile(&intervals, 1.0);
+        let value = format!(
+            "{rate:.1} Hz, 99 % within {:.2} ms, longest interval {:.0} ms, {lost:.0} of {} missing",
+            1e3 * jitter,
+            1e3 * longest,
+            lost + arrivals.stamps.len() as f64
+        );
+        let off = (rate / nominal_hz - 1.0).abs();
+        let disorder = if disordered > 0 { Fitness::NotFit } else { Fitness::Good };
+        let verdicts = [
+            (Fitness::within(off, RATE.0, RATE.1), Trouble::Rate),
+            (Fitness::within(share, LOST.0, LOST.1), Trouble::Loss),
+            (disorder, Trouble::Disorder),
+            (Fitness::within(jitter / usual, JITTER.0, JITTER.1), Trouble::Jitter),
+        ];
+        let worst = verdicts.into_iter().rev().max_by_key(|(verdict, _)| *verdict);
+        let worst = worst.filter(|(verdict, _)| *verdict > Fitness::Good);
+        let worst = worst.map(|(verdict, trouble)| {
+            (verdict, trouble, trouble.finding(sensor, &value, (rate, nominal_hz)))
+        });
+        let figures = vec![
+            ("rate_hz", rate),
+            ("jitter_p99_ms", 1e3 * jitter),
+            ("longest_interval_ms", 1e3 * longest),
+            ("missing", lost),
+            ("disordered", disordered as f64),
+        ];
+        Self { value, figures, worst }
+    }
+}
+
+impl Trouble {
+    fn finding(self, sensor: Sensor, value: &str, (rate_hz, nominal_hz): (f64, f64)) -> Finding {
+        let (_, device) = sensor.names();
+        let key = match sensor {
+            Sensor::Imu => "imu.rate_hz",
+            Sensor::Cameras => "camera.rate_hz",
+        };
+        let factor = rate_hz / nominal_hz;
+        let is_near = |too_fast: f64| factor > too_fast / UNIT_FACTOR && factor < too_fast * UNIT_FACTOR;
+        let unit = UNITS.iter().find(|(_, too_fast)| is_near(*too_fast));
+        match (self, unit) {
+            (Self::Rate, Some((unit, _))) => Finding::new(
+                format!("stamps of {device} are not in nanoseconds"),
+                value,
+                format!("that they are in {unit}"),
+                "write them in nanoseconds",
+            ),
+            (Self::Rate, None) => Finding::new(
+                format!("another rate of {device} than the configured one"),
+                value,
+                format!("that the sensor is set to another rate than {nominal_hz} Hz"),
+                format!("set `{key}` to the rate that is delivered, or the sensor to {nominal_hz} Hz"),
+            ),
+            (Self::Loss, _) => Finding::new(
+                format!("samples of {device} are missing"),
+                value,
+                "a cable, load or bandwidth",
+                format!("look at these: {device} lose samples, or the driver does"),
+            ),
+            (Self::Disorder, _) => Finding::new(
+                format!("stamps of {device} run backwards"),
+                value,
+                "stamps of another clock, or of several",
+                "stamp by one clock that is never set",
+            ),
+            (Self::Jitter, _) => Finding::new(
+                format!("stamps of {device} jitter"),
+                value,
+                "stamps of the arrival, not of the measurement",
+                "use the sensor's own time or a trigger",
+            ),
+        }
+    }
+}
+
+/// Whether frames and samples are of one time.
+#[must_use]
+pub fn two_clocks(samples: &[Timestamp], frames: &[Timestamp]) -> Option<Finding> {
+    let span = |stamps: &[Timestamp]| Some((*stamps.iter().min()?, *stamps.iter().max()?));
+    let ((sample_a, sample_b), (frame_a, frame_b)) = (span(samples)?, span(frames)?);
+    let are_enough = samples.len() >= MIN_STAMPS && frames.len() >= MIN_STAMPS;
+    let is_apart = frame_a.seconds_since(sample_b) > APART_S || sample_a.seconds_since(frame_b) > APART_S;
+    (are_enough && is_apart).then(|| {
+        Finding::new(
+            "frames and inertial samples are of different times",
+            format!("frames from {frame_a} to {frame_b} s, samples from {sample_a} to {sample_b} s"),
+            "stamps of two clocks",
+            "stamp both by one clock",
+        )
+    })
 }
 
 /// Judges how many frames have both images.

@@ -7,6 +7,8 @@ use std::fmt;
 pub enum Fitness {
     /// The data do not hold it.
     NotMeasured,
+    /// It was measured, but not well enough for a verdict.
+    Uncertain,
     /// As it should be.
     Good,
     /// A flight is possible, with this against it.
@@ -19,6 +21,7 @@ impl fmt::Display for Fitness {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(match self {
             Self::NotMeasured => "not measured",
+            Self::Uncertain => "uncertain",
             Self::Good => "good",
             Self::Mind => "mind",
             Self::NotFit => "not fit",
@@ -94,6 +97,13 @@ impl CheckupReport {
     #[must_use]
     pub fn is_fit(&self) -> bool {
         self.measures.iter().all(|measure| measure.verdict != Fitness::NotFit)
+    }
+
+    /// Names of what was not looked at, or not well enough for a verdict.
+    #[must_use]
+    pub fn open(&self) -> Vec<&'static str> {
+        let is_open = |measure: &&Measure| measure.verdict <= Fitness::Uncertain;
+        self.measures.iter().filter(is_open).map(|measure| measure.name).collect()
     }
 
     /// How many came out so.

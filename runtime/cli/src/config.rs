@@ -3,8 +3,9 @@
 use super::{Usage, check_outputs, load_config, say};
 use anyhow::{Context, Result};
 use clap::{Args, Subcommand};
+use plumbline_config::options::{Mounting, VehicleConfig};
 use plumbline_config::{Config, ValidConfig, import};
-use plumbline_flight::pipeline::digest::config_hash;
+use plumbline_record::digest::config_hash;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -12,12 +13,16 @@ const EXAMPLES: &str = "Examples:
   plumbline config euroc > my.toml         a preset, with a comment at every key, to begin with
   plumbline config realsense-d455          one of a real rig: docs/rigs
   plumbline config my.toml                 is it valid?
-  plumbline config import --camchain camchain.yaml --imu imu.yaml --out my.toml";
+  plumbline config import --camchain camchain.yaml --imu imu.yaml --imu-to-vehicle unknown --out my.toml";
 
 const IMPORT_EXAMPLES: &str = "Examples:
-  plumbline config import --camchain camchain-imucam.yaml --imu imu.yaml --out my.toml
-  plumbline config import --euroc V1_01_easy --out my.toml
+  plumbline config import --camchain camchain-imucam.yaml --imu imu.yaml --imu-to-vehicle 180,0,0 --out my.toml
+  plumbline config import --euroc V1_01_easy --imu-to-vehicle 180,-70.3,0 --out my.toml
+  plumbline config import --euroc V1_01_easy --imu-to-vehicle unknown --out my.toml
   plumbline replay V1_01_easy --config my.toml
+
+Calibrations do not tell how the IMU sits in the vehicle: 0,0,0 is x forward, y left, z up; 180,0,0 forward, right, down. With
+`unknown` neither autopilot nor ROS 2 is served, until `plumbline doctor --live` has measured it.
 
 Noise densities of a data sheet hold for a sensor at rest, and are too small in flight. If those of your files are of
 a data sheet, or of an Allan plot, give --inflate 10 (what Kalibr recommends; the preset euroc has 10 and 8).";
@@ -73,9 +78,25 @@ struct ImportArgs {
     /// Frame rate of the cameras, Hz, which Kalibr's files lack. Default: that of the base.
     #[arg(long, value_name = "HZ", requires = "camchain")]
     camera_rate: Option<f64>,
+    /// Mounting of the IMU in the vehicle: degrees that turn its axes to forward, left, up (vehicle.imu_to_vehicle_deg).
+    /// Required, unless the data set states it.
+    #[arg(long, value_name = "ROLL,PITCH,YAW|unknown", value_parser = parse_mounting, allow_hyphen_values = true)]
+    imu_to_vehicle: Option<Mounting>,
     /// Replace a file of that name.
     #[arg(long)]
     overwrite: bool,
+}
+
+/// Three angles, or the word for a mounting that is not known.
+fn parse_mounting(text: &str) -> Result<Mounting, String> {
+    if text == Mounting::UNKNOWN {
+        return Ok(Mounting::Unknown);
+    }
+    let angles: Vec<f64> = text.split(',').filter_map(|angle| angle.trim().parse().ok()).collect();
+    match (angles.try_into(), text.matches(',').count()) {
+        (Ok(degrees), 2) => Ok(Mounting::Known(degrees)),
+        _ => Err("write three angles in degrees, such as 180,0,0, or unknown".into()),
+    }
 }
 
 /// Source of the IMU noise model.
@@ -105,6 +126,7 @@ fn check(file: &str) -> Result<()> {
         return Ok(());
     }
     let config = Config::load(file)?;
+    config.refuse_unset_keys(file)?;
     say(format_args!("{file}: valid, {} camera(s), hash {}", config.camera.len(), config_hash(&config)));
     Ok(())
 }
@@ -118,7 +140,8 @@ fn import(args: &ImportArgs) -> Result<()> {
     if !(args.inflate.is_finite() && args.inflate > 0.0) {
         return Err(Usage("--inflate: give a positive number, such as 10".into()).into());
     }
-    let config = imported(args)?;
+    let mounting = mounting(args)?;
+    let config = imported(args, mounting)?;
     let text = format!("{}{}", header(args), config.to_toml()?);
     // What is written is what will be read.
     let back = Config::from_toml_str(&text, &args.out.display().to_string())?;
@@ -127,8 +150,22 @@ fn import(args: &ImportArgs) -> Result<()> {
     Ok(())
 }
 
+/// The mounting that was named, or that the data set states.
+fn mounting(args: &ImportArgs) -> Result<Mounting> {
+    if let Some(named) = args.imu_to_vehicle {
+        return Ok(named);
+    }
+    let stated = args.euroc.as_ref().map(import::euroc_mounting).transpose()?.flatten();
+    stated.ok_or_else(|| {
+        let message = "--imu-to-vehicle: the files do not tell how the IMU is mounted in the vehicle; give roll,pitch,yaw in \
+                       degrees (0,0,0 is x forward, y left, z up; the vehicle of the EuRoC data sets has 180,-70.3,0), or \
+                       unknown";
+        Usage(message.into()).into()
+    })
+}
+
 /// The base with the calibration of the files.
-fn imported(args: &ImportArgs) -> Result<ValidConfig> {
+fn imported(args: &ImportArgs, mounting: Mounting) -> Result<ValidConfig> {
     let mut base = load_config(Some(&args.base))?.context("a base was named")?.into_inner();
     if let Some(rate_hz) = args.camera_rate {
         base.camera.iter_mut().for_each(|camera| camera.rate_hz = rate_hz);
@@ -141,10 +178,11 @@ fn imported(args: &ImportArgs) -> Result<ValidConfig> {
         _ => return Err(Usage("config import: give --camchain and --imu, or --euroc".into()).into()),
     };
     let mut config = config.into_inner();
+    config.vehicle = VehicleConfig { imu_to_vehicle_deg: mounting };
     if args.noise == Noise::Files {
         let imu = &mut config.imu;
-        imu.gyro_noise_density = own.imu.gyro_noise_density * args.inflate;
-        imu.accel_noise_density = own.imu.accel_noise_density * args.inflate;
+        imu.gyro_noise_density = rounded(own.imu.gyro_noise_density * args.inflate);
+        imu.accel_noise_density = rounded(own.imu.accel_noise_density * args.inflate);
         imu.gyro_bias_walk = own.imu.gyro_bias_walk;
         imu.accel_bias_walk = own.imu.accel_bias_walk;
     }
@@ -164,6 +202,11 @@ fn header(args: &ImportArgs) -> String {
     };
     let _ = writeln!(text, "# All else is of {}; noise densities {noise}.\n", args.base.display());
     text
+}
+
+/// `value` to twelve digits: a product with a factor has more that mean nothing.
+fn rounded(value: f64) -> f64 {
+    format!("{value:.11e}").parse().unwrap_or(value)
 }
 
 /// What came out, so that a wrong unit or a wrong file meets the eye.
@@ -192,6 +235,12 @@ fn summary(config: &Config, out: &Path) -> String {
         "imu         {} Hz, noise {:e} rad/s/sqrt(Hz) and {:e} m/s^2/sqrt(Hz)",
         imu.rate_hz, imu.gyro_noise_density, imu.accel_noise_density
     ));
+    lines.push(match config.vehicle.imu_to_vehicle_deg {
+        Mounting::Known([roll, pitch, yaw]) => {
+            format!("mounting    roll {roll}, pitch {pitch}, yaw {yaw} degrees (vehicle.imu_to_vehicle_deg)")
+        }
+        Mounting::Unknown => "mounting    unknown: neither autopilot nor ROS 2 is served".into(),
+    });
     lines.push(format!("time offset {} s (t_imu - t_camera)", config.rig.time_offset_s));
     lines.join("\n")
 }

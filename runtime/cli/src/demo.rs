@@ -86,7 +86,14 @@ pub fn run(args: &DemoArgs) -> Result<()> {
     let station = Station::open(args, &endpoint)?;
     println!("Look at http://{} (or from another terminal: plumbline ground --no-http)", station.address);
     let mut status = Status::new(&flight.truth);
-    let mut progress = Progress::start(move |glance| status.show(glance), || {})?;
+    let mut progress = Progress::start(
+        move |glance| {
+            if let Some(glance) = glance {
+                status.show(glance);
+            }
+        },
+        || {},
+    )?;
     let options = RunOptions { speed: Some(1.0), threads: 2 };
     let mut subscribers = outputs.subscribers();
     subscribers.push(&mut progress);

@@ -4,7 +4,7 @@ use super::say;
 use anyhow::Result;
 use clap::{Args, ValueEnum};
 use plumbline_lab::evaluate::{
-    AlignmentMode, Delta, EvaluateOptions, Evaluation, Statistics, evaluate, load_trajectory,
+    AlignmentMode, Delta, EvaluateOptions, Evaluation, Statistics, TimeOffset, evaluate, load_trajectory,
 };
 use std::path::PathBuf;
 
@@ -30,9 +30,24 @@ pub struct EvaluateArgs {
     /// Largest difference between the stamps of associated poses, seconds.
     #[arg(long, default_value_t = 0.01)]
     pub max_difference: f64,
+    /// Seconds to add to the stamps of the estimate, as evo's --t_offset; or `auto`: the shift at which both have the same
+    /// motion. For live flights, which are stamped by the host's monotonic clock. Default: 0.
+    #[arg(long, value_name = "S|auto", value_parser = parse_time_offset, allow_hyphen_values = true)]
+    pub time_offset: Option<TimeOffset>,
     /// Print JSON.
     #[arg(long)]
     pub json: bool,
+}
+
+/// A number of seconds, or `auto`.
+fn parse_time_offset(text: &str) -> Result<TimeOffset, String> {
+    if text == "auto" {
+        return Ok(TimeOffset::Search);
+    }
+    let seconds = text.parse().ok().filter(|s: &f64| s.is_finite());
+    seconds
+        .map(TimeOffset::Seconds)
+        .ok_or_else(|| format!("'{text}' is neither a number of seconds nor 'auto'"))
 }
 
 /// Freedom of the alignment.
@@ -73,6 +88,7 @@ pub fn run(args: &EvaluateArgs) -> Result<()> {
         alignment: args.align.into(),
         delta,
         all_pairs: args.all_pairs,
+        time_offset: args.time_offset.unwrap_or_default(),
     };
     let result = evaluate(&load_trajectory(&args.estimate)?, &load_trajectory(&args.truth)?, &options)?;
     if args.json {
@@ -92,7 +108,9 @@ fn print(e: &Evaluation) {
         ));
     };
     row("ATE [m]", &e.ate_m);
-    row("ATE [deg]", &e.ate_rotation_deg);
+    if let Some(rotation_deg) = &e.ate_rotation_deg {
+        row("ATE [deg]", rotation_deg);
+    }
     if let Some(rpe) = &e.rpe {
         row("RPE [m]", &rpe.translation_m);
         row("RPE [deg]", &rpe.rotation_deg);
@@ -103,6 +121,14 @@ fn print(e: &Evaluation) {
         e.path_length_m,
         100.0 * e.completion
     ));
+    if e.time_offset_s != 0.0 {
+        say(format_args!("stamps of the estimate shifted by {:+.3} s", e.time_offset_s));
+    }
+    if e.ate_rotation_deg.is_none() {
+        say(
+            "rotation errors unknown: the positions move too little for an alignment by them; use --align origin",
+        );
+    }
     let percent = 100.0 * e.ate_m.rmse / e.path_length_m.max(1e-9);
     let optional =
         |x: Option<f64>, unit: &str| x.map_or_else(|| "unknown".into(), |x| format!("{x:+.3} {unit}"));

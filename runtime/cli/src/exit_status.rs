@@ -17,6 +17,8 @@ use plumbline_flight::places::frames::PlacesError;
 use plumbline_flight::places::{MapDefect, MapFileError};
 use plumbline_lab::calibrate::camera::ImagesError;
 use plumbline_lab::calibrate::rig::RigError;
+use plumbline_lab::evaluate::EvaluateError;
+use plumbline_lab::sweep::SweepError;
 use plumbline_link::net::NetError;
 use plumbline_link::net::keys::KeysError;
 use plumbline_link::process::LinkError;
@@ -70,6 +72,9 @@ fn is_usage(cause: &(dyn Error + 'static)) -> bool {
     if let Some(RigError::Flight(error)) = cause.downcast_ref::<RigError>() {
         return is_usage(error);
     }
+    if let Some(EvaluateError::Read(error)) = cause.downcast_ref::<EvaluateError>() {
+        return is_usage(error);
+    }
     is_wrong_input(cause) || is_wrong_endpoint(cause)
 }
 
@@ -84,6 +89,9 @@ fn is_wrong_input(cause: &(dyn Error + 'static)) -> bool {
                 | DriverError::Device { .. }
                 | DriverError::ImuAddress(_)
         );
+    }
+    if let Some(error) = cause.downcast_ref::<SweepError>() {
+        return matches!(error, SweepError::OtherSweep { .. });
     }
     if let Some(error) = cause.downcast_ref::<PlacesError>() {
         return match error {

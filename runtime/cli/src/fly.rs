@@ -1,28 +1,31 @@
 //! `plumbline fly`: live, from the sensors that a configuration names.
 
 use super::exit_status::last_resort;
+use super::fly_status::FlyStatus;
 use super::link_process::LinkProcess;
 use super::progress::{Glance, Progress};
-use super::{Usage, check_outputs, load_config, say_within, stop_on_signal};
+use super::signals::stop_in_flight;
+use super::{Usage, check_maps, check_mounting, check_outputs, load_config, say_within};
 use anyhow::{Context, Result};
 use clap::Args;
 use plumbline_config::ValidConfig;
+use plumbline_config::options::VehicleConfig;
 use plumbline_drivers::tum::write_tum;
 use plumbline_drivers::{StampedPose, StopFlag};
 use plumbline_estimator::places::Mapper;
 use plumbline_flight::flight::plausibility::Finding;
 use plumbline_flight::flight::plausibility::watch::Watch;
-use plumbline_flight::flight::sensor_watch::SensorWatch;
+use plumbline_flight::flight::sensor_watch::{SensorNotices, SensorWatch};
 use plumbline_flight::flight::{
     Flight, FlightError, Flown, Outputs, ResetCount, fly, is_log, open_sensors, plausibility, with_overrides,
 };
-use plumbline_flight::local::LocalSocket;
+use plumbline_flight::local::{LocalSocket, SensorBoard};
 use plumbline_flight::log::{LogError, WhenFull};
 use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_flight::places::{MapContents, read_known_map, write_map};
 use plumbline_lab::report::Report;
 use plumbline_link::process::{LinkOptions, has_network};
-use std::io::{IsTerminal, Write as _};
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -104,7 +107,8 @@ pub fn run(args: &FlyArgs) -> Result<()> {
     check_outputs([&args.report, &args.trajectory, &args.save_map].into_iter().flatten())?;
     let log = args.record.as_deref().map(|path| log_path(path, SystemTime::now())).transpose()?;
     let config = config(args)?;
-    let stop = stop_on_signal()?;
+    check_maps(&config, args.map.is_some(), args.save_map.is_some())?;
+    let stop = stop_in_flight()?;
     let (mut flight, sensors) = open_sensors(&config, &StopFlag::of(Arc::clone(&stop)))
         .with_context(|| format!("{}", args.config.display()))?;
     if let Some(path) = &args.map {
@@ -113,17 +117,17 @@ pub fn run(args: &FlyArgs) -> Result<()> {
     let mut resets = state_folder(args).map(|folder| ResetCount::resume(&folder));
     flight.first_reset_counter = resets.as_ref().map_or(0, ResetCount::first);
     let control = Arc::new(Control::stopped_by(Arc::clone(&stop)).with_last_resort(last_resort));
-    let mut outputs = start_outputs(args, &flight, log.as_deref(), &control)?;
-    let mut progress = start_progress()?;
-    let mut watch = Watch::start(&config, true, Vec::new())?;
-    let sensor_watch = SensorWatch::start(&sensors)?;
+    let (mut outputs, board) = start_outputs(args, &flight, log.as_deref(), &control)?;
+    let mut watch = Watch::start(&config, true, findings(&config))?;
+    let sensor_watch = SensorWatch::start(&sensors, board)?;
+    let mut progress = start_progress(sensor_watch.notices())?;
     let end = args.duration.map(|s| End::after(Duration::from_secs_f64(s), &stop)).transpose()?;
     let options = RunOptions { speed: Some(1.0), threads: usize::from(args.threads) };
     let mut subscribers = outputs.subscribers();
-    subscribers.insert(0, &mut progress);
-    subscribers.insert(0, &mut watch);
+    subscribers.push(&mut progress);
+    subscribers.push(&mut watch);
     if let Some(resets) = &mut resets {
-        subscribers.insert(0, resets);
+        subscribers.push(resets);
     }
     // Also of a flight that a fault has ended the autopilot is told, and the log is written.
     let (flown, outputs) = (fly(flight, &options, &control, subscribers), outputs.finish());
@@ -175,15 +179,32 @@ fn log_path(named: &Path, now: SystemTime) -> Result<PathBuf, Usage> {
     Ok(named.to_owned())
 }
 
-/// Those whom the configuration names.
+/// What is to be said of the configuration before the first sample.
+fn findings(config: &ValidConfig) -> Vec<Finding> {
+    let is_unknown = config.vehicle.rot_v_b().is_none();
+    let mounting = || {
+        Finding::new(
+            VehicleConfig::UNKNOWN,
+            "mounting unknown",
+            "a configuration that was imported without it",
+            format!("nothing that depends on the vehicle's attitude is published; {}", VehicleConfig::CURE),
+        )
+    };
+    is_unknown.then(mounting).into_iter().collect()
+}
+
+/// Those whom the configuration names, and where readers of the local socket are told of the sensors.
 fn start_outputs(
     args: &FlyArgs,
     flight: &Flight,
     log: Option<&Path>,
     control: &Arc<Control>,
-) -> Result<Outputs> {
+) -> Result<(Outputs, Option<SensorBoard>)> {
     let config = &flight.config;
-    let mut outputs = Outputs::default();
+    if config.ros.enabled {
+        check_mounting(config)?;
+    }
+    let (mut outputs, mut board) = (Outputs::default(), None);
     if !config.autopilot.connect.is_empty() {
         outputs.pilot(flight)?;
     }
@@ -203,6 +224,7 @@ fn start_outputs(
     if has_network || !config.local.path.is_empty() {
         let socket = LocalSocket::start(config, flight.stamps, Arc::clone(control))?;
         let door = socket.link_door();
+        board = Some(socket.sensor_board());
         outputs.add(socket);
         if has_network {
             outputs.add(LinkProcess::start(door, config, link)?);
@@ -215,7 +237,7 @@ fn start_outputs(
              --record"
         );
     }
-    Ok(outputs)
+    Ok((outputs, board))
 }
 
 /// Records the flight; a disk that takes no log keeps nobody from flying.
@@ -237,40 +259,15 @@ fn state_folder(args: &FlyArgs) -> Option<PathBuf> {
     args.state.clone().or_else(|| of_systemd().and_then(first))
 }
 
-/// A line a second on a terminal; nothing elsewhere, where it would fill a journal.
-fn start_progress() -> std::io::Result<Progress> {
+/// Shows the status: each second on a terminal, elsewhere in the log.
+fn start_progress(notices: SensorNotices) -> std::io::Result<Progress> {
     let is_terminal = std::io::stdout().is_terminal();
-    let (mut next, mut end) = (Instant::now(), "");
-    let show = move |glance: &Glance| {
-        if !is_terminal || Instant::now() < next {
-            return;
-        }
-        next = Instant::now() + Duration::from_secs(1);
-        let mut out = std::io::stdout().lock();
-        let _ = write!(out, "\r{}\x1b[K", words(glance));
-        let _ = out.flush();
+    let mut status = FlyStatus::new(is_terminal, notices, Instant::now());
+    let show = move |glance: Option<&Glance>| match glance {
+        Some(glance) => status.take(glance, Instant::now()),
+        None => status.tick(Instant::now()),
     };
-    if is_terminal {
-        end = "\n";
-    }
-    Progress::start(show, move || print!("{end}"))
-}
-
-fn words(glance: &Glance) -> String {
-    let (frames, frame_ms) = (glance.frames, glance.frame_ms);
-    if !glance.has_pose {
-        return format!("no pose yet  frames {frames}  points {}  frame {frame_ms:.1} ms", glance.points);
-    }
-    let p = glance.pose_o_b.translation.vector;
-    format!(
-        "{:>7.2} {:>7.2} {:>7.2} m  speed {:.2} m/s  quality {}  points {}  frames {frames}  frame {frame_ms:.1} ms",
-        p.x,
-        p.y,
-        p.z,
-        glance.v_o_b.norm(),
-        glance.quality,
-        glance.points
-    )
+    Progress::start(show, move || print!("{}", if is_terminal { "\n" } else { "" }))
 }
 
 /// All that is wrong with what was flown.

@@ -1,17 +1,17 @@
 //! `plumbline ground`: watch vehicles from afar, in the browser and in the terminal.
 
 use super::access::AccessArgs;
-use super::{check_outputs, say, stop_on_signal};
+use super::{check_outputs, log_lines, say, stop_on_signal};
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use plumbline_ground::connection::Connection;
 use plumbline_ground::fleet::Fleet;
 use plumbline_ground::{self as ground, lock, view, web};
 use plumbline_link::net::{Endpoints, Mode, NetError, audit, diagnosis, security};
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write as _};
 use std::net::SocketAddr;
 use std::path::PathBuf;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -104,8 +104,10 @@ pub fn run(args: &GroundArgs) -> Result<()> {
     };
     let station = Background::start()?;
     let Some(line) = station.open(&endpoints, &fleet, args.json, &is_over)? else { return Ok(()) };
+    let mut about = String::new();
     if let Some(page) = page {
         let address = station.serve(page, Arc::clone(&fleet), line.clone(), args)?;
+        about = format!("page: http://{address}");
         if !args.json {
             say(format_args!("the page is at http://{address}"));
         }
@@ -116,7 +118,7 @@ pub fn run(args: &GroundArgs) -> Result<()> {
     } else if args.plain || !std::io::stdout().is_terminal() {
         ground::print_lines(&fleet, &is_over)
     } else {
-        view::show(&fleet, &is_over, &stop)
+        show_view(&fleet, &about, &is_over, &stop)
     };
     if let Some(path) = &args.report {
         ground::report::write(path, &lock(&fleet)).with_context(|| format!("{}", path.display()))?;
@@ -130,6 +132,40 @@ pub fn run(args: &GroundArgs) -> Result<()> {
         bail!("no vehicle received: {cause}");
     }
     Ok(())
+}
+
+/// Shows the view in the terminal, with the log in a pane of it. What was logged meanwhile stays in the terminal afterwards.
+fn show_view(
+    fleet: &Mutex<Fleet>,
+    about: &str,
+    is_over: &impl Fn() -> bool,
+    stop: &AtomicBool,
+) -> std::io::Result<()> {
+    let log = LogInView::start();
+    view::show(fleet, &log.pane, about, is_over, stop)
+}
+
+/// Lines of the log go into a pane as long as this is there, and are written to the terminal when it goes.
+struct LogInView {
+    pane: Arc<view::LogPane>,
+    redirected: Option<log_lines::Redirected>,
+}
+
+impl LogInView {
+    fn start() -> Self {
+        let pane = Arc::new(view::LogPane::new());
+        let lines_to = Arc::clone(&pane);
+        Self { pane, redirected: Some(log_lines::redirect(move |line| lines_to.push(line))) }
+    }
+}
+
+impl Drop for LogInView {
+    fn drop(&mut self) {
+        drop(self.redirected.take());
+        // A terminal that is gone takes no lines.
+        let mut stderr = std::io::stderr().lock();
+        let _ = self.pane.take().iter().try_for_each(|line| writeln!(stderr, "{line}"));
+    }
 }
 
 /// The threads of the network and of the page. However the command ends, they end soon after: Zenoh waits for its first

@@ -17,6 +17,7 @@ mod doctor;
 pub mod evaluate;
 mod exit_status;
 pub mod fly;
+mod fly_status;
 #[cfg(feature = "ground")]
 mod ground;
 mod keys;
@@ -27,6 +28,8 @@ pub mod log;
 mod log_lines;
 mod man;
 mod map;
+#[cfg(test)]
+mod message_options;
 mod paired;
 pub mod plot;
 mod progress;
@@ -37,10 +40,13 @@ pub mod replay;
 mod reset;
 mod router;
 pub mod scenario;
+mod signals;
 pub mod simulate;
 pub mod sweep;
 pub mod topics;
 pub mod verify;
+
+pub use signals::stop_on_signal;
 
 use clap::{CommandFactory, Parser, Subcommand};
 use plumbline_config::{Config, ConfigError, ValidConfig};
@@ -50,8 +56,6 @@ use std::io::{IsTerminal as _, Write as _};
 use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 /// Deterministic real-time visual-inertial odometry for drones.
@@ -172,7 +176,7 @@ pub fn main() -> ExitCode {
     if cli.command.has_network() {
         lay_out_threads();
     }
-    init_logs(cli.verbose);
+    init_logs(cli.verbose, matches!(cli.command, Command::Fly(_)));
     let ended = run(cli.command);
     log_lines::flush();
     match ended {
@@ -282,7 +286,8 @@ pub fn one_line(error: &anyhow::Error) -> String {
     line.split('\n').map(str::trim).filter(|part| !part.is_empty()).collect::<Vec<_>>().join("; ")
 }
 
-fn init_logs(verbose: u8) {
+/// Logs warnings; of a live flight (`is_live`) also what it says of itself.
+fn init_logs(verbose: u8, is_live: bool) {
     use tracing_subscriber::layer::SubscriberExt as _;
     use tracing_subscriber::util::SubscriberInitExt as _;
     use tracing_subscriber::{EnvFilter, Layer as _};
@@ -293,7 +298,9 @@ fn init_logs(verbose: u8) {
         "info,zenoh=warn,zenoh::net::runtime::orchestrator=error,zenoh_link_tls::unicast=error",
         "debug",
     ][usize::from(verbose.min(2))];
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(default));
+    let live = if is_live && verbose == 0 { ",plumbline=info,plumbline_flight=info" } else { "" };
+    let filter =
+        EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(format!("{default}{live}")));
     // Colours are for people: https://no-color.org.
     let is_coloured =
         std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
@@ -321,6 +328,46 @@ pub fn load_config(file: Option<&Path>) -> Result<Option<ValidConfig>, ConfigErr
     match file.to_str() {
         Some(name) if plumbline_config::PRESETS.contains(&name) => Config::preset(name).map(Some),
         _ => Config::load(file).map(Some),
+    }
+}
+
+/// Refuses a map that nothing could be put into: with one camera there is no depth, and so no place to be recognized.
+///
+/// # Errors
+/// When a map is read or written with one camera, or with places switched off.
+pub fn check_maps(config: &ValidConfig, reads: bool, writes: bool) -> Result<(), Usage> {
+    let option = match (reads, writes) {
+        (true, _) => "--map",
+        (false, true) => "--save-map",
+        (false, false) => return Ok(()),
+    };
+    if config.camera.len() < 2 {
+        return Err(Usage(format!(
+            "{option}: a map needs two cameras, and there is one; leave it out, or add the second [[camera]]"
+        )));
+    }
+    if !config.estimator.places.enabled {
+        return Err(Usage(format!(
+            "{option}: estimator.places.enabled is false, so no map is made; leave it out, or set that to true"
+        )));
+    }
+    Ok(())
+}
+
+/// Refuses an output that needs the vehicle's attitude while the mounting of the IMU is unknown.
+///
+/// # Errors
+/// When it is.
+pub fn check_mounting(config: &ValidConfig) -> Result<(), Usage> {
+    use plumbline_config::options::VehicleConfig;
+
+    match config.vehicle.rot_v_b() {
+        Some(_) => Ok(()),
+        None => Err(Usage(format!(
+            "{}, and ROS 2 (ros.enabled) would receive a wrong attitude: {}",
+            VehicleConfig::UNKNOWN,
+            VehicleConfig::CURE
+        ))),
     }
 }
 
@@ -358,21 +405,6 @@ fn try_writing(file: &Path) -> std::io::Result<()> {
     }
     std::fs::OpenOptions::new().write(true).create_new(true).open(file)?;
     std::fs::remove_file(file)
-}
-
-/// Set by the first Ctrl-C or termination signal; a second one ends the process at once.
-///
-/// # Errors
-/// When no handler can be installed.
-pub fn stop_on_signal() -> anyhow::Result<Arc<AtomicBool>> {
-    let stop = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&stop);
-    ctrlc::set_handler(move || {
-        if flag.swap(true, Ordering::Relaxed) {
-            std::process::exit(130);
-        }
-    })?;
-    Ok(stop)
 }
 
 /// `A..B`, both optional, as a pair.

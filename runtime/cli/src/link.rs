@@ -1,6 +1,7 @@
 //! `plumbline link`: the network process, which publishes a flight that it reads from a local socket.
 
 use super::exit_status::FAULT;
+use super::signals::ignore_signals;
 use super::{log_lines, stop_on_signal};
 use anyhow::{Context as _, Result};
 use clap::Args;
@@ -74,7 +75,7 @@ fn run_started(options: &LinkOptions) -> Result<()> {
     // More than nothing: a host may refuse it.
     let _ = std::fs::write("/proc/self/oom_score_adj", OUT_OF_MEMORY_SCORE);
     // The flight ends first, and says so over the socket.
-    ctrlc::set_handler(|| {})?;
+    ignore_signals()?;
     let stream = UnixStream::from(std::io::stdin().as_fd().try_clone_to_owned()?);
     // Why it cannot start is reported to the flight, whose words they are.
     let _ = serve(stream, options, &AtomicBool::new(false));

@@ -2,9 +2,9 @@
 //! holds up nobody. What finds no room is counted, and told when there is room again.
 
 use plumbline_flight::schedule::queue::Queue;
-use std::io::{self, Write};
-use std::sync::OnceLock;
+use std::io::{self, IsTerminal as _, Write};
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread::Thread;
 use std::time::{Duration, Instant};
 use tracing_subscriber::fmt::MakeWriter;
@@ -33,6 +33,36 @@ fn waiting() -> &'static Waiting {
         written: AtomicU64::new(0),
         writer: OnceLock::new(),
     })
+}
+
+/// Takes lines in the place of stderr.
+type Reader = Box<dyn Fn(&[u8]) + Send>;
+
+static READER: Mutex<Option<Reader>> = Mutex::new(None);
+
+fn reader() -> MutexGuard<'static, Option<Reader>> {
+    READER.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Lines go to a reader as long as this is there; then to stderr again.
+#[derive(Debug)]
+pub struct Redirected(());
+
+/// Hands lines over to `reader` where stderr is a terminal, which something else draws on meanwhile. A file or a pipe goes
+/// on taking them.
+pub fn redirect(lines_to: impl Fn(&[u8]) + Send + 'static) -> Redirected {
+    if io::stderr().is_terminal() {
+        flush();
+        *reader() = Some(Box::new(lines_to));
+    }
+    Redirected(())
+}
+
+impl Drop for Redirected {
+    fn drop(&mut self) {
+        flush();
+        *reader() = None;
+    }
 }
 
 /// Makes the lines of the log; [`start`] has them written.
@@ -66,16 +96,24 @@ fn write_all() {
     loop {
         while let Some(line) = waiting.lines.pop() {
             let lost = waiting.lost.load(Ordering::Relaxed);
-            let mut stderr = io::stderr().lock();
             if lost > told {
-                let _ = writeln!(stderr, "({} lines of the log are missing here)", lost - told);
+                write(format!("({} lines of the log are missing here)\n", lost - told).as_bytes());
                 told = lost;
             }
-            let _ = stderr.write_all(&line);
+            write(&line);
             waiting.written.fetch_add(1, Ordering::Release);
         }
         std::thread::park();
     }
+}
+
+/// Writes a line to stderr, or to who reads in its place.
+fn write(line: &[u8]) {
+    if let Some(reader) = &*reader() {
+        return reader(line);
+    }
+    // Without the lock: a terminal may stand still.
+    let _ = io::stderr().write_all(line);
 }
 
 impl<'a> MakeWriter<'a> for LogLines {

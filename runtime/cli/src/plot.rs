@@ -6,7 +6,7 @@ use super::{Usage, check_outputs, say, stop_on_signal, sweep};
 use anyhow::{Context, Result};
 use clap::Args;
 use plumbline_estimator::Estimate;
-use plumbline_flight::flight::states::{StateRow, is_states, read_states};
+use plumbline_flight::flight::states::{is_states, read_states};
 use plumbline_flight::flight::{KeptStates, Truth, fly, is_log};
 use plumbline_flight::log::channel::Channel;
 use plumbline_flight::log::cursor::Cursor;
@@ -110,7 +110,7 @@ fn subject(args: &PlotArgs) -> Result<(Option<Subject>, Vec<plumbline_drivers::S
 }
 
 /// Flies a data set or a simulated flight as it is.
-fn flown(name: &str) -> Result<(Vec<StateRow>, Truth)> {
+fn flown(name: &str) -> Result<(Vec<Estimate>, Truth)> {
     let flight = sweep::subject(name, None)?.open(&Default::default(), None, None)?;
     let control = Control::stopped_by(stop_on_signal()?);
     let mut states = KeptStates::for_flight(&flight);
@@ -124,7 +124,7 @@ fn flown(name: &str) -> Result<(Vec<StateRow>, Truth)> {
 /// A flight that was just flown, over its truth where that is known; `None` without a pose.
 pub(super) fn flown_subject(
     name: &str,
-    rows: &[StateRow],
+    rows: &[Estimate],
     truth: &Truth,
 ) -> Result<Option<Subject>, EvaluateError> {
     let Some(subject) = Subject::of_states(name, rows) else { return Ok(None) };
@@ -136,11 +136,11 @@ pub(super) fn flown_subject(
 }
 
 /// The estimates that a flight log holds, as they were recorded.
-fn logged_states(path: &Path) -> Result<Vec<StateRow>> {
+fn logged_states(path: &Path) -> Result<Vec<Estimate>> {
     let mut log = Cursor::open(path, &[Channel::Estimate])?;
     let mut rows = Vec::new();
     while let Some(estimate) = log.next::<Estimate>(Channel::Estimate)? {
-        rows.push(StateRow::of(&estimate));
+        rows.push(estimate);
     }
     Ok(rows)
 }

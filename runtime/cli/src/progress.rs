@@ -4,9 +4,10 @@
 use indicatif::{ProgressBar, ProgressStyle};
 use nalgebra::{Isometry3, Vector3};
 use plumbline_config::Timestamp;
-use plumbline_estimator::Estimate;
 use plumbline_flight::pipeline::listener::{Listener, Producer, Subscriber};
 use plumbline_flight::schedule::ring::{Bell, Reader, Writer, ring};
+use plumbline_record::Said;
+use plumbline_record::said::FullEstimate;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -47,12 +48,13 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Calls `show` for every estimate, on a thread of normal priority, until the run is over; then `end`.
+    /// Calls `show` for every estimate, on a thread of normal priority, until the run is over, and some times a second with
+    /// none; then `end`.
     ///
     /// # Errors
     /// When the system refuses a thread.
     pub fn start(
-        show: impl FnMut(&Glance) + Send + 'static,
+        show: impl FnMut(Option<&Glance>) + Send + 'static,
         end: impl FnOnce() + Send + 'static,
     ) -> std::io::Result<Self> {
         let (writer, reader) = ring(RING, &Bell::default());
@@ -72,7 +74,8 @@ impl Progress {
             ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()),
         );
         let theirs = bar.clone();
-        let show = move |glance: &Glance| {
+        let show = move |glance: Option<&Glance>| {
+            let Some(glance) = glance else { return };
             let p = glance.pose_o_b.translation.vector;
             bar.set_position(glance.frames);
             bar.set_message(format!("({:.2} {:.2} {:.2}) m, {:.1} ms", p.x, p.y, p.z, glance.frame_ms));
@@ -92,11 +95,12 @@ impl Progress {
     }
 }
 
-fn draw(mut glances: Reader<Glance>, mut show: impl FnMut(&Glance), end: impl FnOnce()) {
+fn draw(mut glances: Reader<Glance>, mut show: impl FnMut(Option<&Glance>), end: impl FnOnce()) {
     while !glances.is_closed() {
         while let Some(glance) = glances.pop() {
-            show(&glance);
+            show(Some(&glance));
         }
+        show(None);
         std::thread::sleep(REDRAW);
     }
     end();
@@ -118,7 +122,8 @@ struct WindowListener {
 }
 
 impl Listener for WindowListener {
-    fn estimate(&mut self, estimate: &Estimate, frame_ms: f64) {
+    fn said(&mut self, said: &Said) {
+        let Said::Estimate(FullEstimate { estimate, frame_ms }) = said else { return };
         self.frames += 1;
         let _ = self.writer.push(Glance {
             frames: self.frames,
@@ -128,7 +133,7 @@ impl Listener for WindowListener {
             v_o_b: estimate.v_o_b,
             points: estimate.figures.points_tracked,
             quality: estimate.quality,
-            frame_ms,
+            frame_ms: *frame_ms,
         });
     }
 }

@@ -6,16 +6,19 @@ use super::plot::flown_subject;
 use super::progress::Progress;
 use super::scenario::{ScenarioArgs, parse_scene};
 use super::topics::TopicArgs;
-use super::{Usage, check_outputs, load_config, parse_range, say, stop_on_signal};
+use super::{
+    Usage, check_maps, check_mounting, check_outputs, load_config, parse_range, say, stop_on_signal,
+};
 use anyhow::{Context, Result};
 use clap::Args;
 use plumbline_config::{Config, ValidConfig};
 use plumbline_drivers::StampedPose;
 use plumbline_drivers::tum::write_tum;
+use plumbline_estimator::Estimate;
 use plumbline_estimator::places::Mapper;
 use plumbline_flight::flight::plausibility::Finding;
 use plumbline_flight::flight::plausibility::watch::Watch;
-use plumbline_flight::flight::states::{StateRow, write_states};
+use plumbline_flight::flight::states::write_states;
 use plumbline_flight::flight::{
     CausalPose, Cut, Flight, Flown, KeptStates, OdometryTrajectory, Outputs, Truth, fly, is_log,
     open_recording, open_simulation, plausibility, with_overrides,
@@ -160,6 +163,7 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     }
     check_mentions(args)?;
     let flight = prepared(open(args)?, args)?;
+    check_maps(&flight.config, args.map.is_some(), args.save_map.is_some())?;
     let control = Arc::new(Control::stopped_by(stop_on_signal()?).with_last_resort(last_resort));
     let mut outputs = start_outputs(args, &flight, &control)?;
     let mut odometry = args.odometry.as_ref().map(|_| OdometryTrajectory::with_room_for(readings(&flight)));
@@ -170,14 +174,14 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     let (log_end, threads) = (flight.log_end.clone(), usize::from(args.threads));
     let options = RunOptions { speed: args.speed, threads };
     let mut subscribers = outputs.subscribers();
-    subscribers.insert(0, &mut progress);
+    subscribers.push(&mut progress);
     if let Some(odometry) = &mut odometry {
-        subscribers.insert(0, odometry);
+        subscribers.push(odometry);
     }
     if let Some(states) = &mut states {
-        subscribers.insert(0, states);
+        subscribers.push(states);
     }
-    subscribers.insert(0, &mut watch);
+    subscribers.push(&mut watch);
     // The outputs end at once, or an autopilot would be told that the estimator is silent; also of a flight with a fault.
     let (flown, outputs) = (fly(flight, &options, &control, subscribers), outputs.finish());
     progress.finish();
@@ -344,6 +348,9 @@ fn start_network(
     let door = socket.link_door();
     outputs.add(socket);
     if args.publish {
+        if config.ros.enabled {
+            check_mounting(config)?;
+        }
         let (listen, connect) = (args.listen.clone(), args.connect.clone());
         let link = LinkOptions { listen, connect, publish: false, is_patient: false };
         if !has_network(&config.network, &link) {
@@ -404,7 +411,7 @@ fn write_map_outputs(args: &ReplayArgs, flown: &Flown) -> Result<()> {
 }
 
 /// Writes the table of the states, and draws them.
-fn write_state_outputs(args: &ReplayArgs, rows: &[StateRow], truth: &Truth) -> Result<()> {
+fn write_state_outputs(args: &ReplayArgs, rows: &[Estimate], truth: &Truth) -> Result<()> {
     if let Some(path) = &args.states {
         write_states(path, rows).with_context(|| format!("{}", path.display()))?;
     }

@@ -73,7 +73,8 @@ pub struct SweepArgs {
     /// Parallel flights. Default: the number of processors. The results do not depend on it.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub jobs: Option<u16>,
-    /// Folder of the finished cells. Default: the name of --out with the ending .cells, or sweep.cells.
+    /// Folder of the finished cells: one for each sweep. Default: the name of --out with the ending .cells; without
+    /// --out a folder in $XDG_CACHE_HOME/plumbline (~/.cache/plumbline), deleted when all cells are flown.
     #[arg(long, value_name = "FOLDER")]
     pub cells: Option<PathBuf>,
     /// Write every cell with all its figures (CSV).
@@ -130,21 +131,38 @@ pub fn run(args: &SweepArgs) -> Result<()> {
         cells.iter().for_each(|cell| say(format_args!("{}\t{}", cell.index, cell.describe())));
         return Ok(());
     }
-    let folder = folder(args);
-    std::fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
-    let stop = stop_on_signal()?;
+    let named = named_folder(args);
+    let make = |folder: &Path| std::fs::create_dir_all(folder).with_context(|| folder.display().to_string());
     if let Some(index) = args.cell {
-        return fly_one(&plan.cell(index).map_err(|e| Usage(e.to_string()))?, &folder, &stop);
+        let cell = plan.cell(index).map_err(|e| Usage(e.to_string()))?;
+        let folder =
+            named.ok_or_else(|| Usage("--cell: name the folder of the cells with --cells".into()))?;
+        make(&folder)?;
+        return fly_one(&cell, &folder, &stop_on_signal()?);
     }
-    fly_missing(&cells, args, &folder, &stop)?;
+    let folder = named.clone().unwrap_or_else(|| cache_folder().join(cell::folder_name(&cells)));
+    make(&folder)?;
+    fly_missing(&cells, args, &folder, &stop_on_signal()?)?;
     let results = cells.iter().filter_map(|cell| cell.kept_or_failed(&folder).transpose());
-    sum_up(&results.collect::<Result<Vec<_>, _>>()?, args)
+    let results = results.collect::<Result<Vec<_>, _>>()?;
+    if named.is_none() && results.iter().all(|result| result.error.is_none()) {
+        // Nobody asked for these files, and nobody misses them.
+        let _ = std::fs::remove_dir_all(&folder);
+    }
+    sum_up(&results, args)
 }
 
-/// The folder of finished cells.
-fn folder(args: &SweepArgs) -> PathBuf {
+/// The folder of finished cells that the arguments name.
+fn named_folder(args: &SweepArgs) -> Option<PathBuf> {
     let beside = |out: &PathBuf| out.with_extension("cells");
-    args.cells.clone().unwrap_or_else(|| args.out.as_ref().map_or_else(|| "sweep.cells".into(), beside))
+    args.cells.clone().or_else(|| args.out.as_ref().map(beside))
+}
+
+/// The folder for files that an interrupted command goes on from; the present one where the user has none.
+fn cache_folder() -> PathBuf {
+    let absolute = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
+    let of_user = absolute("XDG_CACHE_HOME").or_else(|| Some(absolute("HOME")?.join(".cache")));
+    of_user.map(|folder| folder.join("plumbline")).unwrap_or_default()
 }
 
 /// The sweep that the arguments describe, every setting checked.
@@ -257,7 +275,7 @@ fn fly_missing(cells: &[Cell], args: &SweepArgs, folder: &Path, stop: &Arc<Atomi
     let bar = progress_bar("cells", cells.len(), cells.len() - missing.len());
     let landed = |result: &CellResult| {
         bar.inc(1);
-        let words = format!("cell {} of {}: {}", result.cell, result.of, outcome(result));
+        let words = format!("cell {} ({} cells): {}", result.cell, result.of, outcome(result));
         if bar.is_hidden() { eprintln!("{words}") } else { bar.set_message(words) }
     };
     run::fly_all(&missing, folder, jobs, stop, &landed)?;

@@ -55,6 +55,12 @@ pub struct VerifyArgs {
 /// # Errors
 /// When a log cannot be executed, is not bit-identical, or is not complete.
 pub fn run(args: &VerifyArgs) -> Result<()> {
+    if let Some(folder) = args.logs.iter().find(|log| log.is_dir()) {
+        let folder = folder.display();
+        return Err(
+            Usage(format!("{folder}: is a folder; name the flight logs in it: {folder}/*.mcap")).into()
+        );
+    }
     if let [log] = args.logs.as_slice() {
         return run_one(args, log);
     }

@@ -7,10 +7,8 @@ use crate::autopilot::timesync::TimeSync;
 use crate::local::client::Records;
 use crate::local::request::{self, Numbered, Request, TooLong};
 use crate::log::channel::Channel;
-use crate::log::decode::FromLog;
 use crate::log::source::{LogImu, LogStereo};
-use crate::log::{LogReader, encode, image, proto};
-use crate::pipeline::orders::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder};
+use crate::log::{LogReader, image};
 use crate::places::codec;
 use crate::schedule::ticker::Monotonic;
 use plumbline_config::GrayImage;
@@ -18,7 +16,10 @@ use plumbline_config::options::ImageRecording;
 use plumbline_drivers::{ImuReading, ImuSource as _, StereoFrame, StereoSource as _};
 use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{Estimate, Odometry};
-use prost::Message as _;
+use plumbline_record::fields::Record;
+use plumbline_record::parts::{FrameAbout, ImageAbout, Recording};
+use plumbline_record::protobuf::{decode, encode};
+use plumbline_record::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
@@ -78,28 +79,22 @@ pub fn log_messages(data: &[u8]) {
 
 fn log_message(channel: Channel, payload: &[u8]) {
     match channel {
-        Channel::Imu => again::<ImuReading>(payload, |v| encode::imu(v).encode_to_vec()),
-        Channel::FrameOrder => again::<FrameOrder>(payload, |v| encode::frame_order(v).encode_to_vec()),
-        Channel::CorrectionOrder => {
-            again::<CorrectionOrder>(payload, |v| encode::correction_order(v).encode_to_vec());
-        }
-        Channel::ResetOrder => again::<ResetOrder>(payload, |v| encode::reset_order(v).encode_to_vec()),
-        Channel::MapOrder => again::<MapOrder>(payload, |v| encode::map_order(v).encode_to_vec()),
-        Channel::MapEstimate => again::<MapEstimate>(payload, |v| encode::map_estimate(v).encode_to_vec()),
-        Channel::Estimate => again::<Estimate>(payload, |v| encode::estimate(v).encode_to_vec()),
-        Channel::Odometry => again::<Odometry>(payload, |v| encode::odometry(v).encode_to_vec()),
+        Channel::Imu => again::<ImuReading>(payload),
+        Channel::Frame => again::<FrameAbout>(payload),
+        Channel::FrameOrder => again::<FrameOrder>(payload),
+        Channel::CorrectionOrder => again::<CorrectionOrder>(payload),
+        Channel::ResetOrder => again::<ResetOrder>(payload),
+        Channel::MapOrder => again::<MapOrder>(payload),
+        Channel::MapEstimate => again::<MapEstimate>(payload),
+        Channel::Estimate => again::<Estimate>(payload),
+        Channel::Odometry => again::<Odometry>(payload),
+        Channel::Recording => again::<Recording>(payload),
         Channel::Left | Channel::Right => {
-            let description = proto::Image { width_px: 8, height_px: 6, sha256: Vec::new() };
+            let description = ImageAbout { width_px: 8, height_px: 6, sha256: Vec::new() };
             for images in [ImageRecording::Raw, ImageRecording::Png] {
                 let _ = image::decode(payload, images, &description, &mut GrayImage::new(8, 6));
             }
         }
-        Channel::Recording => {
-            if let Ok(recording) = proto::Recording::decode(payload) {
-                let _ = crate::log::decode::dropped(&recording);
-            }
-        }
-        Channel::Frame => drop(proto::Frame::decode(payload)),
         Channel::Transform
         | Channel::Pose
         | Channel::Event
@@ -110,11 +105,11 @@ fn log_message(channel: Channel, payload: &[u8]) {
 }
 
 /// What is read of a message is written, read and written once more: both writings are the same.
-fn again<T: FromLog>(payload: &[u8], write: impl Fn(&T) -> Vec<u8>) {
-    let Ok(value) = T::from_bytes(payload) else { return };
-    let written = write(&value);
-    let Ok(back) = T::from_bytes(&written) else { panic!("what was written is refused: {written:?}") };
-    assert_eq!(write(&back), written);
+fn again<T: Record>(payload: &[u8]) {
+    let Ok(value) = decode::<T>(payload) else { return };
+    let written = encode(&value);
+    let Ok(back) = decode::<T>(&written) else { panic!("what was written is refused: {written:?}") };
+    assert_eq!(encode(&back), written);
 }
 
 /// Bytes from an autopilot: the first says how long the pieces are that the others come in. Messages are the same

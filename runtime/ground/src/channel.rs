@@ -10,6 +10,11 @@ const RATE_WINDOW: Duration = Duration::from_secs(1);
 /// Longest delay that the histogram resolves, us: a minute.
 const MAX_DELAY_US: u64 = 60_000_000;
 
+/// Where so many messages of a second, and this share of them, come behind a later one, there are two senders: another route, or
+/// a sender that has restarted, does that to few.
+const MIN_TURNS: u64 = 4;
+const MIN_TURNED_SHARE: f64 = 0.25;
+
 /// A message that took another route can have been published this much before the newest, ns.
 const LATEST_NS: i64 = 10_000_000_000;
 
@@ -37,6 +42,8 @@ pub struct Channel {
     pub bytes_per_s: f64,
     /// Share of the messages that arrived, over the last second with any.
     pub arrived: Option<f64>,
+    /// Whether two senders share the key, by the last second with any: their numbers go back and forth.
+    pub is_shared: bool,
     /// Longest silence between two messages, s.
     pub longest_gap_s: f64,
     newest: Option<Newest>,
@@ -44,6 +51,10 @@ pub struct Channel {
     bytes: u64,
     last: Option<Instant>,
     window: Option<Window>,
+    /// Number of the last message, in the order of arrival.
+    last_sequence: u64,
+    /// Messages whose number is below that of the one before.
+    turns: u64,
 }
 
 /// The newest message so far.
@@ -60,6 +71,7 @@ struct Window {
     received: u64,
     lost: u64,
     bytes: u64,
+    turns: u64,
 }
 
 impl Channel {
@@ -68,6 +80,7 @@ impl Channel {
         self.received += 1;
         self.bytes += bytes as u64;
         let place = self.place(sequence, published_ns);
+        self.turns += u64::from(sequence < std::mem::replace(&mut self.last_sequence, sequence));
         if place == Place::Late {
             self.lost = self.lost.saturating_sub(1);
         } else {
@@ -81,8 +94,8 @@ impl Channel {
             self.longest_gap_s = self.longest_gap_s.max(now.duration_since(last).as_secs_f64());
         }
         self.last = Some(now);
-        let (received, lost, bytes) = (self.received, self.lost, self.bytes);
-        let window = *self.window.get_or_insert(Window { since: now, received, lost, bytes });
+        let (received, lost, bytes, turns) = (self.received, self.lost, self.bytes, self.turns);
+        let window = *self.window.get_or_insert(Window { since: now, received, lost, bytes, turns });
         let elapsed_s = now.duration_since(window.since).as_secs_f64();
         if elapsed_s >= RATE_WINDOW.as_secs_f64() {
             let came = (received - window.received) as f64;
@@ -91,7 +104,9 @@ impl Channel {
             // Late messages were counted as lost before they arrived.
             let missing = lost.saturating_sub(window.lost) as f64;
             self.arrived = Some(came / (came + missing).max(1.0));
-            self.window = Some(Window { since: now, received, lost, bytes });
+            let turned = turns - window.turns;
+            self.is_shared = turned >= MIN_TURNS && turned as f64 >= MIN_TURNED_SHARE * came;
+            self.window = Some(Window { since: now, received, lost, bytes, turns });
         }
         place
     }
@@ -207,6 +222,28 @@ mod tests {
         assert_eq!(channel.arrived, Some(1.0));
         assert!(!channel.is_stale(now) && channel.is_stale(now + STALE_AFTER + STALE_AFTER));
         assert_eq!(channel.rate_hz(now + Duration::from_secs(3)), 0.0);
+    }
+
+    #[test]
+    fn two_senders_are_told_from_a_restart_and_from_other_routes() {
+        let is_shared = |numbers: &dyn Fn(u64) -> (u64, i64)| {
+            let (mut channel, start) = (Channel::default(), Instant::now());
+            for k in 0..500 {
+                let (sequence, published_ns) = numbers(k);
+                channel.receive(sequence, published_ns, 10, start + Duration::from_millis(5 * k));
+            }
+            channel.is_shared
+        };
+        let ms = |k: u64| k as i64 * 5_000_000;
+        // In turns, whichever of the two began earlier, and whichever clock is behind.
+        assert!(is_shared(&|k| (k / 2 + if k % 2 == 0 { 9_000 } else { 0 }, ms(k))));
+        assert!(is_shared(&|k| (
+            k / 2 + if k % 2 == 0 { 3 } else { 0 },
+            ms(k) - (k % 2) as i64 * 1_000_000_000
+        )));
+        assert!(!is_shared(&|k| (k, ms(k))), "one");
+        assert!(!is_shared(&|k| (k % 240, ms(k))), "one that restarts");
+        assert!(!is_shared(&|k| (if k % 20 == 0 { k + 2 } else { k }, ms(k))), "one by two routes");
     }
 
     #[test]

@@ -1,10 +1,14 @@
 //! The connection of a station to the network: a session, as soon as there is somebody to talk to.
 
-use super::fleet::Fleet;
+use super::fleet::{Fleet, lock};
 use super::listen::listen;
-use plumbline_link::net::{Endpoints, Mode, NetError};
-use std::sync::{Arc, Mutex, OnceLock};
+use plumbline_link::net::{Endpoints, Mode, NetError, diagnosis};
+use std::sync::{Arc, Mutex, OnceLock, Weak};
+use std::time::Duration;
 use zenoh::Session;
+
+/// Period at which the fleet is told how far the connection is.
+const LOOK: Duration = Duration::from_millis(500);
 
 /// The session of a station, once there is one.
 #[derive(Clone, Default)]
@@ -22,10 +26,13 @@ impl Connection {
         print_states: bool,
     ) -> Result<Self, NetError> {
         let connection = Self::default();
-        match listen(endpoints, fleet, print_states).await {
+        let endpoints = endpoints.clone();
+        lock(fleet).network = attempt(&endpoints, false, None);
+        tokio::spawn(connection.clone().follow(endpoints.clone(), Arc::downgrade(fleet)));
+        match listen(&endpoints, fleet, print_states).await {
             Err(NetError::Open { .. }) if endpoints.mode == Mode::Client => {
                 tracing::info!("no peer at {} yet; waiting", endpoints.connect.join(", "));
-                let endpoints = Endpoints { waits: true, ..endpoints.clone() };
+                let endpoints = Endpoints { waits: true, ..endpoints };
                 tokio::spawn(connection.clone().wait(endpoints, Arc::clone(fleet), print_states));
             }
             outcome => drop(connection.0.set(outcome?)),
@@ -40,6 +47,20 @@ impl Connection {
         }
     }
 
+    /// Keeps the words in the fleet up to date, as long as it is there.
+    async fn follow(self, endpoints: Endpoints, fleet: Weak<Mutex<Fleet>>) {
+        loop {
+            tokio::time::sleep(LOOK).await;
+            let is_linked = match self.session() {
+                Some(session) => has_link(session).await,
+                None => false,
+            };
+            let words = attempt(&endpoints, is_linked, diagnosis::newest_failure().as_deref());
+            let Some(fleet) = fleet.upgrade() else { return };
+            lock(&fleet).network = words;
+        }
+    }
+
     /// The session; `None` while nobody has been reached.
     #[must_use]
     pub fn session(&self) -> Option<&Session> {
@@ -51,5 +72,68 @@ impl Connection {
         if let Some(session) = self.session() {
             let _ = session.close().await;
         }
+    }
+}
+
+/// Whether there is another process at the end of any link.
+async fn has_link(session: &Session) -> bool {
+    let info = session.info();
+    info.routers_zid().await.next().is_some() || info.peers_zid().await.next().is_some()
+}
+
+/// What a station does to reach its vehicles, for people.
+fn attempt(endpoints: &Endpoints, is_linked: bool, failure: Option<&str>) -> String {
+    let (connect, listen) = (endpoints.connect.join(", "), endpoints.listen.join(", "));
+    let vehicle = match endpoints.vehicle.as_str() {
+        "*" => "a vehicle".to_owned(),
+        name => format!("vehicle {name}"),
+    };
+    if is_linked {
+        let end = if connect.is_empty() { listen } else { connect };
+        return format!("Linked by {end}, waiting for {vehicle} that publishes");
+    }
+    let mut words = match (connect.is_empty(), listen.is_empty()) {
+        (true, true) => "Looking for vehicles on the local network".to_owned(),
+        (true, false) => format!("Waiting for {vehicle} to connect to {listen}"),
+        (false, true) => format!("Connecting to {connect}"),
+        (false, false) => {
+            format!("Connecting to {connect}, and waiting for {vehicle} to connect to {listen}")
+        }
+    };
+    if let Some(failure) = failure.filter(|_| !connect.is_empty()) {
+        // Which endpoint it is of is said already where there is one.
+        let cause = failure.strip_prefix(&format!("{connect}: ")).unwrap_or(failure);
+        words = format!("{words} ({cause})");
+    }
+    words
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_tried_names_the_endpoints_and_the_newest_failure() {
+        let of = |connect: &[&str], listen: &[&str]| {
+            let owned = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect();
+            Endpoints {
+                connect: owned(connect),
+                listen: owned(listen),
+                vehicle: "*".into(),
+                ..Endpoints::default()
+            }
+        };
+        let client = of(&["tcp/10.0.0.7:7447"], &[]);
+        assert_eq!(attempt(&client, false, None), "Connecting to tcp/10.0.0.7:7447");
+        assert!(
+            attempt(&client, false, Some("tcp/10.0.0.7:7447: no listener at that port yet"))
+                .ends_with("tcp/10.0.0.7:7447 (no listener at that port yet)")
+        );
+        assert_eq!(
+            attempt(&client, true, Some("no listener")),
+            "Linked by tcp/10.0.0.7:7447, waiting for a vehicle that publishes"
+        );
+        let server = of(&[], &["tcp/0.0.0.0:7447"]);
+        assert_eq!(attempt(&server, false, None), "Waiting for a vehicle to connect to tcp/0.0.0.0:7447");
     }
 }

@@ -60,6 +60,8 @@ pub struct Fleet {
     pub malformed: u64,
     /// Messages of vehicles with impossible names, or beyond the limit while every place is kept.
     pub refused: u64,
+    /// What the station does to reach its vehicles, for people; empty while nothing is known of it.
+    pub network: String,
     /// When the station started.
     pub start: Instant,
     arrivals: u64,
@@ -74,6 +76,7 @@ impl Default for Fleet {
             vehicles: BTreeMap::new(),
             malformed: 0,
             refused: 0,
+            network: String::new(),
             start: Instant::now(),
             arrivals: 0,
             events: VecDeque::new(),
@@ -190,8 +193,14 @@ impl Fleet {
     fn update(&mut self, name: &str, now: Instant, change: impl FnOnce(&mut Vehicle)) {
         let Some(vehicle) = self.vehicle(name) else { return };
         let before = (vehicle.resets, vehicle.rung.clone());
+        let was_shared = vehicle.is_shared();
+        let known = std::mem::take(&mut vehicle.notices);
+        vehicle.notices.clone_from(&known);
         change(vehicle);
+        let is_news = vehicle.is_shared() && !was_shared;
         let after = (vehicle.resets, vehicle.rung.clone());
+        let fresh: Vec<String> =
+            vehicle.notices.iter().filter(|notice| !known.contains(notice)).cloned().collect();
         let state = vehicle.state_words;
         if vehicle.state_news.is_due(state, now) {
             let severity = match state {
@@ -201,8 +210,16 @@ impl Fleet {
             };
             self.announce(Some(name), severity, state.to_owned());
         }
+        if is_news {
+            let words = "two vehicles publish under this name; set network.vehicle of one of them";
+            tracing::warn!("{name}: {words}");
+            self.announce(Some(name), Severity::Error, words.into());
+        }
         if before.0 != after.0 {
             self.announce(Some(name), Severity::Warning, format!("reset: the counter is now {}", after.0));
+        }
+        for notice in fresh {
+            self.announce(Some(name), Severity::Warning, notice);
         }
         if let (Some(old), Some(new)) = (before.1, after.1)
             && old != new
@@ -254,6 +271,7 @@ mod tests {
     use super::*;
     use nalgebra::Isometry3;
     use plumbline_link::net::wire;
+    use std::time::Duration;
 
     fn odom(sequence: u64, x: f64, reset_counter: u32) -> proto::Odom {
         proto::Odom {
@@ -291,6 +309,17 @@ mod tests {
     }
 
     #[test]
+    fn two_vehicles_of_one_name_are_told() {
+        let (mut fleet, start) = (Fleet::default(), Instant::now());
+        for k in 0..500_u64 {
+            let sequence = k / 2 + if k % 2 == 0 { 9_000 } else { 0 };
+            fleet.odom("a", &odom(sequence, 0.0, 0), 100, start + Duration::from_millis(5 * k), 0);
+        }
+        let told = texts(&fleet).iter().filter(|text| text.starts_with("two vehicles")).count();
+        assert_eq!(told, 1, "{:?}", texts(&fleet));
+    }
+
+    #[test]
     fn a_reset_is_told_and_a_jump_begins_a_new_path() {
         let (mut fleet, now) = (Fleet::default(), Instant::now());
         for k in 0..100 {
@@ -300,6 +329,59 @@ mod tests {
         fleet.odom("a", &odom(100, 0.0, 1), 100, now, 0);
         assert_eq!(fleet.vehicles["a"].track.len(), 1);
         assert!(texts(&fleet).contains(&"reset: the counter is now 1"));
+    }
+
+    /// A keyframe and a window of before, as the vehicle sends them.
+    fn mapped(fleet: &mut Fleet, sequence: u64, reset_counter: u32) {
+        let header = Some(proto::Header { sequence, reset_counter, ..proto::Header::default() });
+        let pose = wire::pose(&Isometry3::identity());
+        let points_o = vec![1.0; 3];
+        fleet.keyframe(
+            "a",
+            &proto::Keyframe { header, pose, points_o: points_o.clone(), lines_o: Vec::new() },
+        );
+        fleet.scene("a", &proto::Scene { header, points_o, ..proto::Scene::default() });
+    }
+
+    /// What is left of path, map and window after a reset at `x`, 5 ms after a pose at `before`.
+    fn left_after_reset(before: f64, after: &Isometry3<f64>) -> [usize; 3] {
+        let (mut fleet, now) = (Fleet::default(), Instant::now());
+        for k in 0..100 {
+            fleet.odom("a", &odom(k, before * k as f64 / 99.0, 0), 100, now, 0);
+        }
+        mapped(&mut fleet, 0, 0);
+        fleet.odom("a", &proto::Odom { pose: wire::pose(after), ..odom(100, 0.0, 1) }, 100, now, 0);
+        let vehicle = &fleet.vehicles["a"];
+        [vehicle.track.len(), vehicle.map.len(), vehicle.map.scene.points_o.len()]
+    }
+
+    #[test]
+    fn a_hard_reset_clears_what_lies_in_the_old_odometry_frame() {
+        for far in [9.9, 0.4] {
+            assert_eq!(left_after_reset(far, &Isometry3::identity()), [1, 0, 0], "from {far} m");
+        }
+        // At the origin, and turned.
+        assert_eq!(left_after_reset(0.1, &Isometry3::rotation(Vector3::z())), [1, 0, 0]);
+    }
+
+    #[test]
+    fn a_soft_reset_keeps_path_and_map() {
+        for place in [9.9, 0.1] {
+            let left = left_after_reset(place, &Isometry3::translation(place, 0.1, 0.0));
+            assert!(left[0] > 1 && left[1..] == [1, 3], "at {place} m: {left:?}");
+        }
+    }
+
+    #[test]
+    fn a_station_that_joins_late_takes_keyframes_of_the_present_frame_only() {
+        let (mut fleet, now) = (Fleet::default(), Instant::now());
+        fleet.alive("a", true);
+        mapped(&mut fleet, 0, 2);
+        fleet.odom("a", &odom(0, 0.0, 3), 100, now, 0);
+        mapped(&mut fleet, 1, 2);
+        mapped(&mut fleet, 2, 3);
+        let map = &fleet.vehicles["a"].map;
+        assert_eq!((map.len(), map.missing(64)), (1, None));
     }
 
     #[test]

@@ -48,7 +48,7 @@ pub fn wait(is_over: &impl Fn() -> bool) {
     }
 }
 
-/// Prints a line a second for each vehicle, as long as somebody reads them.
+/// Prints a line a second for each vehicle, or what is tried while there is none, as long as somebody reads them.
 ///
 /// # Errors
 /// When the output cannot be written.
@@ -60,8 +60,11 @@ pub fn print_lines(fleet: &Mutex<Fleet>, is_over: &impl Fn() -> bool) -> io::Res
             continue;
         }
         next += Duration::from_secs(1);
-        let lines = lock(fleet).lines(Instant::now());
-        match print(&lines) {
+        let (lines, network) = {
+            let fleet = lock(fleet);
+            (fleet.lines(Instant::now()), fleet.network.clone())
+        };
+        match print(&lines, &network) {
             Err(error) if terminal::is_gone(&error) => return Ok(()),
             outcome => outcome?,
         }
@@ -69,10 +72,12 @@ pub fn print_lines(fleet: &Mutex<Fleet>, is_over: &impl Fn() -> bool) -> io::Res
     Ok(())
 }
 
-fn print(lines: &[String]) -> io::Result<()> {
+fn print(lines: &[String], network: &str) -> io::Result<()> {
     let mut out = io::stdout().lock();
-    if lines.is_empty() {
-        writeln!(out, "{NO_VEHICLE}")?;
+    match (lines.is_empty(), network.is_empty()) {
+        (true, true) => writeln!(out, "{NO_VEHICLE}")?,
+        (true, false) => writeln!(out, "{NO_VEHICLE}: {network}")?,
+        _ => {}
     }
     for line in lines {
         writeln!(out, "{line}")?;

@@ -13,6 +13,8 @@ const MAX_NUMBERS: usize = 400_000;
 /// A keyframe with the landmarks that it hosts.
 #[derive(Clone, Debug)]
 pub struct MapKeyframe {
+    /// Resets before it.
+    pub reset_counter: u32,
     /// Pose of the body in the odometry frame.
     pub pose_o_b: Isometry3<f64>,
     /// Points, x y z in O.
@@ -46,6 +48,10 @@ pub struct Map {
     pub announced: u64,
     /// Counts how often the map was cleared.
     pub epoch: u64,
+    /// Resets at the start of the present odometry frame: what is older lies in a frame that is gone.
+    since_reset: u32,
+    /// Keyframes below this number lie in a frame that is gone, and are not queried.
+    first: u64,
     /// The window now.
     pub scene: Scene,
 }
@@ -53,15 +59,20 @@ pub struct Map {
 impl Map {
     /// Adds a keyframe; one that is known already is ignored.
     pub fn insert(&mut self, message: &proto::Keyframe) {
-        let Some(sequence) = message.header.as_ref().map(|header| header.sequence) else { return };
+        let Some(header) = &message.header else { return };
+        let (sequence, reset_counter) = (header.sequence, header.reset_counter);
         let Some(pose_o_b) = message.pose.as_ref().and_then(read::isometry) else { return };
         self.announced = self.announced.max(sequence.saturating_add(1));
+        if reset_counter < self.since_reset {
+            self.first = self.first.max(sequence.saturating_add(1));
+            return;
+        }
         if self.keyframes.contains_key(&sequence) {
             return;
         }
         let (points_o, lines_o) = (message.points_o.clone(), message.lines_o.clone());
         self.numbers += points_o.len() + lines_o.len();
-        self.keyframes.insert(sequence, MapKeyframe { pose_o_b, points_o, lines_o });
+        self.keyframes.insert(sequence, MapKeyframe { reset_counter, pose_o_b, points_o, lines_o });
         self.arrivals.push_back(sequence);
         self.arrived += 1;
         while self.keyframes.len() > MAX_KEYFRAMES || self.numbers > MAX_NUMBERS {
@@ -72,8 +83,11 @@ impl Map {
         }
     }
 
-    /// Replaces the window.
+    /// Replaces the window, unless it lies in a frame that is gone.
     pub fn set_scene(&mut self, message: &proto::Scene) {
+        if message.header.as_ref().is_some_and(|header| header.reset_counter < self.since_reset) {
+            return;
+        }
         self.scene = Scene {
             keyframes: message.keyframes.iter().filter_map(read::isometry).collect(),
             points_o: message.points_o.clone(),
@@ -82,11 +96,29 @@ impl Map {
         };
     }
 
-    /// Discards all keyframes.
+    /// Discards all keyframes: they are counted anew.
     pub fn clear(&mut self) {
-        let version = self.scene.version + 1;
-        *self =
-            Self { epoch: self.epoch + 1, scene: Scene { version, ..Scene::default() }, ..Self::default() };
+        let (since_reset, version) = (self.since_reset, self.scene.version + 1);
+        let scene = Scene { version, ..Scene::default() };
+        *self = Self { epoch: self.epoch + 1, since_reset, scene, ..Self::default() };
+    }
+
+    /// Starts an odometry frame that is there since this many resets: keyframes and window of older ones are discarded.
+    pub fn start_frame(&mut self, since_reset: u32) {
+        self.since_reset = since_reset;
+        self.scene = Scene { version: self.scene.version + 1, ..Scene::default() };
+        let is_old = |keyframe: &MapKeyframe| keyframe.reset_counter < since_reset;
+        if !self.keyframes.values().any(is_old) {
+            return;
+        }
+        let (old, kept) = std::mem::take(&mut self.keyframes).into_iter().partition(|(_, k)| is_old(k));
+        let old: BTreeMap<u64, MapKeyframe> = old;
+        self.keyframes = kept;
+        self.first = self.first.max(old.keys().next_back().map_or(0, |last| last + 1));
+        self.arrivals.retain(|sequence| !old.contains_key(sequence));
+        self.arrived = self.arrivals.len() as u64;
+        self.numbers = self.keyframes.values().map(|k| k.points_o.len() + k.lines_o.len()).sum();
+        self.epoch += 1;
     }
 
     /// Keyframes kept.
@@ -104,7 +136,7 @@ impl Map {
     /// The newest gap of at most `limit` keyframes that were announced and not received, among those that are kept.
     #[must_use]
     pub fn missing(&self, limit: u64) -> Option<Range<u64>> {
-        let oldest = self.announced.saturating_sub(MAX_KEYFRAMES as u64);
+        let oldest = self.announced.saturating_sub(MAX_KEYFRAMES as u64).max(self.first);
         // Keyframes discarded for lack of memory are not queried again.
         let oldest = if self.arrived > self.keyframes.len() as u64 {
             self.keyframes.keys().next().copied().unwrap_or(oldest).max(oldest)
@@ -150,6 +182,36 @@ mod tests {
             points_o: vec![1.0; 3 * points],
             lines_o: Vec::new(),
         }
+    }
+
+    /// After so many resets.
+    fn later(sequence: u64, reset_counter: u32) -> proto::Keyframe {
+        let mut message = keyframe(sequence, 1);
+        message.header.as_mut().unwrap().reset_counter = reset_counter;
+        message
+    }
+
+    #[test]
+    fn keyframes_of_an_older_odometry_frame_are_discarded_and_not_queried() {
+        let mut map = Map::default();
+        (0..4).for_each(|sequence| map.insert(&keyframe(sequence, 1)));
+        map.set_scene(&proto::Scene { points_o: vec![1.0; 3], ..proto::Scene::default() });
+        let (epoch, version) = (map.epoch, map.scene.version);
+        map.start_frame(1);
+        assert!(map.is_empty() && map.scene.points_o.is_empty());
+        assert!(map.epoch > epoch && map.scene.version > version, "pages are told");
+        // What was in the window at the reset is announced after it.
+        [later(4, 0), later(6, 1)].iter().for_each(|message| map.insert(message));
+        map.set_scene(&proto::Scene {
+            header: keyframe(0, 0).header,
+            points_o: vec![1.0; 3],
+            ..Default::default()
+        });
+        assert!(map.scene.points_o.is_empty(), "a window of before comes late");
+        assert_eq!(map.missing(64), Some(5..6));
+        map.insert(&later(5, 1));
+        assert_eq!((map.len(), map.missing(64)), (2, None));
+        assert_eq!(map.since(0, 10).1.len(), 2);
     }
 
     #[test]

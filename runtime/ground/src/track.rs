@@ -14,8 +14,6 @@ const MIN_STEP_M: f64 = 0.02;
 const FILL_STEP_S: f64 = 0.5;
 /// A pose that is older than the newest point by less than this is late; by more, the clock was set back, s.
 const LATE_S: f64 = 10.0;
-/// A pose that jumps further than this after a reset begins a new path, m.
-const JUMP_M: f64 = 0.5;
 
 /// One pose as it was received.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -98,19 +96,6 @@ impl Track {
     /// Discards all points.
     pub fn clear(&mut self) {
         *self = Self { epoch: self.epoch + 1, ..Self::default() };
-    }
-
-    /// Whether a pose was measured before the newest point.
-    #[must_use]
-    pub fn is_past(&self, stamp_ns: i64) -> bool {
-        let newest = self.start_ns.zip(self.points.back());
-        newest.is_some_and(|(start_ns, [t_s, ..])| ((stamp_ns - start_ns) as f64 * 1e-9) < *t_s)
-    }
-
-    /// Whether a pose is too far from the last point to belong to the same path.
-    #[must_use]
-    pub fn is_jump(&self, p: &Vector3<f64>) -> bool {
-        self.points.back().is_some_and(|[_, x, y, z]| (p - Vector3::new(*x, *y, *z)).norm() > JUMP_M)
     }
 
     /// Points from number `from` on, at most `limit`, and the number of the first of them.
@@ -243,7 +228,6 @@ mod tests {
         fly(&mut track, 10..12);
         fly(&mut track, 0..1);
         assert_eq!(track.epoch, 1);
-        assert!(track.is_jump(&Vector3::new(5.0, 0.0, 0.0)));
     }
 
     #[test]
@@ -253,7 +237,6 @@ mod tests {
         let points = track.len();
         fly(&mut track, 8..9);
         assert_eq!((track.len(), track.epoch), (points, 0));
-        assert!(track.is_past(8_000_000_000) && !track.is_past(12_000_000_000));
     }
 
     #[test]

@@ -87,6 +87,10 @@ pub struct Vehicle {
     pub bits: u32,
     /// Names of the bits that are set.
     pub health_words: Vec<String>,
+    /// What is wrong beyond the bits, and what to do.
+    pub notices: Vec<String>,
+    /// Frames stamped by their arrival, frames dropped and samples dropped for their stamps.
+    pub bad_stamps: [u64; 3],
     /// Work budget: name of the step of the degradation ladder.
     pub rung: Option<String>,
     /// Computation of a frame, ms.
@@ -103,8 +107,12 @@ pub struct Vehicle {
     pub clock: ClockEstimate,
     /// Its path.
     pub track: Track,
-    /// It was reset, or restarted, since the newest point of the path.
-    is_new_path: bool,
+    /// It was reset, or restarted, since the newest valid pose.
+    is_after_reset: bool,
+    /// The newest valid pose.
+    last_motion: Option<Motion>,
+    /// The count of resets at the start of the odometry frame is known.
+    has_frame: bool,
     /// Its poses.
     pub poses: Samples,
     /// Its map.
@@ -115,6 +123,42 @@ pub struct Vehicle {
     pub recording: Option<Samples>,
     /// Whether it is going on.
     pub is_recording: bool,
+}
+
+/// Distance from the origin at which a vehicle that was just reset hard may be, m, and the time that it has moved since, s.
+const NEAR_ORIGIN_M: f64 = 0.5;
+const SINCE_RESET_S: f64 = 0.5;
+/// Step of the pose over a soft reset near the origin that counts as none, m and rad.
+const CONTINUED_M: f64 = 0.25;
+const CONTINUED_RAD: f64 = 0.2;
+/// Step of the pose over any soft reset, beside the motion meanwhile, m; and how much faster it may have become, m/s².
+const RESUMED_M: f64 = 0.5;
+const UNSEEN_ACCELERATION_M_S2: f64 = 2.0;
+
+/// A valid pose.
+#[derive(Clone, Copy, Debug)]
+struct Motion {
+    stamp_ns: i64,
+    pose_o_b: Isometry3<f64>,
+    speed_m_s: f64,
+}
+
+impl Motion {
+    /// Whether this pose, after a reset or a restart, lies in another odometry frame than `last` before it. A hard reset
+    /// starts at the origin; a soft one goes on from the last pose, so that what was mapped stays valid.
+    fn is_in_another_frame(&self, last: &Self) -> bool {
+        if self.stamp_ns < last.stamp_ns {
+            return true;
+        }
+        let dt_s = self.stamp_ns.saturating_sub(last.stamp_ns) as f64 * 1e-9;
+        let way_m = (self.speed_m_s.max(last.speed_m_s) + UNSEEN_ACCELERATION_M_S2 * dt_s) * dt_s;
+        let step = last.pose_o_b.inverse() * self.pose_o_b;
+        let step_m = step.translation.vector.norm();
+        let from_origin_m = self.pose_o_b.translation.vector.norm();
+        let is_near_origin = from_origin_m < NEAR_ORIGIN_M + SINCE_RESET_S * self.speed_m_s;
+        let is_continued = step_m <= CONTINUED_M && step.rotation.angle() <= CONTINUED_RAD;
+        step_m > RESUMED_M + way_m || (is_near_origin && !is_continued)
+    }
 }
 
 impl Default for Vehicle {
@@ -141,6 +185,8 @@ impl Default for Vehicle {
             resets: 0,
             bits: 0,
             health_words: Vec::new(),
+            notices: Vec::new(),
+            bad_stamps: [0; 3],
             rung: None,
             frame_ms: 0.0,
             frame_rate_hz: 0.0,
@@ -149,7 +195,9 @@ impl Default for Vehicle {
             latency_ms: None,
             clock: ClockEstimate::default(),
             track: Track::default(),
-            is_new_path: false,
+            is_after_reset: false,
+            last_motion: None,
+            has_frame: false,
             poses: Samples::new(MAX_POSES),
             map: Map::default(),
             picture: None,
@@ -174,7 +222,7 @@ impl Vehicle {
         if place == Place::Late {
             return;
         }
-        self.is_new_path |= place == Place::Restarted;
+        self.is_after_reset |= place == Place::Restarted;
         self.apply_header(header, message.state);
         let offset_ns = self.clock.offset_ns().unwrap_or(0);
         let delay_ns = now_ns.saturating_add(offset_ns).saturating_sub(header.published_ns);
@@ -197,7 +245,7 @@ impl Vehicle {
     pub fn apply_state(&mut self, message: &proto::State, bytes: usize, now: Instant) {
         let Some(header) = &message.header else { return };
         let is_newest = header.stamp_ns >= self.stamp_ns || self.odom.is_stale(now);
-        self.is_new_path |=
+        self.is_after_reset |=
             self.state.receive(header.sequence, header.published_ns, bytes, now) == Place::Restarted;
         if is_newest {
             self.apply_header(header, message.state);
@@ -237,6 +285,8 @@ impl Vehicle {
         }
         self.bits = message.bits;
         self.health_words = wire::health_words(message.bits);
+        self.notices = message.notices.iter().map(|notice| plain(notice)).collect();
+        self.bad_stamps = [message.frames_restamped, message.frames_refused, message.samples_refused];
         self.rung = (!message.rung_words.is_empty()).then(|| plain(&message.rung_words));
         self.frame_ms = message.frame_ms;
         self.frame_rate_hz = message.frame_rate_hz;
@@ -252,8 +302,11 @@ impl Vehicle {
     fn apply_header(&mut self, header: &proto::Header, state: i32) {
         self.stamp_ns = header.stamp_ns;
         self.quality = header.quality.clamp(-1, 100);
-        self.is_new_path |= header.reset_counter != self.resets;
+        self.is_after_reset |= header.reset_counter != self.resets;
         self.resets = header.reset_counter;
+        if !std::mem::replace(&mut self.has_frame, true) {
+            self.map.start_frame(self.resets);
+        }
         self.state_words = wire::state_words(state);
     }
 
@@ -266,13 +319,15 @@ impl Vehicle {
         if self.quality < 0 {
             return;
         }
-        let p = pose.translation.vector;
+        let now = Motion { stamp_ns: self.stamp_ns, pose_o_b: pose, speed_m_s: self.v_o_b.norm() };
+        let last = self.last_motion.replace(now);
         // A jump without a reset is the distance flown during an interruption of the link.
-        let is_elsewhere = self.track.is_jump(&p) || self.track.is_past(self.stamp_ns);
-        if std::mem::take(&mut self.is_new_path) && is_elsewhere {
+        let is_after_reset = std::mem::take(&mut self.is_after_reset);
+        if is_after_reset && last.is_some_and(|last| now.is_in_another_frame(&last)) {
             self.track.clear();
+            self.map.start_frame(self.resets);
         }
-        self.track.push(self.stamp_ns, &p);
+        self.track.push(self.stamp_ns, &pose.translation.vector);
     }
 
     /// Starts a new recording, or ends the current one.
@@ -292,6 +347,12 @@ impl Vehicle {
             quality: self.quality,
             reset_counter: self.resets,
         });
+    }
+
+    /// Whether two vehicles publish under its name.
+    #[must_use]
+    pub fn is_shared(&self) -> bool {
+        self.odom.is_shared || self.state.is_shared
     }
 
     /// Time since the last message on any key.
@@ -374,10 +435,12 @@ impl Vehicle {
         if self.quality < 0 { "invalid".into() } else { format!("{} %", self.quality) }
     }
 
-    /// Health as text: the faults, or "no faults".
+    /// Health as text: the faults and the first words of the notices, or "no faults".
     #[must_use]
     pub fn health_summary(&self) -> String {
-        if self.health_words.is_empty() { "no faults".into() } else { self.health_words.join(", ") }
+        let notices = self.notices.iter().map(|notice| notice.split(": ").next().unwrap_or(notice));
+        let all: Vec<&str> = self.health_words.iter().map(String::as_str).chain(notices).collect();
+        if all.is_empty() { "no faults".into() } else { all.join(", ") }
     }
 
     /// Position, attitude, speed, rates and health in one line of text.

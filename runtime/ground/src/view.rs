@@ -2,6 +2,9 @@
 
 mod above;
 mod horizon;
+mod log_pane;
+
+pub use log_pane::LogPane;
 
 use super::fleet::{Fleet, lock};
 use super::terminal::{Keyboard, is_gone};
@@ -13,7 +16,7 @@ use ratatui::backend::Backend as _;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line, Span};
-use ratatui::widgets::{Block, Paragraph};
+use ratatui::widgets::{Block, Paragraph, Wrap};
 use std::io;
 use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
@@ -28,11 +31,18 @@ const MIN_HORIZON_COLUMNS: u16 = 78;
 /// Lines from which on the view from above is worth its place.
 const MIN_ABOVE_LINES: u16 = 6;
 
-/// Shows the fleet until `is_over`, or q, Escape or Ctrl-C, or the terminal is gone.
+/// Shows the fleet until `is_over`, or q, Escape or Ctrl-C, or the terminal is gone. `about` stands in the last line; lines of
+/// the log have to go into `log` meanwhile.
 ///
 /// # Errors
 /// When the terminal cannot be used.
-pub fn show(fleet: &Mutex<Fleet>, is_over: &impl Fn() -> bool, stop: &AtomicBool) -> io::Result<()> {
+pub fn show(
+    fleet: &Mutex<Fleet>,
+    log: &LogPane,
+    about: &str,
+    is_over: &impl Fn() -> bool,
+    stop: &AtomicBool,
+) -> io::Result<()> {
     let keyboard = Keyboard::open()?;
     let mut terminal = ratatui::try_init()?;
     let outcome = (|| -> io::Result<bool> {
@@ -40,7 +50,7 @@ pub fn show(fleet: &Mutex<Fleet>, is_over: &impl Fn() -> bool, stop: &AtomicBool
         while !is_over() {
             terminal.autoresize()?;
             // A terminal at the end of a slow line must not hold up what comes from the network.
-            draw(&mut terminal.get_frame(), &lock(fleet), Instant::now());
+            draw(&mut terminal.get_frame(), &lock(fleet), log, about, Instant::now());
             terminal.flush()?;
             terminal.swap_buffers();
             terminal.backend_mut().flush()?;
@@ -77,25 +87,38 @@ fn obey_keys(stop: &AtomicBool) -> io::Result<()> {
     Ok(())
 }
 
-/// Draws the fleet as of `now`.
-pub fn draw(frame: &mut Frame<'_>, fleet: &Fleet, now: Instant) {
+/// Draws the fleet as of `now`, the log below it, and `about` in the last line.
+pub fn draw(frame: &mut Frame<'_>, fleet: &Fleet, log: &LogPane, about: &str, now: Instant) {
+    let whole = frame.area();
+    let [upper, log_area, foot_area] = Layout::vertical([
+        Constraint::Fill(1),
+        Constraint::Length(log.rows(whole.height)),
+        Constraint::Length(1),
+    ])
+    .areas(whole);
     let mut rows = vec![Constraint::Length(VEHICLE_LINES); fleet.vehicles.len().max(1)];
     rows.push(Constraint::Fill(1));
-    rows.push(Constraint::Length(1));
-    let areas = Layout::vertical(rows).split(frame.area());
+    let areas = Layout::vertical(rows).split(upper);
     if fleet.vehicles.is_empty() {
-        frame.render_widget(Paragraph::new(NO_VEHICLE).block(Block::bordered()), areas[0]);
+        let words = [NO_VEHICLE, &fleet.network].join("\n");
+        let words = Paragraph::new(words).wrap(Wrap { trim: false });
+        frame.render_widget(words.block(Block::bordered()), areas[0]);
     }
     for ((name, vehicle), area) in fleet.vehicles.iter().zip(areas.iter()) {
         draw_vehicle(frame, name, vehicle, now, *area);
     }
-    let above = areas[areas.len() - 2];
+    let above = areas[areas.len() - 1];
     if above.height >= MIN_ABOVE_LINES {
         above::draw(frame, fleet, above);
     }
-    let foot =
-        format!(" q: quit   malformed messages: {}   refused messages: {}", fleet.malformed, fleet.refused);
-    frame.render_widget(Line::styled(foot, Style::new().add_modifier(Modifier::DIM)), areas[areas.len() - 1]);
+    if log_area.height > 0 {
+        log.draw(frame, log_area);
+    }
+    let foot = format!(
+        " q: quit   malformed messages: {}   refused messages: {}   {about}",
+        fleet.malformed, fleet.refused
+    );
+    frame.render_widget(Line::styled(foot, Style::new().add_modifier(Modifier::DIM)), foot_area);
 }
 
 /// Draws a vehicle: an artificial horizon, where there is room for it, and numbers.
@@ -185,8 +208,12 @@ mod tests {
     const COLUMNS: u16 = 80;
 
     fn text(fleet: &Fleet, now: Instant) -> String {
+        text_with(fleet, &LogPane::default(), now)
+    }
+
+    fn text_with(fleet: &Fleet, log: &LogPane, now: Instant) -> String {
         let mut terminal = Terminal::new(TestBackend::new(COLUMNS, 20)).unwrap();
-        terminal.draw(|frame| draw(frame, fleet, now)).unwrap();
+        terminal.draw(|frame| draw(frame, fleet, log, "page: http://127.0.0.1:8080", now)).unwrap();
         let buffer = terminal.backend().buffer();
         buffer
             .content()
@@ -241,12 +268,41 @@ mod tests {
         ] {
             assert!(shown.contains(part), "'{part}' is missing in\n{shown}");
         }
+        // Without a mounting there is no attitude, and the operator learns why, once.
+        let notices = vec!["mounting unknown: set it".to_owned()];
+        let unmounted = proto::Health { rotation_v_b: None, notices, frames_restamped: 3, ..health };
+        fleet.health("drone", &unmounted, 100, now);
+        fleet.health("drone", &unmounted, 100, now);
+        let shown = text(&fleet, now);
+        assert!(
+            shown.contains("attitude  unknown") && shown.contains("few features, mounting unknown"),
+            "{shown}"
+        );
+        let announced = fleet.events_since(0).filter(|event| event.text == "mounting unknown: set it");
+        assert_eq!(announced.count(), 1);
         assert!(text(&fleet, now + Duration::from_secs(1)).contains("stale"));
         assert!(text(&fleet, now + Duration::from_secs(9)).contains("lost"));
     }
 
     #[test]
-    fn the_absence_of_vehicles_is_shown() {
-        assert!(text(&Fleet::default(), Instant::now()).contains(NO_VEHICLE));
+    fn the_absence_of_vehicles_is_shown_with_what_is_tried() {
+        let mut fleet = Fleet::default();
+        fleet.network = "Connecting to tcp/127.0.0.1:7447".into();
+        let shown = text(&fleet, Instant::now());
+        for part in [NO_VEHICLE, "Connecting to tcp/127.0.0.1:7447", "page: http://127.0.0.1:8080"] {
+            assert!(shown.contains(part), "'{part}' is missing in\n{shown}");
+        }
+        assert!(!shown.contains(" log "));
+    }
+
+    #[test]
+    fn log_lines_have_a_pane_of_their_own() {
+        let log = LogPane::default();
+        log.push(b"\x1b[33m WARN\x1b[0m tcp/127.0.0.1:7447: no listener at that port yet; check that the other side is running, and the port\n");
+        (0..3).for_each(|k| log.push(format!(" INFO line {k}\n").as_bytes()));
+        let shown = text_with(&Fleet::default(), &log, Instant::now());
+        for part in [" log ", "INFO line 2", "INFO line 0", NO_VEHICLE, "q: quit"] {
+            assert!(shown.contains(part), "'{part}' is missing in\n{shown}");
+        }
     }
 }

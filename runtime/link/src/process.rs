@@ -2,7 +2,7 @@
 
 use crate::net::{Commands, Endpoints, Feed, NetError, Publisher};
 use crate::ros::{RosFeed, RosOutput};
-use plumbline_config::options::NetworkConfig;
+use plumbline_config::options::{NetworkConfig, VehicleConfig};
 use plumbline_config::{Config, ConfigError, ValidConfig};
 use plumbline_flight::local::messages::proto::Configuration;
 use plumbline_flight::local::record::{Kind, Kinds};
@@ -29,6 +29,7 @@ const WANTED: Kinds = Kinds::of(&[
     Kind::Window,
     Kind::Path,
     Kind::Ladder,
+    Kind::Sensors,
 ]);
 
 /// What the command line adds to the configuration of the flight.
@@ -78,6 +79,13 @@ pub enum LinkError {
     /// There is nowhere to publish.
     #[error("no endpoint to publish on: give --listen or --connect, or set network.listen or ros.enabled")]
     NoEndpoint,
+    /// The mounting of the IMU is not known, and with it the attitude that ROS 2 would receive.
+    #[error(
+        "{}, and ROS 2 (ros.enabled) would receive a wrong attitude: {}",
+        VehicleConfig::UNKNOWN,
+        VehicleConfig::CURE
+    )]
+    Mounting,
     /// The socket cannot be used.
     #[error("the local socket cannot be used: {0}")]
     Io(#[from] io::Error),
@@ -89,7 +97,7 @@ impl LinkError {
     pub fn is_usage(&self) -> bool {
         match self {
             Self::Net(error) => error.is_usage(),
-            Self::Config(_) | Self::NoEndpoint => true,
+            Self::Config(_) | Self::NoEndpoint | Self::Mounting => true,
             Self::Client(_) | Self::Io(_) => false,
         }
     }
@@ -175,15 +183,15 @@ impl Outputs {
         commands: &Arc<Commands>,
     ) -> Result<Self, LinkError> {
         let config = Config::from_toml_str(&configuration.toml, "flight")?;
+        let rot_v_b = config.vehicle.rot_v_b();
+        if config.ros.enabled && rot_v_b.is_none() {
+            return Err(LinkError::Mounting);
+        }
         let net = Self::start_net(&config, options, commands)?;
         let stamps = if configuration.stamps_of_host { Stamps::OfHost } else { Stamps::Replayed };
-        let ros = match config.ros.enabled {
-            true => {
-                let (vehicle, rot_v_b) = (&config.network.vehicle, config.vehicle.rot_v_b());
-                Some(RosOutput::start(&config.ros, vehicle, rot_v_b, stamps)?)
-            }
-            false => None,
-        };
+        let vehicle = &config.network.vehicle;
+        let ros = rot_v_b.filter(|_| config.ros.enabled);
+        let ros = ros.map(|rot_v_b| RosOutput::start(&config.ros, vehicle, rot_v_b, stamps)).transpose()?;
         if net.is_none() && ros.is_none() {
             return Err(LinkError::NoEndpoint);
         }
@@ -223,6 +231,7 @@ impl Outputs {
             Record::Path(path) => feed.path(path),
             Record::Picture(shot) => feed.picture(shot),
             Record::Ladder(level) => feed.rung(level),
+            Record::Sensors(news) => feed.sensors(news),
             Record::Lost(count) => feed.lost(count),
             Record::Hello(_)
             | Record::Answer(_)

@@ -32,12 +32,15 @@ pub struct Rig {
 
 impl Rig {
     pub fn new(duration_s: f64, more: &[&str]) -> Self {
+        Self::simulated(&[&["--start", "1", "--duration", &duration_s.to_string()], more].concat())
+    }
+
+    /// The flight that `simulate` makes with these options.
+    pub fn simulated(options: &[&str]) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let [flight, config] =
             ["flight", "rig.toml"].map(|name| folder.path().join(name).display().to_string());
-        let duration = duration_s.to_string();
-        let simulated = ["simulate", &flight, "--start", "1", "--duration", &duration];
-        let written = plumbline(&[&simulated[..], more].concat());
+        let written = plumbline(&[&["simulate", &flight], options].concat());
         assert!(written.status.success(), "{}", stderr(&written));
         let imported =
             plumbline(&["config", "import", "--euroc", &flight, "--base", "sim", "--out", &config]);

@@ -1,11 +1,13 @@
 //! Tests that measure time. `.config/nextest.toml` runs every module of this name alone, and tries its tests again where
 //! the host itself stood still.
 
+mod attacks;
 mod autopilot;
 mod floods;
 mod hardware_in_the_loop;
 mod links;
 mod live;
+mod long_flight;
 #[cfg(feature = "sabotage")]
 mod restart_in_the_air;
 mod restarts;

@@ -114,6 +114,16 @@ fn soak_systemd_starts_our_unit_again_for_ever_kills_it_when_it_stands_still_and
     let Some(mut systemd) = Systemd::boot("") else { return };
     systemd.run(&["systemctl", "start", "plumbline"]);
     systemd.eventually("it is ready", |systemd| systemd.shows("ActiveState") == "active");
+    // What the unit takes away from it, and what it still has: real-time priorities, and logs for its group alone.
+    let status = systemd.run(&["cat", &format!("/proc/{}/status", systemd.shows("MainPID"))]);
+    for line in ["CapBnd:\t0000000000000000", "NoNewPrivs:\t1", "Seccomp:\t2"] {
+        assert!(status.contains(line), "{line}: {status}");
+    }
+    let tasks = format!("for t in /proc/{}/task/*; do chrt -p ${{t##*/}}; done", systemd.shows("MainPID"));
+    systemd.eventually("it flies with real-time priorities", |systemd| {
+        systemd.run(&["sh", "-c", &tasks]).contains("SCHED_FIFO")
+    });
+    assert_eq!(systemd.run(&["sh", "-c", "stat -c %a /var/lib/plumbline/*.mcap | sort -u"]), "640");
     let mut killed: Vec<f64> = (0..KILLS).map(|_| systemd.is_back_after("-KILL")).collect();
     killed.sort_by(f64::total_cmp);
     assert_eq!((systemd.restarts(), systemd.shows("Result").as_str()), (KILLS, "success"));

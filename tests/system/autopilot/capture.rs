@@ -14,6 +14,7 @@ use plumbline_flight::flight::{Flight, Truth};
 use plumbline_flight::pipeline::listener::{Listener, Producer, Subscriber};
 use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_flight::schedule::ticker::Monotonic;
+use plumbline_record::Said;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
@@ -72,7 +73,7 @@ pub struct Tap(Arc<Mutex<Taken>>);
 
 impl Tap {
     pub fn new(config: &ValidConfig) -> Self {
-        let (autopilot, frames) = (&config.autopilot, Frames::new(&config.vehicle));
+        let (autopilot, frames) = (&config.autopilot, Frames::new(&config.vehicle.rot_v_b().unwrap()));
         let feed = Feed::new(frames, autopilot.lost_pose);
         let period_ns = (1e9 / autopilot.rate_hz) as i64;
         let sending = Some(Sending { frames, feed, rot_l_o: None, period_ns, due: None });
@@ -96,7 +97,17 @@ impl Subscriber for Tap {
 }
 
 impl Listener for Tap {
-    fn odometry(&mut self, odometry: &Odometry) {
+    fn said(&mut self, said: &Said) {
+        match said {
+            Said::Odometry(odometry) => self.odometry(odometry),
+            Said::Imu(reading) => self.reading(reading),
+            _ => {}
+        }
+    }
+}
+
+impl Tap {
+    fn odometry(&self, odometry: &Odometry) {
         let mut taken = self.0.lock().unwrap();
         taken.odometry.push(odometry.clone());
         let Some(sending) = &mut taken.sending else { return };
@@ -106,7 +117,7 @@ impl Listener for Tap {
     }
 
     /// Comes after the odometry of the same sample.
-    fn reading(&mut self, reading: &ImuReading) {
+    fn reading(&self, reading: &ImuReading) {
         let mut taken = self.0.lock().unwrap();
         let stamp = reading.sample.stamp;
         taken.samples.push(reading.sample);

@@ -157,7 +157,7 @@ fn imu(
 }
 
 fn rot_f_b(captured: &Captured) -> UnitQuaternion<f64> {
-    UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI) * captured.config.vehicle.rot_v_b()
+    UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI) * captured.config.vehicle.rot_v_b().unwrap()
 }
 
 /// Counts measurements as they are new.

@@ -13,7 +13,7 @@ use plumbline_config::{Portable, Timestamp};
 const TIME_CONSTANT_S: f64 = 1.0;
 
 /// Where the odometry frame lies in the map, for one frame.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct MapEstimate {
     /// Sequence number of the frame.
     pub frame_sequence: u64,

@@ -1,7 +1,7 @@
 //! The magnitudes of inertial samples: gravity is always there, and nobody turns at twenty radians a second for long.
 
 use super::Finding;
-use plumbline_config::{ImuSample, Timestamp, median};
+use plumbline_config::{ImuSample, median};
 
 /// Samples that are looked at: twenty seconds at 200 Hz.
 const MAX_SAMPLES: usize = 4000;
@@ -14,42 +14,28 @@ const SPECIFIC_FORCE_G: std::ops::Range<f64> = 0.6..1.6;
 const SPECIFIC_FORCE_MG: std::ops::Range<f64> = 600.0..1600.0;
 /// Median of the rotation rate beyond which nothing flies, rad/s.
 const MAX_MEDIAN_RATE_RAD_S: f64 = 20.0;
-/// A sample rate further than this factor from the configured one is another one.
-const MAX_RATE_FACTOR: f64 = 1.5;
 
 /// Magnitudes of the first samples.
 #[derive(Clone, Debug)]
 pub struct Magnitudes {
     accel: Vec<f64>,
     gyro: Vec<f64>,
-    span: Option<(Timestamp, Timestamp)>,
-    rate_hz: f64,
+}
+
+impl Default for Magnitudes {
+    fn default() -> Self {
+        let room = || Vec::with_capacity(MAX_SAMPLES);
+        Self { accel: room(), gyro: room() }
+    }
 }
 
 impl Magnitudes {
-    /// Magnitudes for an IMU of this configured rate.
-    #[must_use]
-    pub fn new(rate_hz: f64) -> Self {
-        let room = || Vec::with_capacity(MAX_SAMPLES);
-        Self { accel: room(), gyro: room(), span: None, rate_hz }
-    }
-
     /// Takes a sample.
     pub fn add(&mut self, sample: &ImuSample) {
         if self.accel.len() < MAX_SAMPLES && sample.is_finite() {
             self.accel.push(sample.accel.norm());
             self.gyro.push(sample.gyro.norm());
-            let first = self.span.map_or(sample.stamp, |(first, _)| first);
-            self.span = Some((first, sample.stamp));
         }
-    }
-
-    /// What cannot be right, the rate included.
-    #[must_use]
-    pub fn findings(&self) -> Vec<Finding> {
-        let mut findings = self.nonsense();
-        findings.extend(self.rate_finding().filter(|_| self.accel.len() >= MIN_SAMPLES));
-        findings
     }
 
     /// Columns and units that cannot be right.
@@ -76,22 +62,6 @@ impl Magnitudes {
             findings.push(super::rotation::in_degrees(&format!("median rate {gyro:.1}")));
         }
         findings
-    }
-
-    fn rate_finding(&self) -> Option<Finding> {
-        let (first, last) = self.span?;
-        let span_s = last.seconds_since(first);
-        let rate_hz = (self.accel.len() - 1) as f64 / span_s;
-        let factor = rate_hz / self.rate_hz;
-        let is_other = !(factor < MAX_RATE_FACTOR && factor > 1.0 / MAX_RATE_FACTOR);
-        is_other.then(|| {
-            Finding::new(
-                "the IMU does not deliver at its configured rate",
-                format!("{rate_hz:.1} samples a second, imu.rate_hz is {}", self.rate_hz),
-                "another rate of the sensor, or stamps in another unit than nanoseconds",
-                "set imu.rate_hz, or write stamps in nanoseconds",
-            )
-        })
     }
 }
 

@@ -11,6 +11,8 @@ pub mod rotation;
 pub mod stereo;
 pub mod thumbnail;
 
+use crate::exposure::Brightness;
+use crate::timing::{self, Arrivals, Sensor};
 use crate::verdict::{Fitness, Measure};
 use inertial::Magnitudes;
 use nalgebra::Vector3;
@@ -24,7 +26,7 @@ use stereo::Sides;
 use thumbnail::{RotationFinder, Thumbnail};
 
 /// Rotations that are looked at: fifteen seconds at 20 Hz.
-const MAX_PAIRS: usize = 300;
+pub(crate) const MAX_PAIRS: usize = 300;
 /// Images agree on a rotation from this correlation on.
 const MIN_CORRELATION: f64 = 0.7;
 /// Frames further apart than this are no neighbours, s.
@@ -39,6 +41,15 @@ const MISSED_AFTER: u64 = 40;
 const LOST_ONE_IN: u64 = 50;
 /// Resets whose reasons are told.
 const MAX_RESETS: usize = 16;
+
+/// Name of the measure of what cannot be right.
+pub const UNITS_AND_COLUMNS: &str = "units and columns";
+/// Stamps that are looked at: twenty seconds at 200 Hz.
+const MAX_STAMPS: usize = 4000;
+/// Samples whose rate is judged: half a second.
+const MIN_JUDGED: usize = 100;
+/// Frames whose brightness is judged.
+const MIN_BRIGHT: usize = 40;
 
 /// What is said of a reset.
 pub const GIVEN_UP: &str = "the estimate was given up";
@@ -70,14 +81,27 @@ impl Finding {
     /// The finding among the measures of a checkup.
     pub(crate) fn into_measure(self) -> Measure {
         let value = format!("{} ({})", self.what, self.evidence);
-        let cure = format!("probably {}; {}", self.cause, self.cure);
-        Measure::new("units and columns", Fitness::NotFit, value, cure, &[])
+        Measure::new(UNITS_AND_COLUMNS, Fitness::NotFit, value, self.advice(), &[])
+    }
+
+    /// The finding of a measure that is not fit to fly.
+    pub(crate) fn of_measure(measure: Measure) -> Self {
+        Self::new(measure.name, measure.value, "", measure.cure)
+    }
+
+    /// Cause and cure.
+    #[must_use]
+    pub fn advice(&self) -> String {
+        match self.cause.as_str() {
+            "" => self.cure.clone(),
+            cause => format!("probably {cause}; {}", self.cure),
+        }
     }
 }
 
 impl fmt::Display for Finding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} ({}): probably {}; {}", self.what, self.evidence, self.cause, self.cure)
+        write!(f, "{} ({}): {}", self.what, self.evidence, self.advice())
     }
 }
 
@@ -101,20 +125,92 @@ impl Glimpse {
 }
 
 /// A rotation that images showed, before the inertial samples of its time are there.
-struct Seen {
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Seen {
     from: Timestamp,
     to: Timestamp,
     rate_c: Vector3<f64>,
 }
 
+/// What images alone show, frame by frame.
+pub(crate) struct Sight {
+    finder: Option<RotationFinder>,
+    sides: Option<Sides>,
+    last_frame: Option<Timestamp>,
+    pub(crate) brightness: Brightness,
+}
+
+impl Sight {
+    /// Sight of the cameras of a configuration.
+    pub(crate) fn new(config: &Config) -> Self {
+        let left = config.camera.first();
+        Self {
+            finder: left.map(|camera| RotationFinder::new(camera.model())),
+            sides: Sides::new(config),
+            last_frame: None,
+            brightness: Brightness::default(),
+        }
+    }
+
+    /// Takes a frame; returns how the left camera turned since the one before, as far as images agree on it.
+    pub(crate) fn add(&mut self, frame: &Glimpse) -> Option<Seen> {
+        for (camera, image) in frame.images.iter().enumerate().filter(|(camera, _)| frame.valid[*camera]) {
+            self.brightness.add(camera, image);
+        }
+        if let (Some(sides), [true, true]) = (&mut self.sides, frame.valid) {
+            sides.add(&frame.images);
+        }
+        let finder = self.finder.as_mut()?;
+        if !frame.valid[0] {
+            finder.forget();
+            self.last_frame = None;
+            return None;
+        }
+        let last = self.last_frame.replace(frame.stamp);
+        let (rot_last_now, correlation) = finder.next(&frame.images[0])?;
+        let from = last?;
+        let dt_s = frame.stamp.seconds_since(from);
+        let is_neighbour = correlation >= MIN_CORRELATION && dt_s > 0.0 && dt_s < MAX_GAP_S;
+        is_neighbour.then(|| Seen { from, to: frame.stamp, rate_c: rot_last_now.scaled_axis() / dt_s })
+    }
+}
+
+/// Rotations of the images with the mean rate of the gyroscope at the same times.
+pub(crate) fn agreement_of(config: &Config, seen: &[Seen], samples: &[ImuSample]) -> Agreement {
+    let mut agreement = Agreement::of(config);
+    for Seen { from, to, rate_c } in seen {
+        let begin = samples.partition_point(|sample| sample.stamp <= *from);
+        let end = samples.partition_point(|sample| sample.stamp <= *to).max(begin);
+        let within = &samples[begin..end];
+        if !within.is_empty() {
+            let sum: Vector3<f64> = within.iter().map(|sample| sample.gyro).sum();
+            agreement.add(RotationPair { rate_c: *rate_c, gyro_b: sum / within.len() as f64 });
+        }
+    }
+    agreement
+}
+
+/// Units, columns, axes and sides that cannot be right, the most probable cause first: doctor, replay and a flight say the
+/// same.
+pub(crate) fn nonsense(magnitudes: &Magnitudes, agreement: &Agreement, sight: &Sight) -> Vec<Finding> {
+    let mut findings = magnitudes.nonsense();
+    if findings.is_empty() {
+        findings.extend(agreement.finding());
+    }
+    if findings.is_empty() {
+        findings.extend(sight.sides.as_ref().and_then(Sides::finding));
+    }
+    findings
+}
+
 /// Gathers what the data say, and judges it.
 pub struct Plausibility {
     cameras: usize,
+    rates_hz: [f64; 2],
     magnitudes: Magnitudes,
-    finder: Option<RotationFinder>,
+    arrivals: [Arrivals; 2],
+    sight: Sight,
     agreement: Agreement,
-    sides: Option<Sides>,
-    last_frame: Option<Timestamp>,
     waiting: VecDeque<Seen>,
     rates: VecDeque<(Timestamp, Vector3<f64>)>,
     frames: u64,
@@ -129,14 +225,13 @@ impl Plausibility {
     /// For flights of a configuration; in a live one frames must come in time.
     #[must_use]
     pub fn new(config: &Config, is_live: bool) -> Self {
-        let left = config.camera.first();
         Self {
             cameras: config.camera.len(),
-            magnitudes: Magnitudes::new(config.imu.rate_hz),
-            finder: left.map(|camera| RotationFinder::new(camera.model())),
-            agreement: Agreement::new(left.map(|camera| camera.pose_b_c().rotation).unwrap_or_default()),
-            sides: Sides::new(config),
-            last_frame: None,
+            rates_hz: [config.imu.rate_hz, config.camera.first().map_or(0.0, |camera| camera.rate_hz)],
+            magnitudes: Magnitudes::default(),
+            arrivals: Default::default(),
+            sight: Sight::new(config),
+            agreement: Agreement::of(config),
             waiting: VecDeque::with_capacity(MAX_WAITING),
             rates: VecDeque::with_capacity(MAX_RATES),
             frames: 0,
@@ -157,6 +252,7 @@ impl Plausibility {
     /// Takes an inertial sample.
     pub fn add_sample(&mut self, sample: &ImuSample) {
         self.magnitudes.add(sample);
+        self.note(Sensor::Imu, sample.stamp);
         if self.has_seen_enough() {
             return;
         }
@@ -172,27 +268,20 @@ impl Plausibility {
         if self.has_seen_enough() {
             return;
         }
-        if let (Some(sides), [true, true]) = (&mut self.sides, frame.valid) {
-            sides.add(&frame.images);
-        }
-        let Some(finder) = &mut self.finder else { return };
-        if !frame.valid[0] {
-            finder.forget();
-            self.last_frame = None;
-            return;
-        }
-        let last = self.last_frame.replace(frame.stamp);
-        let found = finder.next(&frame.images[0]);
-        let (Some(from), Some((rot_last_now, correlation))) = (last, found) else { return };
-        let dt_s = frame.stamp.seconds_since(from);
-        if correlation < MIN_CORRELATION || !(dt_s > 0.0 && dt_s < MAX_GAP_S) {
-            return;
-        }
+        self.note(Sensor::Cameras, frame.stamp);
+        let Some(seen) = self.sight.add(frame) else { return };
         if self.waiting.len() == MAX_WAITING {
             self.waiting.pop_front();
         }
-        self.waiting.push_back(Seen { from, to: frame.stamp, rate_c: rot_last_now.scaled_axis() / dt_s });
+        self.waiting.push_back(seen);
         self.pair_up();
+    }
+
+    fn note(&mut self, sensor: Sensor, stamp: Timestamp) {
+        let arrivals = &mut self.arrivals[sensor as usize];
+        if arrivals.stamps.len() < MAX_STAMPS {
+            arrivals.push_stamp(stamp);
+        }
     }
 
     /// Takes what an estimate says of the frame with this sequence number.
@@ -233,18 +322,35 @@ impl Plausibility {
         }
     }
 
+    /// Stamps that cannot be right.
+    fn stamp_findings(&self) -> Vec<Finding> {
+        let [samples, frames] = &self.arrivals;
+        let [imu_hz, camera_hz] = self.rates_hz;
+        let timing = [
+            timing::finding(Sensor::Imu, samples, imu_hz).filter(|_| samples.stamps.len() >= MIN_JUDGED),
+            timing::finding(Sensor::Cameras, frames, camera_hz),
+        ];
+        // In virtual time samples and frames are not handed out in step.
+        let clocks = timing::two_clocks(&samples.stamps, &frames.stamps).filter(|_| self.is_live);
+        timing.into_iter().flatten().chain(clocks).collect()
+    }
+
     /// What cannot be right, by all that was given so far, the most probable cause first.
     #[must_use]
     pub fn findings(&self) -> Vec<Finding> {
-        let mut findings = self.magnitudes.findings();
+        let mut findings = self.stamp_findings();
         if findings.is_empty() {
-            findings.extend(self.agreement.finding());
+            findings = nonsense(&self.magnitudes, &self.agreement, &self.sight);
         }
-        if findings.is_empty() {
-            findings.extend(self.sides.as_ref().and_then(Sides::finding));
+        let exposure = self.sight.brightness.judge();
+        if self.sight.brightness.frames() >= MIN_BRIGHT && exposure.verdict == Fitness::NotFit {
+            findings.push(Finding::of_measure(exposure));
         }
         if self.cameras > 1 && self.frames >= MISSED_AFTER && self.right_images == 0 {
-            findings.push(missing_camera(&format!("none in {} frames", self.frames)));
+            findings.push(missing_camera(
+                &format!("none in {} frames", self.frames),
+                if self.is_live { CONNECT } else { COPY },
+            ));
         }
         let all = self.frames + self.lost_frames;
         if self.is_live && self.frames >= MISSED_AFTER && self.lost_frames * LOST_ONE_IN > all {
@@ -252,7 +358,8 @@ impl Plausibility {
                 "frames are lost",
                 format!("{} of {all}", self.lost_frames),
                 "a renderer, disk or processor that does not keep up with the camera",
-                "give --cache FOLDER or --scale 0.5 to a simulated flight, else less load or a smaller --speed",
+                "take load off this computer, or give smaller images; a simulated flight is rendered beforehand with \
+                 `plumbline replay --cache FOLDER`",
             ));
         }
         findings.extend(self.resets.iter().cloned());
@@ -260,14 +367,19 @@ impl Plausibility {
     }
 }
 
+/// What to do about a camera that is missing: a live one.
+const CONNECT: &str = "connect it, or take the second [[camera]] out of the configuration";
+/// What to do about a camera that a recording lacks.
+pub const COPY: &str = "copy cam1 too, or take the second [[camera]] out of the configuration, as `plumbline replay --mono` does";
+
 /// The right camera of the configuration delivers nothing.
 #[must_use]
-pub fn missing_camera(evidence: &str) -> Finding {
+pub fn missing_camera(evidence: &str, cure: &str) -> Finding {
     Finding::new(
         "the configuration names two cameras, but no image of cam1 comes",
         evidence,
         "a camera that is not connected, or a data set without its folder cam1",
-        "bring cam1, or say --mono to fly on one camera",
+        cure,
     )
 }
 

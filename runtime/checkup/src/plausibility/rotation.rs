@@ -6,7 +6,7 @@
 
 use super::Finding;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
-use plumbline_config::median;
+use plumbline_config::{Config, median};
 
 /// Fewest rotations that are judged: five seconds at 20 Hz.
 const MIN_PAIRS: usize = 100;
@@ -51,6 +51,12 @@ impl Agreement {
     pub fn new(rot_b_c: UnitQuaternion<f64>) -> Self {
         let rot_c_b = rot_b_c.inverse().to_rotation_matrix().into_inner();
         Self { rot_c_b, pairs: Vec::with_capacity(super::MAX_PAIRS) }
+    }
+
+    /// For the left camera of a configuration.
+    #[must_use]
+    pub fn of(config: &Config) -> Self {
+        Self::new(config.camera.first().map(|camera| camera.pose_b_c().rotation).unwrap_or_default())
     }
 
     /// Rotations so far.
@@ -163,10 +169,13 @@ impl Agreement {
     }
 }
 
+/// What is said of a gyroscope in degrees.
+pub const IN_DEGREES: &str = "the gyroscope turns faster than anything that flies or than the images";
+
 /// The gyroscope is in degrees.
 pub(super) fn in_degrees(evidence: &str) -> Finding {
     Finding::new(
-        "the gyroscope turns faster than anything that flies or than the images",
+        IN_DEGREES,
         evidence,
         "that it is in degrees a second",
         "multiply it by pi/180: rad/s is expected",

@@ -26,6 +26,12 @@ const MIN_SPREAD: f64 = 4.0;
 const MIN_VOTES: u32 = 30;
 const MAJORITY: u32 = 3;
 
+/// What is said of exchanged cameras, and what to do.
+pub const SWAPPED: &str = "that left and right camera are swapped";
+/// See [`SWAPPED`].
+pub const CURE: &str =
+    "exchange cam0 and cam1, `driver.v4l2.left` and `right`, or camera[0] and camera[1] of the configuration";
+
 /// Votes of patches.
 #[derive(Clone, Debug)]
 pub struct Sides {
@@ -119,8 +125,8 @@ impl Sides {
                     "{} patches match with left and right swapped, {} as configured",
                     self.wrong, self.right
                 ),
-                "that left and right camera are swapped",
-                "swap cam0 and cam1, or camera[0] and camera[1] of the configuration",
+                SWAPPED,
+                CURE,
             )
         })
     }

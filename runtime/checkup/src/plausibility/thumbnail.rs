@@ -1,7 +1,7 @@
 //! Small images: what is left of a frame for a look at whether the calibration can be right.
 
 use nalgebra::{Matrix3, Rotation3, SVector, UnitQuaternion, Vector2, Vector3};
-use plumbline_config::{CameraModel, GrayImage};
+use plumbline_config::{CameraModel, GrayImage, ImageView};
 
 /// Width of a thumbnail, about: a quarter of the images of EuRoC.
 const WIDTH: usize = 188;
@@ -32,22 +32,26 @@ impl Thumbnail {
 
     /// Takes the content of an image of its size; allocates nothing.
     pub fn take(&mut self, image: &GrayImage) {
+        self.take_view(&image.view());
+    }
+
+    /// Takes the content of an image of its size, which may be a part of another; returns whether it is of that size.
+    pub fn take_view(&mut self, image: &ImageView<'_>) -> bool {
         let shrink = self.shrink;
         if (image.width() / shrink, image.height() / shrink) != (self.width, self.height) {
-            return;
+            return false;
         }
-        let pixels = image.pixels();
         for (row, out) in self.pixels.chunks_exact_mut(self.width.max(1)).enumerate() {
             for (column, mean) in out.iter_mut().enumerate() {
-                let corner = row * shrink * image.width() + column * shrink;
-                let mut sum = 0u32;
+                let (start, mut sum) = (column * shrink, 0u32);
                 for line in 0..shrink {
-                    let start = corner + line * image.width();
-                    sum += pixels[start..start + shrink].iter().map(|&p| u32::from(p)).sum::<u32>();
+                    let pixels = &image.row(row * shrink + line)[start..start + shrink];
+                    sum += pixels.iter().map(|&p| u32::from(p)).sum::<u32>();
                 }
                 *mean = sum as f32 / (shrink * shrink) as f32;
             }
         }
+        true
     }
 
     /// Half its size.

@@ -1,7 +1,9 @@
 use super::{ALL, FEW, assert_found, flight, lively, measure, told};
+use crate::plausibility::{Glimpse, Plausibility, UNITS_AND_COLUMNS};
 use crate::{Checkup, Fitness};
 use nalgebra::{UnitQuaternion, Vector3};
-use plumbline_config::options::{CameraConfig, rows_from_isometry};
+use plumbline_config::Timestamp;
+use plumbline_config::options::{CameraConfig, VehicleConfig, image_sizes, rows_from_isometry};
 use std::f64::consts::TAU;
 
 #[test]
@@ -93,7 +95,11 @@ fn axes_of_another_assignment_explain_nothing() {
             sample.gyro = nalgebra::Vector3::new(sample.gyro.y, sample.gyro.z, sample.gyro.x)
         });
     });
-    assert_found(&turned.report(), "camera-IMU rotation", Fitness::NotFit, "pose_b_c");
+    let report = turned.report();
+    assert_found(&report, UNITS_AND_COLUMNS, Fitness::NotFit, "columns of the gyroscope are swapped");
+    let rotation = measure(&report, "camera-IMU rotation");
+    assert_eq!(rotation.verdict, Fitness::NotMeasured, "{}", told(&report));
+    assert!(rotation.cure.contains("named above"), "{}", told(&report));
 }
 
 #[test]
@@ -196,10 +202,12 @@ fn lost_samples_another_rate_and_stamps_that_run_backwards_are_told() {
 fn gravity_in_g_a_wrong_mounting_and_a_large_bias_are_told() {
     let mut scaled = flight(0);
     scaled.samples.iter_mut().for_each(|(_, sample)| sample.accel /= 9.806_65);
-    assert_found(&scaled.report(), "gravity", Fitness::NotFit, "m/s² is expected");
+    let report = scaled.report();
+    assert_found(&report, UNITS_AND_COLUMNS, Fitness::NotFit, "9.80665");
+    assert_eq!(measure(&report, "gravity").verdict, Fitness::NotMeasured, "{}", told(&report));
 
     let mut turned = flight(0);
-    turned.config.vehicle.imu_to_vehicle_deg = [0.0, 0.0, 0.0];
+    turned.config.vehicle = VehicleConfig::mounted([0.0, 0.0, 0.0]);
     assert_found(&turned.report(), "mounting", Fitness::NotFit, "imu_to_vehicle_deg");
 
     let mut biased = flight(0);
@@ -218,6 +226,76 @@ fn what_the_data_do_not_hold_is_no_verdict() {
         assert_eq!(measure(&report, name).verdict, Fitness::NotMeasured, "{}", told(&report));
     }
     assert!(report.is_fit(), "{}", told(&report));
+}
+
+#[test]
+fn what_a_flight_warns_of_is_said_by_the_checkup_in_the_same_words_and_its_consequences_are_not() {
+    let degrees = flight(ALL).with(|data| {
+        data.samples.iter_mut().for_each(|(_, sample)| sample.gyro *= 180.0 / std::f64::consts::PI);
+    });
+    let exchanged = flight(0).with(|data| {
+        data.samples.iter_mut().for_each(|(_, sample)| std::mem::swap(&mut sample.gyro, &mut sample.accel));
+    });
+    for (data, words) in
+        [(&degrees, "multiply it by pi/180"), (&exchanged, "write the columns as gyroscope x y z")]
+    {
+        let report = data.report();
+        assert_found(&report, UNITS_AND_COLUMNS, Fitness::NotFit, words);
+        let mut flight = Plausibility::new(&data.config, false);
+        let sizes = image_sizes(&data.config.camera);
+        for (_, sample) in &data.samples {
+            flight.add_sample(sample);
+        }
+        for (_, stamp, images) in &data.frames {
+            let mut glimpse = Glimpse::new(sizes);
+            (glimpse.stamp, glimpse.valid) = (*stamp, [true; 2]);
+            for (thumbnail, image) in glimpse.images.iter_mut().zip(images) {
+                thumbnail.take(image);
+            }
+            flight.add_frame(&glimpse);
+        }
+        let findings = flight.findings();
+        let said = measure(&report, UNITS_AND_COLUMNS);
+        assert!(findings.iter().any(|finding| finding.advice() == said.cure), "{findings:#?}");
+        let not_fit: Vec<_> = report.measures.iter().filter(|m| m.verdict == Fitness::NotFit).collect();
+        let consequences =
+            ["IMU axes", "gyroscope bias", "vibration of the gyroscope", "gravity", "mounting"];
+        assert!(not_fit.iter().all(|m| !consequences.contains(&m.name)), "{}", told(&report));
+    }
+}
+
+#[test]
+fn one_camera_leaves_what_needs_two_open_and_says_so() {
+    let one = flight(FEW).with(|data| data.config.camera.truncate(1));
+    let report = one.report();
+    for name in ["epipolar error", "time offset", "camera-IMU rotation"] {
+        assert_eq!(measure(&report, name).verdict, Fitness::NotMeasured, "{}", told(&report));
+        assert!(report.open().contains(&name));
+    }
+}
+
+#[test]
+fn a_tenth_of_burnt_out_pixels_is_not_good() {
+    let burnt = flight(FEW).with(|data| {
+        for (_, _, images) in &mut data.frames {
+            for image in images {
+                let rows = image.height() * 11 / 100;
+                let count = rows * image.width();
+                image.pixels_mut()[..count].fill(255);
+            }
+        }
+    });
+    assert_found(&burnt.report(), "exposure", Fitness::Mind, "burnt out");
+}
+
+#[test]
+fn stamps_in_microseconds_are_named_by_their_unit() {
+    let micros = flight(0).with(|data| {
+        for (_, sample) in &mut data.samples {
+            sample.stamp = Timestamp::from_nanos(sample.stamp.as_nanos() / 1000);
+        }
+    });
+    assert_found(&micros.report(), "IMU timing", Fitness::NotFit, "microseconds; write them in nanoseconds");
 }
 
 #[test]

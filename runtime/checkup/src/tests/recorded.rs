@@ -28,7 +28,9 @@ fn the_real_clip_of_a_drone_that_stands_is_fit() {
     let epipolar = measure(&report, "epipolar error");
     assert!(epipolar.figure("median_px").unwrap() < 0.5, "{}", told(&report));
     assert_eq!(measure(&report, "mounting").verdict, Fitness::Good, "{}", told(&report));
-    for name in ["IMU timing", "camera timing", "stereo pairs", "IMU axes", "exposure"] {
+    for name in ["IMU timing", "camera timing", "stereo pairs", "IMU axes"] {
         assert_eq!(measure(&report, name).verdict, Fitness::Good, "{}", told(&report));
     }
+    // A tenth of its images is burnt out: the windows.
+    assert_eq!(measure(&report, "exposure").verdict, Fitness::Mind, "{}", told(&report));
 }

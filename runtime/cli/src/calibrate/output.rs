@@ -3,7 +3,7 @@
 use super::super::{Usage, check_outputs, say};
 use anyhow::{Context, Result};
 use plumbline_config::{Config, ValidConfig};
-use plumbline_flight::pipeline::digest::config_hash;
+use plumbline_record::digest::config_hash;
 use std::path::{Path, PathBuf};
 
 /// Refuses, before the work, outputs that could not be written, and a file that is there unless it may be replaced.

@@ -2,6 +2,7 @@
 
 use super::verdict::{Check, CheckVerdict};
 use plumbline_config::Config;
+use plumbline_config::options::VehicleConfig;
 use plumbline_flight::schedule::bare_timer;
 use plumbline_flight::schedule::host::{Refusal, limit_idle_latency, lock_memory, pin, raise_priority};
 use plumbline_flight::schedule::tasks::{TaskId, TaskTable};
@@ -31,9 +32,19 @@ pub(super) fn checks(config: &Config, table: &TaskTable, watch: Duration) -> Vec
 }
 
 fn configuration(config: &Config) -> CheckVerdict {
-    let hash = plumbline_flight::pipeline::digest::config_hash(config);
+    let hash = plumbline_record::digest::config_hash(config);
     let cameras = config.camera.len();
     let words = format!("valid, {cameras} camera(s), IMU at {} Hz, hash {}", config.imu.rate_hz, &hash[..16]);
+    if let Some(unset) = config.unset_keys().first() {
+        return CheckVerdict::NotFit(format!("{words}; {unset}"));
+    }
+    let needs_mounting = !config.autopilot.connect.is_empty() || config.ros.enabled;
+    if config.vehicle.rot_v_b().is_none() && needs_mounting {
+        return CheckVerdict::NotFit(format!("{}: {}", VehicleConfig::UNKNOWN, VehicleConfig::CURE));
+    }
+    if config.vehicle.rot_v_b().is_none() {
+        return CheckVerdict::Poor(format!("{}: {}", VehicleConfig::UNKNOWN, VehicleConfig::CURE));
+    }
     if cameras == 2 {
         CheckVerdict::Fine(words)
     } else {

@@ -31,8 +31,9 @@ const EXAMPLES: &str = "Examples:
   plumbline doctor V1_01_easy                   check the sensor data of a recording
   plumbline doctor log.mcap --json              check a flight log, print JSON
 
-Let the vehicle stand for three seconds, then turn it by hand about all axes in front of something with texture: gravity and
-biases are measured at rest, time offset and rotation between camera and IMU in motion, vibration with motors running.
+Let the vehicle stand level for three seconds, lift its nose by 30 degrees and put it down again: that measures how the IMU is
+mounted. Then turn it by hand about all axes in front of something with texture: gravity and biases are measured at rest, time
+offset and rotation between camera and IMU in motion, vibration with motors running.
 Exit status 1 when something speaks against a flight.";
 
 /// Seconds of data that are looked at without `--seconds`.
@@ -130,7 +131,7 @@ fn tell(
     if !args.json {
         let poor = checks.iter().filter(|(_, verdict)| verdict.is_poor()).count();
         let to_mind = measures.iter().filter(|m| m.verdict == Fitness::Mind).count();
-        say(format_args!("\n{}", fit(poor + to_mind)));
+        say(format_args!("\n{}", fit(poor + to_mind, host.is_some(), sensors.as_ref())));
     }
     Ok(())
 }
@@ -143,12 +144,31 @@ fn all_measures(sensors: Option<&(String, CheckupReport)>) -> &[Measure] {
     sensors.map_or(&[], |(_, report)| &report.measures)
 }
 
-fn fit(to_mend: usize) -> String {
-    match to_mend {
-        0 => "Fit to fly.".to_owned(),
-        1 => "Fit to fly, with one thing to mend.".to_owned(),
-        n => format!("Fit to fly, with {n} things to mend."),
+/// The verdict, of what was looked at alone, and what was not.
+fn fit(to_mend: usize, has_host: bool, sensors: Option<&(String, CheckupReport)>) -> String {
+    let what = match (has_host, sensors) {
+        (true, Some(_)) => "Fit to fly",
+        (true, None) => "This host is fit to fly",
+        (false, _) => "The sensors are fit to fly",
+    };
+    let mend = match to_mend {
+        0 => String::new(),
+        1 => ", with one thing to mend".to_owned(),
+        n => format!(", with {n} things to mend"),
+    };
+    let open = not_looked_at(has_host, sensors);
+    if open.is_empty() {
+        return format!("{what}{mend}.");
     }
+    format!("{what}{mend}, as far as was looked at. Not looked at: {}.", open.join(", "))
+}
+
+/// What a verdict does not cover.
+fn not_looked_at(has_host: bool, sensors: Option<&(String, CheckupReport)>) -> Vec<&'static str> {
+    let host = (!has_host).then_some("this host (`plumbline doctor --config`)");
+    let live = sensors.is_none().then_some("the sensors (--live)");
+    let measures = sensors.iter().flat_map(|(_, report)| report.open());
+    host.into_iter().chain(live).chain(measures).collect()
 }
 
 fn print_host(checks: &[Check], table: &TaskTable) {
@@ -172,7 +192,10 @@ fn print(name: &str, report: &CheckupReport) {
 
 fn as_json(host: Option<&(Vec<Check>, TaskTable)>, sensors: Option<&(String, CheckupReport)>) -> Value {
     let is_host_fit = !all_checks(host).iter().any(|(_, verdict)| verdict.is_not_fit());
-    let mut all = json!({"fit": is_host_fit && sensors.is_none_or(|(_, report)| report.is_fit())});
+    let mut all = json!({
+        "fit": is_host_fit && sensors.is_none_or(|(_, report)| report.is_fit()),
+        "not_looked_at": not_looked_at(host.is_some(), sensors),
+    });
     if let Some((checks, _)) = host {
         let checks = checks.iter().map(|(name, verdict)| {
             let (mark, words) = verdict.told();

@@ -14,7 +14,8 @@ use crate::schedule::ticker::{Monotonic, Ticker};
 use crate::schedule::watchdog::Pulse;
 use nalgebra::UnitQuaternion;
 use plumbline_config::options::{AutopilotConfig, AutopilotEndpoint, VehicleConfig};
-use plumbline_estimator::{Estimate, Odometry, TrackingState};
+use plumbline_estimator::TrackingState;
+use plumbline_record::Said;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -33,6 +34,13 @@ pub enum BridgeError {
     /// The configured address cannot be read.
     #[error("autopilot.connect: {0}")]
     Endpoint(String),
+    /// The mounting of the IMU is not known, and with it the attitude that the autopilot would receive.
+    #[error(
+        "{}, and the autopilot would receive a wrong attitude: {}",
+        VehicleConfig::UNKNOWN,
+        VehicleConfig::CURE
+    )]
+    Mounting,
     /// The line cannot be opened.
     #[error(transparent)]
     Link(#[from] LinkError),
@@ -56,20 +64,20 @@ impl Bridge {
     /// signs of life before there is odometry. A line that cannot be had yet is waited for in a flight with live sensors.
     ///
     /// # Errors
-    /// When the address or device cannot be used.
+    /// When the mounting is unknown, or the address or device cannot be used.
     pub fn start(
         config: &AutopilotConfig,
         mounting: &VehicleConfig,
         stamps: Stamps,
         is_realtime: bool,
     ) -> Result<Self, BridgeError> {
+        let frames = Frames::new(&mounting.rot_v_b().ok_or(BridgeError::Mounting)?);
         let endpoint = AutopilotEndpoint::parse(&config.connect).map_err(BridgeError::Endpoint)?;
         let link = match stamps {
             Stamps::OfHost => Link::open_patiently(&endpoint),
             Stamps::Replayed => Link::open(&endpoint)?,
         };
         let (signals, (writer, waiting)) = (Arc::new(Signals::default()), handover_ring());
-        let frames = Frames::new(mounting);
         let sender = Sender::new(config, link, frames);
         let period = Duration::from_secs_f64(1.0 / config.rate_hz);
         let theirs = Arc::clone(&signals);
@@ -149,7 +157,8 @@ impl TickListener {
 }
 
 impl Listener for TickListener {
-    fn odometry(&mut self, odometry: &Odometry) {
+    fn said(&mut self, said: &Said) {
+        let Said::Odometry(odometry) = said else { return };
         let measured = self.clock.measured(odometry.stamp, Monotonic::now());
         let rot_l_o = *self.rot_l_o.get_or_insert_with(|| self.frames.local_frame(&odometry.pose_o_b));
         // Without room the autopilot's thread is a third of a second behind, and finds enough.
@@ -162,8 +171,10 @@ impl Listener for TickListener {
 struct WindowListener(Arc<Signals>);
 
 impl Listener for WindowListener {
-    fn estimate(&mut self, estimate: &Estimate, _frame_ms: f64) {
-        if estimate.state == TrackingState::Failed {
+    fn said(&mut self, said: &Said) {
+        if let Said::Estimate(full) = said
+            && full.estimate.state == TrackingState::Failed
+        {
             self.0.has_pose.store(false, Ordering::Relaxed);
         }
     }
@@ -176,6 +187,7 @@ mod realtime {
     use mavlink::dialects::common::{MavMessage, ODOMETRY_DATA, TIMESYNC_DATA};
     use mavlink::{MavHeader, MavlinkReader, MavlinkVersion};
     use plumbline_config::options::AutopilotClock;
+    use plumbline_record::said::FullEstimate;
     use std::net::UdpSocket;
     use std::time::Instant;
 
@@ -240,21 +252,22 @@ mod realtime {
     }
 
     /// Odometry as of now, by a clock of 1970.
-    fn fresh() -> Odometry {
+    fn fresh() -> Said {
         let mut fresh = odometry();
         fresh.stamp = plumbline_config::Timestamp::from_nanos(1_500_000_000_000_000_000 + Monotonic::now().0);
-        fresh
+        Said::Odometry(fresh)
     }
 
     #[test]
     fn odometry_goes_on_at_its_rate_while_the_estimator_comes_and_goes() {
         let (mut autopilot, config) = Autopilot::new();
-        let mut bridge = Bridge::start(&config, &VehicleConfig::default(), Stamps::Replayed, false).unwrap();
+        let mut bridge =
+            Bridge::start(&config, &VehicleConfig::mounted([0.0; 3]), Stamps::Replayed, false).unwrap();
         let mut tick = bridge.listener(Producer::Tick);
         autopilot.fly(Duration::from_millis(500), || {});
         assert!(autopilot.odometry.is_empty(), "nothing is sent before the first pose");
         let began = Instant::now();
-        autopilot.fly(Duration::from_millis(1200), || tick.odometry(&fresh()));
+        autopilot.fly(Duration::from_millis(1200), || tick.said(&fresh()));
         let (_, newest) = autopilot.odometry.last().unwrap().clone();
         assert_eq!((newest.quality, newest.reset_counter), (80, 2));
         let age_us = Monotonic::now().0 / 1000 - newest.time_usec as i64;
@@ -280,14 +293,15 @@ mod realtime {
     #[test]
     fn a_failed_estimate_is_lost_at_once() {
         let (signals, (writer, waiting)) = (Arc::new(Signals::default()), handover_ring());
-        let frames = Frames::new(&VehicleConfig::default());
+        let frames = Frames::new(&UnitQuaternion::identity());
         let mut tick = TickListener::new(Arc::clone(&signals), writer, frames, Stamps::Replayed);
         let mut window = WindowListener(Arc::clone(&signals));
-        tick.odometry(&fresh());
+        tick.said(&fresh());
         assert!(signals.has_pose.load(Ordering::Relaxed));
-        window.estimate(&estimate(TrackingState::Failed), 10.0);
+        let estimate = estimate(TrackingState::Failed);
+        window.said(&Said::Estimate(FullEstimate { estimate, frame_ms: 10.0 }));
         assert!(!signals.has_pose.load(Ordering::Relaxed));
-        tick.odometry(&fresh());
+        tick.said(&fresh());
         assert!(signals.has_pose.load(Ordering::Relaxed), "the next odometry ends it");
         assert_eq!(waiting.waiting(), 2);
     }
@@ -296,9 +310,10 @@ mod realtime {
     fn by_the_autopilots_clock_nothing_is_sent_before_that_is_known() {
         let (mut autopilot, config) = Autopilot::new();
         let config = AutopilotConfig { clock: AutopilotClock::Autopilot, ..config };
-        let mut bridge = Bridge::start(&config, &VehicleConfig::default(), Stamps::Replayed, false).unwrap();
+        let mut bridge =
+            Bridge::start(&config, &VehicleConfig::mounted([0.0; 3]), Stamps::Replayed, false).unwrap();
         let mut tick = bridge.listener(Producer::Tick);
-        autopilot.fly(Duration::from_millis(2500), || tick.odometry(&fresh()));
+        autopilot.fly(Duration::from_millis(2500), || tick.said(&fresh()));
         let (first, last) = (&autopilot.odometry[0].1, &autopilot.odometry.last().unwrap().1);
         assert!(first.quality == 80 && first.time_usec as i64 > AHEAD_NS / 1000, "{first:?}");
         let age_us = (Monotonic::now().0 + AHEAD_NS) / 1000 - last.time_usec as i64;
@@ -310,7 +325,8 @@ mod realtime {
         let (autopilot, config) = Autopilot::new();
         let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
         let config = AutopilotConfig { connect: format!("udpin://{port}"), ..config };
-        let _bridge = Bridge::start(&config, &VehicleConfig::default(), Stamps::Replayed, false).unwrap();
+        let _bridge =
+            Bridge::start(&config, &VehicleConfig::mounted([0.0; 3]), Stamps::Replayed, false).unwrap();
         let station = UdpSocket::bind("127.0.0.1:0").unwrap();
         station.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
         let is_answered = |socket: &UdpSocket, (system_id, component_id): (_, u8)| {
@@ -331,7 +347,8 @@ mod realtime {
     #[test]
     fn noise_and_floods_from_outside_change_nothing() {
         let (mut autopilot, config) = Autopilot::new();
-        let mut bridge = Bridge::start(&config, &VehicleConfig::default(), Stamps::Replayed, false).unwrap();
+        let mut bridge =
+            Bridge::start(&config, &VehicleConfig::mounted([0.0; 3]), Stamps::Replayed, false).unwrap();
         let mut tick = bridge.listener(Producer::Tick);
         let from = std::iter::repeat_with(|| autopilot.socket.recv_from(&mut [0; 2048]))
             .take(100)
@@ -342,7 +359,7 @@ mod realtime {
         let began = Instant::now();
         std::thread::scope(|scope| {
             scope.spawn(|| flood.pour(Duration::from_millis(1500)));
-            autopilot.fly(Duration::from_millis(1500), || tick.odometry(&fresh()));
+            autopilot.fly(Duration::from_millis(1500), || tick.said(&fresh()));
         });
         let ran = began.elapsed().as_secs_f64();
         let figures = bridge.stop().unwrap();

@@ -99,13 +99,12 @@ impl Feed {
 mod tests {
     use super::super::fixture::odometry;
     use super::*;
-    use plumbline_config::options::VehicleConfig;
     use plumbline_estimator::{Odometry, TrackingState};
 
     const MS: i64 = 1_000_000;
 
     fn feed(lost_pose: LostPose) -> Feed {
-        Feed::new(Frames::new(&VehicleConfig::default()), lost_pose)
+        Feed::new(Frames::new(&UnitQuaternion::identity()), lost_pose)
     }
 
     /// What is sent at `now`, ms.
@@ -116,7 +115,7 @@ mod tests {
     }
 
     fn taken(feed: &mut Feed, at_ms: i64, odometry: Odometry) {
-        let frames = Frames::new(&VehicleConfig::default());
+        let frames = Frames::new(&UnitQuaternion::identity());
         let rot_l_o = frames.local_frame(&odometry.pose_o_b);
         feed.take(Handover { odometry, measured: Monotonic(at_ms * MS), rot_l_o });
     }

@@ -6,7 +6,6 @@
 //! parameter of the autopilot).
 
 use nalgebra::{Isometry3, Matrix3, Matrix6, SMatrix, Translation3, UnitQuaternion, Vector3};
-use plumbline_config::options::VehicleConfig;
 use plumbline_estimator::Odometry;
 use std::f64::consts::PI;
 
@@ -36,10 +35,10 @@ pub struct VehicleOdometry {
 }
 
 impl Frames {
-    /// From the mounting of the IMU in the vehicle.
+    /// Frames of an IMU whose axes `rot_v_b` takes to those of the vehicle.
     #[must_use]
-    pub fn new(mounting: &VehicleConfig) -> Self {
-        Self { rot_f_b: half_turn_about_x() * mounting.rot_v_b() }
+    pub fn new(rot_v_b: &UnitQuaternion<f64>) -> Self {
+        Self { rot_f_b: half_turn_about_x() * rot_v_b }
     }
 
     /// The rotation from `O` to LOCAL_FRD that makes the nose of this pose point along x; one whose nose
@@ -106,10 +105,11 @@ fn matrix(rotation: &UnitQuaternion<f64>) -> Matrix3<f64> {
 mod tests {
     use super::super::fixture::odometry;
     use super::*;
+    use plumbline_config::options::VehicleConfig;
     use plumbline_estimator::NavCovariance;
 
     fn mounted(imu_to_vehicle_deg: [f64; 3]) -> Frames {
-        Frames::new(&VehicleConfig { imu_to_vehicle_deg })
+        Frames::new(&VehicleConfig::mounted(imu_to_vehicle_deg).rot_v_b().unwrap())
     }
 
     fn level_pose(heading: f64) -> Isometry3<f64> {

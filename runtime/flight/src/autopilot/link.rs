@@ -14,7 +14,7 @@ use rustix::event::{PollFd, PollFlags, poll};
 use rustix::time::Timespec;
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
-use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
+use std::net::{IpAddr, SocketAddr, ToSocketAddrs, UdpSocket};
 use std::os::fd::{AsFd, BorrowedFd};
 use thiserror::Error;
 
@@ -76,7 +76,7 @@ impl Link {
     pub fn open(endpoint: &AutopilotEndpoint) -> Result<Self, LinkError> {
         match endpoint {
             AutopilotEndpoint::Udp(address) => UdpLink::to(address).map(Self::Udp),
-            AutopilotEndpoint::UdpIn(address) => UdpLink::at(address).map(Self::Udp),
+            AutopilotEndpoint::UdpIn { at, from } => UdpLink::at(at, *from).map(Self::Udp),
             AutopilotEndpoint::Serial(line) => SerialLink::open(&line.device, line.baud).map(Self::Serial),
         }
     }
@@ -89,7 +89,7 @@ impl Link {
             let endpoint = endpoint.clone();
             Self::Awaited(Awaited::search(move || {
                 let link = Self::open(&endpoint).ok()?;
-                tracing::warn!("autopilot: the serial device is available");
+                tracing::info!("autopilot: the serial device is available");
                 Some(Box::new(link))
             }))
         })
@@ -136,7 +136,8 @@ impl Link {
     pub fn news(&mut self) -> Option<News> {
         match self {
             Self::Serial(serial) => serial.news.take(),
-            Self::Udp(_) | Self::Awaited(_) => None,
+            Self::Udp(udp) => udp.learned.as_mut()?.news.take(),
+            Self::Awaited(_) => None,
         }
     }
 
@@ -165,8 +166,12 @@ pub struct UdpLink {
 
 #[derive(Debug, Default)]
 struct Learned {
+    /// The only host that is listened to, where one is configured.
+    from: Option<IpAddr>,
     peer: Option<(SocketAddr, Monotonic)>,
     candidate: Option<SocketAddr>,
+    /// Who took whose place, as long as that was not told.
+    news: Option<News>,
 }
 
 impl UdpLink {
@@ -177,8 +182,9 @@ impl UdpLink {
         Self::new(socket, address, None)
     }
 
-    fn at(address: &str) -> Result<Self, LinkError> {
-        Self::new(UdpSocket::bind(resolve(address)?), address, Some(Learned::default()))
+    fn at(address: &str, from: Option<IpAddr>) -> Result<Self, LinkError> {
+        let learned = Learned { from, ..Learned::default() };
+        Self::new(UdpSocket::bind(resolve(address)?), address, Some(learned))
     }
 
     fn new(
@@ -197,6 +203,9 @@ impl UdpLink {
             return self.socket.recv(into).unwrap_or(0);
         };
         let Ok((count, from)) = self.socket.recv_from(into) else { return 0 };
+        if learned.from.is_some_and(|host| from.ip().to_canonical() != host.to_canonical()) {
+            return 0;
+        }
         let is_heard = |(_, at): &(SocketAddr, Monotonic)| now.0.saturating_sub(at.0) < SILENCE_NS;
         if learned.peer.as_ref().filter(|peer| is_heard(peer)).is_some_and(|(peer, _)| *peer != from) {
             return 0;
@@ -209,6 +218,9 @@ impl UdpLink {
         if let Some(learned) = &mut self.learned
             && let Some(from) = learned.candidate
         {
+            if let Some((other, _)) = learned.peer.filter(|(peer, _)| *peer != from) {
+                learned.news = Some(News::Replaced { by: from, other });
+            }
             learned.peer = Some((from, now));
         }
     }
@@ -385,6 +397,28 @@ mod tests {
         assert!(link.wait(soon()));
         let later = Monotonic::now().plus_nanos(SILENCE_NS + 1);
         assert_eq!(link.read(&mut [0; CHUNK], later), 8);
+        assert_eq!(link.news(), None, "whether it is the autopilot is not known yet");
+        link.confirm(later);
+        let [by, other] = [&second, &first].map(|socket| socket.local_addr().unwrap());
+        assert_eq!(link.news(), Some(News::Replaced { by, other }));
+        assert_eq!(link.news(), None, "that is told once");
+    }
+
+    #[test]
+    fn a_pinned_link_hears_that_host_alone_however_long_it_is_silent() {
+        let free = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+        let mut link = open(&format!("udpin://{free}?from=127.0.0.2")).unwrap();
+        let (autopilot, other) =
+            (UdpSocket::bind("127.0.0.2:0").unwrap(), UdpSocket::bind("127.0.0.3:0").unwrap());
+        other.send_to(b"forged", free).unwrap();
+        assert!(read(&mut link).is_empty(), "not even the first");
+        autopilot.send_to(b"hello", free).unwrap();
+        assert_eq!(read(&mut link), b"hello");
+        link.confirm(Monotonic::now());
+        other.send_to(b"forged", free).unwrap();
+        assert!(link.wait(soon()));
+        let later = Monotonic::now().plus_nanos(10 * SILENCE_NS);
+        assert_eq!(link.read(&mut [0; CHUNK], later), 0);
     }
 
     #[test]

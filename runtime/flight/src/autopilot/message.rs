@@ -111,7 +111,7 @@ mod tests {
     use plumbline_config::options::VehicleConfig;
 
     fn vehicle() -> VehicleOdometry {
-        let frames = Frames::new(&VehicleConfig { imu_to_vehicle_deg: [180.0, -90.0, 0.0] });
+        let frames = Frames::new(&VehicleConfig::mounted([180.0, -90.0, 0.0]).rot_v_b().unwrap());
         let o = odometry();
         frames.convert(&o, &frames.local_frame(&o.pose_o_b))
     }

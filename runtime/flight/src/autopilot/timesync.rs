@@ -28,6 +28,9 @@ const JUMP_NS: i64 = 10_000_000;
 /// Jumps in a row that are believed: the autopilot was started anew.
 const JUMPS_BELIEVED: usize = 4;
 
+/// Clocks of autopilots count from their start, or from 1970: none is beyond the year 2100, ns.
+const LATEST_NS: i64 = 4_102_444_800 * 1_000_000_000;
+
 /// One round trip.
 #[derive(Clone, Copy, Debug)]
 struct Sample {
@@ -81,7 +84,7 @@ impl TimeSync {
         let Some(asked) = self.outstanding.iter().position(|asked| *asked == ts1) else { return false };
         self.outstanding.remove(asked);
         let round_trip_ns = now.0.saturating_sub(ts1);
-        if tc1 <= 0 || !(0..=MAX_ROUND_TRIP_NS).contains(&round_trip_ns) {
+        if !(1..=LATEST_NS).contains(&tc1) || !(0..=MAX_ROUND_TRIP_NS).contains(&round_trip_ns) {
             return true;
         }
         let offset_ns = tc1.saturating_sub(ts1.saturating_add(round_trip_ns / 2));
@@ -201,6 +204,25 @@ mod tests {
             exchange(&mut sync, 11_000 * MS + k * 1000 * MS, (1000, 1000), 100 * MS);
         }
         assert!((sync.offset_ns().unwrap() - 100 * MS).abs() < 2000);
+    }
+
+    #[test]
+    fn a_time_that_no_clock_tells_is_not_believed() {
+        let mut sync = TimeSync::default();
+        for k in 0..40 {
+            exchange(&mut sync, 1000 * MS + k * 100 * MS, (1000, 1000), 1 << 62);
+        }
+        assert_eq!(sync.offset_ns(), None);
+        for k in 0..10 {
+            exchange(&mut sync, 6000 * MS + k * 100 * MS, (1000, 1000), 5 * MS);
+        }
+        let locked = sync.offset_ns();
+        assert!(locked.is_some());
+        for k in 0..40 {
+            exchange(&mut sync, 8000 * MS + k * 1000 * MS, (1000, 1000), 1 << 62);
+        }
+        // Without answers that count the lock is lost, and never moved there.
+        assert!(sync.offset_ns().is_none_or(|offset| Some(offset) == locked));
     }
 
     #[test]

@@ -2,6 +2,7 @@
 //! words allocates, and a thread of high priority must not wait for who holds the allocator.
 
 use crate::schedule::ring::{Bell, Writer, ring};
+use std::net::SocketAddr;
 use std::time::Duration;
 
 /// News that wait.
@@ -18,6 +19,13 @@ pub enum News {
     Silent,
     /// Its clock less ours, ns.
     Clock(i64),
+    /// After a silence another sender has taken the autopilot's place.
+    Replaced {
+        /// Who is answered now.
+        by: SocketAddr,
+        /// Who was before.
+        other: SocketAddr,
+    },
     /// The device went away: by an error of the system of this number, or it hung up.
     Gone(Option<i32>),
     /// It is there again.
@@ -34,6 +42,10 @@ impl News {
             Self::Clock(ns) => {
                 tracing::info!("autopilot at {address}: its clock is {:.3} ms ahead", ns as f64 * 1e-6);
             }
+            Self::Replaced { by, other } => tracing::warn!(
+                "autopilot at {address}: {by} has taken the place of {other}, which was silent; odometry goes there \
+                 now. Pin the autopilot by ?from=HOST behind the address of autopilot.connect"
+            ),
             Self::Gone(error) => {
                 let reason = error.map(std::io::Error::from_raw_os_error);
                 let reason = reason.map_or_else(|| "it hung up".into(), |error| error.to_string());

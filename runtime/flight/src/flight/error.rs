@@ -56,6 +56,6 @@ impl FlightError {
     /// Whether what was asked for is wrong, rather than what happened.
     #[must_use]
     pub fn is_usage(&self) -> bool {
-        matches!(self, Self::Invalid(_))
+        matches!(self, Self::Invalid(_) | Self::Autopilot(BridgeError::Mounting))
     }
 }

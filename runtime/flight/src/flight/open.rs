@@ -1,15 +1,16 @@
 //! Opening what is flown: a data set, a flight log, a ROS 2 bag, or a simulated scenario.
 
 use super::cache;
-use super::plausibility::{Finding, missing_camera};
+use super::plausibility::{COPY, Finding, missing_camera};
 use super::{Flight, FlightError, Truth};
 use crate::log::source::{LogEnd, LogImu, LogStereo};
 use crate::log::{LogError, LogReader};
 use nalgebra::{UnitQuaternion, Vector3};
+use plumbline_config::options::VehicleConfig;
 use plumbline_config::{Config, ConfigError, ImuSample, ValidConfig, import};
 use plumbline_drivers::bag::{is_bag, read_bag_imu};
 use plumbline_drivers::euroc::read_imu_samples;
-use plumbline_drivers::simulator::{Scenario, Simulator, draw_calibration};
+use plumbline_drivers::simulator::{FlightPath, Scenario, Simulator, draw_calibration};
 use plumbline_drivers::{BagDataset, BagTopics, EurocDataset, EurocOptions, ImuSource as _};
 use std::ops::Range;
 use std::path::Path;
@@ -56,7 +57,7 @@ pub fn open_dataset(
     let dataset = EurocDataset::open(path, &options)?;
     let mut findings = Vec::new();
     if dataset.cameras() < config.camera.len() {
-        findings.push(missing_camera(&format!("{} holds no cam1", path.display())));
+        findings.push(missing_camera(&format!("{} holds no cam1", path.display()), COPY));
         config = with_cameras(&config, dataset.cameras())?;
     }
     let truth = dataset.ground_truth()?.map_or(Truth::None, |states| Truth::of_states(&states));
@@ -164,7 +165,7 @@ pub fn open_bag(
     let mut findings = Vec::new();
     if bag.cameras() < config.camera.len() {
         let of = bag.camera_topics().join(", ");
-        findings.push(missing_camera(&format!("{} has images of one camera ({of})", path.display())));
+        findings.push(missing_camera(&format!("{} has images of one camera ({of})", path.display()), COPY));
         config = with_cameras(&config, bag.cameras())?;
     }
     if bag.is_truncated() {
@@ -255,13 +256,20 @@ pub fn open_simulation(
     Ok(Flight { truth: Truth::Simulated(simulator), ..flight })
 }
 
-/// The preset for a flight of which no configuration is given: `sim`, or `euroc` where the inertial samples are real ones.
+/// The preset for a flight of which no configuration is given: `sim`, or `euroc` where the inertial samples are real ones. How
+/// the IMU is mounted in a vehicle that flies along a file is not known.
 ///
 /// # Errors
 /// Never, as long as the presets are valid.
 pub fn preset_for(scenario: &Scenario) -> Result<ValidConfig, FlightError> {
-    let name = if scenario.has_recorded_samples() { "euroc" } else { "sim" };
-    Ok(Config::preset(name)?)
+    if scenario.has_recorded_samples() {
+        return Ok(Config::preset("euroc")?);
+    }
+    let sim = Config::preset("sim")?;
+    match scenario.path {
+        FlightPath::Tum(_) => Ok(sim.with("preset sim", |config| config.vehicle = VehicleConfig::default())?),
+        _ => Ok(sim),
+    }
 }
 
 /// The rig to simulate: the given one, or the preset `sim`; with `mono` its left camera alone.

@@ -75,7 +75,7 @@ impl Outputs {
         Ok(())
     }
 
-    /// All of them, in the order in which they are to be told: the recorder keeps frames, and comes last.
+    /// All of them, the autopilot first: it waits for odometry.
     pub fn subscribers(&mut self) -> Vec<&mut dyn Subscriber> {
         let Self { bridge, others, saver, recorder } = self;
         let mut all: Vec<&mut dyn Subscriber> = Vec::new();

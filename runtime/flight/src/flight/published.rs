@@ -2,12 +2,13 @@
 //! and how well each is known against the one a second before.
 
 use super::trajectory::{Lent, MAX_RESERVED_FRAMES, Storage};
-use crate::pipeline::listener::{Listener, Producer, Solved, Subscriber};
+use crate::pipeline::listener::{Listener, Producer, Subscriber, View};
 use nalgebra::{Isometry3, Vector3};
 use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_estimator::estimate::{NavCovariance, TrackingState};
 use plumbline_estimator::odometry::StepCovariance;
-use plumbline_estimator::{Estimate, Odometry};
+use plumbline_record::Said;
+use plumbline_record::said::FullEstimate;
 
 /// Odometry is kept at about this rate, Hz. It is no fraction of 20 Hz, so that all ages of the last correction are met
 /// alike.
@@ -111,12 +112,16 @@ impl Listener for OfEstimates {
         true
     }
 
-    fn solved(&mut self, solved: &Solved<'_>) {
-        self.steps.entries.extend(solved.step);
+    fn shown(&mut self, view: View<'_>) {
+        if let View::Solved(solved) = view {
+            self.steps.entries.extend(solved.step);
+        }
     }
 
-    fn estimate(&mut self, estimate: &Estimate, _frame_ms: f64) {
-        if estimate.has_pose() {
+    fn said(&mut self, said: &Said) {
+        if let Said::Estimate(FullEstimate { estimate, .. }) = said
+            && estimate.has_pose()
+        {
             self.states.entries.push(PublishedState {
                 stamp: estimate.stamp,
                 pose_o_b: estimate.pose_o_b,
@@ -134,7 +139,8 @@ struct OfOdometry {
 }
 
 impl Listener for OfOdometry {
-    fn odometry(&mut self, odometry: &Odometry) {
+    fn said(&mut self, said: &Said) {
+        let Said::Odometry(odometry) = said else { return };
         let has_pose = matches!(odometry.state, TrackingState::Tracking | TrackingState::Blind);
         if has_pose && odometry.sequence.is_multiple_of(self.one_of) {
             self.states.entries.push(PublishedState {

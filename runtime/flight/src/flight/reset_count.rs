@@ -8,8 +8,9 @@
 use crate::pipeline::listener::{Listener, Producer, Subscriber};
 use crate::places::write_atomically;
 use crate::schedule::ticker::Monotonic;
-use plumbline_estimator::{Estimate, Odometry};
-use std::io::ErrorKind;
+use plumbline_drivers::open_regular;
+use plumbline_record::Said;
+use std::io::{ErrorKind, Read as _};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -18,6 +19,8 @@ use std::time::Duration;
 
 /// Name of the file.
 const FILE: &str = "reset_counter";
+/// Longest file that is read, bytes: a number and a sum have 20.
+const MAX_BYTES: u64 = 64;
 /// Numbers are reserved so many at a time, and more when half of them are used.
 const RESERVED: u32 = 8;
 /// The thread looks this often.
@@ -81,26 +84,21 @@ impl Drop for ResetCount {
 impl Subscriber for ResetCount {
     fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
         match producer {
-            Producer::Window => Box::new(WindowListener(Arc::clone(&self.shared))),
-            Producer::Tick => Box::new(TickListener(Arc::clone(&self.shared))),
+            Producer::Window | Producer::Tick => Box::new(Counters(Arc::clone(&self.shared))),
             _ => Box::new(()),
         }
     }
 }
 
-struct WindowListener(Arc<Shared>);
+struct Counters(Arc<Shared>);
 
-impl Listener for WindowListener {
-    fn estimate(&mut self, estimate: &Estimate, _frame_ms: f64) {
-        self.0.newest.store(estimate.reset_counter, Ordering::Relaxed);
-    }
-}
-
-struct TickListener(Arc<Shared>);
-
-impl Listener for TickListener {
-    fn odometry(&mut self, odometry: &Odometry) {
-        self.0.jumps.store(odometry.jumps, Ordering::Relaxed);
+impl Listener for Counters {
+    fn said(&mut self, said: &Said) {
+        match said {
+            Said::Estimate(full) => self.0.newest.store(full.estimate.reset_counter, Ordering::Relaxed),
+            Said::Odometry(odometry) => self.0.jumps.store(odometry.jumps, Ordering::Relaxed),
+            _ => {}
+        }
     }
 }
 
@@ -141,7 +139,7 @@ fn line(next: u32) -> String {
 
 /// The number in the file. 0 where there is none yet; where it is damaged, one that the last flight hardly had.
 fn read(path: &Path) -> u32 {
-    let text = match std::fs::read_to_string(path) {
+    let text = match open_regular(path).and_then(|file| std::io::read_to_string(file.take(MAX_BYTES))) {
         Ok(text) => text,
         Err(error) if error.kind() == ErrorKind::NotFound => return 0,
         Err(error) => error.to_string(),
@@ -213,5 +211,23 @@ mod tests {
         assert_ne!(ResetCount::resume(folder.path()).first(), 17);
         assert_eq!(ResetCount::resume(Path::new("/nowhere/at/all")).first(), 0);
         assert_eq!(read(&folder.path().join("none")), 0);
+    }
+
+    #[test]
+    fn a_pipe_in_place_of_the_file_does_not_hold_up_the_start() {
+        let folder = tempfile::tempdir().unwrap();
+        let pipe = folder.path().join(FILE);
+        rustix::fs::mknodat(
+            rustix::fs::CWD,
+            &pipe,
+            rustix::fs::FileType::Fifo,
+            rustix::fs::Mode::RUSR | rustix::fs::Mode::WUSR,
+            0,
+        )
+        .unwrap();
+        let first = ResetCount::resume(folder.path());
+        drop(first);
+        // The next number has taken its place.
+        assert!(pipe.is_file());
     }
 }

@@ -47,8 +47,7 @@ impl Flown {
     }
 }
 
-/// Runs a flight to its end, or until `control` says so. `subscribers` listen to it; one that leaves other buffers in a
-/// frame, as the recorder does, comes last.
+/// Runs a flight to its end, or until `control` says so. `subscribers` listen to it.
 ///
 /// # Errors
 /// When a driver cannot go on, or a thread cannot be had.

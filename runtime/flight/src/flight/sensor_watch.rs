@@ -2,10 +2,12 @@
 //! drivers some times a second; nothing of it is on the way of a sample.
 
 use super::sensors::LiveSensors;
+use crate::local::{SensorBoard, SensorNews};
+use plumbline_drivers::clock::{StampDefect, StampFigures, StampProblem};
 use plumbline_drivers::inertial::LinkFigures;
 use plumbline_drivers::{ImuFigures, TriggerMonitor};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -13,30 +15,66 @@ use std::time::{Duration, Instant};
 const LOOK: Duration = Duration::from_millis(100);
 /// A sensor that is there has to bring something within this time.
 const PATIENCE: Duration = Duration::from_secs(3);
+/// Looks over which bad stamps are counted: a second.
+const STAMP_LOOKS: usize = 10;
+/// Clock that frames are stamped by, as messages name it.
+const FRAME_CLOCK: &str = "the middle of the exposure in ns of CLOCK_MONOTONIC";
+/// Clock that samples are stamped by, as messages name it.
+const SAMPLE_CLOCK: &str = "the time of measurement in the unit of the protocol";
+
+/// What is wrong with the sensors now, one line each; for whoever shows it.
+#[derive(Clone, Debug, Default)]
+pub struct SensorNotices(Arc<Mutex<Vec<String>>>);
+
+impl SensorNotices {
+    /// The notices.
+    #[must_use]
+    pub fn read(&self) -> Vec<String> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Replaces the notices.
+    pub fn set(&self, notices: &[String]) {
+        notices.clone_into(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner));
+    }
+}
 
 /// The thread that asks.
 #[derive(Debug)]
 pub struct SensorWatch {
     is_over: Arc<AtomicBool>,
+    notices: SensorNotices,
     thread: Option<JoinHandle<()>>,
 }
 
 impl SensorWatch {
-    /// Starts it.
+    /// Starts it. What is wrong is logged, and posted on `board`.
     ///
     /// # Errors
     /// When the system refuses a thread.
-    pub fn start(sensors: &LiveSensors) -> std::io::Result<Self> {
+    pub fn start(sensors: &LiveSensors, board: Option<SensorBoard>) -> std::io::Result<Self> {
         let (is_over, sensors) = (Arc::new(AtomicBool::new(false)), sensors.clone());
         let theirs = Arc::clone(&is_over);
+        let notices = SensorNotices::default();
+        let shown = notices.clone();
         let thread = std::thread::Builder::new().name("sensor-watch".into()).spawn(move || {
             let mut told = Told::default();
             while !theirs.load(Ordering::Relaxed) {
-                told.look(&sensors);
+                let news = told.look(&sensors);
+                shown.set(&news.notices);
+                if let Some(board) = &board {
+                    board.post(news);
+                }
                 std::thread::sleep(LOOK);
             }
         })?;
-        Ok(Self { is_over, thread: Some(thread) })
+        Ok(Self { is_over, notices, thread: Some(thread) })
+    }
+
+    /// What is wrong with the sensors.
+    #[must_use]
+    pub fn notices(&self) -> SensorNotices {
+        self.notices.clone()
     }
 }
 
@@ -56,29 +94,95 @@ struct Told {
     imu: Option<String>,
     triggers: Option<String>,
     bringing: Bringing,
+    stamps: [Option<String>; 2],
+    frame_looks: StampLooks,
 }
 
 impl Told {
-    fn look(&mut self, sensors: &LiveSensors) {
+    fn look(&mut self, sensors: &LiveSensors) -> SensorNews {
         let troubles = sensors.cameras.monitor.trouble();
         for ((told, now), name) in self.cameras.iter_mut().zip(troubles).zip(["left", "right"]) {
-            let back = || format!("the {name} camera is there");
+            let back = || format!("the {name} camera is available");
             tell(told, now, back);
         }
-        let trouble = imu_trouble(&sensors.imu.monitor.read(), &mut self.bringing, Instant::now());
+        let figures = sensors.imu.monitor.read();
+        let trouble = imu_trouble(&figures, &mut self.bringing, Instant::now());
         let name = &sensors.imu.name;
         let words = trouble.map(|words| format!("{name}: {words} (driver.imu)"));
-        tell(&mut self.imu, words, || format!("{name}: the IMU is there"));
+        tell(&mut self.imu, words, || format!("{name}: the IMU is available"));
         let trouble = sensors.triggers.as_ref().and_then(TriggerMonitor::trouble);
         tell(&mut self.triggers, trouble, || "frames are stamped by their triggers".to_owned());
+        let frames = sensors.cameras.monitor.stamps();
+        // Triggers replace the stamps of frames.
+        let problem = self.frame_looks.look(frames).filter(|_| sensors.triggers.is_none());
+        let camera = &sensors.cameras.name;
+        let words = problem.map(|problem| frame_stamps(camera, &problem));
+        tell(&mut self.stamps[0], words, || format!("{camera}: stamps of the frames are good again"));
+        let samples = figures.stamps();
+        let words = samples.problem.map(|problem| sample_stamps(name, &problem));
+        tell(&mut self.stamps[1], words, || format!("{name}: stamps of the samples are good again"));
+        SensorNews { notices: self.notices(), frames, samples }
+    }
+
+    /// What is wrong now.
+    fn notices(&self) -> Vec<String> {
+        let all = self.cameras.iter().chain([&self.imu, &self.triggers]).chain(&self.stamps);
+        all.flatten().cloned().collect()
     }
 }
 
-/// Says what has changed. Of a trouble in other words only its being another is worth a word.
+/// Message about the stamps of frames.
+fn frame_stamps(camera: &str, problem: &StampProblem) -> String {
+    let done = match problem.defect {
+        StampDefect::Repeated => "dropped",
+        _ => "stamped by their arrival",
+    };
+    format!(
+        "{camera}: {}: such frames are {done}; send time.monotonic_ns() or clock_gettime(CLOCK_MONOTONIC) of the \
+         exposure (docs/frame-socket.md)",
+        problem.words(FRAME_CLOCK)
+    )
+}
+
+/// Message about the stamps of samples.
+fn sample_stamps(imu: &str, problem: &StampProblem) -> String {
+    format!(
+        "{imu}: {}: such samples are dropped; send the sensor's own time, which increases with every sample, in that \
+         unit (docs/inertial-sensors.md) (driver.imu)",
+        problem.words(SAMPLE_CLOCK)
+    )
+}
+
+/// Stamps of the looks of the last second.
+#[derive(Default)]
+struct StampLooks {
+    counts: [(u64, u64); STAMP_LOOKS],
+    next: usize,
+    is_bad: bool,
+}
+
+impl StampLooks {
+    /// What is wrong with the stamps of the last second, if that concerns half of what came.
+    fn look(&mut self, figures: StampFigures) -> Option<StampProblem> {
+        let now = (figures.used, figures.bad());
+        let before = std::mem::replace(&mut self.counts[self.next], now);
+        self.next = (self.next + 1) % STAMP_LOOKS;
+        let bad = now.1.saturating_sub(before.1);
+        // Frames stamped by their arrival are handed out too.
+        let good = (now.0.saturating_sub(before.0)).saturating_sub(bad);
+        // While nothing comes the verdict stands.
+        if bad > 0 || good > 0 {
+            self.is_bad = bad > 0 && bad >= good;
+        }
+        figures.problem.filter(|_| self.is_bad)
+    }
+}
+
+/// Logs what has changed: trouble as a warning, its end as information.
 fn tell(told: &mut Option<String>, now: Option<String>, back: impl FnOnce() -> String) {
     match (&*told, &now) {
         (before, Some(words)) if before.as_ref() != Some(words) => tracing::warn!("{words}"),
-        (Some(_), None) => tracing::warn!("{}", back()),
+        (Some(_), None) => tracing::info!("{}", back()),
         _ => {}
     }
     *told = now;
@@ -154,6 +258,20 @@ mod tests {
         assert_eq!(trouble(there(1, 200, 5), 4.2), None);
         assert_eq!(trouble(there(1, 200, 5), 6.0), None);
         assert!(trouble(there(1, 200, 5), 7.3).is_some_and(|words| words.contains("stopped")));
+    }
+
+    #[test]
+    fn bad_stamps_of_frames_are_told_while_they_come_and_not_for_one_frame() {
+        let mut looks = StampLooks::default();
+        let found = StampProblem { defect: StampDefect::Zero, stamp: 0, now_ns: 7 };
+        let figures = |used, restamped| StampFigures { used, restamped, problem: Some(found), refused: 0 };
+        // Two frames a look.
+        let good: Vec<_> = (1..30).map(|k| looks.look(figures(2 * k, 1))).collect();
+        assert!(good[10..].iter().all(Option::is_none), "{good:?}");
+        assert!((1..=10).any(|k| looks.look(figures(60 + 2 * k, 1 + 2 * k)).is_some()));
+        assert!((1..=10).map(|k| looks.look(figures(80 + 2 * k, 21))).last().unwrap().is_none());
+        let words = frame_stamps("/run/frames", &found);
+        assert!(words.contains("stamps are 0") && words.contains("CLOCK_MONOTONIC"), "{words}");
     }
 
     #[test]

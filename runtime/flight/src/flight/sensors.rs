@@ -44,6 +44,7 @@ impl<M> SensorView<M> {
 /// # Errors
 /// When the configuration names none, or what is there cannot be used. The message names the key or the device.
 pub fn open_sensors(config: &ValidConfig, stop: &StopFlag) -> Result<(Flight, LiveSensors), FlightError> {
+    config.refuse_unset_keys("the configuration")?;
     check_line(config)?;
     let mut imu = open_imu(config, stop)?.ok_or_else(|| {
         FlightError::Invalid(
@@ -75,6 +76,7 @@ pub fn open_sensors(config: &ValidConfig, stop: &StopFlag) -> Result<(Flight, Li
 /// # Errors
 /// When the configuration names no cameras, or what is there cannot be used.
 pub fn open_cameras_alone(config: &ValidConfig, stop: &StopFlag) -> Result<LiveCameras, FlightError> {
+    config.refuse_unset_keys("the configuration")?;
     let cameras = open_cameras(config, stop)?.ok_or_else(no_cameras)?;
     if config.driver.imu.trigger_cameras
         && let Some(mut imu) = open_imu(config, stop)?

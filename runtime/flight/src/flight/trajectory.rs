@@ -4,13 +4,12 @@
 //! The storage stands before the run and moves to the thread that fills it; when the run is over it comes back.
 
 use super::Flight;
-use super::states::StateRow;
 use crate::pipeline::listener::{Listener, Producer, Subscriber};
 use nalgebra::{Isometry3, Matrix6};
 use plumbline_config::Timestamp;
 use plumbline_drivers::StampedPose;
-use plumbline_estimator::places::MapEstimate;
-use plumbline_estimator::{Estimate, Odometry};
+use plumbline_estimator::Estimate;
+use plumbline_record::Said;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Room for poses is made beforehand for up to so many frames: two hours at 20 Hz.
@@ -87,11 +86,17 @@ struct CausalListener {
 }
 
 impl Listener for CausalListener {
-    fn map_estimate(&mut self, map: &MapEstimate) {
-        self.pose_m_o = map.pose_m_o;
+    fn said(&mut self, said: &Said) {
+        match said {
+            Said::MapEstimate(map) => self.pose_m_o = map.pose_m_o,
+            Said::Estimate(full) => self.add(&full.estimate),
+            _ => {}
+        }
     }
+}
 
-    fn estimate(&mut self, estimate: &Estimate, _frame_ms: f64) {
+impl CausalListener {
+    fn add(&mut self, estimate: &Estimate) {
         if estimate.has_pose() && self.poses.entries.len() < self.most {
             self.poses.entries.push(CausalPose {
                 stamp: estimate.stamp,
@@ -106,13 +111,13 @@ impl Listener for CausalListener {
 
 /// Keeps everything that the estimates hold, a row a frame.
 #[derive(Debug)]
-pub struct KeptStates(Storage<StateRow>);
+pub struct KeptStates(Storage<Estimate>);
 
 impl KeptStates {
     /// With room for so many frames.
     #[must_use]
     pub fn with_room_for(frames: usize) -> Self {
-        Self(Storage::with_room_for(frames, StateRow::default()))
+        Self(Storage::with_room_for(frames, Estimate::default()))
     }
 
     /// With room for the frames of `flight`.
@@ -124,7 +129,7 @@ impl KeptStates {
 
     /// The rows in order, after the run.
     #[must_use]
-    pub fn into_rows(self) -> Vec<StateRow> {
+    pub fn into_rows(self) -> Vec<Estimate> {
         self.0.into_entries()
     }
 }
@@ -138,9 +143,11 @@ impl Subscriber for KeptStates {
     }
 }
 
-impl Listener for Lent<StateRow> {
-    fn estimate(&mut self, estimate: &Estimate, _frame_ms: f64) {
-        self.entries.push(StateRow::of(estimate));
+impl Listener for Lent<Estimate> {
+    fn said(&mut self, said: &Said) {
+        if let Said::Estimate(full) = said {
+            self.entries.push(full.estimate.clone());
+        }
     }
 }
 
@@ -173,8 +180,10 @@ impl Subscriber for OdometryTrajectory {
 }
 
 impl Listener for Lent<StampedPose> {
-    fn odometry(&mut self, odometry: &Odometry) {
-        self.entries.push(StampedPose { stamp: odometry.stamp, pose: odometry.pose_o_b });
+    fn said(&mut self, said: &Said) {
+        if let Said::Odometry(odometry) = said {
+            self.entries.push(StampedPose { stamp: odometry.stamp, pose: odometry.pose_o_b });
+        }
     }
 }
 

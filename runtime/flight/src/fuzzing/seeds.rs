@@ -4,11 +4,9 @@ use super::fixture::{STAMP, estimate, odometry, put};
 use crate::local::messages::{self, proto as local};
 use crate::local::record::{Kind, Kinds, MAGIC, encoded};
 use crate::local::request::{Answer, Request, Status};
-use crate::local::{Failure, Shot, layout};
+use crate::local::{Failure, SensorNews, Shot};
 use crate::log::channel::Channel;
-use crate::log::{about::About, about::METADATA_NAME, encode, image, proto};
-use crate::pipeline::event::{Event, Severity};
-use crate::pipeline::orders::{CorrectionOrder, FrameOrder, MapOrder, MapVerdict, ResetOrder, Verdict};
+use crate::log::{about::About, about::METADATA_NAME, drawn, image};
 use mavlink::dialects::common::{HEARTBEAT_DATA, MavMessage, TIMESYNC_DATA};
 use mcap::records::{MessageHeader, Metadata};
 use nalgebra::{Isometry3, Vector3};
@@ -19,6 +17,13 @@ use plumbline_estimator::places::mapper::path::PathPose;
 use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_estimator::window::snapshot::{SnapshotKeyframe, SnapshotLine, SnapshotPoint};
 use plumbline_estimator::{MapSnapshot, ResetKind};
+use plumbline_record::layout;
+use plumbline_record::parts::Recording;
+use plumbline_record::protobuf::encode;
+use plumbline_record::said::FullEstimate;
+use plumbline_record::{
+    CorrectionOrder, Dropped, Event, FrameOrder, MapOrder, MapVerdict, ResetOrder, Severity, Verdict,
+};
 use prost::Message as _;
 use std::collections::BTreeMap;
 use std::io::Cursor;
@@ -54,28 +59,25 @@ fn log_messages() -> Vec<(Channel, Vec<u8>)> {
         loops_used: 2,
     };
     let event = Event::new(STAMP, Severity::Info, format_args!("tracking"));
-    let recording = proto::Recording { imu_dropped: 2, seal: vec![7; 32], ..proto::Recording::default() };
+    let dropped = Dropped([2, 0, 0, 0, 0, 0, 0]);
+    let recording = Recording { dropped, seal: vec![7; 32], ..Recording::default() };
     vec![
-        (Channel::Imu, encode::imu(&imu()).encode_to_vec()),
+        (Channel::Imu, encode(&imu())),
         (Channel::Left, picture(ImageRecording::Png)),
         (Channel::Right, picture(ImageRecording::Raw)),
-        (Channel::Frame, image::frame(&frame).encode_to_vec()),
-        (Channel::FrameOrder, encode::frame_order(&order).encode_to_vec()),
-        (
-            Channel::CorrectionOrder,
-            encode::correction_order(&CorrectionOrder { frame: 3, readings_before: 9 }).encode_to_vec(),
-        ),
+        (Channel::Frame, encode(&image::frame(&frame))),
+        (Channel::FrameOrder, encode(&order)),
+        (Channel::CorrectionOrder, encode(&CorrectionOrder { frame: 3, readings_before: 9 })),
         (
             Channel::ResetOrder,
-            encode::reset_order(&ResetOrder { kind: ResetKind::Soft, before_frame: 3, is_renewal: true })
-                .encode_to_vec(),
+            encode(&ResetOrder { kind: ResetKind::Soft, before_frame: 3, is_renewal: true }),
         ),
-        (Channel::MapOrder, encode::map_order(&map_order).encode_to_vec()),
-        (Channel::MapEstimate, encode::map_estimate(&map_estimate).encode_to_vec()),
-        (Channel::Estimate, encode::estimate(&estimate()).encode_to_vec()),
-        (Channel::Odometry, encode::odometry(&odometry()).encode_to_vec()),
-        (Channel::Event, encode::event(&event).encode_to_vec()),
-        (Channel::Recording, recording.encode_to_vec()),
+        (Channel::MapOrder, encode(&map_order)),
+        (Channel::MapEstimate, encode(&map_estimate)),
+        (Channel::Estimate, encode(&estimate())),
+        (Channel::Odometry, encode(&odometry())),
+        (Channel::Event, drawn::event(&event).encode_to_vec()),
+        (Channel::Recording, encode(&recording)),
     ]
 }
 
@@ -173,11 +175,12 @@ fn local_records() -> Vec<Vec<u8>> {
         record(Kind::Odometry, laid_out(&|to| layout::put_odometry(&odometry(), 5, 1, to))),
         record(Kind::Estimate, laid_out(&|to| layout::put_estimate(&estimate(), 5, to))),
         record(Kind::Configuration, configuration.encode_to_vec()),
-        record(Kind::FullEstimate, messages::full_estimate(&estimate(), 3.5).encode_to_vec()),
-        record(Kind::MapEstimate, encode::map_estimate(&map).encode_to_vec()),
+        record(Kind::FullEstimate, encode(&FullEstimate { estimate: estimate(), frame_ms: 3.5 })),
+        record(Kind::MapEstimate, encode(&map)),
         record(Kind::Window, messages::window(&snapshot).encode_to_vec()),
         record(Kind::Path, messages::path(&path).encode_to_vec()),
         record(Kind::Ladder, messages::ladder(2).encode_to_vec()),
+        record(Kind::Sensors, messages::sensors(&SensorNews::default()).encode_to_vec()),
         record(Kind::Picture, messages::picture(&shot).encode_to_vec()),
         record(Kind::End, vec![0; 8]),
     ]

@@ -1,12 +1,15 @@
 //! The other end of the socket: records as values, and requests.
 
-use super::layout;
 use super::messages::{self, proto};
 use super::picture::Shot;
 use super::record::{Header, Kind, MAGIC, MAX_RECORD_BYTES};
 use super::request::{Answer, Request};
+use super::sensors::SensorNews;
 use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_estimator::{Estimate, MapSnapshot, Odometry};
+use plumbline_record::layout;
+use plumbline_record::protobuf::decode;
+use plumbline_record::said::FullEstimate;
 use prost::Message as _;
 use std::io::{self, BufReader, ErrorKind, Read, Write as _};
 use std::net::Shutdown;
@@ -39,6 +42,8 @@ pub enum Record {
     Path(MapPath),
     /// Rung of the degradation ladder.
     Ladder(u8),
+    /// State of live sensors.
+    Sensors(SensorNews),
     /// Camera picture.
     Picture(Shot),
     /// End of the flight.
@@ -126,11 +131,10 @@ fn record(header: &Header, content: &[u8]) -> Result<Record, &'static str> {
             Record::Configuration(proto::Configuration::decode(content).map_err(|_| SCHEMA)?)
         }
         Kind::FullEstimate => {
-            let message = proto::FullEstimate::decode(content).map_err(|_| SCHEMA)?;
-            let (estimate, frame_ms) = messages::estimate_of(&message)?;
+            let FullEstimate { estimate, frame_ms } = decode(content)?;
             Record::Estimate(Box::new(estimate), frame_ms)
         }
-        Kind::MapEstimate => Record::MapEstimate(messages::map_estimate_of(content)?),
+        Kind::MapEstimate => Record::MapEstimate(decode(content)?),
         Kind::Window => {
             let message = proto::Window::decode(content).map_err(|_| SCHEMA)?;
             Record::Window(messages::window_of(&message)?)
@@ -142,6 +146,9 @@ fn record(header: &Header, content: &[u8]) -> Result<Record, &'static str> {
         Kind::Ladder => {
             let message = proto::Ladder::decode(content).map_err(|_| SCHEMA)?;
             Record::Ladder(u8::try_from(message.level).map_err(|_| "a level out of range")?)
+        }
+        Kind::Sensors => {
+            Record::Sensors(messages::sensors_of(proto::Sensors::decode(content).map_err(|_| SCHEMA)?))
         }
         Kind::Picture => {
             let message = proto::Picture::decode(content).map_err(|_| SCHEMA)?;

@@ -3,8 +3,8 @@
 
 use super::picture::Shot;
 use super::record::{Kind, Kinds};
-use crate::pipeline::listener::{Listener, Mapped, Solved};
-use crate::pipeline::orders::{FrameOrder, Verdict};
+use super::sensors::SensorState;
+use crate::pipeline::listener::{Listener, View};
 use crate::schedule::event_bell::EventBell;
 use crate::schedule::lane::{LaneLosses, LaneReader, LaneWriter, lane};
 use crate::schedule::pace::Pace;
@@ -12,9 +12,10 @@ use crate::schedule::pool::Pool;
 use crate::schedule::tasks::TaskId;
 use crate::schedule::watchdog::Pulse;
 use plumbline_config::ValidConfig;
-use plumbline_drivers::StereoFrame;
 use plumbline_estimator::places::{MapEstimate, MapPath};
-use plumbline_estimator::{Estimate, MapSnapshot, Odometry, Tracked};
+use plumbline_estimator::{MapSnapshot, Odometry, Tracked};
+use plumbline_record::said::FullEstimate;
+use plumbline_record::{FrameOrder, Said, Verdict};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, AtomicU64, Ordering};
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -44,8 +45,7 @@ pub type Handed<T> = (T, i64);
 #[derive(Debug)]
 pub struct Writers {
     pub odometry: LaneWriter<Handed<Odometry>>,
-    /// With the computation of the frame, ms.
-    pub estimates: LaneWriter<Handed<(Estimate, f64)>>,
+    pub estimates: LaneWriter<Handed<FullEstimate>>,
     pub places: LaneWriter<MapEstimate>,
 }
 
@@ -53,7 +53,7 @@ pub struct Writers {
 #[derive(Debug)]
 pub struct Waiting {
     pub odometry: LaneReader<Handed<Odometry>>,
-    pub estimates: LaneReader<Handed<(Estimate, f64)>>,
+    pub estimates: LaneReader<Handed<FullEstimate>>,
     pub places: LaneReader<MapEstimate>,
 }
 
@@ -68,6 +68,8 @@ pub struct Shared {
     pub stop: AtomicBool,
     /// Rung of the degradation ladder.
     pub rung: AtomicU8,
+    /// State of live sensors.
+    pub sensors: SensorState,
     /// What the window holds, after each keyframe.
     pub snapshots: Pool<MapSnapshot>,
     /// The corrected path, after each keyframe of the map.
@@ -95,6 +97,7 @@ impl Shared {
             pulse: Arc::new(Pulse::new(TaskId::Local)),
             stop: AtomicBool::new(false),
             rung: AtomicU8::new(0),
+            sensors: SensorState::default(),
             snapshots: Pool::new(SNAPSHOTS, || MapSnapshot::new(config.setup())),
             paths: Pool::new(PATHS, || MapPath::new(PATH_POSES)),
             shots: Pool::new(SHOTS, || Shot::new(config)),
@@ -131,8 +134,10 @@ impl Shared {
 pub struct TickListener(pub Arc<Shared>, pub LaneWriter<Handed<Odometry>>);
 
 impl Listener for TickListener {
-    fn odometry(&mut self, odometry: &Odometry) {
-        if self.0.wants(Kind::Odometry) {
+    fn said(&mut self, said: &Said) {
+        if let Said::Odometry(odometry) = said
+            && self.0.wants(Kind::Odometry)
+        {
             self.1.push((odometry.clone(), now_ns()));
             self.0.wake();
         }
@@ -142,29 +147,31 @@ impl Listener for TickListener {
 /// Copies estimates, the window, and the pose in the map.
 pub struct WindowListener {
     pub shared: Arc<Shared>,
-    pub estimates: LaneWriter<Handed<(Estimate, f64)>>,
+    pub estimates: LaneWriter<Handed<FullEstimate>>,
     pub places: LaneWriter<MapEstimate>,
 }
 
 impl Listener for WindowListener {
-    fn solved(&mut self, solved: &Solved<'_>) {
+    fn shown(&mut self, view: View<'_>) {
+        let View::Solved(solved) = view else { return };
         let is_news = solved.estimate.figures.is_keyframe && solved.estimate.has_pose();
         if is_news && self.shared.wants(Kind::Window) {
             self.shared.snapshots.fill(|snapshot| solved.copy_to(snapshot));
         }
     }
 
-    fn estimate(&mut self, estimate: &Estimate, frame_ms: f64) {
-        // Odometry carries the health of the newest estimate.
-        if [Kind::Estimate, Kind::FullEstimate, Kind::Odometry].iter().any(|kind| self.shared.wants(*kind)) {
-            self.estimates.push(((estimate.clone(), frame_ms), now_ns()));
-            self.shared.wake();
-        }
-    }
-
-    fn map_estimate(&mut self, estimate: &MapEstimate) {
-        if self.shared.wants(Kind::MapEstimate) {
-            self.places.push(estimate.clone());
+    fn said(&mut self, said: &Said) {
+        let wants = |kind: &Kind| self.shared.wants(*kind);
+        match said {
+            // Odometry carries the health of the newest estimate.
+            Said::Estimate(full)
+                if [Kind::Estimate, Kind::FullEstimate, Kind::Odometry].iter().any(wants) =>
+            {
+                self.estimates.push((full.clone(), now_ns()));
+                self.shared.wake();
+            }
+            Said::MapEstimate(estimate) if wants(&Kind::MapEstimate) => self.places.push(estimate.clone()),
+            _ => {}
         }
     }
 }
@@ -173,8 +180,10 @@ impl Listener for WindowListener {
 pub struct PlacesListener(pub Arc<Shared>);
 
 impl Listener for PlacesListener {
-    fn mapped(&mut self, mapped: &Mapped<'_>) {
-        if self.0.wants(Kind::Path) {
+    fn shown(&mut self, view: View<'_>) {
+        if let View::Mapped(mapped) = view
+            && self.0.wants(Kind::Path)
+        {
             self.0.paths.fill(|path| mapped.mapper.copy_path(path));
             self.0.wake();
         }
@@ -199,8 +208,8 @@ impl FrontEndListener {
     }
 }
 
-impl Listener for FrontEndListener {
-    fn tracked(&mut self, tracked: &Tracked) {
+impl FrontEndListener {
+    fn note(&mut self, tracked: &Tracked) {
         let mhz = self.shared.pictures_mhz.load(Ordering::Relaxed);
         if mhz != self.pace_mhz {
             (self.pace, self.pace_mhz) = (Pace::new(f64::from(mhz) * 1e-3), mhz);
@@ -210,18 +219,24 @@ impl Listener for FrontEndListener {
             self.is_pending = true;
         }
     }
+}
 
-    fn frame(&mut self, frame: &mut StereoFrame) {
-        if self.is_pending && self.shot.expose(frame) {
-            self.is_pending = false;
-            self.shared.shots.fill(|waiting| std::mem::swap(waiting, &mut self.shot));
-            self.shared.wake();
+impl Listener for FrontEndListener {
+    fn shown(&mut self, view: View<'_>) {
+        match view {
+            View::Tracked(tracked) => self.note(tracked),
+            View::Frame(frame) if self.is_pending && self.shot.expose(frame) => {
+                self.is_pending = false;
+                self.shared.shots.fill(|waiting| std::mem::swap(waiting, &mut self.shot));
+                self.shared.wake();
+            }
+            _ => {}
         }
     }
 
-    fn order(&mut self, order: &FrameOrder) {
-        if let Verdict::Taken { level } = order.verdict {
-            self.shared.rung.store(level, Ordering::Relaxed);
+    fn said(&mut self, said: &Said) {
+        if let Said::Order(FrameOrder { verdict: Verdict::Taken { level }, .. }) = said {
+            self.shared.rung.store(*level, Ordering::Relaxed);
         }
     }
 }

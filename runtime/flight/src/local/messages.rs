@@ -1,15 +1,15 @@
 //! Records that are protobuf messages, and back. What does not fit together is refused.
 
 use super::picture::Shot;
-use crate::log::decode::FromLog as _;
-use crate::log::encode;
+use super::sensors::SensorNews;
 use crate::schedule::ladder::Rung;
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 use plumbline_config::{GrayImage, Timestamp};
+use plumbline_drivers::clock::StampFigures;
+use plumbline_estimator::MapSnapshot;
+use plumbline_estimator::places::MapPath;
 use plumbline_estimator::places::mapper::path::{LoopEnd, PathPose};
-use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_estimator::window::snapshot::{SnapshotKeyframe, SnapshotLine, SnapshotPoint};
-use plumbline_estimator::{Estimate, MapSnapshot};
 
 /// The generated messages of `local.proto`.
 #[allow(missing_docs, clippy::all, clippy::pedantic, rustdoc::all)]
@@ -37,29 +37,6 @@ fn groups<const N: usize, T: Copy>(numbers: &[T], count: usize) -> Result<&[[T; 
         (groups, []) if groups.len() == count => Ok(groups),
         _ => Err("lists of different lengths"),
     }
-}
-
-/// Message of an estimate whose computation took `frame_ms`.
-#[must_use]
-pub fn full_estimate(e: &Estimate, frame_ms: f64) -> proto::FullEstimate {
-    proto::FullEstimate { estimate: Some(encode::estimate(e)), frame_ms }
-}
-
-/// Estimate of a message, with the computation of its frame, ms.
-///
-/// # Errors
-/// When the message is none of a flight.
-pub fn estimate_of(m: &proto::FullEstimate) -> Result<(Estimate, f64), &'static str> {
-    let estimate = m.estimate.as_ref().ok_or("no estimate")?;
-    Ok((Estimate::from_message(estimate)?, m.frame_ms))
-}
-
-/// Pose in the map of a message of the log.
-///
-/// # Errors
-/// When the bytes are no such message.
-pub fn map_estimate_of(bytes: &[u8]) -> Result<MapEstimate, &'static str> {
-    MapEstimate::from_bytes(bytes)
 }
 
 /// Message of the window.
@@ -151,6 +128,31 @@ pub fn path_of(m: &proto::Path) -> Result<MapPath, &'static str> {
 pub fn ladder(level: u8) -> proto::Ladder {
     let name = Rung::of_level(level).unwrap_or(Rung::Full).name();
     proto::Ladder { level: level.into(), name: name.into() }
+}
+
+/// Message of live sensors.
+#[must_use]
+pub fn sensors(news: &SensorNews) -> proto::Sensors {
+    let stamps = |figures: &StampFigures| proto::Stamps {
+        used: figures.used,
+        restamped: figures.restamped,
+        refused: figures.refused,
+    };
+    proto::Sensors {
+        notices: news.notices.clone(),
+        frames: Some(stamps(&news.frames)),
+        samples: Some(stamps(&news.samples)),
+    }
+}
+
+/// Live sensors of a message.
+#[must_use]
+pub fn sensors_of(message: proto::Sensors) -> SensorNews {
+    let stamps = |m: Option<proto::Stamps>| {
+        let proto::Stamps { used, restamped, refused } = m.unwrap_or_default();
+        StampFigures { used, restamped, refused, problem: None }
+    };
+    SensorNews { notices: message.notices, frames: stamps(message.frames), samples: stamps(message.samples) }
 }
 
 /// Message of a picture.

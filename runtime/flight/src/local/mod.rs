@@ -5,13 +5,12 @@
 //! hands it to every reader that wants it. A reader has a bounded queue of its own ([`outbox`]): one that is slow loses the
 //! oldest records and is told how many, and delays nobody.
 //!
-//! [`record`] and [`layout`] are the format, [`messages`] the records that are protobuf, [`request`] what readers send;
+//! [`record`] and [`plumbline_record::layout`] are the format, [`messages`] the records that are protobuf, [`request`] what readers send;
 //! [`client`] is the other end.
 
 pub mod client;
 mod commands;
 mod door;
-pub mod layout;
 mod listener;
 pub mod messages;
 mod outbox;
@@ -19,6 +18,7 @@ pub mod picture;
 mod reader;
 pub mod record;
 pub mod request;
+pub mod sensors;
 mod server;
 mod socket;
 #[cfg(test)]
@@ -28,6 +28,7 @@ mod words;
 pub use client::{Client, ClientError, Record};
 pub use picture::Shot;
 pub use request::Failure;
+pub use sensors::{SensorBoard, SensorNews};
 pub use socket::{LinkDoor, LocalSocket};
 pub use words::LinkWord;
 

@@ -39,11 +39,13 @@ pub enum Kind {
     Picture = 24,
     /// End of the flight.
     End = 25,
+    /// Live sensors: stamps, and what is wrong.
+    Sensors = 26,
 }
 
 impl Kind {
     /// Every kind.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Hello,
         Self::Lost,
         Self::Result,
@@ -57,7 +59,11 @@ impl Kind {
         Self::Ladder,
         Self::Picture,
         Self::End,
+        Self::Sensors,
     ];
+
+    /// Largest number of a kind.
+    pub(super) const LAST: usize = Self::Sensors as usize;
 
     /// Kind of this number.
     #[must_use]
@@ -81,6 +87,7 @@ impl Kinds {
         Kind::Window,
         Kind::Path,
         Kind::Ladder,
+        Kind::Sensors,
     ]);
 
     /// Kinds that a reader receives before it subscribes.

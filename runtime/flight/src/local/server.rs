@@ -1,5 +1,6 @@
 //! The socket's thread: encodes what the run hands over, once, and serves the readers. It waits for nobody.
 
+use super::LocalError;
 use super::commands::Commands;
 use super::door::Door;
 use super::listener::{Shared, Waiting, now_ns};
@@ -9,10 +10,9 @@ use super::reader::{Reader, Rights};
 use super::record::{Kind, Kinds, MAX_RECORD_BYTES, encoded};
 use super::request::{Numbered, Request};
 use super::words::{Admission, LinkWord};
-use super::{LocalError, layout};
-use crate::log::encode;
 use crate::pipeline::Control;
 use plumbline_estimator::places::MapPath;
+use plumbline_record::{layout, protobuf};
 use prost::Message;
 use rustix::buffer::spare_capacity;
 use rustix::event::Timespec;
@@ -62,7 +62,9 @@ pub struct Server {
     newest_path: Option<MapPath>,
     health_bits: u32,
     rung: u8,
-    sequences: [u64; Kind::End as usize + 1],
+    /// Count of the changes of the sensors' state that were sent.
+    sensor_changes: u64,
+    sequences: [u64; Kind::LAST + 1],
 }
 
 impl Server {
@@ -101,7 +103,8 @@ impl Server {
             newest_path: None,
             health_bits: 0,
             rung: 0,
-            sequences: [0; Kind::End as usize + 1],
+            sensor_changes: 0,
+            sequences: [0; Kind::LAST + 1],
         })
     }
 
@@ -233,6 +236,13 @@ impl Server {
             if kinds.has(Kind::Ladder) {
                 reader.outbox.push_kept(self.ladder());
             }
+            if kinds.has(Kind::Sensors) {
+                let news = self.shared.sensors.newest();
+                let sequence = self.sequences[Kind::Sensors as usize];
+                reader.outbox.push_kept(encoded(Kind::Sensors as u16, sequence, |to| {
+                    put(&messages::sensors(&news), to);
+                }));
+            }
             if let (true, Some(path)) = (kinds.has(Kind::Path), &self.newest_path) {
                 reader.outbox.push(&encode_path(path, self.sequences[Kind::Path as usize]));
             }
@@ -285,13 +295,13 @@ impl Server {
             });
             self.offer(Kind::Odometry, record);
         }
-        while let Some(((estimate, frame_ms), handed_over_ns)) = self.waiting.estimates.pop() {
-            self.health_bits = estimate.health.0;
-            self.send(Kind::Estimate, |to| layout::put_estimate(&estimate, handed_over_ns, to));
-            self.send(Kind::FullEstimate, |to| put(&messages::full_estimate(&estimate, frame_ms), to));
+        while let Some((full, handed_over_ns)) = self.waiting.estimates.pop() {
+            self.health_bits = full.estimate.health.0;
+            self.send(Kind::Estimate, |to| layout::put_estimate(&full.estimate, handed_over_ns, to));
+            self.send(Kind::FullEstimate, |to| protobuf::append(&full, to));
         }
         while let Some(estimate) = self.waiting.places.pop() {
-            self.send(Kind::MapEstimate, |to| put(&encode::map_estimate(&estimate), to));
+            self.send(Kind::MapEstimate, |to| protobuf::append(&estimate, to));
         }
         let shared = Arc::clone(&self.shared);
         while shared.snapshots.read(|s| self.send(Kind::Window, |to| put(&messages::window(s), to))).is_some()
@@ -300,6 +310,10 @@ impl Server {
         while shared.shots.read(|s| self.send(Kind::Picture, |to| put(&messages::picture(s), to))).is_some() {
         }
         self.encode_path();
+        if let Some((changes, news)) = shared.sensors.after(self.sensor_changes) {
+            self.sensor_changes = changes;
+            self.send(Kind::Sensors, |to| put(&messages::sensors(&news), to));
+        }
         let rung = shared.rung.load(Ordering::Relaxed);
         if rung != self.rung {
             self.rung = rung;

@@ -7,17 +7,19 @@ use super::listener::{
 };
 use super::messages::proto;
 use super::picture::Shot;
+use super::sensors::SensorBoard;
 use super::server::Server;
 use super::words::{Admission, LinkWord, LinkWords};
 use crate::flight::Output;
-use crate::pipeline::digest::config_hash;
 use crate::pipeline::listener::{Listener, Producer, Subscriber};
 use crate::pipeline::{Control, Stamps};
 use crate::schedule::lane::LaneWriter;
 use crate::schedule::watchdog::Pulse;
 use plumbline_config::ValidConfig;
+use plumbline_estimator::Odometry;
 use plumbline_estimator::places::MapEstimate;
-use plumbline_estimator::{Estimate, Odometry};
+use plumbline_record::digest::config_hash;
+use plumbline_record::said::FullEstimate;
 use std::os::unix::net::UnixStream;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -54,7 +56,7 @@ pub struct LocalSocket {
 }
 
 /// Writing ends of the window's thread.
-type EstimateWriters = (LaneWriter<Handed<(Estimate, f64)>>, LaneWriter<MapEstimate>);
+type EstimateWriters = (LaneWriter<Handed<FullEstimate>>, LaneWriter<MapEstimate>);
 
 impl LocalSocket {
     /// Makes the socket of `local.path`, where one is named, and serves its readers from a thread of normal priority.
@@ -96,6 +98,12 @@ impl LocalSocket {
     #[must_use]
     pub fn link_door(&self) -> LinkDoor {
         LinkDoor { admissions: self.admissions.clone(), shared: Arc::clone(&self.shared) }
+    }
+
+    /// Where the state of live sensors is posted.
+    #[must_use]
+    pub fn sensor_board(&self) -> SensorBoard {
+        SensorBoard(Arc::clone(&self.shared))
     }
 
     fn end(&mut self) {

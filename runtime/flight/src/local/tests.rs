@@ -9,6 +9,8 @@ use crate::pipeline::listener::{Listener, Producer, Subscriber as _};
 use crate::pipeline::{Control, Stamps};
 use plumbline_config::{Config, ValidConfig};
 use plumbline_estimator::{Estimate, Odometry, ResetKind};
+use plumbline_record::Said;
+use plumbline_record::said::FullEstimate;
 use std::io::{Read as _, Write as _};
 use std::net::Shutdown;
 use std::os::unix::net::UnixStream;
@@ -59,13 +61,17 @@ impl Flight {
     fn tick(&mut self) -> Odometry {
         self.sequence += 1;
         let odometry = Odometry { sequence: self.sequence, ..fixture::odometry() };
-        self.tick.odometry(&odometry);
+        self.tick.said(&Said::Odometry(odometry.clone()));
         odometry
     }
 
     fn end(self) {
         Box::new(self.socket).stop();
     }
+}
+
+fn said(estimate: Estimate) -> Said {
+    Said::Estimate(FullEstimate { estimate, frame_ms: 3.5 })
 }
 
 fn answer(client: &mut Client) -> Answer {
@@ -83,7 +89,7 @@ fn a_reader_receives_odometry_and_estimates_without_a_request() {
     let sent = flight.tick();
     let Record::Odometry(got, _) = reader.next_record().unwrap() else { panic!() };
     assert_eq!(*got, sent);
-    flight.window.estimate(&fixture::estimate(), 3.5);
+    flight.window.said(&said(fixture::estimate()));
     assert_eq!(reader.next_record().unwrap(), Record::Other(Kind::Estimate as u16));
     flight.end();
     assert_eq!(reader.next_record().unwrap(), Record::End);
@@ -101,7 +107,7 @@ fn a_reader_receives_what_it_subscribes_to_and_the_configuration_at_once() {
     assert_eq!(reader.next_record().unwrap(), Record::Ladder(0));
     flight.tick();
     let sent = Estimate { origin: Default::default(), ..fixture::estimate() };
-    flight.window.estimate(&sent, 3.5);
+    flight.window.said(&said(sent.clone()));
     assert_eq!(reader.next_record().unwrap(), Record::Estimate(Box::new(sent), 3.5));
 }
 

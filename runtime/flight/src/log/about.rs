@@ -3,9 +3,9 @@
 
 use super::LogError;
 use super::build_id::BuildId;
-use crate::pipeline::digest::{config_hash, hash_of};
 use plumbline_config::options::ImageRecording;
 use plumbline_config::{Config, ValidConfig};
+use plumbline_record::digest::{config_hash, hash_of};
 use sha2::{Digest as _, Sha256};
 use std::collections::BTreeMap;
 use std::time::SystemTime;

@@ -1,9 +1,9 @@
 //! The channels of a log: topic, schema, and what part they have in a re-execution.
 
 use plumbline_config::options::ImageRecording;
+use plumbline_record::schema;
+use std::sync::OnceLock;
 
-/// Descriptors of our own messages.
-const OWN: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/log.descriptors"));
 /// Descriptors of the messages that Foxglove draws.
 const FOXGLOVE: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/foxglove.descriptors"));
 
@@ -130,7 +130,8 @@ impl Channel {
 
     /// The `FileDescriptorSet` that its schema is in.
     #[must_use]
-    pub const fn descriptors(self) -> &'static [u8] {
+    pub fn descriptors(self) -> &'static [u8] {
+        static OWN: OnceLock<Vec<u8>> = OnceLock::new();
         match self {
             Self::Left
             | Self::Right
@@ -140,7 +141,7 @@ impl Channel {
             | Self::LeftCalibration
             | Self::RightCalibration
             | Self::Mounting => FOXGLOVE,
-            _ => OWN,
+            _ => OWN.get_or_init(schema::descriptors),
         }
     }
 

@@ -4,13 +4,13 @@
 //! never further apart than the recorder's queue was long; a log in which they are is refused.
 
 use super::channel::Channel;
-use super::decode::FromLog;
 use super::reader::LogReader;
-use super::{LogError, image, proto};
-use crate::pipeline::orders::{FrameOrder, Verdict};
-use plumbline_config::Timestamp;
+use super::{LogError, image};
 use plumbline_drivers::StereoFrame;
-use prost::Message as _;
+use plumbline_record::fields::Record;
+use plumbline_record::parts::FrameAbout;
+use plumbline_record::protobuf::decode;
+use plumbline_record::{FrameOrder, Verdict};
 use std::collections::VecDeque;
 use std::path::Path;
 
@@ -56,7 +56,7 @@ impl Cursor {
     ///
     /// # Errors
     /// When the log cannot be read, or holds what is no such value.
-    pub fn next<T: FromLog>(&mut self, channel: Channel) -> Result<Option<T>, LogError> {
+    pub fn next<T: Record>(&mut self, channel: Channel) -> Result<Option<T>, LogError> {
         while self.waiting[channel as usize].is_empty() {
             if !self.read_on()? {
                 return Ok(None);
@@ -69,10 +69,10 @@ impl Cursor {
     ///
     /// # Errors
     /// When it is no such value.
-    pub fn next_waiting<T: FromLog>(&mut self, channel: Channel) -> Result<Option<T>, LogError> {
+    pub fn next_waiting<T: Record>(&mut self, channel: Channel) -> Result<Option<T>, LogError> {
         match self.take(channel) {
             None => Ok(None),
-            Some(bytes) => T::from_bytes(&bytes).map(Some).map_err(|e| self.bad(channel, e)),
+            Some(bytes) => decode(&bytes).map(Some).map_err(|e| self.bad(channel, e)),
         }
     }
 
@@ -82,7 +82,7 @@ impl Cursor {
     /// When it is no such order.
     pub fn peek_order(&self) -> Result<Option<FrameOrder>, LogError> {
         let bytes = self.waiting[Channel::FrameOrder as usize].front();
-        bytes.map(|b| FrameOrder::from_bytes(b).map_err(|e| self.bad(Channel::FrameOrder, e))).transpose()
+        bytes.map(|b| decode::<FrameOrder>(b).map_err(|e| self.bad(Channel::FrameOrder, e))).transpose()
     }
 
     /// Whether a later order says that `frame`, whose order was just handed out, was lost by a fault: at most one more frame is
@@ -99,7 +99,7 @@ impl Cursor {
                 }
             }
             let bytes = &self.waiting[Channel::FrameOrder as usize][place];
-            let order = FrameOrder::from_bytes(bytes).map_err(|e| self.bad(Channel::FrameOrder, e))?;
+            let order = decode::<FrameOrder>(bytes).map_err(|e| self.bad(Channel::FrameOrder, e))?;
             match order.verdict {
                 Verdict::Lost if order.frame == frame => return Ok(true),
                 Verdict::Taken { .. } => taken += 1,
@@ -117,17 +117,16 @@ impl Cursor {
     ///
     /// # Errors
     /// When the log cannot be read, or an image is not the one that was recorded.
-    pub fn next_frame(&mut self, frame: &mut StereoFrame) -> Result<Option<proto::Frame>, LogError> {
+    pub fn next_frame(&mut self, frame: &mut StereoFrame) -> Result<Option<FrameAbout>, LogError> {
         while self.waiting[Channel::Frame as usize].is_empty() {
             if !self.read_on()? {
                 return Ok(None);
             }
         }
         let Some(bytes) = self.take(Channel::Frame) else { return Ok(None) };
-        let description = proto::Frame::decode(bytes.as_slice())
-            .map_err(|_| self.bad(Channel::Frame, "not a message of its schema"))?;
+        let description: FrameAbout = decode(&bytes).map_err(|e| self.bad(Channel::Frame, e))?;
         frame.sequence = description.sequence;
-        frame.stamp = Timestamp::from_nanos(description.stamp_ns);
+        frame.stamp = description.stamp;
         frame.valid = [false; 2];
         let images = self.reader.about().images;
         let cameras = [(Channel::Left, &description.left), (Channel::Right, &description.right)];

@@ -1,10 +1,11 @@
 //! Images in a log: plain or compressed without loss, and the hash of their pixels.
 
-use super::encode::timestamp;
-use super::{foxglove, proto};
+use super::drawn::timestamp;
+use super::foxglove;
 use plumbline_config::options::ImageRecording;
 use plumbline_config::{GrayImage, Timestamp};
 use plumbline_drivers::StereoFrame;
+use plumbline_record::parts::{FrameAbout, ImageAbout};
 use prost::Message as _;
 use sha2::{Digest as _, Sha256};
 use std::io::Cursor;
@@ -22,21 +23,16 @@ pub fn hash(image: &GrayImage) -> Vec<u8> {
 
 /// A frame with the hashes of its images.
 #[must_use]
-pub fn frame(frame: &StereoFrame) -> proto::Frame {
+pub fn frame(frame: &StereoFrame) -> FrameAbout {
     let image = |camera: usize| {
         let image = &frame.images[camera];
-        frame.valid[camera].then(|| proto::Image {
+        frame.valid[camera].then(|| ImageAbout {
             width_px: image.width() as u32,
             height_px: image.height() as u32,
             sha256: hash(image),
         })
     };
-    proto::Frame {
-        sequence: frame.sequence,
-        stamp_ns: frame.stamp.as_nanos(),
-        left: image(0),
-        right: image(1),
-    }
+    FrameAbout { sequence: frame.sequence, stamp: frame.stamp, left: image(0), right: image(1) }
 }
 
 /// Appends the message of an image to `out`; nothing where images are not kept.
@@ -93,7 +89,7 @@ fn compress(image: &GrayImage) -> Result<Vec<u8>, png::EncodingError> {
 pub fn decode(
     message: &[u8],
     images: ImageRecording,
-    description: &proto::Image,
+    description: &ImageAbout,
     image: &mut GrayImage,
 ) -> Result<(), &'static str> {
     let (width_px, height_px) = (description.width_px, description.height_px);
@@ -126,7 +122,7 @@ pub fn decode(
 ///
 /// # Errors
 /// When it is another: what is wrong, in words.
-pub fn check(image: &GrayImage, description: &proto::Image) -> Result<(), &'static str> {
+pub fn check(image: &GrayImage, description: &ImageAbout) -> Result<(), &'static str> {
     let size = (image.width() as u64, image.height() as u64);
     if size != (u64::from(description.width_px), u64::from(description.height_px)) {
         return Err("an image of another size than its frame says");
@@ -160,8 +156,8 @@ mod tests {
         GrayImage::from_pixels(64, 48, pixels).unwrap()
     }
 
-    fn described(image: &GrayImage) -> proto::Image {
-        proto::Image { width_px: 64, height_px: 48, sha256: hash(image) }
+    fn described(image: &GrayImage) -> ImageAbout {
+        ImageAbout { width_px: 64, height_px: 48, sha256: hash(image) }
     }
 
     #[test]
@@ -185,7 +181,7 @@ mod tests {
         let refused =
             decode(&bytes, ImageRecording::Raw, &described(&image), &mut GrayImage::default()).unwrap_err();
         assert!(refused.contains("hash"), "{refused}");
-        let huge = proto::Image { width_px: u32::MAX, height_px: u32::MAX, sha256: Vec::new() };
+        let huge = ImageAbout { width_px: u32::MAX, height_px: u32::MAX, sha256: Vec::new() };
         assert!(decode(&bytes, ImageRecording::Raw, &huge, &mut GrayImage::default()).is_err());
     }
 }

@@ -2,8 +2,8 @@
 
 use super::LogError;
 use super::channel::Channel;
-use super::entry::Dropped;
 use super::reader::{Ending, LogReader};
+use plumbline_record::Dropped;
 
 /// Messages of one channel.
 #[derive(Clone, Copy, Debug, Default)]

@@ -4,19 +4,18 @@
 //! Writing: a [`recorder`] thread takes [`entry`]s from a bounded queue to a [`writer`], which cuts the log
 //! into parts ([`part`], [`parts`]) that each say what they belong to ([`about`]). Reading: a [`reader`] goes through
 //! the parts, a [`cursor`] hands out one kind at a time, and [`source`] makes sensor streams of it.
-//! [`verify`] runs the estimator again ([`execute`]) and compares bit for bit ([`compare`]). What the
-//! bytes mean is in [`channel`], [`encode`], [`decode`], [`image`] and [`rig`].
+//! [`verify`] runs the estimator again ([`execute`]) and compares bit for bit ([`plumbline_record::compare`]). What the
+//! bytes mean is in [`channel`], [`plumbline_record::tables`], [`image`] and [`rig`].
 
 pub mod about;
 pub mod build_id;
 pub mod channel;
-pub mod compare;
+mod comparison;
 pub mod cursor;
-pub mod decode;
-pub mod encode;
+pub mod drawn;
 pub mod entry;
 pub mod execute;
-mod execute_map;
+mod frames;
 pub mod image;
 pub mod inventory;
 mod known;
@@ -45,12 +44,6 @@ use plumbline_config::ConfigError;
 use plumbline_drivers::DriverError;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
-
-/// The generated messages of the log.
-#[allow(missing_docs, clippy::all, clippy::pedantic, rustdoc::all)]
-pub mod proto {
-    include!(concat!(env!("OUT_DIR"), "/plumbline.v1.log.rs"));
-}
 
 /// The generated messages that Foxglove draws by itself.
 #[allow(missing_docs, clippy::all, clippy::pedantic, rustdoc::all)]

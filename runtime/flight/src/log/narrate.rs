@@ -1,7 +1,7 @@
 //! Makes events of estimates: what a person looks for first in a log.
 
-use crate::pipeline::event::{Event, Severity};
 use plumbline_estimator::{Estimate, TrackingState};
+use plumbline_record::event::{Event, Severity};
 
 /// Notices changes from one estimate to the next.
 #[derive(Clone, Debug, Default)]

@@ -4,7 +4,11 @@ use std::fs::{File, OpenOptions};
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Duration;
+
+/// What failed for want of descriptors is tried again this often.
+const RETRY: Duration = Duration::from_millis(100);
 
 /// What a part is written to.
 pub trait Medium: Write + Send {
@@ -76,9 +80,41 @@ impl Syncer for FileSyncer {
 /// Makes the medium of a path.
 type Open = Box<dyn FnMut(&Path) -> io::Result<Box<dyn Medium>> + Send>;
 
+/// Waits until there are descriptors again, unless the flight is over: what others have open is no failure of the disk.
+#[derive(Clone, Debug, Default)]
+pub struct Patience(Arc<AtomicBool>);
+
+impl Patience {
+    /// Ends all waiting, from now on too.
+    pub fn end(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+
+    /// The outcome of `attempt`, as soon as it is not a lack of descriptors.
+    fn attempt<T>(&self, mut attempt: impl FnMut() -> io::Result<T>) -> io::Result<T> {
+        let mut is_told = false;
+        loop {
+            let outcome = attempt();
+            let Err(error) = &outcome else { return outcome };
+            let errno = rustix::io::Errno::from_io_error(error);
+            let is_lack = matches!(errno, Some(rustix::io::Errno::MFILE | rustix::io::Errno::NFILE));
+            if !is_lack || self.0.load(Ordering::Relaxed) {
+                return outcome;
+            }
+            if !std::mem::replace(&mut is_told, true) {
+                tracing::warn!(
+                    "recording is interrupted ({error}); it resumes when there are descriptors again"
+                );
+            }
+            std::thread::sleep(RETRY);
+        }
+    }
+}
+
 /// Opens the parts of a log, one after the other.
 pub struct OpenPart {
     open: Open,
+    patience: Patience,
     /// Syncer of the part that was opened last, until it is taken.
     newest: Option<Box<dyn Syncer>>,
     position: Arc<AtomicU64>,
@@ -98,7 +134,7 @@ impl OpenPart {
     /// Opens whatever `open` makes of a path.
     #[must_use]
     pub fn with(open: impl FnMut(&Path) -> io::Result<Box<dyn Medium>> + Send + 'static) -> Self {
-        Self { open: Box::new(open), newest: None, position: Arc::default() }
+        Self { open: Box::new(open), patience: Patience::default(), newest: None, position: Arc::default() }
     }
 
     /// Opens the part at `path`.
@@ -106,11 +142,17 @@ impl OpenPart {
     /// # Errors
     /// When the system refuses.
     pub fn open(&mut self, path: &Path) -> io::Result<PartFile> {
-        let medium = (self.open)(path)?;
-        self.newest = Some(medium.syncer()?);
+        let medium = self.patience.attempt(|| (self.open)(path))?;
+        self.newest = Some(self.patience.attempt(|| medium.syncer())?);
         let medium = BufWriter::with_capacity(1 << 16, medium);
         self.position.store(0, Ordering::Relaxed);
-        Ok(PartFile { medium, position: Arc::clone(&self.position) })
+        Ok(PartFile { medium, patience: self.patience.clone(), position: Arc::clone(&self.position) })
+    }
+
+    /// The patience of this and of all parts.
+    #[must_use]
+    pub fn patience(&self) -> Patience {
+        self.patience.clone()
     }
 
     /// What waits for the medium of the part that was opened last; once for each part.
@@ -128,6 +170,7 @@ impl OpenPart {
 /// A part on its medium, written from the beginning to the end.
 pub struct PartFile {
     medium: BufWriter<Box<dyn Medium>>,
+    patience: Patience,
     position: Arc<AtomicU64>,
 }
 
@@ -138,7 +181,8 @@ impl PartFile {
     /// When the medium fails.
     pub fn close(mut self) -> io::Result<()> {
         self.medium.flush()?;
-        self.medium.get_ref().syncer()?.sync()
+        let medium = self.medium.get_ref();
+        self.patience.attempt(|| medium.syncer()?.sync())
     }
 
     /// Drops what is buffered and shortens the file to `bytes`; a medium that refuses keeps its length.

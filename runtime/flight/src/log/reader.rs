@@ -3,17 +3,17 @@
 //! Every chunk is checked against its CRC before any of it is handed out. A file that breaks off (the
 //! process was killed, the disk was full) is read up to its last complete chunk and counts as truncated.
 
+use super::LogError;
 use super::about::{About, METADATA_NAME};
 use super::channel::Channel;
-use super::decode::dropped;
-use super::entry::Dropped;
 use super::parts::existing_parts;
 use super::seal::Seal;
-use super::{LogError, proto};
 use mcap::McapError;
 use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use prost::Message as _;
+use plumbline_record::Dropped;
+use plumbline_record::parts::{End, Recording};
+use plumbline_record::protobuf::decode;
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
 use std::io::Read as _;
@@ -193,13 +193,13 @@ impl LogReader {
         if channel != Channel::Recording {
             return;
         }
-        let Ok(recording) = proto::Recording::decode(self.payload.as_slice()) else { return };
+        let Ok(recording) = decode::<Recording>(&self.payload) else { return };
         self.is_seal_broken |= recording.seal != self.part.seal.value();
-        self.dropped = dropped(&recording);
-        match recording.end() {
-            proto::recording::End::NotYet => {}
-            proto::recording::End::OfFlight => self.ending = Ending::Flight,
-            proto::recording::End::OfRoom => self.ending = Ending::Room,
+        self.dropped = recording.dropped;
+        match recording.end {
+            End::NotYet => {}
+            End::OfFlight => self.ending = Ending::Flight,
+            End::OfRoom => self.ending = Ending::Room,
         }
     }
 }
@@ -229,6 +229,7 @@ impl Part {
         let file = File::open(path).map_err(|e| LogError::io(path, e))?;
         let options = LinearReaderOptions::default()
             .with_prevalidate_chunk_crcs(true)
+            .with_check_finishes_after_end_magic(true)
             .with_record_length_limit(MAX_RECORD_BYTES);
         let mut part = Self {
             path: path.to_owned(),

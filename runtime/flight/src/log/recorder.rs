@@ -3,24 +3,22 @@
 //! Whoever has something to record holds a [`RecorderHandle`]. Entries are copied into a ring that stands
 //! before the flight begins; a frame changes places with one that is free. When the ring is full a live
 //! run drops the entry and counts it ([`WhenFull::Drop`]), a run in virtual time waits
-//! ([`WhenFull::Wait`]). When the disk fails the recording ends there and the flight goes on.
+//! ([`WhenFull::Wait`]). When the disk fails the recording ends there and the flight goes on. When there are no descriptors for
+//! the next part it waits for some, and what finds the queue full meanwhile is missing.
 
 use super::LogError;
 use super::about::About;
-use super::entry::{Dropped, Kind, LogEntry};
-use super::part_file::OpenPart;
+use super::entry::LogEntry;
+use super::part_file::{OpenPart, Patience};
 use super::sync::SyncThread;
 use super::writer::{Limits, LogWriter};
 use crate::pipeline::clock::CpuStopwatch;
-use crate::pipeline::event::Event;
-use crate::pipeline::listener::{Listener, Producer, Subscriber};
-use crate::pipeline::orders::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder};
+use crate::pipeline::listener::{FrameKeeper, Listener, Producer, Subscriber};
 use crate::schedule::queue::Queue;
 use plumbline_config::ValidConfig;
 use plumbline_config::options::image_sizes;
-use plumbline_drivers::{ImuReading, StereoFrame};
-use plumbline_estimator::places::MapEstimate;
-use plumbline_estimator::{Estimate, Odometry};
+use plumbline_drivers::StereoFrame;
+use plumbline_record::{Dropped, Kind, Said};
 use serde::Serialize;
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -124,44 +122,14 @@ impl RecorderHandle {
 }
 
 impl Listener for RecorderHandle {
-    fn reading(&mut self, reading: &ImuReading) {
-        self.offer(LogEntry::Imu(*reading));
+    fn said(&mut self, said: &Said) {
+        self.offer(LogEntry::Said(said.clone()));
     }
+}
 
-    fn frame(&mut self, frame: &mut StereoFrame) {
+impl FrameKeeper for RecorderHandle {
+    fn keep(&mut self, frame: &mut StereoFrame) {
         self.offer_frame(frame);
-    }
-
-    fn order(&mut self, order: &FrameOrder) {
-        self.offer(LogEntry::Order(*order));
-    }
-
-    fn correction(&mut self, order: &CorrectionOrder) {
-        self.offer(LogEntry::Correction(*order));
-    }
-
-    fn reset(&mut self, order: &ResetOrder) {
-        self.offer(LogEntry::Reset(*order));
-    }
-
-    fn map_order(&mut self, order: &MapOrder) {
-        self.offer(LogEntry::MapOrder(*order));
-    }
-
-    fn map_estimate(&mut self, estimate: &MapEstimate) {
-        self.offer(LogEntry::MapEstimate(estimate.clone()));
-    }
-
-    fn estimate(&mut self, estimate: &Estimate, _frame_ms: f64) {
-        self.offer(LogEntry::Estimate(estimate.clone()));
-    }
-
-    fn odometry(&mut self, odometry: &Odometry) {
-        self.offer(LogEntry::Odometry(odometry.clone()));
-    }
-
-    fn event(&mut self, event: &Event) {
-        self.offer(LogEntry::Event(event.clone()));
     }
 }
 
@@ -205,6 +173,7 @@ impl fmt::Display for RecorderSummary {
 /// A recording that is going on.
 pub struct Recorder {
     shared: Arc<Shared>,
+    patience: Patience,
     thread: JoinHandle<RecorderSummary>,
     path: PathBuf,
 }
@@ -271,13 +240,13 @@ impl Recorder {
             let _ = shared.free_frames.push(frame);
         }
         let sync = SyncThread::start().map_err(LogError::Thread)?;
-        let theirs = Arc::clone(&shared);
+        let (theirs, patience) = (Arc::clone(&shared), writer.patience());
         let first = path.to_owned();
         let thread = std::thread::Builder::new()
             .name("recorder".into())
             .spawn(move || record(&theirs, writer, sync, first))
             .map_err(LogError::Thread)?;
-        Ok(Self { shared, thread, path: path.to_owned() })
+        Ok(Self { shared, patience, thread, path: path.to_owned() })
     }
 
     /// A handle for a producer.
@@ -290,6 +259,7 @@ impl Recorder {
     #[must_use]
     pub fn finish(self) -> RecorderSummary {
         self.shared.is_finishing.store(true, Ordering::Release);
+        self.patience.end();
         self.thread.thread().unpark();
         let mut summary = self.thread.join().unwrap_or_else(|_| RecorderSummary {
             path: self.path,
@@ -311,6 +281,10 @@ impl Recorder {
 impl Subscriber for Recorder {
     fn listener(&mut self, _producer: Producer) -> Box<dyn Listener> {
         Box::new(self.handle())
+    }
+
+    fn frame_keeper(&mut self) -> Option<Box<dyn FrameKeeper>> {
+        Some(Box::new(self.handle()))
     }
 }
 

@@ -4,7 +4,7 @@
 //! frames are those of ROS ([`RosConfig`](plumbline_config::options::RosConfig)); cameras are named as their images are.
 
 use super::channel::Channel;
-use super::encode::{frame_transform, timestamp};
+use super::drawn::{frame_transform, timestamp};
 use super::foxglove;
 use nalgebra::{Isometry3, Translation3};
 use plumbline_config::camera::Distortion;
@@ -48,15 +48,17 @@ fn calibration(camera: &CameraConfig, frame: &str, stamp: Timestamp) -> foxglove
     }
 }
 
-/// Cameras and vehicle, as children of the body. They are in one message, so that who begins to look in the middle, and
+/// Cameras and vehicle, as children of the body; no vehicle where the mounting is unknown. They are in one message, so that who begins to look in the middle, and
 /// is given the newest one of each topic, has them all.
 fn mounting(config: &Config, stamp: Timestamp) -> foxglove::FrameTransforms {
     let body = &config.ros.body_frame;
-    let pose_b_v = Isometry3::from_parts(Translation3::identity(), config.vehicle.rot_v_b().inverse());
-    let vehicle = frame_transform(stamp, body, &config.ros.base_frame, &pose_b_v);
+    let vehicle = config.vehicle.rot_v_b().map(|rot_v_b| {
+        let pose_b_v = Isometry3::from_parts(Translation3::identity(), rot_v_b.inverse());
+        frame_transform(stamp, body, &config.ros.base_frame, &pose_b_v)
+    });
     let cameras = config.camera.iter().zip(CAMERA_FRAMES);
     let cameras = cameras.map(|(camera, frame)| frame_transform(stamp, body, frame, &camera.pose_b_c()));
-    foxglove::FrameTransforms { transforms: std::iter::once(vehicle).chain(cameras).collect() }
+    foxglove::FrameTransforms { transforms: vehicle.into_iter().chain(cameras).collect() }
 }
 
 #[cfg(test)]

@@ -3,15 +3,18 @@
 use super::LogError;
 use super::build_id::BuildId;
 use super::channel::Channel;
-use super::compare::Difference;
+use super::comparison::{Comparison, Outputs};
 use super::cursor::Cursor;
-use super::entry::{Dropped, Kind};
-use super::execute::Execution;
-use super::execute_map::MapExecution;
+use super::execute::LogOrders;
 use super::known::{KnownMap, known_map};
 use super::reader::Ending;
+use crate::pipeline::machine::{Effect, Machine};
+use crate::pipeline::places::MapStage;
+use crate::pipeline::team::Team;
 use plumbline_config::options::ImageRecording;
 use plumbline_drivers::StereoSource;
+use plumbline_record::compare::Difference;
+use plumbline_record::{Dropped, Kind};
 use serde::Serialize;
 use std::path::Path;
 
@@ -114,55 +117,51 @@ pub fn verify(
         return Err(LogError::unusable(path, reason));
     }
     let known = known_map(path, &about, known)?;
-    let mut execution = Execution::new(log, images, known);
-    while execution.step()? {
-        if execution.readings().is_multiple_of(100) {
-            let log = execution.log().reader();
-            progress(log.read_bytes() as f64 / log.total_bytes().max(1) as f64);
-        }
-    }
-    execution.read_to_end()?;
+    let (team, mut comparison) = (Team::default(), Comparison::default());
+    let mut machine = Machine::new(&about.config, known, Effect::ByOrder, &team, &mut comparison);
+    let mut orders = LogOrders::new(log, images, comparison.clone(), progress);
+    machine.run(&mut orders, about.first_reset_counter)?;
+    orders.read_to_end()?;
     let is_same_build = about.build.is_same_executable(BuildId::current());
-    Ok(summed_up(execution, is_same_build, about.config_hash))
+    Ok(summed_up(&orders, &machine, &mut comparison.outputs(), (is_same_build, about.config_hash)))
 }
 
-fn summed_up(mut execution: Execution, same_build: bool, config_hash: String) -> Verification {
-    let log = execution.log().reader();
+fn summed_up(
+    orders: &LogOrders<'_>,
+    machine: &Machine<'_>,
+    outputs: &mut Outputs,
+    (same_build, config_hash): (bool, String),
+) -> Verification {
+    let log = orders.log().reader();
     let (ending, dropped, inputs_changed) = (log.ending(), log.dropped(), log.is_seal_broken());
-    let damage = execution.break_off().map(str::to_owned);
+    let damage = orders.break_off().map(str::to_owned);
     let is_log_complete = ending == Ending::Flight && damage.is_none();
-    execution.estimates.finish(is_log_complete);
-    execution.odometry.finish(is_log_complete);
-    if let Some(map) = &mut execution.map {
-        map.outputs.finish(is_log_complete);
-    }
-    let Execution { estimates, odometry, estimate_digest, odometry_digest, refused, .. } = &execution;
-    let map = execution.map.as_ref();
-    let of_map = map.and_then(|map| map.outputs.difference.clone());
-    let difference = estimates.difference.clone().or_else(|| odometry.difference.clone()).or(of_map);
-    let not_recorded = estimates.missing + odometry.missing + map.map_or(0, |map| map.outputs.missing);
+    // Where outputs differ the execution ended, and the others have no partners for it.
+    let first = outputs.difference().cloned();
+    outputs.finish(is_log_complete);
+    let Outputs { estimates, odometry, map, map_ends_at_fault } = &*outputs;
+    let difference = first.or_else(|| outputs.difference().cloned());
+    let not_recorded = estimates.missing + odometry.missing + map.missing;
     let unexplained = is_log_complete && not_recorded > dropped_outputs(&dropped);
     Verification {
         identical: difference.is_none() && !inputs_changed && !unexplained,
         complete: is_log_complete && not_recorded == 0 && difference.is_none(),
         inputs_changed,
-        readings: execution.readings(),
-        frames_refused: *refused,
+        readings: orders.readings(),
+        frames_refused: orders.refused,
         estimates_identical: estimates.identical,
         odometry_identical: odometry.identical,
-        map_poses_identical: map.map_or(0, |map| map.outputs.identical),
-        map_ends_at_fault: map.is_some_and(MapExecution::is_ended),
-        map_digest: map.filter(|map| !map.is_ended()).map(|map| map.digest.hex()),
+        map_poses_identical: map.identical,
+        map_ends_at_fault: *map_ends_at_fault && machine.window().map().is_some(),
+        map_digest: machine.window().map().and_then(MapStage::digest),
         not_recorded,
-        not_executed: estimates.left_over()
-            + odometry.left_over()
-            + map.map_or(0, |map| map.outputs.left_over()),
+        not_executed: estimates.left_over() + odometry.left_over() + map.left_over(),
         truncated: ending == Ending::Truncated,
-        executed_s: execution.span_s(),
+        executed_s: orders.span_s(),
         damage,
         ended_for_room: ending == Ending::Room,
-        estimate_digest: estimate_digest.hex(),
-        odometry_digest: odometry_digest.hex(),
+        estimate_digest: machine.window().digest(),
+        odometry_digest: machine.tick().digest(),
         same_build,
         config_hash,
         difference,

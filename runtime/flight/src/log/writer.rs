@@ -4,17 +4,20 @@
 
 use super::about::About;
 use super::channel::Channel;
-use super::entry::{Dropped, Kind, LogEntry};
+use super::entry::LogEntry;
 use super::narrate::Narrator;
 use super::part::Part;
-use super::part_file::{OpenPart, Syncer};
+use super::part_file::{OpenPart, Patience, Syncer};
 use super::parts::{existing_parts, part_path};
-use super::{LogError, encode, image, proto, rig};
+use super::{LogError, drawn, image, rig};
 use mcap::McapError;
 use plumbline_config::Timestamp;
 use plumbline_config::options::{KeepPolicy, RecorderConfig};
 use plumbline_drivers::StereoFrame;
 use plumbline_estimator::Estimate;
+use plumbline_record::fields::Record;
+use plumbline_record::parts::{End, Recording};
+use plumbline_record::{Dropped, Event, Said, protobuf};
 use prost::Message;
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
@@ -124,7 +127,7 @@ impl LogWriter {
     /// As [`Self::write`].
     pub fn set_dropped(&mut self, dropped: Dropped) -> Result<(), LogError> {
         self.dropped = dropped;
-        self.put_recording(proto::recording::End::NotYet)
+        self.put_recording(End::NotYet)
     }
 
     /// Writes an entry.
@@ -144,25 +147,20 @@ impl LogWriter {
     }
 
     fn put_entry(&mut self, entry: &LogEntry) -> Result<(), LogError> {
+        let newest = self.newest();
         match entry {
-            LogEntry::Imu(reading) => self.put(Channel::Imu, reading.sample.stamp, &encode::imu(reading)),
             LogEntry::Frame(frame) => self.put_frame(frame),
-            LogEntry::Order(order) => {
-                self.put(Channel::FrameOrder, self.newest(), &encode::frame_order(order))
-            }
-            LogEntry::Correction(order) => {
-                self.put(Channel::CorrectionOrder, self.newest(), &encode::correction_order(order))
-            }
-            LogEntry::Reset(order) => {
-                self.put(Channel::ResetOrder, self.newest(), &encode::reset_order(order))
-            }
-            LogEntry::MapOrder(order) => {
-                self.put(Channel::MapOrder, self.newest(), &encode::map_order(order))
-            }
-            LogEntry::MapEstimate(m) => self.put(Channel::MapEstimate, m.stamp, &encode::map_estimate(m)),
-            LogEntry::Estimate(estimate) => self.put_estimate(estimate),
-            LogEntry::Odometry(o) => self.put(Channel::Odometry, o.stamp, &encode::odometry(o)),
-            LogEntry::Event(event) => self.put(Channel::Event, event.stamp, &encode::event(event)),
+            LogEntry::Said(said) => match said {
+                Said::Imu(reading) => self.put(Channel::Imu, reading.sample.stamp, reading),
+                Said::Order(order) => self.put(Channel::FrameOrder, newest, order),
+                Said::Correction(order) => self.put(Channel::CorrectionOrder, newest, order),
+                Said::Reset(order) => self.put(Channel::ResetOrder, newest, order),
+                Said::MapOrder(order) => self.put(Channel::MapOrder, newest, order),
+                Said::MapEstimate(m) => self.put(Channel::MapEstimate, m.stamp, m),
+                Said::Estimate(full) => self.put_estimate(&full.estimate),
+                Said::Odometry(o) => self.put(Channel::Odometry, o.stamp, o),
+                Said::Event(event) => self.put_event(event),
+            },
         }
     }
 
@@ -180,7 +178,7 @@ impl LogWriter {
                 image::encode(&frame.images[camera], frame.stamp, name, self.about.images, &mut self.buffer)
                     .map_err(|e| LogError::io(&self.path, std::io::Error::other(e)))?;
                 if !self.buffer.is_empty() {
-                    self.put_buffer(channel, encode::log_time(frame.stamp))?;
+                    self.put_buffer(channel, drawn::log_time(frame.stamp))?;
                 }
             }
         }
@@ -188,41 +186,38 @@ impl LogWriter {
     }
 
     fn put_estimate(&mut self, estimate: &Estimate) -> Result<(), LogError> {
-        self.put(Channel::Estimate, estimate.stamp, &encode::estimate(estimate))?;
+        self.put(Channel::Estimate, estimate.stamp, estimate)?;
         if estimate.has_pose() {
             let names = &self.about.config.ros;
             let (transform, pose) =
-                (encode::transform(estimate, names), encode::pose_in_frame(estimate, names));
-            self.put(Channel::Transform, estimate.stamp, &transform)?;
-            self.put(Channel::Pose, estimate.stamp, &pose)?;
+                (drawn::transform(estimate, names), drawn::pose_in_frame(estimate, names));
+            self.draw(Channel::Transform, estimate.stamp, &transform)?;
+            self.draw(Channel::Pose, estimate.stamp, &pose)?;
         }
         match self.narrator.notice(estimate) {
-            Some(event) => self.put(Channel::Event, event.stamp, &encode::event(&event)),
+            Some(event) => self.put_event(&event),
             None => Ok(()),
         }
     }
 
-    fn put_recording(&mut self, end: proto::recording::End) -> Result<(), LogError> {
+    fn put_event(&mut self, event: &Event) -> Result<(), LogError> {
+        self.draw(Channel::Event, event.stamp, &drawn::event(event))
+    }
+
+    fn put_recording(&mut self, end: End) -> Result<(), LogError> {
         let seal = self.part.as_ref().map_or_else(Vec::new, |part| part.seal());
-        let count = |kind| self.dropped.of(kind);
-        let recording = proto::Recording {
-            end: end.into(),
-            seal,
-            imu_dropped: count(Kind::Imu),
-            frames_dropped: count(Kind::Frame),
-            orders_dropped: count(Kind::Order),
-            estimates_dropped: count(Kind::Estimate),
-            odometry_dropped: count(Kind::Odometry),
-            events_dropped: count(Kind::Event),
-            map_estimates_dropped: count(Kind::MapEstimate),
-        };
-        self.buffer = recording.encode_to_vec();
+        self.buffer = protobuf::encode(&Recording { end, seal, dropped: self.dropped });
         self.append(Channel::Recording, self.newest_ns)
     }
 
-    fn put(&mut self, channel: Channel, stamp: Timestamp, message: &impl Message) -> Result<(), LogError> {
+    fn put(&mut self, channel: Channel, stamp: Timestamp, record: &impl Record) -> Result<(), LogError> {
+        self.buffer = protobuf::encode(record);
+        self.put_buffer(channel, drawn::log_time(stamp))
+    }
+
+    fn draw(&mut self, channel: Channel, stamp: Timestamp, message: &impl Message) -> Result<(), LogError> {
         self.buffer = message.encode_to_vec();
-        self.put_buffer(channel, encode::log_time(stamp))
+        self.put_buffer(channel, drawn::log_time(stamp))
     }
 
     /// Writes what is in the buffer where there is room for it.
@@ -270,7 +265,7 @@ impl LogWriter {
             return self.end_full();
         }
         let message = std::mem::take(&mut self.buffer);
-        self.end_part(proto::recording::End::NotYet)?;
+        self.end_part(End::NotYet)?;
         self.make_room(next_bytes)?;
         self.about.part += 1;
         self.begin_part()?;
@@ -294,7 +289,7 @@ impl LogWriter {
     }
 
     fn end_full(&mut self) -> Result<(), LogError> {
-        self.end_part(proto::recording::End::OfRoom)?;
+        self.end_part(End::OfRoom)?;
         let limit_mb = self.limits.total_bytes / 1_000_000;
         Err(LogError::Full { path: self.path.clone(), limit_mb })
     }
@@ -312,7 +307,7 @@ impl LogWriter {
     /// As [`Self::write`].
     pub fn flush(&mut self) -> Result<(), LogError> {
         if self.part.as_ref().is_some_and(Part::has_chunk) {
-            self.put_recording(proto::recording::End::NotYet)?;
+            self.put_recording(End::NotYet)?;
             self.end_chunk()?;
         }
         Ok(())
@@ -332,6 +327,12 @@ impl LogWriter {
         self.open.take_syncer()
     }
 
+    /// What waits for descriptors; its end ends the waiting.
+    #[must_use]
+    pub fn patience(&self) -> Patience {
+        self.open.patience()
+    }
+
     /// Ends the log.
     ///
     /// # Errors
@@ -340,7 +341,7 @@ impl LogWriter {
         if self.part.is_none() {
             return Ok(());
         }
-        self.end_part(proto::recording::End::OfFlight)
+        self.end_part(End::OfFlight)
     }
 
     fn begin_part(&mut self) -> Result<(), LogError> {
@@ -353,7 +354,7 @@ impl LogWriter {
         self.end_chunk()
     }
 
-    fn end_part(&mut self, end: proto::recording::End) -> Result<(), LogError> {
+    fn end_part(&mut self, end: End) -> Result<(), LogError> {
         self.put_recording(end)?;
         self.end_chunk()?;
         let Some(part) = &mut self.part else { return Ok(()) };

@@ -9,28 +9,27 @@
 //! it counts and any reset before it, a correction before the reading that it precedes. Between threads nothing
 //! follows from it: each call makes sense by its own numbers.
 
-use super::event::Event;
-use super::orders::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder};
 use crate::schedule::watchdog::Pulse;
-use plumbline_drivers::{ImuReading, StereoFrame};
+use plumbline_drivers::StereoFrame;
 use plumbline_estimator::odometry::StepCovariance;
-use plumbline_estimator::places::{MapEstimate, MapUpdate, Mapper};
+use plumbline_estimator::places::{MapUpdate, Mapper};
 use plumbline_estimator::window::Window;
-use plumbline_estimator::{Estimate, MapSnapshot, Odometry, Tracked};
+use plumbline_estimator::{Estimate, MapSnapshot, Tracked};
+use plumbline_record::Said;
 use std::sync::Arc;
 
 /// A thread of a run that produces something. In virtual time one thread may be several of them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Producer {
-    /// Tells of readings, corrections and odometry.
+    /// Says readings, corrections and odometry.
     Tick,
-    /// Tells of frames, orders, resets, what was tracked, and events.
+    /// Says orders, resets and events; shows frames and what was tracked.
     FrontEnd,
-    /// Tells of what was solved, estimates, and where the odometry lies in the map.
+    /// Says estimates, events, and where the odometry lies in the map; shows what was solved.
     Window,
-    /// Tells of the map. Not where places are switched off.
+    /// Shows the map. Not where places are switched off.
     Places,
-    /// Tells of events. Not in virtual time.
+    /// Says events. Not in virtual time.
     Watchdog,
 }
 
@@ -38,6 +37,12 @@ pub enum Producer {
 pub trait Subscriber {
     /// The listener that moves to the thread of `producer`. A run asks once for each.
     fn listener(&mut self, producer: Producer) -> Box<dyn Listener>;
+
+    /// The one that takes the buffers of frames that are done with, if this subscriber has it. A run has one at most: the
+    /// first that it finds.
+    fn frame_keeper(&mut self) -> Option<Box<dyn FrameKeeper>> {
+        None
+    }
 
     /// Hands over the heartbeats of its own threads, for the watchdog of a live run to look after.
     fn pulses(&self, _adopt: &mut dyn FnMut(Arc<Pulse>)) {}
@@ -49,34 +54,29 @@ pub trait Listener: Send {
     fn keeps_steps(&self) -> bool {
         false
     }
-    /// An inertial sample, as the odometry is given it.
-    fn reading(&mut self, _reading: &ImuReading) {}
-    /// A frame that is done with, taken or refused. The listener may keep its buffers and leave others of the
-    /// same sizes.
-    fn frame(&mut self, _frame: &mut StereoFrame) {}
-    /// What became of a frame.
-    fn order(&mut self, _order: &FrameOrder) {}
+    /// Something that the flight says: an input, an order, an output or an event.
+    fn said(&mut self, _said: &Said) {}
+    /// What the thread works on, to be copied from now or never.
+    fn shown(&mut self, _view: View<'_>) {}
+}
+
+/// Takes frames that are done with, once every listener has been shown them.
+pub trait FrameKeeper: Send {
+    /// Takes the content of `frame` and leaves other buffers of the same sizes in its place, or leaves it as it is.
+    fn keep(&mut self, frame: &mut StereoFrame);
+}
+
+/// What a thread works on.
+#[derive(Clone, Copy)]
+pub enum View<'a> {
     /// What was tracked in a frame that is about to be done with.
-    fn tracked(&mut self, _tracked: &Tracked) {}
-    /// An estimate takes effect on the odometry.
-    fn correction(&mut self, _order: &CorrectionOrder) {}
-    /// A reset that somebody asked for takes effect.
-    fn reset(&mut self, _order: &ResetOrder) {}
-    /// The window after an estimate, just before that is handed on.
-    fn solved(&mut self, _solved: &Solved<'_>) {}
-    /// An estimate, once for each frame; `frame_ms` is the wall time of its computation.
-    fn estimate(&mut self, _estimate: &Estimate, _frame_ms: f64) {}
-    /// What became of a frame that was to be given to the map: by the front-end one that was passed over, by the window
-    /// one that takes effect.
-    fn map_order(&mut self, _order: &MapOrder) {}
-    /// Where the odometry lies in the map, once for each estimate, just before that is handed on.
-    fn map_estimate(&mut self, _estimate: &MapEstimate) {}
-    /// A frame was taken into the map.
-    fn mapped(&mut self, _mapped: &Mapped<'_>) {}
-    /// Odometry, once for each inertial sample after the first pose.
-    fn odometry(&mut self, _odometry: &Odometry) {}
-    /// Something that people want to know.
-    fn event(&mut self, _event: &Event) {}
+    Tracked(&'a Tracked),
+    /// A frame that is done with, taken or refused.
+    Frame(&'a StereoFrame),
+    /// The window after an estimate, just before that is said.
+    Solved(&'a Solved<'a>),
+    /// The map after a frame was taken into it.
+    Mapped(&'a Mapped<'a>),
 }
 
 /// What the window holds after an estimate.
@@ -113,12 +113,16 @@ impl Subscriber for () {
 
 impl Listener for () {}
 
-/// Several subscribers, whose listeners are told in order: one that leaves other buffers in a frame comes last.
+/// Several subscribers, whose listeners are told in order.
 pub struct Several<'a>(pub Vec<&'a mut dyn Subscriber>);
 
 impl Subscriber for Several<'_> {
     fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
         Box::new(Listeners(self.0.iter_mut().map(|subscriber| subscriber.listener(producer)).collect()))
+    }
+
+    fn frame_keeper(&mut self) -> Option<Box<dyn FrameKeeper>> {
+        self.0.iter_mut().find_map(|subscriber| subscriber.frame_keeper())
     }
 
     fn pulses(&self, adopt: &mut dyn FnMut(Arc<Pulse>)) {
@@ -133,55 +137,11 @@ impl Listener for Listeners {
         self.0.iter().any(|listener| listener.keeps_steps())
     }
 
-    fn reading(&mut self, reading: &ImuReading) {
-        self.0.iter_mut().for_each(|listener| listener.reading(reading));
+    fn said(&mut self, said: &Said) {
+        self.0.iter_mut().for_each(|listener| listener.said(said));
     }
 
-    fn frame(&mut self, frame: &mut StereoFrame) {
-        self.0.iter_mut().for_each(|listener| listener.frame(frame));
-    }
-
-    fn order(&mut self, order: &FrameOrder) {
-        self.0.iter_mut().for_each(|listener| listener.order(order));
-    }
-
-    fn tracked(&mut self, tracked: &Tracked) {
-        self.0.iter_mut().for_each(|listener| listener.tracked(tracked));
-    }
-
-    fn correction(&mut self, order: &CorrectionOrder) {
-        self.0.iter_mut().for_each(|listener| listener.correction(order));
-    }
-
-    fn reset(&mut self, order: &ResetOrder) {
-        self.0.iter_mut().for_each(|listener| listener.reset(order));
-    }
-
-    fn solved(&mut self, solved: &Solved<'_>) {
-        self.0.iter_mut().for_each(|listener| listener.solved(solved));
-    }
-
-    fn estimate(&mut self, estimate: &Estimate, frame_ms: f64) {
-        self.0.iter_mut().for_each(|listener| listener.estimate(estimate, frame_ms));
-    }
-
-    fn map_order(&mut self, order: &MapOrder) {
-        self.0.iter_mut().for_each(|listener| listener.map_order(order));
-    }
-
-    fn map_estimate(&mut self, estimate: &MapEstimate) {
-        self.0.iter_mut().for_each(|listener| listener.map_estimate(estimate));
-    }
-
-    fn mapped(&mut self, mapped: &Mapped<'_>) {
-        self.0.iter_mut().for_each(|listener| listener.mapped(mapped));
-    }
-
-    fn odometry(&mut self, odometry: &Odometry) {
-        self.0.iter_mut().for_each(|listener| listener.odometry(odometry));
-    }
-
-    fn event(&mut self, event: &Event) {
-        self.0.iter_mut().for_each(|listener| listener.event(event));
+    fn shown(&mut self, view: View<'_>) {
+        self.0.iter_mut().for_each(|listener| listener.shown(view));
     }
 }

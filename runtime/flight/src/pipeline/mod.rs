@@ -1,27 +1,26 @@
 //! From two sensor streams to estimates and odometry: the same answers in virtual time and live.
 //!
-//! Two executors run the same stages ([`stages`], [`tick`]). [`in_order`] goes as fast as it can, in the
-//! order that one rule gives: readings up to the time a frame needs, then the frame; its estimate corrects
-//! the odometry just before the first reading at or after its time plus [`CORRECTION_DELAY_NS`]. [`live`] runs
-//! against the clock on threads of its own; what the clock decides there is written down as [`orders`]. When
-//! nothing had to be refused or came late, both give the same bits.
+//! A flight is a machine ([`machine`]) that is driven by orders. In virtual time a rule makes them ([`virtual_time`]):
+//! readings up to the time that a frame needs, then the frame; its estimate corrects the odometry just before the first
+//! reading at or after its time plus [`CORRECTION_DELAY_NS`]. [`live`] runs the stages of the machine ([`stages`],
+//! [`tick`], [`places`]) against the clock on threads of their own; what the clock decides there is written down as orders
+//! ([`plumbline_record::orders`]), which a re-execution follows ([`crate::log::execute`]). When nothing had to be refused
+//! or came late, all give the same bits.
 
 #![deny(clippy::disallowed_methods)]
 
 pub mod clock;
 mod control;
-pub mod digest;
-pub mod event;
 pub mod figures;
-mod in_order;
 pub mod listener;
 mod live;
+pub(crate) mod machine;
 mod map_saves;
-pub mod orders;
 pub mod places;
 mod stages;
-mod team;
+pub(crate) mod team;
 mod tick;
+mod virtual_time;
 
 pub use control::Control;
 pub use live::LiveFigures;
@@ -30,7 +29,6 @@ pub use tick::CORRECTION_DELAY_NS;
 
 use crate::schedule::host::Host;
 use figures::Figures;
-use in_order::InOrder;
 use listener::Subscriber;
 use live::Live;
 use places::{PlacesFigures, PlacesStage};
@@ -157,8 +155,7 @@ pub fn run(
     match options.speed {
         None => {
             let team = Team::new(helpers, || {}).map_err(refused)?;
-            let executor = InOrder::new(config, streams.map.take(), &team, subscriber);
-            team.lead(|| executor.run(config, streams, options, control))
+            virtual_time::run(config, streams, options, control, &team, subscriber)
         }
         Some(speed) => {
             let host = Arc::new(Host::new(&config.runtime));

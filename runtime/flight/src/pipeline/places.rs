@@ -6,14 +6,15 @@
 //! not done: then that is an order ([`MapOrder`]), and an input of a re-execution.
 
 use super::clock::Stopwatch;
-use super::digest::Digest;
-use super::listener::{Listener, Mapped};
-use super::orders::{MapOrder, MapVerdict};
+use super::listener::{Listener, Mapped, View};
+use super::machine::Effect;
 use crate::schedule::times::{Percentiles, Times};
 use plumbline_config::ValidConfig;
 use plumbline_estimator::places::mapper::SEARCH_EVERY_FRAMES;
 use plumbline_estimator::places::{MapFollower, MapUpdate, Mapper, PlaceJob, PlaceMap};
 use plumbline_estimator::{Estimate, Feedback};
+use plumbline_record::digest::Digest;
+use plumbline_record::{MapOrder, MapVerdict, Said};
 use std::collections::VecDeque;
 
 /// Frames from a keyframe to the first estimate that knows what was found with it: longer than the search takes.
@@ -107,7 +108,7 @@ impl PlacesStage {
         let watch = Stopwatch::start();
         let update = self.mapper.process(job);
         self.times_ms.record(watch.elapsed_ms());
-        self.listener.mapped(&Mapped { update: &update, mapper: &self.mapper });
+        self.listener.shown(View::Mapped(&Mapped { update: &update, mapper: &self.mapper }));
         update
     }
 
@@ -122,7 +123,14 @@ impl PlacesStage {
 /// The pose of the odometry in the map, frame by frame. Runs where the window does.
 pub struct MapStage {
     follower: MapFollower,
+    effect: Effect,
     pending: VecDeque<MapUpdate>,
+    /// What takes effect by order: frame, and the frame with whose estimate it does.
+    ordered: VecDeque<(u64, u64)>,
+    /// A frame that took effect by order, and was not given to the map.
+    missing: Option<u64>,
+    /// Nothing is known of it any more.
+    is_ended: bool,
     /// Estimates so far.
     frames: u64,
     digest: Digest,
@@ -130,20 +138,59 @@ pub struct MapStage {
     newest: Option<MapUpdate>,
 }
 
-impl Default for MapStage {
-    fn default() -> Self {
+impl MapStage {
+    /// A map of which nothing is known yet.
+    #[must_use]
+    pub fn new(effect: Effect) -> Self {
         Self {
             follower: MapFollower::default(),
+            effect,
             pending: VecDeque::with_capacity(MAX_PENDING),
+            ordered: VecDeque::new(),
+            missing: None,
+            is_ended: false,
             frames: 0,
             digest: Digest::default(),
             late: 0,
             newest: None,
         }
     }
-}
 
-impl MapStage {
+    /// What was found with `frame` takes effect with the estimate of `at_frame`.
+    pub fn apply_by(&mut self, frame: u64, at_frame: u64) {
+        self.ordered.push_back((frame, at_frame));
+    }
+
+    /// The frame that an order named and the map was not given.
+    #[must_use]
+    pub fn missing(&self) -> Option<u64> {
+        self.missing
+    }
+
+    /// Ends it: what comes now is not known.
+    pub fn end(&mut self) {
+        self.is_ended = true;
+    }
+
+    /// SHA-256 over the bits so far; `None` where it has ended before the flight.
+    #[must_use]
+    pub fn digest(&self) -> Option<String> {
+        (!self.is_ended).then(|| self.digest.hex())
+    }
+
+    /// The next update that takes effect with frame `index`, whose number is `sequence`.
+    fn due(&mut self, index: u64, sequence: u64) -> Option<MapUpdate> {
+        match self.effect {
+            Effect::ByRule => self.pending.pop_front_if(|update| index >= update.index + PLACES_DELAY_FRAMES),
+            Effect::ByOrder => {
+                let (frame, _) = self.ordered.pop_front_if(|(_, at_frame)| *at_frame <= sequence)?;
+                let update = self.pending.pop_front_if(|update| update.sequence == frame);
+                self.missing = self.missing.or(update.is_none().then_some(frame));
+                update
+            }
+        }
+    }
+
     /// Keeps an update until it is to take effect.
     pub fn update_later(&mut self, update: MapUpdate) {
         if self.pending.len() == MAX_PENDING {
@@ -154,21 +201,21 @@ impl MapStage {
 
     /// Lets the updates take effect that are due, and tells of the map as of `estimate`.
     pub fn follow(&mut self, estimate: &Estimate, listener: &mut dyn Listener) {
+        if self.is_ended {
+            return;
+        }
         let index = self.frames;
         self.frames += 1;
-        while let Some(update) =
-            self.pending.front().copied().filter(|u| index >= u.index + PLACES_DELAY_FRAMES)
-        {
-            self.pending.pop_front();
+        while let Some(update) = self.due(index, estimate.frame_sequence) {
             self.late += u64::from(index > update.index + PLACES_DELAY_FRAMES);
             self.follower.apply(&update);
             self.newest = Some(update);
             let verdict = MapVerdict::Applied { at_frame: estimate.frame_sequence };
-            listener.map_order(&MapOrder { frame: update.sequence, verdict });
+            listener.said(&Said::MapOrder(MapOrder { frame: update.sequence, verdict }));
         }
         let map_estimate = self.follower.follow(estimate);
-        self.digest.map_estimate(&map_estimate);
-        listener.map_estimate(&map_estimate);
+        self.digest.add(&map_estimate);
+        listener.said(&Said::MapEstimate(map_estimate));
     }
 
     /// What the whole came to, with the times of the map.

@@ -1,11 +1,9 @@
 //! The two stages of a frame, with what they count and time. They are the same in every executor.
 
 use super::clock::{CpuStopwatch, Stopwatch};
-use super::digest::Digest;
-use super::event::{Event, Severity};
 use super::figures::{Cost, Figures, StageTimes};
-use super::listener::{Listener, Solved};
-use super::orders::{FrameOrder, MapOrder, MapVerdict, ResetOrder, Verdict};
+use super::listener::{FrameKeeper, Listener, Producer, Solved, Subscriber, View};
+use super::machine::Effect;
 use super::places::MapStage;
 use super::team::Team;
 use super::tick::{TickStage, WARM_UP_NS};
@@ -15,6 +13,9 @@ use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::{ImuReading, StereoFrame};
 use plumbline_estimator::places::{MapUpdate, PlaceJob};
 use plumbline_estimator::{Estimate, Feedback, Fork, FrameInput, FrontEnd, Odometer, ResetKind, Tracked};
+use plumbline_record::digest::Digest;
+use plumbline_record::said::FullEstimate;
+use plumbline_record::{Event, FrameOrder, MapOrder, MapVerdict, ResetOrder, Said, Severity, Verdict};
 
 /// A tracked frame on its way to the window.
 #[derive(Clone, Debug)]
@@ -48,6 +49,7 @@ fn measured<T>(count_allocations: bool, work: impl FnOnce() -> T) -> (T, Cost, u
 pub struct FrontStage {
     config: ValidConfig,
     listener: Box<dyn Listener>,
+    keeper: Option<Box<dyn FrameKeeper>>,
     front_end: FrontEnd,
     point_times: StageTimes,
     line_times: StageTimes,
@@ -63,10 +65,11 @@ pub struct FrontStage {
 impl FrontStage {
     /// Everything allocated for the configuration.
     #[must_use]
-    pub fn new(config: &ValidConfig, listener: Box<dyn Listener>) -> Self {
+    pub fn new(config: &ValidConfig, subscriber: &mut dyn Subscriber) -> Self {
         Self {
             config: config.clone(),
-            listener,
+            listener: subscriber.listener(Producer::FrontEnd),
+            keeper: subscriber.frame_keeper(),
             front_end: FrontEnd::new(config.setup()),
             point_times: StageTimes::default(),
             line_times: StageTimes::default(),
@@ -105,9 +108,9 @@ impl FrontStage {
         let order = self.order(frame, Verdict::Taken { level: rung.level() });
         let Self { listener, front_end, point_times, line_times, .. } = self;
         let ((), cost, allocations) = measured(frame.stamp.nanos_since(first) > WARM_UP_NS, || {
-            listener.order(&order);
+            listener.said(&Said::Order(order));
             front_end.track(&input, &rung.budget(), fork, [point_times, line_times], &mut job.tracked);
-            listener.tracked(&job.tracked);
+            listener.shown(View::Tracked(&job.tracked));
         });
         job.cost = cost;
         self.allocations += allocations;
@@ -115,7 +118,7 @@ impl FrontStage {
 
     /// Starts anew before the frame of that sequence number.
     pub fn reset(&mut self, kind: ResetKind, before_frame: u64) {
-        self.listener.reset(&ResetOrder { kind, before_frame, is_renewal: false });
+        self.listener.said(&Said::Reset(ResetOrder { kind, before_frame, is_renewal: false }));
         self.front_end.reset(kind);
     }
 
@@ -124,22 +127,26 @@ impl FrontStage {
     pub fn renew(&mut self, lost: impl Iterator<Item = u64>, before_frame: u64) {
         for frame in lost {
             let order = FrameOrder { frame, readings_before: self.readings, verdict: Verdict::Lost };
-            self.listener.order(&order);
+            self.listener.said(&Said::Order(order));
         }
-        self.listener.reset(&ResetOrder { kind: ResetKind::Soft, before_frame, is_renewal: true });
+        let order = ResetOrder { kind: ResetKind::Soft, before_frame, is_renewal: true };
+        self.listener.said(&Said::Reset(order));
         self.front_end = FrontEnd::new(self.config.setup());
     }
 
     /// Passes a frame over.
     pub fn refuse(&mut self, frame: &mut StereoFrame) {
         let order = self.order(frame, Verdict::Refused);
-        self.listener.order(&order);
-        self.listener.frame(frame);
+        self.listener.said(&Said::Order(order));
+        self.release(frame);
     }
 
     /// A tracked frame is done with; other buffers may be left in its place.
     pub fn release(&mut self, frame: &mut StereoFrame) {
-        self.listener.frame(frame);
+        self.listener.shown(View::Frame(frame));
+        if let Some(keeper) = &mut self.keeper {
+            keeper.keep(frame);
+        }
     }
 
     fn order(&self, frame: &StereoFrame, verdict: Verdict) -> FrameOrder {
@@ -160,7 +167,7 @@ impl FrontStage {
 
     /// A frame is not given to the map, which is not done with the one before.
     pub fn pass_over_place(&mut self, sequence: u64) {
-        self.listener.map_order(&MapOrder { frame: sequence, verdict: MapVerdict::PassedOver });
+        self.listener.said(&Said::MapOrder(MapOrder { frame: sequence, verdict: MapVerdict::PassedOver }));
     }
 
     /// The time of each stage so far.
@@ -193,7 +200,7 @@ pub struct WindowStage {
 impl WindowStage {
     /// Everything allocated for the configuration.
     #[must_use]
-    pub fn new(config: &ValidConfig, listener: Box<dyn Listener>) -> Self {
+    pub fn new(config: &ValidConfig, effect: Effect, listener: Box<dyn Listener>) -> Self {
         let mut odometer = Odometer::new(config.setup());
         odometer.keep_steps(listener.keeps_steps());
         Self {
@@ -208,7 +215,7 @@ impl WindowStage {
             times: StageTimes::default(),
             allocations: 0,
             resets: 0,
-            map: config.estimator.places.enabled.then(MapStage::default),
+            map: config.estimator.places.enabled.then(|| MapStage::new(effect)),
         }
     }
 
@@ -216,6 +223,20 @@ impl WindowStage {
     pub fn update_map_later(&mut self, update: MapUpdate) {
         if let Some(map) = &mut self.map {
             map.update_later(update);
+        }
+    }
+
+    /// What was found with `frame` takes effect with the estimate of `at_frame`, by order.
+    pub fn apply_to_map(&mut self, frame: u64, at_frame: u64) {
+        if let Some(map) = &mut self.map {
+            map.apply_by(frame, at_frame);
+        }
+    }
+
+    /// Ends the map before the flight.
+    pub fn end_map(&mut self) {
+        if let Some(map) = &mut self.map {
+            map.end();
         }
     }
 
@@ -243,11 +264,11 @@ impl WindowStage {
         let Self { listener, odometer, times, .. } = self;
         let (estimate, cost, allocations) = measured(is_warm, || {
             let estimate = odometer.process(&job.tracked, times, feedback);
-            listener.solved(&Solved {
+            listener.shown(View::Solved(&Solved {
                 estimate: &estimate,
                 step: odometer.step_covariance(),
                 window: &odometer.window,
-            });
+            }));
             estimate
         });
         let counting = is_warm.then(alloc::Count::begin);
@@ -269,20 +290,18 @@ impl WindowStage {
         let Some(reason) = &self.odometer.reset_reason else { return };
         let severity = if reason.is_asked_for() { Severity::Warning } else { Severity::Error };
         let (frame, count) = (estimate.frame_sequence, estimate.reset_counter);
-        self.listener.event(&Event::new(
-            estimate.stamp,
-            severity,
-            format_args!("frame {frame}: reset {count}: {reason}"),
-        ));
+        let text = format_args!("frame {frame}: reset {count}: {reason}");
+        self.listener.said(&Said::Event(Event::new(estimate.stamp, severity, text)));
     }
 
     fn hand_out(&mut self, estimate: &Estimate, cost: Cost) {
-        self.digest.estimate(estimate);
+        self.digest.add(estimate);
         self.figures.frame(estimate, cost);
         if let Some(map) = &mut self.map {
             map.follow(estimate, &mut *self.listener);
         }
-        self.listener.estimate(estimate, cost.wall_ms);
+        let full = FullEstimate { estimate: estimate.clone(), frame_ms: cost.wall_ms };
+        self.listener.said(&Said::Estimate(full));
     }
 
     /// SHA-256 over the bits of all estimates so far.

@@ -1,15 +1,16 @@
 //! The tick: every inertial reading becomes odometry, corrected by estimates at a fixed delay.
 
-use super::digest::Digest;
 use super::figures::StageTimes;
 use super::listener::Listener;
-use super::orders::CorrectionOrder;
+use super::machine::Effect;
 use crate::alloc;
 use crate::pipeline::clock::Stopwatch;
 use crate::schedule::times::Times;
 use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::ImuReading;
 use plumbline_estimator::{Estimate, Propagator, Stage, StageProbe};
+use plumbline_record::digest::Digest;
+use plumbline_record::{CorrectionOrder, Said};
 use std::collections::VecDeque;
 
 /// An estimate takes effect on the odometry this long after its measurement, in data time: longer than the
@@ -40,6 +41,7 @@ pub struct TickFigures {
 /// The stage of the tick: owns the odometry.
 pub struct TickStage {
     propagator: Propagator,
+    effect: Effect,
     pending: VecDeque<Estimate>,
     readings: u64,
     first: Option<Timestamp>,
@@ -53,9 +55,10 @@ pub struct TickStage {
 impl TickStage {
     /// Everything allocated for the configuration.
     #[must_use]
-    pub fn new(config: &ValidConfig, listener: Box<dyn Listener>) -> Self {
+    pub fn new(config: &ValidConfig, effect: Effect, listener: Box<dyn Listener>) -> Self {
         Self {
             listener,
+            effect,
             propagator: Propagator::new(config.setup()),
             pending: VecDeque::with_capacity(MAX_PENDING),
             readings: 0,
@@ -94,18 +97,20 @@ impl TickStage {
         self.figures.times.begin(Stage::Propagate);
         let is_believed = self.propagator.expects(sample);
         if is_believed {
-            self.correct(sample.stamp);
+            if self.effect == Effect::ByRule {
+                self.correct(sample.stamp);
+            }
             self.newest = sample.stamp;
         }
         let odometry = self.propagator.tick(sample);
         self.figures.times.end(Stage::Propagate);
         self.readings += 1;
-        if let Some(odometry) = &odometry {
+        if let Some(odometry) = odometry {
             self.figures.handout_us.record(watch.elapsed_ms() * 1e3);
-            self.digest.odometry(odometry);
-            self.listener.odometry(odometry);
+            self.digest.add(&odometry);
+            self.listener.said(&Said::Odometry(odometry));
         }
-        self.listener.reading(reading);
+        self.listener.said(&Said::Imu(*reading));
         self.figures.allocations += counting.map_or(0, alloc::Count::end);
     }
 
@@ -123,10 +128,28 @@ impl TickStage {
                 return;
             }
             let Some(estimate) = self.pending.pop_front().filter(|_| wait_ns <= 0) else { continue };
-            self.propagator.correct(&estimate);
-            let frame = estimate.frame_sequence;
-            self.listener.correction(&CorrectionOrder { frame, readings_before: self.readings });
+            self.apply(&estimate);
         }
+    }
+
+    /// Corrects by the estimate of `frame`, if it waits; earlier ones have no effect any more.
+    pub fn correct_by(&mut self, frame: u64) {
+        while self.pending.pop_front_if(|estimate| estimate.frame_sequence < frame).is_some() {}
+        if let Some(estimate) = self.pending.pop_front_if(|estimate| estimate.frame_sequence == frame) {
+            self.apply(&estimate);
+        }
+    }
+
+    fn apply(&mut self, estimate: &Estimate) {
+        self.propagator.correct(estimate);
+        let order = CorrectionOrder { frame: estimate.frame_sequence, readings_before: self.readings };
+        self.listener.said(&Said::Correction(order));
+    }
+
+    /// The first frame from `frame` on whose estimate waits to take effect.
+    #[must_use]
+    pub fn waiting_from(&self, frame: u64) -> Option<u64> {
+        self.pending.iter().map(|estimate| estimate.frame_sequence).find(|waiting| *waiting >= frame)
     }
 
     /// SHA-256 over the bits of all odometry so far.

@@ -181,20 +181,26 @@ pub fn encode(map: &MapContents) -> Vec<u8> {
     out.0
 }
 
-/// The map that bytes hold.
+/// Checks what a file of `length` bytes that begins with `start` says of its length, before the rest is read.
 ///
 /// # Errors
-/// When they are no whole, undamaged map of this version.
-pub fn decode(bytes: &[u8]) -> Result<MapContents, MapDefect> {
-    if bytes.get(..MAGIC.len()) != Some(MAGIC.as_slice()) {
+/// When it is no map of this version, or has another length than it says.
+pub fn check_start(start: &[u8], length: u64) -> Result<(), MapDefect> {
+    read_header(start, length).map(|_| ())
+}
+
+/// Version, kind of the descriptors and counts of a map of `length` bytes that begins with `start`; `None` in place of counts
+/// that are more than a map can hold.
+fn read_header(start: &[u8], length: u64) -> Result<(u32, Option<Counts>), MapDefect> {
+    if start.get(..MAGIC.len()) != Some(MAGIC.as_slice()) {
         return Err(MapDefect::Foreign);
     }
-    let length = |expected: usize| MapDefect::Length { found: bytes.len() as u64, expected: expected as u64 };
+    let expected = |expected: usize| MapDefect::Length { found: length, expected: expected as u64 };
     let least = HEADER_BYTES + CHECKSUM_BYTES;
-    if bytes.len() < least {
-        return Err(length(least));
-    }
-    let mut header = Reader(&bytes[MAGIC.len()..HEADER_BYTES]);
+    let Some(header) = start.get(MAGIC.len()..HEADER_BYTES).filter(|_| length >= least as u64) else {
+        return Err(expected(least));
+    };
+    let mut header = Reader(header);
     let version = header.u32();
     if !(WITHOUT_LINES..=VERSION).contains(&version) {
         return Err(MapDefect::Version { found: version });
@@ -205,22 +211,28 @@ pub fn decode(bytes: &[u8]) -> Result<MapContents, MapDefect> {
         && features <= u64::from(keyframes) * u64::from(MAX_FEATURES)
         && u64::from(lines) <= u64::from(keyframes) * MAX_LINES as u64
         && (version != WITHOUT_LINES || lines == 0);
-    let counts = Counts {
-        version,
-        keyframes: keyframes as usize,
-        features: usize::try_from(features).unwrap_or(usize::MAX),
-        lines: lines as usize,
-    };
-    if possible && counts.encoded_bytes() != bytes.len() {
-        return Err(length(counts.encoded_bytes()));
+    if !possible {
+        return Ok((kind, None));
     }
+    let counts =
+        Counts { version, keyframes: keyframes as usize, features: features as usize, lines: lines as usize };
+    match counts.encoded_bytes() {
+        bytes if bytes as u64 == length => Ok((kind, Some(counts))),
+        bytes => Err(expected(bytes)),
+    }
+}
+
+/// The map that bytes hold.
+///
+/// # Errors
+/// When they are no whole, undamaged map of this version.
+pub fn decode(bytes: &[u8]) -> Result<MapContents, MapDefect> {
+    let (kind, counts) = read_header(bytes, bytes.len() as u64)?;
     let (body, checksum) = bytes.split_at(bytes.len() - CHECKSUM_BYTES);
     if Reader(checksum).u64() != xxh3_64(body) {
         return Err(MapDefect::Checksum);
     }
-    if !possible {
-        return Err(MapDefect::Impossible("more than a map can hold"));
-    }
+    let counts = counts.ok_or(MapDefect::Impossible("more than a map can hold"))?;
     if kind != DESCRIPTOR_KIND {
         return Err(MapDefect::Impossible("descriptors of an unknown kind"));
     }

@@ -3,8 +3,9 @@
 //! A map is written beside the old one, brought to the disk, and then takes its name in one step. Whoever is killed
 //! in between leaves the old map, and at most a `.partial` file, which the next save replaces.
 
-use super::codec::{MapContents, MapDefect, decode, encode};
+use super::codec::{MapContents, MapDefect, check_start, decode, encode};
 use crate::log::KnownMap;
+use plumbline_drivers::open_regular;
 use plumbline_estimator::places::MapLimits;
 use rustix::fs::{Mode, OFlags};
 use sha2::{Digest as _, Sha256};
@@ -14,6 +15,8 @@ use std::path::{Path, PathBuf};
 
 /// Files longer than this are not read, bytes: twice the largest map.
 const MAX_FILE_BYTES: u64 = 8 << 30;
+/// What is read first, bytes: the header says how long a map is.
+const START_BYTES: u64 = 32;
 
 /// Why a map cannot be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -49,18 +52,23 @@ pub enum MapFileError {
 /// # Errors
 /// When the file cannot be read, or is no whole, undamaged map.
 pub fn read_map(path: &Path) -> Result<MapContents, MapFileError> {
-    let bytes = read_bounded(path).map_err(|source| MapFileError::Read { path: path.into(), source })?;
+    let bytes = read_bounded(path)?;
     decode(&bytes).map_err(|defect| MapFileError::Defect { path: path.into(), defect })
 }
 
-fn read_bounded(path: &Path) -> io::Result<Vec<u8>> {
-    let file = File::open(path)?;
-    let found = file.metadata()?;
-    if !found.is_file() || found.len() > MAX_FILE_BYTES {
-        return Err(io::Error::new(io::ErrorKind::InvalidInput, "not a file of the size of a map"));
+/// The bytes of a file that has the length that its header says: one that claims gigabytes is not read.
+fn read_bounded(path: &Path) -> Result<Vec<u8>, MapFileError> {
+    let read = |source| MapFileError::Read { path: path.into(), source };
+    let file = open_regular(path).map_err(read)?;
+    let length = file.metadata().map_err(read)?.len();
+    if length > MAX_FILE_BYTES {
+        return Err(read(io::Error::new(io::ErrorKind::InvalidInput, "not a file of the size of a map")));
     }
-    let mut bytes = Vec::with_capacity(found.len() as usize);
-    file.take(MAX_FILE_BYTES).read_to_end(&mut bytes)?;
+    let mut bytes = Vec::new();
+    (&file).take(START_BYTES).read_to_end(&mut bytes).map_err(read)?;
+    check_start(&bytes, length).map_err(|defect| MapFileError::Defect { path: path.into(), defect })?;
+    bytes.reserve_exact((length as usize).saturating_sub(bytes.len()));
+    file.take(length.saturating_sub(START_BYTES)).read_to_end(&mut bytes).map_err(read)?;
     Ok(bytes)
 }
 
@@ -69,7 +77,7 @@ fn read_bounded(path: &Path) -> io::Result<Vec<u8>> {
 /// # Errors
 /// As [`read_map`].
 pub fn read_known_map(path: &Path, limits: MapLimits) -> Result<KnownMap, MapFileError> {
-    let bytes = read_bounded(path).map_err(|source| MapFileError::Read { path: path.into(), source })?;
+    let bytes = read_bounded(path)?;
     let contents = decode(&bytes).map_err(|defect| MapFileError::Defect { path: path.into(), defect })?;
     let sha256 = Sha256::digest(&bytes).iter().map(|b| format!("{b:02x}")).collect();
     Ok(KnownMap { map: contents.into_map(limits), sha256 })
@@ -92,7 +100,9 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let mut name = path.file_name().ok_or(io::ErrorKind::InvalidInput)?.to_owned();
     name.push(".partial");
     let partial = path.with_file_name(name);
-    let mut file = File::create(&partial)?;
+    // A link that somebody has put there is not followed: it is replaced, or in the way.
+    let _ = std::fs::remove_file(&partial);
+    let mut file = File::create_new(&partial)?;
     file.write_all(bytes)?;
     file.sync_all()?;
     std::fs::rename(&partial, path)?;
@@ -127,6 +137,33 @@ mod tests {
         write_map(&path, &MapContents::default()).unwrap();
         assert_eq!(read_map(&path).unwrap(), MapContents::default());
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_link_in_place_of_the_partial_file_is_not_followed() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, other) = (folder.path().join("room.map"), folder.path().join("other"));
+        std::fs::write(&other, "kept").unwrap();
+        std::os::unix::fs::symlink(&other, folder.path().join("room.map.partial")).unwrap();
+        write_map(&path, &MapContents::default()).unwrap();
+        assert_eq!(std::fs::read_to_string(&other).unwrap(), "kept");
+        assert!(path.symlink_metadata().unwrap().is_file());
+    }
+
+    #[test]
+    fn a_file_that_claims_gigabytes_is_refused_by_its_header() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sparse.map");
+        let mut file = File::create(&path).unwrap();
+        file.write_all(&encode(&MapContents::default())).unwrap();
+        // Sparse: it takes no room on the disk, and six gigabytes once it is read.
+        file.set_len(6 << 30).unwrap();
+        let error = read_map(&path).unwrap_err();
+        let is_length = matches!(
+            error,
+            MapFileError::Defect { defect: MapDefect::Length { found: 6_442_450_944, .. }, .. }
+        );
+        assert!(is_length, "{error}");
     }
 
     #[test]

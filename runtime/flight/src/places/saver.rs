@@ -5,7 +5,7 @@
 
 use super::{MapContents, write_map};
 use crate::pipeline::Control;
-use crate::pipeline::listener::{Listener, Mapped, Producer, Subscriber};
+use crate::pipeline::listener::{Listener, Producer, Subscriber, View};
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
@@ -86,8 +86,10 @@ struct Copier {
 }
 
 impl Listener for Copier {
-    fn mapped(&mut self, mapped: &Mapped<'_>) {
-        if self.control.map_saves().take() {
+    fn shown(&mut self, view: View<'_>) {
+        if let View::Mapped(mapped) = view
+            && self.control.map_saves().take()
+        {
             // Of two requests while a map is written, one is enough: the one that waits was copied a moment ago.
             let _ = self.to_write.try_send(MapContents::of(mapped.mapper.map()));
         }

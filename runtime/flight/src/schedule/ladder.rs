@@ -3,7 +3,7 @@
 //! The ladder watches how long frames take and whether any had to be refused. Each step down is taken at
 //! once when frames stop fitting; each step up waits for a calm stretch, and longer every time it proves
 //! premature. The rung of a frame is an input of its estimate, so it is written down with the frame
-//! ([`crate::pipeline::orders`]) and followed when the flight is executed again.
+//! ([`plumbline_record::orders`]) and followed when the flight is executed again.
 
 use plumbline_estimator::WorkBudget;
 

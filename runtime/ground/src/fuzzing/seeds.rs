@@ -8,7 +8,8 @@ use prost::Message as _;
 fn network_messages() -> Vec<Vec<u8>> {
     let header = wire::odom(&odometry(), 7, 5).header;
     let pose = wire::pose(&odometry().pose_o_b);
-    let jpeg = vec![0xff, 0xd8, 0xff, 0xd9];
+    // A header alone, of the size that the message says.
+    let jpeg = vec![0xff, 0xd8, 0xff, 0xc0, 0, 11, 8, 0, 4, 0, 4, 1, 1, 0x11, 0, 0xff, 0xd9];
     let (points_o, lines_o) = (vec![1.0, 2.0, 3.0], vec![0.0, 1.0, 2.0, 3.0, 4.0, 5.0]);
     let messages = [
         (0, wire::odom(&odometry(), 7, 5).encode_to_vec()),

@@ -44,13 +44,18 @@ fn refusal(station: &Station, method: &Method, headers: &HeaderMap, path: &str) 
     if *method == Method::GET && path != "/ws" {
         return None;
     }
-    let is_same = text(headers, &header::ORIGIN).is_none_or(|origin| origin == format!("http://{host}"));
-    if !is_same {
+    if !is_same_origin(headers, host) {
         return Some("a page of another origin may not do this\n");
     }
     let is_json =
         text(headers, &header::CONTENT_TYPE).is_some_and(|kind| kind.starts_with("application/json"));
     (*method == Method::POST && !is_json).then_some("send application/json\n")
+}
+
+/// Whether no other origin is named; one that cannot be read is another.
+fn is_same_origin(headers: &HeaderMap, host: &str) -> bool {
+    let ours = format!("http://{host}");
+    headers.get_all(header::ORIGIN).iter().all(|origin| origin.as_bytes() == ours.as_bytes())
 }
 
 fn text<'a>(headers: &'a HeaderMap, name: &header::HeaderName) -> Option<&'a str> {
@@ -80,7 +85,23 @@ pub fn own_names() -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::{is_loopback, is_ours};
+    use super::{is_loopback, is_ours, is_same_origin};
+    use axum::http::{HeaderMap, HeaderValue, header::ORIGIN};
+
+    #[test]
+    fn an_origin_that_is_not_ascii_is_another() {
+        let is_same = |origins: &[&[u8]]| {
+            let mut headers = HeaderMap::new();
+            for origin in origins {
+                headers.append(ORIGIN, HeaderValue::from_bytes(origin).unwrap());
+            }
+            is_same_origin(&headers, "localhost:8080")
+        };
+        assert!(is_same(&[]) && is_same(&[b"http://localhost:8080"]));
+        assert!(!is_same(&[b"http://evil.example"]) && !is_same(&[b"null"]));
+        assert!(!is_same(&["http://b\u{fc}cher.example".as_bytes()]) && !is_same(&[&[0xff, 0xfe]]));
+        assert!(!is_same(&[b"http://localhost:8080", b"http://evil.example"]));
+    }
 
     #[test]
     fn hosts_are_told_apart() {

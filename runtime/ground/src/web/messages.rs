@@ -30,6 +30,7 @@ pub fn fleet(fleet: &Fleet, web_malformed: u64, now: Instant) -> String {
         "now_s": now.saturating_duration_since(fleet.start).as_secs_f64(),
         "malformed": fleet.malformed + web_malformed,
         "refused": fleet.refused,
+        "network": fleet.network,
         "vehicles": vehicles,
     })
     .to_string()
@@ -61,6 +62,10 @@ fn vehicle(name: &str, v: &Vehicle, now: Instant) -> Value {
         "stamp_ns": v.stamp_ns.to_string(),
         "words": v.health_words,
         "bits": v.bits,
+        "notices": v.notices,
+        "stamps": {
+            "frames_restamped": v.bad_stamps[0], "frames_refused": v.bad_stamps[1], "samples_refused": v.bad_stamps[2],
+        },
         "rung": v.rung,
         "frame_ms": v.frame_ms,
         "frame_rate_hz": v.frame_rate_hz,
@@ -175,6 +180,7 @@ mod tests {
     fn a_vehicle_that_was_never_heard_has_no_numbers() {
         let mut known = Fleet::default();
         known.alive("drone", true);
+        known.network = "Connecting to tcp/127.0.0.1:7447".into();
         let told: Value = serde_json::from_str(&fleet(&known, 2, Instant::now())).unwrap();
         let vehicle = &told["vehicles"][0];
         assert_eq!(vehicle["presence"], "unknown");
@@ -182,6 +188,27 @@ mod tests {
             vehicle["pose"].is_null() && vehicle["age_s"].is_null() && vehicle["link"]["rtt_ms"].is_null()
         );
         assert_eq!(told["malformed"], 2);
+        assert_eq!(told["network"], "Connecting to tcp/127.0.0.1:7447");
+    }
+
+    #[test]
+    fn notices_and_bad_stamps_reach_the_page() {
+        let mut known = Fleet::default();
+        known.alive("drone", true);
+        let health = proto::Health {
+            header: Some(proto::Header::default()),
+            notices: vec!["mounting unknown: set it".into()],
+            frames_restamped: 3,
+            samples_refused: 5,
+            ..proto::Health::default()
+        };
+        known.health("drone", &health, 100, Instant::now());
+        let told: Value = serde_json::from_str(&fleet(&known, 0, Instant::now())).unwrap();
+        let vehicle = &told["vehicles"][0];
+        assert_eq!(vehicle["notices"][0], "mounting unknown: set it");
+        let stamps = json!({"frames_restamped": 3, "frames_refused": 0, "samples_refused": 5});
+        assert_eq!(vehicle["stamps"], stamps);
+        assert!(vehicle["attitude_deg"].is_null());
     }
 
     #[test]

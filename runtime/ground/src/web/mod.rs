@@ -5,6 +5,7 @@
 
 pub(super) mod api;
 mod assets;
+mod connections;
 pub(super) mod guard;
 mod messages;
 pub(super) mod socket;
@@ -89,11 +90,7 @@ pub async fn serve(
     let station =
         Arc::new(Station { fleet, connection, commands, malformed, pages, address, names, downloads });
     let app = router(station);
-    tokio::spawn(async move {
-        if let Err(error) = axum::serve(listener, app).await {
-            tracing::error!("the web page server has stopped: {error}");
-        }
-    });
+    tokio::spawn(connections::serve(listener, app));
     Ok(address)
 }
 

@@ -6,6 +6,7 @@
 use super::super::fleet::Fleet;
 use super::super::fleet::lock;
 use super::super::listen::watch_camera;
+use super::super::vehicle::Vehicle;
 use super::{Station, messages};
 use axum::extract::State;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
@@ -81,14 +82,13 @@ impl Page {
     async fn run(mut self, mut socket: WebSocket) {
         let mut clock = tokio::time::interval(PERIOD);
         clock.set_missed_tick_behavior(MissedTickBehavior::Delay);
-        if !send(&mut socket, vec![Message::text(messages::hello(self.station.commands))]).await {
+        if !send(&mut socket, Message::text(messages::hello(self.station.commands))).await {
             return;
         }
         loop {
             tokio::select! {
                 _ = clock.tick() => {
-                    let updates = self.updates(Instant::now());
-                    if !send(&mut socket, updates).await {
+                    if !self.send_news(&mut socket).await {
                         return;
                     }
                 }
@@ -128,24 +128,42 @@ impl Page {
         }
     }
 
-    /// Everything that this page has not received yet.
-    fn updates(&mut self, now: Instant) -> Vec<Message> {
-        let station = Arc::clone(&self.station);
-        let fleet = lock(&station.fleet);
-        let mut news =
-            vec![Message::text(messages::fleet(&fleet, station.malformed.load(Ordering::Relaxed), now))];
-        news.extend(fleet.events_since(self.events).map(|event| Message::text(messages::event(event))));
-        self.events = fleet.event_count;
-        let Self { places, cameras, .. } = self;
-        places.retain(|name, _| fleet.vehicles.contains_key(name));
-        for name in fleet.vehicles.keys() {
-            let place = places.entry(name.clone()).or_default();
-            paths_and_maps(&fleet, name, place, &mut news);
-            if cameras.contains_key(name) {
-                picture(&fleet, name, place, &mut news);
+    /// Sends everything that this page has not received yet; whether it took it. One message at a time is made, so a page
+    /// that does not read holds one in memory, however many vehicles there are.
+    async fn send_news(&mut self, socket: &mut WebSocket) -> bool {
+        let (first, names) = self.first_news(Instant::now());
+        for message in first {
+            if !send(socket, message).await {
+                return false;
             }
         }
-        news
+        for name in names {
+            for part in PARTS {
+                if let Some(message) = self.part(&name, part)
+                    && !send(socket, message).await
+                {
+                    return false;
+                }
+            }
+        }
+        true
+    }
+
+    /// Figures and events, and the vehicles there are.
+    fn first_news(&mut self, now: Instant) -> (Vec<Message>, Vec<String>) {
+        let fleet = lock(&self.station.fleet);
+        let news = figures(&fleet, self.station.malformed.load(Ordering::Relaxed), self.events, now);
+        self.events = fleet.event_count;
+        self.places.retain(|name, _| fleet.vehicles.contains_key(name));
+        (news, fleet.vehicles.keys().cloned().collect())
+    }
+
+    /// What is new of a part of a vehicle.
+    fn part(&mut self, name: &str, part: Part) -> Option<Message> {
+        let place = self.places.entry(name.to_owned()).or_default();
+        let fleet = lock(&self.station.fleet);
+        let is_shown = part != Part::Picture || self.cameras.contains_key(name);
+        fleet.vehicles.get(name).filter(|_| is_shown).and_then(|vehicle| part.news(name, vehicle, place))
     }
 }
 
@@ -154,60 +172,102 @@ pub fn watched(text: &str) -> Option<Vec<String>> {
     serde_json::from_str(text).ok().map(|PageMessage::Watch { camera }| camera)
 }
 
+/// Figures of all vehicles, and events from this count on.
+fn figures(fleet: &Fleet, malformed: u64, events: u64, now: Instant) -> Vec<Message> {
+    let mut news = vec![Message::text(messages::fleet(fleet, malformed, now))];
+    news.extend(fleet.events_since(events).map(|event| Message::text(messages::event(event))));
+    news
+}
+
 /// Everything that a page which has just been opened is told of every vehicle.
 #[cfg(any(test, feature = "fuzzing"))]
 pub fn everything(fleet: &Fleet) -> Vec<Message> {
-    let mut news = vec![Message::text(messages::fleet(fleet, 0, Instant::now()))];
-    news.extend(fleet.events_since(0).map(|event| Message::text(messages::event(event))));
-    for name in fleet.vehicles.keys() {
+    let mut news = figures(fleet, 0, 0, Instant::now());
+    for (name, vehicle) in &fleet.vehicles {
         let mut place = Place::default();
-        paths_and_maps(fleet, name, &mut place, &mut news);
-        picture(fleet, name, &mut place, &mut news);
+        news.extend(PARTS.iter().filter_map(|part| part.news(name, vehicle, &mut place)));
     }
     news
 }
 
-fn paths_and_maps(fleet: &Fleet, name: &str, place: &mut Place, news: &mut Vec<Message>) {
-    let Some(vehicle) = fleet.vehicles.get(name) else { return };
-    let is_new = place.track != Some(vehicle.track.epoch);
-    let (first, points) = vehicle.track.since(if is_new { 0 } else { place.track_next }, MAX_TRACK);
-    if is_new || !points.is_empty() {
-        place.track = Some(vehicle.track.epoch);
-        place.track_next = first + points.len() as u64;
-        news.push(Message::text(messages::track(name, is_new, &points)));
-    }
-    let is_new = place.map != Some(vehicle.map.epoch);
-    let (next, keyframes) = vehicle.map.since(if is_new { 0 } else { place.map_next }, MAX_KEYFRAMES);
-    if is_new || !keyframes.is_empty() {
-        place.map = Some(vehicle.map.epoch);
-        place.map_next = next;
-        news.push(Message::text(messages::map(name, is_new, &keyframes)));
-    }
-    if place.corrected != vehicle.corrected.version {
-        place.corrected = vehicle.corrected.version;
-        news.push(Message::text(messages::corrected(name, &vehicle.corrected)));
-    }
-    if place.scene != vehicle.map.scene.version {
-        place.scene = vehicle.map.scene.version;
-        news.push(Message::text(messages::scene(name, &vehicle.map.scene)));
-    }
+/// What a page is told of a vehicle beside its figures, each in a message of its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Part {
+    Track,
+    Map,
+    Corrected,
+    Scene,
+    Picture,
 }
 
-fn picture(fleet: &Fleet, name: &str, place: &mut Place, news: &mut Vec<Message>) {
-    let Some(picture) = fleet.vehicles.get(name).and_then(|vehicle| vehicle.picture.as_ref()) else { return };
-    if place.picture != picture.version {
-        place.picture = picture.version;
-        news.push(Message::binary(messages::picture(name, &picture.message)));
-    }
-}
+/// In the order in which they are sent.
+const PARTS: [Part; 5] = [Part::Track, Part::Map, Part::Corrected, Part::Scene, Part::Picture];
 
-/// Sends the messages; whether the page accepted them.
-async fn send(socket: &mut WebSocket, messages: Vec<Message>) -> bool {
-    for message in messages {
-        let sent = tokio::time::timeout(SEND_PATIENCE, socket.send(message)).await;
-        if !matches!(sent, Ok(Ok(()))) {
-            return false;
+impl Part {
+    /// What is new to a page that was told everything up to `place`.
+    fn news(self, name: &str, vehicle: &Vehicle, place: &mut Place) -> Option<Message> {
+        match self {
+            Self::Track => track(name, vehicle, place),
+            Self::Map => map(name, vehicle, place),
+            Self::Corrected => is_newer(&mut place.corrected, vehicle.corrected.version)
+                .then(|| Message::text(messages::corrected(name, &vehicle.corrected))),
+            Self::Scene => is_newer(&mut place.scene, vehicle.map.scene.version)
+                .then(|| Message::text(messages::scene(name, &vehicle.map.scene))),
+            Self::Picture => {
+                let picture = vehicle.picture.as_ref()?;
+                is_newer(&mut place.picture, picture.version)
+                    .then(|| Message::binary(messages::picture(name, &picture.message)))
+            }
         }
     }
-    true
+}
+
+/// Whether a version is another than the last one, which it becomes.
+fn is_newer(last: &mut u64, version: u64) -> bool {
+    std::mem::replace(last, version) != version
+}
+
+fn track(name: &str, vehicle: &Vehicle, place: &mut Place) -> Option<Message> {
+    let is_new = place.track != Some(vehicle.track.epoch);
+    let (first, points) = vehicle.track.since(if is_new { 0 } else { place.track_next }, MAX_TRACK);
+    if !is_new && points.is_empty() {
+        return None;
+    }
+    place.track = Some(vehicle.track.epoch);
+    place.track_next = first + points.len() as u64;
+    Some(Message::text(messages::track(name, is_new, &points)))
+}
+
+fn map(name: &str, vehicle: &Vehicle, place: &mut Place) -> Option<Message> {
+    let is_new = place.map != Some(vehicle.map.epoch);
+    let (next, keyframes) = vehicle.map.since(if is_new { 0 } else { place.map_next }, MAX_KEYFRAMES);
+    if !is_new && keyframes.is_empty() {
+        return None;
+    }
+    place.map = Some(vehicle.map.epoch);
+    place.map_next = next;
+    Some(Message::text(messages::map(name, is_new, &keyframes)))
+}
+
+/// Sends a message; whether the page accepted it.
+async fn send(socket: &mut WebSocket, message: Message) -> bool {
+    let sent = tokio::time::timeout(SEND_PATIENCE, socket.send(message)).await;
+    matches!(sent, Ok(Ok(())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_part_of_a_vehicle_is_told_once() {
+        let mut fleet = Fleet::default();
+        fleet.alive("drone", true);
+        let vehicle = &fleet.vehicles["drone"];
+        let mut place = Place::default();
+        let mut told = || PARTS.iter().filter_map(|part| part.news("drone", vehicle, &mut place)).count();
+        // An empty path and an empty map begin what was there before.
+        assert_eq!((told(), told()), (2, 0));
+        assert_eq!(everything(&fleet).len(), 4, "figures, the event, path and map");
+    }
 }

@@ -19,10 +19,11 @@ export class Corrected3d {
     this.seen = { vehicle: null, version: -1 };
   }
 
-  // `poseMO` takes coordinates of O to M, or is null while that is not known: then only the map frame has a place for it.
+  // `poseMO` takes coordinates of O to M, or is null while that is not known: then neither frame has a place for it, since the
+  // vehicle is drawn in O.
   update(vehicle, look, poseMO) {
     const inMap = look.frame === 'map';
-    this.root.visible = look.isSelected && (inMap || poseMO !== null);
+    this.root.visible = look.isSelected && poseMO !== null;
     if (!this.root.visible) return;
     this.root.matrix.identity();
     if (!inMap) compose(this.root.matrix, poseMO).invert();

@@ -23,6 +23,7 @@ const FIELDS = {
   'position-map': (v) => f.vector(tuple(v.state.pose_map, 7)?.slice(0, 3), 3),
   'semi-axes': (v) => ellipsoid(v.state.covariance)?.semiAxes.map(f.significant).join(' ') ?? f.UNKNOWN,
   'stamp': (v) => f.stampSeconds(v.state.stamp_ns),
+  'bad-stamps': (v) => badStamps(v.state.stamps),
   'rung': (v) => v.state.rung ?? f.UNKNOWN,
   'frame-ms': (v) => f.number(v.state.frame_ms, 1),
   'frame-rate': (v) => f.number(v.state.frame_rate_hz, 1),
@@ -48,6 +49,12 @@ const NOBODY = { state: {}, speed: NaN };
 // Roll, pitch and heading in degrees, or null.
 function attitudeOf(vehicle) {
   return tuple(vehicle.state.attitude_deg, 3);
+}
+
+// Frames stamped by arrival, frames dropped and samples dropped for their stamps.
+function badStamps(stamps) {
+  const counts = [stamps?.frames_restamped, stamps?.frames_refused, stamps?.samples_refused];
+  return counts.every(Number.isFinite) ? counts.join(' / ') : f.UNKNOWN;
 }
 
 function groundSpeed(velocity) {
@@ -96,11 +103,12 @@ export class Detail {
     const notes = [];
     if (presence === 'stale') notes.push(`no data for ${f.duration(age ?? NaN)}: showing the last values received`);
     if (presence === 'lost') notes.push(`link lost ${since(age)}: showing the last values received`);
-    const key = JSON.stringify([vehicle?.name, words, notes]);
+    const notices = vehicle && Array.isArray(vehicle.state.notices) ? vehicle.state.notices.slice(0, 16).map(String) : [];
+    const key = JSON.stringify([vehicle?.name, words, notes, notices]);
     if (key === this.shown) return;
     this.shown = key;
     const list = byId('words');
-    const items = [...notes.map((text) => ['note', text]), ...words.map((text) => [NOTICES.includes(text) ? 'info' : 'fault', text])];
+    const items = [...notes.map((text) => ['note', text]), ...notices.map((text) => ['fault', text]), ...words.map((text) => [NOTICES.includes(text) ? 'info' : 'fault', text])];
     if (!items.length) items.push(vehicle ? ['ok', 'no faults'] : ['note', 'no vehicle']);
     while (list.children.length > items.length) list.lastChild.remove();
     while (list.children.length < items.length) list.append(make('li'));

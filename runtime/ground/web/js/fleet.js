@@ -22,6 +22,7 @@ export class FleetList {
     const flying = [...store.vehicles.values()].filter((v) => store.presence(v) === 'tracking').length;
     setText(byId('fleet-count'), store.vehicles.size ? `${flying} of ${store.vehicles.size} tracking` : '');
     byId('fleet-empty').hidden = store.vehicles.size > 0;
+    setText(byId('fleet-empty'), store.attempt() || 'No vehicle received yet.');
   }
 
   // Entries in order of name; only when vehicles come or go.

@@ -8,6 +8,7 @@ import { Events } from './events.js';
 import { FleetList } from './fleet.js';
 import { number } from './format.js';
 import { listenToKeys } from './keys.js';
+import { Legend } from './legend.js';
 import { Link } from './link.js';
 import { Pace } from './pace.js';
 import { rememberPanels, sideToggle, togglePanel } from './panels.js';
@@ -23,6 +24,7 @@ const actions = new Actions(store, events);
 const detail = new Detail(store);
 const fleet = new FleetList(store, select);
 const strips = new Strips(byId('strips'));
+const legend = new Legend();
 let view = null; // once WebGL is there
 let link = null;
 const camera = new Camera(store, (names) => link?.watch(names));
@@ -52,10 +54,13 @@ function draw(at) {
     detail.update();
     actions.update();
     camera.update();
+    legend.update(theme(), store.vehicle?.index ?? 0);
     setText(byId('map-note'), mapNote());
     updateStation();
   }
   setData(byId('view3d'), 'points', store.vehicle?.track.length ?? 0);
+  setData(byId('view3d'), 'keyframes', store.vehicle?.map.keyframes.length ?? 0);
+  setData(byId('view3d'), 'landmarks', store.vehicle?.map.points.length ?? 0);
   setData(byId('view3d'), 'loops', (store.vehicle?.corrected.loops.length ?? 0) / 6);
   setData(byId('view3d'), 'corrected', store.vehicle?.corrected.poses ?? 0);
   if (dirty.space && pace.isDue(at)) {
@@ -98,11 +103,14 @@ function updateStation() {
   setText(byId('refused'), String(store.refused));
   setText(byId('version'), store.hello.version ? `Plumbline ${store.hello.version}` : '');
   const connection = byId('connection');
-  setData(connection, 'state', store.isOpen ? 'open' : 'closed');
+  setData(connection, 'state', store.connection());
+  const attempt = store.attempt();
+  byId('waiting').hidden = attempt === '';
+  setText(byId('waiting'), attempt);
   const banner = byId('banner');
   if (store.isOpen) {
     const silence = store.silence();
-    setText(byId('connection-text'), 'Connected');
+    setText(byId('connection-text'), store.connection() === 'open' ? 'Connected' : 'No vehicle');
     banner.hidden = silence < 2;
     if (!banner.hidden) setText(banner, 'No data from the ground station: the values shown are old.');
     return;
@@ -259,6 +267,7 @@ function listen() {
     s: toggleSide,
     h: () => togglePanel('history-panel'),
     c: () => togglePanel('camera-panel'),
+    l: () => togglePanel('legend'),
     d: () => byId('theme').click(),
   });
 }

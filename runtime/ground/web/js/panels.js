@@ -2,12 +2,18 @@
 
 import { byId, recall, remember } from './dom.js';
 
+// Whether the 3-D view is as narrow as on a phone.
+function isNarrow() {
+  return window.matchMedia('(max-width: 899px)').matches;
+}
+
 // Every `details` with an id keeps its state from visit to visit.
 export function rememberPanels() {
-  for (const panel of document.querySelectorAll('details.panel[id]')) {
+  for (const panel of document.querySelectorAll('details:is(.panel, .legend)[id]')) {
     const key = `panel.${panel.id}`;
     const kept = recall(key);
     if (kept !== null) panel.open = kept === 'open';
+    else if (panel.id === 'legend' && isNarrow()) panel.open = false;
     panel.addEventListener('toggle', () => remember(key, panel.open ? 'open' : 'closed'));
   }
 }

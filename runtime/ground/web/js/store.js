@@ -10,6 +10,7 @@ export const MAX_POINTS = 60_000;
 export const MAX_LINES = 20_000;
 export const MAX_PATH = 2_000; // poses, and loops, of a corrected path
 export const MAX_VEHICLES = 200;
+const MAX_WORDS = 400;
 const HISTORY_ROWS = 3_100; // five minutes at 10 Hz
 
 export const HISTORY_COLUMNS = [
@@ -77,12 +78,25 @@ export class Store {
     this.hello = { version: '', commands: true };
     this.malformed = 0;
     this.refused = 0;
+    this.network = ''; // what the station tries, in words
     this.nextIndex = 0;
     this.membership = 0; // grows when vehicles come or go
   }
 
   get vehicle() {
     return this.vehicles.get(this.selected) ?? null;
+  }
+
+  // The connection to the vehicles: "closed" without a station, "waiting" without a vehicle, else "open".
+  connection() {
+    if (!this.isOpen) return 'closed';
+    return this.vehicles.size ? 'open' : 'waiting';
+  }
+
+  // What the station does to reach a vehicle, as long as there is none; empty otherwise.
+  attempt() {
+    if (this.connection() !== 'waiting') return '';
+    return this.network ? `No vehicle received yet. ${this.network}.` : 'No vehicle received yet.';
   }
 
   // Seconds since the station last spoke of the fleet.
@@ -126,6 +140,7 @@ export class Store {
     this.nowAt = at;
     this.malformed = message.malformed ?? 0;
     this.refused = message.refused ?? 0;
+    this.network = typeof message.network === 'string' ? message.network.slice(0, MAX_WORDS) : '';
     const present = new Set();
     for (const state of Array.isArray(message.vehicles) ? message.vehicles : []) {
       const vehicle = this.get(state?.name);

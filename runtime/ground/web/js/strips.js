@@ -7,11 +7,12 @@ import { breakWraps } from './ring.js';
 
 const ANGLES = ['roll', 'pitch'];
 
-const STRIPS = [
+export const STRIPS = [
   { title: 'Attitude', unit: '°', columns: ANGLES, labels: ANGLES, digits: 1, least: 10 },
   { title: 'Velocity in O', unit: 'm/s', columns: ['vx', 'vy', 'vz'], labels: ['x', 'y', 'z'], digits: 1, least: 0.5 },
   { title: 'Quality', unit: '%', columns: ['quality', 'link'], labels: ['estimate', 'link'], digits: 0, range: [-5, 105], shade: true },
-  { title: 'Position, attitude 1σ', unit: '', columns: ['sigmaPosition', 'sigmaAttitude'], labels: ['m', '°'], significant: true, zero: true, least: 0.01 },
+  { title: 'Position 1σ', unit: 'm', columns: ['sigmaPosition'], labels: ['largest'], significant: true, zero: true, least: 0.01 },
+  { title: 'Attitude 1σ', unit: '°', columns: ['sigmaAttitude'], labels: ['largest'], significant: true, zero: true, least: 0.1 },
   { title: 'Computation, latency', unit: 'ms', columns: ['frameMs', 'latencyMs'], labels: ['frame', 'link'], digits: 1, zero: true, least: 1 },
   { title: 'Features tracked', unit: '', columns: ['points', 'lines'], labels: ['points', 'lines'], digits: 0, zero: true, least: 10 },
 ];

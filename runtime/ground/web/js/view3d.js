@@ -220,8 +220,17 @@ export class View3d {
       this.isPlaced = true;
       this.reset();
     }
+    this.startAgain(store.vehicle);
     this.widen();
     this.follow();
+  }
+
+  // A path that began anew, in an odometry frame of its own, is looked at as the first one was.
+  startAgain(vehicle) {
+    const path = vehicle ? `${vehicle.name} ${vehicle.track.epoch}` : '';
+    const isNew = this.path !== undefined && this.path !== path;
+    this.path = path;
+    if (isNew && this.isPlaced && this.follows && !this.isMoved) this.look(this.direction);
   }
 
   // Keeps a path that grows in view, until the user has moved the camera.

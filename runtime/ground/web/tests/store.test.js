@@ -122,3 +122,17 @@ test('messages that make no sense change nothing', () => {
   store.sceneOf({ vehicle: 'a', keyframes: 'x', points: null });
   assert.deepEqual(store.vehicle.scene, { keyframes: [], points: [], lines: [] });
 });
+
+test('without a vehicle the store says what the station tries, and is not connected', () => {
+  const store = open();
+  store.fleet({ type: 'fleet', now_s: 1, vehicles: [], network: 'Connecting to tcp/127.0.0.1:7447' }, 1000);
+  assert.equal(store.connection(), 'waiting');
+  assert.equal(store.attempt(), 'No vehicle received yet. Connecting to tcp/127.0.0.1:7447.');
+  fleet(store, [state('a')]);
+  assert.deepEqual([store.connection(), store.attempt()], ['open', '']);
+  store.isOpen = false;
+  assert.deepEqual([store.connection(), store.attempt()], ['closed', '']);
+  store.isOpen = true;
+  store.fleet({ type: 'fleet', now_s: 2, vehicles: [], network: { bad: 1 } }, 1100);
+  assert.equal(store.attempt(), 'No vehicle received yet.');
+});

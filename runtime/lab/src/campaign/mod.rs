@@ -15,8 +15,7 @@ use crate::report::silence::Silence;
 use crate::report::trust::Trust;
 use plumbline_config::ValidConfig;
 use plumbline_drivers::simulator::{FlightPath, Inertial, Scenario, Scene};
-use plumbline_estimator::HealthBits;
-use plumbline_flight::flight::states::StateRow;
+use plumbline_estimator::{Estimate, HealthBits};
 use plumbline_flight::flight::{FlightError, Flown, KeptStates, Truth, fly, open_simulation, with_overrides};
 use plumbline_flight::pipeline::listener::Subscriber;
 use plumbline_flight::pipeline::{Control, RunOptions};
@@ -156,7 +155,7 @@ impl Entry {
     }
 
     /// What became of the estimate, where a sensor failed in silence.
-    fn silence(&self, flown: &Flown, rows: &[StateRow]) -> Option<Silence> {
+    fn silence(&self, flown: &Flown, rows: &[Estimate]) -> Option<Silence> {
         let Truth::Simulated(simulator) = &flown.truth else { return None };
         Silence::of(rows, &flown.truth, simulator.frame_time(0), SILENT_FROM_S)
     }

@@ -43,7 +43,7 @@ pub enum EvaluateError {
     /// The trajectories have no time in common.
     #[error(
         "no stamps within {max_difference_s} s of each other: the estimate runs from {} to {} s, the reference \
-         from {} to {} s; are they of the same sequence and clock?",
+         from {} to {} s; are they of the same flight? If their clocks differ, give --time-offset auto",
         estimate.0, estimate.1, reference.0, reference.1
     )]
     NoCommonStamps {
@@ -62,6 +62,17 @@ pub enum EvaluateError {
         /// Pairs there must be.
         needed: usize,
     },
+    /// The motions of the trajectories agree at no shift of time.
+    #[error(
+        "the motions agree at no shift of time (largest correlation {0:.2}); are they of the same flight? If the shift is \
+         known, give it with --time-offset S"
+    )]
+    NoTimeOffset(f64),
+    /// The motions of the trajectories agree at more than one shift of time.
+    #[error(
+        "the motions agree at a shift of time by {0:.3} s as well as by {1:.3} s; give one of them with --time-offset"
+    )]
+    SeveralTimeOffsets(f64, f64),
     /// The positions lie in one point or on one line: no rotation can be told.
     #[error(
         "the positions lie in a point or on a line, so no alignment is defined; align by the origin instead"

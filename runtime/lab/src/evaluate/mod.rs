@@ -14,6 +14,7 @@ mod error;
 pub mod paired;
 mod relative;
 mod stats;
+mod time_shift;
 
 #[cfg(test)]
 mod evo;
@@ -30,7 +31,9 @@ pub use drift::{Drift, completion, coverage, drift, path_length_m, yaw_drift_deg
 pub use error::{EvaluateError, Side};
 pub use relative::{RelativeErrors, relative_errors};
 pub use stats::Statistics;
+pub use time_shift::find_time_offset;
 
+use nalgebra::{Matrix3, Vector3};
 use plumbline_drivers::euroc::read_ground_truth;
 use plumbline_drivers::tum::read_tum;
 use plumbline_drivers::{DriverError, StampedPose};
@@ -48,13 +51,28 @@ pub struct EvaluateOptions {
     pub delta: Delta,
     /// Whether relative errors begin at each pose.
     pub all_pairs: bool,
+    /// What is added to the stamps of the estimate.
+    pub time_offset: TimeOffset,
+}
+
+/// What is added to the stamps of the estimate before poses are paired.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum TimeOffset {
+    /// Nothing: both have one clock.
+    #[default]
+    None,
+    /// So many seconds.
+    Seconds(f64),
+    /// What makes its motion that of the reference.
+    Search,
 }
 
 impl Default for EvaluateOptions {
     /// The defaults of evo, with `evo_ape --align`.
     fn default() -> Self {
         let (alignment, delta) = (AlignmentMode::Se3, Delta::Frames(1));
-        Self { max_difference_s: 0.01, alignment, delta, all_pairs: false }
+        let time_offset = TimeOffset::None;
+        Self { max_difference_s: 0.01, alignment, delta, all_pairs: false, time_offset }
     }
 }
 
@@ -65,6 +83,8 @@ pub struct Evaluation {
     pub estimate_poses: usize,
     /// Poses of the reference.
     pub reference_poses: usize,
+    /// What was added to the stamps of the estimate, s.
+    pub time_offset_s: f64,
     /// Pairs by time.
     pub associated: usize,
     /// Share of the reference's time during which there is an estimate.
@@ -75,8 +95,8 @@ pub struct Evaluation {
     pub alignment: AlignmentMode,
     /// Absolute errors of position after alignment, m.
     pub ate_m: Statistics,
-    /// Absolute errors of rotation after alignment, degrees.
-    pub ate_rotation_deg: Statistics,
+    /// Absolute errors of rotation after alignment, degrees; none where the alignment is by positions, and these hardly move.
+    pub ate_rotation_deg: Option<Statistics>,
     /// Relative errors (after alignment, which changes them by its scale only); none where no poses are
     /// that far apart.
     pub rpe: Option<RelativeErrors>,
@@ -97,28 +117,77 @@ pub fn evaluate(
     reference: &[StampedPose],
     options: &EvaluateOptions,
 ) -> Result<Evaluation, EvaluateError> {
-    let pairs = associate(estimate, reference, options.max_difference_s)?;
+    let time_offset_s = match options.time_offset {
+        TimeOffset::None => 0.0,
+        TimeOffset::Seconds(seconds) => seconds,
+        TimeOffset::Search => find_time_offset(estimate, reference)?,
+    };
+    let by_clock_of_reference =
+        |p: &StampedPose| StampedPose { stamp: p.stamp.plus_seconds(time_offset_s), ..*p };
+    let estimate: Vec<StampedPose> = estimate.iter().map(by_clock_of_reference).collect();
+    let pairs = associate(&estimate, reference, options.max_difference_s)?;
     let aligned_pairs = aligned(&pairs, &align(&pairs, options.alignment)?);
     let (ate_m, ate_rotation_deg) = absolute_errors(&aligned_pairs)?;
     let rpe = match relative_errors(&aligned_pairs, options.delta, options.all_pairs) {
         Err(EvaluateError::NoPairs(_)) => None,
         other => Some(other?),
     };
+    let spread = Spread::of(&pairs.reference);
     let scale = align(&pairs, AlignmentMode::Sim3).ok().map(|similarity| similarity.scale);
     Ok(Evaluation {
         estimate_poses: estimate.len(),
         reference_poses: reference.len(),
+        time_offset_s,
         associated: pairs.len(),
-        completion: coverage(estimate, reference),
+        completion: coverage(&estimate, reference),
         path_length_m: path_length_m(&pairs.reference),
         alignment: options.alignment,
         ate_m,
-        ate_rotation_deg,
+        ate_rotation_deg: Some(ate_rotation_deg).filter(|_| spread.tells_rotation(options.alignment, &ate_m)),
         rpe,
         drift: drift(&pairs),
         yaw_drift_deg_per_min: yaw_drift_deg_per_min(&pairs),
-        scale_error_percent: scale.map(|s| 100.0 * (1.0 / s - 1.0)).filter(|e| e.is_finite()),
+        scale_error_percent: scale
+            .filter(|_| spread.tells_scale(&ate_m))
+            .map(|s| 100.0 * (1.0 / s - 1.0))
+            .filter(|e| e.is_finite()),
     })
+}
+
+/// How far positions are from their mean, along the directions in which they are spread most.
+struct Spread {
+    /// Standard deviations, the largest first, m.
+    sigmas_m: [f64; 3],
+}
+
+impl Spread {
+    /// Smallest ratio of the spread to the error of positions from which on they tell a rotation or a scale: at it, both are
+    /// wrong by a fifth of a radian and of the scale.
+    const TELLING: f64 = 5.0;
+
+    fn of(poses: &[StampedPose]) -> Self {
+        let n = poses.len().max(1) as f64;
+        let positions = || poses.iter().map(|p| p.pose.translation.vector);
+        let mean = positions().sum::<Vector3<f64>>() / n;
+        let covariance = positions().map(|p| (p - mean) * (p - mean).transpose()).sum::<Matrix3<f64>>() / n;
+        let mut variances: [f64; 3] = covariance.symmetric_eigenvalues().into();
+        variances.sort_by(|a, b| b.total_cmp(a));
+        Self { sigmas_m: variances.map(|variance| variance.max(0.0).sqrt()) }
+    }
+
+    /// Whether a rotation about any axis moves positions by more than their errors, so that an alignment by them finds it.
+    fn tells_rotation(&self, alignment: AlignmentMode, ate_m: &Statistics) -> bool {
+        let sigma_m = match alignment {
+            AlignmentMode::None | AlignmentMode::Origin => return true,
+            AlignmentMode::Yaw => self.sigmas_m[0],
+            AlignmentMode::Se3 | AlignmentMode::Sim3 => self.sigmas_m[1],
+        };
+        sigma_m > Self::TELLING * ate_m.rmse
+    }
+
+    fn tells_scale(&self, ate_m: &Statistics) -> bool {
+        self.sigmas_m[0] > Self::TELLING * ate_m.rmse
+    }
 }
 
 /// Absolute errors of pairs that are in one frame: distances in metres, rotation angles in degrees.
@@ -146,7 +215,7 @@ pub fn load_trajectory(path: &Path) -> Result<Vec<StampedPose>, EvaluateError> {
         let Some(found) = candidates.iter().find(|candidate| candidate.is_file()) else {
             let message =
                 format!("holds no mav0/{table}; give a trajectory file or a data set with ground truth");
-            return Err(DriverError::Malformed { path: path.into(), message }.into());
+            return Err(DriverError::Missing { path: path.into(), message }.into());
         };
         return truth_poses(found);
     }

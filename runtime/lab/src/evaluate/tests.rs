@@ -26,7 +26,7 @@ fn a_perfect_estimate_in_another_frame_has_no_error() {
     for alignment in [AlignmentMode::Origin, AlignmentMode::Yaw, AlignmentMode::Se3, AlignmentMode::Sim3] {
         let result =
             evaluate(&estimate, &reference, &EvaluateOptions { alignment, ..Default::default() }).unwrap();
-        assert!(result.ate_m.max < 1e-9 && result.ate_rotation_deg.max < 1e-5, "{result:?}");
+        assert!(result.ate_m.max < 1e-9 && result.ate_rotation_deg.unwrap().max < 1e-5, "{result:?}");
         assert!((result.completion - 1.0).abs() < 1e-12);
         assert!(result.yaw_drift_deg_per_min.unwrap().abs() < 1e-9);
         assert!(result.scale_error_percent.unwrap().abs() < 1e-9);
@@ -51,6 +51,41 @@ fn scale_and_noise_are_measured() {
     assert!((result.scale_error_percent.unwrap() - 3.0).abs() < 0.05, "{result:?}");
     assert!((result.ate_m.rmse - 0.01 * 3.0_f64.sqrt() / 1.03).abs() < 1e-3, "{result:?}");
     assert_eq!(result.rpe, None);
+}
+
+/// At rest the positions are noise, and no rotation or scale is to be had from them.
+#[test]
+fn a_standing_vehicle_has_no_rotation_error_by_positions_and_no_scale_error() {
+    let mut noise = Noise::new(5);
+    let stand = |millimetres: f64, noise: &mut Noise| -> Vec<StampedPose> {
+        let moved = |p: &StampedPose| {
+            let p_m = Vector3::from_fn(|_, _| 1e-3 * millimetres * noise.normal());
+            StampedPose { pose: Isometry3::new(p_m, Vector3::z() * 0.3), ..*p }
+        };
+        flight(400).iter().map(moved).collect()
+    };
+    let (reference, estimate) = (stand(1.0, &mut noise), stand(3.0, &mut noise));
+    let result = evaluate(&estimate, &reference, &EvaluateOptions::default()).unwrap();
+    assert_eq!((result.ate_rotation_deg, result.scale_error_percent), (None, None));
+    assert!(result.ate_m.rmse < 0.006, "{result:?}");
+    let by_first = EvaluateOptions { alignment: AlignmentMode::Origin, ..EvaluateOptions::default() };
+    let result = evaluate(&estimate, &reference, &by_first).unwrap();
+    assert!(result.ate_rotation_deg.unwrap().max < 1e-5, "{result:?}");
+}
+
+#[test]
+fn a_flight_by_another_clock_is_compared_by_a_shift_given_or_found() {
+    let reference = flight(400);
+    let estimate: Vec<StampedPose> =
+        reference.iter().map(|p| StampedPose { stamp: p.stamp.plus_seconds(-1234.5), ..*p }).collect();
+    let none = evaluate(&estimate, &reference, &EvaluateOptions::default());
+    assert!(matches!(none, Err(EvaluateError::NoCommonStamps { .. })));
+    let with =
+        |time_offset| evaluate(&estimate, &reference, &EvaluateOptions { time_offset, ..Default::default() });
+    let given = with(TimeOffset::Seconds(1234.5)).unwrap();
+    assert!(given.ate_m.max < 1e-9 && given.associated == 400, "{given:?}");
+    let found = with(TimeOffset::Search).unwrap();
+    assert!((found.time_offset_s - 1234.5).abs() < 0.005 && found.associated >= 399, "{found:?}");
 }
 
 #[test]

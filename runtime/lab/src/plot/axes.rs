@@ -123,6 +123,7 @@ pub(super) fn axes<'a, B: DrawingBackend>(
     (x, y): (Range<f64>, Range<f64>),
     with_x_numbers: bool,
 ) -> Result<Chart<'a, B>, DrawingAreaErrorKind<B::ErrorType>> {
+    let (x, y) = (drawable(&x), drawable(&y));
     let below = if with_x_numbers { BELOW_PX } else { 0 };
     let size = (fine(rect.width), fine(rect.height - CAPTION_PX));
     let part = area.clone().shrink((fine(rect.left), fine(rect.top + CAPTION_PX)), size);
@@ -148,6 +149,25 @@ pub(super) fn axes<'a, B: DrawingBackend>(
     Ok(chart)
 }
 
+/// The part of a range whose marks can be told apart, so that there is an end to them.
+fn drawable(range: &Range<f64>) -> Range<f64> {
+    /// Numbers of an axis, at most, and the least part of them that it may span.
+    const MOST: f64 = 1e30;
+    const LEAST: f64 = 1e-9;
+    let (low, high) = (range.start.min(range.end), range.start.max(range.end));
+    let (low, high) = (low.clamp(-MOST, MOST), high.clamp(-MOST, MOST));
+    if low.is_nan() || high.is_nan() {
+        return -1.0..1.0;
+    }
+    let least = LEAST * low.abs().max(high.abs());
+    if high - low < least {
+        let middle = 0.5 * (low + high);
+        return middle - least..middle + least;
+    }
+    // Downwards where it was.
+    if range.start > range.end { high..low } else { low..high }
+}
+
 /// A filled polygon in the coordinates of the data.
 pub(super) fn area_between(corners: Vec<(f64, f64)>, colour: RGBColor) -> Polygon<(f64, f64)> {
     Polygon::new(corners, colour.filled())
@@ -169,6 +189,25 @@ fn number(value: f64, decimals: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn every_range_can_be_drawn() {
+        let image = 480.0..0.0;
+        assert_eq!(drawable(&(-2.0..3.0)), -2.0..3.0);
+        assert_eq!(drawable(&image), image);
+        for range in [
+            -1e308..1e308,
+            0.0..f64::INFINITY,
+            f64::NAN..1.0,
+            1e20..1e20,
+            1e12..1e12 + 1e-3,
+            f64::MIN..f64::MIN,
+        ] {
+            let drawn = drawable(&range);
+            let (size, span) = (drawn.start.abs().max(drawn.end.abs()), drawn.end - drawn.start);
+            assert!(span.is_finite() && span > 1e-10 * size, "{range:?}: {drawn:?}");
+        }
+    }
 
     #[test]
     fn numbers_have_as_many_decimals_as_they_need() {

@@ -3,7 +3,8 @@
 use super::subject::{Sample, Subject};
 use nalgebra::Vector3;
 use plotters::style::RGBColor;
-use plumbline_flight::flight::states::RowState;
+use plumbline_estimator::Estimate;
+use plumbline_record::columns::heading_variance;
 
 /// Vermilion, green and blue of Okabe and Ito for x, y and z: told apart by everybody, also in print.
 pub(super) const AXES: [RGBColor; 3] = [RGBColor(213, 94, 0), RGBColor(0, 145, 105), RGBColor(0, 114, 178)];
@@ -116,7 +117,9 @@ fn path_panels(subject: &Subject) -> Vec<Panel> {
     let curve = Curve { name: "about z of O".into(), colour: ESTIMATE, pieces: unwrapped_deg(heading) };
     panels.push(Panel::new("Heading [deg]", vec![curve]));
     if subject.has_states() {
-        let sigmas = three(subject, &|s| s.nav.map(|n| n.variances.fixed_rows::<3>(0).map(three_sigma)));
+        let sigmas = three(subject, &|s| {
+            s.nav.as_ref().map(|n| n.covariance.diagonal().fixed_rows::<3>(0).map(three_sigma))
+        });
         panels.push(Panel::new("Three sigma of the position [m]", sigmas));
         let heading = Curve { name: "heading".into(), colour: ESTIMATE, pieces: heading_band(subject) };
         panels.push(Panel::new("Three sigma of the heading [deg]", vec![heading]));
@@ -125,7 +128,7 @@ fn path_panels(subject: &Subject) -> Vec<Panel> {
 }
 
 fn state_panels(subject: &Subject) -> Vec<Panel> {
-    let state = |of: fn(&RowState) -> Vector3<f64>| three(subject, &move |s| s.nav.as_ref().map(of));
+    let state = |of: fn(&Estimate) -> Vector3<f64>| three(subject, &move |s| s.nav.as_ref().map(of));
     let mut panels = vec![
         Panel::new("Velocity in O [m/s]", state(|n| n.v_o_b)),
         Panel::new("Gyroscope bias [mrad/s]", state(|n| n.bias_gyro * 1e3)),
@@ -148,12 +151,12 @@ fn three_sigma(variance: f64) -> f64 {
 }
 
 fn position_band(subject: &Subject, axis: usize) -> Pieces {
-    pieces(subject, &|s| s.nav.map(|nav| three_sigma(nav.variances[axis])))
+    pieces(subject, &|s| s.nav.as_ref().map(|nav| three_sigma(nav.covariance[(axis, axis)])))
 }
 
 /// Three sigma of the heading, degrees.
 fn heading_band(subject: &Subject) -> Pieces {
-    pieces(subject, &|s| s.nav.map(|nav| three_sigma(nav.heading_variance).to_degrees()))
+    pieces(subject, &|s| s.nav.as_ref().map(|nav| three_sigma(heading_variance(nav)).to_degrees()))
 }
 
 /// The components of a vector as three curves.
@@ -219,38 +222,30 @@ fn unwrapped_deg(mut pieces: Pieces) -> Pieces {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::{Isometry3, SVector, Vector3};
+    use nalgebra::{Isometry3, Vector3};
     use plumbline_config::Timestamp;
-    use plumbline_flight::flight::states::StateRow;
+    use plumbline_estimator::{NavCovariance, TrackingState};
 
     /// A row whose numbers depend on `seed`.
-    fn row(seed: f64) -> StateRow {
+    fn row(seed: f64) -> Estimate {
         let vector = |k: f64| Vector3::new(seed + k, seed * 1e-7 - k, (seed + k).sin());
-        StateRow {
+        Estimate {
             stamp: Timestamp::from_nanos((seed * 1e6) as i64),
-            nav: Some(RowState {
-                pose_o_b: Isometry3::new(vector(1.0), vector(1.0) * 0.01),
-                v_o_b: vector(2.0),
-                bias_gyro: vector(3.0) * 1e-3,
-                bias_accel: vector(4.0) * 1e-2,
-                variances: SVector::from_element(1e-4),
-                heading_variance: 4.5e-4,
-                time_offset_s: -0.0025,
-                time_offset_sigma_s: 1e-4,
-                pose_b_c0: Isometry3::new(vector(5.0), vector(5.0) * 0.01),
-            }),
-            ..StateRow::default()
+            state: TrackingState::Tracking,
+            pose_o_b: Isometry3::new(vector(1.0), vector(1.0) * 0.01),
+            v_o_b: vector(2.0),
+            bias_gyro: vector(3.0) * 1e-3,
+            bias_accel: vector(4.0) * 1e-2,
+            covariance: NavCovariance::identity() * 1e-4,
+            ..Estimate::default()
         }
     }
 
     /// Subject with ten rows; the fourth and fifth have no pose.
     fn subject() -> Subject {
-        let rows: Vec<StateRow> = (0..10)
-            .map(|k| StateRow {
-                nav: row(f64::from(k)).nav.filter(|_| k != 3 && k != 4),
-                ..row(f64::from(k))
-            })
-            .collect();
+        let state = |k| if k == 3 || k == 4 { TrackingState::Failed } else { TrackingState::Tracking };
+        let rows: Vec<Estimate> =
+            (0..10).map(|k| Estimate { state: state(k), ..row(f64::from(k)) }).collect();
         Subject::of_states("rows", &rows).unwrap()
     }
 

@@ -7,7 +7,7 @@ use crate::evaluate::{
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use plumbline_config::{Timestamp, median_by};
 use plumbline_drivers::StampedPose;
-use plumbline_flight::flight::states::{RowState, StateRow};
+use plumbline_estimator::Estimate;
 
 /// The truth is interpolated between poses up to this far apart, ns.
 const MAX_TRUTH_GAP_NS: i64 = 100_000_000;
@@ -38,12 +38,12 @@ impl Alignment {
 }
 
 /// One pose of the estimate, and what is known with it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Sample {
     pub stamp: Timestamp,
     pub pose_o_b: Isometry3<f64>,
     /// The state, where the source has more than poses.
-    pub nav: Option<RowState>,
+    pub nav: Option<Estimate>,
     /// A number that changes where the curve must break: after a reset or without a pose.
     pub piece: u32,
     /// Points tracked and lines matched, where known.
@@ -84,23 +84,23 @@ impl Subject {
 
     /// A flight of which everything is known; `None` if no row has a pose.
     #[must_use]
-    pub fn of_states(name: &str, rows: &[StateRow]) -> Option<Self> {
+    pub fn of_states(name: &str, rows: &[Estimate]) -> Option<Self> {
         let (mut piece, mut samples) = (0, Vec::new());
         for row in rows {
-            let Some(nav) = row.nav else {
+            let Some(pose_o_b) = row.pose() else {
                 piece += 1;
                 continue;
             };
             samples.push(Sample {
                 stamp: row.stamp,
-                pose_o_b: nav.pose_o_b,
-                nav: Some(nav),
+                pose_o_b: *pose_o_b,
+                nav: Some(row.clone()),
                 piece: piece + row.reset_counter,
                 features: Some((row.figures.points_tracked, row.figures.lines_matched)),
                 truth_o_b: None,
             });
         }
-        let is_reset = |pair: &&[StateRow]| pair[1].reset_counter != pair[0].reset_counter;
+        let is_reset = |pair: &&[Estimate]| pair[1].reset_counter != pair[0].reset_counter;
         let resets = rows.windows(2).filter(is_reset).map(|pair| pair[1].stamp).collect();
         Self::of(name, samples, resets)
     }

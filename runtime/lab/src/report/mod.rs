@@ -16,9 +16,9 @@ use plumbline_flight::flight::outputs::OutputFigures;
 use plumbline_flight::flight::plausibility::Finding;
 use plumbline_flight::flight::{Flown, LiveSensors};
 use plumbline_flight::log::recorder::RecorderSummary;
-use plumbline_flight::pipeline::digest::config_hash;
 use plumbline_flight::pipeline::{DriverFaults, LiveFigures, Outcome};
 use plumbline_flight::schedule::times::Percentiles;
+use plumbline_record::digest::config_hash;
 use sensors::Sensors;
 use serde::Serialize;
 use silence::Silence;
@@ -92,6 +92,8 @@ pub struct Report {
     pub imu_refused: u64,
     /// Threads of the run.
     pub threads: usize,
+    /// Mounting of the IMU in the vehicle: roll, pitch and yaw, degrees; `null` if it is unknown.
+    pub imu_to_vehicle_deg: Option<[f64; 3]>,
     /// SHA-256 of the configuration.
     pub config_hash: String,
     /// What the recorder wrote, where there was one.
@@ -179,6 +181,7 @@ impl Report {
             faults: outcome.faults,
             imu_refused: f.imu_refused,
             threads: flown.threads,
+            imu_to_vehicle_deg: flown.config.vehicle.imu_to_vehicle_deg.degrees(),
             config_hash: config_hash(&flown.config),
             recording: None,
             autopilot: None,
@@ -259,6 +262,9 @@ impl Report {
         }
         if let Some(autopilot) = &self.autopilot {
             lines.push(format!("{:<18}{autopilot}", "autopilot"));
+        }
+        if self.imu_to_vehicle_deg.is_none() {
+            lines.push(format!("{:<18}unknown: the vehicle's attitude is not published", "mounting"));
         }
         lines.push(format!("{:<18}{}", "estimate digest", &self.estimate_digest[..16]));
         lines.join("\n")

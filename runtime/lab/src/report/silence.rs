@@ -3,9 +3,8 @@
 use crate::evaluate::consistency::errors::frame_of;
 use crate::evaluate::pose_error;
 use plumbline_config::Timestamp;
-use plumbline_estimator::HealthBits;
+use plumbline_estimator::{Estimate, HealthBits};
 use plumbline_flight::flight::Truth;
-use plumbline_flight::flight::states::StateRow;
 use serde::Serialize;
 
 /// Estimates of this quality and better are used.
@@ -47,10 +46,10 @@ impl Silence {
     /// Judges the estimates `rows` of a flight, in which a sensor fails `begin_s` seconds after `first`; `None` without a pose
     /// whose truth is known.
     #[must_use]
-    pub fn of(rows: &[StateRow], truth: &Truth, first: Timestamp, begin_s: f64) -> Option<Self> {
-        let start = rows.iter().find_map(|row| Some((row.nav?.pose_o_b, truth.pose_at(row.stamp)?)))?;
+    pub fn of(rows: &[Estimate], truth: &Truth, first: Timestamp, begin_s: f64) -> Option<Self> {
+        let start = rows.iter().find_map(|row| Some((*row.pose()?, truth.pose_at(row.stamp)?)))?;
         let pose_o_w = frame_of(&start.0, &start.1);
-        let since = |row: &&StateRow| row.stamp.seconds_since(first) >= begin_s - LEAD_S;
+        let since = |row: &&Estimate| row.stamp.seconds_since(first) >= begin_s - LEAD_S;
         let first_s = |bit: HealthBits| {
             let row = rows.iter().find(|row| row.health.contains(bit))?;
             Some(row.stamp.seconds_since(first) - begin_s)
@@ -65,13 +64,13 @@ impl Silence {
         };
         let mut usable = 0.0;
         for row in rows.iter().filter(since) {
-            let (Some(nav), Some(truth)) = (&row.nav, truth.pose_at(row.stamp)) else { continue };
-            let error = pose_error(&nav.pose_o_b, &(pose_o_w * truth));
+            let (Some(pose_o_b), Some(truth)) = (row.pose(), truth.pose_at(row.stamp)) else { continue };
+            let error = pose_error(pose_o_b, &(pose_o_w * truth));
             let error_m = error.fixed_rows::<3>(0).norm();
             silence.worst_m = silence.worst_m.max(error_m);
             if row.quality >= QUALITY_TO_USE {
                 usable += 1.0;
-                let sigmas = (0..6).map(|k| error[k].abs() / nav.variances[k].max(1e-12).sqrt());
+                let sigmas = (0..6).map(|k| error[k].abs() / row.covariance[(k, k)].max(1e-12).sqrt());
                 silence.worst_sigmas = sigmas.fold(silence.worst_sigmas, f64::max);
                 silence.worst_usable_m = silence.worst_usable_m.max(error_m);
             }
@@ -92,9 +91,9 @@ impl Silence {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::{Isometry3, SVector, Vector3};
+    use nalgebra::{Isometry3, Vector3};
     use plumbline_drivers::StampedPose;
-    use plumbline_flight::flight::states::RowState;
+    use plumbline_estimator::{NavCovariance, TrackingState};
 
     /// Ten seconds at 20 Hz, 1 cm and 1 crad sure; from 5 s on off along x by `error_m`, with that quality and health.
     fn silence(error_m: f64, quality: i8, named_from_s: f64) -> Silence {
@@ -105,19 +104,16 @@ mod tests {
             let t = k as f64 * 0.05;
             let is_failed = t >= 5.0;
             let health = if t >= named_from_s { HealthBits::GYRO_STUCK } else { HealthBits::default() };
-            let nav = RowState {
-                pose_o_b: at(if is_failed { error_m } else { 0.0 }),
-                v_o_b: Vector3::zeros(),
-                bias_gyro: Vector3::zeros(),
-                bias_accel: Vector3::zeros(),
-                variances: SVector::repeat(1e-4),
-                heading_variance: 1e-4,
-                time_offset_s: 0.0,
-                time_offset_sigma_s: 0.0,
-                pose_b_c0: Isometry3::identity(),
-            };
             let quality = if is_failed { quality } else { 90 };
-            StateRow { stamp: stamp(k), quality, health, nav: Some(nav), ..StateRow::default() }
+            Estimate {
+                stamp: stamp(k),
+                state: TrackingState::Tracking,
+                pose_o_b: at(if is_failed { error_m } else { 0.0 }),
+                covariance: NavCovariance::identity() * 1e-4,
+                quality,
+                health,
+                ..Estimate::default()
+            }
         };
         let rows: Vec<_> = (0..200).map(row).collect();
         Silence::of(&rows, &Truth::of_poses(&truth), stamp(0), 5.0).unwrap()

@@ -6,13 +6,16 @@ use crate::evaluate::FlightConsistency;
 use crate::report::Report;
 use plumbline_flight::flight::{FlightError, Truth, fly, with_overrides};
 use plumbline_flight::log::build_id::BuildId;
-use plumbline_flight::pipeline::digest::config_hash;
 use plumbline_flight::pipeline::{Control, RunOptions};
+use plumbline_record::digest::config_hash;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Bytes of the digest in a folder's name.
+const FOLDER_BYTES: usize = 8;
 
 /// A setting on a flight.
 #[derive(Clone, Debug)]
@@ -225,6 +228,18 @@ fn with_causes(error: &dyn std::error::Error) -> String {
     line
 }
 
+/// A name for the folder of a sweep's cells, which no other sweep has: it is of what is asked for, and of where.
+#[must_use]
+pub fn folder_name(cells: &[Cell]) -> String {
+    // Names of data sets count from here.
+    let here = std::env::current_dir().unwrap_or_default();
+    let mut hash = Sha256::new_with_prefix(here.as_os_str().as_encoded_bytes());
+    cells.iter().for_each(|cell| hash.update(cell.asked()));
+    let bytes = hash.finalize();
+    let digits: String = bytes.iter().take(FOLDER_BYTES).map(|byte| format!("{byte:02x}")).collect();
+    format!("sweep-{digits}.cells")
+}
+
 /// Writes a result to its file in `folder`, at once or not at all.
 ///
 /// # Errors
@@ -330,6 +345,13 @@ pub(super) mod tests {
         std::fs::write(cells[3].path(folder.path()), "{}").unwrap();
         let message = cells[3].kept(folder.path()).unwrap_err().to_string();
         assert!(message.contains("cell-3.json: not the result of a cell"), "{message}");
+    }
+
+    #[test]
+    fn each_sweep_has_a_folder_of_its_own() {
+        let cells = plan().cells();
+        assert_eq!(folder_name(&cells), folder_name(&plan().cells()));
+        assert_ne!(folder_name(&cells), folder_name(&cells[1..]));
     }
 
     #[test]

@@ -52,7 +52,11 @@ pub enum SweepError {
         reason: String,
     },
     /// The folder holds cells of another sweep.
-    #[error("{}: belongs to another sweep; name another folder with --cells, or delete it", path.display())]
+    #[error(
+        "{}: is a cell of another sweep; name another folder with --cells (or another --out), or delete {}",
+        path.display(),
+        path.parent().unwrap_or(path).display()
+    )]
     OtherSweep {
         /// The file.
         path: PathBuf,

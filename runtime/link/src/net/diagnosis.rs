@@ -5,6 +5,7 @@
 //! [`report_failures`] logs each cause once.
 
 use super::error::NetError;
+use super::security;
 use crossbeam_queue::ArrayQueue;
 use std::collections::BTreeSet;
 use std::io::{ErrorKind, Read as _, Write as _};
@@ -15,6 +16,8 @@ use std::time::Duration;
 
 /// Protocols that this build can speak.
 const PROTOCOLS: [&str; 3] = ["tcp", "tls", "udp"];
+/// What an endpoint may say behind `#`. Zenoh knows more there: keys, and that nobody needs a certificate.
+const SETTINGS: [&str; 5] = ["iface", "bind", "so_sndbuf", "so_rcvbuf", "dscp"];
 /// Failed attempts that wait to be logged.
 const MAX_WAITING: usize = 64;
 /// Causes that are remembered as logged; then none is logged any more.
@@ -45,6 +48,14 @@ pub fn check(endpoint: &str, has_certificates: bool) -> Result<(), NetError> {
     }
     if port.parse::<u16>().is_err() {
         return refuse(format!("'{port}' is no port; give a number up to 65535"));
+    }
+    let settings = endpoint.split_once('#').map_or("", |(_, settings)| settings).split(';');
+    let names = settings.map(|setting| setting.split_once('=').map_or(setting, |(name, _)| name));
+    if let Some(name) = names.filter(|name| !name.is_empty()).find(|name| !SETTINGS.contains(name)) {
+        return refuse(format!(
+            "'{name}' cannot be set behind '#', where only {} can; certificates belong into [network.tls]",
+            SETTINGS.join(", ")
+        ));
     }
     if protocol == "tls" && !has_certificates {
         return refuse(
@@ -135,6 +146,11 @@ pub fn explain(endpoint: &str, reason: &str) -> String {
             "it does not speak TLS; connect to tcp/{}, or give the other side certificates",
             address_of(endpoint)
         )
+    } else if says(&["certificaterevoked"]) {
+        "our certificate is excluded there (network.tls.excluded); use one that is not, such as a renewed one"
+            .into()
+    } else if says(&["is excluded"]) {
+        "its certificate is excluded here (network.tls.excluded)".into()
     } else if says(&["fatal alert", "badcertificate", "certificaterequired", "unknownca"]) {
         format!("it does not accept our certificate ({words}); use certificates of its authority")
     } else if endpoint.starts_with("tcp/") && speaks_tls(endpoint) {
@@ -172,7 +188,7 @@ fn waiting() -> &'static ArrayQueue<(String, String)> {
 
 /// Remembers an attempt to connect to `endpoint` that failed.
 pub fn record(endpoint: &str, reason: &str) {
-    waiting().force_push((endpoint.to_owned(), reason.to_owned()));
+    waiting().force_push((security::as_given(endpoint).to_owned(), reason.to_owned()));
 }
 
 /// What Zenoh said of the newest attempt to connect to `endpoint` that waits to be logged.
@@ -257,6 +273,8 @@ mod tests {
             ("tcp/host:x", "'x' is no port"),
             ("tls/host:7447", "needs certificates"),
             ("", "names no protocol"),
+            ("tls/host:7447#enable_mtls=false", "'enable_mtls' cannot be set"),
+            ("tls/host:7447#iface=lo;root_ca_certificate_file=/tmp/a", "'root_ca_certificate_file' cannot"),
         ] {
             let error = check(endpoint, false).unwrap_err().to_string();
             assert!(error.contains(words), "{endpoint}: {error}");
@@ -294,6 +312,8 @@ mod tests {
             ("invalid peer certificate: NotValidForName", "--host"),
             ("invalid peer certificate: Expired", "--renew"),
             ("received corrupt message of type InvalidContentType", "tcp/127.0.0.1:1"),
+            ("received fatal alert: CertificateRevoked", "is excluded there"),
+            ("the certificate router.1 is excluded", "is excluded here"),
             ("received fatal alert: CertificateRequired", "does not accept our certificate"),
             ("deadline has elapsed", "does not answer in time"),
         ] {

@@ -3,10 +3,10 @@
 use super::rings::Rings;
 use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_estimator::{Estimate, MapSnapshot, Odometry};
-use plumbline_flight::local::Shot;
+use plumbline_flight::local::{SensorNews, Shot};
 use plumbline_flight::schedule::lane::LaneWriter;
-use std::sync::Arc;
 use std::sync::atomic::Ordering;
+use std::sync::{Arc, PoisonError};
 
 /// Fills the rings of a publisher.
 #[derive(Debug)]
@@ -59,6 +59,12 @@ impl Feed {
     /// Takes the rung of the degradation ladder.
     pub fn rung(&self, level: u8) {
         self.rings.rung.store(level, Ordering::Relaxed);
+    }
+
+    /// Takes the state of live sensors.
+    pub fn sensors(&self, news: SensorNews) {
+        *self.rings.sensors.lock().unwrap_or_else(PoisonError::into_inner) = news;
+        self.rings.bell.ring();
     }
 
     /// Takes the count of records that the flight has dropped.

@@ -2,7 +2,9 @@
 
 use super::{now_ns, proto, wire};
 use nalgebra::UnitQuaternion;
+use plumbline_config::options::VehicleConfig;
 use plumbline_estimator::Estimate;
+use plumbline_flight::local::SensorNews;
 use plumbline_flight::schedule::ladder::Rung;
 use std::time::{Duration, Instant};
 
@@ -10,7 +12,7 @@ use std::time::{Duration, Instant};
 const SMOOTHING: f64 = 0.1;
 
 /// What a health message reports beside the estimate.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Circumstances {
     /// Messages dropped because the network was slower than the vehicle.
     pub dropped: u64,
@@ -20,8 +22,16 @@ pub struct Circumstances {
     pub keyframes: u64,
     /// Whether camera images are offered.
     pub offers_camera: bool,
-    /// Takes coordinates from the IMU `B` to the vehicle `V` (x forward, y left, z up).
-    pub rot_v_b: UnitQuaternion<f64>,
+    /// Takes coordinates from the IMU `B` to the vehicle `V` (x forward, y left, z up), where the mounting is known.
+    pub rot_v_b: Option<UnitQuaternion<f64>>,
+    /// State of live sensors.
+    pub sensors: SensorNews,
+}
+
+/// What is wrong beyond the health bits, and what to do.
+fn notices(is_mounted: bool, sensors: &SensorNews) -> Vec<String> {
+    let mounting = (!is_mounted).then(|| format!("mounting unknown: {}", VehicleConfig::CURE));
+    mounting.into_iter().chain(sensors.notices.iter().cloned()).collect()
 }
 
 /// State from which health messages are made.
@@ -74,11 +84,91 @@ impl HealthFeed {
             rung_words: around.rung.name().into(),
             keyframes: around.keyframes,
             offers_camera: around.offers_camera,
-            rotation_v_b: Some(wire::quaternion(&around.rot_v_b)),
+            rotation_v_b: around.rot_v_b.as_ref().map(wire::quaternion),
+            notices: notices(around.rot_v_b.is_some(), &around.sensors),
+            frames_restamped: around.sensors.frames.restamped,
+            frames_refused: around.sensors.frames.refused,
+            samples_refused: around.sensors.samples.refused,
         };
+        Some(self.sending(message))
+    }
+
+    /// The message to send while no estimate comes: the last one with the present state of the sensors, if that is another
+    /// one and the period is over.
+    pub fn renew(&mut self, sensors: &SensorNews) -> Option<proto::Health> {
+        let last = self.last.as_ref().filter(|_| self.sent.elapsed() >= self.period)?;
+        let mut message = last.clone();
+        message.notices = notices(last.rotation_v_b.is_some(), sensors);
+        message.frames_restamped = sensors.frames.restamped;
+        message.frames_refused = sensors.frames.refused;
+        message.samples_refused = sensors.samples.refused;
+        if message == *last {
+            return None;
+        }
+        if let Some(header) = &mut message.header {
+            (header.sequence, header.published_ns) = (self.sequence, now_ns());
+        }
+        Some(self.sending(message))
+    }
+
+    fn sending(&mut self, message: proto::Health) -> proto::Health {
         self.sequence += 1;
         self.sent = Instant::now();
         self.last = Some(message.clone());
-        Some(message)
+        message
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Isometry3, SVector, Vector3};
+    use plumbline_config::Timestamp;
+    use plumbline_drivers::clock::StampFigures;
+    use plumbline_estimator::{FrameFigures, HealthBits, NavCovariance, OriginUncertainty, TrackingState};
+
+    fn estimate() -> Estimate {
+        Estimate {
+            frame_sequence: 1,
+            stamp: Timestamp::from_nanos(50_000_000),
+            state: TrackingState::Tracking,
+            pose_o_b: Isometry3::identity(),
+            v_o_b: Vector3::zeros(),
+            bias_gyro: Vector3::zeros(),
+            bias_accel: Vector3::zeros(),
+            covariance: NavCovariance::identity(),
+            origin: OriginUncertainty::default(),
+            bias_variances: SVector::zeros(),
+            time_offset_s: 0.0,
+            time_offset_sigma_s: 1e-3,
+            pose_b_c0: Isometry3::identity(),
+            quality: 90,
+            health: HealthBits::default(),
+            reset_counter: 0,
+            figures: FrameFigures::default(),
+        }
+    }
+
+    #[test]
+    fn an_unknown_mounting_and_bad_stamps_are_told_also_while_no_estimate_comes() {
+        let mut feed = HealthFeed::new(Duration::ZERO);
+        let around = Circumstances {
+            dropped: 0,
+            rung: Rung::Full,
+            keyframes: 0,
+            offers_camera: false,
+            rot_v_b: None,
+            sensors: SensorNews::default(),
+        };
+        assert_eq!(feed.renew(&around.sensors), None, "nothing was sent yet");
+        let first = feed.update(&estimate(), 1.0, &around).unwrap();
+        assert!(first.rotation_v_b.is_none() && first.notices[0].starts_with("mounting unknown: set it"));
+        assert_eq!(feed.renew(&around.sensors), None, "nothing has changed");
+        let frames = StampFigures { refused: 7, ..StampFigures::default() };
+        let news = SensorNews { notices: vec!["stamps repeat".into()], frames, ..SensorNews::default() };
+        let renewed = feed.renew(&news).unwrap();
+        assert_eq!((renewed.frames_refused, renewed.notices.len()), (7, 2));
+        assert_eq!(renewed.header.unwrap().sequence, first.header.unwrap().sequence + 1);
+        assert_eq!(feed.renew(&news), None);
     }
 }

@@ -288,10 +288,11 @@ fn write(path: &Path, text: &str, mode: u32) -> Result<PathBuf, KeysError> {
     let mut partial = path.as_os_str().to_owned();
     partial.push(".partial");
     let partial = PathBuf::from(partial);
+    // A link that somebody has put there is not followed.
+    let _ = std::fs::remove_file(&partial);
     OpenOptions::new()
         .write(true)
-        .create(true)
-        .truncate(true)
+        .create_new(true)
         .mode(mode)
         .open(&partial)
         .and_then(|mut file| file.write_all(text.as_bytes()).and_then(|()| file.sync_all()))
@@ -311,6 +312,20 @@ mod tests {
 
     fn request<'a>(folder: &'a Path, roles: &'a [String], vehicles: &'a [String]) -> Request<'a> {
         Request { folder, roles, vehicles, hosts: &[], days: 2, renew: false }
+    }
+
+    #[test]
+    fn a_link_in_place_of_a_partial_file_is_not_followed() {
+        let folder = tempfile::tempdir().unwrap();
+        let other = folder.path().join("other");
+        std::fs::write(&other, "kept").unwrap();
+        for file in ["viewer.key.partial", "authority.key.partial"] {
+            std::os::unix::fs::symlink(&other, folder.path().join(file)).unwrap();
+        }
+        make(&request(folder.path(), &strings(&["viewer"]), &[])).unwrap();
+        assert_eq!(std::fs::read_to_string(&other).unwrap(), "kept");
+        let metadata = folder.path().join("viewer.key").symlink_metadata().unwrap();
+        assert_eq!((metadata.is_file(), metadata.permissions().mode() & 0o777), (true, 0o600));
     }
 
     #[test]

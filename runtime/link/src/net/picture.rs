@@ -55,6 +55,33 @@ fn reduced(image: &GrayImage, factor: usize) -> Vec<u8> {
     pixels
 }
 
+/// Width and height that a JPEG image says it has, px (T.81, Annex B); `None` when it does not begin as one.
+#[must_use]
+pub fn jpeg_size(jpeg: &[u8]) -> Option<(u32, u32)> {
+    /// Markers of frames are C0 to CF without tables and the like.
+    const FRAMES: std::ops::RangeInclusive<u8> = 0xc0..=0xcf;
+    const NO_FRAMES: [u8; 3] = [0xc4, 0xc8, 0xcc];
+    let mut rest = jpeg.strip_prefix(&[0xff, 0xd8])?;
+    loop {
+        let marker = match rest {
+            [0xff, 0xff, ..] => {
+                rest = &rest[1..];
+                continue;
+            }
+            [0xff, marker, ..] => *marker,
+            _ => return None,
+        };
+        let segment = &rest[2..];
+        let length = usize::from(u16::from_be_bytes(*segment.first_chunk()?));
+        if FRAMES.contains(&marker) && !NO_FRAMES.contains(&marker) {
+            let side = |at: usize| Some(u32::from(u16::from_be_bytes(*segment.get(at..)?.first_chunk()?)));
+            return side(5).zip(side(3));
+        }
+        // A length counts itself.
+        rest = segment.get(length.max(2)..)?;
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::read;
@@ -72,6 +99,38 @@ mod tests {
             points: vec![[101.5, 201.5, 7.0]],
             lines: Vec::new(),
         }
+    }
+
+    #[test]
+    fn a_jpeg_image_tells_its_size_or_nothing() {
+        let mut jpeg = Vec::new();
+        Encoder::new(&mut jpeg, 50).encode(&[7; 64 * 48], 64, 48, ColorType::Luma).unwrap();
+        assert_eq!(jpeg_size(&jpeg), Some((64, 48)));
+        for length in 0..24 {
+            assert_eq!(jpeg_size(&jpeg[..length]), None, "{length}");
+        }
+        assert_eq!(jpeg_size(b"\xff\xd8\xff\xe0\0\0\xff\xe0\0\0"), None);
+        assert_eq!(jpeg_size(b"no image at all"), None);
+    }
+
+    #[test]
+    fn a_picture_that_is_larger_than_it_says_is_refused() {
+        let shot = |jpeg: Vec<u8>| proto::Picture {
+            header: Some(proto::Header { stamp_ns: 1, published_ns: 1, ..proto::Header::default() }),
+            width_px: 64,
+            height_px: 48,
+            jpeg,
+            ..proto::Picture::default()
+        };
+        let mut jpeg = Vec::new();
+        Encoder::new(&mut jpeg, 50).encode(&[7; 64 * 48], 64, 48, ColorType::Luma).unwrap();
+        let decoded = |jpeg: &[u8]| read::decode::<proto::Picture>(&shot(jpeg.to_vec()).encode_to_vec());
+        assert!(decoded(&jpeg).is_some());
+        // The same bytes, whose header claims 16000 x 16000.
+        let at = jpeg.windows(2).position(|marker| marker == [0xff, 0xc0]).unwrap();
+        jpeg[at + 5..at + 9].copy_from_slice(&[0x3e, 0x80, 0x3e, 0x80]);
+        assert_eq!(jpeg_size(&jpeg), Some((16_000, 16_000)));
+        assert!(decoded(&jpeg).is_none());
     }
 
     #[test]

@@ -68,7 +68,7 @@ impl Publisher {
             name: endpoints.vehicle.clone(),
             configuration: proto::Configuration {
                 toml: config.to_toml().unwrap_or_default(),
-                sha256: plumbline_flight::pipeline::digest::config_hash(config),
+                sha256: plumbline_record::digest::config_hash(config),
             },
             offers_camera: config.network.camera,
             rot_v_b: config.vehicle.rot_v_b(),

@@ -57,7 +57,7 @@ pub struct Publishers {
     _alive: zenoh::liveliness::LivelinessToken,
     rates: Rates,
     offers_camera: bool,
-    rot_v_b: UnitQuaternion<f64>,
+    rot_v_b: Option<UnitQuaternion<f64>>,
     archive: Arc<Mutex<Archive>>,
     resets: watch::Sender<u32>,
     commands: Arc<Commands>,
@@ -200,6 +200,10 @@ impl Publishers {
         while let Some(estimate) = places.pop() {
             self.map.follow(&estimate).await;
         }
+        // A change of the sensors is told also while there are no frames.
+        if let Some(message) = self.course.feed.renew(&rings.sensors()) {
+            let _ = self.health.put(message.encode_to_vec()).await;
+        }
         self.map.send_path(rings).await;
         while let Some(snapshot) = rings.snapshots.read(|snapshot| snapshot.clone()) {
             self.send_snapshot(&snapshot).await;
@@ -223,6 +227,7 @@ impl Publishers {
             keyframes,
             offers_camera: self.offers_camera,
             rot_v_b: self.rot_v_b,
+            sensors: rings.sensors(),
         };
         if let Some(message) = self.course.feed.update(estimate, frame_ms, &around) {
             let _ = self.health.put(message.encode_to_vec()).await;

@@ -1,5 +1,6 @@
 //! Decodes and validates messages from the network: whatever is malformed, too large or not finite is refused.
 
+use super::picture::jpeg_size;
 use super::proto;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use plumbline_estimator::HealthBits;
@@ -17,6 +18,9 @@ const MAX_PATH: usize = 2_000;
 const MAX_SIDE_PX: u32 = 4_096;
 /// Longest text in a message, bytes.
 const MAX_WORDS: usize = 64;
+/// Most notices of a health message, and longest one, bytes.
+const MAX_NOTICES: usize = 16;
+const MAX_NOTICE: usize = 512;
 /// Largest coordinate that is accepted, m.
 const MAX_PLACE: f32 = 1e6;
 
@@ -62,6 +66,8 @@ impl Checked for proto::Health {
             && self.words.len() <= HealthBits::NAMES.len()
             && self.words.iter().all(is_short)
             && is_short(&self.rung_words)
+            && self.notices.len() <= MAX_NOTICES
+            && self.notices.iter().all(|notice| notice.len() <= MAX_NOTICE)
             && self.frame_rate_hz.is_finite()
             && self.frame_ms.is_finite()
             && self.rotation_v_b.as_ref().is_none_or(|q| rotation(q).is_some())
@@ -117,11 +123,11 @@ impl Checked for proto::MapPath {
 impl Checked for proto::Picture {
     fn is_sound(&self) -> bool {
         let sides = 1..=MAX_SIDE_PX;
-        // The browser decodes the rest; what does not begin as a JPEG is none.
+        // The browser decodes the rest, and makes room for the size that the JPEG itself says.
         self.header.is_some()
             && sides.contains(&self.width_px)
             && sides.contains(&self.height_px)
-            && self.jpeg.starts_with(&[0xff, 0xd8])
+            && jpeg_size(&self.jpeg) == Some((self.width_px, self.height_px))
             && places(&self.points, 3)
             && places(&self.lines, 4)
     }
@@ -258,6 +264,10 @@ mod tests {
         assert!(health(None).is_sound(), "vehicles of before do not send it");
         assert!(health(Some(quaternion(&UnitQuaternion::identity()))).is_sound());
         assert!(!health(Some(proto::Quaternion::default())).is_sound());
+        let noticed =
+            |count, length| proto::Health { notices: vec!["x".repeat(length); count], ..health(None) };
+        assert!(noticed(MAX_NOTICES, MAX_NOTICE).is_sound());
+        assert!(!noticed(MAX_NOTICES + 1, 1).is_sound() && !noticed(1, MAX_NOTICE + 1).is_sound());
         assert!(!health(Some(proto::Quaternion { w: f64::NAN, ..Default::default() })).is_sound());
     }
 
@@ -270,7 +280,11 @@ mod tests {
             height_px: 240,
             ..proto::Picture::default()
         };
-        assert!(picture(vec![0xff, 0xd8, 0xff], 376).is_sound());
+        let head = |width: u16| {
+            [&[0xff, 0xd8, 0xff, 0xc0, 0, 11, 8, 0, 240][..], &width.to_be_bytes(), &[1, 1, 0x11, 0]].concat()
+        };
+        assert!(picture(head(376), 376).is_sound());
+        assert!(!picture(head(377), 376).is_sound() && !picture(head(8000), 8000).is_sound());
         assert!(!picture(b"<svg>".to_vec(), 376).is_sound());
         assert!(!picture(vec![0xff, 0xd8], 1 << 20).is_sound());
     }

@@ -4,10 +4,11 @@ use super::task_bell::TaskBell;
 use plumbline_config::ValidConfig;
 use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_estimator::{Estimate, MapSnapshot, Odometry};
-use plumbline_flight::local::Shot;
+use plumbline_flight::local::{SensorNews, Shot};
 use plumbline_flight::schedule::lane::{LaneLosses, LaneReader, LaneWriter, lane};
 use plumbline_flight::schedule::pool::Pool;
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 /// Odometry that waits for the network: a quarter of a second.
 const ODOMETRY_RING: usize = 50;
@@ -53,6 +54,8 @@ pub struct Rings {
     pub shots: Pool<Shot>,
     /// Step of the degradation ladder.
     pub rung: AtomicU8,
+    /// State of live sensors.
+    pub sensors: Mutex<SensorNews>,
     /// Records that the flight dropped since this process was too slow.
     pub lost_before: AtomicU64,
     /// Wakes the task that sends odometry.
@@ -80,6 +83,7 @@ impl Rings {
             paths: Pool::new(PATHS, || MapPath::new(path_poses)),
             shots: Pool::new(SHOTS, || Shot::new(config)),
             rung: AtomicU8::new(0),
+            sensors: Mutex::default(),
             lost_before: AtomicU64::new(0),
             odometry_bell: TaskBell::new()?,
             bell: TaskBell::new()?,
@@ -96,6 +100,12 @@ impl Rings {
         self.stop.store(true, Ordering::Relaxed);
         self.odometry_bell.ring();
         self.bell.ring();
+    }
+
+    /// State of live sensors.
+    #[must_use]
+    pub fn sensors(&self) -> SensorNews {
+        self.sensors.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// Entries dropped because the network was slower than the vehicle.

@@ -35,6 +35,8 @@ pub fn settings(endpoints: &Endpoints) -> Result<Vec<(&'static str, String)>, Ne
         settings.push(("transport/link/tls", tls_settings(endpoints).to_string()));
         // Whoever is connected could have us connect to others, over plain TCP and to this host too.
         settings.push(("scouting/gossip/autoconnect", "[]".into()));
+        // Nor are the identifiers of others told: who knows one takes its place while its link is down.
+        settings.push(("scouting/gossip/enabled", "false".into()));
     }
     let mut usrpwd = serde_json::Map::new();
     if !login.user.is_empty() {
@@ -72,6 +74,27 @@ fn tls_settings(endpoints: &Endpoints) -> Value {
         "verify_name_on_connect": true,
         "close_link_on_expiration": true,
     })
+}
+
+/// Key of an endpoint's configuration that the TLS links of `runtime/link/vendor/zenoh-link-tls` know.
+const EXCLUDED_NAMES: &str = "excluded_names";
+
+/// An endpoint whose TLS handshakes refuse the certificates of these names.
+#[must_use]
+pub fn excluding(endpoint: &str, names: &[String]) -> String {
+    if names.is_empty() || !endpoint.starts_with("tls/") {
+        return endpoint.to_owned();
+    }
+    let separator = if endpoint.contains('#') { ';' } else { '#' };
+    format!("{endpoint}{separator}{EXCLUDED_NAMES}={}", names.join("|"))
+}
+
+/// The endpoint of which [`excluding`] has made this one.
+#[must_use]
+pub fn as_given(endpoint: &str) -> &str {
+    let is_ours = |at: &usize| endpoint[*at + 1..].starts_with(EXCLUDED_NAMES);
+    let at = endpoint.rfind(['#', ';']).filter(is_ours);
+    at.map_or(endpoint, |at| &endpoint[..at])
 }
 
 /// Why commands are refused whoever gives them; `None` when who may is left to the access rules.
@@ -263,6 +286,20 @@ mod tests {
                 assert!(error.to_string().contains("chmod 600"), "{error}");
             }
         }
+    }
+
+    #[test]
+    fn endpoints_name_excluded_certificates_for_tls_alone() {
+        let names = ["operator.1".to_owned(), "viewer".to_owned()];
+        let excluded = excluding("tls/0.0.0.0:7447", &names);
+        assert_eq!(excluded, "tls/0.0.0.0:7447#excluded_names=operator.1|viewer");
+        assert_eq!(as_given(&excluded), "tls/0.0.0.0:7447");
+        let excluded = excluding("tls/h:1#iface=lo", &names);
+        assert_eq!(excluded, "tls/h:1#iface=lo;excluded_names=operator.1|viewer");
+        assert_eq!(as_given(&excluded), "tls/h:1#iface=lo");
+        assert_eq!(excluding("tcp/h:1", &names), "tcp/h:1");
+        assert_eq!(excluding("tls/h:1", &[]), "tls/h:1");
+        assert_eq!(as_given("tcp/h:1#iface=lo"), "tcp/h:1#iface=lo");
     }
 
     #[test]

@@ -56,8 +56,8 @@ impl Endpoints {
         });
         let mut settings = vec![
             ("mode", mode.to_owned()),
-            ("listen/endpoints", serde_json::json!(self.listen).to_string()),
-            ("connect/endpoints", serde_json::json!(self.connect).to_string()),
+            ("listen/endpoints", self.without_excluded(&self.listen)),
+            ("connect/endpoints", self.without_excluded(&self.connect)),
             ("connect/retry", retry.to_string()),
             ("scouting/multicast/enabled", self.scouting.to_string()),
             ("transport/unicast/open_timeout", self.open_timeout_ms.to_string()),
@@ -81,6 +81,12 @@ impl Endpoints {
             config.insert_json5(key, &value).map_err(failed)?;
         }
         zenoh::open(config).await.map_err(failed)
+    }
+
+    /// Endpoints as Zenoh reads them: those with TLS refuse the certificates that are excluded.
+    fn without_excluded(&self, endpoints: &[String]) -> String {
+        let excluding = |endpoint: &String| security::excluding(endpoint, &self.tls.excluded);
+        serde_json::json!(endpoints.iter().map(excluding).collect::<Vec<_>>()).to_string()
     }
 
     /// Longest message that is taken, bytes, and links at a time.

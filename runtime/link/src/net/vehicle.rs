@@ -14,8 +14,8 @@ pub struct Vehicle {
     pub configuration: proto::Configuration,
     /// Whether camera images are offered.
     pub offers_camera: bool,
-    /// Takes coordinates from the IMU `B` to the vehicle `V` (x forward, y left, z up).
-    pub rot_v_b: UnitQuaternion<f64>,
+    /// Takes coordinates from the IMU `B` to the vehicle `V` (x forward, y left, z up), where the mounting is known.
+    pub rot_v_b: Option<UnitQuaternion<f64>>,
     /// Why commands are refused, if they are.
     pub refusal: Option<String>,
     /// Way of commands to the flight.

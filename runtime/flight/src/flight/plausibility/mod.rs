@@ -3,7 +3,7 @@
 
 pub mod watch;
 
-pub use plumbline_checkup::plausibility::{Finding, missing_camera};
+pub use plumbline_checkup::plausibility::{COPY, Finding, missing_camera};
 use plumbline_drivers::Faults;
 
 /// What the drivers survived, where that is worth a word.

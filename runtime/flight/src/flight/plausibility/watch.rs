@@ -3,14 +3,15 @@
 //! The listeners copy samples and shrunken images into memory that stands since before the run. In a live run what finds
 //! no room is left out; in virtual time the run waits, so that the findings are the same every time.
 
-use crate::pipeline::event::{Event, MAX_EVENT_BYTES, Severity};
-use crate::pipeline::listener::{Listener, Producer, Subscriber};
+use crate::pipeline::listener::{Listener, Producer, Subscriber, View};
 use crate::schedule::queue::Queue;
 use plumbline_checkup::plausibility::{Finding, GIVEN_UP, Glimpse, Plausibility};
 use plumbline_config::options::image_sizes;
 use plumbline_config::{Config, ImuSample};
-use plumbline_drivers::{ImuReading, StereoFrame};
-use plumbline_estimator::{Estimate, HealthBits};
+use plumbline_estimator::HealthBits;
+use plumbline_record::event::MAX_EVENT_BYTES;
+use plumbline_record::said::FullEstimate;
+use plumbline_record::{Said, Severity};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -125,11 +126,21 @@ impl Subscriber for Watch {
 struct Ear(Arc<Shared>);
 
 impl Listener for Ear {
-    fn reading(&mut self, reading: &ImuReading) {
-        self.0.offer(Item::Sample(reading.sample));
+    fn said(&mut self, said: &Said) {
+        match said {
+            Said::Imu(reading) => self.0.offer(Item::Sample(reading.sample)),
+            Said::Estimate(FullEstimate { estimate, .. }) => {
+                self.0.offer(Item::Estimate(estimate.frame_sequence, estimate.health));
+            }
+            Said::Event(event) if event.severity == Severity::Error => {
+                self.0.offer(Item::Reset(event.text.clone()));
+            }
+            _ => {}
+        }
     }
 
-    fn frame(&mut self, frame: &mut StereoFrame) {
+    fn shown(&mut self, view: View<'_>) {
+        let View::Frame(frame) = view else { return };
         if self.0.has_seen_enough.load(Ordering::Relaxed) {
             return;
         }
@@ -142,16 +153,6 @@ impl Listener for Ear {
             thumbnail.take(image);
         }
         place.fill(Item::Frame(glimpse));
-    }
-
-    fn estimate(&mut self, estimate: &Estimate, _frame_ms: f64) {
-        self.0.offer(Item::Estimate(estimate.frame_sequence, estimate.health));
-    }
-
-    fn event(&mut self, event: &Event) {
-        if event.severity == Severity::Error {
-            self.0.offer(Item::Reset(event.text.clone()));
-        }
     }
 }
 

@@ -67,6 +67,16 @@ fn a_log_that_breaks_off_in_its_summary_is_complete() {
 }
 
 #[test]
+fn bytes_behind_the_end_of_a_log_are_damage() {
+    for added in [&b"x"[..], &mcap::MAGIC[..], &[0; 100_000]] {
+        let (_folder, path) = written(&[&intact(), added].concat());
+        let v = verified(&path).unwrap();
+        let damage = v.damage.as_ref().unwrap();
+        assert!(v.identical && !v.complete && damage.contains("after"), "{v:?}");
+    }
+}
+
+#[test]
 fn what_is_no_flight_log_is_refused_with_the_cure() {
     for bytes in [&b""[..], b"#timestamp", b"\x89MCAP0\r\n", &[0; 4096]] {
         let (_folder, path) = written(bytes);

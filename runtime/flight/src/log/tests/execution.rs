@@ -1,15 +1,14 @@
-use super::super::compare::Pairing;
-use super::super::decode::FromLog;
-use super::super::proto;
 use super::super::reader::Ending;
 use super::*;
-use crate::log::encode;
-use crate::pipeline::listener::{Listener, Producer, Several};
-use crate::pipeline::orders::{CorrectionOrder, FrameOrder, ResetOrder, Verdict};
+use crate::log::RecorderHandle;
+use crate::pipeline::listener::{FrameKeeper as _, Listener, Producer, Several};
 use nalgebra::Vector3;
-use plumbline_drivers::{ImuReading, StereoFrame};
+use plumbline_drivers::{DriverError, Faults, ImuReading, StereoFrame, StereoSource};
 use plumbline_estimator::{Estimate, Estimator, FrameInput, Odometry, Propagator, ResetKind};
-use prost::Message as _;
+use plumbline_record::compare::Pairing;
+use plumbline_record::protobuf::{decode, encode};
+use plumbline_record::said::FullEstimate;
+use plumbline_record::{CorrectionOrder, FrameOrder, ResetOrder, Said, Verdict};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -45,9 +44,10 @@ fn one_bit_of_an_inertial_sample_changes_the_flight() {
     let (_folder, path, _) = recorded(ImageRecording::Png);
     rewritten(&path, Channel::Imu, |number, data| {
         if number == 60 {
-            let mut imu = proto::Imu::decode(data.as_slice()).unwrap();
-            imu.accel[1] = f64::from_bits(imu.accel[1].to_bits() ^ 1 << 30);
-            *data = imu.encode_to_vec();
+            let mut imu: ImuReading = decode(data).unwrap();
+            let accel = &mut imu.sample.accel[1];
+            *accel = f64::from_bits(accel.to_bits() ^ 1 << 30);
+            *data = encode(&imu);
         }
     });
     let v = verified(&path).unwrap();
@@ -61,9 +61,9 @@ fn a_changed_input_that_no_estimate_depends_on_is_found_too() {
     let (_folder, path, _) = recorded(ImageRecording::Png);
     rewritten(&path, Channel::Imu, |number, data| {
         if number == 60 {
-            let mut imu = proto::Imu::decode(data.as_slice()).unwrap();
+            let mut imu: ImuReading = decode(data).unwrap();
             imu.sequence += 1;
-            *data = imu.encode_to_vec();
+            *data = encode(&imu);
         }
     });
     let v = verified(&path).unwrap();
@@ -88,9 +88,9 @@ fn a_changed_output_is_named_with_both_values() {
     let (_folder, path, _) = recorded(ImageRecording::Png);
     rewritten(&path, Channel::Estimate, |number, data| {
         if number == 9 {
-            let mut estimate = proto::Estimate::decode(data.as_slice()).unwrap();
-            estimate.velocity_o_b[1] = f64::from_bits(estimate.velocity_o_b[1].to_bits() + 1);
-            *data = estimate.encode_to_vec();
+            let mut estimate: Estimate = decode(data).unwrap();
+            estimate.v_o_b[1] = f64::from_bits(estimate.v_o_b[1].to_bits() + 1);
+            *data = encode(&estimate);
         }
     });
     let v = verified(&path).unwrap();
@@ -101,7 +101,8 @@ fn a_changed_output_is_named_with_both_values() {
 }
 
 /// A live run in small: frames are refused, corrections come late, and somebody asks for a reset.
-fn fly_with_orders(flight: Flight, listener: &mut dyn Listener) {
+fn fly_with_orders(flight: Flight, recorder: &mut RecorderHandle) {
+    let mut keeper = recorder.clone();
     let Streams { mut imu, mut stereo, .. } = flight.streams;
     let (mut estimator, mut propagator) =
         (Estimator::new(flight.config.setup()), Propagator::new(flight.config.setup()));
@@ -114,12 +115,12 @@ fn fly_with_orders(flight: Flight, listener: &mut dyn Listener) {
             let Some(reading) = imu.next_reading().unwrap() else { break };
             if let Some(estimate) = late.take_if(|_| ticked % 7 == 3) {
                 let order = CorrectionOrder { frame: estimate.frame_sequence, readings_before: ticked };
-                listener.correction(&order);
+                recorder.said(&Said::Correction(order));
                 propagator.correct(&estimate);
             }
-            listener.reading(&reading);
+            recorder.said(&Said::Imu(reading));
             if let Some(odometry) = propagator.tick(&reading.sample) {
-                listener.odometry(&odometry);
+                recorder.said(&Said::Odometry(odometry));
             }
             estimator.add_imu(&reading.sample);
             readings.push_back(reading);
@@ -127,20 +128,21 @@ fn fly_with_orders(flight: Flight, listener: &mut dyn Listener) {
         }
         let sequence = frame.sequence;
         if sequence == 12 {
-            listener.reset(&ResetOrder { kind: ResetKind::Soft, before_frame: sequence, is_renewal: false });
+            let order = ResetOrder { kind: ResetKind::Soft, before_frame: sequence, is_renewal: false };
+            recorder.said(&Said::Reset(order));
             estimator.reset(ResetKind::Soft);
         }
         let refused = sequence % 5 == 4;
         let verdict = if refused { Verdict::Refused } else { Verdict::Taken { level: 0 } };
-        listener.order(&FrameOrder { frame: sequence, readings_before: ticked, verdict });
+        recorder.said(&Said::Order(FrameOrder { frame: sequence, readings_before: ticked, verdict }));
         if !refused {
             let images = [frame.image(0), frame.image(1)];
             let input = FrameInput::new(frame.stamp, images).numbered(sequence);
             let estimate = estimator.add_frame(&input);
-            listener.estimate(&estimate, 0.0);
-            late = Some(estimate);
+            late = Some(estimate.clone());
+            recorder.said(&Said::Estimate(FullEstimate { estimate, frame_ms: 0.0 }));
         }
-        listener.frame(&mut frame);
+        keeper.keep(&mut frame);
     }
 }
 
@@ -148,7 +150,9 @@ fn fly_with_orders(flight: Flight, listener: &mut dyn Listener) {
 fn what_the_clock_decided_is_followed() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("orders.mcap");
-    let flight = flight();
+    let mut flight = flight();
+    // The run in small has no map.
+    flight.config = flight.config.with("test", |config| config.estimator.places.enabled = false).unwrap();
     let recorder = Recorder::start(&path, &flight.config, WhenFull::Wait).unwrap();
     fly_with_orders(flight, &mut recorder.handle());
     assert_eq!(recorder.finish().not_recorded, 0);
@@ -158,9 +162,8 @@ fn what_the_clock_decided_is_followed() {
     // Another order of the same inputs is another flight.
     rewritten(&path, Channel::FrameOrder, |number, data| {
         if number == 9 {
-            let mut order = proto::FrameOrder::decode(data.as_slice()).unwrap();
-            order.refused = false;
-            *data = order.encode_to_vec();
+            let order: FrameOrder = decode(data).unwrap();
+            *data = encode(&FrameOrder { verdict: Verdict::Taken { level: 0 }, ..order });
         }
     });
     assert!(!verified(&path).unwrap().identical);
@@ -179,8 +182,8 @@ impl Subscriber for Asker {
 }
 
 impl Listener for Asker {
-    fn order(&mut self, order: &FrameOrder) {
-        if order.frame == 12 {
+    fn said(&mut self, said: &Said) {
+        if matches!(said, Said::Order(FrameOrder { frame: 12, .. })) {
             self.0.ask_reset(ResetKind::Hard);
         }
     }
@@ -210,9 +213,8 @@ fn a_level_that_this_build_does_not_have_is_refused() {
     let (_folder, path, _) = recorded(ImageRecording::Png);
     rewritten(&path, Channel::FrameOrder, |number, data| {
         if number == 5 {
-            let mut order = proto::FrameOrder::decode(data.as_slice()).unwrap();
-            order.level = 9;
-            *data = order.encode_to_vec();
+            let order: FrameOrder = decode(data).unwrap();
+            *data = encode(&FrameOrder { verdict: Verdict::Taken { level: 9 }, ..order });
         }
     });
     assert!(verified(&path).unwrap_err().to_string().contains("level 9"));
@@ -222,7 +224,7 @@ fn a_level_that_this_build_does_not_have_is_refused() {
 fn zero_keeps_its_sign_and_what_is_no_number_its_bits() {
     let mut reading = flight().streams.imu.next_reading().unwrap().unwrap();
     reading.sample.gyro = Vector3::new(-0.0, 0.0, f64::from_bits(0x7ff8_0000_0000_1234));
-    let back = ImuReading::from_bytes(&encode::imu(&reading).encode_to_vec()).unwrap();
+    let back = decode::<ImuReading>(&encode(&reading)).unwrap();
     assert_eq!(back.sample.gyro.map(f64::to_bits), reading.sample.gyro.map(f64::to_bits));
 }
 
@@ -233,7 +235,7 @@ fn outputs_are_paired_by_their_numbers() {
     let mut odometry = Vec::new();
     while let Some(message) = reader.next_message().unwrap() {
         if message.channel == Channel::Odometry {
-            odometry.push(Odometry::from_bytes(message.payload).unwrap());
+            odometry.push(decode::<Odometry>(message.payload).unwrap());
         }
     }
     assert_eq!(reader.ending(), Ending::Flight);
@@ -251,4 +253,42 @@ fn outputs_are_paired_by_their_numbers() {
     assert_eq!((pairing.left_over(), &pairing.difference), (1, &None));
     pairing.finish(true);
     assert!(pairing.difference.unwrap().to_string().contains("odometry 25"));
+}
+
+/// Source that loses all frames between two, for longer than readings wait for a frame.
+struct Gap(Box<dyn StereoSource>);
+
+impl StereoSource for Gap {
+    fn next_frame(&mut self, frame: &mut StereoFrame) -> Result<bool, DriverError> {
+        loop {
+            let is_there = self.0.next_frame(frame)?;
+            if !is_there || !(8..46).contains(&frame.sequence) {
+                return Ok(is_there);
+            }
+        }
+    }
+
+    fn expected_frames(&self) -> Option<u64> {
+        None
+    }
+
+    fn faults(&self) -> Faults {
+        self.0.faults()
+    }
+}
+
+/// The front-end hears what the window found with a frame when it has tracked the next, however long that takes to come.
+#[test]
+fn a_flight_whose_cameras_pause_comes_out_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("gap.mcap");
+    let mut flight = flight_of(1, 3.5);
+    flight.streams.stereo = Box::new(Gap(flight.streams.stereo));
+    let mut recorder = Recorder::start(&path, &flight.config, WhenFull::Wait).unwrap();
+    let outcome = fly(flight, &Control::default(), &mut recorder);
+    assert_eq!(recorder.finish().not_recorded, 0);
+    assert!(outcome.figures.frames < 40, "{}", outcome.figures.frames);
+    let v = verified(&path).unwrap();
+    assert!(v.identical && v.complete, "{v:?}");
+    assert_eq!(v.estimate_digest, outcome.estimate_digest);
 }

@@ -3,14 +3,13 @@ use super::super::part_file::{Medium, Syncer};
 use super::super::reader::Ending;
 use super::*;
 use crate::log::LogEntry;
-use crate::pipeline::event::{Event, Severity};
 use plumbline_config::{Config, Timestamp};
 use plumbline_drivers::StereoFrame;
+use plumbline_record::{Event, Said, Severity};
 use std::fs::OpenOptions;
 use std::io::{self, Write};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 /// A file on a disk that misbehaves.
@@ -83,6 +82,56 @@ fn a_full_disk_ends_the_recording_and_not_the_flight() {
     assert!(v.identical && v.truncated && v.estimates_identical > 3, "{v:?}");
 }
 
+/// Files that cannot be opened for want of descriptors while `is_short`, but for the first.
+fn short_of_descriptors(is_short: &Arc<AtomicBool>, tries: &Arc<AtomicUsize>) -> OpenPart {
+    let (is_short, tries) = (Arc::clone(is_short), Arc::clone(tries));
+    OpenPart::with(move |path| {
+        if tries.fetch_add(1, Ordering::SeqCst) > 0 && is_short.load(Ordering::SeqCst) {
+            return Err(io::Error::from_raw_os_error(24));
+        }
+        let file = OpenOptions::new().write(true).create_new(true).open(path)?;
+        Ok(Box::new(Trouble { file, room: usize::MAX, is_stuck: Arc::default(), panics: false }))
+    })
+}
+
+#[test]
+fn a_lack_of_descriptors_interrupts_the_recording_and_does_not_end_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight.mcap");
+    let (is_short, tries) = (Arc::new(AtomicBool::new(true)), Arc::new(AtomicUsize::new(0)));
+    let open = short_of_descriptors(&is_short, &tries);
+    let relief = std::thread::spawn(move || {
+        while tries.load(Ordering::SeqCst) < 4 {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        is_short.store(false, Ordering::SeqCst);
+    });
+    let limits = Limits { part_bytes: 600_000, ..NO_LIMITS };
+    let (_, summary) = record_on(open, limits, &path, ImageRecording::Raw);
+    relief.join().unwrap();
+    assert!(summary.ended_early.is_none() && summary.parts > 2 && summary.not_recorded == 0, "{summary:?}");
+    let v = verified(&path).unwrap();
+    assert!(v.identical && v.complete, "{v:?}");
+}
+
+#[test]
+fn the_end_of_a_flight_does_not_wait_for_descriptors() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight.mcap");
+    let (is_short, tries) = (Arc::new(AtomicBool::new(true)), Arc::new(AtomicUsize::new(0)));
+    let open = short_of_descriptors(&is_short, &tries);
+    let config = config();
+    let limits = Limits { part_bytes: 200_000, ..NO_LIMITS };
+    let recorder = Recorder::start_on(open, limits, &path, &config, WhenFull::Drop).unwrap();
+    let handle = recorder.handle();
+    let event =
+        || LogEntry::Said(Said::Event(Event::new(Timestamp::default(), Severity::Info, format_args!("on"))));
+    while tries.load(Ordering::SeqCst) < 3 {
+        handle.offer(event());
+    }
+    assert!(recorder.finish().ended_early.unwrap().contains("os error 24"));
+}
+
 #[test]
 fn a_panic_of_the_recorder_does_not_reach_the_flight() {
     let folder = tempfile::tempdir().unwrap();
@@ -113,9 +162,11 @@ fn what_finds_the_queue_full_is_counted_and_the_log_says_so() {
     }
     assert!(refused > 40, "the disk is stuck, and two frames fit: {refused}");
     is_stuck.store(false, Ordering::SeqCst);
-    while !handle.offer(LogEntry::Event(Event::new(Timestamp::default(), Severity::Info, format_args!("on"))))
-    {
-    }
+    while !handle.offer(LogEntry::Said(Said::Event(Event::new(
+        Timestamp::default(),
+        Severity::Info,
+        format_args!("on"),
+    )))) {}
     let summary = recorder.finish();
     assert!(summary.not_recorded >= refused, "{summary:?}");
     let inventory = inventory::take(&mut LogReader::open(&path).unwrap()).unwrap();
@@ -135,7 +186,8 @@ fn a_disk_that_pauses_for_two_seconds_loses_nothing() {
     let recorder = Recorder::start_on(open, NO_LIMITS, &path, &config, WhenFull::Drop).unwrap();
     let handle = recorder.handle();
     is_stuck.store(true, Ordering::SeqCst);
-    let event = || LogEntry::Event(Event::new(Timestamp::default(), Severity::Info, format_args!("on")));
+    let event =
+        || LogEntry::Said(Said::Event(Event::new(Timestamp::default(), Severity::Info, format_args!("on"))));
     let of_two_seconds = |rate_hz: f64| (2.0 * rate_hz) as usize;
     let mut frame = StereoFrame::new([(64, 48), (0, 0)]);
     for _ in 0..of_two_seconds(config.camera[0].rate_hz) {
@@ -160,7 +212,8 @@ fn frames_that_find_no_room_keep_their_buffers_and_are_recorded_again_when_there
     let recorder = Recorder::start_on(open, NO_LIMITS, &path, &config, WhenFull::Drop).unwrap();
     let handle = recorder.handle();
     is_stuck.store(true, Ordering::SeqCst);
-    let event = || LogEntry::Event(Event::new(Timestamp::default(), Severity::Info, format_args!("on")));
+    let event =
+        || LogEntry::Said(Said::Event(Event::new(Timestamp::default(), Severity::Info, format_args!("on"))));
     // Some of it the recorder takes before it meets the disk.
     let mut full_since = Instant::now();
     while full_since.elapsed() < Duration::from_millis(200) {

@@ -14,7 +14,6 @@ use super::recorder::{Recorder, RecorderSummary, WhenFull};
 use super::verify::{Verification, verify};
 use super::writer::Limits;
 use super::{LogError, LogReader};
-use crate::pipeline::digest::config_hash;
 use crate::pipeline::listener::Subscriber;
 use crate::pipeline::{self, Control, Outcome, RunOptions, Stamps, Streams};
 use mcap::records::Metadata;
@@ -22,6 +21,7 @@ use mcap::{MessageStream, WriteOptions};
 use plumbline_config::options::{ImageRecording, KeepPolicy};
 use plumbline_config::{Config, ValidConfig};
 use plumbline_drivers::simulator::{Scenario, Scene, Simulator};
+use plumbline_record::digest::config_hash;
 use std::borrow::Cow;
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -42,8 +42,12 @@ fn flight() -> Flight {
 }
 
 fn flight_of_seed(seed: u64) -> Flight {
+    flight_of(seed, 1.0)
+}
+
+fn flight_of(seed: u64, duration_s: f64) -> Flight {
     let scenario =
-        Scenario { scene: Scene::Room, seed, duration_s: 1.0, resolution_scale: 0.3, ..Scenario::default() };
+        Scenario { scene: Scene::Room, seed, duration_s, resolution_scale: 0.3, ..Scenario::default() };
     let simulator = Simulator::new(&config(), &scenario).unwrap();
     let streams = Streams {
         imu: Box::new(simulator.imu()),

@@ -7,6 +7,7 @@ use crate::log::LogEntry;
 use nalgebra::Vector3;
 use plumbline_config::{ImuSample, Timestamp};
 use plumbline_drivers::ImuReading;
+use plumbline_record::Said;
 use std::fs::OpenOptions;
 use std::io::{self, Write};
 use std::sync::Arc;
@@ -76,7 +77,7 @@ fn what_is_older_than_two_seconds_survives_a_power_failure() {
     let (handle, begun, mut offered, mut oldest_s) = (recorder.handle(), Instant::now(), 0, 0.0f64);
     for look in 1..=16 {
         while begun.elapsed() < Duration::from_millis(250 * look) {
-            assert!(handle.offer(LogEntry::Imu(reading(offered))));
+            assert!(handle.offer(LogEntry::Said(Said::Imu(reading(offered)))));
             offered += 1;
             std::thread::sleep(Duration::from_millis(5));
         }

@@ -29,6 +29,7 @@ mod wiring;
 pub use figures::LiveFigures;
 
 use super::listener::{Listener, Producer, Subscriber};
+use super::machine::Effect;
 use super::places::PlacesStage;
 use super::stages::{self, FrontStage, WindowStage};
 use super::team::Team;
@@ -85,9 +86,9 @@ impl Live {
         let team = Team::new(helpers, move || theirs.enter(&task))
             .map_err(|error| RunError::Thread(error.to_string()))?;
         let stages = Stages {
-            front: FrontStage::new(config, subscriber.listener(Producer::FrontEnd)),
-            window: WindowStage::new(config, subscriber.listener(Producer::Window)),
-            tick: TickStage::new(config, subscriber.listener(Producer::Tick)),
+            front: FrontStage::new(config, subscriber),
+            window: WindowStage::new(config, Effect::ByRule, subscriber.listener(Producer::Window)),
+            tick: TickStage::new(config, Effect::ByRule, subscriber.listener(Producer::Tick)),
             places: PlacesStage::new(config, known, subscriber.listener(Producer::Places)),
         };
         let listener = subscriber.listener(Producer::Watchdog);

@@ -2,7 +2,6 @@
 
 use super::super::RunError;
 use super::shared::Shared;
-use crate::pipeline::event::{Event, Severity};
 use crate::pipeline::listener::Listener;
 use crate::schedule::ladder::Rung;
 use crate::schedule::supervisor::{Supervisor, Word};
@@ -10,6 +9,7 @@ use crate::schedule::tasks::{Loss, TaskId, WATCH_PERIOD};
 use crate::schedule::ticker::Monotonic;
 use crate::schedule::watchdog::{Finding, Watchdog};
 use plumbline_config::Portable;
+use plumbline_record::{Event, Said, Severity};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{Builder, Scope, ScopedJoinHandle};
 use std::time::Duration;
@@ -114,10 +114,16 @@ impl Drop for EndOnDrop<'_> {
 fn report_rung(shared: &Shared<'_>, listener: &mut dyn Listener, told: &mut Rung) {
     let rung = shared.rung();
     if rung != *told {
-        let words = if rung > *told { "the work does not fit" } else { "the work fits again" };
-        tracing::warn!("{words}: {}", rung.name());
         let now = shared.data_time(Monotonic::now());
-        listener.event(&Event::new(now, Severity::Warning, format_args!("{words}: {}", rung.name())));
+        let severity = if rung > *told {
+            tracing::warn!("the work does not fit: {}", rung.name());
+            Severity::Warning
+        } else {
+            tracing::info!("the work fits again: {}", rung.name());
+            Severity::Info
+        };
+        let words = if rung > *told { "the work does not fit" } else { "the work fits again" };
+        listener.said(&Said::Event(Event::new(now, severity, format_args!("{words}: {}", rung.name()))));
         *told = rung;
     }
 }
@@ -128,9 +134,10 @@ fn report_finding(shared: &Shared<'_>, listener: &mut dyn Listener, finding: Fin
     let mut tell = |severity: Severity, text: std::fmt::Arguments<'_>| {
         match severity {
             Severity::Error => tracing::error!("{text}"),
-            Severity::Warning | Severity::Info => tracing::warn!("{text}"),
+            Severity::Warning => tracing::warn!("{text}"),
+            Severity::Info => tracing::info!("{text}"),
         }
-        listener.event(&Event::new(now, severity, text));
+        listener.said(&Said::Event(Event::new(now, severity, text)));
     };
     match finding {
         Finding::Stalled(id, silence) => {

@@ -1,0 +1,61 @@
+//! Keys that a preset leaves to the user: their values hold [`MARK`] until they are set.
+
+use crate::Config;
+use crate::error::{ConfigError, Violation};
+use toml::{Table, Value};
+
+/// Part of every value that is to be replaced.
+pub const MARK: &str = "CHANGE-ME";
+
+impl Config {
+    /// Keys that still hold the placeholder of a preset. Such a configuration is valid, and can be completed, but no sensor
+    /// can be opened by it.
+    #[must_use]
+    pub fn unset_keys(&self) -> Vec<Violation> {
+        let mut found = Vec::new();
+        if let Ok(table) = Table::try_from(self) {
+            collect(&Value::Table(table), "", &mut found);
+        }
+        found
+    }
+
+    /// Refuses a configuration with [`Self::unset_keys`]; `origin` names it in the message.
+    ///
+    /// # Errors
+    /// When there are such keys.
+    pub fn refuse_unset_keys(&self, origin: &str) -> Result<(), ConfigError> {
+        ConfigError::if_any(origin, self.unset_keys())
+    }
+}
+
+fn collect(value: &Value, key: &str, found: &mut Vec<Violation>) {
+    match value {
+        Value::Table(table) => {
+            let dot = if key.is_empty() { "" } else { "." };
+            table.iter().for_each(|(name, inner)| collect(inner, &format!("{key}{dot}{name}"), found));
+        }
+        Value::Array(list) => {
+            list.iter().enumerate().for_each(|(k, inner)| collect(inner, &format!("{key}[{k}]"), found));
+        }
+        Value::String(text) if text.contains(MARK) => {
+            let reason = format!("{text:?} still holds {MARK}");
+            found.push(Violation::new(key, reason, "give the name that `plumbline devices` lists"));
+        }
+        _ => {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn placeholders_of_a_preset_are_named_by_their_keys() {
+        let config = Config::preset("mipi-stereo").unwrap();
+        let keys: Vec<String> = config.unset_keys().into_iter().map(|violation| violation.key).collect();
+        assert_eq!(keys, ["driver.v4l2.left", "driver.v4l2.right"]);
+        let error = config.refuse_unset_keys("drone.toml").unwrap_err().to_string();
+        assert!(error.contains("drone.toml") && error.contains("plumbline devices"), "{error}");
+        assert!(Config::preset("euroc").unwrap().refuse_unset_keys("euroc").is_ok());
+    }
+}

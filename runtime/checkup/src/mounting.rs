@@ -1,0 +1,236 @@
+//! How the IMU is mounted in the vehicle: measured at rest, and by a nod.
+//!
+//! A level vehicle at rest shows where its vertical axis lies in the axes of the IMU: gravity says it, and that is roll and
+//! pitch of the mounting. A nod (the nose is lifted and put down again, the vehicle turns about its left axis alone) shows that
+//! axis by the gyroscope, and with it the heading of the mounting: lifting the nose is a negative turn about the left axis.
+
+use crate::inertial::Rest;
+use crate::verdict::{Fitness, Measure};
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use plumbline_config::options::{Mounting, VehicleConfig};
+use plumbline_config::{Config, ImuSample};
+
+/// Name of the measure.
+pub const NAME: &str = "mounting";
+/// Tilt against the configured mounting, degrees: a floor is level, grass is not.
+const TILT: (f64, f64) = (5.0, 20.0);
+/// Heading against the configured mounting, degrees: a hand does not nod about one axis alone.
+const HEADING: (f64, f64) = (15.0, 30.0);
+/// A nod is this large at least, and no somersault, degrees.
+const NOD_DEG: std::ops::Range<f64> = 12.0..80.0;
+/// Before and after a nod the vehicle is tilted by less, degrees.
+const LEVEL_DEG: f64 = 4.0;
+/// A nod is over after this time, s.
+const LONGEST_S: f64 = 15.0;
+/// Share of the turning that may be about other axes.
+const ASIDE: f64 = 0.35;
+/// What to do for a measurement.
+const NOD: &str = "put the vehicle level and still for three seconds, lift its nose by 30 degrees, put it down again, while \
+                   `plumbline doctor --live` measures";
+
+/// A nod that was seen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Nod {
+    /// How far the nose was lifted, degrees.
+    pub degrees: f64,
+    /// Rotation from the IMU to the vehicle that it shows.
+    pub rot_v_b: UnitQuaternion<f64>,
+}
+
+/// The first nod after the vehicle was level and at rest.
+#[must_use]
+pub fn nod(samples: &[ImuSample], rest: &Rest) -> Option<Nod> {
+    let end = rest.first_end?;
+    let up_b = rest.first_accel.try_normalize(1e-3)?;
+    let after = &samples[samples.partition_point(|sample| sample.stamp < end)..];
+    let first = after.first()?;
+    let mut rot_0_t = UnitQuaternion::identity();
+    // Turning since the vehicle was level: as a vector, as a length; and the largest tilt, with the rotation there.
+    let (mut turned, mut total) = (Vector3::zeros(), 0.0);
+    let mut peak = (0.0, Vector3::zeros(), 0.0, Vector3::zeros());
+    for pair in after.windows(2) {
+        let dt_s = pair[1].stamp.seconds_since(pair[0].stamp);
+        let rate = 0.5 * (pair[0].gyro + pair[1].gyro) - rest.gyro;
+        rot_0_t *= UnitQuaternion::from_scaled_axis(rate * dt_s);
+        turned += rot_0_t * rate * dt_s;
+        total += rate.norm() * dt_s;
+        let tilt_deg = (rot_0_t * up_b).angle(&up_b).to_degrees();
+        if tilt_deg > peak.0 {
+            peak = (tilt_deg, rot_0_t.scaled_axis(), total, turned);
+        }
+        let is_down = NOD_DEG.contains(&peak.0) && tilt_deg < LEVEL_DEG;
+        if is_down {
+            return by_axis(peak, &up_b);
+        }
+        // Small motions before it are none of it.
+        if peak.0 < LEVEL_DEG {
+            (turned, total) = (Vector3::zeros(), 0.0);
+        }
+        if peak.0 >= LEVEL_DEG && pair[1].stamp.seconds_since(first.stamp) > LONGEST_S + rest.seconds {
+            return None;
+        }
+    }
+    None
+}
+
+/// The mounting by the turn up to the largest tilt: its angle, its rotation vector, how much was turned in all, and about which
+/// vector.
+fn by_axis(
+    (degrees, axis, total, turned): (f64, Vector3<f64>, f64, Vector3<f64>),
+    up_b: &Vector3<f64>,
+) -> Option<Nod> {
+    let about = axis - up_b * axis.dot(up_b);
+    let is_about_one_axis =
+        turned.norm() >= (1.0 - ASIDE) * total && about.norm() >= (1.0 - ASIDE) * axis.norm();
+    let left_b = (-about).try_normalize(1e-3).filter(|_| is_about_one_axis)?;
+    let forward_b = left_b.cross(up_b);
+    let rows = Matrix3::from_rows(&[forward_b.transpose(), left_b.transpose(), up_b.transpose()]);
+    let rot_v_b = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rows));
+    Some(Nod { degrees, rot_v_b })
+}
+
+/// Judges the mounting, by what rest and a nod show.
+#[must_use]
+pub fn judge(samples: &[ImuSample], rest: &Rest, config: &Config) -> Measure {
+    let nod = nod(samples, rest);
+    match config.vehicle.rot_v_b() {
+        None => unknown(rest, nod, config),
+        Some(rot_v_b) => known(rest, nod, &rot_v_b),
+    }
+}
+
+/// The key of the configuration for a mounting.
+fn key(nod: &Nod) -> String {
+    let [roll, pitch, yaw] = Mounting::of_rotation(&nod.rot_v_b).degrees().unwrap_or_default();
+    format!("`vehicle.imu_to_vehicle_deg = [{roll:.1}, {pitch:.1}, {yaw:.1}]`")
+}
+
+/// Without a mounting neither an autopilot nor ROS 2 can be served.
+fn unknown(rest: &Rest, nod: Option<Nod>, config: &Config) -> Measure {
+    let is_needed = !config.autopilot.connect.is_empty() || config.ros.enabled;
+    let verdict = if is_needed { Fitness::NotFit } else { Fitness::Mind };
+    let up = rest.accel.normalize();
+    let mut figures = vec![("up_x", up.x), ("up_y", up.y), ("up_z", up.z)];
+    let (value, cure) = match &nod {
+        Some(nod) => {
+            figures.extend(angles(nod));
+            let value = format!("unknown; measured at rest and by a nod of {:.0} degrees", nod.degrees);
+            (value, format!("set {}", key(nod)))
+        }
+        None => {
+            let value = format!(
+                "unknown; at rest the vertical is along {:.2} {:.2} {:.2} of the IMU, its heading was not shown",
+                up.x, up.y, up.z
+            );
+            (value, format!("{NOD}; {}", VehicleConfig::CURE))
+        }
+    };
+    Measure::new(NAME, verdict, value, cure, &figures)
+}
+
+fn angles(nod: &Nod) -> [(&'static str, f64); 3] {
+    let [roll, pitch, yaw] = Mounting::of_rotation(&nod.rot_v_b).degrees().unwrap_or_default();
+    [("measured_roll_deg", roll), ("measured_pitch_deg", pitch), ("measured_yaw_deg", yaw)]
+}
+
+fn known(rest: &Rest, nod: Option<Nod>, rot_v_b: &UnitQuaternion<f64>) -> Measure {
+    let up_v = rot_v_b * rest.accel;
+    let tilt = up_v.angle(&Vector3::z()).to_degrees();
+    // Attitude of the vehicle: right side down and nose up are positive.
+    let roll = up_v.y.atan2(up_v.z).to_degrees();
+    let pitch = up_v.x.atan2(up_v.z).to_degrees();
+    let mut figures = vec![("tilt_deg", tilt), ("roll_deg", roll), ("pitch_deg", pitch)];
+    let mut value =
+        format!("at rest the vehicle is tilted by {tilt:.1} degrees (roll {roll:.1}, pitch {pitch:.1})");
+    let mut verdict = Fitness::within(tilt, TILT.0, TILT.1);
+    let mut cure =
+        String::from("put the vehicle on a level floor; if it is, correct `vehicle.imu_to_vehicle_deg`");
+    if let Some(nod) = &nod {
+        let nose_v = rot_v_b * nod.rot_v_b.inverse() * Vector3::x();
+        let heading = nose_v.y.atan2(nose_v.x).to_degrees();
+        value += &format!("; by a nod its nose is {heading:.0} degrees to the left of the configured one");
+        figures.push(("nod_heading_deg", heading));
+        figures.extend(angles(nod));
+        verdict = verdict.max(Fitness::within(heading.abs(), HEADING.0, HEADING.1));
+        cure = format!("on a level floor: set {}", key(nod));
+    }
+    Measure::new(NAME, verdict, value, cure, &figures)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::inertial;
+    use plumbline_config::Timestamp;
+
+    /// Samples of an IMU mounted so in a vehicle that rests, lifts its nose by so much, and is put down.
+    fn samples(vehicle: &VehicleConfig, nose_deg: f64) -> Vec<ImuSample> {
+        let rot_b_v = vehicle.rot_v_b().unwrap().inverse();
+        let bias = Vector3::new(0.004, -0.003, 0.002);
+        // Angle of the nose over time, s: two seconds of rest, up and down within four.
+        let angle = |t: f64| match t {
+            t if !(2.0..6.0).contains(&t) => 0.0,
+            t => nose_deg.to_radians() * 0.5 * (1.0 - (std::f64::consts::TAU * (t - 2.0) / 4.0).cos()),
+        };
+        let sample = |k: i64| {
+            let t = k as f64 * 0.005;
+            let rate = (angle(t + 1e-4) - angle(t - 1e-4)) / 2e-4;
+            let rot_w_v = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), -angle(t));
+            ImuSample {
+                stamp: Timestamp::from_nanos(k * 5_000_000),
+                gyro: rot_b_v * Vector3::new(0.0, -rate, 0.0) + bias,
+                accel: rot_b_v * (rot_w_v.inverse() * Vector3::new(0.0, 0.0, 9.81)),
+            }
+        };
+        (0..1600).map(sample).collect()
+    }
+
+    fn config(vehicle: VehicleConfig) -> Config {
+        let mut config = Config::preset("sim").unwrap().into_inner();
+        config.vehicle = vehicle;
+        config
+    }
+
+    #[test]
+    fn a_nod_tells_any_mounting() {
+        for degrees in [[0.0, 0.0, 0.0], [180.0, -70.3, 0.0], [-90.0, 0.0, 90.0], [12.0, 34.0, -120.0]] {
+            let vehicle = VehicleConfig::mounted(degrees);
+            let samples = samples(&vehicle, 30.0);
+            let rest = inertial::rest(&samples, &[]);
+            let nod = nod(&samples, &rest).unwrap();
+            let off = nod.rot_v_b.angle_to(&vehicle.rot_v_b().unwrap()).to_degrees();
+            assert!(off < 0.5 && (nod.degrees - 30.0).abs() < 0.5, "{degrees:?}: {off} {nod:?}");
+        }
+    }
+
+    #[test]
+    fn an_unknown_mounting_is_measured_and_its_key_proposed() {
+        let vehicle = VehicleConfig::mounted([180.0, 0.0, 0.0]);
+        let samples = samples(&vehicle, 25.0);
+        let rest = inertial::rest(&samples, &[]);
+        let measure = judge(&samples, &rest, &config(VehicleConfig::default()));
+        assert_eq!(measure.verdict, Fitness::Mind);
+        let key = measure.cure.strip_prefix("set `vehicle.imu_to_vehicle_deg = [").unwrap();
+        let roll: f64 = key.split(',').next().unwrap().parse().unwrap();
+        assert!((roll.abs() - 180.0).abs() < 0.2, "{}", measure.cure);
+        // An autopilot needs it.
+        let mut config = config(VehicleConfig::default());
+        config.autopilot.connect = "udp://127.0.0.1:14540".into();
+        assert_eq!(judge(&samples, &rest, &config).verdict, Fitness::NotFit);
+        // Rest alone does not tell the heading.
+        let still = judge(&samples[..300], &inertial::rest(&samples[..300], &[]), &config);
+        assert!(still.cure.contains("lift its nose") && still.verdict == Fitness::NotFit, "{}", still.cure);
+    }
+
+    #[test]
+    fn a_mounting_turned_about_the_vertical_is_found_by_a_nod_alone() {
+        let samples = samples(&VehicleConfig::mounted([0.0, 0.0, 90.0]), 30.0);
+        let rest = inertial::rest(&samples, &[]);
+        let level = config(VehicleConfig::mounted([0.0, 0.0, 0.0]));
+        let measure = judge(&samples, &rest, &level);
+        assert_eq!(measure.verdict, Fitness::NotFit, "{}", measure.value);
+        assert!(measure.cure.contains("90.0]"), "{}", measure.cure);
+        let still = judge(&samples[..300], &inertial::rest(&samples[..300], &[]), &level);
+        assert_eq!(still.verdict, Fitness::Good, "{}", still.value);
+    }
+}

@@ -1,0 +1,53 @@
+//! Signals that end a command.
+
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::iterator::Signals;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Status of a command that a second signal has ended.
+const INTERRUPTED: i32 = 130;
+
+/// Set by the first SIGINT, SIGTERM or SIGHUP; a second one ends the process at once.
+///
+/// # Errors
+/// When no handler can be installed.
+pub fn stop_on_signal() -> anyhow::Result<Arc<AtomicBool>> {
+    stop_unless(|_| false)
+}
+
+/// As [`stop_on_signal`], but a flight goes on when its terminal is closed.
+///
+/// # Errors
+/// When no handler can be installed.
+pub fn stop_in_flight() -> anyhow::Result<Arc<AtomicBool>> {
+    stop_unless(|signal| {
+        let is_terminal = signal == SIGHUP;
+        if is_terminal {
+            tracing::warn!("the terminal was closed (SIGHUP); the flight continues, SIGTERM ends it");
+        }
+        is_terminal
+    })
+}
+
+/// Ignores all of them: somebody else ends this process.
+///
+/// # Errors
+/// When no handler can be installed.
+pub fn ignore_signals() -> anyhow::Result<()> {
+    stop_unless(|_| true).map(|_| ())
+}
+
+fn stop_unless(is_ignored: impl Fn(i32) -> bool + Send + 'static) -> anyhow::Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP])?;
+    std::thread::Builder::new().name("signals".into()).spawn(move || {
+        for signal in signals.forever() {
+            if !is_ignored(signal) && flag.swap(true, Ordering::Relaxed) {
+                std::process::exit(INTERRUPTED);
+            }
+        }
+    })?;
+    Ok(stop)
+}

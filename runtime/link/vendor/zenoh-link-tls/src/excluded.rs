@@ -1,0 +1,96 @@
+//! PLUMBLINE: certificates that are refused by their names, although an authority has signed them.
+
+use std::sync::Arc;
+
+use rustls::{
+    client::danger::HandshakeSignatureValid,
+    pki_types::{CertificateDer, UnixTime},
+    server::danger::{ClientCertVerified, ClientCertVerifier},
+    CertificateError, DigitallySignedStruct, DistinguishedName, Error, SignatureScheme,
+};
+use x509_parser::prelude::{FromDer, X509Certificate};
+
+/// Key of an endpoint's configuration: common names, separated by `|`. One without a number at its end (`operator`) stands for
+/// all of its numbers (`operator.1`).
+pub(crate) const EXCLUDED_NAMES: &str = "excluded_names";
+
+/// Names of certificates that are refused.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Excluded(Vec<String>);
+
+impl Excluded {
+    pub(crate) fn parse(names: Option<&str>) -> Self {
+        let names = names.unwrap_or_default().split('|');
+        Self(names.filter(|name| !name.is_empty()).map(str::to_owned).collect())
+    }
+
+    /// Whether a certificate of this common name is refused.
+    pub(crate) fn refuses(&self, name: &str) -> bool {
+        let holder = name.rsplit_once('.').map_or(name, |(holder, _)| holder);
+        self.0.iter().any(|other| other == name || other == holder)
+    }
+
+    fn refuses_certificate(&self, certificate: &CertificateDer<'_>) -> bool {
+        let Ok((_, certificate)) = X509Certificate::from_der(certificate.as_ref()) else { return true };
+        let names = certificate.subject().iter_common_name();
+        // One that cannot be read is refused like one that is excluded.
+        let mut names = names.map(|name| name.as_str().ok());
+        names.any(|name| name.is_none_or(|name| self.refuses(name)))
+    }
+}
+
+/// A verifier of clients that refuses some of those that another one accepts.
+#[derive(Debug)]
+pub(crate) struct ExcludingVerifier {
+    pub(crate) verifier: Arc<dyn ClientCertVerifier>,
+    pub(crate) excluded: Excluded,
+}
+
+impl ClientCertVerifier for ExcludingVerifier {
+    fn offer_client_auth(&self) -> bool {
+        self.verifier.offer_client_auth()
+    }
+
+    fn client_auth_mandatory(&self) -> bool {
+        self.verifier.client_auth_mandatory()
+    }
+
+    fn root_hint_subjects(&self) -> &[DistinguishedName] {
+        self.verifier.root_hint_subjects()
+    }
+
+    fn verify_client_cert(
+        &self,
+        end_entity: &CertificateDer<'_>,
+        intermediates: &[CertificateDer<'_>],
+        now: UnixTime,
+    ) -> Result<ClientCertVerified, Error> {
+        let verified = self.verifier.verify_client_cert(end_entity, intermediates, now)?;
+        match self.excluded.refuses_certificate(end_entity) {
+            true => Err(Error::InvalidCertificate(CertificateError::Revoked)),
+            false => Ok(verified),
+        }
+    }
+
+    fn verify_tls12_signature(
+        &self,
+        message: &[u8],
+        cert: &CertificateDer<'_>,
+        dss: &DigitallySignedStruct,
+    ) -> Result<HandshakeSignatureValid, Error> {
+        self.verifier.verify_tls12_signature(message, cert, dss)
+    }
+
+    fn verify_tls13_signature(
+        &self,
+        message: &[u8],
+        cert: &CertificateDer<'_>,
+        dss: &DigitallySignedStruct,
+    ) -> Result<HandshakeSignatureValid, Error> {
+        self.verifier.verify_tls13_signature(message, cert, dss)
+    }
+
+    fn supported_verify_schemes(&self) -> Vec<SignatureScheme> {
+        self.verifier.supported_verify_schemes()
+    }
+}

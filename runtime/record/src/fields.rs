@@ -1,0 +1,461 @@
+//! The mechanism: a table of fields for each type, and the value of a field in a form that every reader of a table
+//! understands.
+//!
+//! A type of a flight's records lists its fields once ([`Record::FIELDS`], written with [`record!`](crate::record) in
+//! [`tables`](crate::tables)). Whatever is made of records reads the tables: the bytes of the log and their schema
+//! ([`protobuf`](crate::protobuf), [`schema`](crate::schema)), the digest ([`digest`](crate::digest)), the comparison
+//! ([`compare`](crate::compare)), the columns of a table ([`columns`](crate::columns)), the fixed layouts of the local
+//! socket ([`layout`](crate::layout)).
+
+use nalgebra::{Isometry3, Quaternion, SVector, UnitQuaternion, Vector3};
+use plumbline_config::Timestamp;
+use plumbline_estimator::{BiasVariances, HealthBits, NavCovariance, ResetKind, TrackingState};
+use std::slice::from_ref;
+
+/// Value of a field.
+#[derive(Clone, Copy)]
+pub enum Value<'a> {
+    /// Whole number, flag, or place of an enumerator.
+    Whole(i64),
+    /// Real numbers in up to two runs, such as position and rotation of a pose.
+    Floats([&'a [f64]; 2]),
+    /// Bytes; a part that is still encoded.
+    Bytes(&'a [u8]),
+    /// Record inside the record.
+    Part(&'a dyn Parts),
+    /// No value: the field is absent.
+    Missing,
+}
+
+impl<'a> Value<'a> {
+    /// Value of real numbers.
+    #[must_use]
+    pub const fn floats(numbers: &'a [f64]) -> Self {
+        Self::Floats([numbers, &[]])
+    }
+
+    /// The whole number; 0 for a value of another form.
+    #[must_use]
+    pub const fn whole(self) -> i64 {
+        match self {
+            Self::Whole(number) => number,
+            _ => 0,
+        }
+    }
+
+    /// The real numbers, if there are `N`.
+    ///
+    /// # Errors
+    /// `otherwise` when there is another number of them.
+    pub fn numbers<const N: usize>(self, otherwise: &'static str) -> Result<[f64; N], &'static str> {
+        let Self::Floats([first, second]) = self else { return Err(otherwise) };
+        if first.len() + second.len() != N {
+            return Err(otherwise);
+        }
+        let mut all = first.iter().chain(second);
+        Ok(std::array::from_fn(|_| all.next().copied().unwrap_or_default()))
+    }
+}
+
+/// Form of a field in the messages of the log and in fixed layouts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shape {
+    /// `uint64`.
+    Uint64,
+    /// `int64`.
+    Int64,
+    /// `uint32`.
+    Uint32,
+    /// `sint32`; one byte in fixed layouts.
+    Sint32,
+    /// `bool`.
+    Flag,
+    /// Enumerator; one byte in fixed layouts.
+    Enumerator(&'static Enumeration),
+    /// `double`.
+    Double,
+    /// `repeated double`, which keeps a negative zero where a single field of proto3 does not.
+    Floats,
+    /// `repeated double`, empty while the value is unknown.
+    FloatsIfKnown,
+    /// 9x9 `repeated double` by columns; the upper triangle by rows in fixed layouts.
+    Covariance,
+    /// `bytes`.
+    Bytes,
+    /// Message of this name.
+    Message(&'static str),
+}
+
+/// Enumeration of the log's schema.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Enumeration {
+    /// Its name in the schema, from the message that holds it on.
+    pub name: &'static str,
+    /// Number of its first enumerator, before which 0 is "unspecified".
+    pub first: i64,
+    /// Names in the schema, from 0 on.
+    pub names: &'static [&'static str],
+    /// What is said of each in the schema.
+    pub about: &'static [&'static str],
+}
+
+/// What the tables say of a field.
+#[derive(Clone, Copy, Debug)]
+pub struct About {
+    /// Number in the messages of the log; 0 for a field of tables only, which follows from others.
+    pub tag: u32,
+    /// Name in the program and in comparisons.
+    pub name: &'static str,
+    /// Name in the schema of the log.
+    pub wire: &'static str,
+    /// What is said of it in the schema of the log.
+    pub about: &'static str,
+    /// Form.
+    pub shape: Shape,
+    /// Place in the digest, from 1; 0 for a field that it leaves out.
+    pub digest: u8,
+    /// First byte in the fixed layout of the local socket.
+    pub at: Option<usize>,
+    /// Place among the columns of a table, from 1, and their names; none where it is left out.
+    pub columns: (u8, &'static [&'static str]),
+}
+
+/// A field of `T`.
+pub struct Field<T: 'static> {
+    /// What the tables say of it.
+    pub about: About,
+    /// Reads it.
+    pub get: fn(&T) -> Value<'_>,
+    /// Reads what the digest takes in its place.
+    pub get_for_digest: fn(&T) -> Value<'_>,
+    /// Writes it; the error says what does not fit.
+    pub set: fn(&mut T, Value<'_>) -> Result<(), &'static str>,
+    /// Opens the record inside the record, if it is one.
+    pub open: fn(&mut T) -> Option<&mut dyn Parts>,
+}
+
+impl<T> Field<T> {
+    /// A field of this number, name, and name in the schema.
+    #[must_use]
+    pub const fn new(
+        (tag, name, wire, about): (u32, &'static str, &'static str, &'static str),
+        shape: Shape,
+        get: fn(&T) -> Value<'_>,
+        set: fn(&mut T, Value<'_>) -> Result<(), &'static str>,
+    ) -> Self {
+        let about = About { tag, name, wire, about, shape, digest: 0, at: None, columns: (0, &[]) };
+        Self { about, get, get_for_digest: get, set, open: |_| None }
+    }
+
+    /// Returns the field as one that can be opened.
+    #[must_use]
+    pub const fn opened(mut self, open: fn(&mut T) -> Option<&mut dyn Parts>) -> Self {
+        self.open = open;
+        self
+    }
+
+    /// Returns the field with its place in the digest, from 1.
+    #[must_use]
+    pub const fn digest(mut self, place: u8) -> Self {
+        self.about.digest = place;
+        self
+    }
+
+    /// Returns the field with its place in the digest, where `get` is taken for it.
+    #[must_use]
+    pub const fn digest_as(mut self, place: u8, get: fn(&T) -> Value<'_>) -> Self {
+        (self.about.digest, self.get_for_digest) = (place, get);
+        self
+    }
+
+    /// Returns the field with its first byte in the fixed layout.
+    #[must_use]
+    pub const fn at(mut self, byte: usize) -> Self {
+        self.about.at = Some(byte);
+        self
+    }
+
+    /// Returns the field with its place among the columns, from 1, and their names.
+    #[must_use]
+    pub const fn columns(mut self, place: u8, names: &'static [&'static str]) -> Self {
+        self.about.columns = (place, names);
+        self
+    }
+}
+
+/// Type of a flight's records.
+pub trait Record: Sized + 'static {
+    /// Name of its message in the schema of the log.
+    const NAME: &'static str;
+    /// What is said of it in the schema of the log.
+    const ABOUT: &'static str;
+    /// Its fields, in the order of the schema.
+    const FIELDS: &'static [Field<Self>];
+
+    /// A value that every field is still to be written to.
+    fn blank() -> Self;
+}
+
+/// Record whose type is not known to the reader: one that is part of another.
+pub trait Parts {
+    /// Calls `sink` with every field, in the order of the schema.
+    fn visit<'a>(&'a self, sink: &mut dyn FnMut(&'static About, Value<'a>));
+    /// Writes field `tag`.
+    ///
+    /// # Errors
+    /// When the value does not fit: what is wrong, in words.
+    fn put(&mut self, tag: u32, value: Value<'_>) -> Result<(), &'static str>;
+    /// Appends its message.
+    fn append(&self, to: &mut Vec<u8>);
+}
+
+impl<T: Record> Parts for T {
+    fn visit<'a>(&'a self, sink: &mut dyn FnMut(&'static About, Value<'a>)) {
+        T::FIELDS.iter().for_each(|field| sink(&field.about, (field.get)(self)));
+    }
+
+    fn put(&mut self, tag: u32, value: Value<'_>) -> Result<(), &'static str> {
+        match T::FIELDS.iter().find(|field| field.about.tag == tag) {
+            Some(field) => (field.set)(self, value),
+            None => Ok(()),
+        }
+    }
+
+    fn append(&self, to: &mut Vec<u8>) {
+        crate::protobuf::append(self, to);
+    }
+}
+
+/// Type of a field.
+pub trait Part {
+    /// Its form.
+    const SHAPE: Shape;
+    /// Reads it.
+    fn get(&self) -> Value<'_>;
+    /// Writes it.
+    ///
+    /// # Errors
+    /// When the value does not fit: what is wrong, in words.
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str>;
+    /// Opens it, if it is a record.
+    fn open(&mut self) -> Option<&mut dyn Parts> {
+        None
+    }
+}
+
+/// Form of what `place` points to.
+#[must_use]
+pub const fn shape_of<T, P: Part>(_place: fn(&T) -> &P) -> Shape {
+    P::SHAPE
+}
+
+/// Implements [`Part`] for whole numbers. One that is absent is 0, as in proto3.
+macro_rules! whole {
+    ($($type:ty, $shape:ident, $get:expr, $set:expr;)*) => {$(
+        impl Part for $type {
+            const SHAPE: Shape = Shape::$shape;
+
+            fn get(&self) -> Value<'_> {
+                let get: fn(&Self) -> i64 = $get;
+                Value::Whole(get(self))
+            }
+
+            fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+                let set: fn(i64) -> Result<Self, &'static str> = $set;
+                *self = set(value.whole())?;
+                Ok(())
+            }
+        }
+    )*};
+}
+
+whole! {
+    u64, Uint64, |v| *v as i64, |v| Ok(v as u64);
+    u32, Uint32, |v| i64::from(*v), |v| Ok(v as u32);
+    i8, Sint32, |v| i64::from(*v), |v| i8::try_from(v).map_err(|_| "a quality out of range");
+    bool, Flag, |v| i64::from(*v), |v| Ok(v != 0);
+    Timestamp, Int64, |v| v.as_nanos(), |v| Ok(Timestamp::from_nanos(v));
+    HealthBits, Uint32, |v| i64::from(v.0), |v| Ok(HealthBits(v as u32));
+}
+
+/// Implements [`Part`] for an enumeration, which cannot be absent.
+macro_rules! enumeration {
+    ($type:ty, $about:expr, $otherwise:literal, [$($enumerator:ident),*]) => {
+        impl Part for $type {
+            const SHAPE: Shape = {
+                static ABOUT: Enumeration = $about;
+                Shape::Enumerator(&ABOUT)
+            };
+
+            fn get(&self) -> Value<'_> {
+                Value::Whole(*self as i64)
+            }
+
+            fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+                let Value::Whole(place) = value else { return Err($otherwise) };
+                let all = [$(Self::$enumerator),*];
+                *self = *all.iter().find(|one| **one as i64 == place).ok_or($otherwise)?;
+                Ok(())
+            }
+        }
+    };
+}
+
+enumeration!(
+    TrackingState,
+    Enumeration {
+        name: "State",
+        first: 1,
+        names: &["STATE_UNSPECIFIED", "STATE_INITIALISING", "STATE_TRACKING", "STATE_BLIND", "STATE_FAILED"],
+        about: &["", "", "", "", ""],
+    },
+    "an unknown state",
+    [Initialising, Tracking, Blind, Failed]
+);
+enumeration!(
+    ResetKind,
+    Enumeration {
+        name: "ResetOrder.Kind",
+        first: 1,
+        names: &["KIND_UNSPECIFIED", "KIND_SOFT", "KIND_HARD"],
+        about: &["", "The pose stays.", "The new start begins at the origin."],
+    },
+    "an unknown kind of reset",
+    [Soft, Hard]
+);
+
+impl Part for f64 {
+    const SHAPE: Shape = Shape::Floats;
+
+    fn get(&self) -> Value<'_> {
+        Value::floats(from_ref(self))
+    }
+
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        [*self] = value.numbers("not one number")?;
+        Ok(())
+    }
+}
+
+/// Writes two numbers that are one field.
+///
+/// # Errors
+/// When there are not two.
+pub fn set_pair(first: &mut f64, second: &mut f64, value: Value<'_>) -> Result<(), &'static str> {
+    [*first, *second] = value.numbers("a time offset has not two numbers")?;
+    Ok(())
+}
+
+impl Part for Vector3<f64> {
+    const SHAPE: Shape = Shape::Floats;
+
+    fn get(&self) -> Value<'_> {
+        Value::floats(self.as_slice())
+    }
+
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        *self = Self::from(value.numbers("a vector has not three numbers")?);
+        Ok(())
+    }
+}
+
+impl Part for Isometry3<f64> {
+    const SHAPE: Shape = Shape::Floats;
+
+    fn get(&self) -> Value<'_> {
+        Value::Floats([self.translation.vector.as_slice(), self.rotation.coords.as_slice()])
+    }
+
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        let [x, y, z, qx, qy, qz, qw] = value.numbers("a pose has not seven numbers")?;
+        // As it was: normalising would change bits.
+        let rotation = UnitQuaternion::new_unchecked(Quaternion::new(qw, qx, qy, qz));
+        *self = Self::from_parts(Vector3::new(x, y, z).into(), rotation);
+        Ok(())
+    }
+}
+
+impl Part for Option<Isometry3<f64>> {
+    const SHAPE: Shape = Shape::FloatsIfKnown;
+
+    fn get(&self) -> Value<'_> {
+        self.as_ref().map_or(Value::Missing, Part::get)
+    }
+
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        *self = match value {
+            Value::Missing | Value::Floats([[], []]) => None,
+            value => {
+                let mut pose = Isometry3::identity();
+                pose.set(value)?;
+                Some(pose)
+            }
+        };
+        Ok(())
+    }
+}
+
+impl Part for NavCovariance {
+    const SHAPE: Shape = Shape::Covariance;
+
+    fn get(&self) -> Value<'_> {
+        Value::floats(self.as_slice())
+    }
+
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        *self = Self::from_column_slice(&value.numbers::<81>("a covariance has not 81 numbers")?);
+        Ok(())
+    }
+}
+
+/// Absent in logs from before there were any: those of a sensor whose biases are known.
+impl Part for BiasVariances {
+    const SHAPE: Shape = Shape::Floats;
+
+    fn get(&self) -> Value<'_> {
+        Value::floats(self.as_slice())
+    }
+
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        *self = match value {
+            Value::Missing | Value::Floats([[], []]) => Self::zeros(),
+            value => SVector::from(value.numbers::<6>("the variances of the biases are not six numbers")?),
+        };
+        Ok(())
+    }
+}
+
+impl Part for Vec<u8> {
+    const SHAPE: Shape = Shape::Bytes;
+
+    fn get(&self) -> Value<'_> {
+        Value::Bytes(self)
+    }
+
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        self.clear();
+        if let Value::Bytes(bytes) = value {
+            self.extend(bytes);
+        }
+        Ok(())
+    }
+}
+
+/// A record inside a record, which cannot be absent.
+impl<T: Record> Part for T {
+    const SHAPE: Shape = Shape::Message(T::NAME);
+
+    fn get(&self) -> Value<'_> {
+        Value::Part(self)
+    }
+
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        let Value::Bytes(bytes) = value else { return Err("a part is missing") };
+        *self = crate::protobuf::decode(bytes)?;
+        Ok(())
+    }
+
+    fn open(&mut self) -> Option<&mut dyn Parts> {
+        Some(self)
+    }
+}

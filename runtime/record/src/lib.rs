@@ -1,0 +1,30 @@
+//! What a flight of Plumbline says, and every form that it is said in.
+//!
+//! - [`said`] has the one type for inputs, orders, outputs and events; [`orders`] and [`event`] are what it holds besides
+//!   the types of drivers and estimator, [`parts`] what a log holds about images and about itself;
+//! - [`tables`] lists each field of each of these types once; [`fields`] is the mechanism;
+//! - what reads the tables: [`protobuf`] and [`schema`] (the messages of the log and of the local socket), [`layout`] (the
+//!   fixed layouts of the local socket), [`digest`], [`compare`], [`columns`].
+//!
+//! It does no I/O, starts no threads and reads no clock.
+
+#![deny(clippy::disallowed_methods)]
+
+pub mod columns;
+pub mod compare;
+pub mod digest;
+pub mod event;
+pub mod fields;
+pub mod layout;
+pub mod orders;
+pub mod parts;
+pub mod protobuf;
+pub mod said;
+pub mod schema;
+pub mod tables;
+#[cfg(test)]
+mod tests;
+
+pub use event::{Event, Severity};
+pub use orders::{CorrectionOrder, FrameOrder, MapOrder, MapVerdict, ResetOrder, Verdict};
+pub use said::{Dropped, Kind, Said};

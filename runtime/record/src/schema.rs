@@ -1,0 +1,212 @@
+//! The schema of the log's messages, made of the tables: as descriptors, which stand in every log, and as the text of
+//! `proto/plumbline/v1/log.proto`, for programs that read the log or the local socket.
+
+use crate::fields::{About, Enumeration, Record, Shape};
+use crate::orders::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder};
+use crate::parts::{FrameAbout, ImageAbout, Recording};
+use plumbline_drivers::ImuReading;
+use plumbline_estimator::places::MapEstimate;
+use plumbline_estimator::{Estimate, FrameFigures, Odometry};
+use prost::Message as _;
+use prost_types::field_descriptor_proto::{Label, Type};
+use prost_types::{
+    DescriptorProto, EnumDescriptorProto, EnumValueDescriptorProto, FieldDescriptorProto,
+    FileDescriptorProto, FileDescriptorSet,
+};
+use std::collections::BTreeSet;
+use std::fmt::Write as _;
+
+/// Package of the messages.
+pub const PACKAGE: &str = "plumbline.v1.log";
+/// File of the text.
+const FILE: &str = "plumbline/v1/log.proto";
+
+/// A message of the schema.
+struct Message {
+    name: &'static str,
+    about: &'static str,
+    fields: Vec<&'static About>,
+}
+
+impl Message {
+    fn of<T: Record>() -> Self {
+        let fields = T::FIELDS.iter().map(|field| &field.about).filter(|about| about.tag > 0).collect();
+        Self { name: T::NAME, about: T::ABOUT, fields }
+    }
+
+    /// Enumerations that its fields have, those inside the message or those outside it.
+    fn enumerations(&self, is_inside: bool) -> impl Iterator<Item = &'static Enumeration> {
+        let of = |about: &&About| match about.shape {
+            Shape::Enumerator(of) => Some(of),
+            _ => None,
+        };
+        self.fields.iter().filter_map(of).filter(move |of| of.name.contains('.') == is_inside)
+    }
+}
+
+/// All messages, in the order of the schema.
+fn messages() -> [Message; 12] {
+    [
+        Message::of::<ImuReading>(),
+        Message::of::<ImageAbout>(),
+        Message::of::<FrameAbout>(),
+        Message::of::<FrameOrder>(),
+        Message::of::<CorrectionOrder>(),
+        Message::of::<ResetOrder>(),
+        Message::of::<MapOrder>(),
+        Message::of::<FrameFigures>(),
+        Message::of::<Estimate>(),
+        Message::of::<Odometry>(),
+        Message::of::<MapEstimate>(),
+        Message::of::<Recording>(),
+    ]
+}
+
+/// The `FileDescriptorSet` of the messages.
+#[must_use]
+pub fn descriptors() -> Vec<u8> {
+    let messages = messages();
+    let file = FileDescriptorProto {
+        name: Some(FILE.into()),
+        package: Some(PACKAGE.into()),
+        message_type: messages.iter().map(message_descriptor).collect(),
+        enum_type: messages.iter().flat_map(|m| m.enumerations(false)).take(1).map(enumeration).collect(),
+        syntax: Some("proto3".into()),
+        ..FileDescriptorProto::default()
+    };
+    FileDescriptorSet { file: vec![file] }.encode_to_vec()
+}
+
+fn message_descriptor(message: &Message) -> DescriptorProto {
+    DescriptorProto {
+        name: Some(message.name.into()),
+        field: message.fields.iter().map(|about| field_descriptor(about)).collect(),
+        enum_type: message.enumerations(true).map(enumeration).collect(),
+        ..DescriptorProto::default()
+    }
+}
+
+fn field_descriptor(about: &About) -> FieldDescriptorProto {
+    let (kind, of) = kind(about.shape);
+    let label = if is_repeated(about.shape) { Label::Repeated } else { Label::Optional };
+    FieldDescriptorProto {
+        name: Some(about.wire.into()),
+        number: i32::try_from(about.tag).ok(),
+        label: Some(label.into()),
+        r#type: Some(kind.into()),
+        type_name: of.map(|of| format!(".{PACKAGE}.{of}")),
+        json_name: Some(json_name(about.wire)),
+        ..FieldDescriptorProto::default()
+    }
+}
+
+const fn is_repeated(shape: Shape) -> bool {
+    matches!(shape, Shape::Floats | Shape::FloatsIfKnown | Shape::Covariance)
+}
+
+/// Type of a field, and the name of the message or enumeration it has.
+const fn kind(shape: Shape) -> (Type, Option<&'static str>) {
+    match shape {
+        Shape::Uint64 => (Type::Uint64, None),
+        Shape::Int64 => (Type::Int64, None),
+        Shape::Uint32 => (Type::Uint32, None),
+        Shape::Sint32 => (Type::Sint32, None),
+        Shape::Flag => (Type::Bool, None),
+        Shape::Enumerator(of) => (Type::Enum, Some(of.name)),
+        Shape::Double | Shape::Floats | Shape::FloatsIfKnown | Shape::Covariance => (Type::Double, None),
+        Shape::Bytes => (Type::Bytes, None),
+        Shape::Message(name) => (Type::Message, Some(name)),
+    }
+}
+
+fn enumeration(of: &'static Enumeration) -> EnumDescriptorProto {
+    let values = (0i32..).zip(of.names).map(|(number, name)| EnumValueDescriptorProto {
+        name: Some((*name).into()),
+        number: Some(number),
+        options: None,
+    });
+    EnumDescriptorProto {
+        name: Some(of.name.rsplit('.').next().unwrap_or(of.name).into()),
+        value: values.collect(),
+        ..EnumDescriptorProto::default()
+    }
+}
+
+/// Name of a field in JSON.
+fn json_name(wire: &str) -> String {
+    let mut parts = wire.split('_');
+    let mut name = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        let mut letters = part.chars();
+        name.extend(letters.next().map(|letter| letter.to_ascii_uppercase()));
+        name.extend(letters);
+    }
+    name
+}
+
+/// The text of the schema.
+#[must_use]
+pub fn text() -> String {
+    let mut out = String::from(
+        "// What a flight log holds beside images, version 1: every input, every order, every output, bit for bit.\n//\n\
+         // Made of the tables of the crate plumbline-record, by its test `log_proto_is_what_the_tables_say`.\n//\n\
+         // Numbers that must come back bit for bit are repeated fields, which keep a negative zero; a single field of\n\
+         // proto3 does not. Frames and units are those of plumbline.proto; a pose is x y z (m) and the quaternion x y z w.\n\
+         syntax = \"proto3\";\n\n",
+    );
+    // Writing to a string cannot fail.
+    let _ = writeln!(out, "package {PACKAGE};");
+    let mut written = BTreeSet::new();
+    for message in messages() {
+        for of in message.enumerations(false).filter(|of| written.insert(of.name)) {
+            out.push('\n');
+            write_enumeration(&mut out, of, "");
+        }
+        out.push('\n');
+        comment(&mut out, message.about, "");
+        let _ = writeln!(out, "message {} {{", message.name);
+        message.enumerations(true).for_each(|of| write_enumeration(&mut out, of, "  "));
+        for about in &message.fields {
+            comment(&mut out, about.about, "  ");
+            let (repeated, kind) =
+                (if is_repeated(about.shape) { "repeated " } else { "" }, type_name(about.shape));
+            let _ = writeln!(out, "  {repeated}{kind} {} = {};", about.wire, about.tag);
+        }
+        out.push_str("}\n");
+    }
+    out
+}
+
+/// Type of a field in the text, as it is called inside its message.
+fn type_name(shape: Shape) -> String {
+    match kind(shape) {
+        (_, Some(name)) => name.rsplit('.').next().unwrap_or(name).to_owned(),
+        (kind, None) => kind.as_str_name().trim_start_matches("TYPE_").to_lowercase(),
+    }
+}
+
+fn write_enumeration(out: &mut String, of: &Enumeration, indent: &str) {
+    let name = of.name.rsplit('.').next().unwrap_or(of.name);
+    let _ = writeln!(out, "{indent}enum {name} {{");
+    for (number, (name, about)) in of.names.iter().zip(of.about).enumerate() {
+        comment(out, about, &format!("{indent}  "));
+        let _ = writeln!(out, "{indent}  {name} = {number};");
+    }
+    let _ = writeln!(out, "{indent}}}");
+}
+
+/// Writes a comment in lines of at most 120 characters.
+fn comment(out: &mut String, about: &str, indent: &str) {
+    let mut line = String::new();
+    for word in about.split_whitespace() {
+        if !line.is_empty() && indent.len() + 3 + line.len() + 1 + word.len() > 120 {
+            let _ = writeln!(out, "{indent}//{line}");
+            line.clear();
+        }
+        line.push(' ');
+        line.push_str(word);
+    }
+    if !line.is_empty() {
+        let _ = writeln!(out, "{indent}//{line}");
+    }
+}

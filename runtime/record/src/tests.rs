@@ -1,0 +1,323 @@
+//! The tables, and what is made of them.
+
+use crate::columns;
+use crate::digest::Digest;
+use crate::fields::{Parts, Record, Shape, Value};
+use crate::layout;
+use crate::parts::{FrameAbout, ImageAbout, Recording};
+use crate::protobuf::{decode, encode};
+use crate::said::FullEstimate;
+use crate::schema;
+use crate::{CorrectionOrder, FrameOrder, MapOrder, MapVerdict, ResetOrder, Verdict};
+use plumbline_drivers::ImuReading;
+use plumbline_estimator::places::MapEstimate;
+use plumbline_estimator::{
+    Estimate, FrameFigures, NavCovariance, Odometry, OriginUncertainty, TrackingState,
+};
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+#[path = "../../../fuzz/fixture.rs"]
+#[allow(dead_code)]
+mod fixture;
+
+fn repository() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+/// Checks the numbers of a table: fields from 1 on without a gap, and so the places in the digest.
+fn check_table<T: Record>() {
+    let places = |of: &dyn Fn(&crate::fields::About) -> u32| -> Vec<u32> {
+        let all: BTreeSet<u32> = T::FIELDS.iter().map(|field| of(&field.about)).filter(|k| *k > 0).collect();
+        all.into_iter().collect()
+    };
+    let is_whole = |places: &[u32]| places.iter().zip(1..).all(|(place, expected)| *place == expected);
+    let tags = places(&|about| about.tag);
+    assert!(tags.len() == T::FIELDS.len() && is_whole(&tags), "{}: {tags:?}", T::NAME);
+    let digest = places(&|about| about.digest.into());
+    let digested = T::FIELDS.iter().filter(|field| field.about.digest > 0).count();
+    assert!(digest.len() == digested && is_whole(&digest), "{}: {digest:?}", T::NAME);
+}
+
+#[test]
+fn numbers_of_fields_have_no_gap_and_no_double() {
+    check_table::<ImuReading>();
+    check_table::<ImageAbout>();
+    check_table::<FrameAbout>();
+    check_table::<FrameOrder>();
+    check_table::<CorrectionOrder>();
+    check_table::<ResetOrder>();
+    check_table::<MapOrder>();
+    check_table::<FrameFigures>();
+    check_table::<Estimate>();
+    check_table::<FullEstimate>();
+    check_table::<Odometry>();
+    check_table::<MapEstimate>();
+    check_table::<Recording>();
+}
+
+#[test]
+fn log_proto_is_what_the_tables_say() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("proto/plumbline/v1/log.proto");
+    if std::env::var_os("PLUMBLINE_WRITE_PROTO").is_some() {
+        std::fs::write(&path, schema::text()).unwrap();
+    }
+    let text = std::fs::read_to_string(&path).unwrap();
+    assert!(text == schema::text(), "{}: run this test with PLUMBLINE_WRITE_PROTO=1", path.display());
+}
+
+/// Messages of logs from before the tables wrote them are among the fuzzers' seeds.
+#[test]
+fn messages_of_earlier_builds_come_back_byte_for_byte() {
+    fn again<T: Record>(bytes: &[u8]) -> Vec<u8> {
+        encode(&decode::<T>(bytes).unwrap())
+    }
+    let mut read = 0;
+    for entry in std::fs::read_dir(repository().join("fuzz/seeds/log_messages")).unwrap() {
+        let path = entry.unwrap().path();
+        if !path.file_name().unwrap().to_string_lossy().starts_with("earlier-") {
+            continue;
+        }
+        let seed = std::fs::read(&path).unwrap();
+        let Some((channel, bytes)) = seed.split_first() else { continue };
+        // The numbers of the log's channels.
+        let back = match channel {
+            0 => again::<ImuReading>(bytes),
+            3 => again::<FrameAbout>(bytes),
+            4 => again::<FrameOrder>(bytes),
+            5 => again::<CorrectionOrder>(bytes),
+            6 => again::<ResetOrder>(bytes),
+            7 => again::<MapOrder>(bytes),
+            8 => again::<Estimate>(bytes),
+            9 => again::<MapEstimate>(bytes),
+            10 => again::<Odometry>(bytes),
+            14 => again::<Recording>(bytes),
+            _ => panic!("channel {channel} has no table"),
+        };
+        assert_eq!(back, bytes, "{}", path.display());
+        read += 1;
+    }
+    assert_eq!(read, 18);
+}
+
+#[test]
+fn every_verdict_comes_back() {
+    let again = |verdict| {
+        let order = FrameOrder { frame: 3, readings_before: 9, verdict };
+        assert_eq!(decode(&encode(&order)), Ok(order));
+    };
+    for verdict in [Verdict::Taken { level: 0 }, Verdict::Taken { level: 4 }, Verdict::Refused, Verdict::Lost]
+    {
+        again(verdict);
+    }
+    let again = |verdict| {
+        let order = MapOrder { frame: 3, verdict };
+        assert_eq!(decode(&encode(&order)), Ok(order));
+    };
+    for verdict in [MapVerdict::PassedOver, MapVerdict::Applied { at_frame: 7 }] {
+        again(verdict);
+    }
+}
+
+#[test]
+fn what_is_missing_in_a_message_is_refused() {
+    let refused = |without: u32| {
+        let mut bytes = Vec::new();
+        let estimate = fixture::estimate();
+        for field in Estimate::FIELDS.iter().filter(|field| field.about.tag != without) {
+            let mut one = Estimate::blank();
+            if let Value::Part(part) = (field.get)(&estimate) {
+                let mut inner = Vec::new();
+                part.append(&mut inner);
+                (field.set)(&mut one, Value::Bytes(&inner)).unwrap();
+            } else {
+                (field.set)(&mut one, (field.get)(&estimate)).unwrap();
+            }
+            bytes.extend(only(field.about.tag, &one));
+        }
+        decode::<Estimate>(&bytes)
+    };
+    assert_eq!(refused(0), Ok(fixture::estimate()));
+    assert_eq!(refused(3), Err("an unknown state"));
+    assert_eq!(refused(4), Err("a pose has not seven numbers"));
+    assert_eq!(refused(8), Err("a covariance has not 81 numbers"));
+    assert_eq!(refused(14), Err("a part is missing"));
+    // None in logs from before there were any.
+    assert_eq!(refused(15).unwrap().bias_variances, plumbline_estimator::BiasVariances::zeros());
+    assert_eq!(decode::<Odometry>(&[0xff; 3]), Err("not a message of its schema"));
+}
+
+/// The bytes of field `tag` in the message of `estimate`.
+fn only(tag: u32, estimate: &Estimate) -> Vec<u8> {
+    let (bytes, mut found) = (encode(estimate), Vec::new());
+    let mut all = bytes.as_slice();
+    while !all.is_empty() {
+        let before = all;
+        let (number, wire) = prost::encoding::decode_key(&mut all).unwrap();
+        prost::encoding::skip_field(wire, number, &mut all, Default::default()).unwrap();
+        if number == tag {
+            found = before[..before.len() - all.len()].to_vec();
+        }
+    }
+    found
+}
+
+#[test]
+fn every_field_of_the_digest_changes_it() {
+    let digest = |estimate: &Estimate| {
+        let mut digest = Digest::default();
+        digest.add(estimate);
+        digest.hex()
+    };
+    let (was, mut left_out) = (fixture::estimate(), Vec::new());
+    for field in Estimate::FIELDS {
+        let mut changed = was.clone();
+        match (field.get)(&was) {
+            Value::Whole(number) => (field.set)(&mut changed, Value::Whole(number - 1)).unwrap(),
+            Value::Floats([first, second]) => {
+                let mut numbers: Vec<f64> = first.iter().chain(second).copied().collect();
+                numbers[0] += 1.0;
+                (field.set)(&mut changed, Value::floats(&numbers)).unwrap();
+            }
+            _ => changed.figures.iterations += 1,
+        }
+        assert_ne!(changed, was, "{}", field.about.name);
+        if digest(&changed) == digest(&was) {
+            left_out.push(field.about.name);
+        }
+    }
+    assert_eq!(left_out, ["figures", "bias_variances"]);
+}
+
+#[test]
+fn odometry_comes_back_from_its_layout() {
+    let mut sent = fixture::odometry();
+    sent.covariance = NavCovariance::from_fn(|row, column| (row * column) as f64 + 1.0);
+    sent.quality = -1;
+    let mut bytes = Vec::new();
+    layout::put_odometry(&sent, 7, 5, &mut bytes);
+    assert_eq!(bytes.len(), layout::ODOMETRY_BYTES);
+    assert_eq!(layout::odometry(&bytes), Ok((Odometry { origin: OriginUncertainty::default(), ..sent }, 7)));
+    assert_eq!(bytes[488..492], 5u32.to_le_bytes());
+    assert!(layout::odometry(&bytes[1..]).is_err());
+    bytes[500] = 4;
+    assert_eq!(layout::odometry(&bytes), Err("an unknown state"));
+}
+
+#[test]
+fn an_estimate_has_its_fields_where_its_document_has_them() {
+    let sent = fixture::estimate();
+    let mut bytes = Vec::new();
+    layout::put_estimate(&sent, 9, &mut bytes);
+    assert_eq!(bytes.len(), layout::ESTIMATE_BYTES);
+    assert_eq!(bytes[8..16], 9i64.to_le_bytes());
+    assert_eq!(bytes[16..24], sent.frame_sequence.to_le_bytes());
+    assert_eq!(bytes[80..88], sent.v_o_b.x.to_le_bytes());
+    assert_eq!(bytes[512..520], sent.time_offset_s.to_le_bytes());
+    assert_eq!(bytes[524..528], sent.reset_counter.to_le_bytes());
+    let state = [sent.state as u8, sent.quality.to_le_bytes()[0], 1, 0, 0, 0, 0, 0];
+    assert_eq!(bytes[528..], state);
+}
+
+#[test]
+fn fields_of_a_layout_do_not_overlap() {
+    fn spans(record: &dyn Parts, to: &mut Vec<(usize, usize)>) {
+        record.visit(&mut |about, value| match (about.at, about.shape, value) {
+            (_, _, Value::Part(part)) => spans(part, to),
+            (Some(at), Shape::Covariance, _) => to.push((at, 45 * 8)),
+            (Some(at), _, Value::Floats([_, second])) if second.len() == 1 => to.push((at, 8)),
+            (Some(at), _, Value::Floats([first, second])) => to.push((at, 8 * (first.len() + second.len()))),
+            (Some(at), Shape::Uint64 | Shape::Int64, _) => to.push((at, 8)),
+            (Some(at), Shape::Uint32, _) => to.push((at, 4)),
+            (Some(at), ..) => to.push((at, 1)),
+            (None, ..) => {}
+        });
+    }
+    let mut of = (vec![(8, 8)], vec![(8, 8), (488, 4)]);
+    spans(&fixture::estimate(), &mut of.0);
+    spans(&fixture::odometry(), &mut of.1);
+    for mut spans in [of.0, of.1] {
+        spans.sort_unstable();
+        assert!(spans.windows(2).all(|pair| pair[0].0 + pair[0].1 <= pair[1].0), "{spans:?}");
+    }
+}
+
+/// An estimate whose numbers are all different.
+fn row(seed: f64) -> Estimate {
+    let mut estimate = fixture::estimate();
+    let mut next = seed;
+    let mut number = || {
+        next += 0.37;
+        next.sin()
+    };
+    estimate.v_o_b.iter_mut().for_each(|x| *x = number());
+    estimate.bias_gyro.iter_mut().for_each(|x| *x = 1e-3 * number());
+    estimate.bias_variances.iter_mut().for_each(|x| *x = 1e-6 * number());
+    for row in 0..9 {
+        for column in row..9 {
+            let value = number();
+            (estimate.covariance[(row, column)], estimate.covariance[(column, row)]) = (value, value);
+        }
+    }
+    estimate.health = plumbline_estimator::HealthBits(0);
+    estimate
+}
+
+#[test]
+fn rows_come_back_bit_for_bit() {
+    for seed in [0.1, -700.0, 1e3] {
+        let blind = Estimate { state: TrackingState::Blind, ..row(seed) };
+        for estimate in [row(seed), blind] {
+            let mut line = String::new();
+            columns::write_row(&mut line, &estimate);
+            assert_eq!(columns::parse_row(&line, columns::names().len()), Ok(estimate));
+        }
+        // Of a frame without a pose no real number is written.
+        let none = Estimate { state: TrackingState::Failed, quality: -1, ..row(seed) };
+        let mut line = String::new();
+        columns::write_row(&mut line, &none);
+        let back = columns::parse_row(&line, columns::names().len()).unwrap();
+        assert_eq!((back.state, back.quality, back.figures), (none.state, -1, none.figures));
+        assert_eq!(back.covariance, NavCovariance::zeros());
+    }
+}
+
+#[test]
+fn every_column_has_a_name_of_its_own() {
+    let mut line = String::new();
+    columns::write_row(&mut line, &row(1.0));
+    let names = columns::names();
+    assert_eq!(line.split(',').count(), names.len());
+    assert_eq!(names.iter().collect::<BTreeSet<_>>().len(), names.len());
+    for name in [
+        "stamp_ns",
+        "p_o_b_z_m",
+        "q_o_b_w",
+        "bias_accel_y_m_s2",
+        "var_theta_z_rad2",
+        "p_b_c0_x_m",
+        "var_bias_gyro_y_rad2_s2",
+        "cov_p_x_theta_z_m_rad",
+    ] {
+        assert!(names.iter().any(|known| known == name), "{name} is missing in {names:?}");
+    }
+}
+
+#[test]
+fn rows_of_earlier_builds_are_read_without_the_newer_columns() {
+    let mut line = String::new();
+    columns::write_row(&mut line, &row(1.0));
+    let first: Vec<&str> = line.split(',').take(54).collect();
+    let header = columns::names()[..54].join(",");
+    assert_eq!(columns::check_header(&header), Ok(()));
+    let back = columns::parse_row(&first.join(","), 54).unwrap();
+    assert_eq!((back.pose_o_b, back.figures), (row(1.0).pose_o_b, row(1.0).figures));
+    assert_eq!(back.covariance.diagonal(), row(1.0).covariance.diagonal());
+}
+
+/// Programs that read logs know this schema by its bytes; it changes with the tables alone.
+#[test]
+fn the_schema_in_logs_is_that_of_earlier_builds() {
+    let hash = crate::digest::hash_of_bytes(&schema::descriptors());
+    assert_eq!(hash, "867ccf0743c615f774ea43909faa3c82b4ebae064097114b7f6ebb83779c88de");
+}

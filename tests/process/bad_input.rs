@@ -1,0 +1,348 @@
+//! Every bad input of a first use: one line that names cause and cure, and the right exit status.
+
+use super::{plumbline, stderr};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Damages a copy of a sound data set, or of a configuration.
+type Damage = fn(&Path);
+
+/// A command, how its input is damaged, the status that it ends with, and words of its last line.
+struct Case {
+    name: &'static str,
+    /// FLIGHT is the damaged data set, TOML a configuration, FOLDER the folder of both.
+    command: &'static [&'static str],
+    damage: Damage,
+    status: i32,
+    words: &'static [&'static str],
+}
+
+/// Table of inertial samples, and of the left images.
+const IMU: &str = "flight/mav0/imu0/data.csv";
+const LEFT: &str = "flight/mav0/cam0/data.csv";
+const BOTH: [&str; 3] = [IMU, LEFT, "flight/mav0/cam1/data.csv"];
+
+fn none(_: &Path) {}
+
+/// Rewrites every row of a table that is no comment.
+fn rows(table: &Path, change: impl Fn(Vec<String>) -> Vec<String>) {
+    let text = fs::read_to_string(table).unwrap();
+    let row = |line: &str| match line.starts_with('#') {
+        true => line.to_owned(),
+        false => change(line.split(',').map(str::to_owned).collect()).join(","),
+    };
+    fs::write(table, text.lines().map(row).collect::<Vec<_>>().join("\n")).unwrap();
+}
+
+fn in_seconds(mut row: Vec<String>) -> Vec<String> {
+    row[0] = format!("{:.9}", row[0].parse::<i64>().unwrap() as f64 * 1e-9);
+    row
+}
+
+fn set(folder: &Path, key: &str, value: &str) {
+    let file = folder.join("drone.toml");
+    let text = fs::read_to_string(&file).unwrap();
+    let line = text.lines().find(|line| line.starts_with(&format!("{key} = "))).unwrap();
+    fs::write(&file, text.replacen(line, &format!("{key} = {value}"), 1)).unwrap();
+}
+
+const CASES: &[Case] = &[
+    Case {
+        name: "images of another size than the configuration's",
+        command: &["replay", "FLIGHT", "--config", "euroc"],
+        damage: none,
+        status: 2,
+        words: &["images are 376x240", "752x480", "use the calibration of this data set"],
+    },
+    Case {
+        name: "stamps of the IMU in seconds",
+        command: &["replay", "FLIGHT"],
+        damage: |folder| rows(&folder.join(IMU), in_seconds),
+        status: 2,
+        words: &["imu0/data.csv", "line 2", "if it is in seconds, multiply it by 1e9"],
+    },
+    Case {
+        name: "stamps of the images in seconds",
+        command: &["replay", "FLIGHT"],
+        damage: |folder| rows(&folder.join(LEFT), in_seconds),
+        status: 2,
+        words: &["cam0/data.csv", "multiply it by 1e9"],
+    },
+    Case {
+        name: "no ground truth",
+        command: &["evaluate", "EST", "FLIGHT"],
+        damage: |folder| fs::remove_dir_all(folder.join("flight/mav0/state_groundtruth_estimate0")).unwrap(),
+        status: 2,
+        words: &["holds no mav0/state_groundtruth_estimate0/data.csv", "give a trajectory file"],
+    },
+    Case {
+        name: "a folder of logs",
+        command: &["verify", "FOLDER"],
+        damage: none,
+        status: 2,
+        words: &["is a folder", "/*.mcap"],
+    },
+    Case {
+        name: "a start beyond the end",
+        command: &["replay", "FLIGHT", "--start", "100"],
+        damage: none,
+        status: 2,
+        words: &["0.450 s of frames, of which what comes after 100 s holds none", "choose others"],
+    },
+    Case {
+        name: "frames beyond the end",
+        command: &["replay", "FLIGHT", "--frames", "500.."],
+        damage: none,
+        status: 2,
+        words: &["frames 0..10, of which 500.. holds none"],
+    },
+    Case {
+        name: "a key of another estimator",
+        command: &["config", "TOML"],
+        damage: |folder| {
+            let file = folder.join("drone.toml");
+            let text = fs::read_to_string(&file).unwrap();
+            fs::write(&file, text.replacen("max_iterations = ", "max_features = ", 1)).unwrap();
+        },
+        status: 2,
+        words: &["drone.toml", "max_features", "unknown key", "known here"],
+    },
+    Case {
+        name: "a mounting in words",
+        command: &["config", "TOML"],
+        damage: |folder| set(folder, "imu_to_vehicle_deg", "\"upright\""),
+        status: 2,
+        words: &["vehicle.imu_to_vehicle_deg", "a list of 3 numbers or \"unknown\" is expected"],
+    },
+    Case {
+        name: "an unset device",
+        command: &["config", "TOML"],
+        damage: |folder| set(folder, "left", "\"/dev/v4l/by-path/CHANGE-ME-video-index0\""),
+        status: 2,
+        words: &["drone.toml", "driver.v4l2.left", "CHANGE-ME", "plumbline devices"],
+    },
+    Case {
+        name: "a flight with an unset device",
+        command: &["fly", "--config", "TOML"],
+        damage: |folder| set(folder, "left", "\"/dev/v4l/by-path/CHANGE-ME-video-index0\""),
+        status: 2,
+        words: &["drone.toml", "driver.v4l2.left", "CHANGE-ME", "plumbline devices"],
+    },
+    Case {
+        name: "a preset of a rig that was not set",
+        command: &["fly", "--config", "mipi-stereo"],
+        damage: none,
+        status: 2,
+        words: &["2 keys refused", "driver.v4l2.right", "CHANGE-ME"],
+    },
+    Case {
+        name: "an autopilot and an unknown mounting",
+        command: &[
+            "replay",
+            "FLIGHT",
+            "--config",
+            "TOML",
+            "--speed",
+            "1",
+            "--autopilot",
+            "udp://127.0.0.1:14540",
+        ],
+        damage: |folder| set(folder, "imu_to_vehicle_deg", "\"unknown\""),
+        status: 2,
+        words: &["vehicle.imu_to_vehicle_deg is \"unknown\"", "wrong attitude", "plumbline doctor --live"],
+    },
+    Case {
+        name: "ROS 2 and an unknown mounting",
+        command: &[
+            "replay",
+            "FLIGHT",
+            "--config",
+            "TOML",
+            "--speed",
+            "1",
+            "--publish",
+            "--set",
+            "ros.enabled=true",
+        ],
+        damage: |folder| set(folder, "imu_to_vehicle_deg", "\"unknown\""),
+        status: 2,
+        words: &["vehicle.imu_to_vehicle_deg is \"unknown\"", "ROS 2", "plumbline doctor --live"],
+    },
+    Case {
+        name: "a rig without a mounting",
+        command: &["config", "import", "--euroc", "FLIGHT", "--out", "OUT"],
+        damage: |folder| {
+            let file = folder.join("flight/mav0/imu0/sensor.yaml");
+            let text = fs::read_to_string(&file).unwrap();
+            let lines = text.lines().filter(|line| !line.starts_with("imu_to_vehicle_deg"));
+            fs::write(&file, lines.collect::<Vec<_>>().join("\n")).unwrap();
+        },
+        status: 2,
+        words: &["--imu-to-vehicle", "roll,pitch,yaw", "unknown"],
+    },
+    Case {
+        name: "a mounting that is none",
+        command: &["config", "import", "--euroc", "FLIGHT", "--out", "OUT", "--imu-to-vehicle", "1,2"],
+        damage: none,
+        status: 2,
+        words: &["--imu-to-vehicle", "three angles in degrees"],
+    },
+    Case {
+        name: "a map of one camera",
+        command: &["replay", "FLIGHT", "--mono", "--save-map", "OUT"],
+        damage: none,
+        status: 2,
+        words: &["--save-map: a map needs two cameras", "leave it out"],
+    },
+    Case {
+        name: "a map of a data set without its second camera",
+        command: &["replay", "FLIGHT", "--save-map", "OUT"],
+        damage: |folder| {
+            fs::remove_dir_all(folder.join("flight/mav0/cam1")).unwrap();
+        },
+        status: 2,
+        words: &["--save-map: a map needs two cameras"],
+    },
+    Case {
+        name: "a map without places",
+        command: &["replay", "FLIGHT", "--save-map", "OUT", "--set", "estimator.places.enabled=false"],
+        damage: none,
+        status: 2,
+        words: &["--save-map: estimator.places.enabled is false"],
+    },
+    Case {
+        name: "another separator",
+        command: &["replay", "FLIGHT"],
+        damage: |folder| {
+            let table = folder.join(IMU);
+            fs::write(&table, fs::read_to_string(&table).unwrap().replace(',', ";")).unwrap();
+        },
+        status: 1,
+        words: &["imu0/data.csv", "line 2", "separate its columns by commas"],
+    },
+    Case {
+        name: "clocks that have nothing in common",
+        command: &["replay", "FLIGHT"],
+        damage: |folder| {
+            rows(&folder.join(IMU), |mut row| {
+                row[0] = (row[0].parse::<i64>().unwrap() + 3_600_000_000_000).to_string();
+                row
+            });
+        },
+        status: 1,
+        words: &["imu0/data.csv", "the IMU was recorded from", "the images from"],
+    },
+    Case {
+        name: "no images",
+        command: &["doctor", "FLIGHT"],
+        damage: |folder| {
+            for camera in ["cam0", "cam1"] {
+                fs::remove_dir_all(folder.join(format!("flight/mav0/{camera}/data"))).unwrap();
+            }
+        },
+        status: 1,
+        words: &["none of the 10 images", "copy them here"],
+    },
+    Case {
+        name: "exchanged columns",
+        command: &["doctor", "FLIGHT"],
+        damage: |folder| {
+            rows(&folder.join(IMU), |row| [&row[..1], &row[4..7], &row[1..4]].concat());
+        },
+        status: 1,
+        words: &["not fit to fly", "units and columns"],
+    },
+    Case {
+        name: "a host with a preset that was not set",
+        command: &["doctor", "--config", "mipi-stereo", "--watch", "0.1"],
+        damage: none,
+        status: 1,
+        words: &["not fit to fly", "configuration"],
+    },
+];
+
+/// Copies a folder.
+fn copy(from: &Path, to: &Path) {
+    fs::create_dir_all(to).unwrap();
+    for entry in fs::read_dir(from).unwrap().map(Result::unwrap) {
+        let target = to.join(entry.file_name());
+        match entry.file_type().unwrap().is_dir() {
+            true => copy(&entry.path(), &target),
+            false => drop(fs::copy(entry.path(), target).unwrap()),
+        }
+    }
+}
+
+/// A simulated data set of half a second, a configuration and a trajectory.
+fn sound(folder: &Path) -> PathBuf {
+    let sound = folder.join("sound");
+    fs::create_dir(&sound).unwrap();
+    let flight = sound.join("flight");
+    let arguments = ["simulate", flight.to_str().unwrap(), "--duration", "0.5", "--scale", "0.5"];
+    let written = plumbline(&arguments);
+    assert!(written.status.success(), "{}", stderr(&written));
+    fs::write(sound.join("drone.toml"), plumbline(&["config", "sim"]).stdout).unwrap();
+    // A configuration for these images, of half the size.
+    let imported = sound.join("drone.toml");
+    let scaled =
+        ["config", "import", "--euroc", flight.to_str().unwrap(), "--out", imported.to_str().unwrap()];
+    let imported = plumbline(&[&scaled[..], &["--base", "sim", "--overwrite"]].concat());
+    assert!(imported.status.success(), "{}", stderr(&imported));
+    fs::write(sound.join("est.tum"), "1.0 0 0 0 0 0 0 1\n2.0 1 0 0 0 0 0 1\n").unwrap();
+    sound
+}
+
+#[test]
+fn every_bad_input_is_named_with_its_cure_and_ends_with_the_right_status() {
+    let folder = tempfile::tempdir().unwrap();
+    let sound = sound(folder.path());
+    let mut failed = Vec::new();
+    for (index, case) in CASES.iter().enumerate() {
+        let damaged = folder.path().join(format!("case-{index}"));
+        copy(&sound, &damaged);
+        (case.damage)(&damaged);
+        let at = |name: &str| damaged.join(name).to_str().unwrap().to_owned();
+        let place = |argument: &&str| match *argument {
+            "FLIGHT" => at("flight"),
+            "TOML" => at("drone.toml"),
+            "FOLDER" => at(""),
+            "EST" => at("est.tum"),
+            "OUT" => at("out"),
+            argument => argument.to_owned(),
+        };
+        let arguments: Vec<String> = case.command.iter().map(place).collect();
+        let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+        let output = plumbline(&arguments);
+        let said = stderr(&output);
+        let last = said.trim_end().lines().last().unwrap_or_default().to_owned();
+        // Errors of arguments are clap's, and have several lines.
+        let last = if said.starts_with("error: ") { said.replace('\n', " ") } else { last };
+        let missing: Vec<_> = case.words.iter().filter(|words| !last.contains(**words)).collect();
+        if output.status.code() != Some(case.status) || !missing.is_empty() || said.contains("panicked") {
+            failed.push(format!("{}: {:?}, without {missing:?}: {said}", case.name, output.status.code()));
+        }
+    }
+    assert!(failed.is_empty(), "{} of {} cases:\n{}", failed.len(), CASES.len(), failed.join("\n"));
+}
+
+/// Stamps of a recording that are in microseconds are named by their unit, also where a flight goes on.
+#[test]
+fn stamps_of_a_recording_in_microseconds_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight");
+    let path = path.to_str().unwrap();
+    let written = plumbline(&["simulate", path, "--start", "3", "--duration", "3", "--scale", "0.5"]);
+    assert!(written.status.success(), "{}", stderr(&written));
+    for table in BOTH {
+        rows(&folder.path().join(table), |mut row| {
+            row[0] = (row[0].parse::<i64>().unwrap() / 1000).to_string();
+            row
+        });
+    }
+    let words = "that they are in microseconds; write them in nanoseconds";
+    let flown = plumbline(&["replay", path]);
+    assert!(stderr(&flown).contains(words), "{}", stderr(&flown));
+    let checked = plumbline(&["doctor", path]);
+    let text = String::from_utf8_lossy(&checked.stdout);
+    assert!(checked.status.code() == Some(1) && text.contains(words), "{text}");
+}

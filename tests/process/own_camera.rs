@@ -1,0 +1,137 @@
+//! The walk-through of `docs/own-camera.md`, and the example of `estimator/README.md`, as they are written.
+
+use super::python::interpreter;
+use plumbline_test_support::workspace;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// Code of a document: its language, and its lines.
+fn blocks(document: &str) -> Vec<(String, String)> {
+    let mut found: Vec<(String, String)> = Vec::new();
+    let mut is_inside = false;
+    for line in document.lines() {
+        match (line.strip_prefix("```"), is_inside) {
+            (Some(language), false) => {
+                found.push((language.split(',').next().unwrap().to_owned(), String::new()));
+                is_inside = true;
+            }
+            (Some(_), true) => is_inside = false,
+            (None, true) => {
+                let code = &mut found.last_mut().unwrap().1;
+                code.push_str(line);
+                code.push('\n');
+            }
+            (None, false) => {}
+        }
+    }
+    found
+}
+
+/// Sets the keys of `changes` in the configuration, as somebody does in an editor.
+fn edit(config: &Path, changes: &str) {
+    let mut text = std::fs::read_to_string(config).unwrap();
+    let mut table = "";
+    for line in changes.lines().filter(|line| !line.trim().is_empty()) {
+        if line.starts_with('[') {
+            table = line;
+            continue;
+        }
+        let key = line.split('=').next().unwrap();
+        let start = text.find(&format!("\n{table}\n")).unwrap_or_else(|| panic!("no {table}"));
+        let at = start + text[start..].find(&format!("\n{key}=")).unwrap_or_else(|| panic!("no {key}")) + 1;
+        let end = at + text[at..].find('\n').unwrap();
+        text.replace_range(at..end, line);
+    }
+    std::fs::write(config, text).unwrap();
+}
+
+/// A line with each number, and the blanks around it, as one sign.
+fn masked(line: &str) -> String {
+    let is_number = |word: &str| word.trim_matches(['(', ')', ',', ';', '+', '-']).parse::<f64>().is_ok();
+    let words = line.split_whitespace().map(|word| if is_number(word) { "#" } else { word });
+    words.collect::<Vec<_>>().join(" ")
+}
+
+/// The folder of the command first, then that of the Python of the tests.
+fn search_path(python: &Path) -> OsString {
+    let folder = |program: &Path| program.parent().unwrap().to_owned();
+    let command = Path::new(env!("CARGO_BIN_EXE_plumbline"));
+    let own = [folder(command), folder(python)];
+    let others = std::env::var_os("PATH").unwrap_or_default();
+    std::env::join_paths(own.into_iter().chain(std::env::split_paths(&others))).unwrap()
+}
+
+fn said(output: &Output) -> String {
+    [&output.stdout, &output.stderr].map(|bytes| String::from_utf8_lossy(bytes).into_owned()).concat()
+}
+
+/// Frames and samples come in real time: see `.config/nextest.toml`.
+mod realtime {
+    use super::*;
+
+    #[test]
+    fn the_walk_through_for_own_cameras_runs_as_it_is_written() {
+        let Some(python) = interpreter("PIL") else { return };
+        let document = std::fs::read_to_string(workspace().join("docs/own-camera.md")).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        // Several of these tests may run at a time.
+        let document = document.replace("/tmp/own-camera", folder.path().to_str().unwrap());
+        let examples = workspace().join("examples").canonicalize().unwrap();
+        let mut last = String::new();
+        for (language, code) in blocks(&document) {
+            match language.as_str() {
+                "sh" => {
+                    let mut shell = Command::new("bash");
+                    shell.args(["-euo", "pipefail", "-c", &code]).current_dir(folder.path());
+                    shell.env("PATH", search_path(&python)).env("EXAMPLES", &examples);
+                    let output = shell.output().unwrap();
+                    last = said(&output);
+                    println!("$ {code}{last}");
+                    assert!(output.status.success(), "{code}{last}");
+                }
+                "toml" => edit(&folder.path().join("my.toml"), &code),
+                "text" => {
+                    let came: Vec<String> = last.lines().map(masked).collect();
+                    for line in code.lines().filter(|line| !line.starts_with("...")) {
+                        assert!(came.contains(&masked(line)), "'{line}' was not printed:\n{last}");
+                    }
+                }
+                other => panic!("what is a block of {other:?}?"),
+            }
+        }
+        let report = std::fs::read_to_string(folder.path().join("report.json")).unwrap();
+        let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+        println!("{:#}", report["sensors"]);
+        assert!(report["completion"].as_f64().unwrap() > 0.8, "{report:#}");
+        assert_eq!((&report["resets"], &report["hot_path_allocations"]), (&0.into(), &0.into()));
+        let ate = last.lines().find(|line| line.starts_with("ATE [m]")).unwrap();
+        let rmse_m: f64 = ate.split_whitespace().nth(2).unwrap().parse().unwrap();
+        assert!(rmse_m < 0.05, "{last}");
+    }
+}
+
+/// A crate beside this repository that depends on the estimator by the lines of the README, and is its example.
+#[test]
+fn the_readme_of_the_estimator_compiles_as_it_is_written() {
+    let readme = std::fs::read_to_string(workspace().join("estimator/README.md")).unwrap();
+    let blocks = blocks(&readme);
+    let block = |language: &str| blocks.iter().find(|(l, _)| l == language).map(|(_, code)| code).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let own = folder.path().join("own");
+    std::fs::create_dir_all(own.join("src")).unwrap();
+    std::os::unix::fs::symlink(workspace().canonicalize().unwrap(), folder.path().join("plumbline")).unwrap();
+    let package = "[package]\nname = \"own\"\nversion = \"0.1.0\"\nedition = \"2024\"\n\n";
+    std::fs::write(own.join("Cargo.toml"), format!("{package}{}", block("toml"))).unwrap();
+    std::fs::write(own.join("src/main.rs"), block("rust")).unwrap();
+    // The versions that are there; nothing is fetched.
+    std::fs::copy(workspace().join("Cargo.lock"), own.join("Cargo.lock")).unwrap();
+    let target = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("estimator-readme");
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let mut check = Command::new(cargo);
+    check.args(["check", "--offline", "--target-dir"]).arg(target).current_dir(&own);
+    // Lints are of the workspace, and so are its flags.
+    check.env_remove("RUSTC_WORKSPACE_WRAPPER").env_remove("RUSTFLAGS");
+    let output = check.output().unwrap();
+    assert!(output.status.success(), "{}", said(&output));
+}
