@@ -29,6 +29,7 @@
 //!     width_px: 640,
 //!     height_px: 480,
 //!     rate_hz: 20.0,
+//!     readout_s: 0.0,
 //!     focal_px: [380.0, 380.0],
 //!     centre_px: [320.0, 240.0],
 //!     distortion: Distortion::RadialTangential { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0 },

@@ -30,6 +30,10 @@ pub(crate) enum Purpose {
     Knock,
     Calibration,
     Lean,
+    Intrinsics,
+    Glare,
+    Specks,
+    People,
 }
 
 /// A stream of draws.

@@ -32,6 +32,7 @@ use plumbline_config::{ImuSample, Timestamp, ValidSetup};
 /// #     width_px: 320,
 /// #     height_px: 240,
 /// #     rate_hz: 20.0,
+/// #     readout_s: 0.0,
 /// #     focal_px: [190.0, 190.0],
 /// #     centre_px: [160.0, 120.0],
 /// #     distortion: Distortion::RadialTangential { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0 },

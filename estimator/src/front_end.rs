@@ -13,11 +13,12 @@ use crate::input::{FrameInput, ImuAdmission, ResetKind};
 use crate::lines::{LineObservation, LineTracker};
 use crate::places::images::FrameImages;
 use crate::points::{PointTracker, TrackerInput};
+use crate::shutter::{Readout, RowTurns, readouts};
 use crate::window::state::FrameTime;
 use crate::work_budget::{Fork, WorkBudget};
 use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::options::image_sizes;
-use plumbline_config::{ImageView, ImuSample, Timestamp, ValidSetup};
+use plumbline_config::{ImageView, ImuSample, Portable, Timestamp, ValidSetup};
 
 /// Tracks points and lines through the images of the rig. Everything is allocated at construction.
 pub struct FrontEnd {
@@ -29,6 +30,8 @@ pub struct FrontEnd {
     noise: ImuNoise,
     arrived: Vec<ImuSample>,
     cameras: usize,
+    readouts: [Readout; 2],
+    rot_b_c: [UnitQuaternion<f64>; 2],
     sizes_px: [(usize, usize); 2],
     max_points: usize,
     last_stamp: Option<Timestamp>,
@@ -61,6 +64,8 @@ impl FrontEnd {
             noise: ImuNoise::of(imu),
             arrived: Vec::with_capacity(max_samples(setup)),
             cameras: models.len(),
+            readouts: readouts(setup),
+            rot_b_c: [UnitQuaternion::identity(); 2],
             sizes_px: image_sizes(&setup.camera),
             max_points: setup.estimator.points.max_points,
             last_stamp: None,
@@ -101,15 +106,21 @@ impl FrontEnd {
     /// that its stamp must be wrong, unless those before it were as far.
     #[must_use]
     pub fn expects(&self, image_stamp: Timestamp) -> bool {
-        let stamp = self.imu_needed_until(image_stamp);
+        let stamp = self.imu_time(image_stamp);
         let latest = self.door.newest().or(self.stamps.newest());
         let is_near = latest.is_none_or(|latest| stamp.seconds_since(latest) <= IMU_MEMORY_S);
         self.stamps.is_later(stamp) && (is_near || self.stamps.is_running())
     }
 
-    /// Samples up to this time must have been added before the frame of `image_stamp` is.
+    /// Samples up to this time must have been added before the frame of `image_stamp` is: the time of its last row.
     #[must_use]
     pub fn imu_needed_until(&self, image_stamp: Timestamp) -> Timestamp {
+        let after_s = self.readouts.map(|readout| readout.after_s());
+        self.imu_time(image_stamp).plus_seconds(after_s[0].at_least(after_s[1]))
+    }
+
+    /// Time of a frame on the IMU's clock.
+    fn imu_time(&self, image_stamp: Timestamp) -> Timestamp {
         image_stamp.plus_seconds(self.time_offset_s)
     }
 
@@ -122,6 +133,7 @@ impl FrontEnd {
         for &track_id in &feedback.wrong_points {
             self.points.drop_track(track_id);
         }
+        self.rot_b_c = feedback.pose_b_c.map(|pose| pose.rotation);
         self.points.set_extrinsics(&feedback.pose_b_c[..self.cameras]);
         if let Some(lines) = &mut self.lines {
             lines.drop_tracks(&feedback.wrong_lines);
@@ -166,7 +178,7 @@ impl FrontEnd {
         probes: [&mut P; 2],
         tracked: &mut Tracked,
     ) {
-        let stamp = self.imu_needed_until(frame.stamp);
+        let stamp = self.imu_time(frame.stamp);
         tracked.sequence = frame.sequence.unwrap_or(self.next_sequence);
         self.next_sequence = tracked.sequence.wrapping_add(1);
         tracked.time = FrameTime { stamp, time_offset_s: self.time_offset_s };
@@ -180,6 +192,7 @@ impl FrontEnd {
         std::mem::swap(&mut tracked.samples, &mut self.arrived);
         let images = self.usable_images(frame, &mut tracked.health);
         let input = TrackerInput { images, rot_prev_cur: self.predicted_rotation(stamp) };
+        self.turn_rows(stamp);
         self.points.set_limit(budget.share_of(self.max_points));
         self.begin_lines(budget);
         let Self { points, lines, .. } = self;
@@ -258,6 +271,37 @@ impl FrontEnd {
             self.imu.preintegrate(last, stamp, &self.bias_gyro, &Vector3::zeros(), &self.noise);
         match coverage.unmeasured.gyro || self.distrusts_imu {
             true => exp_so3(&(self.turn_rate_b * stamp.seconds_since(last))),
+            false => motion.delta_rot,
+        }
+    }
+
+    /// Tells points and lines how the cameras turn between the rows of the frame of `stamp`.
+    fn turn_rows(&mut self, stamp: Timestamp) {
+        if self.readouts.iter().all(Readout::is_global) {
+            return;
+        }
+        let turn_b = |late_s: f64| self.turn_since(stamp, late_s);
+        let rows = [0, 1].map(|k| RowTurns::new(self.readouts[k], &self.rot_b_c[k], turn_b));
+        self.points.set_rows(&rows);
+        if let Some(lines) = &mut self.lines {
+            lines.set_rows(&rows);
+        }
+    }
+
+    /// Rotation that takes coordinates of the body, `late_s` after `stamp`, to those at `stamp`; as
+    /// [`Self::predicted_rotation`].
+    fn turn_since(&self, stamp: Timestamp, late_s: f64) -> UnitQuaternion<f64> {
+        let other = stamp.plus_seconds(late_s);
+        let (motion, coverage) = self.imu.preintegrate(
+            stamp.min(other),
+            stamp.max(other),
+            &self.bias_gyro,
+            &Vector3::zeros(),
+            &self.noise,
+        );
+        match coverage.unmeasured.gyro || self.distrusts_imu {
+            true => exp_so3(&(self.turn_rate_b * late_s)),
+            false if late_s < 0.0 => motion.delta_rot.inverse(),
             false => motion.delta_rot,
         }
     }

@@ -69,6 +69,7 @@ pub mod origin;
 pub mod places;
 pub mod points;
 pub mod propagator;
+pub mod shutter;
 pub mod window;
 pub mod work_budget;
 

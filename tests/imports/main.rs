@@ -14,6 +14,7 @@ use std::process::Command;
 /// The modules of the estimator in the order of the data.
 const ESTIMATOR: &[&str] = &[
     "geometry",
+    "shutter",
     "origin",
     "work_budget",
     "image",

@@ -126,6 +126,7 @@ fn camera(sensor: &Node<'_>, pose_b_imu: &Isometry3<f64>) -> Result<CameraConfig
         width_px,
         height_px,
         rate_hz: sensor.get("rate_hz")?.number()?,
+        readout_s: 0.0,
         focal_px,
         centre_px,
         distortion: distortion(sensor, "distortion_coefficients")?,

@@ -102,6 +102,7 @@ fn camera(node: &Node<'_>, pose_c_b: &Isometry3<f64>, rate_hz: f64) -> Result<Ca
         width_px,
         height_px,
         rate_hz: node.optional("rate_hz").map_or(Ok(rate_hz), |own| own.number())?,
+        readout_s: 0.0,
         focal_px,
         centre_px,
         distortion: distortion(node, "distortion_coeffs")?,

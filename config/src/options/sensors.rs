@@ -21,6 +21,10 @@ pub struct CameraConfig {
     pub centre_px: [f64; 2],
     /// Lens distortion.
     pub distortion: Distortion,
+    /// Readout of a rolling shutter: time from the exposure of the first row to that of the last, s. 0 for a global shutter.
+    /// Stamps mean the middle of the exposure of the middle row.
+    #[serde(default)]
+    pub readout_s: f64,
     /// `T_BC`, row-major 4x4: takes coordinates from the camera to the body (metres).
     pub pose_b_c: [[f64; 4]; 4],
 }

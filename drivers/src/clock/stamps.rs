@@ -114,9 +114,9 @@ impl StampProblem {
 pub struct StampFigures {
     /// Frames or samples that were handed out.
     pub used: u64,
-    /// Those stamped by their arrival instead, since their stamp was of no clock of this computer.
+    /// Frames stamped by their arrival instead, since their stamp was of no clock of this computer.
     pub restamped: u64,
-    /// Those that were dropped, since their stamp was repeated, went back, or was of no use.
+    /// Frames or samples that were dropped, since their stamp was repeated, went back, or was of no use.
     pub refused: u64,
     /// What is wrong with them, as far as anything is.
     #[serde(skip)]

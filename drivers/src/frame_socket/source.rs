@@ -217,17 +217,15 @@ impl SocketStereo {
         let now = stamp::clocks();
         let (stamp_ns, source) = stamp::on_monotonic_clock(header.stamp_ns, now);
         let found = StampProblem::of_stamp(header.stamp_ns, now.monotonic_ns, now.system_ns);
+        // A frame of long ago once more, and no clock that was set: its arrival says nothing.
+        let is_old = source == Source::Arrival && header.stamp_ns <= self.newest_sent_ns;
         if source != Source::Arrival {
             self.newest_sent_ns = self.newest_sent_ns.max(header.stamp_ns);
-        } else if header.stamp_ns <= self.newest_sent_ns {
-            // A frame of long ago once more, and no clock that was set: its arrival says nothing.
-            self.figures.disordered += 1;
-            return None;
-        } else {
+        } else if !is_old {
             self.figures.restamped += 1;
             StampFigures::note(&mut self.figures.problem, found);
         }
-        if stamp_ns <= self.last_stamp_ns {
+        if is_old || stamp_ns <= self.last_stamp_ns {
             self.figures.disordered += 1;
             let found = StampProblem::repeated(header.stamp_ns, now.monotonic_ns);
             StampFigures::note(&mut self.figures.problem, found);

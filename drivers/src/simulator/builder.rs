@@ -61,17 +61,24 @@ pub(super) struct Builder<'a> {
     pub(super) draws: Draws,
     path: &'a [Vector3<f64>],
     taken: Vec<Bounds>,
+    wrapping: Option<Finish>,
 }
 
 impl<'a> Builder<'a> {
     /// An empty scene around the flight through `path`.
     pub(super) fn new(seed: u64, path: &'a [Vector3<f64>]) -> Self {
         let draws = Draws::new(seed, Purpose::Layout, 0);
-        Self { surfaces: Vec::new(), casters: Vec::new(), draws, path, taken: Vec::new() }
+        Self { surfaces: Vec::new(), casters: Vec::new(), draws, path, taken: Vec::new(), wrapping: None }
+    }
+
+    /// Returns the scene with `finish` on everything that does not shine.
+    pub(super) fn wrapped_in(self, finish: Finish) -> Self {
+        Self { wrapping: Some(finish), ..self }
     }
 
     /// A rectangle, seen from the side of `u x v`.
     pub(super) fn quad(&mut self, origin: Vector3<f64>, u: Vector3<f64>, v: Vector3<f64>, finish: Finish) {
+        let finish = self.wrapping.filter(|_| finish.glow == 0.0).unwrap_or(finish);
         let density = finish.material.texels_per_m() / finish.zoom;
         let texel_origin = [(); 2].map(|()| self.draws.range(0.0, 1024.0).round() as f32);
         let texels = [(u.norm() * density) as f32, (v.norm() * density) as f32];

@@ -1,5 +1,6 @@
 //! The calibration that an estimator believes, drawn around the true one as the configuration says that it may be off.
 
+use super::IntrinsicsError;
 use crate::random::{Draws, Purpose};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use plumbline_config::Config;
@@ -28,6 +29,24 @@ pub fn draw_calibration(config: &mut Config, multiple: f64, seed: u64) {
     if let Some(right) = right {
         let right_believed = left_believed * moved(&(left.inverse() * right), pair);
         place(&mut config.camera[1], &right_believed);
+    }
+}
+
+/// Puts focal lengths, principal points and the angle between the cameras of `config`, whose images are `scale` times as large as
+/// configured, off by `error`. Signs are drawn by `seed`.
+pub fn mistake_intrinsics(config: &mut Config, error: &IntrinsicsError, scale: f64, seed: u64) {
+    let mut draws = Draws::new(seed, Purpose::Intrinsics, 0);
+    let mut sign = || if draws.unit() < 0.5 { -1.0 } else { 1.0 };
+    for camera in &mut config.camera {
+        let focal = 1.0 + sign() * error.focal;
+        camera.focal_px = camera.focal_px.map(|f| f * focal);
+        camera.centre_px = camera.centre_px.map(|c| c + sign() * error.centre_px * scale);
+    }
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), sign() * error.vergence_rad);
+    if let Some(right) = config.camera.get_mut(1).filter(|_| error.vergence_rad != 0.0) {
+        let mut pose = right.pose_b_c();
+        pose.rotation *= turn;
+        place(right, &pose);
     }
 }
 
@@ -70,6 +89,20 @@ mod tests {
             let found = (square / (3.0 * count as f64)).sqrt();
             assert!((found / (2.0 * sigma) - 1.0).abs() < 0.05, "{found} {sigma}");
         }
+    }
+
+    #[test]
+    fn intrinsics_are_off_by_what_is_asked_for() {
+        let truth = fixture::config();
+        let error = IntrinsicsError { focal: 0.003, centre_px: 2.0, vergence_rad: 1e-3 };
+        let mut drawn = truth.clone();
+        mistake_intrinsics(&mut drawn, &error, 0.5, 3);
+        for (a, b) in truth.camera.iter().zip(&drawn.camera) {
+            assert!(((b.focal_px[0] / a.focal_px[0] - 1.0).abs() - 0.003).abs() < 1e-12);
+            assert!(((b.centre_px[1] - a.centre_px[1]).abs() - 1.0).abs() < 1e-12);
+        }
+        let turned = truth.camera[1].pose_b_c().rotation.angle_to(&drawn.camera[1].pose_b_c().rotation);
+        assert!((turned - 1e-3).abs() < 1e-9 && truth.camera[0].pose_b_c == drawn.camera[0].pose_b_c);
     }
 
     #[test]

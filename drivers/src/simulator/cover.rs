@@ -6,8 +6,9 @@
 use super::facet::Facet;
 use super::lens::{BLOCK, Lens, TILE};
 use super::select::Selection;
+use super::shot::Shot;
 use super::world::World;
-use nalgebra::Isometry3;
+use std::ops::Range;
 
 /// No facet.
 pub(super) const NONE: u16 = u16::MAX;
@@ -18,6 +19,8 @@ pub(super) const TILE_FACETS: usize = 30;
 #[derive(Clone, Debug)]
 pub(super) struct Cover {
     pub(super) facets: Vec<Facet>,
+    /// By surface: whether any instant sees it.
+    is_seen: Vec<bool>,
     /// All facets, and those of a block.
     all: Selection,
     block: Selection,
@@ -36,6 +39,7 @@ impl Cover {
     pub(super) fn new(surfaces: usize, size_px: (usize, usize)) -> Self {
         Self {
             facets: Vec::with_capacity(surfaces),
+            is_seen: Vec::with_capacity(surfaces),
             all: Selection::new(surfaces),
             block: Selection::new(surfaces),
             chosen: Vec::with_capacity(surfaces),
@@ -45,25 +49,40 @@ impl Cover {
         }
     }
 
-    /// Finds what the camera at `pose_w_c` sees.
-    pub(super) fn find(&mut self, world: &World, lens: &Lens, pose_w_c: &Isometry3<f64>) {
-        self.gather(world, lens, pose_w_c);
-        self.all.load(&self.facets, 0..self.facets.len() as u16);
-        for row in (0..lens.rows).step_by(BLOCK) {
-            for column in (0..lens.columns).step_by(BLOCK) {
-                let rows = row..(row + BLOCK).min(lens.rows);
-                let columns = column..(column + BLOCK).min(lens.columns);
-                self.all.select(&lens.block(columns.clone(), rows.clone()), &mut self.chosen);
-                self.block.load(&self.facets, self.chosen.iter().copied());
-                for row in rows {
-                    for column in columns.clone() {
-                        self.cover_tile(lens, row * lens.columns + column);
-                    }
+    /// Finds what a camera sees: all of it at one instant, or each row of tiles at its own.
+    pub(super) fn find(&mut self, world: &World, lens: &Lens, shots: &[Shot]) {
+        match shots {
+            [shot] => {
+                self.gather(world, lens, shot);
+                for row in (0..lens.rows).step_by(BLOCK) {
+                    self.cover_rows(lens, row..(row + BLOCK).min(lens.rows));
+                }
+            }
+            _ => {
+                self.gather_all(world, lens, shots);
+                for (row, shot) in shots.iter().enumerate() {
+                    self.turn_to(world, shot);
+                    self.cover_rows(lens, row..row + 1);
                 }
             }
         }
         self.extend_border(lens);
         self.find_edges(lens);
+    }
+
+    /// Finds the nearest facets in some rows of tiles.
+    fn cover_rows(&mut self, lens: &Lens, rows: Range<usize>) {
+        self.all.load(&self.facets, 0..self.facets.len() as u16);
+        for column in (0..lens.columns).step_by(BLOCK) {
+            let columns = column..(column + BLOCK).min(lens.columns);
+            self.all.select(&lens.block(columns.clone(), rows.clone()), &mut self.chosen);
+            self.block.load(&self.facets, self.chosen.iter().copied());
+            for row in rows.clone() {
+                for column in columns.clone() {
+                    self.cover_tile(lens, row * lens.columns + column);
+                }
+            }
+        }
     }
 
     /// What is seen by pixel `(u, v)` and its neighbours.
@@ -88,13 +107,40 @@ impl Cover {
     }
 
     /// Facets in view.
-    fn gather(&mut self, world: &World, lens: &Lens, pose_w_c: &Isometry3<f64>) {
+    fn gather(&mut self, world: &World, lens: &Lens, shot: &Shot) {
         self.facets.clear();
-        for (index, surface) in world.surfaces.iter().enumerate() {
-            if let Some(facet) = Facet::new(index, surface, pose_w_c)
-                && facet.nearest_within(&lens.all).is_some()
-            {
-                self.facets.push(facet);
+        for (surfaces, pose) in shot.poses(world) {
+            for index in surfaces {
+                if let Some(facet) = Facet::new(index, &world.surfaces[index], &pose, shot.zoom)
+                    && facet.nearest_within(&lens.all).is_some()
+                {
+                    self.facets.push(facet);
+                }
+            }
+        }
+    }
+
+    /// Facets in view at any of the instants, in the order of their surfaces: a facet has one number in all of them.
+    fn gather_all(&mut self, world: &World, lens: &Lens, shots: &[Shot]) {
+        self.is_seen.clear();
+        self.is_seen.resize(world.surfaces.len(), false);
+        for shot in shots {
+            self.gather(world, lens, shot);
+            self.facets.iter().for_each(|facet| self.is_seen[facet.surface as usize] = true);
+        }
+        self.facets.clear();
+        let seen = (0..world.surfaces.len()).filter(|index| self.is_seen[*index]);
+        self.facets.extend(seen.map(|index| Facet::hidden(index as u32)));
+    }
+
+    /// Sees the gathered facets as they are at another instant.
+    pub(super) fn turn_to(&mut self, world: &World, shot: &Shot) {
+        let mut facets = self.facets.iter_mut().peekable();
+        for (surfaces, pose) in shot.poses(world) {
+            while let Some(facet) = facets.next_if(|facet| surfaces.contains(&(facet.surface as usize))) {
+                let index = facet.surface as usize;
+                let now = Facet::new(index, &world.surfaces[index], &pose, shot.zoom);
+                *facet = now.unwrap_or(Facet::hidden(facet.surface));
             }
         }
     }

@@ -44,6 +44,71 @@ pub struct Effects {
     pub blackout: Option<(f64, f64)>,
     /// `t_imu = t_camera + time_offset_s`: stamps of images are early by this much.
     pub time_offset_s: f64,
+    /// Time from the exposure of the first row to that of the last, s; 0 for a global shutter. The middle row is exposed at the
+    /// measurement time.
+    pub readout_s: f64,
+    /// Steps of the light, and how the exposure follows them.
+    pub light_steps: Option<LightSteps>,
+    /// Bright lights around the horizon.
+    pub glare: Option<Glare>,
+    /// Specks of rain in an image.
+    pub specks: u32,
+    /// How the cameras change with their temperature.
+    pub warming: Option<Warming>,
+}
+
+/// Light that steps up and down, and an exposure that follows. The flight begins in the dark, well exposed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LightSteps {
+    /// Time constant of the exposure, s.
+    pub lag_s: f64,
+    /// Bright light against dark light.
+    pub ratio: f64,
+    /// Time between two steps, s.
+    pub period_s: f64,
+}
+
+impl LightSteps {
+    /// Brightness of the image against that of a good exposure, `time_s` after the first frame.
+    fn gain_at(&self, time_s: f64) -> f64 {
+        let half = 0.5 * libm::log(self.ratio.at_least(1e-3));
+        let period_s = self.period_s.at_least(0.05);
+        let lag = |s: f64| libm::exp(-s / self.lag_s.at_least(1e-3));
+        let (mut light, mut exposure, mut left_s) = (-half, half, time_s.at_least(0.0));
+        while left_s > period_s {
+            exposure = -light + (exposure + light) * lag(period_s);
+            light = -light;
+            left_s -= period_s;
+        }
+        libm::exp((exposure + light) * lag(left_s))
+    }
+}
+
+/// Bright lights around the horizon, seen through everything: their veils brighten the image around them, up to saturation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Glare {
+    /// Brightness in the middle, grey levels.
+    pub grey: f64,
+    /// Angle at which it has fallen to a quarter, rad.
+    pub radius_rad: f64,
+}
+
+/// Cameras that warm up.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Warming {
+    /// Growth of the focal lengths in the end, relative.
+    pub focal: f64,
+    /// Turn of the right camera towards the left in the end, rad.
+    pub vergence_rad: f64,
+    /// Time constant, s.
+    pub time_s: f64,
+}
+
+impl Warming {
+    /// Share of the change that has come about `time_s` after the first frame.
+    pub(super) fn share(&self, time_s: f64) -> f64 {
+        1.0 - libm::exp(-time_s.at_least(0.0) / self.time_s.at_least(1e-3))
+    }
 }
 
 impl Default for Effects {
@@ -63,6 +128,11 @@ impl Default for Effects {
             frames: FrameFaults::default(),
             blackout: None,
             time_offset_s: 0.0,
+            readout_s: 0.0,
+            light_steps: None,
+            glare: None,
+            specks: 0,
+            warming: None,
         }
     }
 }
@@ -89,7 +159,8 @@ impl Effects {
         }
         let flicker = self.flicker * Draws::new(seed, Purpose::Flicker, index).normal();
         let drift = self.exposure_drift * libm::sin(TAU * time_s / self.exposure_drift_period_s);
-        self.gain * (1.0 + flicker + drift).at_least(0.05)
+        let steps = self.light_steps.map_or(1.0, |steps| steps.gain_at(time_s));
+        self.gain * steps * (1.0 + flicker + drift).at_least(0.05)
     }
 }
 
@@ -234,6 +305,17 @@ mod tests {
             let correlation = products / (image.len() as f64 * 4.0);
             assert!(correlation.abs() < 0.02, "lag {lag}: {correlation}");
         }
+    }
+
+    #[test]
+    fn exposure_follows_steps_of_the_light() {
+        let steps = LightSteps { lag_s: 0.3, ratio: 4.0, period_s: 2.0 };
+        let gains = [0.0, 1.99, 2.001, 2.3, 3.99, 4.001, 4.3].map(|t| steps.gain_at(t));
+        assert!((gains[0] - 1.0).abs() < 1e-9 && (gains[1] - 1.0).abs() < 1e-9, "{gains:?}");
+        assert!((gains[2] - 4.0).abs() < 0.05 && (gains[5] - 0.25).abs() < 0.005, "{gains:?}");
+        // One time constant later the error has fallen to 1/e in the logarithm.
+        assert!((gains[3].ln() - 4.0_f64.ln() / std::f64::consts::E).abs() < 0.01, "{gains:?}");
+        assert!((gains[4] - 1.0).abs() < 0.01, "{gains:?}");
     }
 
     #[test]

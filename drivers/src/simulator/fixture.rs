@@ -9,7 +9,16 @@ use plumbline_config::{Config, GrayImage, Timestamp};
 
 fn camera(focal_px: [f64; 2], centre_px: [f64; 2], d: [f64; 4], pose_b_c: [[f64; 4]; 4]) -> CameraConfig {
     let distortion = Distortion::RadialTangential { k1: d[0], k2: d[1], p1: d[2], p2: d[3] };
-    CameraConfig { width_px: 752, height_px: 480, rate_hz: 20.0, focal_px, centre_px, distortion, pose_b_c }
+    CameraConfig {
+        width_px: 752,
+        height_px: 480,
+        rate_hz: 20.0,
+        readout_s: 0.0,
+        focal_px,
+        centre_px,
+        distortion,
+        pose_b_c,
+    }
 }
 
 /// The EuRoC rig.

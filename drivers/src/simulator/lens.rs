@@ -4,7 +4,7 @@
 //! any camera model is rendered at the same cost and as exactly as it can be inverted. A pixel without
 //! inverse has the bearing NaN, which no surface covers.
 
-use nalgebra::{Isometry3, Vector2, Vector3};
+use nalgebra::{Isometry3, Matrix3, Rotation3, Vector2, Vector3};
 use plumbline_config::{CameraModel, Portable};
 
 /// Side of a tile, px.
@@ -27,6 +27,11 @@ impl Span {
             x: [self.x[0].at_most(other.x[0]), self.x[1].at_least(other.x[1])],
             y: [self.y[0].at_most(other.y[0]), self.y[1].at_least(other.y[1])],
         }
+    }
+
+    fn grown(&self, margin: f32) -> Self {
+        let grow = |r: [f32; 2]| [r[0] - margin, r[1] + margin];
+        Self { x: grow(self.x), y: grow(self.y) }
     }
 
     /// Least and greatest value of `a x + b y + c` over the span.
@@ -91,6 +96,33 @@ impl Lens {
     #[inline]
     pub(super) fn bearings(&self, tile: usize) -> &[[[f32; TILE]; 2]] {
         &self.bearings[tile * TILE..][..TILE]
+    }
+
+    /// Takes over the bearings of `lens`, each turned with its row: rows of a tile belong to other times than the tile, and the
+    /// camera turns by `turns` (a rotation vector, rad a row, in its own axes) in each row of tiles.
+    pub(super) fn roll(&mut self, lens: &Self, turns: impl Iterator<Item = Vector3<f64>>) {
+        let farthest = [lens.all.x, lens.all.y].map(|r| r[0].abs().at_least(r[1].abs()));
+        let reach = 1.0 + farthest[0] * farthest[0] + farthest[1] * farthest[1];
+        self.all = Span::EMPTY;
+        for (row, turn) in turns.take(lens.rows).enumerate() {
+            let margin = turn.norm() as f32 * 0.5 * TILE as f32 * reach;
+            let rotations: [Matrix3<f32>; TILE] = std::array::from_fn(|k| {
+                let turn = turn * (k as f64 - 0.5 * (TILE - 1) as f64);
+                Rotation3::from_scaled_axis(turn).into_inner().map(|x| x as f32)
+            });
+            for tile in row * lens.columns..(row + 1) * lens.columns {
+                self.tiles[tile] = lens.tiles[tile].grown(margin);
+                self.all = self.all.joined(&self.tiles[tile]);
+                let rows = self.bearings[tile * TILE..][..TILE].iter_mut().zip(lens.bearings(tile));
+                for (([to_x, to_y], [x, y]), r) in rows.zip(&rotations) {
+                    for i in 0..TILE {
+                        let z = 1.0 / (r.m31 * x[i] + r.m32 * y[i] + r.m33);
+                        to_x[i] = (r.m11 * x[i] + r.m12 * y[i] + r.m13) * z;
+                        to_y[i] = (r.m21 * x[i] + r.m22 * y[i] + r.m23) * z;
+                    }
+                }
+            }
+        }
     }
 
     /// Bounds of a block of tiles.

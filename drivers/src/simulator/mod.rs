@@ -8,11 +8,13 @@
 //! Frames: `W` world (z up), `B` body (the inertial sensor's own), `C0` and `C1` cameras. Times are those
 //! of the trajectory's file; images begin [`LEAD_S`] after it, so that inertial samples surround them.
 
+mod actors;
 mod batch;
 mod builder;
 mod calibration;
 mod canvas;
 mod clipping;
+mod conditions;
 mod cover;
 mod effects;
 mod facet;
@@ -23,6 +25,8 @@ mod laps;
 mod lens;
 mod light;
 mod light_map;
+mod named;
+mod overlay;
 mod path;
 mod pattern;
 mod prefetch;
@@ -33,6 +37,7 @@ mod scenario;
 mod scenes;
 mod select;
 mod shade;
+mod shot;
 mod solid;
 mod spline;
 mod station;
@@ -43,30 +48,36 @@ mod twin;
 mod world;
 
 #[cfg(test)]
+mod conditions_tests;
+#[cfg(test)]
 mod fixture;
 #[cfg(test)]
 mod pictures;
 #[cfg(test)]
 mod tests;
 
-pub use calibration::draw_calibration;
-pub use effects::Effects;
+pub use calibration::{draw_calibration, mistake_intrinsics};
+pub use conditions::{Condition, Conditions};
+pub use effects::{Effects, Glare, LightSteps, Warming};
 pub use imu::{CLIPPED_RANGE_M_S2, ImuEffects};
-pub use imu_errors::{Dose, ImuError, KINDS, Kind};
+pub use imu_errors::{ImuError, ImuErrors};
+pub use named::{Dose, Family, Kind, Named};
 pub use samples::{Inertial, recorded_along};
-pub use scenario::{FlightPath, Knock, Scenario, scaled_config};
+pub use scenario::{FlightPath, IntrinsicsError, Knock, People, Scenario, Surroundings, scaled_config};
 pub use scenes::{Scene, Twin};
 pub use stereo::SimulatedStereo;
 pub use trajectory::{Motion, Trajectory};
 pub use world::Hit;
 
 use crate::{DriverError, Faults, FaultySource, ImuReading, ImuSource, StereoFrame, TruthState};
+use actors::Actors;
 use effects::Sensor;
-use lens::Lens;
-use nalgebra::{Isometry3, Vector2};
+use lens::{Lens, TILE};
+use nalgebra::{Isometry3, UnitQuaternion, Vector2, Vector3};
 use plumbline_config::{Config, GrayImage, Portable, Timestamp};
 use render::Renderer;
 use samples::{Recording, Samples};
+use shot::Shot;
 use std::sync::Arc;
 use world::World;
 
@@ -87,6 +98,7 @@ struct Inner {
     scenario: Scenario,
     flight: Trajectory,
     world: World,
+    actors: Actors,
     cameras: Vec<(Lens, Sensor)>,
     imu: Samples,
     first_frame: Timestamp,
@@ -97,6 +109,9 @@ struct Inner {
 #[derive(Clone, Debug)]
 pub struct RenderScratch {
     renderer: Renderer,
+    shots: Vec<Shot>,
+    /// Lenses of a rolling shutter, one for each camera.
+    rolled: Vec<Lens>,
     light: Vec<f32>,
     exposure: Vec<f32>,
     rows: Vec<f32>,
@@ -125,11 +140,12 @@ impl Simulator {
         let path: Vec<_> = flight.positions(PATH_STEP_S).collect();
         let mut world = match &twins {
             Some(twins) => twins.build(scenario.seed, &path),
-            None => scenes::build(scenario.scene, scenario.seed, &path),
+            None => scenes::build(scenario.scene, scenario.seed, &path, scenario.surroundings),
         };
         if scenario.lean_deg != 0.0 {
             world.lean(scenario.lean_deg.to_radians(), scenario.seed, &path);
         }
+        let actors = Actors::enter(scenario, &config.camera[0], &mut world);
         let cameras = config.camera.iter().map(|camera| {
             let model = camera.model();
             let sensor = Sensor::new(&scenario.effects, &model, scenario.seed);
@@ -149,7 +165,7 @@ impl Simulator {
         }
         let frames = (duration_s * config.camera[0].rate_hz - 1e-6).ceil().at_least(1.0) as u64;
         let scenario = scenario.clone();
-        let inner = Inner { config, scenario, flight, world, cameras, imu, first_frame, frames };
+        let inner = Inner { config, scenario, flight, world, actors, cameras, imu, first_frame, frames };
         Ok(Self { inner: Arc::new(inner) })
     }
 
@@ -203,7 +219,7 @@ impl Simulator {
         [0, 1].map(|k| self.inner.cameras.get(k).map_or((0, 0), size))
     }
 
-    /// When frame `index` is taken, on the inertial sensor's time axis (the middle of the exposure).
+    /// When frame `index` is taken, on the inertial sensor's time axis (the middle of the exposure, of that of the middle row).
     #[must_use]
     pub fn frame_time(&self, index: u64) -> Timestamp {
         self.inner.first_frame.plus_seconds(index as f64 / self.inner.config.camera[0].rate_hz)
@@ -222,8 +238,13 @@ impl Simulator {
         let sizes = self.image_sizes();
         let width = sizes[0].0.max(sizes[1].0);
         let height = sizes[0].1.max(sizes[1].1);
+        let lenses = self.inner.cameras.iter().map(|(lens, _)| lens);
+        let rows = lenses.clone().map(|lens| lens.rows).max().unwrap_or(1);
+        let is_rolling = self.inner.config.camera.iter().any(|camera| camera.readout_s > 0.0);
         RenderScratch {
             renderer: Renderer::new(self.inner.world.surfaces.len(), (width, height)),
+            shots: Vec::with_capacity(rows),
+            rolled: lenses.filter(|_| is_rolling).cloned().collect(),
             light: vec![0.0; width * height],
             exposure: vec![0.0; width * height],
             rows: vec![0.0; 2 * width],
@@ -257,38 +278,91 @@ impl Simulator {
         if (image.width(), image.height()) != size {
             *image = GrayImage::new(size.0, size.1);
         }
-        let gain = effects.gain_at(inner.scenario.seed, index, elapsed_s);
-        let pixels = size.0 * size.1;
+        let seed = inner.scenario.seed;
+        let mut gain = effects.gain_at(seed, index, elapsed_s);
+        let (pixels, stream) = (size.0 * size.1, 2 * index + camera as u64);
         if gain > 0.0 {
-            self.expose(time, lens, scratch);
+            self.expose(time, camera, scratch);
+            let light = &mut scratch.light[..pixels];
+            if let Some(glare) = &effects.glare {
+                let attitude = self.pose_w_c(time, lens).rotation;
+                gain *= overlay::exposure(&attitude, seed);
+                overlay::add_glare(glare, lens, &attitude, seed, light);
+            }
+            overlay::add_specks(effects.specks, size.0, seed, stream, light);
         } else {
             scratch.light[..pixels].fill(0.0);
         }
         let (light, rows) = (&mut scratch.light[..pixels], &mut scratch.rows[..2 * size.0]);
-        sensor.develop(light, rows, gain, 2 * index + camera as u64, image.pixels_mut());
+        sensor.develop(light, rows, gain, stream, image.pixels_mut());
     }
 
     /// Light of one image into `scratch.light`.
-    fn expose(&self, time: Timestamp, lens: &Lens, scratch: &mut RenderScratch) {
+    fn expose(&self, time: Timestamp, camera: usize, scratch: &mut RenderScratch) {
         let effects = &self.inner.scenario.effects;
-        let world = &self.inner.world;
+        let lens = &self.inner.cameras[camera].0;
         let pixels = lens.model.width_px * lens.model.height_px;
         let count = if effects.exposure_s > 0.0 { effects.sub_exposures.max(1) } else { 1 };
-        if count == 1 {
-            let pose_w_c = self.pose_w_c(time, lens);
-            scratch.renderer.render(world, lens, &pose_w_c, &mut scratch.light[..pixels]);
-            return;
-        }
-        scratch.light[..pixels].fill(0.0);
+        let share = 1.0 / count as f32;
         for k in 0..count {
             let at = effects.exposure_s * ((k as f64 + 0.5) / count as f64 - 0.5);
-            let pose_w_c = self.pose_w_c(time.plus_seconds(at), lens);
-            scratch.renderer.render(world, lens, &pose_w_c, &mut scratch.exposure[..pixels]);
-            let share = 1.0 / count as f32;
-            for (sum, light) in scratch.light[..pixels].iter_mut().zip(&scratch.exposure) {
-                *sum += share * light;
+            self.take(time.plus_seconds(at), camera, scratch);
+            let light = &mut scratch.light[..pixels];
+            match k {
+                0 if count == 1 => light.copy_from_slice(&scratch.exposure[..pixels]),
+                0 => light.iter_mut().zip(&scratch.exposure).for_each(|(sum, light)| *sum = share * light),
+                _ => light.iter_mut().zip(&scratch.exposure).for_each(|(sum, light)| *sum += share * light),
             }
         }
+    }
+
+    /// Light of one sub-exposure around `time` into `scratch.exposure`: at once, or row of tiles by row of tiles.
+    fn take(&self, time: Timestamp, camera: usize, scratch: &mut RenderScratch) {
+        let RenderScratch { renderer, shots, rolled, exposure, .. } = scratch;
+        let lens = &self.inner.cameras[camera].0;
+        let out = &mut exposure[..lens.model.width_px * lens.model.height_px];
+        shots.clear();
+        let row_s = self.row_s(camera);
+        let Some(rolled) = rolled.get_mut(camera).filter(|_| row_s > 0.0) else {
+            shots.push(self.shot(time, camera));
+            renderer.render(&self.inner.world, lens, shots, out);
+            return;
+        };
+        let middle = 0.5 * (lens.model.height_px as f64 - 1.0);
+        let first = 0.5 * (TILE as f64 - 1.0);
+        let times =
+            (0..lens.rows).map(|row| time.plus_seconds(((row * TILE) as f64 + first - middle) * row_s));
+        shots.extend(times.clone().map(|time| self.shot(time, camera)));
+        let turn = |(shot, time): (&Shot, Timestamp)| {
+            let next = self.shot(time.plus_seconds(TILE as f64 * row_s), camera);
+            (shot.pose_w_c.rotation.inverse() * next.pose_w_c.rotation).scaled_axis() / TILE as f64
+        };
+        rolled.roll(lens, shots.iter().zip(times).map(turn));
+        renderer.render(&self.inner.world, rolled, shots, out);
+    }
+
+    /// Time between two rows of a camera, s.
+    fn row_s(&self, camera: usize) -> f64 {
+        let height = self.inner.cameras[camera].0.model.height_px;
+        self.inner.config.camera[camera].readout_s / (height as f64 - 1.0).at_least(1.0)
+    }
+
+    /// A camera and what moves at `time`.
+    fn shot(&self, time: Timestamp, camera: usize) -> Shot {
+        let inner = &self.inner;
+        let mut shot = Shot::at(self.pose_w_c(time, &inner.cameras[camera].0));
+        if !inner.world.movers.is_empty() {
+            shot.movers = inner.actors.poses(&inner.flight, time);
+        }
+        if let Some(warming) = &inner.scenario.effects.warming {
+            let share = warming.share(time.seconds_since(inner.first_frame));
+            shot.zoom = (1.0 + share * warming.focal) as f32;
+            if camera == 1 {
+                let turn = -share * warming.vergence_rad;
+                shot.pose_w_c.rotation *= UnitQuaternion::from_axis_angle(&Vector3::y_axis(), turn);
+            }
+        }
+        shot
     }
 
     fn pose_w_c(&self, time: Timestamp, lens: &Lens) -> Isometry3<f64> {
@@ -325,7 +399,7 @@ impl Simulator {
 
     /// Pixel of `camera` at which a point of the world is at `time`, if it is in view and not hidden.
     #[must_use]
-    pub fn sees(&self, time: Timestamp, camera: usize, p_w: &nalgebra::Vector3<f64>) -> Option<Vector2<f64>> {
+    pub fn sees(&self, time: Timestamp, camera: usize, p_w: &Vector3<f64>) -> Option<Vector2<f64>> {
         let lens = &self.inner.cameras.get(camera)?.0;
         let p_c = self.pose_w_c(time, lens).inverse_transform_point(&(*p_w).into());
         let px = lens.model.project(&p_c.coords).filter(|px| lens.model.contains(px, 0.0))?;

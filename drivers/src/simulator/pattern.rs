@@ -12,6 +12,10 @@ use std::sync::OnceLock;
 const SIDE: usize = 1024;
 /// Side of a plain pattern, texels.
 const PLAIN_SIDE: usize = 512;
+/// Side of a cell of [`Material::Grid`], texels.
+const GRID_CELL: usize = 64;
+/// The same at the usual size of the pattern, m.
+pub(super) const GRID_CELL_M: f64 = GRID_CELL as f64 / 400.0;
 
 /// What a surface is made of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,10 +32,11 @@ pub(super) enum Material {
     Labels,
     Paint,
     Panels,
+    Grid,
 }
 
 impl Material {
-    const ALL: [Self; 11] = [
+    const ALL: [Self; 12] = [
         Self::Bricks,
         Self::Plaster,
         Self::Posters,
@@ -43,6 +48,7 @@ impl Material {
         Self::Labels,
         Self::Paint,
         Self::Panels,
+        Self::Grid,
     ];
 
     /// Texels per metre at the usual size of the pattern.
@@ -77,6 +83,7 @@ impl Material {
             Self::Labels => labels(),
             Self::Paint => paint(),
             Self::Panels => panels(),
+            Self::Grid => grid(),
         };
         Texture::new(canvas.side, &canvas.values)
     }
@@ -252,6 +259,20 @@ fn panels() -> Canvas {
         c.paint_box(centre, [0.5 * size - 1.3; 2], 0.0, level);
     }
     c.add_octaves(2, 0.012, 0.6);
+    c
+}
+
+/// Cells that are all alike, [`GRID_CELL_M`] apart: no place tells itself from the next.
+fn grid() -> Canvas {
+    let mut c = Canvas::new(PLAIN_SIDE, 0.72, 12);
+    let count = PLAIN_SIDE / GRID_CELL;
+    let size = GRID_CELL as f32;
+    for i in 0..count * count {
+        let corner = [i % count, i / count].map(|k| k as f32 * size);
+        let at = |x: f32, y: f32| [corner[0] + x * size, corner[1] + y * size];
+        c.paint_box(at(0.36, 0.4), [0.26 * size, 0.3 * size], 0.0, 0.16);
+        c.paint_box(at(0.8, 0.78), [0.12 * size, 0.14 * size], 0.0, 0.4);
+    }
     c
 }
 

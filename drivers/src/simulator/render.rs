@@ -7,8 +7,8 @@
 use super::cover::Cover;
 use super::lens::Lens;
 use super::shade::{Shader, View};
+use super::shot::Shot;
 use super::world::World;
-use nalgebra::Isometry3;
 
 /// Working memory of one rendering thread.
 #[derive(Clone, Debug)]
@@ -23,12 +23,18 @@ impl Renderer {
         Self { cover: Cover::new(surfaces, size_px), shader: Shader::new(surfaces) }
     }
 
-    /// Renders what the camera at `pose_w_c` sees, in grey levels before the sensor, into `out`.
-    pub(super) fn render(&mut self, world: &World, lens: &Lens, pose_w_c: &Isometry3<f64>, out: &mut [f32]) {
-        self.cover.find(world, lens, pose_w_c);
-        let view = View { world, lens, cover: &self.cover };
-        for tile in 0..lens.tiles.len() {
-            self.shader.shade_tile(&view, tile, out);
+    /// Renders what a camera sees, in grey levels before the sensor, into `out`: all of it at one instant, or each row of tiles
+    /// at its own.
+    pub(super) fn render(&mut self, world: &World, lens: &Lens, shots: &[Shot], out: &mut [f32]) {
+        self.cover.find(world, lens, shots);
+        for row in 0..lens.rows {
+            if shots.len() > 1 {
+                self.cover.turn_to(world, &shots[row]);
+            }
+            let view = View { world, lens, cover: &self.cover };
+            for column in 0..lens.columns {
+                self.shader.shade_tile(&view, row * lens.columns + column, out);
+            }
         }
     }
 

@@ -5,8 +5,8 @@ use super::samples::residual;
 use super::station::Station;
 use super::twin::{self, Twins};
 use super::{Effects, ImuEffects, Inertial, LEAD_S, Scene, Trajectory, hand, laps, path};
-use crate::DriverError;
 use crate::tum::read_tum;
+use crate::{DriverError, StampedPose};
 use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::options::{Mounting, VehicleConfig};
 use plumbline_config::{Config, Portable, Timestamp};
@@ -66,6 +66,54 @@ pub struct Scenario {
     /// The rig that the estimator believes is drawn around the true one, with this multiple of the standard deviations that
     /// `[rig]` states; 0 for the true one.
     pub calibration_error: f64,
+    /// The path of a file is flown at this multiple of its speed.
+    pub speed: f64,
+    /// What the scene is turned into.
+    pub surroundings: Surroundings,
+    /// People who cross the view.
+    pub people: Option<People>,
+    /// Whether legs and rotors of the vehicle are in view.
+    pub vehicle_parts: bool,
+    /// By how much the intrinsics that the estimator believes are off.
+    pub intrinsics_error: IntrinsicsError,
+}
+
+/// What a scene is turned into.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Surroundings {
+    /// It stays.
+    #[default]
+    Usual,
+    /// One pattern on everything, which repeats itself.
+    Repeated {
+        /// Its period at a distance of 3 m, px of the preset `sim` at full size.
+        period_px: f64,
+    },
+    /// Plain walls without furniture.
+    Bare {
+        /// Dark spots in a view.
+        spots: f64,
+    },
+}
+
+/// Boxes of a person's size that cross the view, and keep their distance to the vehicle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct People {
+    /// Share of the view's width that they fill side by side.
+    pub share: f64,
+    /// Velocity against the view, m/s.
+    pub speed_m_s: f64,
+}
+
+/// Errors of a calibration; signs are drawn.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct IntrinsicsError {
+    /// Of both focal lengths of each camera, relative.
+    pub focal: f64,
+    /// Of each coordinate of each principal point at the configured size, px.
+    pub centre_px: f64,
+    /// Of the angle between the cameras, rad.
+    pub vergence_rad: f64,
 }
 
 /// A knock: the vehicle is moved by a smooth and very short push, so that images, samples and truth agree, but for what the
@@ -96,6 +144,11 @@ impl Default for Scenario {
             knock: None,
             lean_deg: 0.0,
             calibration_error: 0.0,
+            speed: 1.0,
+            surroundings: Surroundings::Usual,
+            people: None,
+            vehicle_parts: false,
+            intrinsics_error: IntrinsicsError::default(),
         }
     }
 }
@@ -142,6 +195,16 @@ impl Scenario {
                 (0.0..=10.0).contains(&self.calibration_error),
                 "the calibration error must be within 0 to 10 standard deviations",
             ),
+            (
+                self.speed == 1.0
+                    || self.inertial == Inertial::Simulated && matches!(self.path, FlightPath::Tum(_)),
+                "only the path of a file can be flown at another speed, and without its recorded inertial samples",
+            ),
+            (
+                self.surroundings == Surroundings::Usual || !matches!(self.scene, Scene::Rooms(_)),
+                "two rooms that look alike keep their looks",
+            ),
+            ((0.0..=LEAD_S).contains(&e.readout_s), "the readout must be within 0 to 0.1 s"),
             (self.lean_deg.abs() <= 5.0, "the scene may lean by 5 degrees at most"),
             ((0.1..=4.0).contains(&self.resolution_scale), "the resolution scale must be within 0.1 to 4"),
             (e.time_offset_s.abs() <= 0.9 * LEAD_S, "the time offset must be below 0.09 s"),
@@ -172,8 +235,9 @@ impl Scenario {
         matches!(self.inertial, Inertial::Recorded(_))
     }
 
-    /// The rig that is simulated: `config` at the scenario's resolution, with the range of its accelerometer. On a built-in
-    /// path the vehicle is mounted around its left camera, and the mounting of the IMU follows; a file flies any vehicle.
+    /// The rig that is simulated: `config` at the scenario's resolution, with the range of its accelerometer and its readout. On
+    /// a built-in path the vehicle is mounted around its left camera, and the mounting of the IMU follows; a file flies any
+    /// vehicle.
     #[must_use]
     pub fn rig(&self, config: &Config) -> Config {
         let mut rig = scaled_config(config, self.resolution_scale);
@@ -186,6 +250,9 @@ impl Scenario {
         }
         if self.imu.clipped_share > 0.0 {
             rig.imu.accel_range_m_s2 = CLIPPED_RANGE_M_S2;
+        }
+        if self.effects.readout_s > 0.0 {
+            rig.camera.iter_mut().for_each(|camera| camera.readout_s = self.effects.readout_s);
         }
         rig
     }
@@ -219,9 +286,13 @@ impl Scenario {
             FlightPath::Hover => Station::Hover.flight(length_s, &pose_b_c).ok_or_else(too_short),
             FlightPath::Drift => Station::Drift.flight(length_s, &pose_b_c).ok_or_else(too_short),
             FlightPath::Carried => Station::Carried.flight(length_s, &pose_b_c).ok_or_else(too_short),
-            FlightPath::Tum(file) => Trajectory::from_poses(&read_tum(file)?).ok_or_else(|| {
-                DriverError::malformed(file, "needs at least eight poses in order of time to fly along")
-            }),
+            FlightPath::Tum(file) => {
+                let mut poses = read_tum(file)?;
+                hurry(&mut poses, self.speed);
+                Trajectory::from_poses(&poses).ok_or_else(|| {
+                    DriverError::malformed(file, "needs at least eight poses in order of time to fly along")
+                })
+            }
         }
     }
 
@@ -258,6 +329,14 @@ impl Scenario {
             )));
         }
         Ok((first, duration_s.at_most(rest_s)))
+    }
+}
+
+/// Makes `poses` follow one another `times` as fast.
+fn hurry(poses: &mut [StampedPose], times: f64) {
+    let Some(begin) = poses.first().map(|pose| pose.stamp).filter(|_| times != 1.0) else { return };
+    for pose in poses {
+        pose.stamp = begin.plus_seconds(pose.stamp.seconds_since(begin) / times);
     }
 }
 
@@ -315,6 +394,24 @@ mod tests {
         crate::tum::write_tum(&file, &fixture::wobble_poses(4.0)).unwrap();
         let path = FlightPath::Tum(file);
         assert!(is_beginning(&simulator(&path, 1.0), &simulator(&path, 2.5)));
+    }
+
+    #[test]
+    fn a_fast_flight_goes_the_same_way() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("wobble.tum");
+        crate::tum::write_tum(&file, &fixture::wobble_poses(6.0)).unwrap();
+        let flight = |speed| {
+            let path = FlightPath::Tum(file.clone());
+            let scenario = Scenario { path, speed, ..Scenario::default() };
+            scenario.flight(&fixture::config()).unwrap().0
+        };
+        let (usual, fast) = (flight(1.0), flight(1.5));
+        let at = |k: i32| (usual.motion_at(0.3 * f64::from(k)), fast.motion_at(0.2 * f64::from(k)));
+        for (a, b) in (1..19).map(at) {
+            assert!((a.pose_w_b.translation.vector - b.pose_w_b.translation.vector).norm() < 0.005);
+            assert!((a.v_w_b * 1.5 - b.v_w_b).norm() < 0.05);
+        }
     }
 
     #[test]

@@ -2,7 +2,8 @@
 
 use super::builder::{Builder, Wall};
 use super::light::{Lamp, Lighting, bake};
-use super::pattern::Material;
+use super::pattern::{GRID_CELL_M, Material};
+use super::scenario::Surroundings;
 use super::solid::{Bounds, Solid};
 use super::world::{Finish, World};
 use nalgebra::Vector3;
@@ -14,6 +15,14 @@ const GROUND_M: f64 = 0.13;
 /// Distance of everything in the far scene, m, and size of its patterns against the usual one.
 const FAR_M: f64 = 80.0;
 const FAR_ZOOM: f64 = 40.0;
+
+/// A repeated pattern has its period in pixels of this focal length at this distance, m.
+const REPEATED_AT_M: f64 = 3.0;
+const REPEATED_FOCAL_PX: f64 = 458.0;
+/// Side of a spot on a bare wall, m.
+const SPOT_M: f64 = 0.06;
+/// Views of a camera that cover the sphere: 1.25 sr each.
+const VIEWS_OF_SPHERE: f64 = 10.0;
 
 /// How the second room looks like the first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -58,13 +67,28 @@ const fn finish(material: Material) -> Finish {
 }
 
 /// Builds `scene` around the flight through `path` (positions in the world, m).
-pub(super) fn build(scene: Scene, seed: u64, path: &[Vector3<f64>]) -> World {
-    build_around(scene, seed, &Bounds::around(path), path)
+pub(super) fn build(scene: Scene, seed: u64, path: &[Vector3<f64>], surroundings: Surroundings) -> World {
+    let flight = Bounds::around(path);
+    match surroundings {
+        Surroundings::Usual => build_around(scene, seed, &flight, path),
+        Surroundings::Repeated { period_px } => {
+            let zoom = period_px * REPEATED_AT_M / REPEATED_FOCAL_PX / GRID_CELL_M;
+            furnished(
+                Builder::new(seed, path).wrapped_in(Finish::of(Material::Grid).zoomed(zoom)),
+                scene,
+                &flight,
+            )
+        }
+        Surroundings::Bare { spots } => bare(Builder::new(seed, path), &flight, spots),
+    }
 }
 
 /// Builds `scene` around `flight`; furniture keeps clear of `path`.
 pub(super) fn build_around(scene: Scene, seed: u64, flight: &Bounds, path: &[Vector3<f64>]) -> World {
-    let mut builder = Builder::new(seed, path);
+    furnished(Builder::new(seed, path), scene, flight)
+}
+
+fn furnished(mut builder: Builder<'_>, scene: Scene, flight: &Bounds) -> World {
     let lighting = match scene {
         Scene::Room | Scene::Rooms(_) => room(&mut builder, flight),
         Scene::Hall => hall(&mut builder, flight),
@@ -73,6 +97,43 @@ pub(super) fn build_around(scene: Scene, seed: u64, flight: &Bounds, path: &[Vec
     };
     bake(&mut builder.surfaces, &builder.casters, &lighting);
     World::new(builder.surfaces)
+}
+
+/// An empty room with dark spots on its walls, floor and ceiling: about `spots` of them in a view from its middle.
+fn bare(mut b: Builder<'_>, flight: &Bounds, spots: f64) -> World {
+    let bounds = room_around(flight);
+    let plain = |level: f32| Finish::of(Material::Paint).toned(level, level);
+    let tones = [0.62, 0.55, 0.66, 0.58].map(plain);
+    let walls = b.shell(&bounds, plain(0.4), plain(0.7), tones);
+    let size = bounds.high - bounds.low;
+    let sides = [walls[0].length * size.z, walls[1].length * size.z, size.x * size.y];
+    let total = 2.0 * sides.iter().sum::<f64>();
+    let count = (spots * VIEWS_OF_SPHERE).round() as usize;
+    for _ in 0..count {
+        let place = b.draws.range(0.0, total);
+        let mut at = |length: f64| b.draws.range(SPOT_M, (length - SPOT_M).at_least(2.0 * SPOT_M));
+        let walls_end = 2.0 * (sides[0] + sides[1]);
+        if place < walls_end {
+            let wall = walls[usize::from(place >= 2.0 * sides[0]) + 2 * usize::from(place % 2.0 < 1.0)];
+            let panel = wall.panel(at(wall.length), at(wall.height), [SPOT_M, SPOT_M], 0.002);
+            b.attach(&panel, plain(0.12));
+            continue;
+        }
+        let (x, y) = (bounds.low.x + at(size.x), bounds.low.y + at(size.y));
+        if place < walls_end + sides[2] {
+            b.lay(
+                &Solid::standing(Vector3::new(x, y, bounds.low.z), [SPOT_M, SPOT_M, 0.002], 0.3),
+                plain(0.12),
+            );
+        } else {
+            b.hang(
+                &Solid::standing(Vector3::new(x, y, bounds.high.z - 0.002), [SPOT_M, SPOT_M, 0.002], 0.3),
+                plain(0.12),
+            );
+        }
+    }
+    bake(&mut b.surfaces, &b.casters, &Lighting { ambient: 200.0, step_m: 1.0, lamps: Vec::new() });
+    World::new(b.surfaces)
 }
 
 fn grown(flight: &Bounds, sides_m: [f64; 2], above_m: f64) -> Bounds {

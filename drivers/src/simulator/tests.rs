@@ -89,7 +89,7 @@ fn render(simulator: &Simulator, index: u64) -> StereoFrame {
 }
 
 /// Grey level at `px`, between pixels by interpolation.
-fn grey(image: &GrayImage, px: &Vector2<f64>) -> f64 {
+pub(super) fn grey(image: &GrayImage, px: &Vector2<f64>) -> f64 {
     let (u, v) = (px.x.floor(), px.y.floor());
     let at = |du: usize, dv: usize| {
         let (x, y) = ((u as usize + du).min(image.width() - 1), (v as usize + dv).min(image.height() - 1));
@@ -144,8 +144,12 @@ fn frames_from_two_poses_show_the_same_world() {
 }
 
 /// The mean of 8x8 exact rays through a pixel, with the finest level of the patterns and no filter.
-fn by_rays(simulator: &Simulator, pose_w_c: &Isometry3<f64>, px: &Vector2<f64>) -> Option<f64> {
-    let (world, lens) = (&simulator.inner.world, &simulator.inner.cameras[0].0);
+pub(super) fn by_rays(
+    world: &World,
+    lens: &Lens,
+    pose_w_c: &Isometry3<f64>,
+    px: &Vector2<f64>,
+) -> Option<f64> {
     let mut sum = 0.0;
     for k in 0..64 {
         let part = |i: i32| (f64::from(i) + 0.5) / 8.0 - 0.5;
@@ -192,14 +196,14 @@ fn images_are_true_to_a_hundredth_of_a_pixel() {
         let (mut square, mut count) = (0.0, 0.0);
         for frame in [2, 12, 22, 32] {
             let pose_w_c = simulator.pose_w_c(simulator.frame_time(frame), lens);
-            renderer.render(&inner.world, lens, &pose_w_c, &mut light);
+            renderer.render(&inner.world, lens, &[Shot::at(pose_w_c)], &mut light);
             let edges = edge_pixels(&renderer, lens);
             for px in if scene == Scene::LowTexture { edges } else { grid().collect() } {
                 let at = |u: usize, v: usize| {
                     f64::from(light[(px.y as usize + v - 1) * 752 + px.x as usize + u - 1])
                 };
                 let slope = 0.5 * Vector2::new(at(2, 1) - at(0, 1), at(1, 2) - at(1, 0));
-                let error = by_rays(&simulator, &pose_w_c, &px).unwrap() - at(1, 1);
+                let error = by_rays(&inner.world, lens, &pose_w_c, &px).unwrap() - at(1, 1);
                 normal += slope * slope.transpose();
                 right += slope * error;
                 square += error * error;
@@ -220,7 +224,7 @@ fn the_renderer_sees_what_rays_see() {
     let lens = &inner.cameras[0].0;
     let pose_w_c = simulator.pose_w_c(simulator.frame_time(3), lens);
     let mut renderer = Renderer::new(inner.world.surfaces.len(), (752, 480));
-    renderer.render(&inner.world, lens, &pose_w_c, &mut vec![0.0; 752 * 480]);
+    renderer.render(&inner.world, lens, &[Shot::at(pose_w_c)], &mut vec![0.0; 752 * 480]);
     let mut different = 0;
     for px in grid() {
         let hit = simulator.first_hit(simulator.frame_time(3), 0, &px).unwrap();
@@ -296,7 +300,7 @@ fn furniture_keeps_clear_of_the_flight() {
     for flight in &flights {
         for (scene, seed) in SCENES.into_iter().zip(1..) {
             let path: Vec<_> = flight.positions(PATH_STEP_S).collect();
-            let world = scenes::build(scene, seed, &path);
+            let world = scenes::build(scene, seed, &path, Surroundings::Usual);
             let low = path.iter().map(|p| p.z).fold(f64::MAX, f64::min);
             for p in flight.positions(0.2) {
                 for surface in &world.surfaces {
@@ -416,7 +420,7 @@ fn corners_are_plentiful_in_texture_and_scarce_without() {
     assert!(room > 150.0 && hall > 140.0 && (25.0..110.0).contains(&plain));
 }
 
-fn corner_cells(image: &GrayImage) -> usize {
+pub(super) fn corner_cells(image: &GrayImage) -> usize {
     const CELL: usize = 42;
     let width = image.width();
     let p = |x: usize, y: usize| f64::from(image.pixels()[y * width + x]);

@@ -7,6 +7,7 @@ use super::pattern::Material;
 use crate::random::{Draws, Purpose};
 use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::Portable;
+use std::ops::Range;
 
 /// How a surface looks: albedo goes from `dark` to `bright` along the values of the pattern.
 #[derive(Clone, Copy, Debug)]
@@ -98,13 +99,31 @@ pub(super) struct World {
     pub(super) surfaces: Vec<Surface>,
     /// Light of each surface.
     pub(super) light: Vec<LightTable>,
+    /// Surfaces of each thing that moves, in its own frame; they come last.
+    pub(super) movers: Vec<Range<usize>>,
 }
 
 impl World {
     /// Creates the world from surfaces and their light.
     pub(super) fn new(surfaces: Vec<Surface>) -> Self {
         let light = surfaces.iter().map(|surface| LightTable::new(&surface.light)).collect();
-        Self { surfaces, light }
+        Self { surfaces, light, movers: Vec::new() }
+    }
+
+    /// Adds a thing that moves, in its own frame and in light of one brightness.
+    pub(super) fn add_mover(&mut self, surfaces: Vec<Surface>, brightness: f32) {
+        let begin = self.surfaces.len();
+        for mut surface in surfaces {
+            surface.light = LightMap::uniform(brightness);
+            self.light.push(LightTable::new(&surface.light));
+            self.surfaces.push(surface);
+        }
+        self.movers.push(begin..self.surfaces.len());
+    }
+
+    /// Surfaces that stand still.
+    pub(super) fn still(&self) -> &[Surface] {
+        &self.surfaces[..self.movers.first().map_or(self.surfaces.len(), |mover| mover.start)]
     }
 
     /// Tilts everything by `angle_rad` about a horizontal axis through the middle of `path`, in a direction that the seed
@@ -129,10 +148,10 @@ impl World {
         }
     }
 
-    /// The first surface that the ray from `origin` along `direction` (both in the world) meets.
+    /// The first surface at rest that the ray from `origin` along `direction` (both in the world) meets.
     pub(super) fn first_hit(&self, origin: &Vector3<f64>, direction: &Vector3<f64>) -> Option<Hit> {
         let mut best: Option<Hit> = None;
-        for (surface, s) in self.surfaces.iter().enumerate() {
+        for (surface, s) in self.still().iter().enumerate() {
             if let Some((distance, ..)) = s.hit(origin, direction)
                 && best.is_none_or(|b| distance < b.distance)
             {

@@ -2,6 +2,7 @@
 
 use super::fit::LineMoments;
 use super::segment::Segment;
+use crate::shutter::RowTurns;
 use nalgebra::Vector2;
 use plumbline_config::{CameraModel, Portable};
 
@@ -16,16 +17,18 @@ pub struct ImageLine {
 
 impl ImageLine {
     /// Fits the line through a segment's nodes, undistorted one by one: the image of a straight edge is
-    /// bent by the lens, by more than the noise at the rim. `None` outside the model's range.
+    /// bent by the lens, by more than the noise at the rim, and by the turns of the camera between its rows. `None` outside the
+    /// model's range.
     #[must_use]
-    pub fn of(segment: &Segment, camera: &CameraModel) -> Option<Self> {
+    pub fn of(segment: &Segment, camera: &CameraModel, rows: &RowTurns) -> Option<Self> {
+        let bearing = |px: Vector2<f64>| rows.at_frame(&camera.unproject(&px)?, px.y);
         let mut moments = LineMoments::default();
         for node in segment.nodes.iter().filter(|n| n.weight > 0.0) {
-            moments.add(&camera.unproject(&node.px.cast())?, f64::from(node.weight));
+            moments.add(&bearing(node.px.cast())?, f64::from(node.weight));
         }
         let (point, direction) = moments.line()?;
         let end = |px: &Vector2<f32>| -> Option<Vector2<f64>> {
-            let xy = camera.unproject(&px.cast())?;
+            let xy = bearing(px.cast())?;
             Some(point + direction * direction.dot(&(xy - point)))
         };
         let ends_xy = [end(&segment.start)?, end(&segment.end)?];
@@ -65,7 +68,7 @@ mod tests {
         let segment = Segment::through(&places, &Vector2::new(1.0, 0.0)).expect("has a direction");
         let bent = places.iter().map(|p| segment.direction().perp(&(p.px - segment.start)).abs());
         assert!(bent.fold(0.0, f32::max) > 3.0, "the lens bends it by pixels");
-        let line = ImageLine::of(&segment, &model).expect("is in range");
+        let line = ImageLine::of(&segment, &model, &RowTurns::default()).expect("is in range");
         for end in line.ends_xy {
             let off = (b - a).normalize().perp(&(end - a)).abs() * line.px_per_unit[0];
             assert!(off < 0.1, "{off} px off");

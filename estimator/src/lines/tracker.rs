@@ -11,6 +11,7 @@ use super::matching::Matcher;
 use super::measurement::ImageLine;
 use super::segment::Segment;
 use crate::estimate::{Stage, StageProbe};
+use crate::shutter::RowTurns;
 use crate::work_budget::{Fork, WorkBudget};
 use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector2, Vector3};
 use plumbline_config::options::LinesConfig;
@@ -57,6 +58,7 @@ pub struct LineFigures {
 struct View {
     model: CameraModel,
     pose_b_c: Isometry3<f64>,
+    rows: RowTurns,
     extractor: LineExtractor,
     is_new: bool,
     segments: Vec<Segment>,
@@ -72,6 +74,7 @@ impl View {
             extractor: LineExtractor::new(model.width_px, model.height_px, options),
             model,
             pose_b_c: Isometry3::identity(),
+            rows: RowTurns::default(),
             is_new: false,
             segments: Vec::with_capacity(room),
             lines: Vec::with_capacity(room),
@@ -88,7 +91,7 @@ impl View {
         self.is_new = image.is_some_and(|i| self.extractor.extract(i).is_some());
         if self.is_new {
             for segment in self.extractor.segments() {
-                if let Some(line) = ImageLine::of(segment, &self.model) {
+                if let Some(line) = ImageLine::of(segment, &self.model, &self.rows) {
                     self.segments.push(*segment);
                     self.lines.push(line);
                     self.candidates.push(Candidate::of(&line));
@@ -180,6 +183,11 @@ impl LineTracker {
         self.tracks.clear();
         self.descriptors.clear();
         self.observations.clear();
+    }
+
+    /// Sets how each camera turns between the rows of the next frame.
+    pub fn set_rows(&mut self, rows: &[RowTurns; 2]) {
+        self.views.iter_mut().zip(rows).for_each(|(view, rows)| view.rows = *rows);
     }
 
     /// Counts of the last frame.

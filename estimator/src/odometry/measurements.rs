@@ -1,11 +1,13 @@
 //! From tracked points and lines to measurements: weights in pixels, rates of change, and how still the
 //! image is.
 
-use crate::lines::{ImageLine, LineObservation};
+use crate::lines::{ImageLine, LineObservation, Segment};
 use crate::points::PointObservation;
+use crate::shutter::Readout;
 use crate::window::landmark::LandmarkStore;
 use crate::window::line::LineMeasurement;
 use crate::window::reprojection::{InversePoint, PointMeasurement};
+use crate::window::seen_by_row::SeenByRow;
 use crate::window::{LineTrack, PointTrack, TrackMeasurement};
 use nalgebra::{Matrix2, Vector2, Vector3};
 use plumbline_config::options::{LinesConfig, PointsConfig};
@@ -18,6 +20,7 @@ const MIN_FLOW_POINTS: usize = 12;
 #[derive(Clone, Debug)]
 pub struct Measurer {
     cameras: Vec<CameraModel>,
+    readouts: [Readout; 2],
     sigma_px: f64,
     previous: Vec<PointObservation>,
     measurements: Vec<PointTrack>,
@@ -46,6 +49,7 @@ impl Measurer {
         let capacity = points.max_points;
         Self {
             cameras,
+            readouts: [Readout::default(); 2],
             sigma_px: points.sigma_px,
             line_sigma_px: lines.sigma_px,
             lines: Vec::with_capacity(2 * lines.max_segments),
@@ -53,6 +57,12 @@ impl Measurer {
             measurements: Vec::with_capacity(capacity),
             flow: [Vec::with_capacity(2 * capacity), Vec::with_capacity(2 * capacity)],
         }
+    }
+
+    /// Returns the measurer for cameras with these readouts.
+    #[must_use]
+    pub fn with_readouts(self, readouts: [Readout; 2]) -> Self {
+        Self { readouts, ..self }
     }
 
     /// Forgets the frame before.
@@ -85,14 +95,17 @@ impl Measurer {
         let sound = observations.iter().filter(|o| !outliers.contains(&o.track_id));
         for observation in sound.take(self.lines.capacity()) {
             let measured = [0, 1].map(|camera| {
-                observation.lines[camera].map(|line| self.line_measurement(&line).turning(&rate_c[camera]))
+                let (line, segment) = observation.lines[camera].zip(observation.segments[camera])?;
+                Some(self.line_measurement(camera, &line, &segment).turning(&rate_c[camera]))
             });
             self.lines.push(TrackMeasurement { track_id: observation.track_id, measured });
         }
     }
 
-    fn line_measurement(&self, line: &ImageLine) -> LineMeasurement {
+    fn line_measurement(&self, camera: usize, line: &ImageLine, segment: &Segment) -> LineMeasurement {
+        let late_s = [segment.start.y, segment.end.y].map(|v| self.readouts[camera].late_s(f64::from(v)));
         LineMeasurement {
+            rows: [0, 1].map(|k| SeenByRow { xy: line.ends_xy[k], late_s: late_s[k] }),
             ends_xy: line.ends_xy,
             rates: [0.0; 2],
             weights: line.px_per_unit.map(|scale| scale / self.line_sigma_px),
@@ -115,7 +128,9 @@ impl Measurer {
                 let Some(xy) = observation.xy[camera] else { continue };
                 let xy_rate = rotational_rate(&xy, &rate_c[camera]);
                 let weight = self.weight(camera, &xy, &observation.covariance_px2[camera]);
-                measured[camera] = Some(PointMeasurement { xy, xy_rate, weight });
+                let late_s = observation.px[camera].map_or(0.0, |px| self.readouts[camera].late_s(px.y));
+                let row = SeenByRow { xy, late_s };
+                measured[camera] = Some(PointMeasurement { xy, xy_rate, weight, row });
             }
             if measured.iter().any(Option::is_some) && self.measurements.len() < self.measurements.capacity()
             {

@@ -38,6 +38,7 @@ use crate::exchange::{Feedback, KeyframeStep, SolvedFrame, Tracked};
 use crate::inertial::{ImuBuffer, ImuNoise, Vibration};
 use crate::initial::{Gathering, MonoWorkspace};
 use crate::points::PointObservation;
+use crate::shutter::readouts;
 use crate::window::snapshot::SnapshotKeyframe;
 use crate::window::state::{FrameTime, NavState};
 use crate::window::{RigEstimate, Window};
@@ -172,7 +173,8 @@ impl Odometer {
             noise: ImuNoise::of(imu),
             focal_px: setup.left().focal_px[0],
             imu: ImuBuffer::of(imu),
-            measurer: Measurer::new(cameras, &setup.estimator.points, &setup.estimator.lines),
+            measurer: Measurer::new(cameras, &setup.estimator.points, &setup.estimator.lines)
+                .with_readouts(readouts(setup)),
             gathering: Gathering::new(gathered, points),
             mono_workspace: MonoWorkspace::new(gathered, points),
             zero_velocity: ZeroVelocityDetector::new(rate_hz, setup.left().focal_px[0]),

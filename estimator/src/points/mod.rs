@@ -37,7 +37,8 @@ pub struct PointObservation {
     pub age: u32,
     /// Pixel in the left and right image (distorted, as measured), where seen.
     pub px: [Option<Vector2<f64>>; 2],
-    /// Ideal normalized coordinates in the left and right camera, where seen.
+    /// Ideal normalized coordinates in the left and right camera, where seen: the direction at the time of the row, in the
+    /// axes that the camera has at the time of the frame.
     pub xy: [Option<Vector2<f64>>; 2],
     /// Covariance of the pixels against the reference patch, by its texture and its residual, px².
     pub covariance_px2: [Matrix2<f32>; 2],

@@ -99,7 +99,7 @@ impl Pairing<'_> {
         let camera = self.pair.to.0;
         let px = px.cast::<f64>();
         camera.model.contains(&px, self.border_px).then_some(())?;
-        let xy_to = camera.model.unproject(&px)?;
+        let xy_to = camera.unproject(&px)?;
         let geometry = self.pair.baseline.triangulate(xy, &xy_to, camera.focal_px())?;
         let disparity_per_depth = self.pair.baseline.translation.norm() * camera.focal_px();
         let plausible = geometry.epipolar_px <= self.max_epipolar_px

@@ -4,6 +4,7 @@
 //! along the optical axis of the first camera) has in the second the direction `R [x y 1]^T + rho t`; with
 //! `rho = 0` that is the infinite homography.
 
+use crate::shutter::RowTurns;
 use nalgebra::{Isometry3, Matrix2, Matrix2x3, Rotation3, UnitQuaternion, Vector2, Vector3};
 use plumbline_config::{CameraModel, Portable};
 
@@ -38,6 +39,8 @@ pub struct RigCamera {
     pub model: CameraModel,
     /// Takes camera to body coordinates.
     pub pose_b_c: Isometry3<f64>,
+    /// Turns between the rows of the present frame.
+    pub rows: RowTurns,
     /// Largest norm of normalized coordinates that is projected.
     field: f64,
 }
@@ -52,7 +55,12 @@ impl RigCamera {
             .iter()
             .map(|&c| model.unproject(&Vector2::from(c)).map_or(DEFAULT_FIELD, |xy| xy.norm()))
             .fold(0.0, |most, x: f64| x.at_least(most));
-        Self { model, pose_b_c: Isometry3::identity(), field: field * FIELD_MARGIN }
+        Self {
+            model,
+            pose_b_c: Isometry3::identity(),
+            rows: RowTurns::default(),
+            field: field * FIELD_MARGIN,
+        }
     }
 
     /// Mean focal length, px.
@@ -61,8 +69,24 @@ impl RigCamera {
         0.5 * (self.model.focal_px.x + self.model.focal_px.y)
     }
 
-    /// Pixel of a direction in this camera, and its derivative by the normalized coordinates.
+    /// Normalized coordinates, at the time of the frame, of what is seen at `px`.
+    pub(super) fn unproject(&self, px: &Vector2<f64>) -> Option<Vector2<f64>> {
+        let xy = self.model.unproject(px)?;
+        self.rows.at_frame(&xy, px.y)
+    }
+
+    /// Pixel of a direction at the time of the frame in this camera, its derivative by the normalized coordinates at the time of
+    /// its row, and these.
     pub(super) fn project(&self, p_c: &Vector3<f64>) -> Option<(Vector2<f64>, Matrix2<f64>, Vector2<f64>)> {
+        let at_once = self.project_at_once(p_c)?;
+        match self.rows.is_global() {
+            true => Some(at_once),
+            // Turned to the row where it would be seen at once, it is off by far less than a row.
+            false => self.project_at_once(&self.rows.at_row(p_c, at_once.0.y)),
+        }
+    }
+
+    fn project_at_once(&self, p_c: &Vector3<f64>) -> Option<(Vector2<f64>, Matrix2<f64>, Vector2<f64>)> {
         if p_c.z < 1e-3 {
             return None;
         }

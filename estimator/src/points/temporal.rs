@@ -94,7 +94,7 @@ impl Transition<'_> {
         })?;
         let now = track.px[c]?;
         self.camera.model.contains(&now, self.border_px).then_some(())?;
-        track.xy[c] = Some(self.camera.model.unproject(&now)?);
+        track.xy[c] = Some(self.camera.unproject(&now)?);
         track.flow_px[c] = (now - turned.px) / f64::from(self.frames);
         track.came_by = Some((c, xy));
         Some(outcome)

@@ -14,6 +14,7 @@ use super::temporal::{Followed, Transition};
 use super::track::{Track, TrackStore};
 use crate::estimate::{Stage, StageProbe};
 use crate::image::Pyramid;
+use crate::shutter::RowTurns;
 use crate::work_budget::Fork;
 use nalgebra::{Isometry3, UnitQuaternion, Vector2};
 use plumbline_config::options::PointsConfig;
@@ -163,6 +164,11 @@ impl PointTracker {
         for (camera, pose) in self.rig.iter_mut().zip(pose_b_c) {
             camera.pose_b_c = *pose;
         }
+    }
+
+    /// Sets how each camera turns between the rows of the next frame.
+    pub fn set_rows(&mut self, rows: &[RowTurns; 2]) {
+        self.rig.iter_mut().zip(rows).for_each(|(camera, rows)| camera.rows = *rows);
     }
 
     /// Switches the refinement against the reference patch off, to measure what it is good for.
@@ -380,7 +386,7 @@ impl PointTracker {
         let pairing = pairing(&self.rig, &self.views, &self.options, self.use_reference, c, 1 - c);
         for corner in self.detectors[c].detect(&view.current.plane(0), &self.taken, &demand) {
             let px = corner.px.cast::<f64>();
-            let Some(xy) = self.rig[c].model.unproject(&px) else { continue };
+            let Some(xy) = self.rig[c].unproject(&px) else { continue };
             let Some(track) = self.store.begin(&view.current, &corner.px) else { continue };
             (track.px[c], track.xy[c]) = (Some(px), Some(xy));
             self.figures.new += 1;

@@ -30,8 +30,12 @@ fn push(window: &mut Window, (t, x, is_keyframe): At) {
 
 /// A landmark of frame `host` that is seen there and in `others`.
 fn landmark(track_id: u32, host: u8, others: &[u8]) -> Landmark<InversePoint> {
-    let measured =
-        PointMeasurement { xy: Vector2::zeros(), xy_rate: Vector2::zeros(), weight: Matrix2::identity() };
+    let measured = PointMeasurement {
+        xy: Vector2::zeros(),
+        xy_rate: Vector2::zeros(),
+        weight: Matrix2::identity(),
+        row: Default::default(),
+    };
     let seen = std::iter::once(host).chain(others.iter().copied());
     Landmark {
         track_id,

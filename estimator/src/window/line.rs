@@ -24,6 +24,7 @@ use super::feature::{Estimated, Feature, Jacobians, StructuralLinearization, Vie
 use super::manhattan::{Axis, Manhattan};
 use super::manhattan_factor::{self, StructuralLine};
 use super::quad::quad;
+use super::seen_by_row::SeenByRow;
 use crate::geometry::exp_so3;
 use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3, Vector4};
 
@@ -51,6 +52,8 @@ pub struct LineMeasurement {
     pub rates: [f64; 2],
     /// Root of the information of the end points across the line: standard deviations per unit.
     pub weights: [f64; 2],
+    /// What the rows saw of the end points; [`Self::ends_xy`] are those without the way of the camera.
+    pub rows: [SeenByRow; 2],
 }
 
 impl LineMeasurement {
@@ -78,6 +81,21 @@ impl LineMeasurement {
     fn rates_of(&self, n: &Vector3<f64>, n_rate: &Vector3<f64>) -> Option<[f64; 2]> {
         let by_n = self.distances_by_normal(n)? * n_rate;
         Some([by_n[0], by_n[1]])
+    }
+
+    /// Where a global shutter would have measured the end points of a line of normal `n` at the time of the frame, which the way
+    /// of the camera changes by `n_by_way` in a second: as far from the line as the rows saw them.
+    fn ends_at_frame(&self, n: &Vector3<f64>, n_by_way: &Vector3<f64>) -> [Vector2<f64>; 2] {
+        let mut ends_xy = self.ends_xy;
+        for (end, SeenByRow { xy, late_s }) in ends_xy.iter_mut().zip(&self.rows) {
+            let by_row = n + n_by_way * *late_s;
+            let (trace, trace_by_row) = (n.xy().norm(), by_row.xy().norm());
+            if *late_s != 0.0 && trace_by_row > MIN_TRACE * by_row.norm() && trace > MIN_TRACE * n.norm() {
+                let off = ray(xy).dot(&by_row) / trace_by_row - ray(xy).dot(n) / trace;
+                *end = xy + n.xy() * (off / trace);
+            }
+        }
+        ends_xy
     }
 
     /// Distances of the end points from the trace of the plane of `n`.
@@ -282,7 +300,10 @@ impl Feature for HostedLine {
         let Path { bt, ct } = self.path(view);
         let rate = Pluecker { n: -rate_b.cross(&bt.n) - v_b.cross(&bt.v), v: -rate_b.cross(&bt.v) };
         let n_rate = rate.moved_back(&view.target_mount.rot_b_c, &view.target_mount.p_b_c).n;
-        Some(LineMeasurement { rates: measured.rates_of(&ct.n, &n_rate)?, ..*measured })
+        let rates = measured.rates_of(&ct.n, &n_rate)?;
+        let v_camera_b = v_b + rate_b.cross(&view.target_mount.p_b_c);
+        let n_by_way = -view.target_mount.rot_b_c.tr_mul(&v_camera_b).cross(&ct.v);
+        Some(LineMeasurement { rates, ends_xy: measured.ends_at_frame(&ct.n, &n_by_way), ..*measured })
     }
 
     fn hosted_by_target(&self, view: &View<'_>) -> Option<Self> {

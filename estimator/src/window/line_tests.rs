@@ -76,6 +76,7 @@ fn scenes() -> impl Strategy<Value = Scene> {
                 ends_xy: [see(a, noise.0[0], noise.0[1])?, see(b, noise.0[2], noise.0[3])?],
                 rates: noise.1,
                 weights: [900.0, 850.0],
+                rows: [SeenByRow::default(); 2],
             };
             let length = (measured.ends_xy[1] - measured.ends_xy[0]).norm();
             let line = HostedLine::of(&a.cross(&b), &(b - a))?;
@@ -185,6 +186,7 @@ fn a_line_through_the_camera_or_at_infinity_is_told_apart() {
         ends_xy: [Vector2::new(0.0, 0.0), Vector2::new(0.1, 0.0)],
         rates: [0.0; 2],
         weights: [1.0; 2],
+        rows: [SeenByRow::default(); 2],
     };
     assert!(measured.distances(&Vector3::new(0.0, 0.0, 1.0)).is_none());
 }

@@ -49,6 +49,7 @@ mod quad;
 pub mod relative;
 pub mod reprojection;
 mod rig_walk;
+pub mod seen_by_row;
 pub mod sighting;
 pub mod snapshot;
 pub mod solve;
@@ -304,8 +305,11 @@ impl Window {
     }
 
     /// Sets the image rates of the newest frame's observations from its velocity and its angular rate in the body,
-    /// rad/s.
+    /// rad/s. With a rolling shutter the observations of all frames are put where a global one would have made them.
     pub fn predict_rates(&mut self, rate_b: &Vector3<f64>) {
+        if self.options.is_rolling {
+            self.predict_all_rates();
+        }
         if let Some(newest) = self.frames.len().checked_sub(1) {
             self.predict_rates_of(newest, rate_b);
         }

@@ -44,6 +44,8 @@ pub struct Options {
     pub point_outlier_sigmas: f64,
     /// Cameras of the rig.
     pub cameras: usize,
+    /// A camera has a rolling shutter.
+    pub is_rolling: bool,
     /// Landmarks that are still seen get another host when theirs goes, since they would have to wait for parallax anew:
     /// with one camera, or a start with one.
     pub keeps_landmarks: bool,
@@ -80,6 +82,7 @@ impl Options {
             max_sigma_rho: MAX_SIGMA_RHO,
             point_outlier_sigmas: point_outlier_sigmas(config),
             cameras: config.camera.len(),
+            is_rolling: config.camera.iter().any(|camera| camera.readout_s > 0.0),
             keeps_landmarks: config.camera.len() == 1,
             first_estimates: config.camera.len() > 1,
             gravity_o: Vector3::new(0.0, 0.0, -config.imu.gravity_m_s2),

@@ -19,6 +19,7 @@ use super::camera_poses::{CameraPose, CameraView};
 use super::feature::{Estimated, Feature, Jacobians, View};
 use super::options::Options;
 use super::quad::{Quad, cross, dot3, quad, scaled};
+use super::seen_by_row::SeenByRow;
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 /// Smallest forward component of `q_ct`: the landmark is in front of the observing camera.
@@ -46,6 +47,8 @@ pub struct PointMeasurement {
     pub xy_rate: Vector2<f64>,
     /// Square root of the information: from normalized coordinates to standard deviations.
     pub weight: Matrix2<f64>,
+    /// What the row saw of it; [`Self::xy`] is that without the way of the camera.
+    pub row: SeenByRow,
 }
 
 /// A landmark in `O`, from the pivot.
@@ -79,6 +82,28 @@ fn seen(view: &View<'_>, point: &InversePoint) -> [Vector3<f64>; 2] {
 }
 
 impl InversePoint {
+    /// Where a global shutter would have measured what a row saw of the point, whose direction in the observer is `q_ct` at the
+    /// time of the frame.
+    fn at_frame(
+        &self,
+        view: &View<'_>,
+        measured: &PointMeasurement,
+        q_ct: &Vector3<f64>,
+        rate_b: &Vector3<f64>,
+        v_b: &Vector3<f64>,
+    ) -> Vector2<f64> {
+        let SeenByRow { xy, late_s } = measured.row;
+        if late_s == 0.0 {
+            return measured.xy;
+        }
+        let v_camera_b = v_b + rate_b.cross(&view.target_mount.p_b_c);
+        let by_row = q_ct - view.target_mount.rot_b_c.tr_mul(&v_camera_b) * (self.rho * late_s);
+        match by_row.z > MIN_FORWARD {
+            true => xy + (q_ct.xy() / q_ct.z - by_row.xy() / by_row.z),
+            false => measured.xy,
+        }
+    }
+
     /// Where the observer sees the landmark, in normalized coordinates; `None` behind it.
     #[must_use]
     pub fn project(&self, view: CameraView<'_>) -> Option<Vector2<f64>> {
@@ -170,7 +195,8 @@ impl Feature for InversePoint {
             return None;
         }
         let d = view.target_mount.rot_b_c.tr_mul(&-(rate_b.cross(&q_bt) + v_b * self.rho));
-        Some(PointMeasurement { xy_rate: (d.xy() - q_ct.xy() * (d.z / q_ct.z)) / q_ct.z, ..*measured })
+        let xy_rate = (d.xy() - q_ct.xy() * (d.z / q_ct.z)) / q_ct.z;
+        Some(PointMeasurement { xy_rate, xy: self.at_frame(view, measured, &q_ct, rate_b, v_b), ..*measured })
     }
 
     fn hosted_by_target(&self, view: &View<'_>) -> Option<Self> {

@@ -65,6 +65,7 @@ prop_compose! {
                 xy: Vector2::new(0.1, -0.1),
                 xy_rate: Vector2::from(rate),
                 weight: Matrix2::new(900.0, 20.0, 30.0, 1000.0),
+                row: SeenByRow::default(),
             },
             offset,
         }

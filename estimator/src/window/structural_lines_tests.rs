@@ -33,7 +33,7 @@ fn measure(pose_o_c: &Isometry3<f64>, edge: &[Vector3<f64>; 2]) -> LineMeasureme
         let q = pose_o_c.inverse() * nalgebra::Point3::from(p);
         Vector2::new(q.x / q.z, q.y / q.z)
     });
-    LineMeasurement { ends_xy, rates: [0.0; 2], weights: [1000.0; 2] }
+    LineMeasurement { ends_xy, rates: [0.0; 2], weights: [1000.0; 2], rows: Default::default() }
 }
 
 /// A window of four keyframes in the room, all its edges landmarks with a depth.

@@ -3,6 +3,7 @@
 use super::line::LineMeasurement;
 use super::prior::AnchorSigmas;
 use super::reprojection::PointMeasurement;
+use super::seen_by_row::SeenByRow;
 use super::state::{FRAME_DIM, FrameTime, HEADING, NavState, RIG_DIM, Rig, unknown_of_frame};
 use super::{LineTrack, PointTrack, TrackMeasurement, Window};
 use crate::geometry::{exp_so3, log_so3};
@@ -185,11 +186,13 @@ impl Room {
             xy: project(&poses[camera], &point(id)) + noise(seed(id, camera)),
             xy_rate: Vector2::zeros(),
             weight: Matrix2::new(500.0, 10.0, -20.0, 480.0),
+            row: SeenByRow::default(),
         };
         let line_seen = |id: u32, camera: usize| LineMeasurement {
             ends_xy: edge(id).map(|p| project(&poses[camera], &p) + noise(seed(100 + id, camera))),
             rates: [0.0; 2],
             weights: [600.0, 550.0],
+            rows: [SeenByRow::default(); 2],
         };
         let seen_by = |id: u32| (self.sees)(id, k);
         let points = (0..POINTS).map(|track_id| TrackMeasurement {

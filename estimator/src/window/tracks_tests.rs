@@ -5,7 +5,12 @@ use super::*;
 use nalgebra::{Matrix2, Vector2};
 
 fn seen(x: f64) -> PointMeasurement {
-    PointMeasurement { xy: Vector2::new(x, 0.0), xy_rate: Vector2::zeros(), weight: Matrix2::identity() }
+    PointMeasurement {
+        xy: Vector2::new(x, 0.0),
+        xy_rate: Vector2::zeros(),
+        weight: Matrix2::identity(),
+        row: Default::default(),
+    }
 }
 
 fn track(track_id: u32, measured: [Option<PointMeasurement>; 2]) -> TrackMeasurement<PointMeasurement> {

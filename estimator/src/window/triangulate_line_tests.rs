@@ -56,8 +56,12 @@ fn landmark(a: Vector3<f64>, b: Vector3<f64>, frames: &[Frame]) -> LineLandmark 
                 let q = pose.inverse_transform_point(&(*p).into());
                 Vector2::new(q.x / q.z, q.y / q.z)
             };
-            let measured =
-                LineMeasurement { ends_xy: [see(&a), see(&b)], rates: [0.0; 2], weights: [1500.0; 2] };
+            let measured = LineMeasurement {
+                ends_xy: [see(&a), see(&b)],
+                rates: [0.0; 2],
+                weights: [1500.0; 2],
+                rows: Default::default(),
+            };
             let _ = landmark.observations.push(Observation { frame: k as u8, camera, measured });
         }
     }
@@ -126,6 +130,7 @@ fn an_edge_seen_from_its_own_line_is_not_compared() {
         ends_xy: [Vector2::new(0.0, -0.1), Vector2::new(0.0, 0.1)],
         rates: [0.0; 2],
         weights: [1.0; 2],
+        rows: Default::default(),
     };
     let residual = with_view(&rig(), (&frames[0].nav, &frames[1].nav), (0, 0), |view| {
         let [host, target] = &view.cameras(&Vector3::zeros());

@@ -29,7 +29,12 @@ fn frame_at(p_o_b: Vector3<f64>) -> Frame {
 
 /// A pixel is 1/460; the standard deviation half of one.
 fn measured(xy: Vector2<f64>) -> PointMeasurement {
-    PointMeasurement { xy, xy_rate: Vector2::zeros(), weight: Matrix2::identity() * 920.0 }
+    PointMeasurement {
+        xy,
+        xy_rate: Vector2::zeros(),
+        weight: Matrix2::identity() * 920.0,
+        row: Default::default(),
+    }
 }
 
 /// A landmark at `p_o`, seen exactly by the cameras given in every frame, hosted by the first of them.

@@ -4,7 +4,7 @@
 //! pitch of the mounting. A nod (the nose is lifted and put down again, the vehicle turns about its left axis alone) shows that
 //! axis by the gyroscope, and with it the heading of the mounting: lifting the nose is a negative turn about the left axis.
 
-use crate::inertial::Rest;
+use crate::inertial::{self, Rest};
 use crate::verdict::{Fitness, Measure};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use plumbline_config::options::{Mounting, VehicleConfig};
@@ -22,6 +22,10 @@ const NOD_DEG: std::ops::Range<f64> = 12.0..80.0;
 const LEVEL_DEG: f64 = 4.0;
 /// A nod is over after this time, s.
 const LONGEST_S: f64 = 15.0;
+/// After a nod the vehicle stands still within this time, s, and turns by less, rad/s.
+const STANDS_WITHIN_S: f64 = 3.0;
+/// See [`STANDS_WITHIN_S`].
+const STANDS_RAD_S: f64 = 0.02;
 /// Share of the turning that may be about other axes.
 const ASIDE: f64 = 0.35;
 /// What to do for a measurement.
@@ -48,7 +52,7 @@ pub fn nod(samples: &[ImuSample], rest: &Rest) -> Option<Nod> {
     // Turning since the vehicle was level: as a vector, as a length; and the largest tilt, with the rotation there.
     let (mut turned, mut total) = (Vector3::zeros(), 0.0);
     let mut peak = (0.0, Vector3::zeros(), 0.0, Vector3::zeros());
-    for pair in after.windows(2) {
+    for (index, pair) in after.windows(2).enumerate() {
         let dt_s = pair[1].stamp.seconds_since(pair[0].stamp);
         let rate = 0.5 * (pair[0].gyro + pair[1].gyro) - rest.gyro;
         rot_0_t *= UnitQuaternion::from_scaled_axis(rate * dt_s);
@@ -60,7 +64,8 @@ pub fn nod(samples: &[ImuSample], rest: &Rest) -> Option<Nod> {
         }
         let is_down = NOD_DEG.contains(&peak.0) && tilt_deg < LEVEL_DEG;
         if is_down {
-            return by_axis(peak, &up_b);
+            // A vehicle that flies is level for moments too.
+            return by_axis(peak, &up_b).filter(|_| stands_soon(&after[index..], rest));
         }
         // Small motions before it are none of it.
         if peak.0 < LEVEL_DEG {
@@ -71,6 +76,14 @@ pub fn nod(samples: &[ImuSample], rest: &Rest) -> Option<Nod> {
         }
     }
     None
+}
+
+/// Whether the vehicle stands still within a few seconds of the first sample.
+fn stands_soon(samples: &[ImuSample], rest: &Rest) -> bool {
+    let end = samples[0].stamp.plus_seconds(STANDS_WITHIN_S);
+    let soon = &samples[..samples.partition_point(|sample| sample.stamp < end)];
+    let again = inertial::rest(soon, &[]);
+    again.seconds > 0.0 && (again.gyro - rest.gyro).norm() < STANDS_RAD_S
 }
 
 /// The mounting by the turn up to the largest tilt: its angle, its rotation vector, how much was turned in all, and about which
@@ -160,7 +173,6 @@ fn known(rest: &Rest, nod: Option<Nod>, rot_v_b: &UnitQuaternion<f64>) -> Measur
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::inertial;
     use plumbline_config::Timestamp;
 
     /// Samples of an IMU mounted so in a vehicle that rests, lifts its nose by so much, and is put down.
@@ -201,6 +213,19 @@ mod tests {
             let off = nod.rot_v_b.angle_to(&vehicle.rot_v_b().unwrap()).to_degrees();
             assert!(off < 0.5 && (nod.degrees - 30.0).abs() < 0.5, "{degrees:?}: {off} {nod:?}");
         }
+    }
+
+    #[test]
+    fn a_vehicle_that_flies_off_tilted_does_not_nod() {
+        let vehicle = VehicleConfig::mounted([0.0, 0.0, 0.0]);
+        let mut flying = samples(&vehicle, -20.0);
+        // Level again it shakes and turns.
+        for (k, sample) in flying.iter_mut().enumerate().skip(1100) {
+            let shake = if k % 2 == 0 { 1.0 } else { -1.0 };
+            sample.gyro += Vector3::new(0.1 * shake, 0.0, 0.5);
+            sample.accel.z += shake;
+        }
+        assert_eq!(nod(&flying, &inertial::rest(&flying, &[])), None);
     }
 
     #[test]

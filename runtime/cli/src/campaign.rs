@@ -2,12 +2,12 @@
 
 use super::choice::FlightChoice;
 use super::paired::{self, Against};
-use super::scenario::imu_error_help;
+use super::scenario::{condition_help, imu_error_help};
 use super::{Usage, check_outputs, load_config, one_line, say};
 use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
 use plumbline_config::Config;
-use plumbline_drivers::simulator::ImuError;
+use plumbline_drivers::simulator::{Family, Named};
 use plumbline_flight::flight::with_overrides;
 use plumbline_lab::campaign::table::{
     HEALTH_HEAD, RATIO_HEAD, SILENCE_HEAD, TABLE_HEAD, TRUST_HEAD, consistency, health_rows, means,
@@ -38,14 +38,18 @@ pub struct CampaignArgs {
     #[arg(long)]
     pub faults: bool,
     /// Fly only faults with these name prefixes, such as blind,imu-gap, and no flight without a fault. Also takes
-    /// errors of inertial sensors with doses, such as force:0.05:1 (see --imu-error); these are flown beside the
-    /// flights without a fault.
+    /// errors of inertial sensors and conditions with doses, such as force:0.05:1 or blur:10:6 (see --imu-error and
+    /// --condition); these are flown beside the flights without a fault.
     #[arg(long, value_delimiter = ',', requires = "faults", value_name = "NAME")]
     pub fault: Vec<String>,
     /// Also fly every flight with this error of the inertial sensor, such as force:0.07:2, and compare; `all` for every
     /// error in its usual doses. May be repeated.
     #[arg(long, value_name = "NAME[:DOSE...]", value_delimiter = ',', long_help = imu_error_help())]
     pub imu_error: Vec<String>,
+    /// Also fly every flight in this condition of light, camera, scene or motion, such as blur:10:6, and compare; `all` for
+    /// every condition in its usual doses. May be repeated.
+    #[arg(long, value_name = "NAME[:DOSE...]", value_delimiter = ',', long_help = condition_help())]
+    pub condition: Vec<String>,
     /// Give the estimator a calibration drawn (by the seed) around the true one, with K times the standard deviations
     /// of the configuration's [rig] (before --set).
     #[allow(rustdoc::broken_intra_doc_links)]
@@ -229,13 +233,15 @@ fn entries(args: &CampaignArgs) -> Result<Vec<Entry>, Usage> {
     let sound = entries.clone();
     if args.faults {
         let faults = faults(args)?;
-        if !args.fault.is_empty() && !faults.iter().any(|fault| matches!(fault, Fault::Inertial(_))) {
+        if !args.fault.is_empty() && !faults.iter().any(|fault| fault.is_compared()) {
             entries.clear();
         }
         entries.extend(faults.into_iter().map(|fault| sound[0].with_fault(fault)));
     }
-    for error in imu_errors(&args.imu_error)? {
-        entries.extend(sound.iter().map(|entry| entry.with_fault(Fault::Inertial(error))));
+    let errors = each_named(&args.imu_error)?.into_iter().map(Fault::Inertial);
+    let conditions = each_named(&args.condition)?.into_iter().map(Fault::Condition);
+    for fault in errors.chain(conditions) {
+        entries.extend(sound.iter().map(|entry| entry.with_fault(fault)));
     }
     match entries.is_empty() {
         true => Err(Usage(format!(
@@ -252,14 +258,16 @@ fn faults(args: &CampaignArgs) -> Result<Vec<Fault>, Usage> {
     let possible = |fault: &Fault| !(args.mono && fault.needs_two_cameras());
     // Recorded samples have the errors of their sensor.
     let errors = Fault::inertial().filter(|_| args.imu == ImuChoice::Simulated);
-    let usual: Vec<Fault> = Fault::ALL.into_iter().chain(errors).filter(possible).collect();
+    let conditions = Fault::conditions();
+    let usual: Vec<Fault> = Fault::ALL.into_iter().chain(errors).chain(conditions).filter(possible).collect();
     if args.fault.is_empty() {
         return Ok(usual);
     }
     let mut chosen = Vec::new();
     for wanted in &args.fault {
         if wanted.contains(':') {
-            chosen.push(Fault::Inertial(imu_error(wanted)?));
+            let fault = wanted.parse().map(Fault::Condition);
+            chosen.push(fault.or_else(|_| wanted.parse().map(Fault::Inertial)).map_err(Usage)?);
             continue;
         }
         let wanted = wanted.to_lowercase().replace('-', "");
@@ -269,23 +277,20 @@ fn faults(args: &CampaignArgs) -> Result<Vec<Fault>, Usage> {
     Ok(chosen)
 }
 
-/// The errors of the inertial sensor that every flight is flown with.
-fn imu_errors(wanted: &[String]) -> Result<Vec<ImuError>, Usage> {
-    let errors = wanted.iter().map(|text| match text.as_str() {
-        "all" => Ok(ImuError::cases().collect()),
-        one => imu_error(one).map(|error| vec![error]),
+/// The errors or conditions of those names.
+fn each_named<F: Family>(wanted: &[String]) -> Result<Vec<Named<F>>, Usage> {
+    let named = wanted.iter().map(|text| match text.as_str() {
+        "all" => Ok(Named::cases().collect()),
+        one => one.parse().map(|named| vec![named]).map_err(Usage),
     });
-    Ok(errors.collect::<Result<Vec<_>, Usage>>()?.into_iter().flatten().collect())
-}
-
-fn imu_error(text: &str) -> Result<ImuError, Usage> {
-    text.parse().map_err(Usage)
+    Ok(named.collect::<Result<Vec<_>, Usage>>()?.into_iter().flatten().collect())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use clap::Parser;
+    use plumbline_drivers::simulator::{Conditions, ImuErrors};
 
     #[derive(Parser)]
     struct Command {
@@ -304,8 +309,16 @@ mod tests {
         assert_eq!(chosen("--faults --fault force"), ["force:0.03:2", "force:0.07:2"]);
         assert_eq!(chosen("--faults --fault force:0.05:1,blackout"), ["force:0.05:1", "Blackout"]);
         assert!(chosen("--faults").contains(&"clipping:5".to_owned()));
-        assert!(!chosen("--faults --imu recorded").iter().any(|name| name.contains(':')));
-        assert!(imu_errors(&["force:x".to_owned()]).is_err());
-        assert_eq!(imu_errors(&["all".to_owned()]).unwrap().len(), Fault::inertial().count());
+        assert!(!chosen("--faults --imu recorded").iter().any(|name| name.contains("force:")));
+        assert!(each_named::<ImuErrors>(&["force:x".to_owned()]).is_err());
+        assert_eq!(each_named::<ImuErrors>(&["all".to_owned()]).unwrap().len(), Fault::inertial().count());
+    }
+
+    #[test]
+    fn conditions_are_chosen_by_name_and_dose() {
+        assert_eq!(chosen("--faults --fault people"), ["people:33:1.2", "people:60:1.2"]);
+        assert_eq!(chosen("--faults --fault blur:10:6"), ["blur:10:6:1"]);
+        assert!(chosen("--faults").contains(&"night:20:4:8".to_owned()));
+        assert_eq!(each_named::<Conditions>(&["all".to_owned()]).unwrap().len(), Fault::conditions().count());
     }
 }

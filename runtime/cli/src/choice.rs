@@ -27,6 +27,9 @@ pub struct FlightChoice {
     /// Length of each simulated flight, seconds.
     #[arg(long, default_value_t = 15.0)]
     pub duration: f64,
+    /// Size of the images relative to the configured size: halves render four times as fast.
+    #[arg(long, default_value_t = 1.0)]
+    pub scale: f64,
 }
 
 impl FlightChoice {
@@ -63,6 +66,9 @@ impl FlightChoice {
                     entries.extend(self.seed.iter().map(new));
                 }
             }
+        }
+        for entry in &mut entries {
+            entry.scenario.resolution_scale = self.scale;
         }
         Ok(entries)
     }

@@ -193,7 +193,7 @@ fn findings(config: &ValidConfig) -> Vec<Finding> {
     is_unknown.then(mounting).into_iter().collect()
 }
 
-/// Those whom the configuration names, and where readers of the local socket are told of the sensors.
+/// Starts the outputs that the configuration names; also returns where the state of the sensors is posted for the local socket.
 fn start_outputs(
     args: &FlyArgs,
     flight: &Flight,

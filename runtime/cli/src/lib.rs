@@ -292,10 +292,11 @@ fn init_logs(verbose: u8, is_live: bool) {
     use tracing_subscriber::util::SubscriberInitExt as _;
     use tracing_subscriber::{EnvFilter, Layer as _};
 
-    // Attempts to connect are many; the audit logs the cause of those that fail, and handshakes that were refused.
+    // Attempts to connect are many; the audit logs the cause of those that fail, and handshakes that were refused. That peers
+    // do not gossip is meant.
     let default = [
-        "warn,zenoh::net::runtime::orchestrator=error,zenoh_link_tls::unicast=error",
-        "info,zenoh=warn,zenoh::net::runtime::orchestrator=error,zenoh_link_tls::unicast=error",
+        "warn,zenoh::net::runtime::orchestrator=error,zenoh_link_tls::unicast=error,zenoh::net::routing::hat::peer=error",
+        "info,zenoh=warn,zenoh::net::runtime::orchestrator=error,zenoh_link_tls::unicast=error,zenoh::net::routing::hat::peer=error",
         "debug",
     ][usize::from(verbose.min(2))];
     let live = if is_live && verbose == 0 { ",plumbline=info,plumbline_flight=info" } else { "" };

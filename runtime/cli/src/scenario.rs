@@ -3,7 +3,7 @@
 use super::{Usage, parse_range};
 use clap::Args;
 use plumbline_drivers::simulator::{
-    Effects, FlightPath, ImuError, Inertial, Scenario, Scene, recorded_along,
+    Condition, Effects, FlightPath, ImuError, Inertial, Scenario, Scene, recorded_along,
 };
 use plumbline_drivers::{FrameFaults, LostCamera};
 use std::ops::Range;
@@ -25,6 +25,15 @@ pub fn imu_error_help() -> String {
     )
 }
 
+/// The help text of an option that takes conditions.
+#[must_use]
+pub fn condition_help() -> String {
+    let kinds = Condition::help().replace('\n', "\n  ");
+    format!(
+        "Condition of light, camera, scene or motion, such as blur:10:6. A dose left out is the one in brackets. May be repeated.\n\n  {kinds}"
+    )
+}
+
 /// A simulated flight.
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Simulated flight")]
@@ -43,6 +52,10 @@ pub struct ScenarioArgs {
     /// be repeated.
     #[arg(long, value_name = "NAME[:DOSE...]", value_delimiter = ',', long_help = imu_error_help())]
     pub imu_error: Vec<ImuError>,
+    /// Condition of light, camera, scene or motion, such as blur:10:6. Without a dose, the one in brackets is used. May
+    /// be repeated.
+    #[arg(long, value_name = "NAME[:DOSE...]", value_delimiter = ',', long_help = condition_help())]
+    pub condition: Vec<Condition>,
     /// Give the estimator a calibration drawn (by the seed) around the true one, with K times the standard deviations
     /// of the configuration's [rig] (before --set).
     #[allow(rustdoc::broken_intra_doc_links)]
@@ -175,6 +188,7 @@ impl ScenarioArgs {
             ("--path", self.path != "demo"),
             ("--imu", self.imu != "simulated"),
             ("--imu-error", !self.imu_error.is_empty()),
+            ("--condition", !self.condition.is_empty()),
             ("--calibration-error", self.calibration_error != 0.0),
             ("--lean-deg", self.lean_deg != 0.0),
             ("--laps", self.laps != 1),
@@ -243,6 +257,7 @@ impl ScenarioArgs {
             ..Scenario::default()
         };
         self.imu_error.iter().for_each(|error| error.apply(&mut scenario));
+        self.condition.iter().for_each(|condition| condition.apply(&mut scenario));
         Ok(scenario)
     }
 

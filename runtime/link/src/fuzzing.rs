@@ -130,7 +130,7 @@ mod tests {
 
     #[test]
     fn fuzz_zenoh_transport() {
-        smoke::over_seeds_and_mutations("zenoh_transport", 20_000, zenoh_transport);
+        smoke::over_seeds_and_mutations("zenoh_transport", 2_000, zenoh_transport);
     }
 
     #[test]

@@ -99,6 +99,7 @@ impl Feed {
 mod tests {
     use super::super::fixture::odometry;
     use super::*;
+    use nalgebra::UnitQuaternion;
     use plumbline_estimator::{Odometry, TrackingState};
 
     const MS: i64 = 1_000_000;

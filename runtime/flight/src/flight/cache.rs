@@ -7,7 +7,7 @@
 use super::FlightError;
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline_config::GrayImage;
-use plumbline_drivers::simulator::{FlightPath, ImuEffects, Inertial, Scenario, Simulator};
+use plumbline_drivers::simulator::{FlightPath, ImuEffects, Inertial, IntrinsicsError, Scenario, Simulator};
 use plumbline_drivers::{DriverError, Faults, FaultySource, FrameFaults, StereoFrame, StereoSource};
 use sha2::{Digest as _, Sha256};
 use std::fs::{File, OpenOptions};
@@ -81,6 +81,7 @@ fn key(simulator: &Simulator, scenario: &Scenario) -> Result<String, FlightError
     };
     sound.imu = ImuEffects::default();
     sound.calibration_error = 0.0;
+    sound.intrinsics_error = IntrinsicsError::default();
     hash.update(format!("{RENDERER_VERSION} {sound:?} {cameras:?}"));
     Ok(hash.finalize().iter().take(12).map(|b| format!("{b:02x}")).collect())
 }

@@ -10,7 +10,7 @@ use plumbline_config::options::VehicleConfig;
 use plumbline_config::{Config, ConfigError, ImuSample, ValidConfig, import};
 use plumbline_drivers::bag::{is_bag, read_bag_imu};
 use plumbline_drivers::euroc::read_imu_samples;
-use plumbline_drivers::simulator::{FlightPath, Scenario, Simulator, draw_calibration};
+use plumbline_drivers::simulator::{FlightPath, Scenario, Simulator, draw_calibration, mistake_intrinsics};
 use plumbline_drivers::{BagDataset, BagTopics, EurocDataset, EurocOptions, ImuSource as _};
 use std::ops::Range;
 use std::path::Path;
@@ -246,6 +246,7 @@ pub fn open_simulation(
     if scenario.calibration_error > 0.0 {
         draw_calibration(&mut config, scenario.calibration_error, scenario.seed);
     }
+    mistake_intrinsics(&mut config, &scenario.intrinsics_error, scale, scenario.seed);
     let config = config.validated("the rig at this scale and with this error of the extrinsics")?;
     let stereo = match rendered {
         Some(folder) => cache::frames(folder, &simulator, scenario)?,

@@ -3,7 +3,7 @@
 use super::Entry;
 use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::{Config, ValidConfig};
-use plumbline_drivers::simulator::{FlightPath, ImuError, Scene};
+use plumbline_drivers::simulator::{Condition, FlightPath, ImuError, Scene};
 use plumbline_drivers::{ClockFault, FaultyImages, FaultyImu, ImageFaults, ImuFaults, LostCamera};
 use plumbline_flight::flight::{Flight, FlightError};
 use std::ops::Range;
@@ -94,6 +94,8 @@ pub enum Fault {
     ImagesLate,
     /// An error of the inertial sensor.
     Inertial(ImuError),
+    /// A condition of light, camera, scene or motion.
+    Condition(Condition),
 }
 
 impl Fault {
@@ -102,16 +104,28 @@ impl Fault {
         ImuError::cases().map(Self::Inertial)
     }
 
+    /// The conditions of light, camera, scene and motion, in their usual doses.
+    pub fn conditions() -> impl Iterator<Item = Self> {
+        Condition::cases().map(Self::Condition)
+    }
+
+    /// Whether it is compared with the same flight without it: an error of the inertial sensor, or a condition.
+    #[must_use]
+    pub fn is_compared(self) -> bool {
+        matches!(self, Self::Inertial(_) | Self::Condition(_))
+    }
+
     /// What it is called.
     #[must_use]
     pub fn name(self) -> String {
         match self {
             Self::Inertial(error) => error.to_string(),
+            Self::Condition(condition) => condition.to_string(),
             other => format!("{other:?}"),
         }
     }
 
-    /// All that can go wrong, but for errors of inertial sensors.
+    /// All that can go wrong, but for errors of inertial sensors and conditions.
     pub const ALL: [Self; 30] = [
         Self::Blackout,
         Self::Drops,
@@ -168,7 +182,7 @@ impl Fault {
             Self::HourAhead | Self::Garbage => lasting(FRAME_S),
             Self::SetBack => lasting(0.5),
             Self::Kidnapped => Some(5.5..10.0),
-            Self::Inertial(_) => lasting(4.0),
+            Self::Inertial(_) | Self::Condition(_) => lasting(4.0),
             Self::Hover => lasting(HOVER_S),
             Self::FarDrift => lasting(DRIFT_S),
             Self::LeftLost | Self::RightLost | Self::Blind | Self::TenPoints | Self::Covered => lasting(5.0),
@@ -203,6 +217,7 @@ impl Fault {
             Self::Flicker => effects.flicker = 0.15,
             Self::Offset => effects.time_offset_s = 0.008,
             Self::Inertial(error) => error.apply(scenario),
+            Self::Condition(condition) => condition.apply(scenario),
             _ => {}
         }
         let elsewhere = match self {
@@ -211,6 +226,9 @@ impl Fault {
             Self::Kidnapped => Some(("carried", FlightPath::Carried)),
             _ => None,
         };
+        if scenario.path == FlightPath::Hover {
+            "hover".clone_into(&mut entry.path);
+        }
         if let Some((name, path)) = elsewhere {
             name.clone_into(&mut entry.path);
             scenario.path = path;
@@ -227,11 +245,9 @@ impl Fault {
 
     /// Whether the flight is as long as it is asked for, and may end soon after the fault.
     fn is_of_any_length(self) -> bool {
-        use Fault::{Blackout, Drops, Extrinsics, Flicker, Inertial, LeftLost, None, Offset, RightLost};
-        matches!(
-            self,
-            None | Blackout | Drops | LeftLost | RightLost | Flicker | Offset | Extrinsics | Inertial(_)
-        )
+        use Fault::{Blackout, Drops, Extrinsics, Flicker, LeftLost, None, Offset, RightLost};
+        self.is_compared()
+            || matches!(self, None | Blackout | Drops | LeftLost | RightLost | Flicker | Offset | Extrinsics)
     }
 
     fn lost(self, camera: usize) -> Option<LostCamera> {

@@ -1,6 +1,7 @@
 //! The results of a campaign as Markdown: a row a flight, then the means of each scene.
 
 use super::{Entry, Fault, SCENES};
+use crate::evaluate::paired::PairedDifference;
 use crate::evaluate::{FlightConsistency, Nees, Output};
 use crate::report::Report;
 use crate::report::accuracy::Accuracy;
@@ -76,25 +77,40 @@ pub fn trust_row(entry: &Entry, report: &Report) -> Option<String> {
     Some(format!("| {} |", cells.join(" | ")))
 }
 
-/// The head of the table of errors of inertial sensors.
+/// The head of the table of errors of inertial sensors and of conditions.
 pub const RATIO_HEAD: &str = "\
-| error of the inertial sensor | flights | mean ATE % | mean ATE % without | ratio of the means | ratio, median / worst | worst flight |
-|---|---|---|---|---|---|---|";
+| error or condition | flights | mean ATE % | mean ATE % without | ratio of the means (95 %) | ratio, median / worst | mean NEES position / tilt / yaw / velocity / steps | resets | worst flight |
+|---|---|---|---|---|---|---|---|---|";
 
-/// A row for each error of an inertial sensor: errors of its flights beside those of the same flights without it.
+/// A row for each error of an inertial sensor and each condition: errors of its flights beside those of the same flights
+/// without it.
 #[must_use]
 pub fn ratio_rows<'a>(flights: impl IntoIterator<Item = (&'a Entry, &'a Report)>) -> Vec<String> {
     let flights: Vec<_> = flights.into_iter().collect();
-    let mut errors: Vec<Fault> = Vec::new();
+    let mut compared: Vec<Fault> = Vec::new();
     for (entry, _) in &flights {
-        if matches!(entry.fault, Fault::Inertial(_)) && !errors.contains(&entry.fault) {
-            errors.push(entry.fault);
+        if entry.fault.is_compared() && !compared.contains(&entry.fault) {
+            compared.push(entry.fault);
         }
     }
-    errors.into_iter().filter_map(|error| ratio_row(error, &flights)).collect()
+    compared.into_iter().filter_map(|fault| ratio_row(fault, &flights)).collect()
 }
 
-fn ratio_row(error: Fault, flights: &[(&Entry, &Report)]) -> Option<String> {
+/// A flight with something, its error and that of the same flight without.
+struct Pair<'a> {
+    entry: &'a Entry,
+    report: &'a Report,
+    ate: f64,
+    without: f64,
+}
+
+impl Pair<'_> {
+    fn ratio(&self) -> f64 {
+        self.ate / self.without
+    }
+}
+
+fn ratio_row(fault: Fault, flights: &[(&Entry, &Report)]) -> Option<String> {
     let ate = |report: &Report| report.accuracy.as_ref().map(|a| a.ate_percent);
     let sound = |entry: &Entry| {
         let is_same = |other: &Entry| {
@@ -103,20 +119,30 @@ fn ratio_row(error: Fault, flights: &[(&Entry, &Report)]) -> Option<String> {
         };
         flights.iter().find(|(other, _)| is_same(other)).and_then(|(_, report)| ate(report))
     };
-    let with_error = flights.iter().filter(|(entry, _)| entry.fault == error);
-    let mut pairs: Vec<(f64, f64, &Entry)> =
-        with_error.filter_map(|(entry, report)| Some((ate(report)?, sound(entry)?, *entry))).collect();
-    pairs.sort_by(|a, b| (a.0 / a.1).total_cmp(&(b.0 / b.1)));
+    let with_it = flights.iter().filter(|(entry, _)| entry.fault == fault);
+    let mut pairs: Vec<Pair<'_>> = with_it
+        .filter_map(|(entry, report)| Some(Pair { entry, report, ate: ate(report)?, without: sound(entry)? }))
+        .collect();
+    pairs.sort_by(|a, b| a.ratio().total_cmp(&b.ratio()));
     let (worst, median) = (pairs.last()?, &pairs[pairs.len() / 2]);
-    let [with, without] = [mean(pairs.iter().map(|p| p.0)), mean(pairs.iter().map(|p| p.1))];
+    let [with, without] = [mean(pairs.iter().map(|p| p.ate)), mean(pairs.iter().map(|p| p.without))];
+    let errors: Vec<(f64, f64)> = pairs.iter().map(|p| (p.without, p.ate)).collect();
+    let interval = PairedDifference::of(&errors)
+        .map_or_else(String::new, |d| format!(" ({:.2} to {:.2})", d.ratio_95[0], d.ratio_95[1]));
+    let nees = (0..Nees::NAMES.len()).map(|k| {
+        let consistencies = pairs.iter().filter_map(|p| p.report.consistency.as_ref());
+        number(mean(consistencies.filter_map(|c| c.estimates.ratios()[k])), 2)
+    });
     let cells = [
-        error.name(),
+        fault.name(),
         pairs.len().to_string(),
         number(with, 4),
         number(without, 4),
-        number(with.zip(without).map(|(with, without)| with / without), 2),
-        format!("{:.2} / {:.2}", median.0 / median.1, worst.0 / worst.1),
-        format!("{} {} {}", worst.2.path, worst.2.scene, worst.2.scenario.seed),
+        number(with.zip(without).map(|(with, without)| with / without), 2) + &interval,
+        format!("{:.2} / {:.2}", median.ratio(), worst.ratio()),
+        nees.collect::<Vec<_>>().join(" / "),
+        pairs.iter().map(|p| p.report.resets).sum::<u32>().to_string(),
+        format!("{} {} {}", worst.entry.path, worst.entry.scene, worst.entry.scenario.seed),
     ];
     Some(format!("| {} |", cells.join(" | ")))
 }

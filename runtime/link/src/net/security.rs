@@ -6,8 +6,8 @@
 //! that listens openly.
 
 use super::certificate;
-use super::endpoints::Endpoints;
 pub use super::endpoints::is_loopback;
+use super::endpoints::{Endpoints, Mode};
 use super::error::NetError;
 use super::roles;
 use plumbline_config::options::Commands;
@@ -36,7 +36,9 @@ pub fn settings(endpoints: &Endpoints) -> Result<Vec<(&'static str, String)>, Ne
         // Whoever is connected could have us connect to others, over plain TCP and to this host too.
         settings.push(("scouting/gossip/autoconnect", "[]".into()));
         // Nor are the identifiers of others told: who knows one takes its place while its link is down.
-        settings.push(("scouting/gossip/enabled", "false".into()));
+        if endpoints.mode == Mode::Peer {
+            settings.push(("scouting/gossip/enabled", "false".into()));
+        }
     }
     let mut usrpwd = serde_json::Map::new();
     if !login.user.is_empty() {

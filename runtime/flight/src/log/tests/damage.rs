@@ -68,7 +68,7 @@ fn a_log_that_breaks_off_in_its_summary_is_complete() {
 
 #[test]
 fn bytes_behind_the_end_of_a_log_are_damage() {
-    for added in [&b"x"[..], &mcap::MAGIC[..], &[0; 100_000]] {
+    for added in [&b"x"[..], mcap::MAGIC, &[0; 100_000]] {
         let (_folder, path) = written(&[&intact(), added].concat());
         let v = verified(&path).unwrap();
         let damage = v.damage.as_ref().unwrap();

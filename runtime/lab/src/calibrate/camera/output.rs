@@ -28,6 +28,7 @@ pub fn configuration(
         width_px: camera.model.width_px,
         height_px: camera.model.height_px,
         rate_hz,
+        readout_s: 0.0,
         focal_px: camera.model.focal_px.into(),
         centre_px: camera.model.centre_px.into(),
         distortion: camera.model.distortion,

@@ -33,9 +33,10 @@ impl Pending {
     }
 
     /// Begins a handshake. Where there are too many, the oldest of the address that has most of them ends, so that one host
-    /// cannot keep out the others.
-    pub(crate) fn begin(&mut self, stream: TcpStream, peer: SocketAddr) {
-        if self.waiting.len() >= MAX_PENDING {
+    /// cannot keep out the others; whether one did.
+    pub(crate) fn begin(&mut self, stream: TcpStream, peer: SocketAddr) -> bool {
+        let is_full = self.waiting.len() >= MAX_PENDING;
+        if is_full {
             self.evict();
         }
         let (accept, timeout) = (self.acceptor.accept(stream), self.timeout);
@@ -45,6 +46,7 @@ impl Pending {
             (outcome.map_err(timed_out).and_then(|outcome| outcome), peer)
         });
         self.waiting.push_back((peer.ip(), handle));
+        is_full
     }
 
     /// Waits for the end of a handshake; for ever where there is none.

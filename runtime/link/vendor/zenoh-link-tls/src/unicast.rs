@@ -506,7 +506,12 @@ async fn accept_task(
 
             res = socket.accept() => {
                 match res {
-                    Ok((tcp_stream, dst_addr)) => pending.begin(tcp_stream, dst_addr),
+                    Ok((tcp_stream, dst_addr)) => {
+                        if pending.begin(tcp_stream, dst_addr) {
+                            // One that has ended closes its descriptor when its task is looked at.
+                            tokio::task::yield_now().await;
+                        }
+                    }
                     Err(e) => {
                         tracing::warn!("Can not accept TLS connection: {}. Hint: increase the system open file limit.", e);
                         // Throttle the accept loop upon an error

@@ -1,0 +1,188 @@
+//! Conditions of light, camera, scene and motion that images suffer from, by name and dose.
+//!
+//! To add one, add a [`Kind`] to the table and do what it says in [`Effects`](super::Effects) or in the
+//! [`Scenario`](super::Scenario).
+
+use super::effects::{Glare, LightSteps, Warming};
+use super::named::{Dose, Family, Kind, Named};
+use super::scenario::{IntrinsicsError, People, Surroundings};
+use super::{Effects, FlightPath};
+
+/// Variance of the photon noise per grey level at night: a fifth of the photons for each grey level.
+const NIGHT_SHOT_NOISE: f64 = 0.05;
+/// Sub-exposures per millisecond of exposure, and their bounds. At 2 rad/s a point moves by 1.1 px between two of them.
+const SUB_EXPOSURES_PER_MS: f64 = 0.8;
+const SUB_EXPOSURES: (f64, f64) = (3.0, 8.0);
+
+/// A condition with its doses.
+pub type Condition = Named<Conditions>;
+
+/// Family of the conditions.
+#[derive(Clone, Copy, Debug)]
+pub struct Conditions;
+
+impl Family for Conditions {
+    const NOUN: &'static str = "condition";
+    const KINDS: &'static [Kind] = KINDS;
+}
+
+fn expose(effects: &mut Effects, exposure_ms: f64) {
+    effects.exposure_s = 1e-3 * exposure_ms;
+    effects.sub_exposures =
+        (SUB_EXPOSURES_PER_MS * exposure_ms).ceil().clamp(SUB_EXPOSURES.0, SUB_EXPOSURES.1) as usize;
+}
+
+const KINDS: &[Kind] = &[
+    Kind {
+        name: "blur",
+        about: "Motion blur of a longer exposure, with noise and gain",
+        doses: &[
+            Dose::new("exposure, ms", 6.0, 100.0),
+            Dose::new("noise, grey levels", 1.0, 50.0),
+            Dose::new("gain", 1.0, 20.0),
+        ],
+        cases: &[&[3.0, 1.0], &[6.0, 1.0], &[6.0, 3.0], &[10.0, 6.0]],
+        apply: |scenario, [exposure_ms, noise, gain]| {
+            expose(&mut scenario.effects, *exposure_ms);
+            scenario.effects.read_noise = *noise;
+            scenario.effects.gain = *gain;
+        },
+    },
+    Kind {
+        name: "auto-exposure",
+        about: "Light that steps up and down, and an exposure that follows with a lag: saturated and dark images in between",
+        doses: &[
+            Dose::new("lag, s", 0.3, 10.0),
+            Dose::new("ratio of bright to dark", 4.0, 100.0),
+            Dose::new("time between steps, s", 2.0, 1000.0),
+        ],
+        cases: &[&[]],
+        apply: |scenario, [lag_s, ratio, period_s]| {
+            let steps = LightSteps { lag_s: *lag_s, ratio: *ratio, period_s: *period_s };
+            scenario.effects.light_steps = Some(steps);
+        },
+    },
+    Kind {
+        name: "glare",
+        about: "Four bright lights around the horizon, with a veil around them and an exposure that gives way to them",
+        doses: &[
+            Dose::new("brightness in the middle, grey levels", 300.0, 10_000.0),
+            Dose::new("radius of the veil, degrees", 8.0, 90.0),
+        ],
+        cases: &[&[]],
+        apply: |scenario, [grey, radius_deg, _]| {
+            scenario.effects.glare = Some(Glare { grey: *grey, radius_rad: radius_deg.to_radians() });
+        },
+    },
+    Kind {
+        name: "night",
+        about: "Little light, a long exposure and a noisy sensor (with five times the photon noise)",
+        doses: &[
+            Dose::new("light, %", 20.0, 100.0),
+            Dose::new("noise, grey levels", 4.0, 50.0),
+            Dose::new("exposure, ms", 8.0, 100.0),
+        ],
+        cases: &[&[]],
+        apply: |scenario, [percent, noise, exposure_ms]| {
+            expose(&mut scenario.effects, *exposure_ms);
+            scenario.effects.gain = 0.01 * percent;
+            scenario.effects.read_noise = *noise;
+            scenario.effects.shot_noise = NIGHT_SHOT_NOISE;
+        },
+    },
+    Kind {
+        name: "rolling-shutter",
+        about: "Rows that are exposed one after the other; the stamp is the middle of the exposure of the middle row",
+        doses: &[Dose::new("readout from the first row to the last, ms", 20.0, 100.0)],
+        cases: &[&[10.0], &[20.0], &[30.0]],
+        apply: |scenario, [readout_ms, ..]| scenario.effects.readout_s = 1e-3 * readout_ms,
+    },
+    Kind {
+        name: "people",
+        about: "Textured boxes of a person's size that cross the view 1.2 m before the left camera, side by side up to this share \
+                of its width",
+        doses: &[Dose::new("% of the view", 33.0, 100.0), Dose::new("walking speed, m/s", 1.2, 10.0)],
+        cases: &[&[33.0], &[60.0]],
+        apply: |scenario, [percent, speed_m_s, _]| {
+            scenario.people = Some(People { share: 0.01 * percent, speed_m_s: *speed_m_s });
+        },
+    },
+    Kind {
+        name: "vehicle-parts",
+        about: "Legs and turning rotors of the vehicle in the corners of the images, and specks of rain",
+        doses: &[Dose::new("specks in an image", 60.0, 2000.0)],
+        cases: &[&[]],
+        apply: |scenario, [specks, ..]| {
+            scenario.vehicle_parts = true;
+            scenario.effects.specks = specks.round() as u32;
+        },
+    },
+    Kind {
+        name: "repeated",
+        about: "One pattern on everything that repeats itself",
+        doses: &[Dose::new("period at a distance of 3 m, px of the preset sim at full size", 30.0, 500.0)],
+        cases: &[&[10.0], &[30.0], &[60.0]],
+        apply: |scenario, [px, ..]| {
+            scenario.surroundings = Surroundings::Repeated { period_px: px.max(1.0) };
+        },
+    },
+    Kind {
+        name: "bare",
+        about: "An empty room of plain walls with small dark spots, as many in a view as said",
+        doses: &[Dose::new("spots", 15.0, 1000.0)],
+        cases: &[&[]],
+        apply: |scenario, [spots, ..]| scenario.surroundings = Surroundings::Bare { spots: *spots },
+    },
+    Kind {
+        name: "bare-hover",
+        about: "A hover in such a room",
+        doses: &[Dose::new("spots", 15.0, 1000.0), Dose::new("minutes", 5.0, 60.0)],
+        cases: &[&[]],
+        apply: |scenario, [spots, minutes, _]| {
+            scenario.surroundings = Surroundings::Bare { spots: *spots };
+            scenario.path = FlightPath::Hover;
+            scenario.start_s = 0.0;
+            scenario.duration_s = 60.0 * minutes;
+        },
+    },
+    Kind {
+        name: "fast",
+        about: "The same stretch of a recorded path at a multiple of its speed",
+        doses: &[Dose::new("times as fast", 1.5, 4.0)],
+        cases: &[&[]],
+        apply: |scenario, [times, ..]| {
+            let times = times.max(0.25);
+            scenario.speed = times;
+            scenario.start_s /= times;
+            scenario.duration_s /= times;
+        },
+    },
+    Kind {
+        name: "intrinsics",
+        about: "A calibration that is off, with drawn signs",
+        doses: &[
+            Dose::new("focal length, %", 0.3, 10.0),
+            Dose::new("principal point, px", 2.0, 50.0),
+            Dose::new("vergence of the cameras, mrad", 1.0, 50.0),
+        ],
+        cases: &[&[]],
+        apply: |scenario, [percent, centre_px, mrad]| {
+            scenario.intrinsics_error =
+                IntrinsicsError { focal: 0.01 * percent, centre_px: *centre_px, vergence_rad: 1e-3 * mrad };
+        },
+    },
+    Kind {
+        name: "warming",
+        about: "A rig that warms up: its focal lengths grow, and its cameras turn towards each other",
+        doses: &[
+            Dose::new("focal length in the end, %", 0.2, 10.0),
+            Dose::new("vergence in the end, mrad", 0.5, 50.0),
+            Dose::new("time constant, s", 20.0, 10_000.0),
+        ],
+        cases: &[&[]],
+        apply: |scenario, [percent, mrad, time_s]| {
+            let warming = Warming { focal: 0.01 * percent, vergence_rad: 1e-3 * mrad, time_s: *time_s };
+            scenario.effects.warming = Some(warming);
+        },
+    },
+];

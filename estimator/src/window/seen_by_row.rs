@@ -1,0 +1,16 @@
+//! What a row of a rolling shutter saw.
+//!
+//! The front-end has turned it to the axes that the camera has at the time of the frame ([`crate::shutter`]). What is left is the
+//! way of the camera between row and frame, which moves a point of inverse depth `rho` by `rho way / z`: it is known once depth
+//! and velocity are, and a measurement is put where a global shutter would have made it.
+
+use nalgebra::Vector2;
+
+/// A place as the row saw it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SeenByRow {
+    /// Normalized coordinates, turned to the time of the frame.
+    pub xy: Vector2<f64>,
+    /// Time by which the row is later than the frame, s.
+    pub late_s: f64,
+}
