@@ -90,6 +90,12 @@ impl SensorLimits {
         Self::new(imu.rate_hz, imu.gyro_range_rad_s, imu.accel_range_m_s2)
     }
 
+    /// Nominal time between samples, s.
+    #[must_use]
+    pub fn period_s(&self) -> f64 {
+        self.period_s
+    }
+
     /// What to believe of a sample that follows `last`.
     #[must_use]
     pub fn believe(&self, sample: &ImuSample, last: Option<&BelievedSample>) -> BelievedSample {

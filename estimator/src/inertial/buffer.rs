@@ -3,6 +3,7 @@
 use super::belief::{BelievedSample, SensorLimits};
 use super::preintegration::{ImuNoise, Preintegration};
 use super::stuck::{StuckWatch, Unmeasured};
+use super::vibration::{self, Vibration};
 use nalgebra::Vector3;
 use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Portable, Timestamp};
@@ -155,6 +156,21 @@ impl ImuBuffer {
             count += 1.0;
         }
         (count > 0.0).then(|| (sum.0 / count, sum.1 / count))
+    }
+
+    /// Nominal time between samples, s.
+    #[must_use]
+    pub fn period_s(&self) -> f64 {
+        self.limits.period_s()
+    }
+
+    /// Vibration in the samples up to `to`.
+    #[must_use]
+    pub fn vibration(&self, to: Timestamp) -> Vibration {
+        let from = to.plus_seconds(-vibration::SPAN_S);
+        let first = self.samples.partition_point(|s| s.sample.stamp < from);
+        let samples = self.samples.range(first..).map(|believed| &believed.sample);
+        Vibration::of(samples.take_while(|s| s.stamp <= to))
     }
 
     /// Preintegrates `[from, to]` with the given biases. Samples at the ends are interpolated; where

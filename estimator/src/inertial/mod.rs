@@ -5,8 +5,10 @@ pub mod belief;
 pub mod buffer;
 pub mod preintegration;
 pub mod stuck;
+pub mod vibration;
 
 pub use belief::{BelievedSample, Saturation, SensorLimits};
 pub use buffer::ImuBuffer;
 pub use preintegration::{ImuNoise, Preintegration};
 pub use stuck::{StuckWatch, Unmeasured};
+pub use vibration::Vibration;

@@ -66,6 +66,8 @@ impl Innovations {
 #[derive(Clone, Debug)]
 pub(super) struct NoiseScale {
     stated: ImuNoise,
+    /// Whether it follows what is seen: with two cameras.
+    is_scaled: bool,
     /// Variance against the stated one, 1 or more.
     variance: f64,
     /// Time it has been judged for, s.
@@ -87,9 +89,10 @@ pub(super) struct Prediction {
 impl NoiseScale {
     /// What is assumed of a sensor with `stated` noise before the first frame. With one camera the noise stays as stated.
     pub(super) fn new(stated: ImuNoise, cameras: usize) -> Self {
-        let variance = if cameras > 1 { FIRST_VARIANCE } else { 1.0 };
+        let is_scaled = cameras > 1;
+        let variance = if is_scaled { FIRST_VARIANCE } else { 1.0 };
         let none = Innovations::default();
-        Self { stated, variance, judged_s: 0.0, position: none, velocity: none, newest: None }
+        Self { stated, is_scaled, variance, judged_s: 0.0, position: none, velocity: none, newest: None }
     }
 
     /// Forgets the state, as at a reset. The scale stays: it is the sensor's.
@@ -120,8 +123,21 @@ impl NoiseScale {
         self.judged_s += dt_s;
     }
 
+    /// Takes white noise of the forces of this squared density, m²/s³, for the least to be expected until innovations tell more.
+    pub(super) fn expect(&mut self, squared_density: f64) {
+        if self.is_scaled {
+            let variance = squared_density / (self.stated.accel_density * self.stated.accel_density);
+            self.variance = self.variance.at_least(variance).at_most(MOST_VARIANCE);
+        }
+    }
+
+    /// The noise as the configuration states it.
+    pub(super) fn stated(&self) -> &ImuNoise {
+        &self.stated
+    }
+
     /// The noise of new factors: as stated, bit for bit, until that is plainly too little.
-    fn noise(&self) -> ImuNoise {
+    pub(super) fn noise(&self) -> ImuNoise {
         if self.variance < APPLIED_VARIANCE {
             return self.stated;
         }
@@ -265,6 +281,18 @@ mod tests {
         assert!(!scale.is_reported());
         (0..100).for_each(|_| scale.add_contradiction(0.05));
         assert!((scale.variance / MOST_VARIANCE - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn an_expected_noise_is_the_least_and_one_camera_keeps_what_is_stated() {
+        let mut scale = NoiseScale::new(STATED, 2);
+        scale.expect(0.09);
+        assert!((scale.noise().accel_density - 0.3).abs() < 1e-9);
+        scale.expect(0.01);
+        assert!((scale.noise().accel_density - 0.3).abs() < 1e-9);
+        let mut one = NoiseScale::new(STATED, 1);
+        one.expect(0.09);
+        assert_eq!(one.noise(), STATED);
     }
 
     #[test]

@@ -28,13 +28,14 @@ pub(crate) mod synthetic;
 mod tests;
 #[cfg(test)]
 mod trust_tests;
+mod vibrating;
 pub mod zero_velocity;
 
 use crate::estimate::{
     BiasVariances, Estimate, FrameFigures, HealthBits, NavCovariance, Stage, StageProbe, TrackingState,
 };
 use crate::exchange::{Feedback, KeyframeStep, SolvedFrame, Tracked};
-use crate::inertial::{ImuBuffer, ImuNoise};
+use crate::inertial::{ImuBuffer, ImuNoise, Vibration};
 use crate::initial::{Gathering, MonoWorkspace};
 use crate::points::PointObservation;
 use crate::shutter::readouts;
@@ -140,6 +141,8 @@ pub struct Odometer {
     keeps_steps: bool,
     step: Option<StepCovariance>,
     noise_scale: NoiseScale,
+    /// Vibration at the newest frame.
+    vibration: Vibration,
 }
 
 impl Odometer {
@@ -200,6 +203,7 @@ impl Odometer {
             keeps_steps: false,
             step: None,
             noise_scale: NoiseScale::new(ImuNoise::of(imu), setup.camera.len()),
+            vibration: Vibration::default(),
             window,
         }
     }
@@ -333,6 +337,7 @@ impl Odometer {
         let rate_b = imu_mean.map_or_else(Vector3::zeros, |(gyro, _)| gyro - bias_gyro);
         let rate_c = [0, 1].map(|c| self.window.rig.pose_b_c(c).rotation.inverse() * rate_b);
         self.rate_b = self.rate_at(stamp, &bias_gyro).unwrap_or(rate_b);
+        self.vibration = self.imu.vibration(stamp);
         // The front-end does not know the outliers of the frame before yet.
         let outliers = self.window.outliers();
         self.measurer.measure_points(observations, &outliers.points, &rate_c);
@@ -360,6 +365,7 @@ impl Odometer {
     /// Before the first state: gathers the frame and tries to start.
     fn gather(&mut self, time: FrameTime, health: &mut HealthBits) -> Solved {
         let stamp = time.stamp;
+        self.expect_vibration();
         let motion = self.last_stamp.map(|last| {
             let zero = Vector3::zeros();
             self.imu.preintegrate(last, stamp, &zero, &zero, &self.noise)

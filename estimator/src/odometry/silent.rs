@@ -92,10 +92,13 @@ impl Odometer {
         log_so3(&(before.nav.rot_o_b.inverse() * newest.nav.rot_o_b)) / dt_s
     }
 
-    /// The covariance of the newest frame, with what sensors that contradict each other may hide.
+    /// The covariance of the newest frame, with what sensors that contradict each other may hide, and what vibration makes of
+    /// its velocity.
     pub(super) fn stated_covariance(&self) -> NavCovariance {
         let Some(newest) = self.window.frames.last() else { return self.covariance };
         let added = self.rotation.added_covariance(&newest.nav, &self.turn_rate_b());
-        added.map_or(self.covariance, |added| self.covariance + added)
+        let mut stated = added.map_or(self.covariance, |added| self.covariance + added);
+        self.add_vibration(&mut stated, &newest.nav);
+        stated
     }
 }

@@ -63,11 +63,11 @@ impl Odometer {
         started
     }
 
-    /// Number of newest frames that a start with two cameras takes: so many that `stereo_frames` of them, the oldest among them,
+    /// Number of newest frames that a start with two cameras takes: so many that the wanted number of them, the oldest among them,
     /// have enough stereo tracks. A black frame does not count, since it says nothing of the velocity. `None` while there are
     /// too few.
     fn stereo_span(&self) -> Option<usize> {
-        let wanted = self.options.stereo_frames.min(MAX_FRAMES - 1);
+        let wanted = self.frames_of_start().min(MAX_FRAMES - 1);
         let newest_first = self.gathering.frames().iter().rev().enumerate();
         let (before, _) = newest_first.filter(|(_, frame)| has_stereo(frame)).nth(wanted - 1)?;
         Some(before + 1).filter(|count| *count < MAX_FRAMES)

@@ -10,7 +10,8 @@ use plumbline_config::Config;
 use plumbline_drivers::simulator::{Family, Named};
 use plumbline_flight::flight::with_overrides;
 use plumbline_lab::campaign::table::{
-    RATIO_HEAD, SILENCE_HEAD, TABLE_HEAD, TRUST_HEAD, consistency, means, ratio_rows, silence_row, trust_row,
+    HEALTH_HEAD, RATIO_HEAD, SILENCE_HEAD, TABLE_HEAD, TRUST_HEAD, consistency, health_rows, means,
+    ratio_rows, silence_row, trust_row,
 };
 use plumbline_lab::campaign::{Entry, Fault, Setup};
 use plumbline_lab::report::Report;
@@ -145,6 +146,10 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
     let silent: Vec<_> = reports().filter_map(|(entry, report)| silence_row(entry, report)).collect();
     if !silent.is_empty() {
         say(format_args!("\n{SILENCE_HEAD}\n{}", silent.join("\n")));
+    }
+    let health = health_rows(reports());
+    if !health.is_empty() {
+        say(format_args!("\n{HEALTH_HEAD}\n{}", health.join("\n")));
     }
     if let Some(file) = &args.json {
         let rows: Vec<Row<'_>> = reports().map(json_row).collect();

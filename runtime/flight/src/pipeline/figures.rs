@@ -3,7 +3,7 @@
 use super::clock::Stopwatch;
 use crate::schedule::times::{Percentiles, Times};
 use plumbline_config::Timestamp;
-use plumbline_estimator::{Estimate, FrameFigures, Stage, StageProbe};
+use plumbline_estimator::{Estimate, FrameFigures, HealthBits, Stage, StageProbe};
 
 /// Computation of a frame, ms.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -96,6 +96,8 @@ pub struct Figures {
     pub points: (u64, u64),
     /// Sums over frames of line segments.
     pub lines: LineMoments,
+    /// Frames with each health bit, in the order of [`HealthBits::NAMES`].
+    pub health: [u64; HealthBits::NAMES.len()],
     /// Time offset at the end, s.
     pub time_offset_s: f64,
     first_frame: Option<Timestamp>,
@@ -152,6 +154,7 @@ impl Default for Figures {
             stages: StageTimes::default(),
             points: (0, 0),
             lines: LineMoments::default(),
+            health: [0; HealthBits::NAMES.len()],
             time_offset_s: 0.0,
             first_frame: None,
             started: Stopwatch::start(),
@@ -173,6 +176,9 @@ impl Figures {
     /// One frame was estimated.
     pub fn frame(&mut self, estimate: &Estimate, cost: Cost) {
         self.frames += 1;
+        for (frames, (bit, _)) in self.health.iter_mut().zip(&HealthBits::NAMES) {
+            *frames += u64::from(estimate.health.contains(*bit));
+        }
         if estimate.is_refused() {
             // Its stamp is not one to reckon with.
             self.frames_refused += 1;

@@ -6,6 +6,7 @@ use crate::evaluate::{FlightConsistency, Nees, Output};
 use crate::report::Report;
 use crate::report::accuracy::Accuracy;
 use crate::report::trust::Trust;
+use std::collections::BTreeMap;
 
 /// The head of the table.
 pub const TABLE_HEAD: &str = "\
@@ -146,6 +147,24 @@ fn ratio_row(fault: Fault, flights: &[(&Entry, &Report)]) -> Option<String> {
     Some(format!("| {} |", cells.join(" | ")))
 }
 
+/// The head of the table of health bits.
+pub const HEALTH_HEAD: &str = "\
+| health bit, flights without a fault | flights | frames |
+|---|---|---|";
+
+/// A row for each health bit that was set in a flight without a fault: in how many of them, and in how many frames.
+#[must_use]
+pub fn health_rows<'a>(flights: impl IntoIterator<Item = (&'a Entry, &'a Report)>) -> Vec<String> {
+    let mut rows: BTreeMap<&str, (u64, u64)> = BTreeMap::new();
+    for (_, report) in flights.into_iter().filter(|(entry, _)| entry.fault == Fault::None) {
+        for (name, frames) in &report.health_frames {
+            let (flights, sum) = rows.entry(name).or_default();
+            (*flights, *sum) = (*flights + 1, *sum + frames);
+        }
+    }
+    rows.into_iter().map(|(name, (flights, frames))| format!("| {name} | {flights} | {frames} |")).collect()
+}
+
 /// The head of the table of sensors that fail in silence.
 pub const SILENCE_HEAD: &str = "\
 | fault | path | scene | seed | named after s | usable % | worst of these, sigma | m | worst of all, m | honest |
@@ -212,21 +231,30 @@ fn mean_row<'a>(name: &str, reports: impl Iterator<Item = &'a Report>) -> Option
     Some(format!("| {} |", cells.join(" | ")))
 }
 
-/// Mean and worst NEES of each figure over all flights, with a fault or without: a table of its own.
+/// Mean and worst NEES of each figure over all flights, with a fault or without, and their largest errors: a table of its own.
 #[must_use]
 pub fn consistency<'a>(reports: impl IntoIterator<Item = &'a Report>) -> String {
     let all: Vec<&FlightConsistency> =
         reports.into_iter().filter_map(|report| report.consistency.as_ref()).collect();
     let mut lines = vec![
-        format!("| NEES, mean (worst flight) | flights | {} |", Nees::NAMES.join(" | ")),
-        format!("|---|---|{}", "---|".repeat(Nees::NAMES.len())),
+        format!(
+            "| NEES, mean (worst flight) | flights | {} | velocity, first second | largest tilt deg, later | velocity m/s |",
+            Nees::NAMES.join(" | ")
+        ),
+        format!("|---|---|{}", "---|".repeat(Nees::NAMES.len() + 3)),
     ];
     for (name, of) in FlightConsistency::OUTPUTS {
-        let cells = (0..Nees::NAMES.len()).map(|k| {
-            let ratios = || all.iter().filter_map(|consistency| of(consistency).ratios()[k]);
-            format!("{} ({})", number(mean(ratios()), 2), number(ratios().reduce(f64::max), 2))
-        });
-        lines.push(format!("| {name} | {} | {} |", all.len(), cells.collect::<Vec<_>>().join(" | ")));
+        let nees = || all.iter().map(|consistency| of(consistency));
+        let cell = |ratios: Vec<f64>| {
+            let worst = ratios.iter().copied().reduce(f64::max);
+            format!("{} ({})", number(mean(ratios.into_iter()), 2), number(worst, 2))
+        };
+        let figures = (0..Nees::NAMES.len()).map(|k| nees().filter_map(|nees| nees.ratios()[k]).collect());
+        let start = nees().filter_map(|nees| Some(nees.velocity_at_start?.mean_ratio)).collect();
+        let largest = [|nees: &Nees| nees.largest.tilt_deg, |nees: &Nees| nees.largest.velocity_m_s];
+        let largest = largest.map(|of| number(nees().map(of).reduce(f64::max), 3));
+        let cells: Vec<_> = figures.chain([start]).map(cell).chain(largest).collect();
+        lines.push(format!("| {name} | {} | {} |", all.len(), cells.join(" | ")));
     }
     lines.join("\n")
 }

@@ -10,6 +10,7 @@ pub mod trust;
 use crate::evaluate::{FlightConsistency, Nees};
 use accuracy::Accuracy;
 use places::Places;
+use plumbline_estimator::HealthBits;
 use plumbline_flight::autopilot::BridgeFigures;
 use plumbline_flight::flight::outputs::OutputFigures;
 use plumbline_flight::flight::plausibility::Finding;
@@ -71,6 +72,8 @@ pub struct Report {
     pub points: Points,
     /// Line segments of the left image, means per frame.
     pub lines: Lines,
+    /// Number of frames with each health bit, by its name; bits that were never set are left out.
+    pub health_frames: BTreeMap<&'static str, u64>,
     /// Errors against the truth, where it is known.
     pub accuracy: Option<Accuracy>,
     /// NEES over its expectation, of estimates and odometry, where the truth is known: 1 is honest, above is overconfident.
@@ -169,6 +172,7 @@ impl Report {
                 in_structure: per_frame(f.lines.in_structure),
                 cut_short: f.lines.cut_short,
             },
+            health_frames: health_frames(outcome),
             accuracy,
             consistency: flown.published.as_ref().and_then(|p| FlightConsistency::of(p, &flown.truth)),
             trust: None,
@@ -273,8 +277,14 @@ fn stages_ms(outcome: &Outcome) -> BTreeMap<&'static str, Percentiles> {
     outcome.figures.stages.all().map(|(stage, p)| (stage.name(), p)).chain(places).collect()
 }
 
+/// Health bits that were set, with their numbers of frames.
+fn health_frames(outcome: &Outcome) -> BTreeMap<&'static str, u64> {
+    let names = HealthBits::NAMES.iter().map(|(_, name)| *name);
+    names.zip(outcome.figures.health).filter(|(_, frames)| *frames > 0).collect()
+}
+
 /// Consistency of estimates and odometry, for people.
-fn consistency_lines(consistency: &FlightConsistency) -> [String; 2] {
+fn consistency_lines(consistency: &FlightConsistency) -> [String; 3] {
     let line = |nees: &Nees| {
         let figures = Nees::NAMES.iter().zip(nees.ratios());
         let parts = figures.map(|(name, ratio)| match ratio {
@@ -286,6 +296,7 @@ fn consistency_lines(consistency: &FlightConsistency) -> [String; 2] {
     [
         format!("{:<18}NEES over its expectation: {}", "estimates", line(&consistency.estimates)),
         format!("{:<18}the same of the odometry: {}", "", line(&consistency.odometry)),
+        format!("{:<18}{}", "", consistency.estimates.largest),
     ]
 }
 

@@ -6,6 +6,7 @@ use plumbline_config::Timestamp;
 use plumbline_estimator::odometry::StepCovariance;
 use plumbline_flight::flight::{Published, PublishedState, TrueState, Truth};
 use serde::{Deserialize, Serialize};
+use std::fmt;
 
 /// Position and yaw are judged from this long after the start of their frame, s: at the start the error is zero by
 /// definition, and the first poses differ from it by little more than rounding.
@@ -43,6 +44,28 @@ pub struct Nees {
     pub steps: Option<Consistency>,
     /// Velocity in the body in the first second after each start.
     pub velocity_at_start: Option<Consistency>,
+    /// Largest errors later than that second.
+    #[serde(default)]
+    pub largest: LargestErrors,
+}
+
+/// Largest errors of a flight from one second after each start on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LargestErrors {
+    /// Angle between estimated and true vertical, degrees.
+    pub tilt_deg: f64,
+    /// Velocity in the body, m/s.
+    pub velocity_m_s: f64,
+}
+
+impl fmt::Display for LargestErrors {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { tilt_deg, velocity_m_s } = self;
+        write!(
+            f,
+            "largest errors after one second: tilt {tilt_deg:.3} degrees, velocity {velocity_m_s:.3} m/s"
+        )
+    }
 }
 
 impl Nees {
@@ -54,6 +77,14 @@ impl Nees {
     pub fn ratios(&self) -> [Option<f64>; 5] {
         [self.position, self.tilt, self.yaw, self.velocity, self.steps]
             .map(|figure| figure.map(|figure| figure.mean_ratio))
+    }
+}
+
+impl LargestErrors {
+    fn take(&mut self, tilt: &Claim<2>, velocity: Option<&Claim<3>>) {
+        self.tilt_deg = self.tilt_deg.max(tilt.error.norm().to_degrees());
+        let velocity_m_s = velocity.map_or(0.0, |claim| claim.error.norm());
+        self.velocity_m_s = self.velocity_m_s.max(velocity_m_s);
     }
 }
 
@@ -83,19 +114,22 @@ fn judged(poses: &[(PublishedState, TrueState)], steps: &[StepCovariance], near_
     let mut yaw = Sum::<1>::default();
     let (mut tilts, mut speeds, mut beginning) =
         (Sum::<2>::default(), Sum::<3>::default(), Sum::<3>::default());
+    let mut largest = LargestErrors::default();
     // Each reset begins a new odometry frame.
     for frame in poses.chunk_by(|(a, _), (b, _)| a.reset_counter == b.reset_counter) {
         let Some((first, true_first)) = frame.first() else { continue };
         for (pose, truth) in frame {
             let age_s = pose.stamp.seconds_since(first.stamp);
-            tilts.add(&tilt(pose, truth));
-            if let Some(claim) = velocity(pose, truth) {
-                speeds.add(&claim);
+            let (of_tilt, of_velocity) = (tilt(pose, truth), velocity(pose, truth));
+            tilts.add(&of_tilt);
+            if let Some(claim) = &of_velocity {
+                speeds.add(claim);
                 if age_s <= BEGINNING_S {
-                    beginning.add(&claim);
+                    beginning.add(claim);
                 }
             }
             if age_s >= SETTLED_S {
+                largest.take(&of_tilt, of_velocity.as_ref());
                 let claim = since_start((first, true_first), (pose, truth));
                 position.add(&part::<3>(&claim, 0));
                 yaw.add(&part::<1>(&claim, 3));
@@ -109,6 +143,7 @@ fn judged(poses: &[(PublishedState, TrueState)], steps: &[StepCovariance], near_
         velocity: speeds.figure(),
         steps: judged_steps(poses, steps, near_s),
         velocity_at_start: beginning.figure(),
+        largest,
     }
 }
 
