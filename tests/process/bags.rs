@@ -30,7 +30,9 @@ fn a_bag_of_the_clip_gives_the_estimates_of_the_clip_bit_for_bit() {
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (clip, config) = (clip.to_str().unwrap().to_owned(), at("clip.toml"));
     // As `replay` makes it of the data set: the noise is that of the preset.
-    let imported = plumbline(&["config", "import", "--euroc", &clip, "--out", &config, "--noise", "base"]);
+    let mounting = ["--imu-to-vehicle", "180,-70.3,0"];
+    let import = ["config", "import", "--euroc", &clip, "--out", &config, "--noise", "base"];
+    let imported = plumbline(&[&import[..], &mounting].concat());
     assert!(imported.status.success(), "{}", stderr(&imported));
     for (kind, frames) in [("png", 40), ("raw", 12)] {
         let (bag, cut) = (at(kind), format!("0..{frames}"));

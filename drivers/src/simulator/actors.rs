@@ -101,7 +101,7 @@ fn faces(size: [f64; 3], finish: Finish, seed: u64) -> Vec<Surface> {
     builder.surfaces
 }
 
-/// As many people as fill the share, evenly spread.
+/// People that fill the share, evenly spread.
 fn walkers(people: &People, camera: &CameraConfig, seed: u64, world: &mut World) -> Vec<Person> {
     let view_m = PEOPLE_M * camera.width_px as f64 / camera.focal_px[0];
     let count = (people.share / PERSON_SHARE).round().clamp(1.0, (MAX_MOVERS - 4) as f64);

@@ -5,7 +5,8 @@
 
 use super::effects::{Glare, LightSteps, Warming};
 use super::named::{Dose, Family, Kind, Named};
-use super::scenario::{IntrinsicsError, People, Surroundings};
+use super::scenario::{IntrinsicsError, People};
+use super::surroundings::Surroundings;
 use super::{Effects, FlightPath};
 use plumbline_config::Portable;
 

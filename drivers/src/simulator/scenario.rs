@@ -3,6 +3,7 @@
 use super::imu::{CLIPPED_RANGE_M_S2, ImuModel};
 use super::samples::residual;
 use super::station::Station;
+use super::surroundings::Surroundings;
 use super::twin::{self, Twins};
 use super::{Effects, ImuEffects, Inertial, LEAD_S, Scene, Trajectory, hand, laps, path};
 use crate::tum::read_tum;
@@ -78,24 +79,6 @@ pub struct Scenario {
     pub intrinsics_error: IntrinsicsError,
 }
 
-/// What a scene is turned into.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Surroundings {
-    /// It stays.
-    #[default]
-    Usual,
-    /// One pattern on everything, which repeats itself.
-    Repeated {
-        /// Its period at a distance of 3 m, px of the preset `sim` at full size.
-        period_px: f64,
-    },
-    /// Plain walls without furniture.
-    Bare {
-        /// Dark spots in a view.
-        spots: f64,
-    },
-}
-
 /// Boxes of a person's size that cross the view, and keep their distance to the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct People {
@@ -108,11 +91,11 @@ pub struct People {
 /// Errors of a calibration; signs are drawn.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct IntrinsicsError {
-    /// Of both focal lengths of each camera, relative.
+    /// Error of both focal lengths of each camera, relative.
     pub focal: f64,
-    /// Of each coordinate of each principal point at the configured size, px.
+    /// Error of each coordinate of each principal point at the configured size, px.
     pub centre_px: f64,
-    /// Of the angle between the cameras, rad.
+    /// Error of the angle between the cameras, rad.
     pub vergence_rad: f64,
 }
 

@@ -3,8 +3,8 @@
 use super::builder::{Builder, Wall};
 use super::light::{Lamp, Lighting, bake};
 use super::pattern::{GRID_CELL_M, Material};
-use super::scenario::Surroundings;
 use super::solid::{Bounds, Solid};
+use super::surroundings::Surroundings;
 use super::world::{Finish, World};
 use nalgebra::Vector3;
 use plumbline_config::Portable;

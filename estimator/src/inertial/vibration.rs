@@ -18,9 +18,9 @@ const COEFFICIENTS: f64 = 3.0;
 /// Variances of what is no smooth motion in the newest samples, by axis of the body.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Vibration {
-    /// Of the force, m²/s⁴.
+    /// Variance of the force, m²/s⁴.
     pub force: Vector3<f64>,
-    /// Of its integral, m²/s².
+    /// Variance of its integral, m²/s².
     pub velocity: Vector3<f64>,
 }
 

@@ -1,7 +1,7 @@
 //! Whether images are too dark or burnt out, and how much a turn would blur them.
 
-use crate::plausibility::thumbnail::Thumbnail;
 use crate::statistics::{median, quantile};
+use crate::thumbnail::Thumbnail;
 use crate::verdict::{Fitness, Measure};
 use plumbline_config::{Config, ImuSample};
 

@@ -2,7 +2,6 @@
 //! the end of their range.
 
 use crate::agreement::Turn;
-use crate::mounting;
 use crate::statistics::{mean_and_spread, median};
 use crate::verdict::{Fitness, Measure};
 use nalgebra::Vector3;
@@ -82,17 +81,22 @@ fn moved(turns: &[Turn], begin: Timestamp, end: Timestamp) -> bool {
     within.into_iter().any(|turn| turn.rate_c.norm() > STILL_IMAGES.0 || turn.speed_m_s > STILL_IMAGES.1)
 }
 
-/// Gravity, mounting and bias.
-#[must_use]
-pub fn at_rest(samples: &[ImuSample], rest: &Rest, config: &Config) -> [Measure; 3] {
-    const NAMES: [&str; 3] = ["gravity", mounting::NAME, "gyroscope bias"];
-    if rest.seconds < MIN_REST_S {
-        return NAMES.map(|name| {
+impl Rest {
+    /// A measure that needs the vehicle at rest: `judged`, unless it did not stand long enough.
+    pub(crate) fn measure(&self, name: &'static str, judged: impl FnOnce() -> Measure) -> Measure {
+        if self.seconds < MIN_REST_S {
             let cure = "let the vehicle stand for three seconds, motors off";
-            Measure::missing(name, "the vehicle never stood still", cure)
-        });
+            return Measure::missing(name, "the vehicle never stood still", cure);
+        }
+        judged()
     }
-    [gravity(NAMES[0], rest, config), mounting::judge(samples, rest, config), bias(NAMES[2], rest, config)]
+}
+
+/// Gravity and bias.
+#[must_use]
+pub fn at_rest(rest: &Rest, config: &Config) -> [Measure; 2] {
+    [("gravity", gravity as fn(&'static str, &Rest, &Config) -> Measure), ("gyroscope bias", bias)]
+        .map(|(name, judge)| rest.measure(name, || judge(name, rest, config)))
 }
 
 fn gravity(name: &'static str, rest: &Rest, config: &Config) -> Measure {

@@ -20,12 +20,14 @@
 pub mod agreement;
 pub mod exposure;
 mod fft;
+pub mod finding;
 pub mod inertial;
 pub mod motion;
 pub mod mounting;
 pub mod pair;
 pub mod plausibility;
 mod statistics;
+pub mod thumbnail;
 pub mod timing;
 pub mod verdict;
 pub mod vibration;
@@ -195,7 +197,8 @@ impl Checkup {
             (config.camera.len() == 2).then(|| timing::judge_pairs(self.whole, self.frames.stamps.len())),
         );
         measures.push(inertial::axes(&self.samples, &config.imu));
-        measures.extend(inertial::at_rest(&self.samples, &rest, config));
+        let [gravity, bias] = inertial::at_rest(&rest, config);
+        measures.extend([gravity, mounting::judge(&self.samples, &rest, config), bias]);
         measures.extend(vibration::judge(&self.samples, &config.imu));
         measures.push(self.sight.brightness.judge());
         measures.push(exposure::blur(&self.samples, config, self.exposure_s));

@@ -105,11 +105,13 @@ fn by_axis(
 /// Judges the mounting, by what rest and a nod show.
 #[must_use]
 pub fn judge(samples: &[ImuSample], rest: &Rest, config: &Config) -> Measure {
-    let nod = nod(samples, rest);
-    match config.vehicle.rot_v_b() {
-        None => unknown(rest, nod, config),
-        Some(rot_v_b) => known(rest, nod, &rot_v_b),
-    }
+    rest.measure(NAME, || {
+        let nod = nod(samples, rest);
+        match config.vehicle.rot_v_b() {
+            None => unknown(rest, nod, config),
+            Some(rot_v_b) => known(rest, nod, &rot_v_b),
+        }
+    })
 }
 
 /// The key of the configuration for a mounting.

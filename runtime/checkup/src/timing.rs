@@ -1,6 +1,6 @@
 //! Rates, jitter and gaps, by the stamps and by the numbers of samples.
 
-use crate::plausibility::Finding;
+use crate::finding::Finding;
 use crate::statistics::{median, quantile};
 use crate::verdict::{Fitness, Measure};
 use plumbline_config::Timestamp;

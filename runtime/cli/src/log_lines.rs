@@ -2,7 +2,7 @@
 //! holds up nobody. What finds no room is counted, and told when there is room again.
 
 use plumbline_flight::schedule::queue::Queue;
-use std::io::{self, IsTerminal as _, Write};
+use std::io::{self, Write};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread::Thread;
@@ -44,20 +44,23 @@ fn reader() -> MutexGuard<'static, Option<Reader>> {
     READER.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Lines go to a reader as long as this is there; then to stderr again.
+/// Redirection of the lines to a reader; dropping it sends them to stderr again.
+#[cfg(feature = "ground")]
 #[derive(Debug)]
 pub struct Redirected(());
 
 /// Hands lines over to `reader` where stderr is a terminal, which something else draws on meanwhile. A file or a pipe goes
 /// on taking them.
+#[cfg(feature = "ground")]
 pub fn redirect(lines_to: impl Fn(&[u8]) + Send + 'static) -> Redirected {
-    if io::stderr().is_terminal() {
+    if io::IsTerminal::is_terminal(&io::stderr()) {
         flush();
         *reader() = Some(Box::new(lines_to));
     }
     Redirected(())
 }
 
+#[cfg(feature = "ground")]
 impl Drop for Redirected {
     fn drop(&mut self) {
         flush();
@@ -107,7 +110,7 @@ fn write_all() {
     }
 }
 
-/// Writes a line to stderr, or to who reads in its place.
+/// Writes a line to stderr, or to the reader in its place.
 fn write(line: &[u8]) {
     if let Some(reader) = &*reader() {
         return reader(line);

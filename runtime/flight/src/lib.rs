@@ -6,6 +6,7 @@
 //! - [`pipeline`] takes samples to estimates, in virtual time or live, and tells its listeners;
 //! - those who listen: [`log`] holds a run so that it can be executed again, [`autopilot`] sends it by MAVLink, [`local`]
 //!   serves other programs of this computer, the network process among them;
+//! - `sensor_board` holds the state of live sensors on its way to the local socket;
 //! - [`places`] are maps on disk, made of data sets and searched;
 //! - a [`flight`] puts sources, run and listeners together. What else listens is handed in by the caller
 //!   ([`flight::Output`]).
@@ -21,3 +22,4 @@ pub mod log;
 pub mod pipeline;
 pub mod places;
 pub mod schedule;
+mod sensor_board;

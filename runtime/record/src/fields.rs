@@ -1,7 +1,7 @@
 //! The mechanism: a table of fields for each type, and the value of a field in a form that every reader of a table
 //! understands.
 //!
-//! A type of a flight's records lists its fields once ([`Record::FIELDS`], written with [`record!`](crate::record) in
+//! A type of a flight's records lists its fields once ([`Record::FIELDS`], written with `record!` in
 //! [`tables`](crate::tables)). Whatever is made of records reads the tables: the bytes of the log and their schema
 //! ([`protobuf`](crate::protobuf), [`schema`](crate::schema)), the digest ([`digest`](crate::digest)), the comparison
 //! ([`compare`](crate::compare)), the columns of a table ([`columns`](crate::columns)), the fixed layouts of the local
@@ -207,23 +207,6 @@ pub trait Parts {
     fn put(&mut self, tag: u32, value: Value<'_>) -> Result<(), &'static str>;
     /// Appends its message.
     fn append(&self, to: &mut Vec<u8>);
-}
-
-impl<T: Record> Parts for T {
-    fn visit<'a>(&'a self, sink: &mut dyn FnMut(&'static About, Value<'a>)) {
-        T::FIELDS.iter().for_each(|field| sink(&field.about, (field.get)(self)));
-    }
-
-    fn put(&mut self, tag: u32, value: Value<'_>) -> Result<(), &'static str> {
-        match T::FIELDS.iter().find(|field| field.about.tag == tag) {
-            Some(field) => (field.set)(self, value),
-            None => Ok(()),
-        }
-    }
-
-    fn append(&self, to: &mut Vec<u8>) {
-        crate::protobuf::append(self, to);
-    }
 }
 
 /// Type of a field.
@@ -438,24 +421,5 @@ impl Part for Vec<u8> {
             self.extend(bytes);
         }
         Ok(())
-    }
-}
-
-/// A record inside a record, which cannot be absent.
-impl<T: Record> Part for T {
-    const SHAPE: Shape = Shape::Message(T::NAME);
-
-    fn get(&self) -> Value<'_> {
-        Value::Part(self)
-    }
-
-    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
-        let Value::Bytes(bytes) = value else { return Err("a part is missing") };
-        *self = crate::protobuf::decode(bytes)?;
-        Ok(())
-    }
-
-    fn open(&mut self) -> Option<&mut dyn Parts> {
-        Some(self)
     }
 }

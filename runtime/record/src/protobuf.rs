@@ -1,6 +1,6 @@
 //! Records as messages of the log, and back. Nothing is rounded; what does not fit is refused with a reason.
 
-use crate::fields::{Field, Record, Shape, Value};
+use crate::fields::{About, Field, Part, Parts, Record, Shape, Value};
 use prost::bytes::Buf;
 use prost::encoding::{
     DecodeContext, WireType, decode_key, decode_varint, encode_key, encode_varint, skip_field,
@@ -145,4 +145,40 @@ fn delimited<'a>(bytes: &mut &'a [u8]) -> Result<&'a [u8], &'static str> {
     let (field, rest) = bytes.split_at_checked(length).ok_or(NO_MESSAGE)?;
     *bytes = rest;
     Ok(field)
+}
+
+impl<T: Record> Parts for T {
+    fn visit<'a>(&'a self, sink: &mut dyn FnMut(&'static About, Value<'a>)) {
+        T::FIELDS.iter().for_each(|field| sink(&field.about, (field.get)(self)));
+    }
+
+    fn put(&mut self, tag: u32, value: Value<'_>) -> Result<(), &'static str> {
+        match T::FIELDS.iter().find(|field| field.about.tag == tag) {
+            Some(field) => (field.set)(self, value),
+            None => Ok(()),
+        }
+    }
+
+    fn append(&self, to: &mut Vec<u8>) {
+        append(self, to);
+    }
+}
+
+/// A record inside a record, which cannot be absent.
+impl<T: Record> Part for T {
+    const SHAPE: Shape = Shape::Message(T::NAME);
+
+    fn get(&self) -> Value<'_> {
+        Value::Part(self)
+    }
+
+    fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
+        let Value::Bytes(bytes) = value else { return Err("a part is missing") };
+        *self = decode(bytes)?;
+        Ok(())
+    }
+
+    fn open(&mut self) -> Option<&mut dyn Parts> {
+        Some(self)
+    }
 }

@@ -11,6 +11,7 @@ use plumbline_drivers::simulator::{Scene, Simulator};
 use plumbline_estimator::lines::filter::clearest_first;
 use plumbline_estimator::lines::merge::Merger;
 use plumbline_estimator::lines::{ImageLine, LineExtractor, Segment};
+use plumbline_estimator::shutter::RowTurns;
 use plumbline_lab::campaign::Fault;
 use plumbline_tests::lines::detectors::unfiltered;
 use plumbline_tests::lines::{Detector, Line};
@@ -170,7 +171,8 @@ impl Ours {
         let mut merged = Vec::with_capacity(kept.len());
         self.merger.merge(&kept, &mut merged);
         let line = |segment: &Segment| {
-            let [start, end] = ImageLine::of(segment, model)?.ends_xy.map(|xy| straight(model, &xy));
+            let [start, end] =
+                ImageLine::of(segment, model, &RowTurns::default())?.ends_xy.map(|xy| straight(model, &xy));
             Some(Line { start, end })
         };
         [merged, kept].map(|segments| segments.iter().filter_map(line).collect())

@@ -9,21 +9,20 @@
 pub mod inertial;
 pub mod rotation;
 pub mod stereo;
-pub mod thumbnail;
+
+pub use crate::finding::{Finding, UNITS_AND_COLUMNS};
 
 use crate::exposure::Brightness;
+use crate::thumbnail::{RotationFinder, Thumbnail};
 use crate::timing::{self, Arrivals, Sensor};
-use crate::verdict::{Fitness, Measure};
+use crate::verdict::Fitness;
 use inertial::Magnitudes;
 use nalgebra::Vector3;
 use plumbline_config::{Config, ImuSample, Timestamp};
 use plumbline_estimator::HealthBits;
 use rotation::{Agreement, RotationPair};
-use serde::Serialize;
 use std::collections::VecDeque;
-use std::fmt;
 use stereo::Sides;
-use thumbnail::{RotationFinder, Thumbnail};
 
 /// Rotations that are looked at: fifteen seconds at 20 Hz.
 pub(crate) const MAX_PAIRS: usize = 300;
@@ -42,8 +41,6 @@ const LOST_ONE_IN: u64 = 50;
 /// Resets whose reasons are told.
 const MAX_RESETS: usize = 16;
 
-/// Name of the measure of what cannot be right.
-pub const UNITS_AND_COLUMNS: &str = "units and columns";
 /// Stamps that are looked at: twenty seconds at 200 Hz.
 const MAX_STAMPS: usize = 4000;
 /// Samples whose rate is judged: half a second.
@@ -53,57 +50,6 @@ const MIN_BRIGHT: usize = 40;
 
 /// What is said of a reset.
 pub const GIVEN_UP: &str = "the estimate was given up";
-
-/// Something that cannot be right, in words for people.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Finding {
-    /// What cannot be right.
-    pub what: String,
-    /// The figures that show it.
-    pub evidence: String,
-    /// What is probably the matter.
-    pub cause: String,
-    /// What to do.
-    pub cure: String,
-}
-
-impl Finding {
-    /// A finding of these words.
-    pub fn new(
-        what: impl Into<String>,
-        evidence: impl Into<String>,
-        cause: impl Into<String>,
-        cure: impl Into<String>,
-    ) -> Self {
-        Self { what: what.into(), evidence: evidence.into(), cause: cause.into(), cure: cure.into() }
-    }
-
-    /// The finding among the measures of a checkup.
-    pub(crate) fn into_measure(self) -> Measure {
-        let value = format!("{} ({})", self.what, self.evidence);
-        Measure::new(UNITS_AND_COLUMNS, Fitness::NotFit, value, self.advice(), &[])
-    }
-
-    /// The finding of a measure that is not fit to fly.
-    pub(crate) fn of_measure(measure: Measure) -> Self {
-        Self::new(measure.name, measure.value, "", measure.cure)
-    }
-
-    /// Cause and cure.
-    #[must_use]
-    pub fn advice(&self) -> String {
-        match self.cause.as_str() {
-            "" => self.cure.clone(),
-            cause => format!("probably {cause}; {}", self.cure),
-        }
-    }
-}
-
-impl fmt::Display for Finding {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} ({}): {}", self.what, self.evidence, self.advice())
-    }
-}
 
 /// A frame, shrunken.
 #[derive(Clone, Debug)]

@@ -1,7 +1,7 @@
 //! On which side of a pair near things are shifted: to the other one where left and right are swapped.
 
 use super::Finding;
-use super::thumbnail::{Thumbnail, to_image, to_thumbnail};
+use crate::thumbnail::{Thumbnail, to_image, to_thumbnail};
 use nalgebra::{Isometry3, Vector2, Vector3};
 use plumbline_config::{CameraModel, Config};
 

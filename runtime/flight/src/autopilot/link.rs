@@ -170,7 +170,7 @@ struct Learned {
     from: Option<IpAddr>,
     peer: Option<(SocketAddr, Monotonic)>,
     candidate: Option<SocketAddr>,
-    /// Who took whose place, as long as that was not told.
+    /// Replacement of one sender by another that is still to be reported.
     news: Option<News>,
 }
 

@@ -21,9 +21,9 @@ pub enum News {
     Clock(i64),
     /// After a silence another sender has taken the autopilot's place.
     Replaced {
-        /// Who is answered now.
+        /// Sender that is answered now.
         by: SocketAddr,
-        /// Who was before.
+        /// Sender that was answered before.
         other: SocketAddr,
     },
     /// The device went away: by an error of the system of this number, or it hung up.

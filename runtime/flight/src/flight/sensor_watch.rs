@@ -2,7 +2,7 @@
 //! drivers some times a second; nothing of it is on the way of a sample.
 
 use super::sensors::LiveSensors;
-use crate::local::{SensorBoard, SensorNews};
+use crate::sensor_board::{SensorBoard, SensorNews};
 use plumbline_drivers::clock::{StampDefect, StampFigures, StampProblem};
 use plumbline_drivers::inertial::LinkFigures;
 use plumbline_drivers::{ImuFigures, TriggerMonitor};

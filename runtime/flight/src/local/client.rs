@@ -4,7 +4,7 @@ use super::messages::{self, proto};
 use super::picture::Shot;
 use super::record::{Header, Kind, MAGIC, MAX_RECORD_BYTES};
 use super::request::{Answer, Request};
-use super::sensors::SensorNews;
+use crate::sensor_board::SensorNews;
 use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_estimator::{Estimate, MapSnapshot, Odometry};
 use plumbline_record::layout;

@@ -3,7 +3,6 @@
 
 use super::picture::Shot;
 use super::record::{Kind, Kinds};
-use super::sensors::SensorState;
 use crate::pipeline::listener::{Listener, View};
 use crate::schedule::event_bell::EventBell;
 use crate::schedule::lane::{LaneLosses, LaneReader, LaneWriter, lane};
@@ -11,6 +10,7 @@ use crate::schedule::pace::Pace;
 use crate::schedule::pool::Pool;
 use crate::schedule::tasks::TaskId;
 use crate::schedule::watchdog::Pulse;
+use crate::sensor_board::SensorState;
 use plumbline_config::ValidConfig;
 use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_estimator::{MapSnapshot, Odometry, Tracked};
@@ -69,7 +69,7 @@ pub struct Shared {
     /// Rung of the degradation ladder.
     pub rung: AtomicU8,
     /// State of live sensors.
-    pub sensors: SensorState,
+    pub sensors: Arc<SensorState>,
     /// What the window holds, after each keyframe.
     pub snapshots: Pool<MapSnapshot>,
     /// The corrected path, after each keyframe of the map.
@@ -97,7 +97,7 @@ impl Shared {
             pulse: Arc::new(Pulse::new(TaskId::Local)),
             stop: AtomicBool::new(false),
             rung: AtomicU8::new(0),
-            sensors: SensorState::default(),
+            sensors: Arc::default(),
             snapshots: Pool::new(SNAPSHOTS, || MapSnapshot::new(config.setup())),
             paths: Pool::new(PATHS, || MapPath::new(PATH_POSES)),
             shots: Pool::new(SHOTS, || Shot::new(config)),

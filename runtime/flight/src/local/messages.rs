@@ -1,8 +1,8 @@
 //! Records that are protobuf messages, and back. What does not fit together is refused.
 
 use super::picture::Shot;
-use super::sensors::SensorNews;
 use crate::schedule::ladder::Rung;
+use crate::sensor_board::SensorNews;
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 use plumbline_config::{GrayImage, Timestamp};
 use plumbline_drivers::clock::StampFigures;

@@ -18,17 +18,16 @@ pub mod picture;
 mod reader;
 pub mod record;
 pub mod request;
-pub mod sensors;
 mod server;
 mod socket;
 #[cfg(test)]
 mod tests;
 mod words;
 
+pub use crate::sensor_board::{SensorBoard, SensorNews};
 pub use client::{Client, ClientError, Record};
 pub use picture::Shot;
 pub use request::Failure;
-pub use sensors::{SensorBoard, SensorNews};
 pub use socket::{LinkDoor, LocalSocket};
 pub use words::LinkWord;
 

@@ -7,7 +7,6 @@ use super::listener::{
 };
 use super::messages::proto;
 use super::picture::Shot;
-use super::sensors::SensorBoard;
 use super::server::Server;
 use super::words::{Admission, LinkWord, LinkWords};
 use crate::flight::Output;
@@ -15,6 +14,7 @@ use crate::pipeline::listener::{Listener, Producer, Subscriber};
 use crate::pipeline::{Control, Stamps};
 use crate::schedule::lane::LaneWriter;
 use crate::schedule::watchdog::Pulse;
+use crate::sensor_board::SensorBoard;
 use plumbline_config::ValidConfig;
 use plumbline_estimator::Odometry;
 use plumbline_estimator::places::MapEstimate;
@@ -103,7 +103,8 @@ impl LocalSocket {
     /// Where the state of live sensors is posted.
     #[must_use]
     pub fn sensor_board(&self) -> SensorBoard {
-        SensorBoard(Arc::clone(&self.shared))
+        let shared = Arc::clone(&self.shared);
+        SensorBoard::new(Arc::clone(&self.shared.sensors), move || shared.bell.ring())
     }
 
     fn end(&mut self) {

@@ -8,6 +8,7 @@
 //! other finds until both are done. What was found with a frame that is solved by itself waits for the next: the front-end
 //! hears it when it has tracked one more, always.
 
+use super::effect::Effect;
 use super::listener::{Producer, Subscriber};
 use super::places::{PlaceChoice, PlacesStage};
 use super::stages::{FrontStage, Job, WindowStage};
@@ -22,15 +23,6 @@ use plumbline_estimator::places::{PlaceJob, PlaceMap};
 use plumbline_estimator::{Estimate, Feedback, Fork};
 use plumbline_record::{MapOrder, MapVerdict, ResetOrder};
 use std::collections::VecDeque;
-
-/// When an estimate corrects the odometry, and what was found with a frame takes effect in the map.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Effect {
-    /// A fixed time, or number of frames, after it was measured.
-    ByRule,
-    /// When an order says so.
-    ByOrder,
-}
 
 /// What a machine is to do next.
 pub enum Order<'f> {

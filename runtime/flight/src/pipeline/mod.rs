@@ -11,6 +11,7 @@
 
 pub mod clock;
 mod control;
+pub(crate) mod effect;
 pub mod figures;
 pub mod listener;
 mod live;

@@ -6,8 +6,8 @@
 //! not done: then that is an order ([`MapOrder`]), and an input of a re-execution.
 
 use super::clock::Stopwatch;
+use super::effect::Effect;
 use super::listener::{Listener, Mapped, View};
-use super::machine::Effect;
 use crate::schedule::times::{Percentiles, Times};
 use plumbline_config::ValidConfig;
 use plumbline_estimator::places::mapper::SEARCH_EVERY_FRAMES;

@@ -1,9 +1,9 @@
 //! The two stages of a frame, with what they count and time. They are the same in every executor.
 
 use super::clock::{CpuStopwatch, Stopwatch};
+use super::effect::Effect;
 use super::figures::{Cost, Figures, StageTimes};
 use super::listener::{FrameKeeper, Listener, Producer, Solved, Subscriber, View};
-use super::machine::Effect;
 use super::places::MapStage;
 use super::team::Team;
 use super::tick::{TickStage, WARM_UP_NS};

@@ -1,8 +1,8 @@
 //! The tick: every inertial reading becomes odometry, corrected by estimates at a fixed delay.
 
+use super::effect::Effect;
 use super::figures::StageTimes;
 use super::listener::Listener;
-use super::machine::Effect;
 use crate::alloc;
 use crate::pipeline::clock::Stopwatch;
 use crate::schedule::times::Times;

@@ -3,7 +3,8 @@
 //! The estimator is given readings up to the time that a frame needs, then the frame. The odometry is given each reading as
 //! soon as no estimate that would correct it is still to come.
 
-use super::machine::{Effect, Machine, Order, Orders};
+use super::effect::Effect;
+use super::machine::{Machine, Order, Orders};
 use super::tick::CORRECTION_DELAY_NS;
 use super::{Control, DriverFaults, Outcome, RunError, RunOptions, Streams};
 use crate::pipeline::listener::Subscriber;
@@ -46,7 +47,7 @@ enum Step {
     Frame,
     /// Readings until this time, for the frame that is there.
     Until(Timestamp),
-    /// So many readings, for a frame whose stamp is not believed.
+    /// A fixed number of readings, for a frame whose stamp is not believed.
     Readings(usize),
     /// The frame that is there.
     Track,

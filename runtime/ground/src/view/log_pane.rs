@@ -123,11 +123,7 @@ fn plain(text: &str) -> String {
     let (mut out, mut chars) = (String::new(), text.chars());
     while let Some(c) = chars.next() {
         match c {
-            '\u{1b}' => {
-                if chars.next() == Some('[') {
-                    chars.by_ref().find(|c| ('@'..='~').contains(c));
-                }
-            }
+            '\u{1b}' => skip_sequence(&mut chars),
             '\n' => out.push('\n'),
             '\t' => out.push(' '),
             c if !c.is_control() => out.push(c),
@@ -135,6 +131,13 @@ fn plain(text: &str) -> String {
         }
     }
     out
+}
+
+/// Takes what follows the escape of a control sequence.
+fn skip_sequence(chars: &mut std::str::Chars<'_>) {
+    if chars.next() == Some('[') {
+        chars.find(|c| ('@'..='~').contains(c));
+    }
 }
 
 #[cfg(test)]

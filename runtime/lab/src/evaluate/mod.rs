@@ -61,7 +61,7 @@ pub enum TimeOffset {
     /// Nothing: both have one clock.
     #[default]
     None,
-    /// So many seconds.
+    /// A fixed offset, s.
     Seconds(f64),
     /// What makes its motion that of the reference.
     Search,

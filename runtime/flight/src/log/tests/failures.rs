@@ -107,7 +107,16 @@ fn a_lack_of_descriptors_interrupts_the_recording_and_does_not_end_it() {
         is_short.store(false, Ordering::SeqCst);
     });
     let limits = Limits { part_bytes: 600_000, ..NO_LIMITS };
-    let (_, summary) = record_on(open, limits, &path, ImageRecording::Raw);
+    // Little room: the flight is still going on when the recording comes back, however fast it is.
+    let small = |c: &mut Config| {
+        c.recorder.images = ImageRecording::Raw;
+        (c.recorder.queue_entries, c.recorder.queue_frames) = (64, 2);
+    };
+    let mut flight = flight();
+    flight.config = flight.config.with("test", small).unwrap();
+    let mut recorder = Recorder::start_on(open, limits, &path, &flight.config, WhenFull::Wait).unwrap();
+    fly(flight, &Control::default(), &mut recorder);
+    let summary = recorder.finish();
     relief.join().unwrap();
     assert!(summary.ended_early.is_none() && summary.parts > 2 && summary.not_recorded == 0, "{summary:?}");
     let v = verified(&path).unwrap();

@@ -28,8 +28,8 @@ mod wiring;
 
 pub use figures::LiveFigures;
 
+use super::effect::Effect;
 use super::listener::{Listener, Producer, Subscriber};
-use super::machine::Effect;
 use super::places::PlacesStage;
 use super::stages::{self, FrontStage, WindowStage};
 use super::team::Team;

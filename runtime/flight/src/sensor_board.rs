@@ -1,7 +1,7 @@
 //! State of live sensors on its way to readers: posted by the thread that watches them, sent by the socket's thread.
 
-use super::listener::Shared;
 use plumbline_drivers::clock::StampFigures;
+use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Notices that are sent, at most.
@@ -40,37 +40,51 @@ impl SensorNews {
 
 /// The newest state, with a count of its changes.
 #[derive(Debug, Default)]
-pub(super) struct SensorState(Mutex<(u64, SensorNews)>);
+pub(crate) struct SensorState(Mutex<(u64, SensorNews)>);
 
 impl SensorState {
     /// The newest state, if it is another than that of count `seen`.
-    pub(super) fn after(&self, seen: u64) -> Option<(u64, SensorNews)> {
+    pub(crate) fn after(&self, seen: u64) -> Option<(u64, SensorNews)> {
         let held = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         (held.0 != seen).then(|| held.clone())
     }
 
     /// The newest state.
-    pub(super) fn newest(&self) -> SensorNews {
+    pub(crate) fn newest(&self) -> SensorNews {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).1.clone()
     }
 }
 
 /// Where the state of live sensors is posted for the readers of the local socket.
-#[derive(Clone, Debug)]
-pub struct SensorBoard(pub(super) Arc<Shared>);
+#[derive(Clone)]
+pub struct SensorBoard {
+    state: Arc<SensorState>,
+    ring: Arc<dyn Fn() + Send + Sync>,
+}
+
+impl fmt::Debug for SensorBoard {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("SensorBoard").field(&self.state).finish_non_exhaustive()
+    }
+}
 
 impl SensorBoard {
+    /// Board of `state`; `ring` wakes the thread that sends it.
+    pub(crate) fn new(state: Arc<SensorState>, ring: impl Fn() + Send + Sync + 'static) -> Self {
+        Self { state, ring: Arc::new(ring) }
+    }
+
     /// Posts a state; readers receive it if it is news.
     pub fn post(&self, news: SensorNews) {
         let news = news.bounded();
         {
-            let mut held = self.0.sensors.0.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut held = self.state.0.lock().unwrap_or_else(PoisonError::into_inner);
             if !news.is_news_after(&held.1) {
                 return;
             }
             *held = (held.0 + 1, news);
         }
-        self.0.bell.ring();
+        (self.ring)();
     }
 }
 

@@ -1,0 +1,19 @@
+//! What a condition makes of a scene: usual, repeated or bare surroundings.
+
+/// What a scene is turned into.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Surroundings {
+    /// It stays.
+    #[default]
+    Usual,
+    /// One pattern on everything, which repeats itself.
+    Repeated {
+        /// Its period at a distance of 3 m, px of the preset `sim` at full size.
+        period_px: f64,
+    },
+    /// Plain walls without furniture.
+    Bare {
+        /// Dark spots in a view.
+        spots: f64,
+    },
+}

@@ -1,0 +1,59 @@
+//! What cannot be right about the data of a sensor, in words for people: the same in a checkup and in a flight.
+
+use crate::verdict::{Fitness, Measure};
+use serde::Serialize;
+use std::fmt;
+
+/// Name of the measure of what cannot be right.
+pub const UNITS_AND_COLUMNS: &str = "units and columns";
+
+/// Something that cannot be right, in words for people.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Finding {
+    /// What cannot be right.
+    pub what: String,
+    /// The figures that show it.
+    pub evidence: String,
+    /// What is probably the matter.
+    pub cause: String,
+    /// What to do.
+    pub cure: String,
+}
+
+impl Finding {
+    /// A finding of these words.
+    pub fn new(
+        what: impl Into<String>,
+        evidence: impl Into<String>,
+        cause: impl Into<String>,
+        cure: impl Into<String>,
+    ) -> Self {
+        Self { what: what.into(), evidence: evidence.into(), cause: cause.into(), cure: cure.into() }
+    }
+
+    /// The finding among the measures of a checkup.
+    pub(crate) fn into_measure(self) -> Measure {
+        let value = format!("{} ({})", self.what, self.evidence);
+        Measure::new(UNITS_AND_COLUMNS, Fitness::NotFit, value, self.advice(), &[])
+    }
+
+    /// The finding of a measure that is not fit to fly.
+    pub(crate) fn of_measure(measure: Measure) -> Self {
+        Self::new(measure.name, measure.value, "", measure.cure)
+    }
+
+    /// Cause and cure.
+    #[must_use]
+    pub fn advice(&self) -> String {
+        match self.cause.as_str() {
+            "" => self.cure.clone(),
+            cause => format!("probably {cause}; {}", self.cure),
+        }
+    }
+}
+
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} ({}): {}", self.what, self.evidence, self.advice())
+    }
+}
