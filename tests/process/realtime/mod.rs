@@ -1,5 +1,4 @@
-//! Tests that measure time. `.config/nextest.toml` runs every module of this name alone, and tries its tests again where
-//! the host itself stood still.
+//! Tests that measure time. `make realtime` runs every module of this name, one test at a time.
 
 mod attacks;
 mod autopilot;

@@ -1,4 +1,4 @@
-//! Who decides when an estimate takes effect: a rule, or an order that was recorded.
+//! Rule or recorded order: what decides when an estimate takes effect.
 
 /// When an estimate corrects the odometry, and what was found with a frame takes effect in the map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
