@@ -31,7 +31,7 @@ export NEXTEST_TEST_THREADS ?= $(shell nproc)
 # The steps are in order; cargo is parallel itself.
 .NOTPARALLEL:
 .PHONY: help demo build calibration test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny advisories soak loops digests bench bench-instructions bench-against count-arm64 doc doctests setup tools clean \
-	fuzz fuzz-all fuzz-smoke vm arm64 oldest deb tarball packages deb-test checked-untimed realtime
+	fuzz fuzz-all fuzz-smoke vm arm64 oldest deb tarball packages deb-test checked-untimed realtime faults
 
 help: ## this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  make \1\t/' | expand -t 28
@@ -128,6 +128,9 @@ ALL = not kind(bench)
 TESTS = $(TESTED) -E '$(ALL) & not $(TIMED)'
 # Tests that measure time, or use a whole machine: `make realtime`.
 TIMED = test(/(^|::)realtime::/)
+# The command with faults on purpose, which no product has, in a folder of its own.
+FAULTY = $(FLAGS) --workspace $(addprefix --exclude ,$(CHECKED_CRATES)) --test process --features plumbline/sabotage \
+	--target-dir target/faults
 
 tests-built:
 	$(LINTED) $(CARGO) nextest run $(TESTS) --no-run
@@ -148,6 +151,10 @@ checked-untimed:
 realtime: setup forget-skips ## the tests that measure time, before a release: nothing else may run on the machine
 	$(LINTED) $(CARGO) nextest run $(CHECKED) -E '$(TIMED)' $(ARGS)
 	$(call tell-skips,$(LINTED) $(CARGO) nextest run $(TESTED) -E '$(ALL) & $(TIMED)' $(ARGS))
+	$(MAKE) faults
+
+faults: setup forget-skips ## tasks that die or spin, power that fails, a process that is killed: by a build that can (part of `make realtime`)
+	$(call tell-skips,$(CARGO) nextest run $(FAULTY) -E 'test(/^sabotage::/)' $(ARGS))
 
 check: forget-skips ## the tests of `make test` alone, without the lints
 	@scripts/setup test
@@ -159,6 +166,8 @@ soak: setup forget-skips ## long flights: memory, drift of time, restarts (SOAK_
 	$(LINTED) $(CARGO) nextest run $(FLAGS) --workspace --test places --profile soak --run-ignored only -E 'test(/soak/)' $(ARGS)
 	$(call tell-skips,PLUMBLINE_SOAK_MINUTES=$(SOAK_MINUTES) \
 		$(LINTED) $(CARGO) nextest run $(TESTED) --profile soak --run-ignored all -E '$(ALL) and (test(/soak/) | test(/^faults::/) | test(/^calibration::/))' $(ARGS))
+	$(call tell-skips,PLUMBLINE_SOAK_MINUTES=$(SOAK_MINUTES) \
+		$(CARGO) nextest run $(FAULTY) --profile soak --run-ignored all -E 'test(/^sabotage::/)' $(ARGS))
 
 vm: ## drivers of cameras and inertial sensors, and a flight, behind a real kernel in a virtual machine (VM_SECONDS=60)
 	@scripts/setup base

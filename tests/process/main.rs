@@ -32,9 +32,9 @@ mod realtime;
 mod replay;
 mod roles;
 mod ros;
-mod security;
 #[cfg(feature = "sabotage")]
-mod supervisor;
+mod sabotage;
+mod security;
 mod sweep;
 mod terminal;
 mod usage;

@@ -313,7 +313,8 @@ impl Orders for LogOrders<'_> {
                 },
                 Step::Frames => {
                     let is_due = |order: FrameOrder| order.readings_before <= self.ticked;
-                    let is_next = self.log.peek_order()?.is_some_and(is_due);
+                    // Frames that came in masses wait for the corrections between them.
+                    let is_next = machine.tick().has_room() && self.log.peek_order()?.is_some_and(is_due);
                     if !is_next || !self.begin_frame()? {
                         self.step = Step::Reading;
                     }

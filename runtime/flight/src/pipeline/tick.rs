@@ -152,6 +152,12 @@ impl TickStage {
         self.pending.iter().map(|estimate| estimate.frame_sequence).find(|waiting| *waiting >= frame)
     }
 
+    /// Whether the estimates of two more frames, one of them in flight, find room among those that wait.
+    #[must_use]
+    pub fn has_room(&self) -> bool {
+        self.pending.len() + 2 <= MAX_PENDING
+    }
+
     /// SHA-256 over the bits of all odometry so far.
     #[must_use]
     pub fn digest(&self) -> String {

@@ -169,6 +169,59 @@ fn what_the_clock_decided_is_followed() {
     assert!(!verified(&path).unwrap().identical);
 }
 
+/// A live run in small whose sensor's clock is found late: the estimator has one reading for all frames, and the odometry goes on by
+/// one in twelve of them.
+fn fly_frames_in_masses(flight: Flight, recorder: &mut RecorderHandle) -> u64 {
+    let mut keeper = recorder.clone();
+    let Streams { mut imu, mut stereo, .. } = flight.streams;
+    let (mut estimator, mut propagator) =
+        (Estimator::new(flight.config.setup()), Propagator::new(flight.config.setup()));
+    let mut take = |recorder: &mut RecorderHandle, propagator: &mut Propagator| {
+        let reading = imu.next_reading().unwrap()?;
+        recorder.said(&Said::Imu(reading));
+        if let Some(odometry) = propagator.tick(&reading.sample) {
+            recorder.said(&Said::Odometry(odometry));
+        }
+        Some(reading)
+    };
+    estimator.add_imu(&take(recorder, &mut propagator).unwrap().sample);
+    let (mut frame, mut frames, mut ticked) = (StereoFrame::new([(0, 0); 2]), 0, 1);
+    while stereo.next_frame(&mut frame).unwrap() {
+        if frame.sequence.is_multiple_of(12) {
+            take(recorder, &mut propagator).unwrap();
+            ticked += 1;
+        }
+        let verdict = Verdict::Taken { level: 0 };
+        recorder.said(&Said::Order(FrameOrder { frame: frame.sequence, readings_before: 1, verdict }));
+        let images = [frame.image(0), frame.image(1)];
+        let estimate = estimator.add_frame(&FrameInput::new(frame.stamp, images).numbered(frame.sequence));
+        recorder.said(&Said::Estimate(FullEstimate { estimate: estimate.clone(), frame_ms: 0.0 }));
+        if !estimate.is_refused() {
+            recorder
+                .said(&Said::Correction(CorrectionOrder { frame: frame.sequence, readings_before: ticked }));
+            propagator.correct(&estimate);
+            frames += 1;
+        }
+        keeper.keep(&mut frame);
+    }
+    while take(recorder, &mut propagator).is_some() {}
+    frames
+}
+
+#[test]
+fn frames_in_masses_between_two_readings_come_out_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("masses.mcap");
+    let mut flight = flight_of(1, 1.5);
+    flight.config = flight.config.with("test", |config| config.estimator.places.enabled = false).unwrap();
+    let recorder = Recorder::start(&path, &flight.config, WhenFull::Wait).unwrap();
+    let frames = fly_frames_in_masses(flight, &mut recorder.handle());
+    assert_eq!(recorder.finish().not_recorded, 0);
+    assert!(frames > 20, "{frames} frames were estimated");
+    let v = verified(&path).unwrap();
+    assert!(v.identical && v.complete, "{v:?}");
+}
+
 /// Listener that asks for a reset while frame 12 is being processed.
 struct Asker(Arc<Control>);
 

@@ -1,10 +1,10 @@
 //! What a flight does not wait for: a disk that is full or gone, a terminal that nobody reads, and those whom somebody else keeps
 //! from running. Part of `make soak`.
 
-use super::autopilot::{Autopilot, gaps_ms, is_tracking, list};
-use super::hardware_in_the_loop::Rig;
 use super::survival::flight;
 use crate::hardware::{Epoch, Microcontroller, Trouble, send_frames};
+use crate::realtime::autopilot::{Autopilot, gaps_ms, is_tracking, list};
+use crate::realtime::hardware_in_the_loop::Rig;
 use crate::{plumbline, stderr};
 use plumbline_test_support::{Need, skip};
 use rustix::fs::{Mode, OFlags};

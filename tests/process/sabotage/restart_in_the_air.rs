@@ -1,10 +1,10 @@
 //! `plumbline fly` under the rules of our systemd unit, killed in flight: it comes back by itself, and the autopilot learns that the
 //! origin is another.
 
-use super::autopilot::{Autopilot, gaps_ms, is_tracking, list};
-use super::hardware_in_the_loop::Rig;
+use super::supervisor::{Seen, Supervisor, Unit};
 use crate::hardware::{Epoch, Microcontroller, Recording, Trouble, send_frames};
-use crate::supervisor::{Seen, Supervisor, Unit};
+use crate::realtime::autopilot::{Autopilot, gaps_ms, is_tracking, list};
+use crate::realtime::hardware_in_the_loop::Rig;
 use crate::{plumbline, stderr};
 use plumbline_drivers::clock::monotonic_ns;
 use serde_json::Value;

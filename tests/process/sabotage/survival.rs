@@ -1,9 +1,9 @@
 //! A flight survives faults of the program: what dies is told, what can go on goes on, and what cannot is started again, by the
 //! rules of our systemd unit.
 
-use super::autopilot::{Autopilot, MOUNTING, gaps_ms, is_tracking, list};
-use super::live::AWAKE;
-use crate::supervisor::{Seen, Supervisor, Unit};
+use super::supervisor::{Seen, Supervisor, Unit};
+use crate::realtime::autopilot::{Autopilot, MOUNTING, gaps_ms, is_tracking, list};
+use crate::realtime::live::AWAKE;
 use crate::vehicle::{PLUMBLINE, cache, render};
 use crate::{plumbline, stderr};
 use plumbline_test_support::{SOAK_IN_FULL_MIN, soak_minutes};
