@@ -332,7 +332,9 @@ mod realtime {
     #[test]
     fn network_page_shows_a_vehicle_that_comes_is_reset_dies_and_comes_back() {
         const PATIENCE: Duration = Duration::from_secs(20);
-        render(40);
+        // Longer than a browser takes that draws without a graphics card.
+        const FLIGHT_S: u32 = 90;
+        render(FLIGHT_S);
         let Some(mut browser) = Browser::start() else { return };
         let (vehicle_port, page_port) = (free_port(), free_port());
         let endpoint = format!("tcp/127.0.0.1:{vehicle_port}");
@@ -343,7 +345,7 @@ mod realtime {
         let folder = tempfile::tempdir().unwrap();
         let report = folder.path().join("report.json");
         let fly = || {
-            let mut command = flight("drone", 40);
+            let mut command = flight("drone", FLIGHT_S);
             command.args(["--listen", &endpoint, "--report"]).arg(&report);
             Running::start(command)
         };
