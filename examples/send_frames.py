@@ -4,7 +4,7 @@
 Plays the images of a EuRoC data set in real time; replace `frames()` by the loop of your camera. The walk-through in
 docs/own-camera.md runs it beside send_imu.py: both stamp by CLOCK_MONOTONIC.
 
-    pip install pillow
+    apt install python3-pil
     send_frames.py V1_01_easy /run/plumbline/frames
 """
 
@@ -16,7 +16,10 @@ import struct
 import sys
 import time
 
-from PIL import Image
+try:
+    from PIL import Image
+except ModuleNotFoundError:
+    raise SystemExit("send_frames: Pillow reads the images: apt install python3-pil, or pip install pillow in a venv")
 
 
 def rows(table):
@@ -37,11 +40,12 @@ def frames(dataset, start_ns):
         yield number, stamp_ns, *images
 
 
-def connect(path):
+def connect(path, patience_s):
     """The socket of a flight, as soon as there is one."""
     if not pathlib.Path(path).exists():
         print(f"send_frames: waiting for plumbline to make {path}", file=sys.stderr)
-    while True:
+    given_up = time.monotonic() + patience_s
+    while time.monotonic() < given_up:
         try:
             plumbline = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
             plumbline.connect(path)
@@ -49,6 +53,7 @@ def connect(path):
         except (FileNotFoundError, ConnectionRefusedError):
             plumbline.close()
             time.sleep(0.1)
+    raise SystemExit(f"send_frames: nobody listens at {path} after {patience_s:g} s; is `plumbline fly` running, with that listen?")
 
 
 def main():
@@ -56,8 +61,9 @@ def main():
     arguments.add_argument("dataset", help="folder with mav0")
     arguments.add_argument("socket", help="listen of [driver.frames]")
     arguments.add_argument("--start", type=float, help="time of the first IMU sample, s of CLOCK_MONOTONIC (default: now)")
+    arguments.add_argument("--wait", type=float, default=30.0, help="how long to wait for plumbline, s (default: 30)")
     given = arguments.parse_args()
-    plumbline = connect(given.socket)
+    plumbline = connect(given.socket, given.wait)
     start_ns = time.monotonic_ns() if given.start is None else round(given.start * 1e9)
     sent = 0
     try:

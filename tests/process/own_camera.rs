@@ -78,7 +78,7 @@ mod realtime {
         // Several of these tests may run at a time.
         let document = document.replace("/tmp/own-camera", folder.path().to_str().unwrap());
         let examples = workspace().join("examples").canonicalize().unwrap();
-        let mut last = String::new();
+        let (mut last, mut all) = (String::new(), String::new());
         for (language, code) in blocks(&document) {
             match language.as_str() {
                 "sh" => {
@@ -87,6 +87,7 @@ mod realtime {
                     shell.env("PATH", search_path(&python)).env("EXAMPLES", &examples);
                     let output = shell.output().unwrap();
                     last = said(&output);
+                    all.push_str(&last);
                     println!("$ {code}{last}");
                     assert!(output.status.success(), "{code}{last}");
                 }
@@ -100,6 +101,7 @@ mod realtime {
                 other => panic!("what is a block of {other:?}?"),
             }
         }
+        assert!(!all.contains("is stalled"), "a sound flight has no errors:\n{all}");
         let report = std::fs::read_to_string(folder.path().join("report.json")).unwrap();
         let report: serde_json::Value = serde_json::from_str(&report).unwrap();
         println!("{:#}", report["sensors"]);

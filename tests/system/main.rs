@@ -8,6 +8,7 @@ mod clocks;
 mod determinism;
 mod faults;
 mod flow;
+mod health;
 mod lines;
 mod loops;
 mod oracle;

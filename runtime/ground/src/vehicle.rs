@@ -60,7 +60,7 @@ pub struct Vehicle {
     pub delays: Delays,
     /// Measurement time of the newest message, ns.
     pub stamp_ns: i64,
-    /// Newest pose of the body in the odometry frame.
+    /// Newest pose of the body in the odometry frame; `None` while there is no valid estimate, whose pose says nothing.
     pub pose_o_b: Option<Isometry3<f64>>,
     /// How the IMU is mounted: takes coordinates from `B` to the vehicle `V` (x forward, y left, z up). Unknown until
     /// the vehicle has sent it.
@@ -315,7 +315,7 @@ impl Vehicle {
             self.v_o_b = Vector3::new(v.x, v.y, v.z);
         }
         let Some(pose) = pose.and_then(read::isometry) else { return };
-        self.pose_o_b = Some(pose);
+        self.pose_o_b = (self.quality >= 0).then_some(pose);
         if self.quality < 0 {
             return;
         }
@@ -435,31 +435,37 @@ impl Vehicle {
         if self.quality < 0 { "invalid".into() } else { format!("{} %", self.quality) }
     }
 
-    /// Health as text: the faults and the first words of the notices, or "no faults".
+    /// Health as text: the faults and the first words of the notices; without any "no faults", or "no valid estimate".
     #[must_use]
     pub fn health_summary(&self) -> String {
         let notices = self.notices.iter().map(|notice| notice.split(": ").next().unwrap_or(notice));
         let all: Vec<&str> = self.health_words.iter().map(String::as_str).chain(notices).collect();
-        if all.is_empty() { "no faults".into() } else { all.join(", ") }
+        match (all.is_empty(), self.quality) {
+            (false, _) => all.join(", "),
+            (true, ..0) => "no valid estimate".into(),
+            (true, _) => "no faults".into(),
+        }
     }
 
     /// Position, attitude, speed, rates and health in one line of text.
     #[must_use]
     pub fn line(&self, name: &str, now: Instant) -> String {
-        let p = self.pose_o_b.map_or_else(Vector3::zeros, |pose| pose.translation.vector);
+        let position = self.pose_o_b.map_or_else(
+            || "unknown".to_owned(),
+            |pose| {
+                let p = pose.translation.vector;
+                format!("{:.3} {:.3} {:.3} m (1 sigma {:.3} m)", p.x, p.y, p.z, self.sigma_m())
+            },
+        );
         let attitude = self.attitude().map_or_else(
             || "unknown".to_owned(),
             |a| format!("{:.1} {:.1} {:.1} deg", a.roll_deg, a.pitch_deg, a.heading_deg),
         );
         format!(
-            "{name}: {}, quality {}, position {:.3} {:.3} {:.3} m (1 sigma {:.3} m), roll pitch heading {attitude}, \
+            "{name}: {}, quality {}, position {position}, roll pitch heading {attitude}, \
              speed {:.2} m/s, odometry {:.0} Hz, state {:.0} Hz, latency {:.2} ms, lost {}, {}{}",
             self.presence(now),
             self.quality_words(),
-            p.x,
-            p.y,
-            p.z,
-            self.sigma_m(),
             self.v_o_b.norm(),
             self.odom.rate_hz(now),
             self.state.rate_hz(now),

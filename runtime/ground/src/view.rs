@@ -165,7 +165,10 @@ fn figures(vehicle: &Vehicle, now: Instant) -> Vec<Line<'static>> {
         },
     );
     let v = vehicle.v_o_b;
-    let velocity = format!("{:+8.2} {:+8.2} {:+8.2} m/s  speed {:.2} m/s", v.x, v.y, v.z, v.norm());
+    let velocity = match vehicle.pose_o_b {
+        Some(_) => format!("{:+8.2} {:+8.2} {:+8.2} m/s  speed {:.2} m/s", v.x, v.y, v.z, v.norm()),
+        None => "unknown".to_owned(),
+    };
     let link = format!(
         "odometry {:.0} Hz  state {:.0} Hz  latency {:.1} ms",
         vehicle.odom.rate_hz(now),
@@ -217,6 +220,26 @@ mod tests {
             .chunks(COLUMNS.into())
             .map(|row| row.iter().map(|c| c.symbol()).collect::<String>() + "\n")
             .collect()
+    }
+
+    #[test]
+    fn a_pose_without_a_valid_estimate_is_none() {
+        let (mut fleet, now) = (Fleet::default(), Instant::now());
+        fleet.alive("drone", true);
+        let message = proto::Odom {
+            header: Some(proto::Header { sequence: 1, quality: -1, ..proto::Header::default() }),
+            state: proto::TrackingState::Failed.into(),
+            pose: Some(proto::Pose {
+                position_o_b: Some(proto::Vector3::default()),
+                rotation_o_b: Some(proto::Quaternion { w: 1.0, ..proto::Quaternion::default() }),
+            }),
+            ..proto::Odom::default()
+        };
+        fleet.odom("drone", &message, 100, now, 0);
+        let shown = text(&fleet, now);
+        for part in ["position  no pose", "attitude  unknown", "velocity  unknown", "no valid estimate"] {
+            assert!(shown.contains(part), "no '{part}' in\n{shown}");
+        }
     }
 
     #[test]

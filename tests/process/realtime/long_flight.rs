@@ -95,6 +95,13 @@ impl Drop for Flying {
     }
 }
 
+/// Size of a log with its further parts, which lie beside it, MB.
+fn size_mb(log: &Path) -> f64 {
+    let files = std::fs::read_dir(log.parent().unwrap()).unwrap().map(|entry| entry.unwrap());
+    let parts = files.filter(|file| file.path().extension().is_some_and(|extension| extension == "mcap"));
+    parts.map(|file| file.metadata().unwrap().len() as f64 * 1e-6).sum()
+}
+
 /// What both processes and the log hold, over so many minutes.
 fn watch(flying: &mut Flying, [log, said]: [&Path; 2], minutes: f64) -> Vec<Glance> {
     let (start, process) = (Instant::now(), flying.0.id());
@@ -107,7 +114,7 @@ fn watch(flying: &mut Flying, [log, said]: [&Path; 2], minutes: f64) -> Vec<Glan
             std::fs::read_to_string(said).unwrap()
         );
         let link = children(process).first().copied().expect("the network process is there");
-        let log_mb = std::fs::metadata(log).unwrap().len() as f64 * 1e-6;
+        let log_mb = size_mb(log);
         let minutes = start.elapsed().as_secs_f64() / 60.0;
         let glance = Glance { minutes, flight: Held::of(process), link: Held::of(link), log_mb };
         println!("{glance:?}");
@@ -210,6 +217,8 @@ fn soak_memory_descriptors_stamps_and_log_stay_flat_over_a_long_flight() {
     let more = [
         set("estimator.lines.enabled=false".into()),
         set("recorder.images=\"none\"".into()),
+        // The index of a file is kept until it is full.
+        set("recorder.max_file_mb=32".into()),
         set("runtime.idle_latency_us=50".into()),
         set(format!("local.path=\"{}\"", local.display())),
         ["--listen".into(), format!("tcp/127.0.0.1:{}", free_port())],

@@ -39,6 +39,9 @@ pub fn fleet(fleet: &Fleet, web_malformed: u64, now: Instant) -> String {
 fn vehicle(name: &str, v: &Vehicle, now: Instant) -> Value {
     let s = &v.sigmas;
     let largest = |k: usize| s[k..k + 3].iter().copied().fold(0.0, f64::max);
+    let sigma = json!({
+        "position_m": largest(0), "attitude_deg": largest(3).to_degrees(), "velocity_m_s": largest(6),
+    });
     let in_map = v.pose_m_o().zip(v.pose_o_b).map(|(pose_m_o, pose_o_b)| pose(&(pose_m_o * pose_o_b)));
     let recording = v.recording.as_ref().map_or((0, 0.0), |r| (r.len(), r.duration_s()));
     json!({
@@ -51,14 +54,12 @@ fn vehicle(name: &str, v: &Vehicle, now: Instant) -> Value {
         "pose_map": in_map,
         "correction": v.pose_m_o().as_ref().map(pose),
         "map": v.map_words(),
-        "velocity": v.v_o_b.as_slice(),
+        "velocity": v.pose_o_b.map(|_| v.v_o_b.as_slice()),
         "pose_vehicle": v.pose_o_v().as_ref().map(pose),
         "attitude_deg": v.attitude().map(|a| [a.roll_deg, a.pitch_deg, a.heading_deg]),
         "rate_deg_s": v.attitude_rates().map(|rates| <[f64; 3]>::from(rates.map(f64::to_degrees))),
         "covariance": v.details.position_covariance,
-        "sigma": {
-            "position_m": largest(0), "attitude_deg": largest(3).to_degrees(), "velocity_m_s": largest(6),
-        },
+        "sigma": v.pose_o_b.map(|_| sigma),
         "stamp_ns": v.stamp_ns.to_string(),
         "words": v.health_words,
         "bits": v.bits,

@@ -99,7 +99,6 @@ impl CameraTask {
         // Exposure, readout and the way here take their time.
         let late_at_source_ms = if shared.is_of_sensors() { period_ms } else { LATE_AT_SOURCE_MS };
         while let Some(mut frame) = self.empty_frame(shared) {
-            shared.heartbeats.idle(TaskId::Camera);
             match self.source.next_frame(&mut frame) {
                 Ok(true) => shared.heartbeats.busy(TaskId::Camera),
                 Ok(false) => break,
@@ -132,7 +131,9 @@ impl CameraTask {
         CameraEnd { faults: self.source.faults(), figures: self.kept }
     }
 
+    /// Waits for room. Where there is none the front-end has all frames, and waits for samples: that is no stall of the camera.
     fn empty_frame(&mut self, shared: &Shared<'_>) -> Option<StereoFrame> {
+        shared.heartbeats.idle(TaskId::Camera);
         loop {
             if shared.is_stopped() || self.empty.is_closed() {
                 return None;
