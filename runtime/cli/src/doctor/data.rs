@@ -58,8 +58,8 @@ struct Live {
     /// What ends them.
     stop: StopFlag,
     sensors: LiveSensors,
-    /// Logs what is wrong with them as soon as it shows, as a flight does.
-    watch: SensorWatch,
+    /// Logs what is wrong with them as soon as it shows, as a flight does, until they are stopped.
+    watch: Option<SensorWatch>,
 }
 
 impl From<Flight> for Streams {
@@ -76,7 +76,7 @@ pub(super) fn open_live(config: &ValidConfig, seconds: f64) -> Result<Streams> {
     let stop = StopFlag::new();
     let (flight, sensors) = open_sensors(config, &stop)?;
     let watch = SensorWatch::start(&sensors, None)?;
-    let live = Live { length: Duration::from_secs_f64(seconds), stop, sensors, watch };
+    let live = Live { length: Duration::from_secs_f64(seconds), stop, sensors, watch: Some(watch) };
     Ok(Streams { live: Some(live), ..Streams::from(flight) })
 }
 
@@ -96,14 +96,14 @@ type Note = (u64, Timestamp, [bool; 2]);
 /// # Errors
 /// When a stream breaks off.
 pub(super) fn examine(streams: Streams) -> Result<CheckupReport> {
-    let Streams { config, imu, stereo, live } = streams;
+    let Streams { config, imu, stereo, mut live } = streams;
     let mut checkup = Checkup::new(&config);
     let (send, receive) = sync_channel(QUEUE);
     let (frame, is_live) = (StereoFrame::new(image_sizes(&config.camera)), live.is_some());
     scope(|threads| {
         let samples = threads.spawn(move || read_samples(imu));
         let notes = threads.spawn(move || read_frames(stereo, frame, &send, is_live));
-        let troubles = look(&mut checkup, &receive, live.as_ref());
+        let troubles = look(&mut checkup, &receive, live.as_mut());
         let (notes, samples) = (ended(notes)?, ended(samples)?);
         let came = [samples.len(), notes.len()];
         for (sequence, stamp, arrived) in notes {
@@ -136,34 +136,32 @@ fn tell_of_drivers(checkup: &mut Checkup, live: &Live, troubles: [SensorTrouble;
 
 /// Looks at what comes until nothing comes any more. Live streams are ended when their time is over; returns what was wrong with
 /// their sensors until then.
-fn look(checkup: &mut Checkup, receive: &Receiver<Seen>, live: Option<&Live>) -> [SensorTrouble; 2] {
+fn look(checkup: &mut Checkup, receive: &Receiver<Seen>, mut live: Option<&mut Live>) -> [SensorTrouble; 2] {
     let begin = Instant::now();
     let mut countdown = Countdown::new(live.is_some());
-    let mut troubles = None;
+    let mut troubles = <[SensorTrouble; 2]>::default();
     loop {
-        let left =
-            live.filter(|_| troubles.is_none()).map(|live| live.length.saturating_sub(begin.elapsed()));
-        let seen = match left {
+        let seen = match &live {
             None => receive.recv().map_err(|_| RecvTimeoutError::Disconnected),
-            Some(left) => receive.recv_timeout(left.min(REDRAW)),
+            Some(live) => receive.recv_timeout(live.length.saturating_sub(begin.elapsed()).min(REDRAW)),
         };
-        match seen {
-            Ok(seen) => {
-                let [left, right] = &seen.images;
-                let images = [left.as_ref().map(GrayImage::view), right.as_ref().map(GrayImage::view)];
-                checkup.look_at(&Frame { sequence: seen.sequence, stamp: seen.stamp, images });
-            }
-            Err(RecvTimeoutError::Disconnected) => {
-                return troubles.or_else(|| live.map(|live| live.watch.troubles())).unwrap_or_default();
-            }
-            Err(RecvTimeoutError::Timeout) => {}
+        if let Ok(seen) = &seen {
+            let [left, right] = &seen.images;
+            let images = [left.as_ref().map(GrayImage::view), right.as_ref().map(GrayImage::view)];
+            checkup.look_at(&Frame { sequence: seen.sequence, stamp: seen.stamp, images });
         }
-        let Some(live) = live.filter(|_| troubles.is_none()) else { continue };
-        countdown.draw(live.length.saturating_sub(begin.elapsed()));
-        if begin.elapsed() >= live.length {
+        let is_over = matches!(seen, Err(RecvTimeoutError::Disconnected));
+        if let Some(listening) = &live {
+            let left = listening.length.saturating_sub(begin.elapsed());
+            countdown.draw(if is_over { Duration::ZERO } else { left });
+        }
+        if let Some(ended) = live.take_if(|live| is_over || begin.elapsed() >= live.length) {
             // First: sensors that are stopped are missing.
-            troubles = Some(live.watch.troubles());
-            live.stop.stop();
+            troubles = ended.watch.take().map(|watch| watch.troubles()).unwrap_or_default();
+            ended.stop.stop();
+        }
+        if is_over {
+            return troubles;
         }
     }
 }
