@@ -1,4 +1,4 @@
-//! Live frames and samples with wrong stamps, and what a flight says of itself: a program sends frames to the socket, an inertial
+//! Live frames and samples with wrong stamps, what a flight and `doctor --live` say of them, and what a flight says of itself: a program sends frames to the socket, an inertial
 //! sensor speaks at a pseudo-terminal.
 
 use super::vehicle::{PLUMBLINE, Running, eventually};
@@ -10,7 +10,7 @@ use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use std::io::Write as _;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -23,14 +23,37 @@ const SIZE: (u32, u32) = (752, 480);
 
 /// A flight with the socket for frames and the terminal of the IMU in `folder`.
 fn flight(folder: &Path) -> (Running, PathBuf) {
-    let (frames, imu) = (folder.join("frames"), folder.join("imu"));
+    let frames = folder.join("frames");
     let mut command = Command::new(PLUMBLINE);
     command.args(["fly", "--config", "sim", "--duration", "60", "--report"]).arg(folder.join("report.json"));
-    command.args(["--set", &format!("driver.frames.listen=\"{}\"", frames.display())]);
-    command.args(["--set", &format!("driver.imu.connect=\"serial://{}:921600\"", imu.display())]);
-    command.args(["--set", "driver.imu.protocol=\"plumbline\""]);
+    command.args(sensors(folder));
     command.args(["--set", &format!("local.path=\"{}\"", folder.join("local").display())]);
     (Running::start(command), frames)
+}
+
+/// Options for the socket and the terminal in `folder`.
+fn sensors(folder: &Path) -> Vec<String> {
+    let (frames, imu) = (folder.join("frames"), folder.join("imu"));
+    let keys = [
+        format!("driver.frames.listen=\"{}\"", frames.display()),
+        format!("driver.imu.connect=\"serial://{}:921600\"", imu.display()),
+        "driver.imu.protocol=\"plumbline\"".to_owned(),
+    ];
+    keys.into_iter().flat_map(|key| ["--set".to_owned(), key]).collect()
+}
+
+/// What `doctor --live` prints and logs, and its exit status, while `start` makes the sensors in the folder.
+fn doctor<S>(start: impl FnOnce(&Path) -> S) -> (Option<i32>, String, String) {
+    let folder = tempfile::tempdir().unwrap();
+    let mut command = Command::new(PLUMBLINE);
+    command.args(["doctor", "--config", "sim", "--live", "--seconds", "6", "--watch", "0.1"]);
+    command.args(sensors(folder.path())).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let running = command.spawn().unwrap();
+    let sending = start(folder.path());
+    let output = running.wait_with_output().unwrap();
+    drop(sending);
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    (output.status.code(), text(&output.stdout), text(&output.stderr))
 }
 
 /// Sends something at a rate until it is dropped.
@@ -153,6 +176,38 @@ fn wrong_stamps_of_live_samples_are_named_and_good_news_are_no_warnings() {
         assert!(!text.contains("the IMU is available") || text.contains("INFO"), "{text}");
         drop(sensor);
     }
+}
+
+#[test]
+fn doctor_names_wrong_stamps_of_frames_as_a_flight_does() {
+    let (status, said, logged) = doctor(|folder| {
+        let sensor = imu(&folder.join("imu"), |now| now);
+        (sensor, frames(&folder.join("frames"), |now| now / 1_000_000))
+    });
+    assert_eq!(status, Some(1), "{said}{logged}");
+    let line = said.lines().find(|line| line.contains("are in milliseconds")).expect(&said);
+    assert!(
+        line.contains("time.monotonic_ns()") && line.contains("ns of CLOCK_MONOTONIC is expected"),
+        "{line}"
+    );
+    assert!(logged.contains("WARN") && logged.contains("are in milliseconds"), "{logged}");
+    assert!(logged.contains("not fit to fly") && logged.contains("camera timing"), "{logged}");
+}
+
+#[test]
+fn doctor_names_samples_in_another_unit_and_the_program_that_is_missing() {
+    let (status, said, logged) = doctor(|folder| imu(&folder.join("imu"), |now| now / 1_000_000));
+    assert_eq!(status, Some(1), "{said}{logged}");
+    for words in [
+        "are in milliseconds, where the time of measurement in nanoseconds is expected",
+        "no program sends frames yet (driver.frames.listen)",
+    ] {
+        assert!(said.contains(words) && logged.contains(words), "{words}: {said}{logged}");
+    }
+    assert!(!said.contains("plumbline devices"), "{said}");
+    // What follows from it is one line.
+    let lines = said.lines().filter(|line| line.starts_with("not measured")).count();
+    assert_eq!(lines, 1, "{said}");
 }
 
 #[test]

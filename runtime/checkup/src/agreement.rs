@@ -26,6 +26,12 @@ const STEPS: usize = 10;
 const KNOWN: (f64, f64) = (0.002, 0.006);
 /// What is off by this many standard deviations is judged, however large these are.
 const SIGNIFICANT: f64 = 5.0;
+/// A rotation beyond every limit is judged from this many standard deviations on.
+const GROSS: f64 = 3.0;
+/// No mounting is off by more, rad.
+const MAX_MOUNTING_RAD: f64 = 0.35;
+/// Scatter of the rates about the axis of least turning from which a recording turns about all axes, rad/s.
+const ALL_AXES_RAD_S: f64 = 0.1;
 /// Residuals of neighbouring images are not independent: standard deviations are taken this much larger.
 const INFLATED: f64 = 2.0;
 /// Limits of the time offset, as multiples of its configured `sigma`: doubtful beyond the first, bad beyond the second.
@@ -111,6 +117,8 @@ pub struct Agreement {
     pub residual_rad_s: f64,
     /// Scatter of the rates, rad/s.
     pub scatter_rad_s: f64,
+    /// Scatter of the rates about the axis of least turning, rad/s.
+    pub least_scatter_rad_s: f64,
 }
 
 type Normal = (SMatrix<f64, 7, 7>, SVector<f64, 7>, f64, f64);
@@ -205,7 +213,16 @@ pub fn agreement(turns: &[Turn], samples: &[ImuSample], config: &Config) -> Opti
         rotation_b: (x.fixed_rows::<3>(0).into_owned(), rotation.max(0.0).sqrt()),
         residual_rad_s: cost,
         scatter_rad_s: scatter,
+        least_scatter_rad_s: least_scatter(turns),
     })
+}
+
+/// Scatter of the rates about the axis of least turning, rad/s.
+fn least_scatter(turns: &[Turn]) -> f64 {
+    let (mean, _) = crate::statistics::mean_and_spread(turns.iter().map(|turn| turn.rate_c));
+    let squares = |turn: &Turn| (turn.rate_c - mean) * (turn.rate_c - mean).transpose();
+    let covariance = turns.iter().map(squares).sum::<Matrix3<f64>>() / turns.len().max(1) as f64;
+    covariance.symmetric_eigenvalues().min().max(0.0).sqrt()
 }
 
 /// Judges both.
@@ -266,11 +283,54 @@ fn rotation(name: &'static str, found: &Agreement, config: &Config, more: &str) 
     );
     let figures = [("off_deg", angle.to_degrees()), ("sigma_deg", sigma.to_degrees())];
     let verdict = Fitness::within(angle, ROTATION.0 * prior + sigma, ROTATION.1 * prior + sigma);
+    if verdict == Fitness::NotFit && angle > MAX_MOUNTING_RAD && angle > GROSS * sigma {
+        let cure = "this is more than any mounting error: look at columns and signs of the gyroscope, and at the axes \
+                    of `camera.pose_b_c`";
+        return Measure::new(name, verdict, value, cure, &figures);
+    }
     // What is off by far more than it is uncertain needs no better measurement.
     let is_known = sigma <= KNOWN.1 || verdict > Fitness::Good && angle > SIGNIFICANT * sigma;
+    if !is_known && found.least_scatter_rad_s > ALL_AXES_RAD_S {
+        let value = format!("{value}, though the vehicle turned about all axes");
+        let cure = "more turning will not help: look at focal lengths and lens model of `camera`, and calibrate again";
+        let verdict = if verdict == Fitness::Good { Fitness::Uncertain } else { Fitness::Mind };
+        return Measure::new(name, verdict, value, cure, &figures);
+    }
     if !is_known {
         return Measure::new(name, Fitness::Uncertain, value, more, &figures);
     }
     let cure = "calibrate camera against IMU again (`plumbline calibrate rig`): `camera.pose_b_c` is turned";
     Measure::new(name, verdict, value, cure, &figures)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Verdict and words for a rotation that is off by so much within this standard deviation, degrees.
+    fn judged(off_deg: f64, sigma_deg: f64, least_scatter_rad_s: f64) -> (Fitness, String) {
+        let found = Agreement {
+            offset_s: (0.0, 0.001),
+            rotation_b: (Vector3::new(off_deg.to_radians(), 0.0, 0.0), sigma_deg.to_radians()),
+            residual_rad_s: 0.05,
+            scatter_rad_s: 0.5,
+            least_scatter_rad_s,
+        };
+        let measure = rotation("camera-IMU rotation", &found, &Config::preset("sim").unwrap(), "turn more");
+        (measure.verdict, measure.cure)
+    }
+
+    #[test]
+    fn a_rotation_beyond_any_mounting_error_is_not_fit_however_uncertain() {
+        let (verdict, cure) = judged(30.9, 6.9, 0.05);
+        assert!(verdict == Fitness::NotFit && cure.contains("columns and signs of the gyroscope"), "{cure}");
+        assert_eq!(judged(30.9, 15.0, 0.05).0, Fitness::Uncertain);
+    }
+
+    #[test]
+    fn a_rotation_that_turning_about_all_axes_leaves_uncertain_points_at_the_lens() {
+        let (verdict, cure) = judged(8.41, 2.86, 0.3);
+        assert!(verdict == Fitness::Mind && cure.contains("focal lengths and lens model"), "{cure}");
+        assert_eq!(judged(8.41, 2.86, 0.05), (Fitness::Uncertain, "turn more".to_owned()));
+    }
 }

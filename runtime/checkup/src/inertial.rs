@@ -2,6 +2,7 @@
 //! the end of their range.
 
 use crate::agreement::Turn;
+use crate::finding::Finding;
 use crate::statistics::{mean_and_spread, median};
 use crate::verdict::{Fitness, Measure};
 use nalgebra::Vector3;
@@ -14,8 +15,10 @@ const PIECE_S: f64 = 0.5;
 const STILL: (f64, f64) = (0.02, 0.35);
 /// ... and images turn (rad/s) and shift (m/s by the motion of the camera) by less.
 const STILL_IMAGES: (f64, f64) = (0.05, 0.05);
-/// Least time at rest, s.
-const MIN_REST_S: f64 = 1.0;
+/// Least time at rest in one attitude, s.
+const MIN_STAND_S: f64 = 1.0;
+/// Least time at rest in all, s: where images confirm it, and without.
+const MIN_REST_S: (f64, f64) = (1.0, 2.0);
 /// Deviation of gravity's magnitude, m/s²: what a bias of the accelerometer at switch-on explains, and what nothing does.
 const GRAVITY: (f64, f64) = (0.4, 1.2);
 /// An axis that repeats its value for so long is stuck, s, and so many samples.
@@ -34,45 +37,77 @@ pub struct Rest {
     pub seconds: f64,
     /// Mean of the gyroscope, rad/s.
     pub gyro: Vector3<f64>,
-    /// Mean of the accelerometer, m/s².
+    /// Mean magnitude of the specific force, m/s², whichever way the vehicle stands.
+    pub gravity_m_s2: f64,
+    /// Mean of the accelerometer in the first attitude at rest, m/s²; its direction is the vertical.
     pub accel: Vector3<f64>,
-    /// End of the first time at rest.
+    /// End of the time in the first attitude at rest.
     pub first_end: Option<Timestamp>,
-    /// Sum of the accelerometer's means of its pieces, m/s²; its direction is the vertical.
-    pub first_accel: Vector3<f64>,
+    /// Least time at rest that is judged, s.
+    least_s: f64,
 }
 
-/// The pieces in which the vehicle rests, by the samples and by what images show.
+/// Consecutive pieces at rest in one attitude: their number, the sums of their means, and their end.
+#[derive(Clone, Copy)]
+struct Stand {
+    pieces: f64,
+    gyro: Vector3<f64>,
+    accel: Vector3<f64>,
+    gravity: f64,
+    end: Timestamp,
+}
+
+impl Stand {
+    /// Adds a piece; `false` where it is in another attitude.
+    fn extend(&mut self, (gyro, accel): (Vector3<f64>, Vector3<f64>), end: Timestamp) -> bool {
+        let is_same = (self.gyro / self.pieces - gyro).norm() < STILL.0
+            && (self.accel / self.pieces - accel).norm() < STILL.1;
+        if is_same {
+            self.pieces += 1.0;
+            self.gyro += gyro;
+            self.accel += accel;
+            self.gravity += accel.norm();
+            self.end = end;
+        }
+        is_same
+    }
+}
+
+/// The times in which the vehicle rests, by the samples and by what images show.
 #[must_use]
 pub fn rest(samples: &[ImuSample], turns: &[Turn]) -> Rest {
-    let mut found = Rest::default();
+    let least_s = if turns.is_empty() { MIN_REST_S.1 } else { MIN_REST_S.0 };
+    let mut found = Rest { least_s, ..Rest::default() };
+    let mut stand: Option<Stand> = None;
     let mut from = 0;
     while let Some(first) = samples.get(from) {
         let end = first.stamp.plus_seconds(PIECE_S);
-        let count = samples[from..].partition_point(|sample| sample.stamp < end);
-        let piece = &samples[from..from + count.max(1)];
-        from += count.max(1);
-        let span_s = piece[piece.len() - 1].stamp.seconds_since(first.stamp);
-        if span_s < 0.8 * PIECE_S || moved(turns, first.stamp, end) {
+        let count = samples[from..].partition_point(|sample| sample.stamp < end).max(1);
+        let piece = still(&samples[from..from + count]).filter(|_| !moved(turns, first.stamp, end));
+        from += count;
+        if let (Some(stand), Some(piece)) = (&mut stand, piece)
+            && stand.extend(piece, end)
+        {
             continue;
         }
-        let (gyro, turning) = mean_and_spread(piece.iter().map(|sample| sample.gyro));
-        let (accel, shaking) = mean_and_spread(piece.iter().map(|sample| sample.accel));
-        if turning < STILL.0 && shaking < STILL.1 {
-            if found.first_end.is_none_or(|before| first.stamp.seconds_since(before) < PIECE_S) {
-                found.first_end = Some(end);
-                found.first_accel += accel;
-            }
-            found.seconds += PIECE_S;
-            found.gyro += gyro * PIECE_S;
-            found.accel += accel * PIECE_S;
-        }
+        let next = piece.map(|(gyro, accel)| Stand { pieces: 1.0, gyro, accel, gravity: accel.norm(), end });
+        let ended = std::mem::replace(&mut stand, next);
+        ended.iter().for_each(|stand| found.add(stand));
     }
+    stand.iter().for_each(|stand| found.add(stand));
     if found.seconds > 0.0 {
         found.gyro /= found.seconds;
-        found.accel /= found.seconds;
+        found.gravity_m_s2 /= found.seconds;
     }
     found
+}
+
+/// Means of gyroscope and accelerometer in a piece of time in which both scatter little.
+fn still(piece: &[ImuSample]) -> Option<(Vector3<f64>, Vector3<f64>)> {
+    let span_s = piece.last()?.stamp.seconds_since(piece.first()?.stamp);
+    let (gyro, turning) = mean_and_spread(piece.iter().map(|sample| sample.gyro));
+    let (accel, shaking) = mean_and_spread(piece.iter().map(|sample| sample.accel));
+    (span_s >= 0.8 * PIECE_S && turning < STILL.0 && shaking < STILL.1).then_some((gyro, accel))
 }
 
 /// Whether images show motion within a piece of time.
@@ -82,9 +117,29 @@ fn moved(turns: &[Turn], begin: Timestamp, end: Timestamp) -> bool {
 }
 
 impl Rest {
+    /// Adds the time in one attitude, unless it was a moment; the sums are divided at the end.
+    fn add(&mut self, stand: &Stand) {
+        if stand.pieces * PIECE_S < MIN_STAND_S {
+            return;
+        }
+        if self.first_end.is_none() {
+            self.first_end = Some(stand.end);
+            self.accel = stand.accel / stand.pieces;
+        }
+        self.seconds += stand.pieces * PIECE_S;
+        self.gyro += stand.gyro * PIECE_S;
+        self.gravity_m_s2 += stand.gravity * PIECE_S;
+    }
+
+    /// Whether the vehicle stood long enough for a verdict.
+    #[must_use]
+    pub(crate) fn is_enough(&self) -> bool {
+        self.seconds > 0.0 && self.seconds >= self.least_s
+    }
+
     /// A measure that needs the vehicle at rest: `judged`, unless it did not stand long enough.
     pub(crate) fn measure(&self, name: &'static str, judged: impl FnOnce() -> Measure) -> Measure {
-        if self.seconds < MIN_REST_S {
+        if !self.is_enough() {
             let cure = "let the vehicle stand for three seconds, motors off";
             return Measure::missing(name, "the vehicle never stood still", cure);
         }
@@ -100,7 +155,7 @@ pub fn at_rest(rest: &Rest, config: &Config) -> [Measure; 2] {
 }
 
 fn gravity(name: &'static str, rest: &Rest, config: &Config) -> Measure {
-    let norm = rest.accel.norm();
+    let norm = rest.gravity_m_s2;
     let off = (norm - config.imu.gravity_m_s2).abs();
     Measure::new(
         name,
@@ -124,6 +179,23 @@ fn bias(name: &'static str, rest: &Rest, config: &Config) -> Measure {
         "let the sensor get warm and calibrate its gyroscope; a factor of 57 is a unit: rad/s is expected",
         &[("norm_rad_s", norm), ("largest_rad_s", largest)],
     )
+}
+
+/// Share of samples that a driver drops as impossible, beyond which it is no noise.
+const REFUSED: f64 = 0.02;
+
+/// Judges how many samples the driver refused as impossible, beside those that it handed out.
+#[must_use]
+pub fn refused(count: u64, used: usize) -> Option<Finding> {
+    let all = count + used as u64;
+    (count as f64 > REFUSED * all as f64).then(|| {
+        Finding::new(
+            "the IMU measures what no sensor of its range can",
+            format!("{count} of {all} samples are beyond the range and were dropped"),
+            "that the gyroscope is in degrees a second, or that the range is configured too small",
+            "send rad/s and m/s^2; else set `imu.gyro_range_rad_s` and `imu.accel_range_m_s2` to those of the sensor",
+        )
+    })
 }
 
 /// Axes of both sensors as numbers, with their names.

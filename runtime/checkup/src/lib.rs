@@ -82,6 +82,9 @@ pub struct Checkup {
     motion: Option<MotionFinder>,
     turns: Vec<Turn>,
     exposure_s: Option<f64>,
+    /// What the drivers of IMU and cameras report.
+    troubles: [Option<String>; 2],
+    refused_samples: u64,
 }
 
 impl Checkup {
@@ -103,12 +106,25 @@ impl Checkup {
             motion: MotionFinder::new(config),
             turns: Vec::new(),
             exposure_s: None,
+            troubles: [None, None],
+            refused_samples: 0,
         }
     }
 
     /// Takes note of the exposure that the cameras' driver tells, s: it counts, and not the configured one.
     pub fn tell_exposure(&mut self, exposure_s: f64) {
         self.exposure_s = Some(exposure_s).filter(|exposure_s| exposure_s.is_finite() && *exposure_s > 0.0);
+    }
+
+    /// Takes what the driver of a live sensor reports: why it is missing, or what is wrong with its stamps. Of several reports
+    /// the first is kept.
+    pub fn tell_trouble(&mut self, sensor: timing::Sensor, words: &str) {
+        self.troubles[sensor as usize].get_or_insert_with(|| words.to_owned());
+    }
+
+    /// Takes the number of inertial samples that the driver of a live sensor dropped as impossible.
+    pub fn tell_refused(&mut self, samples: u64) {
+        self.refused_samples = samples;
     }
 
     /// Takes an inertial sample with its number in the sensor's stream.
@@ -171,6 +187,7 @@ impl Checkup {
     pub fn report(&self) -> CheckupReport {
         let config = &self.config;
         let mut imu = Arrivals::default();
+        imu.refused = self.refused_samples;
         for (sample, sequence) in self.samples.iter().zip(&self.sequences) {
             imu.push(sample.stamp, *sequence);
         }
@@ -178,11 +195,15 @@ impl Checkup {
         let mut magnitudes = Magnitudes::default();
         self.samples.iter().for_each(|sample| magnitudes.add(sample));
         let agreement = plausibility::agreement_of(config, &self.rotations, &self.samples);
-        let nonsense = plausibility::nonsense(&magnitudes, &agreement, &self.sight);
+        let mut nonsense = plausibility::nonsense(&magnitudes, &agreement, &self.sight);
+        let refused =
+            inertial::refused(self.refused_samples, self.samples.len()).filter(|_| nonsense.is_empty());
         let clocks = timing::two_clocks(&imu.stamps, &self.frames.stamps);
-        let are_samples_wrong =
-            !magnitudes.nonsense().is_empty() || nonsense.iter().any(|finding| finding.what == IN_DEGREES);
-        let consequences = consequences(are_samples_wrong, !nonsense.is_empty());
+        let are_samples_wrong = refused.is_some()
+            || !magnitudes.nonsense().is_empty()
+            || nonsense.iter().any(|finding| finding.what == IN_DEGREES);
+        nonsense.extend(refused);
+        let consequences = self.consequences(are_samples_wrong, !nonsense.is_empty());
         let mut measures: Vec<Measure> =
             clocks.into_iter().chain(nonsense).map(Finding::into_measure).collect();
         measures.extend([
@@ -193,12 +214,18 @@ impl Checkup {
                 config.camera.first().map_or(0.0, |camera| camera.rate_hz),
             ),
         ]);
+        for (measure, trouble) in measures.iter_mut().rev().take(2).rev().zip(&self.troubles) {
+            if let Some(words) = trouble {
+                (measure.verdict, measure.cure) = (Fitness::NotFit, words.clone());
+            }
+        }
         measures.extend(
             (config.camera.len() == 2).then(|| timing::judge_pairs(self.whole, self.frames.stamps.len())),
         );
         measures.push(inertial::axes(&self.samples, &config.imu));
         let [gravity, bias] = inertial::at_rest(&rest, config);
-        measures.extend([gravity, mounting::judge(&self.samples, &rest, config), bias]);
+        let [mounting, heading] = mounting::judge(&self.samples, &rest, config);
+        measures.extend([gravity, mounting, heading, bias]);
         measures.extend(vibration::judge(&self.samples, &config.imu));
         measures.push(self.sight.brightness.judge());
         measures.push(exposure::blur(&self.samples, config, self.exposure_s));
@@ -217,29 +244,40 @@ impl Checkup {
         }
         for measure in measures.iter_mut().filter(|measure| consequences.contains(&measure.name)) {
             measure.verdict = Fitness::NotMeasured;
-            measure.cure = "put right what is named above, then measure again".into();
+            measure.cure = NAMED_ABOVE.into();
         }
         CheckupReport { measures }
     }
+
+    /// Measures that come out wrong while a sensor is missing or its stamps, units, columns or sides are wrong: their cures
+    /// would mislead.
+    fn consequences(&self, are_samples_wrong: bool, is_anything_wrong: bool) -> Vec<&'static str> {
+        let (no_samples, no_frames) = (self.samples.is_empty(), self.frames.stamps.is_empty());
+        let is_troubled = self.troubles.iter().any(Option::is_some);
+        let samples = OF_SAMPLES.into_iter().filter(|_| are_samples_wrong || no_samples);
+        let images = OF_IMAGES.into_iter().filter(|_| no_frames);
+        let is_both = is_anything_wrong || is_troubled || no_samples || no_frames;
+        samples.chain(images).chain(OF_BOTH.into_iter().filter(|_| is_both)).collect()
+    }
 }
+
+/// Cure of a measure that something else makes worthless.
+pub const NAMED_ABOVE: &str = "put right what is named above, then measure again";
 
 /// Measures that need two cameras.
 const OF_PAIRS: [&str; 4] = ["stereo pairs", "epipolar error", "time offset", "camera-IMU rotation"];
 /// Measures of the inertial samples alone.
-const OF_SAMPLES: [&str; 7] = [
+const OF_SAMPLES: [&str; 8] = [
     "IMU axes",
     "gravity",
-    "mounting",
+    mounting::NAME,
+    mounting::HEADING_NAME,
     "gyroscope bias",
     "vibration of the accelerometer",
     "vibration of the gyroscope",
     "blur",
 ];
+/// Measures of the images alone.
+const OF_IMAGES: [&str; 3] = ["stereo pairs", "exposure", "epipolar error"];
 /// Measures of images and samples together.
 const OF_BOTH: [&str; 2] = ["time offset", "camera-IMU rotation"];
-
-/// Measures that come out wrong while units, columns or sides are: their cures would mislead.
-fn consequences(are_samples_wrong: bool, is_anything_wrong: bool) -> Vec<&'static str> {
-    let samples = OF_SAMPLES.into_iter().filter(|_| are_samples_wrong);
-    samples.chain(OF_BOTH.into_iter().filter(|_| is_anything_wrong)).collect()
-}

@@ -4,16 +4,21 @@
 //! pitch of the mounting. A nod (the nose is lifted and put down again, the vehicle turns about its left axis alone) shows that
 //! axis by the gyroscope, and with it the heading of the mounting: lifting the nose is a negative turn about the left axis.
 
+use crate::finding::Finding;
 use crate::inertial::{self, Rest};
 use crate::verdict::{Fitness, Measure};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use plumbline_config::options::{Mounting, VehicleConfig};
 use plumbline_config::{Config, ImuSample};
 
-/// Name of the measure.
+/// Name of the measure of roll and pitch.
 pub const NAME: &str = "mounting";
+/// Name of the measure of the heading.
+pub const HEADING_NAME: &str = "mounting heading";
 /// Tilt against the configured mounting, degrees: a floor is level, grass is not.
 const TILT: (f64, f64) = (5.0, 20.0);
+/// A vehicle that is tilted by more, degrees, has no roll and pitch to be told.
+const STEEP_DEG: f64 = 45.0;
 /// Heading against the configured mounting, degrees: a hand does not nod about one axis alone.
 const HEADING: (f64, f64) = (15.0, 30.0);
 /// A nod is this large at least, and no somersault, degrees.
@@ -26,6 +31,8 @@ const LONGEST_S: f64 = 15.0;
 const STANDS_WITHIN_S: f64 = 3.0;
 /// See [`STANDS_WITHIN_S`].
 const STANDS_RAD_S: f64 = 0.02;
+/// Off by less from gravity, m/s², the accelerometer measures gravity alone.
+const GRAVITY_M_S2: f64 = 0.4;
 /// Share of the turning that may be about other axes.
 const ASIDE: f64 = 0.35;
 /// What to do for a measurement.
@@ -45,7 +52,7 @@ pub struct Nod {
 #[must_use]
 pub fn nod(samples: &[ImuSample], rest: &Rest) -> Option<Nod> {
     let end = rest.first_end?;
-    let up_b = rest.first_accel.try_normalize(1e-3)?;
+    let up_b = rest.accel.try_normalize(1e-3)?;
     let after = &samples[samples.partition_point(|sample| sample.stamp < end)..];
     let first = after.first()?;
     let mut rot_0_t = UnitQuaternion::identity();
@@ -102,22 +109,44 @@ fn by_axis(
     Some(Nod { degrees, rot_v_b })
 }
 
-/// Judges the mounting, by what rest and a nod show.
+/// Judges the mounting: roll and pitch by gravity at rest, the heading by a nod.
 #[must_use]
-pub fn judge(samples: &[ImuSample], rest: &Rest, config: &Config) -> Measure {
-    rest.measure(NAME, || {
-        let nod = nod(samples, rest);
-        match config.vehicle.rot_v_b() {
-            None => unknown(rest, nod, config),
-            Some(rot_v_b) => known(rest, nod, &rot_v_b),
-        }
-    })
+pub fn judge(samples: &[ImuSample], rest: &Rest, config: &Config) -> [Measure; 2] {
+    let nod = rest.is_enough().then(|| nod(samples, rest)).flatten();
+    let mounting = config.vehicle.rot_v_b();
+    let tilt = rest.measure(NAME, || match &mounting {
+        None => unknown(rest, nod, config),
+        Some(rot_v_b) => level(rest, nod, rot_v_b),
+    });
+    let heading = match nod {
+        None => Measure::missing(HEADING_NAME, "no nod was recognized", NOD),
+        Some(nod) => heading(&nod, mounting.as_ref()),
+    };
+    [tilt, heading]
+}
+
+/// Warning of a mounting that gravity contradicts while the vehicle rests.
+#[must_use]
+pub fn finding(samples: &[ImuSample], config: &Config) -> Option<Finding> {
+    let rest = inertial::rest(samples, &[]);
+    let is_gravity = (rest.gravity_m_s2 - config.imu.gravity_m_s2).abs() < GRAVITY_M_S2;
+    let rot_v_b = config.vehicle.rot_v_b().filter(|_| rest.is_enough() && is_gravity)?;
+    let measure = level(&rest, None, &rot_v_b);
+    (measure.verdict == Fitness::NotFit).then(|| Finding::of_measure(measure))
+}
+
+/// An angle in degrees with `digits` decimals: neither -180 nor -0.
+fn angle(degrees: f64, digits: usize) -> String {
+    let text = format!("{degrees:.digits$}");
+    let rounded: f64 = text.parse().unwrap_or(degrees);
+    if rounded == 0.0 || rounded == -180.0 { format!("{:.digits$}", rounded.abs()) } else { text }
 }
 
 /// The key of the configuration for a mounting.
 fn key(nod: &Nod) -> String {
-    let [roll, pitch, yaw] = Mounting::of_rotation(&nod.rot_v_b).degrees().unwrap_or_default();
-    format!("`vehicle.imu_to_vehicle_deg = [{roll:.1}, {pitch:.1}, {yaw:.1}]`")
+    let [roll, pitch, yaw] =
+        Mounting::of_rotation(&nod.rot_v_b).degrees().unwrap_or_default().map(|degrees| angle(degrees, 1));
+    format!("`vehicle.imu_to_vehicle_deg = [{roll}, {pitch}, {yaw}]`, if the nose was lifted first")
 }
 
 /// Without a mounting neither an autopilot nor ROS 2 can be served.
@@ -148,28 +177,43 @@ fn angles(nod: &Nod) -> [(&'static str, f64); 3] {
     [("measured_roll_deg", roll), ("measured_pitch_deg", pitch), ("measured_yaw_deg", yaw)]
 }
 
-fn known(rest: &Rest, nod: Option<Nod>, rot_v_b: &UnitQuaternion<f64>) -> Measure {
+/// Roll and pitch against the configured mounting.
+fn level(rest: &Rest, nod: Option<Nod>, rot_v_b: &UnitQuaternion<f64>) -> Measure {
     let up_v = rot_v_b * rest.accel;
     let tilt = up_v.angle(&Vector3::z()).to_degrees();
     // Attitude of the vehicle: right side down and nose up are positive.
     let roll = up_v.y.atan2(up_v.z).to_degrees();
     let pitch = up_v.x.atan2(up_v.z).to_degrees();
-    let mut figures = vec![("tilt_deg", tilt), ("roll_deg", roll), ("pitch_deg", pitch)];
-    let mut value =
-        format!("at rest the vehicle is tilted by {tilt:.1} degrees (roll {roll:.1}, pitch {pitch:.1})");
-    let mut verdict = Fitness::within(tilt, TILT.0, TILT.1);
-    let mut cure =
-        String::from("put the vehicle on a level floor; if it is, correct `vehicle.imu_to_vehicle_deg`");
-    if let Some(nod) = &nod {
-        let nose_v = rot_v_b * nod.rot_v_b.inverse() * Vector3::x();
-        let heading = nose_v.y.atan2(nose_v.x).to_degrees();
-        value += &format!("; by a nod its nose is {heading:.0} degrees to the left of the configured one");
-        figures.push(("nod_heading_deg", heading));
-        figures.extend(angles(nod));
-        verdict = verdict.max(Fitness::within(heading.abs(), HEADING.0, HEADING.1));
-        cure = format!("on a level floor: set {}", key(nod));
+    let figures = [("tilt_deg", tilt), ("roll_deg", roll), ("pitch_deg", pitch)];
+    let mut value = format!("at rest the vehicle is tilted by {tilt:.1} degrees");
+    if tilt <= STEEP_DEG {
+        value += &format!(" (roll {}, pitch {})", angle(roll, 1), angle(pitch, 1));
     }
-    Measure::new(NAME, verdict, value, cure, &figures)
+    let cure = match &nod {
+        Some(nod) => format!("on a level floor: set {}", key(nod)),
+        None => "put the vehicle on a level floor; if it is, correct `vehicle.imu_to_vehicle_deg`".into(),
+    };
+    Measure::new(NAME, Fitness::within(tilt, TILT.0, TILT.1), value, cure, &figures)
+}
+
+/// Heading that a nod shows, against that of the configured mounting.
+fn heading(nod: &Nod, mounting: Option<&UnitQuaternion<f64>>) -> Measure {
+    let mut figures = angles(nod).to_vec();
+    let Some(rot_v_b) = mounting else {
+        let value = format!("shown by a nod of {:.0} degrees", nod.degrees);
+        return Measure::new(HEADING_NAME, Fitness::Good, value, "", &figures);
+    };
+    let nose_v = rot_v_b * nod.rot_v_b.inverse() * Vector3::x();
+    let heading = nose_v.y.atan2(nose_v.x).to_degrees();
+    figures.push(("nod_heading_deg", heading));
+    let side = if heading.round() < 0.0 { "right" } else { "left" };
+    let value = format!(
+        "by a nod of {:.0} degrees the nose is {} degrees to the {side} of the configured one",
+        nod.degrees,
+        angle(heading.abs(), 0)
+    );
+    let verdict = Fitness::within(heading.abs(), HEADING.0, HEADING.1);
+    Measure::new(HEADING_NAME, verdict, value, format!("on a level floor: set {}", key(nod)), &figures)
 }
 
 #[cfg(test)]
@@ -177,12 +221,17 @@ mod tests {
     use super::*;
     use plumbline_config::Timestamp;
 
-    /// Samples of an IMU mounted so in a vehicle that rests, lifts its nose by so much, and is put down.
+    /// Samples of an IMU mounted so in a vehicle that rests, lifts its nose by so much, and is put down at once.
     fn samples(vehicle: &VehicleConfig, nose_deg: f64) -> Vec<ImuSample> {
+        held_samples(vehicle, nose_deg, 0.0)
+    }
+
+    /// The same, with the nose held up for a while, s.
+    fn held_samples(vehicle: &VehicleConfig, nose_deg: f64, held_s: f64) -> Vec<ImuSample> {
         let rot_b_v = vehicle.rot_v_b().unwrap().inverse();
         let bias = Vector3::new(0.004, -0.003, 0.002);
         // Angle of the nose over time, s: two seconds of rest, up and down within four.
-        let angle = |t: f64| match t {
+        let angle = |t: f64| match if t < 4.0 { t } else { (t - held_s).max(4.0) } {
             t if !(2.0..6.0).contains(&t) => 0.0,
             t => nose_deg.to_radians() * 0.5 * (1.0 - (std::f64::consts::TAU * (t - 2.0) / 4.0).cos()),
         };
@@ -196,7 +245,7 @@ mod tests {
                 accel: rot_b_v * (rot_w_v.inverse() * Vector3::new(0.0, 0.0, 9.81)),
             }
         };
-        (0..1600).map(sample).collect()
+        (0..1600 + (200.0 * held_s) as i64).map(sample).collect()
     }
 
     fn config(vehicle: VehicleConfig) -> Config {
@@ -235,7 +284,7 @@ mod tests {
         let vehicle = VehicleConfig::mounted([180.0, 0.0, 0.0]);
         let samples = samples(&vehicle, 25.0);
         let rest = inertial::rest(&samples, &[]);
-        let measure = judge(&samples, &rest, &config(VehicleConfig::default()));
+        let [measure, _] = judge(&samples, &rest, &config(VehicleConfig::default()));
         assert_eq!(measure.verdict, Fitness::Mind);
         let key = measure.cure.strip_prefix("set `vehicle.imu_to_vehicle_deg = [").unwrap();
         let roll: f64 = key.split(',').next().unwrap().parse().unwrap();
@@ -243,9 +292,10 @@ mod tests {
         // An autopilot needs it.
         let mut config = config(VehicleConfig::default());
         config.autopilot.connect = "udp://127.0.0.1:14540".into();
-        assert_eq!(judge(&samples, &rest, &config).verdict, Fitness::NotFit);
+        assert_eq!(judge(&samples, &rest, &config)[0].verdict, Fitness::NotFit);
         // Rest alone does not tell the heading.
-        let still = judge(&samples[..300], &inertial::rest(&samples[..300], &[]), &config);
+        let [still, heading] = judge(&samples[..400], &inertial::rest(&samples[..400], &[]), &config);
+        assert_eq!(heading.verdict, Fitness::NotMeasured, "{}", heading.value);
         assert!(still.cure.contains("lift its nose") && still.verdict == Fitness::NotFit, "{}", still.cure);
     }
 
@@ -254,10 +304,44 @@ mod tests {
         let samples = samples(&VehicleConfig::mounted([0.0, 0.0, 90.0]), 30.0);
         let rest = inertial::rest(&samples, &[]);
         let level = config(VehicleConfig::mounted([0.0, 0.0, 0.0]));
-        let measure = judge(&samples, &rest, &level);
-        assert_eq!(measure.verdict, Fitness::NotFit, "{}", measure.value);
-        assert!(measure.cure.contains("90.0]"), "{}", measure.cure);
-        let still = judge(&samples[..300], &inertial::rest(&samples[..300], &[]), &level);
-        assert_eq!(still.verdict, Fitness::Good, "{}", still.value);
+        let [tilt, heading] = judge(&samples, &rest, &level);
+        assert_eq!((tilt.verdict, heading.verdict), (Fitness::Good, Fitness::NotFit), "{}", heading.value);
+        assert!(heading.cure.contains("90.0]`, if the nose was lifted first"), "{}", heading.cure);
+        // Without a nod roll and pitch are good, and the heading is open.
+        let [tilt, heading] = judge(&samples[..400], &inertial::rest(&samples[..400], &[]), &level);
+        assert_eq!((tilt.verdict, heading.verdict), (Fitness::Good, Fitness::NotMeasured), "{}", tilt.value);
+        assert!(heading.cure.contains("lift its nose"), "{}", heading.cure);
+    }
+
+    #[test]
+    fn a_nose_held_up_changes_neither_tilt_nor_gravity() {
+        let vehicle = VehicleConfig::mounted([0.0, 0.0, 0.0]);
+        let samples = held_samples(&vehicle, 30.0, 4.0);
+        let rest = inertial::rest(&samples, &[]);
+        let config = config(vehicle);
+        let [tilt, heading] = judge(&samples, &rest, &config);
+        assert!(tilt.figure("tilt_deg").unwrap() < 0.5, "{}", tilt.value);
+        assert_eq!((tilt.verdict, heading.verdict), (Fitness::Good, Fitness::Good), "{}", heading.value);
+        assert!(heading.value.contains("the nose is 0 degrees to the left"), "{}", heading.value);
+        let [gravity, _] = inertial::at_rest(&rest, &config);
+        assert!((gravity.figure("norm_m_s2").unwrap() - 9.81).abs() < 0.01, "{}", gravity.value);
+        assert!(rest.seconds > 6.0, "{rest:?}");
+    }
+
+    #[test]
+    fn a_mounting_on_its_side_or_turned_round_is_told_without_signs_that_mean_nothing() {
+        let vehicle = VehicleConfig::mounted([90.0, 0.0, 0.0]);
+        let tilted = held_samples(&vehicle, 0.0, 0.0);
+        let level = config(VehicleConfig::mounted([0.0, 0.0, 0.0]));
+        let [tilt, _] = judge(&tilted, &inertial::rest(&tilted, &[]), &level);
+        assert_eq!(tilt.value, "at rest the vehicle is tilted by 90.0 degrees");
+        let found = finding(&tilted, &level).unwrap().to_string();
+        assert!(found.starts_with("mounting (at rest the vehicle is tilted by 90.0 degrees)"), "{found}");
+        assert_eq!(finding(&tilted, &config(vehicle)), None);
+        for (degrees, digits, text) in
+            [(-179.97, 1, "180.0"), (-180.0, 0, "180"), (-0.01, 1, "0.0"), (-0.4, 0, "0"), (-90.0, 0, "-90")]
+        {
+            assert_eq!(angle(degrees, digits), text);
+        }
     }
 }

@@ -36,6 +36,8 @@ pub struct Arrivals {
     pub stamps: Vec<Timestamp>,
     lost_by_number: u64,
     last: Option<u64>,
+    /// Samples that came and that the driver refused, as impossible or by their stamps: they are not missing.
+    pub refused: u64,
 }
 
 impl Arrivals {
@@ -127,17 +129,19 @@ impl Stream {
         let rate = 1.0 / usual;
         let lost_by_time: f64 =
             intervals.iter().filter(|dt| **dt > GAP * usual).map(|dt| (dt / usual).round() - 1.0).sum();
-        let lost = lost_by_time.max(arrivals.lost_by_number as f64);
+        let refused = arrivals.refused as f64;
+        let lost = (lost_by_time.max(arrivals.lost_by_number as f64) - refused).max(0.0);
         let share = lost / (lost + arrivals.stamps.len() as f64);
         let regular: Vec<f64> =
             intervals.iter().filter(|dt| **dt <= GAP * usual).map(|dt| (dt - usual).abs()).collect();
         let jitter = quantile(&regular, 0.99);
         let longest = quantile(&intervals, 1.0);
+        let refused = if refused > 0.0 { format!(", {refused:.0} refused") } else { String::new() };
         let value = format!(
-            "{rate:.1} Hz, 99 % within {:.2} ms, longest interval {:.0} ms, {lost:.0} of {} missing",
+            "{rate:.1} Hz, 99 % within {:.2} ms, longest interval {:.0} ms, {lost:.0} of {} missing{refused}",
             1e3 * jitter,
             1e3 * longest,
-            lost + arrivals.stamps.len() as f64
+            lost + (arrivals.stamps.len() as u64 + arrivals.refused) as f64
         );
         let off = (rate / nominal_hz - 1.0).abs();
         let disorder = if disordered > 0 { Fitness::NotFit } else { Fitness::Good };

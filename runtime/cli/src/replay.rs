@@ -210,7 +210,7 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
 /// All that is wrong with what was flown; what shows only at the end is logged now.
 fn warnings(mut warnings: Vec<Finding>, flown: &Flown, log_end: Option<&LogEnd>) -> Vec<Finding> {
     let faults = &flown.outcome.faults;
-    let late = plausibility::of_faults(faults.imu, faults.cameras).into_iter().chain(
+    let late = plausibility::of_faults(faults.imu, faults.cameras, false).into_iter().chain(
         log_end.and_then(LogEnd::words).map(|words| {
             let seconds = flown.outcome.figures.span_s;
             Finding::new(

@@ -13,6 +13,7 @@ pub mod stereo;
 pub use crate::finding::{Finding, UNITS_AND_COLUMNS};
 
 use crate::exposure::Brightness;
+use crate::mounting;
 use crate::thumbnail::{RotationFinder, Thumbnail};
 use crate::timing::{self, Arrivals, Sensor};
 use crate::verdict::Fitness;
@@ -165,6 +166,9 @@ pub struct Plausibility {
     is_live: bool,
     right_images: u64,
     resets: Vec<Finding>,
+    /// The first samples, in which the vehicle may rest.
+    first: Vec<ImuSample>,
+    config: Config,
 }
 
 impl Plausibility {
@@ -186,6 +190,8 @@ impl Plausibility {
             is_live,
             right_images: 0,
             resets: Vec::new(),
+            first: Vec::with_capacity(MAX_STAMPS),
+            config: config.clone(),
         }
     }
 
@@ -199,6 +205,9 @@ impl Plausibility {
     pub fn add_sample(&mut self, sample: &ImuSample) {
         self.magnitudes.add(sample);
         self.note(Sensor::Imu, sample.stamp);
+        if self.first.len() < MAX_STAMPS {
+            self.first.push(*sample);
+        }
         if self.has_seen_enough() {
             return;
         }
@@ -287,6 +296,9 @@ impl Plausibility {
         let mut findings = self.stamp_findings();
         if findings.is_empty() {
             findings = nonsense(&self.magnitudes, &self.agreement, &self.sight);
+        }
+        if findings.is_empty() {
+            findings.extend(mounting::finding(&self.first, &self.config));
         }
         let exposure = self.sight.brightness.judge();
         if self.sight.brightness.frames() >= MIN_BRIGHT && exposure.verdict == Fitness::NotFit {

@@ -23,6 +23,9 @@ const TIE: f64 = 0.05;
 const DEGREE_FACTOR: f64 = 15.0;
 /// And at least so fast, rad/s: below, a bias may do it.
 const MIN_DEGREE_RATE: f64 = 1.0;
+/// Images that turn faster than this, rad/s, show the factor one by one, and so many of them are enough.
+const CLEAR_RATE_RAD_S: f64 = 0.1;
+const MIN_CLEAR: usize = 20;
 /// Rates across the optical axis from which the focal length can be told, rad/s, and how many of them.
 const STRONG_RATE_RAD_S: f64 = 0.3;
 const MIN_STRONG: usize = 40;
@@ -79,6 +82,9 @@ impl Agreement {
     /// What cannot be right.
     #[must_use]
     pub fn finding(&self) -> Option<Finding> {
+        if let Some(finding) = self.degrees_finding() {
+            return Some(finding);
+        }
         if self.pairs.len() < MIN_PAIRS {
             return None;
         }
@@ -88,9 +94,7 @@ impl Agreement {
         };
         let (images, gyro) = (rms(&|pair| pair.rate_c), rms(&|pair| pair.gyro_b));
         if gyro > MIN_DEGREE_RATE && gyro > DEGREE_FACTOR * images {
-            return Some(in_degrees(&format!(
-                "rate {gyro:.2} by the gyroscope, {images:.3} rad/s by the images"
-            )));
+            return Some(in_degrees(&rates(gyro, images)));
         }
         let centred = self.centred();
         let cross: Matrix3<f64> = centred.iter().map(|p| p.rate_c * p.gyro_b.transpose()).sum();
@@ -102,6 +106,18 @@ impl Agreement {
         }
         let score = |rot_c_b: &Matrix3<f64>| cross.component_mul(rot_c_b).sum() / (images * gyro).sqrt();
         if score(&self.rot_c_b) < DOUBTFUL { self.axes_finding(score) } else { self.focal_finding(&centred) }
+    }
+
+    /// Whether single rotations that images clearly show are those of a gyroscope in degrees: a driver drops its fastest samples
+    /// as impossible, and the slow ones that are left show the factor still.
+    fn degrees_finding(&self) -> Option<Finding> {
+        let clear: Vec<&RotationPair> =
+            self.pairs.iter().filter(|pair| pair.rate_c.norm() > CLEAR_RATE_RAD_S).collect();
+        let of = |value: &dyn Fn(&RotationPair) -> f64| median(clear.iter().map(|pair| value(pair)));
+        let (images, gyro) = (of(&|pair| pair.rate_c.norm())?, of(&|pair| pair.gyro_b.norm())?);
+        let ratio = of(&|pair| pair.gyro_b.norm() / pair.rate_c.norm())?;
+        let is_clear = clear.len() >= MIN_CLEAR && gyro > MIN_DEGREE_RATE && ratio > DEGREE_FACTOR;
+        is_clear.then(|| in_degrees(&rates(gyro, images)))
     }
 
     /// The pairs less their means: a bias goes.
@@ -127,11 +143,17 @@ impl Agreement {
             format!("correlation {configured:.2} as configured, {as_well:.2} with what is probably meant")
         };
         if inverse > convincing && inverse > assigned - TIE {
+            const INVERTED: &str = "that the extrinsics are inverted (T_CB where T_BC is expected)";
+            const INVERT: &str =
+                "invert camera[..].pose_b_c: it takes coordinates from the camera to the IMU";
+            if assigned <= inverse - TIE || assigned <= convincing {
+                return Some(Finding::new(what, evidence(inverse), INVERTED, INVERT));
+            }
             return Some(Finding::new(
                 what,
                 evidence(inverse),
-                "that the extrinsics are inverted (T_CB where T_BC is expected)",
-                "invert camera[..].pose_b_c: it takes coordinates from the camera to the IMU",
+                format!("{INVERTED}, or that the axes of the IMU are: as x y z it delivers {}", names(&axes)),
+                format!("{INVERT}; or put the axes of the IMU in order"),
             ));
         }
         (assigned > convincing).then(|| {
@@ -169,6 +191,11 @@ impl Agreement {
     }
 }
 
+/// Rates of gyroscope and images, in words.
+fn rates(gyro: f64, images: f64) -> String {
+    format!("rate {gyro:.2} by the gyroscope, {images:.3} rad/s by the images")
+}
+
 /// What is said of a gyroscope in degrees.
 pub const IN_DEGREES: &str = "the gyroscope turns faster than anything that flies or than the images";
 
@@ -195,8 +222,12 @@ fn assignments() -> impl Iterator<Item = Matrix3<f64>> {
     })
 }
 
-/// How uncommon a mistake is: the number of signs that it changes, and half of one when no axis stays in its place.
+/// How uncommon a mistake is: the number of signs that it changes, and half of one when no axis stays in its place. A sensor
+/// turned by half a turn is common.
 fn rarity(axes: &Matrix3<f64>) -> f64 {
+    if axes.trace() == -1.0 && axes.diagonal().iter().all(|x| *x != 0.0) {
+        return 0.5;
+    }
     let stays = axes.diagonal().iter().any(|x| *x != 0.0);
     axes.iter().filter(|x| **x < 0.0).count() as f64 + if stays { 0.0 } else { 0.5 }
 }

@@ -116,6 +116,16 @@ fn inverted_extrinsics_are_told() {
 }
 
 #[test]
+fn an_imu_turned_by_half_a_turn_is_a_cause_beside_inverted_extrinsics() {
+    let found = with_samples(|s| {
+        for v in [&mut s.gyro, &mut s.accel] {
+            (v.x, v.y) = (-v.x, -v.y);
+        }
+    });
+    names(&found, &["-x -y z", "T_CB where T_BC", "invert camera[..].pose_b_c"]);
+}
+
+#[test]
 fn swapped_cameras_are_told() {
     let simulator = simulated(Scene::Room, 3.0, 7.0);
     let samples = samples(&simulator).into_iter();

@@ -1,9 +1,11 @@
-use super::{ALL, FEW, assert_found, flight, lively, measure, told};
+use super::{ALL, FEW, assert_found, flight, lively, measure, simulated, told};
 use crate::plausibility::{Glimpse, Plausibility, UNITS_AND_COLUMNS};
+use crate::timing::Sensor;
 use crate::{Checkup, Fitness};
 use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::Timestamp;
 use plumbline_config::options::{CameraConfig, VehicleConfig, image_sizes, rows_from_isometry};
+use plumbline_drivers::simulator::FlightPath;
 use std::f64::consts::TAU;
 
 #[test]
@@ -13,7 +15,11 @@ fn a_healthy_flight_is_fit_and_every_measure_is_good_or_not_in_the_data() {
     assert!(report.is_fit() && report.count(Fitness::Mind) == 0, "{}", told(&report));
     // What this flight does not hold: an exposure, and turns about several axes.
     let missing: Vec<_> = report.measures.iter().filter(|m| m.verdict == Fitness::NotMeasured).collect();
-    assert!(missing.iter().all(|m| ["blur", "camera-IMU rotation", "time offset"].contains(&m.name)));
+    assert!(
+        missing
+            .iter()
+            .all(|m| ["blur", "mounting heading", "camera-IMU rotation", "time offset"].contains(&m.name))
+    );
 }
 
 #[test]
@@ -315,4 +321,73 @@ fn units_and_columns_are_named_before_their_consequences() {
     );
     assert_eq!(report.measures[0].name, "units and columns");
     assert!(flight(0).report().measure("units and columns").is_none());
+}
+
+#[test]
+fn a_gyroscope_in_degrees_is_named_though_the_driver_drops_its_fastest_samples() {
+    let Some(lively) = lively() else { return };
+    let mut refused = 0;
+    let degrees = lively.with(|data| {
+        data.samples.iter_mut().for_each(|(_, sample)| sample.gyro *= 180.0 / std::f64::consts::PI);
+        data.samples.retain(|(_, sample)| {
+            let is_kept = sample.gyro.amax() <= 1.5 * data.config.imu.gyro_range_rad_s;
+            refused += u64::from(!is_kept);
+            is_kept
+        });
+    });
+    assert!(refused > 100, "{refused}");
+    let mut checkup = degrees.checkup();
+    checkup.tell_refused(refused);
+    let report = checkup.report();
+    assert_found(&report, UNITS_AND_COLUMNS, Fitness::NotFit, "degrees a second; multiply it by pi/180");
+    let timing = measure(&report, "IMU timing");
+    assert_eq!(timing.figure("missing"), Some(0.0), "{}", told(&report));
+    assert!(timing.value.contains(&format!("{refused} refused")), "{}", told(&report));
+    for name in ["IMU axes", "vibration of the gyroscope", "gravity"] {
+        assert_eq!(measure(&report, name).verdict, Fitness::NotMeasured, "{}", told(&report));
+    }
+    // Without images the unit is one of two causes.
+    let mut blind = degrees.with(|data| data.frames.clear()).checkup();
+    blind.tell_refused(refused);
+    assert_found(&blind.report(), UNITS_AND_COLUMNS, Fitness::NotFit, "degrees a second");
+}
+
+#[test]
+fn what_drivers_report_of_sensors_is_the_verdict_and_its_consequences_are_not_judged() {
+    let data = flight(FEW);
+    let mut checkup = data.checkup();
+    checkup.tell_trouble(Sensor::Cameras, "/run/frames: stamps such as 7 are in milliseconds");
+    let report = checkup.report();
+    assert_found(&report, "camera timing", Fitness::NotFit, "stamps such as 7 are in milliseconds");
+    assert_eq!(measure(&report, "time offset").cure, crate::NAMED_ABOVE, "{}", told(&report));
+    assert_eq!(measure(&report, "epipolar error").verdict, Fitness::Good, "{}", told(&report));
+
+    let mut without = data.with(|data| data.samples.clear()).checkup();
+    without.tell_trouble(Sensor::Imu, "the IMU is missing (No such file or directory); waiting for it");
+    let report = without.report();
+    assert_found(&report, "IMU timing", Fitness::NotFit, "No such file");
+    for name in ["IMU axes", "gravity", "mounting", "mounting heading", "vibration of the gyroscope", "blur"]
+    {
+        assert_eq!(measure(&report, name).cure, crate::NAMED_ABOVE, "{name}: {}", told(&report));
+    }
+}
+
+#[test]
+fn nothing_stands_still_in_a_flight_whose_images_are_missing() {
+    let report = simulated(FlightPath::Demo, 1.0, 12.0, 0).report();
+    let gravity = measure(&report, "gravity");
+    assert_eq!(gravity.verdict, Fitness::NotMeasured, "{}", told(&report));
+}
+
+#[test]
+fn a_flight_warns_of_a_mounting_that_gravity_contradicts_in_the_words_of_the_checkup() {
+    let turned = flight(0).with(|data| data.config.vehicle = VehicleConfig::mounted([0.0, 0.0, 0.0]));
+    let mut flying = Plausibility::new(&turned.config, false);
+    turned.samples.iter().for_each(|(_, sample)| flying.add_sample(sample));
+    let said = turned.report().measure("mounting").unwrap().clone();
+    let findings = flying.findings();
+    assert!(
+        findings.iter().any(|finding| finding.evidence == said.value && finding.cure == said.cure),
+        "{said:?}: {findings:#?}"
+    );
 }

@@ -19,6 +19,11 @@ struct Data {
 
 impl Data {
     fn report(&self) -> CheckupReport {
+        self.checkup().report()
+    }
+
+    /// A checkup that was given the data.
+    fn checkup(&self) -> Checkup {
         let mut checkup = Checkup::new(&self.config);
         self.samples.iter().for_each(|(sequence, sample)| checkup.add_sample(*sequence, sample));
         for (sequence, stamp, images) in &self.frames {
@@ -26,7 +31,7 @@ impl Data {
             let images = [Some(left.view()), Some(right.view())];
             checkup.add_frame(&Frame { sequence: *sequence, stamp: *stamp, images });
         }
-        checkup.report()
+        checkup
     }
 
     /// What comes of another configuration, or of other data.

@@ -2,19 +2,23 @@
 
 use super::super::scenario::parse_scene;
 use anyhow::{Result, anyhow};
+use plumbline_checkup::timing::Sensor;
 use plumbline_checkup::{Checkup, CheckupReport, Frame};
 use plumbline_config::options::image_sizes;
 use plumbline_config::{GrayImage, ImuSample, Timestamp, ValidConfig};
 use plumbline_drivers::simulator::Scenario;
-use plumbline_drivers::{
-    BagTopics, CameraMonitor, DriverError, ImuSource, StereoFrame, StereoSource, StopFlag,
-};
-use plumbline_flight::flight::{Cut, Flight, open_recording, open_sensors, open_simulation};
+use plumbline_drivers::{BagTopics, DriverError, ImuSource, StereoFrame, StereoSource, StopFlag};
+use plumbline_flight::flight::sensor_watch::{SensorTrouble, SensorWatch};
+
+use plumbline_flight::flight::{Cut, Flight, LiveSensors, open_recording, open_sensors, open_simulation};
+use std::io::{IsTerminal as _, Write as _};
 use std::path::Path;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::thread::{ScopedJoinHandle, scope};
 use std::time::{Duration, Instant};
 
+/// The time that is left is looked at this often.
+const REDRAW: Duration = Duration::from_millis(500);
 /// Frames that wait to be looked at.
 const QUEUE: usize = 4;
 /// Samples and frames that are taken in, at most.
@@ -44,15 +48,23 @@ pub(super) struct Streams {
     config: ValidConfig,
     imu: Box<dyn ImuSource>,
     stereo: Box<dyn StereoSource>,
-    /// Live ones: for how long they are read, and what ends them.
-    live: Option<(Duration, StopFlag)>,
-    /// What knows the exposure of live cameras.
-    monitor: Option<CameraMonitor>,
+    live: Option<Live>,
+}
+
+/// What belongs to live sensors.
+struct Live {
+    /// For how long they are read.
+    length: Duration,
+    /// What ends them.
+    stop: StopFlag,
+    sensors: LiveSensors,
+    /// Logs what is wrong with them as soon as it shows, as a flight does, until they are stopped.
+    watch: Option<SensorWatch>,
 }
 
 impl From<Flight> for Streams {
     fn from(Flight { config, imu, stereo, .. }: Flight) -> Self {
-        Self { config, imu, stereo, live: None, monitor: None }
+        Self { config, imu, stereo, live: None }
     }
 }
 
@@ -63,8 +75,9 @@ impl From<Flight> for Streams {
 pub(super) fn open_live(config: &ValidConfig, seconds: f64) -> Result<Streams> {
     let stop = StopFlag::new();
     let (flight, sensors) = open_sensors(config, &stop)?;
-    let live = Some((Duration::from_secs_f64(seconds), stop));
-    Ok(Streams { live, monitor: Some(sensors.cameras.monitor), ..Streams::from(flight) })
+    let watch = SensorWatch::start(&sensors, None)?;
+    let live = Live { length: Duration::from_secs_f64(seconds), stop, sensors, watch: Some(watch) };
+    Ok(Streams { live: Some(live), ..Streams::from(flight) })
 }
 
 /// A frame whose images are to be looked at.
@@ -83,49 +96,98 @@ type Note = (u64, Timestamp, [bool; 2]);
 /// # Errors
 /// When a stream breaks off.
 pub(super) fn examine(streams: Streams) -> Result<CheckupReport> {
-    let Streams { config, imu, stereo, live, monitor } = streams;
+    let Streams { config, imu, stereo, mut live } = streams;
     let mut checkup = Checkup::new(&config);
     let (send, receive) = sync_channel(QUEUE);
     let (frame, is_live) = (StereoFrame::new(image_sizes(&config.camera)), live.is_some());
     scope(|threads| {
         let samples = threads.spawn(move || read_samples(imu));
         let notes = threads.spawn(move || read_frames(stereo, frame, &send, is_live));
-        look(&mut checkup, &receive, live);
-        for (sequence, stamp, arrived) in ended(notes)? {
+        let troubles = look(&mut checkup, &receive, live.as_mut());
+        let (notes, samples) = (ended(notes)?, ended(samples)?);
+        let came = [samples.len(), notes.len()];
+        for (sequence, stamp, arrived) in notes {
             checkup.note_frame(sequence, stamp, arrived);
         }
-        for (sequence, sample) in ended(samples)? {
+        for (sequence, sample) in samples {
             checkup.add_sample(sequence, &sample);
         }
-        if let Some(exposure_ns) = monitor.and_then(|monitor| monitor.exposure_ns()) {
-            checkup.tell_exposure(exposure_ns as f64 * 1e-9);
+        if let Some(live) = &live {
+            tell_of_drivers(&mut checkup, live, troubles, came);
         }
         Ok(checkup.report())
     })
 }
 
-/// Looks at what comes until nothing comes any more; live streams are ended when their time is over.
-fn look(checkup: &mut Checkup, receive: &Receiver<Seen>, mut live: Option<(Duration, StopFlag)>) {
+/// Gives the checkup what the drivers of live sensors know, of which so many samples and frames came.
+fn tell_of_drivers(checkup: &mut Checkup, live: &Live, troubles: [SensorTrouble; 2], came: [usize; 2]) {
+    for ((sensor, trouble), came) in [Sensor::Imu, Sensor::Cameras].into_iter().zip(troubles).zip(came) {
+        // A program that has sent enough may go.
+        let missing = trouble.missing.filter(|_| came == 0);
+        if let Some(words) = trouble.stamps.or(missing) {
+            checkup.tell_trouble(sensor, &words.replace("; waiting for it", ""));
+        }
+    }
+    checkup.tell_refused(live.sensors.imu.monitor.read().watch.impossible);
+    if let Some(exposure_ns) = live.sensors.cameras.monitor.exposure_ns() {
+        checkup.tell_exposure(exposure_ns as f64 * 1e-9);
+    }
+}
+
+/// Looks at what comes until nothing comes any more. Live streams are ended when their time is over; returns what was wrong with
+/// their sensors until then.
+fn look(checkup: &mut Checkup, receive: &Receiver<Seen>, mut live: Option<&mut Live>) -> [SensorTrouble; 2] {
     let begin = Instant::now();
+    let mut countdown = Countdown::new(live.is_some());
+    let mut troubles = <[SensorTrouble; 2]>::default();
     loop {
         let seen = match &live {
             None => receive.recv().map_err(|_| RecvTimeoutError::Disconnected),
-            Some((length, _)) => receive.recv_timeout(length.saturating_sub(begin.elapsed())),
+            Some(live) => receive.recv_timeout(live.length.saturating_sub(begin.elapsed()).min(REDRAW)),
         };
-        match seen {
-            Ok(seen) => {
-                let [left, right] = &seen.images;
-                let images = [left.as_ref().map(GrayImage::view), right.as_ref().map(GrayImage::view)];
-                checkup.look_at(&Frame { sequence: seen.sequence, stamp: seen.stamp, images });
-            }
-            Err(RecvTimeoutError::Disconnected) => return,
-            Err(RecvTimeoutError::Timeout) => {}
+        if let Ok(seen) = &seen {
+            let [left, right] = &seen.images;
+            let images = [left.as_ref().map(GrayImage::view), right.as_ref().map(GrayImage::view)];
+            checkup.look_at(&Frame { sequence: seen.sequence, stamp: seen.stamp, images });
         }
-        if live.as_ref().is_some_and(|(length, _)| begin.elapsed() >= *length)
-            && let Some((_, stop)) = live.take()
-        {
-            stop.stop();
+        let is_over = matches!(seen, Err(RecvTimeoutError::Disconnected));
+        if let Some(listening) = &live {
+            let left = listening.length.saturating_sub(begin.elapsed());
+            countdown.draw(if is_over { Duration::ZERO } else { left });
         }
+        if let Some(ended) = live.take_if(|live| is_over || begin.elapsed() >= live.length) {
+            // First: sensors that are stopped are missing.
+            troubles = ended.watch.take().map(|watch| watch.troubles()).unwrap_or_default();
+            ended.stop.stop();
+        }
+        if is_over {
+            return troubles;
+        }
+    }
+}
+
+/// Line on a terminal that says for how long live sensors are still listened to.
+struct Countdown {
+    is_terminal: bool,
+    drawn_s: Option<u64>,
+}
+
+impl Countdown {
+    fn new(is_live: bool) -> Self {
+        Self { is_terminal: is_live && std::io::stderr().is_terminal(), drawn_s: None }
+    }
+
+    /// Draws the line where another number of seconds is left.
+    fn draw(&mut self, left: Duration) {
+        let left_s = left.as_secs_f64().ceil() as u64;
+        if self.is_terminal && self.drawn_s.replace(left_s) != Some(left_s) {
+            let _ = write!(std::io::stderr(), "\r{}\x1b[K", Self::words(left_s));
+        }
+    }
+
+    /// The line; empty at the end.
+    fn words(left_s: u64) -> String {
+        if left_s == 0 { String::new() } else { format!("listening, {left_s} s left") }
     }
 }
 

@@ -14,7 +14,7 @@ use super::topics::TopicArgs;
 use super::{Usage, load_config, say};
 use anyhow::{Result, bail};
 use clap::Args;
-use plumbline_checkup::{CheckupReport, Fitness, Measure};
+use plumbline_checkup::{CheckupReport, Fitness, Measure, NAMED_ABOVE};
 use plumbline_config::Config;
 use plumbline_flight::flight::with_overrides;
 use plumbline_flight::schedule::tasks::TaskTable;
@@ -129,9 +129,10 @@ fn tell(
         bail!("not fit to fly: {}", against.join(", "));
     }
     if !args.json {
-        let poor = checks.iter().filter(|(_, verdict)| verdict.is_poor()).count();
-        let to_mind = measures.iter().filter(|m| m.verdict == Fitness::Mind).count();
-        say(format_args!("\n{}", fit(poor + to_mind, host.is_some(), sensors.as_ref())));
+        let poor = checks.iter().filter(|(_, verdict)| verdict.is_poor()).map(|(name, _)| *name);
+        let to_mind = measures.iter().filter(|m| m.verdict == Fitness::Mind).map(|m| m.name);
+        let to_mend: Vec<&str> = poor.chain(to_mind).collect();
+        say(format_args!("\n{}", fit(&to_mend, host.is_some(), sensors.as_ref())));
     }
     Ok(())
 }
@@ -145,16 +146,16 @@ fn all_measures(sensors: Option<&(String, CheckupReport)>) -> &[Measure] {
 }
 
 /// The verdict, of what was looked at alone, and what was not.
-fn fit(to_mend: usize, has_host: bool, sensors: Option<&(String, CheckupReport)>) -> String {
+fn fit(to_mend: &[&str], has_host: bool, sensors: Option<&(String, CheckupReport)>) -> String {
     let what = match (has_host, sensors) {
         (true, Some(_)) => "Fit to fly",
         (true, None) => "This host is fit to fly",
         (false, _) => "The sensors are fit to fly",
     };
     let mend = match to_mend {
-        0 => String::new(),
-        1 => ", with one thing to mend".to_owned(),
-        n => format!(", with {n} things to mend"),
+        [] => String::new(),
+        [one] => format!(", with one thing to mend ({one})"),
+        several => format!(", with {} things to mend ({})", several.len(), several.join(", ")),
     };
     let open = not_looked_at(has_host, sensors);
     if open.is_empty() {
@@ -179,14 +180,21 @@ fn print_host(checks: &[Check], table: &TaskTable) {
     say(format_args!("\nTasks of a flight at these rates:\n{table}"));
 }
 
-/// A line for each measure, and its cure below it.
+/// A line for each measure, and its cure below it; one for all that something else makes worthless.
 fn print(name: &str, report: &CheckupReport) {
     say(format_args!("{name}:"));
-    for measure in &report.measures {
+    let (worthless, judged): (Vec<&Measure>, Vec<&Measure>) =
+        report.measures.iter().partition(|measure| measure.cure == NAMED_ABOVE);
+    for measure in judged {
         say(format_args!("{:<13} {:<31} {}", measure.verdict, measure.name, measure.value));
         if !measure.cure.is_empty() {
             say(format_args!("{:<13} {:<31} -> {}", "", "", measure.cure));
         }
+    }
+    if !worthless.is_empty() {
+        let names: Vec<&str> = worthless.iter().map(|measure| measure.name).collect();
+        say(format_args!("{:<13} {}", Fitness::NotMeasured, names.join(", ")));
+        say(format_args!("{:<13} {:<31} -> {NAMED_ABOVE}", "", ""));
     }
 }
 

@@ -19,8 +19,6 @@ const PATIENCE: Duration = Duration::from_secs(3);
 const STAMP_LOOKS: usize = 10;
 /// Clock that frames are stamped by, as messages name it.
 const FRAME_CLOCK: &str = "the middle of the exposure in ns of CLOCK_MONOTONIC";
-/// Clock that samples are stamped by, as messages name it.
-const SAMPLE_CLOCK: &str = "the time of measurement in the unit of the protocol";
 
 /// What is wrong with the sensors now, one line each; for whoever shows it.
 #[derive(Clone, Debug, Default)]
@@ -39,10 +37,20 @@ impl SensorNotices {
     }
 }
 
+/// What is wrong with one sensor now.
+#[derive(Clone, Debug, Default)]
+pub struct SensorTrouble {
+    /// Why it brings nothing.
+    pub missing: Option<String>,
+    /// What is wrong with its stamps.
+    pub stamps: Option<String>,
+}
+
 /// The thread that asks.
 #[derive(Debug)]
 pub struct SensorWatch {
     is_over: Arc<AtomicBool>,
+    troubles: Arc<Mutex<[SensorTrouble; 2]>>,
     notices: SensorNotices,
     thread: Option<JoinHandle<()>>,
 }
@@ -57,24 +65,33 @@ impl SensorWatch {
         let theirs = Arc::clone(&is_over);
         let notices = SensorNotices::default();
         let shown = notices.clone();
+        let troubles = Arc::<Mutex<[SensorTrouble; 2]>>::default();
+        let found = Arc::clone(&troubles);
         let thread = std::thread::Builder::new().name("sensor-watch".into()).spawn(move || {
             let mut told = Told::default();
             while !theirs.load(Ordering::Relaxed) {
                 let news = told.look(&sensors);
                 shown.set(&news.notices);
+                *found.lock().unwrap_or_else(PoisonError::into_inner) = told.troubles();
                 if let Some(board) = &board {
                     board.post(news);
                 }
                 std::thread::sleep(LOOK);
             }
         })?;
-        Ok(Self { is_over, notices, thread: Some(thread) })
+        Ok(Self { is_over, troubles, notices, thread: Some(thread) })
     }
 
     /// What is wrong with the sensors.
     #[must_use]
     pub fn notices(&self) -> SensorNotices {
         self.notices.clone()
+    }
+
+    /// What is wrong with the inertial sensor and with the cameras, by the last look.
+    #[must_use]
+    pub fn troubles(&self) -> [SensorTrouble; 2] {
+        self.troubles.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 }
 
@@ -119,9 +136,19 @@ impl Told {
         let words = problem.map(|problem| frame_stamps(camera, &problem));
         tell(&mut self.stamps[0], words, || format!("{camera}: stamps of the frames are good again"));
         let samples = figures.stamps();
-        let words = samples.problem.map(|problem| sample_stamps(name, &problem));
+        let words = samples.problem.map(|problem| sample_stamps(name, &problem, sensors.sample_clock));
         tell(&mut self.stamps[1], words, || format!("{name}: stamps of the samples are good again"));
         SensorNews { notices: self.notices(), frames, samples }
+    }
+
+    /// What is wrong with the inertial sensor and with the cameras.
+    fn troubles(&self) -> [SensorTrouble; 2] {
+        let [frames, samples] = self.stamps.clone();
+        let [left, right] = &self.cameras;
+        [
+            SensorTrouble { missing: self.imu.clone(), stamps: samples },
+            SensorTrouble { missing: left.clone().or_else(|| right.clone()), stamps: frames },
+        ]
     }
 
     /// What is wrong now.
@@ -145,11 +172,11 @@ fn frame_stamps(camera: &str, problem: &StampProblem) -> String {
 }
 
 /// Message about the stamps of samples.
-fn sample_stamps(imu: &str, problem: &StampProblem) -> String {
+fn sample_stamps(imu: &str, problem: &StampProblem, expected: &str) -> String {
     format!(
         "{imu}: {}: such samples are dropped; send the sensor's own time, which increases with every sample, in that \
          unit (docs/inertial-sensors.md) (driver.imu)",
-        problem.words(SAMPLE_CLOCK)
+        problem.words(expected)
     )
 }
 
@@ -232,6 +259,7 @@ fn imu_trouble(figures: &ImuFigures, bringing: &mut Bringing, now: Instant) -> O
 #[cfg(test)]
 mod tests {
     use super::*;
+    use plumbline_drivers::clock::TimeUnitName;
     use plumbline_drivers::inertial::FramingFigures;
 
     #[test]
@@ -272,6 +300,28 @@ mod tests {
         assert!((1..=10).map(|k| looks.look(figures(80 + 2 * k, 21))).last().unwrap().is_none());
         let words = frame_stamps("/run/frames", &found);
         assert!(words.contains("stamps are 0") && words.contains("CLOCK_MONOTONIC"), "{words}");
+    }
+
+    #[test]
+    fn stamps_of_samples_are_named_with_the_unit_that_is_expected() {
+        let found =
+            StampProblem { defect: StampDefect::Unit(TimeUnitName::Millis), stamp: 15_321_136, now_ns: 7 };
+        let words =
+            sample_stamps("serial:///dev/imu:921600", &found, "the time of measurement in nanoseconds");
+        let expected = "stamps such as 15321136 are in milliseconds, where the time of measurement in nanoseconds is expected";
+        assert!(words.contains(expected) && words.contains("such samples are dropped"), "{words}");
+    }
+
+    #[test]
+    fn troubles_are_those_of_the_sensor_that_has_them() {
+        let told = Told {
+            cameras: [None, Some("right is away".into())],
+            stamps: [None, Some("samples in us".into())],
+            ..Told::default()
+        };
+        let [imu, cameras] = told.troubles();
+        assert_eq!((imu.missing, imu.stamps.as_deref()), (None, Some("samples in us")));
+        assert_eq!((cameras.missing.as_deref(), cameras.stamps), (Some("right is away"), None));
     }
 
     #[test]

@@ -4,7 +4,7 @@ use super::capture::{Pairs, SharedMeter, StreamFigures, Watched};
 use super::{Flight, FlightError};
 use crate::pipeline::Stamps;
 use plumbline_config::ValidConfig;
-use plumbline_config::options::{AutopilotEndpoint, ImuEndpoint};
+use plumbline_config::options::{AutopilotEndpoint, ImuDriverConfig, ImuEndpoint, ImuProtocol, MavlinkImu};
 use plumbline_drivers::{
     CameraMonitor, ImuMonitor, ImuSource, LiveCameras, StereoSource, StopFlag, TriggerMonitor, open_cameras,
     open_imu,
@@ -19,6 +19,8 @@ pub struct LiveSensors {
     pub cameras: SensorView<CameraMonitor>,
     /// How their frames are stamped, where a microcontroller triggers them.
     pub triggers: Option<TriggerMonitor>,
+    /// Stamps that the inertial sensor is expected to send, in words.
+    pub sample_clock: &'static str,
 }
 
 /// What is known of one of them.
@@ -68,7 +70,22 @@ pub fn open_sensors(config: &ValidConfig, stop: &StopFlag) -> Result<(Flight, Li
     let name = format!("live, {} and {}", cameras.name, imu.name);
     let flight = Flight::new(config.clone(), Box::new(source), Box::new(stereo), name);
     let flight = Flight { stamps: Stamps::OfHost, ..flight };
-    Ok((flight, LiveSensors { imu, cameras, triggers }))
+    Ok((flight, LiveSensors { imu, cameras, triggers, sample_clock: sample_clock(&config.driver.imu) }))
+}
+
+/// Stamps that an inertial sensor is expected to send, in words.
+fn sample_clock(driver: &ImuDriverConfig) -> &'static str {
+    if let Ok(ImuEndpoint::Iio { .. }) = ImuEndpoint::parse(&driver.connect) {
+        return "the time of measurement in nanoseconds of the kernel's clock";
+    }
+    match (driver.protocol, driver.mavlink_message) {
+        (ImuProtocol::Plumbline | ImuProtocol::VectorNav, _) => "the time of measurement in nanoseconds",
+        (ImuProtocol::Mavlink, MavlinkImu::HighresImu | MavlinkImu::RawImu) => {
+            "the time of measurement in microseconds"
+        }
+        (ImuProtocol::Mavlink, _) => "the time of measurement in milliseconds",
+        (ImuProtocol::Xsens, _) => "the time of measurement in tenths of a millisecond",
+    }
 }
 
 /// Opens the cameras of `config` alone. A microcontroller that triggers them is kept at it until `stop` is set.
