@@ -40,8 +40,9 @@ pub use verdict::{CheckupReport, Fitness, Measure};
 use agreement::Turn;
 use motion::MotionFinder;
 use pair::{PairFigures, PairMatcher};
+use plausibility::gravity::{self, GravityTurns};
 use plausibility::inertial::Magnitudes;
-use plausibility::rotation::IN_DEGREES;
+use plausibility::rotation::{IN_DEGREES, OTHER_AXES};
 use plausibility::{Finding, Glimpse, Seen, Sight};
 use plumbline_config::options::image_sizes;
 use plumbline_config::{Config, ImageView, ImuSample, Timestamp};
@@ -178,11 +179,17 @@ impl Checkup {
         let mut magnitudes = Magnitudes::default();
         self.samples.iter().for_each(|sample| magnitudes.add(sample));
         let agreement = plausibility::agreement_of(config, &self.rotations, &self.samples);
-        let nonsense = plausibility::nonsense(&magnitudes, &agreement, &self.sight);
+        let turns = GravityTurns::of(&self.samples);
+        let mut nonsense =
+            plausibility::nonsense(&magnitudes, (&turns, config.vehicle.rot_v_b()), &agreement, &self.sight);
+        // At rest the mounting says it, with its angles.
+        nonsense.retain(|finding| finding.what != gravity::UPSIDE_DOWN || rest.seconds == 0.0);
         let clocks = timing::two_clocks(&imu.stamps, &self.frames.stamps);
         let are_samples_wrong =
             !magnitudes.nonsense().is_empty() || nonsense.iter().any(|finding| finding.what == IN_DEGREES);
-        let consequences = consequences(are_samples_wrong, !nonsense.is_empty());
+        let are_columns_wrong =
+            nonsense.iter().any(|finding| [OTHER_AXES, gravity::DISAGREE].contains(&finding.what.as_str()));
+        let consequences = consequences(are_samples_wrong, are_columns_wrong, !nonsense.is_empty());
         let mut measures: Vec<Measure> =
             clocks.into_iter().chain(nonsense).map(Finding::into_measure).collect();
         measures.extend([
@@ -197,6 +204,7 @@ impl Checkup {
             (config.camera.len() == 2).then(|| timing::judge_pairs(self.whole, self.frames.stamps.len())),
         );
         measures.push(inertial::axes(&self.samples, &config.imu));
+        measures.push(turns.judge());
         let [gravity, bias] = inertial::at_rest(&rest, config);
         measures.extend([gravity, mounting::judge(&self.samples, &rest, config), bias]);
         measures.extend(vibration::judge(&self.samples, &config.imu));
@@ -226,8 +234,9 @@ impl Checkup {
 /// Measures that need two cameras.
 const OF_PAIRS: [&str; 4] = ["stereo pairs", "epipolar error", "time offset", "camera-IMU rotation"];
 /// Measures of the inertial samples alone.
-const OF_SAMPLES: [&str; 7] = [
+const OF_SAMPLES: [&str; 8] = [
     "IMU axes",
+    gravity::NAME,
     "gravity",
     "mounting",
     "gyroscope bias",
@@ -235,11 +244,18 @@ const OF_SAMPLES: [&str; 7] = [
     "vibration of the gyroscope",
     "blur",
 ];
+/// Measures of the columns of the inertial samples.
+const OF_COLUMNS: [&str; 2] = [gravity::NAME, mounting::NAME];
 /// Measures of images and samples together.
 const OF_BOTH: [&str; 2] = ["time offset", "camera-IMU rotation"];
 
 /// Measures that come out wrong while units, columns or sides are: their cures would mislead.
-fn consequences(are_samples_wrong: bool, is_anything_wrong: bool) -> Vec<&'static str> {
+fn consequences(
+    are_samples_wrong: bool,
+    are_columns_wrong: bool,
+    is_anything_wrong: bool,
+) -> Vec<&'static str> {
     let samples = OF_SAMPLES.into_iter().filter(|_| are_samples_wrong);
-    samples.chain(OF_BOTH.into_iter().filter(|_| is_anything_wrong)).collect()
+    let columns = OF_COLUMNS.into_iter().filter(|_| are_columns_wrong);
+    samples.chain(columns).chain(OF_BOTH.into_iter().filter(|_| is_anything_wrong)).collect()
 }

@@ -5,6 +5,7 @@
 //! axis by the gyroscope, and with it the heading of the mounting: lifting the nose is a negative turn about the left axis.
 
 use crate::inertial::{self, Rest};
+use crate::plausibility::gravity::UPSIDE_DOWN_CAUSE;
 use crate::verdict::{Fitness, Measure};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use plumbline_config::options::{Mounting, VehicleConfig};
@@ -14,6 +15,8 @@ use plumbline_config::{Config, ImuSample};
 pub const NAME: &str = "mounting";
 /// Tilt against the configured mounting, degrees: a floor is level, grass is not.
 const TILT: (f64, f64) = (5.0, 20.0);
+/// Tilt of a vehicle that is upside down, degrees.
+const UPSIDE_DOWN_DEG: f64 = 150.0;
 /// Heading against the configured mounting, degrees: a hand does not nod about one axis alone.
 const HEADING: (f64, f64) = (15.0, 30.0);
 /// A nod is this large at least, and no somersault, degrees.
@@ -160,6 +163,11 @@ fn known(rest: &Rest, nod: Option<Nod>, rot_v_b: &UnitQuaternion<f64>) -> Measur
     let mut verdict = Fitness::within(tilt, TILT.0, TILT.1);
     let mut cure =
         String::from("put the vehicle on a level floor; if it is, correct `vehicle.imu_to_vehicle_deg`");
+    if tilt > UPSIDE_DOWN_DEG {
+        cure = format!(
+            "probably {UPSIDE_DOWN_CAUSE}; negate the accelerometer, or correct `vehicle.imu_to_vehicle_deg`"
+        );
+    }
     if let Some(nod) = &nod {
         let nose_v = rot_v_b * nod.rot_v_b.inverse() * Vector3::x();
         let heading = nose_v.y.atan2(nose_v.x).to_degrees();
