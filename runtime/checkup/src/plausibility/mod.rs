@@ -343,6 +343,7 @@ pub fn missing_camera(evidence: &str, cure: &str) -> Finding {
         "a camera that is not connected, or a data set without its folder cam1",
         cure,
     )
+    .mild()
 }
 
 #[cfg(test)]
