@@ -17,7 +17,7 @@ impl Config {
         let mut doubts: Vec<String> = self.camera.iter().enumerate().flat_map(of_camera).collect();
         if let [left, right, ..] = self.camera.as_slice() {
             let ratio = left.focal_px[0] / right.focal_px[0];
-            if ratio.max(1.0 / ratio) > FOCAL_RATIO {
+            if differs(ratio) {
                 doubts.push(format!(
                     "camera[..].focal_px: the left camera has {:.1} px, the right one {:.1}; are both of this rig?",
                     left.focal_px[0], right.focal_px[0]
@@ -29,10 +29,15 @@ impl Config {
     }
 }
 
+/// Whether a ratio of focal lengths is far from 1.
+fn differs(ratio: f64) -> bool {
+    ratio > FOCAL_RATIO || ratio < 1.0 / FOCAL_RATIO
+}
+
 fn of_camera((index, camera): (usize, &CameraConfig)) -> Vec<String> {
     let mut doubts = Vec::new();
     let [fx, fy] = camera.focal_px;
-    if (fx / fy).max(fy / fx) > FOCAL_RATIO {
+    if differs(fx / fy) {
         doubts.push(format!(
             "camera[{index}].focal_px: fx/fy is {:.2}; are these intrinsics in the order fu, fv, cu, cv?",
             fx / fy
@@ -70,6 +75,11 @@ mod tests {
     use super::*;
     use crate::options::VehicleConfig;
 
+    /// A number as it is written by hand.
+    fn written(x: f64) -> f64 {
+        (x * 1e4).round() / 1e4
+    }
+
     #[test]
     fn presets_give_no_doubts() {
         for preset in crate::PRESETS {
@@ -84,8 +94,11 @@ mod tests {
             (|c| c.camera[1].focal_px[0] *= 1.48, "camera[1].focal_px: fx/fy is 1.48; are these"),
             (|c| c.camera[1].focal_px = c.camera[0].focal_px.map(|f| 1.2 * f), "are both of this rig?"),
             (|c| c.camera[0].centre_px[0] = 0.25 * c.camera[0].width_px as f64, "camera[0].centre_px"),
-            (|c| c.vehicle = VehicleConfig::mounted([3.14159, 0.0, 0.0]), "degrees are expected: 180"),
-            (|c| c.vehicle = VehicleConfig::mounted([0.0, -1.5708, 3.1416]), "looks like radians"),
+            (|c| c.vehicle = VehicleConfig::mounted([written(PI), 0.0, 0.0]), "degrees are expected: 180"),
+            (
+                |c| c.vehicle = VehicleConfig::mounted([0.0, written(-0.5 * PI), written(PI)]),
+                "looks like radians",
+            ),
         ];
         for (change, words) in cases {
             let mut config = Config::preset("euroc").unwrap().into_inner();

@@ -395,7 +395,7 @@ fn other_unit(imu: Timestamp, images: Timestamp) -> Option<String> {
     let ratio = imu.as_nanos() as f64 / images.as_nanos() as f64;
     let names = ["images", "IMU"];
     let [small, large] = if ratio > 1.0 { names } else { [names[1], names[0]] };
-    let factor = ratio.max(1.0 / ratio);
+    let factor = if ratio > 1.0 { ratio } else { 1.0 / ratio };
     let is_near = |unit: f64| (factor / unit - 1.0).abs() < UNIT_TOLERANCE;
     let (unit, times) =
         [("microseconds", 1e3), ("milliseconds", 1e6)].into_iter().find(|(_, t)| is_near(*t))?;
