@@ -31,7 +31,7 @@ impl Config {
 
 /// Whether a ratio of focal lengths is far from 1.
 fn differs(ratio: f64) -> bool {
-    ratio > FOCAL_RATIO || ratio < 1.0 / FOCAL_RATIO
+    !(1.0 / FOCAL_RATIO..=FOCAL_RATIO).contains(&ratio)
 }
 
 fn of_camera((index, camera): (usize, &CameraConfig)) -> Vec<String> {

@@ -204,7 +204,7 @@ impl Checkup {
             (config.camera.len() == 2).then(|| timing::judge_pairs(self.whole, self.frames.stamps.len())),
         );
         measures.push(inertial::axes(&self.samples, &config.imu));
-        measures.push(turns.judge());
+        measures.extend((!are_columns_wrong).then(|| turns.judge()));
         let [gravity, bias] = inertial::at_rest(&rest, config);
         measures.extend([gravity, mounting::judge(&self.samples, &rest, config), bias]);
         measures.extend(vibration::judge(&self.samples, &config.imu));
