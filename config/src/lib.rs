@@ -53,6 +53,7 @@
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 pub mod camera;
+mod doubts;
 mod error;
 #[cfg(any(all(test, feature = "toml", feature = "yaml"), feature = "fuzzing"))]
 #[doc(hidden)]

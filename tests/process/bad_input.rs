@@ -217,7 +217,7 @@ const CASES: &[Case] = &[
             let table = folder.join(IMU);
             fs::write(&table, fs::read_to_string(&table).unwrap().replace(',', ";")).unwrap();
         },
-        status: 1,
+        status: 2,
         words: &["imu0/data.csv", "line 2", "separate its columns by commas"],
     },
     Case {
@@ -229,7 +229,7 @@ const CASES: &[Case] = &[
                 row
             });
         },
-        status: 1,
+        status: 2,
         words: &["imu0/data.csv", "the IMU was recorded from", "the images from"],
     },
     Case {
@@ -240,8 +240,68 @@ const CASES: &[Case] = &[
                 fs::remove_dir_all(folder.join(format!("flight/mav0/{camera}/data"))).unwrap();
             }
         },
-        status: 1,
+        status: 2,
         words: &["none of the 10 images", "copy them here"],
+    },
+    Case {
+        name: "an empty table",
+        command: &["replay", "FLIGHT"],
+        damage: |folder| fs::write(folder.join(LEFT), "#timestamp [ns],filename\n").unwrap(),
+        status: 2,
+        words: &["cam0/data.csv", "has no rows"],
+    },
+    Case {
+        name: "images in microseconds beside samples in nanoseconds",
+        command: &["replay", "FLIGHT"],
+        damage: |folder| {
+            for table in &BOTH[1..] {
+                rows(&folder.join(table), |mut row| {
+                    row[0] = (row[0].parse::<i64>().unwrap() / 1000).to_string();
+                    row
+                });
+            }
+        },
+        status: 2,
+        words: &["the stamps of the images are 1000 times smaller", "are they in microseconds?"],
+    },
+    Case {
+        name: "a trajectory of a simulated flight that was not flown",
+        command: &["evaluate", "sim:room", "FLIGHT"],
+        damage: none,
+        status: 2,
+        words: &["is a simulated flight, which holds no trajectory", "--trajectory out.tum"],
+    },
+    Case {
+        name: "a trajectory that is not there",
+        command: &["evaluate", "/nowhere/est.tum", "FLIGHT"],
+        damage: none,
+        status: 2,
+        words: &["/nowhere/est.tum", "does not exist; give a trajectory file"],
+    },
+    Case {
+        name: "a key without its section",
+        command: &["replay", "FLIGHT", "--set", "max_points=200"],
+        damage: none,
+        status: 2,
+        words: &["did you mean `estimator.points.max_points`?"],
+    },
+    Case {
+        name: "files of Kalibr that are exchanged",
+        command: &[
+            "config",
+            "import",
+            "--camchain",
+            "IMU.yaml",
+            "--imu",
+            "IMU.yaml",
+            "--imu-to-vehicle",
+            "0,0,0",
+            "--out",
+            "OUT",
+        ],
+        damage: |folder| fs::write(folder.join("imu.yaml"), "update_rate: 200.0\n").unwrap(),
+        status: 2,
+        words: &["imu.yaml", "--camchain and --imu exchanged"],
     },
     Case {
         name: "exchanged columns",
@@ -308,6 +368,7 @@ fn every_bad_input_is_named_with_its_cure_and_ends_with_the_right_status() {
             "FOLDER" => at(""),
             "EST" => at("est.tum"),
             "OUT" => at("out"),
+            "IMU.yaml" => at("imu.yaml"),
             argument => argument.to_owned(),
         };
         let arguments: Vec<String> = case.command.iter().map(place).collect();

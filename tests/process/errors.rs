@@ -26,7 +26,7 @@ fn an_empty_imu_table() {
     let folder = tempfile::tempdir().unwrap();
     let path = dataset(folder.path());
     fs::write(format!("{path}/mav0/imu0/data.csv"), "#timestamp [ns],w,w,w,a,a,a\n").unwrap();
-    fails(&["replay", &path], 1, &["imu0"]);
+    fails(&["replay", &path], 2, &["imu0"]);
 }
 
 #[test]

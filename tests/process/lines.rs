@@ -62,13 +62,13 @@ fn what_cannot_be_read_or_written_is_named() {
     std::fs::write(&text, "no picture").unwrap();
     let bytes = std::fs::read(&good).unwrap();
     std::fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
-    fails(&["lines", &text], 1, &[&text, "convert it to PNG"]);
-    fails(&["lines", &cut], 1, &[&cut, "copy or write it again"]);
+    fails(&["lines", &text], 2, &[&text, "convert it to PNG"]);
+    fails(&["lines", &cut], 2, &[&cut, "copy or write it again"]);
     fails(&["lines", &at("none.png")], 2, &["none.png", "does not exist"]);
     fails(&["lines", &at("")], 2, &["is a directory"]);
     for size_px in [(63, 64), (64, 4097)] {
         let image = image(folder.path(), size_px, ColorType::Grayscale, BitDepth::Eight);
-        fails(&["lines", &image], 1, &[&image, "64 to 4096"]);
+        fails(&["lines", &image], 2, &[&image, "64 to 4096"]);
     }
     fails(&["lines", &good, "--out", &at("no/out.png")], 2, &["no/out.png", "create it first"]);
     fails(&["lines", &good, "--out", &good], 2, &[&good, "name another file"]);

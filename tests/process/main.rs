@@ -7,6 +7,7 @@ mod browser;
 mod calibrate;
 mod cgroup;
 mod connections;
+mod damaged_recording;
 mod digests;
 mod doctor;
 mod errors;

@@ -48,10 +48,12 @@ pub fn kalibr_into(
 
 fn convert(camchain: &Document, imu: &Document, camera_rate_hz: f64) -> Result<Calibration, ConfigError> {
     let chain = camchain.root();
+    check_exchanged(&chain, &imu.root())?;
     if let Some(third) = chain.optional("cam2") {
         return Err(third.refuse("is a third camera", "remove it: one camera or a stereo pair is used"));
     }
     let first = chain.get("cam0")?;
+    check_overlaps(&chain, ["cam0", "cam1"])?;
     let pose_c0_b = transform(&first.get("T_cam_imu")?)?;
     let mut cameras = vec![camera(&first, &pose_c0_b, camera_rate_hz)?];
     let time_offset_s = shift(&first)?;
@@ -61,6 +63,35 @@ fn convert(camchain: &Document, imu: &Document, camera_rate_hz: f64) -> Result<C
     }
     let (imu_rate_hz, noise) = inertial(&imu.root())?;
     Ok(Calibration { cameras, imu_rate_hz, noise, time_offset_s: Some(time_offset_s), mounting: None })
+}
+
+/// Refuses files that were given for each other.
+fn check_exchanged(chain: &Node<'_>, imu: &Node<'_>) -> Result<(), ConfigError> {
+    const CURE: &str = "are --camchain and --imu exchanged?";
+    let is_imu = |root: &Node<'_>| root.optional("imu0").is_some() || root.optional("update_rate").is_some();
+    if chain.optional("cam0").is_none() && is_imu(chain) {
+        return Err(chain.refuse("is an imu.yaml, a camchain is expected", CURE));
+    }
+    if imu.optional("cam0").is_some() && !is_imu(imu) {
+        return Err(imu.refuse("is a camchain, an imu.yaml is expected", CURE));
+    }
+    Ok(())
+}
+
+/// Refuses a file that names a camera which it lacks.
+fn check_overlaps(chain: &Node<'_>, names: [&str; 2]) -> Result<(), ConfigError> {
+    let overlaps = names.iter().filter_map(|name| chain.optional(name)?.optional("cam_overlaps"));
+    for node in overlaps {
+        for other in node.elements()? {
+            let name = format!("cam{}", other.number()?);
+            if chain.optional(&name).is_none() {
+                let cure =
+                    "is the file cut off? copy it again; for one camera alone, write `cam_overlaps: []`";
+                return Err(node.refuse(format!("names {name}, which is missing"), cure));
+            }
+        }
+    }
+    Ok(())
 }
 
 fn transform(node: &Node<'_>) -> Result<Isometry3<f64>, ConfigError> {
@@ -77,7 +108,15 @@ fn chained(camera: &Node<'_>, pose_before_b: &Isometry3<f64>) -> Result<Isometry
     let Some(own) = own else { return Ok(linked) };
     let pose_c_b = transform(&own)?;
     if !agree(&pose_c_b, &linked) {
-        return Err(own.refuse("contradicts T_cn_cnm1 and cam0.T_cam_imu", "export the calibration again"));
+        let link = transform(&link)?;
+        let is_inverted = agree(&pose_c_b.inverse(), &(link * pose_before_b.inverse()));
+        let cure = if is_inverted || agree(&pose_c_b, &(link * pose_before_b.inverse())) {
+            "probably T_cam_imu is inverted (T_imu_cam): inverting it makes the chain agree; T_cam_imu takes coordinates from \
+             the IMU to the camera"
+        } else {
+            "export the calibration again"
+        };
+        return Err(own.refuse("contradicts T_cn_cnm1 and cam0.T_cam_imu", cure));
     }
     Ok(pose_c_b)
 }
@@ -126,11 +165,22 @@ fn inertial(root: &Node<'_>) -> Result<(f64, [f64; 4]), ConfigError> {
         return Err(pose.refuse("is not the identity", "use the file of imu0, the reference"));
     }
     let number = |key| imu.get(key)?.number();
+    let positive = |key| {
+        let node = imu.get(key)?;
+        let value = node.number()?;
+        if value > 0.0 {
+            return Ok(value);
+        }
+        Err(node.refuse(
+            format!("is {value}"),
+            "give the value of the IMU's data sheet or of an Allan plot; none is 0",
+        ))
+    };
     let noise = [
-        number("gyroscope_noise_density")?,
-        number("gyroscope_random_walk")?,
-        number("accelerometer_noise_density")?,
-        number("accelerometer_random_walk")?,
+        positive("gyroscope_noise_density")?,
+        positive("gyroscope_random_walk")?,
+        positive("accelerometer_noise_density")?,
+        positive("accelerometer_random_walk")?,
     ];
     Ok((number("update_rate")?, noise))
 }

@@ -129,7 +129,8 @@ impl<'a> Node<'a> {
         }
     }
 
-    fn elements(&self) -> Result<Vec<Node<'a>>, ConfigError> {
+    /// The elements of a list.
+    pub fn elements(&self) -> Result<Vec<Node<'a>>, ConfigError> {
         let Value::List(values) = self.value else { return Err(self.mistyped("a list")) };
         let element = |(i, value)| Node { document: self.document, key: format!("{}[{i}]", self.key), value };
         Ok(values.iter().enumerate().map(element).collect())
@@ -151,6 +152,13 @@ impl<'a> Node<'a> {
         if elements.len() == 4 {
             let rows = elements.iter().map(Node::numbers).collect::<Result<Vec<[f64; 4]>, _>>()?;
             return Ok([rows[0], rows[1], rows[2], rows[3]]);
+        }
+        if let Some(Node { value: Value::List(_), .. }) = elements.first() {
+            let rows = match elements.len() {
+                1 => "1 row".to_owned(),
+                n => format!("{n} rows"),
+            };
+            return Err(self.refuse(format!("has {rows}, 4 expected"), "is the file cut off? copy it again"));
         }
         let flat: [f64; 16] = self.numbers()?;
         Ok(std::array::from_fn(|i| std::array::from_fn(|j| flat[4 * i + j])))

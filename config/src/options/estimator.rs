@@ -79,6 +79,9 @@ pub struct WindowConfig {
     pub min_connected_ratio: f64,
     /// A frame becomes a keyframe at the latest after this time.
     pub max_keyframe_interval_s: f64,
+    /// Largest share of what a frame sees that is taken for moving things because it contradicts the motion which window and IMU
+    /// predict; 0 for none.
+    pub max_moving_share: f64,
     /// Scale of the Cauchy kernel, in standard deviations.
     pub cauchy_scale: f64,
     /// Points further than this are not triangulated, m.
@@ -96,6 +99,7 @@ impl Default for WindowConfig {
             max_iterations: 5,
             min_connected_ratio: 0.7,
             max_keyframe_interval_s: 2.0,
+            max_moving_share: 0.0,
             cauchy_scale: 2.0,
             max_depth_m: 60.0,
             min_depth_m: 0.2,

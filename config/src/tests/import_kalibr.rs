@@ -155,10 +155,59 @@ fn what_is_wrong_is_named_by_file_and_key() {
         ("timeshift_cam_imu: -0.0026", "timeshift_cam_imu: 0.1", "`cam1.timeshift_cam_imu`: differs"),
         ("timeshift_cam_imu: -0.0025", "timeshift_cam_imu: x", "`cam0.timeshift_cam_imu`: is a text"),
         ("cam1:", "cam2:", "`cam2`: is a third camera"),
+        ("cam_overlaps: [0]", "cam_overlaps: [0, 3]", "`cam1.cam_overlaps`: names cam3, which is missing"),
+        (
+            "  - [1.0, 0.0, 0.0, -0.05]\n  - [0.0, 0.0, 0.0, 1.0]\n  cam_overlaps",
+            "  cam_overlaps",
+            "has 2 rows, 4 expected",
+        ),
         ("cam0:", "cam:", "`cam0`: missing"),
         ("pinhole", "ds", "`cam0.camera_model`: is no pinhole"),
     ] {
         let message = kalibr_texts(&with(RADTAN, from, to), IMU).expect_err("is refused").to_string();
         assert!(message.contains(says), "{to}: {message}");
     }
+}
+
+#[test]
+fn a_file_that_is_cut_off_before_its_second_camera_is_refused() {
+    let (first, _) = RADTAN.split_once("cam1:").unwrap();
+    let message = kalibr_texts(first, IMU).unwrap_err().to_string();
+    assert!(message.contains("`cam0.cam_overlaps`: names cam1, which is missing"), "{message}");
+    assert!(message.contains("cut off"), "{message}");
+}
+
+#[test]
+fn exchanged_files_are_named() {
+    for (camchain, imu, words) in
+        [(IMU, RADTAN, "camchain.yaml: `(file)`: is an imu.yaml"), (RADTAN, RADTAN, "is a camchain")]
+    {
+        let message = kalibr_texts(camchain, imu).unwrap_err().to_string();
+        assert!(message.contains(words) && message.contains("--camchain and --imu exchanged"), "{message}");
+    }
+}
+
+#[test]
+fn a_noise_density_of_zero_is_named_by_the_file_of_the_imu() {
+    let message = kalibr_texts(RADTAN, &with(IMU, "0.00016", "0.0")).unwrap_err().to_string();
+    assert!(message.contains("imu.yaml: `gyroscope_noise_density`: is 0"), "{message}");
+}
+
+#[test]
+fn inverted_extrinsics_that_make_the_chain_agree_are_named() {
+    // The inverse of both T_cam_imu of the chain above.
+    let rows = |pose: &Isometry3<f64>| {
+        let m = pose.to_homogeneous();
+        (0..4)
+            .map(|i| format!("  - [{}, {}, {}, {}]\n", m[(i, 0)], m[(i, 1)], m[(i, 2)], m[(i, 3)]))
+            .collect::<String>()
+    };
+    let right = kalibr_texts(RADTAN, IMU).unwrap();
+    let [left, right] = [0, 1].map(|camera: usize| rows(&right.camera[camera].pose_b_c()));
+    let (head, tail) = RADTAN.split_once("  cam_overlaps: [1]").unwrap();
+    assert!(head.starts_with("cam0:"));
+    let chain = format!("cam0:\n  T_cam_imu:\n{left}  cam_overlaps: [1]{tail}");
+    let chain = with(&chain, "cam1:\n", &format!("cam1:\n  T_cam_imu:\n{right}"));
+    let message = kalibr_texts(&chain, IMU).unwrap_err().to_string();
+    assert!(message.contains("probably T_cam_imu is inverted"), "{message}");
 }

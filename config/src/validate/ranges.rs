@@ -77,6 +77,7 @@ const SETUP_ROWS: &[Row<EstimatorSetup>] = &[
     ("estimator.window.max_iterations",          |c| c.estimator.window.max_iterations as f64,           1.0,  100.0,  COUNT),
     ("estimator.window.min_connected_ratio",     |c| c.estimator.window.min_connected_ratio,             0.0,  1.0,    "write a share from 0 to 1 (is this in percent?)"),
     ("estimator.window.max_keyframe_interval_s", |c| c.estimator.window.max_keyframe_interval_s,         0.05, 60.0,   SECONDS),
+    ("estimator.window.max_moving_share",        |c| c.estimator.window.max_moving_share,                0.0,  0.95,   "write a share between 0 and 0.95; 0 takes nothing for moving"),
     ("estimator.window.cauchy_scale",            |c| c.estimator.window.cauchy_scale,                    0.1,  100.0,  "write it in standard deviations"),
     ("estimator.window.max_depth_m",             |c| c.estimator.window.max_depth_m,                     1.0,  1e4,    METRES),
     ("estimator.window.min_depth_m",             |c| c.estimator.window.min_depth_m,                     0.01, 100.0,  METRES),

@@ -20,10 +20,11 @@ pub use files::is_bag;
 pub use stereo::BagStereo;
 pub use topics::BagTopics;
 
+use crate::euroc::defects::uncovered;
 use crate::euroc::imu::{EurocImu, ImuRecord, is_possible};
 use crate::euroc::pairing::{self, FrameEntry, ImageRow};
 use crate::euroc::table::Table;
-use crate::euroc::{EurocOptions, chosen_frames, frames_span, imu_range};
+use crate::euroc::{Defect, EurocOptions, chosen_frames, frames_span, imu_range};
 use crate::{DriverError, Faults};
 use container::{Messages, Topic};
 use files::bag_files;
@@ -50,6 +51,7 @@ pub struct BagDataset {
     image_faults: Faults,
     imu: Arc<ImuRecord>,
     imu_range: Range<usize>,
+    defects: Vec<Defect>,
     is_truncated: bool,
 }
 
@@ -147,13 +149,14 @@ impl BagDataset {
         let (frames, outside) = paired(path, rows, options)?;
         faults.unpaired += outside;
         let handed_out = chosen_frames(path, options, &frames)?;
-        let (imu, imu_range) = if options.with_imu {
+        let (imu, imu_range, defects) = if options.with_imu {
             let topic = topics::imu(&all, topics).map_err(refuse)?;
             let imu = record(path, &all[topic].name, std::mem::take(&mut contents[topic]))?;
             let range = imu_range(path, &imu, &frames[handed_out.clone()])?;
-            (imu, range)
+            let defects = uncovered(path, &imu, &frames);
+            (imu, range, defects)
         } else {
-            (ImuRecord::default(), 0..0)
+            (ImuRecord::default(), 0..0, Vec::new())
         };
         Ok(Self {
             path: path.to_owned(),
@@ -166,8 +169,15 @@ impl BagDataset {
             image_faults: faults,
             imu: Arc::new(imu),
             imu_range,
+            defects,
             is_truncated,
         })
+    }
+
+    /// What is wrong with the bag as a whole.
+    #[must_use]
+    pub fn defects(&self) -> &[Defect] {
+        &self.defects
     }
 
     /// Cameras in use: 1 or 2.

@@ -20,8 +20,10 @@ const MAX_DECODER_BYTES: usize = 64 << 20;
 pub(super) enum NoImage {
     /// There is no such file.
     Missing,
-    /// The file cannot be read, is cut off, is no PNG, or has another size than the camera.
+    /// The file cannot be read, is cut off, or is no PNG.
     Corrupt,
+    /// The image has this size, which is another than the camera's.
+    OtherSize((usize, usize)),
 }
 
 /// Buffers that are used again for each image.
@@ -41,7 +43,11 @@ impl ImageReader {
             _ => NoImage::Corrupt,
         })?;
         file.take(MAX_FILE_BYTES).read_to_end(&mut self.file).map_err(|_| NoImage::Corrupt)?;
-        decode_png(&self.file, &mut self.channels, image).ok_or(NoImage::Corrupt)
+        decode_png(&self.file, &mut self.channels, image).ok_or_else(|| {
+            let expected = (image.width(), image.height());
+            let size = header_size(Cursor::new(&self.file[..])).filter(|size| *size != expected);
+            size.map_or(NoImage::Corrupt, NoImage::OtherSize)
+        })
     }
 }
 

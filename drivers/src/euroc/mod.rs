@@ -12,6 +12,7 @@
 //! counted in [`Faults`]: rows that are torn or out of order, images that are missing, cut
 //! off, of the wrong size or without a partner. [`write()`] makes such a data set of any sources.
 
+pub(crate) mod defects;
 pub(crate) mod grid;
 pub(crate) mod image;
 pub(crate) mod imu;
@@ -26,6 +27,7 @@ pub(crate) mod fixture;
 #[cfg(test)]
 mod tests;
 
+pub use defects::{Defect, FileDefects};
 pub use image::read_gray_png;
 pub use imu::EurocImu;
 pub use stereo::EurocStereo;
@@ -47,6 +49,9 @@ const IMU_BEFORE_S: f64 = 1.0;
 /// Inertial samples are handed out until this long after the last frame, s: well above any time offset
 /// between camera and IMU.
 const IMU_AFTER_S: f64 = 0.1;
+
+/// A ratio of stamps within this share of a thousand or a million is that of their units.
+const UNIT_TOLERANCE: f64 = 0.2;
 
 /// What of a data set is handed out, and what is expected of it.
 #[derive(Clone, Debug, PartialEq)]
@@ -99,6 +104,8 @@ pub struct EurocDataset {
     image_faults: Faults,
     imu: Arc<ImuRecord>,
     imu_range: Range<usize>,
+    defects: Vec<Defect>,
+    file_defects: FileDefects,
 }
 
 impl EurocDataset {
@@ -120,15 +127,21 @@ impl EurocDataset {
             sizes_px.push(check_size(&root, camera, &table.rows, options)?);
             *rows = table.rows;
         }
+        let images = [0, 1].map(|camera: usize| rows[camera].len());
+        let mut defects: Vec<Defect> =
+            (cameras == 2).then(|| defects::surplus(&root, images)).flatten().into_iter().collect();
         let Pairing { frames, outside } = pair(&root, rows, cameras, options)?;
         image_faults.unpaired += outside;
         let handed_out = chosen_frames(&root, options, &frames)?;
-        let (imu, imu_range) = if options.with_imu {
-            let imu = read_imu(&root)?;
-            let range = imu_range(&root.join("imu0/data.csv"), &imu, &frames[handed_out.clone()])?;
-            (imu, range)
+        let (imu, imu_range, file_defects) = if options.with_imu {
+            let (file, table) = (root.join("imu0/data.csv"), read_imu(&root)?);
+            let file_defects = FileDefects::with_rows(table.corrupt, &file, table.first_bad.as_ref());
+            let imu = ImuRecord::new(table);
+            let range = imu_range(&file, &imu, &frames[handed_out.clone()])?;
+            defects.extend(defects::uncovered(&file, &imu, &frames));
+            (imu, range, file_defects)
         } else {
-            (ImuRecord::default(), 0..0)
+            (ImuRecord::default(), 0..0, FileDefects::default())
         };
         Ok(Self {
             root,
@@ -138,6 +151,8 @@ impl EurocDataset {
             image_faults,
             imu: Arc::new(imu),
             imu_range,
+            defects,
+            file_defects,
         })
     }
 
@@ -177,12 +192,25 @@ impl EurocDataset {
         frames_span(&self.frames[self.handed_out.clone()])
     }
 
+    /// What is wrong with the data set as a whole.
+    #[must_use]
+    pub fn defects(&self) -> &[Defect] {
+        &self.defects
+    }
+
+    /// Rows and images that cannot be read: what is found grows while the images are read.
+    #[must_use]
+    pub fn file_defects(&self) -> FileDefects {
+        self.file_defects.clone()
+    }
+
     /// The image stream, from its beginning.
     #[must_use]
     pub fn stereo(&self) -> EurocStereo {
         let folders = [0, 1].map(|camera| camera_folder(&self.root, camera).join("data"));
         let frames = Arc::clone(&self.frames);
-        EurocStereo::new(frames, self.handed_out.clone(), folders, self.cameras() == 2, self.image_faults)
+        let (range, is_stereo) = (self.handed_out.clone(), self.cameras() == 2);
+        EurocStereo::new(frames, range, folders, is_stereo, self.image_faults, self.file_defects.clone())
     }
 
     /// The inertial stream, from 1 s before the first frame to 0.1 s after the last.
@@ -251,10 +279,10 @@ pub fn read_imu_samples(path: &Path) -> Result<Vec<ImuSample>, DriverError> {
     Ok(read_table(&table, IMU_COLUMNS, parse_imu_row)?.rows)
 }
 
-fn read_imu(root: &Path) -> Result<ImuRecord, DriverError> {
+fn read_imu(root: &Path) -> Result<Table<ImuSample>, DriverError> {
     let path = root.join("imu0/data.csv");
     require_table(&path, "inertial samples")?;
-    read_table(&path, IMU_COLUMNS, parse_imu_row).map(ImuRecord::new)
+    read_table(&path, IMU_COLUMNS, parse_imu_row)
 }
 
 /// The size of the camera's images by the first one that can be read, checked against the expected.
@@ -354,9 +382,25 @@ pub(crate) fn imu_range<F>(
         return Ok(imu.range(first.plus_seconds(-IMU_BEFORE_S), last.plus_seconds(IMU_AFTER_S)));
     }
     let (imu_first, imu_last) = imu.span().unwrap_or_default();
+    let advice = other_unit(imu_last, last).unwrap_or_else(|| "do the files belong together?".into());
     let message = format!(
         "the IMU was recorded from {imu_first} to {imu_last} s, the images from {first} to {last} s: no \
-         sample among them; do the files belong together?"
+         sample among them; {advice}"
     );
     Err(DriverError::malformed(file, message))
+}
+
+/// Advice where the stamps of one sensor are in another unit than those of the other.
+fn other_unit(imu: Timestamp, images: Timestamp) -> Option<String> {
+    let ratio = imu.as_nanos() as f64 / images.as_nanos() as f64;
+    let names = ["images", "IMU"];
+    let [small, large] = if ratio > 1.0 { names } else { [names[1], names[0]] };
+    let factor = if ratio > 1.0 { ratio } else { 1.0 / ratio };
+    let is_near = |unit: f64| (factor / unit - 1.0).abs() < UNIT_TOLERANCE;
+    let (unit, times) =
+        [("microseconds", 1e3), ("milliseconds", 1e6)].into_iter().find(|(_, t)| is_near(*t))?;
+    Some(format!(
+        "the stamps of the {small} are {times:.0} times smaller than those of the {large}: are they in {unit}? \
+         Nanoseconds are expected; multiply them by {times:.0}"
+    ))
 }

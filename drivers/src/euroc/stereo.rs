@@ -1,5 +1,6 @@
 //! The image stream of a data set.
 
+use super::defects::FileDefects;
 use super::image::{ImageReader, NoImage};
 use super::pairing::FrameEntry;
 use crate::{DriverError, Faults, StereoFrame, StereoSource};
@@ -22,6 +23,7 @@ pub struct EurocStereo {
     reader: ImageReader,
     last_sequence: Option<u64>,
     faults: Faults,
+    defects: FileDefects,
 }
 
 impl EurocStereo {
@@ -32,9 +34,10 @@ impl EurocStereo {
         folders: [PathBuf; 2],
         stereo: bool,
         faults: Faults,
+        defects: FileDefects,
     ) -> Self {
         let (reader, expected) = (ImageReader::default(), range.len() as u64);
-        Self { frames, rest: range, expected, folders, stereo, reader, last_sequence: None, faults }
+        Self { frames, rest: range, expected, folders, stereo, reader, last_sequence: None, faults, defects }
     }
 
     fn read_image(&mut self, entry: &FrameEntry, camera: usize, frame: &mut StereoFrame) {
@@ -44,11 +47,17 @@ impl EurocStereo {
         if image.pixels().is_empty() {
             return;
         }
-        match self.reader.read(&self.folders[camera].join(file), image) {
-            Ok(()) => frame.valid[camera] = true,
-            Err(NoImage::Missing) => self.faults.missing += 1,
-            Err(NoImage::Corrupt) => self.faults.corrupt += 1,
+        let path = self.folders[camera].join(file);
+        let expected = (image.width(), image.height());
+        let Err(why) = self.reader.read(&path, image) else {
+            frame.valid[camera] = true;
+            return;
+        };
+        match why {
+            NoImage::Missing => self.faults.missing += 1,
+            NoImage::Corrupt | NoImage::OtherSize(_) => self.faults.corrupt += 1,
         }
+        self.defects.add(&path, why, expected);
     }
 }
 

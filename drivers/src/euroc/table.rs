@@ -105,7 +105,8 @@ pub(crate) struct Table<T> {
     pub(crate) corrupt: u64,
     /// Rows out of order, put right, or of a stamp that was there already, dropped.
     pub(crate) disordered: u64,
-    first_bad: Option<BadRow>,
+    /// The first row that could not be read.
+    pub(crate) first_bad: Option<BadRow>,
 }
 
 impl<T: Stamped> Table<T> {

@@ -15,6 +15,8 @@ use plumbline_config::{ImuSample, Portable};
 const GAP_PERIODS: f64 = 2.5;
 /// Readings beyond this share of the range count as being at its end.
 const SATURATED_SHARE: f64 = 0.99;
+/// Readings are cut off at this many times the range: one beyond all measure must not make sums infinite.
+const MOST_RANGES: f64 = 10.0;
 /// Standard deviation of what a saturated sensor would have read, as a share of its range.
 const SATURATED_SIGMA_SHARE: f64 = 0.5;
 /// How fast angular rate and specific force of a vehicle in flight change, rad/s² and m/s³: the ground truth of EuRoC's
@@ -104,6 +106,11 @@ impl SensorLimits {
             accel: sample.accel.amax() > SATURATED_SHARE * self.accel_range,
         };
         let mut believed = BelievedSample { sample: *sample, saturated, unmeasured: Unmeasured::default() };
+        let bounded = |reading: Vector3<f64>, range: f64| {
+            reading.map(|x| x.at_least(-MOST_RANGES * range).at_most(MOST_RANGES * range))
+        };
+        believed.sample.gyro = bounded(sample.gyro, self.gyro_range);
+        believed.sample.accel = bounded(sample.accel, self.accel_range);
         if let Some(last) = last
             && saturated.gyro
         {
@@ -175,6 +182,13 @@ mod tests {
             (hit.sample, hit.saturated),
             (sample(-3.0, 100.0), Saturation { gyro: false, accel: true })
         );
+    }
+
+    #[test]
+    fn a_reading_beyond_all_measure_is_cut_off() {
+        let wild = LIMITS.believe(&sample(-1e300, 1e300), None);
+        assert_eq!(wild.sample, sample(-100.0, 1000.0));
+        assert_eq!(wild.saturated, Saturation { gyro: true, accel: true });
     }
 
     #[test]

@@ -86,6 +86,15 @@ pub(super) struct Prediction {
     dt_s: f64,
 }
 
+impl Prediction {
+    /// Standard deviation of the velocity in its worst direction, at most, m/s.
+    pub(super) fn velocity_sigma_m_s(&self) -> Option<f64> {
+        let covariance = self.covariance.as_ref()?;
+        let variance: f64 = (NavState::V..NavState::V + 3).map(|k| covariance[(k, k)]).sum();
+        (variance >= 0.0).then(|| variance.sqrt())
+    }
+}
+
 impl NoiseScale {
     /// What is assumed of a sensor with `stated` noise before the first frame. With one camera the noise stays as stated.
     pub(super) fn new(stated: ImuNoise, cameras: usize) -> Self {

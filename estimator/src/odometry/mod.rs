@@ -9,6 +9,8 @@ mod inherited;
 mod innovation;
 mod judgement;
 pub mod measurements;
+#[cfg(test)]
+mod moving_tests;
 mod pair;
 #[cfg(test)]
 mod poison_tests;
@@ -35,6 +37,7 @@ use crate::estimate::{
     BiasVariances, Estimate, FrameFigures, HealthBits, NavCovariance, Stage, StageProbe, TrackingState,
 };
 use crate::exchange::{Feedback, KeyframeStep, SolvedFrame, Tracked};
+use crate::inertial::buffer::Coverage;
 use crate::inertial::{ImuBuffer, ImuNoise, Vibration};
 use crate::initial::{Gathering, MonoWorkspace};
 use crate::points::PointObservation;
@@ -44,7 +47,7 @@ use crate::window::state::{FrameTime, NavState};
 use crate::window::{RigEstimate, Window};
 use crate::work_budget::WorkBudget;
 use inherited::Inherited;
-use innovation::NoiseScale;
+use innovation::{NoiseScale, Prediction};
 pub use judgement::ResetReason;
 use judgement::Velocity;
 use measurements::Measurer;
@@ -413,13 +416,15 @@ impl Odometer {
         self.window.push_frame(time, nav, Some(motion), self.zero_velocity.is_still());
         let (tracks, lines) = (self.measurer.points(), self.measurer.lines());
         let connected = self.window.observe(tracks, lines);
+        self.window.unroll_newest(&self.rate_b);
+        self.window.clear_outliers();
+        self.drop_moving(&prediction, coverage, health);
         self.judge_turn(coverage, health);
         let (tracks, lines) = (self.measurer.points(), self.measurer.lines());
         let is_keyframe = self.window.needs_keyframe(connected, tracks.len());
         if is_keyframe {
             self.window.make_keyframe(tracks, lines);
         }
-        self.window.clear_outliers();
         self.window.triangulate(false);
         self.window.predict_rates(&self.rate_b);
         self.window.update_manhattan(self.measurer.lines(), self.tilt_sigma_rad());
@@ -448,6 +453,20 @@ impl Odometer {
         }
         self.judge(stamp, health);
         Solved { iterations: outcome.iterations, is_keyframe }
+    }
+
+    /// Drops what contradicts a prediction that can be relied on: the scale is known, and the samples are believed.
+    fn drop_moving(&mut self, prediction: &Prediction, coverage: Coverage, health: &HealthBits) {
+        let is_predicted = self.window.options.cameras > 1
+            && self.velocity == Velocity::Known
+            && !coverage.has_gap
+            && !coverage.is_saturated
+            && !coverage.unmeasured.is_any()
+            && !self.rotation.is_distrusting()
+            && !health.contains(HealthBits::IMU_CONTRADICTED);
+        if let Some(sigma) = prediction.velocity_sigma_m_s().filter(|_| is_predicted) {
+            self.window.drop_moving(sigma);
+        }
     }
 
     /// The rig's calibration as refined so far, with its covariance; `None` while there is no pose.

@@ -39,6 +39,7 @@ pub mod manhattan;
 pub mod manhattan_factor;
 pub mod marginalize;
 pub mod motions;
+mod moving;
 #[cfg(test)]
 mod null_space_tests;
 pub mod options;
@@ -311,6 +312,14 @@ impl Window {
             self.predict_all_rates();
         }
         if let Some(newest) = self.frames.len().checked_sub(1) {
+            self.predict_rates_of(newest, rate_b);
+        }
+    }
+
+    /// With a rolling shutter, puts the observations of the newest frame where a global one would have made them, by its predicted
+    /// velocity.
+    pub fn unroll_newest(&mut self, rate_b: &Vector3<f64>) {
+        if let Some(newest) = self.frames.len().checked_sub(1).filter(|_| self.options.is_rolling) {
             self.predict_rates_of(newest, rate_b);
         }
     }

@@ -42,6 +42,12 @@ pub struct Options {
     pub max_sigma_rho: f64,
     /// See [`super::feature::Feature::outlier_sigmas`], for points.
     pub point_outlier_sigmas: f64,
+    /// See [`plumbline_config::options::WindowConfig::max_moving_share`].
+    pub max_moving_share: f64,
+    /// Focal length of the left camera, px, and what an outlier is off by, px.
+    pub focal_px: f64,
+    /// See `focal_px`.
+    pub outlier_px: f64,
     /// Cameras of the rig.
     pub cameras: usize,
     /// A camera has a rolling shutter.
@@ -81,6 +87,9 @@ impl Options {
             min_parallax_sigmas: MIN_PARALLAX_SIGMAS,
             max_sigma_rho: MAX_SIGMA_RHO,
             point_outlier_sigmas: point_outlier_sigmas(config),
+            max_moving_share: window.max_moving_share,
+            focal_px: config.left().focal_px[0],
+            outlier_px: point_outlier_sigmas(config) * config.estimator.points.sigma_px,
             cameras: config.camera.len(),
             is_rolling: config.camera.iter().any(|camera| camera.readout_s > 0.0),
             keeps_landmarks: config.camera.len() == 1,

@@ -98,13 +98,23 @@ impl Verdict {
 
 /// Judges the observations of the newest frame.
 pub(super) fn judge<F: Feature>(store: &LandmarkStore<F>, poses: &Poses, problem: &Problem<'_>) -> Verdict {
+    judge_within(store, poses, problem, 1.0)
+}
+
+/// Judges them with gates that are `slack` times as wide.
+pub(super) fn judge_within<F: Feature>(
+    store: &LandmarkStore<F>,
+    poses: &Poses,
+    problem: &Problem<'_>,
+    slack: f64,
+) -> Verdict {
     let newest = problem.frames.len().saturating_sub(1) as u8;
     let mut verdict = Verdict::default();
     for landmark in store.all().iter().filter(|l| l.is_triangulated && l.host != newest) {
         let placed = poses.placed(landmark);
         for o in landmark.observations.iter().rev().take_while(|o| o.frame == newest) {
             verdict.seen += 1;
-            verdict.wrong += usize::from(!fits::<F>(poses, problem, &placed, o));
+            verdict.wrong += usize::from(!fits_within::<F>(poses, problem, &placed, o, slack));
         }
     }
     verdict
@@ -117,7 +127,18 @@ fn fits<F: Feature>(
     placed: &F::Placed,
     o: &Observation<F::Measurement>,
 ) -> bool {
-    let limit = F::outlier_sigmas(problem.options);
+    fits_within::<F>(poses, problem, placed, o, 1.0)
+}
+
+/// Whether it does within `slack` times that.
+pub(super) fn fits_within<F: Feature>(
+    poses: &Poses,
+    problem: &Problem<'_>,
+    placed: &F::Placed,
+    o: &Observation<F::Measurement>,
+    slack: f64,
+) -> bool {
+    let limit = slack * F::outlier_sigmas(problem.options);
     poses.residual::<F>(problem, placed, o).is_some_and(|r| r.norm_squared() < limit * limit)
 }
 

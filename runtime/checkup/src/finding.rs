@@ -18,6 +18,9 @@ pub struct Finding {
     pub cause: String,
     /// What to do.
     pub cure: String,
+    /// How bad it is.
+    #[serde(skip)]
+    pub fitness: Fitness,
 }
 
 impl Finding {
@@ -28,13 +31,31 @@ impl Finding {
         cause: impl Into<String>,
         cure: impl Into<String>,
     ) -> Self {
-        Self { what: what.into(), evidence: evidence.into(), cause: cause.into(), cure: cure.into() }
+        Self {
+            what: what.into(),
+            evidence: evidence.into(),
+            cause: cause.into(),
+            cure: cure.into(),
+            fitness: Fitness::NotFit,
+        }
     }
 
     /// The finding among the measures of a checkup.
     pub(crate) fn into_measure(self) -> Measure {
+        self.into_measure_of(UNITS_AND_COLUMNS)
+    }
+
+    /// The finding as a measure of this name.
+    #[must_use]
+    pub fn into_measure_of(self, name: &'static str) -> Measure {
         let value = format!("{} ({})", self.what, self.evidence);
-        Measure::new(UNITS_AND_COLUMNS, Fitness::NotFit, value, self.advice(), &[])
+        Measure::new(name, self.fitness, value, self.advice(), &[])
+    }
+
+    /// The finding of something that a flight is possible with.
+    #[must_use]
+    pub fn mild(self) -> Self {
+        Self { fitness: Fitness::Mind, ..self }
     }
 
     /// The finding of a measure that is not fit to fly.

@@ -40,8 +40,9 @@ pub use verdict::{CheckupReport, Fitness, Measure};
 use agreement::Turn;
 use motion::MotionFinder;
 use pair::{PairFigures, PairMatcher};
+use plausibility::gravity::{self, GravityTurns};
 use plausibility::inertial::Magnitudes;
-use plausibility::rotation::IN_DEGREES;
+use plausibility::rotation::{IN_DEGREES, OTHER_AXES};
 use plausibility::{Finding, Glimpse, Seen, Sight};
 use plumbline_config::options::image_sizes;
 use plumbline_config::{Config, ImageView, ImuSample, Timestamp};
@@ -195,15 +196,23 @@ impl Checkup {
         let mut magnitudes = Magnitudes::default();
         self.samples.iter().for_each(|sample| magnitudes.add(sample));
         let agreement = plausibility::agreement_of(config, &self.rotations, &self.samples);
-        let mut nonsense = plausibility::nonsense(&magnitudes, &agreement, &self.sight);
-        let refused =
-            inertial::refused(self.refused_samples, self.samples.len()).filter(|_| nonsense.is_empty());
+        let turns = GravityTurns::of(&self.samples);
+        let mut nonsense =
+            plausibility::nonsense(&magnitudes, (&turns, config.vehicle.rot_v_b()), &agreement, &self.sight);
+        // At rest the mounting says it, with its angles.
+        nonsense.retain(|finding| finding.what != gravity::UPSIDE_DOWN || rest.seconds == 0.0);
+        let refused = inertial::refused(self.refused_samples, self.samples.len());
+        // What is left of such samples does not tell how gravity turns.
+        nonsense.retain(|finding| refused.is_none() || finding.what != gravity::DISAGREE);
+        let refused = refused.filter(|_| nonsense.is_empty());
         let clocks = timing::two_clocks(&imu.stamps, &self.frames.stamps);
         let are_samples_wrong = refused.is_some()
             || !magnitudes.nonsense().is_empty()
             || nonsense.iter().any(|finding| finding.what == IN_DEGREES);
+        let are_columns_wrong =
+            nonsense.iter().any(|finding| [OTHER_AXES, gravity::DISAGREE].contains(&finding.what.as_str()));
         nonsense.extend(refused);
-        let consequences = self.consequences(are_samples_wrong, !nonsense.is_empty());
+        let consequences = self.consequences(are_samples_wrong, are_columns_wrong, !nonsense.is_empty());
         let mut measures: Vec<Measure> =
             clocks.into_iter().chain(nonsense).map(Finding::into_measure).collect();
         measures.extend([
@@ -223,6 +232,7 @@ impl Checkup {
             (config.camera.len() == 2).then(|| timing::judge_pairs(self.whole, self.frames.stamps.len())),
         );
         measures.push(inertial::axes(&self.samples, &config.imu));
+        measures.extend((!are_columns_wrong).then(|| turns.judge()));
         let [gravity, bias] = inertial::at_rest(&rest, config);
         let [mounting, heading] = mounting::judge(&self.samples, &rest, config);
         measures.extend([gravity, mounting, heading, bias]);
@@ -251,13 +261,19 @@ impl Checkup {
 
     /// Measures that come out wrong while a sensor is missing or its stamps, units, columns or sides are wrong: their cures
     /// would mislead.
-    fn consequences(&self, are_samples_wrong: bool, is_anything_wrong: bool) -> Vec<&'static str> {
+    fn consequences(
+        &self,
+        are_samples_wrong: bool,
+        are_columns_wrong: bool,
+        is_anything_wrong: bool,
+    ) -> Vec<&'static str> {
         let (no_samples, no_frames) = (self.samples.is_empty(), self.frames.stamps.is_empty());
         let is_troubled = self.troubles.iter().any(Option::is_some);
         let samples = OF_SAMPLES.into_iter().filter(|_| are_samples_wrong || no_samples);
         let images = OF_IMAGES.into_iter().filter(|_| no_frames);
         let is_both = is_anything_wrong || is_troubled || no_samples || no_frames;
-        samples.chain(images).chain(OF_BOTH.into_iter().filter(|_| is_both)).collect()
+        let columns = OF_COLUMNS.into_iter().filter(|_| are_columns_wrong);
+        samples.chain(images).chain(columns).chain(OF_BOTH.into_iter().filter(|_| is_both)).collect()
     }
 }
 
@@ -267,8 +283,9 @@ pub const NAMED_ABOVE: &str = "put right what is named above, then measure again
 /// Measures that need two cameras.
 const OF_PAIRS: [&str; 4] = ["stereo pairs", "epipolar error", "time offset", "camera-IMU rotation"];
 /// Measures of the inertial samples alone.
-const OF_SAMPLES: [&str; 8] = [
+const OF_SAMPLES: [&str; 9] = [
     "IMU axes",
+    gravity::NAME,
     "gravity",
     mounting::NAME,
     mounting::HEADING_NAME,
@@ -279,5 +296,7 @@ const OF_SAMPLES: [&str; 8] = [
 ];
 /// Measures of the images alone.
 const OF_IMAGES: [&str; 3] = ["stereo pairs", "exposure", "epipolar error"];
+/// Measures of the columns of the inertial samples.
+const OF_COLUMNS: [&str; 3] = [gravity::NAME, mounting::NAME, mounting::HEADING_NAME];
 /// Measures of images and samples together.
 const OF_BOTH: [&str; 2] = ["time offset", "camera-IMU rotation"];

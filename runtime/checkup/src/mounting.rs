@@ -19,6 +19,10 @@ pub const HEADING_NAME: &str = "mounting heading";
 const TILT: (f64, f64) = (5.0, 20.0);
 /// A vehicle that is tilted by more, degrees, has no roll and pitch to be told.
 const STEEP_DEG: f64 = 45.0;
+/// What makes gravity point upwards.
+pub const UPSIDE_DOWN_CAUSE: &str = "that the IMU is mounted upside down, or that the accelerometer is negated (at rest it reads +9.81 along the axis that points up)";
+/// Tilt of a vehicle that is upside down, degrees.
+const UPSIDE_DOWN_DEG: f64 = 150.0;
 /// Heading against the configured mounting, degrees: a hand does not nod about one axis alone.
 const HEADING: (f64, f64) = (15.0, 30.0);
 /// A nod is this large at least, and no somersault, degrees.
@@ -191,6 +195,9 @@ fn level(rest: &Rest, nod: Option<Nod>, rot_v_b: &UnitQuaternion<f64>) -> Measur
     }
     let cure = match &nod {
         Some(nod) => format!("on a level floor: set {}", key(nod)),
+        None if tilt > UPSIDE_DOWN_DEG => format!(
+            "probably {UPSIDE_DOWN_CAUSE}; negate the accelerometer, or correct `vehicle.imu_to_vehicle_deg`"
+        ),
         None => "put the vehicle on a level floor; if it is, correct `vehicle.imu_to_vehicle_deg`".into(),
     };
     Measure::new(NAME, Fitness::within(tilt, TILT.0, TILT.1), value, cure, &figures)

@@ -127,6 +127,7 @@ fn check(file: &str) -> Result<()> {
     }
     let config = Config::load(file)?;
     config.refuse_unset_keys(file)?;
+    warn_of_doubts(&config);
     say(format_args!("{file}: valid, {} camera(s), hash {}", config.camera.len(), config_hash(&config)));
     Ok(())
 }
@@ -147,7 +148,13 @@ fn import(args: &ImportArgs) -> Result<()> {
     let back = Config::from_toml_str(&text, &args.out.display().to_string())?;
     std::fs::write(&args.out, &text).with_context(|| args.out.display().to_string())?;
     say(summary(&back, &args.out));
+    warn_of_doubts(&back);
     Ok(())
+}
+
+/// Names what is valid, and yet probably a mistake.
+fn warn_of_doubts(config: &Config) {
+    config.doubts().iter().for_each(|doubt| tracing::warn!("{doubt}"));
 }
 
 /// The mounting that was named, or that the data set states.
@@ -211,7 +218,14 @@ fn rounded(value: f64) -> f64 {
 
 /// What came out, so that a wrong unit or a wrong file meets the eye.
 fn summary(config: &Config, out: &Path) -> String {
-    let mut lines = vec![format!("{}: written, valid, hash {}", out.display(), config_hash(config))];
+    let unset: Vec<String> = config
+        .unset_keys()
+        .iter()
+        .map(|unset| format!("`{}`: {}; {}", unset.key, unset.reason, unset.cure))
+        .collect();
+    let state = if unset.is_empty() { "valid" } else { "not complete" };
+    let mut lines = vec![format!("{}: written, {state}, hash {}", out.display(), config_hash(config))];
+    lines.extend(unset);
     for (index, camera) in config.camera.iter().enumerate() {
         let p = camera.pose_b_c().translation.vector;
         lines.push(format!(

@@ -1,8 +1,8 @@
 //! One rule for the exit status of every command.
 //!
 //! 0: what was asked for was done. 2: it was asked for wrongly, and asking again in the same way cannot help: arguments,
-//! configuration, endpoints, an input that is not there or is not of the kind that was asked for, an output that may
-//! not be written. 3: a task of a live flight ended or stands still by a fault of the program, so that the process is to be
+//! configuration, endpoints, an input that is not there, is not of the kind that was asked for or holds nothing that can be
+//! used, an output that may not be written. 3: a task of a live flight ended or stands still by a fault of the program, so that the process is to be
 //! started again, as the systemd unit does. 1: everything else that went wrong.
 
 use super::Usage;
@@ -84,6 +84,7 @@ fn is_wrong_input(cause: &(dyn Error + 'static)) -> bool {
         return matches!(
             error,
             DriverError::Scenario(_)
+                | DriverError::Malformed { .. }
                 | DriverError::Missing { .. }
                 | DriverError::Refused { .. }
                 | DriverError::Device { .. }

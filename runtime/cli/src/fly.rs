@@ -274,7 +274,7 @@ fn start_progress(notices: SensorNotices) -> std::io::Result<Progress> {
 fn warnings(watch: Watch, flown: &Flown) -> Vec<Finding> {
     let mut warnings = watch.finish();
     let faults = &flown.outcome.faults;
-    if let Some(finding) = plausibility::of_faults(faults.imu, faults.cameras, true) {
+    if let Some(finding) = plausibility::of_faults(faults.imu, faults.cameras, None) {
         tracing::warn!("{finding}");
         warnings.push(finding);
     }

@@ -89,8 +89,8 @@ fn examples() -> String {
   plumbline plot out.tum --truth V1_01_easy --out flight.svg   the same as a picture
   plumbline lines image.png --out lines.png         the line segments of one image, as a picture
 
-Exit status: 0 success; 1 the run failed; 2 wrong usage or configuration, or an input that is not there; 3 a task of a live
-flight ended by a fault of the program: start it again, as the systemd unit does."
+Exit status: 0 success; 1 the run failed; 2 wrong usage or configuration, or an input that is not there or
+cannot be used at all; 3 a task of a live flight ended by a fault of the program: start it again, as the systemd unit does."
     )
 }
 

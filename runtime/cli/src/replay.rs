@@ -13,6 +13,7 @@ use anyhow::{Context, Result};
 use clap::Args;
 use plumbline_config::{Config, ValidConfig};
 use plumbline_drivers::StampedPose;
+use plumbline_drivers::euroc::FileDefects;
 use plumbline_drivers::tum::write_tum;
 use plumbline_estimator::Estimate;
 use plumbline_estimator::places::Mapper;
@@ -171,7 +172,8 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     let mut states = wants_states.then(|| KeptStates::for_flight(&flight));
     let mut progress = Progress::bar(flight.stereo.expected_frames())?;
     let mut watch = Watch::start(&flight.config, args.speed.is_some(), flight.findings.clone())?;
-    let (log_end, threads) = (flight.log_end.clone(), usize::from(args.threads));
+    let (log_end, file_defects) = (flight.log_end.clone(), flight.file_defects.clone());
+    let threads = usize::from(args.threads);
     let options = RunOptions { speed: args.speed, threads };
     let mut subscribers = outputs.subscribers();
     subscribers.push(&mut progress);
@@ -186,7 +188,7 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     let (flown, outputs) = (fly(flight, &options, &control, subscribers), outputs.finish());
     progress.finish();
     let flown = flown?;
-    let warnings = warnings(watch.finish(), &flown, log_end.as_ref());
+    let warnings = warnings(watch.finish(), &flown, log_end.as_ref(), &file_defects);
     let report = Report::new(&flown).with(outputs).warning_of(warnings);
     let odometry = odometry.map(OdometryTrajectory::into_poses);
     write_trajectories(args, &flown.poses, odometry.as_deref())?;
@@ -208,9 +210,14 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
 }
 
 /// All that is wrong with what was flown; what shows only at the end is logged now.
-fn warnings(mut warnings: Vec<Finding>, flown: &Flown, log_end: Option<&LogEnd>) -> Vec<Finding> {
+fn warnings(
+    mut warnings: Vec<Finding>,
+    flown: &Flown,
+    log_end: Option<&LogEnd>,
+    files: &FileDefects,
+) -> Vec<Finding> {
     let faults = &flown.outcome.faults;
-    let late = plausibility::of_faults(faults.imu, faults.cameras, false).into_iter().chain(
+    let late = plausibility::of_faults(faults.imu, faults.cameras, Some(&files.words())).into_iter().chain(
         log_end.and_then(LogEnd::words).map(|words| {
             let seconds = flown.outcome.figures.span_s;
             Finding::new(

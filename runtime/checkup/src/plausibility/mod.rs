@@ -2,10 +2,11 @@
 //!
 //! An estimator takes nonsense for motion and goes on. What is looked at here are the data alone, in a bounded number
 //! of samples and of shrunken images from the beginning of a flight: the magnitudes of the inertial samples
-//! ([`inertial`]), the rotation that the images show against that of the gyroscope ([`rotation`]), and on which side
+//! ([`inertial`]), how gravity turns in them ([`gravity`]), the rotation that the images show against that of the gyroscope ([`rotation`]), and on which side
 //! of a pair near things are shifted ([`stereo`]). [`Plausibility`] is a pure function of what it is given; a run
 //! feeds it while it goes on. Nothing of it reaches an estimate.
 
+pub mod gravity;
 pub mod inertial;
 pub mod rotation;
 pub mod stereo;
@@ -17,8 +18,9 @@ use crate::mounting;
 use crate::thumbnail::{RotationFinder, Thumbnail};
 use crate::timing::{self, Arrivals, Sensor};
 use crate::verdict::Fitness;
+use gravity::GravityTurns;
 use inertial::Magnitudes;
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::{Config, ImuSample, Timestamp};
 use plumbline_estimator::HealthBits;
 use rotation::{Agreement, RotationPair};
@@ -139,10 +141,18 @@ pub(crate) fn agreement_of(config: &Config, seen: &[Seen], samples: &[ImuSample]
 
 /// Units, columns, axes and sides that cannot be right, the most probable cause first: doctor, replay and a flight say the
 /// same.
-pub(crate) fn nonsense(magnitudes: &Magnitudes, agreement: &Agreement, sight: &Sight) -> Vec<Finding> {
+pub(crate) fn nonsense(
+    magnitudes: &Magnitudes,
+    (gravity, rot_v_b): (&GravityTurns, Option<UnitQuaternion<f64>>),
+    agreement: &Agreement,
+    sight: &Sight,
+) -> Vec<Finding> {
     let mut findings = magnitudes.nonsense();
     if findings.is_empty() {
         findings.extend(agreement.finding());
+    }
+    if findings.is_empty() {
+        findings.extend(gravity.finding(rot_v_b).or_else(|| gravity.upside_down(rot_v_b)));
     }
     if findings.is_empty() {
         findings.extend(sight.sides.as_ref().and_then(Sides::finding));
@@ -155,6 +165,8 @@ pub struct Plausibility {
     cameras: usize,
     rates_hz: [f64; 2],
     magnitudes: Magnitudes,
+    gravity: GravityTurns,
+    rot_v_b: Option<UnitQuaternion<f64>>,
     arrivals: [Arrivals; 2],
     sight: Sight,
     agreement: Agreement,
@@ -179,6 +191,8 @@ impl Plausibility {
             cameras: config.camera.len(),
             rates_hz: [config.imu.rate_hz, config.camera.first().map_or(0.0, |camera| camera.rate_hz)],
             magnitudes: Magnitudes::default(),
+            gravity: GravityTurns::default(),
+            rot_v_b: config.vehicle.rot_v_b(),
             arrivals: Default::default(),
             sight: Sight::new(config),
             agreement: Agreement::of(config),
@@ -204,6 +218,7 @@ impl Plausibility {
     /// Takes an inertial sample.
     pub fn add_sample(&mut self, sample: &ImuSample) {
         self.magnitudes.add(sample);
+        self.gravity.add(sample);
         self.note(Sensor::Imu, sample.stamp);
         if self.first.len() < MAX_STAMPS {
             self.first.push(*sample);
@@ -295,7 +310,8 @@ impl Plausibility {
     pub fn findings(&self) -> Vec<Finding> {
         let mut findings = self.stamp_findings();
         if findings.is_empty() {
-            findings = nonsense(&self.magnitudes, &self.agreement, &self.sight);
+            findings =
+                nonsense(&self.magnitudes, (&self.gravity, self.rot_v_b), &self.agreement, &self.sight);
         }
         if findings.is_empty() {
             findings.extend(mounting::finding(&self.first, &self.config));
@@ -339,6 +355,7 @@ pub fn missing_camera(evidence: &str, cure: &str) -> Finding {
         "a camera that is not connected, or a data set without its folder cam1",
         cure,
     )
+    .mild()
 }
 
 #[cfg(test)]

@@ -135,10 +135,11 @@ impl Agreement {
         let configured = score(&self.rot_c_b);
         let convincing = CONVINCING.max(configured + BETTER);
         let inverse = score(&self.rot_c_b.transpose());
-        let (assigned, axes) = assignments()
-            .map(|axes| (score(&(self.rot_c_b * axes)), axes))
-            .max_by(|a, b| (a.0 - TIE * rarity(&a.1)).total_cmp(&(b.0 - TIE * rarity(&b.1))))?;
-        let what = "the gyroscope and the images turn about different axes";
+        let (assigned, axes) =
+            assignments().map(|axes| (score(&(self.rot_c_b * axes)), axes)).max_by(|a, b| {
+                (a.0 - TIE * rarity_of_sensor(&a.1)).total_cmp(&(b.0 - TIE * rarity_of_sensor(&b.1)))
+            })?;
+        let what = OTHER_AXES;
         let evidence = |as_well: f64| {
             format!("correlation {configured:.2} as configured, {as_well:.2} with what is probably meant")
         };
@@ -196,6 +197,8 @@ fn rates(gyro: f64, images: f64) -> String {
     format!("rate {gyro:.2} by the gyroscope, {images:.3} rad/s by the images")
 }
 
+/// What is said of columns of the gyroscope or of extrinsics.
+pub const OTHER_AXES: &str = "the gyroscope and the images turn about different axes";
 /// What is said of a gyroscope in degrees.
 pub const IN_DEGREES: &str = "the gyroscope turns faster than anything that flies or than the images";
 
@@ -210,7 +213,7 @@ pub(super) fn in_degrees(evidence: &str) -> Finding {
 }
 
 /// All assignments of three columns with all signs but the one that changes nothing.
-fn assignments() -> impl Iterator<Item = Matrix3<f64>> {
+pub(super) fn assignments() -> impl Iterator<Item = Matrix3<f64>> {
     const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
     let all = ORDERS.into_iter().flat_map(|order| (0..8).map(move |signs| (order, signs)));
     all.skip(1).map(|(order, signs)| {
@@ -222,18 +225,20 @@ fn assignments() -> impl Iterator<Item = Matrix3<f64>> {
     })
 }
 
-/// How uncommon a mistake is: the number of signs that it changes, and half of one when no axis stays in its place. A sensor
-/// turned by half a turn is common.
-fn rarity(axes: &Matrix3<f64>) -> f64 {
-    if axes.trace() == -1.0 && axes.diagonal().iter().all(|x| *x != 0.0) {
-        return 0.5;
-    }
+/// How uncommon a mistake of the whole sensor is: that of its columns, but half a turn of the mounting is common.
+fn rarity_of_sensor(axes: &Matrix3<f64>) -> f64 {
+    let is_half_turn = axes.trace() == -1.0 && axes.diagonal().iter().all(|x| *x != 0.0);
+    if is_half_turn { 0.5 } else { rarity(axes) }
+}
+
+/// How uncommon a mistake of columns is: the number of signs that it changes, and half of one when no axis stays in its place.
+pub(super) fn rarity(axes: &Matrix3<f64>) -> f64 {
     let stays = axes.diagonal().iter().any(|x| *x != 0.0);
     axes.iter().filter(|x| **x < 0.0).count() as f64 + if stays { 0.0 } else { 0.5 }
 }
 
 /// Where x, y and z of the body stand in what is delivered, such as `y x z`.
-fn names(axes: &Matrix3<f64>) -> String {
+pub(super) fn names(axes: &Matrix3<f64>) -> String {
     let name = |column: usize| {
         let row = (0..3).find(|row| axes[(*row, column)] != 0.0).unwrap_or(column);
         format!("{}{}", if axes[(row, column)] < 0.0 { "-" } else { "" }, ["x", "y", "z"][row])

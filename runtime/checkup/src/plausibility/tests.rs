@@ -101,6 +101,8 @@ fn columns_that_are_swapped_are_told() {
     );
     names(&with_samples(|s| s.gyro.swap_rows(0, 1)), &["columns of the gyroscope", "y x z"]);
     names(&with_samples(|s| s.gyro.swap_rows(0, 2)), &["columns of the gyroscope", "z y x"]);
+    names(&with_samples(|s| s.accel.swap_rows(0, 1)), &["columns of the accelerometer", "y x z"]);
+    names(&with_samples(|s| s.accel = -s.accel), &["gravity points upwards", "is negated"]);
 }
 
 #[test]

@@ -15,11 +15,10 @@ fn a_healthy_flight_is_fit_and_every_measure_is_good_or_not_in_the_data() {
     assert!(report.is_fit() && report.count(Fitness::Mind) == 0, "{}", told(&report));
     // What this flight does not hold: an exposure, and turns about several axes.
     let missing: Vec<_> = report.measures.iter().filter(|m| m.verdict == Fitness::NotMeasured).collect();
-    assert!(
-        missing
-            .iter()
-            .all(|m| ["blur", "mounting heading", "camera-IMU rotation", "time offset"].contains(&m.name))
-    );
+    assert!(missing.iter().all(|m| {
+        ["blur", "mounting heading", "camera-IMU rotation", "time offset", "accelerometer axes"]
+            .contains(&m.name)
+    }));
 }
 
 #[test]
@@ -390,4 +389,30 @@ fn a_flight_warns_of_a_mounting_that_gravity_contradicts_in_the_words_of_the_che
         findings.iter().any(|finding| finding.evidence == said.value && finding.cure == said.cure),
         "{said:?}: {findings:#?}"
     );
+}
+
+#[test]
+fn columns_of_the_accelerometer_are_named_and_the_mounting_is_not_judged_by_them() {
+    let flying = super::simulated(super::FlightPath::Demo, 0.0, 15.0, 0);
+    assert!(flying.report().measure("units and columns").is_none(), "{}", told(&flying.report()));
+    let swapped =
+        flying.with(|data| data.samples.iter_mut().for_each(|(_, sample)| sample.accel.swap_rows(0, 1)));
+    let report = swapped.report();
+    assert_found(
+        &report,
+        "units and columns",
+        Fitness::NotFit,
+        "as x y z it delivers y x z; put the columns",
+    );
+    assert_eq!(measure(&report, "mounting").verdict, Fitness::NotMeasured, "{}", told(&report));
+}
+
+#[test]
+fn a_negated_accelerometer_is_named_at_rest_and_in_motion() {
+    let negated =
+        flight(0).with(|data| data.samples.iter_mut().for_each(|(_, sample)| sample.accel = -sample.accel));
+    assert_found(&negated.report(), "mounting", Fitness::NotFit, "the accelerometer is negated");
+    let flying = super::simulated(super::FlightPath::Demo, 3.0, 6.0, 0)
+        .with(|data| data.samples.iter_mut().for_each(|(_, sample)| sample.accel = -sample.accel));
+    assert_found(&flying.report(), "units and columns", Fitness::NotFit, "the accelerometer is negated");
 }

@@ -2,10 +2,12 @@
 
 use super::super::scenario::parse_scene;
 use anyhow::{Result, anyhow};
+use plumbline_checkup::plausibility::Finding;
 use plumbline_checkup::timing::Sensor;
-use plumbline_checkup::{Checkup, CheckupReport, Frame};
+use plumbline_checkup::{Checkup, CheckupReport, Fitness, Frame, Measure};
 use plumbline_config::options::image_sizes;
 use plumbline_config::{GrayImage, ImuSample, Timestamp, ValidConfig};
+use plumbline_drivers::euroc::FileDefects;
 use plumbline_drivers::simulator::Scenario;
 use plumbline_drivers::{BagTopics, DriverError, ImuSource, StereoFrame, StereoSource, StopFlag};
 use plumbline_flight::flight::sensor_watch::{SensorTrouble, SensorWatch};
@@ -19,6 +21,12 @@ use std::time::{Duration, Instant};
 
 /// The time that is left is looked at this often.
 const REDRAW: Duration = Duration::from_millis(500);
+/// Name of the measure of the files of a recording.
+const RECORDING: &str = "recording";
+/// Name of the measure of frames with both images.
+const PAIRS: &str = "stereo pairs";
+/// Share of images that may be unreadable.
+const MAX_UNREAD: f64 = 0.02;
 /// Frames that wait to be looked at.
 const QUEUE: usize = 4;
 /// Samples and frames that are taken in, at most.
@@ -49,6 +57,10 @@ pub(super) struct Streams {
     imu: Box<dyn ImuSource>,
     stereo: Box<dyn StereoSource>,
     live: Option<Live>,
+    /// What is wrong with the recording as a whole.
+    findings: Vec<Finding>,
+    /// Rows and images that cannot be read.
+    file_defects: FileDefects,
 }
 
 /// What belongs to live sensors.
@@ -63,8 +75,8 @@ struct Live {
 }
 
 impl From<Flight> for Streams {
-    fn from(Flight { config, imu, stereo, .. }: Flight) -> Self {
-        Self { config, imu, stereo, live: None }
+    fn from(Flight { config, imu, stereo, findings, file_defects, .. }: Flight) -> Self {
+        Self { config, imu, stereo, live: None, findings, file_defects }
     }
 }
 
@@ -96,11 +108,11 @@ type Note = (u64, Timestamp, [bool; 2]);
 /// # Errors
 /// When a stream breaks off.
 pub(super) fn examine(streams: Streams) -> Result<CheckupReport> {
-    let Streams { config, imu, stereo, mut live } = streams;
+    let Streams { config, imu, stereo, mut live, findings, file_defects } = streams;
     let mut checkup = Checkup::new(&config);
     let (send, receive) = sync_channel(QUEUE);
     let (frame, is_live) = (StereoFrame::new(image_sizes(&config.camera)), live.is_some());
-    scope(|threads| {
+    let mut report = scope(|threads| {
         let samples = threads.spawn(move || read_samples(imu));
         let notes = threads.spawn(move || read_frames(stereo, frame, &send, is_live));
         let troubles = look(&mut checkup, &receive, live.as_mut());
@@ -115,8 +127,31 @@ pub(super) fn examine(streams: Streams) -> Result<CheckupReport> {
         if let Some(live) = &live {
             tell_of_drivers(&mut checkup, live, troubles, came);
         }
-        Ok(checkup.report())
-    })
+        anyhow::Ok(checkup.report())
+    })?;
+    let frames = report.measure(PAIRS).and_then(|pairs| pairs.figure("frames")).unwrap_or(0.0);
+    let unread = unread(&file_defects, frames);
+    let is_bad = |m: &&mut Measure| m.name == PAIRS && m.verdict > Fitness::Good;
+    if !is_live && let Some(pairs) = report.measures.iter_mut().find(is_bad) {
+        pairs.cure = match &unread {
+            Some(_) => "mend the images that are named above".into(),
+            None => "see which images the recording lacks (cam0/data.csv and cam1/data.csv)".into(),
+        };
+    }
+    let found = findings.into_iter().map(|finding| finding.into_measure_of(RECORDING));
+    report.measures.splice(0..0, found.chain(unread));
+    Ok(report)
+}
+
+/// Rows and images that cannot be read, in a recording of which so many frames were looked at.
+fn unread(files: &FileDefects, frames: f64) -> Option<Measure> {
+    let (words, images) = (files.words(), files.images() as f64);
+    let share = images / (2.0 * frames).max(1.0);
+    // A row is one of thousands: tables with many are refused.
+    let verdict = Fitness::within(share, 0.0, MAX_UNREAD).max(Fitness::Mind);
+    let cure = "copy or write these files again";
+    (!words.is_empty())
+        .then(|| Measure::new(RECORDING, verdict, words.join("; "), cure, &[("unread_images", images)]))
 }
 
 /// Gives the checkup what the drivers of live sensors know, of which so many samples and frames came.

@@ -39,6 +39,7 @@ use crate::log::KnownMap;
 use crate::log::source::LogEnd;
 use crate::pipeline::Stamps;
 use plumbline_config::ValidConfig;
+use plumbline_drivers::euroc::FileDefects;
 use plumbline_drivers::{FaultySource, FrameFaults, ImuSource, StereoSource};
 
 /// Streams, configuration and truth of one flight.
@@ -57,6 +58,8 @@ pub struct Flight {
     pub findings: Vec<plausibility::Finding>,
     /// How the log that is replayed ends; `None` for other inputs.
     pub log_end: Option<LogEnd>,
+    /// Rows and images of the data set that cannot be read: grows while it is read.
+    pub file_defects: FileDefects,
     /// Map that the flight continues; `None` if it starts without one.
     pub map: Option<KnownMap>,
     /// Clock domain of the sample timestamps.
@@ -82,6 +85,7 @@ impl Flight {
             name,
             findings: Vec::new(),
             log_end: None,
+            file_defects: FileDefects::default(),
             map: None,
             stamps: Stamps::Replayed,
             first_reset_counter: 0,

@@ -9,7 +9,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::options::VehicleConfig;
 use plumbline_config::{Config, ConfigError, ImuSample, ValidConfig, import};
 use plumbline_drivers::bag::{is_bag, read_bag_imu};
-use plumbline_drivers::euroc::read_imu_samples;
+use plumbline_drivers::euroc::{Defect, read_imu_samples};
 use plumbline_drivers::simulator::{FlightPath, Scenario, Simulator, draw_calibration, mistake_intrinsics};
 use plumbline_drivers::{BagDataset, BagTopics, EurocDataset, EurocOptions, ImuSource as _};
 use std::ops::Range;
@@ -55,7 +55,7 @@ pub fn open_dataset(
     }
     let options = EurocOptions { frames, seconds, ..EurocOptions::for_config(&config) };
     let dataset = EurocDataset::open(path, &options)?;
-    let mut findings = Vec::new();
+    let mut findings: Vec<Finding> = dataset.defects().iter().map(of_defect).collect();
     if dataset.cameras() < config.camera.len() {
         findings.push(missing_camera(&format!("{} holds no cam1", path.display()), COPY));
         config = with_cameras(&config, dataset.cameras())?;
@@ -63,7 +63,13 @@ pub fn open_dataset(
     let truth = dataset.ground_truth()?.map_or(Truth::None, |states| Truth::of_states(&states));
     let name = path.display().to_string();
     let flight = Flight::new(config, Box::new(dataset.imu()), Box::new(dataset.stereo()), name);
-    Ok(Flight { truth, findings, ..flight })
+    Ok(Flight { truth, findings, file_defects: dataset.file_defects(), ..flight })
+}
+
+/// What is wrong with a recording, as a finding.
+fn of_defect(defect: &Defect) -> Finding {
+    let finding = Finding::new(&defect.what, &defect.evidence, &defect.cause, &defect.cure);
+    if defect.is_grave { finding } else { finding.mild() }
 }
 
 /// Whether `path` is that of a flight log.
@@ -162,7 +168,7 @@ pub fn open_bag(
     }
     let options = EurocOptions { frames, seconds, ..EurocOptions::for_config(&config) };
     let bag = BagDataset::open(path, topics, &options)?;
-    let mut findings = Vec::new();
+    let mut findings: Vec<Finding> = bag.defects().iter().map(of_defect).collect();
     if bag.cameras() < config.camera.len() {
         let of = bag.camera_topics().join(", ");
         findings.push(missing_camera(&format!("{} has images of one camera ({of})", path.display()), COPY));

@@ -16,12 +16,13 @@ pub fn with_overrides(config: &ValidConfig, changes: &[String]) -> Result<ValidC
     let unwritable = |reason: String| FlightError::Invalid(format!("--set: {reason}"));
     let mut table: Table =
         toml::from_str(&config.to_toml()?).map_err(|error| unwritable(error.to_string()))?;
+    let known = keys(&table);
     for change in changes {
-        set(&mut table, change)?;
+        set(&mut table, change, &known)?;
     }
     let text = toml::to_string(&table).map_err(|error| unwritable(error.to_string()))?;
     Config::from_toml_str(&text, &format!("--set {}", changes.join(" ")))
-        .map_err(|error| without_lines(error).into())
+        .map_err(|error| with_suggestions(without_lines(error), &known).into())
 }
 
 /// Removes the line numbers of a refusal: the file that they refer to exists in memory only.
@@ -35,29 +36,74 @@ fn without_lines(error: ConfigError) -> ConfigError {
     }
 }
 
-fn set(table: &mut Table, change: &str) -> Result<(), FlightError> {
+/// All keys of a configuration, sections too.
+fn keys(table: &Table) -> Vec<String> {
+    let within = |(name, value): (&String, &Value)| {
+        let inner = value.as_table().map(keys).unwrap_or_default();
+        let inner = inner.into_iter().map(|key| format!("{name}.{key}"));
+        std::iter::once(name.clone()).chain(inner).collect::<Vec<_>>()
+    };
+    table.iter().flat_map(within).collect()
+}
+
+/// The only key with the last part of `key`.
+fn namesake<'a>(known: &'a [String], key: &str) -> Option<&'a String> {
+    let last = |key: &'_ str| key.rsplit('.').next().map(str::to_owned);
+    let mut found = known.iter().filter(|other| last(other) == last(key) && *other != key);
+    found.next().filter(|_| found.next().is_none())
+}
+
+/// The refusal of an unknown key with the key elsewhere that was meant.
+fn with_suggestions(error: ConfigError, known: &[String]) -> ConfigError {
+    let ConfigError::Invalid { origin, mut violations } = error else { return error };
+    for violation in violations.iter_mut().filter(|violation| violation.reason == "unknown key") {
+        if let Some(meant) = namesake(known, &violation.key) {
+            violation.cure = format!("did you mean `{meant}`?");
+        }
+    }
+    ConfigError::Invalid { origin, violations }
+}
+
+/// A section of the same parent with a similar name, or the only key with the last part of `path`.
+fn meant(table: &Table, name: &str, path: &str, known: &[String]) -> String {
+    let similar =
+        |other: &&String| other.contains(name) || (!other.is_empty() && name.contains(other.as_str()));
+    let key = namesake(known, path);
+    match key.or_else(|| table.keys().find(similar).filter(|_| !name.is_empty())) {
+        Some(meant) => format!("did you mean `{meant}`?"),
+        None => "`plumbline config sim` prints all keys, and camera.0 is the left camera".into(),
+    }
+}
+
+fn set(table: &mut Table, change: &str, known: &[String]) -> Result<(), FlightError> {
     let (path, value) = change.split_once('=').ok_or_else(|| {
         FlightError::Invalid(format!("--set: '{change}' is not of the form section.key=value"))
     })?;
-    let no_section = |name: &str| {
-        FlightError::Invalid(format!(
-            "--set: '{change}': no section '{name}'; `plumbline config sim` prints all keys, and camera.0 is the left camera"
-        ))
-    };
     // camera[0].focal_px is camera.0.focal_px.
     let path = path.trim().replace('[', ".").replace(']', "");
+    let no_section = |name: &str, parent: &Table| {
+        FlightError::Invalid(format!(
+            "--set: '{change}': no section '{name}'; {}",
+            meant(parent, name, &path, known)
+        ))
+    };
     let (sections, key) = path.rsplit_once('.').unwrap_or(("", &path));
     let mut section = table;
     let mut names = sections.split('.').filter(|name| !name.is_empty());
     while let Some(name) = names.next() {
+        if !section.contains_key(name) {
+            return Err(no_section(name, section));
+        }
         section = match section.get_mut(name) {
             Some(Value::Table(table)) => table,
             Some(Value::Array(entries)) => {
                 let index = names.next().unwrap_or_default();
                 let entry = index.parse().ok().and_then(|index: usize| entries.get_mut(index));
-                entry.and_then(Value::as_table_mut).ok_or_else(|| no_section(&format!("{name}.{index}")))?
+                entry
+                    .and_then(Value::as_table_mut)
+                    .ok_or_else(|| no_section(&format!("{name}.{index}"), &Table::new()))?
             }
-            _ => return Err(no_section(name)),
+            _ => return Err(no_section(name, &Table::new())),
         };
     }
     section.insert(key.to_owned(), parsed(value.trim()));
@@ -100,6 +146,19 @@ mod tests {
     fn a_refusal_names_the_change_and_no_line_of_a_file_that_nobody_has() {
         let error = changed("estimator.points.sigma_px=-1").unwrap_err().to_string();
         assert!(error.contains("--set estimator.points.sigma_px=-1") && !error.contains("line"), "{error}");
+    }
+
+    #[test]
+    fn a_key_or_section_that_is_meant_is_named() {
+        for (change, meant) in [
+            ("max_points=200", "did you mean `estimator.points.max_points`?"),
+            ("estimator.max_points=200", "did you mean `estimator.points.max_points`?"),
+            ("points.max_points=200", "did you mean `estimator.points.max_points`?"),
+            ("estimator.point.enabled=true", "did you mean `points`?"),
+        ] {
+            let error = changed(change).unwrap_err().to_string();
+            assert!(error.contains(meant), "{change}: {error}");
+        }
     }
 
     #[test]

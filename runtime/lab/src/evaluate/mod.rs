@@ -209,6 +209,15 @@ pub fn absolute_errors(pairs: &Pairs) -> Result<(Statistics, Statistics), Evalua
 /// # Errors
 /// When it cannot be read, or the data set has no ground truth.
 pub fn load_trajectory(path: &Path) -> Result<Vec<StampedPose>, EvaluateError> {
+    if !path.exists() {
+        let message = if path.to_string_lossy().starts_with("sim:") {
+            "is a simulated flight, which holds no trajectory; `plumbline replay sim:room --trajectory out.tum` writes one, and \
+             its report holds the errors"
+        } else {
+            "does not exist; give a trajectory file (TUM) or a data set with ground truth"
+        };
+        return Err(DriverError::Missing { path: path.into(), message: message.into() }.into());
+    }
     if path.is_dir() {
         let table = "state_groundtruth_estimate0/data.csv";
         let candidates = [path.join("mav0").join(table), path.join(table)];

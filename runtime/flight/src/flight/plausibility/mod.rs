@@ -6,9 +6,9 @@ pub mod watch;
 pub use plumbline_checkup::plausibility::{COPY, Finding, missing_camera};
 use plumbline_drivers::Faults;
 
-/// What the drivers survived, where that is worth a word: of a live flight (`is_live`) or of a recording.
+/// What the drivers survived, where that is worth a word; `files` names the files of a recording, `None` is a live flight.
 #[must_use]
-pub fn of_faults(imu: Faults, cameras: Faults, is_live: bool) -> Option<Finding> {
+pub fn of_faults(imu: Faults, cameras: Faults, files: Option<&[String]>) -> Option<Finding> {
     let counts = [
         (cameras.missing, "images or frames missing"),
         (cameras.corrupt, "images that cannot be decoded"),
@@ -17,7 +17,7 @@ pub fn of_faults(imu: Faults, cameras: Faults, is_live: bool) -> Option<Finding>
     ];
     let told: Vec<String> =
         counts.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
-    let (what, cause, cure) = if is_live {
+    let (what, cause, cure) = if files.is_none() {
         (
             "the sensors have gaps",
             "a cable, a program that does not keep up, or stamps or values that were refused",
@@ -30,7 +30,8 @@ pub fn of_faults(imu: Faults, cameras: Faults, is_live: bool) -> Option<Finding>
             "copy the data again, or look at cables and load",
         )
     };
-    (!told.is_empty()).then(|| Finding::new(what, told.join(", "), cause, cure))
+    let seen = [&[told.join(", ")], files.unwrap_or_default()].concat().join("; ");
+    (!told.is_empty()).then(|| Finding::new(what, seen, cause, cure))
 }
 
 #[cfg(test)]
@@ -39,13 +40,16 @@ mod tests {
 
     #[test]
     fn faults_of_drivers_are_told_with_their_counts() {
-        assert_eq!(of_faults(Faults::default(), Faults { unpaired: 4, ..Faults::default() }, false), None);
         let torn = Faults { missing: 2, corrupt: 3, ..Faults::default() };
-        let words = of_faults(Faults::default(), torn, false).unwrap().to_string();
+        let unpaired = Faults { unpaired: 4, ..Faults::default() };
+        assert_eq!(of_faults(Faults::default(), unpaired, Some(&[])), None);
+        let words =
+            of_faults(Faults::default(), torn, Some(&["a.png is missing".into()])).unwrap().to_string();
+        assert!(words.contains("; a.png is missing)"), "{words}");
         assert!(words.contains("2 images or frames missing, 3 images that cannot be decoded"), "{words}");
         assert!(words.contains("copy the data again"), "{words}");
         // Nothing was copied of a live flight.
-        let words = of_faults(Faults::default(), torn, true).unwrap().to_string();
+        let words = of_faults(Faults::default(), torn, None).unwrap().to_string();
         assert!(words.contains("2 images or frames missing") && !words.contains("copy"), "{words}");
     }
 }

@@ -1,0 +1,163 @@
+//! What is wrong with the files of a data set, by their names.
+
+use super::image::NoImage;
+use super::imu::ImuRecord;
+use super::pairing::FrameEntry;
+use plumbline_config::Timestamp;
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// The inertial samples may end this long before the last image, or begin after the first, s.
+const MAX_UNCOVERED_S: f64 = 0.5;
+/// Cameras may differ by this share of their images.
+const MAX_SURPLUS: f64 = 0.02;
+
+/// Something that is wrong with a recording as a whole, in words for people.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Defect {
+    /// What is wrong.
+    pub what: String,
+    /// The figures that show it, with the file.
+    pub evidence: String,
+    /// Probable cause.
+    pub cause: String,
+    /// What to do.
+    pub cure: String,
+    /// Whether the recording should not be flown with it.
+    pub is_grave: bool,
+}
+
+/// Images of one kind of defect: how many, and the first.
+#[derive(Debug, Default)]
+struct Count {
+    count: u64,
+    first: String,
+}
+
+impl Count {
+    fn add(&mut self, path: &Path) {
+        if self.count == 0 {
+            self.first = path.display().to_string();
+        }
+        self.count += 1;
+    }
+
+    /// A sentence on these images.
+    fn words(&self, one: &str, many: &str) -> Option<String> {
+        match self.count {
+            0 => None,
+            1 => Some(format!("{} {one}", self.first)),
+            n => Some(format!("{n} images {many}; the first is {}", self.first)),
+        }
+    }
+}
+
+#[derive(Debug, Default)]
+struct Found {
+    /// The first row that cannot be read, and how many there are.
+    rows: Option<(u64, String)>,
+    missing: Count,
+    damaged: Count,
+    /// Images of another size, that size and the expected one.
+    resized: (Count, [(usize, usize); 2]),
+}
+
+/// Rows and images that could not be read, while a data set is read. Clones share what is found.
+#[derive(Clone, Debug, Default)]
+pub struct FileDefects(Arc<Mutex<Found>>);
+
+impl FileDefects {
+    pub(super) fn with_rows(corrupt: u64, file: &Path, first: Option<&impl std::fmt::Display>) -> Self {
+        let words = match first {
+            Some(first) => format!("{}, {first}", file.display()),
+            None => format!("{}: stamps more than a day apart from the others", file.display()),
+        };
+        let rows = (corrupt > 0).then_some((corrupt, words));
+        Self(Arc::new(Mutex::new(Found { rows, ..Found::default() })))
+    }
+
+    pub(super) fn add(&self, path: &Path, why: NoImage, expected: (usize, usize)) {
+        let mut found = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        match why {
+            NoImage::Missing => found.missing.add(path),
+            NoImage::Corrupt => found.damaged.add(path),
+            NoImage::OtherSize(size) => {
+                if found.resized.0.count == 0 {
+                    found.resized.1 = [size, expected];
+                }
+                found.resized.0.add(path);
+            }
+        }
+    }
+
+    /// Images that could not be read so far.
+    #[must_use]
+    pub fn images(&self) -> u64 {
+        let found = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        found.missing.count + found.damaged.count + found.resized.0.count
+    }
+
+    /// What was found so far: a sentence for each kind, with the first file.
+    #[must_use]
+    pub fn words(&self) -> Vec<String> {
+        let found = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let rows = found.rows.as_ref().map(|(count, first)| match count {
+            1 => first.clone(),
+            n => format!("{n} rows of inertial samples cannot be read; the first is {first}"),
+        });
+        let [size, expected] = found.resized.1.map(|(width, height)| format!("{width}x{height}"));
+        let resized = format!("{size}, not {expected}");
+        let words = [
+            rows,
+            found.missing.words("is missing", "are missing"),
+            found.damaged.words("is cut off or no PNG", "are cut off or no PNG"),
+            found.resized.0.words(&format!("is {resized}"), &format!("are {resized}")),
+        ];
+        words.into_iter().flatten().collect()
+    }
+}
+
+/// Whether the samples cover the frames; `file` names those in messages.
+pub(crate) fn uncovered<F>(file: &Path, imu: &ImuRecord, frames: &[FrameEntry<F>]) -> Vec<Defect> {
+    let (Some((imu_first, imu_last)), (first, last)) = (imu.span(), super::frames_span(frames)) else {
+        return Vec::new();
+    };
+    let defect = |what: &str, evidence: String, cure: String| Defect {
+        what: what.into(),
+        evidence: format!("{}: {evidence}", file.display()),
+        cause: "a file that was cut off, or that is of another recording".into(),
+        cure,
+        is_grave: true,
+    };
+    let after = |late: Timestamp, early: Timestamp| {
+        Some(late.seconds_since(early)).filter(|seconds| *seconds > MAX_UNCOVERED_S)
+    };
+    let early = after(last, imu_last).map(|seconds| {
+        defect(
+            "the inertial samples end before the images",
+            format!("its last sample is at {imu_last} s, the images go on for {seconds:.1} s"),
+            format!("copy it again, or fly up to there (`--stop {:.1}`)", imu_last.seconds_since(first)),
+        )
+    });
+    let late = after(imu_first, first).map(|seconds| {
+        defect(
+            "the inertial samples begin after the images",
+            format!("its first sample is at {imu_first} s, {seconds:.1} s after the first image"),
+            format!("copy it again, or fly from there (`--start {:.1}`)", imu_first.seconds_since(first)),
+        )
+    });
+    early.into_iter().chain(late).collect()
+}
+
+/// Whether one camera has many images more than the other.
+pub(super) fn surplus(root: &Path, images: [usize; 2]) -> Option<Defect> {
+    let more = usize::from(images[1] > images[0]);
+    let surplus = images[more] - images[1 - more];
+    (surplus > 1 && surplus as f64 > MAX_SURPLUS * images[more] as f64).then(|| Defect {
+        what: format!("cam{more} has {surplus} images more than cam{}", 1 - more),
+        evidence: format!("{}: {} and {}", root.display(), images[0], images[1]),
+        cause: format!("that cam{}/data.csv was cut off, or that a camera lost images", 1 - more),
+        cure: format!("copy cam{} again", 1 - more),
+        is_grave: false,
+    })
+}
