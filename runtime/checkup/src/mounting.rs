@@ -233,7 +233,7 @@ mod tests {
         held_samples(vehicle, nose_deg, 0.0)
     }
 
-    /// The same, with the nose held up for a while, s.
+    /// A nod whose nose is held up for a while, s.
     fn held_samples(vehicle: &VehicleConfig, nose_deg: f64, held_s: f64) -> Vec<ImuSample> {
         let rot_b_v = vehicle.rot_v_b().unwrap().inverse();
         let bias = Vector3::new(0.004, -0.003, 0.002);
