@@ -14,7 +14,7 @@ const SIDE: usize = 1024;
 const PLAIN_SIDE: usize = 512;
 /// Side of a cell of [`Material::Grid`], texels.
 const GRID_CELL: usize = 64;
-/// Value at the usual size of the pattern, m.
+/// Side of that cell at the usual size of the pattern, m.
 pub(super) const GRID_CELL_M: f64 = GRID_CELL as f64 / 400.0;
 
 /// What a surface is made of.

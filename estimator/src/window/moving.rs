@@ -32,17 +32,15 @@ const MOST_SLACK: f64 = 3.0;
 const NEAR_RHO: f64 = 0.7;
 
 impl Window {
-    /// Drops what the newest frame, at its predicted pose, sees of things that move; `velocity_sigma_m_s` is that of the
-    /// prediction. Returns the number of observations that were dropped.
-    pub fn drop_moving(&mut self, velocity_sigma_m_s: f64) -> usize {
-        let Some(slack) = self.slack(velocity_sigma_m_s) else { return 0 };
+    /// Drops what the newest frame, at its predicted pose, sees of things that move. `velocity_sigma_m_s` is the standard
+    /// deviation of the predicted velocity, m/s.
+    pub fn drop_moving(&mut self, velocity_sigma_m_s: f64) {
+        let Some(slack) = self.slack(velocity_sigma_m_s) else { return };
         let verdict = self.verdict_within(slack);
         let is_moving = are_moving(verdict, self.options.max_moving_share);
-        if !is_moving || !explains(verdict) && self.does_a_blow_explain(slack) {
-            return 0;
+        if is_moving && (explains(verdict) || !self.does_a_blow_explain(slack)) {
+            self.forget_moving(slack);
         }
-        self.forget_moving(slack);
-        verdict.wrong
     }
 
     /// Judges what the newest frame sees from where it is now.
@@ -78,8 +76,8 @@ impl Window {
         forget(lines, poses, &problem, slack, &mut outliers.lines);
     }
 
-    /// By how much more than an outlier's an observation may be off, for a velocity that is known this well; `None` where
-    /// the prediction tells nothing.
+    /// Factor of the gates for a predicted velocity of this standard deviation, m/s; `None` where the prediction tells nothing,
+    /// or nothing is to be dropped.
     fn slack(&self, velocity_sigma_m_s: f64) -> Option<f64> {
         let [.., before, newest] = &self.frames[..] else { return None };
         let dt_s = newest.stamp.seconds_since(before.stamp);

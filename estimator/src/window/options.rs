@@ -44,9 +44,9 @@ pub struct Options {
     pub point_outlier_sigmas: f64,
     /// See [`plumbline_config::options::WindowConfig::max_moving_share`].
     pub max_moving_share: f64,
-    /// Focal length of the left camera, px, and what an outlier is off by, px.
+    /// Focal length of the left camera, px.
     pub focal_px: f64,
-    /// See `focal_px`.
+    /// Reprojection error from which a point of the stated `sigma_px` is an outlier, px.
     pub outlier_px: f64,
     /// Cameras of the rig.
     pub cameras: usize,

@@ -11,7 +11,6 @@ use plumbline_drivers::euroc::FileDefects;
 use plumbline_drivers::simulator::Scenario;
 use plumbline_drivers::{BagTopics, DriverError, ImuSource, StereoFrame, StereoSource, StopFlag};
 use plumbline_flight::flight::sensor_watch::{SensorTrouble, SensorWatch};
-
 use plumbline_flight::flight::{Cut, Flight, LiveSensors, open_recording, open_sensors, open_simulation};
 use std::io::{IsTerminal as _, Write as _};
 use std::path::Path;
