@@ -76,7 +76,7 @@ pub(crate) fn gray_png(
 ) -> Result<GrayImage, DriverError> {
     let malformed = |message: &str| DriverError::malformed(path, message);
     let (width, height) = header_size(Cursor::new(bytes)).ok_or_else(|| {
-        malformed("is no PNG image; convert it to PNG first (8 or 16 bits, grey or colour)")
+        malformed("is not a PNG image; convert it to PNG first (8 or 16 bits, grey or colour)")
     })?;
     if !(sides_px.contains(&width) && sides_px.contains(&height)) {
         let (least, most) = (sides_px.start(), sides_px.end());

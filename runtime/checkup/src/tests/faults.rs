@@ -200,7 +200,7 @@ fn lost_samples_another_rate_and_stamps_that_run_backwards_are_told() {
     let mut back = flight(0);
     back.samples.swap(500, 501);
     assert_found(&back.report(), "IMU timing", Fitness::NotFit, "backwards");
-    assert_found(&back.report(), "camera timing", Fitness::NotFit, "0 samples came");
+    assert_found(&back.report(), "camera timing", Fitness::NotFit, "0 samples arrived");
 }
 
 #[test]

@@ -110,19 +110,24 @@ impl Drop for EndOnDrop<'_> {
     }
 }
 
-/// Says that the front-end has taken a step of the ladder: there, nobody has time to.
+/// Message of a step down the ladder.
+const SLOW: &str = "frames take longer than their period";
+/// Message of a step up the ladder.
+const IN_TIME: &str = "frames are in time again";
+
+/// Reports that the front-end has taken a step of the ladder. The front-end itself has no time for that.
 fn report_rung(shared: &Shared<'_>, listener: &mut dyn Listener, told: &mut Rung) {
     let rung = shared.rung();
     if rung != *told {
         let now = shared.data_time(Monotonic::now());
         let severity = if rung > *told {
-            tracing::warn!("the work does not fit: {}", rung.name());
+            tracing::warn!("{SLOW}: {}", rung.name());
             Severity::Warning
         } else {
-            tracing::info!("the work fits again: {}", rung.name());
+            tracing::info!("{IN_TIME}: {}", rung.name());
             Severity::Info
         };
-        let words = if rung > *told { "the work does not fit" } else { "the work fits again" };
+        let words = if rung > *told { SLOW } else { IN_TIME };
         listener.said(&Said::Event(Event::new(now, severity, format_args!("{words}: {}", rung.name()))));
         *told = rung;
     }
