@@ -119,7 +119,7 @@ pub fn run(args: &FlyArgs) -> Result<()> {
     flight.first_reset_counter = resets.as_ref().map_or(0, ResetCount::first);
     let control = Arc::new(Control::stopped_by(Arc::clone(&stop)).with_last_resort(last_resort));
     let (mut outputs, board) = start_outputs(args, &flight, log.as_deref(), &control)?;
-    let mut watch = Watch::start(&config, true, findings(&config))?;
+    let mut watch = Watch::start(&config, true, findings(&config), board.clone())?;
     let sensor_watch = SensorWatch::start(&sensors, board)?;
     let mut progress = start_progress(sensor_watch.notices())?;
     let end = args.duration.map(|s| End::after(Duration::from_secs_f64(s), &stop)).transpose()?;

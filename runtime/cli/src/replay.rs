@@ -24,7 +24,7 @@ use plumbline_flight::flight::{
     CausalPose, Cut, Flight, Flown, KeptStates, OdometryTrajectory, Outputs, Truth, fly, is_log,
     open_recording, open_simulation, plausibility, with_overrides,
 };
-use plumbline_flight::local::LocalSocket;
+use plumbline_flight::local::{LocalSocket, SensorBoard};
 use plumbline_flight::log::WhenFull;
 use plumbline_flight::log::source::LogEnd;
 use plumbline_flight::pipeline::{Control, RunOptions};
@@ -166,12 +166,12 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     let flight = prepared(open(args)?, args)?;
     check_maps(&flight.config, args.map.is_some(), args.save_map.is_some())?;
     let control = Arc::new(Control::stopped_by(stop_on_signal()?).with_last_resort(last_resort));
-    let mut outputs = start_outputs(args, &flight, &control)?;
+    let (mut outputs, board) = start_outputs(args, &flight, &control)?;
     let mut odometry = args.odometry.as_ref().map(|_| OdometryTrajectory::with_room_for(readings(&flight)));
     let wants_states = args.states.is_some() || args.plot.is_some();
     let mut states = wants_states.then(|| KeptStates::for_flight(&flight));
     let mut progress = Progress::bar(flight.stereo.expected_frames())?;
-    let mut watch = Watch::start(&flight.config, args.speed.is_some(), flight.findings.clone())?;
+    let mut watch = Watch::start(&flight.config, args.speed.is_some(), flight.findings.clone(), board)?;
     let (log_end, file_defects) = (flight.log_end.clone(), flight.file_defects.clone());
     let threads = usize::from(args.threads);
     let options = RunOptions { speed: args.speed, threads };
@@ -314,8 +314,12 @@ fn open(args: &ReplayArgs) -> Result<Flight> {
     Ok(flight.with_faults(args.scenario.faults.frame_faults()?, args.scenario.seed))
 }
 
-/// Those who are told of the flight while it goes on.
-fn start_outputs(args: &ReplayArgs, flight: &Flight, control: &Arc<Control>) -> Result<Outputs> {
+/// Starts those who are told of the flight while it goes on; returns where findings are posted for readers of the local socket.
+fn start_outputs(
+    args: &ReplayArgs,
+    flight: &Flight,
+    control: &Arc<Control>,
+) -> Result<(Outputs, Option<SensorBoard>)> {
     let config = &flight.config;
     let mut outputs = Outputs::default();
     if wants_autopilot(config, args)? {
@@ -336,23 +340,23 @@ fn start_outputs(args: &ReplayArgs, flight: &Flight, control: &Arc<Control>) -> 
     if !args.publish && config.ros.enabled {
         tracing::warn!("ros.enabled is set but has no effect: publishing to ROS 2 needs --publish");
     }
-    start_network(args, flight, control, &mut outputs)?;
-    Ok(outputs)
+    let board = start_network(args, flight, control, &mut outputs)?;
+    Ok((outputs, board))
 }
 
-/// The local socket where one is named, and the network process where that is wanted.
+/// Starts the local socket where one is named, and the network process where that is wanted; returns where findings are posted for them.
 fn start_network(
     args: &ReplayArgs,
     flight: &Flight,
     control: &Arc<Control>,
     outputs: &mut Outputs,
-) -> Result<()> {
+) -> Result<Option<SensorBoard>> {
     let config = &flight.config;
     if !args.publish && config.local.path.is_empty() {
-        return Ok(());
+        return Ok(None);
     }
     let socket = LocalSocket::start(config, flight.stamps, Arc::clone(control))?;
-    let door = socket.link_door();
+    let (door, board) = (socket.link_door(), socket.sensor_board());
     outputs.add(socket);
     if args.publish {
         if config.ros.enabled {
@@ -367,7 +371,7 @@ fn start_network(
         }
         outputs.add(LinkProcess::start(door, config, LinkOptions { publish: true, ..link })?);
     }
-    Ok(())
+    Ok(Some(board))
 }
 
 /// Whether an autopilot is named that can be told: it flies in real time, or not at all.
