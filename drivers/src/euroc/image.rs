@@ -190,7 +190,7 @@ mod tests {
         };
         assert!(refusal(&file, 3..=9).contains("is 4x2 px"));
         assert!(refusal(&file[..file.len() - 24], 1..=9).contains("cut off"));
-        assert!(refusal(b"P5 4 2 255", 1..=9).contains("no PNG"));
+        assert!(refusal(b"P5 4 2 255", 1..=9).contains("not a PNG"));
         std::fs::write(&path, &file).unwrap();
         assert_eq!(read_gray_png(&path, 1..=9).unwrap().pixels(), [7; 8]);
         let missing = read_gray_png(&folder.path().join("none.png"), 1..=9).unwrap_err().to_string();

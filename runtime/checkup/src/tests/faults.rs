@@ -104,7 +104,7 @@ fn axes_of_another_assignment_explain_nothing() {
     assert_found(&report, UNITS_AND_COLUMNS, Fitness::NotFit, "columns of the gyroscope are swapped");
     let rotation = measure(&report, "camera-IMU rotation");
     assert_eq!(rotation.verdict, Fitness::NotMeasured, "{}", told(&report));
-    assert!(rotation.cure.contains("named above"), "{}", told(&report));
+    assert!(rotation.cure.contains("problems above"), "{}", told(&report));
 }
 
 #[test]
