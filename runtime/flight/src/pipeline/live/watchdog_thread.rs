@@ -7,7 +7,7 @@ use crate::schedule::ladder::Rung;
 use crate::schedule::supervisor::{Supervisor, Word};
 use crate::schedule::tasks::{Loss, TaskId, WATCH_PERIOD};
 use crate::schedule::ticker::Monotonic;
-use crate::schedule::watchdog::{Finding, Watchdog};
+use crate::schedule::watchdog::{TaskEvent, Watchdog};
 use plumbline_config::Portable;
 use plumbline_record::{Event, Said, Severity};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -134,7 +134,7 @@ fn report_rung(shared: &Shared<'_>, listener: &mut dyn Listener, told: &mut Rung
 }
 
 /// Says what was found, in the log of the process and in that of the flight, and does what is to be done about it.
-fn report_finding(shared: &Shared<'_>, listener: &mut dyn Listener, finding: Finding) {
+fn report_finding(shared: &Shared<'_>, listener: &mut dyn Listener, finding: TaskEvent) {
     let now = shared.data_time(Monotonic::now());
     let mut tell = |severity: Severity, text: std::fmt::Arguments<'_>| {
         match severity {
@@ -145,16 +145,16 @@ fn report_finding(shared: &Shared<'_>, listener: &mut dyn Listener, finding: Fin
         listener.said(&Said::Event(Event::new(now, severity, text)));
     };
     match finding {
-        Finding::Stalled(id, silence) => {
+        TaskEvent::Stalled(id, silence) => {
             let (name, ms) = (shared.table.row(id).name, silence.as_secs_f64() * 1e3);
             tell(Severity::Error, format_args!("{name} is stalled: no sign of life for {ms:.0} ms"));
         }
-        Finding::Hopeless(id) => {
+        TaskEvent::Hopeless(id) => {
             let name = shared.table.row(id).name;
             tell(Severity::Error, format_args!("{name} does not come back: this process ends"));
             shared.give_up(id);
         }
-        Finding::Died(id) => {
+        TaskEvent::Died(id) => {
             let row = shared.table.row(id);
             let consequence = match row.loss {
                 Loss::Process => "this process ends",
@@ -167,7 +167,7 @@ fn report_finding(shared: &Shared<'_>, listener: &mut dyn Listener, finding: Fin
                 shared.lose(id);
             }
         }
-        Finding::Recovered(id) => {
+        TaskEvent::Recovered(id) => {
             let name = shared.table.row(id).name;
             tell(Severity::Info, format_args!("{name} is back"));
         }
