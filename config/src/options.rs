@@ -57,28 +57,28 @@ pub struct Config {
     /// Capacities and thresholds of the estimator.
     #[serde(default)]
     pub estimator: EstimatorConfig,
-    /// Where samples come from.
+    /// Sources of frames and samples.
     #[serde(default)]
     pub driver: DriverConfig,
     /// Socket for programs of this computer.
     #[serde(default)]
     pub local: LocalConfig,
-    /// What is published, and to whom.
+    /// Publication over Zenoh.
     #[serde(default)]
     pub network: NetworkConfig,
-    /// What is published to ROS 2.
+    /// Publication to ROS 2.
     #[serde(default)]
     pub ros: RosConfig,
-    /// What a live run asks of the host.
+    /// Requests of a live run to the host.
     #[serde(default)]
     pub runtime: RuntimeConfig,
-    /// What the flight recorder keeps, and how much of it.
+    /// Contents and limits of the flight recording.
     #[serde(default)]
     pub recorder: RecorderConfig,
     /// How the IMU is mounted in the vehicle.
     #[serde(default)]
     pub vehicle: VehicleConfig,
-    /// The vehicle's autopilot, and what it is told.
+    /// Odometry for the vehicle's autopilot.
     #[serde(default)]
     pub autopilot: AutopilotConfig,
 }

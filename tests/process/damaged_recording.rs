@@ -102,7 +102,7 @@ fn rows_and_images_that_cannot_be_read_are_named_by_file_and_place() {
     for said in [&replayed, &checked] {
         for words in [
             format!("{} is missing", name(5)),
-            format!("{} is cut off or no PNG", name(6)),
+            format!("{} is cut off or not a PNG", name(6)),
             format!("3 images are 188x120, not 376x240; the first is {}", name(20)),
         ] {
             assert!(said.contains(&words), "{words}: {said}");

@@ -69,7 +69,7 @@ impl Default for PointsConfig {
 pub struct WindowConfig {
     /// Number of keyframes in the window.
     pub keyframes: usize,
-    /// Number of newest frames in the window besides the keyframes.
+    /// Number of newest frames in the window, in addition to the keyframes.
     pub recent_frames: usize,
     /// Largest number of point landmarks in the window.
     pub max_landmarks: usize,
@@ -142,8 +142,8 @@ pub struct HealthConfig {
     pub max_accel_bias_m_s2: f64,
     /// Least time between automatic resets, s.
     pub reset_holdoff_s: f64,
-    /// An image that repeats the one before bit for bit counts as missing. `false` for cameras without noise, whose images
-    /// repeat while the vehicle stands.
+    /// Treat an image that repeats the previous one bit for bit as missing. `false` for cameras without noise, whose
+    /// images repeat while the vehicle stands.
     pub refuse_repeated_images: bool,
 }
 

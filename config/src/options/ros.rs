@@ -11,14 +11,14 @@ pub struct RosConfig {
     pub enabled: bool,
     /// Endpoint of the router of `rmw_zenoh`. It may come and go: it is looked for until it is there.
     pub router: String,
-    /// `ROS_DOMAIN_ID` of those who are to see it.
+    /// `ROS_DOMAIN_ID` of the subscribers.
     pub domain_id: u32,
-    /// Release of ROS 2 of those who are to see it: it decides on how types are named in keys.
+    /// ROS 2 release of the subscribers, which determines the names of types in keys.
     pub distribution: RosDistribution,
     /// Namespace of the node and its topics `odom` and `pose`, such as `/robots/one`. Empty: `/<vehicle>`,
     /// with `_` for `-`; `/`: none.
     pub namespace: String,
-    /// Name of the map frame `M`, the parent of `odom_frame` where it is known how the two lie to each other.
+    /// Name of the map frame `M`, the parent of `odom_frame` while the vehicle is located in the map.
     pub map_frame: String,
     /// Name of the odometry frame `O`; flight logs have this name and the next two as well.
     pub odom_frame: String,
@@ -54,13 +54,13 @@ pub enum RosDistribution {
     Rolling,
 }
 
-/// What the time in a message's header is.
+/// Meaning of the time in a message's header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RosStamp {
     /// The measurement: live by the system clock, as ROS expects; of a recording or a simulation by its own time.
     Measurement,
-    /// The publication, by the system clock: for sensors whose time is another.
+    /// Time of publication, system clock: for sensors that use another clock.
     Publication,
 }
 

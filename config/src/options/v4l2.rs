@@ -120,7 +120,7 @@ impl V4l2Control {
             return Err(format!("{text:?} has no `=` between name and value"));
         };
         let value = value.trim();
-        let value = value.parse().map_err(|_| format!("{value:?} is no whole number of 32 bits"))?;
+        let value = value.parse().map_err(|_| format!("{value:?} is not a whole number of 32 bits"))?;
         let name = Self::plain_name(name);
         if name.is_empty() {
             return Err(format!("{text:?} has no name before the `=`"));

@@ -38,8 +38,8 @@ fn the_number_of_cameras_is_one_or_two() {
 fn impossible_extrinsics_are_refused() {
     let key = "camera[1].pose_b_c";
     check(key, "NaN", |c| c.camera[1].pose_b_c[0][0] = f64::NAN);
-    check(key, "no rotation", |c| c.camera[1].pose_b_c[0][0] += 0.1);
-    check(key, "no rotation", |c| c.camera[1].pose_b_c[0] = [1e200, 1e200, 1e200, 0.0]);
+    check(key, "not a rotation", |c| c.camera[1].pose_b_c[0][0] += 0.1);
+    check(key, "not a rotation", |c| c.camera[1].pose_b_c[0] = [1e200, 1e200, 1e200, 0.0]);
     check(key, "reflection", |c| c.camera[1].pose_b_c[0][..3].iter_mut().for_each(|x| *x = -*x));
     check(key, "transpose", |c| {
         let rows = c.camera[1].pose_b_c;

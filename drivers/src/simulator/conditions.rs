@@ -101,7 +101,7 @@ const KINDS: &[Kind] = &[
     },
     Kind {
         name: "people",
-        about: "Textured boxes of a person's size that cross the view 1.2 m before the left camera, together at most this share \
+        about: "Textured boxes of a person's size that cross the view 1.2 m in front of the left camera, together at most this share \
                 of its width",
         doses: &[Dose::new("% of the view", 33.0, 100.0), Dose::new("walking speed, m/s", 1.2, 10.0)],
         cases: &[&[33.0], &[60.0]],

@@ -286,8 +286,8 @@ impl Checkup {
             measures.extend(agreement::judge(&self.turns, &self.samples, config));
         }
         if config.camera.len() == 1 {
-            let cure = "give two cameras, or know it from a calibration";
-            measures.extend(OF_PAIRS.map(|name| Measure::missing(name, "there is one camera", cure)));
+            let missing = |name| Measure::missing(name, "there is one camera", "use two cameras, or calibrate");
+            measures.extend(OF_PAIRS.map(missing));
         }
         measures
     }
@@ -311,7 +311,7 @@ impl Checkup {
 }
 
 /// Cure of a measure that something else makes worthless.
-pub const NAMED_ABOVE: &str = "put right what is named above, then measure again";
+pub const NAMED_ABOVE: &str = "correct the problems above, then measure again";
 
 /// Measures that need two cameras.
 const OF_PAIRS: [&str; 4] = ["stereo pairs", "epipolar error", "time offset", "camera-IMU rotation"];

@@ -19,7 +19,7 @@ pub struct AccessArgs {
     /// Private key of the certificate (PEM), readable by its owner only (chmod 600).
     #[arg(long, value_name = "PEM", requires = "authority")]
     pub key: Option<PathBuf>,
-    /// Vehicle to accept by the name of its certificate; may be repeated. Default: drone, and the vehicles whose
+    /// Name of a vehicle whose certificate is accepted; may be repeated. Default: drone, and the vehicles whose
     /// certificates are in the folder of the authority.
     #[arg(long = "fleet", value_name = "NAME", requires = "authority")]
     pub fleet: Vec<String>,

@@ -21,7 +21,7 @@ pub struct EvaluateArgs {
     /// Interval of the relative errors, frames.
     #[arg(long, default_value_t = 1, conflicts_with = "delta_m")]
     pub delta_frames: usize,
-    /// Distance of relative errors in metres.
+    /// Interval of the relative errors, metres.
     #[arg(long)]
     pub delta_m: Option<f64>,
     /// Compute relative errors from every pose, over overlapping intervals. Default: over consecutive intervals.

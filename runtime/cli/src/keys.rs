@@ -12,7 +12,7 @@ use std::path::PathBuf;
 pub struct KeysArgs {
     /// Folder of the files. If it has no authority, one is created; otherwise the existing authority signs.
     pub folder: PathBuf,
-    /// Role to make a certificate for: vehicle (the one named drone), router, operator (may give commands), viewer (may
+    /// Role of the certificate: vehicle (the one named drone), router, operator (may give commands), viewer (may
     /// watch); may be repeated. Default: all.
     #[arg(long, value_parser = ROLES)]
     pub role: Vec<String>,

@@ -382,7 +382,7 @@ pub fn check_outputs<'a>(files: impl IntoIterator<Item = &'a PathBuf>) -> Result
     for file in files {
         let refuse = |why: &str| Err(Usage(format!("{}: {why}", file.display())));
         if seen.contains(&file) {
-            return refuse("is named for two outputs; name two files");
+            return refuse("is the path of two outputs; name two files");
         }
         seen.push(file);
         let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
@@ -415,7 +415,7 @@ fn try_writing(file: &Path) -> std::io::Result<()> {
 pub fn parse_range<T: std::str::FromStr + PartialOrd + Copy>(
     text: &str,
 ) -> Result<(Option<T>, Option<T>), String> {
-    let bad = || format!("'{text}' is no range: write A..B, such as 5..10");
+    let bad = || format!("'{text}' is not a range: write A..B, such as 5..10");
     let (from, to) = text.split_once("..").ok_or_else(bad)?;
     let part = |s: &str| if s.is_empty() { Ok(None) } else { s.parse().map(Some).map_err(|_| bad()) };
     let (from, to) = (part(from)?, part(to)?);

@@ -110,7 +110,7 @@ fn checked(args: &LinesArgs) -> Result<ValidConfig> {
         return Err(Usage(message).into());
     }
     if args.out.is_some() && args.out == args.csv {
-        return Err(Usage("--out and --csv name the same file; name two".into()).into());
+        return Err(Usage("--out and --csv name the same file; name two files".into()).into());
     }
     let config = match load_config(args.config.as_deref())? {
         Some(config) => config,

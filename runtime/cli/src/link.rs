@@ -107,7 +107,7 @@ fn serve_one(stream: UnixStream, path: &Path, options: &LinkOptions, stop: &Arc<
     let path = path.display();
     match serve(stream, options, stop) {
         Ok(Ended::FlightOver) => tracing::info!("{path}: the flight is over; waiting for the next"),
-        Ok(Ended::FlightGone) => tracing::warn!("{path}: the flight has gone; waiting for the next"),
+        Ok(Ended::FlightGone) => tracing::warn!("{path}: the flight disconnected; waiting for the next"),
         Ok(Ended::Stopped) => {}
         Err(error) if error.is_usage() => return Err(error).with_context(|| path.to_string()),
         Err(error) => tracing::warn!("{path}: {error}; retrying"),

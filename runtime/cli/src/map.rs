@@ -34,14 +34,14 @@ enum MapCommand {
     Locate(LocateArgs),
     /// List the contents of a map.
     Info {
-        /// The map.
+        /// Map file.
         map: PathBuf,
     },
-    /// Join two maps of one place, by locating the second in the first.
+    /// Join two maps of the same place, by locating the second in the first.
     Merge(MergeArgs),
     /// Export the points and lines of a map as a point cloud.
     Export {
-        /// The map.
+        /// Map file.
         map: PathBuf,
         /// Output file (PLY): points, positions of the keyframes, and lines as edges.
         #[arg(long, value_name = "OUT.ply")]
@@ -106,7 +106,7 @@ struct BuildArgs {
     /// set with ground truth.
     #[arg(long, value_name = "POSES")]
     poses: PathBuf,
-    /// The map to be written.
+    /// Map to write.
     #[arg(long, value_name = "OUT.map")]
     out: PathBuf,
     /// Smallest distance between two keyframes, m; a rotation of 30 degrees counts as one metre.
@@ -118,7 +118,7 @@ struct BuildArgs {
 
 #[derive(Debug, Args)]
 struct LocateArgs {
-    /// The map.
+    /// Map file.
     map: PathBuf,
     #[command(flatten)]
     images: ImageArgs,
@@ -136,7 +136,7 @@ struct MergeArgs {
     first: PathBuf,
     /// Second map, which is joined to the first.
     second: PathBuf,
-    /// The map to be written.
+    /// Map to write.
     #[arg(long, value_name = "OUT.map")]
     out: PathBuf,
     #[command(flatten)]

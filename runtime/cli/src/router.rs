@@ -36,7 +36,9 @@ pub struct RouterArgs {
 /// When an endpoint cannot be used.
 pub fn run(args: &RouterArgs) -> Result<()> {
     if args.listen.is_empty() {
-        return Err(Usage("nowhere to listen: give --listen tcp/127.0.0.1:7447".into()).into());
+        return Err(
+            Usage("no endpoint to listen on: give --listen, such as tcp/127.0.0.1:7447".into()).into()
+        );
     }
     let endpoints =
         Endpoints { mode: Mode::Router, ..args.access.endpoints("*", &args.listen, &args.connect) };

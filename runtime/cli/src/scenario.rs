@@ -215,7 +215,7 @@ impl ScenarioArgs {
         let end = stop.or(by_duration).unwrap_or(f64::INFINITY);
         if !(self.start.is_finite() && self.start >= 0.0 && end > self.start) {
             return Err(Usage(format!(
-                "--start {} and the end at {end} s leave nothing: give seconds from the first frame",
+                "--start {} and the end at {end} s leave no frame: give seconds from the first frame",
                 self.start
             )));
         }

@@ -99,7 +99,7 @@ pub struct Seeds(Vec<u64>);
 /// `1,2,5` or `1..3`.
 fn parse_seeds(text: &str) -> Result<Seeds, String> {
     const MOST: u64 = 10_000;
-    let bad = || format!("'{text}' is no list of seeds: write 1,2,5 or 1..3 (that is 1, 2 and 3)");
+    let bad = || format!("'{text}' is not a list of seeds: write 1,2,5 or 1..3 (that is 1, 2 and 3)");
     let number = |text: &str| text.trim().parse::<u64>().map_err(|_| bad());
     let seeds: Vec<u64> = match text.split_once("..") {
         Some((first, last)) => {
@@ -175,7 +175,8 @@ fn plan(args: &SweepArgs) -> Result<Plan> {
     let seeds = args.seeds.as_ref().map_or_else(Vec::new, |seeds| seeds.0.clone());
     if !seeds.is_empty() && !subjects.iter().any(|s| matches!(s, Subject::Simulated { .. })) {
         bail!(Usage(
-            "--seeds: nothing is simulated here; name a flight such as sim:room, or leave it out".into()
+            "--seeds: none of the flights is simulated; name a flight such as sim:room, or leave it out"
+                .into()
         ));
     }
     let common = Common {
@@ -186,7 +187,7 @@ fn plan(args: &SweepArgs) -> Result<Plan> {
     };
     let base = common.config.clone().map_or_else(|| Config::preset("euroc"), Ok)?;
     if let Some(start_s) = args.starts.iter().find(|s| !(s.is_finite() && **s >= 0.0)) {
-        bail!(Usage(format!("--starts: {start_s} is no start; give seconds from the first frame")));
+        bail!(Usage(format!("--starts: {start_s} is not a start time; give seconds from the first frame")));
     }
     let plan = Plan::new(axes, subjects, seeds, common).map_err(|e| Usage(e.to_string()))?;
     let plan = plan.from_starts(args.starts.clone());

@@ -94,7 +94,7 @@ pub fn run(args: &DoctorArgs) -> Result<()> {
         return tell(args, None, Some((flight.name.clone(), data::examine(flight.into())?)));
     }
     if args.seconds.is_some() && !args.live {
-        return Err(Usage("--seconds: name a source whose data are looked at, or give --live".into()).into());
+        return Err(Usage("--seconds: name a source to check, or give --live".into()).into());
     }
     let config = config.map_or_else(|| Config::preset("sim"), Ok)?;
     let config = with_overrides(&config, &args.overrides)?;

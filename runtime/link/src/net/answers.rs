@@ -357,7 +357,7 @@ impl Answers {
         let is_done = tokio::time::timeout(RESET_PATIENCE, resets.wait_for(|now| *now != before)).await;
         match is_done {
             Ok(Ok(now)) => Ok(proto::ResetDone { reset_counter: *now, words: format!("{words} reset done") }),
-            _ => Err("the reset was asked for, but no frame has come since".into()),
+            _ => Err("the reset was requested, but no frame has arrived since".into()),
         }
     }
 }
@@ -366,7 +366,7 @@ impl Answers {
 fn number<T: std::str::FromStr>(query: &Query, name: &str, default: T) -> Result<T, String> {
     match query.parameters().get(name) {
         None | Some("") => Ok(default),
-        Some(text) => text.parse().map_err(|_| format!("{name}={text:.40} is no whole number")),
+        Some(text) => text.parse().map_err(|_| format!("{name}={text:.40} is not a whole number")),
     }
 }
 
