@@ -38,7 +38,7 @@ pub use runtime::RuntimeConfig;
 pub use sensors::{CameraConfig, ImuConfig, RigConfig, image_sizes, isometry_from_rows, rows_from_isometry};
 pub use serial_line::SerialLine;
 pub use setup::EstimatorSetup;
-pub use v4l2::{PairBy, V4l2Config, V4l2Control, V4l2Format};
+pub use v4l2::{ControlTarget, PairBy, V4l2Config, V4l2Control, V4l2Format};
 pub use vehicle::{Mounting, VehicleConfig};
 
 use serde::{Deserialize, Serialize};
