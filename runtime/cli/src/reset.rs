@@ -19,9 +19,9 @@ pub struct ResetArgs {
 /// How much a reset discards.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum Kind {
-    /// A new start that keeps the pose.
+    /// Restart at the present pose.
     Soft,
-    /// A new start at the origin.
+    /// Restart at the origin, in a new odometry frame.
     Hard,
 }
 

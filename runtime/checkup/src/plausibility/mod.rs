@@ -332,8 +332,7 @@ impl Plausibility {
                 "frames are lost",
                 format!("{} of {all}", self.lost_frames),
                 "a renderer, disk or processor that does not keep up with the camera",
-                "take load off this computer, or give smaller images; a simulated flight is rendered beforehand with \
-                 `plumbline replay --cache FOLDER`",
+                "take load off this computer, or give smaller images",
             ));
         }
         findings.extend(self.resets.iter().cloned());
