@@ -159,7 +159,11 @@ fn finish(options: &SetupOptions, found: Found, apply: impl FnOnce() -> Result<(
 
 /// Runs the doctor with the configuration, if a flight could use it.
 fn examine(options: &SetupOptions, config: &ValidConfig, out: PathBuf) -> Result<()> {
-    let is_complete = config.unset_keys().is_empty() && !config.driver.v4l2.left.is_empty();
+    if config.driver.v4l2.left.is_empty() {
+        say(format_args!("next        plumbline doctor RECORDING --config {}", out.display()));
+        return Ok(());
+    }
+    let is_complete = config.unset_keys().is_empty();
     if options.no_doctor || !options.is_live() || !is_complete {
         say(format_args!("next        plumbline doctor --config {} --live", out.display()));
         return Ok(());

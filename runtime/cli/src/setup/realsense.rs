@@ -1,7 +1,7 @@
 //! RealSense D435i and D455.
 
 use super::{Found, SetupOptions, ask, finish, one_camera, preset, stable_path};
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use nalgebra::{Isometry3, Translation3};
 use plumbline_config::Config;
@@ -162,7 +162,9 @@ fn calibration(args: &RealsenseArgs, node: &str) -> Result<Calibration> {
         },
         (None, false) => return asked(args.size),
     };
-    let table = StereoTable::parse(&table).with_context(|| origin.display().to_string())?;
+    let table = StereoTable::parse(&table).map_err(|error| {
+        anyhow!("{}: {error}; read it from the camera again, or give --intrinsics", origin.display())
+    })?;
     let (width, height) = args.size;
     let sizes: Vec<String> = table.sizes.iter().map(|s| format!("{}x{}", s.width_px, s.height_px)).collect();
     let size = table.of_size(width, height).with_context(|| {
