@@ -39,7 +39,7 @@ pub struct VideoNode {
 /// Camera on USB.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct UsbCamera {
-    /// Identifier of the maker.
+    /// Identifier of the manufacturer.
     pub vendor: u16,
     /// Identifier of the product.
     pub product: u16,

@@ -1,7 +1,7 @@
 //! Stereolabs' factory calibration (`SN12345.conf`): sections in the manner of INI files, one for each camera and size, and
 //! `STEREO` with the baseline in millimetres.
 //!
-//! Intrinsics and baseline are taken over. The small rotation between the cameras is not: the maker does not document its
+//! Intrinsics and baseline are taken over. The small rotation between the cameras is not: the manufacturer does not document its
 //! direction, and the flight refines it.
 
 use crate::camera::Distortion;
@@ -14,7 +14,7 @@ use std::path::Path;
 /// Suffixes of the sections, by the width and height of one image.
 const SIZES: [((usize, usize), &str); 4] =
     [((672, 376), "VGA"), ((1280, 720), "HD"), ((1920, 1080), "FHD"), ((2208, 1242), "2K")];
-/// Baselines of the maker's cameras, mm.
+/// Baselines of the manufacturer's cameras, mm.
 const BASELINE_MM: std::ops::RangeInclusive<f64> = 20.0..=300.0;
 /// Largest third radial coefficient that counts as none: half a pixel in the corner of a wide image is 0.002.
 const NO_K3: f64 = 1e-3;

@@ -110,7 +110,7 @@ pub enum ControlTarget {
     /// Control of the driver by its name in small letters, all else an underscore: `v4l2-ctl` and `plumbline devices` list
     /// it so.
     Name(String),
-    /// Control of an extension unit of a USB camera, which only its maker explains.
+    /// Control of an extension unit of a USB camera, which only its manufacturer explains.
     Extension {
         /// Number of the unit.
         unit: u8,

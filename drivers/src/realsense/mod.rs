@@ -15,7 +15,7 @@ use crate::v4l2::ExtensionUnit;
 use std::path::Path;
 use std::time::Duration;
 
-/// Identifier of the maker on USB.
+/// Identifier of the manufacturer on USB.
 pub const VENDOR: u16 = 0x8086;
 /// Extension unit of the stereo module.
 pub const UNIT: u8 = 3;

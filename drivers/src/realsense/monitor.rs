@@ -97,7 +97,8 @@ pub(crate) mod tests {
 
     #[test]
     fn errors_and_lengths_beyond_the_control_are_refused() {
-        let refused = response(&answer((-6i32).cast_unsigned(), &[]), GET_CALIBRATION);
+        let bytes = answer((-6i32).cast_unsigned(), &[]);
+        let refused = response(&bytes, GET_CALIBRATION);
         assert_eq!(refused, Err(MonitorError::Refused { command: GET_CALIBRATION, code: -6 }));
         assert_eq!(response(&answer(0x10, &[]), GET_CALIBRATION), Err(MonitorError::Other(0x10)));
         let mut bytes = answer(GET_CALIBRATION, &[]);

@@ -170,11 +170,23 @@ fn set_named(fd: BorrowedFd<'_>, name: &str, value: i32, key: &str) -> Result<()
 fn set_extension(fd: BorrowedFd<'_>, (unit, selector): (u8, u8), value: &[u8]) -> Result<(), String> {
     calls::set_extension(fd, unit, selector, value).map_err(extension::why)?;
     let mut taken = vec![0; value.len()];
-    match calls::extension(fd, unit, selector, &mut taken) {
-        Ok(()) if taken != value => Err(format!("the camera keeps {taken:?}; is another program using it?")),
-        Ok(()) => Ok(()),
-        Err(error) => Err(extension::why(error)),
+    calls::extension(fd, unit, selector, &mut taken).map_err(extension::why)?;
+    match is_taken(value, &taken) {
+        true => Ok(()),
+        false => Err(format!("the camera keeps {}; is another program using it?", number(&taken))),
     }
+}
+
+/// Whether a camera has taken a value. A switch is kept as it is; an exposure may be rounded, to whole rows of the sensor.
+fn is_taken(wanted: &[u8], taken: &[u8]) -> bool {
+    let (wanted, taken, is_switch) = (number(wanted), number(taken), wanted.len() == 1);
+    let tolerance = if is_switch { 0 } else { wanted / 16 };
+    wanted.abs_diff(taken) <= tolerance
+}
+
+/// Number of at most four bytes, least significant first.
+fn number(bytes: &[u8]) -> u32 {
+    bytes.iter().take(4).rev().fold(0, |number, byte| (number << 8) | u32::from(*byte))
 }
 
 /// Sets these controls of a device, as `driver.v4l2.controls` has them, as opening it does.
@@ -293,5 +305,17 @@ impl ExposureProbe {
             Err(_) => return None,
         };
         (us > 0.0).then_some((us * 1e3) as i64)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_taken;
+
+    #[test]
+    fn a_switch_is_kept_and_an_exposure_may_be_rounded() {
+        assert!(is_taken(&[0], &[0]) && !is_taken(&[0], &[1]) && !is_taken(&[16], &[17]));
+        let us = |number: u32| number.to_le_bytes();
+        assert!(is_taken(&us(5000), &us(4989)) && !is_taken(&us(5000), &us(33_000)));
     }
 }

@@ -1,4 +1,4 @@
-//! Controls of a camera's extension units (USB Video Class): bytes that only the maker explains.
+//! Controls of a camera's extension units (USB Video Class): bytes that only the manufacturer explains.
 
 use super::node;
 use super::sys::calls;

@@ -1,6 +1,6 @@
 //! `plumbline setup`: from a camera that is plugged in to a configuration, in one command.
 //!
-//! A rig is found ([`plumbline_drivers::video_nodes`]), its calibration is read from the device or from the maker's file, and what
+//! A rig is found ([`plumbline_drivers::video_nodes`]), its calibration is read from the device or from the manufacturer's file, and what
 //! neither states is asked for: as an option, or on a terminal. Then the configuration is written, what can be set on the
 //! device is set, and the doctor runs. What is known of each rig stands in a module of its own.
 
@@ -26,7 +26,7 @@ const EXAMPLES: &str = "Examples:
   plumbline setup realsense --imu-to-vehicle -90,0,90 --dry-run   shows what would be written and set
   plumbline setup zed-mini --factory SN12345.conf --imu-to-vehicle 180,0,0 --out drone.toml
 
-No rig has been tried on a device yet: the layouts of tables and controls are those of the makers' public sources, and are tested
+No rig has been tried on a device yet: the layouts of tables and controls are those of the manufacturers' public sources, and are tested
 on recorded descriptors. See docs/rigs.";
 
 /// Arguments of `plumbline setup`.
@@ -187,7 +187,7 @@ fn preset(name: &str, mounting: Mounting) -> Result<Config> {
     Ok(config)
 }
 
-/// The one camera on USB of a maker; `is_it` knows its products, `serial` chooses among several.
+/// The one camera on USB of a manufacturer; `is_it` knows its products, `serial` chooses among several.
 ///
 /// # Errors
 /// When there is none, or there are several.

@@ -96,7 +96,8 @@ pub fn run(args: &RealsenseArgs) -> Result<()> {
     config.driver.v4l2.left = stable_path(&camera, &node)?;
     config.driver.v4l2.controls = controls(args);
     notes.push(
-        "Place of the cameras on the IMU: the maker's drawing. `plumbline calibrate rig` refines it.".into(),
+        "Place of the cameras on the IMU: the manufacturer's drawing. `plumbline calibrate rig` refines it."
+            .into(),
     );
     if camera.speed_mbit.is_some_and(|speed| speed < USB_3_MBIT) {
         notes.push("The camera is connected by USB 2, which carries fewer sizes and rates: use a USB 3 port and cable.".into());
@@ -111,7 +112,7 @@ pub fn run(args: &RealsenseArgs) -> Result<()> {
     finish(&args.options, found, || Ok(set_controls(&path, &controls)?))
 }
 
-/// Name of the node with the infrared images: the one that offers them, or the one where they are by the maker's layout.
+/// Name of the node with the infrared images: the one that offers them, or the one where they are by the manufacturer's layout.
 fn infrared_node(args: &RealsenseArgs, camera: &UsbCamera) -> Result<String> {
     if !args.options.is_live() {
         let node = camera.nodes.iter().find(|node| (node.interface(), node.index) == INFRARED);

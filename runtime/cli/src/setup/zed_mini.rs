@@ -8,7 +8,7 @@ use plumbline_config::options::ImuEndpoint;
 use plumbline_drivers::video_nodes::UsbCamera;
 use std::path::PathBuf;
 
-/// Identifiers of the maker and of the product, with either firmware, on USB.
+/// Identifiers of the manufacturer and of the product, with either firmware, on USB.
 const VENDOR: u16 = 0x2b03;
 const PRODUCTS: [u16; 2] = [0xf680, 0xf682];
 /// Mounting of a Pixhawk: forward, right, down.

@@ -7,7 +7,7 @@ use crate::net::keyframes::{evenly, finished};
 use nalgebra::{Isometry3, Point3, Vector3};
 use plumbline_config::Timestamp;
 use plumbline_estimator::MapSnapshot;
-use plumbline_estimator::places::MapPath;
+use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_estimator::window::snapshot::SnapshotKeyframe;
 use std::collections::VecDeque;
 
@@ -96,9 +96,10 @@ impl LandmarkMap {
         }
     }
 
-    /// Landmarks in the map frame, by the corrected path. Keyframes between resets of which the path has none are left out.
+    /// Landmarks in the map frame: those of keyframes by the corrected path, those of the window by the newest pose of the
+    /// odometry frame in the map. Keyframes between resets of which the path has none are left out.
     #[must_use]
-    pub fn corrected(&self, path: &MapPath) -> Landmarks {
+    pub fn corrected(&self, path: &MapPath, estimate: Option<&MapEstimate>) -> Landmarks {
         let corrections = self.corrections(path);
         let mut landmarks = Landmarks::default();
         for keyframe in &self.keyframes {
@@ -107,6 +108,14 @@ impl LandmarkMap {
             let place = |p: &Vector3<f32>| (pose_m_b * Point3::from(*p)).coords;
             landmarks.points.extend(keyframe.points_b.iter().map(place));
             landmarks.lines.extend(keyframe.lines_b.iter().map(|ends| ends.each_ref().map(place)));
+        }
+        if let (Some(window), Some(estimate)) = (&self.last, estimate)
+            && let Some(pose_m_o) = estimate.pose_m_o
+            && estimate.reset_counter == window.reset_counter
+        {
+            let place = |p: &Vector3<f64>| (pose_m_o * Point3::from(*p)).coords.cast();
+            landmarks.points.extend(window.points.iter().map(|point| place(&point.p_o)));
+            landmarks.lines.extend(window.lines.iter().map(|line| line.ends_o.each_ref().map(place)));
         }
         landmarks
     }
@@ -181,8 +190,10 @@ mod tests {
         map.update(snapshot(6..9, 0));
         // A loop has moved the second half by 10 m along y; keyframe 4 is not in the path.
         let pose = |k: i64, y: f64| (k, 0, Isometry3::translation(k as f64, y, 0.0));
-        let landmarks =
-            map.corrected(&path(&[pose(0, 0.0), pose(1, 0.0), pose(2, 0.0), pose(3, 10.0), pose(5, 10.0)]));
+        let landmarks = map.corrected(
+            &path(&[pose(0, 0.0), pose(1, 0.0), pose(2, 0.0), pose(3, 10.0), pose(5, 10.0)]),
+            None,
+        );
         let y: Vec<f32> = landmarks.points.iter().map(|p| p.y).collect();
         assert_eq!(y, [0.0, 0.0, 0.0, 10.0, 10.0, 10.0]);
         assert_eq!(landmarks.points[4], Vector3::new(4.0, 10.0, 1.0));
@@ -195,9 +206,29 @@ mod tests {
         map.update(snapshot(0..3, 0));
         map.update(snapshot(3..6, 1));
         map.update(snapshot(6..9, 1));
-        let landmarks = map.corrected(&path(&[(3, 1, Isometry3::translation(3.0, 1.0, 0.0))]));
+        let landmarks = map.corrected(&path(&[(3, 1, Isometry3::translation(3.0, 1.0, 0.0))]), None);
         assert_eq!(landmarks.points.len(), 3);
         assert!(landmarks.points.iter().all(|p| p.y == 1.0));
+    }
+
+    #[test]
+    fn the_window_lies_where_the_newest_correction_puts_it() {
+        let mut map = LandmarkMap::new(usize::MAX);
+        map.update(snapshot(0..2, 1));
+        let estimate = |reset_counter| MapEstimate {
+            frame_sequence: 0,
+            stamp: stamp(2),
+            pose_m_o: Some(Isometry3::translation(0.0, 5.0, 0.0)),
+            reset_counter,
+            keyframes: 0,
+            sightings: 0,
+            loops_used: 0,
+        };
+        let landmarks = map.corrected(&path(&[]), Some(&estimate(1)));
+        assert_eq!(landmarks.points, [0.0, 1.0].map(|x| Vector3::new(x, 5.0, 1.0)));
+        assert_eq!(landmarks.lines.len(), 2);
+        // A correction of the frame before a reset says nothing of this one.
+        assert_eq!(map.corrected(&path(&[]), Some(&estimate(0))), Landmarks::default());
     }
 
     #[test]

@@ -172,7 +172,7 @@ impl ViewTopics {
         if !cloud && !markers {
             return;
         }
-        let landmarks = scene.landmarks.corrected(&scene.corrected);
+        let landmarks = scene.landmarks.corrected(&scene.corrected, scene.estimate.as_ref());
         if markers {
             map.markers.put(&views::map(&header, &scene.corrected, &landmarks), clock.now_ns).await;
         }
