@@ -490,7 +490,7 @@ fn services_of_ros_need_commands_from_anybody() {
 /// What the configuration of RViz subscribes to is what a vehicle called `drone` publishes.
 #[test]
 fn the_configuration_of_rviz_names_what_is_published() {
-    let Some(python) = interpreter(PACKAGES) else { return };
+    let Some(python) = interpreter("ruamel.yaml") else { return };
     let told = Program::start(&python, "tests/python/rviz_displays.py", &["packaging/ros2/plumbline.rviz"]);
     let told: Value = serde_json::from_str(&told.rest()).unwrap();
     assert_eq!(told["fixed_frame"], "odom");
