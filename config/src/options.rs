@@ -33,12 +33,12 @@ pub use local::LocalConfig;
 pub use network::{Commands, Link, LoginConfig, NetworkConfig, TlsConfig, is_certificate_name};
 pub use places::PlacesConfig;
 pub use recorder::{ImageRecording, KeepPolicy, RecorderConfig};
-pub use ros::{RosConfig, RosDistribution, RosStamp};
+pub use ros::{RosConfig, RosDistribution, RosPictures, RosStamp};
 pub use runtime::RuntimeConfig;
 pub use sensors::{CameraConfig, ImuConfig, RigConfig, image_sizes, isometry_from_rows, rows_from_isometry};
 pub use serial_line::SerialLine;
 pub use setup::EstimatorSetup;
-pub use v4l2::{PairBy, V4l2Config, V4l2Control, V4l2Format};
+pub use v4l2::{ControlTarget, PairBy, V4l2Config, V4l2Control, V4l2Format};
 pub use vehicle::{Mounting, VehicleConfig};
 
 use serde::{Deserialize, Serialize};

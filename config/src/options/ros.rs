@@ -1,8 +1,9 @@
 //! Options of the publication as ROS 2 messages.
 
+use super::network::Link;
 use serde::{Deserialize, Serialize};
 
-/// Publication of the odometry as ROS 2 messages over Zenoh, as `rmw_zenoh` would publish them, beside
+/// Publication of odometry, path, map and pictures as ROS 2 messages over Zenoh, as `rmw_zenoh` would publish them, beside
 /// Plumbline's own keys and by a session of its own.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -27,7 +28,7 @@ pub struct RosConfig {
     pub base_frame: String,
     /// Name of the body frame `B`, which is the IMU's; its rotation in the vehicle goes out on `/tf`.
     pub body_frame: String,
-    /// Messages of each topic a second; 0 for one with every inertial sample.
+    /// Messages of `odom`, `pose` and `/tf` a second; 0 for one with every inertial sample.
     pub rate_hz: f64,
     /// Time in `header.stamp`.
     pub stamp: RosStamp,
@@ -36,6 +37,31 @@ pub struct RosConfig {
     pub tf: bool,
     /// Standard deviation of the angular rate in the twist's covariance, rad/s: the estimator has none.
     pub angular_rate_sigma_rad_s: f64,
+    /// Capacity of the connection to the router: sets rates and sizes of what follows.
+    pub link: Link,
+    /// Publish the path in `odom_frame`, topic `path`.
+    pub path: bool,
+    /// Publish landmarks and lines of the window in `odom_frame`, topics `landmarks` and `lines`.
+    pub landmarks: bool,
+    /// Publish the corrected path, its loops, and landmarks and lines in `map_frame`, topics `map/path`, `map/landmarks`
+    /// and `map/markers`.
+    pub map: bool,
+    /// Publish camera pictures with what is tracked in them, topic `tracks`.
+    pub tracks: RosPictures,
+    /// Offer the services `reset` (keeps the pose) and `reset_hard` (starts at the origin).
+    pub reset: bool,
+}
+
+/// Format of pictures for ROS 2.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RosPictures {
+    /// No pictures.
+    Off,
+    /// `sensor_msgs/msg/CompressedImage` (JPEG) on `tracks/compressed`.
+    Compressed,
+    /// `sensor_msgs/msg/Image` (`rgb8`) on `tracks`.
+    Raw,
 }
 
 /// Releases of ROS 2 that have `rmw_zenoh`.
@@ -80,6 +106,12 @@ impl Default for RosConfig {
             stamp: RosStamp::Measurement,
             tf: true,
             angular_rate_sigma_rad_s: 0.01,
+            link: Link::Lan,
+            path: true,
+            landmarks: true,
+            map: true,
+            tracks: RosPictures::Off,
+            reset: false,
         }
     }
 }

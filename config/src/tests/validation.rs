@@ -1,6 +1,8 @@
 use super::euroc;
 use crate::camera::Distortion;
-use crate::options::{ImuProtocol, PairBy, TlsConfig, TriggerExposure, V4l2Format, VehicleConfig};
+use crate::options::{
+    Commands, ImuProtocol, Link, PairBy, RosPictures, TlsConfig, TriggerExposure, V4l2Format, VehicleConfig,
+};
 use crate::shape::sample_for_tests;
 use crate::{Config, Violation};
 use serde::Deserialize;
@@ -313,6 +315,21 @@ fn cameras_are_triggered_by_a_microcontroller_alone_and_by_pulses_shorter_than_a
         c.driver.imu.trigger_exposure = TriggerExposure::Camera;
         c.driver.frames.listen = "/run/frames".into();
     });
+}
+
+#[test]
+fn what_ros_is_offered_must_be_allowed_and_fit_its_link() {
+    check("ros.reset", "network.commands", |c| c.ros.reset = true);
+    assert_eq!(
+        refused(|c| {
+            c.ros.reset = true;
+            c.network.commands = Commands::Anybody;
+        }),
+        []
+    );
+    let pictures = |c: &mut Config, link| (c.ros.tracks, c.ros.link) = (RosPictures::Raw, link);
+    check("ros.tracks", "radio", |c| pictures(c, Link::Radio));
+    assert_eq!(refused(|c| pictures(c, Link::Wifi)), []);
 }
 
 #[test]

@@ -88,7 +88,7 @@ struct ImportArgs {
 }
 
 /// Three angles, or the word for a mounting that is not known.
-fn parse_mounting(text: &str) -> Result<Mounting, String> {
+pub fn parse_mounting(text: &str) -> Result<Mounting, String> {
     if text == Mounting::UNKNOWN {
         return Ok(Mounting::Unknown);
     }
@@ -153,7 +153,7 @@ fn import(args: &ImportArgs) -> Result<()> {
 }
 
 /// Names what is valid, and yet probably a mistake.
-fn warn_of_doubts(config: &Config) {
+pub fn warn_of_doubts(config: &Config) {
     config.doubts().iter().for_each(|doubt| tracing::warn!("{doubt}"));
 }
 
@@ -217,7 +217,7 @@ fn rounded(value: f64) -> f64 {
 }
 
 /// What came out, so that a wrong unit or a wrong file meets the eye.
-fn summary(config: &Config, out: &Path) -> String {
+pub fn summary(config: &Config, out: &Path) -> String {
     let unset: Vec<String> = config
         .unset_keys()
         .iter()

@@ -40,6 +40,7 @@ pub mod replay;
 mod reset;
 mod router;
 pub mod scenario;
+mod setup;
 mod signals;
 pub mod simulate;
 pub mod sweep;
@@ -82,6 +83,7 @@ fn examples() -> String {
 {ground}  plumbline replay V1_01_easy --trajectory out.tum  a EuRoC data set, as fast as possible
   plumbline replay sim:hall --duration 20           a simulated flight, not written to disk
   plumbline devices                                 list the connected cameras and IMUs
+  plumbline setup realsense --out drone.toml        configure a connected camera
   plumbline fly --config drone.toml                 a live flight with these sensors
   plumbline replay V1_01_easy --record log.mcap     record the flight
   plumbline verify log.mcap                         execute it again, and compare all outputs bit for bit
@@ -143,6 +145,9 @@ enum Command {
     /// List cameras (formats, rates, controls), serial ports and inertial sensors, with their names for the
     /// configuration.
     Devices(devices::DevicesArgs),
+    /// Set up a connected rig: find it, read its calibration, write a configuration, set emitter and exposure, and run the
+    /// doctor.
+    Setup(Box<setup::SetupArgs>),
     /// Calibrate the sensors: cameras from images of a board, noise of the IMU, pose of the cameras on the IMU.
     Calibrate(calibrate::CalibrateArgs),
     /// Check whether this host and a configuration are fit for a flight.
@@ -229,6 +234,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Sweep(args) => sweep::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Devices(args) => devices::run(&args),
+        Command::Setup(args) => setup::run(&args),
         Command::Calibrate(args) => calibrate::run(&args),
         Command::Doctor(args) => doctor::run(&args),
         Command::Config(args) => config::run(&args),

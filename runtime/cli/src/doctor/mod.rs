@@ -74,6 +74,24 @@ pub struct DoctorArgs {
     pub json: bool,
 }
 
+impl DoctorArgs {
+    /// Checks of this host and of the sensors of a configuration, with every option as by default.
+    #[must_use]
+    pub fn live(config: PathBuf) -> Self {
+        Self {
+            source: None,
+            config: Some(config),
+            overrides: Vec::new(),
+            live: true,
+            record: None,
+            watch: 2.0,
+            seconds: None,
+            topics: TopicArgs::default(),
+            json: false,
+        }
+    }
+}
+
 /// Runs the command: a line for each check.
 ///
 /// # Errors
