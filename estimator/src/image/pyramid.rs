@@ -192,7 +192,8 @@ fn rows_around(level: &Level, y: isize, span: usize) -> [&[u8]; 5] {
 /// The horizontal half of the filter, at every pixel; rounds.
 fn filter_row(filtered: &[u16], out: &mut [u8]) {
     for (pixel, w) in out.iter_mut().zip(filtered.windows(2 * REACH + 1)) {
-        let sum = u32::from(w[0]) + u32::from(w[4]) + 4 * (u32::from(w[1]) + u32::from(w[3])) + 6 * u32::from(w[2]);
+        let sum =
+            u32::from(w[0]) + u32::from(w[4]) + 4 * (u32::from(w[1]) + u32::from(w[3])) + 6 * u32::from(w[2]);
         *pixel = ((sum + 128) >> 8) as u8;
     }
 }
