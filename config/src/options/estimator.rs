@@ -43,6 +43,8 @@ pub struct PointsConfig {
     pub max_epipolar_px: f32,
     /// Points this close to the image edge are dropped, px.
     pub border_px: usize,
+    /// Whether noisy images (by night, at a high gain) are smoothed before points are looked for.
+    pub denoise: bool,
     /// Standard deviation of a tracked point, px at full resolution.
     pub sigma_px: f64,
 }
@@ -58,6 +60,7 @@ impl Default for PointsConfig {
             max_forward_backward_px: 0.4,
             max_epipolar_px: 2.5,
             border_px: 8,
+            denoise: true,
             sigma_px: 0.4,
         }
     }
