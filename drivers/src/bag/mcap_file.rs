@@ -1,126 +1,26 @@
-//! The messages of a bag, file after file, in the order in which they were recorded and in bounded memory.
+//! Messages of an MCAP file.
 //!
-//! Chunks are checked against their CRC before any of them is handed out. A file that breaks off, because the recorder was
-//! killed, is read up to its last whole chunk.
+//! Chunks are checked against their CRC before any of them is handed out.
 
-use super::messages::Kind;
+use super::messages::Format;
+use super::stream::{MAX_EXPANSION, MAX_RECORD_BYTES, MAX_TOPICS, Step, Topic, number_of};
 use crate::DriverError;
 use mcap::McapError;
 use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use std::collections::{BTreeMap, VecDeque};
-use std::fs::File;
+use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// Longest record or chunk that is read, bytes: four images of 8192 x 8192 grey pixels.
-const MAX_RECORD_BYTES: usize = 256 << 20;
 /// Least that is read from a file at once, bytes.
 const READ_BYTES: usize = 1 << 16;
 /// Most that is read at once, bytes: what a record says of its length may be invented.
 const MAX_READ_BYTES: usize = 4 << 20;
 /// Records in a row that are no messages: an index has one for each topic and chunk.
 const MAX_IDLE_RECORDS: u64 = 1_000_000;
-/// Records may be this many times as long as the compressed bytes that hold them. Images that are not black throughout are far
-/// below.
-const MAX_EXPANSION: u64 = 1_000;
-/// Topics and schemas that a bag may have.
-const MAX_TOPICS: usize = 4096;
-
-/// What a bag says of a topic.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Topic {
-    /// Its name, such as /cam0/image_raw.
-    pub(crate) name: String,
-    /// The type of its messages.
-    pub(crate) type_name: String,
-    /// What can be flown with of it, if it can be read.
-    pub(crate) kind: Option<Kind>,
-}
-
-/// The files of a bag, one after the other.
-pub(crate) struct Messages {
-    rest: VecDeque<PathBuf>,
-    file: Option<Container<File>>,
-    topics: Vec<Topic>,
-    payload: Vec<u8>,
-    /// Whether a file broke off.
-    pub(crate) is_truncated: bool,
-}
-
-impl Messages {
-    /// From the beginning of the first of `files`.
-    pub(crate) fn new(files: impl IntoIterator<Item = PathBuf>) -> Self {
-        let rest = files.into_iter().collect();
-        Self { rest, file: None, topics: Vec::new(), payload: Vec::new(), is_truncated: false }
-    }
-
-    /// The next message of one of `names`; its topic is numbered as there.
-    ///
-    /// # Errors
-    /// As [`Self::next`].
-    pub(crate) fn next_of(&mut self, names: &[String]) -> Result<Option<Message<'_>>, DriverError> {
-        loop {
-            let Some(Message { topic, kind, .. }) = self.next()? else { return Ok(None) };
-            if let Some(which) = names.iter().position(|name| *name == self.topics[topic].name) {
-                return Ok(Some(Message { topic: which, kind, bytes: &self.payload }));
-            }
-        }
-    }
-
-    /// Topics that were met so far.
-    pub(crate) fn topics(&self) -> &[Topic] {
-        &self.topics
-    }
-
-    /// The next message of a topic that can be flown with; `None` at the end.
-    ///
-    /// # Errors
-    /// When a file cannot be read, is no MCAP or a damaged one.
-    pub(crate) fn next(&mut self) -> Result<Option<Message<'_>>, DriverError> {
-        loop {
-            if self.file.is_none() {
-                let Some(path) = self.rest.pop_front() else { return Ok(None) };
-                let file = File::open(&path).map_err(|e| DriverError::io(&path, e))?;
-                self.file = Some(Container::new(&path, file));
-            }
-            let Some(file) = &mut self.file else { return Ok(None) };
-            match file.next(&mut self.topics, &mut self.payload)? {
-                Step::Message(topic, kind) => {
-                    return Ok(Some(Message { topic, kind, bytes: &self.payload }));
-                }
-                Step::End => self.file = None,
-                Step::Truncated => {
-                    self.is_truncated = true;
-                    self.file = None;
-                }
-            }
-        }
-    }
-}
-
-/// A message that can be flown with.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Message<'a> {
-    /// Number of its topic.
-    pub(crate) topic: usize,
-    /// What it is.
-    pub(crate) kind: Kind,
-    /// Its content.
-    pub(crate) bytes: &'a [u8],
-}
-
-/// What came next.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Step {
-    /// A message of the topic of this number, in the payload.
-    Message(usize, Kind),
-    End,
-    Truncated,
-}
 
 /// One MCAP file, wherever its bytes come from.
-pub(crate) struct Container<R> {
+pub(crate) struct McapFile<R> {
     path: PathBuf,
     input: R,
     reader: LinearReader,
@@ -134,7 +34,7 @@ pub(crate) struct Container<R> {
     idle_records: u64,
 }
 
-impl<R: Read> Container<R> {
+impl<R: Read> McapFile<R> {
     /// `path` names it in messages.
     pub(crate) fn new(path: &Path, input: R) -> Self {
         let options = LinearReaderOptions::default()
@@ -176,7 +76,7 @@ impl<R: Read> Container<R> {
                     let (schemas, channels) = (&mut self.schemas, &mut self.channels);
                     let taken = take(opcode, data, schemas, channels, topics, payload);
                     match taken.map_err(|error| damaged(&self.path, self.read_bytes, &error))? {
-                        Some((topic, kind)) => return Ok(Step::Message(topic, kind)),
+                        Some((topic, format)) => return Ok(Step::Message(topic, format)),
                         None if self.is_bomb() => return Err(expands(&self.path, self.read_bytes)),
                         None => continue,
                     }
@@ -200,7 +100,9 @@ fn expands(path: &Path, read_bytes: u64) -> DriverError {
 fn damaged(path: &Path, read_bytes: u64, error: &McapError) -> DriverError {
     let message = match error {
         McapError::BadMagic if read_bytes < READ_BYTES as u64 + 1 => {
-            "is no MCAP file; give a bag recorded with `ros2 bag record -s mcap`, or convert it".to_owned()
+            "is no bag: neither an MCAP file nor one of SQLite (.db3) or ROS 1 (.bag); give the file that `ros2 bag record` or \
+             `rosbag record` wrote"
+                .to_owned()
         }
         error => format!(
             "damaged within the first {read_bytes} bytes: {error}; copy it again, or save what can be with `mcap recover`"
@@ -217,7 +119,7 @@ fn take(
     channels: &mut BTreeMap<u16, usize>,
     topics: &mut Vec<Topic>,
     payload: &mut Vec<u8>,
-) -> Result<Option<(usize, Kind)>, McapError> {
+) -> Result<Option<(usize, Format)>, McapError> {
     if ![op::SCHEMA, op::CHANNEL, op::MESSAGE].contains(&opcode) {
         return Ok(None);
     }
@@ -225,23 +127,18 @@ fn take(
         Record::Schema { header, .. } if schemas.len() < MAX_TOPICS => {
             schemas.insert(header.id, header.name);
         }
-        Record::Channel(channel) if channels.len() < MAX_TOPICS && topics.len() < MAX_TOPICS => {
+        Record::Channel(channel) if channels.len() < MAX_TOPICS => {
             let type_name = schemas.get(&channel.schema_id).cloned().unwrap_or_default();
-            let kind = Kind::of(&type_name).filter(|_| channel.message_encoding == "cdr");
-            // The same topic again in another file has another number there.
-            let known = topics.iter().position(|topic| topic.name == channel.topic && topic.kind == kind);
-            let topic = known.unwrap_or_else(|| {
-                topics.push(Topic { name: channel.topic, type_name, kind });
-                topics.len() - 1
-            });
-            channels.insert(channel.id, topic);
+            if let Some(topic) = number_of(topics, &channel.topic, &type_name, &channel.message_encoding) {
+                channels.insert(channel.id, topic);
+            }
         }
         Record::Message { header, data } => {
             let topic = channels.get(&header.channel_id).copied();
-            if let Some((topic, kind)) = topic.and_then(|topic| Some((topic, topics.get(topic)?.kind?))) {
+            if let Some((topic, format)) = topic.and_then(|topic| Some((topic, topics.get(topic)?.format?))) {
                 payload.clear();
                 payload.extend_from_slice(&data);
-                return Ok(Some((topic, kind)));
+                return Ok(Some((topic, format)));
             }
         }
         _ => {}
