@@ -3,12 +3,12 @@
 //! The tests of this crate run these functions over the checked-in seeds, and over seeded mutations of them.
 
 use crate::DriverError;
+use crate::bag::container::{Step, Topic};
 use crate::bag::mcap_file::McapFile;
 use crate::bag::messages::{self, Format, Kind};
 use crate::bag::pixels::{self, ImageDecoder};
 use crate::bag::ros1_file::Ros1File;
 use crate::bag::sqlite_file::SqliteFile;
-use crate::bag::stream::{Step, Topic};
 use crate::bag::topics::{self as bag_topics, BagTopics};
 use crate::bag::wire::Encoding;
 use crate::euroc::image::gray_png;

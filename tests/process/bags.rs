@@ -19,7 +19,8 @@ fn digest(arguments: &[&str]) -> String {
 fn written(python: &Path, dataset: &str, out: &str, frames: u32, how: &[&str]) {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/python/write_bag.py");
     let [kind, storage @ ..] = how else { panic!("no kind of images") };
-    let arguments = [&[dataset, out, kind, &frames.to_string()], storage].concat();
+    let frames = frames.to_string();
+    let arguments = [&[dataset, out, kind, &frames], storage].concat();
     let status = Command::new(python).arg(script).args(arguments).status().unwrap();
     assert!(status.success(), "{out}");
 }

@@ -2,8 +2,8 @@
 //!
 //! Chunks are checked against their CRC before any of them is handed out.
 
+use super::container::{MAX_EXPANSION, MAX_RECORD_BYTES, MAX_TOPICS, Step, Topic, number_of};
 use super::messages::Format;
-use super::stream::{MAX_EXPANSION, MAX_RECORD_BYTES, MAX_TOPICS, Step, Topic, number_of};
 use crate::DriverError;
 use mcap::McapError;
 use mcap::records::{Record, op};

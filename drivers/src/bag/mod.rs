@@ -7,6 +7,7 @@
 //! images are read when they are asked for (`stereo`). `files` finds the files, `stream` the messages in them, whose
 //! containers are in `mcap_file`, `sqlite_file` and `ros1_file`; `wire`, `messages` and `pixels` understand messages.
 
+pub(crate) mod container;
 mod files;
 pub(crate) mod mcap_file;
 pub(crate) mod messages;
@@ -15,7 +16,7 @@ pub(crate) mod pixels;
 pub(crate) mod ros1_file;
 pub(crate) mod sqlite_file;
 mod stereo;
-pub(crate) mod stream;
+mod stream;
 #[cfg(test)]
 mod tests;
 pub(crate) mod topics;
@@ -31,13 +32,14 @@ use crate::euroc::pairing::{self, FrameEntry, ImageRow};
 use crate::euroc::table::Table;
 use crate::euroc::{Defect, EurocOptions, chosen_frames, frames_span, imu_range};
 use crate::{DriverError, Faults};
+use container::Topic;
 use files::bag_files;
 use messages::{Format, Kind};
 use plumbline_config::{ImuSample, Timestamp};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use stream::{BagFile, Messages, Topic};
+use stream::{BagFile, Messages};
 
 /// Messages that are looked at, at most: days of an IMU at 1 kHz.
 const MAX_MESSAGES: u64 = 200_000_000;

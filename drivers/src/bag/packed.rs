@@ -3,7 +3,7 @@
 //! MCAP files and ROS 1 bags are unpacked while they are read. A database is read at any place, and so is unpacked into a
 //! temporary file, which is deleted with the last reader.
 
-use super::stream::{Input, MAX_EXPANSION, MAX_RECORD_BYTES, peeked};
+use super::container::{Input, MAX_EXPANSION, MAX_RECORD_BYTES, peeked};
 use crate::DriverError;
 use std::fs::File;
 use std::io::{self, Read, Write};

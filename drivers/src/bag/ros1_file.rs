@@ -5,7 +5,7 @@
 //! other, chunks are unpacked whole, and every length is bounded before memory is taken for it. A bag without an index
 //! (`.bag.active`) is read up to its end.
 
-use super::stream::{MAX_EXPANSION, MAX_RECORD_BYTES, MAX_TOPICS, Step, Topic, number_of};
+use super::container::{MAX_EXPANSION, MAX_RECORD_BYTES, MAX_TOPICS, Step, Topic, number_of};
 use crate::DriverError;
 use std::collections::BTreeMap;
 use std::io::{self, Read};

@@ -6,8 +6,8 @@
 //! opened read-only and, unless its recorder left a journal beside it, as one that does not change, so that nothing is
 //! written beside it.
 
+use super::container::{MAX_RECORD_BYTES, MAX_TOPICS, Step, Topic, number_of};
 use super::messages::Format;
-use super::stream::{MAX_RECORD_BYTES, MAX_TOPICS, Step, Topic, number_of};
 use crate::DriverError;
 use rusqlite::config::DbConfig;
 use rusqlite::limits::Limit;
