@@ -13,6 +13,7 @@ mod doctor;
 mod errors;
 mod example;
 mod exit_status;
+mod foxglove;
 mod hardware;
 mod host;
 mod import;
