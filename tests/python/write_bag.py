@@ -1,6 +1,8 @@
 """Writes a EuRoC data set as ROS bags, by another implementation of the formats than ours (rosbags).
 
-usage: write_bag.py DATA_SET OUT raw|png FRAMES mcap|db3|bag [zstd-file|zstd-message|bz2|lz4]
+usage: write_bag.py DATA_SET OUT raw|png FRAMES mcap|db3|bag [none|zstd-file|zstd-message|bz2|lz4 [short]]
+
+With `short` the inertial samples end a second after the last image.
 
 OUT is the directory of a ROS 2 bag, or the file of a ROS 1 bag.
 """
@@ -123,6 +125,9 @@ def main():
         for row in rows(dataset / camera / "data.csv")[: int(frames)]:
             png = (dataset / camera / "data" / row[1].strip()).read_bytes()
             messages.append((int(row[0]), f"/{camera}/image_raw", *image(kind, int(row[0]), png)))
+    if sys.argv[-1] == "short":
+        end_ns = max(message[0] for message in messages if message[1] != "/imu0") + 10**9
+        messages = [message for message in messages if message[0] <= end_ns]
     messages.sort(key=lambda message: message[0])
     with writer(out, storage, compression) as bag:
         connections = {}

@@ -2,7 +2,7 @@
 
 use super::messages::Format;
 use crate::DriverError;
-use std::io::{Cursor, Read};
+use std::io::{self, Cursor, Read};
 use std::path::Path;
 
 /// Longest record, chunk or message that is read, bytes: four images of 8192 x 8192 grey pixels.
@@ -58,6 +58,14 @@ pub(crate) type Input = Box<dyn Read + Send>;
 pub(crate) fn peeked(path: &Path, mut input: Input) -> Result<(Vec<u8>, Input), DriverError> {
     let mut magic = Vec::new();
     let read = input.by_ref().take(MAGIC_BYTES as u64).read_to_end(&mut magic);
-    read.map_err(|e| DriverError::io(path, e))?;
+    read.map_err(|e| unreadable(path, e))?;
     Ok((magic.clone(), Box::new(Cursor::new(magic).chain(input))))
+}
+
+/// Why the file at `path` cannot be read on: what is compressed in it is damaged, or the system refuses.
+pub(crate) fn unreadable(path: &Path, error: io::Error) -> DriverError {
+    match error.kind() {
+        io::ErrorKind::InvalidData => DriverError::malformed(path, error.to_string()),
+        _ => DriverError::io(path, error),
+    }
 }

@@ -2,7 +2,7 @@
 //!
 //! Chunks are checked against their CRC before any of them is handed out.
 
-use super::container::{MAX_EXPANSION, MAX_RECORD_BYTES, MAX_TOPICS, Step, Topic, number_of};
+use super::container::{MAX_EXPANSION, MAX_RECORD_BYTES, MAX_TOPICS, Step, Topic, number_of, unreadable};
 use super::messages::Format;
 use crate::DriverError;
 use mcap::McapError;
@@ -83,7 +83,7 @@ impl<R: Read> McapFile<R> {
                 }
             };
             let room = self.reader.insert(wanted.clamp(READ_BYTES, MAX_READ_BYTES));
-            let read = self.input.read(room).map_err(|e| DriverError::io(&self.path, e))?;
+            let read = self.input.read(room).map_err(|e| unreadable(&self.path, e))?;
             self.reader.notify_read(read);
             self.read_bytes += read as u64;
         }

@@ -5,7 +5,7 @@
 //! other, chunks are unpacked whole, and every length is bounded before memory is taken for it. A bag without an index
 //! (`.bag.active`) is read up to its end.
 
-use super::container::{MAX_EXPANSION, MAX_RECORD_BYTES, MAX_TOPICS, Step, Topic, number_of};
+use super::container::{MAX_EXPANSION, MAX_RECORD_BYTES, MAX_TOPICS, Step, Topic, number_of, unreadable};
 use crate::DriverError;
 use std::collections::BTreeMap;
 use std::io::{self, Read};
@@ -93,7 +93,7 @@ impl<R: Read> Ros1File<R> {
         match self.step(topics, payload) {
             Ok(step) => Ok(step),
             Err(Damage::Truncated) => Ok(Step::Truncated),
-            Err(Damage::Io(error)) => Err(DriverError::io(&self.path, error)),
+            Err(Damage::Io(error)) => Err(unreadable(&self.path, error)),
             Err(Damage::Malformed(what)) => Err(DriverError::malformed(&self.path, self.in_words(&what))),
         }
     }
