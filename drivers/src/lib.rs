@@ -21,6 +21,7 @@ pub mod inertial;
 pub mod live;
 pub mod prefetch;
 mod random;
+pub mod realsense;
 mod regular_file;
 pub mod sensor_faults;
 pub mod serial;
@@ -32,6 +33,7 @@ pub mod trigger;
 pub mod truth;
 pub mod tum;
 pub mod v4l2;
+pub mod video_nodes;
 
 pub use bag::{BagDataset, BagStereo, BagTopics};
 pub use error::DriverError;

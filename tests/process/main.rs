@@ -36,6 +36,7 @@ mod ros;
 #[cfg(feature = "sabotage")]
 mod sabotage;
 mod security;
+mod setup;
 mod sweep;
 mod terminal;
 mod usage;

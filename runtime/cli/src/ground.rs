@@ -29,19 +29,20 @@ pub struct GroundArgs {
     /// [default: tcp/127.0.0.1:7447, unless --listen is given]
     #[arg(long, value_name = "ENDPOINT")]
     pub connect: Vec<String>,
-    /// Wait for vehicles here, such as tcp/0.0.0.0:7447; may be repeated.
+    /// Listen for vehicles on this endpoint, such as tcp/0.0.0.0:7447; may be repeated.
     #[arg(long, value_name = "ENDPOINT")]
     pub listen: Vec<String>,
-    /// Watch this vehicle only.
+    /// Show this vehicle only.
     #[arg(long, default_value = "*")]
     pub vehicle: String,
     /// Serve the web page at this address.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8080")]
     pub http: SocketAddr,
-    /// Name by which other hosts may open the page, beside this host's addresses and its host name; may be repeated.
+    /// Name by which other hosts may open the page, in addition to this host's addresses and host name; may be
+    /// repeated.
     #[arg(long, value_name = "NAME", conflicts_with = "no_http")]
     pub http_name: Vec<String>,
-    /// Serve no web page.
+    /// Do not serve the web page.
     #[arg(long, conflicts_with = "http")]
     pub no_http: bool,
     /// Allow commands from the page even if other hosts can open it.
@@ -50,7 +51,7 @@ pub struct GroundArgs {
     /// Disable commands from the page.
     #[arg(long, conflicts_with = "allow_commands")]
     pub no_commands: bool,
-    /// Print one line per second and vehicle instead of the view.
+    /// Print one line per second and vehicle instead of the terminal view.
     #[arg(long)]
     pub plain: bool,
     /// Print a JSON object for each state received.

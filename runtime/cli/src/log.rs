@@ -13,7 +13,7 @@ use std::path::PathBuf;
 /// Arguments of `plumbline log`.
 #[derive(Debug, Args)]
 pub struct LogArgs {
-    /// The flight log; its further parts (LOG.1.mcap and so on) are found beside it.
+    /// Flight log. Its further parts (LOG.1.mcap and so on) are found automatically.
     #[arg(value_name = "LOG.mcap")]
     pub log: PathBuf,
     /// Print only the configuration of the flight, as TOML.

@@ -16,26 +16,26 @@ use plumbline_lab::plot::{self, Alignment, SIDES_PX, SIZE_PX, Subject};
 use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "Examples:
-  plumbline plot V1_01_easy --out flight.svg                      flies the data set, and draws the flight
-  plumbline plot out.tum --truth V1_01_easy --out flight.svg      a trajectory over the truth
-  plumbline plot states.csv --truth V1_01_easy --out flight.png   with covariance, velocity and biases
-  plumbline plot log.mcap --out flight.png                        what a flight log holds
+  plumbline plot V1_01_easy --out flight.svg                      fly the data set, and draw the flight
+  plumbline plot out.tum --truth V1_01_easy --out flight.svg      draw a trajectory over the truth
+  plumbline plot states.csv --truth V1_01_easy --out flight.png   also covariance, velocity and biases
+  plumbline plot log.mcap --out flight.png                        draw a flight log
 
-A table of states is what `plumbline replay DATASET --states states.csv` writes. `plumbline replay DATASET --plot
-flight.svg` draws the flight that it flies, with any of its options.";
+`plumbline replay DATASET --states states.csv` writes a table of states. `plumbline replay DATASET --plot flight.svg` runs the
+estimator, with any of its options, and draws the flight.";
 
 /// Arguments of `plumbline plot`.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct PlotArgs {
-    /// What to show: a trajectory (TUM, plain or .gz), a table of states (.csv), a flight log (.mcap), or a EuRoC data set
-    /// or simulated flight (sim:room?duration=10), which is flown first.
+    /// Flight to draw: a trajectory (TUM, plain or .gz), a table of states (.csv) or a flight log (.mcap). A EuRoC
+    /// data set or a simulated flight (sim:room?duration=10) is flown first.
     #[arg(value_name = "FLIGHT")]
     pub estimate: String,
     /// Ground truth: TUM (plain or .gz), a EuRoC ground truth table, or a EuRoC data set.
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
-    /// The picture to write: .svg or .png.
+    /// Picture to write: .svg or .png.
     #[arg(long, value_name = "OUT.svg|OUT.png")]
     pub out: PathBuf,
     /// Alignment of the ground truth to the estimate. Default: at the first pose by position and yaw if there is a

@@ -19,14 +19,14 @@ use std::path::{Path, PathBuf};
 const STEPS: u64 = 1000;
 
 const EXAMPLES: &str = "Examples:
-  plumbline verify log.mcap                one log, with all details
-  plumbline verify flights/*.mcap --jobs 8 many logs, eight at a time, a row each; exit status 1 if any differs";
+  plumbline verify log.mcap                verify one log, and print all details
+  plumbline verify flights/*.mcap --jobs 8 verify many logs, eight in parallel, one row each; exit status 1 if any differs";
 
 /// Arguments of `plumbline verify`.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct VerifyArgs {
-    /// Flight logs. The further parts of a log (LOG.1.mcap and so on) are found beside it; if they are named too, they
+    /// Flight logs. Further parts of a log (LOG.1.mcap and so on) are found automatically; arguments that name them
     /// are skipped.
     #[arg(value_name = "LOG.mcap", required = true)]
     pub logs: Vec<PathBuf>,
@@ -39,7 +39,7 @@ pub struct VerifyArgs {
     /// Map that the flight continued (`replay --map`).
     #[arg(long, value_name = "FILE.map")]
     pub map: Option<PathBuf>,
-    /// Accept a log that is truncated or lacks outputs, if all that can be compared is identical.
+    /// Accept a log that is truncated or lacks outputs, if everything that can be compared is identical.
     #[arg(long)]
     pub allow_incomplete: bool,
     /// Parallel logs. Default: the number of processors.
