@@ -1,4 +1,4 @@
-//! Where samples come from: replay of EuRoC data sets and ROS 2 bags, a simulator, live cameras and inertial sensors,
+//! Where samples come from: replay of EuRoC data sets and ROS bags, a simulator, live cameras and inertial sensors,
 //! behind the traits of [`source`].
 //!
 //! A driver never learns what its samples are for; it hands them out in order of measurement time, with

@@ -69,7 +69,7 @@ impl LimitArgs {
 /// The images, and which of them.
 #[derive(Debug, Args)]
 struct ImageArgs {
-    /// A EuRoC data set (its IMU may be missing), a flight log with images, or a ROS 2 bag.
+    /// A EuRoC data set (its IMU may be missing), a flight log with images, or a ROS bag.
     dataset: PathBuf,
     /// Configuration file or preset with the calibration of the cameras. Default: that of the data set or log.
     #[arg(long)]

@@ -45,7 +45,7 @@ const MAX_RESERVED_READINGS: f64 = 1_440_000.0;
 #[allow(rustdoc::broken_intra_doc_links)]
 #[derive(Debug, Args)]
 pub struct ReplayArgs {
-    /// EuRoC data set, flight log, ROS 2 bag (.mcap, or its directory), or simulated flight: sim:room, sim:hall,
+    /// EuRoC data set, flight log, ROS bag (.mcap, .db3, .bag, or its directory), or simulated flight: sim:room, sim:hall,
     /// sim:low-texture.
     pub dataset: String,
     /// Configuration file or preset. Default: the preset `euroc` with the calibration of the data set, the

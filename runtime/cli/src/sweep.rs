@@ -1,6 +1,7 @@
 //! `plumbline sweep`: settings of the configuration, on data sets, on all cores.
 
 use super::scenario::{ScenarioArgs, parse_scene};
+use super::topics::TopicArgs;
 use super::{Usage, check_outputs, load_config, paired, say, stop_on_signal};
 use crate::choice::trajectories;
 use anyhow::{Context, Result, bail, ensure};
@@ -33,7 +34,8 @@ Finished cells are not flown again: after an interruption, repeat the same comma
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct SweepArgs {
-    /// EuRoC data sets, flight logs (.mcap), or simulated flights (sim:room?path=demo&duration=10).
+    /// EuRoC data sets, flight logs (.mcap), ROS bags (with --config), or simulated flights
+    /// (sim:room?path=demo&duration=10).
     #[arg(required_unless_present = "collect", value_name = "DATASET")]
     pub datasets: Vec<String>,
     /// Key of the configuration with its values; may be repeated. All combinations of the values are flown.
@@ -59,6 +61,9 @@ pub struct SweepArgs {
     /// Ground truth for data sets without one: TUM (plain or .gz) or a EuRoC table.
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
+    /// Topics of bags.
+    #[command(flatten)]
+    pub topics: TopicArgs,
     /// Use the left camera only.
     #[arg(long)]
     pub mono: bool,
@@ -182,6 +187,7 @@ fn plan(args: &SweepArgs) -> Result<Plan> {
     let common = Common {
         config: load_config(args.config.as_deref())?,
         truth: args.truth.as_ref().map(|file| load_trajectory(file)).transpose()?.map(Arc::new),
+        topics: args.topics.names()?,
         mono: args.mono,
         cache: args.cache.clone(),
     };

@@ -1,14 +1,15 @@
 //! `plumbline calibrate camera`: images of a board in, a configuration, a table and a picture out.
 
 use super::live;
+use crate::topics::TopicArgs;
 use crate::{Usage, check_outputs, load_config, say};
 use anyhow::{Context as _, Result};
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline_config::Config;
-use plumbline_flight::flight::is_log;
+use plumbline_flight::flight::{RecordingKind, recording_kind};
 use plumbline_lab::calibrate::camera::images::{Images, Moment, read};
-use plumbline_lab::calibrate::camera::recording::read_log;
+use plumbline_lab::calibrate::camera::recording::{read_bag, read_log};
 use plumbline_lab::calibrate::camera::result::{CELLS, CameraResult};
 use plumbline_lab::calibrate::camera::{
     Calibration, Detector, LensKind, Pair, Target, calibrate, output, table,
@@ -40,10 +41,13 @@ const DEFAULT_BASE: &str = "euroc";
 #[command(after_help = EXAMPLES)]
 pub struct CameraArgs {
     /// A folder with cam0/ and, for two cameras, cam1/ (PNG; images of the same moment have the same name), a EuRoC
-    /// data set, a flight log (.mcap) with images, or `live`: the cameras of --config, in front of which you move the
-    /// board.
+    /// data set, a flight log (.mcap) with images, a ROS bag, or `live`: the cameras of --config, in front of which you
+    /// move the board.
     #[arg(value_name = "SOURCE")]
     source: PathBuf,
+    /// Topics of a bag.
+    #[command(flatten)]
+    topics: TopicArgs,
     /// The board, such as aprilgrid:6x6:0.088:0.3; see below.
     #[arg(long, value_name = "BOARD")]
     target: Target,
@@ -175,11 +179,15 @@ fn check(args: &CameraArgs, picture: &PathBuf) -> Result<()> {
     Ok(())
 }
 
-/// The images of a folder or of a flight log.
+/// The images of a folder, of a flight log or of a bag.
 fn read_pairs(args: &CameraArgs) -> Result<Vec<Pair>> {
     let most = args.max_images as usize;
-    let (pairs, total) = if is_log(&args.source) {
-        let recorded = read_log(&args.source, most, args.mono)?;
+    let kind = recording_kind(&args.source);
+    let (pairs, total) = if kind != RecordingKind::Dataset {
+        let recorded = match kind {
+            RecordingKind::Log => read_log(&args.source, most, args.mono)?,
+            _ => read_bag(&args.source, &args.topics.names()?, most, args.mono)?,
+        };
         (recorded.pairs, recorded.total)
     } else {
         let images = Images::list(&args.source, most, args.mono)?;

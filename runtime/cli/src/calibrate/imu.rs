@@ -23,7 +23,7 @@ random walk about two hours. A value that cannot be determined keeps its value i
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct ImuArgs {
-    /// A recording at rest: a EuRoC data set or its imu0/data.csv, a flight log or a ROS 2 bag (.mcap).
+    /// A recording at rest: a EuRoC data set or its imu0/data.csv, a flight log or a ROS bag (.mcap, .db3, .bag).
     pub source: PathBuf,
     /// Configuration to write.
     #[arg(long, value_name = "OUT.toml")]

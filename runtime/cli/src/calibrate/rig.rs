@@ -23,7 +23,7 @@ Keep texture in view all the time, and avoid motion blur.";
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct RigArgs {
-    /// A recording moved by hand: a EuRoC data set, a flight log or a ROS 2 bag (.mcap).
+    /// A recording moved by hand: a EuRoC data set, a flight log or a ROS bag (.mcap, .db3, .bag).
     pub source: PathBuf,
     /// Configuration to write.
     #[arg(long, value_name = "OUT.toml")]

@@ -45,7 +45,7 @@ const MAX_SECONDS: f64 = 3600.0;
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct DoctorArgs {
-    /// Check the data of a EuRoC data set, a flight log, a ROS 2 bag (with --config) or a simulated flight (sim:room)
+    /// Check the data of a EuRoC data set, a flight log, a ROS bag (with --config) or a simulated flight (sim:room)
     /// instead of this host.
     pub source: Option<String>,
     /// Configuration file or preset. Default: the calibration of the source; for the host, the preset `sim`.
