@@ -33,7 +33,7 @@ export NEXTEST_TEST_THREADS ?= $(shell nproc)
 # The steps are in order; cargo is parallel itself.
 .NOTPARALLEL:
 .PHONY: help demo build calibration test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny advisories soak loops digests bench bench-instructions bench-against count-arm64 doc doctests setup tools clean \
-	fuzz fuzz-all fuzz-smoke vm arm64 oldest deb tarball packages deb-test checked-untimed realtime faults
+	fuzz fuzz-all fuzz-smoke vm arm64 oldest capi capi-header capi-valgrind deb tarball packages deb-test checked-untimed realtime faults
 
 help: ## this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  make \1\t/' | expand -t 28
@@ -55,9 +55,22 @@ PRODUCT = $(CARGO) build $(FLAGS) -p plumbline $(if $(filter $(ARCH),$(shell dpk
 TRIPLE_amd64 = x86_64-unknown-linux-gnu
 TRIPLE_arm64 = aarch64-unknown-linux-gnu
 
-deb: ## Debian package in target/package (ARCH=arm64 for 64-bit ARM)
+# Where cargo puts what it builds for ARCH.
+BUILT = target/$(if $(filter $(ARCH),$(shell dpkg --print-architecture)),,$(TRIPLE_$(ARCH))/)release
+TOOLS_arm64 = $(if $(filter arm64,$(shell dpkg --print-architecture)),,aarch64-linux-gnu-)
+
+capi: ## C library in target/capi/ARCH: shared, static, headers, pkg-config file (ARCH=arm64)
+	@scripts/setup $(if $(filter arm64,$(ARCH)),arm64,base)
+	$(subst -p plumbline,-p plumbline-capi,$(PRODUCT))
+	rm -rf target/capi/$(ARCH)
+	STRIP=$(TOOLS_$(ARCH))strip scripts/c-library target/capi/$(ARCH) $(BUILT)/libplumbline_capi.so $(BUILT)/libplumbline_capi.a
+
+capi-header: ## writes the C library's header anew, after a change of runtime/capi
+	PLUMBLINE_WRITE_HEADER=1 $(CARGO) nextest run $(FLAGS) -p plumbline-capi -E 'test(=tests::the_header_is_current)'
+
+deb: ## Debian packages in target/package, with that of the C library (ARCH=arm64 for 64-bit ARM)
 	@scripts/setup package $(ARCH)
-	$(PRODUCT)
+	$(PRODUCT) -p plumbline-capi
 	scripts/package deb $(ARCH)
 
 tarball: ## the same as an archive for other systems with the GNU C library (ARCH=arm64)
@@ -71,8 +84,10 @@ QEMU_arm64 = qemu-aarch64-static -cpu cortex-a53 -L /usr/aarch64-linux-gnu
 # Every test of the two crates, as it is compiled for the product: an emulator is slow enough without overflow checks.
 arm64: setup ## the product for 64-bit ARM; under qemu its flights have the same bits, logs verify both ways, and the estimator's tests pass
 	@scripts/setup arm64
-	$(CARGO) build $(FLAGS) -p plumbline --target $(TRIPLE_arm64)
+	$(CARGO) build $(FLAGS) -p plumbline -p plumbline-capi --target $(TRIPLE_arm64)
 	PLUMBLINE_OTHER="$(QEMU_arm64) target/$(TRIPLE_arm64)/release/plumbline" $(OTHER_PROCESSOR)
+	PLUMBLINE_C_LIBRARY=target/$(TRIPLE_arm64)/release/libplumbline_capi.so PLUMBLINE_C_COMPILER=aarch64-linux-gnu-gcc \
+		PLUMBLINE_C_RUNNER="$(QEMU_arm64)" $(OTHER) -E 'test(/^c_library::elsewhere::/)'
 	CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_RUNNER="$(QEMU_arm64)" $(CARGO) nextest run $(FLAGS) --target $(TRIPLE_arm64) \
 		-p plumbline-config -p plumbline-estimator --all-features --lib --profile soak --success-output never -E 'not $(TIMED)' $(ARGS)
 
@@ -85,9 +100,18 @@ oldest: setup ## the product for every x86-64, without AVX2: it runs on the olde
 	$(QEMU_oldest) $(OLDEST) replay sim:room --start 2 --duration 1 --scale 0.5
 	PLUMBLINE_OTHER=$(OLDEST) $(OTHER_PROCESSOR)
 
+# valgrind up to 3.19 cannot decode one form of AVX: it runs the build for every x86-64. LD_LIBRARY_PATH is the test's.
+capi-valgrind: setup ## the C library under valgrind: no error, no leak, the same bits, and what a call costs in instructions
+	@scripts/setup valgrind
+	RUSTFLAGS="-C target-cpu=x86-64" $(CARGO) build $(FLAGS) -p plumbline-capi --target-dir target/oldest
+	PLUMBLINE_C_LIBRARY=target/oldest/release/libplumbline_capi.so \
+		PLUMBLINE_C_RUNNER="valgrind --quiet --error-exitcode=9 --leak-check=full --errors-for-leak-kinds=definite,possible" \
+		$(OTHER) --success-output final -E 'test(/^c_library::(elsewhere|counted)::/)'
+
 # The build that PLUMBLINE_OTHER starts, against that of this machine.
-OTHER_PROCESSOR = $(CARGO) nextest run $(filter-out --all-targets,$(TESTED)) --test process \
-	--profile soak --run-ignored only --success-output never -E 'test(/^other_processor::/)' $(ARGS)
+OTHER = $(CARGO) nextest run $(filter-out --all-targets,$(TESTED)) --test process --profile soak --run-ignored only $(ARGS)
+OTHER_PROCESSOR = $(OTHER) --success-output never -E 'test(/^other_processor::/)'
+
 
 packages: ## lists the packages that were made: sizes, contents, what they depend on
 	scripts/package list

@@ -4,6 +4,7 @@ mod at_scale;
 mod bad_input;
 mod bags;
 mod browser;
+mod c_library;
 mod calibrate;
 mod cgroup;
 mod connections;

@@ -286,7 +286,8 @@ impl Checkup {
             measures.extend(agreement::judge(&self.turns, &self.samples, config));
         }
         if config.camera.len() == 1 {
-            let missing = |name| Measure::missing(name, "there is one camera", "use two cameras, or calibrate");
+            let missing =
+                |name| Measure::missing(name, "there is one camera", "use two cameras, or calibrate");
             measures.extend(OF_PAIRS.map(missing));
         }
         measures
