@@ -1,0 +1,5 @@
+//! Python.
+use pyo3::prelude::*;
+/// Module.
+#[pymodule]
+mod _native {}
