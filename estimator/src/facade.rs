@@ -87,8 +87,12 @@ impl Estimator {
     /// Adds an inertial sample, and carries the newest estimate forward to its time: odometry at the rate of the
     /// IMU. `None` while there is no pose, and for a sample that is refused. Use it for every sample or for none.
     pub fn propagate(&mut self, sample: &ImuSample) -> Option<Odometry> {
-        self.add_imu(sample);
-        self.propagator.tick(sample)
+        self.propagate_admitted(sample).1
+    }
+
+    /// As [`Self::propagate`], with what became of the sample.
+    pub fn propagate_admitted(&mut self, sample: &ImuSample) -> (ImuAdmission, Option<Odometry>) {
+        (self.add_imu(sample), self.propagator.tick(sample))
     }
 
     /// Inertial samples up to this time must have been added before the frame of `image_stamp` is: the stamp on

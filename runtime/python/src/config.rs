@@ -1,12 +1,13 @@
 //! Configurations, with the validation and the messages of the command line.
 
-use crate::errors::{of_config, of_flight};
-use plumbline_config::{Config, ConfigError, PRESETS, ValidConfig, import};
+use crate::arrays::kind_of;
+use crate::errors::{Class, of_config, of_flight};
+use plumbline_config::{Config, PRESETS, ValidConfig, import};
 use plumbline_flight::flight::with_overrides;
 use plumbline_record::digest::config_hash;
 use pyo3::prelude::*;
-use pyo3::types::PyTuple;
-use std::path::{Path, PathBuf};
+use pyo3::types::{PyDict, PyTuple};
+use std::path::PathBuf;
 
 /// Configuration of a vehicle, proven valid: calibration, sensors, estimator. It does not change.
 #[pyclass(frozen, name = "Config", module = "plumbline", eq)]
@@ -55,9 +56,15 @@ impl PyConfig {
         imported.map(Self::from).map_err(|error| of_config(py, &error))
     }
 
-    /// Configuration with keys changed: `["estimator.points.max_points=200", ...]`.
-    fn _with(&self, py: Python<'_>, changes: Vec<String>) -> PyResult<Self> {
-        with_overrides(&self.config, &changes).map(Self::from).map_err(|error| of_flight(py, &error))
+    /// Configuration with keys changed: `estimator__points__max_points=200`, or
+    /// `**{"estimator.points.max_points": 200}`.
+    #[pyo3(signature = (**changes))]
+    fn replace(&self, py: Python<'_>, changes: Option<Bound<'_, PyDict>>) -> PyResult<Self> {
+        let changes = changes.unwrap_or_else(|| PyDict::new(py));
+        let changes = py.import("plumbline.settings")?.call_method1("changes", (changes,))?;
+        with_overrides(&self.config, &changes.extract::<Vec<String>>()?)
+            .map(Self::from)
+            .map_err(|error| of_flight(py, &error))
     }
 
     /// The whole configuration as TOML, defaults included.
@@ -110,17 +117,9 @@ pub fn config_of(value: &Bound<'_, PyAny>) -> PyResult<ValidConfig> {
         return Ok(config.get().config.clone());
     }
     let path: PathBuf = value.extract().map_err(|_| {
-        let got = crate::arrays::kind_of(value);
+        let got = kind_of(value);
         let message = format!("config: expected a Config, a file or the name of a preset, got {got}");
-        crate::errors::Class::ArgumentType.error(value.py(), message)
+        Class::ArgumentType.error(value.py(), message)
     })?;
-    named(&path).map_err(|error| of_config(value.py(), &error))
-}
-
-/// The preset of that name, else the file.
-fn named(path: &Path) -> Result<ValidConfig, ConfigError> {
-    match path.to_str() {
-        Some(name) if PRESETS.contains(&name) => Config::preset(name),
-        _ => Config::load(path),
-    }
+    Config::load_or_preset(path).map_err(|error| of_config(value.py(), &error))
 }

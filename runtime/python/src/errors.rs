@@ -28,6 +28,8 @@ pub enum Class {
     Data,
     /// Flight that failed.
     Run,
+    /// Local socket that cannot be reached, or was closed.
+    Lost,
 }
 
 impl Class {
@@ -38,6 +40,7 @@ impl Class {
             Self::Busy => "BusyError",
             Self::Data => "DataError",
             Self::Run => "RunError",
+            Self::Lost => "ConnectionLost",
         }
     }
 
@@ -164,7 +167,7 @@ pub fn of_frame(py: Python<'_>, stamp_ns: i64) -> PyErr {
 fn with_reason(py: Python<'_>, name: &str, message: String, reason: &str, index: Option<usize>) -> PyErr {
     let index = match index.into_pyobject(py) {
         Ok(index) => index,
-        Err(error) => return error,
+        Err(error) => return error.into(),
     };
     raised(py, name, (message,), &[("reason", PyString::new(py, reason).into_any()), ("index", index)])
 }

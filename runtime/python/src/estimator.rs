@@ -142,8 +142,9 @@ impl PyEstimator {
     ) -> PyResult<usize> {
         let samples = samples_of(stamps_ns, gyro, accel)?;
         let mut state = self.lock(py)?;
+        let estimator = &mut state.estimator;
         let refused = py.detach(|| {
-            let mut added = samples.iter().map(|sample| (sample.stamp, state.estimator.add_imu(sample)));
+            let mut added = samples.iter().map(|sample| (sample.stamp, estimator.add_imu(sample)));
             added.by_ref().enumerate().find(|(_, (_, admission))| !admission.is_accepted())
         });
         let Some((index, (stamp, admission))) = refused else { return Ok(samples.len()) };
@@ -161,7 +162,7 @@ impl PyEstimator {
         accel: &Bound<'_, PyAny>,
     ) -> PyResult<Option<PyOdometry>> {
         let sample = sample_of(stamp_ns, gyro, accel)?;
-        let (admission, odometry) = self.lock(py)?.estimator.add_and_propagate(&sample);
+        let (admission, odometry) = self.lock(py)?.estimator.propagate_admitted(&sample);
         match of_sample(py, admission, sample.stamp.as_nanos(), None) {
             Some(error) => Err(error),
             None => Ok(odometry.map(|odometry| PyOdometry { odometry })),
@@ -190,10 +191,10 @@ impl PyEstimator {
         }
         let images = [self.image(left, "left", 0)?, self.image(right, "right", 1)?];
         let mut state = self.lock(py)?;
+        let State { estimator, digest } = &mut *state;
         let estimate = py.detach(|| {
             let views = [0, 1].map(|camera: usize| images[camera].as_ref().and_then(LentImage::view));
             let frame = FrameInput { sequence, ..FrameInput::new(Timestamp::from_nanos(stamp_ns), views) };
-            let State { estimator, digest } = &mut *state;
             let estimate = estimator.add_frame(&frame);
             digest.add(&estimate);
             estimate

@@ -4,7 +4,8 @@
 //!   the types of drivers and estimator, [`parts`] what a log holds about images and about itself;
 //! - [`tables`] lists each field of each of these types once; [`fields`] is the mechanism;
 //! - what reads the tables: [`protobuf`] and [`schema`] (the messages of the log and of the local socket), [`layout`] (the
-//!   fixed layouts of the local socket), [`digest`], [`compare`], [`columns`].
+//!   fixed layouts of the local socket), [`digest`], [`compare`], [`columns`];
+//! - [`local`]: records and requests of the local socket, for both of its ends.
 //!
 //! It does no I/O, starts no threads and reads no clock.
 
@@ -16,6 +17,7 @@ pub mod digest;
 pub mod event;
 pub mod fields;
 pub mod layout;
+pub mod local;
 pub mod orders;
 pub mod parts;
 pub mod protobuf;

@@ -2,22 +2,20 @@
 
 use super::messages::{self, proto};
 use super::picture::Shot;
-use super::record::{Header, Kind, MAGIC, MAX_RECORD_BYTES};
+use super::record::{Header, Kind, MAGIC};
 use super::request::{Answer, Request};
 use crate::sensor_board::SensorNews;
 use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_estimator::{Estimate, MapSnapshot, Odometry};
 use plumbline_record::layout;
+use plumbline_record::local::incoming::{Incoming, TooLong};
 use plumbline_record::protobuf::decode;
 use plumbline_record::said::FullEstimate;
 use prost::Message as _;
-use std::io::{self, BufReader, ErrorKind, Read, Write as _};
+use std::io::{self, ErrorKind, Read, Write as _};
 use std::net::Shutdown;
 use std::os::unix::net::UnixStream;
 use thiserror::Error;
-
-/// Bytes that are read at a time.
-const BUFFER_BYTES: usize = 64 * 1024;
 
 /// What a flight sends.
 #[derive(Clone, Debug, PartialEq)]
@@ -71,13 +69,13 @@ pub enum ClientError {
 #[derive(Debug)]
 pub struct Records<R> {
     from: R,
-    content: Vec<u8>,
+    incoming: Incoming,
 }
 
 impl<R: Read> Records<R> {
     /// Records that `from` sends.
     pub fn new(from: R) -> Self {
-        Self { from, content: Vec::new() }
+        Self { from, incoming: Incoming::default() }
     }
 
     /// Waits for the next record.
@@ -85,27 +83,28 @@ impl<R: Read> Records<R> {
     /// # Errors
     /// When the stream has ended, cannot be read, or is none of a flight.
     pub fn next_record(&mut self) -> Result<Record, ClientError> {
-        let mut header = [0; Header::BYTES];
-        self.fill(&mut header)?;
-        let header = Header::decode(&header);
-        let length = u64::from(header.length);
-        if length > MAX_RECORD_BYTES as u64 {
-            return Err(ClientError::Foreign("a record is too long"));
+        loop {
+            match self.incoming.next_header() {
+                Ok(Some(header)) => {
+                    return record(&header, self.incoming.content()).map_err(ClientError::Foreign);
+                }
+                Ok(None) => self.receive()?,
+                Err(TooLong) => return Err(ClientError::Foreign("a record is too long")),
+            }
         }
-        // Grows with what comes, not with what was announced.
-        self.content.clear();
-        let got = (&mut self.from).take(length).read_to_end(&mut self.content)?;
-        if (got as u64) < length {
-            return Err(ClientError::Closed);
-        }
-        record(&header, &self.content).map_err(ClientError::Foreign)
     }
 
-    fn fill(&mut self, bytes: &mut [u8]) -> Result<(), ClientError> {
-        self.from.read_exact(bytes).map_err(|error| match error.kind() {
-            ErrorKind::UnexpectedEof | ErrorKind::ConnectionReset => ClientError::Closed,
-            _ => ClientError::Io(error),
-        })
+    fn receive(&mut self) -> Result<(), ClientError> {
+        match self.from.read(self.incoming.room()) {
+            Ok(0) => Err(ClientError::Closed),
+            Ok(count) => {
+                self.incoming.add(count);
+                Ok(())
+            }
+            Err(error) if error.kind() == ErrorKind::Interrupted => Ok(()),
+            Err(error) if error.kind() == ErrorKind::ConnectionReset => Err(ClientError::Closed),
+            Err(error) => Err(ClientError::Io(error)),
+        }
     }
 }
 
@@ -162,14 +161,14 @@ fn record(header: &Header, content: &[u8]) -> Result<Record, &'static str> {
 /// Connection to a flight.
 #[derive(Debug)]
 pub struct Client {
-    records: Records<BufReader<UnixStream>>,
+    records: Records<UnixStream>,
 }
 
 impl Client {
     /// Client of a connected stream.
     #[must_use]
     pub fn new(stream: UnixStream) -> Self {
-        Self { records: Records::new(BufReader::with_capacity(BUFFER_BYTES, stream)) }
+        Self { records: Records::new(stream) }
     }
 
     /// Waits for the next record.
@@ -185,7 +184,7 @@ impl Client {
     /// # Errors
     /// When the system has no more file descriptors.
     pub fn requests(&self) -> io::Result<Requests> {
-        Ok(Requests { stream: self.records.from.get_ref().try_clone()?, number: 0 })
+        Ok(Requests { stream: self.records.from.try_clone()?, number: 0 })
     }
 }
 

@@ -5,7 +5,7 @@
 //! hands it to every reader that wants it. A reader has a bounded queue of its own ([`outbox`]): one that is slow loses the
 //! oldest records and is told how many, and delays nobody.
 //!
-//! [`record`] and [`plumbline_record::layout`] are the format, [`messages`] the records that are protobuf, [`request`] what readers send;
+//! [`record`], [`request`] and [`plumbline_record::layout`] are the format, [`messages`] the records that are protobuf;
 //! [`client`] is the other end.
 
 pub mod client;
@@ -16,8 +16,6 @@ pub mod messages;
 mod outbox;
 pub mod picture;
 mod reader;
-pub mod record;
-pub mod request;
 mod server;
 mod socket;
 #[cfg(test)]
@@ -25,6 +23,8 @@ mod tests;
 mod words;
 
 pub use crate::sensor_board::{SensorBoard, SensorNews};
+pub use plumbline_record::local::{record, request};
+
 pub use client::{Client, ClientError, Record};
 pub use picture::Shot;
 pub use request::Failure;

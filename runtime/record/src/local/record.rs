@@ -63,7 +63,7 @@ impl Kind {
     ];
 
     /// Largest number of a kind.
-    pub(super) const LAST: usize = Self::Sensors as usize;
+    pub const LAST: usize = Self::Sensors as usize;
 
     /// Kind of this number.
     #[must_use]

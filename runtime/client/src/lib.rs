@@ -1,0 +1,22 @@
+//! Programs beside a flight of Plumbline on the same computer: what the C library and the Python package are made of.
+//!
+//! - [`Local`] reads the local socket (`docs/local-socket.md`) and gives commands;
+//! - [`FrameSender`] sends stereo frames to `plumbline fly` (`docs/frame-socket.md`);
+//! - [`ImuLine`] is an inertial sensor for it, at a pseudo-terminal (`docs/inertial-sensors.md`).
+//!
+//! The formats are those of `plumbline-record`, `plumbline-drivers` and `plumbline-protocol`. Calls block, for as long as
+//! they are told to; there is no runtime of tasks.
+
+mod error;
+mod frames;
+mod imu;
+mod local;
+mod socket;
+#[cfg(test)]
+mod tests;
+
+pub use error::ClientError;
+pub use frames::FrameSender;
+pub use imu::{ImuLine, SensorAbout};
+pub use local::Local;
+pub use plumbline_drivers::clock::monotonic_ns;

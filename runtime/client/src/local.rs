@@ -1,0 +1,111 @@
+//! The local socket of a flight: its records, and commands to it.
+
+use crate::error::ClientError;
+use crate::socket::{Deadline, connect, receive, send_all};
+use plumbline_record::local::incoming::Incoming;
+use plumbline_record::local::record::{Header, Kind, Kinds, MAGIC};
+use plumbline_record::local::request::{Answer, Request};
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// Time within which a flight takes a request.
+const SEND_LIMIT: Duration = Duration::from_secs(2);
+/// Time within which a flight greets.
+const GREETING_LIMIT: Duration = Duration::from_secs(5);
+
+/// Connection to a flight's local socket. Odometry and the main parts of estimates come until another subscription.
+#[derive(Debug)]
+pub struct Local {
+    path: PathBuf,
+    stream: UnixStream,
+    incoming: Incoming,
+    may_command: bool,
+    requests: u64,
+}
+
+impl Local {
+    /// Connects to the socket at `path` (`local.path` of the flight), which may come into being within `patience`.
+    ///
+    /// # Errors
+    /// When no flight of this version listens there.
+    pub fn connect(path: impl AsRef<Path>, patience: Duration) -> Result<Self, ClientError> {
+        let path = path.as_ref().to_owned();
+        let stream = connect(&path, patience)?;
+        let incoming = Incoming::default();
+        let mut local = Self { path, stream, incoming, may_command: false, requests: 0 };
+        match local.next_header(Some(GREETING_LIMIT))? {
+            Some(Header { kind, .. }) if kind == Kind::Hello as u16 => {}
+            Some(_) => return Err(ClientError::Foreign("no greeting came")),
+            None => return Err(ClientError::Silent(GREETING_LIMIT.as_secs_f64())),
+        }
+        match local.content().split_first_chunk::<8>() {
+            Some((magic, [rights, ..])) if *magic == MAGIC => local.may_command = rights & 1 != 0,
+            _ => return Err(ClientError::Foreign("another greeting came")),
+        }
+        Ok(local)
+    }
+
+    /// Whether the flight takes commands of this program's user.
+    #[must_use]
+    pub fn may_command(&self) -> bool {
+        self.may_command
+    }
+
+    /// Asks for these kinds of records from now on.
+    ///
+    /// # Errors
+    /// When the flight has gone.
+    pub fn subscribe(&mut self, kinds: Kinds) -> Result<(), ClientError> {
+        self.request(&Request::Subscribe(kinds)).map(|_| ())
+    }
+
+    /// Waits for the next record of any kind, without a limit where there is no `timeout`; `None` when none came in time.
+    /// Its content is that of [`Self::content`].
+    ///
+    /// # Errors
+    /// When the flight has gone, or sends what is no record.
+    pub fn next_header(&mut self, timeout: Option<Duration>) -> Result<Option<Header>, ClientError> {
+        let deadline = Deadline::after(timeout);
+        loop {
+            let next = self.incoming.next_header();
+            if let Some(header) = next.map_err(|_| ClientError::Foreign("a record is too long"))? {
+                return Ok(Some(header));
+            }
+            match receive(&self.stream, self.incoming.room(), deadline)? {
+                Some(count) => self.incoming.add(count),
+                None => return Ok(None),
+            }
+        }
+    }
+
+    /// Content of the record whose header came last, until the next call that waits.
+    #[must_use]
+    pub fn content(&self) -> &[u8] {
+        self.incoming.content()
+    }
+
+    /// Gives a command, and waits for its answer until `timeout`. It goes over a connection of its own: the records of this
+    /// one are left alone.
+    ///
+    /// # Errors
+    /// When the flight has gone, or does not answer.
+    pub fn command(&self, command: &Request, timeout: Duration) -> Result<Answer, ClientError> {
+        let deadline = Deadline::after(Some(timeout));
+        let mut other = Self::connect(&self.path, Duration::ZERO)?;
+        other.subscribe(Kinds::default())?;
+        let number = other.request(command)?;
+        while let Some(header) = other.next_header(deadline.left())? {
+            if header.kind == Kind::Result as u16 && header.sequence == number {
+                return Answer::decode(number, other.content()).map_err(ClientError::Foreign);
+            }
+        }
+        Err(ClientError::Silent(timeout.as_secs_f64()))
+    }
+
+    fn request(&mut self, request: &Request) -> Result<u64, ClientError> {
+        self.requests += 1;
+        send_all(&self.stream, &request.encode(self.requests), SEND_LIMIT)?;
+        Ok(self.requests)
+    }
+}
