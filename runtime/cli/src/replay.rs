@@ -167,7 +167,10 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     check_maps(&flight.config, args.map.is_some(), args.save_map.is_some())?;
     let control = Arc::new(Control::stopped_by(stop_on_signal()?).with_last_resort(last_resort));
     let mut outputs = start_outputs(args, &flight, &control)?;
-    let mut odometry = args.odometry.as_ref().map(|_| OdometryTrajectory::with_room_for(flight.expected_readings().min(MAX_RESERVED_READINGS)));
+    let mut odometry = args
+        .odometry
+        .as_ref()
+        .map(|_| OdometryTrajectory::with_room_for(flight.expected_readings().min(MAX_RESERVED_READINGS)));
     let wants_states = args.states.is_some() || args.plot.is_some();
     let mut states = wants_states.then(|| KeptStates::for_flight(&flight));
     let mut progress = Progress::bar(flight.stereo.expected_frames())?;

@@ -104,19 +104,25 @@ fn array(py: Python<'_>, column: Column) -> PyResult<Bound<'_, PyAny>> {
 }
 
 /// Array of `numbers` in rows of the shape `row` (empty: one number each). It may be written.
-pub fn column<'py, T: Number>(py: Python<'py>, mut numbers: Vec<T>, row: &[usize]) -> PyResult<Bound<'py, PyAny>> {
+pub fn column<'py, T: Number>(
+    py: Python<'py>,
+    mut numbers: Vec<T>,
+    row: &[usize],
+) -> PyResult<Bound<'py, PyAny>> {
     let rows = numbers.len() / row.iter().product::<usize>().max(1);
     let shape = std::iter::once(rows).chain(row.iter().copied()).collect();
-    shaped(py, &mut numbers, shape).and_then(|interface| {
-        array(py, Column { interface, _owner: Owner::Numbers(Box::new(numbers)) })
-    })
+    shaped(py, &mut numbers, shape)
+        .and_then(|interface| array(py, Column { interface, _owner: Owner::Numbers(Box::new(numbers)) }))
 }
 
 /// Array of `numbers` of exactly this shape. It may be written.
-pub fn block<'py, T: Number>(py: Python<'py>, mut numbers: Vec<T>, shape: &[usize]) -> PyResult<Bound<'py, PyAny>> {
-    shaped(py, &mut numbers, shape.to_vec()).and_then(|interface| {
-        array(py, Column { interface, _owner: Owner::Numbers(Box::new(numbers)) })
-    })
+pub fn block<'py, T: Number>(
+    py: Python<'py>,
+    mut numbers: Vec<T>,
+    shape: &[usize],
+) -> PyResult<Bound<'py, PyAny>> {
+    shaped(py, &mut numbers, shape.to_vec())
+        .and_then(|interface| array(py, Column { interface, _owner: Owner::Numbers(Box::new(numbers)) }))
 }
 
 fn shaped<T: Number>(py: Python<'_>, numbers: &mut [T], shape: Vec<usize>) -> PyResult<Interface> {
@@ -138,8 +144,13 @@ pub fn view<'py>(
 ) -> PyResult<Bound<'py, PyAny>> {
     let strides = strides.map(|strides| strides.iter().map(|stride| stride * size_of::<f64>()).collect());
     let address = numbers.as_ptr().expose_provenance();
-    let interface =
-        Interface { address, is_read_only: true, shape: shape.to_vec(), strides, kind: <f64 as Number>::TYPE };
+    let interface = Interface {
+        address,
+        is_read_only: true,
+        shape: shape.to_vec(),
+        strides,
+        kind: <f64 as Number>::TYPE,
+    };
     array(owner.py(), Column { interface, _owner: Owner::Object(owner.clone().unbind()) })
 }
 
@@ -176,7 +187,11 @@ pub fn kind_of(value: &Bound<'_, PyAny>) -> String {
     let described = || -> PyResult<String> {
         let py = value.py();
         if value.is_instance(ndarray(py)?)? {
-            return Ok(format!("an array of {} and shape {}", value.getattr("dtype")?, value.getattr("shape")?));
+            return Ok(format!(
+                "an array of {} and shape {}",
+                value.getattr("dtype")?,
+                value.getattr("shape")?
+            ));
         }
         if value.is_instance_of::<PyFloat>() {
             return Ok(format!("the float {}", value.repr()?));

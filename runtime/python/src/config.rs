@@ -102,7 +102,11 @@ impl PyConfig {
 
     fn __repr__(&self) -> String {
         let hash = config_hash(&self.config);
-        format!("<plumbline.Config {} camera(s), hash {}>", self.config.camera.len(), hash.get(..12).unwrap_or(&hash))
+        format!(
+            "<plumbline.Config {} camera(s), hash {}>",
+            self.config.camera.len(),
+            hash.get(..12).unwrap_or(&hash)
+        )
     }
 
     fn __reduce__(&self, py: Python<'_>) -> PyResult<(Py<PyAny>, (String, &'static str))> {

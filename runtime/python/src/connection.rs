@@ -72,7 +72,8 @@ enum Record {
 
 impl Connection {
     fn lock(&self, py: Python<'_>) -> PyResult<MutexGuard<'_, Option<Local>>> {
-        let busy = |_| Class::Busy.error(py, "the connection is in use by another thread; make another connection");
+        let busy =
+            |_| Class::Busy.error(py, "the connection is in use by another thread; make another connection");
         self.local.try_lock().map_err(busy)
     }
 }
@@ -84,7 +85,13 @@ fn closed(py: Python<'_>) -> PyErr {
 #[pymethods]
 impl Connection {
     #[new]
-    fn new(py: Python<'_>, path: PathBuf, patience_s: f64, odometry: bool, estimates: bool) -> PyResult<Self> {
+    fn new(
+        py: Python<'_>,
+        path: PathBuf,
+        patience_s: f64,
+        odometry: bool,
+        estimates: bool,
+    ) -> PyResult<Self> {
         let patience = seconds(py, "patience_s", patience_s)?;
         let mut kinds = Kinds::default();
         if odometry {
@@ -109,7 +116,12 @@ impl Connection {
 
     /// Next odometry or estimate with the count of losses so far; the first is `None` when none came in time, and the whole is
     /// `None` at the end of the flight.
-    fn next(&self, py: Python<'_>, timeout_s: Option<f64>, losses: u64) -> PyResult<Option<(Option<Record>, u64)>> {
+    fn next(
+        &self,
+        py: Python<'_>,
+        timeout_s: Option<f64>,
+        losses: u64,
+    ) -> PyResult<Option<(Option<Record>, u64)>> {
         let timeout = timeout_s.map(|timeout| seconds(py, "timeout_s", timeout)).transpose()?;
         let deadline = timeout.and_then(|timeout| Instant::now().checked_add(timeout));
         let mut guard = self.lock(py)?;

@@ -70,7 +70,8 @@ fn raised<'py>(
 
 fn class<'py>(py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
     static CLASSES: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-    let module = CLASSES.get_or_try_init(py, || py.import(MODULE).map(|module| module.into_any().unbind()))?;
+    let module =
+        CLASSES.get_or_try_init(py, || py.import(MODULE).map(|module| module.into_any().unbind()))?;
     module.bind(py).getattr(name).map_err(|_| PyImportError::new_err(format!("{MODULE} has no {name}")))
 }
 
@@ -137,9 +138,10 @@ fn refusal(admission: ImuAdmission) -> Option<(&'static str, &'static str)> {
     Some(match admission {
         ImuAdmission::Accepted | ImuAdmission::ClockSet => return None,
         ImuAdmission::NotLater => ("not later", "its stamp is not later than that of the newest sample"),
-        ImuAdmission::FarAhead => {
-            ("far ahead", "its stamp is far ahead of the newest sample; are all stamps nanoseconds of one clock?")
-        }
+        ImuAdmission::FarAhead => (
+            "far ahead",
+            "its stamp is far ahead of the newest sample; are all stamps nanoseconds of one clock?",
+        ),
         ImuAdmission::NotFinite => ("not finite", "a component is NaN or infinite"),
         ImuAdmission::OutOfRange => {
             ("out of range", "a component is far beyond the range of the sensor; give rad/s and m/s^2")
@@ -148,7 +150,12 @@ fn refusal(admission: ImuAdmission) -> Option<(&'static str, &'static str)> {
 }
 
 /// Inertial sample that the estimator refused; `None` for an accepted one. `index` is its place in an array.
-pub fn of_sample(py: Python<'_>, admission: ImuAdmission, stamp_ns: i64, index: Option<usize>) -> Option<PyErr> {
+pub fn of_sample(
+    py: Python<'_>,
+    admission: ImuAdmission,
+    stamp_ns: i64,
+    index: Option<usize>,
+) -> Option<PyErr> {
     let (reason, words) = refusal(admission)?;
     let name = if admission == ImuAdmission::NotLater { "OutOfOrderError" } else { "SampleError" };
     let place = index.map_or_else(String::new, |index| format!(" {index}"));

@@ -191,7 +191,11 @@ impl PyEstimate {
             None => "no pose".into(),
         };
         let state = state_name(e.state);
-        format!("<plumbline.Estimate frame {} at {} ns: {state}, {place}>", e.frame_sequence, e.stamp.as_nanos())
+        format!(
+            "<plumbline.Estimate frame {} at {} ns: {state}, {place}>",
+            e.frame_sequence,
+            e.stamp.as_nanos()
+        )
     }
 }
 

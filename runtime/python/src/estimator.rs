@@ -45,7 +45,12 @@ impl PyEstimator {
     }
 
     /// Image of one camera, checked; `None` for one that did not arrive.
-    fn image(&self, image: Option<&Bound<'_, PyAny>>, name: &str, camera: usize) -> PyResult<Option<LentImage>> {
+    fn image(
+        &self,
+        image: Option<&Bound<'_, PyAny>>,
+        name: &str,
+        camera: usize,
+    ) -> PyResult<Option<LentImage>> {
         let Some(image) = image else { return Ok(None) };
         if camera >= self.config.camera.len() {
             let message = format!("{name}: the configuration has one camera; leave it out");
@@ -60,7 +65,11 @@ fn sample(stamp_ns: i64, gyro: Vector3<f64>, accel: Vector3<f64>) -> ImuSample {
 }
 
 /// Sample of the arguments of a call.
-fn sample_of(stamp_ns: &Bound<'_, PyAny>, gyro: &Bound<'_, PyAny>, accel: &Bound<'_, PyAny>) -> PyResult<ImuSample> {
+fn sample_of(
+    stamp_ns: &Bound<'_, PyAny>,
+    gyro: &Bound<'_, PyAny>,
+    accel: &Bound<'_, PyAny>,
+) -> PyResult<ImuSample> {
     Ok(sample(nanoseconds(stamp_ns, "stamp_ns")?, vector(gyro, "gyro")?, vector(accel, "accel")?))
 }
 
@@ -187,7 +196,9 @@ impl PyEstimator {
     ) -> PyResult<PyEstimate> {
         let stamp_ns = nanoseconds(stamp_ns, "stamp_ns")?;
         if left.is_none() && right.is_none() {
-            return Err(Class::ArgumentType.error(py, "left and right: both are None; pass at least one image"));
+            return Err(
+                Class::ArgumentType.error(py, "left and right: both are None; pass at least one image")
+            );
         }
         let images = [self.image(left, "left", 0)?, self.image(right, "right", 1)?];
         let mut state = self.lock(py)?;

@@ -59,7 +59,8 @@ fn poses(
 ) -> PyResult<Vec<StampedPose>> {
     let py = stamps_ns.py();
     let stamps_ns = stamps(stamps_ns, "stamp_ns")?;
-    let (positions, orientations) = (numbers(positions, "position", 3)?, numbers(orientations, "orientation", 4)?);
+    let (positions, orientations) =
+        (numbers(positions, "position", 3)?, numbers(orientations, "orientation", 4)?);
     let (positions, orientations) = (positions.as_chunks::<3>().0, orientations.as_chunks::<4>().0);
     if positions.len() != stamps_ns.len() || orientations.len() != stamps_ns.len() {
         let (n, p, q) = (stamps_ns.len(), positions.len(), orientations.len());
@@ -67,16 +68,20 @@ fn poses(
         return Err(Class::Argument.error(py, message));
     }
     let mut poses = Vec::with_capacity(stamps_ns.len());
-    for (row, ((stamp, position), orientation)) in stamps_ns.iter().zip(positions).zip(orientations).enumerate() {
+    for (row, ((stamp, position), orientation)) in
+        stamps_ns.iter().zip(positions).zip(orientations).enumerate()
+    {
         if position.iter().chain(orientation).all(|number| number.is_nan()) {
             continue;
         }
         let rotation = Quaternion::from(*orientation);
         if (rotation.norm() - 1.0).abs() > NORM_TOLERANCE {
-            let message = format!("orientation {row}: a quaternion x y z w has length 1, this one {}", rotation.norm());
+            let message =
+                format!("orientation {row}: a quaternion x y z w has length 1, this one {}", rotation.norm());
             return Err(Class::Argument.error(py, message));
         }
-        let pose = Isometry3::from_parts(Translation3::from(*position), UnitQuaternion::from_quaternion(rotation));
+        let pose =
+            Isometry3::from_parts(Translation3::from(*position), UnitQuaternion::from_quaternion(rotation));
         poses.push(StampedPose { stamp: Timestamp::from_nanos(*stamp), pose });
     }
     Ok(poses)
@@ -108,7 +113,10 @@ pub fn evaluate_trajectories<'py>(
     let json = serde_json::to_string(&evaluation).map_err(|error| Class::Run.error(py, error.to_string()))?;
     values.set_item("figures", json)?;
     values.set_item("rotation", table::rotation(py, similarity.rotation.to_rotation_matrix().matrix())?)?;
-    values.set_item("translation", crate::arrays::block(py, similarity.translation.as_slice().to_vec(), &[3])?)?;
+    values.set_item(
+        "translation",
+        crate::arrays::block(py, similarity.translation.as_slice().to_vec(), &[3])?,
+    )?;
     values.set_item("scale", similarity.scale)?;
     Ok(values)
 }

@@ -36,7 +36,8 @@ impl LentImage {
             return refuse(Class::ArgumentType, "pass the image itself, or None for one that did not arrive");
         }
         let interface = interface(value)?;
-        let part = |key: &str| interface.get_item(key).map(|part| part.unwrap_or_else(|| py.None().into_bound(py)));
+        let part =
+            |key: &str| interface.get_item(key).map(|part| part.unwrap_or_else(|| py.None().into_bound(py)));
         let kind: String = part("typestr")?.extract()?;
         if kind != "|u1" {
             return refuse(Class::ArgumentType, "convert it to 8-bit grey");

@@ -4,7 +4,9 @@ use crate::config::config_of;
 use crate::errors::{Class, of_evaluation, of_flight};
 use plumbline_drivers::BagTopics;
 use plumbline_drivers::simulator::{FlightPath, Scenario, Scene, USUAL_DURATION_S};
-use plumbline_flight::flight::{Cut, Flight, FlightError, Truth, open_recording, open_simulation, with_overrides};
+use plumbline_flight::flight::{
+    Cut, Flight, FlightError, Truth, open_recording, open_simulation, with_overrides,
+};
 use plumbline_lab::evaluate::load_trajectory;
 use pyo3::prelude::*;
 use std::ops::Range;
@@ -61,7 +63,8 @@ impl Options {
         let mut flight = opened.map_err(|error| of_flight(py, &error))?;
         flight.config = self.changed(&flight).map_err(|error| of_flight(py, &error))?;
         if let Some(file) = &self.truth {
-            flight.truth = Truth::of_poses(&load_trajectory(file).map_err(|error| of_evaluation(py, &error))?);
+            flight.truth =
+                Truth::of_poses(&load_trajectory(file).map_err(|error| of_evaluation(py, &error))?);
         }
         Ok(flight)
     }
@@ -81,7 +84,10 @@ impl Options {
         if self.start.is_finite() && self.start >= 0.0 && end > self.start {
             return Ok(self.start..end);
         }
-        let message = format!("start {} s and the end at {end} s leave nothing: give seconds from the first frame", self.start);
+        let message = format!(
+            "start {} s and the end at {end} s leave nothing: give seconds from the first frame",
+            self.start
+        );
         Err(Class::Argument.error(py, message))
     }
 
@@ -107,7 +113,9 @@ impl Options {
         for error in parsed::<plumbline_drivers::simulator::ImuError>(py, "imu_errors", &self.imu_errors)? {
             error.apply(&mut scenario);
         }
-        for condition in parsed::<plumbline_drivers::simulator::Condition>(py, "conditions", &self.conditions)? {
+        for condition in
+            parsed::<plumbline_drivers::simulator::Condition>(py, "conditions", &self.conditions)?
+        {
             condition.apply(&mut scenario);
         }
         Ok(scenario)

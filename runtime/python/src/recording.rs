@@ -35,7 +35,8 @@ type Frame<'py> = (u64, i64, Option<Bound<'py, PyAny>>, Option<Bound<'py, PyAny>
 
 impl Recording {
     fn lock(&self, py: Python<'_>) -> PyResult<MutexGuard<'_, Streams>> {
-        let busy = |_| Class::Busy.error(py, "the recording is in use by another thread; give each thread its own");
+        let busy =
+            |_| Class::Busy.error(py, "the recording is in use by another thread; give each thread its own");
         self.streams.try_lock().map_err(busy)
     }
 }
@@ -47,7 +48,11 @@ fn pixels<'py>(py: Python<'py>, image: &GrayImage) -> PyResult<Bound<'py, PyAny>
 #[pymethods]
 impl Recording {
     #[new]
-    fn new(dataset: &Bound<'_, PyAny>, config: Option<&Bound<'_, PyAny>>, options: Options) -> PyResult<Self> {
+    fn new(
+        dataset: &Bound<'_, PyAny>,
+        config: Option<&Bound<'_, PyAny>>,
+        options: Options,
+    ) -> PyResult<Self> {
         let flight = options.open(dataset, config)?;
         let frame = StereoFrame::new(image_sizes(&flight.config.camera));
         let streams = Streams { imu: flight.imu, stereo: flight.stereo, frame, newest_imu_ns: i64::MIN };
@@ -83,12 +88,17 @@ impl Recording {
         if !is_there {
             return Ok(None);
         }
-        let image = |camera: usize| frame.valid[camera].then(|| pixels(py, &frame.images[camera])).transpose();
+        let image =
+            |camera: usize| frame.valid[camera].then(|| pixels(py, &frame.images[camera])).transpose();
         Ok(Some((frame.sequence, frame.stamp.as_nanos(), image(0)?, image(1)?)))
     }
 
     /// Inertial samples that were not handed out yet, up to the first that reaches `stamp_ns`; all that are left for `None`.
-    fn imu_until<'py>(&self, py: Python<'py>, stamp_ns: Option<&Bound<'py, PyAny>>) -> PyResult<Bound<'py, PyDict>> {
+    fn imu_until<'py>(
+        &self,
+        py: Python<'py>,
+        stamp_ns: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
         let until = stamp_ns.map_or(Ok(i64::MAX), |stamp| nanoseconds(stamp, "stamp_ns"))?;
         let mut guard = self.lock(py)?;
         let streams = &mut *guard;
@@ -105,7 +115,11 @@ impl Recording {
     }
 
     /// True poses: as they were measured, or at these stamps where they are known at any time.
-    fn truth_poses<'py>(&self, py: Python<'py>, stamps_ns: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyDict>> {
+    fn truth_poses<'py>(
+        &self,
+        py: Python<'py>,
+        stamps_ns: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyDict>> {
         let stamps = crate::arrays::stamps(stamps_ns, "stamps_ns")?;
         let stamps = stamps.into_iter().map(plumbline_config::Timestamp::from_nanos);
         table::poses(py, &self.truth.poses(stamps))

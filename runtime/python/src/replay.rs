@@ -78,10 +78,14 @@ fn interruptible<T: Send>(py: Python<'_>, control: &Control, work: impl FnOnce()
         thread.map_err(|error| Class::Run.error(py, format!("cannot start a thread: {error}")))?;
         let mut interrupt = None;
         loop {
-            match py.detach(|| waiting.lock().unwrap_or_else(PoisonError::into_inner).recv_timeout(SIGNAL_PERIOD)) {
+            match py
+                .detach(|| waiting.lock().unwrap_or_else(PoisonError::into_inner).recv_timeout(SIGNAL_PERIOD))
+            {
                 Ok(value) => return interrupt.map_or(Ok(value), Err),
                 Err(RecvTimeoutError::Disconnected) => {
-                    return Err(Class::Run.error(py, "the flight ended by a fault of its own; please report this"));
+                    return Err(
+                        Class::Run.error(py, "the flight ended by a fault of its own; please report this")
+                    );
                 }
                 Err(RecvTimeoutError::Timeout) => {
                     if let Err(error) = py.check_signals() {
@@ -113,7 +117,9 @@ pub fn replay<'py>(
 ) -> PyResult<Bound<'py, PyDict>> {
     let keep: Keep = keep.extract()?;
     if !(1..=MAX_THREADS).contains(&keep.threads) {
-        return Err(Class::Argument.error(py, format!("threads: expected 1 to {MAX_THREADS}, got {}", keep.threads)));
+        return Err(
+            Class::Argument.error(py, format!("threads: expected 1 to {MAX_THREADS}, got {}", keep.threads))
+        );
     }
     keep.record.as_deref().map_or(Ok(()), |path| check_record(py, path))?;
     let flight = options.open(dataset, config)?;

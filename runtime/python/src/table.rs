@@ -86,11 +86,16 @@ pub fn estimates<'py>(py: Python<'py>, rows: &[Estimate]) -> PyResult<Bound<'py,
     columns.put_rows("gyro_bias", of(|e| numbers(&e.bias_gyro)))?;
     columns.put_rows("accel_bias", of(|e| numbers(&e.bias_accel)))?;
     columns.put_covariances(rows.iter().map(|e| e.has_pose().then_some(&e.covariance)))?;
-    columns.put_rows("bias_variances", rows.iter().map(|e| or_nan(e.has_pose(), numbers(&e.bias_variances))))?;
+    columns
+        .put_rows("bias_variances", rows.iter().map(|e| or_nan(e.has_pose(), numbers(&e.bias_variances))))?;
     columns.put("time_offset_s", rows.iter().map(|e| or_nan(e.has_pose(), [e.time_offset_s])[0]))?;
-    columns.put("time_offset_sigma_s", rows.iter().map(|e| or_nan(e.has_pose(), [e.time_offset_sigma_s])[0]))?;
+    columns
+        .put("time_offset_sigma_s", rows.iter().map(|e| or_nan(e.has_pose(), [e.time_offset_sigma_s])[0]))?;
     columns.put_rows("camera_position", of(|e| position(&e.pose_b_c0)))?;
-    columns.put_rows("camera_orientation", rows.iter().map(|e| or_nan(e.has_pose(), orientation(&e.pose_b_c0))))?;
+    columns.put_rows(
+        "camera_orientation",
+        rows.iter().map(|e| or_nan(e.has_pose(), orientation(&e.pose_b_c0))),
+    )?;
     let figures = Columns::new(py);
     for (index, name) in FrameFigures::NAMES.iter().enumerate() {
         figures.put(name, rows.iter().map(|e| e.figures.values()[index]))?;

@@ -10,6 +10,21 @@ _Path = Union[str, "os.PathLike[str]"]
 _Floats = NDArray[np.float64]
 _Image = NDArray[np.uint8]
 
+__all__ = [
+    "Config",
+    "Connection",
+    "Estimate",
+    "Estimator",
+    "Odometry",
+    "Recording",
+    "VERSION",
+    "evaluate",
+    "health_bits",
+    "read_log",
+    "read_trajectory",
+    "replay",
+]
+
 VERSION: str
 
 def health_bits() -> List[Tuple[int, str]]: ...

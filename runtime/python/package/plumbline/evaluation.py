@@ -17,7 +17,7 @@ Trajectory = Union[Path, Poses, Estimates, Odometries, Replay, Tuple[Any, Any, A
 
 @dataclass(frozen=True)
 class Statistics:
-    """Statistics of an error."""
+    """Statistics of an error, in its unit."""
 
     rmse: float
     mean: float
@@ -25,6 +25,10 @@ class Statistics:
     std: float
     min: float
     max: float
+    sse: float
+    """Sum of the squares."""
+    count: int
+    """Number of errors."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
