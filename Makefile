@@ -25,6 +25,8 @@ export VENV
 export PATH := $(CURDIR)/$(VENV)/bin:$(PATH)
 # On a build server every failure is shown.
 export NEXTEST_PROFILE ?= $(if $(CI),ci,default)
+# Property tests draw the same cases every time; `PROPTEST_RNG_SEED=$RANDOM make checked` looks for others.
+export PROPTEST_RNG_SEED ?= 1
 # As many tests at a time as there are processors, so that one that measures time has a processor of its own.
 export NEXTEST_TEST_THREADS ?= $(shell nproc)
 

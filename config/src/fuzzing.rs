@@ -68,6 +68,16 @@ fn serial_line(text: &str, line: &SerialLine) {
     assert!(line.device.starts_with('/') && line.baud > 0 && text.contains(&line.device));
 }
 
+/// Factory calibration of a ZED.
+///
+/// # Panics
+/// When what is accepted cannot be written, or an error says nothing.
+pub fn import_zed(data: &[u8]) {
+    let Ok(text) = std::str::from_utf8(data) else { return };
+    let base = Config::preset("zed-mini").expect("is a preset").into_inner();
+    check(crate::import::zed_text_into(base, text, "fuzz").and_then(|config| config.validated("fuzz")));
+}
+
 fn two_texts(data: &[u8]) -> Option<(&str, &str)> {
     std::str::from_utf8(data).ok()?.split_once(BETWEEN_FILES)
 }
@@ -118,6 +128,11 @@ mod tests {
     #[test]
     fn fuzz_import_kalibr() {
         over_seeds_and_mutations("import_kalibr", 2000, super::import_kalibr);
+    }
+
+    #[test]
+    fn fuzz_import_zed() {
+        over_seeds_and_mutations("import_zed", 2000, super::import_zed);
     }
 
     #[test]

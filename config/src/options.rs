@@ -33,12 +33,12 @@ pub use local::LocalConfig;
 pub use network::{Commands, Link, LoginConfig, NetworkConfig, TlsConfig, is_certificate_name};
 pub use places::PlacesConfig;
 pub use recorder::{ImageRecording, KeepPolicy, RecorderConfig};
-pub use ros::{RosConfig, RosDistribution, RosStamp};
+pub use ros::{RosConfig, RosDistribution, RosPictures, RosStamp};
 pub use runtime::RuntimeConfig;
 pub use sensors::{CameraConfig, ImuConfig, RigConfig, image_sizes, isometry_from_rows, rows_from_isometry};
 pub use serial_line::SerialLine;
 pub use setup::EstimatorSetup;
-pub use v4l2::{PairBy, V4l2Config, V4l2Control, V4l2Format};
+pub use v4l2::{ControlTarget, PairBy, V4l2Config, V4l2Control, V4l2Format};
 pub use vehicle::{Mounting, VehicleConfig};
 
 use serde::{Deserialize, Serialize};
@@ -57,28 +57,28 @@ pub struct Config {
     /// Capacities and thresholds of the estimator.
     #[serde(default)]
     pub estimator: EstimatorConfig,
-    /// Where samples come from.
+    /// Sources of frames and samples.
     #[serde(default)]
     pub driver: DriverConfig,
     /// Socket for programs of this computer.
     #[serde(default)]
     pub local: LocalConfig,
-    /// What is published, and to whom.
+    /// Publication over Zenoh.
     #[serde(default)]
     pub network: NetworkConfig,
-    /// What is published to ROS 2.
+    /// Publication to ROS 2.
     #[serde(default)]
     pub ros: RosConfig,
-    /// What a live run asks of the host.
+    /// Requests of a live run to the host.
     #[serde(default)]
     pub runtime: RuntimeConfig,
-    /// What the flight recorder keeps, and how much of it.
+    /// Contents and limits of the flight recording.
     #[serde(default)]
     pub recorder: RecorderConfig,
     /// How the IMU is mounted in the vehicle.
     #[serde(default)]
     pub vehicle: VehicleConfig,
-    /// The vehicle's autopilot, and what it is told.
+    /// Odometry for the vehicle's autopilot.
     #[serde(default)]
     pub autopilot: AutopilotConfig,
 }

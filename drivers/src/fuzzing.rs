@@ -2,10 +2,15 @@
 //!
 //! The tests of this crate run these functions over the checked-in seeds, and over seeded mutations of them.
 
-use crate::bag::container::{Container, Step};
-use crate::bag::messages::{self, Kind};
+use crate::DriverError;
+use crate::bag::container::{Step, Topic};
+use crate::bag::mcap_file::McapFile;
+use crate::bag::messages::{self, Format, Kind};
 use crate::bag::pixels::{self, ImageDecoder};
+use crate::bag::ros1_file::Ros1File;
+use crate::bag::sqlite_file::SqliteFile;
 use crate::bag::topics::{self as bag_topics, BagTopics};
+use crate::bag::wire::Encoding;
 use crate::euroc::image::gray_png;
 use crate::euroc::imu::{IMU_COLUMNS, ImuRecord, is_possible, parse_imu_row};
 use crate::euroc::pairing::{self, IMAGE_COLUMNS, ImageRow, parse_image_row};
@@ -65,6 +70,28 @@ pub fn euroc_csv(data: &[u8]) {
     if let Ok(table) = read_rows(no_file(), IMAGE_COLUMNS, data, parse_image_row) {
         check_order(&table);
         pair(&table.rows);
+    }
+}
+
+/// Calibration table of a RealSense, as it is and as a response of the firmware.
+///
+/// # Panics
+/// When intrinsics that are accepted are those of no camera.
+pub fn realsense(data: &[u8]) {
+    use crate::realsense::{CONTROL_BYTES, GET_CALIBRATION, StereoTable, response};
+    let check = |table: &[u8]| {
+        let Ok(table) = StereoTable::parse(table) else { return };
+        assert!(table.baseline_m.is_finite() && table.baseline_m > 0.0 && !table.sizes.is_empty());
+        for size in &table.sizes {
+            assert!(size.focal_px.iter().all(|focal| *focal > 1.0 && *focal < 1e4));
+            assert!(size.centre_px[0] < size.width_px as f64 && size.centre_px[1] < size.height_px as f64);
+        }
+    };
+    check(data);
+    if let Some(bytes) = data.first_chunk::<CONTROL_BYTES>()
+        && let Ok(table) = response(bytes, GET_CALIBRATION)
+    {
+        check(table);
     }
 }
 
@@ -254,19 +281,24 @@ pub fn iio_layout(data: &[u8]) {
     }
 }
 
-/// One message of a ROS 2 topic: as an inertial sample and as an image, which is made grey.
+/// One message of a topic, of ROS 2 and of ROS 1: as an inertial sample and as an image, which is made grey.
 ///
 /// # Panics
 /// When a stamp is not that of its message.
 pub fn ros_messages(data: &[u8]) {
-    let stamp = messages::stamp(data);
-    if let Some(sample) = messages::imu(data) {
+    ros_message(Encoding::Cdr, data);
+    ros_message(Encoding::Ros1, data);
+}
+
+fn ros_message(encoding: Encoding, data: &[u8]) {
+    let stamp = messages::stamp(encoding, data);
+    if let Some(sample) = messages::imu(encoding, data) {
         assert_eq!(Some(sample.stamp), stamp);
         let _ = is_possible(&sample);
     }
     let mut decoder = ImageDecoder::default();
     for kind in [Kind::Image, Kind::Compressed] {
-        let Some(message) = messages::image(kind, data) else { continue };
+        let Some(message) = messages::image(Format { kind, encoding }, data) else { continue };
         let size = pixels::size_px(&message).filter(|size| size.0 <= MAX_SIDE_PX && size.1 <= MAX_SIDE_PX);
         if let Some((width, height)) = size {
             let _ = decoder.decode(&message, &mut GrayImage::new(width, height));
@@ -274,15 +306,34 @@ pub fn ros_messages(data: &[u8]) {
     }
 }
 
-/// A bag: every message that can be flown with, up to where it breaks off or is damaged.
+/// A bag in MCAP: every message that can be flown with, up to where it breaks off or is damaged.
 ///
 /// # Panics
 /// When a message is of no topic.
 pub fn ros_bag(data: &[u8]) {
-    let mut container = Container::new(no_file(), data);
+    let mut file = McapFile::new(no_file(), data);
+    bag(|topics, payload| file.next(topics, payload));
+}
+
+/// A ROS 1 bag; as [`ros_bag`].
+pub fn ros1_bag(data: &[u8]) {
+    let mut file = Ros1File::new(no_file(), data);
+    bag(|topics, payload| file.next(topics, payload));
+}
+
+/// A bag in a database of SQLite; as [`ros_bag`].
+pub fn sqlite_bag(data: &[u8]) {
+    let place = tempfile::NamedTempFile::new().expect("a temporary file");
+    std::fs::write(&place, data).expect("room for it");
+    let Ok(mut file) = SqliteFile::open(no_file(), place.path()) else { return };
+    bag(|topics, payload| file.next(topics, payload));
+}
+
+/// The messages that `next` hands out.
+fn bag(mut next: impl FnMut(&mut Vec<Topic>, &mut Vec<u8>) -> Result<Step, DriverError>) {
     let (mut topics, mut payload) = (Vec::new(), Vec::new());
-    while let Ok(Step::Message(topic, kind)) = container.next(&mut topics, &mut payload) {
-        assert_eq!(topics[topic].kind, Some(kind));
+    while let Ok(Step::Message(topic, format)) = next(&mut topics, &mut payload) {
+        assert_eq!(topics[topic].format, Some(format));
         ros_messages(&payload);
     }
     let named = BagTopics::default();
@@ -354,6 +405,21 @@ mod tests {
     #[test]
     fn fuzz_ros_bag() {
         over_seeds_and_mutations("ros_bag", 2000, super::ros_bag);
+    }
+
+    #[test]
+    fn fuzz_realsense() {
+        over_seeds_and_mutations("realsense", 5000, super::realsense);
+    }
+
+    #[test]
+    fn fuzz_ros1_bag() {
+        over_seeds_and_mutations("ros1_bag", 5000, super::ros1_bag);
+    }
+
+    #[test]
+    fn fuzz_sqlite_bag() {
+        over_seeds_and_mutations("sqlite_bag", 1000, super::sqlite_bag);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Where samples come from: replay of EuRoC data sets and ROS 2 bags, a simulator, live cameras and inertial sensors,
+//! Where samples come from: replay of EuRoC data sets and ROS bags, a simulator, live cameras and inertial sensors,
 //! behind the traits of [`source`].
 //!
 //! A driver never learns what its samples are for; it hands them out in order of measurement time, with
@@ -21,6 +21,7 @@ pub mod inertial;
 pub mod live;
 pub mod prefetch;
 mod random;
+pub mod realsense;
 mod regular_file;
 pub mod sensor_faults;
 pub mod serial;
@@ -32,6 +33,7 @@ pub mod trigger;
 pub mod truth;
 pub mod tum;
 pub mod v4l2;
+pub mod video_nodes;
 
 pub use bag::{BagDataset, BagStereo, BagTopics};
 pub use error::DriverError;

@@ -11,7 +11,7 @@ use std::path::Path;
 pub fn open_regular(path: &Path) -> Result<File> {
     // A pipe blocks when it is opened, so it is looked at first.
     if !std::fs::metadata(path)?.is_file() {
-        return Err(Error::new(ErrorKind::InvalidInput, "is no regular file"));
+        return Err(Error::new(ErrorKind::InvalidInput, "is not a regular file"));
     }
     File::open(path)
 }

@@ -1,4 +1,4 @@
-//! ROS 2 bags, written by another implementation than ours, are flown as the data set is that they were made of.
+//! ROS bags, written by another implementation than ours, are flown as the data set is that they were made of.
 
 use super::python::interpreter;
 use super::{fails, plumbline, stderr};
@@ -15,11 +15,21 @@ fn digest(arguments: &[&str]) -> String {
     report["estimate_digest"].as_str().unwrap().to_owned()
 }
 
-/// Writes the first frames of a data set as a bag.
-fn written(python: &Path, dataset: &str, out: &str, kind: &str, frames: &str) {
+/// Writes the first frames of a data set as a bag: `how` is the kind of its images, storage and compression.
+fn written(python: &Path, dataset: &str, out: &str, frames: u32, how: &[&str]) {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/python/write_bag.py");
-    let status = Command::new(python).arg(script).args([dataset, out, kind, frames]).status().unwrap();
+    let [kind, storage @ ..] = how else { panic!("no kind of images") };
+    let frames = frames.to_string();
+    let arguments = [&[dataset, out, kind, &frames], storage].concat();
+    let status = Command::new(python).arg(script).args(arguments).status().unwrap();
     assert!(status.success(), "{out}");
+}
+
+/// The configuration that `replay` makes of the clip: the noise is that of the preset.
+fn imported(clip: &str, config: &str) {
+    let import = ["config", "import", "--euroc", clip, "--out", config, "--noise", "base"];
+    let imported = plumbline(&[&import[..], &["--imu-to-vehicle", "180,-70.3,0"]].concat());
+    assert!(imported.status.success(), "{}", stderr(&imported));
 }
 
 #[test]
@@ -29,14 +39,10 @@ fn a_bag_of_the_clip_gives_the_estimates_of_the_clip_bit_for_bit() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (clip, config) = (clip.to_str().unwrap().to_owned(), at("clip.toml"));
-    // As `replay` makes it of the data set: the noise is that of the preset.
-    let mounting = ["--imu-to-vehicle", "180,-70.3,0"];
-    let import = ["config", "import", "--euroc", &clip, "--out", &config, "--noise", "base"];
-    let imported = plumbline(&[&import[..], &mounting].concat());
-    assert!(imported.status.success(), "{}", stderr(&imported));
+    imported(&clip, &config);
     for (kind, frames) in [("png", 40), ("raw", 12)] {
         let (bag, cut) = (at(kind), format!("0..{frames}"));
-        written(&python, &clip, &bag, kind, &frames.to_string());
+        written(&python, &clip, &bag, frames, &[kind, "mcap"]);
         assert_eq!(digest(&[&bag, "--config", &config]), digest(&[&clip, "--frames", &cut]), "{kind}");
     }
     let file = format!("{}/png.mcap", at("png"));
@@ -63,9 +69,94 @@ fn a_bag_of_the_clip_gives_the_estimates_of_the_clip_bit_for_bit() {
 }
 
 #[test]
-fn a_bag_of_sqlite_is_refused_with_the_command_that_converts_it() {
+fn bags_of_sqlite_and_ros_1_give_the_estimates_of_the_clip_bit_for_bit() {
+    let Some(clip) = shared("euroc/V1_01_easy_clip") else { return };
+    let Some(python) = interpreter("rosbags, numpy") else { return };
     let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("old.db3");
-    std::fs::write(&file, b"SQLite format 3\0").unwrap();
-    fails(&["replay", file.to_str().unwrap(), "--config", "euroc"], 2, &["old.db3", "ros2 bag convert"]);
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (clip, config) = (clip.to_str().unwrap().to_owned(), at("clip.toml"));
+    imported(&clip, &config);
+    let expected = digest(&[&clip, "--frames", "0..12"]);
+    for how in [
+        &["raw", "db3"][..],
+        &["png", "db3", "zstd-file"],
+        &["png", "db3", "zstd-message"],
+        &["png", "mcap", "zstd-file"],
+        &["png", "mcap", "zstd-message"],
+        &["raw", "bag"],
+        &["png", "bag", "bz2"],
+        &["png", "bag", "lz4"],
+    ] {
+        let bag = at(&how.join("-")) + if how[1] == "bag" { ".bag" } else { "" };
+        written(&python, &clip, &bag, 12, how);
+        assert_eq!(digest(&[&bag, "--config", &config]), expected, "{how:?}");
+    }
+}
+
+#[test]
+fn every_command_that_takes_recordings_takes_bags_of_every_kind() {
+    let Some(clip) = shared("euroc/V1_01_easy_clip") else { return };
+    let Some(python) = interpreter("rosbags, numpy") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (clip, config) = (clip.to_str().unwrap().to_owned(), at("clip.toml"));
+    imported(&clip, &config);
+    for storage in ["db3", "bag"] {
+        let bag = if storage == "bag" { at("rec.bag") } else { at("rec") };
+        written(&python, &clip, &bag, 40, &["png", storage]);
+        let file = if storage == "bag" { bag.clone() } else { format!("{bag}/rec.db3") };
+        let own = |name: &str| at(&format!("{storage}-{name}"));
+        let (poses, map, log, picture) =
+            (own("poses.tum"), own("bag.map"), own("log.mcap"), own("flight.svg"));
+        let (imu, rig, cells) = (own("imu.toml"), own("rig.toml"), own("sweep.csv"));
+        let with = ["--config", &config];
+        let topics = ["--topic", "left=/cam0/image_raw", "--topic", "right=/cam1/image_raw"];
+        let without = ["--record", &log, "--set", "recorder.images=none", "--trajectory", &poses];
+        for arguments in [
+            [&["doctor", &file][..], &with].concat(),
+            [&["replay", &file][..], &with, &without, &topics].concat(),
+            vec!["verify", &log, "--images", &file],
+            [&["map", "build", &file, "--poses", &poses, "--out", &map][..], &with].concat(),
+            [&["map", "locate", &map, &file][..], &with].concat(),
+            vec!["calibrate", "imu", &file, "--out", &imu],
+            [&["plot", &file, "--out", &picture][..], &with, &topics].concat(),
+            [
+                &["sweep", &file, "--out", &cells, "--set", "estimator.points.sigma_px=0.5"][..],
+                &with,
+                &topics,
+            ]
+            .concat(),
+        ] {
+            let output = plumbline(&arguments);
+            assert!(output.status.success(), "{arguments:?}: {}", stderr(&output));
+        }
+        // Forty frames carried by a vehicle calibrate nothing: the command reads them, and says what it lacks.
+        let rigged = plumbline(&["calibrate", "rig", &file, "--config", &config, "--out", &rig]);
+        assert!(!rigged.status.success() && !stderr(&rigged).contains("is no bag"), "{}", stderr(&rigged));
+        fails(&["replay", &file], 2, &[&file, "calibration", "--config"]);
+        let wrong = ["replay", &file, "--config", &config, "--topic", "imu=/imu9"];
+        fails(&wrong, 2, &["/imu9", "/imu0 (sensor_msgs/"]);
+    }
+}
+
+#[test]
+fn what_is_called_a_bag_and_is_none_is_refused_with_what_to_give() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, bytes, words) in [
+        ("cut.db3", &b"SQLite format 3\0"[..], &["cut.db3", "damaged database", ".recover"][..]),
+        ("empty.db3", b"", &["empty.db3", "is empty"]),
+        ("text.bag", b"not a bag at all", &["text.bag", "is no bag", "rosbag record"]),
+        ("old.bag", b"#ROSBAG V1.2\n rest", &["old.bag", "another version", "rosbag fix"]),
+        (
+            "packed.mcap.zstd",
+            b"\x28\xb5\x2f\xfd and no frame",
+            &["packed.mcap.zstd", "cannot be unpacked", "zstd -d"],
+        ),
+    ] {
+        let file = folder.path().join(name);
+        std::fs::write(&file, bytes).unwrap();
+        fails(&["replay", file.to_str().unwrap(), "--config", "euroc"], 2, words);
+    }
+    let folder = folder.path().to_str().unwrap();
+    fails(&["replay", folder, "--config", "euroc"], 2, &["bags of different names", "name one"]);
 }

@@ -56,7 +56,7 @@ fn noise_of_a_standing_sensor_is_written_as_a_configuration_with_a_figure() {
     fails(&["calibrate", "imu", &flight, "--out", &out], 2, &["imu.toml", "--overwrite"]);
     // A rig that stands does not show where its cameras are.
     let rig = at("rig.toml");
-    fails(&["calibrate", "rig", &flight, "--out", &rig], 1, &["flight", "lacks turns about", "deg/s"]);
+    fails(&["calibrate", "rig", &flight, "--out", &rig], 1, &["flight", "lacks rotation about", "deg/s"]);
     assert!(!std::path::Path::new(&rig).exists());
 }
 

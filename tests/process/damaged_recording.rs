@@ -1,13 +1,21 @@
 //! Recordings that were cut off or damaged in part: `replay` and `doctor` name the file, the first place and what to do.
 
+use super::vehicle::{PLUMBLINE, Running, eventually};
 use super::{plumbline, stderr};
+use plumbline_flight::local::record::{Kind, Kinds};
+use plumbline_flight::local::request::Request;
+use plumbline_flight::local::{Client, Record};
 use std::fs;
+use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Duration;
 
-/// Three seconds of a simulated flight.
-fn recording(folder: &Path) -> PathBuf {
+/// A simulated flight of so many seconds.
+fn recording(folder: &Path, seconds: &str) -> PathBuf {
     let path = folder.join("flight");
-    let arguments = ["simulate", path.to_str().unwrap(), "--start", "3", "--duration", "3", "--scale", "0.5"];
+    let arguments =
+        ["simulate", path.to_str().unwrap(), "--start", "3", "--duration", seconds, "--scale", "0.5"];
     let written = plumbline(&arguments);
     assert!(written.status.success(), "{}", stderr(&written));
     path
@@ -33,7 +41,7 @@ fn told(flight: &Path) -> (String, Option<i32>, String) {
 #[test]
 fn samples_that_end_before_the_images_are_named_with_the_time() {
     let folder = tempfile::tempdir().unwrap();
-    let flight = recording(folder.path());
+    let flight = recording(folder.path(), "3");
     cut(&flight.join("mav0/imu0/data.csv"), 0.5);
     let (replayed, status, checked) = told(&flight);
     for said in [&replayed, &checked] {
@@ -49,7 +57,7 @@ fn samples_that_end_before_the_images_are_named_with_the_time() {
 #[test]
 fn a_camera_with_half_of_the_images_is_named() {
     let folder = tempfile::tempdir().unwrap();
-    let flight = recording(folder.path());
+    let flight = recording(folder.path(), "3");
     cut(&flight.join("mav0/cam0/data.csv"), 0.5);
     let (replayed, _, checked) = told(&flight);
     for said in [&replayed, &checked] {
@@ -60,7 +68,7 @@ fn a_camera_with_half_of_the_images_is_named() {
 #[test]
 fn rows_and_images_that_cannot_be_read_are_named_by_file_and_place() {
     let folder = tempfile::tempdir().unwrap();
-    let flight = recording(folder.path());
+    let flight = recording(folder.path(), "3");
     let table = flight.join("mav0/imu0/data.csv");
     let text = fs::read_to_string(&table).unwrap();
     let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
@@ -94,7 +102,7 @@ fn rows_and_images_that_cannot_be_read_are_named_by_file_and_place() {
     for said in [&replayed, &checked] {
         for words in [
             format!("{} is missing", name(5)),
-            format!("{} is cut off or no PNG", name(6)),
+            format!("{} is cut off or not a PNG", name(6)),
             format!("3 images are 188x120, not 376x240; the first is {}", name(20)),
         ] {
             assert!(said.contains(&words), "{words}: {said}");
@@ -102,4 +110,37 @@ fn rows_and_images_that_cannot_be_read_are_named_by_file_and_place() {
         assert!(!said.contains("trigger both cameras"), "{said}");
     }
     assert_eq!(status, Some(1), "{checked}");
+}
+
+#[test]
+fn readers_of_the_local_socket_hear_what_the_data_of_a_flight_show_to_be_wrong() {
+    let folder = tempfile::tempdir().unwrap();
+    let flight = recording(folder.path(), "7");
+    let table = flight.join("mav0/imu0/data.csv");
+    let exchanged = |line: &str| {
+        let row: Vec<&str> = line.split(',').collect();
+        if line.starts_with('#') {
+            line.to_owned()
+        } else {
+            [&row[..1], &row[4..7], &row[1..4]].concat().join(",")
+        }
+    };
+    let text = fs::read_to_string(&table).unwrap();
+    fs::write(&table, text.lines().map(exchanged).collect::<Vec<_>>().join("\n")).unwrap();
+    let socket = folder.path().join("local");
+    let mut command = Command::new(PLUMBLINE);
+    command.arg("replay").arg(&flight).args(["--speed", "1"]);
+    command.args(["--set", &format!("local.path=\"{}\"", socket.display())]);
+    let running = Running::start(command);
+    eventually("the local socket is there", Duration::from_secs(20), || socket.exists());
+    let mut client = Client::new(UnixStream::connect(&socket).unwrap());
+    client.requests().unwrap().send(&Request::Subscribe(Kinds::of(&[Kind::Sensors]))).unwrap();
+    let notices = loop {
+        match client.next_record() {
+            Ok(Record::Sensors(news)) if !news.notices.is_empty() => break news.notices,
+            Ok(Record::End) | Err(_) => panic!("nothing was told: {}", running.words()),
+            Ok(_) => {}
+        }
+    };
+    assert!(notices.iter().any(|notice| notice.contains("columns")), "{notices:?}");
 }

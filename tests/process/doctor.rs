@@ -47,7 +47,10 @@ fn live_sensors_that_are_not_there_are_told_after_the_time_that_was_given() {
     let measures = report["measures"].as_array().unwrap();
     for name in ["IMU timing", "camera timing"] {
         let measure = measures.iter().find(|measure| measure["name"] == name).unwrap();
-        assert_eq!((&measure["verdict"], &measure["value"]), (&"not fit".into(), &"0 samples came".into()));
+        assert_eq!(
+            (&measure["verdict"], &measure["value"]),
+            (&"not fit".into(), &"0 samples arrived".into())
+        );
     }
     assert!(report["host"].as_array().is_some_and(|checks| checks.len() >= 10), "{report:#}");
     let without = plumbline(&["doctor", "--config", "sim", "--live"]);

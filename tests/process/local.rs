@@ -214,7 +214,7 @@ fn a_flight_whose_socket_cannot_be_made_is_wrong_usage() {
     let notes = folder.path().join("notes");
     std::fs::write(&notes, "").unwrap();
     let missing = folder.path().join("missing/local");
-    for (path, words) in [(&notes, "is no socket"), (&missing, "local.path")] {
+    for (path, words) in [(&notes, "is not a socket"), (&missing, "local.path")] {
         let set = format!("local.path=\"{}\"", path.display());
         super::fails(
             &["replay", "sim:room", "--duration", "1", "--set", &set],

@@ -13,6 +13,7 @@ mod doctor;
 mod errors;
 mod example;
 mod exit_status;
+mod foxglove;
 mod hardware;
 mod host;
 mod import;
@@ -37,6 +38,7 @@ mod ros;
 #[cfg(feature = "sabotage")]
 mod sabotage;
 mod security;
+mod setup;
 mod sweep;
 mod terminal;
 mod usage;

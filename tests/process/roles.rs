@@ -463,5 +463,5 @@ fn network_somebody_who_answers_everything_reports_no_command_as_done() {
     });
     drone.stop();
     let words = outcome.unwrap_err();
-    assert!(words.contains("no frame has come since"), "{words}");
+    assert!(words.contains("no frame has arrived since"), "{words}");
 }

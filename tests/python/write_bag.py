@@ -1,6 +1,8 @@
-"""Writes a EuRoC data set as ROS 2 bags in MCAP, by another implementation of the format than ours (rosbags).
+"""Writes a EuRoC data set as ROS bags, by another implementation of the formats than ours (rosbags).
 
-usage: write_bag.py DATA_SET OUT_DIRECTORY raw|png [FRAMES]
+usage: write_bag.py DATA_SET OUT raw|png FRAMES mcap|db3|bag [zstd-file|zstd-message|bz2|lz4]
+
+OUT is the directory of a ROS 2 bag, or the file of a ROS 1 bag.
 """
 
 import csv
@@ -10,10 +12,12 @@ import zlib
 from pathlib import Path
 
 import numpy
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags import rosbag1
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-STORE = get_typestore(Stores.ROS2_HUMBLE)
+IS_ROS1 = sys.argv[5] == "bag"
+STORE = get_typestore(Stores.ROS1_NOETIC if IS_ROS1 else Stores.ROS2_HUMBLE)
 TYPES = STORE.types
 SENSOR = "sensor_msgs/msg/"
 QUATERNION = TYPES["geometry_msgs/msg/Quaternion"]
@@ -22,7 +26,8 @@ VECTOR = TYPES["geometry_msgs/msg/Vector3"]
 
 def header(stamp_ns: int, frame: str):
     stamp = TYPES["builtin_interfaces/msg/Time"](sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
-    return TYPES["std_msgs/msg/Header"](stamp=stamp, frame_id=frame)
+    sequence = {"seq": stamp_ns // 1000 % 2**32} if IS_ROS1 else {}
+    return TYPES["std_msgs/msg/Header"](stamp=stamp, frame_id=frame, **sequence)
 
 
 def rows(path: Path):
@@ -96,21 +101,35 @@ def imu(row):
     return stamp_ns, "/imu0", SENSOR + "Imu", message
 
 
+def writer(out: Path, storage: str, compression: str):
+    if IS_ROS1:
+        bag = rosbag1.Writer(out)
+        if compression != "none":
+            bag.set_compression(getattr(rosbag1.Writer.CompressionFormat, compression.upper()))
+        return bag
+    bag = Writer(out, version=9, storage_plugin=StoragePlugin.MCAP if storage == "mcap" else StoragePlugin.SQLITE3)
+    if compression != "none":
+        mode = CompressionMode.FILE if compression == "zstd-file" else CompressionMode.MESSAGE
+        bag.set_compression(mode, CompressionFormat.ZSTD)
+    return bag
+
+
 def main():
-    dataset, out, kind = Path(sys.argv[1]) / "mav0", Path(sys.argv[2]), sys.argv[3]
-    frames = int(sys.argv[4]) if len(sys.argv) > 4 else None
+    dataset, out, kind, frames, storage = Path(sys.argv[1]) / "mav0", Path(sys.argv[2]), *sys.argv[3:6]
+    compression = sys.argv[6] if len(sys.argv) > 6 else "none"
+    serialize = STORE.serialize_ros1 if IS_ROS1 else STORE.serialize_cdr
     messages = [imu(row) for row in rows(dataset / "imu0/data.csv")]
     for camera in ("cam0", "cam1"):
-        for row in rows(dataset / camera / "data.csv")[:frames]:
+        for row in rows(dataset / camera / "data.csv")[: int(frames)]:
             png = (dataset / camera / "data" / row[1].strip()).read_bytes()
             messages.append((int(row[0]), f"/{camera}/image_raw", *image(kind, int(row[0]), png)))
     messages.sort(key=lambda message: message[0])
-    with Writer(out, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+    with writer(out, storage, compression) as bag:
         connections = {}
         for stamp_ns, topic, type_name, message in messages:
             if topic not in connections:
-                connections[topic] = writer.add_connection(topic, type_name, typestore=STORE)
-            writer.write(connections[topic], stamp_ns, STORE.serialize_cdr(message, type_name))
+                connections[topic] = bag.add_connection(topic, type_name, typestore=STORE)
+            bag.write(connections[topic], stamp_ns, serialize(message, type_name))
     print(len(messages))
 
 

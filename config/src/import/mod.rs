@@ -1,5 +1,5 @@
 //! Importers: calibration files of EuRoC data sets (ASL `sensor.yaml`) and of Kalibr to a
-//! [`ValidConfig`](crate::ValidConfig).
+//! [`ValidConfig`](crate::ValidConfig); the factory file of a ZED into the configuration of its rig ([`zed_into`]).
 //!
 //! Both take over the cameras, their extrinsics and the rate of the IMU. The plain importers [`euroc`] and
 //! [`kalibr`] take the noise densities as the files say and the defaults for the rest. Those of a data
@@ -13,14 +13,18 @@
 mod euroc;
 mod kalibr;
 mod yaml;
+mod zed;
 
 pub use euroc::{euroc, euroc_cameras_into, euroc_into, euroc_mounting};
 pub use kalibr::{DEFAULT_CAMERA_RATE_HZ, kalibr, kalibr_into};
+pub use zed::zed_into;
 
 #[cfg(any(test, feature = "fuzzing"))]
 pub(crate) use euroc::from_texts as euroc_texts;
 #[cfg(any(test, feature = "fuzzing"))]
 pub(crate) use kalibr::from_texts as kalibr_texts;
+#[cfg(any(test, feature = "fuzzing"))]
+pub(crate) use zed::zed_text_into;
 
 use crate::camera::Distortion;
 use crate::error::ConfigError;

@@ -28,7 +28,7 @@ pub enum AutopilotClock {
     /// smallest delay it sees.
     #[default]
     Companion,
-    /// The autopilot's, by our TIMESYNC; until that has locked, odometry says that it is lost.
+    /// Clock of the autopilot, by TIMESYNC. Until TIMESYNC has locked, odometry is reported as lost.
     Autopilot,
 }
 
@@ -64,7 +64,7 @@ pub enum AutopilotEndpoint {
     /// It sends to an address and port of ours, and is answered there: `udpin://ADDRESS:PORT`, or
     /// `udpin://ADDRESS:PORT?from=HOST`.
     UdpIn {
-        /// Our address and port.
+        /// Address and port of this computer.
         at: String,
         /// Address of the only host that is listened to.
         from: Option<IpAddr>,
@@ -104,6 +104,6 @@ fn host_and_port(text: &str) -> Result<(), String> {
     };
     match port.parse::<u16>() {
         Ok(port) if port > 0 => Ok(()),
-        _ => Err(format!("{port:?} is no port")),
+        _ => Err(format!("{port:?} is not a port")),
     }
 }

@@ -43,6 +43,8 @@ pub struct PointsConfig {
     pub max_epipolar_px: f32,
     /// Points this close to the image edge are dropped, px.
     pub border_px: usize,
+    /// Whether noisy images (by night, at a high gain) are smoothed before points are looked for.
+    pub denoise: bool,
     /// Standard deviation of a tracked point, px at full resolution.
     pub sigma_px: f64,
 }
@@ -58,6 +60,7 @@ impl Default for PointsConfig {
             max_forward_backward_px: 0.4,
             max_epipolar_px: 2.5,
             border_px: 8,
+            denoise: true,
             sigma_px: 0.4,
         }
     }
@@ -69,7 +72,7 @@ impl Default for PointsConfig {
 pub struct WindowConfig {
     /// Number of keyframes in the window.
     pub keyframes: usize,
-    /// Number of newest frames in the window besides the keyframes.
+    /// Number of newest frames in the window, in addition to the keyframes.
     pub recent_frames: usize,
     /// Largest number of point landmarks in the window.
     pub max_landmarks: usize,
@@ -142,8 +145,8 @@ pub struct HealthConfig {
     pub max_accel_bias_m_s2: f64,
     /// Least time between automatic resets, s.
     pub reset_holdoff_s: f64,
-    /// An image that repeats the one before bit for bit counts as missing. `false` for cameras without noise, whose images
-    /// repeat while the vehicle stands.
+    /// Treat an image that repeats the previous one bit for bit as missing. `false` for cameras without noise, whose
+    /// images repeat while the vehicle stands.
     pub refuse_repeated_images: bool,
 }
 

@@ -3,7 +3,7 @@
 use super::serial_line::{SerialLine, split_address};
 use serde::{Deserialize, Serialize};
 
-/// The inertial sensor of a live flight. Its rate and its ranges are those of `[imu]`.
+/// Inertial sensor of a live flight. `[imu]` states its rate and its ranges.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ImuDriverConfig {
@@ -13,8 +13,8 @@ pub struct ImuDriverConfig {
     pub protocol: ImuProtocol,
     /// MAVLink message that carries the samples.
     pub mavlink_message: MavlinkImu,
-    /// Delay subtracted from every stamp, s: that of the sensor's filter (half its averaging time), plus the shortest
-    /// transmission time if the device does not answer time requests.
+    /// Delay subtracted from every stamp, s: the delay of the sensor's filter (half its averaging time), plus the
+    /// shortest transmission time if the device does not answer time requests.
     pub delay_s: f64,
     /// Have the microcontroller trigger the cameras at their rate (`protocol = "plumbline"`).
     pub trigger_cameras: bool,
@@ -53,7 +53,7 @@ pub enum TriggerExposure {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ImuProtocol {
-    /// Our own, of a microcontroller: `docs/serial-protocol.md`.
+    /// Protocol of Plumbline, for a microcontroller: `docs/serial-protocol.md`.
     #[default]
     Plumbline,
     /// MAVLink 1 or 2, of an autopilot.

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// What is published over Zenoh. By default there is no listener.
+/// Publication over Zenoh. By default there is no listener.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct NetworkConfig {
@@ -11,15 +11,16 @@ pub struct NetworkConfig {
     pub vehicle: String,
     /// Zenoh endpoints to listen on, such as `tcp/127.0.0.1:7447`.
     pub listen: Vec<String>,
-    /// Zenoh endpoints to connect to; beside others, those that begin with `udp/` are for odometry alone.
+    /// Zenoh endpoints to connect to. If there are others, `udp/` endpoints carry odometry only.
     pub connect: Vec<String>,
     /// Multicast scouting.
     pub scouting: bool,
-    /// What the link can carry: sets the rates at which each key is published.
+    /// Capacity of the link, which determines the rate of each key.
     pub link: Link,
-    /// Offer camera pictures, where the link can carry them.
+    /// Offer camera pictures if the link can carry them.
     pub camera: bool,
-    /// Memory that peers may take of the network process, MB. Beyond it that process ends and is started again.
+    /// Memory that peers may occupy in the network process, MB. If they exceed it, the network process ends and is
+    /// restarted.
     pub max_memory_mb: u32,
     /// Clients that may give commands.
     pub commands: Commands,
@@ -46,7 +47,7 @@ impl Default for NetworkConfig {
     }
 }
 
-/// What a link can carry.
+/// Capacity of a link.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Link {
@@ -80,11 +81,11 @@ pub enum Commands {
 pub struct TlsConfig {
     /// Certificate of the common authority, PEM file.
     pub authority: PathBuf,
-    /// Our certificate, PEM file.
+    /// Certificate of this vehicle, PEM file.
     pub certificate: PathBuf,
     /// Private key of the certificate, PEM file, readable by its owner only.
     pub key: PathBuf,
-    /// Certificates that are not believed, by name: `operator.1` for one, `operator` for all of that holder.
+    /// Revoked certificates, by name: `operator.1` for one, `operator` for all operator certificates.
     pub excluded: Vec<String>,
 }
 
@@ -117,8 +118,8 @@ pub struct LoginConfig {
     pub user: String,
     /// File with the own password on its first line.
     pub password_file: PathBuf,
-    /// File with a line `name:password` for everyone who may connect to us.
+    /// File with a line `name:password` for each user who may connect.
     pub users_file: PathBuf,
-    /// Names that may give commands, where commands are taken.
+    /// User names that may give commands, if commands are accepted.
     pub operators: Vec<String>,
 }

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 pub struct PlacesConfig {
     /// Whether places are recognized, and a map is made, in flight.
     pub enabled: bool,
-    /// Keyframes that the map holds; beyond, those go whose view others cover best. 27 kB each.
+    /// Largest number of keyframes in the map, 27 kB each. Above it, the most redundant keyframe is dropped.
     pub max_keyframes: usize,
     /// Largest number of features of a keyframe.
     pub max_features: usize,

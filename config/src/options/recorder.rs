@@ -2,13 +2,13 @@
 
 use serde::{Deserialize, Serialize};
 
-/// The flight recorder. Whether there is a recording at all the command line says.
+/// Flight recorder. The command line enables it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RecorderConfig {
     /// How images are kept.
     pub images: ImageRecording,
-    /// What is kept when the recording has reached `max_total_mb`.
+    /// Part of the flight that is kept at `max_total_mb`.
     pub keep: KeepPolicy,
     /// Size at which a new file is started, MB (10^6 bytes).
     pub max_file_mb: usize,
@@ -38,9 +38,9 @@ pub enum ImageRecording {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum KeepPolicy {
-    /// The beginning: recording stops at the limit, and what there is can be re-executed.
+    /// Beginning of the flight: recording stops at the limit, and the recording can be re-executed.
     Beginning,
-    /// The newest: the oldest files are deleted, and what is left can be looked at but not re-executed.
+    /// End of the flight: the oldest files are deleted, and the rest cannot be re-executed.
     Newest,
 }
 

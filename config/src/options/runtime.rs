@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// What a live run asks of the host. What the host refuses is told, and the run goes on without.
+/// Requests of a live run to the host. A refused request is logged, and the run continues without it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RuntimeConfig {

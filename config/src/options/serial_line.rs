@@ -28,7 +28,7 @@ impl SerialLine {
                 format!("{number:?} is no speed from {} to {} baud", BAUD.start(), BAUD.end())
             })?;
         if !device.starts_with('/') {
-            return Err(format!("{device:?} is no absolute path of a device"));
+            return Err(format!("{device:?} is not an absolute path of a device"));
         }
         Ok(Self { device: device.to_owned(), baud })
     }

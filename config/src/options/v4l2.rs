@@ -95,20 +95,40 @@ impl Default for V4l2Config {
     }
 }
 
-/// A control of a driver and the value that it is given.
+/// A control of a device and the value that it is given.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct V4l2Control {
-    /// Its name in small letters, all else an underscore: `v4l2-ctl` and `plumbline devices` list it so.
-    pub name: String,
+    /// Control that is set.
+    pub target: ControlTarget,
     /// The value; entries of menus count from 0, switches are 0 or 1.
     pub value: i32,
 }
+
+/// Control of a device.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum ControlTarget {
+    /// Control of the driver by its name in small letters, all else an underscore: `v4l2-ctl` and `plumbline devices` list
+    /// it so.
+    Name(String),
+    /// Control of an extension unit of a USB camera, which only its manufacturer explains.
+    Extension {
+        /// Number of the unit.
+        unit: u8,
+        /// Number of the control in the unit.
+        selector: u8,
+        /// Bytes of the value: 1, 2 or 4, least significant first.
+        bytes: u8,
+    },
+}
+
+/// Beginning of a control of an extension unit.
+const EXTENSION: &str = "xu:";
 
 /// The longest control that is looked at, bytes; the kernel's names have 31 at most.
 const MAX_CONTROL_BYTES: usize = 64;
 
 impl V4l2Control {
-    /// Reads `NAME=VALUE`, such as `power_line_frequency=1`.
+    /// Reads `NAME=VALUE`, such as `power_line_frequency=1`, or `xu:UNIT:SELECTOR:BYTES=VALUE`, such as `xu:3:2:1=0`.
     ///
     /// # Errors
     /// What is wrong with the text, in words.
@@ -120,12 +140,18 @@ impl V4l2Control {
             return Err(format!("{text:?} has no `=` between name and value"));
         };
         let value = value.trim();
-        let value = value.parse().map_err(|_| format!("{value:?} is no whole number of 32 bits"))?;
+        let value = value.parse().map_err(|_| format!("{value:?} is not a whole number of 32 bits"))?;
+        if let Some(place) = name.trim().strip_prefix(EXTENSION) {
+            let target = extension(place).ok_or_else(|| {
+                format!("{text:?} is not a control of an extension unit: xu:UNIT:SELECTOR:BYTES=VALUE, 1, 2 or 4 bytes")
+            })?;
+            return Ok(Self { target, value });
+        }
         let name = Self::plain_name(name);
         if name.is_empty() {
             return Err(format!("{text:?} has no name before the `=`"));
         }
-        Ok(Self { name, value })
+        Ok(Self { target: ControlTarget::Name(name), value })
     }
 
     /// A control's name as drivers spell it ("Power Line Frequency") in the spelling that is compared
@@ -134,5 +160,34 @@ impl V4l2Control {
     pub fn plain_name(name: &str) -> String {
         let words = name.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
         words.collect::<Vec<_>>().join("_").to_ascii_lowercase()
+    }
+}
+
+/// Reads `UNIT:SELECTOR:BYTES`.
+fn extension(text: &str) -> Option<ControlTarget> {
+    let numbers: Option<Vec<u8>> = text.split(':').map(|number| number.parse().ok()).collect();
+    match numbers?[..] {
+        [unit, selector, bytes] if unit > 0 && selector > 0 && matches!(bytes, 1 | 2 | 4) => {
+            Some(ControlTarget::Extension { unit, selector, bytes })
+        }
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn controls_of_extension_units_are_read_or_refused() {
+        let control = V4l2Control::parse("xu:3:2:1=0").unwrap();
+        assert_eq!(control.target, ControlTarget::Extension { unit: 3, selector: 2, bytes: 1 });
+        for wrong in
+            ["xu:=0", "xu:3:2=0", "xu:3:2:3=0", "xu:0:2:1=0", "xu:3:2:1:1=0", "xu:300:2:1=0", "xu:3:2:1"]
+        {
+            assert!(V4l2Control::parse(wrong).is_err(), "{wrong}");
+        }
+        let named = V4l2Control::parse("Power Line Frequency=1").unwrap();
+        assert_eq!(named.target, ControlTarget::Name("power_line_frequency".into()));
     }
 }

@@ -66,7 +66,7 @@ impl Mounting {
         Self::Known([roll, pitch, yaw].map(|angle| rounded(angle) + 0.0))
     }
 
-    /// Roll, pitch and yaw, degrees, where they are known.
+    /// Roll, pitch and yaw, degrees.
     #[must_use]
     pub fn degrees(&self) -> Option<[f64; 3]> {
         match self {

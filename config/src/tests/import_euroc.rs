@@ -121,7 +121,7 @@ fn what_is_wrong_is_named_by_file_and_key() {
         ("rate_hz: 20", "", "cam0: `rate_hz`: missing"),
         ("radial-tangential", "fov", "`distortion_model`: is no known model"),
         ("pinhole", "omni", "`camera_model`: is no pinhole"),
-        ("[0.0148655429818,", "[0.5,", "`T_BS`: the upper-left 3x3 block is no rotation"),
+        ("[0.0148655429818,", "[0.5,", "`T_BS`: the upper-left 3x3 block is not a rotation"),
         ("[0.0148655429818,", "[", "`T_BS.data`: has 15 numbers; give exactly 16"),
         ("-0.0216401454975", "-21.6401454975", "`T_BS`: the camera is 21.640 m from the IMU"),
         ("intrinsics: [458.654", "intrinsics: [-458.654", "`camera[0].focal_px[0]`: -458.654 is outside"),

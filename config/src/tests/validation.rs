@@ -1,6 +1,8 @@
 use super::euroc;
 use crate::camera::Distortion;
-use crate::options::{ImuProtocol, PairBy, TlsConfig, TriggerExposure, V4l2Format, VehicleConfig};
+use crate::options::{
+    Commands, ImuProtocol, Link, PairBy, RosPictures, TlsConfig, TriggerExposure, V4l2Format, VehicleConfig,
+};
 use crate::shape::sample_for_tests;
 use crate::{Config, Violation};
 use serde::Deserialize;
@@ -38,8 +40,8 @@ fn the_number_of_cameras_is_one_or_two() {
 fn impossible_extrinsics_are_refused() {
     let key = "camera[1].pose_b_c";
     check(key, "NaN", |c| c.camera[1].pose_b_c[0][0] = f64::NAN);
-    check(key, "no rotation", |c| c.camera[1].pose_b_c[0][0] += 0.1);
-    check(key, "no rotation", |c| c.camera[1].pose_b_c[0] = [1e200, 1e200, 1e200, 0.0]);
+    check(key, "not a rotation", |c| c.camera[1].pose_b_c[0][0] += 0.1);
+    check(key, "not a rotation", |c| c.camera[1].pose_b_c[0] = [1e200, 1e200, 1e200, 0.0]);
     check(key, "reflection", |c| c.camera[1].pose_b_c[0][..3].iter_mut().for_each(|x| *x = -*x));
     check(key, "transpose", |c| {
         let rows = c.camera[1].pose_b_c;
@@ -313,6 +315,21 @@ fn cameras_are_triggered_by_a_microcontroller_alone_and_by_pulses_shorter_than_a
         c.driver.imu.trigger_exposure = TriggerExposure::Camera;
         c.driver.frames.listen = "/run/frames".into();
     });
+}
+
+#[test]
+fn what_ros_is_offered_must_be_allowed_and_fit_its_link() {
+    check("ros.reset", "network.commands", |c| c.ros.reset = true);
+    assert_eq!(
+        refused(|c| {
+            c.ros.reset = true;
+            c.network.commands = Commands::Anybody;
+        }),
+        []
+    );
+    let pictures = |c: &mut Config, link| (c.ros.tracks, c.ros.link) = (RosPictures::Raw, link);
+    check("ros.tracks", "radio", |c| pictures(c, Link::Radio));
+    assert_eq!(refused(|c| pictures(c, Link::Wifi)), []);
 }
 
 #[test]

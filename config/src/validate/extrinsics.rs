@@ -29,7 +29,7 @@ pub(crate) fn pose_problem(rows: &[[f64; 4]; 4]) -> Option<(String, &'static str
     let is_orthonormal = deviation <= MAX_NON_ORTHONORMAL;
     if !is_orthonormal {
         let reason =
-            format!("the upper-left 3x3 block is no rotation (RᵀR differs from 1 by {deviation:.2e})");
+            format!("the upper-left 3x3 block is not a rotation (RᵀR differs from 1 by {deviation:.2e})");
         return Some((reason, "copy T_BC from the calibration with all its digits"));
     }
     if r.determinant() < 0.0 {

@@ -14,7 +14,7 @@ pub(super) fn check(config: &Config, found: &mut Vec<Violation>) {
     };
     const CURE: &str = "give an absolute path, such as \"/run/plumbline/frames\", or \"\" for none";
     if !path.starts_with('/') || path.contains('\0') {
-        refuse(format!("{path:?} is no absolute path"), CURE);
+        refuse(format!("{path:?} is not an absolute path"), CURE);
     } else if path.len() > FramesConfig::MAX_PATH_BYTES {
         refuse(format!("is longer than {} bytes", FramesConfig::MAX_PATH_BYTES), CURE);
     }

@@ -8,7 +8,11 @@ pub(super) fn check(local: &LocalConfig, found: &mut Vec<Violation>) {
     if !path.is_empty() {
         const CURE: &str = "give an absolute path, such as \"/run/plumbline/local\", or \"\" for none";
         if !path.starts_with('/') || path.contains('\0') || path.ends_with('/') {
-            found.push(Violation::new("local.path", format!("{path:?} is no absolute path of a file"), CURE));
+            found.push(Violation::new(
+                "local.path",
+                format!("{path:?} is not an absolute path of a file"),
+                CURE,
+            ));
         } else if path.len() > LocalConfig::MAX_PATH_BYTES {
             let reason = format!("is longer than {} bytes", LocalConfig::MAX_PATH_BYTES);
             found.push(Violation::new("local.path", reason, CURE));

@@ -23,7 +23,7 @@ fn check_devices(config: &Config, found: &mut Vec<Violation>) {
     let v4l2 = &config.driver.v4l2;
     for (key, path) in [("driver.v4l2.left", &v4l2.left), ("driver.v4l2.right", &v4l2.right)] {
         if !path.is_empty() && (!path.starts_with('/') || path.contains('\0')) {
-            found.push(Violation::new(key, format!("{path:?} is no absolute path of a device"), NAMES));
+            found.push(Violation::new(key, format!("{path:?} is not an absolute path of a device"), NAMES));
         }
     }
     if v4l2.right.is_empty() {

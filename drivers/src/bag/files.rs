@@ -1,6 +1,8 @@
-//! The files of a bag in their order: one MCAP file, or the directory that `ros2 bag record` makes.
+//! The files of a bag in their order: one file, or the directory that `ros2 bag record` makes.
 
+use super::stream::BagFile;
 use crate::DriverError;
+use std::collections::BTreeSet;
 use std::ffi::OsStr;
 use std::path::{Component, Path, PathBuf};
 
@@ -8,51 +10,60 @@ use std::path::{Component, Path, PathBuf};
 const METADATA: &str = "metadata.yaml";
 /// Longest description that is read, bytes.
 const MAX_METADATA_BYTES: u64 = 4 << 20;
-/// How a bag of SQLite becomes one that can be read.
-const CONVERT: &str = "convert it: write `output_bags: [{uri: NEW, storage_id: mcap, all: true}]` into convert.yaml, then \
-                       `ros2 bag convert -i OLD -o convert.yaml`, and give NEW";
+/// Endings of the files of bags; each may be followed by that of Zstandard.
+const ENDINGS: [&str; 3] = ["mcap", "db3", "bag"];
+const PACKED: &str = ".zstd";
+/// What a ROS 1 bag is called while it is recorded.
+const ACTIVE: &str = ".bag.active";
 
-/// Whether there may be a bag at `path`: an .mcap file, or a directory with a description or such files.
+/// Whether there may be a bag at `path`: a file with the ending of one, or a directory with a description or such files.
 #[must_use]
 pub fn is_bag(path: &Path) -> bool {
     if path.is_dir() {
         return path.join(METADATA).is_file() || !listed(path).is_empty();
     }
-    let names = ["mcap", "db3", "bag", "zstd"];
-    path.extension().and_then(OsStr::to_str).is_some_and(|ending| names.contains(&ending))
+    has_ending(path)
+}
+
+fn has_ending(path: &Path) -> bool {
+    let name = path.file_name().and_then(OsStr::to_str).unwrap_or_default();
+    name.ends_with(ACTIVE) || parts(name).is_some()
+}
+
+/// Name without the number at its end, that number, and the ending, of the file of a bag: bag_10.mcap comes after
+/// bag_9.mcap.
+fn parts(name: &str) -> Option<(&str, u64, &str)> {
+    let (stem, ending) = name.strip_suffix(PACKED).unwrap_or(name).rsplit_once('.')?;
+    if !ENDINGS.contains(&ending) {
+        return None;
+    }
+    let base = stem.trim_end_matches(|c: char| c.is_ascii_digit());
+    Some((base, stem[base.len()..].parse().unwrap_or(0), ending))
 }
 
 /// The files of the bag at `path`.
 ///
 /// # Errors
-/// When there are none, or they are of another kind; the message says how to convert them.
-pub(crate) fn bag_files(path: &Path) -> Result<Vec<PathBuf>, DriverError> {
+/// When there are none, or it is not plain which they are.
+pub(crate) fn bag_files(path: &Path) -> Result<Vec<BagFile>, DriverError> {
     if !path.exists() {
         return Err(DriverError::missing(
             path,
-            "does not exist; give a ROS 2 bag, an .mcap file or its directory",
+            "does not exist; give a ROS bag: a file (.mcap, .db3, .bag) or the directory of a recording",
         ));
     }
     let files = if path.is_dir() { files_of_directory(path)? } else { vec![path.to_owned()] };
-    for file in &files {
-        check_kind(file)?;
-    }
-    Ok(files)
+    files.iter().map(|file| opened(file)).collect()
 }
 
-fn check_kind(file: &Path) -> Result<(), DriverError> {
-    let message = match file.extension().and_then(OsStr::to_str) {
-        Some("db3") => format!("is a bag of SQLite, which is not read; {CONVERT}"),
-        Some("bag") => {
-            "is a bag of ROS 1, which is not read; convert it: `rosbags-convert --src OLD.bag --dst NEW --dst-storage mcap`, and \
-             give NEW"
-                .to_owned()
-        }
-        Some("zstd") => "is compressed as a whole file; unpack it first: `zstd -d FILE.mcap.zstd`".to_owned(),
-        _ if !file.is_file() => "is named in metadata.yaml and is not there; copy the whole bag".to_owned(),
-        _ => return Ok(()),
-    };
-    Err(DriverError::refused(file, message))
+fn opened(file: &Path) -> Result<BagFile, DriverError> {
+    if !file.is_file() {
+        return Err(DriverError::missing(
+            file,
+            "is named in metadata.yaml and is not there; copy the whole bag",
+        ));
+    }
+    BagFile::new(file)
 }
 
 fn files_of_directory(path: &Path) -> Result<Vec<PathBuf>, DriverError> {
@@ -62,11 +73,14 @@ fn files_of_directory(path: &Path) -> Result<Vec<PathBuf>, DriverError> {
         false => Vec::new(),
     };
     let files: Vec<PathBuf> = match named.is_empty() {
-        true => listed(path),
+        true => parts_of_one(path, listed(path))?,
         false => named.iter().map(|name| path.join(name)).collect(),
     };
     if files.is_empty() {
-        return Err(DriverError::missing(path, "holds no .mcap file; give the directory of a ROS 2 bag"));
+        return Err(DriverError::missing(
+            path,
+            "holds no file of a bag (.mcap, .db3, .bag); give the directory of a recording",
+        ));
     }
     Ok(files)
 }
@@ -85,19 +99,6 @@ fn read_bounded(path: &Path) -> Result<String, DriverError> {
 /// The files that a description names, in its order. It is written by one program, whose lines are those of the list;
 /// where it looks otherwise nothing is found, and the names in the directory tell the order.
 fn described(path: &Path, text: &str) -> Result<Vec<String>, DriverError> {
-    let value = |line: &str| line.split_once(':').map(|(_, value)| unquoted(value).to_owned());
-    let find = |key: &str| text.lines().find(|line| line.trim_start().starts_with(key)).and_then(value);
-    if find("storage_identifier").as_deref() == Some("sqlite3") {
-        return Err(DriverError::refused(
-            path,
-            format!("describes a bag of SQLite, which is not read; {CONVERT}"),
-        ));
-    }
-    if find("compression_mode").is_some_and(|mode| mode.eq_ignore_ascii_case("message")) {
-        let message = "describes a bag whose messages are compressed one by one, which is not read; convert it with \
-                       `ros2 bag convert` and no compression_mode";
-        return Err(DriverError::refused(path, message));
-    }
     let lines = text.lines().skip_while(|line| !line.trim_start().starts_with("relative_file_paths")).skip(1);
     let names =
         lines.map_while(|line| line.trim_start().strip_prefix("- ")).map(|name| unquoted(name).to_owned());
@@ -118,20 +119,30 @@ fn is_plain_name(name: &str) -> bool {
     matches!((parts.next(), parts.next()), (Some(Component::Normal(_)), None))
 }
 
-/// The .mcap files of a directory by the numbers at the end of their names, then by name.
+/// The files of bags in a directory by the numbers at the end of their names, then by name.
 fn listed(path: &Path) -> Vec<PathBuf> {
     let Ok(entries) = std::fs::read_dir(path) else { return Vec::new() };
     let mut files: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
-    files.retain(|file| file.extension().is_some_and(|ending| ending == "mcap") && file.is_file());
-    files.sort_by_key(|file| (number(file), file.clone()));
+    files.retain(|file| has_ending(file) && file.is_file());
+    files.sort_by_key(|file| (parts_of(file).map_or(0, |(_, number, _)| number), file.clone()));
     files
 }
 
-/// The number at the end of a file's name: bag_10.mcap comes after bag_9.mcap.
-fn number(file: &Path) -> u64 {
-    let stem = file.file_stem().and_then(OsStr::to_str).unwrap_or_default();
-    let digits = stem.len() - stem.trim_end_matches(|c: char| c.is_ascii_digit()).len();
-    stem[stem.len() - digits..].parse().unwrap_or(0)
+fn parts_of(file: &Path) -> Option<(&str, u64, &str)> {
+    parts(file.file_name()?.to_str()?)
+}
+
+/// `files`, if they are the parts of one recording: their names differ by a number only.
+fn parts_of_one(path: &Path, files: Vec<PathBuf>) -> Result<Vec<PathBuf>, DriverError> {
+    let recording =
+        |file: &PathBuf| parts_of(file).map(|(base, _, ending)| (base.to_owned(), ending.to_owned()));
+    match files.iter().map(recording).collect::<BTreeSet<_>>().len() {
+        0 | 1 => Ok(files),
+        count => {
+            let message = format!("holds {count} bags of different names; name one of them");
+            Err(DriverError::refused(path, message))
+        }
+    }
 }
 
 #[cfg(test)]
@@ -150,7 +161,7 @@ mod tests {
     }
 
     fn names(folder: &tempfile::TempDir) -> Vec<String> {
-        let files = bag_files(folder.path()).unwrap();
+        let files = files_of_directory(folder.path()).unwrap();
         files.iter().map(|f| f.file_name().unwrap().to_str().unwrap().to_owned()).collect()
     }
 
@@ -164,25 +175,29 @@ mod tests {
     }
 
     #[test]
-    fn bags_of_another_kind_are_refused_with_the_command_that_converts_them() {
-        let refusal = |path: &Path| bag_files(path).unwrap_err().to_string();
-        let folder = directory(&["a.db3", "b.bag", "c.mcap.zstd"], None);
-        for (file, cure) in
-            [("a.db3", "ros2 bag convert"), ("b.bag", "rosbags-convert"), ("c.mcap.zstd", "zstd -d")]
-        {
-            let words = refusal(&folder.path().join(file));
-            assert!(words.contains(cure) && words.contains(file), "{words}");
+    fn parts_of_any_kind_are_in_order_and_two_recordings_are_refused() {
+        for ending in ["db3", "bag", "db3.zstd"] {
+            let [tenth, second] = [10, 2].map(|k| format!("r_{k}.{ending}"));
+            assert_eq!(names(&directory(&[&tenth, &second], None)), [second.as_str(), &tenth]);
         }
+        let folder = directory(&["MH_01_easy.bag", "MH_02_easy.bag"], None);
+        let words = bag_files(folder.path()).unwrap_err().to_string();
+        assert!(words.contains("2 bags of different names"), "{words}");
+        assert!(
+            ["a.db3", "b.bag", "c.bag.active", "d.mcap.zstd"].iter().all(|name| has_ending(Path::new(name)))
+        );
+        assert!(!has_ending(Path::new("a.zstd")));
+    }
+
+    #[test]
+    fn descriptions_that_lead_elsewhere_are_refused() {
         for (text, cure) in [
-            ("storage_identifier: sqlite3\n", "ros2 bag convert"),
-            ("compression_mode: MESSAGE\n", "ros2 bag convert"),
             ("relative_file_paths:\n  - ../../etc/passwd\n", "leads out"),
             ("relative_file_paths:\n  - gone_0.mcap\n", "not there"),
-            ("relative_file_paths:\n  - old_0.db3\n", "ros2 bag convert"),
         ] {
-            let words = refusal(directory(&[], Some(text)).path());
+            let words = bag_files(directory(&[], Some(text)).path()).unwrap_err().to_string();
             assert!(words.contains(cure), "{words}");
         }
-        assert!(refusal(Path::new("/nowhere.mcap")).contains("does not exist"));
+        assert!(bag_files(Path::new("/nowhere.mcap")).unwrap_err().to_string().contains("does not exist"));
     }
 }

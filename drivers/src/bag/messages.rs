@@ -1,10 +1,7 @@
-//! The messages of ROS 2 that hold images and inertial samples (`sensor_msgs`, as of Humble to Kilted).
+//! The ROS messages that hold images and inertial samples: `sensor_msgs` of ROS 2, as of Humble to Kilted, and of ROS 1.
 
-use super::cdr::Cdr;
+use super::wire::{Encoding, Wire};
 use plumbline_config::{ImuSample, Timestamp};
-
-/// Nanoseconds of a second.
-const SECOND_NS: i64 = 1_000_000_000;
 
 /// What a topic carries that can be flown with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -18,14 +15,30 @@ pub(crate) enum Kind {
 }
 
 impl Kind {
-    /// By the name of the type.
-    pub(crate) fn of(type_name: &str) -> Option<Self> {
+    /// By the name of the type, in ROS 2 or ROS 1.
+    fn of(type_name: &str) -> Option<Self> {
         match type_name {
-            "sensor_msgs/msg/Image" => Some(Self::Image),
-            "sensor_msgs/msg/CompressedImage" => Some(Self::Compressed),
-            "sensor_msgs/msg/Imu" => Some(Self::Imu),
+            "sensor_msgs/msg/Image" | "sensor_msgs/Image" => Some(Self::Image),
+            "sensor_msgs/msg/CompressedImage" | "sensor_msgs/CompressedImage" => Some(Self::Compressed),
+            "sensor_msgs/msg/Imu" | "sensor_msgs/Imu" => Some(Self::Imu),
             _ => None,
         }
+    }
+}
+
+/// Kind and encoding of the messages of a topic that can be flown with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Format {
+    /// What they are.
+    pub(crate) kind: Kind,
+    /// How they are written.
+    pub(crate) encoding: Encoding,
+}
+
+impl Format {
+    /// Format of messages of that type and encoding; `None` for those that cannot be flown with.
+    pub(crate) fn of(type_name: &str, encoding: &str) -> Option<Self> {
+        Some(Self { kind: Kind::of(type_name)?, encoding: Encoding::named(encoding)? })
     }
 }
 
@@ -51,50 +64,43 @@ pub(crate) enum ImageMessage<'a> {
     File(&'a [u8]),
 }
 
-/// The stamp of the header that every one of these messages begins with.
-pub(crate) fn stamp(bytes: &[u8]) -> Option<Timestamp> {
-    header(&mut Cdr::new(bytes)?)
-}
-
-/// Stamp and name of the frame; the first is what is wanted.
-fn header(cdr: &mut Cdr<'_>) -> Option<Timestamp> {
-    let (seconds, nanos) = (i64::from(cdr.i32()?), i64::from(cdr.u32()?));
-    let _frame = cdr.sequence()?;
-    (nanos < SECOND_NS).then(|| Timestamp::from_nanos(seconds * SECOND_NS + nanos))
+/// Stamp of the header that every one of these messages begins with.
+pub(crate) fn stamp(encoding: Encoding, bytes: &[u8]) -> Option<Timestamp> {
+    Wire::new(encoding, bytes)?.header().map(Timestamp::from_nanos)
 }
 
 /// The inertial sample in `bytes`; orientation and covariances are passed over.
-pub(crate) fn imu(bytes: &[u8]) -> Option<ImuSample> {
-    let mut cdr = Cdr::new(bytes)?;
-    let stamp = header(&mut cdr)?;
+pub(crate) fn imu(encoding: Encoding, bytes: &[u8]) -> Option<ImuSample> {
+    let mut wire = Wire::new(encoding, bytes)?;
+    let stamp = Timestamp::from_nanos(wire.header()?);
     // A quaternion and a covariance of nine.
     for _ in 0..4 + 9 {
-        cdr.f64()?;
+        wire.f64()?;
     }
-    let gyro = cdr.vector()?;
+    let gyro = wire.vector()?;
     for _ in 0..9 {
-        cdr.f64()?;
+        wire.f64()?;
     }
-    Some(ImuSample { stamp, gyro, accel: cdr.vector()? })
+    Some(ImuSample { stamp, gyro, accel: wire.vector()? })
 }
 
 /// The image in `bytes`.
-pub(crate) fn image(kind: Kind, bytes: &[u8]) -> Option<ImageMessage<'_>> {
-    let mut cdr = Cdr::new(bytes)?;
-    header(&mut cdr)?;
-    match kind {
+pub(crate) fn image(format: Format, bytes: &[u8]) -> Option<ImageMessage<'_>> {
+    let mut wire = Wire::new(format.encoding, bytes)?;
+    wire.header()?;
+    match format.kind {
         Kind::Imu => None,
         Kind::Compressed => {
             // The format is in the file as well.
-            let _format = cdr.sequence()?;
-            cdr.sequence().map(ImageMessage::File)
+            let _format = wire.sequence()?;
+            wire.sequence().map(ImageMessage::File)
         }
         Kind::Image => {
-            let (height, width) = (cdr.u32()? as usize, cdr.u32()? as usize);
-            let encoding = cdr.text()?;
-            let is_big = cdr.u8()? != 0;
-            let step = cdr.u32()? as usize;
-            Some(ImageMessage::Raw { width, height, encoding, is_big, step, data: cdr.sequence()? })
+            let (height, width) = (wire.u32()? as usize, wire.u32()? as usize);
+            let encoding = wire.text()?;
+            let is_big = wire.u8()? != 0;
+            let step = wire.u32()? as usize;
+            Some(ImageMessage::Raw { width, height, encoding, is_big, step, data: wire.sequence()? })
         }
     }
 }

@@ -1,20 +1,26 @@
-//! ROS 2 bags in MCAP files (`ros2 bag record -s mcap`): images and inertial samples as they were recorded elsewhere.
+//! ROS bags: images and inertial samples as they were recorded elsewhere. ROS 2 records MCAP files or databases of SQLite, ROS
+//! 1 files of its own.
 //!
 //! [`BagDataset::open`] reads the whole bag once for the stamps of its messages: those of their headers, which are times of
 //! measurement, and not those of their arrival. Which topics are flown is in `topics`. From there on a bag is treated as a
 //! EuRoC data set is: paired by time, ordered, cut, with gaps numbered and what is wrong counted in [`Faults`]. The
-//! images are read when they are asked for (`stereo`). The bytes are understood in `files`, `container`, `cdr`, `messages`
-//! and `pixels`.
+//! images are read when they are asked for (`stereo`). `files` finds the files, `stream` the messages in them, whose
+//! containers are in `mcap_file`, `sqlite_file` and `ros1_file`; `wire`, `messages` and `pixels` understand messages.
 
-pub(crate) mod cdr;
 pub(crate) mod container;
 mod files;
+pub(crate) mod mcap_file;
 pub(crate) mod messages;
+mod packed;
 pub(crate) mod pixels;
+pub(crate) mod ros1_file;
+pub(crate) mod sqlite_file;
 mod stereo;
+mod stream;
 #[cfg(test)]
 mod tests;
 pub(crate) mod topics;
+pub(crate) mod wire;
 
 pub use files::is_bag;
 pub use stereo::BagStereo;
@@ -26,13 +32,14 @@ use crate::euroc::pairing::{self, FrameEntry, ImageRow};
 use crate::euroc::table::Table;
 use crate::euroc::{Defect, EurocOptions, chosen_frames, frames_span, imu_range};
 use crate::{DriverError, Faults};
-use container::{Messages, Topic};
+use container::Topic;
 use files::bag_files;
-use messages::Kind;
+use messages::{Format, Kind};
 use plumbline_config::{ImuSample, Timestamp};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use stream::{BagFile, Messages};
 
 /// Messages that are looked at, at most: days of an IMU at 1 kHz.
 const MAX_MESSAGES: u64 = 200_000_000;
@@ -41,7 +48,7 @@ const MAX_MESSAGES: u64 = 200_000_000;
 #[derive(Debug)]
 pub struct BagDataset {
     path: PathBuf,
-    files: Vec<PathBuf>,
+    files: Vec<BagFile>,
     sizes_px: Vec<(usize, usize)>,
     /// Numbers of the cameras' topics.
     cameras: Vec<usize>,
@@ -69,22 +76,22 @@ struct Content {
 }
 
 impl Content {
-    fn add(&mut self, kind: Kind, bytes: &[u8]) {
+    fn add(&mut self, format: Format, bytes: &[u8]) {
         let number = self.count;
         self.count += 1;
-        if kind == Kind::Imu {
-            match messages::imu(bytes).filter(is_possible) {
+        if format.kind == Kind::Imu {
+            match messages::imu(format.encoding, bytes).filter(is_possible) {
                 Some(sample) => self.samples.push(sample),
                 None => self.corrupt += 1,
             }
             return;
         }
-        let Some(stamp) = messages::stamp(bytes) else {
+        let Some(stamp) = messages::stamp(format.encoding, bytes) else {
             self.corrupt += 1;
             return;
         };
         if self.size_px.is_none()
-            && let Some(image) = messages::image(kind, bytes)
+            && let Some(image) = messages::image(format, bytes)
         {
             self.size_px = pixels::size_px(&image);
             if let messages::ImageMessage::Raw { encoding, .. } = image
@@ -105,15 +112,15 @@ struct Index {
 }
 
 impl Index {
-    fn read(path: &Path, files: &[PathBuf]) -> Result<Self, DriverError> {
-        let mut messages = Messages::new(files.iter().cloned());
+    fn read(path: &Path, files: &[BagFile]) -> Result<Self, DriverError> {
+        let mut messages = Messages::new(files);
         let mut contents: Vec<Content> = Vec::new();
         let mut count = 0;
         while let Some(message) = messages.next()? {
             if contents.len() <= message.topic {
                 contents.resize_with(message.topic + 1, Content::default);
             }
-            contents[message.topic].add(message.kind, message.bytes);
+            contents[message.topic].add(message.format, message.bytes);
             count += 1;
             if count > MAX_MESSAGES {
                 return Err(DriverError::malformed(path, "holds more messages than are read; split it"));
@@ -126,7 +133,7 @@ impl Index {
 }
 
 impl BagDataset {
-    /// Opens the bag at `path`, an .mcap file or the directory of a recording; of `options` those of frames, times, sizes and
+    /// Opens the bag at `path`, a file or the directory of a recording; of `options` those of frames, times, sizes and
     /// pairing hold as for a EuRoC data set.
     ///
     /// # Errors
@@ -214,7 +221,7 @@ impl BagDataset {
     #[must_use]
     pub fn stereo(&self) -> BagStereo {
         let frames = Arc::clone(&self.frames);
-        let messages = Messages::new(self.files.iter().cloned());
+        let messages = Messages::new(&self.files);
         let names = self.names.clone();
         BagStereo::new(&self.path, messages, names, frames, self.handed_out.clone(), self.image_faults)
     }

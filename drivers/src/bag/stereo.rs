@@ -1,8 +1,8 @@
 //! The image stream of a bag.
 
-use super::container::Messages;
-use super::messages::{self, Kind};
+use super::messages::{self, Format};
 use super::pixels::ImageDecoder;
+use super::stream::Messages;
 use crate::euroc::pairing::FrameEntry;
 use crate::{DriverError, Faults, StereoFrame, StereoSource};
 use std::collections::{BTreeMap, BTreeSet};
@@ -40,7 +40,7 @@ struct Camera {
     /// Numbers of the messages that are still to be handed out.
     wanted: BTreeSet<u64>,
     /// Those of them that were read.
-    waiting: BTreeMap<u64, (Kind, Vec<u8>)>,
+    waiting: BTreeMap<u64, (Format, Vec<u8>)>,
 }
 
 impl BagStereo {
@@ -73,7 +73,7 @@ impl BagStereo {
     }
 
     /// The message of that number of a camera; `None` if the bag ends before it.
-    fn take(&mut self, camera: usize, number: u64) -> Result<Option<(Kind, Vec<u8>)>, DriverError> {
+    fn take(&mut self, camera: usize, number: u64) -> Result<Option<(Format, Vec<u8>)>, DriverError> {
         while self.cameras[camera].count <= number {
             if !self.read_on()? {
                 break;
@@ -90,7 +90,7 @@ impl BagStereo {
         let camera = &mut self.cameras[message.topic];
         if camera.wanted.remove(&camera.count) {
             self.waiting_bytes += message.bytes.len();
-            camera.waiting.insert(camera.count, (message.kind, message.bytes.to_vec()));
+            camera.waiting.insert(camera.count, (message.format, message.bytes.to_vec()));
         }
         camera.count += 1;
         if self.waiting_bytes > MAX_WAITING_BYTES {
@@ -113,8 +113,8 @@ impl BagStereo {
         if image.pixels().is_empty() {
             return Ok(());
         }
-        let decoded = taken.as_ref().and_then(|(kind, bytes)| {
-            let message = messages::image(*kind, bytes)?;
+        let decoded = taken.as_ref().and_then(|(format, bytes)| {
+            let message = messages::image(*format, bytes)?;
             self.decoder.decode(&message, image)
         });
         match decoded {

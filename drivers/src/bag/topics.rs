@@ -66,7 +66,7 @@ fn detected(topics: &[Topic], all: &[usize], wanted: usize) -> Result<Vec<usize>
 /// # Errors
 /// As [`cameras`].
 pub(crate) fn imu(topics: &[Topic], named: &BagTopics) -> Result<usize, String> {
-    let of_kind = |topic: &Topic| topic.kind == Some(Kind::Imu);
+    let of_kind = |topic: &Topic| kind(topic) == Some(Kind::Imu);
     if let Some(name) = &named.imu {
         let found = topics.iter().position(|topic| of_kind(topic) && topic.name == *name);
         return found
@@ -83,8 +83,12 @@ pub(crate) fn imu(topics: &[Topic], named: &BagTopics) -> Result<usize, String> 
     }
 }
 
+fn kind(topic: &Topic) -> Option<Kind> {
+    topic.format.map(|format| format.kind)
+}
+
 fn is_image(topic: &Topic) -> bool {
-    matches!(topic.kind, Some(Kind::Image | Kind::Compressed))
+    matches!(kind(topic), Some(Kind::Image | Kind::Compressed))
 }
 
 fn image_topic(topics: &[Topic], name: &str) -> Result<usize, String> {
@@ -143,13 +147,15 @@ fn printable(name: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::messages::Format;
+    use super::super::wire::Encoding;
     use super::*;
 
     fn topics(names: &[(&str, Kind)]) -> Vec<Topic> {
         let topic = |(name, kind): &(&str, Kind)| Topic {
             name: (*name).into(),
             type_name: "t".into(),
-            kind: Some(*kind),
+            format: Some(Format { kind: *kind, encoding: Encoding::Cdr }),
         };
         names.iter().map(topic).collect()
     }

@@ -110,7 +110,7 @@ impl FileDefects {
         let words = [
             rows,
             found.missing.words("is missing", "are missing"),
-            found.damaged.words("is cut off or no PNG", "are cut off or no PNG"),
+            found.damaged.words("is cut off or not a PNG", "are cut off or not PNG"),
             found.resized.0.words(&format!("is {resized}"), &format!("are {resized}")),
         ];
         words.into_iter().flatten().collect()

@@ -76,7 +76,7 @@ pub(crate) fn gray_png(
 ) -> Result<GrayImage, DriverError> {
     let malformed = |message: &str| DriverError::malformed(path, message);
     let (width, height) = header_size(Cursor::new(bytes)).ok_or_else(|| {
-        malformed("is no PNG image; convert it to PNG first (8 or 16 bits, grey or colour)")
+        malformed("is not a PNG image; convert it to PNG first (8 or 16 bits, grey or colour)")
     })?;
     if !(sides_px.contains(&width) && sides_px.contains(&height)) {
         let (least, most) = (sides_px.start(), sides_px.end());
@@ -190,7 +190,7 @@ mod tests {
         };
         assert!(refusal(&file, 3..=9).contains("is 4x2 px"));
         assert!(refusal(&file[..file.len() - 24], 1..=9).contains("cut off"));
-        assert!(refusal(b"P5 4 2 255", 1..=9).contains("no PNG"));
+        assert!(refusal(b"P5 4 2 255", 1..=9).contains("not a PNG"));
         std::fs::write(&path, &file).unwrap();
         assert_eq!(read_gray_png(&path, 1..=9).unwrap().pixels(), [7; 8]);
         let missing = read_gray_png(&folder.path().join("none.png"), 1..=9).unwrap_err().to_string();

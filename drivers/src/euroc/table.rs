@@ -54,10 +54,10 @@ impl RowFault {
                 format!("{} is separated by {name}; separate its columns by commas", quoted(text))
             }
             (Self::Seconds, _) => format!(
-                "the time {} is no whole number of nanoseconds; if it is in seconds, multiply it by 1e9",
+                "the time {} is not a whole number of nanoseconds; if it is in seconds, multiply it by 1e9",
                 column(1)
             ),
-            (Self::Stamp, _) => format!("the time {} is no whole number of nanoseconds", column(1)),
+            (Self::Stamp, _) => format!("the time {} is not a whole number of nanoseconds", column(1)),
             (Self::Missing(number), _) => format!("{} ends before column {number}", quoted(text)),
             (Self::NotANumber(number), _) => {
                 format!("column {number} is {}, no finite number", column(number))
@@ -282,9 +282,9 @@ mod tests {
         for (row, words) in [
             (
                 "1403636579.758,1,2,3,4,5,6",
-                "'1403636579.758' is no whole number of nanoseconds; if it is in seconds",
+                "'1403636579.758' is not a whole number of nanoseconds; if it is in seconds",
             ),
-            ("x,1,2,3,4,5,6", "the time 'x' is no whole number"),
+            ("x,1,2,3,4,5,6", "the time 'x' is not a whole number"),
             ("5;1;2;3;4;5;6", "separated by semicolons"),
             ("5 1 2 3 4 5 6", "separated by spaces"),
             ("5,1,2,3,4", "ends before column 6"),

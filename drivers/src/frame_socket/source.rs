@@ -259,12 +259,11 @@ impl SocketStereo {
 fn make_way(path: &Path) -> Result<(), DriverError> {
     let Ok(found) = std::fs::symlink_metadata(path) else { return Ok(()) };
     if !found.file_type().is_socket() {
-        let message = "is there, and no socket; delete it, or let driver.frames.listen name another path";
+        let message = "exists and is not a socket; delete it, or set driver.frames.listen to another path";
         return Err(DriverError::refused(path, message));
     }
     if UnixStream::connect(path).is_ok() {
-        let message =
-            "another process listens on it; end that, or let driver.frames.listen name another path";
+        let message = "another process listens on it; stop it, or set driver.frames.listen to another path";
         return Err(DriverError::refused(path, message));
     }
     std::fs::remove_file(path).map_err(|error| DriverError::io(path, error))

@@ -211,7 +211,7 @@ fn a_socket_that_was_left_behind_is_taken_and_one_in_use_is_not() {
     assert!(!left.exists());
     std::fs::write(&left, "text").unwrap();
     let other = SocketStereo::open(&left, SIZES, 20.0, StopFlag::new()).unwrap_err().to_string();
-    assert!(other.contains("no socket"), "{other}");
+    assert!(other.contains("not a socket"), "{other}");
     let nowhere = SocketStereo::open(Path::new("/nowhere/at/all"), SIZES, 20.0, StopFlag::new());
     assert!(nowhere.unwrap_err().to_string().contains("driver.frames.listen"));
 }

@@ -196,7 +196,7 @@ fn placed(folder: &Path) -> Result<Placed, String> {
         let of = |what: &str| attribute::text(&folder.join(format!("{name}_{what}")));
         let index: u32 = of("index")
             .and_then(|text| text.parse().ok())
-            .ok_or_else(|| format!("{name}_index is no number"))?;
+            .ok_or_else(|| format!("{name}_index is not a number"))?;
         let kind = of("type").unwrap_or_default();
         let storage = Storage::parse(&kind)
             .ok_or_else(|| format!("{name}_type is {kind:?}, which is not understood"))?;
@@ -262,7 +262,7 @@ fn mount_of(folder: &Path, channel: &str) -> Result<Matrix3<f64>, String> {
         parse_matrix(&text).ok_or_else(|| format!("{name} is {text:?}, not three rows of three numbers"))?;
     let off = (matrix * matrix.transpose() - Matrix3::identity()).amax();
     if off > OFF_ROTATION || matrix.determinant() < 0.0 {
-        return Err(format!("{name} is {text:?}, which is no rotation: correct it in the device tree"));
+        return Err(format!("{name} is {text:?}, which is not a rotation: correct it in the device tree"));
     }
     Ok(matrix)
 }

@@ -307,7 +307,7 @@ fn what_cannot_be_used_is_refused_with_its_cure() {
     let scale = refused("iio://bmi270", |chip| remove(&chip.folder.join("in_accel_scale")));
     assert!(scale.contains("in_accel_scale"), "{scale}");
     let mount = refused("iio://bmi270", |chip| chip.write("in_mount_matrix", "1, 0, 0; 0, 1, 0; 0, 0, -1"));
-    assert!(mount.contains("no rotation"), "{mount}");
+    assert!(mount.contains("not a rotation"), "{mount}");
     let kind = refused("iio://bmi270", |chip| chip.write("scan_elements/in_accel_y_type", "le:s16/16X4>>0"));
     assert!(kind.contains("in_accel_y_type"), "{kind}");
     let alone = refused("iio://bmi270", |chip| {

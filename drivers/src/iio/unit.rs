@@ -214,7 +214,7 @@ impl Unit {
             ),
             Errno::BUSY => DriverError::refused(
                 &path,
-                "another program has it open; end that program, such as iio-sensor-proxy",
+                "another program, such as iio-sensor-proxy, has it open; stop that program",
             ),
             _ => DriverError::io(&path, error.into()),
         })?;

@@ -52,7 +52,7 @@ const KINDS: &[Kind] = &[
     },
     Kind {
         name: "auto-exposure",
-        about: "Light that steps up and down, and an exposure that follows with a lag: saturated and dark images in between",
+        about: "Light that steps up and down, and an exposure that follows with a lag; images in between are saturated or dark",
         doses: &[
             Dose::new("lag, s", 0.3, 10.0),
             Dose::new("ratio of bright to dark", 4.0, 100.0),
@@ -66,7 +66,7 @@ const KINDS: &[Kind] = &[
     },
     Kind {
         name: "glare",
-        about: "Four bright lights around the horizon, with a veil around them and an exposure that gives way to them",
+        about: "Four bright lights around the horizon, with a veil around them; they reduce the exposure",
         doses: &[
             Dose::new("brightness in the middle, grey levels", 300.0, 10_000.0),
             Dose::new("radius of the veil, degrees", 8.0, 90.0),
@@ -101,7 +101,7 @@ const KINDS: &[Kind] = &[
     },
     Kind {
         name: "people",
-        about: "Textured boxes of a person's size that cross the view 1.2 m before the left camera, side by side up to this share \
+        about: "Textured boxes of a person's size that cross the view 1.2 m in front of the left camera, together at most this share \
                 of its width",
         doses: &[Dose::new("% of the view", 33.0, 100.0), Dose::new("walking speed, m/s", 1.2, 10.0)],
         cases: &[&[33.0], &[60.0]],
@@ -121,7 +121,7 @@ const KINDS: &[Kind] = &[
     },
     Kind {
         name: "repeated",
-        about: "One pattern on everything that repeats itself",
+        about: "Repetitive pattern on all surfaces",
         doses: &[Dose::new("period at a distance of 3 m, px of the preset sim at full size", 30.0, 500.0)],
         cases: &[&[10.0], &[30.0], &[60.0]],
         apply: |scenario, [px, ..]| {
@@ -130,14 +130,14 @@ const KINDS: &[Kind] = &[
     },
     Kind {
         name: "bare",
-        about: "An empty room of plain walls with small dark spots, as many in a view as said",
+        about: "Empty room of plain walls with this number of small dark spots in a view",
         doses: &[Dose::new("spots", 15.0, 1000.0)],
         cases: &[&[]],
         apply: |scenario, [spots, ..]| scenario.surroundings = Surroundings::Bare { spots: *spots },
     },
     Kind {
         name: "bare-hover",
-        about: "A hover in such a room",
+        about: "Hover in such a room",
         doses: &[Dose::new("spots", 15.0, 1000.0), Dose::new("minutes", 5.0, 60.0)],
         cases: &[&[]],
         apply: |scenario, [spots, minutes, _]| {
@@ -149,8 +149,8 @@ const KINDS: &[Kind] = &[
     },
     Kind {
         name: "fast",
-        about: "The same stretch of a recorded path at a multiple of its speed",
-        doses: &[Dose::new("times as fast", 1.5, 4.0)],
+        about: "Same stretch of a recorded path at a multiple of its speed",
+        doses: &[Dose::new("factor", 1.5, 4.0)],
         cases: &[&[]],
         apply: |scenario, [times, ..]| {
             let times = times.at_least(0.25);
@@ -161,7 +161,7 @@ const KINDS: &[Kind] = &[
     },
     Kind {
         name: "intrinsics",
-        about: "A calibration that is off, with drawn signs",
+        about: "Calibration error of the cameras, with random signs",
         doses: &[
             Dose::new("focal length, %", 0.3, 10.0),
             Dose::new("principal point, px", 2.0, 50.0),
@@ -175,10 +175,10 @@ const KINDS: &[Kind] = &[
     },
     Kind {
         name: "warming",
-        about: "A rig that warms up: its focal lengths grow, and its cameras turn towards each other",
+        about: "Rig that warms up: focal lengths grow, and the cameras turn towards each other",
         doses: &[
-            Dose::new("focal length in the end, %", 0.2, 10.0),
-            Dose::new("vergence in the end, mrad", 0.5, 50.0),
+            Dose::new("final growth of the focal length, %", 0.2, 10.0),
+            Dose::new("final vergence, mrad", 0.5, 50.0),
             Dose::new("time constant, s", 20.0, 10_000.0),
         ],
         cases: &[&[]],

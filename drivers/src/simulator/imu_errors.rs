@@ -26,7 +26,7 @@ impl Family for ImuErrors {
 const KINDS: &[Kind] = &[
     Kind {
         name: "force",
-        about: "Coloured error of the accelerometer (Gauss-Markov, each axis by itself)",
+        about: "Coloured error of the accelerometer (Gauss-Markov, independent for each axis)",
         doses: &[
             Dose::new("standard deviation, m/s²", 0.03, 10.0),
             Dose::new("correlation time, s", 2.0, 1000.0),
@@ -39,21 +39,21 @@ const KINDS: &[Kind] = &[
     },
     Kind {
         name: "scale",
-        about: "Scale error of every axis of both sensors, of drawn signs",
+        about: "Scale error of every axis of both sensors, with random signs",
         doses: &[Dose::new("%", 0.5, 20.0)],
         cases: &[&[]],
         apply: |scenario, [percent, ..]| scenario.imu.scale_error = 0.01 * percent,
     },
     Kind {
         name: "misalignment",
-        about: "Every axis of both sensors tilted in a drawn direction",
+        about: "Every axis of both sensors tilted in a random direction",
         doses: &[Dose::new("mrad", 3.0, 200.0)],
         cases: &[&[]],
         apply: |scenario, [mrad, ..]| scenario.imu.misalignment_rad = 1e-3 * mrad,
     },
     Kind {
         name: "g-sensitivity",
-        about: "Gyroscope that feels forces; 0.3e-3 is typical of industrial sensors, 1e-3 to 2e-3 of a flight controller's",
+        about: "Gyroscope that responds to forces; typical values are 0.3e-3 (industrial sensors) and 1e-3 to 2e-3 (flight controllers)",
         doses: &[Dose::new("rad/s per g", 1e-3, 0.1)],
         cases: &[&[]],
         apply: |scenario, [rad_s_per_g, ..]| scenario.imu.g_sensitivity_rad_s_per_g = *rad_s_per_g,
@@ -61,7 +61,7 @@ const KINDS: &[Kind] = &[
     Kind {
         name: "vibration",
         about: "Vibration of the rotors with its first harmonic at half the amplitude, aliased by the sampling; the frequency \
-                wanders by 2 %",
+                varies by 2 %",
         doses: &[
             Dose::new("amplitude, m/s²", 5.0, 1000.0),
             Dose::new("frequency, Hz", 120.0, 2000.0),
@@ -77,7 +77,7 @@ const KINDS: &[Kind] = &[
     },
     Kind {
         name: "clipping",
-        about: "An accelerometer of 2 g that vibrates so hard that this share of its samples is clipped",
+        about: "Accelerometer with a range of 2 g and a vibration that clips this share of its samples",
         doses: &[Dose::new("% of the samples", 5.0, 50.0)],
         cases: &[&[]],
         apply: |scenario, [percent, ..]| {
@@ -87,7 +87,7 @@ const KINDS: &[Kind] = &[
     },
     Kind {
         name: "knock",
-        about: "A knock that moves the vehicle, path and images, in a drawn direction; samples at 200 Hz miss the shorter ones",
+        about: "Knock that moves the vehicle (path and images) in a random direction; samples at 200 Hz miss short knocks",
         doses: &[
             Dose::new("mm", 20.0, 1000.0),
             Dose::new("length, ms", 15.0, 1000.0),
@@ -100,8 +100,8 @@ const KINDS: &[Kind] = &[
     },
     Kind {
         name: "residual",
-        about: "What the samples recorded along the path (euroc/imu) hold above 10 Hz and the path does not",
-        doses: &[Dose::new("multiple of what was recorded", 1.0, 100.0)],
+        about: "Part of the recorded samples (euroc/imu) above 10 Hz that is not in the path",
+        doses: &[Dose::new("multiple of the recorded error", 1.0, 100.0)],
         cases: &[&[]],
         apply: |scenario, [multiple, ..]| {
             scenario.imu.residual_scale = *multiple;

@@ -108,7 +108,7 @@ impl<F: Family> FromStr for Named<F> {
         let kind = F::KINDS
             .iter()
             .find(|kind| kind.name == name)
-            .ok_or_else(|| format!("'{name}' is no {}; choose {}", F::NOUN, names()))?;
+            .ok_or_else(|| format!("unknown {} '{name}'; choose {}", F::NOUN, names()))?;
         let mut named = Self::of(kind);
         for (i, part) in parts.enumerate() {
             let dose = kind
@@ -117,7 +117,7 @@ impl<F: Family> FromStr for Named<F> {
                 .ok_or_else(|| format!("'{text}': {name} has {} doses", kind.doses.len()))?;
             let value = part.parse().ok().filter(|value| (0.0..=dose.most).contains(value));
             named.doses[i] = value.ok_or_else(|| {
-                format!("'{text}': '{part}' is no number from 0 to {} ({})", dose.most, dose.unit)
+                format!("'{text}': '{part}' is not a number from 0 to {} ({})", dose.most, dose.unit)
             })?;
         }
         Ok(named)

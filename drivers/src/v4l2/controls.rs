@@ -7,10 +7,13 @@ use super::sys::abi::{
     ID_EXPOSURE_AUTO_PRIORITY, ID_GAIN, NEXT_CONTROL,
 };
 use super::sys::calls;
+use super::{extension, node};
+use crate::DriverError;
 use plumbline_config::Portable;
-use plumbline_config::options::{V4l2Config, V4l2Control};
+use plumbline_config::options::{ControlTarget, V4l2Config, V4l2Control};
 use rustix::fd::{AsFd, BorrowedFd, OwnedFd};
 use rustix::io::Errno;
+use std::path::Path;
 
 /// Controls of a device that are looked at, at most.
 const MAX_CONTROLS: usize = 512;
@@ -138,19 +141,65 @@ pub(crate) fn apply(fd: BorrowedFd<'_>, options: &V4l2Config) -> Result<(), Cont
         let key = format!("driver.v4l2.controls[{i}]");
         let control =
             V4l2Control::parse(text).map_err(|why| ControlError::Refused(format!("{key}: {why}")))?;
-        let there = list(fd);
-        let Some(info) = there.iter().find(|info| info.name == control.name) else {
-            let names: Vec<_> = there.iter().map(|info| info.name.as_str()).collect();
-            let names = names.join(", ");
-            return Err(ControlError::Refused(format!(
-                "{key}: this device has no control `{}`; it has {names}",
-                control.name
-            )));
-        };
-        set(fd, info, control.value, &key)?;
+        match &control.target {
+            ControlTarget::Name(name) => set_named(fd, name, control.value, &key)?,
+            ControlTarget::Extension { unit, selector, bytes } => {
+                let value = &control.value.to_le_bytes()[..usize::from(*bytes).min(4)];
+                set_extension(fd, (*unit, *selector), value)
+                    .map_err(|why| ControlError::Refused(format!("{key}: `{text}` cannot be set: {why}")))?;
+            }
+        }
     }
     apply_exposure(fd, options)?;
     apply_gain(fd, options)
+}
+
+fn set_named(fd: BorrowedFd<'_>, name: &str, value: i32, key: &str) -> Result<(), ControlError> {
+    let there = list(fd);
+    let Some(info) = there.iter().find(|info| info.name == name) else {
+        let names: Vec<_> = there.iter().map(|info| info.name.as_str()).collect();
+        let names = names.join(", ");
+        return Err(ControlError::Refused(format!(
+            "{key}: this device has no control `{name}`; it has {names}"
+        )));
+    };
+    set(fd, info, value, key)
+}
+
+/// Sets a control of an extension unit, and reads back whether the camera has taken it; else the reason, with what to do.
+fn set_extension(fd: BorrowedFd<'_>, (unit, selector): (u8, u8), value: &[u8]) -> Result<(), String> {
+    calls::set_extension(fd, unit, selector, value).map_err(extension::why)?;
+    let mut taken = vec![0; value.len()];
+    calls::extension(fd, unit, selector, &mut taken).map_err(extension::why)?;
+    match is_taken(value, &taken) {
+        true => Ok(()),
+        false => Err(format!("the camera keeps {}; is another program using it?", number(&taken))),
+    }
+}
+
+/// Whether a camera has taken a value. A switch is kept as it is; an exposure may be rounded, to whole rows of the sensor.
+fn is_taken(wanted: &[u8], taken: &[u8]) -> bool {
+    let (wanted, taken, is_switch) = (number(wanted), number(taken), wanted.len() == 1);
+    let tolerance = if is_switch { 0 } else { wanted / 16 };
+    wanted.abs_diff(taken) <= tolerance
+}
+
+/// Number of at most four bytes, least significant first.
+fn number(bytes: &[u8]) -> u32 {
+    bytes.iter().take(4).rev().fold(0, |number, byte| (number << 8) | u32::from(*byte))
+}
+
+/// Sets these controls of a device, as `driver.v4l2.controls` has them, as opening it does.
+///
+/// # Errors
+/// When it cannot be opened, or does not take them.
+pub fn set_controls(path: &Path, controls: &[String]) -> Result<(), DriverError> {
+    let fd = node::open(path).map_err(|error| DriverError::device(path, extension::unopened(error)))?;
+    let options = V4l2Config { controls: controls.to_vec(), ..V4l2Config::default() };
+    apply(fd.as_fd(), &options).map_err(|error| match error {
+        ControlError::Refused(message) => DriverError::device(path, message),
+        ControlError::Device(error) => DriverError::device(path, format!("a control cannot be set: {error}")),
+    })
 }
 
 /// Sets one within its range.
@@ -256,5 +305,17 @@ impl ExposureProbe {
             Err(_) => return None,
         };
         (us > 0.0).then_some((us * 1e3) as i64)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_taken;
+
+    #[test]
+    fn a_switch_is_kept_and_an_exposure_may_be_rounded() {
+        assert!(is_taken(&[0], &[0]) && !is_taken(&[0], &[1]) && !is_taken(&[16], &[17]));
+        let us = |number: u32| number.to_le_bytes();
+        assert!(is_taken(&us(5000), &us(4989)) && !is_taken(&us(5000), &us(33_000)));
     }
 }

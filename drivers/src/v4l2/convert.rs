@@ -25,7 +25,7 @@ pub struct RawLayout {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum Damage {
     /// The buffer holds less than an image.
-    #[error("{bytes} bytes of {needed}")]
+    #[error("{bytes} of {needed} bytes")]
     Short {
         /// Bytes that there are.
         bytes: usize,

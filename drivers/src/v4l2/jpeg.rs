@@ -27,13 +27,13 @@ const SCAN: u8 = 0xda;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum JpegDamage {
     /// It does not begin as one, or a segment makes no sense.
-    #[error("no segments of JPEG")]
+    #[error("no JPEG segments")]
     Segments,
     /// It is one that cameras do not send: progressive, arithmetic, lossless or of 12 bits.
-    #[error("a kind that is not read here (only baseline is)")]
+    #[error("not baseline JPEG, which is the only supported kind")]
     Kind,
     /// It has another size than the camera was set to.
-    #[error("an image of {width} x {height} px")]
+    #[error("the image has {width} x {height} px")]
     Size {
         /// Width, px.
         width: usize,

@@ -1,7 +1,7 @@
 //! Cameras of the Linux kernel (Video4Linux): [`V4l2Stereo`] reads them, [`cameras`] lists them.
 //!
 //! From the bottom: [`sys`] is the kernel's interface with all `unsafe`; [`mod@format`], [`convert`] and [`jpeg`] make grey
-//! images of a driver's bytes; [`node`], [`offers`], [`controls`], [`device`] and [`list`] ask devices what they can and set
+//! images of a driver's bytes; [`node`], [`offers`], [`controls`], [`extension`], [`device`] and [`list`] ask devices what they can and set
 //! them up; [`stamp`],
 //! [`sequence`], [`pairing`] and [`numbering`] say when an image was measured and what it belongs to, without any device;
 //! [`camera`] is a device while it streams, [`keeper`] the thread that opens and closes devices, and [`stereo`] the source
@@ -11,6 +11,7 @@ mod camera;
 mod controls;
 mod convert;
 mod device;
+mod extension;
 mod figures;
 mod format;
 #[cfg(any(test, feature = "fuzzing"))]
@@ -27,8 +28,9 @@ pub(crate) mod stamp;
 mod stereo;
 mod sys;
 
-pub use controls::{ControlInfo, ControlKind};
+pub use controls::{ControlInfo, ControlKind, set_controls};
 pub use convert::{Converter, Damage, RawLayout};
+pub use extension::ExtensionUnit;
 pub use figures::{V4l2CameraFigures, V4l2Figures, V4l2Monitor};
 pub use format::{Arrangement, PixelFormat};
 pub use jpeg::JpegDamage;

@@ -83,7 +83,8 @@ impl Display for Rates {
 
 impl SizeInfo {
     /// Width and height as text.
-    pub(crate) fn size_text(&self) -> String {
+    #[must_use]
+    pub fn size_text(&self) -> String {
         let (width, height) = self.size_px;
         match self.largest_px {
             None => format!("{width} x {height}"),

@@ -1,6 +1,7 @@
 //! Images as the trackers want them: 8-bit pyramids and interpolated patches.
 
 pub mod frozen;
+pub mod noise;
 pub mod patch;
 pub mod pyramid;
 #[cfg(test)]

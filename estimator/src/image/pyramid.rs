@@ -8,6 +8,7 @@
 //! Every level carries a rim of [`PAD`] replicated pixels, so that a patch near the edge can be sampled
 //! without a test per pixel.
 
+use super::noise::NoiseWatch;
 use plumbline_config::ImageView;
 
 /// Replicated pixels around every level: more than half a patch (7 px) turned by 45 degrees.
@@ -79,6 +80,8 @@ impl Level {
 #[derive(Clone, Debug)]
 pub struct Pyramid {
     levels: Vec<Level>,
+    /// The image as it came, where [`Self::levels`] begin with a smooth one.
+    raw: Option<Level>,
     /// One vertically filtered row, with the filter's reach on both sides.
     filtered: Vec<u16>,
 }
@@ -97,7 +100,13 @@ impl Pyramid {
             }
             all.push(Level::new(width, height));
         }
-        Self { levels: all, filtered: vec![0; width + 2 * REACH + 2] }
+        Self { levels: all, raw: None, filtered: vec![0; width + 2 * REACH + 2] }
+    }
+
+    /// The pyramid with room to smooth noisy images ([`Self::build_denoised`]).
+    #[must_use]
+    pub fn with_denoising(self) -> Self {
+        Self { raw: Some(self.levels[0].clone()), ..self }
     }
 
     /// Number of levels.
@@ -114,6 +123,27 @@ impl Pyramid {
 
     /// Fills the pyramid with an image; `false`, and nothing is changed, when its size is not the pyramid's.
     pub fn build(&mut self, image: &ImageView<'_>) -> bool {
+        let is_filled = self.fill(image);
+        if is_filled {
+            self.build_levels();
+        }
+        is_filled
+    }
+
+    /// As [`Self::build`], with an image smoothed by the filter of the pyramid where `watch` finds it noisy: white noise is a
+    /// quarter then. A pyramid without room for that takes the image as it is.
+    pub fn build_denoised(&mut self, image: &ImageView<'_>, watch: &mut NoiseWatch) -> bool {
+        if !self.fill(image) {
+            return false;
+        }
+        if self.raw.is_some() && watch.is_noisy(&self.plane(0)) {
+            self.smooth();
+        }
+        self.build_levels();
+        true
+    }
+
+    fn fill(&mut self, image: &ImageView<'_>) -> bool {
         let base = &mut self.levels[0];
         if image.width() != base.width || image.height() != base.height {
             return false;
@@ -122,12 +152,28 @@ impl Pyramid {
             base.row_mut(y).copy_from_slice(row);
         }
         base.fill_rim();
+        true
+    }
+
+    fn build_levels(&mut self) {
         for l in 1..self.levels.len() {
             let (fine, coarse) = self.levels.split_at_mut(l);
             decimate(&fine[l - 1], &mut coarse[0], &mut self.filtered);
             coarse[0].fill_rim();
         }
-        true
+    }
+
+    /// Puts a smoothed image in the place of the one that was taken.
+    fn smooth(&mut self) {
+        let Some(raw) = &mut self.raw else { return };
+        std::mem::swap(raw, &mut self.levels[0]);
+        let span = raw.width + 2 * REACH;
+        let base = &mut self.levels[0];
+        for y in 0..base.height {
+            filter_columns(rows_around(raw, y as isize, span), &mut self.filtered[..span]);
+            filter_row(&self.filtered[..span], base.row_mut(y));
+        }
+        base.fill_rim();
     }
 
     /// A level to be sampled from.
@@ -138,12 +184,24 @@ impl Pyramid {
     }
 }
 
+/// Row `y` and two on either side, with the filter's reach beyond both ends.
+fn rows_around(level: &Level, y: isize, span: usize) -> [&[u8]; 5] {
+    [-2, -1, 0, 1, 2].map(|dy| &level.padded_row(y + dy)[PAD - REACH..PAD - REACH + span])
+}
+
+/// The horizontal half of the filter, at every pixel; rounds.
+fn filter_row(filtered: &[u16], out: &mut [u8]) {
+    for (pixel, w) in out.iter_mut().zip(filtered.windows(2 * REACH + 1)) {
+        let sum =
+            u32::from(w[0]) + u32::from(w[4]) + 4 * (u32::from(w[1]) + u32::from(w[3])) + 6 * u32::from(w[2]);
+        *pixel = ((sum + 128) >> 8) as u8;
+    }
+}
+
 fn decimate(fine: &Level, coarse: &mut Level, filtered: &mut [u16]) {
     let span = fine.width + 2 * REACH;
     for y in 0..coarse.height {
-        let centre = 2 * y as isize;
-        let row = |dy: isize| &fine.padded_row(centre + dy)[PAD - REACH..PAD - REACH + span];
-        filter_columns([row(-2), row(-1), row(0), row(1), row(2)], &mut filtered[..span]);
+        filter_columns(rows_around(fine, 2 * y as isize, span), &mut filtered[..span]);
         filter_row_at_even(&filtered[..span], coarse.row_mut(y));
     }
 }

@@ -11,7 +11,7 @@
 //! chains of a feature are walked side by side, so that these waits overlap, and so that none is favoured when the work
 //! that is allowed for a feature ends.
 //!
-//! What else was tried, vocabularies among it, stands in `docs/places.md`.
+//! What else was tried, vocabularies among it, stands in `docs/lab/places.md`.
 
 use super::descriptor::{BITS, Descriptor};
 use super::feature::Feature;

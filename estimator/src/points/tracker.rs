@@ -14,6 +14,7 @@ use super::temporal::{Followed, Transition};
 use super::track::{Track, TrackStore};
 use crate::estimate::{Stage, StageProbe};
 use crate::image::Pyramid;
+use crate::image::noise::NoiseWatch;
 use crate::shutter::RowTurns;
 use crate::work_budget::Fork;
 use nalgebra::{Isometry3, UnitQuaternion, Vector2};
@@ -64,6 +65,7 @@ pub struct TrackerFigures {
 struct View {
     current: Pyramid,
     previous: Pyramid,
+    noise: NoiseWatch,
     /// Frames of the tracker that the two show, 0 for none.
     current_frame: u64,
     previous_frame: u64,
@@ -78,11 +80,13 @@ struct View {
 }
 
 impl View {
-    fn new(camera: &CameraModel, levels: usize) -> Self {
+    fn new(camera: &CameraModel, levels: usize, denoises: bool) -> Self {
         let pyramid = Pyramid::new(camera.width_px, camera.height_px, levels);
+        let pyramid = if denoises { pyramid.with_denoising() } else { pyramid };
         Self {
             current: pyramid.clone(),
             previous: pyramid,
+            noise: NoiseWatch::default(),
             current_frame: 0,
             previous_frame: 0,
             has_previous: false,
@@ -95,7 +99,7 @@ impl View {
     fn take(&mut self, frame: u64, image: Option<&ImageView<'_>>, rot_prev_cur_b: &UnitQuaternion<f64>) {
         self.rot_prev_cur_b *= rot_prev_cur_b;
         self.frames += 1;
-        self.is_new = image.is_some_and(|i| self.current.build(i));
+        self.is_new = image.is_some_and(|i| self.current.build_denoised(i, &mut self.noise));
         if self.is_new {
             self.current_frame = frame;
         }
@@ -147,7 +151,7 @@ impl PointTracker {
             options: options.clone(),
             use_reference: true,
             rig: cameras.iter().map(|&c| RigCamera::new(c)).collect(),
-            views: cameras.iter().map(|c| View::new(c, options.pyramid_levels)).collect(),
+            views: cameras.iter().map(|c| View::new(c, options.pyramid_levels, options.denoise)).collect(),
             detectors: cameras.iter().map(detector).collect(),
             filter: OutlierFilter::new(options.max_points),
             store: TrackStore::new(options.max_points),

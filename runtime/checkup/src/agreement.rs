@@ -238,7 +238,7 @@ pub fn judge(turns: &[Turn], samples: &[ImuSample], config: &Config) -> Vec<Meas
     // Of axes that are another's, or of images that show another motion, nothing is explained.
     if found.residual_rad_s > UNEXPLAINED * found.scatter_rad_s {
         let value = format!(
-            "images and gyroscope turn differently: {:.3} rad/s are left of {:.3}",
+            "images and gyroscope turn differently: {:.3} of {:.3} rad/s remain",
             found.residual_rad_s, found.scatter_rad_s
         );
         let cure = "look at `camera.pose_b_c` (axes, or its inverse), at the order of the cameras, and at units of the gyroscope";

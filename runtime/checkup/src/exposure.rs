@@ -54,7 +54,7 @@ impl Brightness {
     pub fn judge(&self) -> Measure {
         const NAME: &str = "exposure";
         if self.seen.iter().all(Vec::is_empty) {
-            return Measure::missing(NAME, "no image came", "see that the cameras deliver");
+            return Measure::missing(NAME, "no image arrived", "check the cameras");
         }
         let column = |camera: usize, k: usize| {
             median(&self.seen[camera].iter().map(|figures| figures[k]).collect::<Vec<_>>())
@@ -108,7 +108,7 @@ pub fn blur(samples: &[ImuSample], config: &Config, told_s: Option<f64>) -> Meas
     let exposure_s = told_s.unwrap_or(1e-6 * config.driver.v4l2.exposure_us);
     if exposure_s <= 0.0 {
         let value = format!(
-            "exposure neither told nor configured; at {rate:.2} rad/s up to {allowed_ms:.1} ms keep it below {} px",
+            "exposure neither reported nor configured; at {rate:.2} rad/s up to {allowed_ms:.1} ms keep it below {} px",
             BLUR_PX.0
         );
         let cure = "set `driver.v4l2.exposure_us` for a known blur";

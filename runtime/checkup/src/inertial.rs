@@ -190,7 +190,7 @@ pub fn refused(count: u64, used: usize) -> Option<Finding> {
     let all = count + used as u64;
     (count as f64 > REFUSED * all as f64).then(|| {
         Finding::new(
-            "the IMU measures what no sensor of its range can",
+            "samples of the IMU exceed its configured range",
             format!("{count} of {all} samples are beyond the range and were dropped"),
             "that the gyroscope is in degrees a second, or that the range is configured too small",
             "send rad/s and m/s^2; else set `imu.gyro_range_rad_s` and `imu.accel_range_m_s2` to those of the sensor",
@@ -211,7 +211,7 @@ fn axis(sample: &ImuSample, axis: usize) -> f64 {
 pub fn axes(samples: &[ImuSample], imu: &ImuConfig) -> Measure {
     const NAME: &str = "IMU axes";
     if samples.len() < STUCK.1 {
-        return Measure::missing(NAME, "too few samples", "see that the IMU delivers");
+        return Measure::missing(NAME, "too few samples", "check the IMU");
     }
     let longest = STUCK.1.max((STUCK.0 * rate_hz(samples)) as usize);
     let stuck: Vec<&str> =
@@ -225,7 +225,7 @@ pub fn axes(samples: &[ImuSample], imu: &ImuConfig) -> Measure {
     let figures = [("stuck_axes", stuck.len() as f64), ("saturated_samples", saturated as f64)];
     if !stuck.is_empty() {
         let value = format!("{} repeats its value", stuck.join(" and "));
-        let cure = "replace the sensor, or look at its bus: a register is read that no longer changes";
+        let cure = "replace the sensor, or check its bus: the register that is read no longer changes";
         return Measure::new(NAME, Fitness::NotFit, value, cure, &figures);
     }
     Measure::new(

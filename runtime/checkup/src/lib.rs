@@ -38,6 +38,7 @@ mod tests;
 pub use verdict::{CheckupReport, Fitness, Measure};
 
 use agreement::Turn;
+use inertial::Rest;
 use motion::MotionFinder;
 use pair::{PairFigures, PairMatcher};
 use plausibility::gravity::{self, GravityTurns};
@@ -86,6 +87,13 @@ pub struct Checkup {
     /// What the drivers of IMU and cameras report.
     troubles: [Option<String>; 2],
     refused_samples: u64,
+}
+
+/// What cannot be right, and what it spoils.
+struct Nonsense {
+    findings: Vec<Finding>,
+    are_samples_wrong: bool,
+    are_columns_wrong: bool,
 }
 
 impl Checkup {
@@ -186,44 +194,66 @@ impl Checkup {
     /// What was measured so far, and how good it is.
     #[must_use]
     pub fn report(&self) -> CheckupReport {
-        let config = &self.config;
+        let imu = self.arrivals();
+        let rest = inertial::rest(&self.samples, &self.turns);
+        let turns = GravityTurns::of(&self.samples);
+        let Nonsense { findings, are_samples_wrong, are_columns_wrong } = self.nonsense(&rest, &turns);
+        let consequences = self.consequences(are_samples_wrong, are_columns_wrong, !findings.is_empty());
+        let clocks = timing::two_clocks(&imu.stamps, &self.frames.stamps);
+        let mut measures: Vec<Measure> =
+            clocks.into_iter().chain(findings).map(Finding::into_measure).collect();
+        measures.extend(self.timing(&imu));
+        measures.extend(self.inertial(&rest, (!are_columns_wrong).then_some(&turns)));
+        measures.extend(self.cameras());
+        for measure in measures.iter_mut().filter(|measure| consequences.contains(&measure.name)) {
+            measure.verdict = Fitness::NotMeasured;
+            measure.cure = NAMED_ABOVE.into();
+        }
+        CheckupReport { measures }
+    }
+
+    /// When samples came.
+    fn arrivals(&self) -> Arrivals {
         let mut imu = Arrivals::default();
         imu.refused = self.refused_samples;
         for (sample, sequence) in self.samples.iter().zip(&self.sequences) {
             imu.push(sample.stamp, *sequence);
         }
-        let rest = inertial::rest(&self.samples, &self.turns);
+        imu
+    }
+
+    /// What cannot be right.
+    fn nonsense(&self, rest: &Rest, turns: &GravityTurns) -> Nonsense {
+        let config = &self.config;
         let mut magnitudes = Magnitudes::default();
         self.samples.iter().for_each(|sample| magnitudes.add(sample));
         let agreement = plausibility::agreement_of(config, &self.rotations, &self.samples);
-        let turns = GravityTurns::of(&self.samples);
-        let mut nonsense =
-            plausibility::nonsense(&magnitudes, (&turns, config.vehicle.rot_v_b()), &agreement, &self.sight);
+        let mut findings =
+            plausibility::nonsense(&magnitudes, (turns, config.vehicle.rot_v_b()), &agreement, &self.sight);
         // At rest the mounting says it, with its angles.
-        nonsense.retain(|finding| finding.what != gravity::UPSIDE_DOWN || rest.seconds == 0.0);
+        findings.retain(|finding| finding.what != gravity::UPSIDE_DOWN || rest.seconds == 0.0);
         let refused = inertial::refused(self.refused_samples, self.samples.len());
         // What is left of such samples does not tell how gravity turns.
-        nonsense.retain(|finding| refused.is_none() || finding.what != gravity::DISAGREE);
-        let refused = refused.filter(|_| nonsense.is_empty());
-        let clocks = timing::two_clocks(&imu.stamps, &self.frames.stamps);
+        findings.retain(|finding| refused.is_none() || finding.what != gravity::DISAGREE);
+        let refused = refused.filter(|_| findings.is_empty());
         let are_samples_wrong = refused.is_some()
             || !magnitudes.nonsense().is_empty()
-            || nonsense.iter().any(|finding| finding.what == IN_DEGREES);
+            || findings.iter().any(|finding| finding.what == IN_DEGREES);
         let are_columns_wrong =
-            nonsense.iter().any(|finding| [OTHER_AXES, gravity::DISAGREE].contains(&finding.what.as_str()));
-        nonsense.extend(refused);
-        let consequences = self.consequences(are_samples_wrong, are_columns_wrong, !nonsense.is_empty());
-        let mut measures: Vec<Measure> =
-            clocks.into_iter().chain(nonsense).map(Finding::into_measure).collect();
-        measures.extend([
-            timing::judge(timing::Sensor::Imu, &imu, config.imu.rate_hz),
-            timing::judge(
-                timing::Sensor::Cameras,
-                &self.frames,
-                config.camera.first().map_or(0.0, |camera| camera.rate_hz),
-            ),
-        ]);
-        for (measure, trouble) in measures.iter_mut().rev().take(2).rev().zip(&self.troubles) {
+            findings.iter().any(|finding| [OTHER_AXES, gravity::DISAGREE].contains(&finding.what.as_str()));
+        findings.extend(refused);
+        Nonsense { findings, are_samples_wrong, are_columns_wrong }
+    }
+
+    /// Measures of the stamps, and of frames with both images.
+    fn timing(&self, imu: &Arrivals) -> Vec<Measure> {
+        let config = &self.config;
+        let frame_rate_hz = config.camera.first().map_or(0.0, |camera| camera.rate_hz);
+        let mut measures = vec![
+            timing::judge(timing::Sensor::Imu, imu, config.imu.rate_hz),
+            timing::judge(timing::Sensor::Cameras, &self.frames, frame_rate_hz),
+        ];
+        for (measure, trouble) in measures.iter_mut().zip(&self.troubles) {
             if let Some(words) = trouble {
                 (measure.verdict, measure.cure) = (Fitness::NotFit, words.clone());
             }
@@ -231,32 +261,35 @@ impl Checkup {
         measures.extend(
             (config.camera.len() == 2).then(|| timing::judge_pairs(self.whole, self.frames.stamps.len())),
         );
-        measures.push(inertial::axes(&self.samples, &config.imu));
-        measures.extend((!are_columns_wrong).then(|| turns.judge()));
-        let [gravity, bias] = inertial::at_rest(&rest, config);
-        let [mounting, heading] = mounting::judge(&self.samples, &rest, config);
+        measures
+    }
+
+    /// Measures of the inertial sensor and of its mounting; how gravity turns where `turns` tells it.
+    fn inertial(&self, rest: &Rest, turns: Option<&GravityTurns>) -> Vec<Measure> {
+        let config = &self.config;
+        let mut measures = vec![inertial::axes(&self.samples, &config.imu)];
+        measures.extend(turns.map(GravityTurns::judge));
+        let [gravity, bias] = inertial::at_rest(rest, config);
+        let [mounting, heading] = mounting::judge(&self.samples, rest, config);
         measures.extend([gravity, mounting, heading, bias]);
         measures.extend(vibration::judge(&self.samples, &config.imu));
-        measures.push(self.sight.brightness.judge());
-        measures.push(exposure::blur(&self.samples, config, self.exposure_s));
+        measures
+    }
+
+    /// Measures of the images, and of cameras against each other and against the inertial sensor.
+    fn cameras(&self) -> Vec<Measure> {
+        let config = &self.config;
+        let mut measures =
+            vec![self.sight.brightness.judge(), exposure::blur(&self.samples, config, self.exposure_s)];
         measures.extend(self.matcher.as_ref().map(|_| self.pairs.judge(config)));
         if self.motion.is_some() {
             measures.extend(agreement::judge(&self.turns, &self.samples, config));
         }
         if config.camera.len() == 1 {
-            measures.extend(OF_PAIRS.map(|name| {
-                Measure::missing(
-                    name,
-                    "there is one camera",
-                    "give two cameras, or know it from a calibration",
-                )
-            }));
+            let missing = |name| Measure::missing(name, "there is one camera", "use two cameras, or calibrate");
+            measures.extend(OF_PAIRS.map(missing));
         }
-        for measure in measures.iter_mut().filter(|measure| consequences.contains(&measure.name)) {
-            measure.verdict = Fitness::NotMeasured;
-            measure.cure = NAMED_ABOVE.into();
-        }
-        CheckupReport { measures }
+        measures
     }
 
     /// Measures that come out wrong while a sensor is missing or its stamps, units, columns or sides are wrong: their cures
@@ -278,7 +311,7 @@ impl Checkup {
 }
 
 /// Cure of a measure that something else makes worthless.
-pub const NAMED_ABOVE: &str = "put right what is named above, then measure again";
+pub const NAMED_ABOVE: &str = "correct the problems above, then measure again";
 
 /// Measures that need two cameras.
 const OF_PAIRS: [&str; 4] = ["stereo pairs", "epipolar error", "time offset", "camera-IMU rotation"];

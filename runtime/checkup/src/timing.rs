@@ -80,8 +80,8 @@ struct Stream {
 pub fn judge(sensor: Sensor, arrivals: &Arrivals, nominal_hz: f64) -> Measure {
     let (name, device) = sensor.names();
     if arrivals.stamps.len() < MIN_STAMPS {
-        let value = format!("{} samples came", arrivals.stamps.len());
-        let cure = format!("see that {device} can be reached (`plumbline devices`) and deliver");
+        let value = format!("{} samples arrived", arrivals.stamps.len());
+        let cure = format!("check that `plumbline devices` lists {device}, and that data arrive");
         return Measure::new(
             name,
             Fitness::NotFit,

@@ -183,7 +183,7 @@ fn judge_one(name: &'static str, spectrum: &Spectrum, configured: f64, loud: f64
         }
     }
     match lines.is_empty() {
-        true => cure += "; or write what flies into the noise densities of `[imu]`",
+        true => cure += "; or set the noise densities of `[imu]` to the noise in flight",
         false => {
             cure += "; a line that moves against the throttle is an alias: filter in the sensor below half the rate, or \
                      sample faster";

@@ -3,6 +3,7 @@
 
 use super::choice::FlightChoice;
 use super::sweep::progress_bar;
+use super::topics::TopicArgs;
 use super::{Usage, check_outputs, load_config, say, stop_on_signal};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
@@ -30,7 +31,7 @@ const LOOPS: [&str; 2] = ["+ loops, as flown", "+ loops, at the end"];
 /// Arguments of `plumbline ablation`.
 #[derive(Debug, Args)]
 pub struct AblationArgs {
-    /// EuRoC data sets. Default: the built-in simulated flights.
+    /// EuRoC data sets or ROS bags (with --config). Default: the built-in simulated flights.
     pub datasets: Vec<PathBuf>,
     /// Which of the built-in flights.
     #[command(flatten)]
@@ -38,6 +39,9 @@ pub struct AblationArgs {
     /// Laps of each built-in flight. Loops can be closed from the second lap on.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100))]
     pub laps: u32,
+    /// Topics of bags.
+    #[command(flatten)]
+    pub topics: TopicArgs,
     /// Use the left camera only.
     #[arg(long)]
     pub mono: bool,
@@ -108,7 +112,8 @@ fn fly_all(args: &AblationArgs, subjects: Vec<Subject>) -> Result<Vec<Report>> {
         args.overrides.iter().cloned().chain(changes.iter().map(ToString::to_string)).collect()
     };
     let config = load_config(args.config.as_deref())?;
-    let common = Common { config, truth: None, mono: args.mono, cache: args.cache.clone() };
+    let topics = args.topics.names()?;
+    let common = Common { config, truth: None, topics, mono: args.mono, cache: args.cache.clone() };
     let cells = Plan::of_settings(VARIANTS.iter().map(setting).collect(), subjects, common).cells();
     let stop = stop_on_signal()?;
     let bar = progress_bar("flights", cells.len(), 0);

@@ -19,23 +19,23 @@ pub struct AccessArgs {
     /// Private key of the certificate (PEM), readable by its owner only (chmod 600).
     #[arg(long, value_name = "PEM", requires = "authority")]
     pub key: Option<PathBuf>,
-    /// Vehicle to accept by the name of its certificate; may be repeated. Default: drone, and the vehicles whose
+    /// Name of a vehicle whose certificate is accepted; may be repeated. Default: drone, and the vehicles whose
     /// certificates are in the folder of the authority.
     #[arg(long = "fleet", value_name = "NAME", requires = "authority")]
     pub fleet: Vec<String>,
-    /// Revoked certificate: operator.1, or operator for all of that role; may be repeated.
+    /// Revoked certificate: operator.1, or operator for all operator certificates; may be repeated.
     #[arg(long, value_name = "NAME", requires = "authority", value_parser = certificate_name)]
     pub excluded: Vec<String>,
-    /// Own user name, for peers that ask for a password.
+    /// Own user name, for peers that require a password.
     #[arg(long, requires = "password_file")]
     pub user: Option<String>,
     /// File with the own password on its first line.
     #[arg(long, value_name = "FILE", requires = "user")]
     pub password_file: Option<PathBuf>,
-    /// File with a line name:password for each user that may connect.
+    /// File with a line name:password for each user who may connect.
     #[arg(long, value_name = "FILE")]
     pub users_file: Option<PathBuf>,
-    /// Name from the users file that may give commands; may be repeated.
+    /// Name in the users file of a user who may give commands; may be repeated.
     #[arg(long, value_name = "NAME", requires = "users_file")]
     pub operator: Vec<String>,
 }

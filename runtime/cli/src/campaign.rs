@@ -20,17 +20,22 @@ use plumbline_lab::sweep::run::fly_each;
 use serde::Serialize;
 use std::path::PathBuf;
 
+/// The help text of an option whose flights are compared with those without it.
+fn compared(help: &str) -> String {
+    format!("Also fly every flight with this, and compare. `all` is every kind in its usual doses.\n\n{help}")
+}
+
 /// Arguments of `plumbline campaign`.
 #[derive(Debug, Args)]
 pub struct CampaignArgs {
     /// Choice of the flights.
     #[command(flatten)]
     pub choice: FlightChoice,
-    /// Starts, seconds into the trajectory; every flight is flown from each. Default: where the vehicle is in full flight.
+    /// Start times, seconds into the trajectory; every flight is flown from each. Default: a time in full flight.
     #[arg(long, value_delimiter = ',', value_name = "S,S")]
     pub start: Vec<f64>,
-    /// Inertial samples: simulated, or recorded along the paths. Recorded ones exist for V1_01, V1_02, V2_01, V2_02,
-    /// MH_01, MH_03 and MH_04, and need the preset euroc.
+    /// Inertial samples: simulated, or recorded along the paths. Recorded samples exist for V1_01, V1_02, V2_01,
+    /// V2_02, MH_01, MH_03 and MH_04, and need the preset euroc.
     #[arg(long, value_enum, default_value_t = ImuChoice::Simulated)]
     pub imu: ImuChoice,
     /// Also fly each fault once, along the first trajectory in the first scene of the choice, and report whether the
@@ -39,23 +44,23 @@ pub struct CampaignArgs {
     pub faults: bool,
     /// Fly only faults with these name prefixes, such as blind,imu-gap, and no flight without a fault. Also takes
     /// errors of inertial sensors and conditions with doses, such as force:0.05:1 or blur:10:6 (see --imu-error and
-    /// --condition); these are flown beside the flights without a fault.
+    /// --condition); these are flown in addition to the flights without a fault.
     #[arg(long, value_delimiter = ',', requires = "faults", value_name = "NAME")]
     pub fault: Vec<String>,
-    /// Also fly every flight with this error of the inertial sensor, such as force:0.07:2, and compare; `all` for every
-    /// error in its usual doses. May be repeated.
-    #[arg(long, value_name = "NAME[:DOSE...]", value_delimiter = ',', long_help = imu_error_help())]
+    /// Also fly every flight with this error of the inertial sensor, such as force:0.07:2, and compare. `all` is
+    /// every error in its usual doses. May be repeated.
+    #[arg(long, value_name = "NAME[:DOSE...]", value_delimiter = ',', long_help = compared(&imu_error_help()))]
     pub imu_error: Vec<String>,
-    /// Also fly every flight in this condition of light, camera, scene or motion, such as blur:10:6, and compare; `all` for
-    /// every condition in its usual doses. May be repeated.
-    #[arg(long, value_name = "NAME[:DOSE...]", value_delimiter = ',', long_help = condition_help())]
+    /// Also fly every flight in this condition of light, camera, scene or motion, such as blur:10:6, and compare.
+    /// `all` is every condition in its usual doses. May be repeated.
+    #[arg(long, value_name = "NAME[:DOSE...]", value_delimiter = ',', long_help = compared(&condition_help()))]
     pub condition: Vec<String>,
-    /// Give the estimator a calibration drawn (by the seed) around the true one, with K times the standard deviations
-    /// of the configuration's [rig] (before --set).
+    /// Give the estimator a calibration that the seed draws around the true one, with K times the standard deviations
+    /// in [rig] of the configuration (before --set).
     #[allow(rustdoc::broken_intra_doc_links)]
     #[arg(long, value_name = "K", default_value_t = 0.0)]
     pub calibration_error: f64,
-    /// Angle by which the whole scene of every flight leans from the vertical, degrees, in a direction drawn by the seed.
+    /// Tilt of the whole scene of every flight from the vertical, degrees, in a direction drawn by the seed.
     #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_hyphen_values = true)]
     pub lean_deg: f64,
     /// Use the left camera only.
@@ -71,18 +76,18 @@ pub struct CampaignArgs {
     /// Cache rendered frames in this folder (about 220 MB for 15 s of stereo).
     #[arg(long)]
     pub cache: Option<PathBuf>,
-    /// Flights at a time.
+    /// Parallel flights.
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=64))]
     pub jobs: u8,
-    /// Threads of a flight: 1 renders between frames, 2 renders ahead on another thread.
+    /// Number of threads of a flight: 1 renders between frames, 2 renders ahead on another thread.
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=8))]
     pub threads: u8,
     /// Write all reports (JSON).
     #[arg(long, value_name = "OUT.json")]
     pub json: Option<PathBuf>,
-    /// Compare with a variant, flight by flight: means, mean paired differences and their bootstrap intervals of 95 %.
-    /// A variant is a change of the configuration, key=value,key=value on top of --set, with which every flight is
-    /// flown too. It can also be a file of --json from another build with the same flights, shown as "before". May be
+    /// Compare with a variant, flight by flight: means, mean paired differences and their bootstrap intervals of 95
+    /// %. A variant is a change of the configuration (key=value,key=value, after --set); every flight is also flown
+    /// with it. A variant can also be a --json file of the same flights from another build, shown as "before". May be
     /// repeated.
     #[arg(long, value_name = "KEY=VALUE,...|FILE.json")]
     pub against: Vec<String>,
@@ -94,7 +99,7 @@ pub struct CampaignArgs {
 /// Where inertial samples come from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ImuChoice {
-    /// Made of the path.
+    /// Computed from the path.
     Simulated,
     /// Recorded along the path.
     Recorded,

@@ -27,7 +27,7 @@ pub struct FlightChoice {
     /// Length of each simulated flight, seconds.
     #[arg(long, default_value_t = 15.0)]
     pub duration: f64,
-    /// Size of the images relative to the configured size: halves render four times as fast.
+    /// Size of the images relative to the configured size. With 0.5 they render four times as fast.
     #[arg(long, default_value_t = 1.0)]
     pub scale: f64,
 }

@@ -10,9 +10,9 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "Examples:
-  plumbline config euroc > my.toml         a preset, with a comment at every key, to begin with
-  plumbline config realsense-d455          one of a real rig: docs/rigs
-  plumbline config my.toml                 is it valid?
+  plumbline config euroc > my.toml         print a preset with a comment at every key
+  plumbline config realsense-d455          print the preset of a real rig (docs/rigs)
+  plumbline config my.toml                 check a configuration
   plumbline config import --camchain camchain.yaml --imu imu.yaml --imu-to-vehicle unknown --out my.toml";
 
 const IMPORT_EXAMPLES: &str = "Examples:
@@ -21,11 +21,11 @@ const IMPORT_EXAMPLES: &str = "Examples:
   plumbline config import --euroc V1_01_easy --imu-to-vehicle unknown --out my.toml
   plumbline replay V1_01_easy --config my.toml
 
-Calibrations do not tell how the IMU sits in the vehicle: 0,0,0 is x forward, y left, z up; 180,0,0 forward, right, down. With
-`unknown` neither autopilot nor ROS 2 is served, until `plumbline doctor --live` has measured it.
+Calibration files do not contain the mounting of the IMU in the vehicle. 0,0,0 is x forward, y left, z up; 180,0,0 is x forward,
+y right, z down. With `unknown` neither autopilot nor ROS 2 is served; `plumbline doctor --live` measures the mounting.
 
-Noise densities of a data sheet hold for a sensor at rest, and are too small in flight. If those of your files are of
-a data sheet, or of an Allan plot, give --inflate 10 (what Kalibr recommends; the preset euroc has 10 and 8).";
+Noise densities from a data sheet or an Allan plot hold for a sensor at rest, and are too small in flight. If your files contain
+such values, use --inflate 10 (as Kalibr recommends; the preset euroc has 10 and 8).";
 
 /// Arguments of `plumbline config`.
 #[derive(Debug, Args)]
@@ -54,16 +54,16 @@ enum ConfigCommand {
 #[derive(Debug, Args)]
 #[command(after_help = IMPORT_EXAMPLES)]
 struct ImportArgs {
-    /// Cameras, extrinsics and time offset by Kalibr: camchain-imucam.yaml.
+    /// Kalibr's cameras, extrinsics and time offset: camchain-imucam.yaml.
     #[arg(long, value_name = "CAMCHAIN.yaml", requires = "imu", required_unless_present = "euroc")]
     camchain: Option<PathBuf>,
-    /// Rate and noise of the IMU for Kalibr: imu.yaml.
+    /// Kalibr's rate and noise of the IMU: imu.yaml.
     #[arg(long, value_name = "IMU.yaml", requires = "camchain")]
     imu: Option<PathBuf>,
     /// A EuRoC data set, or a folder with its sensor.yaml files.
     #[arg(long, value_name = "FOLDER", conflicts_with_all = ["camchain", "imu"])]
     euroc: Option<PathBuf>,
-    /// The configuration to write.
+    /// Configuration to write.
     #[arg(long, value_name = "OUT.toml")]
     out: PathBuf,
     /// Configuration file or preset for all other values.
@@ -72,23 +72,23 @@ struct ImportArgs {
     /// Source of the IMU noise densities.
     #[arg(long, value_enum, default_value_t = Noise::Files)]
     noise: Noise,
-    /// Multiply the white noise densities of the files by this.
+    /// Factor for the white noise densities of the files.
     #[arg(long, default_value_t = 1.0, value_name = "FACTOR")]
     inflate: f64,
-    /// Frame rate of the cameras, Hz, which Kalibr's files lack. Default: that of the base.
+    /// Frame rate of the cameras, Hz. Kalibr's files do not contain it. Default: the rate in --base.
     #[arg(long, value_name = "HZ", requires = "camchain")]
     camera_rate: Option<f64>,
-    /// Mounting of the IMU in the vehicle: degrees that turn its axes to forward, left, up (vehicle.imu_to_vehicle_deg).
-    /// Required, unless the data set states it.
+    /// Mounting of the IMU in the vehicle: rotation from its axes to forward, left, up, degrees
+    /// (vehicle.imu_to_vehicle_deg). Required, unless the data set states it.
     #[arg(long, value_name = "ROLL,PITCH,YAW|unknown", value_parser = parse_mounting, allow_hyphen_values = true)]
     imu_to_vehicle: Option<Mounting>,
-    /// Replace a file of that name.
+    /// Replace an existing file.
     #[arg(long)]
     overwrite: bool,
 }
 
 /// Three angles, or the word for a mounting that is not known.
-fn parse_mounting(text: &str) -> Result<Mounting, String> {
+pub fn parse_mounting(text: &str) -> Result<Mounting, String> {
     if text == Mounting::UNKNOWN {
         return Ok(Mounting::Unknown);
     }
@@ -153,7 +153,7 @@ fn import(args: &ImportArgs) -> Result<()> {
 }
 
 /// Names what is valid, and yet probably a mistake.
-fn warn_of_doubts(config: &Config) {
+pub fn warn_of_doubts(config: &Config) {
     config.doubts().iter().for_each(|doubt| tracing::warn!("{doubt}"));
 }
 
@@ -217,7 +217,7 @@ fn rounded(value: f64) -> f64 {
 }
 
 /// What came out, so that a wrong unit or a wrong file meets the eye.
-fn summary(config: &Config, out: &Path) -> String {
+pub fn summary(config: &Config, out: &Path) -> String {
     let unset: Vec<String> = config
         .unset_keys()
         .iter()

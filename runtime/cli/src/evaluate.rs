@@ -18,13 +18,13 @@ pub struct EvaluateArgs {
     /// Degrees of freedom of the alignment.
     #[arg(long, value_enum, default_value_t = Align::Se3)]
     pub align: Align,
-    /// Distance of relative errors in frames.
+    /// Interval of the relative errors, frames.
     #[arg(long, default_value_t = 1, conflicts_with = "delta_m")]
     pub delta_frames: usize,
-    /// Distance of relative errors in metres.
+    /// Interval of the relative errors, metres.
     #[arg(long)]
     pub delta_m: Option<f64>,
-    /// Relative errors from every pose, overlapping; without it, from consecutive poses.
+    /// Compute relative errors from every pose, over overlapping intervals. Default: over consecutive intervals.
     #[arg(long)]
     pub all_pairs: bool,
     /// Largest difference between the stamps of associated poses, seconds.

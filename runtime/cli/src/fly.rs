@@ -38,15 +38,15 @@ use std::time::{Duration, Instant, SystemTime};
 #[allow(rustdoc::broken_intra_doc_links)]
 #[derive(Debug, Args)]
 #[command(after_help = "\
-The IMU is that of driver.imu, the cameras are those of driver.v4l2 or of driver.frames; `plumbline devices` lists what is
-there. Sensors may be missing at the start and may be unplugged in flight: they are taken as soon as they are there.
-Ctrl-C (SIGINT) or SIGTERM ends the flight, and the report is written.
+driver.imu configures the IMU, driver.v4l2 or driver.frames the cameras; `plumbline devices` lists the connected sensors.
+Sensors may be missing at the start and may be unplugged in flight: they are used as soon as they are available.
+Ctrl-C (SIGINT) or SIGTERM ends the flight; the report is then written.
 
 Examples:
-  plumbline devices                                    what is there, by the names that stay
-  plumbline config euroc > drone.toml                  every key with its comment: calibration, [driver.imu], [driver.v4l2]
-  plumbline doctor --config drone.toml                 is this computer fit for it?
-  plumbline fly --config drone.toml --record /var/log  a log of each flight, in a folder")]
+  plumbline devices                                    list the connected sensors, by stable names
+  plumbline config euroc > drone.toml                  a preset with every key explained: edit calibration and drivers
+  plumbline doctor --config drone.toml                 check this computer
+  plumbline fly --config drone.toml --record /var/log  write a log of each flight into a folder")]
 pub struct FlyArgs {
     /// Configuration file: calibration, sensors, outputs.
     #[arg(long)]
@@ -54,26 +54,27 @@ pub struct FlyArgs {
     /// Change a key of the configuration, such as driver.imu.delay_s=0.0025; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub overrides: Vec<String>,
-    /// Record the flight to this file, or to a new file in this folder, named by the time (UTC). The configuration's
-    /// [recorder] says what is recorded.
+    /// Record the flight to this file, or to a new file in this folder, named by the time (UTC). [recorder] of the
+    /// configuration sets the contents.
     #[arg(long, value_name = "LOG.mcap|FOLDER")]
     pub record: Option<PathBuf>,
     /// Write the report (JSON) at the end.
     #[arg(long, value_name = "OUT.json")]
     pub report: Option<PathBuf>,
-    /// Write the causal trajectory (TUM format) at the end: at most its first 36,000 frames.
+    /// Write the causal trajectory (TUM format) at the end: at most the first 36,000 frames.
     #[arg(long, value_name = "OUT.tum")]
     pub trajectory: Option<PathBuf>,
-    /// Continue this map: once a place of it has been recognized, poses are given in its frame too.
+    /// Continue this map. After a place in it has been recognized, poses are output in its frame too.
     #[arg(long, value_name = "IN.map")]
     pub map: Option<PathBuf>,
-    /// Write the map of the flight, with that of --map, at the end and on each `plumbline map save`.
+    /// Write the map of the flight, including the map of --map, at the end and on each `plumbline map save`.
     #[arg(long, value_name = "OUT.map")]
     pub save_map: Option<PathBuf>,
-    /// Publish over Zenoh: listen on this endpoint besides network.listen, such as tcp/0.0.0.0:7447.
+    /// Publish over Zenoh: listen on this endpoint in addition to network.listen, such as tcp/0.0.0.0:7447; may be
+    /// repeated.
     #[arg(long, value_name = "ENDPOINT")]
     pub listen: Vec<String>,
-    /// Publish over Zenoh: connect to this router or ground station besides network.connect.
+    /// Publish over Zenoh: connect to this router or ground station in addition to network.connect; may be repeated.
     #[arg(long, value_name = "ENDPOINT")]
     pub connect: Vec<String>,
     /// Folder for state kept across restarts, such as the reset counter. Default: `$STATE_DIRECTORY`, which systemd
@@ -83,7 +84,7 @@ pub struct FlyArgs {
     /// Stop after S seconds. Default: run until SIGINT or SIGTERM.
     #[arg(long, value_name = "S")]
     pub duration: Option<f64>,
-    /// Threads that track a frame. The window is solved on a thread of its own in any case.
+    /// Number of threads that track a frame. The window always has a thread of its own.
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=8))]
     pub threads: u8,
     /// Print the report as JSON instead of the summary.
@@ -118,7 +119,7 @@ pub fn run(args: &FlyArgs) -> Result<()> {
     flight.first_reset_counter = resets.as_ref().map_or(0, ResetCount::first);
     let control = Arc::new(Control::stopped_by(Arc::clone(&stop)).with_last_resort(last_resort));
     let (mut outputs, board) = start_outputs(args, &flight, log.as_deref(), &control)?;
-    let mut watch = Watch::start(&config, true, findings(&config))?;
+    let mut watch = Watch::start(&config, true, findings(&config), board.clone())?;
     let sensor_watch = SensorWatch::start(&sensors, board)?;
     let mut progress = start_progress(sensor_watch.notices())?;
     let end = args.duration.map(|s| End::after(Duration::from_secs_f64(s), &stop)).transpose()?;

@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail};
 use clap::Args;
 use plumbline_ground::connection::Connection;
 use plumbline_ground::fleet::Fleet;
-use plumbline_ground::{self as ground, lock, view, web};
+use plumbline_ground::{self as ground, foxglove, lock, view, web};
 use plumbline_link::net::{Endpoints, Mode, NetError, audit, diagnosis, security};
 use std::io::{IsTerminal, Write as _};
 use std::net::SocketAddr;
@@ -29,28 +29,32 @@ pub struct GroundArgs {
     /// [default: tcp/127.0.0.1:7447, unless --listen is given]
     #[arg(long, value_name = "ENDPOINT")]
     pub connect: Vec<String>,
-    /// Wait for vehicles here, such as tcp/0.0.0.0:7447; may be repeated.
+    /// Listen for vehicles on this endpoint, such as tcp/0.0.0.0:7447; may be repeated.
     #[arg(long, value_name = "ENDPOINT")]
     pub listen: Vec<String>,
-    /// Watch this vehicle only.
+    /// Show this vehicle only.
     #[arg(long, default_value = "*")]
     pub vehicle: String,
     /// Serve the web page at this address.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8080")]
     pub http: SocketAddr,
-    /// Name by which other hosts may open the page, beside this host's addresses and its host name; may be repeated.
-    #[arg(long, value_name = "NAME", conflicts_with = "no_http")]
+    /// Name by which other hosts may open the page and the Foxglove server, in addition to this host's addresses and host
+    /// name; may be repeated.
+    #[arg(long, value_name = "NAME")]
     pub http_name: Vec<String>,
-    /// Serve no web page.
+    /// Do not serve the web page.
     #[arg(long, conflicts_with = "http")]
     pub no_http: bool,
+    /// Serve Foxglove (a WebSocket) at this address, such as 127.0.0.1:8765. Default: not served.
+    #[arg(long, value_name = "ADDRESS")]
+    pub foxglove: Option<SocketAddr>,
     /// Allow commands from the page even if other hosts can open it.
     #[arg(long)]
     pub allow_commands: bool,
     /// Disable commands from the page.
     #[arg(long, conflicts_with = "allow_commands")]
     pub no_commands: bool,
-    /// Print one line per second and vehicle instead of the view.
+    /// Print one line per second and vehicle instead of the terminal view.
     #[arg(long)]
     pub plain: bool,
     /// Print a JSON object for each state received.
@@ -94,6 +98,7 @@ pub fn run(args: &GroundArgs) -> Result<()> {
         tracing::warn!("{exposure}");
     }
     let page = if args.no_http { None } else { Some(web::bind(args.http)?) };
+    let foxglove = args.foxglove.map(foxglove::bind).transpose()?;
     let fleet = Arc::new(Mutex::new(Fleet::default()));
     let stop = stop_on_signal()?;
     let end = args.duration.map(|s| Instant::now() + Duration::from_secs_f64(s.clamp(0.0, 1e6)));
@@ -110,6 +115,14 @@ pub fn run(args: &GroundArgs) -> Result<()> {
         about = format!("page: http://{address}");
         if !args.json {
             say(format_args!("the page is at http://{address}"));
+        }
+    }
+    if let Some(listener) = foxglove {
+        let serving = foxglove::serve(listener, Arc::clone(&fleet), line.clone(), &args.http_name);
+        let address = station.runtime().block_on(serving)?;
+        about.push_str(&format!("{}foxglove: ws://{address}", if about.is_empty() { "" } else { ", " }));
+        if !args.json {
+            say(format_args!("Foxglove is served at ws://{address}"));
         }
     }
     let outcome = if args.json {

@@ -10,24 +10,24 @@ use std::path::PathBuf;
 /// Arguments of `plumbline keys`.
 #[derive(Debug, Args)]
 pub struct KeysArgs {
-    /// Folder of the files. If it has no authority, one is created; otherwise that one signs.
+    /// Folder of the files. If it has no authority, one is created; otherwise the existing authority signs.
     pub folder: PathBuf,
-    /// Role to make a certificate for: vehicle (the one named drone), router, operator (may give commands), viewer (may
+    /// Role of the certificate: vehicle (the one named drone), router, operator (may give commands), viewer (may
     /// watch); may be repeated. Default: all.
     #[arg(long, value_parser = ROLES)]
     pub role: Vec<String>,
     /// Make a certificate for the vehicle of this name, in vehicle-NAME.pem and vehicle-NAME.key; may be repeated.
     #[arg(long, value_name = "NAME")]
     pub vehicle: Vec<String>,
-    /// Name or address under which the holder can be reached; may be repeated.
-    /// [default: localhost and 127.0.0.1; with --renew those of the certificate that is renewed]
+    /// Name or address of the holder on the network; may be repeated. [default: localhost and 127.0.0.1; with --renew
+    /// the names in the old certificate]
     #[arg(long, value_name = "NAME")]
     pub host: Vec<String>,
-    /// Replace existing certificates under their file names: those of --role and --vehicle. Default: all. The authority
-    /// is kept, so peers need no new file of it.
+    /// Replace existing certificates under the same file names: those of --role and --vehicle. Default: all. The
+    /// authority does not change, so peers need no new copy of it.
     #[arg(long)]
     pub renew: bool,
-    /// Days of validity of the certificates. An authority that is made lasts ten years.
+    /// Days of validity of the certificates. A new authority is valid for ten years.
     #[arg(long, default_value_t = 90, value_parser = clap::value_parser!(u32).range(1..=3650))]
     pub days: u32,
 }

@@ -40,6 +40,7 @@ pub mod replay;
 mod reset;
 mod router;
 pub mod scenario;
+mod setup;
 mod signals;
 pub mod simulate;
 pub mod sweep;
@@ -79,18 +80,19 @@ fn examples() -> String {
     };
     format!(
         "Examples:
-{ground}  plumbline replay V1_01_easy --trajectory out.tum  a EuRoC data set as fast as it goes
+{ground}  plumbline replay V1_01_easy --trajectory out.tum  a EuRoC data set, as fast as possible
   plumbline replay sim:hall --duration 20           a simulated flight, not written to disk
-  plumbline devices                                 the cameras and IMUs that are plugged in
-  plumbline fly --config drone.toml                 live, with them
-  plumbline replay V1_01_easy --record log.mcap     the same, recorded
-  plumbline verify log.mcap                         execute it again: are all outputs bit-identical?
-  plumbline evaluate out.tum V1_01_easy             its errors, as evo_ape and evo_rpe give them
-  plumbline plot out.tum --truth V1_01_easy --out flight.svg   the same as a picture
-  plumbline lines image.png --out lines.png         the line segments of one image, as a picture
+  plumbline devices                                 list the connected cameras and IMUs
+  plumbline setup realsense --out drone.toml        configure a connected camera
+  plumbline fly --config drone.toml                 a live flight with these sensors
+  plumbline replay V1_01_easy --record log.mcap     record the flight
+  plumbline verify log.mcap                         execute it again, and compare all outputs bit for bit
+  plumbline evaluate out.tum V1_01_easy             ATE and RPE, computed as evo_ape and evo_rpe do
+  plumbline plot out.tum --truth V1_01_easy --out flight.svg   draw it
+  plumbline lines image.png --out lines.png         draw the line segments of one image
 
-Exit status: 0 success; 1 the run failed; 2 wrong usage or configuration, or an input that is not there or
-cannot be used at all; 3 a task of a live flight ended by a fault of the program: start it again, as the systemd unit does."
+Exit status: 0 success; 1 the run failed; 2 wrong usage or configuration, or an input that is missing or unusable; 3 an
+internal fault ended a task of a live flight: restart the program, as the systemd unit does."
     )
 }
 
@@ -111,7 +113,7 @@ enum Command {
     Simulate(simulate::SimulateArgs),
     /// Compare a trajectory with its ground truth.
     Evaluate(evaluate::EvaluateArgs),
-    /// Draw a flight: its path over the truth, errors, covariance, velocity and biases over time.
+    /// Draw a flight: path over the truth, errors, covariance, velocity and biases over time.
     Plot(plot::PlotArgs),
     /// Extract the line segments of one image, and draw them.
     Lines(lines::LinesArgs),
@@ -122,7 +124,7 @@ enum Command {
     Ground(ground::GroundArgs),
     /// Relay messages between vehicles and ground stations that cannot reach each other.
     Router(router::RouterArgs),
-    /// Publish a flight that another process makes, read from its local socket. `fly` and `replay --publish` start this by
+    /// Publish a flight over the network, read from its local socket. `fly` and `replay --publish` start this process
     /// themselves.
     Link(link::LinkArgs),
     /// Reset the estimator of a vehicle over the network.
@@ -130,26 +132,29 @@ enum Command {
     Reset(reset::ResetArgs),
     /// Make certificates for vehicles and ground stations.
     Keys(keys::KeysArgs),
-    /// Fly the built-in set of simulated flights, with and without faults, and tabulate the errors. (To compare
-    /// settings: `sweep`; to measure the benefit of lines: `ablation`.)
+    /// Fly the built-in set of simulated flights, with and without faults, and tabulate the errors. See also `sweep`
+    /// (compares settings) and `ablation` (benefit of lines).
     Campaign(campaign::CampaignArgs),
-    /// Fly with points only, and with raw, filtered and merged line segments, and tabulate the accuracy of each, over
-    /// data sets or the flights of `campaign`.
+    /// Compare the accuracy with points only and with raw, filtered and merged line segments, over data sets or the
+    /// flights of `campaign`.
     Ablation(ablation::AblationArgs),
     /// Fly every combination of settings on several data sets, on all cores, and tabulate the errors.
     Sweep(sweep::SweepArgs),
     /// Measure the cost of a standard load on this machine, and compare it with an earlier measurement.
     Bench(bench::BenchArgs),
-    /// List cameras (formats, rates, controls), serial ports and inertial sensors by the names to use in a
+    /// List cameras (formats, rates, controls), serial ports and inertial sensors, with their names for the
     /// configuration.
     Devices(devices::DevicesArgs),
-    /// Calibrate the sensors: cameras by images of a board, noise of the IMU, cameras on the IMU.
+    /// Set up a connected rig: find it, read its calibration, write a configuration, set emitter and exposure, and run the
+    /// doctor.
+    Setup(Box<setup::SetupArgs>),
+    /// Calibrate the sensors: cameras from images of a board, noise of the IMU, pose of the cameras on the IMU.
     Calibrate(calibrate::CalibrateArgs),
     /// Check whether this host and a configuration are fit for a flight.
     Doctor(doctor::DoctorArgs),
     /// Check a configuration file, print a preset, or import a calibration.
     Config(config::ConfigArgs),
-    /// Print the completions for a shell.
+    /// Print the completion script of a shell.
     Completions {
         /// The shell.
         shell: clap_complete::Shell,
@@ -229,6 +234,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Sweep(args) => sweep::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Devices(args) => devices::run(&args),
+        Command::Setup(args) => setup::run(&args),
         Command::Calibrate(args) => calibrate::run(&args),
         Command::Doctor(args) => doctor::run(&args),
         Command::Config(args) => config::run(&args),
@@ -378,7 +384,7 @@ pub fn check_outputs<'a>(files: impl IntoIterator<Item = &'a PathBuf>) -> Result
     for file in files {
         let refuse = |why: &str| Err(Usage(format!("{}: {why}", file.display())));
         if seen.contains(&file) {
-            return refuse("is named for two outputs; name two files");
+            return refuse("is the path of two outputs; name two files");
         }
         seen.push(file);
         let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
@@ -411,7 +417,7 @@ fn try_writing(file: &Path) -> std::io::Result<()> {
 pub fn parse_range<T: std::str::FromStr + PartialOrd + Copy>(
     text: &str,
 ) -> Result<(Option<T>, Option<T>), String> {
-    let bad = || format!("'{text}' is no range: write A..B, such as 5..10");
+    let bad = || format!("'{text}' is not a range: write A..B, such as 5..10");
     let (from, to) = text.split_once("..").ok_or_else(bad)?;
     let part = |s: &str| if s.is_empty() { Ok(None) } else { s.parse().map(Some).map_err(|_| bad()) };
     let (from, to) = (part(from)?, part(to)?);

@@ -23,7 +23,7 @@ const TIMED_RUNS: usize = 5;
 /// Arguments of `plumbline lines`.
 #[derive(Debug, Args)]
 pub struct LinesArgs {
-    /// The image: a PNG of 64x64 to 4096x4096 pixels, grey or colour, 8 or 16 bits.
+    /// Image: a PNG of 64x64 to 4096x4096 pixels, grey or colour, 8 or 16 bits.
     pub image: PathBuf,
     /// Write a picture of the segments (PNG): raw, kept and merged side by side.
     #[arg(long, value_name = "OUT.png")]
@@ -31,8 +31,8 @@ pub struct LinesArgs {
     /// Draw only this layer, at the size of the image.
     #[arg(long, value_enum, requires = "out")]
     pub layer: Option<Layer>,
-    /// Write the segments of all layers (CSV), in pixels; seen from x1,y1 towards x2,y2, the brighter side is on the
-    /// right.
+    /// Write the segments of all layers (CSV), in pixels. Viewed from x1,y1 towards x2,y2, the brighter side is on
+    /// the right.
     #[arg(long, value_name = "OUT.csv")]
     pub csv: Option<PathBuf>,
     /// Configuration file or preset whose [estimator.lines] is used. Default: the preset `euroc`.
@@ -46,11 +46,11 @@ pub struct LinesArgs {
 /// The stages of the extraction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Layer {
-    /// As they were found.
+    /// Segments before filtering.
     Raw,
-    /// Those that the length filter left.
+    /// Segments after the length filter.
     Kept,
-    /// After merging: what the estimator uses.
+    /// Segments after merging, which the estimator uses.
     Merged,
 }
 
@@ -110,7 +110,7 @@ fn checked(args: &LinesArgs) -> Result<ValidConfig> {
         return Err(Usage(message).into());
     }
     if args.out.is_some() && args.out == args.csv {
-        return Err(Usage("--out and --csv name the same file; name two".into()).into());
+        return Err(Usage("--out and --csv name the same file; name two files".into()).into());
     }
     let config = match load_config(args.config.as_deref())? {
         Some(config) => config,

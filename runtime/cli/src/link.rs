@@ -24,20 +24,20 @@ const OUT_OF_MEMORY_SCORE: &str = "500";
 #[allow(rustdoc::broken_intra_doc_links)]
 #[derive(Debug, Args)]
 #[command(after_help = "\
-The flight's configuration comes over the socket: network, roles and ROS 2 are as it says. While there is no flight, the
-command waits for one.
+The command reads the flight's configuration from the socket, including network, permissions and ROS 2. While there is no
+flight, it waits for one.
 
 Example:
   plumbline fly --config drone.toml --set local.path=/run/plumbline/local
   plumbline link --socket /run/plumbline/local --listen tcp/0.0.0.0:7447")]
 pub struct LinkArgs {
-    /// Local socket of the flight, as in the configuration's [local].
+    /// Local socket of the flight: local.path of its configuration.
     #[arg(long, value_name = "PATH", required_unless_present = "started")]
     pub socket: Option<PathBuf>,
-    /// Listen on this endpoint besides network.listen, such as tcp/0.0.0.0:7447.
+    /// Listen on this endpoint in addition to network.listen, such as tcp/0.0.0.0:7447; may be repeated.
     #[arg(long, value_name = "ENDPOINT")]
     pub listen: Vec<String>,
-    /// Connect to this router or ground station besides network.connect.
+    /// Connect to this router or ground station in addition to network.connect; may be repeated.
     #[arg(long, value_name = "ENDPOINT")]
     pub connect: Vec<String>,
     /// Started by a flight, which is at the other end of standard input.
@@ -107,7 +107,7 @@ fn serve_one(stream: UnixStream, path: &Path, options: &LinkOptions, stop: &Arc<
     let path = path.display();
     match serve(stream, options, stop) {
         Ok(Ended::FlightOver) => tracing::info!("{path}: the flight is over; waiting for the next"),
-        Ok(Ended::FlightGone) => tracing::warn!("{path}: the flight has gone; waiting for the next"),
+        Ok(Ended::FlightGone) => tracing::warn!("{path}: the flight disconnected; waiting for the next"),
         Ok(Ended::Stopped) => {}
         Err(error) if error.is_usage() => return Err(error).with_context(|| path.to_string()),
         Err(error) => tracing::warn!("{path}: {error}; retrying"),

@@ -1,24 +1,45 @@
-//! `plumbline log`: what is in a flight log.
+//! `plumbline log`: what is in a flight log, as a list or as a file for Foxglove.
 
-use super::say;
-use anyhow::Result;
+use super::topics::TopicArgs;
+use super::{Usage, check_outputs, say, verify};
+use anyhow::{Result, bail};
 use clap::Args;
 use plumbline_flight::log::LogReader;
 use plumbline_flight::log::build_id::BuildId;
 use plumbline_flight::log::channel::Channel;
+use plumbline_flight::log::export;
 use plumbline_flight::log::inventory::{self, Inventory};
 use plumbline_flight::log::reader::Ending;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+const EXAMPLES: &str = "Examples:
+  plumbline log log.mcap                             what it holds
+  plumbline log log.mcap --foxglove scene.mcap       the same flight with landmarks, lines, keyframes and path, for Foxglove
+  plumbline log lean.mcap --foxglove scene.mcap --images V1_01_easy    of a log without images";
 
 /// Arguments of `plumbline log`.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 pub struct LogArgs {
-    /// The flight log; its further parts (LOG.1.mcap and so on) are found beside it.
+    /// Flight log. Its further parts (LOG.1.mcap and so on) are found automatically.
     #[arg(value_name = "LOG.mcap")]
     pub log: PathBuf,
     /// Print only the configuration of the flight, as TOML.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "foxglove")]
     pub config: bool,
+    /// Execute the log, and write what Foxglove draws to this file (MCAP): images, poses, transforms, events, and the scene
+    /// of landmarks, lines and keyframes.
+    #[arg(long, value_name = "OUT.mcap")]
+    pub foxglove: Option<PathBuf>,
+    /// With --foxglove: EuRoC data set or ROS bag with the images, for a log that was recorded without them.
+    #[arg(long, value_name = "DATASET|BAG", requires = "foxglove")]
+    pub images: Option<PathBuf>,
+    /// Topics of that bag.
+    #[command(flatten)]
+    pub topics: TopicArgs,
+    /// With --foxglove: map that the flight continued (`replay --map`).
+    #[arg(long, value_name = "FILE.map", requires = "foxglove")]
+    pub map: Option<PathBuf>,
 }
 
 /// Runs the command.
@@ -26,6 +47,9 @@ pub struct LogArgs {
 /// # Errors
 /// When the log cannot be read or is damaged.
 pub fn run(args: &LogArgs) -> Result<()> {
+    if let Some(out) = &args.foxglove {
+        return export(args, out);
+    }
     let mut reader = LogReader::open(&args.log)?;
     if args.config {
         say(reader.about().config.to_toml()?.trim_end());
@@ -44,6 +68,29 @@ pub fn run(args: &LogArgs) -> Result<()> {
     row("processor", build.processor.clone());
     print(&inventory::take(&mut reader)?);
     Ok(())
+}
+
+/// Writes the file for Foxglove.
+fn export(args: &LogArgs, out: &Path) -> Result<()> {
+    check_outputs(&args.foxglove)?;
+    if out.extension().is_none_or(|ending| ending != "mcap") {
+        return Err(Usage(format!("{}: name the file with the ending .mcap", out.display())).into());
+    }
+    let images =
+        args.images.as_ref().map(|data| verify::open_images(&args.topics, &args.log, data)).transpose()?;
+    let known = args.map.as_ref().map(|map| verify::open_map(&args.log, map)).transpose()?;
+    let exported = verify::under_a_bar(|progress| export::export(&args.log, out, images, known, progress))?;
+    say(format_args!(
+        "{}: written, {} messages, {} keyframes in the scene; Foxglove opens it (layout: docs/foxglove.md)",
+        out.display(),
+        exported.messages,
+        exported.keyframes
+    ));
+    // Where the execution went another way, its landmarks are not those of the flight.
+    match verify::objection(&exported.verification, true) {
+        Some(objection) => bail!("{}: the scene is not that of the flight: {objection}", args.log.display()),
+        None => Ok(()),
+    }
 }
 
 fn print(inventory: &Inventory) {

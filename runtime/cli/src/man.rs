@@ -12,7 +12,7 @@ const SECTION: &str = "1";
 
 #[derive(Debug, Args)]
 pub struct ManArgs {
-    /// The folder, made where it is missing: plumbline.1, plumbline-replay.1 and so on.
+    /// Folder for plumbline.1, plumbline-replay.1 and so on. It is created if missing.
     folder: PathBuf,
 }
 

@@ -25,7 +25,7 @@ pub struct MapArgs {
 
 #[derive(Debug, Subcommand)]
 enum MapCommand {
-    /// Make a vehicle that flies with --save-map write its map now.
+    /// Request that a vehicle writes its map now; it must fly with --save-map.
     #[cfg(feature = "ground")]
     Save(super::remote::RemoteArgs),
     /// Build a map from stereo images with known poses.
@@ -34,14 +34,14 @@ enum MapCommand {
     Locate(LocateArgs),
     /// List the contents of a map.
     Info {
-        /// The map.
+        /// Map file.
         map: PathBuf,
     },
-    /// Join two maps of one place, by locating the second in the first.
+    /// Join two maps of the same place, by locating the second in the first.
     Merge(MergeArgs),
     /// Export the points and lines of a map as a point cloud.
     Export {
-        /// The map.
+        /// Map file.
         map: PathBuf,
         /// Output file (PLY): points, positions of the keyframes, and lines as edges.
         #[arg(long, value_name = "OUT.ply")]
@@ -52,7 +52,7 @@ enum MapCommand {
 /// Limits of a map.
 #[derive(Debug, Args)]
 struct LimitArgs {
-    /// Largest number of keyframes. Beyond it, the keyframe whose view another covers best is dropped.
+    /// Largest number of keyframes. Above it, the most redundant keyframe is dropped.
     #[arg(long, default_value_t = 2000, value_parser = clap::value_parser!(u32).range(1..=i64::from(codec::MAX_KEYFRAMES)))]
     max_keyframes: u32,
     /// Largest number of features of a keyframe.
@@ -69,7 +69,7 @@ impl LimitArgs {
 /// The images, and which of them.
 #[derive(Debug, Args)]
 struct ImageArgs {
-    /// A EuRoC data set (its IMU may be missing), a flight log with images, or a ROS 2 bag.
+    /// A EuRoC data set (its IMU may be missing), a flight log with images, or a ROS bag.
     dataset: PathBuf,
     /// Configuration file or preset with the calibration of the cameras. Default: that of the data set or log.
     #[arg(long)]
@@ -102,14 +102,14 @@ impl ImageArgs {
 struct BuildArgs {
     #[command(flatten)]
     images: ImageArgs,
-    /// Poses of the body, ground truth or estimated: TUM (plain or .gz), a EuRoC ground truth table, or a EuRoC data set
-    /// that has one.
+    /// Poses of the body, ground truth or estimated: TUM (plain or .gz), a EuRoC ground truth table, or a EuRoC data
+    /// set with ground truth.
     #[arg(long, value_name = "POSES")]
     poses: PathBuf,
-    /// The map to be written.
+    /// Map to write.
     #[arg(long, value_name = "OUT.map")]
     out: PathBuf,
-    /// Least difference between the views of two keyframes, m; a turn of 30 degrees counts as a metre.
+    /// Smallest distance between two keyframes, m; a rotation of 30 degrees counts as one metre.
     #[arg(long, default_value_t = 0.2)]
     spacing: f64,
     #[command(flatten)]
@@ -118,7 +118,7 @@ struct BuildArgs {
 
 #[derive(Debug, Args)]
 struct LocateArgs {
-    /// The map.
+    /// Map file.
     map: PathBuf,
     #[command(flatten)]
     images: ImageArgs,
@@ -132,11 +132,11 @@ struct LocateArgs {
 
 #[derive(Debug, Args)]
 struct MergeArgs {
-    /// The map in whose frame the result is.
+    /// First map; the result is in its frame.
     first: PathBuf,
-    /// The map that is joined to it.
+    /// Second map, which is joined to the first.
     second: PathBuf,
-    /// The map to be written.
+    /// Map to write.
     #[arg(long, value_name = "OUT.map")]
     out: PathBuf,
     #[command(flatten)]

@@ -2,40 +2,48 @@
 
 use super::evaluate::Align;
 use super::progress::Progress;
-use super::{Usage, check_outputs, say, stop_on_signal, sweep};
+use super::topics::TopicArgs;
+use super::{Usage, check_outputs, load_config, say, stop_on_signal, sweep};
 use anyhow::{Context, Result};
 use clap::Args;
 use plumbline_estimator::Estimate;
 use plumbline_flight::flight::states::{is_states, read_states};
-use plumbline_flight::flight::{KeptStates, Truth, fly, is_log};
+use plumbline_flight::flight::{KeptStates, RecordingKind, Truth, fly, is_log, recording_kind};
 use plumbline_flight::log::channel::Channel;
 use plumbline_flight::log::cursor::Cursor;
 use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_lab::evaluate::{EvaluateError, load_trajectory};
 use plumbline_lab::plot::{self, Alignment, SIDES_PX, SIZE_PX, Subject};
+use plumbline_lab::sweep::Common;
 use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "Examples:
-  plumbline plot V1_01_easy --out flight.svg                      flies the data set, and draws the flight
-  plumbline plot out.tum --truth V1_01_easy --out flight.svg      a trajectory over the truth
-  plumbline plot states.csv --truth V1_01_easy --out flight.png   with covariance, velocity and biases
-  plumbline plot log.mcap --out flight.png                        what a flight log holds
+  plumbline plot V1_01_easy --out flight.svg                      fly the data set, and draw the flight
+  plumbline plot out.tum --truth V1_01_easy --out flight.svg      draw a trajectory over the truth
+  plumbline plot states.csv --truth V1_01_easy --out flight.png   also covariance, velocity and biases
+  plumbline plot log.mcap --out flight.png                        draw a flight log
 
-A table of states is what `plumbline replay DATASET --states states.csv` writes. `plumbline replay DATASET --plot
-flight.svg` draws the flight that it flies, with any of its options.";
+`plumbline replay DATASET --states states.csv` writes a table of states. `plumbline replay DATASET --plot flight.svg` runs the
+estimator, with any of its options, and draws the flight.";
 
 /// Arguments of `plumbline plot`.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct PlotArgs {
-    /// What to show: a trajectory (TUM, plain or .gz), a table of states (.csv), a flight log (.mcap), or a EuRoC data set
-    /// or simulated flight (sim:room?duration=10), which is flown first.
+    /// Flight to draw: a trajectory (TUM, plain or .gz), a table of states (.csv) or a flight log (.mcap). A EuRoC
+    /// data set, a ROS bag (with --config) or a simulated flight (sim:room?duration=10) is flown first.
     #[arg(value_name = "FLIGHT")]
     pub estimate: String,
+    /// Configuration file or preset of what is flown first. Default: as for `plumbline replay`.
+    #[arg(long, value_name = "FILE|PRESET")]
+    pub config: Option<PathBuf>,
+    /// Topics of a bag.
+    #[command(flatten)]
+    pub topics: TopicArgs,
     /// Ground truth: TUM (plain or .gz), a EuRoC ground truth table, or a EuRoC data set.
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
-    /// The picture to write: .svg or .png.
+    /// Picture to write: .svg or .png.
     #[arg(long, value_name = "OUT.svg|OUT.png")]
     pub out: PathBuf,
     /// Alignment of the ground truth to the estimate. Default: at the first pose by position and yaw if there is a
@@ -94,8 +102,9 @@ fn alignment(asked: Option<Align>, subject: &Subject) -> Alignment {
 fn subject(args: &PlotArgs) -> Result<(Option<Subject>, Vec<plumbline_drivers::StampedPose>)> {
     let path = Path::new(&args.estimate);
     let name = args.title.as_deref().unwrap_or(&args.estimate);
-    if args.estimate.starts_with("sim:") || path.is_dir() {
-        let (rows, truth) = flown(&args.estimate)?;
+    let kind = if path.is_file() { recording_kind(path) } else { RecordingKind::Dataset };
+    if args.estimate.starts_with("sim:") || path.is_dir() || kind == RecordingKind::Bag {
+        let (rows, truth) = flown(args)?;
         let truth = truth.poses(rows.iter().map(|row| row.stamp));
         return Ok((Subject::of_states(name, &rows), truth));
     }
@@ -109,9 +118,11 @@ fn subject(args: &PlotArgs) -> Result<(Option<Subject>, Vec<plumbline_drivers::S
     Ok((subject, Vec::new()))
 }
 
-/// Flies a data set or a simulated flight as it is.
-fn flown(name: &str) -> Result<(Vec<Estimate>, Truth)> {
-    let flight = sweep::subject(name, None)?.open(&Default::default(), None, None)?;
+/// Flies a data set, a bag or a simulated flight as it is.
+fn flown(args: &PlotArgs) -> Result<(Vec<Estimate>, Truth)> {
+    let config = load_config(args.config.as_deref())?;
+    let common = Common { config, topics: args.topics.names()?, ..Common::default() };
+    let flight = sweep::subject(&args.estimate, None)?.open(&common, None, None)?;
     let control = Control::stopped_by(stop_on_signal()?);
     let mut states = KeptStates::for_flight(&flight);
     let mut progress = Progress::bar(flight.stereo.expected_frames())?;

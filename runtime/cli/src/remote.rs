@@ -11,7 +11,7 @@ use zenoh::Session;
 /// The vehicle, and how it is reached.
 #[derive(Debug, Args)]
 pub struct RemoteArgs {
-    /// The vehicle.
+    /// Name of the vehicle.
     pub vehicle: String,
     /// Connect to the vehicle or a router; may be repeated.
     #[arg(long, value_name = "ENDPOINT", default_value = "tcp/127.0.0.1:7447")]

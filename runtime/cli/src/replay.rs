@@ -24,7 +24,7 @@ use plumbline_flight::flight::{
     CausalPose, Cut, Flight, Flown, KeptStates, OdometryTrajectory, Outputs, Truth, fly, is_log,
     open_recording, open_simulation, with_overrides,
 };
-use plumbline_flight::local::LocalSocket;
+use plumbline_flight::local::{LocalSocket, SensorBoard};
 use plumbline_flight::log::WhenFull;
 use plumbline_flight::log::source::LogEnd;
 use plumbline_flight::pipeline::{Control, RunOptions};
@@ -45,7 +45,7 @@ const MAX_RESERVED_READINGS: usize = 1_440_000;
 #[allow(rustdoc::broken_intra_doc_links)]
 #[derive(Debug, Args)]
 pub struct ReplayArgs {
-    /// A EuRoC data set, a flight log or a ROS 2 bag (.mcap, or its directory), or a simulated flight: sim:room, sim:hall,
+    /// EuRoC data set, flight log, ROS bag (.mcap, .db3, .bag, or its directory), or simulated flight: sim:room, sim:hall,
     /// sim:low-texture.
     pub dataset: String,
     /// Configuration file or preset. Default: the preset `euroc` with the calibration of the data set, the
@@ -59,28 +59,28 @@ pub struct ReplayArgs {
     /// Playback speed relative to real time. Default: as fast as possible.
     #[arg(long, allow_hyphen_values = true)]
     pub speed: Option<f64>,
-    /// Threads: 1 runs all stages in turn; 2 decodes ahead; 3 solves a frame while the next is tracked; 4 and more
-    /// share the work on a frame. The result does not depend on it.
+    /// Number of threads. 1 runs all stages in sequence; 2 decodes ahead; 3 solves a frame while the next is tracked;
+    /// 4 and more share the work on a frame. The result does not depend on it.
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=8))]
     pub threads: u8,
-    /// Write the causal trajectory (TUM format): each pose as it was known when its frame came.
+    /// Write the causal trajectory (TUM format): each pose as estimated when its frame arrived.
     #[arg(long, value_name = "OUT.tum")]
     pub trajectory: Option<PathBuf>,
     /// Write the final trajectory in the map, with all loops closed (TUM format).
     #[arg(long = "final", value_name = "OUT.tum")]
     pub final_trajectory: Option<PathBuf>,
-    /// Write the causal trajectory in the map: each pose as it was known when its frame came, with the loops up to then
-    /// (TUM format).
+    /// Write the causal trajectory in the map (TUM format): each pose as estimated when its frame arrived, with the
+    /// loops closed by then.
     #[arg(long, value_name = "OUT.tum")]
     pub map_trajectory: Option<PathBuf>,
-    /// Continue a map written by `map build`, `map merge` or --save-map. Once a place of it has been recognized, poses
-    /// are given in its frame too.
+    /// Continue a map written by `map build`, `map merge` or --save-map. After a place in it has been recognized,
+    /// poses are output in its frame too.
     #[arg(long, value_name = "IN.map")]
     pub map: Option<PathBuf>,
-    /// Write the map of the flight, with that of --map, at the end and on each `plumbline map save`.
+    /// Write the map of the flight, including the map of --map, at the end and on each `plumbline map save`.
     #[arg(long, value_name = "OUT.map")]
     pub save_map: Option<PathBuf>,
-    /// Odometry alone: recognize no places, close no loops, make no map.
+    /// Odometry only: do not recognize places, close loops or build a map.
     #[arg(long, conflicts_with_all = ["final_trajectory", "map_trajectory", "map", "save_map"])]
     pub no_loop: bool,
     /// Write the odometry at IMU rate (TUM format).
@@ -90,14 +90,13 @@ pub struct ReplayArgs {
     #[arg(long, value_name = "OUT.csv")]
     pub covariance: Option<PathBuf>,
     /// Write all values of the estimates, one row per frame (CSV): state, covariance diagonal, biases, refined
-    /// extrinsics, figures. Column names end with the unit.
+    /// extrinsics, statistics. Column names end with the unit.
     #[arg(long, value_name = "OUT.csv")]
     pub states: Option<PathBuf>,
     /// Draw the flight: path over the truth, errors, covariance, velocity and biases over time (.svg or .png).
     #[arg(long, value_name = "OUT.svg|OUT.png")]
     pub plot: Option<PathBuf>,
-    /// Record the flight, to be viewed in Foxglove and executed again by `verify`. The configuration's [recorder] says
-    /// what is recorded.
+    /// Record the flight for Foxglove and `verify`. [recorder] of the configuration sets the contents.
     #[arg(long, value_name = "LOG.mcap")]
     pub record: Option<PathBuf>,
     /// Write the report (JSON).
@@ -106,15 +105,15 @@ pub struct ReplayArgs {
     /// Ground truth for a data set without one: TUM (plain or .gz) or a EuRoC table.
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
-    /// Use only these frames of a data set or log.
+    /// Use only frames A to B of a data set or log.
     #[arg(long, value_name = "A..B")]
     pub frames: Option<String>,
-    /// Stop at this time, seconds from the beginning of the data set, log or path. --start sets where to begin.
+    /// Stop at this time, seconds from the beginning of the data set, log or path. See also --start.
     #[arg(long, value_name = "S", conflicts_with = "duration")]
     pub stop: Option<f64>,
-    /// Cache the rendered frames of a simulated flight in this folder. A flight along a file (--path FILE) shares its
-    /// frames with shorter and longer ones; the built-in flight is rendered anew for each duration, since its room is
-    /// built around what is flown.
+    /// Cache the rendered frames of a simulated flight in this folder. Flights along one file (--path FILE) share
+    /// frames whatever their length. The built-in flight is rendered again for each duration, because its room is
+    /// built around the path.
     #[arg(long, value_name = "FOLDER")]
     pub cache: Option<PathBuf>,
     /// Use the left camera only.
@@ -123,18 +122,19 @@ pub struct ReplayArgs {
     /// Use points and IMU only, no lines.
     #[arg(long)]
     pub no_lines: bool,
-    /// Publish over Zenoh while flying, as the configuration's [network], --listen and --connect say.
+    /// Publish over Zenoh during the replay. [network] of the configuration, --listen and --connect set the
+    /// endpoints.
     #[arg(long)]
     pub publish: bool,
-    /// With --publish: listen here, such as tcp/127.0.0.1:7447.
+    /// With --publish: listen on this endpoint, such as tcp/127.0.0.1:7447; may be repeated.
     #[arg(long, value_name = "ENDPOINT", requires = "publish")]
     pub listen: Vec<String>,
-    /// With --publish: connect to this router or ground station. An endpoint udp/ besides another carries odometry
-    /// only.
+    /// With --publish: connect to this router or ground station; may be repeated. If there are other endpoints, a
+    /// udp/ endpoint carries odometry only.
     #[arg(long, value_name = "ENDPOINT", requires = "publish")]
     pub connect: Vec<String>,
     /// With --speed 1: send odometry to an autopilot over MAVLink, such as udp://127.0.0.1:14540 or
-    /// serial:///dev/ttyS0:921600. The configuration's [autopilot] holds the settings.
+    /// serial:///dev/ttyS0:921600. [autopilot] of the configuration has the other settings.
     #[arg(long, value_name = "udp://HOST:PORT")]
     pub autopilot: Option<String>,
     /// Print the report as JSON instead of the summary.
@@ -166,7 +166,7 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     let flight = prepared(open(args)?, args)?;
     check_maps(&flight.config, args.map.is_some(), args.save_map.is_some())?;
     let control = Arc::new(Control::stopped_by(stop_on_signal()?).with_last_resort(last_resort));
-    let mut outputs = start_outputs(args, &flight, &control)?;
+    let (mut outputs, board) = start_outputs(args, &flight, &control)?;
     let mut odometry = args
         .odometry
         .as_ref()
@@ -174,7 +174,7 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     let wants_states = args.states.is_some() || args.plot.is_some();
     let mut states = wants_states.then(|| KeptStates::for_flight(&flight));
     let mut progress = Progress::bar(flight.stereo.expected_frames())?;
-    let mut watch = Watch::start(&flight.config, args.speed.is_some(), flight.findings.clone())?;
+    let mut watch = Watch::start(&flight.config, args.speed.is_some(), flight.findings.clone(), board)?;
     let (log_end, file_defects) = (flight.log_end.clone(), flight.file_defects.clone());
     let threads = usize::from(args.threads);
     let options = RunOptions { speed: args.speed, threads };
@@ -298,8 +298,12 @@ fn open(args: &ReplayArgs) -> Result<Flight> {
     Ok(flight.with_faults(args.scenario.faults.frame_faults()?, args.scenario.seed))
 }
 
-/// Those who are told of the flight while it goes on.
-fn start_outputs(args: &ReplayArgs, flight: &Flight, control: &Arc<Control>) -> Result<Outputs> {
+/// Starts those who are told of the flight while it goes on; returns where findings are posted for readers of the local socket.
+fn start_outputs(
+    args: &ReplayArgs,
+    flight: &Flight,
+    control: &Arc<Control>,
+) -> Result<(Outputs, Option<SensorBoard>)> {
     let config = &flight.config;
     let mut outputs = Outputs::default();
     if wants_autopilot(config, args)? {
@@ -320,23 +324,23 @@ fn start_outputs(args: &ReplayArgs, flight: &Flight, control: &Arc<Control>) -> 
     if !args.publish && config.ros.enabled {
         tracing::warn!("ros.enabled is set but has no effect: publishing to ROS 2 needs --publish");
     }
-    start_network(args, flight, control, &mut outputs)?;
-    Ok(outputs)
+    let board = start_network(args, flight, control, &mut outputs)?;
+    Ok((outputs, board))
 }
 
-/// The local socket where one is named, and the network process where that is wanted.
+/// Starts the local socket where one is named, and the network process where that is wanted; returns where findings are posted for them.
 fn start_network(
     args: &ReplayArgs,
     flight: &Flight,
     control: &Arc<Control>,
     outputs: &mut Outputs,
-) -> Result<()> {
+) -> Result<Option<SensorBoard>> {
     let config = &flight.config;
     if !args.publish && config.local.path.is_empty() {
-        return Ok(());
+        return Ok(None);
     }
     let socket = LocalSocket::start(config, flight.stamps, Arc::clone(control))?;
-    let door = socket.link_door();
+    let (door, board) = (socket.link_door(), socket.sensor_board());
     outputs.add(socket);
     if args.publish {
         if config.ros.enabled {
@@ -351,7 +355,7 @@ fn start_network(
         }
         outputs.add(LinkProcess::start(door, config, LinkOptions { publish: true, ..link })?);
     }
-    Ok(())
+    Ok(Some(board))
 }
 
 /// Whether an autopilot is named that can be told: it flies in real time, or not at all.

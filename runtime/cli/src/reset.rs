@@ -13,15 +13,15 @@ pub struct ResetArgs {
     pub remote: RemoteArgs,
     /// Kind of reset: soft keeps the pose; hard restarts at the origin.
     #[arg(long, value_enum, default_value = "soft")]
-    pub kind: Kind,
+    pub kind: ResetArg,
 }
 
 /// How much a reset discards.
 #[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum Kind {
-    /// A new start that keeps the pose.
+pub enum ResetArg {
+    /// Restart at the present pose.
     Soft,
-    /// A new start at the origin.
+    /// Restart at the origin, in a new odometry frame.
     Hard,
 }
 
@@ -31,8 +31,8 @@ pub enum Kind {
 /// When the vehicle refuses or does not answer.
 pub fn run(args: &ResetArgs) -> Result<()> {
     let kind = match args.kind {
-        Kind::Soft => ResetWords::Soft,
-        Kind::Hard => ResetWords::Hard,
+        ResetArg::Soft => ResetWords::Soft,
+        ResetArg::Hard => ResetWords::Hard,
     };
     args.remote.give(async |session, vehicle| command::reset(session, vehicle, kind).await)
 }

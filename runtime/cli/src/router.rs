@@ -18,8 +18,8 @@ const MAX_DATA_BYTES: u64 = 576_000_000;
 /// Arguments of `plumbline router`.
 #[derive(Debug, Args)]
 pub struct RouterArgs {
-    /// Listen here, such as tcp/127.0.0.1:7447 or tls/0.0.0.0:7447; may be repeated. udp/0.0.0.0:7447 beside
-    /// tcp/0.0.0.0:7447 takes odometry in datagrams.
+    /// Listen on this endpoint, such as tcp/127.0.0.1:7447 or tls/0.0.0.0:7447; may be repeated. udp/0.0.0.0:7447 in
+    /// addition to tcp/0.0.0.0:7447 accepts odometry in datagrams.
     #[arg(long, value_name = "ENDPOINT")]
     pub listen: Vec<String>,
     /// Connect to another router; may be repeated.
@@ -36,7 +36,9 @@ pub struct RouterArgs {
 /// When an endpoint cannot be used.
 pub fn run(args: &RouterArgs) -> Result<()> {
     if args.listen.is_empty() {
-        return Err(Usage("nowhere to listen: give --listen tcp/127.0.0.1:7447".into()).into());
+        return Err(
+            Usage("no endpoint to listen on: give --listen, such as tcp/127.0.0.1:7447".into()).into()
+        );
     }
     let endpoints =
         Endpoints { mode: Mode::Router, ..args.access.endpoints("*", &args.listen, &args.connect) };

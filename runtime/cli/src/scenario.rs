@@ -19,7 +19,7 @@ const FLICKER: f64 = 0.15;
 pub fn imu_error_help() -> String {
     let kinds = ImuError::help().replace('\n', "\n  ");
     format!(
-        "Error of the simulated inertial sensor, such as force:0.07:2. A dose left out is the one in brackets. May be repeated.\n\n  {kinds}"
+        "Error of the simulated inertial sensor, such as force:0.07:2. Omitted doses have the defaults in brackets. May be repeated.\n\n  {kinds}"
     )
 }
 
@@ -28,7 +28,7 @@ pub fn imu_error_help() -> String {
 pub fn condition_help() -> String {
     let kinds = Condition::help().replace('\n', "\n  ");
     format!(
-        "Condition of light, camera, scene or motion, such as blur:10:6. A dose left out is the one in brackets. May be repeated.\n\n  {kinds}"
+        "Condition of light, camera, scene or motion, such as blur:10:6. Omitted doses have the defaults in brackets. May be repeated.\n\n  {kinds}"
     )
 }
 
@@ -36,30 +36,30 @@ pub fn condition_help() -> String {
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Simulated flight")]
 pub struct ScenarioArgs {
-    /// Path of the flight: `demo` (take-off and figures of eight), `hand-held` (moved and turned about all axes, as for
-    /// `calibrate rig`), `hover`, `drift` (slowly to the left), `carried` (from rest to rest), or a TUM file (plain or
-    /// .gz).
+    /// Path of the flight: `demo` (take-off and figures of eight), `hand-held` (moved and turned about all axes, as
+    /// for `calibrate rig`), `hover`, `drift` (moves slowly to the left), `carried` (starts and ends at rest), or a
+    /// TUM file (plain or .gz).
     #[arg(long, default_value = "demo")]
     pub path: String,
-    /// Inertial samples: `simulated`, or `recorded` along the path and used unchanged (--path
-    /// .../trajectories/NAME.tum.gz takes them from .../imu/NAME.csv.gz; or give the file). The path is then adjusted
-    /// to agree with them.
+    /// Inertial samples: `simulated`, `recorded`, or a file of recorded samples. `recorded` reads .../imu/NAME.csv.gz
+    /// for --path .../trajectories/NAME.tum.gz. Recorded samples are used unchanged, and the path is adjusted to
+    /// them.
     #[arg(long, value_name = "simulated|recorded|FILE", default_value = "simulated")]
     pub imu: String,
-    /// Error of the simulated inertial sensor, such as force:0.07:2. Without a dose, the one in brackets is used. May
-    /// be repeated.
+    /// Error of the simulated inertial sensor, such as force:0.07:2. Omitted doses have the defaults that --help
+    /// lists. May be repeated.
     #[arg(long, value_name = "NAME[:DOSE...]", value_delimiter = ',', long_help = imu_error_help())]
     pub imu_error: Vec<ImuError>,
-    /// Condition of light, camera, scene or motion, such as blur:10:6. Without a dose, the one in brackets is used. May
-    /// be repeated.
+    /// Condition of light, camera, scene or motion, such as blur:10:6. Omitted doses have the defaults that --help
+    /// lists. May be repeated.
     #[arg(long, value_name = "NAME[:DOSE...]", value_delimiter = ',', long_help = condition_help())]
     pub condition: Vec<Condition>,
-    /// Give the estimator a calibration drawn (by the seed) around the true one, with K times the standard deviations
-    /// of the configuration's [rig] (before --set).
+    /// Give the estimator a calibration that the seed draws around the true one, with K times the standard deviations
+    /// in [rig] of the configuration (before --set).
     #[allow(rustdoc::broken_intra_doc_links)]
     #[arg(long, value_name = "K", default_value_t = 0.0)]
     pub calibration_error: f64,
-    /// Angle by which the whole scene leans from the vertical, degrees, in a direction drawn by the seed.
+    /// Tilt of the whole scene from the vertical, degrees, in a direction drawn by the seed.
     #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_hyphen_values = true)]
     pub lean_deg: f64,
     /// Start, seconds into the path, data set or log.
@@ -68,7 +68,7 @@ pub struct ScenarioArgs {
     /// Length of the flight, seconds. [default: 20 for a simulated flight, else to the end]
     #[arg(long, value_name = "S")]
     pub duration: Option<f64>,
-    /// Number of laps, with a smooth way back in between.
+    /// Number of laps, with a smooth return path between them.
     #[arg(long, default_value_t = 1)]
     pub laps: u32,
     /// Seed of all random draws: world, noise, biases.
@@ -80,7 +80,7 @@ pub struct ScenarioArgs {
     /// Simulate motion blur of an 8 ms exposure.
     #[arg(long)]
     pub motion_blur: bool,
-    /// Make the stamps of images early by this time, ms.
+    /// Time by which the stamps of images are too early, ms.
     #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
     pub time_offset_ms: f64,
     /// Give the estimator extrinsics rotated by this angle from the true ones, degrees.
@@ -213,7 +213,7 @@ impl ScenarioArgs {
         let end = stop.or(by_duration).unwrap_or(f64::INFINITY);
         if !(self.start.is_finite() && self.start >= 0.0 && end > self.start) {
             return Err(Usage(format!(
-                "--start {} and the end at {end} s leave nothing: give seconds from the first frame",
+                "--start {} and the end at {end} s leave no frame: give seconds from the first frame",
                 self.start
             )));
         }

@@ -1,6 +1,7 @@
 //! `plumbline sweep`: settings of the configuration, on data sets, on all cores.
 
 use super::scenario::{ScenarioArgs, parse_scene};
+use super::topics::TopicArgs;
 use super::{Usage, check_outputs, load_config, paired, say, stop_on_signal};
 use crate::choice::trajectories;
 use anyhow::{Context, Result, bail, ensure};
@@ -20,23 +21,24 @@ const EXAMPLES: &str = "Examples:
   plumbline sweep --set estimator.lines.enabled=true,false 'sim:room?path=demo&duration=10' --seeds 1..8 --paired
   plumbline sweep MH_05_mono_clip --starts 0,0.5,1,1.5,2,2.5,3,3.5,4
 
-As an array of jobs, on any engine (see docs/at-scale.md):
-  plumbline sweep ... --list                       print the cells, one a line, numbered from 0
-  plumbline sweep ... --cell 4 --cells FOLDER      fly one of them, and write FOLDER/cell-4.json
-  plumbline sweep --collect FOLDER                 print the table of all that are there
+As an array of jobs, on any batch system (see docs/at-scale.md):
+  plumbline sweep ... --list                       print the cells, one per line, numbered from 0
+  plumbline sweep ... --cell 4 --cells FOLDER      fly one cell, and write FOLDER/cell-4.json
+  plumbline sweep --collect FOLDER                 print the table of all finished cells
 
-A simulated flight is named sim:room, sim:hall or sim:low-texture; after ? come options of `plumbline replay` without
-their dashes, joined by &, such as path=V1_02_medium, duration=20, start=15, seed=2, scale=0.5, motion-blur.
-Cells that were flown already are not flown again, so the same command goes on after an interruption.";
+Simulated flights are sim:room, sim:hall and sim:low-texture. After ? append options of `plumbline replay` without their
+dashes, joined by &, such as path=V1_02_medium, duration=20, start=15, seed=2, scale=0.5, motion-blur.
+Finished cells are not flown again: after an interruption, repeat the same command.";
 
 /// Arguments of `plumbline sweep`.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct SweepArgs {
-    /// EuRoC data sets, flight logs (.mcap), or simulated flights (sim:room?path=demo&duration=10).
+    /// EuRoC data sets, flight logs (.mcap), ROS bags (with --config), or simulated flights
+    /// (sim:room?path=demo&duration=10).
     #[arg(required_unless_present = "collect", value_name = "DATASET")]
     pub datasets: Vec<String>,
-    /// Key of the configuration with its values; may be repeated: all combinations of the values are flown.
+    /// Key of the configuration with its values; may be repeated. All combinations of the values are flown.
     #[arg(long = "set", value_name = "KEY=VALUE,VALUE...")]
     pub axes: Vec<String>,
     /// Seeds of simulated flights, such as 1,2,5 or 1..3 (that is 1, 2 and 3).
@@ -46,8 +48,8 @@ pub struct SweepArgs {
     /// end.
     #[arg(long, value_delimiter = ',', value_name = "S,S")]
     pub starts: Vec<f64>,
-    /// Compare each setting with the first, flight by flight: means, mean paired differences and their bootstrap intervals
-    /// of 95 %. At least eight flights are needed to decide.
+    /// Compare each setting with the first, flight by flight: means, mean paired differences and their bootstrap
+    /// intervals of 95 %. A decision needs at least eight flights.
     #[arg(long)]
     pub paired: bool,
     /// Write the paired comparison (JSON).
@@ -59,12 +61,15 @@ pub struct SweepArgs {
     /// Ground truth for data sets without one: TUM (plain or .gz) or a EuRoC table.
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
+    /// Topics of bags.
+    #[command(flatten)]
+    pub topics: TopicArgs,
     /// Use the left camera only.
     #[arg(long)]
     pub mono: bool,
-    /// Cache rendered frames of simulated flights in this folder. A flight along a file (--path FILE) shares its frames
-    /// with shorter and longer ones; the built-in flight is rendered anew for each duration, since its room is built
-    /// around what is flown.
+    /// Cache rendered frames of simulated flights in this folder. Flights along one file (--path FILE) share frames
+    /// whatever their length. The built-in flight is rendered again for each duration, because its room is built
+    /// around the path.
     #[arg(long, value_name = "FOLDER")]
     pub cache: Option<PathBuf>,
     /// Folder with `euroc/trajectories`, for path=NAME. Default: $PLUMBLINE_SHARED, or ../shared.
@@ -73,8 +78,9 @@ pub struct SweepArgs {
     /// Parallel flights. Default: the number of processors. The results do not depend on it.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub jobs: Option<u16>,
-    /// Folder of the finished cells: one for each sweep. Default: the name of --out with the ending .cells; without
-    /// --out a folder in $XDG_CACHE_HOME/plumbline (~/.cache/plumbline), deleted when all cells are flown.
+    /// Folder of the finished cells of this sweep. Default: the name of --out with the extension .cells; without
+    /// --out, a folder in $XDG_CACHE_HOME/plumbline (~/.cache/plumbline), which is deleted after all cells have been
+    /// flown.
     #[arg(long, value_name = "FOLDER")]
     pub cells: Option<PathBuf>,
     /// Write every cell with all its figures (CSV).
@@ -86,7 +92,7 @@ pub struct SweepArgs {
     /// Fly only this cell, and write its file.
     #[arg(long, value_name = "K", conflicts_with = "collect")]
     pub cell: Option<usize>,
-    /// Print the table of the cells in this folder without flying any.
+    /// Print the table of the cells in this folder, without flying any.
     #[arg(long, value_name = "FOLDER", conflicts_with = "datasets")]
     pub collect: Option<PathBuf>,
 }
@@ -98,7 +104,7 @@ pub struct Seeds(Vec<u64>);
 /// `1,2,5` or `1..3`.
 fn parse_seeds(text: &str) -> Result<Seeds, String> {
     const MOST: u64 = 10_000;
-    let bad = || format!("'{text}' is no list of seeds: write 1,2,5 or 1..3 (that is 1, 2 and 3)");
+    let bad = || format!("'{text}' is not a list of seeds: write 1,2,5 or 1..3 (that is 1, 2 and 3)");
     let number = |text: &str| text.trim().parse::<u64>().map_err(|_| bad());
     let seeds: Vec<u64> = match text.split_once("..") {
         Some((first, last)) => {
@@ -174,18 +180,20 @@ fn plan(args: &SweepArgs) -> Result<Plan> {
     let seeds = args.seeds.as_ref().map_or_else(Vec::new, |seeds| seeds.0.clone());
     if !seeds.is_empty() && !subjects.iter().any(|s| matches!(s, Subject::Simulated { .. })) {
         bail!(Usage(
-            "--seeds: nothing is simulated here; name a flight such as sim:room, or leave it out".into()
+            "--seeds: none of the flights is simulated; name a flight such as sim:room, or leave it out"
+                .into()
         ));
     }
     let common = Common {
         config: load_config(args.config.as_deref())?,
         truth: args.truth.as_ref().map(|file| load_trajectory(file)).transpose()?.map(Arc::new),
+        topics: args.topics.names()?,
         mono: args.mono,
         cache: args.cache.clone(),
     };
     let base = common.config.clone().map_or_else(|| Config::preset("euroc"), Ok)?;
     if let Some(start_s) = args.starts.iter().find(|s| !(s.is_finite() && **s >= 0.0)) {
-        bail!(Usage(format!("--starts: {start_s} is no start; give seconds from the first frame")));
+        bail!(Usage(format!("--starts: {start_s} is not a start time; give seconds from the first frame")));
     }
     let plan = Plan::new(axes, subjects, seeds, common).map_err(|e| Usage(e.to_string()))?;
     let plan = plan.from_starts(args.starts.clone());

@@ -1,4 +1,4 @@
-//! The arguments that name the topics of a ROS 2 bag.
+//! The arguments that name the topics of a ROS bag.
 
 use super::Usage;
 use clap::Args;
@@ -7,8 +7,8 @@ use plumbline_drivers::BagTopics;
 /// Topics of a bag.
 #[derive(Clone, Debug, Default, Args)]
 pub struct TopicArgs {
-    /// A topic of a ROS 2 bag: left=/cam0/image_raw, right=... or imu=...; may be repeated. Default: found by their
-    /// message types.
+    /// Topic of a ROS bag: left=/cam0/image_raw, right=... or imu=...; may be repeated. Default: topics are
+    /// selected by message type.
     #[arg(long = "topic", value_name = "left|right|imu=NAME")]
     topics: Vec<String>,
 }

@@ -19,18 +19,18 @@ use std::path::{Path, PathBuf};
 const STEPS: u64 = 1000;
 
 const EXAMPLES: &str = "Examples:
-  plumbline verify log.mcap                one log, with all details
-  plumbline verify flights/*.mcap --jobs 8 many logs, eight at a time, a row each; exit status 1 if any differs";
+  plumbline verify log.mcap                verify one log, and print all details
+  plumbline verify flights/*.mcap --jobs 8 verify many logs, eight in parallel, one row each; exit status 1 if any differs";
 
 /// Arguments of `plumbline verify`.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct VerifyArgs {
-    /// Flight logs. The further parts of a log (LOG.1.mcap and so on) are found beside it; if they are named too, they
+    /// Flight logs. Further parts of a log (LOG.1.mcap and so on) are found automatically; arguments that name them
     /// are skipped.
     #[arg(value_name = "LOG.mcap", required = true)]
     pub logs: Vec<PathBuf>,
-    /// EuRoC data set or ROS 2 bag with the images, for a log that was recorded without them.
+    /// EuRoC data set or ROS bag with the images, for a log that was recorded without them.
     #[arg(long, value_name = "DATASET|BAG")]
     pub images: Option<PathBuf>,
     /// Topics of that bag.
@@ -39,7 +39,7 @@ pub struct VerifyArgs {
     /// Map that the flight continued (`replay --map`).
     #[arg(long, value_name = "FILE.map")]
     pub map: Option<PathBuf>,
-    /// Accept a log that is truncated or lacks outputs, if all that can be compared is identical.
+    /// Accept a log that is truncated or lacks outputs, if everything that can be compared is identical.
     #[arg(long)]
     pub allow_incomplete: bool,
     /// Parallel logs. Default: the number of processors.
@@ -72,14 +72,9 @@ pub fn run(args: &VerifyArgs) -> Result<()> {
 }
 
 fn run_one(args: &VerifyArgs, log: &Path) -> Result<()> {
-    let images = args.images.as_ref().map(|dataset| open_images(args, log, dataset)).transpose()?;
-    let bar = ProgressBar::new(STEPS);
-    let template = "{bar:32} {percent} %  executing  {elapsed} (eta {eta})";
-    bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let images = args.images.as_ref().map(|dataset| open_images(&args.topics, log, dataset)).transpose()?;
     let known = args.map.as_ref().map(|map| open_map(log, map)).transpose()?;
-    let verified = verify(log, images, known, &mut |done| bar.set_position((done * STEPS as f64) as u64));
-    bar.finish_and_clear();
-    let verified = verified?;
+    let verified = under_a_bar(|progress| verify(log, images, known, progress))?;
     say(if args.json { serde_json::to_string_pretty(&verified)? } else { summary(&verified) });
     match objection(&verified, args.allow_incomplete) {
         Some(objection) => bail!("{}: {objection}", log.display()),
@@ -87,8 +82,18 @@ fn run_one(args: &VerifyArgs, log: &Path) -> Result<()> {
     }
 }
 
+/// Executes a log under a bar of progress.
+pub(super) fn under_a_bar<T>(execute: impl FnOnce(&mut dyn FnMut(f64)) -> T) -> T {
+    let bar = ProgressBar::new(STEPS);
+    let template = "{bar:32} {percent} %  executing  {elapsed} (eta {eta})";
+    bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let outcome = execute(&mut |done| bar.set_position((done * STEPS as f64) as u64));
+    bar.finish_and_clear();
+    outcome
+}
+
 /// What is to be said against a log, if anything.
-fn objection(verified: &Verification, allow_incomplete: bool) -> Option<String> {
+pub(super) fn objection(verified: &Verification, allow_incomplete: bool) -> Option<String> {
     if let Some(difference) = &verified.difference {
         return Some(format!("not bit-identical: {difference}"));
     }
@@ -108,13 +113,13 @@ fn objection(verified: &Verification, allow_incomplete: bool) -> Option<String> 
 }
 
 /// The frames of the data set or bag, in the sizes of the log's cameras.
-fn open_images(args: &VerifyArgs, log: &Path, dataset: &Path) -> Result<Box<dyn StereoSource>> {
+pub(super) fn open_images(topics: &TopicArgs, log: &Path, dataset: &Path) -> Result<Box<dyn StereoSource>> {
     let config = LogReader::open(log)?.about().config.clone();
-    Ok(open_recording(dataset, Some(config), &args.topics.names()?, None, false)?.stereo)
+    Ok(open_recording(dataset, Some(config), &topics.names()?, None, false)?.stereo)
 }
 
 /// The map, in the limits of the log's configuration.
-fn open_map(log: &Path, map: &Path) -> Result<KnownMap> {
+pub(super) fn open_map(log: &Path, map: &Path) -> Result<KnownMap> {
     let config = LogReader::open(log)?.about().config.clone();
     Ok(read_known_map(map, Mapper::limits(config.setup()))?)
 }

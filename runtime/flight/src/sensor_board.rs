@@ -2,7 +2,7 @@
 
 use plumbline_drivers::clock::StampFigures;
 use std::fmt;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Notices that are sent, at most.
 const MAX_NOTICES: usize = 8;
@@ -40,22 +40,44 @@ impl SensorNews {
 
 /// The newest state, with a count of its changes.
 #[derive(Debug, Default)]
-pub(crate) struct SensorState(Mutex<(u64, SensorNews)>);
+pub(crate) struct SensorState(Mutex<Posted>);
+
+/// What was posted last.
+#[derive(Debug, Default)]
+struct Posted {
+    changes: u64,
+    sensors: SensorNews,
+    /// What the flight's data show to be wrong, one line each.
+    findings: Vec<String>,
+}
+
+impl Posted {
+    /// State of the sensors, with the findings among its notices.
+    fn news(&self) -> SensorNews {
+        let mut news = self.sensors.clone();
+        news.notices.extend_from_slice(&self.findings);
+        news.bounded()
+    }
+}
 
 impl SensorState {
     /// The newest state, if it is another than that of count `seen`.
     pub(crate) fn after(&self, seen: u64) -> Option<(u64, SensorNews)> {
-        let held = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        (held.0 != seen).then(|| held.clone())
+        let held = self.held();
+        (held.changes != seen).then(|| (held.changes, held.news()))
     }
 
     /// The newest state.
     pub(crate) fn newest(&self) -> SensorNews {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).1.clone()
+        self.held().news()
+    }
+
+    fn held(&self) -> MutexGuard<'_, Posted> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// Where the state of live sensors is posted for the readers of the local socket.
+/// Where the state of live sensors and the findings of a flight are posted for the readers of the local socket.
 #[derive(Clone)]
 pub struct SensorBoard {
     state: Arc<SensorState>,
@@ -74,15 +96,35 @@ impl SensorBoard {
         Self { state, ring: Arc::new(ring) }
     }
 
-    /// Posts a state; readers receive it if it is news.
+    /// Posts a state of the sensors; readers receive it if it is news.
     pub fn post(&self, news: SensorNews) {
         let news = news.bounded();
+        self.change(|held| {
+            let is_news = news.is_news_after(&held.sensors);
+            if is_news {
+                held.sensors = news;
+            }
+            is_news
+        });
+    }
+
+    /// Posts what the flight's data show to be wrong, one line each, the newest first; replaces what was posted before.
+    pub fn post_findings(&self, findings: Vec<String>) {
+        self.change(|held| {
+            let is_news = findings != held.findings;
+            held.findings = findings;
+            is_news
+        });
+    }
+
+    /// Wakes the thread that sends if `change` makes a difference.
+    fn change(&self, change: impl FnOnce(&mut Posted) -> bool) {
         {
-            let mut held = self.state.0.lock().unwrap_or_else(PoisonError::into_inner);
-            if !news.is_news_after(&held.1) {
+            let mut held = self.state.held();
+            if !change(&mut held) {
                 return;
             }
-            *held = (held.0 + 1, news);
+            held.changes += 1;
         }
         (self.ring)();
     }
@@ -100,5 +142,22 @@ mod tests {
         assert!(of(stamps(5, 1)).is_news_after(&of(stamps(5, 0))));
         let long = SensorNews { notices: vec!["\u{e9}".repeat(999); 20], ..SensorNews::default() }.bounded();
         assert!(long.notices.len() == MAX_NOTICES && long.notices[0].len() <= MAX_NOTICE_BYTES);
+    }
+
+    #[test]
+    fn findings_stand_among_the_notices_until_others_are_posted() {
+        let state = Arc::<SensorState>::default();
+        let board = SensorBoard::new(Arc::clone(&state), || ());
+        board.post(SensorNews { notices: vec!["no frames".into()], ..SensorNews::default() });
+        board.post_findings(vec!["columns exchanged".into()]);
+        let (changes, news) = state.after(0).unwrap();
+        assert_eq!(
+            (changes, news.notices),
+            (2, vec!["no frames".to_owned(), "columns exchanged".to_owned()])
+        );
+        board.post_findings(vec!["columns exchanged".into()]);
+        assert!(state.after(changes).is_none());
+        board.post(SensorNews::default());
+        assert_eq!(state.newest().notices, ["columns exchanged"]);
     }
 }

@@ -1,7 +1,12 @@
-//! Poses as files: TUM, CSV, MCAP.
+//! Poses as files: TUM, CSV, MCAP. The last holds the map too, as Foxglove draws it.
 
+use super::drawn::{self, Topic};
+use super::map::{MAX_KEYFRAMES, Map};
 use super::track::PoseSample;
 use mcap::McapError;
+use plumbline_config::Timestamp;
+use plumbline_flight::log::channel::FOXGLOVE;
+use plumbline_flight::log::scene;
 use plumbline_link::net::{DESCRIPTORS, proto, wire};
 use prost::Message;
 use std::collections::BTreeMap;
@@ -15,7 +20,7 @@ pub enum Format {
     Tum,
     /// With velocity, quality and resets.
     Csv,
-    /// `plumbline.v1.Odom` messages.
+    /// `plumbline.v1.Odom` messages, and poses, transforms, path and scene in Foxglove's schemas.
     Mcap,
 }
 
@@ -47,15 +52,20 @@ impl Format {
     }
 }
 
-/// The samples as a file.
+/// The samples as a file; with `map`, where a format has room for it.
 ///
 /// # Errors
 /// When a log cannot be written.
-pub fn export(vehicle: &str, samples: &[PoseSample], format: Format) -> Result<Vec<u8>, McapError> {
+pub fn export(
+    vehicle: &str,
+    samples: &[PoseSample],
+    map: &Map,
+    format: Format,
+) -> Result<Vec<u8>, McapError> {
     match format {
         Format::Tum => Ok(tum(samples).into_bytes()),
         Format::Csv => Ok(csv(samples).into_bytes()),
-        Format::Mcap => mcap(vehicle, samples),
+        Format::Mcap => mcap(vehicle, samples, map),
     }
 }
 
@@ -100,44 +110,89 @@ fn csv(samples: &[PoseSample]) -> String {
     text
 }
 
-fn mcap(vehicle: &str, samples: &[PoseSample]) -> Result<Vec<u8>, McapError> {
+fn mcap(vehicle: &str, samples: &[PoseSample], map: &Map) -> Result<Vec<u8>, McapError> {
     let mut file = Cursor::new(Vec::new());
-    let mut writer = mcap::WriteOptions::new().profile("plumbline").create(&mut file)?;
-    let schema = writer.add_schema("plumbline.v1.Odom", "protobuf", DESCRIPTORS)?;
-    let topic = format!("plumbline/{vehicle}/odom");
-    let channel = writer.add_channel(schema, &topic, "protobuf", &BTreeMap::new())?;
-    for (sequence, sample) in (0u32..).zip(samples) {
-        let v = sample.v_o_b;
-        let message = proto::Odom {
-            header: Some(proto::Header {
-                stamp_ns: sample.stamp_ns,
-                sequence: u64::from(sequence),
-                reset_counter: sample.reset_counter,
-                quality: sample.quality,
-                ..proto::Header::default()
-            }),
-            pose: wire::pose(&sample.pose_o_b),
-            velocity_o_b: Some(proto::Vector3 { x: v.x, y: v.y, z: v.z }),
-            ..proto::Odom::default()
-        };
-        let time_ns = u64::try_from(sample.stamp_ns).unwrap_or_default();
-        let header = mcap::records::MessageHeader {
-            channel_id: channel,
-            sequence,
-            log_time: time_ns,
-            publish_time: time_ns,
-        };
-        writer.write_to_known_channel(&header, &message.encode_to_vec())?;
+    let mut log = Log::new(mcap::WriteOptions::new().profile("plumbline").create(&mut file)?);
+    let odometry = log.channel(&format!("plumbline/{vehicle}/odom"), "plumbline.v1.Odom", DESCRIPTORS)?;
+    let named = |topic: Topic| (topic.of(vehicle), topic.schema());
+    let [pose, transform, path, scene] =
+        [Topic::Pose, Topic::Transform, Topic::Path, Topic::Scene].map(named);
+    let pose = log.channel(&pose.0, pose.1, FOXGLOVE)?;
+    let transform = log.channel(&transform.0, transform.1, FOXGLOVE)?;
+    let path = log.channel(&path.0, path.1, FOXGLOVE)?;
+    let scene = log.channel(&scene.0, scene.1, FOXGLOVE)?;
+    if let Some(first) = samples.first() {
+        // The path and the window are there from the beginning: a file is looked at as a whole.
+        let stamp = Timestamp::from_nanos(first.stamp_ns);
+        log.put(path, first.stamp_ns, &drawn::path(vehicle, stamp, samples.iter()))?;
+        let window = drawn::window(vehicle, stamp, &map.scene);
+        log.put(scene, first.stamp_ns, &scene::update(vec![window]).encode_to_vec())?;
     }
-    writer.finish()?;
-    drop(writer);
+    for (sequence, keyframe) in map.since(0, MAX_KEYFRAMES).1 {
+        let entity = drawn::keyframe(vehicle, sequence, keyframe);
+        log.put(scene, keyframe.stamp_ns, &scene::update(vec![entity]).encode_to_vec())?;
+    }
+    for (sequence, sample) in (0..).zip(samples) {
+        let stamp = Timestamp::from_nanos(sample.stamp_ns);
+        log.put(odometry, sample.stamp_ns, &odom(sequence, sample).encode_to_vec())?;
+        log.put(pose, sample.stamp_ns, &Topic::Pose.pose_message(vehicle, stamp, &sample.pose_o_b))?;
+        log.put(
+            transform,
+            sample.stamp_ns,
+            &Topic::Transform.pose_message(vehicle, stamp, &sample.pose_o_b),
+        )?;
+    }
+    log.writer.finish()?;
+    drop(log);
     Ok(file.into_inner())
+}
+
+fn odom(sequence: u64, sample: &PoseSample) -> proto::Odom {
+    let v = sample.v_o_b;
+    proto::Odom {
+        header: Some(proto::Header {
+            stamp_ns: sample.stamp_ns,
+            sequence,
+            reset_counter: sample.reset_counter,
+            quality: sample.quality,
+            ..proto::Header::default()
+        }),
+        pose: wire::pose(&sample.pose_o_b),
+        velocity_o_b: Some(proto::Vector3 { x: v.x, y: v.y, z: v.z }),
+        ..proto::Odom::default()
+    }
+}
+
+/// A log that is being made in memory.
+struct Log<'a> {
+    writer: mcap::Writer<&'a mut Cursor<Vec<u8>>>,
+    messages: u32,
+}
+
+impl<'a> Log<'a> {
+    fn new(writer: mcap::Writer<&'a mut Cursor<Vec<u8>>>) -> Self {
+        Self { writer, messages: 0 }
+    }
+
+    fn channel(&mut self, topic: &str, schema: &str, descriptors: &[u8]) -> Result<u16, McapError> {
+        let schema = self.writer.add_schema(schema, "protobuf", descriptors)?;
+        self.writer.add_channel(schema, topic, "protobuf", &BTreeMap::new())
+    }
+
+    fn put(&mut self, channel_id: u16, stamp_ns: i64, payload: &[u8]) -> Result<(), McapError> {
+        let time_ns = u64::try_from(stamp_ns).unwrap_or_default();
+        let (sequence, log_time) = (self.messages, time_ns);
+        self.messages = self.messages.wrapping_add(1);
+        let header = mcap::records::MessageHeader { channel_id, sequence, log_time, publish_time: time_ns };
+        self.writer.write_to_known_channel(&header, payload)
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use nalgebra::{Isometry3, Vector3};
+    use plumbline_flight::log::foxglove;
 
     fn samples() -> Vec<PoseSample> {
         let sample = |k: i64| PoseSample {
@@ -152,20 +207,36 @@ mod tests {
 
     #[test]
     fn text_keeps_every_nanosecond() {
-        let text = String::from_utf8(export("drone", &samples(), Format::Tum).unwrap()).unwrap();
+        let text =
+            String::from_utf8(export("drone", &samples(), &Map::default(), Format::Tum).unwrap()).unwrap();
         assert!(text.starts_with("1403715273.262142976 0.000000000 0.500000000 -1.000000000 0.0"));
-        let text = String::from_utf8(export("drone", &samples(), Format::Csv).unwrap()).unwrap();
+        let text =
+            String::from_utf8(export("drone", &samples(), &Map::default(), Format::Csv).unwrap()).unwrap();
         assert_eq!(text.lines().count(), 4);
         assert!(text.lines().nth(2).unwrap().starts_with("1403715273267142976,1,0.5,-1,"));
     }
 
     #[test]
     fn a_log_is_read_back() {
-        let bytes = export("drone", &samples(), Format::Mcap).unwrap();
+        let mut map = Map::default();
+        map.insert(&proto::Keyframe {
+            header: Some(proto::Header { stamp_ns: samples()[1].stamp_ns, ..proto::Header::default() }),
+            pose: wire::pose(&Isometry3::identity()),
+            points_o: vec![1.0, 2.0, 3.0],
+            lines_o: vec![0.0, 0.0, 0.0, 1.0, 1.0, 1.0],
+        });
+        let bytes = export("drone", &samples(), &map, Format::Mcap).unwrap();
         let messages: Vec<_> = mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap).collect();
-        assert_eq!(messages.len(), 3);
-        assert_eq!(messages[1].channel.topic, "plumbline/drone/odom");
-        let odom = proto::Odom::decode(&messages[1].data[..]).unwrap();
-        assert_eq!(odom.header.unwrap().stamp_ns, samples()[1].stamp_ns);
+        let of = |topic: &str| {
+            messages.iter().filter(|message| message.channel.topic == topic).collect::<Vec<_>>()
+        };
+        assert_eq!((of("/drone/pose").len(), of("/drone/tf").len(), of("/drone/path").len()), (3, 3, 1));
+        let odometry = of("plumbline/drone/odom");
+        let odom = proto::Odom::decode(&odometry[1].data[..]).unwrap();
+        assert_eq!((odometry.len(), odom.header.unwrap().stamp_ns), (3, samples()[1].stamp_ns));
+        let scenes = of("/drone/scene");
+        let keyframe = foxglove::SceneUpdate::decode(&scenes[1].data[..]).unwrap().entities.remove(0);
+        assert_eq!((scenes.len(), keyframe.id.as_str(), keyframe.spheres.len()), (2, "keyframe 0", 1));
+        assert_eq!((scenes[1].log_time, keyframe.lines.len()), (samples()[1].stamp_ns as u64, 2));
     }
 }

@@ -4,6 +4,7 @@ use super::clock::Exchange;
 use super::export::{Format, export};
 use super::fleet::lock;
 use super::fleet::{Fleet, PastPoint};
+use super::foxglove;
 use super::listen::apply_numbered;
 use super::recover::points;
 use super::web::{api, guard, socket};
@@ -71,7 +72,7 @@ fn show(fleet: &Fleet) {
     for (name, vehicle) in &fleet.vehicles {
         let _ = vehicle.map.missing(100);
         for format in [Format::Tum, Format::Csv, Format::Mcap] {
-            assert!(export(name, &vehicle.poses.to_vec(), format).is_ok());
+            assert!(export(name, &vehicle.poses.to_vec(), &vehicle.map, format).is_ok());
         }
     }
 }
@@ -83,6 +84,7 @@ fn show(fleet: &Fleet) {
 pub fn web_socket(data: &[u8]) {
     let Ok(text) = std::str::from_utf8(data) else { return };
     let _ = socket::watched(text);
+    let _ = foxglove::protocol::request(text);
     let _ = serde_json::from_str::<api::Reset>(text);
     let _ = serde_json::from_str::<api::Record>(text);
     let _ = text.split_once('.').and_then(|(_, ending)| Format::of(ending));

@@ -9,8 +9,10 @@ pub mod clock;
 pub mod command;
 pub mod connection;
 pub mod corrected;
+pub mod drawn;
 pub mod export;
 pub mod fleet;
+pub mod foxglove;
 #[cfg(any(test, feature = "fuzzing"))]
 #[doc(hidden)]
 pub mod fuzzing;

@@ -13,6 +13,8 @@ const MAX_NUMBERS: usize = 400_000;
 /// A keyframe with the landmarks that it hosts.
 #[derive(Clone, Debug)]
 pub struct MapKeyframe {
+    /// When it was taken, ns.
+    pub stamp_ns: i64,
     /// Resets before it.
     pub reset_counter: u32,
     /// Pose of the body in the odometry frame.
@@ -60,7 +62,7 @@ impl Map {
     /// Adds a keyframe; one that is known already is ignored.
     pub fn insert(&mut self, message: &proto::Keyframe) {
         let Some(header) = &message.header else { return };
-        let (sequence, reset_counter) = (header.sequence, header.reset_counter);
+        let (sequence, stamp_ns, reset_counter) = (header.sequence, header.stamp_ns, header.reset_counter);
         let Some(pose_o_b) = message.pose.as_ref().and_then(read::isometry) else { return };
         self.announced = self.announced.max(sequence.saturating_add(1));
         if reset_counter < self.since_reset {
@@ -72,7 +74,7 @@ impl Map {
         }
         let (points_o, lines_o) = (message.points_o.clone(), message.lines_o.clone());
         self.numbers += points_o.len() + lines_o.len();
-        self.keyframes.insert(sequence, MapKeyframe { reset_counter, pose_o_b, points_o, lines_o });
+        self.keyframes.insert(sequence, MapKeyframe { stamp_ns, reset_counter, pose_o_b, points_o, lines_o });
         self.arrivals.push_back(sequence);
         self.arrived += 1;
         while self.keyframes.len() > MAX_KEYFRAMES || self.numbers > MAX_NUMBERS {

@@ -150,6 +150,17 @@ impl Samples {
         self.samples.push_back(sample);
     }
 
+    /// The newest.
+    #[must_use]
+    pub fn newest(&self) -> Option<&PoseSample> {
+        self.samples.back()
+    }
+
+    /// All of them, the oldest first.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = &PoseSample> {
+        self.samples.iter()
+    }
+
     /// All of them.
     #[must_use]
     pub fn to_vec(&self) -> Vec<PoseSample> {

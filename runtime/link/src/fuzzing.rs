@@ -1,9 +1,11 @@
-//! What the fuzzers send to a session: transport messages of Zenoh, as any peer can that is connected.
+//! What the fuzzers send to a session: transport messages of Zenoh, as any peer can that is connected; and what clients of
+//! ROS 2 attach to a request.
 
 #[path = "../../../fuzz/raw_peer.rs"]
 pub mod raw_peer;
 
 use crate::net::Endpoints;
+use crate::ros::names::Attachment;
 use raw_peer::{Kind, RawPeer};
 use std::io::Read as _;
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
@@ -87,6 +89,16 @@ pub fn zenoh_transport(data: &[u8]) {
     assert_eq!(PANICS.load(Ordering::SeqCst), 0, "a thread of the session panicked");
 }
 
+/// Attachment of a request of ROS 2: what is accepted is written as the same bytes.
+///
+/// # Panics
+/// When it is not.
+pub fn ros_attachment(data: &[u8]) {
+    if let Some(attachment) = Attachment::decode(data) {
+        assert_eq!(attachment.encode(), data, "other bytes");
+    }
+}
+
 #[cfg(test)]
 #[path = "../../../fuzz/smoke.rs"]
 mod smoke;
@@ -101,7 +113,7 @@ mod fixture;
 mod tests {
     use super::fixture::put;
     use super::raw_peer::declare_key;
-    use super::{smoke, zenoh_transport};
+    use super::{Attachment, ros_attachment, smoke, zenoh_transport};
 
     /// Seeds: batches with their kinds and lengths.
     fn input(batches: &[(u8, Vec<u8>)]) -> Vec<u8> {
@@ -134,8 +146,15 @@ mod tests {
     }
 
     #[test]
+    fn fuzz_ros_attachment() {
+        smoke::over_seeds_and_mutations("ros_attachment", 20_000, ros_attachment);
+    }
+
+    #[test]
     #[ignore = "writes the seeds of the fuzzers"]
     fn fuzz_seeds() {
+        let attachment = Attachment { sequence: 7, source_ns: 1_700_000_000_000_000_000, gid: [0xa5; 16] };
+        put("ros_attachment", "request", &attachment.encode());
         let declare = |id, scope, suffix| (1, declare_key(id, scope, suffix));
         put("zenoh_transport", "keys", &input(&[declare(1, 0, "plumbline/drone"), declare(2, 1, "/odom")]));
         put(

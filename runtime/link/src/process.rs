@@ -189,9 +189,10 @@ impl Outputs {
         }
         let net = Self::start_net(&config, options, commands)?;
         let stamps = if configuration.stamps_of_host { Stamps::OfHost } else { Stamps::Replayed };
-        let vehicle = &config.network.vehicle;
         let ros = rot_v_b.filter(|_| config.ros.enabled);
-        let ros = ros.map(|rot_v_b| RosOutput::start(&config.ros, vehicle, rot_v_b, stamps)).transpose()?;
+        let ros = ros
+            .map(|rot_v_b| RosOutput::start(&config, rot_v_b, stamps, Arc::clone(commands)))
+            .transpose()?;
         if net.is_none() && ros.is_none() {
             return Err(LinkError::NoEndpoint);
         }
@@ -213,11 +214,7 @@ impl Outputs {
 
     fn take(&mut self, record: Record, commands: &Commands) {
         if let Some((_, ros)) = &mut self.ros {
-            match &record {
-                Record::Odometry(odometry, _) => ros.odometry(odometry),
-                Record::MapEstimate(estimate) => ros.map_estimate(estimate),
-                _ => {}
-            }
+            ros.take(&record);
         }
         if let Record::Answer(answer) = record {
             return commands.take(answer);

@@ -49,7 +49,7 @@ fn flown(flight: Flight, keep: &Keep, control: &Arc<Control>) -> Result<Replayed
     }
     let mut states = KeptStates::for_flight(&flight);
     let mut odometry = keep.odometry.then(|| KeptOdometry::for_flight(&flight));
-    let watch = Watch::start(&flight.config, false, flight.findings.clone());
+    let watch = Watch::start(&flight.config, false, flight.findings.clone(), None);
     let mut watch = watch.map_err(|error| RunError::Thread(error.to_string()))?;
     let (log_end, file_defects) = (flight.log_end.clone(), flight.file_defects.clone());
     let mut subscribers = outputs.subscribers();

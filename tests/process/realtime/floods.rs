@@ -5,6 +5,8 @@ use crate::roles::{attacker, make_keys, try_to_connect};
 use crate::vehicle::{PLUMBLINE, Running, eventually, flight, free_port, render};
 use rustix::process::{Pid, Resource, Rlimit, prlimit};
 use serde_json::Value;
+use std::io::{Read as _, Write as _};
+use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
@@ -25,6 +27,11 @@ const MAX_GROWTH_MB: f64 = 20.0;
 /// Peers at a time, and the length of the keys that each declares without end, bytes.
 const PEERS: usize = 8;
 const KEY_BYTES: usize = 60_000;
+/// Vehicles of a station, and pages that never read what it sends them.
+const VEHICLES: usize = 16;
+const PAGES: usize = 60;
+/// Memory that a station may take for them, MB.
+const MAX_STATION_MB: f64 = 100.0;
 /// Data that peers may take of the network process, bytes.
 const MAX_HELD_BYTES: u64 = 10_000_000;
 
@@ -206,4 +213,49 @@ fn soak_network_keys_without_end_cost_the_network_process_and_not_the_flight() {
         reply.is_ok_and(|reply| reply.into_result().is_ok())
     });
     assert!(asked, "{}", vehicle.words());
+}
+
+/// A page that opens its socket and never reads; the station's answer to the opening is all it takes.
+fn page_that_never_reads(port: u16) -> TcpStream {
+    let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
+    let request = format!(
+        "GET /ws HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n\
+         Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n"
+    );
+    stream.write_all(request.as_bytes()).unwrap();
+    let mut status = [0; 12];
+    stream.read_exact(&mut status).unwrap();
+    assert_eq!(&status, b"HTTP/1.1 101");
+    stream
+}
+
+#[test]
+#[ignore = "a minute with sixteen vehicles: make soak"]
+fn soak_sixty_pages_that_never_read_take_little_of_the_station() {
+    const SECONDS: u32 = 60;
+    render(SECONDS);
+    let [station_port, page_port] = [free_port(), free_port()];
+    let endpoint = format!("tcp/127.0.0.1:{station_port}");
+    let mut command = Command::new(PLUMBLINE);
+    command.args(["ground", "--plain", "--listen", &endpoint, "--http", &format!("127.0.0.1:{page_port}")]);
+    let station = Running::start(command);
+    let vehicles: Vec<Running> = (0..VEHICLES)
+        .map(|k| {
+            let mut command = flight(&format!("drone-{k}"), SECONDS);
+            command.args(["--connect", &endpoint]);
+            Running::start(command)
+        })
+        .collect();
+    std::thread::sleep(Duration::from_secs(12));
+    let before_mb = resident_mb(&station);
+    let pages: Vec<TcpStream> = (0..PAGES).map(|_| page_that_never_reads(page_port)).collect();
+    let most_mb = (0..45).fold(before_mb, |most, _| {
+        std::thread::sleep(Duration::from_secs(1));
+        resident_mb(&station).max(most)
+    });
+    println!(
+        "{VEHICLES} vehicles: {before_mb:.1} MB; with {PAGES} pages that never read at most {most_mb:.1} MB"
+    );
+    assert!(most_mb < MAX_STATION_MB, "{most_mb} MB");
+    drop((pages, vehicles));
 }

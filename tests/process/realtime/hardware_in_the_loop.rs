@@ -371,7 +371,7 @@ fn sensors_that_are_missing_at_the_start_and_unplugged_in_flight_are_taken_when_
     assert!((missing - FRAME_RATE_HZ).abs() <= 2.0, "{cameras}");
     for words in [
         "the IMU is missing",
-        "the IMU is there",
+        "the IMU is available",
         "no program sends frames yet",
         "the program that sent frames has disconnected",
     ] {

@@ -262,7 +262,7 @@ impl Drop for Flying {
 fn a_stage_that_stalls_is_named_within_a_tenth_of_a_second_and_the_odometry_goes_on() {
     let Some(group) = Group::freezer("stall") else { return };
     let flight = Flight::new("sim:low-texture", 8, "0.5");
-    let mut flying = Flying::start(flight.command(&["--speed", "1"]));
+    let mut flying = Flying::start(flight.command(&["--speed", "1", "-v"]));
     std::thread::sleep(Duration::from_secs(3));
     let window = thread_of(flying.child.id(), "window").expect("the window has a thread");
     // Held still while it waits for a frame, it has no work to be late with until the next one comes.

@@ -147,7 +147,7 @@ fn complaints(workspace: &Path, path: &Path, text: &str) -> Vec<String> {
         let (outside, inside) = pieces(line);
         let links = links(&outside).into_iter().filter_map(|target| broken(path, text, &target));
         let missing = inside.into_iter().filter_map(repository_path).filter(|p| !workspace.join(p).exists());
-        let missing = missing.map(|path| format!("`{path}` is no file of the repository"));
+        let missing = missing.map(|path| format!("`{path}` is not a file of the repository"));
         let name = path.strip_prefix(workspace).unwrap_or(path).display();
         found.extend(links.chain(missing).map(|what| format!("{name}:{number}: {what}")));
     }

@@ -185,6 +185,19 @@ abi! {
 }
 
 abi! {
+    /// `uvc_xu_control_query` of `linux/uvcvideo.h`; `data` is an address.
+    ExtensionQuery {
+        unit: u8 = 0,
+        selector: u8 = 0,
+        query: u8 = 0,
+        align: u8 = 0,
+        size: u16 = 0,
+        align_2: u16 = 0,
+        data: u64 = 0,
+    }
+}
+
+abi! {
     /// `v4l2_control`.
     Control {
         id: u32 = 0,
@@ -253,6 +266,10 @@ pub(crate) const FLAG_SOURCE_START: u32 = 0x0001_0000;
 
 /// `V4L2_FRMSIZE_TYPE_DISCRETE` and `V4L2_FRMIVAL_TYPE_DISCRETE`.
 pub(crate) const KIND_DISCRETE: u32 = 1;
+
+/// Requests of the USB Video Class (`linux/usb/video.h`): set a control, read it.
+pub(crate) const UVC_SET: u8 = 0x01;
+pub(crate) const UVC_GET: u8 = 0x81;
 
 /// `V4L2_CTRL_FLAG_NEXT_CTRL`, added to an id.
 pub(crate) const NEXT_CONTROL: u32 = 0x8000_0000;

@@ -1,9 +1,9 @@
 //! The kernel's calls, each with the struct it takes. A call that a signal interrupts is made again.
 
 use super::abi::{
-    Buffer, Capability, Control, ControlDescription, Format, FormatDescription, FrameInterval, FrameSize,
-    KIND_CAPTURE_MPLANE, MAX_PLANES, MEMORY_MMAP, MenuEntry, PlanarFormat, Plane, RequestBuffers,
-    StreamParameters, Zero,
+    Buffer, Capability, Control, ControlDescription, ExtensionQuery, Format, FormatDescription,
+    FrameInterval, FrameSize, KIND_CAPTURE_MPLANE, MAX_PLANES, MEMORY_MMAP, MenuEntry, PlanarFormat, Plane,
+    RequestBuffers, StreamParameters, UVC_GET, UVC_SET, Zero,
 };
 use rustix::fd::BorrowedFd;
 use rustix::io::Errno;
@@ -25,6 +25,7 @@ pub(crate) const SET_CONTROL: Opcode = opcode::read_write::<Control>(b'V', 28);
 pub(crate) const QUERY_MENU: Opcode = opcode::read_write::<MenuEntry>(b'V', 37);
 pub(crate) const ENUM_SIZE: Opcode = opcode::read_write::<FrameSize>(b'V', 74);
 pub(crate) const ENUM_INTERVAL: Opcode = opcode::read_write::<FrameInterval>(b'V', 75);
+pub(crate) const QUERY_EXTENSION: Opcode = opcode::read_write::<ExtensionQuery>(b'u', 0x21);
 pub(crate) const QUERY_CONTROL: Opcode = opcode::read_write::<ControlDescription>(b'V', 103);
 
 /// Makes a call whose number is that of a `T` without pointers.
@@ -131,6 +132,32 @@ pub(crate) fn stream(fd: BorrowedFd<'_>, mut kind: u32, on: bool) -> Result<(), 
     match on {
         true => call::<STREAM_ON, _>(fd, &mut kind),
         false => call::<STREAM_OFF, _>(fd, &mut kind),
+    }
+}
+
+/// Reads a control of an extension unit of a USB camera, as many bytes as `value` has.
+pub(crate) fn extension(fd: BorrowedFd<'_>, unit: u8, selector: u8, value: &mut [u8]) -> Result<(), Errno> {
+    extension_call(fd, ExtensionQuery { unit, selector, query: UVC_GET, ..Zero::ZERO }, value)
+}
+
+/// Sets a control of an extension unit of a USB camera.
+pub(crate) fn set_extension(fd: BorrowedFd<'_>, unit: u8, selector: u8, value: &[u8]) -> Result<(), Errno> {
+    extension_call(fd, ExtensionQuery { unit, selector, query: UVC_SET, ..Zero::ZERO }, &mut value.to_vec())
+}
+
+/// A call about a control of an extension unit.
+#[allow(unsafe_code)]
+fn extension_call(fd: BorrowedFd<'_>, query: ExtensionQuery, bytes: &mut [u8]) -> Result<(), Errno> {
+    let size = u16::try_from(bytes.len()).map_err(|_| Errno::NOBUFS)?;
+    let mut query = ExtensionQuery { size, data: bytes.as_mut_ptr().expose_provenance() as u64, ..query };
+    loop {
+        // SAFETY: this number takes an `ExtensionQuery`. The driver copies at most `size` bytes from or to `data`, which is
+        // `bytes`: borrowed mutably beyond the call, of that length, and of plain bytes. It keeps no address. Another driver
+        // does not know the number (ENOTTY).
+        match unsafe { ioctl::ioctl(fd, Updater::<QUERY_EXTENSION, ExtensionQuery>::new(&mut query)) } {
+            Err(Errno::INTR) => {}
+            result => return result,
+        }
     }
 }
 

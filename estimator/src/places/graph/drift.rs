@@ -15,7 +15,7 @@ use super::edge::{Edge, EdgeKind, Node, chained, turn, wrapped};
 use nalgebra::{Matrix4, Vector3, Vector4};
 
 /// Errors of steps add up to so much more than the covariances that the window gives them, as a factor on the standard
-/// deviation: neighbouring steps share landmarks and biases. See `docs/places.md`.
+/// deviation: neighbouring steps share landmarks and biases. See `docs/lab/places.md`.
 const INFLATION: f64 = 3.0;
 /// What odometry drifts by beside that, m per root of a metre of way.
 const DRIFT_M: f64 = 0.02;

@@ -192,7 +192,7 @@ impl GravityTurns {
         Some(Finding::new(
             DISAGREE,
             format!(
-                "gravity wanders by {configured:.2} m/s^2 as configured, by {scatter:.2} with what is probably meant"
+                "gravity varies by {configured:.2} m/s^2 as configured, by {scatter:.2} with the probable columns"
             ),
             format!(
                 "that columns of the accelerometer are swapped or negated: as x y z it delivers {}",

@@ -52,7 +52,7 @@ const MIN_JUDGED: usize = 100;
 const MIN_BRIGHT: usize = 40;
 
 /// What is said of a reset.
-pub const GIVEN_UP: &str = "the estimate was given up";
+pub const GIVEN_UP: &str = "the estimate was discarded";
 
 /// A frame, shrunken.
 #[derive(Clone, Debug)]
@@ -332,8 +332,7 @@ impl Plausibility {
                 "frames are lost",
                 format!("{} of {all}", self.lost_frames),
                 "a renderer, disk or processor that does not keep up with the camera",
-                "take load off this computer, or give smaller images; a simulated flight is rendered beforehand with \
-                 `plumbline replay --cache FOLDER`",
+                "take load off this computer, or give smaller images",
             ));
         }
         findings.extend(self.resets.iter().cloned());
@@ -342,15 +341,15 @@ impl Plausibility {
 }
 
 /// What to do about a camera that is missing: a live one.
-const CONNECT: &str = "connect it, or take the second [[camera]] out of the configuration";
+const CONNECT: &str = "connect it, or remove the second [[camera]] from the configuration";
 /// What to do about a camera that a recording lacks.
-pub const COPY: &str = "copy cam1 too, or take the second [[camera]] out of the configuration, as `plumbline replay --mono` does";
+pub const COPY: &str = "copy cam1 too, or remove the second [[camera]] from the configuration, as `plumbline replay --mono` does";
 
 /// The right camera of the configuration delivers nothing.
 #[must_use]
 pub fn missing_camera(evidence: &str, cure: &str) -> Finding {
     Finding::new(
-        "the configuration names two cameras, but no image of cam1 comes",
+        "the configuration has two cameras, but no image of cam1 arrives",
         evidence,
         "a camera that is not connected, or a data set without its folder cam1",
         cure,

@@ -141,7 +141,7 @@ impl Agreement {
             })?;
         let what = OTHER_AXES;
         let evidence = |as_well: f64| {
-            format!("correlation {configured:.2} as configured, {as_well:.2} with what is probably meant")
+            format!("correlation {configured:.2} as configured, {as_well:.2} with the probable axes")
         };
         if inverse > convincing && inverse > assigned - TIE {
             const INVERTED: &str = "that the extrinsics are inverted (T_CB where T_BC is expected)";
@@ -200,7 +200,7 @@ fn rates(gyro: f64, images: f64) -> String {
 /// What is said of columns of the gyroscope or of extrinsics.
 pub const OTHER_AXES: &str = "the gyroscope and the images turn about different axes";
 /// What is said of a gyroscope in degrees.
-pub const IN_DEGREES: &str = "the gyroscope turns faster than anything that flies or than the images";
+pub const IN_DEGREES: &str = "the gyroscope turns faster than a vehicle can, or than the images";
 
 /// The gyroscope is in degrees.
 pub(super) fn in_degrees(evidence: &str) -> Finding {

@@ -120,7 +120,7 @@ impl Sides {
     pub fn finding(&self) -> Option<Finding> {
         (self.wrong >= MIN_VOTES && self.wrong > MAJORITY * self.right).then(|| {
             Finding::new(
-                "near things are shifted to the wrong side between the images of a pair",
+                "near objects are shifted to the wrong side between the images of a pair",
                 format!(
                     "{} patches match with left and right swapped, {} as configured",
                     self.wrong, self.right

@@ -104,7 +104,7 @@ fn axes_of_another_assignment_explain_nothing() {
     assert_found(&report, UNITS_AND_COLUMNS, Fitness::NotFit, "columns of the gyroscope are swapped");
     let rotation = measure(&report, "camera-IMU rotation");
     assert_eq!(rotation.verdict, Fitness::NotMeasured, "{}", told(&report));
-    assert!(rotation.cure.contains("named above"), "{}", told(&report));
+    assert!(rotation.cure.contains("problems above"), "{}", told(&report));
 }
 
 #[test]
@@ -200,7 +200,7 @@ fn lost_samples_another_rate_and_stamps_that_run_backwards_are_told() {
     let mut back = flight(0);
     back.samples.swap(500, 501);
     assert_found(&back.report(), "IMU timing", Fitness::NotFit, "backwards");
-    assert_found(&back.report(), "camera timing", Fitness::NotFit, "0 samples came");
+    assert_found(&back.report(), "camera timing", Fitness::NotFit, "0 samples arrived");
 }
 
 #[test]

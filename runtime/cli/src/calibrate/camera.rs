@@ -1,14 +1,15 @@
 //! `plumbline calibrate camera`: images of a board in, a configuration, a table and a picture out.
 
 use super::live;
+use crate::topics::TopicArgs;
 use crate::{Usage, check_outputs, load_config, say};
 use anyhow::{Context as _, Result};
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline_config::Config;
-use plumbline_flight::flight::is_log;
+use plumbline_flight::flight::{RecordingKind, recording_kind};
 use plumbline_lab::calibrate::camera::images::{Images, Moment, read};
-use plumbline_lab::calibrate::camera::recording::read_log;
+use plumbline_lab::calibrate::camera::recording::{read_bag, read_log};
 use plumbline_lab::calibrate::camera::result::{CELLS, CameraResult};
 use plumbline_lab::calibrate::camera::{
     Calibration, Detector, LensKind, Pair, Target, calibrate, output, table,
@@ -22,12 +23,12 @@ const EXAMPLES: &str = "Examples:
   plumbline calibrate camera recording --target charuco:11x8:0.03:0.022:5X5_100 --out my.toml --rate 30
   plumbline calibrate camera recording --target chessboard:9x6:0.025 --mono --out my.toml
 
-Boards, lengths in metres, measured on the print:
-  aprilgrid:COLSxROWS:TAG:SPACING                Kalibr's grid: tags, side of a tag, gap over side
-  charuco:COLSxROWS:SQUARE:MARKER[:DICT]         squares; DICT as OpenCV calls it, default 6X6_250
-  chessboard:COLSxROWS:SIZE                      inner corners, one less than squares; all of them in sight
+Boards (lengths in metres, measured on the print):
+  aprilgrid:COLSxROWS:TAG:SPACING                Kalibr's grid: tags, side of a tag, gap divided by side
+  charuco:COLSxROWS:SQUARE:MARKER[:DICT]         squares; DICT as OpenCV names it, default 6X6_250
+  chessboard:COLSxROWS:SIZE                      inner corners, one less than squares; all must be in view
 
-docs/calibration.md says what to print, how to move it, and what a good result looks like.";
+docs/calibration.md explains what to print, how to move the board, and how to judge the result.";
 
 /// Default limit of images: more take longer and add little.
 const MOST_IMAGES: u32 = 60;
@@ -39,16 +40,20 @@ const DEFAULT_BASE: &str = "euroc";
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct CameraArgs {
-    /// A folder with cam0/ and, for two cameras, cam1/ (PNG, images of one time under one name), a EuRoC data set, a
-    /// flight log (.mcap) that holds images, or `live`: the cameras of --config, before which you move the board.
+    /// A folder with cam0/ and, for two cameras, cam1/ (PNG; images of the same moment have the same name), a EuRoC
+    /// data set, a flight log (.mcap) with images, a ROS bag, or `live`: the cameras of --config, in front of which you
+    /// move the board.
     #[arg(value_name = "SOURCE")]
     source: PathBuf,
+    /// Topics of a bag.
+    #[command(flatten)]
+    topics: TopicArgs,
     /// The board, such as aprilgrid:6x6:0.088:0.3; see below.
     #[arg(long, value_name = "BOARD")]
     target: Target,
     #[command(flatten)]
     live: live::LiveArgs,
-    /// The configuration to write.
+    /// Configuration to write.
     #[arg(long, value_name = "OUT.toml")]
     out: PathBuf,
     /// Picture to write (.png or .svg): positions of the corners and their residuals. Default: a PNG beside OUT.
@@ -60,17 +65,17 @@ pub struct CameraArgs {
     /// Use the left camera only.
     #[arg(long)]
     mono: bool,
-    /// Frame rate of the cameras in flight, Hz. Default: that of the base.
+    /// Frame rate of the cameras in flight, Hz. Default: the rate in --base.
     #[arg(long, value_name = "HZ")]
     rate: Option<f64>,
-    /// Configuration file or preset for all other values, such as the pose of the left camera on the IMU. Default: that
-    /// of --config, or the preset `euroc`.
+    /// Configuration file or preset for all other values, such as the pose of the left camera on the IMU. Default:
+    /// --config, or the preset `euroc`.
     #[arg(long, value_name = "FILE|PRESET")]
     base: Option<PathBuf>,
-    /// Largest number of images (or pairs) used: evenly chosen from a recording, or the first that `live` keeps.
+    /// Largest number of images or pairs: evenly spaced in a recording, or the first ones that `live` keeps.
     #[arg(long, default_value_t = MOST_IMAGES, value_parser = clap::value_parser!(u32).range(5..=1000))]
     max_images: u32,
-    /// Replace files of these names.
+    /// Replace existing files.
     #[arg(long)]
     overwrite: bool,
 }
@@ -78,7 +83,7 @@ pub struct CameraArgs {
 /// A model of distortion as it is named.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Lens {
-    /// Radial and tangential: lenses up to some 100 degrees.
+    /// Radial and tangential: lenses up to about 100 degrees.
     Radtan,
     /// Fisheye.
     Equidistant,
@@ -174,11 +179,15 @@ fn check(args: &CameraArgs, picture: &PathBuf) -> Result<()> {
     Ok(())
 }
 
-/// The images of a folder or of a flight log.
+/// The images of a folder, of a flight log or of a bag.
 fn read_pairs(args: &CameraArgs) -> Result<Vec<Pair>> {
     let most = args.max_images as usize;
-    let (pairs, total) = if is_log(&args.source) {
-        let recorded = read_log(&args.source, most, args.mono)?;
+    let kind = recording_kind(&args.source);
+    let (pairs, total) = if kind != RecordingKind::Dataset {
+        let recorded = match kind {
+            RecordingKind::Log => read_log(&args.source, most, args.mono)?,
+            _ => read_bag(&args.source, &args.topics.names()?, most, args.mono)?,
+        };
         (recorded.pairs, recorded.total)
     } else {
         let images = Images::list(&args.source, most, args.mono)?;

@@ -16,32 +16,32 @@ const EXAMPLES: &str = "Examples:
   plumbline calibrate imu rest.mcap --config my.toml --out my-imu.toml --plot allan.svg
   plumbline calibrate imu rest/mav0/imu0/data.csv --out my-imu.toml --inflate 10
 
-Lay the vehicle on something solid, rotors off, and record two hours or more: a minute gives the white noise, the walk of the
-bias takes as long as that. What is found is written into the configuration; what is not found keeps its value there.";
+Lay the vehicle on something solid, rotors off, and record two hours or more. The white noise needs one minute, the bias
+random walk about two hours. A value that cannot be determined keeps its value in the configuration.";
 
 /// Arguments of `plumbline calibrate imu`.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct ImuArgs {
-    /// A recording at rest: a EuRoC data set or its imu0/data.csv, a flight log or a ROS 2 bag (.mcap).
+    /// A recording at rest: a EuRoC data set or its imu0/data.csv, a flight log or a ROS bag (.mcap, .db3, .bag).
     pub source: PathBuf,
-    /// The configuration to write.
+    /// Configuration to write.
     #[arg(long, value_name = "OUT.toml")]
     pub out: PathBuf,
-    /// Configuration file or preset for all other values. Default: that of the log, or the preset `euroc` with the
-    /// calibration of the data set, if it has one.
+    /// Configuration file or preset for all other values. Default: the configuration of the log, or the preset
+    /// `euroc` with the calibration of the data set, if it has one.
     #[arg(long, value_name = "FILE|PRESET")]
     pub config: Option<PathBuf>,
     /// Draw the Allan deviations (.svg or .png).
     #[arg(long, value_name = "OUT.svg|OUT.png")]
     pub plot: Option<PathBuf>,
-    /// Multiply the white noise densities by this: a sensor in flight is noisier than one at rest.
+    /// Factor for the white noise densities: a sensor is noisier in flight than at rest.
     #[arg(long, default_value_t = 1.0, value_name = "FACTOR")]
     pub inflate: f64,
     /// Topics of a bag.
     #[command(flatten)]
     pub topics: TopicArgs,
-    /// Replace a file of that name.
+    /// Replace an existing file.
     #[arg(long)]
     pub overwrite: bool,
 }

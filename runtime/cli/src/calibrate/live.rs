@@ -20,13 +20,13 @@ const MOST_S: f64 = 86_400.0;
 /// Arguments for live cameras alone.
 #[derive(Debug, Args)]
 pub(super) struct LiveArgs {
-    /// With `live`: configuration that names the cameras and supplies all other values.
+    /// With `live`: configuration with the devices of the cameras and all other values.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// With `live`: stop after S seconds at the latest. Ctrl-C stops too; in both cases the pairs kept so far are used.
     #[arg(long, value_name = "S")]
     pub duration: Option<f64>,
-    /// With `live`: folder to which the pairs are written, for a later calibration. Default: beside OUT.
+    /// With `live`: folder for the images, for a later calibration. Default: beside OUT.
     #[arg(long, value_name = "FOLDER")]
     pub images: Option<PathBuf>,
 }

@@ -18,8 +18,8 @@ pub struct CalibrateArgs {
 
 #[derive(Debug, Subcommand)]
 enum CalibrateCommand {
-    /// Calibrate intrinsics, and the pose between two cameras, from images of a board (needs a build with OpenCV: `make
-    /// calibration`).
+    /// Calibrate the intrinsics of one or two cameras, and the pose between them, from images of a board (needs a
+    /// build with OpenCV: `make calibration`).
     Camera(Box<camera::CameraArgs>),
     /// Estimate noise densities and bias random walks of the IMU from a recording at rest (Allan deviation).
     Imu(imu::ImuArgs),

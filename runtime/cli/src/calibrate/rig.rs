@@ -15,20 +15,20 @@ const EXAMPLES: &str = "Examples:
   plumbline simulate by-hand --path hand-held --duration 60
   plumbline calibrate rig by-hand --config sim --out rig.toml
 
-Record a minute or two: a second at rest, then turn and move the rig about all its axes, by 20 degrees and 20 cm to both sides
-once a second or two, with texture in view all the time and little motion blur. The cameras are calibrated before
-(`calibrate camera`): how they sit to each other stays as it is.";
+Calibrate the cameras first (`calibrate camera`): this command does not change the pose between them. Record a minute or two: one
+second at rest, then turn and move the rig about all its axes, by 20 degrees and 20 cm to both sides once every second or two.
+Keep texture in view all the time, and avoid motion blur.";
 
 /// Arguments of `plumbline calibrate rig`.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct RigArgs {
-    /// A recording moved by hand: a EuRoC data set, a flight log or a ROS 2 bag (.mcap).
+    /// A recording moved by hand: a EuRoC data set, a flight log or a ROS bag (.mcap, .db3, .bag).
     pub source: PathBuf,
-    /// The configuration to write.
+    /// Configuration to write.
     #[arg(long, value_name = "OUT.toml")]
     pub out: PathBuf,
-    /// Configuration file or preset to begin with. Default: the preset `euroc` with the calibration of the data set, or
+    /// Initial configuration: a file or preset. Default: the preset `euroc` with the calibration of the data set, or
     /// the configuration of the log.
     #[arg(long, value_name = "FILE|PRESET")]
     pub config: Option<PathBuf>,
@@ -44,7 +44,7 @@ pub struct RigArgs {
     /// Topics of a bag.
     #[command(flatten)]
     pub topics: TopicArgs,
-    /// Replace a file of that name.
+    /// Replace an existing file.
     #[arg(long)]
     pub overwrite: bool,
 }

@@ -24,17 +24,17 @@ use std::time::{Duration, SystemTime};
 use verdict::Check;
 
 const EXAMPLES: &str = "Examples:
-  plumbline doctor --config my.toml             the host: priorities, memory, timer; certificates; the autopilot
+  plumbline doctor --config my.toml             check the host: priorities, memory, timer; certificates; autopilot
   plumbline doctor --config my.toml --record /data
-                                                and whether the disk takes a recording
-  plumbline doctor --config my.toml --live      and the configured sensors, for half a minute
+                                                also check the disk for recordings
+  plumbline doctor --config my.toml --live      also check the configured sensors, for half a minute
   plumbline doctor V1_01_easy                   check the sensor data of a recording
   plumbline doctor log.mcap --json              check a flight log, print JSON
 
-Let the vehicle stand level for three seconds, lift its nose by 30 degrees and put it down again: that measures how the IMU is
-mounted. Then turn it by hand about all axes in front of something with texture: gravity and biases are measured at rest, time
-offset and rotation between camera and IMU in motion, vibration with motors running.
-Exit status 1 when something speaks against a flight.";
+To measure the mounting of the IMU, let the vehicle stand level for three seconds, lift its nose by 30 degrees, and put it down
+again. Then turn it by hand about all axes in front of a textured scene. Gravity and biases are measured at rest, time offset and
+rotation between camera and IMU in motion, vibration with running motors.
+Exit status 1 means that something is not fit for a flight.";
 
 /// Seconds of data that are looked at without `--seconds`.
 const SECONDS: f64 = 30.0;
@@ -45,7 +45,7 @@ const MAX_SECONDS: f64 = 3600.0;
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct DoctorArgs {
-    /// Check the data of a EuRoC data set, a flight log, a ROS 2 bag (with --config) or a simulated flight (sim:room)
+    /// Check the data of a EuRoC data set, a flight log, a ROS bag (with --config) or a simulated flight (sim:room)
     /// instead of this host.
     pub source: Option<String>,
     /// Configuration file or preset. Default: the calibration of the source; for the host, the preset `sim`.
@@ -54,10 +54,10 @@ pub struct DoctorArgs {
     /// Change a key of the configuration, such as runtime.tick_cpus=[0]; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub overrides: Vec<String>,
-    /// Check the data of the configured sensors, besides this host.
+    /// Check the data of the configured sensors, in addition to this host.
     #[arg(long, requires = "config", conflicts_with = "source")]
     pub live: bool,
-    /// Recording folder: its free space and its speed are checked.
+    /// Recording folder. The check covers its free space and its speed.
     #[arg(long, value_name = "FOLDER", conflicts_with = "source")]
     pub record: Option<PathBuf>,
     /// Duration of the check of the host's timer, seconds.
@@ -72,6 +72,24 @@ pub struct DoctorArgs {
     /// Print JSON.
     #[arg(long)]
     pub json: bool,
+}
+
+impl DoctorArgs {
+    /// Checks of this host and of the sensors of a configuration, with every option as by default.
+    #[must_use]
+    pub fn live(config: PathBuf) -> Self {
+        Self {
+            source: None,
+            config: Some(config),
+            overrides: Vec::new(),
+            live: true,
+            record: None,
+            watch: 2.0,
+            seconds: None,
+            topics: TopicArgs::default(),
+            json: false,
+        }
+    }
 }
 
 /// Runs the command: a line for each check.
@@ -94,7 +112,7 @@ pub fn run(args: &DoctorArgs) -> Result<()> {
         return tell(args, None, Some((flight.name.clone(), data::examine(flight.into())?)));
     }
     if args.seconds.is_some() && !args.live {
-        return Err(Usage("--seconds: name a source whose data are looked at, or give --live".into()).into());
+        return Err(Usage("--seconds: name a source to check, or give --live".into()).into());
     }
     let config = config.map_or_else(|| Config::preset("sim"), Ok)?;
     let config = with_overrides(&config, &args.overrides)?;

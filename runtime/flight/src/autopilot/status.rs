@@ -70,7 +70,7 @@ impl Condition {
             Self::Lost(Reason::Blind) => (warning, "Plumbline: lost, no features"),
             Self::Lost(Reason::Failed) => (warning, "Plumbline: lost, starting anew"),
             Self::Lost(Reason::Uncertain) => (warning, "Plumbline: lost, velocity is uncertain"),
-            Self::Lost(Reason::NotFinite) => (warning, "Plumbline: lost, estimate is no number"),
+            Self::Lost(Reason::NotFinite) => (warning, "Plumbline: lost, estimate is not a number"),
             Self::Lost(Reason::NoClock) => (warning, "Plumbline: lost, no TIMESYNC answers"),
             Self::Stopped => (warning, "Plumbline: lost, stopped"),
         })

@@ -43,8 +43,8 @@ impl News {
                 tracing::info!("autopilot at {address}: its clock is {:.3} ms ahead", ns as f64 * 1e-6);
             }
             Self::Replaced { by, other } => tracing::warn!(
-                "autopilot at {address}: {by} has taken the place of {other}, which was silent; odometry goes there \
-                 now. Pin the autopilot by ?from=HOST behind the address of autopilot.connect"
+                "autopilot at {address}: {by} has replaced {other}, which was silent; odometry is now sent to {by}. To accept \
+                 one host only, append ?from=HOST to the address in autopilot.connect"
             ),
             Self::Gone(error) => {
                 let reason = error.map(std::io::Error::from_raw_os_error);

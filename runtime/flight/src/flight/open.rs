@@ -1,4 +1,4 @@
-//! Opening what is flown: a data set, a flight log, a ROS 2 bag, or a simulated scenario.
+//! Opening what is flown: a data set, a flight log, a ROS bag, or a simulated scenario.
 
 use super::cache;
 use super::plausibility::{COPY, Finding, missing_camera};
@@ -107,7 +107,7 @@ pub enum RecordingKind {
     Dataset,
     /// One of our flight logs.
     Log,
-    /// A ROS 2 bag.
+    /// A ROS bag.
     Bag,
 }
 
@@ -127,7 +127,7 @@ pub fn recording_kind(path: &Path) -> RecordingKind {
     }
 }
 
-/// Opens a recorded flight, whatever it is: a EuRoC data set, a flight log or a ROS 2 bag, of which `topics` are flown.
+/// Opens a recorded flight, whatever it is: a EuRoC data set, a flight log or a ROS bag, of which `topics` are flown.
 ///
 /// # Errors
 /// When it is none of them, or cannot be used.
@@ -145,7 +145,7 @@ pub fn open_recording(
     }
 }
 
-/// Opens a ROS 2 bag. It does not say how its cameras were calibrated: there must be a configuration.
+/// Opens a ROS bag. It does not say how its cameras were calibrated: there must be a configuration.
 ///
 /// # Errors
 /// When there is none, or the bag cannot be used.
@@ -179,7 +179,7 @@ pub fn open_bag(
             "the bag breaks off",
             format!("{}: a file has no end", path.display()),
             "that its recorder was killed",
-            "what comes before is sound; `mcap recover` repairs the file",
+            "what comes before is sound; `mcap recover`, `rosbag reindex` or `sqlite3 FILE .recover` repairs the file",
         ));
     }
     let name = path.display().to_string();
@@ -187,7 +187,7 @@ pub fn open_bag(
 }
 
 /// All inertial samples of a recording, in order of time, and the configuration that it holds, if it does: of a EuRoC data
-/// set or its table of inertial samples, of a flight log, or of a ROS 2 bag.
+/// set or its table of inertial samples, of a flight log, or of a ROS bag.
 ///
 /// # Errors
 /// When there are none.
@@ -211,13 +211,13 @@ pub fn inertial_samples(
 /// Whether there can be a data set at `path` at all.
 fn check_dataset(path: &Path) -> Result<(), FlightError> {
     let message = if !path.exists() {
-        "does not exist; give the directory of a EuRoC data set, or a flight log or ROS 2 bag (.mcap). Without data, \
+        "does not exist; give the directory of a EuRoC data set, or a flight log or ROS bag (.mcap, .db3, .bag). Without data, \
          `plumbline replay sim:room` flies a simulated flight, and `plumbline simulate FOLDER` writes one as a data set"
     } else if !path.is_dir() {
-        "is not a directory; give the directory of a EuRoC data set (unpack it first), a flight log or a ROS 2 bag \
-         (.mcap)"
+        "is not a directory; give the directory of a EuRoC data set (unpack it first), a flight log or a ROS bag \
+         (.mcap, .db3, .bag)"
     } else if !["mav0", "cam0", "imu0"].iter().any(|name| path.join(name).is_dir()) {
-        "holds no mav0 and no bag; give the directory of a EuRoC data set or of a ROS 2 bag"
+        "holds no mav0 and no bag; give the directory of a EuRoC data set or of a ROS bag"
     } else {
         return Ok(());
     };

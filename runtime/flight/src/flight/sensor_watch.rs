@@ -246,10 +246,10 @@ fn imu_trouble(figures: &ImuFigures, bringing: &mut Bringing, now: Instant) -> O
     }
     let framing = &figures.framing;
     Some(match figures.lacking {
-        Some(lacking) => format!("what the IMU sends holds no samples: {lacking}"),
-        None if framing.bytes == 0 => "the IMU sends nothing; look at its wires and its output".to_owned(),
+        Some(lacking) => format!("the data of the IMU contain no samples: {lacking}"),
+        None if framing.bytes == 0 => "the IMU sends nothing; check its wires and its output settings".to_owned(),
         None if framing.frames == 0 => {
-            "what the IMU sends is no frame of driver.imu.protocol; look at that, and at the speed of the line"
+            "the data of the IMU contain no frame of driver.imu.protocol; check the protocol and the baud rate"
                 .to_owned()
         }
         None => "the IMU has stopped sending samples".to_owned(),

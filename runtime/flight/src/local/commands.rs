@@ -108,7 +108,7 @@ impl Commands {
             Some(Err(words)) => (Status::Failed, 0, words),
             None if Instant::now() < save.end => return None,
             None => {
-                let words = "the map was asked for, but no keyframe has come since; is there a pose?";
+                let words = "the map was requested, but no keyframe has been added since; is there a pose?";
                 (Status::Failed, 0, words.into())
             }
         };

@@ -49,13 +49,13 @@ pub enum LocalError {
         source: std::io::Error,
     },
     /// Something else is there.
-    #[error("{}: exists and is no socket; delete it, or let local.path name another path", path.display())]
+    #[error("{}: exists and is not a socket; delete it, or set local.path to another path", path.display())]
     NoSocket {
         /// Path of the socket.
         path: PathBuf,
     },
     /// Another process listens there.
-    #[error("{}: another process listens on it; end that, or let local.path name another path", path.display())]
+    #[error("{}: another process listens on it; stop it, or set local.path to another path", path.display())]
     InUse {
         /// Path of the socket.
         path: PathBuf,

@@ -128,7 +128,7 @@ impl About {
             first_reset_counter: metadata
                 .get(FIRST_RESET_COUNTER)
                 .map_or(Ok(0), |text| text.parse())
-                .map_err(|_| "its first_reset_counter is no number")?,
+                .map_err(|_| "its first_reset_counter is not a number")?,
             build: BuildId::read(metadata),
             config,
         })

@@ -5,7 +5,7 @@ use plumbline_record::schema;
 use std::sync::OnceLock;
 
 /// Descriptors of the messages that Foxglove draws.
-const FOXGLOVE: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/foxglove.descriptors"));
+pub const FOXGLOVE: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/foxglove.descriptors"));
 
 /// A channel of the log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -128,21 +128,17 @@ impl Channel {
         }
     }
 
+    /// Whether people look at it: its schema is one of Foxglove's.
+    #[must_use]
+    pub fn is_drawn(self) -> bool {
+        self.schema(ImageRecording::Png).starts_with("foxglove.")
+    }
+
     /// The `FileDescriptorSet` that its schema is in.
     #[must_use]
     pub fn descriptors(self) -> &'static [u8] {
         static OWN: OnceLock<Vec<u8>> = OnceLock::new();
-        match self {
-            Self::Left
-            | Self::Right
-            | Self::Transform
-            | Self::Pose
-            | Self::Event
-            | Self::LeftCalibration
-            | Self::RightCalibration
-            | Self::Mounting => FOXGLOVE,
-            _ => OWN.get_or_init(schema::descriptors),
-        }
+        if self.is_drawn() { FOXGLOVE } else { OWN.get_or_init(schema::descriptors) }
     }
 
     /// Whether a re-execution needs it.

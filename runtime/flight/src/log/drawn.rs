@@ -50,15 +50,23 @@ pub fn transform(e: &Estimate, names: &RosConfig) -> foxglove::FrameTransform {
     frame_transform(e.stamp, &names.odom_frame, &names.body_frame, &e.pose_o_b)
 }
 
+/// A pose to be drawn.
+#[must_use]
+pub fn pose(of: &Isometry3<f64>) -> foxglove::Pose {
+    let (position, orientation) = drawn_pose(of);
+    foxglove::Pose { position: Some(position), orientation: Some(orientation) }
+}
+
+/// A pose in a frame, to be drawn.
+#[must_use]
+pub fn pose_in(stamp: Timestamp, frame: &str, of: &Isometry3<f64>) -> foxglove::PoseInFrame {
+    foxglove::PoseInFrame { timestamp: timestamp(stamp), frame_id: frame.to_owned(), pose: Some(pose(of)) }
+}
+
 /// Where the body is, as a pose to be drawn.
 #[must_use]
 pub fn pose_in_frame(e: &Estimate, names: &RosConfig) -> foxglove::PoseInFrame {
-    let (position, orientation) = drawn_pose(&e.pose_o_b);
-    foxglove::PoseInFrame {
-        timestamp: timestamp(e.stamp),
-        frame_id: names.odom_frame.clone(),
-        pose: Some(foxglove::Pose { position: Some(position), orientation: Some(orientation) }),
-    }
+    pose_in(e.stamp, &names.odom_frame, &e.pose_o_b)
 }
 
 /// An event.

@@ -247,7 +247,9 @@ impl Part {
                 Ok(Step::Other) => {}
                 Err(LogError::Io { path, source }) => return Err(LogError::Io { path, source }),
                 Ok(Step::Message { .. } | Step::End | Step::Truncated) | Err(_) => {
-                    return Err(not_a_log("is no flight log of plumbline; name a file that --record wrote"));
+                    return Err(not_a_log(
+                        "is not a flight log of plumbline; name a file that --record wrote",
+                    ));
                 }
             }
         }

@@ -9,6 +9,7 @@ use super::execute::LogOrders;
 use super::known::{KnownMap, known_map};
 use super::reader::Ending;
 use crate::pipeline::effect::Effect;
+use crate::pipeline::listener::{Several, Subscriber};
 use crate::pipeline::machine::Machine;
 use crate::pipeline::places::MapStage;
 use crate::pipeline::team::Team;
@@ -105,6 +106,20 @@ pub fn verify(
     known: Option<KnownMap>,
     progress: &mut dyn FnMut(f64),
 ) -> Result<Verification, LogError> {
+    verify_before(path, images, known, &mut (), progress)
+}
+
+/// As [`verify`], while `witness` listens to the execution.
+///
+/// # Errors
+/// As [`verify`].
+pub fn verify_before(
+    path: &Path,
+    images: Option<Box<dyn StereoSource>>,
+    known: Option<KnownMap>,
+    witness: &mut dyn Subscriber,
+    progress: &mut dyn FnMut(f64),
+) -> Result<Verification, LogError> {
     let wanted = if images.is_some() { WITHOUT_IMAGES } else { WITH_IMAGES };
     let log = Cursor::open(path, wanted)?;
     let about = log.reader().about().clone();
@@ -119,12 +134,14 @@ pub fn verify(
     }
     let known = known_map(path, &about, known)?;
     let (team, mut comparison) = (Team::default(), Comparison::default());
-    let mut machine = Machine::new(&about.config, known, Effect::ByOrder, &team, &mut comparison);
-    let mut orders = LogOrders::new(log, images, comparison.clone(), progress);
+    let compared = comparison.clone();
+    let mut listeners = Several(vec![&mut comparison, witness]);
+    let mut machine = Machine::new(&about.config, known, Effect::ByOrder, &team, &mut listeners);
+    let mut orders = LogOrders::new(log, images, compared.clone(), progress);
     machine.run(&mut orders, about.first_reset_counter)?;
     orders.read_to_end()?;
     let is_same_build = about.build.is_same_executable(BuildId::current());
-    Ok(summed_up(&orders, &machine, &mut comparison.outputs(), (is_same_build, about.config_hash)))
+    Ok(summed_up(&orders, &machine, &mut compared.outputs(), (is_same_build, about.config_hash)))
 }
 
 fn summed_up(

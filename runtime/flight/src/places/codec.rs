@@ -53,7 +53,9 @@ pub enum MapDefect {
         found: u32,
     },
     /// Shorter or longer than it says.
-    #[error("has {found} bytes and should have {expected}: it was cut off or added to; copy it again")]
+    #[error(
+        "has {found} bytes and should have {expected}: it is truncated or has extra bytes; copy it again"
+    )]
     Length {
         /// Bytes there are.
         found: u64,
@@ -64,7 +66,7 @@ pub enum MapDefect {
     #[error("is damaged: its checksum differs; copy it again")]
     Checksum,
     /// Sound by its checksum, and yet holds what cannot be.
-    #[error("holds {0}; it was not written by this program")]
+    #[error("contains {0}; it was not written by this program")]
     Impossible(&'static str),
 }
 

@@ -39,7 +39,7 @@ pub enum Refusal {
     Affinity(String, usize),
     /// Processors sleep as deeply as the system likes.
     #[error(
-        "no limit to the sleep of processors ({0}): ticks may be late by the time they take to wake up; let the \
+        "no limit to the sleep of processors ({0}): ticks may be late by their wake-up time; let the \
          user write {IDLE_LATENCY} (as the unit file does), or set runtime.idle_latency_us = -1"
     )]
     Idle(String),
@@ -98,7 +98,7 @@ impl Host {
 /// When the host does not allow it.
 pub fn raise_priority(priority: u8) -> Result<(), Refusal> {
     let refused = |reason: String| Refusal::Priority(reason);
-    let value = priority.try_into().map_err(|_| refused(format!("{priority} is no priority")))?;
+    let value = priority.try_into().map_err(|_| refused(format!("{priority} is not a priority")))?;
     set_thread_priority_and_policy(
         thread_native_id(),
         ThreadPriority::Crossplatform(value),
@@ -144,7 +144,7 @@ pub fn pin(cpus: &[usize]) -> Result<(), Refusal> {
     let mut set = CpuSet::new();
     for &cpu in cpus {
         if cpu >= CpuSet::MAX_CPU {
-            return Err(Refusal::Affinity("there are not so many".into(), cpu));
+            return Err(Refusal::Affinity("this computer has fewer".into(), cpu));
         }
         set.set(cpu);
     }

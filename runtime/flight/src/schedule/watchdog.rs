@@ -126,16 +126,16 @@ impl Heartbeats {
     }
 }
 
-/// What the watchdog found.
+/// Change of a task's state that the watchdog detected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Finding {
+pub enum TaskEvent {
     /// A task has been silent for longer than it may.
     Stalled(TaskId, Duration),
-    /// It does not come back, as far as anybody can wait.
+    /// A stalled task that is not expected to recover.
     Hopeless(TaskId),
     /// A task has ended by a fault of its own.
     Died(TaskId),
-    /// It is back.
+    /// A stalled task that runs again.
     Recovered(TaskId),
 }
 
@@ -166,14 +166,14 @@ impl Watchdog {
         table: &TaskTable,
         heartbeats: &Heartbeats,
         now: Monotonic,
-        mut tell: impl FnMut(Finding),
+        mut tell: impl FnMut(TaskEvent),
     ) {
         for id in TaskId::ALL {
             let (pulse, task, row) = (heartbeats.of(id), &mut self.tasks[id as usize], table.row(id));
             let deaths = pulse.deaths();
             if std::mem::replace(&mut task.deaths, deaths) != deaths {
                 self.deaths += 1;
-                tell(Finding::Died(id));
+                tell(TaskEvent::Died(id));
             }
             let sign = pulse.sign(now);
             let silence = if let Sign::Busy(silence) = sign { silence } else { Duration::ZERO };
@@ -182,15 +182,15 @@ impl Watchdog {
             task.stalled_looks = if task.is_stalled { task.stalled_looks + 1 } else { 0 };
             if task.is_stalled && !before.is_stalled {
                 self.stalls += 1;
-                tell(Finding::Stalled(id, silence));
+                tell(TaskEvent::Stalled(id, silence));
             } else if (before.is_stalled || before.is_dead) && !task.is_stalled && !task.is_dead {
-                tell(Finding::Recovered(id));
+                tell(TaskEvent::Recovered(id));
             }
             let waited = row.stall + WATCH_PERIOD * task.stalled_looks;
             if task.is_stalled && !task.is_given_up && row.patience.is_some_and(|patience| waited > patience)
             {
                 task.is_given_up = true;
-                tell(Finding::Hopeless(id));
+                tell(TaskEvent::Hopeless(id));
             }
         }
     }
@@ -227,7 +227,7 @@ mod tests {
     }
 
     /// What looks every 10 ms find, and when, ms.
-    fn findings(heartbeats: &Heartbeats, watchdog: &mut Watchdog, looks: i64) -> Vec<(i64, Finding)> {
+    fn findings(heartbeats: &Heartbeats, watchdog: &mut Watchdog, looks: i64) -> Vec<(i64, TaskEvent)> {
         let (table, start, mut found) = (table(), Monotonic::now(), Vec::new());
         for look in 0..looks {
             let now = start.plus_nanos(look * 10_000_000);
@@ -241,12 +241,12 @@ mod tests {
         let (heartbeats, mut watchdog) = (Heartbeats::default(), Watchdog::default());
         heartbeats.busy(TaskId::Window);
         let found = findings(&heartbeats, &mut watchdog, 30);
-        assert!(matches!(found[..], [(_, Finding::Stalled(TaskId::Window, _))]), "{found:?}");
+        assert!(matches!(found[..], [(_, TaskEvent::Stalled(TaskId::Window, _))]), "{found:?}");
         assert!(found[0].0 <= 100, "{found:?}");
         assert!(!watchdog.is_critical());
         heartbeats.idle(TaskId::Window);
         let found = findings(&heartbeats, &mut watchdog, 1);
-        assert_eq!(found, [(0, Finding::Recovered(TaskId::Window))]);
+        assert_eq!(found, [(0, TaskEvent::Recovered(TaskId::Window))]);
     }
 
     #[test]
@@ -275,7 +275,7 @@ mod tests {
         heartbeats.busy(TaskId::Tick);
         heartbeats.of(TaskId::Tick).die();
         heartbeats.give(TaskId::Tick);
-        assert_eq!(findings(&heartbeats, &mut watchdog, 300), [(0, Finding::Died(TaskId::Tick))]);
+        assert_eq!(findings(&heartbeats, &mut watchdog, 300), [(0, TaskEvent::Died(TaskId::Tick))]);
         assert!(watchdog.is_critical(), "systemd hears nothing any more");
     }
 
@@ -284,7 +284,7 @@ mod tests {
         let (heartbeats, mut watchdog) = (Heartbeats::default(), Watchdog::default());
         heartbeats.of(TaskId::Window).die();
         heartbeats.idle(TaskId::Window);
-        assert_eq!(findings(&heartbeats, &mut watchdog, 3), [(0, Finding::Died(TaskId::Window))]);
+        assert_eq!(findings(&heartbeats, &mut watchdog, 3), [(0, TaskEvent::Died(TaskId::Window))]);
         assert_eq!(watchdog.deaths(), 1);
     }
 
@@ -294,8 +294,8 @@ mod tests {
         heartbeats.busy(TaskId::FrontEnd);
         heartbeats.busy(TaskId::Local);
         let found = findings(&heartbeats, &mut watchdog, 400);
-        let given_up: Vec<_> = found.iter().filter(|(_, f)| matches!(f, Finding::Hopeless(_))).collect();
-        assert!(matches!(given_up[..], [(_, Finding::Hopeless(TaskId::FrontEnd))]), "{found:?}");
+        let given_up: Vec<_> = found.iter().filter(|(_, f)| matches!(f, TaskEvent::Hopeless(_))).collect();
+        assert!(matches!(given_up[..], [(_, TaskEvent::Hopeless(TaskId::FrontEnd))]), "{found:?}");
         assert!((1000..=1600).contains(&given_up[0].0), "{found:?}");
     }
 
@@ -307,6 +307,6 @@ mod tests {
         let mut found = Vec::new();
         (0..3).for_each(|_| watchdog.look(&table, &heartbeats, later, |finding| found.push(finding)));
         assert_eq!(found.len(), TaskId::ALL.len(), "{found:?}");
-        assert!(found.iter().all(|finding| matches!(finding, Finding::Stalled(..))), "{found:?}");
+        assert!(found.iter().all(|finding| matches!(finding, TaskEvent::Stalled(..))), "{found:?}");
     }
 }

@@ -4,6 +4,7 @@ use super::super::command::{self, ResetWords};
 use super::super::export::{Format, export};
 use super::super::fleet::Severity;
 use super::super::fleet::lock;
+use super::super::map::Map;
 use super::Station;
 use axum::Json;
 use axum::body::{Body, Bytes};
@@ -110,16 +111,22 @@ pub async fn download(
     let Ok(place) = Arc::clone(&station.downloads).try_acquire_owned() else {
         return answer(StatusCode::SERVICE_UNAVAILABLE, false, "other downloads are going on; try again");
     };
-    let samples = match (what, lock(&station.fleet).vehicles.get(&vehicle)) {
-        (_, None) => return unknown(&vehicle),
-        ("trajectory", Some(found)) => Some(found.poses.to_vec()),
-        ("recording", Some(found)) => found.recording.as_ref().map(super::super::track::Samples::to_vec),
-        _ => None,
+    let found = {
+        let fleet = lock(&station.fleet);
+        let Some(found) = fleet.vehicles.get(&vehicle) else { return unknown(&vehicle) };
+        let samples = match what {
+            "trajectory" => Some(found.poses.to_vec()),
+            "recording" => found.recording.as_ref().map(super::super::track::Samples::to_vec),
+            _ => None,
+        };
+        // Text has no room for a map.
+        let map = if format == Format::Mcap { found.map.clone() } else { Map::default() };
+        samples.map(|samples| (samples, map))
     };
-    let Some(samples) = samples else {
+    let Some((samples, map)) = found else {
         return answer(StatusCode::NOT_FOUND, false, "there is no recording yet");
     };
-    match export(&vehicle, &samples, format) {
+    match export(&vehicle, &samples, &map, format) {
         Ok(bytes) => {
             // Names of vehicles come from the network: only plain characters go into the header.
             let plain: String =

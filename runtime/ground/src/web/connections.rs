@@ -7,7 +7,7 @@ use hyper::{Request, server::conn::http1};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use std::collections::{BTreeMap, VecDeque};
-use std::net::IpAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -23,8 +23,18 @@ const MAX_HEAD_BYTES: usize = 16 * 1024;
 /// Pause after a connection could not be accepted, for want of descriptors.
 const REFUSED_PAUSE: Duration = Duration::from_millis(100);
 
+/// Takes an address to serve.
+///
+/// # Errors
+/// When it is taken, or none of this host's.
+pub(crate) fn bind(address: SocketAddr) -> std::io::Result<std::net::TcpListener> {
+    let listener = std::net::TcpListener::bind(address)?;
+    listener.set_nonblocking(true)?;
+    Ok(listener)
+}
+
 /// Serves `app` to whoever connects, until the runtime ends.
-pub(super) async fn serve(listener: TcpListener, app: Router) {
+pub(crate) async fn serve(listener: TcpListener, app: Router) {
     let mut connections = Connections::default();
     let mut is_told = false;
     loop {

@@ -69,7 +69,7 @@ pub fn is_loopback(host: &str) -> bool {
 }
 
 /// Whether a Host header such as `192.168.1.7:8080` is an address, or one of these names.
-fn is_ours(host: &str, names: &[String]) -> bool {
+pub fn is_ours(host: &str, names: &[String]) -> bool {
     let is_port = |port: &str| port.bytes().all(|c| c.is_ascii_digit());
     let name = host.rsplit_once(':').filter(|(_, port)| is_port(port)).map_or(host, |(name, _)| name);
     let address = name.strip_prefix('[').and_then(|name| name.strip_suffix(']')).unwrap_or(name);

@@ -5,7 +5,7 @@
 
 pub(super) mod api;
 mod assets;
-mod connections;
+pub(super) mod connections;
 pub(super) mod guard;
 mod messages;
 pub(super) mod socket;
@@ -64,10 +64,7 @@ pub enum ServeError {
 /// # Errors
 /// When it is taken, or none of this host's.
 pub fn bind(address: SocketAddr) -> Result<std::net::TcpListener, ServeError> {
-    let listener =
-        std::net::TcpListener::bind(address).map_err(|source| ServeError::Address { address, source })?;
-    listener.set_nonblocking(true)?;
-    Ok(listener)
+    connections::bind(address).map_err(|source| ServeError::Address { address, source })
 }
 
 /// Serves the page at a bound address until the runtime ends; returns that address. Other hosts open it by an address of

@@ -2,10 +2,8 @@
 
 import { byId, recall, remember } from './dom.js';
 
-// Whether the 3-D view is as narrow as on a phone.
-function isNarrow() {
-  return window.matchMedia('(max-width: 899px)').matches;
-}
+// As narrow as a phone: the legend would cover the 3-D view.
+const NARROW = window.matchMedia('(max-width: 899px)');
 
 // Every `details` with an id keeps its state from visit to visit.
 export function rememberPanels() {
@@ -13,8 +11,19 @@ export function rememberPanels() {
     const key = `panel.${panel.id}`;
     const kept = recall(key);
     if (kept !== null) panel.open = kept === 'open';
-    else if (panel.id === 'legend' && isNarrow()) panel.open = false;
-    panel.addEventListener('toggle', () => remember(key, panel.open ? 'open' : 'closed'));
+    let isFitted = false; // by the width, which is nobody's choice
+    panel.addEventListener('toggle', () => {
+      if (!isFitted) remember(key, panel.open ? 'open' : 'closed');
+      isFitted = false;
+    });
+    if (panel.id !== 'legend') continue;
+    const fit = () => {
+      if (recall(key) !== null || panel.open === !NARROW.matches) return;
+      isFitted = true;
+      panel.open = !NARROW.matches;
+    };
+    NARROW.addEventListener('change', fit);
+    fit();
   }
 }
 

@@ -4,6 +4,7 @@ use super::SweepError;
 use super::subject::{Common, Subject};
 use crate::evaluate::FlightConsistency;
 use crate::report::Report;
+use plumbline_drivers::BagTopics;
 use plumbline_flight::flight::{FlightError, Truth, fly, with_overrides};
 use plumbline_flight::log::build_id::BuildId;
 use plumbline_flight::pipeline::{Control, RunOptions};
@@ -163,7 +164,7 @@ impl Cell {
 
     /// Tells what is asked for from everything else that could be.
     fn asked(&self) -> String {
-        let Common { config, truth, mono, cache: _ } = &*self.common;
+        let Common { config, topics, truth, mono, cache: _ } = &*self.common;
         let subject = match &self.subject {
             Subject::Recorded { path } => path.display().to_string(),
             Subject::Simulated { scenario, extrinsics_error_deg, .. } => {
@@ -173,6 +174,9 @@ impl Cell {
         let config = config.as_ref().map(|config| config_hash(config));
         let text = format!("{subject:?} {:?} {:?} {mono} {config:?}", self.setting, self.seed);
         let mut hash = Sha256::new_with_prefix(text.as_bytes());
+        if *topics != BagTopics::default() {
+            hash.update(format!("{topics:?}"));
+        }
         if let Some(start_s) = self.start_s {
             hash.update(start_s.to_le_bytes());
         }

@@ -10,7 +10,7 @@ use std::sync::Arc;
 /// What is flown.
 #[derive(Clone, Debug)]
 pub enum Subject {
-    /// A EuRoC data set, a flight log or a ROS 2 bag.
+    /// A EuRoC data set, a flight log or a ROS bag.
     Recorded {
         /// Its place.
         path: PathBuf,
@@ -37,12 +37,12 @@ impl Subject {
         seed: Option<u64>,
         start_s: Option<f64>,
     ) -> Result<Flight, FlightError> {
-        let Common { config, mono, cache, .. } = common;
+        let Common { config, topics, mono, cache, .. } = common;
         match self {
             Self::Recorded { path } => {
                 let cut = start_s.map(|start_s| Cut { frames: None, seconds: start_s..f64::INFINITY });
                 let cut = cut.unwrap_or_else(|| None.into());
-                open_recording(path, config.clone(), &BagTopics::default(), cut, *mono)
+                open_recording(path, config.clone(), topics, cut, *mono)
             }
             Self::Simulated { scenario, extrinsics_error_deg, .. } => {
                 let (seed, start_s) = (seed.unwrap_or(scenario.seed), start_s.unwrap_or(scenario.start_s));
@@ -69,6 +69,8 @@ pub struct Common {
     pub config: Option<ValidConfig>,
     /// Ground truth of data sets that bring none.
     pub truth: Option<Arc<Vec<StampedPose>>>,
+    /// Topics of the recordings that are bags.
+    pub topics: BagTopics,
     /// The left camera alone.
     pub mono: bool,
     /// Folder of rendered frames.

@@ -9,6 +9,7 @@
 //! pose>`, `map/keyframe/<sequence number>`), which a question ending in `/**` allows. A question for the exact key is
 //! answered by one message, or refused when one cannot hold the answer: nothing is lost silently.
 
+use super::commands::reset_words;
 use super::error::NetError;
 use super::keyframes::KeyframeHistory;
 use super::vehicle::Vehicle;
@@ -18,7 +19,6 @@ use prost::Message;
 use std::collections::VecDeque;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 use zenoh::bytes::Encoding;
 use zenoh::key_expr::keyexpr;
@@ -37,8 +37,6 @@ const POSES_PER_ANSWER: usize = 500;
 const MAX_STEP_MS: i64 = 3_600_000;
 /// Keyframes in one answer to a question.
 pub const MAX_KEYFRAMES_PER_QUESTION: usize = 64;
-/// Timeout of a reset, which takes effect with the next frame.
-const RESET_PATIENCE: Duration = Duration::from_secs(2);
 
 /// One pose of the past.
 #[derive(Clone, Copy, Debug)]
@@ -345,20 +343,13 @@ impl Answers {
     /// Carries out a reset; the error is the reason as text.
     async fn reset(&self, query: &Query, key: &str) -> Result<proto::ResetDone, String> {
         self.check_command(query, key)?;
-        let (kind, words) = match query.parameters().get("kind") {
-            Some("soft") => (ResetKind::Soft, "soft"),
-            Some("hard") => (ResetKind::Hard, "hard"),
+        let kind = match query.parameters().get("kind") {
+            Some("soft") => ResetKind::Soft,
+            Some("hard") => ResetKind::Hard,
             _ => return Err("say ?kind=soft (keeps the pose) or ?kind=hard (starts at the origin)".into()),
         };
-        let mut resets = self.resets.clone();
-        let before = *resets.borrow_and_update();
-        tracing::warn!("reset ({words}) on command");
-        self.vehicle.commands.ask_reset(kind)?;
-        let is_done = tokio::time::timeout(RESET_PATIENCE, resets.wait_for(|now| *now != before)).await;
-        match is_done {
-            Ok(Ok(now)) => Ok(proto::ResetDone { reset_counter: *now, words: format!("{words} reset done") }),
-            _ => Err("the reset was asked for, but no frame has come since".into()),
-        }
+        let reset_counter = self.vehicle.commands.reset(kind, self.resets.clone()).await?;
+        Ok(proto::ResetDone { reset_counter, words: format!("{} reset done", reset_words(kind)) })
     }
 }
 
@@ -366,7 +357,7 @@ impl Answers {
 fn number<T: std::str::FromStr>(query: &Query, name: &str, default: T) -> Result<T, String> {
     match query.parameters().get(name) {
         None | Some("") => Ok(default),
-        Some(text) => text.parse().map_err(|_| format!("{name}={text:.40} is no whole number")),
+        Some(text) => text.parse().map_err(|_| format!("{name}={text:.40} is not a whole number")),
     }
 }
 

@@ -1,6 +1,6 @@
 //! The camera key: images are compressed only while there are subscribers, in a task that does not delay odometry.
 
-use super::commands::Commands;
+use super::commands::{Commands, Watcher};
 use super::pace::Rates;
 use super::picture;
 use super::rings::Rings;
@@ -25,12 +25,16 @@ pub async fn serve(camera: Publisher<'static>, rings: Arc<Rings>, rates: Rates, 
             looked = Some(Instant::now());
             let is_watched = camera.matching_status().await.is_ok_and(|status| status.matching());
             if is_watched != was_watched {
-                commands.watch(if is_watched { rates.camera_hz } else { 0.0 });
+                commands.watch(Watcher::Network, if is_watched { rates.camera_hz } else { 0.0 });
                 was_watched = is_watched;
             }
         }
         let encode =
             |shot: &mut Shot| picture::message(shot, rates.camera_width_px, rates.camera_quality, sequence);
+        if !was_watched {
+            // Made for others.
+            continue;
+        }
         if let Some(message) = rings.shots.read(encode).flatten() {
             sequence += 1;
             let _ = camera.put(message).await;

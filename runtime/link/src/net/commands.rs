@@ -6,12 +6,23 @@ use plumbline_flight::local::request::{Answer, Request, Status};
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
-use tokio::sync::oneshot;
+use tokio::sync::{oneshot, watch};
 
 /// Timeout of a map that is to be saved: the flight itself gives up after 15 s.
 const SAVE_PATIENCE: Duration = Duration::from_secs(17);
+/// Timeout of a reset, which takes effect with the next frame.
+const RESET_PATIENCE: Duration = Duration::from_secs(2);
 /// Answers that are waited for at a time.
 const MAX_WAITING: usize = 64;
+
+/// Consumer of camera pictures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Watcher {
+    /// Key `camera` of the network.
+    Network,
+    /// Topic of ROS 2.
+    Ros,
+}
 
 /// Way of commands to the flight. By default there is no flight at its end: a reset is accepted and never done.
 #[derive(Debug, Default)]
@@ -22,6 +33,8 @@ struct State {
     requests: Option<Requests>,
     /// The flight refuses commands of this process.
     is_refused: bool,
+    /// Rate of pictures that each [`Watcher`] wants, Hz.
+    watched_hz: [f64; 2],
     waiting: BTreeMap<u64, oneshot::Sender<Answer>>,
 }
 
@@ -29,7 +42,7 @@ impl Commands {
     /// Commands to the flight behind `requests`, which takes them or not.
     #[must_use]
     pub fn new(requests: Requests, may_command: bool) -> Self {
-        let state = State { requests: Some(requests), is_refused: !may_command, waiting: BTreeMap::new() };
+        let state = State { requests: Some(requests), is_refused: !may_command, ..State::default() };
         Self(Mutex::new(state))
     }
 
@@ -46,6 +59,21 @@ impl Commands {
         state.check()?;
         state.send(&Request::Reset(kind));
         Ok(())
+    }
+
+    /// Resets the estimator and waits until a frame shows it; `resets` has the newest count of resets, which is returned.
+    ///
+    /// # Errors
+    /// When the flight takes no commands of this process, or no frame has come since: the reason as text.
+    pub async fn reset(&self, kind: ResetKind, mut resets: watch::Receiver<u32>) -> Result<u32, String> {
+        let before = *resets.borrow_and_update();
+        tracing::warn!("reset ({}) on command", reset_words(kind));
+        self.ask_reset(kind)?;
+        let is_done = tokio::time::timeout(RESET_PATIENCE, resets.wait_for(|now| *now != before)).await;
+        match is_done {
+            Ok(Ok(now)) => Ok(*now),
+            _ => Err("the reset was requested, but no frame has arrived since".into()),
+        }
     }
 
     /// Has the map saved; the number of its keyframes.
@@ -73,9 +101,14 @@ impl Commands {
         }
     }
 
-    /// Asks for camera pictures at this rate, Hz; zero for none any more.
-    pub fn watch(&self, rate_hz: f64) {
-        self.state().send(&Request::Watch((rate_hz * 1e3) as u32));
+    /// Asks for camera pictures at this rate, Hz; zero for none any more. The flight makes as many as the faster watcher
+    /// wants.
+    pub fn watch(&self, watcher: Watcher, rate_hz: f64) {
+        let mut state = self.state();
+        state.watched_hz[watcher as usize] = rate_hz;
+        let [network, ros] = state.watched_hz;
+        let fastest = if network > ros { network } else { ros };
+        state.send(&Request::Watch((fastest * 1e3) as u32));
     }
 
     /// Reports to whoever started this process.
@@ -95,6 +128,15 @@ impl Commands {
         if let Some(requests) = &self.state().requests {
             requests.close();
         }
+    }
+}
+
+/// Name of a kind of reset.
+#[must_use]
+pub fn reset_words(kind: ResetKind) -> &'static str {
+    match kind {
+        ResetKind::Soft => "soft",
+        ResetKind::Hard => "hard",
     }
 }
 

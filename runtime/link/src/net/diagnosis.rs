@@ -37,7 +37,7 @@ pub fn check(endpoint: &str, has_certificates: bool) -> Result<(), NetError> {
         return refuse(format!("names no protocol; write it as tcp/{endpoint}"));
     };
     if !PROTOCOLS.contains(&protocol) {
-        return refuse(format!("'{protocol}' is no protocol that is understood; write tcp, tls or udp"));
+        return refuse(format!("'{protocol}' is not a supported protocol; write tcp, tls or udp"));
     }
     let address = address.split(['?', '#']).next().unwrap_or_default();
     let Some((host, port)) = address.rsplit_once(':').filter(|(host, _)| !host.ends_with(':')) else {
@@ -47,7 +47,7 @@ pub fn check(endpoint: &str, has_certificates: bool) -> Result<(), NetError> {
         return refuse(format!("names no host; write it as {protocol}/HOST:{port}"));
     }
     if port.parse::<u16>().is_err() {
-        return refuse(format!("'{port}' is no port; give a number up to 65535"));
+        return refuse(format!("'{port}' is not a port; give a number up to 65535"));
     }
     let settings = endpoint.split_once('#').map_or("", |(_, settings)| settings).split(';');
     let names = settings.map(|setting| setting.split_once('=').map_or(setting, |(name, _)| name));
@@ -132,7 +132,7 @@ pub fn explain(endpoint: &str, reason: &str) -> String {
     } else if says(&["lookup", "name or service not known", "no address associated", "name resolution"]) {
         "the host name is unknown; check its spelling, or give its address".into()
     } else if says(&["no route to host", "network is unreachable", "host is unreachable"]) {
-        "there is no way to that host; check the network".into()
+        "there is no route to that host; check the network".into()
     } else if says(&["unknownissuer", "unknown issuer", "badsignature"]) {
         "its certificate was signed by another authority than ours; use certificates that `plumbline keys` made \
          in one folder"
@@ -266,11 +266,11 @@ mod tests {
     fn endpoints_that_cannot_work_are_refused_with_their_cure() {
         for (endpoint, words) in [
             ("127.0.0.1:7447", "tcp/127.0.0.1:7447"),
-            ("http/127.0.0.1:7447", "'http' is no protocol"),
+            ("http/127.0.0.1:7447", "'http' is not a supported protocol"),
             ("tcp/127.0.0.1", "names no port"),
             ("tcp/:7447", "names no host"),
-            ("tcp/host:70000", "'70000' is no port"),
-            ("tcp/host:x", "'x' is no port"),
+            ("tcp/host:70000", "'70000' is not a port"),
+            ("tcp/host:x", "'x' is not a port"),
             ("tls/host:7447", "needs certificates"),
             ("", "names no protocol"),
             ("tls/host:7447#enable_mtls=false", "'enable_mtls' cannot be set"),

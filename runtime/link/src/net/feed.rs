@@ -1,5 +1,6 @@
 //! Records of a flight on their way to the tasks that send them. Nothing blocks.
 
+use super::pace::Pace;
 use super::rings::Rings;
 use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_estimator::{Estimate, MapSnapshot, Odometry};
@@ -17,6 +18,8 @@ pub struct Feed {
     pub(super) places: LaneWriter<MapEstimate>,
     /// Poses, and loops, of a path at most.
     pub(super) path_poses: usize,
+    /// Rate of pictures: the flight makes as many as its fastest watcher wants.
+    pub(super) pictures: Pace,
 }
 
 impl Feed {
@@ -50,8 +53,11 @@ impl Feed {
         self.rings.bell.ring();
     }
 
-    /// Takes a picture.
-    pub fn picture(&self, shot: Shot) {
+    /// Takes a picture, if it is due.
+    pub fn picture(&mut self, shot: Shot) {
+        if !self.pictures.admits(shot.stamp) {
+            return;
+        }
         self.rings.shots.fill(|waiting| *waiting = shot);
         self.rings.picture_bell.ring();
     }

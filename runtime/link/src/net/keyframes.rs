@@ -5,6 +5,7 @@
 
 use super::{proto, wire};
 use plumbline_estimator::MapSnapshot;
+use plumbline_estimator::window::snapshot::SnapshotKeyframe;
 use prost::Message;
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -45,12 +46,7 @@ impl KeyframeHistory {
     pub fn update(&mut self, snapshot: &MapSnapshot) -> Vec<Vec<u8>> {
         let mut messages = Vec::new();
         if let Some(last) = self.last.take() {
-            // After a reset nothing of before comes back.
-            let is_gone = |stamp| {
-                last.reset_counter != snapshot.reset_counter
-                    || snapshot.keyframes.iter().all(|keyframe| keyframe.stamp != stamp)
-            };
-            for keyframe in last.keyframes.iter().filter(|keyframe| is_gone(keyframe.stamp)) {
+            for keyframe in finished(&last, snapshot) {
                 let mut message = wire::keyframe(&last, keyframe, self.next);
                 thin_out(&mut message.points_o, POINT_NUMBERS, self.max_landmarks);
                 thin_out(&mut message.lines_o, LINE_NUMBERS, self.max_landmarks);
@@ -84,11 +80,29 @@ impl KeyframeHistory {
     }
 }
 
+/// Keyframes of `last` that are final, since the window of `next` has them no more. After a reset those are all.
+pub fn finished<'a>(
+    last: &'a MapSnapshot,
+    next: &'a MapSnapshot,
+) -> impl Iterator<Item = &'a SnapshotKeyframe> {
+    let is_gone = |stamp| {
+        last.reset_counter != next.reset_counter
+            || next.keyframes.iter().all(|keyframe| keyframe.stamp != stamp)
+    };
+    last.keyframes.iter().filter(move |keyframe| is_gone(keyframe.stamp))
+}
+
+/// Places of `count` of `entries` entries, evenly chosen; all of them where there are fewer.
+pub fn evenly(entries: usize, count: usize) -> impl Iterator<Item = usize> {
+    let count = count.min(entries);
+    (0..count).map(move |k| k * entries / count)
+}
+
 /// Leaves `count` entries of `width` numbers, evenly chosen.
 fn thin_out(numbers: &mut Vec<f32>, width: usize, count: usize) {
     let entries = numbers.len() / width;
     if entries > count {
-        let chosen = (0..count).map(|k| k * entries / count);
+        let chosen = evenly(entries, count);
         *numbers = chosen.flat_map(|k| &numbers[k * width..(k + 1) * width]).copied().collect();
     }
 }

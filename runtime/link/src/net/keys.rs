@@ -61,7 +61,7 @@ pub enum KeysError {
     },
     /// There are as many of a holder as are told apart.
     #[error(
-        "{path}: is the last of {MAX_NUMBER} that are told apart; begin with a new authority in another folder"
+        "{path}: has the last certificate number, {MAX_NUMBER}; create a new authority in another folder"
     )]
     UsedUp {
         /// The file.

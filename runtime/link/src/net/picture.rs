@@ -18,9 +18,7 @@ pub fn message(shot: &Shot, max_width_px: usize, quality: u8, sequence: u64) -> 
     let mut jpeg = Vec::new();
     let pixels = reduced(&shot.image, factor);
     Encoder::new(&mut jpeg, quality.clamp(1, 100)).encode(&pixels, columns, rows, ColorType::Luma).ok()?;
-    let scale = 1.0 / factor as f32;
-    // The centre of pixel 0 is at 0: the reduced one's lies in the middle of its block.
-    let place = |x: f32| (x + 0.5) * scale - 0.5;
+    let place = |x: f32| place(x, factor);
     let header = proto::Header {
         stamp_ns: shot.stamp.as_nanos(),
         published_ns: now_ns(),
@@ -38,8 +36,14 @@ pub fn message(shot: &Shot, max_width_px: usize, quality: u8, sequence: u64) -> 
     Some(message.encode_to_vec())
 }
 
+/// Coordinate in an image reduced by `factor`. The centre of pixel 0 is at 0: the reduced one's lies in the middle of its
+/// block.
+pub fn place(x: f32, factor: usize) -> f32 {
+    (x + 0.5) / factor as f32 - 0.5
+}
+
 /// Means of blocks of `factor` x `factor` pixels; what is left over at the right and at the bottom is cut.
-fn reduced(image: &GrayImage, factor: usize) -> Vec<u8> {
+pub fn reduced(image: &GrayImage, factor: usize) -> Vec<u8> {
     let (width, height) = (image.width() / factor, image.height() / factor);
     let area = (factor * factor) as u32;
     let mut pixels = Vec::with_capacity(width * height);

@@ -4,7 +4,7 @@ use super::commands::Commands;
 use super::endpoints::Endpoints;
 use super::error::NetError;
 use super::feed::Feed;
-use super::pace::Rates;
+use super::pace::{Pace, Rates};
 use super::proto;
 use super::publishers::Publishers;
 use super::rings::{Rings, ToSend};
@@ -107,6 +107,7 @@ impl Publisher {
             estimates: written.estimates,
             places: written.places,
             path_poses: rates.path_poses,
+            pictures: Pace::new(rates.camera_hz),
         };
         outcome.map(|()| (Self { rings, thread: Some(thread) }, feed))
     }

@@ -166,7 +166,7 @@ fn file_error(key: &'static str, path: &Path, message: &str) -> NetError {
 fn readable(key: &'static str, path: &Path) -> Result<std::fs::Metadata, NetError> {
     let cannot = |error: std::io::Error| file_error(key, path, &format!("cannot be read: {error}"));
     let metadata = File::open(path).and_then(|file| file.metadata()).map_err(cannot)?;
-    if metadata.is_file() { Ok(metadata) } else { Err(file_error(key, path, "is no file")) }
+    if metadata.is_file() { Ok(metadata) } else { Err(file_error(key, path, "is not a file")) }
 }
 
 /// A file that its owner alone may read; a service may also read one of root's by its group.

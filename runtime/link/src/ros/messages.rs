@@ -1,30 +1,179 @@
-//! ROS 2 messages from an estimate.
-//!
-//! What differs between ROS and us:
-//!
-//! - a robot's frame `base_link` has x forward, y left, z up (REP 103), our body `B` has the axes of the IMU: poses
-//!   and twists are told of the vehicle's frame `V`, with its origin in the IMU;
-//! - a twist is in the **child frame**, our velocity is in the odometry frame;
-//! - covariances are about other axes ([`super::covariance`]).
-//!
-//! The fields of the structures are those of the `.msg` files, in their order: it is the order on the wire.
+//! The messages of ROS 2 that a vehicle sends, field by field as their `.msg` and `.srv` files have them: the order is the
+//! order on the wire, and names and types are what the hash of a definition is made of ([`super::interface`]).
 
-use super::covariance::{pose_covariance_o, rotated, twist_covariance_b};
-use nalgebra::{Isometry3, Matrix6, UnitQuaternion, Vector3};
-use plumbline_estimator::Odometry;
-use serde::Serialize;
+use super::interface::{Bytes, Rows6, describe, message};
 
-/// `builtin_interfaces/msg/Time`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct Time {
-    /// Seconds since the origin of the clock.
-    pub sec: i32,
-    /// And nanoseconds, less than a second.
-    pub nanosec: u32,
+message! {
+    /// `builtin_interfaces/msg/Time`.
+    #[derive(Copy, Eq)]
+    struct Time = "builtin_interfaces/msg/Time" { sec: i32, nanosec: u32 }
+
+    /// `builtin_interfaces/msg/Duration`.
+    #[derive(Copy, Eq, Default)]
+    struct Duration = "builtin_interfaces/msg/Duration" { sec: i32, nanosec: u32 }
+
+    /// `std_msgs/msg/Header`.
+    struct Header<'a> = "std_msgs/msg/Header" { stamp: Time, frame_id: &'a str }
+
+    /// `std_msgs/msg/ColorRGBA`.
+    #[derive(Copy)]
+    struct ColorRgba = "std_msgs/msg/ColorRGBA" { r: f32, g: f32, b: f32, a: f32 }
+
+    /// `geometry_msgs/msg/Point`.
+    #[derive(Copy)]
+    struct Point = "geometry_msgs/msg/Point" { x: f64, y: f64, z: f64 }
+
+    /// `geometry_msgs/msg/Vector3`.
+    #[derive(Copy)]
+    struct Vector3 = "geometry_msgs/msg/Vector3" { x: f64, y: f64, z: f64 }
+
+    /// `geometry_msgs/msg/Quaternion`.
+    #[derive(Copy)]
+    struct Quaternion = "geometry_msgs/msg/Quaternion" { x: f64, y: f64, z: f64, w: f64 }
+
+    /// `geometry_msgs/msg/Pose`.
+    #[derive(Copy)]
+    struct Pose = "geometry_msgs/msg/Pose" { position: Point, orientation: Quaternion }
+
+    /// `geometry_msgs/msg/Transform`.
+    #[derive(Copy)]
+    struct Transform = "geometry_msgs/msg/Transform" { translation: Vector3, rotation: Quaternion }
+
+    /// `geometry_msgs/msg/PoseWithCovariance`.
+    struct PoseWithCovariance = "geometry_msgs/msg/PoseWithCovariance" { pose: Pose, covariance: Rows6 }
+
+    /// `geometry_msgs/msg/Twist`.
+    struct Twist = "geometry_msgs/msg/Twist" { linear: Vector3, angular: Vector3 }
+
+    /// `geometry_msgs/msg/TwistWithCovariance`.
+    struct TwistWithCovariance = "geometry_msgs/msg/TwistWithCovariance" { twist: Twist, covariance: Rows6 }
+
+    /// `nav_msgs/msg/Odometry`.
+    struct OdometryMessage<'a> = "nav_msgs/msg/Odometry" {
+        header: Header<'a>,
+        child_frame_id: &'a str,
+        pose: PoseWithCovariance,
+        twist: TwistWithCovariance,
+    }
+
+    /// `geometry_msgs/msg/PoseStamped`.
+    struct PoseStamped<'a> = "geometry_msgs/msg/PoseStamped" { header: Header<'a>, pose: Pose }
+
+    /// `geometry_msgs/msg/TransformStamped`.
+    struct TransformStamped<'a> = "geometry_msgs/msg/TransformStamped" {
+        header: Header<'a>,
+        child_frame_id: &'a str,
+        transform: Transform,
+    }
+
+    /// `tf2_msgs/msg/TFMessage`.
+    struct TfMessage<'a> = "tf2_msgs/msg/TFMessage" { transforms: Vec<TransformStamped<'a>> }
+
+    /// `nav_msgs/msg/Path`.
+    struct Path<'a> = "nav_msgs/msg/Path" { header: Header<'a>, poses: Vec<PoseStamped<'a>> }
+
+    /// `sensor_msgs/msg/PointField`.
+    struct PointField<'a> = "sensor_msgs/msg/PointField" { name: &'a str, offset: u32, datatype: u8, count: u32 }
+
+    /// `sensor_msgs/msg/PointCloud2`.
+    struct PointCloud2<'a> = "sensor_msgs/msg/PointCloud2" {
+        header: Header<'a>,
+        height: u32,
+        width: u32,
+        fields: Vec<PointField<'a>>,
+        is_bigendian: bool,
+        point_step: u32,
+        row_step: u32,
+        data: Bytes,
+        is_dense: bool,
+    }
+
+    /// `sensor_msgs/msg/Image`.
+    struct Image<'a> = "sensor_msgs/msg/Image" {
+        header: Header<'a>,
+        height: u32,
+        width: u32,
+        encoding: &'a str,
+        is_bigendian: u8,
+        step: u32,
+        data: Bytes,
+    }
+
+    /// `sensor_msgs/msg/CompressedImage`.
+    struct CompressedImage<'a> = "sensor_msgs/msg/CompressedImage" { header: Header<'a>, format: &'a str, data: Bytes }
+
+    /// `visualization_msgs/msg/UVCoordinate`.
+    struct UvCoordinate = "visualization_msgs/msg/UVCoordinate" { u: f32, v: f32 }
+
+    /// `visualization_msgs/msg/MeshFile`.
+    struct MeshFile<'a> = "visualization_msgs/msg/MeshFile" { filename: &'a str, data: Bytes }
+
+    /// `visualization_msgs/msg/Marker`.
+    struct Marker<'a> = "visualization_msgs/msg/Marker" {
+        header: Header<'a>,
+        ns: &'a str,
+        id: i32,
+        r#type: i32,
+        action: i32,
+        pose: Pose,
+        scale: Vector3,
+        color: ColorRgba,
+        lifetime: Duration,
+        frame_locked: bool,
+        points: Vec<Point>,
+        colors: Vec<ColorRgba>,
+        texture_resource: &'a str,
+        texture: CompressedImage<'a>,
+        uv_coordinates: Vec<UvCoordinate>,
+        text: &'a str,
+        mesh_resource: &'a str,
+        mesh_file: MeshFile<'a>,
+        mesh_use_embedded_materials: bool,
+    }
+
+    /// `visualization_msgs/msg/MarkerArray`.
+    struct MarkerArray<'a> = "visualization_msgs/msg/MarkerArray" { markers: Vec<Marker<'a>> }
+
+    /// Response of `std_srvs/srv/Trigger`.
+    struct TriggerResponse = "std_srvs/srv/Trigger_Response" { success: bool, message: String }
 }
 
+/// Service `std_srvs/srv/Trigger`.
+#[derive(Debug)]
+pub enum Trigger {}
+
+/// Request of [`Trigger`]. It has no fields, and one byte on the wire, as every structure of the kind.
+#[derive(Debug)]
+pub enum TriggerRequest {}
+
+/// Event of [`Trigger`], as introspection publishes it.
+#[derive(Debug)]
+pub enum TriggerEvent {}
+
+/// `service_msgs/msg/ServiceEventInfo`.
+#[derive(Debug)]
+pub enum ServiceEventInfo {}
+
+describe!(TriggerRequest = "std_srvs/srv/Trigger_Request" { structure_needs_at_least_one_member: u8 });
+describe!(ServiceEventInfo = "service_msgs/msg/ServiceEventInfo" {
+    event_type: u8,
+    stamp: Time,
+    client_gid: [u8; 16],
+    sequence_number: i64,
+});
+describe!(TriggerEvent = "std_srvs/srv/Trigger_Event" {
+    info: ServiceEventInfo,
+    request: Option<TriggerRequest>,
+    response: Option<TriggerResponse>,
+});
+describe!(Trigger = "std_srvs/srv/Trigger" {
+    request_message: TriggerRequest,
+    response_message: TriggerResponse,
+    event_message: TriggerEvent,
+});
+
 impl Time {
-    /// The time `nanos` after the origin; seconds end in 2038.
+    /// Time `nanos` after the origin; seconds end in 2038.
     #[must_use]
     pub fn from_nanos(nanos: i64) -> Self {
         let sec = nanos.div_euclid(1_000_000_000).clamp(i32::MIN.into(), i32::MAX.into());
@@ -32,311 +181,83 @@ impl Time {
     }
 }
 
-/// `std_msgs/msg/Header`.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Header<'a> {
-    stamp: Time,
-    frame_id: &'a str,
-}
-
-/// `geometry_msgs/msg/Point` and `Vector3`, which are written alike.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Xyz {
-    x: f64,
-    y: f64,
-    z: f64,
-}
-
-/// `geometry_msgs/msg/Quaternion`.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Quaternion {
-    x: f64,
-    y: f64,
-    z: f64,
-    w: f64,
-}
-
-/// `geometry_msgs/msg/Pose` and `Transform`, which are written alike.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Pose {
-    position: Xyz,
-    orientation: Quaternion,
-}
-
-/// `geometry_msgs/msg/PoseWithCovariance`; its 36 numbers by rows, as an array of fixed length has them.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct PoseWithCovariance {
-    pose: Pose,
-    covariance: [[f64; 6]; 6],
-}
-
-/// `geometry_msgs/msg/Twist`.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Twist {
-    linear: Xyz,
-    angular: Xyz,
-}
-
-/// `geometry_msgs/msg/TwistWithCovariance`.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct TwistWithCovariance {
-    twist: Twist,
-    covariance: [[f64; 6]; 6],
-}
-
-/// `nav_msgs/msg/Odometry`.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct OdometryMessage<'a> {
-    header: Header<'a>,
-    child_frame_id: &'a str,
-    pose: PoseWithCovariance,
-    twist: TwistWithCovariance,
-}
-
-/// `geometry_msgs/msg/PoseStamped`.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct PoseStamped<'a> {
-    header: Header<'a>,
-    pose: Pose,
-}
-
-/// `geometry_msgs/msg/TransformStamped`.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct TransformStamped<'a> {
-    header: Header<'a>,
-    child_frame_id: &'a str,
-    transform: Pose,
-}
-
-/// `tf2_msgs/msg/TFMessage`.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct TfMessage<'a> {
-    transforms: Vec<TransformStamped<'a>>,
-}
-
-/// What the messages of one estimate share.
-#[derive(Clone, Copy, Debug)]
-pub struct Frames<'a> {
-    /// Name of the map frame `M`.
-    pub map: &'a str,
-    /// Name of the odometry frame `O`.
-    pub odom: &'a str,
-    /// Name of the vehicle's frame `V`.
-    pub base: &'a str,
-    /// Name of the body frame `B`, the IMU's.
-    pub body: &'a str,
-    /// Takes coordinates from `B` to `V`.
-    pub rot_v_b: UnitQuaternion<f64>,
-    /// Standard deviation of the angular rate, rad/s.
-    pub angular_rate_sigma_rad_s: f64,
-}
-
-impl<'a> Frames<'a> {
-    /// Pose and twist with their covariances.
-    #[must_use]
-    pub fn odometry(&self, o: &Odometry, stamp: Time) -> OdometryMessage<'a> {
-        let rot_o_b = &o.pose_o_b.rotation;
-        let v_b = rot_o_b.inverse() * o.v_o_b;
-        let twist_b = twist_covariance_b(rot_o_b, &v_b, &o.covariance, self.angular_rate_sigma_rad_s);
-        OdometryMessage {
-            header: self.header(stamp),
-            child_frame_id: self.base,
-            pose: PoseWithCovariance {
-                pose: pose(&self.pose_o_v(o)),
-                covariance: rows(&pose_covariance_o(rot_o_b, &o.covariance)),
-            },
-            twist: TwistWithCovariance {
-                twist: Twist {
-                    linear: xyz(&(self.rot_v_b * v_b)),
-                    angular: xyz(&(self.rot_v_b * o.angular_rate_b)),
-                },
-                covariance: rows(&rotated(&self.rot_v_b, &twist_b)),
-            },
-        }
-    }
-
-    /// Pose of the vehicle in the odometry frame.
-    fn pose_o_v(&self, o: &Odometry) -> Isometry3<f64> {
-        Isometry3::from_parts(o.pose_o_b.translation, o.pose_o_b.rotation * self.rot_v_b.inverse())
-    }
-
-    /// The pose alone.
-    #[must_use]
-    pub fn pose(&self, o: &Odometry, stamp: Time) -> PoseStamped<'a> {
-        PoseStamped { header: self.header(stamp), pose: pose(&self.pose_o_v(o)) }
-    }
-
-    /// The tree as `/tf` has it: `O` is the parent of `V`, and `V` that of `B`. Where it is known how `O` lies in `M`, that
-    /// is the parent of `O`. All have one stamp, so that every frame can be brought to every other at it: tf2 looks into no
-    /// future.
-    #[must_use]
-    pub fn transforms(&self, o: &Odometry, pose_m_o: Option<&Isometry3<f64>>, stamp: Time) -> TfMessage<'a> {
-        let pose_v_b = Isometry3::from_parts(Vector3::zeros().into(), self.rot_v_b);
-        let map = pose_m_o.map(|pose_m_o| TransformStamped {
-            header: Header { stamp, frame_id: self.map },
-            child_frame_id: self.odom,
-            transform: pose(pose_m_o),
-        });
-        let vehicle = [
-            TransformStamped {
-                header: self.header(stamp),
-                child_frame_id: self.base,
-                transform: pose(&self.pose_o_v(o)),
-            },
-            TransformStamped {
-                header: Header { stamp, frame_id: self.base },
-                child_frame_id: self.body,
-                transform: pose(&pose_v_b),
-            },
-        ];
-        TfMessage { transforms: map.into_iter().chain(vehicle).collect() }
-    }
-
-    fn header(&self, stamp: Time) -> Header<'a> {
-        Header { stamp, frame_id: self.odom }
+impl From<nalgebra::Vector3<f64>> for Point {
+    fn from(v: nalgebra::Vector3<f64>) -> Self {
+        Self { x: v.x, y: v.y, z: v.z }
     }
 }
 
-fn xyz(v: &Vector3<f64>) -> Xyz {
-    Xyz { x: v.x, y: v.y, z: v.z }
-}
-
-fn pose(pose: &Isometry3<f64>) -> Pose {
-    let q = pose.rotation.coords;
-    Pose {
-        position: xyz(&pose.translation.vector),
-        orientation: Quaternion { x: q.x, y: q.y, z: q.z, w: q.w },
+impl From<nalgebra::Vector3<f64>> for Vector3 {
+    fn from(v: nalgebra::Vector3<f64>) -> Self {
+        Self { x: v.x, y: v.y, z: v.z }
     }
 }
 
-fn rows(matrix: &Matrix6<f64>) -> [[f64; 6]; 6] {
-    std::array::from_fn(|i| std::array::from_fn(|j| matrix[(i, j)]))
+impl From<nalgebra::UnitQuaternion<f64>> for Quaternion {
+    fn from(rotation: nalgebra::UnitQuaternion<f64>) -> Self {
+        let q = rotation.coords;
+        Self { x: q.x, y: q.y, z: q.z, w: q.w }
+    }
+}
+
+impl From<nalgebra::Isometry3<f64>> for Pose {
+    fn from(pose: nalgebra::Isometry3<f64>) -> Self {
+        Self { position: pose.translation.vector.into(), orientation: pose.rotation.into() }
+    }
+}
+
+impl From<nalgebra::Isometry3<f64>> for Transform {
+    fn from(pose: nalgebra::Isometry3<f64>) -> Self {
+        Self { translation: pose.translation.vector.into(), rotation: pose.rotation.into() }
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::cdr::encode;
+    use super::super::interface::InterfaceType;
     use super::*;
-    use plumbline_config::Timestamp;
-    use plumbline_estimator::{NavCovariance, TrackingState};
-    use std::f64::consts::PI;
 
-    /// An IMU that sits as the vehicle does.
-    fn aligned() -> Frames<'static> {
-        Frames {
-            map: "map",
-            odom: "odom",
-            base: "base_link",
-            body: "body",
-            rot_v_b: UnitQuaternion::identity(),
-            angular_rate_sigma_rad_s: 0.01,
-        }
-    }
-
-    /// One with x up, y right and z forward.
-    fn upright() -> Frames<'static> {
-        let rot_v_b = UnitQuaternion::from_euler_angles(PI, -PI / 2.0, 0.0);
-        Frames { rot_v_b, ..aligned() }
-    }
-
-    fn odometry() -> Odometry {
-        // Any positive definite matrix: A Aᵀ with blocks that differ.
-        let root =
-            NavCovariance::from_fn(
-                |i, j| if i == j { 0.1 * (i + 1) as f64 } else { 0.01 * (i * 2 + j) as f64 },
-            );
-        Odometry {
-            sequence: 7,
-            stamp: Timestamp::from_nanos(1_403_715_273_262_142_976),
-            pose_o_b: Isometry3::from_parts(
-                Vector3::new(1.0, -2.0, 0.1).into(),
-                UnitQuaternion::from_euler_angles(0.1, 0.2, 3.0),
+    #[test]
+    fn hashes_are_those_that_ros_publishes() {
+        // As `ros2 topic info --verbose` and `ros2 service info --verbose` print them.
+        let known = [
+            (
+                InterfaceType::of::<OdometryMessage<'_>>(),
+                "nav_msgs::msg::dds_::Odometry_",
+                "3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0",
             ),
-            v_o_b: Vector3::new(1.1, 0.2, -0.3),
-            angular_rate_b: Vector3::new(0.4, 0.5, 0.6),
-            covariance: root * root.transpose(),
-            state: TrackingState::Tracking,
-            quality: 80,
-            reset_counter: 2,
-            jumps: 0,
-            origin: plumbline_estimator::OriginUncertainty::default(),
+            (
+                InterfaceType::of::<PoseStamped<'_>>(),
+                "geometry_msgs::msg::dds_::PoseStamped_",
+                "10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8",
+            ),
+            (
+                InterfaceType::of::<TfMessage<'_>>(),
+                "tf2_msgs::msg::dds_::TFMessage_",
+                "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
+            ),
+            (
+                InterfaceType::of::<MarkerArray<'_>>(),
+                "visualization_msgs::msg::dds_::MarkerArray_",
+                "86cb8800b6fb05b5eff1abd7a56f62a5641d3ae9a1c29e78e67e704f1d067dcf",
+            ),
+            (
+                InterfaceType::of::<PointCloud2<'_>>(),
+                "sensor_msgs::msg::dds_::PointCloud2_",
+                "9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5",
+            ),
+            (
+                InterfaceType::of::<Trigger>(),
+                "std_srvs::srv::dds_::Trigger_",
+                "eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f",
+            ),
+        ];
+        for (found, dds_name, hash) in known {
+            assert_eq!(
+                (found.dds_name.as_str(), found.hash.as_str()),
+                (dds_name, &*format!("RIHS01_{hash}"))
+            );
         }
-    }
-
-    fn number(bytes: &[u8], at: usize) -> f64 {
-        f64::from_le_bytes(bytes[at..at + 8].try_into().unwrap())
-    }
-
-    #[test]
-    fn the_bytes_of_a_pose_are_where_its_definition_puts_them() {
-        let o = odometry();
-        let bytes = encode(&aligned().pose(&o, Time::from_nanos(5_000_000_007))).unwrap();
-        // Encapsulation, stamp, length and text of the frame, padding to 8 from behind the encapsulation.
-        let expected: [&[u8]; 6] =
-            [&[0, 1, 0, 0], &[5, 0, 0, 0], &[7, 0, 0, 0], &[5, 0, 0, 0], b"odom\0", &[0; 7]];
-        assert_eq!(bytes[..28], expected.concat());
-        let numbers: Vec<f64> = (0..7).map(|k| number(&bytes, 28 + 8 * k)).collect();
-        let q = o.pose_o_b.rotation.coords;
-        assert_eq!(numbers, [1.0, -2.0, 0.1, q.x, q.y, q.z, q.w]);
-        assert_eq!(bytes.len(), 28 + 56);
-    }
-
-    #[test]
-    fn an_odometry_message_has_its_definition_s_length() {
-        let bytes = encode(&aligned().odometry(&odometry(), Time::from_nanos(0))).unwrap();
-        // Header up to 17, child frame at 20 with 4 + 10 bytes, then doubles from 40: 7 + 36 + 6 + 36.
-        assert_eq!(bytes.len(), 4 + 40 + 8 * (7 + 36 + 6 + 36));
-        let twist = 4 + 40 + 8 * (7 + 36);
-        assert_eq!((number(&bytes, twist + 24), number(&bytes, twist + 40)), (0.4, 0.6));
-    }
-
-    #[test]
-    fn the_tree_of_transforms_leads_from_odometry_by_the_vehicle_to_the_imu() {
-        let o = odometry();
-        let tree = upright().transforms(&o, None, Time::from_nanos(0));
-        let names: Vec<_> = tree.transforms.iter().map(|t| (t.header.frame_id, t.child_frame_id)).collect();
-        assert_eq!(names, [("odom", "base_link"), ("base_link", "body")]);
-        let isometry = |p: &Pose| {
-            let q = &p.orientation;
-            let q = UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(q.w, q.x, q.y, q.z));
-            Isometry3::from_parts(Vector3::new(p.position.x, p.position.y, p.position.z).into(), q)
-        };
-        let pose_o_b = isometry(&tree.transforms[0].transform) * isometry(&tree.transforms[1].transform);
-        assert!((pose_o_b.to_matrix() - o.pose_o_b.to_matrix()).norm() < 1e-12, "{pose_o_b}");
-        assert_eq!(encode(&tree).unwrap()[4..8], [2, 0, 0, 0], "a sequence of two");
-    }
-
-    #[test]
-    fn the_map_is_the_parent_of_the_odometry_once_it_is_known() {
-        let pose_m_o = Isometry3::translation(1.0, 2.0, 3.0);
-        let tree = aligned().transforms(&odometry(), Some(&pose_m_o), Time::from_nanos(5));
-        let names: Vec<_> = tree.transforms.iter().map(|t| (t.header.frame_id, t.child_frame_id)).collect();
-        assert_eq!(names, [("map", "odom"), ("odom", "base_link"), ("base_link", "body")]);
-        assert_eq!(tree.transforms[0].transform, pose(&pose_m_o));
-        assert!(tree.transforms.iter().all(|t| t.header.stamp == Time::from_nanos(5)));
-    }
-
-    #[test]
-    fn pose_and_twist_are_the_vehicle_s_whose_x_is_forward_and_z_up() {
-        let mut o = odometry();
-        // Level, the nose along x of the odometry frame, flying forward and climbing, turning to the left.
-        let rot_v_b = upright().rot_v_b;
-        o.pose_o_b.rotation = rot_v_b;
-        o.v_o_b = Vector3::new(2.0, 0.0, 0.5);
-        o.angular_rate_b = rot_v_b.inverse() * Vector3::new(0.0, 0.0, 0.7);
-        let message = upright().odometry(&o, Time::from_nanos(0));
-        assert_eq!(message.child_frame_id, "base_link");
-        assert!((message.pose.pose.orientation.w.abs() - 1.0).abs() < 1e-12);
-        let near =
-            |a: &Xyz, b: [f64; 3]| [a.x - b[0], a.y - b[1], a.z - b[2]].iter().all(|d| d.abs() < 1e-12);
-        assert!(near(&message.twist.twist.linear, [2.0, 0.0, 0.5]), "{:?}", message.twist.twist.linear);
-        assert!(near(&message.twist.twist.angular, [0.0, 0.0, 0.7]), "{:?}", message.twist.twist.angular);
-        // The velocity in V has the covariance of R_VB v_b, which is R_VB C R_VBᵀ.
-        let b = aligned().odometry(&o, Time::from_nanos(0)).twist.covariance;
-        let v = message.twist.covariance;
-        // x of V is z of B, and z of V is x of B.
-        assert!((v[0][0] - b[2][2]).abs() < 1e-12 && (v[2][2] - b[0][0]).abs() < 1e-12);
-        assert!((v[0][2] - b[2][0]).abs() < 1e-12);
     }
 
     #[test]
@@ -347,16 +268,5 @@ mod tests {
             Time::from_nanos(1_403_715_273_262_142_976),
             Time { sec: 1_403_715_273, nanosec: 262_142_976 }
         );
-    }
-
-    #[test]
-    fn the_twist_is_the_body_s_where_the_imu_sits_as_the_vehicle_does() {
-        let o = odometry();
-        let message = aligned().odometry(&o, Time::from_nanos(0));
-        assert_eq!(message.twist.twist.linear, xyz(&(o.pose_o_b.rotation.inverse() * o.v_o_b)));
-        assert_eq!(message.twist.twist.angular, xyz(&o.angular_rate_b));
-        // Both covariances are those that belong to it.
-        let own = pose_covariance_o(&o.pose_o_b.rotation, &o.covariance);
-        assert_eq!(message.pose.covariance, rows(&own));
     }
 }

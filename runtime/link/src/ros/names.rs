@@ -1,58 +1,43 @@
 //! How `rmw_zenoh` names things: keys of topics, liveliness tokens, and what is attached to a sample.
 
+use super::interface::InterfaceType;
 use plumbline_config::options::RosDistribution;
 use xxhash_rust::xxh3::xxh3_128;
 
 /// What stands in keys for the hash of a type in a release that has none.
 const NO_HASH: &str = "TypeHashNotSupported";
-/// Bytes attached to every sample.
-const ATTACHMENT_BYTES: usize = 33;
+/// Bytes attached to every sample, request and response.
+pub const ATTACHMENT_BYTES: usize = 33;
+/// Bytes of an identifier.
+const GID_BYTES: usize = 16;
 
-/// A type of message.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct MessageType {
-    /// As people write it.
-    pub name: &'static str,
-    /// As DDS mangles it, which is how keys have it.
-    pub dds_name: &'static str,
-    /// SHA-256 of its definition (REP-2016), the same from Iron to Rolling.
-    pub hash: &'static str,
-}
-
-/// `nav_msgs/msg/Odometry`.
-pub const ODOMETRY: MessageType = MessageType {
-    name: "nav_msgs/msg/Odometry",
-    dds_name: "nav_msgs::msg::dds_::Odometry_",
-    hash: "RIHS01_3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0",
-};
-/// `geometry_msgs/msg/PoseStamped`.
-pub const POSE_STAMPED: MessageType = MessageType {
-    name: "geometry_msgs/msg/PoseStamped",
-    dds_name: "geometry_msgs::msg::dds_::PoseStamped_",
-    hash: "RIHS01_10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8",
-};
-/// `tf2_msgs/msg/TFMessage`.
-pub const TF_MESSAGE: MessageType = MessageType {
-    name: "tf2_msgs/msg/TFMessage",
-    dds_name: "tf2_msgs::msg::dds_::TFMessage_",
-    hash: "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
-};
-
-impl MessageType {
-    fn hash_in(&self, distribution: RosDistribution) -> &'static str {
-        if distribution == RosDistribution::Humble { NO_HASH } else { self.hash }
-    }
-}
-
-/// A topic that is published.
+/// Topic that is published, or service that is offered.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Topic {
-    /// Fully qualified, such as `/drone/odom`.
+    /// Fully qualified name, such as `/drone/odom`.
     pub name: String,
-    /// Type of its messages.
-    pub message: MessageType,
-    /// Messages that a subscriber is advised to hold.
+    /// Type of its messages, or of the service.
+    pub interface: InterfaceType,
+    /// Messages, or requests, that a queue is advised to hold.
     pub depth: u32,
+}
+
+/// Kind of a node's endpoint.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Endpoint {
+    /// Publisher of a topic.
+    Publisher,
+    /// Server of a service.
+    Service,
+}
+
+impl Endpoint {
+    fn code(self) -> &'static str {
+        match self {
+            Self::Publisher => "MP",
+            Self::Service => "SS",
+        }
+    }
 }
 
 /// A node on a session of Zenoh.
@@ -77,7 +62,7 @@ impl Node {
         format!("{}/{name}", self.namespace.trim_end_matches('/'))
     }
 
-    /// The key on which messages of a topic go out.
+    /// Key on which messages of a topic go out, and on which a service is called.
     #[must_use]
     pub fn key(&self, topic: &Topic) -> String {
         let name = topic.name.trim_matches('/');
@@ -90,10 +75,10 @@ impl Node {
         self.token_of("0/NN")
     }
 
-    /// The token by which a publisher of this node is listed; `entity` is its number in the node, from 1.
+    /// Token by which an endpoint of this node is listed; `entity` is its number in the node, from 1.
     #[must_use]
-    pub fn publisher_token(&self, entity: u32, topic: &Topic) -> String {
-        let token = self.token_of(&format!("{entity}/MP"));
+    pub fn endpoint_token(&self, endpoint: Endpoint, entity: u32, topic: &Topic) -> String {
+        let token = self.token_of(&format!("{entity}/{}", endpoint.code()));
         format!("{token}/{}/{}/{}", mangled(&topic.name), self.type_chunks(topic), qos(topic))
     }
 
@@ -105,7 +90,9 @@ impl Node {
     }
 
     fn type_chunks(&self, topic: &Topic) -> String {
-        format!("{}/{}", topic.message.dds_name, topic.message.hash_in(self.distribution))
+        let InterfaceType { dds_name, hash, .. } = &topic.interface;
+        let hash = if self.distribution == RosDistribution::Humble { NO_HASH } else { hash };
+        format!("{dds_name}/{hash}")
     }
 }
 
@@ -126,27 +113,44 @@ pub fn gid(token: &str) -> [u8; 16] {
     xxh3_128(token.as_bytes()).to_le_bytes()
 }
 
-/// What goes with every sample: `sequence` from 1, the time of publication in nanoseconds since 1970, and the
-/// publisher's [`gid`] behind its length.
-#[must_use]
-pub fn attachment(sequence: i64, source_ns: i64, gid: &[u8; 16]) -> [u8; ATTACHMENT_BYTES] {
-    let mut bytes = [0; ATTACHMENT_BYTES];
-    bytes[..8].copy_from_slice(&sequence.to_le_bytes());
-    bytes[8..16].copy_from_slice(&source_ns.to_le_bytes());
-    bytes[16] = 16;
-    bytes[17..].copy_from_slice(gid);
-    bytes
+/// Attachment of a sample, a request or a response.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Attachment {
+    /// Number of the sample or request, from 1; that of its request in a response.
+    pub sequence: i64,
+    /// Time of publication, ns since 1970.
+    pub source_ns: i64,
+    /// Identifier of the publisher or client ([`gid`]); that of the client in a response.
+    pub gid: [u8; GID_BYTES],
+}
+
+impl Attachment {
+    /// Bytes of the attachment: both numbers little-endian, the identifier behind its length.
+    #[must_use]
+    pub fn encode(&self) -> [u8; ATTACHMENT_BYTES] {
+        let mut bytes = [0; ATTACHMENT_BYTES];
+        bytes[..8].copy_from_slice(&self.sequence.to_le_bytes());
+        bytes[8..16].copy_from_slice(&self.source_ns.to_le_bytes());
+        bytes[16] = GID_BYTES as u8;
+        bytes[17..].copy_from_slice(&self.gid);
+        bytes
+    }
+
+    /// Attachment in these bytes; `None` where they are another number of bytes, or the identifier is of another length.
+    #[must_use]
+    pub fn decode(bytes: &[u8]) -> Option<Self> {
+        let (sequence, rest) = bytes.split_first_chunk()?;
+        let (source_ns, rest) = rest.split_first_chunk()?;
+        let (length, gid) = rest.split_first()?;
+        let gid = gid.try_into().ok().filter(|_| usize::from(*length) == GID_BYTES)?;
+        let [sequence, source_ns] = [sequence, source_ns].map(|number| i64::from_le_bytes(*number));
+        Some(Self { sequence, source_ns, gid })
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    const CHATTER: MessageType = MessageType {
-        name: "std_msgs/msg/String",
-        dds_name: "std_msgs::msg::dds_::String_",
-        hash: "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18",
-    };
 
     fn node(domain_id: u32, session: &str, namespace: &str, name: &str) -> Node {
         Node {
@@ -159,7 +163,9 @@ mod tests {
     }
 
     fn topic(node: &Node, name: &str, depth: u32) -> Topic {
-        Topic { name: node.qualified(name), message: CHATTER, depth }
+        let hash = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18";
+        let interface = InterfaceType::new("std_msgs/msg/String", hash);
+        Topic { name: node.qualified(name), interface, depth }
     }
 
     /// The examples of `docs/design.md` of `rmw_zenoh`, letter by letter.
@@ -168,7 +174,7 @@ mod tests {
         let talker = node(2, "8b20917502ee955ac4476e0266340d5c", "/", "talker");
         let chatter = topic(&talker, "chatter", 7);
         assert_eq!(
-            talker.publisher_token(10, &chatter),
+            talker.endpoint_token(Endpoint::Publisher, 10, &chatter),
             "@ros2_lv/2/8b20917502ee955ac4476e0266340d5c/0/10/MP/%/%/talker/%chatter/std_msgs::msg::dds_::String_/RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18/::,7:,:,:,,"
         );
         let listener = node(2, "aac3178e146ba6f1fc6e6a4085e77f21", "/", "listener");
@@ -183,7 +189,7 @@ mod tests {
     #[test]
     fn slashes_of_names_do_not_split_tokens() {
         let node = node(0, "1", "/robots/one", "plumbline");
-        let token = node.publisher_token(1, &topic(&node, "odom", 10));
+        let token = node.endpoint_token(Endpoint::Publisher, 1, &topic(&node, "odom", 10));
         let chunks: Vec<&str> = token.split('/').collect();
         assert_eq!(chunks.len(), 13, "{token}");
         assert_eq!((chunks[7], chunks[9]), ("%robots%one", "%robots%one%odom"));
@@ -194,16 +200,48 @@ mod tests {
         let node = Node { distribution: RosDistribution::Humble, ..node(0, "1", "/", "talker") };
         let chatter = topic(&node, "chatter", 7);
         assert_eq!(node.key(&chatter), "0/chatter/std_msgs::msg::dds_::String_/TypeHashNotSupported");
-        assert!(node.publisher_token(1, &chatter).contains("/TypeHashNotSupported/"));
+        assert!(node.endpoint_token(Endpoint::Publisher, 1, &chatter).contains("/TypeHashNotSupported/"));
+    }
+
+    #[test]
+    fn a_service_has_the_token_of_its_server() {
+        let node = node(2, "f1eec80b0794deb18ff9ee5a0182029d", "/", "server");
+        let hash = "RIHS01_e118de6bf5eeb66a2491b5bda11202e7b68f198d6f67922cf30364858239c81a";
+        let interface = InterfaceType::new("example_interfaces/srv/AddTwoInts", hash);
+        let service = Topic { name: node.qualified("add_two_ints"), interface, depth: 10 };
+        // The example of `docs/design.md`, and the token that such a server declares.
+        assert_eq!(
+            node.key(&service),
+            format!("2/add_two_ints/example_interfaces::srv::dds_::AddTwoInts_/{hash}")
+        );
+        assert_eq!(
+            node.endpoint_token(Endpoint::Service, 10, &service),
+            format!(
+                "@ros2_lv/2/f1eec80b0794deb18ff9ee5a0182029d/0/10/SS/%/%/server/%add_two_ints/example_interfaces::srv::dds_::AddTwoInts_/{hash}/::,10:,:,:,,"
+            )
+        );
     }
 
     #[test]
     fn an_attachment_is_sequence_time_and_identifier_behind_its_length() {
-        let gid = gid("a token");
-        let bytes = attachment(1, -2, &gid);
+        let attachment = Attachment { sequence: 1, source_ns: -2, gid: gid("a token") };
+        let bytes = attachment.encode();
         assert_eq!(bytes[..8], [1, 0, 0, 0, 0, 0, 0, 0]);
         assert_eq!(bytes[8..16], (-2i64).to_le_bytes());
         assert_eq!(bytes[16], 16);
-        assert_eq!(bytes[17..], gid);
+        assert_eq!(bytes[17..], attachment.gid);
+        assert_eq!(Attachment::decode(&bytes), Some(attachment));
+    }
+
+    #[test]
+    fn refuses_attachments_of_other_lengths() {
+        let bytes = Attachment { sequence: 1, source_ns: 2, gid: [3; 16] }.encode();
+        for length in 0..bytes.len() {
+            assert_eq!(Attachment::decode(&bytes[..length]), None, "{length}");
+        }
+        assert_eq!(Attachment::decode(&[&bytes[..], &[0]].concat()), None);
+        let mut other = bytes;
+        other[16] = 15;
+        assert_eq!(Attachment::decode(&other), None);
     }
 }

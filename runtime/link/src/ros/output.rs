@@ -1,12 +1,15 @@
-//! ROS 2 as an output of the records of a flight: odometry, and where it lies in the map, over rings to a thread of its own.
+//! ROS 2 as an output of the records of a flight, over rings to a thread of its own.
 
-use super::publisher::RosPublisher;
-use crate::net::NetError;
+use super::publisher::{Identity, LOOK_PERIOD, RosPublisher};
+use super::scene::Scene;
+use crate::net::pace::Rates;
 use crate::net::task_bell::TaskBell;
+use crate::net::{Commands, Endpoints, NetError, security};
 use nalgebra::UnitQuaternion;
-use plumbline_config::options::RosConfig;
-use plumbline_estimator::Odometry;
-use plumbline_estimator::places::MapEstimate;
+use plumbline_config::ValidConfig;
+use plumbline_estimator::places::{MapEstimate, MapPath};
+use plumbline_estimator::{MapSnapshot, Odometry};
+use plumbline_flight::local::{Record, Shot};
 use plumbline_flight::pipeline::Stamps;
 use plumbline_flight::schedule::lane::{LaneReader, LaneWriter, lane};
 use std::sync::Arc;
@@ -15,8 +18,10 @@ use std::thread::JoinHandle;
 
 /// Odometry that waits for the network: a quarter of a second.
 const ODOMETRY_RING: usize = 50;
-/// Words on where it lies in the map: only the newest counts.
-const MAP_RING: usize = 4;
+/// Poses of the odometry frame in the map, corrected paths and pictures that wait: only the newest counts.
+const NEWEST_RING: usize = 2;
+/// Snapshots of the window that wait: they come with keyframes, a few a second.
+const SNAPSHOT_RING: usize = 8;
 
 /// The way out to ROS 2, for one run.
 #[derive(Debug)]
@@ -32,28 +37,37 @@ struct Shared {
 }
 
 impl RosOutput {
-    /// Begins to look for the router; returns at once. `rot_v_b` takes coordinates from the IMU to the vehicle,
-    /// `stamps` says whose those of the odometry are.
+    /// Starts to look for the router; returns at once. `rot_v_b` takes coordinates from the IMU to the vehicle,
+    /// `stamps` is the clock domain of the odometry.
     ///
     /// # Errors
     /// When no thread can be had.
     pub fn start(
-        options: &RosConfig,
-        vehicle: &str,
+        config: &ValidConfig,
         rot_v_b: UnitQuaternion<f64>,
         stamps: Stamps,
+        commands: Arc<Commands>,
     ) -> Result<(Self, RosFeed), NetError> {
         let shared = Arc::new(Shared { bell: TaskBell::new()?, stop: AtomicBool::new(false) });
-        let (writer, reader, _) = lane(ODOMETRY_RING);
-        let (map_writer, map_reader, _) = lane(MAP_RING);
-        let publisher = RosPublisher::start(options, vehicle, rot_v_b, stamps)?;
+        let (feed, waiting) = rings(&shared);
+        let identity = Identity {
+            options: config.ros.clone(),
+            vehicle: config.network.vehicle.clone(),
+            rot_v_b,
+            stamps,
+            has_map: config.estimator.places.enabled,
+        };
+        let scene = Scene::new(&Rates::of(config.ros.link));
+        // Commands come over the router, which shows no certificate of theirs.
+        let router = Endpoints { connect: vec![config.ros.router.clone()], ..Endpoints::default() };
+        let refusal = security::refusal(config.network.commands, &router);
+        let publisher = RosPublisher::start(identity, scene, commands, refusal)?;
         // Zenoh wants a runtime of several threads, and uses one.
         let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
         let theirs = Arc::clone(&shared);
         let thread = std::thread::Builder::new()
             .name("plumbline-ros2".into())
-            .spawn(move || runtime.block_on(publish(publisher, reader, map_reader, &theirs)))?;
-        let feed = RosFeed { shared: Arc::clone(&shared), odometry: writer, map: map_writer };
+            .spawn(move || runtime.block_on(publish(publisher, waiting, &theirs)))?;
         Ok((Self { shared, thread: Some(thread) }, feed))
     }
 
@@ -77,28 +91,59 @@ impl Drop for RosOutput {
     }
 }
 
-async fn publish(
-    mut publisher: RosPublisher,
-    mut waiting: LaneReader<Odometry>,
-    mut map: LaneReader<MapEstimate>,
-    shared: &Shared,
-) {
+/// Reading ends of the rings of a [`RosFeed`].
+struct Waiting {
+    odometry: LaneReader<Odometry>,
+    map: LaneReader<MapEstimate>,
+    windows: LaneReader<MapSnapshot>,
+    paths: LaneReader<MapPath>,
+    shots: LaneReader<Shot>,
+}
+
+fn rings(shared: &Arc<Shared>) -> (RosFeed, Waiting) {
+    let (odometry_in, odometry, _) = lane(ODOMETRY_RING);
+    let (map_in, map, _) = lane(NEWEST_RING);
+    let (windows_in, windows, _) = lane(SNAPSHOT_RING);
+    let (paths_in, paths, _) = lane(NEWEST_RING);
+    let (shots_in, shots, _) = lane(NEWEST_RING);
+    let feed = RosFeed {
+        shared: Arc::clone(shared),
+        odometry: odometry_in,
+        map: map_in,
+        windows: windows_in,
+        paths: paths_in,
+        shots: shots_in,
+    };
+    (feed, Waiting { odometry, map, windows, paths, shots })
+}
+
+async fn publish(mut publisher: RosPublisher, mut waiting: Waiting, shared: &Shared) {
     let bell = match shared.bell.listen() {
         Ok(bell) => bell,
         Err(error) => return tracing::error!("cannot publish to ROS 2: {error}"),
     };
     loop {
         let is_last = shared.stop.load(Ordering::Relaxed);
-        while let Some(newest) = map.pop() {
-            publisher.follow(newest);
+        publisher.look().await;
+        while let Some(newest) = waiting.map.pop() {
+            publisher.scene.estimate = Some(newest);
         }
-        while let Some(odometry) = waiting.pop() {
+        while let Some(snapshot) = waiting.windows.pop() {
+            publisher.scene.landmarks.update(snapshot);
+        }
+        while let Some(path) = waiting.paths.pop() {
+            publisher.scene.corrected = path;
+        }
+        while let Some(odometry) = waiting.odometry.pop() {
             publisher.odometry(&odometry).await;
+        }
+        while let Some(shot) = waiting.shots.pop() {
+            publisher.picture(&shot).await;
         }
         if is_last {
             return publisher.stop().await;
         }
-        bell.rung().await;
+        let _ = tokio::time::timeout(LOOK_PERIOD, bell.rung()).await;
     }
 }
 
@@ -108,17 +153,27 @@ pub struct RosFeed {
     shared: Arc<Shared>,
     odometry: LaneWriter<Odometry>,
     map: LaneWriter<MapEstimate>,
+    windows: LaneWriter<MapSnapshot>,
+    paths: LaneWriter<MapPath>,
+    shots: LaneWriter<Shot>,
 }
 
 impl RosFeed {
-    /// Takes odometry.
-    pub fn odometry(&mut self, odometry: &Odometry) {
-        self.odometry.push(odometry.clone());
-        self.shared.bell.ring();
-    }
-
-    /// Takes the pose of the odometry frame in the map.
-    pub fn map_estimate(&mut self, estimate: &MapEstimate) {
-        self.map.push(estimate.clone());
+    /// Takes a record, if it is one that ROS 2 is shown.
+    pub fn take(&mut self, record: &Record) {
+        match record {
+            Record::Odometry(odometry, _) => {
+                self.odometry.push((**odometry).clone());
+                self.shared.bell.ring();
+            }
+            Record::MapEstimate(estimate) => self.map.push(estimate.clone()),
+            Record::Window(snapshot) => self.windows.push(snapshot.clone()),
+            Record::Path(path) => self.paths.push(path.clone()),
+            Record::Picture(shot) => {
+                self.shots.push(shot.clone());
+                self.shared.bell.ring();
+            }
+            _ => {}
+        }
     }
 }

@@ -4,15 +4,20 @@
 //! takes all of them to be of its host, connected with each other (`peers_failover_brokering` is off). For a
 //! client it does, to every host. And what secures our network is not theirs.
 
-use super::node::RosNode;
-use crate::net::NetError;
+use super::node::{RosNode, is_worth_sending};
+use super::reset::Resets;
+use super::scene::Scene;
+use crate::net::commands::Watcher;
+use crate::net::{Commands, NetError};
 use nalgebra::UnitQuaternion;
 use plumbline_config::options::RosConfig;
 use plumbline_estimator::Odometry;
-use plumbline_estimator::places::MapEstimate;
+use plumbline_flight::local::Shot;
 use plumbline_flight::pipeline::Stamps;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::sync::oneshot::{self, Receiver};
+use tokio::sync::watch;
 use zenoh::{Session, Wait};
 
 /// First and longest pause between attempts to reach the router, ms.
@@ -20,15 +25,34 @@ const RETRY_MS: (u32, u32) = (500, 1000);
 /// A router that is not there after this time is worth a word.
 const PATIENCE: Duration = Duration::from_secs(3);
 
-/// Publishes odometry to ROS 2 as soon as the router is there, and again when it comes back.
+/// Period at which subscribers of pictures are counted.
+pub const LOOK_PERIOD: Duration = Duration::from_millis(200);
+
+/// Vehicle as ROS 2 sees it.
+#[derive(Clone, Debug)]
+pub struct Identity {
+    /// Options of the configuration.
+    pub options: RosConfig,
+    /// Name of the vehicle.
+    pub vehicle: String,
+    /// Takes coordinates from the IMU to the vehicle.
+    pub rot_v_b: UnitQuaternion<f64>,
+    /// Clock domain of the stamps.
+    pub stamps: Stamps,
+    /// Whether the flight keeps a map.
+    pub has_map: bool,
+}
+
+/// Publishes to ROS 2 as soon as the router is there, and again when it comes back.
 pub struct RosPublisher {
-    options: RosConfig,
-    vehicle: String,
-    rot_v_b: UnitQuaternion<f64>,
-    stamps: Stamps,
-    /// The newest word on where the odometry lies in the map.
-    map: Option<MapEstimate>,
+    identity: Identity,
+    resets: Resets,
+    count: watch::Sender<u32>,
+    looked: Option<Instant>,
+    watched_hz: f64,
     state: State,
+    /// What has been received so far.
+    pub scene: Scene,
 }
 
 enum State {
@@ -40,35 +64,31 @@ enum State {
 }
 
 impl RosPublisher {
-    /// Begins to look for the router; returns at once. `rot_v_b` takes coordinates from the IMU to the vehicle.
+    /// Starts to look for the router; returns at once. `refusal` is the reason why commands are refused, if they are.
     ///
     /// # Errors
     /// When no thread can be had.
     pub fn start(
-        options: &RosConfig,
-        vehicle: &str,
-        rot_v_b: UnitQuaternion<f64>,
-        stamps: Stamps,
+        identity: Identity,
+        scene: Scene,
+        commands: Arc<Commands>,
+        refusal: Option<String>,
     ) -> Result<Self, NetError> {
         let (sender, receiver) = oneshot::channel();
-        let router = options.router.clone();
+        let router = identity.options.router.clone();
         // Zenoh holds its caller until the router is there, which may be never: it gets a thread that nobody
         // waits for. A session that nobody wants any more is closed as it is dropped.
         std::thread::Builder::new().name("plumbline-ros".into()).spawn(move || {
             let _ = sender.send(open(&router));
         })?;
+        let (count, newest) = watch::channel(0);
+        let resets = Resets { commands, count: newest, refusal };
         let state = State::Waiting(Instant::now(), false, receiver);
-        Ok(Self { options: options.clone(), vehicle: vehicle.to_owned(), rot_v_b, stamps, map: None, state })
+        Ok(Self { identity, resets, count, looked: None, watched_hz: 0.0, state, scene })
     }
 
-    /// Takes where the odometry lies in the map: it goes out with the odometry.
-    pub fn follow(&mut self, map: MapEstimate) {
-        self.map = Some(map);
-    }
-
-    /// Publishes an odometry, if it is due and has a pose. What cannot be sent is lost; the sequence numbers of
-    /// the samples tell.
-    pub async fn odometry(&mut self, odometry: &Odometry) {
+    /// Declares the node when the router has appeared, and asks the flight for pictures while there are subscribers.
+    pub async fn look(&mut self) {
         if let State::Waiting(since, told, receiver) = &mut self.state {
             match receiver.try_recv() {
                 Ok(session) => self.state = self.connected(session).await,
@@ -76,24 +96,48 @@ impl RosPublisher {
                 Err(oneshot::error::TryRecvError::Empty) => {
                     if !*told && since.elapsed() > PATIENCE {
                         *told = true;
-                        let router = &self.options.router;
+                        let router = &self.identity.options.router;
                         tracing::warn!("no router of ROS 2 at {router} yet; retrying until it is available");
                     }
                 }
             }
         }
+        if self.looked.is_some_and(|looked| looked.elapsed() < LOOK_PERIOD) {
+            return;
+        }
+        self.looked = Some(Instant::now());
+        if let State::Connected(_, node) = &self.state {
+            let pictures_hz = node.pictures_hz().await;
+            if pictures_hz != self.watched_hz {
+                self.resets.commands.watch(Watcher::Ros, pictures_hz);
+                self.watched_hz = pictures_hz;
+            }
+        }
+    }
+
+    /// Publishes an odometry, if it is due and has a pose. What cannot be sent is lost; the sequence numbers of
+    /// the samples show it.
+    pub async fn odometry(&mut self, odometry: &Odometry) {
+        self.count.send_replace(odometry.reset_counter);
+        if is_worth_sending(odometry) {
+            self.scene.path.follow(odometry);
+        }
         if let State::Connected(_, node) = &mut self.state {
-            // After a reset the odometry frame is another one.
-            let map = self.map.as_ref().filter(|map| map.reset_counter == odometry.reset_counter);
-            node.odometry(odometry, map.and_then(|map| map.pose_m_o.as_ref())).await;
+            node.odometry(odometry, &self.scene).await;
+        }
+    }
+
+    /// Publishes a picture, if it is due.
+    pub async fn picture(&mut self, shot: &Shot) {
+        if let State::Connected(_, node) = &mut self.state {
+            node.picture(shot).await;
         }
     }
 
     async fn connected(&self, session: Result<Session, NetError>) -> State {
         let declared = async {
             let session = session?;
-            let node =
-                RosNode::declare(&session, &self.options, &self.vehicle, self.rot_v_b, self.stamps).await?;
+            let node = RosNode::declare(&session, &self.identity, &self.resets).await?;
             Ok::<_, NetError>(State::Connected(session, Box::new(node)))
         };
         declared.await.unwrap_or_else(|error| {

@@ -57,6 +57,9 @@ fn layouts() -> Vec<Layout> {
             "sequence" sequence, "memory" memory, "m.offset" place, "m.planes" place, "length" length,
             "request_fd" request,
         }),
+        layout!("struct uvc_xu_control_query", ExtensionQuery {
+            "unit" unit, "selector" selector, "query" query, "size" size, "data" data,
+        }),
         layout!("struct v4l2_control", Control { "id" id, "value" value }),
         layout!("struct v4l2_query_ext_ctrl", ControlDescription {
             "id" id, "type" kind, "name" name, "minimum" minimum, "maximum" maximum, "step" step,
@@ -102,6 +105,9 @@ fn constants() -> Vec<(&'static str, u32)> {
         ("V4L2_CID_EXPOSURE_AUTO_PRIORITY", ID_EXPOSURE_AUTO_PRIORITY),
         ("V4L2_CID_ANALOGUE_GAIN", ID_ANALOGUE_GAIN),
         ("V4L2_EXPOSURE_MANUAL", EXPOSURE_MANUAL as u32),
+        ("UVC_SET_CUR", u32::from(UVC_SET)),
+        ("UVC_GET_CUR", u32::from(UVC_GET)),
+        ("UVCIOC_CTRL_QUERY", super::super::calls::QUERY_EXTENSION),
         ("VIDIOC_QUERYCAP", super::super::calls::QUERY_CAPABILITY),
         ("VIDIOC_ENUM_FMT", super::super::calls::ENUM_FORMAT),
         ("VIDIOC_S_FMT", super::super::calls::SET_FORMAT),
@@ -124,7 +130,9 @@ fn constants() -> Vec<(&'static str, u32)> {
 
 /// A program that cannot be compiled unless the header says the same.
 fn program() -> String {
-    let mut text = "#include <stddef.h>\n#include <sys/time.h>\n#include <linux/videodev2.h>\n".to_owned();
+    let mut text = "#include <stddef.h>\n#include <sys/time.h>\n#include <linux/videodev2.h>\n\
+                    #include <linux/uvcvideo.h>\n#include <linux/usb/video.h>\n"
+        .to_owned();
     for (name, size, fields) in layouts() {
         writeln!(text, "_Static_assert(sizeof({name}) == {size}, \"size of {name}\");").unwrap();
         for (field, offset) in fields {

@@ -5,6 +5,7 @@
 
 use crate::pipeline::listener::{Listener, Producer, Subscriber, View};
 use crate::schedule::queue::Queue;
+use crate::sensor_board::SensorBoard;
 use plumbline_checkup::plausibility::{Finding, GIVEN_UP, Glimpse, Plausibility};
 use plumbline_config::options::image_sizes;
 use plumbline_config::{Config, ImuSample};
@@ -72,11 +73,17 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Starts the thread. `known` was found before; `is_live` when the run must not wait.
+    /// Starts the thread. `known` was found before; `is_live` when the run must not wait. What is found is logged, and posted
+    /// on `board`.
     ///
     /// # Errors
     /// When the system refuses a thread.
-    pub fn start(config: &Config, is_live: bool, known: Vec<Finding>) -> std::io::Result<Self> {
+    pub fn start(
+        config: &Config,
+        is_live: bool,
+        known: Vec<Finding>,
+        board: Option<SensorBoard>,
+    ) -> std::io::Result<Self> {
         let sizes = image_sizes(&config.camera);
         let shared = Arc::new(Shared {
             items: Queue::new(QUEUE),
@@ -89,9 +96,9 @@ impl Watch {
             let _ = shared.free.push(Glimpse::new(sizes));
         }
         let (theirs, plausibility) = (Arc::clone(&shared), Plausibility::new(config, is_live));
-        let thread = std::thread::Builder::new()
-            .name("plausibility".into())
-            .spawn(move || look(&theirs, plausibility, known))?;
+        let thread = std::thread::Builder::new().name("plausibility".into()).spawn(move || {
+            look(&theirs, plausibility, Told { findings: Vec::new(), notices: Vec::new(), board }, known)
+        })?;
         Ok(Self { shared, thread: Some(thread) })
     }
 
@@ -157,9 +164,13 @@ impl Listener for Ear {
 }
 
 /// The thread: takes what comes until the run is over, and warns of each finding once.
-fn look(shared: &Shared, mut plausibility: Plausibility, known: Vec<Finding>) -> Vec<Finding> {
-    let mut told = Vec::new();
-    tell(known, &mut told);
+fn look(
+    shared: &Shared,
+    mut plausibility: Plausibility,
+    mut told: Told,
+    known: Vec<Finding>,
+) -> Vec<Finding> {
+    told.tell(known);
     let mut frames = 0;
     loop {
         // Looked at first: what was offered before it was set is in the queue.
@@ -171,7 +182,7 @@ fn look(shared: &Shared, mut plausibility: Plausibility, known: Vec<Finding>) ->
                     plausibility.add_estimate(sequence, health);
                     frames += 1;
                     if frames % JUDGED_EVERY == 0 {
-                        tell(plausibility.findings(), &mut told);
+                        told.tell(plausibility.findings());
                     }
                 }
                 Item::Reset(reason) => plausibility.add_reset(&reason),
@@ -183,27 +194,43 @@ fn look(shared: &Shared, mut plausibility: Plausibility, known: Vec<Finding>) ->
             }
         }
         if is_over {
-            tell(plausibility.findings(), &mut told);
-            return told;
+            told.tell(plausibility.findings());
+            return told.findings;
         }
         std::thread::sleep(POLL);
     }
 }
 
-/// Warns of what is new. The figures of a finding change as a flight goes on; it is told once.
-fn tell(findings: Vec<Finding>, told: &mut Vec<Finding>) {
-    for finding in findings {
-        let is_known = |other: &Finding| {
-            other.what == finding.what
-                && other.cause == finding.cause
-                && !is_reset_of_its_own(other, &finding)
-        };
-        match told.iter().position(is_known) {
-            Some(place) => told[place] = finding,
-            None => {
-                tracing::warn!("{finding}");
-                told.push(finding);
+/// What was warned of so far.
+struct Told {
+    findings: Vec<Finding>,
+    /// Each finding in the words of its warning, which later figures do not change.
+    notices: Vec<String>,
+    board: Option<SensorBoard>,
+}
+
+impl Told {
+    /// Warns of what is new. The figures of a finding change as a flight goes on; it is told once.
+    fn tell(&mut self, findings: Vec<Finding>) {
+        let mut has_news = false;
+        for finding in findings {
+            let is_known = |other: &Finding| {
+                other.what == finding.what
+                    && other.cause == finding.cause
+                    && !is_reset_of_its_own(other, &finding)
+            };
+            match self.findings.iter().position(is_known) {
+                Some(place) => self.findings[place] = finding,
+                None => {
+                    tracing::warn!("{finding}");
+                    self.notices.push(finding.to_string());
+                    self.findings.push(finding);
+                    has_news = true;
+                }
             }
+        }
+        if let Some(board) = self.board.as_ref().filter(|_| has_news) {
+            board.post_findings(self.notices.iter().rev().cloned().collect());
         }
     }
 }

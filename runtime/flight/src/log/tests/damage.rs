@@ -81,7 +81,7 @@ fn what_is_no_flight_log_is_refused_with_the_cure() {
     for bytes in [&b""[..], b"#timestamp", b"\x89MCAP0\r\n", &[0; 4096]] {
         let (_folder, path) = written(bytes);
         let error = verified(&path).unwrap_err().to_string();
-        assert!(error.contains("no flight log") && error.contains("--record"), "{error}");
+        assert!(error.contains("not a flight log") && error.contains("--record"), "{error}");
     }
     let missing = verified(Path::new("/nonexistent/flight.mcap")).unwrap_err().to_string();
     assert!(missing.starts_with("/nonexistent/flight.mcap: "), "{missing}");

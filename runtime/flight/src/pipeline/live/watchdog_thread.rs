@@ -7,7 +7,7 @@ use crate::schedule::ladder::Rung;
 use crate::schedule::supervisor::{Supervisor, Word};
 use crate::schedule::tasks::{Loss, TaskId, WATCH_PERIOD};
 use crate::schedule::ticker::Monotonic;
-use crate::schedule::watchdog::{Finding, Watchdog};
+use crate::schedule::watchdog::{TaskEvent, Watchdog};
 use plumbline_config::Portable;
 use plumbline_record::{Event, Said, Severity};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -110,26 +110,31 @@ impl Drop for EndOnDrop<'_> {
     }
 }
 
-/// Says that the front-end has taken a step of the ladder: there, nobody has time to.
+/// Message of a step down the ladder.
+const SLOW: &str = "frames take longer than their period";
+/// Message of a step up the ladder.
+const IN_TIME: &str = "frames are in time again";
+
+/// Reports that the front-end has taken a step of the ladder. The front-end itself has no time for that.
 fn report_rung(shared: &Shared<'_>, listener: &mut dyn Listener, told: &mut Rung) {
     let rung = shared.rung();
     if rung != *told {
         let now = shared.data_time(Monotonic::now());
         let severity = if rung > *told {
-            tracing::warn!("the work does not fit: {}", rung.name());
+            tracing::warn!("{SLOW}: {}", rung.name());
             Severity::Warning
         } else {
-            tracing::info!("the work fits again: {}", rung.name());
+            tracing::info!("{IN_TIME}: {}", rung.name());
             Severity::Info
         };
-        let words = if rung > *told { "the work does not fit" } else { "the work fits again" };
+        let words = if rung > *told { SLOW } else { IN_TIME };
         listener.said(&Said::Event(Event::new(now, severity, format_args!("{words}: {}", rung.name()))));
         *told = rung;
     }
 }
 
 /// Says what was found, in the log of the process and in that of the flight, and does what is to be done about it.
-fn report_finding(shared: &Shared<'_>, listener: &mut dyn Listener, finding: Finding) {
+fn report_finding(shared: &Shared<'_>, listener: &mut dyn Listener, finding: TaskEvent) {
     let now = shared.data_time(Monotonic::now());
     let mut tell = |severity: Severity, text: std::fmt::Arguments<'_>| {
         match severity {
@@ -140,16 +145,16 @@ fn report_finding(shared: &Shared<'_>, listener: &mut dyn Listener, finding: Fin
         listener.said(&Said::Event(Event::new(now, severity, text)));
     };
     match finding {
-        Finding::Stalled(id, silence) => {
+        TaskEvent::Stalled(id, silence) => {
             let (name, ms) = (shared.table.row(id).name, silence.as_secs_f64() * 1e3);
             tell(Severity::Error, format_args!("{name} is stalled: no sign of life for {ms:.0} ms"));
         }
-        Finding::Hopeless(id) => {
+        TaskEvent::Hopeless(id) => {
             let name = shared.table.row(id).name;
             tell(Severity::Error, format_args!("{name} does not come back: this process ends"));
             shared.give_up(id);
         }
-        Finding::Died(id) => {
+        TaskEvent::Died(id) => {
             let row = shared.table.row(id);
             let consequence = match row.loss {
                 Loss::Process => "this process ends",
@@ -162,7 +167,7 @@ fn report_finding(shared: &Shared<'_>, listener: &mut dyn Listener, finding: Fin
                 shared.lose(id);
             }
         }
-        Finding::Recovered(id) => {
+        TaskEvent::Recovered(id) => {
             let name = shared.table.row(id).name;
             tell(Severity::Info, format_args!("{name} is back"));
         }

@@ -88,7 +88,7 @@ impl Images {
     pub fn list(folder: &Path, most: usize, mono: bool) -> Result<Self, ImagesError> {
         if !folder.is_dir() {
             let reason =
-                "is no folder; name one that holds cam0/ and, for two cameras, cam1/ with PNG images";
+                "is not a folder; name one that holds cam0/ and, for two cameras, cam1/ with PNG images";
             return Err(ImagesError::layout(folder, reason));
         }
         let root = if folder.join("mav0").is_dir() { folder.join("mav0") } else { folder.to_owned() };
@@ -172,7 +172,7 @@ pub fn make_folder(folder: &Path, cameras: usize, replace: bool) -> Result<(), I
             return Err(ImagesError::write(folder, reason));
         }
         if let Some(other) = files.iter().find(|file| !is_png(file)) {
-            let reason = "is no PNG image, and in the way; name another folder with --images";
+            let reason = "is not a PNG image, and in the way; name another folder with --images";
             return Err(ImagesError::write(other, reason));
         }
         files.iter().try_for_each(|file| fs::remove_file(file).map_err(|e| ImagesError::write(file, e)))?;

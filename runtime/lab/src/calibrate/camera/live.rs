@@ -42,8 +42,8 @@ pub enum LiveError {
     Panicked,
     /// The user, or the time, ended it too early.
     #[error(
-        "{kept} pairs of {looks} were kept, in {}, and {MIN_VIEWS} are the fewest; the board {target} has to be in sight and \
-         almost still, at other places each time (is --target that board?)", folder.display()
+        "{kept} pairs of {looks} were kept, in {}, and at least {MIN_VIEWS} are needed; the board {target} must be in view and \
+         almost still, at a different place each time (is --target that board?)", folder.display()
     )]
     TooFew {
         /// Pairs that were kept.

@@ -104,7 +104,7 @@ pub enum CalibrateError {
     },
     /// The board is to be seen too seldom.
     #[error(
-        "cam{camera}: the board {target} is in {views} of {images} images; {MIN_VIEWS} are the fewest, 20 to 40 are good"
+        "cam{camera}: the board {target} is in {views} of {images} images; at least {MIN_VIEWS} are needed, 20 to 40 are good"
     )]
     TooFewViews {
         /// The camera.
@@ -118,7 +118,7 @@ pub enum CalibrateError {
     },
     /// No image of one camera shows the board together with the other's.
     #[error(
-        "no moment shows the board to both cameras; hold it where both see it, or give --mono for the left one alone"
+        "both cameras never see the board at the same time; hold it where both see it, or give --mono to use the left one only"
     )]
     NothingShared,
     /// The corners are not those of the board.
@@ -133,7 +133,7 @@ pub enum CalibrateError {
     },
     /// The views do not tell the camera.
     #[error(
-        "the views do not determine the cameras; take some with the board tilted by 30 to 45 degrees about both axes, near and far"
+        "the views do not determine the cameras; add views with the board tilted by 30 to 45 degrees about both axes, near and far"
     )]
     Undetermined,
 }
@@ -272,17 +272,19 @@ fn check_views(
         (_, Some(number)) => {
             let count = target.marker_count();
             format!(
-                "a marker {number} was seen, and this board's end at {}; check COLSxROWS",
+                "a marker {number} was seen, and this board's last is {}; check COLSxROWS",
                 count.saturating_sub(1)
             )
         }
         (Target::Chessboard { .. }, _) => {
-            "all of it must be in sight; COLSxROWS counts inner corners, one less than squares".to_owned()
+            "the whole board must be in view; COLSxROWS counts inner corners, one less than squares"
+                .to_owned()
         }
         (_, None) if most > 0 => {
-            format!("{most} of its markers were seen at most; bring it nearer, hold it still")
+            format!("at most {most} of its markers were seen; bring it nearer, hold it still")
         }
-        _ => "is it that kind of board and code, sharp, evenly lit and large in the image?".to_owned(),
+        _ => "check the kind of board and its code; it must be sharp, evenly lit and large in the image"
+            .to_owned(),
     };
     Err(CalibrateError::NoBoard { camera, target: *target, images, hint })
 }

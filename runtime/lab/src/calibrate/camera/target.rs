@@ -220,7 +220,7 @@ impl FromStr for Target {
             }
             ("aprilgrid", [size, tag, spacing]) => aprilgrid(counts(size)?, side("TAG", tag)?, spacing),
             _ => Err(TargetError(format!(
-                "'{text}' is no board: write chessboard:COLSxROWS:SIZE, charuco:COLSxROWS:SQUARE:MARKER[:DICT] or \
+                "'{text}' is not a board: write chessboard:COLSxROWS:SIZE, charuco:COLSxROWS:SQUARE:MARKER[:DICT] or \
                  aprilgrid:COLSxROWS:TAG:SPACING, lengths in metres, such as aprilgrid:6x6:0.088:0.3"
             ))),
         }
@@ -263,7 +263,7 @@ fn aprilgrid((columns, rows): (usize, usize), tag_m: f64, spacing: &str) -> Resu
     let spacing = ratio.ok_or_else(|| {
         let (low, high) = (SPACING.start(), SPACING.end());
         TargetError(format!(
-            "SPACING '{spacing}' is no number from {low} to {high}; it is the gap between tags divided by the side of a tag"
+            "SPACING '{spacing}' is not a number from {low} to {high}; it is the gap between tags divided by the side of a tag"
         ))
     })?;
     Ok(Target::AprilGrid { columns, rows, tag_m, spacing })
@@ -274,7 +274,7 @@ fn counts(text: &str) -> Result<(usize, usize), TargetError> {
     let counts = text.split_once('x').and_then(|(columns, rows)| Some((count(columns)?, count(rows)?)));
     let (low, high) = (COUNT.start(), COUNT.end());
     counts.ok_or_else(|| {
-        TargetError(format!("'{text}' is no size: write COLSxROWS, each {low} to {high}, such as 6x6"))
+        TargetError(format!("'{text}' is not a size: write COLSxROWS, each {low} to {high}, such as 6x6"))
     })
 }
 
@@ -283,7 +283,7 @@ fn side(name: &str, text: &str) -> Result<f64, TargetError> {
     side.ok_or_else(|| {
         let (low, high) = (SIDE_M.start(), SIDE_M.end());
         TargetError(format!(
-            "{name} '{text}' is no length from {low} to {high}; measure it with a ruler and write it in metres"
+            "{name} '{text}' is not a length from {low} to {high}; measure it with a ruler and write it in metres"
         ))
     })
 }

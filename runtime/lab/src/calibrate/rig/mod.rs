@@ -97,8 +97,8 @@ pub enum RigError {
     Config(#[from] ConfigError),
     /// There is nothing to be seen in so short a recording.
     #[error(
-        "the recording holds {span_s:.1} s, of which {pieces} pieces of {piece_s} s could be used; record a minute, with \
-         texture in view all the time ({lost} pieces lost their way)"
+        "the recording has {span_s:.1} s, but only {pieces} pieces of {piece_s} s are usable; record a minute, with \
+         texture in view all the time ({lost} pieces lost tracking)"
     )]
     TooShort {
         /// Its length, s.
@@ -112,7 +112,7 @@ pub enum RigError {
     },
     /// The rig was not turned enough.
     #[error(
-        "the motion does not show the rig: it lacks turns about {missing} (rates about x y z of the IMU: {rates}); turn it \
+        "the motion does not determine the rig: it lacks rotation about {missing} (rates about x y z of the IMU: {rates}); turn it \
          about all axes, by 20 degrees and more to both sides, once a second or two"
     )]
     NotTurned {
@@ -123,7 +123,7 @@ pub enum RigError {
     },
     /// Something remained uncertain all the same.
     #[error(
-        "the motion does not show the rig well enough: {what} is known to {sigma} only; turn it faster, most of all about \
+        "the motion does not determine the rig well enough: {what} is known to {sigma} only; turn it faster, most of all about \
          {weakest}, and for longer"
     )]
     NotSeen {
@@ -136,7 +136,7 @@ pub enum RigError {
     },
     /// It went on and on.
     #[error(
-        "the calibration does not settle in {passes} passes: it still moves by {sigmas:.1} standard deviations; is the \
+        "the calibration does not converge in {passes} passes: it still changes by {sigmas:.1} standard deviations; is the \
          calibration of the cameras that of this rig, and does the recording begin at rest?"
     )]
     NotSettled {

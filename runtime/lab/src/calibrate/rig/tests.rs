@@ -147,7 +147,7 @@ fn a_flight_that_turns_about_one_axis_alone_is_refused_by_the_axes_that_are_miss
     let recording = Recording { simulator, frames: Arc::default() };
     let refused =
         recording.calibrate(&recording.believed(1), &RigOptions::default()).unwrap_err().to_string();
-    assert!(matches!(refused.as_str(), text if text.contains("it lacks turns about")), "{refused}");
+    assert!(matches!(refused.as_str(), text if text.contains("it lacks rotation about")), "{refused}");
     assert!(refused.contains("rolling") && refused.contains("nodding"), "{refused}");
 }
 

@@ -1,4 +1,7 @@
-//! Bags written here, message by message, in either byte order and compressed or not.
+//! Bags written here, message by message, in every encoding and compressed or not.
+
+mod ros1;
+mod sqlite;
 
 use super::*;
 use crate::{ImuSource as _, StereoFrame, StereoSource as _};
@@ -9,23 +12,36 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufWriter;
 
-/// Bytes of a CDR message, by the rules of the standard.
+/// Encoding of the messages that are written.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Order {
+    /// CDR, least byte first.
+    Little,
+    /// CDR, most significant byte first.
+    Big,
+    /// That of ROS 1.
+    Ros1,
+}
+
+/// Bytes of a message, by the rules of the standards.
 struct Encoder {
     bytes: Vec<u8>,
-    is_little: bool,
+    order: Order,
 }
 
 impl Encoder {
-    fn new(is_little: bool) -> Self {
-        Self { bytes: vec![0, u8::from(is_little), 0, 0], is_little }
+    fn new(order: Order) -> Self {
+        let bytes =
+            if order == Order::Ros1 { vec![] } else { vec![0, u8::from(order == Order::Little), 0, 0] };
+        Self { bytes, order }
     }
 
     fn put<const N: usize>(&mut self, little: [u8; N]) {
-        while !(self.bytes.len() - 4).is_multiple_of(N) {
+        while self.order != Order::Ros1 && !(self.bytes.len() - 4).is_multiple_of(N) {
             self.bytes.push(0xee);
         }
         let mut bytes = little;
-        if !self.is_little {
+        if self.order == Order::Big {
             bytes.reverse();
         }
         self.bytes.extend(bytes);
@@ -44,15 +60,23 @@ impl Encoder {
         self.bytes.extend(data);
     }
 
+    fn text(&mut self, text: &str) {
+        let end = if self.order == Order::Ros1 { "" } else { "\0" };
+        self.sequence([text, end].concat().as_bytes());
+    }
+
     fn header(&mut self, stamp_ns: i64) {
+        if self.order == Order::Ros1 {
+            self.u32(77);
+        }
         self.u32((stamp_ns / 1_000_000_000) as u32);
         self.u32((stamp_ns % 1_000_000_000) as u32);
-        self.sequence(b"odd\0");
+        self.text("odd");
     }
 }
 
-fn imu_message(stamp_ns: i64, value: f64, is_little: bool) -> Vec<u8> {
-    let mut out = Encoder::new(is_little);
+fn imu_message(stamp_ns: i64, value: f64, order: Order) -> Vec<u8> {
+    let mut out = Encoder::new(order);
     out.header(stamp_ns);
     (0..13).for_each(|_| out.f64(-7.0));
     (0..3).for_each(|k| out.f64(value + f64::from(k)));
@@ -62,12 +86,12 @@ fn imu_message(stamp_ns: i64, value: f64, is_little: bool) -> Vec<u8> {
     out.bytes
 }
 
-fn image_message(stamp_ns: i64, value: u8, is_little: bool) -> Vec<u8> {
-    let mut out = Encoder::new(is_little);
+fn image_message(stamp_ns: i64, value: u8, order: Order) -> Vec<u8> {
+    let mut out = Encoder::new(order);
     out.header(stamp_ns);
     out.u32(2);
     out.u32(4);
-    out.sequence(b"mono8\0");
+    out.text("mono8");
     out.put([0]);
     out.u32(4);
     out.sequence(&[value; 8]);
@@ -103,7 +127,7 @@ fn a_few_kilobytes_that_expand_to_millions_of_records_are_refused() {
     let chunk = &one[mcap::MAGIC.len()..];
     std::fs::write(&path, [&one[..], chunk, chunk].concat()).unwrap();
     assert!(path.metadata().unwrap().len() < 65_000);
-    let error = container::Messages::new([path]).next().unwrap_err().to_string();
+    let error = Messages::new(&[BagFile::new(&path).unwrap()]).next().unwrap_err().to_string();
     assert!(error.contains("expand to far more records"), "{error}");
 }
 
@@ -119,7 +143,8 @@ fn write(path: &Path, compression: Option<Compression>, messages: &[(&str, &str,
     for (sequence, (topic, type_name, content)) in (0..).zip(messages) {
         let channel_id = *channels.entry(*topic).or_insert_with(|| {
             let schema = writer.add_schema(type_name, "ros2msg", b"").unwrap();
-            writer.add_channel(schema, topic, "cdr", &BTreeMap::new()).unwrap()
+            let encoding = if type_name.contains("/msg/") { "cdr" } else { "ros1" };
+            writer.add_channel(schema, topic, encoding, &BTreeMap::new()).unwrap()
         });
         // Times of arrival are those of nobody.
         let header = MessageHeader { channel_id, sequence, log_time: 5, publish_time: 5 };
@@ -133,13 +158,15 @@ const IMU: &str = "sensor_msgs/msg/Imu";
 
 /// Ten stereo pairs at 20 Hz and their samples at 200 Hz; the right images come late, one pair is missing, and two left
 /// images are out of order.
-fn messages(is_little: bool) -> Vec<(&'static str, &'static str, Vec<u8>)> {
+fn messages(order: Order) -> Vec<(&'static str, &'static str, Vec<u8>)> {
+    let (image_type, imu_type) =
+        if order == Order::Ros1 { ("sensor_msgs/Image", "sensor_msgs/Imu") } else { (IMAGE, IMU) };
     let mut all = vec![("/rosout", "rcl_interfaces/msg/Log", vec![1, 2, 3])];
     let mut late = Vec::new();
     for k in (0..10_i64).filter(|k| *k != 4) {
         for i in 0..10 {
             let at = BEGIN + 50 * MS * k + 5 * MS * i;
-            all.push(("/imu0", IMU, imu_message(at, 0.01 * (10 * k + i) as f64, is_little)));
+            all.push(("/imu0", imu_type, imu_message(at, 0.01 * (10 * k + i) as f64, order)));
         }
         let k = if k == 7 {
             8
@@ -149,9 +176,9 @@ fn messages(is_little: bool) -> Vec<(&'static str, &'static str, Vec<u8>)> {
             k
         };
         let image =
-            |side: i64| image_message(BEGIN + 50 * MS * k + 1000 * side, (10 * k + side) as u8, is_little);
-        all.push(("/cam0/image_raw", IMAGE, image(0)));
-        late.push(("/cam1/image_raw", IMAGE, image(1)));
+            |side: i64| image_message(BEGIN + 50 * MS * k + 1000 * side, (10 * k + side) as u8, order);
+        all.push(("/cam0/image_raw", image_type, image(0)));
+        late.push(("/cam1/image_raw", image_type, image(1)));
         if late.len() > 2 {
             all.push(late.remove(0));
         }
@@ -162,6 +189,27 @@ fn messages(is_little: bool) -> Vec<(&'static str, &'static str, Vec<u8>)> {
 
 fn options() -> EurocOptions {
     EurocOptions { sizes_px: vec![(4, 2); 2], ..EurocOptions::default() }
+}
+
+/// The frames of [`messages`], as [`frames`] has them.
+fn expected_frames() -> Vec<(i64, u64, [Option<u8>; 2])> {
+    let images = |k: i64| [Some((10 * k) as u8), Some((10 * k + 1) as u8)];
+    (0..10_i64).filter(|k| *k != 4).map(|k| (50 * k, k as u64, images(k))).collect()
+}
+
+/// Checks that the bag at `path` holds [`messages`].
+fn check_whole(path: &Path) {
+    let bag = BagDataset::open(path, &BagTopics::default(), &options()).unwrap();
+    assert_eq!(frames(&bag), expected_frames(), "{}", path.display());
+    assert_eq!((bag.cameras(), bag.image_faults.disordered, bag.is_truncated()), (2, 2, false));
+    let samples = read_bag_imu(path, &BagTopics::default()).unwrap();
+    assert_eq!((samples.len(), samples[0].stamp.as_nanos()), (90, BEGIN));
+    assert_eq!(samples[0].gyro, Vector3::new(0.0, 1.0, 2.0));
+    assert!((samples[1].accel - Vector3::new(0.1, 1.1, 2.1)).norm() < 1e-12);
+}
+
+fn refusal(path: &Path) -> String {
+    BagDataset::open(path, &BagTopics::default(), &options()).unwrap_err().to_string()
 }
 
 /// Stamps, sequence numbers and grey values of all frames.
@@ -179,24 +227,17 @@ fn frames(bag: &BagDataset) -> Vec<(i64, u64, [Option<u8>; 2])> {
 fn a_bag_is_handed_out_in_order_of_measurement_whatever_its_bytes() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("bag.mcap");
-    for (is_little, compression) in
-        [(true, None), (false, None), (true, Some(Compression::Zstd)), (false, Some(Compression::Lz4))]
-    {
-        write(&path, compression, &messages(is_little));
+    for (order, compression) in [
+        (Order::Little, None),
+        (Order::Big, None),
+        (Order::Little, Some(Compression::Zstd)),
+        (Order::Ros1, Some(Compression::Lz4)),
+    ] {
+        write(&path, compression, &messages(order));
+        check_whole(&path);
         let bag = BagDataset::open(&path, &BagTopics::default(), &options()).unwrap();
-        let expected: Vec<_> = (0..10_i64)
-            .filter(|k| *k != 4)
-            .map(|k| (50 * k, k as u64, [Some((10 * k) as u8), Some((10 * k + 1) as u8)]))
-            .collect();
-        assert_eq!(frames(&bag), expected);
-        assert_eq!((bag.cameras(), bag.image_faults.disordered, bag.is_truncated()), (2, 2, false));
         let mut imu = bag.imu();
-        let first = imu.next_reading().unwrap().unwrap().sample;
-        assert_eq!((first.stamp.as_nanos(), first.gyro), (BEGIN, Vector3::new(0.0, 1.0, 2.0)));
-        let second = imu.next_reading().unwrap().unwrap().sample;
-        assert!((second.accel - Vector3::new(0.1, 1.1, 2.1)).norm() < 1e-12);
-        assert_eq!(1 + std::iter::from_fn(|| imu.next_reading().unwrap()).count(), 89);
-        assert_eq!(read_bag_imu(&path, &BagTopics::default()).unwrap().len(), 90);
+        assert_eq!(std::iter::from_fn(|| imu.next_reading().unwrap()).count(), 90);
     }
 }
 
@@ -204,7 +245,7 @@ fn a_bag_is_handed_out_in_order_of_measurement_whatever_its_bytes() {
 fn a_cut_has_the_frames_of_the_whole() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("bag.mcap");
-    write(&path, None, &messages(true));
+    write(&path, None, &messages(Order::Little));
     let options = EurocOptions { frames: Some(5..8), ..options() };
     let bag = BagDataset::open(&path, &BagTopics::default(), &options).unwrap();
     assert_eq!(frames(&bag).iter().map(|f| f.1).collect::<Vec<_>>(), [6, 7, 8]);
@@ -217,7 +258,7 @@ fn a_cut_has_the_frames_of_the_whole() {
 #[test]
 fn files_of_one_recording_follow_each_other() {
     let folder = tempfile::tempdir().unwrap();
-    let all = messages(true);
+    let all = messages(Order::Little);
     let (first, second) = all.split_at(50);
     write(&folder.path().join("b_9.mcap"), None, first);
     write(&folder.path().join("b_10.mcap"), None, second);
@@ -233,7 +274,7 @@ fn files_of_one_recording_follow_each_other() {
 fn what_breaks_off_is_read_up_to_there_and_what_is_bent_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("bag.mcap");
-    write(&path, None, &messages(true));
+    write(&path, None, &messages(Order::Little));
     let sound = std::fs::read(&path).unwrap();
     std::fs::write(&path, &sound[..sound.len() * 6 / 10]).unwrap();
     let bag = BagDataset::open(&path, &BagTopics::default(), &options()).unwrap();
@@ -245,14 +286,14 @@ fn what_breaks_off_is_read_up_to_there_and_what_is_bent_is_refused() {
     assert!(refused.contains("damaged") && refused.contains("bag.mcap"), "{refused}");
     std::fs::write(&path, b"no bag at all, but long enough to be looked at").unwrap();
     let refused = BagDataset::open(&path, &BagTopics::default(), &options()).unwrap_err().to_string();
-    assert!(refused.contains("is no MCAP file"), "{refused}");
+    assert!(refused.contains("is no bag: neither an MCAP file"), "{refused}");
 }
 
 #[test]
 fn refusals_name_topics_sizes_and_encodings() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("bag.mcap");
-    write(&path, None, &messages(true));
+    write(&path, None, &messages(Order::Little));
     let refusal = |topics: &BagTopics, options: &EurocOptions| {
         BagDataset::open(&path, topics, options).unwrap_err().to_string()
     };
@@ -265,9 +306,9 @@ fn refusals_name_topics_sizes_and_encodings() {
     let large = EurocOptions { sizes_px: vec![(752, 480); 2], ..EurocOptions::default() };
     let words = refusal(&BagTopics::default(), &large);
     assert!(words.contains("4x2") && words.contains("752x480") && words.contains("--config"), "{words}");
-    write(&path, None, &[("/imu0", IMU, imu_message(BEGIN, 0.0, true))]);
+    write(&path, None, &[("/imu0", IMU, imu_message(BEGIN, 0.0, Order::Little))]);
     assert!(refusal(&BagTopics::default(), &options()).contains("holds no images"));
-    let mut bayer = image_message(BEGIN, 1, true);
+    let mut bayer = image_message(BEGIN, 1, Order::Little);
     let at = bayer.windows(5).position(|w| w == b"mono8").unwrap();
     bayer[at..at + 5].copy_from_slice(b"bayer");
     write(&path, None, &[("/image", IMAGE, bayer)]);

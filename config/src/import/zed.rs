@@ -1,0 +1,162 @@
+//! Stereolabs' factory calibration (`SN12345.conf`): sections in the manner of INI files, one for each camera and size, and
+//! `STEREO` with the baseline in millimetres.
+//!
+//! Intrinsics and baseline are taken over. The small rotation between the cameras is not: the manufacturer does not document its
+//! direction, and the flight refines it.
+
+use crate::camera::Distortion;
+use crate::error::{ConfigError, Violation};
+use crate::options::{CameraConfig, Config, rows_from_isometry};
+use crate::text::read_bounded;
+use nalgebra::{Isometry3, Translation3};
+use std::path::Path;
+
+/// Suffixes of the sections, by the width and height of one image.
+const SIZES: [((usize, usize), &str); 4] =
+    [((672, 376), "VGA"), ((1280, 720), "HD"), ((1920, 1080), "FHD"), ((2208, 1242), "2K")];
+/// Baselines of the manufacturer's cameras, mm.
+const BASELINE_MM: std::ops::RangeInclusive<f64> = 20.0..=300.0;
+/// Largest third radial coefficient that counts as none: half a pixel in the corner of a wide image is 0.002.
+const NO_K3: f64 = 1e-3;
+
+/// `base`, whose cameras have the calibration of the file in their size.
+///
+/// # Errors
+/// When the file cannot be read, lacks a key, or the lens cannot be described.
+pub fn zed_into(base: Config, file: impl AsRef<Path>) -> Result<Config, ConfigError> {
+    let file = file.as_ref();
+    zed_text_into(base, &read_bounded(file)?, &file.display().to_string())
+}
+
+/// [`zed_into`] of a text; `origin` names it in messages.
+pub(crate) fn zed_text_into(mut base: Config, text: &str, origin: &str) -> Result<Config, ConfigError> {
+    let file = Sections { text };
+    let mut wrong = Vec::new();
+    let baseline_m = file.baseline_m().unwrap_or_else(|violation| {
+        wrong.push(violation);
+        f64::NAN
+    });
+    for (camera, side) in base.camera.iter_mut().zip(["LEFT", "RIGHT"]) {
+        wrong.extend(file.put_camera(side, camera).err());
+    }
+    ConfigError::if_any(origin, wrong)?;
+    if let [left, right] = &mut base.camera[..] {
+        let to_right = Translation3::new(baseline_m, 0.0, 0.0);
+        right.pose_b_c = rows_from_isometry(&(left.pose_b_c() * Isometry3::from(to_right)));
+    }
+    Ok(base)
+}
+
+/// Sections with `key = value` lines.
+struct Sections<'a> {
+    text: &'a str,
+}
+
+impl Sections<'_> {
+    fn baseline_m(&self) -> Result<f64, Violation> {
+        let baseline_mm = self.required("STEREO", "Baseline")?;
+        if !BASELINE_MM.contains(&baseline_mm) {
+            let reason = format!("{baseline_mm} mm is no baseline of such a camera");
+            return Err(Violation::new("STEREO.Baseline", reason, "it is in millimetres, such as 63.0"));
+        }
+        Ok(baseline_mm * 1e-3)
+    }
+
+    /// Puts the intrinsics of a side into its camera.
+    fn put_camera(&self, side: &str, camera: &mut CameraConfig) -> Result<(), Violation> {
+        let (width, height) = (camera.width_px, camera.height_px);
+        let Some((_, suffix)) = SIZES.iter().find(|(size, _)| *size == (width, height)) else {
+            let cure = "take a size of the camera: 672 x 376, 1280 x 720, 1920 x 1080, 2208 x 1242";
+            let reason = format!("{width} x {height} is in no such file");
+            return Err(Violation::new("camera[0].width_px", reason, cure));
+        };
+        let section = format!("{side}_CAM_{suffix}");
+        let required = |key| self.required(&section, key);
+        let optional = |key| self.number(&section, key).map(|number| number.unwrap_or(0.0));
+        camera.focal_px = [required("fx")?, required("fy")?];
+        camera.centre_px = [required("cx")?, required("cy")?];
+        camera.distortion = Distortion::RadialTangential {
+            k1: required("k1")?,
+            k2: required("k2")?,
+            p1: optional("p1")?,
+            p2: optional("p2")?,
+        };
+        if optional("k3")?.abs() > NO_K3 {
+            let reason = "is a term that the lens model here lacks";
+            let cure = "calibrate the camera: plumbline calibrate camera";
+            return Err(Violation::new(format!("{section}.k3"), reason, cure));
+        }
+        Ok(())
+    }
+
+    fn required(&self, section: &str, key: &str) -> Result<f64, Violation> {
+        self.number(section, key)?.ok_or_else(|| {
+            let cure = "take the file of your serial number from calib.stereolabs.com";
+            Violation::new(format!("{section}.{key}"), "is missing", cure)
+        })
+    }
+
+    /// Number of a key in a section; `None` where it is not there.
+    fn number(&self, section: &str, key: &str) -> Result<Option<f64>, Violation> {
+        let mut is_inside = false;
+        for (place, line) in self.text.lines().enumerate() {
+            let line = line.split(['#', ';']).next().unwrap_or_default().trim();
+            if let Some(name) = line.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')) {
+                is_inside = name.trim().eq_ignore_ascii_case(section);
+                continue;
+            }
+            let Some((name, value)) = line.split_once('=') else { continue };
+            if !is_inside || !name.trim().eq_ignore_ascii_case(key) {
+                continue;
+            }
+            let number = value.trim().parse().ok().filter(|number: &f64| number.is_finite());
+            let refused = || {
+                let violation =
+                    Violation::new(format!("{section}.{key}"), "is no number", "correct it in the file");
+                violation.at_line(Some(place + 1))
+            };
+            return number.map(Some).ok_or_else(refused);
+        }
+        Ok(None)
+    }
+}
+
+#[cfg(all(test, feature = "toml"))]
+mod tests {
+    use super::*;
+
+    const FILE: &str = "[LEFT_CAM_VGA]\nfx=350.494\nfy=350.5\ncx=331.039\ncy=189.714\nk1=-0.174488\nk2=0.027323\n\n\
+        [RIGHT_CAM_VGA]\nfx = 349.663\nfy = 349.6\ncx = 335.323 ; a remark\ncy = 189.551\nk1 = -0.175561\nk2 = 0.0269139\n\
+        p1=0.0001\np2=-0.0002\nk3=0\n\n[STEREO]\nBaseline=62.981\nCV_VGA=0.00281173\nRX_VGA=0.0031709\n";
+
+    fn base() -> Config {
+        Config::preset("zed-mini").unwrap().into_inner()
+    }
+
+    #[test]
+    fn intrinsics_and_baseline_are_those_of_the_file() {
+        let config = zed_text_into(base(), FILE, "SN1.conf").unwrap().validated("SN1.conf").unwrap();
+        let [left, right] = &config.camera[..] else { panic!("two cameras") };
+        assert_eq!((left.focal_px, left.centre_px), ([350.494, 350.5], [331.039, 189.714]));
+        let distortion =
+            Distortion::RadialTangential { k1: -0.175_561, k2: 0.026_913_9, p1: 0.0001, p2: -0.0002 };
+        assert_eq!((right.centre_px, right.distortion), ([335.323, 189.551], distortion));
+        let between = left.pose_b_c().inverse() * right.pose_b_c();
+        assert!((between.translation.vector - nalgebra::Vector3::new(0.062_981, 0.0, 0.0)).norm() < 1e-12);
+    }
+
+    #[test]
+    fn missing_and_wrong_keys_are_named() {
+        let refused = |text: &str| zed_text_into(base(), text, "SN1.conf").unwrap_err().to_string();
+        let missing = refused(&FILE.replace("cx=331.039\n", ""));
+        assert!(missing.contains("SN1.conf") && missing.contains("LEFT_CAM_VGA.cx"), "{missing}");
+        let wrong = refused(&FILE.replace("62.981", "sixty"));
+        assert!(wrong.contains("STEREO.Baseline") && wrong.contains("line 19"), "{wrong}");
+        assert!(refused(&FILE.replace("62.981", "0.0629")).contains("millimetres"));
+        assert!(refused(&FILE.replace("k3=0", "k3=0.02")).contains("RIGHT_CAM_VGA.k3"));
+        assert!(refused("").contains("STEREO.Baseline"));
+        let mut other = base();
+        other.camera[0].width_px = 640;
+        assert!(zed_text_into(other, FILE, "SN1.conf").unwrap_err().to_string().contains("640"));
+    }
+}

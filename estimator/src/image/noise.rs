@@ -1,0 +1,94 @@
+//! Noise of an image: what a small patch differs by from a smooth one.
+//!
+//! The mask `[1 -2 1; -2 4 -2; 1 -2 1]` is blind to planes and edges along the axes (Immerkær 1996, "Fast noise variance
+//! estimation"); of white noise of standard deviation `s` it makes values of `6 s`. Texture makes larger ones in places, so the lowest
+//! quarter of the values is looked at, on a grid of every fourth pixel.
+
+use super::Plane;
+
+/// Pixels between those that are looked at, in both directions.
+const STEP: usize = 4;
+/// Values from which on they are counted as one.
+const MOST: usize = 256;
+/// A quarter of the values of a normal distribution lies within this many standard deviations.
+const QUARTER_SIGMAS: f32 = 0.3186;
+/// Standard deviation of the mask's values in white noise of one grey level.
+const GAIN: f32 = 6.0;
+
+/// An image is noisy from the first of these on, until it is below the second, grey levels. Good cameras by day have 1 to 2; bricks in
+/// images of half the size look like 3.65 at most, a fifth of the light like 3.9 and more.
+const NOISY: (f32, f32) = (3.85, 3.7);
+
+/// Whether the images of a camera are noisy.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct NoiseWatch {
+    is_noisy: bool,
+}
+
+impl NoiseWatch {
+    /// Whether they are with this one.
+    pub fn is_noisy(&mut self, plane: &Plane<'_>) -> bool {
+        let limit = if self.is_noisy { NOISY.1 } else { NOISY.0 };
+        self.is_noisy = noise_sigma(plane) > limit;
+        self.is_noisy
+    }
+}
+
+/// Standard deviation of the noise of a plane with a rim, grey levels; 0 where it is too small to tell.
+#[must_use]
+pub fn noise_sigma(plane: &Plane<'_>) -> f32 {
+    let (columns, rim) = (plane.columns, plane.origin);
+    let mut counts = [0u32; MOST];
+    let mut all = 0;
+    for y in (rim + 1..plane.rows.saturating_sub(rim + 1)).step_by(STEP) {
+        let row = |dy: usize| &plane.pixels[(y + dy - 1) * columns..][..columns];
+        let [above, here, below] = [row(0), row(1), row(2)];
+        for x in (rim + 1..columns.saturating_sub(rim + 1)).step_by(STEP) {
+            let second = |row: &[u8]| i32::from(row[x - 1]) - 2 * i32::from(row[x]) + i32::from(row[x + 1]);
+            let value = second(above) - 2 * second(here) + second(below);
+            counts[(value.unsigned_abs() as usize).min(MOST - 1)] += 1;
+            all += 1;
+        }
+    }
+    quantile(&counts, all / 4) / (QUARTER_SIGMAS * GAIN)
+}
+
+/// The value below which `wanted` of the counted lie, between whole numbers by the share of the one that it falls into.
+fn quantile(counts: &[u32; MOST], wanted: u32) -> f32 {
+    let mut below = 0;
+    for (value, count) in counts.iter().enumerate() {
+        if below + count > wanted {
+            // A count of zero stands for absolute values below a half.
+            let (start, width) = if value == 0 { (0.0, 0.5) } else { (value as f32 - 0.5, 1.0) };
+            return start + width * (wanted - below) as f32 / *count as f32;
+        }
+        below += count;
+    }
+    0.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::Pyramid;
+    use plumbline_config::GrayImage;
+    use plumbline_config::random::Random;
+
+    #[test]
+    fn noise_is_measured_over_a_slope_and_a_flat_image_has_none() {
+        let mut random = Random::new(1);
+        for (sigma, slope) in [(1.5, 0.0), (4.0, 0.3), (8.0, 0.0)] {
+            let pixels = (0..240 * 160).map(|k| {
+                (100.0 + slope * (k % 240) as f64 + sigma * random.gaussian()).round().clamp(0.0, 255.0) as u8
+            });
+            let image = GrayImage::from_pixels(240, 160, pixels.collect()).unwrap();
+            let mut pyramid = Pyramid::new(240, 160, 1);
+            assert!(pyramid.build(&image.view()));
+            let found = f64::from(noise_sigma(&pyramid.plane(0)));
+            assert!((found - sigma).abs() < 0.1 * sigma, "{found} for {sigma}");
+        }
+        let mut flat = Pyramid::new(64, 48, 1);
+        assert!(flat.build(&GrayImage::from_pixels(64, 48, vec![90; 64 * 48]).unwrap().view()));
+        assert!(noise_sigma(&flat.plane(0)) < 0.3);
+    }
+}

@@ -1,0 +1,266 @@
+//! One client of the live server.
+
+use super::super::drawn::{Sent, Topic};
+use super::super::fleet::{FleetEvent, Severity, lock};
+use super::super::listen::watch_camera;
+use super::Server;
+use super::protocol::{self, Advertised, Level, Request};
+use axum::extract::ws::{Message, WebSocket};
+use plumbline_config::Timestamp;
+use plumbline_flight::log::drawn::{log_time, timestamp};
+use plumbline_flight::log::foxglove;
+use prost::Message as _;
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+use tokio::time::MissedTickBehavior;
+use zenoh::pubsub::Subscriber;
+
+/// Period of updates.
+const PERIOD: Duration = Duration::from_millis(50);
+/// A client that takes longer than this for the news of one period is told what it missed.
+const LATE: Duration = Duration::from_millis(500);
+/// A client that accepts no data for so long is closed.
+const SEND_PATIENCE: Duration = Duration::from_secs(30);
+/// Subscriptions of a client, and cameras that it may watch, at a time.
+const MAX_SUBSCRIPTIONS: usize = 1_024;
+const MAX_CAMERAS: usize = 4;
+/// Number of the channel of events; those of vehicles follow.
+const EVENTS: u32 = 1;
+
+/// What a channel shows.
+type Shown = (String, Topic);
+
+/// The state of one connection.
+pub(super) struct Client<'a> {
+    server: &'a Server,
+    channels: BTreeMap<u32, Shown>,
+    next_channel: u32,
+    /// Channels by the numbers of their subscriptions, and what was sent of them.
+    subscriptions: BTreeMap<u32, (u32, Sent)>,
+    events: u64,
+    cameras: BTreeMap<String, Subscriber<()>>,
+    time_ns: u64,
+    missed: u64,
+}
+
+/// The client has gone, or takes nothing any more.
+struct Gone;
+
+impl<'a> Client<'a> {
+    pub(super) fn new(server: &'a Server) -> Self {
+        Self {
+            server,
+            channels: BTreeMap::new(),
+            next_channel: EVENTS + 1,
+            subscriptions: BTreeMap::new(),
+            events: 0,
+            cameras: BTreeMap::new(),
+            time_ns: 0,
+            missed: 0,
+        }
+    }
+
+    pub(super) async fn run(mut self, mut socket: WebSocket) {
+        // However it ends, the socket is closed with it.
+        let _ = self.serve(&mut socket).await;
+    }
+
+    async fn serve(&mut self, socket: &mut WebSocket) -> Result<(), Gone> {
+        send(socket, Message::text(protocol::server_info(&self.server.session))).await?;
+        let events = Advertised { id: EVENTS, topic: "/events".into(), schema: "foxglove.Log" };
+        send(socket, Message::text(protocol::advertise(&[events]))).await?;
+        let mut clock = tokio::time::interval(PERIOD);
+        clock.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        loop {
+            tokio::select! {
+                _ = clock.tick() => self.update(socket).await?,
+                received = socket.recv() => match received {
+                    Some(Ok(Message::Text(text))) => self.receive(socket, text.as_str()).await?,
+                    Some(Ok(Message::Binary(_))) => {
+                        send(socket, refusal("this server takes no data")).await?;
+                    }
+                    Some(Ok(Message::Ping(_) | Message::Pong(_))) => {}
+                    Some(Ok(Message::Close(_)) | Err(_)) | None => return Err(Gone),
+                },
+            }
+        }
+    }
+
+    /// Sends what is new; afterwards, if that took long, what was missed meanwhile.
+    async fn update(&mut self, socket: &mut WebSocket) -> Result<(), Gone> {
+        let start = Instant::now();
+        self.advertise(socket).await?;
+        self.send_time(socket).await?;
+        let numbers: Vec<u32> = self.subscriptions.keys().copied().collect();
+        for number in numbers {
+            for message in self.news(number) {
+                send(socket, message).await?;
+            }
+        }
+        let lost = start.elapsed();
+        if lost > LATE {
+            self.missed += 1;
+            let words = format!(
+                "this client or its link is too slow: {:.1} s of updates were left out ({} such gaps); subscribe to fewer topics",
+                lost.as_secs_f64(),
+                self.missed
+            );
+            send(socket, Message::text(protocol::status(Level::Warning, &words))).await?;
+        }
+        Ok(())
+    }
+
+    /// Offers the channels of vehicles that came, and takes back those of vehicles that went.
+    async fn advertise(&mut self, socket: &mut WebSocket) -> Result<(), Gone> {
+        let names: Vec<String> = lock(&self.server.fleet).vehicles.keys().cloned().collect();
+        let gone: Vec<u32> =
+            self.channels.iter().filter(|(_, (name, _))| !names.contains(name)).map(|(id, _)| *id).collect();
+        if !gone.is_empty() {
+            self.channels.retain(|id, _| !gone.contains(id));
+            self.subscriptions.retain(|_, (channel, _)| !gone.contains(channel));
+            send(socket, Message::text(protocol::unadvertise(&gone))).await?;
+        }
+        for name in names {
+            if self.channels.values().any(|(known, _)| *known == name) {
+                continue;
+            }
+            let mut offered = Vec::new();
+            for topic in Topic::ALL {
+                let id = self.next_channel;
+                // Vehicles are few and evicted slowly: four billion channels are not reached.
+                self.next_channel = id.wrapping_add(1).max(EVENTS + 1);
+                offered.push(Advertised { id, topic: topic.of(&name), schema: topic.schema() });
+                self.channels.insert(id, (name.clone(), topic));
+            }
+            send(socket, Message::text(protocol::advertise(&offered))).await?;
+        }
+        Ok(())
+    }
+
+    /// Sends the time of the data: that of the first vehicle, since others may have other clocks.
+    async fn send_time(&mut self, socket: &mut WebSocket) -> Result<(), Gone> {
+        let stamp_ns = lock(&self.server.fleet).vehicles.values().next().map(|vehicle| vehicle.stamp_ns);
+        let time_ns = stamp_ns.map_or(0, |stamp_ns| log_time(Timestamp::from_nanos(stamp_ns)));
+        if time_ns == 0 || std::mem::replace(&mut self.time_ns, time_ns) == time_ns {
+            return Ok(());
+        }
+        send(socket, Message::binary(protocol::time(time_ns))).await
+    }
+
+    /// What is new for a subscription.
+    fn news(&mut self, number: u32) -> Vec<Message> {
+        let Some((channel, sent)) = self.subscriptions.get_mut(&number) else { return Vec::new() };
+        let fleet = lock(&self.server.fleet);
+        let drawn = if *channel == EVENTS {
+            let time_ns = self.time_ns;
+            let events =
+                fleet.events_since(self.events).map(|event| (time_ns, log(event, time_ns))).collect();
+            self.events = fleet.event_count;
+            events
+        } else {
+            let shown = self.channels.get(channel);
+            let vehicle = shown.and_then(|(name, topic)| Some((name, topic, fleet.vehicles.get(name)?)));
+            vehicle.map_or_else(Vec::new, |(name, topic, vehicle)| topic.news(name, vehicle, sent))
+        };
+        let message = |(time_ns, payload): &(u64, Vec<u8>)| {
+            Message::binary(protocol::message_data(number, *time_ns, payload))
+        };
+        drawn.iter().map(message).collect()
+    }
+
+    async fn receive(&mut self, socket: &mut WebSocket, text: &str) -> Result<(), Gone> {
+        match protocol::request(text) {
+            Some(Request::Subscribe { subscriptions }) => {
+                for wanted in subscriptions {
+                    if let Err(reason) = self.subscribe(wanted).await {
+                        send(socket, refusal(&reason)).await?;
+                    }
+                }
+                Ok(())
+            }
+            Some(Request::Unsubscribe { subscription_ids }) => {
+                self.subscriptions.retain(|number, _| !subscription_ids.contains(number));
+                self.forget_cameras();
+                Ok(())
+            }
+            Some(Request::Other) => send(socket, refusal("this server has topics alone")).await,
+            None => send(socket, refusal("the message is no request of the protocol")).await,
+        }
+    }
+
+    async fn subscribe(&mut self, wanted: protocol::Subscription) -> Result<(), String> {
+        let (number, channel) = (wanted.id, wanted.channel_id);
+        let shown = self.channels.get(&channel).cloned();
+        if channel != EVENTS && shown.is_none() {
+            return Err(format!("there is no channel {channel}"));
+        }
+        if self.subscriptions.contains_key(&number) {
+            return Err(format!("there is a subscription {number} already"));
+        }
+        if self.subscriptions.len() >= MAX_SUBSCRIPTIONS {
+            return Err(format!("there are {MAX_SUBSCRIPTIONS} subscriptions already"));
+        }
+        if let Some((name, Topic::Image)) = shown {
+            self.watch(name).await?;
+        }
+        self.subscriptions.insert(number, (channel, Sent::default()));
+        Ok(())
+    }
+
+    /// Has a vehicle send its pictures.
+    async fn watch(&mut self, name: String) -> Result<(), String> {
+        if self.cameras.contains_key(&name) {
+            return Ok(());
+        }
+        if self.cameras.len() >= MAX_CAMERAS {
+            return Err(format!("{MAX_CAMERAS} cameras are watched already"));
+        }
+        let Some(session) = self.server.connection.session() else {
+            return Err("there is no connection to the vehicles".into());
+        };
+        let subscriber = watch_camera(session, &name, &self.server.fleet).await.map_err(|e| e.to_string())?;
+        self.cameras.insert(name, subscriber);
+        Ok(())
+    }
+
+    fn forget_cameras(&mut self) {
+        let (subscriptions, channels) = (&self.subscriptions, &self.channels);
+        let is_watched = |name: &String| {
+            subscriptions.values().any(|(channel, _)| {
+                channels.get(channel).is_some_and(|(of, topic)| of == name && *topic == Topic::Image)
+            })
+        };
+        self.cameras.retain(|name, _| is_watched(name));
+    }
+}
+
+fn refusal(reason: &str) -> Message {
+    Message::text(protocol::status(Level::Error, reason))
+}
+
+/// An event as Foxglove's log shows it.
+fn log(event: &FleetEvent, time_ns: u64) -> Vec<u8> {
+    let level = match event.severity {
+        Severity::Info => foxglove::log::Level::Info,
+        Severity::Warning => foxglove::log::Level::Warning,
+        Severity::Error => foxglove::log::Level::Error,
+    };
+    let stamp = Timestamp::from_nanos(i64::try_from(time_ns).unwrap_or(i64::MAX));
+    let message = foxglove::Log {
+        timestamp: timestamp(stamp),
+        level: level.into(),
+        message: event.text.clone(),
+        name: event.vehicle.clone().unwrap_or_else(|| "ground".into()),
+        file: String::new(),
+        line: 0,
+    };
+    message.encode_to_vec()
+}
+
+/// Sends a message, if the client takes it in time.
+async fn send(socket: &mut WebSocket, message: Message) -> Result<(), Gone> {
+    match tokio::time::timeout(SEND_PATIENCE, socket.send(message)).await {
+        Ok(Ok(())) => Ok(()),
+        _ => Err(Gone),
+    }
+}

@@ -1,0 +1,152 @@
+//! Messages of Foxglove's WebSocket protocol: what a server says as JSON, data as bytes, and what a client asks for.
+
+use base64::Engine as _;
+use base64::prelude::BASE64_STANDARD;
+use plumbline_flight::log::channel::FOXGLOVE;
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+/// Longest message of a client, bytes: one that subscribes to all channels at once is far shorter.
+pub const MAX_REQUEST_BYTES: usize = 256 << 10;
+/// First byte of a message of a channel, and of the time.
+const MESSAGE_DATA: u8 = 1;
+const TIME: u8 = 2;
+
+/// How grave a status is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Level {
+    /// Something is missing.
+    Warning,
+    /// A request was refused.
+    Error,
+}
+
+/// Channel that is advertised.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Advertised {
+    /// Number of the channel on this connection.
+    pub id: u32,
+    /// Its topic.
+    pub topic: String,
+    /// Name of its schema.
+    pub schema: &'static str,
+}
+
+/// What a server says of itself first.
+#[must_use]
+pub fn server_info(session: &str) -> String {
+    json!({
+        "op": "serverInfo",
+        "name": "plumbline ground",
+        "capabilities": ["time"],
+        "supportedEncodings": [],
+        "metadata": {},
+        "sessionId": session,
+    })
+    .to_string()
+}
+
+/// Offers channels.
+#[must_use]
+pub fn advertise(channels: &[Advertised]) -> String {
+    let schema = BASE64_STANDARD.encode(FOXGLOVE);
+    let channel = |channel: &Advertised| {
+        json!({
+            "id": channel.id,
+            "topic": channel.topic,
+            "encoding": "protobuf",
+            "schemaName": channel.schema,
+            "schema": schema,
+            "schemaEncoding": "protobuf",
+        })
+    };
+    json!({"op": "advertise", "channels": channels.iter().map(channel).collect::<Value>()}).to_string()
+}
+
+/// Takes channels back.
+#[must_use]
+pub fn unadvertise(channels: &[u32]) -> String {
+    json!({"op": "unadvertise", "channelIds": channels}).to_string()
+}
+
+/// Says something for people.
+#[must_use]
+pub fn status(level: Level, message: &str) -> String {
+    let level = if level == Level::Warning { 1 } else { 2 };
+    json!({"op": "status", "level": level, "message": message}).to_string()
+}
+
+/// A message of a channel for a subscription, and when it was measured, ns.
+#[must_use]
+pub fn message_data(subscription: u32, time_ns: u64, payload: &[u8]) -> Vec<u8> {
+    [&[MESSAGE_DATA][..], &subscription.to_le_bytes(), &time_ns.to_le_bytes(), payload].concat()
+}
+
+/// The time of the data, ns.
+#[must_use]
+pub fn time(time_ns: u64) -> Vec<u8> {
+    [&[TIME][..], &time_ns.to_le_bytes()].concat()
+}
+
+/// What a client asks for.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(tag = "op", rename_all = "camelCase")]
+pub enum Request {
+    /// Messages of channels.
+    Subscribe {
+        /// The channels, with the numbers that the client gives.
+        subscriptions: Vec<Subscription>,
+    },
+    /// No more of them.
+    Unsubscribe {
+        /// Numbers of subscriptions.
+        #[serde(rename = "subscriptionIds")]
+        subscription_ids: Vec<u32>,
+    },
+    /// Something that this server does not offer.
+    #[serde(other)]
+    Other,
+}
+
+/// A subscription.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+pub struct Subscription {
+    /// Its number, which the client gives.
+    pub id: u32,
+    /// Number of the channel.
+    #[serde(rename = "channelId")]
+    pub channel_id: u32,
+}
+
+/// The request in `text`; `None` where it is none.
+#[must_use]
+pub fn request(text: &str) -> Option<Request> {
+    serde_json::from_str(text).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn requests_are_understood_or_refused() {
+        let subscribe = r#"{"op":"subscribe","subscriptions":[{"id":7,"channelId":3}]}"#;
+        let subscription = Subscription { id: 7, channel_id: 3 };
+        assert_eq!(request(subscribe), Some(Request::Subscribe { subscriptions: vec![subscription] }));
+        let unsubscribe = r#"{"op":"unsubscribe","subscriptionIds":[7]}"#;
+        assert_eq!(request(unsubscribe), Some(Request::Unsubscribe { subscription_ids: vec![7] }));
+        assert_eq!(request(r#"{"op":"getParameters","parameterNames":[]}"#), Some(Request::Other));
+        for bad in
+            ["", "{}", "[1]", r#"{"op":"subscribe"}"#, r#"{"op":"subscribe","subscriptions":[{"id":-1}]}"#]
+        {
+            assert_eq!(request(bad), None, "{bad}");
+        }
+    }
+
+    #[test]
+    fn data_are_laid_out_as_the_protocol_says() {
+        let bytes = message_data(0x0102_0304, 5, b"xy");
+        assert_eq!(bytes, [1, 4, 3, 2, 1, 5, 0, 0, 0, 0, 0, 0, 0, b'x', b'y']);
+        assert_eq!(time(256), [2, 0, 1, 0, 0, 0, 0, 0, 0]);
+    }
+}

@@ -1,0 +1,261 @@
+//! ROS 2 messages from an estimate.
+//!
+//! ROS and Plumbline differ in three ways:
+//!
+//! - a robot's frame `base_link` has x forward, y left, z up (REP 103), our body `B` has the axes of the IMU: poses
+//!   and twists are published of the vehicle's frame `V`, with its origin in the IMU;
+//! - a twist is in the **child frame**, our velocity is in the odometry frame;
+//! - covariances are about other axes ([`super::covariance`]).
+
+use super::covariance::{pose_covariance_o, rotated, twist_covariance_b};
+use super::interface::Rows6;
+use super::messages::{
+    Header, OdometryMessage, PoseStamped, PoseWithCovariance, TfMessage, Time, TransformStamped, Twist,
+    TwistWithCovariance,
+};
+use nalgebra::{Isometry3, Matrix6, UnitQuaternion, Vector3};
+use plumbline_config::options::RosConfig;
+use plumbline_estimator::Odometry;
+
+/// Names and mounting that the messages of a vehicle share.
+#[derive(Clone, Copy, Debug)]
+pub struct Frames<'a> {
+    /// Name of the map frame `M`.
+    pub map: &'a str,
+    /// Name of the odometry frame `O`.
+    pub odom: &'a str,
+    /// Name of the vehicle's frame `V`.
+    pub base: &'a str,
+    /// Name of the body frame `B`, the IMU's.
+    pub body: &'a str,
+    /// Takes coordinates from `B` to `V`.
+    pub rot_v_b: UnitQuaternion<f64>,
+    /// Standard deviation of the angular rate, rad/s.
+    pub angular_rate_sigma_rad_s: f64,
+}
+
+impl<'a> Frames<'a> {
+    /// Names of the configuration, and the mounting of the IMU.
+    #[must_use]
+    pub fn new(options: &'a RosConfig, rot_v_b: UnitQuaternion<f64>) -> Self {
+        Self {
+            map: &options.map_frame,
+            odom: &options.odom_frame,
+            base: &options.base_frame,
+            body: &options.body_frame,
+            rot_v_b,
+            angular_rate_sigma_rad_s: options.angular_rate_sigma_rad_s,
+        }
+    }
+
+    /// Pose and twist with their covariances.
+    #[must_use]
+    pub fn odometry(&self, o: &Odometry, stamp: Time) -> OdometryMessage<'a> {
+        let rot_o_b = &o.pose_o_b.rotation;
+        let v_b = rot_o_b.inverse() * o.v_o_b;
+        let twist_b = twist_covariance_b(rot_o_b, &v_b, &o.covariance, self.angular_rate_sigma_rad_s);
+        OdometryMessage {
+            header: self.header(stamp),
+            child_frame_id: self.base,
+            pose: PoseWithCovariance {
+                pose: self.vehicle(&o.pose_o_b).into(),
+                covariance: rows(&pose_covariance_o(rot_o_b, &o.covariance)),
+            },
+            twist: TwistWithCovariance {
+                twist: Twist {
+                    linear: (self.rot_v_b * v_b).into(),
+                    angular: (self.rot_v_b * o.angular_rate_b).into(),
+                },
+                covariance: rows(&rotated(&self.rot_v_b, &twist_b)),
+            },
+        }
+    }
+
+    /// Pose of the vehicle where the body has this pose.
+    #[must_use]
+    pub fn vehicle(&self, pose_b: &Isometry3<f64>) -> Isometry3<f64> {
+        Isometry3::from_parts(pose_b.translation, pose_b.rotation * self.rot_v_b.inverse())
+    }
+
+    /// The pose alone.
+    #[must_use]
+    pub fn pose(&self, o: &Odometry, stamp: Time) -> PoseStamped<'a> {
+        PoseStamped { header: self.header(stamp), pose: self.vehicle(&o.pose_o_b).into() }
+    }
+
+    /// The tree as `/tf` has it: `O` is the parent of `V`, and `V` that of `B`. Where it is known how `O` lies in `M`, that
+    /// is the parent of `O`. All have one stamp, so that every frame can be brought to every other at it: tf2 looks into no
+    /// future.
+    #[must_use]
+    pub fn transforms(&self, o: &Odometry, pose_m_o: Option<&Isometry3<f64>>, stamp: Time) -> TfMessage<'a> {
+        let pose_v_b = Isometry3::from_parts(Vector3::zeros().into(), self.rot_v_b);
+        let map = pose_m_o.map(|pose_m_o| TransformStamped {
+            header: Header { stamp, frame_id: self.map },
+            child_frame_id: self.odom,
+            transform: (*pose_m_o).into(),
+        });
+        let vehicle = [
+            TransformStamped {
+                header: self.header(stamp),
+                child_frame_id: self.base,
+                transform: self.vehicle(&o.pose_o_b).into(),
+            },
+            TransformStamped {
+                header: Header { stamp, frame_id: self.base },
+                child_frame_id: self.body,
+                transform: pose_v_b.into(),
+            },
+        ];
+        TfMessage { transforms: map.into_iter().chain(vehicle).collect() }
+    }
+
+    /// Header of a message in the odometry frame.
+    #[must_use]
+    pub fn header(&self, stamp: Time) -> Header<'a> {
+        Header { stamp, frame_id: self.odom }
+    }
+}
+
+fn rows(matrix: &Matrix6<f64>) -> Rows6 {
+    Rows6(std::array::from_fn(|i| std::array::from_fn(|j| matrix[(i, j)])))
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::super::cdr::encode;
+    use super::super::messages::{self, Transform};
+    use super::*;
+    use plumbline_config::Timestamp;
+    use plumbline_estimator::{NavCovariance, TrackingState};
+    use std::f64::consts::PI;
+
+    /// An IMU that sits as the vehicle does.
+    fn aligned() -> Frames<'static> {
+        Frames {
+            map: "map",
+            odom: "odom",
+            base: "base_link",
+            body: "body",
+            rot_v_b: UnitQuaternion::identity(),
+            angular_rate_sigma_rad_s: 0.01,
+        }
+    }
+
+    /// One with x up, y right and z forward.
+    pub fn upright() -> Frames<'static> {
+        let rot_v_b = UnitQuaternion::from_euler_angles(PI, -PI / 2.0, 0.0);
+        Frames { rot_v_b, ..aligned() }
+    }
+
+    pub fn odometry() -> Odometry {
+        // Any positive definite matrix: A Aᵀ with blocks that differ.
+        let root =
+            NavCovariance::from_fn(
+                |i, j| if i == j { 0.1 * (i + 1) as f64 } else { 0.01 * (i * 2 + j) as f64 },
+            );
+        Odometry {
+            sequence: 7,
+            stamp: Timestamp::from_nanos(1_403_715_273_262_142_976),
+            pose_o_b: Isometry3::from_parts(
+                Vector3::new(1.0, -2.0, 0.1).into(),
+                UnitQuaternion::from_euler_angles(0.1, 0.2, 3.0),
+            ),
+            v_o_b: Vector3::new(1.1, 0.2, -0.3),
+            angular_rate_b: Vector3::new(0.4, 0.5, 0.6),
+            covariance: root * root.transpose(),
+            state: TrackingState::Tracking,
+            quality: 80,
+            reset_counter: 2,
+            jumps: 0,
+            origin: plumbline_estimator::OriginUncertainty::default(),
+        }
+    }
+
+    fn number(bytes: &[u8], at: usize) -> f64 {
+        f64::from_le_bytes(bytes[at..at + 8].try_into().unwrap())
+    }
+
+    #[test]
+    fn the_bytes_of_a_pose_are_where_its_definition_puts_them() {
+        let o = odometry();
+        let bytes = encode(&aligned().pose(&o, Time::from_nanos(5_000_000_007))).unwrap();
+        // Encapsulation, stamp, length and text of the frame, padding to 8 from behind the encapsulation.
+        let expected: [&[u8]; 6] =
+            [&[0, 1, 0, 0], &[5, 0, 0, 0], &[7, 0, 0, 0], &[5, 0, 0, 0], b"odom\0", &[0; 7]];
+        assert_eq!(bytes[..28], expected.concat());
+        let numbers: Vec<f64> = (0..7).map(|k| number(&bytes, 28 + 8 * k)).collect();
+        let q = o.pose_o_b.rotation.coords;
+        assert_eq!(numbers, [1.0, -2.0, 0.1, q.x, q.y, q.z, q.w]);
+        assert_eq!(bytes.len(), 28 + 56);
+    }
+
+    #[test]
+    fn an_odometry_message_has_its_definition_s_length() {
+        let bytes = encode(&aligned().odometry(&odometry(), Time::from_nanos(0))).unwrap();
+        // Header up to 17, child frame at 20 with 4 + 10 bytes, then doubles from 40: 7 + 36 + 6 + 36.
+        assert_eq!(bytes.len(), 4 + 40 + 8 * (7 + 36 + 6 + 36));
+        let twist = 4 + 40 + 8 * (7 + 36);
+        assert_eq!((number(&bytes, twist + 24), number(&bytes, twist + 40)), (0.4, 0.6));
+    }
+
+    #[test]
+    fn the_tree_of_transforms_leads_from_odometry_by_the_vehicle_to_the_imu() {
+        let o = odometry();
+        let tree = upright().transforms(&o, None, Time::from_nanos(0));
+        let names: Vec<_> = tree.transforms.iter().map(|t| (t.header.frame_id, t.child_frame_id)).collect();
+        assert_eq!(names, [("odom", "base_link"), ("base_link", "body")]);
+        let isometry = |p: &Transform| {
+            let q = &p.rotation;
+            let q = UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(q.w, q.x, q.y, q.z));
+            Isometry3::from_parts(Vector3::new(p.translation.x, p.translation.y, p.translation.z).into(), q)
+        };
+        let pose_o_b = isometry(&tree.transforms[0].transform) * isometry(&tree.transforms[1].transform);
+        assert!((pose_o_b.to_matrix() - o.pose_o_b.to_matrix()).norm() < 1e-12, "{pose_o_b}");
+        assert_eq!(encode(&tree).unwrap()[4..8], [2, 0, 0, 0], "a sequence of two");
+    }
+
+    #[test]
+    fn the_map_is_the_parent_of_the_odometry_once_it_is_known() {
+        let pose_m_o = Isometry3::translation(1.0, 2.0, 3.0);
+        let tree = aligned().transforms(&odometry(), Some(&pose_m_o), Time::from_nanos(5));
+        let names: Vec<_> = tree.transforms.iter().map(|t| (t.header.frame_id, t.child_frame_id)).collect();
+        assert_eq!(names, [("map", "odom"), ("odom", "base_link"), ("base_link", "body")]);
+        assert_eq!(tree.transforms[0].transform, pose_m_o.into());
+        assert!(tree.transforms.iter().all(|t| t.header.stamp == Time::from_nanos(5)));
+    }
+
+    #[test]
+    fn pose_and_twist_are_the_vehicle_s_whose_x_is_forward_and_z_up() {
+        let mut o = odometry();
+        // Level, the nose along x of the odometry frame, flying forward and climbing, turning to the left.
+        let rot_v_b = upright().rot_v_b;
+        o.pose_o_b.rotation = rot_v_b;
+        o.v_o_b = Vector3::new(2.0, 0.0, 0.5);
+        o.angular_rate_b = rot_v_b.inverse() * Vector3::new(0.0, 0.0, 0.7);
+        let message = upright().odometry(&o, Time::from_nanos(0));
+        assert_eq!(message.child_frame_id, "base_link");
+        assert!((message.pose.pose.orientation.w.abs() - 1.0).abs() < 1e-12);
+        let near = |a: &messages::Vector3, b: [f64; 3]| {
+            [a.x - b[0], a.y - b[1], a.z - b[2]].iter().all(|d| d.abs() < 1e-12)
+        };
+        assert!(near(&message.twist.twist.linear, [2.0, 0.0, 0.5]), "{:?}", message.twist.twist.linear);
+        assert!(near(&message.twist.twist.angular, [0.0, 0.0, 0.7]), "{:?}", message.twist.twist.angular);
+        // The velocity in V has the covariance of R_VB v_b, which is R_VB C R_VBᵀ.
+        let b = aligned().odometry(&o, Time::from_nanos(0)).twist.covariance.0;
+        let v = message.twist.covariance.0;
+        // x of V is z of B, and z of V is x of B.
+        assert!((v[0][0] - b[2][2]).abs() < 1e-12 && (v[2][2] - b[0][0]).abs() < 1e-12);
+        assert!((v[0][2] - b[2][0]).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_twist_is_the_body_s_where_the_imu_sits_as_the_vehicle_does() {
+        let o = odometry();
+        let message = aligned().odometry(&o, Time::from_nanos(0));
+        assert_eq!(message.twist.twist.linear, (o.pose_o_b.rotation.inverse() * o.v_o_b).into());
+        assert_eq!(message.twist.twist.angular, o.angular_rate_b.into());
+        // Both covariances are those that belong to it.
+        let own = pose_covariance_o(&o.pose_o_b.rotation, &o.covariance);
+        assert_eq!(message.pose.covariance, rows(&own));
+    }
+}
