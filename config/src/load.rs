@@ -6,7 +6,7 @@
 
 use crate::error::{ConfigError, Violation};
 use crate::options::Config;
-use crate::presets::preset_text;
+use crate::presets::{PRESETS, preset_text};
 use crate::shape::Document;
 use crate::text;
 use crate::valid::ValidConfig;
@@ -20,6 +20,18 @@ impl Config {
     pub fn load(path: impl AsRef<Path>) -> Result<ValidConfig, ConfigError> {
         let path = path.as_ref();
         Self::from_toml_str(&text::read_bounded(path)?, &path.display().to_string())
+    }
+
+    /// The preset of that name, else the file at that path: what an option for a configuration takes.
+    ///
+    /// # Errors
+    /// As [`Self::load`].
+    pub fn load_or_preset(name: impl AsRef<Path>) -> Result<ValidConfig, ConfigError> {
+        let name = name.as_ref();
+        match name.to_str() {
+            Some(preset) if PRESETS.contains(&preset) => Self::preset(preset),
+            _ => Self::load(name),
+        }
     }
 
     /// Parses and validates TOML text; `origin` names its source in messages.

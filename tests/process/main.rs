@@ -30,6 +30,7 @@ mod other_processor;
 mod own_camera;
 mod plot;
 mod python;
+mod python_package;
 mod raw;
 mod realtime;
 mod replay;

@@ -64,7 +64,7 @@ pub use imu::{CLIPPED_RANGE_M_S2, ImuEffects};
 pub use imu_errors::{ImuError, ImuErrors};
 pub use named::{Dose, Family, Kind, Named};
 pub use samples::{Inertial, recorded_along};
-pub use scenario::{FlightPath, IntrinsicsError, Knock, People, Scenario, scaled_config};
+pub use scenario::{FlightPath, IntrinsicsError, Knock, People, Scenario, USUAL_DURATION_S, scaled_config};
 pub use scenes::{Scene, Twin};
 pub use stereo::SimulatedStereo;
 pub use surroundings::Surroundings;

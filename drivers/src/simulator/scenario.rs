@@ -36,6 +36,24 @@ pub enum FlightPath {
     Tum(PathBuf),
 }
 
+impl FlightPath {
+    /// The built-in path of that name, else the path along that file.
+    #[must_use]
+    pub fn named(name: &str) -> Self {
+        match name {
+            "demo" => Self::Demo,
+            "hand-held" => Self::HandHeld,
+            "hover" => Self::Hover,
+            "drift" => Self::Drift,
+            "carried" => Self::Carried,
+            file => Self::Tum(file.into()),
+        }
+    }
+}
+
+/// Length of a simulated flight of which nothing is said, s.
+pub const USUAL_DURATION_S: f64 = 20.0;
+
 /// A simulated flight. Times are seconds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scenario {

@@ -331,11 +331,7 @@ fn init_logs(verbose: u8, is_live: bool) {
 /// # Errors
 /// When it cannot be used.
 pub fn load_config(file: Option<&Path>) -> Result<Option<ValidConfig>, ConfigError> {
-    let Some(file) = file else { return Ok(None) };
-    match file.to_str() {
-        Some(name) if plumbline_config::PRESETS.contains(&name) => Config::preset(name).map(Some),
-        _ => Config::load(file).map(Some),
-    }
+    file.map(Config::load_or_preset).transpose()
 }
 
 /// Refuses a map that nothing could be put into: with one camera there is no depth, and so no place to be recognized.

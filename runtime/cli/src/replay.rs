@@ -22,7 +22,7 @@ use plumbline_flight::flight::plausibility::watch::Watch;
 use plumbline_flight::flight::states::write_states;
 use plumbline_flight::flight::{
     CausalPose, Cut, Flight, Flown, KeptStates, OdometryTrajectory, Outputs, Truth, fly, is_log,
-    open_recording, open_simulation, plausibility, with_overrides,
+    open_recording, open_simulation, with_overrides,
 };
 use plumbline_flight::local::{LocalSocket, SensorBoard};
 use plumbline_flight::log::WhenFull;
@@ -31,14 +31,14 @@ use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_flight::places::{MapContents, read_known_map, write_map};
 use plumbline_lab::evaluate::load_trajectory;
 use plumbline_lab::plot;
-use plumbline_lab::report::Report;
+use plumbline_lab::report::{Report, late_findings};
 use plumbline_link::process::{LinkOptions, has_network};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Largest number of odometry samples for which memory is allocated beforehand: two hours at 200 Hz.
-const MAX_RESERVED_READINGS: f64 = 1_440_000.0;
+const MAX_RESERVED_READINGS: usize = 1_440_000;
 
 /// Arguments of `plumbline replay`.
 // Help texts name tables of the configuration in brackets.
@@ -167,7 +167,10 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     check_maps(&flight.config, args.map.is_some(), args.save_map.is_some())?;
     let control = Arc::new(Control::stopped_by(stop_on_signal()?).with_last_resort(last_resort));
     let (mut outputs, board) = start_outputs(args, &flight, &control)?;
-    let mut odometry = args.odometry.as_ref().map(|_| OdometryTrajectory::with_room_for(readings(&flight)));
+    let mut odometry = args
+        .odometry
+        .as_ref()
+        .map(|_| OdometryTrajectory::with_room_for(flight.expected_readings().min(MAX_RESERVED_READINGS)));
     let wants_states = args.states.is_some() || args.plot.is_some();
     let mut states = wants_states.then(|| KeptStates::for_flight(&flight));
     let mut progress = Progress::bar(flight.stereo.expected_frames())?;
@@ -216,19 +219,7 @@ fn warnings(
     log_end: Option<&LogEnd>,
     files: &FileDefects,
 ) -> Vec<Finding> {
-    let faults = &flown.outcome.faults;
-    let late = plausibility::of_faults(faults.imu, faults.cameras, Some(&files.words())).into_iter().chain(
-        log_end.and_then(LogEnd::words).map(|words| {
-            let seconds = flown.outcome.figures.span_s;
-            Finding::new(
-                "the log breaks off",
-                format!("{words}; {seconds:.2} s of data were flown"),
-                "that the flight or the recorder ended without closing the log",
-                "what comes before is sound; `plumbline log` says what it holds",
-            )
-        }),
-    );
-    for finding in late {
+    for finding in late_findings(flown, log_end, files) {
         tracing::warn!("{finding}");
         warnings.push(finding);
     }
@@ -277,13 +268,6 @@ fn prepared(mut flight: Flight, args: &ReplayArgs) -> Result<Flight> {
         flight.config = flight.config.with("--autopilot", change)?;
     }
     Ok(flight)
-}
-
-/// Inertial samples to make room for.
-fn readings(flight: &Flight) -> usize {
-    let frames = flight.stereo.expected_frames().unwrap_or(0) as f64;
-    let per_frame = flight.config.imu.rate_hz / flight.config.camera[0].rate_hz;
-    (frames * per_frame).ceil().min(MAX_RESERVED_READINGS) as usize
 }
 
 fn open(args: &ReplayArgs) -> Result<Flight> {

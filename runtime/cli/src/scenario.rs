@@ -3,7 +3,7 @@
 use super::{Usage, parse_range};
 use clap::Args;
 use plumbline_drivers::simulator::{
-    Condition, Effects, FlightPath, ImuError, Inertial, Scenario, Scene, recorded_along,
+    Condition, Effects, FlightPath, ImuError, Inertial, Scenario, Scene, USUAL_DURATION_S, recorded_along,
 };
 use plumbline_drivers::{FrameFaults, LostCamera};
 use std::ops::Range;
@@ -11,8 +11,6 @@ use std::path::Path;
 
 /// Exposure with `--motion-blur`, s.
 const BLUR_EXPOSURE_S: f64 = 0.008;
-/// Length of a simulated flight of which nothing is said, s.
-const DEFAULT_DURATION_S: f64 = 20.0;
 /// Relative standard deviation of the gain with `--flicker`.
 const FLICKER: f64 = 0.15;
 
@@ -227,24 +225,16 @@ impl ScenarioArgs {
     /// # Errors
     /// When an argument makes no sense.
     pub fn scenario(&self, scene: Scene) -> Result<Scenario, Usage> {
-        let path = match self.path.as_str() {
-            "demo" => FlightPath::Demo,
-            "hand-held" => FlightPath::HandHeld,
-            "hover" => FlightPath::Hover,
-            "drift" => FlightPath::Drift,
-            "carried" => FlightPath::Carried,
-            file => FlightPath::Tum(Path::new(file).into()),
-        };
         let mut effects = Effects { time_offset_s: self.time_offset_ms * 1e-3, ..Effects::default() };
         self.faults.apply(&mut effects)?;
         if self.motion_blur {
             effects.exposure_s = BLUR_EXPOSURE_S;
         }
-        let duration_s = self.duration.unwrap_or(DEFAULT_DURATION_S);
+        let duration_s = self.duration.unwrap_or(USUAL_DURATION_S);
         self.faults.check_begin_before(duration_s)?;
         let mut scenario = Scenario {
             scene,
-            path,
+            path: FlightPath::named(&self.path),
             start_s: self.start,
             duration_s,
             laps: self.laps,

@@ -32,7 +32,7 @@ pub use published::{Published, PublishedState};
 pub use reset_count::ResetCount;
 pub use run::{Flown, fly};
 pub use sensors::{LiveSensors, open_cameras_alone, open_sensors};
-pub use trajectory::{CausalPose, CausalTrajectory, KeptStates, OdometryTrajectory};
+pub use trajectory::{CausalPose, CausalTrajectory, KeptOdometry, KeptStates, OdometryTrajectory};
 pub use truth::{TrueState, Truth};
 
 use crate::log::KnownMap;
@@ -90,6 +90,13 @@ impl Flight {
             stamps: Stamps::Replayed,
             first_reset_counter: 0,
         }
+    }
+
+    /// Number of inertial samples that the flight is expected to have; 0 if that is unknown.
+    #[must_use]
+    pub fn expected_readings(&self) -> usize {
+        let frames = self.stereo.expected_frames().unwrap_or(0) as f64;
+        (frames * self.config.imu.rate_hz / self.config.camera[0].rate_hz).ceil() as usize
     }
 
     /// Returns the flight with `faults` in its frames, drawn with `seed`.

@@ -8,7 +8,7 @@ use crate::pipeline::listener::{Listener, Producer, Subscriber};
 use nalgebra::{Isometry3, Matrix6};
 use plumbline_config::Timestamp;
 use plumbline_drivers::StampedPose;
-use plumbline_estimator::Estimate;
+use plumbline_estimator::{Estimate, Odometry};
 use plumbline_record::Said;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -17,6 +17,9 @@ pub(super) const MAX_RESERVED_FRAMES: usize = 144_000;
 
 /// Poses of live sensors that are kept: half an hour at 20 Hz, longer than batteries last; 15 MB.
 pub(super) const LIVE_FRAMES: usize = 36_000;
+
+/// Odometry for which memory is allocated beforehand: half an hour at 200 Hz, 0.3 GB.
+const LIVE_READINGS: usize = 360_000;
 
 /// One pose as it was known when its frame came.
 #[derive(Clone, Debug)]
@@ -183,6 +186,41 @@ impl Listener for Lent<StampedPose> {
     fn said(&mut self, said: &Said) {
         if let Said::Odometry(odometry) = said {
             self.entries.push(StampedPose { stamp: odometry.stamp, pose: odometry.pose_o_b });
+        }
+    }
+}
+
+/// Keeps everything that the odometry holds, a row an inertial sample.
+#[derive(Debug)]
+pub struct KeptOdometry(Storage<Odometry>);
+
+impl KeptOdometry {
+    /// With room for the odometry of `flight`.
+    #[must_use]
+    pub fn for_flight(flight: &Flight) -> Self {
+        Self(Storage::with_room_for(flight.expected_readings().min(LIVE_READINGS), Odometry::default()))
+    }
+
+    /// The rows in order, after the run.
+    #[must_use]
+    pub fn into_rows(self) -> Vec<Odometry> {
+        self.0.into_entries()
+    }
+}
+
+impl Subscriber for KeptOdometry {
+    fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
+        match producer {
+            Producer::Tick => Box::new(self.0.lend()),
+            _ => Box::new(()),
+        }
+    }
+}
+
+impl Listener for Lent<Odometry> {
+    fn said(&mut self, said: &Said) {
+        if let Said::Odometry(odometry) = said {
+            self.entries.push(odometry.clone());
         }
     }
 }

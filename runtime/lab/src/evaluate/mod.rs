@@ -93,6 +93,9 @@ pub struct Evaluation {
     pub path_length_m: f64,
     /// Freedom of the alignment.
     pub alignment: AlignmentMode,
+    /// Alignment: from the frame of the estimate to that of the reference.
+    #[serde(skip)]
+    pub similarity: Similarity,
     /// Absolute errors of position after alignment, m.
     pub ate_m: Statistics,
     /// Absolute errors of rotation after alignment, degrees; none where the alignment is by positions, and these hardly move.
@@ -126,7 +129,8 @@ pub fn evaluate(
         |p: &StampedPose| StampedPose { stamp: p.stamp.plus_seconds(time_offset_s), ..*p };
     let estimate: Vec<StampedPose> = estimate.iter().map(by_clock_of_reference).collect();
     let pairs = associate(&estimate, reference, options.max_difference_s)?;
-    let aligned_pairs = aligned(&pairs, &align(&pairs, options.alignment)?);
+    let similarity = align(&pairs, options.alignment)?;
+    let aligned_pairs = aligned(&pairs, &similarity);
     let (ate_m, ate_rotation_deg) = absolute_errors(&aligned_pairs)?;
     let rpe = match relative_errors(&aligned_pairs, options.delta, options.all_pairs) {
         Err(EvaluateError::NoPairs(_)) => None,
@@ -142,6 +146,7 @@ pub fn evaluate(
         completion: coverage(&estimate, reference),
         path_length_m: path_length_m(&pairs.reference),
         alignment: options.alignment,
+        similarity,
         ate_m,
         ate_rotation_deg: Some(ate_rotation_deg).filter(|_| spread.tells_rotation(options.alignment, &ate_m)),
         rpe,

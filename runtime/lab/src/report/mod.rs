@@ -10,12 +10,14 @@ pub mod trust;
 use crate::evaluate::{FlightConsistency, Nees};
 use accuracy::Accuracy;
 use places::Places;
+use plumbline_drivers::euroc::FileDefects;
 use plumbline_estimator::HealthBits;
 use plumbline_flight::autopilot::BridgeFigures;
 use plumbline_flight::flight::outputs::OutputFigures;
-use plumbline_flight::flight::plausibility::Finding;
+use plumbline_flight::flight::plausibility::{self, Finding};
 use plumbline_flight::flight::{Flown, LiveSensors};
 use plumbline_flight::log::recorder::RecorderSummary;
+use plumbline_flight::log::source::LogEnd;
 use plumbline_flight::pipeline::{DriverFaults, LiveFigures, Outcome};
 use plumbline_flight::schedule::times::Percentiles;
 use plumbline_record::digest::config_hash;
@@ -104,6 +106,23 @@ pub struct Report {
     pub autopilot: Option<BridgeFigures>,
     /// What cannot be right with the data, the calibration or the flight.
     pub warnings: Vec<Finding>,
+}
+
+/// Findings that show only at the end of a flight: what its drivers survived, and a log that breaks off.
+#[must_use]
+pub fn late_findings(flown: &Flown, log_end: Option<&LogEnd>, files: &FileDefects) -> Vec<Finding> {
+    let faults = &flown.outcome.faults;
+    let of_drivers = plausibility::of_faults(faults.imu, faults.cameras, Some(&files.words()));
+    let of_log = log_end.and_then(LogEnd::words).map(|words| {
+        let seconds = flown.outcome.figures.span_s;
+        Finding::new(
+            "the log breaks off",
+            format!("{words}; {seconds:.2} s of data were flown"),
+            "that the flight or the recorder ended without closing the log",
+            "what comes before is sound; `plumbline log` says what it holds",
+        )
+    });
+    of_drivers.into_iter().chain(of_log).collect()
 }
 
 /// Points, means per frame.

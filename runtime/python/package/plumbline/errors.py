@@ -1,0 +1,83 @@
+"""Exceptions of Plumbline. Each derives from `PlumblineError` and from the built-in exception of its kind."""
+
+from typing import NamedTuple, Optional, Tuple
+
+__all__ = [
+    "ArgumentError",
+    "ArgumentTypeError",
+    "BusyError",
+    "ConfigError",
+    "ConnectionLost",
+    "DataError",
+    "DataWarning",
+    "OutOfOrderError",
+    "PlumblineError",
+    "RunError",
+    "SampleError",
+    "Violation",
+]
+
+
+class PlumblineError(Exception):
+    """Base class of every exception of this package."""
+
+
+class Violation(NamedTuple):
+    """One refused key of a configuration."""
+
+    key: str
+    """Path of the key, such as ``camera[1].pose_b_c``."""
+    line: Optional[int]
+    """Line of the file, from 1; ``None`` if the value does not come from a file."""
+    reason: str
+    """What is wrong with the value."""
+    cure: str
+    """What to do about it."""
+
+
+class ConfigError(PlumblineError, ValueError):
+    """A configuration is refused. The message is that of the command line: file, key, reason and cure."""
+
+    violations: Tuple[Violation, ...] = ()
+    """Every refused key; empty if the text is not TOML or the file cannot be read."""
+
+
+class ArgumentError(PlumblineError, ValueError):
+    """An argument has a wrong value, shape or memory layout."""
+
+
+class ArgumentTypeError(ArgumentError, TypeError):
+    """An argument has a wrong type or dtype."""
+
+
+class SampleError(PlumblineError, ValueError):
+    """The estimator refused an inertial sample or a frame. It counts the sample as refused, and goes on."""
+
+    reason: str = ""
+    """``"not later"``, ``"far ahead"``, ``"not finite"`` or ``"out of range"``."""
+    index: Optional[int] = None
+    """Index of the sample in the arrays of `Estimator.add_imu_array`, whose samples before it were accepted."""
+
+
+class OutOfOrderError(SampleError):
+    """The stamp of a sample or frame is not later than that of the one before."""
+
+
+class BusyError(PlumblineError, RuntimeError):
+    """Another thread is in a call of the same object."""
+
+
+class DataError(PlumblineError, ValueError):
+    """A recording, flight log or trajectory cannot be read or used."""
+
+
+class RunError(PlumblineError, RuntimeError):
+    """A flight ended by a fault, or found no pose at all."""
+
+
+class ConnectionLost(PlumblineError, ConnectionError):
+    """The local socket of a flight cannot be reached, or the flight has closed it."""
+
+
+class DataWarning(UserWarning):
+    """Something cannot be right with the data or the calibration of a flight."""

@@ -1,0 +1,169 @@
+//! The local socket of a flight, by the client that every language has.
+
+use crate::errors::Class;
+use crate::estimate::{PyEstimate, PyOdometry};
+use crate::estimator::reset_kind;
+use plumbline_client::{ClientError, Local};
+use plumbline_record::layout;
+use plumbline_record::local::record::{Header, Kind, Kinds};
+use plumbline_record::local::request::{Request, Status};
+use plumbline_record::protobuf::decode;
+use plumbline_record::said::FullEstimate;
+use pyo3::prelude::*;
+use std::path::PathBuf;
+use std::sync::{Mutex, MutexGuard};
+use std::time::{Duration, Instant};
+
+/// How often Ctrl-C is looked for.
+const SIGNAL_PERIOD: Duration = Duration::from_millis(50);
+/// Longest time that is waited for an answer, s.
+const ANSWER_LIMIT_S: f64 = 10.0;
+/// Longest wait that is taken as one: a century.
+const MAX_WAIT_S: f64 = 3e9;
+
+/// Connection to a flight: see `plumbline.Connection`.
+#[pyclass(frozen, module = "plumbline._native")]
+pub struct Connection {
+    local: Mutex<Option<Local>>,
+    may_command: bool,
+}
+
+fn lost(py: Python<'_>, error: &ClientError) -> PyErr {
+    Class::Lost.error(py, error.to_string())
+}
+
+fn seconds(py: Python<'_>, name: &str, seconds: f64) -> PyResult<Duration> {
+    if (0.0..=MAX_WAIT_S).contains(&seconds) {
+        return Ok(Duration::from_secs_f64(seconds));
+    }
+    Err(Class::Argument.error(py, format!("{name}: expected seconds from 0 on, got {seconds}")))
+}
+
+/// A record that Python is given.
+enum Known {
+    Odometry(PyOdometry),
+    Estimate(PyEstimate),
+    Lost(u64),
+    End,
+    Other,
+}
+
+fn known(header: &Header, content: &[u8]) -> Result<Known, &'static str> {
+    Ok(match Kind::of_number(header.kind) {
+        Some(Kind::Odometry) => Known::Odometry(PyOdometry { odometry: layout::odometry(content)?.0 }),
+        Some(Kind::FullEstimate) => {
+            let FullEstimate { estimate, .. } = decode(content)?;
+            Known::Estimate(PyEstimate { estimate })
+        }
+        Some(Kind::Lost) => {
+            Known::Lost(u64::from_le_bytes(*content.first_chunk().ok_or("a count is too short")?))
+        }
+        Some(Kind::End) => Known::End,
+        _ => Known::Other,
+    })
+}
+
+/// What came, as Python is given it.
+#[derive(IntoPyObject)]
+enum Record {
+    Odometry(PyOdometry),
+    Estimate(PyEstimate),
+}
+
+impl Connection {
+    fn lock(&self, py: Python<'_>) -> PyResult<MutexGuard<'_, Option<Local>>> {
+        let busy =
+            |_| Class::Busy.error(py, "the connection is in use by another thread; make another connection");
+        self.local.try_lock().map_err(busy)
+    }
+}
+
+fn closed(py: Python<'_>) -> PyErr {
+    Class::Lost.error(py, "the connection is closed; connect again")
+}
+
+#[pymethods]
+impl Connection {
+    #[new]
+    fn new(
+        py: Python<'_>,
+        path: PathBuf,
+        patience_s: f64,
+        odometry: bool,
+        estimates: bool,
+    ) -> PyResult<Self> {
+        let patience = seconds(py, "patience_s", patience_s)?;
+        let mut kinds = Kinds::default();
+        if odometry {
+            kinds = kinds.and(Kinds::of(&[Kind::Odometry]));
+        }
+        if estimates {
+            kinds = kinds.and(Kinds::of(&[Kind::FullEstimate]));
+        }
+        let connected = py.detach(|| {
+            let mut local = Local::connect(path, patience)?;
+            local.subscribe(kinds)?;
+            Ok(local)
+        });
+        let local = connected.map_err(|error| lost(py, &error))?;
+        Ok(Self { may_command: local.may_command(), local: Mutex::new(Some(local)) })
+    }
+
+    #[getter]
+    fn may_command(&self) -> bool {
+        self.may_command
+    }
+
+    /// Next odometry or estimate with the count of losses so far; the first is `None` when none came in time, and the whole is
+    /// `None` at the end of the flight.
+    fn next(
+        &self,
+        py: Python<'_>,
+        timeout_s: Option<f64>,
+        losses: u64,
+    ) -> PyResult<Option<(Option<Record>, u64)>> {
+        let timeout = timeout_s.map(|timeout| seconds(py, "timeout_s", timeout)).transpose()?;
+        let deadline = timeout.and_then(|timeout| Instant::now().checked_add(timeout));
+        let mut guard = self.lock(py)?;
+        let local = guard.as_mut().ok_or_else(|| closed(py))?;
+        let mut losses = losses;
+        loop {
+            let left = deadline.map(|deadline| deadline.saturating_duration_since(Instant::now()));
+            let wait = left.map_or(SIGNAL_PERIOD, |left| left.min(SIGNAL_PERIOD));
+            let header = py.detach(|| local.next_header(Some(wait))).map_err(|error| lost(py, &error))?;
+            let Some(header) = header else {
+                py.check_signals()?;
+                if left.is_some_and(|left| left <= wait) {
+                    return Ok(Some((None, losses)));
+                }
+                continue;
+            };
+            let foreign = |what| lost(py, &ClientError::Foreign(what));
+            match known(&header, local.content()).map_err(foreign)? {
+                Known::Odometry(odometry) => return Ok(Some((Some(Record::Odometry(odometry)), losses))),
+                Known::Estimate(estimate) => return Ok(Some((Some(Record::Estimate(estimate)), losses))),
+                Known::Lost(count) => losses = count,
+                Known::End => return Ok(None),
+                Known::Other => {}
+            }
+        }
+    }
+
+    /// Resets the estimator of the flight, and waits for its answer.
+    fn reset(&self, py: Python<'_>, kind: &str, timeout_s: f64) -> PyResult<String> {
+        let request = Request::Reset(reset_kind(py, kind)?);
+        let timeout = seconds(py, "timeout_s", timeout_s.min(ANSWER_LIMIT_S))?;
+        let guard = self.lock(py)?;
+        let local = guard.as_ref().ok_or_else(|| closed(py))?;
+        let answer = py.detach(|| local.command(&request, timeout)).map_err(|error| lost(py, &error))?;
+        match answer.status {
+            Status::Done => Ok(answer.words),
+            _ => Err(Class::Run.error(py, format!("the flight refused the reset: {}", answer.words))),
+        }
+    }
+
+    fn close(&self, py: Python<'_>) -> PyResult<()> {
+        *self.lock(py)? = None;
+        Ok(())
+    }
+}

@@ -1,0 +1,130 @@
+//! What a replay opens: a recording or a simulated flight, with the options of `plumbline replay`.
+
+use crate::config::config_of;
+use crate::errors::{Class, of_evaluation, of_flight};
+use plumbline_drivers::BagTopics;
+use plumbline_drivers::simulator::{FlightPath, Scenario, Scene, USUAL_DURATION_S};
+use plumbline_flight::flight::{
+    Cut, Flight, FlightError, Truth, open_recording, open_simulation, with_overrides,
+};
+use plumbline_lab::evaluate::load_trajectory;
+use pyo3::prelude::*;
+use std::ops::Range;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+/// Options, as `plumbline.flights` puts them together.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct Options {
+    set: Vec<String>,
+    start: f64,
+    duration: Option<f64>,
+    frames: Option<(usize, usize)>,
+    mono: bool,
+    lines: bool,
+    loops: bool,
+    truth: Option<PathBuf>,
+    topics: [Option<String>; 3],
+    path: String,
+    seed: u64,
+    scale: f64,
+    laps: u32,
+    conditions: Vec<String>,
+    imu_errors: Vec<String>,
+}
+
+impl Options {
+    /// Opens `dataset` with `config`, or with the one that goes with it.
+    ///
+    /// # Errors
+    /// When it cannot be used.
+    pub fn open(&self, dataset: &Bound<'_, PyAny>, config: Option<&Bound<'_, PyAny>>) -> PyResult<Flight> {
+        let py = dataset.py();
+        let config = config.map(config_of).transpose()?;
+        let path: PathBuf = dataset.extract().map_err(|_| {
+            let message = "dataset: expected a path, or the name of a simulated flight such as 'sim:room'";
+            Class::ArgumentType.error(py, message)
+        })?;
+        let scene = path.to_str().and_then(|name| name.strip_prefix("sim:"));
+        let opened = match scene {
+            Some(scene) => {
+                let scenario = self.scenario(py, scene)?;
+                py.detach(|| open_simulation(config, &scenario, self.mono, 0.0, None))
+            }
+            None => {
+                let seconds = self.seconds(py)?;
+                let cut = Cut { frames: self.frames.map(|(from, to)| from..to), seconds };
+                let [left, right, imu] = self.topics.clone();
+                let topics = BagTopics { left, right, imu };
+                py.detach(|| open_recording(&path, config, &topics, cut, self.mono))
+            }
+        };
+        let mut flight = opened.map_err(|error| of_flight(py, &error))?;
+        flight.config = self.changed(&flight).map_err(|error| of_flight(py, &error))?;
+        if let Some(file) = &self.truth {
+            flight.truth =
+                Truth::of_poses(&load_trajectory(file).map_err(|error| of_evaluation(py, &error))?);
+        }
+        Ok(flight)
+    }
+
+    /// Configuration with what the options change of it.
+    fn changed(&self, flight: &Flight) -> Result<plumbline_config::ValidConfig, FlightError> {
+        let config = with_overrides(&flight.config, &self.set)?;
+        Ok(config.with("the options lines and loops", |config| {
+            config.estimator.lines.enabled &= self.lines;
+            config.estimator.places.enabled &= self.loops;
+        })?)
+    }
+
+    /// Seconds of a recording, from its first frame.
+    fn seconds(&self, py: Python<'_>) -> PyResult<Range<f64>> {
+        let end = self.duration.map_or(f64::INFINITY, |duration| self.start + duration);
+        if self.start.is_finite() && self.start >= 0.0 && end > self.start {
+            return Ok(self.start..end);
+        }
+        let message = format!(
+            "start {} s and the end at {end} s leave nothing: give seconds from the first frame",
+            self.start
+        );
+        Err(Class::Argument.error(py, message))
+    }
+
+    fn scenario(&self, py: Python<'_>, scene: &str) -> PyResult<Scenario> {
+        let refuse = |message: String| Err(Class::Argument.error(py, message));
+        let Some(scene) = Scene::named(scene) else {
+            return refuse(format!("no scene '{scene}': choose room, hall, low-texture or far"));
+        };
+        if self.frames.is_some() || self.truth.is_some() {
+            let message = "frames and truth are for recordings; a simulated flight takes start and duration, and knows its truth";
+            return refuse(message.into());
+        }
+        let mut scenario = Scenario {
+            scene,
+            path: FlightPath::named(&self.path),
+            start_s: self.start,
+            duration_s: self.duration.unwrap_or(USUAL_DURATION_S),
+            laps: self.laps,
+            seed: self.seed,
+            resolution_scale: self.scale,
+            ..Scenario::default()
+        };
+        for error in parsed::<plumbline_drivers::simulator::ImuError>(py, "imu_errors", &self.imu_errors)? {
+            error.apply(&mut scenario);
+        }
+        for condition in
+            parsed::<plumbline_drivers::simulator::Condition>(py, "conditions", &self.conditions)?
+        {
+            condition.apply(&mut scenario);
+        }
+        Ok(scenario)
+    }
+}
+
+fn parsed<T: FromStr<Err = String>>(py: Python<'_>, name: &str, texts: &[String]) -> PyResult<Vec<T>> {
+    let parse = |text: &String| {
+        text.parse().map_err(|reason| Class::Argument.error(py, format!("{name}: '{text}': {reason}")))
+    };
+    texts.iter().map(parse).collect()
+}

@@ -1,0 +1,87 @@
+"""Type stubs, docstrings, and what is public."""
+
+import importlib.util
+import inspect
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import skip
+
+import plumbline
+from plumbline import _processor
+
+PROGRAM = """
+from pathlib import Path
+import numpy as np
+import plumbline
+
+config = plumbline.Config.preset("sim").replace(estimator__points__max_points=100)
+estimator = plumbline.Estimator(config)
+estimator.add_imu(0, (0.0, 0.0, 0.0), np.zeros(3))
+estimate = estimator.add_frame(0, np.zeros((480, 752), np.uint8), None)
+norm: float = float(np.linalg.norm(estimate.position))
+flight = plumbline.replay(Path("V1_01_easy"), config, odometry=True, estimator__points__max_points=100)
+error: float = plumbline.evaluate(flight, "truth.tum", time_offset="auto").ate_m.rmse
+for record in plumbline.connect("/run/plumbline/local"):
+    if isinstance(record, plumbline.Odometry):
+        print(record.velocity @ record.velocity, record.stamp_ns + 1)
+log = plumbline.read_log("flight.mcap")
+print(log.odometry.position.mean(axis=0), [event.text for event in log.events], plumbline.Health(estimate.health))
+"""
+
+
+def checked(*arguments, folder):
+    """Runs a module of mypy on the installed package."""
+    if importlib.util.find_spec("mypy") is None or sys.version_info < (3, 10):
+        skip("the check of types", "mypy is not installed, or this Python is older than it knows")
+    package = str(Path(plumbline.__file__).parents[1])
+    environment = {**os.environ, "MYPYPATH": package, "PYTHONPATH": package}
+    return subprocess.run([sys.executable, *arguments], cwd=folder, env=environment, capture_output=True, text=True)
+
+
+def test_the_stubs_are_those_of_the_module(tmp_path):
+    done = checked("-m", "mypy.stubtest", "plumbline._native", folder=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_a_program_is_checked_strictly(tmp_path):
+    (tmp_path / "program.py").write_text(PROGRAM)
+    done = checked("-m", "mypy", "--strict", "program.py", folder=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    (tmp_path / "program.py").write_text(PROGRAM.replace("add_imu(0,", 'add_imu("now",'))
+    assert checked("-m", "mypy", "--strict", "program.py", folder=tmp_path).returncode == 1
+
+
+def test_everything_public_is_documented():
+    for name in plumbline.__all__:
+        item = getattr(plumbline, name)
+        if inspect.isclass(item) or callable(item):
+            assert item.__doc__, name
+        if not inspect.isclass(item):
+            continue
+        for member, value in vars(item).items():
+            if not member.startswith("_") and (callable(value) or isinstance(value, property) or inspect.isgetsetdescriptor(value)):
+                assert value.__doc__, f"{name}.{member}"
+
+
+def test_units_are_in_the_docstrings():
+    for name in ("position", "velocity", "gyro_bias", "accel_bias", "covariance", "bias_variances"):
+        words = getattr(plumbline.Estimate, name).__doc__
+        assert "shape (" in words and any(unit in words for unit in ("m,", "m/s", "rad/s", "rad^2/s^2")), name
+
+
+def test_a_processor_that_lacks_instructions_is_an_import_error(tmp_path):
+    cpuinfo = tmp_path / "cpuinfo"
+    cpuinfo.write_text("processor\t: 0\nflags\t\t: fpu sse sse2 avx f16c\n")
+    with pytest.raises(ImportError, match="avx2, bmi1"):
+        _processor.check("x86_64", str(cpuinfo))
+    cpuinfo.write_text("flags : " + " ".join(_processor.NEEDED))
+    _processor.check("x86_64", str(cpuinfo))
+    _processor.check("aarch64", str(tmp_path / "missing"))
+
+
+def test_the_version_is_that_of_the_command(command):
+    assert command("--version").stdout.split()[1] == plumbline.__version__
