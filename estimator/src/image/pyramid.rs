@@ -8,7 +8,6 @@
 //! Every level carries a rim of [`PAD`] replicated pixels, so that a patch near the edge can be sampled
 //! without a test per pixel.
 
-use super::noise::NoiseWatch;
 use plumbline_config::ImageView;
 
 /// Replicated pixels around every level: more than half a patch (7 px) turned by 45 degrees.
@@ -130,13 +129,17 @@ impl Pyramid {
         is_filled
     }
 
-    /// As [`Self::build`], with an image smoothed by the filter of the pyramid where `watch` finds it noisy: white noise is a
+    /// As [`Self::build`], with an image smoothed by the filter of the pyramid where it `is_noisy`: white noise is a
     /// quarter then. A pyramid without room for that takes the image as it is.
-    pub fn build_denoised(&mut self, image: &ImageView<'_>, watch: &mut NoiseWatch) -> bool {
+    pub fn build_denoised(
+        &mut self,
+        image: &ImageView<'_>,
+        is_noisy: impl FnOnce(&Plane<'_>) -> bool,
+    ) -> bool {
         if !self.fill(image) {
             return false;
         }
-        if self.raw.is_some() && watch.is_noisy(&self.plane(0)) {
+        if self.raw.is_some() && is_noisy(&self.plane(0)) {
             self.smooth();
         }
         self.build_levels();

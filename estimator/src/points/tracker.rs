@@ -99,7 +99,8 @@ impl View {
     fn take(&mut self, frame: u64, image: Option<&ImageView<'_>>, rot_prev_cur_b: &UnitQuaternion<f64>) {
         self.rot_prev_cur_b *= rot_prev_cur_b;
         self.frames += 1;
-        self.is_new = image.is_some_and(|i| self.current.build_denoised(i, &mut self.noise));
+        self.is_new =
+            image.is_some_and(|i| self.current.build_denoised(i, |plane| self.noise.is_noisy(plane)));
         if self.is_new {
             self.current_frame = frame;
         }

@@ -22,6 +22,7 @@
 pub mod cdr;
 pub mod covariance;
 pub mod frames;
+mod identity;
 pub mod interface;
 pub mod landmarks;
 pub mod messages;

@@ -1,10 +1,10 @@
 //! The node `plumbline` with its publishers and services, on a session of Zenoh.
 
 use super::frames::Frames;
+use super::identity::Identity;
 use super::interface::{Interface, InterfaceType};
 use super::messages::{OdometryMessage, PoseStamped, TfMessage, Time};
 use super::names::{Node, Topic};
-use super::publisher::Identity;
 use super::reset::{ResetServices, Resets};
 use super::scene::Scene;
 use super::topic::{Declaring, TopicPublisher, declare_token};

@@ -1,6 +1,7 @@
 //! ROS 2 as an output of the records of a flight, over rings to a thread of its own.
 
-use super::publisher::{Identity, LOOK_PERIOD, RosPublisher};
+use super::identity::Identity;
+use super::publisher::{LOOK_PERIOD, RosPublisher};
 use super::scene::Scene;
 use crate::net::pace::Rates;
 use crate::net::task_bell::TaskBell;

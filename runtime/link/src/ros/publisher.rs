@@ -4,16 +4,14 @@
 //! takes all of them to be of its host, connected with each other (`peers_failover_brokering` is off). For a
 //! client it does, to every host. And what secures our network is not theirs.
 
+use super::identity::Identity;
 use super::node::{RosNode, is_worth_sending};
 use super::reset::Resets;
 use super::scene::Scene;
 use crate::net::commands::Watcher;
 use crate::net::{Commands, NetError};
-use nalgebra::UnitQuaternion;
-use plumbline_config::options::RosConfig;
 use plumbline_estimator::Odometry;
 use plumbline_flight::local::Shot;
-use plumbline_flight::pipeline::Stamps;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::sync::oneshot::{self, Receiver};
@@ -27,21 +25,6 @@ const PATIENCE: Duration = Duration::from_secs(3);
 
 /// Period at which subscribers of pictures are counted.
 pub const LOOK_PERIOD: Duration = Duration::from_millis(200);
-
-/// Vehicle as ROS 2 sees it.
-#[derive(Clone, Debug)]
-pub struct Identity {
-    /// Options of the configuration.
-    pub options: RosConfig,
-    /// Name of the vehicle.
-    pub vehicle: String,
-    /// Takes coordinates from the IMU to the vehicle.
-    pub rot_v_b: UnitQuaternion<f64>,
-    /// Clock domain of the stamps.
-    pub stamps: Stamps,
-    /// Whether the flight keeps a map.
-    pub has_map: bool,
-}
 
 /// Publishes to ROS 2 as soon as the router is there, and again when it comes back.
 pub struct RosPublisher {
