@@ -87,7 +87,7 @@ fn a_board_that_is_not_the_one_of_the_images_is_refused_with_the_cure() {
     };
     for (target, cure) in [
         ("aprilgrid:6x6:0.088:0.15", "numbers of --target"),
-        ("aprilgrid:5x6:0.088:0.3", "end at 29"),
+        ("aprilgrid:5x6:0.088:0.3", "last is 29"),
         ("chessboard:9x6:0.03", "inner corners"),
         ("charuco:6x6:0.1:0.08", "kind of board"),
     ] {

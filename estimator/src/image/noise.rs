@@ -15,9 +15,12 @@ const QUARTER_SIGMAS: f32 = 0.3186;
 /// Standard deviation of the mask's values in white noise of one grey level.
 const GAIN: f32 = 6.0;
 
-/// An image is noisy from the first of these on, until it is below the second, grey levels. Good cameras by day have 1 to 2; bricks in
-/// images of half the size look like 3.65 at most, a fifth of the light like 3.9 and more.
+/// An image is noisy from the first of these on, until it is below the second, grey levels: good cameras by day have 1 to 2, those by
+/// night 4 and more.
 const NOISY: (f32, f32) = (3.85, 3.7);
+/// Fine texture (bricks in small images) makes values as large, but on the next level of the pyramid too, where white noise is a
+/// quarter: there is less than this share of it.
+const MAX_SHARE: f32 = 0.6;
 
 /// Whether the images of a camera are noisy.
 #[derive(Clone, Copy, Debug, Default)]
@@ -26,10 +29,11 @@ pub struct NoiseWatch {
 }
 
 impl NoiseWatch {
-    /// Whether they are with this one.
-    pub fn is_noisy(&mut self, plane: &Plane<'_>) -> bool {
+    /// Whether they are with this one, by the first two levels of its pyramid.
+    pub fn is_noisy(&mut self, [fine, coarse]: [Plane<'_>; 2]) -> bool {
         let limit = if self.is_noisy { NOISY.1 } else { NOISY.0 };
-        self.is_noisy = noise_sigma(plane) > limit;
+        let sigma = noise_sigma(&fine);
+        self.is_noisy = sigma > limit && noise_sigma(&coarse) < MAX_SHARE * sigma;
         self.is_noisy
     }
 }

@@ -129,20 +129,20 @@ impl Pyramid {
         is_filled
     }
 
-    /// As [`Self::build`], with an image smoothed by the filter of the pyramid where it `is_noisy`: white noise is a
-    /// quarter then. A pyramid without room for that takes the image as it is.
+    /// As [`Self::build`], with an image smoothed by the filter of the pyramid where it `is_noisy` by its first two levels: white
+    /// noise is a quarter then. A pyramid without room for that takes the image as it is.
     pub fn build_denoised(
         &mut self,
         image: &ImageView<'_>,
-        is_noisy: impl FnOnce(&Plane<'_>) -> bool,
+        is_noisy: impl FnOnce([Plane<'_>; 2]) -> bool,
     ) -> bool {
-        if !self.fill(image) {
+        if !self.build(image) {
             return false;
         }
-        if self.raw.is_some() && is_noisy(&self.plane(0)) {
+        if self.raw.is_some() && self.levels.len() > 1 && is_noisy([0, 1].map(|level| self.plane(level))) {
             self.smooth();
+            self.build_levels();
         }
-        self.build_levels();
         true
     }
 

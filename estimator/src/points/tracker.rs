@@ -100,7 +100,7 @@ impl View {
         self.rot_prev_cur_b *= rot_prev_cur_b;
         self.frames += 1;
         self.is_new =
-            image.is_some_and(|i| self.current.build_denoised(i, |plane| self.noise.is_noisy(plane)));
+            image.is_some_and(|i| self.current.build_denoised(i, |planes| self.noise.is_noisy(planes)));
         if self.is_new {
             self.current_frame = frame;
         }
