@@ -50,7 +50,7 @@ impl Config {
         config.validated(origin).map_err(|error| error.with_lines(|key| document.line_of(key)))
     }
 
-    /// A configuration that ships with Plumbline, see [`PRESETS`](crate::PRESETS).
+    /// A configuration that ships with Plumbline, see [`PRESETS`].
     ///
     /// # Errors
     /// When there is no preset of that name.

@@ -18,9 +18,9 @@ const GAIN: f32 = 6.0;
 /// An image is noisy from the first of these on, until it is below the second, grey levels: good cameras by day have 1 to 2, those by
 /// night 4 and more.
 const NOISY: (f32, f32) = (3.85, 3.7);
-/// Fine texture (bricks in small images) makes values as large, but on the next level of the pyramid too, where white noise is a
-/// quarter: there is less than this share of it.
-const MAX_SHARE: f32 = 0.6;
+/// Fine texture (bricks in small images) makes values as large. On the next level of the pyramid half of them and more is left, where a
+/// quarter is left of white noise: there is less than this share.
+const MAX_SHARE: f32 = 0.35;
 
 /// Whether the images of a camera are noisy.
 #[derive(Clone, Copy, Debug, Default)]
@@ -76,7 +76,7 @@ mod tests {
     use super::*;
     use crate::image::Pyramid;
     use plumbline_config::GrayImage;
-    use plumbline_config::random::Random;
+    use plumbline_config::Random;
 
     #[test]
     fn noise_is_measured_over_a_slope_and_a_flat_image_has_none() {
