@@ -151,7 +151,7 @@ mod tests {
         let missing = refused(&FILE.replace("cx=331.039\n", ""));
         assert!(missing.contains("SN1.conf") && missing.contains("LEFT_CAM_VGA.cx"), "{missing}");
         let wrong = refused(&FILE.replace("62.981", "sixty"));
-        assert!(wrong.contains("STEREO.Baseline") && wrong.contains("line 19"), "{wrong}");
+        assert!(wrong.contains("STEREO.Baseline") && wrong.contains("line 21"), "{wrong}");
         assert!(refused(&FILE.replace("62.981", "0.0629")).contains("millimetres"));
         assert!(refused(&FILE.replace("k3=0", "k3=0.02")).contains("RIGHT_CAM_VGA.k3"));
         assert!(refused("").contains("STEREO.Baseline"));
