@@ -4,7 +4,7 @@
 //! estimation"); of white noise of standard deviation `s` it makes values of `6 s`. Texture makes larger ones in places, so the lowest
 //! quarter of the values is looked at, on a grid of every fourth pixel.
 
-use super::Plane;
+use super::{Plane, Pyramid};
 
 /// Pixels between those that are looked at, in both directions.
 const STEP: usize = 4;
@@ -30,10 +30,11 @@ pub struct NoiseWatch {
 
 impl NoiseWatch {
     /// Whether they are with this one, by the first two levels of its pyramid.
-    pub fn is_noisy(&mut self, [fine, coarse]: [Plane<'_>; 2]) -> bool {
+    pub fn is_noisy(&mut self, image: &Pyramid) -> bool {
         let limit = if self.is_noisy { NOISY.1 } else { NOISY.0 };
-        let sigma = noise_sigma(&fine);
-        self.is_noisy = sigma > limit && noise_sigma(&coarse) < MAX_SHARE * sigma;
+        let sigma = noise_sigma(&image.plane(0));
+        self.is_noisy =
+            image.level_count() > 1 && sigma > limit && noise_sigma(&image.plane(1)) < MAX_SHARE * sigma;
         self.is_noisy
     }
 }
@@ -74,25 +75,60 @@ fn quantile(counts: &[u32; MOST], wanted: u32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::Pyramid;
-    use plumbline_config::GrayImage;
-    use plumbline_config::Random;
+    use crate::image::pyramid::Smoothing;
+    use plumbline_config::{GrayImage, Random};
+
+    /// A pyramid of an image of 240 x 160 px by a function of its pixels.
+    fn pyramid(pixel: impl FnMut(usize) -> f64) -> Pyramid {
+        let pixels = (0..240 * 160).map(pixel).map(|grey| grey.round().clamp(0.0, 255.0) as u8);
+        let mut pyramid = Pyramid::new(240, 160, 3);
+        assert!(pyramid.build(&GrayImage::from_pixels(240, 160, pixels.collect()).unwrap().view()));
+        pyramid
+    }
 
     #[test]
     fn noise_is_measured_over_a_slope_and_a_flat_image_has_none() {
         let mut random = Random::new(1);
         for (sigma, slope) in [(1.5, 0.0), (4.0, 0.3), (8.0, 0.0)] {
-            let pixels = (0..240 * 160).map(|k| {
-                (100.0 + slope * (k % 240) as f64 + sigma * random.gaussian()).round().clamp(0.0, 255.0) as u8
-            });
-            let image = GrayImage::from_pixels(240, 160, pixels.collect()).unwrap();
-            let mut pyramid = Pyramid::new(240, 160, 1);
-            assert!(pyramid.build(&image.view()));
-            let found = f64::from(noise_sigma(&pyramid.plane(0)));
+            let image = pyramid(|k| 100.0 + slope * (k % 240) as f64 + sigma * random.gaussian());
+            let found = f64::from(noise_sigma(&image.plane(0)));
             assert!((found - sigma).abs() < 0.1 * sigma, "{found} for {sigma}");
         }
-        let mut flat = Pyramid::new(64, 48, 1);
-        assert!(flat.build(&GrayImage::from_pixels(64, 48, vec![90; 64 * 48]).unwrap().view()));
-        assert!(noise_sigma(&flat.plane(0)) < 0.3);
+        assert!(noise_sigma(&pyramid(|_| 90.0).plane(0)) < 0.3);
+    }
+
+    #[test]
+    fn smoothing_leaves_a_quarter_of_the_noise() {
+        let mut random = Random::new(2);
+        let mut image = pyramid(|_| 100.0 + 8.0 * random.gaussian());
+        let before = noise_of(&image);
+        image.smooth(&mut Smoothing::new(240, 160));
+        let share = noise_of(&image) / before;
+        assert!((0.25..0.3).contains(&share), "{share}");
+    }
+
+    /// Standard deviation of the grey levels of an image without texture.
+    fn noise_of(image: &Pyramid) -> f64 {
+        let plane = image.plane(0);
+        let rows = (plane.origin..plane.rows - plane.origin).map(|y| y * plane.columns + plane.origin);
+        let grey: Vec<f64> =
+            rows.flat_map(|start| plane.pixels[start..start + 240].iter().map(|x| f64::from(*x))).collect();
+        let mean = grey.iter().sum::<f64>() / grey.len() as f64;
+        (grey.iter().map(|x| (x - mean) * (x - mean)).sum::<f64>() / grey.len() as f64).sqrt()
+    }
+
+    #[test]
+    fn fine_texture_is_no_noise() {
+        let mut random = Random::new(3);
+        let noisy = pyramid(|_| 100.0 + 6.0 * random.gaussian());
+        // White noise through `[1 2 1] / 4` in both directions: grains of two pixels.
+        let white: Vec<f64> = (0..242 * 162).map(|_| 80.0 * random.gaussian()).collect();
+        let across = |at: usize| white[at] + 2.0 * white[at + 1] + white[at + 2];
+        let grainy = pyramid(|k| {
+            let at = k / 240 * 242 + k % 240;
+            128.0 + (across(at) + 2.0 * across(at + 242) + across(at + 484)) / 16.0
+        });
+        assert!(noise_sigma(&grainy.plane(0)) > NOISY.0);
+        assert!(NoiseWatch::default().is_noisy(&noisy) && !NoiseWatch::default().is_noisy(&grainy));
     }
 }

@@ -75,12 +75,22 @@ impl Level {
     }
 }
 
+/// Room for an image while it is smoothed ([`Pyramid::smooth`]).
+#[derive(Clone, Debug)]
+pub struct Smoothing(Level);
+
+impl Smoothing {
+    /// Room for images of `width` x `height` pixels.
+    #[must_use]
+    pub fn new(width: usize, height: usize) -> Self {
+        Self(Level::new(width.max(1), height.max(1)))
+    }
+}
+
 /// A preallocated pyramid: filled by [`Self::build`], read by [`Self::plane`].
 #[derive(Clone, Debug)]
 pub struct Pyramid {
     levels: Vec<Level>,
-    /// The image as it came, where [`Self::levels`] begin with a smooth one.
-    raw: Option<Level>,
     /// One vertically filtered row, with the filter's reach on both sides.
     filtered: Vec<u16>,
 }
@@ -99,13 +109,7 @@ impl Pyramid {
             }
             all.push(Level::new(width, height));
         }
-        Self { levels: all, raw: None, filtered: vec![0; width + 2 * REACH + 2] }
-    }
-
-    /// The pyramid with room to smooth noisy images ([`Self::build_denoised`]).
-    #[must_use]
-    pub fn with_denoising(self) -> Self {
-        Self { raw: Some(self.levels[0].clone()), ..self }
+        Self { levels: all, filtered: vec![0; width + 2 * REACH + 2] }
     }
 
     /// Number of levels.
@@ -122,31 +126,6 @@ impl Pyramid {
 
     /// Fills the pyramid with an image; `false`, and nothing is changed, when its size is not the pyramid's.
     pub fn build(&mut self, image: &ImageView<'_>) -> bool {
-        let is_filled = self.fill(image);
-        if is_filled {
-            self.build_levels();
-        }
-        is_filled
-    }
-
-    /// As [`Self::build`], with an image smoothed by the filter of the pyramid where it `is_noisy` by its first two levels: white
-    /// noise is a quarter then. A pyramid without room for that takes the image as it is.
-    pub fn build_denoised(
-        &mut self,
-        image: &ImageView<'_>,
-        is_noisy: impl FnOnce([Plane<'_>; 2]) -> bool,
-    ) -> bool {
-        if !self.build(image) {
-            return false;
-        }
-        if self.raw.is_some() && self.levels.len() > 1 && is_noisy([0, 1].map(|level| self.plane(level))) {
-            self.smooth();
-            self.build_levels();
-        }
-        true
-    }
-
-    fn fill(&mut self, image: &ImageView<'_>) -> bool {
         let base = &mut self.levels[0];
         if image.width() != base.width || image.height() != base.height {
             return false;
@@ -155,20 +134,16 @@ impl Pyramid {
             base.row_mut(y).copy_from_slice(row);
         }
         base.fill_rim();
+        self.build_levels();
         true
     }
 
-    fn build_levels(&mut self) {
-        for l in 1..self.levels.len() {
-            let (fine, coarse) = self.levels.split_at_mut(l);
-            decimate(&fine[l - 1], &mut coarse[0], &mut self.filtered);
-            coarse[0].fill_rim();
+    /// Puts a smoothed image in the place of the one that was taken, by the filter of the pyramid: white noise is a quarter then.
+    pub fn smooth(&mut self, workspace: &mut Smoothing) {
+        let Smoothing(raw) = workspace;
+        if (raw.width, raw.height) != self.size(0) {
+            return;
         }
-    }
-
-    /// Puts a smoothed image in the place of the one that was taken.
-    fn smooth(&mut self) {
-        let Some(raw) = &mut self.raw else { return };
         std::mem::swap(raw, &mut self.levels[0]);
         let span = raw.width + 2 * REACH;
         let base = &mut self.levels[0];
@@ -177,6 +152,15 @@ impl Pyramid {
             filter_row(&self.filtered[..span], base.row_mut(y));
         }
         base.fill_rim();
+        self.build_levels();
+    }
+
+    fn build_levels(&mut self) {
+        for l in 1..self.levels.len() {
+            let (fine, coarse) = self.levels.split_at_mut(l);
+            decimate(&fine[l - 1], &mut coarse[0], &mut self.filtered);
+            coarse[0].fill_rim();
+        }
     }
 
     /// A level to be sampled from.

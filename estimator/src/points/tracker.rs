@@ -15,6 +15,7 @@ use super::track::{Track, TrackStore};
 use crate::estimate::{Stage, StageProbe};
 use crate::image::Pyramid;
 use crate::image::noise::NoiseWatch;
+use crate::image::pyramid::Smoothing;
 use crate::shutter::RowTurns;
 use crate::work_budget::Fork;
 use nalgebra::{Isometry3, UnitQuaternion, Vector2};
@@ -65,7 +66,8 @@ pub struct TrackerFigures {
 struct View {
     current: Pyramid,
     previous: Pyramid,
-    noise: NoiseWatch,
+    /// Belongs to the view and not to its pyramids, which are exchanged for others ([`PointTracker::exchange_images`]).
+    denoising: Option<(NoiseWatch, Smoothing)>,
     /// Frames of the tracker that the two show, 0 for none.
     current_frame: u64,
     previous_frame: u64,
@@ -82,11 +84,11 @@ struct View {
 impl View {
     fn new(camera: &CameraModel, levels: usize, denoises: bool) -> Self {
         let pyramid = Pyramid::new(camera.width_px, camera.height_px, levels);
-        let pyramid = if denoises { pyramid.with_denoising() } else { pyramid };
         Self {
             current: pyramid.clone(),
             previous: pyramid,
-            noise: NoiseWatch::default(),
+            denoising: denoises
+                .then(|| (NoiseWatch::default(), Smoothing::new(camera.width_px, camera.height_px))),
             current_frame: 0,
             previous_frame: 0,
             has_previous: false,
@@ -99,10 +101,15 @@ impl View {
     fn take(&mut self, frame: u64, image: Option<&ImageView<'_>>, rot_prev_cur_b: &UnitQuaternion<f64>) {
         self.rot_prev_cur_b *= rot_prev_cur_b;
         self.frames += 1;
-        self.is_new =
-            image.is_some_and(|i| self.current.build_denoised(i, |planes| self.noise.is_noisy(planes)));
-        if self.is_new {
-            self.current_frame = frame;
+        self.is_new = image.is_some_and(|i| self.current.build(i));
+        if !self.is_new {
+            return;
+        }
+        self.current_frame = frame;
+        if let Some((noise, smoothing)) = &mut self.denoising
+            && noise.is_noisy(&self.current)
+        {
+            self.current.smooth(smoothing);
         }
     }
 

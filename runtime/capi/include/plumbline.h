@@ -267,11 +267,11 @@ typedef struct plumbline_estimate {
 
 // Content of a record.
 typedef union plumbline_record_content {
-  // Of PLUMBLINE_RECORD_KIND_LOST.
+  // Number of lost records, where the kind is PLUMBLINE_RECORD_KIND_LOST.
   uint64_t lost;
-  // Of PLUMBLINE_RECORD_KIND_ODOMETRY.
+  // Odometry, where the kind is PLUMBLINE_RECORD_KIND_ODOMETRY.
   struct plumbline_odometry odometry;
-  // Of PLUMBLINE_RECORD_KIND_ESTIMATE.
+  // Estimate, where the kind is PLUMBLINE_RECORD_KIND_ESTIMATE.
   struct plumbline_estimate estimate;
 } plumbline_record_content;
 

@@ -187,11 +187,11 @@ pub enum RecordKind {
 #[derive(Clone, Copy)]
 #[repr(C)]
 pub union RecordContent {
-    /// Of PLUMBLINE_RECORD_KIND_LOST.
+    /// Number of lost records, where the kind is PLUMBLINE_RECORD_KIND_LOST.
     pub lost: u64,
-    /// Of PLUMBLINE_RECORD_KIND_ODOMETRY.
+    /// Odometry, where the kind is PLUMBLINE_RECORD_KIND_ODOMETRY.
     pub odometry: Odometry,
-    /// Of PLUMBLINE_RECORD_KIND_ESTIMATE.
+    /// Estimate, where the kind is PLUMBLINE_RECORD_KIND_ESTIMATE.
     pub estimate: Estimate,
 }
 

@@ -19,7 +19,7 @@ enum Order {
     Little,
     /// CDR, most significant byte first.
     Big,
-    /// That of ROS 1.
+    /// Serialization of ROS 1: packed, least byte first.
     Ros1,
 }
 

@@ -2,6 +2,7 @@
 
 use super::scene::{Flight, HEIGHT, Scene, Shot, WIDTH, extrinsics, model, sway};
 use crate::image::Pyramid;
+use crate::image::noise::NoiseWatch;
 use crate::image::synthetic::Texture;
 use crate::points::corners::{CornerDetector, Demand};
 use crate::points::flow::{FlowOptions, track_patch};
@@ -291,5 +292,21 @@ fn a_wild_rotation_or_a_singular_rig_does_no_harm() {
     flight.tracker.set_extrinsics(&[Isometry3::identity(); 2]);
     for frame in 2..5 {
         flight.shoot(&sway(frame));
+    }
+}
+
+#[test]
+fn noisy_images_are_tracked_alike_whether_or_not_their_pyramids_go_round() {
+    let noisy = || Scene::new(22, 2.0).with_noise(7.0);
+    let mut image = Pyramid::new(WIDTH, HEIGHT, 4);
+    assert!(image.build(&noisy().render(&extrinsics()[0], 0.4, 40.0, 1).view()));
+    assert!(NoiseWatch::default().is_noisy(&image));
+    let (mut kept, mut exchanged) = (Flight::new(noisy(), 2), Flight::new(noisy(), 2));
+    let mut others = vec![image; 2];
+    for frame in 0..6 {
+        let shot = Shot { gain: 0.4, offset: 40.0, ..sway(frame) };
+        assert_eq!(kept.shoot(&shot), exchanged.shoot(&shot), "frame {frame}");
+        let before = exchanged.tracker.frame() - 1;
+        assert!(frame == 0 || exchanged.tracker.exchange_images(before, &mut others) == [true; 2]);
     }
 }
