@@ -37,8 +37,11 @@ def checked(*arguments, folder):
     """Runs a module of mypy on the installed package."""
     if importlib.util.find_spec("mypy") is None or sys.version_info < (3, 10):
         skip("the check of types", "mypy is not installed, or this Python is older than it knows")
-    package = str(Path(plumbline.__file__).parents[1])
-    environment = {**os.environ, "MYPYPATH": package, "PYTHONPATH": package}
+    package = Path(plumbline.__file__).parents[1]
+    environment = {**os.environ, "PYTHONPATH": str(package)}
+    # One that is installed is found by its py.typed, and must not be named.
+    if package.name != "site-packages":
+        environment["MYPYPATH"] = str(package)
     return subprocess.run([sys.executable, *arguments], cwd=folder, env=environment, capture_output=True, text=True)
 
 
