@@ -22,20 +22,33 @@ const NOISY: (f32, f32) = (3.85, 3.7);
 /// quarter is left of white noise: there is less than this share.
 const MAX_SHARE: f32 = 0.35;
 
+/// One image of so many is looked at: light changes more slowly, and a look costs as many instructions as the pyramid.
+const LOOK_EVERY: u32 = 8;
+
 /// Whether the images of a camera are noisy.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct NoiseWatch {
     is_noisy: bool,
+    /// Images since the last one that was looked at.
+    since: u32,
 }
 
 impl NoiseWatch {
-    /// Whether they are with this one, by the first two levels of its pyramid.
+    /// Whether they are with this one, by the first two levels of its pyramid, or by those of one shortly before.
     pub fn is_noisy(&mut self, image: &Pyramid) -> bool {
+        let is_due = self.since == 0;
+        self.since = (self.since + 1) % LOOK_EVERY;
+        if is_due {
+            self.look(image);
+        }
+        self.is_noisy
+    }
+
+    fn look(&mut self, image: &Pyramid) {
         let limit = if self.is_noisy { NOISY.1 } else { NOISY.0 };
         let sigma = noise_sigma(&image.plane(0));
         self.is_noisy =
             image.level_count() > 1 && sigma > limit && noise_sigma(&image.plane(1)) < MAX_SHARE * sigma;
-        self.is_noisy
     }
 }
 

@@ -172,8 +172,10 @@ impl Pyramid {
 }
 
 /// Row `y` and two on either side, with the filter's reach beyond both ends.
+#[inline]
 fn rows_around(level: &Level, y: isize, span: usize) -> [&[u8]; 5] {
-    [-2, -1, 0, 1, 2].map(|dy| &level.padded_row(y + dy)[PAD - REACH..PAD - REACH + span])
+    let row = |dy: isize| &level.padded_row(y + dy)[PAD - REACH..PAD - REACH + span];
+    [row(-2), row(-1), row(0), row(1), row(2)]
 }
 
 /// The horizontal half of the filter, at every pixel; rounds.
