@@ -213,11 +213,7 @@ fn estimates_through_c_and_cpp_have_the_bits_of_replay() {
     let expected = replayed(&[clip.as_os_str()]);
     let preset = preset();
     let arguments = [preset.as_os_str(), clip.as_os_str()];
-    // Where the guide has it, line by line.
-    let guide = std::fs::read_to_string(workspace().join("docs/c-library.md")).unwrap();
-    let example = std::fs::read_to_string(workspace().join("examples/c/replay_euroc.c")).unwrap();
-    let code = example.split_once("*/\n").unwrap().1;
-    assert!(guide.contains(code), "docs/c-library.md shows another examples/c/replay_euroc.c");
+    shown_in("docs/c-library.md", "examples/c/replay_euroc.c");
     let in_c = installed.compile(GCC, "examples/c/replay_euroc.c", &["libpng"], SANITIZERS);
     let printed = succeeds_with(&mut installed.command(&in_c), arguments);
     assert_eq!(digest(&printed), expected);
@@ -226,10 +222,18 @@ fn estimates_through_c_and_cpp_have_the_bits_of_replay() {
     assert_eq!(digest(&succeeds_with(&mut installed.command(&in_cpp), arguments)), expected);
 }
 
+/// Asserts that a page has an example as it stands.
+fn shown_in(page: &str, example: &str) {
+    let page_text = std::fs::read_to_string(workspace().join(page)).unwrap();
+    let text = std::fs::read_to_string(workspace().join(example)).unwrap();
+    assert!(page_text.contains(text.split_once("*/\n").unwrap().1), "{page} shows another {example}");
+}
+
 #[test]
 fn odometry_is_read_and_a_flight_reset_by_a_program_in_c() {
     const FLIGHT_S: u32 = 8;
     let Some(installed) = Installed::new() else { return };
+    shown_in("docs/guide.md", "examples/c/read_odometry.c");
     super::vehicle::render(FLIGHT_S);
     let program = installed.compile(GCC, "examples/c/read_odometry.c", &[], SANITIZERS);
     let socket = installed.path("local");
