@@ -29,6 +29,8 @@ export NEXTEST_PROFILE ?= $(if $(CI),ci,default)
 export PROPTEST_RNG_SEED ?= 1
 # As many tests at a time as there are processors, so that one that measures time has a processor of its own.
 export NEXTEST_TEST_THREADS ?= $(shell nproc)
+# Twice as many where none does: processes of the tests wait for each other much of the time.
+tests: export NEXTEST_TEST_THREADS := $(shell echo $$((2 * $(NEXTEST_TEST_THREADS))))
 
 # The steps are in order; cargo is parallel itself.
 .NOTPARALLEL:
