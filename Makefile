@@ -127,9 +127,16 @@ wheel: ## wheel of the Python package in target/wheels, for any Linux with glibc
 	@scripts/setup wheel $(ARCH)
 	scripts/wheel build $(ARCH)
 
-wheel-test: ## that wheel in fresh environments without a compiler: the tests of the package, with the oldest and the newest Python (ARGS=python3.12)
+wheel-test: ## that wheel in fresh environments without a compiler: the tests of the package, with the oldest and the newest Python (ARGS=python3.12); ARCH=arm64 flies it under qemu
 	@scripts/setup python
+ifeq ($(ARCH),$(shell dpkg --print-architecture))
 	scripts/wheel test $(ARGS)
+else
+	@scripts/setup deb-test
+	@scripts/setup base
+	$(CARGO) build $(FLAGS) -p plumbline
+	scripts/wheel elsewhere $(ARCH)
+endif
 
 wheel-soak: ## that wheel for 10,000 frames: memory stays flat; and what a frame costs beside the same without Python
 	@scripts/setup python
