@@ -65,8 +65,8 @@ use zero_velocity::ZeroVelocityDetector;
 const FEW_LANDMARKS: usize = 20;
 /// Frames further apart than this many periods have lost frames between them.
 const FRAME_GAP_PERIODS: f64 = 1.5;
-/// An image is blurred if a turn moves what is seen in its middle by this much while it is exposed, px: a third of a patch.
-const BLURRED_PX: f64 = 4.0;
+/// An image is blurred if a turn moves what is seen in its middle by this much while it is exposed, px: a quarter of a patch.
+const BLURRED_PX: f64 = 3.0;
 /// Samples whose mean is the angular rate of a frame reach back this far, s: two or three of them, against vibration.
 const RATE_SPAN_S: f64 = 0.01;
 
