@@ -17,7 +17,7 @@ fn picture(file: &Path, width: u32, height: u32, pixel: impl Fn(u32, u32) -> u8)
 /// Writes the preset `sim` to a file whose left camera has a mask.
 fn masked(folder: &Path, mask: &str) -> String {
     let text = plumbline_config::preset_text("sim").unwrap();
-    let text = text.replacen("[[camera]]\n", &format!("[[camera]]\nmask = \"{mask}\"\n"), 1);
+    let text = text.replacen("mask = \"\"", &format!("mask = \"{mask}\""), 1);
     let file = folder.join("drone.toml");
     fs::write(&file, text).unwrap();
     file.to_str().unwrap().to_owned()
