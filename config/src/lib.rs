@@ -30,6 +30,8 @@
 //!     height_px: 480,
 //!     rate_hz: 20.0,
 //!     readout_s: 0.0,
+//!     exposure_s: 0.0,
+//!     mask: None,
 //!     focal_px: [380.0, 380.0],
 //!     centre_px: [320.0, 240.0],
 //!     distortion: Distortion::RadialTangential { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0 },
@@ -63,6 +65,8 @@ pub mod image;
 pub mod import;
 #[cfg(feature = "toml")]
 mod load;
+#[cfg(feature = "toml")]
+mod mask_file;
 pub mod options;
 mod portable;
 #[cfg(feature = "toml")]

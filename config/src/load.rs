@@ -5,6 +5,7 @@
 //! reports everything it refuses at once.
 
 use crate::error::{ConfigError, Violation};
+use crate::mask_file;
 use crate::options::Config;
 use crate::presets::{PRESETS, preset_text};
 use crate::shape::Document;
@@ -19,7 +20,8 @@ impl Config {
     /// When the file cannot be read, is not TOML, or is refused; the message names file, key and cure.
     pub fn load(path: impl AsRef<Path>) -> Result<ValidConfig, ConfigError> {
         let path = path.as_ref();
-        Self::from_toml_str(&text::read_bounded(path)?, &path.display().to_string())
+        let folder = path.parent().unwrap_or(Path::new(""));
+        Self::from_toml_in(&text::read_bounded(path)?, &path.display().to_string(), folder)
     }
 
     /// The preset of that name, else the file at that path: what an option for a configuration takes.
@@ -34,20 +36,38 @@ impl Config {
         }
     }
 
-    /// Parses and validates TOML text; `origin` names its source in messages.
+    /// Parses and validates TOML text; `origin` names its source in messages. No file is opened: a mask must be one that was
+    /// loaded and written again.
     ///
     /// # Errors
     /// When the text is not TOML or is refused.
     pub fn from_toml_str(text: &str, origin: &str) -> Result<ValidConfig, ConfigError> {
+        Self::parse(text, origin, |_| Ok(()))
+    }
+
+    /// As [`Self::from_toml_str`], with the pictures that the text names: relative paths start at `folder`.
+    ///
+    /// # Errors
+    /// When the text is not TOML, or it or a picture is refused.
+    pub fn from_toml_in(text: &str, origin: &str, folder: &Path) -> Result<ValidConfig, ConfigError> {
+        Self::parse(text, origin, |config| mask_file::read_all(config, folder, origin))
+    }
+
+    fn parse(
+        text: &str,
+        origin: &str,
+        complete: impl FnOnce(&mut Self) -> Result<(), ConfigError>,
+    ) -> Result<ValidConfig, ConfigError> {
         let document = Document::parse(text, origin)?;
         ConfigError::if_any(origin, document.violations())?;
-        let config: Self = toml::from_str(text).map_err(|error| {
+        let mut config: Self = toml::from_str(text).map_err(|error| {
             // The shape check knows every key; what it lets through and serde refuses is told in serde's words.
             let line = error.span().map(|span| text::line_and_column(text, span.start).0);
             let violation = Violation::new("(file)", error.message().trim(), "compare with a preset");
             ConfigError::one(origin, violation.at_line(line))
         })?;
-        config.validated(origin).map_err(|error| error.with_lines(|key| document.line_of(key)))
+        let valid = complete(&mut config).and_then(|()| config.validated(origin));
+        valid.map_err(|error| error.with_lines(|key| document.line_of(key)))
     }
 
     /// A configuration that ships with Plumbline, see [`PRESETS`].

@@ -5,7 +5,7 @@
 
 use crate::camera::Distortion;
 use crate::error::{ConfigError, Violation};
-use crate::options::Mounting;
+use crate::options::{Mask, Mounting};
 use crate::text::{Lines, line_and_column};
 use crate::{Config, presets};
 use serde::Deserialize;
@@ -271,6 +271,10 @@ fn sample() -> Table {
     let text = presets::preset_text("euroc").expect("the preset exists");
     let mut config: Config = toml::from_str(text).expect("the presets are tested");
     config.camera[1].distortion = Distortion::Equidistant { k1: 0.0, k2: 0.0, k3: 0.0, k4: 0.0 };
+    for camera in &mut config.camera {
+        camera.exposure_s = 0.005;
+        camera.mask = Some(Mask::Picture("mask.png".into()));
+    }
     let mut sample = Table::try_from(&config).expect("the sample is plain data");
     for path in empty_lists(&sample) {
         for element in [Value::String(String::new()), Value::Float(0.0), Value::Integer(0)] {

@@ -201,6 +201,8 @@ mod tests {
             height_px: 48,
             rate_hz: 20.0,
             readout_s: 0.0,
+            exposure_s: 0.0,
+            mask: None,
             focal_px: [40.0; 2],
             centre_px: [31.5, 23.5],
             distortion: Distortion::Equidistant { k1: 0.0, k2: 0.0, k3: 0.0, k4: 0.0 },

@@ -70,9 +70,18 @@ impl HealthBits {
     pub const IMAGES_LATE: Self = Self(1 << 21);
     /// Gyroscope and images have contradicted each other for a while, and neither can be named: the covariance covers it.
     pub const ROTATION_DISPUTED: Self = Self(1 << 22);
+    /// The images have been nearly black for a while.
+    pub const DARK: Self = Self(1 << 23);
+    /// The camera turns so fast that its exposure blurs the image: several pixels by the gyroscope, where the configuration has the
+    /// exposure.
+    pub const BLURRED: Self = Self(1 << 24);
+    /// One camera has not seen what the other one sees in a large part of the image for a while: something is before its lens.
+    pub const VIEW_BLOCKED: Self = Self(1 << 25);
+    /// There has been hardly any texture in the images for a while.
+    pub const LITTLE_TEXTURE: Self = Self(1 << 26);
 
     /// Every bit with its name, for people.
-    pub const NAMES: [(Self, &'static str); 23] = [
+    pub const NAMES: [(Self, &'static str); 27] = [
         (Self::NOT_POSITIVE_DEFINITE, "not positive definite"),
         (Self::IMU_SATURATED, "IMU saturated"),
         (Self::NO_FEATURES, "no features"),
@@ -96,6 +105,10 @@ impl HealthBits {
         (Self::IMU_LATE, "IMU late"),
         (Self::IMAGES_LATE, "images late"),
         (Self::ROTATION_DISPUTED, "rotation disputed"),
+        (Self::DARK, "dark"),
+        (Self::BLURRED, "blurred"),
+        (Self::VIEW_BLOCKED, "view blocked"),
+        (Self::LITTLE_TEXTURE, "little texture"),
     ];
 
     /// Sets the bits of `other`.

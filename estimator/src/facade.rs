@@ -33,6 +33,8 @@ use plumbline_config::{ImuSample, Timestamp, ValidSetup};
 /// #     height_px: 240,
 /// #     rate_hz: 20.0,
 /// #     readout_s: 0.0,
+/// #     exposure_s: 0.0,
+/// #     mask: None,
 /// #     focal_px: [190.0, 190.0],
 /// #     centre_px: [160.0, 120.0],
 /// #     distortion: Distortion::RadialTangential { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0 },

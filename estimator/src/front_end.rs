@@ -6,6 +6,7 @@ use crate::admission::{ImuDoor, StampGate, StampVerdict};
 use crate::estimate::{FrameFigures, HealthBits, StageProbe};
 use crate::exchange::{Feedback, Tracked, believable_offset, max_samples};
 use crate::geometry::exp_so3;
+use crate::image::condition::ConditionWatch;
 use crate::image::frozen::FrozenWatch;
 use crate::inertial::buffer::IMU_MEMORY_S;
 use crate::inertial::{ImuBuffer, ImuNoise};
@@ -41,6 +42,7 @@ pub struct FrontEnd {
     turn_rate_b: Vector3<f64>,
     distrusts_imu: bool,
     frozen: FrozenWatch,
+    condition: ConditionWatch,
     reset_counter: u32,
     asked_reset: Option<ResetKind>,
     had_lines: bool,
@@ -75,11 +77,17 @@ impl FrontEnd {
             turn_rate_b: Vector3::zeros(),
             distrusts_imu: false,
             frozen: FrozenWatch::new(setup),
+            condition: ConditionWatch::default(),
             reset_counter: 0,
             asked_reset: None,
             had_lines: false,
             tracked: [(0, 0); 2],
         };
+        let masks = [0, 1].map(|k| setup.camera.get(k)?.mask.as_ref()?.pixels());
+        front_end.points.set_masks(masks);
+        if let Some(lines) = &mut front_end.lines {
+            lines.set_masks(masks);
+        }
         front_end.apply_feedback(&Feedback::new(setup));
         front_end
     }
@@ -213,6 +221,7 @@ impl FrontEnd {
                 );
             }
         }
+        self.condition.update(self.points.newest_images(), &mut tracked.health);
         self.last_stamp = Some(stamp);
         self.tracked = [(tracked.sequence, self.points.frame()), self.tracked[0]];
         self.write_observations(tracked);

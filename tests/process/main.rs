@@ -24,6 +24,7 @@ mod live_stamps;
 mod local;
 mod log;
 mod maps;
+mod masks;
 mod mounting;
 mod network;
 mod other_processor;

@@ -127,6 +127,8 @@ fn camera(sensor: &Node<'_>, pose_b_imu: &Isometry3<f64>) -> Result<CameraConfig
         height_px,
         rate_hz: sensor.get("rate_hz")?.number()?,
         readout_s: 0.0,
+        exposure_s: 0.0,
+        mask: None,
         focal_px,
         centre_px,
         distortion: distortion(sensor, "distortion_coefficients")?,

@@ -142,6 +142,8 @@ fn camera(node: &Node<'_>, pose_c_b: &Isometry3<f64>, rate_hz: f64) -> Result<Ca
         height_px,
         rate_hz: node.optional("rate_hz").map_or(Ok(rate_hz), |own| own.number())?,
         readout_s: 0.0,
+        exposure_s: 0.0,
+        mask: None,
         focal_px,
         centre_px,
         distortion: distortion(node, "distortion_coeffs")?,

@@ -1,9 +1,11 @@
 //! The sensors as they were calibrated: cameras, inertial sensor, and how well their extrinsics are known.
 
+use super::Mask;
 use crate::CameraModel;
 use crate::camera::Distortion;
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector2};
-use serde::{Deserialize, Serialize};
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize};
 
 /// One camera: intrinsics and extrinsics.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -25,8 +27,25 @@ pub struct CameraConfig {
     /// Stamps mean the middle of the exposure of the middle row.
     #[serde(default)]
     pub readout_s: f64,
+    /// Longest exposure, s, from which blur by turning is reported; 0 where it is unknown. No estimate depends on it.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub exposure_s: f64,
+    /// What of the images is ignored, as parts of the vehicle: a PNG picture of their size, black where nothing is looked at,
+    /// by its path from the folder of the configuration on.
+    #[serde(default, deserialize_with = "mask_or_none", skip_serializing_if = "Option::is_none")]
+    pub mask: Option<Mask>,
     /// `T_BC`, row-major 4x4: takes coordinates from the camera to the body (metres).
     pub pose_b_c: [[f64; 4]; 4],
+}
+
+/// The mask of a text; an empty one is none.
+fn mask_or_none<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Mask>, D::Error> {
+    let text = String::deserialize(deserializer)?;
+    if text.is_empty() { Ok(None) } else { Mask::try_from(text).map(Some).map_err(D::Error::custom) }
+}
+
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 /// Sizes of the images of left and right camera, px; (0, 0) for a camera that is not there.

@@ -21,7 +21,7 @@ pub(crate) use network::is_endpoint;
 
 use crate::camera::Distortion;
 use crate::error::Violation;
-use crate::options::{CameraConfig, Config, EstimatorSetup};
+use crate::options::{CameraConfig, Config, EstimatorSetup, Mask};
 use nalgebra::Vector2;
 
 /// Frames that the window holds at most, keyframes and recent ones: its matrices are sized for these and
@@ -29,6 +29,8 @@ use nalgebra::Vector2;
 pub const MAX_WINDOW_FRAMES: usize = 15;
 /// Highest number of a processor that the kernel's sets have room for.
 const MAX_PROCESSOR: usize = 1023;
+/// Least share of an image that a mask must leave.
+const MIN_SEEN_SHARE: f64 = 0.05;
 /// Side of the smallest pyramid level, px: below it a patch covers the whole image.
 const MIN_LEVEL_PX: usize = 16;
 
@@ -95,10 +97,35 @@ fn check_camera(camera: &CameraConfig, key: &str, found: &mut Vec<Violation>) {
             found.push(Violation::new(format!("{key}.centre_px[{i}]"), reason, cure));
         }
     }
+    check_mask(camera, key, found);
     if let Some((reason, cure)) = pose_problem(&camera.pose_b_c) {
         found.push(Violation::new(format!("{key}.pose_b_c"), reason, cure));
     }
     check_distortion(camera, key, found);
+}
+
+fn check_mask(camera: &CameraConfig, key: &str, found: &mut Vec<Violation>) {
+    let mut refuse =
+        |reason: String, cure: &str| found.push(Violation::new(format!("{key}.mask"), reason, cure));
+    match &camera.mask {
+        None => {}
+        Some(Mask::Picture(file)) => refuse(
+            format!("the picture {} is not read here", file.display()),
+            "load the configuration from a file: its folder is where pictures are looked for",
+        ),
+        Some(Mask::Pixels(mask)) if mask.size_px() != (camera.width_px, camera.height_px) => {
+            let ((a, b), (c, d)) = (mask.size_px(), (camera.width_px, camera.height_px));
+            refuse(
+                format!("the mask has {a}x{b} px, the images have {c}x{d}"),
+                "draw it over an image of this camera",
+            );
+        }
+        Some(Mask::Pixels(mask)) if mask.seen_share() < MIN_SEEN_SHARE => refuse(
+            format!("the mask leaves {:.1} % of the image", 100.0 * mask.seen_share()),
+            "black is what is ignored, white what is looked at; are they exchanged?",
+        ),
+        Some(Mask::Pixels(_)) => {}
+    }
 }
 
 fn check_distortion(camera: &CameraConfig, key: &str, found: &mut Vec<Violation>) {

@@ -139,6 +139,7 @@ const CAMERA_ROWS: &[Row<CameraConfig>] = &[
     ("height_px",   |c| c.height_px as f64, 64.0, 4096.0, PX),
     ("rate_hz",     |c| c.rate_hz,          1.0,  500.0,  "write it in frames per second (is this a period?)"),
     ("readout_s",   |c| c.readout_s,        0.0,  0.1,    "write it in seconds (is this in ms?); 0 for a global shutter"),
+    ("exposure_s",  |c| c.exposure_s,       0.0,  0.2,    "write it in seconds (is this in ms?); 0 where it is unknown"),
     ("focal_px[0]", |c| c.focal_px[0],      10.0, 2e4,    "write it in pixels (is this in mm?)"),
     ("focal_px[1]", |c| c.focal_px[1],      10.0, 2e4,    "write it in pixels (is this in mm?)"),
 ];

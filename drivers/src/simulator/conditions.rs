@@ -112,10 +112,14 @@ const KINDS: &[Kind] = &[
     Kind {
         name: "vehicle-parts",
         about: "Legs and turning rotors of the vehicle in the corners of the images, and specks of rain",
-        doses: &[Dose::new("specks in an image", 60.0, 2000.0)],
+        doses: &[
+            Dose::new("specks in an image", 60.0, 2000.0),
+            Dose::new("1 for masks of legs and rotors", 0.0, 1.0),
+        ],
         cases: &[&[]],
-        apply: |scenario, [specks, ..]| {
+        apply: |scenario, [specks, masked, _]| {
             scenario.vehicle_parts = true;
+            scenario.masks_vehicle_parts = *masked > 0.5;
             scenario.effects.specks = specks.round() as u32;
         },
     },

@@ -113,6 +113,25 @@ fn parts_of_the_vehicle_stay_in_the_corners() {
 }
 
 #[test]
+fn masks_hide_the_parts_of_the_vehicle_and_little_else() {
+    let [with, without] = [flight_in(Scene::Room, "vehicle-parts:0:1"), flight(Scene::Room, |_| {})];
+    for (camera, configured) in with.config().camera.iter().enumerate() {
+        let mask = configured.mask.as_ref().unwrap().pixels().unwrap();
+        assert!((0.75..0.97).contains(&mask.seen_share()), "{}", mask.seen_share());
+        for index in [0, 40, 79] {
+            let [a, b] = [&with, &without].map(|simulator| {
+                let mut image = GrayImage::new(1, 1);
+                simulator.render_camera(index, camera, &mut simulator.scratch(), &mut image);
+                image
+            });
+            let pixels = a.pixels().iter().zip(b.pixels()).zip(mask.pixels());
+            let seen = pixels.filter(|((a, b), is_seen)| *is_seen && a.abs_diff(**b) > 4).count();
+            assert_eq!(seen, 0, "camera {camera}, image {index}");
+        }
+    }
+}
+
+#[test]
 fn night_is_dark_and_noisy() {
     let day = flight(Scene::Room, |_| {});
     let night = flight_in(Scene::Room, "night");

@@ -14,6 +14,8 @@ fn camera(focal_px: [f64; 2], centre_px: [f64; 2], d: [f64; 4], pose_b_c: [[f64;
         height_px: 480,
         rate_hz: 20.0,
         readout_s: 0.0,
+        exposure_s: 0.0,
+        mask: None,
         focal_px,
         centre_px,
         distortion,

@@ -1,5 +1,6 @@
 //! What is to be simulated.
 
+use super::actors::vehicle_masks;
 use super::imu::{CLIPPED_RANGE_M_S2, ImuModel};
 use super::samples::residual;
 use super::station::Station;
@@ -9,7 +10,7 @@ use super::{Effects, ImuEffects, Inertial, LEAD_S, Scene, Trajectory, hand, laps
 use crate::tum::read_tum;
 use crate::{DriverError, StampedPose};
 use nalgebra::{UnitQuaternion, Vector3};
-use plumbline_config::options::{Mounting, VehicleConfig};
+use plumbline_config::options::{Mask, Mounting, VehicleConfig};
 use plumbline_config::{Config, Portable, Timestamp};
 use std::path::PathBuf;
 
@@ -93,6 +94,8 @@ pub struct Scenario {
     pub people: Option<People>,
     /// Whether legs and rotors of the vehicle are in view.
     pub vehicle_parts: bool,
+    /// Whether the rig has masks of these parts.
+    pub masks_vehicle_parts: bool,
     /// By how much the intrinsics that the estimator believes are off.
     pub intrinsics_error: IntrinsicsError,
 }
@@ -149,6 +152,7 @@ impl Default for Scenario {
             surroundings: Surroundings::Usual,
             people: None,
             vehicle_parts: false,
+            masks_vehicle_parts: false,
             intrinsics_error: IntrinsicsError::default(),
         }
     }
@@ -255,6 +259,15 @@ impl Scenario {
         if self.effects.readout_s > 0.0 {
             rig.camera.iter_mut().for_each(|camera| camera.readout_s = self.effects.readout_s);
         }
+        if self.effects.exposure_s > 0.0 {
+            rig.camera.iter_mut().for_each(|camera| camera.exposure_s = self.effects.exposure_s);
+        }
+        if self.masks_vehicle_parts {
+            let masks = vehicle_masks(&rig.camera);
+            for (camera, mask) in rig.camera.iter_mut().zip(masks) {
+                camera.mask = Some(Mask::Pixels(mask));
+            }
+        }
         rig
     }
 
@@ -353,6 +366,9 @@ pub fn scaled_config(config: &Config, scale: f64) -> Config {
         camera.height_px = (camera.height_px as f64 * scale).round() as usize;
         camera.focal_px = camera.focal_px.map(|f| f * scale);
         camera.centre_px = camera.centre_px.map(|c| (c + 0.5) * scale - 0.5);
+        if let Some(Mask::Pixels(mask)) = &mut camera.mask {
+            *mask = mask.resized(camera.width_px, camera.height_px);
+        }
     }
     scaled
 }

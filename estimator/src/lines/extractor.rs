@@ -15,8 +15,9 @@ use super::refine::Refiner;
 use super::seeds::Seeds;
 use super::segment::Segment;
 use super::validation::{ALIGNED_BY_CHANCE, ALIGNED_BY_CHANCE_AT_HALF, Validation};
+use crate::image::mask::ImageMask;
 use crate::work_budget::WorkBudget;
-use plumbline_config::options::LinesConfig;
+use plumbline_config::options::{LinesConfig, PixelMask};
 use plumbline_config::{ImageView, Portable};
 
 /// One ridge may be probed for so many visits of the budget.
@@ -27,6 +28,9 @@ const MIN_DENSITY: f32 = 0.7;
 const SHARE_AT_HALF: f32 = 0.7;
 /// What a segment may gain at its ends is this much at least, px: one so much too short is looked at in the whole image.
 const MAY_GAIN_PX: f32 = 4.0;
+
+/// Reach of the filters of the halved image, px of the whole one: edges keep this distance from what a mask hides.
+const FILTER_REACH_PX: usize = 6;
 
 /// Work and outcome of one image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -63,6 +67,21 @@ pub struct LineExtractor {
     figures: ExtractionFigures,
     max_visits: usize,
     max_segments: usize,
+    mask: Option<LineMask>,
+}
+
+/// What of the images is hidden from lines.
+#[derive(Clone, Debug)]
+struct LineMask {
+    whole: ImageMask,
+    halved: ImageMask,
+}
+
+impl LineMask {
+    fn new(mask: &PixelMask) -> Self {
+        let whole = ImageMask::new(mask, FILTER_REACH_PX);
+        Self { halved: whole.halved(), whole }
+    }
 }
 
 impl LineExtractor {
@@ -87,8 +106,14 @@ impl LineExtractor {
             figures: ExtractionFigures::default(),
             max_visits: options.max_visits,
             max_segments: options.max_segments,
+            mask: None,
             options: options.clone(),
         }
+    }
+
+    /// Looks from now on only at what `mask` leaves.
+    pub fn set_mask(&mut self, mask: &PixelMask) {
+        self.mask = Some(LineMask::new(mask));
     }
 
     /// Limits visits and segments from now on.
@@ -134,7 +159,7 @@ impl LineExtractor {
             return None;
         }
         let threshold = self.threshold();
-        self.seeds.find(&mut self.gradients, image, threshold);
+        self.seeds.find(&mut self.gradients, image, threshold, self.mask.as_ref().map(|mask| &mask.halved));
         self.find();
         self.keep(image);
         self.merged.clear();
@@ -161,8 +186,9 @@ impl LineExtractor {
         filter::clearest_first(&mut self.candidates);
         self.candidates.truncate(self.max_segments);
         self.kept.clear();
+        let mask = self.mask.as_ref().map(|mask| &mask.whole);
         for coarse in &self.candidates {
-            if let Some(refined) = self.refiner.refine(image, coarse)
+            if let Some(refined) = self.refiner.refine(image, coarse, mask)
                 && refined.segment.length() >= least
                 && self.validation.is_meaningful(refined.tried, refined.found)
             {
@@ -208,5 +234,46 @@ impl LineExtractor {
             return None;
         }
         Some(Segment::through(self.growth.places(), &grown.direction)?.whole())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use plumbline_config::GrayImage;
+
+    /// Two dark bars, upright and 20 px wide: from column 40 and from column 200 on.
+    fn two_bars() -> GrayImage {
+        let pixels = (0..320 * 240).map(|k| k % 320).map(|u| match u {
+            40..60 | 200..220 => 40,
+            _ => 180,
+        });
+        GrayImage::from_pixels(320, 240, pixels.collect()).expect("size")
+    }
+
+    fn columns(mask: Option<&PixelMask>) -> Vec<f32> {
+        let mut extractor = LineExtractor::new(320, 240, &LinesConfig::default());
+        mask.into_iter().for_each(|mask| extractor.set_mask(mask));
+        let segments = extractor.extract(&two_bars().view()).expect("size");
+        segments.iter().flat_map(|segment| [segment.start.x, segment.end.x]).collect()
+    }
+
+    #[test]
+    fn what_is_masked_has_no_segments_and_the_rest_keeps_its_own() {
+        let all = columns(None);
+        assert!(all.iter().any(|x| *x < 100.0) && all.iter().any(|x| *x > 100.0), "{all:?}");
+        let left = PixelMask::of(320, 240, |u, _| u > 100);
+        let kept: Vec<f32> = all.iter().copied().filter(|x| *x > 100.0).collect();
+        assert_eq!(columns(Some(&left)), kept);
+    }
+
+    #[test]
+    fn a_segment_ends_before_the_mask() {
+        let lower = PixelMask::of(320, 240, |_, v| v < 160);
+        let mut extractor = LineExtractor::new(320, 240, &LinesConfig::default());
+        extractor.set_mask(&lower);
+        let segments = extractor.extract(&two_bars().view()).expect("size");
+        assert!(segments.len() >= 4, "{segments:?}");
+        assert!(segments.iter().all(|segment| segment.start.y < 160.0 && segment.end.y < 160.0));
     }
 }

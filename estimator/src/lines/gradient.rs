@@ -12,6 +12,7 @@
 //! cache. What growth reads of a pixel, its gradient and its marks, is one word: following an edge is bound
 //! by memory.
 
+use crate::image::mask::ImageMask;
 use nalgebra::Vector2;
 use plumbline_config::ImageView;
 
@@ -177,6 +178,14 @@ impl Gradients {
     /// All pixels, row by row, to be marked.
     pub fn pixels_mut(&mut self) -> &mut [Pixel] {
         &mut self.pixels
+    }
+
+    /// Makes everything flat that `mask` hides, at half the resolution: no edge leads there.
+    pub fn hide(&mut self, mask: &ImageMask) {
+        for index in mask.hidden() {
+            self.pixels[index] = Pixel::default();
+            self.magnitudes[index] = 0;
+        }
     }
 
     /// Computes the gradients of an image, with no pixel marked, and hands column, row and magnitude of the ridges

@@ -7,6 +7,7 @@
 //! all these places by total least squares.
 
 use super::segment::{Place, Segment};
+use crate::image::mask::ImageMask;
 use nalgebra::{Matrix3, Vector2, Vector3};
 use plumbline_config::{ImageView, Portable};
 
@@ -73,8 +74,14 @@ impl Refiner {
 
     /// Where the edge of `coarse` lies in the image; `None` where it is not seen. `coarse` is in pixels of the whole image, its
     /// strength in grey levels per halved pixel.
-    pub fn refine(&mut self, image: &ImageView<'_>, coarse: &Segment) -> Option<Refined> {
-        let edge = Edge::of(image, coarse);
+    /// What `mask` hides is not looked at.
+    pub fn refine(
+        &mut self,
+        image: &ImageView<'_>,
+        coarse: &Segment,
+        mask: Option<&ImageMask>,
+    ) -> Option<Refined> {
+        let edge = Edge::of(image, coarse, mask);
         let (a, b) = (edge.axes(&coarse.start).0, edge.axes(&coarse.end).0);
         let (first, last) = (a.at_most(b), a.at_least(b));
         let (centre, is_long) = (0.5 * (first + last), last - first >= BENT_FROM_PX);
@@ -169,6 +176,7 @@ impl Curve {
 #[derive(Clone, Copy, Debug)]
 struct Edge<'a> {
     image: &'a ImageView<'a>,
+    mask: Option<&'a ImageMask>,
     /// The major axis is that of the rows: y.
     is_steep: bool,
     /// 1 where the image brightens along the minor axis, else -1.
@@ -178,13 +186,13 @@ struct Edge<'a> {
 }
 
 impl<'a> Edge<'a> {
-    fn of(image: &'a ImageView<'a>, segment: &Segment) -> Self {
+    fn of(image: &'a ImageView<'a>, segment: &Segment, mask: Option<&'a ImageMask>) -> Self {
         let direction = segment.direction();
         let is_steep = direction.y.abs() > direction.x.abs();
         // The gradient points to the right of the direction.
         let is_brighter = if is_steep { direction.y < 0.0 } else { direction.x > 0.0 };
         let sign = if is_brighter { 1 } else { -1 };
-        Self { image, is_steep, sign, threshold: (MIN_SHARE * FILTER_GAIN * segment.strength) as i32 }
+        Self { image, mask, is_steep, sign, threshold: (MIN_SHARE * FILTER_GAIN * segment.strength) as i32 }
     }
 
     /// Coordinates along the major and the minor axis.
@@ -222,7 +230,9 @@ impl<'a> Edge<'a> {
             self.steepest(|k| self.image.pixel(row, from + k))
         }?;
         let minor = nearest as f32 + offset;
-        Some(Crossing { major: major as f32, minor, strength: response / FILTER_GAIN, weight: 1.0 })
+        let crossing = Crossing { major: major as f32, minor, strength: response / FILTER_GAIN, weight: 1.0 };
+        let is_hidden = |mask: &ImageMask| mask.hides_px(&self.place(&crossing).px.cast());
+        (!self.mask.is_some_and(is_hidden)).then_some(crossing)
     }
 
     /// Distance of the steepest place from the middle of a profile of [`PROFILE`] grey levels, and the response there, if it
@@ -298,7 +308,7 @@ mod tests {
                 let f = |major: f64| 60.3 + slope * (major - 65.0);
                 let image = image(is_steep, f);
                 let mut refiner = Refiner::new(SIZE.0, SIZE.1);
-                let refined = refiner.refine(&image.view(), &coarse(is_steep, f)).expect("is seen");
+                let refined = refiner.refine(&image.view(), &coarse(is_steep, f), None).expect("is seen");
                 let support = refined.segment.support;
                 assert!((70.0..=74.0).contains(&support), "{support} px");
                 for node in refined.segment.nodes {
@@ -318,7 +328,7 @@ mod tests {
         let mut refiner = Refiner::new(SIZE.0, SIZE.1);
         let coarse =
             Segment { start: Vector2::new(33.0, 54.9), end: Vector2::new(97.0, 67.7), ..coarse(false, f) };
-        let refined = refiner.refine(&image.view(), &coarse).expect("is seen");
+        let refined = refiner.refine(&image.view(), &coarse, None).expect("is seen");
         assert!(refined.segment.support >= 68.0, "{} of 71 are crossed", refined.segment.support);
         let bend = refined.segment.nodes.map(|n| f64::from(n.px.y) - f(f64::from(n.px.x)));
         assert!(bend.iter().all(|off| off.abs() < 0.15), "{bend:?}");
@@ -329,10 +339,10 @@ mod tests {
         let f = |major: f64| 60.3 + 0.37 * (major - 65.0);
         let flat = GrayImage::from_pixels(SIZE.0, SIZE.1, vec![90; SIZE.0 * SIZE.1]).expect("size");
         let mut refiner = Refiner::new(SIZE.0, SIZE.1);
-        assert!(refiner.refine(&flat.view(), &coarse(false, f)).is_none());
+        assert!(refiner.refine(&flat.view(), &coarse(false, f), None).is_none());
         // Nor is an edge whose other side is the brighter one.
         let turned = Segment { start: coarse(false, f).end, end: coarse(false, f).start, ..coarse(false, f) };
-        assert!(refiner.refine(&image(false, f).view(), &turned).is_none());
+        assert!(refiner.refine(&image(false, f).view(), &turned, None).is_none());
     }
 
     #[test]
@@ -340,7 +350,7 @@ mod tests {
         let mut refiner = Refiner::new(SIZE.0, SIZE.1);
         for f in [|_: f64| 2.0, |_: f64| 118.5, |major: f64| 1.2 * (major - 90.0)] {
             for is_steep in [false, true] {
-                let _ = refiner.refine(&image(is_steep, f).view(), &coarse(is_steep, f));
+                let _ = refiner.refine(&image(is_steep, f).view(), &coarse(is_steep, f), None);
             }
         }
     }

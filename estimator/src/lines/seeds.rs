@@ -5,6 +5,7 @@
 //! of an image with too many only the strongest are.
 
 use super::gradient::{Gradients, REDUCTION, SCALE, components};
+use crate::image::mask::ImageMask;
 use crate::image::patch::whole;
 use nalgebra::Vector2;
 use plumbline_config::{ImageView, Portable};
@@ -70,15 +71,26 @@ impl Seeds {
         self.is_cut_short
     }
 
-    /// Computes the gradients of an image and finds its seeds, with gradients above `threshold` steps.
-    pub fn find(&mut self, gradients: &mut Gradients, image: &ImageView<'_>, threshold: i16) {
+    /// Computes the gradients of an image and finds its seeds, with gradients above `threshold` steps. What `mask` hides, at half the
+    /// resolution, has none.
+    pub fn find(
+        &mut self,
+        gradients: &mut Gradients,
+        image: &ImageView<'_>,
+        threshold: i16,
+        mask: Option<&ImageMask>,
+    ) {
         let mut counts = [0; BUCKETS];
         self.found.clear();
         gradients.compute(image, threshold, |x, y, magnitude| {
+            if mask.is_some_and(|mask| mask.hides(x, y)) {
+                return;
+            }
             let seed = Seed { x: x as u16, y: y as u16, magnitude };
             counts[seed.bucket()] += 1;
             self.found.push(seed);
         });
+        mask.iter().for_each(|mask| gradients.hide(mask));
         self.is_cut_short = self.found.len() > self.max_probed;
         let (weakest, mut quota) = self.cut(&counts);
         self.found.retain(|seed| {
@@ -183,7 +195,7 @@ mod tests {
         let values = (0..width * height).map(|i| pixels(i % width, i / width)).collect();
         let image = GrayImage::from_pixels(width, height, values).expect("size");
         let mut seeds = Seeds::new(width, height, max_probed);
-        seeds.find(&mut Gradients::new(width, height), &image.view(), 500);
+        seeds.find(&mut Gradients::new(width, height), &image.view(), 500, None);
         seeds.ordered().to_vec()
     }
 

@@ -14,7 +14,7 @@ use crate::estimate::{Stage, StageProbe};
 use crate::shutter::RowTurns;
 use crate::work_budget::{Fork, WorkBudget};
 use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector2, Vector3};
-use plumbline_config::options::LinesConfig;
+use plumbline_config::options::{LinesConfig, PixelMask};
 use plumbline_config::{CameraModel, ImageView};
 
 /// A track is expected for this many frames without being seen.
@@ -163,6 +163,13 @@ impl LineTracker {
             figures: LineFigures::default(),
             max_tracks: room,
             next_id: 0,
+        }
+    }
+
+    /// Looks from now on only at what the masks of the cameras leave, where there are any.
+    pub fn set_masks(&mut self, masks: [Option<&PixelMask>; 2]) {
+        for (view, mask) in self.views.iter_mut().zip(masks) {
+            mask.into_iter().for_each(|mask| view.extractor.set_mask(mask));
         }
     }
 

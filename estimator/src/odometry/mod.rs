@@ -54,7 +54,7 @@ use measurements::Measurer;
 use nalgebra::Vector3;
 use pair::PairWatch;
 use plumbline_config::options::HealthConfig;
-use plumbline_config::{CameraModel, Timestamp, ValidSetup};
+use plumbline_config::{CameraModel, Portable, Timestamp, ValidSetup};
 use reset::Memory;
 use rotation_watch::RotationWatch;
 use silent::report_stuck;
@@ -65,6 +65,8 @@ use zero_velocity::ZeroVelocityDetector;
 const FEW_LANDMARKS: usize = 20;
 /// Frames further apart than this many periods have lost frames between them.
 const FRAME_GAP_PERIODS: f64 = 1.5;
+/// An image is blurred if a turn moves what is seen in its middle by this much while it is exposed, px: a quarter of a patch.
+const BLURRED_PX: f64 = 3.0;
 /// Samples whose mean is the angular rate of a frame reach back this far, s: two or three of them, against vibration.
 const RATE_SPAN_S: f64 = 0.01;
 
@@ -107,6 +109,8 @@ pub struct Odometer {
     options: Options,
     noise: ImuNoise,
     focal_px: f64,
+    /// Longest exposure of either camera, s.
+    exposure_s: f64,
     /// Inertial samples.
     pub imu: ImuBuffer,
     /// The window.
@@ -175,6 +179,7 @@ impl Odometer {
             },
             noise: ImuNoise::of(imu),
             focal_px: setup.left().focal_px[0],
+            exposure_s: setup.camera.iter().fold(0.0, |most, c| c.exposure_s.at_least(most)),
             imu: ImuBuffer::of(imu),
             measurer: Measurer::new(cameras, &setup.estimator.points, &setup.estimator.lines)
                 .with_readouts(readouts(setup)),
@@ -340,6 +345,9 @@ impl Odometer {
         let rate_b = imu_mean.map_or_else(Vector3::zeros, |(gyro, _)| gyro - bias_gyro);
         let rate_c = [0, 1].map(|c| self.window.rig.pose_b_c(c).rotation.inverse() * rate_b);
         self.rate_b = self.rate_at(stamp, &bias_gyro).unwrap_or(rate_b);
+        if self.blur_px() > BLURRED_PX {
+            health.insert(HealthBits::BLURRED);
+        }
         self.vibration = self.imu.vibration(stamp);
         // The front-end does not know the outliers of the frame before yet.
         let outliers = self.window.outliers();
@@ -356,6 +364,12 @@ impl Odometer {
             health.insert(HealthBits::STATIONARY);
         }
         self.measurer.remember(observations);
+    }
+
+    /// Way of what the middle of the left image shows during an exposure, by the turn of the camera, px.
+    fn blur_px(&self) -> f64 {
+        let rate_c = self.window.rig.pose_b_c(0).rotation.inverse() * self.rate_b;
+        rate_c.xy().norm() * self.exposure_s * self.focal_px
     }
 
     /// Angular rate of the body at `stamp`, bias removed, rad/s: by the newest samples, so that the image rates predicted

@@ -33,6 +33,8 @@ pub fn config(cameras: usize) -> ValidSetup {
         height_px: 480,
         rate_hz: 20.0,
         readout_s: 0.0,
+        exposure_s: 0.0,
+        mask: None,
         focal_px: [458.0, 457.0],
         centre_px: [367.0, 248.0],
         distortion: Distortion::RadialTangential { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0 },

@@ -5,6 +5,7 @@
 //! nowhere else. Where texture is poor, weaker corners are taken too, but never ones within the noise.
 
 use crate::image::Plane;
+use crate::image::mask::ImageMask;
 use nalgebra::Vector2;
 
 /// Half the window of the structure tensor: 7x7 px, the core of the tracked patch.
@@ -68,6 +69,9 @@ pub struct CornerDetector {
     stride: usize,
     corners: Vec<Corner>,
     map: ScoreMap,
+    mask: Option<ImageMask>,
+    /// Cells without a pixel that the mask leaves.
+    hidden_cells: Vec<usize>,
 }
 
 impl CornerDetector {
@@ -89,7 +93,22 @@ impl CornerDetector {
             stride: coprime_step(cells),
             corners: Vec::with_capacity(cells),
             map: ScoreMap::EMPTY,
+            mask: None,
+            hidden_cells: Vec::new(),
         }
+    }
+
+    /// Takes no corners from now on that `mask` hides.
+    pub fn set_mask(&mut self, mask: ImageMask) {
+        let columns = self.width.div_ceil(self.cell_px);
+        let is_hidden = |cell: &usize| {
+            let start = [cell % columns, cell / columns].map(|k| k * self.cell_px);
+            let (us, vs) = (start[0]..start[0] + self.cell_px, start[1]..start[1] + self.cell_px);
+            let (us, vs) = (us.start..us.end.min(self.width), vs.start..vs.end.min(self.height));
+            vs.clone().all(|v| us.clone().all(|u| mask.hides(u, v)))
+        };
+        self.hidden_cells = (0..self.taken.len()).filter(is_hidden).collect();
+        self.mask = Some(mask);
     }
 
     /// The best corners of the cells that hold none of `existing`, best first (ties: by row, then column).
@@ -148,6 +167,7 @@ impl CornerDetector {
                 *taken = true;
             }
         }
+        self.hidden_cells.iter().for_each(|cell| self.taken[*cell] = true);
     }
 
     fn best_of_cell(
@@ -166,11 +186,13 @@ impl CornerDetector {
         let place = |x: usize, y: usize| Vector2::new((x0 + x) as f32, (y0 + y) as f32);
         let distance = MIN_DISTANCE_CELLS * self.cell_px as f32;
         // All of them, without an end at the first that is near: many at a time.
+        let mask = self.mask.as_ref();
         let is_free = |x: usize, y: usize| {
             let px = place(x, y);
-            existing
+            let is_far = existing
                 .iter()
-                .fold(true, |free, other| free & ((other - px).norm_squared() >= distance * distance))
+                .fold(true, |free, other| free & ((other - px).norm_squared() >= distance * distance));
+            is_far && !mask.is_some_and(|mask| mask.hides(x0 + x, y0 + y))
         };
         let (x, y, score) = self.map.best(plane, [x0, y0], [x1 - x0, y1 - y0], is_free)?;
         Some(Corner { px: place(x, y), score })

@@ -4,6 +4,7 @@ use super::stereo::{MAX_DIVERGENCE_PX, NEAREST_M, StereoPair};
 use super::template::{ReferencePatch, RefineLimits};
 use super::temporal::is_recognised;
 use super::track::{StereoMemory, Track};
+use crate::image::mask::ImageMask;
 use nalgebra::{Matrix2, Vector2};
 
 /// Largest distance between the predicted and the found pixel of a known point, px.
@@ -29,6 +30,8 @@ pub(super) struct Pairing<'a> {
     pub border_px: f64,
     /// Whether positions are refined against the reference.
     pub use_reference: bool,
+    /// What the second camera does not look at.
+    pub mask: Option<&'a ImageMask>,
 }
 
 impl Pairing<'_> {
@@ -99,6 +102,7 @@ impl Pairing<'_> {
         let camera = self.pair.to.0;
         let px = px.cast::<f64>();
         camera.model.contains(&px, self.border_px).then_some(())?;
+        (!self.mask.is_some_and(|mask| mask.hides_px(&px))).then_some(())?;
         let xy_to = camera.unproject(&px)?;
         let geometry = self.pair.baseline.triangulate(xy, &xy_to, camera.focal_px())?;
         let disparity_per_depth = self.pair.baseline.translation.norm() * camera.focal_px();

@@ -5,6 +5,7 @@ use super::rig::{Prediction, RigCamera, predict};
 use super::template::{ReferencePatch, RefineLimits};
 use super::track::Track;
 use crate::image::Pyramid;
+use crate::image::mask::ImageMask;
 use nalgebra::{Matrix2, Rotation3, Vector2, Vector3};
 
 /// Least correlation with the patch of the previous frame.
@@ -70,9 +71,16 @@ pub(super) enum Followed {
 }
 
 impl Transition<'_> {
-    /// Moves the track to the current image, or marks it unseen there.
-    pub fn follow(&self, track: &mut Track, reference: &ReferencePatch) -> Followed {
-        let outcome = self.try_follow(track, reference);
+    /// Moves the track to the current image, or marks it unseen there; what `mask` hides is unseen.
+    pub fn follow(
+        &self,
+        track: &mut Track,
+        reference: &ReferencePatch,
+        mask: Option<&ImageMask>,
+    ) -> Followed {
+        let is_hidden = |px: Vector2<f64>| mask.is_some_and(|mask| mask.hides_px(&px));
+        let outcome =
+            self.try_follow(track, reference).filter(|_| !track.px[self.index].is_some_and(is_hidden));
         if outcome.is_none() {
             track.unsee(self.index);
         }

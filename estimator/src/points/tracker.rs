@@ -14,12 +14,14 @@ use super::temporal::{Followed, Transition};
 use super::track::{Track, TrackStore};
 use crate::estimate::{Stage, StageProbe};
 use crate::image::Pyramid;
+use crate::image::mask::ImageMask;
 use crate::image::noise::NoiseWatch;
+use crate::image::patch::SIDE;
 use crate::image::pyramid::Smoothing;
 use crate::shutter::RowTurns;
 use crate::work_budget::Fork;
 use nalgebra::{Isometry3, UnitQuaternion, Vector2};
-use plumbline_config::options::PointsConfig;
+use plumbline_config::options::{PixelMask, PointsConfig};
 use plumbline_config::{CameraModel, ImageView, Portable};
 
 /// New points a frame beside a full set of tracks; bounds the worst frame.
@@ -32,6 +34,9 @@ const MAX_SEARCHES: usize = 30;
 const MAX_WITHOUT_LEFT: u32 = 3;
 /// Two tracks closer than this follow the same corner, px: the younger one goes.
 const MIN_SEPARATION_PX: f64 = 4.0;
+
+/// Points keep this distance from what a mask hides, px: half a patch, which looks at what is around a point.
+const PATCH_REACH_PX: usize = SIDE / 2;
 
 /// One frame for the tracker.
 #[derive(Clone, Copy, Debug)]
@@ -137,6 +142,7 @@ pub struct PointTracker {
     rig: Vec<RigCamera>,
     views: Vec<View>,
     detectors: Vec<CornerDetector>,
+    masks: [Option<ImageMask>; 2],
     filter: OutlierFilter,
     store: TrackStore,
     taken: Vec<Vector2<f32>>,
@@ -161,6 +167,7 @@ impl PointTracker {
             rig: cameras.iter().map(|&c| RigCamera::new(c)).collect(),
             views: cameras.iter().map(|c| View::new(c, options.pyramid_levels, options.denoise)).collect(),
             detectors: cameras.iter().map(detector).collect(),
+            masks: [None, None],
             filter: OutlierFilter::new(options.max_points),
             store: TrackStore::new(options.max_points),
             taken: Vec::with_capacity(options.max_points),
@@ -168,6 +175,14 @@ impl PointTracker {
             figures: TrackerFigures::default(),
             frame: 0,
             limit: options.max_points,
+        }
+    }
+
+    /// Looks from now on only at what the masks of the cameras leave, where there are any.
+    pub fn set_masks(&mut self, masks: [Option<&PixelMask>; 2]) {
+        self.masks = masks.map(|mask| mask.map(|mask| ImageMask::new(mask, PATCH_REACH_PX)));
+        for (detector, mask) in self.detectors.iter_mut().zip(&self.masks) {
+            mask.iter().for_each(|mask| detector.set_mask(mask.clone()));
         }
     }
 
@@ -226,6 +241,13 @@ impl PointTracker {
             }
         }
         given
+    }
+
+    /// Pyramids of the images of the last frame, where there were any, until they are exchanged.
+    #[must_use]
+    pub fn newest_images(&self) -> [Option<&Pyramid>; 2] {
+        let shown = |view: &&View| view.has_previous && view.previous_frame == self.frame;
+        [0, 1].map(|c| self.views.get(c).filter(shown).map(|view| &view.previous))
     }
 
     /// Counts of the last frame.
@@ -303,8 +325,10 @@ impl PointTracker {
         for (track, reference) in self.store.iter_mut() {
             track.came_by = None;
             let usable = transitions.iter().flatten().filter(|t| track.px[t.index].is_some());
-            let outcome =
-                usable.min_by_key(|t| t.frames).map_or(Followed::Lost, |t| t.follow(track, reference));
+            let outcome = usable.min_by_key(|t| t.frames).map_or(Followed::Lost, |t| {
+                let mask = self.masks[t.index].as_ref();
+                t.follow(track, reference, mask)
+            });
             let counter = match outcome {
                 Followed::Refined => &mut self.figures.refined,
                 Followed::FlowOnly => &mut self.figures.flow_only,
@@ -340,6 +364,7 @@ impl PointTracker {
         let mut searches = 0;
         for (from, to) in [(0, 1), (1, 0)] {
             let Some(pairing) = pairing(&self.rig, &self.views, &self.options, self.use_reference, from, to)
+                .map(|pairing| Pairing { mask: self.masks[to].as_ref(), ..pairing })
             else {
                 continue;
             };
@@ -395,7 +420,8 @@ impl PointTracker {
         let max_new = (MAX_NEW_BESIDE_TRACKS + free / 2).min(free);
         let demand = Demand { wanted: self.taken.len() + free, max_new };
         let view = &self.views[c];
-        let pairing = pairing(&self.rig, &self.views, &self.options, self.use_reference, c, 1 - c);
+        let pairing = pairing(&self.rig, &self.views, &self.options, self.use_reference, c, 1 - c)
+            .map(|pairing| Pairing { mask: self.masks[1 - c].as_ref(), ..pairing });
         for corner in self.detectors[c].detect(&view.current.plane(0), &self.taken, &demand) {
             let px = corner.px.cast::<f64>();
             let Some(xy) = self.rig[c].unproject(&px) else { continue };
@@ -456,5 +482,6 @@ fn pairing<'a>(
         max_epipolar_px: f64::from(options.max_epipolar_px),
         border_px: options.border_px as f64,
         use_reference,
+        mask: None,
     })
 }

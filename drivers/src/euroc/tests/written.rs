@@ -84,6 +84,8 @@ fn config() -> Config {
         height_px: SIZE.1,
         rate_hz: 20.0,
         readout_s: 0.0,
+        exposure_s: 0.0,
+        mask: None,
         focal_px: [458.654, 457.296],
         centre_px: [8.0, 6.0],
         distortion: Distortion::RadialTangential { k1: -0.283, k2: 0.0739, p1: 1.9e-4, p2: 1.76e-5 },

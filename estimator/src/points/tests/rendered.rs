@@ -2,7 +2,9 @@
 
 use super::scene::{Flight, HEIGHT, Scene, Shot, WIDTH, extrinsics, model, sway};
 use crate::image::Pyramid;
+use crate::image::mask::ImageMask;
 use crate::image::noise::NoiseWatch;
+use crate::image::patch::SIDE;
 use crate::image::synthetic::Texture;
 use crate::points::corners::{CornerDetector, Demand};
 use crate::points::flow::{FlowOptions, track_patch};
@@ -11,6 +13,7 @@ use crate::work_budget::InTurn;
 use nalgebra::{Isometry3, Matrix2, Point3, UnitQuaternion, Vector2};
 use plumbline_config::GrayImage;
 use plumbline_config::Random;
+use plumbline_config::options::PixelMask;
 use std::collections::BTreeMap;
 
 /// Compares observations with the truth: the point of a track is where its first ray met the scene.
@@ -309,4 +312,32 @@ fn noisy_images_are_tracked_alike_whether_or_not_their_pyramids_go_round() {
         let before = exchanged.tracker.frame() - 1;
         assert!(frame == 0 || exchanged.tracker.exchange_images(before, &mut others) == [true; 2]);
     }
+}
+
+#[test]
+fn masked_pixels_have_no_points_and_no_mask_changes_nothing_elsewhere() {
+    // Left a bar on the right, which tracks walk into; right the upper third.
+    let masks = [
+        PixelMask::of(WIDTH, HEIGHT, |u, _| u < WIDTH - 90),
+        PixelMask::of(WIDTH, HEIGHT, |_, v| 3 * v > HEIGHT),
+    ];
+    let run = |masks: [Option<&PixelMask>; 2]| {
+        let mut flight = Flight::new(Scene::new(5, 3.0), 2);
+        flight.tracker.set_masks(masks);
+        (0..30).map(|k| flight.shoot(&sway(k))).collect::<Vec<_>>()
+    };
+    let hidden = |seen: &PointObservation| {
+        [0, 1].map(|c| seen.px[c].is_some_and(|px| ImageMask::new(&masks[c], SIDE / 2).hides_px(&px)))
+    };
+    let [free, masked] = [run([None, None]), run(masks.each_ref().map(Some))];
+    let count = |frames: &[Vec<PointObservation>], camera: usize| {
+        frames.iter().flatten().filter(|seen| hidden(seen)[camera]).count()
+    };
+    assert!(count(&free, 0) > 100 && count(&free, 1) > 100);
+    assert_eq!([count(&masked, 0), count(&masked, 1)], [0, 0]);
+    assert!(masked.iter().all(|frame| frame.len() > 40), "the rest of the image has its points");
+    let everything = PixelMask::of(WIDTH, HEIGHT, |_, _| true);
+    let same = run([Some(&everything), Some(&everything)]);
+    let bits = |frames: &[Vec<PointObservation>]| format!("{frames:?}");
+    assert_eq!(bits(&same), bits(&free));
 }

@@ -2,6 +2,7 @@
 
 use super::FlightError;
 use plumbline_config::{Config, ConfigError, ValidConfig};
+use std::path::Path;
 use toml::{Table, Value};
 
 /// `config` with every `key=value` of `changes` in place, validated. Keys are dotted paths of the TOML
@@ -21,7 +22,8 @@ pub fn with_overrides(config: &ValidConfig, changes: &[String]) -> Result<ValidC
         set(&mut table, change, &known)?;
     }
     let text = toml::to_string(&table).map_err(|error| unwritable(error.to_string()))?;
-    Config::from_toml_str(&text, &format!("--set {}", changes.join(" ")))
+    // A picture that is named on the command line is looked for from the working directory on.
+    Config::from_toml_in(&text, &format!("--set {}", changes.join(" ")), Path::new(""))
         .map_err(|error| with_suggestions(without_lines(error), &known).into())
 }
 

@@ -31,6 +31,10 @@ class Health(IntFlag):
     IMU_LATE = 1 << 20
     IMAGES_LATE = 1 << 21
     ROTATION_DISPUTED = 1 << 22
+    DARK = 1 << 23
+    BLURRED = 1 << 24
+    VIEW_BLOCKED = 1 << 25
+    LITTLE_TEXTURE = 1 << 26
 
 
 _KNOWN = {bit: name.upper().replace(" ", "_") for bit, name in health_bits()}

@@ -29,6 +29,8 @@ pub fn configuration(
         height_px: camera.model.height_px,
         rate_hz,
         readout_s: 0.0,
+        exposure_s: 0.0,
+        mask: None,
         focal_px: camera.model.focal_px.into(),
         centre_px: camera.model.centre_px.into(),
         distortion: camera.model.distortion,
