@@ -45,6 +45,9 @@ pub struct PointsConfig {
     pub border_px: usize,
     /// Whether noisy images (by night, at a high gain) are smoothed before points are looked for.
     pub denoise: bool,
+    /// Whether only points are tracked whose surroundings do not repeat close by, and matched on the full image: for scenes of fine
+    /// repeated texture.
+    pub unique_only: bool,
     /// Standard deviation of a tracked point, px at full resolution.
     pub sigma_px: f64,
 }
@@ -61,6 +64,7 @@ impl Default for PointsConfig {
             max_epipolar_px: 2.5,
             border_px: 8,
             denoise: true,
+            unique_only: false,
             sigma_px: 0.4,
         }
     }

@@ -109,6 +109,7 @@ impl Extractor {
             baseline: Baseline::between(view.left.0, right.0),
             max_iterations: STEREO_ITERATIONS,
             max_return_px: MAX_RETURN_PX,
+            is_unique_only: false,
         });
         for (px, level) in &self.found {
             let feature = self.describe(view, stereo.as_ref(), px, *level);

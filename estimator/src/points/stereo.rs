@@ -20,6 +20,8 @@ pub const MAX_DIVERGENCE_PX: f64 = 2.0;
 const SEARCH_LEVEL: usize = 2;
 /// Steps of the walk at most: bounds the work for any rig.
 const MAX_STEPS: usize = 96;
+/// Steps of the walk at most on the full image.
+const MAX_FINE_STEPS: usize = 192;
 /// Least correlation on the search level of a candidate.
 const MIN_SEARCH_ZNCC: f32 = 0.4;
 /// Least correlation at full resolution.
@@ -54,6 +56,8 @@ pub struct StereoPair<'a> {
     pub max_iterations: usize,
     /// Largest distance between a point and its return, px.
     pub max_return_px: f32,
+    /// Whether points are compared on the full image alone: on coarse levels fine repeated texture is aliased.
+    pub is_unique_only: bool,
 }
 
 /// A place on the epipolar curve.
@@ -71,7 +75,7 @@ impl StereoPair<'_> {
         let mut best: Option<Candidate> = None;
         let mut second: Option<Candidate> = None;
         for candidate in self.candidates(px, xy, &warp).into_iter().flatten() {
-            let options = FlowOptions { top_level: SEARCH_LEVEL, max_iterations: self.max_iterations };
+            let options = FlowOptions { top_level: self.search_level(), max_iterations: self.max_iterations };
             let found = track_patch((self.from.1, px), (self.to.1, &candidate.px), &warp, &options);
             let Some(found) = found.filter(|f| f.zncc >= MIN_ZNCC && f.last_step_px < MAX_LAST_STEP_PX)
             else {
@@ -124,7 +128,7 @@ impl StereoPair<'_> {
         warp: &Matrix2<f32>,
     ) -> [Option<Candidate>; 2] {
         let mut out = [None; 2];
-        let level = SEARCH_LEVEL.min(self.to.1.level_count() - 1).min(self.from.1.level_count() - 1);
+        let level = self.search_level().min(self.to.1.level_count() - 1).min(self.from.1.level_count() - 1);
         let scale = 1.0 / (1u32 << level) as f32;
         let Some(back) = warp.try_inverse() else { return out };
         let mut template = TranslationTemplate::empty();
@@ -159,7 +163,12 @@ impl StereoPair<'_> {
     /// Steps of about one pixel of the search level over the whole range of depth, for a point ahead.
     fn step_count(&self, scale: f32) -> usize {
         let across = self.baseline.translation.norm() / NEAREST_M * self.to.0.focal_px();
-        ((across * f64::from(scale)) as usize).clamp(1, MAX_STEPS)
+        let most = if self.is_unique_only { MAX_FINE_STEPS } else { MAX_STEPS };
+        ((across * f64::from(scale)) as usize).clamp(1, most)
+    }
+
+    fn search_level(&self) -> usize {
+        if self.is_unique_only { 0 } else { SEARCH_LEVEL }
     }
 }
 

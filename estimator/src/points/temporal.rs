@@ -1,6 +1,7 @@
 //! A track followed from one image of a camera to its next.
 
 use super::flow::{FlowOptions, track_patch};
+use super::repetition::search;
 use super::rig::{Prediction, RigCamera, predict};
 use super::template::{ReferencePatch, RefineLimits};
 use super::track::Track;
@@ -55,6 +56,8 @@ pub(super) struct Transition<'a> {
     pub border_px: f64,
     /// Whether positions are refined against the reference.
     pub use_reference: bool,
+    /// Whether points are unique in their surroundings, and looked for on the full image alone.
+    pub is_unique_only: bool,
 }
 
 /// What became of a track.
@@ -143,6 +146,9 @@ impl Transition<'_> {
     }
 
     fn flow(&self, px: &Vector2<f32>, guess: &Vector2<f32>, warp: &Matrix2<f32>) -> Option<Vector2<f32>> {
+        if self.is_unique_only {
+            return search((self.previous, px), (self.current, guess), warp, self.max_iterations);
+        }
         let options =
             FlowOptions { top_level: self.previous.level_count() - 1, max_iterations: self.max_iterations };
         let found = track_patch((self.previous, px), (self.current, guess), warp, &options)?;

@@ -8,6 +8,7 @@ use super::PointObservation;
 use super::corners::{CornerDetector, Demand};
 use super::outliers::OutlierFilter;
 use super::pairing::Pairing;
+use super::repetition::repeats;
 use super::rig::{Baseline, RigCamera};
 use super::stereo::StereoPair;
 use super::temporal::{Followed, Transition};
@@ -317,6 +318,7 @@ impl PointTracker {
                 max_return_px: self.options.max_forward_backward_px,
                 border_px: self.options.border_px as f64,
                 use_reference: self.use_reference,
+                is_unique_only: self.options.unique_only,
             })
         });
         // Beyond the limit the youngest go.
@@ -425,6 +427,9 @@ impl PointTracker {
         for corner in self.detectors[c].detect(&view.current.plane(0), &self.taken, &demand) {
             let px = corner.px.cast::<f64>();
             let Some(xy) = self.rig[c].unproject(&px) else { continue };
+            if self.options.unique_only && repeats(&view.current, &corner.px) {
+                continue;
+            }
             let Some(track) = self.store.begin(&view.current, &corner.px) else { continue };
             (track.px[c], track.xy[c]) = (Some(px), Some(xy));
             self.figures.new += 1;
@@ -478,6 +483,7 @@ fn pairing<'a>(
             baseline: Baseline::between(&rig[from], &rig[to]),
             max_iterations: options.max_iterations,
             max_return_px: options.max_forward_backward_px,
+            is_unique_only: options.unique_only,
         },
         max_epipolar_px: f64::from(options.max_epipolar_px),
         border_px: options.border_px as f64,
