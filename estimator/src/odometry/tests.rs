@@ -18,6 +18,8 @@ struct Flight {
     mean_nees: f64,
     scale: f64,
     last: Option<Estimate>,
+    /// All that was reported in any frame.
+    health: HealthBits,
     /// Takes coordinates of the world to the odometry frame.
     pose_o_world: nalgebra::Isometry3<f64>,
     /// What the window held at the end.
@@ -75,6 +77,7 @@ fn fly(world: &mut World, duration_s: f64, alive: Alive) -> Flight {
             answer = Some(odometer.process(&tracked, &mut (), &mut feedback));
         });
         let estimate = answer.unwrap();
+        flight.health.insert(estimate.health);
         flight.allocations += memory.count_total;
         tracked.samples.clear();
         if estimate.has_pose() {
@@ -252,4 +255,14 @@ fn time_offset_and_extrinsics_are_found() {
     let last = flight.last.unwrap();
     assert!((last.time_offset_s - 0.008).abs() < 0.001);
     assert!(last.pose_b_c0.rotation.angle_to(&world.pose_b_c[0].rotation) < 0.003);
+}
+
+#[test]
+fn a_long_exposure_in_a_turn_is_reported_as_blur() {
+    for (exposure_s, is_blurred) in [(0.0, false), (0.001, false), (0.04, true)] {
+        let mut setup = config(2).into_inner();
+        setup.camera.iter_mut().for_each(|camera| camera.exposure_s = exposure_s);
+        let flight = fly(&mut World::new(&setup.validate().unwrap(), 3, 300), 3.0, |_| [true; 2]);
+        assert_eq!(flight.health.contains(HealthBits::BLURRED), is_blurred, "{exposure_s} s");
+    }
 }
