@@ -6,7 +6,7 @@ use crate::admission::{ImuDoor, StampGate, StampVerdict};
 use crate::estimate::{FrameFigures, HealthBits, StageProbe};
 use crate::exchange::{Feedback, Tracked, believable_offset, max_samples};
 use crate::geometry::exp_so3;
-use crate::image::condition::ConditionWatch;
+use crate::image::condition::{Condition, ConditionWatch};
 use crate::image::frozen::FrozenWatch;
 use crate::inertial::buffer::IMU_MEMORY_S;
 use crate::inertial::{ImuBuffer, ImuNoise};
@@ -221,7 +221,8 @@ impl FrontEnd {
                 );
             }
         }
-        self.condition.update(self.points.newest_images(), &mut tracked.health);
+        let condition = self.condition.update(self.points.newest_images());
+        report_condition(condition, &mut tracked.health);
         self.last_stamp = Some(stamp);
         self.tracked = [(tracked.sequence, self.points.frame()), self.tracked[0]];
         self.write_observations(tracked);
@@ -391,6 +392,15 @@ fn is_blank(image: &ImageView<'_>) -> bool {
     let count = count.max(1) as f64;
     let mean = sum as f64 / count;
     squares as f64 / count - mean * mean < BLANK_SPREAD * BLANK_SPREAD
+}
+
+/// Says in `health` how poor the images are.
+fn report_condition(condition: Condition, health: &mut HealthBits) {
+    let Condition { is_dark, is_plain, is_blocked } = condition;
+    let bits = [HealthBits::DARK, HealthBits::LITTLE_TEXTURE, HealthBits::VIEW_BLOCKED];
+    for (bit, _) in bits.into_iter().zip([is_dark, is_plain, is_blocked]).filter(|(_, is_so)| *is_so) {
+        health.insert(bit);
+    }
 }
 
 #[cfg(test)]

@@ -46,6 +46,7 @@ mod surroundings;
 mod texture;
 mod trajectory;
 mod twin;
+mod vehicle_parts;
 mod world;
 
 #[cfg(test)]

@@ -1,11 +1,11 @@
 //! What is to be simulated.
 
-use super::actors::vehicle_masks;
 use super::imu::{CLIPPED_RANGE_M_S2, ImuModel};
 use super::samples::residual;
 use super::station::Station;
 use super::surroundings::Surroundings;
 use super::twin::{self, Twins};
+use super::vehicle_parts::vehicle_masks;
 use super::{Effects, ImuEffects, Inertial, LEAD_S, Scene, Trajectory, hand, laps, path};
 use crate::tum::read_tum;
 use crate::{DriverError, StampedPose};

@@ -5,7 +5,6 @@
 //! A near thing before one lens hides from one camera what the other one sees. No estimate depends on any of it.
 
 use super::Pyramid;
-use crate::estimate::HealthBits;
 
 /// One frame of so many is looked at: light and scene change more slowly.
 const LOOK_EVERY: u32 = 8;
@@ -23,13 +22,13 @@ const LAG: usize = 2;
 const EMPTY: u32 = 12;
 const TEXTURE: u32 = 30;
 /// Grey levels below this are dark: texture of a twentieth of the light is within the noise of the camera.
-const DARK: u8 = 16;
+const DARK_LEVEL: u8 = 16;
 /// An image is dark if no more pixels than one in so many are not.
 const DARK_REST: u32 = 10;
 /// Share of the tiles, in percent, that one camera does not see and the other one does, where something is before a lens.
-const BLOCKED: usize = 25;
+const BLOCKED_PERCENT: usize = 25;
 /// Share of the tiles, in percent, that are empty where there is little texture.
-const BARE: usize = 85;
+const PLAIN_PERCENT: usize = 85;
 
 /// What a look at an image finds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,7 +53,7 @@ impl Look {
                 let tile = first + u * TILES.0 / width;
                 sums[tile] += u32::from(level.abs_diff(here[u + LAG])) + u32::from(level.abs_diff(below[u]));
                 counts[tile] += 2;
-                bright += u32::from(level >= DARK);
+                bright += u32::from(level >= DARK_LEVEL);
             }
         }
         let all: u32 = counts.iter().sum::<u32>() / 2;
@@ -73,6 +72,17 @@ impl Look {
     }
 }
 
+/// How poor the images have been for a while.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Condition {
+    /// Nearly black.
+    pub is_dark: bool,
+    /// Hardly any texture.
+    pub is_plain: bool,
+    /// Something is before the lens of one camera.
+    pub is_blocked: bool,
+}
+
 /// Follows the condition of the images.
 #[derive(Clone, Debug, Default)]
 pub struct ConditionWatch {
@@ -83,8 +93,8 @@ pub struct ConditionWatch {
 }
 
 impl ConditionWatch {
-    /// Takes the newest images, left and right, where there are any; what they have been for a while is written to `health`.
-    pub fn update(&mut self, images: [Option<&Pyramid>; 2], health: &mut HealthBits) {
+    /// Takes the newest images, left and right, where there are any.
+    pub fn update(&mut self, images: [Option<&Pyramid>; 2]) -> Condition {
         let is_due = self.since == 0;
         self.since = (self.since + 1) % LOOK_EVERY;
         if is_due {
@@ -93,10 +103,8 @@ impl ConditionWatch {
                 *looks = if is_so { looks.saturating_add(1) } else { 0 };
             }
         }
-        let bits = [HealthBits::DARK, HealthBits::LITTLE_TEXTURE, HealthBits::VIEW_BLOCKED];
-        for (bit, _) in bits.into_iter().zip(self.looks).filter(|(_, looks)| *looks >= LOOKS_TO_TELL) {
-            health.insert(bit);
-        }
+        let [is_dark, is_plain, is_blocked] = self.looks.map(|looks| looks >= LOOKS_TO_TELL);
+        Condition { is_dark, is_plain, is_blocked }
     }
 }
 
@@ -104,10 +112,11 @@ impl ConditionWatch {
 fn judge(looks: [Option<Look>; 2]) -> [bool; 3] {
     let there = || looks.iter().flatten();
     let is_dark = there().next().is_some() && there().all(|look| look.is_dark);
-    let is_bare = !is_dark && there().next().is_some() && there().all(|l| 100 * l.empty() >= BARE * COUNT);
+    let is_bare =
+        !is_dark && there().next().is_some() && there().all(|l| 100 * l.empty() >= PLAIN_PERCENT * COUNT);
     let is_blocked = match &looks {
         [Some(left), Some(right)] => {
-            100 * left.hidden_from(right).max(right.hidden_from(left)) >= BLOCKED * COUNT
+            100 * left.hidden_from(right).max(right.hidden_from(left)) >= BLOCKED_PERCENT * COUNT
         }
         _ => false,
     };
@@ -137,42 +146,45 @@ mod tests {
         image
     }
 
-    /// What is reported after `frames` frames of the same images.
-    fn told(images: [Option<&GrayImage>; 2], frames: u32) -> HealthBits {
+    const DARK: Condition = Condition { is_dark: true, is_plain: false, is_blocked: false };
+    const PLAIN: Condition = Condition { is_dark: false, is_plain: true, is_blocked: false };
+    const BLOCKED: Condition = Condition { is_dark: false, is_plain: false, is_blocked: true };
+
+    /// The condition after `frames` frames of the same images.
+    fn told(images: [Option<&GrayImage>; 2], frames: u32) -> Condition {
         let pyramids = images.map(|image| image.map(pyramid));
         let mut watch = ConditionWatch::default();
-        let mut health = HealthBits::default();
+        let mut condition = Condition::default();
         for _ in 0..frames {
-            health = HealthBits::default();
-            watch.update(pyramids.each_ref().map(Option::as_ref), &mut health);
+            condition = watch.update(pyramids.each_ref().map(Option::as_ref));
         }
-        health
+        condition
     }
 
     #[test]
     fn clear_images_are_not_reported() {
         let [left, right] = [image(|_, grey| grey), image(|_, grey| 0.7 * grey)];
-        assert_eq!(told([Some(&left), Some(&right)], 100), HealthBits::default());
-        assert_eq!(told([Some(&left), None], 100), HealthBits::default());
-        assert_eq!(told([None, None], 100), HealthBits::default());
+        assert_eq!(told([Some(&left), Some(&right)], 100), Condition::default());
+        assert_eq!(told([Some(&left), None], 100), Condition::default());
+        assert_eq!(told([None, None], 100), Condition::default());
     }
 
     #[test]
     fn a_twentieth_of_the_light_is_dark_after_three_looks() {
         let noise = std::cell::RefCell::new(Random::new(1));
         let night = image(|_, grey| 0.05 * grey + 4.0 * noise.borrow_mut().gaussian());
-        assert_eq!(told([Some(&night), Some(&night)], 16), HealthBits::default());
-        assert_eq!(told([Some(&night), Some(&night)], 17), HealthBits::DARK);
+        assert_eq!(told([Some(&night), Some(&night)], 16), Condition::default());
+        assert_eq!(told([Some(&night), Some(&night)], 17), DARK);
         let day = image(|_, grey| grey);
-        assert_eq!(told([Some(&night), Some(&day)], 40), HealthBits::VIEW_BLOCKED, "one camera sees");
+        assert_eq!(told([Some(&night), Some(&day)], 40), BLOCKED, "one camera sees");
     }
 
     #[test]
     fn plain_walls_have_little_texture() {
         let wall = image(|u, _| 120.0 + 0.1 * u as f64);
-        assert_eq!(told([Some(&wall), Some(&wall)], 20), HealthBits::LITTLE_TEXTURE);
+        assert_eq!(told([Some(&wall), Some(&wall)], 20), PLAIN);
         let half = image(|u, grey| if u < 190 { 120.0 } else { grey });
-        assert_eq!(told([Some(&half), Some(&half)], 20), HealthBits::default(), "half a wall");
+        assert_eq!(told([Some(&half), Some(&half)], 20), Condition::default(), "half a wall");
     }
 
     #[test]
@@ -180,9 +192,9 @@ mod tests {
         let seen = image(|_, grey| grey);
         let covered = image(|u, grey| if u < 190 { 60.0 + 0.1 * u as f64 } else { grey });
         for pair in [[Some(&covered), Some(&seen)], [Some(&seen), Some(&covered)]] {
-            assert_eq!(told(pair, 20), HealthBits::VIEW_BLOCKED);
+            assert_eq!(told(pair, 20), BLOCKED);
         }
         let corner = image(|u, grey| if u < 70 { 60.0 } else { grey });
-        assert_eq!(told([Some(&corner), Some(&seen)], 20), HealthBits::default(), "a corner");
+        assert_eq!(told([Some(&corner), Some(&seen)], 20), Condition::default(), "a corner");
     }
 }

@@ -108,7 +108,8 @@ fn check_pictures(seen: &Seen) {
     let pictures = seen.samples("/drone_1/tracks");
     assert!((5..=21).contains(&pictures.len()), "{} pictures", pictures.len());
     let stamps: Vec<i64> = pictures.iter().map(|sample| stamp_ns(&sample["message"]["header"])).collect();
-    assert!(stamps.windows(2).all(|pair| pair[1] - pair[0] > 140_000_000), "{stamps:?}");
+    // One in each fifth of a second: after one that was late comes one that is in time.
+    assert!(stamps.windows(3).all(|three| three[2] - three[0] > 190_000_000), "{stamps:?}");
     for sample in pictures {
         let image = &sample["message"];
         let [width, height, step] = ["width", "height", "step"].map(|key| image[key].as_u64().unwrap());
