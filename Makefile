@@ -27,10 +27,8 @@ export PATH := $(CURDIR)/$(VENV)/bin:$(PATH)
 export NEXTEST_PROFILE ?= $(if $(CI),ci,default)
 # Property tests draw the same cases every time; `PROPTEST_RNG_SEED=$RANDOM make checked` looks for others.
 export PROPTEST_RNG_SEED ?= 1
-# As many tests at a time as there are processors, so that one that measures time has a processor of its own.
+# As many tests at a time as there are processors: flights in real time, which tests of the network follow, fall behind otherwise.
 export NEXTEST_TEST_THREADS ?= $(shell nproc)
-# Twice as many where none does: processes of the tests wait for each other much of the time.
-tests: export NEXTEST_TEST_THREADS := $(shell echo $$((2 * $(NEXTEST_TEST_THREADS))))
 
 # The steps are in order; cargo is parallel itself.
 .NOTPARALLEL:

@@ -261,7 +261,8 @@ fn check_samples(seen: &Seen, topic: &str) {
         assert_eq!(sample["same_bytes"], true, "{topic}");
         let on_the_way_ms =
             (sample["received_ns"].as_i64().unwrap() - sample["source_ns"].as_i64().unwrap()) as f64 * 1e-6;
-        assert!((0.0..1000.0).contains(&on_the_way_ms), "{on_the_way_ms} ms");
+        // The same clock in the same unit. A busy machine may take seconds.
+        assert!((0.0..10_000.0).contains(&on_the_way_ms), "{on_the_way_ms} ms");
     }
 }
 

@@ -159,7 +159,7 @@ mod tests {
 
     /// A corner and a bar of 80 x 64 px are ignored.
     fn corner_and_bar() -> PixelMask {
-        PixelMask::of(80, 64, |u, v| !(u < 10 && v < 5) && !(30..40).contains(&v))
+        PixelMask::of(80, 64, |u, v| !((30..40).contains(&v) || u < 10 && v < 5))
     }
 
     #[test]
@@ -193,7 +193,7 @@ mod tests {
 
     #[test]
     fn half_the_size_is_the_same_mask() {
-        let half = PixelMask::of(40, 32, |u, v| !(u < 5 && v < 2) && !(15..20).contains(&v));
+        let half = PixelMask::of(40, 32, |u, v| !((15..20).contains(&v) || u < 5 && v < 2));
         let resized = corner_and_bar().resized(40, 32);
         let different = resized.pixels().zip(half.pixels()).filter(|(a, b)| a != b).count();
         assert!(different <= 5, "{different}");

@@ -68,10 +68,12 @@ fn points_of_parts() -> Vec<Point3<f64>> {
         for y in steps(LEG_SIZE_M[1]) {
             steps(LEG_SIZE_M[0]).for_each(|x| steps(LEG_SIZE_M[2]).for_each(|z| add(LEG_M, x, y, z)));
         }
-        let radius = 0.5 * BLADE_SIZE_M[0].hypot(BLADE_SIZE_M[2]);
+        let radius = 0.5 * libm::hypot(BLADE_SIZE_M[0], BLADE_SIZE_M[2]);
         for y in [-0.5, 0.0, 0.5].map(|share| share * BLADE_SIZE_M[1]) {
             for x in steps(2.0 * radius) {
-                steps(2.0 * radius).filter(|z| x.hypot(*z) <= radius).for_each(|z| add(HUB_M, x, y, z));
+                steps(2.0 * radius)
+                    .filter(|z| libm::hypot(x, *z) <= radius)
+                    .for_each(|z| add(HUB_M, x, y, z));
             }
         }
     }
