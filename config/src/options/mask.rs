@@ -3,7 +3,6 @@
 //! A configuration file names a picture; once it is loaded, the mask is lengths of runs, row by row, and is written as such wherever
 //! the configuration is: in a flight log, which must have everything that an estimate depends on.
 
-use crate::ImageView;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -44,12 +43,6 @@ pub struct PixelMask {
 }
 
 impl PixelMask {
-    /// The mask in which pixels other than 0 are looked at, and those of 0 are ignored.
-    #[must_use]
-    pub fn of_image(image: &ImageView<'_>) -> Self {
-        Self::of(image.width(), image.height(), |u, v| image.row(v)[u] != 0)
-    }
-
     /// The mask of a size, by a function that says of column and row whether they are looked at.
     #[must_use]
     pub fn of(width_px: usize, height_px: usize, is_seen: impl Fn(usize, usize) -> bool) -> Self {

@@ -1,7 +1,7 @@
 //! Texture that repeats: which corners are unlike their surroundings, and where such a corner has gone.
 //!
-//! Of a fine pattern of equal cells every coarse level of the pyramid shows the aliases, and on the full image a match may be off by
-//! a whole cell. A corner whose patch is not seen again close by can be looked for everywhere within that distance.
+//! Coarse levels of the pyramid show a fine pattern of equal cells as aliases, and on the full image a match may be off by a whole
+//! cell. A corner whose patch is not seen again close by can be looked for everywhere within that distance.
 
 use super::align::TranslationTemplate;
 use super::flow::{FlowOptions, prepare_at, track_patch};
