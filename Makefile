@@ -33,7 +33,7 @@ export NEXTEST_TEST_THREADS ?= $(shell nproc)
 # The steps are in order; cargo is parallel itself.
 .NOTPARALLEL:
 .PHONY: help demo build calibration test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny advisories soak loops digests bench bench-instructions bench-against count-arm64 doc doctests setup tools clean \
-	fuzz fuzz-all fuzz-smoke vm arm64 oldest capi capi-header capi-valgrind deb tarball packages deb-test wheel wheel-test wheel-soak checked-untimed realtime faults
+	fuzz fuzz-all fuzz-smoke vm arm64 oldest capi capi-header capi-valgrind deb tarball packages deb-test wheel wheel-test wheel-soak realtime faults
 
 help: ## this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  make \1\t/' | expand -t 28
@@ -147,35 +147,28 @@ tell-skips = status=0; $(1) || status=$$?; scripts/skipped; exit $$status
 
 test: tools fmt-check deny forget-skips ## format, lints, licences, documentation, and every test but those of time and the soak
 	scripts/setup python >target/python.log 2>&1 & python=$$!; \
-	$(MAKE) checked-untimed ARGS= >target/checked.log 2>&1 & checked=$$!; \
 	status=0; $(MAKE) tests-built || status=$$?; \
-	wait $$python || { cat target/python.log; exit 1; }; \
-	wait $$checked || { cat target/checked.log; exit 1; }; \
-	tail -n 4 target/checked.log; exit $$status
+	wait $$python || { cat target/python.log; exit 1; }; exit $$status
 	$(MAKE) doctests tests
 
 forget-skips:
 	@mkdir -p target && rm -f $(PLUMBLINE_SKIPPED)
 
-# Each crate of ours is linted, and its documentation built, as it is compiled.
+# Each crate of ours is linted, and its documentation built, as it is compiled; tests are compiled with overflow checks and debug
+# assertions, what they test beside them is the product.
 LINTED = RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/scripts/rustc-clippy
-# The crates whose dependencies are few. All their tests run with overflow checks and debug assertions, in a folder of
-# their own, so that this goes on beside the build of the others.
-CHECKED_CRATES = plumbline-config plumbline-estimator plumbline-drivers plumbline-checkup
-CHECKED = --cargo-profile checked --locked --target-dir target/checked $(addprefix -p ,$(CHECKED_CRATES)) --all-features \
-	--lib --test '*' --examples
-# Linted with their tests and all their features there, so not once more on the way to the product.
-tests-built tests: export PLUMBLINE_LINTED = $(CHECKED_CRATES)
-# The others, on the build that is the product. The Python module has no tests in Rust, and could not be linked to any: it is
-# built for the process tests, which hand it to an interpreter.
-TESTED = $(FLAGS) --workspace $(addprefix --exclude ,$(CHECKED_CRATES) plumbline-python) --all-targets
+# The Python module has no tests in Rust, and could not be linked to any: it is built for the process tests, which hand it to an
+# interpreter.
+TESTED = $(FLAGS) --workspace --exclude plumbline-python --all-targets
+# The crates whose dependencies are few, and so built soon.
+CHECKED = $(FLAGS) $(addprefix -p plumbline-,config estimator drivers checkup) --all-features --lib --test '*' --examples
 # Benchmarks cannot list themselves as nextest asks.
 ALL = not kind(bench)
 TESTS = $(TESTED) -E '$(ALL) & not $(TIMED)'
 # Tests that measure time, or use a whole machine: `make realtime`.
 TIMED = test(/(^|::)realtime::/)
 # The command with faults on purpose, which no product has, in a folder of its own.
-FAULTY = $(FLAGS) --workspace $(addprefix --exclude ,$(CHECKED_CRATES)) --test process --features plumbline/sabotage \
+FAULTY = $(FLAGS) --workspace --test process --features plumbline/sabotage \
 	--target-dir target/faults
 
 tests-built:
@@ -185,17 +178,12 @@ tests:
 	$(call tell-skips,$(LINTED) $(CARGO) nextest run $(TESTS) $(ARGS))
 
 doctests: ## the examples in the documentation of the code
-	$(LINTED) $(CARGO) test $(FLAGS) --workspace $(addprefix --exclude ,$(CHECKED_CRATES)) --doc
-	$(LINTED) $(CARGO) test --profile checked --locked --target-dir target/checked $(addprefix -p ,$(CHECKED_CRATES)) --all-features --doc
+	$(LINTED) $(CARGO) test $(FLAGS) --workspace --doc
 
-checked: setup ## the tests of the crates with few dependencies, with overflow checks and debug assertions
-	$(LINTED) $(CARGO) nextest run $(CHECKED) $(ARGS)
-
-checked-untimed:
+checked: setup ## the tests of configuration, estimator and drivers alone, whose build is short
 	$(LINTED) $(CARGO) nextest run $(CHECKED) -E 'not $(TIMED)' $(ARGS)
 
 realtime: setup forget-skips ## the tests that measure time, before a release: nothing else may run on the machine
-	$(LINTED) $(CARGO) nextest run $(CHECKED) -E '$(TIMED)' $(ARGS)
 	$(call tell-skips,$(LINTED) $(CARGO) nextest run $(TESTED) -E '$(ALL) & $(TIMED)' $(ARGS))
 	$(MAKE) faults
 

@@ -324,7 +324,7 @@ fn masked_pixels_have_no_points_and_no_mask_changes_nothing_elsewhere() {
     let run = |masks: [Option<&PixelMask>; 2]| {
         let mut flight = Flight::new(Scene::new(5, 3.0), 2);
         flight.tracker.set_masks(masks);
-        (0..30).map(|k| flight.shoot(&sway(k))).collect::<Vec<_>>()
+        (0..12).map(|k| flight.shoot(&sway(k))).collect::<Vec<_>>()
     };
     let hidden = |seen: &PointObservation| {
         [0, 1].map(|c| seen.px[c].is_some_and(|px| ImageMask::new(&masks[c], SIDE / 2).hides_px(&px)))

@@ -3,58 +3,68 @@
 use super::*;
 use plumbline_config::options::image_sizes;
 use plumbline_drivers::simulator::{FlightPath, Scenario, Scene, Simulator};
-use plumbline_drivers::{EurocDataset, EurocOptions, ImuSource as _, StereoFrame, StereoSource};
+use plumbline_drivers::{EurocDataset, EurocOptions, ImuSource, StereoFrame, StereoSource};
 
-/// Looks at the data of two streams as a run would.
-fn looked_at(
-    config: &Config,
-    samples: impl Iterator<Item = ImuSample>,
-    stereo: &mut dyn StereoSource,
-    swap: bool,
-) -> Vec<Finding> {
-    let sizes = image_sizes(&config.camera);
-    let mut plausibility = Plausibility::new(config, false);
-    samples.for_each(|sample| plausibility.add_sample(&sample));
-    let (mut frame, mut glimpse) = (StereoFrame::new(sizes), Glimpse::new(sizes));
-    while !plausibility.has_seen_enough() && stereo.next_frame(&mut frame).unwrap() {
-        if swap {
-            frame.images.swap(0, 1);
+/// A flight's data, kept so that a test can change them: images are rendered once.
+struct Flight {
+    config: Config,
+    samples: Vec<ImuSample>,
+    glimpses: Vec<Glimpse>,
+}
+
+impl Flight {
+    /// Reads two streams to their ends.
+    fn read(config: &Config, imu: &mut dyn ImuSource, stereo: &mut dyn StereoSource) -> Self {
+        let samples =
+            std::iter::from_fn(|| imu.next_reading().unwrap()).map(|reading| reading.sample).collect();
+        let sizes = image_sizes(&config.camera);
+        let (mut frame, mut glimpse) = (StereoFrame::new(sizes), Glimpse::new(sizes));
+        let mut glimpses = Vec::new();
+        while stereo.next_frame(&mut frame).unwrap() {
+            (glimpse.stamp, glimpse.valid) = (frame.stamp, frame.valid);
+            for (thumbnail, image) in glimpse.images.iter_mut().zip(&frame.images) {
+                thumbnail.take(image);
+            }
+            glimpses.push(glimpse.clone());
         }
-        (glimpse.stamp, glimpse.valid) = (frame.stamp, frame.valid);
-        for (thumbnail, image) in glimpse.images.iter_mut().zip(&frame.images) {
-            thumbnail.take(image);
-        }
-        plausibility.add_frame(&glimpse);
-        plausibility.add_estimate(frame.sequence, HealthBits::default());
+        Self { config: config.clone(), samples, glimpses }
     }
-    plausibility.findings()
-}
 
-/// A simulated flight of so many seconds with half the resolution.
-fn simulated(scene: Scene, start_s: f64, duration_s: f64) -> Simulator {
-    let config = Config::preset("sim").unwrap();
-    let scenario = Scenario {
-        scene,
-        path: FlightPath::Demo,
-        start_s,
-        duration_s,
-        resolution_scale: 0.5,
-        ..Scenario::default()
-    };
-    Simulator::new(&config, &scenario).unwrap()
-}
+    /// A simulated flight from the third second on, with half the resolution.
+    fn simulated(scene: Scene, duration_s: f64) -> Self {
+        let config = Config::preset("sim").unwrap();
+        let scenario = Scenario {
+            scene,
+            path: FlightPath::Demo,
+            start_s: 3.0,
+            duration_s,
+            resolution_scale: 0.5,
+            ..Scenario::default()
+        };
+        let simulator = Simulator::new(&config, &scenario).unwrap();
+        Self::read(simulator.config(), &mut simulator.imu(), &mut simulator.stereo())
+    }
 
-fn samples(simulator: &Simulator) -> Vec<ImuSample> {
-    let mut imu = simulator.imu();
-    std::iter::from_fn(|| imu.next_reading().unwrap()).map(|reading| reading.sample).collect()
-}
+    /// Looks at the data as a run would, with samples that are changed.
+    fn findings_with(&self, change: impl Fn(&mut ImuSample)) -> Vec<Finding> {
+        let mut plausibility = Plausibility::new(&self.config, false);
+        for mut sample in self.samples.iter().copied() {
+            change(&mut sample);
+            plausibility.add_sample(&sample);
+        }
+        for (sequence, glimpse) in (0..).zip(&self.glimpses) {
+            if plausibility.has_seen_enough() {
+                break;
+            }
+            plausibility.add_frame(glimpse);
+            plausibility.add_estimate(sequence, HealthBits::default());
+        }
+        plausibility.findings()
+    }
 
-/// What is found when the samples of a flight are changed.
-fn with_samples(change: impl Fn(&mut ImuSample)) -> Vec<Finding> {
-    let simulator = simulated(Scene::Room, 3.0, 7.0);
-    let mut samples = samples(&simulator);
-    samples.iter_mut().for_each(change);
-    looked_at(simulator.config(), samples.into_iter(), &mut simulator.stereo(), false)
+    fn findings(&self) -> Vec<Finding> {
+        self.findings_with(|_| ())
+    }
 }
 
 /// The one finding names all of `words`.
@@ -67,10 +77,7 @@ fn names(findings: &[Finding], words: &[&str]) {
 #[test]
 fn sound_flights_give_no_warning() {
     for scene in [Scene::Room, Scene::Hall, Scene::LowTexture] {
-        let simulator = simulated(scene, 3.0, 8.0);
-        let samples = samples(&simulator).into_iter();
-        let findings = looked_at(simulator.config(), samples, &mut simulator.stereo(), false);
-        assert_eq!(findings, [], "{scene:?}");
+        assert_eq!(Flight::simulated(scene, 8.0).findings(), [], "{scene:?}");
     }
 }
 
@@ -80,70 +87,66 @@ fn sound_recordings_give_no_warning() {
         let Some(path) = plumbline_test_support::shared(&format!("euroc/{clip}")) else { return };
         let config = plumbline_config::import::euroc_into(Config::preset("euroc").unwrap(), &path).unwrap();
         let dataset = EurocDataset::open(&path, &EurocOptions::for_config(&config)).unwrap();
-        let mut imu = dataset.imu();
-        let samples = std::iter::from_fn(|| imu.next_reading().unwrap()).map(|reading| reading.sample);
-        assert_eq!(looked_at(&config, samples, &mut dataset.stereo(), false), [], "{clip}");
+        let flight = Flight::read(&config, &mut dataset.imu(), &mut dataset.stereo());
+        assert_eq!(flight.findings(), [], "{clip}");
     }
 }
 
 #[test]
 fn units_of_the_imu_are_told() {
-    names(&with_samples(|s| s.accel /= 9.806_65), &["accelerometer", "units of gravity (g)", "9.80665"]);
-    names(&with_samples(|s| s.accel *= 1000.0 / 9.806_65), &["thousandths of gravity"]);
-    names(&with_samples(|s| s.gyro *= 180.0 / std::f64::consts::PI), &["gyroscope", "degrees a second"]);
+    let flight = Flight::simulated(Scene::Room, 7.0);
+    let accel = |factor: f64| flight.findings_with(|s| s.accel *= factor);
+    names(&accel(1.0 / 9.806_65), &["accelerometer", "units of gravity (g)", "9.80665"]);
+    names(&accel(1000.0 / 9.806_65), &["thousandths of gravity"]);
+    names(
+        &flight.findings_with(|s| s.gyro *= 180.0 / std::f64::consts::PI),
+        &["gyroscope", "degrees a second"],
+    );
 }
 
 #[test]
 fn columns_that_are_swapped_are_told() {
+    let flight = Flight::simulated(Scene::Room, 7.0);
     names(
-        &with_samples(|s| std::mem::swap(&mut s.gyro, &mut s.accel)),
+        &flight.findings_with(|s| std::mem::swap(&mut s.gyro, &mut s.accel)),
         &["columns of gyroscope and accelerometer"],
     );
-    names(&with_samples(|s| s.gyro.swap_rows(0, 1)), &["columns of the gyroscope", "y x z"]);
-    names(&with_samples(|s| s.gyro.swap_rows(0, 2)), &["columns of the gyroscope", "z y x"]);
-    names(&with_samples(|s| s.accel.swap_rows(0, 1)), &["columns of the accelerometer", "y x z"]);
-    names(&with_samples(|s| s.accel = -s.accel), &["gravity points upwards", "is negated"]);
+    names(&flight.findings_with(|s| s.gyro.swap_rows(0, 1)), &["columns of the gyroscope", "y x z"]);
+    names(&flight.findings_with(|s| s.gyro.swap_rows(0, 2)), &["columns of the gyroscope", "z y x"]);
+    names(&flight.findings_with(|s| s.accel.swap_rows(0, 1)), &["columns of the accelerometer", "y x z"]);
+    names(&flight.findings_with(|s| s.accel = -s.accel), &["gravity points upwards", "is negated"]);
 }
 
 #[test]
-fn inverted_extrinsics_are_told() {
-    let simulator = simulated(Scene::Room, 3.0, 7.0);
-    let mut config: Config = simulator.config().clone();
-    for camera in &mut config.camera {
-        let matrix = camera.pose_b_c().inverse().to_homogeneous();
-        camera.pose_b_c = std::array::from_fn(|i| std::array::from_fn(|j| matrix[(i, j)]));
-    }
-    let findings = looked_at(&config, samples(&simulator).into_iter(), &mut simulator.stereo(), false);
-    names(&findings, &["extrinsics are inverted", "T_CB"]);
-}
-
-#[test]
-fn an_imu_turned_by_half_a_turn_is_a_cause_beside_inverted_extrinsics() {
-    let found = with_samples(|s| {
+fn wrong_extrinsics_and_an_imu_turned_by_half_a_turn_are_told() {
+    let mut flight = Flight::simulated(Scene::Room, 7.0);
+    let turned = flight.findings_with(|s| {
         for v in [&mut s.gyro, &mut s.accel] {
             (v.x, v.y) = (-v.x, -v.y);
         }
     });
-    names(&found, &["-x -y z", "T_CB where T_BC", "invert camera[..].pose_b_c"]);
+    names(&turned, &["-x -y z", "T_CB where T_BC", "invert camera[..].pose_b_c"]);
+    for camera in &mut flight.config.camera {
+        let matrix = camera.pose_b_c().inverse().to_homogeneous();
+        camera.pose_b_c = std::array::from_fn(|i| std::array::from_fn(|j| matrix[(i, j)]));
+    }
+    names(&flight.findings(), &["extrinsics are inverted", "T_CB"]);
 }
 
 #[test]
 fn swapped_cameras_are_told() {
-    let simulator = simulated(Scene::Room, 3.0, 7.0);
-    let samples = samples(&simulator).into_iter();
-    let findings = looked_at(simulator.config(), samples, &mut simulator.stereo(), true);
-    names(&findings, &["left and right camera are swapped"]);
+    let mut flight = Flight::simulated(Scene::Room, 7.0);
+    flight.glimpses.iter_mut().for_each(|glimpse| glimpse.images.swap(0, 1));
+    names(&flight.findings(), &["left and right camera are swapped"]);
 }
 
 #[test]
 fn focal_lengths_of_another_camera_are_told() {
-    let simulator = simulated(Scene::Room, 3.0, 12.0);
-    let mut config: Config = simulator.config().clone();
-    for camera in &mut config.camera {
+    let mut flight = Flight::simulated(Scene::Room, 12.0);
+    for camera in &mut flight.config.camera {
         camera.focal_px = camera.focal_px.map(|focal| 2.0 * focal);
     }
-    let findings = looked_at(&config, samples(&simulator).into_iter(), &mut simulator.stereo(), false);
-    names(&findings, &["focal lengths of another camera"]);
+    names(&flight.findings(), &["focal lengths of another camera"]);
 }
 
 #[test]

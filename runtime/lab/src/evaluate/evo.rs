@@ -1,38 +1,74 @@
 //! Checks the figures against those of evo on the same files.
 //!
-//! evo is looked for beside the Python of the tests, the real ground truth in the shared data.
+//! evo is that of the Python of the tests, the ground truth a recorded one.
 
 use super::noise::Noise;
 use super::*;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use plumbline_drivers::tum::write_tum;
 use plumbline_test_support::{Need, shared, skip};
-use std::path::PathBuf;
-use std::process::Command;
+use std::io::{BufRead as _, BufReader, Lines, Write as _};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
 /// Largest difference from evo, in metres or degrees; evo prints six decimals.
 const TOLERANCE: f64 = 1e-5;
 
-/// The folder of evo's programs.
-fn programs() -> Option<PathBuf> {
-    let bin = plumbline_test_support::python().with_file_name("");
-    if bin.join("evo_ape").exists() {
-        return Some(bin);
-    }
-    skip(Need::Python, format_args!("{} has no evo_ape (scripts/setup test installs it)", bin.display()));
-    None
+/// Answers command lines of `evo_ape` and `evo_rpe`, one a line, by what these print: starting Python for each takes longer.
+const ANSWERS: &str = "
+import logging, sys
+from evo.cli.entry_points import ape, rpe
+for line in sys.stdin:
+    sys.argv = line.split()
+    logging.getLogger('evo').handlers.clear()
+    {'evo_ape': ape, 'evo_rpe': rpe}[sys.argv[0]]()
+    print('answered', flush=True)
+";
+
+/// evo, in a Python that goes on.
+struct Evo {
+    child: Child,
+    questions: ChildStdin,
+    answers: Lines<BufReader<ChildStdout>>,
 }
 
-/// Runs evo and takes one figure a line from what it prints.
-fn evo(bin: &Path, tool: &str, arguments: &str, files: [&Path; 2]) -> Statistics {
-    let run = Command::new(bin.join(tool))
-        .arg("tum")
-        .args(files)
-        .args(arguments.split_whitespace())
-        .output()
-        .unwrap();
-    let text = String::from_utf8_lossy(&run.stdout).into_owned();
-    assert!(run.status.success(), "{tool} {arguments}: {text}{}", String::from_utf8_lossy(&run.stderr));
+impl Evo {
+    fn start() -> Option<Self> {
+        let python = plumbline_test_support::python();
+        if !python.with_file_name("evo_ape").exists() {
+            skip(
+                Need::Python,
+                format_args!("{} has no evo (scripts/setup test installs it)", python.display()),
+            );
+            return None;
+        }
+        let mut child = Command::new(python)
+            .args(["-c", ANSWERS])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let answers = BufReader::new(child.stdout.take().unwrap()).lines();
+        Some(Self { questions: child.stdin.take().unwrap(), answers, child })
+    }
+
+    /// What `tool` prints for two files.
+    fn answer(&mut self, tool: &str, arguments: &str, [reference, estimate]: [&Path; 2]) -> String {
+        let (reference, estimate) = (reference.display(), estimate.display());
+        writeln!(self.questions, "{tool} tum {reference} {estimate} {arguments}").unwrap();
+        let mut text = String::new();
+        for line in &mut self.answers {
+            match line.unwrap().as_str() {
+                "answered" => return text,
+                line => text = text + line + "\n",
+            }
+        }
+        panic!("{tool} {arguments} ended with {:?}: {text}", self.child.wait());
+    }
+}
+
+/// Takes one figure a line from what evo prints.
+fn evo(theirs: &mut Evo, tool: &str, arguments: &str, files: [&Path; 2]) -> Statistics {
+    let text = theirs.answer(tool, arguments, files);
     let figure = |name: &str| -> f64 {
         let line = text
             .lines()
@@ -85,7 +121,7 @@ fn imagined_estimate(truth: &[StampedPose], keep_one_in: usize, seed: u64) -> Ve
     estimate
 }
 
-fn compare(bin: &Path, estimate: &Path, reference: &Path) {
+fn compare(theirs: &mut Evo, estimate: &Path, reference: &Path) {
     let (est, gt) = (load_trajectory(estimate).unwrap(), load_trajectory(reference).unwrap());
     let pairs = associate(&est, &gt, 0.01).unwrap();
     let in_frame = |mode| aligned(&pairs, &align(&pairs, mode).unwrap());
@@ -97,10 +133,10 @@ fn compare(bin: &Path, estimate: &Path, reference: &Path) {
     ];
     for (argument, mode) in modes {
         let (ate_m, _) = absolute_errors(&in_frame(mode)).unwrap();
-        assert_same(ate_m, evo(bin, "evo_ape", argument, [reference, estimate]), argument);
+        assert_same(ate_m, evo(theirs, "evo_ape", argument, [reference, estimate]), argument);
     }
     let (_, rotation_deg) = absolute_errors(&in_frame(AlignmentMode::Se3)).unwrap();
-    assert_same(rotation_deg, evo(bin, "evo_ape", "-a -r angle_deg", [reference, estimate]), "rotation");
+    assert_same(rotation_deg, evo(theirs, "evo_ape", "-a -r angle_deg", [reference, estimate]), "rotation");
     let deltas = [
         ("", Delta::Frames(1), false),
         ("-d 10 -u f", Delta::Frames(10), false),
@@ -110,17 +146,17 @@ fn compare(bin: &Path, estimate: &Path, reference: &Path) {
     ];
     for (argument, delta, all_pairs) in deltas {
         let errors = relative_errors(&pairs, delta, all_pairs).unwrap();
-        assert_same(errors.translation_m, evo(bin, "evo_rpe", argument, [reference, estimate]), argument);
+        assert_same(errors.translation_m, evo(theirs, "evo_rpe", argument, [reference, estimate]), argument);
     }
     let errors = relative_errors(&pairs, Delta::Metres(1.0), false).unwrap();
-    let theirs = evo(bin, "evo_rpe", "-d 1 -u m -r angle_deg", [reference, estimate]);
-    assert_same(errors.rotation_deg, theirs, "relative rotation");
+    let turned = evo(theirs, "evo_rpe", "-d 1 -u m -r angle_deg", [reference, estimate]);
+    assert_same(errors.rotation_deg, turned, "relative rotation");
 }
 
 #[test]
 fn figures_are_those_of_evo() {
-    let Some(bin) = programs() else { return };
     let Some(truth) = shared("euroc/trajectories/MH_05_difficult.tum.gz") else { return };
+    let Some(mut theirs) = Evo::start() else { return };
     let truth = load_trajectory(&truth).unwrap();
     let dir = tempfile::tempdir().unwrap();
     let (reference, estimate) = (dir.path().join("reference.tum"), dir.path().join("estimate.tum"));
@@ -129,6 +165,6 @@ fn figures_are_those_of_evo() {
         let sparse: Vec<StampedPose> = truth.iter().step_by(every).copied().collect();
         write_tum(&reference, &sparse).unwrap();
         write_tum(&estimate, &imagined_estimate(&truth, thin, seed)).unwrap();
-        compare(&bin, &estimate, &reference);
+        compare(&mut theirs, &estimate, &reference);
     }
 }
