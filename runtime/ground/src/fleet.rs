@@ -1,11 +1,10 @@
 //! Everything received from all vehicles, in bounded memory.
 
-use super::vehicle::{Picture, Vehicle};
-use nalgebra::Vector3;
+use super::vehicle::Vehicle;
 use plumbline_link::net::proto;
 use serde::Serialize;
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 /// Largest number of vehicles kept. A new one evicts the vehicle with the fewest received messages.
@@ -38,17 +37,6 @@ pub struct FleetEvent {
     pub time_s: f64,
     /// Description for people.
     pub text: String,
-}
-
-/// A position from the trajectory that a vehicle keeps.
-#[derive(Clone, Copy, Debug)]
-pub struct PastPoint {
-    /// Measurement time, ns.
-    pub stamp_ns: i64,
-    /// Position of the body in the odometry frame of this count of resets.
-    pub p_o: Vector3<f64>,
-    /// Resets so far.
-    pub reset_counter: u32,
 }
 
 /// All vehicles, by name.
@@ -86,7 +74,8 @@ impl Default for Fleet {
 }
 
 impl Fleet {
-    fn vehicle(&mut self, name: &str) -> Option<&mut Vehicle> {
+    /// The vehicle that sent a message; `None`, and counted, if its name is impossible or no place is left.
+    pub fn vehicle(&mut self, name: &str) -> Option<&mut Vehicle> {
         if !self.vehicles.contains_key(name) {
             if !is_name(name) || !self.make_room() {
                 self.refused += 1;
@@ -142,51 +131,6 @@ impl Fleet {
     /// Applies a health message of `bytes`.
     pub fn health(&mut self, name: &str, message: &proto::Health, bytes: usize, now: Instant) {
         self.update(name, now, |vehicle| vehicle.apply_health(message, bytes, now));
-    }
-
-    /// Applies a keyframe, published or queried.
-    pub fn keyframe(&mut self, name: &str, message: &proto::Keyframe) {
-        if let Some(vehicle) = self.vehicle(name) {
-            vehicle.map.insert(message);
-        }
-    }
-
-    /// Applies a correction of the map frame.
-    pub fn correction(&mut self, name: &str, message: &proto::MapCorrection) {
-        if let Some(vehicle) = self.vehicle(name) {
-            vehicle.corrected.apply_correction(message);
-        }
-    }
-
-    /// Applies a corrected path, published or queried.
-    pub fn map_path(&mut self, name: &str, message: &proto::MapPath) {
-        if let Some(vehicle) = self.vehicle(name) {
-            vehicle.corrected.apply_path(message);
-        }
-    }
-
-    /// Applies the keyframes and landmarks of the window.
-    pub fn scene(&mut self, name: &str, message: &proto::Scene) {
-        if let Some(vehicle) = self.vehicle(name) {
-            vehicle.map.set_scene(message);
-        }
-    }
-
-    /// Applies a camera image.
-    pub fn picture(&mut self, name: &str, message: proto::Picture) {
-        if let Some(vehicle) = self.vehicle(name) {
-            let version = vehicle.picture.as_ref().map_or(0, |picture| picture.version) + 1;
-            vehicle.picture = Some(Picture { message: Arc::new(message), version });
-        }
-    }
-
-    /// Applies the trajectory that a vehicle keeps, in order of time; only points since its last reset are used.
-    pub fn past(&mut self, name: &str, past: &[PastPoint]) {
-        if let Some(vehicle) = self.vehicle(name) {
-            let same = past.iter().filter(|point| point.reset_counter == vehicle.resets);
-            let path: Vec<_> = same.map(|point| (point.stamp_ns, point.p_o)).collect();
-            vehicle.track.fill(&path);
-        }
     }
 
     /// Applies `change` to a vehicle, and announces changes of its state, resets and work budget.
@@ -267,9 +211,9 @@ pub fn lock(fleet: &Mutex<Fleet>) -> MutexGuard<'_, Fleet> {
 #[cfg(test)]
 mod tests {
     use super::super::channel::STALE_AFTER;
-    use super::super::vehicle::LOST_AFTER;
+    use super::super::vehicle::{LOST_AFTER, PastPoint};
     use super::*;
-    use nalgebra::Isometry3;
+    use nalgebra::{Isometry3, Vector3};
     use plumbline_link::net::wire;
     use std::time::Duration;
 
@@ -336,11 +280,9 @@ mod tests {
         let header = Some(proto::Header { sequence, reset_counter, ..proto::Header::default() });
         let pose = wire::pose(&Isometry3::identity());
         let points_o = vec![1.0; 3];
-        fleet.keyframe(
-            "a",
-            &proto::Keyframe { header, pose, points_o: points_o.clone(), lines_o: Vec::new() },
-        );
-        fleet.scene("a", &proto::Scene { header, points_o, ..proto::Scene::default() });
+        let map = &mut fleet.vehicle("a").unwrap().map;
+        map.insert(&proto::Keyframe { header, pose, points_o: points_o.clone(), lines_o: Vec::new() });
+        map.set_scene(&proto::Scene { header, points_o, ..proto::Scene::default() });
     }
 
     /// What is left of path, map and window after a reset at `x`, 5 ms after a pose at `before`.
@@ -399,7 +341,8 @@ mod tests {
             p_o: Vector3::new(k as f64, 0.0, 0.0),
             reset_counter,
         };
-        fleet.past("a", &(0..10).map(|k| past(k, 1)).chain((10..20).map(|k| past(k, 0))).collect::<Vec<_>>());
+        let answer: Vec<_> = (0..10).map(|k| past(k, 1)).chain((10..20).map(|k| past(k, 0))).collect();
+        fleet.vehicle("a").unwrap().fill(&answer);
         assert_eq!(fleet.vehicles["a"].track.len(), 12);
     }
 

@@ -2,11 +2,12 @@
 
 use super::clock::Exchange;
 use super::export::{Format, export};
+use super::fleet::Fleet;
 use super::fleet::lock;
-use super::fleet::{Fleet, PastPoint};
 use super::foxglove;
 use super::listen::apply_numbered;
 use super::recover::points;
+use super::vehicle::PastPoint;
 use super::web::{api, guard, socket};
 use axum::extract::ws::Message;
 use plumbline_link::net::{proto, read, security};
@@ -49,7 +50,9 @@ fn take(fleet: &Mutex<Fleet>, topic: u8, payload: &[u8]) {
             let Some(trajectory) = read::decode::<proto::Trajectory>(payload) else { return };
             let mut past: Vec<PastPoint> = points(&trajectory).collect();
             past.sort_by_key(|point| point.stamp_ns);
-            lock(fleet).past("drone", &past);
+            if let Some(vehicle) = lock(fleet).vehicle("drone") {
+                vehicle.fill(&past);
+            }
         }
         b'r' => drop(read::decode::<proto::ResetDone>(payload)),
         b's' => drop(read::decode::<proto::MapSaved>(payload)),

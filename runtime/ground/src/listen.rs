@@ -1,6 +1,7 @@
 //! Subscribes to the keys of vehicles and applies their messages to the fleet.
 
 use super::fleet::{Fleet, is_name, lock};
+use super::vehicle::Vehicle;
 use super::{READER_HAS_LEFT, recover};
 use plumbline_link::net::{Endpoints, NetError, ROOT, now_ns, proto, read, wire};
 use std::io::Write;
@@ -137,24 +138,31 @@ fn apply(
         }),
         Topic::Health => read::decode::<proto::Health>(bytes)
             .map(|message| lock(fleet).health(vehicle, &message, size, now)),
-        Topic::Keyframe => {
-            read::decode::<proto::Keyframe>(bytes).map(|message| lock(fleet).keyframe(vehicle, &message))
+        Topic::Keyframe => taken(fleet, vehicle, bytes, |v, m: proto::Keyframe| v.map.insert(&m)),
+        Topic::Correction => {
+            taken(fleet, vehicle, bytes, |v, m: proto::MapCorrection| v.corrected.apply_correction(&m))
         }
-        Topic::Correction => read::decode::<proto::MapCorrection>(bytes)
-            .map(|message| lock(fleet).correction(vehicle, &message)),
-        Topic::Path => {
-            read::decode::<proto::MapPath>(bytes).map(|message| lock(fleet).map_path(vehicle, &message))
-        }
-        Topic::Scene => {
-            read::decode::<proto::Scene>(bytes).map(|message| lock(fleet).scene(vehicle, &message))
-        }
-        Topic::Camera => {
-            read::decode::<proto::Picture>(bytes).map(|message| lock(fleet).picture(vehicle, message))
-        }
+        Topic::Path => taken(fleet, vehicle, bytes, |v, m: proto::MapPath| v.corrected.apply_path(&m)),
+        Topic::Scene => taken(fleet, vehicle, bytes, |v, m: proto::Scene| v.map.set_scene(&m)),
+        Topic::Camera => taken(fleet, vehicle, bytes, |v, m: proto::Picture| v.show(m)),
     };
     if is_decoded.is_none() {
         lock(fleet).malformed();
     }
+}
+
+/// Has a vehicle take a message that can be decoded.
+fn taken<M: prost::Message + Default + read::Checked>(
+    fleet: &Mutex<Fleet>,
+    vehicle: &str,
+    bytes: &[u8],
+    take: impl FnOnce(&mut Vehicle, M),
+) -> Option<()> {
+    let message = read::decode(bytes)?;
+    if let Some(vehicle) = lock(fleet).vehicle(vehicle) {
+        take(vehicle, message);
+    }
+    Some(())
 }
 
 fn print_state(vehicle: &str, message: &proto::State) {

@@ -2,7 +2,8 @@
 //! the corrected path where they were lost on the link. One query at a time for each vehicle, each with a timeout, at low priority.
 
 use super::clock::Exchange;
-use super::fleet::{Fleet, PastPoint, lock};
+use super::fleet::{Fleet, lock};
+use super::vehicle::PastPoint;
 use nalgebra::Vector3;
 use plumbline_link::net::answers::MAX_KEYFRAMES_PER_QUESTION;
 use plumbline_link::net::{ROOT, now_ns, proto, read};
@@ -90,14 +91,18 @@ async fn ask_clock(session: &Session, fleet: &Mutex<Fleet>, name: &str) {
 async fn ask_keyframes(session: &Session, fleet: &Mutex<Fleet>, name: &str, missing: Range<u64>) {
     let selector = format!("{ROOT}/{name}/map/keyframe/**?from={};to={}", missing.start, missing.end);
     for keyframe in get::<proto::Keyframe>(session, fleet, &selector, Priority::DataLow).await {
-        lock(fleet).keyframe(name, &keyframe);
+        if let Some(vehicle) = lock(fleet).vehicle(name) {
+            vehicle.map.insert(&keyframe);
+        }
     }
 }
 
 async fn ask_path(session: &Session, fleet: &Mutex<Fleet>, name: &str) {
     let selector = format!("{ROOT}/{name}/map/path");
     for path in get::<proto::MapPath>(session, fleet, &selector, Priority::DataLow).await {
-        lock(fleet).map_path(name, &path);
+        if let Some(vehicle) = lock(fleet).vehicle(name) {
+            vehicle.corrected.apply_path(&path);
+        }
     }
 }
 
@@ -107,7 +112,9 @@ async fn ask_past(session: &Session, fleet: &Mutex<Fleet>, name: &str) -> bool {
     let answers = get::<proto::Trajectory>(session, fleet, &selector, Priority::DataLow).await;
     let mut past: Vec<PastPoint> = answers.iter().flat_map(points).collect();
     past.sort_by_key(|point| point.stamp_ns);
-    lock(fleet).past(name, &past);
+    if let Some(vehicle) = lock(fleet).vehicle(name) {
+        vehicle.fill(&past);
+    }
     !answers.is_empty()
 }
 

@@ -125,6 +125,17 @@ pub struct Vehicle {
     pub is_recording: bool,
 }
 
+/// A position from the trajectory that a vehicle keeps.
+#[derive(Clone, Copy, Debug)]
+pub struct PastPoint {
+    /// Measurement time, ns.
+    pub stamp_ns: i64,
+    /// Position of the body in the odometry frame of this count of resets.
+    pub p_o: Vector3<f64>,
+    /// Resets so far.
+    pub reset_counter: u32,
+}
+
 /// Distance from the origin at which a vehicle that was just reset hard may be, m, and the time that it has moved since, s.
 const NEAR_ORIGIN_M: f64 = 0.5;
 const SINCE_RESET_S: f64 = 0.5;
@@ -328,6 +339,19 @@ impl Vehicle {
             self.map.start_frame(self.resets);
         }
         self.track.push(self.stamp_ns, &pose.translation.vector);
+    }
+
+    /// Applies the trajectory that it keeps, in order of time; only points since its last reset are used.
+    pub fn fill(&mut self, past: &[PastPoint]) {
+        let same = past.iter().filter(|point| point.reset_counter == self.resets);
+        let path: Vec<_> = same.map(|point| (point.stamp_ns, point.p_o)).collect();
+        self.track.fill(&path);
+    }
+
+    /// Applies a camera image.
+    pub fn show(&mut self, message: proto::Picture) {
+        let version = self.picture.as_ref().map_or(0, |picture| picture.version) + 1;
+        self.picture = Some(Picture { message: Arc::new(message), version });
     }
 
     /// Starts a new recording, or ends the current one.

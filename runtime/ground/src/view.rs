@@ -267,7 +267,8 @@ mod tests {
         };
         fleet.health("drone", &health, 100, now);
         let header = Some(proto::Header::default());
-        fleet.correction("drone", &proto::MapCorrection { header, keyframes: 2, ..Default::default() });
+        let correction = proto::MapCorrection { header, keyframes: 2, ..Default::default() };
+        fleet.vehicle("drone").unwrap().corrected.apply_correction(&correction);
         let shown = text(&fleet, now);
         let attitude = "roll   +0.0°  pitch  +0.0°  heading 000°";
         for part in [

@@ -8,8 +8,7 @@ use crate::net::task_bell::TaskBell;
 use crate::net::{Commands, Endpoints, NetError, security};
 use nalgebra::UnitQuaternion;
 use plumbline_config::ValidConfig;
-use plumbline_estimator::places::{MapEstimate, MapPath};
-use plumbline_estimator::{MapSnapshot, Odometry};
+use plumbline_estimator::Odometry;
 use plumbline_flight::local::{Record, Shot};
 use plumbline_flight::pipeline::Stamps;
 use plumbline_flight::schedule::lane::{LaneReader, LaneWriter, lane};
@@ -19,10 +18,10 @@ use std::thread::JoinHandle;
 
 /// Odometry that waits for the network: a quarter of a second.
 const ODOMETRY_RING: usize = 50;
-/// Poses of the odometry frame in the map, corrected paths and pictures that wait: only the newest counts.
-const NEWEST_RING: usize = 2;
-/// Snapshots of the window that wait: they come with keyframes, a few a second.
-const SNAPSHOT_RING: usize = 8;
+/// Records of the scene that wait: one with each frame, and a few with each keyframe.
+const SCENE_RING: usize = 32;
+/// Pictures that wait: only the newest counts.
+const PICTURE_RING: usize = 2;
 
 /// The way out to ROS 2, for one run.
 #[derive(Debug)]
@@ -95,27 +94,17 @@ impl Drop for RosOutput {
 /// Reading ends of the rings of a [`RosFeed`].
 struct Waiting {
     odometry: LaneReader<Odometry>,
-    map: LaneReader<MapEstimate>,
-    windows: LaneReader<MapSnapshot>,
-    paths: LaneReader<MapPath>,
+    scene: LaneReader<Record>,
     shots: LaneReader<Shot>,
 }
 
 fn rings(shared: &Arc<Shared>) -> (RosFeed, Waiting) {
     let (odometry_in, odometry, _) = lane(ODOMETRY_RING);
-    let (map_in, map, _) = lane(NEWEST_RING);
-    let (windows_in, windows, _) = lane(SNAPSHOT_RING);
-    let (paths_in, paths, _) = lane(NEWEST_RING);
-    let (shots_in, shots, _) = lane(NEWEST_RING);
-    let feed = RosFeed {
-        shared: Arc::clone(shared),
-        odometry: odometry_in,
-        map: map_in,
-        windows: windows_in,
-        paths: paths_in,
-        shots: shots_in,
-    };
-    (feed, Waiting { odometry, map, windows, paths, shots })
+    let (scene_in, scene, _) = lane(SCENE_RING);
+    let (shots_in, shots, _) = lane(PICTURE_RING);
+    let feed =
+        RosFeed { shared: Arc::clone(shared), odometry: odometry_in, scene: scene_in, shots: shots_in };
+    (feed, Waiting { odometry, scene, shots })
 }
 
 async fn publish(mut publisher: RosPublisher, mut waiting: Waiting, shared: &Shared) {
@@ -126,14 +115,8 @@ async fn publish(mut publisher: RosPublisher, mut waiting: Waiting, shared: &Sha
     loop {
         let is_last = shared.stop.load(Ordering::Relaxed);
         publisher.look().await;
-        while let Some(newest) = waiting.map.pop() {
-            publisher.scene.estimate = Some(newest);
-        }
-        while let Some(snapshot) = waiting.windows.pop() {
-            publisher.scene.landmarks.update(snapshot);
-        }
-        while let Some(path) = waiting.paths.pop() {
-            publisher.scene.corrected = path;
+        while let Some(record) = waiting.scene.pop() {
+            publisher.scene.take(record);
         }
         while let Some(odometry) = waiting.odometry.pop() {
             publisher.odometry(&odometry).await;
@@ -153,9 +136,7 @@ async fn publish(mut publisher: RosPublisher, mut waiting: Waiting, shared: &Sha
 pub struct RosFeed {
     shared: Arc<Shared>,
     odometry: LaneWriter<Odometry>,
-    map: LaneWriter<MapEstimate>,
-    windows: LaneWriter<MapSnapshot>,
-    paths: LaneWriter<MapPath>,
+    scene: LaneWriter<Record>,
     shots: LaneWriter<Shot>,
 }
 
@@ -167,13 +148,11 @@ impl RosFeed {
                 self.odometry.push((**odometry).clone());
                 self.shared.bell.ring();
             }
-            Record::MapEstimate(estimate) => self.map.push(estimate.clone()),
-            Record::Window(snapshot) => self.windows.push(snapshot.clone()),
-            Record::Path(path) => self.paths.push(path.clone()),
             Record::Picture(shot) => {
                 self.shots.push(shot.clone());
                 self.shared.bell.ring();
             }
+            record if Scene::draws(record) => self.scene.push(record.clone()),
             _ => {}
         }
     }

@@ -6,6 +6,7 @@ use crate::net::pace::Rates;
 use nalgebra::Isometry3;
 use plumbline_estimator::Odometry;
 use plumbline_estimator::places::{MapEstimate, MapPath};
+use plumbline_flight::local::Record;
 
 /// Path, map and landmarks of a flight, in bounded memory.
 #[derive(Clone, Debug)]
@@ -29,6 +30,22 @@ impl Scene {
             landmarks: LandmarkMap::new(rates.keyframe_landmarks),
             corrected: MapPath::new(0),
             estimate: None,
+        }
+    }
+
+    /// Whether [`Scene::take`] has a use for a record.
+    #[must_use]
+    pub fn draws(record: &Record) -> bool {
+        matches!(record, Record::MapEstimate(_) | Record::Window(_) | Record::Path(_))
+    }
+
+    /// Takes a record of the flight.
+    pub fn take(&mut self, record: Record) {
+        match record {
+            Record::MapEstimate(newest) => self.estimate = Some(newest),
+            Record::Window(snapshot) => self.landmarks.update(snapshot),
+            Record::Path(path) => self.corrected = path,
+            _ => {}
         }
     }
 
