@@ -132,6 +132,13 @@ impl Estimator {
         self.odometer.rig_estimate()
     }
 
+    /// How well the calibration fits, for who calibrates: mean robust cost of an observation over all frames so far, in squared
+    /// standard deviations. `None` before the first pose.
+    #[must_use]
+    pub fn mean_cost(&self) -> Option<f64> {
+        self.odometer.mean_cost()
+    }
+
     /// The lines seen in the last frame, for display.
     #[must_use]
     pub fn line_observations(&self) -> &[LineObservation] {

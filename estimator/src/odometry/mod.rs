@@ -150,6 +150,8 @@ pub struct Odometer {
     noise_scale: NoiseScale,
     /// Vibration at the newest frame.
     vibration: Vibration,
+    /// Robust costs of all solutions, and the observations in them.
+    fit: (f64, f64),
 }
 
 impl Odometer {
@@ -212,6 +214,7 @@ impl Odometer {
             step: None,
             noise_scale: NoiseScale::new(ImuNoise::of(imu), setup.camera.len()),
             vibration: Vibration::default(),
+            fit: (0.0, 0.0),
             window,
         }
     }
@@ -444,6 +447,8 @@ impl Odometer {
         self.window.update_manhattan(self.measurer.lines(), self.tilt_sigma_rad());
         let max_iterations = self.options.max_iterations.min(max_iterations);
         let outcome = self.window.optimize(max_iterations);
+        self.fit.0 += outcome.cost;
+        self.fit.1 += self.window.observation_count() as f64;
         if outcome.is_not_positive_definite {
             health.insert(HealthBits::NOT_POSITIVE_DEFINITE);
         }
@@ -486,6 +491,13 @@ impl Odometer {
     /// The rig's calibration as refined so far, with its covariance; `None` while there is no pose.
     pub fn rig_estimate(&mut self) -> Option<RigEstimate> {
         (self.phase == Phase::Running).then(|| self.window.rig_estimate()).flatten()
+    }
+
+    /// Mean robust cost of an observation over all frames so far, in squared standard deviations; `None` before the first solution.
+    #[must_use]
+    pub fn mean_cost(&self) -> Option<f64> {
+        let (cost, observations) = self.fit;
+        (observations > 0.0).then(|| cost / observations)
     }
 
     fn estimate(&self, tracked: &Tracked, health: HealthBits, solved: Solved) -> Estimate {

@@ -217,8 +217,7 @@ impl Odometer {
         self.move_to_origin();
         self.window.anchor_newest(&self.bias_memory, &tight);
         let outcome = self.window.optimize(START_ITERATIONS);
-        let observations: usize =
-            self.window.points.all().iter().filter(|l| l.is_triangulated).map(|l| l.observations.len()).sum();
+        let observations = self.window.observation_count();
         !outcome.is_not_positive_definite
             && self.window.triangulated().0 >= MIN_STEREO_TRACKS
             && outcome.cost < MAX_MEAN_COST * observations as f64

@@ -385,6 +385,12 @@ impl Window {
         self.outliers.lines.clear();
     }
 
+    /// Observations of all points that have a depth.
+    #[must_use]
+    pub fn observation_count(&self) -> usize {
+        self.points.all().iter().filter(|l| l.is_triangulated).map(|l| l.observations.len()).sum()
+    }
+
     /// Points and lines that have a depth.
     #[must_use]
     pub fn triangulated(&self) -> (usize, usize) {

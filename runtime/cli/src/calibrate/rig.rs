@@ -41,6 +41,10 @@ pub struct RigArgs {
     /// Standard deviation of the initial time offset, ms.
     #[arg(long, value_name = "MS", default_value_t = 10.0)]
     pub time_offset_sigma_ms: f64,
+    /// Also measure the readout of a rolling shutter (camera.readout_s), which takes 11 passes more. A stamp must then be the middle of
+    /// the exposure of the middle row.
+    #[arg(long)]
+    pub readout: bool,
     /// Topics of a bag.
     #[command(flatten)]
     pub topics: TopicArgs,
@@ -59,6 +63,7 @@ impl RigArgs {
             rotation_sigma_rad: positive("rotation-sigma-deg", self.rotation_sigma_deg, 10.0)?.to_radians(),
             translation_sigma_m: 1e-3 * positive("translation-sigma-mm", self.translation_sigma_mm, 500.0)?,
             time_offset_sigma_s: 1e-3 * positive("time-offset-sigma-ms", self.time_offset_sigma_ms, 50.0)?,
+            finds_readout: self.readout,
             ..RigOptions::default()
         })
     }
@@ -90,9 +95,10 @@ pub(super) fn run(args: &RigArgs) -> Result<()> {
 
 fn comment(args: &RigArgs, found: &FoundRig) -> String {
     format!(
-        "# Made by `plumbline calibrate rig` of {}, {:.1} s.\n# Measured: camera.pose_b_c of the rig as a whole, and [rig].\n{}",
+        "# Made by `plumbline calibrate rig` of {}, {:.1} s.\n# Measured: {}camera.pose_b_c of the rig as a whole, and [rig].\n{}",
         args.source.display(),
         found.span_s,
+        if found.readout.is_some() { "camera.readout_s, " } else { "" },
         found.covariance_comment()
     )
 }

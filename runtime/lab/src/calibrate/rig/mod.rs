@@ -5,17 +5,19 @@
 //! set free, and a recording is estimated in pieces (`pass`) that are put together (`fuse`) to a calibration with its
 //! covariance. That is done again from the calibration that came out, until it stays: the stereo search, the time stamps
 //! and the Jacobians of the first pass are those of the calibration that it began with. What the motion did not
-//! show (`motion`) is refused by name. How the cameras sit to each other is not touched: that is the calibration
+//! show (`motion`) is refused by name. Before that the readout of a rolling shutter can be looked for (`readout`). How the cameras sit to each other is not touched: that is the calibration
 //! of the cameras.
 
 mod fuse;
 mod motion;
 mod pass;
+mod readout;
 #[cfg(test)]
 mod tests;
 
 pub use fuse::{Covariance, DIM, Fused, Step, fuse};
 pub use motion::{Excitation, LEAST_RATE_RAD_S, axis_words};
+pub use readout::FoundReadout;
 
 use nalgebra::Vector3;
 use pass::{Pass, pass};
@@ -46,6 +48,8 @@ pub struct RigOptions {
     pub piece_s: f64,
     /// Passes, at most.
     pub max_passes: usize,
+    /// Whether the readout of a rolling shutter is looked for first.
+    pub finds_readout: bool,
 }
 
 impl Default for RigOptions {
@@ -56,6 +60,7 @@ impl Default for RigOptions {
             time_offset_sigma_s: 0.01,
             piece_s: 8.0,
             max_passes: 5,
+            finds_readout: false,
         }
     }
 }
@@ -83,6 +88,8 @@ pub struct FoundRig {
     pub span_s: f64,
     /// How it was turned.
     pub excitation: Excitation,
+    /// Readout of the cameras, where it was looked for.
+    pub readout: Option<FoundReadout>,
 }
 
 /// Why there is no calibration.
@@ -134,6 +141,12 @@ pub enum RigError {
         /// The axis that was turned about least.
         weakest: String,
     },
+    /// The costs have no lowest place.
+    #[error(
+        "the recording does not determine the readout of the shutter: how well it fits does not depend on it; move the rig faster, \
+         with texture in all rows of the images"
+    )]
+    NoReadout,
     /// It went on and on.
     #[error(
         "the calibration does not converge in {passes} passes: it still changes by {sigmas:.1} standard deviations; is the \
@@ -158,14 +171,23 @@ pub fn calibrate(
     open: &mut dyn FnMut(&ValidConfig) -> Result<Flight, FlightError>,
     progress: &mut dyn FnMut(usize, u64),
 ) -> Result<FoundRig, RigError> {
-    let mut now = set_free(config, options)?;
+    let mut config = config.clone();
+    let mut now = set_free(&config, options)?;
     let samples = all_samples(open(&now)?)?;
     let excitation = turned(&samples, &now)?;
+    let readout = options.finds_readout.then(|| readout::find(&now, options, open, progress)).transpose()?;
+    if let Some(found) = &readout {
+        config = readout::with_readout(&config, found.readout_s)?;
+        now = readout::with_readout(&now, found.readout_s)?;
+    }
+    let before = if readout.is_some() { readout::PASSES } else { 0 };
     let begin = Rig::of(now.setup());
     let mut largest = f64::INFINITY;
     for number in 1..=options.max_passes {
         let start = Rig::of(now.setup());
-        let found = pass(open(&now)?, now.setup(), options.piece_s, &mut |frames| progress(number, frames))?;
+        let found = pass(open(&now)?, now.setup(), options.piece_s, &mut |frames| {
+            progress(before + number, frames);
+        })?;
         let fused = put_together(&found, &start, &now, options)?;
         let rig = moved(&start, &fused.step);
         largest = (0..DIM).map(|k| fused.step[k].abs() / fused.covariance[(k, k)].sqrt()).fold(0.0, f64::max);
@@ -176,7 +198,7 @@ pub fn calibrate(
             let Fused { covariance, growth, .. } = fused;
             let Pass { pieces, lost, span_s, .. } = found;
             let (pieces, passes) = (pieces.len(), number);
-            let config = finished(config, &rig, &covariance)?;
+            let config = finished(&config, &rig, &covariance)?;
             return Ok(FoundRig {
                 config,
                 rig,
@@ -188,6 +210,7 @@ pub fn calibrate(
                 passes,
                 span_s,
                 excitation,
+                readout,
             });
         }
     }
@@ -314,7 +337,13 @@ impl FoundRig {
         let words = |v: &Vector3<f64>, decimals: usize| {
             format!("{:.*} {:.*} {:.*}", decimals, v.x, decimals, v.y, decimals, v.z)
         };
-        vec![
+        let readout = self.readout.map(|found| match found.readout_s {
+            0.0 => format!("readout        none: a global shutter (one sigma {:.2} ms)", 1e3 * found.sigma_s),
+            readout_s => {
+                format!("readout        {:.2} ms, one sigma {:.2} ms", 1e3 * readout_s, 1e3 * found.sigma_s)
+            }
+        });
+        let mut lines = vec![
             format!("left camera    at ({}) mm in the body, one sigma ({})", words(&p, 2), words(&ps, 2)),
             format!("               moved by ({}) mm", words(&moved_p, 2)),
             format!("attitude       one sigma ({}) deg about its x, y and z", words(&rs, 4)),
@@ -338,7 +367,9 @@ impl FoundRig {
                  attitude, time; at least 1): in the sigmas",
                 self.growth[0], self.growth[1], self.growth[2]
             ),
-        ]
+        ];
+        lines.extend(readout);
+        lines
     }
 
     /// The covariance as comments of a file: rows of place (m), attitude (rad) and time offset (s).

@@ -21,6 +21,8 @@ const LEAST_PART: f64 = 0.6;
 pub(super) struct Pass {
     /// What each piece found.
     pub(super) pieces: Vec<RigEstimate>,
+    /// Mean cost of an observation in every whole piece, `None` where it found no pose or lost it.
+    pub(super) costs: Vec<Option<f64>>,
     /// Pieces that found no pose, or lost it.
     pub(super) lost: usize,
     /// Every inertial sample between the frames.
@@ -54,10 +56,10 @@ impl Piece {
         self.last = frame.stamp;
     }
 
-    /// What it found, if it went well for long enough.
-    fn finish(mut self, least_s: f64) -> Option<RigEstimate> {
+    /// What it found, and the mean cost of an observation, if it went well for long enough.
+    fn finish(mut self, least_s: f64) -> Option<(RigEstimate, f64)> {
         let is_sound = self.resets == 0 && self.last.seconds_since(self.begin) >= least_s;
-        is_sound.then(|| self.estimator.rig_estimate()).flatten()
+        is_sound.then(|| self.estimator.rig_estimate()).flatten().zip(self.estimator.mean_cost())
     }
 }
 
@@ -109,10 +111,16 @@ impl Pass {
         let Some(piece) = piece else { return };
         let is_rest = piece.last.seconds_since(piece.begin) < LEAST_PART * piece_s;
         match piece.finish(LEAST_PART * piece_s) {
-            Some(estimate) => self.pieces.push(estimate),
+            Some((estimate, cost)) => {
+                self.pieces.push(estimate);
+                self.costs.push(Some(cost));
+            }
             // What is left over at the end is no loss.
             None if is_rest => {}
-            None => self.lost += 1,
+            None => {
+                self.lost += 1;
+                self.costs.push(None);
+            }
         }
     }
 }

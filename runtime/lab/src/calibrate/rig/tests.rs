@@ -140,6 +140,31 @@ fn a_rig_that_is_off_by_a_degree_two_centimetres_and_five_milliseconds_is_found(
     assert!(found.table().iter().any(|line| line.contains("time offset")));
 }
 
+/// The readout that is found, where it is believed to be 8 ms, and its standard deviation, ms.
+fn readout_found(truth_s: f64) -> (f64, f64) {
+    let mut shot = scenario(1, 27.0, 0.35);
+    shot.effects.readout_s = truth_s;
+    let recording = Recording::new(&shot);
+    let believed = readout::with_readout(&recording.believed(1), 0.008).unwrap();
+    let options = RigOptions { finds_readout: true, ..RigOptions::default() };
+    let found = recording.calibrate(&believed, &options).unwrap();
+    found.table().iter().for_each(|line| println!("{line}"));
+    let readout = found.readout.unwrap();
+    assert!(found.config.camera.iter().all(|camera| camera.readout_s == readout.readout_s));
+    (1e3 * readout.readout_s, 1e3 * readout.sigma_s)
+}
+
+#[test]
+fn the_readout_of_a_rolling_shutter_is_found() {
+    let (readout_ms, sigma_ms) = readout_found(0.02);
+    assert!((readout_ms - 20.0).abs() < 1.0 && sigma_ms < 0.5, "{readout_ms} ms, {sigma_ms}");
+}
+
+#[test]
+fn a_global_shutter_is_found_to_be_one() {
+    assert_eq!(readout_found(0.0).0, 0.0);
+}
+
 #[test]
 fn a_flight_that_turns_about_one_axis_alone_is_refused_by_the_axes_that_are_missing() {
     let flight = Scenario { path: FlightPath::Demo, ..scenario(1, 20.0, 0.3) };
