@@ -163,7 +163,8 @@ impl DrawingBackend for Raster<'_> {
         let shift_y = (style.size() * (base_line * EM - BASE_LINE)).round() as i32;
         let mut covered = std::collections::BTreeMap::new();
         let collect = |x: i32, y: i32, color: BackendColor| -> Result<(), Infallible> {
-            let (x, y) = (at.0 + shift_x + x, at.1 + shift_y + y);
+            let moved = |to: i32, shift: i32, by: i32| to.saturating_add(shift).saturating_add(by);
+            let (x, y) = (moved(at.0, shift_x, x), moved(at.1, shift_y, y));
             *covered.entry((y.div_euclid(FINENESS), x.div_euclid(FINENESS))).or_insert(0.0) +=
                 color.alpha as f32;
             Ok(())
