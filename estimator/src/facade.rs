@@ -10,7 +10,7 @@ use crate::input::{FrameInput, ImuAdmission, ResetKind};
 use crate::lines::LineObservation;
 use crate::odometry::Odometer;
 use crate::propagator::Propagator;
-use crate::window::RigEstimate;
+use crate::window::{Fit, RigEstimate};
 use crate::work_budget::{InTurn, WorkBudget};
 use plumbline_config::{ImuSample, Timestamp, ValidSetup};
 
@@ -132,11 +132,9 @@ impl Estimator {
         self.odometer.rig_estimate()
     }
 
-    /// How well the calibration fits, for who calibrates: mean robust cost of an observation over all frames so far, in squared
-    /// standard deviations. `None` before the first pose.
-    #[must_use]
-    pub fn mean_cost(&self) -> Option<f64> {
-        self.odometer.mean_cost()
+    /// How well the newest frame fits the calibration; `None` while there is no pose.
+    pub fn newest_fit(&mut self) -> Option<Fit> {
+        self.odometer.newest_fit()
     }
 
     /// The lines seen in the last frame, for display.

@@ -85,7 +85,7 @@ pub use odometry::Odometer;
 pub use origin::OriginUncertainty;
 pub use propagator::Propagator;
 pub use window::snapshot::MapSnapshot;
-pub use window::{RigCovariance, RigEstimate};
+pub use window::{Fit, RigCovariance, RigEstimate};
 pub use work_budget::{Fork, InTurn, WorkBudget};
 
 /// The example of the README is compiled.

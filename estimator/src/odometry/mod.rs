@@ -44,7 +44,7 @@ use crate::points::PointObservation;
 use crate::shutter::readouts;
 use crate::window::snapshot::SnapshotKeyframe;
 use crate::window::state::{FrameTime, NavState};
-use crate::window::{RigEstimate, Window};
+use crate::window::{Fit, RigEstimate, Window};
 use crate::work_budget::WorkBudget;
 use inherited::Inherited;
 use innovation::{NoiseScale, Prediction};
@@ -150,8 +150,6 @@ pub struct Odometer {
     noise_scale: NoiseScale,
     /// Vibration at the newest frame.
     vibration: Vibration,
-    /// Robust costs of all solutions, and the observations in them.
-    fit: (f64, f64),
 }
 
 impl Odometer {
@@ -214,7 +212,6 @@ impl Odometer {
             step: None,
             noise_scale: NoiseScale::new(ImuNoise::of(imu), setup.camera.len()),
             vibration: Vibration::default(),
-            fit: (0.0, 0.0),
             window,
         }
     }
@@ -447,8 +444,6 @@ impl Odometer {
         self.window.update_manhattan(self.measurer.lines(), self.tilt_sigma_rad());
         let max_iterations = self.options.max_iterations.min(max_iterations);
         let outcome = self.window.optimize(max_iterations);
-        self.fit.0 += outcome.cost;
-        self.fit.1 += self.window.observation_count() as f64;
         if outcome.is_not_positive_definite {
             health.insert(HealthBits::NOT_POSITIVE_DEFINITE);
         }
@@ -493,11 +488,9 @@ impl Odometer {
         (self.phase == Phase::Running).then(|| self.window.rig_estimate()).flatten()
     }
 
-    /// Mean robust cost of an observation over all frames so far, in squared standard deviations; `None` before the first solution.
-    #[must_use]
-    pub fn mean_cost(&self) -> Option<f64> {
-        let (cost, observations) = self.fit;
-        (observations > 0.0).then(|| cost / observations)
+    /// How well the newest frame fits ([`Fit`]); `None` while there is no pose.
+    pub fn newest_fit(&mut self) -> Option<Fit> {
+        (self.phase == Phase::Running).then(|| self.window.newest_fit())
     }
 
     fn estimate(&self, tracked: &Tracked, health: HealthBits, solved: Solved) -> Estimate {

@@ -26,6 +26,7 @@ pub mod eliminate;
 pub mod factor;
 pub mod factorization;
 pub mod feature;
+mod fit;
 pub mod frame;
 pub mod growth;
 mod heading_votes;
@@ -69,6 +70,7 @@ pub mod triangulate_line;
 pub mod zero_velocity_factor;
 
 pub use calibration::{RigCovariance, RigEstimate};
+pub use fit::Fit;
 pub use options::Options;
 pub use state::MAX_FRAMES;
 
@@ -122,6 +124,8 @@ pub struct Window {
     rehosted: (Vec<PointLandmark>, Vec<LineLandmark>),
     outliers: Outliers,
     configured_rig: Rig,
+    /// Frames for which things that were seen to move are remembered.
+    moving_in_sight: u32,
     /// Frames on end that most of what they saw contradicted.
     doubted: u32,
     /// What a solution that ended before its time still asked of the newest frame: m, rad, m/s.
@@ -192,6 +196,7 @@ impl Window {
             solution: vec![0.0; unknowns],
             rehosted: (Vec::with_capacity(points), Vec::with_capacity(lines)),
             outliers: Outliers::new(points, lines),
+            moving_in_sight: 0,
             doubted: 0,
             unfinished: None,
             first_damping: solve::FIRST_DAMPING,
@@ -213,6 +218,7 @@ impl Window {
         self.lines.clear();
         self.anchor = None;
         self.doubted = 0;
+        self.moving_in_sight = 0;
         self.unfinished = None;
         self.first_damping = solve::FIRST_DAMPING;
         self.manhattan.heading_rad = None;

@@ -17,8 +17,11 @@ use super::state::NavState;
 use super::tracks::{self, Verdict};
 use plumbline_config::Portable;
 
-/// Observations that agree with the motion, at least: as many as a judgement takes.
-const MIN_AGREEING: usize = 12;
+/// Observations that agree with the motion, at least: by chance hardly any would.
+const MIN_AGREEING: usize = 6;
+/// With so many that agree, what contradicts has been seen to move, and is known for the frames that follow, even if it hides all else.
+const WITNESSES: usize = 12;
+const REMEMBERED_FRAMES: u32 = 10;
 /// Observations that contradict it before anything is taken for moving, at least.
 const MIN_MOVING: usize = 8;
 /// Share of what is seen that a motion which explains it leaves unexplained, at most.
@@ -35,11 +38,16 @@ impl Window {
     /// Drops what the newest frame, at its predicted pose, sees of things that move. `velocity_sigma_m_s` is the standard
     /// deviation of the predicted velocity, m/s.
     pub fn drop_moving(&mut self, velocity_sigma_m_s: f64) {
+        let was_in_sight = self.moving_in_sight > 0;
+        self.moving_in_sight = self.moving_in_sight.saturating_sub(1);
         let Some(slack) = self.slack(velocity_sigma_m_s) else { return };
         let verdict = self.verdict_within(slack);
-        let is_moving = are_moving(verdict, self.options.max_moving_share);
+        let is_moving = are_moving(verdict, was_in_sight, self.options.max_moving_share);
         if is_moving && (explains(verdict) || !self.does_a_blow_explain(slack)) {
             self.forget_moving(slack);
+            if verdict.seen >= verdict.wrong + WITNESSES {
+                self.moving_in_sight = REMEMBERED_FRAMES;
+            }
         }
     }
 
@@ -88,9 +96,10 @@ impl Window {
 }
 
 /// Whether so many contradict that something moves, and so few that the rest tell how the vehicle does.
-fn are_moving(verdict: Verdict, most: f64) -> bool {
+fn are_moving(verdict: Verdict, was_in_sight: bool, most: f64) -> bool {
     let (seen, wrong) = (verdict.seen as f64, verdict.wrong as f64);
-    verdict.seen >= verdict.wrong + MIN_AGREEING && verdict.wrong >= MIN_MOVING && wrong <= most * seen
+    let do_others_agree = verdict.seen >= verdict.wrong + MIN_AGREEING && wrong <= most * seen;
+    verdict.wrong >= MIN_MOVING && (do_others_agree || was_in_sight)
 }
 
 /// Whether a motion explains what is seen.
@@ -126,8 +135,9 @@ mod tests {
 
     #[test]
     fn a_few_are_left_to_the_kernel_and_a_few_do_not_tell_how_the_vehicle_moves() {
-        let verdict = |seen, wrong| Verdict { seen, wrong };
-        assert!(are_moving(verdict(100, 35), 0.85) && are_moving(verdict(100, 80), 0.85));
-        assert!(!are_moving(verdict(100, 5), 0.85) && !are_moving(verdict(18, 8), 0.85));
+        let moving = |seen, wrong, was_in_sight| are_moving(Verdict { seen, wrong }, was_in_sight, 0.85);
+        assert!(moving(100, 35, false) && moving(100, 80, false) && moving(18, 8, false));
+        assert!(!moving(100, 5, false) && !moving(100, 90, false) && !moving(12, 8, false));
+        assert!(moving(100, 98, true) && !moving(7, 7, true), "what hides all else has been seen to move");
     }
 }

@@ -7,7 +7,7 @@
 use plumbline_config::options::image_sizes;
 use plumbline_config::{ImuSample, Timestamp, ValidSetup};
 use plumbline_drivers::{Prefetch, StereoFrame, StereoSource};
-use plumbline_estimator::{Estimator, FrameInput, RigEstimate};
+use plumbline_estimator::{Estimator, Fit, FrameInput, RigEstimate};
 use plumbline_flight::flight::{Flight, FlightError};
 use std::collections::VecDeque;
 
@@ -37,6 +37,8 @@ struct Piece {
     begin: Timestamp,
     last: Timestamp,
     resets: u32,
+    /// Summed over its frames.
+    fit: Fit,
 }
 
 impl Piece {
@@ -45,7 +47,7 @@ impl Piece {
         for sample in lead {
             estimator.add_imu(sample);
         }
-        Self { estimator, begin, last: begin, resets: 0 }
+        Self { estimator, begin, last: begin, resets: 0, fit: Fit::default() }
     }
 
     fn add(&mut self, frame: &StereoFrame) {
@@ -54,12 +56,17 @@ impl Piece {
             FrameInput { sequence: Some(frame.sequence), stamp: frame.stamp, images: [image(0), image(1)] };
         self.resets = self.estimator.add_frame(&input).reset_counter;
         self.last = frame.stamp;
+        if let Some(fit) = self.estimator.newest_fit() {
+            self.fit.cost += fit.cost;
+            self.fit.observations += fit.observations;
+        }
     }
 
     /// What it found, and the mean cost of an observation, if it went well for long enough.
     fn finish(mut self, least_s: f64) -> Option<(RigEstimate, f64)> {
         let is_sound = self.resets == 0 && self.last.seconds_since(self.begin) >= least_s;
-        is_sound.then(|| self.estimator.rig_estimate()).flatten().zip(self.estimator.mean_cost())
+        let mean_cost = self.fit.cost / self.fit.observations.max(1) as f64;
+        is_sound.then(|| self.estimator.rig_estimate()).flatten().map(|estimate| (estimate, mean_cost))
     }
 }
 
