@@ -17,6 +17,8 @@ use plumbline_config::{Portable, Timestamp};
 const PEOPLE_M: f64 = 1.2;
 /// Share of the view's width that a person fills, about.
 const PERSON_SHARE: f64 = 0.3;
+/// Height of who has not come yet, m: below every floor.
+const ABSENT_M: f64 = -1000.0;
 /// Height and depth of a person, m.
 const PERSON_SIZE_M: [f64; 2] = [1.75, 0.3];
 /// Light on what moves, grey levels of a white surface.
@@ -35,7 +37,7 @@ pub(super) struct Actors {
 struct Person {
     /// Takes coordinates of the left camera to the body.
     pose_b_c: Isometry3<f64>,
-    /// Time of a crossing, and how much of the first one has passed when the flight begins, s.
+    /// Time of a crossing, and how much of the first one has passed when the flight begins, s; negative for who comes later.
     crossing_s: f64,
     phase_s: f64,
     /// Way of a crossing, m, to the right.
@@ -43,10 +45,19 @@ struct Person {
 }
 
 impl Actors {
-    /// Puts what moves by `scenario` into the world.
-    pub(super) fn enter(scenario: &Scenario, camera: &CameraConfig, world: &mut World) -> Self {
-        let people =
-            scenario.people.map_or_else(Vec::new, |people| walkers(&people, camera, scenario.seed, world));
+    /// Puts what moves by `scenario` into the world. `first_frame_s` is the time of the first frame after the beginning of the path, s.
+    pub(super) fn enter(
+        scenario: &Scenario,
+        camera: &CameraConfig,
+        first_frame_s: f64,
+        world: &mut World,
+    ) -> Self {
+        let people = scenario.people.map(|mut people| {
+            // Who comes later is waited for from the first frame on.
+            people.from_s += if people.from_s > 0.0 { first_frame_s } else { 0.0 };
+            walkers(&people, camera, scenario.seed, world)
+        });
+        let people = people.unwrap_or_default();
         let parts = scenario.vehicle_parts.then(|| camera.pose_b_c());
         if parts.is_some() {
             let dark = Finish::of(Material::Paint).toned(0.0, 0.12);
@@ -90,14 +101,16 @@ fn walkers(people: &People, camera: &CameraConfig, seed: u64, world: &mut World)
     let way_m = view_m + width_m;
     let crossing_s = way_m / people.speed_m_s.at_least(0.05);
     let mut draws = Draws::new(seed, Purpose::People, 0);
-    let first = draws.unit();
+    let first_s = if people.from_s > 0.0 { -people.from_s } else { draws.unit() * crossing_s };
+    // Who comes later follows those before; who is there from the start is ahead of them.
+    let next_s = crossing_s / count * if people.from_s > 0.0 { -1.0 } else { 1.0 };
     let clothes = [Material::Labels, Material::Posters, Material::Stones, Material::Tiles];
     (0..count as usize)
         .map(|k| {
             let finish = Finish::of(clothes[draws.index(4)]).zoomed(0.6).toned(0.05, 0.9);
             let size = [width_m, PERSON_SIZE_M[1], PERSON_SIZE_M[0]];
             world.add_mover(faces(size, finish, seed.wrapping_add(k as u64)), BRIGHTNESS);
-            let phase_s = (first + k as f64 / count) * crossing_s;
+            let phase_s = first_s + k as f64 * next_s;
             Person { pose_b_c: camera.pose_b_c(), crossing_s, phase_s, way_m }
         })
         .collect()
@@ -109,6 +122,9 @@ impl Person {
     fn pose(&self, flight: &Trajectory, time: Timestamp) -> Isometry3<f64> {
         let since_s = time.seconds_since(flight.begin()) + self.phase_s;
         let crossing = (since_s / self.crossing_s).floor();
+        if crossing < 0.0 {
+            return Isometry3::translation(0.0, 0.0, ABSENT_M);
+        }
         let part = since_s / self.crossing_s - crossing;
         let middle_s = (crossing + 0.5) * self.crossing_s - self.phase_s;
         let camera = |motion: super::Motion| motion.pose_w_b * self.pose_b_c;

@@ -103,10 +103,14 @@ const KINDS: &[Kind] = &[
         name: "people",
         about: "Textured boxes of a person's size that cross the view 1.2 m in front of the left camera, together at most this share \
                 of its width",
-        doses: &[Dose::new("% of the view", 33.0, 100.0), Dose::new("walking speed, m/s", 1.2, 10.0)],
-        cases: &[&[33.0], &[60.0]],
-        apply: |scenario, [percent, speed_m_s, _]| {
-            scenario.people = Some(People { share: 0.01 * percent, speed_m_s: *speed_m_s });
+        doses: &[
+            Dose::new("% of the view", 33.0, 100.0),
+            Dose::new("walking speed, m/s", 1.2, 10.0),
+            Dose::new("when the first comes, s; 0 for all there from the start", 0.0, 3600.0),
+        ],
+        cases: &[&[33.0], &[60.0], &[33.0, 1.2, 4.0], &[60.0, 1.2, 4.0]],
+        apply: |scenario, [percent, speed_m_s, from_s]| {
+            scenario.people = Some(People { share: 0.01 * percent, speed_m_s: *speed_m_s, from_s: *from_s });
         },
     },
     Kind {

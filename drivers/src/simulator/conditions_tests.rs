@@ -104,6 +104,14 @@ fn people_fill_up_to_their_share_of_the_view() {
 }
 
 #[test]
+fn people_who_come_later_are_not_seen_before() {
+    let [with, without] = [flight_in(Scene::Room, "people:33:1.2:2"), flight(Scene::Room, |_| {})];
+    let share = |index| difference(&left(&with, index), &left(&without, index));
+    assert_eq!([0, 20, 39].map(share), [0.0; 3]);
+    assert!((45..80).step_by(5).map(share).fold(0.0, f64::max) > 0.15);
+}
+
+#[test]
 fn parts_of_the_vehicle_stay_in_the_corners() {
     let [with, without] = [flight_in(Scene::Room, "vehicle-parts:0"), flight(Scene::Room, |_| {})];
     for index in [0, 40, 79] {

@@ -148,7 +148,8 @@ impl Simulator {
         if scenario.lean_deg != 0.0 {
             world.lean(scenario.lean_deg.to_radians(), scenario.seed, &path);
         }
-        let actors = Actors::enter(scenario, &config.camera[0], &mut world);
+        let actors =
+            Actors::enter(scenario, &config.camera[0], first_frame.seconds_since(flight.begin()), &mut world);
         let cameras = config.camera.iter().map(|camera| {
             let model = camera.model();
             let sensor = Sensor::new(&scenario.effects, &model, scenario.seed);

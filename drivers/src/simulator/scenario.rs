@@ -107,6 +107,8 @@ pub struct People {
     pub share: f64,
     /// Velocity against the view, m/s.
     pub speed_m_s: f64,
+    /// When the first comes into view, s after the first frame; 0 if they are there from the start.
+    pub from_s: f64,
 }
 
 /// Errors of a calibration; signs are drawn.

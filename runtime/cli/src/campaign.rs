@@ -321,7 +321,8 @@ mod tests {
 
     #[test]
     fn conditions_are_chosen_by_name_and_dose() {
-        assert_eq!(chosen("--faults --fault people"), ["people:33:1.2", "people:60:1.2"]);
+        let people = ["people:33:1.2:0", "people:60:1.2:0", "people:33:1.2:4", "people:60:1.2:4"];
+        assert_eq!(chosen("--faults --fault people"), people);
         assert_eq!(chosen("--faults --fault blur:10:6"), ["blur:10:6:1"]);
         assert!(chosen("--faults").contains(&"night:20:4:8".to_owned()));
         assert_eq!(each_named::<Conditions>(&["all".to_owned()]).unwrap().len(), Fault::conditions().count());
