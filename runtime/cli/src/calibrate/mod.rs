@@ -3,6 +3,7 @@
 mod camera;
 mod imu;
 mod live;
+mod masks;
 mod output;
 mod rig;
 
@@ -23,6 +24,8 @@ enum CalibrateCommand {
     Camera(Box<camera::CameraArgs>),
     /// Estimate noise densities and bias random walks of the IMU from a recording at rest (Allan deviation).
     Imu(imu::ImuArgs),
+    /// Find the parts of the vehicle that its cameras see, and write masks that hide them.
+    Masks(masks::MasksArgs),
     /// Calibrate the pose of the cameras on the IMU and their time offset from a recording moved by hand.
     Rig(rig::RigArgs),
 }
@@ -35,6 +38,7 @@ pub fn run(args: &CalibrateArgs) -> Result<()> {
     match &args.command {
         CalibrateCommand::Camera(args) => camera::run(args),
         CalibrateCommand::Imu(args) => imu::run(args),
+        CalibrateCommand::Masks(args) => masks::run(args),
         CalibrateCommand::Rig(args) => rig::run(args),
     }
 }
