@@ -5,6 +5,7 @@ use super::factor::RobustSum;
 use super::feature::Feature;
 use super::problem::Problem;
 use super::reprojection::InversePoint;
+use plumbline_config::Portable;
 
 /// How well observations fit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -32,7 +33,7 @@ impl Window {
             let placed = linearizer.poses.placed(landmark);
             for o in landmark.observations.iter().filter(|o| o.frame == newest) {
                 let residual = linearizer.poses.residual::<InversePoint>(&problem, &placed, o);
-                costs.add(residual.map_or(gate * gate, |r| r.norm_squared().min(gate * gate)));
+                costs.add(residual.map_or(gate * gate, |r| r.norm_squared().at_most(gate * gate)));
                 observations += 1;
             }
         }
