@@ -84,7 +84,7 @@ fn masks_of_the_legs_are_written_and_the_configuration_takes_them() {
     let masks = ["left", "right"].map(|side| at(&format!("{side}-mask.png")));
     let set = [0, 1].map(|k| format!("camera.{k}.mask={}", masks[k]));
     let replayed =
-        plumbline(&["replay", &flight, "--duration", "1", "--set", &set[0], "--set", &set[1], "--json"]);
+        plumbline(&["replay", &flight, "--duration", "4", "--set", &set[0], "--set", &set[1], "--json"]);
     assert!(replayed.status.success(), "{}", stderr(&replayed));
     fails(&arguments, 2, &["left-mask.png", "--overwrite"]);
 }

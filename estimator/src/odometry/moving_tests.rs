@@ -67,5 +67,6 @@ fn people_who_walk_by_do_not_take_the_estimate_along() {
 #[test]
 fn people_who_hide_all_else_for_a_moment_do_not_either() {
     let worst = worst_velocity_m_s(0.85, 3.0);
-    assert!(worst < 0.1, "{worst:.3} m/s");
+    // Meanwhile the samples alone tell the velocity.
+    assert!(worst < 0.15, "{worst:.3} m/s");
 }
