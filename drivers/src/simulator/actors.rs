@@ -17,7 +17,7 @@ use plumbline_config::{Portable, Timestamp};
 const PEOPLE_M: f64 = 1.2;
 /// Share of the view's width that a person fills, about.
 const PERSON_SHARE: f64 = 0.3;
-/// Height of who has not come yet, m: below every floor.
+/// Height at which people are kept until they come, m: below every floor.
 const ABSENT_M: f64 = -1000.0;
 /// Height and depth of a person, m.
 const PERSON_SIZE_M: [f64; 2] = [1.75, 0.3];
@@ -37,7 +37,7 @@ pub(super) struct Actors {
 struct Person {
     /// Takes coordinates of the left camera to the body.
     pose_b_c: Isometry3<f64>,
-    /// Time of a crossing, and how much of the first one has passed when the flight begins, s; negative for who comes later.
+    /// Duration of a crossing, and how much of the first one has passed at the beginning of the path, s; negative for people who come later.
     crossing_s: f64,
     phase_s: f64,
     /// Way of a crossing, m, to the right.
@@ -53,7 +53,7 @@ impl Actors {
         world: &mut World,
     ) -> Self {
         let people = scenario.people.map(|mut people| {
-            // Who comes later is waited for from the first frame on.
+            // The time counts from the first frame on.
             people.from_s += if people.from_s > 0.0 { first_frame_s } else { 0.0 };
             walkers(&people, camera, scenario.seed, world)
         });
@@ -102,7 +102,7 @@ fn walkers(people: &People, camera: &CameraConfig, seed: u64, world: &mut World)
     let crossing_s = way_m / people.speed_m_s.at_least(0.05);
     let mut draws = Draws::new(seed, Purpose::People, 0);
     let first_s = if people.from_s > 0.0 { -people.from_s } else { draws.unit() * crossing_s };
-    // Who comes later follows those before; who is there from the start is ahead of them.
+    // People who come later follow one another; those who are there from the start are ahead of one another.
     let next_s = crossing_s / count * if people.from_s > 0.0 { -1.0 } else { 1.0 };
     let clothes = [Material::Labels, Material::Posters, Material::Stones, Material::Tiles];
     (0..count as usize)

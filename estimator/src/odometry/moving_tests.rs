@@ -66,7 +66,10 @@ fn people_who_walk_by_do_not_take_the_estimate_along() {
 
 #[test]
 fn people_who_hide_all_else_for_a_moment_do_not_either() {
-    let worst = worst_velocity_m_s(0.85, 3.0);
+    let [kept, dropped] = [0.0, 0.85].map(|share| worst_velocity_m_s(share, 3.0));
     // Meanwhile the samples alone tell the velocity.
-    assert!(worst < 0.15, "{worst:.3} m/s");
+    assert!(
+        dropped < 0.15 && dropped < 0.3 * kept,
+        "{dropped:.3} m/s, and {kept:.3} where nothing is dropped"
+    );
 }

@@ -67,7 +67,7 @@ pub(super) fn run(args: &MasksArgs) -> Result<()> {
         ));
     }
     say("In the configuration:");
-    SIDES.iter().zip(&files).for_each(|(side, file)| {
+    SIDES.iter().zip(&files).take(found.masks.len()).for_each(|(side, file)| {
         say(format_args!("  [[camera]]  # {side}\n  mask = {:?}", name_of(file)));
     });
     Ok(())

@@ -56,9 +56,9 @@ pub enum MaskError {
 /// Masks that were found.
 #[derive(Clone, Debug)]
 pub struct FoundMasks {
-    /// Of the left and the right camera.
-    pub masks: [PixelMask; 2],
-    /// Views that they are from.
+    /// Mask of each camera, left first.
+    pub masks: Vec<PixelMask>,
+    /// Number of views from which they were made.
     pub views: usize,
 }
 
@@ -74,23 +74,25 @@ pub fn find(
 ) -> Result<FoundMasks, MaskError> {
     let sizes_px = image_sizes(cameras);
     let mut frame = StereoFrame::new(sizes_px);
-    let mut views = sizes_px.map(|(width, height)| Views::new(width, height));
+    let present = sizes_px.iter().take(cameras.len());
+    let mut views: Vec<Views> = present.map(|(width, height)| Views::new(*width, *height)).collect();
     let mut last = None;
     let mut frames = 0;
     while stereo.next_frame(&mut frame)? {
         frames += 1;
         progress(frames);
         let is_apart = last.is_none_or(|last| frame.stamp.seconds_since(last) >= APART_S);
-        if is_apart && frame.valid == [true; 2] && views[0].has_changed(&frame.images[0]) {
+        let is_whole = frame.valid.iter().take(views.len()).all(|is_valid| *is_valid);
+        if is_apart && is_whole && views.first().is_some_and(|left| left.has_changed(&frame.images[0])) {
             views.iter_mut().zip(&frame.images).for_each(|(views, image)| views.add(image));
             last = Some(frame.stamp);
         }
     }
-    let count = views[0].count;
+    let count = views.first().map_or(0, |left| left.count);
     if count < LEAST_VIEWS {
         return Err(MaskError::TooFewViews { views: count });
     }
-    let masks = views.map(|views| views.mask(margin_px));
+    let masks: Vec<PixelMask> = views.iter().map(|views| views.mask(margin_px)).collect();
     for (mask, side) in masks.iter().zip(SIDES) {
         if mask.seen_share() < LEAST_SEEN_SHARE {
             return Err(MaskError::SceneStands { side, hidden_percent: 100.0 * (1.0 - mask.seen_share()) });
@@ -275,7 +277,7 @@ mod tests {
         let (found, _) = learned("vehicle-parts:0", 2.0);
         assert!(matches!(found, Err(MaskError::TooFewViews { .. })));
         let (found, _) = learned("blur:1:1", 14.0);
-        let shares = found.unwrap().masks.map(|mask| mask.seen_share());
-        assert!(shares.iter().all(|share| *share > 0.98), "{shares:?}");
+        let shares: Vec<f64> = found.unwrap().masks.iter().map(PixelMask::seen_share).collect();
+        assert!(shares.len() == 2 && shares.iter().all(|share| *share > 0.98), "{shares:?}");
     }
 }
