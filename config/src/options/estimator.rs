@@ -106,7 +106,7 @@ impl Default for WindowConfig {
             max_iterations: 5,
             min_connected_ratio: 0.7,
             max_keyframe_interval_s: 2.0,
-            max_moving_share: 0.0,
+            max_moving_share: 0.85,
             cauchy_scale: 2.0,
             max_depth_m: 60.0,
             min_depth_m: 0.2,

@@ -473,7 +473,7 @@ impl Odometer {
     fn drop_moving(&mut self, prediction: &Prediction, coverage: Coverage, health: &HealthBits) {
         let is_predicted = self.window.options.cameras > 1
             && self.velocity == Velocity::Known
-            && !coverage.has_gap
+            && !self.may_be_late(coverage, health)
             && !coverage.is_saturated
             && !coverage.unmeasured.is_any()
             && !self.rotation.is_distrusting()

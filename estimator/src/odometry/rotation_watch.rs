@@ -31,9 +31,9 @@ const AGREES_RAD: f64 = 1.5e-3;
 /// than `sigma_px`.
 const AGREES_SIGMAS: f64 = 5.0;
 const SIGHTING_SHARE: f64 = 0.5;
-/// Frames on end that contradict the gyroscope before it is not believed. One is enough if it differs by so many times as
-/// much, and for so long after a hole in a stream, s.
-const FRAMES_TO_CONTRADICT: u32 = 2;
+/// Frames on end that contradict the gyroscope before it is not believed: of few landmarks, wrong together, two do in flights
+/// without a fault. One is enough if it differs by so many times as much, and for so long after a hole in a stream, s.
+const FRAMES_TO_CONTRADICT: u32 = 3;
 const PLAIN: f64 = 4.0;
 const SUSPICIOUS_S: f64 = 1.0;
 /// Frames on end that agree before it is believed again: half a second at 20 Hz, and twice as many if somebody was named.
@@ -310,7 +310,7 @@ impl RotationWatch {
             self.first = from;
         }
         self.contradicting += 1;
-        let hole = self.suspicious.filter(|(_, until)| to <= *until);
+        let hole = self.hole_before(to);
         let enough = if hole.is_some() || excess > PLAIN { 1 } else { FRAMES_TO_CONTRADICT };
         if self.contradicting < enough {
             return None;
@@ -322,6 +322,16 @@ impl RotationWatch {
             agreeing: 0,
         });
         self.contradiction.map(|contradiction| contradiction.since)
+    }
+
+    /// The hole in a stream that is still thought of at `stamp`.
+    fn hole_before(&self, stamp: Timestamp) -> Option<(Timestamp, Timestamp)> {
+        self.suspicious.filter(|(_, until)| stamp <= *until)
+    }
+
+    /// Whether a stream had a hole shortly before `stamp`.
+    pub(super) fn is_suspicious_at(&self, stamp: Timestamp) -> bool {
+        self.hole_before(stamp).is_some()
     }
 
     /// Within a contradiction: who is to blame, and whether it is over.

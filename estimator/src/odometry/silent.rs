@@ -42,7 +42,8 @@ impl Odometer {
         if sighting.is_none() {
             self.rotation.end_probation();
         }
-        if let Some(sighting) = sighting.filter(|_| !stuck.gyro)
+        if let Some(sighting) =
+            sighting.filter(|_| !stuck.gyro && self.are_images_witnesses(coverage, health))
             && let [.., before, newest] = &self.window.frames[..]
         {
             let since = self.rotation.update(&SeenTurn {
@@ -70,6 +71,19 @@ impl Odometer {
                 None => self.window.place_newest_at(start),
             }
         }
+    }
+
+    /// Whether the turn that the images tell is evidence against the gyroscope: not while people are in view, whom it found; but
+    /// after a hole in a stream all that is seen may be late, and looks like people.
+    fn are_images_witnesses(&self, coverage: Coverage, health: &HealthBits) -> bool {
+        !self.window.is_motion_in_sight() || self.may_be_late(coverage, health)
+    }
+
+    /// Whether samples or frames are missing before the newest frame, or shortly before: a stream may be late since.
+    pub(super) fn may_be_late(&self, coverage: Coverage, health: &HealthBits) -> bool {
+        let is_suspicious =
+            self.window.frames.last().is_some_and(|newest| self.rotation.is_suspicious_at(newest.stamp));
+        coverage.has_gap || health.contains(HealthBits::FRAME_GAP) || is_suspicious
     }
 
     /// Integrates the motions of the window that end after `since` anew, as far as their samples are kept.

@@ -51,6 +51,12 @@ impl Window {
         }
     }
 
+    /// Whether something was seen to move in the last frames: what the newest one sees is then no evidence against its sensors.
+    #[must_use]
+    pub fn is_motion_in_sight(&self) -> bool {
+        self.moving_in_sight > 0
+    }
+
     /// Judges what the newest frame sees from where it is now.
     fn verdict_within(&mut self, slack: f64) -> Verdict {
         let Self { rig, manhattan, frames, points, lines, linearizer, options, .. } = self;
