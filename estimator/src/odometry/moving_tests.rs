@@ -64,7 +64,8 @@ impl Walk {
             }
             let doubts = [HealthBits::IMU_CONTRADICTED, HealthBits::ROTATION_DISPUTED];
             outcome.contradicted += usize::from(doubts.iter().any(|&doubt| estimate.health.contains(doubt)));
-            let way = world.pose_o_b(t + 1e-3).translation.vector - world.pose_o_b(t - 1e-3).translation.vector;
+            let way =
+                world.pose_o_b(t + 1e-3).translation.vector - world.pose_o_b(t - 1e-3).translation.vector;
             let v_b: Vector3<f64> = world.pose_o_b(t).rotation.inverse() * (way / 2e-3);
             let error = (v_b - estimate.pose_o_b.rotation.inverse() * estimate.v_o_b).norm();
             outcome.worst_m_s = outcome.worst_m_s.max(error);
