@@ -7,6 +7,8 @@
 //!
 //! Sources: Brown (1966) as in OpenCV's `projectPoints` for radial-tangential; Kannala and Brandt (2006)
 //! as in OpenCV's `fisheye` for equidistant.
+//!
+//! All is `#[inline]`: this crate is compiled for a short build, its callers for speed.
 
 use crate::Portable;
 use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
@@ -60,6 +62,7 @@ pub enum Distortion {
 impl Distortion {
     /// Distorted normalized coordinates of the ideal ones, and the derivative of the former by the latter.
     #[must_use]
+    #[inline]
     pub fn distort(&self, xy: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
         match *self {
             Self::RadialTangential { k1, k2, p1, p2 } => distort_radtan(xy, k1, k2, p1, p2),
@@ -71,6 +74,7 @@ impl Distortion {
     /// the branch of the model that holds the image. A polynomial fitted to a lens folds back somewhere
     /// beyond the image; what lies there would be projected into the image falsely.
     #[must_use]
+    #[inline]
     pub fn is_regular(&self, xy: &Vector2<f64>) -> bool {
         let r2 = xy.norm_squared();
         match *self {
@@ -83,12 +87,14 @@ impl Distortion {
 }
 
 /// Square of the radius within which the radial model is regular.
+#[inline]
 fn regular_radius_squared(k1: f64, k2: f64) -> f64 {
     fold_radius_squared(k1, k2).at_most(MAX_RADIUS_SQUARED)
 }
 
 /// Square of the smallest radius at which `d/dr (r + k1 r³ + k2 r⁵) = 1 + 3 k1 r² + 5 k2 r⁴` is zero;
 /// infinite when it never is.
+#[inline]
 fn fold_radius_squared(k1: f64, k2: f64) -> f64 {
     let (a, b) = (5.0 * k2, 3.0 * k1);
     let discriminant = b * b - 4.0 * a;
@@ -102,22 +108,26 @@ fn fold_radius_squared(k1: f64, k2: f64) -> f64 {
 }
 
 /// Whether the equidistant radius grows with the angle from the axis to `theta`.
+#[inline]
 fn is_growing(theta: f64, k: [f64; 4]) -> bool {
     (1..=FOLD_SAMPLES).all(|i| d_theta_d(theta * i as f64 / FOLD_SAMPLES as f64, k) > 0.0)
 }
 
 /// Distorted angle `theta_d` over `theta`.
+#[inline]
 fn theta_scale(theta: f64, k: [f64; 4]) -> f64 {
     let t2 = theta * theta;
     1.0 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3])))
 }
 
 /// Derivative of the distorted angle by `theta`.
+#[inline]
 fn d_theta_d(theta: f64, k: [f64; 4]) -> f64 {
     let t2 = theta * theta;
     1.0 + t2 * (3.0 * k[0] + t2 * (5.0 * k[1] + t2 * (7.0 * k[2] + t2 * 9.0 * k[3])))
 }
 
+#[inline]
 fn distort_radtan(xy: &Vector2<f64>, k1: f64, k2: f64, p1: f64, p2: f64) -> (Vector2<f64>, Matrix2<f64>) {
     let (x, y) = (xy.x, xy.y);
     let r2 = x * x + y * y;
@@ -137,6 +147,7 @@ fn distort_radtan(xy: &Vector2<f64>, k1: f64, k2: f64, p1: f64, p2: f64) -> (Vec
     (distorted, jacobian)
 }
 
+#[inline]
 fn distort_equidistant(xy: &Vector2<f64>, k: [f64; 4]) -> (Vector2<f64>, Matrix2<f64>) {
     let r = xy.norm();
     if r < 1e-8 {
@@ -152,6 +163,7 @@ fn distort_equidistant(xy: &Vector2<f64>, k: [f64; 4]) -> (Vector2<f64>, Matrix2
 
 /// Newton's method from the distorted coordinates; a step is halved while it leaves the regular part or increases the
 /// error, so that the solution is on the branch of the centre or there is none.
+#[inline]
 fn undistort_radtan(target: &Vector2<f64>, [k1, k2, p1, p2]: [f64; 4]) -> Option<Vector2<f64>> {
     if !target.iter().all(|x| x.is_finite()) {
         return None;
@@ -187,6 +199,7 @@ fn undistort_radtan(target: &Vector2<f64>, [k1, k2, p1, p2]: [f64; 4]) -> Option
 }
 
 /// The angle `theta` of a distorted one, by Newton's method in one dimension, and its direction.
+#[inline]
 fn undistort_equidistant(target: &Vector2<f64>, k: [f64; 4]) -> Option<Vector2<f64>> {
     let theta_d = target.norm();
     if theta_d < 1e-8 {
@@ -197,6 +210,7 @@ fn undistort_equidistant(target: &Vector2<f64>, k: [f64; 4]) -> Option<Vector2<f
 }
 
 /// Solves `theta * theta_scale(theta) = theta_d` within a bracket that Newton's method may not leave.
+#[inline]
 fn newton_theta(theta_d: f64, k: [f64; 4]) -> Option<f64> {
     let (mut low, mut high) = (0.0, MAX_THETA_RAD);
     let mut theta = theta_d.at_most(MAX_THETA_RAD);
@@ -235,12 +249,14 @@ impl CameraModel {
     /// Pixel of a point in the camera frame; `None` behind or on the camera's plane, and further from the
     /// optical axis than the lens model reaches (see [`Distortion::is_regular`]). The pixel may lie outside the image: see [`Self::contains`].
     #[must_use]
+    #[inline]
     pub fn project(&self, p_c: &Vector3<f64>) -> Option<Vector2<f64>> {
         self.project_with_jacobian(p_c).map(|(px, _)| px)
     }
 
     /// As [`Self::project`], with the derivative of the pixel by the point (px/m).
     #[must_use]
+    #[inline]
     pub fn project_with_jacobian(&self, p_c: &Vector3<f64>) -> Option<(Vector2<f64>, Matrix2x3<f64>)> {
         if p_c.z.is_nan() || p_c.z < MIN_DEPTH_M {
             return None;
@@ -258,6 +274,7 @@ impl CameraModel {
     /// Pixel of ideal normalized coordinates, with its derivative (px per unit); as the formula says, also
     /// beyond the reach of the lens model.
     #[must_use]
+    #[inline]
     pub fn project_normalized(&self, xy: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
         let (distorted, jacobian) = self.distortion.distort(xy);
         let px = distorted.component_mul(&self.focal_px) + self.centre_px;
@@ -267,6 +284,7 @@ impl CameraModel {
     /// Ideal normalized coordinates of a pixel; `None` where the model has no inverse on the branch that
     /// holds the image (see [`Distortion::is_regular`]), and of a pixel that is not a number.
     #[must_use]
+    #[inline]
     pub fn unproject(&self, px: &Vector2<f64>) -> Option<Vector2<f64>> {
         let target = (px - self.centre_px).component_div(&self.focal_px);
         match self.distortion {
@@ -277,6 +295,7 @@ impl CameraModel {
 
     /// Whether a pixel lies inside the image, at least `border_px` from its edge.
     #[must_use]
+    #[inline]
     pub fn contains(&self, px: &Vector2<f64>, border_px: f64) -> bool {
         px.x >= border_px
             && px.y >= border_px

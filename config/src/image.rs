@@ -23,29 +23,34 @@ impl GrayImage {
 
     /// Width in pixels.
     #[must_use]
+    #[inline]
     pub fn width(&self) -> usize {
         self.width
     }
 
     /// Height in pixels.
     #[must_use]
+    #[inline]
     pub fn height(&self) -> usize {
         self.height
     }
 
     /// The pixels, row-major.
     #[must_use]
+    #[inline]
     pub fn pixels(&self) -> &[u8] {
         &self.pixels
     }
 
     /// The pixels, row-major, to be written in place.
+    #[inline]
     pub fn pixels_mut(&mut self) -> &mut [u8] {
         &mut self.pixels
     }
 
     /// A borrowed view of the whole image.
     #[must_use]
+    #[inline]
     pub fn view(&self) -> ImageView<'_> {
         ImageView { width: self.width, height: self.height, stride: self.width, pixels: &self.pixels }
     }
@@ -116,12 +121,14 @@ impl<'a> ImageView<'a> {
 
     /// Width in pixels.
     #[must_use]
+    #[inline]
     pub fn width(&self) -> usize {
         self.width
     }
 
     /// Height in pixels.
     #[must_use]
+    #[inline]
     pub fn height(&self) -> usize {
         self.height
     }
@@ -131,6 +138,7 @@ impl<'a> ImageView<'a> {
     /// # Panics
     /// When `y` is not less than the height.
     #[must_use]
+    #[inline]
     pub fn row(&self, y: usize) -> &'a [u8] {
         assert!(y < self.height, "row {y} of {}", self.height);
         &self.pixels[y * self.stride..][..self.width]
@@ -147,6 +155,7 @@ impl<'a> ImageView<'a> {
     }
 
     /// The rows from top to bottom, `width` pixels each.
+    #[inline]
     pub fn rows(&self) -> impl ExactSizeIterator<Item = &'a [u8]> + use<'a> {
         let view = *self;
         (0..self.height).map(move |y| view.row(y))

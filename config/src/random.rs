@@ -12,6 +12,7 @@ impl Random {
     }
 
     /// The next 64 bits.
+    #[inline]
     pub const fn next_bits(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
@@ -21,21 +22,25 @@ impl Random {
     }
 
     /// A whole number below `limit`; 0 when there is none.
+    #[inline]
     pub const fn below(&mut self, limit: usize) -> usize {
         ((self.next_bits() as u128 * limit as u128) >> 64) as usize
     }
 
     /// Uniform in `[0, 1)`.
+    #[inline]
     pub const fn unit(&mut self) -> f64 {
         (self.next_bits() >> 11) as f64 / (1_u64 << 53) as f64
     }
 
     /// Uniform in `[low, high)`.
+    #[inline]
     pub fn range(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.unit()
     }
 
     /// Nearly Gaussian, variance 1 (sum of twelve uniforms).
+    #[inline]
     pub fn gaussian(&mut self) -> f64 {
         (0..12).map(|_| self.unit()).sum::<f64>() - 6.0
     }

@@ -17,6 +17,7 @@ pub struct ImuSample {
 impl ImuSample {
     /// Whether every component is a finite number.
     #[must_use]
+    #[inline]
     pub fn is_finite(&self) -> bool {
         self.gyro.iter().chain(self.accel.iter()).all(|x| x.is_finite())
     }

@@ -30,24 +30,28 @@ impl Timestamp {
 
     /// `self - earlier` in seconds (negative when `earlier` is later).
     #[must_use]
+    #[inline]
     pub fn seconds_since(self, earlier: Self) -> f64 {
         self.0.saturating_sub(earlier.0) as f64 * 1e-9
     }
 
     /// `self - earlier` in nanoseconds, saturating.
     #[must_use]
+    #[inline]
     pub const fn nanos_since(self, earlier: Self) -> i64 {
         self.0.saturating_sub(earlier.0)
     }
 
     /// The stamp `nanos` later, saturating.
     #[must_use]
+    #[inline]
     pub const fn plus_nanos(self, nanos: i64) -> Self {
         Self(self.0.saturating_add(nanos))
     }
 
     /// The stamp `seconds` later, rounded to the nearest nanosecond.
     #[must_use]
+    #[inline]
     pub fn plus_seconds(self, seconds: f64) -> Self {
         self.plus_nanos((seconds * NANOS_PER_SECOND as f64).round() as i64)
     }

@@ -19,6 +19,7 @@ pub struct ValidSetup(EstimatorSetup);
 impl ValidSetup {
     /// The left camera: validation has seen to it that there is one.
     #[must_use]
+    #[inline]
     pub fn left(&self) -> &CameraConfig {
         &self.0.camera[0]
     }
@@ -33,6 +34,7 @@ impl ValidSetup {
 impl Deref for ValidSetup {
     type Target = EstimatorSetup;
 
+    #[inline]
     fn deref(&self) -> &EstimatorSetup {
         &self.0
     }
@@ -60,6 +62,7 @@ pub struct ValidConfig {
 impl ValidConfig {
     /// The part that concerns the estimator.
     #[must_use]
+    #[inline]
     pub fn setup(&self) -> &ValidSetup {
         &self.setup
     }
@@ -84,6 +87,7 @@ impl ValidConfig {
 impl Deref for ValidConfig {
     type Target = Config;
 
+    #[inline]
     fn deref(&self) -> &Config {
         &self.config
     }

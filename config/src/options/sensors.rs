@@ -57,6 +57,7 @@ pub fn image_sizes(cameras: &[CameraConfig]) -> [(usize, usize); 2] {
 impl CameraConfig {
     /// The camera model of this calibration.
     #[must_use]
+    #[inline]
     pub fn model(&self) -> CameraModel {
         CameraModel {
             width_px: self.width_px,
@@ -69,6 +70,7 @@ impl CameraConfig {
 
     /// `pose_b_c` as a rigid transform (the rotation block made orthonormal).
     #[must_use]
+    #[inline]
     pub fn pose_b_c(&self) -> Isometry3<f64> {
         isometry_from_rows(&self.pose_b_c)
     }
@@ -80,6 +82,7 @@ impl CameraConfig {
 /// error in each step: from the 1e-3 that validation admits, three reach machine precision, and the fourth changes
 /// nothing but the last bit.
 #[must_use]
+#[inline]
 pub fn isometry_from_rows(rows: &[[f64; 4]; 4]) -> Isometry3<f64> {
     let mut r = Matrix3::from_fn(|i, j| rows[i][j]);
     for _ in 0..4 {
