@@ -33,7 +33,7 @@ export NEXTEST_TEST_THREADS ?= $(shell nproc)
 # The steps are in order; cargo is parallel itself.
 .NOTPARALLEL:
 .PHONY: help demo build calibration test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny advisories soak loops digests bench bench-instructions bench-against count-arm64 doc doctests setup tools clean \
-	fuzz fuzz-all fuzz-smoke vm arm64 oldest capi capi-header capi-valgrind deb tarball packages deb-test wheel wheel-test wheel-soak realtime faults
+	fuzz fuzz-all fuzz-smoke vm arm64 oldest capi capi-header messages capi-valgrind deb tarball packages deb-test wheel wheel-test wheel-soak realtime faults
 
 help: ## this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  make \1\t/' | expand -t 28
@@ -67,6 +67,9 @@ capi: ## C library in target/capi/ARCH: shared, static, headers, pkg-config file
 
 capi-header: ## writes the C library's header anew, after a change of runtime/capi
 	PLUMBLINE_WRITE_HEADER=1 $(CARGO) nextest run $(FLAGS) -p plumbline-capi -E 'test(=tests::the_header_is_current)'
+
+messages: ## writes the messages of protobuf in Rust anew, after a change of a schema (*.proto)
+	PLUMBLINE_WRITE_MESSAGES=1 $(CARGO) nextest run $(FLAGS) -p plumbline-test-support --test generated
 
 deb: ## Debian packages in target/package, with that of the C library (ARCH=arm64 for 64-bit ARM)
 	@scripts/setup package $(ARCH)

@@ -14,7 +14,7 @@ use plumbline_estimator::window::snapshot::{SnapshotKeyframe, SnapshotLine, Snap
 /// The generated messages of `local.proto`.
 #[allow(missing_docs, clippy::all, clippy::pedantic, rustdoc::all)]
 pub mod proto {
-    include!(concat!(env!("OUT_DIR"), "/plumbline.v1.local.rs"));
+    include!("../../generated/plumbline.v1.local.rs");
 }
 
 /// Numbers of a pose, of a place, and of both ends of a line.

@@ -5,7 +5,7 @@ use plumbline_record::schema;
 use std::sync::OnceLock;
 
 /// Descriptors of the messages that Foxglove draws.
-pub const FOXGLOVE: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/foxglove.descriptors"));
+pub const FOXGLOVE: &[u8] = include_bytes!("../../generated/foxglove.descriptors");
 
 /// A channel of the log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -50,7 +50,7 @@ use thiserror::Error;
 /// The generated messages that Foxglove draws by itself.
 #[allow(missing_docs, clippy::all, clippy::pedantic, rustdoc::all)]
 pub mod foxglove {
-    include!(concat!(env!("OUT_DIR"), "/foxglove.rs"));
+    include!("../../generated/foxglove.rs");
 }
 
 /// Why a log cannot be written or read. Every message names the file and the cure.

@@ -2,14 +2,9 @@
 
 use axum::http::{StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
-use rust_embed::RustEmbed;
 
-#[derive(RustEmbed)]
-#[folder = "web"]
-#[exclude = "tests/*"]
-#[exclude = "package.json"]
-#[exclude = "*.md"]
-struct Assets;
+/// Name, media type and contents of each file, in the order of names (`build.rs`).
+const FILES: &[(&str, &str, &[u8])] = include!(concat!(env!("OUT_DIR"), "/page.rs"));
 
 /// A file of the page, the page itself for the root.
 pub async fn serve(uri: Uri) -> Response {
@@ -17,13 +12,17 @@ pub async fn serve(uri: Uri) -> Response {
         "" => "index.html",
         path => path,
     };
-    match Assets::get(path) {
-        Some(file) => {
-            let kind = file.metadata.mimetype().to_owned();
-            ([(header::CONTENT_TYPE, kind)], file.data).into_response()
-        }
+    match file(path) {
+        Some((media_type, contents)) => ([(header::CONTENT_TYPE, media_type)], contents).into_response(),
         None => (StatusCode::NOT_FOUND, "there is no such file\n").into_response(),
     }
+}
+
+/// Media type and contents of a file.
+fn file(path: &str) -> Option<(&'static str, &'static [u8])> {
+    let at = FILES.binary_search_by(|(name, ..)| (*name).cmp(path)).ok()?;
+    let (_, media_type, contents) = FILES[at];
+    Some((media_type, contents))
 }
 
 #[cfg(test)]
@@ -32,8 +31,33 @@ mod tests {
 
     #[test]
     fn the_page_is_embedded_and_names_nothing_outside() {
-        let page = Assets::get("index.html").expect("the page is there");
-        let text = String::from_utf8(page.data.into_owned()).unwrap();
+        let (media_type, page) = file("index.html").expect("the page is there");
+        let text = std::str::from_utf8(page).unwrap();
+        assert_eq!(media_type, "text/html");
         assert!(!text.contains("http://") && !text.contains("https://"), "the page must not need a network");
+    }
+
+    #[test]
+    fn each_embedded_file_is_found_by_its_name() {
+        for (name, media_type, contents) in FILES {
+            assert_eq!(file(name), Some((*media_type, *contents)), "{name}");
+            assert!(!contents.is_empty(), "{name}");
+        }
+    }
+
+    #[test]
+    fn every_script_and_style_has_its_media_type() {
+        let of = |path| file(path).map(|(media_type, _)| media_type);
+        assert_eq!(of("js/main.js"), Some("text/javascript"));
+        assert_eq!(of("vendor/three/three.core.min.js"), Some("text/javascript"));
+        assert_eq!(of("style.css"), Some("text/css"));
+        assert_eq!(of("icon.svg"), Some("image/svg+xml"));
+    }
+
+    #[test]
+    fn tests_of_the_page_and_files_outside_are_not_served() {
+        for path in ["tests/ring.test.js", "package.json", "README.md", "../Cargo.toml", "js", "js/"] {
+            assert_eq!(file(path), None, "{path}");
+        }
     }
 }

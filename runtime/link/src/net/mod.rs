@@ -49,11 +49,11 @@ use std::time::{SystemTime, UNIX_EPOCH};
 /// The generated wire format.
 #[allow(missing_docs, clippy::all, clippy::pedantic, rustdoc::all)]
 pub mod proto {
-    include!(concat!(env!("OUT_DIR"), "/plumbline.v1.rs"));
+    include!("../../generated/plumbline.v1.rs");
 }
 
 /// Descriptors of the wire format.
-pub const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/plumbline.descriptors"));
+pub const DESCRIPTORS: &[u8] = include_bytes!("../../generated/plumbline.descriptors");
 
 /// Prefix of all keys.
 pub const ROOT: &str = "plumbline";

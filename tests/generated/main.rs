@@ -1,0 +1,71 @@
+//! The messages of protobuf in Rust, and the descriptors that are sent with them, are in the repository: no build of the product
+//! compiles a schema. Here they are made anew from the schemas, and compared. `make messages` writes them.
+
+use prost::Message;
+use std::path::{Path, PathBuf};
+
+/// A file that is made of a schema, by its path in the repository.
+struct Made {
+    path: &'static str,
+    bytes: Vec<u8>,
+}
+
+#[test]
+fn generated_messages_are_those_of_the_schemas() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let folders = |folders: &[&str]| folders.iter().map(|folder| root.join(folder)).collect::<Vec<_>>();
+    let foxglove = (folders(&["runtime/flight/proto"]), "foxglove/foxglove.proto");
+    let network = (folders(&["runtime/link/proto"]), "plumbline/v1/plumbline.proto");
+    let local = folders(&["runtime/flight/proto", "runtime/record/proto"]);
+    let all = [
+        Made { path: "runtime/flight/generated/foxglove.rs", bytes: types(compiled(&foxglove)) },
+        Made { path: "runtime/flight/generated/foxglove.descriptors", bytes: descriptors(&foxglove) },
+        Made { path: "runtime/flight/generated/plumbline.v1.local.rs", bytes: types(own_messages(&local)) },
+        Made { path: "runtime/link/generated/plumbline.v1.rs", bytes: types(compiled(&network)) },
+        Made { path: "runtime/link/generated/plumbline.descriptors", bytes: descriptors(&network) },
+    ];
+    for made in all {
+        let file = root.join(made.path);
+        if std::env::var_os("PLUMBLINE_WRITE_MESSAGES").is_some() {
+            std::fs::write(&file, &made.bytes).unwrap();
+        }
+        let kept = std::fs::read(&file).unwrap_or_default();
+        assert!(kept == made.bytes, "{}: is not what its schema makes; `make messages` writes it", made.path);
+    }
+}
+
+/// Where schemas are looked for, and one of them.
+type Schema = (Vec<PathBuf>, &'static str);
+
+fn compiled((folders, file): &Schema) -> prost_types::FileDescriptorSet {
+    protox::compile([file], folders).unwrap()
+}
+
+/// The messages of the local socket. Estimates are written by the tables of `plumbline-record`, as the log's messages are.
+fn own_messages(folders: &[PathBuf]) -> prost_types::FileDescriptorSet {
+    let mut local = compiled(&(folders.to_vec(), "plumbline/v1/local.proto"));
+    local.file.retain(|file| file.package() == "plumbline.v1.local");
+    for file in &mut local.file {
+        file.message_type.retain(|message| message.name() != "FullEstimate");
+        // Comments, which are found by the places of the messages.
+        file.source_code_info = None;
+    }
+    local
+}
+
+/// The types of all messages of one package, in Rust.
+fn types(messages: prost_types::FileDescriptorSet) -> Vec<u8> {
+    let folder = tempfile::tempdir().unwrap();
+    prost_build::Config::new().out_dir(folder.path()).compile_fds(messages).unwrap();
+    let made: Vec<PathBuf> =
+        std::fs::read_dir(folder.path()).unwrap().map(|file| file.unwrap().path()).collect();
+    let [file] = made.as_slice() else { panic!("one package, and so one file, not {made:?}") };
+    std::fs::read(file).unwrap()
+}
+
+/// A schema with all that it imports, as logs and the network carry it.
+fn descriptors((folders, file): &Schema) -> Vec<u8> {
+    let mut compiler = protox::Compiler::new(folders).unwrap();
+    compiler.include_imports(true).include_source_info(false).open_file(file).unwrap();
+    compiler.file_descriptor_set().encode_to_vec()
+}
