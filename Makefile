@@ -32,15 +32,18 @@ export NEXTEST_TEST_THREADS ?= $(shell nproc)
 
 # The steps are in order; cargo is parallel itself.
 .NOTPARALLEL:
-.PHONY: help demo build calibration test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny advisories soak loops digests bench bench-instructions bench-against count-arm64 doc doctests setup tools clean \
+.PHONY: help demo build calibration test tests tests-built forget-skips checked check lint fmt fmt-check clippy deny advisories oracle soak loops digests bench bench-instructions bench-against count-arm64 doc doctests setup tools clean \
 	fuzz fuzz-all fuzz-smoke vm arm64 oldest capi capi-header messages capi-valgrind deb tarball packages deb-test wheel wheel-test wheel-soak realtime faults
 
 help: ## this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  make \1\t/' | expand -t 28
 
+# What the demo needs, and no more: a build from nothing is a third shorter.
+DEMO = -p plumbline --no-default-features --features ground
+
 demo: ## simulated flight with its ground station in the browser
 	@scripts/setup base
-	$(CARGO) run $(FLAGS) -p plumbline -- demo $(ARGS)
+	$(CARGO) run $(FLAGS) $(DEMO) -- demo $(ARGS)
 
 build: ## the product
 	@scripts/setup base
@@ -112,7 +115,7 @@ capi-valgrind: setup ## the C library under valgrind: no error, no leak, the sam
 		$(OTHER) --success-output final -E 'test(/^c_library::(elsewhere|counted)::/)'
 
 # The build that PLUMBLINE_OTHER starts, against that of this machine.
-OTHER = $(CARGO) nextest run $(filter-out --all-targets,$(TESTED)) --test process --profile soak --run-ignored only $(ARGS)
+OTHER = $(CARGO) nextest run $(PACKAGES) --test process --profile soak --run-ignored only $(ARGS)
 OTHER_PROCESSOR = $(OTHER) --success-output never -E 'test(/^other_processor::/)'
 
 
@@ -161,17 +164,17 @@ forget-skips:
 # assertions, what they test beside them is the product.
 LINTED = RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/scripts/rustc-clippy
 # The Python module has no tests in Rust, and could not be linked to any: it is built for the process tests, which hand it to an
-# interpreter.
-TESTED = $(FLAGS) --workspace --exclude plumbline-python --all-targets
+# interpreter. What needs OpenCV or PX4's filter is `make oracle`.
+PACKAGES = $(FLAGS) --workspace --exclude plumbline-python --exclude plumbline-oracle --exclude plumbline-boards
+TARGETS = --lib --bins --tests --examples
+TESTED = $(PACKAGES) $(TARGETS)
 # The crates whose dependencies are few, and so built soon.
 CHECKED = $(FLAGS) $(addprefix -p plumbline-,config estimator drivers checkup) --all-features --lib --test '*' --examples
-# Benchmarks cannot list themselves as nextest asks.
-ALL = not kind(bench)
-TESTS = $(TESTED) -E '$(ALL) & not $(TIMED)'
+TESTS = $(TESTED) -E 'not $(TIMED)'
 # Tests that measure time, or use a whole machine: `make realtime`.
 TIMED = test(/(^|::)realtime::/)
 # The command with faults on purpose, which no product has, in a folder of its own.
-FAULTY = $(FLAGS) --workspace --test process --features plumbline/sabotage \
+FAULTY = $(PACKAGES) --test process --features plumbline/sabotage \
 	--target-dir target/faults
 
 tests-built:
@@ -181,13 +184,16 @@ tests:
 	$(call tell-skips,$(LINTED) $(CARGO) nextest run $(TESTS) $(ARGS))
 
 doctests: ## the examples in the documentation of the code
-	$(LINTED) $(CARGO) test $(FLAGS) --workspace --doc
+	$(LINTED) $(CARGO) test $(PACKAGES) --doc
+
+oracle: setup forget-skips ## beside OpenCV and PX4's filter: projection, tracks, lines, calibration, odometry (CI runs it beside `make test`)
+	$(call tell-skips,$(LINTED) $(CARGO) nextest run $(FLAGS) -p plumbline-boards -p plumbline-oracle --lib --tests -E 'not $(TIMED)' $(ARGS))
 
 checked: setup ## the tests of configuration, estimator and drivers alone, whose build is short
 	$(LINTED) $(CARGO) nextest run $(CHECKED) -E 'not $(TIMED)' $(ARGS)
 
 realtime: setup forget-skips ## the tests that measure time, before a release: nothing else may run on the machine
-	$(call tell-skips,$(LINTED) $(CARGO) nextest run $(TESTED) -E '$(ALL) & $(TIMED)' $(ARGS))
+	$(call tell-skips,$(LINTED) $(CARGO) nextest run $(TESTED) -E '$(TIMED)' $(ARGS))
 	$(MAKE) faults
 
 faults: setup forget-skips ## tasks that die or spin, power that fails, a process that is killed: by a build that can (part of `make realtime`)
@@ -195,14 +201,14 @@ faults: setup forget-skips ## tasks that die or spin, power that fails, a proces
 
 check: forget-skips ## the tests of `make test` alone, without the lints
 	@scripts/setup test
-	$(call tell-skips,$(CARGO) nextest run $(FLAGS) --workspace -E 'not $(TIMED)' $(ARGS))
+	$(call tell-skips,$(CARGO) nextest run $(PACKAGES) -E 'not $(TIMED)' $(ARGS))
 
 lint: setup fmt-check deny clippy ## format, licences and lints, without the tests
 
 soak: setup forget-skips ## long flights: memory, drift of time, restarts (SOAK_MINUTES=30)
 	$(LINTED) $(CARGO) nextest run $(FLAGS) --workspace --test places --profile soak --run-ignored only -E 'test(/soak/)' $(ARGS)
 	$(call tell-skips,PLUMBLINE_SOAK_MINUTES=$(SOAK_MINUTES) \
-		$(LINTED) $(CARGO) nextest run $(TESTED) --profile soak --run-ignored all -E '$(ALL) and (test(/soak/) | test(/^faults::/) | test(/^calibration::/))' $(ARGS))
+		$(LINTED) $(CARGO) nextest run $(FLAGS) --workspace --exclude plumbline-python $(TARGETS) --profile soak --run-ignored all -E 'test(/soak/) | test(/^faults::/) | test(/^calibration::/)' $(ARGS))
 	$(call tell-skips,PLUMBLINE_SOAK_MINUTES=$(SOAK_MINUTES) \
 		$(CARGO) nextest run $(FAULTY) --profile soak --run-ignored all -E 'test(/^sabotage::/)' $(ARGS))
 
@@ -213,10 +219,10 @@ vm: ## drivers of cameras and inertial sensors, and a flight, behind a real kern
 	PLUMBLINE_VM_SECONDS=$(VM_SECONDS) $(CARGO) test $(FLAGS) -p plumbline --test process -- --nocapture virtual_machine $(ARGS)
 
 loops: setup ## simulated flights of two laps along recorded paths: what loops bring, and what is found (PLUMBLINE_LOOP_SEEDS=1)
-	$(LINTED) $(CARGO) nextest run $(TESTED) --profile soak --run-ignored only --no-capture -E '$(ALL) and test(/^loops::/)' $(ARGS)
+	$(LINTED) $(CARGO) nextest run $(PACKAGES) --test system --profile soak --run-ignored only --no-capture -E 'test(/^loops::/)' $(ARGS)
 
 digests: setup ## writes tests/digests.toml anew, after a change of the estimator that is meant
-	$(CARGO) nextest run $(FLAGS) --workspace --run-ignored only -E 'test(=digests::record_digests)' $(ARGS)
+	$(CARGO) nextest run $(PACKAGES) --test process --run-ignored only -E 'test(=digests::record_digests)' $(ARGS)
 	@git --no-pager diff --stat -- tests/digests.toml
 
 fuzz: ## runs a fuzz target, guided by coverage: TARGET=config_toml SECONDS=60
@@ -229,7 +235,7 @@ fuzz-smoke: ## every fuzz target for 5000 runs; `make test` runs their seeds and
 	@scripts/fuzz all runs=5000
 
 bench: setup ## benchmarks of the stages
-	$(CARGO) bench --locked -p plumbline-tests -p plumbline-drivers $(ARGS)
+	$(CARGO) bench --locked -p plumbline-oracle $(ARGS)
 
 bench-instructions: ## instructions of a frame by stage against tests/instructions.json (ARGS=--save writes them anew; needs valgrind)
 	@scripts/setup base

@@ -1,9 +1,4 @@
-//! What the system tests and the benchmarks share: where the shared data are, the flights they fly, calibration boards, and
-//! detectors of line segments with the images to judge them by.
-
-pub mod boards;
-pub mod flow;
-pub mod lines;
+//! What the system tests share: where the shared data are, and the flights they fly.
 
 use plumbline_drivers::simulator::Scene;
 use plumbline_lab::campaign::{Entry, Fault};

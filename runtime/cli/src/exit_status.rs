@@ -15,10 +15,7 @@ use plumbline_flight::log::LogError;
 use plumbline_flight::pipeline::RunError;
 use plumbline_flight::places::frames::PlacesError;
 use plumbline_flight::places::{MapDefect, MapFileError};
-use plumbline_lab::calibrate::camera::ImagesError;
-use plumbline_lab::calibrate::rig::RigError;
 use plumbline_lab::evaluate::EvaluateError;
-use plumbline_lab::sweep::SweepError;
 use plumbline_link::net::NetError;
 use plumbline_link::net::keys::KeysError;
 use plumbline_link::process::LinkError;
@@ -69,9 +66,6 @@ fn is_usage(cause: &(dyn Error + 'static)) -> bool {
     if let Some(error) = cause.downcast_ref::<FlightError>() {
         return error.is_usage();
     }
-    if let Some(RigError::Flight(error)) = cause.downcast_ref::<RigError>() {
-        return is_usage(error);
-    }
     if let Some(EvaluateError::Read(error)) = cause.downcast_ref::<EvaluateError>() {
         return is_usage(error);
     }
@@ -87,12 +81,10 @@ fn is_wrong_input(cause: &(dyn Error + 'static)) -> bool {
                 | DriverError::Malformed { .. }
                 | DriverError::Missing { .. }
                 | DriverError::Refused { .. }
+                | DriverError::LeftOut { .. }
                 | DriverError::Device { .. }
                 | DriverError::ImuAddress(_)
         );
-    }
-    if let Some(error) = cause.downcast_ref::<SweepError>() {
-        return matches!(error, SweepError::OtherSweep { .. });
     }
     if let Some(error) = cause.downcast_ref::<PlacesError>() {
         return match error {
@@ -101,13 +93,9 @@ fn is_wrong_input(cause: &(dyn Error + 'static)) -> bool {
             PlacesError::Config(_) | PlacesError::Nothing(_) => true,
         };
     }
-    if let Some(error) = cause.downcast_ref::<ImagesError>() {
-        return match error {
-            ImagesError::Layout { .. } => true,
-            ImagesError::Write { .. } => false,
-            ImagesError::Io { source, .. } => is_usage(source),
-            ImagesError::Image(error) => is_usage(error),
-        };
+    #[cfg(feature = "lab")]
+    if let Some(is_wrong) = is_wrong_input_of_lab(cause) {
+        return is_wrong;
     }
     match cause.downcast_ref::<MapFileError>() {
         Some(MapFileError::Read { source, .. }) => is_usage(source),
@@ -119,6 +107,27 @@ fn is_wrong_input(cause: &(dyn Error + 'static)) -> bool {
             Some(LogError::Exists { .. } | LogError::NotALog { .. })
         ),
     }
+}
+
+/// The same of what is made of flights and before them; `None` of other errors.
+#[cfg(feature = "lab")]
+fn is_wrong_input_of_lab(cause: &(dyn Error + 'static)) -> Option<bool> {
+    use plumbline_lab::calibrate::camera::ImagesError;
+    use plumbline_lab::calibrate::rig::RigError;
+    use plumbline_lab::sweep::SweepError;
+
+    if let Some(RigError::Flight(error)) = cause.downcast_ref::<RigError>() {
+        return Some(is_usage(error));
+    }
+    if let Some(error) = cause.downcast_ref::<SweepError>() {
+        return Some(matches!(error, SweepError::OtherSweep { .. }));
+    }
+    cause.downcast_ref::<ImagesError>().map(|error| match error {
+        ImagesError::Layout { .. } => true,
+        ImagesError::Write { .. } => false,
+        ImagesError::Io { source, .. } => is_usage(source),
+        ImagesError::Image(error) => is_usage(error),
+    })
 }
 
 /// Whether an endpoint or a key file cannot be what was meant.

@@ -1,14 +1,16 @@
 //! `plumbline ground`: watch vehicles from afar, in the browser and in the terminal.
 
 use super::access::AccessArgs;
-use super::{check_outputs, log_lines, say, stop_on_signal};
+#[cfg(feature = "terminal")]
+mod in_terminal;
+
+use super::{check_outputs, say, stop_on_signal};
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use plumbline_ground::connection::Connection;
 use plumbline_ground::fleet::Fleet;
-use plumbline_ground::{self as ground, foxglove, lock, view, web};
+use plumbline_ground::{self as ground, foxglove, lock, web};
 use plumbline_link::net::{Endpoints, Mode, NetError, audit, diagnosis, security};
-use std::io::{IsTerminal, Write as _};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -128,10 +130,8 @@ pub fn run(args: &GroundArgs) -> Result<()> {
     let outcome = if args.json {
         ground::wait(&is_over);
         Ok(())
-    } else if args.plain || !std::io::stdout().is_terminal() {
-        ground::print_lines(&fleet, &is_over)
     } else {
-        show_view(&fleet, &about, &is_over, &stop)
+        show(args, &fleet, &about, &is_over, &stop)
     };
     if let Some(path) = &args.report {
         ground::report::write(path, &lock(&fleet)).with_context(|| format!("{}", path.display()))?;
@@ -147,38 +147,31 @@ pub fn run(args: &GroundArgs) -> Result<()> {
     Ok(())
 }
 
-/// Shows the view in the terminal, with the log in a pane of it. What was logged meanwhile stays in the terminal afterwards.
-fn show_view(
+/// Shows the fleet: the view where there is a terminal, else lines.
+#[cfg(feature = "terminal")]
+fn show(
+    args: &GroundArgs,
     fleet: &Mutex<Fleet>,
     about: &str,
     is_over: &impl Fn() -> bool,
     stop: &AtomicBool,
 ) -> std::io::Result<()> {
-    let log = LogInView::start();
-    view::show(fleet, &log.pane, about, is_over, stop)
-}
-
-/// Lines of the log go into a pane as long as this is there, and are written to the terminal when it goes.
-struct LogInView {
-    pane: Arc<view::LogPane>,
-    redirected: Option<log_lines::Redirected>,
-}
-
-impl LogInView {
-    fn start() -> Self {
-        let pane = Arc::new(view::LogPane::new());
-        let lines_to = Arc::clone(&pane);
-        Self { pane, redirected: Some(log_lines::redirect(move |line| lines_to.push(line))) }
+    if args.plain || !std::io::IsTerminal::is_terminal(&std::io::stdout()) {
+        return ground::print_lines(fleet, is_over);
     }
+    in_terminal::show(fleet, about, is_over, stop)
 }
 
-impl Drop for LogInView {
-    fn drop(&mut self) {
-        drop(self.redirected.take());
-        // A terminal that is gone takes no lines.
-        let mut stderr = std::io::stderr().lock();
-        let _ = self.pane.take().iter().try_for_each(|line| writeln!(stderr, "{line}"));
-    }
+/// Shows the fleet in lines: this build has no view.
+#[cfg(not(feature = "terminal"))]
+fn show(
+    _: &GroundArgs,
+    fleet: &Mutex<Fleet>,
+    _about: &str,
+    is_over: &impl Fn() -> bool,
+    _stop: &AtomicBool,
+) -> std::io::Result<()> {
+    ground::print_lines(fleet, is_over)
 }
 
 /// The threads of the network and of the page. However the command ends, they end soon after: Zenoh waits for its first

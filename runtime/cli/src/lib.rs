@@ -3,11 +3,16 @@
 //! 0 success, 1 the run failed, 2 wrong usage or configuration, 3 a fault of the program in flight ([`exit_status`]); a failure is one line on stderr that
 //! names the file, the key or the device, and what to do.
 
+#[cfg(feature = "lab")]
 pub mod ablation;
 pub mod access;
+#[cfg(feature = "lab")]
 mod bench;
+#[cfg(feature = "lab")]
 mod calibrate;
+#[cfg(feature = "lab")]
 pub mod campaign;
+#[cfg(feature = "lab")]
 pub mod choice;
 mod config;
 #[cfg(feature = "ground")]
@@ -21,6 +26,8 @@ mod fly_status;
 #[cfg(feature = "ground")]
 mod ground;
 mod keys;
+mod left_out;
+#[cfg(feature = "lab")]
 pub mod lines;
 mod link;
 mod link_process;
@@ -30,7 +37,9 @@ mod man;
 mod map;
 #[cfg(test)]
 mod message_options;
+#[cfg(feature = "lab")]
 mod paired;
+#[cfg(feature = "lab")]
 pub mod plot;
 mod progress;
 #[cfg(feature = "ground")]
@@ -43,6 +52,7 @@ pub mod scenario;
 mod setup;
 mod signals;
 pub mod simulate;
+#[cfg(feature = "lab")]
 pub mod sweep;
 pub mod topics;
 pub mod verify;
@@ -78,6 +88,13 @@ fn examples() -> String {
     } else {
         ""
     };
+    let lab = if cfg!(feature = "lab") {
+        "  plumbline plot out.tum --truth V1_01_easy --out flight.svg   draw it
+  plumbline lines image.png --out lines.png         draw the line segments of one image
+"
+    } else {
+        ""
+    };
     format!(
         "Examples:
 {ground}  plumbline replay V1_01_easy --trajectory out.tum  a EuRoC data set, as fast as possible
@@ -88,9 +105,7 @@ fn examples() -> String {
   plumbline replay V1_01_easy --record log.mcap     record the flight
   plumbline verify log.mcap                         execute it again, and compare all outputs bit for bit
   plumbline evaluate out.tum V1_01_easy             ATE and RPE, computed as evo_ape and evo_rpe do
-  plumbline plot out.tum --truth V1_01_easy --out flight.svg   draw it
-  plumbline lines image.png --out lines.png         draw the line segments of one image
-
+{lab}
 Exit status: 0 success; 1 the run failed; 2 wrong usage or configuration, or an input that is missing or unusable; 3 an
 internal fault ended a task of a live flight: restart the program, as the systemd unit does."
     )
@@ -114,8 +129,10 @@ enum Command {
     /// Compare a trajectory with its ground truth.
     Evaluate(evaluate::EvaluateArgs),
     /// Draw a flight: path over the truth, errors, covariance, velocity and biases over time.
+    #[cfg(feature = "lab")]
     Plot(plot::PlotArgs),
     /// Extract the line segments of one image, and draw them.
+    #[cfg(feature = "lab")]
     Lines(lines::LinesArgs),
     /// Build and join maps, locate images in them, and list their contents.
     Map(map::MapArgs),
@@ -134,13 +151,17 @@ enum Command {
     Keys(keys::KeysArgs),
     /// Fly the built-in set of simulated flights, with and without faults, and tabulate the errors. See also `sweep`
     /// (compares settings) and `ablation` (benefit of lines).
+    #[cfg(feature = "lab")]
     Campaign(campaign::CampaignArgs),
     /// Compare the accuracy with points only and with raw, filtered and merged line segments, over data sets or the
     /// flights of `campaign`.
+    #[cfg(feature = "lab")]
     Ablation(ablation::AblationArgs),
     /// Fly every combination of settings on several data sets, on all cores, and tabulate the errors.
+    #[cfg(feature = "lab")]
     Sweep(sweep::SweepArgs),
     /// Measure the cost of a standard load on this machine, and compare it with an earlier measurement.
+    #[cfg(feature = "lab")]
     Bench(bench::BenchArgs),
     /// List cameras (formats, rates, controls), serial ports and inertial sensors, with their names for the
     /// configuration.
@@ -149,6 +170,7 @@ enum Command {
     /// doctor.
     Setup(Box<setup::SetupArgs>),
     /// Calibrate the sensors: cameras from images of a board, noise of the IMU, pose of the cameras on the IMU.
+    #[cfg(feature = "lab")]
     Calibrate(calibrate::CalibrateArgs),
     /// Check whether this host and a configuration are fit for a flight.
     Doctor(doctor::DoctorArgs),
@@ -177,6 +199,10 @@ impl Command {
 /// Runs the command line of this process.
 #[must_use]
 pub fn main() -> ExitCode {
+    if let Some(refusal) = left_out::command(std::env::args().skip(1)) {
+        eprintln!("plumbline: {refusal}");
+        return ExitCode::from(exit_status::exit_status(&refusal.into()));
+    }
     let cli = Cli::parse();
     if cli.command.has_network() {
         lay_out_threads();
@@ -219,7 +245,9 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Log(args) => log::run(&args),
         Command::Simulate(args) => simulate::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
+        #[cfg(feature = "lab")]
         Command::Plot(args) => plot::run(&args),
+        #[cfg(feature = "lab")]
         Command::Lines(args) => lines::run(&args),
         Command::Map(args) => map::run(&args),
         #[cfg(feature = "ground")]
@@ -229,12 +257,17 @@ fn run(command: Command) -> anyhow::Result<()> {
         #[cfg(feature = "ground")]
         Command::Reset(args) => reset::run(&args),
         Command::Keys(args) => keys::run(&args),
+        #[cfg(feature = "lab")]
         Command::Campaign(args) => campaign::run(&args),
+        #[cfg(feature = "lab")]
         Command::Ablation(args) => ablation::run(&args),
+        #[cfg(feature = "lab")]
         Command::Sweep(args) => sweep::run(&args),
+        #[cfg(feature = "lab")]
         Command::Bench(args) => bench::run(&args),
         Command::Devices(args) => devices::run(&args),
         Command::Setup(args) => setup::run(&args),
+        #[cfg(feature = "lab")]
         Command::Calibrate(args) => calibrate::run(&args),
         Command::Doctor(args) => doctor::run(&args),
         Command::Config(args) => config::run(&args),

@@ -2,7 +2,6 @@
 
 use super::exit_status::last_resort;
 use super::link_process::LinkProcess;
-use super::plot::flown_subject;
 use super::progress::Progress;
 use super::scenario::{ScenarioArgs, parse_scene};
 use super::topics::TopicArgs;
@@ -30,7 +29,6 @@ use plumbline_flight::log::source::LogEnd;
 use plumbline_flight::pipeline::{Control, RunOptions};
 use plumbline_flight::places::{MapContents, read_known_map, write_map};
 use plumbline_lab::evaluate::load_trajectory;
-use plumbline_lab::plot;
 use plumbline_lab::report::{Report, late_findings};
 use plumbline_link::process::{LinkOptions, has_network};
 use std::fmt::Write as _;
@@ -160,7 +158,7 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     let of_map = [&args.final_trajectory, &args.map_trajectory, &args.save_map];
     check_outputs(files.into_iter().chain(of_map).chain([&args.report, &args.record]).flatten())?;
     if let Some(path) = &args.plot {
-        plot::check_name(path).map_err(|e| Usage(format!("--plot: {e}")))?;
+        check_plot(path)?;
     }
     check_mentions(args)?;
     let flight = prepared(open(args)?, args)?;
@@ -410,12 +408,37 @@ fn write_state_outputs(args: &ReplayArgs, rows: &[Estimate], truth: &Truth) -> R
     if let Some(path) = &args.states {
         write_states(path, rows).with_context(|| format!("{}", path.display()))?;
     }
-    let Some(path) = &args.plot else { return Ok(()) };
-    match flown_subject(&args.dataset, rows, truth)? {
+    match &args.plot {
+        Some(path) => draw(&args.dataset, rows, truth, path),
+        None => Ok(()),
+    }
+}
+
+#[cfg(feature = "lab")]
+fn check_plot(path: &Path) -> Result<(), Usage> {
+    plumbline_lab::plot::check_name(path).map_err(|e| Usage(format!("--plot: {e}")))
+}
+
+#[cfg(not(feature = "lab"))]
+fn check_plot(_: &Path) -> Result<(), Usage> {
+    Err(super::left_out::refusal("--plot", "lab"))
+}
+
+#[cfg(feature = "lab")]
+fn draw(name: &str, rows: &[Estimate], truth: &Truth, path: &Path) -> Result<()> {
+    use plumbline_lab::plot;
+
+    match super::plot::flown_subject(name, rows, truth)? {
         Some(subject) => Ok(plot::write(&subject, path, plot::SIZE_PX)?),
         // The end of the run says that there is no pose.
         None => Ok(()),
     }
+}
+
+/// Never: such a run was refused before it began.
+#[cfg(not(feature = "lab"))]
+fn draw(_: &str, _: &[Estimate], _: &Truth, _: &Path) -> Result<()> {
+    Ok(())
 }
 
 fn write_covariances(path: &Path, poses: &[CausalPose]) -> Result<()> {

@@ -13,6 +13,7 @@
 
 pub mod alloc;
 pub mod autopilot;
+mod calibration;
 pub mod flight;
 #[cfg(any(test, feature = "fuzzing"))]
 #[doc(hidden)]

@@ -24,6 +24,7 @@ pub mod report;
 mod terminal;
 pub mod track;
 pub mod vehicle;
+#[cfg(feature = "terminal")]
 pub mod view;
 pub mod web;
 
@@ -88,6 +89,7 @@ fn print(lines: &[String], network: &str) -> io::Result<()> {
 }
 
 /// Ends the view when a key says so.
+#[cfg(feature = "terminal")]
 fn quit(stop: &AtomicBool) {
     stop.store(true, Ordering::Relaxed);
 }

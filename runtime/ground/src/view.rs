@@ -2,15 +2,17 @@
 
 mod above;
 mod horizon;
+mod keyboard;
 mod log_pane;
 
 pub use log_pane::LogPane;
 
 use super::fleet::{Fleet, lock};
-use super::terminal::{Keyboard, is_gone};
+use super::terminal::is_gone;
 use super::vehicle::Vehicle;
 use super::{NO_VEHICLE, REDRAW, quit};
 use crossterm::event::{self, Event, KeyCode, KeyModifiers};
+use keyboard::Keyboard;
 use ratatui::Frame;
 use ratatui::backend::Backend as _;
 use ratatui::layout::{Constraint, Layout, Rect};

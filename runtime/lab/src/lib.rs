@@ -4,12 +4,20 @@
 //!   settings, a [`mod@bench`] measures what they cost;
 //! - a [`plot`] draws a flight, a [`picture`] what was found in an image;
 //! - [`calibrate`] finds out about the sensors before a flight.
+//!
+//! Without the feature `full` (default) there are [`evaluate`] and [`report`] alone: what a flight says of itself.
 
+#[cfg(feature = "full")]
 pub mod bench;
+#[cfg(feature = "full")]
 pub mod calibrate;
+#[cfg(feature = "full")]
 pub mod campaign;
 pub mod evaluate;
+#[cfg(feature = "full")]
 pub mod picture;
+#[cfg(feature = "full")]
 pub mod plot;
 pub mod report;
+#[cfg(feature = "full")]
 pub mod sweep;

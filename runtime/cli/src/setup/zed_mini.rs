@@ -3,7 +3,6 @@
 use super::{Found, SetupOptions, finish, one_camera, preset, stable_path};
 use anyhow::{Context, Result, bail};
 use clap::Args;
-use plumbline_config::import;
 use plumbline_config::options::ImuEndpoint;
 use plumbline_drivers::video_nodes::UsbCamera;
 use std::path::PathBuf;
@@ -44,8 +43,11 @@ pub fn run(args: &ZedMiniArgs) -> Result<()> {
     let mut config = preset("zed-mini", args.options.mounting(FORWARD)?)?;
     let mut notes = Vec::new();
     match &args.factory {
+        #[cfg(not(feature = "yaml"))]
+        Some(_) => return Err(super::super::left_out::refusal("--factory", "yaml").into()),
+        #[cfg(feature = "yaml")]
         Some(file) => {
-            config = import::zed_into(config, file)?;
+            config = plumbline_config::import::zed_into(config, file)?;
             notes.push(format!(
                 "Intrinsics and baseline: {}. Rotation between the cameras and their place on the IMU: those of the preset.",
                 file.display()

@@ -1,9 +1,10 @@
 //! The stereo pairs of a recording, one by one, with their features: what maps are built from and located by.
 
 use super::file::MapFileError;
+use crate::calibration::euroc_cameras_into;
 use nalgebra::Vector3;
 use plumbline_config::options::image_sizes;
-use plumbline_config::{Config, ConfigError, Timestamp, ValidConfig, import};
+use plumbline_config::{Config, ConfigError, Timestamp, ValidConfig};
 use plumbline_drivers::{DriverError, EurocDataset, EurocOptions, StereoFrame, StereoSource};
 use plumbline_estimator::image::Pyramid;
 use plumbline_estimator::places::Feature;
@@ -77,7 +78,7 @@ impl Frames {
     ) -> Result<Self, PlacesError> {
         let config = match config {
             Some(config) => config,
-            None => import::euroc_cameras_into(Config::preset("euroc")?, path)?,
+            None => euroc_cameras_into(Config::preset("euroc")?, path)?,
         };
         let dataset =
             EurocDataset::open(path, &EurocOptions { with_imu: false, ..EurocOptions::for_config(&config) })?;

@@ -17,7 +17,7 @@ use plumbline_lab::calibrate::camera::result::Residual;
 use plumbline_lab::calibrate::camera::{
     CalibrateError, Calibration, Detector, LensKind, Pair, Target, calibrate, output, table,
 };
-use plumbline_tests::boards::{Board, BoardCamera, poses};
+use plumbline_oracle::boards::{Board, BoardCamera, poses};
 use plumbline_tests::shared;
 use std::io::Write as _;
 use std::os::unix::net::UnixStream;

@@ -5,9 +5,9 @@ use opencv::core::{BORDER_REFLECT_101, Mat, Scalar, Size};
 use opencv::imgproc::{INTER_LANCZOS4, warp_perspective};
 use opencv::prelude::*;
 use plumbline_config::GrayImage;
-use plumbline_tests::flow::{Flow, OpenCv, Ours, corners};
-use plumbline_tests::lines::images::left_images;
-use plumbline_tests::lines::quantile;
+use plumbline_oracle::flow::{Flow, OpenCv, Ours, corners};
+use plumbline_oracle::lines::images::left_images;
+use plumbline_oracle::lines::quantile;
 use plumbline_tests::shared;
 
 const CLIP: &str = "euroc/MH_05_mono_clip";

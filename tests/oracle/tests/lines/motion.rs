@@ -13,8 +13,8 @@ use plumbline_estimator::lines::merge::Merger;
 use plumbline_estimator::lines::{ImageLine, LineExtractor, Segment};
 use plumbline_estimator::shutter::RowTurns;
 use plumbline_lab::campaign::Fault;
-use plumbline_tests::lines::detectors::unfiltered;
-use plumbline_tests::lines::{Detector, Line};
+use plumbline_oracle::lines::detectors::unfiltered;
+use plumbline_oracle::lines::{Detector, Line};
 use plumbline_tests::{entry, shared};
 
 /// Flights, each in its scene.

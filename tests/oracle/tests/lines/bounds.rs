@@ -3,8 +3,8 @@
 use plumbline_config::GrayImage;
 use plumbline_config::options::LinesConfig;
 use plumbline_estimator::lines::{ExtractionFigures, LineExtractor, Segment};
-use plumbline_tests::lines::images::{Adversary, left_images};
-use plumbline_tests::lines::{median, quantile};
+use plumbline_oracle::lines::images::{Adversary, left_images};
+use plumbline_oracle::lines::{median, quantile};
 use plumbline_tests::shared;
 use std::time::Instant;
 

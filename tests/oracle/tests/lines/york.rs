@@ -1,9 +1,9 @@
 //! Against segments marked by hand: York Urban (Denis et al. 2008).
 
-use plumbline_tests::lines::agreement::covered_share;
-use plumbline_tests::lines::detectors::unfiltered;
-use plumbline_tests::lines::images::{MarkedImage, marked_images};
-use plumbline_tests::lines::{Detector, Line, longest_first};
+use plumbline_oracle::lines::agreement::covered_share;
+use plumbline_oracle::lines::detectors::unfiltered;
+use plumbline_oracle::lines::images::{MarkedImage, marked_images};
+use plumbline_oracle::lines::{Detector, Line, longest_first};
 use plumbline_tests::shared;
 
 /// Recall and precision, means over the images.

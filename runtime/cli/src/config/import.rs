@@ -1,0 +1,151 @@
+//! `plumbline config import`: a configuration made of calibration files.
+
+use super::super::{Usage, check_outputs, load_config, say};
+use super::{parse_mounting, summary, warn_of_doubts};
+use anyhow::{Context, Result};
+use clap::Args;
+use plumbline_config::options::{Mounting, VehicleConfig};
+use plumbline_config::{Config, ValidConfig, import};
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+const EXAMPLES: &str = "Examples:
+  plumbline config import --camchain camchain-imucam.yaml --imu imu.yaml --imu-to-vehicle 180,0,0 --out my.toml
+  plumbline config import --euroc V1_01_easy --imu-to-vehicle 180,-70.3,0 --out my.toml
+  plumbline config import --euroc V1_01_easy --imu-to-vehicle unknown --out my.toml
+  plumbline replay V1_01_easy --config my.toml
+
+Calibration files do not contain the mounting of the IMU in the vehicle. 0,0,0 is x forward, y left, z up; 180,0,0 is x forward,
+y right, z down. With `unknown` neither autopilot nor ROS 2 is served; `plumbline doctor --live` measures the mounting.
+
+Noise densities from a data sheet or an Allan plot hold for a sensor at rest, and are too small in flight. If your files contain
+such values, use --inflate 10 (as Kalibr recommends; the preset euroc has 10 and 8).";
+
+/// Arguments of `plumbline config import`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub struct ImportArgs {
+    /// Kalibr's cameras, extrinsics and time offset: camchain-imucam.yaml.
+    #[arg(long, value_name = "CAMCHAIN.yaml", requires = "imu", required_unless_present = "euroc")]
+    camchain: Option<PathBuf>,
+    /// Kalibr's rate and noise of the IMU: imu.yaml.
+    #[arg(long, value_name = "IMU.yaml", requires = "camchain")]
+    imu: Option<PathBuf>,
+    /// A EuRoC data set, or a folder with its sensor.yaml files.
+    #[arg(long, value_name = "FOLDER", conflicts_with_all = ["camchain", "imu"])]
+    euroc: Option<PathBuf>,
+    /// Configuration to write.
+    #[arg(long, value_name = "OUT.toml")]
+    out: PathBuf,
+    /// Configuration file or preset for all other values.
+    #[arg(long, default_value = "euroc", value_name = "FILE|PRESET")]
+    base: PathBuf,
+    /// Source of the IMU noise densities.
+    #[arg(long, value_enum, default_value_t = Noise::Files)]
+    noise: Noise,
+    /// Factor for the white noise densities of the files.
+    #[arg(long, default_value_t = 1.0, value_name = "FACTOR")]
+    inflate: f64,
+    /// Frame rate of the cameras, Hz. Kalibr's files do not contain it. Default: the rate in --base.
+    #[arg(long, value_name = "HZ", requires = "camchain")]
+    camera_rate: Option<f64>,
+    /// Mounting of the IMU in the vehicle: rotation from its axes to forward, left, up, degrees
+    /// (vehicle.imu_to_vehicle_deg). Required, unless the data set states it.
+    #[arg(long, value_name = "ROLL,PITCH,YAW|unknown", value_parser = parse_mounting, allow_hyphen_values = true)]
+    imu_to_vehicle: Option<Mounting>,
+    /// Replace an existing file.
+    #[arg(long)]
+    overwrite: bool,
+}
+
+/// Source of the IMU noise model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Noise {
+    /// Calibration files.
+    Files,
+    /// Base configuration.
+    Base,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// When a file cannot be used, or the configuration cannot be written.
+pub fn run(args: &ImportArgs) -> Result<()> {
+    check_outputs([&args.out])?;
+    if args.out.exists() && !args.overwrite {
+        let message = format!("{}: exists; name another file, or give --overwrite", args.out.display());
+        return Err(Usage(message).into());
+    }
+    if !(args.inflate.is_finite() && args.inflate > 0.0) {
+        return Err(Usage("--inflate: give a positive number, such as 10".into()).into());
+    }
+    let mounting = mounting(args)?;
+    let config = imported(args, mounting)?;
+    let text = format!("{}{}", header(args), config.to_toml()?);
+    // What is written is what will be read.
+    let back = Config::from_toml_str(&text, &args.out.display().to_string())?;
+    std::fs::write(&args.out, &text).with_context(|| args.out.display().to_string())?;
+    say(summary(&back, &args.out));
+    warn_of_doubts(&back);
+    Ok(())
+}
+
+/// The mounting that was named, or that the data set states.
+fn mounting(args: &ImportArgs) -> Result<Mounting> {
+    if let Some(named) = args.imu_to_vehicle {
+        return Ok(named);
+    }
+    let stated = args.euroc.as_ref().map(import::euroc_mounting).transpose()?.flatten();
+    stated.ok_or_else(|| {
+        let message = "--imu-to-vehicle: the files do not tell how the IMU is mounted in the vehicle; give roll,pitch,yaw in \
+                       degrees (0,0,0 is x forward, y left, z up; the vehicle of the EuRoC data sets has 180,-70.3,0), or \
+                       unknown";
+        Usage(message.into()).into()
+    })
+}
+
+/// The base with the calibration of the files.
+fn imported(args: &ImportArgs, mounting: Mounting) -> Result<ValidConfig> {
+    let mut base = load_config(Some(&args.base))?.context("a base was named")?.into_inner();
+    if let Some(rate_hz) = args.camera_rate {
+        base.camera.iter_mut().for_each(|camera| camera.rate_hz = rate_hz);
+    }
+    let (config, own) = match (&args.camchain, &args.imu, &args.euroc) {
+        (Some(camchain), Some(imu), _) => {
+            (import::kalibr_into(base, camchain, imu)?, import::kalibr(camchain, imu)?)
+        }
+        (_, _, Some(folder)) => (import::euroc_into(base, folder)?, import::euroc(folder)?),
+        _ => return Err(Usage("config import: give --camchain and --imu, or --euroc".into()).into()),
+    };
+    let mut config = config.into_inner();
+    config.vehicle = VehicleConfig { imu_to_vehicle_deg: mounting };
+    if args.noise == Noise::Files {
+        let imu = &mut config.imu;
+        imu.gyro_noise_density = rounded(own.imu.gyro_noise_density * args.inflate);
+        imu.accel_noise_density = rounded(own.imu.accel_noise_density * args.inflate);
+        imu.gyro_bias_walk = own.imu.gyro_bias_walk;
+        imu.accel_bias_walk = own.imu.accel_bias_walk;
+    }
+    Ok(config.validated(&args.out.display().to_string())?)
+}
+
+/// Says in the file where it comes from.
+fn header(args: &ImportArgs) -> String {
+    let files = [&args.camchain, &args.imu, &args.euroc].into_iter().flatten();
+    let mut text = String::from("# Made by `plumbline config import` of:\n");
+    for file in files {
+        let _ = writeln!(text, "#   {}", file.display());
+    }
+    let noise = match args.noise {
+        Noise::Base => "of the base".to_owned(),
+        Noise::Files => format!("of the files, white noise times {}", args.inflate),
+    };
+    let _ = writeln!(text, "# All else is of {}; noise densities {noise}.\n", args.base.display());
+    text
+}
+
+/// `value` to twelve digits: a product with a factor has more that mean nothing.
+fn rounded(value: f64) -> f64 {
+    format!("{value:.11e}").parse().unwrap_or(value)
+}
