@@ -58,8 +58,8 @@ calibration: ## the product with `plumbline calibrate camera`, which needs OpenC
 	@scripts/setup calibration
 	$(CARGO) build $(FLAGS) -p plumbline --features calibration
 
-# `cargo build` of the product for ARCH.
-PRODUCT = $(CARGO) build $(FLAGS) -p plumbline $(if $(filter $(ARCH),$(shell dpkg --print-architecture)),,--target $(TRIPLE_$(ARCH)))
+# `cargo build` of the product for ARCH; what is handed out is compiled as a whole.
+PRODUCT = CARGO_INCREMENTAL=0 $(CARGO) build $(FLAGS) -p plumbline $(if $(filter $(ARCH),$(shell dpkg --print-architecture)),,--target $(TRIPLE_$(ARCH)))
 TRIPLE_amd64 = x86_64-unknown-linux-gnu
 TRIPLE_arm64 = aarch64-unknown-linux-gnu
 
