@@ -56,6 +56,23 @@ pub struct Faults {
     pub disordered: u64,
     /// Images without a partner of the same time.
     pub unpaired: u64,
+    /// Rows or messages with the stamp of an earlier one, dropped; counted as disordered too.
+    pub repeated: u64,
+    /// Times that the clock of the stamps stepped back in a recording: what came later was stamped into the time of what
+    /// came before.
+    pub steps_back: u64,
+    /// Largest of these steps, ns.
+    pub longest_step_back_ns: u64,
+}
+
+impl Faults {
+    /// Adds what is known of a recording's order of stamps.
+    pub(crate) fn add_order(&mut self, order: &crate::euroc::order::Order) {
+        self.disordered += order.disordered;
+        self.repeated += order.repeated;
+        self.steps_back += order.steps_back;
+        self.longest_step_back_ns = self.longest_step_back_ns.max(order.longest_step_back_ns);
+    }
 }
 
 /// A stream of inertial samples in order of measurement time.

@@ -150,7 +150,7 @@ impl BagDataset {
             sizes_px.push(check_images(path, &all[*topic].name, camera, &content, options)?);
             let table = Table::of(content.images, content.corrupt);
             faults.corrupt += table.corrupt;
-            faults.disordered += table.disordered;
+            faults.add_order(&table.order);
             rows.push(table.rows);
         }
         let (frames, outside) = paired(path, rows, options)?;

@@ -2,6 +2,7 @@
 
 use super::image::NoImage;
 use super::imu::ImuRecord;
+use super::order::Order;
 use super::pairing::FrameEntry;
 use plumbline_config::Timestamp;
 use std::path::Path;
@@ -147,6 +148,68 @@ pub(crate) fn uncovered<F>(file: &Path, imu: &ImuRecord, frames: &[FrameEntry<F>
         )
     });
     early.into_iter().chain(late).collect()
+}
+
+/// One row in this many may have the stamp of another.
+const REPEATED_ONE_IN: u64 = 100;
+
+/// What the stamps of a recording show of its clock. `orders` are those of its tables or topics, by their names; `what` are
+/// their rows; the recording begins at `first`.
+pub(crate) fn of_stamps(
+    root: &Path,
+    orders: &[(String, Order)],
+    what: &str,
+    first: Timestamp,
+) -> Vec<Defect> {
+    let stepped: Vec<&(String, Order)> = orders.iter().filter(|(_, order)| order.steps_back > 0).collect();
+    let step = |(name, order): &&(String, Order)| {
+        let at_s = order.step_at.seconds_since(first);
+        let more = match order.steps_back {
+            1 => String::new(),
+            n => format!(", and {} times more", n - 1),
+        };
+        format!("{name} by {:.3} s after {at_s:.3} s{more}", order.longest_step_back_ns as f64 * 1e-9)
+    };
+    if !stepped.is_empty() {
+        let evidence = stepped.iter().map(step).collect::<Vec<_>>().join("; ");
+        return vec![Defect {
+            what: "the clock of the stamps steps back".into(),
+            evidence: format!("{}: {evidence}", root.display()),
+            cause: "a clock that was set while recording (NTP, GNSS, a change of the time), or two recordings in one".into(),
+            cure: "fly up to the step (`--stop`), or what comes after it alone; stamp by a monotonic clock, or let the clock \
+                   settle before recording"
+                .into(),
+            is_grave: true,
+        }];
+    }
+    let repeats =
+        |(_, order): &&(String, Order)| order.repeated > 1 && order.repeated * REPEATED_ONE_IN > order.rows;
+    let repeated: Vec<String> = orders
+        .iter()
+        .filter(repeats)
+        .map(|(name, order)| format!("{} of {} {what} of {name}", order.repeated, order.rows))
+        .collect();
+    let defect = Defect {
+        what: "stamps repeat".into(),
+        evidence: format!(
+            "{}: {} have the stamp of an earlier one, and are dropped",
+            root.display(),
+            repeated.join(", ")
+        ),
+        cause: "data that were recorded twice, or stamps that are coarse or set on arrival".into(),
+        cure: "record each sensor once; stamp each sample when it is measured".into(),
+        is_grave: false,
+    };
+    if repeated.is_empty() { Vec::new() } else { vec![defect] }
+}
+
+/// Why rows that all have one stamp cannot be flown; `name` is their table or topic, `what` they are.
+pub(crate) fn not_stamped(name: &str, what: &str, count: u64, stamp: Timestamp) -> String {
+    format!(
+        "{name} is not stamped: all {count} {what} have the stamp {}; let the driver write the time of measurement into each \
+         (header.stamp in ROS), and record again",
+        stamp.as_nanos()
+    )
 }
 
 /// Whether one camera has many images more than the other.

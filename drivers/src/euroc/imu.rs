@@ -59,7 +59,8 @@ impl ImuRecord {
                 .map_or(0, |last| last.sequence + steps(sample.stamp.nanos_since(last.sample.stamp), period));
             readings.push(ImuReading { sequence, sample });
         }
-        let faults = Faults { corrupt: table.corrupt, disordered: table.disordered, ..Faults::default() };
+        let mut faults = Faults { corrupt: table.corrupt, ..Faults::default() };
+        faults.add_order(&table.order);
         Self { readings, faults }
     }
 

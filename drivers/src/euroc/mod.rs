@@ -16,6 +16,7 @@ pub(crate) mod defects;
 pub(crate) mod grid;
 pub(crate) mod image;
 pub(crate) mod imu;
+pub(crate) mod order;
 pub(crate) mod pairing;
 mod stereo;
 pub(crate) mod table;
@@ -120,10 +121,12 @@ impl EurocDataset {
         let mut image_faults = Faults::default();
         let mut sizes_px = Vec::new();
         let mut rows = [Vec::new(), Vec::new()];
+        let mut orders = Vec::new();
         for (camera, rows) in rows.iter_mut().enumerate().take(cameras) {
             let table = read_images(&camera_folder(&root, camera))?;
             image_faults.corrupt += table.corrupt;
-            image_faults.disordered += table.disordered;
+            image_faults.add_order(&table.order);
+            orders.push((format!("cam{camera}/data.csv"), table.order));
             sizes_px.push(check_size(&root, camera, &table.rows, options)?);
             *rows = table.rows;
         }
@@ -136,6 +139,7 @@ impl EurocDataset {
         let (imu, imu_range, file_defects) = if options.with_imu {
             let (file, table) = (root.join("imu0/data.csv"), read_imu(&root)?);
             let file_defects = FileDefects::with_rows(table.corrupt, &file, table.first_bad.as_ref());
+            orders.push(("imu0/data.csv".into(), table.order));
             let imu = ImuRecord::new(table);
             let range = imu_range(&file, &imu, &frames[handed_out.clone()])?;
             defects.extend(defects::uncovered(&file, &imu, &frames));
@@ -143,6 +147,7 @@ impl EurocDataset {
         } else {
             (ImuRecord::default(), 0..0, FileDefects::default())
         };
+        defects.extend(defects::of_stamps(&root, &orders, "rows", frames_span(&frames).0));
         Ok(Self {
             root,
             sizes_px,

@@ -4,6 +4,8 @@
 //! Rows that cannot be read are skipped and counted, rows out of order are sorted and counted, and of
 //! rows with one stamp the first is kept. A table of which little can be read is refused.
 
+use super::defects::not_stamped;
+use super::order::Order;
 use crate::DriverError;
 use crate::text_lines::{Line, Lines};
 use crate::tum::GZIP_MAGIC;
@@ -103,8 +105,8 @@ pub(crate) struct Table<T> {
     pub(crate) rows: Vec<T>,
     /// Rows that could not be read or held impossible values.
     pub(crate) corrupt: u64,
-    /// Rows out of order, put right, or of a stamp that was there already, dropped.
-    pub(crate) disordered: u64,
+    /// Order in which the rows were written.
+    pub(crate) order: Order,
     /// The first row that could not be read.
     pub(crate) first_bad: Option<BadRow>,
 }
@@ -112,7 +114,7 @@ pub(crate) struct Table<T> {
 impl<T: Stamped> Table<T> {
     /// `rows` in order, of which `corrupt` more could not be read.
     pub(crate) fn of(rows: Vec<T>, corrupt: u64) -> Self {
-        let mut table = Self { rows, corrupt, disordered: 0, first_bad: None };
+        let mut table = Self { rows, corrupt, order: Order::default(), first_bad: None };
         drop_far_stamps(&mut table);
         put_in_order(&mut table);
         table
@@ -141,7 +143,7 @@ pub(crate) fn read_rows<T: Stamped>(
     parse: impl Fn(&str) -> Result<T, RowFault>,
 ) -> Result<Table<T>, DriverError> {
     let mut lines = Lines::new(reader);
-    let mut table = Table { rows: Vec::new(), corrupt: 0, disordered: 0, first_bad: None };
+    let mut table = Table { rows: Vec::new(), corrupt: 0, order: Order::default(), first_bad: None };
     let (mut at_top, mut number) = (true, 0);
     while let Some(line) = lines.next_line().map_err(|e| DriverError::io(path, e))? {
         number += 1;
@@ -168,6 +170,10 @@ pub(crate) fn read_rows<T: Stamped>(
     drop_far_stamps(&mut table);
     check_share(path, columns, &table)?;
     put_in_order(&mut table);
+    if let ([row], true) = (table.rows.as_slice(), table.order.is_constant()) {
+        let message = not_stamped("the table", "rows", table.order.rows, row.stamp());
+        return Err(DriverError::malformed(path, message));
+    }
     Ok(table)
 }
 
@@ -210,15 +216,10 @@ fn drop_far_stamps<T: Stamped>(table: &mut Table<T>) {
 }
 
 fn put_in_order<T: Stamped>(table: &mut Table<T>) {
-    let mut latest = Timestamp::MIN;
-    for row in &table.rows {
-        table.disordered += u64::from(row.stamp() < latest);
-        latest = latest.max(row.stamp());
-    }
+    let stamps: Vec<Timestamp> = table.rows.iter().map(Stamped::stamp).collect();
+    table.order = Order::of(&stamps);
     table.rows.sort_by_key(Stamped::stamp);
-    let before = table.rows.len();
     table.rows.dedup_by_key(|row| row.stamp());
-    table.disordered += (before - table.rows.len()) as u64;
 }
 
 /// The columns of a row, read from left to right.

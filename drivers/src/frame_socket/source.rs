@@ -309,6 +309,7 @@ impl StereoSource for SocketStereo {
                 (0, 0) => 0,
                 _ => self.figures.frames - self.figures.pairs,
             },
+            ..Faults::default()
         }
     }
 }

@@ -96,6 +96,7 @@ impl ImuFigures {
             corrupt: self.framing.bad_checksums + self.malformed + self.watch.impossible,
             disordered: self.disordered + self.clock.refused,
             unpaired: self.unpaired,
+            ..Faults::default()
         }
     }
 }

@@ -333,6 +333,7 @@ impl StereoSource for V4l2Stereo {
             corrupt: sum(|camera| camera.figures.corrupt),
             disordered: self.disordered + sum(|camera| camera.figures.disordered),
             unpaired: sum(|camera| camera.figures.alone),
+            ..Faults::default()
         }
     }
 }

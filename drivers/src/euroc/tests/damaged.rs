@@ -85,10 +85,45 @@ fn disordered_and_repeated_rows_are_put_right() {
     let (readings, faults) = readings_and_faults(&sample);
     assert_eq!(readings.len(), FRAMES as usize * 10);
     assert!(readings.windows(2).all(|w| w[0].sample.stamp < w[1].sample.stamp));
-    assert_eq!(faults, Faults { disordered: 2, ..Faults::default() });
+    assert_eq!(faults, Faults { disordered: 2, repeated: 1, ..Faults::default() });
     let (frames, faults) = frames_and_faults(&sample);
     assert!(frames.windows(2).all(|w| w[0].stamp < w[1].stamp));
     assert_eq!(faults.disordered, 3);
+}
+
+#[test]
+fn a_clock_that_steps_back_is_named_with_its_tables_and_place() {
+    let sample = Sample::new();
+    let back = |lines: &mut Vec<String>, from: usize, by_ns: i64| {
+        for line in &mut lines[from..] {
+            let (stamp, rest) = line.split_once(',').unwrap();
+            *line = format!("{},{rest}", stamp.parse::<i64>().unwrap() - by_ns);
+        }
+    };
+    sample.edit("imu0/data.csv", |lines| back(lines, 60, 203_000_000));
+    sample.edit("cam0/data.csv", |lines| back(lines, 7, 203_000_000));
+    sample.edit("cam1/data.csv", |lines| back(lines, 7, 203_000_000));
+    let dataset = sample.open().unwrap();
+    let [defect] = dataset.defects() else { panic!("{:?}", dataset.defects()) };
+    assert!(defect.is_grave && defect.what.contains("steps back"), "{defect:?}");
+    for words in ["cam1/data.csv by 0.203 s after 0.250 s", "imu0/data.csv by 0.203 s after 0.295 s"] {
+        assert!(defect.evidence.contains(words), "{defect:?}");
+    }
+    let faults = dataset.imu().faults();
+    assert_eq!((faults.steps_back, faults.longest_step_back_ns), (1, 203_000_000));
+    assert_eq!(dataset.stereo().faults().steps_back, 2);
+}
+
+#[test]
+fn rows_that_repeat_their_stamps_are_told() {
+    let sample = Sample::new();
+    sample.edit("imu0/data.csv", |lines| {
+        *lines = lines.iter().flat_map(|line| [line.clone(), line.clone()]).collect()
+    });
+    let dataset = sample.open().unwrap();
+    let [defect] = dataset.defects() else { panic!("{:?}", dataset.defects()) };
+    assert!(!defect.is_grave && defect.evidence.contains("120 of 240 rows of imu0/data.csv"), "{defect:?}");
+    assert_eq!(dataset.imu().faults().repeated, 120);
 }
 
 #[test]

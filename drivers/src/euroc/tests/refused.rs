@@ -84,6 +84,23 @@ fn an_imu_of_another_day() {
 }
 
 #[test]
+fn tables_without_stamps() {
+    for (table, stamp) in
+        [("imu0/data.csv", "0"), ("cam0/data.csv", "0"), ("cam1/data.csv", "1700000000000000000")]
+    {
+        let sample = Sample::new();
+        sample.edit(table, |lines| {
+            for line in lines.iter_mut().filter(|line| !line.starts_with('#')) {
+                *line = format!("{stamp},{}", line.split_once(',').unwrap().1);
+            }
+        });
+        let message = sample.refusal();
+        assert!(message.contains(table) && message.contains("not stamped"), "{message}");
+        assert!(message.contains(&format!("have the stamp {stamp}")), "{message}");
+    }
+}
+
+#[test]
 fn ground_truth_that_is_garbage_is_said_when_asked_for() {
     let sample = Sample::new();
     create_dir_all(sample.path("state_groundtruth_estimate0")).unwrap();
