@@ -28,6 +28,8 @@ const UNDISTORT_HALVINGS: usize = 8;
 /// Largest angle from the optical axis that a fisheye pixel is unprojected to, rad (89.4 degrees): beyond,
 /// normalized coordinates lose their meaning.
 const MAX_THETA_RAD: f64 = 1.56;
+/// Angles at which a fold is looked for: a tenth of a degree apart.
+const FOLD_ANGLES: usize = 900;
 /// Points between the axis and an angle at which the equidistant polynomial is watched for a fold.
 const FOLD_SAMPLES: usize = 8;
 
@@ -68,6 +70,15 @@ impl Distortion {
             Self::RadialTangential { k1, k2, p1, p2 } => distort_radtan(xy, k1, k2, p1, p2),
             Self::Equidistant { k1, k2, k3, k4 } => distort_equidistant(xy, [k1, k2, k3, k4]),
         }
+    }
+
+    /// Angle from the optical axis beyond which a fisheye lens folds back, rad; `None` where it grows as far as pixels are
+    /// unprojected.
+    #[must_use]
+    pub fn fold_rad(&self) -> Option<f64> {
+        let Self::Equidistant { k1, k2, k3, k4 } = *self else { return None };
+        let angles = (1..=FOLD_ANGLES).map(|i| MAX_THETA_RAD * i as f64 / FOLD_ANGLES as f64);
+        angles.into_iter().find(|theta| d_theta_d(*theta, [k1, k2, k3, k4]) <= 0.0)
     }
 
     /// Whether ideal coordinates lie where the distorted radius still grows with the ideal one, that is on
@@ -291,6 +302,19 @@ impl CameraModel {
             Distortion::RadialTangential { k1, k2, p1, p2 } => undistort_radtan(&target, [k1, k2, p1, p2]),
             Distortion::Equidistant { k1, k2, k3, k4 } => undistort_equidistant(&target, [k1, k2, k3, k4]),
         }
+    }
+
+    /// Whether a pixel has a direction by the lens model, although one further than 89.4 degrees from the optical axis is not
+    /// used. Where the model folds back, pixels have none.
+    #[must_use]
+    pub fn has_direction(&self, px: &Vector2<f64>) -> bool {
+        if self.unproject(px).is_some() {
+            return true;
+        }
+        let Distortion::Equidistant { k1, k2, k3, k4 } = self.distortion else { return false };
+        let radius = (px - self.centre_px).component_div(&self.focal_px).norm();
+        let reach = MAX_THETA_RAD * theta_scale(MAX_THETA_RAD, [k1, k2, k3, k4]);
+        radius >= reach && self.distortion.fold_rad().is_none()
     }
 
     /// Whether a pixel lies inside the image, at least `border_px` from its edge.

@@ -1,6 +1,7 @@
 //! What is valid, and yet probably a mistake.
 
 use crate::options::{CameraConfig, Config, Mounting};
+use nalgebra::{Isometry3, Vector2};
 use std::f64::consts::PI;
 
 /// Ratio of the focal lengths of one camera, and of two cameras of a pair.
@@ -24,9 +25,65 @@ impl Config {
                 ));
             }
         }
+        if let [left, right, ..] = self.camera.as_slice() {
+            doubts.extend(of_pair(&left.pose_b_c(), &right.pose_b_c()));
+        }
         doubts.extend(of_mounting(&self.vehicle.imu_to_vehicle_deg));
         doubts
     }
+}
+
+/// Share of the baseline along an axis of the left camera that is its direction.
+const ALONG: f64 = 0.8;
+
+/// Which way the second camera lies, seen from the first: to the right in all pairs that are called left and right.
+fn of_pair(left: &Isometry3<f64>, right: &Isometry3<f64>) -> Option<String> {
+    let baseline =
+        |left: &Isometry3<f64>, right: &Isometry3<f64>| (left.inverse() * right).translation.vector;
+    let as_it_is = baseline(left, right);
+    let is_right = |p: &nalgebra::Vector3<f64>| p.x > ALONG * p.norm();
+    if is_right(&as_it_is) || as_it_is.norm() == 0.0 {
+        return None;
+    }
+    let is_right_if_inverted = is_right(&baseline(&left.inverse(), &right.inverse()));
+    let is_left = as_it_is.x < -ALONG * as_it_is.norm();
+    let place = if is_left {
+        "to the left of"
+    } else if as_it_is.y.abs() > ALONG * as_it_is.norm() {
+        if as_it_is.y > 0.0 { "below" } else { "above" }
+    } else {
+        "aslant of"
+    };
+    let cause = match (is_left, is_right_if_inverted) {
+        (true, true) => "are the cameras exchanged, or T_cam_imu inverted (T_imu_cam)?",
+        (true, false) => "are the cameras exchanged?",
+        (false, true) => {
+            "is T_cam_imu inverted (T_imu_cam, or T_BS given for it)? Inverted it lies to the right"
+        }
+        (false, false) => return None,
+    };
+    let [x, y, z] = [as_it_is.x, as_it_is.y, as_it_is.z];
+    Some(format!(
+        "camera[1].pose_b_c: camera[1] lies {place} camera[0], at ({x:.3} {y:.3} {z:.3}) m in its axes (x right, y down, z forward); \
+         {cause}"
+    ))
+}
+
+/// A lens model that folds back within the corners of the image: nothing there is used.
+fn of_corners(index: usize, camera: &CameraConfig) -> Option<String> {
+    let fold_rad = camera.distortion.fold_rad()?;
+    let model = camera.model();
+    let [right, bottom] = [camera.width_px, camera.height_px].map(|size| size as f64 - 1.0);
+    let corners = [(0.0, 0.0), (right, 0.0), (0.0, bottom), (right, bottom)];
+    let folded = corners.iter().filter(|(x, y)| !model.has_direction(&Vector2::new(*x, *y))).count();
+    (folded > 0).then(|| {
+        format!(
+            "camera[{index}].distortion: the lens model folds back {:.0} degrees from the optical axis, which is within {folded} of the \
+             corners of the image; what lies beyond is not used. For a larger field of view calibrate with the target in the \
+             corners too",
+            fold_rad.to_degrees()
+        )
+    })
 }
 
 /// Whether a ratio of focal lengths is far from 1.
@@ -52,6 +109,7 @@ fn of_camera((index, camera): (usize, &CameraConfig)) -> Vec<String> {
             camera.centre_px[0], camera.centre_px[1], camera.width_px, camera.height_px
         ));
     }
+    doubts.extend(of_corners(index, camera));
     doubts
 }
 
@@ -85,6 +143,42 @@ mod tests {
         for preset in crate::PRESETS {
             assert_eq!(Config::preset(preset).unwrap().doubts(), Vec::<String>::new(), "{preset}");
         }
+    }
+
+    #[test]
+    fn pairs_that_are_exchanged_or_inverted_are_named() {
+        let doubts = |change: fn(&mut Config)| {
+            let mut config = Config::preset("euroc").unwrap().into_inner();
+            change(&mut config);
+            config.doubts()
+        };
+        let invert = |config: &mut Config| {
+            for camera in &mut config.camera {
+                camera.pose_b_c = crate::options::rows_from_isometry(&camera.pose_b_c().inverse());
+            }
+        };
+        let exchanged = doubts(|config| config.camera.swap(0, 1));
+        assert!(exchanged.len() == 1 && exchanged[0].contains("to the left of camera[0]"), "{exchanged:?}");
+        assert!(exchanged[0].ends_with("are the cameras exchanged?"), "{exchanged:?}");
+        let inverted = doubts(invert);
+        assert!(inverted.len() == 1 && inverted[0].contains("above camera[0]"), "{inverted:?}");
+        assert!(inverted[0].contains("is T_cam_imu inverted"), "{inverted:?}");
+        // An IMU with the axes of the camera: inverting looks like exchanging.
+        let aligned = doubts(|config| {
+            for (k, camera) in config.camera.iter_mut().enumerate() {
+                camera.pose_b_c =
+                    crate::options::rows_from_isometry(&Isometry3::translation(-0.1 * k as f64, 0.0, 0.0));
+            }
+        });
+        assert!(aligned[0].contains("exchanged, or T_cam_imu inverted"), "{aligned:?}");
+        // One camera above the other, as some rigs have it.
+        let upright = doubts(|config| {
+            for (k, camera) in config.camera.iter_mut().enumerate() {
+                camera.pose_b_c =
+                    crate::options::rows_from_isometry(&Isometry3::translation(0.0, 0.1 * k as f64, 0.0));
+            }
+        });
+        assert_eq!(upright, Vec::<String>::new());
     }
 
     #[test]

@@ -4,6 +4,7 @@
 
 use crate::DriverError;
 use crate::bag::container::{Step, Topic};
+use crate::bag::inertial::Holds;
 use crate::bag::mcap_file::McapFile;
 use crate::bag::messages::{self, Format, Kind};
 use crate::bag::pixels::{self, ImageDecoder};
@@ -11,6 +12,7 @@ use crate::bag::ros1_file::Ros1File;
 use crate::bag::sqlite_file::SqliteFile;
 use crate::bag::topics::{self as bag_topics, BagTopics};
 use crate::bag::wire::Encoding;
+use crate::euroc::depth::Depth;
 use crate::euroc::image::gray_png;
 use crate::euroc::imu::{IMU_COLUMNS, ImuRecord, is_possible, parse_imu_row};
 use crate::euroc::pairing::{self, IMAGE_COLUMNS, ImageRow, parse_image_row};
@@ -292,15 +294,16 @@ pub fn ros_messages(data: &[u8]) {
 
 fn ros_message(encoding: Encoding, data: &[u8]) {
     let stamp = messages::stamp(encoding, data);
-    if let Some(sample) = messages::imu(encoding, data) {
-        assert_eq!(Some(sample.stamp), stamp);
-        let _ = is_possible(&sample);
+    if let Some(message) = messages::imu(encoding, data) {
+        assert_eq!(Some(message.sample.stamp), stamp);
+        let _ = (is_possible(&message.sample), Holds::of(&[message]));
     }
-    let mut decoder = ImageDecoder::default();
+    let mut decoder = ImageDecoder::new(Depth::of_largest(1023));
     for kind in [Kind::Image, Kind::Compressed] {
         let Some(message) = messages::image(Format { kind, encoding }, data) else { continue };
         let size = pixels::size_px(&message).filter(|size| size.0 <= MAX_SIDE_PX && size.1 <= MAX_SIDE_PX);
         if let Some((width, height)) = size {
+            let _ = pixels::largest_value(&message);
             let _ = decoder.decode(&message, &mut GrayImage::new(width, height));
         }
     }
@@ -337,7 +340,8 @@ fn bag(mut next: impl FnMut(&mut Vec<Topic>, &mut Vec<u8>) -> Result<Step, Drive
         ros_messages(&payload);
     }
     let named = BagTopics::default();
-    let _ = (bag_topics::cameras(&topics, &named, 2), bag_topics::imu(&topics, &named));
+    let imu = bag_topics::imu(&topics, &named, |topic| [Holds::Both, Holds::Gyro, Holds::Accel][topic % 3]);
+    let _ = (bag_topics::cameras(&topics, &named, 2), imu);
 }
 
 #[cfg(test)]

@@ -64,6 +64,16 @@ pub fn euroc_mounting(directory: impl AsRef<Path>) -> Result<Option<Mounting>, C
     mounting(&Document::read(&file(directory, layout, "imu0"))?.root())
 }
 
+/// Pose of a sensor in the body of its data set (`T_BS`), by the sensor's file; `None` where that states none.
+///
+/// # Errors
+/// When the file is missing or malformed, or the pose is none.
+pub fn euroc_pose(sensor: impl AsRef<Path>) -> Result<Option<Isometry3<f64>>, ConfigError> {
+    let document = Document::read(sensor.as_ref())?;
+    let root = document.root();
+    root.optional("T_BS").map(|_| pose(&root)).transpose()
+}
+
 fn mounting(imu: &Node<'_>) -> Result<Option<Mounting>, ConfigError> {
     let Some(node) = imu.optional(MOUNTING_KEY) else { return Ok(None) };
     match node.text() {

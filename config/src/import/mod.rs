@@ -12,10 +12,11 @@
 
 mod euroc;
 mod kalibr;
+mod whose;
 mod yaml;
 mod zed;
 
-pub use euroc::{euroc, euroc_cameras_into, euroc_into, euroc_mounting};
+pub use euroc::{euroc, euroc_cameras_into, euroc_into, euroc_mounting, euroc_pose};
 pub use kalibr::{DEFAULT_CAMERA_RATE_HZ, kalibr, kalibr_into};
 pub use zed::zed_into;
 
@@ -117,7 +118,8 @@ fn distortion(camera: &Node<'_>, coefficients_key: &str) -> Result<Distortion, C
 /// A rigid transform from a matrix that was checked to be one.
 fn rigid(node: &Node<'_>, rows: [[f64; 4]; 4]) -> Result<Isometry3<f64>, ConfigError> {
     match pose_problem(&rows) {
-        Some((reason, cure)) => Err(node.refuse(reason, cure)),
+        // The cure names the matrix as the file does.
+        Some((reason, cure)) => Err(node.refuse(reason, cure.replace("T_BC", node.name()))),
         None => Ok(isometry_from_rows(&rows)),
     }
 }

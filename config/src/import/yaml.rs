@@ -95,6 +95,19 @@ impl<'a> Node<'a> {
         self.refuse(format!("is {is} where {wanted} is expected"), "correct the value")
     }
 
+    /// The last part of its key.
+    pub fn name(&self) -> &str {
+        self.key.rsplit('.').next().unwrap_or_default()
+    }
+
+    /// Keys of a table; none of anything else.
+    pub fn keys(&self) -> Vec<&'a str> {
+        match self.value {
+            Value::Map(entries) => entries.iter().map(|(key, _)| key.as_str()).collect(),
+            _ => Vec::new(),
+        }
+    }
+
     pub fn optional(&self, name: &str) -> Option<Node<'a>> {
         let Value::Map(entries) = self.value else { return None };
         let (_, value) = entries.iter().find(|(key, _)| key == name)?;
@@ -106,9 +119,13 @@ impl<'a> Node<'a> {
             return Err(self.mistyped("a table"));
         }
         self.optional(name).ok_or_else(|| {
-            let missing = Node { document: self.document, key: self.child_key(name), value: self.value };
-            missing.refuse("missing", "add it, or check that this is the right kind of file")
+            self.child(name).refuse("missing", "add it, or check that this is the right kind of file")
         })
+    }
+
+    /// A value that is missing here.
+    pub fn child(&self, name: &str) -> Node<'a> {
+        Node { document: self.document, key: self.child_key(name), value: self.value }
     }
 
     fn child_key(&self, name: &str) -> String {
@@ -162,6 +179,22 @@ impl<'a> Node<'a> {
         }
         let flat: [f64; 16] = self.numbers()?;
         Ok(std::array::from_fn(|i| std::array::from_fn(|j| flat[4 * i + j])))
+    }
+}
+
+impl Node<'_> {
+    /// A 3x3 matrix in any of the forms of [`Self::matrix`].
+    pub fn matrix3(&self) -> Result<[[f64; 3]; 3], ConfigError> {
+        if let Some(data) = self.optional("data") {
+            return data.matrix3();
+        }
+        let elements = self.elements()?;
+        if elements.len() == 3 {
+            let rows = elements.iter().map(Node::numbers).collect::<Result<Vec<[f64; 3]>, _>>()?;
+            return Ok([rows[0], rows[1], rows[2]]);
+        }
+        let flat: [f64; 9] = self.numbers()?;
+        Ok(std::array::from_fn(|i| std::array::from_fn(|j| flat[3 * i + j])))
     }
 }
 

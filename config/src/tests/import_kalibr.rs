@@ -142,7 +142,7 @@ fn what_is_wrong_is_named_by_file_and_key() {
     let own = "  T_cam_imu:\n  - [0.0, -1.0, 0.0, 0.5]\n  - [0.0, 0.0, -1.0, 0.01]\n  - [1.0, 0.0, 0.0, -0.05]\n  \
                - [0.0, 0.0, 0.0, 1.0]\n  T_cn_cnm1:";
     for (from, to, says) in [
-        ("T_cam_imu", "T_imu_cam", "camchain.yaml: `cam0.T_cam_imu`: missing"),
+        ("T_cam_imu", "T_cam_body", "camchain.yaml: `cam0.T_cam_imu`: missing"),
         ("  T_cn_cnm1:", own, "`cam1.T_cam_imu`: contradicts T_cn_cnm1"),
         ("[0.0, -1.0, 0.0, 0.02]", "[0.0, -1.0, 0.0]", "`cam0.T_cam_imu[0]`: has 3 numbers"),
         (
@@ -210,4 +210,135 @@ fn inverted_extrinsics_that_make_the_chain_agree_are_named() {
     let chain = with(&chain, "cam1:\n", &format!("cam1:\n  T_cam_imu:\n{right}"));
     let message = kalibr_texts(&chain, IMU).unwrap_err().to_string();
     assert!(message.contains("probably T_cam_imu is inverted"), "{message}");
+}
+
+/// The shape of every `kalibr_imu_chain.yaml` of OpenVINS.
+fn openvins_imu(changed: (&str, &str)) -> String {
+    let identity = "  - [1.0, 0.0, 0.0]\n    - [0.0, 1.0, 0.0]\n    - [0.0, 0.0, 1.0]\n";
+    let zero = "  - [0.0, 0.0, 0.0]\n".to_owned() + &"    - [0.0, 0.0, 0.0]\n".repeat(2);
+    let mut text = format!("%YAML:1.0\n\n{}", with(IMU_RESULT, "model: calibrated", "model: \"kalibr\""));
+    for name in ["Tw", "R_IMUtoGYRO", "Ta", "R_IMUtoACC", "Tg"] {
+        text += &format!("  {name}:\n  {}", if name == "Tg" { &zero } else { identity });
+    }
+    text.replacen(changed.0, changed.1, 1)
+}
+
+#[test]
+fn neutral_intrinsics_of_the_imu_are_those_of_a_calibrated_one() {
+    let plain = kalibr_texts(RADTAN, IMU).expect("good");
+    assert_eq!(kalibr_texts(RADTAN, &openvins_imu(("", ""))).expect("good"), plain);
+    let model_alone = with(IMU_RESULT, "model: calibrated", "model: rpng");
+    assert_eq!(kalibr_texts(RADTAN, &model_alone).expect("good"), plain);
+    let of_kalibr = with(IMU_RESULT, "model: calibrated", "model: scale-misalignment")
+        + "  gyroscopes:\n    M: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\n    A: [[0, 0, 0], [0, 0, 0], [0, 0, 0]]\n";
+    assert_eq!(kalibr_texts(RADTAN, &of_kalibr).expect("good"), plain);
+    for (from, to, says) in [
+        ("Tw:\n    - [1.0", "Tw:\n    - [1.02", "`imu0.Tw`: Tw is not the identity"),
+        ("Ta:\n    - [1.0, 0.0", "Ta:\n    - [1.0, 0.01", "`imu0.Ta`: Ta is not the identity"),
+        ("Tg:\n    - [0.0", "Tg:\n    - [0.001", "`imu0.Tg`: Tg is not the zero matrix"),
+    ] {
+        let message = kalibr_texts(RADTAN, &openvins_imu((from, to))).expect_err("is refused").to_string();
+        assert!(message.contains(says) && message.contains("not applied here"), "{message}");
+    }
+}
+
+#[test]
+fn the_inverse_pose_of_openvins_is_taken() {
+    let plain = kalibr_texts(EQUIDISTANT, IMU).expect("good").camera[0].pose_b_c();
+    let m = plain.to_homogeneous();
+    let rows = (0..4).map(|i| format!("  - [{}, {}, {}, {}]\n", m[(i, 0)], m[(i, 1)], m[(i, 2)], m[(i, 3)]));
+    let own = EQUIDISTANT.lines().skip(2).take(4).map(|line| format!("{line}\n")).collect::<String>();
+    let inverse = with(
+        EQUIDISTANT,
+        &format!("  T_cam_imu:\n{own}"),
+        &format!("  T_imu_cam:\n{}", rows.collect::<String>()),
+    );
+    let taken = kalibr_texts(&inverse, IMU).expect("good").camera[0].pose_b_c();
+    assert!((taken.inverse() * plain).translation.vector.norm() < 1e-9);
+    // Both, which contradict each other.
+    let both = with(EQUIDISTANT, "  camera_model", &format!("  T_imu_cam:\n{own}  camera_model"));
+    let message = kalibr_texts(&both, IMU).expect_err("contradicts").to_string();
+    assert!(message.contains("`cam0.T_imu_cam`: is not the inverse of T_cam_imu"), "{message}");
+    let cameras_alone = with(EQUIDISTANT, &format!("  T_cam_imu:\n{own}"), "");
+    let message = kalibr_texts(&cameras_alone, IMU).expect_err("no pose").to_string();
+    assert!(message.contains("cam0.T_cam_imu") && message.contains("camchain-imucam.yaml"), "{message}");
+}
+
+#[test]
+fn files_of_other_programs_are_named() {
+    let vins = "%YAML:1.0\nimu: 1\nnum_of_cam: 2\nbody_T_cam0: !!opencv-matrix\n   rows: 4\n   cols: 4\n   dt: d\n   data: [1, 0]\n";
+    for (text, whose) in [
+        (vins, "VINS-Fusion"),
+        ("model_type: PINHOLE\nprojection_parameters:\n   fx: 1\n", "camodocal"),
+        ("{\"value0\":{\"T_imu_cam\":[{\"px\":0}]}}", "Basalt"),
+        ("%YAML:1.0\nFile.version: \"1.0\"\nCamera.type: \"PinHole\"\nCamera1.fx: 458.6\n", "ORB-SLAM"),
+        ("Camera.fx: 458.6\nCamera.fy: 457.2\n", "ORB-SLAM"),
+        ("%YAML:1.0\nM1: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [1.]\n", "OpenCV"),
+        (
+            "image_width: 640\ncamera_name: left\ncamera_matrix: {rows: 3, cols: 3, data: [1]}\nrectification_matrix: {rows: 3}\n",
+            "camera_info of ROS",
+        ),
+        ("EquiDistant 0.37 0.37 0.49 0.50 0.003 0.0007 -0.002 0.0002\n512 512\ncrop\n512 512\n", "DSO"),
+        ("sensor_type: camera\nT_BS:\n  data: [1]\n", "sensor.yaml"),
+        ("relative_config_imu: kalibr_imu_chain.yaml\n", "OpenVINS"),
+    ] {
+        let message = kalibr_texts(text, IMU).expect_err("another program's").to_string();
+        assert!(
+            message.contains(whose) && message.contains("camchain.yaml: `(file)`: is "),
+            "{whose}: {message}"
+        );
+        let message = kalibr_texts(RADTAN, text).expect_err("another program's").to_string();
+        assert!(message.contains(whose) && message.contains("imu.yaml: `(file)`: is "), "{whose}: {message}");
+    }
+}
+
+#[test]
+fn refused_values_are_said_of_the_file_and_key_that_they_are_from() {
+    let message = |chain: &str, imu: &str| kalibr_texts(chain, imu).expect_err("is refused").to_string();
+    let slow = message(RADTAN, &with(IMU, "200.0", "26.0"));
+    assert!(
+        slow.starts_with("imu.yaml: ") && slow.contains("`update_rate`: 26 Hz") && !slow.contains("camchain"),
+        "{slow}"
+    );
+    let centre = message(&with(RADTAN, "367.215", "967.215"), IMU);
+    assert!(centre.starts_with("camchain.yaml: `cam0.intrinsics`"), "{centre}");
+    let both = message(&with(RADTAN, "367.215", "967.215"), &with(IMU, "200.0", "26.0"));
+    assert!(both.contains("camchain.yaml, imu.yaml") && both.contains("`update_rate`"), "{both}");
+    let digits = message(&with(RADTAN, "[1.0, 0.0, 0.0, -0.05]", "[0.9, 0.0, 0.0, -0.05]"), IMU);
+    assert!(digits.contains("copy T_cam_imu from the calibration with all its digits"), "{digits}");
+}
+
+/// Numbers of OpenVINS's configuration of a T265: a little more than 90 degrees to each side.
+pub(super) const T265: &str = "cam0:
+  T_cam_imu:
+  - [1.0, 0.0, 0.0, 0.0]
+  - [0.0, 1.0, 0.0, 0.0]
+  - [0.0, 0.0, 1.0, 0.0]
+  - [0.0, 0.0, 0.0, 1.0]
+  camera_model: pinhole
+  distortion_coeffs: [-0.003269003, 0.054052581, -0.051594096, 0.010749180]
+  distortion_model: equidistant
+  intrinsics: [282.020, 280.715, 415.956, 396.661]
+  resolution: [848, 800]
+";
+
+#[test]
+fn a_lens_that_sees_beyond_a_right_angle_is_taken_and_one_that_folds_is_not() {
+    let config = kalibr_texts(T265, IMU).expect("is good");
+    assert_eq!(config.doubts(), Vec::<String>::new());
+    let model = config.camera[0].model();
+    let edge = nalgebra::Vector2::new(847.0, 396.0);
+    assert!(model.unproject(&edge).is_none() && model.has_direction(&edge));
+    // Folds 82 degrees from the axis: beyond the edges, but within the corners.
+    let folding =
+        with(T265, "[-0.003269003, 0.054052581, -0.051594096, 0.010749180]", "[0.0, 0.0, 0.0, -0.00631]");
+    let folding = with(&folding, "[282.020, 280.715, 415.956, 396.661]", "[350.0, 350.0, 423.5, 399.5]");
+    let doubts = kalibr_texts(&folding, IMU).expect("within its edges").doubts();
+    assert!(
+        doubts.len() == 1 && doubts[0].contains("82 degrees") && doubts[0].contains("4 of the corners"),
+        "{doubts:?}"
+    );
+    let folded = with(&folding, "[350.0, 350.0,", "[300.0, 300.0,");
+    let message = kalibr_texts(&folded, IMU).expect_err("folds").to_string();
+    assert!(message.contains("cam0.distortion_coeffs") && message.contains("82 degrees"), "{message}");
 }

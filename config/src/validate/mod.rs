@@ -146,13 +146,18 @@ fn check_distortion(camera: &CameraConfig, key: &str, found: &mut Vec<Violation>
     if found.iter().any(|violation| violation.key.starts_with(key)) {
         return;
     }
-    // The middles of the four edges, not the corners: a good radial-tangential fit may miss those.
+    // The middles of the four edges, not the corners: a good fit may miss those, of which `Config::doubts` tells.
     let model = camera.model();
     let (right, bottom) = (camera.width_px as f64 - 1.0, camera.height_px as f64 - 1.0);
     let [cx, cy] = camera.centre_px;
     let edges = [(0.0, cy), (right, cy), (cx, 0.0), (cx, bottom)];
-    if edges.iter().any(|(x, y)| model.unproject(&Vector2::new(*x, *y)).is_none()) {
-        let reason = "the lens model folds back within the image, so pixels there have no direction";
+    if edges.iter().any(|(x, y)| !model.has_direction(&Vector2::new(*x, *y))) {
+        let at = match camera.distortion.fold_rad() {
+            Some(fold_rad) => format!(" {:.0} degrees from the optical axis", fold_rad.to_degrees()),
+            None => String::new(),
+        };
+        let reason =
+            format!("the lens model folds back within the image{at}, so pixels there have no direction");
         let cure =
             "check the model (radial-tangential or equidistant) and the signs and order of the coefficients";
         found.push(Violation::new(format!("{key}.distortion"), reason, cure));

@@ -69,8 +69,17 @@ pub(crate) fn stamp(encoding: Encoding, bytes: &[u8]) -> Option<Timestamp> {
     Wire::new(encoding, bytes)?.header().map(Timestamp::from_nanos)
 }
 
-/// The inertial sample in `bytes`; orientation and covariances are passed over.
-pub(crate) fn imu(encoding: Encoding, bytes: &[u8]) -> Option<ImuSample> {
+/// An inertial message: what it says of a quantity that it does not hold is no sample of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct ImuMessage {
+    /// Its numbers, possible or not.
+    pub(crate) sample: ImuSample,
+    /// Whether the covariance says that the rates of rotation are not there (-1), and the accelerations.
+    pub(crate) is_denied: [bool; 2],
+}
+
+/// The inertial message in `bytes`; the orientation is passed over.
+pub(crate) fn imu(encoding: Encoding, bytes: &[u8]) -> Option<ImuMessage> {
     let mut wire = Wire::new(encoding, bytes)?;
     let stamp = Timestamp::from_nanos(wire.header()?);
     // A quaternion and a covariance of nine.
@@ -78,10 +87,15 @@ pub(crate) fn imu(encoding: Encoding, bytes: &[u8]) -> Option<ImuSample> {
         wire.f64()?;
     }
     let gyro = wire.vector()?;
-    for _ in 0..9 {
+    let gyro_variance = wire.f64()?;
+    for _ in 1..9 {
         wire.f64()?;
     }
-    Some(ImuSample { stamp, gyro, accel: wire.vector()? })
+    let accel = wire.vector()?;
+    // The last fields; a message that ends before them has been read by others as well.
+    let accel_variance = wire.f64().unwrap_or(0.0);
+    let is_denied = [gyro_variance == -1.0, accel_variance == -1.0];
+    Some(ImuMessage { sample: ImuSample { stamp, gyro, accel }, is_denied })
 }
 
 /// The image in `bytes`.

@@ -3,12 +3,13 @@
 //!
 //! [`BagDataset::open`] reads the whole bag once for the stamps of its messages: those of their headers, which are times of
 //! measurement, and not those of their arrival. Which topics are flown is in `topics`. From there on a bag is treated as a
-//! EuRoC data set is: paired by time, ordered, cut, with gaps numbered and what is wrong counted in [`Faults`]. The
-//! images are read when they are asked for (`stereo`). `files` finds the files, `stream` the messages in them, whose
+//! EuRoC data set is: paired by time, ordered, cut, with gaps numbered and what is wrong counted in [`Faults`]; gyroscope and
+//! accelerometer on topics of their own are joined (`inertial`). The images are read when they are asked for (`stereo`). `files` finds the files, `stream` the messages in them, whose
 //! containers are in `mcap_file`, `sqlite_file` and `ros1_file`; `wire`, `messages` and `pixels` understand messages.
 
 pub(crate) mod container;
 mod files;
+pub(crate) mod inertial;
 pub(crate) mod mcap_file;
 pub(crate) mod messages;
 mod packed;
@@ -26,15 +27,18 @@ pub use files::is_bag;
 pub use stereo::BagStereo;
 pub use topics::BagTopics;
 
-use crate::euroc::defects::uncovered;
-use crate::euroc::imu::{EurocImu, ImuRecord, is_possible};
+use crate::euroc::defects::{not_stamped, of_stamps, shallow, uncovered};
+use crate::euroc::depth::Depth;
+use crate::euroc::imu::{EurocImu, ImuRecord};
 use crate::euroc::pairing::{self, FrameEntry, ImageRow};
+use crate::euroc::picture::foreign;
 use crate::euroc::table::Table;
 use crate::euroc::{Defect, EurocOptions, chosen_frames, frames_span, imu_range};
 use crate::{DriverError, Faults};
 use container::Topic;
 use files::bag_files;
-use messages::{Format, Kind};
+use inertial::{Holds, Samples};
+use messages::{Format, ImageMessage, ImuMessage, Kind};
 use plumbline_config::{ImuSample, Timestamp};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -43,6 +47,8 @@ use stream::{BagFile, Messages};
 
 /// Messages that are looked at, at most: days of an IMU at 1 kHz.
 const MAX_MESSAGES: u64 = 200_000_000;
+/// Images that are looked at for the bits in use: the first ones, and then one in this many.
+const LOOKED_AT_EVERY: u64 = 64;
 
 /// An opened bag: stamps and inertial samples in memory, images on disk.
 #[derive(Debug)]
@@ -53,9 +59,11 @@ pub struct BagDataset {
     /// Numbers of the cameras' topics.
     cameras: Vec<usize>,
     names: Vec<String>,
+    imu_names: Vec<String>,
     frames: Arc<[FrameEntry<u64>]>,
     handed_out: Range<usize>,
     image_faults: Faults,
+    depth: Depth,
     imu: Arc<ImuRecord>,
     imu_range: Range<usize>,
     defects: Vec<Defect>,
@@ -68,10 +76,12 @@ struct Content {
     /// Messages so far, readable or not.
     count: u64,
     images: Vec<ImageRow<u64>>,
-    samples: Vec<ImuSample>,
+    inertial: Vec<ImuMessage>,
     size_px: Option<(usize, usize)>,
-    /// The encoding that cannot be read.
+    /// The encoding or format that cannot be read.
     unknown: Option<String>,
+    /// Largest value of the images of 16 bits that were looked at, and their number.
+    largest: Option<(u16, u64)>,
     corrupt: u64,
 }
 
@@ -80,8 +90,8 @@ impl Content {
         let number = self.count;
         self.count += 1;
         if format.kind == Kind::Imu {
-            match messages::imu(format.encoding, bytes).filter(is_possible) {
-                Some(sample) => self.samples.push(sample),
+            match messages::imu(format.encoding, bytes) {
+                Some(message) => self.inertial.push(message),
                 None => self.corrupt += 1,
             }
             return;
@@ -90,18 +100,41 @@ impl Content {
             self.corrupt += 1;
             return;
         };
-        if self.size_px.is_none()
-            && let Some(image) = messages::image(format, bytes)
-        {
-            self.size_px = pixels::size_px(&image);
-            if let messages::ImageMessage::Raw { encoding, .. } = image
-                && !pixels::is_known(encoding)
-            {
-                self.unknown = Some(encoding.chars().filter(|c| !c.is_control()).take(40).collect());
-            }
+        let is_looked_at =
+            self.size_px.is_none() || number.is_power_of_two() || number.is_multiple_of(LOOKED_AT_EVERY);
+        if is_looked_at && let Some(image) = messages::image(format, bytes) {
+            self.look_at(&image);
         }
         self.images.push(ImageRow { stamp, file: number });
     }
+}
+
+impl Content {
+    fn look_at(&mut self, image: &ImageMessage<'_>) {
+        if self.size_px.is_none() {
+            self.size_px = pixels::size_px(image);
+            self.unknown = match image {
+                ImageMessage::Raw { encoding, .. } => {
+                    (!pixels::is_known(encoding)).then(|| printable(encoding))
+                }
+                ImageMessage::File(file) if self.size_px.is_none() => foreign(file).map(str::to_owned),
+                ImageMessage::File(_) => None,
+            };
+        }
+        // One that fills its bits says all there is to say.
+        let is_full = |(largest, _)| Depth::of_largest(largest) == Depth::FULL && largest > 0;
+        if !self.largest.is_some_and(is_full)
+            && let Some(value) = pixels::largest_value(image)
+        {
+            let (largest, seen) = self.largest.unwrap_or_default();
+            self.largest = Some((largest.max(value), seen + 1));
+        }
+    }
+}
+
+/// The name of an encoding, for messages.
+fn printable(name: &str) -> String {
+    name.chars().filter(|c| !c.is_control()).take(40).collect()
 }
 
 /// A bag read once.
@@ -145,35 +178,59 @@ impl BagDataset {
         let wanted = if options.sizes_px.is_empty() { 2 } else { options.sizes_px.len() };
         let cameras = topics::cameras(&all, topics, wanted).map_err(refuse)?;
         let (mut faults, mut sizes_px, mut rows) = (Faults::default(), Vec::new(), Vec::new());
+        let (mut orders, mut largest) = (Vec::new(), Vec::new());
         for (camera, topic) in cameras.iter().enumerate() {
             let content = std::mem::take(&mut contents[*topic]);
-            sizes_px.push(check_images(path, &all[*topic].name, camera, &content, options)?);
+            let name = &all[*topic].name;
+            sizes_px.push(check_images(path, name, camera, &content, options)?);
+            largest.extend(content.largest);
             let table = Table::of(content.images, content.corrupt);
+            if let ([row], true) = (table.rows.as_slice(), table.order.is_constant()) {
+                return Err(DriverError::malformed(
+                    path,
+                    not_stamped(name, "images", table.order.rows, row.stamp),
+                ));
+            }
             faults.corrupt += table.corrupt;
             faults.add_order(&table.order);
+            orders.push((name.clone(), table.order));
             rows.push(table.rows);
         }
+        let depth = largest.iter().map(|(value, _)| *value).max().map_or(Depth::FULL, Depth::of_largest);
         let (frames, outside) = paired(path, rows, options)?;
         faults.unpaired += outside;
         let handed_out = chosen_frames(path, options, &frames)?;
-        let (imu, imu_range, defects) = if options.with_imu {
-            let topic = topics::imu(&all, topics).map_err(refuse)?;
-            let imu = record(path, &all[topic].name, std::mem::take(&mut contents[topic]))?;
+        let mut imu_names = Vec::new();
+        let (imu, imu_range, mut defects) = if options.with_imu {
+            let samples = inertial_samples(path, &all, &mut contents, topics)?;
+            imu_names.extend(samples.orders.iter().map(|(name, _)| name.clone()));
+            orders.extend(samples.orders);
+            let imu = ImuRecord::new(samples.table);
             let range = imu_range(path, &imu, &frames[handed_out.clone()])?;
             let defects = uncovered(path, &imu, &frames);
             (imu, range, defects)
         } else {
             (ImuRecord::default(), 0..0, Vec::new())
         };
+        defects.extend(of_stamps(path, &orders, "messages", frames_span(&frames).0));
+        let seen = largest.iter().map(|(_, seen)| seen).sum();
+        defects.extend(shallow(
+            path,
+            depth,
+            largest.iter().map(|(value, _)| *value).max().unwrap_or(0),
+            seen,
+        ));
         Ok(Self {
             path: path.to_owned(),
             files,
             sizes_px,
             names: cameras.iter().map(|topic| all[*topic].name.clone()).collect(),
             cameras,
+            imu_names,
             frames: frames.into(),
             handed_out,
             image_faults: faults,
+            depth,
             imu: Arc::new(imu),
             imu_range,
             defects,
@@ -197,6 +254,12 @@ impl BagDataset {
     #[must_use]
     pub fn camera_topics(&self) -> &[String] {
         &self.names
+    }
+
+    /// Topics of the inertial samples: one, or those of gyroscope and accelerometer where they are apart.
+    #[must_use]
+    pub fn imu_topics(&self) -> &[String] {
+        &self.imu_names
     }
 
     /// Image sizes in pixels; 0x0 for a camera that is not in use.
@@ -223,7 +286,8 @@ impl BagDataset {
         let frames = Arc::clone(&self.frames);
         let messages = Messages::new(&self.files);
         let names = self.names.clone();
-        BagStereo::new(&self.path, messages, names, frames, self.handed_out.clone(), self.image_faults)
+        let range = self.handed_out.clone();
+        BagStereo::new(&self.path, messages, names, frames, range, self.image_faults, self.depth)
     }
 
     /// The inertial stream, from 1 s before the first frame to 0.1 s after the last.
@@ -239,10 +303,23 @@ impl BagDataset {
 /// When it is no bag, or it holds none.
 pub fn read_bag_imu(path: &Path, topics: &BagTopics) -> Result<Vec<ImuSample>, DriverError> {
     let Index { topics: all, mut contents, .. } = Index::read(path, &bag_files(path)?)?;
-    let topic = topics::imu(&all, topics).map_err(|message| DriverError::missing(path, message))?;
-    let content = std::mem::take(&mut contents[topic]);
-    check_some(path, &all[topic].name, content.samples.is_empty())?;
-    Ok(Table::of(content.samples, content.corrupt).rows)
+    Ok(inertial_samples(path, &all, &mut contents, topics)?.table.rows)
+}
+
+fn inertial_samples(
+    path: &Path,
+    all: &[Topic],
+    contents: &mut [Content],
+    named: &BagTopics,
+) -> Result<Samples, DriverError> {
+    let holds = |topic: usize| Holds::of(&contents[topic].inertial);
+    let topics = topics::imu(all, named, holds).map_err(|message| DriverError::missing(path, message))?;
+    let take = |topic: usize| {
+        let content = std::mem::take(&mut contents[topic]);
+        (content.inertial, content.corrupt)
+    };
+    inertial::samples(topics, |topic| all[topic].name.clone(), take)
+        .map_err(|message| DriverError::malformed(path, message))
 }
 
 fn check_some(path: &Path, topic: &str, is_empty: bool) -> Result<(), DriverError> {
@@ -255,11 +332,6 @@ fn check_some(path: &Path, topic: &str, is_empty: bool) -> Result<(), DriverErro
     }
 }
 
-fn record(path: &Path, topic: &str, content: Content) -> Result<ImuRecord, DriverError> {
-    check_some(path, topic, content.samples.is_empty())?;
-    Ok(ImuRecord::new(Table::of(content.samples, content.corrupt)))
-}
-
 /// The size of a camera's images, checked against the expected.
 fn check_images(
     path: &Path,
@@ -270,7 +342,7 @@ fn check_images(
 ) -> Result<(usize, usize), DriverError> {
     if let Some(encoding) = &content.unknown {
         let message = format!(
-            "{topic} has images of encoding '{encoding}'; republish them in one of {}",
+            "{topic} has images of encoding '{encoding}'; republish them in one of {}, or as PNG or baseline JPEG",
             pixels::ENCODINGS
         );
         return Err(DriverError::malformed(path, message));

@@ -1,8 +1,9 @@
 //! Grey pixels of the images in ROS messages.
 
 use super::messages::ImageMessage;
-use crate::euroc::image::{decode_png, luma, png_size_of};
-use crate::v4l2::jpeg::{LumaDecoder, size_of as jpeg_size_of};
+use crate::euroc::depth::Depth;
+use crate::euroc::image::{luma, png_largest};
+use crate::euroc::picture::{PictureDecoder, picture_size};
 use plumbline_config::GrayImage;
 
 /// Longest side of an image, px.
@@ -13,7 +14,7 @@ pub(crate) const MAX_SIDE_PX: usize = 8192;
 enum Pixel {
     /// One byte.
     Grey,
-    /// The higher of two bytes.
+    /// Two bytes, of which all bits are in use or the lower ones.
     Grey16,
     /// Bytes in a pixel, and where red, green and blue stand in it.
     Colour { bytes: usize, red: usize, green: usize, blue: usize },
@@ -59,46 +60,62 @@ pub(crate) fn is_known(encoding: &str) -> bool {
 pub(crate) fn size_px(message: &ImageMessage<'_>) -> Option<(usize, usize)> {
     let size = match message {
         ImageMessage::Raw { width, height, .. } => Some((*width, *height)),
-        ImageMessage::File(file) => png_size_of(file).or_else(|| jpeg_size_of(file)),
+        ImageMessage::File(file) => picture_size(file),
     };
     size.filter(|(width, height)| [width, height].iter().all(|side| (1..=MAX_SIDE_PX).contains(*side)))
 }
 
-/// Buffers that are used again for each image.
-#[derive(Debug, Default)]
-pub(crate) struct ImageDecoder {
-    channels: Vec<u8>,
-    jpeg: Option<((usize, usize), LumaDecoder)>,
+/// Largest value of an image of 16 bits; `None` for other images. Finding it takes a file as long as decoding it.
+pub(crate) fn largest_value(message: &ImageMessage<'_>) -> Option<u16> {
+    match *message {
+        ImageMessage::File(file) => png_largest(file),
+        ImageMessage::Raw { width, encoding, is_big, step, data, .. } => {
+            (Pixel::of(encoding)? == Pixel::Grey16 && step > 0).then_some(())?;
+            let row_bytes = width.checked_mul(2)?.min(step);
+            let values = data.chunks(step).flat_map(|row| row[..row_bytes.min(row.len())].chunks_exact(2));
+            values.map(|two| value(is_big, two)).max()
+        }
+    }
 }
 
+fn value(is_big: bool, two: &[u8]) -> u16 {
+    let two = [two[0], two[1]];
+    if is_big { u16::from_be_bytes(two) } else { u16::from_le_bytes(two) }
+}
+
+/// Buffers that are used again for each image.
+#[derive(Debug, Default)]
+pub(crate) struct ImageDecoder(PictureDecoder);
+
 impl ImageDecoder {
+    /// For images of which, where they have 16 bits, these are in use.
+    pub(crate) fn new(depth: Depth) -> Self {
+        Self(PictureDecoder::new(depth))
+    }
+
     /// Writes the image of `message` into `image`, whose size it must have. Colour is weighed to grey (ITU-R BT.601), of 16
-    /// bits the upper 8 are kept. `None` where it is damaged, or of another kind or size.
+    /// bits the upper 8 of those in use are kept. `None` where it is damaged, or of another kind or size.
     pub(crate) fn decode(&mut self, message: &ImageMessage<'_>, image: &mut GrayImage) -> Option<()> {
         match *message {
             ImageMessage::Raw { width, height, encoding, is_big, step, data } => {
                 if (width, height) != (image.width(), image.height()) {
                     return None;
                 }
-                raw(Pixel::of(encoding)?, is_big, step, data, image)
+                raw(Pixel::of(encoding)?, is_big, step, data, self.0.depth(), image)
             }
-            ImageMessage::File(file) if file.starts_with(&[0xff, 0xd8]) => self.jpeg(file, image),
-            ImageMessage::File(file) => decode_png(file, &mut self.channels, image),
+            ImageMessage::File(file) => self.0.decode(file, image),
         }
-    }
-
-    fn jpeg(&mut self, file: &[u8], image: &mut GrayImage) -> Option<()> {
-        let size = (image.width(), image.height());
-        if self.jpeg.as_ref().is_none_or(|(of, _)| *of != size) {
-            self.jpeg = Some((size, LumaDecoder::new(size.0, size.1)));
-        }
-        let (_, decoder) = self.jpeg.as_mut()?;
-        image.pixels_mut().copy_from_slice(decoder.decode(file).ok()?);
-        Some(())
     }
 }
 
-fn raw(pixel: Pixel, is_big: bool, step: usize, data: &[u8], image: &mut GrayImage) -> Option<()> {
+fn raw(
+    pixel: Pixel,
+    is_big: bool,
+    step: usize,
+    data: &[u8],
+    depth: Depth,
+    image: &mut GrayImage,
+) -> Option<()> {
     let (width, height) = (image.width(), image.height());
     let row_bytes = width.checked_mul(pixel.bytes())?;
     if step < row_bytes || width == 0 {
@@ -111,8 +128,8 @@ fn raw(pixel: Pixel, is_big: bool, step: usize, data: &[u8], image: &mut GrayIma
         match pixel {
             Pixel::Grey => to.copy_from_slice(from),
             Pixel::Grey16 => {
-                let higher = usize::from(!is_big);
-                to.iter_mut().zip(from.chunks_exact(2)).for_each(|(to, two)| *to = two[higher]);
+                let grey = |two: &[u8]| depth.grey(value(is_big, two));
+                to.iter_mut().zip(from.chunks_exact(2)).for_each(|(to, two)| *to = grey(two));
             }
             Pixel::Luma { at } => to.iter_mut().zip(from.chunks_exact(2)).for_each(|(to, two)| *to = two[at]),
             Pixel::Colour { bytes, red, green, blue } => {
@@ -149,6 +166,29 @@ mod tests {
         let rgba: Vec<u8> = rgb.chunks(3).flat_map(|p| [p[0], p[1], p[2], 200]).collect();
         assert_eq!(decoded("rgba8", false, 8, &rgba), decoded("rgb8", false, 6, &rgb));
         assert_eq!(decoded("bgra8", false, 8, &rgba), decoded("bgr8", false, 6, &rgb));
+    }
+
+    #[test]
+    fn ten_bits_in_sixteen_are_scaled_in_either_byte_order() {
+        let values = [0_u16, 1023, 512, 100];
+        let little: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
+        let big: Vec<u8> = values.iter().flat_map(|value| value.to_be_bytes()).collect();
+        for (encoding, is_big, data) in [("mono16", false, &little), ("16UC1", true, &big)] {
+            let message = ImageMessage::Raw { width: 2, height: 2, encoding, is_big, step: 4, data };
+            assert_eq!(largest_value(&message), Some(1023));
+            let mut image = GrayImage::new(2, 2);
+            ImageDecoder::new(Depth::of_largest(1023)).decode(&message, &mut image).unwrap();
+            assert_eq!(image.pixels(), [0, 255, 128, 25]);
+        }
+        let eight = ImageMessage::Raw {
+            width: 2,
+            height: 2,
+            encoding: "mono8",
+            is_big: false,
+            step: 2,
+            data: &[9; 4],
+        };
+        assert_eq!(largest_value(&eight), None);
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use super::messages::{self, Format};
 use super::pixels::ImageDecoder;
 use super::stream::Messages;
+use crate::euroc::depth::Depth;
 use crate::euroc::pairing::FrameEntry;
 use crate::{DriverError, Faults, StereoFrame, StereoSource};
 use std::collections::{BTreeMap, BTreeSet};
@@ -51,6 +52,7 @@ impl BagStereo {
         frames: Arc<[FrameEntry<u64>]>,
         range: Range<usize>,
         faults: Faults,
+        depth: Depth,
     ) -> Self {
         let camera = |camera: usize| {
             let wanted = frames[range.clone()].iter().filter_map(|frame| frame.files[camera]).collect();
@@ -66,7 +68,7 @@ impl BagStereo {
             topics,
             frames,
             waiting_bytes: 0,
-            decoder: ImageDecoder::default(),
+            decoder: ImageDecoder::new(depth),
             last_sequence: None,
             faults,
         }

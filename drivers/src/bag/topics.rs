@@ -1,6 +1,7 @@
 //! Which topics of a bag are flown: those that are named, or those about which there can be no doubt.
 
 use super::container::Topic;
+use super::inertial::Holds;
 use super::messages::Kind;
 
 /// Names of the topics to fly; where one is not given it is looked for.
@@ -10,8 +11,21 @@ pub struct BagTopics {
     pub left: Option<String>,
     /// Images of the right camera.
     pub right: Option<String>,
-    /// Inertial samples.
+    /// Inertial samples; where gyroscope and accelerometer are apart, either of them.
     pub imu: Option<String>,
+    /// The accelerometer, where several topics could be it.
+    pub accel: Option<String>,
+}
+
+/// The inertial topics to fly: one and the same, or gyroscope and accelerometer apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct ImuTopics {
+    /// Number of the topic with rates of rotation.
+    pub(crate) gyro: usize,
+    /// Number of the topic with accelerations.
+    pub(crate) accel: usize,
+    /// Quantities in the messages of the first.
+    pub(crate) holds: Holds,
 }
 
 /// What a left camera is called, and what its right one.
@@ -61,25 +75,112 @@ fn detected(topics: &[Topic], all: &[usize], wanted: usize) -> Result<Vec<usize>
     }
 }
 
-/// The inertial samples: number of their topic.
+/// The topics of the inertial samples; `holds` says what is in the messages of a topic.
 ///
 /// # Errors
-/// As [`cameras`].
-pub(crate) fn imu(topics: &[Topic], named: &BagTopics) -> Result<usize, String> {
-    let of_kind = |topic: &Topic| kind(topic) == Some(Kind::Imu);
-    if let Some(name) = &named.imu {
-        let found = topics.iter().position(|topic| of_kind(topic) && topic.name == *name);
-        return found
-            .ok_or_else(|| format!("has no topic '{name}' with sensor_msgs/msg/Imu; {}", list(topics)));
+/// As [`cameras`]; and when there is a gyroscope without an accelerometer, or the other way round.
+pub(crate) fn imu(
+    topics: &[Topic],
+    named: &BagTopics,
+    holds: impl Fn(usize) -> Holds,
+) -> Result<ImuTopics, String> {
+    let all: Vec<usize> = (0..topics.len()).filter(|k| kind(&topics[*k]) == Some(Kind::Imu)).collect();
+    let find = |name: &Option<String>| match name {
+        None => Ok(None),
+        Some(name) => match all.iter().find(|k| topics[**k].name == *name) {
+            Some(found) => Ok(Some(*found)),
+            None => Err(format!("has no topic '{name}' with sensor_msgs/msg/Imu; {}", list(topics))),
+        },
+    };
+    let choice = ImuChoice { topics, holds: all.iter().map(|k| (*k, holds(*k))).collect() };
+    match (find(&named.imu)?, find(&named.accel)?) {
+        (Some(imu), None) => choice.completed(imu),
+        (Some(imu), Some(accel)) => Ok(choice.pair(imu, accel)),
+        (None, Some(accel)) => Ok(choice.pair(choice.partner(accel, Holds::Gyro)?, accel)),
+        (None, None) => choice.detected(),
     }
-    let all: Vec<usize> = (0..topics.len()).filter(|k| of_kind(&topics[*k])).collect();
-    match all.as_slice() {
-        [only] => Ok(*only),
-        [] => Err(format!("holds no inertial samples (sensor_msgs/msg/Imu); {}", list(topics))),
-        _ => Err(format!(
-            "holds several topics with inertial samples: name one with --topic imu=NAME; {}",
-            list(topics)
-        )),
+}
+
+/// Topics with inertial messages, and what they hold.
+struct ImuChoice<'a> {
+    topics: &'a [Topic],
+    holds: Vec<(usize, Holds)>,
+}
+
+impl ImuChoice<'_> {
+    fn of(&self, wanted: Holds) -> Vec<usize> {
+        self.holds.iter().filter(|(_, holds)| *holds == wanted).map(|(k, _)| *k).collect()
+    }
+
+    fn holds(&self, topic: usize) -> Holds {
+        self.holds.iter().find(|(k, _)| *k == topic).map(|(_, holds)| *holds).unwrap_or_default()
+    }
+
+    /// Two topics that were named, in whichever order.
+    fn pair(&self, gyro: usize, accel: usize) -> ImuTopics {
+        let is_swapped = self.holds(gyro) == Holds::Accel && self.holds(accel) == Holds::Gyro;
+        let [gyro, accel] = if is_swapped { [accel, gyro] } else { [gyro, accel] };
+        ImuTopics { gyro, accel, holds: self.holds(gyro) }
+    }
+
+    fn completed(&self, topic: usize) -> Result<ImuTopics, String> {
+        let partner = match self.holds(topic) {
+            Holds::Both | Holds::Mixed => topic,
+            Holds::Gyro => self.partner(topic, Holds::Accel)?,
+            Holds::Accel => self.partner(topic, Holds::Gyro)?,
+        };
+        Ok(self.pair(topic, partner))
+    }
+
+    /// The topic that holds what `topic` lacks: the only one, or the one of the same name but for that.
+    fn partner(&self, topic: usize, wanted: Holds) -> Result<usize, String> {
+        let all = self.of(wanted);
+        let (here, there) = if wanted == Holds::Accel { ("gyro", "accel") } else { ("accel", "gyro") };
+        let name = &self.topics[topic].name;
+        let is_namesake =
+            |k: &&usize| name.contains(here) && name.replace(here, there) == self.topics[**k].name;
+        if let Some(found) = all.iter().find(is_namesake) {
+            return Ok(*found);
+        }
+        let quantities = ["rates of rotation", "accelerations"];
+        let [has, lacks] = if wanted == Holds::Accel { quantities } else { [quantities[1], quantities[0]] };
+        match all.as_slice() {
+            [only] => Ok(*only),
+            [] => Err(format!(
+                "{} holds {has} alone: gyroscope and accelerometer are apart, and no topic has the {lacks}; record both \
+                 (realsense-ros: unite_imu_method joins them); {}",
+                printable(name),
+                list(self.topics)
+            )),
+            _ => Err(format!(
+                "{} holds {has} alone, and several topics have {lacks}: name both with --topic imu=NAME (gyroscope) and \
+                 --topic accel=NAME; {}",
+                printable(name),
+                list(self.topics)
+            )),
+        }
+    }
+
+    /// The topics about which there can be no doubt: the only one with both quantities, or one of each. Beside topics of its own
+    /// parts, that is one of the same device.
+    fn detected(&self) -> Result<ImuTopics, String> {
+        let whole = [self.of(Holds::Both), self.of(Holds::Mixed)].concat();
+        let (gyro, accel) = (self.of(Holds::Gyro), self.of(Holds::Accel));
+        let device =
+            |k: &usize| self.topics[*k].name.trim_start_matches('/').split('/').next().unwrap_or_default();
+        let is_of_same = |k: &usize| gyro.iter().chain(&accel).all(|part| device(part) == device(k));
+        match (whole.as_slice(), gyro.as_slice(), accel.as_slice()) {
+            ([], [], []) => {
+                Err(format!("holds no inertial samples (sensor_msgs/msg/Imu); {}", list(self.topics)))
+            }
+            ([only], _, _) if is_of_same(only) => self.completed(*only),
+            ([], [only], _) | ([], [], [only]) => self.completed(*only),
+            _ => Err(format!(
+                "holds several topics with inertial samples: name one with --topic imu=NAME (where gyroscope and accelerometer \
+                 are apart, the gyroscope's, and the other with --topic accel=NAME); {}",
+                list(self.topics)
+            )),
+        }
     }
 }
 
@@ -160,6 +261,56 @@ mod tests {
         names.iter().map(topic).collect()
     }
 
+    fn whole(topic: usize) -> ImuTopics {
+        ImuTopics { gyro: topic, accel: topic, holds: Holds::Both }
+    }
+
+    #[test]
+    fn gyroscope_and_accelerometer_apart_find_each_other() {
+        let none = BagTopics::default();
+        let named = |imu: Option<&str>, accel: Option<&str>| BagTopics {
+            imu: imu.map(str::to_owned),
+            accel: accel.map(str::to_owned),
+            ..BagTopics::default()
+        };
+        let of = |names: &[&str]| topics(&names.iter().map(|name| (*name, Kind::Imu)).collect::<Vec<_>>());
+        // By what is in them, whatever they are called.
+        let by_name = |topics: &[Topic]| {
+            let held: Vec<Holds> = topics
+                .iter()
+                .map(|topic| match &topic.name {
+                    name if name.contains("gyro") => Holds::Gyro,
+                    name if name.contains("accel") => Holds::Accel,
+                    _ => Holds::Both,
+                })
+                .collect();
+            move |topic: usize| held[topic]
+        };
+        let apart = |gyro: usize, accel: usize| Ok(ImuTopics { gyro, accel, holds: Holds::Gyro });
+        let two = of(&["/camera/accel/sample", "/camera/gyro/sample"]);
+        for named in [
+            none.clone(),
+            named(Some("/camera/gyro/sample"), None),
+            named(Some("/camera/accel/sample"), None),
+        ] {
+            assert_eq!(imu(&two, &named, by_name(&two)), apart(1, 0));
+        }
+        // United beside them by the same driver, and another IMU beside them.
+        let three = of(&["/camera/accel/sample", "/camera/gyro/sample", "/camera/imu"]);
+        assert_eq!(imu(&three, &none, by_name(&three)), Ok(whole(2)));
+        let other = of(&["/camera/accel/sample", "/camera/gyro/sample", "/mavros/imu/data"]);
+        assert!(imu(&other, &none, by_name(&other)).unwrap_err().contains("--topic accel=NAME"));
+        // Two devices: the namesake, or by name.
+        let four = of(&["/a/gyro", "/b/gyro", "/a/accel", "/b/accel"]);
+        assert_eq!(imu(&four, &named(Some("/b/gyro"), None), by_name(&four)), apart(1, 3));
+        assert_eq!(imu(&four, &named(Some("/b/gyro"), Some("/a/accel")), by_name(&four)), apart(1, 2));
+        assert!(imu(&four, &none, by_name(&four)).is_err());
+        // One without the other.
+        let alone = of(&["/camera/gyro/sample"]);
+        let words = imu(&alone, &none, by_name(&alone)).unwrap_err();
+        assert!(words.contains("rates of rotation alone") && words.contains("unite_imu_method"), "{words}");
+    }
+
     #[test]
     fn topics_are_found_where_there_can_be_no_doubt() {
         let euroc = topics(&[
@@ -170,7 +321,7 @@ mod tests {
         let none = BagTopics::default();
         assert_eq!(cameras(&euroc, &none, 2), Ok(vec![2, 0]));
         assert_eq!(cameras(&euroc, &none, 1), Ok(vec![2]));
-        assert_eq!(imu(&euroc, &none), Ok(1));
+        assert_eq!(imu(&euroc, &none, |_| Holds::Both), Ok(whole(1)));
         let realsense = topics(&[
             ("/camera/infra1/image_rect_raw", Kind::Image),
             ("/camera/infra1/image_rect_raw/compressed", Kind::Compressed),
@@ -188,14 +339,16 @@ mod tests {
     fn doubt_and_wrong_names_list_the_topics() {
         let two = topics(&[("/a", Kind::Image), ("/b", Kind::Image), ("/i", Kind::Imu), ("/j", Kind::Imu)]);
         let none = BagTopics::default();
-        for refused in [cameras(&two, &none, 2).unwrap_err(), imu(&two, &none).unwrap_err()] {
+        let both = |_: usize| Holds::Both;
+        for refused in [cameras(&two, &none, 2).unwrap_err(), imu(&two, &none, both).unwrap_err()] {
             assert!(refused.contains("--topic") && refused.contains("/b (t)"), "{refused}");
         }
-        let named = BagTopics { left: Some("/b".into()), right: Some("/a".into()), imu: Some("/j".into()) };
-        assert_eq!((cameras(&two, &named, 2), imu(&two, &named)), (Ok(vec![1, 0]), Ok(3)));
+        let [left, right, imu_name] = ["/b", "/a", "/j"].map(|name| Some(name.to_owned()));
+        let named = BagTopics { left, right, imu: imu_name, accel: None };
+        assert_eq!((cameras(&two, &named, 2), imu(&two, &named, both)), (Ok(vec![1, 0]), Ok(whole(3))));
         let wrong = BagTopics { left: Some("/i".into()), imu: Some("/a".into()), ..BagTopics::default() };
         assert!(cameras(&two, &wrong, 2).unwrap_err().contains("/i"));
-        assert!(imu(&two, &wrong).unwrap_err().contains("its topics: /a (t)"));
-        assert!(imu(&[], &none).unwrap_err().contains("no topics at all"));
+        assert!(imu(&two, &wrong, both).unwrap_err().contains("its topics: /a (t)"));
+        assert!(imu(&[], &none, both).unwrap_err().contains("no topics at all"));
     }
 }

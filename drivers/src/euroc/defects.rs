@@ -1,9 +1,11 @@
 //! What is wrong with the files of a data set, by their names.
 
+use super::depth::Depth;
 use super::image::NoImage;
 use super::imu::ImuRecord;
 use super::order::Order;
 use super::pairing::FrameEntry;
+use super::picture::CONVERT;
 use plumbline_config::Timestamp;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -59,6 +61,8 @@ struct Found {
     rows: Option<(u64, String)>,
     missing: Count,
     damaged: Count,
+    /// Images of a format that is not read, and its name.
+    foreign: (Count, &'static str),
     /// Images of another size, that size and the expected one.
     resized: (Count, [(usize, usize); 2]),
 }
@@ -82,6 +86,12 @@ impl FileDefects {
         match why {
             NoImage::Missing => found.missing.add(path),
             NoImage::Corrupt => found.damaged.add(path),
+            NoImage::Foreign(format) => {
+                if found.foreign.0.count == 0 {
+                    found.foreign.1 = format;
+                }
+                found.foreign.0.add(path);
+            }
             NoImage::OtherSize(size) => {
                 if found.resized.0.count == 0 {
                     found.resized.1 = [size, expected];
@@ -95,7 +105,7 @@ impl FileDefects {
     #[must_use]
     pub fn images(&self) -> u64 {
         let found = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        found.missing.count + found.damaged.count + found.resized.0.count
+        found.missing.count + found.damaged.count + found.foreign.0.count + found.resized.0.count
     }
 
     /// What was found so far: a sentence for each kind, with the first file.
@@ -108,10 +118,12 @@ impl FileDefects {
         });
         let [size, expected] = found.resized.1.map(|(width, height)| format!("{width}x{height}"));
         let resized = format!("{size}, not {expected}");
+        let format = format!("{}; {CONVERT}", found.foreign.1);
         let words = [
             rows,
             found.missing.words("is missing", "are missing"),
-            found.damaged.words("is cut off or not a PNG", "are cut off or not PNG"),
+            found.damaged.words("is cut off or not a PNG or JPEG", "are cut off or not PNG or JPEG"),
+            found.foreign.0.words(&format!("is {format}"), &format!("are not read, each {format}")),
             found.resized.0.words(&format!("is {resized}"), &format!("are {resized}")),
         ];
         words.into_iter().flatten().collect()
@@ -161,8 +173,32 @@ pub(crate) fn of_stamps(
     what: &str,
     first: Timestamp,
 ) -> Vec<Defect> {
-    let stepped: Vec<&(String, Order)> = orders.iter().filter(|(_, order)| order.steps_back > 0).collect();
-    let step = |(name, order): &&(String, Order)| {
+    let mut defects: Vec<Defect> = unstamped(root, orders, what).into_iter().collect();
+    defects.extend(stepped(root, orders, first).or_else(|| repeated(root, orders, what)));
+    defects
+}
+
+/// That some rows have the stamp 0, and the others the time of the recording.
+fn unstamped(root: &Path, orders: &[(String, Order)], what: &str) -> Option<Defect> {
+    let told: Vec<String> = orders
+        .iter()
+        .filter(|(_, order)| order.unstamped > 0)
+        .map(|(name, order)| {
+            format!("{} of {} {what} of {name}", order.unstamped, order.rows + order.unstamped)
+        })
+        .collect();
+    (!told.is_empty()).then(|| Defect {
+        what: "measurements are not stamped".into(),
+        evidence: format!("{}: {} have the stamp 0, and are dropped", root.display(), told.join(", ")),
+        cause: "a driver that leaves out the stamp now and then, as before its clock is set".into(),
+        cure: "let the driver write the time of measurement into each (header.stamp in ROS)".into(),
+        is_grave: false,
+    })
+}
+
+/// That the clock of the stamps stepped back.
+fn stepped(root: &Path, orders: &[(String, Order)], first: Timestamp) -> Option<Defect> {
+    let step = |(name, order): &(String, Order)| {
         let at_s = order.step_at.seconds_since(first);
         let more = match order.steps_back {
             1 => String::new(),
@@ -170,37 +206,54 @@ pub(crate) fn of_stamps(
         };
         format!("{name} by {:.3} s after {at_s:.3} s{more}", order.longest_step_back_ns as f64 * 1e-9)
     };
-    if !stepped.is_empty() {
-        let evidence = stepped.iter().map(step).collect::<Vec<_>>().join("; ");
-        return vec![Defect {
-            what: "the clock of the stamps steps back".into(),
-            evidence: format!("{}: {evidence}", root.display()),
-            cause: "a clock that was set while recording (NTP, GNSS, a change of the time), or two recordings in one".into(),
-            cure: "fly up to the step (`--stop`), or what comes after it alone; stamp by a monotonic clock, or let the clock \
-                   settle before recording"
-                .into(),
-            is_grave: true,
-        }];
-    }
+    let told: Vec<String> = orders.iter().filter(|(_, order)| order.steps_back > 0).map(step).collect();
+    (!told.is_empty()).then(|| Defect {
+        what: "the clock of the stamps steps back".into(),
+        evidence: format!("{}: {}", root.display(), told.join("; ")),
+        cause: "a clock that was set while recording (NTP, GNSS, a change of the time), or two recordings in one".into(),
+        cure: "fly up to the step (`--stop`), or what comes after it alone; stamp by a monotonic clock, or let the clock settle \
+               before recording"
+            .into(),
+        is_grave: true,
+    })
+}
+
+/// That stamps repeat.
+fn repeated(root: &Path, orders: &[(String, Order)], what: &str) -> Option<Defect> {
     let repeats =
         |(_, order): &&(String, Order)| order.repeated > 1 && order.repeated * REPEATED_ONE_IN > order.rows;
-    let repeated: Vec<String> = orders
+    let told: Vec<String> = orders
         .iter()
         .filter(repeats)
         .map(|(name, order)| format!("{} of {} {what} of {name}", order.repeated, order.rows))
         .collect();
-    let defect = Defect {
+    (!told.is_empty()).then(|| Defect {
         what: "stamps repeat".into(),
         evidence: format!(
             "{}: {} have the stamp of an earlier one, and are dropped",
             root.display(),
-            repeated.join(", ")
+            told.join(", ")
         ),
         cause: "data that were recorded twice, or stamps that are coarse or set on arrival".into(),
         cure: "record each sensor once; stamp each sample when it is measured".into(),
         is_grave: false,
-    };
-    if repeated.is_empty() { Vec::new() } else { vec![defect] }
+    })
+}
+
+/// That only some of 16 bits are in use: of so many images that were looked at this is the largest value.
+pub(crate) fn shallow(root: &Path, depth: Depth, largest: u16, seen: u64) -> Option<Defect> {
+    let bits = depth.bits();
+    (depth != Depth::FULL).then(|| Defect {
+        what: format!("the images use the lower {bits} of their 16 bits"),
+        evidence: format!(
+            "{}: the largest value of {seen} images is {largest}; all are multiplied by {}",
+            root.display(),
+            1 << (16 - bits)
+        ),
+        cause: format!("a camera of {bits} bits whose values are stored without a shift"),
+        cure: "nothing, if that is the camera; otherwise convert the images to 8 bits".into(),
+        is_grave: false,
+    })
 }
 
 /// Why rows that all have one stamp cannot be flown; `name` is their table or topic, `what` they are.

@@ -1,27 +1,33 @@
-//! Grey pixels from a PNG file.
+//! Grey pixels from the files of a data set.
 //!
-//! The decoder is `png` of the image-rs project: 1.5 ms for a 752x480 grey EuRoC image on one core of
+//! The decoder of PNG is `png` of the image-rs project: 1.5 ms for a 752x480 grey EuRoC image on one core of
 //! the development host, where `zune-png` 0.5 took 2.8 ms.
 
+use super::depth::Depth;
+use super::picture::{PictureDecoder, foreign, picture_size};
 use crate::{DriverError, open_regular};
 use plumbline_config::GrayImage;
-use png::{ColorType, Decoder, Limits, Transformations};
-use std::io::{BufRead, BufReader, Cursor, ErrorKind, Read, Seek};
+use png::{BitDepth, ColorType, Decoder, Limits, Reader, Transformations};
+use std::io::{self, BufRead, Cursor, ErrorKind, Read, Seek};
 use std::ops::RangeInclusive;
 use std::path::Path;
 
 /// Largest file that is read; a 16-bit RGB image of 4096x4096 fits.
-const MAX_FILE_BYTES: u64 = 128 << 20;
+pub(super) const MAX_FILE_BYTES: u64 = 128 << 20;
 /// What the decoder may allocate for itself.
 const MAX_DECODER_BYTES: usize = 64 << 20;
+/// Longest side of an image whose values are looked at, px.
+const MAX_LOOKED_AT_PX: usize = 8192;
 
 /// Why there is no image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum NoImage {
     /// There is no such file.
     Missing,
-    /// The file cannot be read, is cut off, or is no PNG.
+    /// The file cannot be read, is cut off, or is no picture.
     Corrupt,
+    /// The picture is of this format, which is not read.
+    Foreign(&'static str),
     /// The image has this size, which is another than the camera's.
     OtherSize((usize, usize)),
 }
@@ -30,12 +36,17 @@ pub(super) enum NoImage {
 #[derive(Debug, Default)]
 pub(super) struct ImageReader {
     file: Vec<u8>,
-    channels: Vec<u8>,
+    decoder: PictureDecoder,
 }
 
 impl ImageReader {
+    /// For pictures of which, where they have 16 bits, these are in use.
+    pub(super) fn new(depth: Depth) -> Self {
+        Self { file: Vec::new(), decoder: PictureDecoder::new(depth) }
+    }
+
     /// Reads the file at `path` into `image`, whose size it must have. Colour is weighed to grey
-    /// (ITU-R BT.601), of 16 bits the upper 8 are kept.
+    /// (ITU-R BT.601), of 16 bits the upper 8 of those in use are kept.
     pub(super) fn read(&mut self, path: &Path, image: &mut GrayImage) -> Result<(), NoImage> {
         self.file.clear();
         let file = open_regular(path).map_err(|e| match e.kind() {
@@ -43,12 +54,22 @@ impl ImageReader {
             _ => NoImage::Corrupt,
         })?;
         file.take(MAX_FILE_BYTES).read_to_end(&mut self.file).map_err(|_| NoImage::Corrupt)?;
-        decode_png(&self.file, &mut self.channels, image).ok_or_else(|| {
+        self.decoder.decode(&self.file, image).ok_or_else(|| {
             let expected = (image.width(), image.height());
-            let size = header_size(Cursor::new(&self.file[..])).filter(|size| *size != expected);
-            size.map_or(NoImage::Corrupt, NoImage::OtherSize)
+            match picture_size(&self.file) {
+                Some(size) if size != expected => NoImage::OtherSize(size),
+                Some(_) => NoImage::Corrupt,
+                None => foreign(&self.file).map_or(NoImage::Corrupt, NoImage::Foreign),
+            }
         })
     }
+}
+
+/// The first bytes of the file at `path`, at most this many.
+pub(super) fn read_start(path: &Path, most: u64) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    open_regular(path)?.take(most).read_to_end(&mut bytes)?;
+    Ok(bytes)
 }
 
 /// Reads a single PNG image of any size whose sides are within `sides_px`, as grey.
@@ -86,25 +107,27 @@ pub(crate) fn gray_png(
         return Err(malformed(&message));
     }
     let mut image = GrayImage::new(width, height);
-    decode_png(bytes, &mut Vec::new(), &mut image)
+    let depth = png_largest(bytes).map_or(Depth::FULL, Depth::of_largest);
+    decode_png(bytes, depth, &mut Vec::new(), &mut image)
         .ok_or_else(|| malformed("is cut off or damaged; copy or write it again"))?;
     Ok(image)
 }
 
-/// Decodes the PNG image in `file` into `image`, whose size it must have; `channels` is used again for each.
-pub(crate) fn decode_png(file: &[u8], channels: &mut Vec<u8>, image: &mut GrayImage) -> Option<()> {
-    let mut decoder = Decoder::new_with_limits(Cursor::new(file), Limits { bytes: MAX_DECODER_BYTES });
-    decoder.set_transformations(Transformations::normalize_to_color8());
-    let size = decoder.read_header_info().ok()?.size();
-    if (size.0 as usize, size.1 as usize) != (image.width(), image.height()) {
-        return None;
-    }
-    let mut reader = decoder.read_info().ok()?;
-    if !reader.info().palette.as_deref().is_none_or(is_palette) {
-        return None;
-    }
-    let step = match reader.output_color_type().0 {
-        ColorType::Grayscale => return reader.next_frame(image.pixels_mut()).ok().map(drop),
+/// Decodes the PNG image in `file` into `image`, whose size it must have; `channels` is used again for each. Of 16 bits those in
+/// use are `depth`.
+pub(crate) fn decode_png(
+    file: &[u8],
+    depth: Depth,
+    channels: &mut Vec<u8>,
+    image: &mut GrayImage,
+) -> Option<()> {
+    let mut reader = opened(file, (image.width(), image.height()), depth)?;
+    let (colour, bits) = reader.output_color_type();
+    let step = match colour {
+        ColorType::Grayscale if bits == BitDepth::Eight => {
+            return reader.next_frame(image.pixels_mut()).ok().map(drop);
+        }
+        ColorType::Grayscale => 1,
         ColorType::GrayscaleAlpha => 2,
         ColorType::Rgb => 3,
         ColorType::Rgba => 4,
@@ -112,10 +135,58 @@ pub(crate) fn decode_png(file: &[u8], channels: &mut Vec<u8>, image: &mut GrayIm
     };
     channels.resize(reader.output_buffer_size()?, 0);
     reader.next_frame(channels).ok()?;
+    if bits == BitDepth::Sixteen {
+        // Every sample becomes a byte, in its place.
+        let samples = image.width() * image.height() * step;
+        for k in 0..samples {
+            channels[k] = depth.grey(u16::from_be_bytes([channels[2 * k], channels[2 * k + 1]]));
+        }
+    }
     for (grey, pixel) in image.pixels_mut().iter_mut().zip(channels.chunks_exact(step)) {
-        *grey = if step == 2 { pixel[0] } else { luma(pixel[0], pixel[1], pixel[2]) };
+        *grey = if step < 3 { pixel[0] } else { luma(pixel[0], pixel[1], pixel[2]) };
     }
     Some(())
+}
+
+type PngReader<'a> = Reader<Cursor<&'a [u8]>>;
+
+/// A PNG image of the size `expected`, as grey or colour; of 16 bits where only some of those are in use.
+fn opened(file: &[u8], expected: (usize, usize), depth: Depth) -> Option<PngReader<'_>> {
+    let mut decoder = Decoder::new_with_limits(Cursor::new(file), Limits { bytes: MAX_DECODER_BYTES });
+    let transformations = match depth == Depth::FULL {
+        true => Transformations::normalize_to_color8(),
+        false => Transformations::EXPAND,
+    };
+    decoder.set_transformations(transformations);
+    let size = decoder.read_header_info().ok()?.size();
+    if (size.0 as usize, size.1 as usize) != expected {
+        return None;
+    }
+    let reader = decoder.read_info().ok()?;
+    reader.info().palette.as_deref().is_none_or(is_palette).then_some(reader)
+}
+
+/// Largest value of a PNG image of 16 bits, alpha left out; `None` for other images and damaged ones.
+pub(crate) fn png_largest(file: &[u8]) -> Option<u16> {
+    let (width, height) = png_size_of(file)?;
+    let mut decoder = Decoder::new_with_limits(Cursor::new(file), Limits { bytes: MAX_DECODER_BYTES });
+    let is_wide = decoder.read_header_info().ok()?.bit_depth == BitDepth::Sixteen;
+    if !is_wide || width.max(height) > MAX_LOOKED_AT_PX {
+        return None;
+    }
+    decoder.set_transformations(Transformations::IDENTITY);
+    let mut reader = decoder.read_info().ok()?;
+    let (step, colours) = match reader.output_color_type().0 {
+        ColorType::Grayscale => (2, 2),
+        ColorType::GrayscaleAlpha => (4, 2),
+        ColorType::Rgb => (6, 6),
+        ColorType::Rgba => (8, 6),
+        ColorType::Indexed => return None,
+    };
+    let mut samples = vec![0; reader.output_buffer_size()?];
+    reader.next_frame(&mut samples).ok()?;
+    let values = samples.chunks_exact(step).flat_map(|pixel| pixel[..colours].chunks_exact(2));
+    values.map(|two| u16::from_be_bytes([two[0], two[1]])).max()
 }
 
 /// Whether a palette is of whole entries and no more than an index can tell: png 0.18.1 takes both for granted, and
@@ -128,11 +199,6 @@ fn is_palette(bytes: &[u8]) -> bool {
 pub(crate) fn luma(red: u8, green: u8, blue: u8) -> u8 {
     let sum = 77 * u32::from(red) + 150 * u32::from(green) + 29 * u32::from(blue) + 128;
     (sum >> 8) as u8
-}
-
-/// Width and height by the header of a PNG file; `None` when it is none.
-pub(super) fn png_size(path: &Path) -> Option<(usize, usize)> {
-    header_size(BufReader::new(open_regular(path).ok()?))
 }
 
 /// Width and height of a PNG file in memory; `None` if it is not a PNG.
@@ -162,7 +228,7 @@ mod tests {
 
     fn decoded(file: &[u8]) -> Option<Vec<u8>> {
         let mut image = GrayImage::new(4, 2);
-        decode_png(file, &mut Vec::new(), &mut image).map(|()| image.pixels().to_vec())
+        decode_png(file, Depth::FULL, &mut Vec::new(), &mut image).map(|()| image.pixels().to_vec())
     }
 
     #[test]
@@ -177,6 +243,24 @@ mod tests {
         assert_eq!(decoded(&encode(ColorType::Rgb, BitDepth::Eight, &rgb)), Some(grey.clone()));
         assert_eq!(decoded(&encode(ColorType::Rgba, BitDepth::Eight, &rgba)), Some(grey));
         assert_eq!((luma(255, 255, 255), luma(255, 0, 0), luma(0, 0, 255)), (255, 77, 29));
+    }
+
+    #[test]
+    fn twelve_bits_in_sixteen_keep_their_upper_eight() {
+        let values: [u16; 8] = [0, 16, 255, 1024, 2048, 4095, 4000, 100];
+        let wide =
+            |step: usize| values.iter().flat_map(|v| v.to_be_bytes().repeat(step)).collect::<Vec<u8>>();
+        let expected = values.map(|value| (value >> 4) as u8).to_vec();
+        for (colour, step) in [(ColorType::Grayscale, 1), (ColorType::Rgb, 3), (ColorType::Rgba, 4)] {
+            let file = encode(colour, BitDepth::Sixteen, &wide(step));
+            assert_eq!(png_largest(&file), Some(4095));
+            let mut image = GrayImage::new(4, 2);
+            decode_png(&file, Depth::of_largest(4095), &mut Vec::new(), &mut image).unwrap();
+            assert_eq!(image.pixels(), expected, "{colour:?}");
+            assert_eq!(gray_png(Path::new("a"), &file, 1..=9).unwrap().pixels(), expected);
+            assert_eq!(png_largest(&file[..file.len() - 24]), None);
+        }
+        assert_eq!(png_largest(&encode(ColorType::Grayscale, BitDepth::Eight, &[9; 8])), None);
     }
 
     #[test]
@@ -232,6 +316,6 @@ mod tests {
     #[test]
     fn another_size_is_refused_before_decoding() {
         let file = encode(ColorType::Grayscale, BitDepth::Eight, &[0; 8]);
-        assert_eq!(decode_png(&file, &mut Vec::new(), &mut GrayImage::new(2, 4)), None);
+        assert_eq!(decode_png(&file, Depth::FULL, &mut Vec::new(), &mut GrayImage::new(2, 4)), None);
     }
 }

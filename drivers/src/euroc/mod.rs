@@ -1,10 +1,10 @@
 //! Data sets in the ASL format of the EuRoC MAV data set (Burri et al., 2016): read and written.
 //!
 //! ```text
-//! DATASET/mav0/cam0/data.csv, data/*.png           left camera
+//! DATASET/mav0/cam0/data.csv, data/*.png           left camera (PNG or baseline JPEG)
 //!              cam1/data.csv, data/*.png           right camera, may be absent (monocular)
 //!              imu0/data.csv                       inertial samples
-//!              state_groundtruth_estimate0/data.csv   truth, may be absent
+//!              state_groundtruth_estimate0/data.csv   truth, may be absent; or mocap0 (TUM-VI), vicon0
 //! ```
 //!
 //! [`EurocDataset::open`] reads the tables, pairs the images by time and refuses, in one line, what is no
@@ -13,11 +13,14 @@
 //! off, of the wrong size or without a partner. [`write()`] makes such a data set of any sources.
 
 pub(crate) mod defects;
+pub(crate) mod depth;
+mod files;
 pub(crate) mod grid;
 pub(crate) mod image;
 pub(crate) mod imu;
 pub(crate) mod order;
 pub(crate) mod pairing;
+pub(crate) mod picture;
 mod stereo;
 pub(crate) mod table;
 pub(crate) mod truth;
@@ -32,11 +35,11 @@ pub use defects::{Defect, FileDefects};
 pub use image::read_gray_png;
 pub use imu::EurocImu;
 pub use stereo::EurocStereo;
-pub use truth::read_ground_truth;
+pub use truth::{ground_truth_table, is_of_positions, read_ground_truth};
 pub use writer::{Progress, WriteInputs, WriteOptions, Written, write};
 
 use crate::{DriverError, Faults, StereoFrame, TruthState};
-use image::png_size;
+use depth::Depth;
 use imu::{IMU_COLUMNS, ImuRecord, parse_imu_row};
 use pairing::{FrameEntry, IMAGE_COLUMNS, ImageRow, Pairing, parse_image_row};
 use plumbline_config::{Config, ImuSample, Timestamp};
@@ -103,6 +106,7 @@ pub struct EurocDataset {
     frames: Arc<[FrameEntry]>,
     handed_out: Range<usize>,
     image_faults: Faults,
+    depth: Depth,
     imu: Arc<ImuRecord>,
     imu_range: Range<usize>,
     defects: Vec<Defect>,
@@ -123,7 +127,8 @@ impl EurocDataset {
         let mut rows = [Vec::new(), Vec::new()];
         let mut orders = Vec::new();
         for (camera, rows) in rows.iter_mut().enumerate().take(cameras) {
-            let table = read_images(&camera_folder(&root, camera))?;
+            let mut table = read_images(&camera_folder(&root, camera))?;
+            files::find_files(&camera_folder(&root, camera).join("data"), &mut table.rows);
             image_faults.corrupt += table.corrupt;
             image_faults.add_order(&table.order);
             orders.push((format!("cam{camera}/data.csv"), table.order));
@@ -133,6 +138,8 @@ impl EurocDataset {
         let images = [0, 1].map(|camera: usize| rows[camera].len());
         let mut defects: Vec<Defect> =
             (cameras == 2).then(|| defects::surplus(&root, images)).flatten().into_iter().collect();
+        let (depth, shallow) = depth_of(&root, &rows[..cameras]);
+        defects.extend(shallow);
         let Pairing { frames, outside } = pair(&root, rows, cameras, options)?;
         image_faults.unpaired += outside;
         let handed_out = chosen_frames(&root, options, &frames)?;
@@ -154,6 +161,7 @@ impl EurocDataset {
             frames: frames.into(),
             handed_out,
             image_faults,
+            depth,
             imu: Arc::new(imu),
             imu_range,
             defects,
@@ -215,7 +223,8 @@ impl EurocDataset {
         let folders = [0, 1].map(|camera| camera_folder(&self.root, camera).join("data"));
         let frames = Arc::clone(&self.frames);
         let (range, is_stereo) = (self.handed_out.clone(), self.cameras() == 2);
-        EurocStereo::new(frames, range, folders, is_stereo, self.image_faults, self.file_defects.clone())
+        let defects = self.file_defects.clone();
+        EurocStereo::new(frames, range, folders, is_stereo, self.image_faults, defects, self.depth)
     }
 
     /// The inertial stream, from 1 s before the first frame to 0.1 s after the last.
@@ -224,13 +233,14 @@ impl EurocDataset {
         EurocImu::new(Arc::clone(&self.imu), self.imu_range.clone())
     }
 
-    /// The ground truth of the whole data set in order of time, where there is one.
+    /// The ground truth of the whole data set in order of time, where there is one: of the sensor that measured it, such as the
+    /// markers of a motion capture.
     ///
     /// # Errors
     /// When there is one and it cannot be read.
     pub fn ground_truth(&self) -> Result<Option<Vec<TruthState>>, DriverError> {
-        let path = self.root.join("state_groundtruth_estimate0/data.csv");
-        if path.exists() { read_ground_truth(&path).map(Some) } else { Ok(None) }
+        let table = ground_truth_table(&self.root).filter(|table| !is_of_positions(table));
+        table.map(|table| read_ground_truth(&table)).transpose()
     }
 }
 
@@ -298,9 +308,8 @@ fn check_size(
     options: &EurocOptions,
 ) -> Result<(usize, usize), DriverError> {
     let folder = camera_folder(root, camera).join("data");
-    let Some(found) = rows.iter().find_map(|row| png_size(&folder.join(&row.file))) else {
-        let message =
-            format!("none of the {} images of data.csv is there as a PNG; copy them here", rows.len());
+    let Some(found) = files::size_px(&folder, rows) else {
+        let message = files::unreadable(&folder, rows);
         return Err(DriverError::malformed(folder, message));
     };
     match options.sizes_px.get(camera) {
@@ -314,6 +323,18 @@ fn check_size(
         }
         _ => Ok(found),
     }
+}
+
+/// Bits of 16-bit images that are in use, the same for all cameras, and what is to be said of it.
+fn depth_of(root: &Path, rows: &[Vec<ImageRow>]) -> (Depth, Option<Defect>) {
+    let looked_at = |(camera, rows): (usize, &Vec<ImageRow>)| {
+        files::largest_value(&camera_folder(root, camera).join("data"), rows)
+    };
+    let largest: Vec<(u16, usize)> = rows.iter().enumerate().filter_map(looked_at).collect();
+    let Some(value) = largest.iter().map(|(value, _)| *value).max() else { return (Depth::FULL, None) };
+    let seen = largest.iter().map(|(_, seen)| *seen as u64).sum();
+    let depth = Depth::of_largest(value);
+    (depth, defects::shallow(root, depth, value, seen))
 }
 
 fn pair(

@@ -29,6 +29,8 @@ pub(crate) struct Order {
     pub(crate) steps_back: u64,
     /// Largest of these steps, ns.
     pub(crate) longest_step_back_ns: u64,
+    /// Rows with the stamp 0 in a recording of another time, dropped.
+    pub(crate) unstamped: u64,
     /// Stamp before the largest step.
     pub(crate) step_at: Timestamp,
 }
@@ -48,6 +50,19 @@ impl Order {
         order.disordered += order.repeated;
         order.find_steps(stamps);
         order
+    }
+
+    /// The order of both together.
+    pub(crate) fn with(self, other: &Self) -> Self {
+        let larger = if other.longest_step_back_ns > self.longest_step_back_ns { other } else { &self };
+        Self {
+            rows: self.rows + other.rows,
+            disordered: self.disordered + other.disordered,
+            repeated: self.repeated + other.repeated,
+            steps_back: self.steps_back + other.steps_back,
+            unstamped: self.unstamped + other.unstamped,
+            ..*larger
+        }
     }
 
     /// Whether there are several rows, all of one stamp.

@@ -1,6 +1,7 @@
 //! The image stream of a data set.
 
 use super::defects::FileDefects;
+use super::depth::Depth;
 use super::image::{ImageReader, NoImage};
 use super::pairing::FrameEntry;
 use crate::{DriverError, Faults, StereoFrame, StereoSource};
@@ -27,7 +28,8 @@ pub struct EurocStereo {
 }
 
 impl EurocStereo {
-    /// Frames `range` of `frames`, with images in `folders`; `stereo` when there are two cameras.
+    /// Frames `range` of `frames`, with images in `folders`; `stereo` when there are two cameras; of 16-bit images `depth` is in
+    /// use.
     pub(super) fn new(
         frames: Arc<[FrameEntry]>,
         range: Range<usize>,
@@ -35,8 +37,9 @@ impl EurocStereo {
         stereo: bool,
         faults: Faults,
         defects: FileDefects,
+        depth: Depth,
     ) -> Self {
-        let (reader, expected) = (ImageReader::default(), range.len() as u64);
+        let (reader, expected) = (ImageReader::new(depth), range.len() as u64);
         Self { frames, rest: range, expected, folders, stereo, reader, last_sequence: None, faults, defects }
     }
 
@@ -55,7 +58,7 @@ impl EurocStereo {
         };
         match why {
             NoImage::Missing => self.faults.missing += 1,
-            NoImage::Corrupt | NoImage::OtherSize(_) => self.faults.corrupt += 1,
+            NoImage::Corrupt | NoImage::Foreign(_) | NoImage::OtherSize(_) => self.faults.corrupt += 1,
         }
         self.defects.add(&path, why, expected);
     }

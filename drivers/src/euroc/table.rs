@@ -115,8 +115,8 @@ impl<T: Stamped> Table<T> {
     /// `rows` in order, of which `corrupt` more could not be read.
     pub(crate) fn of(rows: Vec<T>, corrupt: u64) -> Self {
         let mut table = Self { rows, corrupt, order: Order::default(), first_bad: None };
-        drop_far_stamps(&mut table);
-        put_in_order(&mut table);
+        let unstamped = drop_far_stamps(&mut table);
+        put_in_order(&mut table, unstamped);
         table
     }
 }
@@ -167,9 +167,9 @@ pub(crate) fn read_rows<T: Stamped>(
         }
         at_top = false;
     }
-    drop_far_stamps(&mut table);
+    let unstamped = drop_far_stamps(&mut table);
     check_share(path, columns, &table)?;
-    put_in_order(&mut table);
+    put_in_order(&mut table, unstamped);
     if let ([row], true) = (table.rows.as_slice(), table.order.is_constant()) {
         let message = not_stamped("the table", "rows", table.order.rows, row.stamp());
         return Err(DriverError::malformed(path, message));
@@ -207,17 +207,21 @@ fn check_share<T>(path: &Path, columns: &str, table: &Table<T>) -> Result<(), Dr
     Ok(())
 }
 
-fn drop_far_stamps<T: Stamped>(table: &mut Table<T>) {
+/// Drops rows whose stamps are no times of the recording, and returns how many of them have the stamp 0.
+fn drop_far_stamps<T: Stamped>(table: &mut Table<T>) -> u64 {
     let mut stamps: Vec<Timestamp> = table.rows.iter().map(Stamped::stamp).collect();
-    let Some(median) = median_by(&mut stamps, Ord::cmp) else { return };
+    let Some(median) = median_by(&mut stamps, Ord::cmp) else { return 0 };
+    let is_far = |stamp: Timestamp| stamp.nanos_since(median).saturating_abs() > MAX_SPAN_NS;
+    let unstamped = stamps.iter().filter(|stamp| stamp.as_nanos() == 0 && is_far(**stamp)).count();
     let before = table.rows.len();
-    table.rows.retain(|row| row.stamp().nanos_since(median).saturating_abs() <= MAX_SPAN_NS);
+    table.rows.retain(|row| !is_far(row.stamp()));
     table.corrupt += (before - table.rows.len()) as u64;
+    unstamped as u64
 }
 
-fn put_in_order<T: Stamped>(table: &mut Table<T>) {
+fn put_in_order<T: Stamped>(table: &mut Table<T>, unstamped: u64) {
     let stamps: Vec<Timestamp> = table.rows.iter().map(Stamped::stamp).collect();
-    table.order = Order::of(&stamps);
+    table.order = Order { unstamped, ..Order::of(&stamps) };
     table.rows.sort_by_key(Stamped::stamp);
     table.rows.dedup_by_key(|row| row.stamp());
 }

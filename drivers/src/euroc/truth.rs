@@ -1,11 +1,30 @@
-//! Ground truth of a data set: `state_groundtruth_estimate0/data.csv`.
+//! Ground truth of a data set: `state_groundtruth_estimate0/data.csv`, or the table of a motion capture.
 
 use super::table::{Row, RowFault, Stamped, read_table};
 use crate::tum::unit_quaternion;
 use crate::{DriverError, TruthState};
 use nalgebra::{Isometry3, Translation3, Vector3};
 use plumbline_config::Timestamp;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+/// Folders of the tables of the truth, best first: the batch estimate of EuRoC, the motion captures of TUM-VI and EuRoC, and
+/// EuRoC's laser tracker, which measures positions alone.
+const FOLDERS: [&str; 4] = ["state_groundtruth_estimate0", "mocap0", "vicon0", POSITIONS];
+const POSITIONS: &str = "leica0";
+
+/// The table of the truth of the data set at `path`: the directory that holds `mav0`, or `mav0` itself.
+#[must_use]
+pub fn ground_truth_table(path: &Path) -> Option<PathBuf> {
+    let nested = path.join("mav0");
+    let root = if nested.is_dir() { &nested } else { path };
+    FOLDERS.iter().map(|folder| root.join(folder).join("data.csv")).find(|table| table.is_file())
+}
+
+/// Whether a table of the truth is one of positions without attitudes.
+#[must_use]
+pub fn is_of_positions(table: &Path) -> bool {
+    table.parent().is_some_and(|folder| folder.ends_with(POSITIONS))
+}
 
 impl Stamped for TruthState {
     fn stamp(&self) -> Timestamp {

@@ -14,7 +14,7 @@ mod attribute;
 pub mod devices;
 mod imu;
 pub mod layout;
-mod merge;
+pub(crate) mod merge;
 mod setup;
 #[cfg(test)]
 mod tests;

@@ -315,3 +315,111 @@ fn refusals_name_topics_sizes_and_encodings() {
     let words = refusal(&BagTopics::default(), &options());
     assert!(words.contains("'bayer'") && words.contains("mono8, mono16"), "{words}");
 }
+
+/// A message of one quantity: zeros and -1 in the covariance stand for the other.
+fn half_message(stamp_ns: i64, gyro: Option<f64>, accel: Option<f64>, order: Order) -> Vec<u8> {
+    let mut out = Encoder::new(order);
+    out.header(stamp_ns);
+    (0..13).for_each(|_| out.f64(0.0));
+    for value in [gyro, accel] {
+        (0..3).for_each(|_| out.f64(value.unwrap_or(0.0)));
+        out.f64(if value.is_some() { 0.01 } else { -1.0 });
+        (1..9).for_each(|_| out.f64(0.0));
+    }
+    out.bytes
+}
+
+/// [`messages`] with the inertial samples on the topics `names`: gyroscope at 200 Hz, accelerometer at 125 Hz and half a period
+/// later, a second more of it at either end.
+fn apart(order: Order, names: [&'static str; 2]) -> Vec<(&'static str, &'static str, Vec<u8>)> {
+    let mut all = messages(order);
+    let imu_type = if order == Order::Ros1 { "sensor_msgs/Imu" } else { IMU };
+    all.retain(|(topic, ..)| *topic != "/imu0");
+    let gyro =
+        |k: i64| (names[0], imu_type, half_message(BEGIN + 5 * MS * k, Some(0.01 * k as f64), None, order));
+    let accel =
+        |k: i64| (names[1], imu_type, half_message(BEGIN + 8 * MS * k + 4 * MS, None, Some(k as f64), order));
+    all.extend((-125..190).map(accel));
+    all.extend((0..100).map(gyro));
+    all
+}
+
+#[test]
+fn gyroscope_and_accelerometer_apart_are_flown_together() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bag.mcap");
+    let two = ["/camera/gyro/sample", "/camera/accel/sample"];
+    for (order, names) in [(Order::Little, two), (Order::Ros1, two), (Order::Big, ["/imu"; 2])] {
+        write(&path, None, &apart(order, names));
+        let samples = read_bag_imu(&path, &BagTopics::default()).unwrap();
+        assert_eq!(samples.len(), 100, "{names:?}");
+        for (k, sample) in samples.iter().enumerate() {
+            let at_ms = 5.0 * k as f64;
+            assert!((sample.gyro.x - 0.01 * k as f64).abs() < 1e-12);
+            assert!((sample.accel.x - (at_ms - 4.0) / 8.0).abs() < 1e-9, "{names:?}: {sample:?}");
+        }
+        let bag = BagDataset::open(&path, &BagTopics::default(), &options()).unwrap();
+        assert_eq!((frames(&bag), bag.defects()), (expected_frames(), &[][..]));
+        assert_eq!(bag.imu_topics(), names);
+    }
+    let gyro_alone: Vec<_> = apart(Order::Little, two).into_iter().filter(|m| m.0 != two[1]).collect();
+    write(&path, None, &gyro_alone);
+    let words = refusal(&path);
+    assert!(words.contains("/camera/gyro/sample holds rates of rotation alone"), "{words}");
+}
+
+#[test]
+fn topics_without_stamps_are_refused_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bag.mcap");
+    for (topic, what) in [("/imu0", "messages"), ("/cam0/image_raw", "images"), ("/cam1/image_raw", "images")]
+    {
+        let unstamped = |(name, kind, content): (&'static str, &'static str, Vec<u8>)| {
+            let mut content = content;
+            if name == topic {
+                content[4..12].fill(0);
+            }
+            (name, kind, content)
+        };
+        write(&path, None, &messages(Order::Little).into_iter().map(unstamped).collect::<Vec<_>>());
+        let words = refusal(&path);
+        assert!(words.contains(&format!("{topic} is not stamped: all ")), "{words}");
+        assert!(words.contains(&format!("{what} have the stamp 0; let the driver")), "{words}");
+    }
+}
+
+#[test]
+fn ten_bits_in_sixteen_are_scaled_over_the_whole_bag() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bag.mcap");
+    let wide = |stamp_ns: i64, value: u16| {
+        let mut out = Encoder::new(Order::Little);
+        out.header(stamp_ns);
+        out.u32(2);
+        out.u32(4);
+        out.text("mono16");
+        out.put([0]);
+        out.u32(8);
+        out.sequence(&value.to_le_bytes().repeat(8));
+        out.bytes
+    };
+    let bag = |brightest: u16| {
+        let mut all: Vec<_> = messages(Order::Little).into_iter().filter(|m| m.0 == "/imu0").collect();
+        for k in 0..9_i64 {
+            let at = BEGIN + 50 * MS * k;
+            all.push(("/cam0/image_raw", IMAGE, wide(at, if k == 8 { brightest } else { 100 * k as u16 })));
+            all.push(("/cam1/image_raw", IMAGE, wide(at, 64)));
+        }
+        write(&path, None, &all);
+        BagDataset::open(&path, &BagTopics::default(), &options()).unwrap()
+    };
+    let ten = bag(1023);
+    assert!(
+        ten.defects().iter().any(|defect| defect.what.contains("lower 10 of their 16 bits")),
+        "{:?}",
+        ten.defects()
+    );
+    assert_eq!(frames(&ten)[4].2, [Some(100), Some(16)]);
+    let all = bag(0x8000);
+    assert_eq!((all.defects().len(), frames(&all)[4].2), (0, [Some(1), Some(0)]));
+}

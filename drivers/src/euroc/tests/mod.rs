@@ -92,3 +92,81 @@ fn a_data_set_without_right_camera_is_monocular() {
     assert_eq!((dataset.cameras(), dataset.sizes_px()[1]), (1, (0, 0)));
     assert_eq!(all_frames(&mut dataset.stereo(), dataset.sizes_px()).len(), FRAMES as usize);
 }
+
+/// The picture of frame `i` of a camera as a JPEG, which takes the place of its PNG under another ending.
+fn as_jpeg(sample: &Sample, camera: usize, i: i64, ending: &str) {
+    let mut file = Vec::new();
+    let encoder = jpeg_encoder::Encoder::new(&mut file, 100);
+    let pixels = vec![(100 * camera as i64 + i) as u8; SIZE.0 * SIZE.1];
+    encoder.encode(&pixels, SIZE.0 as u16, SIZE.1 as u16, jpeg_encoder::ColorType::Luma).unwrap();
+    std::fs::remove_file(sample.image(camera, i)).unwrap();
+    std::fs::write(sample.image(camera, i).with_extension(ending), file).unwrap();
+}
+
+#[test]
+fn jpeg_images_are_read_whatever_the_table_calls_them() {
+    for (ending, named) in [("jpg", "jpg"), ("JPG", "png"), ("jpeg", ""), ("jpg", "JPEG")] {
+        let sample = Sample::new();
+        // Every third image stays a PNG.
+        for i in (0..FRAMES).filter(|i| i % 3 != 0) {
+            (0..2).for_each(|camera| as_jpeg(&sample, camera, i, ending));
+        }
+        for table in ["cam0/data.csv", "cam1/data.csv"] {
+            sample.edit(table, |lines| {
+                lines.iter_mut().for_each(|line| {
+                    *line = line.replace(".png", &format!(".{named}")).trim_end_matches('.').into()
+                });
+            });
+        }
+        let dataset = sample.open().unwrap();
+        let mut stereo = dataset.stereo();
+        for (i, frame) in all_frames(&mut stereo, dataset.sizes_px()).iter().enumerate() {
+            let greys = frame.images.each_ref().map(|image| image.pixels()[7]);
+            assert_eq!((frame.valid, greys), ([true, true], [i as u8, 100 + i as u8]), "{ending} {named}");
+        }
+        assert_eq!(stereo.faults(), Faults::default());
+    }
+}
+
+#[test]
+fn lower_bits_in_use_are_scaled_alike_and_told() {
+    let sample = Sample::new();
+    let wide = |value: u16| {
+        let mut file = Vec::new();
+        let mut encoder = png::Encoder::new(&mut file, SIZE.0 as u32, SIZE.1 as u32);
+        encoder.set_color(png::ColorType::Grayscale);
+        encoder.set_depth(png::BitDepth::Sixteen);
+        let data = value.to_be_bytes().repeat(SIZE.0 * SIZE.1);
+        encoder.write_header().unwrap().write_image_data(&data).unwrap();
+        file
+    };
+    // The right camera is darker: by itself it would seem to have 10 bits.
+    for i in 0..FRAMES {
+        std::fs::write(sample.image(0, i), wide(340 * i as u16)).unwrap();
+        std::fs::write(sample.image(1, i), wide(80 * i as u16)).unwrap();
+    }
+    let dataset = sample.open().unwrap();
+    let [defect] = dataset.defects() else { panic!("{:?}", dataset.defects()) };
+    assert!(!defect.is_grave && defect.what.contains("lower 12 of their 16 bits"), "{defect:?}");
+    assert!(
+        defect.evidence.contains("largest value of 24 images is 3740; all are multiplied by 16"),
+        "{defect:?}"
+    );
+    let greys: Vec<[u8; 2]> = all_frames(&mut dataset.stereo(), dataset.sizes_px())
+        .iter()
+        .map(|frame| frame.images.each_ref().map(|image| image.pixels()[0]))
+        .collect();
+    assert_eq!(greys[..3], [[0, 0], [21, 5], [42, 10]]);
+    // A cut is scaled as the whole is.
+    let options = EurocOptions { frames: Some(0..3), ..EurocOptions::default() };
+    let cut = EurocDataset::open(sample.dir.path(), &options).unwrap();
+    assert_eq!(all_frames(&mut cut.stereo(), cut.sizes_px())[2].images[0].pixels()[0], 42);
+    // All sixteen bits in use: as before.
+    std::fs::write(sample.image(1, 5), wide(0x4321)).unwrap();
+    let dataset = sample.open().unwrap();
+    assert_eq!(dataset.defects(), []);
+    assert_eq!(
+        all_frames(&mut dataset.stereo(), dataset.sizes_px())[11].images[0].pixels()[0],
+        3740_u16.to_be_bytes()[0]
+    );
+}

@@ -51,7 +51,30 @@ fn no_images_at_all() {
         std::fs::write(sample.image(1, i), b"\xff\xd8\xff\xe0 JFIF").unwrap();
     }
     let message = sample.refusal();
-    assert!(message.contains("cam1/data: none of the 12 images of data.csv is there as a PNG"), "{message}");
+    assert!(message.contains("cam1/data: none of the 12 images of data.csv can be read"), "{message}");
+    assert!(message.contains("is a JPEG image that cannot be read"), "{message}");
+}
+
+#[test]
+fn formats_that_are_not_read_are_named_with_the_cure() {
+    for (ending, magic, name) in
+        [("tiff", &b"II*\0xxxx"[..], "TIFF"), ("pgm", b"P5 16 12 255 ", "PGM"), ("bmp", b"BM", "BMP")]
+    {
+        for is_named in [true, false] {
+            let sample = Sample::new();
+            for i in 0..FRAMES {
+                remove_file(sample.image(0, i)).unwrap();
+                std::fs::write(sample.image(0, i).with_extension(ending), magic).unwrap();
+            }
+            if is_named {
+                sample.edit("cam0/data.csv", |lines| {
+                    lines.iter_mut().for_each(|line| *line = line.replace("png", ending))
+                });
+            }
+            let message = sample.refusal();
+            assert!(message.contains(&format!("is a {name} image; convert the images to PNG")), "{message}");
+        }
+    }
 }
 
 #[test]
@@ -107,6 +130,26 @@ fn ground_truth_that_is_garbage_is_said_when_asked_for() {
     sample.put("state_groundtruth_estimate0/data.csv", [0xff_u8; 300]);
     let dataset = sample.open().unwrap();
     assert!(dataset.ground_truth().unwrap_err().to_string().contains("its only row is not readable"));
+}
+
+#[test]
+fn truth_of_a_motion_capture_is_found_after_that_of_the_batch_estimate() {
+    let sample = Sample::new();
+    let put = |folder: &str, x: f64| {
+        create_dir_all(sample.path(folder)).unwrap();
+        sample.put(&format!("{folder}/data.csv"), format!("{START_NS},{x},0,0,1,0,0,0"));
+    };
+    put("leica0", 9.0);
+    assert!(ground_truth_table(sample.dir.path()).is_some_and(|table| is_of_positions(&table)));
+    assert_eq!(sample.open().unwrap().ground_truth().unwrap(), None);
+    for (folder, x) in [("vicon0", 3.0), ("mocap0", 2.0), ("state_groundtruth_estimate0", 1.0)] {
+        put(folder, x);
+        let truth = sample.open().unwrap().ground_truth().unwrap().unwrap();
+        assert_eq!(truth[0].pose_w_b.translation.x, x, "{folder}");
+        for path in [sample.dir.path(), &sample.path("")] {
+            assert!(ground_truth_table(path).is_some_and(|table| table.parent().unwrap().ends_with(folder)));
+        }
+    }
 }
 
 #[test]

@@ -1,0 +1,103 @@
+//! Grey pixels of a picture in a file: PNG or JPEG, whichever it begins as. Files of other formats are named.
+
+use super::depth::Depth;
+use super::image::{decode_png, png_size_of};
+use crate::v4l2::jpeg::{LumaDecoder, size_of as jpeg_size_of};
+use plumbline_config::GrayImage;
+
+/// First bytes of a JPEG file.
+const JPEG: [u8; 2] = [0xff, 0xd8];
+/// First bytes of formats that are not read, and their names.
+const FOREIGN: [(&[u8], &str); 14] = [
+    (&JPEG, "a JPEG image that cannot be read (baseline of 8 bits is; progressive is not)"),
+    (b"II*\0", "a TIFF image"),
+    (b"MM\0*", "a TIFF image"),
+    (b"BM", "a BMP image"),
+    (b"P5", "a PGM image"),
+    (b"P2", "a PGM image"),
+    (b"P6", "a PPM image"),
+    (b"GIF8", "a GIF image"),
+    (b"\0\0\0\x0cjP  ", "a JPEG 2000 image"),
+    (b"\xff\x4f\xff\x51", "a JPEG 2000 image"),
+    (b"\xff\x0a", "a JPEG XL image"),
+    (b"v/1\x01", "an OpenEXR image"),
+    (b"\x93NUMPY", "a NumPy array"),
+    (b"qoif", "a QOI image"),
+];
+
+/// Name of a format that is not read, by the first bytes of a file.
+pub(crate) fn foreign(bytes: &[u8]) -> Option<&'static str> {
+    if bytes.starts_with(b"RIFF") && bytes.get(8..12) == Some(b"WEBP") {
+        return Some("a WebP image");
+    }
+    if bytes.get(4..8) == Some(b"ftyp") {
+        return Some("a HEIF or AVIF image");
+    }
+    FOREIGN.into_iter().find(|(magic, _)| bytes.starts_with(magic)).map(|(_, name)| name)
+}
+
+/// What to do about a format that is not read.
+pub(super) const CONVERT: &str =
+    "convert the images to PNG or baseline JPEG (`mogrify -format png *.EXT`), keeping their names";
+
+/// Width and height of a picture that is read, px.
+pub(crate) fn picture_size(file: &[u8]) -> Option<(usize, usize)> {
+    png_size_of(file).or_else(|| jpeg_size_of(file))
+}
+
+/// Buffers that are used again for each picture.
+#[derive(Debug, Default)]
+pub(crate) struct PictureDecoder {
+    depth: Depth,
+    channels: Vec<u8>,
+    jpeg: Option<((usize, usize), LumaDecoder)>,
+}
+
+impl PictureDecoder {
+    /// For pictures of which, where they have 16 bits, these are in use.
+    pub(crate) fn new(depth: Depth) -> Self {
+        Self { depth, ..Self::default() }
+    }
+
+    /// Bits in use of pictures of 16 bits.
+    pub(crate) fn depth(&self) -> Depth {
+        self.depth
+    }
+
+    /// Writes the picture in `file` into `image`, whose size it must have. Colour is weighed to grey (ITU-R BT.601).
+    /// `None` where it is damaged, or of another kind or size.
+    pub(crate) fn decode(&mut self, file: &[u8], image: &mut GrayImage) -> Option<()> {
+        if !file.starts_with(&JPEG) {
+            return decode_png(file, self.depth, &mut self.channels, image);
+        }
+        let size = (image.width(), image.height());
+        if self.jpeg.as_ref().is_none_or(|(of, _)| *of != size) {
+            self.jpeg = Some((size, LumaDecoder::new(size.0, size.1)));
+        }
+        let (_, decoder) = self.jpeg.as_mut()?;
+        image.pixels_mut().copy_from_slice(decoder.decode(file).ok()?);
+        Some(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn formats_that_are_not_read_have_names() {
+        for (bytes, name) in [
+            (&b"II*\0abcd"[..], "TIFF"),
+            (b"BM1234", "BMP"),
+            (b"P5 4 2 255 ", "PGM"),
+            (b"RIFF\0\0\0\0WEBPVP8 ", "WebP"),
+            (b"\0\0\0\x1cftypavif", "AVIF"),
+            (b"\xff\xd8\xff\xe0", "JPEG"),
+        ] {
+            assert!(foreign(bytes).is_some_and(|words| words.contains(name)), "{name}");
+            assert_eq!(picture_size(bytes), None);
+        }
+        assert_eq!(foreign(b"\x89PNG"), None);
+        assert_eq!(foreign(b""), None);
+    }
+}
