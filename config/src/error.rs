@@ -87,8 +87,7 @@ pub enum ConfigError {
         known: &'static [&'static str],
     },
     /// A directory holds no calibration in a layout that is understood.
-    #[error("{}: no calibration found; expected {expected}; for files of Kalibr (TUM-VI has them in dso/) \
-             use `plumbline config import --camchain --imu`", directory.display())]
+    #[error("{}: no calibration found; expected {expected}", directory.display())]
     NoCalibration {
         /// The directory asked for.
         directory: PathBuf,

@@ -9,6 +9,14 @@
 # which brings the results back; with SHARED_DISK=1 FOLDER is on a disk that all of them share, at the same path.
 # Cells that are there already are not flown again: the same command goes on after an interruption.
 set -euo pipefail
+if ! command -v parallel > /dev/null; then
+    echo "sweep-parallel.sh: GNU parallel is not installed; install it (Debian, Ubuntu: apt install parallel)" >&2
+    exit 2
+fi
+if [ $# -lt 3 ]; then
+    echo "usage: sweep-parallel.sh LOGINS FOLDER SWEEP_ARGUMENTS..." >&2
+    exit 2
+fi
 plumbline=${PLUMBLINE:-plumbline}
 logins=$1
 mkdir -p "$2"
@@ -27,5 +35,5 @@ else
     [ -z "$missing" ] || "${fly[@]}" --workdir ... --return cell-{}.json --cleanup \
         "$plumbline" sweep "$@" --cells . --cell {} <<< "$missing" || failed=1
 fi
-[ -z "${failed:-}" ] || echo "some cells failed: see the seventh column of $folder/jobs.log" >&2
+[ -z "${failed:-}" ] || echo "some cells failed: see the column Exitval of $folder/jobs.log" >&2
 "$plumbline" sweep --collect "$folder" --out "$folder/results.csv"

@@ -8,6 +8,14 @@
 # exit status of each log, and what was said of each. The machines need `plumbline` (or what PLUMBLINE says; bits are
 # promised for one and the same binary) and the logs at the same place as here. Exit status 0 only if all pass.
 set -euo pipefail
+if ! command -v parallel > /dev/null; then
+    echo "verify-parallel.sh: GNU parallel is not installed; install it (Debian, Ubuntu: apt install parallel)" >&2
+    exit 2
+fi
+if [ $# -lt 3 ]; then
+    echo "usage: verify-parallel.sh LOGINS FOLDER LOG.mcap..." >&2
+    exit 2
+fi
 plumbline=${PLUMBLINE:-plumbline}
 logins=$1 folder=$2
 shift 2

@@ -76,6 +76,34 @@ const CASES: &[Case] = &[
         words: &["holds no mav0/state_groundtruth_estimate0/data.csv", "give a trajectory file"],
     },
     Case {
+        name: "ground truth of positions alone",
+        command: &["evaluate", "EST", "FLIGHT"],
+        damage: |folder| {
+            let truth = folder.join("flight/mav0/state_groundtruth_estimate0");
+            fs::rename(truth, folder.join("flight/mav0/leica0")).unwrap();
+        },
+        status: 2,
+        words: &["leica0/data.csv", "positions without attitudes", "give a trajectory file"],
+    },
+    Case {
+        name: "inertial samples without stamps",
+        command: &["replay", "FLIGHT"],
+        damage: |folder| rows(&folder.join(IMU), |row| [&["0".to_owned()], &row[1..]].concat()),
+        status: 2,
+        words: &["imu0/data.csv", "not stamped", "have the stamp 0", "record again"],
+    },
+    Case {
+        name: "images in another format",
+        command: &["replay", "FLIGHT"],
+        damage: |folder| {
+            for image in fs::read_dir(folder.join("flight/mav0/cam1/data")).unwrap() {
+                fs::write(image.unwrap().path(), b"II*\0no PNG").unwrap();
+            }
+        },
+        status: 2,
+        words: &["cam1/data", "is a TIFF image", "convert the images to PNG"],
+    },
+    Case {
         name: "a folder of logs",
         command: &["verify", "FOLDER"],
         damage: none,

@@ -60,6 +60,7 @@ fn kalibrs_files_become_a_configuration_that_is_valid_and_flies() {
     let imported = plumbline(&[&mounted[..], &["--inflate", "10"]].concat());
     assert!(imported.status.success(), "{}", stderr(&imported));
     let told = String::from_utf8_lossy(&imported.stdout).into_owned();
+    assert!(told.contains("white noise of the files times 10"), "{told}");
     assert!(told.contains("752x480 px") && told.contains("baseline    0.110"), "{told}");
     let text = std::fs::read_to_string(&out).unwrap();
     assert!(
@@ -72,9 +73,29 @@ fn kalibrs_files_become_a_configuration_that_is_valid_and_flies() {
     let flown =
         plumbline(&["replay", "sim:room", "--duration", "2", "--scale", "0.5", "--config", &out, "--json"]);
     assert!(flown.status.success(), "{}", stderr(&flown));
+    let at_rest = plumbline(&[&mounted[..], &["--overwrite"]].concat());
+    assert!(
+        String::from_utf8_lossy(&at_rest.stdout)
+            .contains("holds for a sensor at rest; for flight, give --inflate 10")
+    );
     // A file that is there is not replaced unasked.
     fails(&import, 2, &["my.toml", "--overwrite"]);
     assert!(!told.contains("9999"), "digits that mean nothing: {told}");
+}
+
+#[test]
+fn presets_are_written_to_a_file_and_named_where_one_is_meant() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("my.toml").to_str().unwrap().to_owned();
+    assert!(plumbline(&["config", "euroc", "--out", &out]).status.success());
+    let printed = plumbline(&["config", "euroc"]).stdout;
+    assert_eq!(
+        std::fs::read_to_string(&out).unwrap().trim_end(),
+        String::from_utf8_lossy(&printed).trim_end()
+    );
+    fails(&["config", "euroc", "--out", &out], 2, &["my.toml", "--overwrite"]);
+    fails(&["config", &out, "--out", &out], 2, &["writes a preset", "realsense-d455"]);
+    fails(&["config", "orbbec"], 2, &["orbbec", "no preset of this name", "realsense-d455", "oak-d"]);
 }
 
 #[test]
@@ -104,9 +125,9 @@ fn what_cannot_be_imported_is_named_with_file_key_and_cure() {
     };
     refused(import("/nowhere/camchain.yaml"), &["/nowhere/camchain.yaml", "cannot be read"]);
     for (from, to, parts) in [
-        ("T_cam_imu", "T_imu_cam", ["camchain-imucam.yaml", "cam0.T_cam_imu"]),
+        ("T_cam_imu", "T_body_cam", ["camchain-imucam.yaml", "cam0.T_cam_imu"]),
         ("radtan", "fov", ["cam0.distortion_model", "radtan"]),
-        ("[458.654,", "[-458.654,", ["focal", "camchain-imucam.yaml"]),
+        ("[458.654,", "[-458.654,", ["cam0.intrinsics", "camchain-imucam.yaml"]),
     ] {
         std::fs::write(&camchain, CAMCHAIN.replacen(from, to, 1)).unwrap();
         refused(import(&camchain), &parts);

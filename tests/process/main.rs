@@ -35,6 +35,7 @@ mod python_package;
 mod raw;
 mod realtime;
 mod replay;
+mod reports;
 mod roles;
 mod ros;
 #[cfg(feature = "sabotage")]

@@ -368,6 +368,7 @@ fn an_oak_d_is_configured_for_recorded_data() {
     let out = tree.out();
     let arguments = ["--imu-to-vehicle", "unknown", "--intrinsics", "398.1,398.2,320.5,201.5,0.0748"];
     let told = stdout(&setup(&[&["oak-d", "--no-doctor", "--out", &out], &arguments[..]].concat()));
+    assert!(told.contains("not found   an OAK-D is no camera of the kernel"), "{told}");
     assert!(told.contains("no camera of the kernel") && told.contains("baseline    0.0748"), "{told}");
     assert_eq!(numbers(&written(&tree)["camera"][1]["focal_px"]), [398.1, 398.2]);
 }

@@ -15,7 +15,8 @@ use std::path::{Path, PathBuf};
 const LAYOUTS: [&str; 3] = ["mav0/{}/sensor.yaml", "{}/sensor.yaml", "{}.yaml"];
 /// Key of the IMU's file that states its mounting: no part of the format, but written into simulated data sets.
 const MOUNTING_KEY: &str = "imu_to_vehicle_deg";
-const EXPECTED: &str = "mav0/cam0/sensor.yaml, cam0/sensor.yaml or cam0.yaml in it";
+const EXPECTED: &str = "mav0/cam0/sensor.yaml, cam0/sensor.yaml or cam0.yaml in it; for files of Kalibr (TUM-VI has them in dso/) \
+                        use `plumbline config import --camchain --imu`, and give the result with --config";
 
 /// Calibration of a data set: a directory with `mav0` in it, the `mav0` itself, or one with `cam0.yaml`,
 /// `imu0.yaml`. Noise densities are those of the file: see the [module](super) on their inflation.

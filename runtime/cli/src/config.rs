@@ -3,19 +3,20 @@
 #[cfg(feature = "yaml")]
 mod import;
 
-use super::{Usage, say};
-use anyhow::Result;
+use super::{Usage, check_outputs, say};
+use anyhow::{Context as _, Result};
 use clap::{Args, Subcommand};
-use plumbline_config::Config;
 use plumbline_config::options::Mounting;
+use plumbline_config::{Config, PRESETS};
 use plumbline_record::digest::config_hash;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "Examples:
   plumbline config euroc > my.toml         print a preset with a comment at every key
   plumbline config realsense-d455          print the preset of a real rig (docs/rigs)
   plumbline config my.toml                 check a configuration
-  plumbline config import --camchain camchain.yaml --imu imu.yaml --imu-to-vehicle unknown --out my.toml";
+  plumbline config euroc --out my.toml     the same, into a file
+  plumbline config import --camchain camchain.yaml --imu imu.yaml --inflate 10 --imu-to-vehicle unknown --out my.toml";
 
 /// Arguments of `plumbline config`.
 #[derive(Debug, Args)]
@@ -25,14 +26,17 @@ pub struct ConfigArgs {
     command: Option<ConfigCommand>,
     #[arg(required = true, help = file_help())]
     file: Option<String>,
+    /// Write the preset to this file instead of printing it.
+    #[arg(long, value_name = "OUT.toml")]
+    out: Option<PathBuf>,
+    /// Replace an existing file.
+    #[arg(long, requires = "out")]
+    overwrite: bool,
 }
 
 /// Names every preset that there is.
 fn file_help() -> String {
-    format!(
-        "A configuration file to check, or the name of a preset to print: {}",
-        plumbline_config::PRESETS.join(", ")
-    )
+    format!("A configuration file to check, or the name of a preset to print: {}", PRESETS.join(", "))
 }
 
 #[derive(Debug, Subcommand)]
@@ -64,21 +68,53 @@ pub fn run(args: &ConfigArgs) -> Result<()> {
         (Some(ConfigCommand::Import(args)), _) => import::run(args),
         #[cfg(not(feature = "yaml"))]
         (Some(never), _) => match *never {},
-        (None, Some(file)) => check(file),
+        (None, Some(file)) => check(file, args),
         (None, None) => Err(Usage("config: name a file or a preset".into()).into()),
     }
 }
 
-fn check(file: &str) -> Result<()> {
-    if plumbline_config::PRESETS.contains(&file) {
-        say(plumbline_config::preset_text(file)?.trim_end());
-        return Ok(());
+fn check(file: &str, args: &ConfigArgs) -> Result<()> {
+    if PRESETS.contains(&file) {
+        return give_preset(file, args);
+    }
+    if args.out.is_some() {
+        let message =
+            format!("--out: writes a preset, and {file} is none; choose one of {}", PRESETS.join(", "));
+        return Err(Usage(message).into());
+    }
+    // A word that is no path is meant as a preset.
+    if !file.contains(['/', '.']) && !Path::new(file).exists() {
+        let message =
+            format!("{file}: no such file, and no preset of this name: choose one of {}", PRESETS.join(", "));
+        return Err(Usage(message).into());
     }
     let config = Config::load(file)?;
     config.refuse_unset_keys(file)?;
     warn_of_doubts(&config);
     say(format_args!("{file}: valid, {} camera(s), hash {}", config.camera.len(), config_hash(&config)));
     Ok(())
+}
+
+/// Prints a preset, or writes it to the file that was named.
+fn give_preset(name: &str, args: &ConfigArgs) -> Result<()> {
+    let text = plumbline_config::preset_text(name)?;
+    let Some(out) = &args.out else {
+        say(text.trim_end());
+        return Ok(());
+    };
+    check_new(out, args.overwrite)?;
+    std::fs::write(out, text).with_context(|| out.display().to_string())?;
+    say(format_args!("{}: written, preset {name}", out.display()));
+    Ok(())
+}
+
+/// Refuses a file that cannot be written, or is there already.
+fn check_new(out: &PathBuf, overwrite: bool) -> Result<(), Usage> {
+    check_outputs([out])?;
+    match out.exists() && !overwrite {
+        true => Err(Usage(format!("{}: exists; name another file, or give --overwrite", out.display()))),
+        false => Ok(()),
+    }
 }
 
 /// Names what is valid, and yet probably a mistake.

@@ -41,7 +41,7 @@ pub struct DemoArgs {
     /// Length of the flight, seconds.
     #[arg(long, default_value_t = 300.0)]
     pub duration: f64,
-    /// Scene of the flight: room, hall or low-texture.
+    /// Scene of the flight: room, hall, low-texture or far.
     #[arg(long, default_value = "room")]
     pub scene: String,
     /// Seed of all random draws.

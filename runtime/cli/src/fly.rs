@@ -155,8 +155,15 @@ fn config(args: &FlyArgs) -> Result<ValidConfig> {
     Ok(with_overrides(&config, &args.overrides)?)
 }
 
-/// Where the flight is recorded: the file that was named, or a new one in the folder that was.
+/// Where the flight is recorded: the file that was named, or a new one in the folder that was. A name that ends in `/` is one of
+/// a folder, which is made.
 fn log_path(named: &Path, now: SystemTime) -> Result<PathBuf, Usage> {
+    let is_folder = named.as_os_str().as_encoded_bytes().ends_with(b"/");
+    if is_folder && !named.exists() {
+        std::fs::create_dir_all(named).map_err(|error| {
+            Usage(format!("--record {}: the folder cannot be made ({error}); name another", named.display()))
+        })?;
+    }
     if named.is_dir() {
         let now = time::OffsetDateTime::from(now);
         let (date, time) = (now.date(), now.time());
@@ -174,7 +181,7 @@ fn log_path(named: &Path, now: SystemTime) -> Result<PathBuf, Usage> {
     if !is_log(named) {
         let named = named.display();
         return Err(Usage(format!(
-            "--record {named}: name a file with the ending .mcap, or an existing folder"
+            "--record {named}: name a file with the ending .mcap, an existing folder, or a new one with `/` at its end"
         )));
     }
     Ok(named.to_owned())
@@ -341,6 +348,11 @@ mod tests {
             assert_eq!(log_path(folder.path(), now).unwrap(), folder.path().join(next));
         }
         assert_eq!(log_path(Path::new("a.mcap"), now).unwrap(), Path::new("a.mcap"));
+        let new = folder.path().join("logs/of today/");
+        assert_eq!(log_path(&new, now).unwrap(), new.join("2025-11-22T12-05-06Z.mcap"));
+        assert!(new.is_dir());
+        let in_the_way = folder.path().join("2025-11-22T12-05-06Z.mcap/");
+        assert!(log_path(&in_the_way, now).unwrap_err().0.contains("cannot be made"));
         assert!(log_path(Path::new("/nowhere/a"), now).unwrap_err().0.contains("existing folder"));
     }
 

@@ -31,6 +31,9 @@ pub struct LogArgs {
     /// of landmarks, lines and keyframes.
     #[arg(long, value_name = "OUT.mcap")]
     pub foxglove: Option<PathBuf>,
+    /// With --foxglove: replace an existing file.
+    #[arg(long, requires = "foxglove")]
+    pub overwrite: bool,
     /// With --foxglove: EuRoC data set or ROS bag with the images, for a log that was recorded without them.
     #[arg(long, value_name = "DATASET|BAG", requires = "foxglove")]
     pub images: Option<PathBuf>,
@@ -75,6 +78,17 @@ fn export(args: &LogArgs, out: &Path) -> Result<()> {
     check_outputs(&args.foxglove)?;
     if out.extension().is_none_or(|ending| ending != "mcap") {
         return Err(Usage(format!("{}: name the file with the ending .mcap", out.display())).into());
+    }
+    if out.exists() {
+        let is_itself = || Some(out.canonicalize().ok()? == args.log.canonicalize().ok()?);
+        let refuse = |why: &str| Err(Usage(format!("{}: {why}", out.display())).into());
+        if !args.overwrite {
+            return refuse("exists; name another file, or give --overwrite");
+        }
+        if is_itself().unwrap_or(true) {
+            return refuse("is the log itself, which is never overwritten; name another file");
+        }
+        std::fs::remove_file(out)?;
     }
     let images =
         args.images.as_ref().map(|data| verify::open_images(&args.topics, &args.log, data)).transpose()?;

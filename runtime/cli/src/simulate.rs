@@ -15,7 +15,7 @@ use std::path::PathBuf;
 pub struct SimulateArgs {
     /// Directory to write `mav0` into.
     pub out_dir: PathBuf,
-    /// Scene of the flight: room, hall or low-texture.
+    /// Scene of the flight: room, hall, low-texture or far.
     #[arg(long, default_value = "room")]
     pub scene: String,
     /// Configuration file or preset of the simulated rig.

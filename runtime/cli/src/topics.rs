@@ -7,9 +7,9 @@ use plumbline_drivers::BagTopics;
 /// Topics of a bag.
 #[derive(Clone, Debug, Default, Args)]
 pub struct TopicArgs {
-    /// Topic of a ROS bag: left=/cam0/image_raw, right=... or imu=...; may be repeated. Default: topics are
-    /// selected by message type.
-    #[arg(long = "topic", value_name = "left|right|imu=NAME")]
+    /// Topic of a ROS bag: left=/cam0/image_raw, right=..., imu=..., or accel=... where the accelerometer has a topic of its own;
+    /// may be repeated. Default: topics are selected by message type.
+    #[arg(long = "topic", value_name = "left|right|imu|accel=NAME")]
     topics: Vec<String>,
 }
 
@@ -26,8 +26,10 @@ impl TopicArgs {
                 Some(("left", name)) => (&mut names.left, name),
                 Some(("right", name)) => (&mut names.right, name),
                 Some(("imu", name)) => (&mut names.imu, name),
+                Some(("accel", name)) => (&mut names.accel, name),
                 _ => {
-                    let message = format!("--topic '{topic}': write left=NAME, right=NAME or imu=NAME");
+                    let message =
+                        format!("--topic '{topic}': write left=NAME, right=NAME, imu=NAME or accel=NAME");
                     return Err(Usage(message));
                 }
             };

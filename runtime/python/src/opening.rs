@@ -56,7 +56,7 @@ impl Options {
                 let seconds = self.seconds(py)?;
                 let cut = Cut { frames: self.frames.map(|(from, to)| from..to), seconds };
                 let [left, right, imu] = self.topics.clone();
-                let topics = BagTopics { left, right, imu };
+                let topics = BagTopics { left, right, imu, ..BagTopics::default() };
                 py.detach(|| open_recording(&path, config, &topics, cut, self.mono))
             }
         };

@@ -57,17 +57,25 @@ pub(super) fn run(args: &MasksArgs) -> Result<()> {
         find(&mut *stereo, &config.camera, args.margin_px.into(), &mut |frames| bar.set_position(frames));
     bar.finish_and_clear();
     let found = found.with_context(|| args.source.display().to_string())?;
-    for ((mask, file), side) in found.masks.iter().zip(&files).zip(SIDES) {
+    let views = found.views;
+    let hides: Vec<_> =
+        found.masks.iter().zip(&files).zip(SIDES).filter(|((mask, _), _)| mask.seen_share() < 1.0).collect();
+    if hides.is_empty() {
+        say(format_args!(
+            "nothing of the vehicle is in view of any camera, by {views} views: no mask is needed, and none is written"
+        ));
+        return Ok(());
+    }
+    for ((mask, file), side) in &hides {
         write(file, mask).with_context(|| file.display().to_string())?;
         let hidden_percent = 100.0 * (1.0 - mask.seen_share());
         say(format_args!(
-            "{}: {hidden_percent:.1} % of the {side} image, from {} views",
-            file.display(),
-            found.views
+            "{}: {hidden_percent:.1} % of the {side} image, from {views} views",
+            file.display()
         ));
     }
     say("In the configuration:");
-    SIDES.iter().zip(&files).take(found.masks.len()).for_each(|(side, file)| {
+    hides.iter().for_each(|((_, file), side)| {
         say(format_args!("  [[camera]]  # {side}\n  mask = {:?}", name_of(file)));
     });
     Ok(())

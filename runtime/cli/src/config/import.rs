@@ -1,7 +1,7 @@
 //! `plumbline config import`: a configuration made of calibration files.
 
-use super::super::{Usage, check_outputs, load_config, say};
-use super::{parse_mounting, summary, warn_of_doubts};
+use super::super::{Usage, load_config, say};
+use super::{check_new, parse_mounting, summary, warn_of_doubts};
 use anyhow::{Context, Result};
 use clap::Args;
 use plumbline_config::options::{Mounting, VehicleConfig};
@@ -10,9 +10,9 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 const EXAMPLES: &str = "Examples:
-  plumbline config import --camchain camchain-imucam.yaml --imu imu.yaml --imu-to-vehicle 180,0,0 --out my.toml
-  plumbline config import --euroc V1_01_easy --imu-to-vehicle 180,-70.3,0 --out my.toml
-  plumbline config import --euroc V1_01_easy --imu-to-vehicle unknown --out my.toml
+  plumbline config import --camchain camchain-imucam.yaml --imu imu.yaml --inflate 10 --imu-to-vehicle 180,0,0 --out my.toml
+  plumbline config import --euroc V1_01_easy --inflate 10 --imu-to-vehicle 180,-70.3,0 --out my.toml
+  plumbline config import --euroc V1_01_easy --inflate 10 --imu-to-vehicle unknown --out my.toml
   plumbline replay V1_01_easy --config my.toml
 
 Calibration files do not contain the mounting of the IMU in the vehicle. 0,0,0 is x forward, y left, z up; 180,0,0 is x forward,
@@ -72,11 +72,7 @@ enum Noise {
 /// # Errors
 /// When a file cannot be used, or the configuration cannot be written.
 pub fn run(args: &ImportArgs) -> Result<()> {
-    check_outputs([&args.out])?;
-    if args.out.exists() && !args.overwrite {
-        let message = format!("{}: exists; name another file, or give --overwrite", args.out.display());
-        return Err(Usage(message).into());
-    }
+    check_new(&args.out, args.overwrite)?;
     if !(args.inflate.is_finite() && args.inflate > 0.0) {
         return Err(Usage("--inflate: give a positive number, such as 10".into()).into());
     }
@@ -87,6 +83,11 @@ pub fn run(args: &ImportArgs) -> Result<()> {
     let back = Config::from_toml_str(&text, &args.out.display().to_string())?;
     std::fs::write(&args.out, &text).with_context(|| args.out.display().to_string())?;
     say(summary(&back, &args.out));
+    // A simulated data set states its mounting, and its noise is the true one.
+    let stated = args.euroc.as_ref().map(import::euroc_mounting).transpose()?.flatten();
+    if args.noise == Noise::Files && stated.is_none() {
+        say(noise_in_words(args.inflate));
+    }
     warn_of_doubts(&back);
     Ok(())
 }
@@ -128,6 +129,16 @@ fn imported(args: &ImportArgs, mounting: Mounting) -> Result<ValidConfig> {
         imu.accel_bias_walk = own.imu.accel_bias_walk;
     }
     Ok(config.validated(&args.out.display().to_string())?)
+}
+
+/// What the noise densities are good for.
+fn noise_in_words(inflate: f64) -> String {
+    match inflate > 1.0 {
+        true => format!("noise       white noise of the files times {inflate}"),
+        false => "noise       as in the files, which holds for a sensor at rest; for flight, give --inflate 10 (vibration of the \
+                  motors makes it larger)"
+            .into(),
+    }
 }
 
 /// Says in the file where it comes from.

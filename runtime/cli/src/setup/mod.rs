@@ -111,6 +111,8 @@ impl SetupOptions {
 struct Found {
     /// Name of the device, such as `RealSense D435i 123 (USB 3)`.
     device: String,
+    /// Whether it was detected; a device that the kernel does not know cannot be.
+    is_detected: bool,
     /// Configuration of the rig.
     config: Config,
     /// Where the values come from, and what is left to do; a line each.
@@ -140,7 +142,13 @@ fn finish(options: &SetupOptions, found: Found, apply: impl FnOnce() -> Result<(
     let text = format!("{}\n{}", header(&found.device, &found.notes), config.to_toml()?);
     // What is written is what will be read.
     let back = Config::from_toml_str(&text, &origin)?;
-    say(format_args!("found       {}", found.device));
+    match found.is_detected {
+        true => say(format_args!("found       {}", found.device)),
+        false => say(format_args!(
+            "not found   {} is no camera of the kernel and cannot be detected; its preset is taken",
+            found.device
+        )),
+    }
     if options.dry_run {
         say(format_args!("would write {origin}:\n\n{}", text.trim_end()));
         found.settings.iter().for_each(|setting| say(format_args!("would set   {setting}")));

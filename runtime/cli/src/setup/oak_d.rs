@@ -43,5 +43,9 @@ pub fn run(args: &OakDArgs) -> Result<()> {
         "An OAK-D is no camera of the kernel: record with DepthAI, or send frames by a program: docs/rigs/oak-d.md.".into(),
     );
     let device = "an OAK-D".to_owned();
-    finish(&args.options, Found { device, config, notes, settings: Vec::new() }, || Ok(()))
+    finish(
+        &args.options,
+        Found { device, is_detected: false, config, notes, settings: Vec::new() },
+        || Ok(()),
+    )
 }

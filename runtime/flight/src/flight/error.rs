@@ -1,5 +1,6 @@
 //! Why a flight cannot be opened or flown.
 
+use super::truth::TruthError;
 use crate::autopilot::BridgeError;
 use crate::log::LogError;
 use crate::pipeline::RunError;
@@ -50,6 +51,15 @@ pub enum FlightError {
     /// The run ended early.
     #[error("{0}")]
     Run(#[from] RunError),
+}
+
+impl From<TruthError> for FlightError {
+    fn from(error: TruthError) -> Self {
+        match error {
+            TruthError::Table(error) => Self::Driver(error),
+            TruthError::Sensor(error) => Self::Config(error),
+        }
+    }
 }
 
 impl FlightError {

@@ -2,6 +2,7 @@
 
 use super::cache;
 use super::plausibility::{COPY, Finding, missing_camera};
+use super::truth::read_truth;
 use super::{Flight, FlightError, Truth};
 use crate::calibration::euroc_into;
 use crate::log::source::{LogEnd, LogImu, LogStereo};
@@ -16,7 +17,7 @@ use plumbline_drivers::DriverError;
 use plumbline_drivers::bag::is_bag;
 #[cfg(feature = "bags")]
 use plumbline_drivers::bag::read_bag_imu;
-use plumbline_drivers::euroc::{Defect, read_imu_samples};
+use plumbline_drivers::euroc::{Defect, ground_truth_table, is_of_positions, read_imu_samples};
 use plumbline_drivers::simulator::{FlightPath, Scenario, Simulator, draw_calibration, mistake_intrinsics};
 use plumbline_drivers::{BagTopics, EurocDataset, EurocOptions, ImuSource as _};
 use std::ops::Range;
@@ -67,10 +68,26 @@ pub fn open_dataset(
         findings.push(missing_camera(&format!("{} holds no cam1", path.display()), COPY));
         config = with_cameras(&config, dataset.cameras())?;
     }
-    let truth = dataset.ground_truth()?.map_or(Truth::None, |states| Truth::of_states(&states));
+    let table = ground_truth_table(path);
+    findings.extend(table.as_deref().filter(|table| is_of_positions(table)).map(of_positions));
+    let truth = match table.filter(|table| !is_of_positions(table)) {
+        Some(table) => Truth::of_states(&read_truth(&table)?),
+        None => Truth::None,
+    };
     let name = path.display().to_string();
     let flight = Flight::new(config, Box::new(dataset.imu()), Box::new(dataset.stereo()), name);
     Ok(Flight { truth, findings, file_defects: dataset.file_defects(), ..flight })
+}
+
+/// That the truth of a data set is left alone.
+fn of_positions(table: &Path) -> Finding {
+    Finding::new(
+        "the ground truth has no attitudes",
+        format!("{} holds positions alone, and is not used", table.display()),
+        "that it was measured by a laser tracker",
+        "give a trajectory with attitudes: `--truth FILE`",
+    )
+    .mild()
 }
 
 /// What is wrong with a recording, as a finding.
@@ -181,6 +198,11 @@ pub fn open_bag(
         let of = bag.camera_topics().join(", ");
         findings.push(missing_camera(&format!("{} has images of one camera ({of})", path.display()), COPY));
         config = with_cameras(&config, bag.cameras())?;
+    }
+    if let [gyro, accel] = bag.imu_topics() {
+        tracing::info!(
+            "gyroscope of {gyro}, accelerometer of {accel}, interpolated to the times of the gyroscope"
+        );
     }
     if bag.is_truncated() {
         findings.push(Finding::new(

@@ -1,12 +1,17 @@
 //! Where the vehicle really was, and how fast.
 
+use crate::calibration::euroc_pose;
 use nalgebra::{Isometry3, Vector3};
-use plumbline_config::Timestamp;
+use plumbline_config::{ConfigError, Timestamp};
+use plumbline_drivers::euroc::read_ground_truth;
 use plumbline_drivers::simulator::Simulator;
-use plumbline_drivers::{StampedPose, TruthState};
+use plumbline_drivers::{DriverError, StampedPose, TruthState};
+use std::path::Path;
 
 /// Ground truth further from a stamp than this is none, ns.
 const TOLERANCE_NS: i64 = 5_000_000;
+/// Folder of the batch estimate in a data set of EuRoC.
+const BATCH: &str = "state_groundtruth_estimate0";
 /// Between states further apart than this nothing is interpolated, ns.
 const MAX_GAP_NS: i64 = 20_000_000;
 /// Rotations further apart than half a turn less this cannot be interpolated, rad.
@@ -27,6 +32,37 @@ impl From<StampedPose> for TrueState {
     fn from(pose: StampedPose) -> Self {
         Self { stamp: pose.stamp, pose_w_b: pose.pose, v_w_b: None }
     }
+}
+
+/// Why a table of the truth cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum TruthError {
+    /// The table cannot be read.
+    #[error(transparent)]
+    Table(#[from] DriverError),
+    /// The file that says where its sensor is on the body cannot be read.
+    #[error(transparent)]
+    Sensor(#[from] ConfigError),
+}
+
+/// Reads a table of the truth of a data set, as states of its body: the file `sensor.yaml` beside it says where on the body the
+/// markers of a motion capture are.
+///
+/// # Errors
+/// When either cannot be read.
+pub fn read_truth(table: &Path) -> Result<Vec<TruthState>, TruthError> {
+    let mut states = read_ground_truth(table)?;
+    let sensor = table.with_file_name("sensor.yaml");
+    // The batch estimate is one of the body.
+    if !table.parent().is_some_and(|folder| folder.ends_with(BATCH))
+        && sensor.is_file()
+        && let Some(pose_b_s) = euroc_pose(&sensor)?
+        && pose_b_s != Isometry3::identity()
+    {
+        let pose_s_b = pose_b_s.inverse();
+        states.iter_mut().for_each(|state| state.pose_w_b *= pose_s_b);
+    }
+    Ok(states)
 }
 
 /// Where the vehicle really was.

@@ -2,6 +2,7 @@
 
 use super::Delta;
 use plumbline_drivers::DriverError;
+use plumbline_flight::flight::truth::TruthError;
 use thiserror::Error;
 
 /// Which of the two trajectories.
@@ -29,6 +30,9 @@ pub enum EvaluateError {
     /// A file could not be read.
     #[error(transparent)]
     Read(#[from] DriverError),
+    /// The truth of a data set cannot be read.
+    #[error(transparent)]
+    Truth(#[from] TruthError),
     /// A trajectory has no poses.
     #[error("the {0} contains no pose")]
     Empty(Side),

@@ -34,9 +34,10 @@ pub use stats::Statistics;
 pub use time_shift::find_time_offset;
 
 use nalgebra::{Matrix3, Vector3};
-use plumbline_drivers::euroc::read_ground_truth;
+use plumbline_drivers::euroc::{ground_truth_table, is_of_positions};
 use plumbline_drivers::tum::read_tum;
 use plumbline_drivers::{DriverError, StampedPose};
+use plumbline_flight::flight::truth::read_truth;
 use serde::Serialize;
 use std::path::Path;
 
@@ -224,14 +225,19 @@ pub fn load_trajectory(path: &Path) -> Result<Vec<StampedPose>, EvaluateError> {
         return Err(DriverError::Missing { path: path.into(), message: message.into() }.into());
     }
     if path.is_dir() {
-        let table = "state_groundtruth_estimate0/data.csv";
-        let candidates = [path.join("mav0").join(table), path.join(table)];
-        let Some(found) = candidates.iter().find(|candidate| candidate.is_file()) else {
-            let message =
-                format!("holds no mav0/{table}; give a trajectory file or a data set with ground truth");
-            return Err(DriverError::Missing { path: path.into(), message }.into());
+        let missing =
+            |message: &str| Err(DriverError::Missing { path: path.into(), message: message.into() }.into());
+        return match ground_truth_table(path) {
+            Some(table) if is_of_positions(&table) => missing(
+                "has its ground truth in leica0/data.csv, which holds positions without attitudes; give a trajectory file (TUM) \
+                 or a data set whose truth has both",
+            ),
+            Some(table) => truth_poses(&table),
+            None => missing(
+                "holds no mav0/state_groundtruth_estimate0/data.csv (nor mocap0, vicon0); give a trajectory file or a data set \
+                 with ground truth",
+            ),
         };
-        return truth_poses(found);
     }
     if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv")) {
         return truth_poses(path);
@@ -240,7 +246,7 @@ pub fn load_trajectory(path: &Path) -> Result<Vec<StampedPose>, EvaluateError> {
 }
 
 fn truth_poses(path: &Path) -> Result<Vec<StampedPose>, EvaluateError> {
-    let states = read_ground_truth(path)?;
+    let states = read_truth(path)?;
     Ok(states.iter().map(|s| StampedPose { stamp: s.stamp, pose: s.pose_w_b }).collect())
 }
 

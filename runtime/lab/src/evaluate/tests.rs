@@ -106,6 +106,16 @@ fn trajectories_are_loaded_from_files_tables_and_data_sets() {
     for path in [dir.path().to_path_buf(), table.join("data.csv")] {
         assert_eq!(load_trajectory(&path).unwrap()[1].pose.translation.z, 4.0);
     }
+    // As TUM-VI has it, and a motion capture whose markers are half a metre above the body.
+    std::fs::rename(&table, dir.path().join("mav0/mocap0")).unwrap();
+    assert_eq!(load_trajectory(dir.path()).unwrap()[1].pose.translation.z, 4.0);
+    std::fs::rename(dir.path().join("mav0/mocap0"), dir.path().join("mav0/vicon0")).unwrap();
+    let sensor = "%YAML:1.0\nsensor_type: pose\nT_BS:\n  cols: 4\n  rows: 4\n  data: [1,0,0,0, 0,1,0,0, 0,0,1,0.5, 0,0,0,1]\n";
+    std::fs::write(dir.path().join("mav0/vicon0/sensor.yaml"), sensor).unwrap();
+    assert_eq!(load_trajectory(dir.path()).unwrap()[1].pose.translation.z, 3.5);
+    std::fs::rename(dir.path().join("mav0/vicon0"), dir.path().join("mav0/leica0")).unwrap();
+    let message = load_trajectory(dir.path()).unwrap_err().to_string();
+    assert!(message.contains("leica0/data.csv, which holds positions without attitudes"), "{message}");
     assert!(load_trajectory(&dir.path().join("none.tum")).unwrap_err().to_string().contains("none.tum"));
 }
 
