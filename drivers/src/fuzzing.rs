@@ -4,7 +4,7 @@
 
 use crate::DriverError;
 use crate::bag::container::{Step, Topic};
-use crate::bag::inertial::Holds;
+use crate::bag::holds::Holds;
 use crate::bag::mcap_file::McapFile;
 use crate::bag::messages::{self, Format, Kind};
 use crate::bag::pixels::{self, ImageDecoder};

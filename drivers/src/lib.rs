@@ -22,6 +22,7 @@ pub mod frame_socket;
 #[cfg(any(all(test, feature = "bags"), feature = "fuzzing"))]
 #[doc(hidden)]
 pub mod fuzzing;
+mod grid;
 pub mod iio;
 pub mod inertial;
 pub mod live;

@@ -65,16 +65,6 @@ pub struct Faults {
     pub longest_step_back_ns: u64,
 }
 
-impl Faults {
-    /// Adds what is known of a recording's order of stamps.
-    pub(crate) fn add_order(&mut self, order: &crate::euroc::order::Order) {
-        self.disordered += order.disordered;
-        self.repeated += order.repeated;
-        self.steps_back += order.steps_back;
-        self.longest_step_back_ns = self.longest_step_back_ns.max(order.longest_step_back_ns);
-    }
-}
-
 /// A stream of inertial samples in order of measurement time.
 pub trait ImuSource: Send {
     /// The next sample, or `None` at the end of the stream.

@@ -5,61 +5,15 @@
 //! ([`Merge`]): the accelerometer is interpolated to the gyroscope's times. Where both were remapped onto one topic, it is taken
 //! apart first.
 
+use super::holds::{Holds, is_gyro};
 use super::messages::ImuMessage;
 use super::topics::ImuTopics;
-use crate::euroc::defects::not_stamped;
 use crate::euroc::imu::is_possible;
-use crate::euroc::order::Order;
+use crate::euroc::order::{Order, not_stamped};
 use crate::euroc::table::Table;
 use crate::iio::merge::Merge;
 use nalgebra::Vector3;
 use plumbline_config::ImuSample;
-
-/// Quantities in the messages of a topic.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) enum Holds {
-    /// Rates of rotation and accelerations in each message, as far as can be told.
-    #[default]
-    Both,
-    /// Rates of rotation alone.
-    Gyro,
-    /// Accelerations alone.
-    Accel,
-    /// Messages of either kind.
-    Mixed,
-}
-
-impl Holds {
-    /// What a topic with these messages holds.
-    pub(crate) fn of(messages: &[ImuMessage]) -> Self {
-        let all = messages.len();
-        let count = |wanted: [bool; 2]| messages.iter().filter(|message| has(message) == wanted).count();
-        let (both, gyro, accel) = (count([true, true]), count([true, false]), count([false, true]));
-        match (gyro, accel) {
-            _ if 5 * gyro >= all && 5 * accel >= all && 10 * both <= all && all > 0 => Self::Mixed,
-            (1.., 0) if 20 * both <= all => Self::Gyro,
-            (0, 1..) if 20 * both <= all => Self::Accel,
-            _ => Self::Both,
-        }
-    }
-}
-
-/// Whether a message holds rates of rotation, and accelerations: a quantity that is zero in all axes or no number is not there,
-/// nor is one whose covariance says so. A driver that writes -1 into all covariances says nothing by it.
-fn has(message: &ImuMessage) -> [bool; 2] {
-    let is_there =
-        |vector: &Vector3<f64>| vector.iter().any(|x| *x != 0.0) && !vector.iter().all(|x| x.is_nan());
-    let [gyro, accel] = message.is_denied;
-    [is_there(&message.sample.gyro) && (!gyro || accel), is_there(&message.sample.accel) && (!accel || gyro)]
-}
-
-/// Whether a message of a topic of either kind is one of the gyroscope: at rest its rates may be zero.
-fn is_gyro(message: &ImuMessage) -> bool {
-    match (has(message), message.is_denied) {
-        ([true, _], _) | (_, [false, true]) => true,
-        _ => false,
-    }
-}
 
 /// The samples of `topics`, whose messages `take` gives; `name` names a topic.
 ///
@@ -153,38 +107,8 @@ fn joined(gyro: &[ImuSample], accel: &[ImuSample]) -> Vec<ImuSample> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::holds::tests::{MS, message};
     use super::*;
-    use plumbline_config::Timestamp;
-
-    const MS: i64 = 1_000_000;
-
-    fn message(at_ms: f64, gyro: f64, accel: f64, is_denied: [bool; 2]) -> ImuMessage {
-        let of = |x: f64| if x == 0.0 || x.is_nan() { Vector3::repeat(x) } else { Vector3::new(x, 0.0, 9.0) };
-        let stamp = Timestamp::from_nanos((at_ms * MS as f64) as i64);
-        ImuMessage { sample: ImuSample { stamp, gyro: of(gyro), accel: of(accel) }, is_denied }
-    }
-
-    #[test]
-    fn what_a_topic_holds_is_told_by_its_values_and_covariances() {
-        let of = |messages: &[ImuMessage]| Holds::of(messages);
-        let gyro = message(1.0, 2.0, 0.0, [false, true]);
-        let accel = message(2.0, 0.0, 3.0, [true, false]);
-        let both = message(3.0, 2.0, 3.0, [false, false]);
-        assert_eq!(
-            (of(&[gyro; 9]), of(&[accel; 9]), of(&[both; 9])),
-            (Holds::Gyro, Holds::Accel, Holds::Both)
-        );
-        // No covariance says so, or the other quantity is no number.
-        assert_eq!(of(&[message(1.0, 2.0, 0.0, [false; 2])]), Holds::Gyro);
-        assert_eq!(of(&[message(1.0, f64::NAN, 3.0, [false; 2])]), Holds::Accel);
-        // Values that are there are believed, although a driver denies everything.
-        assert_eq!(of(&[message(1.0, 2.0, 3.0, [true; 2])]), Holds::Both);
-        assert_eq!(of(&[message(1.0, 2.0, 3.0, [false, true])]), Holds::Gyro);
-        assert_eq!(of(&[gyro, accel, gyro, gyro, accel]), Holds::Mixed);
-        // A simulator at rest, whose gyroscope is exactly zero now and then.
-        assert_eq!(of(&[both, both, message(4.0, 0.0, 3.0, [false; 2])]), Holds::Both);
-        assert_eq!(of(&[]), Holds::Both);
-    }
 
     #[test]
     fn either_may_be_faster_and_the_ends_without_both_are_left_out() {

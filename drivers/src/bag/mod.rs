@@ -9,7 +9,8 @@
 
 pub(crate) mod container;
 mod files;
-pub(crate) mod inertial;
+pub(crate) mod holds;
+mod inertial;
 pub(crate) mod mcap_file;
 pub(crate) mod messages;
 mod packed;
@@ -27,9 +28,10 @@ pub use files::is_bag;
 pub use stereo::BagStereo;
 pub use topics::BagTopics;
 
-use crate::euroc::defects::{not_stamped, of_stamps, shallow, uncovered};
+use crate::euroc::defects::{of_stamps, shallow, uncovered};
 use crate::euroc::depth::Depth;
 use crate::euroc::imu::{EurocImu, ImuRecord};
+use crate::euroc::order::{Order, not_stamped};
 use crate::euroc::pairing::{self, FrameEntry, ImageRow};
 use crate::euroc::picture::foreign;
 use crate::euroc::table::Table;
@@ -37,7 +39,8 @@ use crate::euroc::{Defect, EurocOptions, chosen_frames, frames_span, imu_range};
 use crate::{DriverError, Faults};
 use container::Topic;
 use files::bag_files;
-use inertial::{Holds, Samples};
+use holds::Holds;
+use inertial::Samples;
 use messages::{Format, ImageMessage, ImuMessage, Kind};
 use plumbline_config::{ImuSample, Timestamp};
 use std::ops::Range;
@@ -78,7 +81,7 @@ struct Content {
     images: Vec<ImageRow<u64>>,
     inertial: Vec<ImuMessage>,
     size_px: Option<(usize, usize)>,
-    /// The encoding or format that cannot be read.
+    /// The encoding or format that cannot be read, in words.
     unknown: Option<String>,
     /// Largest value of the images of 16 bits that were looked at, and their number.
     largest: Option<(u16, u64)>,
@@ -115,9 +118,11 @@ impl Content {
             self.size_px = pixels::size_px(image);
             self.unknown = match image {
                 ImageMessage::Raw { encoding, .. } => {
-                    (!pixels::is_known(encoding)).then(|| printable(encoding))
+                    (!pixels::is_known(encoding)).then(|| format!("encoding '{}'", printable(encoding)))
                 }
-                ImageMessage::File(file) if self.size_px.is_none() => foreign(file).map(str::to_owned),
+                ImageMessage::File(file) if self.size_px.is_none() => {
+                    foreign(file).map(|name| format!("another format, {name}"))
+                }
                 ImageMessage::File(_) => None,
             };
         }
@@ -177,26 +182,9 @@ impl BagDataset {
         let refuse = |message: String| DriverError::missing(path, message);
         let wanted = if options.sizes_px.is_empty() { 2 } else { options.sizes_px.len() };
         let cameras = topics::cameras(&all, topics, wanted).map_err(refuse)?;
-        let (mut faults, mut sizes_px, mut rows) = (Faults::default(), Vec::new(), Vec::new());
-        let (mut orders, mut largest) = (Vec::new(), Vec::new());
-        for (camera, topic) in cameras.iter().enumerate() {
-            let content = std::mem::take(&mut contents[*topic]);
-            let name = &all[*topic].name;
-            sizes_px.push(check_images(path, name, camera, &content, options)?);
-            largest.extend(content.largest);
-            let table = Table::of(content.images, content.corrupt);
-            if let ([row], true) = (table.rows.as_slice(), table.order.is_constant()) {
-                return Err(DriverError::malformed(
-                    path,
-                    not_stamped(name, "images", table.order.rows, row.stamp),
-                ));
-            }
-            faults.corrupt += table.corrupt;
-            faults.add_order(&table.order);
-            orders.push((name.clone(), table.order));
-            rows.push(table.rows);
-        }
-        let depth = largest.iter().map(|(value, _)| *value).max().map_or(Depth::FULL, Depth::of_largest);
+        let Images { rows, sizes_px, mut faults, mut orders, largest } =
+            images(path, &all, &mut contents, &cameras, options)?;
+        let depth = largest.map_or(Depth::FULL, |(value, _)| Depth::of_largest(value));
         let (frames, outside) = paired(path, rows, options)?;
         faults.unpaired += outside;
         let handed_out = chosen_frames(path, options, &frames)?;
@@ -213,13 +201,8 @@ impl BagDataset {
             (ImuRecord::default(), 0..0, Vec::new())
         };
         defects.extend(of_stamps(path, &orders, "messages", frames_span(&frames).0));
-        let seen = largest.iter().map(|(_, seen)| seen).sum();
-        defects.extend(shallow(
-            path,
-            depth,
-            largest.iter().map(|(value, _)| *value).max().unwrap_or(0),
-            seen,
-        ));
+        let (value, seen) = largest.unwrap_or_default();
+        defects.extend(shallow(path, depth, value, seen));
         Ok(Self {
             path: path.to_owned(),
             files,
@@ -297,6 +280,45 @@ impl BagDataset {
     }
 }
 
+/// The images of all cameras in use.
+#[derive(Default)]
+struct Images {
+    rows: Vec<Vec<ImageRow<u64>>>,
+    sizes_px: Vec<(usize, usize)>,
+    faults: Faults,
+    orders: Vec<(String, Order)>,
+    /// Largest value of the images of 16 bits that were looked at, and their number.
+    largest: Option<(u16, u64)>,
+}
+
+fn images(
+    path: &Path,
+    all: &[Topic],
+    contents: &mut [Content],
+    cameras: &[usize],
+    options: &EurocOptions,
+) -> Result<Images, DriverError> {
+    let mut images = Images::default();
+    for (camera, topic) in cameras.iter().enumerate() {
+        let (content, name) = (std::mem::take(&mut contents[*topic]), &all[*topic].name);
+        images.sizes_px.push(check_images(path, name, camera, &content, options)?);
+        if let Some((value, seen)) = content.largest {
+            let (largest, before) = images.largest.unwrap_or_default();
+            images.largest = Some((largest.max(value), before + seen));
+        }
+        let table = Table::of(content.images, content.corrupt);
+        if let ([row], true) = (table.rows.as_slice(), table.order.is_constant()) {
+            let message = not_stamped(name, "images", table.order.rows, row.stamp);
+            return Err(DriverError::malformed(path, message));
+        }
+        images.faults.corrupt += table.corrupt;
+        table.order.add_to(&mut images.faults);
+        images.orders.push((name.clone(), table.order));
+        images.rows.push(table.rows);
+    }
+    Ok(images)
+}
+
 /// All inertial samples of the bag at `path`, in order of time, of the topic that is named or the only one.
 ///
 /// # Errors
@@ -340,9 +362,9 @@ fn check_images(
     content: &Content,
     options: &EurocOptions,
 ) -> Result<(usize, usize), DriverError> {
-    if let Some(encoding) = &content.unknown {
+    if let Some(unknown) = &content.unknown {
         let message = format!(
-            "{topic} has images of encoding '{encoding}'; republish them in one of {}, or as PNG or baseline JPEG",
+            "{topic} has images of {unknown}; republish them in one of {}, or as PNG or baseline JPEG",
             pixels::ENCODINGS
         );
         return Err(DriverError::malformed(path, message));

@@ -1,7 +1,7 @@
 //! Which topics of a bag are flown: those that are named, or those about which there can be no doubt.
 
 use super::container::Topic;
-use super::inertial::Holds;
+use super::holds::Holds;
 use super::messages::Kind;
 
 /// Names of the topics to fly; where one is not given it is looked for.

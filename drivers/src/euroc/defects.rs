@@ -1,11 +1,10 @@
 //! What is wrong with the files of a data set, by their names.
 
 use super::depth::Depth;
-use super::image::NoImage;
 use super::imu::ImuRecord;
 use super::order::Order;
 use super::pairing::FrameEntry;
-use super::picture::CONVERT;
+use super::picture::{CONVERT, NoImage};
 use plumbline_config::Timestamp;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -254,15 +253,6 @@ pub(crate) fn shallow(root: &Path, depth: Depth, largest: u16, seen: u64) -> Opt
         cure: "nothing, if that is the camera; otherwise convert the images to 8 bits".into(),
         is_grave: false,
     })
-}
-
-/// Why rows that all have one stamp cannot be flown; `name` is their table or topic, `what` they are.
-pub(crate) fn not_stamped(name: &str, what: &str, count: u64, stamp: Timestamp) -> String {
-    format!(
-        "{name} is not stamped: all {count} {what} have the stamp {}; let the driver write the time of measurement into each \
-         (header.stamp in ROS), and record again",
-        stamp.as_nanos()
-    )
 }
 
 /// Whether one camera has many images more than the other.

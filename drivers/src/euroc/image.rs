@@ -4,7 +4,6 @@
 //! the development host, where `zune-png` 0.5 took 2.8 ms.
 
 use super::depth::Depth;
-use super::picture::{PictureDecoder, foreign, picture_size};
 use crate::{DriverError, open_regular};
 use plumbline_config::GrayImage;
 use png::{BitDepth, ColorType, Decoder, Limits, Reader, Transformations};
@@ -18,52 +17,6 @@ pub(super) const MAX_FILE_BYTES: u64 = 128 << 20;
 const MAX_DECODER_BYTES: usize = 64 << 20;
 /// Longest side of an image whose values are looked at, px.
 const MAX_LOOKED_AT_PX: usize = 8192;
-
-/// Why there is no image.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum NoImage {
-    /// There is no such file.
-    Missing,
-    /// The file cannot be read, is cut off, or is no picture.
-    Corrupt,
-    /// The picture is of this format, which is not read.
-    Foreign(&'static str),
-    /// The image has this size, which is another than the camera's.
-    OtherSize((usize, usize)),
-}
-
-/// Buffers that are used again for each image.
-#[derive(Debug, Default)]
-pub(super) struct ImageReader {
-    file: Vec<u8>,
-    decoder: PictureDecoder,
-}
-
-impl ImageReader {
-    /// For pictures of which, where they have 16 bits, these are in use.
-    pub(super) fn new(depth: Depth) -> Self {
-        Self { file: Vec::new(), decoder: PictureDecoder::new(depth) }
-    }
-
-    /// Reads the file at `path` into `image`, whose size it must have. Colour is weighed to grey
-    /// (ITU-R BT.601), of 16 bits the upper 8 of those in use are kept.
-    pub(super) fn read(&mut self, path: &Path, image: &mut GrayImage) -> Result<(), NoImage> {
-        self.file.clear();
-        let file = open_regular(path).map_err(|e| match e.kind() {
-            ErrorKind::NotFound => NoImage::Missing,
-            _ => NoImage::Corrupt,
-        })?;
-        file.take(MAX_FILE_BYTES).read_to_end(&mut self.file).map_err(|_| NoImage::Corrupt)?;
-        self.decoder.decode(&self.file, image).ok_or_else(|| {
-            let expected = (image.width(), image.height());
-            match picture_size(&self.file) {
-                Some(size) if size != expected => NoImage::OtherSize(size),
-                Some(_) => NoImage::Corrupt,
-                None => foreign(&self.file).map_or(NoImage::Corrupt, NoImage::Foreign),
-            }
-        })
-    }
-}
 
 /// The first bytes of the file at `path`, at most this many.
 pub(super) fn read_start(path: &Path, most: u64) -> io::Result<Vec<u8>> {

@@ -1,7 +1,7 @@
 //! The inertial stream of a data set.
 
-use super::grid::{median_period_ns, steps};
 use super::table::{Row, RowFault, Stamped, Table};
+use crate::grid::{median_period_ns, steps};
 use crate::{DriverError, Faults, ImuReading, ImuSource};
 use nalgebra::Vector3;
 use plumbline_config::{ImuSample, Timestamp};
@@ -60,7 +60,7 @@ impl ImuRecord {
             readings.push(ImuReading { sequence, sample });
         }
         let mut faults = Faults { corrupt: table.corrupt, ..Faults::default() };
-        faults.add_order(&table.order);
+        table.order.add_to(&mut faults);
         Self { readings, faults }
     }
 

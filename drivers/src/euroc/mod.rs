@@ -15,7 +15,6 @@
 pub(crate) mod defects;
 pub(crate) mod depth;
 mod files;
-pub(crate) mod grid;
 pub(crate) mod image;
 pub(crate) mod imu;
 pub(crate) mod order;
@@ -130,7 +129,7 @@ impl EurocDataset {
             let mut table = read_images(&camera_folder(&root, camera))?;
             files::find_files(&camera_folder(&root, camera).join("data"), &mut table.rows);
             image_faults.corrupt += table.corrupt;
-            image_faults.add_order(&table.order);
+            table.order.add_to(&mut image_faults);
             orders.push((format!("cam{camera}/data.csv"), table.order));
             sizes_px.push(check_size(&root, camera, &table.rows, options)?);
             *rows = table.rows;

@@ -5,6 +5,7 @@
 //! of samples: after a step the time that was passed through twice holds twice as many. A step to before the first sample needs
 //! no count.
 
+use crate::Faults;
 use plumbline_config::Timestamp;
 
 /// Forward steps longer than this are gaps, and do not count for the period, ns.
@@ -50,6 +51,14 @@ impl Order {
         order.disordered += order.repeated;
         order.find_steps(stamps);
         order
+    }
+
+    /// Adds what is known of the order to what a source survived.
+    pub(crate) fn add_to(&self, faults: &mut Faults) {
+        faults.disordered += self.disordered;
+        faults.repeated += self.repeated;
+        faults.steps_back += self.steps_back;
+        faults.longest_step_back_ns = faults.longest_step_back_ns.max(self.longest_step_back_ns);
     }
 
     /// The order of both together.
@@ -104,6 +113,15 @@ impl Order {
             (self.longest_step_back_ns, self.step_at) = (back_ns, before);
         }
     }
+}
+
+/// Why rows that all have one stamp cannot be flown; `name` is their table or topic, `what` they are.
+pub(crate) fn not_stamped(name: &str, what: &str, count: u64, stamp: Timestamp) -> String {
+    format!(
+        "{name} is not stamped: all {count} {what} have the stamp {}; let the driver write the time of measurement into each \
+         (header.stamp in ROS), and record again",
+        stamp.as_nanos()
+    )
 }
 
 /// Mean distance of stamps that follow each other without a gap, ns.

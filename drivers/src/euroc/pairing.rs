@@ -1,7 +1,7 @@
 //! Which image belongs to which: left and right by time, not by row.
 
-use super::grid::{median_period_ns, steps};
 use super::table::{Row, RowFault, Stamped};
+use crate::grid::{median_period_ns, steps};
 use plumbline_config::Timestamp;
 use std::path::{Component, Path};
 

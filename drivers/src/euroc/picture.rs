@@ -1,9 +1,12 @@
 //! Grey pixels of a picture in a file: PNG or JPEG, whichever it begins as. Files of other formats are named.
 
 use super::depth::Depth;
-use super::image::{decode_png, png_size_of};
+use super::image::{MAX_FILE_BYTES, decode_png, png_size_of};
+use crate::open_regular;
 use crate::v4l2::jpeg::{LumaDecoder, size_of as jpeg_size_of};
 use plumbline_config::GrayImage;
+use std::io::{ErrorKind, Read as _};
+use std::path::Path;
 
 /// First bytes of a JPEG file.
 const JPEG: [u8; 2] = [0xff, 0xd8];
@@ -77,6 +80,52 @@ impl PictureDecoder {
         let (_, decoder) = self.jpeg.as_mut()?;
         image.pixels_mut().copy_from_slice(decoder.decode(file).ok()?);
         Some(())
+    }
+}
+
+/// Why there is no image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum NoImage {
+    /// There is no such file.
+    Missing,
+    /// The file cannot be read, is cut off, or is no picture.
+    Corrupt,
+    /// The picture is of this format, which is not read.
+    Foreign(&'static str),
+    /// The image has this size, which is another than the camera's.
+    OtherSize((usize, usize)),
+}
+
+/// Buffers that are used again for each image.
+#[derive(Debug, Default)]
+pub(super) struct ImageReader {
+    file: Vec<u8>,
+    decoder: PictureDecoder,
+}
+
+impl ImageReader {
+    /// For pictures of which, where they have 16 bits, these are in use.
+    pub(super) fn new(depth: Depth) -> Self {
+        Self { file: Vec::new(), decoder: PictureDecoder::new(depth) }
+    }
+
+    /// Reads the file at `path` into `image`, whose size it must have. Colour is weighed to grey
+    /// (ITU-R BT.601), of 16 bits the upper 8 of those in use are kept.
+    pub(super) fn read(&mut self, path: &Path, image: &mut GrayImage) -> Result<(), NoImage> {
+        self.file.clear();
+        let file = open_regular(path).map_err(|e| match e.kind() {
+            ErrorKind::NotFound => NoImage::Missing,
+            _ => NoImage::Corrupt,
+        })?;
+        file.take(MAX_FILE_BYTES).read_to_end(&mut self.file).map_err(|_| NoImage::Corrupt)?;
+        self.decoder.decode(&self.file, image).ok_or_else(|| {
+            let expected = (image.width(), image.height());
+            match picture_size(&self.file) {
+                Some(size) if size != expected => NoImage::OtherSize(size),
+                Some(_) => NoImage::Corrupt,
+                None => foreign(&self.file).map_or(NoImage::Corrupt, NoImage::Foreign),
+            }
+        })
     }
 }
 

@@ -2,8 +2,8 @@
 
 use super::defects::FileDefects;
 use super::depth::Depth;
-use super::image::{ImageReader, NoImage};
 use super::pairing::FrameEntry;
+use super::picture::{ImageReader, NoImage};
 use crate::{DriverError, Faults, StereoFrame, StereoSource};
 use std::ops::Range;
 use std::path::PathBuf;

@@ -4,8 +4,7 @@
 //! Rows that cannot be read are skipped and counted, rows out of order are sorted and counted, and of
 //! rows with one stamp the first is kept. A table of which little can be read is refused.
 
-use super::defects::not_stamped;
-use super::order::Order;
+use super::order::{Order, not_stamped};
 use crate::DriverError;
 use crate::text_lines::{Line, Lines};
 use crate::tum::GZIP_MAGIC;

@@ -1,6 +1,6 @@
 //! Numbers of frames: a jump says how many were lost.
 
-use crate::euroc::grid::steps;
+use crate::grid::steps;
 
 /// Counts frames by the numbers of the cameras' drivers, and by time where these say nothing: over a camera that went
 /// away and came back, or a change from one camera to the other.

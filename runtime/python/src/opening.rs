@@ -25,7 +25,7 @@ pub struct Options {
     lines: bool,
     loops: bool,
     truth: Option<PathBuf>,
-    topics: [Option<String>; 3],
+    topics: [Option<String>; 4],
     path: String,
     seed: u64,
     scale: f64,
@@ -55,8 +55,8 @@ impl Options {
             None => {
                 let seconds = self.seconds(py)?;
                 let cut = Cut { frames: self.frames.map(|(from, to)| from..to), seconds };
-                let [left, right, imu] = self.topics.clone();
-                let topics = BagTopics { left, right, imu, ..BagTopics::default() };
+                let [left, right, imu, accel] = self.topics.clone();
+                let topics = BagTopics { left, right, imu, accel };
                 py.detach(|| open_recording(&path, config, &topics, cut, self.mono))
             }
         };

@@ -314,6 +314,13 @@ fn refusals_name_topics_sizes_and_encodings() {
     write(&path, None, &[("/image", IMAGE, bayer)]);
     let words = refusal(&BagTopics::default(), &options());
     assert!(words.contains("'bayer'") && words.contains("mono8, mono16"), "{words}");
+    let mut webp = Encoder::new(Order::Little);
+    webp.header(BEGIN);
+    webp.text("webp");
+    webp.sequence(b"RIFF\0\0\0\0WEBPVP8 ");
+    write(&path, None, &[("/image/compressed", "sensor_msgs/msg/CompressedImage", webp.bytes)]);
+    let words = refusal(&BagTopics::default(), &options());
+    assert!(words.contains("another format, a WebP image") && words.contains("baseline JPEG"), "{words}");
 }
 
 /// A message of one quantity: zeros and -1 in the covariance stand for the other.

@@ -303,7 +303,7 @@ pub fn open_simulation(
         draw_calibration(&mut config, scenario.calibration_error, scenario.seed);
     }
     mistake_intrinsics(&mut config, &scenario.intrinsics_error, scale, scenario.seed);
-    let config = config.validated("the rig at this scale and with this error of the extrinsics")?;
+    let config = config.validated(&format!("the simulated rig at a scale of {scale}"))?;
     let stereo = match rendered {
         Some(folder) => cache::frames(folder, &simulator, scenario)?,
         None => Box::new(simulator.stereo()),

@@ -125,9 +125,9 @@ def _options(
     imu_errors: Sequence[str],
 ) -> Dict[str, Any]:
     named = dict(topics or {})
-    sides = [named.pop(side, None) for side in ("left", "right", "imu")]
+    sides = [named.pop(side, None) for side in ("left", "right", "imu", "accel")]
     if named:
-        raise _native_argument_error(f"topics: expected the keys left, right and imu, got {', '.join(named)}")
+        raise _native_argument_error(f"topics: expected the keys left, right, imu and accel, got {', '.join(named)}")
     first, end = frames if frames is not None else (0, None)
     return {
         "set": changes(settings),
@@ -194,7 +194,7 @@ def replay(
     frames: first frame and end (``None``: the last), counted from 0.
     mono: the left camera alone. lines: use lines. loops: recognize places and close loops.
     truth: file of the ground truth for a data set without one.
-    topics: names of the topics of a bag, with the keys left, right and imu.
+    topics: names of the topics of a bag, with the keys left, right, imu and accel (an accelerometer apart).
     path, seed, scale, laps, conditions, imu_errors: of a simulated flight, as the options of `plumbline replay`.
     set: keys of the configuration: ``estimator__points__max_points=200``, or ``**{"estimator.points.max_points": 200}``.
 

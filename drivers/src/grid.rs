@@ -6,7 +6,7 @@ use plumbline_config::{Timestamp, median_by};
 const GAP_PERIODS: f64 = 1.5;
 
 /// Median distance of neighbouring stamps, ns; `None` below two stamps.
-pub(super) fn median_period_ns(stamps: impl Iterator<Item = Timestamp> + Clone) -> Option<i64> {
+pub(crate) fn median_period_ns(stamps: impl Iterator<Item = Timestamp> + Clone) -> Option<i64> {
     let mut gaps: Vec<i64> = stamps.clone().zip(stamps.skip(1)).map(|(a, b)| b.nanos_since(a)).collect();
     median_by(&mut gaps, Ord::cmp)
 }
