@@ -12,6 +12,8 @@ pub struct BagTopics {
     pub right: Option<String>,
     /// Inertial samples.
     pub imu: Option<String>,
+    /// The accelerometer, where several topics could be it.
+    pub accel: Option<String>,
 }
 
 /// Whether there may be a bag at `path`: a file with the ending of one, or a directory with a description.
