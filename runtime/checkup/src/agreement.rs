@@ -18,7 +18,7 @@ use plumbline_estimator::geometry::skew;
 /// Fewest rotations that are judged.
 const MIN_TURNS: usize = 60;
 /// Reach and step of the grid, s.
-const REACH_S: f64 = 0.1;
+pub(crate) const REACH_S: f64 = 0.1;
 const STEP_S: f64 = 0.002;
 /// Steps after the grid.
 const STEPS: usize = 10;
@@ -53,8 +53,8 @@ pub struct Turn {
     pub to: Timestamp,
     /// Mean rate between, in the left camera's axes, rad/s.
     pub rate_c: Vector3<f64>,
-    /// Speed of the camera between, m/s.
-    pub speed_m_s: f64,
+    /// Mean velocity of the camera between, in its axes at the first image, m/s.
+    pub velocity_c: Vector3<f64>,
 }
 
 /// The gyroscope's rate over time, integrated.
@@ -236,12 +236,14 @@ pub fn judge(turns: &[Turn], samples: &[ImuSample], config: &Config) -> Vec<Meas
         return NAMES.map(|name| Measure::missing(name, &why, CURE)).to_vec();
     };
     // Of axes that are another's, or of images that show another motion, nothing is explained.
-    if found.residual_rad_s > UNEXPLAINED * found.scatter_rad_s {
+    let is_beyond = (found.offset_s.0 - config.rig.time_offset_s).abs() > REACH_S + STEP_S;
+    if found.residual_rad_s > UNEXPLAINED * found.scatter_rad_s || is_beyond {
         let value = format!(
             "images and gyroscope turn differently: {:.3} of {:.3} rad/s remain",
             found.residual_rad_s, found.scatter_rad_s
         );
-        let cure = "look at `camera.pose_b_c` (axes, or its inverse), at the order of the cameras, and at units of the gyroscope";
+        let cure = "look at `camera.pose_b_c` (axes, or its inverse), at the order of the cameras, at units of the gyroscope, at lens \
+                    model and focal lengths, and at stamps that are late by more than 0.1 s";
         let figures = [("residual_rad_s", found.residual_rad_s), ("scatter_rad_s", found.scatter_rad_s)];
         return NAMES.map(|name| Measure::new(name, Fitness::NotFit, value.clone(), cure, &figures)).to_vec();
     }

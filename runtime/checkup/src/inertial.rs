@@ -113,7 +113,9 @@ fn still(piece: &[ImuSample]) -> Option<(Vector3<f64>, Vector3<f64>)> {
 /// Whether images show motion within a piece of time.
 fn moved(turns: &[Turn], begin: Timestamp, end: Timestamp) -> bool {
     let within = turns.iter().filter(|turn| turn.to > begin && turn.from < end);
-    within.into_iter().any(|turn| turn.rate_c.norm() > STILL_IMAGES.0 || turn.speed_m_s > STILL_IMAGES.1)
+    within
+        .into_iter()
+        .any(|turn| turn.rate_c.norm() > STILL_IMAGES.0 || turn.velocity_c.norm() > STILL_IMAGES.1)
 }
 
 impl Rest {

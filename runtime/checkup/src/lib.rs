@@ -10,8 +10,11 @@
 //! | [`mounting`] | how the IMU is mounted in the vehicle, at rest and by a nod |
 //! | [`vibration`] | level and lines of the spectrum, and what they may be aliases of |
 //! | [`exposure`] | dark and burnt-out images, blur by rotation |
-//! | [`pair`] | epipolar error left to right, by matches that know nothing of the calibration |
+//! | [`pair`], [`lag`] | epipolar error left to right, by matches that know nothing of the calibration; a camera late by frames |
+//! | [`scale`] | the scale of the pair of cameras against that of the accelerometer |
+//! | `repeats` | samples and images that are bit for bit those before |
 //! | [`motion`], [`agreement`] | time offset and rotation between camera and IMU, by the rotation that images show |
+//! | [`health`] | the health bits of a flight: a line at its end, and warnings |
 //! | [`plausibility`] | units, columns, axes and sides that cannot be right; of a flight too, while it goes on |
 //!
 //! What cannot be measured, since the data do not hold it, is said to be so, and is no verdict. There is no clock and no random
@@ -21,11 +24,15 @@ pub mod agreement;
 pub mod exposure;
 mod fft;
 pub mod finding;
+pub mod health;
 pub mod inertial;
+pub mod lag;
 pub mod motion;
 pub mod mounting;
 pub mod pair;
 pub mod plausibility;
+mod repeats;
+pub mod scale;
 mod statistics;
 pub mod thumbnail;
 pub mod timing;
@@ -39,6 +46,7 @@ pub use verdict::{CheckupReport, Fitness, Measure};
 
 use agreement::Turn;
 use inertial::Rest;
+use lag::LagFinder;
 use motion::MotionFinder;
 use pair::{PairFigures, PairMatcher};
 use plausibility::gravity::{self, GravityTurns};
@@ -47,6 +55,7 @@ use plausibility::rotation::{IN_DEGREES, OTHER_AXES};
 use plausibility::{Finding, Glimpse, Seen, Sight};
 use plumbline_config::options::image_sizes;
 use plumbline_config::{Config, ImageView, ImuSample, Timestamp};
+use repeats::Repeats;
 use timing::Arrivals;
 
 /// Inertial samples that are kept: five minutes at 1 kHz. Later ones are left out.
@@ -81,12 +90,16 @@ pub struct Checkup {
     rotations: Vec<Seen>,
     matcher: Option<PairMatcher>,
     pairs: PairFigures,
+    lag: Option<LagFinder>,
+    repeats: Repeats,
     motion: Option<MotionFinder>,
     turns: Vec<Turn>,
     exposure_s: Option<f64>,
     /// What the drivers of IMU and cameras report.
     troubles: [Option<String>; 2],
     refused_samples: u64,
+    /// Samples and frames out of order or of the same stamp.
+    disordered: [u64; 2],
 }
 
 /// What cannot be right, and what it spoils.
@@ -112,11 +125,14 @@ impl Checkup {
             rotations: Vec::new(),
             matcher: PairMatcher::new(config),
             pairs: PairFigures::default(),
+            lag: LagFinder::new(config),
+            repeats: Repeats::default(),
             motion: MotionFinder::new(config),
             turns: Vec::new(),
             exposure_s: None,
             troubles: [None, None],
             refused_samples: 0,
+            disordered: [0; 2],
         }
     }
 
@@ -134,6 +150,11 @@ impl Checkup {
     /// Takes the number of inertial samples that the driver of a live sensor dropped as impossible.
     pub fn tell_refused(&mut self, samples: u64) {
         self.refused_samples = samples;
+    }
+
+    /// Takes the number of samples or frames that a driver put right or refused, since their stamps ran backwards or repeated.
+    pub fn tell_disordered(&mut self, sensor: timing::Sensor, count: u64) {
+        self.disordered[sensor as usize] = count;
     }
 
     /// Takes an inertial sample with its number in the sensor's stream.
@@ -166,6 +187,7 @@ impl Checkup {
             return;
         }
         self.seen += 1;
+        self.repeats.add(&frame.images);
         self.glimpse.stamp = frame.stamp;
         for (camera, image) in frame.images.iter().enumerate() {
             self.glimpse.valid[camera] =
@@ -180,6 +202,9 @@ impl Checkup {
             return;
         }
         self.pairs.add(matcher.matches());
+        if let Some(lag) = &mut self.lag {
+            lag.add([left, right], matcher.matches().iter().map(|found| found.epipolar_px));
+        }
         if let Some(motion) = &mut self.motion {
             self.turns.extend(motion.next(frame.stamp, matcher.left(), matcher.matches()));
         }
@@ -198,11 +223,13 @@ impl Checkup {
         let rest = inertial::rest(&self.samples, &self.turns);
         let turns = GravityTurns::of(&self.samples);
         let Nonsense { findings, are_samples_wrong, are_columns_wrong } = self.nonsense(&rest, &turns);
-        let consequences = self.consequences(are_samples_wrong, are_columns_wrong, !findings.is_empty());
+        let consequences =
+            self.consequences(are_samples_wrong, are_columns_wrong, !findings.is_empty(), &imu);
         let clocks = timing::two_clocks(&imu.stamps, &self.frames.stamps);
         let mut measures: Vec<Measure> =
             clocks.into_iter().chain(findings).map(Finding::into_measure).collect();
         measures.extend(self.timing(&imu));
+        measures.extend(self.repeats.judge(&self.samples));
         measures.extend(self.inertial(&rest, (!are_columns_wrong).then_some(&turns)));
         measures.extend(self.cameras());
         for measure in measures.iter_mut().filter(|measure| consequences.contains(&measure.name)) {
@@ -216,6 +243,7 @@ impl Checkup {
     fn arrivals(&self) -> Arrivals {
         let mut imu = Arrivals::default();
         imu.refused = self.refused_samples;
+        imu.disordered = self.disordered[timing::Sensor::Imu as usize];
         for (sample, sequence) in self.samples.iter().zip(&self.sequences) {
             imu.push(sample.stamp, *sequence);
         }
@@ -249,9 +277,11 @@ impl Checkup {
     fn timing(&self, imu: &Arrivals) -> Vec<Measure> {
         let config = &self.config;
         let frame_rate_hz = config.camera.first().map_or(0.0, |camera| camera.rate_hz);
+        let mut frames = self.frames.clone();
+        frames.disordered = self.disordered[timing::Sensor::Cameras as usize];
         let mut measures = vec![
             timing::judge(timing::Sensor::Imu, imu, config.imu.rate_hz),
-            timing::judge(timing::Sensor::Cameras, &self.frames, frame_rate_hz),
+            timing::judge(timing::Sensor::Cameras, &frames, frame_rate_hz),
         ];
         for (measure, trouble) in measures.iter_mut().zip(&self.troubles) {
             if let Some(words) = trouble {
@@ -281,9 +311,11 @@ impl Checkup {
         let config = &self.config;
         let mut measures =
             vec![self.sight.brightness.judge(), exposure::blur(&self.samples, config, self.exposure_s)];
-        measures.extend(self.matcher.as_ref().map(|_| self.pairs.judge(config)));
+        let lag = self.lag.as_ref().and_then(LagFinder::lag);
+        measures.extend(self.matcher.as_ref().map(|_| self.pairs.judge(config, lag.as_ref())));
         if self.motion.is_some() {
             measures.extend(agreement::judge(&self.turns, &self.samples, config));
+            measures.push(scale::judge(&self.turns, &self.samples, config));
         }
         if config.camera.len() == 1 {
             let missing =
@@ -293,6 +325,20 @@ impl Checkup {
         measures
     }
 
+    /// Whether images repeat, are of different moments or are measured through a wrong lens model, or the stamps of either stream are
+    /// mixed up: what images and samples say together is then no measurement.
+    fn are_images_wrong(&self, imu: &Arrivals) -> bool {
+        let limit_px = f64::from(self.config.estimator.points.max_epipolar_px);
+        let rate_hz = self.config.camera.first().map_or(0.0, |camera| camera.rate_hz);
+        let mut frames = self.frames.clone();
+        frames.disordered = self.disordered[timing::Sensor::Cameras as usize];
+        self.repeats.is_grave()
+            || self.lag.as_ref().and_then(LagFinder::lag).is_some()
+            || self.pairs.is_lens_in_doubt(limit_px)
+            || timing::is_mixed_up(timing::Sensor::Imu, imu, self.config.imu.rate_hz)
+            || timing::is_mixed_up(timing::Sensor::Cameras, &frames, rate_hz)
+    }
+
     /// Measures that come out wrong while a sensor is missing or its stamps, units, columns or sides are wrong: their cures
     /// would mislead.
     fn consequences(
@@ -300,12 +346,14 @@ impl Checkup {
         are_samples_wrong: bool,
         are_columns_wrong: bool,
         is_anything_wrong: bool,
+        imu: &Arrivals,
     ) -> Vec<&'static str> {
         let (no_samples, no_frames) = (self.samples.is_empty(), self.frames.stamps.is_empty());
         let is_troubled = self.troubles.iter().any(Option::is_some);
         let samples = OF_SAMPLES.into_iter().filter(|_| are_samples_wrong || no_samples);
         let images = OF_IMAGES.into_iter().filter(|_| no_frames);
-        let is_both = is_anything_wrong || is_troubled || no_samples || no_frames;
+        let is_both =
+            is_anything_wrong || is_troubled || no_samples || no_frames || self.are_images_wrong(imu);
         let columns = OF_COLUMNS.into_iter().filter(|_| are_columns_wrong);
         samples.chain(images).chain(columns).chain(OF_BOTH.into_iter().filter(|_| is_both)).collect()
     }
@@ -315,7 +363,8 @@ impl Checkup {
 pub const NAMED_ABOVE: &str = "correct the problems above, then measure again";
 
 /// Measures that need two cameras.
-const OF_PAIRS: [&str; 4] = ["stereo pairs", "epipolar error", "time offset", "camera-IMU rotation"];
+const OF_PAIRS: [&str; 5] =
+    ["stereo pairs", "epipolar error", "time offset", "camera-IMU rotation", scale::NAME];
 /// Measures of the inertial samples alone.
 const OF_SAMPLES: [&str; 9] = [
     "IMU axes",
@@ -333,4 +382,4 @@ const OF_IMAGES: [&str; 3] = ["stereo pairs", "exposure", "epipolar error"];
 /// Measures of the columns of the inertial samples.
 const OF_COLUMNS: [&str; 3] = [gravity::NAME, mounting::NAME, mounting::HEADING_NAME];
 /// Measures of images and samples together.
-const OF_BOTH: [&str; 2] = ["time offset", "camera-IMU rotation"];
+const OF_BOTH: [&str; 3] = ["time offset", "camera-IMU rotation", scale::NAME];

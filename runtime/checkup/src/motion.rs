@@ -67,7 +67,7 @@ impl MotionFinder {
             from,
             to: stamp,
             rate_c: turned / dt_s,
-            speed_m_s: pose_now_before.inverse().translation.vector.norm() / dt_s,
+            velocity_c: pose_now_before.inverse().translation.vector / dt_s,
         })
     }
 

@@ -2,8 +2,10 @@
 //!
 //! A corner of the left image is sought in the right one over a wide window of a coarse level of the pyramid, by
 //! correlation, and refined by flow to full resolution. Only then the calibration is asked how far the match is from the
-//! epipolar line, and on which side of infinity it lies: of swapped cameras all points are behind.
+//! epipolar line, and on which side of infinity it lies: of swapped cameras all points are behind. An error that grows towards the
+//! rim is one of the lens model.
 
+use crate::lag::Lag;
 use crate::plausibility::stereo;
 use crate::statistics::{median, quantile};
 use crate::verdict::{Fitness, Measure};
@@ -43,6 +45,15 @@ const BEHIND: (f64, f64) = (0.1, 0.3);
 /// Epipolar error, px: of the median as a share of `estimator.points.max_epipolar_px`, and of 95 %.
 const MEDIAN: (f64, f64) = (0.3, 0.6);
 const TAIL: f64 = 1.0;
+/// From this multiple of that limit on the error of 95 % is not fit, whatever the median is.
+const WILD_TAIL: f64 = 4.0;
+/// Middle and rim of the image, as shares of half its diagonal, and fewest matches of each.
+const MIDDLE: f64 = 0.4;
+const RIM: f64 = 0.65;
+const MIN_PART: usize = 40;
+/// The lens is in doubt where three quarters of the errors at the rim reach beyond this share of the limit, and this many times as far
+/// as in the middle.
+const RIM_ERROR: (f64, f64) = (0.35, 3.0);
 /// Left and right are exchanged where that makes the error smaller by this factor.
 const EXCHANGED: f64 = 0.3;
 /// Errors that are kept.
@@ -61,6 +72,8 @@ pub struct PairMatch {
     pub exchanged_px: f64,
     /// Inverse depth in the left camera, 1/m; negative where the rays diverge.
     pub inverse_depth: f64,
+    /// Distance of the left pixel from the middle of the image, as a share of half its diagonal.
+    pub radius: f64,
 }
 
 /// Finds matches between left and right.
@@ -71,6 +84,8 @@ pub struct PairMatcher {
     detector: CornerDetector,
     pyramids: [Pyramid; 2],
     level: usize,
+    /// Middle of the left image and half its diagonal, px.
+    middle_px: (Vector2<f32>, f32),
     matches: Vec<PairMatch>,
 }
 
@@ -95,7 +110,9 @@ impl PairMatcher {
             CornerDetector::new(left.width_px, left.height_px, left.width_px / CELLS, BORDER_PX, MIN_SCORE);
         let baselines =
             [Baseline::between(&cameras[0], &cameras[1]), Baseline::between(&cameras[1], &cameras[0])];
-        Some(Self { cameras, baselines, detector, pyramids, level, matches: Vec::new() })
+        let half = Vector2::new(left.width_px as f32, left.height_px as f32) * 0.5;
+        let middle_px = (half, half.norm());
+        Some(Self { cameras, baselines, detector, pyramids, level, middle_px, matches: Vec::new() })
     }
 
     /// The left image that was given last.
@@ -166,7 +183,8 @@ impl PairMatcher {
         let xy = self.cameras[0].model.unproject(&px.cast())?;
         let (epipolar_px, inverse_depth) = self.of_views(0, px, right)?;
         let exchanged_px = self.of_views(1, px, right)?.0.abs();
-        Some(PairMatch { px: *px, xy, epipolar_px, exchanged_px, inverse_depth })
+        let radius = f64::from((px - self.middle_px.0).norm() / self.middle_px.1);
+        Some(PairMatch { px: *px, xy, epipolar_px, exchanged_px, inverse_depth, radius })
     }
 
     /// Epipolar error and inverse depth of a pixel of camera `first` and one of the other.
@@ -189,6 +207,7 @@ pub struct PairFigures {
     errors_px: Vec<f64>,
     exchanged_px: Vec<f64>,
     inverse_depths: Vec<f64>,
+    radii: Vec<f64>,
 }
 
 impl PairFigures {
@@ -199,12 +218,13 @@ impl PairFigures {
             self.errors_px.extend(matches.iter().map(|found| found.epipolar_px));
             self.exchanged_px.extend(matches.iter().map(|found| found.exchanged_px));
             self.inverse_depths.extend(matches.iter().map(|found| found.inverse_depth));
+            self.radii.extend(matches.iter().map(|found| found.radius));
         }
     }
 
-    /// Judges them.
+    /// Judges them, where the images are of these moments.
     #[must_use]
-    pub fn judge(&self, config: &Config) -> Measure {
+    pub fn judge(&self, config: &Config, lag: Option<&Lag>) -> Measure {
         const NAME: &str = "epipolar error";
         if self.errors_px.len() < MIN_MATCHES {
             let value = format!("{} matches in {} pairs", self.errors_px.len(), self.pairs);
@@ -217,31 +237,65 @@ impl PairFigures {
         let behind = self.behind(config);
         let wrong_side = Fitness::within(behind, BEHIND.0, BEHIND.1);
         let mut verdict = Fitness::within(middle / limit, MEDIAN.0, MEDIAN.1);
-        verdict = verdict.max(if tail > TAIL * limit { Fitness::Mind } else { Fitness::Good });
+        verdict = verdict.max(Fitness::within(tail, TAIL * limit, WILD_TAIL * limit));
+        let (inner, rim) = self.parts();
+        let is_lens = self.is_lens_in_doubt(limit);
+        if is_lens {
+            verdict = verdict.max(Fitness::NotFit);
+        }
         let focal_px = config.camera.first().map_or(1.0, |camera| camera.focal_px[1]);
         let degrees = (side / focal_px).atan().to_degrees().abs();
         // Exchanged they agree: or, of a rectified pair, which agrees either way, all is behind.
         let are_exchanged = median(&self.exchanged_px) < EXCHANGED * middle || wrong_side > verdict;
-        let cure = if are_exchanged {
+        let cure = if let Some(lag) = lag {
+            verdict = Fitness::NotFit;
+            lag.cure(config)
+        } else if are_exchanged {
             format!("{} (or they squint); {}", stereo::SWAPPED, stereo::CURE)
+        } else if is_lens {
+            "the error grows towards the rim: correct lens model (`distortion`) or focal lengths of `camera`, or calibrate the cameras \
+             again (`plumbline calibrate camera`)"
+                .to_owned()
         } else {
             format!(
                 "calibrate the pair again (`plumbline calibrate camera`); one camera looks {degrees:.2} degrees higher"
             )
         };
         let value = format!(
-            "median {middle:.2} px (to one side {side:.2}), 95 % within {tail:.2} px, {:.0} % behind the cameras, {} matches",
+            "median {middle:.2} px (to one side {side:.2}), 95 % within {tail:.2} px, three quarters within {inner:.2} px in the middle \
+             and {rim:.2} at the rim, {:.0} % behind the cameras, {} matches{}",
             100.0 * behind,
-            sizes.len()
+            sizes.len(),
+            lag.map_or_else(String::new, |lag| format!("; {}", lag.words()))
         );
         let figures = [
             ("median_px", middle),
             ("p95_px", tail),
+            ("middle_p75_px", inner),
+            ("rim_p75_px", rim),
+            ("lag_frames", lag.map_or(0.0, |lag| f64::from(lag.frames))),
             ("signed_median_px", side),
             ("behind_share", behind),
             ("matches", sizes.len() as f64),
         ];
         Measure::new(NAME, verdict.max(wrong_side), value, cure, &figures)
+    }
+
+    /// Error within which three quarters lie, px, in the middle and at the rim; not a number where too few were matched.
+    fn parts(&self) -> (f64, f64) {
+        let part = |is_in: &dyn Fn(f64) -> bool| {
+            let inside = self.errors_px.iter().zip(&self.radii).filter(|(_, radius)| is_in(**radius));
+            let errors: Vec<f64> = inside.map(|(error, _)| error.abs()).collect();
+            if errors.len() < MIN_PART { f64::NAN } else { quantile(&errors, 0.75) }
+        };
+        (part(&|radius| radius < MIDDLE), part(&|radius| radius > RIM))
+    }
+
+    /// Whether the error grows towards the rim as one of the lens does.
+    #[must_use]
+    pub fn is_lens_in_doubt(&self, limit_px: f64) -> bool {
+        let (inner, rim) = self.parts();
+        rim > RIM_ERROR.0 * limit_px && rim > RIM_ERROR.1 * inner
     }
 
     /// Share of points that lie beyond infinity.

@@ -15,6 +15,14 @@ const RATE: (f64, f64) = (0.02, 0.1);
 const LOST: (f64, f64) = (0.001, 0.02);
 /// Jitter against the interval, 99th percentile; estimators stamp by it, but drivers that jitter so mostly stamp by arrival.
 const JITTER: (f64, f64) = (0.3, f64::INFINITY);
+/// Jitter against the interval from which a flight is warned of it.
+const WILD: f64 = 0.8;
+/// Samples come in bursts where this share of the intervals is shorter than this share of the mean one.
+const BURSTS: (f64, f64) = (0.3, 0.25);
+/// Rates by the median and by the mean interval differ by this much where stamps are irregular, relative.
+const IRREGULAR: f64 = 0.05;
+/// Share of samples that run backwards or repeat a stamp.
+const DISORDERED: f64 = 0.002;
 /// Streams this far apart have no time in common, s.
 const APART_S: f64 = 1.0;
 /// Share of frames that lack an image.
@@ -38,6 +46,8 @@ pub struct Arrivals {
     last: Option<u64>,
     /// Samples that came and that the driver refused, as impossible or by their stamps: they are not missing.
     pub refused: u64,
+    /// Samples out of order, or of a stamp that was there already, that the driver put right or refused.
+    pub disordered: u64,
 }
 
 impl Arrivals {
@@ -65,6 +75,7 @@ enum Trouble {
     Rate,
     Loss,
     Disorder,
+    Bursts,
     Jitter,
 }
 
@@ -73,6 +84,8 @@ struct Stream {
     value: String,
     figures: Vec<(&'static str, f64)>,
     worst: Option<(Fitness, Trouble, Finding)>,
+    /// Jitter against the interval, 99th percentile.
+    jitter: f64,
 }
 
 /// Judges the stream of a sensor that is to deliver `nominal_hz` times a second.
@@ -98,16 +111,31 @@ pub fn judge(sensor: Sensor, arrivals: &Arrivals, nominal_hz: f64) -> Measure {
     Measure::new(name, verdict, stream.value, cure, &stream.figures)
 }
 
-/// What cannot be right about the stamps of a stream while a flight goes on: another rate or unit, or a wrong order. Losses and
-/// jitter are told elsewhere.
+/// What cannot be right about the stamps of a stream while a flight goes on: another rate or unit, a wrong order, bursts or a wild
+/// jitter. Losses are told elsewhere.
 #[must_use]
 pub fn finding(sensor: Sensor, arrivals: &Arrivals, nominal_hz: f64) -> Option<Finding> {
     if arrivals.stamps.len() < MIN_STAMPS {
         return None;
     }
-    let (verdict, trouble, finding) = Stream::of(sensor, arrivals, nominal_hz).worst?;
-    let is_told = verdict == Fitness::NotFit && matches!(trouble, Trouble::Rate | Trouble::Disorder);
-    is_told.then_some(finding)
+    let stream = Stream::of(sensor, arrivals, nominal_hz);
+    let (verdict, trouble, finding) = stream.worst?;
+    match trouble {
+        Trouble::Rate | Trouble::Disorder | Trouble::Bursts => {
+            (verdict == Fitness::NotFit).then_some(finding)
+        }
+        Trouble::Jitter => (stream.jitter > WILD).then(|| finding.mild()),
+        Trouble::Loss => None,
+    }
+}
+
+/// Whether the stamps of a stream run backwards or come in bursts, so that no moment is known.
+pub(crate) fn is_mixed_up(sensor: Sensor, arrivals: &Arrivals, nominal_hz: f64) -> bool {
+    let is_judged = arrivals.stamps.len() >= MIN_STAMPS;
+    let worst = is_judged.then(|| Stream::of(sensor, arrivals, nominal_hz).worst).flatten();
+    worst.is_some_and(|(verdict, trouble, _)| {
+        verdict == Fitness::NotFit && matches!(trouble, Trouble::Disorder | Trouble::Bursts)
+    })
 }
 
 impl Sensor {
@@ -124,11 +152,19 @@ impl Stream {
     fn of(sensor: Sensor, arrivals: &Arrivals, nominal_hz: f64) -> Self {
         let intervals: Vec<f64> =
             arrivals.stamps.windows(2).map(|pair| pair[1].seconds_since(pair[0])).collect();
-        let disordered = intervals.iter().filter(|dt| **dt <= 0.0).count();
-        let usual = median(&intervals);
+        let backwards = intervals.iter().filter(|dt| **dt <= 0.0).count();
+        let disordered = backwards as u64 + arrivals.disordered;
+        let (middle, mean) = (median(&intervals), mean_interval(&arrivals.stamps));
+        let close = intervals.iter().filter(|dt| **dt < BURSTS.1 * mean).count();
+        let has_bursts = backwards == 0 && close as f64 > BURSTS.0 * intervals.len() as f64;
+        // Where stamps scatter, the median interval is not the usual one.
+        let off = |interval: f64| (1.0 / (interval * nominal_hz) - 1.0).abs();
+        let is_irregular = (mean / middle - 1.0).abs() > IRREGULAR && off(mean) < 0.5 * off(middle);
+        let is_even = !has_bursts && !is_irregular;
+        let usual = if is_even { middle } else { mean };
         let rate = 1.0 / usual;
-        let lost_by_time: f64 =
-            intervals.iter().filter(|dt| **dt > GAP * usual).map(|dt| (dt / usual).round() - 1.0).sum();
+        let gaps = intervals.iter().filter(|dt| is_even && **dt > GAP * usual);
+        let lost_by_time: f64 = gaps.map(|dt| (dt / usual).round() - 1.0).sum();
         let refused = arrivals.refused as f64;
         let lost = (lost_by_time.max(arrivals.lost_by_number as f64) - refused).max(0.0);
         let share = lost / (lost + arrivals.stamps.len() as f64);
@@ -143,10 +179,19 @@ impl Stream {
             1e3 * longest,
             lost + (arrivals.stamps.len() as u64 + arrivals.refused) as f64
         );
-        let off = (rate / nominal_hz - 1.0).abs();
-        let disorder = if disordered > 0 { Fitness::NotFit } else { Fitness::Good };
+        let disorder = if backwards > 0 {
+            Fitness::NotFit
+        } else {
+            Fitness::within(disordered as f64 / arrivals.stamps.len() as f64, 0.0, DISORDERED)
+        };
+        let bursts = if has_bursts { Fitness::NotFit } else { Fitness::Good };
+        let value = match disordered {
+            0 => value,
+            n => format!("{value}, {n} out of order or of the same stamp"),
+        };
         let verdicts = [
-            (Fitness::within(off, RATE.0, RATE.1), Trouble::Rate),
+            (bursts, Trouble::Bursts),
+            (Fitness::within(off(usual), RATE.0, RATE.1), Trouble::Rate),
             (Fitness::within(share, LOST.0, LOST.1), Trouble::Loss),
             (disorder, Trouble::Disorder),
             (Fitness::within(jitter / usual, JITTER.0, JITTER.1), Trouble::Jitter),
@@ -163,7 +208,7 @@ impl Stream {
             ("missing", lost),
             ("disordered", disordered as f64),
         ];
-        Self { value, figures, worst }
+        Self { value, figures, worst, jitter: jitter / usual }
     }
 }
 
@@ -199,8 +244,15 @@ impl Trouble {
             (Self::Disorder, _) => Finding::new(
                 format!("stamps of {device} run backwards"),
                 value,
-                "stamps of another clock, or of several",
-                "stamp by one clock that is never set",
+                "a clock that was set while it recorded (NTP), or stamps of several clocks",
+                "stamp by one clock that is never set, such as CLOCK_MONOTONIC; two stretches of this recording are mixed into \
+                 each other",
+            ),
+            (Self::Bursts, _) => Finding::new(
+                format!("samples of {device} come in bursts"),
+                value,
+                "that several arrive together and are stamped on arrival",
+                "stamp each sample when it is measured: the sensor's own time, or its counter with the rate",
             ),
             (Self::Jitter, _) => Finding::new(
                 format!("stamps of {device} jitter"),
@@ -210,6 +262,12 @@ impl Trouble {
             ),
         }
     }
+}
+
+/// Mean interval of stamps from the first to the last one, s.
+fn mean_interval(stamps: &[Timestamp]) -> f64 {
+    let ends = stamps.iter().min().zip(stamps.iter().max());
+    ends.map_or(f64::NAN, |(first, last)| last.seconds_since(*first)) / (stamps.len().max(2) - 1) as f64
 }
 
 /// Whether frames and samples are of one time.

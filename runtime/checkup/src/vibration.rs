@@ -153,12 +153,30 @@ pub fn judge(samples: &[ImuSample], imu: &ImuConfig) -> Vec<Measure> {
         None => Measure::missing(name, "no four seconds without a gap", "record ten seconds, motors running"),
     };
     vec![
-        one("vibration of the accelerometer", accel, imu.accel_noise_density, LOUD.0, "m/s²"),
-        one("vibration of the gyroscope", gyro, imu.gyro_noise_density, LOUD.1, "rad/s"),
+        one(
+            "vibration of the accelerometer",
+            accel,
+            ("imu.accel_noise_density", imu.accel_noise_density),
+            LOUD.0,
+            "m/s²",
+        ),
+        one(
+            "vibration of the gyroscope",
+            gyro,
+            ("imu.gyro_noise_density", imu.gyro_noise_density),
+            LOUD.1,
+            "rad/s",
+        ),
     ]
 }
 
-fn judge_one(name: &'static str, spectrum: &Spectrum, configured: f64, loud: f64, unit: &str) -> Measure {
+fn judge_one(
+    name: &'static str,
+    spectrum: &Spectrum,
+    (key, configured): (&str, f64),
+    loud: f64,
+    unit: &str,
+) -> Measure {
     let (rate_hz, density) = (2.0 * spectrum.nyquist_hz(), spectrum.density());
     let lines = spectrum.lines();
     let ratio = density / configured;
@@ -171,7 +189,11 @@ fn judge_one(name: &'static str, spectrum: &Spectrum, configured: f64, loud: f64
         spectrum.rms(),
         spectrum.nyquist_hz()
     );
-    let mut cure = String::from("balance the propellers and damp the mounting");
+    // At rest, with motors off, the noise of a data sheet or of an Allan deviation holds; in flight it is several times as much.
+    let mut cure = format!(
+        "if the configured noise is that of a data sheet or of a calibration at rest, set `{key} = {density:.2e}`, the noise in \
+         flight (`config import --inflate 10`); else balance the propellers and damp the mounting"
+    );
     for line in &lines {
         let _ = write!(value, "; line at {:.1} Hz, {:.3} {unit}", line.hz, line.rms);
         let aliases: Vec<String> = aliases(line.hz, rate_hz).iter().map(|hz| format!("{hz:.0}")).collect();
@@ -182,12 +204,9 @@ fn judge_one(name: &'static str, spectrum: &Spectrum, configured: f64, loud: f64
             value += ", near half the rate";
         }
     }
-    match lines.is_empty() {
-        true => cure += "; or set the noise densities of `[imu]` to the noise in flight",
-        false => {
-            cure += "; a line that moves against the throttle is an alias: filter in the sensor below half the rate, or \
-                     sample faster";
-        }
+    if !lines.is_empty() {
+        cure += "; a line that moves against the throttle is an alias: filter in the sensor below half the rate, or \
+                sample faster";
     }
     let loudest = lines.first().copied().unwrap_or(Line { hz: f64::NAN, rms: 0.0 });
     let figures = [

@@ -141,7 +141,8 @@ pub fn run(args: &FlyArgs) -> Result<()> {
     let frames = report.frames;
     anyhow::ensure!(
         !is_over || report.completion > 0.0,
-        "no pose was found in {frames} frames: see `sensors` of the report"
+        "no pose was found in {frames} frames: {}; see `sensors` of the report",
+        report.why_no_pose()
     );
     if let Some(recording) = report.recording.as_ref().filter(|recording| recording.has_failed) {
         anyhow::bail!("the recording failed: {recording}");
@@ -281,8 +282,11 @@ fn start_progress(notices: SensorNotices) -> std::io::Result<Progress> {
 /// All that is wrong with what was flown.
 fn warnings(watch: Watch, flown: &Flown) -> Vec<Finding> {
     let mut warnings = watch.finish();
-    let faults = &flown.outcome.faults;
-    if let Some(finding) = plausibility::of_faults(faults.imu, faults.cameras, None) {
+    let (faults, frames) = (&flown.outcome.faults, flown.outcome.figures.frames);
+    let of_faults = plausibility::of_faults(faults.imu, faults.cameras, None);
+    for finding in
+        of_faults.into_iter().chain(plausibility::of_stamps(faults.imu, faults.cameras, frames, true))
+    {
         tracing::warn!("{finding}");
         warnings.push(finding);
     }

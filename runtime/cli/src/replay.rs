@@ -203,7 +203,11 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
     }
     say(if args.json { json } else { report.summary() });
     let (dataset, frames) = (&args.dataset, report.frames);
-    anyhow::ensure!(report.completion > 0.0, "{dataset}: no pose was found in {frames} frames");
+    anyhow::ensure!(
+        report.completion > 0.0,
+        "{dataset}: no pose was found in {frames} frames: {}",
+        report.why_no_pose()
+    );
     if let Some(recording) = report.recording.as_ref().filter(|recording| recording.has_failed) {
         anyhow::bail!("the recording failed: {recording}");
     }

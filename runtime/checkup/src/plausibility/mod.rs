@@ -14,6 +14,7 @@ pub mod stereo;
 pub use crate::finding::{Finding, UNITS_AND_COLUMNS};
 
 use crate::exposure::Brightness;
+use crate::health::HealthTally;
 use crate::mounting;
 use crate::thumbnail::{RotationFinder, Thumbnail};
 use crate::timing::{self, Arrivals, Sensor};
@@ -50,6 +51,9 @@ const MAX_STAMPS: usize = 4000;
 const MIN_JUDGED: usize = 100;
 /// Frames whose brightness is judged.
 const MIN_BRIGHT: usize = 40;
+
+/// Bits of gaps, which stamps that cannot be right seem to have.
+const GAPS: HealthBits = HealthBits(HealthBits::IMU_GAP.0 | HealthBits::FRAME_GAP.0);
 
 /// What is said of a reset.
 pub const GIVEN_UP: &str = "the estimate was discarded";
@@ -172,7 +176,7 @@ pub struct Plausibility {
     agreement: Agreement,
     waiting: VecDeque<Seen>,
     rates: VecDeque<(Timestamp, Vector3<f64>)>,
-    frames: u64,
+    health: HealthTally,
     lost_frames: u64,
     last_sequence: Option<u64>,
     is_live: bool,
@@ -198,7 +202,7 @@ impl Plausibility {
             agreement: Agreement::of(config),
             waiting: VecDeque::with_capacity(MAX_WAITING),
             rates: VecDeque::with_capacity(MAX_RATES),
-            frames: 0,
+            health: HealthTally::default(),
             lost_frames: 0,
             last_sequence: None,
             is_live,
@@ -256,7 +260,7 @@ impl Plausibility {
 
     /// Takes what an estimate says of the frame with this sequence number.
     pub fn add_estimate(&mut self, sequence: u64, health: HealthBits) {
-        self.frames += 1;
+        self.health.add(health);
         let last = self.last_sequence.replace(sequence);
         self.lost_frames += last.map_or(0, |last| sequence.saturating_sub(last + 1));
         self.right_images += u64::from(self.cameras > 1 && !health.contains(HealthBits::RIGHT_MISSING));
@@ -308,7 +312,18 @@ impl Plausibility {
     /// What cannot be right, by all that was given so far, the most probable cause first.
     #[must_use]
     pub fn findings(&self) -> Vec<Finding> {
+        self.findings_of(false)
+    }
+
+    /// What cannot be right about the whole flight, at its end.
+    #[must_use]
+    pub fn final_findings(&self) -> Vec<Finding> {
+        self.findings_of(true)
+    }
+
+    fn findings_of(&self, is_over: bool) -> Vec<Finding> {
         let mut findings = self.stamp_findings();
+        let are_stamps_wrong = !findings.is_empty();
         if findings.is_empty() {
             findings =
                 nonsense(&self.magnitudes, (&self.gravity, self.rot_v_b), &self.agreement, &self.sight);
@@ -320,14 +335,25 @@ impl Plausibility {
         if self.sight.brightness.frames() >= MIN_BRIGHT && exposure.verdict == Fitness::NotFit {
             findings.push(Finding::of_measure(exposure));
         }
-        if self.cameras > 1 && self.frames >= MISSED_AFTER && self.right_images == 0 {
+        let is_right_missing =
+            self.cameras > 1 && self.health.frames >= MISSED_AFTER && self.right_images == 0;
+        // A camera that never delivers is named below.
+        let mut known = HealthBits::default();
+        if is_right_missing {
+            known.insert(HealthBits::RIGHT_MISSING);
+        }
+        if are_stamps_wrong {
+            known.insert(GAPS);
+        }
+        findings.extend(self.health.findings(is_over, known));
+        if is_right_missing {
             findings.push(missing_camera(
-                &format!("none in {} frames", self.frames),
+                &format!("none in {} frames", self.health.frames),
                 if self.is_live { CONNECT } else { COPY },
             ));
         }
-        let all = self.frames + self.lost_frames;
-        if self.is_live && self.frames >= MISSED_AFTER && self.lost_frames * LOST_ONE_IN > all {
+        let all = self.health.frames + self.lost_frames;
+        if self.is_live && self.health.frames >= MISSED_AFTER && self.lost_frames * LOST_ONE_IN > all {
             findings.push(Finding::new(
                 "frames are lost",
                 format!("{} of {all}", self.lost_frames),

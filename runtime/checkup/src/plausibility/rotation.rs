@@ -185,8 +185,8 @@ impl Agreement {
             Finding::new(
                 "the images turn at another rate than the gyroscope",
                 format!("{median:.2} times as fast across the optical axis"),
-                "focal lengths of another camera or of another image size",
-                "use the calibration of this camera (camera[..].focal_px)",
+                "focal lengths of another camera or of another image size, or a wrong lens model",
+                "use the calibration of this camera (camera[..].focal_px, distortion)",
             )
         })
     }

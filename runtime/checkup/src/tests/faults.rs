@@ -16,7 +16,7 @@ fn a_healthy_flight_is_fit_and_every_measure_is_good_or_not_in_the_data() {
     // What this flight does not hold: an exposure, and turns about several axes.
     let missing: Vec<_> = report.measures.iter().filter(|m| m.verdict == Fitness::NotMeasured).collect();
     assert!(missing.iter().all(|m| {
-        ["blur", "mounting heading", "camera-IMU rotation", "time offset", "accelerometer axes"]
+        ["blur", "mounting heading", "camera-IMU rotation", "time offset", "accelerometer axes", "scale"]
             .contains(&m.name)
     }));
 }

@@ -2,6 +2,7 @@
 //! recording, are fit.
 
 mod faults;
+mod pairs;
 mod recorded;
 
 use crate::{Checkup, CheckupReport, Fitness, Frame};

@@ -9,7 +9,7 @@ use plumbline_config::options::image_sizes;
 use plumbline_config::{GrayImage, ImuSample, Timestamp, ValidConfig};
 use plumbline_drivers::euroc::FileDefects;
 use plumbline_drivers::simulator::Scenario;
-use plumbline_drivers::{BagTopics, DriverError, ImuSource, StereoFrame, StereoSource, StopFlag};
+use plumbline_drivers::{BagTopics, DriverError, Faults, ImuSource, StereoFrame, StereoSource, StopFlag};
 use plumbline_flight::flight::sensor_watch::{SensorTrouble, SensorWatch};
 use plumbline_flight::flight::{Cut, Flight, LiveSensors, open_recording, open_sensors, open_simulation};
 use std::io::{IsTerminal as _, Write as _};
@@ -115,7 +115,7 @@ pub(super) fn examine(streams: Streams) -> Result<CheckupReport> {
         let samples = threads.spawn(move || read_samples(imu));
         let notes = threads.spawn(move || read_frames(stereo, frame, &send, is_live));
         let troubles = look(&mut checkup, &receive, live.as_mut());
-        let (notes, samples) = (ended(notes)?, ended(samples)?);
+        let ((notes, frame_faults), (samples, sample_faults)) = (ended(notes)?, ended(samples)?);
         let came = [samples.len(), notes.len()];
         for (sequence, stamp, arrived) in notes {
             checkup.note_frame(sequence, stamp, arrived);
@@ -123,6 +123,8 @@ pub(super) fn examine(streams: Streams) -> Result<CheckupReport> {
         for (sequence, sample) in samples {
             checkup.add_sample(sequence, &sample);
         }
+        checkup.tell_disordered(Sensor::Imu, sample_faults.disordered);
+        checkup.tell_disordered(Sensor::Cameras, frame_faults.disordered);
         if let Some(live) = &live {
             tell_of_drivers(&mut checkup, live, troubles, came);
         }
@@ -230,7 +232,8 @@ fn ended<T>(thread: ScopedJoinHandle<'_, Result<T, DriverError>>) -> Result<T> {
     Ok(thread.join().map_err(|_| anyhow!("a thread that reads a sensor panicked"))??)
 }
 
-fn read_samples(mut source: Box<dyn ImuSource>) -> Result<Vec<(u64, ImuSample)>, DriverError> {
+/// The samples of a source, and what it survived.
+fn read_samples(mut source: Box<dyn ImuSource>) -> Result<(Vec<(u64, ImuSample)>, Faults), DriverError> {
     let mut samples = Vec::new();
     while let Some(reading) = source.next_reading()? {
         if samples.len() == MAX_SAMPLES {
@@ -238,15 +241,17 @@ fn read_samples(mut source: Box<dyn ImuSource>) -> Result<Vec<(u64, ImuSample)>,
         }
         samples.push((reading.sequence, reading.sample));
     }
-    Ok(samples)
+    let faults = source.faults();
+    Ok((samples, faults))
 }
 
+/// Hands frames on to be looked at; returns which came, and what the source survived.
 fn read_frames(
     mut source: Box<dyn StereoSource>,
     mut frame: StereoFrame,
     send: &SyncSender<Seen>,
     is_live: bool,
-) -> Result<Vec<Note>, DriverError> {
+) -> Result<(Vec<Note>, Faults), DriverError> {
     let mut notes = Vec::new();
     while notes.len() < MAX_FRAMES && source.next_frame(&mut frame)? {
         notes.push((frame.sequence, frame.stamp, frame.valid));
@@ -260,5 +265,6 @@ fn read_frames(
             break;
         }
     }
-    Ok(notes)
+    let faults = source.faults();
+    Ok((notes, faults))
 }

@@ -2,8 +2,9 @@
 
 use super::clock::Stopwatch;
 use crate::schedule::times::{Percentiles, Times};
+use plumbline_checkup::health::HealthTally;
 use plumbline_config::Timestamp;
-use plumbline_estimator::{Estimate, FrameFigures, HealthBits, Stage, StageProbe};
+use plumbline_estimator::{Estimate, FrameFigures, Stage, StageProbe};
 
 /// Computation of a frame, ms.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -96,8 +97,8 @@ pub struct Figures {
     pub points: (u64, u64),
     /// Sums over frames of line segments.
     pub lines: LineMoments,
-    /// Frames with each health bit, in the order of [`HealthBits::NAMES`].
-    pub health: [u64; HealthBits::NAMES.len()],
+    /// Frames with each health bit, and qualities from the first pose on.
+    pub health: HealthTally,
     /// Time offset at the end, s.
     pub time_offset_s: f64,
     first_frame: Option<Timestamp>,
@@ -154,7 +155,7 @@ impl Default for Figures {
             stages: StageTimes::default(),
             points: (0, 0),
             lines: LineMoments::default(),
-            health: [0; HealthBits::NAMES.len()],
+            health: HealthTally::default(),
             time_offset_s: 0.0,
             first_frame: None,
             started: Stopwatch::start(),
@@ -176,9 +177,7 @@ impl Figures {
     /// One frame was estimated.
     pub fn frame(&mut self, estimate: &Estimate, cost: Cost) {
         self.frames += 1;
-        for (frames, (bit, _)) in self.health.iter_mut().zip(&HealthBits::NAMES) {
-            *frames += u64::from(estimate.health.contains(*bit));
-        }
+        self.health.add(estimate.health);
         if estimate.is_refused() {
             // Its stamp is not one to reckon with.
             self.frames_refused += 1;
@@ -197,6 +196,9 @@ impl Figures {
         if estimate.has_pose() {
             self.poses += 1;
             self.first_pose_s.get_or_insert(stamp.seconds_since(first));
+        }
+        if self.first_pose_s.is_some() {
+            self.health.add_quality(estimate.quality);
         }
     }
 }

@@ -14,7 +14,7 @@ use plumbline_drivers::euroc::FileDefects;
 use plumbline_estimator::HealthBits;
 use plumbline_flight::autopilot::BridgeFigures;
 use plumbline_flight::flight::outputs::OutputFigures;
-use plumbline_flight::flight::plausibility::{self, Finding};
+use plumbline_flight::flight::plausibility::{self, Finding, Fitness, HealthTally};
 use plumbline_flight::flight::{Flown, LiveSensors};
 use plumbline_flight::log::recorder::RecorderSummary;
 use plumbline_flight::log::source::LogEnd;
@@ -74,8 +74,16 @@ pub struct Report {
     pub points: Points,
     /// Line segments of the left image, means per frame.
     pub lines: Lines,
+    /// Median quality from the first pose on; `null` without one.
+    pub median_quality: Option<i8>,
     /// Number of frames with each health bit, by its name; bits that were never set are left out.
     pub health_frames: BTreeMap<&'static str, u64>,
+    /// Health bits and qualities.
+    #[serde(skip)]
+    pub health: HealthTally,
+    /// Cameras of the configuration.
+    #[serde(skip)]
+    pub cameras: usize,
     /// Errors against the truth, where it is known.
     pub accuracy: Option<Accuracy>,
     /// NEES over its expectation, of estimates and odometry, where the truth is known: 1 is honest, above is overconfident.
@@ -113,6 +121,7 @@ pub struct Report {
 pub fn late_findings(flown: &Flown, log_end: Option<&LogEnd>, files: &FileDefects) -> Vec<Finding> {
     let faults = &flown.outcome.faults;
     let of_drivers = plausibility::of_faults(faults.imu, faults.cameras, Some(&files.words()));
+    let of_stamps = plausibility::of_stamps(faults.imu, faults.cameras, flown.outcome.figures.frames, false);
     let of_log = log_end.and_then(LogEnd::words).map(|words| {
         let seconds = flown.outcome.figures.span_s;
         Finding::new(
@@ -122,7 +131,7 @@ pub fn late_findings(flown: &Flown, log_end: Option<&LogEnd>, files: &FileDefect
             "what comes before is sound; `plumbline log` says what it holds",
         )
     });
-    of_drivers.into_iter().chain(of_log).collect()
+    of_drivers.into_iter().chain(of_stamps).chain(of_log).collect()
 }
 
 /// Points, means per frame.
@@ -191,7 +200,10 @@ impl Report {
                 in_structure: per_frame(f.lines.in_structure),
                 cut_short: f.lines.cut_short,
             },
+            median_quality: f.health.median_quality(),
             health_frames: health_frames(outcome),
+            health: f.health.clone(),
+            cameras: flown.config.camera.len(),
             accuracy,
             consistency: flown.published.as_ref().and_then(|p| FlightConsistency::of(p, &flown.truth)),
             trust: None,
@@ -226,6 +238,16 @@ impl Report {
     #[must_use]
     pub fn warning_of(self, warnings: Vec<Finding>) -> Self {
         Self { warnings, ..self }
+    }
+
+    /// Why there is no pose, and what to do: the first grave warning, and what the health bits tell.
+    #[must_use]
+    pub fn why_no_pose(&self) -> String {
+        let by_health = self.health.why_no_pose(self.cameras);
+        match self.warnings.iter().find(|warning| warning.fitness == Fitness::NotFit) {
+            Some(warning) => format!("{}: {}; {by_health}", warning.what, warning.advice()),
+            None => by_health,
+        }
     }
 
     /// The report for people: a few aligned lines.
@@ -285,6 +307,7 @@ impl Report {
         if self.imu_to_vehicle_deg.is_none() {
             lines.push(format!("{:<18}unknown: the vehicle's attitude is not published", "mounting"));
         }
+        lines.push(format!("{:<18}{}", "health", self.health.line()));
         lines.push(format!("{:<18}{}", "estimate digest", &self.estimate_digest[..16]));
         lines.join("\n")
     }
@@ -299,7 +322,7 @@ fn stages_ms(outcome: &Outcome) -> BTreeMap<&'static str, Percentiles> {
 /// Health bits that were set, with their numbers of frames.
 fn health_frames(outcome: &Outcome) -> BTreeMap<&'static str, u64> {
     let names = HealthBits::NAMES.iter().map(|(_, name)| *name);
-    names.zip(outcome.figures.health).filter(|(_, frames)| *frames > 0).collect()
+    names.zip(outcome.figures.health.bits).filter(|(_, frames)| *frames > 0).collect()
 }
 
 /// Consistency of estimates and odometry, for people.

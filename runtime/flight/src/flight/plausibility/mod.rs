@@ -3,6 +3,8 @@
 
 pub mod watch;
 
+pub use plumbline_checkup::Fitness;
+pub use plumbline_checkup::health::HealthTally;
 pub use plumbline_checkup::plausibility::{COPY, Finding, missing_camera};
 use plumbline_drivers::Faults;
 
@@ -34,9 +36,69 @@ pub fn of_faults(imu: Faults, cameras: Faults, files: Option<&[String]>) -> Opti
     (!told.is_empty()).then(|| Finding::new(what, seen, cause, cure))
 }
 
+/// Stamps that ran backwards or repeated, of so many frames that were flown; of a live flight from `LIVE` on, since single ones are
+/// refused without harm.
+#[must_use]
+pub fn of_stamps(imu: Faults, cameras: Faults, frames: u64, is_live: bool) -> Option<Finding> {
+    let counts = [(imu.disordered, "inertial samples"), (cameras.disordered, "images")];
+    let least = if is_live { LIVE } else { 1 };
+    let told: Vec<String> = counts
+        .iter()
+        .filter(|(n, _)| *n >= least)
+        .map(|(n, what)| format!("{n} {what} out of order or of the same stamp"))
+        .collect();
+    if told.is_empty() {
+        return None;
+    }
+    let seen = format!("{}, {frames} frames flown", told.join(", "));
+    // Of frames that all have one stamp one is left.
+    if frames <= FEW && cameras.disordered > 0 {
+        return Some(Finding::new(
+            "the images are not stamped",
+            seen,
+            "a driver that leaves the stamps at zero",
+            "write the time of the measurement into each header",
+        ));
+    }
+    Some(
+        Finding::new(
+            "stamps run backwards or repeat",
+            seen,
+            "a clock that was set while it recorded (NTP steps it back), stamps of two clocks, or messages that came out of order",
+            if is_live {
+                "stamp by one clock that is never set, such as CLOCK_MONOTONIC"
+            } else {
+                "stamp by one clock that is never set; after a step of the clock two stretches are mixed into each other: cut the \
+                 recording before it"
+            },
+        )
+        .mild(),
+    )
+}
+
+/// Fewest refused stamps of a live flight that are worth a word.
+const LIVE: u64 = 20;
+/// Frames of a recording whose stamps are all the same.
+const FEW: u64 = 2;
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn stamps_that_run_backwards_or_are_all_the_same_are_told_with_counts() {
+        let disordered = |n: u64| Faults { disordered: n, ..Faults::default() };
+        assert_eq!(of_stamps(Faults::default(), Faults::default(), 100, false), None);
+        let words = of_stamps(disordered(199), disordered(38), 240, false).unwrap().to_string();
+        for part in ["199 inertial samples", "38 images", "clock that was set", "cut the recording"] {
+            assert!(words.contains(part), "{part}: {words}");
+        }
+        let words = of_stamps(Faults::default(), disordered(299), 1, false).unwrap().to_string();
+        assert!(words.contains("not stamped") && words.contains("299 images"), "{words}");
+        assert_eq!(of_stamps(disordered(3), disordered(19), 240, true), None);
+        let words = of_stamps(disordered(300), disordered(0), 240, true).unwrap().to_string();
+        assert!(words.contains("CLOCK_MONOTONIC") && !words.contains("cut the recording"), "{words}");
+    }
 
     #[test]
     fn faults_of_drivers_are_told_with_their_counts() {

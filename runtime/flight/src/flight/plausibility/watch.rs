@@ -194,7 +194,7 @@ fn look(
             }
         }
         if is_over {
-            told.tell(plausibility.findings());
+            told.tell(plausibility.final_findings());
             return told.findings;
         }
         std::thread::sleep(POLL);

@@ -1,0 +1,459 @@
+//! What the health bits of a flight come to: counts, the line at the end, and warnings with causes and cures.
+
+use crate::finding::Finding;
+use plumbline_estimator::HealthBits;
+
+/// Share of the frames from which a bit is in the line at the end of a flight.
+const NAMED: f64 = 0.02;
+/// Share of the frames from which a bit is a warning, and the same for sensors that repeat their data.
+const WARNED: f64 = 0.1;
+const WARNED_OF_REPEATS: f64 = 0.02;
+/// Share of the frames from which a noisy accelerometer is a warning: clean flights with little texture have a sixth.
+const WARNED_OF_NOISE: f64 = 0.25;
+/// Fewest frames that are judged, and fewest with a bit for a warning.
+const MIN_FRAMES: u64 = 20;
+/// Frames with a bit that are worth a warning while the flight goes on: three seconds at 20 Hz.
+const LASTING: u64 = 60;
+/// Share of the frames from which a bit may be why there is no pose, and reasons that are given.
+const HINDERED: f64 = 0.1;
+const MAX_REASONS: usize = 3;
+/// What a flight with one camera needs.
+const ONE_CAMERA: &str = "one camera finds the scale by translation alone, not while it hovers or turns in place: move it sideways \
+                          for two seconds, by a tenth of the distance to what it sees, or use two cameras";
+/// A bit that explains so many of the frames of another one is its cause.
+const CAUSED: f64 = 0.8;
+/// Qualities from -1 to 100.
+const QUALITIES: usize = 102;
+
+/// Frames with each health bit, and the distribution of the quality. Never allocates.
+#[derive(Clone, Debug)]
+pub struct HealthTally {
+    /// Frames that were taken.
+    pub frames: u64,
+    /// Frames with each health bit, in the order of [`HealthBits::NAMES`].
+    pub bits: [u64; HealthBits::NAMES.len()],
+    qualities: [u64; QUALITIES],
+}
+
+impl Default for HealthTally {
+    fn default() -> Self {
+        Self { frames: 0, bits: [0; HealthBits::NAMES.len()], qualities: [0; QUALITIES] }
+    }
+}
+
+/// A health bit that held for a part of a flight.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeldBit {
+    /// The bit.
+    pub bit: HealthBits,
+    /// Its name.
+    pub name: &'static str,
+    /// Frames with it.
+    pub frames: u64,
+    /// Frames with it over all frames.
+    pub share: f64,
+}
+
+impl HealthTally {
+    /// Takes the bits of a frame.
+    pub fn add(&mut self, health: HealthBits) {
+        self.frames += 1;
+        for (frames, (bit, _)) in self.bits.iter_mut().zip(&HealthBits::NAMES) {
+            *frames += u64::from(health.contains(*bit));
+        }
+    }
+
+    /// Takes the quality of a frame, -1 to 100. Frames before the first pose have none.
+    pub fn add_quality(&mut self, quality: i8) {
+        let place = usize::try_from(i16::from(quality) + 1).unwrap_or(0).min(QUALITIES - 1);
+        self.qualities[place] += 1;
+    }
+
+    /// Median quality; `None` without a pose.
+    #[must_use]
+    pub fn median_quality(&self) -> Option<i8> {
+        let all: u64 = self.qualities.iter().sum();
+        let mut below = 0;
+        let place = self.qualities.iter().position(|count| {
+            below += count;
+            2 * below >= all
+        });
+        place.filter(|_| all > 0).map(|place| place as i8 - 1)
+    }
+
+    /// Bits that held for more than `share` of the frames, the most frequent first.
+    fn held(&self, share: f64) -> Vec<HeldBit> {
+        let all = self.frames.max(1) as f64;
+        let bits = HealthBits::NAMES.iter().zip(self.bits);
+        let held =
+            bits.map(|((bit, name), frames)| HeldBit { bit: *bit, name, frames, share: frames as f64 / all });
+        let mut held: Vec<HeldBit> = held.filter(|held| held.share > share).collect();
+        held.sort_by(|a, b| b.frames.cmp(&a.frames).then(a.bit.0.cmp(&b.bit.0)));
+        held
+    }
+
+    /// Health of the flight in one line: median quality, each bit that held for more than 2 % of the frames, and what to do.
+    #[must_use]
+    pub fn line(&self) -> String {
+        let quality = match self.median_quality() {
+            None => "no valid estimate".to_owned(),
+            Some(quality) if quality < 0 => "without a valid estimate most of the time".to_owned(),
+            Some(quality) => format!("quality {quality} % in the median"),
+        };
+        let held = self.held(NAMED);
+        let words =
+            held.iter().map(|held| format!("{} in {} of {} frames", held.name, held.frames, self.frames));
+        let words: Vec<String> = words.collect();
+        let faults = held.iter().filter(|held| is_fault(held.bit)).count();
+        let cure = held.iter().find(|held| is_fault(held.bit)).map(|held| advice(held.bit).cure);
+        match (words.is_empty(), cure) {
+            (true, _) => format!("{quality}, no faults"),
+            (false, None) => format!("{quality}; {}, no faults", words.join(", ")),
+            (false, Some(cure)) if faults == 1 => format!("{quality}; {}: {cure}", words.join(", ")),
+            (false, Some(cure)) => {
+                format!("{quality}; {}: {cure}; run `plumbline doctor` on the data", words.join(", "))
+            }
+        }
+    }
+
+    /// Warnings of bits that held for a tenth of the frames; of frozen images and stuck sensors for a fiftieth. While the flight
+    /// goes on, such that held for three seconds. Bits of `known` are explained elsewhere.
+    #[must_use]
+    pub fn findings(&self, is_over: bool, known: HealthBits) -> Vec<Finding> {
+        let least = if is_over { MIN_FRAMES } else { LASTING };
+        let is_warned = |held: &&HeldBit| {
+            let share = match held.bit {
+                HealthBits::ACCEL_NOISY => WARNED_OF_NOISE,
+                bit if REPEATS.contains(&bit) => WARNED_OF_REPEATS,
+                _ => WARNED,
+            };
+            is_fault(held.bit) && known.0 & held.bit.0 == 0 && held.frames >= least && held.share >= share
+        };
+        let held = self.held(0.0);
+        held.iter()
+            .filter(|held| !self.is_consequence(held))
+            .filter(is_warned)
+            .map(|held| self.finding(held))
+            .collect()
+    }
+
+    /// Why no pose was found in a flight with so many cameras, as far as the health bits tell, and what to do.
+    #[must_use]
+    pub fn why_no_pose(&self, cameras: usize) -> String {
+        if self.frames == 0 {
+            return "no frame arrived".to_owned();
+        }
+        if self.frames < MIN_FRAMES {
+            return format!("{} frames are too few for a start: give two seconds and more", self.frames);
+        }
+        let held = self.held(HINDERED);
+        let faults =
+            held.iter().filter(|held| is_fault(held.bit) && held.bit != HealthBits::VELOCITY_UNCERTAIN);
+        let reasons: Vec<String> = faults
+            .take(MAX_REASONS)
+            .map(|held| {
+                let Advice { what, cure, .. } = advice(held.bit);
+                let what = if what.is_empty() { held.name } else { what };
+                format!("{what} (`{}` in {} of {} frames): {cure}", held.name, held.frames, self.frames)
+            })
+            .collect();
+        let reason = reasons.join("; ");
+        match (reasons.is_empty(), cameras) {
+            (true, 1) => ONE_CAMERA.to_owned(),
+            (false, 1) => format!("{reason}; besides, {ONE_CAMERA}"),
+            (true, _) => {
+                "no health bit tells why: run `plumbline doctor` on the data, which checks stamps, units and \
+                          calibration"
+                    .to_owned()
+            }
+            (false, _) => reason,
+        }
+    }
+
+    /// Whether a bit only follows from another one: images that are missing, repeat or are dark have no points.
+    fn is_consequence(&self, held: &HeldBit) -> bool {
+        let of_images = [
+            HealthBits::LEFT_FROZEN,
+            HealthBits::LEFT_MISSING,
+            HealthBits::DARK,
+            HealthBits::LITTLE_TEXTURE,
+            HealthBits::BAD_IMAGE_SIZE,
+        ];
+        let frames = |bit: &HealthBits| {
+            let at = HealthBits::NAMES.iter().position(|(known, _)| known == bit);
+            at.map_or(0, |at| self.bits[at])
+        };
+        let cause = of_images.iter().map(frames).max().unwrap_or(0);
+        let follows = [HealthBits::NO_FEATURES, HealthBits::LOW_FEATURES];
+        follows.contains(&held.bit) && cause as f64 >= CAUSED * held.frames as f64
+    }
+
+    fn finding(&self, held: &HeldBit) -> Finding {
+        let Advice { what, cause, cure } = advice(held.bit);
+        let what = if what.is_empty() { held.name } else { what };
+        let evidence = format!(
+            "health bit `{}` in {} of {} frames, {:.0} %",
+            held.name,
+            held.frames,
+            self.frames,
+            100.0 * held.share
+        );
+        Finding::new(what, evidence, cause, cure).mild()
+    }
+}
+
+/// Bits of sensors that repeat their data bit for bit.
+const REPEATS: [HealthBits; 4] =
+    [HealthBits::GYRO_STUCK, HealthBits::ACCEL_STUCK, HealthBits::LEFT_FROZEN, HealthBits::RIGHT_FROZEN];
+
+/// Whether a bit is a fault. A vehicle may stand still.
+fn is_fault(bit: HealthBits) -> bool {
+    bit != HealthBits::STATIONARY
+}
+
+/// What a bit means for people, its probable causes, and what to do.
+struct Advice {
+    what: &'static str,
+    cause: &'static str,
+    cure: &'static str,
+}
+
+/// Advice for a bit. A bit without an own one is explained by docs/health.md.
+fn advice(bit: HealthBits) -> Advice {
+    let (what, cause, cure) = match bit {
+        HealthBits::NOT_POSITIVE_DEFINITE => (
+            "the covariance of the estimate broke down",
+            "units or a calibration that are far off",
+            "run `plumbline doctor` on the data; if they are sound, report it with the log",
+        ),
+        HealthBits::IMU_SATURATED => (
+            "the IMU was at the end of its range",
+            "shocks, or a range that is too small",
+            "choose a larger range in the sensor and the same in `imu.accel_range_m_s2` and `imu.gyro_range_rad_s`; damp the \
+             mounting",
+        ),
+        HealthBits::NO_FEATURES => (
+            "no point was found in the images",
+            "darkness, a covered lens, no focus, or plain surfaces",
+            "look at light, exposure and focus",
+        ),
+        HealthBits::LOW_FEATURES => (
+            "few points were found in the images",
+            "little light or texture, a lens out of focus, or blur",
+            "look at light, exposure and focus; fly more slowly where there is little texture",
+        ),
+        HealthBits::VELOCITY_UNCERTAIN => (
+            "the velocity is less certain than `estimator.health` requires",
+            "a scene that is far for the distance between the cameras, one camera that hardly moves, or few points",
+            "fly nearer to texture, or use a longer distance between the cameras",
+        ),
+        HealthBits::IMU_GAP => (
+            "inertial samples are missing",
+            "a cable, the baud rate, or a program that does not keep up",
+            "look at cable, baud rate and load",
+        ),
+        HealthBits::FRAME_GAP => (
+            "frames are missing",
+            "bandwidth, load, or a recorder that did not keep up",
+            "look at bandwidth and load",
+        ),
+        HealthBits::LEFT_MISSING => (
+            "the left image is missing or black",
+            "a cable, or a covered lens",
+            "look at the cable of the left camera and at its lens",
+        ),
+        HealthBits::RIGHT_MISSING => (
+            "the right image is missing or black",
+            "a cable, or a covered lens",
+            "look at the cable of the right camera and at its lens",
+        ),
+        HealthBits::BAD_STAMP => (
+            "frames were refused for their stamps",
+            "a clock that was set, or stamps that repeat",
+            "stamp by one clock that is never set, such as CLOCK_MONOTONIC",
+        ),
+        HealthBits::BAD_IMAGE_SIZE => (
+            "images have another size than the configuration says",
+            "another mode of the camera, or the calibration of another size",
+            "correct `width_px` and `height_px` of `[[camera]]` with the calibration of that size, or the camera's mode",
+        ),
+        HealthBits::DEGRADED => (
+            "frames got less than the configured work",
+            "a computer that does not keep up",
+            "use fewer points, smaller images or a faster computer",
+        ),
+        HealthBits::CAMERAS_DISAGREE => (
+            "left and right images do not agree",
+            "images that are not of the same moment (one camera late by a frame), cameras that are exchanged, or a \
+             calibration of the pair that is wrong",
+            "run `plumbline doctor` on the data: it tells these apart",
+        ),
+        HealthBits::IMU_CONTRADICTED => (
+            "the images contradict the IMU",
+            "a shock, a wrong scale (distance between the cameras, unit of the accelerometer), a wrong lens model, or stamps \
+             that are off",
+            "nothing after a shock; else run `plumbline doctor` on the data",
+        ),
+        HealthBits::ACCEL_NOISY => (
+            "the accelerometer is noisier than configured, or contradicts the scale of the images",
+            "vibration, a configured noise that is that of a data sheet, or a distance between the cameras (baseline) that is \
+             wrong",
+            "set `imu.accel_noise_density` to the noise in flight and damp the mounting; `plumbline doctor` measures noise and \
+             scale",
+        ),
+        HealthBits::GYRO_STUCK => ("the gyroscope repeats its readings", STUCK.0, STUCK.1),
+        HealthBits::ACCEL_STUCK => ("the accelerometer repeats its readings", STUCK.0, STUCK.1),
+        HealthBits::LEFT_FROZEN => ("the left camera repeats its images", FROZEN.0, FROZEN.1),
+        HealthBits::RIGHT_FROZEN => ("the right camera repeats its images", FROZEN.0, FROZEN.1),
+        HealthBits::IMU_LATE => (
+            "the inertial samples are stamped late",
+            "stamps of the arrival, or a clock of its own",
+            "stamp samples when they are measured; for a constant delay set `driver.imu.delay_s`",
+        ),
+        HealthBits::IMAGES_LATE => (
+            "the images are stamped late",
+            "stamps of the arrival, or of another clock than that of the IMU",
+            "stamp images in the middle of their exposure; `plumbline doctor` measures a constant delay for \
+             `rig.time_offset_s`",
+        ),
+        HealthBits::ROTATION_DISPUTED => (
+            "gyroscope and images disagree on how the vehicle turns",
+            "columns or signs of the gyroscope, the pose of the camera on the IMU, a wrong lens model or focal length, stamps \
+             that are off, or things that move and fill the view",
+            "run `plumbline doctor` on the data",
+        ),
+        HealthBits::DARK => (
+            "the images are nearly black",
+            "too little light for the exposure, or grey levels that use a part of their range",
+            "more light, a longer exposure or more gain",
+        ),
+        HealthBits::BLURRED => (
+            "turning blurs the images",
+            "an exposure that is too long for these turns",
+            "turn more slowly, or expose for a shorter time with more light",
+        ),
+        HealthBits::VIEW_BLOCKED => (
+            "something is before one lens",
+            "dirt, or a part of the vehicle",
+            "clean the lens, move what hangs before it, or mask it (`plumbline calibrate masks`)",
+        ),
+        HealthBits::LITTLE_TEXTURE => (
+            "there is hardly any texture in the images",
+            "plain surfaces, or a lens out of focus",
+            "fly where there is something to see; look at the focus",
+        ),
+        _ => ("", "", "see docs/health.md"),
+    };
+    Advice { what, cause, cure }
+}
+
+/// Cause and cure of readings that repeat.
+const STUCK: (&str, &str) = (
+    "a sensor or driver that hands out old readings, or a simulator without noise",
+    "restart the sensor; for data without noise set `imu.stuck_after_s = 0`",
+);
+/// Cause and cure of images that repeat.
+const FROZEN: (&str, &str) = (
+    "a driver that hands out an image again (twice the frame rate, or a frame that was dropped), or a simulator without noise",
+    "hand out each image once, with its own stamp; for images without noise set \
+     `estimator.health.refuse_repeated_images = false`",
+);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tally(frames: u64, bits: &[(HealthBits, u64)], quality: i8) -> HealthTally {
+        let mut tally = HealthTally::default();
+        for k in 0..frames {
+            let mut health = HealthBits::default();
+            bits.iter().filter(|(_, count)| k < *count).for_each(|(bit, _)| health.insert(*bit));
+            tally.add(health);
+            tally.add_quality(quality);
+        }
+        tally
+    }
+
+    #[test]
+    fn the_line_names_quality_bits_counts_and_cure() {
+        assert_eq!(tally(100, &[], 98).line(), "quality 98 % in the median, no faults");
+        assert_eq!(HealthTally::default().line(), "no valid estimate, no faults");
+        let rare = tally(100, &[(HealthBits::IMU_GAP, 2), (HealthBits::STATIONARY, 40)], 98);
+        assert_eq!(rare.line(), "quality 98 % in the median; stationary in 40 of 100 frames, no faults");
+        let late = tally(100, &[(HealthBits::IMAGES_LATE, 88), (HealthBits::DARK, 3)], 10).line();
+        assert!(
+            late.starts_with("quality 10 % in the median; images late in 88 of 100 frames, dark in 3"),
+            "{late}"
+        );
+        assert!(
+            late.contains("rig.time_offset_s") && late.ends_with("run `plumbline doctor` on the data"),
+            "{late}"
+        );
+    }
+
+    #[test]
+    fn a_bit_of_a_tenth_of_the_frames_is_a_warning_with_its_causes() {
+        assert_eq!(
+            tally(240, &[(HealthBits::CAMERAS_DISAGREE, 23)], 90).findings(true, HealthBits::default()),
+            []
+        );
+        let found =
+            tally(240, &[(HealthBits::CAMERAS_DISAGREE, 24)], 90).findings(true, HealthBits::default());
+        let words = found[0].to_string();
+        for part in ["24 of 240 frames, 10 %", "same moment", "exchanged", "plumbline doctor"] {
+            assert!(words.contains(part), "{part}: {words}");
+        }
+        // A vehicle may stand, and a fault of three seconds is warned of while it lasts.
+        assert_eq!(
+            tally(240, &[(HealthBits::STATIONARY, 240)], 90).findings(true, HealthBits::default()),
+            []
+        );
+        assert_eq!(tally(240, &[(HealthBits::DARK, 59)], 90).findings(false, HealthBits::default()), []);
+        assert_eq!(tally(240, &[(HealthBits::DARK, 60)], 90).findings(false, HealthBits::default()).len(), 1);
+    }
+
+    #[test]
+    fn repeats_are_warned_of_sooner_with_both_keys() {
+        let bits = [(HealthBits::ACCEL_STUCK, 30), (HealthBits::LEFT_FROZEN, 30), (HealthBits::DARK, 30)];
+        let words: Vec<String> = tally(660, &bits, 90)
+            .findings(true, HealthBits::default())
+            .iter()
+            .map(ToString::to_string)
+            .collect();
+        assert_eq!(words.len(), 2, "{words:?}");
+        assert!(words.iter().any(|words| words.contains("imu.stuck_after_s")), "{words:?}");
+        assert!(words.iter().any(|words| words.contains("refuse_repeated_images")), "{words:?}");
+    }
+
+    #[test]
+    fn every_fault_has_causes_and_a_cure() {
+        for (bit, name) in HealthBits::NAMES.iter().filter(|(bit, _)| is_fault(*bit)) {
+            let Advice { what, cause, cure } = advice(*bit);
+            assert!(!what.is_empty() && !cause.is_empty() && !cure.is_empty(), "{name}");
+        }
+    }
+
+    #[test]
+    fn the_reason_of_no_pose_is_that_of_the_bits_and_of_the_rig() {
+        assert!(tally(1, &[], 0).why_no_pose(2).contains("too few"));
+        assert!(tally(196, &[], 0).why_no_pose(1).contains("one camera finds the scale by translation"));
+        assert!(tally(196, &[], 0).why_no_pose(2).contains("plumbline doctor"));
+        let dark = tally(196, &[(HealthBits::DARK, 190), (HealthBits::NO_FEATURES, 150)], 0);
+        let words = dark.why_no_pose(1);
+        assert!(
+            words.starts_with("the images are nearly black (`dark` in 190 of 196 frames): more light"),
+            "{words}"
+        );
+        assert!(words.contains("no features") && words.contains("translation"), "{words}");
+        let words = tally(55, &[(HealthBits::CAMERAS_DISAGREE, 36)], 0).why_no_pose(2);
+        assert!(words.contains("cameras disagree` in 36 of 55") && !words.contains("translation"), "{words}");
+    }
+
+    #[test]
+    fn the_median_quality_is_that_of_the_middle_frame() {
+        let mut tally = HealthTally::default();
+        assert_eq!(tally.median_quality(), None);
+        [-1, 10, 10, 90, 100].into_iter().for_each(|quality| tally.add_quality(quality));
+        assert_eq!(tally.median_quality(), Some(10));
+    }
+}

@@ -1,0 +1,134 @@
+//! Whether left and right are of one moment: where they do not agree, an image is matched with those of the other camera one to
+//! three frames before. A driver that pairs by arrival hands out one camera late by whole frames, under equal stamps.
+
+use crate::pair::PairMatcher;
+use crate::statistics::median;
+use plumbline_config::{Config, GrayImage, ImageView};
+use std::collections::VecDeque;
+
+/// Frames by which a camera may be late.
+const MAX_LAG: usize = 3;
+/// Lags that are tried, positive where the right camera is late; one a frame in turn.
+const LAGS: [i8; 2 * MAX_LAG] = [1, -1, 2, -2, 3, -3];
+/// A frame whose median error exceeds this share of the limit is looked into.
+const DOUBTFUL: f64 = 0.2;
+/// Fewest matches of a frame that are judged.
+const MIN_MATCHES: usize = 8;
+/// Fewest errors of a lag that count, and how far they are smaller than those of the frames as they came.
+const MIN_ERRORS: usize = 100;
+const BETTER: f64 = 0.4;
+/// Errors that are kept of each lag.
+const MAX_ERRORS: usize = 5000;
+
+/// One camera is late by whole frames.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lag {
+    /// Frames by which the right camera is late; negative where the left one is.
+    pub frames: i8,
+    /// Median epipolar error with images of one moment, and as they came, px.
+    pub errors_px: (f64, f64),
+}
+
+impl Lag {
+    /// What was found.
+    #[must_use]
+    pub fn words(&self) -> String {
+        let (side, count) = (self.late(), self.frames.unsigned_abs());
+        let frames = if count == 1 { "frame" } else { "frames" };
+        format!(
+            "left and right are of different moments: the {side} camera is late by {count} {frames} (median {:.2} px with images of one \
+             moment, {:.2} px as they came)",
+            self.errors_px.0, self.errors_px.1
+        )
+    }
+
+    /// What to do.
+    pub(crate) fn cure(&self, config: &Config) -> String {
+        let rate_hz = config.camera.first().map_or(f64::NAN, |camera| camera.rate_hz);
+        format!(
+            "pair the images by the stamps of their exposure, not by their arrival: the {} camera's images are {:.0} ms older than \
+             their stamps",
+            self.late(),
+            1e3 * f64::from(self.frames.unsigned_abs()) / rate_hz
+        )
+    }
+
+    fn late(&self) -> &'static str {
+        if self.frames > 0 { "right" } else { "left" }
+    }
+}
+
+/// Finds by how many frames a camera is late.
+pub(crate) struct LagFinder {
+    matcher: PairMatcher,
+    limit_px: f64,
+    /// The images before, the newest last.
+    before: VecDeque<[GrayImage; 2]>,
+    next: usize,
+    /// Errors of the frames that were looked into as they came, and with each lag.
+    came_px: Vec<f64>,
+    lagged_px: [Vec<f64>; LAGS.len()],
+}
+
+impl LagFinder {
+    /// For a rig with two cameras; `None` for one camera.
+    pub(crate) fn new(config: &Config) -> Option<Self> {
+        Some(Self {
+            matcher: PairMatcher::new(config)?,
+            limit_px: DOUBTFUL * f64::from(config.estimator.points.max_epipolar_px),
+            before: VecDeque::with_capacity(MAX_LAG + 1),
+            next: 0,
+            came_px: Vec::new(),
+            lagged_px: Default::default(),
+        })
+    }
+
+    /// Takes the images of a frame, and the errors of its matches as it came.
+    pub(crate) fn add(&mut self, [left, right]: [&ImageView<'_>; 2], errors_px: impl Iterator<Item = f64>) {
+        let errors: Vec<f64> = errors_px.map(f64::abs).collect();
+        if errors.len() < MIN_MATCHES || median(&errors) > self.limit_px {
+            self.came_px.extend(errors.iter().take(MAX_ERRORS.saturating_sub(self.came_px.len())));
+            self.look_into([left, right]);
+        }
+        if self.before.len() == MAX_LAG {
+            self.before.pop_front();
+        }
+        self.before.push_back([left, right].map(copy));
+    }
+
+    fn look_into(&mut self, [left, right]: [&ImageView<'_>; 2]) {
+        let place = self.next % LAGS.len();
+        self.next += 1;
+        let lag = LAGS[place];
+        let earlier = self.before.len().checked_sub(usize::from(lag.unsigned_abs()));
+        let Some([left_before, right_before]) = earlier.and_then(|at| self.before.get(at)) else { return };
+        // A right camera that is late shows now what the left one showed before.
+        let is_found = match lag > 0 {
+            true => self.matcher.find(&left_before.view(), right),
+            false => self.matcher.find(left, &right_before.view()),
+        };
+        let kept = &mut self.lagged_px[place];
+        if is_found && kept.len() < MAX_ERRORS {
+            kept.extend(self.matcher.matches().iter().map(|found| found.epipolar_px.abs()));
+        }
+    }
+
+    /// The lag with which left and right agree, where they do not as they came.
+    pub(crate) fn lag(&self) -> Option<Lag> {
+        if self.came_px.len() < MIN_ERRORS {
+            return None;
+        }
+        let came = median(&self.came_px);
+        let lags = LAGS.iter().zip(&self.lagged_px).filter(|(_, errors)| errors.len() >= MIN_ERRORS);
+        let best = lags.map(|(lag, errors)| (*lag, median(errors))).min_by(|a, b| a.1.total_cmp(&b.1))?;
+        (best.1 < BETTER * came).then_some(Lag { frames: best.0, errors_px: (best.1, came) })
+    }
+}
+
+fn copy(view: &ImageView<'_>) -> GrayImage {
+    let mut image = GrayImage::new(view.width(), view.height());
+    for (row, line) in image.pixels_mut().chunks_exact_mut(view.width().max(1)).enumerate() {
+        line.copy_from_slice(view.row(row));
+    }
+    image
+}
