@@ -22,9 +22,11 @@ const PIECE_S: f64 = 2.0;
 const MIN_TURNS: usize = 24;
 const MIN_PIECES: usize = 3;
 /// Root mean square of what is left of `w` in a piece that tells the scale, m/s.
-const MIN_MOTION_M_S: f64 = 0.08;
+const MIN_MOTION_M_S: f64 = 0.02;
 /// Samples further apart end a piece, s.
 const MAX_GAP_S: f64 = 0.05;
+/// Errors of neighbouring images are not independent: the standard deviation by them is taken this much larger.
+const INFLATED: f64 = 2.0;
 /// Standard deviation up to which the factor is known.
 const KNOWN: f64 = 0.05;
 /// Deviation of the factor from 1: minded beyond the first, not fit beyond the second, each with three standard deviations more.
@@ -58,11 +60,8 @@ pub fn factor(turns: &[Turn], samples: &[ImuSample], config: &Config) -> Option<
     let mut pieces = Vec::new();
     let mut rest = turns;
     while let Some(first) = rest.first() {
-        let is_within = |k: &usize| {
-            let is_next = *k == 0 || rest[*k].from == rest[*k - 1].to;
-            is_next && rest[*k].to.seconds_since(first.from) <= PIECE_S
-        };
-        let count = (0..rest.len()).take_while(is_within).count().max(1);
+        let is_within = |turn: &&Turn| turn.to.seconds_since(first.from) <= PIECE_S;
+        let count = rest.iter().take_while(is_within).count().max(1);
         let (piece, after) = rest.split_at(count);
         if count >= MIN_TURNS {
             pieces.extend(of_piece(piece, samples, &pose_b_c, (&bias, config.rig.time_offset_s)));
@@ -78,7 +77,11 @@ pub fn factor(turns: &[Turn], samples: &[ImuSample], config: &Config) -> Option<
     let value = wu / ww;
     // By what each piece says apart.
     let squares: f64 = pieces.iter().map(|piece| (piece.wu - value * piece.ww).powi(2)).sum();
-    let sigma = (squares * pieces.len() as f64 / (pieces.len() - 1) as f64).sqrt() / ww;
+    let by_pieces = (squares * pieces.len() as f64 / (pieces.len() - 1) as f64).sqrt() / ww;
+    // By what is left of all numbers, which are not independent.
+    let left: f64 = pieces.iter().map(|piece| piece.uu - value * (2.0 * piece.wu - value * piece.ww)).sum();
+    let count: f64 = pieces.iter().map(|piece| piece.count).sum();
+    let sigma = by_pieces.max(INFLATED * (left.max(0.0) / count / ww).sqrt());
     Some(Factor { value, sigma, pieces: pieces.len() })
 }
 

@@ -18,7 +18,7 @@ const JITTER: (f64, f64) = (0.3, f64::INFINITY);
 /// Jitter against the interval from which a flight is warned of it.
 const WILD: f64 = 0.8;
 /// Samples come in bursts where this share of the intervals is shorter than this share of the mean one.
-const BURSTS: (f64, f64) = (0.3, 0.25);
+const BUNCHED: (f64, f64) = (0.3, 0.25);
 /// Rates by the median and by the mean interval differ by this much where stamps are irregular, relative.
 const IRREGULAR: f64 = 0.05;
 /// Share of samples that run backwards or repeat a stamp.
@@ -27,6 +27,9 @@ const DISORDERED: f64 = 0.002;
 const APART_S: f64 = 1.0;
 /// Share of frames that lack an image.
 const HALF_FRAMES: (f64, f64) = (0.005, 0.1);
+
+/// What is said of samples that several arrive at once.
+pub const BURSTS: &str = "come in bursts";
 
 /// Which sensor is judged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -155,8 +158,8 @@ impl Stream {
         let backwards = intervals.iter().filter(|dt| **dt <= 0.0).count();
         let disordered = backwards as u64 + arrivals.disordered;
         let (middle, mean) = (median(&intervals), mean_interval(&arrivals.stamps));
-        let close = intervals.iter().filter(|dt| **dt < BURSTS.1 * mean).count();
-        let has_bursts = backwards == 0 && close as f64 > BURSTS.0 * intervals.len() as f64;
+        let close = intervals.iter().filter(|dt| **dt < BUNCHED.1 * mean).count();
+        let has_bursts = backwards == 0 && close as f64 > BUNCHED.0 * intervals.len() as f64;
         // Where stamps scatter, the median interval is not the usual one.
         let off = |interval: f64| (1.0 / (interval * nominal_hz) - 1.0).abs();
         let is_irregular = (mean / middle - 1.0).abs() > IRREGULAR && off(mean) < 0.5 * off(middle);
@@ -249,7 +252,7 @@ impl Trouble {
                  each other",
             ),
             (Self::Bursts, _) => Finding::new(
-                format!("samples of {device} come in bursts"),
+                format!("samples of {device} {BURSTS}"),
                 value,
                 "that several arrive together and are stamped on arrival",
                 "stamp each sample when it is measured: the sensor's own time, or its counter with the rate",

@@ -221,7 +221,7 @@ fn warnings(
     log_end: Option<&LogEnd>,
     files: &FileDefects,
 ) -> Vec<Finding> {
-    for finding in late_findings(flown, log_end, files) {
+    for finding in late_findings(flown, log_end, files, &warnings) {
         tracing::warn!("{finding}");
         warnings.push(finding);
     }

@@ -60,7 +60,8 @@ fn flown(flight: Flight, keep: &Keep, control: &Arc<Control>) -> Result<Replayed
     let (flown, outputs) = (fly(flight, &options, control, subscribers), outputs.finish());
     let flown = flown?;
     let mut findings = watch.finish();
-    findings.extend(late_findings(&flown, log_end.as_ref(), &file_defects));
+    let late = late_findings(&flown, log_end.as_ref(), &file_defects, &findings);
+    findings.extend(late);
     let report = Report::new(&flown).with(outputs).warning_of(findings);
     let odometry = odometry.map(KeptOdometry::into_rows);
     Ok(Replayed { flown, estimates: states.into_rows(), odometry, report })

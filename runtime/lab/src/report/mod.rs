@@ -10,11 +10,12 @@ pub mod trust;
 use crate::evaluate::{FlightConsistency, Nees};
 use accuracy::Accuracy;
 use places::Places;
+use plumbline_drivers::Faults;
 use plumbline_drivers::euroc::FileDefects;
 use plumbline_estimator::HealthBits;
 use plumbline_flight::autopilot::BridgeFigures;
 use plumbline_flight::flight::outputs::OutputFigures;
-use plumbline_flight::flight::plausibility::{self, Finding, Fitness, HealthTally};
+use plumbline_flight::flight::plausibility::{self, BURSTS, Finding, Fitness, HealthTally};
 use plumbline_flight::flight::{Flown, LiveSensors};
 use plumbline_flight::log::recorder::RecorderSummary;
 use plumbline_flight::log::source::LogEnd;
@@ -116,11 +117,19 @@ pub struct Report {
     pub warnings: Vec<Finding>,
 }
 
-/// Findings that show only at the end of a flight: what its drivers survived, and a log that breaks off.
+/// Findings that show only at the end of a flight: what its drivers survived, and a log that breaks off. `known` were found before.
 #[must_use]
-pub fn late_findings(flown: &Flown, log_end: Option<&LogEnd>, files: &FileDefects) -> Vec<Finding> {
+pub fn late_findings(
+    flown: &Flown,
+    log_end: Option<&LogEnd>,
+    files: &FileDefects,
+    known: &[Finding],
+) -> Vec<Finding> {
     let faults = &flown.outcome.faults;
-    let of_drivers = plausibility::of_faults(faults.imu, faults.cameras, Some(&files.words()));
+    // Between bursts a driver misses samples that were never there.
+    let are_bunched = known.iter().any(|finding| finding.what.contains(BURSTS));
+    let imu = Faults { missing: if are_bunched { 0 } else { faults.imu.missing }, ..faults.imu };
+    let of_drivers = plausibility::of_faults(imu, faults.cameras, Some(&files.words()));
     let of_stamps = plausibility::of_stamps(faults.imu, faults.cameras, flown.outcome.figures.frames, false);
     let of_log = log_end.and_then(LogEnd::words).map(|words| {
         let seconds = flown.outcome.figures.span_s;
