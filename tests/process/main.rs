@@ -44,6 +44,7 @@ mod security;
 mod setup;
 mod sweep;
 mod terminal;
+mod troubleshooting;
 mod usage;
 mod vehicle;
 

@@ -8,6 +8,8 @@ const NAMED: f64 = 0.02;
 /// Share of the frames from which a bit is a warning, and the same for sensors that repeat their data.
 const WARNED: f64 = 0.1;
 const WARNED_OF_REPEATS: f64 = 0.02;
+/// Share of the frames from which left and right that do not agree are a warning: they show it only while the vehicle turns.
+const WARNED_OF_PAIRS: f64 = 0.05;
 /// Share of the frames from which a noisy accelerometer is a warning: clean flights with little texture have a sixth.
 const WARNED_OF_NOISE: f64 = 0.25;
 /// Fewest frames that are judged, and fewest with a bit for a warning.
@@ -124,6 +126,7 @@ impl HealthTally {
         let is_warned = |held: &&HeldBit| {
             let share = match held.bit {
                 HealthBits::ACCEL_NOISY => WARNED_OF_NOISE,
+                HealthBits::CAMERAS_DISAGREE => WARNED_OF_PAIRS,
                 bit if REPEATS.contains(&bit) => WARNED_OF_REPEATS,
                 _ => WARNED,
             };
@@ -394,7 +397,7 @@ mod tests {
     #[test]
     fn a_bit_of_a_tenth_of_the_frames_is_a_warning_with_its_causes() {
         assert_eq!(
-            tally(240, &[(HealthBits::CAMERAS_DISAGREE, 23)], 90).findings(true, HealthBits::default()),
+            tally(240, &[(HealthBits::CAMERAS_DISAGREE, 11)], 90).findings(true, HealthBits::default()),
             []
         );
         let found =

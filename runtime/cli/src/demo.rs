@@ -9,6 +9,7 @@ use super::{Usage, stop_on_signal};
 use anyhow::Result;
 use clap::Args;
 use nalgebra::Isometry3;
+use plumbline_config::Timestamp;
 use plumbline_drivers::StereoFrame;
 use plumbline_drivers::simulator::{Scenario, Simulator};
 use plumbline_flight::flight::{Outputs, Truth, fly, open_simulation, scenario_config};
@@ -164,12 +165,31 @@ fn free_endpoint() -> Result<String, Usage> {
         .ok_or_else(|| Usage(format!("no free port from {FIRST_PORT} to {}", FIRST_PORT + PORTS - 1)))
 }
 
+/// Heading of the lines of a flight.
+const HEADING: &str = "time s      x       y       z m   speed m/s  error m  points  quality %  frame ms";
+
+/// A line of a flight under [`HEADING`].
+fn row(glance: &Glance, time_s: f64, error_m: f64) -> String {
+    let p = glance.pose_o_b.translation.vector;
+    // Neither -0.0 nor a sign that means nothing.
+    let [x, y, z] = [p.x, p.y, p.z].map(|value| if value.abs() < 0.05 { 0.0 } else { value });
+    format!(
+        "{time_s:>6.1} {x:>7.1} {y:>7.1} {z:>7.1} {:>12.2} {error_m:>8.3} {:>7} {:>10} {:>9.1}",
+        glance.v_o_b.norm(),
+        glance.points,
+        glance.quality,
+        glance.frame_ms
+    )
+}
+
 /// A line a second: where the estimate is and how far from the truth.
 struct Status {
     truth: Option<Simulator>,
     origin: Option<Isometry3<f64>>,
     next: Instant,
     rewrites: bool,
+    has_heading: bool,
+    first_stamp: Timestamp,
 }
 
 impl Status {
@@ -178,7 +198,14 @@ impl Status {
             Truth::Simulated(simulator) => Some(simulator.clone()),
             _ => None,
         };
-        Self { truth, origin: None, next: Instant::now(), rewrites: std::io::stdout().is_terminal() }
+        Self {
+            truth,
+            origin: None,
+            next: Instant::now(),
+            rewrites: std::io::stdout().is_terminal(),
+            has_heading: false,
+            first_stamp: Timestamp::MIN,
+        }
     }
 
     /// Distance from the truth, brought to the first pose, m.
@@ -189,6 +216,9 @@ impl Status {
     }
 
     fn show(&mut self, glance: &Glance) {
+        if self.first_stamp == Timestamp::MIN {
+            self.first_stamp = glance.stamp;
+        }
         if !glance.has_pose {
             return;
         }
@@ -197,18 +227,12 @@ impl Status {
             return;
         }
         self.next = Instant::now() + Duration::from_secs(1);
-        let p = glance.pose_o_b.translation.vector;
-        let line = format!(
-            "{:>7.1} {:>7.1} {:>7.1} m  speed {:.2} m/s  error {error_m:.3} m  points {}  quality {}  frame {:.1} ms",
-            p.x,
-            p.y,
-            p.z,
-            glance.v_o_b.norm(),
-            glance.points,
-            glance.quality,
-            glance.frame_ms
-        );
+        let line = row(glance, glance.stamp.seconds_since(self.first_stamp), error_m);
         let mut out = std::io::stdout().lock();
+        if !self.has_heading {
+            self.has_heading = true;
+            let _ = writeln!(out, "{HEADING}");
+        }
         let _ = if self.rewrites { write!(out, "\r{line}\x1b[K") } else { writeln!(out, "{line}") };
         let _ = out.flush();
     }

@@ -116,7 +116,7 @@ fn print(e: &Evaluation) {
         row("RPE [deg]", &rpe.rotation_deg);
     }
     say(format_args!(
-        "{} pairs over {:.2} m; {:.1} % of the reference's time has an estimate",
+        "{} pairs over {:.2} m; the estimate covers {:.1} % of the truth",
         e.associated,
         e.path_length_m,
         100.0 * e.completion

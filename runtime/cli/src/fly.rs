@@ -38,8 +38,8 @@ use std::time::{Duration, Instant, SystemTime};
 #[allow(rustdoc::broken_intra_doc_links)]
 #[derive(Debug, Args)]
 #[command(after_help = "\
-driver.imu configures the IMU, driver.v4l2 or driver.frames the cameras; `plumbline devices` lists the connected sensors.
-Sensors may be missing at the start and may be unplugged in flight: they are used as soon as they are available.
+driver.imu configures the IMU, driver.v4l2 or driver.frames the cameras; `plumbline devices` lists the connected sensors. \
+Sensors may be missing at the start and may be unplugged in flight: they are used as soon as they are available. \
 Ctrl-C (SIGINT) or SIGTERM ends the flight; the report is then written.
 
 Examples:

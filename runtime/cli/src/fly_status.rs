@@ -3,6 +3,7 @@
 
 use super::progress::Glance;
 use plumbline_flight::flight::sensor_watch::SensorNotices;
+use std::collections::VecDeque;
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::time::{Duration, Instant};
@@ -16,6 +17,8 @@ const LOG_PERIOD: Duration = Duration::from_secs(60);
 const SILENCE: Duration = Duration::from_secs(1);
 /// A change that lasts so long is logged.
 const LASTING: Duration = Duration::from_secs(1);
+/// Frames whose times are kept: those of a second at 240 Hz.
+const MAX_CAME: usize = 240;
 /// Longest part of a notice, characters.
 const MAX_NOTICE: usize = 90;
 
@@ -31,9 +34,9 @@ pub struct FlyStatus {
     other_since: Option<Instant>,
     drawn: Option<Instant>,
     minute: Instant,
-    /// Frames and time of the beginning of the interval in which the rate is measured.
-    interval: (u64, Instant),
-    rate_hz: f64,
+    /// When the frames of the last second came.
+    came: VecDeque<Instant>,
+    last_frames: u64,
 }
 
 /// Since when there has been a pose.
@@ -55,13 +58,22 @@ impl FlyStatus {
             other_since: None,
             drawn: None,
             minute: now,
-            interval: (0, now),
-            rate_hz: 0.0,
+            came: VecDeque::with_capacity(MAX_CAME),
+            last_frames: 0,
         }
     }
 
     /// Takes an estimate.
     pub fn take(&mut self, glance: &Glance, now: Instant) {
+        // Glances may be passed over: each frame between two came by now.
+        let new = glance.frames.saturating_sub(self.last_frames).min(MAX_CAME as u64);
+        self.last_frames = glance.frames;
+        for _ in 0..new {
+            if self.came.len() == MAX_CAME {
+                self.came.pop_front();
+            }
+            self.came.push_back(now);
+        }
         self.newest = Some((*glance, now));
         if glance.has_pose && self.tracking.is_none() {
             self.tracking = Some(Tracking { since: now, at: OffsetDateTime::now_utc() });
@@ -77,14 +89,12 @@ impl FlyStatus {
         self.log_change(now);
         if self.is_terminal && self.drawn.is_none_or(|drawn| now - drawn >= REDRAW) {
             self.drawn = Some(now);
-            self.measure_rate(now);
             let mut out = std::io::stdout().lock();
             let _ = write!(out, "\r{}\x1b[K", self.line(now));
             let _ = out.flush();
         }
         if !self.is_terminal && now - self.minute >= LOG_PERIOD {
             self.minute = now;
-            self.measure_rate(now);
             tracing::info!("{}", self.line(now));
         }
     }
@@ -102,7 +112,6 @@ impl FlyStatus {
         self.other_since = None;
         match (is_tracking, self.logged) {
             (true, before) => {
-                self.measure_rate(now);
                 let verb = if before.is_none() { "" } else { "again, " };
                 tracing::info!("{verb}{}", self.line(now));
             }
@@ -111,14 +120,9 @@ impl FlyStatus {
         self.logged = Some(is_tracking);
     }
 
-    fn measure_rate(&mut self, now: Instant) {
-        let frames = self.newest.map_or(0, |(glance, _)| glance.frames);
-        let (before, since) = self.interval;
-        let seconds = (now - since).as_secs_f64();
-        if seconds > 0.5 {
-            self.rate_hz = frames.saturating_sub(before) as f64 / seconds;
-            self.interval = (frames, now);
-        }
+    /// Frames of the last second.
+    fn rate_hz(&self, now: Instant) -> usize {
+        self.came.iter().rev().take_while(|at| now.saturating_duration_since(**at) < REDRAW).count()
     }
 
     /// The status as one line: tracking since, rate, points, quality, place, and what is missing.
@@ -132,7 +136,7 @@ impl FlyStatus {
         };
         let _ = match &self.newest {
             None => write!(line, "  no frames yet"),
-            Some((glance, _)) => write!(line, "  {:.1} frames/s  {} points", self.rate_hz, glance.points),
+            Some((glance, _)) => write!(line, "  {} frames/s  {} points", self.rate_hz(now), glance.points),
         };
         if let (Some(_), Some((glance, _))) = (&self.tracking, &self.newest) {
             let p = glance.pose_o_b.translation.vector;
@@ -147,8 +151,7 @@ impl FlyStatus {
             );
         }
         for notice in self.notices.read().iter().take(2) {
-            let short: String = notice.chars().take(MAX_NOTICE).collect();
-            let _ = write!(line, "  missing: {}", short.trim_end_matches([' ', ',', ';']));
+            let _ = write!(line, "  missing: {}", shortened(notice));
         }
         line
     }
@@ -156,6 +159,26 @@ impl FlyStatus {
     fn silent_since(&self) -> Instant {
         self.newest.filter(|(glance, _)| glance.has_pose).map_or(self.begin, |(_, at)| at)
     }
+}
+
+/// A notice without what stands in parentheses; one that is still long ends with a whole word.
+fn shortened(notice: &str) -> String {
+    let (mut depth, mut short) = (0_u32, String::new());
+    for letter in notice.chars() {
+        match letter {
+            '(' => depth += 1,
+            ')' if depth > 0 => depth -= 1,
+            _ if depth == 0 => short.push(letter),
+            _ => {}
+        }
+    }
+    let short = short.split_whitespace().collect::<Vec<_>>().join(" ").replace(": ;", ";");
+    if short.chars().count() <= MAX_NOTICE {
+        return short.trim_end_matches([' ', ',', ';']).to_owned();
+    }
+    let cut: String = short.chars().take(MAX_NOTICE).collect();
+    let whole = cut.rsplit_once(' ').map_or(cut.as_str(), |(whole, _)| whole);
+    format!("{} ...", whole.trim_end_matches([' ', ',', ';', ':']))
 }
 
 /// A length of time: `83 s`, `12 min`, `2 h 5 min`.
@@ -187,6 +210,18 @@ mod tests {
     }
 
     #[test]
+    fn a_notice_is_shortened_at_its_parentheses_and_at_words() {
+        let long = "/run/frames: the program that sent frames has disconnected (driver.frames.listen)";
+        assert_eq!(shortened(long), "/run/frames: the program that sent frames has disconnected");
+        assert_eq!(
+            shortened("serial:///dev/x: (No such file (os error 2)); waiting"),
+            "serial:///dev/x; waiting"
+        );
+        let words = shortened(&"word ".repeat(40));
+        assert!(words.ends_with("word ...") && words.len() < MAX_NOTICE + 5, "{words}");
+    }
+
+    #[test]
     fn the_line_says_since_when_how_fast_how_well_and_what_is_missing() {
         let (start, notices) = (Instant::now(), SensorNotices::default());
         let mut status = FlyStatus::new(false, notices.clone(), start);
@@ -196,7 +231,6 @@ mod tests {
             status.take(&glance(k, k >= 20), at(0.05 * k as f64));
             status.tick(at(0.05 * k as f64));
         }
-        status.measure_rate(at(10.0));
         notices.set(&["/run/frames: no program sends frames yet (driver.frames.listen)".into()]);
         let line = status.line(at(10.0));
         for part in
@@ -205,6 +239,8 @@ mod tests {
             assert!(line.contains(part), "{part}: {line}");
         }
         assert_eq!(status.logged, Some(true));
+        assert!(line.contains("  20 frames/s") || line.contains("  19 frames/s"), "{line}");
+        assert!(status.line(at(11.5)).contains("  0 frames/s"), "{}", status.line(at(11.5)));
         // Silence ends it.
         status.tick(at(12.0));
         status.tick(at(13.5));

@@ -106,7 +106,7 @@ fn examples() -> String {
   plumbline verify log.mcap                         execute it again, and compare all outputs bit for bit
   plumbline evaluate out.tum V1_01_easy             ATE and RPE, computed as evo_ape and evo_rpe do
 {lab}
-Exit status: 0 success; 1 the run failed; 2 wrong usage or configuration, or an input that is missing or unusable; 3 an
+Exit status: 0 success; 1 the run failed; 2 wrong usage or configuration, or an input that is missing or unusable; 3 an \
 internal fault ended a task of a live flight: restart the program, as the systemd unit does."
     )
 }
@@ -332,10 +332,10 @@ fn init_logs(verbose: u8, is_live: bool) {
     use tracing_subscriber::{EnvFilter, Layer as _};
 
     // Attempts to connect are many; the audit logs the cause of those that fail, and handshakes that were refused. That peers
-    // do not gossip is meant.
+    // do not gossip is meant. Data of a peer that has just gone are nothing to act on.
     let default = [
-        "warn,zenoh::net::runtime::orchestrator=error,zenoh_link_tls::unicast=error,zenoh::net::routing::hat::peer=error",
-        "info,zenoh=warn,zenoh::net::runtime::orchestrator=error,zenoh_link_tls::unicast=error,zenoh::net::routing::hat::peer=error",
+        "warn,zenoh::net::runtime::orchestrator=error,zenoh_link_tls::unicast=error,zenoh::net::routing::hat::peer=error,zenoh::api::session=off",
+        "info,zenoh=warn,zenoh::net::runtime::orchestrator=error,zenoh_link_tls::unicast=error,zenoh::net::routing::hat::peer=error,zenoh::api::session=off",
         "debug",
     ][usize::from(verbose.min(2))];
     let live = if is_live && verbose == 0 { ",plumbline=info,plumbline_flight=info" } else { "" };

@@ -24,7 +24,7 @@ const OUT_OF_MEMORY_SCORE: &str = "500";
 #[allow(rustdoc::broken_intra_doc_links)]
 #[derive(Debug, Args)]
 #[command(after_help = "\
-The command reads the flight's configuration from the socket, including network, permissions and ROS 2. While there is no
+The command reads the flight's configuration from the socket, including network, permissions and ROS 2. While there is no \
 flight, it waits for one.
 
 Example:

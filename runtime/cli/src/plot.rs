@@ -23,7 +23,7 @@ const EXAMPLES: &str = "Examples:
   plumbline plot states.csv --truth V1_01_easy --out flight.png   also covariance, velocity and biases
   plumbline plot log.mcap --out flight.png                        draw a flight log
 
-`plumbline replay DATASET --states states.csv` writes a table of states. `plumbline replay DATASET --plot flight.svg` runs the
+`plumbline replay DATASET --states states.csv` writes a table of states. `plumbline replay DATASET --plot flight.svg` runs the \
 estimator, with any of its options, and draws the flight.";
 
 /// Arguments of `plumbline plot`.

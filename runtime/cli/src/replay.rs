@@ -38,6 +38,10 @@ use std::sync::Arc;
 /// Largest number of odometry samples for which memory is allocated beforehand: two hours at 200 Hz.
 const MAX_RESERVED_READINGS: usize = 1_440_000;
 
+/// First line of a table of covariances.
+const COVARIANCE_HEADER: &str = "#timestamp [ns], 6x6 covariance by rows: position x y z [m] in the odometry frame O, attitude x y z \
+                                 [rad] about the axes of the body B (R Exp(dtheta)), both against the first pose\n";
+
 /// Arguments of `plumbline replay`.
 // Help texts name tables of the configuration in brackets.
 #[allow(rustdoc::broken_intra_doc_links)]
@@ -50,25 +54,27 @@ pub struct ReplayArgs {
     /// configuration of the log, or the preset `sim`.
     #[arg(long)]
     pub config: Option<PathBuf>,
-    /// Change a key of the estimator's configuration, such as estimator.points.sigma_px=0.3; may be repeated. The
-    /// simulated rig keeps its own values.
+    /// Change a key of the configuration that the estimator uses, such as estimator.points.sigma_px=0.3; may be repeated. A
+    /// simulated flight is rendered with unchanged values.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub overrides: Vec<String>,
     /// Playback speed relative to real time. Default: as fast as possible.
     #[arg(long, allow_hyphen_values = true)]
     pub speed: Option<f64>,
-    /// Number of threads. 1 runs all stages in sequence; 2 decodes ahead; 3 solves a frame while the next is tracked;
-    /// 4 and more share the work on a frame. The result does not depend on it.
+    /// Number of threads. The result does not depend on it. With 1, stages run in sequence. With 2, images are decoded
+    /// ahead. With 3, the window is solved while the next frame is tracked. With 4 and more, the work on a frame is shared.
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=8))]
     pub threads: u8,
-    /// Write the causal trajectory (TUM format): each pose as estimated when its frame arrived.
+    /// Write the causal trajectory (TUM format): each pose as estimated when its frame arrived. The one to compare with other
+    /// systems and to cite.
     #[arg(long, value_name = "OUT.tum")]
     pub trajectory: Option<PathBuf>,
-    /// Write the final trajectory in the map, with all loops closed (TUM format).
+    /// Write the trajectory as known at the end (TUM format): each pose by later images and all loops too. Not what a vehicle
+    /// knew in flight.
     #[arg(long = "final", value_name = "OUT.tum")]
     pub final_trajectory: Option<PathBuf>,
     /// Write the causal trajectory in the map (TUM format): each pose as estimated when its frame arrived, with the
-    /// loops closed by then.
+    /// loops closed by then. It jumps where a loop is closed.
     #[arg(long, value_name = "OUT.tum")]
     pub map_trajectory: Option<PathBuf>,
     /// Continue a map written by `map build`, `map merge` or --save-map. After a place in it has been recognized,
@@ -109,9 +115,8 @@ pub struct ReplayArgs {
     /// Stop at this time, seconds from the beginning of the data set, log or path. See also --start.
     #[arg(long, value_name = "S", conflicts_with = "duration")]
     pub stop: Option<f64>,
-    /// Cache the rendered frames of a simulated flight in this folder. Flights along one file (--path FILE) share
-    /// frames whatever their length. The built-in flight is rendered again for each duration, because its room is
-    /// built around the path.
+    /// Cache the rendered frames of a simulated flight in this folder. Flights along the same --path FILE share frames.
+    /// The built-in flight is cached for each duration.
     #[arg(long, value_name = "FOLDER")]
     pub cache: Option<PathBuf>,
     /// Use the left camera only.
@@ -446,8 +451,7 @@ fn draw(_: &str, _: &[Estimate], _: &Truth, _: &Path) -> Result<()> {
 }
 
 fn write_covariances(path: &Path, poses: &[CausalPose]) -> Result<()> {
-    let mut text =
-        String::from("#timestamp [ns], 6x6 covariance of position [m] and attitude [rad] by rows\n");
+    let mut text = String::from(COVARIANCE_HEADER);
     for pose in poses {
         let _ = write!(text, "{}", pose.stamp.as_nanos());
         for value in pose.covariance.transpose().iter() {

@@ -453,15 +453,28 @@ impl Vehicle {
         Some(Vector3::new(rate_v.x, -rate_v.y, -rate_v.z))
     }
 
-    /// Quality as text: percent, or "invalid" without a valid estimate.
+    /// Whether what it said last is what it says now: messages arrive, and with a pose where there was one.
     #[must_use]
-    pub fn quality_words(&self) -> String {
+    pub fn is_current(&self, now: Instant) -> bool {
+        !["lost", "stale", "unknown"].contains(&self.presence(now))
+    }
+
+    /// Quality as text: percent, or "invalid" without a valid estimate; a dash for a vehicle that is gone.
+    #[must_use]
+    pub fn quality_words(&self, now: Instant) -> String {
+        if !self.is_current(now) {
+            return "-".into();
+        }
         if self.quality < 0 { "invalid".into() } else { format!("{} %", self.quality) }
     }
 
-    /// Health as text: the faults and the first words of the notices; without any "no faults", or "no valid estimate".
+    /// Health as text: the faults and the first words of the notices; without any "no faults", or "no valid estimate"; "health unknown"
+    /// for a vehicle that is gone.
     #[must_use]
-    pub fn health_summary(&self) -> String {
+    pub fn health_summary(&self, now: Instant) -> String {
+        if !self.is_current(now) {
+            return "health unknown".into();
+        }
         let notices = self.notices.iter().map(|notice| notice.split(": ").next().unwrap_or(notice));
         let all: Vec<&str> = self.health_words.iter().map(String::as_str).chain(notices).collect();
         match (all.is_empty(), self.quality) {
@@ -485,17 +498,18 @@ impl Vehicle {
             || "unknown".to_owned(),
             |a| format!("{:.1} {:.1} {:.1} deg", a.roll_deg, a.pitch_deg, a.heading_deg),
         );
+        let last = if self.is_current(now) || self.pose_o_b.is_none() { "" } else { "last " };
         format!(
-            "{name}: {}, quality {}, position {position}, roll pitch heading {attitude}, \
+            "{name}: {}, quality {}, {last}position {position}, roll pitch heading {attitude}, \
              speed {:.2} m/s, odometry {:.0} Hz, state {:.0} Hz, latency {:.2} ms, lost {}, {}{}",
             self.presence(now),
-            self.quality_words(),
+            self.quality_words(now),
             self.v_o_b.norm(),
             self.odom.rate_hz(now),
             self.state.rate_hz(now),
             self.latency_ms.unwrap_or(0.0),
             self.odom.lost + self.state.lost,
-            self.health_summary(),
+            self.health_summary(now),
             self.map_words().map_or_else(String::new, |words| format!(", map: {words}")),
         )
     }

@@ -147,7 +147,7 @@ fn title(name: &str, vehicle: &Vehicle, now: Instant) -> Line<'static> {
     Line::from(vec![
         Span::raw(format!(" {name} ")),
         Span::styled(presence.to_owned(), Style::new().fg(colour).add_modifier(Modifier::BOLD)),
-        Span::raw(format!("  quality {}  resets {} ", vehicle.quality_words(), vehicle.resets)),
+        Span::raw(format!("  quality {}  resets {} ", vehicle.quality_words(now), vehicle.resets)),
     ])
 }
 
@@ -179,7 +179,7 @@ fn figures(vehicle: &Vehicle, now: Instant) -> Vec<Line<'static>> {
     );
     let health = format!(
         "{}; frame {:.1} ms; lost {}, dropped {}",
-        vehicle.health_summary(),
+        vehicle.health_summary(now),
         vehicle.frame_ms,
         vehicle.odom.lost + vehicle.state.lost,
         vehicle.dropped

@@ -16,7 +16,7 @@ const EXAMPLES: &str = "Examples:
   plumbline calibrate imu rest.mcap --config my.toml --out my-imu.toml --plot allan.svg
   plumbline calibrate imu rest/mav0/imu0/data.csv --out my-imu.toml --inflate 10
 
-Lay the vehicle on something solid, rotors off, and record two hours or more. The white noise needs one minute, the bias
+Lay the vehicle on something solid, rotors off, and record two hours or more. The white noise needs one minute, the bias \
 random walk about two hours. A value that cannot be determined keeps its value in the configuration.";
 
 /// Arguments of `plumbline calibrate imu`.

@@ -14,7 +14,7 @@ const EXAMPLES: &str = "Examples:
   plumbline simulate with-legs --condition vehicle-parts
   plumbline calibrate masks with-legs --config sim --out .
 
-Record a flight of half a minute, or carry the vehicle through a textured room. Legs, struts and cables are found; turning rotors
+Record a flight of half a minute, or carry the vehicle through a textured room. Legs, struts and cables are found; turning rotors \
 are not, because their edges are elsewhere in every image: paint their discs black in the pictures.";
 
 /// Arguments of `plumbline calibrate masks`.

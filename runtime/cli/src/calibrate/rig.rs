@@ -15,8 +15,8 @@ const EXAMPLES: &str = "Examples:
   plumbline simulate by-hand --path hand-held --duration 60
   plumbline calibrate rig by-hand --config sim --out rig.toml
 
-Calibrate the cameras first (`calibrate camera`): this command does not change the pose between them. Record a minute or two: one
-second at rest, then turn and move the rig about all its axes, by 20 degrees and 20 cm to both sides once every second or two.
+Calibrate the cameras first (`calibrate camera`): this command does not change the pose between them. Record a minute or two: one \
+second at rest, then turn and move the rig about all its axes, by 20 degrees and 20 cm to both sides once every second or two. \
 Keep texture in view all the time, and avoid motion blur.";
 
 /// Arguments of `plumbline calibrate rig`.

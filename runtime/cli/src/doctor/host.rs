@@ -99,7 +99,7 @@ fn sleep(config: &Config, refusal: Option<&Refusal>) -> CheckVerdict {
     match refusal {
         Some(refusal) => CheckVerdict::Poor(refusal.to_string()),
         None if is_virtual && us != 0 => CheckVerdict::Poor(
-            "a virtual machine: runtime.idle_latency_us = 0 keeps its processors awake, and ticks in time"
+            "virtual machine: set runtime.idle_latency_us = 0, which keeps its processors awake; else ticks come late"
                 .into(),
         ),
         None if us < 0 => CheckVerdict::Fine("left to the system".into()),
@@ -136,11 +136,13 @@ fn kernel() -> CheckVerdict {
     let has = |path: &str, word: &str| line_of(path).is_some_and(|line| line.contains(word));
     let hint = if has("/proc/sys/kernel/version", "PREEMPT_DYNAMIC") && !has("/proc/cmdline", "preempt=full")
     {
-        "; booted with preempt=full, a tick waits less for the kernel's own work"
+        "; the boot option preempt=full shortens delays by the kernel"
     } else {
         ""
     };
-    CheckVerdict::Fine(format!("{release}, without PREEMPT_RT: see what the timer below says of it{hint}"))
+    CheckVerdict::Fine(format!(
+        "{release}, without PREEMPT_RT: the line `timer` below measures the delays{hint}"
+    ))
 }
 
 fn timer(config: &Config, table: &TaskTable, watch: Duration) -> CheckVerdict {

@@ -31,9 +31,9 @@ const EXAMPLES: &str = "Examples:
   plumbline doctor V1_01_easy                   check the sensor data of a recording
   plumbline doctor log.mcap --json              check a flight log, print JSON
 
-To measure the mounting of the IMU, let the vehicle stand level for three seconds, lift its nose by 30 degrees, and put it down
-again. Then turn it by hand about all axes in front of a textured scene. Gravity and biases are measured at rest, time offset and
-rotation between camera and IMU in motion, vibration with running motors.
+To measure the mounting of the IMU, let the vehicle stand level for three seconds, lift its nose by 30 degrees, and put it down \
+again. Then turn it by hand about all axes in front of a textured scene. Gravity and biases are measured at rest, time offset and \
+rotation between camera and IMU in motion, vibration with running motors. \
 Exit status 1 means that something is not fit for a flight.";
 
 /// Seconds of data that are looked at without `--seconds`.

@@ -26,7 +26,7 @@ const EXAMPLES: &str = "Examples:
   plumbline setup realsense --imu-to-vehicle -90,0,90 --dry-run   shows what would be written and set
   plumbline setup zed-mini --factory SN12345.conf --imu-to-vehicle 180,0,0 --out drone.toml
 
-No rig has been tried on a device yet: the layouts of tables and controls are those of the manufacturers' public sources, and are tested
+No rig has been tried on a device yet: the layouts of tables and controls are those of the manufacturers' public sources, and are tested \
 on recorded descriptors. See docs/rigs.";
 
 /// Arguments of `plumbline setup`.

@@ -68,10 +68,16 @@ impl fmt::Display for BridgeFigures {
             self.late_ms.p50, self.late_ms.p99, self.late_ms.max
         )?;
         match self.clock_offset_ms {
-            Some(offset) => write!(f, "; the autopilot's clock is {offset:.3} ms ahead"),
+            Some(offset) => write!(f, "; the autopilot's clock is {}", apart(offset)),
             None => write!(f, "; the autopilot's clock is unknown"),
         }
     }
+}
+
+/// How far a clock is apart from ours, by what it is ahead in ms: "1908.4 s behind".
+pub(super) fn apart(ahead_ms: f64) -> String {
+    let (size, side) = (ahead_ms.abs(), if ahead_ms < 0.0 { "behind" } else { "ahead" });
+    if size >= 1000.0 { format!("{:.1} s {side}", size * 1e-3) } else { format!("{size:.3} ms {side}") }
 }
 
 /// Owns the line.

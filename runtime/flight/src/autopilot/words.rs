@@ -40,7 +40,10 @@ impl News {
                 tracing::warn!("autopilot at {address}: no messages received; still sending odometry");
             }
             Self::Clock(ns) => {
-                tracing::info!("autopilot at {address}: its clock is {:.3} ms ahead", ns as f64 * 1e-6);
+                tracing::info!(
+                    "autopilot at {address}: its clock is {}",
+                    super::sender::apart(ns as f64 * 1e-6)
+                );
             }
             Self::Replaced { by, other } => tracing::warn!(
                 "autopilot at {address}: {by} has replaced {other}, which was silent; odometry is now sent to {by}. To accept \

@@ -92,7 +92,9 @@ export class Detail {
     setText(byId('quality'), quality < 0 ? 'invalid' : f.number(quality, 0));
     byId('quality-unit').hidden = quality < 0;
     setStyle(byId('quality-bar'), 'transform', `scaleX(${Math.max(0, Math.min(100, quality || 0)) / 100})`);
-    setData(byId('quality-bar'), 'level', quality >= 60 ? 'good' : quality >= 25 ? 'fair' : 'poor');
+    const isCurrent = vehicle ? store.isCurrent(vehicle) : false;
+    // Of a vehicle that is gone it is the last value, and no colour says that it is good.
+    setData(byId('quality-bar'), 'level', !isCurrent ? 'unknown' : quality >= 60 ? 'good' : quality >= 25 ? 'fair' : 'poor');
     for (const [element, text] of this.elements) setText(element, text(vehicle ?? NOBODY));
     this.horizon.update(vehicle ? attitudeOf(vehicle) : null, vehicle ? store.isCurrent(vehicle) : false);
     this.updateHealth(vehicle, presence, age);

@@ -251,8 +251,8 @@ pub fn consistency<'a>(reports: impl IntoIterator<Item = &'a Report>) -> String 
         };
         let figures = (0..Nees::NAMES.len()).map(|k| nees().filter_map(|nees| nees.ratios()[k]).collect());
         let start = nees().filter_map(|nees| Some(nees.velocity_at_start?.mean_ratio)).collect();
-        let largest = [|nees: &Nees| nees.largest.tilt_deg, |nees: &Nees| nees.largest.velocity_m_s];
-        let largest = largest.map(|of| number(nees().map(of).reduce(f64::max), 3));
+        let largest = [|nees: &Nees| Some(nees.largest.tilt_deg), |nees: &Nees| nees.largest.velocity_m_s];
+        let largest = largest.map(|of| number(nees().filter_map(of).reduce(f64::max), 3));
         let cells: Vec<_> = figures.chain([start]).map(cell).chain(largest).collect();
         lines.push(format!("| {name} | {} | {} |", all.len(), cells.join(" | ")));
     }

@@ -132,12 +132,13 @@ pub(super) fn axes<'a, B: DrawingBackend>(
         .set_label_area_size(LabelAreaPosition::Bottom, fine(below))
         .build_cartesian_2d(x.clone(), y.clone())?;
     let numbers = letters(LETTERS_PX - 1.0, FontStyle::Normal, GREY_INK, HPos::Right);
-    let (x_decimals, y_decimals) = (decimals(&x), decimals(&y));
     let (width_px, height_px) = (rect.width - LEFT_PX, rect.height - CAPTION_PX - below);
+    let (x_marks, y_marks) = ((width_px / 55).clamp(2, 12) as usize, (height_px / 17).clamp(2, 10) as usize);
+    let (x_decimals, y_decimals) = (decimals(&x, x_marks), decimals(&y, y_marks));
     chart
         .configure_mesh()
-        .x_labels((width_px / 55).clamp(2, 12) as usize)
-        .y_labels((height_px / 17).clamp(2, 10) as usize)
+        .x_labels(x_marks)
+        .y_labels(y_marks)
         .x_label_formatter(&|value| number(*value, x_decimals))
         .y_label_formatter(&|value| number(*value, y_decimals))
         .axis_style(stroke(AXIS, 10))
@@ -173,10 +174,23 @@ pub(super) fn area_between(corners: Vec<(f64, f64)>, colour: RGBColor) -> Polygo
     Polygon::new(corners, colour.filled())
 }
 
-/// Decimals that tell the numbers of an axis apart.
-fn decimals(range: &Range<f64>) -> usize {
-    let step = ((range.end - range.start) / 5.0).abs();
-    if step.is_finite() && step > 0.0 { (-step.log10().floor()).clamp(0.0, 6.0) as usize } else { 0 }
+/// Decimals that tell so many marks of an axis apart: those of the step between them, which is 1, 2, 2.5 or 5 times a power of ten.
+fn decimals(range: &Range<f64>, marks: usize) -> usize {
+    let least = ((range.end - range.start) / marks as f64).abs();
+    if !(least.is_finite() && least > 0.0) {
+        return 0;
+    }
+    // The step that is drawn is at least so large.
+    let power = 10_f64.powf(least.log10().floor());
+    let steps = [1.0, 2.0, 2.5, 5.0, 10.0].map(|factor| factor * power);
+    let step = steps.into_iter().find(|step| *step >= least * (1.0 - 1e-9)).unwrap_or(10.0 * power);
+    (0..=6).find(|digits| has_digits(step, *digits)).unwrap_or(6)
+}
+
+/// Whether a number has no more than so many decimals.
+fn has_digits(value: f64, digits: usize) -> bool {
+    let scaled = value * 10_f64.powi(digits as i32);
+    (scaled - scaled.round()).abs() < 1e-6 * scaled.abs().max(1e-9) && scaled.round() >= 1.0
 }
 
 /// A number with a true minus sign, and without one before zero.
@@ -211,9 +225,12 @@ mod tests {
 
     #[test]
     fn numbers_have_as_many_decimals_as_they_need() {
-        assert_eq!(decimals(&(0.0..20.0)), 0);
-        assert_eq!(decimals(&(-0.3..0.3)), 1);
-        assert_eq!(decimals(&(0.0..0.02)), 3);
+        assert_eq!(decimals(&(0.0..20.0), 5), 0);
+        assert_eq!(decimals(&(-0.3..0.3), 5), 1);
+        assert_eq!(decimals(&(0.0..0.02), 5), 3);
+        // Marks every 0.05, as the mesh draws them, and every 25.
+        assert_eq!(decimals(&(-0.3..0.2), 10), 2);
+        assert_eq!(decimals(&(0.0..250.0), 10), 0);
         assert_eq!(number(-0.25, 2), "\u{2212}0.25");
         assert_eq!(number(-0.001, 1), "0.0");
     }

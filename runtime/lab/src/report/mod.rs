@@ -287,9 +287,14 @@ impl Report {
         lines.extend(self.consistency.iter().flat_map(consistency_lines));
         lines.extend(self.places.as_ref().map(Places::line));
         let p = &self.frame_ms;
+        // A live flight takes as long as it takes.
+        let speed = match &self.sensors {
+            None => format!("; {:.1} times real time", self.realtime_factor),
+            Some(_) => String::new(),
+        };
         lines.push(format!(
-            "{:<18}median {:.1} ms, p99 {:.1}, largest {:.1}; {:.1} times real time",
-            "frame", p.p50, p.p99, p.max, self.realtime_factor
+            "{:<18}median {:.1} ms, p99 {:.1}, largest {:.1}{speed}",
+            "frame", p.p50, p.p99, p.max
         ));
         let (points, l) = (&self.points, &self.lines);
         lines.push(format!(
@@ -337,16 +342,20 @@ fn health_frames(outcome: &Outcome) -> BTreeMap<&'static str, u64> {
 /// Consistency of estimates and odometry, for people.
 fn consistency_lines(consistency: &FlightConsistency) -> [String; 3] {
     let line = |nees: &Nees| {
-        let figures = Nees::NAMES.iter().zip(nees.ratios());
-        let parts = figures.map(|(name, ratio)| match ratio {
+        let figures = Nees::NAMES.iter().zip(nees.ratios()).enumerate();
+        let parts = figures.map(|(place, (name, ratio))| match ratio {
             Some(ratio) => format!("{name} {ratio:.2}"),
-            None => format!("{name} unknown"),
+            None => format!("{name} unknown ({})", nees.why_unknown(place)),
         });
         parts.collect::<Vec<_>>().join(", ")
     };
     [
-        format!("{:<18}NEES over its expectation: {}", "estimates", line(&consistency.estimates)),
-        format!("{:<18}the same of the odometry: {}", "", line(&consistency.odometry)),
+        format!(
+            "{:<18}NEES over its expectation (1 is honest): {}",
+            "covariance",
+            line(&consistency.estimates)
+        ),
+        format!("{:<18}that of the odometry: {}", "", line(&consistency.odometry)),
         format!("{:<18}{}", "", consistency.estimates.largest),
     ]
 }

@@ -52,15 +52,22 @@ impl Places {
     /// For people.
     #[must_use]
     pub fn line(&self) -> String {
-        let ate = |ate: Option<f64>| ate.map_or_else(String::new, |m| format!(", ATE {m:.4} m"));
-        format!(
-            "{:<18}{} keyframes, {} seen again, {} loops used; in the map{}, at the end{}",
+        let counted = |n: u32, one: &str, many: &str| match n {
+            0 => format!("no {one}"),
+            1 => format!("1 {one}"),
+            n => format!("{n} {many}"),
+        };
+        let mut line = format!(
+            "{:<18}{}, {}, {}",
             "map",
-            self.keyframes,
-            self.sightings,
-            self.loops_used,
-            ate(self.ate_map_rmse_m),
-            ate(self.ate_final_rmse_m)
-        )
+            counted(self.keyframes, "keyframe", "keyframes"),
+            counted(self.sightings, "place seen again", "places seen again"),
+            counted(self.loops_used, "loop", "loops")
+        );
+        for (ate, when) in [(self.ate_map_rmse_m, "as flown"), (self.ate_final_rmse_m, "as known at the end")]
+        {
+            line += &ate.map_or_else(String::new, |m| format!("; ATE in the map {when} {m:.4} m"));
+        }
+        line
     }
 }

@@ -102,7 +102,7 @@ impl Sensors {
                 gaps(&cameras.stream)
             ),
             format!(
-                "{:<18}handed out {:.1} ms after their middle of exposure in the median, {:.1} at p99",
+                "{:<18}delay from the middle of the exposure to delivery: median {:.1} ms, p99 {:.1} ms",
                 "", cameras.stream.age_ms.p50, cameras.stream.age_ms.p99
             ),
         ];
@@ -117,11 +117,19 @@ impl Sensors {
         ));
         let clock = &imu.figures.clock;
         lines.push(format!(
-            "{:<18}handed out {:.2} ms after their measurement in the median, {:.2} at p99; its clock is {:+.1} ppm off",
-            "", imu.stream.age_ms.p50, imu.stream.age_ms.p99, -clock.skew_ppm
+            "{:<18}delay from the measurement to delivery: median {:.2} ms, p99 {:.2} ms; the IMU's clock runs {}",
+            "",
+            imu.stream.age_ms.p50,
+            imu.stream.age_ms.p99,
+            clock_words(-clock.skew_ppm)
         ));
         lines
     }
+}
+
+/// How much a clock is off: "0.5 ppm fast".
+fn clock_words(ppm: f64) -> String {
+    format!("{:.1} ppm {}", ppm.abs(), if ppm < 0.0 { "slow" } else { "fast" })
 }
 
 fn trigger_line(triggers: &TriggerFigures) -> String {

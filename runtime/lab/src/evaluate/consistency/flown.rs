@@ -47,6 +47,9 @@ pub struct Nees {
     /// Largest errors later than that second.
     #[serde(default)]
     pub largest: LargestErrors,
+    /// Errors without a positive definite covariance, in the order of [`Self::NAMES`]: they are in no figure.
+    #[serde(default)]
+    pub without_covariance: [usize; 5],
 }
 
 /// Largest errors of a flight from one second after each start on.
@@ -54,8 +57,8 @@ pub struct Nees {
 pub struct LargestErrors {
     /// Angle between estimated and true vertical, degrees.
     pub tilt_deg: f64,
-    /// Velocity in the body, m/s.
-    pub velocity_m_s: f64,
+    /// Velocity in the body, m/s; `None` where the truth has no velocity.
+    pub velocity_m_s: Option<f64>,
 }
 
 impl fmt::Display for LargestErrors {
@@ -63,7 +66,8 @@ impl fmt::Display for LargestErrors {
         let Self { tilt_deg, velocity_m_s } = self;
         write!(
             f,
-            "largest errors after one second: tilt {tilt_deg:.3} degrees, velocity {velocity_m_s:.3} m/s"
+            "largest errors after one second: tilt {tilt_deg:.3} degrees, velocity {}",
+            velocity_m_s.map_or_else(|| "unknown (the truth has none)".to_owned(), |v| format!("{v:.3} m/s"))
         )
     }
 }
@@ -71,6 +75,16 @@ impl fmt::Display for LargestErrors {
 impl Nees {
     /// Names of the five figures of [`Self::ratios`].
     pub const NAMES: [&str; 5] = ["position", "tilt", "yaw", "velocity", "steps"];
+
+    /// Why the figure of this place in [`Self::NAMES`] is unknown.
+    #[must_use]
+    pub fn why_unknown(&self, place: usize) -> String {
+        match (self.without_covariance.get(place), Self::NAMES.get(place)) {
+            (Some(count @ 1..), _) => format!("no positive definite covariance for any of {count} errors"),
+            (_, Some(&"velocity")) => "the truth has none".to_owned(),
+            _ => "too few poses with a truth".to_owned(),
+        }
+    }
 
     /// The five mean ratios, in the order of [`Self::NAMES`].
     #[must_use]
@@ -83,8 +97,10 @@ impl Nees {
 impl LargestErrors {
     fn take(&mut self, tilt: &Claim<2>, velocity: Option<&Claim<3>>) {
         self.tilt_deg = self.tilt_deg.max(tilt.error.norm().to_degrees());
-        let velocity_m_s = velocity.map_or(0.0, |claim| claim.error.norm());
-        self.velocity_m_s = self.velocity_m_s.max(velocity_m_s);
+        if let Some(claim) = velocity {
+            let error_m_s = claim.error.norm();
+            self.velocity_m_s = Some(self.velocity_m_s.map_or(error_m_s, |largest| largest.max(error_m_s)));
+        }
     }
 }
 
@@ -136,22 +152,26 @@ fn judged(poses: &[(PublishedState, TrueState)], steps: &[StepCovariance], near_
             }
         }
     }
+    let of_steps = judged_steps(poses, steps, near_s);
     Nees {
+        without_covariance: [
+            position.without_covariance,
+            tilts.without_covariance,
+            yaw.without_covariance,
+            speeds.without_covariance,
+            of_steps.without_covariance,
+        ],
         position: position.figure(),
         tilt: tilts.figure(),
         yaw: yaw.figure(),
         velocity: speeds.figure(),
-        steps: judged_steps(poses, steps, near_s),
+        steps: of_steps.figure(),
         velocity_at_start: beginning.figure(),
         largest,
     }
 }
 
-fn judged_steps(
-    poses: &[(PublishedState, TrueState)],
-    steps: &[StepCovariance],
-    near_s: f64,
-) -> Option<Consistency> {
+fn judged_steps(poses: &[(PublishedState, TrueState)], steps: &[StepCovariance], near_s: f64) -> Sum<4> {
     let mut sum = Sum::<4>::default();
     for known in steps {
         let ends = nearest(poses, known.from, near_s).zip(nearest(poses, known.to, near_s));
@@ -160,7 +180,7 @@ fn judged_steps(
             sum.add(&step((from, true_from), (to, true_to), known));
         }
     }
-    sum.figure()
+    sum
 }
 
 /// The pose nearest to `stamp`, at most `within_s` from it.

@@ -172,7 +172,7 @@ fn the_largest_errors_are_those_after_the_first_second() {
     let largest =
         FlightConsistency::of(&published, &Truth::Recorded(truths.to_vec())).unwrap().estimates.largest;
     assert!(
-        (largest.tilt_deg - 2.0).abs() < 1e-6 && (largest.velocity_m_s - 0.4).abs() < 1e-6,
+        (largest.tilt_deg - 2.0).abs() < 1e-6 && (largest.velocity_m_s.unwrap() - 0.4).abs() < 1e-6,
         "{largest:?}"
     );
 }
