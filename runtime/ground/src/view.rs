@@ -304,7 +304,10 @@ mod tests {
         let announced = fleet.events_since(0).filter(|event| event.text == "mounting unknown: set it");
         assert_eq!(announced.count(), 1);
         assert!(text(&fleet, now + Duration::from_secs(1)).contains("stale"));
-        assert!(text(&fleet, now + Duration::from_secs(9)).contains("lost"));
+        // Of a vehicle that is gone nothing is said that sounds well.
+        let gone = text(&fleet, now + Duration::from_secs(9));
+        assert!(gone.contains("lost") && gone.contains("quality -"), "{gone}");
+        assert!(gone.contains("health unknown") && !gone.contains("no faults"), "{gone}");
     }
 
     #[test]
