@@ -130,7 +130,12 @@ pub fn late_findings(
     let are_bunched = known.iter().any(|finding| finding.what.contains(BURSTS));
     let imu = Faults { missing: if are_bunched { 0 } else { faults.imu.missing }, ..faults.imu };
     let of_drivers = plausibility::of_faults(imu, faults.cameras, Some(&files.words()));
-    let of_stamps = plausibility::of_stamps(faults.imu, faults.cameras, flown.outcome.figures.frames, false);
+    // The files of a recording may have named it already, with the place.
+    let are_stamps_known =
+        known.iter().any(|finding| finding.what.contains("stamp") || finding.what.contains("clock"));
+    let of_stamps = (!are_stamps_known)
+        .then(|| plausibility::of_stamps(faults.imu, faults.cameras, flown.outcome.figures.frames, false))
+        .flatten();
     let of_log = log_end.and_then(LogEnd::words).map(|words| {
         let seconds = flown.outcome.figures.span_s;
         Finding::new(
