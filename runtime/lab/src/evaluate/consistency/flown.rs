@@ -79,7 +79,7 @@ impl Nees {
     /// Why the figure of this place in [`Self::NAMES`] is unknown.
     #[must_use]
     pub fn why_unknown(&self, place: usize) -> String {
-        match (self.without_covariance.get(place), Self::NAMES.get(place)) {
+        match (self.without_covariance.get(place).copied(), Self::NAMES.get(place)) {
             (Some(count @ 1..), _) => format!("no positive definite covariance for any of {count} errors"),
             (_, Some(&"velocity")) => "the truth has none".to_owned(),
             _ => "too few poses with a truth".to_owned(),
