@@ -15,10 +15,10 @@ const EXAMPLES: &str = "Examples:
   plumbline config import --euroc V1_01_easy --inflate 10 --imu-to-vehicle unknown --out my.toml
   plumbline replay V1_01_easy --config my.toml
 
-Calibration files do not contain the mounting of the IMU in the vehicle. 0,0,0 is x forward, y left, z up; 180,0,0 is x forward,
+Calibration files do not contain the mounting of the IMU in the vehicle. 0,0,0 is x forward, y left, z up; 180,0,0 is x forward, \
 y right, z down. With `unknown` neither autopilot nor ROS 2 is served; `plumbline doctor --live` measures the mounting.
 
-Noise densities from a data sheet or an Allan plot hold for a sensor at rest, and are too small in flight. If your files contain
+Noise densities from a data sheet or an Allan plot hold for a sensor at rest, and are too small in flight. If your files contain \
 such values, use --inflate 10 (as Kalibr recommends; the preset euroc has 10 and 8).";
 
 /// Arguments of `plumbline config import`.
