@@ -25,6 +25,8 @@ pub enum Kind {
     Peer = 0b01,
     /// Talks to the one it is connected to.
     Client = 0b10,
+    /// Passes messages on.
+    Router = 0b00,
 }
 
 /// A peer whose transport is open.

@@ -1,5 +1,7 @@
 //! Peers that speak Zenoh without Zenoh, over TLS: they say what no session would, and hear all that comes.
 
+#[path = "../../fuzz/hostile.rs"]
+pub mod hostile;
 #[path = "../../fuzz/raw_peer.rs"]
 pub mod raw_peer;
 

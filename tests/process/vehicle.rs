@@ -45,6 +45,12 @@ impl Running {
         self.words.lock().unwrap().clone()
     }
 
+    /// The process that works: of a router or a station the one that their supervisor has started, else itself.
+    pub fn worker(&self) -> u32 {
+        let itself = self.child.id();
+        crate::local::children(itself).first().copied().unwrap_or(itself)
+    }
+
     /// Ends it as a person would, with Ctrl-C, and waits.
     pub fn interrupt(&mut self) {
         let _ = Command::new("kill").args(["-INT", &self.child.id().to_string()]).status();

@@ -1,11 +1,11 @@
 //! `plumbline demo`: a simulated flight at real time, estimated live, published on the loopback interface, and
 //! watched by a ground station with its page.
 
-use super::exit_status::last_resort;
+use super::exit_status::{FAULT, last_resort};
 use super::link_process::LinkProcess;
 use super::progress::{Glance, Progress};
 use super::scenario::parse_scene;
-use super::{Usage, stop_on_signal};
+use super::{Usage, log_lines, stop_on_signal};
 use anyhow::Result;
 use clap::Args;
 use nalgebra::Isometry3;
@@ -61,6 +61,7 @@ pub struct DemoArgs {
 /// # Errors
 /// When the flight cannot be simulated or no port is free.
 pub fn run(args: &DemoArgs) -> Result<()> {
+    log_lines::end_on_panic(FAULT);
     let mut scenario = Scenario {
         scene: parse_scene(&args.scene)?,
         duration_s: args.duration,

@@ -4,13 +4,15 @@ use super::access::AccessArgs;
 #[cfg(feature = "terminal")]
 mod in_terminal;
 
-use super::{check_outputs, say, stop_on_signal};
+use super::{check_outputs, log_lines, say, stop_on_signal, supervisor};
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use plumbline_ground::connection::Connection;
 use plumbline_ground::fleet::Fleet;
 use plumbline_ground::{self as ground, foxglove, lock, web};
 use plumbline_link::net::{Endpoints, Mode, NetError, audit, diagnosis, security};
+use rustix::process::{Resource, Rlimit, setrlimit};
+use std::io::{IsTerminal, Write as _};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -21,6 +23,9 @@ use std::time::{Duration, Instant};
 const LOOK: Duration = Duration::from_millis(100);
 /// What still goes on at the end may take this long.
 const END_PATIENCE: Duration = Duration::from_millis(300);
+/// Data that the process may have, bytes: 25 MB for each of 64 vehicles whose tracks and maps are full. Beyond it the process
+/// ends; its supervisor starts it again (docs/security.md).
+const MAX_DATA_BYTES: u64 = 1_600_000_000;
 /// Endpoint to connect to if none is given.
 const DEFAULT_CONNECT: &str = "tcp/127.0.0.1:7447";
 
@@ -93,6 +98,9 @@ impl GroundArgs {
 /// # Errors
 /// When the network cannot be reached, the page not be served, or the terminal not be used.
 pub fn run(args: &GroundArgs) -> Result<()> {
+    supervisor::begin_work()?;
+    let limit = Rlimit { current: Some(MAX_DATA_BYTES), maximum: Some(MAX_DATA_BYTES) };
+    setrlimit(Resource::Data, limit)?;
     check_outputs(&args.report)?;
     let endpoints = args.endpoints();
     endpoints.check()?;
@@ -103,7 +111,7 @@ pub fn run(args: &GroundArgs) -> Result<()> {
     let foxglove = args.foxglove.map(foxglove::bind).transpose()?;
     let fleet = Arc::new(Mutex::new(Fleet::default()));
     let stop = stop_on_signal()?;
-    let end = args.duration.map(|s| Instant::now() + Duration::from_secs_f64(s.clamp(0.0, 1e6)));
+    let end = args.duration.map(|s| supervisor::begun() + Duration::from_secs_f64(s.clamp(0.0, 1e6)));
     let is_over = || {
         audit::log_refusals();
         diagnosis::report_failures();

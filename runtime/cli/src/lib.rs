@@ -52,6 +52,7 @@ pub mod scenario;
 mod setup;
 mod signals;
 pub mod simulate;
+mod supervisor;
 #[cfg(feature = "lab")]
 pub mod sweep;
 pub mod topics;
@@ -194,6 +195,16 @@ impl Command {
         }
         matches!(self, Self::Router(_) | Self::Link(_))
     }
+
+    /// Name of a command that runs under a supervisor, which starts it again after a fault.
+    fn supervised(&self) -> Option<&'static str> {
+        match self {
+            #[cfg(feature = "ground")]
+            Self::Ground(_) => Some("the ground station"),
+            Self::Router(_) => Some("the router"),
+            _ => None,
+        }
+    }
 }
 
 /// Runs the command line of this process.
@@ -204,14 +215,18 @@ pub fn main() -> ExitCode {
         return ExitCode::from(exit_status::exit_status(&refusal.into()));
     }
     let cli = Cli::parse();
-    if cli.command.has_network() {
+    let supervised = cli.command.supervised().filter(|_| !supervisor::is_worker());
+    if cli.command.has_network() && supervised.is_none() {
         lay_out_threads();
     }
     init_logs(cli.verbose, matches!(cli.command, Command::Fly(_)));
-    let ended = run(cli.command);
+    let ended = match supervised {
+        Some(name) => supervisor::run(name),
+        None => run(cli.command).map(|()| ExitCode::SUCCESS),
+    };
     log_lines::flush();
     match ended {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(status) => status,
         Err(error) => {
             // A terminal that is gone takes no words, and that is no reason to panic; nor is one that stands still.
             let words = format!("plumbline: {}\n", one_line(&error));
@@ -281,10 +296,10 @@ fn run(command: Command) -> anyhow::Result<()> {
     }
 }
 
-/// Writes a line to stdout. A reader that has gone, as `head` does, ends the process: nobody listens.
+/// Writes a line to stdout. A reader that has gone, as `head` does, ends the process: nobody listens, which is no failure.
 pub fn say(line: impl Display) {
-    if writeln!(std::io::stdout(), "{line}").is_err() {
-        std::process::exit(1);
+    if let Err(error) = writeln!(std::io::stdout(), "{line}") {
+        std::process::exit(i32::from(error.kind() != std::io::ErrorKind::BrokenPipe));
     }
 }
 

@@ -176,6 +176,10 @@ pub fn take_panics() {
 pub fn end_on_panic(status: u8) {
     let say = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |info| {
+        // What draws on the terminal ends with the process: its line is for stderr.
+        if let Ok(mut reader) = READER.try_lock() {
+            reader.take();
+        }
         say(info);
         flush();
         std::process::exit(status.into());
@@ -185,6 +189,20 @@ pub fn end_on_panic(status: u8) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_panic_on_any_thread_ends_the_process() {
+        const ENDS: &str = "PLUMBLINE_TEST_ENDS_ON_PANIC";
+        if std::env::var_os(ENDS).is_some() {
+            end_on_panic(3);
+            let _ = std::thread::spawn(|| panic!("as a library does")).join();
+            // The process that goes on would pass.
+            return;
+        }
+        let mut itself = std::process::Command::new(std::env::current_exe().unwrap());
+        itself.args(["--exact", "log_lines::tests::a_panic_on_any_thread_ends_the_process"]).env(ENDS, "1");
+        assert_eq!(itself.output().unwrap().status.code(), Some(3));
+    }
 
     #[test]
     fn without_anybody_to_write_them_lines_are_counted_and_nobody_waits() {

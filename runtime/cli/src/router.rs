@@ -1,7 +1,7 @@
 //! `plumbline router`: a Zenoh router for vehicles and ground stations that cannot reach each other directly.
 
 use super::access::AccessArgs;
-use super::{Usage, say, stop_on_signal};
+use super::{Usage, say, stop_on_signal, supervisor};
 use anyhow::Result;
 use clap::Args;
 use plumbline_link::net::{Endpoints, Mode, audit, diagnosis, security};
@@ -12,7 +12,7 @@ use std::time::Duration;
 /// Refusals are said this often.
 const CHORES_PERIOD: Duration = Duration::from_millis(200);
 /// Data that the process may have, bytes: 512 MB for its 160 links, three times what they hold that behave, and what it has
-/// without any. Beyond it the process ends; its unit starts it again (docs/security.md).
+/// without any. Beyond it the process ends; its supervisor starts it again (docs/security.md).
 const MAX_DATA_BYTES: u64 = 576_000_000;
 
 /// Arguments of `plumbline router`.
@@ -25,6 +25,9 @@ pub struct RouterArgs {
     /// Connect to another router; may be repeated.
     #[arg(long, value_name = "ENDPOINT")]
     pub connect: Vec<String>,
+    /// Exchange routes with other routers, also with those that connect here. Default: only with --connect.
+    #[arg(long)]
+    pub routes: bool,
     /// Own identity, and peers that are accepted.
     #[command(flatten)]
     pub access: AccessArgs,
@@ -35,13 +38,17 @@ pub struct RouterArgs {
 /// # Errors
 /// When an endpoint cannot be used.
 pub fn run(args: &RouterArgs) -> Result<()> {
+    supervisor::begin_work()?;
     if args.listen.is_empty() {
         return Err(
             Usage("no endpoint to listen on: give --listen, such as tcp/127.0.0.1:7447".into()).into()
         );
     }
-    let endpoints =
-        Endpoints { mode: Mode::Router, ..args.access.endpoints("*", &args.listen, &args.connect) };
+    let endpoints = Endpoints {
+        mode: Mode::Router,
+        routes: args.routes || !args.connect.is_empty(),
+        ..args.access.endpoints("*", &args.listen, &args.connect)
+    };
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
     let limit = Rlimit { current: Some(MAX_DATA_BYTES), maximum: Some(MAX_DATA_BYTES) };
     setrlimit(Resource::Data, limit)?;
@@ -51,10 +58,12 @@ pub fn run(args: &RouterArgs) -> Result<()> {
     }
     say(format_args!("routing on {}; Ctrl-C ends it", args.listen.join(", ")));
     let stop = stop_on_signal()?;
+    let mut routes = diagnosis::DroppedRoutes::default();
     while !stop.load(Ordering::Relaxed) {
         std::thread::sleep(CHORES_PERIOD);
         audit::log_refusals();
         diagnosis::report_failures();
+        routes.report();
     }
     let _ = runtime.block_on(async { session.close().await });
     Ok(())

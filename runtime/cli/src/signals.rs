@@ -1,5 +1,6 @@
-//! Signals that end a command.
+//! Signals that end a command. A worker ([`supervisor`]) is stopped by its supervisor instead.
 
+use super::supervisor;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use std::sync::Arc;
@@ -42,9 +43,14 @@ fn stop_unless(is_ignored: impl Fn(i32) -> bool + Send + 'static) -> anyhow::Res
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
     let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP])?;
+    let is_worker = supervisor::is_worker();
+    if is_worker {
+        signals.add_signal(supervisor::STOP)?;
+    }
     std::thread::Builder::new().name("signals".into()).spawn(move || {
         for signal in signals.forever() {
-            if !is_ignored(signal) && flag.swap(true, Ordering::Relaxed) {
+            let is_supervisors = is_worker && signal != supervisor::STOP;
+            if !is_supervisors && !is_ignored(signal) && flag.swap(true, Ordering::Relaxed) {
                 std::process::exit(INTERRUPTED);
             }
         }

@@ -1,10 +1,12 @@
 //! What the fuzzers send to a session: transport messages of Zenoh, as any peer can that is connected; and what clients of
 //! ROS 2 attach to a request.
 
+#[path = "../../../fuzz/hostile.rs"]
+pub mod hostile;
 #[path = "../../../fuzz/raw_peer.rs"]
 pub mod raw_peer;
 
-use crate::net::Endpoints;
+use crate::net::{Endpoints, Mode};
 use crate::ros::names::Attachment;
 use raw_peer::{Kind, RawPeer};
 use std::io::Read as _;
@@ -20,10 +22,11 @@ static PANICS: AtomicU64 = AtomicU64::new(0);
 /// A session that has not ended a link after so long hangs.
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// A session that is reached over the loopback interface.
+/// Sessions that are reached over the loopback interface: of a vehicle, and of a router that exchanges routes.
 struct Target {
-    address: SocketAddr,
-    _session: Session,
+    vehicle: SocketAddr,
+    router: SocketAddr,
+    _sessions: [Session; 2],
     _runtime: Runtime,
 }
 
@@ -35,17 +38,19 @@ fn target() -> &'static Target {
             PANICS.fetch_add(1, Ordering::SeqCst);
             say(info);
         }));
-        let free = TcpListener::bind("127.0.0.1:0").and_then(|socket| socket.local_addr());
-        let address = free.expect("there is a free port");
+        let free = || TcpListener::bind("127.0.0.1:0").and_then(|socket| socket.local_addr());
+        let [vehicle, router] = [(); 2].map(|()| free().expect("there is a free port"));
         let runtime = Runtime::new().expect("there is a runtime");
-        let session = runtime.block_on(listening(address));
-        Target { address, _session: session, _runtime: runtime }
+        let sessions = [(vehicle, Mode::Peer), (router, Mode::Router)];
+        let sessions = sessions.map(|(address, mode)| runtime.block_on(listening(address, mode)));
+        Target { vehicle, router, _sessions: sessions, _runtime: runtime }
     })
 }
 
-/// A session of a vehicle, with what it declares.
-async fn listening(address: SocketAddr) -> Session {
-    let endpoints = Endpoints { listen: vec![format!("tcp/{address}")], ..Endpoints::default() };
+/// A session with what a vehicle declares.
+async fn listening(address: SocketAddr, mode: Mode) -> Session {
+    let listen = vec![format!("tcp/{address}")];
+    let endpoints = Endpoints { mode, listen, routes: mode == Mode::Router, ..Endpoints::default() };
     let session = endpoints.open().await.expect("the port is free");
     let ours = "declarations of our own are sound";
     session.declare_queryable("plumbline/drone/trajectory/**").callback(drop).background().await.expect(ours);
@@ -60,12 +65,20 @@ async fn listening(address: SocketAddr) -> Session {
 /// # Panics
 /// When a thread of the session panics, when a link does not end, or when the session lets in nobody any more.
 pub fn zenoh_transport(data: &[u8]) {
+    let Target { vehicle, router, .. } = target();
+    for (address, kind) in [(vehicle, Kind::Client), (router, Kind::Client), (router, Kind::Router)] {
+        send_batches(*address, kind, data);
+    }
+}
+
+/// Sends the batches as a peer of this kind, and waits until they are read.
+fn send_batches(address: SocketAddr, kind: Kind, data: &[u8]) {
     static ZID: AtomicU64 = AtomicU64::new(1);
     let mut zid = [7; 16];
     zid[..8].copy_from_slice(&ZID.fetch_add(1, Ordering::Relaxed).to_le_bytes());
-    let stream = TcpStream::connect(target().address).expect("somebody listens");
+    let stream = TcpStream::connect(address).expect("somebody listens");
     stream.set_read_timeout(Some(PATIENCE)).expect("sockets have timeouts");
-    let mut peer = RawPeer::open(stream, Kind::Client, zid).expect("whoever comes is let in");
+    let mut peer = RawPeer::open(stream, kind, zid).expect("whoever comes is let in");
     let mut rest = data;
     while let Some(([kind, low, high], after)) = rest.split_first_chunk() {
         let length = usize::from(u16::from_le_bytes([*low, *high])).min(after.len()).min(60_000);
@@ -112,6 +125,7 @@ mod fixture;
 #[cfg(test)]
 mod tests {
     use super::fixture::put;
+    use super::hostile::{self, Hostile, hostile_link_states, link_states};
     use super::raw_peer::declare_key;
     use super::{Attachment, ros_attachment, smoke, zenoh_transport};
 
@@ -141,8 +155,24 @@ mod tests {
     }
 
     #[test]
+    fn link_states_that_claim_too_much_end_the_link_and_nothing_else() {
+        for body in hostile_link_states() {
+            zenoh_transport(&input(&[(1, link_states(&body))]));
+        }
+    }
+
+    #[test]
+    fn lengths_beyond_a_message_end_the_link_and_nothing_else() {
+        let mut hostile = Hostile::new(7);
+        for _ in 0..300 {
+            let frames: Vec<_> = (0..8).map(|_| (1, hostile.message())).collect();
+            zenoh_transport(&input(&frames));
+        }
+    }
+
+    #[test]
     fn fuzz_zenoh_transport() {
-        smoke::over_seeds_and_mutations("zenoh_transport", 2_000, zenoh_transport);
+        smoke::over_seeds_and_mutations("zenoh_transport", 1_000, zenoh_transport);
     }
 
     #[test]
@@ -178,6 +208,12 @@ mod tests {
         put("zenoh_transport", "all", &input(&[&[first.clone()][..], &said].concat()));
         for (k, message) in said.into_iter().enumerate() {
             put("zenoh_transport", &format!("{k:02}"), &input(&[first.clone(), message]));
+        }
+        for (k, body) in hostile_link_states().iter().enumerate() {
+            put("zenoh_transport", &format!("link_states_{k}"), &input(&[(1, link_states(body))]));
+        }
+        for (k, message) in hostile::messages().into_iter().enumerate() {
+            put("zenoh_transport", &format!("message_{k:02}"), &input(&[(1, message)]));
         }
         put("zenoh_transport", "alive", &input(&[(0, vec![0x04]), (0, vec![0x03, 0])]));
         put(

@@ -35,8 +35,8 @@ const MAX_STATION_MB: f64 = 100.0;
 /// Data that peers may take of the network process, bytes.
 const MAX_HELD_BYTES: u64 = 10_000_000;
 
-fn resident_mb(process: &Running) -> f64 {
-    let status = std::fs::read_to_string(format!("/proc/{}/status", process.child.id())).unwrap();
+fn resident_mb(process: u32) -> f64 {
+    let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap();
     let line = status.lines().find(|line| line.starts_with("VmRSS:")).unwrap();
     line.split_whitespace().nth(1).unwrap().parse::<f64>().unwrap() / 1024.0
 }
@@ -109,7 +109,8 @@ fn soak_network_messages_in_masses_grow_nobodys_memory_and_delay_no_odometry() {
     drop(station);
     let ([mut vehicle, station], endpoints) = start(folder.path(), &report);
     std::thread::sleep(Duration::from_secs(8));
-    let before = [&vehicle, &station].map(resident_mb);
+    let ids = [vehicle.child.id(), station.worker()];
+    let before = ids.map(resident_mb);
     let (theirs, looped) = (folder.path().to_owned(), looped_bytes());
     let floods = std::thread::spawn(move || {
         let runtime =
@@ -120,7 +121,7 @@ fn soak_network_messages_in_masses_grow_nobodys_memory_and_delay_no_odometry() {
     });
     let mut largest = before;
     eventually("the flood is over", Duration::from_secs(u64::from(FLIGHT_S)), || {
-        let now = [&vehicle, &station].map(resident_mb);
+        let now = ids.map(resident_mb);
         largest = [0, 1].map(|k| largest[k].max(now[k]));
         floods.is_finished()
     });
@@ -173,7 +174,7 @@ fn soak_network_keys_without_end_cost_the_network_process_and_not_the_flight() {
     vehicle.args(["--listen", &endpoint]);
     let mut vehicle = Running::start(vehicle);
     std::thread::sleep(Duration::from_secs(6));
-    let before = resident_mb(&vehicle);
+    let before = resident_mb(vehicle.child.id());
     // A bound that is reached soon: Zenoh declares the slower the more there is already.
     let link = children(vehicle.child.id())[0];
     let bytes = Some(data_bytes(link) + MAX_HELD_BYTES);
@@ -188,7 +189,7 @@ fn soak_network_keys_without_end_cost_the_network_process_and_not_the_flight() {
         tokio::runtime::Builder::new_multi_thread().worker_threads(PEERS).enable_all().build().unwrap();
     (0..PEERS).for_each(|_| drop(peers.spawn(attack())));
     for _ in 0..150 {
-        largest = largest.max(resident_mb(&vehicle));
+        largest = largest.max(resident_mb(vehicle.child.id()));
         std::thread::sleep(Duration::from_millis(100));
     }
     is_over.store(true, Ordering::Relaxed);
@@ -247,11 +248,11 @@ fn soak_sixty_pages_that_never_read_take_little_of_the_station() {
         })
         .collect();
     std::thread::sleep(Duration::from_secs(12));
-    let before_mb = resident_mb(&station);
+    let before_mb = resident_mb(station.worker());
     let pages: Vec<TcpStream> = (0..PAGES).map(|_| page_that_never_reads(page_port)).collect();
     let most_mb = (0..45).fold(before_mb, |most, _| {
         std::thread::sleep(Duration::from_secs(1));
-        resident_mb(&station).max(most)
+        resident_mb(station.worker()).max(most)
     });
     println!(
         "{VEHICLES} vehicles: {before_mb:.1} MB; with {PAGES} pages that never read at most {most_mb:.1} MB"

@@ -102,7 +102,7 @@ impl Drop for BadLink {
 
 /// Resident memory of a process, MB.
 fn resident_mb(process: &Running) -> f64 {
-    let status = std::fs::read_to_string(format!("/proc/{}/status", process.child.id())).unwrap_or_default();
+    let status = std::fs::read_to_string(format!("/proc/{}/status", process.worker())).unwrap_or_default();
     let line = status.lines().find(|line| line.starts_with("VmRSS:")).unwrap_or("VmRSS: 0").to_owned();
     line.split_whitespace().nth(1).unwrap().parse::<f64>().unwrap() / 1024.0
 }

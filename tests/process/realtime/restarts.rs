@@ -1,5 +1,6 @@
 //! A vehicle that is killed and started again, over and over, while a station watches. Part of `make soak`.
 
+use crate::local::children;
 use crate::vehicle::{PLUMBLINE, Running, eventually, flight, free_port, render};
 use crate::{plumbline, stderr};
 use plumbline_test_support::soak_minutes;
@@ -46,7 +47,8 @@ impl Station {
     }
 
     fn resident_mb(&self) -> f64 {
-        let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).unwrap();
+        let status =
+            std::fs::read_to_string(format!("/proc/{}/status", children(self.child.id())[0])).unwrap();
         let line = status.lines().find(|line| line.starts_with("VmRSS:")).unwrap();
         line.split_whitespace().nth(1).unwrap().parse::<f64>().unwrap() / 1024.0
     }

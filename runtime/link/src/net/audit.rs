@@ -22,6 +22,8 @@ pub const TARGETS: [(&str, LevelFilter); 3] = [
 ];
 /// What the second of them adds to every handshake that failed, whatever the reason was.
 const HINT: &str = ". Hint: increase the system open file limit";
+/// The reason of a handshake whose certificate has no place.
+const NO_PLACE: &str = "ApplicationVerificationFailure";
 /// How the third begins when an attempt to connect has failed, the longer one first.
 const FAILED: [&str; 2] = ["Unable to connect to configured peer ", "Unable to connect to "];
 thread_local! {
@@ -61,7 +63,10 @@ impl<S: Subscriber> Layer<S> for Audit {
             return;
         }
         if let Some((reason, _)) = message.0.split_once(HINT) {
-            refusals().hear_handshake(reason);
+            // Who has no place is named by the places themselves.
+            if !reason.contains(NO_PLACE) {
+                refusals().hear_handshake(reason);
+            }
         } else if !decision::is_passed(&message.0) {
             AHEAD.with_borrow_mut(|ahead| refusals().hear(&message.0, ahead));
         }

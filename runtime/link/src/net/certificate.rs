@@ -10,6 +10,8 @@ use x509_parser::pem::parse_x509_pem;
 pub const MAX_NUMBER: u32 = 24;
 /// The vehicle that the certificate of the role is for: the one that a configuration names unless it is told otherwise.
 pub const DEFAULT_VEHICLE: &str = "drone";
+/// The holder that gives commands.
+pub const OPERATOR: &str = "operator";
 /// How holders begin that are vehicles.
 const VEHICLE: &str = "vehicle:";
 

@@ -149,6 +149,13 @@ pub fn explain(endpoint: &str, reason: &str) -> String {
     } else if says(&["certificaterevoked"]) {
         "our certificate is excluded there (network.tls.excluded); use one that is not, such as a renewed one"
             .into()
+    } else if says(&["accessdenied", "access denied"]) {
+        format!(
+            "it has no place left for our certificate: {} sessions of one certificate at most, and the last {} places are for \
+             operators; close other sessions, or use another certificate",
+            security::MAX_SESSIONS_PER_CERTIFICATE,
+            security::PLACES_FOR_OPERATORS
+        )
     } else if says(&["is excluded"]) {
         "its certificate is excluded here (network.tls.excluded)".into()
     } else if says(&["fatal alert", "badcertificate", "certificaterequired", "unknownca"]) {
@@ -163,7 +170,10 @@ pub fn explain(endpoint: &str, reason: &str) -> String {
         let other = if endpoint.starts_with("tls/") { "; or it does not speak TLS: try tcp/" } else { "" };
         format!("it does not answer in time; check the network, firewalls and the port{other}")
     } else {
-        format!("it ends the connection ({words}); does it ask for a name and password, or for certificates?")
+        format!(
+            "it ends the connection ({words}); does it ask for a name and password, or for certificates, or are all of its \
+             places for sessions taken?"
+        )
     }
 }
 
@@ -252,6 +262,24 @@ fn report_failure(endpoint: &str, reason: &str) {
     logged.newest = Some(words);
 }
 
+/// Link states of peers that a router dropped, which it reports once.
+#[derive(Debug, Default)]
+pub struct DroppedRoutes {
+    is_told: bool,
+}
+
+impl DroppedRoutes {
+    /// Logs that a peer sent link states, if one did.
+    pub fn report(&mut self) {
+        if !self.is_told && zenoh_codec::network::dropped_link_states() > 0 {
+            self.is_told = true;
+            tracing::warn!(
+                "a peer sent link states, which this router ignores; if it is another router, start this one with --routes"
+            );
+        }
+    }
+}
+
 /// Why the last attempt failed, if one did.
 #[must_use]
 pub fn newest_failure() -> Option<String> {
@@ -315,6 +343,7 @@ mod tests {
             ("received fatal alert: CertificateRevoked", "is excluded there"),
             ("the certificate router.1 is excluded", "is excluded here"),
             ("received fatal alert: CertificateRequired", "does not accept our certificate"),
+            ("received fatal alert: AccessDenied", "no place left for our certificate"),
             ("deadline has elapsed", "does not answer in time"),
         ] {
             assert!(explained(reason).contains(words), "{reason}: {}", explained(reason));

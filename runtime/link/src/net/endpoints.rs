@@ -39,6 +39,8 @@ pub struct Endpoints {
     pub open_timeout_ms: u64,
     /// Multicast scouting.
     pub scouting: bool,
+    /// A router exchanges routes with other routers.
+    pub routes: bool,
     /// What the link can carry.
     pub link: Link,
     /// What a vehicle's session may hold in memory, MB (10^6 bytes).
@@ -70,6 +72,7 @@ impl Endpoints {
             connect: config.connect.clone(),
             open_timeout_ms: OPEN_TIMEOUT_MS,
             scouting: config.scouting,
+            routes: false,
             link: config.link,
             max_memory_mb: config.max_memory_mb,
             commands: config.commands,
@@ -128,7 +131,7 @@ impl Endpoints {
     }
 }
 
-fn is_udp(endpoint: &str) -> bool {
+pub(super) fn is_udp(endpoint: &str) -> bool {
     endpoint.starts_with("udp/")
 }
 

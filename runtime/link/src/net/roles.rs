@@ -108,7 +108,7 @@ fn grant_certificates(table: &mut Table, endpoints: &Endpoints, keys: &Keys) {
         router.push(from(ASK, &keys.commands));
     }
     grant("viewer", &viewer);
-    grant("operator", &operator);
+    grant(certificate::OPERATOR, &operator);
     grant("router", &router);
     for name in &endpoints.hears {
         let own = [format!("{ROOT}/{name}/**")];

@@ -6,8 +6,8 @@
 //! that listens openly.
 
 use super::certificate;
+use super::endpoints::Endpoints;
 pub use super::endpoints::is_loopback;
-use super::endpoints::{Endpoints, Mode};
 use super::error::NetError;
 use super::roles;
 use plumbline_config::options::Commands;
@@ -35,10 +35,6 @@ pub fn settings(endpoints: &Endpoints) -> Result<Vec<(&'static str, String)>, Ne
         settings.push(("transport/link/tls", tls_settings(endpoints).to_string()));
         // Whoever is connected could have us connect to others, over plain TCP and to this host too.
         settings.push(("scouting/gossip/autoconnect", "[]".into()));
-        // Nor are the identifiers of others told: who knows one takes its place while its link is down.
-        if endpoints.mode == Mode::Peer {
-            settings.push(("scouting/gossip/enabled", "false".into()));
-        }
     }
     let mut usrpwd = serde_json::Map::new();
     if !login.user.is_empty() {
@@ -78,24 +74,46 @@ fn tls_settings(endpoints: &Endpoints) -> Value {
     })
 }
 
-/// Key of an endpoint's configuration that the TLS links of `runtime/link/vendor/zenoh-link-tls` know.
+/// Keys of an endpoint's configuration that the TLS links of `runtime/link/vendor/zenoh-link-tls` know.
+const PLACES: &str = "places";
 const EXCLUDED_NAMES: &str = "excluded_names";
+/// Sessions of one certificate at a time.
+pub const MAX_SESSIONS_PER_CERTIFICATE: usize = 8;
+/// Places that only operators may take.
+pub const PLACES_FOR_OPERATORS: usize = 4;
 
-/// An endpoint whose TLS handshakes refuse the certificates of these names.
+/// An endpoint whose TLS handshakes refuse the certificates of these names; a listener also bounds the sessions that come in:
+/// `places` for all certificates together.
 #[must_use]
-pub fn excluding(endpoint: &str, names: &[String]) -> String {
-    if names.is_empty() || !endpoint.starts_with("tls/") {
+pub fn guarded(endpoint: &str, excluded: &[String], places: Option<usize>) -> String {
+    if !endpoint.starts_with("tls/") {
         return endpoint.to_owned();
     }
-    let separator = if endpoint.contains('#') { ';' } else { '#' };
-    format!("{endpoint}{separator}{EXCLUDED_NAMES}={}", names.join("|"))
+    let mut guarded = endpoint.to_owned();
+    let mut set = |key: &str, value: String| {
+        let separator = if guarded.contains('#') { ';' } else { '#' };
+        guarded.push_str(&format!("{separator}{key}={value}"));
+    };
+    if let Some(places) = places {
+        let (each, kept, role) = (MAX_SESSIONS_PER_CERTIFICATE, PLACES_FOR_OPERATORS, certificate::OPERATOR);
+        set(PLACES, format!("{places}|{each}|{kept}|{role}"));
+    }
+    if !excluded.is_empty() {
+        set(EXCLUDED_NAMES, excluded.join("|"));
+    }
+    guarded
 }
 
-/// The endpoint of which [`excluding`] has made this one.
+/// The endpoint of which [`guarded`] has made this one.
 #[must_use]
 pub fn as_given(endpoint: &str) -> &str {
-    let is_ours = |at: &usize| endpoint[*at + 1..].starts_with(EXCLUDED_NAMES);
-    let at = endpoint.rfind(['#', ';']).filter(is_ours);
+    let is_ours = |at: &usize| {
+        let setting = &endpoint[*at + 1..];
+        [PLACES, EXCLUDED_NAMES]
+            .iter()
+            .any(|key| setting.split_once('=').is_some_and(|(name, _)| name == *key))
+    };
+    let at = endpoint.match_indices(['#', ';']).map(|(at, _)| at).find(is_ours);
     at.map_or(endpoint, |at| &endpoint[..at])
 }
 
@@ -291,16 +309,17 @@ mod tests {
     }
 
     #[test]
-    fn endpoints_name_excluded_certificates_for_tls_alone() {
+    fn endpoints_are_guarded_for_tls_alone() {
         let names = ["operator.1".to_owned(), "viewer".to_owned()];
-        let excluded = excluding("tls/0.0.0.0:7447", &names);
-        assert_eq!(excluded, "tls/0.0.0.0:7447#excluded_names=operator.1|viewer");
-        assert_eq!(as_given(&excluded), "tls/0.0.0.0:7447");
-        let excluded = excluding("tls/h:1#iface=lo", &names);
-        assert_eq!(excluded, "tls/h:1#iface=lo;excluded_names=operator.1|viewer");
-        assert_eq!(as_given(&excluded), "tls/h:1#iface=lo");
-        assert_eq!(excluding("tcp/h:1", &names), "tcp/h:1");
-        assert_eq!(excluding("tls/h:1", &[]), "tls/h:1");
+        let listener = guarded("tls/0.0.0.0:7447", &names, Some(32));
+        assert_eq!(listener, "tls/0.0.0.0:7447#places=32|8|4|operator;excluded_names=operator.1|viewer");
+        assert_eq!(as_given(&listener), "tls/0.0.0.0:7447");
+        let excluding = guarded("tls/h:1#iface=lo", &names, None);
+        assert_eq!(excluding, "tls/h:1#iface=lo;excluded_names=operator.1|viewer");
+        assert_eq!(as_given(&excluding), "tls/h:1#iface=lo");
+        assert_eq!(as_given(&guarded("tls/h:1#iface=lo", &[], Some(9))), "tls/h:1#iface=lo");
+        assert_eq!(guarded("tcp/h:1", &names, Some(32)), "tcp/h:1");
+        assert_eq!(guarded("tls/h:1", &[], None), "tls/h:1");
         assert_eq!(as_given("tcp/h:1#iface=lo"), "tcp/h:1#iface=lo");
     }
 

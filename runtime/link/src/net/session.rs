@@ -1,6 +1,6 @@
 //! Zenoh sessions that listen only where they are told to.
 
-use super::endpoints::{Endpoints, Mode};
+use super::endpoints::{Endpoints, Mode, is_udp};
 use super::error::NetError;
 use super::{diagnosis, read, security};
 use plumbline_config::options::Link;
@@ -22,6 +22,10 @@ const MAX_PASSED_BYTES: usize = 3 * 1024 * 1024;
 const MAX_LINKS: usize = 32;
 const MAX_LINKS_ON_GROUND: usize = 160;
 const MAX_PENDING: usize = 32;
+/// A datagram with a forged source is enough to begin a handshake, so there are more of them where datagrams are listened for.
+const MAX_PENDING_UDP: usize = 256;
+/// A handshake ends after this, ms: whoever connects gives up after 2 s.
+const ACCEPT_TIMEOUT_MS: u64 = 2_500;
 /// Largest batch on a telemetry radio, bytes: messages behind it are delayed by its length.
 const RADIO_BATCH_BYTES: u64 = 1_200;
 
@@ -54,22 +58,33 @@ impl Endpoints {
         let retry = serde_json::json!({
             "period_init_ms": RETRY_MS.0, "period_max_ms": RETRY_MS.1, "period_increase_factor": 2.0,
         });
+        let (message_bytes, links) = self.bounds();
+        let pending =
+            if self.listen.iter().any(|endpoint| is_udp(endpoint)) { MAX_PENDING_UDP } else { MAX_PENDING };
         let mut settings = vec![
             ("mode", mode.to_owned()),
-            ("listen/endpoints", self.without_excluded(&self.listen)),
-            ("connect/endpoints", self.without_excluded(&self.connect)),
+            ("listen/endpoints", self.guarded(&self.listen, Some(links.saturating_sub(self.connect.len())))),
+            ("connect/endpoints", self.guarded(&self.connect, None)),
             ("connect/retry", retry.to_string()),
             ("scouting/multicast/enabled", self.scouting.to_string()),
             ("transport/unicast/open_timeout", self.open_timeout_ms.to_string()),
             ("transport/link/tx/lease", LEASE_MS.to_string()),
             ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", PATIENCE_US.to_string()),
         ];
-        let (message_bytes, links) = self.bounds();
         settings.extend([
             ("transport/link/rx/max_message_size", message_bytes.to_string()),
             ("transport/unicast/max_sessions", links.to_string()),
-            ("transport/unicast/accept_pending", MAX_PENDING.to_string()),
+            ("transport/unicast/accept_pending", pending.to_string()),
+            ("transport/unicast/accept_timeout", ACCEPT_TIMEOUT_MS.to_string()),
         ]);
+        // Peers need no link states of each other, whose reader can be brought to panic; and who is told the identifier of
+        // a session takes its place while its link is down.
+        if self.mode == Mode::Peer {
+            settings.push(("scouting/gossip/enabled", "false".into()));
+        }
+        if self.routes {
+            zenoh_codec::network::accept_link_states();
+        }
         if self.waits {
             settings.push(("connect/timeout_ms", "-1".into()));
         }
@@ -83,10 +98,11 @@ impl Endpoints {
         zenoh::open(config).await.map_err(failed)
     }
 
-    /// Endpoints as Zenoh reads them: those with TLS refuse the certificates that are excluded.
-    fn without_excluded(&self, endpoints: &[String]) -> String {
-        let excluding = |endpoint: &String| security::excluding(endpoint, &self.tls.excluded);
-        serde_json::json!(endpoints.iter().map(excluding).collect::<Vec<_>>()).to_string()
+    /// Endpoints as Zenoh reads them: those with TLS refuse the certificates that are excluded, and those that have too many
+    /// of the `places` for sessions that come in.
+    fn guarded(&self, endpoints: &[String], places: Option<usize>) -> String {
+        let guarded = |endpoint: &String| security::guarded(endpoint, &self.tls.excluded, places);
+        serde_json::json!(endpoints.iter().map(guarded).collect::<Vec<_>>()).to_string()
     }
 
     /// Longest message that is taken, bytes, and links at a time.

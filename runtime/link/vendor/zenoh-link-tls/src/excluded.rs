@@ -10,6 +10,8 @@ use rustls::{
 };
 use x509_parser::prelude::{FromDer, X509Certificate};
 
+use crate::places::{Bounds, Places};
+
 /// Key of an endpoint's configuration: common names, separated by `|`. One without a number at its end (`operator`) stands for
 /// all of its numbers (`operator.1`).
 pub(crate) const EXCLUDED_NAMES: &str = "excluded_names";
@@ -31,19 +33,26 @@ impl Excluded {
     }
 
     fn refuses_certificate(&self, certificate: &CertificateDer<'_>) -> bool {
-        let Ok((_, certificate)) = X509Certificate::from_der(certificate.as_ref()) else { return true };
-        let names = certificate.subject().iter_common_name();
         // One that cannot be read is refused like one that is excluded.
-        let mut names = names.map(|name| name.as_str().ok());
-        names.any(|name| name.is_none_or(|name| self.refuses(name)))
+        names(certificate).is_none_or(|names| names.iter().any(|name| self.refuses(name)))
     }
 }
 
-/// A verifier of clients that refuses some of those that another one accepts.
+/// Common names of a certificate; `None` when one cannot be read.
+fn names(certificate: &CertificateDer<'_>) -> Option<Vec<String>> {
+    let (_, certificate) = X509Certificate::from_der(certificate.as_ref()).ok()?;
+    let names = certificate.subject().iter_common_name();
+    names.map(|name| name.as_str().ok().map(str::to_owned)).collect()
+}
+
+/// A verifier of clients that refuses some of those that another one accepts: certificates that are excluded, and those
+/// that have no place.
 #[derive(Debug)]
 pub(crate) struct ExcludingVerifier {
     pub(crate) verifier: Arc<dyn ClientCertVerifier>,
     pub(crate) excluded: Excluded,
+    pub(crate) places: Places,
+    pub(crate) bounds: Option<Bounds>,
 }
 
 impl ClientCertVerifier for ExcludingVerifier {
@@ -66,9 +75,14 @@ impl ClientCertVerifier for ExcludingVerifier {
         now: UnixTime,
     ) -> Result<ClientCertVerified, Error> {
         let verified = self.verifier.verify_client_cert(end_entity, intermediates, now)?;
-        match self.excluded.refuses_certificate(end_entity) {
-            true => Err(Error::InvalidCertificate(CertificateError::Revoked)),
-            false => Ok(verified),
+        if self.excluded.refuses_certificate(end_entity) {
+            return Err(Error::InvalidCertificate(CertificateError::Revoked));
+        }
+        // The alert says "access denied" to the peer.
+        let name = names(end_entity).and_then(|names| names.into_iter().next());
+        match self.places.has_room(self.bounds.as_ref(), name.as_deref().unwrap_or_default()) {
+            true => Ok(verified),
+            false => Err(Error::InvalidCertificate(CertificateError::ApplicationVerificationFailure)),
         }
     }
 

@@ -30,6 +30,7 @@ use zenoh_result::ZResult;
 
 mod excluded;
 mod pending;
+mod places;
 mod shared;
 mod unicast;
 mod utils;

@@ -47,6 +47,7 @@ use zenoh_result::{zerror, ZResult};
 
 use crate::{
     pending::Pending,
+    places::{Bounds, Place, Places, PLACES},
     shared::Shared,
     utils::{get_tls_addr, get_tls_host, get_tls_server_name, TlsClientConfig, TlsServerConfig},
     TLS_ACCEPT_THROTTLE_TIME, TLS_DEFAULT_MTU, TLS_LINGER_TIMEOUT, TLS_LOCATOR_PREFIX,
@@ -71,6 +72,8 @@ pub struct LinkUnicastTls {
     auth_identifier: LinkAuthId,
     mtu: BatchSize,
     expiration_manager: Option<LinkCertExpirationManager>,
+    // PLUMBLINE: place of a link that came in.
+    _place: Option<Place>,
 }
 
 impl LinkUnicastTls {
@@ -80,6 +83,7 @@ impl LinkUnicastTls {
         dst_addr: SocketAddr,
         auth_identifier: LinkAuthId,
         expiration_manager: Option<LinkCertExpirationManager>,
+        place: Option<Place>,
     ) -> LinkUnicastTls {
         let (tcp_stream, _) = socket.get_ref();
         // Set the TLS nodelay option
@@ -140,6 +144,7 @@ impl LinkUnicastTls {
             auth_identifier,
             mtu,
             expiration_manager,
+            _place: place,
         }
     }
 
@@ -294,6 +299,8 @@ impl fmt::Debug for LinkUnicastTls {
 pub struct LinkManagerUnicastTls {
     manager: NewLinkChannelSender,
     listeners: ListenersUnicastIP,
+    // PLUMBLINE
+    places: Places,
 }
 
 impl fmt::Debug for LinkManagerUnicastTls {
@@ -310,6 +317,7 @@ impl LinkManagerUnicastTls {
         Self {
             manager,
             listeners: ListenersUnicastIP::new(),
+            places: Places::default(),
         }
     }
 }
@@ -395,6 +403,7 @@ impl LinkManagerUnicastTrait for LinkManagerUnicastTls {
                 dst_addr,
                 auth_identifier.into(),
                 expiration_manager,
+                None,
             )
         });
 
@@ -409,7 +418,7 @@ impl LinkManagerUnicastTrait for LinkManagerUnicastTls {
         let host = get_tls_host(&epaddr)?;
 
         // Initialize TlsConfig
-        let tls_server_config = TlsServerConfig::new(&epconf)
+        let tls_server_config = TlsServerConfig::new(&epconf, &self.places)
             .await
             .map_err(|e| zerror!("Cannot create a new TLS listener on {addr}. {e}"))?;
 
@@ -428,11 +437,14 @@ impl LinkManagerUnicastTrait for LinkManagerUnicastTls {
             let acceptor = TlsAcceptor::from(Arc::new(tls_server_config.server_config));
             let token = token.clone();
             let manager = self.manager.clone();
+            // PLUMBLINE
+            let (places, bounds) = (self.places.clone(), Bounds::parse(epconf.get(PLACES)));
 
             async move {
                 accept_task(
                     socket,
                     acceptor,
+                    (places, bounds),
                     token,
                     manager,
                     tls_server_config.tls_handshake_timeout,
@@ -485,6 +497,7 @@ impl LinkManagerUnicastTrait for LinkManagerUnicastTls {
 async fn accept_task(
     socket: TcpListener,
     acceptor: TlsAcceptor,
+    (places, bounds): (Places, Option<Bounds>),
     token: CancellationToken,
     manager: NewLinkChannelSender,
     tls_handshake_timeout: Duration,
@@ -544,6 +557,12 @@ async fn accept_task(
                             }
                         };
 
+                        // PLUMBLINE: the verifier has looked, but handshakes may have ended meanwhile.
+                        let name = auth_identifier.auth_value.as_deref();
+                        let Some(place) = places.take(bounds.as_ref(), name) else {
+                            continue;
+                        };
+
                         // Get certificate chain expiration
                         let mut maybe_expiration_time = None;
                         if tls_close_link_on_expiration {
@@ -584,6 +603,7 @@ async fn accept_task(
                                 dst_addr,
                                 auth_identifier.into(),
                                 expiration_manager,
+                                Some(place),
                             )
                         });
 

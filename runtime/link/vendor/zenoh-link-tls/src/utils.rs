@@ -46,7 +46,10 @@ use zenoh_protocol::core::{
 };
 use zenoh_result::{bail, zerror, ZError, ZResult};
 
-use crate::excluded::{Excluded, ExcludingVerifier, EXCLUDED_NAMES};
+use crate::{
+    excluded::{Excluded, ExcludingVerifier, EXCLUDED_NAMES},
+    places::{Bounds, Places, PLACES},
+};
 
 #[derive(Default, Clone, Copy, Debug)]
 pub struct TlsConfigurator;
@@ -182,7 +185,8 @@ pub(crate) struct TlsServerConfig<'a> {
 }
 
 impl<'a> TlsServerConfig<'a> {
-    pub async fn new(config: &'a Config<'_>) -> ZResult<Self> {
+    // PLUMBLINE: the places of the links
+    pub(crate) async fn new(config: &'a Config<'_>, places: &Places) -> ZResult<Self> {
         let tls_server_client_auth: bool = match config.get(TLS_ENABLE_MTLS) {
             Some(s) => s
                 .parse()
@@ -245,7 +249,9 @@ impl<'a> TlsServerConfig<'a> {
             let verifier = WebPkiClientVerifier::builder(root_cert_store.into()).build()?;
             // PLUMBLINE
             let excluded = Excluded::parse(config.get(EXCLUDED_NAMES));
-            let client_auth = Arc::new(ExcludingVerifier { verifier, excluded });
+            let bounds = Bounds::parse(config.get(PLACES));
+            let places = places.clone();
+            let client_auth = Arc::new(ExcludingVerifier { verifier, excluded, places, bounds });
             ServerConfig::builder_with_protocol_versions(&[&TLS13])
                 .with_client_cert_verifier(client_auth)
                 .with_single_cert(certs, keys.remove(0))

@@ -13,12 +13,15 @@
 //
 mod declare;
 mod interest;
+mod linkstate;
 mod oam;
 mod push;
 mod request;
 mod response;
 mod timestamp_stack;
 
+// PLUMBLINE
+pub use linkstate::{accept_link_states, dropped_link_states};
 use zenoh_buffers::{
     reader::{BacktrackableReader, DidntRead, Reader},
     writer::{DidntWrite, Writer},
