@@ -27,6 +27,7 @@ pub mod parts;
 pub mod reader;
 pub mod recorder;
 pub mod rig;
+pub mod room;
 pub mod scene;
 pub mod seal;
 pub mod source;

@@ -1,5 +1,6 @@
 //! The file under a part: counts what is written, and can be cut back to what is complete.
 
+use super::room::Room;
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -7,7 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
-/// What failed for want of descriptors is tried again this often.
+/// What failed for want of descriptors or of room is tried again this often.
 const RETRY: Duration = Duration::from_millis(100);
 
 /// What a part is written to.
@@ -80,34 +81,102 @@ impl Syncer for FileSyncer {
 /// Makes the medium of a path.
 type Open = Box<dyn FnMut(&Path) -> io::Result<Box<dyn Medium>> + Send>;
 
-/// Waits until there are descriptors again, unless the flight is over: what others have open is no failure of the disk.
+/// What a system lacks that others may give back.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Lack {
+    Descriptors,
+    Room,
+}
+
+impl Lack {
+    fn of(error: &io::Error) -> Option<Self> {
+        use rustix::io::Errno;
+        match (Errno::from_io_error(error), error.kind()) {
+            (Some(Errno::MFILE | Errno::NFILE), _) => Some(Self::Descriptors),
+            (_, io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded) => Some(Self::Room),
+            _ => None,
+        }
+    }
+
+    fn words(self) -> &'static str {
+        match self {
+            Self::Descriptors => "there are descriptors again",
+            Self::Room => "there is room again",
+        }
+    }
+}
+
+/// Waits until there are descriptors or room again, unless the flight is over: what others have open or have written is no
+/// failure of the disk. Where the newest parts are kept, the oldest one makes room first.
 #[derive(Clone, Debug, Default)]
-pub struct Patience(Arc<AtomicBool>);
+pub struct Patience {
+    is_over: Arc<AtomicBool>,
+    /// A producer that waits for the recorder would wait for room forever.
+    waits_for_room: Arc<AtomicBool>,
+    room: Option<Room>,
+}
 
 impl Patience {
     /// Ends all waiting, from now on too.
     pub fn end(&self) {
-        self.0.store(true, Ordering::Relaxed);
+        self.is_over.store(true, Ordering::Relaxed);
     }
 
-    /// The outcome of `attempt`, as soon as it is not a lack of descriptors.
+    /// From now on a full disk is waited for.
+    pub fn wait_for_room(&self) {
+        self.waits_for_room.store(true, Ordering::Relaxed);
+    }
+
+    fn may_wait_for(&self, lack: Lack) -> bool {
+        !self.is_over.load(Ordering::Relaxed)
+            && (lack == Lack::Descriptors || self.waits_for_room.load(Ordering::Relaxed))
+    }
+
+    /// Whether the oldest part has made room.
+    fn makes_room(&self) -> io::Result<bool> {
+        self.room.as_ref().map_or(Ok(false), |room| room.delete_oldest().map_err(|(_, error)| error))
+    }
+
+    /// The outcome of `attempt`, as soon as it is not a lack that may pass.
     fn attempt<T>(&self, mut attempt: impl FnMut() -> io::Result<T>) -> io::Result<T> {
         let mut is_told = false;
         loop {
             let outcome = attempt();
-            let Err(error) = &outcome else { return outcome };
-            let errno = rustix::io::Errno::from_io_error(error);
-            let is_lack = matches!(errno, Some(rustix::io::Errno::MFILE | rustix::io::Errno::NFILE));
-            if !is_lack || self.0.load(Ordering::Relaxed) {
+            let lack = outcome.as_ref().err().and_then(Lack::of);
+            let (Err(error), Some(lack)) = (&outcome, lack) else {
+                if is_told && outcome.is_ok() {
+                    tracing::warn!("recording resumes");
+                }
+                return outcome;
+            };
+            if lack == Lack::Room && self.makes_room()? {
+                continue;
+            }
+            if !self.may_wait_for(lack) {
                 return outcome;
             }
             if !std::mem::replace(&mut is_told, true) {
-                tracing::warn!(
-                    "recording is interrupted ({error}); it resumes when there are descriptors again"
-                );
+                tracing::warn!("recording is interrupted ({error}); it resumes when {}", lack.words());
             }
             std::thread::sleep(RETRY);
         }
+    }
+}
+
+/// A medium that is waited for when it is full.
+struct Patient {
+    medium: Box<dyn Medium>,
+    patience: Patience,
+}
+
+impl Write for Patient {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let medium = &mut self.medium;
+        self.patience.attempt(|| medium.write(bytes))
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.medium.flush()
     }
 }
 
@@ -137,6 +206,11 @@ impl OpenPart {
         Self { open: Box::new(open), patience: Patience::default(), newest: None, position: Arc::default() }
     }
 
+    /// The parts of this log may make room for what is written.
+    pub fn set_room(&mut self, room: Room) {
+        self.patience.room = Some(room);
+    }
+
     /// Opens the part at `path`.
     ///
     /// # Errors
@@ -144,9 +218,10 @@ impl OpenPart {
     pub fn open(&mut self, path: &Path) -> io::Result<PartFile> {
         let medium = self.patience.attempt(|| (self.open)(path))?;
         self.newest = Some(self.patience.attempt(|| medium.syncer())?);
+        let medium = Patient { medium, patience: self.patience.clone() };
         let medium = BufWriter::with_capacity(1 << 16, medium);
         self.position.store(0, Ordering::Relaxed);
-        Ok(PartFile { medium, patience: self.patience.clone(), position: Arc::clone(&self.position) })
+        Ok(PartFile { medium, position: Arc::clone(&self.position) })
     }
 
     /// The patience of this and of all parts.
@@ -169,26 +244,23 @@ impl OpenPart {
 
 /// A part on its medium, written from the beginning to the end.
 pub struct PartFile {
-    medium: BufWriter<Box<dyn Medium>>,
-    patience: Patience,
+    medium: BufWriter<Patient>,
     position: Arc<AtomicU64>,
 }
 
 impl PartFile {
-    /// Writes what is buffered, and waits until it is on the medium.
+    /// Writes what is buffered; that it gets to the medium is waited for elsewhere ([`super::sync`]).
     ///
     /// # Errors
     /// When the medium fails.
     pub fn close(mut self) -> io::Result<()> {
-        self.medium.flush()?;
-        let medium = self.medium.get_ref();
-        self.patience.attempt(|| medium.syncer()?.sync())
+        self.medium.flush()
     }
 
     /// Drops what is buffered and shortens the file to `bytes`; a medium that refuses keeps its length.
     pub fn cut(self, bytes: u64) {
         let (mut medium, _unwritten) = self.medium.into_parts();
-        let _ = medium.cut(bytes);
+        let _ = medium.medium.cut(bytes);
     }
 }
 

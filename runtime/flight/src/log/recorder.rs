@@ -4,7 +4,7 @@
 //! before the flight begins; a frame changes places with one that is free. When the ring is full a live
 //! run drops the entry and counts it ([`WhenFull::Drop`]), a run in virtual time waits
 //! ([`WhenFull::Wait`]). When the disk fails the recording ends there and the flight goes on. When there are no descriptors for
-//! the next part it waits for some, and what finds the queue full meanwhile is missing.
+//! the next part, or (in a live run) no room on the disk, it waits for some, and what finds the queue full meanwhile is missing.
 
 use super::LogError;
 use super::about::About;
@@ -33,6 +33,11 @@ const POLL: Duration = Duration::from_millis(5);
 const WAIT: Duration = Duration::from_micros(200);
 /// A chunk is completed at the latest after this time, also when no data come.
 const FLUSH_PERIOD: Duration = Duration::from_millis(500);
+
+/// Whether the file is still there is looked at this often.
+const LOOK_PERIOD: Duration = Duration::from_millis(500);
+/// The end of a flight waits so long for the disk to take what is in the queue.
+const LAST_WRITES: Duration = Duration::from_secs(20);
 
 /// The queue has room for so long, s: a disk that pauses for two seconds loses nothing.
 const QUEUE_S: f64 = 2.5;
@@ -241,6 +246,9 @@ impl Recorder {
         }
         let sync = SyncThread::start().map_err(LogError::Thread)?;
         let (theirs, patience) = (Arc::clone(&shared), writer.patience());
+        if when_full == WhenFull::Drop {
+            patience.wait_for_room();
+        }
         let first = path.to_owned();
         let thread = std::thread::Builder::new()
             .name("recorder".into())
@@ -261,17 +269,31 @@ impl Recorder {
         self.shared.is_finishing.store(true, Ordering::Release);
         self.patience.end();
         self.thread.thread().unpark();
-        let mut summary = self.thread.join().unwrap_or_else(|_| RecorderSummary {
-            path: self.path,
+        let end = Instant::now() + LAST_WRITES;
+        while !self.thread.is_finished() && Instant::now() < end {
+            std::thread::sleep(POLL);
+        }
+        let failed = |reason: String| RecorderSummary {
+            path: self.path.clone(),
             parts: 0,
             bytes: 0,
             deleted_bytes: 0,
             not_recorded: 0,
             not_recorded_words: String::new(),
-            ended_early: Some("the recorder's thread panicked; this is a defect of the program".into()),
+            ended_early: Some(reason),
             has_failed: true,
             cpu_s: 0.0,
-        });
+        };
+        let mut summary = match self.thread.is_finished() {
+            true => self.thread.join().unwrap_or_else(|_| {
+                failed("the recorder's thread panicked; this is a defect of the program".into())
+            }),
+            false => failed(format!(
+                "{}: the disk hangs: it has not taken the rest of the log within {} s",
+                self.path.display(),
+                LAST_WRITES.as_secs()
+            )),
+        };
         let dropped = self.shared.dropped();
         (summary.not_recorded, summary.not_recorded_words) = (dropped.total(), dropped.to_string());
         summary
@@ -312,7 +334,8 @@ fn record(shared: &Shared, mut writer: LogWriter, sync: SyncThread, path: PathBu
     let running = Running(shared);
     let failure = take_entries(shared, &mut writer, &sync).err();
     drop(running);
-    sync.finish();
+    let synced = sync.finish();
+    let failure = failure.or_else(|| synced.err().map(|error| LogError::io(&path, error)));
     if let Some(error) = &failure {
         tracing::warn!("{error}: recording stopped, the flight continues");
         for (count, lost) in shared.dropped.iter().zip(writer.unsaved().0) {
@@ -339,7 +362,7 @@ fn record(shared: &Shared, mut writer: LogWriter, sync: SyncThread, path: PathBu
 /// Writes entries until the flight ends or the disk does.
 fn take_entries(shared: &Shared, writer: &mut LogWriter, sync: &SyncThread) -> Result<(), LogError> {
     let mut told = Dropped::default();
-    let mut flushed = Instant::now();
+    let (mut flushed, mut looked) = (Instant::now(), Instant::now());
     if let Some(part) = writer.take_syncer() {
         sync.follow(part);
     }
@@ -364,6 +387,14 @@ fn take_entries(shared: &Shared, writer: &mut LogWriter, sync: &SyncThread) -> R
         if flushed.elapsed() >= FLUSH_PERIOD {
             writer.flush()?;
             flushed = Instant::now();
+        }
+        if looked.elapsed() >= LOOK_PERIOD {
+            looked = Instant::now();
+            if writer.replace_missing()?
+                && let Some(part) = writer.take_syncer()
+            {
+                sync.follow(part);
+            }
         }
         std::thread::park_timeout(POLL);
     }

@@ -4,18 +4,20 @@
 //! and synced within half a second after that, unless the medium itself takes longer.
 
 use super::part_file::Syncer;
-use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
-use std::thread::JoinHandle;
+use std::io;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::Duration;
 
 /// From one sync to the next.
 const PERIOD: Duration = Duration::from_millis(500);
+/// The end of a recording waits so long for the medium: one that hangs must not hold up the report of the flight.
+const LAST_SYNC: Duration = Duration::from_secs(3);
 
 /// The thread that waits for the medium.
 #[derive(Debug)]
 pub struct SyncThread {
     parts: Sender<Box<dyn Syncer>>,
-    thread: JoinHandle<()>,
+    ended: Receiver<io::Result<()>>,
 }
 
 impl SyncThread {
@@ -23,36 +25,57 @@ impl SyncThread {
     ///
     /// # Errors
     /// When the system refuses a thread.
-    pub fn start() -> std::io::Result<Self> {
-        let (parts, newer) = channel::<Box<dyn Syncer>>();
-        let thread = std::thread::Builder::new().name("recorder-sync".into()).spawn(move || {
-            let mut part: Option<Box<dyn Syncer>> = None;
-            let mut has_warned = false;
-            loop {
-                match newer.recv_timeout(PERIOD) {
-                    // The part before is synced by whoever closes it.
-                    Ok(newest) => part = Some(newest),
-                    Err(RecvTimeoutError::Timeout) => {}
-                    Err(RecvTimeoutError::Disconnected) => return,
-                }
-                if let Some(Err(error)) = part.as_mut().map(|part| part.sync())
-                    && !std::mem::replace(&mut has_warned, true)
-                {
-                    tracing::warn!("cannot flush the log to disk: {error}");
-                }
-            }
+    pub fn start() -> io::Result<Self> {
+        let ((parts, newer), (end, ended)) = (channel(), channel());
+        std::thread::Builder::new().name("recorder-sync".into()).spawn(move || {
+            let _ = end.send(sync_parts(&newer));
         })?;
-        Ok(Self { parts, thread })
+        Ok(Self { parts, ended })
     }
 
-    /// From now on this part is synced.
+    /// From now on this part is synced; the one before is complete, and synced once more.
     pub fn follow(&self, part: Box<dyn Syncer>) {
         let _ = self.parts.send(part);
     }
 
-    /// Ends it, after a sync that is under way.
-    pub fn finish(self) {
+    /// Ends it after a last sync, which is not waited for longer than [`LAST_SYNC`].
+    ///
+    /// # Errors
+    /// When the medium failed in the last sync.
+    pub fn finish(self) -> io::Result<()> {
         drop(self.parts);
-        let _ = self.thread.join();
+        match self.ended.recv_timeout(LAST_SYNC) {
+            Ok(synced) => synced,
+            Err(RecvTimeoutError::Timeout) => {
+                tracing::warn!(
+                    "the log is written, but its disk has not confirmed that within {} s; it may be lost if power fails",
+                    LAST_SYNC.as_secs()
+                );
+                Ok(())
+            }
+            Err(RecvTimeoutError::Disconnected) => {
+                Err(io::Error::other("the thread that syncs the log panicked"))
+            }
+        }
+    }
+}
+
+/// Syncs the newest part until there will be no more; the outcome of the last sync.
+fn sync_parts(newer: &Receiver<Box<dyn Syncer>>) -> io::Result<()> {
+    let mut part: Option<Box<dyn Syncer>> = None;
+    let mut has_warned = false;
+    loop {
+        let next = newer.recv_timeout(PERIOD);
+        let synced = part.as_mut().map_or(Ok(()), |part| part.sync());
+        if let Err(error) = &synced
+            && !std::mem::replace(&mut has_warned, true)
+        {
+            tracing::warn!("cannot flush the log to disk: {error}");
+        }
+        match next {
+            Ok(newest) => part = Some(newest),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => return synced,
+        }
     }
 }

@@ -9,6 +9,7 @@ use super::narrate::Narrator;
 use super::part::Part;
 use super::part_file::{OpenPart, Patience, Syncer};
 use super::parts::{existing_parts, part_path};
+use super::room::Room;
 use super::{LogError, drawn, image, rig};
 use mcap::McapError;
 use plumbline_config::Timestamp;
@@ -19,7 +20,7 @@ use plumbline_record::fields::Record;
 use plumbline_record::parts::{End, Recording};
 use plumbline_record::{Dropped, Event, Said, protobuf};
 use prost::Message;
-use std::collections::VecDeque;
+use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 
 /// What a part has without any message: configuration, schemas, summary.
@@ -56,9 +57,10 @@ pub struct LogWriter {
     limits: Limits,
     open: OpenPart,
     part: Option<Part>,
-    /// Parts that are complete: number and bytes.
-    closed: VecDeque<(u32, u64)>,
-    deleted_bytes: u64,
+    /// The file of the part, by device and number, where it has one.
+    inode: Option<(u64, u64)>,
+    /// Parts that are complete.
+    room: Room,
     dropped: Dropped,
     /// Entries since the last complete chunk.
     unsaved: Dropped,
@@ -74,18 +76,20 @@ impl LogWriter {
     ///
     /// # Errors
     /// When there is one, or it cannot be created.
-    pub fn create(path: &Path, about: About, limits: Limits, open: OpenPart) -> Result<Self, LogError> {
+    pub fn create(path: &Path, about: About, limits: Limits, mut open: OpenPart) -> Result<Self, LogError> {
         if let Some((_, path)) = existing_parts(path).into_iter().next() {
             return Err(LogError::Exists { path });
         }
+        let room = Room::new(path, limits.keep);
+        open.set_room(room.clone());
         let mut writer = Self {
             path: path.to_owned(),
             about,
             limits,
             open,
             part: None,
-            closed: VecDeque::new(),
-            deleted_bytes: 0,
+            inode: None,
+            room,
             dropped: Dropped::default(),
             unsaved: Dropped::default(),
             narrator: Narrator::default(),
@@ -100,13 +104,13 @@ impl LogWriter {
     /// Bytes in the files, chunks in the making left out.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        self.part.as_ref().map_or(0, Part::complete_bytes) + self.closed_bytes()
+        self.part.as_ref().map_or(0, Part::complete_bytes) + self.room.bytes()
     }
 
     /// Bytes that were written and deleted again.
     #[must_use]
     pub fn deleted_bytes(&self) -> u64 {
-        self.deleted_bytes
+        self.room.deleted_bytes()
     }
 
     /// Entries that were taken and are not in the files: lost when writing has failed.
@@ -227,7 +231,7 @@ impl LogWriter {
         let (bytes, has_data) = (part.bytes_after(self.buffer.len()) + rig_bytes, part.has_data());
         if bytes > self.limits.part_bytes && has_data {
             self.next_part(bytes)?;
-        } else if self.closed_bytes() + bytes > self.limits.total_bytes {
+        } else if self.room.bytes() + bytes > self.limits.total_bytes {
             self.make_room(bytes)?;
         }
         self.newest_ns = self.newest_ns.max(time_ns);
@@ -252,15 +256,11 @@ impl LogWriter {
         Ok(())
     }
 
-    fn closed_bytes(&self) -> u64 {
-        self.closed.iter().map(|(_, bytes)| bytes).sum()
-    }
-
     /// Ends the part, which would have `bytes`, and begins the next.
     fn next_part(&mut self, bytes: u64) -> Result<(), LogError> {
         let next_bytes = self.buffer.len() as u64 + NEW_PART_BYTES;
         if self.limits.keep == KeepPolicy::Beginning
-            && self.closed_bytes() + bytes + next_bytes > self.limits.total_bytes
+            && self.room.bytes() + bytes + next_bytes > self.limits.total_bytes
         {
             return self.end_full();
         }
@@ -273,17 +273,38 @@ impl LogWriter {
         Ok(())
     }
 
+    /// Begins another part if the file of this one was deleted or moved away; whether it was.
+    ///
+    /// # Errors
+    /// As [`Self::write`].
+    pub fn replace_missing(&mut self) -> Result<bool, LogError> {
+        let path = part_path(&self.path, self.about.part);
+        if self.part.is_none() || self.inode.is_none() || inode(&path) == self.inode {
+            return Ok(false);
+        }
+        tracing::warn!(
+            "{}: was deleted or moved away while it was written; recording goes on in another file",
+            path.display()
+        );
+        let message = std::mem::take(&mut self.buffer);
+        self.end_part(End::NotYet)?;
+        self.room.forget_newest();
+        self.about.part += 1;
+        if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+            std::fs::create_dir_all(folder).map_err(|e| LogError::io(folder, e))?;
+        }
+        self.begin_part()?;
+        self.buffer = message;
+        Ok(true)
+    }
+
     /// Deletes the oldest parts until `bytes` fit beside the others, or ends the log.
     fn make_room(&mut self, bytes: u64) -> Result<(), LogError> {
-        while self.closed_bytes() + bytes > self.limits.total_bytes {
-            let oldest = match self.limits.keep {
-                KeepPolicy::Beginning => None,
-                KeepPolicy::Newest => self.closed.pop_front(),
-            };
-            let Some((number, bytes)) = oldest else { return self.end_full() };
-            let path = part_path(&self.path, number);
-            std::fs::remove_file(&path).map_err(|e| LogError::io(&path, e))?;
-            self.deleted_bytes += bytes;
+        while self.room.bytes() + bytes > self.limits.total_bytes {
+            let has_made_room = self.room.delete_oldest();
+            if !has_made_room.map_err(|(path, error)| LogError::io(&path, error))? {
+                return self.end_full();
+            }
         }
         Ok(())
     }
@@ -327,7 +348,7 @@ impl LogWriter {
         self.open.take_syncer()
     }
 
-    /// What waits for descriptors; its end ends the waiting.
+    /// What waits for descriptors and room; its end ends the waiting.
     #[must_use]
     pub fn patience(&self) -> Patience {
         self.open.patience()
@@ -347,6 +368,7 @@ impl LogWriter {
     fn begin_part(&mut self) -> Result<(), LogError> {
         let path = part_path(&self.path, self.about.part);
         let file = self.open.open(&path).map_err(|e| LogError::io(&path, e))?;
+        self.inode = inode(&path);
         let metadata = self.about.to_metadata()?;
         let begun = Part::begin(file, metadata, &self.about);
         self.part = Some(self.sound(begun)?);
@@ -361,7 +383,7 @@ impl LogWriter {
         let finished = part.finish();
         self.sound(finished)?;
         if let Some(part) = self.part.take() {
-            self.closed.push_back((self.about.part, self.open.position()));
+            self.room.add(self.about.part, self.open.position());
             part.close().map_err(|e| self.io(e))?;
         }
         Ok(())
@@ -371,7 +393,7 @@ impl LogWriter {
     fn sound<T>(&mut self, result: Result<T, McapError>) -> Result<T, LogError> {
         result.map_err(|error| {
             if let Some(part) = self.part.take() {
-                self.closed.push_back((self.about.part, part.complete_bytes()));
+                self.room.add(self.about.part, part.complete_bytes());
                 part.cut();
             }
             self.io(match error {
@@ -384,4 +406,9 @@ impl LogWriter {
     fn io(&self, error: std::io::Error) -> LogError {
         LogError::io(&part_path(&self.path, self.about.part), error)
     }
+}
+
+/// Device and number of the file at `path`; `None` where there is none.
+fn inode(path: &Path) -> Option<(u64, u64)> {
+    std::fs::metadata(path).ok().map(|metadata| (metadata.dev(), metadata.ino()))
 }

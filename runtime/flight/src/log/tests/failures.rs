@@ -9,7 +9,7 @@ use plumbline_record::{Event, Said, Severity};
 use std::fs::OpenOptions;
 use std::io::{self, Write};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 /// A file on a disk that misbehaves.
@@ -244,4 +244,230 @@ fn frames_that_find_no_room_keep_their_buffers_and_are_recorded_again_when_there
     });
     assert_eq!(taken.take(20).count(), 20, "buffers were lost");
     let _ = recorder.finish();
+}
+
+/// A disk of so many bytes: what the files of its folder hold counts.
+fn small_disk(capacity: &Arc<AtomicUsize>) -> OpenPart {
+    let capacity = Arc::clone(capacity);
+    OpenPart::with(move |path| {
+        let file = OpenOptions::new().write(true).create_new(true).open(path)?;
+        let folder = path.parent().unwrap().to_owned();
+        Ok(Box::new(SmallDisk { file, folder, capacity: Arc::clone(&capacity) }))
+    })
+}
+
+struct SmallDisk {
+    file: File,
+    folder: PathBuf,
+    capacity: Arc<AtomicUsize>,
+}
+
+fn bytes_in(folder: &Path) -> usize {
+    let files = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    files.map(|file| file.metadata().map_or(0, |metadata| metadata.len() as usize)).sum()
+}
+
+impl Write for SmallDisk {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if bytes_in(&self.folder) + bytes.len() > self.capacity.load(Ordering::SeqCst) {
+            return Err(io::Error::from_raw_os_error(28));
+        }
+        self.file.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+impl Medium for SmallDisk {
+    fn cut(&mut self, bytes: u64) -> io::Result<()> {
+        self.file.set_len(bytes)
+    }
+
+    fn syncer(&self) -> io::Result<Box<dyn Syncer>> {
+        Ok(Box::new(Nothing))
+    }
+}
+
+#[test]
+fn the_newest_parts_are_kept_on_a_disk_that_is_too_small() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight.mcap");
+    let limits = Limits { part_bytes: 600_000, keep: KeepPolicy::Newest, ..NO_LIMITS };
+    let open = small_disk(&Arc::new(AtomicUsize::new(1_500_000)));
+    let (report, summary) = record_on(open, limits, &path, ImageRecording::Raw);
+    assert_eq!(report.figures.frames, 20);
+    assert!(summary.ended_early.is_none() && summary.not_recorded == 0, "{summary:?}");
+    assert!(summary.deleted_bytes > 0 && !path.exists(), "{summary:?}");
+    assert_eq!(summary.bytes as usize, bytes_in(folder.path()));
+}
+
+#[test]
+fn a_part_that_somebody_deleted_or_moved_is_no_failure() {
+    for is_moved in [false, true] {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("flight.mcap");
+        let limits = Limits { part_bytes: 400_000, total_bytes: 1_300_000, keep: KeepPolicy::Newest };
+        // The third part comes before the first has to go.
+        let (theirs, mut opened) = (path.clone(), 0);
+        let open = OpenPart::with(move |path| {
+            opened += 1;
+            if opened == 3 && is_moved {
+                std::fs::rename(&theirs, theirs.with_extension("kept"))?;
+            } else if opened == 3 {
+                std::fs::remove_file(&theirs)?;
+            }
+            let file = OpenOptions::new().write(true).create_new(true).open(path)?;
+            Ok(Box::new(Trouble { file, room: usize::MAX, is_stuck: Arc::default(), panics: false }))
+        });
+        let (_, summary) = record_on(open, limits, &path, ImageRecording::Raw);
+        assert!(summary.ended_early.is_none() && summary.not_recorded == 0, "{summary:?}");
+        assert!(summary.parts > 4, "{summary:?}");
+    }
+}
+
+/// An entry of some hundred bytes that do not compress.
+fn word() -> LogEntry {
+    static NEXT: AtomicU64 = AtomicU64::new(1);
+    let mut draw =
+        || NEXT.fetch_add(1, Ordering::Relaxed).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29);
+    let words: [u64; 6] = std::array::from_fn(|_| draw().wrapping_mul(0xbf58_476d_1ce4_e5b9));
+    let [a, b, c, d, e, f] = words;
+    let text = format_args!("{a:016x}{b:016x}{c:016x}{d:016x}{e:016x}{f:016x}");
+    LogEntry::Said(Said::Event(Event::new(Timestamp::default(), Severity::Info, text)))
+}
+
+/// Offers entries until `is_done`, or for ten seconds; whether it came to that.
+fn offer_until(handle: &super::super::recorder::RecorderHandle, mut is_done: impl FnMut() -> bool) -> bool {
+    let end = Instant::now() + Duration::from_secs(10);
+    while Instant::now() < end {
+        for _ in 0..20 {
+            handle.offer(word());
+        }
+        if is_done() {
+            return true;
+        }
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    false
+}
+
+#[test]
+fn a_live_recording_resumes_when_the_full_disk_has_room_again() {
+    for keep in [KeepPolicy::Beginning, KeepPolicy::Newest] {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("flight.mcap");
+        let capacity = Arc::new(AtomicUsize::new(300_000));
+        let limits = Limits { keep, ..NO_LIMITS };
+        let recorder =
+            Recorder::start_on(small_disk(&capacity), limits, &path, &config(), WhenFull::Drop).unwrap();
+        let handle = recorder.handle();
+        assert!(
+            offer_until(&handle, || bytes_in(folder.path()) > 200_000 && !handle.offer(word())),
+            "it is full"
+        );
+        capacity.store(usize::MAX, Ordering::SeqCst);
+        assert!(offer_until(&handle, || bytes_in(folder.path()) > 600_000), "{keep:?}: it resumes");
+        let summary = recorder.finish();
+        assert!(summary.ended_early.is_none() && summary.not_recorded > 0, "{summary:?}");
+        let inventory = inventory::take(&mut LogReader::open(&path).unwrap()).unwrap();
+        assert_ne!(inventory.ending, Ending::Truncated);
+    }
+}
+
+#[test]
+fn a_flight_does_not_wait_for_room_at_its_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight.mcap");
+    let capacity = Arc::new(AtomicUsize::new(200_000));
+    let recorder =
+        Recorder::start_on(small_disk(&capacity), NO_LIMITS, &path, &config(), WhenFull::Drop).unwrap();
+    let handle = recorder.handle();
+    assert!(offer_until(&handle, || !handle.offer(word())));
+    let begun = Instant::now();
+    assert!(recorder.finish().ended_early.unwrap().contains("os error 28"));
+    assert!(begun.elapsed() < Duration::from_secs(2), "{:?}", begun.elapsed());
+}
+
+#[test]
+fn a_folder_that_is_removed_or_moved_is_noticed_within_a_second() {
+    for is_moved in [false, true] {
+        let parent = tempfile::tempdir().unwrap();
+        let folder = parent.path().join("logs");
+        std::fs::create_dir(&folder).unwrap();
+        let path = folder.join("flight.mcap");
+        let recorder = Recorder::start(&path, &config(), WhenFull::Drop).unwrap();
+        let handle = recorder.handle();
+        assert!(offer_until(&handle, || bytes_in(&folder) > 100_000));
+        match is_moved {
+            true => std::fs::rename(&folder, parent.path().join("elsewhere")).unwrap(),
+            false => std::fs::remove_dir_all(&folder).unwrap(),
+        }
+        let begun = Instant::now();
+        assert!(offer_until(&handle, || folder.join("flight.1.mcap").exists()), "another file is begun");
+        assert!(begun.elapsed() < Duration::from_secs(1), "{:?}", begun.elapsed());
+        let summary = recorder.finish();
+        assert!(summary.ended_early.is_none() && summary.deleted_bytes > 0, "{summary:?}");
+        let second = folder.join("flight.1.mcap");
+        let inventory = inventory::take(&mut LogReader::open(&second).unwrap()).unwrap();
+        assert_ne!(inventory.ending, Ending::Truncated);
+    }
+}
+
+/// A medium whose syncs do not return while `hangs`.
+struct Hanging(Arc<AtomicBool>);
+
+impl Syncer for Hanging {
+    fn sync(&mut self) -> io::Result<()> {
+        while self.0.load(Ordering::SeqCst) {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        Ok(())
+    }
+}
+
+struct HangingFile(File, Arc<AtomicBool>);
+
+impl Write for HangingFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.flush()
+    }
+}
+
+impl Medium for HangingFile {
+    fn cut(&mut self, bytes: u64) -> io::Result<()> {
+        self.0.set_len(bytes)
+    }
+
+    fn syncer(&self) -> io::Result<Box<dyn Syncer>> {
+        Ok(Box::new(Hanging(Arc::clone(&self.1))))
+    }
+}
+
+#[test]
+fn a_medium_that_hangs_in_a_sync_holds_up_neither_recording_nor_report() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight.mcap");
+    let hangs = Arc::new(AtomicBool::new(true));
+    let theirs = Arc::clone(&hangs);
+    let open = OpenPart::with(move |path| {
+        let file = OpenOptions::new().write(true).create_new(true).open(path)?;
+        Ok(Box::new(HangingFile(file, Arc::clone(&theirs))))
+    });
+    let limits = Limits { part_bytes: 600_000, ..NO_LIMITS };
+    let mut flight = flight();
+    flight.config = flight.config.with("test", |c| c.recorder.images = ImageRecording::Raw).unwrap();
+    let mut recorder = Recorder::start_on(open, limits, &path, &flight.config, WhenFull::Wait).unwrap();
+    fly(flight, &Control::default(), &mut recorder);
+    let begun = Instant::now();
+    let summary = recorder.finish();
+    assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
+    hangs.store(false, Ordering::SeqCst);
+    assert!(summary.ended_early.is_none() && summary.parts > 2 && summary.not_recorded == 0, "{summary:?}");
+    assert!(verified(&path).unwrap().complete);
 }
