@@ -260,12 +260,12 @@ impl Sender {
         // A ground station or a camera on the same port is not who the odometry is for.
         if sender == (self.header.system_id, AUTOPILOT) {
             self.link.confirm(now);
+            if self.heard.is_none() || !self.is_heard {
+                self.tell(News::Heard);
+                self.announcer.repeat();
+            }
+            (self.heard, self.is_heard) = (Some(now), true);
         }
-        if self.heard.is_none() || !self.is_heard {
-            self.tell(News::Heard);
-            self.announcer.repeat();
-        }
-        (self.heard, self.is_heard) = (Some(now), true);
         let Some(timesync) = received.timesync.as_ref().filter(|t| self.is_for_us(t)) else { return };
         if timesync.tc1 != 0 {
             self.take_answer(timesync, sender, now);
@@ -320,5 +320,37 @@ fn stamp_ns(clock: AutopilotClock, timesync: &TimeSync, at: Monotonic) -> Option
     match clock {
         AutopilotClock::Companion => Some(at.0),
         AutopilotClock::Autopilot => timesync.offset_ns().map(|offset| at.0.saturating_add(offset)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use plumbline_config::options::AutopilotEndpoint;
+
+    #[test]
+    fn only_the_autopilot_is_heard() {
+        let config = AutopilotConfig { connect: "udpin://127.0.0.1:0".into(), ..AutopilotConfig::default() };
+        let endpoint = AutopilotEndpoint::parse(&config.connect).unwrap();
+        let frames = Frames::new(&nalgebra::UnitQuaternion::identity());
+        let mut sender = Sender::new(&config, Link::open(&endpoint).unwrap(), frames);
+        let began = sender.began;
+        let at = |s: i64| Monotonic(began.0 + s * 1_000_000_000);
+        let hear = |sender: &mut Sender, system_id: u32, component_id: u8, s: i64| {
+            sender.take(&Received { system_id, component_id, timesync: None }, at(s), &mut 0);
+            sender.watch(at(s));
+            sender.is_heard
+        };
+        // A camera, a ground station and another vehicle's autopilot.
+        let others = [(1, 100), (255, 190), (77, 1)];
+        for s in 1..=5 {
+            for (system, component) in others {
+                hear(&mut sender, system, component, s);
+            }
+        }
+        assert!(sender.heard.is_none());
+        assert!(!hear(&mut sender, 1, 100, 6), "silence is told after five seconds, whoever else talks");
+        assert!(hear(&mut sender, 1, 1, 7), "the autopilot ends it");
+        assert!(hear(&mut sender, 77, 1, 11) && !hear(&mut sender, 77, 1, 13), "and may fall silent again");
     }
 }
