@@ -39,6 +39,7 @@ mod text_lines;
 pub mod trigger;
 pub mod truth;
 pub mod tum;
+pub mod unix_socket;
 pub mod v4l2;
 pub mod video_nodes;
 

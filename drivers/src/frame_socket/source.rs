@@ -4,17 +4,17 @@ use super::figures::{SocketFigures, SocketMonitor, Trouble};
 use super::header::Header;
 use crate::clock::{StampFigures, StampProblem, monotonic_ns};
 use crate::stop::StopFlag;
+use crate::unix_socket::{SocketFile, is_served};
 use crate::v4l2::numbering::Numbering;
 use crate::v4l2::stamp::{self, Source};
 use crate::{DriverError, Faults, StereoFrame, StereoSource};
 use plumbline_config::{Portable, Timestamp};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::AsFd;
-use std::fs::Permissions;
 use std::io::{ErrorKind, Read as _};
-use std::os::unix::fs::{FileTypeExt as _, PermissionsExt as _};
+use std::os::unix::fs::FileTypeExt as _;
 use std::os::unix::net::{UnixListener, UnixStream};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Duration;
 
 /// A wait is cut into pieces of this length, to look at the stop flag, ns.
@@ -39,7 +39,7 @@ const MS: f64 = 1e-6;
 /// time. After it was opened, nothing allocates on the thread that reads while frames come.
 #[derive(Debug)]
 pub struct SocketStereo {
-    path: PathBuf,
+    _file: SocketFile,
     listener: UnixListener,
     sender: Option<UnixStream>,
     sizes_px: [(usize, usize); 2],
@@ -88,11 +88,10 @@ impl SocketStereo {
             );
             DriverError::refused(path, message)
         };
-        let listener = UnixListener::bind(path).map_err(refused)?;
-        std::fs::set_permissions(path, Permissions::from_mode(MODE)).map_err(refused)?;
+        let (listener, file) = SocketFile::listen(path, MODE, |_| Ok(())).map_err(refused)?;
         listener.set_nonblocking(true).map_err(refused)?;
         Ok(Self {
-            path: path.to_owned(),
+            _file: file,
             listener,
             sender: None,
             sizes_px,
@@ -255,18 +254,18 @@ impl SocketStereo {
     }
 }
 
-/// Removes a socket that nobody listens on any more.
+/// Refuses a path where something else is; a socket that nobody listens on any more is replaced.
 fn make_way(path: &Path) -> Result<(), DriverError> {
     let Ok(found) = std::fs::symlink_metadata(path) else { return Ok(()) };
     if !found.file_type().is_socket() {
         let message = "exists and is not a socket; delete it, or set driver.frames.listen to another path";
         return Err(DriverError::refused(path, message));
     }
-    if UnixStream::connect(path).is_ok() {
+    if is_served(path) {
         let message = "another process listens on it; stop it, or set driver.frames.listen to another path";
         return Err(DriverError::refused(path, message));
     }
-    std::fs::remove_file(path).map_err(|error| DriverError::io(path, error))
+    Ok(())
 }
 
 /// Waits for one look; whether there is something to be read.
@@ -311,12 +310,6 @@ impl StereoSource for SocketStereo {
             },
             ..Faults::default()
         }
-    }
-}
-
-impl Drop for SocketStereo {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_file(&self.path);
     }
 }
 

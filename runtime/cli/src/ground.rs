@@ -12,7 +12,7 @@ use plumbline_ground::fleet::Fleet;
 use plumbline_ground::{self as ground, foxglove, lock, web};
 use plumbline_link::net::{Endpoints, Mode, NetError, audit, diagnosis, security};
 use rustix::process::{Resource, Rlimit, setrlimit};
-use std::io::{IsTerminal, Write as _};
+
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -3,11 +3,11 @@
 use super::LocalError;
 use super::reader::Rights;
 use plumbline_config::options::LocalConfig;
+use plumbline_drivers::unix_socket::{SocketFile, is_served};
 use rustix::net::sockopt::socket_peercred;
 use rustix::process::{Gid, geteuid};
-use std::fs::Permissions;
 use std::io;
-use std::os::unix::fs::{FileTypeExt as _, MetadataExt as _, PermissionsExt as _};
+use std::os::unix::fs::{FileTypeExt as _, MetadataExt as _};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 
@@ -18,7 +18,7 @@ const OTHERS_CONNECT: u32 = 0o002;
 #[derive(Debug)]
 pub struct Door {
     pub listener: UnixListener,
-    path: PathBuf,
+    _file: SocketFile,
     group: u32,
     is_open_to_others: bool,
 }
@@ -31,43 +31,44 @@ impl Door {
     /// be made.
     pub fn open(config: &LocalConfig) -> Result<Self, LocalError> {
         let path = PathBuf::from(&config.path);
-        let refused = |key, source| LocalError::Socket { path: path.clone(), key, source };
+        let refused = |key, source| Refused(key, source);
         let mode = config.mode_bits().unwrap_or(0o660);
         refuse_others(&path)?;
-        // Nobody connects before the permissions are set: made under another name, it takes its place whole.
-        let new = path.with_file_name(format!(
-            "{}.new",
-            path.file_name().map(|name| name.to_string_lossy()).unwrap_or_default()
-        ));
-        let _ = std::fs::remove_file(&new);
-        let listener = UnixListener::bind(&new).map_err(|error| refused("local.path", error))?;
-        if !config.group.is_empty() {
-            let group = group_number(&config.group).map_err(|error| refused("local.group", error))?;
-            rustix::fs::chown(&new, None, Some(Gid::from_raw(group)))
-                .map_err(|error| refused("local.group", error.into()))?;
-        }
-        std::fs::set_permissions(&new, Permissions::from_mode(mode))
-            .map_err(|error| refused("local.mode", error))?;
-        let group = std::fs::symlink_metadata(&new).map_err(|error| refused("local.path", error))?.gid();
-        std::fs::rename(&new, &path).map_err(|error| refused("local.path", error))?;
+        let mut group = None;
+        let (listener, file) = SocketFile::listen(&path, mode, |new| {
+            if !config.group.is_empty() {
+                let group = group_number(&config.group).map_err(|error| refused("local.group", error))?;
+                rustix::fs::chown(new, None, Some(Gid::from_raw(group)))
+                    .map_err(|error| refused("local.group", error.into()))?;
+            }
+            group = Some(std::fs::symlink_metadata(new)?.gid());
+            Ok::<_, Refused>(())
+        })
+        .map_err(|Refused(key, source)| LocalError::Socket { path: path.clone(), key, source })?;
+        let refused = |key, source| LocalError::Socket { path: path.clone(), key, source };
         listener.set_nonblocking(true).map_err(|error| refused("local.path", error))?;
-        Ok(Self { listener, path, group, is_open_to_others: mode & OTHERS_CONNECT != 0 })
+        let group = group.unwrap_or_default();
+        Ok(Self { listener, _file: file, group, is_open_to_others: mode & OTHERS_CONNECT != 0 })
     }
 
-    /// Rights of a reader that has connected.
-    pub fn rights(&self, stream: &UnixStream) -> Rights {
-        let Ok(peer) = socket_peercred(stream) else { return Rights::Read };
+    /// Rights of a reader that has connected, and its user where the system tells it.
+    pub fn rights(&self, stream: &UnixStream) -> (Rights, Option<u32>) {
+        let Ok(peer) = socket_peercred(stream) else { return (Rights::Read, None) };
         let (user, group) = (peer.uid.as_raw(), peer.gid.as_raw());
         let is_ours = user == 0 || user == geteuid().as_raw() || group == self.group;
         // Where others cannot connect, the file's permissions have let in a member of the group, whose primary group may be
         // another.
-        if is_ours || !self.is_open_to_others { Rights::Command(user) } else { Rights::Read }
+        let may_command = is_ours || !self.is_open_to_others;
+        (if may_command { Rights::Command(user) } else { Rights::Read }, Some(user))
     }
 }
 
-impl Drop for Door {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_file(&self.path);
+/// Key of the configuration that cannot be followed, and what the system said.
+struct Refused(&'static str, io::Error);
+
+impl From<io::Error> for Refused {
+    fn from(error: io::Error) -> Self {
+        Self("local.path", error)
     }
 }
 
@@ -78,7 +79,7 @@ fn refuse_others(path: &Path) -> Result<(), LocalError> {
     if !found.file_type().is_socket() {
         return Err(LocalError::NoSocket { path });
     }
-    if UnixStream::connect(&path).is_ok() {
+    if is_served(&path) {
         return Err(LocalError::InUse { path });
     }
     Ok(())
@@ -114,7 +115,7 @@ mod tests {
         assert_eq!(std::fs::metadata(&path).unwrap().mode() & 0o777, 0o640);
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
         let (_reader, ours) = (UnixStream::connect(&path).unwrap(), door.listener.accept().unwrap().0);
-        assert!(door.rights(&ours).may_command());
+        assert!(door.rights(&ours).0.may_command());
         drop(door);
         assert!(!path.exists());
     }

@@ -24,6 +24,8 @@ pub struct Outbox {
     kept_bytes: usize,
     /// Bytes of the first that were written.
     written: usize,
+    /// Bytes that the reader's socket took in all.
+    taken: u64,
     lost: u64,
     lost_told: u64,
 }
@@ -38,6 +40,7 @@ impl Outbox {
             bytes: 0,
             kept_bytes: 0,
             written: 0,
+            taken: 0,
             lost: 0,
             lost_told: 0,
         }
@@ -77,6 +80,12 @@ impl Outbox {
         self.kept_bytes > MAX_KEPT_BYTES
     }
 
+    /// Bytes that the reader's socket took in all.
+    #[must_use]
+    pub fn taken(&self) -> u64 {
+        self.taken
+    }
+
     /// Whether nothing waits.
     #[must_use]
     pub fn is_empty(&self) -> bool {
@@ -94,7 +103,10 @@ impl Outbox {
             let Some(first) = self.waiting.front() else { break };
             match to.write(&first.record[self.written..]) {
                 Ok(0) => return Err(ErrorKind::WriteZero.into()),
-                Ok(count) => self.written += count,
+                Ok(count) => {
+                    self.written += count;
+                    self.taken += count as u64;
+                }
                 Err(error) if error.kind() == ErrorKind::WouldBlock => return Ok(false),
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
                 Err(error) => return Err(error),

@@ -8,6 +8,7 @@ use rustix::event::epoll::EventFlags;
 use std::io::{self, ErrorKind, Read as _};
 use std::os::unix::net::UnixStream;
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 /// Requests of a reader that are read at a time: others wait for their turn.
 const READS_AT_A_TIME: usize = 4;
@@ -30,6 +31,27 @@ impl Rights {
     }
 }
 
+/// A reader that has taken nothing for so long does not read.
+const UNREAD: Duration = Duration::from_secs(2);
+
+/// A reader that has taken so many bytes reads: the system holds less for it.
+const MORE_THAN_A_SOCKET: u64 = 1 << 20;
+
+/// How silent a reader is, in order: one that does not read comes after all others, then one that has never asked anything.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Silence {
+    is_unread: bool,
+    is_without_request: bool,
+    length: Duration,
+}
+
+impl Silence {
+    /// Whether the reader leaves unread what is sent to it.
+    pub fn is_unread(self) -> bool {
+        self.is_unread
+    }
+}
+
 /// One reader.
 #[derive(Debug)]
 pub struct Reader {
@@ -39,6 +61,13 @@ pub struct Reader {
     /// Rate of the pictures that it wants, mHz.
     pub pictures_mhz: u32,
     pub rights: Rights,
+    /// User of its process, where that is known.
+    pub user: Option<u32>,
+    /// When it came, or sent its last request.
+    heard: Instant,
+    has_asked: bool,
+    /// Since when it has taken nothing of what waits for it.
+    full_since: Option<Instant>,
     /// Flags that epoll waits for.
     pub interest: EventFlags,
     inbox: Inbox,
@@ -52,7 +81,12 @@ pub struct Reader {
 
 impl Reader {
     /// Reader that has the greeting before it; its outbox holds `max_bytes`.
-    pub fn new(stream: UnixStream, rights: Rights, max_bytes: usize, upstream: u64) -> Self {
+    pub fn new(
+        stream: UnixStream,
+        (rights, user): (Rights, Option<u32>),
+        max_bytes: usize,
+        upstream: u64,
+    ) -> Self {
         let mut outbox = Outbox::new(max_bytes);
         outbox.push_kept(encoded(Kind::Hello as u16, 0, |to| {
             to.extend(MAGIC);
@@ -65,6 +99,10 @@ impl Reader {
             kinds: Kinds::DEFAULT,
             pictures_mhz: 0,
             rights,
+            user,
+            heard: Instant::now(),
+            has_asked: false,
+            full_since: None,
             interest: EventFlags::IN,
             inbox: Inbox::default(),
             is_mute: false,
@@ -96,6 +134,20 @@ impl Reader {
     /// The system has room for it again.
     pub fn has_room(&mut self) {
         self.is_full = false;
+        self.full_since = None;
+    }
+
+    /// How long it has been silent. `None` for the network process of this flight, and for one that is known to read: it has
+    /// taken more than its socket holds.
+    pub fn silence(&self, now: Instant) -> Option<Silence> {
+        let unread = self.full_since.map(|since| now.saturating_duration_since(since)).unwrap_or_default();
+        let is_unread = unread >= UNREAD;
+        let is_known = !is_unread && self.outbox.taken() > MORE_THAN_A_SOCKET;
+        if is_known || matches!(self.rights, Rights::Link(_)) {
+            return None;
+        }
+        let length = if is_unread { unread } else { now.saturating_duration_since(self.heard) };
+        Some(Silence { is_unread, is_without_request: !self.has_asked, length })
     }
 
     /// Writes what it takes; nothing while it is full.
@@ -106,6 +158,7 @@ impl Reader {
         if !self.is_full && !self.outbox.is_empty() {
             let upstream = upstream.saturating_sub(self.upstream_before);
             self.is_full = !self.outbox.flush(&mut self.stream, upstream)?;
+            self.full_since = self.is_full.then(|| self.full_since.unwrap_or_else(Instant::now));
         }
         Ok(())
     }
@@ -122,7 +175,10 @@ impl Reader {
             match self.stream.read(self.inbox.room()) {
                 // It may go on reading.
                 Ok(0) => self.is_mute = true,
-                Ok(count) => self.inbox.add(count),
+                Ok(count) => {
+                    (self.heard, self.has_asked) = (Instant::now(), true);
+                    self.inbox.add(count);
+                }
                 Err(error) if error.kind() == ErrorKind::WouldBlock => return Ok(()),
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
                 Err(error) => return Err(error),

@@ -24,8 +24,11 @@ use std::sync::atomic::Ordering;
 use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
 
-/// Readers by the socket's path at a time.
+/// Readers by the socket's path at a time, and those of one user.
 const MAX_READERS: usize = 128;
+const MAX_READERS_OF_A_USER: usize = 96;
+/// That places are taken is logged this often at most.
+const LOG_PERIOD: Duration = Duration::from_secs(30);
 /// Records that wait for one reader, bytes: four seconds of odometry and estimates.
 const OUTBOX_BYTES: usize = 512 * 1024;
 /// Pictures that wait besides for a reader that wants them.
@@ -53,6 +56,8 @@ pub struct Server {
     door: Option<Door>,
     /// Time before which no reader is accepted.
     pause_end: Option<Instant>,
+    /// When it was logged last that places are taken.
+    logged: Option<Instant>,
     admissions: Receiver<Admission>,
     readers: Vec<Option<Reader>>,
     /// Bytes of the pictures that wait for one reader.
@@ -95,6 +100,7 @@ impl Server {
             waiting,
             door,
             pause_end: None,
+            logged: None,
             admissions,
             readers: Vec::new(),
             picture_bytes: OUTBOX_PICTURES * picture_bytes,
@@ -157,7 +163,7 @@ impl Server {
             self.listen(EventFlags::IN);
         }
         while let Ok(Admission { stream, words }) = self.admissions.try_recv() {
-            self.admit(stream, Rights::Link(words));
+            self.admit(stream, (Rights::Link(words), None));
         }
         if let Some((place, answer)) = self.commands.saved()
             && let Some(reader) = self.readers.get_mut(place).and_then(Option::as_mut)
@@ -170,18 +176,53 @@ impl Server {
     fn accept(&mut self) {
         let Some(door) = &self.door else { return };
         match door.listener.accept() {
-            Ok((stream, _)) if self.readers.iter().flatten().count() < MAX_READERS => {
-                let rights = door.rights(&stream);
-                self.admit(stream, rights);
+            Ok((stream, _)) => {
+                let (rights, user) = door.rights(&stream);
+                // Who finds no place is closed at once, and finds out.
+                if self.has_place(user) {
+                    self.admit(stream, (rights, user));
+                }
             }
-            // It is closed at once, and finds out.
-            Ok(_) => {}
             Err(error) if error.kind() == std::io::ErrorKind::WouldBlock => {}
             Err(_) => {
                 self.pause_end = Some(Instant::now() + PAUSE);
                 self.listen(EventFlags::empty());
             }
         }
+    }
+
+    /// Whether there is a place for a reader of this user; the one of the most numerous user's that does not read, or has been
+    /// silent for longest, gives way to it.
+    fn has_place(&mut self, user: Option<u32>) -> bool {
+        let of =
+            |user: Option<u32>| self.readers.iter().flatten().filter(|reader| reader.user == user).count();
+        let crowd = if of(user) >= MAX_READERS_OF_A_USER {
+            user
+        } else if self.readers.iter().flatten().count() < MAX_READERS {
+            return true;
+        } else {
+            let users = self.readers.iter().flatten().map(|reader| reader.user);
+            users.max_by_key(|user| of(*user)).flatten()
+        };
+        let now = Instant::now();
+        let silence =
+            |slot: &Option<Reader>| slot.as_ref().filter(|reader| reader.user == crowd)?.silence(now);
+        let silences =
+            self.readers.iter().enumerate().filter_map(|(place, slot)| Some((silence(slot)?, place)));
+        let Some((silence, place)) = silences.max() else { return false };
+        if self.logged.is_none_or(|logged| now.saturating_duration_since(logged) >= LOG_PERIOD) {
+            self.logged = Some(now);
+            let whose = crowd.map_or_else(|| "an unknown user".into(), |user| format!("user {user}"));
+            let how =
+                if silence.is_unread() { "that does not read" } else { "that has asked nothing for longest" };
+            tracing::warn!(
+                "local socket: no place is free for another reader ({MAX_READERS} in all, {MAX_READERS_OF_A_USER} of one user); \
+                 the one of {whose} {how} is disconnected"
+            );
+        }
+        self.readers[place] = None;
+        self.commands.forget(place);
+        true
     }
 
     /// Waits for new readers, or does not.
@@ -191,7 +232,7 @@ impl Server {
         }
     }
 
-    fn admit(&mut self, stream: UnixStream, rights: Rights) {
+    fn admit(&mut self, stream: UnixStream, rights: (Rights, Option<u32>)) {
         let place = self.readers.iter().position(Option::is_none).unwrap_or(self.readers.len());
         let data = EventData::new_u64(FIRST_READER + place as u64);
         let is_set = stream.set_nonblocking(true).is_ok();
