@@ -7,7 +7,7 @@ use plumbline_estimator::{
 };
 
 /// A vehicle in flight, turned and moving in all axes, with a full covariance.
-pub(super) fn odometry() -> Odometry {
+pub(crate) fn odometry() -> Odometry {
     let spread = NavCovariance::from_fn(|i, j| 0.01 * ((3 * i + 5 * j + i * j) as f64).sin());
     Odometry {
         sequence: 7,

@@ -17,7 +17,7 @@ pub mod bridge;
 pub mod clock;
 pub mod feed;
 #[cfg(test)]
-mod fixture;
+pub(crate) mod fixture;
 pub mod frames;
 pub mod handover;
 #[cfg(test)]

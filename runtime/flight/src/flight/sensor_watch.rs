@@ -13,8 +13,13 @@ use std::time::{Duration, Instant};
 
 /// Drivers are asked this often.
 const LOOK: Duration = Duration::from_millis(100);
-/// A sensor that is there has to bring something within this time.
+/// A sensor that is there has to bring something within this time, and one that has brought something more within the second.
 const PATIENCE: Duration = Duration::from_secs(3);
+const SILENCE: Duration = Duration::from_millis(500);
+/// Share of the samples of a second that may be unusable before it is reported, and share of those that repeat the one before
+/// from which on it is.
+const MAX_UNUSABLE: f64 = 0.1;
+const MIN_STUCK: f64 = 0.6;
 /// Looks over which bad stamps are counted: a second.
 const STAMP_LOOKS: usize = 10;
 /// Clock that frames are stamped by, as messages name it.
@@ -215,12 +220,37 @@ fn tell(told: &mut Option<String>, now: Option<String>, back: impl FnOnce() -> S
     *told = now;
 }
 
-/// When samples came last.
+/// When samples came last, and what came since.
 #[derive(Default)]
 struct Bringing {
     samples: u64,
     settling: u64,
     since: Option<Instant>,
+    /// Counts of the looks of the last second: samples, those that make no sense, and those that repeat.
+    looks: [[u64; 3]; STAMP_LOOKS],
+    next: usize,
+    /// Samples that made no sense, and that were out of order, when good ones came last.
+    malformed: u64,
+    disordered: u64,
+}
+
+impl Bringing {
+    /// Samples of the last second, those of it that make no sense, and those that repeat.
+    fn of_the_last_second(&mut self, figures: &ImuFigures) -> [u64; 3] {
+        let now = [figures.samples, figures.malformed + figures.watch.impossible, figures.watch.stuck];
+        let before = std::mem::replace(&mut self.looks[self.next], now);
+        self.next = (self.next + 1) % STAMP_LOOKS;
+        std::array::from_fn(|k| now[k].saturating_sub(before[k]))
+    }
+}
+
+/// What is wrong with samples whose values make no sense, which are as many of so many.
+fn unusable(malformed: u64, samples: u64) -> String {
+    format!(
+        "{malformed} of {} samples of the IMU in a second are unusable (NaN, infinite or beyond its range) and were dropped; \
+         check the sensor, its supply and its driver",
+        malformed + samples
+    )
 }
 
 /// Why the inertial sensor brings nothing, if it does not.
@@ -232,17 +262,44 @@ fn imu_trouble(figures: &ImuFigures, bringing: &mut Bringing, now: Instant) -> O
     if is_unknown && now - since < LOOK * 5 {
         return None;
     }
+    let [samples, malformed, stuck] = bringing.of_the_last_second(figures);
     if is_moving || !(figures.link.is_open || is_unknown) {
-        *bringing = Bringing { samples: figures.samples, settling: figures.settling, since: Some(now) };
+        (bringing.samples, bringing.settling, bringing.since) =
+            (figures.samples, figures.settling, Some(now));
+        (bringing.malformed, bringing.disordered) =
+            (figures.malformed + figures.watch.impossible, figures.disordered);
     }
     if !figures.link.is_open {
         let why = figures.link.last_error.map(std::io::Error::from_raw_os_error);
         let why = why.map_or_else(String::new, |error| format!(" ({error})"));
         return Some(format!("the IMU is missing{why}; waiting for it"));
     }
-    if is_moving || now - since < PATIENCE {
+    let is_unusable = malformed > 0 && malformed as f64 > MAX_UNUSABLE * (samples + malformed) as f64;
+    let patience = if figures.samples > 0 { SILENCE } else { PATIENCE };
+    if is_moving || now - since < patience {
         // Until it has brought something it counts as missing.
-        return None;
+        let is_stuck = stuck as f64 > MIN_STUCK * samples as f64;
+        return match (is_unusable, is_stuck) {
+            (true, _) => Some(unusable(malformed, samples)),
+            (false, true) => {
+                Some("the IMU repeats the same values; check the sensor and the program that reads it".into())
+            }
+            (false, false) => None,
+        };
+    }
+    if figures.malformed + figures.watch.impossible > bringing.malformed {
+        return Some(
+            "the IMU sends samples that are all unusable (NaN, infinite or beyond its range); check the sensor, its supply \
+             and its driver"
+                .into(),
+        );
+    }
+    if figures.disordered > bringing.disordered {
+        return Some(
+            "the IMU sends samples whose times do not increase: it repeats itself, or its clock stands still; check the \
+             sensor and the program that sends them"
+                .into(),
+        );
     }
     let framing = &figures.framing;
     Some(match figures.lacking {
@@ -284,8 +341,64 @@ mod tests {
         assert!(trouble(there(0, 0, 0), 4.0).is_some_and(|words| words.contains("wires")));
         assert!(trouble(there(0, 99, 0), 4.1).is_some_and(|words| words.contains("driver.imu.protocol")));
         assert_eq!(trouble(there(1, 200, 5), 4.2), None);
-        assert_eq!(trouble(there(1, 200, 5), 6.0), None);
-        assert!(trouble(there(1, 200, 5), 7.3).is_some_and(|words| words.contains("stopped")));
+        assert_eq!(trouble(there(1, 200, 5), 4.6), None);
+        assert!(trouble(there(1, 200, 5), 4.8).is_some_and(|words| words.contains("stopped")));
+    }
+
+    /// Looks ten times a second at a sensor of 200 Hz; what is told of it after so many looks of a fault.
+    fn told_after(looks: u32, mut fault: impl FnMut(&mut ImuFigures)) -> Option<String> {
+        let (mut bringing, start) = (Bringing::default(), Instant::now());
+        let mut figures = ImuFigures {
+            link: LinkFigures { is_open: true, ..LinkFigures::default() },
+            ..ImuFigures::default()
+        };
+        figures.framing = FramingFigures { bytes: 9, frames: 9, ..FramingFigures::default() };
+        let mut told = None;
+        for look in 0..30 + looks {
+            match look < 30 {
+                true => figures.samples += 20,
+                false => fault(&mut figures),
+            }
+            told = imu_trouble(&figures, &mut bringing, start + LOOK * look);
+            assert!(look >= 30 || told.is_none(), "a sound sensor is no trouble");
+        }
+        told
+    }
+
+    #[test]
+    fn a_sensor_that_dies_repeats_or_sends_nonsense_is_told_within_a_second() {
+        for (fault, words) in [
+            ((|_| ()) as fn(&mut ImuFigures), "stopped sending samples"),
+            (|figures| figures.malformed += 20, "all unusable (NaN"),
+            (|figures| figures.watch.impossible += 20, "all unusable (NaN"),
+            (|figures| figures.disordered += 20, "do not increase"),
+            (
+                |figures| {
+                    figures.samples += 20;
+                    figures.watch.stuck += 20;
+                },
+                "repeats the same values",
+            ),
+            (
+                |figures| {
+                    figures.samples += 10;
+                    figures.malformed += 10;
+                },
+                "samples of the IMU in a second are unusable",
+            ),
+        ] {
+            let told = told_after(7, fault).unwrap_or_default();
+            assert!(told.contains(words), "{words}: {told}");
+        }
+    }
+
+    #[test]
+    fn a_few_samples_that_make_no_sense_are_no_trouble() {
+        let few = |figures: &mut ImuFigures| {
+            figures.samples += 19;
+            figures.malformed += 1;
+        };
+        assert_eq!(told_after(20, few), None);
     }
 
     #[test]

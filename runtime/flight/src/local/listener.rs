@@ -11,7 +11,7 @@ use crate::schedule::pool::Pool;
 use crate::schedule::tasks::TaskId;
 use crate::schedule::watchdog::Pulse;
 use crate::sensor_board::SensorState;
-use plumbline_config::ValidConfig;
+use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_estimator::places::{MapEstimate, MapPath};
 use plumbline_estimator::{MapSnapshot, Odometry, Tracked};
 use plumbline_record::said::FullEstimate;
@@ -131,15 +131,37 @@ impl Shared {
 }
 
 /// Copies odometry.
-pub struct TickListener(pub Arc<Shared>, pub LaneWriter<Handed<Odometry>>);
+pub struct TickListener {
+    shared: Arc<Shared>,
+    odometry: LaneWriter<Handed<Odometry>>,
+    /// Newest stamp that went out blind: what a sensor brings late is older, and stamps rise.
+    blind: Timestamp,
+}
+
+impl TickListener {
+    pub fn new(shared: Arc<Shared>, odometry: LaneWriter<Handed<Odometry>>) -> Self {
+        Self { shared, odometry, blind: Timestamp::MIN }
+    }
+
+    fn copy(&mut self, odometry: &Odometry) {
+        if odometry.stamp > self.blind && self.shared.wants(Kind::Odometry) {
+            self.odometry.push((odometry.clone(), now_ns()));
+            self.shared.wake();
+        }
+    }
+}
 
 impl Listener for TickListener {
     fn said(&mut self, said: &Said) {
-        if let Said::Odometry(odometry) = said
-            && self.0.wants(Kind::Odometry)
-        {
-            self.1.push((odometry.clone(), now_ns()));
-            self.0.wake();
+        if let Said::Odometry(odometry) = said {
+            self.copy(odometry);
+        }
+    }
+
+    fn shown(&mut self, view: View<'_>) {
+        if let View::Blind(odometry) = view {
+            self.copy(odometry);
+            self.blind = odometry.stamp;
         }
     }
 }

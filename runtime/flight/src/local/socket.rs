@@ -133,7 +133,7 @@ impl Subscriber for LocalSocket {
         let shared = Arc::clone(&self.shared);
         match producer {
             Producer::Tick => match self.odometry.take() {
-                Some(odometry) => Box::new(TickListener(shared, odometry)),
+                Some(odometry) => Box::new(TickListener::new(shared, odometry)),
                 None => Box::new(()),
             },
             Producer::Window => match self.estimates.take() {

@@ -5,10 +5,10 @@ use super::request::{Answer, Failure, Request, Status};
 use super::{Client, ClientError, LinkWord, LocalSocket, Record};
 use crate::flight::Output as _;
 use crate::fuzzing::fixture;
-use crate::pipeline::listener::{Listener, Producer, Subscriber as _};
+use crate::pipeline::listener::{Listener, Producer, Subscriber as _, View};
 use crate::pipeline::{Control, Stamps};
 use plumbline_config::{Config, ValidConfig};
-use plumbline_estimator::{Estimate, Odometry, ResetKind};
+use plumbline_estimator::{Estimate, Odometry, ResetKind, TrackingState};
 use plumbline_record::Said;
 use plumbline_record::said::FullEstimate;
 use std::io::{Read as _, Write as _};
@@ -227,4 +227,61 @@ fn reports_of_the_network_process_reach_its_keeper() {
     }
     requests.close();
     assert!(said.recv_timeout(PATIENCE).is_err(), "its keeper learns that it has gone");
+}
+
+/// Whether a reader that comes now is greeted, and receives the odometry of the next tick.
+fn is_served(flight: &mut Flight) -> bool {
+    let mut client = Client::new(flight.stream());
+    if client.next_record().ok() != Some(Record::Hello(true)) {
+        return false;
+    }
+    flight.tick();
+    (0..600).any(|_| matches!(client.next_record(), Ok(Record::Odometry(..))))
+}
+
+#[test]
+fn silent_readers_give_way_to_new_ones_and_one_that_reads_stays() {
+    let mut flight = Flight::start();
+    let mut honest = flight.reader();
+    // It has taken more than a socket holds.
+    for _ in 0..6_000 {
+        flight.tick();
+        while !matches!(honest.next_record().unwrap(), Record::Odometry(..)) {}
+    }
+    let silent: Vec<UnixStream> = (0..150).map(|_| flight.stream()).collect();
+    (0..10).for_each(|_| assert!(is_served(&mut flight), "those that asked nothing give way"));
+    // Until their sockets are full.
+    let end = Instant::now() + Duration::from_secs(4);
+    while Instant::now() < end {
+        flight.tick();
+        while !matches!(honest.next_record().unwrap(), Record::Odometry(..)) {}
+    }
+    (0..10).for_each(|_| assert!(is_served(&mut flight), "those that do not read give way"));
+    flight.tick();
+    while !matches!(honest.next_record().unwrap(), Record::Odometry(..)) {}
+    drop(silent);
+    flight.end();
+}
+
+#[test]
+fn odometry_goes_on_blind_and_late_readings_are_left_out() {
+    let mut flight = Flight::start();
+    let mut reader = flight.reader();
+    let last = flight.tick();
+    let at = |ms: i64| last.stamp.plus_nanos(ms * 1_000_000);
+    let blind = Odometry { stamp: at(300), state: TrackingState::Blind, quality: 0, ..last.clone() };
+    flight.tick.shown(View::Blind(&blind));
+    for ms in [100, 299, 305] {
+        let odometry = Odometry { stamp: at(ms), sequence: last.sequence + 1, ..last.clone() };
+        flight.tick.said(&Said::Odometry(odometry));
+    }
+    let mut next = || loop {
+        if let Record::Odometry(odometry, _) = reader.next_record().unwrap() {
+            break (odometry.stamp, odometry.state, odometry.quality);
+        }
+    };
+    assert_eq!(next(), (last.stamp, last.state, last.quality));
+    assert_eq!(next(), (at(300), TrackingState::Blind, 0));
+    assert_eq!(next(), (at(305), last.state, last.quality));
+    flight.end();
 }

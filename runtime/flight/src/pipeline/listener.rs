@@ -14,14 +14,14 @@ use plumbline_drivers::StereoFrame;
 use plumbline_estimator::odometry::StepCovariance;
 use plumbline_estimator::places::{MapUpdate, Mapper};
 use plumbline_estimator::window::Window;
-use plumbline_estimator::{Estimate, MapSnapshot, Tracked};
+use plumbline_estimator::{Estimate, MapSnapshot, Odometry, Tracked};
 use plumbline_record::Said;
 use std::sync::Arc;
 
 /// A thread of a run that produces something. In virtual time one thread may be several of them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Producer {
-    /// Says readings, corrections and odometry.
+    /// Says readings, corrections and odometry; shows that it is blind.
     Tick,
     /// Says orders, resets and events; shows frames and what was tracked.
     FrontEnd,
@@ -77,6 +77,8 @@ pub enum View<'a> {
     Solved(&'a Solved<'a>),
     /// The map after a frame was taken into it.
     Mapped(&'a Mapped<'a>),
+    /// The last odometry, blind, while the inertial sensor brings nothing: no output of the estimator, and in no log.
+    Blind(&'a Odometry),
 }
 
 /// What the window holds after an estimate.

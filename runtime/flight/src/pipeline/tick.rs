@@ -2,13 +2,13 @@
 
 use super::effect::Effect;
 use super::figures::StageTimes;
-use super::listener::Listener;
+use super::listener::{Listener, View};
 use crate::alloc;
 use crate::pipeline::clock::Stopwatch;
 use crate::schedule::times::Times;
 use plumbline_config::{Timestamp, ValidConfig};
 use plumbline_drivers::ImuReading;
-use plumbline_estimator::{Estimate, Propagator, Stage, StageProbe};
+use plumbline_estimator::{Estimate, Odometry, Propagator, Stage, StageProbe, TrackingState};
 use plumbline_record::digest::Digest;
 use plumbline_record::{CorrectionOrder, Said};
 use std::collections::VecDeque;
@@ -24,6 +24,12 @@ const MAX_PENDING: usize = 16;
 /// An estimate that has to wait for longer is of another time: the clock was set, ns. Frames are at most half a second ahead
 /// of the readings, or they are refused.
 const MAX_WAIT_NS: i64 = 1_000_000_000;
+
+/// Without a reading for so long, the odometry of a live flight is blind, ns: longer than a line or a host holds readings up.
+const BLIND_NS: i64 = 200_000_000;
+/// What a vehicle may do meanwhile, beside what is known: turn by so much, rad/s, and accelerate by so much, m/s².
+const UNSEEN_RATE: f64 = 2.0;
+const UNSEEN_ACCELERATION: f64 = 10.0;
 
 /// What the tick counts and times.
 #[derive(Clone, Debug)]
@@ -48,6 +54,8 @@ pub struct TickStage {
     newest: Timestamp,
     digest: Digest,
     listener: Box<dyn Listener>,
+    /// The last odometry.
+    last: Option<Odometry>,
     /// What was counted and timed so far.
     pub figures: TickFigures,
 }
@@ -65,6 +73,7 @@ impl TickStage {
             first: None,
             newest: Timestamp::MIN,
             digest: Digest::default(),
+            last: None,
             figures: TickFigures {
                 handout_us: Times::of_us(),
                 times: StageTimes::default(),
@@ -108,10 +117,20 @@ impl TickStage {
         if let Some(odometry) = odometry {
             self.figures.handout_us.record(watch.elapsed_ms() * 1e3);
             self.digest.add(&odometry);
+            self.last = Some(odometry.clone());
             self.listener.said(&Said::Odometry(odometry));
         }
         self.listener.said(&Said::Imu(*reading));
         self.figures.allocations += counting.map_or(0, alloc::Count::end);
+    }
+
+    /// Shows the last odometry, blind, if no reading has come for so long, ns: its pose, of which less and less is known, with
+    /// quality 0. No log holds it, and no digest.
+    pub fn show_blind(&mut self, silence_ns: i64) {
+        if let Some(last) = self.last.as_ref().filter(|_| silence_ns >= BLIND_NS) {
+            let blind = blind(last, last.stamp.plus_nanos(silence_ns));
+            self.listener.shown(View::Blind(&blind));
+        }
     }
 
     /// Whether a reading follows those before it. One that does not is refused, whenever it comes.
@@ -168,4 +187,32 @@ impl TickStage {
 /// The first reading at or after this time is propagated from the estimate.
 pub fn due(estimate: &Estimate) -> Timestamp {
     estimate.stamp.plus_nanos(CORRECTION_DELAY_NS)
+}
+
+/// The last odometry as of `now`: where it was, with the covariance of what the vehicle may have done since.
+fn blind(last: &Odometry, now: Timestamp) -> Odometry {
+    let since_s = now.seconds_since(last.stamp);
+    let velocity = UNSEEN_ACCELERATION * since_s;
+    let speed = last.v_o_b.norm();
+    let sigmas = [UNSEEN_RATE * since_s, (speed + velocity / 2.0) * since_s, velocity];
+    let mut odometry = Odometry { stamp: now, state: TrackingState::Blind, quality: 0, ..last.clone() };
+    for k in 0..odometry.covariance.nrows() {
+        odometry.covariance[(k, k)] += sigmas[k / 3] * sigmas[k / 3];
+    }
+    odometry
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::autopilot::fixture::odometry;
+
+    #[test]
+    fn odometry_of_a_silent_sensor_is_blind_and_uncertain() {
+        let last = odometry();
+        let blind = blind(&last, last.stamp.plus_nanos(1_000_000_000));
+        assert_eq!((blind.state, blind.quality, blind.sequence), (TrackingState::Blind, 0, last.sequence));
+        assert_eq!(blind.pose_o_b, last.pose_o_b);
+        assert!((0..9).all(|k| blind.covariance[(k, k)] > last.covariance[(k, k)] + 1.0));
+    }
 }

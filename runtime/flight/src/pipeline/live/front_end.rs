@@ -19,6 +19,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// Frames between front-end and window: one being tracked, one waiting, one being solved.
 pub const JOB_POOL: usize = 3;
+/// Frames after one that waited for samples in vain, whose successors were not refused for being slow.
+const GRACE_FRAMES: u32 = 20;
 /// How often [`NAP`] a frame waits for its samples: a tick or a line that is held up for a fifth of a second catches up.
 const SAMPLE_NAPS: u32 = 6;
 
@@ -85,6 +87,8 @@ pub struct FrontEndTask {
     ladder: Ladder,
     newest_imu: Timestamp,
     is_imu_silent: bool,
+    /// Frames whose lateness is the sensor's.
+    grace: u32,
     /// Frames that came while an earlier one waited for its samples. The work did not take too long: they are taken in turn.
     came_meanwhile: usize,
     taken: u64,
@@ -123,6 +127,7 @@ impl FrontEndTask {
             ladder: Ladder::default(),
             newest_imu: Timestamp::MIN,
             is_imu_silent: false,
+            grace: 0,
             came_meanwhile: 0,
             taken: 0,
             heard: 0,
@@ -201,6 +206,8 @@ impl FrontEndTask {
             let waiting = self.rings.arrivals.waiting();
             self.take_samples(shared, stamp);
             self.came_meanwhile += self.rings.arrivals.waiting().saturating_sub(waiting);
+            // The work begins here: what was waited for is no time of its own.
+            shared.heartbeats.busy(TaskId::FrontEnd);
             let Some(ms) = self.track(shared, team, rung) else {
                 return if shared.is_window_down() { Step::Anew } else { Step::Over };
             };
@@ -367,6 +374,7 @@ impl FrontEndTask {
             }
             // It is the tick that is late.
             shared.heartbeats.busy(TaskId::FrontEnd);
+            self.grace = GRACE_FRAMES;
         }
         self.is_imu_silent = true;
         self.figures.short_of_samples += 1;
@@ -377,7 +385,10 @@ impl FrontEndTask {
     fn judge(&mut self, shared: &Shared<'_>, longest_ms: f64, shed: u64) {
         let period_ms = shared.table.row(TaskId::FrontEnd).period.as_secs_f64() * 1e3;
         let before = self.ladder.rung();
-        if let Some(rung) = self.ladder.observe(longest_ms / period_ms, shed > 0) {
+        // Frames that a silent sensor held up say nothing of the time that they take.
+        let is_behind = shed > 0 && self.grace == 0;
+        self.grace = self.grace.saturating_sub(1);
+        if let Some(rung) = self.ladder.observe(longest_ms / period_ms, is_behind) {
             *if rung > before { &mut self.figures.steps_down } else { &mut self.figures.steps_up } += 1;
             shared.set_rung(rung);
         }

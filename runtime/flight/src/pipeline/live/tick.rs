@@ -40,6 +40,8 @@ pub struct TickEnd {
 pub struct TickTask {
     stage: TickStage,
     rings: TickRings,
+    /// When the last reading came.
+    arrived: Monotonic,
     figures: TickTaskFigures,
 }
 
@@ -63,7 +65,7 @@ impl TickTask {
             latency_ms: Times::of_ms(),
             deepest: 0,
         };
-        Self { stage, rings, figures }
+        Self { stage, rings, arrived: Monotonic::now(), figures }
     }
 
     /// Ticks until the readings end.
@@ -100,6 +102,7 @@ impl TickTask {
             shared.heartbeats.busy(TaskId::Tick);
             self.figures.ticks += 1;
             self.take_due(shared);
+            self.stage.show_blind(Monotonic::now().0.saturating_sub(self.arrived.0));
         }
     }
 
@@ -115,6 +118,7 @@ impl TickTask {
                 || !self.stage.expects(&reading))
         {
             self.rings.readings.pop();
+            self.arrived = Monotonic::now();
             self.stage.take(&reading);
             let latency_ms = Monotonic::now().ms_since(shared.due(reading.sample.stamp));
             self.figures.latency_ms.record(latency_ms);
