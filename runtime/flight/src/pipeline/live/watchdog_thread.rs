@@ -1,9 +1,10 @@
-//! The watchdog's thread: looks at the heartbeats, tells systemd, and keeps an eye on the memory.
+//! The watchdog's thread: looks at the heartbeats and tells systemd; and the thread that reports what it finds.
 
 use super::super::RunError;
 use super::shared::Shared;
 use crate::pipeline::listener::Listener;
 use crate::schedule::ladder::Rung;
+use crate::schedule::ring::{Bell, Reader, Writer, ring};
 use crate::schedule::supervisor::{Supervisor, Word};
 use crate::schedule::tasks::{Loss, TaskId, WATCH_PERIOD};
 use crate::schedule::ticker::Monotonic;
@@ -16,8 +17,10 @@ use std::time::Duration;
 
 /// Memory counts as settled after this time.
 const SETTLED: Duration = Duration::from_secs(60);
-/// Looks at the heartbeats between two looks at the memory.
-const LOOKS_PER_MEMORY: u32 = 100;
+/// The memory is looked at this often.
+const MEMORY_PERIOD: Duration = Duration::from_secs(1);
+/// News that wait for their words.
+const NEWS: usize = 64;
 
 /// What the watchdog saw in a run.
 #[derive(Clone, Copy, Debug, Default)]
@@ -44,13 +47,22 @@ impl WatchdogThread {
         shared: &'scope Shared<'_>,
         listener: Box<dyn Listener>,
     ) -> Result<ScopedJoinHandle<'scope, WatchdogFigures>, RunError> {
+        let refused = |error: std::io::Error| RunError::Thread(error.to_string());
+        let bell = Bell::default();
+        let (words, news) = ring::<News>(NEWS, &bell);
+        let reporter = Builder::new()
+            .name("watchdog-words".into())
+            .spawn_scoped(scope, move || report(shared, listener, news, &bell))
+            .map_err(refused)?;
         Builder::new()
             .name("watchdog".into())
             .spawn_scoped(scope, move || {
                 shared.enter(TaskId::Watchdog);
-                self.watch(shared, listener)
+                let figures = self.watch(shared, words);
+                // Its words are said before it ends.
+                WatchdogFigures { memory_growth_mb: reporter.join().ok().flatten(), ..figures }
             })
-            .map_err(|error| RunError::Thread(error.to_string()))
+            .map_err(refused)
     }
 
     /// Ends the thread when the guard goes.
@@ -58,23 +70,21 @@ impl WatchdogThread {
         EndOnDrop(&self.ended)
     }
 
-    fn watch(&self, shared: &Shared<'_>, mut listener: Box<dyn Listener>) -> WatchdogFigures {
+    fn watch(&self, shared: &Shared<'_>, mut words: Writer<News>) -> WatchdogFigures {
         let mut watchdog = Watchdog::default();
-        let (start, mut settled_mb, mut peak_mb) = (Monotonic::now(), None, 0.0f64);
         let mut rung = Rung::Full;
         let supervisor = Supervisor::of_environment();
         supervisor.tell(Word::Ready);
-        let mut last_sign = start;
-        for look in 0u32.. {
-            if self.ended.load(Ordering::Relaxed) {
-                break;
-            }
+        let mut last_sign = Monotonic::now();
+        while !self.ended.load(Ordering::Relaxed) {
             let now = Monotonic::now();
             shared.heartbeats.busy(TaskId::Watchdog);
-            watchdog.look(&shared.table, &shared.heartbeats, now, |finding| {
-                report_finding(shared, &mut *listener, finding);
+            watchdog.look(&shared.table, &shared.heartbeats, now, |event| {
+                act_on(shared, event);
+                // What finds no room is not worth waiting for.
+                let _ = words.push(News::Task(event));
             });
-            report_rung(shared, &mut *listener, &mut rung);
+            tell_rung(shared, &mut words, &mut rung);
             if let Some(patience) = supervisor.patience()
                 && !watchdog.is_critical()
                 && now.ms_since(last_sign) * 3e-3 > patience.as_secs_f64()
@@ -82,21 +92,70 @@ impl WatchdogThread {
                 supervisor.tell(Word::Alive);
                 last_sign = now;
             }
-            if look.is_multiple_of(LOOKS_PER_MEMORY)
-                && now.ms_since(start) > SETTLED.as_secs_f64() * 1e3
+            std::thread::sleep(WATCH_PERIOD);
+        }
+        tell_rung(shared, &mut words, &mut rung);
+        supervisor.tell(Word::Stopping);
+        WatchdogFigures { stalls: watchdog.stalls(), deaths: watchdog.deaths(), memory_growth_mb: None }
+    }
+}
+
+/// What the watchdog has found.
+#[derive(Clone, Copy, Debug)]
+enum News {
+    Task(TaskEvent),
+    /// The front-end has taken a step of the ladder, from and to these rungs. It has no time for that itself.
+    Rung(Rung, Rung),
+}
+
+fn tell_rung(shared: &Shared<'_>, words: &mut Writer<News>, told: &mut Rung) {
+    let rung = shared.rung();
+    if rung != *told {
+        let _ = words.push(News::Rung(*told, rung));
+        *told = rung;
+    }
+}
+
+/// Does what is to be done about a task.
+fn act_on(shared: &Shared<'_>, event: TaskEvent) {
+    match event {
+        TaskEvent::Hopeless(id) => shared.give_up(id),
+        TaskEvent::Died(id) if shared.table.row(id).loss == Loss::Process => shared.lose(id),
+        TaskEvent::Died(_) | TaskEvent::Stalled(..) | TaskEvent::Recovered(_) => {}
+    }
+}
+
+/// The thread of normal priority that puts into words what the watchdog finds, and keeps an eye on the memory: both allocate, and
+/// the watchdog, above all others, must not wait for who holds the allocator. Returns the growth of the memory, MB.
+fn report(
+    shared: &Shared<'_>,
+    mut listener: Box<dyn Listener>,
+    mut news: Reader<News>,
+    bell: &Bell,
+) -> Option<f64> {
+    bell.listen();
+    let (start, mut looked) = (Monotonic::now(), Monotonic::now());
+    let (mut settled_mb, mut peak_mb) = (None, 0.0_f64);
+    loop {
+        let newest = bell.wait(MEMORY_PERIOD, || {
+            let is_closed = news.is_closed();
+            let newest = news.pop();
+            (newest.is_some() || is_closed).then_some(newest)
+        });
+        match newest {
+            Some(Some(news)) => report_news(shared, &mut *listener, news),
+            Some(None) => return settled_mb.map(|settled| peak_mb - settled),
+            None => {}
+        }
+        let now = Monotonic::now();
+        if now.ms_since(looked) >= MEMORY_PERIOD.as_secs_f64() * 1e3 {
+            looked = now;
+            if now.ms_since(start) > SETTLED.as_secs_f64() * 1e3
                 && let Some(mb) = resident_mb()
             {
                 settled_mb.get_or_insert(mb);
                 peak_mb = peak_mb.at_least(mb);
             }
-            std::thread::sleep(WATCH_PERIOD);
-        }
-        report_rung(shared, &mut *listener, &mut rung);
-        supervisor.tell(Word::Stopping);
-        WatchdogFigures {
-            stalls: watchdog.stalls(),
-            deaths: watchdog.deaths(),
-            memory_growth_mb: settled_mb.map(|settled| peak_mb - settled),
         }
     }
 }
@@ -115,26 +174,8 @@ const SLOW: &str = "frames take longer than their period";
 /// Message of a step up the ladder.
 const IN_TIME: &str = "frames are in time again";
 
-/// Reports that the front-end has taken a step of the ladder. The front-end itself has no time for that.
-fn report_rung(shared: &Shared<'_>, listener: &mut dyn Listener, told: &mut Rung) {
-    let rung = shared.rung();
-    if rung != *told {
-        let now = shared.data_time(Monotonic::now());
-        let severity = if rung > *told {
-            tracing::warn!("{SLOW}: {}", rung.name());
-            Severity::Warning
-        } else {
-            tracing::info!("{IN_TIME}: {}", rung.name());
-            Severity::Info
-        };
-        let words = if rung > *told { SLOW } else { IN_TIME };
-        listener.said(&Said::Event(Event::new(now, severity, format_args!("{words}: {}", rung.name()))));
-        *told = rung;
-    }
-}
-
-/// Says what was found, in the log of the process and in that of the flight, and does what is to be done about it.
-fn report_finding(shared: &Shared<'_>, listener: &mut dyn Listener, finding: TaskEvent) {
+/// Says what was found, in the log of the process and in that of the flight.
+fn report_news(shared: &Shared<'_>, listener: &mut dyn Listener, news: News) {
     let now = shared.data_time(Monotonic::now());
     let mut tell = |severity: Severity, text: std::fmt::Arguments<'_>| {
         match severity {
@@ -144,17 +185,20 @@ fn report_finding(shared: &Shared<'_>, listener: &mut dyn Listener, finding: Tas
         }
         listener.said(&Said::Event(Event::new(now, severity, text)));
     };
-    match finding {
-        TaskEvent::Stalled(id, silence) => {
+    match news {
+        News::Rung(before, rung) if rung > before => {
+            tell(Severity::Warning, format_args!("{SLOW}: {}", rung.name()));
+        }
+        News::Rung(_, rung) => tell(Severity::Info, format_args!("{IN_TIME}: {}", rung.name())),
+        News::Task(TaskEvent::Stalled(id, silence)) => {
             let (name, ms) = (shared.table.row(id).name, silence.as_secs_f64() * 1e3);
             tell(Severity::Error, format_args!("{name} is stalled: no sign of life for {ms:.0} ms"));
         }
-        TaskEvent::Hopeless(id) => {
+        News::Task(TaskEvent::Hopeless(id)) => {
             let name = shared.table.row(id).name;
             tell(Severity::Error, format_args!("{name} does not come back: this process ends"));
-            shared.give_up(id);
         }
-        TaskEvent::Died(id) => {
+        News::Task(TaskEvent::Died(id)) => {
             let row = shared.table.row(id);
             let consequence = match row.loss {
                 Loss::Process => "this process ends",
@@ -163,11 +207,8 @@ fn report_finding(shared: &Shared<'_>, listener: &mut dyn Listener, finding: Tas
             };
             let name = row.name;
             tell(Severity::Error, format_args!("{name} ended by a fault of its own: {consequence}"));
-            if row.loss == Loss::Process {
-                shared.lose(id);
-            }
         }
-        TaskEvent::Recovered(id) => {
+        News::Task(TaskEvent::Recovered(id)) => {
             let name = shared.table.row(id).name;
             tell(Severity::Info, format_args!("{name} is back"));
         }
