@@ -4,6 +4,7 @@ use super::super::drawn::{Sent, Topic};
 use super::super::fleet::{FleetEvent, Severity, lock};
 use super::super::listen::watch_camera;
 use super::Server;
+use super::places::Place;
 use super::protocol::{self, Advertised, Level, Request};
 use axum::extract::ws::{Message, WebSocket};
 use plumbline_config::Timestamp;
@@ -21,6 +22,8 @@ const PERIOD: Duration = Duration::from_millis(50);
 const LATE: Duration = Duration::from_millis(500);
 /// A client that accepts no data for so long is closed.
 const SEND_PATIENCE: Duration = Duration::from_secs(30);
+/// A client is asked this often whether it is there.
+const PING_PERIOD: Duration = Duration::from_secs(1);
 /// Subscriptions of a client, and cameras that it may watch, at a time.
 const MAX_SUBSCRIPTIONS: usize = 1_024;
 const MAX_CAMERAS: usize = 4;
@@ -33,6 +36,8 @@ type Shown = (String, Topic);
 /// The state of one connection.
 pub(super) struct Client<'a> {
     server: &'a Server,
+    place: &'a Place,
+    pinged: Instant,
     channels: BTreeMap<u32, Shown>,
     next_channel: u32,
     /// Channels by the numbers of their subscriptions, and what was sent of them.
@@ -47,9 +52,11 @@ pub(super) struct Client<'a> {
 struct Gone;
 
 impl<'a> Client<'a> {
-    pub(super) fn new(server: &'a Server) -> Self {
+    pub(super) fn new(server: &'a Server, place: &'a Place) -> Self {
         Self {
             server,
+            place,
+            pinged: Instant::now(),
             channels: BTreeMap::new(),
             next_channel: EVENTS + 1,
             subscriptions: BTreeMap::new(),
@@ -74,14 +81,17 @@ impl<'a> Client<'a> {
         loop {
             tokio::select! {
                 _ = clock.tick() => self.update(socket).await?,
-                received = socket.recv() => match received {
-                    Some(Ok(Message::Text(text))) => self.receive(socket, text.as_str()).await?,
-                    Some(Ok(Message::Binary(_))) => {
-                        send(socket, refusal("this server takes no data")).await?;
+                received = socket.recv() => {
+                    self.place.hear(Instant::now());
+                    match received {
+                        Some(Ok(Message::Text(text))) => self.receive(socket, text.as_str()).await?,
+                        Some(Ok(Message::Binary(_))) => {
+                            send(socket, refusal("this server takes no data")).await?;
+                        }
+                        Some(Ok(Message::Ping(_) | Message::Pong(_))) => {}
+                        Some(Ok(Message::Close(_)) | Err(_)) | None => return Err(Gone),
                     }
-                    Some(Ok(Message::Ping(_) | Message::Pong(_))) => {}
-                    Some(Ok(Message::Close(_)) | Err(_)) | None => return Err(Gone),
-                },
+                }
             }
         }
     }
@@ -89,6 +99,10 @@ impl<'a> Client<'a> {
     /// Sends what is new; afterwards, if that took long, what was missed meanwhile.
     async fn update(&mut self, socket: &mut WebSocket) -> Result<(), Gone> {
         let start = Instant::now();
+        if start.saturating_duration_since(self.pinged) >= PING_PERIOD {
+            self.pinged = start;
+            send(socket, Message::Ping(Vec::new().into())).await?;
+        }
         self.advertise(socket).await?;
         self.send_time(socket).await?;
         let numbers: Vec<u32> = self.subscriptions.keys().copied().collect();

@@ -6,6 +6,7 @@
 //! replaced meanwhile, and is told so.
 
 mod client;
+mod places;
 pub mod protocol;
 
 use super::connection::Connection;
@@ -18,16 +19,14 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
+use places::Places;
 use std::net::SocketAddr;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
-use std::time::SystemTime;
+use std::time::{Instant, SystemTime};
 use tokio::net::TcpListener;
 
 /// Names of the protocol: the present one, and the one before, which is the same in what is used here.
 const PROTOCOLS: [&str; 2] = ["foxglove.sdk.v1", "foxglove.websocket.v1"];
-/// Clients at a time.
-const MAX_CLIENTS: usize = 16;
 /// Where Foxglove is served from; its desktop program names a file, or nothing.
 const ORIGINS: [&str; 2] = ["https://app.foxglove.dev", "file://"];
 
@@ -55,7 +54,7 @@ struct Server {
     names: Vec<String>,
     /// Tells this run of the station from others.
     session: String,
-    clients: AtomicUsize,
+    clients: Arc<Places>,
 }
 
 /// Takes the address of the server.
@@ -82,7 +81,7 @@ pub async fn serve(
     let names = names.iter().cloned().chain(guard::own_names()).collect();
     let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
     let session = since_1970.as_nanos().to_string();
-    let clients = AtomicUsize::new(0);
+    let clients = Arc::default();
     let server = Arc::new(Server { fleet, connection, address, names, session, clients });
     let app = Router::new()
         .route("/", get(upgrade))
@@ -101,6 +100,9 @@ async fn check(State(server): State<Arc<Server>>, request: Request, next: Next) 
 }
 
 fn refusal(headers: &HeaderMap, is_local: bool, names: &[String]) -> Option<&'static str> {
+    if headers.get_all(header::HOST).iter().count() > 1 {
+        return Some("send one Host header\n");
+    }
     let host = headers.get(header::HOST).and_then(|host| host.to_str().ok()).unwrap_or_default();
     if !guard::is_loopback(host) && (is_local || !guard::is_ours(host, names)) {
         return Some("open this server by its address or host name\n");
@@ -121,27 +123,19 @@ async fn upgrade(State(server): State<Arc<Server>>, upgrade: WebSocketUpgrade) -
         let words = "this server speaks foxglove.sdk.v1: open it in Foxglove as a Foxglove WebSocket\n";
         return (StatusCode::BAD_REQUEST, words).into_response();
     }
-    if server.clients.fetch_add(1, Ordering::Relaxed) >= MAX_CLIENTS {
-        server.clients.fetch_sub(1, Ordering::Relaxed);
+    let Some(place) = Places::take(&server.clients, Instant::now()) else {
         return (StatusCode::SERVICE_UNAVAILABLE, "too many clients; close one\n").into_response();
-    }
-    let place = Place(Arc::clone(&server));
+    };
     upgrade
         .max_message_size(protocol::MAX_REQUEST_BYTES)
         .max_frame_size(protocol::MAX_REQUEST_BYTES)
         .on_upgrade(move |socket| async move {
-            let place = place;
-            client::Client::new(&place.0).run(socket).await;
+            tokio::select! {
+                () = client::Client::new(&server, &place).run(socket) => {}
+                // Another client needs the place.
+                () = place.sign.leave.notified() => {}
+            }
         })
-}
-
-/// One of the places for clients; it is free again when this is dropped.
-struct Place(Arc<Server>);
-
-impl Drop for Place {
-    fn drop(&mut self) {
-        self.0.clients.fetch_sub(1, Ordering::Relaxed);
-    }
 }
 
 #[cfg(test)]

@@ -30,6 +30,9 @@ pub async fn check(State(station): State<Arc<Station>>, request: Request, next: 
 }
 
 fn refusal(station: &Station, method: &Method, headers: &HeaderMap, path: &str) -> Option<&'static str> {
+    if headers.get_all(header::HOST).iter().count() > 1 {
+        return Some("send one Host header\n");
+    }
     let host = text(headers, &header::HOST).unwrap_or_default();
     // A name that somebody made to point here would let his page be of the same origin.
     if station.address.ip().is_loopback() {
@@ -44,7 +47,7 @@ fn refusal(station: &Station, method: &Method, headers: &HeaderMap, path: &str) 
     if *method == Method::GET && path != "/ws" {
         return None;
     }
-    if !is_same_origin(headers, host) {
+    if !is_same_origin(headers, host) || is_cross_site(headers) {
         return Some("a page of another origin may not do this\n");
     }
     let is_json =
@@ -56,6 +59,15 @@ fn refusal(station: &Station, method: &Method, headers: &HeaderMap, path: &str) 
 fn is_same_origin(headers: &HeaderMap, host: &str) -> bool {
     let ours = format!("http://{host}");
     headers.get_all(header::ORIGIN).iter().all(|origin| origin.as_bytes() == ours.as_bytes())
+}
+
+/// Whether a browser says that the request comes from another site, as it does also where it names no origin.
+fn is_cross_site(headers: &HeaderMap) -> bool {
+    let own = ["same-origin", "none"];
+    headers
+        .get_all("sec-fetch-site")
+        .iter()
+        .any(|site| !own.iter().any(|own| site.as_bytes() == own.as_bytes()))
 }
 
 fn text<'a>(headers: &'a HeaderMap, name: &header::HeaderName) -> Option<&'a str> {
@@ -85,7 +97,7 @@ pub fn own_names() -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::{is_loopback, is_ours, is_same_origin};
+    use super::{is_cross_site, is_loopback, is_ours, is_same_origin};
     use axum::http::{HeaderMap, HeaderValue, header::ORIGIN};
 
     #[test]
@@ -101,6 +113,19 @@ mod tests {
         assert!(!is_same(&[b"http://evil.example"]) && !is_same(&[b"null"]));
         assert!(!is_same(&["http://b\u{fc}cher.example".as_bytes()]) && !is_same(&[&[0xff, 0xfe]]));
         assert!(!is_same(&[b"http://localhost:8080", b"http://evil.example"]));
+    }
+
+    #[test]
+    fn requests_from_other_sites_are_told_without_an_origin() {
+        let is_cross = |sites: &[&'static str]| {
+            let mut headers = HeaderMap::new();
+            for site in sites {
+                headers.append("sec-fetch-site", HeaderValue::from_static(site));
+            }
+            is_cross_site(&headers)
+        };
+        assert!(!is_cross(&[]) && !is_cross(&["same-origin"]) && !is_cross(&["none"]));
+        assert!(is_cross(&["cross-site"]) && is_cross(&["same-site"]) && is_cross(&["none", "cross-site"]));
     }
 
     #[test]

@@ -37,13 +37,28 @@ const SEND_PATIENCE: Duration = Duration::from_secs(10);
 pub async fn upgrade(State(station): State<Arc<Station>>, upgrade: WebSocketUpgrade) -> Response {
     upgrade.max_message_size(MAX_MESSAGE_BYTES).max_frame_size(MAX_MESSAGE_BYTES).on_upgrade(
         move |socket| async move {
-            let pages = station.pages.fetch_add(1, Ordering::Relaxed);
+            let (pages, _place) = OpenPage::count(&station);
             if pages < MAX_PAGES {
                 Page::new(Arc::clone(&station)).run(socket).await;
             }
-            station.pages.fetch_sub(1, Ordering::Relaxed);
         },
     )
+}
+
+/// A page that is counted as long as this is there, however its task ends.
+struct OpenPage(Arc<Station>);
+
+impl OpenPage {
+    /// Counts a page; with it, how many there were before.
+    fn count(station: &Arc<Station>) -> (u64, Self) {
+        (station.pages.fetch_add(1, Ordering::Relaxed), Self(Arc::clone(station)))
+    }
+}
+
+impl Drop for OpenPage {
+    fn drop(&mut self) {
+        self.0.pages.fetch_sub(1, Ordering::Relaxed);
+    }
 }
 
 /// Messages of a page.
