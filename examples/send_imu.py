@@ -74,16 +74,20 @@ class Device:
         self.line, self.other_end = os.openpty()
         tty.setraw(self.other_end)
         os.set_blocking(self.line, False)
+        self.terminal = os.ttyname(self.other_end)
         if os.path.islink(link):
-            os.unlink(link)
-        os.symlink(os.ttyname(self.other_end), link)
+            os.symlink(self.terminal, f"{link}.{os.getpid()}.new")
+            os.replace(f"{link}.{os.getpid()}.new", link)
+        else:
+            os.symlink(self.terminal, link)
         self.link = link
         self.rate_hz = rate_hz
         self.received = b""
 
     def unplug(self):
-        """The name goes with the device: the terminal's number is given to another program."""
-        os.unlink(self.link)
+        """The name goes with the device, whose number is given to another program, unless a newer program has taken it."""
+        if os.path.islink(self.link) and os.readlink(self.link) == self.terminal:
+            os.unlink(self.link)
 
     def send(self, kind, payload):
         try:

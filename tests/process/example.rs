@@ -4,6 +4,29 @@ use super::python::{FLIGHT, Program, free_endpoint, interpreter};
 use super::stderr;
 use std::process::{Command, Stdio};
 
+/// Two programs that play the same inertial sensor, of which the older one ends.
+const RESTARTED: &str = r#"
+import importlib.util, os, sys
+spec = importlib.util.spec_from_file_location("send_imu", sys.argv[1])
+send_imu = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(send_imu)
+old, new = (send_imu.Device(sys.argv[2], 200) for _ in range(2))
+terminal = os.readlink(sys.argv[2])
+old.unplug()
+assert os.readlink(sys.argv[2]) == terminal, "the new program's device is gone"
+new.unplug()
+assert not os.listdir(os.path.dirname(sys.argv[2]))
+"#;
+
+#[test]
+fn the_end_of_an_older_inertial_example_leaves_the_link_of_the_newer_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let example = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/send_imu.py");
+    let arguments = ["-c", RESTARTED, example];
+    let output = Command::new("python3").args(arguments).arg(folder.path().join("imu")).output().unwrap();
+    assert!(output.status.success(), "{}", stderr(&output));
+}
+
 /// The vehicle is rendered as it flies, and loses its way on a host that is busy: see `.config/nextest.toml`.
 mod realtime {
     use super::*;

@@ -38,6 +38,8 @@ impl SensorAbout {
 pub struct ImuLine {
     line: Arc<Line>,
     name: PathBuf,
+    /// Terminal that the name stands for.
+    terminal: PathBuf,
     /// Ends the thread when it closes.
     stop: Option<UnixStream>,
     thread: Option<JoinHandle<()>>,
@@ -65,12 +67,15 @@ impl ImuLine {
         let (line, device) = Line::open().map_err(|error| refused(error.into()))?;
         let line = Arc::new(line);
         let (stop, stopped) = UnixStream::pair().map_err(refused)?;
-        if name.is_symlink() {
-            std::fs::remove_file(&name).map_err(refused)?;
-        }
-        symlink(device, &name).map_err(refused)?;
-        let mut this =
-            Self { line: Arc::clone(&line), name: name.clone(), stop: Some(stop), thread: None, sequence: 0 };
+        link(&device, &name).map_err(refused)?;
+        let mut this = Self {
+            line: Arc::clone(&line),
+            name: name.clone(),
+            terminal: device,
+            stop: Some(stop),
+            thread: None,
+            sequence: 0,
+        };
         let answers = move || line.answer(&stopped, about);
         this.thread = Some(Builder::new().name("plumbline-imu".into()).spawn(answers).map_err(refused)?);
         Ok(this)
@@ -99,10 +104,25 @@ impl ImuLine {
     }
 }
 
+/// Makes the link `name` to `terminal`; one that is there is replaced in one step, anything else is left alone.
+fn link(terminal: &Path, name: &Path) -> io::Result<()> {
+    if !name.is_symlink() {
+        return symlink(terminal, name);
+    }
+    let mut new = name.as_os_str().to_owned();
+    new.push(format!(".{}.new", std::process::id()));
+    let _ = std::fs::remove_file(&new);
+    symlink(terminal, &new)?;
+    std::fs::rename(&new, name)
+}
+
 impl Drop for ImuLine {
     fn drop(&mut self) {
-        // The name goes with the device: the terminal's number is given to another program.
-        let _ = std::fs::remove_file(&self.name);
+        // The name goes with the device, whose number is given to another program; but a program that was started in the
+        // place of this one may have taken the name.
+        if std::fs::read_link(&self.name).is_ok_and(|terminal| terminal == self.terminal) {
+            let _ = std::fs::remove_file(&self.name);
+        }
         self.stop = None;
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();

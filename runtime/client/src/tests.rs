@@ -169,3 +169,26 @@ fn a_socket_of_another_program_is_named() {
         assert!(matches!(error, ClientError::Foreign(_)), "{error}");
     }
 }
+
+#[test]
+fn the_end_of_an_old_line_leaves_the_name_to_its_successor() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = folder.path().join("imu");
+    let about = SensorAbout { rate_hz: 200.0, gyro_range_rad_s: 17.0, accel_range_m_s2: 150.0 };
+    let old = ImuLine::open(&name, about).unwrap();
+    let before = std::fs::read_link(&name).unwrap();
+    let new = ImuLine::open(&name, about).unwrap();
+    let terminal = std::fs::read_link(&name).unwrap();
+    assert_ne!(before, terminal);
+    drop(old);
+    assert_eq!(std::fs::read_link(&name).unwrap(), terminal, "the new program's device");
+    // Nor is a file taken away that somebody has put there meanwhile.
+    std::fs::remove_file(&name).unwrap();
+    std::fs::write(&name, "notes").unwrap();
+    drop(new);
+    assert_eq!(std::fs::read_to_string(&name).unwrap(), "notes");
+    assert!(ImuLine::open(&name, about).is_err(), "a file is not replaced");
+    std::fs::remove_file(&name).unwrap();
+    drop(ImuLine::open(&name, about).unwrap());
+    assert!(!name.is_symlink() && std::fs::read_dir(folder.path()).unwrap().count() == 0);
+}
