@@ -20,6 +20,8 @@ use zenoh::{Session, Wait};
 
 /// First and longest pause between attempts to reach the router, ms.
 const RETRY_MS: (u32, u32) = (500, 1000);
+/// A session that could not be used is followed by another after this time.
+const RENEWAL: Duration = Duration::from_secs(2);
 /// A router that is not there after this time is worth a word.
 const PATIENCE: Duration = Duration::from_secs(3);
 
@@ -34,6 +36,8 @@ pub struct RosPublisher {
     looked: Option<Instant>,
     watched_hz: f64,
     state: State,
+    /// Failure that was logged last.
+    failure: String,
     /// What has been received so far.
     pub scene: Scene,
 }
@@ -42,8 +46,8 @@ enum State {
     /// Since when, whether it was told of, and where the session comes from.
     Waiting(Instant, bool, Receiver<Result<Session, NetError>>),
     Connected(Session, Box<RosNode>),
-    /// There will be nothing to publish to: why was told.
-    Failed,
+    /// The node could not be declared, which is tried again after a while: since when.
+    Failed(Instant),
 }
 
 impl RosPublisher {
@@ -57,25 +61,38 @@ impl RosPublisher {
         commands: Arc<Commands>,
         refusal: Option<String>,
     ) -> Result<Self, NetError> {
-        let (sender, receiver) = oneshot::channel();
-        let router = identity.options.router.clone();
-        // Zenoh holds its caller until the router is there, which may be never: it gets a thread that nobody
-        // waits for. A session that nobody wants any more is closed as it is dropped.
-        std::thread::Builder::new().name("plumbline-ros".into()).spawn(move || {
-            let _ = sender.send(open(&router));
-        })?;
+        let receiver = search(&identity.options.router)?;
         let (count, newest) = watch::channel(0);
         let resets = Resets { commands, count: newest, refusal };
         let state = State::Waiting(Instant::now(), false, receiver);
-        Ok(Self { identity, resets, count, looked: None, watched_hz: 0.0, state, scene })
+        Ok(Self {
+            identity,
+            resets,
+            count,
+            looked: None,
+            watched_hz: 0.0,
+            state,
+            failure: String::new(),
+            scene,
+        })
     }
 
     /// Declares the node when the router has appeared, and asks the flight for pictures while there are subscribers.
     pub async fn look(&mut self) {
+        if let State::Failed(since) = &self.state
+            && since.elapsed() >= RENEWAL
+        {
+            self.state = match search(&self.identity.options.router) {
+                Ok(receiver) => State::Waiting(Instant::now(), true, receiver),
+                Err(error) => self.failed(&error.to_string()),
+            };
+        }
         if let State::Waiting(since, told, receiver) = &mut self.state {
             match receiver.try_recv() {
                 Ok(session) => self.state = self.connected(session).await,
-                Err(oneshot::error::TryRecvError::Closed) => self.state = State::Failed,
+                Err(oneshot::error::TryRecvError::Closed) => {
+                    self.state = self.failed("the thread that looks for the router has ended");
+                }
                 Err(oneshot::error::TryRecvError::Empty) => {
                     if !*told && since.elapsed() > PATIENCE {
                         *told = true;
@@ -117,16 +134,28 @@ impl RosPublisher {
         }
     }
 
-    async fn connected(&self, session: Result<Session, NetError>) -> State {
+    async fn connected(&mut self, session: Result<Session, NetError>) -> State {
         let declared = async {
             let session = session?;
             let node = RosNode::declare(&session, &self.identity, &self.resets).await?;
             Ok::<_, NetError>(State::Connected(session, Box::new(node)))
         };
-        declared.await.unwrap_or_else(|error| {
-            tracing::warn!("cannot publish to ROS 2: {error}");
-            State::Failed
-        })
+        match declared.await {
+            Ok(state) => {
+                self.failure.clear();
+                state
+            }
+            Err(error) => self.failed(&error.to_string()),
+        }
+    }
+
+    /// Logs a failure that is another than the last one.
+    fn failed(&mut self, words: &str) -> State {
+        if self.failure != words {
+            tracing::warn!("cannot publish to ROS 2: {words}; trying again");
+            words.clone_into(&mut self.failure);
+        }
+        State::Failed(Instant::now())
     }
 
     /// Takes the node off the network.
@@ -136,6 +165,17 @@ impl RosPublisher {
             let _ = session.close().await;
         }
     }
+}
+
+/// Looks for the router. Zenoh holds its caller until the router is there, which may be never: it gets a thread that nobody
+/// waits for. A session that nobody wants any more is closed as it is dropped.
+fn search(router: &str) -> std::io::Result<Receiver<Result<Session, NetError>>> {
+    let (sender, receiver) = oneshot::channel();
+    let router = router.to_owned();
+    std::thread::Builder::new().name("plumbline-ros".into()).spawn(move || {
+        let _ = sender.send(open(&router));
+    })?;
+    Ok(receiver)
 }
 
 /// Waits for the router, as long as it takes.
@@ -160,4 +200,39 @@ fn open(router: &str) -> Result<Session, NetError> {
         config.insert_json5(key, &value).map_err(failed)?;
     }
     zenoh::open(config).wait().map_err(failed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::UnitQuaternion;
+    use plumbline_config::options::RosConfig;
+    use plumbline_flight::pipeline::Stamps;
+
+    #[test]
+    fn a_node_that_could_not_be_declared_is_tried_again() {
+        let options = RosConfig { router: "tcp/127.0.0.1:1".into(), ..RosConfig::default() };
+        let (vehicle, rot_v_b, stamps) = ("drone".into(), UnitQuaternion::identity(), Stamps::Replayed);
+        let identity = Identity { options, vehicle, rot_v_b, stamps, has_map: false };
+        let scene = Scene::new(&crate::net::pace::Rates::of(identity.options.link));
+        let mut publisher = RosPublisher::start(identity, scene, Arc::default(), None).unwrap();
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        let fails = |publisher: &mut RosPublisher| {
+            let (sender, receiver) = oneshot::channel();
+            let error = NetError::Declare { key: "plumbline".into(), message: "the router restarts".into() };
+            assert!(sender.send(Err(error)).is_ok());
+            publisher.state = State::Waiting(Instant::now(), true, receiver);
+            runtime.block_on(publisher.look());
+            matches!(publisher.state, State::Failed(_))
+        };
+        for _ in 0..3 {
+            assert!(fails(&mut publisher));
+            runtime.block_on(publisher.look());
+            assert!(matches!(publisher.state, State::Failed(_)), "not at once");
+            publisher.state = State::Failed(Instant::now().checked_sub(RENEWAL).unwrap());
+            runtime.block_on(publisher.look());
+            assert!(matches!(publisher.state, State::Waiting(..)), "it looks for the router again");
+        }
+        drop(publisher.stop());
+    }
 }
