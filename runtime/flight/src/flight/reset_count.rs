@@ -147,8 +147,14 @@ fn read(path: &Path) -> u32 {
     let number = text.split_whitespace().next().and_then(|word| word.parse().ok());
     number.filter(|next| line(*next) == text).unwrap_or_else(|| {
         tracing::warn!("{}: damaged; reset counter reinitialized (state file unreadable)", path.display());
-        (Monotonic::now().0 / 1_000_000_000) as u32
+        unlikely()
     })
+}
+
+/// A number that the last flight hardly had, after a start of the computer too: one of this start and of this moment.
+fn unlikely() -> u32 {
+    let start = std::fs::read("/proc/sys/kernel/random/boot_id").unwrap_or_default();
+    crc32fast::hash(&[&start[..], &Monotonic::now().0.to_le_bytes()].concat())
 }
 
 #[cfg(test)]
@@ -209,6 +215,10 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join(FILE), "17 00000000\n").unwrap();
         assert_ne!(ResetCount::resume(folder.path()).first(), 17);
+        // Shortly after a start of the computer it is no small number either.
+        let numbers: Vec<u32> = (0..4).map(|_| unlikely()).collect();
+        assert!(numbers.iter().any(|number| *number > 100_000), "{numbers:?}");
+        assert!(numbers.windows(2).all(|two| two[0] != two[1]), "{numbers:?}");
         assert_eq!(ResetCount::resume(Path::new("/nowhere/at/all")).first(), 0);
         assert_eq!(read(&folder.path().join("none")), 0);
     }

@@ -93,8 +93,8 @@ impl HealthFeed {
         Some(self.sending(message))
     }
 
-    /// The message to send while no estimate comes: the last one with the present state of the sensors, if that is another
-    /// one and the period is over.
+    /// The message to send while no estimate comes, once a period: the last one with the present state of the sensors. Its time
+    /// of measurement stays, so a station tells a silent estimator from a bad link.
     pub fn renew(&mut self, sensors: &SensorNews) -> Option<proto::Health> {
         let last = self.last.as_ref().filter(|_| self.sent.elapsed() >= self.period)?;
         let mut message = last.clone();
@@ -102,9 +102,6 @@ impl HealthFeed {
         message.frames_restamped = sensors.frames.restamped;
         message.frames_refused = sensors.frames.refused;
         message.samples_refused = sensors.samples.refused;
-        if message == *last {
-            return None;
-        }
         if let Some(header) = &mut message.header {
             (header.sequence, header.published_ns) = (self.sequence, now_ns());
         }
@@ -163,12 +160,16 @@ mod tests {
         assert_eq!(feed.renew(&around.sensors), None, "nothing was sent yet");
         let first = feed.update(&estimate(), 1.0, &around).unwrap();
         assert!(first.rotation_v_b.is_none() && first.notices[0].starts_with("mounting unknown: set it"));
-        assert_eq!(feed.renew(&around.sensors), None, "nothing has changed");
+        let again = feed.renew(&around.sensors).unwrap();
+        let (before, now) = (first.header.clone().unwrap(), again.header.unwrap());
+        assert_eq!((now.stamp_ns, now.sequence), (before.stamp_ns, before.sequence + 1), "it goes on");
+        assert_eq!(HealthFeed { period: Duration::from_secs(9), ..feed }.renew(&around.sensors), None);
+        let mut feed = HealthFeed::new(Duration::ZERO);
+        let first = feed.update(&estimate(), 1.0, &around).unwrap();
         let frames = StampFigures { refused: 7, ..StampFigures::default() };
         let news = SensorNews { notices: vec!["stamps repeat".into()], frames, ..SensorNews::default() };
         let renewed = feed.renew(&news).unwrap();
         assert_eq!((renewed.frames_refused, renewed.notices.len()), (7, 2));
         assert_eq!(renewed.header.unwrap().sequence, first.header.unwrap().sequence + 1);
-        assert_eq!(feed.renew(&news), None);
     }
 }
