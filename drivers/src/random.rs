@@ -34,6 +34,7 @@ pub(crate) enum Purpose {
     Glare,
     Specks,
     People,
+    Injected,
 }
 
 /// A stream of draws.

@@ -50,7 +50,8 @@ pub fn mistake_intrinsics(config: &mut Config, error: &IntrinsicsError, scale: f
     }
 }
 
-fn place(camera: &mut CameraConfig, pose_b_c: &Isometry3<f64>) {
+/// Mounts `camera` at `pose_b_c`.
+pub(crate) fn place(camera: &mut CameraConfig, pose_b_c: &Isometry3<f64>) {
     let matrix = pose_b_c.to_homogeneous();
     camera.pose_b_c = std::array::from_fn(|i| std::array::from_fn(|j| matrix[(i, j)]));
 }

@@ -11,7 +11,7 @@
 mod actors;
 mod batch;
 mod builder;
-mod calibration;
+pub(crate) mod calibration;
 mod canvas;
 mod clipping;
 mod conditions;

@@ -17,14 +17,28 @@ pub struct Dose {
     pub unit: &'static str,
     /// Value of a dose that is left out.
     pub default: f64,
-    /// Largest value; the smallest is 0.
+    /// Smallest value.
+    pub least: f64,
+    /// Largest value.
     pub most: f64,
 }
 
 impl Dose {
     /// Creates a dose from 0 to `most`.
-    pub(super) const fn new(unit: &'static str, default: f64, most: f64) -> Self {
-        Self { unit, default, most }
+    pub(crate) const fn new(unit: &'static str, default: f64, most: f64) -> Self {
+        Self { unit, default, least: 0.0, most }
+    }
+
+    /// Creates a dose of either sign, from `-most` to `most`.
+    pub(crate) const fn signed(unit: &'static str, default: f64, most: f64) -> Self {
+        Self { unit, default, least: -most, most }
+    }
+
+    /// Reads `part` of the argument `text`.
+    pub(crate) fn read(&self, part: &str, text: &str) -> Result<f64, String> {
+        let value = part.parse().ok().filter(|value| (self.least..=self.most).contains(value));
+        let Self { unit, least, most, .. } = self;
+        value.ok_or_else(|| format!("'{text}': '{part}' is not a number from {least} to {most} ({unit})"))
     }
 }
 
@@ -115,10 +129,7 @@ impl<F: Family> FromStr for Named<F> {
                 .doses
                 .get(i)
                 .ok_or_else(|| format!("'{text}': {name} has {} doses", kind.doses.len()))?;
-            let value = part.parse().ok().filter(|value| (0.0..=dose.most).contains(value));
-            named.doses[i] = value.ok_or_else(|| {
-                format!("'{text}': '{part}' is not a number from 0 to {} ({})", dose.most, dose.unit)
-            })?;
+            named.doses[i] = dose.read(part, text)?;
         }
         Ok(named)
     }

@@ -287,7 +287,8 @@ fn open(args: &ReplayArgs) -> Result<Flight> {
         }
         let scenario = scenario.scenario(parse_scene(scene)?)?;
         let error_deg = args.scenario.extrinsics_error_deg;
-        return Ok(open_simulation(config, &scenario, args.mono, error_deg, args.cache.as_deref())?);
+        let flight = open_simulation(config, &scenario, args.mono, error_deg, args.cache.as_deref())?;
+        return Ok(flight.with_injected(&args.scenario.faults.fault, scenario.seed)?);
     }
     let frames = match &args.frames {
         None => None,
@@ -302,7 +303,8 @@ fn open(args: &ReplayArgs) -> Result<Flight> {
     if let Some(frames) = flight.stereo.expected_frames() {
         args.scenario.faults.check_begin_before(frames as f64 / flight.config.camera[0].rate_hz)?;
     }
-    Ok(flight.with_faults(args.scenario.faults.frame_faults()?, args.scenario.seed))
+    let flight = flight.with_faults(args.scenario.faults.frame_faults()?, args.scenario.seed);
+    Ok(flight.with_injected(&args.scenario.faults.fault, args.scenario.seed)?)
 }
 
 /// Starts those who are told of the flight while it goes on; returns where findings are posted for readers of the local socket.

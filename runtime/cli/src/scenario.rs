@@ -5,7 +5,7 @@ use clap::Args;
 use plumbline_drivers::simulator::{
     Condition, Effects, FlightPath, ImuError, Inertial, Scenario, Scene, USUAL_DURATION_S, recorded_along,
 };
-use plumbline_drivers::{FrameFaults, LostCamera};
+use plumbline_drivers::{FrameFaults, InjectedFault, LostCamera};
 use std::ops::Range;
 use std::path::Path;
 
@@ -29,6 +29,17 @@ pub fn condition_help() -> String {
     let kinds = Condition::help().replace('\n', "\n  ");
     format!(
         "Condition of light, camera, scene or motion, such as blur:10:6. Omitted doses have the defaults in brackets. May be repeated.\n\n  {kinds}"
+    )
+}
+
+/// The help text of an option that takes faults.
+#[must_use]
+pub fn fault_help() -> String {
+    let kinds = InjectedFault::help().replace('\n', "\n  ");
+    format!(
+        "Fault to inject, such as accel-pulse:x:30@6+0.1: kind, axes or cameras, doses, @ when it begins, + how long it lasts (seconds \
+         since the first frame). What is left out has the default in brackets; without a duration a fault lasts to the end. May be \
+         repeated: faults act in the order given.\n\n  {kinds}"
     )
 }
 
@@ -107,6 +118,10 @@ pub struct FaultArgs {
     /// Vary the exposure from frame to frame.
     #[arg(long)]
     pub flicker: bool,
+    /// Fault to inject, such as accel-pulse:x:30@6+0.1 or stamp-jitter:2; --help lists the kinds with units and
+    /// defaults. May be repeated.
+    #[arg(long, value_name = "KIND[:AXES|CAMERA][:DOSE...][@FROM[+DURATION]]", value_delimiter = ',', long_help = fault_help())]
+    pub fault: Vec<InjectedFault>,
 }
 
 impl FaultArgs {
@@ -131,7 +146,11 @@ impl FaultArgs {
 
     /// Whether nothing goes wrong.
     fn are_none(&self) -> bool {
-        self.blackout.is_none() && self.lost_camera.is_none() && self.drop_rate == 0.0 && !self.flicker
+        self.blackout.is_none()
+            && self.lost_camera.is_none()
+            && self.drop_rate == 0.0
+            && !self.flicker
+            && self.fault.is_empty()
     }
 
     /// Refuses faults that would begin after the end of the flight.
@@ -144,7 +163,8 @@ impl FaultArgs {
             ("--blackout", faults.blackout_s.map(|span| span.start)),
             ("--lost-camera", faults.lost_camera.map(|lost| lost.span_s.start)),
         ];
-        for (option, begin_s) in begins {
+        let injected = self.fault.iter().map(|fault| ("--fault", Some(fault.span_s().start)));
+        for (option, begin_s) in begins.into_iter().chain(injected) {
             if let Some(begin_s) = begin_s.filter(|begin_s| *begin_s >= end_s) {
                 let message =
                     format!("{option}: begins at {begin_s} s, after the flight's end at {end_s:.2} s");

@@ -6,6 +6,7 @@
 mod cache;
 pub mod capture;
 pub mod error;
+mod injected;
 pub mod open;
 pub mod outputs;
 pub mod overrides;
@@ -28,7 +29,7 @@ pub use open::{
 };
 pub use outputs::{Output, Outputs};
 pub use overrides::with_overrides;
-pub use published::{Published, PublishedState};
+pub use published::{FrameStatus, Published, PublishedState};
 pub use reset_count::ResetCount;
 pub use run::{Flown, fly};
 pub use sensors::{LiveSensors, open_cameras_alone, open_sensors};

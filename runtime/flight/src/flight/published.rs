@@ -5,6 +5,7 @@ use super::trajectory::{Lent, MAX_RESERVED_FRAMES, Storage};
 use crate::pipeline::listener::{Listener, Producer, Subscriber, View};
 use nalgebra::{Isometry3, Vector3};
 use plumbline_config::{Timestamp, ValidConfig};
+use plumbline_estimator::HealthBits;
 use plumbline_estimator::estimate::{NavCovariance, TrackingState};
 use plumbline_estimator::odometry::StepCovariance;
 use plumbline_record::Said;
@@ -27,6 +28,19 @@ pub struct PublishedState {
     pub covariance: NavCovariance,
     /// Number of resets so far: each begins a new odometry frame.
     pub reset_counter: u32,
+    /// Quality, 0 to 100.
+    pub quality: i8,
+}
+
+/// What a flight published of a frame, with a pose or without.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct FrameStatus {
+    /// Time on the IMU's axis.
+    pub stamp: Timestamp,
+    /// Quality, 0 to 100; -1 if the estimator failed.
+    pub quality: i8,
+    /// Errors and warnings.
+    pub health: HealthBits,
 }
 
 impl PublishedState {
@@ -37,6 +51,7 @@ impl PublishedState {
             v_o_b: Vector3::zeros(),
             covariance: NavCovariance::zeros(),
             reset_counter: 0,
+            quality: 0,
         }
     }
 }
@@ -50,6 +65,8 @@ pub struct Published {
     pub odometry: Vec<PublishedState>,
     /// Covariances of steps between estimates about a second apart.
     pub steps: Vec<StepCovariance>,
+    /// Status of every frame.
+    pub frames: Vec<FrameStatus>,
 }
 
 /// Keeps what a flight publishes.
@@ -58,6 +75,7 @@ pub struct PublishedStates {
     estimates: Storage<PublishedState>,
     odometry: Storage<PublishedState>,
     steps: Storage<StepCovariance>,
+    frames: Storage<FrameStatus>,
     /// One of so many samples of odometry is kept.
     one_of: u64,
 }
@@ -75,6 +93,7 @@ impl PublishedStates {
             estimates: Storage::with_room_for(frames, PublishedState::blank()),
             odometry: Storage::with_room_for(kept, PublishedState::blank()),
             steps: Storage::with_room_for(frames, StepCovariance::default()),
+            frames: Storage::with_room_for(frames, FrameStatus::default()),
             one_of: one_of as u64,
         }
     }
@@ -86,6 +105,7 @@ impl PublishedStates {
             estimates: self.estimates.into_entries(),
             odometry: self.odometry.into_entries(),
             steps: self.steps.into_entries(),
+            frames: self.frames.into_entries(),
         }
     }
 }
@@ -93,9 +113,11 @@ impl PublishedStates {
 impl Subscriber for PublishedStates {
     fn listener(&mut self, producer: Producer) -> Box<dyn Listener> {
         match producer {
-            Producer::Window => {
-                Box::new(OfEstimates { states: self.estimates.lend(), steps: self.steps.lend() })
-            }
+            Producer::Window => Box::new(OfEstimates {
+                states: self.estimates.lend(),
+                steps: self.steps.lend(),
+                frames: self.frames.lend(),
+            }),
             Producer::Tick => Box::new(OfOdometry { states: self.odometry.lend(), one_of: self.one_of }),
             _ => Box::new(()),
         }
@@ -105,6 +127,7 @@ impl Subscriber for PublishedStates {
 struct OfEstimates {
     states: Lent<PublishedState>,
     steps: Lent<StepCovariance>,
+    frames: Lent<FrameStatus>,
 }
 
 impl Listener for OfEstimates {
@@ -119,15 +142,17 @@ impl Listener for OfEstimates {
     }
 
     fn said(&mut self, said: &Said) {
-        if let Said::Estimate(FullEstimate { estimate, .. }) = said
-            && estimate.has_pose()
-        {
+        let Said::Estimate(FullEstimate { estimate, .. }) = said else { return };
+        let (stamp, quality, health) = (estimate.stamp, estimate.quality, estimate.health);
+        self.frames.entries.push(FrameStatus { stamp, quality, health });
+        if estimate.has_pose() {
             self.states.entries.push(PublishedState {
                 stamp: estimate.stamp,
                 pose_o_b: estimate.pose_o_b,
                 v_o_b: estimate.v_o_b,
                 covariance: estimate.covariance,
                 reset_counter: estimate.reset_counter,
+                quality,
             });
         }
     }
@@ -149,6 +174,7 @@ impl Listener for OfOdometry {
                 v_o_b: odometry.v_o_b,
                 covariance: odometry.covariance,
                 reset_counter: odometry.reset_counter,
+                quality: odometry.quality,
             });
         }
     }

@@ -1,6 +1,7 @@
 //! The report of a run: one JSON object, and the same for people.
 
 pub mod accuracy;
+pub mod honesty;
 pub mod paired;
 pub mod places;
 pub mod sensors;
@@ -9,6 +10,7 @@ pub mod trust;
 
 use crate::evaluate::{FlightConsistency, Nees};
 use accuracy::Accuracy;
+use honesty::Honesty;
 use places::Places;
 use plumbline_drivers::Faults;
 use plumbline_drivers::euroc::FileDefects;
@@ -89,6 +91,8 @@ pub struct Report {
     pub accuracy: Option<Accuracy>,
     /// NEES over its expectation, of estimates and odometry, where the truth is known: 1 is honest, above is overconfident.
     pub consistency: Option<FlightConsistency>,
+    /// Whether estimates that may be used were as good as they said, where the truth is known.
+    pub honesty: Option<Honesty>,
     /// Whether the estimate deserved its trust about a fault, in the flights of a campaign.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trust: Option<Trust>,
@@ -220,6 +224,7 @@ impl Report {
             cameras: flown.config.camera.len(),
             accuracy,
             consistency: flown.published.as_ref().and_then(|p| FlightConsistency::of(p, &flown.truth)),
+            honesty: flown.published.as_ref().and_then(|p| Honesty::of(p, &flown.truth)),
             trust: None,
             silence: None,
             time_offset_s: f.time_offset_s,

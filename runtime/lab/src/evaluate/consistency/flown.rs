@@ -111,7 +111,7 @@ impl FlightConsistency {
     /// Judges what was published by the truth; `None` where no truth is known.
     #[must_use]
     pub fn of(published: &Published, truth: &Truth) -> Option<Self> {
-        let Published { estimates, odometry, steps } = published;
+        let Published { estimates, odometry, steps, frames: _ } = published;
         let (estimates, odometry) = (known(estimates, truth), known(odometry, truth));
         (!estimates.is_empty()).then(|| Self {
             estimates: judged(&estimates, steps, 0.0),

@@ -85,6 +85,7 @@ fn flight(
             v_o_b: velocities[k],
             covariance: own + by * of_frame * by.transpose(),
             reset_counter: counter,
+            quality: 100,
         });
         // Exactly, not to first order: the frame moves and turns as a whole.
         let p = poses[k].translation.vector + error.fixed_rows::<3>(0);

@@ -1,0 +1,184 @@
+//! Faults that are injected on purpose into the streams of a flight, recorded or simulated, or into the calibration that its
+//! estimator is given: `KIND[:TARGET][:DOSE...][@FROM[+DURATION]]`, such as `accel-pulse:x:30@6+0.1`.
+//!
+//! [`kinds`] is the table of what there is: to add a kind, add a row, and do what it says in [`imu`], [`frames`] or [`rig`].
+//! Faults act in the order in which they are given. Every draw is a pure function of the seed, of the fault's place in that order
+//! and of the number of the sample or frame. Times count from the first frame.
+
+pub mod frames;
+pub mod imu;
+mod kinds;
+mod pixels;
+mod rig;
+#[cfg(test)]
+mod tests;
+
+pub use frames::InjectedFrames;
+pub use imu::InjectedImu;
+pub use kinds::FaultKind;
+
+use crate::random::mix;
+use kinds::{Change, DOSES, Effect, KINDS, Target};
+use plumbline_config::Config;
+use std::fmt;
+use std::ops::Range;
+use std::str::FromStr;
+
+/// A fault with its target, its doses and its time.
+#[derive(Clone, Copy)]
+pub struct InjectedFault {
+    kind: &'static FaultKind,
+    target: Target,
+    doses: [f64; DOSES],
+    from_s: f64,
+    lasts_s: f64,
+}
+
+impl InjectedFault {
+    /// Kinds of faults, with the cases that a campaign flies.
+    pub fn cases() -> impl Iterator<Item = Self> {
+        let case = |kind: &FaultKind, case: &str| format!("{}{case}", kind.name).parse().ok();
+        KINDS.iter().flat_map(move |kind| kind.cases.iter().filter_map(move |text| case(kind, text)))
+    }
+
+    /// `kind` with its defaults.
+    fn of(kind: &'static FaultKind) -> Self {
+        let doses = std::array::from_fn(|i| kind.doses.get(i).map_or(0.0, |dose| dose.default));
+        Self { kind, target: kind.target, doses, from_s: kind.from_s, lasts_s: kind.lasts_s }
+    }
+
+    /// Its kind.
+    #[must_use]
+    pub fn kind(&self) -> &'static FaultKind {
+        self.kind
+    }
+
+    /// Time in which it acts, s after the first frame.
+    #[must_use]
+    pub fn span_s(&self) -> Range<f64> {
+        self.from_s..self.from_s + self.lasts_s
+    }
+
+    /// Whether it is about the second camera, so that a rig of one cannot have it.
+    #[must_use]
+    pub fn needs_two_cameras(&self) -> bool {
+        let is_of_right = matches!(self.target, Target::Cameras([_, true]));
+        is_of_right && self.target != Target::Cameras([true; 2]) || self.kind.is_of_pair()
+    }
+
+    /// By how much the clocks of all sensors step back, and when, s after the first frame.
+    #[must_use]
+    pub fn clock_step_s(&self) -> Option<(f64, f64)> {
+        matches!(self.kind.effect, Effect::Clocks).then_some((self.from_s, -self.doses[0]))
+    }
+
+    /// Whether it is a mistake in the calibration.
+    #[must_use]
+    pub fn is_of_rig(&self) -> bool {
+        matches!(self.kind.effect, Effect::Rig(_))
+    }
+
+    /// Makes its mistake in `config`, if it is one in the calibration.
+    pub fn mistake(&self, config: &mut Config) {
+        if let Effect::Rig(mistake) = self.kind.effect {
+            rig::mistake(mistake, self.doses[0], config);
+        }
+    }
+
+    /// One line for each kind: how it is written, with units and defaults, and what it is.
+    #[must_use]
+    pub fn help() -> String {
+        KINDS.iter().map(FaultKind::help).collect::<Vec<_>>().join("\n")
+    }
+
+    fn acts_at(&self, time_s: f64) -> bool {
+        self.span_s().contains(&time_s)
+    }
+}
+
+/// Seed of the fault at `place` in the order in which faults are given.
+const fn seed_of(seed: u64, place: usize) -> u64 {
+    mix(seed ^ mix(place as u64 + 1))
+}
+
+impl FromStr for InjectedFault {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (what, time) = text.split_once('@').map_or((text, None), |(what, time)| (what, Some(time)));
+        let mut parts = what.split(':').peekable();
+        let name = parts.next().unwrap_or_default();
+        let kind = KINDS.iter().find(|kind| kind.name == name).ok_or_else(|| {
+            let names: Vec<_> = KINDS.iter().map(|kind| kind.name).collect();
+            format!("unknown fault '{name}'; choose {}", names.join(", "))
+        })?;
+        let mut fault = Self::of(kind);
+        if let Some(target) = parts.next_if(|part| part.starts_with(|c: char| c.is_ascii_alphabetic())) {
+            fault.target = kind.target.read(target).map_err(|why| format!("'{text}': {why}"))?;
+        }
+        for (i, part) in parts.enumerate() {
+            let count = kind.doses.len();
+            let dose = kind
+                .doses
+                .get(i)
+                .ok_or_else(|| format!("'{text}': {name} has {count} doses; {}", kind.help()))?;
+            fault.doses[i] = dose.read(part, text)?;
+        }
+        if let Some(time) = time {
+            fault.set_time(time).map_err(|why| format!("'{text}': {why}"))?;
+        }
+        if let (Effect::Reading(_, Change::Exchange), Target::Axes(axes)) = (kind.effect, fault.target)
+            && axes.iter().filter(|axis| **axis).count() != 2
+        {
+            return Err(format!("'{text}': {name} exchanges two axes; give xy, xz or yz"));
+        }
+        Ok(fault)
+    }
+}
+
+impl InjectedFault {
+    /// Reads `FROM` or `FROM+DURATION`.
+    fn set_time(&mut self, time: &str) -> Result<(), String> {
+        if self.is_of_rig() {
+            return Err(
+                "a mistake in the calibration is there from the start to the end; leave out the time".into(),
+            );
+        }
+        let seconds = |text: &str| {
+            let value = text.parse::<f64>().ok().filter(|s| s.is_finite() && *s >= 0.0);
+            value.ok_or_else(|| format!("'{text}' is not a number of seconds from 0; write @FROM or @FROM+DURATION, such as @6+0.1"))
+        };
+        match time.split_once('+') {
+            Some((from, lasts)) => (self.from_s, self.lasts_s) = (seconds(from)?, seconds(lasts)?),
+            None => self.from_s = seconds(time)?,
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Display for InjectedFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}{}", self.kind.name, self.target)?;
+        self.doses[..self.kind.doses.len()].iter().try_for_each(|dose| write!(f, ":{dose}"))?;
+        if self.is_of_rig() {
+            return Ok(());
+        }
+        write!(f, "@{}", self.from_s)?;
+        if self.lasts_s.is_finite() { write!(f, "+{}", self.lasts_s) } else { Ok(()) }
+    }
+}
+
+impl fmt::Debug for InjectedFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Display::fmt(self, f)
+    }
+}
+
+/// Two faults are the same if they are written alike.
+impl PartialEq for InjectedFault {
+    fn eq(&self, other: &Self) -> bool {
+        self.to_string() == other.to_string()
+    }
+}
+
+impl Eq for InjectedFault {}
