@@ -79,9 +79,15 @@ impl HealthBits {
     pub const VIEW_BLOCKED: Self = Self(1 << 25);
     /// There has been hardly any texture in the images for a while.
     pub const LITTLE_TEXTURE: Self = Self(1 << 26);
+    /// The images have contradicted the accelerometer for several frames: it is not believed, and the quality is at most 10.
+    pub const ACCEL_CONTRADICTED: Self = Self(1 << 27);
+    /// The images have contradicted the gyroscope and agree with the accelerometer: it is not believed, and the quality is at most 10.
+    pub const GYRO_CONTRADICTED: Self = Self(1 << 28);
+    /// Left and right image are not of the same moment.
+    pub const CAMERAS_OUT_OF_STEP: Self = Self(1 << 29);
 
     /// Every bit with its name, for people.
-    pub const NAMES: [(Self, &'static str); 27] = [
+    pub const NAMES: [(Self, &'static str); 30] = [
         (Self::NOT_POSITIVE_DEFINITE, "not positive definite"),
         (Self::IMU_SATURATED, "IMU saturated"),
         (Self::NO_FEATURES, "no features"),
@@ -109,6 +115,9 @@ impl HealthBits {
         (Self::BLURRED, "blurred"),
         (Self::VIEW_BLOCKED, "view blocked"),
         (Self::LITTLE_TEXTURE, "little texture"),
+        (Self::ACCEL_CONTRADICTED, "accelerometer contradicted"),
+        (Self::GYRO_CONTRADICTED, "gyroscope contradicted"),
+        (Self::CAMERAS_OUT_OF_STEP, "cameras out of step"),
     ];
 
     /// Sets the bits of `other`.

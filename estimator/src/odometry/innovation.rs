@@ -198,7 +198,10 @@ impl Odometer {
     ) {
         let after = self.window.covariance_of_newest().filter(|c| c.iter().all(|x| x.is_finite()));
         // The scale of one camera comes from the forces: corrections of it would count as their noise.
-        let is_evidence = is_measured && self.window.options.cameras > 1 && !self.rotation.is_distrusting();
+        let is_evidence = is_measured
+            && self.window.options.cameras > 1
+            && !self.rotation.is_distrusting()
+            && !self.forces.is_contradicted();
         let before = prediction.covariance.as_ref().filter(|c| c.iter().all(|x| x.is_finite()));
         if is_evidence && is_contradicted {
             self.noise_scale.add_contradiction(prediction.dt_s);

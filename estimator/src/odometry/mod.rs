@@ -5,6 +5,7 @@
 //! health, make room. It sees no image: points come from [`crate::points`], lines from [`crate::lines`], or
 //! both from a test.
 
+mod force_watch;
 mod inherited;
 mod innovation;
 mod judgement;
@@ -12,6 +13,7 @@ pub mod measurements;
 #[cfg(test)]
 mod moving_tests;
 mod pair;
+mod pair_time;
 #[cfg(test)]
 mod poison_tests;
 mod renewal;
@@ -22,6 +24,7 @@ mod rotation_watch;
 mod silent;
 #[cfg(test)]
 mod silent_tests;
+mod stamp_noise;
 mod start;
 mod steps;
 #[cfg(test)]
@@ -38,7 +41,7 @@ use crate::estimate::{
 };
 use crate::exchange::{Feedback, KeyframeStep, SolvedFrame, Tracked};
 use crate::inertial::buffer::Coverage;
-use crate::inertial::{ImuBuffer, ImuNoise, Vibration};
+use crate::inertial::{ImuBuffer, ImuNoise, Preintegration, Vibration};
 use crate::initial::{Gathering, MonoWorkspace};
 use crate::points::PointObservation;
 use crate::shutter::readouts;
@@ -46,13 +49,15 @@ use crate::window::snapshot::SnapshotKeyframe;
 use crate::window::state::{FrameTime, NavState};
 use crate::window::{Fit, RigEstimate, Window};
 use crate::work_budget::WorkBudget;
+use force_watch::ForceWatch;
 use inherited::Inherited;
 use innovation::{NoiseScale, Prediction};
 pub use judgement::ResetReason;
 use judgement::Velocity;
 use measurements::Measurer;
-use nalgebra::Vector3;
+use nalgebra::{SVector, Vector3};
 use pair::PairWatch;
+use pair_time::PairTime;
 use plumbline_config::options::HealthConfig;
 use plumbline_config::{CameraModel, Portable, Timestamp, ValidSetup};
 use reset::Memory;
@@ -120,7 +125,9 @@ pub struct Odometer {
     mono_workspace: MonoWorkspace,
     zero_velocity: ZeroVelocityDetector,
     pair: PairWatch,
+    pair_time: PairTime,
     rotation: RotationWatch,
+    forces: ForceWatch,
     phase: Phase,
     last_stamp: Option<Timestamp>,
     last_seen: Option<Timestamp>,
@@ -187,7 +194,9 @@ impl Odometer {
             mono_workspace: MonoWorkspace::new(gathered, points),
             zero_velocity: ZeroVelocityDetector::new(rate_hz, setup.left().focal_px[0]),
             pair: PairWatch::new(setup.camera.len(), rate_hz),
+            pair_time: PairTime::default(),
             rotation: RotationWatch::new(imu),
+            forces: ForceWatch::new(window.options.gravity_o),
             phase: Phase::Gathering,
             last_stamp: None,
             last_seen: None,
@@ -425,6 +434,7 @@ impl Odometer {
         if coverage.is_saturated {
             health.insert(HealthBits::IMU_SATURATED);
         }
+        let motion = self.with_stamp_noise(motion, &last.nav);
         let prediction = self.predict(&last.nav, &motion);
         let nav = prediction.nav.clone();
         self.window.push_frame(time, nav, Some(motion), self.zero_velocity.is_still());
@@ -441,6 +451,7 @@ impl Odometer {
         }
         self.window.triangulate(false);
         self.window.predict_rates(&self.rate_b);
+        self.judge_moment_of_pair(health);
         self.window.update_manhattan(self.measurer.lines(), self.tilt_sigma_rad());
         let max_iterations = self.options.max_iterations.min(max_iterations);
         let outcome = self.window.optimize(max_iterations);
@@ -469,6 +480,23 @@ impl Odometer {
         Solved { iterations: outcome.iterations, is_keyframe }
     }
 
+    /// The motion from `from`, whose ends are as uncertain as the vehicle moves while stamps are wrong.
+    fn with_stamp_noise(&self, mut motion: Preintegration, from: &NavState) -> Preintegration {
+        let sigma_s = self.rotation.stamp_sigma_s();
+        if sigma_s > 0.0 {
+            let v_b = from.rot_o_b.inverse_transform_vector(&from.v_o_b);
+            let gain = motion.delta_v / motion.dt_s
+                + from.rot_o_b.inverse_transform_vector(&self.window.options.gravity_o);
+            let mut by_stamp = SVector::<f64, 9>::zeros();
+            by_stamp.fixed_rows_mut::<3>(NavState::P).copy_from(&v_b);
+            by_stamp.fixed_rows_mut::<3>(NavState::ROT).copy_from(&self.rate_b);
+            by_stamp.fixed_rows_mut::<3>(NavState::V).copy_from(&gain);
+            // One error at either end.
+            motion.covariance += by_stamp * by_stamp.transpose() * (2.0 * sigma_s * sigma_s);
+        }
+        motion
+    }
+
     /// Drops what contradicts a prediction that can be relied on: the scale is known, and the samples are believed.
     fn drop_moving(&mut self, prediction: &Prediction, coverage: Coverage, health: &HealthBits) {
         let is_predicted = self.window.options.cameras > 1
@@ -477,10 +505,16 @@ impl Odometer {
             && !coverage.is_saturated
             && !coverage.unmeasured.is_any()
             && !self.rotation.is_distrusting()
+            && !self.forces.is_contradicted()
             && !health.contains(HealthBits::IMU_CONTRADICTED);
         if let Some(sigma) = prediction.velocity_sigma_m_s().filter(|_| is_predicted) {
             self.window.drop_moving(sigma);
         }
+    }
+
+    /// The quality, bounded while sensors contradict each other.
+    fn trusted_quality(&self, in_view: usize) -> i8 {
+        self.pair_time.bounded(self.forces.bounded(self.rotation.bounded(self.quality(in_view))))
     }
 
     /// The rig's calibration as refined so far, with its covariance; `None` while there is no pose.
@@ -519,7 +553,7 @@ impl Odometer {
             time_offset_s: self.window.rig.time_offset_s,
             time_offset_sigma_s: self.time_offset_sigma_s,
             pose_b_c0: self.window.rig.pose_b_c0,
-            quality: if has_pose { self.rotation.bounded(self.quality(in_view)) } else { -1 },
+            quality: if has_pose { self.trusted_quality(in_view) } else { -1 },
             health,
             reset_counter: self.reset_counter,
             figures: FrameFigures {

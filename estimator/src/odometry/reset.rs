@@ -58,6 +58,8 @@ impl Odometer {
         self.measurer.clear();
         self.zero_velocity.clear();
         self.rotation.forget_turns();
+        self.forces.clear();
+        self.pair_time.clear();
         self.imu.trust();
         self.reset_counter += 1;
         if kind == ResetKind::Hard {

@@ -1,9 +1,11 @@
 //! Whether gyroscope and images agree about how the vehicle turns, and who is late if they do not.
 //!
 //! The images alone give the turn of every frame since the one before ([`crate::window::sighting`]), to some tenths of a
-//! milliradian. In clean and in recorded flights the gyroscope differs from it by less than a milliradian. Frames on end that
-//! differ by more contradict it, and the inertial samples are not believed any more, from the first of them on. A clock
-//! that jumps leaves a hole in its stream: right after one, a single frame is enough.
+//! milliradian. In clean and in recorded flights the gyroscope differs from it by less than a milliradian. What the frames of some tenths of
+//! a second differ by in sum contradicts it, and the inertial samples are not believed any more, from the first of them on. An error of
+//! a frame's stamp turns that frame by as much as the vehicle turns in that time, but leaves no trace in the sum: its size is learnt from
+//! frames on end that differ in opposite directions ([`super::stamp_noise`]). A clock that jumps leaves a hole in its stream: right after one,
+//! a single frame is enough.
 //!
 //! After a hole of the inertial samples they are on probation: not believed until three frames agree which would not if the
 //! samples were late by a tenth of a second.
@@ -12,6 +14,7 @@
 //! agree with the gyroscope of a later stamp, the stamps of the IMU are late; with that of an earlier one, those of the images
 //! are. Without such a time neither can be named, and the rotation is disputed.
 
+use super::stamp_noise::StampNoise;
 use crate::estimate::{HealthBits, NavCovariance};
 use crate::window::state::NavState;
 use heapless::Deque;
@@ -31,11 +34,19 @@ const AGREES_RAD: f64 = 1.5e-3;
 /// than `sigma_px`.
 const AGREES_SIGMAS: f64 = 5.0;
 const SIGHTING_SHARE: f64 = 0.5;
-/// Frames on end that contradict the gyroscope before it is not believed: of few landmarks, wrong together, two do in flights
-/// without a fault. One is enough if it differs by so many times as much, and for so long after a hole in a stream, s.
-const FRAMES_TO_CONTRADICT: u32 = 3;
+/// Share of a turn that the scale of the gyroscope, or an offset of the stamps that changes, may be wrong by.
+const SCALE_SHARE: f64 = 0.01;
+/// Frames whose differences are added up, and the standard deviation of a stamp that is admitted at least in each sum, s.
+const SUMS: [(usize, f64); 2] = [(3, 2e-3), (8, 1e-3)];
+const MAX_SUM: usize = SUMS[1].0;
+/// One frame is enough if it differs by so many times as much, and by more than this, rad, and than what the vehicle turns in this time, s: no
+/// sighting and no stamp is that wrong.
 const PLAIN: f64 = 4.0;
+const PLAIN_RAD: f64 = 0.02;
+const PLAIN_S: f64 = 0.015;
+/// A hole in a stream is thought of for so long, s; frames that are further apart than this have one between them, s.
 const SUSPICIOUS_S: f64 = 1.0;
+const FRAME_HOLE_S: f64 = 0.25;
 /// Frames on end that agree before it is believed again: half a second at 20 Hz, and twice as many if somebody was named.
 const FRAMES_TO_AGREE: u32 = 10;
 /// While the vehicle turns by less than this in a frame, rad, agreement proves nothing.
@@ -56,6 +67,9 @@ const MATCH_NOISE_RAD: f64 = 3e-4;
 const DISPUTE_S: f64 = 1.0;
 /// Quality while it is not known which of the sensors is wrong, or while the images are late.
 const DISPUTED_QUALITY: i8 = 10;
+/// Turns since a contradiction began by which the gyroscope is named, and how much of what differs the images turn by themselves.
+const TURNS_TO_NAME: usize = 10;
+const TURNING_SHARE: f64 = 0.2;
 /// How fast the position may leave the estimate while nobody knows which sensor is wrong, m/s.
 const DISPUTED_M_S: f64 = 0.5;
 /// Samples after a hole of this length are on probation, ns, for so long at most, s.
@@ -132,11 +146,29 @@ pub(super) struct SeenTurn {
     /// The turn by the images, rad, and its standard deviation.
     pub(super) seen: Vector3<f64>,
     pub(super) sigma_rad: f64,
-    /// Present bias of the gyroscope, rad/s.
+    /// Present bias of the gyroscope, rad/s, and its standard deviation.
     pub(super) bias_gyro: Vector3<f64>,
+    pub(super) bias_sigma_rad_s: f64,
     /// Frames, or samples, are missing since the frame before.
     pub(super) skips_frames: bool,
     pub(super) skips_samples: bool,
+}
+
+/// What a frame turns otherwise by the images than by the gyroscope.
+#[derive(Clone, Copy, Debug)]
+struct Difference {
+    from: Timestamp,
+    dt_s: f64,
+    rad: Vector3<f64>,
+    seen: Vector3<f64>,
+    /// Standard deviation of the sighting, rad.
+    sigma_rad: f64,
+}
+
+impl Difference {
+    fn rate_rad_s(&self) -> f64 {
+        self.seen.norm() / self.dt_s
+    }
 }
 
 /// Compares the turns of frames with the gyroscope.
@@ -150,9 +182,9 @@ pub(super) struct RotationWatch {
     /// Latest stamp of a sample.
     latest: Option<Timestamp>,
     turns: Deque<Turn, MAX_TURNS>,
-    /// Frames on end that contradict, and when the first of them began.
-    contradicting: u32,
-    first: Timestamp,
+    /// Differences of the last frames on end.
+    differences: Deque<Difference, MAX_SUM>,
+    stamps: StampNoise,
     /// When a hole in a stream began, and until when it is thought of.
     suspicious: Option<(Timestamp, Timestamp)>,
     contradiction: Option<Contradiction>,
@@ -173,8 +205,8 @@ impl RotationWatch {
             last: None,
             latest: None,
             turns: Deque::new(),
-            contradicting: 0,
-            first: Timestamp::default(),
+            differences: Deque::new(),
+            stamps: StampNoise::default(),
             suspicious: None,
             contradiction: None,
             probation: None,
@@ -193,7 +225,8 @@ impl RotationWatch {
     /// Forgets turns and contradiction: the estimate starts anew.
     pub(super) fn forget_turns(&mut self) {
         self.turns.clear();
-        (self.contradicting, self.contradiction, self.suspicious) = (0, None, None);
+        self.differences.clear();
+        (self.contradiction, self.suspicious) = (None, None);
         (self.left_m, self.left_rad) = (0.0, 0.0);
         self.probation = None;
     }
@@ -256,16 +289,33 @@ impl RotationWatch {
             self.turns.pop_front();
         }
         let _ = self.turns.push_back(turn);
-        if frame.skips_frames || frame.skips_samples {
+        let dt_s = to.seconds_since(from);
+        if frame.skips_samples || dt_s > FRAME_HOLE_S {
             let begun = self.suspicious.filter(|(_, until)| from <= *until).map_or(from, |(begun, _)| begun);
             self.suspicious = Some((begun, to.plus_seconds(SUSPICIOUS_S)));
         }
         let begun = self.begin_probation();
         let bias_gyro = self.contradiction.map_or(frame.bias_gyro, |c| c.bias_gyro);
-        let Some(difference) = self.difference(&turn, 0, &bias_gyro) else { return begun };
-        let dt_s = to.seconds_since(from);
-        let sigma = libm::hypot(self.gyro_density * dt_s.sqrt(), SIGHTING_SHARE * frame.sigma_rad);
-        let excess = difference.norm() / AGREES_RAD.at_least(AGREES_SIGMAS * sigma);
+        let Some(rad) = self.difference(&turn, 0, &bias_gyro) else {
+            self.differences.clear();
+            return begun;
+        };
+        let sigma_rad = SIGHTING_SHARE * frame.sigma_rad;
+        let difference = Difference { from, dt_s, rad, seen: frame.seen, sigma_rad };
+        let before = self.differences.back().copied();
+        if self.differences.is_full() {
+            self.differences.pop_front();
+        }
+        let _ = self.differences.push_back(difference);
+        if let Some(before) = before.filter(|_| self.contradiction.is_none()) {
+            self.stamps.add(
+                [before.rad, difference.rad],
+                [before.seen / before.dt_s, difference.seen / dt_s],
+                sigma_rad,
+            );
+        }
+        let excess =
+            rad.norm() / self.admitted(1, frame.bias_sigma_rad_s, SUMS[0].1).unwrap_or(f64::INFINITY);
         self.prove(excess <= 1.0, &turn);
         let contradicted = match self.contradiction {
             Some(_) => {
@@ -275,6 +325,31 @@ impl RotationWatch {
             None => self.suspect(excess, frame),
         };
         contradicted.or(begun)
+    }
+
+    /// Standard deviation of the stamps of frames, s, as far as it shows.
+    pub(super) fn stamp_sigma_s(&self) -> f64 {
+        self.stamps.sigma_s()
+    }
+
+    /// What the sum of the newest `count` differences may come to without a fault, rad, where stamps have a standard deviation of at
+    /// least `stamp_sigma_s`; `None` where there are fewer.
+    fn admitted(&self, count: usize, bias_sigma_rad_s: f64, stamp_sigma_s: f64) -> Option<f64> {
+        let first = self.differences.len().checked_sub(count)?;
+        let span_s: f64 = self.differences.iter().skip(first).map(|d| d.dt_s).sum();
+        let turned: f64 = self.differences.iter().skip(first).map(|d| d.seen.norm()).sum();
+        let of_sightings: f64 = self.differences.iter().skip(first).map(|d| d.sigma_rad.squared()).sum();
+        let ends = [self.differences.iter().nth(first)?, self.differences.back()?];
+        let stamp = self.stamps.sigma_s().at_least(stamp_sigma_s);
+        let of_stamps: f64 = ends.map(|d| (d.rate_rad_s() * stamp).squared()).iter().sum();
+        let variance = of_sightings
+            + of_stamps
+            + self.gyro_density.squared() * span_s
+            + (bias_sigma_rad_s * span_s).squared();
+        Some(
+            (AGREES_RAD * (count as f64).sqrt()).at_least(AGREES_SIGMAS * variance.sqrt())
+                + SCALE_SHARE * turned,
+        )
     }
 
     /// Since when samples are on probation, if that is news.
@@ -301,27 +376,29 @@ impl RotationWatch {
 
     /// Before a contradiction: whether it begins, and since when.
     fn suspect(&mut self, excess: f64, frame: &SeenTurn) -> Option<Timestamp> {
-        if excess <= 1.0 {
-            self.contradicting = 0;
-            return None;
-        }
         let [from, to] = frame.span;
-        if self.contradicting == 0 {
-            self.first = from;
-        }
-        self.contradicting += 1;
         let hole = self.hole_before(to);
-        let enough = if hole.is_some() || excess > PLAIN { 1 } else { FRAMES_TO_CONTRADICT };
-        if self.contradicting < enough {
-            return None;
-        }
+        let newest = self.differences.back()?;
+        let is_plain = newest.rad.norm() > PLAIN_RAD + PLAIN_S * newest.rate_rad_s() && excess > PLAIN;
+        let alone = (is_plain || (hole.is_some() && excess > 1.0)).then_some(from);
+        let first = alone.or_else(|| self.contradicted_since(frame.bias_sigma_rad_s))?;
         self.contradiction = Some(Contradiction {
-            since: hole.map_or(self.first, |(begun, _)| begun.min(self.first)),
+            since: hole.map_or(first, |(begun, _)| begun.min(first)),
             culprit: Culprit::Unknown,
             bias_gyro: frame.bias_gyro,
             agreeing: 0,
         });
         self.contradiction.map(|contradiction| contradiction.since)
+    }
+
+    /// Since when differences add up to more than is admitted.
+    fn contradicted_since(&self, bias_sigma_rad_s: f64) -> Option<Timestamp> {
+        SUMS.iter().find_map(|(count, stamp_sigma_s)| {
+            let admitted = self.admitted(*count, bias_sigma_rad_s, *stamp_sigma_s)?;
+            let first = self.differences.len().checked_sub(*count)?;
+            let sum: Vector3<f64> = self.differences.iter().skip(first).map(|d| d.rad).sum();
+            self.differences.iter().nth(first).filter(|_| sum.norm() > admitted).map(|d| d.from)
+        })
     }
 
     /// The hole in a stream that is still thought of at `stamp`.
@@ -357,7 +434,7 @@ impl RotationWatch {
         let is_over = contradiction.agreeing >= FRAMES_TO_AGREE * if named { 2 } else { 1 };
         self.contradiction = (!is_over).then_some(contradiction);
         if is_over {
-            self.contradicting = 0;
+            self.differences.clear();
         }
     }
 
@@ -424,12 +501,29 @@ impl RotationWatch {
     /// Says in `health` what was found.
     pub(super) fn report(&self, health: &mut HealthBits) {
         let Some(contradiction) = &self.contradiction else { return };
+        if self.is_gyro_named(contradiction) {
+            health.insert(HealthBits::GYRO_CONTRADICTED);
+        }
         health.insert(match contradiction.culprit {
             Culprit::Unknown => HealthBits::IMU_CONTRADICTED,
             Culprit::Imu(_) => HealthBits::IMU_LATE,
             Culprit::Images(_) => HealthBits::IMAGES_LATE,
             Culprit::Disputed => HealthBits::ROTATION_DISPUTED,
         });
+    }
+
+    /// Whether the gyroscope is what is wrong: no delay explains the contradiction after so long, and the images do turn.
+    fn is_gyro_named(&self, contradiction: &Contradiction) -> bool {
+        let newest = self.turns.iter().rev().take_while(|turn| turn.from >= contradiction.since);
+        let (mut seen, mut off, mut count) = (0.0, 0.0, 0);
+        for turn in newest {
+            let Some(difference) = self.difference(turn, 0, &contradiction.bias_gyro) else { continue };
+            seen += turn.seen.norm();
+            off += difference.norm();
+            count += 1;
+        }
+        let is_open = matches!(contradiction.culprit, Culprit::Unknown | Culprit::Disputed);
+        is_open && count >= TURNS_TO_NAME && seen > TURNING_SHARE * off
     }
 
     /// The quality of an estimate that would have `quality` if the sensors agreed.

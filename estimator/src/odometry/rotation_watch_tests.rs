@@ -61,6 +61,7 @@ fn fly(wrong: Wrong) -> Vec<(f64, HealthBits, i8)> {
                 seen: angle(t - age_s) - angle(last_s - last_age_s) + noise,
                 sigma_rad: 4e-4,
                 bias_gyro: Vector3::zeros(),
+                bias_sigma_rad_s: 1e-3,
                 skips_frames: t - last_s > 0.075,
                 skips_samples: watch
                     .difference(

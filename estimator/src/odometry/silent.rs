@@ -5,13 +5,17 @@
 //! frames of the window since then are integrated anew, and the newest frame begins where its images place it.
 
 use super::Odometer;
+use super::force_watch::{ForceSigmas, SeenMotion};
+use super::judgement::Velocity;
 use super::rotation_watch::SeenTurn;
-use crate::estimate::{HealthBits, NavCovariance};
+use crate::estimate::{BiasVariances, HealthBits, NavCovariance};
 use crate::geometry::log_so3;
 use crate::inertial::Unmeasured;
 use crate::inertial::buffer::Coverage;
+use crate::window::frame::Frame;
+use crate::window::sighting::Sighting;
 use nalgebra::Vector3;
-use plumbline_config::Timestamp;
+use plumbline_config::{Portable, Timestamp};
 
 /// Reports stuck sensors in `health`; returns whether there are any.
 pub(super) fn report_stuck(stuck: Unmeasured, health: &mut HealthBits) -> bool {
@@ -21,6 +25,11 @@ pub(super) fn report_stuck(stuck: Unmeasured, health: &mut HealthBits) -> bool {
         }
     }
     stuck.is_any()
+}
+
+/// Largest standard deviation of the three biases from `first` on.
+fn largest_sigma(variances: &BiasVariances, first: usize) -> f64 {
+    (first..first + 3).map(|k| variances[k]).fold(0.0, |most, x: f64| x.at_least(most)).sqrt()
 }
 
 impl Odometer {
@@ -51,6 +60,7 @@ impl Odometer {
                 seen: log_so3(&(before.nav.rot_o_b.inverse() * sighting.rot_o_b)),
                 sigma_rad: sighting.rotation_sigma_rad,
                 bias_gyro: before.nav.bias_gyro,
+                bias_sigma_rad_s: largest_sigma(&self.bias_variances, 0),
                 skips_frames: health.contains(HealthBits::FRAME_GAP),
                 skips_samples: coverage.has_gap,
             });
@@ -70,6 +80,57 @@ impl Odometer {
                 Some(sighting) => self.window.place_newest(&sighting),
                 None => self.window.place_newest_at(start),
             }
+        }
+        self.judge_forces(sighting, coverage, health);
+    }
+
+    /// Compares the forces that lead to the newest frame with where the images place it; those that they contradict hardly count.
+    fn judge_forces(&mut self, sighting: Option<Sighting>, coverage: Coverage, health: &mut HealthBits) {
+        let Some(newest) = self.window.frames.last() else { return };
+        let is_judged = self.window.options.cameras > 1
+            && self.velocity == Velocity::Known
+            && !coverage.has_gap
+            && !coverage.unmeasured.is_any()
+            && !self.rotation.is_distrusting();
+        let found = match (sighting.filter(|_| is_judged), &self.window.frames[..]) {
+            (Some(sighting), [.., before, Frame { inertial: Some(inertial), .. }]) => {
+                let seen = SeenMotion {
+                    stamp: newest.stamp,
+                    p_o_b: sighting.p_o_b,
+                    sigma_m: sighting.position_sigma_m,
+                    rot_o_before: before.nav.rot_o_b,
+                    motion: &inertial.motion,
+                    speed_m_s: before.nav.v_o_b.norm(),
+                    stamp_sigma_s: self.rotation.stamp_sigma_s(),
+                };
+                let sigmas = ForceSigmas {
+                    noise: self.noise,
+                    bias_m_s2: largest_sigma(&self.bias_variances, 3),
+                    tilt_rad: self.tilt_sigma_rad(),
+                };
+                let is_witness = !self.window.is_motion_in_sight();
+                self.forces.update(&seen, &sigmas, is_witness).map(|wrong| (wrong, sighting))
+            }
+            _ => {
+                self.forces.pass_over(newest.stamp);
+                None
+            }
+        };
+        if let Some((wrong, sighting)) = found {
+            self.window.doubt_forces(wrong.since, wrong.sigma_m_s2);
+            self.window.place_newest(&sighting);
+        }
+        if self.forces.is_named() {
+            health.insert(HealthBits::ACCEL_CONTRADICTED);
+        }
+    }
+
+    /// Judges whether both images of the newest frame are of the same moment.
+    pub(super) fn judge_moment_of_pair(&mut self, health: &mut HealthBits) {
+        let period_s = self.options.frame_period_s;
+        self.pair_time.add(self.window.epipolar_moments(), period_s);
+        if self.pair_time.is_out_of_step() {
+            health.insert(HealthBits::CAMERAS_OUT_OF_STEP);
         }
     }
 

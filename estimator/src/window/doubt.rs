@@ -10,6 +10,7 @@ use super::problem::Problem;
 use super::state::NavState;
 use super::tracks;
 use crate::geometry::{exp_so3, log_so3};
+use plumbline_config::Timestamp;
 
 /// Frames on end whose observations are spared though most of them do not fit. What lasts longer is no slip of the
 /// prediction: something else moves, and fills the view.
@@ -48,6 +49,15 @@ impl Window {
         self.replace_newest(believed, nav);
         let _ = self.optimize(max_iterations);
         false
+    }
+
+    /// Takes the forces on the way to all frames later than `since` for uncertain by `sigma_m_s2`.
+    pub fn doubt_forces(&mut self, since: Timestamp, sigma_m_s2: f64) {
+        let noise = self.options.imu_noise;
+        for frame in self.frames.iter_mut().rev().take_while(|frame| frame.stamp > since) {
+            frame.inertial =
+                frame.inertial.take().map(|inertial| inertial.with_doubted_forces(sigma_m_s2, &noise));
+        }
     }
 
     /// Where the newest frame would be if the vehicle had gone on as it did between the two before.

@@ -77,6 +77,22 @@ impl InertialFactor {
         Self::new(motion, noise)
     }
 
+    /// The factor of the same motion, whose forces may be off by `sigma_m_s2` throughout.
+    #[must_use]
+    pub fn with_doubted_forces(mut self, sigma_m_s2: f64, noise: &ImuNoise) -> Self {
+        let dt = self.motion.dt_s;
+        let (way, gain) = (0.5 * sigma_m_s2 * dt * dt, sigma_m_s2 * dt);
+        for k in 0..3 {
+            let (p, v) = (NavState::P + k, NavState::V + k);
+            let covariance = &mut self.motion.covariance;
+            covariance[(p, p)] += way * way;
+            covariance[(v, v)] += gain * gain;
+            covariance[(p, v)] += way * gain;
+            covariance[(v, p)] += way * gain;
+        }
+        Self::with_walk(self.motion, self.walk, noise)
+    }
+
     /// Information matrix of the residual; `None` when the covariance of the motion cannot be inverted.
     #[must_use]
     pub fn information(&self) -> Option<&FrameMatrix> {

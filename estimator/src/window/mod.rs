@@ -23,6 +23,7 @@ mod camera_sums;
 pub mod dense;
 mod doubt;
 pub mod eliminate;
+pub mod epipolar;
 pub mod factor;
 pub mod factorization;
 pub mod feature;

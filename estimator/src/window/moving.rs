@@ -4,16 +4,17 @@
 //! gyroscope predict to a pixel or two. Such observations are dropped before anything else looks at the frame: afterwards the
 //! pose is a compromise, and no longer tells the vehicle's motion from that of the person.
 //!
-//! A blow, or a gyroscope that lies, contradicts the images too, but then one motion near the predicted one explains all that is
-//! seen, and [`super::doubt`] finds it. Where none does, there are two, and the vehicle's is the one that its sensors felt. One
-//! that goes further than a blow is none: near things that pass by and a far background look like a way to the side.
+//! A blow, or an inertial sensor that lies, contradicts the images too, but then one motion explains what is seen: what moves as one
+//! rigid body with most of the view is the vehicle. So the prediction and the pose that the images alone give compete for the
+//! landmarks that only one of them explains. What both explain, such as a far background, has no vote: near things that pass by
+//! before it look like a way to the side, and must fill most of the view to be taken for one, unless that way is short.
 
 use super::Window;
 use super::feature::Feature;
 use super::landmark::LandmarkStore;
 use super::poses::Poses;
 use super::problem::Problem;
-use super::state::NavState;
+use super::sighting::Votes;
 use super::tracks::{self, Verdict};
 use plumbline_config::Portable;
 
@@ -24,10 +25,17 @@ const WITNESSES: usize = 12;
 const REMEMBERED_FRAMES: u32 = 10;
 /// Observations that contradict it before anything is taken for moving, at least.
 const MIN_MOVING: usize = 8;
-/// Share of what is seen that a motion which explains it leaves unexplained, at most.
+/// Share of what is seen that a prediction which explains it leaves unexplained, at most.
 const UNEXPLAINED_SHARE: f64 = 0.15;
-/// A blow moves the vehicle by no more than this within a frame, m.
-const BLOW_M: f64 = 0.03;
+/// The images outvote the prediction by this many times the landmarks that the prediction alone explains, if they alone explain a majority
+/// of what is seen; or this share of it where their pose explains nearly all, and is no further away than a blow moves the vehicle in a
+/// frame, m.
+const OUTVOTES: usize = 2;
+const MAJORITY: f64 = 0.5;
+const MINORITY: f64 = 0.25;
+const BLOW_M: f64 = 0.1;
+/// A prediction is a little off, and nothing moves, if a sighting leaves no more than this share of what is seen unexplained.
+const SLIP_SHARE: f64 = 0.02;
 /// The prediction may be off by this many standard deviations of the velocity, and gates may grow by this factor.
 const VELOCITY_SIGMAS: f64 = 3.0;
 const MOST_SLACK: f64 = 3.0;
@@ -42,12 +50,17 @@ impl Window {
         self.moving_in_sight = self.moving_in_sight.saturating_sub(1);
         let Some(slack) = self.slack(velocity_sigma_m_s) else { return };
         let verdict = self.verdict_within(slack);
-        let is_moving = are_moving(verdict, was_in_sight, self.options.max_moving_share);
-        if is_moving && (explains(verdict) || !self.does_a_blow_explain(slack)) {
-            self.forget_moving(slack);
-            if verdict.seen >= verdict.wrong + WITNESSES {
-                self.moving_in_sight = REMEMBERED_FRAMES;
-            }
+        if !are_moving(verdict, was_in_sight, self.options.max_moving_share) {
+            return;
+        }
+        let ballot = self.ballot(slack);
+        if !explains(verdict) && ballot.is_some_and(Ballot::outvotes) {
+            return;
+        }
+        self.forget_moving(slack);
+        let is_slip = explains(verdict) && ballot.is_some_and(Ballot::is_slip);
+        if verdict.seen >= verdict.wrong + WITNESSES && !is_slip {
+            self.moving_in_sight = REMEMBERED_FRAMES;
         }
     }
 
@@ -67,18 +80,12 @@ impl Window {
             .and(tracks::judge_within(lines, poses, &problem, slack))
     }
 
-    /// Whether nearly all that the newest frame sees fits at the pose that its images alone give it, and that is near.
-    fn does_a_blow_explain(&mut self, slack: f64) -> bool {
-        let Some(predicted) = self.frames.last().map(|frame| frame.nav.clone()) else { return true };
-        let Some(sighting) = self.sight_newest(&predicted) else { return false };
-        let (rot_o_b, p_o_b) = (sighting.rot_o_b, sighting.p_o_b);
-        if (p_o_b - predicted.p_o_b).norm_squared() > BLOW_M.squared() {
-            return false;
-        }
-        self.place_newest_at(NavState { rot_o_b, p_o_b, ..predicted.clone() });
-        let verdict = self.verdict_within(slack);
-        self.place_newest_at(predicted);
-        explains(verdict)
+    /// How landmarks vote between the predicted pose of the newest frame and that which its images alone give, if they give one.
+    fn ballot(&self, slack: f64) -> Option<Ballot> {
+        let predicted = self.frames.last().map(|frame| &frame.nav)?;
+        let sighting = self.sight_newest(predicted)?;
+        let is_near = (sighting.p_o_b - predicted.p_o_b).norm_squared() < BLOW_M.squared();
+        Some(Ballot { votes: self.votes(predicted, &sighting, slack), is_near })
     }
 
     fn forget_moving(&mut self, slack: f64) {
@@ -108,7 +115,34 @@ fn are_moving(verdict: Verdict, was_in_sight: bool, most: f64) -> bool {
     verdict.wrong >= MIN_MOVING && (do_others_agree || was_in_sight)
 }
 
-/// Whether a motion explains what is seen.
+/// Votes between predicted and sighted pose, and whether these are near each other.
+#[derive(Clone, Copy, Debug)]
+struct Ballot {
+    votes: Votes,
+    is_near: bool,
+}
+
+impl Ballot {
+    /// What the sighted pose leaves unexplained.
+    fn sighted(self) -> Verdict {
+        let Votes { sighted, both, all, .. } = self.votes;
+        Verdict { seen: all, wrong: all - sighted - both }
+    }
+
+    /// Whether the sighted pose outvotes the predicted one.
+    fn outvotes(self) -> bool {
+        let Votes { predicted, sighted, all, .. } = self.votes;
+        let share = if self.is_near && explains(self.sighted()) { MINORITY } else { MAJORITY };
+        sighted as f64 >= share * all as f64 && sighted >= OUTVOTES * predicted
+    }
+
+    /// Whether most of what contradicts the prediction does so because that is a little off.
+    fn is_slip(self) -> bool {
+        self.sighted().wrong as f64 <= SLIP_SHARE * self.votes.all as f64
+    }
+}
+
+/// Whether a pose explains what is seen.
 fn explains(verdict: Verdict) -> bool {
     verdict.wrong as f64 <= UNEXPLAINED_SHARE * verdict.seen as f64
 }
@@ -145,5 +179,18 @@ mod tests {
         assert!(moving(100, 35, false) && moving(100, 80, false) && moving(18, 8, false));
         assert!(!moving(100, 5, false) && !moving(100, 90, false) && !moving(12, 8, false));
         assert!(moving(100, 98, true) && !moving(7, 7, true), "what hides all else has been seen to move");
+    }
+
+    #[test]
+    fn what_moves_as_one_body_with_most_of_the_view_is_the_vehicle() {
+        let ballot = |predicted, sighted, both, is_near| Ballot {
+            votes: Votes { predicted, sighted, both, all: 64 },
+            is_near,
+        };
+        assert!(ballot(0, 48, 14, false).outvotes() && ballot(2, 20, 40, true).outvotes());
+        assert!(!ballot(0, 20, 44, false).outvotes(), "near people before a far background");
+        assert!(!ballot(25, 36, 0, true).outvotes(), "static things agree with the prediction");
+        assert!(!ballot(0, 10, 30, true).outvotes(), "no motion explains what is seen");
+        assert!(ballot(0, 4, 60, true).is_slip() && !ballot(0, 8, 50, true).is_slip());
     }
 }

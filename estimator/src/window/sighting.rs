@@ -5,8 +5,10 @@
 //! is no good, a kernel whose scale shrinks from step to step finds the majority from twenty pixels away.
 
 use super::Window;
+use super::feature::Feature;
 use super::inertial_factor::InertialFactor;
 use super::landmark::PointLandmark;
+use super::reprojection::InversePoint;
 use super::state::{Mount, NavState};
 use crate::geometry::exp_so3;
 use crate::inertial::Preintegration;
@@ -34,8 +36,23 @@ pub struct Sighting {
     pub rot_o_b: UnitQuaternion<f64>,
     /// Position of `B` in `O`, m.
     pub p_o_b: Vector3<f64>,
-    /// Standard deviation of the attitude, the landmarks taken for exact, rad.
+    /// Standard deviation of the attitude along its worst axis, the landmarks taken for exact, rad.
     pub rotation_sigma_rad: f64,
+    /// Standard deviation of the position along its worst axis, the landmarks taken for exact, m.
+    pub position_sigma_m: f64,
+}
+
+/// Landmarks in the newest frame, by which of two poses of it explain where they are seen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Votes {
+    /// Explained by the predicted pose alone.
+    pub predicted: usize,
+    /// Explained by the sighted pose alone.
+    pub sighted: usize,
+    /// Explained by both.
+    pub both: usize,
+    /// Looked at.
+    pub all: usize,
 }
 
 /// One landmark, and where a camera of the newest frame sees it.
@@ -63,6 +80,27 @@ impl Window {
         }
         let start = (start.rot_o_b, start.p_o_b);
         solve(&rays, &mounts, start, &NARROW).or_else(|| solve(&rays, &mounts, start, &WIDE))
+    }
+
+    /// Counts which landmarks the poses `predicted` and `sighted` of the newest frame explain, by gates that are `slack` times as wide
+    /// as those of outliers.
+    #[must_use]
+    pub fn votes(&self, predicted: &NavState, sighted: &Sighting, slack: f64) -> Votes {
+        let mounts = [Mount::of(&self.rig, 0), Mount::of(&self.rig, 1)];
+        let gate = slack * InversePoint::outlier_sigmas(&self.options);
+        let fits = |ray: &Ray, pose: (&UnitQuaternion<f64>, &Vector3<f64>)| {
+            residual(ray, &mounts, pose).is_some_and(|(r, _, _)| r.norm_squared() < gate * gate)
+        };
+        let mut votes = Votes::default();
+        for ray in &self.rays(&mounts) {
+            let by_prediction = fits(ray, (&predicted.rot_o_b, &predicted.p_o_b));
+            let by_sighting = fits(ray, (&sighted.rot_o_b, &sighted.p_o_b));
+            votes.predicted += usize::from(by_prediction && !by_sighting);
+            votes.sighted += usize::from(by_sighting && !by_prediction);
+            votes.both += usize::from(by_sighting && by_prediction);
+            votes.all += 1;
+        }
+        votes
     }
 
     /// Puts the newest frame where its images place it, at the velocity of the frame before.
@@ -141,8 +179,10 @@ fn solve(
         return None;
     }
     let covariance = hessian.cholesky()?.inverse();
-    let variance = (3..6).map(|k| covariance[(k, k)]).fold(0.0, |most, x: f64| x.at_least(most));
-    Some(Sighting { rot_o_b: rot, p_o_b: p, rotation_sigma_rad: variance.sqrt() })
+    let sigma = |from: usize| {
+        (from..from + 3).map(|k| covariance[(k, k)]).fold(0.0, |most, x: f64| x.at_least(most)).sqrt()
+    };
+    Some(Sighting { rot_o_b: rot, p_o_b: p, position_sigma_m: sigma(0), rotation_sigma_rad: sigma(3) })
 }
 
 /// Residual of a ray, its derivatives by the point in the body, and that point.

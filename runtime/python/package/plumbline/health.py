@@ -35,6 +35,9 @@ class Health(IntFlag):
     BLURRED = 1 << 24
     VIEW_BLOCKED = 1 << 25
     LITTLE_TEXTURE = 1 << 26
+    ACCELEROMETER_CONTRADICTED = 1 << 27
+    GYROSCOPE_CONTRADICTED = 1 << 28
+    CAMERAS_OUT_OF_STEP = 1 << 29
 
 
 _KNOWN = {bit: name.upper().replace(" ", "_") for bit, name in health_bits()}

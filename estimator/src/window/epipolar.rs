@@ -1,0 +1,78 @@
+//! How far the right points of a frame are from the epipolar lines of the left ones, and how fast they move across them.
+
+use super::Window;
+use super::landmark::PointLandmark;
+use nalgebra::Vector3;
+
+/// Fewest pairs of points that count as a frame.
+const MIN_PAIRS: usize = 8;
+
+/// Means over the pairs of points of a frame, or sums of such over frames.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct EpipolarMoments {
+    /// Speed across the epipolar line in the right image, px/s.
+    pub speed: f64,
+    /// Distance from the line, px.
+    pub off: f64,
+    /// Square of the speed, px²/s².
+    pub speed_squared: f64,
+    /// Product of speed and distance, px²/s.
+    pub product: f64,
+}
+
+impl EpipolarMoments {
+    /// All of it times `factor`.
+    #[must_use]
+    pub fn scaled(&self, factor: f64) -> Self {
+        Self {
+            speed: self.speed * factor,
+            off: self.off * factor,
+            speed_squared: self.speed_squared * factor,
+            product: self.product * factor,
+        }
+    }
+
+    /// The sum with `other`.
+    #[must_use]
+    pub fn plus(&self, other: &Self) -> Self {
+        Self {
+            speed: self.speed + other.speed,
+            off: self.off + other.off,
+            speed_squared: self.speed_squared + other.speed_squared,
+            product: self.product + other.product,
+        }
+    }
+}
+
+impl Window {
+    /// Moments of the points that both cameras see in the newest frame, by their predicted image rates; `None` where they are too few.
+    #[must_use]
+    pub fn epipolar_moments(&self) -> Option<EpipolarMoments> {
+        let newest = self.frames.len().checked_sub(1)? as u8;
+        let (left, right) = (self.rig.pose_b_c(0), self.rig.pose_b_c(1));
+        let right_from_left = right.inverse() * left;
+        let t = right_from_left.translation.vector;
+        let rot = right_from_left.rotation.to_rotation_matrix().into_inner();
+        let (mut sum, mut count) = (EpipolarMoments::default(), 0);
+        for landmark in self.points.all() {
+            let Some([left, right]) = pair_in(landmark, newest) else { continue };
+            let line = t.cross(&(rot * Vector3::new(left.xy.x, left.xy.y, 1.0)));
+            let scale = self.options.focal_px / line.xy().norm();
+            let off = (line.x * right.xy.x + line.y * right.xy.y + line.z) * scale;
+            let speed = line.xy().dot(&right.xy_rate) * scale;
+            let pair = EpipolarMoments { speed, off, speed_squared: speed * speed, product: speed * off };
+            if off.is_finite() && speed.is_finite() {
+                sum = sum.plus(&pair);
+                count += 1;
+            }
+        }
+        (count >= MIN_PAIRS).then(|| sum.scaled(1.0 / count as f64))
+    }
+}
+
+/// What left and right camera of frame `index` measure of a landmark.
+fn pair_in(landmark: &PointLandmark, index: u8) -> Option<[&super::reprojection::PointMeasurement; 2]> {
+    let [.., left, right] = &landmark.observations[..] else { return None };
+    let is_pair = left.frame == index && right.frame == index && left.camera == 0 && right.camera == 1;
+    is_pair.then_some([&left.measured, &right.measured])
+}
