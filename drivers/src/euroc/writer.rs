@@ -189,7 +189,11 @@ fn write_images(
             if !frame.valid[camera] {
                 continue;
             }
-            let name = format!("{}.png", frame.stamp.as_nanos());
+            let mut name = format!("{}.png", frame.stamp.as_nanos());
+            if folder.join(&name).exists() {
+                // The clock was set back: the stamp is that of an earlier frame.
+                name = format!("{}-{}.png", frame.stamp.as_nanos(), written.frames);
+            }
             write_png(&folder.join(&name), &frame.images[camera])?;
             table.line(format_args!("{},{name}", frame.stamp.as_nanos()))?;
             written.images += 1;

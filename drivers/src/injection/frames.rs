@@ -181,8 +181,7 @@ impl Slot {
         self.count += 1;
         let slot = match change {
             ImageChange::Late | ImageChange::Repeat => (self.count - 1) % self.kept.len(),
-            ImageChange::Freeze if acts && !self.is_frozen && frame.valid == [true; 2] => 0,
-            ImageChange::Freeze if acts && !self.is_frozen && frame.images[1].pixels().is_empty() => 0,
+            ImageChange::Freeze if acts && !self.is_frozen => 0,
             _ => return,
         };
         self.is_frozen = true;

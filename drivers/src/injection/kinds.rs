@@ -53,7 +53,7 @@ impl FaultKind {
         matches!(self.effect, Effect::Rig(Mistake::Baseline) | Effect::Image(ImageChange::Exchange))
     }
 
-    const fn about(self, target: Target) -> Self {
+    const fn aimed(self, target: Target) -> Self {
         Self { target, ..self }
     }
 
@@ -215,11 +215,11 @@ const fn kind(name: &'static str, effect: Effect, doses: &'static [Dose], about:
 }
 
 const fn accel(name: &'static str, change: Change, doses: &'static [Dose], about: &'static str) -> FaultKind {
-    kind(name, Effect::Reading(Sensor::Accel, change), doses, about).about(X).at(BROKEN_FROM_S, f64::INFINITY)
+    kind(name, Effect::Reading(Sensor::Accel, change), doses, about).aimed(X).at(BROKEN_FROM_S, f64::INFINITY)
 }
 
 const fn gyro(name: &'static str, change: Change, doses: &'static [Dose], about: &'static str) -> FaultKind {
-    kind(name, Effect::Reading(Sensor::Gyro, change), doses, about).about(X).at(BROKEN_FROM_S, f64::INFINITY)
+    kind(name, Effect::Reading(Sensor::Gyro, change), doses, about).aimed(X).at(BROKEN_FROM_S, f64::INFINITY)
 }
 
 const fn image(
@@ -228,7 +228,7 @@ const fn image(
     doses: &'static [Dose],
     about: &'static str,
 ) -> FaultKind {
-    kind(name, Effect::Image(change), doses, about).about(BOTH)
+    kind(name, Effect::Image(change), doses, about).aimed(BOTH)
 }
 
 /// All kinds.
@@ -280,8 +280,9 @@ pub(super) const KINDS: &[FaultKind] = &[
         .at(BROKEN_FROM_S, 0.5)
         .flown(&["@10+0.5", "@10+2"]),
     image("camera-lost", ImageChange::Lost, &[], "No images of a camera for a time")
-        .about(RIGHT)
-        .at(BROKEN_FROM_S, 5.0),
+        .aimed(RIGHT)
+        .at(BROKEN_FROM_S, 5.0)
+        .flown(&[":left@5+5"]),
     image("image-black", ImageChange::Black, &[GREY], "Black images with noise")
         .at(BROKEN_FROM_S, 1.5)
         .flown(&["@10+1.5"]),
@@ -299,7 +300,7 @@ pub(super) const KINDS: &[FaultKind] = &[
         &[Dose::signed("px to the right", 8.0, 1000.0), Dose::signed("px down", 0.0, 1000.0)],
         "Images shifted by whole pixels",
     )
-    .about(RIGHT)
+    .aimed(RIGHT)
     .flown(&[":right:4@10", ":right:8@10", ":left:0:4@10"]),
     image(
         "image-late",
@@ -307,7 +308,7 @@ pub(super) const KINDS: &[FaultKind] = &[
         &[Dose::new("frames", 1.0, 20.0)],
         "Images of an earlier frame under the stamp of this one",
     )
-    .about(RIGHT)
+    .aimed(RIGHT)
     .flown(&[":left:1", ":right:1", ":right:3", ":left:1@10", ":right:1@10", ":right:3@10"]),
     image(
         "image-repeat",
@@ -315,7 +316,7 @@ pub(super) const KINDS: &[FaultKind] = &[
         &[Dose::new("one of so many", 5.0, 1000.0)],
         "Every so many frames the image of the frame before",
     )
-    .about(RIGHT)
+    .aimed(RIGHT)
     .flown(&[":right:5", ":both:2"]),
     kind("images-exchanged", Effect::Image(ImageChange::Exchange), &[], "Left and right image exchanged")
         .at(BROKEN_FROM_S, f64::INFINITY)
@@ -351,7 +352,7 @@ pub(super) const KINDS: &[FaultKind] = &[
         &[NOISE],
         "One inertial sample again and again, each time with new noise",
     )
-    .about(XYZ)
+    .aimed(XYZ)
     .at(BROKEN_FROM_S, f64::INFINITY)
     .flown(&[""]),
     accel(
@@ -370,7 +371,7 @@ pub(super) const KINDS: &[FaultKind] = &[
         &[Dose::new("m/s²", 15.0, 10_000.0)],
         "Accelerometer that reads at most this much, of either sign",
     )
-    .about(XYZ)
+    .aimed(XYZ)
     .flown(&[":xyz:10@10+0.5", ":xyz:15"]),
     accel("accel-dead", Change::Dead, &[NOISE], "Accelerometer that reads noise around zero")
         .flown(&[":x", ":y", ":z", ":xyz"]),
@@ -378,7 +379,7 @@ pub(super) const KINDS: &[FaultKind] = &[
         .flown(&[":x", ":xyz"]),
     accel("accel-sign", Change::Negate, &[], "Accelerometer of the other sign").flown(&[":x", ":y", ":z"]),
     accel("accel-exchanged", Change::Exchange, &[], "Two axes of the accelerometer exchanged")
-        .about(XY)
+        .aimed(XY)
         .flown(&[":xy", ":xz"]),
     accel(
         "accel-scale",
@@ -386,7 +387,7 @@ pub(super) const KINDS: &[FaultKind] = &[
         &[Dose::new("factor", 1.1, 1000.0)],
         "Accelerometer that reads a multiple",
     )
-    .about(XYZ)
+    .aimed(XYZ)
     .flown(&[":xyz:1.1", ":xyz:0.9"]),
     accel(
         "accel-spikes",
@@ -394,10 +395,10 @@ pub(super) const KINDS: &[FaultKind] = &[
         &[Dose::new("share of the samples", 0.01, 1.0), Dose::new("m/s²", 50.0, 10_000.0)],
         "Single readings of the accelerometer that are too large or too small",
     )
-    .about(XYZ)
+    .aimed(XYZ)
     .flown(&[":xyz:0.01:50", ":xyz:0.1:50"]),
     accel("accel-late", Change::Late, &[Dose::new("ms", 20.0, 1000.0)], "Accelerometer alone is late")
-        .about(XYZ)
+        .aimed(XYZ)
         .flown(&[":xyz:20"]),
     gyro(
         "gyro-pulse",
@@ -415,7 +416,7 @@ pub(super) const KINDS: &[FaultKind] = &[
         &[Dose::new("rad/s", 1.0, 1000.0)],
         "Gyroscope that reads at most this much, of either sign",
     )
-    .about(XYZ)
+    .aimed(XYZ)
     .flown(&[":xyz:1"]),
     gyro("gyro-dead", Change::Dead, &[NOISE], "Gyroscope that reads noise around zero")
         .flown(&[":x", ":y", ":z", ":xyz"]),
@@ -423,10 +424,10 @@ pub(super) const KINDS: &[FaultKind] = &[
         .flown(&[":y", ":xyz"]),
     gyro("gyro-sign", Change::Negate, &[], "Gyroscope of the other sign").flown(&[":x", ":y", ":z"]),
     gyro("gyro-exchanged", Change::Exchange, &[], "Two axes of the gyroscope exchanged")
-        .about(XY)
+        .aimed(XY)
         .flown(&[":xy", ":yz"]),
     gyro("gyro-scale", Change::Scale, &[Dose::new("factor", 2.0, 1000.0)], "Gyroscope that reads a multiple")
-        .about(XYZ)
+        .aimed(XYZ)
         .flown(&[":xyz:2", ":xyz:0.5"]),
     gyro(
         "gyro-spikes",
@@ -434,10 +435,10 @@ pub(super) const KINDS: &[FaultKind] = &[
         &[Dose::new("share of the samples", 0.01, 1.0), Dose::new("rad/s", 5.0, 1000.0)],
         "Single readings of the gyroscope that are too large or too small",
     )
-    .about(XYZ)
+    .aimed(XYZ)
     .flown(&[":xyz:0.01:5"]),
     gyro("gyro-late", Change::Late, &[Dose::new("ms", 20.0, 1000.0)], "Gyroscope alone is late")
-        .about(XYZ)
+        .aimed(XYZ)
         .flown(&[":xyz:20"]),
     kind(
         "rig-baseline",

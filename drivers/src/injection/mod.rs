@@ -41,6 +41,11 @@ impl InjectedFault {
         KINDS.iter().flat_map(move |kind| kind.cases.iter().filter_map(move |text| case(kind, text)))
     }
 
+    /// All kinds.
+    pub fn kinds() -> impl Iterator<Item = &'static FaultKind> {
+        KINDS.iter()
+    }
+
     /// `kind` with its defaults.
     fn of(kind: &'static FaultKind) -> Self {
         let doses = std::array::from_fn(|i| kind.doses.get(i).map_or(0.0, |dose| dose.default));
@@ -64,6 +69,19 @@ impl InjectedFault {
     pub fn needs_two_cameras(&self) -> bool {
         let is_of_right = matches!(self.target, Target::Cameras([_, true]));
         is_of_right && self.target != Target::Cameras([true; 2]) || self.kind.is_of_pair()
+    }
+
+    /// Checks that a rig of `cameras` can have it.
+    ///
+    /// # Errors
+    /// When it is about a second camera that is not there.
+    pub fn check_cameras(&self, cameras: usize) -> Result<(), String> {
+        match cameras < 2 && self.needs_two_cameras() {
+            true => Err(format!(
+                "--fault {self}: is about the right camera or the pair, and this rig has one camera; leave it out"
+            )),
+            false => Ok(()),
+        }
     }
 
     /// By how much the clocks of all sensors step back, and when, s after the first frame.

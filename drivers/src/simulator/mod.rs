@@ -52,7 +52,7 @@ mod world;
 #[cfg(test)]
 mod conditions_tests;
 #[cfg(test)]
-mod fixture;
+pub(crate) mod fixture;
 #[cfg(test)]
 mod pictures;
 #[cfg(test)]

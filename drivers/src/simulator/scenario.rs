@@ -33,6 +33,10 @@ pub enum FlightPath {
     Drift,
     /// At rest, until it is carried off by 1.5 m from 6.5 to 9.5 s, and put down.
     Carried,
+    /// A hover with yaws of 170 degrees at up to 500 degrees/s, seven in ten seconds.
+    Yaws,
+    /// Take-off and sweeps of 2 m to the side at up to 3 m/s, banked.
+    Sweeps,
     /// Along the poses of a TUM file (plain or gzip), smoothed.
     Tum(PathBuf),
 }
@@ -47,6 +51,8 @@ impl FlightPath {
             "hover" => Self::Hover,
             "drift" => Self::Drift,
             "carried" => Self::Carried,
+            "yaws" => Self::Yaws,
+            "sweeps" => Self::Sweeps,
             file => Self::Tum(file.into()),
         }
     }
@@ -302,6 +308,8 @@ impl Scenario {
             FlightPath::Hover => Station::Hover.flight(length_s, &pose_b_c).ok_or_else(too_short),
             FlightPath::Drift => Station::Drift.flight(length_s, &pose_b_c).ok_or_else(too_short),
             FlightPath::Carried => Station::Carried.flight(length_s, &pose_b_c).ok_or_else(too_short),
+            FlightPath::Yaws => Station::Yaws.flight(length_s, &pose_b_c).ok_or_else(too_short),
+            FlightPath::Sweeps => Station::Sweeps.flight(length_s, &pose_b_c).ok_or_else(too_short),
             FlightPath::Tum(file) => {
                 let mut poses = read_tum(file)?;
                 hurry(&mut poses, self.speed);

@@ -1,5 +1,6 @@
-//! Paths on which little happens: a hover, a drift too slow to be seen far from everything, and a vehicle that is carried
-//! from one place of rest to another. The cameras look along the x axis of the world throughout, but while it is carried.
+//! Paths around one place: a hover, a drift too slow to be seen far from everything, a vehicle that is carried from one place of
+//! rest to another, a hover with fast yaws, and fast sweeps to the side. The cameras look along the x axis of the world, but while
+//! the vehicle is carried, yaws or banks.
 
 use super::path::{BEGIN, REST_S, SAMPLE_STEP_S, level_camera, smooth_step};
 use super::trajectory::Trajectory;
@@ -26,12 +27,52 @@ const CARRIED_RAD: f64 = 0.7;
 /// Height to which it is lifted on the way, m.
 const LIFT_M: f64 = 0.8;
 
+/// Largest rate of a yaw, rad/s (500 degrees/s), its angle, rad (170 degrees), the first one, s after the beginning, and the pause
+/// after each, s. They go there and back.
+const YAW_RAD_S: f64 = 8.726_646_26;
+const YAW_RAD: f64 = 2.967_059_73;
+const YAWS_FROM_S: f64 = 4.0;
+const YAW_PAUSE_S: f64 = 0.8;
+/// Height of the hover with yaws, m; it is in the air from the beginning. Its sway: amplitude, m, and rate, rad/s.
+const YAWS_HEIGHT_M: f64 = 1.2;
+const YAWS_SWAY: [(f64, f64); 3] = [(0.12, 0.9), (0.1, 0.7), (0.08, 1.1)];
+/// Its sway of the attitude: amplitude, rad, and rates about the x and the y axis, rad/s.
+const YAWS_WOBBLE_RAD: f64 = 0.026;
+const YAWS_WOBBLE_RAD_S: [f64; 2] = [1.3, 1.7];
+/// Time in which that sway sets in, s.
+const YAWS_RAMP_S: f64 = 2.0;
+/// Width of a sweep, m, its largest speed, m/s, and the pause after each, s. The first begins when the vehicle has risen.
+const SWEEP_M: f64 = 2.0;
+const SWEEP_M_S: f64 = 3.0;
+const SWEEP_PAUSE_S: f64 = 0.4;
+/// Largest rate of [`smooth_step`] over its mean.
+const SMOOTH_PEAK: f64 = 1.875;
+/// Step of the numeric derivative of positions, s.
+const DIFFERENCE_S: f64 = 0.01;
+
 /// Which of them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Station {
     Hover,
     Drift,
     Carried,
+    Yaws,
+    Sweeps,
+}
+
+/// Way there and back again and again, from 0 to 1 and to 0, each in `move_s` with a pause of `pause_s` after it.
+fn there_and_back(t: f64, move_s: f64, pause_s: f64) -> f64 {
+    let (period_s, t) = (move_s + pause_s, t.at_least(0.0));
+    let count = (t / period_s).floor();
+    let moved = smooth_step((t - count * period_s) / move_s);
+    if count % 2.0 == 0.0 { moved } else { 1.0 - moved }
+}
+
+/// Position of the body in sweeps.
+fn swept(t: f64) -> Vector3<f64> {
+    let height = HEIGHT_M[0] + (HEIGHT_M[1] - HEIGHT_M[0]) * smooth_step((t - REST_S) / RISE_S);
+    let move_s = SMOOTH_PEAK * SWEEP_M / SWEEP_M_S;
+    Vector3::new(0.0, SWEEP_M * there_and_back(t - REST_S - RISE_S, move_s, SWEEP_PAUSE_S), height)
 }
 
 impl Station {
@@ -66,6 +107,25 @@ impl Station {
                 let lift = 4.0 * LIFT_M * moved * (1.0 - moved);
                 let p = Vector3::z() * (HEIGHT_M[1] + lift) + CARRIED_M * moved;
                 (p, level_camera(CARRIED_RAD * moved))
+            }
+            Self::Yaws => {
+                let ramp = (t / YAWS_RAMP_S).clamp(0.0, 1.0).squared();
+                let sway = |axis: usize, _| {
+                    let (amplitude, rate) = YAWS_SWAY[axis];
+                    ramp * amplitude * libm::sin(rate * t)
+                };
+                let [x, y] = YAWS_WOBBLE_RAD_S.map(|rate| ramp * YAWS_WOBBLE_RAD * libm::sin(rate * t));
+                let yaw =
+                    YAW_RAD * there_and_back(t - YAWS_FROM_S, SMOOTH_PEAK * YAW_RAD / YAW_RAD_S, YAW_PAUSE_S);
+                let heading = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw);
+                let wobble = UnitQuaternion::from_scaled_axis(Vector3::new(x, y, 0.0));
+                (Vector3::z() * YAWS_HEIGHT_M + Vector3::from_fn(sway), heading * wobble * level_camera(0.0))
+            }
+            Self::Sweeps => {
+                let (p, h) = (swept(t), DIFFERENCE_S);
+                let thrust = (swept(t + h) - 2.0 * p + swept(t - h)) / (h * h) + Vector3::new(0.0, 0.0, 9.81);
+                let bank = UnitQuaternion::rotation_between(&Vector3::z(), &thrust).unwrap_or_default();
+                (p, bank * level_camera(0.0))
             }
         }
     }
@@ -107,6 +167,38 @@ mod tests {
         assert!(speeds(Station::Drift, 8.0, 19.0).iter().all(|v| (v - 0.1).abs() < 1e-3));
         let flight = Station::Drift.flight(20.0, &Isometry3::identity()).unwrap();
         assert!((350..1900).all(|k| flight.motion_at(f64::from(k) * 0.01).a_w_b.norm() < 0.1));
+    }
+
+    #[test]
+    fn yaws_are_as_fast_as_stated_and_go_there_and_back() {
+        let flight = Station::Yaws.flight(22.0, &Isometry3::identity()).unwrap();
+        let motions: Vec<_> = (0..2100).map(|k| flight.motion_at(f64::from(k) * 0.01)).collect();
+        let rates: Vec<f64> = motions.iter().map(|motion| motion.omega_b.norm()).collect();
+        let fastest = rates.iter().copied().fold(0.0, f64::max);
+        assert!((fastest / YAW_RAD_S - 1.0).abs() < 0.03, "{fastest}");
+        let starts = rates.windows(2).filter(|pair| pair[0] < 4.0 && pair[1] >= 4.0).count();
+        assert_eq!(starts, 12, "yaws in 17 s");
+        let turned = motions[390].pose_w_b.rotation.angle_to(&motions[480].pose_w_b.rotation);
+        assert!((turned - YAW_RAD).abs() < 0.05, "{turned}");
+        assert!(
+            motions.iter().all(|motion| (motion.pose_w_b.translation.vector.z - YAWS_HEIGHT_M).abs() < 0.1)
+        );
+    }
+
+    #[test]
+    fn sweeps_are_fast_and_banked() {
+        let flight = Station::Sweeps.flight(20.0, &Isometry3::identity()).unwrap();
+        let motions: Vec<_> = (350..1900).map(|k| flight.motion_at(f64::from(k) * 0.01)).collect();
+        let fastest = motions.iter().map(|motion| motion.v_w_b.norm()).fold(0.0, f64::max);
+        assert!((fastest / SWEEP_M_S - 1.0).abs() < 0.05, "{fastest}");
+        let level = level_camera(0.0);
+        let bank = motions.iter().map(|motion| motion.pose_w_b.rotation.angle_to(&level)).fold(0.0, f64::max);
+        assert!((0.4..0.8).contains(&bank), "{bank}");
+        assert!(
+            motions
+                .iter()
+                .all(|motion| (-0.05..SWEEP_M + 0.05).contains(&motion.pose_w_b.translation.vector.y))
+        );
     }
 
     #[test]

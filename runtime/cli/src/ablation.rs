@@ -145,6 +145,7 @@ fn subjects(args: &AblationArgs) -> Result<Vec<Subject>> {
         name: format!("{} {} {}", entry.path, entry.scene, entry.scenario.seed),
         scenario: Box::new(Scenario { laps: args.laps, ..entry.scenario }),
         extrinsics_error_deg: 0.0,
+        faults: Vec::new(),
     };
     Ok(args.choice.entries(&[])?.into_iter().map(simulated).collect())
 }

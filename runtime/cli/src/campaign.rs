@@ -2,13 +2,15 @@
 
 use super::choice::FlightChoice;
 use super::paired::{self, Against};
-use super::scenario::{condition_help, imu_error_help};
+use super::scenario::{condition_help, fault_help, imu_error_help};
 use super::{Usage, check_outputs, load_config, one_line, say};
 use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
 use plumbline_config::Config;
+use plumbline_drivers::InjectedFault;
 use plumbline_drivers::simulator::{Family, Named};
 use plumbline_flight::flight::with_overrides;
+use plumbline_lab::campaign::honest::{HONESTY_HEAD, honesty_row, honesty_summary};
 use plumbline_lab::campaign::table::{
     HEALTH_HEAD, RATIO_HEAD, SILENCE_HEAD, TABLE_HEAD, TRUST_HEAD, consistency, health_rows, means,
     ratio_rows, silence_row, trust_row,
@@ -25,6 +27,16 @@ fn compared(help: &str) -> String {
     format!("Also fly every flight with this, and compare. `all` is every kind in its usual doses.\n\n{help}")
 }
 
+/// The help text of `--fault`.
+fn campaign_fault_help() -> String {
+    format!(
+        "Fly only faults with these name prefixes, such as blind or accel, or these faults with dose and time, or errors of inertial \
+         sensors and conditions with doses (see --imu-error and --condition). All but those without a dose are flown in addition to \
+         the flights without a fault.\n\n{}",
+        fault_help()
+    )
+}
+
 /// Arguments of `plumbline campaign`.
 #[derive(Debug, Args)]
 pub struct CampaignArgs {
@@ -39,14 +51,18 @@ pub struct CampaignArgs {
     #[arg(long, value_enum, default_value_t = ImuChoice::Simulated)]
     pub imu: ImuChoice,
     /// Also fly each fault once, along the first trajectory in the first scene of the choice, and report whether the
-    /// errors were consistent with the covariance during and after the fault.
+    /// errors were consistent with the covariance.
     #[arg(long)]
     pub faults: bool,
     /// Fly only faults with these name prefixes, such as blind,imu-gap, and no flight without a fault. Also takes
-    /// errors of inertial sensors and conditions with doses, such as force:0.05:1 or blur:10:6 (see --imu-error and
-    /// --condition); these are flown in addition to the flights without a fault.
-    #[arg(long, value_delimiter = ',', requires = "faults", value_name = "NAME")]
+    /// faults with a dose and a time, such as accel-pulse:x:30@6+0.1 (--help lists them), and errors of inertial
+    /// sensors and conditions, such as force:0.05:1 or blur:10:6 (see --imu-error and --condition); these are flown
+    /// in addition to the flights without a fault.
+    #[arg(long, value_delimiter = ',', requires = "faults", value_name = "NAME|KIND:DOSE@FROM", long_help = campaign_fault_help())]
     pub fault: Vec<String>,
+    /// Fly each fault along every flight of the choice, not only along the first.
+    #[arg(long, requires = "faults")]
+    pub everywhere: bool,
     /// Also fly every flight with this error of the inertial sensor, such as force:0.07:2, and compare. `all` is
     /// every error in its usual doses. May be repeated.
     #[arg(long, value_name = "NAME[:DOSE...]", value_delimiter = ',', long_help = compared(&imu_error_help()))]
@@ -152,6 +168,10 @@ pub fn run(args: &CampaignArgs) -> Result<()> {
     if !silent.is_empty() {
         say(format_args!("\n{SILENCE_HEAD}\n{}", silent.join("\n")));
     }
+    let honest: Vec<_> = reports().filter_map(|(entry, report)| honesty_row(entry, report)).collect();
+    if let Some(summary) = honesty_summary(reports()) {
+        say(format_args!("\n{HONESTY_HEAD}\n{}\n\n{summary}", honest.join("\n")));
+    }
     let health = health_rows(reports());
     if !health.is_empty() {
         say(format_args!("\n{HEALTH_HEAD}\n{}", health.join("\n")));
@@ -241,7 +261,10 @@ fn entries(args: &CampaignArgs) -> Result<Vec<Entry>, Usage> {
         if !args.fault.is_empty() && !faults.iter().any(|fault| fault.is_compared()) {
             entries.clear();
         }
-        entries.extend(faults.into_iter().map(|fault| sound[0].with_fault(fault)));
+        let flights = if args.everywhere { &sound[..] } else { &sound[..1] };
+        entries.extend(
+            faults.into_iter().flat_map(|fault| flights.iter().map(move |entry| entry.with_fault(fault))),
+        );
     }
     let errors = each_named(&args.imu_error)?.into_iter().map(Fault::Inertial);
     let conditions = each_named(&args.condition)?.into_iter().map(Fault::Condition);
@@ -263,13 +286,19 @@ fn faults(args: &CampaignArgs) -> Result<Vec<Fault>, Usage> {
     let possible = |fault: &Fault| !(args.mono && fault.needs_two_cameras());
     // Recorded samples have the errors of their sensor.
     let errors = Fault::inertial().filter(|_| args.imu == ImuChoice::Simulated);
-    let conditions = Fault::conditions();
-    let usual: Vec<Fault> = Fault::ALL.into_iter().chain(errors).chain(conditions).filter(possible).collect();
+    let with_dose = Fault::conditions().chain(Fault::injected());
+    let usual: Vec<Fault> = Fault::ALL.into_iter().chain(errors).chain(with_dose).filter(possible).collect();
     if args.fault.is_empty() {
         return Ok(usual);
     }
     let mut chosen = Vec::new();
     for wanted in &args.fault {
+        let kind = wanted.split([':', '@']).next().unwrap_or_default();
+        if kind != wanted && (wanted.contains('@') || InjectedFault::kinds().any(|known| known.name == kind))
+        {
+            chosen.push(Fault::Injected(injected(wanted, args.choice.duration)?));
+            continue;
+        }
         if wanted.contains(':') {
             let fault = wanted.parse().map(Fault::Condition);
             chosen.push(fault.or_else(|_| wanted.parse().map(Fault::Inertial)).map_err(Usage)?);
@@ -280,6 +309,19 @@ fn faults(args: &CampaignArgs) -> Result<Vec<Fault>, Usage> {
         chosen.extend(usual.iter().filter(begins));
     }
     Ok(chosen)
+}
+
+/// The fault with a dose that `text` describes, which must begin in a flight of this length.
+fn injected(text: &str, duration_s: f64) -> Result<InjectedFault, Usage> {
+    let fault: InjectedFault = text.parse().map_err(Usage)?;
+    let begin_s = fault.span_s().start;
+    if begin_s < duration_s {
+        return Ok(fault);
+    }
+    let message = format!(
+        "--fault {text}: begins at {begin_s} s, after the flight's end at {duration_s} s; give a longer --duration"
+    );
+    Err(Usage(message))
 }
 
 /// The errors or conditions of those names.
@@ -317,6 +359,30 @@ mod tests {
         assert!(!chosen("--faults --imu recorded").iter().any(|name| name.contains("force:")));
         assert!(each_named::<ImuErrors>(&["force:x".to_owned()]).is_err());
         assert_eq!(each_named::<ImuErrors>(&["all".to_owned()]).unwrap().len(), Fault::inertial().count());
+    }
+
+    #[test]
+    fn faults_with_a_dose_are_chosen_by_name_target_dose_and_time() {
+        assert_eq!(chosen("--faults --fault accel-pulse:z:-20@3+0.3"), ["accel-pulse:z:-20@3+0.3"]);
+        assert_eq!(chosen("--faults --fault image-late:left"), ["image-late:left:1@0"]);
+        let dead = ["accel-dead:x:1@10", "accel-dead:y:1@10", "accel-dead:z:1@10", "accel-dead:xyz:1@10"];
+        assert_eq!(chosen("--faults --fault accel-dead"), dead);
+        assert!(chosen("--faults").contains(&"stamp-jitter:4@0".to_owned()));
+        assert!(
+            !chosen("--faults --mono")
+                .iter()
+                .any(|name| name.contains("rig-baseline") || name.contains(":right"))
+        );
+        for (text, cure) in [
+            ("accel-dead@20", "longer --duration"),
+            ("accel-dead:w@5", "write x, y, z"),
+            ("akkel@5", "choose"),
+        ] {
+            let line = format!("campaign --faults --fault {text}");
+            let args = Command::parse_from(line.split_whitespace()).args;
+            let message = faults(&args).unwrap_err().0;
+            assert!(message.contains(cure), "{message}");
+        }
     }
 
     #[test]

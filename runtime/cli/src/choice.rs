@@ -2,7 +2,7 @@
 
 use super::Usage;
 use clap::Args;
-use plumbline_drivers::simulator::Scene;
+use plumbline_drivers::simulator::{FlightPath, Scene};
 use plumbline_lab::campaign::{Entry, Fault, PATHS, RECORDED_PATHS, SCENES};
 use std::path::{Path, PathBuf};
 
@@ -18,7 +18,8 @@ pub struct FlightChoice {
     /// Use only scenes with these name prefixes: room, hall, low-texture.
     #[arg(long, value_delimiter = ',')]
     pub scene: Vec<String>,
-    /// Use only built-in trajectories with these name prefixes, or any other trajectory by its full name.
+    /// Use only built-in trajectories with these name prefixes, or any other trajectory by its full name, or paths
+    /// such as yaws, sweeps and hover (see `plumbline replay --path`).
     #[arg(long, value_delimiter = ',')]
     pub path: Vec<String>,
     /// Seeds to fly with.
@@ -104,6 +105,8 @@ fn paths(
         let other = trajectories.join(format!("{name}.tum.gz"));
         if !found.is_empty() {
             paths.extend(found);
+        } else if !matches!(FlightPath::named(name), FlightPath::Tum(_)) {
+            paths.push((name.clone(), 0.0));
         } else if other.is_file() {
             paths.push((name.clone(), OTHER_START_S));
         } else {
@@ -135,6 +138,7 @@ mod tests {
             chosen.iter().map(|p| p.0.as_str()).collect::<Vec<_>>(),
             ["V1_02_medium", "V1_03_difficult"]
         );
+        assert_eq!(paths(&["yaws".into()], &PATHS, none).unwrap(), [("yaws".to_owned(), 0.0)]);
         assert!(paths(&["V9".into()], &PATHS, none).unwrap_err().0.contains("'V9'"));
         assert_eq!(scenes(&["low".into(), "hall".into()]).unwrap().len(), 2);
         assert!(scenes(&["moon".into()]).unwrap_err().0.contains("moon"));

@@ -48,8 +48,9 @@ pub fn fault_help() -> String {
 #[command(next_help_heading = "Simulated flight")]
 pub struct ScenarioArgs {
     /// Path of the flight: `demo` (take-off and figures of eight), `hand-held` (moved and turned about all axes, as
-    /// for `calibrate rig`), `hover`, `drift` (moves slowly to the left), `carried` (starts and ends at rest), or a
-    /// TUM file (plain or .gz).
+    /// for `calibrate rig`), `hover`, `drift` (moves slowly to the left), `carried` (starts and ends at rest),
+    /// `yaws` (hover with yaws of 500 degrees/s), `sweeps` (fast and banked, to the side), or a TUM file (plain or
+    /// .gz).
     #[arg(long, default_value = "demo")]
     pub path: String,
     /// Inertial samples: `simulated`, `recorded`, or a file of recorded samples. `recorded` reads .../imu/NAME.csv.gz
@@ -160,10 +161,11 @@ impl FaultArgs {
     pub fn check_begin_before(&self, end_s: f64) -> Result<(), Usage> {
         let faults = self.frame_faults()?;
         let begins = [
-            ("--blackout", faults.blackout_s.map(|span| span.start)),
-            ("--lost-camera", faults.lost_camera.map(|lost| lost.span_s.start)),
+            ("--blackout".to_owned(), faults.blackout_s.map(|span| span.start)),
+            ("--lost-camera".to_owned(), faults.lost_camera.map(|lost| lost.span_s.start)),
         ];
-        let injected = self.fault.iter().map(|fault| ("--fault", Some(fault.span_s().start)));
+        let injected =
+            self.fault.iter().map(|fault| (format!("--fault {fault}"), Some(fault.span_s().start)));
         for (option, begin_s) in begins.into_iter().chain(injected) {
             if let Some(begin_s) = begin_s.filter(|begin_s| *begin_s >= end_s) {
                 let message =
@@ -296,4 +298,17 @@ fn lost_camera(text: &str) -> Result<LostCamera, Usage> {
         _ => return Err(bad()),
     };
     Ok(LostCamera { camera, span_s: span("--lost-camera", range)? })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_document_of_the_simulator_lists_every_fault() {
+        let document = include_str!("../../../docs/simulator.md");
+        for kind in InjectedFault::kinds() {
+            assert!(document.contains(&format!("`{}`", kind.name)), "{}", kind.name);
+        }
+    }
 }

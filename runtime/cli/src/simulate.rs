@@ -1,12 +1,13 @@
 //! `plumbline simulate`: a simulated flight as a EuRoC data set.
 
 use super::scenario::{ScenarioArgs, parse_scene};
-use super::{load_config, say};
+use super::{Usage, load_config, say};
 use anyhow::{Context, Result};
 use clap::Args;
 use indicatif::ProgressBar;
 use plumbline_drivers::euroc::{WriteInputs, WriteOptions, write};
 use plumbline_drivers::simulator::Simulator;
+use plumbline_drivers::{InjectedFrames, InjectedImu};
 use plumbline_flight::flight::{preset_for, scenario_config};
 use std::path::PathBuf;
 
@@ -42,10 +43,15 @@ pub fn run(args: &SimulateArgs) -> Result<()> {
     let config = scenario_config(Some(config), args.mono)?;
     let simulator = Simulator::new(&config, &scenario).context("the flight cannot be simulated")?;
     let bar = ProgressBar::new(simulator.frame_count());
-    let (mut stereo, mut imu) = (simulator.stereo(), simulator.imu());
+    let (faults, seed) = (&args.scenario.faults.fault, scenario.seed);
+    faults.iter().try_for_each(|fault| fault.check_cameras(simulator.camera_count())).map_err(Usage)?;
+    let mut stereo = InjectedFrames::start(simulator.stereo(), simulator.image_sizes(), faults, seed)?;
+    let mut imu = InjectedImu::new(simulator.imu(), &simulator.config().imu, stereo.begin(), faults, seed);
+    let mut written_config = simulator.config().clone();
+    faults.iter().for_each(|fault| fault.mistake(&mut written_config));
     let mut truth = simulator.truth();
     let inputs =
-        WriteInputs { config: simulator.config(), stereo: &mut stereo, imu: &mut imu, truth: &mut truth };
+        WriteInputs { config: &written_config, stereo: &mut stereo, imu: &mut imu, truth: &mut truth };
     let options = WriteOptions { overwrite: args.overwrite };
     let written = write(&args.out_dir, inputs, options, &mut |p| bar.set_position(p.frames))?;
     bar.finish_and_clear();

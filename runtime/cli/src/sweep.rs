@@ -8,6 +8,7 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Parser};
 use indicatif::{ProgressBar, ProgressStyle};
 use plumbline_config::Config;
+use plumbline_drivers::simulator::FlightPath;
 use plumbline_flight::flight::with_overrides;
 use plumbline_lab::campaign::PATHS;
 use plumbline_lab::evaluate::load_trajectory;
@@ -222,6 +223,7 @@ pub(super) fn subject(name: &str, shared: Option<&Path>) -> Result<Subject> {
         name: name.to_owned(),
         scenario: Box::new(parsed.scenario.scenario(scene)?),
         extrinsics_error_deg: parsed.scenario.extrinsics_error_deg,
+        faults: parsed.scenario.faults.fault.clone(),
     })
 }
 
@@ -238,7 +240,8 @@ struct Simulated {
 fn simulated_arguments(options: &str, shared: Option<&Path>) -> Result<Vec<String>> {
     let mut arguments = Vec::new();
     for option in options.split('&').filter(|option| !option.is_empty()) {
-        let named = option.strip_prefix("path=").filter(|path| *path != "demo" && !Path::new(path).exists());
+        let is_file = |path: &&str| matches!(FlightPath::named(path), FlightPath::Tum(_));
+        let named = option.strip_prefix("path=").filter(is_file).filter(|path| !Path::new(path).exists());
         let Some(name) = named else {
             arguments.push(format!("--{option}"));
             continue;
@@ -352,6 +355,16 @@ mod tests {
         for bad in ["3..1", "x", "1,,2", "0..99999999", "1,1"] {
             assert!(parse_seeds(bad).is_err(), "{bad}");
         }
+    }
+
+    #[test]
+    fn a_simulated_flight_takes_faults_and_built_in_paths() {
+        let name = "sim:room?path=yaws&fault=stamp-jitter:2&fault=accel-pulse:x:30@6+0.1";
+        let Ok(Subject::Simulated { scenario, faults, .. }) = subject(name, None) else {
+            panic!("is a simulated flight")
+        };
+        assert_eq!(scenario.path, FlightPath::Yaws);
+        assert_eq!(format!("{faults:?}"), "[stamp-jitter:2@0, accel-pulse:x:30@6+0.1]");
     }
 
     #[test]

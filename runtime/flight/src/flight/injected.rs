@@ -8,11 +8,14 @@ impl Flight {
     /// Reads the first frame, if there are faults.
     ///
     /// # Errors
-    /// When the first frame cannot be read, or a mistake makes the calibration invalid.
+    /// When a fault needs a second camera that is not there, the first frame cannot be read, or a mistake makes the calibration
+    /// invalid.
     pub fn with_injected(mut self, faults: &[InjectedFault], seed: u64) -> Result<Self, FlightError> {
         if faults.is_empty() {
             return Ok(self);
         }
+        let cameras = self.config.camera.len();
+        faults.iter().try_for_each(|fault| fault.check_cameras(cameras)).map_err(FlightError::Invalid)?;
         let mut sizes_px = [(0, 0); 2];
         for (size, camera) in sizes_px.iter_mut().zip(&self.config.camera) {
             let model = camera.model();
@@ -25,8 +28,7 @@ impl Flight {
             let mistake = |config: &mut _| faults.iter().for_each(|fault| fault.mistake(config));
             self.config = self.config.with("the calibration with the mistake of --fault", mistake)?;
         }
-        let names: Vec<String> = faults.iter().map(ToString::to_string).collect();
-        self.name = format!("{}, with {}", self.name, names.join(", "));
+        self.injected.extend(faults);
         Ok(self)
     }
 }

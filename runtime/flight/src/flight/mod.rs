@@ -41,7 +41,7 @@ use crate::log::source::LogEnd;
 use crate::pipeline::Stamps;
 use plumbline_config::ValidConfig;
 use plumbline_drivers::euroc::FileDefects;
-use plumbline_drivers::{FaultySource, FrameFaults, ImuSource, StereoSource};
+use plumbline_drivers::{FaultySource, FrameFaults, ImuSource, InjectedFault, StereoSource};
 
 /// Streams, configuration and truth of one flight.
 pub struct Flight {
@@ -67,6 +67,8 @@ pub struct Flight {
     pub stamps: Stamps,
     /// First value of the reset counter: greater than 0 if this flight continues an earlier one.
     pub first_reset_counter: u32,
+    /// Faults that are injected.
+    pub injected: Vec<InjectedFault>,
 }
 
 impl Flight {
@@ -90,6 +92,7 @@ impl Flight {
             map: None,
             stamps: Stamps::Replayed,
             first_reset_counter: 0,
+            injected: Vec::new(),
         }
     }
 

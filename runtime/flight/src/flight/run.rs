@@ -6,7 +6,7 @@ use super::{Flight, FlightError, Truth};
 use crate::pipeline::listener::{Several, Subscriber};
 use crate::pipeline::{self, Control, Outcome, RunOptions, Stamps, Streams};
 use plumbline_config::ValidConfig;
-use plumbline_drivers::StampedPose;
+use plumbline_drivers::{InjectedFault, StampedPose};
 use plumbline_estimator::places::mapper::Passing;
 
 /// What a flight came to.
@@ -25,6 +25,8 @@ pub struct Flown {
     pub poses: Vec<CausalPose>,
     /// States as they were published, to be judged by the truth; of replayed and simulated flights whose truth is known.
     pub published: Option<Published>,
+    /// Faults that were injected.
+    pub injected: Vec<InjectedFault>,
 }
 
 impl Flown {
@@ -57,7 +59,7 @@ pub fn fly(
     control: &Control,
     subscribers: Vec<&mut dyn Subscriber>,
 ) -> Result<Flown, FlightError> {
-    let Flight { config, imu, stereo, truth, name, map, stamps, first_reset_counter, .. } = flight;
+    let Flight { config, imu, stereo, truth, name, map, stamps, first_reset_counter, injected, .. } = flight;
     let expected = stereo.expected_frames().and_then(|frames| usize::try_from(frames).ok());
     let mut trajectory = match stamps {
         Stamps::OfHost => CausalTrajectory::of_first(LIVE_FRAMES),
@@ -72,5 +74,5 @@ pub fn fly(
     let outcome = pipeline::run(&config, streams, options, control, &mut Several(everyone))?;
     let published = published.map(PublishedStates::into_published);
     let poses = trajectory.into_poses();
-    Ok(Flown { name, config, truth, threads: options.threads, outcome, poses, published })
+    Ok(Flown { name, config, truth, threads: options.threads, outcome, poses, published, injected })
 }

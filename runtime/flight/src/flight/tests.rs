@@ -4,6 +4,7 @@ use super::*;
 use crate::log::{Recorder, WhenFull};
 use crate::pipeline::{Control, RunOptions};
 use plumbline_config::options::ImageRecording;
+use plumbline_drivers::InjectedFault;
 use plumbline_drivers::simulator::{Scenario, Scene};
 
 const OPTIONS: RunOptions = RunOptions { speed: None, threads: 1 };
@@ -61,4 +62,24 @@ fn odometry_is_kept_at_the_rate_of_the_imu() {
 fn what_is_no_flight_is_refused_as_wrong_usage() {
     let refused = open_dataset(std::path::Path::new("/nowhere"), None, None, false).err().unwrap();
     assert!(refused.is_usage() && refused.to_string().contains("/nowhere"), "{refused}");
+}
+
+#[test]
+fn injected_faults_reach_streams_and_calibration_whatever_the_threads() {
+    let faults: Vec<InjectedFault> =
+        ["stamp-jitter:2", "gyro-pulse:x:1@0.4", "rig-baseline:1.1"].map(|text| text.parse().unwrap()).into();
+    let fly_with = |faults: &[InjectedFault], threads| {
+        let flight = flight(ImageRecording::None).with_injected(faults, 3).unwrap();
+        fly(flight, &RunOptions { threads, ..OPTIONS }, &Control::default(), vec![]).unwrap()
+    };
+    let (sound, faulty) = (fly_with(&[], 1), fly_with(&faults, 1));
+    let baseline = |flown: &Flown| {
+        (flown.config.camera[1].pose_b_c().translation.vector
+            - flown.config.camera[0].pose_b_c().translation.vector)
+            .norm()
+    };
+    assert!((baseline(&faulty) / baseline(&sound) - 1.1).abs() < 1e-9);
+    assert_ne!(faulty.outcome.estimate_digest, sound.outcome.estimate_digest);
+    assert_eq!(fly_with(&faults, 4).outcome.odometry_digest, faulty.outcome.odometry_digest);
+    assert_eq!((sound.injected.len(), faulty.injected), (0, faults));
 }

@@ -4,7 +4,9 @@ use super::Entry;
 use nalgebra::{UnitQuaternion, Vector3};
 use plumbline_config::{Config, ValidConfig};
 use plumbline_drivers::simulator::{Condition, FlightPath, ImuError, Scene};
-use plumbline_drivers::{ClockFault, FaultyImages, FaultyImu, ImageFaults, ImuFaults, LostCamera};
+use plumbline_drivers::{
+    ClockFault, FaultyImages, FaultyImu, ImageFaults, ImuFaults, InjectedFault, LostCamera,
+};
 use plumbline_flight::flight::{Flight, FlightError};
 use std::ops::Range;
 
@@ -96,6 +98,8 @@ pub enum Fault {
     Inertial(ImuError),
     /// A condition of light, camera, scene or motion.
     Condition(Condition),
+    /// A fault of the streams or of the calibration, with its dose.
+    Injected(InjectedFault),
 }
 
 impl Fault {
@@ -109,10 +113,16 @@ impl Fault {
         Condition::cases().map(Self::Condition)
     }
 
-    /// Whether it is compared with the same flight without it: an error of the inertial sensor, or a condition.
+    /// The faults of streams and calibration, in their usual doses.
+    pub fn injected() -> impl Iterator<Item = Self> {
+        InjectedFault::cases().map(Self::Injected)
+    }
+
+    /// Whether it is compared with the same flight without it: an error of the inertial sensor, a condition, or a fault with a
+    /// dose.
     #[must_use]
     pub fn is_compared(self) -> bool {
-        matches!(self, Self::Inertial(_) | Self::Condition(_))
+        matches!(self, Self::Inertial(_) | Self::Condition(_) | Self::Injected(_))
     }
 
     /// What it is called.
@@ -121,11 +131,12 @@ impl Fault {
         match self {
             Self::Inertial(error) => error.to_string(),
             Self::Condition(condition) => condition.to_string(),
+            Self::Injected(fault) => fault.to_string(),
             other => format!("{other:?}"),
         }
     }
 
-    /// All that can go wrong, but for errors of inertial sensors and conditions.
+    /// All that can go wrong, but for errors of inertial sensors, conditions and faults with a dose.
     pub const ALL: [Self; 30] = [
         Self::Blackout,
         Self::Drops,
@@ -162,6 +173,9 @@ impl Fault {
     /// Whether it is about the other camera, so that one camera alone cannot have it.
     #[must_use]
     pub fn needs_two_cameras(self) -> bool {
+        if let Self::Injected(fault) = self {
+            return fault.needs_two_cameras();
+        }
         matches!(
             self,
             Self::LeftLost | Self::RightLost | Self::RightTurned | Self::Covered | Self::ImageFrozen
@@ -169,12 +183,12 @@ impl Fault {
     }
 
     /// When it lasts, s after the first frame; for what lasts throughout, from when the estimate should have settled.
-    /// `None` where nothing goes wrong.
+    /// `None` where nothing goes wrong, and for faults with a dose, which the table of honesty judges.
     #[must_use]
     pub fn span_s(self) -> Option<Range<f64>> {
         let lasting = |s: f64| Some(BEGIN_S..BEGIN_S + s);
         match self {
-            Self::None => None,
+            Self::None | Self::Injected(_) => None,
             Self::Blackout => Some(6.0..7.5),
             Self::ImuGap50 => lasting(2.05),
             Self::ImuGap200 => lasting(2.2),
@@ -270,6 +284,9 @@ impl Fault {
         }
         if self == Self::RightTurned {
             flight.config = flight.config.with("the rig with its right camera turned", turn_right)?;
+        }
+        if let Self::Injected(fault) = self {
+            flight = flight.with_injected(&[fault], seed)?;
         }
         Ok(flight)
     }

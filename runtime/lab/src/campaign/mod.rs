@@ -5,6 +5,7 @@
 //! measured in a fraction of the time.
 
 mod fault;
+pub mod honest;
 mod silent;
 pub mod table;
 
@@ -67,7 +68,7 @@ pub struct Entry {
 }
 
 impl Entry {
-    /// The flight along `path` of the folder `trajectories`.
+    /// The flight along `path`: built in, or of the folder `trajectories`.
     #[must_use]
     pub fn new(
         trajectories: &Path,
@@ -77,9 +78,11 @@ impl Entry {
         duration_s: f64,
         fault: Fault,
     ) -> Self {
-        let file = trajectories.join(format!("{path}.tum.gz"));
-        let scenario =
-            Scenario { scene, path: FlightPath::Tum(file), start_s, duration_s, seed, ..Scenario::default() };
+        let flown = match FlightPath::named(path) {
+            FlightPath::Tum(_) => FlightPath::Tum(trajectories.join(format!("{path}.tum.gz"))),
+            built_in => built_in,
+        };
+        let scenario = Scenario { scene, path: flown, start_s, duration_s, seed, ..Scenario::default() };
         Self { path: path.to_owned(), scene: scene_name, fault: Fault::None, scenario }.with_fault(fault)
     }
 

@@ -1,6 +1,7 @@
 //! The report of a run: one JSON object, and the same for people.
 
 pub mod accuracy;
+mod clock;
 pub mod honesty;
 pub mod paired;
 pub mod places;
@@ -91,6 +92,9 @@ pub struct Report {
     pub accuracy: Option<Accuracy>,
     /// NEES over its expectation, of estimates and odometry, where the truth is known: 1 is honest, above is overconfident.
     pub consistency: Option<FlightConsistency>,
+    /// Faults that were injected.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub injected: Vec<String>,
     /// Whether estimates that may be used were as good as they said, where the truth is known.
     pub honesty: Option<Honesty>,
     /// Whether the estimate deserved its trust about a fault, in the flights of a campaign.
@@ -186,7 +190,13 @@ impl Report {
     pub fn new(flown: &Flown) -> Self {
         let outcome = &flown.outcome;
         let f = &outcome.figures;
-        let accuracy = Accuracy::of(&flown.poses, &flown.truth);
+        let stepped = clock::on_true_clock(flown);
+        let (poses, published) = match &stepped {
+            Some((poses, published)) => (poses, published.as_ref()),
+            None => (&flown.poses, flown.published.as_ref()),
+        };
+        let accuracy = Accuracy::of(poses, &flown.truth);
+        let begin_s = flown.injected.iter().map(|fault| fault.span_s().start).reduce(f64::min);
         let per_frame = |sum: u64| sum as f64 / f.frames.max(1) as f64;
         Self {
             name: flown.name.clone(),
@@ -223,8 +233,9 @@ impl Report {
             health: f.health.clone(),
             cameras: flown.config.camera.len(),
             accuracy,
-            consistency: flown.published.as_ref().and_then(|p| FlightConsistency::of(p, &flown.truth)),
-            honesty: flown.published.as_ref().and_then(|p| Honesty::of(p, &flown.truth)),
+            consistency: published.and_then(|p| FlightConsistency::of(p, &flown.truth)),
+            injected: flown.injected.iter().map(ToString::to_string).collect(),
+            honesty: published.and_then(|p| Honesty::of(p, &flown.truth, begin_s)),
             trust: None,
             silence: None,
             time_offset_s: f.time_offset_s,
@@ -295,6 +306,10 @@ impl Report {
             ));
         }
         lines.extend(self.consistency.iter().flat_map(consistency_lines));
+        if !self.injected.is_empty() {
+            lines.push(format!("{:<18}{}", "faults", self.injected.join(", ")));
+            lines.extend(self.honesty.as_ref().map(|honesty| format!("{:<18}{honesty}", "")));
+        }
         lines.extend(self.places.as_ref().map(Places::line));
         let p = &self.frame_ms;
         // A live flight takes as long as it takes.

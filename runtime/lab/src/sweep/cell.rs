@@ -167,8 +167,8 @@ impl Cell {
         let Common { config, topics, truth, mono, cache: _ } = &*self.common;
         let subject = match &self.subject {
             Subject::Recorded { path } => path.display().to_string(),
-            Subject::Simulated { scenario, extrinsics_error_deg, .. } => {
-                format!("{scenario:?} {extrinsics_error_deg}")
+            Subject::Simulated { scenario, extrinsics_error_deg, faults, .. } => {
+                format!("{scenario:?} {extrinsics_error_deg} {faults:?}")
             }
         };
         let config = config.as_ref().map(|config| config_hash(config));

@@ -172,6 +172,7 @@ pub(super) mod tests {
             name: "sim:room".into(),
             scenario: Box::default(),
             extrinsics_error_deg: 0.0,
+            faults: Vec::new(),
         };
         let subjects = vec![Subject::Recorded { path: "V1_01".into() }, simulated];
         Plan::new(axes, subjects, vec![5, 6], Common::default()).unwrap()

@@ -2,7 +2,7 @@
 
 use plumbline_config::ValidConfig;
 use plumbline_drivers::simulator::Scenario;
-use plumbline_drivers::{BagTopics, StampedPose};
+use plumbline_drivers::{BagTopics, InjectedFault, StampedPose};
 use plumbline_flight::flight::{Cut, Flight, FlightError, open_recording, open_simulation};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -23,6 +23,8 @@ pub enum Subject {
         scenario: Box<Scenario>,
         /// The estimator believes the cameras turned by this angle, degrees.
         extrinsics_error_deg: f64,
+        /// Faults that are injected, with the seed of the flight.
+        faults: Vec<InjectedFault>,
     },
 }
 
@@ -44,10 +46,11 @@ impl Subject {
                 let cut = cut.unwrap_or_else(|| None.into());
                 open_recording(path, config.clone(), topics, cut, *mono)
             }
-            Self::Simulated { scenario, extrinsics_error_deg, .. } => {
+            Self::Simulated { scenario, extrinsics_error_deg, faults, .. } => {
                 let (seed, start_s) = (seed.unwrap_or(scenario.seed), start_s.unwrap_or(scenario.start_s));
                 let scenario = Scenario { seed, start_s, ..(**scenario).clone() };
-                open_simulation(config.clone(), &scenario, *mono, *extrinsics_error_deg, cache.as_deref())
+                open_simulation(config.clone(), &scenario, *mono, *extrinsics_error_deg, cache.as_deref())?
+                    .with_injected(faults, seed)
             }
         }
     }

@@ -169,7 +169,7 @@ fn the_largest_errors_are_those_after_the_first_second() {
     states[1].v_o_b = lean(2.0) * states[1].v_o_b;
     let across = states[1].v_o_b.cross(&Vector3::new(1.0, 2.0, 3.0)).normalize();
     states[1].v_o_b += across * 0.4;
-    let published = Published { estimates: states.to_vec(), odometry: Vec::new(), steps: vec![known] };
+    let published = Published { estimates: states.to_vec(), steps: vec![known], ..Published::default() };
     let largest =
         FlightConsistency::of(&published, &Truth::Recorded(truths.to_vec())).unwrap().estimates.largest;
     assert!(
@@ -183,7 +183,7 @@ fn without_a_true_velocity_none_is_judged() {
     let mut noise = Noise::new(3);
     let (states, mut truths, known) = flight(&mut noise, 0, 1e-3, 1.0);
     truths.iter_mut().for_each(|truth| truth.v_w_b = None);
-    let published = Published { estimates: states.to_vec(), odometry: Vec::new(), steps: vec![known] };
+    let published = Published { estimates: states.to_vec(), steps: vec![known], ..Published::default() };
     let result = FlightConsistency::of(&published, &Truth::Recorded(truths.to_vec())).unwrap();
     assert!(result.estimates.velocity.is_none() && result.estimates.tilt.is_some());
     assert!(result.odometry.tilt.is_none());
