@@ -345,6 +345,21 @@ fn advice(bit: HealthBits) -> Advice {
             "plain surfaces, or a lens out of focus",
             "fly where there is something to see; look at the focus",
         ),
+        HealthBits::ACCEL_CONTRADICTED => (
+            "the images contradict the accelerometer",
+            "a shock, forces beyond the range, columns or signs of the accelerometer, a loose mounting, or a broken sensor",
+            "nothing after a shock; else run `plumbline doctor` on the data, and look at mounting and range",
+        ),
+        HealthBits::GYRO_CONTRADICTED => (
+            "the images contradict the gyroscope",
+            "columns, signs or units of the gyroscope, the pose of the camera on the IMU, or a broken sensor",
+            "run `plumbline doctor` on the data",
+        ),
+        HealthBits::CAMERAS_OUT_OF_STEP => (
+            "left and right image are not of the same moment",
+            "one camera that is late by a frame, or cameras that are triggered apart",
+            "trigger both cameras together; look at which frames the driver pairs",
+        ),
         _ => ("", "", "see docs/health.md"),
     };
     Advice { what, cause, cure }

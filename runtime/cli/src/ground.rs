@@ -4,7 +4,7 @@ use super::access::AccessArgs;
 #[cfg(feature = "terminal")]
 mod in_terminal;
 
-use super::{check_outputs, log_lines, say, stop_on_signal, supervisor};
+use super::{check_outputs, say, stop_on_signal, supervisor};
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use plumbline_ground::connection::Connection;
