@@ -1,5 +1,6 @@
 use super::*;
 use std::io::Write as _;
+use std::path::PathBuf;
 
 const SIZES: [(usize, usize); 2] = [(64, 48), (32, 24)];
 const BYTES: usize = 64 * 48 + 32 * 24;

@@ -37,7 +37,7 @@ impl StampNoise {
     /// deviation of a sighting, rad.
     pub(super) fn add(&mut self, differences: [Vector3<f64>; 2], rates: [Vector3<f64>; 2], sigma_rad: f64) {
         let [w, w_next] = rates.map(|rate| rate.norm());
-        if !(w.at_most(w_next) > SLOW_RAD_S) {
+        if w.at_most(w_next) <= SLOW_RAD_S || !(w * w_next).is_finite() {
             return;
         }
         let of_rates = rates[0].dot(&rates[1]);

@@ -161,7 +161,7 @@ mod tests {
         let first = feed.update(&estimate(), 1.0, &around).unwrap();
         assert!(first.rotation_v_b.is_none() && first.notices[0].starts_with("mounting unknown: set it"));
         let again = feed.renew(&around.sensors).unwrap();
-        let (before, now) = (first.header.clone().unwrap(), again.header.unwrap());
+        let (before, now) = (first.header.unwrap(), again.header.unwrap());
         assert_eq!((now.stamp_ns, now.sequence), (before.stamp_ns, before.sequence + 1), "it goes on");
         assert_eq!(HealthFeed { period: Duration::from_secs(9), ..feed }.renew(&around.sensors), None);
         let mut feed = HealthFeed::new(Duration::ZERO);

@@ -330,8 +330,7 @@ fn a_part_that_somebody_deleted_or_moved_is_no_failure() {
 /// An entry of some hundred bytes that do not compress.
 fn word() -> LogEntry {
     static NEXT: AtomicU64 = AtomicU64::new(1);
-    let mut draw =
-        || NEXT.fetch_add(1, Ordering::Relaxed).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29);
+    let draw = || NEXT.fetch_add(1, Ordering::Relaxed).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29);
     let words: [u64; 6] = std::array::from_fn(|_| draw().wrapping_mul(0xbf58_476d_1ce4_e5b9));
     let [a, b, c, d, e, f] = words;
     let text = format_args!("{a:016x}{b:016x}{c:016x}{d:016x}{e:016x}{f:016x}");
