@@ -18,7 +18,7 @@ fn commands(page: &str) -> Vec<(Vec<String>, i32)> {
 #[test]
 fn every_command_of_the_page_runs_as_it_stands() {
     let page = std::fs::read_to_string(
-        std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/troubleshooting.md"),
+        std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/troubleshooting.md"),
     )
     .unwrap();
     let commands = commands(&page);

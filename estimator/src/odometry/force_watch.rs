@@ -25,8 +25,7 @@ const MAX_LEGS: usize = 2 * HALVES[2] + 1;
 const CONTRADICTS_SIGMAS: f64 = 5.0;
 /// Standard deviation of a force that scale, alignment and temperature make wrong, m/s².
 const MODEL_SIGMA_M_S2: f64 = 0.15;
-/// A sighting is twice as good as it says, since tracks are better than `sigma_px`; but not better than this, m.
-const SIGHTING_SHARE: f64 = 0.5;
+/// A sighting is not better than this, m.
 const LEAST_SIGHTING_M: f64 = 5e-4;
 /// Forces are doubted between these, m/s².
 const LEAST_DOUBT_M_S2: f64 = 2.0;
@@ -120,7 +119,7 @@ impl ForceWatch {
         sigmas: &ForceSigmas,
         is_witness: bool,
     ) -> Option<WrongForces> {
-        let sighted = (SIGHTING_SHARE * seen.sigma_m).at_least(LEAST_SIGHTING_M);
+        let sighted = seen.sigma_m.at_least(LEAST_SIGHTING_M);
         if self.legs.is_full() {
             self.legs.pop_front();
         }

@@ -443,7 +443,7 @@ impl Odometer {
         self.window.unroll_newest(&self.rate_b);
         self.window.clear_outliers();
         self.drop_moving(&prediction, coverage, health);
-        self.judge_turn(coverage, health);
+        self.judge_turn(&prediction, coverage, health);
         let (tracks, lines) = (self.measurer.points(), self.measurer.lines());
         let is_keyframe = self.window.needs_keyframe(connected, tracks.len());
         if is_keyframe {

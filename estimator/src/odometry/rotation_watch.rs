@@ -30,7 +30,7 @@ const MEMORY_S: f64 = 2.5;
 /// Gyroscope and images may differ by this in a frame, rad: twice the most of recorded and clean simulated flights, but for
 /// single frames.
 const AGREES_RAD: f64 = 1.5e-3;
-/// And by as many standard deviations of the difference. That of a sighting is half of what it says: tracks are better
+/// And by as many standard deviations of the difference. That of a single sighting is half of what it says: tracks are better
 /// than `sigma_px`.
 const AGREES_SIGMAS: f64 = 5.0;
 const SIGHTING_SHARE: f64 = 0.5;
@@ -300,8 +300,7 @@ impl RotationWatch {
             self.differences.clear();
             return begun;
         };
-        let sigma_rad = SIGHTING_SHARE * frame.sigma_rad;
-        let difference = Difference { from, dt_s, rad, seen: frame.seen, sigma_rad };
+        let difference = Difference { from, dt_s, rad, seen: frame.seen, sigma_rad: frame.sigma_rad };
         let before = self.differences.back().copied();
         if self.differences.is_full() {
             self.differences.pop_front();
@@ -311,7 +310,7 @@ impl RotationWatch {
             self.stamps.add(
                 [before.rad, difference.rad],
                 [before.seen / before.dt_s, difference.seen / dt_s],
-                sigma_rad,
+                SIGHTING_SHARE * frame.sigma_rad,
             );
         }
         let excess =
@@ -342,7 +341,9 @@ impl RotationWatch {
         let ends = [self.differences.iter().nth(first)?, self.differences.back()?];
         let stamp = self.stamps.sigma_s().at_least(stamp_sigma_s);
         let of_stamps: f64 = ends.map(|d| (d.rate_rad_s() * stamp).squared()).iter().sum();
-        let variance = of_sightings
+        // Sums that decide take sightings as they say they are; a single frame is only compared with others.
+        let share = if count == 1 { SIGHTING_SHARE } else { 1.0 };
+        let variance = of_sightings * share.squared()
             + of_stamps
             + self.gyro_density.squared() * span_s
             + (bias_sigma_rad_s * span_s).squared();

@@ -6,6 +6,7 @@
 
 use super::Odometer;
 use super::force_watch::{ForceSigmas, SeenMotion};
+use super::innovation::Prediction;
 use super::judgement::Velocity;
 use super::rotation_watch::SeenTurn;
 use crate::estimate::{BiasVariances, HealthBits, NavCovariance};
@@ -35,7 +36,12 @@ fn largest_sigma(variances: &BiasVariances, first: usize) -> f64 {
 impl Odometer {
     /// Judges the inertial samples that lead to the newest frame, `coverage` being what was met on the way, by what the frame
     /// sees.
-    pub(super) fn judge_turn(&mut self, coverage: Coverage, health: &mut HealthBits) {
+    pub(super) fn judge_turn(
+        &mut self,
+        prediction: &Prediction,
+        coverage: Coverage,
+        health: &mut HealthBits,
+    ) {
         let stuck = self.imu.stuck();
         report_stuck(stuck, health);
         if stuck.gyro {
@@ -81,11 +87,17 @@ impl Odometer {
                 None => self.window.place_newest_at(start),
             }
         }
-        self.judge_forces(sighting, coverage, health);
+        self.judge_forces(sighting, prediction, coverage, health);
     }
 
     /// Compares the forces that lead to the newest frame with where the images place it; those that they contradict hardly count.
-    fn judge_forces(&mut self, sighting: Option<Sighting>, coverage: Coverage, health: &mut HealthBits) {
+    fn judge_forces(
+        &mut self,
+        sighting: Option<Sighting>,
+        prediction: &Prediction,
+        coverage: Coverage,
+        health: &mut HealthBits,
+    ) {
         let Some(newest) = self.window.frames.last() else { return };
         let is_judged = self.window.options.cameras > 1
             && self.velocity == Velocity::Known
@@ -108,7 +120,12 @@ impl Odometer {
                     bias_m_s2: largest_sigma(&self.bias_variances, 3),
                     tilt_rad: self.tilt_sigma_rad(),
                 };
-                let is_witness = !self.window.is_motion_in_sight();
+                // What could not be told from things that move is no evidence.
+                let is_witness = !self.window.is_motion_in_sight()
+                    && (self.forces.is_contradicted()
+                        || prediction
+                            .velocity_sigma_m_s()
+                            .is_some_and(|sigma| self.window.tells_moving(sigma)));
                 self.forces.update(&seen, &sigmas, is_witness).map(|wrong| (wrong, sighting))
             }
             _ => {

@@ -100,11 +100,21 @@ impl Window {
     /// Factor of the gates for a predicted velocity of this standard deviation, m/s; `None` where the prediction tells nothing,
     /// or nothing is to be dropped.
     fn slack(&self, velocity_sigma_m_s: f64) -> Option<f64> {
+        let slack = self.slack_of(velocity_sigma_m_s)?;
+        (self.options.max_moving_share > 0.0 && slack <= MOST_SLACK).then_some(slack)
+    }
+
+    /// Whether a predicted velocity of this standard deviation, m/s, tells what moves from what stands still.
+    #[must_use]
+    pub fn tells_moving(&self, velocity_sigma_m_s: f64) -> bool {
+        self.slack_of(velocity_sigma_m_s).is_some_and(|slack| slack <= MOST_SLACK)
+    }
+
+    fn slack_of(&self, velocity_sigma_m_s: f64) -> Option<f64> {
         let [.., before, newest] = &self.frames[..] else { return None };
         let dt_s = newest.stamp.seconds_since(before.stamp);
         let off_px = VELOCITY_SIGMAS * velocity_sigma_m_s * dt_s * NEAR_RHO * self.options.focal_px;
-        let slack = 1.0 + off_px / self.options.outlier_px;
-        (self.options.max_moving_share > 0.0 && slack <= MOST_SLACK).then_some(slack)
+        Some(1.0 + off_px / self.options.outlier_px)
     }
 }
 

@@ -192,7 +192,7 @@ fn judge_one(
     // At rest, with motors off, the noise of a data sheet or of an Allan deviation holds; in flight it is several times as much.
     let mut cure = format!(
         "if the configured noise is that of a data sheet or of a calibration at rest, set `{key} = {density:.2e}`, the noise in \
-         flight (`config import --inflate 10`); else balance the propellers and damp the mounting"
+         flight (`plumbline config import --inflate 10`); else balance the propellers and damp the mounting"
     );
     for line in &lines {
         let _ = write!(value, "; line at {:.1} Hz, {:.3} {unit}", line.hz, line.rms);

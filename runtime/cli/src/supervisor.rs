@@ -83,15 +83,17 @@ pub fn run(name: &str) -> Result<ExitCode> {
     let (mut pause, mut failed_starts, mut had_fault) = (Duration::ZERO, 0, false);
     loop {
         let begun = Instant::now();
-        let (status, is_stopped) = live(start(since_ns)?, &signals)?;
+        let (status, stops) = live(start(since_ns)?, &signals)?;
         let is_settled = begun.elapsed() >= SETTLED;
         let is_fault = status.code() == Some(FAULT.into()) || status.code().is_none();
         // A start after a fault may find its port still taken.
         failed_starts = if is_settled { 0 } else { failed_starts + 1 };
         let is_late_start =
             had_fault && !is_settled && status.code() == Some(1) && failed_starts <= MAX_FAILED_STARTS;
-        if is_stopped || !(is_fault || is_late_start) {
-            let code = status.code().map_or(INTERRUPTED, |code| u8::try_from(code).unwrap_or(1));
+        if stops > 0 || !(is_fault || is_late_start) {
+            // A worker that is stopped before it listens to signals has nothing to end.
+            let by_signal = if stops < PATIENCE_SIGNALS { 0 } else { INTERRUPTED };
+            let code = status.code().map_or(by_signal, |code| u8::try_from(code).unwrap_or(1));
             return Ok(ExitCode::from(code));
         }
         had_fault |= is_fault;
@@ -100,7 +102,7 @@ pub fn run(name: &str) -> Result<ExitCode> {
         pause = if is_settled { Duration::ZERO } else { (2 * pause).max(FIRST_PAUSE) };
         pause = pause.min(LONGEST_PAUSE);
         if wait(&signals, pause) {
-            return Ok(ExitCode::from(INTERRUPTED));
+            return Ok(ExitCode::SUCCESS);
         }
     }
 }
@@ -146,12 +148,12 @@ fn program() -> Result<PathBuf> {
     Ok(if program.exists() { program } else { "/proc/self/exe".into() })
 }
 
-/// One life of a worker: its status, and whether the user stopped it.
-fn live(mut worker: Child, signals: &Receiver<i32>) -> Result<(ExitStatus, bool)> {
+/// One life of a worker: its status, and how often the user stopped it.
+fn live(mut worker: Child, signals: &Receiver<i32>) -> Result<(ExitStatus, u32)> {
     let mut stops = 0;
     loop {
         if let Some(status) = worker.try_wait()? {
-            return Ok((status, stops > 0));
+            return Ok((status, stops));
         }
         match signals.recv_timeout(GLANCE) {
             Ok(SIGCHLD) | Err(RecvTimeoutError::Timeout) => {}
