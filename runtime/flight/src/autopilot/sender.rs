@@ -330,7 +330,8 @@ mod tests {
 
     #[test]
     fn only_the_autopilot_is_heard() {
-        let config = AutopilotConfig { connect: "udpin://127.0.0.1:0".into(), ..AutopilotConfig::default() };
+        let free = std::net::UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()).unwrap();
+        let config = AutopilotConfig { connect: format!("udpin://{free}"), ..AutopilotConfig::default() };
         let endpoint = AutopilotEndpoint::parse(&config.connect).unwrap();
         let frames = Frames::new(&nalgebra::UnitQuaternion::identity());
         let mut sender = Sender::new(&config, Link::open(&endpoint).unwrap(), frames);

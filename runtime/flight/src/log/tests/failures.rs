@@ -269,10 +269,12 @@ fn bytes_in(folder: &Path) -> usize {
 
 impl Write for SmallDisk {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        if bytes_in(&self.folder) + bytes.len() > self.capacity.load(Ordering::SeqCst) {
+        let room = self.capacity.load(Ordering::SeqCst).saturating_sub(bytes_in(&self.folder));
+        if room == 0 {
             return Err(io::Error::from_raw_os_error(28));
         }
-        self.file.write(bytes)
+        // As a disk does, it takes what fits.
+        self.file.write(&bytes[..bytes.len().min(room)])
     }
 
     fn flush(&mut self) -> io::Result<()> {
