@@ -122,6 +122,7 @@ impl Odometer {
                 };
                 // What could not be told from things that move is no evidence.
                 let is_witness = !self.window.is_motion_in_sight()
+                    && self.window.knows_its_view()
                     && (self.forces.is_contradicted()
                         || prediction
                             .velocity_sigma_m_s()
@@ -151,10 +152,11 @@ impl Odometer {
         }
     }
 
-    /// Whether the turn that the images tell is evidence against the gyroscope: not while people are in view, whom it found; but
+    /// Whether the turn that the images tell is evidence against the gyroscope: not while people are in view, whom it found, or most of the view has just come; but
     /// after a hole in a stream all that is seen may be late, and looks like people.
     fn are_images_witnesses(&self, coverage: Coverage, health: &HealthBits) -> bool {
-        !self.window.is_motion_in_sight() || self.may_be_late(coverage, health)
+        let is_settled = self.rotation.is_distrusting() || self.window.knows_its_view();
+        (!self.window.is_motion_in_sight() && is_settled) || self.may_be_late(coverage, health)
     }
 
     /// Whether samples or frames are missing before the newest frame, or shortly before: a stream may be late since.

@@ -39,6 +39,8 @@ const SLIP_SHARE: f64 = 0.02;
 /// The prediction may be off by this many standard deviations of the velocity, and gates may grow by this factor.
 const VELOCITY_SIGMAS: f64 = 3.0;
 const MOST_SLACK: f64 = 3.0;
+/// Landmarks that were hosted this long ago are known, s.
+const KNOWN_S: f64 = 0.2;
 /// Inverse depth of a near point, 1/m, by which a wrong velocity is seen.
 const NEAR_RHO: f64 = 0.7;
 
@@ -108,6 +110,24 @@ impl Window {
     #[must_use]
     pub fn tells_moving(&self, velocity_sigma_m_s: f64) -> bool {
         self.slack_of(velocity_sigma_m_s).is_some_and(|slack| slack <= MOST_SLACK)
+    }
+
+    /// Whether most of the landmarks that the newest frame sees have been known for [`KNOWN_S`]: what has just come into view may be a
+    /// crowd.
+    #[must_use]
+    pub fn knows_its_view(&self) -> bool {
+        let Some(newest) = self.frames.last() else { return false };
+        let index = self.frames.len() - 1;
+        let (mut seen, mut known) = (0, 0);
+        for landmark in self.points.all().iter().filter(|l| l.is_triangulated && usize::from(l.host) != index)
+        {
+            if landmark.observations.last().is_some_and(|o| usize::from(o.frame) == index) {
+                let host = &self.frames[usize::from(landmark.host)];
+                seen += 1;
+                known += usize::from(newest.stamp.seconds_since(host.stamp) > KNOWN_S);
+            }
+        }
+        2 * known > seen
     }
 
     fn slack_of(&self, velocity_sigma_m_s: f64) -> Option<f64> {

@@ -1,6 +1,7 @@
 //! Whether left and right are of one moment: where they do not agree, an image is matched with those of the other camera one to
 //! three frames before. A driver that pairs by arrival hands out one camera late by whole frames, under equal stamps.
 
+use crate::late_camera::Lag;
 use crate::pair::PairMatcher;
 use crate::statistics::median;
 use plumbline_config::{Config, GrayImage, ImageView};
@@ -19,44 +20,6 @@ const MIN_ERRORS: usize = 100;
 const BETTER: f64 = 0.4;
 /// Errors that are kept of each lag.
 const MAX_ERRORS: usize = 5000;
-
-/// One camera is late by whole frames.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Lag {
-    /// Frames by which the right camera is late; negative where the left one is.
-    pub frames: i8,
-    /// Median epipolar error with images of one moment, and as they came, px.
-    pub errors_px: (f64, f64),
-}
-
-impl Lag {
-    /// What was found.
-    #[must_use]
-    pub fn words(&self) -> String {
-        let (side, count) = (self.late(), self.frames.unsigned_abs());
-        let frames = if count == 1 { "frame" } else { "frames" };
-        format!(
-            "left and right are of different moments: the {side} camera is late by {count} {frames} (median {:.2} px with images of one \
-             moment, {:.2} px as they came)",
-            self.errors_px.0, self.errors_px.1
-        )
-    }
-
-    /// What to do.
-    pub(crate) fn cure(&self, config: &Config) -> String {
-        let rate_hz = config.camera.first().map_or(f64::NAN, |camera| camera.rate_hz);
-        format!(
-            "pair the images by the stamps of their exposure, not by their arrival: the {} camera's images are {:.0} ms older than \
-             their stamps",
-            self.late(),
-            1e3 * f64::from(self.frames.unsigned_abs()) / rate_hz
-        )
-    }
-
-    fn late(&self) -> &'static str {
-        if self.frames > 0 { "right" } else { "left" }
-    }
-}
 
 /// Finds by how many frames a camera is late.
 pub(crate) struct LagFinder {

@@ -27,6 +27,7 @@ pub mod finding;
 pub mod health;
 pub mod inertial;
 pub mod lag;
+pub mod late_camera;
 pub mod motion;
 pub mod mounting;
 pub mod pair;

@@ -5,7 +5,7 @@
 //! epipolar line, and on which side of infinity it lies: of swapped cameras all points are behind. An error that grows towards the
 //! rim is one of the lens model.
 
-use crate::lag::Lag;
+use crate::late_camera::Lag;
 use crate::plausibility::stereo;
 use crate::statistics::{median, quantile};
 use crate::verdict::{Fitness, Measure};

@@ -207,7 +207,12 @@ pub fn run(args: &ReplayArgs) -> Result<()> {
         std::fs::write(path, &json).with_context(|| format!("{}", path.display()))?;
     }
     say(if args.json { json } else { report.summary() });
-    let (dataset, frames) = (&args.dataset, report.frames);
+    judge(&args.dataset, &report)
+}
+
+/// Fails where a flight has no pose, or its recording failed.
+fn judge(dataset: &str, report: &Report) -> Result<()> {
+    let frames = report.frames;
     anyhow::ensure!(
         report.completion > 0.0,
         "{dataset}: no pose was found in {frames} frames: {}",

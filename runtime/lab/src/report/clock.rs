@@ -35,9 +35,9 @@ impl Step {
     /// after it. One stamp within a period before the step is of before it: what follows is after it.
     fn undo<'a>(&self, stamps: impl Iterator<Item = &'a mut Timestamp>) {
         let stamps: Vec<_> = stamps.collect();
-        let steps_s =
+        let mut steps_s =
             stamps.windows(2).map(|pair| pair[1].seconds_since(*pair[0])).filter(|step_s| *step_s > 0.0);
-        let period_s = steps_s.reduce(f64::min).unwrap_or(0.0);
+        let period_s = steps_s.next().unwrap_or(0.0);
         let mut is_after = false;
         let mut last: Option<Timestamp> = None;
         for stamp in stamps {

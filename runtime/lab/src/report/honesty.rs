@@ -90,7 +90,8 @@ impl Honesty {
                 honesty.worst_sigmas.take(sigmas);
             }
         }
-        for pair in published.estimates.windows(2) {
+        let usable = |pair: &&[PublishedState]| pair[1].quality >= QUALITY_TO_USE;
+        for pair in published.estimates.windows(2).filter(usable) {
             if let Some(jump_m) = jump_m(&pair[0], &pair[1]).filter(|jump_m| *jump_m > JUMP_M) {
                 honesty.jumps += 1;
                 honesty.largest_jump_m = honesty.largest_jump_m.max(jump_m);

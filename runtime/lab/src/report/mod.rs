@@ -219,15 +219,7 @@ impl Report {
             live: outcome.live.clone(),
             sensors: None,
             points: Points { tracked: per_frame(f.points.0), in_window: per_frame(f.points.1) },
-            lines: Lines {
-                raw: per_frame(f.lines.raw),
-                kept: per_frame(f.lines.kept),
-                merged: per_frame(f.lines.merged),
-                matched: per_frame(f.lines.matched),
-                in_window: per_frame(f.lines.in_window),
-                in_structure: per_frame(f.lines.in_structure),
-                cut_short: f.lines.cut_short,
-            },
+            lines: lines_of(outcome),
             median_quality: f.health.median_quality(),
             health_frames: health_frames(outcome),
             health: f.health.clone(),
@@ -294,17 +286,7 @@ impl Report {
                 self.resets
             ),
         ];
-        if let Some(a) = &self.accuracy {
-            lines.push(format!(
-                "{:<18}ATE {:.4} m over {:.1} m ({:.3} %), largest {:.3} m, scale error {:+.2} %",
-                "accuracy", a.ate_rmse_m, a.distance_m, a.ate_percent, a.max_error_m, a.scale_error_percent
-            ));
-            lines.push(format!(
-                "{:<18}yaw drift {:+.2} deg/min",
-                "",
-                a.yaw_drift_deg_per_min.unwrap_or(f64::NAN)
-            ));
-        }
+        lines.extend(self.accuracy.iter().flat_map(accuracy_lines));
         lines.extend(self.consistency.iter().flat_map(consistency_lines));
         if !self.injected.is_empty() {
             lines.push(format!("{:<18}{}", "faults", self.injected.join(", ")));
@@ -350,6 +332,33 @@ impl Report {
         lines.push(format!("{:<18}{}", "estimate digest", &self.estimate_digest[..16]));
         lines.join("\n")
     }
+}
+
+/// Means of the lines per frame.
+fn lines_of(outcome: &Outcome) -> Lines {
+    let f = &outcome.figures;
+    let per_frame = |sum: u64| sum as f64 / f.frames.max(1) as f64;
+    Lines {
+        raw: per_frame(f.lines.raw),
+        kept: per_frame(f.lines.kept),
+        merged: per_frame(f.lines.merged),
+        matched: per_frame(f.lines.matched),
+        in_window: per_frame(f.lines.in_window),
+        in_structure: per_frame(f.lines.in_structure),
+        cut_short: f.lines.cut_short,
+    }
+}
+
+/// Lines of the summary about the accuracy.
+fn accuracy_lines(a: &Accuracy) -> [String; 2] {
+    let drift = a.yaw_drift_deg_per_min.unwrap_or(f64::NAN);
+    [
+        format!(
+            "{:<18}ATE {:.4} m over {:.1} m ({:.3} %), largest {:.3} m, scale error {:+.2} %",
+            "accuracy", a.ate_rmse_m, a.distance_m, a.ate_percent, a.max_error_m, a.scale_error_percent
+        ),
+        format!("{:<18}yaw drift {drift:+.2} deg/min", ""),
+    ]
 }
 
 /// Every stage by its name, that of the map too.
