@@ -158,7 +158,6 @@ pub(super) struct SeenTurn {
 #[derive(Clone, Copy, Debug)]
 struct Difference {
     from: Timestamp,
-    to: Timestamp,
     dt_s: f64,
     rad: Vector3<f64>,
     seen: Vector3<f64>,
@@ -301,11 +300,7 @@ impl RotationWatch {
             self.differences.clear();
             return begun;
         };
-        let difference = Difference { from, to, dt_s, rad, seen: frame.seen, sigma_rad: frame.sigma_rad };
-        // Frames in between that were no witnesses end a sum.
-        if self.differences.back().is_some_and(|before| before.to != from) {
-            self.differences.clear();
-        }
+        let difference = Difference { from, dt_s, rad, seen: frame.seen, sigma_rad: frame.sigma_rad };
         let before = self.differences.back().copied();
         if self.differences.is_full() {
             self.differences.pop_front();
