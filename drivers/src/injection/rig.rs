@@ -24,7 +24,7 @@ fn scale_baseline(config: &mut Config, factor: f64) {
     place(right, &pose);
 }
 
-/// The same four numbers under the name of the other model.
+/// Coefficients of the other model, given the same four numbers.
 fn renamed(lens: Distortion) -> Distortion {
     match lens {
         Distortion::RadialTangential { k1, k2, p1, p2 } => Distortion::Equidistant { k1, k2, k3: p1, k4: p2 },
