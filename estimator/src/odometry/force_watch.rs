@@ -13,8 +13,9 @@
 //! fault has spoilt already takes part, as they would in an innovation of the filter.
 
 use crate::inertial::{ImuNoise, Preintegration};
+use crate::window::sighting::variance_along;
 use heapless::Deque;
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use plumbline_config::{Portable, Timestamp};
 
 /// Frames in half a span.
@@ -25,8 +26,9 @@ const MAX_LEGS: usize = 2 * HALVES[2] + 1;
 const CONTRADICTS_SIGMAS: f64 = 5.0;
 /// Standard deviation of a force that scale, alignment and temperature make wrong, m/s².
 const MODEL_SIGMA_M_S2: f64 = 0.15;
-/// A sighting is not better than this, m.
-const LEAST_SIGHTING_M: f64 = 5e-4;
+/// A sighting is not better than this, m, and a stamp not than this, s.
+const LEAST_SIGHTING_M: f64 = 1e-3;
+const LEAST_STAMP_S: f64 = 5e-4;
 /// Forces are doubted between these, m/s².
 const LEAST_DOUBT_M_S2: f64 = 2.0;
 const MOST_DOUBT_M_S2: f64 = 50.0;
@@ -34,6 +36,8 @@ const MOST_DOUBT_M_S2: f64 = 50.0;
 const FRAMES_TO_NAME: u32 = 4;
 /// A contradiction holds for this long after the last frame that showed it, s.
 const HELD_S: f64 = 0.3;
+/// And this long while no frame can show it, s.
+const UNSEEN_S: f64 = 1.0;
 /// Largest quality while forces are contradicted.
 const CONTRADICTED_QUALITY: i8 = 10;
 
@@ -41,9 +45,10 @@ const CONTRADICTED_QUALITY: i8 = 10;
 #[derive(Clone, Copy, Debug)]
 struct Leg {
     stamp: Timestamp,
-    p_o_b: Vector3<f64>,
-    /// Standard deviation of the position, m, with what an error of the stamp makes of it.
-    sigma_m: f64,
+    /// Way from where the window has the frame before, m in `O`: the window as a whole may shift from frame to frame.
+    moved: Vector3<f64>,
+    /// Covariance of the position, m², with what an error of the stamp makes of it.
+    covariance: Matrix3<f64>,
     dt_s: f64,
     /// Gain of velocity, m/s, and way, m, by the forces since the leg before, in `O`.
     gained: Vector3<f64>,
@@ -54,16 +59,18 @@ struct Leg {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SeenMotion<'a> {
     pub(super) stamp: Timestamp,
-    /// Where the images place the frame, m in `O`.
-    pub(super) p_o_b: Vector3<f64>,
-    pub(super) sigma_m: f64,
+    /// Way from the frame before to where the images place this one, m in `O`, with the covariance of its end, m².
+    pub(super) moved: Vector3<f64>,
+    pub(super) covariance: Matrix3<f64>,
     /// Attitude of the frame before.
     pub(super) rot_o_before: UnitQuaternion<f64>,
     /// Motion since the frame before.
     pub(super) motion: &'a Preintegration,
-    /// Velocity, m/s, and standard deviation of the stamp, s.
-    pub(super) speed_m_s: f64,
+    /// Velocity, m/s in `O`, and standard deviation of the stamp, s.
+    pub(super) v_o_b: Vector3<f64>,
     pub(super) stamp_sigma_s: f64,
+    /// Force that explains where the images place the frame, m/s², if they contradict where it was predicted.
+    pub(super) blow_m_s2: Option<f64>,
 }
 
 /// How well forces are known.
@@ -89,9 +96,9 @@ pub(super) struct WrongForces {
 pub(super) struct ForceWatch {
     gravity_o: Vector3<f64>,
     legs: Deque<Leg, MAX_LEGS>,
-    /// Frames on end that contradict, and when the last of them was.
+    /// Frames on end that contradict; when the last of them was, and how far off its forces might be, m/s².
     contradicting: u32,
-    last: Option<Timestamp>,
+    last: Option<(Timestamp, f64)>,
     is_named: bool,
 }
 
@@ -105,42 +112,53 @@ impl ForceWatch {
         *self = Self::new(self.gravity_o);
     }
 
-    /// The frame of `stamp` says nothing of its forces: it was not sighted, or its motion not measured.
-    pub(super) fn pass_over(&mut self, stamp: Timestamp) {
+    /// The frame of `stamp` says nothing of its forces: too few known landmarks place it, or its motion was not measured. Those that are
+    /// contradicted stay so for a while.
+    pub(super) fn pass_over(&mut self, stamp: Timestamp) -> Option<WrongForces> {
         self.legs.clear();
+        let (last, sigma_m_s2) = self.last?;
+        if stamp.seconds_since(last) < UNSEEN_S {
+            return Some(WrongForces { since: last, sigma_m_s2 });
+        }
         self.settle(stamp);
+        None
     }
 
-    /// Takes a frame; returns what is wrong with the forces that lead to it. While something moves in sight, `is_witness` is not set, and
-    /// nothing is.
-    pub(super) fn update(
-        &mut self,
-        seen: &SeenMotion<'_>,
-        sigmas: &ForceSigmas,
-        is_witness: bool,
-    ) -> Option<WrongForces> {
-        let sighted = seen.sigma_m.at_least(LEAST_SIGHTING_M);
+    /// Takes a frame that known landmarks place; returns what is wrong with the forces that lead to it.
+    pub(super) fn update(&mut self, seen: &SeenMotion<'_>, sigmas: &ForceSigmas) -> Option<WrongForces> {
+        let stamp_s = seen.stamp_sigma_s.at_least(LEAST_STAMP_S);
+        let by_stamp = seen.v_o_b * stamp_s;
         if self.legs.is_full() {
             self.legs.pop_front();
         }
         let _ = self.legs.push_back(Leg {
             stamp: seen.stamp,
-            p_o_b: seen.p_o_b,
-            sigma_m: libm::hypot(sighted, seen.speed_m_s * seen.stamp_sigma_s),
+            moved: seen.moved,
+            covariance: seen.covariance
+                + by_stamp * by_stamp.transpose()
+                + Matrix3::identity() * LEAST_SIGHTING_M.squared(),
             dt_s: seen.motion.dt_s,
             gained: seen.rot_o_before * seen.motion.delta_v,
             travelled: seen.rot_o_before * seen.motion.delta_p,
         });
-        let contradiction = || HALVES.iter().find_map(|half| self.contradiction(*half, sigmas));
-        let found = is_witness.then(contradiction).flatten();
-        if found.is_some() {
+        let found =
+            self.blow(seen).or_else(|| HALVES.iter().find_map(|half| self.contradiction(*half, sigmas)));
+        if let Some(wrong) = found {
             self.contradicting += 1;
-            self.last = Some(seen.stamp);
+            self.last = Some((seen.stamp, wrong.sigma_m_s2));
             self.is_named |= self.contradicting >= FRAMES_TO_NAME;
         } else {
             self.settle(seen.stamp);
         }
         found
+    }
+
+    /// What is wrong with the forces if the newest frame is not where it was predicted: the one before may have been struck already.
+    fn blow(&self, seen: &SeenMotion<'_>) -> Option<WrongForces> {
+        let sigma_m_s2 = seen.blow_m_s2?.clamp(LEAST_DOUBT_M_S2, MOST_DOUBT_M_S2);
+        let since =
+            self.legs.iter().nth(self.legs.len().saturating_sub(3)).map_or(seen.stamp, |leg| leg.stamp);
+        Some(WrongForces { since, sigma_m_s2 })
     }
 
     /// Ends a contradiction that has not been seen for a while at `stamp`.
@@ -152,7 +170,7 @@ impl ForceWatch {
     }
 
     fn is_held_at(&self, stamp: Timestamp) -> bool {
-        self.last.is_some_and(|last| stamp.seconds_since(last) < HELD_S)
+        self.last.is_some_and(|(last, _)| stamp.seconds_since(last) < HELD_S)
     }
 
     /// Whether forces of the newest frames are contradicted.
@@ -175,20 +193,23 @@ impl ForceWatch {
         let first = self.legs.len().checked_sub(2 * half + 1)?;
         let mut legs = self.legs.iter().skip(first);
         let a = legs.next()?;
-        let [(b, h1, dv_1, dp_1), (c, h2, _, dp_2)] = [join(&mut legs, half)?, join(&mut legs, half)?];
-        let seen = (c.p_o_b - b.p_o_b) / h2 - (b.p_o_b - a.p_o_b) / h1;
+        let [first, second] = [join(&mut legs, half)?, join(&mut legs, half)?];
+        let [(b, h1), (c, h2)] = [&first, &second].map(|joined| (joined.end, joined.span_s));
+        let seen = second.moved / h2 - first.moved / h1;
         let half_s = 0.5 * (h1 + h2);
-        let felt = self.gravity_o * half_s + dv_1 + dp_2 / h2 - dp_1 / h1;
-        let off_m_s = (seen - felt).norm();
-        let of_images = (a.sigma_m / h1).squared()
-            + (b.sigma_m * (1.0 / h1 + 1.0 / h2)).squared()
-            + (c.sigma_m / h2).squared();
+        let felt = self.gravity_o * half_s + first.gained + second.travelled / h2 - first.travelled / h1;
+        let off = seen - felt;
+        let off_m_s = off.norm();
+        let of_images = a.covariance / h1.squared()
+            + b.covariance * (1.0 / h1 + 1.0 / h2).squared()
+            + c.covariance / h2.squared();
         let gravity_m_s2 = self.gravity_o.norm();
         let of_forces = sigmas.bias_m_s2.squared()
             + (gravity_m_s2 * sigmas.tilt_rad).squared()
             + MODEL_SIGMA_M_S2.squared();
-        let variance =
-            of_images + of_forces * half_s.squared() + sigmas.noise.accel_density.squared() * 2.0 * half_s;
+        let variance = variance_along(&of_images, &off)
+            + of_forces * half_s.squared()
+            + sigmas.noise.accel_density.squared() * 2.0 * half_s;
         // Also what is no number is no contradiction.
         let is_wrong = off_m_s > CONTRADICTS_SIGMAS * variance.sqrt();
         let of_newest = 2.0 * off_m_s * h2 / c.dt_s.squared();
@@ -201,20 +222,33 @@ impl ForceWatch {
     }
 }
 
-/// The last of the next `count` legs, the time that all of them take, s, and what forces make of velocity and position in that time.
-fn join<'a>(
-    legs: &mut impl Iterator<Item = &'a Leg>,
-    count: usize,
-) -> Option<(&'a Leg, f64, Vector3<f64>, Vector3<f64>)> {
-    let (mut end, mut span_s) = (None, 0.0);
-    let (mut gained, mut travelled) = (Vector3::zeros(), Vector3::zeros());
+/// Legs on end.
+#[derive(Clone, Copy, Debug)]
+struct Joined<'a> {
+    end: &'a Leg,
+    span_s: f64,
+    /// Way as seen, m; gain of velocity, m/s, and way, m, by the forces alone.
+    moved: Vector3<f64>,
+    gained: Vector3<f64>,
+    travelled: Vector3<f64>,
+}
+
+/// The next `count` legs together.
+fn join<'a>(legs: &mut impl Iterator<Item = &'a Leg>, count: usize) -> Option<Joined<'a>> {
+    let zero = Vector3::zeros();
+    let mut joined: Option<Joined<'a>> = None;
     for leg in legs.take(count) {
-        travelled += gained * leg.dt_s + leg.travelled;
-        gained += leg.gained;
-        span_s += leg.dt_s;
-        end = Some(leg);
+        let before =
+            joined.unwrap_or(Joined { end: leg, span_s: 0.0, moved: zero, gained: zero, travelled: zero });
+        joined = Some(Joined {
+            end: leg,
+            span_s: before.span_s + leg.dt_s,
+            moved: before.moved + leg.moved,
+            gained: before.gained + leg.gained,
+            travelled: before.travelled + before.gained * leg.dt_s + leg.travelled,
+        });
     }
-    end.filter(|_| span_s > 0.0).map(|leg| (leg, span_s, gained, travelled))
+    joined.filter(|joined| joined.span_s > 0.0)
 }
 
 #[cfg(test)]

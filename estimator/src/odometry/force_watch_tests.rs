@@ -33,21 +33,26 @@ fn motion(t: f64, wrong: &impl Fn(f64) -> Vector3<f64>) -> Preintegration {
 fn found(wrong: impl Fn(f64) -> Vector3<f64>, stamp_sigma_s: f64) -> Vec<(f64, f64)> {
     let mut watch = ForceWatch::new(GRAVITY_O);
     let sigmas = ForceSigmas { noise: NOISE, bias_m_s2: 0.03, tilt_rad: 2e-3 };
+    let sighted = |k: i32| {
+        let t = f64::from(k) * PERIOD_S;
+        let late_s = stamp_sigma_s * libm::sin(f64::from(k * k));
+        position(t + late_s) + Vector3::repeat(1e-3 * libm::sin(f64::from(3 * k * k)))
+    };
     let mut found = Vec::new();
     for k in 0..160 {
         let t = f64::from(k) * PERIOD_S;
-        let late_s = stamp_sigma_s * libm::sin(f64::from(k * k));
         let motion = motion(t - PERIOD_S, &wrong);
         let seen = SeenMotion {
             stamp: Timestamp::from_nanos((t * 1e9) as i64),
-            p_o_b: position(t + late_s) + Vector3::repeat(1e-3 * libm::sin(f64::from(3 * k * k))),
-            sigma_m: 4e-3,
+            moved: sighted(k) - sighted(k - 1),
+            covariance: Matrix3::identity() * 1.6e-5,
             rot_o_before: UnitQuaternion::identity(),
             motion: &motion,
-            speed_m_s: 2.0,
+            v_o_b: Vector3::new(2.0, 0.0, 0.0),
             stamp_sigma_s,
+            blow_m_s2: None,
         };
-        if let Some(wrong) = watch.update(&seen, &sigmas, true) {
+        if let Some(wrong) = watch.update(&seen, &sigmas) {
             found.push((t - BEGIN_S, wrong.sigma_m_s2));
         }
     }
@@ -88,9 +93,9 @@ fn a_step_is_contradicted_for_as_long_as_it_lasts() {
 #[test]
 fn a_frame_that_was_not_sighted_ends_a_span_and_a_contradiction_that_is_over() {
     let mut watch = ForceWatch::new(GRAVITY_O);
-    watch.last = Some(Timestamp::from_nanos(0));
-    watch.pass_over(Timestamp::from_nanos(100_000_000));
-    assert!(watch.is_contradicted() && watch.bounded(90) == CONTRADICTED_QUALITY);
-    watch.pass_over(Timestamp::from_nanos(400_000_000));
+    watch.last = Some((Timestamp::from_nanos(0), 10.0));
+    let doubted = watch.pass_over(Timestamp::from_nanos(900_000_000));
+    assert!(doubted.is_some() && watch.is_contradicted() && watch.bounded(90) == CONTRADICTED_QUALITY);
+    let _ = watch.pass_over(Timestamp::from_nanos(1_100_000_000));
     assert!(!watch.is_contradicted() && watch.bounded(90) == 90);
 }

@@ -47,6 +47,7 @@ use crate::points::PointObservation;
 use crate::shutter::readouts;
 use crate::window::snapshot::SnapshotKeyframe;
 use crate::window::state::{FrameTime, NavState};
+use crate::window::trial::{Expected, Trial};
 use crate::window::{Fit, RigEstimate, Window};
 use crate::work_budget::WorkBudget;
 use force_watch::ForceWatch;
@@ -442,8 +443,8 @@ impl Odometer {
         let connected = self.window.observe(tracks, lines);
         self.window.unroll_newest(&self.rate_b);
         self.window.clear_outliers();
-        self.drop_moving(&prediction, coverage, health);
-        self.judge_turn(&prediction, coverage, health);
+        let (trial, is_dropped) = self.try_prediction(&prediction, coverage, health);
+        self.judge_turn(trial.as_ref(), is_dropped, coverage, health);
         let (tracks, lines) = (self.measurer.points(), self.measurer.lines());
         let is_keyframe = self.window.needs_keyframe(connected, tracks.len());
         if is_keyframe {
@@ -497,8 +498,14 @@ impl Odometer {
         motion
     }
 
-    /// Drops what contradicts a prediction that can be relied on: the scale is known, and the samples are believed.
-    fn drop_moving(&mut self, prediction: &Prediction, coverage: Coverage, health: &HealthBits) {
+    /// Tries a prediction that can be relied on (the scale is known, and the samples are believed) against what is seen, and drops what
+    /// moves if the prediction holds; returns whether anything was dropped.
+    fn try_prediction(
+        &mut self,
+        prediction: &Prediction,
+        coverage: Coverage,
+        health: &HealthBits,
+    ) -> (Option<Trial>, bool) {
         let is_predicted = self.window.options.cameras > 1
             && self.velocity == Velocity::Known
             && !self.may_be_late(coverage, health)
@@ -507,9 +514,13 @@ impl Odometer {
             && !self.rotation.is_distrusting()
             && !self.forces.is_contradicted()
             && !health.contains(HealthBits::IMU_CONTRADICTED);
-        if let Some(sigma) = prediction.velocity_sigma_m_s().filter(|_| is_predicted) {
-            self.window.drop_moving(sigma);
-        }
+        let sigma = prediction.velocity_sigma_m_s().filter(|_| is_predicted);
+        let Some(velocity_sigma_m_s) = sigma else { return (None, false) };
+        let stamp_sigma_s = self.rotation.stamp_sigma_s();
+        let trial = self.window.try_prediction(&Expected { velocity_sigma_m_s, stamp_sigma_s });
+        let is_contradicted = trial.is_some_and(|trial| trial.is_contradicted());
+        let is_dropped = !is_contradicted && self.window.drop_moving(velocity_sigma_m_s, trial.as_ref());
+        (trial, is_dropped)
     }
 
     /// The quality, bounded while sensors contradict each other.

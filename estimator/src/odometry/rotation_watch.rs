@@ -16,9 +16,10 @@
 
 use super::stamp_noise::StampNoise;
 use crate::estimate::{HealthBits, NavCovariance};
+use crate::window::sighting::variance_along;
 use crate::window::state::NavState;
 use heapless::Deque;
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 use plumbline_config::options::ImuConfig;
 use plumbline_config::{ImuSample, Portable, Timestamp};
 use std::collections::VecDeque;
@@ -30,10 +31,8 @@ const MEMORY_S: f64 = 2.5;
 /// Gyroscope and images may differ by this in a frame, rad: twice the most of recorded and clean simulated flights, but for
 /// single frames.
 const AGREES_RAD: f64 = 1.5e-3;
-/// And by as many standard deviations of the difference. That of a single sighting is half of what it says: tracks are better
-/// than `sigma_px`.
+/// And by as many standard deviations of the difference.
 const AGREES_SIGMAS: f64 = 5.0;
-const SIGHTING_SHARE: f64 = 0.5;
 /// Share of a turn that the scale of the gyroscope, or an offset of the stamps that changes, may be wrong by.
 const SCALE_SHARE: f64 = 0.01;
 /// Frames whose differences are added up, and the standard deviation of a stamp that is admitted at least in each sum, s.
@@ -143,9 +142,9 @@ struct Probation {
 pub(super) struct SeenTurn {
     /// Values of the frame before, and of this one.
     pub(super) span: [Timestamp; 2],
-    /// The turn by the images, rad, and its standard deviation.
+    /// The turn by the images, rad, and its covariance, rad².
     pub(super) seen: Vector3<f64>,
-    pub(super) sigma_rad: f64,
+    pub(super) covariance: Matrix3<f64>,
     /// Present bias of the gyroscope, rad/s, and its standard deviation.
     pub(super) bias_gyro: Vector3<f64>,
     pub(super) bias_sigma_rad_s: f64,
@@ -161,8 +160,8 @@ struct Difference {
     dt_s: f64,
     rad: Vector3<f64>,
     seen: Vector3<f64>,
-    /// Standard deviation of the sighting, rad.
-    sigma_rad: f64,
+    /// Covariance of the sighting, rad².
+    covariance: Matrix3<f64>,
 }
 
 impl Difference {
@@ -300,7 +299,7 @@ impl RotationWatch {
             self.differences.clear();
             return begun;
         };
-        let difference = Difference { from, dt_s, rad, seen: frame.seen, sigma_rad: frame.sigma_rad };
+        let difference = Difference { from, dt_s, rad, seen: frame.seen, covariance: frame.covariance };
         let before = self.differences.back().copied();
         if self.differences.is_full() {
             self.differences.pop_front();
@@ -310,11 +309,10 @@ impl RotationWatch {
             self.stamps.add(
                 [before.rad, difference.rad],
                 [before.seen / before.dt_s, difference.seen / dt_s],
-                SIGHTING_SHARE * frame.sigma_rad,
+                variance_along(&frame.covariance, &frame.seen),
             );
         }
-        let excess =
-            rad.norm() / self.admitted(1, frame.bias_sigma_rad_s, SUMS[0].1).unwrap_or(f64::INFINITY);
+        let excess = self.excess(1, frame.bias_sigma_rad_s, SUMS[0].1).unwrap_or(0.0);
         self.prove(excess <= 1.0, &turn);
         let contradicted = match self.contradiction {
             Some(_) => {
@@ -331,26 +329,25 @@ impl RotationWatch {
         self.stamps.sigma_s()
     }
 
-    /// What the sum of the newest `count` differences may come to without a fault, rad, where stamps have a standard deviation of at
-    /// least `stamp_sigma_s`; `None` where there are fewer.
-    fn admitted(&self, count: usize, bias_sigma_rad_s: f64, stamp_sigma_s: f64) -> Option<f64> {
+    /// The sum of the newest `count` differences as a multiple of what it may come to without a fault, where stamps have a standard
+    /// deviation of at least `stamp_sigma_s`; `None` where there are fewer.
+    fn excess(&self, count: usize, bias_sigma_rad_s: f64, stamp_sigma_s: f64) -> Option<f64> {
         let first = self.differences.len().checked_sub(count)?;
-        let span_s: f64 = self.differences.iter().skip(first).map(|d| d.dt_s).sum();
-        let turned: f64 = self.differences.iter().skip(first).map(|d| d.seen.norm()).sum();
-        let of_sightings: f64 = self.differences.iter().skip(first).map(|d| d.sigma_rad.squared()).sum();
-        let ends = [self.differences.iter().nth(first)?, self.differences.back()?];
+        let newest = || self.differences.iter().skip(first);
+        let sum: Vector3<f64> = newest().map(|d| d.rad).sum();
+        let span_s: f64 = newest().map(|d| d.dt_s).sum();
+        let turned: f64 = newest().map(|d| d.seen.norm()).sum();
+        let of_sightings: Matrix3<f64> = newest().map(|d| d.covariance).sum();
+        let ends = [newest().next()?, newest().last()?];
         let stamp = self.stamps.sigma_s().at_least(stamp_sigma_s);
         let of_stamps: f64 = ends.map(|d| (d.rate_rad_s() * stamp).squared()).iter().sum();
-        // Sums that decide take sightings as they say they are; a single frame is only compared with others.
-        let share = if count == 1 { SIGHTING_SHARE } else { 1.0 };
-        let variance = of_sightings * share.squared()
+        let variance = variance_along(&of_sightings, &sum)
             + of_stamps
             + self.gyro_density.squared() * span_s
             + (bias_sigma_rad_s * span_s).squared();
-        Some(
-            (AGREES_RAD * (count as f64).sqrt()).at_least(AGREES_SIGMAS * variance.sqrt())
-                + SCALE_SHARE * turned,
-        )
+        let admitted = (AGREES_RAD * (count as f64).sqrt()).at_least(AGREES_SIGMAS * variance.sqrt())
+            + SCALE_SHARE * turned;
+        Some(sum.norm() / admitted)
     }
 
     /// Since when samples are on probation, if that is news.
@@ -395,10 +392,9 @@ impl RotationWatch {
     /// Since when differences add up to more than is admitted.
     fn contradicted_since(&self, bias_sigma_rad_s: f64) -> Option<Timestamp> {
         SUMS.iter().find_map(|(count, stamp_sigma_s)| {
-            let admitted = self.admitted(*count, bias_sigma_rad_s, *stamp_sigma_s)?;
+            let excess = self.excess(*count, bias_sigma_rad_s, *stamp_sigma_s)?;
             let first = self.differences.len().checked_sub(*count)?;
-            let sum: Vector3<f64> = self.differences.iter().skip(first).map(|d| d.rad).sum();
-            self.differences.iter().nth(first).filter(|_| sum.norm() > admitted).map(|d| d.from)
+            self.differences.iter().nth(first).filter(|_| excess > 1.0).map(|d| d.from)
         })
     }
 

@@ -59,7 +59,7 @@ fn fly(wrong: Wrong) -> Vec<(f64, HealthBits, i8)> {
             let frame = SeenTurn {
                 span: [at(last_s), at(t)],
                 seen: angle(t - age_s) - angle(last_s - last_age_s) + noise,
-                sigma_rad: 4e-4,
+                covariance: Matrix3::identity() * 1.6e-7,
                 bias_gyro: Vector3::zeros(),
                 bias_sigma_rad_s: 1e-3,
                 skips_frames: t - last_s > 0.075,

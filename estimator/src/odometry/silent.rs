@@ -6,7 +6,6 @@
 
 use super::Odometer;
 use super::force_watch::{ForceSigmas, SeenMotion};
-use super::innovation::Prediction;
 use super::judgement::Velocity;
 use super::rotation_watch::SeenTurn;
 use crate::estimate::{BiasVariances, HealthBits, NavCovariance};
@@ -15,6 +14,7 @@ use crate::inertial::Unmeasured;
 use crate::inertial::buffer::Coverage;
 use crate::window::frame::Frame;
 use crate::window::sighting::Sighting;
+use crate::window::trial::Trial;
 use nalgebra::Vector3;
 use plumbline_config::{Portable, Timestamp};
 
@@ -38,7 +38,8 @@ impl Odometer {
     /// sees.
     pub(super) fn judge_turn(
         &mut self,
-        prediction: &Prediction,
+        trial: Option<&Trial>,
+        is_dropped: bool,
         coverage: Coverage,
         health: &mut HealthBits,
     ) {
@@ -53,18 +54,20 @@ impl Odometer {
             (true, Some(newest)) => self.window.steady_newest().unwrap_or_else(|| newest.nav.clone()),
             (false, Some(newest)) => newest.nav.clone(),
         };
-        let sighting = self.window.sight_newest(&start);
+        let sighting = match trial {
+            Some(trial) if !is_dropped => Some(trial.sighting),
+            _ => self.window.sight_newest(&start),
+        };
         if sighting.is_none() {
             self.rotation.end_probation();
         }
-        if let Some(sighting) =
-            sighting.filter(|_| !stuck.gyro && self.are_images_witnesses(coverage, health))
+        if let Some(sighting) = sighting.filter(|s| !stuck.gyro && self.is_witness(s, coverage, health))
             && let [.., before, newest] = &self.window.frames[..]
         {
             let since = self.rotation.update(&SeenTurn {
                 span: [before.stamp, newest.stamp],
                 seen: log_so3(&(before.nav.rot_o_b.inverse() * sighting.rot_o_b)),
-                sigma_rad: sighting.rotation_sigma_rad,
+                covariance: sighting.rotation_covariance,
                 bias_gyro: before.nav.bias_gyro,
                 bias_sigma_rad_s: largest_sigma(&self.bias_variances, 0),
                 skips_frames: health.contains(HealthBits::FRAME_GAP),
@@ -87,14 +90,14 @@ impl Odometer {
                 None => self.window.place_newest_at(start),
             }
         }
-        self.judge_forces(sighting, prediction, coverage, health);
+        self.judge_forces(sighting, trial, coverage, health);
     }
 
     /// Compares the forces that lead to the newest frame with where the images place it; those that they contradict hardly count.
     fn judge_forces(
         &mut self,
         sighting: Option<Sighting>,
-        prediction: &Prediction,
+        trial: Option<&Trial>,
         coverage: Coverage,
         health: &mut HealthBits,
     ) {
@@ -104,39 +107,40 @@ impl Odometer {
             && !coverage.has_gap
             && !coverage.unmeasured.is_any()
             && !self.rotation.is_distrusting();
-        let found = match (sighting.filter(|_| is_judged), &self.window.frames[..]) {
-            (Some(sighting), [.., before, Frame { inertial: Some(inertial), .. }]) => {
+        // A contradiction that known landmarks began goes on with those that are there.
+        let is_open = self.forces.is_contradicted();
+        let witness = sighting.filter(|sighting| is_judged && (sighting.is_witness || is_open));
+        let found = match (witness, &self.window.frames[..]) {
+            (Some(witness), [.., before, Frame { inertial: Some(inertial), .. }]) => {
                 let seen = SeenMotion {
                     stamp: newest.stamp,
-                    p_o_b: sighting.p_o_b,
-                    sigma_m: sighting.position_sigma_m,
+                    moved: witness.p_o_b - before.nav.p_o_b,
+                    covariance: witness.position_covariance,
                     rot_o_before: before.nav.rot_o_b,
                     motion: &inertial.motion,
-                    speed_m_s: before.nav.v_o_b.norm(),
+                    v_o_b: before.nav.v_o_b,
                     stamp_sigma_s: self.rotation.stamp_sigma_s(),
+                    blow_m_s2: trial.filter(|trial| trial.is_contradicted()).map(Trial::force_m_s2),
                 };
                 let sigmas = ForceSigmas {
                     noise: self.noise,
                     bias_m_s2: largest_sigma(&self.bias_variances, 3),
                     tilt_rad: self.tilt_sigma_rad(),
                 };
-                // What could not be told from things that move is no evidence.
-                let is_witness = !self.window.is_motion_in_sight()
-                    && self.window.knows_its_view()
-                    && (self.forces.is_contradicted()
-                        || prediction
-                            .velocity_sigma_m_s()
-                            .is_some_and(|sigma| self.window.tells_moving(sigma)));
-                self.forces.update(&seen, &sigmas, is_witness).map(|wrong| (wrong, sighting))
+                self.forces.update(&seen, &sigmas)
             }
-            _ => {
-                self.forces.pass_over(newest.stamp);
-                None
-            }
+            _ => self.forces.pass_over(newest.stamp),
         };
-        if let Some((wrong, sighting)) = found {
+        if let Some(wrong) = found {
             self.window.doubt_forces(wrong.since, wrong.sigma_m_s2);
-            self.window.place_newest(&sighting);
+            if let Some(sighting) = sighting {
+                self.window.place_newest(&sighting);
+            }
+        }
+        if let (None, Some(trial), [.., before, _]) =
+            (found, trial.filter(|trial| trial.is_doubtful()), &self.window.frames[..])
+        {
+            self.window.doubt_forces(before.stamp, trial.force_m_s2());
         }
         if self.forces.is_named() {
             health.insert(HealthBits::ACCEL_CONTRADICTED);
@@ -152,11 +156,10 @@ impl Odometer {
         }
     }
 
-    /// Whether the turn that the images tell is evidence against the gyroscope: not while people are in view, whom it found, or most of the view has just come; but
-    /// after a hole in a stream all that is seen may be late, and looks like people.
-    fn are_images_witnesses(&self, coverage: Coverage, health: &HealthBits) -> bool {
-        let is_settled = self.rotation.is_distrusting() || self.window.knows_its_view();
-        (!self.window.is_motion_in_sight() && is_settled) || self.may_be_late(coverage, health)
+    /// Whether a sighting is evidence against the gyroscope: not where too few landmarks are known, which may belong to a crowd, unless it
+    /// has been contradicted already, or a hole in a stream has just ended tracks.
+    fn is_witness(&self, sighting: &Sighting, coverage: Coverage, health: &HealthBits) -> bool {
+        sighting.is_witness || self.rotation.is_distrusting() || self.may_be_late(coverage, health)
     }
 
     /// Whether samples or frames are missing before the newest frame, or shortly before: a stream may be late since.

@@ -33,9 +33,9 @@ pub(super) struct StampNoise {
 }
 
 impl StampNoise {
-    /// Takes what two frames on end turn otherwise by the images than by the gyroscope, rad, with their rates, rad/s, and the standard
-    /// deviation of a sighting, rad.
-    pub(super) fn add(&mut self, differences: [Vector3<f64>; 2], rates: [Vector3<f64>; 2], sigma_rad: f64) {
+    /// Takes what two frames on end turn otherwise by the images than by the gyroscope, rad, with their rates, rad/s, and the variance of a
+    /// sighting, rad².
+    pub(super) fn add(&mut self, differences: [Vector3<f64>; 2], rates: [Vector3<f64>; 2], variance: f64) {
         let [w, w_next] = rates.map(|rate| rate.norm());
         if w.at_most(w_next) <= SLOW_RAD_S || !(w * w_next).is_finite() {
             return;
@@ -43,7 +43,7 @@ impl StampNoise {
         let of_rates = rates[0].dot(&rates[1]);
         let along = differences[0].dot(&rates[0]) / w * differences[1].dot(&rates[1]) / w_next;
         let most = MOST_S.squared() * w * w_next;
-        let product = (-along * of_rates.signum() - sigma_rad.squared()).clamp(-most, most);
+        let product = (-along * of_rates.signum() - variance).clamp(-most, most);
         let kept = MEMORY / (MEMORY + w * w_next);
         self.products = kept * (self.products + product);
         self.rates = kept * (self.rates + w * w_next);
@@ -69,7 +69,7 @@ mod tests {
         let mut noise = StampNoise::default();
         let turn = |k: i32| Vector3::new(0.0, 0.0, rate(f64::from(k)));
         let off = |k: i32| turn(k) * (error * 0.05) + turn(k) * late_s(k) - turn(k - 1) * late_s(k - 1);
-        (1..400).for_each(|k| noise.add([off(k), off(k + 1)], [turn(k), turn(k + 1)], 1e-4));
+        (1..400).for_each(|k| noise.add([off(k), off(k + 1)], [turn(k), turn(k + 1)], 1e-8));
         noise.sigma_s()
     }
 

@@ -16,6 +16,7 @@ use super::poses::Poses;
 use super::problem::Problem;
 use super::sighting::Votes;
 use super::tracks::{self, Verdict};
+use super::trial::Trial;
 use plumbline_config::Portable;
 
 /// Observations that agree with the motion, at least: by chance hardly any would.
@@ -39,37 +40,30 @@ const SLIP_SHARE: f64 = 0.02;
 /// The prediction may be off by this many standard deviations of the velocity, and gates may grow by this factor.
 const VELOCITY_SIGMAS: f64 = 3.0;
 const MOST_SLACK: f64 = 3.0;
-/// Landmarks that were hosted this long ago are known, s.
-const KNOWN_S: f64 = 0.2;
 /// Inverse depth of a near point, 1/m, by which a wrong velocity is seen.
 const NEAR_RHO: f64 = 0.7;
 
 impl Window {
-    /// Drops what the newest frame, at its predicted pose, sees of things that move. `velocity_sigma_m_s` is the standard
-    /// deviation of the predicted velocity, m/s.
-    pub fn drop_moving(&mut self, velocity_sigma_m_s: f64) {
+    /// Drops what the newest frame, at its predicted pose, sees of things that move; returns whether there was any. `velocity_sigma_m_s` is
+    /// the standard deviation of the predicted velocity, m/s; `trial` that of the prediction, which is not in doubt.
+    pub fn drop_moving(&mut self, velocity_sigma_m_s: f64, trial: Option<&Trial>) -> bool {
         let was_in_sight = self.moving_in_sight > 0;
         self.moving_in_sight = self.moving_in_sight.saturating_sub(1);
-        let Some(slack) = self.slack(velocity_sigma_m_s) else { return };
+        let Some(slack) = self.slack(velocity_sigma_m_s) else { return false };
         let verdict = self.verdict_within(slack);
         if !are_moving(verdict, was_in_sight, self.options.max_moving_share) {
-            return;
+            return false;
         }
-        let ballot = self.ballot(slack);
-        if !explains(verdict) && ballot.is_some_and(Ballot::outvotes) {
-            return;
+        let ballot = self.ballot(slack, trial);
+        if trial.is_none() && !explains(verdict) && ballot.is_some_and(Ballot::outvotes) {
+            return false;
         }
         self.forget_moving(slack);
         let is_slip = explains(verdict) && ballot.is_some_and(Ballot::is_slip);
         if verdict.seen >= verdict.wrong + WITNESSES && !is_slip {
             self.moving_in_sight = REMEMBERED_FRAMES;
         }
-    }
-
-    /// Whether something was seen to move in the last frames: what the newest one sees is then no evidence against its sensors.
-    #[must_use]
-    pub fn is_motion_in_sight(&self) -> bool {
-        self.moving_in_sight > 0
+        true
     }
 
     /// Judges what the newest frame sees from where it is now.
@@ -83,9 +77,9 @@ impl Window {
     }
 
     /// How landmarks vote between the predicted pose of the newest frame and that which its images alone give, if they give one.
-    fn ballot(&self, slack: f64) -> Option<Ballot> {
+    fn ballot(&self, slack: f64, trial: Option<&Trial>) -> Option<Ballot> {
         let predicted = self.frames.last().map(|frame| &frame.nav)?;
-        let sighting = self.sight_newest(predicted)?;
+        let sighting = trial.map(|trial| trial.sighting).or_else(|| self.sight_newest(predicted))?;
         let is_near = (sighting.p_o_b - predicted.p_o_b).norm_squared() < BLOW_M.squared();
         Some(Ballot { votes: self.votes(predicted, &sighting, slack), is_near })
     }
@@ -102,39 +96,11 @@ impl Window {
     /// Factor of the gates for a predicted velocity of this standard deviation, m/s; `None` where the prediction tells nothing,
     /// or nothing is to be dropped.
     fn slack(&self, velocity_sigma_m_s: f64) -> Option<f64> {
-        let slack = self.slack_of(velocity_sigma_m_s)?;
-        (self.options.max_moving_share > 0.0 && slack <= MOST_SLACK).then_some(slack)
-    }
-
-    /// Whether a predicted velocity of this standard deviation, m/s, tells what moves from what stands still.
-    #[must_use]
-    pub fn tells_moving(&self, velocity_sigma_m_s: f64) -> bool {
-        self.slack_of(velocity_sigma_m_s).is_some_and(|slack| slack <= MOST_SLACK)
-    }
-
-    /// Whether most of the landmarks that the newest frame sees have been known for [`KNOWN_S`]: what has just come into view may be a
-    /// crowd.
-    #[must_use]
-    pub fn knows_its_view(&self) -> bool {
-        let Some(newest) = self.frames.last() else { return false };
-        let index = self.frames.len() - 1;
-        let (mut seen, mut known) = (0, 0);
-        for landmark in self.points.all().iter().filter(|l| l.is_triangulated && usize::from(l.host) != index)
-        {
-            if landmark.observations.last().is_some_and(|o| usize::from(o.frame) == index) {
-                let host = &self.frames[usize::from(landmark.host)];
-                seen += 1;
-                known += usize::from(newest.stamp.seconds_since(host.stamp) > KNOWN_S);
-            }
-        }
-        2 * known > seen
-    }
-
-    fn slack_of(&self, velocity_sigma_m_s: f64) -> Option<f64> {
         let [.., before, newest] = &self.frames[..] else { return None };
         let dt_s = newest.stamp.seconds_since(before.stamp);
         let off_px = VELOCITY_SIGMAS * velocity_sigma_m_s * dt_s * NEAR_RHO * self.options.focal_px;
-        Some(1.0 + off_px / self.options.outlier_px)
+        let slack = 1.0 + off_px / self.options.outlier_px;
+        (self.options.max_moving_share > 0.0 && slack <= MOST_SLACK).then_some(slack)
     }
 }
 

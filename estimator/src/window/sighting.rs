@@ -12,7 +12,7 @@ use super::reprojection::InversePoint;
 use super::state::{Mount, NavState};
 use crate::geometry::exp_so3;
 use crate::inertial::Preintegration;
-use nalgebra::{Matrix6, UnitQuaternion, Vector2, Vector3, Vector6};
+use nalgebra::{Matrix3, Matrix6, UnitQuaternion, Vector2, Vector3, Vector6};
 use plumbline_config::Portable;
 
 /// Observations that are looked at, at most: as many as tell the attitude to a fraction of a milliradian.
@@ -25,7 +25,13 @@ const WIDE: [f64; 5] = [50.0, 15.0, 5.0, 3.0, 3.0];
 const AGREES_SIGMAS: f64 = 4.0;
 /// Fewest observations that agree, and their least share of all.
 const MIN_AGREEING: usize = 12;
+/// Standard deviations of a pose against those of its observations, by which landmarks are wrong too.
+const LANDMARK_SHARE: f64 = 1.5;
+/// Of position and attitude.
+const UNKNOWNS: usize = 6;
 const MIN_SHARE: f64 = 0.6;
+/// Landmarks are known if they were hosted this long ago, s, and seen since: what has just come into view may be a crowd.
+const KNOWN_S: f64 = 0.2;
 /// Forward component of a ray, scaled by the inverse depth, below which it is not seen.
 const MIN_FORWARD: f64 = 0.02;
 
@@ -36,10 +42,18 @@ pub struct Sighting {
     pub rot_o_b: UnitQuaternion<f64>,
     /// Position of `B` in `O`, m.
     pub p_o_b: Vector3<f64>,
-    /// Standard deviation of the attitude along its worst axis, the landmarks taken for exact, rad.
-    pub rotation_sigma_rad: f64,
-    /// Standard deviation of the position along its worst axis, the landmarks taken for exact, m.
-    pub position_sigma_m: f64,
+    /// Covariance of the position in `O`, m², by how well the landmarks fit.
+    pub position_covariance: Matrix3<f64>,
+    /// Covariance of the attitude in `B`, rad².
+    pub rotation_covariance: Matrix3<f64>,
+    /// Whether it rests on known landmarks alone: then it is evidence against other sensors.
+    pub is_witness: bool,
+}
+
+/// Variance along `direction`, of any length; along its worst axis, at most, where that is zero.
+pub fn variance_along(covariance: &Matrix3<f64>, direction: &Vector3<f64>) -> f64 {
+    let squared = direction.norm_squared();
+    if squared > 0.0 { direction.dot(&(covariance * direction)) / squared } else { covariance.trace() }
 }
 
 /// Landmarks in the newest frame, by which of two poses of it explain where they are seen.
@@ -70,20 +84,26 @@ struct Ray {
 type Rays = heapless::Vec<Ray, MAX_RAYS>;
 
 impl Window {
-    /// The pose of the newest frame by its points alone, found from `start`; `None` where too few of them agree.
+    /// The pose of the newest frame by its known points alone, or by all where these are too few, found from `start`; `None` where too
+    /// few of them agree.
     #[must_use]
     pub fn sight_newest(&self, start: &NavState) -> Option<Sighting> {
         let mounts = [Mount::of(&self.rig, 0), Mount::of(&self.rig, 1)];
-        let rays = self.rays(&mounts);
-        if rays.len() < MIN_AGREEING {
-            return None;
-        }
         let start = (start.rot_o_b, start.p_o_b);
-        solve(&rays, &mounts, start, &NARROW).or_else(|| solve(&rays, &mounts, start, &WIDE))
+        let sight = |is_witness: bool| {
+            let rays = self.rays(&mounts, is_witness);
+            if rays.len() < MIN_AGREEING {
+                return None;
+            }
+            let found =
+                solve(&rays, &mounts, start, &NARROW).or_else(|| solve(&rays, &mounts, start, &WIDE))?;
+            Some(Sighting { is_witness, ..found })
+        };
+        sight(true).or_else(|| sight(false))
     }
 
-    /// Counts which landmarks the poses `predicted` and `sighted` of the newest frame explain, by gates that are `slack` times as wide
-    /// as those of outliers.
+    /// Counts which of the landmarks that `sighted` rests on the poses `predicted` and `sighted` of the newest frame explain, by gates
+    /// that are `slack` times as wide as those of outliers.
     #[must_use]
     pub fn votes(&self, predicted: &NavState, sighted: &Sighting, slack: f64) -> Votes {
         let mounts = [Mount::of(&self.rig, 0), Mount::of(&self.rig, 1)];
@@ -92,7 +112,7 @@ impl Window {
             residual(ray, &mounts, pose).is_some_and(|(r, _, _)| r.norm_squared() < gate * gate)
         };
         let mut votes = Votes::default();
-        for ray in &self.rays(&mounts) {
+        for ray in &self.rays(&mounts, sighted.is_witness) {
             let by_prediction = fits(ray, (&predicted.rot_o_b, &predicted.p_o_b));
             let by_sighting = fits(ray, (&sighted.rot_o_b, &sighted.p_o_b));
             votes.predicted += usize::from(by_prediction && !by_sighting);
@@ -123,8 +143,8 @@ impl Window {
         self.frames[index].inertial = Some(InertialFactor::new(motion, &self.options.imu_noise));
     }
 
-    /// Observations of landmarks with a depth by the newest frame, one of each, evenly chosen among them.
-    fn rays(&self, mounts: &[Mount; 2]) -> Rays {
+    /// Observations of landmarks with a depth by the newest frame, one of each, evenly chosen among them, or among the known ones.
+    fn rays(&self, mounts: &[Mount; 2], of_known: bool) -> Rays {
         let mut rays = Rays::new();
         let Some(newest) = self.frames.len().checked_sub(1) else { return rays };
         let is_seen = |l: &&PointLandmark| {
@@ -132,6 +152,7 @@ impl Window {
             l.is_triangulated
                 && usize::from(l.host) != newest
                 && last.is_some_and(|o| usize::from(o.frame) == newest)
+                && (!of_known || self.is_known(l))
         };
         let seen = || self.points.all().iter().filter(is_seen);
         let stride = seen().count().div_ceil(MAX_RAYS).max(1);
@@ -153,6 +174,15 @@ impl Window {
         }
         rays
     }
+
+    /// Whether a landmark was hosted long enough ago, and seen between then and the newest frame.
+    fn is_known(&self, landmark: &PointLandmark) -> bool {
+        let Some(newest) = self.frames.last() else { return false };
+        let (host, last) = (usize::from(landmark.host), self.frames.len() - 1);
+        let was_seen = |frame: u8| usize::from(frame) != host && usize::from(frame) != last;
+        newest.stamp.seconds_since(self.frames[host].stamp) > KNOWN_S
+            && landmark.observations.iter().rev().any(|o| was_seen(o.frame))
+    }
 }
 
 /// Solves for the pose from `start`, with a kernel of each of `scales` in turn; `None` where too few rays agree.
@@ -170,19 +200,29 @@ fn solve(
         p += rot * step.fixed_rows::<3>(0);
         rot = UnitQuaternion::new_normalize((rot * exp_so3(&step.fixed_rows::<3>(3).into())).into_inner());
     }
-    let agrees = |ray: &&Ray| {
-        let seen = residual(ray, mounts, (&rot, &p));
-        seen.is_some_and(|(r, _, _)| r.norm_squared() < AGREES_SIGMAS.squared())
-    };
-    let agreeing = rays.iter().filter(agrees).count();
+    let (mut agreeing, mut squares) = (0, 0.0);
+    for ray in rays {
+        let seen = residual(ray, mounts, (&rot, &p)).map(|(r, _, _)| r.norm_squared());
+        if let Some(squared) = seen.filter(|squared| *squared < AGREES_SIGMAS.squared()) {
+            agreeing += 1;
+            squares += squared;
+        }
+    }
     if agreeing < MIN_AGREEING || (agreeing as f64) < MIN_SHARE * rays.len() as f64 {
         return None;
     }
     let covariance = hessian.cholesky()?.inverse();
-    let sigma = |from: usize| {
-        (from..from + 3).map(|k| covariance[(k, k)]).fold(0.0, |most, x: f64| x.at_least(most)).sqrt()
-    };
-    Some(Sighting { rot_o_b: rot, p_o_b: p, position_sigma_m: sigma(0), rotation_sigma_rad: sigma(3) })
+    let fit = (squares / (2 * agreeing - UNKNOWNS) as f64).sqrt();
+    let scale = (LANDMARK_SHARE * fit).at_most(1.0);
+    let block = |from: usize| covariance.fixed_view::<3, 3>(from, from) * scale.squared();
+    let to_o = rot.to_rotation_matrix();
+    Some(Sighting {
+        rot_o_b: rot,
+        p_o_b: p,
+        position_covariance: to_o * block(0) * to_o.transpose(),
+        rotation_covariance: block(3),
+        is_witness: false,
+    })
 }
 
 /// Residual of a ray, its derivatives by the point in the body, and that point.

@@ -1,0 +1,122 @@
+//! Whether known landmarks contradict where inertial samples put the newest frame.
+//!
+//! The predicted position and the sighted one ([`super::sighting`]) share the landmarks and little else, so that their difference has
+//! the variance of both: that of the sighting, of the velocity before, and of the stamp along the way. A force `f` that did not act
+//! moves the prediction by `f dt² / 2` within a frame.
+//!
+//! People contradict the prediction too, and may outnumber what stands still. But what stands still is then explained by the
+//! prediction alone, where a blow leaves nothing on its side; and who has just come into view is not known yet. A crowd that pulls a
+//! sighting along also turns it, which a force does not.
+
+use super::Window;
+use super::sighting::{Sighting, Votes, variance_along};
+use super::state::NavState;
+use crate::geometry::log_so3;
+use nalgebra::Vector3;
+use plumbline_config::Portable;
+
+/// A difference contradicts by this many standard deviations; by so many, forces lose weight.
+const CONTRADICTS_SIGMAS: f64 = 5.0;
+const DOUBTFUL_SIGMAS: f64 = 3.0;
+/// A sighting is not better than this, m.
+const LEAST_SIGHTING_M: f64 = 1e-3;
+/// A stamp is not better than this, s.
+const LEAST_STAMP_S: f64 = 1e-3;
+/// Share of known landmarks on the side of the prediction from which it is not contradicted, and that the sighting explains at least.
+const BACKED_SHARE: f64 = 0.1;
+const EXPLAINED_SHARE: f64 = 0.7;
+/// The turn that the samples predict holds if the sighted one differs by no more than this, rad, and so many standard deviations.
+const BACKED_RAD: f64 = 1.5e-3;
+const BACKED_SIGMAS: f64 = 3.0;
+
+/// How well a frame is predicted.
+#[derive(Clone, Copy, Debug)]
+pub struct Expected {
+    /// Standard deviation of the velocity before the frame, m/s.
+    pub velocity_sigma_m_s: f64,
+    /// Standard deviation of the stamp as far as it is learnt, s.
+    pub stamp_sigma_s: f64,
+}
+
+/// The predicted position of a frame against the sighted one.
+#[derive(Clone, Copy, Debug)]
+pub struct Trial {
+    /// Pose by known landmarks.
+    pub sighting: Sighting,
+    /// Votes of the landmarks that it rests on.
+    pub votes: Votes,
+    /// Distance between the positions, m, after this time, s, and in standard deviations.
+    off_m: f64,
+    dt_s: f64,
+    off_sigmas: f64,
+    /// Whether the turns agree.
+    is_turn_backed: bool,
+}
+
+impl Trial {
+    /// Whether the prediction is wrong, and not what is seen.
+    #[must_use]
+    pub fn is_contradicted(&self) -> bool {
+        self.is_off_by(CONTRADICTS_SIGMAS)
+    }
+
+    /// Whether it may be.
+    #[must_use]
+    pub fn is_doubtful(&self) -> bool {
+        self.is_off_by(DOUBTFUL_SIGMAS)
+    }
+
+    /// Force that explains the difference, m/s².
+    #[must_use]
+    pub fn force_m_s2(&self) -> f64 {
+        2.0 * self.off_m / self.dt_s.squared()
+    }
+
+    fn is_off_by(&self, sigmas: f64) -> bool {
+        let Votes { predicted, sighted, both, all } = self.votes;
+        let is_backed = predicted as f64 > BACKED_SHARE * all as f64;
+        let is_explained = (sighted + both) as f64 >= EXPLAINED_SHARE * all as f64;
+        self.off_sigmas > sigmas && self.is_turn_backed && is_explained && !is_backed
+    }
+}
+
+impl Window {
+    /// Tries the prediction at which the newest frame is; `None` where it sees too few landmarks that are known.
+    #[must_use]
+    pub fn try_prediction(&self, expected: &Expected) -> Option<Trial> {
+        let [.., before, newest] = &self.frames[..] else { return None };
+        let predicted = &newest.nav;
+        let sighting = self.sight_newest(predicted).filter(|sighting| sighting.is_witness)?;
+        let off = sighting.p_o_b - predicted.p_o_b;
+        let dt_s = newest.stamp.seconds_since(before.stamp);
+        Some(Trial {
+            sighting,
+            votes: self.votes(predicted, &sighting, 1.0),
+            off_m: off.norm(),
+            dt_s,
+            is_turn_backed: is_turn_backed(&sighting, predicted),
+            off_sigmas: sigmas(&off, &sighting, predicted, dt_s, expected),
+        })
+    }
+}
+
+/// Whether the predicted attitude is the sighted one.
+fn is_turn_backed(sighting: &Sighting, predicted: &NavState) -> bool {
+    let off = log_so3(&(predicted.rot_o_b.inverse() * sighting.rot_o_b));
+    let variance = variance_along(&sighting.rotation_covariance, &off);
+    off.norm_squared() < BACKED_RAD.squared() + BACKED_SIGMAS.squared() * variance
+}
+
+/// The difference `off` of positions `dt_s` after the frame before, in standard deviations.
+fn sigmas(
+    off: &Vector3<f64>,
+    sighting: &Sighting,
+    predicted: &NavState,
+    dt_s: f64,
+    expected: &Expected,
+) -> f64 {
+    let sighted = variance_along(&sighting.position_covariance, off).at_least(LEAST_SIGHTING_M.squared());
+    let stamp = expected.stamp_sigma_s.at_least(LEAST_STAMP_S);
+    let of_stamp = variance_along(&(predicted.v_o_b * predicted.v_o_b.transpose()), off) * stamp.squared();
+    off.norm() / (sighted + (expected.velocity_sigma_m_s * dt_s).squared() + of_stamp).sqrt()
+}
