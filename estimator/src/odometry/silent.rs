@@ -56,7 +56,7 @@ impl Odometer {
         };
         let sighting = match trial {
             Some(trial) if !is_dropped => Some(trial.sighting),
-            _ => self.window.sight_newest(&start),
+            _ => self.window.sight_newest(&start, !self.rotation.is_distrusting()),
         };
         if sighting.is_none() {
             self.rotation.end_probation();

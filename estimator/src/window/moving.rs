@@ -51,7 +51,8 @@ impl Window {
         self.moving_in_sight = self.moving_in_sight.saturating_sub(1);
         let Some(slack) = self.slack(velocity_sigma_m_s) else { return false };
         let verdict = self.verdict_within(slack);
-        if !are_moving(verdict, was_in_sight, self.options.max_moving_share) {
+        let most = if trial.is_some_and(Trial::is_backed) { 1.0 } else { self.options.max_moving_share };
+        if !are_moving(verdict, was_in_sight, most) {
             return false;
         }
         let ballot = self.ballot(slack, trial);
@@ -79,7 +80,7 @@ impl Window {
     /// How landmarks vote between the predicted pose of the newest frame and that which its images alone give, if they give one.
     fn ballot(&self, slack: f64, trial: Option<&Trial>) -> Option<Ballot> {
         let predicted = self.frames.last().map(|frame| &frame.nav)?;
-        let sighting = trial.map(|trial| trial.sighting).or_else(|| self.sight_newest(predicted))?;
+        let sighting = trial.map(|trial| trial.sighting).or_else(|| self.sight_newest(predicted, true))?;
         let is_near = (sighting.p_o_b - predicted.p_o_b).norm_squared() < BLOW_M.squared();
         Some(Ballot { votes: self.votes(predicted, &sighting, slack), is_near })
     }

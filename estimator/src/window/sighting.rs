@@ -84,10 +84,10 @@ struct Ray {
 type Rays = heapless::Vec<Ray, MAX_RAYS>;
 
 impl Window {
-    /// The pose of the newest frame by its known points alone, or by all where these are too few, found from `start`; `None` where too
-    /// few of them agree.
+    /// The pose of the newest frame by its points, found from `start`: by the known ones alone if `prefers_known` is set and they are not
+    /// too few; `None` where too few agree.
     #[must_use]
-    pub fn sight_newest(&self, start: &NavState) -> Option<Sighting> {
+    pub fn sight_newest(&self, start: &NavState, prefers_known: bool) -> Option<Sighting> {
         let mounts = [Mount::of(&self.rig, 0), Mount::of(&self.rig, 1)];
         let start = (start.rot_o_b, start.p_o_b);
         let sight = |is_witness: bool| {
@@ -99,7 +99,7 @@ impl Window {
                 solve(&rays, &mounts, start, &NARROW).or_else(|| solve(&rays, &mounts, start, &WIDE))?;
             Some(Sighting { is_witness, ..found })
         };
-        sight(true).or_else(|| sight(false))
+        prefers_known.then(|| sight(true)).flatten().or_else(|| sight(false))
     }
 
     /// Counts which of the landmarks that `sighted` rests on the poses `predicted` and `sighted` of the newest frame explain, by gates

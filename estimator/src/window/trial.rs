@@ -66,6 +66,13 @@ impl Trial {
         self.is_off_by(DOUBTFUL_SIGMAS)
     }
 
+    /// Whether known landmarks are where the prediction has them: then all else that is elsewhere moves.
+    #[must_use]
+    pub fn is_backed(&self) -> bool {
+        let Votes { predicted, both, all, .. } = self.votes;
+        (predicted + both) as f64 >= EXPLAINED_SHARE * all as f64
+    }
+
     /// Force that explains the difference, m/s².
     #[must_use]
     pub fn force_m_s2(&self) -> f64 {
@@ -86,7 +93,7 @@ impl Window {
     pub fn try_prediction(&self, expected: &Expected) -> Option<Trial> {
         let [.., before, newest] = &self.frames[..] else { return None };
         let predicted = &newest.nav;
-        let sighting = self.sight_newest(predicted).filter(|sighting| sighting.is_witness)?;
+        let sighting = self.sight_newest(predicted, true).filter(|sighting| sighting.is_witness)?;
         let off = sighting.p_o_b - predicted.p_o_b;
         let dt_s = newest.stamp.seconds_since(before.stamp);
         Some(Trial {
