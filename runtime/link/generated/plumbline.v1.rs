@@ -116,12 +116,7 @@ pub struct Health {
     pub header: ::core::option::Option<Header>,
     #[prost(enumeration = "TrackingState", tag = "2")]
     pub state: i32,
-    /// Bits: 0 not positive definite, 1 IMU saturated, 2 no features, 3 few features, 4 velocity uncertain,
-    /// 5 IMU gap, 6 frame gap, 7 left image missing, 8 right image missing, 9 bad stamp, 10 bad image size,
-    /// 11 stationary, 12 degraded, 13 cameras disagree, 14 IMU contradicted, 15 accelerometer noisy, 16 gyroscope stuck,
-    /// 17 accelerometer stuck, 18 left image frozen, 19 right image frozen, 20 IMU late, 21 images late, 22 rotation disputed,
-    /// 23 dark, 24 blurred, 25 view blocked, 26 little texture,
-    /// 27 accelerometer contradicted, 28 gyroscope contradicted, 29 cameras out of step.
+    /// Error and warning bits: docs/health.md lists them.
     #[prost(uint32, tag = "3")]
     pub bits: u32,
     /// Health bits as text.

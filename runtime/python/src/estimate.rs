@@ -156,8 +156,7 @@ impl PyEstimate {
     /// Names of the bits of `health`.
     #[getter]
     fn health_names(&self) -> Vec<&'static str> {
-        let names = HealthBits::NAMES.iter().filter(|(bit, _)| self.estimate.health.contains(*bit));
-        names.map(|(_, name)| *name).collect()
+        self.estimate.health.names().collect()
     }
 
     /// Number of resets so far: the pose may jump where it changes.

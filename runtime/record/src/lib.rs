@@ -18,6 +18,8 @@ pub mod event;
 pub mod fields;
 pub mod layout;
 pub mod local;
+#[cfg(test)]
+mod made_tests;
 pub mod orders;
 pub mod parts;
 pub mod protobuf;

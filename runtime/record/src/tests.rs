@@ -56,16 +56,6 @@ fn numbers_of_fields_have_no_gap_and_no_double() {
     check_table::<Recording>();
 }
 
-#[test]
-fn log_proto_is_what_the_tables_say() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("proto/plumbline/v1/log.proto");
-    if std::env::var_os("PLUMBLINE_WRITE_PROTO").is_some() {
-        std::fs::write(&path, schema::text()).unwrap();
-    }
-    let text = std::fs::read_to_string(&path).unwrap();
-    assert!(text == schema::text(), "{}: run this test with PLUMBLINE_WRITE_PROTO=1", path.display());
-}
-
 /// Messages of logs from before the tables wrote them are among the fuzzers' seeds.
 #[test]
 fn messages_of_earlier_builds_come_back_byte_for_byte() {

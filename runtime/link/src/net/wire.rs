@@ -33,8 +33,7 @@ pub fn state_words(state: i32) -> &'static str {
 /// Names of the health bits that are set.
 #[must_use]
 pub fn health_words(bits: u32) -> Vec<String> {
-    let is_set = |bit: &HealthBits| HealthBits(bits).contains(*bit);
-    HealthBits::NAMES.iter().filter(|(bit, _)| is_set(bit)).map(|(_, name)| (*name).to_owned()).collect()
+    HealthBits(bits).names().map(str::to_owned).collect()
 }
 
 fn vector(v: &Vector3<f64>) -> Option<proto::Vector3> {

@@ -1,0 +1,131 @@
+//! Files of the repository that are made of declarations: schema, tables of the documents, names in Python. `make messages`
+//! writes them.
+
+use crate::fields::{Enumeration, Shape};
+use crate::schema::{PACKAGE, is_repeated, kind, messages};
+use plumbline_estimator::HealthBits;
+use plumbline_estimator::health::HealthBit;
+use std::collections::BTreeSet;
+use std::fmt::Write as _;
+use std::path::Path;
+
+#[test]
+fn made_files_are_what_the_declarations_say() {
+    made("runtime/record/proto/plumbline/v1/log.proto", |_| log_proto());
+    made("runtime/python/package/plumbline/health.py", |_| health_py());
+    made("docs/health.md", |kept| with_table(kept, "| bit |", &health_table()));
+}
+
+/// Holds a file against what is made of it, or writes it.
+fn made(path: &str, make: impl FnOnce(&str) -> String) {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(path);
+    let kept = std::fs::read_to_string(&file).unwrap_or_default();
+    let made = make(&kept);
+    if std::env::var_os("PLUMBLINE_WRITE_MESSAGES").is_some() {
+        std::fs::write(&file, &made).unwrap();
+    } else {
+        assert!(kept == made, "{path}: is not what the declarations say; `make messages` writes it");
+    }
+}
+
+/// Text with the table whose head begins like this exchanged.
+fn with_table(text: &str, head: &str, table: &str) -> String {
+    let begin = text.find(&format!("\n{head}")).map_or(text.len(), |at| at + 1);
+    let rows = text[begin..].split_inclusive('\n').take_while(|line| line.starts_with('|'));
+    let end = begin + rows.map(str::len).sum::<usize>();
+    [&text[..begin], table, &text[end..]].concat()
+}
+
+fn health_table() -> String {
+    let row = |about: &HealthBit| {
+        let HealthBit { bit, name, meaning, causes, cure, .. } = about;
+        let meaning = meaning.trim_end_matches('.');
+        format!("| {} | {name} | {meaning} | {causes} | {cure} |\n", bit.0.trailing_zeros())
+    };
+    let head = "| bit | name | meaning | probable causes | what to do |\n|---:|---|---|---|---|\n";
+    head.to_owned() + &HealthBits::ABOUT.iter().map(row).collect::<String>()
+}
+
+fn health_py() -> String {
+    let member = |(bit, name): &(HealthBits, &str)| {
+        format!("    {} = 1 << {}\n", name.to_uppercase().replace(' ', "_"), bit.0.trailing_zeros())
+    };
+    let members: String = HealthBits::NAMES.iter().map(member).collect();
+    format!(
+        "\"\"\"The bits of `Estimate.health`. Made by `make messages`, of estimator/src/health.rs.\"\"\"\n\n\
+         from enum import IntFlag\n\n\
+         from plumbline._native import health_bits\n\n\n\
+         class Health(IntFlag):\n    \
+             \"\"\"Errors and warnings of an estimate. `Health(estimate.health)` names the bits of one.\"\"\"\n\n\
+         {members}\n\n\
+         _KNOWN = {{bit: name.upper().replace(\" \", \"_\") for bit, name in health_bits()}}\n\
+         if _KNOWN != {{bit.value: bit.name for bit in Health}}:\n    \
+             raise ImportError(\"plumbline: the native module is of another version than the package; install plumbline again\")\n"
+    )
+}
+
+/// Text of the schema.
+fn log_proto() -> String {
+    let mut out = String::from(
+        "// What a flight log holds beside images, version 1: every input, every order, every output, bit for bit.\n//\n\
+         // Made by `make messages`, of the tables of the crate plumbline-record.\n//\n\
+         // Numbers that must come back bit for bit are repeated fields, which keep a negative zero; a single field of\n\
+         // proto3 does not. Frames and units are those of plumbline.proto; a pose is x y z (m) and the quaternion x y z w.\n\
+         syntax = \"proto3\";\n\n",
+    );
+    // Writing to a string cannot fail.
+    let _ = writeln!(out, "package {PACKAGE};");
+    let mut written = BTreeSet::new();
+    for message in messages() {
+        for of in message.enumerations(false).filter(|of| written.insert(of.name)) {
+            out.push('\n');
+            write_enumeration(&mut out, of, "");
+        }
+        out.push('\n');
+        comment(&mut out, message.about, "");
+        let _ = writeln!(out, "message {} {{", message.name);
+        message.enumerations(true).for_each(|of| write_enumeration(&mut out, of, "  "));
+        for about in &message.fields {
+            comment(&mut out, about.about, "  ");
+            let (repeated, kind) =
+                (if is_repeated(about.shape) { "repeated " } else { "" }, type_name(about.shape));
+            let _ = writeln!(out, "  {repeated}{kind} {} = {};", about.wire, about.tag);
+        }
+        out.push_str("}\n");
+    }
+    out
+}
+
+/// Type of a field in the text, as it is called inside its message.
+fn type_name(shape: Shape) -> String {
+    match kind(shape) {
+        (_, Some(name)) => name.rsplit('.').next().unwrap_or(name).to_owned(),
+        (kind, None) => kind.as_str_name().trim_start_matches("TYPE_").to_lowercase(),
+    }
+}
+
+fn write_enumeration(out: &mut String, of: &Enumeration, indent: &str) {
+    let name = of.name.rsplit('.').next().unwrap_or(of.name);
+    let _ = writeln!(out, "{indent}enum {name} {{");
+    for (number, (name, about)) in of.names.iter().zip(of.about).enumerate() {
+        comment(out, about, &format!("{indent}  "));
+        let _ = writeln!(out, "{indent}  {name} = {number};");
+    }
+    let _ = writeln!(out, "{indent}}}");
+}
+
+/// Writes a comment in lines of at most 120 characters.
+fn comment(out: &mut String, about: &str, indent: &str) {
+    let mut line = String::new();
+    for word in about.split_whitespace() {
+        if !line.is_empty() && indent.len() + 3 + line.len() + 1 + word.len() > 120 {
+            let _ = writeln!(out, "{indent}//{line}");
+            line.clear();
+        }
+        line.push(' ');
+        line.push_str(word);
+    }
+    if !line.is_empty() {
+        let _ = writeln!(out, "{indent}//{line}");
+    }
+}
