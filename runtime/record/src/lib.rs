@@ -11,6 +11,9 @@
 
 #![deny(clippy::disallowed_methods)]
 
+#[macro_use]
+mod declare;
+
 pub mod columns;
 pub mod compare;
 pub mod digest;
@@ -20,6 +23,7 @@ pub mod layout;
 pub mod local;
 #[cfg(test)]
 mod made_tests;
+pub mod messages;
 pub mod orders;
 pub mod parts;
 pub mod protobuf;
@@ -28,6 +32,7 @@ pub mod schema;
 pub mod tables;
 #[cfg(test)]
 mod tests;
+pub mod topics;
 
 pub use event::{Event, Severity};
 pub use orders::{CorrectionOrder, FrameOrder, MapOrder, MapVerdict, ResetOrder, Verdict};

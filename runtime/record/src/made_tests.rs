@@ -2,9 +2,19 @@
 //! writes them.
 
 use crate::fields::{Enumeration, Shape};
-use crate::schema::{PACKAGE, is_repeated, kind, messages};
-use plumbline_estimator::HealthBits;
+use crate::messages::{
+    Clock, Configuration, Envelope, Health, Ladder, MapSaved, PastPose, Picture, ResetDone, SensorNews,
+    Trajectory,
+};
+use crate::said::FullEstimate;
+use crate::schema::{Message, PACKAGE, is_repeated, kind, messages};
+use crate::topics::{Row, Topic};
+use plumbline_drivers::clock::StampFigures;
 use plumbline_estimator::health::HealthBit;
+use plumbline_estimator::places::MapPath;
+use plumbline_estimator::places::mapper::path::{LoopEnd, PathPose};
+use plumbline_estimator::window::snapshot::{SnapshotKeyframe, SnapshotLine, SnapshotPoint};
+use plumbline_estimator::{HealthBits, MapSnapshot};
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -12,8 +22,10 @@ use std::path::Path;
 #[test]
 fn made_files_are_what_the_declarations_say() {
     made("runtime/record/proto/plumbline/v1/log.proto", |_| log_proto());
+    made("runtime/record/proto/plumbline/v1/plumbline.proto", |_| plumbline_proto());
     made("runtime/python/package/plumbline/health.py", |_| health_py());
     made("docs/health.md", |kept| with_table(kept, "| bit |", &health_table()));
+    made("docs/local-socket.md", |kept| with_table(kept, "| kind | record |", &kinds_table()));
 }
 
 /// Holds a file against what is made of it, or writes it.
@@ -46,6 +58,26 @@ fn health_table() -> String {
     head.to_owned() + &HealthBits::ABOUT.iter().map(row).collect::<String>()
 }
 
+fn kinds_table() -> String {
+    let row = |topic: &Topic| {
+        let Row { about, message, kind, .. } = topic.row();
+        let content = match message.strip_prefix("plumbline.v1.") {
+            _ if [Topic::Odometry, Topic::Estimate].contains(topic) => "fixed layout".into(),
+            Some(name) => format!("`{name}`"),
+            None => match topic {
+                Topic::Hello => "8 bytes `PLMBLCL1`, u32 rights (1: may give commands), u32 zero".into(),
+                Topic::Lost => "u64: total number of records that this reader has lost".into(),
+                Topic::End => "i64: time, ns since 1970".into(),
+                _ => "see [commands](#commands)".to_owned(),
+            },
+        };
+        format!("| {kind} | {} | {content} |\n", about.trim_end_matches('.'))
+    };
+    let mut rows: Vec<Topic> = Topic::ALL.into_iter().filter(|topic| topic.kind() > 0).collect();
+    rows.sort_by_key(|topic| topic.kind());
+    "| kind | record | content |\n|---|---|---|\n".to_owned() + &rows.iter().map(row).collect::<String>()
+}
+
 fn health_py() -> String {
     let member = |(bit, name): &(HealthBits, &str)| {
         format!("    {} = 1 << {}\n", name.to_uppercase().replace(' ', "_"), bit.0.trailing_zeros())
@@ -76,24 +108,71 @@ fn log_proto() -> String {
     // Writing to a string cannot fail.
     let _ = writeln!(out, "package {PACKAGE};");
     let mut written = BTreeSet::new();
-    for message in messages() {
-        for of in message.enumerations(false).filter(|of| written.insert(of.name)) {
-            out.push('\n');
-            write_enumeration(&mut out, of, "");
-        }
-        out.push('\n');
-        comment(&mut out, message.about, "");
-        let _ = writeln!(out, "message {} {{", message.name);
-        message.enumerations(true).for_each(|of| write_enumeration(&mut out, of, "  "));
-        for about in &message.fields {
-            comment(&mut out, about.about, "  ");
-            let (repeated, kind) =
-                (if is_repeated(about.shape) { "repeated " } else { "" }, type_name(about.shape));
-            let _ = writeln!(out, "  {repeated}{kind} {} = {};", about.wire, about.tag);
-        }
-        out.push_str("}\n");
+    messages().iter().for_each(|message| write_message(&mut out, message, &mut written));
+    out
+}
+
+/// Text of the schema of what is in no log.
+fn plumbline_proto() -> String {
+    let all = [
+        Message::of::<Envelope>(),
+        Message::of::<FullEstimate>(),
+        Message::of::<SnapshotKeyframe>(),
+        Message::of::<SnapshotPoint>(),
+        Message::of::<SnapshotLine>(),
+        Message::of::<MapSnapshot>(),
+        Message::of::<PathPose>(),
+        Message::of::<LoopEnd>(),
+        Message::of::<[LoopEnd; 2]>(),
+        Message::of::<MapPath>(),
+        Message::of::<Ladder>(),
+        Message::of::<StampFigures>(),
+        Message::of::<SensorNews>(),
+        Message::of::<Health>(),
+        Message::of::<Picture>(),
+        Message::of::<Configuration>(),
+        Message::of::<PastPose>(),
+        Message::of::<Trajectory>(),
+        Message::of::<Clock>(),
+        Message::of::<ResetDone>(),
+        Message::of::<MapSaved>(),
+    ];
+    let mut out = String::from(
+        "// What a flight says on the local socket and over Zenoh beside the messages of its log, version 1.\n//\n\
+         // Made by `make messages`, of the tables of the crate plumbline-record.\n//\n\
+         // Frames: O odometry (z up along gravity, origin at the first pose), B body (the IMU's), M map (z up; loop-corrected: what\n\
+         // lies in it moves), V vehicle (x forward, y left, z up; origin in the IMU). In O the odometry makes no steps while\n\
+         // reset_counter and Odometry.jumps stay: a correction enters at no more than 0.2 m/s, 0.1 rad/s and 1 m/s^2, and is in the\n\
+         // covariance until it has. Estimates are corrected at once. Units: SI. A pose is x y z (m) and the Hamilton quaternion\n\
+         // x y z w, and takes coordinates from B to the frame that it is in. A reader ignores fields that it does not know.\n\
+         syntax = \"proto3\";\n\npackage plumbline.v1;\n\nimport \"plumbline/v1/log.proto\";\n",
+    );
+    // Enumerations are those of the log.
+    let mut known: BTreeSet<&str> =
+        all.iter().flat_map(|m| m.enumerations(false)).map(|of| of.name).collect();
+    all.iter().for_each(|message| write_message(&mut out, message, &mut known));
+    for name in messages().map(|message| message.name).into_iter().chain(known) {
+        out = out.replace(&format!("\n  {name} "), &format!("\n  log.{name} "));
     }
     out
+}
+
+/// Writes a message, and enumerations outside it that are not written yet.
+fn write_message(out: &mut String, message: &Message, written: &mut BTreeSet<&'static str>) {
+    for of in message.enumerations(false).filter(|of| written.insert(of.name)) {
+        out.push('\n');
+        write_enumeration(out, of, "");
+    }
+    out.push('\n');
+    comment(out, message.about, "");
+    let _ = writeln!(out, "message {} {{", message.name);
+    message.enumerations(true).for_each(|of| write_enumeration(out, of, "  "));
+    for about in &message.fields {
+        comment(out, about.about, "  ");
+        let repeated = if is_repeated(about.shape) { "repeated " } else { "" };
+        let _ = writeln!(out, "  {repeated}{} {} = {};", type_name(about.shape), about.wire, about.tag);
+    }
+    out.push_str("}\n");
 }
 
 /// Type of a field in the text, as it is called inside its message.

@@ -28,7 +28,7 @@ pub(crate) struct Message {
 }
 
 impl Message {
-    fn of<T: Record>() -> Self {
+    pub fn of<T: Record>() -> Self {
         let fields = T::FIELDS.iter().map(|field| &field.about).filter(|about| about.tag > 0).collect();
         Self {
             name: T::NAME,
@@ -105,7 +105,15 @@ fn field_descriptor(about: &About) -> FieldDescriptorProto {
 }
 
 pub(crate) const fn is_repeated(shape: Shape) -> bool {
-    matches!(shape, Shape::Floats | Shape::FloatsIfKnown | Shape::Covariance)
+    matches!(
+        shape,
+        Shape::Floats
+            | Shape::FloatsIfKnown
+            | Shape::Covariance
+            | Shape::Singles
+            | Shape::Texts
+            | Shape::Messages(_)
+    )
 }
 
 /// Type of a field, and the name of the message or enumeration it has.
@@ -118,8 +126,10 @@ pub(crate) const fn kind(shape: Shape) -> (Type, Option<&'static str>) {
         Shape::Flag => (Type::Bool, None),
         Shape::Enumerator(of) => (Type::Enum, Some(of.name)),
         Shape::Double | Shape::Floats | Shape::FloatsIfKnown | Shape::Covariance => (Type::Double, None),
+        Shape::Singles => (Type::Float, None),
         Shape::Bytes => (Type::Bytes, None),
-        Shape::Message(name) => (Type::Message, Some(name)),
+        Shape::Text | Shape::Texts => (Type::String, None),
+        Shape::Message(name) | Shape::Messages(name) => (Type::Message, Some(name)),
     }
 }
 

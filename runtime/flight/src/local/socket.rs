@@ -5,7 +5,6 @@ use super::door::Door;
 use super::listener::{
     FrontEndListener, Handed, PlacesListener, Shared, TickListener, WindowListener, Writers,
 };
-use super::messages::proto;
 use super::picture::Shot;
 use super::server::Server;
 use super::words::{Admission, LinkWord, LinkWords};
@@ -19,6 +18,7 @@ use plumbline_config::ValidConfig;
 use plumbline_estimator::Odometry;
 use plumbline_estimator::places::MapEstimate;
 use plumbline_record::digest::config_hash;
+use plumbline_record::messages::Configuration;
 use plumbline_record::said::FullEstimate;
 use std::os::unix::net::UnixStream;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -68,7 +68,7 @@ impl LocalSocket {
         let (shared, writers, waiting) = Shared::new(config)?;
         let shared = Arc::new(shared);
         let (admissions, admitted) = channel();
-        let configuration = proto::Configuration {
+        let configuration = Configuration {
             toml: config.to_toml().unwrap_or_default(),
             sha256: config_hash(config),
             stamps_of_host: stamps == Stamps::OfHost,

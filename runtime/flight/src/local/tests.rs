@@ -90,7 +90,7 @@ fn a_reader_receives_odometry_and_estimates_without_a_request() {
     let Record::Odometry(got, _) = reader.next_record().unwrap() else { panic!() };
     assert_eq!(*got, sent);
     flight.window.said(&said(fixture::estimate()));
-    assert_eq!(reader.next_record().unwrap(), Record::Other(Kind::Estimate as u16));
+    assert_eq!(reader.next_record().unwrap(), Record::Other(Kind::Estimate.kind()));
     flight.end();
     assert_eq!(reader.next_record().unwrap(), Record::End);
     assert!(matches!(reader.next_record(), Err(ClientError::Closed)));
