@@ -3,7 +3,7 @@
 use crate::arrays::view;
 use nalgebra::{Isometry3, SMatrix, Vector3};
 use plumbline_estimator::estimate::{FrameFigures, NavCovariance, TrackingState};
-use plumbline_estimator::{Estimate, HealthBits, Odometry};
+use plumbline_estimator::{Estimate, Odometry};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
