@@ -15,12 +15,9 @@ fn generated_messages_are_those_of_the_schemas() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let folders = |folders: &[&str]| folders.iter().map(|folder| root.join(folder)).collect::<Vec<_>>();
     let foxglove = (folders(&["runtime/flight/proto"]), "foxglove/foxglove.proto");
-    let network = (folders(&["runtime/link/proto"]), "plumbline/v1/plumbline.proto");
     let all = [
         Made { path: "runtime/flight/generated/foxglove.rs", bytes: types(compiled(&foxglove)) },
         Made { path: "runtime/flight/generated/foxglove.descriptors", bytes: descriptors(&foxglove) },
-        Made { path: "runtime/link/generated/plumbline.v1.rs", bytes: types(compiled(&network)) },
-        Made { path: "runtime/link/generated/plumbline.descriptors", bytes: descriptors(&network) },
     ];
     for made in all {
         let file = root.join(made.path);

@@ -132,6 +132,8 @@ pub struct About {
     pub at: Option<usize>,
     /// Place among the columns of a table, from 1, and their names; none where it is left out.
     pub columns: (u8, &'static [&'static str]),
+    /// Items of a list, bytes of a text, or numbers at most, where it comes from the network; 0 for the bound of all.
+    pub most: usize,
 }
 
 /// A field of `T`.
@@ -157,7 +159,7 @@ impl<T> Field<T> {
         get: fn(&T) -> Value<'_>,
         set: fn(&mut T, Value<'_>) -> Result<(), &'static str>,
     ) -> Self {
-        let about = About { tag, name, wire, about, shape, digest: 0, at: None, columns: (0, &[]) };
+        let about = About { tag, name, wire, about, shape, digest: 0, at: None, columns: (0, &[]), most: 0 };
         Self { about, get, get_for_digest: get, set, open: |_| None }
     }
 
@@ -165,6 +167,13 @@ impl<T> Field<T> {
     #[must_use]
     pub const fn opened(mut self, open: fn(&mut T) -> Option<&mut dyn Parts>) -> Self {
         self.open = open;
+        self
+    }
+
+    /// Returns the field with its bound where it comes from the network: items of a list, bytes of a text, or numbers.
+    #[must_use]
+    pub const fn at_most(mut self, most: usize) -> Self {
+        self.about.most = most;
         self
     }
 
@@ -492,8 +501,12 @@ impl Part for NavCovariance {
         Value::floats(self.as_slice())
     }
 
+    /// Nine numbers are its diagonal: what a brief message has of it.
     fn set(&mut self, value: Value<'_>) -> Result<(), &'static str> {
-        *self = Self::from_column_slice(&value.numbers::<81>("a covariance has not 81 numbers")?);
+        *self = match value.numbers::<9>("") {
+            Ok(diagonal) => Self::from_diagonal(&SVector::from(diagonal)),
+            Err(_) => Self::from_column_slice(&value.numbers::<81>("a covariance has not 81 numbers")?),
+        };
         Ok(())
     }
 }

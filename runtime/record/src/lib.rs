@@ -27,6 +27,7 @@ pub mod messages;
 pub mod orders;
 pub mod parts;
 pub mod protobuf;
+mod row;
 pub mod said;
 pub mod schema;
 pub mod tables;
@@ -36,4 +37,5 @@ pub mod topics;
 
 pub use event::{Event, Severity};
 pub use orders::{CorrectionOrder, FrameOrder, MapOrder, MapVerdict, ResetOrder, Verdict};
-pub use said::{Dropped, Kind, Said};
+pub use said::{Dropped, Kind};
+pub use topics::Said;

@@ -2,19 +2,15 @@
 //! writes them.
 
 use crate::fields::{Enumeration, Shape};
-use crate::messages::{
-    Clock, Configuration, Envelope, Health, Ladder, MapSaved, PastPose, Picture, ResetDone, SensorNews,
-    Trajectory,
-};
-use crate::said::FullEstimate;
-use crate::schema::{Message, PACKAGE, is_repeated, kind, messages};
-use crate::topics::{Row, Topic};
+use crate::messages::{Envelope, PastPose};
+use crate::row::Message;
+use crate::schema::{PACKAGE, is_repeated, kind, messages, with_topics};
+use crate::topics::{Key, Row, Topic};
 use plumbline_drivers::clock::StampFigures;
+use plumbline_estimator::HealthBits;
 use plumbline_estimator::health::HealthBit;
-use plumbline_estimator::places::MapPath;
 use plumbline_estimator::places::mapper::path::{LoopEnd, PathPose};
 use plumbline_estimator::window::snapshot::{SnapshotKeyframe, SnapshotLine, SnapshotPoint};
-use plumbline_estimator::{HealthBits, MapSnapshot};
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -25,7 +21,7 @@ fn made_files_are_what_the_declarations_say() {
     made("runtime/record/proto/plumbline/v1/plumbline.proto", |_| plumbline_proto());
     made("runtime/python/package/plumbline/health.py", |_| health_py());
     made("docs/health.md", |kept| with_table(kept, "| bit |", &health_table()));
-    made("docs/local-socket.md", |kept| with_table(kept, "| kind | record |", &kinds_table()));
+    made("docs/guide.md", |kept| with_table(kept, "| content | message |", &topics_table()));
 }
 
 /// Holds a file against what is made of it, or writes it.
@@ -58,24 +54,32 @@ fn health_table() -> String {
     head.to_owned() + &HealthBits::ABOUT.iter().map(row).collect::<String>()
 }
 
-fn kinds_table() -> String {
-    let row = |topic: &Topic| {
-        let Row { about, message, kind, .. } = topic.row();
-        let content = match message.strip_prefix("plumbline.v1.") {
-            _ if [Topic::Odometry, Topic::Estimate].contains(topic) => "fixed layout".into(),
-            Some(name) => format!("`{name}`"),
-            None => match topic {
-                Topic::Hello => "8 bytes `PLMBLCL1`, u32 rights (1: may give commands), u32 zero".into(),
-                Topic::Lost => "u64: total number of records that this reader has lost".into(),
-                Topic::End => "i64: time, ns since 1970".into(),
-                _ => "see [commands](#commands)".to_owned(),
-            },
-        };
-        format!("| {kind} | {} | {content} |\n", about.trim_end_matches('.'))
+/// Every message that log, local socket or network carry.
+fn topics_table() -> String {
+    let row = |topic: Topic| {
+        let Row { about, message, log, kind, key, question, .. } = *topic.row();
+        let code = |name: &str| format!("`{name}`");
+        let message = message.strip_prefix("plumbline.v1.")?;
+        let (log, kind) =
+            (log.map_or_else(String::new, code), if kind > 0 { kind.to_string() } else { String::new() });
+        let published = key.map_or_else(String::new, |key| {
+            let hz =
+                key.rates_hz.map(|hz| if hz.is_finite() { hz.to_string() } else { "all".into() }).join(", ");
+            format!("`{}`, {}: {hz} Hz", key.name, words(&format!("{:?}", key.priority)))
+        });
+        let asked = question.map_or_else(String::new, |question| code(question.name));
+        let about = about.trim_end_matches('.');
+        Some(format!("| {about} | `{message}` | {log} | {kind} | {published} | {asked} |\n"))
     };
-    let mut rows: Vec<Topic> = Topic::ALL.into_iter().filter(|topic| topic.kind() > 0).collect();
-    rows.sort_by_key(|topic| topic.kind());
-    "| kind | record | content |\n|---|---|---|\n".to_owned() + &rows.iter().map(row).collect::<String>()
+    let head = "| content | message | log | local socket | network, Hz over lan, wifi, radio | question |\n|---|---|---|---|---|---|\n";
+    head.to_owned() + &Topic::ALL.into_iter().filter_map(row).collect::<String>()
+}
+
+/// `RealTime` as "real time".
+fn words(name: &str) -> String {
+    let spaced: String =
+        name.chars().flat_map(|c| [' ', c].into_iter().skip(usize::from(!c.is_uppercase()))).collect();
+    spaced.trim_start().to_lowercase()
 }
 
 fn health_py() -> String {
@@ -114,29 +118,18 @@ fn log_proto() -> String {
 
 /// Text of the schema of what is in no log.
 fn plumbline_proto() -> String {
-    let all = [
+    let parts = [
         Message::of::<Envelope>(),
-        Message::of::<FullEstimate>(),
         Message::of::<SnapshotKeyframe>(),
         Message::of::<SnapshotPoint>(),
         Message::of::<SnapshotLine>(),
-        Message::of::<MapSnapshot>(),
         Message::of::<PathPose>(),
         Message::of::<LoopEnd>(),
         Message::of::<[LoopEnd; 2]>(),
-        Message::of::<MapPath>(),
-        Message::of::<Ladder>(),
         Message::of::<StampFigures>(),
-        Message::of::<SensorNews>(),
-        Message::of::<Health>(),
-        Message::of::<Picture>(),
-        Message::of::<Configuration>(),
         Message::of::<PastPose>(),
-        Message::of::<Trajectory>(),
-        Message::of::<Clock>(),
-        Message::of::<ResetDone>(),
-        Message::of::<MapSaved>(),
     ];
+    let all = with_topics(parts.into(), |package| package == "plumbline.v1");
     let mut out = String::from(
         "// What a flight says on the local socket and over Zenoh beside the messages of its log, version 1.\n//\n\
          // Made by `make messages`, of the tables of the crate plumbline-record.\n//\n\
@@ -151,7 +144,7 @@ fn plumbline_proto() -> String {
     let mut known: BTreeSet<&str> =
         all.iter().flat_map(|m| m.enumerations(false)).map(|of| of.name).collect();
     all.iter().for_each(|message| write_message(&mut out, message, &mut known));
-    for name in messages().map(|message| message.name).into_iter().chain(known) {
+    for name in messages().into_iter().map(|message| message.name).chain(known) {
         out = out.replace(&format!("\n  {name} "), &format!("\n  log.{name} "));
     }
     out

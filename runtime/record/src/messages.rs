@@ -3,7 +3,7 @@
 //! Types of the estimator have their tables here, others are defined by them. Frames, units and rules are those of
 //! [`tables`](crate::tables).
 
-use crate::fields::{Field, Part, Record};
+use crate::fields::{Field, Part, Parts, Record, Value};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use plumbline_config::Timestamp;
 use plumbline_drivers::clock::StampFigures;
@@ -26,6 +26,32 @@ message! {
     5 quality: i8;
     /// The message.
     6 message: Vec<u8>;
+}
+
+impl Envelope {
+    /// Envelope of a record and its message, with the stamp, the count of resets and the quality that the record has.
+    #[must_use]
+    pub fn around(record: &dyn Parts, message: Vec<u8>, sequence: u64, published_ns: i64) -> Self {
+        let mut envelope = Self { published_ns, sequence, message, ..Self::default() };
+        envelope.look(record);
+        envelope
+    }
+
+    /// Measurement time.
+    #[must_use]
+    pub const fn stamp(&self) -> Timestamp {
+        Timestamp::from_nanos(self.stamp_ns)
+    }
+
+    fn look(&mut self, record: &dyn Parts) {
+        record.visit(&mut |about, value| match (about.wire, value) {
+            ("stamp_ns", Value::Whole(stamp_ns)) => self.stamp_ns = stamp_ns,
+            ("reset_counter", Value::Whole(count)) => self.reset_counter = count as u32,
+            ("quality", Value::Whole(quality)) => self.quality = quality as i8,
+            (_, Value::Part(part)) => self.look(part),
+            _ => {}
+        });
+    }
 }
 
 message! {
@@ -74,9 +100,9 @@ record! {
     MapSnapshot as "Window", blank Self::default();
     1 stamp as "stamp_ns";
     2 reset_counter as "reset_counter";
-    3 keyframes as "keyframes";
-    4 points as "points";
-    5 lines as "lines";
+    3 keyframes as "keyframes", [.at_most(64)];
+    4 points as "points", [.at_most(10_000)];
+    5 lines as "lines", [.at_most(5_000)];
 }
 
 record! {
@@ -125,9 +151,9 @@ record! {
     /// Path corrected by loop closures, as a whole, after each keyframe of the map.
     MapPath as "Path", blank Self::new(0);
     /// Keyframes of this flight whose place in the map is known, oldest first; at most 2000, evenly thinned out.
-    1 poses as "poses";
+    1 poses as "poses", [.at_most(2_000)];
     /// The newest loops that count, at most 2000. What was seen again of a loaded map is not among them.
-    2 loops as "loops";
+    2 loops as "loops", [.at_most(2_000)];
     /// How far the odometry alone would have put the newest keyframe from where the map has it, counted from the beginning of
     /// its piece of unbroken odometry, m; empty while its place in the map is not known.
     3 drift_m as "drift_m";
@@ -160,7 +186,7 @@ message! {
     /// Live sensors, once for each subscription and on change.
     SensorNews as "Sensors";
     /// What is wrong, and what to do: one line each.
-    1 notices: Vec<String>;
+    1 notices: Vec<String>, [.at_most(16)];
     /// Stamps of the frames.
     2 frames: StampFigures;
     /// Stamps of the inertial samples.

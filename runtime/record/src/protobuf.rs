@@ -8,6 +8,8 @@ use prost::encoding::{
 
 /// Numbers of a field at most: a covariance.
 const MAX_NUMBERS: usize = 81;
+/// Rows and columns of a covariance.
+const ROWS: usize = 9;
 const NO_MESSAGE: &str = "not a message of its schema";
 
 /// Message of `record`.
@@ -25,6 +27,23 @@ pub fn append<T: Record>(record: &T, to: &mut Vec<u8>) {
             append_value(tag, field.about.shape, (field.get)(record), to);
         }
     }
+}
+
+/// Message of `record` with no more of a covariance than its diagonal.
+#[must_use]
+pub fn encode_brief<T: Record>(record: &T) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    for tag in 1..=T::FIELDS.len() as u32 {
+        let Some(field) = field_of::<T>(tag) else { continue };
+        match (field.about.shape, (field.get)(record)) {
+            (Shape::Covariance, Value::Floats([numbers, _])) => {
+                let diagonal: heapless::Vec<f64, ROWS> = numbers.iter().step_by(ROWS + 1).copied().collect();
+                append_value(tag, Shape::Floats, Value::floats(&diagonal), &mut bytes);
+            }
+            (shape, value) => append_value(tag, shape, value, &mut bytes),
+        }
+    }
+    bytes
 }
 
 fn field_of<T: Record>(tag: u32) -> Option<&'static Field<T>> {
@@ -238,7 +257,7 @@ impl<T: Record> Part for T {
 }
 
 /// Items of a list, at most.
-const MAX_ITEMS: usize = 16_384;
+const MAX_ITEMS: usize = 65_536;
 
 /// A list of records, which come one by one.
 impl<T: Record> Part for Vec<T> {

@@ -1,9 +1,11 @@
 //! The schema of the log's messages, made of the tables: descriptors, which stand in every log. A test writes the text of
 //! `proto/plumbline/v1/log.proto`, for programs that read the log or the local socket.
 
-use crate::fields::{About, Enumeration, Record, Shape};
+use crate::fields::{About, Enumeration, Shape};
 use crate::orders::{CorrectionOrder, FrameOrder, MapOrder, ResetOrder};
 use crate::parts::{FrameAbout, ImageAbout, Recording};
+use crate::row::Message;
+use crate::topics::Topic;
 use plumbline_drivers::ImuReading;
 use plumbline_estimator::places::MapEstimate;
 use plumbline_estimator::{Estimate, FrameFigures, Odometry};
@@ -19,38 +21,9 @@ pub const PACKAGE: &str = "plumbline.v1.log";
 /// File of the text.
 const FILE: &str = "plumbline/v1/log.proto";
 
-/// A message of the schema.
-pub(crate) struct Message {
-    pub name: &'static str,
-    #[cfg(test)]
-    pub about: &'static str,
-    pub fields: Vec<&'static About>,
-}
-
-impl Message {
-    pub fn of<T: Record>() -> Self {
-        let fields = T::FIELDS.iter().map(|field| &field.about).filter(|about| about.tag > 0).collect();
-        Self {
-            name: T::NAME,
-            #[cfg(test)]
-            about: T::ABOUT,
-            fields,
-        }
-    }
-
-    /// Enumerations that its fields have, those inside the message or those outside it.
-    pub fn enumerations(&self, is_inside: bool) -> impl Iterator<Item = &'static Enumeration> {
-        let of = |about: &&About| match about.shape {
-            Shape::Enumerator(of) => Some(of),
-            _ => None,
-        };
-        self.fields.iter().filter_map(of).filter(move |of| of.name.contains('.') == is_inside)
-    }
-}
-
-/// All messages, in the order of the schema.
-pub(crate) fn messages() -> [Message; 12] {
-    [
+/// All messages of the log, in the order of the schema; those of topics that came later at the end.
+pub(crate) fn messages() -> Vec<Message> {
+    let first = [
         Message::of::<ImuReading>(),
         Message::of::<ImageAbout>(),
         Message::of::<FrameAbout>(),
@@ -63,7 +36,21 @@ pub(crate) fn messages() -> [Message; 12] {
         Message::of::<Odometry>(),
         Message::of::<MapEstimate>(),
         Message::of::<Recording>(),
-    ]
+    ];
+    with_topics(first.into(), |package| package == PACKAGE)
+}
+
+/// Messages, and those of the topics of a package that are not among them.
+pub(crate) fn with_topics(mut all: Vec<Message>, is_package: impl Fn(&str) -> bool) -> Vec<Message> {
+    let rows = Topic::ALL.into_iter().map(Topic::row);
+    let of_package =
+        rows.filter(|row| row.message.rsplit_once('.').is_some_and(|(package, _)| is_package(package)));
+    for message in of_package.filter_map(|row| row.schema).map(|schema| schema()) {
+        if all.iter().all(|known| known.name != message.name) {
+            all.push(message);
+        }
+    }
+    all
 }
 
 /// The `FileDescriptorSet` of the messages.

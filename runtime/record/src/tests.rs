@@ -351,6 +351,6 @@ fn numbers_that_are_cut_short_and_texts_that_are_none_are_refused() {
     assert_eq!(decode::<SensorNews>(&of(1, &[]).repeat(300)), Err("a list is too long"));
     assert_eq!(decode::<SensorNews>(&of(1, &[0xff])), Err("a text is not UTF-8"));
     let point = encode(&SnapshotPoint { host: Timestamp::default(), p_o: Vector3::zeros() });
-    let endless = of(4, &point).repeat(20_000);
+    let endless = of(4, &point).repeat(70_000);
     assert_eq!(decode::<MapSnapshot>(&endless), Err("a list is too long"));
 }

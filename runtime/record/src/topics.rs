@@ -2,154 +2,53 @@
 //!
 //! A row names the message and, where there is one, the channel of the log, the kind of the local socket, the key of the network
 //! with its quality of service and its rates, and the question that is answered with it. Log, local socket, network process,
-//! station, fuzzers and tests go over these rows; the tables in docs/guide.md and docs/local-socket.md are made of them.
+//! station, fuzzers and tests go over these rows; the table of messages in docs/guide.md is made of them.
 
-use crate::fields::{Parts, Record};
-use crate::protobuf::decode;
+use crate::event::Event;
+use crate::fields::{Parts, Value};
+use crate::said::{Kind, Told};
+use plumbline_config::Timestamp;
 use plumbline_config::options::{ImageRecording, Link};
 
-/// Priority of a key of the network.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Priority {
-    /// Before everything else, and at once.
-    RealTime,
-    /// Commands and health.
-    InteractiveHigh,
-    /// Estimates.
-    DataHigh,
-    /// The map.
-    Data,
-    /// What is only shown.
-    DataLow,
-    /// What fills the link.
-    Background,
-}
+pub use crate::row::{Decode, Key, Priority, Question, Row, Subscription};
 
-/// Key of the network that a topic is published on.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Key {
-    /// Key below `plumbline/<vehicle>/`.
-    pub name: &'static str,
-    /// Priority. What finds no room on the link is dropped.
-    pub priority: Priority,
-    /// Messages a second over LAN, WiFi and radio; infinity is everything, zero nothing.
-    pub rates_hz: [f64; 3],
-}
-
-/// Question that is answered with the message of a topic.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Question {
-    /// Key below `plumbline/<vehicle>/`.
-    pub name: &'static str,
-    /// Whether something is done.
-    pub is_command: bool,
-    /// Whether answers have keys of their own below it.
-    pub has_several: bool,
-}
-
-/// When readers of the local socket receive a kind.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Subscription {
-    /// By rules of its own.
-    Other,
-    /// When they subscribe to it.
-    Asked,
-    /// From the beginning.
-    Always,
-}
-
-/// Reads the message of a topic, or says what is wrong with it.
-pub type Decode = fn(&[u8]) -> Result<Box<dyn Parts>, &'static str>;
-
-/// Row of a topic.
-#[derive(Clone, Copy, Debug)]
-pub struct Row {
-    /// Description for the documents.
-    pub about: &'static str,
-    /// Name of its message with its package; empty for a fixed layout alone.
-    pub message: &'static str,
-    /// Reads its message; none for a fixed layout, and for what is drawn.
-    pub decode: Option<Decode>,
-    /// Channel of the log.
-    pub log: Option<&'static str>,
-    /// Whether a re-execution needs it.
-    pub is_input: bool,
-    /// Number of its kind on the local socket; 0 for none.
-    pub kind: u16,
-    /// When readers of the local socket receive it.
-    pub subscription: Subscription,
-    /// Key of the network.
-    pub key: Option<Key>,
-    /// Question that it answers.
-    pub question: Option<Question>,
-}
-
-/// Everything that is published.
-const ALL_OF_IT: [f64; 3] = [f64::INFINITY; 3];
-
-impl Row {
-    const fn of(about: &'static str, message: &'static str) -> Self {
-        Self {
-            about,
-            message,
-            decode: None,
-            log: None,
-            is_input: false,
-            kind: 0,
-            subscription: Subscription::Other,
-            key: None,
-            question: None,
-        }
-    }
-
-    const fn record<T: Record>(mut self) -> Self {
-        self.decode = Some(|bytes| Ok(Box::new(decode::<T>(bytes)?)));
-        self
-    }
-
-    const fn log(mut self, topic: &'static str) -> Self {
-        self.log = Some(topic);
-        self
-    }
-
-    const fn input(mut self) -> Self {
-        self.is_input = true;
-        self
-    }
-
-    const fn kind(mut self, kind: u16, subscription: Subscription) -> Self {
-        (self.kind, self.subscription) = (kind, subscription);
-        self
-    }
-
-    const fn key(mut self, name: &'static str, priority: Priority, rates_hz: [f64; 3]) -> Self {
-        self.key = Some(Key { name, priority, rates_hz });
-        self
-    }
-
-    const fn answers(mut self, name: &'static str) -> Self {
-        self.question = Some(Question { name, is_command: false, has_several: false });
-        self
-    }
-
-    const fn answers_each(mut self, name: &'static str) -> Self {
-        self.question = Some(Question { name, is_command: false, has_several: true });
-        self
-    }
-
-    const fn commands(mut self, name: &'static str) -> Self {
-        self.question = Some(Question { name, is_command: true, has_several: false });
-        self
-    }
-}
-
-/// Defines the topics by their rows.
+/// Defines the topics by their rows: description, name, the variant of [`Said`] and its type where a stage says it, message, ways.
 macro_rules! topics {
-    ($($(#[doc = $about:literal])+ $topic:ident = $message:literal $(. $way:ident $(::<$record:ty>)? ($($of:tt)*))*;)*) => {
+    ($($(#[doc = $about:literal])+ $topic:ident $(($said:ident: $held:ty))? = $message:literal $(. $way:ident $(::<$record:ty>)? ($($of:tt)*))*;)*) => {
         /// Something that a flight says.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
         pub enum Topic {
             $($(#[doc = $about])+ $topic,)*
+        }
+
+        /// Input, order, output or event of a flight: a value of fixed size, copied without allocation. Images are handed over
+        /// apart.
+        // The estimate is the largest by far, and boxing it would allocate.
+        #[allow(clippy::large_enum_variant)]
+        #[derive(Clone, Debug)]
+        pub enum Said {
+            $($(
+                #[doc = concat!("Record of [`Topic::", stringify!($topic), "`].")]
+                $said($held),
+            )?)*
+        }
+
+        impl Said {
+            /// Its topic.
+            #[must_use]
+            pub const fn topic(&self) -> Topic {
+                match self {
+                    $($(Self::$said(_) => Topic::$topic,)?)*
+                }
+            }
+
+            /// Its record; none for an event, which is drawn.
+            #[must_use]
+            pub fn record(&self) -> Option<&dyn Parts> {
+                match self {
+                    $($(Self::$said(record) => Told::record(record),)?)*
+                }
+            }
         }
 
         impl Topic {
@@ -178,13 +77,14 @@ mod records {
     pub use plumbline_estimator::{Estimate, MapSnapshot, Odometry};
 }
 
+use crate::row::ALL_OF_IT;
 use Priority::{Background, Data, DataHigh, DataLow, InteractiveHigh, RealTime};
 use Subscription::{Always, Asked, Other};
 
 // Those of the log come first, in the order that seals of logs have: new ones come last among them.
 topics! {
     /// Inertial samples.
-    Imu = "plumbline.v1.log.Imu".record::<records::ImuReading>().log("/input/imu").input();
+    Imu (Imu: records::ImuReading) = "plumbline.v1.log.Imu".record::<records::ImuReading>().log("/input/imu").input();
     /// Left images.
     Left = "foxglove.CompressedImage".log("/input/left").input();
     /// Right images.
@@ -192,25 +92,25 @@ topics! {
     /// Frames: number, stamp, hashes of the images.
     Frame = "plumbline.v1.log.Frame".record::<records::FrameAbout>().log("/input/frame").input();
     /// What became of frames.
-    FrameOrder = "plumbline.v1.log.FrameOrder".record::<records::FrameOrder>().log("/order/frame").input();
+    FrameOrder (Order: records::FrameOrder) = "plumbline.v1.log.FrameOrder".record::<records::FrameOrder>().log("/order/frame").input();
     /// When estimates took effect.
-    CorrectionOrder = "plumbline.v1.log.CorrectionOrder".record::<records::CorrectionOrder>().log("/order/correction").input();
+    CorrectionOrder (Correction: records::CorrectionOrder) = "plumbline.v1.log.CorrectionOrder".record::<records::CorrectionOrder>().log("/order/correction").input();
     /// Resets.
-    ResetOrder = "plumbline.v1.log.ResetOrder".record::<records::ResetOrder>().log("/order/reset").input();
+    ResetOrder (Reset: records::ResetOrder) = "plumbline.v1.log.ResetOrder".record::<records::ResetOrder>().log("/order/reset").input();
     /// What became of frames for the map.
-    MapOrder = "plumbline.v1.log.MapOrder".record::<records::MapOrder>().log("/order/map").input();
+    MapOrder (MapOrder: records::MapOrder) = "plumbline.v1.log.MapOrder".record::<records::MapOrder>().log("/order/map").input();
     /// Main part of an estimate.
     Estimate = "plumbline.v1.log.Estimate".record::<records::Estimate>().log("/output/estimate").kind(17, Always);
     /// Pose of the odometry frame in the map.
-    MapEstimate = "plumbline.v1.log.MapEstimate".record::<records::MapEstimate>().log("/output/map").kind(20, Asked).key("map/correction", Data, [5.0, 5.0, 1.0]);
+    MapEstimate (MapEstimate: records::MapEstimate) = "plumbline.v1.log.MapEstimate".record::<records::MapEstimate>().log("/output/map").kind(20, Asked).key("map/correction", Data, [5.0, 5.0, 1.0]);
     /// Odometry at the rate of the IMU.
-    Odometry = "plumbline.v1.log.Odometry".record::<records::Odometry>().log("/output/odometry").kind(16, Always).key("odom", RealTime, [f64::INFINITY, 50.0, 10.0]);
+    Odometry (Odometry: records::Odometry) = "plumbline.v1.log.Odometry".record::<records::Odometry>().log("/output/odometry").kind(16, Always).key("odom", RealTime, [f64::INFINITY, 50.0, 10.0]);
     /// Position of the body, to be drawn.
     Transform = "foxglove.FrameTransform".log("/tf");
     /// Pose of the body, to be drawn.
     Pose = "foxglove.PoseInFrame".log("/pose");
     /// Events.
-    Event = "foxglove.Log".log("/event");
+    Event (Event: Event) = "foxglove.Log".log("/event");
     /// State of the recording.
     Recording = "plumbline.v1.log.Recording".record::<records::Recording>().log("/recorder");
     /// Calibration of the left camera.
@@ -229,7 +129,7 @@ topics! {
     /// Configuration in force, once on each subscription.
     Configuration = "plumbline.v1.Configuration".record::<records::Configuration>().kind(18, Asked).answers("config");
     /// Complete estimate, with figures of the frame's processing.
-    FullEstimate = "plumbline.v1.FullEstimate".record::<records::FullEstimate>().kind(19, Asked).key("state", DataHigh, [f64::INFINITY, 10.0, 1.0]);
+    FullEstimate (Estimate: records::FullEstimate) = "plumbline.v1.FullEstimate".record::<records::FullEstimate>().kind(19, Asked).key("state", DataHigh, [f64::INFINITY, 10.0, 1.0]);
     /// Keyframes and landmarks of the window, after each keyframe.
     Window = "plumbline.v1.Window".record::<records::MapSnapshot>().kind(21, Asked).key("scene", DataLow, [2.0, 1.0, 0.0]);
     /// Path corrected by loop closures, after each keyframe of the map.
@@ -334,6 +234,34 @@ impl Topic {
             Some(key) => key.rates_hz[link as usize],
             None => 0.0,
         }
+    }
+}
+
+impl Said {
+    /// Its kind, as it is counted when it is dropped.
+    #[must_use]
+    pub fn kind(&self) -> Kind {
+        match self {
+            Self::Imu(_) => Kind::Imu,
+            Self::Order(_) | Self::Correction(_) | Self::Reset(_) | Self::MapOrder(_) => Kind::Order,
+            Self::Estimate(_) => Kind::Estimate,
+            Self::Odometry(_) => Kind::Odometry,
+            Self::MapEstimate(_) => Kind::MapEstimate,
+            // What nothing depends on.
+            _ => Kind::Event,
+        }
+    }
+
+    /// Its measurement time; none for an order, which has no time of its own.
+    #[must_use]
+    pub fn stamp(&self) -> Option<Timestamp> {
+        let mut stamp = None;
+        self.record()?.visit(&mut |about, value| {
+            if let ("stamp_ns", Value::Whole(ns)) = (about.wire, value) {
+                stamp = Some(Timestamp::from_nanos(ns));
+            }
+        });
+        stamp
     }
 }
 

@@ -38,7 +38,7 @@ pub enum Record {
     /// Corrected path.
     Path(MapPath),
     /// Rung of the degradation ladder.
-    Ladder(u8),
+    Ladder(Ladder),
     /// State of live sensors.
     Sensors(SensorNews),
     /// Camera picture.
@@ -132,10 +132,7 @@ fn record(header: &Header, content: &[u8]) -> Result<Record, &'static str> {
         Kind::MapEstimate => Record::MapEstimate(decode(content)?),
         Kind::Window => Record::Window(decode(content)?),
         Kind::Path => Record::Path(decode(content)?),
-        Kind::Ladder => {
-            let Ladder { level, .. } = decode(content)?;
-            Record::Ladder(u8::try_from(level).map_err(|_| "a level out of range")?)
-        }
+        Kind::Ladder => Record::Ladder(decode(content)?),
         Kind::Sensors => Record::Sensors(decode(content)?),
         Kind::Picture => Record::Picture(decode::<Picture>(content)?.try_into()?),
         Kind::End => Record::End,
@@ -162,6 +159,12 @@ impl Client {
     /// When the flight has gone, or sends what is no record.
     pub fn next_record(&mut self) -> Result<Record, ClientError> {
         self.records.next_record()
+    }
+
+    /// Content of the record that came last.
+    #[must_use]
+    pub fn content(&self) -> &[u8] {
+        self.records.incoming.content()
     }
 
     /// Writing end, for another thread.

@@ -340,8 +340,10 @@ impl Server {
             self.send(Kind::Estimate, |to| layout::put_estimate(&full.estimate, handed_over_ns, to));
             self.send(Kind::FullEstimate, |to| protobuf::append(&full, to));
         }
-        while let Some(estimate) = self.waiting.places.pop() {
-            self.send(Kind::MapEstimate, |to| protobuf::append(&estimate, to));
+        while let Some(said) = self.waiting.others.pop() {
+            if let Some(record) = said.record() {
+                self.send(said.topic(), |to| record.append(to));
+            }
         }
         let shared = Arc::clone(&self.shared);
         while shared.snapshots.read(|s| self.send(Kind::Window, |to| protobuf::append(s, to))).is_some() {}

@@ -16,7 +16,7 @@ use crate::schedule::watchdog::Pulse;
 use crate::sensor_board::SensorBoard;
 use plumbline_config::ValidConfig;
 use plumbline_estimator::Odometry;
-use plumbline_estimator::places::MapEstimate;
+use plumbline_record::Said;
 use plumbline_record::digest::config_hash;
 use plumbline_record::messages::Configuration;
 use plumbline_record::said::FullEstimate;
@@ -56,7 +56,7 @@ pub struct LocalSocket {
 }
 
 /// Writing ends of the window's thread.
-type EstimateWriters = (LaneWriter<Handed<FullEstimate>>, LaneWriter<MapEstimate>);
+type EstimateWriters = (LaneWriter<Handed<FullEstimate>>, LaneWriter<Said>);
 
 impl LocalSocket {
     /// Makes the socket of `local.path`, where one is named, and serves its readers from a thread of normal priority.
@@ -83,11 +83,11 @@ impl LocalSocket {
                 theirs.pulse.die();
             }
         })?;
-        let Writers { odometry, estimates, places } = writers;
+        let Writers { odometry, estimates, others } = writers;
         Ok(Self {
             shared,
             odometry: Some(odometry),
-            estimates: Some((estimates, places)),
+            estimates: Some((estimates, others)),
             shot: Some(shot),
             admissions,
             thread: Some(thread),
@@ -137,7 +137,7 @@ impl Subscriber for LocalSocket {
                 None => Box::new(()),
             },
             Producer::Window => match self.estimates.take() {
-                Some((estimates, places)) => Box::new(WindowListener { shared, estimates, places }),
+                Some((estimates, others)) => Box::new(WindowListener { shared, estimates, others }),
                 None => Box::new(()),
             },
             Producer::FrontEnd => match self.shot.take() {

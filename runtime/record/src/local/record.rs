@@ -69,6 +69,12 @@ impl Kinds {
         kind.kind() > 0 && self.0 & (1 << kind.kind()) != 0
     }
 
+    /// Returns the set without a kind.
+    #[must_use]
+    pub const fn without(self, kind: Kind) -> Self {
+        Self(self.0 & !(1 << kind.kind()))
+    }
+
     /// Returns the kinds of both sets.
     #[must_use]
     pub const fn and(self, other: Self) -> Self {
