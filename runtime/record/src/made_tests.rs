@@ -5,7 +5,7 @@ use crate::fields::{Enumeration, Shape};
 use crate::messages::{Envelope, PastPose};
 use crate::row::Message;
 use crate::schema::{PACKAGE, is_repeated, kind, messages, with_topics};
-use crate::topics::{Key, Row, Topic};
+use crate::topics::{Row, Topic};
 use plumbline_drivers::clock::StampFigures;
 use plumbline_estimator::HealthBits;
 use plumbline_estimator::health::HealthBit;
